@@ -1,0 +1,119 @@
+//! One file per command of the contract; this one picks the command and turns its outcome into an
+//! exit status: 0 done, 2 bad input or usage, 1 a fault of ours.
+
+mod conceal;
+#[cfg(feature = "service")]
+mod demo;
+mod diagnose;
+mod force;
+mod identify;
+mod import;
+#[cfg(feature = "service")]
+mod lathe;
+mod pitch;
+mod print_config;
+mod replay;
+mod resolution;
+#[cfg(feature = "service")]
+mod run;
+mod simulate;
+mod stability;
+
+use clap::{Parser, Subcommand};
+use std::io::Write as _;
+use std::process::ExitCode;
+
+/// Keeps a lathe from chattering, and says what physics a machine model leaves out.
+///
+/// Stillcut advises a motion controller; it is not a safety function.
+#[derive(Parser)]
+#[command(name = "stillcut", version, propagate_version = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    #[cfg(feature = "service")]
+    Demo(demo::Arguments),
+    #[cfg(feature = "service")]
+    Run(run::Arguments),
+    #[cfg(feature = "service")]
+    Lathe(lathe::Arguments),
+    Simulate(simulate::Arguments),
+    Replay(replay::Arguments),
+    Force(force::Arguments),
+    Identify(identify::Arguments),
+    Resolution(resolution::Arguments),
+    Import(import::Arguments),
+    Pitch(pitch::Arguments),
+    Stability(stability::Arguments),
+    Diagnose(diagnose::Arguments),
+    Conceal(conceal::Arguments),
+    PrintConfig(print_config::Arguments),
+}
+
+/// A failure that the user can mend: bad input or usage. One line.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(crate) struct BadInput(pub(crate) String);
+
+/// Turns an error about what was given into [`BadInput`], so that the exit status says so.
+pub(crate) fn bad_input(error: impl std::fmt::Display) -> anyhow::Error {
+    BadInput(error.to_string()).into()
+}
+
+/// Runs the command named by the process's arguments.
+#[must_use]
+pub fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            let status = if error.use_stderr() { 2 } else { 0 };
+            if status == 0 {
+                let _ = error.print();
+            } else {
+                // One line: the first of clap's message.
+                let text = error.to_string();
+                let line: Vec<&str> = text.lines().map(str::trim).take_while(|l| !l.starts_with("Usage")).filter(|l| !l.is_empty()).collect();
+                let _ = writeln!(std::io::stderr(), "{}", line.join(" "));
+            }
+            return ExitCode::from(status);
+        }
+    };
+    match dispatch(arguments.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            let broken_pipe = error.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe);
+            if broken_pipe {
+                return ExitCode::SUCCESS;
+            }
+            let text = format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ");
+            let _ = writeln!(std::io::stderr(), "error: {text}");
+            ExitCode::from(if error.is::<BadInput>() { 2 } else { 1 })
+        }
+    }
+}
+
+fn dispatch(command: Command) -> anyhow::Result<()> {
+    match command {
+        #[cfg(feature = "service")]
+        Command::Demo(a) => demo::run(a),
+        #[cfg(feature = "service")]
+        Command::Run(a) => run::run(a),
+        #[cfg(feature = "service")]
+        Command::Lathe(a) => lathe::run(a),
+        Command::Simulate(a) => simulate::run(a),
+        Command::Replay(a) => replay::run(a),
+        Command::Force(a) => force::run(a),
+        Command::Identify(a) => identify::run(a),
+        Command::Resolution(a) => resolution::run(a),
+        Command::Import(a) => import::run(a),
+        Command::Pitch(a) => pitch::run(a),
+        Command::Stability(a) => stability::run(a),
+        Command::Diagnose(a) => diagnose::run(a),
+        Command::Conceal(a) => conceal::run(a),
+        Command::PrintConfig(a) => print_config::run(a),
+    }
+}

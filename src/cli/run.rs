@@ -1,0 +1,9 @@
+//! `stillcut run`.
+
+/// Runs the service.
+#[derive(clap::Args)]
+pub(super) struct Arguments {}
+
+pub(super) fn run(_arguments: Arguments) -> anyhow::Result<()> {
+    anyhow::bail!("being built")
+}

@@ -1,0 +1,213 @@
+//! The vocabulary of physics beyond a drive's structure, and the port where each enters.
+//!
+//! One file per effect holds its law; simulation adds it to a machine, diagnosis fits it to a recording.
+
+use std::fmt;
+
+/// Where an effect enters the machine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Port {
+    /// Between the current reference and the torque.
+    Current,
+    /// A torque on the motor side, as a force on the screw axis.
+    Motor,
+    /// Between motor side and stage.
+    Coupling,
+    /// A force on the stage.
+    Stage,
+    /// What the motor encoder reports.
+    MotorEncoder,
+    /// What the linear scale reports.
+    StageEncoder,
+    /// The cutting process.
+    Process,
+    /// The workpiece.
+    Workpiece,
+}
+
+impl Port {
+    const NAMES: [(Port, &'static str); 8] = [
+        (Port::Current, "current"),
+        (Port::Motor, "motor"),
+        (Port::Coupling, "coupling"),
+        (Port::Stage, "stage"),
+        (Port::MotorEncoder, "motor_encoder"),
+        (Port::StageEncoder, "stage_encoder"),
+        (Port::Process, "process"),
+        (Port::Workpiece, "workpiece"),
+    ];
+
+    /// Name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(p, _)| *p == self).map_or("", |(_, n)| n)
+    }
+
+    /// The port of that name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::NAMES.iter().find(|(_, n)| *n == name).map(|(p, _)| *p)
+    }
+}
+
+impl fmt::Display for Port {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+macro_rules! effects {
+    ($($(#[$doc:meta])* $variant:ident = $name:literal),* $(,)?) => {
+        /// Every effect of the vocabulary.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum EffectKind { $($(#[$doc])* $variant),* }
+
+        impl EffectKind {
+            /// All of them, in the order of the vocabulary.
+            pub const ALL: &[EffectKind] = &[$(EffectKind::$variant),*];
+
+            /// Name in files.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self { $(EffectKind::$variant => $name),* }
+            }
+
+            /// The effect of that name.
+            #[must_use]
+            pub fn from_name(name: &str) -> Option<Self> {
+                match name { $($name => Some(EffectKind::$variant),)* _ => None }
+            }
+        }
+    };
+}
+
+effects! {
+    /// Force of constant size against the motion.
+    CoulombFriction = "coulomb_friction",
+    /// Force proportional to speed.
+    ViscousFriction = "viscous_friction",
+    /// Friction that is higher at very low speed.
+    StribeckFriction = "stribeck_friction",
+    /// Friction that acts as a spring before it slides.
+    PreslidingFriction = "presliding_friction",
+    /// Friction that differs between the directions.
+    AsymmetricFriction = "asymmetric_friction",
+    /// Force proportional to speed squared.
+    NonlinearViscosity = "nonlinear_viscosity",
+    /// Friction that changes as the machine warms.
+    FrictionDrift = "friction_drift",
+    /// Force periodic in position.
+    PositionPeriodicForce = "position_periodic_force",
+    /// Force that is any function of position.
+    PositionDependentForce = "position_dependent_force",
+    /// Torque periodic in the motor angle.
+    TorqueRipple = "torque_ripple",
+    /// Torque constant that falls with current.
+    TorqueConstantSaturation = "torque_constant_saturation",
+    /// Constant force.
+    GravityLoad = "gravity_load",
+    /// Dead zone in the coupling.
+    Backlash = "backlash",
+    /// A third inertia.
+    TorsionalMode = "torsional_mode",
+    /// Stiffness that depends on the position along the screw.
+    PositionDependentStiffness = "position_dependent_stiffness",
+    /// Stiffness that depends on the load.
+    NonlinearStiffness = "nonlinear_stiffness",
+    /// Additional delay.
+    DeadTime = "dead_time",
+    /// Finite bandwidth of the current loop.
+    CurrentLoopLag = "current_loop_lag",
+    /// Error inside each signal period of an encoder.
+    EncoderInterpolationError = "encoder_interpolation_error",
+    /// Steps of an encoder.
+    EncoderQuantization = "encoder_quantization",
+    /// A cut while the recording was taken for idle.
+    CuttingForce = "cutting_force",
+    /// A force with no known law.
+    ExternalDisturbance = "external_disturbance",
+    /// Chip thickness that remembers the last pass.
+    RegenerativeEffect = "regenerative_effect",
+    /// Damping by the flank on the wavy surface.
+    ProcessDamping = "process_damping",
+    /// Ploughing force of the edge.
+    EdgeForce = "edge_force",
+    /// Force that does not grow linearly with the chip.
+    NonlinearCuttingForce = "nonlinear_cutting_force",
+    /// Tool leaves the cut.
+    LostContact = "lost_contact",
+    /// Eccentric rotation.
+    Runout = "runout",
+    /// A second mode of the workpiece.
+    SecondMode = "second_mode",
+    /// Mode that moves during the cut.
+    ModeDrift = "mode_drift",
+    /// Stiffness of the contact.
+    ContactStiffness = "contact_stiffness",
+    /// Mode that moves with spindle speed.
+    SpeedDependentDynamics = "speed_dependent_dynamics",
+    /// Force that grows as the tool wears.
+    ToolWear = "tool_wear",
+}
+
+impl fmt::Display for EffectKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Value of a parameter of an effect.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ParameterValue {
+    /// One number.
+    Number(f64),
+    /// A table of numbers (maps over position).
+    List(Vec<f64>),
+}
+
+/// Physics that a model has beyond its structure: one `[[axes.<axis>.physics]]` table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PhysicsTerm {
+    /// What it is.
+    pub effect: EffectKind,
+    /// Where it enters.
+    pub port: Port,
+    /// Named parameters, units in the names.
+    pub parameters: Vec<(String, ParameterValue)>,
+}
+
+impl PhysicsTerm {
+    /// A parameter that is one number, if it is there.
+    #[must_use]
+    pub fn number(&self, name: &str) -> Option<f64> {
+        self.parameters.iter().find(|(n, _)| n == name).and_then(|(_, v)| match v {
+            ParameterValue::Number(x) => Some(*x),
+            ParameterValue::List(_) => None,
+        })
+    }
+
+    /// A parameter that is a list, if it is there.
+    #[must_use]
+    pub fn list(&self, name: &str) -> Option<&[f64]> {
+        self.parameters.iter().find(|(n, _)| n == name).and_then(|(_, v)| match v {
+            ParameterValue::List(x) => Some(x.as_slice()),
+            ParameterValue::Number(_) => None,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_go_there_and_back() {
+        for effect in EffectKind::ALL {
+            assert_eq!(EffectKind::from_name(effect.name()), Some(*effect));
+        }
+        for (port, name) in Port::NAMES {
+            assert_eq!(Port::from_name(name), Some(port));
+            assert_eq!(port.name(), name);
+        }
+    }
+}

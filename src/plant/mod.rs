@@ -1,0 +1,6 @@
+//! Physics: drives, effects beyond the drive's structure, workpiece and cutting. It knows nothing of
+//! the observers and decisions that look at it.
+
+pub mod drive;
+pub mod effects;
+pub mod machine;

@@ -1,0 +1,186 @@
+//! Recordings as files: Parquet and CSV to a [`Recording`] and back (contracts, section 1).
+//!
+//! Reading refuses, with file, column and row, whatever is not a uniformly sampled set of finite
+//! numbers. Writing goes beside the target and is renamed: a file is there whole or not at all.
+
+mod csv_file;
+mod parquet_file;
+
+use crate::sample::{Column, Recording};
+use crate::units::SampleRate;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+pub use parquet_file::{Table, TableColumn, write_table};
+
+/// Why a recording cannot be read or written. One line: file, column, first bad row.
+#[derive(Debug, Error)]
+pub enum RecordingError {
+    /// The system refused.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// File.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Not a file of this kind, or damaged.
+    #[error("{}: {message}", path.display())]
+    Format {
+        /// File.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+    /// A value that cannot be used.
+    #[error("{}: column {column}, row {row}: {message}", path.display())]
+    Value {
+        /// File.
+        path: PathBuf,
+        /// Column.
+        column: String,
+        /// Row, from 0.
+        row: usize,
+        /// What is wrong and what was expected.
+        message: String,
+    },
+}
+
+/// What a file holds before it is checked.
+pub(crate) struct RawTable {
+    pub(crate) columns: Vec<(String, Vec<f64>)>,
+    pub(crate) metadata: Vec<(String, String)>,
+}
+
+/// The word that a recording's metadata carries under `format`.
+pub const FORMAT: &str = "stillcut.recording/1";
+
+const OWN_KEYS: [&str; 4] = ["format", "sample_rate_hz", "experiment", "axes"];
+
+/// Reads a recording, Parquet or CSV by its extension.
+/// Errors: unreadable file, no time or rate, a value that is not finite, a time that runs backwards.
+pub fn read_recording(path: &Path) -> Result<Recording, RecordingError> {
+    let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+    let raw = if is_csv { csv_file::read(path)? } else { parquet_file::read(path)? };
+    recording_from_raw(path, raw)
+}
+
+fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, RecordingError> {
+    let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
+    let meta = |key: &str| raw.metadata.iter().find(|(k, _)| k == key).map(|(_, v)| v.clone());
+    if let Some(format) = meta("format")
+        && format != FORMAT
+    {
+        return Err(format_error(format!("metadata format is `{format}`, expected `{FORMAT}`")));
+    }
+    let stated = match meta("sample_rate_hz") {
+        Some(text) => {
+            let parsed = text.trim().parse::<f64>().ok().and_then(|hz| SampleRate::new(hz).ok());
+            Some(parsed.ok_or_else(|| format_error(format!("metadata sample_rate_hz is `{text}`, expected a number above zero")))?)
+        }
+        None => None,
+    };
+    let mut columns = Vec::new();
+    let mut times = None;
+    for (name, values) in raw.columns {
+        if let Some(row) = values.iter().position(|v| !v.is_finite()) {
+            let message = format!("{} is not a finite number", values[row]);
+            return Err(RecordingError::Value { path: path.to_owned(), column: name, row, message });
+        }
+        if name == "t_s" {
+            times = Some(values);
+        } else {
+            columns.push(Column { name, values });
+        }
+    }
+    let times = times.ok_or_else(|| format_error("required column t_s is missing".into()))?;
+    if columns.is_empty() {
+        return Err(format_error("there is no signal beside t_s".into()));
+    }
+    if times.len() < 2 {
+        return Err(format_error(format!("{} rows; at least 2 are needed", times.len())));
+    }
+    let sample_rate = check_times(path, &times, stated)?;
+    let axes = meta("axes").map_or_else(
+        || axes_from_columns(&columns),
+        |text| text.split(',').map(|a| a.trim().to_owned()).filter(|a| !a.is_empty()).collect(),
+    );
+    Ok(Recording {
+        sample_rate,
+        experiment: meta("experiment").unwrap_or_else(|| stem(path)),
+        axes,
+        start_s: times[0],
+        columns,
+        metadata: raw.metadata.into_iter().filter(|(k, _)| !OWN_KEYS.contains(&k.as_str())).collect(),
+    })
+}
+
+/// Times must grow, and evenly: the largest deviation from a uniform grid is half a sample.
+fn check_times(path: &Path, times: &[f64], stated: Option<SampleRate>) -> Result<SampleRate, RecordingError> {
+    let bad = |row: usize, message: String| RecordingError::Value { path: path.to_owned(), column: "t_s".into(), row, message };
+    if let Some(row) = times.windows(2).position(|w| w[1] <= w[0]) {
+        let (before, after) = (times[row], times[row + 1]);
+        return Err(bad(row + 1, format!("time runs from {before} to {after} s, expected to grow")));
+    }
+    let span = times[times.len() - 1] - times[0];
+    let rate = match stated {
+        Some(rate) => rate,
+        None => SampleRate::new((times.len() - 1) as f64 / span)
+            .map_err(|e| RecordingError::Format { path: path.to_owned(), message: e.to_string() })?,
+    };
+    let period = rate.period_s();
+    // Neighbours may jitter; a hole of more than half a sample is not uniform sampling.
+    if let Some(row) = times.windows(2).position(|w| ((w[1] - w[0]) / period - 1.0).abs() > 0.5) {
+        let gap = times[row + 1] - times[row];
+        return Err(bad(row + 1, format!("step of {gap:.6e} s where {period:.6e} s were expected: not uniformly sampled")));
+    }
+    Ok(rate)
+}
+
+fn axes_from_columns(columns: &[Column]) -> Vec<String> {
+    const SUFFIXES: [&str; 9] = [
+        "_current_ref_a", "_torque_ref_nm", "_thrust_ref_n", "_motor_angle_rad", "_motor_position_m",
+        "_stage_position_m", "_position_cmd_m", "_force_n", "_accel_m_s2",
+    ];
+    let mut axes: Vec<String> = Vec::new();
+    for column in columns {
+        if let Some(axis) = SUFFIXES.iter().find_map(|s| column.name.strip_suffix(s))
+            && !axes.iter().any(|a| a == axis)
+        {
+            axes.push(axis.to_owned());
+        }
+    }
+    axes
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
+}
+
+/// Writes a recording as Parquet, whole or not at all.
+pub fn write_recording(path: &Path, recording: &Recording) -> Result<(), RecordingError> {
+    let times: Vec<f64> = (0..recording.len()).map(|i| recording.time_s(i)).collect();
+    let mut metadata = vec![
+        ("format".to_owned(), FORMAT.to_owned()),
+        ("sample_rate_hz".to_owned(), format!("{:?}", recording.sample_rate.hz())),
+        ("experiment".to_owned(), recording.experiment.clone()),
+        ("axes".to_owned(), recording.axes.join(",")),
+    ];
+    metadata.extend(recording.metadata.iter().cloned());
+    let mut columns = vec![("t_s", TableColumn::Double(&times))];
+    columns.extend(recording.columns.iter().map(|c| (c.name.as_str(), TableColumn::Double(&c.values))));
+    write_table(path, &Table { columns, metadata })
+}
+
+/// Writes `bytes` beside `path` and renames: the file is there whole or not at all.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), RecordingError> {
+    let io = |source| RecordingError::Io { path: path.to_owned(), source };
+    let beside = beside(path);
+    std::fs::write(&beside, bytes).map_err(io)?;
+    std::fs::rename(&beside, path).map_err(io)
+}
+
+pub(crate) fn beside(path: &Path) -> PathBuf {
+    let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    path.with_file_name(format!(".{name}.{}.part", std::process::id()))
+}

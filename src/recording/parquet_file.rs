@@ -1,0 +1,184 @@
+//! Parquet without Arrow: numeric columns in, numeric columns out.
+
+use super::{RawTable, RecordingError, beside};
+use parquet::basic::{Compression, ConvertedType, Repetition, Type as Physical, ZstdLevel};
+use parquet::column::reader::ColumnReader;
+use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DoubleType, FloatType, Int64Type};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
+use parquet::schema::types::Type;
+use std::fs::File;
+use std::path::Path;
+use std::sync::Arc;
+
+pub(super) fn read(path: &Path) -> Result<RawTable, RecordingError> {
+    let file = File::open(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
+    let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
+    let reader = SerializedFileReader::new(file).map_err(|e| format_error(one_line(&e)))?;
+    let info = reader.metadata().file_metadata();
+    let metadata = info
+        .key_value_metadata()
+        .map(|list| list.iter().filter_map(|kv| Some((kv.key.clone(), kv.value.clone()?))).collect())
+        .unwrap_or_default();
+    let mut columns: Vec<(String, Vec<f64>)> = Vec::new();
+    let descriptions = info.schema_descr();
+    for (index, column) in descriptions.columns().iter().enumerate() {
+        let name = column.path().string();
+        if matches!(column.physical_type(), Physical::BYTE_ARRAY | Physical::FIXED_LEN_BYTE_ARRAY | Physical::INT96) {
+            continue; // text carries no signal
+        }
+        let mut values = Vec::new();
+        for group in 0..reader.num_row_groups() {
+            let group_reader = reader.get_row_group(group).map_err(|e| format_error(one_line(&e)))?;
+            let rows = usize::try_from(group_reader.metadata().num_rows()).unwrap_or(0);
+            let chunk = group_reader.get_column_reader(index).map_err(|e| format_error(one_line(&e)))?;
+            read_chunk(chunk, rows, column.max_def_level(), &mut values)
+                .map_err(|e| format_error(format!("column {name}: {}", one_line(&e))))?;
+        }
+        columns.push((name, values));
+    }
+    let rows = columns.first().map_or(0, |(_, v)| v.len());
+    if let Some((name, values)) = columns.iter().find(|(_, v)| v.len() != rows) {
+        return Err(format_error(format!("column {name} has {} rows, the first has {rows}", values.len())));
+    }
+    Ok(RawTable { columns, metadata })
+}
+
+fn one_line(error: &ParquetError) -> String {
+    error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Appends `rows` values; a null becomes NaN, which the caller refuses with its row.
+fn read_chunk(reader: ColumnReader, rows: usize, nullable: i16, out: &mut Vec<f64>) -> Result<(), ParquetError> {
+    macro_rules! typed {
+        ($reader:expr, $convert:expr) => {{
+            let mut reader = $reader;
+            let (mut values, mut levels) = (Vec::new(), Vec::new());
+            let mut left = rows;
+            while left > 0 {
+                values.clear();
+                levels.clear();
+                let (read, _, _) = reader.read_records(left, Some(&mut levels), None, &mut values)?;
+                if read == 0 {
+                    break;
+                }
+                left -= read;
+                let mut present = values.iter();
+                if nullable == 0 {
+                    out.extend(present.map($convert));
+                } else {
+                    out.extend(levels.iter().map(|l| if *l == nullable { present.next().map_or(f64::NAN, $convert) } else { f64::NAN }));
+                }
+            }
+        }};
+    }
+    match reader {
+        ColumnReader::DoubleColumnReader(r) => typed!(r, |v: &f64| *v),
+        ColumnReader::FloatColumnReader(r) => typed!(r, |v: &f32| f64::from(*v)),
+        ColumnReader::Int32ColumnReader(r) => typed!(r, |v: &i32| f64::from(*v)),
+        ColumnReader::Int64ColumnReader(r) => typed!(r, |v: &i64| *v as f64),
+        ColumnReader::BoolColumnReader(r) => typed!(r, |v: &bool| f64::from(u8::from(*v))),
+        ColumnReader::Int96ColumnReader(_) | ColumnReader::ByteArrayColumnReader(_) | ColumnReader::FixedLenByteArrayColumnReader(_) => {}
+    }
+    Ok(())
+}
+
+/// Values of one column to write.
+#[derive(Debug, Clone, Copy)]
+pub enum TableColumn<'a> {
+    /// 64-bit numbers.
+    Double(&'a [f64]),
+    /// 64-bit numbers, some missing.
+    OptionalDouble(&'a [Option<f64>]),
+    /// 32-bit numbers.
+    Float(&'a [f32]),
+    /// Integers.
+    Integer(&'a [i64]),
+    /// Yes or no.
+    Bool(&'a [bool]),
+    /// Text.
+    Text(&'a [String]),
+}
+
+/// A table to write.
+#[derive(Debug, Clone)]
+pub struct Table<'a> {
+    /// Name and values, all of one length.
+    pub columns: Vec<(&'a str, TableColumn<'a>)>,
+    /// Key-value metadata of the file.
+    pub metadata: Vec<(String, String)>,
+}
+
+/// Writes a table as Parquet (zstd), whole or not at all.
+pub fn write_table(path: &Path, table: &Table<'_>) -> Result<(), RecordingError> {
+    let part = beside(path);
+    let outcome = write_to(&part, table);
+    let finished = outcome.and_then(|()| {
+        std::fs::rename(&part, path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })
+    });
+    if finished.is_err() {
+        let _ = std::fs::remove_file(&part); // the error that is reported is the first one
+    }
+    finished
+}
+
+fn write_to(path: &Path, table: &Table<'_>) -> Result<(), RecordingError> {
+    let format_error = |e: ParquetError| RecordingError::Format { path: path.to_owned(), message: one_line(&e) };
+    let fields = table.columns.iter().map(|(name, column)| field(name, *column)).collect::<Result<Vec<_>, _>>();
+    let fields = fields.map_err(format_error)?;
+    let schema = Type::group_type_builder("schema").with_fields(fields).build().map_err(format_error)?;
+    let metadata = table.metadata.iter().map(|(k, v)| KeyValue::new(k.clone(), v.clone())).collect();
+    let properties = WriterProperties::builder()
+        .set_compression(Compression::ZSTD(ZstdLevel::default()))
+        .set_key_value_metadata(Some(metadata))
+        .build();
+    let file = File::create(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
+    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).map_err(format_error)?;
+    let mut group = writer.next_row_group().map_err(format_error)?;
+    for (_, column) in &table.columns {
+        write_column(&mut group, *column).map_err(format_error)?;
+    }
+    group.close().map_err(format_error)?;
+    writer.close().map_err(format_error)?;
+    Ok(())
+}
+
+fn field(name: &str, column: TableColumn<'_>) -> Result<Arc<Type>, ParquetError> {
+    let (physical, repetition) = match column {
+        TableColumn::Double(_) => (Physical::DOUBLE, Repetition::REQUIRED),
+        TableColumn::OptionalDouble(_) => (Physical::DOUBLE, Repetition::OPTIONAL),
+        TableColumn::Float(_) => (Physical::FLOAT, Repetition::REQUIRED),
+        TableColumn::Integer(_) => (Physical::INT64, Repetition::REQUIRED),
+        TableColumn::Bool(_) => (Physical::BOOLEAN, Repetition::REQUIRED),
+        TableColumn::Text(_) => (Physical::BYTE_ARRAY, Repetition::REQUIRED),
+    };
+    let builder = Type::primitive_type_builder(name, physical).with_repetition(repetition);
+    let is_text = matches!(column, TableColumn::Text(_));
+    let builder = if is_text { builder.with_converted_type(ConvertedType::UTF8) } else { builder };
+    Ok(Arc::new(builder.build()?))
+}
+
+fn write_column(group: &mut SerializedRowGroupWriter<'_, File>, column: TableColumn<'_>) -> Result<(), ParquetError> {
+    let Some(mut writer) = group.next_column()? else {
+        return Err(ParquetError::General("more columns than the schema has".into()));
+    };
+    match column {
+        TableColumn::Double(v) => writer.typed::<DoubleType>().write_batch(v, None, None)?,
+        TableColumn::OptionalDouble(v) => {
+            let levels: Vec<i16> = v.iter().map(|x| i16::from(x.is_some())).collect();
+            let present: Vec<f64> = v.iter().copied().flatten().collect();
+            writer.typed::<DoubleType>().write_batch(&present, Some(&levels), None)?
+        }
+        TableColumn::Float(v) => writer.typed::<FloatType>().write_batch(v, None, None)?,
+        TableColumn::Integer(v) => writer.typed::<Int64Type>().write_batch(v, None, None)?,
+        TableColumn::Bool(v) => writer.typed::<BoolType>().write_batch(v, None, None)?,
+        TableColumn::Text(v) => {
+            let bytes: Vec<ByteArray> = v.iter().map(|s| ByteArray::from(s.as_str())).collect();
+            writer.typed::<ByteArrayType>().write_batch(&bytes, None, None)?
+        }
+    };
+    writer.close()
+}
