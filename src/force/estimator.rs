@@ -318,6 +318,12 @@ impl ForceEstimator {
         self.alignment.lag_samples
     }
 
+    /// Delay of the low-pass alone in whole samples (nearest, for slow signals).
+    #[must_use]
+    pub fn filter_delay_samples(&self) -> usize {
+        (self.filter.delay_s(self.rate) * self.rate.hz()).round() as usize
+    }
+
     /// Band in which the estimate can be used, Hz.
     #[must_use]
     pub fn usable_band_hz(&self) -> [f64; 2] {
