@@ -3,9 +3,7 @@
 use super::bad_input;
 use crate::config::machine::read_machine;
 use crate::force::balance::Method;
-use crate::force::estimator::{
-    AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample, Signals,
-};
+use crate::force::estimator::{AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample, Signals};
 use crate::force::idle_map::{IdleMap, IdlePoint};
 use crate::plant::drive::DriveParams;
 use crate::recording::{Table, TableColumn, read_recording, write_table};
@@ -39,14 +37,19 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let Some(method) = Method::from_name(&arguments.method) else {
         let known: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
-        return Err(bad_input(format!("--method {}: expected one of {}", arguments.method, known.join(", "))));
+        return Err(bad_input(format!(
+            "--method {}: expected one of {}",
+            arguments.method,
+            known.join(", ")
+        )));
     };
     let Some(model) = &arguments.model else {
         return Err(bad_input(format!("--method {} needs --model", method.name())));
     };
     let machine = read_machine(model).map_err(bad_input)?;
     let recording = read_recording(&arguments.recording).map_err(bad_input)?;
-    let idles = arguments.idle.iter().map(|p| read_recording(p).map_err(bad_input)).collect::<Result<Vec<_>, _>>()?;
+    let idles =
+        arguments.idle.iter().map(|p| read_recording(p).map_err(bad_input)).collect::<Result<Vec<_>, _>>()?;
 
     let mut forces = Vec::new();
     let mut delay_s: f64 = 0.0;
@@ -56,13 +59,15 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         }
         let samples = motion_samples(&recording, &axis.name, &axis.drive)
             .map_err(|e| bad_input(format!("{}: {e}", arguments.recording.display())))?;
-        let signals = AxisSignals { drive: &axis.drive, rate: recording.sample_rate, signals: samples.signals };
+        let signals =
+            AxisSignals { drive: &axis.drive, rate: recording.sample_rate, signals: samples.signals };
         let pass_hz = arguments.pass_hz.min(0.2 * recording.sample_rate.hz());
         let low_pass = LowPass::LinearPhase { pass_hz, width_hz: pass_hz / 2.0 };
         let mut settings = ForceSettings { low_pass, ..ForceSettings::default() };
         if !idles.is_empty() {
-            let bare = ForceEstimator::new(method, &signals, ForceSettings { low_pass, ..ForceSettings::default() })
-                .map_err(bad_input)?;
+            let bare =
+                ForceEstimator::new(method, &signals, ForceSettings { low_pass, ..ForceSettings::default() })
+                    .map_err(bad_input)?;
             settings.idle_map = idle_map(&bare, &axis.name, &axis.drive, &idles)?;
         }
         let estimator = ForceEstimator::new(method, &signals, settings).map_err(bad_input)?;
@@ -97,7 +102,9 @@ struct AxisSamples {
 }
 
 fn has_drive(recording: &Recording, axis: &str) -> bool {
-    ["current_ref_a", "torque_ref_nm", "thrust_ref_n"].iter().any(|s| recording.get(&format!("{axis}_{s}")).is_some())
+    ["current_ref_a", "torque_ref_nm", "thrust_ref_n"]
+        .iter()
+        .any(|s| recording.get(&format!("{axis}_{s}")).is_some())
 }
 
 /// The samples of one axis, whichever of the contract's columns carry them.
@@ -151,7 +158,8 @@ fn idle_map(
 ) -> anyhow::Result<Option<IdleMap>> {
     let mut runs = Vec::new();
     for idle in idles {
-        let samples = motion_samples(idle, axis, drive).map_err(|e| bad_input(format!("idle run {}: {e}", idle.experiment)))?;
+        let samples = motion_samples(idle, axis, drive)
+            .map_err(|e| bad_input(format!("idle run {}: {e}", idle.experiment)))?;
         runs.push(idle_points(bare, &samples.samples));
     }
     Ok(IdleMap::from_runs(&runs))

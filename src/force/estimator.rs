@@ -2,6 +2,7 @@
 
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
+use super::friction::{PRESLIDING_TRAVEL_M, Presliding, PreslidingState};
 use super::idle_map::IdleMap;
 use super::validity::Validity;
 use crate::plant::drive::DriveParams;
@@ -41,6 +42,8 @@ pub struct ForceSettings {
     pub low_pass: LowPass,
     /// Disturbance of air-cutting runs by position, taken off where it is given.
     pub idle_map: Option<IdleMap>,
+    /// Travel over which the guideway's friction turns, m.
+    pub presliding_travel_m: f64,
     /// Frequencies of modes that the model does not have, where they are known, Hz.
     pub unmodelled_modes_hz: Vec<f64>,
 }
@@ -51,6 +54,7 @@ impl Default for ForceSettings {
         Self {
             low_pass: LowPass::Butterworth { order: 4, cutoff_hz: 1000.0 },
             idle_map: None,
+            presliding_travel_m: PRESLIDING_TRAVEL_M,
             unmodelled_modes_hz: Vec::new(),
         }
     }
@@ -115,6 +119,7 @@ pub struct ForceEstimator {
     stage: SideStencils,
     current: Stencil,
     friction_smoothing_m_s: f64,
+    presliding: Presliding,
     filter: Filter,
     idle_map: Option<IdleMap>,
     signals: Signals,
@@ -165,6 +170,7 @@ pub struct ForceState {
     stage: DelayLine,
     current_n: f64,
     last_ref_n: f64,
+    presliding: PreslidingState,
     filter: FilterState,
     seen: u32,
 }
@@ -193,6 +199,7 @@ impl ForceEstimator {
             current: stencils(alignment.current, period_s)[0],
             alignment,
             friction_smoothing_m_s: drive.friction_smoothing_m_s(),
+            presliding: Presliding::new(settings.presliding_travel_m, drive.stage_encoder_resolution_m()),
             filter,
             idle_map: settings.idle_map,
             signals: axis.signals,
@@ -220,6 +227,7 @@ impl ForceEstimator {
             stage: DelayLine::filled(stage),
             current_n: first.thrust_ref_n,
             last_ref_n: first.thrust_ref_n,
+            presliding: Presliding::settled(stage),
             filter: self.filter.settled(rest),
             seen: 0,
         }
@@ -230,9 +238,10 @@ impl ForceEstimator {
     #[must_use]
     pub fn step(&self, state: &mut ForceState, sample: &MotionSample) -> ForceEstimate {
         let (raw_n, motion) = self.balance_step(state, sample);
-        let disturbance_n = self.idle_map.as_ref().map_or(0.0, |map| {
-            map.disturbance_n(motion.position_m, self.slow_velocity_m_s(&motion))
-        });
+        let disturbance_n = self
+            .idle_map
+            .as_ref()
+            .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.slow_velocity_m_s(&motion)));
         let force_n = self.filter.step(&mut state.filter, raw_n - disturbance_n);
         ForceEstimate { force_n, flags: self.flags(state, sample, &motion) }
     }
@@ -243,7 +252,8 @@ impl ForceEstimator {
     #[must_use]
     pub fn balance_step(&self, state: &mut ForceState, sample: &MotionSample) -> (f64, AlignedMotion) {
         // The reference given at the last sample has driven the current until now.
-        state.current_n = self.alignment.current_memory * (state.current_n - state.last_ref_n) + state.last_ref_n;
+        state.current_n =
+            self.alignment.current_memory * (state.current_n - state.last_ref_n) + state.last_ref_n;
         if self.alignment.current_memory == 0.0 {
             state.current_n = sample.thrust_ref_n;
         }
@@ -262,14 +272,18 @@ impl ForceEstimator {
                 Signals::StageOnly | Signals::Both => state.stage.apply(&self.stage.position),
             },
         };
-        let coulomb = |factor_n: f64, v: f64| {
-            if factor_n == 0.0 { 0.0 } else { factor_n * (v / self.friction_smoothing_m_s).tanh() }
+        let motor_friction_n = if self.balance.motor_friction_n == 0.0 {
+            0.0
+        } else {
+            self.balance.motor_friction_n * (motion.motor_velocity_m_s / self.friction_smoothing_m_s).tanh()
         };
+        let stage_share =
+            self.presliding.step(&mut state.presliding, state.stage.apply(&self.stage.position));
         let raw_n = self.balance.thrust * motion.thrust_n
             + state.motor.apply(&self.motor.force)
             + state.stage.apply(&self.stage.force)
-            - coulomb(self.balance.motor_friction_n, motion.motor_velocity_m_s)
-            - coulomb(self.balance.stage_friction_n, motion.stage_velocity_m_s);
+            - motor_friction_n
+            - self.balance.stage_friction_n * stage_share;
         (raw_n, motion)
     }
 
@@ -291,7 +305,8 @@ impl ForceEstimator {
         });
         let friction_n = self.balance.motor_friction_n.abs() + self.balance.stage_friction_n.abs();
         let still = speed < 2.0 * self.friction_smoothing_m_s;
-        let below = still && friction_n > 0.0 && motion.thrust_n.abs() * self.balance.thrust.abs() < friction_n;
+        let below =
+            still && friction_n > 0.0 && motion.thrust_n.abs() * self.balance.thrust.abs() < friction_n;
         self.constant_flags
             | Validity::when(missing, Validity::SIGNAL_MISSING)
             | Validity::when(settling, Validity::SETTLING)
@@ -376,7 +391,11 @@ pub struct AxisSignals<'a> {
 }
 
 /// Moves what the balance needs to the side that is measured, where one mass carries everything.
-fn on_measured_side(mut b: ForceBalance, signals: Signals, method: Method) -> Result<ForceBalance, ForceError> {
+fn on_measured_side(
+    mut b: ForceBalance,
+    signals: Signals,
+    method: Method,
+) -> Result<ForceBalance, ForceError> {
     let missing = |needs| Err(ForceError::Structure { method: method.name(), needs });
     match signals {
         Signals::Both => Ok(b),

@@ -41,9 +41,8 @@ impl IdleMap {
         let typical = *speeds.get(speeds.len() * 3 / 4)?;
         let slow_m_s = typical / 10.0;
         let moving = || runs.iter().flatten().filter(|p| p.velocity_m_s.abs() > slow_m_s);
-        let (low, high) = moving().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| {
-            (a.min(p.position_m), b.max(p.position_m))
-        });
+        let (low, high) = moving()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.position_m), b.max(p.position_m)));
         let mut steps: Vec<f64> = runs
             .iter()
             .flat_map(|r| r.windows(2))
@@ -99,7 +98,11 @@ impl IdleMap {
 }
 
 /// Mean by cell; gaps are bridged by straight lines. Empty when no point fell anywhere.
-fn average_by_cell<'a>(points: impl Iterator<Item = &'a IdlePoint>, grid: (f64, f64), cells: usize) -> Vec<f64> {
+fn average_by_cell<'a>(
+    points: impl Iterator<Item = &'a IdlePoint>,
+    grid: (f64, f64),
+    cells: usize,
+) -> Vec<f64> {
     let (start_m, cell_m) = grid;
     let mut sums = vec![(0.0, 0.0); cells];
     for p in points {

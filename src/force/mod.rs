@@ -15,5 +15,6 @@
 pub mod alignment;
 pub mod balance;
 pub mod estimator;
+pub mod friction;
 pub mod idle_map;
 pub mod validity;

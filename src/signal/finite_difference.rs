@@ -93,11 +93,18 @@ mod tests {
             let w = weights::<8>(at);
             for degree in 0..8 {
                 let d = f64::from(degree);
-                let exact = [at.powf(d), d * at.powf((d - 1.0).max(0.0)), d * (d - 1.0) * at.powf((d - 2.0).max(0.0))];
+                let exact = [
+                    at.powf(d),
+                    d * at.powf((d - 1.0).max(0.0)),
+                    d * (d - 1.0) * at.powf((d - 2.0).max(0.0)),
+                ];
                 for k in 0..3 {
                     let got: f64 = (0..8).map(|j| w[k][j] * (j as f64).powi(degree)).sum();
                     let expected = if at == 0.0 && degree as usize != k { 0.0 } else { exact[k] };
-                    assert!((got - expected).abs() < 1e-8, "at {at} degree {degree} derivative {k}: {got} {expected}");
+                    assert!(
+                        (got - expected).abs() < 1e-8,
+                        "at {at} degree {degree} derivative {k}: {got} {expected}"
+                    );
                 }
             }
         }

@@ -79,7 +79,9 @@ impl LinearPhase {
     #[must_use]
     pub fn gain(&self, frequency_hz: f64, rate: SampleRate) -> f64 {
         let w = 2.0 * PI * frequency_hz / rate.hz();
-        self.weights[0] + 2.0 * self.weights.iter().enumerate().skip(1).map(|(k, h)| h * (w * k as f64).cos()).sum::<f64>()
+        self.weights[0]
+            + 2.0
+                * self.weights.iter().enumerate().skip(1).map(|(k, h)| h * (w * k as f64).cos()).sum::<f64>()
     }
 }
 

@@ -50,7 +50,11 @@ pub enum FilterError {
 }
 
 /// Errors unless 0 < `frequency_hz` < `nyquist_hz`.
-pub(crate) fn check_frequency(what: &'static str, frequency_hz: f64, nyquist_hz: f64) -> Result<(), FilterError> {
+pub(crate) fn check_frequency(
+    what: &'static str,
+    frequency_hz: f64,
+    nyquist_hz: f64,
+) -> Result<(), FilterError> {
     if frequency_hz.is_finite() && frequency_hz > 0.0 && frequency_hz < nyquist_hz {
         Ok(())
     } else {
