@@ -90,7 +90,12 @@ pub fn main() -> ExitCode {
             } else {
                 // One line: the first of clap's message.
                 let text = error.to_string();
-                let line: Vec<&str> = text.lines().map(str::trim).take_while(|l| !l.starts_with("Usage")).filter(|l| !l.is_empty()).collect();
+                let line: Vec<&str> = text
+                    .lines()
+                    .map(str::trim)
+                    .take_while(|l| !l.starts_with("Usage"))
+                    .filter(|l| !l.is_empty())
+                    .collect();
                 let _ = writeln!(std::io::stderr(), "{}", line.join(" "));
             }
             return ExitCode::from(status);
@@ -99,7 +104,9 @@ pub fn main() -> ExitCode {
     match dispatch(arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let broken_pipe = error.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe);
+            let broken_pipe = error
+                .downcast_ref::<std::io::Error>()
+                .is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe);
             if broken_pipe {
                 return ExitCode::SUCCESS;
             }
