@@ -2,3 +2,6 @@
 //! present; a test that needs it says so and passes where it is absent.
 
 mod lathe;
+
+#[cfg(feature = "service")]
+mod transport;
