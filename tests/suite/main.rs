@@ -5,3 +5,4 @@ mod lathe;
 
 #[cfg(feature = "service")]
 mod transport;
+mod conceal;
