@@ -61,3 +61,7 @@ pub(crate) fn check_frequency(
         Err(FilterError::Frequency { what, frequency_hz, nyquist_hz })
     }
 }
+//! Signal processing that knows nothing of machines: filters, spectra, windows.
+
+pub mod sliding_dft;
+mod sliding_dft_kernel;
