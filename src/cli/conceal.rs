@@ -4,7 +4,7 @@ use super::bad_input;
 use crate::config::machine::{machine_to_text, read_machine};
 use crate::plant::machine::AxisModel;
 use crate::recording::{write_recording, write_whole};
-use crate::simulation::concealed_axis::{Case, CaseSpec, conceal};
+use crate::simulation::concealed_axis::{Case, CaseSpec, OUTSIDE, conceal, feed_drive_effects};
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
@@ -68,7 +68,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
 /// Every machine of the study, in a fixed order.
 fn plan(arguments: &Arguments) -> Vec<Trial> {
     let mut trials = Vec::new();
-    for label in &arguments.effects {
+    for label in &labels(&arguments.effects) {
         let healthy = label == "healthy";
         let effects: Vec<String> =
             if healthy { Vec::new() } else { label.split('+').map(|s| s.trim().to_owned()).collect() };
@@ -88,6 +88,12 @@ fn plan(arguments: &Arguments) -> Vec<Trial> {
         }
     }
     trials
+}
+
+/// `all` stands for every effect of the feed drive, the outsiders, wrong numbers and the healthy machine.
+fn labels(asked: &[String]) -> Vec<String> {
+    let every = || ["healthy"].into_iter().chain(feed_drive_effects()).chain(OUTSIDE).map(str::to_owned);
+    asked.iter().flat_map(|a| if a == "all" { every().collect() } else { vec![a.clone()] }).collect()
 }
 
 /// A seed of its own for every trial (FNV-1a over what defines it), so that machines differ between effects.
