@@ -3,6 +3,8 @@
 //! Each filter is an immutable design and a plain state: `design.step(&mut state, x) -> y`, no
 //! allocation, no clock. Designs refuse what cannot work at the given rate.
 
+pub mod sliding_dft;
+mod sliding_dft_kernel;
 pub mod butterworth;
 pub mod delay_line;
 pub mod finite_difference;
@@ -61,7 +63,3 @@ pub(crate) fn check_frequency(
         Err(FilterError::Frequency { what, frequency_hz, nyquist_hz })
     }
 }
-//! Signal processing that knows nothing of machines: filters, spectra, windows.
-
-pub mod sliding_dft;
-mod sliding_dft_kernel;
