@@ -2,4 +2,5 @@
 //!
 //! Nothing here knows how an observer or a decision works, so that both can be tested on it.
 
+pub mod concealed_axis;
 pub mod lathe;
