@@ -1,1 +1,4 @@
-//! Being built.
+//! What leaves the process as files: events, the track, diagnosis, models.
+
+pub mod events;
+pub mod track;
