@@ -4,12 +4,15 @@ use super::bad_input;
 use crate::config::machine::read_machine;
 use crate::force::balance::Method;
 use crate::force::estimator::{AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample, Signals};
+use crate::force::frf::force_of_recording;
 use crate::force::idle_map::{IdleMap, IdlePoint};
+use crate::force::validity::Validity;
 use crate::plant::drive::DriveParams;
 use crate::recording::{Table, TableColumn, read_recording, write_table};
+use crate::report::force_estimator::read_estimators;
 use crate::sample::Recording;
 use anyhow::Context as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Estimates cutting force from servo signals or accelerometers.
 #[derive(clap::Args)]
@@ -26,6 +29,9 @@ pub(super) struct Arguments {
     /// Where the estimate goes (Parquet).
     #[arg(long)]
     out: PathBuf,
+    /// Accelerometer estimator (method frf), as `identify --method frf` writes it.
+    #[arg(long)]
+    estimator: Option<PathBuf>,
     /// Air-cutting run of the same motion, whose disturbance is taken off by position; repeatable.
     #[arg(long)]
     idle: Vec<PathBuf>,
@@ -35,6 +41,9 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    if arguments.method == "frf" {
+        return run_frf(&arguments);
+    }
     let Some(method) = Method::from_name(&arguments.method) else {
         let known: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
         return Err(bad_input(format!(
@@ -82,18 +91,56 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             names.join(", ")
         )));
     }
+    let notes = vec![("method".to_owned(), method.name().to_owned())];
+    write_forces(&arguments.out, &recording, &Forces { forces, delay_s, notes })
+}
+
+/// What the command writes.
+struct Forces {
+    /// Column name and values.
+    forces: Vec<(String, Vec<f64>)>,
+    delay_s: f64,
+    /// Further metadata.
+    notes: Vec<(String, String)>,
+}
+
+fn write_forces(out: &Path, recording: &Recording, forces: &Forces) -> anyhow::Result<()> {
     let times: Vec<f64> = (0..recording.len()).map(|i| recording.time_s(i)).collect();
     let mut columns = vec![("t_s", TableColumn::Double(&times))];
-    columns.extend(forces.iter().map(|(name, values)| (name.as_str(), TableColumn::Double(values))));
-    let metadata = vec![
+    columns.extend(forces.forces.iter().map(|(name, values)| (name.as_str(), TableColumn::Double(values))));
+    let axes: Vec<&str> = forces.forces.iter().filter_map(|(name, _)| name.strip_suffix("_force_n")).collect();
+    let mut metadata = vec![
         ("format".to_owned(), crate::recording::FORMAT.to_owned()),
         ("sample_rate_hz".to_owned(), format!("{:?}", recording.sample_rate.hz())),
         ("experiment".to_owned(), recording.experiment.clone()),
-        ("method".to_owned(), method.name().to_owned()),
-        ("delay_s".to_owned(), format!("{delay_s:?}")),
+        ("axes".to_owned(), axes.join(",")),
+        ("delay_s".to_owned(), format!("{:?}", forces.delay_s)),
     ];
-    write_table(&arguments.out, &Table { columns, metadata }).context("writing the estimate")?;
-    Ok(())
+    metadata.extend(forces.notes.iter().cloned());
+    write_table(out, &Table { columns, metadata }).context("writing the estimate")
+}
+
+/// Force from accelerometers. The file is filtered as a stream, then shifted back by the stream's lag.
+fn run_frf(arguments: &Arguments) -> anyhow::Result<()> {
+    let Some(path) = &arguments.estimator else {
+        return Err(bad_input("--method frf needs --estimator"));
+    };
+    let estimators = read_estimators(path).map_err(bad_input)?;
+    let recording = read_recording(&arguments.recording).map_err(bad_input)?;
+    let in_file = |e: String| bad_input(format!("{}: {e}", arguments.recording.display()));
+    let accel = super::identify::accelerations(&recording).map_err(in_file)?;
+    let speed = recording.require("spindle_speed_rpm").map_err(|e| in_file(e.to_string()))?;
+    let mut forces = Vec::new();
+    let mut notes = vec![("method".to_owned(), "frf".to_owned())];
+    for estimator in &estimators {
+        let force = force_of_recording(estimator, recording.sample_rate, &accel, speed).map_err(bad_input)?;
+        let flags = speed.iter().fold(Validity::VALID, |all, s| all | estimator.flags(*s));
+        notes.push((format!("{}_flags", estimator.axis), flags.to_string()));
+        notes.push((format!("{}_noise_floor_n", estimator.axis), format!("{:.4}", estimator.noise_floor_n)));
+        notes.push((format!("{}_usable_band_hz", estimator.axis), format!("{:?}", estimator.band_hz())));
+        forces.push((format!("{}_force_n", estimator.axis), force));
+    }
+    write_forces(&arguments.out, &recording, &Forces { forces, delay_s: 0.0, notes })
 }
 
 struct AxisSamples {

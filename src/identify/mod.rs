@@ -1,1 +1,5 @@
-//! Being built.
+//! What a machine is, from recordings of it: mechanical parameters and dead times from a sweep, the
+//! accelerometer estimator from runs with known force, the noise that encoder steps cause.
+
+pub mod banded;
+pub mod frf;

@@ -2,3 +2,5 @@
 
 pub mod events;
 pub mod track;
+//! Being built.
+pub mod force_estimator;
