@@ -1,6 +1,5 @@
-//! What leaves the process as files: events, the track, diagnosis, models.
+//! What leaves the process as files: events, the track, estimators, diagnosis, models.
 
 pub mod events;
-pub mod track;
-//! Being built.
 pub mod force_estimator;
+pub mod track;
