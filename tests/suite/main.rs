@@ -6,3 +6,4 @@ mod lathe;
 #[cfg(feature = "service")]
 mod transport;
 mod conceal;
+mod report;
