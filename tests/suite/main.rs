@@ -7,3 +7,4 @@ mod lathe;
 mod transport;
 mod conceal;
 mod pipeline;
+mod report;
