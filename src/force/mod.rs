@@ -18,4 +18,5 @@ pub mod estimator;
 pub mod frf;
 pub mod friction;
 pub mod idle_map;
+pub mod response;
 pub mod validity;
