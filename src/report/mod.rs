@@ -1,2 +1,9 @@
-//! Being built.
+//! What leaves the process as files: events, the track, estimators, diagnosis, models, pages for people.
+
+pub mod events;
 pub mod force_estimator;
+pub mod html;
+mod maps;
+pub mod page;
+pub mod plot;
+pub mod track;

@@ -1,0 +1,218 @@
+//! What a diagnosis says: plain data, no files. The report and the commands turn it into theirs.
+
+use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
+use crate::plant::machine::Machine;
+
+/// The answer to "is anything missing?".
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// At least one effect of the vocabulary is missing in the model.
+    MissingPhysics,
+    /// The structure suffices; a number of the model is wrong.
+    ParameterError,
+    /// Model and recordings agree within the noise.
+    ModelAdequate,
+    /// Something is missing that no effect of the vocabulary explains.
+    UnexplainedMismatch,
+}
+
+impl Verdict {
+    /// Name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Verdict::MissingPhysics => "missing_physics",
+            Verdict::ParameterError => "parameter_error",
+            Verdict::ModelAdequate => "model_adequate",
+            Verdict::UnexplainedMismatch => "unexplained_mismatch",
+        }
+    }
+}
+
+/// A fitted number with its 95 % interval.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    /// Name with its unit, as the contract spells it.
+    pub name: String,
+    /// Value.
+    pub value: f64,
+    /// Unit in words of the shop floor, for a person: `N`, `m`, `s`.
+    pub unit: &'static str,
+    /// Lower and upper end of the 95 % interval.
+    pub ci95: [f64; 2],
+}
+
+/// A list parameter (a map over position).
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapEstimate {
+    /// Name with its unit.
+    pub name: String,
+    /// One value a knot.
+    pub values: Vec<f64>,
+}
+
+/// A part of a recording, for the place where a mismatch sits.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimeSpans {
+    /// Index of the recording as it was handed in.
+    pub recording: usize,
+    /// Begin and end in s.
+    pub spans_s: Vec<[f64; 2]>,
+}
+
+/// Where the mismatch is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Location {
+    /// Port.
+    pub port: Port,
+    /// `position`, `motor_angle`, `velocity`, `direction`, `frequency`, `time`, `current`, `history`, `acceleration`.
+    pub domain: &'static str,
+    /// Bands of the residual that stand out.
+    pub bands_hz: Vec<[f64; 2]>,
+    /// When, in which recording.
+    pub time: Vec<TimeSpans>,
+    /// Share of the mismatch on motor side, stage side and in their sum (power, 0 to 1).
+    pub shares: [f64; 3],
+}
+
+/// Root mean squares of the force balance on parts that nothing was fitted to, in N.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fit {
+    /// Without the finding (numbers re-estimated).
+    pub heldout_rms_before_n: f64,
+    /// With it.
+    pub heldout_rms_after_n: f64,
+    /// What encoders, delays and the recording's own noise leave at best.
+    pub noise_floor_n: f64,
+}
+
+/// Another cause that the data leave possible.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Alternative {
+    /// Effect.
+    pub effect: EffectKind,
+    /// Port.
+    pub port: Port,
+    /// Probability.
+    pub probability: f64,
+}
+
+/// What a finding adds over one recording: N at force ports, m at encoders, A at the current.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contribution {
+    /// Index of the recording as it was handed in.
+    pub recording: usize,
+    /// Times in s.
+    pub t_s: Vec<f64>,
+    /// Values.
+    pub value: Vec<f64>,
+}
+
+/// One effect that the model leaves out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// 1 is the strongest.
+    pub rank: usize,
+    /// Effect.
+    pub effect: EffectKind,
+    /// Port.
+    pub port: Port,
+    /// One sentence for a person.
+    pub statement: String,
+    /// The law in symbols.
+    pub equation: &'static str,
+    /// Numbers with intervals.
+    pub parameters: Vec<Estimate>,
+    /// Maps.
+    pub maps: Vec<MapEstimate>,
+    /// Fit on held-out parts.
+    pub fit: Fit,
+    /// Probability over all hypotheses.
+    pub probability: f64,
+    /// What else it could be.
+    pub alternatives: Vec<Alternative>,
+    /// What to record to tell the alternatives apart.
+    pub next_experiment: Option<String>,
+    /// Per recording.
+    pub contribution: Vec<Contribution>,
+    /// The same as a term of a model.
+    pub term: PhysicsTerm,
+    /// Twice the gain in log-likelihood on held-out parts.
+    pub evidence: f64,
+}
+
+/// A number of the model that the recordings contradict.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Correction {
+    /// Key of the model.
+    pub name: &'static str,
+    /// What the model says.
+    pub nominal: f64,
+    /// What the recordings say.
+    pub value: f64,
+    /// 95 % interval.
+    pub ci95: [f64; 2],
+}
+
+/// How one recording fits, and the series to draw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordingFit {
+    /// Free word of the recording.
+    pub experiment: String,
+    /// Residual of the stated model, N.
+    pub rms_before_n: f64,
+    /// Residual with corrections and findings, N.
+    pub rms_after_n: f64,
+    /// Times of the series below (thinned to the residual's own rate), s.
+    pub t_s: Vec<f64>,
+    /// Position of the stage (of the motor as travel, where there is no scale), m.
+    pub position_m: Vec<f64>,
+    /// Its velocity, m/s.
+    pub velocity_m_s: Vec<f64>,
+    /// Force balance of the stated model, N; motor and stage side, or the one balance of a rigid axis.
+    pub residual_nominal_n: Vec<Vec<f64>>,
+    /// With the numbers re-estimated, no finding.
+    pub residual_before_n: Vec<Vec<f64>>,
+    /// With corrections and findings.
+    pub residual_after_n: Vec<Vec<f64>>,
+}
+
+/// A hypothesis that was tried, for the table in the report.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tried {
+    /// Effect; `None`: a free competitor (map, resonator, drift).
+    pub effect: Option<EffectKind>,
+    /// Port.
+    pub port: Port,
+    /// Twice the gain in log-likelihood on held-out parts, numbers re-estimated.
+    pub evidence: f64,
+}
+
+/// Everything a diagnosis says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnosis {
+    /// Axis.
+    pub axis: String,
+    /// Verdict.
+    pub verdict: Verdict,
+    /// Where, unless nothing is.
+    pub location: Option<Location>,
+    /// Effects, strongest first.
+    pub findings: Vec<Finding>,
+    /// Band of the residuals.
+    pub residual_band_hz: [f64; 2],
+    /// Numbers that are wrong.
+    pub parameter_corrections: Vec<Correction>,
+    /// Per recording, in the order they were handed in.
+    pub recordings: Vec<RecordingFit>,
+    /// Names of the balances in `residual_*`: `["motor", "stage"]` or `["axis"]`.
+    pub balances: Vec<&'static str>,
+    /// Rate of the series in [`RecordingFit`].
+    pub series_rate_hz: f64,
+    /// Noise floor of each balance in the band, N.
+    pub noise_floor_n: Vec<f64>,
+    /// Everything that was tried in the first round, strongest first.
+    pub tried: Vec<Tried>,
+    /// The model with findings and corrections in it.
+    pub model: Machine,
+}
