@@ -142,18 +142,8 @@ pub fn fit_sweep(prior: &DriveParams, sweep: &Sweep) -> Result<SweepFit, SweepEr
     }
     let lines = Lines::new(sweep, &stretches)?;
     let mut fit = Fit::new(prior, &lines, [has_motor, has_stage]);
-    let mut high_hz = lines.highest_hz();
-    fit.run(high_hz);
     let mut warnings = Vec::new();
-    // A mode that the model does not have: fit again below the place where the misfit begins.
-    if let Some(mode_hz) = fit.unmodelled_mode_hz() {
-        warnings.push(format!(
-            "a mode that the model does not have is in band: misfit beyond noise from {mode_hz:.0} Hz; fitted below"
-        ));
-        high_hz = (0.8 * mode_hz).max(10.0 * LOW_HZ);
-        fit.restart();
-        fit.run(high_hz);
-    }
+    let high_hz = fit.widen(&mut warnings);
     let points = fit.points();
     let (mut raw, mut parameters) = fit.result();
     if let Some(friction) = friction_from_means(&raw, sweep, &stretches) {
@@ -313,6 +303,10 @@ struct Fit<'a> {
     count: usize,
 }
 
+/// Relative misfit up to which the model explains a band.
+const EXPLAINED: f64 = 0.1;
+/// The stated torque constant is believed to within this share; masses, stiffness and damping scale with it.
+const TORQUE_CONSTANT_TRUST: f64 = 0.005;
 /// The stated bandwidth of the current loop is believed to within this share.
 const BANDWIDTH_TRUST: f64 = 0.2;
 
@@ -539,18 +533,67 @@ impl<'a> Fit<'a> {
         ResponsePoint { frequency_hz: centre, motor_1_kg: result[0], stage_1_kg: result[1], coherence }
     }
 
-    /// First frequency from where measured and fitted differ by more than a quarter although the
-    /// coherence says that the measurement is good.
-    fn unmodelled_mode_hz(&self) -> Option<f64> {
-        let points = self.points();
+    /// Fits bands that grow from around the first resonance to the end of the sweep, as long as the
+    /// model explains them; a mode beyond is warned of and left out. Returns the end of the band.
+    fn widen(&mut self, warnings: &mut Vec<String>) -> f64 {
+        let end_hz = self.lines.highest_hz();
+        let resonance_hz = Chain::of_drive(self.prior).modes().frequencies_hz.get(1).copied().unwrap_or(0.0);
+        let mut high_hz = if resonance_hz > 0.0 { (1.25 * resonance_hz).min(end_hz) } else { 0.25 * end_hz };
+        let mut good = None;
+        loop {
+            self.run(high_hz);
+            if self.worst_misfit(high_hz) > EXPLAINED {
+                break;
+            }
+            good = Some((high_hz, self.parameters.clone()));
+            if high_hz >= end_hz {
+                return end_hz;
+            }
+            high_hz = (1.25 * high_hz).min(end_hz);
+        }
+        let kept_hz = match good {
+            Some((kept_hz, parameters)) => {
+                self.parameters = parameters;
+                self.run(kept_hz);
+                kept_hz
+            }
+            None => high_hz,
+        };
+        warnings.push(match self.mode_beyond_hz(kept_hz) {
+            Some(mode_hz) => format!(
+                "a mode outside of the model at about {mode_hz:.0} Hz; fitted up to {kept_hz:.0} Hz, parameters hold there"
+            ),
+            None => format!("the model does not explain the response beyond {kept_hz:.0} Hz; parameters hold below"),
+        });
+        kept_hz
+    }
+
+    /// Largest relative distance of measured from fitted where the coherence says that the measurement
+    /// is good; the median of three neighbours, so that a single disturbed line does not count.
+    fn worst_misfit(&self, high_hz: f64) -> f64 {
         let misfit = |p: &ResponsePoint| {
             let side = |used: bool, h: [Complex64; 2], coherence: f64| {
-                if used && coherence > 0.9 { (h[0] - h[1]).norm() / h[1].norm().max(h[0].norm()) } else { 0.0 }
+                if used && coherence > 0.95 { (h[0] - h[1]).norm() / h[1].norm().max(h[0].norm()) } else { 0.0 }
             };
             side(self.used[0], p.motor_1_kg, p.coherence[0]).max(side(self.used[1], p.stage_1_kg, p.coherence[1]))
         };
-        let bad: Vec<&ResponsePoint> = points.iter().filter(|p| misfit(p) > 0.25).collect();
-        if bad.len() >= 4 { bad.first().map(|p| p.frequency_hz) } else { None }
+        let values: Vec<f64> = self.points().iter().filter(|p| p.frequency_hz <= high_hz).map(misfit).collect();
+        values
+            .windows(3)
+            .map(|w| w[0].max(w[1]).min(w[0].max(w[2])).min(w[1].max(w[2])))
+            .fold(0.0, f64::max)
+    }
+
+    /// Where measured stands highest above fitted beyond the band.
+    fn mode_beyond_hz(&self, kept_hz: f64) -> Option<f64> {
+        let points = self.points();
+        let excess = |p: &ResponsePoint| p.motor_1_kg[0].norm() / p.motor_1_kg[1].norm().max(f64::MIN_POSITIVE);
+        points
+            .iter()
+            .filter(|p| p.frequency_hz > 0.8 * kept_hz && p.coherence[0] > 0.8)
+            .max_by(|a, b| excess(a).total_cmp(&excess(b)))
+            .filter(|p| excess(p) > 1.2)
+            .map(|p| p.frequency_hz)
     }
 
     fn result(&self) -> (RawDriveParams, Vec<FittedParameter>) {
@@ -596,7 +639,12 @@ impl<'a> Fit<'a> {
             let stated = if damping_or_delay { positive.max(0.0) } else { positive };
             let prior = field.unwrap_or(0.0);
             *field = Some(stated);
-            let reach = 1.96 * error * factor;
+            let per_torque = !matches!(
+                unknown,
+                Unknown::CommonDelay | Unknown::StageExtraDelay | Unknown::CurrentBandwidth
+            );
+            let common = if per_torque { TORQUE_CONSTANT_TRUST * value } else { 0.0 };
+            let reach = 1.96 * error.hypot(common) * factor;
             fitted.push(FittedParameter { name, prior, value: stated, ci95: [positive - reach, positive + reach] });
         }
         (raw, fitted)
