@@ -8,3 +8,4 @@ mod transport;
 mod conceal;
 mod pipeline;
 mod report;
+mod closed_loop;
