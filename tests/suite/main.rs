@@ -6,4 +6,5 @@ mod lathe;
 #[cfg(feature = "service")]
 mod transport;
 mod conceal;
+mod import;
 mod report;
