@@ -83,3 +83,61 @@ impl Recording {
         self.metadata.iter().find(|(k, _)| k == key).map(|(_, v)| v.as_str())
     }
 }
+
+/// Largest number of servo axes that one sample carries.
+pub const MAX_AXES: usize = 6;
+
+/// What one servo axis reported at one instant. All numbers are finite.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct AxisSample {
+    /// Current reference, A.
+    pub current_ref_a: f64,
+    /// Rotary encoder on the motor, rad.
+    pub motor_angle_rad: f64,
+    /// Linear scale on the stage, m; `None` on a semi-closed axis.
+    pub stage_position_m: Option<f64>,
+}
+
+/// One instant of all axes of a machine, as the motion controller published it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ServoSample {
+    /// Counts samples since the producer started; a step of more than one is a gap.
+    pub sequence: u64,
+    /// Time of the sample on the producer's clock, s.
+    pub t_s: f64,
+    /// Axes in the order that the stream was announced with; unused places are default.
+    pub axes: [AxisSample; MAX_AXES],
+    /// Spindle angle, rad.
+    pub spindle_angle_rad: f64,
+    /// Spindle speed, rpm.
+    pub spindle_speed_rpm: f64,
+}
+
+/// Why a servo sample was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum SampleError {
+    /// A signal is NaN or infinite.
+    #[error("a signal of axis {axis} is not a finite number")]
+    AxisNotFinite {
+        /// Index of the axis.
+        axis: usize,
+    },
+    /// Time or spindle is NaN or infinite.
+    #[error("time or spindle is not a finite number")]
+    HeadNotFinite,
+}
+
+impl ServoSample {
+    /// Checks that everything is finite. Errors: which part is not.
+    pub fn check(&self) -> Result<(), SampleError> {
+        if !(self.t_s.is_finite() && self.spindle_angle_rad.is_finite() && self.spindle_speed_rpm.is_finite()) {
+            return Err(SampleError::HeadNotFinite);
+        }
+        let bad = self.axes.iter().position(|a| {
+            !(a.current_ref_a.is_finite()
+                && a.motor_angle_rad.is_finite()
+                && a.stage_position_m.is_none_or(f64::is_finite))
+        });
+        bad.map_or(Ok(()), |axis| Err(SampleError::AxisNotFinite { axis }))
+    }
+}

@@ -64,6 +64,20 @@ pub(crate) fn bad_input(error: impl std::fmt::Display) -> anyhow::Error {
     BadInput(error.to_string()).into()
 }
 
+/// A progress bar on a terminal, nothing in a pipe.
+pub(crate) fn progress(length: u64, what: &'static str) -> indicatif::ProgressBar {
+    use std::io::IsTerminal as _;
+    if !std::io::stderr().is_terminal() {
+        return indicatif::ProgressBar::hidden();
+    }
+    let bar = indicatif::ProgressBar::new(length);
+    if let Ok(style) = indicatif::ProgressStyle::with_template("{msg} {wide_bar} {percent}% {eta}") {
+        bar.set_style(style);
+    }
+    bar.set_message(what);
+    bar
+}
+
 /// Runs the command named by the process's arguments.
 #[must_use]
 pub fn main() -> ExitCode {
@@ -76,7 +90,12 @@ pub fn main() -> ExitCode {
             } else {
                 // One line: the first of clap's message.
                 let text = error.to_string();
-                let line: Vec<&str> = text.lines().map(str::trim).take_while(|l| !l.starts_with("Usage")).filter(|l| !l.is_empty()).collect();
+                let line: Vec<&str> = text
+                    .lines()
+                    .map(str::trim)
+                    .take_while(|l| !l.starts_with("Usage"))
+                    .filter(|l| !l.is_empty())
+                    .collect();
                 let _ = writeln!(std::io::stderr(), "{}", line.join(" "));
             }
             return ExitCode::from(status);
@@ -85,7 +104,9 @@ pub fn main() -> ExitCode {
     match dispatch(arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let broken_pipe = error.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe);
+            let broken_pipe = error
+                .downcast_ref::<std::io::Error>()
+                .is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe);
             if broken_pipe {
                 return ExitCode::SUCCESS;
             }

@@ -1,9 +1,129 @@
-//! `stillcut simulate`.
+//! `stillcut simulate`: a recording from the virtual lathe.
 
-/// Writes a recording from the simulator.
+use super::bad_input;
+use crate::config::scenario::read_scenario;
+use crate::recording::write_recording;
+use crate::sample::{Column, Recording};
+use crate::simulation::lathe::{AXES, Lathe, LatheSettings};
+use crate::units::SampleRate;
+use std::path::PathBuf;
+
+/// Writes a recording from the simulator: what an ideal dynamometer and probe would see.
+///
+/// Without --servo the cut is ideal: one bending mode, rigid turrets, no random force. With it, the
+/// turrets are servo drives, the bar has its second mode and the force is random by 3 %.
 #[derive(clap::Args)]
-pub(super) struct Arguments {}
+#[command(after_help = "Example: stillcut simulate --scenario lathe.toml --duration-s 5 --out cut.parquet")]
+pub(super) struct Arguments {
+    /// Scenario (contracts, section 3); keys not given have their defaults.
+    #[arg(long, value_name = "FILE")]
+    scenario: PathBuf,
+    /// How long to cut, in s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 5.0)]
+    duration_s: f64,
+    /// Recording to write (Parquet).
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Add the servo columns of each turret axis.
+    #[arg(long)]
+    servo: bool,
+    /// Random part of the cutting force over the force (default 0, with --servo 0.03).
+    #[arg(long, value_name = "RATIO")]
+    force_noise_ratio: Option<f64>,
+    /// Time in air before the tools enter the cut, in s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    entry_s: f64,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
 
-pub(super) fn run(_arguments: Arguments) -> anyhow::Result<()> {
-    anyhow::bail!("being built")
+pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    let scenario = read_scenario(&arguments.scenario).map_err(bad_input)?;
+    let duration_s = arguments.duration_s;
+    if !(duration_s.is_finite() && (0.001..=86_400.0).contains(&duration_s)) {
+        return Err(bad_input(format!("--duration-s {duration_s}: expected 0.001 to 86400")));
+    }
+    let base = if arguments.servo {
+        LatheSettings::realistic(scenario, arguments.seed)
+    } else {
+        LatheSettings::ideal(scenario)
+    };
+    let noise = arguments.force_noise_ratio.unwrap_or(base.force_noise_ratio);
+    if !(0.0..=1.0).contains(&noise) {
+        return Err(bad_input(format!("--force-noise-ratio {noise}: expected 0 to 1")));
+    }
+    if !(arguments.entry_s.is_finite() && arguments.entry_s >= 0.0) {
+        return Err(bad_input(format!("--entry-s {}: expected zero or more", arguments.entry_s)));
+    }
+    let settings = LatheSettings {
+        seed: arguments.seed,
+        force_noise_ratio: noise,
+        entry_s: arguments.entry_s,
+        ..base
+    };
+    let recording = record(settings, duration_s).map_err(bad_input)?;
+    write_recording(&arguments.out, &recording).map_err(bad_input)?;
+    Ok(())
+}
+
+/// Lets the lathe run and keeps what it showed.
+fn record(settings: LatheSettings, duration_s: f64) -> anyhow::Result<Recording> {
+    let mut lathe = Lathe::new(settings);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded by the caller")]
+    let rows = (duration_s * settings.sample_rate_hz).round().max(2.0) as usize;
+    let progress = super::progress(rows as u64, "simulating");
+    let mut truth = Vec::with_capacity(rows);
+    let mut servo = Vec::with_capacity(if settings.with_servo { rows } else { 0 });
+    for row in 0..rows {
+        let sample = lathe.step();
+        truth.push(*lathe.truth());
+        if settings.with_servo {
+            servo.push(sample);
+        }
+        if row % 9000 == 0 {
+            progress.set_position(row as u64);
+        }
+    }
+    progress.finish_and_clear();
+    let column = |name: &str, values: Vec<f64>| Column { name: name.to_owned(), values };
+    let mut columns = vec![
+        column("workpiece_displacement_m", truth.iter().map(|t| t.workpiece_displacement_m).collect()),
+        column("tool1_radial_force_n", truth.iter().map(|t| t.radial_force_n[0]).collect()),
+        column("tool2_radial_force_n", truth.iter().map(|t| t.radial_force_n[1]).collect()),
+        column("tool_position_m", truth.iter().map(|t| t.tool_position_m).collect()),
+        column("pitch_difference_rad", truth.iter().map(|t| t.pitch_difference_rad).collect()),
+    ];
+    for (index, axis) in AXES.iter().enumerate().take(if settings.with_servo { AXES.len() } else { 0 }) {
+        columns.push(column(
+            &format!("{axis}_current_ref_a"),
+            servo.iter().map(|s| s.axes[index].current_ref_a).collect(),
+        ));
+        columns.push(column(
+            &format!("{axis}_motor_angle_rad"),
+            servo.iter().map(|s| s.axes[index].motor_angle_rad).collect(),
+        ));
+        if servo.iter().all(|s| s.axes[index].stage_position_m.is_some()) {
+            let positions = servo.iter().filter_map(|s| s.axes[index].stage_position_m).collect();
+            columns.push(column(&format!("{axis}_stage_position_m"), positions));
+        }
+    }
+    if settings.with_servo {
+        columns.push(column("spindle_angle_rad", servo.iter().map(|s| s.spindle_angle_rad).collect()));
+    }
+    let speed = settings.scenario.spindle.rpm();
+    columns.push(column("spindle_speed_rpm", vec![speed; rows]));
+    let workpiece = &settings.scenario.workpiece;
+    Ok(Recording {
+        sample_rate: SampleRate::new(settings.sample_rate_hz)?,
+        experiment: "simulate".to_owned(),
+        axes: if settings.with_servo { AXES.map(str::to_owned).to_vec() } else { Vec::new() },
+        start_s: 1.0 / settings.sample_rate_hz,
+        columns,
+        metadata: vec![
+            ("workpiece_diameter_m".to_owned(), format!("{:?}", workpiece.diameter_m())),
+            ("workpiece_projection_length_m".to_owned(), format!("{:?}", workpiece.projection_length_m())),
+            ("seed".to_owned(), settings.seed.to_string()),
+        ],
+    })
 }

@@ -82,7 +82,8 @@ pub fn read_machine(path: &Path) -> Result<Machine, ConfigError> {
 /// Parses a machine model; `path` only names the source in errors.
 pub fn machine_from_text(path: &Path, text: &str) -> Result<Machine, ConfigError> {
     let raw: MachineToml = parse(path, text)?;
-    let content = |place: String, message: String| ConfigError::Content { path: path.to_owned(), place, message };
+    let content =
+        |place: String, message: String| ConfigError::Content { path: path.to_owned(), place, message };
     let sample_rate = SampleRate::new(raw.machine.sample_rate_hz)
         .map_err(|e| content("machine.sample_rate_hz".into(), e.to_string()))?;
     if raw.axes.is_empty() {
@@ -94,7 +95,10 @@ pub fn machine_from_text(path: &Path, text: &str) -> Result<Machine, ConfigError
         let toml::Value::Table(table) = value else {
             return Err(content(place, "expected a table".into()));
         };
-        axes.push(axis_from_table(name, table).map_err(|(key, message)| content(format!("{place}{key}"), message))?);
+        axes.push(
+            axis_from_table(name, table)
+                .map_err(|(key, message)| content(format!("{place}{key}"), message))?,
+        );
     }
     Ok(Machine { name: raw.machine.name, sample_rate, axes })
 }
@@ -110,7 +114,8 @@ fn axis_from_table(name: &str, table: &toml::Table) -> Result<AxisModel, Complai
             "controller" => controller = Some(controller_from(value)?),
             "physics" => physics = physics_from(value)?,
             k if DRIVE_KEYS.contains(&k) => {
-                let number = number(value).ok_or_else(|| (format!(".{k}"), "expected a number".to_owned()))?;
+                let number =
+                    number(value).ok_or_else(|| (format!(".{k}"), "expected a number".to_owned()))?;
                 set_drive_key(&mut raw, k, number);
             }
             k => return Err((format!(".{k}"), format!("unknown key `{k}`{}", nearest(k, DRIVE_KEYS)))),
@@ -133,7 +138,10 @@ fn controller_from(value: &toml::Value) -> Result<Controller, Complaint> {
     ];
     for (key, gain) in gains {
         if !(gain.is_finite() && gain >= 0.0) {
-            return Err((format!(".controller.{key}"), format!("{gain} is not physical: zero or a number above")));
+            return Err((
+                format!(".controller.{key}"),
+                format!("{gain} is not physical: zero or a number above"),
+            ));
         }
     }
     Ok(Controller {
@@ -156,16 +164,21 @@ fn physics_from(value: &toml::Value) -> Result<Vec<PhysicsTerm>, Complaint> {
             return Err((at(""), "expected a table".into()));
         };
         let text = |key: &str| {
-            table.get(key).and_then(toml::Value::as_str).ok_or_else(|| (at(""), format!("{key} = \"...\" is missing")))
+            table
+                .get(key)
+                .and_then(toml::Value::as_str)
+                .ok_or_else(|| (at(""), format!("{key} = \"...\" is missing")))
         };
         let effect_name = text("effect")?;
         let effect = EffectKind::from_name(effect_name)
             .ok_or_else(|| (at(".effect"), format!("unknown effect `{effect_name}`")))?;
         let port_name = text("port")?;
-        let port = Port::from_name(port_name).ok_or_else(|| (at(".port"), format!("unknown port `{port_name}`")))?;
+        let port =
+            Port::from_name(port_name).ok_or_else(|| (at(".port"), format!("unknown port `{port_name}`")))?;
         let mut parameters = Vec::new();
         for (key, value) in table.iter().filter(|(k, _)| !matches!(k.as_str(), "effect" | "port")) {
-            let expected = || (at(&format!(".{key}")), "expected a finite number or a list of them".to_owned());
+            let expected =
+                || (at(&format!(".{key}")), "expected a finite number or a list of them".to_owned());
             let value = match value {
                 toml::Value::Array(list) => {
                     ParameterValue::List(list.iter().map(number).collect::<Option<_>>().ok_or_else(expected)?)
@@ -233,7 +246,11 @@ pub fn machine_to_text(machine: &Machine) -> String {
             let _ = writeln!(out, "velocity_filter_rad_s = {:?}", c.velocity_filter_rad_s);
         }
         for term in &axis.physics {
-            let _ = writeln!(out, "\n[[axes.{key}.physics]]\neffect = \"{}\"\nport = \"{}\"", term.effect, term.port);
+            let _ = writeln!(
+                out,
+                "\n[[axes.{key}.physics]]\neffect = \"{}\"\nport = \"{}\"",
+                term.effect, term.port
+            );
             for (name, value) in &term.parameters {
                 match value {
                     ParameterValue::Number(x) => {

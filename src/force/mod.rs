@@ -1,1 +1,20 @@
-//! Being built.
+//! Cutting force from what a machine already measures: motor current, rotary encoder, linear scale,
+//! accelerometers.
+//!
+//! ```text
+//!  current ref --lag, dead time--+
+//!  motor angle --delay-----------+--> aligned motion --> force balance --> idle map --> low-pass --> N
+//!  stage scale --delay-----------+        (thrust, dob, medob, rigid_mode, vibration_mode)
+//! ```
+//! One [`estimator::ForceEstimator`] serves the live pipeline and the offline command: one sample in,
+//! one [`estimator::ForceEstimate`] out, with the time by which it lags, the band in which it can be
+//! used, its noise floor and flags that say what it cannot see.
+//!
+//! It does not know what chatter is, and it never reads a simulated truth.
+
+pub mod alignment;
+pub mod balance;
+pub mod estimator;
+pub mod friction;
+pub mod idle_map;
+pub mod validity;

@@ -139,7 +139,12 @@ impl DriveParams {
         }
         let structure = match (raw.axial_stiffness_n_m, raw.torsional_stiffness_nm_rad) {
             (None, None) => Structure::Rigid,
-            (None, Some(_)) => return Err(missing("axial_stiffness_n_m", "a torsional spring needs the axial one behind it")),
+            (None, Some(_)) => {
+                return Err(missing(
+                    "axial_stiffness_n_m",
+                    "a torsional spring needs the axial one behind it",
+                ));
+            }
             (Some(_), None) => Structure::DualInertia,
             (Some(_), Some(_)) => Structure::TripleInertia,
         };
@@ -252,7 +257,9 @@ impl DriveParams {
     /// M_a = M_r + M_t (+ screw): all that moves, as a mass on the screw axis, kg.
     #[must_use]
     pub fn total_mass_kg(&self) -> f64 {
-        self.movable_mass_kg() + self.reflected_mass_kg() + self.screw_inertia_kg_m2() / self.travel_m_rad().powi(2)
+        self.movable_mass_kg()
+            + self.reflected_mass_kg()
+            + self.screw_inertia_kg_m2() / self.travel_m_rad().powi(2)
     }
 
     /// alpha = M_t / M_r, where there is a motor side.

@@ -1,6 +1,9 @@
 //! Physics: drives, effects beyond the drive's structure, workpiece and cutting. It knows nothing of
 //! the observers and decisions that look at it.
 
+pub mod cutting;
 pub mod drive;
 pub mod effects;
 pub mod machine;
+pub mod scenario;
+pub mod workpiece;

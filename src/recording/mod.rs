@@ -4,6 +4,8 @@
 //! numbers. Writing goes beside the target and is renamed: a file is there whole or not at all.
 
 mod csv_file;
+mod foreign;
+mod mat_file;
 mod parquet_file;
 
 use crate::sample::{Column, Recording};
@@ -11,6 +13,7 @@ use crate::units::SampleRate;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+pub use foreign::import;
 pub use parquet_file::{Table, TableColumn, write_table};
 
 /// Why a recording cannot be read or written. One line: file, column, first bad row.
@@ -76,7 +79,9 @@ fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, Recording
     let stated = match meta("sample_rate_hz") {
         Some(text) => {
             let parsed = text.trim().parse::<f64>().ok().and_then(|hz| SampleRate::new(hz).ok());
-            Some(parsed.ok_or_else(|| format_error(format!("metadata sample_rate_hz is `{text}`, expected a number above zero")))?)
+            Some(parsed.ok_or_else(|| {
+                format_error(format!("metadata sample_rate_hz is `{text}`, expected a number above zero"))
+            })?)
         }
         None => None,
     };
@@ -117,7 +122,12 @@ fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, Recording
 
 /// Times must grow, and evenly: the largest deviation from a uniform grid is half a sample.
 fn check_times(path: &Path, times: &[f64], stated: Option<SampleRate>) -> Result<SampleRate, RecordingError> {
-    let bad = |row: usize, message: String| RecordingError::Value { path: path.to_owned(), column: "t_s".into(), row, message };
+    let bad = |row: usize, message: String| RecordingError::Value {
+        path: path.to_owned(),
+        column: "t_s".into(),
+        row,
+        message,
+    };
     if let Some(row) = times.windows(2).position(|w| w[1] <= w[0]) {
         let (before, after) = (times[row], times[row + 1]);
         return Err(bad(row + 1, format!("time runs from {before} to {after} s, expected to grow")));
@@ -132,15 +142,25 @@ fn check_times(path: &Path, times: &[f64], stated: Option<SampleRate>) -> Result
     // Neighbours may jitter; a hole of more than half a sample is not uniform sampling.
     if let Some(row) = times.windows(2).position(|w| ((w[1] - w[0]) / period - 1.0).abs() > 0.5) {
         let gap = times[row + 1] - times[row];
-        return Err(bad(row + 1, format!("step of {gap:.6e} s where {period:.6e} s were expected: not uniformly sampled")));
+        return Err(bad(
+            row + 1,
+            format!("step of {gap:.6e} s where {period:.6e} s were expected: not uniformly sampled"),
+        ));
     }
     Ok(rate)
 }
 
 fn axes_from_columns(columns: &[Column]) -> Vec<String> {
     const SUFFIXES: [&str; 9] = [
-        "_current_ref_a", "_torque_ref_nm", "_thrust_ref_n", "_motor_angle_rad", "_motor_position_m",
-        "_stage_position_m", "_position_cmd_m", "_force_n", "_accel_m_s2",
+        "_current_ref_a",
+        "_torque_ref_nm",
+        "_thrust_ref_n",
+        "_motor_angle_rad",
+        "_motor_position_m",
+        "_stage_position_m",
+        "_position_cmd_m",
+        "_force_n",
+        "_accel_m_s2",
     ];
     let mut axes: Vec<String> = Vec::new();
     for column in columns {

@@ -27,7 +27,10 @@ pub(super) fn read(path: &Path) -> Result<RawTable, RecordingError> {
     let descriptions = info.schema_descr();
     for (index, column) in descriptions.columns().iter().enumerate() {
         let name = column.path().string();
-        if matches!(column.physical_type(), Physical::BYTE_ARRAY | Physical::FIXED_LEN_BYTE_ARRAY | Physical::INT96) {
+        if matches!(
+            column.physical_type(),
+            Physical::BYTE_ARRAY | Physical::FIXED_LEN_BYTE_ARRAY | Physical::INT96
+        ) {
             continue; // text carries no signal
         }
         let mut values = Vec::new();
@@ -52,7 +55,12 @@ fn one_line(error: &ParquetError) -> String {
 }
 
 /// Appends `rows` values; a null becomes NaN, which the caller refuses with its row.
-fn read_chunk(reader: ColumnReader, rows: usize, nullable: i16, out: &mut Vec<f64>) -> Result<(), ParquetError> {
+fn read_chunk(
+    reader: ColumnReader,
+    rows: usize,
+    nullable: i16,
+    out: &mut Vec<f64>,
+) -> Result<(), ParquetError> {
     macro_rules! typed {
         ($reader:expr, $convert:expr) => {{
             let mut reader = $reader;
@@ -70,7 +78,9 @@ fn read_chunk(reader: ColumnReader, rows: usize, nullable: i16, out: &mut Vec<f6
                 if nullable == 0 {
                     out.extend(present.map($convert));
                 } else {
-                    out.extend(levels.iter().map(|l| if *l == nullable { present.next().map_or(f64::NAN, $convert) } else { f64::NAN }));
+                    out.extend(levels.iter().map(|l| {
+                        if *l == nullable { present.next().map_or(f64::NAN, $convert) } else { f64::NAN }
+                    }));
                 }
             }
         }};
@@ -81,7 +91,9 @@ fn read_chunk(reader: ColumnReader, rows: usize, nullable: i16, out: &mut Vec<f6
         ColumnReader::Int32ColumnReader(r) => typed!(r, |v: &i32| f64::from(*v)),
         ColumnReader::Int64ColumnReader(r) => typed!(r, |v: &i64| *v as f64),
         ColumnReader::BoolColumnReader(r) => typed!(r, |v: &bool| f64::from(u8::from(*v))),
-        ColumnReader::Int96ColumnReader(_) | ColumnReader::ByteArrayColumnReader(_) | ColumnReader::FixedLenByteArrayColumnReader(_) => {}
+        ColumnReader::Int96ColumnReader(_)
+        | ColumnReader::ByteArrayColumnReader(_)
+        | ColumnReader::FixedLenByteArrayColumnReader(_) => {}
     }
     Ok(())
 }
@@ -126,8 +138,10 @@ pub fn write_table(path: &Path, table: &Table<'_>) -> Result<(), RecordingError>
 }
 
 fn write_to(path: &Path, table: &Table<'_>) -> Result<(), RecordingError> {
-    let format_error = |e: ParquetError| RecordingError::Format { path: path.to_owned(), message: one_line(&e) };
-    let fields = table.columns.iter().map(|(name, column)| field(name, *column)).collect::<Result<Vec<_>, _>>();
+    let format_error =
+        |e: ParquetError| RecordingError::Format { path: path.to_owned(), message: one_line(&e) };
+    let fields =
+        table.columns.iter().map(|(name, column)| field(name, *column)).collect::<Result<Vec<_>, _>>();
     let fields = fields.map_err(format_error)?;
     let schema = Type::group_type_builder("schema").with_fields(fields).build().map_err(format_error)?;
     let metadata = table.metadata.iter().map(|(k, v)| KeyValue::new(k.clone(), v.clone())).collect();
@@ -136,7 +150,8 @@ fn write_to(path: &Path, table: &Table<'_>) -> Result<(), RecordingError> {
         .set_key_value_metadata(Some(metadata))
         .build();
     let file = File::create(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
-    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).map_err(format_error)?;
+    let mut writer =
+        SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).map_err(format_error)?;
     let mut group = writer.next_row_group().map_err(format_error)?;
     for (_, column) in &table.columns {
         write_column(&mut group, *column).map_err(format_error)?;
@@ -161,7 +176,10 @@ fn field(name: &str, column: TableColumn<'_>) -> Result<Arc<Type>, ParquetError>
     Ok(Arc::new(builder.build()?))
 }
 
-fn write_column(group: &mut SerializedRowGroupWriter<'_, File>, column: TableColumn<'_>) -> Result<(), ParquetError> {
+fn write_column(
+    group: &mut SerializedRowGroupWriter<'_, File>,
+    column: TableColumn<'_>,
+) -> Result<(), ParquetError> {
     let Some(mut writer) = group.next_column()? else {
         return Err(ParquetError::General("more columns than the schema has".into()));
     };

@@ -1,1 +1,6 @@
-//! Being built.
+//! What leaves as a report for a person: pictures and pages. Core types in, text out; no files here.
+
+pub mod html;
+mod maps;
+pub mod page;
+pub mod plot;

@@ -1,1 +1,6 @@
-//! Being built.
+//! Machines that do not exist: the virtual lathe and feed axes in closed loop.
+//!
+//! Nothing here knows how an observer or a decision works, so that both can be tested on it.
+
+pub mod concealed_axis;
+pub mod lathe;

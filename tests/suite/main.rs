@@ -1,3 +1,10 @@
 //! Tests that cross modules, in one binary. Data beside the project (`../shared`) is read where it is
 //! present; a test that needs it says so and passes where it is absent.
 
+mod lathe;
+
+#[cfg(feature = "service")]
+mod transport;
+mod conceal;
+mod import;
+mod report;

@@ -1,0 +1,483 @@
+//! One axis, one method: aligned signals -> force balance -> idle map -> low-pass.
+
+use super::alignment::Alignment;
+use super::balance::{ForceBalance, Method};
+use super::friction::{PRESLIDING_TRAVEL_M, Presliding, PreslidingState};
+use super::idle_map::IdleMap;
+use super::validity::Validity;
+use crate::plant::drive::DriveParams;
+use crate::signal::FilterError;
+use crate::signal::butterworth::{Butterworth, ButterworthState};
+use crate::signal::delay_line::DelayLine;
+use crate::signal::finite_difference::{Stencil, stencils};
+use crate::signal::linear_phase::{LinearPhase, LinearPhaseState};
+use crate::units::SampleRate;
+use thiserror::Error;
+
+/// The low-pass behind the force balance, Q(s) of the observer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LowPass {
+    /// Butterworth: short delay that varies with frequency.
+    Butterworth {
+        /// Order, 1 to 12.
+        order: usize,
+        /// Half-power frequency.
+        cutoff_hz: f64,
+    },
+    /// FIR with the same delay at every frequency, a whole number of samples.
+    LinearPhase {
+        /// Flat to here.
+        pass_hz: f64,
+        /// Dark (-70 dB) this much above.
+        width_hz: f64,
+    },
+    /// None: the bare balance.
+    None,
+}
+
+/// What may be chosen about an estimator.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForceSettings {
+    /// Low-pass behind the balance.
+    pub low_pass: LowPass,
+    /// Disturbance of air-cutting runs by position, taken off where it is given.
+    pub idle_map: Option<IdleMap>,
+    /// Travel over which the guideway's friction turns, m.
+    pub presliding_travel_m: f64,
+    /// Frequencies of modes that the model does not have, where they are known, Hz.
+    pub unmodelled_modes_hz: Vec<f64>,
+}
+
+impl Default for ForceSettings {
+    /// Fourth-order Butterworth at 1 kHz (thesis 4.3 and 6.4), no idle map.
+    fn default() -> Self {
+        Self {
+            low_pass: LowPass::Butterworth { order: 4, cutoff_hz: 1000.0 },
+            idle_map: None,
+            presliding_travel_m: PRESLIDING_TRAVEL_M,
+            unmodelled_modes_hz: Vec::new(),
+        }
+    }
+}
+
+/// Why an estimator cannot be made.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ForceError {
+    /// A filter cannot be designed.
+    #[error(transparent)]
+    Filter(#[from] FilterError),
+    /// The method needs a structure that the drive does not have.
+    #[error("{method} needs {needs}; the model has none")]
+    Structure {
+        /// Method.
+        method: &'static str,
+        /// What is missing.
+        needs: &'static str,
+    },
+}
+
+/// One instant of one axis. A position that is absent is held at its last value and flagged.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MotionSample {
+    /// Thrust reference K_t I / R on the screw axis, N.
+    pub thrust_ref_n: f64,
+    /// Motor angle as stage travel, m.
+    pub motor_travel_m: Option<f64>,
+    /// Linear scale, m.
+    pub stage_position_m: Option<f64>,
+}
+
+/// One estimate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForceEstimate {
+    /// Cutting force as it was [`ForceEstimator::delay_s`] ago, N; positive opposes stage motion.
+    pub force_n: f64,
+    /// What speaks against it.
+    pub flags: Validity,
+}
+
+/// Aligned motion of one instant: what the balance works on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AlignedMotion {
+    /// Thrust that acted, N.
+    pub thrust_n: f64,
+    /// Motor travel velocity, m/s.
+    pub motor_velocity_m_s: f64,
+    /// Stage velocity, m/s.
+    pub stage_velocity_m_s: f64,
+    /// Position of the stage (of the motor where there is no scale), m.
+    pub position_m: f64,
+}
+
+/// A designed estimator of one axis; immutable.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForceEstimator {
+    method: Method,
+    balance: ForceBalance,
+    alignment: Alignment,
+    motor: SideStencils,
+    stage: SideStencils,
+    current: Stencil,
+    friction_smoothing_m_s: f64,
+    presliding: Presliding,
+    filter: Filter,
+    idle_map: Option<IdleMap>,
+    signals: Signals,
+    noise_floor_n: f64,
+    band_hz: f64,
+    constant_flags: Validity,
+    encoder_lines_1_m: [f64; 2],
+    rate: SampleRate,
+}
+
+/// Which positions the axis measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Signals {
+    /// Rotary encoder only (semi-closed).
+    MotorOnly,
+    /// Linear scale only (linear motor).
+    StageOnly,
+    /// Both (full-closed).
+    Both,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct SideStencils {
+    force: Stencil,
+    velocity: Stencil,
+    position: Stencil,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Filter {
+    Butterworth(Butterworth),
+    LinearPhase(LinearPhase),
+    None,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum FilterState {
+    Butterworth(ButterworthState),
+    LinearPhase(LinearPhaseState),
+    None,
+}
+
+/// State of a [`ForceEstimator`]; a clone is a keyframe.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForceState {
+    current: DelayLine,
+    motor: DelayLine,
+    stage: DelayLine,
+    current_n: f64,
+    last_ref_n: f64,
+    presliding: PreslidingState,
+    filter: FilterState,
+    seen: u32,
+}
+
+impl ForceEstimator {
+    /// Designs the estimator of one method.
+    /// Errors: a cutoff that does not fit the rate, delays too long, a position that the method needs
+    /// and the axis does not measure.
+    pub fn new(method: Method, axis: &AxisSignals<'_>, settings: ForceSettings) -> Result<Self, ForceError> {
+        let (drive, rate) = (axis.drive, axis.rate);
+        let balance = on_measured_side(ForceBalance::new(method, drive), axis.signals, method)?;
+        let alignment = Alignment::new(drive, rate)?;
+        let period_s = rate.period_s();
+        let side = |age: f64, factors: [f64; 3]| {
+            let s = stencils(age, period_s);
+            SideStencils { force: Stencil::combined(&s, factors), velocity: s[1], position: s[0] }
+        };
+        let filter = Filter::new(settings.low_pass, rate)?;
+        let band_hz = filter.band_hz(settings.low_pass, rate);
+        let beyond = settings.unmodelled_modes_hz.iter().any(|f| *f < 1.1 * band_hz);
+        let mut estimator = Self {
+            method,
+            balance,
+            motor: side(alignment.motor, balance.motor.as_array()),
+            stage: side(alignment.stage, balance.stage.as_array()),
+            current: stencils(alignment.current, period_s)[0],
+            alignment,
+            friction_smoothing_m_s: drive.friction_smoothing_m_s(),
+            presliding: Presliding::new(settings.presliding_travel_m, drive.stage_encoder_resolution_m()),
+            filter,
+            idle_map: settings.idle_map,
+            signals: axis.signals,
+            noise_floor_n: 0.0,
+            band_hz,
+            constant_flags: Validity::when(beyond, Validity::MODE_OUTSIDE_MODEL),
+            encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
+            rate,
+        };
+        estimator.noise_floor_n = estimator.quantization_noise_n(drive);
+        Ok(estimator)
+    }
+
+    /// State settled on a first sample: as if the axis had stood there for ever.
+    #[must_use]
+    pub fn settled(&self, first: &MotionSample) -> ForceState {
+        let motor = first.motor_travel_m.unwrap_or(0.0);
+        let stage = first.stage_position_m.unwrap_or(0.0);
+        let rest = self.balance.thrust * first.thrust_ref_n
+            + self.balance.motor.position_n_m * motor
+            + self.balance.stage.position_n_m * stage;
+        ForceState {
+            current: DelayLine::filled(first.thrust_ref_n),
+            motor: DelayLine::filled(motor),
+            stage: DelayLine::filled(stage),
+            current_n: first.thrust_ref_n,
+            last_ref_n: first.thrust_ref_n,
+            presliding: Presliding::settled(stage),
+            filter: self.filter.settled(rest),
+            seen: 0,
+        }
+    }
+
+    /// One sample in, one estimate out. Constant cost, no allocation.
+    #[inline]
+    #[must_use]
+    pub fn step(&self, state: &mut ForceState, sample: &MotionSample) -> ForceEstimate {
+        let (raw_n, motion) = self.balance_step(state, sample);
+        let disturbance_n = self
+            .idle_map
+            .as_ref()
+            .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.slow_velocity_m_s(&motion)));
+        let force_n = self.filter.step(&mut state.filter, raw_n - disturbance_n);
+        ForceEstimate { force_n, flags: self.flags(state, sample, &motion) }
+    }
+
+    /// The balance before idle map and low-pass, with the aligned motion behind it; the instant is
+    /// [`Self::alignment_lag_samples`] ago. For building idle maps and residuals.
+    #[inline]
+    #[must_use]
+    pub fn balance_step(&self, state: &mut ForceState, sample: &MotionSample) -> (f64, AlignedMotion) {
+        // The reference given at the last sample has driven the current until now.
+        state.current_n =
+            self.alignment.current_memory * (state.current_n - state.last_ref_n) + state.last_ref_n;
+        if self.alignment.current_memory == 0.0 {
+            state.current_n = sample.thrust_ref_n;
+        }
+        state.last_ref_n = sample.thrust_ref_n;
+        state.current.push(state.current_n);
+        state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.at(0)));
+        state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.at(0)));
+        state.seen = state.seen.saturating_add(1);
+
+        let motion = AlignedMotion {
+            thrust_n: state.current.apply(&self.current),
+            motor_velocity_m_s: state.motor.apply(&self.motor.velocity),
+            stage_velocity_m_s: state.stage.apply(&self.stage.velocity),
+            position_m: match self.signals {
+                Signals::MotorOnly => state.motor.apply(&self.motor.position),
+                Signals::StageOnly | Signals::Both => state.stage.apply(&self.stage.position),
+            },
+        };
+        let motor_friction_n = if self.balance.motor_friction_n == 0.0 {
+            0.0
+        } else {
+            self.balance.motor_friction_n * (motion.motor_velocity_m_s / self.friction_smoothing_m_s).tanh()
+        };
+        let stage_share =
+            self.presliding.step(&mut state.presliding, state.stage.apply(&self.stage.position));
+        let raw_n = self.balance.thrust * motion.thrust_n
+            + state.motor.apply(&self.motor.force)
+            + state.stage.apply(&self.stage.force)
+            - motor_friction_n
+            - self.balance.stage_friction_n * stage_share;
+        (raw_n, motion)
+    }
+
+    fn slow_velocity_m_s(&self, motion: &AlignedMotion) -> f64 {
+        match self.signals {
+            Signals::MotorOnly => motion.motor_velocity_m_s,
+            Signals::StageOnly | Signals::Both => motion.stage_velocity_m_s,
+        }
+    }
+
+    fn flags(&self, state: &ForceState, sample: &MotionSample, motion: &AlignedMotion) -> Validity {
+        let missing = (self.balance.needs_motor() && sample.motor_travel_m.is_none())
+            || (self.balance.needs_stage() && sample.stage_position_m.is_none());
+        let settling = (state.seen as usize) < self.settling_samples();
+        let speed = self.slow_velocity_m_s(motion).abs();
+        let line = self.encoder_lines_1_m.iter().any(|lines| {
+            let frequency_hz = speed * lines;
+            frequency_hz > 1.0 && frequency_hz < self.band_hz
+        });
+        let friction_n = self.balance.motor_friction_n.abs() + self.balance.stage_friction_n.abs();
+        let still = speed < 2.0 * self.friction_smoothing_m_s;
+        let below =
+            still && friction_n > 0.0 && motion.thrust_n.abs() * self.balance.thrust.abs() < friction_n;
+        self.constant_flags
+            | Validity::when(missing, Validity::SIGNAL_MISSING)
+            | Validity::when(settling, Validity::SETTLING)
+            | Validity::when(line, Validity::ENCODER_LINE_IN_BAND)
+            | Validity::when(below && self.method != Method::VibrationMode, Validity::BELOW_FRICTION)
+    }
+
+    /// Method.
+    #[must_use]
+    pub fn method(&self) -> Method {
+        self.method
+    }
+
+    /// By how much the estimate lags the force, s: encoder delays, stencil and low-pass (its delay for
+    /// slow signals where it is not the same at every frequency).
+    #[must_use]
+    pub fn delay_s(&self) -> f64 {
+        self.alignment.lag_samples as f64 * self.rate.period_s() + self.filter.delay_s(self.rate)
+    }
+
+    /// Samples between the aligned instant and now, before the low-pass.
+    #[must_use]
+    pub fn alignment_lag_samples(&self) -> usize {
+        self.alignment.lag_samples
+    }
+
+    /// Delay of the low-pass alone in whole samples (nearest, for slow signals).
+    #[must_use]
+    pub fn filter_delay_samples(&self) -> usize {
+        (self.filter.delay_s(self.rate) * self.rate.hz()).round() as usize
+    }
+
+    /// Band in which the estimate can be used, Hz.
+    #[must_use]
+    pub fn usable_band_hz(&self) -> [f64; 2] {
+        [0.0, self.band_hz]
+    }
+
+    /// Standard deviation of the estimate that the encoders' steps alone cause, N.
+    #[must_use]
+    pub fn noise_floor_n(&self) -> f64 {
+        self.noise_floor_n
+    }
+
+    /// Samples until the filters have forgotten their start.
+    #[must_use]
+    pub fn settling_samples(&self) -> usize {
+        self.alignment.lag_samples + self.filter.memory_samples(self.rate)
+    }
+
+    /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain.
+    fn quantization_noise_n(&self, drive: &DriveParams) -> f64 {
+        let variance = |stencil: &Stencil, step_m: f64| {
+            if step_m == 0.0 {
+                return 0.0;
+            }
+            let mut state = self.filter.settled(0.0);
+            let length = stencil.weights.len() + 4 * self.filter.memory_samples(self.rate);
+            let energy: f64 = (0..length)
+                .map(|i| {
+                    let y = self.filter.step(&mut state, stencil.weights.get(i).copied().unwrap_or(0.0));
+                    y * y
+                })
+                .sum();
+            step_m * step_m / 12.0 * energy
+        };
+        let motor = variance(&self.motor.force, drive.motor_encoder_resolution_m());
+        let stage = variance(&self.stage.force, drive.stage_encoder_resolution_m());
+        (motor + stage).sqrt()
+    }
+}
+
+/// What an estimator is made for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisSignals<'a> {
+    /// Drive.
+    pub drive: &'a DriveParams,
+    /// Rate of the samples.
+    pub rate: SampleRate,
+    /// Which positions are measured.
+    pub signals: Signals,
+}
+
+/// Moves what the balance needs to the side that is measured, where one mass carries everything.
+fn on_measured_side(
+    mut b: ForceBalance,
+    signals: Signals,
+    method: Method,
+) -> Result<ForceBalance, ForceError> {
+    let missing = |needs| Err(ForceError::Structure { method: method.name(), needs });
+    match signals {
+        Signals::Both => Ok(b),
+        Signals::MotorOnly if b.needs_stage() => missing("a stage position"),
+        Signals::MotorOnly => Ok(b),
+        Signals::StageOnly if b.needs_stage() => missing("a motor position"),
+        Signals::StageOnly => {
+            b.stage = b.motor;
+            b.stage_friction_n += b.motor_friction_n;
+            b.motor = super::balance::MotionFactors::default();
+            b.motor_friction_n = 0.0;
+            Ok(b)
+        }
+    }
+}
+
+/// Lines per metre of travel of the encoders that enter the balance; 0 where unknown.
+fn encoder_lines_1_m(drive: &DriveParams, balance: &ForceBalance) -> [f64; 2] {
+    let motor = match (drive.raw().motor_encoder_signals_per_rev, drive.screw_lead_m()) {
+        (Some(signals), Some(lead_m)) if balance.needs_motor() => signals / lead_m,
+        _ => 0.0,
+    };
+    let stage = match drive.raw().stage_encoder_signal_period_m {
+        Some(period_m) if balance.needs_stage() => 1.0 / period_m,
+        _ => 0.0,
+    };
+    [motor, stage]
+}
+
+impl Filter {
+    fn new(low_pass: LowPass, rate: SampleRate) -> Result<Self, FilterError> {
+        Ok(match low_pass {
+            LowPass::Butterworth { order, cutoff_hz } => {
+                Filter::Butterworth(Butterworth::low_pass(order, cutoff_hz, rate)?)
+            }
+            LowPass::LinearPhase { pass_hz, width_hz } => {
+                Filter::LinearPhase(LinearPhase::low_pass(pass_hz, width_hz, rate)?)
+            }
+            LowPass::None => Filter::None,
+        })
+    }
+
+    fn settled(&self, x: f64) -> FilterState {
+        match self {
+            Filter::Butterworth(f) => FilterState::Butterworth(f.settled(x)),
+            Filter::LinearPhase(f) => FilterState::LinearPhase(f.settled(x)),
+            Filter::None => FilterState::None,
+        }
+    }
+
+    #[inline(always)]
+    fn step(&self, state: &mut FilterState, x: f64) -> f64 {
+        match (self, state) {
+            (Filter::Butterworth(f), FilterState::Butterworth(s)) => f.step(s, x),
+            (Filter::LinearPhase(f), FilterState::LinearPhase(s)) => f.step(s, x),
+            _ => x,
+        }
+    }
+
+    fn delay_s(&self, rate: SampleRate) -> f64 {
+        match self {
+            Filter::Butterworth(f) => f.slow_delay_s(),
+            Filter::LinearPhase(f) => f.half_length() as f64 * rate.period_s(),
+            Filter::None => 0.0,
+        }
+    }
+
+    fn band_hz(&self, low_pass: LowPass, rate: SampleRate) -> f64 {
+        match low_pass {
+            LowPass::Butterworth { cutoff_hz, .. } => cutoff_hz,
+            LowPass::LinearPhase { pass_hz, .. } => pass_hz,
+            // Above a tenth of the rate the stencils' error passes 0.1 %.
+            LowPass::None => rate.hz() / 10.0,
+        }
+    }
+
+    /// Samples until a step has settled to about a thousandth.
+    fn memory_samples(&self, rate: SampleRate) -> usize {
+        match self {
+            Filter::Butterworth(f) => (8.0 * f.slow_delay_s() * rate.hz()).ceil() as usize + 8,
+            Filter::LinearPhase(f) => 2 * f.half_length() + 1,
+            Filter::None => 0,
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! How far an estimate can be trusted.
+
+use std::fmt;
+use std::ops::{BitOr, BitOrAssign};
+
+/// Reasons to doubt one estimate; none set: valid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub struct Validity(u16);
+
+impl Validity {
+    /// Nothing against it.
+    pub const VALID: Validity = Validity(0);
+    /// The filters have not yet seen enough samples.
+    pub const SETTLING: Validity = Validity(1);
+    /// The axis stands still and what is left is smaller than friction: not observable.
+    pub const BELOW_FRICTION: Validity = Validity(1 << 1);
+    /// A line of the encoder's signal period lies inside the usable band at this feed.
+    pub const ENCODER_LINE_IN_BAND: Validity = Validity(1 << 2);
+    /// The band reaches a mode that the model does not have.
+    pub const MODE_OUTSIDE_MODEL: Validity = Validity(1 << 3);
+    /// The system of equations behind the estimate is close to singular.
+    pub const ILL_CONDITIONED: Validity = Validity(1 << 4);
+    /// Outside of the conditions (speed, position) that the estimator was made from.
+    pub const EXTRAPOLATED: Validity = Validity(1 << 5);
+    /// A signal that the method needs was not there; the last value was held.
+    pub const SIGNAL_MISSING: Validity = Validity(1 << 6);
+
+    const NAMES: [(Validity, &'static str); 7] = [
+        (Self::SETTLING, "settling"),
+        (Self::BELOW_FRICTION, "below_friction"),
+        (Self::ENCODER_LINE_IN_BAND, "encoder_line_in_band"),
+        (Self::MODE_OUTSIDE_MODEL, "mode_outside_model"),
+        (Self::ILL_CONDITIONED, "ill_conditioned"),
+        (Self::EXTRAPOLATED, "extrapolated"),
+        (Self::SIGNAL_MISSING, "signal_missing"),
+    ];
+
+    /// True when no flag is set.
+    #[must_use]
+    pub fn is_valid(self) -> bool {
+        self.0 == 0
+    }
+
+    /// True when nothing stands against acting on the estimate: a flag that only warns of a line or
+    /// an extrapolation is tolerated, one that makes the number meaningless is not.
+    #[must_use]
+    pub fn may_act(self) -> bool {
+        let forbids = Self::SETTLING | Self::BELOW_FRICTION | Self::ILL_CONDITIONED | Self::SIGNAL_MISSING;
+        self.0 & forbids.0 == 0
+    }
+
+    /// True when every flag of `other` is set here.
+    #[must_use]
+    pub fn contains(self, other: Validity) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// `flag` when `condition`, else valid.
+    #[must_use]
+    pub fn when(condition: bool, flag: Validity) -> Validity {
+        if condition { flag } else { Self::VALID }
+    }
+
+    /// The flags as a number, for files.
+    #[must_use]
+    pub fn bits(self) -> u16 {
+        self.0
+    }
+
+    /// Names of the flags that are set.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        Self::NAMES.into_iter().filter(move |(flag, _)| self.contains(*flag)).map(|(_, name)| name)
+    }
+}
+
+impl BitOr for Validity {
+    type Output = Validity;
+    fn bitor(self, other: Validity) -> Validity {
+        Validity(self.0 | other.0)
+    }
+}
+
+impl BitOrAssign for Validity {
+    fn bitor_assign(&mut self, other: Validity) {
+        self.0 |= other.0;
+    }
+}
+
+impl fmt::Display for Validity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_valid() {
+            return f.write_str("valid");
+        }
+        for (i, name) in self.names().enumerate() {
+            write!(f, "{}{name}", if i == 0 { "" } else { "," })?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,158 @@
+//! Two opposed tools that cut one slender bar: the cut's stiffness and damping, and the linear equation
+//! with two delays that says whether small vibration grows.
+//!
+//! Each tool cuts what the other one left half a turn before, on the opposite side: a bar that moves
+//! toward tool 1 moves away from tool 2, so the delayed terms carry **plus** signs. A model of tools on
+//! one side, or of flexible tools, has minus signs and other stable windows.
+//!
+//! What it leaves out: loss of contact, the flank that stops growing chatter, runout.
+
+use super::scenario::Scenario;
+use super::workpiece::{Rule, ScenarioError, checked};
+use nalgebra::Complex;
+use std::f64::consts::PI;
+
+/// What each tool does, before it is checked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RawCutting {
+    /// K_r: radial force per chip area.
+    pub radial_stiffness_pa: f64,
+    /// b: width of cut of each tool.
+    pub width_m: f64,
+    /// Feed per turn of the workpiece.
+    pub feed_m_rev: f64,
+    /// C_i: radial force per unit slope of the cut surface.
+    pub process_damping_n: f64,
+}
+
+impl Default for RawCutting {
+    fn default() -> Self {
+        Self { radial_stiffness_pa: 2500e6, width_m: 0.2e-3, feed_m_rev: 0.15e-3, process_damping_n: 60.0 }
+    }
+}
+
+/// The cut of each of the two tools.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cutting {
+    raw: RawCutting,
+}
+
+impl Cutting {
+    /// Errors: a value that is negative or not finite, a stiffness of zero.
+    pub fn new(raw: RawCutting) -> Result<Self, ScenarioError> {
+        checked("radial_stiffness_pa", raw.radial_stiffness_pa, Rule::Positive)?;
+        checked("width_m", raw.width_m, Rule::NotNegative)?;
+        checked("feed_m_rev", raw.feed_m_rev, Rule::NotNegative)?;
+        checked("process_damping_n", raw.process_damping_n, Rule::NotNegative)?;
+        Ok(Self { raw })
+    }
+
+    /// What it was made from.
+    #[must_use]
+    pub fn raw(&self) -> &RawCutting {
+        &self.raw
+    }
+
+    /// K = K_r b: radial force of one tool per metre of chip thickness, N/m.
+    #[must_use]
+    pub fn stiffness_n_m(&self) -> f64 {
+        self.raw.radial_stiffness_pa * self.raw.width_m
+    }
+
+    /// c_p = C_i / v: damping of one tool at the surface speed `surface_speed_m_s`, N s/m.
+    ///
+    /// The slope of the wave that the edge runs along is x'/v; the flank pushes back in proportion.
+    /// Checked by: `stability::tests::printed_roots`.
+    #[must_use]
+    pub fn process_damping_n_s_m(&self, surface_speed_m_s: f64) -> f64 {
+        self.raw.process_damping_n / surface_speed_m_s
+    }
+}
+
+/// Coefficients of the linear equation of the bar between two opposed tools, at a frozen tool position.
+///
+/// m s^2 + c s + k + K (2 + e^{-s tau1} + e^{-s tau2}) = 0
+///
+/// with c = c_bar + 2 c_p phi^2 and K = K_r b phi^2 (docs/errata.md; the minimal model of two opposed tools).
+/// Checked by: `stability::tests::printed_roots`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TwoDelay {
+    /// m.
+    pub mass_kg: f64,
+    /// c, structure and process together.
+    pub damping_n_s_m: f64,
+    /// k.
+    pub stiffness_n_m: f64,
+    /// K phi^2, of one tool.
+    pub cutting_stiffness_n_m: f64,
+    /// From tool 1's cut to tool 2's, s.
+    pub delay_1_s: f64,
+    /// From tool 2's cut to tool 1's, s.
+    pub delay_2_s: f64,
+}
+
+impl TwoDelay {
+    /// The equation of a scenario as it stands.
+    #[must_use]
+    pub fn from_scenario(scenario: &Scenario) -> Self {
+        let bar = &scenario.workpiece;
+        let phi2 = bar.mode_shape(scenario.tools.position_m()).powi(2);
+        let turn_s = scenario.spindle.period_s();
+        let surface_speed_m_s = PI * bar.diameter_m() / turn_s;
+        let process = scenario.cutting.process_damping_n_s_m(surface_speed_m_s);
+        let [delay_1_s, delay_2_s] = delays_s(turn_s, scenario.tools.pitch_difference_rad());
+        Self {
+            mass_kg: bar.modal_mass_kg(),
+            damping_n_s_m: bar.modal_damping_n_s_m() + 2.0 * process * phi2,
+            stiffness_n_m: bar.modal_stiffness_n_m(),
+            cutting_stiffness_n_m: scenario.cutting.stiffness_n_m() * phi2,
+            delay_1_s,
+            delay_2_s,
+        }
+    }
+
+    /// Left side of the equation at `s`, N/m; zero at a root.
+    #[must_use]
+    pub fn characteristic(&self, s: Complex<f64>) -> Complex<f64> {
+        let delayed = (-s * self.delay_1_s).exp() + (-s * self.delay_2_s).exp();
+        s * s * self.mass_kg
+            + s * self.damping_n_s_m
+            + self.stiffness_n_m
+            + (delayed + 2.0) * self.cutting_stiffness_n_m
+    }
+
+    /// Frequency of the bar while both tools cut and nothing is delayed: sqrt((k + 2 K)/m)/2 pi, Hz.
+    ///
+    /// Here the phase difference of the two waves must be pi, and chatter starts
+    /// near it: it lies 5-25 % above the natural frequency.
+    #[must_use]
+    pub fn in_cut_frequency_hz(&self) -> f64 {
+        ((self.stiffness_n_m + 2.0 * self.cutting_stiffness_n_m) / self.mass_kg).sqrt() / (2.0 * PI)
+    }
+}
+
+/// tau_i = theta_i/(2 pi) * 60/S with theta_1 = pi - dtheta/2, theta_2 = pi + dtheta/2, in s.
+#[must_use]
+pub fn delays_s(turn_s: f64, pitch_difference_rad: f64) -> [f64; 2] {
+    let per_rad = turn_s / (2.0 * PI);
+    [(PI - pitch_difference_rad / 2.0) * per_rad, (PI + pitch_difference_rad / 2.0) * per_rad]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_delays_add_to_one_turn() {
+        let [a, b] = delays_s(0.05, 0.1);
+        assert!((a + b - 0.05).abs() < 1e-15);
+        assert!((b - a - 0.05 * 0.1 / (2.0 * PI)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn the_reference_cut() {
+        let equation = TwoDelay::from_scenario(&Scenario::default());
+        assert!((equation.cutting_stiffness_n_m - 500e3).abs() < 1e-6);
+        assert!((equation.in_cut_frequency_hz() - 646.0).abs() < 1.0);
+    }
+}

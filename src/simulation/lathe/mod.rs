@@ -1,0 +1,317 @@
+//! The virtual lathe: bar, two tools, two turrets with two servo axes each. It takes turret orders and
+//! gives servo samples; it knows nothing of who listens.
+//!
+//! ```text
+//! order -> turret path -> X1, Y1 drives -> tool 1 --\
+//!                         X2, Y2 drives -> tool 2 ---> chips from the surface left -> forces -> drives
+//!                                                       ^ bar bends <-----------------/   \-> samples
+//! ```
+//! Directions: X1 points from tool 1 toward the bar's axis; Y1 stands at 45 degrees to it, turned in the
+//! sense in which a positive shift moves tool 1 around the bar. Turret 2 mirrors turret 1.
+
+pub mod bar;
+pub mod process;
+pub mod turret;
+pub mod turret_axis;
+
+use crate::plant::scenario::Scenario;
+use crate::sample::{AxisSample, MAX_AXES, ServoSample};
+use bar::Bar;
+use process::{CutSettings, CuttingProcess, ToolTips};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+use turret::{Turret, TurretSettings};
+use turret_axis::{AxisReport, AxisSettings, TurretAxis};
+
+/// Names of the servo axes, in the order of the samples.
+pub const AXES: [&str; 4] = ["x1", "y1", "x2", "y2"];
+/// Steps of the cutting process per sample: 9.3 us at 9 kHz.
+const SUBSTEPS: usize = 12;
+/// Samples between two looks at how far the tools have travelled.
+const MODE_UPDATE: u64 = 90;
+
+/// What the lathe is and does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LatheSettings {
+    /// Bar, cut, spindle, tools.
+    pub scenario: Scenario,
+    /// Rate of control and samples, Hz.
+    pub sample_rate_hz: f64,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// When the tools enter the cut, s; before, they turn in air. 0: in the cut from the start.
+    pub entry_s: f64,
+    /// Random part of the cutting force over the force, standard deviation.
+    pub force_noise_ratio: f64,
+    /// Velocity with which the bar is struck at the start, m/s: a seed for growth where there is no noise.
+    pub strike_m_s: f64,
+    /// Tangential over radial force.
+    pub tangential_ratio: f64,
+    /// Clearance angle of the tools, rad: what limits chatter.
+    pub clearance_rad: f64,
+    /// Force per unit slope beyond the clearance, N.
+    pub flank_force_n: f64,
+    /// Whether the bar has its second bending mode.
+    pub with_second_mode: bool,
+    /// Whether the turrets are servo axes; otherwise they are rigid and the samples carry none.
+    pub with_servo: bool,
+    /// Speed and limits of turret 1's own control.
+    pub turret: TurretSettings,
+}
+
+impl LatheSettings {
+    /// An ideal cut of `scenario`: one mode, rigid turrets, no noise, a tap of 10 pm/s to start with: by the time vibration is
+    /// visible, the rightmost root has left the others behind.
+    ///
+    /// Its small vibration follows the two-delay characteristic equation.
+    #[must_use]
+    pub fn ideal(scenario: Scenario) -> Self {
+        Self {
+            scenario,
+            sample_rate_hz: 9000.0,
+            seed: 1,
+            entry_s: 0.0,
+            force_noise_ratio: 0.0,
+            strike_m_s: 1.0e-11,
+            tangential_ratio: 1.5,
+            clearance_rad: 5.0_f64.to_radians(),
+            flank_force_n: 1500.0,
+            with_second_mode: false,
+            with_servo: false,
+            turret: TurretSettings::default(),
+        }
+    }
+
+    /// A cut as a machine makes it: two modes, servo turrets, 3 % random force, entry after 2 s of air.
+    #[must_use]
+    pub fn realistic(scenario: Scenario, seed: u64) -> Self {
+        Self {
+            seed,
+            entry_s: 2.0,
+            force_noise_ratio: 0.03,
+            strike_m_s: 0.0,
+            with_second_mode: true,
+            with_servo: true,
+            ..Self::ideal(scenario)
+        }
+    }
+}
+
+/// What an ideal dynamometer and probe see at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Truth {
+    /// Time, s.
+    pub t_s: f64,
+    /// Displacement of the bar toward tool 1, at the tools, m.
+    pub workpiece_displacement_m: f64,
+    /// Radial forces on tool 1 and tool 2, away from the bar, N.
+    pub radial_force_n: [f64; 2],
+    /// Tools from the chuck, m.
+    pub tool_position_m: f64,
+    /// Actual pitch difference, rad.
+    pub pitch_difference_rad: f64,
+}
+
+/// The lathe in motion.
+#[derive(Debug, Clone)]
+pub struct Lathe {
+    settings: LatheSettings,
+    bar: Bar,
+    process: CuttingProcess,
+    axes: [TurretAxis; 4],
+    turret: Turret,
+    reports: [AxisReport; 4],
+    random: ChaCha8Rng,
+    samples: u64,
+    tips: ToolTips,
+    truth: Truth,
+}
+
+impl Lathe {
+    /// A lathe whose tools stand at the scenario's position and pitch.
+    #[must_use]
+    pub fn new(settings: LatheSettings) -> Self {
+        let scenario = &settings.scenario;
+        let raw = scenario.cutting.raw();
+        let cut = CutSettings {
+            cutting_stiffness_n_m: scenario.cutting.stiffness_n_m(),
+            process_damping_n: raw.process_damping_n,
+            diameter_m: scenario.workpiece.diameter_m(),
+            feed_m_rev: raw.feed_m_rev,
+            clearance_slope: settings.clearance_rad.tan(),
+            flank_force_n: settings.flank_force_n,
+            force_noise_ratio: settings.force_noise_ratio,
+            tangential_ratio: settings.tangential_ratio,
+        };
+        let removed = if is_zero(scenario.tools.travel_m_s()) { 0.0 } else { raw.width_m };
+        let bar = Bar::new(scenario.workpiece, removed, settings.with_second_mode);
+        let step_s = 1.0 / (settings.sample_rate_hz * SUBSTEPS as f64);
+        let modes = bar.modes_at(scenario.tools.position_m());
+        let mut process = CuttingProcess::new(cut, &modes, step_s, scenario.spindle.hz());
+        let tips = ToolTips {
+            shift_rad: scenario.tools.pitch_difference_rad() / 2.0,
+            retraction_m: [0.0; 2],
+            engagement: if settings.entry_s > 0.0 { 0.0 } else { 1.0 },
+        };
+        process.settle(&tips);
+        process.strike(settings.strike_m_s);
+        let axis = |settings_of: AxisSettings| TurretAxis::new(settings_of, settings.sample_rate_hz);
+        let still = AxisReport { current_ref_a: 0.0, motor_angle_rad: 0.0, stage_position_m: None };
+        let truth = Truth {
+            t_s: 0.0,
+            workpiece_displacement_m: process.displacement_m(),
+            radial_force_n: process.radial_force_n(),
+            tool_position_m: scenario.tools.position_m(),
+            pitch_difference_rad: scenario.tools.pitch_difference_rad(),
+        };
+        Self {
+            bar,
+            process,
+            axes: [
+                axis(AxisSettings::rolling(true)),
+                axis(AxisSettings::sliding(true)),
+                axis(AxisSettings::rolling(false)),
+                axis(AxisSettings::sliding(false)),
+            ],
+            turret: Turret::new(settings.turret),
+            reports: [still; 4],
+            random: ChaCha8Rng::seed_from_u64(settings.seed),
+            samples: 0,
+            tips,
+            truth,
+            settings,
+        }
+    }
+
+    /// Turret 1's own control: orders go in here.
+    pub fn turret_mut(&mut self) -> &mut Turret {
+        &mut self.turret
+    }
+
+    /// Turret 1's own control.
+    #[must_use]
+    pub fn turret(&self) -> &Turret {
+        &self.turret
+    }
+
+    /// Actual offsets of X1 and Y1 from equal pitch, m.
+    #[must_use]
+    pub fn actual_offset_m(&self) -> [f64; 2] {
+        if self.settings.with_servo {
+            [self.axes[0].stage_position_m(), self.axes[1].stage_position_m()]
+        } else {
+            self.turret.offset_cmd_m()
+        }
+    }
+
+    /// What is true now.
+    #[must_use]
+    pub fn truth(&self) -> &Truth {
+        &self.truth
+    }
+
+    /// Settings it was made with.
+    #[must_use]
+    pub fn settings(&self) -> &LatheSettings {
+        &self.settings
+    }
+
+    /// One sample period. Allocates only when the tools have travelled.
+    pub fn step(&mut self) -> ServoSample {
+        let dt = 1.0 / self.settings.sample_rate_hz;
+        self.samples += 1;
+        self.turret.step(dt);
+        self.travel();
+        self.place_tips();
+        let turns_per_s = self.settings.scenario.spindle.hz();
+        let noise: [f64; 2] = std::array::from_fn(|_| StandardNormal.sample(&mut self.random));
+        for _ in 0..SUBSTEPS {
+            self.process.step(turns_per_s, &self.tips, noise);
+        }
+        if self.settings.with_servo {
+            self.drive_axes();
+        }
+        self.truth = Truth {
+            t_s: self.samples as f64 * dt,
+            workpiece_displacement_m: self.process.displacement_m(),
+            radial_force_n: self.process.radial_force_n(),
+            tool_position_m: self.truth.tool_position_m,
+            pitch_difference_rad: 2.0 * self.tips.shift_rad,
+        };
+        self.sample()
+    }
+
+    /// Moves the tools along the bar once they are in the cut.
+    fn travel(&mut self) {
+        let tools = &self.settings.scenario.tools;
+        let cutting_s = self.truth.t_s - self.settings.entry_s;
+        if is_zero(tools.travel_m_s()) || cutting_s < 0.0 {
+            return;
+        }
+        let length = self.settings.scenario.workpiece.projection_length_m();
+        // At the free end there is only one way to feed.
+        let at_end = tools.position_m() >= length * (1.0 - 1e-9);
+        let speed = if at_end { -tools.travel_m_s().abs() } else { tools.travel_m_s() };
+        self.truth.tool_position_m = (tools.position_m() + speed * cutting_s).clamp(0.0, length);
+        if self.samples.is_multiple_of(MODE_UPDATE) {
+            self.process.set_modes(&self.bar.modes_at(self.truth.tool_position_m));
+        }
+    }
+
+    /// Where the tips are: order and scenario around the bar, entry over one turn.
+    fn place_tips(&mut self) {
+        let radius = self.settings.scenario.workpiece.diameter_m() / 2.0;
+        let [u, w] = self.actual_offset_m();
+        // Toward the axis and around the bar, from the axes' own directions.
+        let toward = u + w * FRAC_1_SQRT_2;
+        let around = w * FRAC_1_SQRT_2;
+        let shift = around.atan2(radius - toward);
+        let scenario = &self.settings.scenario;
+        self.tips.shift_rad = scenario.tools.pitch_difference_rad() / 2.0 + shift;
+        self.tips.retraction_m = [around.hypot(radius - toward) - radius, 0.0];
+        if self.settings.with_servo {
+            let [u2, w2] = [self.axes[2].stage_position_m(), self.axes[3].stage_position_m()];
+            self.tips.retraction_m[1] = -(u2 + w2 * FRAC_1_SQRT_2);
+        }
+        let turns = (self.truth.t_s - self.settings.entry_s) * scenario.spindle.hz();
+        self.tips.engagement = if self.settings.entry_s > 0.0 { turns.clamp(0.0, 1.0) } else { 1.0 };
+    }
+
+    /// Forces on the axes: what each drive has to hold is the force along its own direction.
+    fn drive_axes(&mut self) {
+        let radial = self.process.radial_force_n();
+        let tangential = self.process.tangential_force_n();
+        let cmd = self.turret.offset_cmd_m();
+        for turret in 0..2 {
+            let along_y = (radial[turret] + tangential[turret]) * FRAC_1_SQRT_2;
+            let cmd = if turret == 0 { cmd } else { [0.0; 2] };
+            let first = 2 * turret;
+            self.reports[first] = self.axes[first].step(cmd[0], radial[turret]);
+            self.reports[first + 1] = self.axes[first + 1].step(cmd[1], along_y);
+        }
+    }
+
+    fn sample(&self) -> ServoSample {
+        let mut axes = [AxisSample::default(); MAX_AXES];
+        for (axis, report) in axes.iter_mut().zip(&self.reports) {
+            *axis = AxisSample {
+                current_ref_a: report.current_ref_a,
+                motor_angle_rad: report.motor_angle_rad,
+                stage_position_m: report.stage_position_m,
+            };
+        }
+        ServoSample {
+            sequence: self.samples,
+            t_s: self.truth.t_s,
+            axes,
+            spindle_angle_rad: self.process.spindle_turns().fract() * TAU,
+            spindle_speed_rpm: self.settings.scenario.spindle.rpm(),
+        }
+    }
+}
+
+fn is_zero(x: f64) -> bool {
+    x.abs() < f64::MIN_POSITIVE
+}

@@ -1,0 +1,186 @@
+//! One iceoryx2 domain: its files, the lock that says who lives in it, and the janitor.
+//!
+//! A process killed in its first milliseconds can leave management files that make every later start
+//! hang or fail for good. So each participant holds a shared lock on `<root>/domain.lock` for life.
+//! Who gets it exclusively at start is alone, and removes what was left before it joins.
+
+use super::TransportError;
+use iceoryx2::prelude::{
+    CallbackProgression, Config, FileName, Node, NodeBuilder, NodeName, NodeState, Path as IoxPath, SemanticString as _,
+    SignalHandlingMode, ipc,
+};
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::time::Duration;
+
+/// How long joining may take before it counts as wedged.
+pub const JOIN_DEADLINE: Duration = Duration::from_secs(5);
+
+const SHARED_MEMORY: &str = "/dev/shm";
+
+/// Where a set of processes meet: a prefix of shared memory names and a folder.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Domain {
+    prefix: String,
+    root: PathBuf,
+}
+
+impl Domain {
+    /// A domain. `prefix`: 1 to 24 lower-case letters and digits. `root`: an absolute path.
+    /// Errors: anything else.
+    pub fn new(prefix: &str, root: &Path) -> Result<Self, TransportError> {
+        let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit();
+        if prefix.is_empty() || prefix.len() > 24 || !prefix.chars().all(plain) {
+            return Err(TransportError::Domain(format!(
+                "prefix `{prefix}` is not 1 to 24 lower-case letters and digits"
+            )));
+        }
+        let text = root.to_str().unwrap_or_default();
+        if !root.is_absolute() || text.len() > 128 {
+            return Err(TransportError::Domain(format!("root `{}` is not an absolute path of at most 128 bytes", root.display())));
+        }
+        // The underscore ends the prefix, so no domain's names can start another's.
+        Ok(Self { prefix: format!("{prefix}_"), root: root.to_owned() })
+    }
+
+    /// Folder of the domain's files.
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// First part of the names of the domain's files in shared memory.
+    #[must_use]
+    pub fn prefix(&self) -> &str {
+        &self.prefix
+    }
+
+    fn config(&self) -> Result<Config, TransportError> {
+        let bad = |what: &str| TransportError::Domain(format!("{what} of the domain is not a valid name"));
+        let mut config = Config::default();
+        config.global.prefix = FileName::new(self.prefix.as_bytes()).map_err(|_| bad("prefix"))?;
+        let root = self.root.to_str().unwrap_or_default();
+        config.global.set_root_path(&IoxPath::new(root.as_bytes()).map_err(|_| bad("root"))?);
+        Ok(config)
+    }
+
+    /// Joins the domain as `name`, cleaning up first when nobody else is in it.
+    ///
+    /// Ports live on the thread that made them; call this on the thread that will use them.
+    /// Errors: no access to the folder, or no node within five seconds: the caller exits, is started
+    /// again, and the janitor cures what a killed process left.
+    pub fn join(&self, name: &str) -> Result<Participant, TransportError> {
+        let lock = self.enter()?;
+        self.probe(name)?;
+        let node = create_node(&self.config()?, name)?;
+        Ok(Participant { node, _lock: lock })
+    }
+
+    /// Takes the life-long shared lock; whoever is alone cleans up first.
+    fn enter(&self) -> Result<File, TransportError> {
+        let io = |path: &Path| {
+            let path = path.to_owned();
+            move |source| TransportError::Files { path, source }
+        };
+        std::fs::create_dir_all(&self.root).map_err(io(&self.root))?;
+        let path = self.root.join("domain.lock");
+        let open = File::options().create(true).truncate(false).read(true).write(true).open(&path);
+        let file = open.map_err(io(&path))?;
+        match file.try_lock() {
+            Ok(()) => {
+                self.sweep()?;
+                file.unlock().map_err(io(&path))?;
+            }
+            Err(TryLockError::WouldBlock) => {}
+            Err(TryLockError::Error(source)) => return Err(TransportError::Files { path, source }),
+        }
+        file.lock_shared().map_err(io(&path))?;
+        Ok(file)
+    }
+
+    /// Removes the domain's files unless a foreign process (which holds no lock) is alive in it.
+    fn sweep(&self) -> Result<(), TransportError> {
+        let config = self.config()?;
+        let mut alive = false;
+        let listed = Node::<ipc::Service>::list(&config, |state| {
+            alive = matches!(state, NodeState::Alive(_) | NodeState::Inaccessible(_));
+            if alive { CallbackProgression::Stop } else { CallbackProgression::Continue }
+        });
+        // A list that fails shows nobody; only files of this prefix and root are removed.
+        if alive && listed.is_ok() {
+            return Ok(());
+        }
+        self.remove_files();
+        Ok(())
+    }
+
+    /// Removes every file of the domain but the lock. What cannot be removed shows when joining.
+    fn remove_files(&self) {
+        for entry in entries(Path::new(SHARED_MEMORY)) {
+            if entry.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&self.prefix)) {
+                let _ = std::fs::remove_file(entry);
+            }
+        }
+        for folder in ["services", "nodes"] {
+            for entry in entries(&self.root.join(folder)) {
+                let _ = if entry.is_dir() { std::fs::remove_dir_all(entry) } else { std::fs::remove_file(entry) };
+            }
+        }
+    }
+
+    /// Removes every trace, for a domain that was made for one run. Call when all have left.
+    pub fn remove(&self) {
+        self.remove_files();
+        let _ = std::fs::remove_dir_all(&self.root);
+    }
+
+    /// Makes and drops a node on a thread of its own: a wedged domain would hang for ever.
+    fn probe(&self, name: &str) -> Result<(), TransportError> {
+        let (config, name) = (self.config()?, name.to_owned());
+        let (done, outcome) = mpsc::sync_channel(1);
+        let spawned = std::thread::Builder::new().name("iceoryx2-probe".into()).spawn(move || {
+            let _ = done.send(create_node(&config, &name).map(drop));
+        });
+        spawned.map_err(|source| TransportError::Files { path: self.root.clone(), source })?;
+        outcome.recv_timeout(JOIN_DEADLINE).map_err(|_| TransportError::Wedged { root: self.root.clone() })?
+    }
+}
+
+fn entries(folder: &Path) -> Vec<PathBuf> {
+    std::fs::read_dir(folder).map(|list| list.flatten().map(|e| e.path()).collect()).unwrap_or_default()
+}
+
+fn create_node(config: &Config, name: &str) -> Result<Node<ipc::Service>, TransportError> {
+    let fail = |e: String| TransportError::Join(e);
+    let name: NodeName = name.try_into().map_err(|e| fail(format!("{e:?}")))?;
+    let builder = NodeBuilder::new().config(config).name(&name).signal_handling_mode(SignalHandlingMode::Disabled);
+    builder.create::<ipc::Service>().map_err(|e| fail(format!("{e:?}")))
+}
+
+/// One member of a domain; its ports are made from it, on the same thread.
+pub struct Participant {
+    pub(super) node: Node<ipc::Service>,
+    _lock: File,
+}
+
+impl std::fmt::Debug for Participant {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Participant").finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prefix_that_could_start_another_ones_names_is_refused() {
+        let root = Path::new("/tmp/x");
+        for prefix in ["", "a_b", "Upper", "a/b", "aaaaaaaaaaaaaaaaaaaaaaaaa"] {
+            assert!(Domain::new(prefix, root).is_err(), "{prefix}");
+        }
+        assert!(Domain::new("a", Path::new("relative")).is_err());
+        assert_eq!(Domain::new("line3", root).unwrap().prefix(), "line3_");
+    }
+}
