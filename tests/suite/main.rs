@@ -7,5 +7,6 @@ mod lathe;
 mod transport;
 mod conceal;
 mod pipeline;
+mod import;
 mod report;
 mod closed_loop;
