@@ -220,9 +220,9 @@ impl TurretAxis {
         let screw =
             s.axial_stiffness_n_m * (motor - stage) + s.structural_damping_n_s_m * (motor_v - stage_v);
         let motor_friction = s.rotary_damping_nm_s_rad / (r * r) * motor_v
-            + s.motor_coulomb_friction_n * (motor_v / FRICTION_SPEED_M_S).tanh();
+            + s.motor_coulomb_friction_n * direction(motor_v);
         let stage_friction = s.translational_damping_n_s_m * stage_v
-            + s.stage_coulomb_friction_n * (stage_v / FRICTION_SPEED_M_S).tanh();
+            + s.stage_coulomb_friction_n * direction(stage_v);
         [
             motor_v,
             (thrust - screw - motor_friction) / s.reflected_mass_kg(),
@@ -242,6 +242,12 @@ impl TurretAxis {
         let k4 = self.rates(&along(&k3, step_s), current_a, force_n);
         self.motion = std::array::from_fn(|i| y[i] + step_s / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]));
     }
+}
+
+/// Sign of a speed, smooth through zero: v / sqrt(v^2 + v_s^2).
+fn direction(velocity_m_s: f64) -> f64 {
+    let ratio = velocity_m_s / FRICTION_SPEED_M_S;
+    ratio / (1.0 + ratio * ratio).sqrt()
 }
 
 #[cfg(test)]
