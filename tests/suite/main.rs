@@ -3,10 +3,10 @@
 
 mod lathe;
 
-#[cfg(feature = "service")]
-mod transport;
 mod conceal;
 mod pipeline;
 mod import;
 mod report;
 mod closed_loop;
+#[cfg(feature = "service")]
+mod transport;
