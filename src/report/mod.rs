@@ -1,4 +1,5 @@
-//! What leaves the process as files: events, the track, diagnosis, models.
+//! What leaves the process as files: events, the track, the stability map, diagnosis, models.
 
 pub mod events;
+pub mod stability_picture;
 pub mod track;
