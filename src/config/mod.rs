@@ -2,6 +2,7 @@
 
 pub mod machine;
 pub mod scenario;
+pub mod service;
 
 use std::path::{Path, PathBuf};
 use thiserror::Error;
