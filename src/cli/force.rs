@@ -3,9 +3,10 @@
 use super::bad_input;
 use crate::config::machine::read_machine;
 use crate::force::balance::Method;
-use crate::force::estimator::{AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample, Signals};
+use crate::force::estimator::{AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample};
 use crate::force::frf::force_of_recording;
 use crate::force::idle_map::{IdleMap, IdlePoint};
+use crate::force::recorded::{has_drive, motion_of_recording};
 use crate::force::validity::Validity;
 use crate::plant::drive::DriveParams;
 use crate::recording::{Table, TableColumn, read_recording, write_table};
@@ -66,7 +67,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         if !has_drive(&recording, &axis.name) {
             continue;
         }
-        let samples = motion_samples(&recording, &axis.name, &axis.drive)
+        let samples = motion_of_recording(&recording, &axis.name, &axis.drive)
             .map_err(|e| bad_input(format!("{}: {e}", arguments.recording.display())))?;
         let signals =
             AxisSignals { drive: &axis.drive, rate: recording.sample_rate, signals: samples.signals };
@@ -143,53 +144,6 @@ fn run_frf(arguments: &Arguments) -> anyhow::Result<()> {
     write_forces(&arguments.out, &recording, &Forces { forces, delay_s: 0.0, notes })
 }
 
-struct AxisSamples {
-    samples: Vec<MotionSample>,
-    signals: Signals,
-}
-
-fn has_drive(recording: &Recording, axis: &str) -> bool {
-    ["current_ref_a", "torque_ref_nm", "thrust_ref_n"]
-        .iter()
-        .any(|s| recording.get(&format!("{axis}_{s}")).is_some())
-}
-
-/// The samples of one axis, whichever of the contract's columns carry them.
-fn motion_samples(recording: &Recording, axis: &str, drive: &DriveParams) -> Result<AxisSamples, String> {
-    let column = |suffix: &str| recording.get(&format!("{axis}_{suffix}"));
-    let (reference, factor) = if let Some(thrust) = column("thrust_ref_n") {
-        (thrust, 1.0)
-    } else if let Some(torque) = column("torque_ref_nm") {
-        (torque, 1.0 / drive.travel_m_rad())
-    } else if let Some(current) = column("current_ref_a") {
-        let factor = drive
-            .thrust_constant_n_a()
-            .ok_or_else(|| format!("column {axis}_current_ref_a needs torque_constant_nm_a in the model"))?;
-        (current, factor)
-    } else {
-        return Err(format!("no column {axis}_current_ref_a, {axis}_torque_ref_nm or {axis}_thrust_ref_n"));
-    };
-    let (motor, motor_factor) = match column("motor_position_m") {
-        Some(position) => (Some(position), 1.0),
-        None => (column("motor_angle_rad"), drive.travel_m_rad()),
-    };
-    let stage = column("stage_position_m");
-    let signals = match (motor.is_some(), stage.is_some()) {
-        (true, true) => Signals::Both,
-        (true, false) => Signals::MotorOnly,
-        (false, true) => Signals::StageOnly,
-        (false, false) => return Err(format!("no position of axis {axis}: motor angle or stage position")),
-    };
-    let samples = (0..recording.len())
-        .map(|i| MotionSample {
-            thrust_ref_n: factor * reference[i],
-            motor_travel_m: motor.map(|m| motor_factor * m[i]),
-            stage_position_m: stage.map(|s| s[i]),
-        })
-        .collect();
-    Ok(AxisSamples { samples, signals })
-}
-
 fn estimate(estimator: &ForceEstimator, samples: &[MotionSample]) -> Vec<f64> {
     let Some(first) = samples.first() else { return Vec::new() };
     let mut state = estimator.settled(first);
@@ -205,7 +159,7 @@ fn idle_map(
 ) -> anyhow::Result<Option<IdleMap>> {
     let mut runs = Vec::new();
     for idle in idles {
-        let samples = motion_samples(idle, axis, drive)
+        let samples = motion_of_recording(idle, axis, drive)
             .map_err(|e| bad_input(format!("idle run {}: {e}", idle.experiment)))?;
         runs.push(idle_points(bare, &samples.samples));
     }

@@ -2,8 +2,13 @@
 
 use super::bad_input;
 use crate::force::frf::{ACCEL_AXES, AccelSample};
+use crate::force::estimator::MotionSample;
+use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
+use crate::identify::sweep::{Sweep, SweepFit, fit_sweep};
 use crate::identify::frf::{FrfRun, FrfSettings, fit_frf};
-use crate::recording::read_recording;
+use crate::config::machine::{machine_to_text, read_machine};
+use crate::recording::{read_recording, write_whole};
+use crate::report::force_plots::response_svg;
 use crate::report::force_estimator::write_estimators;
 use crate::sample::Recording;
 use anyhow::Context as _;
@@ -29,9 +34,67 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     match arguments.method.as_str() {
+        "sweep" => run_sweep(&arguments),
         "frf" => run_frf(&arguments),
         other => Err(bad_input(format!("--method {other}: expected sweep or frf"))),
     }
+}
+
+/// One sweep for each axis that the model and a recording share.
+fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
+    let Some(model) = &arguments.model else {
+        return Err(bad_input("--method sweep needs --model, the drive to start from"));
+    };
+    let mut machine = read_machine(model).map_err(bad_input)?;
+    let mut text = String::new();
+    let mut fitted_any = false;
+    for path in &arguments.recording {
+        let recording = read_recording(path).map_err(bad_input)?;
+        for axis in machine.axes.iter_mut().filter(|a| has_drive(&recording, &a.name)) {
+            let in_file = |e: String| bad_input(format!("{}: axis {}: {e}", path.display(), axis.name));
+            let motion =
+                motion_of_recording(&recording, &axis.name, &axis.drive).map_err(|e| in_file(e.to_string()))?;
+            let fit = fit_sweep(&axis.drive, &sweep_of(&recording, &motion)).map_err(|e| in_file(e.to_string()))?;
+            text.push_str(&describe(&axis.name, &fit));
+            let picture = arguments.out.with_extension(format!("{}.svg", axis.name));
+            write_whole(&picture, response_svg(&axis.name, &fit)?.as_bytes()).context("writing the picture")?;
+            axis.drive = fit.drive;
+            fitted_any = true;
+        }
+    }
+    if !fitted_any {
+        let names: Vec<&str> = machine.axes.iter().map(|a| a.name.as_str()).collect();
+        return Err(bad_input(format!("no recording has a drive signal of the model's axes {}", names.join(", "))));
+    }
+    write_whole(&arguments.out, machine_to_text(&machine).as_bytes()).context("writing the model")?;
+    write!(std::io::stdout(), "{text}")?;
+    Ok(())
+}
+
+fn sweep_of(recording: &Recording, motion: &RecordedMotion) -> Sweep {
+    let column = |value: fn(&MotionSample) -> Option<f64>| motion.samples.iter().filter_map(value).collect();
+    Sweep {
+        rate: recording.sample_rate,
+        thrust_ref_n: motion.samples.iter().map(|s| s.thrust_ref_n).collect(),
+        motor_travel_m: column(|s| s.motor_travel_m),
+        stage_position_m: column(|s| s.stage_position_m),
+    }
+}
+
+fn describe(axis: &str, fit: &SweepFit) -> String {
+    let mut text = format!("axis {axis}, {:.0} to {:.0} Hz\n", fit.band_hz[0], fit.band_hz[1]);
+    text.push_str(&format!("{:30} {:>13} {:>13}   95 % interval\n", "parameter", "prior", "fitted"));
+    for p in &fit.parameters {
+        let interval = match p.ci95 {
+            [low, high] if low.is_finite() => format!("{low:.5e} .. {high:.5e}"),
+            _ => "from means".to_owned(),
+        };
+        text.push_str(&format!("{:30} {:13.5e} {:13.5e}   {interval}\n", p.name, p.prior, p.value));
+    }
+    for warning in &fit.warnings {
+        text.push_str(&format!("warning: {warning}\n"));
+    }
+    text
 }
 
 fn run_frf(arguments: &Arguments) -> anyhow::Result<()> {

@@ -1,5 +1,6 @@
 //! From what was typed (TOML, unknown keys refused by name) to what it means (checked core types).
 
+pub mod import_map;
 pub mod machine;
 pub mod scenario;
 pub mod service;

@@ -274,8 +274,8 @@ impl FrfStream {
     }
 }
 
-/// A whole recording through the stream, without its delay: the ends are extended by reflection, so
-/// that they do not ring.
+/// A whole recording through the stream, without its delay. Before the start and after the end the
+/// signal is continued by whole turns of the spindle, so that the ends do not ring.
 ///
 /// Errors: as [`FrfStream::new`].
 pub fn force_of_recording(
@@ -286,17 +286,24 @@ pub fn force_of_recording(
 ) -> Result<Vec<f64>, FrfError> {
     let mut stream = FrfStream::new(estimator.clone(), rate)?;
     let n = accel.len();
-    if n == 0 {
+    let (Some(first_rpm), Some(last_rpm)) = (speed_rpm.first(), speed_rpm.last()) else {
         return Ok(Vec::new());
-    }
-    let pad = stream.half;
+    };
+    let periods = (whole_turns_samples(*first_rpm, rate, n), whole_turns_samples(*last_rpm, rate, n));
     let at = |i: isize| {
-        let last = n as isize - 1;
-        let folded = if i < 0 { -i } else if i > last { 2 * last - i } else { i };
-        folded.clamp(0, last) as usize
+        let (n, head, tail) = (n as isize, periods.0 as isize, periods.1 as isize);
+        let folded = if i < 0 {
+            i.rem_euclid(head)
+        } else if i >= n {
+            n - tail + (i - n).rem_euclid(tail)
+        } else {
+            i
+        };
+        folded.clamp(0, n - 1) as usize
     };
     let mut force = Vec::with_capacity(n);
-    let first = -(pad as isize);
+    // Twice: the first half impulse response only fills the stream.
+    let first = -2 * (stream.half as isize);
     for i in first..(n + stream.delay_samples() + stream.block) as isize {
         let k = at(i);
         let (f, _) = stream.step(accel[k], speed_rpm.get(k).copied().unwrap_or(0.0));
@@ -306,4 +313,23 @@ pub fn force_of_recording(
         }
     }
     Ok(force)
+}
+
+/// Samples of the number of turns, within half of the recording, that is closest to whole samples.
+fn whole_turns_samples(speed_rpm: f64, rate: SampleRate, n: usize) -> usize {
+    let turn = 60.0 * rate.hz() / speed_rpm;
+    let longest = (n / 2).max(1) as f64;
+    if !(turn.is_finite() && turn >= 2.0 && turn <= longest) {
+        return n.max(1);
+    }
+    let mut best = (f64::INFINITY, turn);
+    let mut length = turn;
+    while length <= longest {
+        let miss = (length - length.round()).abs();
+        if miss < best.0 - 1e-9 {
+            best = (miss, length);
+        }
+        length += turn;
+    }
+    best.1.round() as usize
 }

@@ -18,4 +18,6 @@ pub mod estimator;
 pub mod frf;
 pub mod friction;
 pub mod idle_map;
+pub mod recorded;
+pub mod response;
 pub mod validity;

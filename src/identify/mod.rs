@@ -3,3 +3,5 @@
 
 pub mod banded;
 pub mod frf;
+pub mod least_squares;
+pub mod sweep;

@@ -19,6 +19,7 @@ use crate::chatter::{ChatterEvent, ChatterMonitor, ChatterOutput, ChatterState, 
 use crate::force::estimator::{ForceEstimate, ForceEstimator, ForceState, MotionSample};
 use crate::force::validity::Validity;
 use crate::sample::{AxisSample, MAX_AXES, SampleError, ServoSample};
+use crate::signal::butterworth::{Butterworth, ButterworthState};
 use crate::signal::sliding_dft::{SlidingDft, SlidingDftSettings, SlidingDftState};
 
 /// Lost samples up to this many are bridged by straight lines; after more, everything starts anew.
@@ -79,6 +80,7 @@ pub struct Agreement {
 #[derive(Debug, Clone, PartialEq)]
 struct Channel {
     estimator: Option<ForceEstimator>,
+    motor_filter: Option<Butterworth>,
     thrust_n_a: f64,
     travel_m_rad: f64,
     watch: bool,
@@ -87,6 +89,7 @@ struct Channel {
 #[derive(Debug, Clone, PartialEq)]
 struct ChannelState {
     force: Option<ForceState>,
+    motor: Option<ButterworthState>,
     monitor: ChatterState,
     output: ChatterOutput,
     flags: Validity,
@@ -130,6 +133,7 @@ impl Pipeline {
             .iter()
             .map(|_| ChannelState {
                 force: None,
+                motor: None,
                 output: quiet(),
                 monitor: monitor.start(),
                 flags: Validity::SETTLING,
@@ -265,6 +269,7 @@ impl Pipeline {
     pub fn restart(&mut self) {
         for state in &mut self.states {
             state.force = None;
+            state.motor = None;
             state.monitor = self.monitor.start();
             state.output = quiet();
             state.flags = Validity::SETTLING;
@@ -278,9 +283,14 @@ impl Pipeline {
         let channels = self.channels.iter().zip(&mut self.states).zip(&sample.axes);
         for (((channel, state), axis), force) in channels.zip(&mut forces) {
             let Some(estimator) = &channel.estimator else { continue };
+            let mut motor_travel_m = channel.travel_m_rad * axis.motor_angle_rad;
+            if let Some(filter) = &channel.motor_filter {
+                let inner = state.motor.get_or_insert_with(|| filter.settled(motor_travel_m));
+                motor_travel_m = filter.step(inner, motor_travel_m);
+            }
             let motion = MotionSample {
                 thrust_ref_n: channel.thrust_n_a * axis.current_ref_a,
-                motor_travel_m: Some(channel.travel_m_rad * axis.motor_angle_rad),
+                motor_travel_m: Some(motor_travel_m),
                 stage_position_m: axis.stage_position_m,
             };
             let inner = state.force.get_or_insert_with(|| estimator.settled(&motion));

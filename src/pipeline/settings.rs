@@ -7,6 +7,7 @@ use crate::force::estimator::{AxisSignals, ForceError, ForceEstimator, ForceSett
 use crate::plant::drive::DriveParams;
 use crate::plant::workpiece::Workpiece;
 use crate::sample::MAX_AXES;
+use crate::signal::butterworth::Butterworth;
 use crate::signal::sliding_dft::SlidingDftError;
 use crate::units::SampleRate;
 use thiserror::Error;
@@ -33,6 +34,9 @@ pub struct ForcePlan {
     pub method: Method,
     /// Low-pass, idle map and the like.
     pub settings: ForceSettings,
+    /// Above this the rotary encoder is not listened to: in the chatter band the motor hardly moves, and the
+    /// steps of its encoder are larger than its motion. `None`: all of it.
+    pub motor_cutoff_hz: Option<f64>,
 }
 
 /// Where chatter is looked for.
@@ -120,7 +124,13 @@ impl PipelineSettings {
 
     pub(super) fn channel(&self, plan: &AxisPlan) -> Result<Channel, PipelineError> {
         let Some(force) = &plan.force else {
-            return Ok(Channel { estimator: None, thrust_n_a: 0.0, travel_m_rad: 1.0, watch: plan.watch });
+            return Ok(Channel {
+                estimator: None,
+                motor_filter: None,
+                thrust_n_a: 0.0,
+                travel_m_rad: 1.0,
+                watch: plan.watch,
+            });
         };
         let thrust_n_a = force
             .drive
@@ -129,8 +139,13 @@ impl PipelineSettings {
         let signals = AxisSignals { drive: &force.drive, rate: self.sample_rate, signals: force.signals };
         let estimator = ForceEstimator::new(force.method, &signals, force.settings.clone())
             .map_err(|source| PipelineError::Force { axis: plan.name.clone(), source })?;
+        let low_pass = |cutoff_hz| Butterworth::low_pass(2, cutoff_hz, self.sample_rate);
+        let motor_filter = force.motor_cutoff_hz.map(low_pass).transpose().map_err(|source| {
+            PipelineError::Force { axis: plan.name.clone(), source: ForceError::Filter(source) }
+        })?;
         Ok(Channel {
             estimator: Some(estimator),
+            motor_filter,
             thrust_n_a,
             travel_m_rad: force.drive.travel_m_rad(),
             watch: plan.watch,

@@ -4,6 +4,8 @@
 //! numbers. Writing goes beside the target and is renamed: a file is there whole or not at all.
 
 mod csv_file;
+mod foreign;
+mod mat_file;
 mod parquet_file;
 
 use crate::sample::{Column, Recording};
@@ -11,6 +13,7 @@ use crate::units::SampleRate;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+pub use foreign::import;
 pub use parquet_file::{Table, TableColumn, write_table};
 
 /// Why a recording cannot be read or written. One line: file, column, first bad row.

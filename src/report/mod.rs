@@ -1,5 +1,10 @@
-//! What leaves the process as files: events, the track, estimators, diagnosis, models.
+//! What leaves the process as files: events, the track, estimators, diagnosis, models, pages for people.
 
 pub mod events;
 pub mod force_estimator;
+pub mod force_plots;
+pub mod html;
+mod maps;
+pub mod page;
+pub mod plot;
 pub mod track;

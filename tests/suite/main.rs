@@ -6,3 +6,5 @@ mod lathe;
 #[cfg(feature = "service")]
 mod transport;
 mod conceal;
+mod pipeline;
+mod report;

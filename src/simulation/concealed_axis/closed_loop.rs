@@ -2,7 +2,7 @@
 //! drive with dead time. What the drive was told and what the encoders said is the recording.
 
 use super::motion::Motion;
-use super::plant::{Drivers, Plant, STATES, State, Wave, at};
+use super::plant::{Drivers, Plant, STATES, Wave, at};
 use crate::plant::machine::Controller;
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};

@@ -1,0 +1,597 @@
+//! `report.html` of a diagnosis: for an engineer who has two minutes.
+//!
+//! One sentence; one picture before and after; where it sits; the numbers with their intervals; what
+//! else it could be; what to record next. The page stands alone and everything in it is escaped.
+
+use super::maps::{Bin, amplitude_density, binned, since_reversal};
+use super::page::{engineering, page, significant};
+use super::plot::{Axis, Figure, Mark, escape, range_of};
+use crate::diagnosis::{Diagnosis, Finding, RecordingFit, Verdict};
+use std::fmt::Write as _;
+
+/// What the page says beside the diagnosis itself.
+#[derive(Debug, Clone, Default)]
+pub struct ReportContext {
+    /// Name of the machine.
+    pub machine: String,
+    /// File of each recording, in the order they were handed in.
+    pub files: Vec<String>,
+}
+
+/// The page.
+#[must_use]
+pub fn diagnosis_page(diagnosis: &Diagnosis, context: &ReportContext) -> String {
+    let mut body = String::new();
+    header(&mut body, diagnosis, context);
+    let picked = telling(diagnosis);
+    if let Some(picked) = picked {
+        hero(&mut body, diagnosis, picked);
+        place(&mut body, diagnosis, picked);
+    }
+    for finding in &diagnosis.findings {
+        finding_card(&mut body, finding);
+    }
+    corrections(&mut body, diagnosis);
+    tried(&mut body, diagnosis);
+    recordings(&mut body, diagnosis, context);
+    footer(&mut body, diagnosis);
+    page(&format!("{}: {}", context.machine, headline(diagnosis)), &body)
+}
+
+/// `stribeck_friction` as a person writes it.
+#[must_use]
+pub fn spoken(name: &str) -> String {
+    name.replace('_', " ")
+}
+
+fn headline(d: &Diagnosis) -> String {
+    match d.verdict {
+        Verdict::MissingPhysics => {
+            let names: Vec<String> =
+                d.findings.iter().map(|f| format!("{} ({})", spoken(f.effect.name()), spoken(f.port.name()))).collect();
+            format!("The model leaves out {}.", names.join(" and "))
+        }
+        Verdict::ParameterError => {
+            let names: Vec<String> = d.parameter_corrections.iter().map(|c| spoken(c.name)).collect();
+            format!("Nothing is missing; wrong in the model: {}.", names.join(", "))
+        }
+        Verdict::ModelAdequate => "Nothing is missing: the model explains these recordings down to their noise.".into(),
+        Verdict::UnexplainedMismatch => {
+            let place = d.location.as_ref().map_or(String::new(), |l| {
+                format!(", at the {}, over {}", spoken(l.port.name()), spoken(l.domain))
+            });
+            format!("Something is missing that no known effect explains{place}.")
+        }
+    }
+}
+
+fn header(out: &mut String, d: &Diagnosis, context: &ReportContext) {
+    let _ = write!(
+        out,
+        "<div><span class=\"badge {0}\">{1}</span> <span class=\"soft\">{2} \u{b7} axis {3}</span></div><h1>{4}</h1>",
+        d.verdict.name(),
+        spoken(d.verdict.name()),
+        escape(&context.machine),
+        escape(&d.axis),
+        escape(&headline(d))
+    );
+    for finding in &d.findings {
+        let _ = write!(out, "<p>{}</p>", escape(&finding.statement));
+    }
+    if d.findings.is_empty() && d.verdict == Verdict::UnexplainedMismatch {
+        out.push_str(
+            "<p>No effect of the vocabulary passed the test. Where the mismatch sits is shown below; a cause is not \
+             named, because none is proven.</p>",
+        );
+    }
+}
+
+/// A recording and one of its balances.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Picked {
+    recording: usize,
+    balance: usize,
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
+}
+
+/// The recording and balance where before and after differ most; without findings, where most is left.
+fn telling(d: &Diagnosis) -> Option<Picked> {
+    let mut best: Option<(f64, Picked)> = None;
+    for (recording, fit) in d.recordings.iter().enumerate() {
+        for (balance, before) in fit.residual_before_n.iter().enumerate() {
+            let Some(after) = fit.residual_after_n.get(balance).filter(|a| !a.is_empty()) else { continue };
+            let floor = d.noise_floor_n.get(balance).copied().unwrap_or(1.0).max(1.0e-9);
+            let shown = if d.verdict == Verdict::ParameterError { &fit.residual_nominal_n[balance] } else { before };
+            let gain = (rms(shown).powi(2) - rms(after).powi(2)) / floor + 1.0e-3 * rms(shown) / floor;
+            if best.is_none_or(|(g, _)| gain > g) {
+                best = Some((gain, Picked { recording, balance }));
+            }
+        }
+    }
+    best.map(|(_, p)| p)
+}
+
+/// What "before" is: with nothing missing, the model as it was stated; else with its numbers re-estimated.
+fn before<'a>(d: &Diagnosis, fit: &'a RecordingFit, balance: usize) -> &'a [f64] {
+    let stated = matches!(d.verdict, Verdict::ParameterError | Verdict::ModelAdequate);
+    let series = if stated { &fit.residual_nominal_n } else { &fit.residual_before_n };
+    series.get(balance).map_or(&[], Vec::as_slice)
+}
+
+fn after(fit: &RecordingFit, balance: usize) -> &[f64] {
+    fit.residual_after_n.get(balance).map_or(&[], Vec::as_slice)
+}
+
+fn series(fit: &RecordingFit, values: &[f64]) -> Vec<[f64; 2]> {
+    fit.t_s.iter().zip(values).map(|(t, v)| [*t, *v]).collect()
+}
+
+fn key(class: &str, text: &str) -> String {
+    format!("<span class=\"key\"><i class=\"{class}\"></i>{text}</span>")
+}
+
+fn hero(out: &mut String, d: &Diagnosis, p: Picked) {
+    let fit = &d.recordings[p.recording];
+    let (b, a) = (before(d, fit, p.balance), after(fit, p.balance));
+    let floor = d.noise_floor_n.get(p.balance).copied().unwrap_or(0.0);
+    let side = d.balances.get(p.balance).copied().unwrap_or("axis");
+    let mut both: Vec<f64> = b.to_vec();
+    let y = Axis::linear("force not explained, N", range_of(&mut both, true));
+    let whole = [fit.t_s.first().copied().unwrap_or(0.0), fit.t_s.last().copied().unwrap_or(1.0)];
+    let zoom = densest(fit, b);
+    let figure = |x: [f64; 2], size: [f64; 2], title: &str| Figure {
+        size,
+        x: Axis::linear("time, s", x),
+        y: y.clone(),
+        marks: vec![
+            Mark::Envelope { class: "before", points: clipped(series(fit, b), x) },
+            Mark::Envelope { class: "after", points: clipped(series(fit, a), x) },
+            Mark::Band { class: "floor", y: [-2.0 * floor, 2.0 * floor] },
+        ],
+        title: title.to_owned(),
+    };
+    let (word_before, word_after) = match d.verdict {
+        Verdict::ParameterError => ("stated model", "numbers corrected"),
+        Verdict::ModelAdequate => ("stated model", "numbers re-estimated"),
+        _ => ("without the finding, numbers re-estimated", "with the finding"),
+    };
+    let _ = write!(
+        out,
+        "<h2>Before and after: {} side, recording \u{201c}{}\u{201d}</h2><div class=\"hero\"><div class=\"card\">{}{}{}{}{}</div>",
+        escape(side),
+        escape(&fit.experiment),
+        key("before", word_before),
+        key("after", word_after),
+        key("floor", "noise floor (2 \u{3c3})"),
+        figure(whole, [760.0, 250.0], "force not explained over the whole recording").svg(),
+        figure(zoom, [760.0, 200.0], "the same, a short stretch").svg(),
+    );
+    let (left, right, floor) = match d.findings.first() {
+        Some(f) => (f.fit.heldout_rms_before_n, f.fit.heldout_rms_after_n, f.fit.noise_floor_n),
+        None => (rms(b), rms(a), floor),
+    };
+    let held = if d.findings.is_empty() { "in this recording" } else { "on parts nothing was fitted to" };
+    let _ = write!(
+        out,
+        "<div class=\"card numbers\"><div class=\"before\"><div class=\"big\">{}</div>unexplained before</div>\
+         <div class=\"after\"><div class=\"big\">{}</div>after</div><div class=\"floor\"><div class=\"big\">{}</div>\
+         noise floor</div><div class=\"soft small\">Root mean square of the force balance, {} to {} Hz, {held}.</div></div></div>",
+        engineering(left, "N", 3),
+        engineering(right, "N", 3),
+        engineering(floor, "N", 3),
+        significant(d.residual_band_hz[0], 3),
+        significant(d.residual_band_hz[1], 3),
+    );
+}
+
+fn clipped(points: Vec<[f64; 2]>, x: [f64; 2]) -> Vec<[f64; 2]> {
+    points.into_iter().filter(|p| (x[0]..=x[1]).contains(&p[0])).collect()
+}
+
+/// A twentieth of the recording (at least 0.15 s) where `values` carry most.
+fn densest(fit: &RecordingFit, values: &[f64]) -> [f64; 2] {
+    let n = values.len().min(fit.t_s.len());
+    if n < 8 {
+        return [0.0, 1.0];
+    }
+    let duration = fit.t_s[n - 1] - fit.t_s[0];
+    let share = (0.15 / duration.max(1.0e-9)).clamp(0.05, 1.0);
+    let width = ((n as f64 * share) as usize).clamp(4, n);
+    let mut sum: f64 = values[..width].iter().map(|v| v * v).sum();
+    let (mut best, mut start) = (sum, 0);
+    for k in width..n {
+        sum += values[k].powi(2) - values[k - width].powi(2);
+        if sum > best {
+            (best, start) = (sum, k + 1 - width);
+        }
+    }
+    [fit.t_s[start], fit.t_s[start + width - 1]]
+}
+
+/// One small picture of where the mismatch sits.
+struct PlaceMap {
+    title: &'static str,
+    /// Domains of the location that this picture shows.
+    domains: &'static [&'static str],
+    note: String,
+    svg: String,
+}
+
+fn place(out: &mut String, d: &Diagnosis, p: Picked) {
+    let domain = d.location.as_ref().map_or("", |l| l.domain);
+    let mut maps = vec![position_map(d, p), velocity_map(d, p), frequency_map(d, p)];
+    if let Some(folded) = folded_map(d, p) {
+        maps.insert(0, folded);
+    }
+    if matches!(domain, "history" | "direction")
+        || d.location.as_ref().is_some_and(|l| l.port == crate::plant::effects::Port::Coupling)
+    {
+        maps.insert(0, reversal_map(d, p));
+    }
+    out.push_str("<h2>Where it sits</h2>");
+    if let Some(l) = &d.location {
+        let bands: Vec<String> =
+            l.bands_hz.iter().map(|b| format!("{}\u{2013}{} Hz", significant(b[0], 3), significant(b[1], 3))).collect();
+        let _ = write!(
+            out,
+            "<p>Enters at the <b>{}</b>, seen over <b>{}</b>{}. Power of the mismatch: {:.0} % motor side, {:.0} % stage \
+             side, {:.0} % in their sum (which the spring cannot reach).</p>",
+            spoken(l.port.name()),
+            spoken(l.domain),
+            if bands.is_empty() { String::new() } else { format!(", strongest in {}", bands.join(", ")) },
+            100.0 * l.shares[0],
+            100.0 * l.shares[1],
+            100.0 * l.shares[2],
+        );
+    }
+    out.push_str("<div class=\"row\">");
+    for map in maps {
+        let here = map.domains.contains(&domain);
+        let _ = write!(
+            out,
+            "<div class=\"card{}\"><h3>{}{}</h3><div class=\"soft small\">{}</div>{}</div>",
+            if here { " here" } else { "" },
+            map.title,
+            if here { "<span class=\"tag\">it sits here</span>" } else { "" },
+            escape(&map.note),
+            map.svg
+        );
+    }
+    out.push_str("</div>");
+}
+
+const SMALL: [f64; 2] = [340.0, 210.0];
+
+fn binned_figure(title: &str, x: Axis, sets: Vec<(&'static str, &'static str, Vec<Bin>)>) -> String {
+    let mut ends: Vec<f64> =
+        sets.iter().flat_map(|(_, _, b)| b.iter().flat_map(|b| [b.mean - b.spread, b.mean + b.spread])).collect();
+    let [low, high] = range_of(&mut ends, false);
+    let y = Axis::linear("mean residual, N", [low.min(0.0), high.max(0.0)]);
+    let mut marks = Vec::new();
+    for (class, line, bins) in sets {
+        let area = bins.iter().map(|b| [b.at, b.mean - b.spread, b.mean + b.spread]).collect();
+        marks.push(Mark::Area { class, points: area });
+        marks.push(Mark::Line { class: line, points: bins.iter().map(|b| [b.at, b.mean]).collect() });
+    }
+    Figure { size: SMALL, x, y, marks, title: title.to_owned() }.svg()
+}
+
+fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let [a, b] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |e, v| [e[0].min(v), e[1].max(v)]);
+    if a < b { [a, b] } else { [a - 1.0, a + 1.0] }
+}
+
+fn position_map(d: &Diagnosis, p: Picked) -> PlaceMap {
+    let positions = || d.recordings.iter().flat_map(|f| f.position_m.iter().map(|x| x * 1.0e3));
+    let range = extent(positions());
+    let forward = |keep: f64, s: fn(&Diagnosis, &RecordingFit, usize) -> Vec<f64>| {
+        let pairs = d.recordings.iter().flat_map(move |f| {
+            let values = s(d, f, p.balance);
+            let moving = f.velocity_m_s.iter().map(move |v| v * keep > 1.0e-4);
+            let all = f.position_m.iter().zip(values).zip(moving);
+            all.filter(|(_, m)| *m).map(|((x, r), _)| (x * 1.0e3, r)).collect::<Vec<_>>()
+        });
+        binned(pairs, range, 80)
+    };
+    let sets = vec![
+        ("before", "before", forward(1.0, |d, f, b| before(d, f, b).to_vec())),
+        ("before", "before dash", forward(-1.0, |d, f, b| before(d, f, b).to_vec())),
+        ("after", "after", forward(1.0, |_, f, b| after(f, b).to_vec())),
+    ];
+    let svg = binned_figure("residual over position", Axis::linear("position, mm", range), sets);
+    PlaceMap {
+        title: "Position",
+        domains: &["position"],
+        note: "solid: forwards, dashed: backwards".into(),
+        svg,
+    }
+}
+
+fn velocity_map(d: &Diagnosis, p: Picked) -> PlaceMap {
+    let fastest = d.recordings.iter().flat_map(|f| &f.velocity_m_s).fold(0.0_f64, |a, v| a.max(v.abs())) * 1.0e3;
+    // A root scale opens the creep speeds, where friction lives.
+    let root = |v: f64| v.signum() * v.abs().sqrt();
+    let reach = root(fastest.max(1.0e-6));
+    let velocity = move |f: &RecordingFit| f.velocity_m_s.iter().map(|v| root(v * 1.0e3)).collect::<Vec<_>>();
+    let set = |values: fn(&Diagnosis, &RecordingFit, usize) -> Vec<f64>| {
+        let pairs = d.recordings.iter().flat_map(|f| velocity(f).into_iter().zip(values(d, f, p.balance)));
+        binned(pairs, [-reach, reach], 90).into_iter().map(|b| Bin { at: b.at * b.at.abs(), ..b }).collect::<Vec<_>>()
+    };
+    let sets = vec![
+        ("before", "before", set(|d, f, b| before(d, f, b).to_vec())),
+        ("after", "after", set(|_, f, b| after(f, b).to_vec())),
+    ];
+    let x = Axis::linear("velocity, mm/s", [-fastest, fastest]);
+    PlaceMap {
+        title: "Velocity",
+        domains: &["velocity", "direction"],
+        note: "bins are narrow at creep speeds".into(),
+        svg: binned_figure("residual over velocity", x, sets),
+    }
+}
+
+fn frequency_map(d: &Diagnosis, p: Picked) -> PlaceMap {
+    let fit = &d.recordings[p.recording];
+    let density = |values: &[f64]| amplitude_density(values, d.series_rate_hz, 2048.min(values.len() / 4));
+    let (b, a) = (density(before(d, fit, p.balance)), density(after(fit, p.balance)));
+    let top = d.residual_band_hz[1].min(0.5 * d.series_rate_hz);
+    let inside = |s: &[[f64; 2]]| s.iter().copied().filter(|p| p[0] <= top).collect::<Vec<_>>();
+    let (b, a) = (inside(&b), inside(&a));
+    let [low, high] = extent(b.iter().chain(&a).map(|p| p[1]).filter(|v| *v > 0.0));
+    let lowest = b.first().map_or(1.0, |p| p[0]).max(0.05);
+    let svg = Figure {
+        size: SMALL,
+        x: Axis::log("frequency, Hz", [lowest, top.max(2.0 * lowest)]),
+        y: Axis::log("N per root Hz", [(0.7 * low).max(1.0e-9), (1.4 * high).max(1.0e-8)]),
+        marks: vec![
+            Mark::Line { class: "before", points: b },
+            Mark::Line { class: "after", points: a },
+        ],
+        title: "spectrum of the residual".into(),
+    }
+    .svg();
+    PlaceMap {
+        title: "Frequency",
+        domains: &["frequency", "acceleration", "time"],
+        note: format!("recording \u{201c}{}\u{201d}", fit.experiment),
+        svg,
+    }
+}
+
+/// Residual over one period, where the finding names one.
+fn folded_map(d: &Diagnosis, p: Picked) -> Option<PlaceMap> {
+    let lead = d.model.axis(&d.axis).and_then(|a| a.drive.screw_lead_m());
+    let named = d.findings.iter().flat_map(|f| &f.parameters).find_map(|e| match e.name.as_str() {
+        "wavelength_m" | "signal_period_m" => Some(e.value),
+        "order_per_rev" => lead.map(|l| l / e.value),
+        _ => None,
+    })?;
+    let period = named.abs();
+    if !(period.is_finite() && period > 0.0) {
+        return None;
+    }
+    let scale = if period < 1.0e-3 { 1.0e6 } else { 1.0e3 };
+    let unit = if period < 1.0e-3 { "\u{b5}m" } else { "mm" };
+    let set = |values: fn(&Diagnosis, &RecordingFit, usize) -> Vec<f64>| {
+        let pairs = d.recordings.iter().flat_map(|f| {
+            // Slow enough that one period holds at least four samples.
+            let slow = 0.25 * period * d.series_rate_hz;
+            let all = f.position_m.iter().zip(f.velocity_m_s.iter()).zip(values(d, f, p.balance));
+            let kept = all.filter(move |((_, v), _)| v.abs() < slow && v.abs() > 1.0e-4);
+            kept.map(|((x, _), r)| (x.rem_euclid(period) * scale, r)).collect::<Vec<_>>()
+        });
+        binned(pairs, [0.0, period * scale], 48)
+    };
+    let sets = vec![
+        ("before", "before", set(|d, f, b| before(d, f, b).to_vec())),
+        ("after", "after", set(|_, f, b| after(f, b).to_vec())),
+    ];
+    let x = Axis::linear(&format!("position within one period, {unit}"), [0.0, period * scale]);
+    Some(PlaceMap {
+        title: "One period",
+        domains: &["position", "motor_angle"],
+        note: format!("every period of {} laid over the others", engineering(period, "m", 4)),
+        svg: binned_figure("residual over one period", x, sets),
+    })
+}
+
+fn reversal_map(d: &Diagnosis, p: Picked) -> PlaceMap {
+    // Logarithmic travel from 0.1 um to 10 mm.
+    let range = [-1.0, 4.0];
+    let set = |values: fn(&Diagnosis, &RecordingFit, usize) -> Vec<f64>| {
+        let pairs = d.recordings.iter().flat_map(|f| {
+            let travel = since_reversal(&f.position_m, &f.velocity_m_s);
+            let all = travel.into_iter().zip(values(d, f, p.balance));
+            all.filter(|([s, _], _)| *s > 0.0).map(|([s, way], r)| ((s * 1.0e6).log10(), r * way)).collect::<Vec<_>>()
+        });
+        binned(pairs, range, 60).into_iter().map(|b| Bin { at: 10.0_f64.powf(b.at), ..b }).collect::<Vec<_>>()
+    };
+    let sets = vec![
+        ("before", "before", set(|d, f, b| before(d, f, b).to_vec())),
+        ("after", "after", set(|_, f, b| after(f, b).to_vec())),
+    ];
+    PlaceMap {
+        title: "Travel since reversal",
+        domains: &["history"],
+        note: "sign turned with the direction of motion".into(),
+        svg: binned_figure(
+            "residual over travel since the last reversal",
+            Axis::log("travel, \u{b5}m", [10.0_f64.powf(range[0]), 10.0_f64.powf(range[1])]),
+            sets,
+        ),
+    }
+}
+
+fn finding_card(out: &mut String, f: &Finding) {
+    let _ = write!(
+        out,
+        "<h2>Finding {}: {} at the {}</h2><div class=\"card\"><div class=\"equation\">{}</div><table><tr><th>number</th>\
+         <th class=\"n\">value</th><th class=\"n\">95 % interval</th><th></th></tr>",
+        f.rank,
+        escape(&spoken(f.effect.name())),
+        escape(&spoken(f.port.name())),
+        escape(f.equation)
+    );
+    for e in &f.parameters {
+        let digits = digits_for(e.value, e.ci95);
+        let _ = write!(
+            out,
+            "<tr><td>{}</td><td class=\"n\"><b>{}</b></td><td class=\"n\">{} \u{2026} {}</td><td>{}</td></tr>",
+            escape(&spoken(&e.name)),
+            engineering(e.value, e.unit, digits),
+            engineering(e.ci95[0], e.unit, digits),
+            engineering(e.ci95[1], e.unit, digits),
+            interval_bar(e.value, e.ci95)
+        );
+    }
+    let _ = write!(
+        out,
+        "</table><p class=\"small soft\">Held out: {} before, {} after, floor {}. Twice the gain in log-likelihood: {}.</p></div>",
+        engineering(f.fit.heldout_rms_before_n, "N", 3),
+        engineering(f.fit.heldout_rms_after_n, "N", 3),
+        engineering(f.fit.noise_floor_n, "N", 3),
+        significant(f.evidence, 3)
+    );
+    alternatives(out, f);
+}
+
+/// Enough digits to show the interval's half width with two.
+fn digits_for(value: f64, ci95: [f64; 2]) -> usize {
+    let half = 0.5 * (ci95[1] - ci95[0]).abs();
+    if !(half > 0.0 && value.abs() > 0.0) {
+        return 4;
+    }
+    ((value.abs() / half).log10().floor() + 2.0).clamp(2.0, 6.0) as usize
+}
+
+/// The interval as a small picture; its width is the share of the value that is uncertain.
+fn interval_bar(value: f64, ci95: [f64; 2]) -> String {
+    let share = if value == 0.0 { 1.0 } else { 0.5 * (ci95[1] - ci95[0]).abs() / value.abs() };
+    let width = (100.0 * share).clamp(2.0, 100.0);
+    format!(
+        "<div class=\"track\"><div class=\"bar after\" style=\"width:{width:.0}%\"></div></div>\
+         <span class=\"soft small\">\u{b1} {} %</span>",
+        significant(100.0 * share, 2)
+    )
+}
+
+fn alternatives(out: &mut String, f: &Finding) {
+    let _ = write!(out, "<h2>What else it could be</h2><div class=\"card\"><table>");
+    let own = (f.effect, f.port, f.probability, "after");
+    let others = f.alternatives.iter().map(|a| (a.effect, a.port, a.probability, "floor"));
+    for (effect, port, probability, class) in std::iter::once(own).chain(others) {
+        let share = 100.0 * probability.clamp(0.0, 1.0);
+        let _ = write!(
+            out,
+            "<tr><td>{} <span class=\"soft\">at the {}</span></td><td style=\"width:45%\"><div class=\"track\">\
+             <div class=\"bar {class}\" style=\"width:{share:.1}%\"></div></div></td><td class=\"n\">{share:.1} %</td></tr>",
+            escape(&spoken(effect.name())),
+            escape(&spoken(port.name())),
+        );
+    }
+    out.push_str("</table>");
+    if f.alternatives.is_empty() {
+        out.push_str("<p class=\"soft small\">Every other hypothesis was tried and left more unexplained.</p>");
+    }
+    out.push_str("</div>");
+    if let Some(next) = &f.next_experiment {
+        let _ = write!(out, "<h2>What to record next</h2><div class=\"next\">{}</div>", escape(next));
+    }
+}
+
+fn corrections(out: &mut String, d: &Diagnosis) {
+    if d.parameter_corrections.is_empty() {
+        return;
+    }
+    out.push_str(
+        "<h2>Numbers of the model that the recordings contradict</h2><div class=\"card\"><table><tr><th>number</th>\
+         <th class=\"n\">model</th><th class=\"n\">recordings</th><th class=\"n\">95 % interval</th><th class=\"n\">change</th></tr>",
+    );
+    for c in &d.parameter_corrections {
+        let digits = digits_for(c.value, c.ci95);
+        let change =
+            if c.nominal == 0.0 { "new".to_owned() } else { format!("{:+.1} %", 100.0 * (c.value / c.nominal - 1.0)) };
+        let _ = write!(
+            out,
+            "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\"><b>{}</b></td><td class=\"n\">{} \u{2026} {}</td>\
+             <td class=\"n\">{}</td></tr>",
+            escape(c.name),
+            significant(c.nominal, digits.max(4)),
+            significant(c.value, digits),
+            significant(c.ci95[0], digits),
+            significant(c.ci95[1], digits),
+            change.replace('-', "\u{2212}")
+        );
+    }
+    out.push_str("</table></div>");
+}
+
+fn tried(out: &mut String, d: &Diagnosis) {
+    if d.tried.is_empty() {
+        return;
+    }
+    let most = d.tried.iter().map(|t| t.evidence).fold(1.0_f64, f64::max);
+    out.push_str("<h2>What was tried</h2><div class=\"card\"><table>");
+    for t in d.tried.iter().take(8) {
+        let name = t.effect.map_or("free competitor (no law)", |e| e.name());
+        let width = (100.0 * t.evidence / most).clamp(0.0, 100.0);
+        let _ = write!(
+            out,
+            "<tr><td>{} <span class=\"soft\">at the {}</span></td><td style=\"width:45%\"><div class=\"track\"><div \
+             class=\"bar after\" style=\"width:{width:.1}%\"></div></div></td><td class=\"n\">{}</td></tr>",
+            escape(&spoken(name)),
+            escape(&spoken(t.port.name())),
+            significant(t.evidence, 3)
+        );
+    }
+    let rest = d.tried.len().saturating_sub(8);
+    let _ = write!(
+        out,
+        "</table><p class=\"small soft\">Twice the gain in log-likelihood on held-out parts, each alone, the model's numbers \
+         re-estimated with it.{}</p></div>",
+        if rest > 0 { format!(" {rest} more gained less.") } else { String::new() }
+    );
+}
+
+fn recordings(out: &mut String, d: &Diagnosis, context: &ReportContext) {
+    out.push_str(
+        "<h2>Recordings</h2><div class=\"card\"><table><tr><th>recording</th><th>file</th><th class=\"n\">stated model, N rms</th>\
+         <th class=\"n\">with the answer, N rms</th><th></th></tr>",
+    );
+    for (k, fit) in d.recordings.iter().enumerate() {
+        let share = if fit.rms_before_n > 0.0 { 100.0 * fit.rms_after_n / fit.rms_before_n } else { 100.0 };
+        let _ = write!(
+            out,
+            "<tr><td>{}</td><td class=\"soft\">{}</td><td class=\"n before\">{}</td><td class=\"n after\">{}</td>\
+             <td style=\"width:22%\"><div class=\"track\"><div class=\"bar after\" style=\"width:{:.1}%\"></div></div></td></tr>",
+            escape(&fit.experiment),
+            escape(context.files.get(k).map_or("", String::as_str)),
+            significant(fit.rms_before_n, 3),
+            significant(fit.rms_after_n, 3),
+            share.clamp(0.0, 100.0)
+        );
+    }
+    out.push_str("</table></div>");
+}
+
+fn footer(out: &mut String, d: &Diagnosis) {
+    let floors: Vec<String> = d
+        .balances
+        .iter()
+        .zip(&d.noise_floor_n)
+        .map(|(name, floor)| format!("{} {}", spoken(name), engineering(*floor, "N", 3)))
+        .collect();
+    let _ = write!(
+        out,
+        "<footer>Residual: recorded thrust minus the thrust that the model needs for the recorded motion, {} to {} Hz. Noise \
+         floor from the encoders, the delays and the recordings themselves: {}. The same in figures: diagnosis.json; as a \
+         model: model.toml. Stillcut {}. This page loads nothing from outside.</footer>",
+        significant(d.residual_band_hz[0], 3),
+        significant(d.residual_band_hz[1], 3),
+        escape(&floors.join(", ")),
+        env!("CARGO_PKG_VERSION")
+    );
+}
