@@ -19,7 +19,7 @@ pub mod live;
 mod recorder;
 mod recordings;
 mod start;
-mod virtual_lathe;
+pub mod virtual_lathe;
 
 pub use crate::store::{AuditRow, EventFilter, EventPage, MAX_PAGE};
 pub use control::{Origin, Refusal};
@@ -27,4 +27,3 @@ pub use diagnoses::{Diagnoses, DiagnosisView, JobState};
 pub use handle::{Check, Handle, OperationError, ShownConfig, StreamMessage};
 pub use recordings::{RecordingInfo, RecordingLimits, Recordings, RecordingsError};
 pub use start::{Running, ServiceError, start};
-pub use virtual_lathe::VirtualLathe;
