@@ -56,6 +56,7 @@ section!(MachineToml {
     model: Option<PathBuf> = None,
     method: String = "medob".into(),
     force_cutoff_hz: f64 = 1000.0,
+    motor_cutoff_hz: f64 = 150.0,
     watch: Vec<String> = vec!["x1".into(), "y1".into()],
 });
 section!(WorkpieceToml {
@@ -86,10 +87,7 @@ section!(TurretToml {
     limits_by: String = "not commissioned".into(),
     limits_date: String = "not commissioned".into(),
 });
-section!(TransportToml {
-    prefix: String = "stillcut".into(),
-    root: PathBuf = "/run/stillcut".into(),
-});
+section!(TransportToml { prefix: String = "stillcut".into(), root: PathBuf = "/run/stillcut".into() });
 section!(HttpToml {
     listen: String = "127.0.0.1:8620".into(),
     certificate: Option<PathBuf> = None,
@@ -109,9 +107,7 @@ section!(RecorderToml {
     max_age_days: u32 = 90,
     max_bytes: u64 = 4_000_000_000,
 });
-section!(LogToml {
-    format: String = "text".into(),
-});
+section!(LogToml { format: String = "text".into() });
 section!(MtconnectToml {
     listen: Option<String> = None,
 });
@@ -185,6 +181,8 @@ pub struct ServiceConfig {
     pub method: Method,
     /// Low-pass behind it.
     pub force_cutoff_hz: f64,
+    /// Above this the rotary encoder is not listened to.
+    pub motor_cutoff_hz: f64,
     /// Axes listened to.
     pub watch: Vec<String>,
     /// Bar in the chuck.
@@ -272,7 +270,16 @@ impl Reader<'_> {
         let band = raw.detection.band_hz.map(|[low, high]| Band::new(low, high)).transpose();
         Ok(ServiceConfig {
             method,
-            force_cutoff_hz: self.within("machine.force_cutoff_hz", raw.machine.force_cutoff_hz, (1.0, 1e5))?,
+            force_cutoff_hz: self.within(
+                "machine.force_cutoff_hz",
+                raw.machine.force_cutoff_hz,
+                (1.0, 1e5),
+            )?,
+            motor_cutoff_hz: self.within(
+                "machine.motor_cutoff_hz",
+                raw.machine.motor_cutoff_hz,
+                (1.0, 1e5),
+            )?,
             watch: raw.machine.watch.clone(),
             workpiece: self.workpiece(&raw.workpiece)?,
             cutting: self.cutting(&raw.cutting)?,
@@ -296,7 +303,12 @@ impl Reader<'_> {
                 "json" => true,
                 other => return Err(self.bad("log.format", format!("`{other}` is not one of text, json"))),
             },
-            mtconnect: raw.mtconnect.listen.as_deref().map(|a| self.address("mtconnect.listen", a)).transpose()?,
+            mtconnect: raw
+                .mtconnect
+                .listen
+                .as_deref()
+                .map(|a| self.address("mtconnect.listen", a))
+                .transpose()?,
             machine,
             model,
             text,
@@ -326,7 +338,8 @@ impl Reader<'_> {
     }
 
     fn turret(&self, raw: &TurretToml) -> Result<TurretConfig, ConfigError> {
-        let largest = self.within("turret.largest_pitch_difference_rad", raw.largest_pitch_difference_rad, (0.0, 1.0))?;
+        let largest =
+            self.within("turret.largest_pitch_difference_rad", raw.largest_pitch_difference_rad, (0.0, 1.0))?;
         for (low, high) in raw.lowest_offset_m.iter().zip(&raw.highest_offset_m) {
             self.within("turret.lowest_offset_m", *low, (-0.01, 0.0))?;
             self.within("turret.highest_offset_m", *high, (0.0, 0.01))?;
@@ -347,7 +360,8 @@ impl Reader<'_> {
     }
 
     fn address(&self, place: &str, text: &str) -> Result<SocketAddr, ConfigError> {
-        text.parse().map_err(|_| self.bad(place, format!("`{text}` is not an address such as 127.0.0.1:8620")))
+        text.parse()
+            .map_err(|_| self.bad(place, format!("`{text}` is not an address such as 127.0.0.1:8620")))
     }
 
     fn http(&self, raw: &HttpToml) -> Result<HttpConfig, ConfigError> {
@@ -383,6 +397,7 @@ impl ServiceConfig {
                 drive: axis.drive.clone(),
                 signals: Signals::Both,
                 method: self.method,
+                motor_cutoff_hz: Some(self.motor_cutoff_hz),
                 settings: ForceSettings {
                     low_pass: LowPass::Butterworth { order: 4, cutoff_hz: self.force_cutoff_hz },
                     ..ForceSettings::default()

@@ -54,7 +54,11 @@ pub type Progress<'a> = &'a (dyn Fn(f64, &str) + Sync);
 /// Says what `machine` leaves out, from recordings of it. Deterministic.
 ///
 /// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters.
-pub fn diagnose(machine: &Machine, recordings: &[Recording], progress: Progress<'_>) -> Result<Diagnosis, DiagnoseError> {
+pub fn diagnose(
+    machine: &Machine,
+    recordings: &[Recording],
+    progress: Progress<'_>,
+) -> Result<Diagnosis, DiagnoseError> {
     let _ = (machine, progress);
     recordings.first().ok_or(DiagnoseError::NoRecording)?;
     Err(DiagnoseError::NoRecording)

@@ -249,7 +249,8 @@ impl Access {
         let digest: [u8; 32] = Sha256::digest(text.as_bytes()).into();
         let mut loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
         self.refresh(&mut loaded, now);
-        let valid = |t: &&Token| t.expires_ns.is_none_or(|e| wall_ns < e) && bool::from(t.digest.ct_eq(&digest));
+        let valid =
+            |t: &&Token| t.expires_ns.is_none_or(|e| wall_ns < e) && bool::from(t.digest.ct_eq(&digest));
         let token = loaded.tokens.iter().find(valid)?;
         Some(Caller { name: token.name.clone(), role: Some(token.role) })
     }

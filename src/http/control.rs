@@ -25,8 +25,10 @@ pub(super) struct ModeView {
 
 fn mode_response(site: &Site) -> Response {
     let state = site.handle.state();
-    let view = ModeView { mode: state.mode, revision: state.mode_revision, reason: state.mode_reason.clone() };
-    let tag = HeaderValue::from_str(&format!("\"{}\"", view.revision)).unwrap_or_else(|_| HeaderValue::from_static("\"\""));
+    let view =
+        ModeView { mode: state.mode, revision: state.mode_revision, reason: state.mode_reason.clone() };
+    let tag = HeaderValue::from_str(&format!("\"{}\"", view.revision))
+        .unwrap_or_else(|_| HeaderValue::from_static("\"\""));
     ([(header::ETAG, tag)], Json(view)).into_response()
 }
 
@@ -85,7 +87,9 @@ fn if_match(headers: &HeaderMap) -> Result<u64, Problem> {
         return Err(Problem::new(StatusCode::PRECONDITION_REQUIRED, "if_match_required", detail));
     };
     let text = value.to_str().unwrap_or_default().trim().trim_matches('"');
-    let stale = || Problem::new(StatusCode::PRECONDITION_FAILED, "stale_revision", "If-Match is not an ETag of the mode");
+    let stale = || {
+        Problem::new(StatusCode::PRECONDITION_FAILED, "stale_revision", "If-Match is not an ETag of the mode")
+    };
     text.parse().map_err(|_| stale())
 }
 

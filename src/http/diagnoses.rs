@@ -27,7 +27,11 @@ pub(super) struct DiagnosisBody {
     /// Names of recordings, 1 to 16.
     recordings: Vec<String>,
     /// One sentence for the record.
-    #[schema(example = "force does not fit since the ball screw was changed", min_length = 1, max_length = 500)]
+    #[schema(
+        example = "force does not fit since the ball screw was changed",
+        min_length = 1,
+        max_length = 500
+    )]
     reason: String,
 }
 
@@ -45,7 +49,8 @@ pub(super) async fn start(
     let Body(body) = body?;
     let origin = origin(&caller, &body.reason)?;
     if !(1..=16).contains(&body.recordings.len()) {
-        let problem = Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "1 to 16 recordings are needed");
+        let problem =
+            Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "1 to 16 recordings are needed");
         return Err(problem.with_field("/recordings", "expected names from GET /api/v1/recordings"));
     }
     let view = site.handle.start_diagnosis(body.recordings, &origin).await?;
@@ -57,7 +62,10 @@ pub(super) async fn start(
     params(("id" = String, Path, description = "Name of the job")),
     responses((status = 200, description = "The job", body = DiagnosisView),
         (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
-pub(super) async fn one(State(site): State<Site>, Named(id): Named<String>) -> Result<Json<DiagnosisView>, Problem> {
+pub(super) async fn one(
+    State(site): State<Site>,
+    Named(id): Named<String>,
+) -> Result<Json<DiagnosisView>, Problem> {
     let found = site.handle.diagnoses().get(&id);
     found.map(Json).ok_or_else(|| Problem::not_found("there is no such diagnosis"))
 }

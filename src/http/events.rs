@@ -162,7 +162,8 @@ pub(super) async fn list(
 ) -> Result<Response, Problem> {
     let page = site.handle.events(&filter_from(query)?).await?;
     let events: Vec<EventView> = page.events.iter().map(EventView::from).collect();
-    let wants_csv = headers.get(header::ACCEPT).and_then(|v| v.to_str().ok()).is_some_and(|v| v.starts_with("text/csv"));
+    let wants_csv =
+        headers.get(header::ACCEPT).and_then(|v| v.to_str().ok()).is_some_and(|v| v.starts_with("text/csv"));
     if wants_csv {
         let headers = [(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")];
         return Ok((headers, csv_text(&events)).into_response());
@@ -171,7 +172,9 @@ pub(super) async fn list(
 }
 
 fn csv_text(events: &[EventView]) -> String {
-    let mut out = String::from("sequence,time,kind,severity,axis,t_s,frequency_hz,power_n2,pitch_difference_rad,text\n");
+    let mut out = String::from(
+        "sequence,time,kind,severity,axis,t_s,frequency_hz,power_n2,pitch_difference_rad,text\n",
+    );
     let number = |v: Option<f64>| v.map_or_else(String::new, |v| v.to_string());
     for e in events {
         let fields = [
@@ -203,7 +206,10 @@ fn csv_field(text: &str) -> String {
     params(("sequence" = i64, Path, description = "Place in the history")),
     responses((status = 200, description = "The event", body = EventView),
         (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
-pub(super) async fn one(State(site): State<Site>, Named(sequence): Named<i64>) -> Result<Json<EventView>, Problem> {
+pub(super) async fn one(
+    State(site): State<Site>,
+    Named(sequence): Named<i64>,
+) -> Result<Json<EventView>, Problem> {
     Ok(Json(EventView::from(&site.handle.event(sequence).await?)))
 }
 
@@ -275,7 +281,11 @@ pub(super) async fn silence(
     caller.require(Role::Operator)?;
     let Body(body) = body?;
     if !(1..=480).contains(&body.minutes) {
-        let problem = Problem::new(axum::http::StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "minutes is out of range");
+        let problem = Problem::new(
+            axum::http::StatusCode::UNPROCESSABLE_ENTITY,
+            "invalid_body",
+            "minutes is out of range",
+        );
         return Err(problem.with_field("/minutes", "expected 1 to 480"));
     }
     let origin = origin(&caller, &body.reason)?;

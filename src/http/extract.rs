@@ -21,7 +21,8 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
-        let kind = request.headers().get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok()).unwrap_or_default();
+        let kind =
+            request.headers().get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok()).unwrap_or_default();
         if !kind.split(';').next().is_some_and(|k| k.trim().eq_ignore_ascii_case("application/json")) {
             let detail = "the body must be application/json";
             return Err(Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported_media_type", detail));
@@ -45,12 +46,19 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
 
 fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     if depth(bytes) > JSON_DEPTH {
-        return Err(Problem::bad_request("json_too_deep", format!("JSON is nested deeper than {JSON_DEPTH}")));
+        return Err(Problem::bad_request(
+            "json_too_deep",
+            format!("JSON is nested deeper than {JSON_DEPTH}"),
+        ));
     }
     serde_json::from_slice(bytes).map_err(|error| {
         let text = error.to_string();
         let problem = if error.is_data() {
-            Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "the body is not what was expected")
+            Problem::new(
+                StatusCode::UNPROCESSABLE_ENTITY,
+                "invalid_body",
+                "the body is not what was expected",
+            )
         } else {
             Problem::bad_request("malformed_json", "the body is not JSON")
         };
@@ -104,7 +112,8 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Named<T
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let path = axum::extract::Path::<T>::from_request_parts(parts, state).await;
-        path.map(|axum::extract::Path(value)| Self(value)).map_err(|_| Problem::not_found("there is nothing of that name"))
+        path.map(|axum::extract::Path(value)| Self(value))
+            .map_err(|_| Problem::not_found("there is nothing of that name"))
     }
 }
 

@@ -108,7 +108,9 @@ pub fn description() -> utoipa::openapi::OpenApi {
     let mut api = routes().split_for_parts().1;
     let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).bearer_format("256 random bits").build();
     let components = api.components.get_or_insert_default();
-    components.security_schemes.insert("token".to_owned(), utoipa::openapi::RefOr::T(SecurityScheme::Http(bearer)));
+    components
+        .security_schemes
+        .insert("token".to_owned(), utoipa::openapi::RefOr::T(SecurityScheme::Http(bearer)));
     api
 }
 
@@ -225,7 +227,8 @@ const CSP: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-
 /// The vendored Swagger UI and the diagnosis report style themselves inline; they still load nothing from elsewhere.
 const CSP_INLINE: &str = "default-src 'none'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; \
      img-src 'self' data:; connect-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'";
-const CSP_REPORT: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'";
+const CSP_REPORT: &str =
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'";
 
 fn secure(path: &str, response: &mut Response) {
     let policy = if path == "/api" || path.starts_with("/api/") && !path.starts_with("/api/v1/") {
@@ -250,10 +253,13 @@ mod tests {
     #[test]
     fn only_own_names_are_served() {
         let configured = ["lathe-7.plant.example".to_owned()];
-        for good in ["localhost", "localhost:8620", "127.0.0.1:80", "[::1]:8620", "LATHE-7.plant.example:443"] {
+        for good in ["localhost", "localhost:8620", "127.0.0.1:80", "[::1]:8620", "LATHE-7.plant.example:443"]
+        {
             assert!(host_is_ours(good, &configured), "{good}");
         }
-        for bad in ["", "evil.example", "127.0.0.1.evil.example", "localhost.evil.example:80", "10.0.0.1", "[::2]:1"] {
+        for bad in
+            ["", "evil.example", "127.0.0.1.evil.example", "localhost.evil.example:80", "10.0.0.1", "[::2]:1"]
+        {
             assert!(!host_is_ours(bad, &configured), "{bad}");
         }
     }

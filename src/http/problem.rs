@@ -111,7 +111,9 @@ impl From<OperationError> for Problem {
                 Self::new(StatusCode::PRECONDITION_FAILED, "stale_revision", text)
             }
             OperationError::Refused(Refusal::Faulted(_)) => Self::new(StatusCode::CONFLICT, "faulted", text),
-            OperationError::Refused(Refusal::NotReady(_)) => Self::new(StatusCode::CONFLICT, "not_ready", text),
+            OperationError::Refused(Refusal::NotReady(_)) => {
+                Self::new(StatusCode::CONFLICT, "not_ready", text)
+            }
             OperationError::Refused(Refusal::NoAnswer) => {
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "pipeline_unavailable", text).retry_after(1)
             }

@@ -2,8 +2,8 @@
 
 use super::problem::Problem;
 use super::{Site, access::Caller};
-use crate::service::live::{AxisView, LiveState, SpectrumView};
 use crate::service::Check;
+use crate::service::live::{AxisView, LiveState, SpectrumView};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -114,7 +114,9 @@ pub(super) async fn readyz(State(site): State<Site>) -> Response {
         (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
 pub(super) async fn metrics(State(site): State<Site>, _: Extension<Caller>) -> Response {
     match site.handle.metrics().text() {
-        Ok(text) => ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response(),
+        Ok(text) => {
+            ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
+        }
         Err(error) => {
             tracing::error!(event = "metrics", "{error}");
             let detail = "the metrics could not be put together";

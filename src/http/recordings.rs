@@ -53,11 +53,15 @@ const CHUNK: usize = 64 * 1024;
     params(("id" = String, Path, description = "Name of the recording")),
     responses((status = 200, description = "Parquet", body = Vec<u8>, content_type = "application/vnd.apache.parquet"),
         (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
-pub(super) async fn download(State(site): State<Site>, Named(id): Named<String>) -> Result<Response, Problem> {
+pub(super) async fn download(
+    State(site): State<Site>,
+    Named(id): Named<String>,
+) -> Result<Response, Problem> {
     let path = site.handle.recording_path(&id)?;
     let Ok(seat) = Arc::clone(&site.exports).try_acquire_owned() else {
         site.handle.metrics().http_refused.with_label_values(&["exports"]).inc();
-        let problem = Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", "two downloads are running already");
+        let problem =
+            Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", "two downloads are running already");
         return Err(problem.retry_after(5));
     };
     let file = tokio::fs::File::open(&path).await.map_err(|_| Problem::not_found("the recording is gone"))?;

@@ -1,8 +1,8 @@
 //! The live stream: server-sent events that a client can resume.
 
+use super::Site;
 use super::events::EventView;
 use super::problem::Problem;
-use super::Site;
 use crate::service::{EventFilter, Handle, StreamMessage};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
@@ -66,7 +66,8 @@ async fn feed(handle: Handle, last: Option<i64>, out: Out) {
 
 /// Sends what was stored after `place`; answers the last place sent, or nothing when the client left.
 async fn resume(handle: &Handle, place: i64, out: &Out) -> Option<i64> {
-    let filter = EventFilter { cursor: Some(place), ascending: true, limit: RESUME, ..EventFilter::default() };
+    let filter =
+        EventFilter { cursor: Some(place), ascending: true, limit: RESUME, ..EventFilter::default() };
     let mut sent = place;
     // A history that cannot be read leaves a hole; the client sees it by the numbers.
     for event in handle.events(&filter).await.map(|p| p.events).unwrap_or_default() {

@@ -115,10 +115,8 @@ impl Pipeline {
     pub fn new(settings: PipelineSettings) -> Result<Self, PipelineError> {
         settings.check()?;
         let band = settings.band.band()?;
-        let monitor = ChatterMonitor::new(crate::chatter::ChatterSettings {
-            sample_rate: settings.sample_rate,
-            band,
-        })?;
+        let monitor =
+            ChatterMonitor::new(crate::chatter::ChatterSettings { sample_rate: settings.sample_rate, band })?;
         let channels = settings.axes.iter().map(|a| settings.channel(a)).collect::<Result<Vec<_>, _>>()?;
         let bins = settings.spectrum_bins(band);
         let spectrum = SlidingDft::new(SlidingDftSettings {
@@ -299,12 +297,7 @@ impl Pipeline {
         self.listen(sample.t_s, forces, Some(sample.spindle_speed_rpm))
     }
 
-    fn listen(
-        &mut self,
-        t_s: f64,
-        forces: [ForceEstimate; MAX_AXES],
-        speed_rpm: Option<f64>,
-    ) -> StepOutput {
+    fn listen(&mut self, t_s: f64, forces: [ForceEstimate; MAX_AXES], speed_rpm: Option<f64>) -> StepOutput {
         self.clean_samples += 1;
         let mut heard = None;
         for (index, (channel, state)) in self.channels.iter().zip(&mut self.states).enumerate() {

@@ -44,7 +44,8 @@ pub fn response_svg(axis: &str, fit: &SweepFit) -> Result<String, PlotError> {
     let points = |value: &dyn Fn(&crate::identify::sweep::ResponsePoint) -> f64| {
         fit.points.iter().map(|p| (p.frequency_hz, value(p))).collect::<Vec<_>>()
     };
-    let curve = |label: &str, dots: bool, points: Vec<(f64, f64)>| Curve { label: label.to_owned(), points, dots };
+    let curve =
+        |label: &str, dots: bool, points: Vec<(f64, f64)>| Curve { label: label.to_owned(), points, dots };
     let panels = [
         Panel {
             title: format!("axis {axis}: acceleration per thrust, gain"),
@@ -121,9 +122,8 @@ fn draw_panel<B: DrawingBackend>(
     } else {
         let pad = 0.05 * (high - low).max(1e-12);
         let range: std::ops::Range<f64> = low - pad..high + pad;
-        let chart = builder
-            .build_cartesian_2d(x_axis, RangedCoordf64::from(range))
-            .map_err(PlotError::from_any)?;
+        let chart =
+            builder.build_cartesian_2d(x_axis, RangedCoordf64::from(range)).map_err(PlotError::from_any)?;
         draw_curves(chart, panel)
     }
 }
@@ -145,12 +145,17 @@ where
         .draw()
         .map_err(PlotError::from_any)?;
     for (index, curve) in panel.curves.iter().enumerate() {
-        let color = Palette99::pick(index / if panel.curves.iter().any(|c| c.dots) { 2 } else { 1 }).to_rgba();
+        let color =
+            Palette99::pick(index / if panel.curves.iter().any(|c| c.dots) { 2 } else { 1 }).to_rgba();
         let points = || curve.points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite());
         let series = if curve.dots {
-            chart.draw_series(points().map(|p| Circle::new(p, 2, color.stroke_width(1)))).map_err(PlotError::from_any)?
+            chart
+                .draw_series(points().map(|p| Circle::new(p, 2, color.stroke_width(1))))
+                .map_err(PlotError::from_any)?
         } else {
-            chart.draw_series(LineSeries::new(points(), color.stroke_width(1))).map_err(PlotError::from_any)?
+            chart
+                .draw_series(LineSeries::new(points(), color.stroke_width(1)))
+                .map_err(PlotError::from_any)?
         };
         series.label(&curve.label).legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 14, y)], color));
     }

@@ -45,8 +45,10 @@ impl BlackBox {
 
     /// Puts the full chunk away and takes an empty one, from the spare ones where one is free.
     fn turn(&mut self) {
-        let empty = self.spare.iter().position(|c| Arc::strong_count(c) == 1).map(|i| self.spare.swap_remove(i));
-        let mut next = empty.and_then(Arc::into_inner).unwrap_or_else(|| Chunk { samples: Vec::with_capacity(CHUNK) });
+        let empty =
+            self.spare.iter().position(|c| Arc::strong_count(c) == 1).map(|i| self.spare.swap_remove(i));
+        let mut next =
+            empty.and_then(Arc::into_inner).unwrap_or_else(|| Chunk { samples: Vec::with_capacity(CHUNK) });
         next.samples.clear();
         let done = std::mem::replace(&mut self.filling, next);
         self.full.push_back(Arc::new(done));
@@ -143,6 +145,9 @@ mod tests {
         assert_eq!((run[0].sequence, run.len()), (3001, 1999));
         let columns = columns(&run, &["x1".into()]);
         let names: Vec<_> = columns.iter().map(|c| c.name.as_str()).collect();
-        assert_eq!(names, ["x1_current_ref_a", "x1_motor_angle_rad", "spindle_angle_rad", "spindle_speed_rpm"]);
+        assert_eq!(
+            names,
+            ["x1_current_ref_a", "x1_motor_angle_rad", "spindle_angle_rad", "spindle_speed_rpm"]
+        );
     }
 }

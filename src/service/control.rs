@@ -39,12 +39,28 @@ pub enum Refusal {
 /// One request to the pipeline thread.
 #[derive(Debug)]
 pub(crate) enum Control {
-    SetMode { mode: Mode, revision: Option<u64>, origin: Origin, done: oneshot::Sender<Result<u64, Refusal>> },
-    Override { origin: Origin, done: oneshot::Sender<Result<u64, Refusal>> },
-    ClearFault { origin: Origin, done: oneshot::Sender<Result<u64, Refusal>> },
-    SaveRecording { reason: String, done: oneshot::Sender<Result<String, Refusal>> },
+    SetMode {
+        mode: Mode,
+        revision: Option<u64>,
+        origin: Origin,
+        done: oneshot::Sender<Result<u64, Refusal>>,
+    },
+    Override {
+        origin: Origin,
+        done: oneshot::Sender<Result<u64, Refusal>>,
+    },
+    ClearFault {
+        origin: Origin,
+        done: oneshot::Sender<Result<u64, Refusal>>,
+    },
+    SaveRecording {
+        reason: String,
+        done: oneshot::Sender<Result<String, Refusal>>,
+    },
     /// The intent of that command is durable.
-    Committed { sequence: u64 },
+    Committed {
+        sequence: u64,
+    },
     /// The store has been failing for this long.
     StoreFailing(bool),
     Stop,

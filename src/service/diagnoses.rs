@@ -98,7 +98,9 @@ impl Diagnoses {
             if jobs.iter().filter(|j| j.view.state == JobState::Queued).count() >= WAITING {
                 return None;
             }
-            while jobs.len() >= REMEMBERED && matches!(jobs.front()?.view.state, JobState::Done | JobState::Failed) {
+            while jobs.len() >= REMEMBERED
+                && matches!(jobs.front()?.view.state, JobState::Done | JobState::Failed)
+            {
                 jobs.pop_front();
             }
             jobs.push_back(Job { view: view.clone(), files, began: None });
@@ -123,7 +125,9 @@ impl Diagnoses {
     /// `report.html` of a job that is done.
     #[must_use]
     pub fn report_path(&self, id: &str) -> Option<PathBuf> {
-        self.get(id).filter(|v| v.state == JobState::Done).map(|v| self.0.folder.join(v.id).join("report.html"))
+        self.get(id)
+            .filter(|v| v.state == JobState::Done)
+            .map(|v| self.0.folder.join(v.id).join("report.html"))
     }
 
     /// Works through the queue for ever. `model`: where every diagnosis starts from.
@@ -140,7 +144,8 @@ impl Diagnoses {
                 continue;
             };
             let (inner, model, name) = (Arc::clone(&self.0), model.clone(), id.clone());
-            let ran = tokio::task::spawn_blocking(move || inner.diagnose(&name, model.as_deref(), &files)).await;
+            let ran =
+                tokio::task::spawn_blocking(move || inner.diagnose(&name, model.as_deref(), &files)).await;
             let outcome = ran.unwrap_or_else(|e| Err(e.to_string()));
             let finished = self.with(|jobs| {
                 let job = jobs.iter_mut().find(|j| j.view.id == id)?;
@@ -165,7 +170,12 @@ impl Job {
 }
 
 impl Inner {
-    fn diagnose(&self, id: &str, model: Option<&Path>, files: &[PathBuf]) -> Result<serde_json::Value, String> {
+    fn diagnose(
+        &self,
+        id: &str,
+        model: Option<&Path>,
+        files: &[PathBuf],
+    ) -> Result<serde_json::Value, String> {
         let model = model.ok_or("machine.model is not configured: there is no model to start from")?;
         let out = self.folder.join(id);
         std::fs::create_dir_all(&out).map_err(|e| format!("{}: {e}", out.display()))?;
@@ -177,7 +187,8 @@ impl Inner {
         command.arg("--out").arg(&out).stdin(Stdio::null()).stdout(Stdio::null());
         let errors = out.join("stderr.txt");
         let log = std::fs::File::create(&errors).map_err(|e| format!("{}: {e}", errors.display()))?;
-        let mut child = command.stderr(log).spawn().map_err(|e| format!("cannot start the diagnosis: {e}"))?;
+        let mut child =
+            command.stderr(log).spawn().map_err(|e| format!("cannot start the diagnosis: {e}"))?;
         let began = clock::now();
         let status = loop {
             match child.try_wait().map_err(|e| e.to_string())? {

@@ -197,7 +197,12 @@ impl Handle {
     }
 
     /// Silences an event for some minutes.
-    pub async fn silence(&self, sequence: i64, minutes: u32, origin: &Origin) -> Result<Event, OperationError> {
+    pub async fn silence(
+        &self,
+        sequence: i64,
+        minutes: u32,
+        origin: &Origin,
+    ) -> Result<Event, OperationError> {
         self.event(sequence).await?;
         self.audit(origin, "silence", &format!("event {sequence} for {minutes} min")).await?;
         let until = clock::wall_ns().saturating_add(i64::from(minutes) * 60_000_000_000);
@@ -217,7 +222,12 @@ impl Handle {
 
     /// Changes the mode. `revision`: the one the asker saw; needed on the way up.
     /// Going up is put on record first; going down never waits for the record.
-    pub async fn set_mode(&self, mode: Mode, revision: Option<u64>, origin: Origin) -> Result<u64, OperationError> {
+    pub async fn set_mode(
+        &self,
+        mode: Mode,
+        revision: Option<u64>,
+        origin: Origin,
+    ) -> Result<u64, OperationError> {
         let up = mode as u8 > self.state().mode as u8;
         let detail = format!("mode {}", mode.word());
         if up {
@@ -285,7 +295,11 @@ impl Handle {
                 ok: state.store.healthy,
                 detail: format!("{} events wait to be stored", state.store.unpersisted),
             },
-            Check { name: "pipeline", ok: behind_s.abs() < 2.0, detail: format!("picture is {behind_s:.1} s old") },
+            Check {
+                name: "pipeline",
+                ok: behind_s.abs() < 2.0,
+                detail: format!("picture is {behind_s:.1} s old"),
+            },
         ]
     }
 

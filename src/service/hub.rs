@@ -67,7 +67,12 @@ fn level(amplitude_n: f64) -> u8 {
 
 fn spectrum_frame(view: &SpectrumView) -> SpectrumFrame {
     let levels: Vec<u8> = view.amplitude_n.iter().map(|a| level(*a)).collect();
-    SpectrumFrame { t_s: view.t_s, first_hz: view.first_hz, step_hz: view.step_hz, levels: STANDARD.encode(levels) }
+    SpectrumFrame {
+        t_s: view.t_s,
+        first_hz: view.first_hz,
+        step_hz: view.step_hz,
+        levels: STANDARD.encode(levels),
+    }
 }
 
 /// Ends of the channels that the hub feeds.
@@ -124,7 +129,12 @@ pub(super) async fn publish_event(
 }
 
 impl Hub {
-    pub(super) fn new(outlets: Outlets, history: History, metrics: Arc<Metrics>, store_view: StoreView) -> Self {
+    pub(super) fn new(
+        outlets: Outlets,
+        history: History,
+        metrics: Arc<Metrics>,
+        store_view: StoreView,
+    ) -> Self {
         Self {
             outlets,
             history,
@@ -223,7 +233,10 @@ impl Hub {
             replaced: self.history.replaced.clone(),
         };
         self.metrics.events_unpersisted.set(i64::try_from(waiting).unwrap_or(i64::MAX));
-        self.metrics.queue_depth.with_label_values(&["store"]).set(i64::try_from(waiting).unwrap_or(i64::MAX));
+        self.metrics
+            .queue_depth
+            .with_label_values(&["store"])
+            .set(i64::try_from(waiting).unwrap_or(i64::MAX));
         self.metrics.store_bytes.set(i64::try_from(bytes).unwrap_or(i64::MAX));
         self.metrics.wal_bytes.set(i64::try_from(wal).unwrap_or(i64::MAX));
         self.metrics.stage_up.with_label_values(&["store"]).set(i64::from(!failing));

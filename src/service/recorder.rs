@@ -45,12 +45,20 @@ pub(super) fn start(
     Ok((send, thread))
 }
 
-fn work(jobs: &Receiver<Job>, recordings: &Recordings, limits: RecordingLimits, (metrics, outcome): (&Metrics, &Outcome)) {
+fn work(
+    jobs: &Receiver<Job>,
+    recordings: &Recordings,
+    limits: RecordingLimits,
+    (metrics, outcome): (&Metrics, &Outcome),
+) {
     while let Ok(job) = jobs.recv() {
         match save(recordings, &job) {
             Ok(seconds) => {
                 metrics.recordings.with_label_values(&["saved"]).inc();
-                outcome(EventKind::RecordingSaved, format!("{seconds:.1} s saved as {} ({})", job.id, job.reason));
+                outcome(
+                    EventKind::RecordingSaved,
+                    format!("{seconds:.1} s saved as {} ({})", job.id, job.reason),
+                );
             }
             Err(error) => {
                 metrics.recordings.with_label_values(&["failed"]).inc();

@@ -77,11 +77,14 @@ impl Recordings {
             if id.starts_with('.') {
                 continue; // being written
             }
-            found.push((wall_ns_of(&info), RecordingInfo {
-                id: id.to_owned(),
-                bytes: info.len(),
-                written_at: super::clock::rfc3339(wall_ns_of(&info)),
-            }));
+            found.push((
+                wall_ns_of(&info),
+                RecordingInfo {
+                    id: id.to_owned(),
+                    bytes: info.len(),
+                    written_at: super::clock::rfc3339(wall_ns_of(&info)),
+                },
+            ));
         }
         found.sort_by(|a, b| b.0.cmp(&a.0).then_with(|| b.1.id.cmp(&a.1.id)));
         Ok(found.into_iter().map(|(_, info)| info).collect())

@@ -105,7 +105,8 @@ pub fn start(config: ServiceConfig) -> Result<Running, ServiceError> {
         .map_err(|source| ServiceError::Files { path: "worker thread".into(), source })?;
     let metrics = Arc::new(Metrics::new(&stream_axes(&config), clock::wall_s())?);
     let retention = Retention { max_age_ns: config.history.max_age_ns, max_bytes: config.history.max_bytes };
-    let opening = StoreWriter::start(&config.history.folder, retention, Arc::clone(&metrics), clock::wall_ns());
+    let opening =
+        StoreWriter::start(&config.history.folder, retention, Arc::clone(&metrics), clock::wall_ns());
     let (writer, reader, report) = runtime.block_on(opening)?;
     let parts = Parts { config, lock, runtime, metrics, writer, reader, report };
     parts.start()
@@ -121,7 +122,8 @@ fn lock_state(folder: &Path) -> Result<File, ServiceError> {
     let files = |path: &Path, source| ServiceError::Files { path: path.to_owned(), source };
     std::fs::create_dir_all(folder).map_err(|e| files(folder, e))?;
     let path = folder.join("service.lock");
-    let file = File::options().create(true).truncate(false).write(true).open(&path).map_err(|e| files(&path, e))?;
+    let file =
+        File::options().create(true).truncate(false).write(true).open(&path).map_err(|e| files(&path, e))?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => Err(ServiceError::SecondInstance { path }),
@@ -215,7 +217,12 @@ impl Parts {
             folder: self.config.history.folder.clone(),
             replaced,
         };
-        Hub::new(outlets, history, Arc::clone(&self.metrics), StoreView { healthy: true, ..StoreView::default() })
+        Hub::new(
+            outlets,
+            history,
+            Arc::clone(&self.metrics),
+            StoreView { healthy: true, ..StoreView::default() },
+        )
     }
 
     fn start_recorder(
@@ -242,7 +249,10 @@ impl Parts {
     async fn tell_start(&self, handle: &Handle) {
         if let Some(damage) = &self.report.damage {
             let moved = damage.moved_to.display();
-            let text = format!("the history was damaged ({}); it is now {moved} and a new one was begun", damage.reason);
+            let text = format!(
+                "the history was damaged ({}); it is now {moved} and a new one was begun",
+                damage.reason
+            );
             handle.report(EventKind::HistoryReplaced, text).await;
         }
         let text = format!("stillcut {} started, epoch {}", env!("CARGO_PKG_VERSION"), self.report.epoch);
@@ -323,7 +333,11 @@ impl Running {
 
 impl Handle {
     /// Queues a diagnosis of stored recordings.
-    pub async fn start_diagnosis(&self, names: Vec<String>, origin: &Origin) -> Result<DiagnosisView, OperationError> {
+    pub async fn start_diagnosis(
+        &self,
+        names: Vec<String>,
+        origin: &Origin,
+    ) -> Result<DiagnosisView, OperationError> {
         let files = names.iter().map(|n| self.recording_path(n)).collect::<Result<Vec<_>, _>>()?;
         if self.model().is_none() {
             let what = "machine.model is not configured: there is no model to start from";

@@ -59,7 +59,10 @@ pub(super) fn chain_hash(previous: &[u8], sequence: i64, entry: &AuditEntry) -> 
     hash.finalize().to_vec()
 }
 
-pub(super) async fn append(connection: &mut SqliteConnection, entry: &AuditEntry) -> Result<i64, sqlx::Error> {
+pub(super) async fn append(
+    connection: &mut SqliteConnection,
+    entry: &AuditEntry,
+) -> Result<i64, sqlx::Error> {
     let last = sqlx::query("SELECT sequence, hash FROM audit ORDER BY sequence DESC LIMIT 1");
     let (sequence, previous) = match last.fetch_optional(&mut *connection).await? {
         Some(row) => (row.try_get::<i64, _>(0)? + 1, row.try_get::<Vec<u8>, _>(1)?),
@@ -100,7 +103,8 @@ pub async fn verify_audit_file(path: &Path) -> Result<AuditVerdict, StoreError> 
         }
         for r in &rows {
             let (found, hash) = row(r).map_err(fail)?;
-            let follows = found.sequence == last + 1 && chain_hash(&previous, found.sequence, &found.entry) == hash;
+            let follows =
+                found.sequence == last + 1 && chain_hash(&previous, found.sequence, &found.entry) == hash;
             if !follows {
                 return Ok(AuditVerdict::Broken { sequence: found.sequence });
             }

@@ -14,7 +14,9 @@ pub use open::{Damage, OpenReport, migrations};
 pub use query::{EventFilter, EventPage, MAX_PAGE};
 pub use writer::{Retention, StoreWriter, WriterGauges};
 
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::sqlite::{
+    SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
+};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use thiserror::Error;

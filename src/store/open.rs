@@ -61,14 +61,16 @@ pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection,
         let seconds = wall_ns / 1_000_000_000;
         sqlx::query(seed).bind(seconds).bind(wall_ns).execute(&mut connection).await.map_err(fail)?;
     }
-    let row = sqlx::query(insert).bind(wall_ns).bind(env!("CARGO_PKG_VERSION")).fetch_one(&mut connection).await;
+    let row =
+        sqlx::query(insert).bind(wall_ns).bind(env!("CARGO_PKG_VERSION")).fetch_one(&mut connection).await;
     let epoch = row.map_err(fail)?.get(0);
     Ok((connection, OpenReport { epoch, damage, copy }))
 }
 
 async fn try_open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, Option<PathBuf>), StoreError> {
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
-    let mut connection = SqliteConnection::connect_with(&options(path).create_if_missing(true)).await.map_err(fail)?;
+    let mut connection =
+        SqliteConnection::connect_with(&options(path).create_if_missing(true)).await.map_err(fail)?;
     let row = sqlx::query("PRAGMA quick_check(1)").fetch_one(&mut connection).await.map_err(fail)?;
     let verdict: String = row.try_get(0).map_err(fail)?;
     if verdict != "ok" {
@@ -102,7 +104,8 @@ async fn applied_versions(connection: &mut SqliteConnection) -> Result<Vec<i64>,
     if count == 0 {
         return Ok(Vec::new());
     }
-    let rows = sqlx::query("SELECT version FROM _sqlx_migrations ORDER BY version").fetch_all(connection).await?;
+    let rows =
+        sqlx::query("SELECT version FROM _sqlx_migrations ORDER BY version").fetch_all(connection).await?;
     rows.iter().map(|r| r.try_get(0)).collect()
 }
 
@@ -127,7 +130,8 @@ fn is_damage(error: &StoreError) -> bool {
 /// SQLite's general error 1: a table is there that should not be, or lacks what it should have.
 fn is_wrong_schema(error: &sqlx::Error) -> bool {
     let code = error.as_database_error().and_then(|e| e.code());
-    code.as_deref() == Some("1") || matches!(error, sqlx::Error::ColumnDecode { .. } | sqlx::Error::ColumnNotFound(_))
+    code.as_deref() == Some("1")
+        || matches!(error, sqlx::Error::ColumnDecode { .. } | sqlx::Error::ColumnNotFound(_))
 }
 
 /// Renames the file with its log and index, so that nothing of it is read again or lost.

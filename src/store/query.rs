@@ -87,7 +87,11 @@ fn page_query(filter: &EventFilter) -> QueryBuilder<Sqlite> {
         }
         query.push(")");
     }
-    query.push(if filter.ascending { " ORDER BY sequence ASC LIMIT " } else { " ORDER BY sequence DESC LIMIT " });
+    query.push(if filter.ascending {
+        " ORDER BY sequence ASC LIMIT "
+    } else {
+        " ORDER BY sequence DESC LIMIT "
+    });
     // One more than asked for tells whether there is a next page.
     query.push_bind(filter.limit.clamp(1, MAX_PAGE) + 1);
     query

@@ -76,7 +76,8 @@ impl StoreWriter {
         metrics: Arc<Metrics>,
         wall_ns: i64,
     ) -> Result<(Self, StoreReader, OpenReport), StoreError> {
-        std::fs::create_dir_all(folder).map_err(|source| StoreError::Files { path: folder.to_owned(), source })?;
+        std::fs::create_dir_all(folder)
+            .map_err(|source| StoreError::Files { path: folder.to_owned(), source })?;
         let path = folder.join(super::FILE_NAME);
         let (connection, report) = open(&path, wall_ns).await?;
         let (queue, waiting) = mpsc::channel(QUEUE);
@@ -166,7 +167,11 @@ impl Task {
     }
 
     /// Tries until it works; gives up only when the service is ending and the disk still refuses.
-    async fn commit_until_done(&mut self, batch: &[Write], queue: &mpsc::Receiver<Write>) -> Option<Vec<Answer>> {
+    async fn commit_until_done(
+        &mut self,
+        batch: &[Write],
+        queue: &mpsc::Receiver<Write>,
+    ) -> Option<Vec<Answer>> {
         loop {
             match self.commit(batch).await {
                 Ok(answers) => {
@@ -201,7 +206,11 @@ impl Task {
     }
 }
 
-async fn apply(connection: &mut SqliteConnection, write: &Write, keep: Retention) -> Result<Answer, sqlx::Error> {
+async fn apply(
+    connection: &mut SqliteConnection,
+    write: &Write,
+    keep: Retention,
+) -> Result<Answer, sqlx::Error> {
     match write {
         Write::Event(event, _) => insert_event(connection, event).await.map(Answer::Event),
         Write::Acknowledge { sequence, by, wall_ns, .. } => {
@@ -224,7 +233,8 @@ async fn apply(connection: &mut SqliteConnection, write: &Write, keep: Retention
 async fn insert_event(connection: &mut SqliteConnection, event: &Event) -> Result<Box<Event>, sqlx::Error> {
     let insert = "INSERT INTO event (id, wall_ns, kind, axis, t_s, frequency_hz, power_n2, pitch_difference_rad, text) \
          VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO UPDATE SET id = excluded.id RETURNING sequence";
-    let query = sqlx::query(insert).bind(&event.id).bind(event.wall_ns).bind(event.kind.word()).bind(&event.axis);
+    let query =
+        sqlx::query(insert).bind(&event.id).bind(event.wall_ns).bind(event.kind.word()).bind(&event.axis);
     let query = query.bind(event.t_s).bind(event.frequency_hz).bind(event.power_n2);
     let row = query.bind(event.pitch_difference_rad).bind(&event.text).fetch_one(connection).await?;
     Ok(Box::new(Event { sequence: row.try_get(0)?, ..event.clone() }))
@@ -240,7 +250,8 @@ async fn prune(connection: &mut SqliteConnection, now_ns: i64, keep: Retention) 
          FROM pragma_page_count, pragma_freelist_count, pragma_page_size";
     let used: i64 = sqlx::query(size).fetch_one(&mut *connection).await?.try_get(0)?;
     if u64::try_from(used).unwrap_or(0) > keep.max_bytes {
-        let cut = "DELETE FROM event WHERE sequence IN (SELECT sequence FROM event ORDER BY sequence LIMIT ?)";
+        let cut =
+            "DELETE FROM event WHERE sequence IN (SELECT sequence FROM event ORDER BY sequence LIMIT ?)";
         removed += sqlx::query(cut).bind(PRUNE_CHUNK).execute(&mut *connection).await?.rows_affected();
     }
     Ok(removed)
@@ -251,7 +262,9 @@ fn answer_all(batch: Vec<Write>, answers: Vec<Answer>) {
     for (write, answer) in batch.into_iter().zip(answers) {
         match (write, answer) {
             (Write::Event(_, Some(done)), Answer::Event(event)) => drop(done.send(*event)),
-            (Write::Acknowledge { done, .. } | Write::Silence { done, .. }, Answer::Done(yes)) => drop(done.send(yes)),
+            (Write::Acknowledge { done, .. } | Write::Silence { done, .. }, Answer::Done(yes)) => {
+                drop(done.send(yes))
+            }
             (Write::Audit(_, done), Answer::Sequence(sequence)) => drop(done.send(sequence)),
             (Write::Prune { done, .. }, Answer::Removed(count)) => drop(done.send(count)),
             _ => {}

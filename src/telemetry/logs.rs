@@ -14,7 +14,8 @@ pub enum LogFormat {
 /// Starts the log, filtered by `RUST_LOG` or `info`. A second call does nothing.
 pub fn start_logs(format: LogFormat) {
     // iceoryx2 reports every look at a dead node; only its errors matter here.
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info,iceoryx2=error,sqlx=warn"));
+    let filter =
+        EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info,iceoryx2=error,sqlx=warn"));
     let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
     let outcome = match format {
         LogFormat::Text => builder.with_ansi(false).try_init(),

@@ -2,16 +2,20 @@
 
 use super::event::EventKind;
 use super::process::append_process_metrics;
+use crate::avoidance::HoldReason;
 use prometheus::{
-    Encoder as _, Gauge, GaugeVec, Histogram, HistogramOpts, HistogramVec, IntCounter, IntCounterVec, IntGauge,
-    IntGaugeVec, Opts, Registry, TextEncoder,
+    Encoder as _, Gauge, GaugeVec, Histogram, HistogramOpts, HistogramVec, IntCounter, IntCounterVec,
+    IntGauge, IntGaugeVec, Opts, Registry, TextEncoder,
 };
 
 /// Why a sample was not taken.
 pub const REJECT_REASONS: [&str; 5] = ["not_finite", "duplicate", "out_of_order", "wrong_axes", "wrong_rate"];
 
-/// Why nothing was commanded at the end of an interval; the decision's reasons and the service's own.
-pub const HOLD_REASONS: [&str; 4] = ["store_unavailable", "intent_expired", "turret_backoff", "stage_failed"];
+/// The service's own reasons not to send what was decided, beside the decision's.
+pub const HOLD_REASONS: [&str; 3] = ["store_unavailable", "intent_expired", "stage_failed"];
+/// What becomes of a command.
+pub const COMMAND_OUTCOMES: [&str; 8] =
+    ["sent", "renewed", "returned", "advised", "reached", "refused", "limited", "expired"];
 
 /// Upper bounds of the latency histograms: 10 us times powers of two.
 pub const DECISION_BUCKETS_S: [f64; 12] =
@@ -87,7 +91,10 @@ pub struct Metrics {
 struct Maker(Registry);
 
 impl Maker {
-    fn put<C: prometheus::core::Collector + Clone + 'static>(&self, made: prometheus::Result<C>) -> prometheus::Result<C> {
+    fn put<C: prometheus::core::Collector + Clone + 'static>(
+        &self,
+        made: prometheus::Result<C>,
+    ) -> prometheus::Result<C> {
         let collector = made?;
         self.0.register(Box::new(collector.clone()))?;
         Ok(collector)
@@ -125,51 +132,120 @@ impl Metrics {
     pub fn new(axes: &[String], start_s: f64) -> prometheus::Result<Self> {
         let make = Maker(Registry::new());
         let http = "Time from the request's head to the response's head, in seconds.";
-        let http_options = HistogramOpts::new("stillcut_http_request_duration_seconds", http).buckets(HTTP_BUCKETS_S.to_vec());
+        let http_options = HistogramOpts::new("stillcut_http_request_duration_seconds", http)
+            .buckets(HTTP_BUCKETS_S.to_vec());
         let metrics = Self {
             samples: make.counters("stillcut_samples_total", "Samples taken in.", &["axis"])?,
-            samples_lost: make.counters("stillcut_samples_lost_total", "Samples that never came.", &["axis"])?,
-            samples_rejected: make.counters("stillcut_samples_rejected_total", "Samples refused.", &["axis", "reason"])?,
-            sample_gaps: make.counters("stillcut_sample_gaps_total", "Interruptions of the sample stream.", &["axis"])?,
-            last_sample_timestamp_seconds: make
-                .gauge("stillcut_last_sample_timestamp_seconds", "Wall clock when the newest sample was taken in.")?,
-            queue_depth: make.int_gauges("stillcut_queue_depth", "Entries waiting in a queue.", &["queue"])?,
-            queue_dropped: make
-                .counters("stillcut_queue_dropped_total", "Entries dropped from a queue.", &["queue", "intentional"])?,
+            samples_lost: make.counters(
+                "stillcut_samples_lost_total",
+                "Samples that never came.",
+                &["axis"],
+            )?,
+            samples_rejected: make.counters(
+                "stillcut_samples_rejected_total",
+                "Samples refused.",
+                &["axis", "reason"],
+            )?,
+            sample_gaps: make.counters(
+                "stillcut_sample_gaps_total",
+                "Interruptions of the sample stream.",
+                &["axis"],
+            )?,
+            last_sample_timestamp_seconds: make.gauge(
+                "stillcut_last_sample_timestamp_seconds",
+                "Wall clock when the newest sample was taken in.",
+            )?,
+            queue_depth: make.int_gauges(
+                "stillcut_queue_depth",
+                "Entries waiting in a queue.",
+                &["queue"],
+            )?,
+            queue_dropped: make.counters(
+                "stillcut_queue_dropped_total",
+                "Entries dropped from a queue.",
+                &["queue", "intentional"],
+            )?,
             decision_latency_seconds: make.histogram(
                 "stillcut_decision_latency_seconds",
                 "Time from taking in the sample that ends an interval to the decision, in seconds.",
             )?,
-            step_duration_seconds: make
-                .histogram("stillcut_step_duration_seconds", "Time of the pipeline for one drained batch, in seconds.")?,
+            step_duration_seconds: make.histogram(
+                "stillcut_step_duration_seconds",
+                "Time of the pipeline for one drained batch, in seconds.",
+            )?,
             http_request_duration_seconds: make.put(HistogramVec::new(http_options, &["route", "code"]))?,
             http_connections: make.int_gauge("stillcut_http_connections", "Open HTTP connections.")?,
-            http_refused: make.counters("stillcut_http_refused_total", "Requests or connections refused.", &["reason"])?,
+            http_refused: make.counters(
+                "stillcut_http_refused_total",
+                "Requests or connections refused.",
+                &["reason"],
+            )?,
             chatter_active: make.int_gauge("stillcut_chatter_active", "1 while chatter is detected.")?,
-            chatter_frequency_hertz: make
-                .gauge("stillcut_chatter_frequency_hertz", "Tracked line; 0 while stillcut_chatter_frequency_valid is 0.")?,
-            chatter_frequency_valid: make.int_gauge("stillcut_chatter_frequency_valid", "1 while a line is tracked.")?,
-            chatter_power_newtons_squared: make
-                .gauge("stillcut_chatter_power_newtons_squared", "Power of the strongest line of the band.")?,
-            predicted_band_hertz: make.gauges("stillcut_predicted_band_hertz", "Edges of the watched band.", &["edge"])?,
+            chatter_frequency_hertz: make.gauge(
+                "stillcut_chatter_frequency_hertz",
+                "Tracked line; 0 while stillcut_chatter_frequency_valid is 0.",
+            )?,
+            chatter_frequency_valid: make
+                .int_gauge("stillcut_chatter_frequency_valid", "1 while a line is tracked.")?,
+            chatter_power_newtons_squared: make.gauge(
+                "stillcut_chatter_power_newtons_squared",
+                "Power of the strongest line of the band.",
+            )?,
+            predicted_band_hertz: make.gauges(
+                "stillcut_predicted_band_hertz",
+                "Edges of the watched band.",
+                &["edge"],
+            )?,
             mode: make.int_gauges("stillcut_mode", "1 for the mode that is on.", &["mode"])?,
-            commands: make.counters("stillcut_commands_total", "Turret commands by what became of them.", &["outcome"])?,
-            holds: make.counters("stillcut_holds_total", "Intervals that ended without a command.", &["reason"])?,
-            pitch_difference_radians: make
-                .gauges("stillcut_pitch_difference_radians", "Pitch angle difference of the two tools.", &["kind"])?,
+            commands: make.counters(
+                "stillcut_commands_total",
+                "Turret commands by what became of them.",
+                &["outcome"],
+            )?,
+            holds: make.counters(
+                "stillcut_holds_total",
+                "Intervals that ended without a command.",
+                &["reason"],
+            )?,
+            pitch_difference_radians: make.gauges(
+                "stillcut_pitch_difference_radians",
+                "Pitch angle difference of the two tools.",
+                &["kind"],
+            )?,
             pitch_reported_valid: make
                 .int_gauge("stillcut_pitch_reported_valid", "1 while the controller reports its offsets.")?,
-            interlock_open: make.int_gauges("stillcut_interlock_open", "1 while open or not heard.", &["name"])?,
-            limit_active: make.int_gauges("stillcut_limit_active", "1 while a limit cuts the command.", &["limit"])?,
+            interlock_open: make.int_gauges(
+                "stillcut_interlock_open",
+                "1 while open or not heard.",
+                &["name"],
+            )?,
+            limit_active: make.int_gauges(
+                "stillcut_limit_active",
+                "1 while a limit cuts the command.",
+                &["limit"],
+            )?,
             events: make.counters("stillcut_events_total", "Events by kind.", &["kind"])?,
-            events_unpersisted: make.int_gauge("stillcut_events_unpersisted", "Events waiting to be stored.")?,
-            store_errors: make.counters("stillcut_store_errors_total", "Failures of the history file by code.", &["code"])?,
+            events_unpersisted: make
+                .int_gauge("stillcut_events_unpersisted", "Events waiting to be stored.")?,
+            store_errors: make.counters(
+                "stillcut_store_errors_total",
+                "Failures of the history file by code.",
+                &["code"],
+            )?,
             store_bytes: make.int_gauge("stillcut_store_bytes", "Size of the history file.")?,
             wal_bytes: make.int_gauge("stillcut_wal_bytes", "Size of the history file's write-ahead log.")?,
             last_commit_timestamp_seconds: make
                 .gauge("stillcut_last_commit_timestamp_seconds", "Wall clock of the last durable commit.")?,
-            recordings: make.counters("stillcut_recordings_total", "Black-box recordings by outcome.", &["outcome"])?,
-            security_events: make.counters("stillcut_security_events_total", "Access events by kind.", &["kind"])?,
+            recordings: make.counters(
+                "stillcut_recordings_total",
+                "Black-box recordings by outcome.",
+                &["outcome"],
+            )?,
+            security_events: make.counters(
+                "stillcut_security_events_total",
+                "Access events by kind.",
+                &["kind"],
+            )?,
             stage_up: make.int_gauges("stillcut_stage_up", "1 while the stage works.", &["stage"])?,
             registry: make.0.clone(),
             start_s,
@@ -181,7 +257,11 @@ impl Metrics {
 
     fn register_info(&self, make: &Maker) -> prometheus::Result<()> {
         let info = BuildInfo::THIS;
-        let build = make.int_gauges("stillcut_build_info", "What is running; always 1.", &["version", "revision", "rustc"])?;
+        let build = make.int_gauges(
+            "stillcut_build_info",
+            "What is running; always 1.",
+            &["version", "revision", "rustc"],
+        )?;
         build.with_label_values(&[info.version, info.revision, info.rustc]).set(1);
         Ok(())
     }
@@ -210,8 +290,10 @@ impl Metrics {
                 family.with_label_values(&[*word]);
             }
         };
-        zero(&self.commands, &["sent", "advised", "reached", "refused", "limited", "expired", "not_reached", "cancelled"]);
+        zero(&self.commands, &COMMAND_OUTCOMES);
         zero(&self.holds, &HOLD_REASONS);
+        let decided: Vec<&str> = HoldReason::ALL.iter().map(|r| r.name()).collect();
+        zero(&self.holds, &decided);
         zero(&self.store_errors, &["full", "io", "corrupt", "not_a_database", "busy", "other"]);
         zero(&self.recordings, &["saved", "failed", "dropped", "removed"]);
         zero(&self.security_events, &["bad_token", "forbidden", "rate_limited", "bad_host"]);
@@ -228,7 +310,7 @@ impl Metrics {
         for stage in ["transport", "pipeline", "turret", "store", "recorder"] {
             self.stage_up.with_label_values(&[stage]);
         }
-        for limit in ["pitch", "offset", "rate"] {
+        for limit in ["pitch", "rate"] {
             self.limit_active.with_label_values(&[limit]);
         }
         for kind in ["commanded", "reported"] {

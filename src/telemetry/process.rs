@@ -16,9 +16,19 @@ pub(super) fn append_process_metrics(out: &mut String, start_s: f64) {
         let field = |n: usize| stat.get(n).copied().unwrap_or_default();
         // Fields 14, 15, 23, 24 of proc(5), counted after the command name (field 3 is index 0).
         let cpu = (field(11) + field(12)) / TICKS_PER_S;
-        gauge("process_cpu_seconds_total", "counter", "Total user and system CPU time spent in seconds.", cpu);
+        gauge(
+            "process_cpu_seconds_total",
+            "counter",
+            "Total user and system CPU time spent in seconds.",
+            cpu,
+        );
         gauge("process_virtual_memory_bytes", "gauge", "Virtual memory size in bytes.", field(20));
-        gauge("process_resident_memory_bytes", "gauge", "Resident memory size in bytes.", field(21) * PAGE_BYTES);
+        gauge(
+            "process_resident_memory_bytes",
+            "gauge",
+            "Resident memory size in bytes.",
+            field(21) * PAGE_BYTES,
+        );
         gauge("process_threads", "gauge", "Number of OS threads in the process.", field(17));
     }
     if let Ok(entries) = std::fs::read_dir("/proc/self/fd") {

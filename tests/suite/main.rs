@@ -3,8 +3,8 @@
 
 mod lathe;
 
-#[cfg(feature = "service")]
-mod transport;
 mod conceal;
 mod pipeline;
 mod report;
+#[cfg(feature = "service")]
+mod transport;

@@ -74,8 +74,13 @@ impl Faults {
 
 impl Stream {
     /// Designs the pipeline for what this batch announces. Errors: one line why it cannot be used.
-    pub(super) fn begin(batch: &ServoBatch, config: &ServiceConfig, metrics: &Arc<Metrics>) -> Result<Self, String> {
-        let count = batch.axes().ok_or_else(|| format!("{} axes in a batch; expected 1 to 6", batch.axis_count))?;
+    pub(super) fn begin(
+        batch: &ServoBatch,
+        config: &ServiceConfig,
+        metrics: &Arc<Metrics>,
+    ) -> Result<Self, String> {
+        let count =
+            batch.axes().ok_or_else(|| format!("{} axes in a batch; expected 1 to 6", batch.axis_count))?;
         let names: Vec<String> = batch.axis_names.iter().take(count).map(axis_name_text).collect();
         let rate = SampleRate::new(batch.sample_rate_hz).map_err(|e| e.to_string())?;
         let pipeline = Pipeline::new(config.pipeline_settings(rate, &names)).map_err(|e| e.to_string())?;

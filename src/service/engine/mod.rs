@@ -4,8 +4,10 @@
 //! are written elsewhere, requests are looked at without waiting. When a queue is full, pictures are
 //! dropped first (the next one is 50 ms away), events last, and every drop is counted.
 
+mod acting;
 mod intake;
 mod picture;
+mod turret;
 
 use super::black_box::BlackBox;
 use super::clock;
@@ -17,6 +19,7 @@ use crate::config::service::ServiceConfig;
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::wire::{ServoBatch, TurretStatus};
 use crate::transport::{Domain, Participant, ServoSubscriber, StatusSubscriber, TransportError};
+use acting::Acting;
 use intake::Stream;
 use picture::Picture;
 use std::collections::VecDeque;
@@ -53,13 +56,13 @@ pub(super) struct Setup {
 struct Ports {
     servo: ServoSubscriber,
     status: StatusSubscriber,
-    _who: Participant,
+    who: Participant,
 }
 
 impl Ports {
     fn open(domain: &Domain) -> Result<Self, TransportError> {
         let who = domain.join("stillcut-service")?;
-        Ok(Self { servo: ServoSubscriber::open(&who)?, status: StatusSubscriber::open(&who)?, _who: who })
+        Ok(Self { servo: ServoSubscriber::open(&who)?, status: StatusSubscriber::open(&who)?, who })
     }
 }
 
@@ -85,6 +88,12 @@ pub(super) struct Engine {
     save: Option<PendingSave>,
     backlog: VecDeque<Report>,
     picture: Picture,
+    acting: Option<Acting>,
+    began: Instant,
+    last_wake: Instant,
+    acknowledge: bool,
+    told_rad: Option<f64>,
+    turret_state: u32,
     stopping: bool,
 }
 
@@ -129,6 +138,12 @@ impl Engine {
             fault: None,
             save: None,
             backlog: VecDeque::with_capacity(BACKLOG),
+            acting: None,
+            began: clock::now(),
+            last_wake: clock::now(),
+            acknowledge: false,
+            told_rad: None,
+            turret_state: 0,
             stopping: false,
         }
     }
@@ -149,6 +164,10 @@ impl Engine {
             // After a stall the thread goes on from now; it does not hurry after lost milliseconds.
             next = (next + WAKE).max(now);
         }
+        if self.mode != Mode::Observe {
+            self.change_mode(Mode::Observe, "the service stops");
+            self.decide(clock::now());
+        }
         self.flush();
         for stage in ["transport", "pipeline"] {
             self.setup.metrics.stage_up.with_label_values(&[stage]).set(0);
@@ -156,10 +175,11 @@ impl Engine {
     }
 
     fn wake(&mut self, ports: &Ports) {
-        while let Ok(control) = self.setup.controls.try_recv() {
-            self.obey(control);
-        }
         let began = clock::now();
+        self.notice_stall(began);
+        while let Ok(control) = self.setup.controls.try_recv() {
+            self.obey(control, ports);
+        }
         let outcome = ports.servo.drain(|batch| self.take_batch(batch, began));
         if let Ok(count) = outcome
             && count > 0
@@ -172,7 +192,20 @@ impl Engine {
             self.latch(&error.to_string());
         }
         self.supervise(began);
+        self.decide(clock::now());
         self.flush();
+    }
+
+    /// A thread that was stopped knows nothing of the time between: it does not go on acting.
+    fn notice_stall(&mut self, now: Instant) {
+        let away = now.duration_since(self.last_wake);
+        self.last_wake = now;
+        if away > SILENCE && self.mode == Mode::Act {
+            self.change_mode(
+                Mode::Observe,
+                &format!("the pipeline stood still for {:.1} s", away.as_secs_f64()),
+            );
+        }
     }
 
     fn take_batch(&mut self, batch: &ServoBatch, now: Instant) {
@@ -195,7 +228,11 @@ impl Engine {
     fn begin_stream(&mut self, batch: &ServoBatch) {
         self.black_box.clear();
         self.picture.forget();
-        match Stream::begin(batch, &self.setup.config, &self.setup.metrics) {
+        if self.mode == Mode::Act {
+            self.change_mode(Mode::Observe, "the machine's stream began anew");
+        }
+        let begun = Stream::begin(batch, &self.setup.config, &self.setup.metrics);
+        match begun.and_then(|stream| self.prepare_acting(&stream).map(|()| stream)) {
             Ok(stream) => {
                 let text = format!("samples come: {}", stream.describe());
                 self.report(Event::new(EventKind::SourceFound, clock::wall_ns(), text));
@@ -229,18 +266,18 @@ impl Engine {
         self.report(event);
     }
 
-    fn take_status(&mut self, status: &TurretStatus, now: Instant) {
-        self.status = Some((*status, now));
-    }
-
     fn supervise(&mut self, now: Instant) {
         let silent = self.last_arrival.is_some_and(|(at, _)| now.duration_since(at) > SILENCE);
         if silent && !self.source_lost {
             self.source_lost = true;
-            self.stream = None;
-            self.picture.forget();
             let text = "no samples for one second";
             self.report(Event::new(EventKind::SourceLost, clock::wall_ns(), text));
+            if self.mode == Mode::Act {
+                self.latch("the samples ceased while acting");
+                self.decide(now);
+            }
+            self.stream = None;
+            self.picture.forget();
         }
         self.watch_interlocks(now);
         if let Some(event) = self.stream.as_mut().and_then(|s| s.faults.event_due(now)) {
@@ -255,34 +292,10 @@ impl Engine {
         }
     }
 
-    /// Unknown is unsafe: an interlock that is not heard is open.
-    fn watch_interlocks(&mut self, now: Instant) {
-        let fresh = self.fresh_status(now);
-        let open = fresh.map_or(u32::MAX, |s| s.interlocks_open);
-        self.setup.metrics.stage_up.with_label_values(&["turret"]).set(i64::from(fresh.is_some()));
-        let before = std::mem::replace(&mut self.interlocks_open, open);
-        for (bit, name) in crate::transport::wire::INTERLOCK_NAMES.iter().enumerate() {
-            let (was, is) = (before >> bit & 1 == 1, open >> bit & 1 == 1);
-            self.setup.metrics.interlock_open.with_label_values(&[name]).set(i64::from(is));
-            if was != is {
-                let (kind, word) = if is {
-                    (EventKind::InterlockOpened, if fresh.is_some() { "opened" } else { "is not heard" })
-                } else {
-                    (EventKind::InterlockClosed, "closed")
-                };
-                self.report(Event::new(kind, clock::wall_ns(), format!("interlock {name} {word}")));
-            }
-        }
-    }
-
-    fn fresh_status(&self, now: Instant) -> Option<TurretStatus> {
-        self.status.filter(|(_, at)| now.duration_since(*at) <= STATUS_DEADLINE).map(|(s, _)| s)
-    }
-
-    fn obey(&mut self, control: Control) {
+    fn obey(&mut self, control: Control, ports: &Ports) {
         match control {
             Control::SetMode { mode, revision, origin, done } => {
-                let outcome = self.set_mode(mode, revision, &origin);
+                let outcome = self.set_mode(mode, revision, (&origin, ports));
                 let _ = done.send(outcome);
             }
             Control::Override { origin, done } => {
@@ -290,6 +303,7 @@ impl Engine {
                 let _ = done.send(Ok(self.mode_revision));
             }
             Control::ClearFault { origin, done } => {
+                self.acknowledge = true;
                 if let Some(fault) = self.fault.take() {
                     let text = format!("{} cleared: {fault} ({})", origin.actor, origin.reason);
                     self.report(Event::new(EventKind::FaultCleared, clock::wall_ns(), text));
@@ -300,7 +314,7 @@ impl Engine {
                 let id = self.save_around("manual", &reason);
                 let _ = done.send(Ok(id));
             }
-            Control::Committed { .. } => {}
+            Control::Committed { sequence } => self.intent_recorded(sequence),
             Control::StoreFailing(failing) => {
                 if failing && self.mode == Mode::Act {
                     self.change_mode(Mode::Advise, "the history could not be written for 10 s");
@@ -312,7 +326,12 @@ impl Engine {
         }
     }
 
-    fn set_mode(&mut self, mode: Mode, revision: Option<u64>, origin: &Origin) -> Result<u64, Refusal> {
+    fn set_mode(
+        &mut self,
+        mode: Mode,
+        revision: Option<u64>,
+        (origin, ports): (&Origin, &Ports),
+    ) -> Result<u64, Refusal> {
         if let Some(asked) = revision
             && asked != self.mode_revision
         {
@@ -327,6 +346,10 @@ impl Engine {
             }
             if self.interlocks_open != 0 {
                 return Err(Refusal::NotReady("an interlock is open or not heard".to_owned()));
+            }
+            match &mut self.acting {
+                Some(acting) => acting.open_port(&ports.who)?,
+                None => return Err(Refusal::NotReady("no samples came yet".to_owned())),
             }
         }
         if mode != self.mode {
@@ -397,7 +420,8 @@ impl Engine {
                 ("analysis_band_hz".into(), format!("{:?},{:?}", band[0], band[1])),
             ],
         };
-        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.setup.recorder.try_send(job) {
+        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.setup.recorder.try_send(job)
+        {
             self.setup.metrics.recordings.with_label_values(&["dropped"]).inc();
             self.setup.metrics.queue_dropped.with_label_values(&["recorder", "true"]).inc();
         }

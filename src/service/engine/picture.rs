@@ -7,7 +7,7 @@ use crate::sample::MAX_AXES;
 use crate::service::clock;
 use crate::service::hub::{ForceFrame, View};
 use crate::service::live::{
-    AxisView, ChatterView, InterlockView, LiveState, PitchView, SourceView, SpectrumView,
+    AxisView, ChatterView, InterlockView, LiveState, Mode, PitchView, SourceView, SpectrumView,
 };
 use crate::telemetry::EventKind;
 use crate::transport::wire::{
@@ -28,8 +28,7 @@ struct Gathered {
 }
 
 impl Gathered {
-    const EMPTY: Self =
-        Self { sum: 0.0, squares: 0.0, slice: Self::NOTHING, slices: [[0.0; 2]; SLICES] };
+    const EMPTY: Self = Self { sum: 0.0, squares: 0.0, slice: Self::NOTHING, slices: [[0.0; 2]; SLICES] };
     const NOTHING: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 }
 
@@ -108,7 +107,8 @@ impl Picture {
     }
 
     fn force_frame(&self, axes: usize, rate_hz: f64) -> ForceFrame {
-        let lines = self.axes.iter().take(axes).map(|g| g.slices.iter().take(self.full_slices).copied().collect());
+        let lines =
+            self.axes.iter().take(axes).map(|g| g.slices.iter().take(self.full_slices).copied().collect());
         ForceFrame { t_s: self.t_s, slice_s: 45.0 / rate_hz, axes: lines.collect() }
     }
 
@@ -202,6 +202,7 @@ impl Engine {
                 let heard = stream.pipeline().axis_output(index);
                 axis.line_hz = heard.and_then(|o| o.frequency_hz);
             }
+            self.offsets(now, &mut state.axes);
             let phase = self.picture.phase.unwrap_or((chatter.phase, clock::wall_ns()));
             state.chatter = ChatterView {
                 state: phase_word(chatter.phase).to_owned(),
@@ -224,7 +225,8 @@ impl Engine {
 
     fn source_view(&self, now: Instant) -> SourceView {
         let last = self.last_arrival;
-        let connected = last.is_some_and(|(at, _)| now.duration_since(at) <= super::SILENCE) && self.stream.is_some();
+        let connected =
+            last.is_some_and(|(at, _)| now.duration_since(at) <= super::SILENCE) && self.stream.is_some();
         let newest = self.stream.as_ref().and_then(|s| s.newest.as_ref());
         let totals = self.stream.as_ref().map(|s| s.totals).unwrap_or_default();
         SourceView {
@@ -248,10 +250,26 @@ impl Engine {
     }
 
     fn pitch_view(&self, now: Instant) -> PitchView {
+        let status = self.fresh_status(now);
+        let acting = self.acting.as_ref();
+        let latest = acting.and_then(|a| a.latest).filter(|_| self.mode != Mode::Observe);
         PitchView {
+            commanded_rad: latest.map_or(0.0, |c| c.pitch_difference_rad),
+            reported_rad: acting.zip(status).map(|(a, s)| a.pitch_rad(&s.offset_m)),
+            optimum_rad: latest.map(|c| c.requested_pitch_rad),
             limit_rad: self.setup.config.turret.largest_pitch_difference_rad,
-            turret: turret_word(self.fresh_status(now).map(|s| s.state)).to_owned(),
-            ..PitchView::default()
+            limited: latest.is_some_and(|c| c.pitch_difference_rad < 0.999 * c.requested_pitch_rad),
+            turret: turret_word(status.map(|s| s.state)).to_owned(),
+            hold_reason: acting.and_then(|a| a.hold).map(str::to_owned),
+        }
+    }
+
+    fn offsets(&self, now: Instant, axes: &mut [AxisView]) {
+        let latest = self.acting.as_ref().and_then(|a| a.latest).filter(|_| self.mode != Mode::Observe);
+        let status = self.fresh_status(now);
+        for (index, axis) in axes.iter_mut().enumerate().take(MAX_AXES) {
+            axis.offset_commanded_m = latest.map_or(0.0, |c| c.offsets_m[index]);
+            axis.offset_reported_m = status.map(|s| s.offset_m[index]);
         }
     }
 
@@ -266,6 +284,16 @@ impl Engine {
             metrics.predicted_band_hertz.with_label_values(&["lower"]).set(low);
             metrics.predicted_band_hertz.with_label_values(&["upper"]).set(high);
         }
+        let pitch = &state.pitch;
+        metrics.pitch_difference_radians.with_label_values(&["commanded"]).set(pitch.commanded_rad);
+        metrics
+            .pitch_difference_radians
+            .with_label_values(&["reported"])
+            .set(pitch.reported_rad.unwrap_or_default());
+        metrics.pitch_reported_valid.set(i64::from(pitch.reported_rad.is_some()));
+        metrics.limit_active.with_label_values(&["rate"]).set(i64::from(pitch.limited));
+        let outside = pitch.hold_reason.as_deref() == Some("outside_limits");
+        metrics.limit_active.with_label_values(&["pitch"]).set(i64::from(outside));
         if let Some((_, wall_ns)) = self.last_arrival {
             metrics.last_sample_timestamp_seconds.set(wall_ns as f64 * 1e-9);
         }
