@@ -4,3 +4,4 @@ pub mod html;
 mod maps;
 pub mod page;
 pub mod plot;
+pub mod study;
