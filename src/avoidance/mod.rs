@@ -1,1 +1,245 @@
-//! Being built.
+//! What to do about chatter: which pitch angle difference, whether it may be made now, and whether it helped.
+//!
+//! ```text
+//!  heard lines --> choice of pitch --> Avoidance::decide, once an interval --> Command | Advice | Hold(reason)
+//!  turret report, interlock, mode, ages ----------^                                 |
+//!                                                                      Guard (last look, trusts nobody)
+//! ```
+//!
+//! Pure logic: time is an argument, nothing is read or sent here. Every interval ends in one decision; a
+//! decision not to act is a value with a reason from a closed list. `Guard` and `InvariantMonitor` share no
+//! code with the decision.
+//!
+//! This is advice to a motion controller, not a safety function: the machine must be safe with any output.
+
+pub mod choice;
+mod decide;
+pub mod guard;
+pub mod pitch;
+pub mod turret;
+
+pub use decide::{Avoidance, AvoidanceState, SettingsError};
+
+use crate::chatter::Phase;
+use crate::sample::MAX_AXES;
+
+/// How far Stillcut may go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Mode {
+    /// Listens; nothing leaves the process.
+    #[default]
+    Observe,
+    /// Says what it would do.
+    Advise,
+    /// Commands the turret.
+    Act,
+}
+
+/// Limits and times of the decision: commissioned values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AvoidanceSettings {
+    /// Turret that carries tool 1.
+    pub turret: turret::TurretKinematics,
+    /// Diameter at the tools.
+    pub diameter_m: f64,
+    /// Largest pitch difference either way.
+    pub largest_pitch_rad: f64,
+    /// Between two decisions; the thesis takes 1.0 s so that the motion excites nothing.
+    pub interval_s: f64,
+    /// Lifetime of a command.
+    pub ttl_s: f64,
+    /// Oldest sample that a command may rest on.
+    pub freshness_s: f64,
+    /// Oldest turret report and interlock report that a command may rest on.
+    pub report_deadline_s: f64,
+    /// Distance from a commanded offset that counts as reached.
+    pub reached_m: f64,
+}
+
+/// What is known when a decision is due. Times are of one monotonic clock.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Situation {
+    /// Now.
+    pub now_s: f64,
+    /// Newest sample, when there is one.
+    pub newest_sample_s: Option<f64>,
+    /// Whether the detector's window is full of samples without a gap.
+    pub window_full: bool,
+    /// What the detector says.
+    pub heard: Heard,
+    /// Spindle speed, where it is measured.
+    pub spindle_speed_rpm: Option<f64>,
+    /// Latest report of the turret.
+    pub turret: Option<TurretReport>,
+    /// Latest word on the interlocks.
+    pub interlock: Option<Interlock>,
+    /// Mode now.
+    pub mode: Mode,
+    /// The operator asks to leave the turret alone.
+    pub operator_hold: bool,
+    /// The operator has seen the latched reason and clears it.
+    pub operator_acknowledge: bool,
+    /// Intents can be recorded.
+    pub store_writable: bool,
+}
+
+/// What the detector says, reduced to what a decision needs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Heard {
+    /// Where the detector stands.
+    pub phase: Phase,
+    /// Strongest line.
+    pub frequency_hz: Option<f64>,
+    /// Its power.
+    pub power_n2: f64,
+    /// Growth of its amplitude.
+    pub growth_1_s: Option<f64>,
+}
+
+/// What the motion controller reports of the turret.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TurretReport {
+    /// When it was heard.
+    pub heard_s: f64,
+    /// Actual offset of each axis.
+    pub offsets_m: [f64; MAX_AXES],
+    /// What it does.
+    pub motion: TurretMotion,
+    /// Newest (epoch, sequence) that it has seen.
+    pub acknowledged: Option<(u64, u64)>,
+}
+
+/// What the turret does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TurretMotion {
+    /// It stands where the last command put it.
+    Reached,
+    /// On the way.
+    Moving,
+    /// It did not take the last command.
+    Refused,
+    /// It took the last command in part.
+    Limited,
+    /// The last command expired.
+    Expired,
+}
+
+/// Latest word on the interlocks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interlock {
+    /// When it was heard.
+    pub heard_s: f64,
+    /// Any of them open.
+    pub open: bool,
+}
+
+/// A command to the turret.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Command {
+    /// Grows with each start.
+    pub epoch: u64,
+    /// Grows with each command.
+    pub sequence: u64,
+    /// When it was decided.
+    pub issued_s: f64,
+    /// Newest sample that it rests on; its lifetime counts from here.
+    pub based_on_s: f64,
+    /// Lifetime.
+    pub ttl_s: f64,
+    /// What it asks for.
+    pub kind: CommandKind,
+    /// Pitch difference that the offsets make.
+    pub pitch_difference_rad: f64,
+    /// Pitch difference that was wanted before limits.
+    pub requested_pitch_rad: f64,
+    /// Offset of each axis.
+    pub offsets_m: [f64; MAX_AXES],
+}
+
+/// What a command asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CommandKind {
+    /// A new target.
+    Move,
+    /// The same target again, so that it does not expire.
+    Renew,
+    /// Back to equal pitch, to stay there.
+    Return,
+}
+
+/// What a decision ends in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Decision {
+    /// The interval is not over.
+    NotDue,
+    /// To be recorded, guarded and sent.
+    Command(Command),
+    /// What would be commanded in mode act.
+    Advice(Command),
+    /// Nothing, and why.
+    Hold(HoldReason),
+}
+
+macro_rules! hold_reasons {
+    ($($(#[$doc:meta])* $name:ident => $text:literal),* $(,)?) => {
+        /// Why nothing is commanded: a closed list.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum HoldReason { $($(#[$doc])* $name),* }
+
+        impl HoldReason {
+            /// All of them.
+            pub const ALL: &'static [HoldReason] = &[$(HoldReason::$name),*];
+
+            /// Name in records and metrics.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self { $(HoldReason::$name => $text),* }
+            }
+        }
+    };
+}
+
+hold_reasons! {
+    /// Mode observe.
+    Observing => "observing",
+    /// There is nothing to cancel.
+    NoChatter => "no_chatter",
+    /// A line stands out and is not confirmed yet.
+    Suspected => "suspected",
+    /// The noise is not known yet.
+    Learning => "learning",
+    /// An interlock is open.
+    InterlockOpen => "interlock_open",
+    /// Nothing was heard of the interlocks within the deadline.
+    InterlockUnheard => "interlock_unheard",
+    /// Nothing was heard of the turret within the deadline.
+    TurretSilent => "turret_silent",
+    /// The newest sample is too old.
+    StaleSamples => "stale_samples",
+    /// There is a gap in the detector's window.
+    WindowNotFull => "window_not_full",
+    /// The spindle stands or its speed is not known.
+    SpindleUnknown => "spindle_unknown",
+    /// The operator asked to leave the turret alone.
+    OperatorHold => "operator_hold",
+    /// Intents cannot be recorded.
+    StoreNotWritable => "store_not_writable",
+    /// The turret refused; waiting longer after each refusal.
+    TurretRefused => "turret_refused",
+    /// The turret does not reach what it was told: a person must look.
+    TurretNotReached => "turret_not_reached",
+    /// Two pitches did not silence it: a person must look.
+    HandedOver => "handed_over",
+    /// The direction was changed too often.
+    Hunting => "hunting",
+    /// No pitch inside the limits is predicted to be stable.
+    NoStablePitch => "no_stable_pitch",
+    /// The needed offset lies outside of the limits.
+    OutsideLimits => "outside_limits",
+    /// Returned to equal pitch after stale data; a person must clear it.
+    Returned => "returned",
+    /// The clock ran backwards.
+    ClockStepped => "clock_stepped",
+    /// The last guard refused what was decided.
+    Guarded => "guarded",
+}

@@ -1,1 +1,103 @@
-//! Being built.
+//! Chatter or not, at which frequency, growing or fading: from a force (or any number series with a rate)
+//! and the spindle speed, sample by sample.
+//!
+//! ```text
+//! force --> mix the band down --> take off spindle orders --> banks of filters, 12 .. 100 ms --> line over
+//!            (signal::DownMix)      (signal::OrderLines)         (signal::LineBank)      learned noise?
+//!                                                                                              |
+//!      Learning -> Quiet -> Suspected -> Chatter -> Quiet   <-- persists, does not ring down --'
+//! ```
+//!
+//! Short windows raise suspicion, longer ones confirm and give the frequency. The measure of a line is its
+//! power over the noise that this stream showed at that frequency before, and over what the rest of the band
+//! shows now: a number without a unit, whose false alarm rate is known. No threshold is in newton.
+//!
+//! It does not know what is cut or what to do about it: see `avoidance`.
+
+mod band;
+mod baseline;
+mod detector;
+mod monitor;
+
+pub use band::{Band, BandError, predicted_band};
+pub use monitor::{ChatterError, ChatterMonitor, ChatterSettings, ChatterState};
+
+/// What a monitor says after each sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChatterOutput {
+    /// Where the decision stands.
+    pub phase: Phase,
+    /// Strongest line that is not a spindle order, while there is chatter or suspicion of it.
+    pub frequency_hz: Option<f64>,
+    /// Power of the band's strongest line (A^2/2), N^2.
+    pub power_n2: f64,
+    /// Power of that line over the noise learned at its place; 1 is noise.
+    pub contrast: f64,
+    /// Rate of growth of the line's amplitude, while there is one.
+    pub growth_1_s: Option<f64>,
+    /// What began or ended with this sample.
+    pub event: Option<ChatterEvent>,
+}
+
+impl ChatterOutput {
+    /// Whether chatter is declared.
+    #[must_use]
+    pub fn chatter(&self) -> bool {
+        self.phase == Phase::Chatter
+    }
+}
+
+/// Where the decision stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// The noise is not known yet.
+    Learning,
+    /// Nothing but noise, orders and known lines.
+    Quiet,
+    /// A line stands out; it may still ring down.
+    Suspected,
+    /// A line stands out and stays.
+    Chatter,
+}
+
+/// What began or ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ChatterEvent {
+    /// A line was confirmed as chatter.
+    Onset(Line),
+    /// The line is gone.
+    End,
+    /// The line jumped to another lobe.
+    Hop {
+        /// Before.
+        from_hz: f64,
+        /// After.
+        to_hz: f64,
+    },
+    /// A line stood out and was recognised as something else.
+    Dismissed(NotChatter),
+    /// Mean force or noise changed at once: the tools entered or left the cut.
+    CutChanged,
+}
+
+/// A line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Line {
+    /// Frequency.
+    pub frequency_hz: f64,
+    /// A^2/2.
+    pub power_n2: f64,
+    /// Growth of the amplitude.
+    pub growth_1_s: f64,
+    /// Power over learned noise.
+    pub contrast: f64,
+}
+
+/// What a line turned out to be that is not chatter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NotChatter {
+    /// It rang down: something hit the bar.
+    RingDown,
+    /// It did not last, or all of the band rose with it: a burst of noise.
+    Burst,
+}

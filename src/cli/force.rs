@@ -3,13 +3,17 @@
 use super::bad_input;
 use crate::config::machine::read_machine;
 use crate::force::balance::Method;
-use crate::force::estimator::{AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample, Signals};
+use crate::force::estimator::{AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample};
+use crate::force::frf::force_of_recording;
 use crate::force::idle_map::{IdleMap, IdlePoint};
+use crate::force::recorded::{has_drive, motion_of_recording};
+use crate::force::validity::Validity;
 use crate::plant::drive::DriveParams;
 use crate::recording::{Table, TableColumn, read_recording, write_table};
+use crate::report::force_estimator::read_estimators;
 use crate::sample::Recording;
 use anyhow::Context as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Estimates cutting force from servo signals or accelerometers.
 #[derive(clap::Args)]
@@ -26,6 +30,9 @@ pub(super) struct Arguments {
     /// Where the estimate goes (Parquet).
     #[arg(long)]
     out: PathBuf,
+    /// Accelerometer estimator (method frf), as `identify --method frf` writes it.
+    #[arg(long)]
+    estimator: Option<PathBuf>,
     /// Air-cutting run of the same motion, whose disturbance is taken off by position; repeatable.
     #[arg(long)]
     idle: Vec<PathBuf>,
@@ -35,6 +42,9 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    if arguments.method == "frf" {
+        return run_frf(&arguments);
+    }
     let Some(method) = Method::from_name(&arguments.method) else {
         let known: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
         return Err(bad_input(format!(
@@ -57,7 +67,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         if !has_drive(&recording, &axis.name) {
             continue;
         }
-        let samples = motion_samples(&recording, &axis.name, &axis.drive)
+        let samples = motion_of_recording(&recording, &axis.name, &axis.drive)
             .map_err(|e| bad_input(format!("{}: {e}", arguments.recording.display())))?;
         let signals =
             AxisSignals { drive: &axis.drive, rate: recording.sample_rate, signals: samples.signals };
@@ -82,65 +92,56 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             names.join(", ")
         )));
     }
+    let notes = vec![("method".to_owned(), method.name().to_owned())];
+    write_forces(&arguments.out, &recording, &Forces { forces, delay_s, notes })
+}
+
+/// What the command writes.
+struct Forces {
+    /// Column name and values.
+    forces: Vec<(String, Vec<f64>)>,
+    delay_s: f64,
+    /// Further metadata.
+    notes: Vec<(String, String)>,
+}
+
+fn write_forces(out: &Path, recording: &Recording, forces: &Forces) -> anyhow::Result<()> {
     let times: Vec<f64> = (0..recording.len()).map(|i| recording.time_s(i)).collect();
     let mut columns = vec![("t_s", TableColumn::Double(&times))];
-    columns.extend(forces.iter().map(|(name, values)| (name.as_str(), TableColumn::Double(values))));
-    let metadata = vec![
+    columns.extend(forces.forces.iter().map(|(name, values)| (name.as_str(), TableColumn::Double(values))));
+    let axes: Vec<&str> = forces.forces.iter().filter_map(|(name, _)| name.strip_suffix("_force_n")).collect();
+    let mut metadata = vec![
         ("format".to_owned(), crate::recording::FORMAT.to_owned()),
         ("sample_rate_hz".to_owned(), format!("{:?}", recording.sample_rate.hz())),
         ("experiment".to_owned(), recording.experiment.clone()),
-        ("method".to_owned(), method.name().to_owned()),
-        ("delay_s".to_owned(), format!("{delay_s:?}")),
+        ("axes".to_owned(), axes.join(",")),
+        ("delay_s".to_owned(), format!("{:?}", forces.delay_s)),
     ];
-    write_table(&arguments.out, &Table { columns, metadata }).context("writing the estimate")?;
-    Ok(())
+    metadata.extend(forces.notes.iter().cloned());
+    write_table(out, &Table { columns, metadata }).context("writing the estimate")
 }
 
-struct AxisSamples {
-    samples: Vec<MotionSample>,
-    signals: Signals,
-}
-
-fn has_drive(recording: &Recording, axis: &str) -> bool {
-    ["current_ref_a", "torque_ref_nm", "thrust_ref_n"]
-        .iter()
-        .any(|s| recording.get(&format!("{axis}_{s}")).is_some())
-}
-
-/// The samples of one axis, whichever of the contract's columns carry them.
-fn motion_samples(recording: &Recording, axis: &str, drive: &DriveParams) -> Result<AxisSamples, String> {
-    let column = |suffix: &str| recording.get(&format!("{axis}_{suffix}"));
-    let (reference, factor) = if let Some(thrust) = column("thrust_ref_n") {
-        (thrust, 1.0)
-    } else if let Some(torque) = column("torque_ref_nm") {
-        (torque, 1.0 / drive.travel_m_rad())
-    } else if let Some(current) = column("current_ref_a") {
-        let factor = drive
-            .thrust_constant_n_a()
-            .ok_or_else(|| format!("column {axis}_current_ref_a needs torque_constant_nm_a in the model"))?;
-        (current, factor)
-    } else {
-        return Err(format!("no column {axis}_current_ref_a, {axis}_torque_ref_nm or {axis}_thrust_ref_n"));
+/// Force from accelerometers. The file is filtered as a stream, then shifted back by the stream's lag.
+fn run_frf(arguments: &Arguments) -> anyhow::Result<()> {
+    let Some(path) = &arguments.estimator else {
+        return Err(bad_input("--method frf needs --estimator"));
     };
-    let (motor, motor_factor) = match column("motor_position_m") {
-        Some(position) => (Some(position), 1.0),
-        None => (column("motor_angle_rad"), drive.travel_m_rad()),
-    };
-    let stage = column("stage_position_m");
-    let signals = match (motor.is_some(), stage.is_some()) {
-        (true, true) => Signals::Both,
-        (true, false) => Signals::MotorOnly,
-        (false, true) => Signals::StageOnly,
-        (false, false) => return Err(format!("no position of axis {axis}: motor angle or stage position")),
-    };
-    let samples = (0..recording.len())
-        .map(|i| MotionSample {
-            thrust_ref_n: factor * reference[i],
-            motor_travel_m: motor.map(|m| motor_factor * m[i]),
-            stage_position_m: stage.map(|s| s[i]),
-        })
-        .collect();
-    Ok(AxisSamples { samples, signals })
+    let estimators = read_estimators(path).map_err(bad_input)?;
+    let recording = read_recording(&arguments.recording).map_err(bad_input)?;
+    let in_file = |e: String| bad_input(format!("{}: {e}", arguments.recording.display()));
+    let accel = super::identify::accelerations(&recording).map_err(in_file)?;
+    let speed = recording.require("spindle_speed_rpm").map_err(|e| in_file(e.to_string()))?;
+    let mut forces = Vec::new();
+    let mut notes = vec![("method".to_owned(), "frf".to_owned())];
+    for estimator in &estimators {
+        let force = force_of_recording(estimator, recording.sample_rate, &accel, speed).map_err(bad_input)?;
+        let flags = speed.iter().fold(Validity::VALID, |all, s| all | estimator.flags(*s));
+        notes.push((format!("{}_flags", estimator.axis), flags.to_string()));
+        notes.push((format!("{}_noise_floor_n", estimator.axis), format!("{:.4}", estimator.noise_floor_n)));
+        notes.push((format!("{}_usable_band_hz", estimator.axis), format!("{:?}", estimator.band_hz())));
+        forces.push((format!("{}_force_n", estimator.axis), force));
+    }
+    write_forces(&arguments.out, &recording, &Forces { forces, delay_s: 0.0, notes })
 }
 
 fn estimate(estimator: &ForceEstimator, samples: &[MotionSample]) -> Vec<f64> {
@@ -158,7 +159,7 @@ fn idle_map(
 ) -> anyhow::Result<Option<IdleMap>> {
     let mut runs = Vec::new();
     for idle in idles {
-        let samples = motion_samples(idle, axis, drive)
+        let samples = motion_of_recording(idle, axis, drive)
             .map_err(|e| bad_input(format!("idle run {}: {e}", idle.experiment)))?;
         runs.push(idle_points(bare, &samples.samples));
     }

@@ -1,9 +1,153 @@
 //! `stillcut identify`.
 
-/// Identifies parameters from recordings.
-#[derive(clap::Args)]
-pub(super) struct Arguments {}
+use super::bad_input;
+use crate::force::frf::{ACCEL_AXES, AccelSample};
+use crate::force::estimator::MotionSample;
+use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
+use crate::identify::sweep::{Sweep, SweepFit, fit_sweep};
+use crate::identify::frf::{FrfRun, FrfSettings, fit_frf};
+use crate::config::machine::{machine_to_text, read_machine};
+use crate::recording::{read_recording, write_whole};
+use crate::report::force_plots::response_svg;
+use crate::report::force_estimator::write_estimators;
+use crate::sample::Recording;
+use anyhow::Context as _;
+use std::io::Write as _;
+use std::path::PathBuf;
 
-pub(super) fn run(_arguments: Arguments) -> anyhow::Result<()> {
-    anyhow::bail!("being built")
+/// Finds mechanical parameters and dead times from a sweep, or makes the accelerometer estimator.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// sweep: parameters from a swept-sine recording; frf: estimator from runs with known force.
+    #[arg(long, default_value = "sweep")]
+    method: String,
+    /// Model to start from (sweep).
+    #[arg(long)]
+    model: Option<PathBuf>,
+    /// Recording; repeatable.
+    #[arg(long, required = true)]
+    recording: Vec<PathBuf>,
+    /// Where the result goes: a model (sweep) or an estimator (frf).
+    #[arg(long)]
+    out: PathBuf,
+}
+
+pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    match arguments.method.as_str() {
+        "sweep" => run_sweep(&arguments),
+        "frf" => run_frf(&arguments),
+        other => Err(bad_input(format!("--method {other}: expected sweep or frf"))),
+    }
+}
+
+/// One sweep for each axis that the model and a recording share.
+fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
+    let Some(model) = &arguments.model else {
+        return Err(bad_input("--method sweep needs --model, the drive to start from"));
+    };
+    let mut machine = read_machine(model).map_err(bad_input)?;
+    let mut text = String::new();
+    let mut fitted_any = false;
+    for path in &arguments.recording {
+        let recording = read_recording(path).map_err(bad_input)?;
+        for axis in machine.axes.iter_mut().filter(|a| has_drive(&recording, &a.name)) {
+            let in_file = |e: String| bad_input(format!("{}: axis {}: {e}", path.display(), axis.name));
+            let motion =
+                motion_of_recording(&recording, &axis.name, &axis.drive).map_err(|e| in_file(e.to_string()))?;
+            let fit = fit_sweep(&axis.drive, &sweep_of(&recording, &motion)).map_err(|e| in_file(e.to_string()))?;
+            text.push_str(&describe(&axis.name, &fit));
+            let picture = arguments.out.with_extension(format!("{}.svg", axis.name));
+            write_whole(&picture, response_svg(&axis.name, &fit)?.as_bytes()).context("writing the picture")?;
+            axis.drive = fit.drive;
+            fitted_any = true;
+        }
+    }
+    if !fitted_any {
+        let names: Vec<&str> = machine.axes.iter().map(|a| a.name.as_str()).collect();
+        return Err(bad_input(format!("no recording has a drive signal of the model's axes {}", names.join(", "))));
+    }
+    write_whole(&arguments.out, machine_to_text(&machine).as_bytes()).context("writing the model")?;
+    write!(std::io::stdout(), "{text}")?;
+    Ok(())
+}
+
+fn sweep_of(recording: &Recording, motion: &RecordedMotion) -> Sweep {
+    let column = |value: fn(&MotionSample) -> Option<f64>| motion.samples.iter().filter_map(value).collect();
+    Sweep {
+        rate: recording.sample_rate,
+        thrust_ref_n: motion.samples.iter().map(|s| s.thrust_ref_n).collect(),
+        motor_travel_m: column(|s| s.motor_travel_m),
+        stage_position_m: column(|s| s.stage_position_m),
+    }
+}
+
+fn describe(axis: &str, fit: &SweepFit) -> String {
+    let mut text = format!("axis {axis}, {:.0} to {:.0} Hz\n", fit.band_hz[0], fit.band_hz[1]);
+    text.push_str(&format!("{:30} {:>13} {:>13}   95 % interval\n", "parameter", "prior", "fitted"));
+    for p in &fit.parameters {
+        let interval = match p.ci95 {
+            [low, high] if low.is_finite() => format!("{low:.5e} .. {high:.5e}"),
+            _ => "from means".to_owned(),
+        };
+        text.push_str(&format!("{:30} {:13.5e} {:13.5e}   {interval}\n", p.name, p.prior, p.value));
+    }
+    for warning in &fit.warnings {
+        text.push_str(&format!("warning: {warning}\n"));
+    }
+    text
+}
+
+fn run_frf(arguments: &Arguments) -> anyhow::Result<()> {
+    let recordings = arguments
+        .recording
+        .iter()
+        .map(|path| read_recording(path).map_err(bad_input))
+        .collect::<Result<Vec<_>, _>>()?;
+    let first = recordings.first().ok_or_else(|| bad_input("--recording: none given"))?;
+    let axes: Vec<String> = first.columns.iter().filter_map(|c| c.name.strip_suffix("_force_n")).map(str::to_owned).collect();
+    if axes.is_empty() {
+        return Err(bad_input(format!("{}: no column <axis>_force_n", arguments.recording[0].display())));
+    }
+    let mut estimators = Vec::new();
+    for axis in &axes {
+        let mut runs = Vec::new();
+        for (recording, path) in recordings.iter().zip(&arguments.recording) {
+            let run = frf_run(recording, axis).map_err(|e| bad_input(format!("{}: {e}", path.display())))?;
+            runs.push(run);
+        }
+        let fit = fit_frf(axis, &runs, &FrfSettings::default()).map_err(bad_input)?;
+        writeln!(std::io::stdout(), "{axis}: {}", fit.describe())?;
+        estimators.push(fit.estimator);
+    }
+    write_estimators(&arguments.out, &estimators).context("writing the estimator")
+}
+
+/// The accelerations of a recording in the order x, y, z.
+pub(super) fn accelerations(recording: &Recording) -> Result<Vec<AccelSample>, String> {
+    let mut columns = Vec::with_capacity(ACCEL_AXES);
+    for axis in ["x", "y", "z"] {
+        columns.push(recording.require(&format!("{axis}_accel_m_s2")).map_err(|e| e.to_string())?);
+    }
+    Ok((0..recording.len()).map(|i| [columns[0][i], columns[1][i], columns[2][i]]).collect())
+}
+
+fn frf_run(recording: &Recording, axis: &str) -> Result<FrfRun, String> {
+    let speed = recording.require("spindle_speed_rpm").map_err(|e| e.to_string())?;
+    let mean = speed.iter().sum::<f64>() / speed.len() as f64;
+    if !(mean > 0.0) {
+        return Err(format!("column spindle_speed_rpm has a mean of {mean}, expected a turning spindle"));
+    }
+    if let Some(row) = speed.iter().position(|s| (s - mean).abs() > 0.01 * mean) {
+        return Err(format!(
+            "column spindle_speed_rpm, row {row}: {} where the run's mean is {mean:.1}; a run has one speed",
+            speed[row]
+        ));
+    }
+    let force = recording.require(&format!("{axis}_force_n")).map_err(|e| e.to_string())?;
+    Ok(FrfRun {
+        rate: recording.sample_rate,
+        speed_rpm: mean,
+        accel: accelerations(recording)?,
+        force_n: force.to_vec(),
+    })
 }

@@ -1,9 +1,98 @@
-//! `stillcut lathe`.
+//! `stillcut lathe`: the virtual lathe alone, in real time over shared memory.
 
-/// Runs the virtual lathe alone, over shared memory.
+use super::bad_input;
+use crate::config::scenario::read_scenario;
+use crate::plant::scenario::{RawScenario, Scenario};
+use crate::service::virtual_lathe::VirtualLathe;
+use crate::simulation::lathe::{Lathe, LatheSettings};
+use crate::transport::Domain;
+use std::io::{IsTerminal as _, Write as _};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Runs the virtual lathe alone, in real time: servo samples at 9 kHz out, turret commands in.
+///
+/// It stands where a motion controller stands. Stop it with Ctrl-C.
 #[derive(clap::Args)]
-pub(super) struct Arguments {}
+#[command(after_help = "Example: stillcut lathe --config config/lathe.toml & stillcut run --config config/demo.toml")]
+pub(super) struct Arguments {
+    /// Scenario (lathe.toml); without it, the bar and cut of the README's example.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Prefix of the shared memory domain; the same as the service's `transport.prefix`.
+    #[arg(long, default_value = "stillcut")]
+    prefix: String,
+    /// Folder of the domain; the same as the service's `transport.root`.
+    #[arg(long, default_value = "/run/stillcut", value_name = "DIR")]
+    root: PathBuf,
+    /// Machine time after which to stop, in s; without it, until Ctrl-C.
+    #[arg(long, value_name = "SECONDS")]
+    duration_s: Option<f64>,
+    /// Time in air before the tools enter the cut, in s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 2.0)]
+    entry_s: f64,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
 
-pub(super) fn run(_arguments: Arguments) -> anyhow::Result<()> {
-    anyhow::bail!("being built")
+pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    let scenario = match &arguments.config {
+        Some(path) => read_scenario(path).map_err(bad_input)?,
+        None => Scenario::new(&RawScenario { travel_m_s: -3.0e-3, ..RawScenario::default() })?,
+    };
+    if !(arguments.entry_s.is_finite() && arguments.entry_s >= 0.0) {
+        return Err(bad_input(format!("--entry-s {}: expected zero or more", arguments.entry_s)));
+    }
+    if let Some(duration) = arguments.duration_s.filter(|d| !(d.is_finite() && *d > 0.0)) {
+        return Err(bad_input(format!("--duration-s {duration}: expected a number above zero")));
+    }
+    let domain = Domain::new(&arguments.prefix, &arguments.root).map_err(bad_input)?;
+    let settings =
+        LatheSettings { entry_s: arguments.entry_s, ..LatheSettings::realistic(scenario, arguments.seed) };
+    let stop = Arc::new(AtomicBool::new(false));
+    stop_on_signal(Arc::clone(&stop))?;
+    let mut lathe = VirtualLathe::join(settings, &domain)?;
+    let terminal = std::io::stderr().is_terminal();
+    let mut next_s = 0.0;
+    lathe.run(&stop, arguments.duration_s, |lathe| {
+        if terminal && lathe.truth().t_s >= next_s {
+            next_s = lathe.truth().t_s + 0.5;
+            show(lathe);
+        }
+    })?;
+    if terminal {
+        eprintln!();
+    }
+    Ok(())
+}
+
+fn show(lathe: &Lathe) {
+    let truth = lathe.truth();
+    let _ = write!(
+        std::io::stderr(),
+        "\r{:8.1} s  force {:6.1} N  tools {:5.1} mm from the chuck  pitch difference {:5.2} deg   ",
+        truth.t_s,
+        truth.radial_force_n[0],
+        truth.tool_position_m * 1e3,
+        truth.pitch_difference_rad.to_degrees(),
+    );
+}
+
+/// Sets the flag at SIGINT or SIGTERM, on a thread of its own.
+fn stop_on_signal(stop: Arc<AtomicBool>) -> anyhow::Result<()> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    std::thread::Builder::new().name("signals".into()).spawn(move || {
+        runtime.block_on(async {
+            use tokio::signal::unix::{SignalKind, signal};
+            let Ok(mut terminate) = signal(SignalKind::terminate()) else { return };
+            tokio::select! {
+                _ = tokio::signal::ctrl_c() => {}
+                _ = terminate.recv() => {}
+            }
+        });
+        stop.store(true, Ordering::Relaxed);
+    })?;
+    Ok(())
 }

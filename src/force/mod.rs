@@ -15,6 +15,9 @@
 pub mod alignment;
 pub mod balance;
 pub mod estimator;
+pub mod frf;
 pub mod friction;
 pub mod idle_map;
+pub mod recorded;
+pub mod response;
 pub mod validity;

@@ -1,1 +1,7 @@
-//! Being built.
+//! What a machine is, from recordings of it: mechanical parameters and dead times from a sweep, the
+//! accelerometer estimator from runs with known force, the noise that encoder steps cause.
+
+pub mod banded;
+pub mod frf;
+pub mod least_squares;
+pub mod sweep;

@@ -1,1 +1,405 @@
-//! Being built.
+//! From servo sample to chatter report: composition only, no formula lives here.
+//!
+//! ```text
+//! ServoSample --check, gaps--> force estimator --> chatter monitor --> agreement of the axes --> StepOutput
+//!                              of each axis        of each axis
+//!                                    \--> sliding DFT of the band (what the page shows)
+//! ```
+//! The same [`Pipeline`] serves the live service and `stillcut replay`: what it says depends on the
+//! samples alone, so the same bytes in give the same bytes out. A recording that already holds forces
+//! enters after the estimators, through [`Pipeline::step_forces`].
+//!
+//! After [`Pipeline::new`] a step allocates nothing, unless a gap makes it start anew.
+
+mod settings;
+
+pub use settings::{AxisPlan, BandPlan, ForcePlan, PipelineError, PipelineSettings};
+
+use crate::chatter::{ChatterEvent, ChatterMonitor, ChatterOutput, ChatterState, Line, Phase};
+use crate::force::estimator::{ForceEstimate, ForceEstimator, ForceState, MotionSample};
+use crate::force::validity::Validity;
+use crate::sample::{AxisSample, MAX_AXES, SampleError, ServoSample};
+use crate::signal::butterworth::{Butterworth, ButterworthState};
+use crate::signal::sliding_dft::{SlidingDft, SlidingDftSettings, SlidingDftState};
+
+/// Lost samples up to this many are bridged by straight lines; after more, everything starts anew.
+pub const LARGEST_BRIDGE: u64 = 9;
+
+/// What went wrong with the stream at a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StreamFault {
+    /// Samples are missing before this one.
+    Gap {
+        /// How many.
+        lost: u64,
+    },
+    /// The sequence number is not above the last one: the sample was left out.
+    Repeated,
+    /// A signal is not a finite number: the sample was left out.
+    NotFinite(SampleError),
+}
+
+/// What one sample led to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepOutput {
+    /// Time of the sample, s.
+    pub t_s: f64,
+    /// Force of each axis as it was a short while ago, with what speaks against it.
+    pub forces: [ForceEstimate; MAX_AXES],
+    /// What the axes say together.
+    pub chatter: Agreement,
+    /// What began or ended, on which axis.
+    pub event: Option<(usize, ChatterEvent)>,
+    /// What was wrong with the stream.
+    pub fault: Option<StreamFault>,
+    /// True when the spectra were brought up to date with this sample.
+    pub spectrum_updated: bool,
+}
+
+/// What all watched axes say together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Agreement {
+    /// The most alarming phase of any axis.
+    pub phase: Phase,
+    /// The axis whose line stands out most.
+    pub leading_axis: usize,
+    /// Its line, Hz.
+    pub frequency_hz: Option<f64>,
+    /// Highest line of any axis that is in chatter: what the pitch is computed from (thesis 6.5.2), Hz.
+    pub highest_hz: Option<f64>,
+    /// Power of the leading axis' line, N2.
+    pub power_n2: f64,
+    /// Growth of the leading axis' line, 1/s.
+    pub growth_1_s: Option<f64>,
+    /// Share of the watched axes that are at least suspicious: a measure of confidence.
+    pub confidence: f64,
+    /// Whether no flag forbids acting on any watched axis.
+    pub valid: bool,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Channel {
+    estimator: Option<ForceEstimator>,
+    motor_filter: Option<Butterworth>,
+    thrust_n_a: f64,
+    travel_m_rad: f64,
+    watch: bool,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct ChannelState {
+    force: Option<ForceState>,
+    motor: Option<ButterworthState>,
+    monitor: ChatterState,
+    output: ChatterOutput,
+    flags: Validity,
+}
+
+/// The pipeline of one machine.
+#[derive(Debug, Clone)]
+pub struct Pipeline {
+    settings: PipelineSettings,
+    channels: Vec<Channel>,
+    monitor: ChatterMonitor,
+    spectrum: SlidingDft<f64>,
+    states: Vec<ChannelState>,
+    spectrum_state: SlidingDftState<f64>,
+    row: Vec<f64>,
+    last: Option<ServoSample>,
+    clean_samples: u64,
+    declared: bool,
+}
+
+impl Pipeline {
+    /// Designs estimators, monitors and spectrum. Errors: names the axis or the band that does not fit.
+    pub fn new(settings: PipelineSettings) -> Result<Self, PipelineError> {
+        settings.check()?;
+        let band = settings.band.band()?;
+        let monitor = ChatterMonitor::new(crate::chatter::ChatterSettings {
+            sample_rate: settings.sample_rate,
+            band,
+        })?;
+        let channels = settings.axes.iter().map(|a| settings.channel(a)).collect::<Result<Vec<_>, _>>()?;
+        let bins = settings.spectrum_bins(band);
+        let spectrum = SlidingDft::new(SlidingDftSettings {
+            sample_rate: settings.sample_rate,
+            window_samples: settings.window_samples(),
+            first_bin_hz: bins.first_hz,
+            bin_step_hz: bins.step_hz,
+            bins: bins.count,
+            axes: channels.len(),
+        })?;
+        let states = channels
+            .iter()
+            .map(|_| ChannelState {
+                force: None,
+                motor: None,
+                output: quiet(),
+                monitor: monitor.start(),
+                flags: Validity::SETTLING,
+            })
+            .collect();
+        let spectrum_state = spectrum.start();
+        let row = vec![0.0; channels.len()];
+        Ok(Self {
+            settings,
+            channels,
+            monitor,
+            spectrum,
+            states,
+            spectrum_state,
+            row,
+            last: None,
+            clean_samples: 0,
+            declared: false,
+        })
+    }
+
+    /// What it was made from.
+    #[must_use]
+    pub fn settings(&self) -> &PipelineSettings {
+        &self.settings
+    }
+
+    /// Watched band, Hz.
+    #[must_use]
+    pub fn band_hz(&self) -> [f64; 2] {
+        let band = self.monitor.settings().band;
+        [band.low_hz(), band.high_hz()]
+    }
+
+    /// Samples since the last gap or restart.
+    #[must_use]
+    pub fn clean_samples(&self) -> u64 {
+        self.clean_samples
+    }
+
+    /// What the monitor of one axis says now.
+    #[must_use]
+    pub fn axis_output(&self, axis: usize) -> Option<&ChatterOutput> {
+        self.states.get(axis).map(|s| &s.output)
+    }
+
+    /// First bin and distance of the bins of [`Self::amplitudes_n`], Hz.
+    #[must_use]
+    pub fn spectrum_grid_hz(&self) -> [f64; 2] {
+        [self.spectrum.settings().first_bin_hz, self.spectrum.settings().bin_step_hz]
+    }
+
+    /// Amplitude of each bin of one axis over the last second, N.
+    pub fn amplitudes_n(&self, axis: usize) -> impl Iterator<Item = f64> + '_ {
+        let bins = if axis < self.channels.len() { self.spectrum.settings().bins } else { 0 };
+        (0..bins).map(move |k| self.line_amplitude_n(axis, k))
+    }
+
+    fn line_amplitude_n(&self, axis: usize, bin: usize) -> f64 {
+        // |S| = A N / 2 for a tone of amplitude A.
+        let window = self.spectrum.settings().window_samples as f64;
+        2.0 * self.spectrum.value(&self.spectrum_state, axis, bin).norm() / window
+    }
+
+    /// One servo sample. A sample that cannot be used changes nothing but the fault that is reported.
+    pub fn step(&mut self, sample: &ServoSample) -> StepOutput {
+        if let Err(error) = sample.check() {
+            self.clean_samples = 0;
+            return self.unchanged(sample.t_s, StreamFault::NotFinite(error));
+        }
+        let fault = match self.last {
+            Some(last) if sample.sequence <= last.sequence => {
+                return self.unchanged(sample.t_s, StreamFault::Repeated);
+            }
+            Some(last) if sample.sequence - last.sequence > 1 => {
+                let lost = sample.sequence - last.sequence - 1;
+                if lost <= LARGEST_BRIDGE {
+                    self.bridge(&last, sample, lost);
+                } else {
+                    self.restart();
+                }
+                self.clean_samples = 0;
+                Some(StreamFault::Gap { lost })
+            }
+            _ => None,
+        };
+        self.last = Some(*sample);
+        let mut output = self.take(sample);
+        output.fault = fault;
+        output
+    }
+
+    /// One instant of forces that were estimated elsewhere, one per axis, N.
+    pub fn step_forces(&mut self, t_s: f64, forces_n: &[f64], spindle_speed_rpm: Option<f64>) -> StepOutput {
+        let mut forces = [ForceEstimate { force_n: 0.0, flags: Validity::VALID }; MAX_AXES];
+        for (to, from) in forces.iter_mut().zip(forces_n) {
+            to.force_n = *from;
+        }
+        self.listen(t_s, forces, spindle_speed_rpm)
+    }
+
+    fn unchanged(&self, t_s: f64, fault: StreamFault) -> StepOutput {
+        StepOutput {
+            t_s,
+            forces: [ForceEstimate { force_n: 0.0, flags: Validity::SIGNAL_MISSING }; MAX_AXES],
+            chatter: self.agreement(),
+            event: None,
+            fault: Some(fault),
+            spectrum_updated: false,
+        }
+    }
+
+    /// Feeds what lies on straight lines between two samples, so that short losses do not ring.
+    fn bridge(&mut self, from: &ServoSample, to: &ServoSample, lost: u64) {
+        for i in 1..=lost {
+            let share = i as f64 / (lost + 1) as f64;
+            let mix = |a: f64, b: f64| a + share * (b - a);
+            let mut between = *to;
+            between.sequence = from.sequence + i;
+            between.t_s = mix(from.t_s, to.t_s);
+            for (axis, (a, b)) in between.axes.iter_mut().zip(from.axes.iter().zip(&to.axes)) {
+                *axis = AxisSample {
+                    current_ref_a: mix(a.current_ref_a, b.current_ref_a),
+                    motor_angle_rad: mix(a.motor_angle_rad, b.motor_angle_rad),
+                    stage_position_m: a.stage_position_m.zip(b.stage_position_m).map(|(a, b)| mix(a, b)),
+                };
+            }
+            self.take(&between);
+        }
+    }
+
+    /// Forgets everything but the settings.
+    pub fn restart(&mut self) {
+        for state in &mut self.states {
+            state.force = None;
+            state.motor = None;
+            state.monitor = self.monitor.start();
+            state.output = quiet();
+            state.flags = Validity::SETTLING;
+        }
+        self.spectrum_state = self.spectrum.start();
+        self.clean_samples = 0;
+    }
+
+    fn take(&mut self, sample: &ServoSample) -> StepOutput {
+        let mut forces = [ForceEstimate { force_n: 0.0, flags: Validity::VALID }; MAX_AXES];
+        let channels = self.channels.iter().zip(&mut self.states).zip(&sample.axes);
+        for (((channel, state), axis), force) in channels.zip(&mut forces) {
+            let Some(estimator) = &channel.estimator else { continue };
+            let mut motor_travel_m = channel.travel_m_rad * axis.motor_angle_rad;
+            if let Some(filter) = &channel.motor_filter {
+                let inner = state.motor.get_or_insert_with(|| filter.settled(motor_travel_m));
+                motor_travel_m = filter.step(inner, motor_travel_m);
+            }
+            let motion = MotionSample {
+                thrust_ref_n: channel.thrust_n_a * axis.current_ref_a,
+                motor_travel_m: Some(motor_travel_m),
+                stage_position_m: axis.stage_position_m,
+            };
+            let inner = state.force.get_or_insert_with(|| estimator.settled(&motion));
+            *force = estimator.step(inner, &motion);
+        }
+        self.listen(sample.t_s, forces, Some(sample.spindle_speed_rpm))
+    }
+
+    fn listen(
+        &mut self,
+        t_s: f64,
+        forces: [ForceEstimate; MAX_AXES],
+        speed_rpm: Option<f64>,
+    ) -> StepOutput {
+        self.clean_samples += 1;
+        let mut heard = None;
+        for (index, (channel, state)) in self.channels.iter().zip(&mut self.states).enumerate() {
+            self.row[index] = forces[index].force_n;
+            state.flags = forces[index].flags;
+            if !channel.watch || forces[index].flags.contains(Validity::SETTLING) {
+                continue;
+            }
+            state.output = self.monitor.step(&mut state.monitor, forces[index].force_n, speed_rpm);
+            if let Some(event) = state.output.event {
+                heard = Some((index, event));
+            }
+        }
+        let spectrum_updated = self.spectrum.step(&mut self.spectrum_state, &self.row);
+        let chatter = self.agreement();
+        let event = self.machine_event(&chatter, heard);
+        StepOutput { t_s, forces, chatter, event, fault: None, spectrum_updated }
+    }
+
+    /// Onset when the first axis is sure, end when the last has fallen quiet; the rest as it comes.
+    fn machine_event(
+        &mut self,
+        now: &Agreement,
+        heard: Option<(usize, ChatterEvent)>,
+    ) -> Option<(usize, ChatterEvent)> {
+        let chatter = now.phase == Phase::Chatter;
+        if chatter && !self.declared {
+            self.declared = true;
+            let line = Line {
+                frequency_hz: now.frequency_hz.unwrap_or(0.0),
+                power_n2: now.power_n2,
+                growth_1_s: now.growth_1_s.unwrap_or(0.0),
+                contrast: self.states[now.leading_axis].output.contrast,
+            };
+            return match heard {
+                Some((axis, ChatterEvent::Onset(line))) => Some((axis, ChatterEvent::Onset(line))),
+                _ => Some((now.leading_axis, ChatterEvent::Onset(line))),
+            };
+        }
+        if !chatter && self.declared {
+            self.declared = false;
+            return Some((now.leading_axis, ChatterEvent::End));
+        }
+        heard.filter(|(axis, event)| match event {
+            ChatterEvent::Onset(_) | ChatterEvent::End => false,
+            ChatterEvent::Hop { .. } => *axis == now.leading_axis,
+            ChatterEvent::Dismissed(_) | ChatterEvent::CutChanged => true,
+        })
+    }
+
+    /// What the axes say together.
+    #[must_use]
+    pub fn agreement(&self) -> Agreement {
+        let rank = |p: Phase| match p {
+            Phase::Learning => 0,
+            Phase::Quiet => 1,
+            Phase::Suspected => 2,
+            Phase::Chatter => 3,
+        };
+        let watched = || {
+            let pairs = self.channels.iter().zip(&self.states).enumerate();
+            pairs.filter(|(_, (channel, _))| channel.watch).map(|(index, (_, state))| (index, state))
+        };
+        let leading = watched()
+            .max_by(|(_, a), (_, b)| {
+                let by_phase = rank(a.output.phase).cmp(&rank(b.output.phase));
+                by_phase.then(a.output.contrast.total_cmp(&b.output.contrast))
+            })
+            .map_or(0, |(index, _)| index);
+        let count = watched().count().max(1) as f64;
+        let suspicious = watched().filter(|(_, s)| rank(s.output.phase) >= 2).count() as f64;
+        let output = &self.states[leading].output;
+        Agreement {
+            phase: output.phase,
+            leading_axis: leading,
+            frequency_hz: output.frequency_hz,
+            highest_hz: watched()
+                .filter(|(_, s)| s.output.phase == Phase::Chatter)
+                .filter_map(|(_, s)| s.output.frequency_hz)
+                .reduce(f64::max),
+            power_n2: output.power_n2,
+            growth_1_s: output.growth_1_s,
+            confidence: suspicious / count,
+            valid: watched().all(|(_, s)| s.flags.may_act()),
+        }
+    }
+}
+
+fn quiet() -> ChatterOutput {
+    ChatterOutput {
+        phase: Phase::Learning,
+        frequency_hz: None,
+        power_n2: 0.0,
+        contrast: 0.0,
+        growth_1_s: None,
+        event: None,
+    }
+}

@@ -1,7 +1,11 @@
-//! What leaves as a report for a person: pictures and pages. Core types in, text out; no files here.
+//! What leaves the process as files: events, the track, estimators, diagnosis, models, pages for people.
 
+pub mod events;
+pub mod force_estimator;
+pub mod force_plots;
 pub mod html;
 mod maps;
 pub mod page;
 pub mod plot;
 pub mod study;
+pub mod track;

@@ -3,6 +3,12 @@
 //! Each filter is an immutable design and a plain state: `design.step(&mut state, x) -> y`, no
 //! allocation, no clock. Designs refuse what cannot work at the given rate.
 
+pub mod down_mix;
+pub mod line_bank;
+pub mod moving_variance;
+pub mod order_lines;
+pub mod sliding_dft;
+mod sliding_dft_kernel;
 pub mod butterworth;
 pub mod delay_line;
 pub mod finite_difference;

@@ -137,13 +137,13 @@ fn amplitude_m(lathe: &mut Lathe, rest_m: f64, seconds: f64) -> f64 {
 fn the_pitch_window_of_the_thesis() {
     let stable = |phase: f64| (0.7..=1.1).contains(&phase);
     for phase in [0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.15, 1.2] {
-        let settings = LatheSettings { strike_m_s: 1e-9, ..LatheSettings::ideal(thesis_window_scenario(phase)) };
+        let settings = LatheSettings { strike_m_s: 1e-7, ..LatheSettings::ideal(thesis_window_scenario(phase)) };
         let mut lathe = Lathe::new(settings);
         let rest = lathe.truth().workpiece_displacement_m;
-        amplitude_m(&mut lathe, rest, 0.5);
-        let early = amplitude_m(&mut lathe, rest, 0.3);
-        amplitude_m(&mut lathe, rest, 0.6);
-        let late = amplitude_m(&mut lathe, rest, 0.3);
+        amplitude_m(&mut lathe, rest, 0.05);
+        let early = amplitude_m(&mut lathe, rest, 0.1);
+        amplitude_m(&mut lathe, rest, 0.25);
+        let late = amplitude_m(&mut lathe, rest, 0.1);
         println!("{phase} pi: {early:.2e} m, then {late:.2e} m");
         assert_eq!(late < early, stable(phase), "at {phase} pi {early} m became {late} m");
     }

@@ -7,4 +7,5 @@ mod lathe;
 mod transport;
 mod conceal;
 mod import;
+mod pipeline;
 mod report;

@@ -288,8 +288,9 @@ impl Lathe {
             let along_y = (radial[turret] + tangential[turret]) * FRAC_1_SQRT_2;
             let cmd = if turret == 0 { cmd } else { [0.0; 2] };
             let first = 2 * turret;
-            self.reports[first] = self.axes[first].step(cmd[0], radial[turret]);
-            self.reports[first + 1] = self.axes[first + 1].step(cmd[1], along_y);
+            let noise: [f64; 2] = std::array::from_fn(|_| StandardNormal.sample(&mut self.random));
+            self.reports[first] = self.axes[first].step(cmd[0], radial[turret], noise[0]);
+            self.reports[first + 1] = self.axes[first + 1].step(cmd[1], along_y, noise[1]);
         }
     }
 

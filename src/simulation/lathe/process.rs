@@ -318,8 +318,8 @@ impl CuttingProcess {
         let before = self.force_on_bar_n;
         let mut after = before;
         let mut moved = (0.0, 0.0);
-        // Predict with the old force, correct twice: the chip depends on the motion within the step.
-        for _ in 0..3 {
+        // Predict with the old force, correct once: the chip depends on the motion within the step.
+        for _ in 0..2 {
             moved = self.modes.iter().fold((0.0, 0.0), |(x, v), m| {
                 let (q, dq) = m.propagated(before, after);
                 (x + m.at.shape * q, v + m.at.shape * dq)

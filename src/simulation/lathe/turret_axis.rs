@@ -32,6 +32,8 @@ pub struct AxisSettings {
     pub motor_encoder_counts_per_rev: f64,
     /// Step of the scale; `None`: no scale on this axis.
     pub stage_encoder_step_m: Option<f64>,
+    /// Noise of the scale's interpolation before it is rounded, standard deviation.
+    pub stage_encoder_noise_m: f64,
     pub position_gain_1_s: f64,
     pub velocity_gain_1_s: f64,
     pub velocity_integral_1_s: f64,
@@ -59,6 +61,7 @@ impl AxisSettings {
             stage_encoder_delay_s: 1.0e-4,
             motor_encoder_counts_per_rev: 120_000.0,
             stage_encoder_step_m: has_scale.then_some(1.0e-9),
+            stage_encoder_noise_m: 0.5e-9,
             position_gain_1_s: 40.0,
             velocity_gain_1_s: 180.0,
             velocity_integral_1_s: 10.0,
@@ -171,7 +174,8 @@ impl TurretAxis {
     }
 
     /// One control period: moves under `force_n` (positive opposes +travel), samples, controls.
-    pub fn step(&mut self, position_cmd_m: f64, force_n: f64) -> AxisReport {
+    /// `noise` is one standard normal number.
+    pub fn step(&mut self, position_cmd_m: f64, force_n: f64, noise: f64) -> AxisReport {
         let step_s = self.control_period_s / SUBSTEPS as f64;
         let (mut motor, mut stage) = (0.0, 0.0);
         for _ in 0..SUBSTEPS {
@@ -183,6 +187,7 @@ impl TurretAxis {
         let s = &self.settings;
         let motor_step_m = s.screw_lead_m / s.motor_encoder_counts_per_rev;
         let motor_m = (motor / motor_step_m).floor() * motor_step_m;
+        let stage = stage + s.stage_encoder_noise_m * noise;
         let stage_m = s.stage_encoder_step_m.map(|step| (stage / step).floor() * step);
         self.control(position_cmd_m, motor_m, stage_m);
         AxisReport {
@@ -214,9 +219,9 @@ impl TurretAxis {
         let r = s.travel_m_rad();
         let screw = s.axial_stiffness_n_m * (motor - stage) + s.structural_damping_n_s_m * (motor_v - stage_v);
         let motor_friction = s.rotary_damping_nm_s_rad / (r * r) * motor_v
-            + s.motor_coulomb_friction_n * (motor_v / FRICTION_SPEED_M_S).tanh();
+            + s.motor_coulomb_friction_n * direction(motor_v);
         let stage_friction = s.translational_damping_n_s_m * stage_v
-            + s.stage_coulomb_friction_n * (stage_v / FRICTION_SPEED_M_S).tanh();
+            + s.stage_coulomb_friction_n * direction(stage_v);
         [
             motor_v,
             (thrust - screw - motor_friction) / s.reflected_mass_kg(),
@@ -239,6 +244,12 @@ impl TurretAxis {
     }
 }
 
+/// Sign of a speed, smooth through zero: v / sqrt(v^2 + v_s^2).
+fn direction(velocity_m_s: f64) -> f64 {
+    let ratio = velocity_m_s / FRICTION_SPEED_M_S;
+    ratio / (1.0 + ratio * ratio).sqrt()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -249,7 +260,7 @@ mod tests {
     fn an_axis_holds_its_place_against_a_steady_force() {
         let mut axis = TurretAxis::new(AxisSettings::rolling(true), RATE_HZ);
         for _ in 0..9000 * 3 {
-            axis.step(0.0, 200.0);
+            axis.step(0.0, 200.0, 0.0);
         }
         assert!(axis.stage_position_m().abs() < 5.0e-6, "{}", axis.stage_position_m());
     }
@@ -259,7 +270,7 @@ mod tests {
         for settings in [AxisSettings::rolling(true), AxisSettings::sliding(false)] {
             let mut axis = TurretAxis::new(settings, RATE_HZ);
             for i in 0..9000 * 2 {
-                axis.step((f64::from(i) * 2.0e-3 / RATE_HZ).min(0.5e-3), 0.0);
+                axis.step((f64::from(i) * 2.0e-3 / RATE_HZ).min(0.5e-3), 0.0, 0.0);
             }
             assert!((axis.stage_position_m() - 0.5e-3).abs() < 5.0e-6, "{}", axis.stage_position_m());
         }
@@ -272,7 +283,7 @@ mod tests {
         let mut largest: f64 = 0.0;
         for i in 0..18_000 {
             let t = f64::from(i) / RATE_HZ;
-            axis.step(0.0, 50.0 * (TAU * 650.0 * t).sin());
+            axis.step(0.0, 50.0 * (TAU * 650.0 * t).sin(), 0.0);
             if i > 9000 {
                 largest = largest.max(axis.stage_position_m().abs());
             }

@@ -1,0 +1,92 @@
+//! Cost per sample of the pipeline (1 and 6 axes, 201 bins) and real-time factor of the virtual lathe.
+//!
+//! `cargo bench --bench pipeline`. Medians over rounds, cases in turn inside each round; on a shared machine
+//! compare the figures of one run.
+#![allow(clippy::disallowed_methods)] // a bench asks the time
+
+use std::hint::black_box;
+use std::path::Path;
+use std::time::Instant;
+use stillcut::chatter::Band;
+use stillcut::config::machine::read_machine;
+use stillcut::force::balance::Method;
+use stillcut::force::estimator::{ForceSettings, Signals};
+use stillcut::pipeline::{AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings};
+use stillcut::plant::drive::DriveParams;
+use stillcut::plant::scenario::Scenario;
+use stillcut::sample::ServoSample;
+use stillcut::simulation::lathe::{Lathe, LatheSettings};
+use stillcut::units::SampleRate;
+
+const ROUNDS: usize = 9;
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+fn pipeline(axes: usize, rate_hz: f64, drive: &DriveParams) -> Pipeline {
+    let plan = |index: usize| AxisPlan {
+        name: format!("a{index}"),
+        force: Some(ForcePlan {
+            drive: drive.clone(),
+            signals: Signals::Both,
+            method: Method::Medob,
+            settings: ForceSettings::default(),
+            motor_cutoff_hz: Some(150.0),
+        }),
+        watch: true,
+    };
+    let settings = PipelineSettings {
+        sample_rate: SampleRate::new(rate_hz).expect("positive"),
+        axes: (0..axes).map(plan).collect(),
+        band: BandPlan::Stated(Band::new(500.0, 700.0).expect("a band")),
+    };
+    Pipeline::new(settings).expect("valid settings")
+}
+
+/// One second of six equal axes in the cut.
+fn stream(rate_hz: f64) -> Vec<ServoSample> {
+    let settings = LatheSettings { sample_rate_hz: rate_hz, ..LatheSettings::realistic(Scenario::default(), 1) };
+    let mut lathe = Lathe::new(LatheSettings { entry_s: 0.0, ..settings });
+    let count = rate_hz as usize * 2;
+    let mut samples: Vec<ServoSample> = (0..count).map(|_| lathe.step()).collect();
+    for sample in &mut samples {
+        sample.axes = [sample.axes[0]; 6];
+    }
+    samples
+}
+
+fn main() {
+    let machine = read_machine(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config/turrets.toml")).expect("model");
+    let drive = machine.axis("x1").expect("axis").drive.clone();
+    let cases: Vec<(usize, f64)> = vec![(1, 9000.0), (6, 9000.0), (6, 20_000.0)];
+    let mut times = vec![Vec::new(); cases.len()];
+    let mut lathe_factor = Vec::new();
+    for _ in 0..ROUNDS {
+        for ((axes, rate_hz), out) in cases.iter().zip(&mut times) {
+            let samples = stream(*rate_hz);
+            let mut pipeline = pipeline(*axes, *rate_hz, &drive);
+            let half = samples.len() / 2;
+            for sample in &samples[..half] {
+                black_box(pipeline.step(sample));
+            }
+            let began = Instant::now();
+            for sample in &samples[half..] {
+                black_box(pipeline.step(sample));
+            }
+            out.push(began.elapsed().as_secs_f64() * 1e9 / (samples.len() - half) as f64);
+        }
+        let mut lathe = Lathe::new(LatheSettings { entry_s: 0.0, ..LatheSettings::realistic(Scenario::default(), 1) });
+        let began = Instant::now();
+        for _ in 0..9000 {
+            black_box(lathe.step());
+        }
+        lathe_factor.push(1.0 / began.elapsed().as_secs_f64());
+    }
+    for ((axes, rate_hz), out) in cases.iter().zip(times) {
+        let ns = median(out);
+        println!("pipeline, {axes} axes, {rate_hz} Hz: {ns:.0} ns a sample = {:.2} % of a core", ns * rate_hz * 1e-7);
+    }
+    println!("lathe with four servo axes at 9 kHz: {:.0} times real time", median(lathe_factor));
+}

@@ -1,0 +1,446 @@
+//! The decision, once an interval.
+
+use super::choice::{TrackedLines, pitch_for_attempt_rad};
+use super::pitch::{pitch_of_shift_rad, tool_shift};
+use super::{AvoidanceSettings, Command, CommandKind, Decision, HoldReason, Mode, Situation, TurretMotion};
+use crate::chatter::Phase;
+use crate::sample::MAX_AXES;
+use crate::units::SpindleSpeed;
+use thiserror::Error;
+
+/// Longest lifetime of a command (invariant I7).
+const LONGEST_TTL_S: f64 = 2.5;
+/// Shortest interval between commands (invariant I5).
+const SHORTEST_INTERVAL_S: f64 = 1.0;
+/// Silence of the samples after which the turret goes back (invariant I8).
+const STALE_RETURN_S: f64 = 1.0;
+/// Intervals after which a new pitch is judged.
+const JUDGE_INTERVALS: u32 = 2;
+/// Pitches tried before a person is asked.
+const ATTEMPTS: u32 = 2;
+/// Intervals off the target before the turret counts as stuck (invariant I11).
+const STUCK_INTERVALS: u32 = 3;
+/// Longest wait after refusals (invariant I11).
+const LONGEST_BACKOFF_S: f64 = 60.0;
+/// Reversals of direction a minute (invariant I12).
+const REVERSALS: usize = 6;
+/// Lines are kept this long after they were last heard.
+const KEEP_LINES_S: f64 = 60.0;
+
+/// Why settings cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum SettingsError {
+    /// A value outside what is allowed.
+    #[error("{name} = {value}: expected {expected}")]
+    Value {
+        /// Setting.
+        name: &'static str,
+        /// Value.
+        value: f64,
+        /// What is allowed.
+        expected: &'static str,
+    },
+}
+
+/// The decision: immutable design.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Avoidance {
+    settings: AvoidanceSettings,
+}
+
+/// What the decision remembers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AvoidanceState {
+    epoch: u64,
+    sequence: u64,
+    next_due_s: f64,
+    latest_now_s: f64,
+    lines: TrackedLines,
+    /// What the turret was last told.
+    target: Option<Target>,
+    trial: Option<Trial>,
+    latched: Option<Latched>,
+    off_target: u32,
+    refusals: u32,
+    refused_until_s: f64,
+    reversals_s: [f64; REVERSALS],
+    last_step_rad: f64,
+    fruitless: u32,
+    mode: Mode,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Target {
+    pitch_rad: f64,
+    requested_rad: f64,
+    offsets_m: [f64; MAX_AXES],
+    issued_s: f64,
+}
+
+/// A pitch under trial.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Trial {
+    attempt: u32,
+    intervals: u32,
+    power_before_n2: f64,
+}
+
+/// A state that a person must clear.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Latched {
+    reason: HoldReason,
+    /// The return to equal pitch was commanded.
+    returned: bool,
+}
+
+impl Avoidance {
+    /// Errors: a time, limit or diameter that is not allowed.
+    pub fn new(settings: AvoidanceSettings) -> Result<Self, SettingsError> {
+        let check = |name, value: f64, good: bool, expected| {
+            if value.is_finite() && good {
+                Ok(())
+            } else {
+                Err(SettingsError::Value { name, value, expected })
+            }
+        };
+        let s = &settings;
+        check("diameter_m", s.diameter_m, s.diameter_m > 0.0, "a number above zero")?;
+        let pitch = s.largest_pitch_rad;
+        check("largest_pitch_rad", pitch, (0.0..=1.0).contains(&pitch), "zero to one")?;
+        check("interval_s", s.interval_s, s.interval_s >= SHORTEST_INTERVAL_S, "1 s or more")?;
+        let ttl = s.ttl_s > s.interval_s && s.ttl_s <= LONGEST_TTL_S;
+        check("ttl_s", s.ttl_s, ttl, "more than interval_s and at most 2.5 s")?;
+        check("freshness_s", s.freshness_s, s.freshness_s > 0.0 && s.freshness_s <= 0.05, "at most 0.05 s")?;
+        let deadline = s.report_deadline_s;
+        check("report_deadline_s", deadline, deadline > 0.0 && deadline <= 1.0, "at most 1 s")?;
+        check("reached_m", s.reached_m, s.reached_m > 0.0, "a number above zero")?;
+        Ok(Self { settings })
+    }
+
+    /// Limits and times.
+    #[must_use]
+    pub fn settings(&self) -> &AvoidanceSettings {
+        &self.settings
+    }
+
+    /// A new life: `epoch` above every one before (invariant I9), the first decision one interval from now.
+    #[must_use]
+    pub fn start(&self, epoch: u64, now_s: f64) -> AvoidanceState {
+        AvoidanceState {
+            epoch,
+            sequence: 0,
+            next_due_s: now_s + self.settings.interval_s,
+            latest_now_s: now_s,
+            lines: TrackedLines::default(),
+            target: None,
+            trial: None,
+            latched: None,
+            off_target: 0,
+            refusals: 0,
+            refused_until_s: f64::NEG_INFINITY,
+            reversals_s: [f64::NEG_INFINITY; REVERSALS],
+            last_step_rad: 0.0,
+            fruitless: 0,
+            mode: Mode::Observe,
+        }
+    }
+
+    /// Decides, if the interval is over or the mode was left. Call it as often as you like.
+    ///
+    /// A return that leaving `act` causes comes at once and once; everything else comes an interval apart.
+    /// Checked by: `suite/avoidance.rs` (invariants I1-I15 under an independent monitor).
+    pub fn decide(&self, state: &mut AvoidanceState, now: &Situation) -> Decision {
+        if !now.now_s.is_finite() || now.now_s < state.latest_now_s {
+            // A monotonic clock does not do this: wait a whole interval from here.
+            state.latest_now_s = if now.now_s.is_finite() { now.now_s } else { state.latest_now_s };
+            state.next_due_s = state.latest_now_s + self.settings.interval_s;
+            return Decision::Hold(HoldReason::ClockStepped);
+        }
+        state.latest_now_s = now.now_s;
+        if let (Phase::Chatter, Some(frequency_hz)) = (now.heard.phase, now.heard.frequency_hz) {
+            state.lines.hear(frequency_hz, now.now_s);
+        }
+        let left_act = state.mode == Mode::Act && now.mode != Mode::Act;
+        state.mode = now.mode;
+        if left_act {
+            return self.leave_act(state, now);
+        }
+        if now.now_s < state.next_due_s {
+            return Decision::NotDue;
+        }
+        // Never a burst: after a stall the next one is a whole interval away.
+        state.next_due_s = now.now_s + self.settings.interval_s;
+        state.lines.forget(now.now_s, KEEP_LINES_S);
+        self.decide_due(state, now)
+    }
+
+    /// The mode was left: nothing more is asked of the turret but to go back.
+    fn leave_act(&self, state: &mut AvoidanceState, now: &Situation) -> Decision {
+        state.trial = None;
+        state.latched = None;
+        let Some(_) = state.target.take() else { return Decision::NotDue };
+        state.next_due_s = now.now_s + self.settings.interval_s;
+        Decision::Command(self.back(state, now))
+    }
+
+    fn decide_due(&self, state: &mut AvoidanceState, now: &Situation) -> Decision {
+        if now.mode == Mode::Observe {
+            return Decision::Hold(HoldReason::Observing);
+        }
+        if now.operator_acknowledge {
+            state.latched = None;
+            state.fruitless = 0;
+            state.off_target = 0;
+        }
+        if let Some(reason) = self.obstacle(state, now) {
+            return Decision::Hold(reason);
+        }
+        self.watch_turret(state, now);
+        if let Some(latched) = &mut state.latched {
+            let reason = latched.reason;
+            if !latched.returned && now.mode == Mode::Act && state.target.is_some() {
+                latched.returned = true;
+                state.target = None;
+                return Decision::Command(self.back(state, now));
+            }
+            return Decision::Hold(reason);
+        }
+        if now.now_s < state.refused_until_s {
+            return Decision::Hold(HoldReason::TurretRefused);
+        }
+        self.judge(state, now);
+        if state.latched.is_some() {
+            return self.decide_latched(state, now);
+        }
+        self.aim(state, now)
+    }
+
+    fn decide_latched(&self, state: &mut AvoidanceState, now: &Situation) -> Decision {
+        let Some(latched) = &mut state.latched else { return Decision::Hold(HoldReason::Returned) };
+        let reason = latched.reason;
+        if state.target.take().is_some() && now.mode == Mode::Act {
+            latched.returned = true;
+            return Decision::Command(self.back(state, now));
+        }
+        Decision::Hold(reason)
+    }
+
+    /// What forbids any command now; silence of the samples beyond a second also latches the return.
+    fn obstacle(&self, state: &mut AvoidanceState, now: &Situation) -> Option<HoldReason> {
+        let s = &self.settings;
+        let age = |t_s: f64| now.now_s - t_s;
+        let fresh = |t_s: f64, limit_s: f64| (0.0..=limit_s).contains(&age(t_s));
+        let stale = now.newest_sample_s.is_none_or(|t| !fresh(t, s.freshness_s));
+        if now.newest_sample_s.is_none_or(|t| age(t) > STALE_RETURN_S) && state.target.is_some() {
+            state.latched.get_or_insert(Latched { reason: HoldReason::Returned, returned: false });
+        }
+        match now.interlock {
+            Some(i) if !fresh(i.heard_s, s.report_deadline_s) => return Some(HoldReason::InterlockUnheard),
+            None => return Some(HoldReason::InterlockUnheard),
+            Some(i) if i.open => return Some(HoldReason::InterlockOpen),
+            Some(_) => {}
+        }
+        if now.turret.is_none_or(|t| !fresh(t.heard_s, s.report_deadline_s)) {
+            return Some(HoldReason::TurretSilent);
+        }
+        if now.turret.is_some_and(|t| t.offsets_m.iter().any(|o| !o.is_finite())) {
+            return Some(HoldReason::TurretSilent);
+        }
+        if stale {
+            return Some(HoldReason::StaleSamples);
+        }
+        if now.operator_hold {
+            return Some(HoldReason::OperatorHold);
+        }
+        if !now.store_writable {
+            return Some(HoldReason::StoreNotWritable);
+        }
+        if !now.window_full {
+            return Some(HoldReason::WindowNotFull);
+        }
+        None
+    }
+
+    /// Refusals and targets that are not reached.
+    fn watch_turret(&self, state: &mut AvoidanceState, now: &Situation) {
+        let (Some(turret), Some(target)) = (now.turret, state.target) else { return };
+        if turret.motion == TurretMotion::Refused {
+            state.refusals = (state.refusals + 1).min(16);
+            let wait_s = f64::from(1u32 << (state.refusals - 1).min(6)).min(LONGEST_BACKOFF_S);
+            state.refused_until_s = now.now_s + wait_s;
+        } else {
+            state.refusals = 0;
+        }
+        let off =
+            self.settings.turret.axes().iter().any(|a| {
+                (turret.offsets_m[a.index] - target.offsets_m[a.index]).abs() > self.settings.reached_m
+            });
+        let time_to_move = now.now_s - target.issued_s >= self.settings.interval_s;
+        state.off_target = if off && time_to_move { state.off_target + 1 } else { 0 };
+        if state.off_target >= STUCK_INTERVALS {
+            state.latched.get_or_insert(Latched { reason: HoldReason::TurretNotReached, returned: false });
+        }
+    }
+
+    /// Two intervals after a new pitch: did it help?
+    fn judge(&self, state: &mut AvoidanceState, now: &Situation) {
+        let Some(trial) = &mut state.trial else { return };
+        trial.intervals += 1;
+        if trial.intervals < JUDGE_INTERVALS {
+            return;
+        }
+        if now.heard.phase != Phase::Chatter {
+            state.trial = None;
+            state.fruitless = 0;
+            return;
+        }
+        // 3 dB less: it helps, more time.
+        if now.heard.power_n2 < 0.5 * trial.power_before_n2 {
+            trial.intervals = 0;
+            trial.power_before_n2 = now.heard.power_n2;
+            return;
+        }
+        state.fruitless += 1;
+        let next = trial.attempt + 1;
+        if next >= ATTEMPTS {
+            state.trial = None;
+            state.latched = Some(Latched { reason: HoldReason::HandedOver, returned: false });
+        } else {
+            *trial = Trial { attempt: next, intervals: 0, power_before_n2: now.heard.power_n2 };
+        }
+    }
+
+    /// Picks the target and makes the command.
+    fn aim(&self, state: &mut AvoidanceState, now: &Situation) -> Decision {
+        let Some(spindle) = now.spindle_speed_rpm.and_then(|rpm| SpindleSpeed::from_rpm(rpm).ok()) else {
+            return self.renew_or(state, now, HoldReason::SpindleUnknown);
+        };
+        match now.heard.phase {
+            Phase::Chatter => {}
+            Phase::Learning => return self.renew_or(state, now, HoldReason::Learning),
+            Phase::Suspected => return self.renew_or(state, now, HoldReason::Suspected),
+            Phase::Quiet => return self.renew_or(state, now, HoldReason::NoChatter),
+        }
+        if let Some(trial) = state.trial
+            && trial.intervals > 0
+        {
+            return self.renew_or(state, now, HoldReason::NoChatter);
+        }
+        let Some(highest_hz) = state.lines.highest_hz() else {
+            return self.renew_or(state, now, HoldReason::NoChatter);
+        };
+        let attempt = state.trial.map_or(0, |t| t.attempt);
+        let Ok(wanted_rad) = pitch_for_attempt_rad(spindle, highest_hz, attempt) else {
+            return self.renew_or(state, now, HoldReason::OutsideLimits);
+        };
+        if wanted_rad > self.settings.largest_pitch_rad {
+            return self.renew_or(state, now, HoldReason::OutsideLimits);
+        }
+        self.move_to(state, now, wanted_rad)
+    }
+
+    fn move_to(&self, state: &mut AvoidanceState, now: &Situation, wanted_rad: f64) -> Decision {
+        let Some(turret) = now.turret else { return Decision::Hold(HoldReason::TurretSilent) };
+        let Some((offsets_m, pitch_rad)) = self.reachable(&turret.offsets_m, wanted_rad) else {
+            return self.renew_or(state, now, HoldReason::OutsideLimits);
+        };
+        let step_rad = pitch_rad - state.target.map_or(0.0, |t| t.pitch_rad);
+        if step_rad * state.last_step_rad < 0.0 {
+            if now.now_s - state.reversals_s[0] < 60.0 {
+                return self.renew_or(state, now, HoldReason::Hunting);
+            }
+            state.reversals_s.rotate_left(1);
+            state.reversals_s[REVERSALS - 1] = now.now_s;
+        }
+        if step_rad != 0.0 {
+            state.last_step_rad = step_rad;
+        }
+        if state.trial.is_none() {
+            state.trial = Some(Trial { attempt: 0, intervals: 0, power_before_n2: now.heard.power_n2 });
+        }
+        let target = Target { pitch_rad, requested_rad: wanted_rad, offsets_m, issued_s: now.now_s };
+        self.issue(state, now, target, CommandKind::Move)
+    }
+
+    /// Offsets for a pitch, cut to what the axes can do in one interval from where they are, and the pitch
+    /// that they make. `None`: outside the ranges.
+    fn reachable(&self, actual_m: &[f64; MAX_AXES], wanted_rad: f64) -> Option<([f64; MAX_AXES], f64)> {
+        let s = &self.settings;
+        let shift = tool_shift(s.diameter_m, wanted_rad).ok()?;
+        let wanted_m = s.turret.offsets_m(shift);
+        if !s.turret.reaches(&wanted_m) {
+            return None;
+        }
+        // All axes the same share of their way, so that the tool stays on its path.
+        let share = s.turret.axes().iter().fold(1.0f64, |share, axis| {
+            let way_m = (wanted_m[axis.index] - actual_m[axis.index]).abs();
+            let possible_m = axis.speed_m_s * s.interval_s;
+            if way_m > possible_m { share.min(possible_m / way_m) } else { share }
+        });
+        let mut offsets_m = [0.0; MAX_AXES];
+        for axis in s.turret.axes() {
+            let i = axis.index;
+            let from_m = actual_m[i].clamp(axis.lowest_m, axis.highest_m);
+            offsets_m[i] = if share < 1.0 { from_m + share * (wanted_m[i] - from_m) } else { wanted_m[i] };
+        }
+        let pitch_rad = pitch_of_shift_rad(s.diameter_m, s.turret.shift(&offsets_m));
+        Some((offsets_m, pitch_rad.min(s.largest_pitch_rad)))
+    }
+
+    /// Keeps the turret where it is told to be; without a target: hold.
+    fn renew_or(&self, state: &mut AvoidanceState, now: &Situation, reason: HoldReason) -> Decision {
+        let (Some(target), Some(turret)) = (state.target, now.turret) else { return Decision::Hold(reason) };
+        // A target that was cut to one interval's way goes on toward what was wanted.
+        let Some((offsets_m, pitch_rad)) = self.reachable(&turret.offsets_m, target.requested_rad) else {
+            return Decision::Hold(HoldReason::OutsideLimits);
+        };
+        let same = offsets_m == target.offsets_m;
+        let issued_s = if same { target.issued_s } else { now.now_s };
+        let target = Target { pitch_rad, offsets_m, issued_s, ..target };
+        self.issue(state, now, target, CommandKind::Renew)
+    }
+
+    fn issue(
+        &self,
+        state: &mut AvoidanceState,
+        now: &Situation,
+        target: Target,
+        kind: CommandKind,
+    ) -> Decision {
+        let command = Command {
+            epoch: state.epoch,
+            sequence: state.sequence + 1,
+            issued_s: now.now_s,
+            based_on_s: now.newest_sample_s.unwrap_or(now.now_s),
+            ttl_s: self.settings.ttl_s,
+            kind,
+            pitch_difference_rad: target.pitch_rad,
+            requested_pitch_rad: target.requested_rad,
+            offsets_m: target.offsets_m,
+        };
+        if now.mode != Mode::Act {
+            // Advice changes nothing: no target, no trial, no number.
+            state.trial = None;
+            return Decision::Advice(command);
+        }
+        state.sequence += 1;
+        state.target = Some(target);
+        Decision::Command(command)
+    }
+
+    /// Back to equal pitch.
+    fn back(&self, state: &mut AvoidanceState, now: &Situation) -> Command {
+        state.sequence += 1;
+        Command {
+            epoch: state.epoch,
+            sequence: state.sequence,
+            issued_s: now.now_s,
+            based_on_s: now.newest_sample_s.unwrap_or(now.now_s),
+            ttl_s: self.settings.ttl_s,
+            kind: CommandKind::Return,
+            pitch_difference_rad: 0.0,
+            requested_pitch_rad: 0.0,
+            offsets_m: [0.0; MAX_AXES],
+        }
+    }
+}

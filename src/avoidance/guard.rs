@@ -1,0 +1,136 @@
+//! The last look at a command before the wire. It trusts nobody, shares nothing with the decision, and can
+//! only refuse.
+
+use super::{Command, CommandKind, Mode};
+use crate::sample::MAX_AXES;
+
+/// Commissioned limits, in the units of the wire.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Guard {
+    /// Least offset of each axis.
+    pub lowest_m: [f64; MAX_AXES],
+    /// Greatest offset of each axis.
+    pub highest_m: [f64; MAX_AXES],
+    /// Fastest motion of each axis.
+    pub speed_m_s: [f64; MAX_AXES],
+    /// Largest pitch difference either way.
+    pub largest_pitch_rad: f64,
+}
+
+/// What is true at the moment of sending, asked anew.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Facts {
+    /// Monotonic clock.
+    pub now_s: f64,
+    /// Mode.
+    pub mode: Mode,
+    /// Interlocks known to be closed, and when that was heard.
+    pub interlock_closed_s: Option<f64>,
+    /// Actual offsets that the turret reported.
+    pub actual_m: [f64; MAX_AXES],
+}
+
+/// What was sent last.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GuardState {
+    last: Option<(u64, u64)>,
+    last_s: Option<f64>,
+}
+
+/// Why a command was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refusal {
+    /// A number that is none.
+    NotFinite,
+    /// Outside the commissioned limits (I1).
+    Envelope,
+    /// An interlock open or unheard for 0.2 s (I2).
+    Interlock,
+    /// Not in act (I3).
+    Mode,
+    /// Faster than the axis may move (I4).
+    Rate,
+    /// Sooner than a second after the last (I5).
+    Interval,
+    /// Rests on samples older than 50 ms (I6).
+    Stale,
+    /// Lives longer than 2.5 s (I7).
+    Lifetime,
+    /// Not newer than the last (I9).
+    Identity,
+}
+
+/// A report of the interlocks older than this is none.
+const INTERLOCK_HEARD_S: f64 = 0.2;
+/// Rounding allowed on lengths: a tenth of a nanometre.
+const ROUNDING_M: f64 = 1e-10;
+
+impl Guard {
+    /// Errors: the first rule that the command breaks. A command that passes counts as sent.
+    pub fn pass(&self, state: &mut GuardState, command: &Command, facts: &Facts) -> Result<(), Refusal> {
+        self.check(state, command, facts)?;
+        state.last = Some((command.epoch, command.sequence));
+        state.last_s = Some(facts.now_s);
+        Ok(())
+    }
+
+    fn check(&self, state: &GuardState, command: &Command, facts: &Facts) -> Result<(), Refusal> {
+        let numbers = [
+            command.pitch_difference_rad,
+            command.ttl_s,
+            command.based_on_s,
+            facts.now_s,
+            facts.interlock_closed_s.unwrap_or(0.0),
+        ];
+        let finite = |list: &[f64]| list.iter().all(|x| x.is_finite());
+        if !(finite(&numbers) && finite(&command.offsets_m) && finite(&facts.actual_m)) {
+            return Err(Refusal::NotFinite);
+        }
+        if state.last.is_some_and(|last| (command.epoch, command.sequence) <= last) {
+            return Err(Refusal::Identity);
+        }
+        if command.ttl_s <= 0.0 || command.ttl_s > 2.5 {
+            return Err(Refusal::Lifetime);
+        }
+        if command.kind == CommandKind::Return {
+            // Equal pitch may be asked for at any time, and nothing else under that name.
+            let zero = command.offsets_m.iter().all(|o| *o == 0.0) && command.pitch_difference_rad == 0.0;
+            return if zero { Ok(()) } else { Err(Refusal::Envelope) };
+        }
+        if facts.mode != Mode::Act {
+            return Err(Refusal::Mode);
+        }
+        let heard =
+            facts.interlock_closed_s.is_some_and(|t| (0.0..=INTERLOCK_HEARD_S).contains(&(facts.now_s - t)));
+        if !heard {
+            return Err(Refusal::Interlock);
+        }
+        if !(0.0..=0.05).contains(&(facts.now_s - command.based_on_s)) {
+            return Err(Refusal::Stale);
+        }
+        let elapsed_s = state.last_s.map_or(1.0, |t| facts.now_s - t);
+        if elapsed_s < 1.0 - 1e-9 {
+            return Err(Refusal::Interval);
+        }
+        self.check_motion(command, facts, elapsed_s)
+    }
+
+    fn check_motion(&self, command: &Command, facts: &Facts, elapsed_s: f64) -> Result<(), Refusal> {
+        if command.pitch_difference_rad.abs() > self.largest_pitch_rad {
+            return Err(Refusal::Envelope);
+        }
+        for axis in 0..MAX_AXES {
+            let offset_m = command.offsets_m[axis];
+            if !(self.lowest_m[axis]..=self.highest_m[axis]).contains(&offset_m) {
+                return Err(Refusal::Envelope);
+            }
+            let way_m = (offset_m - facts.actual_m[axis]).abs();
+            if self.lowest_m[axis] < self.highest_m[axis]
+                && way_m > self.speed_m_s[axis] * elapsed_s + ROUNDING_M
+            {
+                return Err(Refusal::Rate);
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,194 @@
+//! From lines that stand out to a decision: `Learning -> Quiet -> Suspected -> Chatter -> Quiet`.
+
+use super::{ChatterEvent, Line, NotChatter, Phase};
+
+/// What the banks say at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Evidence {
+    /// Time of the last sample used.
+    pub(super) t_s: f64,
+    /// For each bank, shortest window first.
+    pub(super) banks: [BankEvidence; BANKS],
+    /// Whether a turn has passed since the cut changed, so that spindle orders are known.
+    pub(super) orders_known: bool,
+}
+
+/// What one bank says.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct BankEvidence {
+    /// Length constant of the window.
+    pub(super) tau_s: f64,
+    /// Best line's power over noise.
+    pub(super) contrast: f64,
+    /// Contrast at which to look.
+    pub(super) suspect: f64,
+    /// Contrast at which to declare.
+    pub(super) confirm: f64,
+    /// Its power.
+    pub(super) power_n2: f64,
+    /// Noise learned at its place.
+    pub(super) noise_n2: f64,
+    /// Its frequency.
+    pub(super) frequency_hz: f64,
+    /// Its growth.
+    pub(super) growth_1_s: f64,
+}
+
+pub(super) const BANKS: usize = 4;
+
+/// Contrast at which a line is looked at.
+///
+/// Noise is exponential: exp(-12) times some 10^3 independent looks a second is one glance a few minutes.
+pub(super) const SUSPECT: f64 = 12.0;
+/// Contrast at which a line that has lasted is declared: exp(-20) * 10^3 /s is one in eight days of noise.
+pub(super) const CONFIRM: f64 = 20.0;
+/// Contrast under which a declared line is gone.
+const LEAVE: f64 = 5.0;
+/// A line must last this long: longer than the shortest window's answer to a hit (4 tau = 50 ms).
+const HOLD_S: f64 = 0.045;
+/// A line that loses amplitude faster is ringing down.
+const RING_DOWN_1_S: f64 = -6.0;
+/// Silence before the end is declared.
+const END_AFTER_S: f64 = 0.1;
+/// Points of the amplitude's recent history.
+const HISTORY: usize = 16;
+
+/// The decision's memory.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Detector {
+    phase: State,
+    /// Latest powers of the shortest bank, newest last: (t_s, power over noise).
+    recent: [(f64, f64); HISTORY],
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum State {
+    Learning,
+    Quiet,
+    Suspected { since_s: f64, last_seen_s: f64, strongest_n2: f64 },
+    Chatter { since_s: f64, last_loud_s: f64, peak_n2: f64 },
+}
+
+impl Detector {
+    pub(super) fn new() -> Self {
+        Self { phase: State::Learning, recent: [(f64::NEG_INFINITY, 0.0); HISTORY] }
+    }
+
+    pub(super) fn phase(&self) -> Phase {
+        match self.phase {
+            State::Learning => Phase::Learning,
+            State::Quiet => Phase::Quiet,
+            State::Suspected { .. } => Phase::Suspected,
+            State::Chatter { .. } => Phase::Chatter,
+        }
+    }
+
+    /// Seconds since chatter was declared.
+    pub(super) fn chatter_age_s(&self, t_s: f64) -> Option<f64> {
+        match self.phase {
+            State::Chatter { since_s, .. } => Some(t_s - since_s),
+            _ => None,
+        }
+    }
+
+    /// The noise is known.
+    pub(super) fn learned(&mut self) {
+        if self.phase == State::Learning {
+            self.phase = State::Quiet;
+        }
+    }
+
+    /// Back to the start of a suspicion: the cut changed.
+    pub(super) fn forget_suspicion(&mut self) {
+        if matches!(self.phase, State::Suspected { .. }) {
+            self.phase = State::Quiet;
+        }
+    }
+
+    /// Takes the evidence of one instant; gives what began or ended with it.
+    pub(super) fn step(&mut self, evidence: &Evidence) -> Option<ChatterEvent> {
+        let short = &evidence.banks[0];
+        self.recent.rotate_left(1);
+        self.recent[HISTORY - 1] = (evidence.t_s, short.power_n2);
+        let seen = evidence.banks.iter().any(|b| b.contrast > b.suspect);
+        match self.phase {
+            State::Learning => None,
+            State::Quiet => {
+                if seen && evidence.orders_known {
+                    let t_s = evidence.t_s;
+                    self.phase =
+                        State::Suspected { since_s: t_s, last_seen_s: t_s, strongest_n2: short.power_n2 };
+                }
+                None
+            }
+            State::Suspected { since_s, last_seen_s, strongest_n2 } => {
+                let last_seen_s = if seen { evidence.t_s } else { last_seen_s };
+                let strongest_n2 = strongest_n2.max(short.power_n2);
+                self.phase = State::Suspected { since_s, last_seen_s, strongest_n2 };
+                self.judge(evidence)
+            }
+            State::Chatter { since_s, last_loud_s, peak_n2 } => {
+                let bank = &evidence.banks[1];
+                let loud = bank.contrast > LEAVE && bank.power_n2 > 2e-3 * peak_n2;
+                let last_loud_s = if loud { evidence.t_s } else { last_loud_s };
+                // The peak is forgotten over seconds: chatter that got weaker is still chatter.
+                let peak_n2 = (peak_n2 * 0.999).max(bank.power_n2);
+                self.phase = State::Chatter { since_s, last_loud_s, peak_n2 };
+                if evidence.t_s - last_loud_s > END_AFTER_S {
+                    self.phase = State::Quiet;
+                    return Some(ChatterEvent::End);
+                }
+                None
+            }
+        }
+    }
+
+    fn judge(&mut self, evidence: &Evidence) -> Option<ChatterEvent> {
+        let State::Suspected { since_s, last_seen_s, strongest_n2 } = self.phase else { return None };
+        let age_s = evidence.t_s - since_s;
+        if evidence.t_s - last_seen_s > 0.03 {
+            self.phase = State::Quiet;
+            let rang = evidence.banks[0].power_n2 < 0.5 * strongest_n2;
+            return Some(ChatterEvent::Dismissed(if rang {
+                NotChatter::RingDown
+            } else {
+                NotChatter::Burst
+            }));
+        }
+        let bank = evidence.banks.iter().find(|b| {
+            b.contrast > b.confirm
+                && age_s > HOLD_S.max(1.5 * b.tau_s)
+                && self.recent_mean() - evidence.banks[0].noise_n2 > 0.5 * b.power_n2
+        })?;
+        let strong = evidence.banks[0].contrast > evidence.banks[0].confirm;
+        if strong && self.recent_slope_1_s() < RING_DOWN_1_S {
+            return None;
+        }
+        self.phase =
+            State::Chatter { since_s: evidence.t_s, last_loud_s: evidence.t_s, peak_n2: bank.power_n2 };
+        Some(ChatterEvent::Onset(Line {
+            frequency_hz: bank.frequency_hz,
+            power_n2: bank.power_n2,
+            growth_1_s: bank.growth_1_s,
+            contrast: bank.contrast,
+        }))
+    }
+
+    /// Mean power in the shortest window over the last half of the history.
+    fn recent_mean(&self) -> f64 {
+        let late = &self.recent[HISTORY / 2..];
+        late.iter().map(|(_, p)| p).sum::<f64>() / late.len() as f64
+    }
+
+    /// Growth of the amplitude over the last half of the history: slope of ln(power)/2.
+    fn recent_slope_1_s(&self) -> f64 {
+        let late = &self.recent[HISTORY / 2..];
+        let n = late.len() as f64;
+        let mean_t = late.iter().map(|(t, _)| t).sum::<f64>() / n;
+        let ln = |p: f64| 0.5 * p.max(f64::MIN_POSITIVE).ln();
+        let mean_y = late.iter().map(|(_, p)| ln(*p)).sum::<f64>() / n;
+        let cross: f64 = late.iter().map(|(t, p)| (t - mean_t) * (ln(*p) - mean_y)).sum();
+        let square: f64 = late.iter().map(|(t, _)| (t - mean_t).powi(2)).sum();
+        if square > 0.0 { cross / square } else { 0.0 }
+    }
+}

@@ -1,0 +1,307 @@
+//! The monitor of one force stream: signal processing and decision together.
+
+use super::band::{Band, BandError};
+use super::baseline::{Baseline, Lesson, Standout};
+use super::detector::{BANKS, BankEvidence, CONFIRM, Detector, Evidence, SUSPECT};
+use super::{ChatterEvent, ChatterOutput, Phase};
+use crate::signal::down_mix::{DownMix, DownMixState};
+use crate::signal::line_bank::{LineBank, LineBankState};
+use crate::signal::order_lines::{OrderLines, OrderLinesState, OrderSample};
+use crate::units::SampleRate;
+use nalgebra::Complex;
+use thiserror::Error;
+
+/// What to watch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChatterSettings {
+    /// Rate of the force.
+    pub sample_rate: SampleRate,
+    /// Band in which there can be chatter.
+    pub band: Band,
+}
+
+/// Why a stream cannot be watched.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum ChatterError {
+    /// The band is no band.
+    #[error(transparent)]
+    Band(#[from] BandError),
+    /// The band does not fit the rate.
+    #[error("band up to {high_hz} Hz needs a rate above {needed_hz} Hz, this one is {rate_hz} Hz")]
+    RateTooLow {
+        /// Upper edge.
+        high_hz: f64,
+        /// Lowest rate that would do.
+        needed_hz: f64,
+        /// Rate given.
+        rate_hz: f64,
+    },
+}
+
+/// Windows of the banks: 4 tau is about their length.
+const TAUS_S: [f64; BANKS] = [0.0125, 0.025, 0.05, 0.1];
+/// The banks reach this much beyond the band, so that a line at its edge is seen whole.
+const EDGE: f64 = 1.08;
+/// Between two decisions.
+const DECISION_S: f64 = 0.004;
+/// Noise is averaged over this long once it is known.
+const NOISE_MEMORY_S: f64 = 8.0;
+/// What is known of the noise counts as this many looks after the cut changed.
+const DOUBT_LOOKS: f64 = 6.0;
+/// Nothing is decided before this much noise was heard.
+const LEARN_S: f64 = 0.4;
+
+/// Watches one force stream for chatter: immutable design.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChatterMonitor {
+    settings: ChatterSettings,
+    mix: DownMix,
+    orders: OrderLines,
+    banks: Vec<LineBank>,
+    decide_every: usize,
+}
+
+/// State of [`ChatterMonitor`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChatterState {
+    samples: u64,
+    mix: DownMixState,
+    mixer: Complex<f64>,
+    orders: OrderLinesState,
+    banks: Vec<LineBankState>,
+    baselines: Vec<Baseline>,
+    angle_turns: f64,
+    speed_hz: f64,
+    until_decision: usize,
+    heard_s: f64,
+    level: Level,
+    detector: Detector,
+    track_hz: Option<f64>,
+    latest: ChatterOutput,
+}
+
+/// Mean force, fast and slow, to notice entry and exit.
+#[derive(Debug, Clone, PartialEq)]
+struct Level {
+    fast_n: f64,
+    slow_n: f64,
+    spread_n: f64,
+    age_s: f64,
+}
+
+impl ChatterMonitor {
+    /// Errors: a band that reaches too close to half the sample rate.
+    pub fn new(settings: ChatterSettings) -> Result<Self, ChatterError> {
+        let band = settings.band;
+        let half_hz = (band.half_width_hz() * EDGE).min(band.centre_hz() * 0.97);
+        let (rate_hz, needed_hz) = (settings.sample_rate.hz(), 2.0 * (band.centre_hz() + half_hz) + 10.0);
+        if rate_hz < needed_hz {
+            return Err(ChatterError::RateTooLow { high_hz: band.high_hz(), needed_hz, rate_hz });
+        }
+        let mix = DownMix::new(settings.sample_rate, band.centre_hz(), half_hz);
+        let rate_hz = mix.output_rate_hz();
+        let reach_hz = half_hz + 20.0;
+        let orders = OrderLines {
+            low_hz: band.centre_hz() - reach_hz,
+            high_hz: band.centre_hz() + reach_hz,
+            memory_turns: 20.0,
+        };
+        let banks = TAUS_S.iter().map(|tau_s| LineBank::new(rate_hz, half_hz, *tau_s)).collect();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let decide_every = (DECISION_S * rate_hz).round().max(1.0) as usize;
+        Ok(Self { settings, mix, orders, banks, decide_every })
+    }
+
+    /// What it watches.
+    #[must_use]
+    pub fn settings(&self) -> &ChatterSettings {
+        &self.settings
+    }
+
+    /// Samples between two decisions.
+    #[must_use]
+    pub fn decision_samples(&self) -> usize {
+        self.decide_every * self.mix.decimation()
+    }
+
+    /// Nothing heard yet.
+    #[must_use]
+    pub fn start(&self) -> ChatterState {
+        ChatterState {
+            samples: 0,
+            mix: self.mix.start(),
+            mixer: Complex::new(1.0, 0.0),
+            orders: self.orders.start(),
+            banks: self.banks.iter().map(LineBank::start).collect(),
+            baselines: self.banks.iter().map(|b| Baseline::new(b.frequencies_hz().len())).collect(),
+            angle_turns: 0.0,
+            speed_hz: 0.0,
+            until_decision: self.decide_every,
+            heard_s: 0.0,
+            level: Level { fast_n: 0.0, slow_n: 0.0, spread_n: 0.0, age_s: 0.0 },
+            detector: Detector::new(),
+            track_hz: None,
+            latest: ChatterOutput {
+                phase: Phase::Learning,
+                frequency_hz: None,
+                power_n2: 0.0,
+                contrast: 0.0,
+                growth_1_s: None,
+                event: None,
+            },
+        }
+    }
+
+    /// Takes one sample. Without a speed nothing is known of spindle orders, and they may look like chatter.
+    ///
+    /// Requires: finite force (a gap is a restart with [`ChatterMonitor::start`]). Cost: no allocation.
+    /// Checked by: `suite/chatter.rs`.
+    pub fn step(
+        &self,
+        state: &mut ChatterState,
+        force_n: f64,
+        spindle_speed_rpm: Option<f64>,
+    ) -> ChatterOutput {
+        debug_assert!(force_n.is_finite());
+        state.latest.event = None;
+        state.samples += 1;
+        let period_s = self.settings.sample_rate.period_s();
+        if let Some(rpm) = spindle_speed_rpm {
+            state.angle_turns += rpm / 60.0 * period_s;
+            // The speed only places the notches: 20 ms of smoothing.
+            state.speed_hz +=
+                (rpm / 60.0 - state.speed_hz) * if state.samples < 2 { 1.0 } else { period_s / 0.02 };
+        }
+        self.follow_level(state, force_n);
+        if let Some(value) = self.mix.step(&mut state.mix, force_n) {
+            self.hear(state, value);
+        }
+        state.latest
+    }
+
+    fn follow_level(&self, state: &mut ChatterState, force_n: f64) {
+        let period_s = self.settings.sample_rate.period_s();
+        let level = &mut state.level;
+        if state.samples == 1 {
+            (level.fast_n, level.slow_n) = (force_n, force_n);
+        }
+        level.age_s += period_s;
+        level.fast_n += (force_n - level.fast_n) * (period_s / 0.02);
+        level.slow_n += (force_n - level.slow_n) * (period_s / level.age_s.min(0.5).max(0.02));
+        let off = (level.fast_n - level.slow_n).abs();
+        // The spread is that of the last seconds, so that a drift or a ripple belongs to it.
+        level.spread_n += (off - level.spread_n) * (period_s / level.age_s.min(4.0).max(0.1));
+        if level.age_s > 0.2 && off > 8.0 * level.spread_n + 1e-9 && state.detector.phase() != Phase::Chatter
+        {
+            level.slow_n = level.fast_n;
+            level.age_s = 0.1;
+            state.baselines.iter_mut().for_each(|b| b.doubt(DOUBT_LOOKS));
+            self.orders.restart(&mut state.orders, state.angle_turns);
+            state.detector.forget_suspicion();
+            state.latest.event = Some(ChatterEvent::CutChanged);
+        }
+    }
+
+    fn hear(&self, state: &mut ChatterState, value: Complex<f64>) {
+        let rate_hz = self.mix.output_rate_hz();
+        state.mixer *= Complex::from_polar(1.0, -std::f64::consts::TAU * self.mix.centre_hz() / rate_hz);
+        state.mixer *= 1.5 - 0.5 * state.mixer.norm_sqr();
+        let phase = state.detector.phase();
+        let adapt = !matches!(phase, Phase::Suspected | Phase::Chatter);
+        let value = if state.speed_hz > 0.0 {
+            let (angle_turns, mixer, speed_hz) = (state.angle_turns, state.mixer, state.speed_hz);
+            self.orders.step(&mut state.orders, &OrderSample { value, angle_turns, mixer, speed_hz, adapt })
+        } else {
+            value
+        };
+        for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
+            bank.step(bank_state, value);
+        }
+        state.until_decision -= 1;
+        if state.until_decision == 0 {
+            state.until_decision = self.decide_every;
+            self.decide(state);
+        }
+    }
+
+    fn decide(&self, state: &mut ChatterState) {
+        let period_s = self.decide_every as f64 / self.mix.output_rate_hz();
+        let orders_known = state.speed_hz <= 0.0 || self.orders.turns_known(&state.orders) >= 1.0;
+        let t_s = state.samples as f64 * self.settings.sample_rate.period_s();
+        let mut evidence = Evidence { t_s, banks: [BankEvidence::default(); BANKS], orders_known };
+        for (i, bank) in self.banks.iter().enumerate() {
+            let bank_state = &state.banks[i];
+            let standout = state.baselines[i].standout(|k| bank.power(bank_state, k));
+            evidence.banks[i] = self.bank_evidence(state, i, standout);
+        }
+        let event = state.detector.step(&evidence);
+        if event.is_some() {
+            state.latest.event = event;
+        }
+        if matches!(event, Some(ChatterEvent::End)) {
+            state.baselines.iter_mut().for_each(|b| b.doubt(DOUBT_LOOKS));
+        }
+        if orders_known && matches!(state.detector.phase(), Phase::Learning | Phase::Quiet) {
+            self.learn(state, period_s);
+        }
+        self.report(state, &evidence);
+    }
+
+    fn bank_evidence(&self, state: &ChatterState, index: usize, standout: Standout) -> BankEvidence {
+        let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
+        BankEvidence {
+            tau_s: bank.tau_s(),
+            contrast: standout.contrast,
+            suspect: state.baselines[index].threshold(SUSPECT),
+            confirm: state.baselines[index].threshold(CONFIRM),
+            power_n2: standout.power_n2,
+            noise_n2: state.baselines[index].expected(standout.filter),
+            frequency_hz: self.mix.centre_hz() + bank.refined_hz(bank_state, standout.filter),
+            growth_1_s: bank.growth_1_s(bank_state, standout.filter),
+        }
+    }
+
+    fn learn(&self, state: &mut ChatterState, period_s: f64) {
+        state.heard_s += period_s;
+        for ((bank, bank_state), baseline) in self.banks.iter().zip(&state.banks).zip(&mut state.baselines) {
+            // Not before the window is full; the window's noise is independent after about 3 tau.
+            if state.heard_s > 6.0 * bank.tau_s() {
+                let looks = period_s / (3.0 * bank.tau_s());
+                let memory_looks = NOISE_MEMORY_S / (3.0 * bank.tau_s());
+                baseline.learn(|k| bank.power(bank_state, k), Lesson { looks, memory_looks });
+            }
+        }
+        if state.heard_s > LEARN_S {
+            state.detector.learned();
+        }
+    }
+
+    fn report(&self, state: &mut ChatterState, evidence: &Evidence) {
+        // The longest window that the chatter has filled gives the frequency, up to 50 ms of tau.
+        let index = match state.detector.chatter_age_s(evidence.t_s) {
+            Some(age_s) if age_s > 0.1 => 2,
+            _ => 1,
+        };
+        let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
+        let mut best = (0, 0.0);
+        for k in 0..bank.frequencies_hz().len() {
+            let power = bank.power(bank_state, k);
+            if power > best.1 {
+                best = (k, power);
+            }
+        }
+        let phase = state.detector.phase();
+        let line = matches!(phase, Phase::Suspected | Phase::Chatter);
+        let frequency_hz = self.mix.centre_hz() + bank.refined_hz(bank_state, best.0);
+        state.track_hz = line.then_some(frequency_hz);
+        let event = state.latest.event;
+        state.latest = ChatterOutput {
+            phase,
+            frequency_hz: state.track_hz,
+            power_n2: best.1,
+            contrast: evidence.banks.iter().fold(0.0, |m, b| f64::max(m, b.contrast)),
+            growth_1_s: line.then(|| bank.growth_1_s(bank_state, best.0)),
+            event,
+        };
+    }
+}

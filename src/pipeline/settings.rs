@@ -1,0 +1,171 @@
+//! What a pipeline is made from, checked.
+
+use super::Channel;
+use crate::chatter::{Band, BandError, ChatterError, predicted_band};
+use crate::force::balance::Method;
+use crate::force::estimator::{AxisSignals, ForceError, ForceEstimator, ForceSettings, Signals};
+use crate::plant::drive::DriveParams;
+use crate::plant::workpiece::Workpiece;
+use crate::sample::MAX_AXES;
+use crate::signal::butterworth::Butterworth;
+use crate::signal::sliding_dft::SlidingDftError;
+use crate::units::SampleRate;
+use thiserror::Error;
+
+/// One axis of the stream.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AxisPlan {
+    /// Name.
+    pub name: String,
+    /// How its force is estimated; `None`: the force comes from elsewhere, or the axis is not used.
+    pub force: Option<ForcePlan>,
+    /// Whether chatter is listened for on it.
+    pub watch: bool,
+}
+
+/// How the force of one axis is estimated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForcePlan {
+    /// Drive as its observer knows it.
+    pub drive: DriveParams,
+    /// Which positions the axis measures.
+    pub signals: Signals,
+    /// Observer.
+    pub method: Method,
+    /// Low-pass, idle map and the like.
+    pub settings: ForceSettings,
+    /// Above this the rotary encoder is not listened to: in the chatter band the motor hardly moves, and the
+    /// steps of its encoder are larger than its motion. `None`: all of it.
+    pub motor_cutoff_hz: Option<f64>,
+}
+
+/// Where chatter is looked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum BandPlan {
+    /// Stated.
+    Stated(Band),
+    /// Predicted from the workpiece's first bending mode (6-11) and the rule of `chatter::predicted_band`.
+    Workpiece(Workpiece),
+}
+
+impl BandPlan {
+    pub(super) fn band(&self) -> Result<Band, BandError> {
+        match self {
+            BandPlan::Stated(band) => Ok(*band),
+            BandPlan::Workpiece(workpiece) => predicted_band(workpiece.bending_frequency_hz()),
+        }
+    }
+}
+
+/// Everything a [`super::Pipeline`] is made from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PipelineSettings {
+    /// Rate of the stream.
+    pub sample_rate: SampleRate,
+    /// Axes in the order of the stream.
+    pub axes: Vec<AxisPlan>,
+    /// Where chatter is looked for.
+    pub band: BandPlan,
+}
+
+/// Why there can be no such pipeline.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum PipelineError {
+    /// Too many axes or none.
+    #[error("{axes} axes; expected 1 to {MAX_AXES}")]
+    Axes {
+        /// How many were given.
+        axes: usize,
+    },
+    /// No axis is watched.
+    #[error("no axis is watched for chatter; expected at least one")]
+    NothingWatched,
+    /// The force of an axis cannot be estimated so.
+    #[error("axis {axis}: {source}")]
+    Force {
+        /// Axis.
+        axis: String,
+        /// Why.
+        source: ForceError,
+    },
+    /// The drive has no torque constant, so its current says nothing about thrust.
+    #[error("axis {axis}: torque_constant_nm_a is missing; the current reference has no thrust without it")]
+    NoThrust {
+        /// Axis.
+        axis: String,
+    },
+    /// The band is not one.
+    #[error(transparent)]
+    Band(#[from] BandError),
+    /// The band does not fit the rate.
+    #[error(transparent)]
+    Chatter(#[from] ChatterError),
+    /// The spectrum does not fit the rate.
+    #[error(transparent)]
+    Spectrum(#[from] SlidingDftError),
+}
+
+pub(super) struct Bins {
+    pub(super) first_hz: f64,
+    pub(super) step_hz: f64,
+    pub(super) count: usize,
+}
+
+impl PipelineSettings {
+    pub(super) fn check(&self) -> Result<(), PipelineError> {
+        if !(1..=MAX_AXES).contains(&self.axes.len()) {
+            return Err(PipelineError::Axes { axes: self.axes.len() });
+        }
+        if !self.axes.iter().any(|a| a.watch) {
+            return Err(PipelineError::NothingWatched);
+        }
+        Ok(())
+    }
+
+    pub(super) fn channel(&self, plan: &AxisPlan) -> Result<Channel, PipelineError> {
+        let Some(force) = &plan.force else {
+            return Ok(Channel {
+                estimator: None,
+                motor_filter: None,
+                thrust_n_a: 0.0,
+                travel_m_rad: 1.0,
+                watch: plan.watch,
+            });
+        };
+        let thrust_n_a = force
+            .drive
+            .thrust_constant_n_a()
+            .ok_or_else(|| PipelineError::NoThrust { axis: plan.name.clone() })?;
+        let signals = AxisSignals { drive: &force.drive, rate: self.sample_rate, signals: force.signals };
+        let estimator = ForceEstimator::new(force.method, &signals, force.settings.clone())
+            .map_err(|source| PipelineError::Force { axis: plan.name.clone(), source })?;
+        let low_pass = |cutoff_hz| Butterworth::low_pass(2, cutoff_hz, self.sample_rate);
+        let motor_filter = force.motor_cutoff_hz.map(low_pass).transpose().map_err(|source| {
+            PipelineError::Force { axis: plan.name.clone(), source: ForceError::Filter(source) }
+        })?;
+        Ok(Channel {
+            estimator: Some(estimator),
+            motor_filter,
+            thrust_n_a,
+            travel_m_rad: force.drive.travel_m_rad(),
+            watch: plan.watch,
+        })
+    }
+
+    /// One second, so that bins stand 1 Hz apart.
+    pub(super) fn window_samples(&self) -> usize {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a positive rate")]
+        let samples = self.sample_rate.hz().round() as usize;
+        samples.max(1)
+    }
+
+    /// Whole multiples of rate/N that cover the band.
+    pub(super) fn spectrum_bins(&self, band: Band) -> Bins {
+        let step_hz = self.sample_rate.hz() / self.window_samples() as f64;
+        let first = (band.low_hz() / step_hz).floor().max(1.0);
+        let last = (band.high_hz() / step_hz).ceil().min((self.sample_rate.hz() / 2.0 / step_hz).floor());
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive, below rate/2")]
+        let count = (last - first + 1.0).max(1.0) as usize;
+        Bins { first_hz: first * step_hz, step_hz, count }
+    }
+}

@@ -1,0 +1,94 @@
+//! `events.jsonl`: what happened, one object a line (contracts, section 4).
+
+use crate::chatter::{ChatterEvent, NotChatter};
+use crate::recording::{RecordingError, write_whole};
+use serde::Serialize;
+use std::path::Path;
+
+/// One line of `events.jsonl`. `t_s` is the time of the last sample that the decision used.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct EventLine {
+    /// Time in the recording.
+    pub t_s: f64,
+    /// What happened.
+    pub kind: &'static str,
+    /// Axis that heard it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub axis: Option<String>,
+    /// Frequency of the line.
+    pub frequency_hz: Option<f64>,
+    /// Power of the line, A^2/2.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub power_n2: Option<f64>,
+    /// Growth of its amplitude.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub growth_1_s: Option<f64>,
+    /// Power over learned noise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contrast: Option<f64>,
+    /// Frequency before a hop.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub from_hz: Option<f64>,
+    /// What a dismissed line was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<&'static str>,
+}
+
+impl EventLine {
+    /// The line of an event of a monitor.
+    #[must_use]
+    pub fn from_chatter(t_s: f64, axis: &str, event: &ChatterEvent) -> Self {
+        let mut line = Self {
+            t_s,
+            kind: "",
+            axis: Some(axis.to_owned()),
+            frequency_hz: None,
+            power_n2: None,
+            growth_1_s: None,
+            contrast: None,
+            from_hz: None,
+            reason: None,
+        };
+        match event {
+            ChatterEvent::Onset(heard) => {
+                line.kind = "chatter_onset";
+                line.frequency_hz = Some(heard.frequency_hz);
+                line.power_n2 = Some(heard.power_n2);
+                line.growth_1_s = Some(heard.growth_1_s);
+                line.contrast = Some(heard.contrast);
+            }
+            ChatterEvent::End => line.kind = "chatter_end",
+            ChatterEvent::Hop { from_hz, to_hz } => {
+                line.kind = "frequency_hop";
+                line.frequency_hz = Some(*to_hz);
+                line.from_hz = Some(*from_hz);
+            }
+            ChatterEvent::Dismissed(reason) => {
+                line.kind = "suspicion_dismissed";
+                line.reason = Some(match reason {
+                    NotChatter::RingDown => "ring_down",
+                    NotChatter::Burst => "burst",
+                });
+            }
+            ChatterEvent::CutChanged => line.kind = "cut_changed",
+        }
+        line
+    }
+}
+
+/// Text of `events.jsonl`. Errors: a number that JSON cannot hold.
+pub fn events_text(events: &[EventLine]) -> Result<String, serde_json::Error> {
+    let mut text = String::new();
+    for event in events {
+        text.push_str(&serde_json::to_string(event)?);
+        text.push('\n');
+    }
+    Ok(text)
+}
+
+/// Writes `events.jsonl`, whole or not at all.
+pub fn write_events(path: &Path, events: &[EventLine]) -> Result<(), RecordingError> {
+    let text = events_text(events)
+        .map_err(|e| RecordingError::Format { path: path.to_owned(), message: e.to_string() })?;
+    write_whole(path, text.as_bytes())
+}

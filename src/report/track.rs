@@ -1,0 +1,35 @@
+//! `track.parquet`: frequency, power and state over time (contracts, section 4).
+
+use crate::chatter::ChatterOutput;
+use crate::recording::{RecordingError, Table, TableColumn, write_table};
+use std::path::Path;
+
+/// Rows of `track.parquet`.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Track {
+    t_s: Vec<f64>,
+    frequency_hz: Vec<Option<f64>>,
+    power_n2: Vec<f64>,
+    chatter: Vec<bool>,
+}
+
+impl Track {
+    /// Adds a row.
+    pub fn push(&mut self, t_s: f64, output: &ChatterOutput) {
+        self.t_s.push(t_s);
+        self.frequency_hz.push(output.frequency_hz);
+        self.power_n2.push(output.power_n2);
+        self.chatter.push(output.chatter());
+    }
+
+    /// Writes the file, whole or not at all.
+    pub fn write(&self, path: &Path) -> Result<(), RecordingError> {
+        let columns = vec![
+            ("t_s", TableColumn::Double(&self.t_s)),
+            ("frequency_hz", TableColumn::OptionalDouble(&self.frequency_hz)),
+            ("power_n2", TableColumn::Double(&self.power_n2)),
+            ("chatter", TableColumn::Bool(&self.chatter)),
+        ];
+        write_table(path, &Table { columns, metadata: vec![("format".into(), "stillcut.track/1".into())] })
+    }
+}

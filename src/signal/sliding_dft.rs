@@ -1,0 +1,510 @@
+//! Sliding DFT of a band of bins over a long window, without drift.
+//!
+//! The recursion of the thesis (6-12) adds the new sample and takes the old one off at every step. Its
+//! pole lies on the unit circle: rounding stays for ever and grows in proportion to time. Here no sample
+//! is ever taken off:
+//!
+//! ```text
+//!   restart            restart            restart
+//!  |----- P_old -----|------- P -->               each sample enters one prefix sum once, with the
+//!          |<-------- N -------->|                 phase that it keeps
+//!   S = (P_old,total - P_old[here]) + P           the window is the tail of the old prefix + the new
+//! ```
+//!
+//! Cost: two multiply-adds per bin, axis and sample, for all axes together in blocks of B samples; the
+//! spectrum is there after each block. [`EverySample`] gives it after each sample, at about three times the
+//! cost. Which bins mean what is not known here.
+
+pub use super::sliding_dft_kernel::Real;
+use super::sliding_dft_kernel::{BlockProduct, Rotate, TILE, block_product, fast_available, rotate};
+use crate::units::SampleRate;
+use nalgebra::Complex;
+use std::f64::consts::TAU;
+use thiserror::Error;
+
+/// What a sliding DFT is to compute.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SlidingDftSettings {
+    /// Rate of the samples.
+    pub sample_rate: SampleRate,
+    /// N: length of the window.
+    pub window_samples: usize,
+    /// Lowest bin.
+    pub first_bin_hz: f64,
+    /// From one bin to the next.
+    pub bin_step_hz: f64,
+    /// Number of bins.
+    pub bins: usize,
+    /// Number of axes fed side by side.
+    pub axes: usize,
+}
+
+/// Why there can be no such sliding DFT.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum SlidingDftError {
+    /// Nothing to compute.
+    #[error("{bins} bins on {axes} axes over {window_samples} samples: none may be zero")]
+    Empty {
+        /// Bins asked for.
+        bins: usize,
+        /// Axes asked for.
+        axes: usize,
+        /// Window asked for.
+        window_samples: usize,
+    },
+    /// A bin above half the sample rate or below zero, or a step that is not finite.
+    #[error("bins from {first_hz} to {last_hz} Hz do not lie between 0 and {nyquist_hz} Hz")]
+    OutsideNyquist {
+        /// Lowest bin.
+        first_hz: f64,
+        /// Highest bin.
+        last_hz: f64,
+        /// Half the sample rate.
+        nyquist_hz: f64,
+    },
+    /// The window is shorter than one period.
+    #[error(
+        "window of {window_samples} samples is shorter than one period of {first_hz} Hz at {sample_rate_hz} Hz"
+    )]
+    WindowTooShort {
+        /// Window asked for.
+        window_samples: usize,
+        /// Lowest bin above zero.
+        first_hz: f64,
+        /// Rate.
+        sample_rate_hz: f64,
+    },
+}
+
+/// Samples a block at most: beyond it the table falls out of the nearest cache.
+const LARGEST_BLOCK: usize = 25;
+
+/// The immutable part: table, rotor step, phase of a whole window.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SlidingDft<T: Real> {
+    settings: SlidingDftSettings,
+    block: usize,
+    blocks_per_window: usize,
+    /// Bins rounded up so that two of them fill whole tiles.
+    padded_bins: usize,
+    /// `[block][re.., im..]`: e^{-j w n} for n in one block.
+    table: Vec<T>,
+    /// e^{-j w B}, in f64.
+    rotor_step: Vec<Complex<f64>>,
+    /// e^{-j w N}: exactly 1 for bins at whole multiples of rate/N.
+    window_phase: Vec<Complex<f64>>,
+    /// Every bin is a whole multiple of rate/N.
+    whole_bins: bool,
+    fast: bool,
+}
+
+/// The moving part: two windows' prefix sums, the snapshots of the older one, the samples of the block.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SlidingDftState<T: Real> {
+    samples: Vec<T>,
+    in_block: usize,
+    /// Blocks in the current prefix.
+    block_in_window: usize,
+    /// Whole windows since the start, up to one.
+    window_full: bool,
+    partial: Vec<T>,
+    rotor: Vec<Complex<f64>>,
+    rotor_values: Vec<T>,
+    prefix: Vec<T>,
+    old_total: Vec<T>,
+    /// `[block][axis][columns]`: the prefix at the end of each block of the window before.
+    snapshots: Vec<T>,
+    /// `[axis][columns]`: the spectrum, bins rotating with the window's restarts.
+    sums: Vec<T>,
+}
+
+impl<T: Real> SlidingDft<T> {
+    /// Errors: no bins, no axes, bins outside 0..rate/2, a window shorter than a period of the lowest bin.
+    pub fn new(settings: SlidingDftSettings) -> Result<Self, SlidingDftError> {
+        let SlidingDftSettings { sample_rate, window_samples, first_bin_hz, bin_step_hz, bins, axes } =
+            settings;
+        if bins == 0 || axes == 0 || window_samples == 0 {
+            return Err(SlidingDftError::Empty { bins, axes, window_samples });
+        }
+        let last_hz = first_bin_hz + bin_step_hz * (bins - 1) as f64;
+        let nyquist_hz = sample_rate.hz() / 2.0;
+        let inside = |f: f64| (0.0..=nyquist_hz).contains(&f);
+        if !(inside(first_bin_hz) && inside(last_hz)) {
+            return Err(SlidingDftError::OutsideNyquist { first_hz: first_bin_hz, last_hz, nyquist_hz });
+        }
+        let lowest_hz = first_bin_hz.min(last_hz);
+        if lowest_hz > 0.0 && (window_samples as f64) < sample_rate.hz() / lowest_hz {
+            return Err(SlidingDftError::WindowTooShort {
+                window_samples,
+                first_hz: lowest_hz,
+                sample_rate_hz: sample_rate.hz(),
+            });
+        }
+        let block =
+            (1..=LARGEST_BLOCK.min(window_samples)).rev().find(|b| window_samples % b == 0).unwrap_or(1);
+        let padded_bins = bins.next_multiple_of(TILE / 2);
+        let mut design = Self {
+            settings,
+            block,
+            blocks_per_window: window_samples / block,
+            padded_bins,
+            table: vec![T::default(); block * 2 * padded_bins],
+            rotor_step: Vec::with_capacity(bins),
+            window_phase: Vec::with_capacity(bins),
+            whole_bins: true,
+            fast: fast_available(),
+        };
+        for k in 0..bins {
+            design.rotor_step.push(design.phase(k, block));
+            design.window_phase.push(design.phase(k, window_samples));
+            for n in 0..block {
+                let value = design.phase(k, n);
+                design.table[n * 2 * padded_bins + k] = T::from_f64(value.re);
+                design.table[n * 2 * padded_bins + padded_bins + k] = T::from_f64(value.im);
+            }
+        }
+        let whole = |p: &Complex<f64>| (p.re - 1.0).abs() < 1e-12 && p.im.abs() < 1e-9;
+        design.whole_bins = design.window_phase.iter().all(whole);
+        Ok(design)
+    }
+
+    /// e^{-j 2 pi f n / rate} of bin `k`, with the turns taken off before the cosine.
+    fn phase(&self, k: usize, n: usize) -> Complex<f64> {
+        let turns = (self.bin_hz(k) * n as f64 / self.settings.sample_rate.hz()).fract();
+        Complex::from_polar(1.0, -TAU * turns)
+    }
+
+    /// What it computes.
+    #[must_use]
+    pub fn settings(&self) -> &SlidingDftSettings {
+        &self.settings
+    }
+
+    /// Samples between two spectra: the largest divisor of the window up to 25.
+    #[must_use]
+    pub fn block_samples(&self) -> usize {
+        self.block
+    }
+
+    /// Frequency of bin `k`.
+    #[must_use]
+    pub fn bin_hz(&self, k: usize) -> f64 {
+        self.settings.first_bin_hz + self.settings.bin_step_hz * k as f64
+    }
+
+    /// A window of zeros.
+    #[must_use]
+    pub fn start(&self) -> SlidingDftState<T> {
+        let columns = self.settings.axes * 2 * self.padded_bins;
+        let zeros = |n: usize| vec![T::default(); n];
+        SlidingDftState {
+            samples: zeros(self.settings.axes * self.block),
+            in_block: 0,
+            block_in_window: 0,
+            window_full: false,
+            partial: zeros(columns),
+            rotor: vec![Complex::new(1.0, 0.0); self.settings.bins],
+            rotor_values: zeros(2 * self.padded_bins),
+            prefix: zeros(columns),
+            old_total: zeros(columns),
+            snapshots: zeros(columns * self.blocks_per_window),
+            sums: zeros(columns),
+        }
+    }
+
+    /// Takes one sample of each axis; true when a block is complete and the spectrum is new.
+    ///
+    /// S_k(n) = sum over the last N samples of y e^{-j 2 pi f_k i / rate}, i = 0 at the window's oldest
+    ///
+    /// Shapes: `samples` one value an axis. Cost: no allocation; the work falls on each block's last sample.
+    /// Source: Yamada, thesis 6.4.3, eq. (6-12); prefix form of the modulated sliding DFT.
+    /// Deviation: (6-12) lacks /N, mixes the window's ends and drifts (docs/errata.md).
+    /// Checked by: `oracle::sliding_dft_*`, `equals_the_direct_transform`.
+    pub fn step(&self, state: &mut SlidingDftState<T>, samples: &[f64]) -> bool {
+        debug_assert_eq!(samples.len(), self.settings.axes);
+        for (axis, &x) in samples.iter().enumerate().take(self.settings.axes) {
+            debug_assert!(x.is_finite());
+            state.samples[axis * self.block + state.in_block] = T::from_f64(x);
+        }
+        state.in_block += 1;
+        if state.in_block < self.block {
+            return false;
+        }
+        state.in_block = 0;
+        self.finish_block(state);
+        true
+    }
+
+    fn finish_block(&self, state: &mut SlidingDftState<T>) {
+        let columns = 2 * self.padded_bins;
+        let all = self.settings.axes * columns;
+        block_product(
+            self.fast,
+            &mut BlockProduct {
+                samples: &state.samples,
+                table: &self.table,
+                partial: &mut state.partial,
+                block: self.block,
+                columns,
+            },
+        );
+        self.load_rotor(state);
+        for axis in 0..self.settings.axes {
+            let range = axis * columns..(axis + 1) * columns;
+            rotate(
+                self.fast,
+                &mut Rotate {
+                    partial: &state.partial[range.clone()],
+                    rotor: &state.rotor_values,
+                    prefix: &mut state.prefix[range],
+                    bins: self.padded_bins,
+                },
+            );
+        }
+        // The window: what the old prefix held after this block's place, and the new prefix.
+        let here = state.block_in_window * all..(state.block_in_window + 1) * all;
+        let old = &mut state.snapshots[here];
+        for (i, sum) in state.sums.iter_mut().enumerate() {
+            *sum = state.old_total[i].minus(old[i]);
+        }
+        old.copy_from_slice(&state.prefix);
+        self.add_new_part(state);
+        state.block_in_window += 1;
+        if state.block_in_window == self.blocks_per_window {
+            self.restart(state);
+        }
+    }
+
+    /// Rotor of this block as `T`, then on to the next block.
+    fn load_rotor(&self, state: &mut SlidingDftState<T>) {
+        for k in 0..self.settings.bins {
+            state.rotor_values[k] = T::from_f64(state.rotor[k].re);
+            state.rotor_values[self.padded_bins + k] = T::from_f64(state.rotor[k].im);
+            state.rotor[k] *= self.rotor_step[k];
+        }
+    }
+
+    /// The new prefix stands one window later than the old: one constant phase a bin.
+    fn add_new_part(&self, state: &mut SlidingDftState<T>) {
+        let columns = 2 * self.padded_bins;
+        for axis in 0..self.settings.axes {
+            let sums = &mut state.sums[axis * columns..(axis + 1) * columns];
+            let prefix = &state.prefix[axis * columns..(axis + 1) * columns];
+            if self.whole_bins {
+                for (sum, new) in sums.iter_mut().zip(prefix) {
+                    *sum = sum.plus(*new);
+                }
+                continue;
+            }
+            for (k, phase) in self.window_phase.iter().enumerate() {
+                let new = Complex::new(prefix[k].to_f64(), prefix[self.padded_bins + k].to_f64()) * phase;
+                sums[k] = T::from_f64(sums[k].to_f64() + new.re);
+                let im = &mut sums[self.padded_bins + k];
+                *im = T::from_f64(im.to_f64() + new.im);
+            }
+        }
+    }
+
+    fn restart(&self, state: &mut SlidingDftState<T>) {
+        state.block_in_window = 0;
+        state.window_full = true;
+        state.old_total.copy_from_slice(&state.prefix);
+        state.prefix.fill(T::default());
+        state.rotor.fill(Complex::new(1.0, 0.0));
+    }
+
+    /// Power of bin `k` of axis `axis` as that of a line: A^2/2 of a sine of amplitude A in the bin, in the
+    /// signal's unit squared.
+    #[must_use]
+    pub fn power(&self, state: &SlidingDftState<T>, axis: usize, k: usize) -> f64 {
+        let base = axis * 2 * self.padded_bins;
+        let (re, im) = (state.sums[base + k].to_f64(), state.sums[base + self.padded_bins + k].to_f64());
+        2.0 * (re * re + im * im) / (self.settings.window_samples as f64).powi(2)
+    }
+
+    /// Bin `k` of axis `axis` of the window that ends with the last whole block, phase zero at its oldest
+    /// sample.
+    #[must_use]
+    pub fn value(&self, state: &SlidingDftState<T>, axis: usize, k: usize) -> Complex<f64> {
+        let base = axis * 2 * self.padded_bins;
+        let sum =
+            Complex::new(state.sums[base + k].to_f64(), state.sums[base + self.padded_bins + k].to_f64());
+        // Phases count from the restart before the window's oldest sample.
+        let blocks = if state.block_in_window == 0 { self.blocks_per_window } else { state.block_in_window };
+        let oldest = blocks * self.block;
+        sum * self.phase(k, oldest).conj()
+    }
+
+    /// The strongest bin of an axis and its power.
+    #[must_use]
+    pub fn strongest(&self, state: &SlidingDftState<T>, axis: usize) -> (usize, f64) {
+        let base = axis * 2 * self.padded_bins;
+        let (re, im) = (&state.sums[base..base + self.settings.bins], &state.sums[base + self.padded_bins..]);
+        let mut best = (0, f64::NEG_INFINITY);
+        for (k, (a, b)) in re.iter().zip(im).enumerate() {
+            let power = a.to_f64() * a.to_f64() + b.to_f64() * b.to_f64();
+            if power > best.1 {
+                best = (k, power);
+            }
+        }
+        (best.0, 2.0 * best.1 / (self.settings.window_samples as f64).powi(2))
+    }
+
+    /// Whether a whole window has been seen.
+    #[must_use]
+    pub fn is_full(&self, state: &SlidingDftState<T>) -> bool {
+        state.window_full
+    }
+}
+
+/// Sliding DFT whose spectrum is there after every sample.
+///
+/// Two sums a bin: one slides (new sample on, old one off), the other starts at zero every N samples and
+/// takes the sliding one's place when it holds a whole window. Rounding lives for two windows, not for ever.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EverySample {
+    settings: SlidingDftSettings,
+    step: Vec<Complex<f64>>,
+}
+
+/// State of [`EverySample`], one axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EverySampleState {
+    history: Vec<f64>,
+    at: usize,
+    rotor: Vec<Complex<f64>>,
+    sliding: Vec<Complex<f64>>,
+    fresh: Vec<Complex<f64>>,
+}
+
+impl EverySample {
+    /// Errors: as [`SlidingDft::new`]; bins must be whole multiples of rate/N and there is one axis.
+    pub fn new(settings: SlidingDftSettings) -> Result<Self, SlidingDftError> {
+        let design = SlidingDft::<f64>::new(SlidingDftSettings { axes: 1, ..settings })?;
+        let step = (0..settings.bins).map(|k| design.phase(k, 1)).collect();
+        Ok(Self { settings: SlidingDftSettings { axes: 1, ..settings }, step })
+    }
+
+    /// A window of zeros.
+    #[must_use]
+    pub fn start(&self) -> EverySampleState {
+        let zeros = vec![Complex::new(0.0, 0.0); self.settings.bins];
+        EverySampleState {
+            history: vec![0.0; self.settings.window_samples],
+            at: 0,
+            rotor: vec![Complex::new(1.0, 0.0); self.settings.bins],
+            sliding: zeros.clone(),
+            fresh: zeros,
+        }
+    }
+
+    /// Takes one sample. Requires: bins at whole multiples of rate/N. Cost: no allocation.
+    /// Checked by: `every_sample_equals_the_direct_transform`.
+    pub fn step(&self, state: &mut EverySampleState, x: f64) {
+        let change = x - std::mem::replace(&mut state.history[state.at], x);
+        for (k, step) in self.step.iter().enumerate() {
+            let rotor = state.rotor[k];
+            state.sliding[k] += rotor * change;
+            state.fresh[k] += rotor * x;
+            state.rotor[k] = rotor * step;
+        }
+        state.at += 1;
+        if state.at == self.settings.window_samples {
+            state.at = 0;
+            state.sliding.copy_from_slice(&state.fresh);
+            state.fresh.fill(Complex::new(0.0, 0.0));
+            state.rotor.fill(Complex::new(1.0, 0.0));
+        }
+    }
+
+    /// Power of bin `k` as that of a line, see [`SlidingDft::power`].
+    #[must_use]
+    pub fn power(&self, state: &EverySampleState, k: usize) -> f64 {
+        2.0 * state.sliding[k].norm_sqr() / (self.settings.window_samples as f64).powi(2)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(first_bin_hz: f64, bin_step_hz: f64) -> SlidingDftSettings {
+        let sample_rate = SampleRate::new(9000.0).unwrap();
+        SlidingDftSettings { sample_rate, window_samples: 900, first_bin_hz, bin_step_hz, bins: 21, axes: 7 }
+    }
+
+    fn signal(axis: usize, n: usize) -> f64 {
+        let t = n as f64 / 9000.0;
+        3.0 + (TAU * (612.3 + axis as f64) * t).sin()
+            + 0.3 * (TAU * 655.0 * t).cos()
+            + 0.1 * ((n * n) as f64).sin()
+    }
+
+    fn direct(axis: usize, last: usize, f_hz: f64) -> Complex<f64> {
+        let oldest = last + 1 - 900;
+        let term = |i: usize| {
+            Complex::from_polar(signal(axis, oldest + i), -TAU * (f_hz * i as f64 / 9000.0).fract())
+        };
+        (0..900).map(term).sum()
+    }
+
+    fn worst_error<T: Real>(settings: SlidingDftSettings) -> f64 {
+        let design = SlidingDft::<T>::new(settings).unwrap();
+        let mut state = design.start();
+        let mut worst = 0.0f64;
+        for n in 0..3000 {
+            let x: Vec<f64> = (0..7).map(|a| signal(a, n)).collect();
+            if design.step(&mut state, &x) && n >= 899 && n % 7 == 0 {
+                for (axis, k) in (0..7).flat_map(|a| (0..21).map(move |k| (a, k))) {
+                    let error = design.value(&state, axis, k) - direct(axis, n, design.bin_hz(k));
+                    worst = worst.max(error.norm() / 900.0);
+                }
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn equals_the_direct_transform() {
+        // Relative to a unit line; whole bins, then bins between them.
+        assert!(worst_error::<f64>(settings(550.0, 10.0)) < 1e-12);
+        assert!(worst_error::<f64>(settings(543.21, 7.77)) < 1e-12);
+        assert!(worst_error::<f32>(settings(550.0, 10.0)) < 3e-6);
+    }
+
+    #[test]
+    fn every_sample_equals_the_direct_transform() {
+        let design = EverySample::new(settings(550.0, 10.0)).unwrap();
+        let mut state = design.start();
+        for n in 0..5000 {
+            design.step(&mut state, signal(0, n));
+            if n > 900 && n % 101 == 0 {
+                for k in 0..21 {
+                    let want = 2.0 * direct(0, n, 550.0 + 10.0 * k as f64).norm_sqr() / 900.0f64.powi(2);
+                    assert!((design.power(&state, k) - want).abs() < 1e-12);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_has_its_power_and_is_the_strongest() {
+        let design = SlidingDft::<f64>::new(SlidingDftSettings { axes: 1, ..settings(550.0, 10.0) }).unwrap();
+        let mut state = design.start();
+        for n in 0..900 {
+            design.step(&mut state, &[5.0 * (TAU * 600.0 * n as f64 / 9000.0 + 0.4).sin()]);
+        }
+        assert!(design.is_full(&state));
+        let (k, power) = design.strongest(&state, 0);
+        assert_eq!(k, 5);
+        assert!((power - 12.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn impossible_windows_are_refused() {
+        assert!(SlidingDft::<f64>::new(settings(4495.0, 10.0)).is_err());
+        assert!(SlidingDft::<f64>::new(SlidingDftSettings { bins: 0, ..settings(550.0, 10.0) }).is_err());
+        let short = SlidingDftSettings { window_samples: 10, ..settings(550.0, 10.0) };
+        assert!(matches!(SlidingDft::<f64>::new(short), Err(SlidingDftError::WindowTooShort { .. })));
+    }
+}

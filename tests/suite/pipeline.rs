@@ -1,0 +1,108 @@
+//! The pipeline on the virtual lathe: what it hears, how it takes a damaged stream, that it repeats itself.
+
+use std::path::Path;
+use stillcut::chatter::{ChatterEvent, Phase};
+use stillcut::config::machine::read_machine;
+use stillcut::force::balance::Method;
+use stillcut::force::estimator::{ForceSettings, Signals};
+use stillcut::pipeline::{AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, StepOutput, StreamFault};
+use stillcut::plant::scenario::{RawScenario, Scenario};
+use stillcut::sample::ServoSample;
+use stillcut::simulation::lathe::{Lathe, LatheSettings};
+use stillcut::units::SampleRate;
+
+fn settings(scenario: &Scenario) -> PipelineSettings {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/turrets.toml");
+    let machine = read_machine(&path).unwrap();
+    let plan = |name: &str| AxisPlan {
+        name: name.to_owned(),
+        force: machine.axis(name).map(|axis| ForcePlan {
+            drive: axis.drive.clone(),
+            signals: Signals::Both,
+            method: Method::VibrationMode,
+            settings: ForceSettings::default(),
+            motor_cutoff_hz: Some(150.0),
+        }),
+        watch: machine.axis(name).is_some(),
+    };
+    PipelineSettings {
+        sample_rate: SampleRate::new(9000.0).unwrap(),
+        axes: ["x1", "y1", "x2", "y2"].map(plan).to_vec(),
+        band: BandPlan::Workpiece(scenario.workpiece),
+    }
+}
+
+fn scenario(pitch_difference_rad: f64) -> Scenario {
+    Scenario::new(&RawScenario { pitch_difference_rad, travel_m_s: -3.0e-3, ..RawScenario::default() }).unwrap()
+}
+
+fn samples(scenario: Scenario, seconds: usize, seed: u64) -> Vec<ServoSample> {
+    let mut lathe = Lathe::new(LatheSettings::realistic(scenario, seed));
+    (0..9000 * seconds).map(|_| lathe.step()).collect()
+}
+
+fn outputs(pipeline: &mut Pipeline, samples: &[ServoSample]) -> Vec<StepOutput> {
+    samples.iter().map(|s| pipeline.step(s)).collect()
+}
+
+#[test]
+fn chatter_on_the_lathe_is_heard_on_its_servo_signals() {
+    let scenario = scenario(0.0);
+    let mut pipeline = Pipeline::new(settings(&scenario)).unwrap();
+    let heard = outputs(&mut pipeline, &samples(scenario, 5, 3));
+    for o in heard.iter().filter(|o| o.event.is_some()) {
+        println!("{:.3} s {:?}", o.t_s, o.event);
+    }
+    let onset = heard.iter().find(|o| matches!(o.event, Some((_, ChatterEvent::Onset(_)))));
+    let onset = onset.expect("chatter is heard");
+    assert!(onset.t_s > 2.0 && onset.t_s < 3.0, "entry at 2 s, onset at {} s", onset.t_s);
+    let last = heard.last().unwrap();
+    assert_eq!(last.chatter.phase, Phase::Chatter);
+    let frequency = last.chatter.frequency_hz.unwrap();
+    assert!((600.0..700.0).contains(&frequency), "{frequency} Hz");
+    // The spectrum agrees with the tracked line to its bin.
+    let [first_hz, step_hz] = pipeline.spectrum_grid_hz();
+    let loudest = pipeline.amplitudes_n(last.chatter.leading_axis).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+    let loudest_hz = first_hz + step_hz * loudest.unwrap().0 as f64;
+    assert!((loudest_hz - frequency).abs() < 2.0, "{loudest_hz} Hz against {frequency} Hz");
+}
+
+#[test]
+fn a_stable_cut_raises_no_alarm() {
+    let scenario = scenario(2.0 * 0.0482);
+    let mut pipeline = Pipeline::new(settings(&scenario)).unwrap();
+    let heard = outputs(&mut pipeline, &samples(scenario, 12, 4));
+    for o in heard.iter().filter(|o| o.event.is_some()) {
+        println!("{:.3} s {:?}", o.t_s, o.event);
+    }
+    let alarms: Vec<f64> =
+        heard.iter().filter(|o| matches!(o.event, Some((_, ChatterEvent::Onset(_))))).map(|o| o.t_s).collect();
+    assert!(alarms.is_empty(), "alarms at {alarms:?} s");
+}
+
+#[test]
+fn the_same_samples_give_the_same_answers() {
+    let scenario = scenario(0.0);
+    let stream = samples(scenario, 3, 5);
+    let (mut first, mut second) = (Pipeline::new(settings(&scenario)).unwrap(), Pipeline::new(settings(&scenario)).unwrap());
+    assert_eq!(outputs(&mut first, &stream), outputs(&mut second, &stream));
+}
+
+#[test]
+fn damaged_samples_are_reported_and_do_no_lasting_harm() {
+    let scenario = scenario(0.0);
+    let mut stream = samples(scenario, 4, 6);
+    let mut pipeline = Pipeline::new(settings(&scenario)).unwrap();
+    let before = outputs(&mut pipeline, &stream[..9000]);
+    assert!(before.iter().all(|o| o.fault.is_none()));
+    assert_eq!(pipeline.step(&stream[100]).fault, Some(StreamFault::Repeated));
+    stream[9000].axes[1].motor_angle_rad = f64::NAN;
+    assert!(matches!(pipeline.step(&stream[9000]).fault, Some(StreamFault::NotFinite(_))));
+    // The sample that was left out is a gap of one, bridged.
+    assert_eq!(pipeline.step(&stream[9001]).fault, Some(StreamFault::Gap { lost: 1 }));
+    // A long gap starts anew; chatter is heard all the same.
+    let after = outputs(&mut pipeline, &stream[10_000..]);
+    assert_eq!(after[0].fault, Some(StreamFault::Gap { lost: 998 }));
+    assert!(after.iter().any(|o| matches!(o.event, Some((_, ChatterEvent::Onset(_))))));
+    assert!(after.iter().all(|o| o.forces.iter().all(|f| f.force_n.is_finite())));
+}
