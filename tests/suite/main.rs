@@ -4,8 +4,8 @@
 mod lathe;
 
 mod conceal;
-mod pipeline;
 mod import;
+mod pipeline;
 mod report;
 mod closed_loop;
 #[cfg(feature = "service")]
