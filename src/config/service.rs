@@ -39,7 +39,7 @@ struct ServiceToml {
 }
 
 macro_rules! section {
-    ($name:ident { $($key:ident: $kind:ty = $default:expr,)* }) => {
+    ($name:ident { $($key:ident: $kind:ty = $default:expr),* $(,)? }) => {
         #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
         #[serde(deny_unknown_fields, default)]
         struct $name { $($key: $kind,)* }
