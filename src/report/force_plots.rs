@@ -26,10 +26,12 @@ pub struct Curve {
     pub dots: bool,
 }
 
-/// One panel: frequency on a logarithmic axis.
+/// One panel over a logarithmic axis.
 pub struct Panel {
     /// Title.
     pub title: String,
+    /// Name and unit of the horizontal, logarithmic axis.
+    pub x_label: String,
     /// Name and unit of the vertical axis.
     pub y_label: String,
     /// Vertical axis logarithmic.
@@ -49,6 +51,7 @@ pub fn response_svg(axis: &str, fit: &SweepFit) -> Result<String, PlotError> {
     let panels = [
         Panel {
             title: format!("axis {axis}: acceleration per thrust, gain"),
+            x_label: "Hz".to_owned(),
             y_label: "1/kg".to_owned(),
             log_y: true,
             curves: vec![
@@ -60,6 +63,7 @@ pub fn response_svg(axis: &str, fit: &SweepFit) -> Result<String, PlotError> {
         },
         Panel {
             title: "phase".to_owned(),
+            x_label: "Hz".to_owned(),
             y_label: "degrees".to_owned(),
             log_y: false,
             curves: vec![
@@ -71,6 +75,7 @@ pub fn response_svg(axis: &str, fit: &SweepFit) -> Result<String, PlotError> {
         },
         Panel {
             title: "coherence with the thrust".to_owned(),
+            x_label: "Hz".to_owned(),
             y_label: "squared coherence".to_owned(),
             log_y: false,
             curves: vec![
@@ -82,7 +87,7 @@ pub fn response_svg(axis: &str, fit: &SweepFit) -> Result<String, PlotError> {
     panels_svg(&panels)
 }
 
-/// Panels below each other, frequency in Hz across.
+/// Panels below each other.
 /// Errors: the drawing library refused.
 pub fn panels_svg(panels: &[Panel]) -> Result<String, PlotError> {
     let mut text = String::new();
@@ -139,7 +144,7 @@ where
 {
     chart
         .configure_mesh()
-        .x_desc("Hz")
+        .x_desc(&panel.x_label)
         .y_desc(&panel.y_label)
         .light_line_style(WHITE)
         .draw()

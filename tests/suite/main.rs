@@ -4,7 +4,9 @@
 mod lathe;
 
 mod conceal;
+mod import;
 mod pipeline;
 mod report;
+mod closed_loop;
 #[cfg(feature = "service")]
 mod transport;
