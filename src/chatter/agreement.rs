@@ -52,9 +52,9 @@ pub fn agree<'a>(
     t_s: f64,
     watched: impl Iterator<Item = (usize, &'a ChatterOutput)> + Clone,
 ) -> Agreement {
-    let leading = watched.clone().max_by(|(_, a), (_, b)| {
-        rank(a.phase).cmp(&rank(b.phase)).then(a.contrast.total_cmp(&b.contrast))
-    });
+    let leading = watched
+        .clone()
+        .max_by(|(_, a), (_, b)| rank(a.phase).cmp(&rank(b.phase)).then(a.contrast.total_cmp(&b.contrast)));
     let Some((leading_axis, output)) = leading else {
         return Agreement {
             phase: Phase::Learning,

@@ -21,7 +21,11 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let machine = read_machine(&arguments.model).map_err(bad_input)?;
-    let recordings = arguments.recordings.iter().map(|p| read_recording(p).map_err(bad_input)).collect::<Result<Vec<_>, _>>()?;
+    let recordings = arguments
+        .recordings
+        .iter()
+        .map(|p| read_recording(p).map_err(bad_input))
+        .collect::<Result<Vec<_>, _>>()?;
     let diagnosis = crate::diagnosis::diagnose(&machine, &recordings, &|_, _| {}).map_err(bad_input)?;
     let _ = diagnosis;
     Ok(())

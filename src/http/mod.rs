@@ -82,6 +82,7 @@ fn routes() -> OpenApiRouter<Site> {
         .routes(routes!(read::state))
         .routes(routes!(read::axes))
         .routes(routes!(read::spectrum))
+        .routes(routes!(read::stability))
         .routes(routes!(read::config))
         .routes(routes!(stream::stream))
         .routes(routes!(events::list))

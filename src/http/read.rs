@@ -2,8 +2,8 @@
 
 use super::problem::Problem;
 use super::{Site, access::Caller};
-use crate::service::Check;
 use crate::service::live::{AxisView, LiveState, SpectrumView};
+use crate::service::{Check, stability};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -33,6 +33,14 @@ pub(super) async fn axes(State(site): State<Site>) -> Json<Vec<AxisView>> {
         (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
 pub(super) async fn spectrum(State(site): State<Site>) -> Json<SpectrumView> {
     Json((*site.handle.spectrum()).clone())
+}
+
+/// Stability over the pitch angle difference, for the workpiece of the configuration.
+#[utoipa::path(get, path = "/api/v1/stability", tag = "live", operation_id = "getStability",
+    responses((status = 200, description = "Growth rate of the rightmost root over the pitch", body = stability::StabilityCurve),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn stability(State(site): State<Site>) -> Result<Json<stability::StabilityCurve>, Problem> {
+    Ok(Json(site.handle.stability().await?))
 }
 
 /// The configuration in force, without secrets.

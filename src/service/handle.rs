@@ -5,6 +5,8 @@ use super::control::{Control, Origin, Refusal};
 use super::diagnoses::Diagnoses;
 use super::live::{LiveState, Mode, SpectrumView};
 use super::recordings::{RecordingInfo, Recordings, RecordingsError};
+use super::stability::CurveCache;
+use crate::config::service::ServiceConfig;
 use crate::store::{AuditEntry, AuditRow, EventFilter, EventPage, StoreError, StoreReader, StoreWriter};
 use crate::telemetry::{Event, EventKind, Metrics};
 use std::net::SocketAddr;
@@ -82,7 +84,8 @@ pub(super) struct Inner {
     pub(super) diagnoses: Diagnoses,
     pub(super) config: ShownConfig,
     pub(super) stop: CancellationToken,
-    pub(super) model: Option<PathBuf>,
+    pub(super) settings: Arc<ServiceConfig>,
+    pub(super) curves: CurveCache,
 }
 
 /// A cheap copy of the way into the running service.
@@ -149,7 +152,7 @@ impl Handle {
     /// The machine model that diagnoses start from.
     #[must_use]
     pub fn model(&self) -> Option<&PathBuf> {
-        self.0.model.as_ref()
+        self.0.settings.model.as_ref()
     }
 
     /// Diagnosis jobs.

@@ -18,6 +18,7 @@ mod hub;
 pub mod live;
 mod recorder;
 mod recordings;
+pub mod stability;
 mod start;
 pub mod virtual_lathe;
 

@@ -6,6 +6,7 @@ use super::handle::{Handle, Inner, OperationError, ShownConfig};
 use super::hub::{History, Hub, Outlets, publish_event};
 use super::live::{LiveState, SpectrumView, StoreView};
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
+use super::stability::CurveCache;
 use super::{clock, engine, recorder};
 use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
@@ -188,7 +189,8 @@ impl Parts {
             diagnoses,
             config: shown,
             stop: CancellationToken::new(),
-            model: config.model.clone(),
+            settings: Arc::clone(&config),
+            curves: CurveCache::default(),
         }));
         self.runtime.spawn(run_diagnoses(handle.clone()));
         let site = router(handle.clone(), access, config.http.hosts.clone());

@@ -44,6 +44,11 @@ pub enum AuditVerdict {
         /// Its place.
         sequence: i64,
     },
+    /// All rows follow from one another, but the head that was noted earlier is not among them.
+    HeadMissing {
+        /// Number of rows.
+        rows: i64,
+    },
 }
 
 /// SHA-256 over the previous hash and each field with its length, so that no two rows read the same.
@@ -89,13 +94,15 @@ fn row(row: &sqlx::sqlite::SqliteRow) -> Result<(AuditRow, Vec<u8>), sqlx::Error
 const SELECT: &str = "SELECT sequence, wall_ns, actor, role, action, detail, hash FROM audit \
      WHERE sequence > ? ORDER BY sequence LIMIT 1000";
 
-/// Reads the whole chain of a history file and says where it breaks, if it does.
+/// Reads the whole chain of a history file and says where it breaks, if it does. `noted`: a head of
+/// earlier, which must be among the rows: a chain whose end was cut off is intact in itself.
 /// Errors: the file cannot be read.
-pub async fn verify_audit_file(path: &Path) -> Result<AuditVerdict, StoreError> {
+pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<AuditVerdict, StoreError> {
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
     let connect = SqliteConnection::connect_with(&options(path).read_only(true)).await;
     let mut connection = connect.map_err(fail)?;
     let (mut previous, mut last) = (Vec::new(), 0_i64);
+    let mut noted_seen = noted.is_none();
     loop {
         let rows = sqlx::query(SELECT).bind(last).fetch_all(&mut connection).await.map_err(fail)?;
         if rows.is_empty() {
@@ -108,11 +115,18 @@ pub async fn verify_audit_file(path: &Path) -> Result<AuditVerdict, StoreError> 
             if !follows {
                 return Ok(AuditVerdict::Broken { sequence: found.sequence });
             }
+            noted_seen = noted_seen || noted.is_some_and(|n| n.eq_ignore_ascii_case(&hex(&hash)));
             (last, previous) = (found.sequence, hash);
         }
     }
-    let head = previous.iter().map(|b| format!("{b:02x}")).collect();
-    Ok(AuditVerdict::Intact { rows: last, head })
+    if !noted_seen {
+        return Ok(AuditVerdict::HeadMissing { rows: last });
+    }
+    Ok(AuditVerdict::Intact { rows: last, head: hex(&previous) })
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
 impl super::StoreReader {

@@ -261,12 +261,18 @@ async fn prune(connection: &mut SqliteConnection, now_ns: i64, keep: Retention) 
 fn answer_all(batch: Vec<Write>, answers: Vec<Answer>) {
     for (write, answer) in batch.into_iter().zip(answers) {
         match (write, answer) {
-            (Write::Event(_, Some(done)), Answer::Event(event)) => drop(done.send(*event)),
-            (Write::Acknowledge { done, .. } | Write::Silence { done, .. }, Answer::Done(yes)) => {
-                drop(done.send(yes))
+            (Write::Event(_, Some(done)), Answer::Event(event)) => {
+                let _ = done.send(*event);
             }
-            (Write::Audit(_, done), Answer::Sequence(sequence)) => drop(done.send(sequence)),
-            (Write::Prune { done, .. }, Answer::Removed(count)) => drop(done.send(count)),
+            (Write::Acknowledge { done, .. } | Write::Silence { done, .. }, Answer::Done(yes)) => {
+                let _ = done.send(yes);
+            }
+            (Write::Audit(_, done), Answer::Sequence(sequence)) => {
+                let _ = done.send(sequence);
+            }
+            (Write::Prune { done, .. }, Answer::Removed(count)) => {
+                let _ = done.send(count);
+            }
             _ => {}
         }
     }

@@ -3,10 +3,10 @@
 
 mod lathe;
 
+mod closed_loop;
 mod conceal;
 mod import;
 mod pipeline;
 mod report;
-mod closed_loop;
 #[cfg(feature = "service")]
 mod transport;

@@ -2,7 +2,7 @@
 "use strict";
 
 const $ = (id) => document.getElementById(id);
-const degrees = (rad) => (rad === null || rad === undefined ? "–" : `${(rad * 180 / Math.PI).toFixed(2)}°`);
+const degrees = (rad) => (rad === null || rad === undefined ? "–" : `${(rad * 180 / Math.PI).toFixed(2).replace(/^-0\.00$/, "0.00")}°`);
 const STALE_MS = 2500;
 
 const waterfall = new Waterfall($("waterfall"));
@@ -176,15 +176,18 @@ function showPitch(now) {
 
 function showAxes(axes) {
   force.show = axes.map((_, i) => i).filter((i) => axes[i].force_deviation_n > 0 || axes[i].force_mean_n !== 0);
+  axes = axes.map((axis, i) => ({ ...axis, place: i })).filter((axis) => force.show.includes(axis.place));
   const list = $("legend");
-  if (list.children.length !== axes.length) {
-    list.replaceChildren(...axes.map((axis, i) => {
+  const names = axes.map((axis) => axis.name).join(" ");
+  if (list.dataset.names !== names) {
+    list.dataset.names = names;
+    list.replaceChildren(...axes.map((axis) => {
       const item = make("li");
       const key = document.createElementNS("http://www.w3.org/2000/svg", "svg");
       const bar = document.createElementNS("http://www.w3.org/2000/svg", "rect");
       bar.setAttribute("width", "100%");
       bar.setAttribute("height", "100%");
-      bar.style.fill = `var(${TRACE_COLOURS[i % TRACE_COLOURS.length]})`;
+      bar.style.fill = `var(${TRACE_COLOURS[axis.place % TRACE_COLOURS.length]})`;
       key.append(bar);
       item.append(key, make("span"));
       return item;

@@ -14,8 +14,7 @@ use crate::service::hub::Report;
 use crate::service::live::Mode;
 use crate::telemetry::{Event, EventKind};
 use crate::transport::wire::{
-    INTERLOCK_NAMES, TURRET_EXPIRED, TURRET_LIMITED, TURRET_MOVING, TURRET_REACHED, TURRET_REFUSED,
-    TurretStatus,
+    INTERLOCK_NAMES, TURRET_EXPIRED, TURRET_LIMITED, TURRET_REACHED, TURRET_REFUSED, TurretStatus,
 };
 use std::time::Instant;
 
