@@ -11,6 +11,10 @@ pub(super) struct Evidence {
     pub(super) banks: [BankEvidence; BANKS],
     /// Whether a turn has passed since the cut changed, so that spindle orders are known.
     pub(super) orders_known: bool,
+    /// Whether the orders may still be building up: few turns since the cut changed.
+    pub(super) orders_young: bool,
+    /// Turns per second; 0 where it is not known.
+    pub(super) speed_hz: f64,
 }
 
 /// What one bank says.
@@ -157,6 +161,7 @@ impl Detector {
         }
         let bank = evidence.banks.iter().find(|b| {
             b.contrast > b.confirm
+                && !on_an_order(b.frequency_hz, evidence)
                 && age_s > HOLD_S.max(1.5 * b.tau_s)
                 && self.recent_mean() - evidence.banks[0].noise_n2 > 0.5 * b.power_n2
         })?;
@@ -191,4 +196,15 @@ impl Detector {
         let square: f64 = late.iter().map(|(t, _)| (t - mean_t).powi(2)).sum();
         if square > 0.0 { cross / square } else { 0.0 }
     }
+}
+
+/// Whether a frequency is that of a spindle order, where regenerative chatter cannot be: its growth needs
+/// sin(pi f/S) away from zero.
+fn on_an_order(frequency_hz: f64, evidence: &Evidence) -> bool {
+    if evidence.speed_hz <= 0.0 {
+        return false;
+    }
+    let order = frequency_hz / evidence.speed_hz;
+    let apart = (order - order.round()).abs();
+    apart < if evidence.orders_young { 0.12 } else { 0.04 }
 }

@@ -16,6 +16,7 @@
 
 mod band;
 mod baseline;
+mod cut_level;
 mod detector;
 mod monitor;
 
