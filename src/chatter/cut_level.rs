@@ -75,7 +75,8 @@ impl CutLevel {
         if state.seen <= back + 4 {
             return Change::None;
         }
-        let before = state.looks[back];
+        // It begins against one turn ago; once it has begun, half a turn without change is the end of it.
+        let before = state.looks[if state.changing { back.div_ceil(2) } else { back }];
         let apart = (state.level_n - before).abs();
         let large = SHARE * state.level_n.abs().max(before.abs());
         if state.seen > 60 && apart > large && apart > OVER_RIPPLE * state.ripple_n {

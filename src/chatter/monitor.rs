@@ -46,9 +46,10 @@ const EDGE: f64 = 1.08;
 /// Between two decisions.
 const DECISION_S: f64 = 0.004;
 /// Noise is averaged over this long once it is known.
-const NOISE_MEMORY_S: f64 = 8.0;
-/// What is known of the noise counts as this many looks after the cut changed.
-const DOUBT_LOOKS: f64 = 6.0;
+const NOISE_MEMORY_S: f64 = 15.0;
+/// What is known of the noise counts as this many looks after the cut changed. Longer windows see the lobes
+/// of the new cut as lines: they are trusted less.
+const DOUBT_LOOKS: [f64; BANKS] = [10.0, 10.0, 8.0, 6.0];
 /// The orders build up for so many turns after the tools enter.
 const YOUNG_TURNS: f64 = 8.0;
 /// Nothing is decided before this much noise was heard.
@@ -182,7 +183,7 @@ impl ChatterMonitor {
             return;
         }
         // Until the force has settled, every step starts the notches anew.
-        state.baselines.iter_mut().for_each(|b| b.doubt(DOUBT_LOOKS));
+        doubt(&mut state.baselines);
         self.orders.restart(&mut state.orders, state.angle_turns);
         if change == Change::Begins {
             state.detector.forget_suspicion();
@@ -198,7 +199,16 @@ impl ChatterMonitor {
         let adapt = phase != Phase::Chatter;
         let value = if state.speed_hz > 0.0 {
             let (angle_turns, mixer, speed_hz) = (state.angle_turns, state.mixer, state.speed_hz);
-            self.orders.step(&mut state.orders, &OrderSample { value, angle_turns, mixer, speed_hz, adapt })
+            let known = self.orders.turns_known(&state.orders);
+            let sample = OrderSample { value, angle_turns, mixer, speed_hz, adapt };
+            let left = self.orders.step(&mut state.orders, &sample);
+            if known < 1.0 && self.orders.turns_known(&state.orders) >= 1.0 {
+                // What the banks hold is from before the notches: orders, not chatter.
+                for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
+                    bank.clear(bank_state);
+                }
+            }
+            left
         } else {
             value
         };
@@ -233,7 +243,7 @@ impl ChatterMonitor {
             state.latest.event = event;
         }
         if matches!(event, Some(ChatterEvent::End)) {
-            state.baselines.iter_mut().for_each(|b| b.doubt(DOUBT_LOOKS));
+            doubt(&mut state.baselines);
         }
         if orders_known && matches!(state.detector.phase(), Phase::Learning | Phase::Quiet) {
             self.learn(state, period_s);
@@ -297,5 +307,11 @@ impl ChatterMonitor {
             growth_1_s: line.then(|| bank.growth_1_s(bank_state, best.0)),
             event,
         };
+    }
+}
+
+fn doubt(baselines: &mut [Baseline]) {
+    for (baseline, looks) in baselines.iter_mut().zip(DOUBT_LOOKS) {
+        baseline.doubt(looks);
     }
 }
