@@ -62,8 +62,8 @@ impl Folds {
                     continue;
                 }
                 let range = k * self.block..((k + 1) * self.block).min(*n);
-                let pairs = [(&from[recording].motor, &mut to[recording].motor), (&from[recording].stage, &mut to[recording].stage)];
-                for (a, b) in pairs {
+                let (source, sink) = (&from[recording], &mut to[recording]);
+                for (a, b) in [(&source.motor, &mut sink.motor), (&source.stage, &mut sink.stage)] {
                     if let (Some(a), Some(b)) = (a, b) {
                         b[range.clone()].copy_from_slice(&a[range.clone()]);
                     }
