@@ -3,6 +3,7 @@
 pub mod events;
 pub mod force_estimator;
 pub mod force_plots;
+pub mod diagnosis;
 pub mod html;
 mod maps;
 pub mod page;
