@@ -5,6 +5,7 @@ use crate::config::machine::read_machine;
 use crate::force::balance::Method;
 use crate::force::estimator::{AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample};
 use crate::force::frf::force_of_recording;
+use crate::force::harmonic::HarmonicSettings;
 use crate::force::idle_map::{IdleMap, IdlePoint};
 use crate::force::recorded::{has_drive, motion_of_recording};
 use crate::force::validity::Validity;
@@ -36,6 +37,15 @@ pub(super) struct Arguments {
     /// Air-cutting run of the same motion, whose disturbance is taken off by position; repeatable.
     #[arg(long)]
     idle: Vec<PathBuf>,
+    /// Length of the window in turns of the spindle (fitted, spectral).
+    #[arg(long)]
+    turns: Option<f64>,
+    /// Number of harmonics (fitted, spectral); as many as lie below 500 Hz when not given.
+    #[arg(long)]
+    harmonics: Option<usize>,
+    /// Teeth of the tool: only multiples of the tooth-pass frequency are taken (fitted, spectral).
+    #[arg(long)]
+    teeth: Option<f64>,
     /// Low-pass behind the balance: flat to here, same delay at every frequency.
     #[arg(long, default_value_t = 800.0)]
     pass_hz: f64,
@@ -74,6 +84,10 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         let pass_hz = arguments.pass_hz.min(0.2 * recording.sample_rate.hz());
         let low_pass = LowPass::LinearPhase { pass_hz, width_hz: pass_hz / 2.0 };
         let mut settings = ForceSettings { low_pass, ..ForceSettings::default() };
+        settings.controller = axis.controller;
+        if matches!(method, Method::Fitted | Method::Spectral) {
+            settings.harmonic = Some(harmonic_settings(&arguments, &recording)?);
+        }
         if !idles.is_empty() {
             let bare =
                 ForceEstimator::new(method, &signals, ForceSettings { low_pass, ..ForceSettings::default() })
@@ -94,6 +108,25 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
     let notes = vec![("method".to_owned(), method.name().to_owned())];
     write_forces(&arguments.out, &recording, &Forces { forces, delay_s, notes })
+}
+
+/// Spindle speed of a recording: one for all of it, else the harmonics have no place.
+fn harmonic_settings(arguments: &Arguments, recording: &Recording) -> anyhow::Result<HarmonicSettings> {
+    let in_file = |e: String| bad_input(format!("{}: {e}", arguments.recording.display()));
+    let speed = recording.require("spindle_speed_rpm").map_err(|e| in_file(e.to_string()))?;
+    let mut sorted = speed.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted[sorted.len() / 2];
+    if !(median > 0.0) {
+        return Err(in_file(format!("column spindle_speed_rpm has a median of {median}, expected a turning spindle")));
+    }
+    let default = HarmonicSettings::at_speed(median);
+    Ok(HarmonicSettings {
+        turns: arguments.turns.unwrap_or(default.turns),
+        harmonics: arguments.harmonics,
+        lines_per_turn: arguments.teeth.unwrap_or(default.lines_per_turn),
+        ..default
+    })
 }
 
 /// What the command writes.

@@ -3,13 +3,16 @@
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
 use super::friction::{PRESLIDING_TRAVEL_M, Presliding, PreslidingState};
+use super::harmonic::{HarmonicEstimator, HarmonicSettings, HarmonicState, fitted_balance};
 use super::idle_map::IdleMap;
 use super::validity::Validity;
 use crate::plant::drive::DriveParams;
+use crate::plant::machine::Controller;
 use crate::signal::FilterError;
 use crate::signal::butterworth::{Butterworth, ButterworthState};
 use crate::signal::delay_line::DelayLine;
 use crate::signal::finite_difference::{Stencil, stencils};
+use crate::signal::harmonic_fit::HarmonicFitError;
 use crate::signal::linear_phase::{LinearPhase, LinearPhaseState};
 use crate::units::SampleRate;
 use thiserror::Error;
@@ -44,6 +47,10 @@ pub struct ForceSettings {
     pub idle_map: Option<IdleMap>,
     /// Travel over which the guideway's friction turns, m.
     pub presliding_travel_m: f64,
+    /// Spindle speed and window; needed by `fitted` and `spectral`.
+    pub harmonic: Option<HarmonicSettings>,
+    /// Control loop of the axis; needed by `spectral`.
+    pub controller: Option<Controller>,
     /// Frequencies of modes that the model does not have, where they are known, Hz.
     pub unmodelled_modes_hz: Vec<f64>,
 }
@@ -55,6 +62,8 @@ impl Default for ForceSettings {
             low_pass: LowPass::Butterworth { order: 4, cutoff_hz: 1000.0 },
             idle_map: None,
             presliding_travel_m: PRESLIDING_TRAVEL_M,
+            harmonic: None,
+            controller: None,
             unmodelled_modes_hz: Vec::new(),
         }
     }
@@ -66,6 +75,9 @@ pub enum ForceError {
     /// A filter cannot be designed.
     #[error(transparent)]
     Filter(#[from] FilterError),
+    /// A window of spindle harmonics cannot be fitted.
+    #[error(transparent)]
+    Window(#[from] HarmonicFitError),
     /// The method needs a structure that the drive does not have.
     #[error("{method} needs {needs}; the model has none")]
     Structure {
@@ -85,6 +97,8 @@ pub struct MotionSample {
     pub motor_travel_m: Option<f64>,
     /// Linear scale, m.
     pub stage_position_m: Option<f64>,
+    /// Spindle speed, where it is known, rpm.
+    pub spindle_speed_rpm: Option<f64>,
 }
 
 /// One estimate.
@@ -124,9 +138,11 @@ pub struct ForceEstimator {
     idle_map: Option<IdleMap>,
     signals: Signals,
     noise_floor_n: f64,
+    friction_bound_n: f64,
     band_hz: f64,
     constant_flags: Validity,
     encoder_lines_1_m: [f64; 2],
+    harmonic: Option<HarmonicEstimator>,
     rate: SampleRate,
 }
 
@@ -172,6 +188,7 @@ pub struct ForceState {
     last_ref_n: f64,
     presliding: PreslidingState,
     filter: FilterState,
+    harmonic: Option<HarmonicState>,
     seen: u32,
 }
 
@@ -189,6 +206,7 @@ impl ForceEstimator {
             SideStencils { force: Stencil::combined(&s, factors), velocity: s[1], position: s[0] }
         };
         let filter = Filter::new(settings.low_pass, rate)?;
+        let harmonic = harmonic_estimator(method, axis, &settings)?;
         let band_hz = filter.band_hz(settings.low_pass, rate);
         let beyond = settings.unmodelled_modes_hz.iter().any(|f| *f < 1.1 * band_hz);
         let mut estimator = Self {
@@ -204,9 +222,11 @@ impl ForceEstimator {
             idle_map: settings.idle_map,
             signals: axis.signals,
             noise_floor_n: 0.0,
+            friction_bound_n: drive.motor_coulomb_friction_n() + drive.stage_coulomb_friction_n(),
             band_hz,
             constant_flags: Validity::when(beyond, Validity::MODE_OUTSIDE_MODEL),
             encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
+            harmonic,
             rate,
         };
         estimator.noise_floor_n = estimator.quantization_noise_n(drive);
@@ -229,6 +249,7 @@ impl ForceEstimator {
             last_ref_n: first.thrust_ref_n,
             presliding: Presliding::settled(stage),
             filter: self.filter.settled(rest),
+            harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
             seen: 0,
         }
     }
@@ -237,13 +258,17 @@ impl ForceEstimator {
     #[inline]
     #[must_use]
     pub fn step(&self, state: &mut ForceState, sample: &MotionSample) -> ForceEstimate {
-        let (raw_n, motion) = self.balance_step(state, sample);
+        let (mut raw_n, motion) = self.balance_step(state, sample);
+        let mut harmonic_flags = Validity::VALID;
+        if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
+            (raw_n, harmonic_flags) = harmonic.step(inner, sample);
+        }
         let disturbance_n = self
             .idle_map
             .as_ref()
             .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.slow_velocity_m_s(&motion)));
         let force_n = self.filter.step(&mut state.filter, raw_n - disturbance_n);
-        ForceEstimate { force_n, flags: self.flags(state, sample, &motion) }
+        ForceEstimate { force_n, flags: harmonic_flags | self.flags(state, sample, &motion) }
     }
 
     /// The balance before idle map and low-pass, with the aligned motion behind it; the instant is
@@ -304,6 +329,7 @@ impl ForceEstimator {
             frequency_hz > 1.0 && frequency_hz < self.band_hz
         });
         let friction_n = self.balance.motor_friction_n.abs() + self.balance.stage_friction_n.abs();
+        let watched = !matches!(self.method, Method::VibrationMode | Method::Spectral);
         let still = speed < 2.0 * self.friction_smoothing_m_s;
         let below =
             still && friction_n > 0.0 && motion.thrust_n.abs() * self.balance.thrust.abs() < friction_n;
@@ -311,7 +337,7 @@ impl ForceEstimator {
             | Validity::when(missing, Validity::SIGNAL_MISSING)
             | Validity::when(settling, Validity::SETTLING)
             | Validity::when(line, Validity::ENCODER_LINE_IN_BAND)
-            | Validity::when(below && self.method != Method::VibrationMode, Validity::BELOW_FRICTION)
+            | Validity::when(below && watched, Validity::BELOW_FRICTION)
     }
 
     /// Method.
@@ -324,13 +350,26 @@ impl ForceEstimator {
     /// slow signals where it is not the same at every frequency).
     #[must_use]
     pub fn delay_s(&self) -> f64 {
-        self.alignment.lag_samples as f64 * self.rate.period_s() + self.filter.delay_s(self.rate)
+        self.alignment_lag_samples() as f64 * self.rate.period_s() + self.filter.delay_s(self.rate)
     }
 
     /// Samples between the aligned instant and now, before the low-pass.
     #[must_use]
     pub fn alignment_lag_samples(&self) -> usize {
-        self.alignment.lag_samples
+        self.harmonic.as_ref().map_or(self.alignment.lag_samples, HarmonicEstimator::lag_samples)
+    }
+
+    /// Condition number of the window of spindle harmonics, where the method has one.
+    #[must_use]
+    pub fn condition(&self) -> Option<f64> {
+        self.harmonic.as_ref().map(HarmonicEstimator::condition)
+    }
+
+    /// Force that friction can hide on an axis that stands still, N: where an estimate is flagged
+    /// [`Validity::BELOW_FRICTION`], this bound is all that is known.
+    #[must_use]
+    pub fn friction_bound_n(&self) -> f64 {
+        self.friction_bound_n
     }
 
     /// Delay of the low-pass alone in whole samples (nearest, for slow signals).
@@ -354,7 +393,8 @@ impl ForceEstimator {
     /// Samples until the filters have forgotten their start.
     #[must_use]
     pub fn settling_samples(&self) -> usize {
-        self.alignment.lag_samples + self.filter.memory_samples(self.rate)
+        let window = self.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
+        self.alignment.lag_samples + window + self.filter.memory_samples(self.rate)
     }
 
     /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain.
@@ -373,10 +413,31 @@ impl ForceEstimator {
                 .sum();
             step_m * step_m / 12.0 * energy
         };
+        if let Some(harmonic) = &self.harmonic {
+            let [motor, stage] = harmonic.noise_gains();
+            let q = [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()];
+            return ((motor * q[0]).hypot(stage * q[1])) / 12f64.sqrt();
+        }
         let motor = variance(&self.motor.force, drive.motor_encoder_resolution_m());
         let stage = variance(&self.stage.force, drive.stage_encoder_resolution_m());
         (motor + stage).sqrt()
     }
+}
+
+fn harmonic_estimator(
+    method: Method,
+    axis: &AxisSignals<'_>,
+    settings: &ForceSettings,
+) -> Result<Option<HarmonicEstimator>, ForceError> {
+    if !matches!(method, Method::Fitted | Method::Spectral) {
+        return Ok(None);
+    }
+    let missing = ForceError::Structure { method: method.name(), needs: "a spindle speed" };
+    let harmonic = settings.harmonic.as_ref().ok_or(missing)?;
+    Ok(Some(match method {
+        Method::Fitted => HarmonicEstimator::fitted(axis, fitted_balance(axis), harmonic)?,
+        _ => HarmonicEstimator::spectral(axis, settings.controller.as_ref(), harmonic)?,
+    }))
 }
 
 /// What an estimator is made for.
@@ -397,6 +458,9 @@ fn on_measured_side(
     method: Method,
 ) -> Result<ForceBalance, ForceError> {
     let missing = |needs| Err(ForceError::Structure { method: method.name(), needs });
+    if method == Method::Fitted && signals != Signals::Both {
+        b = ForceBalance::default();
+    }
     match signals {
         Signals::Both => Ok(b),
         Signals::MotorOnly if b.needs_stage() => missing("a stage position"),

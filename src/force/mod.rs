@@ -17,6 +17,7 @@ pub mod balance;
 pub mod budget;
 pub mod estimator;
 pub mod frf;
+pub mod harmonic;
 pub mod friction;
 pub mod idle_map;
 pub mod recorded;

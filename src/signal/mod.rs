@@ -7,6 +7,7 @@ pub mod butterworth;
 pub mod delay_line;
 pub mod down_mix;
 pub mod finite_difference;
+pub mod harmonic_fit;
 pub mod line_bank;
 pub mod linear_phase;
 pub mod moving_variance;
