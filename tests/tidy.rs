@@ -206,7 +206,8 @@ fn files_and_lines_stay_readable_and_nothing_is_left_undone() {
 fn unsafe_stays_where_it_is_allowed() {
     for (path, _, text) in files() {
         let name = path.to_string_lossy().replace('\\', "/");
-        let allowed = ["transport/wire.rs", "signal/sliding_dft_kernel.rs", "signal/dispatch.rs"].contains(&name.as_str());
+        let allowed = ["transport/wire.rs", "signal/sliding_dft_kernel.rs", "signal/dispatch.rs"]
+            .contains(&name.as_str());
         let code = text.lines().filter(|l| !l.trim_start().starts_with("//"));
         let found = code
             .clone()

@@ -14,6 +14,7 @@ use crate::signal::delay_line::DelayLine;
 use crate::signal::finite_difference::{Stencil, stencils};
 use crate::signal::harmonic_fit::HarmonicFitError;
 use crate::signal::linear_phase::{LinearPhase, LinearPhaseState};
+use crate::signal::notch::{Notch, NotchState};
 use crate::units::SampleRate;
 use thiserror::Error;
 
@@ -38,6 +39,32 @@ pub enum LowPass {
     None,
 }
 
+/// Where a notch sits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum NotchCentre {
+    /// Fixed: a torsional mode that the model does not have.
+    Fixed {
+        /// Hz.
+        hz: f64,
+    },
+    /// At feed over the signal period of the motor encoder.
+    MotorEncoder,
+    /// At feed over the signal period of the linear scale.
+    StageEncoder,
+}
+
+/// A notch behind the balance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NotchPlan {
+    /// Where.
+    pub centre: NotchCentre,
+    /// Width at half power, Hz.
+    pub width_hz: f64,
+}
+
+/// Most notches of one estimator.
+pub const MAX_NOTCHES: usize = 4;
+
 /// What may be chosen about an estimator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForceSettings {
@@ -47,6 +74,8 @@ pub struct ForceSettings {
     pub idle_map: Option<IdleMap>,
     /// Travel over which the guideway's friction turns, m.
     pub presliding_travel_m: f64,
+    /// Notches behind the balance, at most [`MAX_NOTCHES`].
+    pub notches: Vec<NotchPlan>,
     /// Spindle speed and window; needed by `fitted` and `spectral`.
     pub harmonic: Option<HarmonicSettings>,
     /// Control loop of the axis; needed by `spectral`.
@@ -62,6 +91,7 @@ impl Default for ForceSettings {
             low_pass: LowPass::Butterworth { order: 4, cutoff_hz: 1000.0 },
             idle_map: None,
             presliding_travel_m: PRESLIDING_TRAVEL_M,
+            notches: Vec::new(),
             harmonic: None,
             controller: None,
             unmodelled_modes_hz: Vec::new(),
@@ -75,6 +105,12 @@ pub enum ForceError {
     /// A filter cannot be designed.
     #[error(transparent)]
     Filter(#[from] FilterError),
+    /// More notches than a state holds.
+    #[error("{count} notches, expected at most {MAX_NOTCHES}")]
+    Notches {
+        /// How many were asked for.
+        count: usize,
+    },
     /// A window of spindle harmonics cannot be fitted.
     #[error(transparent)]
     Window(#[from] HarmonicFitError),
@@ -143,6 +179,8 @@ pub struct ForceEstimator {
     constant_flags: Validity,
     encoder_lines_1_m: [f64; 2],
     harmonic: Option<HarmonicEstimator>,
+    notches: Vec<(NotchCentre, Notch)>,
+    speed_memory: f64,
     rate: SampleRate,
 }
 
@@ -189,6 +227,9 @@ pub struct ForceState {
     presliding: PreslidingState,
     filter: FilterState,
     harmonic: Option<HarmonicState>,
+    notches: [NotchState; MAX_NOTCHES],
+    /// Speed of the axis, slowed down: what the notches follow.
+    speed_m_s: f64,
     seen: u32,
 }
 
@@ -197,8 +238,19 @@ impl ForceEstimator {
     /// Errors: a cutoff that does not fit the rate, delays too long, a position that the method needs
     /// and the axis does not measure.
     pub fn new(method: Method, axis: &AxisSignals<'_>, settings: ForceSettings) -> Result<Self, ForceError> {
+        let balance = on_measured_side(ForceBalance::new(method, axis.drive), axis.signals, method)?;
+        Self::from_balance(method, balance, axis, settings)
+    }
+
+    /// Any other balance over the same aligned motion (a residual, one side alone).
+    /// Errors: a cutoff that does not fit the rate, delays too long.
+    pub fn from_balance(
+        method: Method,
+        balance: ForceBalance,
+        axis: &AxisSignals<'_>,
+        settings: ForceSettings,
+    ) -> Result<Self, ForceError> {
         let (drive, rate) = (axis.drive, axis.rate);
-        let balance = on_measured_side(ForceBalance::new(method, drive), axis.signals, method)?;
         let alignment = Alignment::new(drive, rate)?;
         let period_s = rate.period_s();
         let side = |age: f64, factors: [f64; 3]| {
@@ -227,6 +279,9 @@ impl ForceEstimator {
             constant_flags: Validity::when(beyond, Validity::MODE_OUTSIDE_MODEL),
             encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
             harmonic,
+            notches: design_notches(&settings.notches, rate)?,
+            // 20 Hz: fast enough for a feed that ramps, slow enough not to follow chatter.
+            speed_memory: (-std::f64::consts::TAU * 20.0 / rate.hz()).exp(),
             rate,
         };
         estimator.noise_floor_n = estimator.quantization_noise_n(drive);
@@ -250,6 +305,8 @@ impl ForceEstimator {
             presliding: Presliding::settled(stage),
             filter: self.filter.settled(rest),
             harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
+            notches: [NotchState::default(); MAX_NOTCHES],
+            speed_m_s: 0.0,
             seen: 0,
         }
     }
@@ -266,8 +323,9 @@ impl ForceEstimator {
         let disturbance_n = self
             .idle_map
             .as_ref()
-            .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.slow_velocity_m_s(&motion)));
-        let force_n = self.filter.step(&mut state.filter, raw_n - disturbance_n);
+            .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.travel_velocity_m_s(&motion)));
+        let notched_n = self.notch(state, raw_n - disturbance_n, &motion);
+        let force_n = self.filter.step(&mut state.filter, notched_n);
         ForceEstimate { force_n, flags: harmonic_flags | self.flags(state, sample, &motion) }
     }
 
@@ -312,7 +370,29 @@ impl ForceEstimator {
         (raw_n, motion)
     }
 
-    fn slow_velocity_m_s(&self, motion: &AlignedMotion) -> f64 {
+    #[inline]
+    fn notch(&self, state: &mut ForceState, mut force_n: f64, motion: &AlignedMotion) -> f64 {
+        if self.notches.is_empty() {
+            return force_n;
+        }
+        let speed = self.travel_velocity_m_s(motion).abs();
+        state.speed_m_s += (1.0 - self.speed_memory) * (speed - state.speed_m_s);
+        for ((centre, notch), inner) in self.notches.iter().zip(&mut state.notches) {
+            let centre_hz = match centre {
+                NotchCentre::Fixed { hz } => *hz,
+                NotchCentre::MotorEncoder => state.speed_m_s * self.encoder_lines_1_m[0],
+                NotchCentre::StageEncoder => state.speed_m_s * self.encoder_lines_1_m[1],
+            };
+            // A line slower than 5 Hz would take the force itself away.
+            let centre_hz = if centre_hz < 5.0 { 0.0 } else { centre_hz };
+            force_n = notch.step(inner, force_n, centre_hz);
+        }
+        force_n
+    }
+
+    /// Velocity of whichever position the axis measures (the stage's before the motor's), m/s.
+    #[must_use]
+    pub fn travel_velocity_m_s(&self, motion: &AlignedMotion) -> f64 {
         match self.signals {
             Signals::MotorOnly => motion.motor_velocity_m_s,
             Signals::StageOnly | Signals::Both => motion.stage_velocity_m_s,
@@ -323,7 +403,7 @@ impl ForceEstimator {
         let missing = (self.balance.needs_motor() && sample.motor_travel_m.is_none())
             || (self.balance.needs_stage() && sample.stage_position_m.is_none());
         let settling = (state.seen as usize) < self.settling_samples();
-        let speed = self.slow_velocity_m_s(motion).abs();
+        let speed = self.travel_velocity_m_s(motion).abs();
         let line = self.encoder_lines_1_m.iter().any(|lines| {
             let frequency_hz = speed * lines;
             frequency_hz > 1.0 && frequency_hz < self.band_hz
@@ -422,6 +502,13 @@ impl ForceEstimator {
         let stage = variance(&self.stage.force, drive.stage_encoder_resolution_m());
         (motor + stage).sqrt()
     }
+}
+
+fn design_notches(plans: &[NotchPlan], rate: SampleRate) -> Result<Vec<(NotchCentre, Notch)>, ForceError> {
+    if plans.len() > MAX_NOTCHES {
+        return Err(ForceError::Notches { count: plans.len() });
+    }
+    plans.iter().map(|p| Ok((p.centre, Notch::new(p.width_hz, rate)?))).collect()
 }
 
 fn harmonic_estimator(

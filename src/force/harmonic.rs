@@ -7,6 +7,7 @@
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method, MotionFactors};
 use super::estimator::{AxisSignals, ForceError, MotionSample, Signals};
+use super::friction::{PRESLIDING_TRAVEL_M, Presliding, PreslidingState};
 use super::response::Chain;
 use super::validity::Validity;
 use crate::plant::drive::DriveParams;
@@ -98,8 +99,11 @@ enum Kind {
         balance: ForceBalance,
         current: Weights,
         current_memory: f64,
+        /// Force and velocity.
         motor: [Weights; 2],
+        /// Force and position.
         stage: [Weights; 2],
+        presliding: Presliding,
     },
     Spectral {
         force: Weights,
@@ -118,6 +122,7 @@ pub struct HarmonicState {
     stage: LongLine,
     current_n: f64,
     last_ref_n: f64,
+    presliding: PreslidingState,
     peak: PeakHold,
 }
 
@@ -144,8 +149,9 @@ impl HarmonicEstimator {
     /// `fitted`: positions replaced by the fitted curve, then the multi-encoder balance (26).
     ///
     /// Errors: a window that cannot be fitted, positions that the balance needs and the axis lacks.
-    /// Source: Hayashi et al., V. Deviation: each encoder's curve is read at its own delayed instant,
-    /// and the window is given in turns.
+    /// Source: Hayashi et al., V. Deviation: each curve is read at its own delayed instant; the window is
+    /// given in turns; the thrust is fitted too, else motion that is no harmonic of the spindle stays in the
+    /// thrust after it has been taken out of the accelerations that balance it.
     pub fn fitted(
         axis: &AxisSignals<'_>,
         balance: ForceBalance,
@@ -161,7 +167,7 @@ impl HarmonicEstimator {
             Reading::Young => 0,
         };
         let n = basis.half_window as f64;
-        let side = |age: f64, factors: [f64; 3]| {
+        let side = |age: f64, factors: [f64; 3], second: usize| {
             let at = n - (middle_age as f64 + age);
             let scale = [1.0, rate.hz(), rate.hz() * rate.hz()];
             let mut force = vec![0.0; 2 * basis.half_window + 1];
@@ -170,25 +176,23 @@ impl HarmonicEstimator {
                     *sum += factor * scale[k] * w;
                 }
             }
-            let velocity = fit.weights(at, 1).into_iter().map(|w| w * rate.hz()).collect();
-            [Weights { weights: force, age: 0 }, Weights { weights: velocity, age: 0 }]
+            let other = fit.weights(at, second).into_iter().map(|w| w * scale[second]).collect();
+            [Weights { weights: force, age: 0 }, Weights { weights: other, age: 0 }]
         };
-        let current_age = middle_age as f64 + alignment.current;
-        let stencil = crate::signal::finite_difference::stencils(current_age, rate.period_s())[0];
-        let current =
-            Weights { weights: stencil.weights.iter().rev().copied().collect(), age: stencil.youngest };
+        let current = Weights { weights: fit.weights(n - middle_age as f64 - alignment.current, 0), age: 0 };
         Ok(Self {
             kind: Kind::Fitted {
                 balance,
                 current,
                 current_memory: alignment.current_memory,
-                motor: side(alignment.motor, balance.motor.as_array()),
-                stage: side(alignment.stage, balance.stage.as_array()),
+                motor: side(alignment.motor, balance.motor.as_array(), 1),
+                stage: side(alignment.stage, balance.stage.as_array(), 0),
+                presliding: Presliding::new(PRESLIDING_TRAVEL_M, axis.drive.stage_encoder_resolution_m()),
             },
             speed_rpm: settings.spindle_speed_rpm,
             condition: fit.condition(),
             lag_samples: middle_age + alignment.lag_samples,
-            line_samples: (2 * basis.half_window + 1).max(current_age.ceil() as usize + 16),
+            line_samples: 2 * basis.half_window + 1,
             friction_smoothing_m_s: axis.drive.friction_smoothing_m_s(),
         })
     }
@@ -203,7 +207,8 @@ impl HarmonicEstimator {
         controller: Option<&Controller>,
         settings: &HarmonicSettings,
     ) -> Result<Self, ForceError> {
-        let missing = ForceError::Structure { method: Method::Spectral.name(), needs: "[axes.<axis>.controller]" };
+        let missing =
+            ForceError::Structure { method: Method::Spectral.name(), needs: "[axes.<axis>.controller]" };
         let loop_response =
             ClosedLoop { drive: axis.drive, controller: *controller.ok_or(missing)?, rate: axis.rate };
         let rate = axis.rate;
@@ -245,6 +250,7 @@ impl HarmonicEstimator {
             stage: line(first.stage_position_m.unwrap_or(0.0)),
             current_n: first.thrust_ref_n,
             last_ref_n: first.thrust_ref_n,
+            presliding: Presliding::settled(first.stage_position_m.unwrap_or(0.0)),
             peak: PeakHold::default(),
         }
     }
@@ -271,33 +277,24 @@ impl HarmonicEstimator {
         let flags = Validity::when(off_speed, Validity::EXTRAPOLATED)
             | Validity::when(self.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
         let (force_n, own) = match &self.kind {
-            Kind::Fitted { balance, current, motor, stage, .. } => {
-                (self.fitted_force_n(state, balance, current, [motor, stage]), Validity::VALID)
-            }
+            Kind::Fitted { .. } => (self.fitted_force_n(state), Validity::VALID),
             Kind::Spectral { .. } => self.spectral_force_n(state),
         };
         (force_n, flags | own)
     }
 
-    fn fitted_force_n(
-        &self,
-        state: &HarmonicState,
-        balance: &ForceBalance,
-        current: &Weights,
-        sides: [&[Weights; 2]; 2],
-    ) -> f64 {
-        let mut force_n = balance.thrust * state.current.apply(&current.weights, current.age);
-        let lines = [&state.motor, &state.stage];
-        for ((line, side), factor_n) in
-            lines.into_iter().zip(sides).zip([balance.motor_friction_n, balance.stage_friction_n])
-        {
-            force_n += line.apply(&side[0].weights, side[0].age);
-            if factor_n != 0.0 {
-                let velocity = line.apply(&side[1].weights, side[1].age);
-                force_n -= factor_n * (velocity / self.friction_smoothing_m_s).tanh();
-            }
-        }
-        force_n
+    fn fitted_force_n(&self, state: &mut HarmonicState) -> f64 {
+        let Kind::Fitted { balance, current, motor, stage, presliding, .. } = &self.kind else {
+            return 0.0;
+        };
+        let motor_velocity = state.motor.apply(&motor[1].weights, motor[1].age);
+        let stage_position = state.stage.apply(&stage[1].weights, stage[1].age);
+        let share = presliding.step(&mut state.presliding, stage_position);
+        balance.thrust * state.current.apply(&current.weights, current.age)
+            + state.motor.apply(&motor[0].weights, motor[0].age)
+            + state.stage.apply(&stage[0].weights, stage[0].age)
+            - balance.motor_friction_n * (motor_velocity / self.friction_smoothing_m_s).tanh()
+            - balance.stage_friction_n * share
     }
 
     /// On an axis that stands still the friction holds the force: what shows in the thrust is what is

@@ -217,7 +217,8 @@ mod tests {
         let slope = |t: f64| 0.3 + w * (w * t).cos() + 1.5 * w * (3.0 * w * t + 0.4).sin();
         let bend = |t: f64| -w * w * (w * t).sin() + 4.5 * w * w * (3.0 * w * t + 0.4).cos();
         for at in [0.0, 0.35, 22.0] {
-            let sum = |k| fit.weights(at, k).iter().enumerate().map(|(i, w)| w * y(i as f64 - 23.0)).sum::<f64>();
+            let sum =
+                |k| fit.weights(at, k).iter().enumerate().map(|(i, w)| w * y(i as f64 - 23.0)).sum::<f64>();
             assert!((sum(0) - y(at)).abs() < 1e-10);
             assert!((sum(1) - slope(at)).abs() < 1e-10);
             assert!((sum(2) - bend(at)).abs() < 1e-10);

@@ -11,6 +11,7 @@ pub mod harmonic_fit;
 pub mod line_bank;
 pub mod linear_phase;
 pub mod moving_variance;
+pub mod notch;
 pub mod order_lines;
 pub mod sliding_dft;
 mod sliding_dft_kernel;

@@ -4,6 +4,8 @@
 mod lathe;
 
 mod conceal;
+mod force;
+mod identities;
 mod pipeline;
 mod report;
 #[cfg(feature = "service")]

@@ -219,10 +219,10 @@ impl TurretAxis {
         let r = s.travel_m_rad();
         let screw =
             s.axial_stiffness_n_m * (motor - stage) + s.structural_damping_n_s_m * (motor_v - stage_v);
-        let motor_friction = s.rotary_damping_nm_s_rad / (r * r) * motor_v
-            + s.motor_coulomb_friction_n * direction(motor_v);
-        let stage_friction = s.translational_damping_n_s_m * stage_v
-            + s.stage_coulomb_friction_n * direction(stage_v);
+        let motor_friction =
+            s.rotary_damping_nm_s_rad / (r * r) * motor_v + s.motor_coulomb_friction_n * direction(motor_v);
+        let stage_friction =
+            s.translational_damping_n_s_m * stage_v + s.stage_coulomb_friction_n * direction(stage_v);
         [
             motor_v,
             (thrust - screw - motor_friction) / s.reflected_mass_kg(),
