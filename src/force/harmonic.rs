@@ -44,14 +44,17 @@ pub enum Reading {
 }
 
 impl HarmonicSettings {
-    /// Two turns, read in the middle, every harmonic of the spindle below 500 Hz.
+    /// One turn, read in the middle, every harmonic of the spindle below 500 Hz.
+    ///
+    /// Longer windows hold less noise but let slow motion of the axis leak into the harmonics, whose
+    /// accelerations magnify it.
     #[must_use]
     pub fn at_speed(spindle_speed_rpm: f64) -> Self {
         Self {
             spindle_speed_rpm,
             lines_per_turn: 1.0,
             harmonics: None,
-            turns: 2.0,
+            turns: 1.0,
             reading: Reading::Middle,
             band_hz: 500.0,
         }
