@@ -3,9 +3,11 @@
 
 mod lathe;
 
+mod closed_loop;
 mod conceal;
 mod force;
 mod identities;
+mod import;
 mod pipeline;
 mod report;
 #[cfg(feature = "service")]

@@ -13,7 +13,7 @@ use stillcut::sample::ServoSample;
 use stillcut::simulation::lathe::{Lathe, LatheSettings};
 use stillcut::units::SampleRate;
 
-fn settings(scenario: &Scenario) -> PipelineSettings {
+pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/turrets.toml");
     let machine = read_machine(&path).unwrap();
     let plan = |name: &str| AxisPlan {
@@ -75,7 +75,7 @@ fn chatter_on_the_lathe_is_heard_on_its_servo_signals() {
 fn a_stable_cut_raises_no_alarm() {
     let scenario = scenario(2.0 * 0.0482);
     let mut pipeline = Pipeline::new(settings(&scenario)).unwrap();
-    let heard = outputs(&mut pipeline, &samples(scenario, 12, 4));
+    let heard = outputs(&mut pipeline, &samples(scenario, 30, 4));
     for o in heard.iter().filter(|o| o.event.is_some()) {
         println!("{:.3} s {:?}", o.t_s, o.event);
     }
