@@ -5,6 +5,8 @@ mod lathe;
 
 mod closed_loop;
 mod conceal;
+mod force;
+mod identities;
 mod import;
 mod pipeline;
 mod report;
