@@ -1,10 +1,22 @@
 //! What physics does a machine model leave out? Locate the mismatch, name it, model it, prove it.
 
+mod assemble;
+mod bank;
+mod bench;
+mod floor;
+mod kernel;
+mod motion;
+mod problem;
+mod regression;
 mod result;
+mod search;
+mod shape;
+mod terms;
+mod whitening;
 
 pub use result::*;
 
-use crate::plant::machine::Machine;
+use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 use thiserror::Error;
 
@@ -54,8 +66,35 @@ pub type Progress<'a> = &'a (dyn Fn(f64, &str) + Sync);
 /// Says what `machine` leaves out, from recordings of it. Deterministic.
 ///
 /// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters.
-pub fn diagnose(machine: &Machine, recordings: &[Recording], progress: Progress<'_>) -> Result<Diagnosis, DiagnoseError> {
-    let _ = (machine, progress);
-    recordings.first().ok_or(DiagnoseError::NoRecording)?;
-    Err(DiagnoseError::NoRecording)
+pub fn diagnose(
+    machine: &Machine,
+    recordings: &[Recording],
+    progress: Progress<'_>,
+) -> Result<Diagnosis, DiagnoseError> {
+    let first = recordings.first().ok_or(DiagnoseError::NoRecording)?;
+    let axis = axis_of(machine, first)?;
+    let flexible = recordings.iter().all(|r| motion::is_flexible(axis, r));
+    let motions =
+        recordings.iter().map(|r| motion::motion(axis, r, flexible)).collect::<Result<Vec<_>, _>>()?;
+    let problem = problem::Problem::new(&axis.drive, motions, flexible);
+    let given = axis
+        .physics
+        .iter()
+        .filter_map(|term| terms::hypothesis(&problem, term))
+        .map(|(h, amplitudes)| bench::Accepted::new(&problem, h, amplitudes))
+        .collect();
+    let outcome = search::search(problem, given, progress);
+    let bench = bench::Bench::new(&outcome.problem, &outcome.accepted, &outcome.residual);
+    let diagnosis = assemble::assemble(machine, axis, recordings, (&outcome, &bench));
+    progress(1.0, "done");
+    Ok(diagnosis)
+}
+
+fn axis_of<'a>(machine: &'a Machine, recording: &Recording) -> Result<&'a AxisModel, DiagnoseError> {
+    let has =
+        |axis: &AxisModel| recording.columns.iter().any(|c| c.name.starts_with(&format!("{}_", axis.name)));
+    machine.axes.iter().find(|a| has(a)).ok_or_else(|| DiagnoseError::NoAxis {
+        recording: recording.experiment.clone(),
+        axes: machine.axes.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join(", "),
+    })
 }

@@ -8,4 +8,5 @@ mod maps;
 pub mod page;
 pub mod plot;
 pub mod stability_picture;
+pub mod study;
 pub mod track;

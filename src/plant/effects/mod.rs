@@ -2,6 +2,10 @@
 //!
 //! One file per effect holds its law; simulation adds it to a machine, diagnosis fits it to a recording.
 
+pub mod coupling;
+pub mod friction;
+pub mod periodic;
+
 use std::fmt;
 
 /// Where an effect enters the machine.

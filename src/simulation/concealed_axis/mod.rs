@@ -118,7 +118,7 @@ pub fn conceal(axis: &AxisModel, sample_rate: SampleRate, spec: &CaseSpec) -> Re
         return Err(CaseError::Depth { depth: spec.depth });
     }
     let mut rng = ChaCha8Rng::seed_from_u64(spec.seed);
-    let mut draft = machine_around(axis, spec, &mut rng)?;
+    let mut draft = machine_around(axis, spec, sample_rate.period_s(), &mut rng)?;
     // The model is written down before anything is hidden.
     let healthy = draft.drive.clone();
     let mut hidden = Vec::new();
@@ -152,7 +152,12 @@ pub fn conceal(axis: &AxisModel, sample_rate: SampleRate, spec: &CaseSpec) -> Re
     Ok(Case { model, recordings, hidden, truth, hidden_force_n })
 }
 
-fn machine_around(axis: &AxisModel, spec: &CaseSpec, rng: &mut impl Rng) -> Result<Draft, CaseError> {
+fn machine_around(
+    axis: &AxisModel,
+    spec: &CaseSpec,
+    period_s: f64,
+    rng: &mut impl Rng,
+) -> Result<Draft, CaseError> {
     let raw = axis.drive.raw();
     let missing = |key| CaseError::Structure { axis: axis.name.clone(), key };
     let lead_m = raw.screw_lead_m.ok_or_else(|| missing("screw_lead_m"))?;
@@ -172,9 +177,12 @@ fn machine_around(axis: &AxisModel, spec: &CaseSpec, rng: &mut impl Rng) -> Resu
         friction_smoothing_m_s: axis.drive.friction_smoothing_m_s(),
         current_loop_bandwidth_rad_s: raw.current_loop_bandwidth_rad_s,
     };
+    // Where inside a sample period a drive takes up a reference is stated nowhere: a little before its end,
+    // and not the same on every machine.
+    let inside_sample = -1.0 / 6.0 + rng.random_range(-0.05..0.05);
     let instruments = Instruments {
         travel_m_rad: axis.drive.travel_m_rad(),
-        dead_time_s: axis.drive.amplifier_dead_time_s(),
+        dead_time_s: axis.drive.amplifier_dead_time_s() + period_s * inside_sample,
         motor_encoder_delay_s: axis.drive.motor_encoder_delay_s(),
         stage_encoder_delay_s: axis.drive.stage_encoder_delay_s(),
         motor_step_m: axis.drive.motor_encoder_resolution_m(),

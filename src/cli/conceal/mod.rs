@@ -1,12 +1,17 @@
 //! `stillcut conceal`: machines that hide something, and the diagnosis judged blind on them.
 
+mod cases;
+mod judge;
+
 use super::bad_input;
-use crate::config::machine::{machine_to_text, read_machine};
-use crate::plant::machine::AxisModel;
-use crate::recording::{write_recording, write_whole};
-use crate::simulation::concealed_axis::{Case, CaseSpec, OUTSIDE, conceal, feed_drive_effects};
-use serde_json::{Map, Value, json};
-use std::path::{Path, PathBuf};
+use crate::config::machine::read_machine;
+use crate::plant::machine::Machine;
+use crate::recording::write_whole;
+use crate::report::study::{Study, study_page};
+use crate::simulation::concealed_axis::{Case, CaseError, CaseSpec, OUTSIDE, conceal, feed_drive_effects};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::path::PathBuf;
+use std::sync::mpsc::sync_channel;
 
 /// Judges the diagnosis blind on simulated machines with a hidden effect.
 ///
@@ -53,16 +58,74 @@ struct Trial {
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let machine = read_machine(&arguments.model).map_err(bad_input)?;
-    let axis = machine.axes.first().ok_or_else(|| bad_input("the model has no axis"))?;
     let trials = plan(&arguments);
+    if trials.is_empty() {
+        return Err(bad_input("nothing to do: no effect, depth or seed is given"));
+    }
+    // A name that nothing can be hidden by must stop the study before it starts, not in the middle.
+    check_names(&trials)?;
     std::fs::create_dir_all(&arguments.out)
         .map_err(|e| bad_input(format!("{}: {e}", arguments.out.display())))?;
-    for trial in &trials {
-        let case = conceal(axis, machine.sample_rate, &trial.spec).map_err(bad_input)?;
-        let folder = arguments.out.join(folder_name(trial));
-        write_case(&folder, trial, &case)?;
+    let bar = ProgressBar::new(trials.len() as u64);
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {elapsed}<{eta} {msg}") {
+        bar.set_style(style);
     }
+    if arguments.cases_only {
+        for trial in &trials {
+            bar.set_message(trial.label.clone());
+            let case = draw(&machine, trial).map_err(bad_input)?;
+            cases::write_case(&arguments.out.join(cases::folder_name(trial)), trial, &case)?;
+            bar.inc(1);
+        }
+        return Ok(());
+    }
+    let study = judge_all(&machine, &trials, &bar)?;
+    bar.finish_and_clear();
+    let text = serde_json::to_string_pretty(&judge::study_json(&study))?;
+    write_whole(&arguments.out.join("conceal.json"), text.as_bytes())?;
+    write_whole(&arguments.out.join("report.html"), study_page(&study).as_bytes())?;
     Ok(())
+}
+
+/// Simulates ahead on one thread while the diagnosis (itself on two) works on the case before.
+fn judge_all(machine: &Machine, trials: &[Trial], bar: &ProgressBar) -> anyhow::Result<Study> {
+    let mut study = Study { model: machine.name.clone(), outcomes: Vec::new() };
+    std::thread::scope(|scope| {
+        let (send, receive) = sync_channel::<Result<Case, CaseError>>(1);
+        scope.spawn(move || {
+            for trial in trials {
+                if send.send(draw(machine, trial)).is_err() {
+                    return; // the judge has stopped
+                }
+            }
+        });
+        for trial in trials {
+            bar.set_message(format!("{} at {}", trial.label, trial.spec.depth));
+            let case = receive.recv()?.map_err(bad_input)?;
+            study.outcomes.push(judge::judge(trial, &case)?);
+            bar.inc(1);
+        }
+        Ok(study)
+    })
+}
+
+fn check_names(trials: &[Trial]) -> anyhow::Result<()> {
+    let known = |name: &str| {
+        feed_drive_effects().contains(&name)
+            || OUTSIDE.contains(&name)
+            || matches!(name, "position_periodic_force" | "encoder_interpolation_error")
+    };
+    match trials.iter().flat_map(|t| &t.spec.effects).find(|name| !known(name)) {
+        Some(name) => Err(bad_input(CaseError::UnknownEffect { name: name.clone() })),
+        None => Ok(()),
+    }
+}
+
+fn draw(machine: &Machine, trial: &Trial) -> Result<Case, CaseError> {
+    let Some(axis) = machine.axes.first() else {
+        return Err(CaseError::Structure { axis: "(none)".into(), key: "axis" });
+    };
+    conceal(axis, machine.sample_rate, &trial.spec)
 }
 
 /// Every machine of the study, in a fixed order.
@@ -104,44 +167,4 @@ fn mixed(label: &str, depth: f64, seed: u64) -> u64 {
         hash = (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
     }
     hash >> 16
-}
-
-fn folder_name(trial: &Trial) -> String {
-    format!("{}-d{}-s{}", trial.label.replace('/', "."), trial.spec.depth, trial.spec.seed)
-}
-
-fn write_case(folder: &Path, trial: &Trial, case: &Case) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder).map_err(|e| bad_input(format!("{}: {e}", folder.display())))?;
-    write_whole(&folder.join("machine.toml"), machine_to_text(&case.model).as_bytes())?;
-    for recording in &case.recordings {
-        write_recording(&folder.join(format!("{}.parquet", recording.experiment)), recording)?;
-    }
-    let text = serde_json::to_string_pretty(&truth(trial, case))?;
-    write_whole(&folder.join("truth.json"), text.as_bytes())?;
-    Ok(())
-}
-
-fn truth(trial: &Trial, case: &Case) -> Value {
-    let missing: Vec<Value> = case
-        .hidden
-        .iter()
-        .map(|h| {
-            let parameters: Map<String, Value> =
-                h.parameters.iter().map(|(k, v)| ((*k).to_owned(), json!(v))).collect();
-            json!({"effect": h.name, "port": h.port.name(), "scale": h.depth, "parameters_at_scale_1": parameters})
-        })
-        .collect();
-    let d = &case.truth;
-    let travel = case.model.axes.first().map_or(1.0, |a: &AxisModel| a.drive.travel_m_rad());
-    json!({
-        "seed": trial.spec.seed,
-        "missing": missing,
-        "actual": {
-            "Jr": d.reflected_mass_kg * travel * travel, "Mt": d.movable_mass_kg,
-            "Kt": d.thrust_constant_n_a * travel, "Kr": d.axial_stiffness_n_m,
-            "Ck": d.structural_damping_n_s_m, "Dr": d.reflected_damping_n_s_m * travel * travel,
-            "Ct": d.translational_damping_n_s_m, "Fc_t": d.stage_coulomb_friction_n,
-            "Fc_m": d.motor_coulomb_friction_n,
-        },
-    })
 }

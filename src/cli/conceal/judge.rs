@@ -1,0 +1,183 @@
+//! What the diagnosis said against what was hidden.
+
+use super::Trial;
+use crate::diagnosis::{Diagnosis, Finding, Verdict, diagnose};
+use crate::plant::effects::Port;
+use crate::report::study::{Outcome, Study, Truth};
+use crate::simulation::concealed_axis::{Case, HiddenEffect};
+use serde_json::{Value, json};
+
+/// Tolerance of a wavelength and of an order, as a share.
+const WAVELENGTH_TOLERANCE: f64 = 0.03;
+const ORDER_TOLERANCE: f64 = 0.02;
+
+/// Diagnoses one case blind and compares.
+pub(super) fn judge(trial: &Trial, case: &Case) -> anyhow::Result<Outcome> {
+    // Nothing but the model and the recordings is handed over.
+    let diagnosis = diagnose(&case.model, &case.recordings, &|_, _| {})?;
+    let said: Vec<(String, String)> =
+        diagnosis.findings.iter().map(|f| (f.effect.name().to_owned(), f.port.name().to_owned())).collect();
+    let (covered, intervals) = coverage(&diagnosis, case);
+    Ok(Outcome {
+        label: trial.label.clone(),
+        depth: trial.spec.depth,
+        seed: trial.spec.seed,
+        truth: truth_of(case),
+        verdict: diagnosis.verdict,
+        said,
+        named: named(&diagnosis, case),
+        noticed: noticed(&diagnosis, case),
+        port_right: port_right(&diagnosis, case),
+        covered,
+        intervals,
+        agreement: agreement(&diagnosis, case),
+        heldout_over_floor: diagnosis
+            .findings
+            .first()
+            .map(|f| f.fit.heldout_rms_after_n / f.fit.noise_floor_n),
+    })
+}
+
+fn truth_of(case: &Case) -> Truth {
+    match case.hidden.first() {
+        None => Truth::Healthy,
+        Some(h) if h.name.starts_with("parameter/") => Truth::WrongNumber,
+        Some(h) if h.name.starts_with("unknown/") => Truth::Outsider,
+        Some(_) => Truth::Effect,
+    }
+}
+
+/// The whole answer is right: every effect among the first findings, or silence, or the wrong number, or "unknown".
+fn named(d: &Diagnosis, case: &Case) -> bool {
+    match truth_of(case) {
+        Truth::Healthy => {
+            matches!(d.verdict, Verdict::ModelAdequate | Verdict::ParameterError) && d.findings.is_empty()
+        }
+        Truth::WrongNumber => {
+            let right = |h: &HiddenEffect| {
+                let key = h.name.trim_start_matches("parameter/");
+                d.parameter_corrections.iter().any(|c| c.name.starts_with(key))
+            };
+            d.verdict == Verdict::ParameterError && d.findings.is_empty() && case.hidden.iter().all(right)
+        }
+        Truth::Outsider => d.verdict == Verdict::UnexplainedMismatch,
+        Truth::Effect => {
+            let first = &d.findings[..d.findings.len().min(case.hidden.len())];
+            let named = |h: &HiddenEffect| first.iter().any(|f| same(f, h));
+            d.verdict == Verdict::MissingPhysics && case.hidden.iter().all(named)
+        }
+    }
+}
+
+/// Something was noticed at all; for a healthy machine, wrongly.
+fn noticed(d: &Diagnosis, case: &Case) -> bool {
+    match truth_of(case) {
+        Truth::WrongNumber => d.verdict != Verdict::ModelAdequate,
+        _ => matches!(d.verdict, Verdict::MissingPhysics | Verdict::UnexplainedMismatch),
+    }
+}
+
+fn same(finding: &Finding, hidden: &HiddenEffect) -> bool {
+    let base = hidden.name.split('/').next().unwrap_or("");
+    // Gravity and a difference between the directions differ only at rest: the other must stay alive.
+    let twins = ["gravity_load", "asymmetric_friction"];
+    let said = finding.effect.name();
+    if said != base {
+        let twin = twins.contains(&base) && twins.contains(&said);
+        return twin && finding.alternatives.iter().any(|a| a.effect.name() == base && a.probability >= 0.2);
+    }
+    let near = |key: &str, tolerance: f64| {
+        let want = hidden.parameters.iter().find(|(k, _)| *k == key);
+        let got = finding.parameters.iter().find(|e| e.name == key);
+        want.is_none_or(|(_, w)| got.is_some_and(|g| (g.value / w - 1.0).abs() <= tolerance))
+    };
+    let place = !base.contains("encoder") || finding.port == hidden.port;
+    place && near("wavelength_m", WAVELENGTH_TOLERANCE) && near("order_per_rev", ORDER_TOLERANCE)
+}
+
+fn port_right(d: &Diagnosis, case: &Case) -> bool {
+    let Some(hidden) = case.hidden.first() else { return d.findings.is_empty() };
+    if truth_of(case) == Truth::WrongNumber {
+        return d.findings.is_empty();
+    }
+    let first = d.findings.first().map(|f| f.port).or(d.location.as_ref().map(|l| l.port));
+    first.is_some_and(|p| case.hidden.iter().any(|h| h.port == p)) || first == Some(hidden.port)
+}
+
+/// How many of the reported 95 % intervals hold the simulated value, and how many there are.
+fn coverage(d: &Diagnosis, case: &Case) -> (usize, usize) {
+    let mut counts = (0, 0);
+    for hidden in &case.hidden {
+        let Some(finding) = d.findings.iter().find(|f| same(f, hidden)) else { continue };
+        for (key, truth) in &hidden.parameters {
+            let Some(estimate) = finding.parameters.iter().find(|e| e.name == *key) else { continue };
+            counts.1 += 1;
+            counts.0 += usize::from((estimate.ci95[0]..=estimate.ci95[1]).contains(truth));
+        }
+    }
+    counts
+}
+
+/// Squared correlation between the contribution of the first right finding and the concealed force.
+fn agreement(d: &Diagnosis, case: &Case) -> Option<f64> {
+    let hidden = case.hidden.first()?;
+    let finding = d.findings.iter().find(|f| same(f, hidden))?;
+    let side = match finding.port {
+        Port::Motor => 0,
+        Port::Coupling => 1,
+        Port::Stage => 2,
+        _ => return None,
+    };
+    let (mut sum, mut cross) = ([0.0_f64; 2], 0.0_f64);
+    for part in &finding.contribution {
+        let (Some(force), Some(recording)) =
+            (case.hidden_force_n.get(part.recording), case.recordings.get(part.recording))
+        else {
+            continue;
+        };
+        let rate = recording.sample_rate.hz();
+        let pairs: Vec<[f64; 2]> = part
+            .t_s
+            .iter()
+            .zip(&part.value)
+            .filter_map(|(t, v)| force[side].get((t * rate).round() as usize).map(|h| [*v, *h]))
+            .collect();
+        let count = pairs.len().max(1) as f64;
+        let mean = |k: usize| pairs.iter().map(|p| p[k]).sum::<f64>() / count;
+        let (a, b) = (mean(0), mean(1));
+        for [v, h] in pairs {
+            cross += (v - a) * (h - b);
+            sum[0] += (v - a).powi(2);
+            sum[1] += (h - b).powi(2);
+        }
+    }
+    (sum[0] > 0.0 && sum[1] > 0.0).then(|| cross * cross / (sum[0] * sum[1]))
+}
+
+/// `conceal.json`.
+pub(super) fn study_json(study: &Study) -> Value {
+    let trials: Vec<Value> = study
+        .outcomes
+        .iter()
+        .map(|o| {
+            let said: Vec<Value> = o.said.iter().map(|(e, p)| json!({"effect": e, "port": p})).collect();
+            json!({
+                "hidden": o.label, "depth": o.depth, "seed": o.seed, "verdict": o.verdict.name(), "findings": said,
+                "noticed": o.noticed, "right": o.named, "port_right": o.port_right,
+                "intervals": o.intervals, "intervals_holding_truth": o.covered,
+                "contribution_r2": o.agreement, "heldout_over_floor": o.heldout_over_floor,
+            })
+        })
+        .collect();
+    let summary: Vec<Value> = study
+        .rates()
+        .iter()
+        .map(|r| {
+            json!({
+                "hidden": r.label, "depth": r.depth, "machines": r.machines, "noticed": r.noticed, "right": r.named,
+                "port_right": r.port_right, "right_ci95": r.named_ci95(),
+            })
+        })
+        .collect();
+    json!({"schema": "stillcut.conceal/1", "model": study.model, "summary": summary, "trials": trials})
+}

@@ -1,0 +1,475 @@
+//! From the search to the answer.
+
+use super::bench::{Accepted, Bench, HypothesisFit};
+use super::floor::{SideSpectrum, spectrum};
+use super::motion::band_hz;
+use super::problem::{Column, Problem, Sides};
+use super::result::*;
+use super::search::{Outcome, Round};
+use super::terms;
+use crate::plant::drive::{DriveParams, RawDriveParams};
+use crate::plant::effects::Port;
+use crate::plant::machine::{AxisModel, Machine};
+use crate::sample::Recording;
+
+/// Deviations of curvature are widened by this before a correction is claimed.
+const DEVIATION_FACTOR: f64 = 2.0;
+/// Share of the power above the floor that the findings must explain; else they are not the cause.
+const LEAST_EXPLAINED: f64 = 0.6;
+
+/// Root of the mean of r_m^2 + r_s^2 over all samples.
+fn rms(residual: &[Sides]) -> f64 {
+    let (mut sum, mut count) = (0.0, 0usize);
+    for s in residual {
+        let n = s.motor.as_ref().map_or(0, Vec::len);
+        count += n;
+        for x in [&s.motor, &s.stage].into_iter().flatten() {
+            sum += x.iter().map(|v| v * v).sum::<f64>();
+        }
+    }
+    (sum / count.max(1) as f64).sqrt()
+}
+
+struct Case<'a> {
+    machine: &'a Machine,
+    axis: &'a AxisModel,
+    recordings: &'a [Recording],
+    outcome: &'a Outcome,
+    bench: &'a Bench<'a>,
+    nominal: Column,
+    after: Column,
+    spectra: Vec<SideSpectrum>,
+}
+
+/// Builds the diagnosis. `bench`: everything accepted in its base.
+pub(crate) fn assemble(
+    machine: &Machine,
+    axis: &AxisModel,
+    recordings: &[Recording],
+    (outcome, bench): (&Outcome, &Bench<'_>),
+) -> Diagnosis {
+    let p = &outcome.problem;
+    let after = bench.residual();
+    let mut spectra = vec![spectrum(p, &after, false)];
+    if p.flexible {
+        spectra.push(spectrum(p, &after, true));
+    }
+    let case =
+        Case { machine, axis, recordings, outcome, bench, nominal: outcome.nominal.clone(), after, spectra };
+    let corrections = corrections(&case);
+    let unexplained = case.unexplained();
+    let mut findings = if unexplained { Vec::new() } else { case.findings() };
+    findings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    for (k, f) in findings.iter_mut().enumerate() {
+        f.rank = k + 1;
+    }
+    let verdict = if unexplained {
+        Verdict::UnexplainedMismatch
+    } else if !findings.is_empty() {
+        Verdict::MissingPhysics
+    } else if corrections.iter().any(material) {
+        Verdict::ParameterError
+    } else {
+        Verdict::ModelAdequate
+    };
+    let model = case.model(&findings, &corrections);
+    let location = case.location(verdict, &findings);
+    let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
+    Diagnosis {
+        axis: axis.name.clone(),
+        verdict,
+        location,
+        findings,
+        residual_band_hz: [0.0, band_hz(rate)],
+        parameter_corrections: corrections,
+        recordings: case.recording_fits(),
+        balances: if p.flexible { vec!["motor", "stage"] } else { vec!["axis"] },
+        series_rate_hz: p.rate_hz(),
+        noise_floor_n: case.spectra.iter().map(|s| s.floor_rms_n(band_hz(rate))).collect(),
+        tried: tried(outcome.rounds.first()),
+        model,
+    }
+}
+
+fn tried(round: Option<&Round>) -> Vec<Tried> {
+    round.map_or_else(Vec::new, |r| {
+        r.scores
+            .iter()
+            .map(|s| Tried {
+                effect: Some(s.hypothesis.effect),
+                port: s.hypothesis.port,
+                evidence: if s.plausible { s.evidence } else { 0.0 },
+            })
+            .collect()
+    })
+}
+
+/// Numbers beyond what their identification is good for: a number of the structure by 3 %, friction by 8 %, damping by 15 %.
+fn material(c: &Correction) -> bool {
+    let limit = if c.name.contains("damping") {
+        0.15
+    } else if c.name.contains("coulomb") {
+        0.08
+    } else if c.name.contains("dead_time") {
+        return false;
+    } else {
+        0.03
+    };
+    (c.value / c.nominal - 1.0).abs() > limit
+}
+
+fn corrections(case: &Case<'_>) -> Vec<Correction> {
+    let p = &case.outcome.problem;
+    let s = &case.bench.solution;
+    let scaled = p.motions.iter().any(|m| (m.thrust_per_unit - 1.0).abs() > 1e-12);
+    let scale = if scaled { terms::SCALE_DEVIATION } else { 0.0 };
+    let mut list = Vec::new();
+    for (k, n) in p.numbers.iter().enumerate() {
+        let Some(name) = n.key else { continue };
+        let value = s.coefficients[k];
+        let deviation = DEVIATION_FACTOR * s.deviations[k];
+        let significant =
+            (value - n.nominal).abs() > 4.0 * deviation && (value / n.nominal - 1.0).abs() > 0.005;
+        if !significant || value <= 0.0 {
+            continue;
+        }
+        let half = 1.96 * deviation.hypot(scale * value);
+        let (mut value, mut nominal, f) =
+            (value * n.key_per_coefficient, n.nominal * n.key_per_coefficient, n.key_per_coefficient);
+        if !p.flexible && name == "movable_mass_kg" {
+            // The balance of a rigid axis has the total; the motor side is taken as stated.
+            let motor = p.drive.reflected_mass_kg();
+            value -= motor;
+            nominal -= motor;
+            if value <= 0.0 {
+                continue;
+            }
+        }
+        list.push(Correction { name, nominal, value, ci95: [value - half * f, value + half * f] });
+    }
+    list
+}
+
+impl Case<'_> {
+    fn new_accepted(&self) -> impl Iterator<Item = (usize, &Accepted)> {
+        self.outcome.accepted.iter().enumerate().skip(self.outcome.given)
+    }
+
+    /// Power that stands above the floor, whitened side by side, in a residual.
+    fn excess_power(&self, residual: &Column) -> f64 {
+        let p = &self.outcome.problem;
+        let band = band_hz(p.motions.first().map_or(1.0, |m| m.rate_hz));
+        self.spectra
+            .iter()
+            .enumerate()
+            .map(|(side, s)| {
+                let own = spectrum(p, residual, side == 1);
+                let last = ((band / s.step_hz) as usize).min(s.floor.len());
+                let floor: f64 = s.floor[1..last].iter().sum();
+                let above: f64 =
+                    own.density[1..last].iter().zip(&s.floor[1..last]).map(|(d, f)| (d - f).max(0.0)).sum();
+                above / floor.max(1e-300)
+            })
+            .sum()
+    }
+
+    /// True when what is left after the findings stands above the floor and is not a small rest of what they explain.
+    fn unexplained(&self) -> bool {
+        let band = self.outcome.problem.motions.first().map_or(1.0, |m| band_hz(m.rate_hz));
+        let loud = self.spectra.iter().any(|s| {
+            let total: f64 = s.excess(band).iter().map(|e| e.1).sum();
+            total > 0.5 * s.floor_rms_n(band).powi(2)
+        });
+        if std::env::var("SC_DEBUG").is_ok() {
+            let (b, a) = (self.excess_power(&self.outcome.before), self.excess_power(&self.after));
+            eprintln!(
+                "   excess before {b:.3} after {a:.3}; loud {loud}; bands {:?}",
+                self.spectra.iter().map(|s| (s.floor_rms_n(band), s.excess(band))).collect::<Vec<_>>()
+            );
+        }
+        if !loud {
+            return false;
+        }
+        let (before, after) = (self.excess_power(&self.outcome.before), self.excess_power(&self.after));
+        self.new_accepted().next().is_none() || after > (1.0 - LEAST_EXPLAINED) * before
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        self.new_accepted().map(|(k, a)| self.finding(k, a)).collect()
+    }
+
+    fn finding(&self, index: usize, accepted: &Accepted) -> Finding {
+        let p = &self.outcome.problem;
+        let fit = self.bench.accepted_fit(index);
+        let parameters = terms::estimates(p, accepted, &fit);
+        let round = &self.outcome.rounds[index - self.outcome.given];
+        let (probability, alternatives) = probabilities(round);
+        let (effect, port) = (accepted.hypothesis.effect, accepted.hypothesis.port);
+        let floor: f64 = self.spectra.iter().map(|s| s.floor_rms_n(f64::MAX).powi(2)).sum::<f64>().sqrt();
+        Finding {
+            rank: 0,
+            effect,
+            port,
+            statement: terms::statement(effect, port, &parameters),
+            equation: terms::equation(effect),
+            parameters,
+            maps: Vec::new(),
+            fit: Fit {
+                heldout_rms_before_n: rms(&self.bench.heldout_residual(Some(index))),
+                heldout_rms_after_n: rms(&self.bench.heldout_residual(None)),
+                noise_floor_n: floor,
+            },
+            probability,
+            next_experiment: next_experiment(&alternatives),
+            alternatives,
+            contribution: self.contribution(accepted, &fit),
+            term: terms::term(p, accepted, &fit),
+            evidence: self.bench.drop_one(index),
+        }
+    }
+
+    /// What the finding adds, sample by sample of each recording; at the edges, where filters have no data, held.
+    fn contribution(&self, accepted: &Accepted, fit: &HypothesisFit) -> Vec<Contribution> {
+        let full = self.outcome.problem.unthinned();
+        let encoder = matches!(accepted.hypothesis.port, Port::MotorEncoder | Port::StageEncoder);
+        let series: Vec<Vec<f64>> = if encoder {
+            accepted.hypothesis.encoder_series(&full, &fit.amplitudes)
+        } else {
+            let columns = accepted.hypothesis.columns(&full);
+            (0..full.motions.len())
+                .map(|r| {
+                    let mut sum = vec![0.0; full.motions[r].len()];
+                    for (c, a) in columns.iter().zip(&fit.amplitudes) {
+                        let at_stage = accepted.hypothesis.port == Port::Stage && full.flexible;
+                        let part = if at_stage { &c[r].stage } else { &c[r].motor };
+                        if let Some(x) = part {
+                            sum.iter_mut().zip(x).for_each(|(s, x)| *s += a * x);
+                        }
+                    }
+                    if accepted.hypothesis.port == Port::Current {
+                        sum.iter_mut().for_each(|s| *s /= -full.motions[r].thrust_per_unit);
+                    }
+                    sum
+                })
+                .collect()
+        };
+        self.recordings
+            .iter()
+            .enumerate()
+            .map(|(r, recording)| {
+                let (offset, inner) = (full.motions[r].offset, &series[r]);
+                let value = (0..recording.len())
+                    .map(|k| inner[k.saturating_sub(offset).min(inner.len() - 1)])
+                    .collect();
+                Contribution {
+                    recording: r,
+                    t_s: (0..recording.len()).map(|k| recording.time_s(k)).collect(),
+                    value,
+                }
+            })
+            .collect()
+    }
+
+    fn model(&self, findings: &[Finding], corrections: &[Correction]) -> Machine {
+        let mut machine = self.machine.clone();
+        for axis in machine.axes.iter_mut().filter(|a| a.name == self.axis.name) {
+            let mut raw: RawDriveParams = axis.drive.raw().clone();
+            for c in corrections {
+                set(&mut raw, c.name, c.value);
+            }
+            if let Ok(drive) = DriveParams::new(raw) {
+                axis.drive = drive;
+            }
+            axis.physics.extend(findings.iter().map(|f| f.term.clone()));
+        }
+        machine
+    }
+
+    fn location(&self, verdict: Verdict, findings: &[Finding]) -> Option<Location> {
+        if matches!(verdict, Verdict::ModelAdequate | Verdict::ParameterError) {
+            return None;
+        }
+        let p = &self.outcome.problem;
+        let band = band_hz(p.motions.first().map_or(1.0, |m| m.rate_hz));
+        let first_side = spectrum(p, &self.outcome.before, false);
+        let above = |s: &SideSpectrum| s.excess(band).iter().map(|e| e.1).sum::<f64>();
+        let floored = |mut s: SideSpectrum, side: usize| {
+            s.floor = self.spectra[side].floor.clone();
+            s
+        };
+        let motor = floored(first_side, 0);
+        let stage = p.flexible.then(|| floored(spectrum(p, &self.outcome.before, true), 1));
+        let (em, es) = (above(&motor), stage.as_ref().map_or(0.0, above));
+        let sum: Column = self.outcome.before.iter().map(summed).collect();
+        let both = above(&floored(spectrum(p, &sum, false), 0));
+        let total = (em + es).max(1e-300);
+        let port = findings.first().map_or_else(
+            || {
+                if p.flexible && es > em {
+                    Port::Stage
+                } else if p.flexible {
+                    Port::Motor
+                } else {
+                    Port::Stage
+                }
+            },
+            |f| f.port,
+        );
+        let mut bands: Vec<[f64; 2]> = motor.excess(band).iter().map(|e| e.0).collect();
+        if let Some(s) = &stage {
+            bands.extend(s.excess(band).iter().map(|e| e.0));
+        }
+        Some(Location {
+            port,
+            domain: findings.first().map_or("time", |f| terms::domain(f.effect)),
+            bands_hz: merged(bands),
+            time: self.times(),
+            shares: [em / total, es / total, (both / total).min(1.0)],
+        })
+    }
+
+    /// When the mismatch is: blocks of a quarter second whose power is above a quarter of the loudest's.
+    fn times(&self) -> Vec<TimeSpans> {
+        let p = &self.outcome.problem;
+        let block = (0.25 * p.rate_hz()).max(1.0) as usize;
+        let power = |r: usize, k: usize| -> f64 {
+            let at = |s: &Option<Vec<f64>>| {
+                s.as_ref()
+                    .map_or(0.0, |x| x[k * block..((k + 1) * block).min(x.len())].iter().map(|v| v * v).sum())
+            };
+            at(&self.outcome.before[r].motor) + at(&self.outcome.before[r].stage)
+        };
+        let blocks: Vec<usize> = p.lengths().iter().map(|n| n / block).collect();
+        let most = (0..blocks.len())
+            .flat_map(|r| (0..blocks[r]).map(move |k| (r, k)))
+            .map(|(r, k)| power(r, k))
+            .fold(0.0, f64::max);
+        (0..blocks.len())
+            .map(|r| {
+                let start = p.motions[r].time_s(p.thinning.edge());
+                let mut spans: Vec<[f64; 2]> = Vec::new();
+                for k in (0..blocks[r]).filter(|&k| power(r, k) > 0.25 * most) {
+                    let span = [start + k as f64 * 0.25, start + (k + 1) as f64 * 0.25];
+                    match spans.last_mut() {
+                        Some(last) if (last[1] - span[0]).abs() < 1e-9 => last[1] = span[1],
+                        _ => spans.push(span),
+                    }
+                }
+                TimeSpans { recording: r, spans_s: spans }
+            })
+            .collect()
+    }
+
+    fn recording_fits(&self) -> Vec<RecordingFit> {
+        let p = &self.outcome.problem;
+        let sides =
+            |c: &Sides| -> Vec<Vec<f64>> { [&c.motor, &c.stage].into_iter().flatten().cloned().collect() };
+        (0..p.motions.len())
+            .map(|r| {
+                let m = &p.motions[r];
+                let n = p.thinning.grid(m.len()).count;
+                let edge = p.thinning.edge();
+                RecordingFit {
+                    experiment: m.experiment.clone(),
+                    rms_before_n: rms(&self.nominal[r..=r]),
+                    rms_after_n: rms(&self.after[r..=r]),
+                    t_s: (0..n).map(|k| m.time_s(edge + k * p.thinning.step)).collect(),
+                    position_m: p.thinning.pick(&m.stage_side().position_m),
+                    velocity_m_s: p.thinning.pick(&m.stage_side().velocity_m_s),
+                    residual_nominal_n: sides(&self.nominal[r]),
+                    residual_before_n: sides(&self.outcome.before[r]),
+                    residual_after_n: sides(&self.after[r]),
+                }
+            })
+            .collect()
+    }
+}
+
+fn summed(s: &Sides) -> Sides {
+    let motor = s.motor.as_ref().map(|m| match &s.stage {
+        Some(t) => m.iter().zip(t).map(|(a, b)| a + b).collect(),
+        None => m.clone(),
+    });
+    Sides { motor, stage: None }
+}
+
+fn merged(mut bands: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    bands.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut out: Vec<[f64; 2]> = Vec::new();
+    for b in bands {
+        match out.last_mut() {
+            Some(last) if b[0] <= last[1] + 1e-9 => last[1] = last[1].max(b[1]),
+            _ => out.push(b),
+        }
+    }
+    out
+}
+
+/// Probability of the best of a round and of the others, from held-out likelihoods.
+///
+/// exp(gain / 2 / 8): blocks of a residual are not independent; a gain of 16 counts as one step of e.
+fn probabilities(round: &Round) -> (f64, Vec<Alternative>) {
+    let best = round.scores.first().map_or(0.0, |s| s.evidence);
+    let weights: Vec<f64> = round
+        .scores
+        .iter()
+        .map(|s| if s.plausible { ((s.evidence - best) / 16.0).exp() } else { 0.0 })
+        .collect();
+    let total: f64 = weights.iter().sum::<f64>().max(1e-300);
+    let alternatives = round
+        .scores
+        .iter()
+        .zip(&weights)
+        .skip(1)
+        .map(|(s, w)| Alternative {
+            effect: s.hypothesis.effect,
+            port: s.hypothesis.port,
+            probability: w / total,
+        })
+        .filter(|a| a.probability > 1e-3)
+        .collect();
+    (weights.first().map_or(0.0, |w| w / total), alternatives)
+}
+
+fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
+    let strongest = alternatives.first().filter(|a| a.probability > 0.05)?;
+    use crate::plant::effects::EffectKind as E;
+    let text = match strongest.effect {
+        E::GravityLoad | E::AsymmetricFriction => {
+            "hold the axis at rest for two seconds at several positions: a load stays, friction's asymmetry does not"
+        }
+        E::StribeckFriction | E::NonlinearViscosity | E::ViscousFriction => {
+            "constant speeds from 0.5 to 50 mm/s in both directions"
+        }
+        E::PreslidingFriction | E::Backlash => "reversals of 1 to 100 um below 1 mm/s",
+        E::DeadTime | E::CurrentLoopLag | E::TorsionalMode => {
+            "a sweep up to twice the axial resonance at two amplitudes"
+        }
+        E::TorqueRipple | E::PositionPeriodicForce | E::PositionDependentForce => {
+            "the same slow stroke in both directions at two speeds"
+        }
+        E::EncoderInterpolationError => {
+            "a slow stroke at two speeds, with the signal period's line below the axial resonance"
+        }
+        E::TorqueConstantSaturation | E::NonlinearStiffness => "accelerations at a third and at full current",
+        _ => "the same motion twice, without a cut",
+    };
+    Some(text.to_owned())
+}
+
+fn set(raw: &mut RawDriveParams, name: &str, value: f64) {
+    let slot = match name {
+        "movable_mass_kg" => &mut raw.movable_mass_kg,
+        "rotary_inertia_kg_m2" => &mut raw.rotary_inertia_kg_m2,
+        "torque_constant_nm_a" => &mut raw.torque_constant_nm_a,
+        "axial_stiffness_n_m" => &mut raw.axial_stiffness_n_m,
+        "structural_damping_n_s_m" => &mut raw.structural_damping_n_s_m,
+        "rotary_damping_nm_s_rad" => &mut raw.rotary_damping_nm_s_rad,
+        "translational_damping_n_s_m" => &mut raw.translational_damping_n_s_m,
+        "stage_coulomb_friction_n" => &mut raw.stage_coulomb_friction_n,
+        "motor_coulomb_friction_n" => &mut raw.motor_coulomb_friction_n,
+        "amplifier_dead_time_s" => &mut raw.amplifier_dead_time_s,
+        _ => return,
+    };
+    *slot = Some(value);
+}

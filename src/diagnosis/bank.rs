@@ -1,0 +1,329 @@
+//! The bank of hypotheses: the vocabulary on grids of its nonlinear constants, and lines read off the residual.
+
+use super::bench::Bench;
+use super::problem::{Problem, Sides};
+use super::shape::{Hypothesis, Shape};
+use crate::plant::effects::{EffectKind as E, Port};
+use rustfft::{FftPlanner, num_complex::Complex};
+
+/// Hypotheses whose constants stand on a fixed grid.
+pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
+    let h = Hypothesis::new;
+    let mut list = Vec::new();
+    let ports: &[Port] = if p.flexible { &[Port::Stage, Port::Motor] } else { &[Port::Stage] };
+    for &port in ports {
+        for velocity_m_s in [5e-4, 1e-3, 2e-3, 3.5e-3, 6e-3, 1e-2, 1.6e-2, 2.5e-2] {
+            list.push(h(E::StribeckFriction, port, Shape::Stribeck { velocity_m_s }));
+        }
+        for stiffness_n_m in [1e5, 3e5, 1e6, 2e6, 4e6, 8e6, 1.6e7, 3.2e7, 1e8] {
+            list.push(h(E::PreslidingFriction, port, Shape::Presliding { stiffness_n_m }));
+        }
+        for time_constant_s in [0.5, 1.5, 5.0, 15.0, 60.0] {
+            list.push(h(E::FrictionDrift, port, Shape::Drift { time_constant_s }));
+        }
+        list.push(h(E::AsymmetricFriction, port, Shape::Asymmetric));
+        list.push(h(E::NonlinearViscosity, port, Shape::NonlinearViscosity));
+        let coulomb = if port == Port::Motor {
+            p.mechanics.motor_coulomb_n
+        } else {
+            p.mechanics.stage_coulomb_n.max(if p.flexible { 0.0 } else { p.mechanics.motor_coulomb_n })
+        };
+        if coulomb == 0.0 {
+            list.push(h(E::CoulombFriction, port, Shape::Coulomb));
+        }
+        let viscous = if port == Port::Motor {
+            p.mechanics.motor_damping_n_s_m
+        } else {
+            p.mechanics.stage_damping_n_s_m.max(if p.flexible {
+                0.0
+            } else {
+                p.mechanics.motor_damping_n_s_m
+            })
+        };
+        if viscous == 0.0 {
+            list.push(h(E::ViscousFriction, port, Shape::Viscous));
+        }
+    }
+    list.push(h(E::GravityLoad, Port::Stage, Shape::Constant));
+    list.push(h(E::TorqueConstantSaturation, Port::Current, Shape::Saturation));
+    let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
+    for samples in [0.3, 0.6, 1.0, 1.6, 2.5, 4.0, 7.0] {
+        let extra_s = samples / rate;
+        list.push(h(E::DeadTime, Port::Current, Shape::Delay { extra_s }));
+        list.push(h(E::CurrentLoopLag, Port::Current, Shape::Lag { extra_s }));
+        list.push(h(E::DeadTime, Port::MotorEncoder, Shape::Delay { extra_s }));
+        if p.flexible {
+            list.push(h(E::DeadTime, Port::StageEncoder, Shape::Delay { extra_s }));
+        }
+    }
+    if p.flexible {
+        flexible_only(p, &mut list);
+    }
+    encoder_periods(p, &mut list);
+    list
+}
+
+fn flexible_only(p: &Problem, list: &mut Vec<Hypothesis>) {
+    let h = Hypothesis::new;
+    for gap_m in [3e-8, 1e-7, 2e-7, 3e-7, 5e-7, 7e-7, 1e-6, 1.4e-6, 2e-6, 3e-6, 5e-6, 1e-5, 2e-5] {
+        list.push(h(E::Backlash, Port::Coupling, Shape::Backlash { gap_m }));
+    }
+    list.push(h(E::NonlinearStiffness, Port::Coupling, Shape::Cubic));
+    list.push(h(E::PositionDependentStiffness, Port::Coupling, Shape::StiffnessSlope));
+    let _ = p;
+    for frequency_hz in [350.0, 500.0, 650.0, 780.0, 900.0, 1050.0, 1250.0, 1500.0, 2000.0] {
+        for screw_share in [0.3, 0.5, 0.7] {
+            list.push(h(
+                E::TorsionalMode,
+                Port::Coupling,
+                Shape::Torsion { frequency_hz, screw_share, damping_ratio: 0.02 },
+            ));
+        }
+    }
+}
+
+fn encoder_periods(p: &Problem, list: &mut Vec<Hypothesis>) {
+    let raw = p.drive.raw();
+    if let (Some(lead), Some(signals)) = (raw.screw_lead_m, raw.motor_encoder_signals_per_rev) {
+        for harmonics in [1, 2, 3] {
+            let period_m = lead / signals;
+            list.push(Hypothesis::new(
+                E::EncoderInterpolationError,
+                Port::MotorEncoder,
+                Shape::EncoderError { period_m, harmonics },
+            ));
+        }
+    }
+    if let Some(period) = raw.stage_encoder_signal_period_m
+        && p.motions.iter().all(|m| m.stage.is_some())
+    {
+        for harmonics in [1, 2, 3] {
+            list.push(Hypothesis::new(
+                E::EncoderInterpolationError,
+                Port::StageEncoder,
+                Shape::EncoderError { period_m: period, harmonics },
+            ));
+        }
+    }
+}
+
+/// Hypotheses read off the residual: wavelengths in position, lines in time.
+pub(crate) fn adaptive(bench: &Bench<'_>) -> Vec<Hypothesis> {
+    let p = bench.problem;
+    let q = bench.whitener.adjoint(&bench.whitened_residual(), &bench.layout);
+    let mut list = wavelengths(p, &q);
+    list.extend(lines(p, &bench.residual()));
+    list
+}
+
+/// Peaks of the residual's correlation with waves in position.
+fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
+    let mut list = Vec::new();
+    let lead = p.drive.screw_lead_m();
+    for at_motor in [false, true] {
+        for flips in [false, true] {
+            if at_motor && flips {
+                continue;
+            }
+            let port = if at_motor { Port::Motor } else { Port::Stage };
+            let least_m = lead.map_or(1e-4, |l| if at_motor { l / 150.0 } else { l / 12.0 });
+            for wavelength_m in spatial_peaks(p, q, &Spatial { at_motor, flips, least_m }) {
+                let effect = if at_motor { E::TorqueRipple } else { E::PositionPeriodicForce };
+                for harmonics in [1, 2] {
+                    list.push(Hypothesis::new(
+                        effect,
+                        port,
+                        Shape::Periodic { wavelength_m, harmonics, flips },
+                    ));
+                }
+            }
+        }
+    }
+    if let Some(lead) = lead {
+        for order in [1.0, 2.0, 3.0] {
+            for flips in [false, true] {
+                for harmonics in [1, 2, 3] {
+                    list.push(Hypothesis::new(
+                        E::PositionPeriodicForce,
+                        Port::Stage,
+                        Shape::Periodic { wavelength_m: lead / order, harmonics, flips },
+                    ));
+                }
+            }
+        }
+        let raw = p.drive.raw();
+        let mut orders = vec![1.0, 2.0];
+        if let Some(poles) = raw.motor_pole_count {
+            orders.extend([poles / 2.0, poles, 3.0 * poles]);
+            if let Some(slots) = raw.motor_slot_count {
+                orders.extend([slots, lcm(poles, slots)]);
+            }
+        }
+        if p.flexible {
+            for order in orders {
+                for harmonics in [1, 2] {
+                    list.push(Hypothesis::new(
+                        E::TorqueRipple,
+                        Port::Motor,
+                        Shape::Periodic { wavelength_m: lead / order, harmonics, flips: false },
+                    ));
+                }
+            }
+        }
+    }
+    list
+}
+
+fn lcm(a: f64, b: f64) -> f64 {
+    let (x, y) = (a.round() as u64, b.round() as u64);
+    let (mut u, mut v) = (x, y);
+    while v != 0 {
+        (u, v) = (v, u % v);
+    }
+    if u == 0 { 0.0 } else { (x / u * y) as f64 }
+}
+
+struct Spatial {
+    at_motor: bool,
+    flips: bool,
+    least_m: f64,
+}
+
+/// Bins the whitened correlation by position and looks for peaks of its spectrum.
+fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
+    let vs = p.mechanics.smoothing_m_s;
+    let mut points: Vec<(f64, f64)> = Vec::new();
+    for (m, q) in p.motions.iter().zip(q) {
+        let side = if s.at_motor { &m.motor } else { m.stage_side() };
+        let series = if s.at_motor || !p.flexible { &q.motor } else { &q.stage };
+        let Some(series) = series else { continue };
+        let x = p.thinning.pick(&side.position_m);
+        let v = p.thinning.pick(&side.velocity_m_s);
+        for k in 0..series.len() {
+            let w = if s.flips { (v[k] / vs).tanh() } else { 1.0 };
+            points.push((x[k], w * series[k]));
+        }
+    }
+    let low = points.iter().map(|a| a.0).fold(f64::INFINITY, f64::min);
+    let high = points.iter().map(|a| a.0).fold(f64::NEG_INFINITY, f64::max);
+    let span = high - low;
+    if span.is_nan() || span < 4.0 * s.least_m {
+        return Vec::new();
+    }
+    let wanted = 4.0 * span / s.least_m * 2.0;
+    let n = (wanted.max(256.0) as usize).next_power_of_two().min(1 << 17);
+    let cell = s.least_m / 4.0;
+    let mut bins = vec![Complex::new(0.0, 0.0); n];
+    for (x, w) in &points {
+        let k = (((x - low) / cell) as usize).min(n - 1);
+        bins[k].re += w;
+    }
+    FftPlanner::new().plan_fft_forward(n).process(&mut bins);
+    let length = n as f64 * cell;
+    let power: Vec<f64> = bins[..n / 4].iter().map(|c| c.norm_sqr()).collect();
+    let first = ((length / span) * 1.5).ceil() as usize;
+    let mut peaks: Vec<(f64, f64)> = (first.max(1)..power.len().saturating_sub(1))
+        .filter(|&k| power[k] > power[k - 1] && power[k] >= power[k + 1])
+        .map(|k| {
+            let (a, b, c) = (power[k - 1].sqrt(), power[k].sqrt(), power[k + 1].sqrt());
+            let shift = 0.5 * (a - c) / (a - 2.0 * b + c).min(-1e-300);
+            (power[k], length / (k as f64 + shift.clamp(-0.5, 0.5)))
+        })
+        .collect();
+    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    peaks.truncate(5);
+    peaks.into_iter().map(|a| a.1).collect()
+}
+
+/// Lines of constant frequency in the stage residual, with the time in which they stand.
+fn lines(p: &Problem, residual: &[Sides]) -> Vec<Hypothesis> {
+    let rate = p.rate_hz();
+    let mut found: Vec<(f64, f64, Vec<(usize, f64, f64)>)> = Vec::new();
+    for (recording, sides) in residual.iter().enumerate() {
+        let Some(x) = (if p.flexible { sides.stage.as_ref() } else { sides.motor.as_ref() }) else {
+            continue;
+        };
+        let m = &p.motions[recording];
+        let start = m.time_s(p.thinning.edge());
+        for (power, frequency) in strongest_lines(x, rate) {
+            if let Some((from, to)) = when(x, rate, frequency) {
+                found.push((power, frequency, vec![(recording, start + from, start + to)]));
+            }
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.truncate(3);
+    let mut list = Vec::new();
+    for (_, frequency, window) in &found {
+        for divisor in [1.0, 2.0, 3.0] {
+            let fundamental_hz = frequency / divisor;
+            if fundamental_hz > 4.0 {
+                let windows = window.clone();
+                list.push(Hypothesis::new(
+                    E::CuttingForce,
+                    Port::Stage,
+                    Shape::Lines { fundamental_hz, harmonics: 4, windows },
+                ));
+            }
+        }
+    }
+    list
+}
+
+/// The strongest narrow peaks over the neighbourhood's median.
+fn strongest_lines(x: &[f64], rate: f64) -> Vec<(f64, f64)> {
+    let n = x.len().next_power_of_two() * 2;
+    let mut bins: Vec<Complex<f64>> =
+        (0..n).map(|k| Complex::new(x.get(k).copied().unwrap_or(0.0), 0.0)).collect();
+    let len = x.len() as f64;
+    for (k, b) in bins.iter_mut().enumerate().take(x.len()) {
+        b.re *= (std::f64::consts::PI * k as f64 / len).sin().powi(2);
+    }
+    FftPlanner::new().plan_fft_forward(n).process(&mut bins);
+    let power: Vec<f64> = bins[..n / 2].iter().map(|c| c.norm_sqr()).collect();
+    let width = (n / 400).max(8);
+    let first = ((8.0 / rate) * n as f64) as usize;
+    let last = ((0.3 * rate).min(700.0) / rate * n as f64) as usize;
+    let mut peaks: Vec<(f64, f64)> = Vec::new();
+    for k in first.max(1)..last.min(n / 2 - 1) {
+        if power[k] > power[k - 1] && power[k] >= power[k + 1] {
+            let low = k.saturating_sub(width);
+            let mut near: Vec<f64> = power[low..(k + width).min(n / 2)].to_vec();
+            near.sort_by(f64::total_cmp);
+            let ratio = power[k] / near[near.len() / 2].max(1e-300);
+            let (a, b, c) = (power[k - 1].ln(), power[k].ln(), power[k + 1].ln());
+            let shift = 0.5 * (a - c) / (a - 2.0 * b + c).min(-1e-12);
+            peaks.push((ratio, (k as f64 + shift.clamp(-0.5, 0.5)) * rate / n as f64));
+        }
+    }
+    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    peaks.truncate(2);
+    peaks.retain(|a| a.0 > 40.0);
+    peaks
+}
+
+/// When a line stands: the span in which its demodulated amplitude exceeds half of its largest.
+fn when(x: &[f64], rate: f64, frequency_hz: f64) -> Option<(f64, f64)> {
+    let window = ((0.15 * rate).max(4.0 * rate / frequency_hz)) as usize;
+    let w = std::f64::consts::TAU * frequency_hz / rate;
+    let hop = (window / 4).max(1);
+    let mut amplitudes = Vec::new();
+    let mut start = 0;
+    while start + window <= x.len() {
+        let (mut c, mut s) = (0.0, 0.0);
+        for k in start..start + window {
+            let (sin, cos) = (w * k as f64).sin_cos();
+            c += x[k] * cos;
+            s += x[k] * sin;
+        }
+        amplitudes.push(c.hypot(s));
+        start += hop;
+    }
+    let mut sorted = amplitudes.clone();
+    sorted.sort_by(f64::total_cmp);
+    let most = *sorted.get(sorted.len().checked_sub(1)? * 9 / 10)?;
+    let first = amplitudes.iter().position(|a| *a > 0.5 * most)?;
+    let last = amplitudes.iter().rposition(|a| *a > 0.5 * most)?;
+    let centre = |k: usize| (k * hop) as f64 + 0.5 * window as f64;
+    Some((centre(first) / rate, centre(last) / rate))
+}

@@ -1,0 +1,445 @@
+//! The bench on which hypotheses are tried: whitened balance, folds, and what is known already.
+
+use super::problem::{Column, Problem, Sides};
+use super::regression::{Folds, Gram, Solution};
+use super::shape::{Hypothesis, Shape};
+use super::whitening::{Layout, Whitener};
+use crate::plant::effects::{EffectKind, Port};
+
+/// A timing error below this share of a sample is how the samples are taken, not a dead time.
+const TIMING_LIMIT_SAMPLES: f64 = 0.2;
+
+/// An accepted hypothesis with its thinned columns.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Accepted {
+    pub(crate) hypothesis: Hypothesis,
+    pub(crate) columns: Vec<Column>,
+    /// Derivatives with respect to the logarithm of the constants.
+    pub(crate) tangents: Vec<Column>,
+    /// Amplitudes; fixed at one for a law whose constants say everything.
+    pub(crate) amplitudes: Vec<f64>,
+}
+
+impl Accepted {
+    pub(crate) fn new(p: &Problem, hypothesis: Hypothesis, amplitudes: Vec<f64>) -> Self {
+        let columns = hypothesis.columns(p);
+        let tangents = hypothesis.tangents(p, &columns, &amplitudes);
+        Self { hypothesis, columns, tangents, amplitudes }
+    }
+
+    /// Columns whose coefficients are fitted: amplitudes unless fixed, then the tangents.
+    fn fitted(&self) -> impl Iterator<Item = &Column> {
+        let free = if self.hypothesis.shape.unit() { 0 } else { self.columns.len() };
+        self.columns[..free].iter().chain(self.tangents.iter())
+    }
+
+    /// Coefficients of the fitted columns as the present amplitudes state them.
+    pub(crate) fn stated(&self) -> Vec<f64> {
+        let mut list = if self.hypothesis.shape.unit() { Vec::new() } else { self.amplitudes.clone() };
+        list.extend(self.tangents.iter().map(|_| 0.0));
+        list
+    }
+
+    fn width(&self) -> usize {
+        (if self.hypothesis.shape.unit() { 0 } else { self.columns.len() }) + self.tangents.len()
+    }
+}
+
+/// What one hypothesis does for the balance.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Score {
+    pub(crate) hypothesis: Hypothesis,
+    /// Twice the gain in log-likelihood on held-out blocks.
+    pub(crate) evidence: f64,
+    /// The same on everything, for comparing constants of one law.
+    pub(crate) likelihood: f64,
+    /// Amplitudes, in the order of the hypothesis' columns.
+    pub(crate) amplitudes: Vec<f64>,
+    pub(crate) deviations: Vec<f64>,
+    pub(crate) plausible: bool,
+}
+
+/// Present state of knowledge about the balance.
+pub(crate) struct Bench<'a> {
+    pub(crate) problem: &'a Problem,
+    pub(crate) layout: Layout,
+    pub(crate) folds: Folds,
+    pub(crate) whitener: Whitener,
+    /// Whitened: numbers, timing, accepted columns.
+    base: Vec<Vec<f64>>,
+    target: Vec<f64>,
+    gram: Gram,
+    /// Best solution without a further hypothesis.
+    pub(crate) solution: Solution,
+    accepted: &'a [Accepted],
+}
+
+/// Samples of a timing error that still counts as sampling, in s.
+fn timing_limit_s(p: &Problem) -> f64 {
+    TIMING_LIMIT_SAMPLES / p.motions.first().map_or(1.0, |m| m.rate_hz)
+}
+
+impl<'a> Bench<'a> {
+    /// Whitens with the noise that `residual` shows.
+    pub(crate) fn new(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Self {
+        let layout = Layout { lengths: problem.lengths(), sides: if problem.flexible { 2 } else { 1 } };
+        let rate = problem.rate_hz();
+        let whitener = Whitener::fit(residual, &layout, rate);
+        let folds = Folds::new(&layout, rate);
+        let mut base: Vec<Vec<f64>> =
+            all_columns(problem, accepted).map(|c| whitener.whiten(c, &layout)).collect();
+        let mut target = whitener.whiten(&known_target(problem, accepted), &layout);
+        if let Some(mass) =
+            problem.numbers.iter().position(|n| problem.flexible && n.key == Some("movable_mass_kg"))
+        {
+            normalise_stage(
+                residual,
+                &layout,
+                &whitener,
+                (&mut base[mass], &mut target, problem.mechanics.stage_mass_kg),
+            );
+        }
+        let gram = Gram::new(&base, &target, &folds);
+        let mut bench = Self {
+            problem,
+            layout,
+            folds,
+            whitener,
+            base,
+            target,
+            solution: gram.solve(&[]),
+            gram,
+            accepted,
+        };
+        bench.solution = bench.solve(&bench.gram, true);
+        bench
+    }
+
+    fn timing_index(&self) -> usize {
+        self.problem.numbers.len()
+    }
+
+    /// Solves with the timing free, unless it leaves its limit: then it is held at zero.
+    fn solve(&self, gram: &Gram, timing: bool) -> Solution {
+        let timing = timing && !self.accepted.iter().any(|a| is_timing(&a.hypothesis));
+        let all: Vec<usize> = (0..gram.columns()).collect();
+        let without: Vec<usize> = all.iter().copied().filter(|k| *k != self.timing_index()).collect();
+        if timing {
+            let free = gram.solve(&all);
+            if free.coefficients[self.timing_index()].abs() <= timing_limit_s(self.problem) {
+                return free;
+            }
+        }
+        gram.solve(&without)
+    }
+
+    /// Residual at a solution over the base columns, thinned, not whitened.
+    pub(crate) fn residual(&self) -> Column {
+        residual_of(self.problem, self.accepted, &self.solution.coefficients)
+    }
+
+    /// Residual in which each block is left by a fit to the other blocks; without one accepted hypothesis, if asked.
+    pub(crate) fn heldout_residual(&self, without: Option<usize>) -> Column {
+        let gone = without.map_or(0..0, |k| self.range(k));
+        let unit_gone = without.filter(|k| self.accepted[*k].hypothesis.shape.unit());
+        let gram = match unit_gone {
+            Some(k) => {
+                let column = self.whitener.whiten(&self.accepted[k].columns[0], &self.layout);
+                let target: Vec<f64> = self.target.iter().zip(&column).map(|(t, c)| t + c).collect();
+                self.gram.retarget(&self.base, &target, &self.folds)
+            }
+            None => self.gram.clone(),
+        };
+        let held = self.solution.coefficients[self.timing_index()] == 0.0;
+        let used: Vec<usize> = (0..gram.columns())
+            .filter(|k| !gone.contains(k) && !(held && *k == self.timing_index()))
+            .collect();
+        let mut out: Option<Column> = None;
+        for fold in 0..super::regression::FOLDS {
+            let coefficients = gram.solve_without(fold, &used);
+            let mut residual = residual_of(self.problem, self.accepted, &coefficients);
+            if let Some(k) = unit_gone {
+                add(&mut residual, &self.accepted[k].columns[0], 1.0);
+            }
+            match &mut out {
+                None => out = Some(residual),
+                Some(out) => self.folds.copy_fold(fold, &residual, out),
+            }
+        }
+        out.unwrap_or_default()
+    }
+
+    /// Whitened residual of the base.
+    pub(crate) fn whitened_residual(&self) -> Vec<f64> {
+        let mut z = self.target.clone();
+        for (column, b) in self.base.iter().zip(&self.solution.coefficients) {
+            if *b != 0.0 {
+                z.iter_mut().zip(column).for_each(|(z, x)| *z -= b * x);
+            }
+        }
+        z
+    }
+
+    /// Coefficients of an accepted hypothesis in the base: amplitudes (if free), then steps of the constants.
+    fn range(&self, index: usize) -> std::ops::Range<usize> {
+        let first =
+            self.timing_index() + 1 + self.accepted[..index].iter().map(Accepted::width).sum::<usize>();
+        first..first + self.accepted[index].width()
+    }
+
+    /// Amplitudes of an accepted hypothesis and relative steps of its constants, each with its deviation.
+    pub(crate) fn accepted_fit(&self, index: usize) -> HypothesisFit {
+        let range = self.range(index);
+        HypothesisFit::of(
+            &self.accepted[index].hypothesis.shape,
+            self.accepted[index].columns.len(),
+            (&self.solution, range.start),
+        )
+    }
+
+    /// Loss of evidence without an accepted hypothesis.
+    pub(crate) fn drop_one(&self, index: usize) -> f64 {
+        let a = &self.accepted[index];
+        let gone = self.range(index);
+        let n = self.folds.total() as f64;
+        let solve = |gram: &Gram| {
+            let used: Vec<usize> = (0..gram.columns()).filter(|k| !gone.contains(k)).collect();
+            let without: Vec<usize> = used.iter().copied().filter(|k| *k != self.timing_index()).collect();
+            let free = gram.solve(&used);
+            if free.coefficients[self.timing_index()].abs() <= timing_limit_s(self.problem) {
+                free
+            } else {
+                gram.solve(&without)
+            }
+        };
+        let dropped = if a.hypothesis.shape.unit() {
+            let mut target = self.target.clone();
+            let column = self.whitener.whiten(&a.columns[0], &self.layout);
+            target.iter_mut().zip(&column).for_each(|(t, c)| *t += c);
+            solve(&Gram::new(&self.base, &target, &self.folds))
+        } else {
+            solve(&self.gram)
+        };
+        n * (dropped.heldout / self.solution.heldout).ln()
+    }
+
+    /// Fits amplitudes and constants of one hypothesis on top of the base, by Gauss-Newton on the constants.
+    pub(crate) fn refine(&self, score: &Score) -> Score {
+        let mut best = self.score_fitted(&Hypothesis {
+            shape: score.hypothesis.shape.absorb(score.amplitudes[0]),
+            ..score.hypothesis.clone()
+        });
+        let mut damping = 1.0;
+        let mut from = best.clone();
+        for _ in 0..6 {
+            let h = &from.hypothesis;
+            let columns = h.columns(self.problem);
+            let tangents = h.tangents(self.problem, &columns, &from.amplitudes);
+            if tangents.is_empty() {
+                break;
+            }
+            let fit = self.fit(h, &columns, &tangents);
+            let trust = h.shape.trust() * damping;
+            let moved: Vec<f64> = h
+                .shape
+                .constants()
+                .iter()
+                .zip(&fit.steps)
+                .map(|(c, s)| c * s.clamp(-trust, trust).exp())
+                .collect();
+            let next = self.score_fitted(&Hypothesis { shape: h.shape.with_constants(&moved), ..h.clone() });
+            let gain = next.likelihood - best.likelihood;
+            if gain > 0.0 {
+                best = next.clone();
+                from = next;
+                if gain < 0.5 {
+                    break;
+                }
+            } else {
+                damping *= 0.3;
+                from = best.clone();
+            }
+        }
+        best
+    }
+
+    /// Amplitudes and constant steps together.
+    fn fit(&self, h: &Hypothesis, columns: &[Column], tangents: &[Column]) -> HypothesisFit {
+        let unit = h.shape.unit();
+        let mut more: Vec<Vec<f64>> = Vec::new();
+        let mut target = None;
+        if unit {
+            let column = self.whitener.whiten(&columns[0], &self.layout);
+            target = Some(self.target.iter().zip(&column).map(|(t, c)| t - c).collect::<Vec<f64>>());
+        } else {
+            more.extend(columns.iter().map(|c| self.whitener.whiten(c, &self.layout)));
+        }
+        more.extend(tangents.iter().map(|c| self.whitener.whiten(c, &self.layout)));
+        let gram = match &target {
+            Some(t) => self.gram.retarget(&self.base, t, &self.folds).with(&self.base, &more, t, &self.folds),
+            None => self.gram.with(&self.base, &more, &self.target, &self.folds),
+        };
+        let solution = self.solve(&gram, !is_timing(h));
+        HypothesisFit::of(&h.shape, columns.len(), (&solution, self.base.len()))
+    }
+
+    /// Score with the amplitude held at one where the law says so.
+    fn score_fitted(&self, h: &Hypothesis) -> Score {
+        if !h.shape.unit() {
+            return self.score(h);
+        }
+        let column = self.whitener.whiten(&h.columns(self.problem)[0], &self.layout);
+        let target: Vec<f64> = self.target.iter().zip(&column).map(|(t, c)| t - c).collect();
+        let solution = self.solve(&self.gram.retarget(&self.base, &target, &self.folds), !is_timing(h));
+        let n = self.folds.total() as f64;
+        Score {
+            evidence: n * (self.solution.heldout / solution.heldout.max(1e-300)).ln(),
+            likelihood: n * (self.solution.left / solution.left.max(1e-300)).ln(),
+            amplitudes: vec![1.0],
+            deviations: vec![0.0],
+            plausible: true,
+            hypothesis: h.clone(),
+        }
+    }
+
+    /// Tries one hypothesis on top of the base.
+    pub(crate) fn score(&self, hypothesis: &Hypothesis) -> Score {
+        if matches!(hypothesis.shape, Shape::Torsion { .. }) {
+            return self.score_fitted(hypothesis);
+        }
+        let columns: Vec<Vec<f64>> =
+            hypothesis.columns(self.problem).iter().map(|c| self.whitener.whiten(c, &self.layout)).collect();
+        let gram = self.gram.with(&self.base, &columns, &self.target, &self.folds);
+        let solution = self.solve(&gram, !is_timing(hypothesis));
+        let first = self.base.len();
+        let amplitudes = solution.coefficients[first..].to_vec();
+        let n = self.folds.total() as f64;
+        let plausible = plausible(hypothesis, &amplitudes);
+        Score {
+            evidence: n * (self.solution.heldout / solution.heldout.max(1e-300)).ln(),
+            likelihood: n * (self.solution.left / solution.left.max(1e-300)).ln(),
+            deviations: solution.deviations[first..].to_vec(),
+            amplitudes,
+            plausible,
+            hypothesis: hypothesis.clone(),
+        }
+    }
+}
+
+/// Fit of one hypothesis.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct HypothesisFit {
+    pub(crate) amplitudes: Vec<f64>,
+    pub(crate) amplitude_deviations: Vec<f64>,
+    /// Steps of the logarithms of the constants.
+    pub(crate) steps: Vec<f64>,
+    pub(crate) step_deviations: Vec<f64>,
+}
+
+impl HypothesisFit {
+    fn of(shape: &Shape, columns: usize, (solution, first): (&Solution, usize)) -> Self {
+        let free = if shape.unit() { 0 } else { columns };
+        let constants = shape.constants().len();
+        let (b, d) = (&solution.coefficients, &solution.deviations);
+        Self {
+            amplitudes: if shape.unit() { vec![1.0] } else { b[first..first + free].to_vec() },
+            amplitude_deviations: if shape.unit() { vec![0.0] } else { d[first..first + free].to_vec() },
+            steps: b[first + free..first + free + constants].to_vec(),
+            step_deviations: d[first + free..first + free + constants].to_vec(),
+        }
+    }
+}
+
+/// A hypothesis about the very timing that is otherwise a nuisance.
+fn is_timing(h: &Hypothesis) -> bool {
+    h.port == Port::Current && matches!(h.shape, Shape::Delay { .. } | Shape::Lag { .. })
+}
+
+/// Measured thrust without the forces whose amplitude is fixed.
+fn known_target(p: &Problem, accepted: &[Accepted]) -> Column {
+    let mut target = p.target.clone();
+    for a in accepted.iter().filter(|a| a.hypothesis.shape.unit()) {
+        for column in &a.columns {
+            add(&mut target, column, -1.0);
+        }
+    }
+    target
+}
+
+/// Takes the scale out of the stage balance, which has no known force to hold it.
+///
+/// Every term of 0 = M_t a_s + ... - K D can shrink together and leave a smaller residual without fitting better.
+/// Minimising r_s / M_t instead, linearised at the present residual r_0 and mass M_0: the column of the mass
+/// becomes a_s + r_0 / M_0 and the target r_0; the residual at M_0 is unchanged.
+fn normalise_stage(
+    residual: &Column,
+    layout: &Layout,
+    whitener: &Whitener,
+    (mass, target, present): (&mut [f64], &mut [f64], f64),
+) {
+    let stage: Column = residual.iter().map(|s| Sides { motor: None, stage: s.stage.clone() }).collect();
+    let flat = whitener.whiten(&stage, layout);
+    for ((m, t), r) in mass.iter_mut().zip(target.iter_mut()).zip(&flat) {
+        *m += r / present;
+        *t += r;
+    }
+}
+
+/// Columns of the base in order.
+fn all_columns<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = &'b Column> {
+    p.numbers
+        .iter()
+        .map(|n| &n.column)
+        .chain(std::iter::once(&p.timing))
+        .chain(accepted.iter().flat_map(Accepted::fitted))
+}
+
+/// target - columns * coefficients.
+pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f64]) -> Column {
+    let flexible = p.flexible;
+    let mut out: Column = known_target(p, accepted)
+        .iter()
+        .map(|s| {
+            let motor = s.motor.clone();
+            let n = motor.as_ref().map_or(0, Vec::len);
+            Sides { motor, stage: flexible.then(|| s.stage.clone().unwrap_or_else(|| vec![0.0; n])) }
+        })
+        .collect();
+    for (column, b) in all_columns(p, accepted).zip(coefficients) {
+        add(&mut out, column, -b);
+    }
+    out
+}
+
+/// out += factor * column.
+pub(crate) fn add(out: &mut Column, column: &Column, factor: f64) {
+    if factor == 0.0 {
+        return;
+    }
+    for (o, c) in out.iter_mut().zip(column) {
+        for (o, c) in [(&mut o.motor, &c.motor), (&mut o.stage, &c.stage)] {
+            if let Some(x) = c {
+                match o {
+                    Some(o) => o.iter_mut().zip(x).for_each(|(o, x)| *o += factor * x),
+                    None => *o = Some(x.iter().map(|x| factor * x).collect()),
+                }
+            }
+        }
+    }
+}
+
+/// Signs and sizes that the law allows; a fit outside is another cause in disguise.
+fn plausible(h: &Hypothesis, a: &[f64]) -> bool {
+    let near_one = |x: f64| (0.4..2.2).contains(&x);
+    match (&h.shape, h.effect) {
+        (Shape::Stribeck { .. } | Shape::Coulomb | Shape::Viscous, _) => a[0] > 0.0,
+        (Shape::Presliding { .. }, _) => (0.15..1.6).contains(&a[0]),
+        (Shape::Backlash { .. }, _) => near_one(a[0]),
+        (Shape::Torsion { .. }, _) => near_one(a[0]),
+        (Shape::Lag { .. }, _) => near_one(a[0]),
+        (Shape::Delay { .. }, _) => near_one(a[0]),
+        (Shape::Saturation, _) => a[0] > 0.0,
+        (Shape::Drift { .. }, EffectKind::FrictionDrift) => a[0].abs() < 2.0,
+        _ => true,
+    }
+}

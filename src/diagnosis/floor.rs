@@ -1,0 +1,129 @@
+//! The noise floor of a force balance, from the encoders' steps and the recording itself, and what stands above it.
+
+use super::problem::{Column, Problem, Sides};
+use rustfft::{FftPlanner, num_complex::Complex};
+use std::f64::consts::{PI, TAU};
+
+/// Samples of one segment of the averaged spectrum.
+const SEGMENT: usize = 1024;
+/// Power above the floor that noise of any smooth shape does not reach.
+const EXCESS: f64 = 5.0;
+
+/// Spectrum of one side of the balance.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct SideSpectrum {
+    /// Power density, N2/Hz, at `k rate / SEGMENT`.
+    pub(crate) density: Vec<f64>,
+    /// Floor in the same units.
+    pub(crate) floor: Vec<f64>,
+    /// Resolution, Hz.
+    pub(crate) step_hz: f64,
+}
+
+impl SideSpectrum {
+    /// Root mean square of the floor up to `band_hz`.
+    pub(crate) fn floor_rms_n(&self, band_hz: f64) -> f64 {
+        let last = ((band_hz / self.step_hz) as usize).min(self.floor.len());
+        (self.floor[1..last].iter().sum::<f64>() * self.step_hz).sqrt()
+    }
+
+    /// Bands in which the residual stands above the floor, with the power that does.
+    pub(crate) fn excess(&self, band_hz: f64) -> Vec<([f64; 2], f64)> {
+        let mut out: Vec<([f64; 2], f64)> = Vec::new();
+        let mut low = 1usize;
+        while (low as f64) * self.step_hz < 0.9 * band_hz {
+            let high = ((low as f64 * 1.4) as usize).max(low + 1).min(self.density.len());
+            let power: f64 = self.density[low..high].iter().sum();
+            let floor: f64 = self.floor[low..high].iter().sum();
+            if power > EXCESS * floor {
+                let band = [low as f64 * self.step_hz, high as f64 * self.step_hz];
+                let above = (power - floor) * self.step_hz;
+                match out.last_mut() {
+                    Some((b, p)) if (b[1] - band[0]).abs() < 1e-9 => {
+                        b[1] = band[1];
+                        *p += above;
+                    }
+                    _ => out.push((band, above)),
+                }
+            }
+            low = high;
+        }
+        out
+    }
+}
+
+/// Averaged spectrum (Hann, half overlapping) of one side over all recordings.
+fn density(residual: &Column, stage: bool, rate_hz: f64) -> Vec<f64> {
+    let window: Vec<f64> = (0..SEGMENT).map(|k| (PI * k as f64 / SEGMENT as f64).sin().powi(2)).collect();
+    let gain: f64 = window.iter().map(|w| w * w).sum::<f64>() * rate_hz;
+    let fft = FftPlanner::new().plan_fft_forward(SEGMENT);
+    let mut sum = vec![0.0; SEGMENT / 2];
+    let mut count = 0.0;
+    for sides in residual {
+        let Some(x) = pick(sides, stage) else { continue };
+        let mut start = 0;
+        while start + SEGMENT <= x.len() {
+            let piece = &x[start..start + SEGMENT];
+            let mean = piece.iter().sum::<f64>() / SEGMENT as f64;
+            let mut bins: Vec<Complex<f64>> =
+                piece.iter().zip(&window).map(|(v, w)| Complex::new((v - mean) * w, 0.0)).collect();
+            fft.process(&mut bins);
+            for (s, b) in sum.iter_mut().zip(&bins) {
+                *s += 2.0 * b.norm_sqr() / gain;
+            }
+            count += 1.0;
+            start += SEGMENT / 2;
+        }
+    }
+    sum.iter().map(|s| s / f64::max(count, 1.0)).collect()
+}
+
+fn pick(sides: &Sides, stage: bool) -> Option<&Vec<f64>> {
+    if stage { sides.stage.as_ref() } else { sides.motor.as_ref() }
+}
+
+/// Spectrum and floor of one side.
+///
+/// Floor: a white force at the level that most of the band shows, and the encoders' steps q through masses and
+/// springs, S(f) = q^2/12 / (rate/2) |K - M w^2|^2 (own side) + q^2/12 / (rate/2) K^2 (other side), all through
+/// the squared low-pass of the band.
+pub(crate) fn spectrum(p: &Problem, residual: &Column, stage: bool) -> SideSpectrum {
+    let rate_hz = p.rate_hz();
+    let full_rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
+    let density = density(residual, stage, rate_hz);
+    let step_hz = rate_hz / SEGMENT as f64;
+    let m = &p.mechanics;
+    let (near, far) = if stage {
+        (p.drive.stage_encoder_resolution_m(), p.drive.motor_encoder_resolution_m())
+    } else {
+        (p.drive.motor_encoder_resolution_m(), p.drive.stage_encoder_resolution_m())
+    };
+    let mass = if stage { m.stage_mass_kg } else { m.motor_mass_kg };
+    let band = super::motion::band_hz(full_rate);
+    let shape = |f: f64| band_gain(f, band).powi(4).max(1e-12);
+    let steps = |f: f64| {
+        let w2 = (TAU * f).powi(2);
+        let per_hz = |q: f64| q * q / 12.0 / (0.5 * full_rate);
+        per_hz(near) * (m.stiffness_n_m - mass * w2).powi(2) + per_hz(far) * m.stiffness_n_m.powi(2)
+    };
+    let inside = |f: f64| f > 0.03 * band && f < 0.8 * band;
+    let mut levels: Vec<f64> = density
+        .iter()
+        .enumerate()
+        .map(|(k, d)| (k as f64 * step_hz, d))
+        .filter(|(f, _)| inside(*f))
+        .map(|(f, d)| (d / shape(f) - steps(f)).max(0.0))
+        .collect();
+    levels.sort_by(f64::total_cmp);
+    let white = levels.get(levels.len() * 2 / 5).copied().unwrap_or(0.0);
+    let floor =
+        (0..density.len()).map(|k| k as f64 * step_hz).map(|f| (white + steps(f)) * shape(f)).collect();
+    SideSpectrum { density, floor, step_hz }
+}
+
+/// Gain of one pass of the band's low-pass: a step at the band's edge smoothed by the kernel's Gaussian.
+fn band_gain(f: f64, band: f64) -> f64 {
+    let sigma = band / (TAU * 0.72);
+    let z = (f - band) / (sigma * std::f64::consts::SQRT_2);
+    0.5 * statrs::function::erf::erfc(z)
+}

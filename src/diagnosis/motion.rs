@@ -1,0 +1,208 @@
+//! From a recording to aligned signals of one axis: thrust, positions, velocities, accelerations.
+
+use super::DiagnoseError;
+use super::kernel::{Action, Grid, Kernel};
+use crate::plant::drive::{DriveParams, Structure};
+use crate::plant::machine::AxisModel;
+use crate::sample::Recording;
+
+/// Where inside a sample period the drive acts on a reference is stated nowhere; a third of half a
+/// period before the end of the hold is the middle of what drives and their simulations do.
+const HOLD_LEAD_SAMPLES: f64 = 1.0 / 6.0;
+
+/// The band of the force balance: 800 Hz, or a fifth of a slow recording's rate.
+pub(crate) fn band_hz(rate_hz: f64) -> f64 {
+    (0.2 * rate_hz).min(800.0)
+}
+
+/// Position, velocity and acceleration of one side, low-passed and aligned.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Side {
+    pub(crate) position_m: Vec<f64>,
+    pub(crate) velocity_m_s: Vec<f64>,
+    pub(crate) accel_m_s2: Vec<f64>,
+    /// As recorded, same samples, not filtered and not aligned.
+    pub(crate) raw_m: Vec<f64>,
+}
+
+/// One recording of one axis, every signal at the same instants (`start_s` + k / rate).
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Motion {
+    pub(crate) experiment: String,
+    pub(crate) rate_hz: f64,
+    pub(crate) start_s: f64,
+    /// Sample of the recording that element 0 belongs to.
+    pub(crate) offset: usize,
+    /// Thrust on the screw axis after dead time and current loop, N (filtered).
+    pub(crate) thrust_n: Vec<f64>,
+    /// Thrust after the current loop as recorded (not filtered, not aligned), N.
+    pub(crate) raw_thrust_n: Vec<f64>,
+    /// Reference before the current loop, as thrust, N; not filtered.
+    pub(crate) raw_reference_n: Vec<f64>,
+    /// N per A where a current is recorded, else 1.
+    pub(crate) thrust_per_unit: f64,
+    /// Motor side; on a rigid axis the only one.
+    pub(crate) motor: Side,
+    /// Stage side of a flexible axis.
+    pub(crate) stage: Option<Side>,
+}
+
+impl Motion {
+    pub(crate) fn len(&self) -> usize {
+        self.thrust_n.len()
+    }
+
+    /// The side that sliding friction and position belong to.
+    pub(crate) fn stage_side(&self) -> &Side {
+        self.stage.as_ref().unwrap_or(&self.motor)
+    }
+
+    pub(crate) fn time_s(&self, k: usize) -> f64 {
+        self.start_s + (self.offset + k) as f64 / self.rate_hz
+    }
+}
+
+struct Columns<'a> {
+    reference_n: Vec<f64>,
+    thrust_per_unit: f64,
+    motor_m: Option<Vec<f64>>,
+    stage_m: Option<&'a [f64]>,
+}
+
+fn columns<'a>(axis: &AxisModel, recording: &'a Recording) -> Result<Columns<'a>, DiagnoseError> {
+    let name = |suffix: &str| format!("{}_{suffix}", axis.name);
+    let travel = axis.drive.travel_m_rad();
+    let (reference, thrust_per_unit) = if let Some(i) = recording.get(&name("current_ref_a")) {
+        let k = axis
+            .drive
+            .thrust_constant_n_a()
+            .ok_or_else(|| DiagnoseError::NoTorqueConstant { axis: axis.name.clone() })?;
+        (i, k)
+    } else if let Some(t) = recording.get(&name("torque_ref_nm")) {
+        (t, 1.0 / travel)
+    } else if let Some(f) = recording.get(&name("thrust_ref_n")) {
+        (f, 1.0)
+    } else {
+        return Err(DiagnoseError::MissingColumn {
+            recording: recording.experiment.clone(),
+            expected: name("current_ref_a, _torque_ref_nm or _thrust_ref_n"),
+        });
+    };
+    let motor_m = recording
+        .get(&name("motor_angle_rad"))
+        .map(|th| th.iter().map(|x| x * travel).collect())
+        .or_else(|| recording.get(&name("motor_position_m")).map(<[f64]>::to_vec));
+    let stage_m = recording.get(&name("stage_position_m"));
+    if motor_m.is_none() && stage_m.is_none() {
+        return Err(DiagnoseError::MissingColumn {
+            recording: recording.experiment.clone(),
+            expected: name("motor_angle_rad, _motor_position_m or _stage_position_m"),
+        });
+    }
+    Ok(Columns {
+        reference_n: reference.iter().map(|x| x * thrust_per_unit).collect(),
+        thrust_per_unit,
+        motor_m,
+        stage_m,
+    })
+}
+
+/// First-order current loop behind a zero-order hold: value at the end of each sample period.
+///
+/// i[k] = i[k-1] + (1 - exp(-w dt)) (ref[k] - i[k-1]), the exact step response of 1/(1 + s/w).
+pub(crate) fn current_loop(reference: &[f64], bandwidth_rad_s: Option<f64>, rate_hz: f64) -> Vec<f64> {
+    let Some(w) = bandwidth_rad_s else { return reference.to_vec() };
+    let gain = 1.0 - (-w / rate_hz).exp();
+    let mut state = reference.first().copied().unwrap_or(0.0);
+    reference
+        .iter()
+        .map(|r| {
+            state += gain * (r - state);
+            state
+        })
+        .collect()
+}
+
+/// How far the thrust after the current loop lags the samples it was computed from, s.
+pub(crate) fn thrust_delay_s(drive: &DriveParams, rate_hz: f64) -> f64 {
+    let hold = if drive.current_loop_bandwidth_rad_s().is_some() { 1.0 - HOLD_LEAD_SAMPLES } else { 0.5 };
+    drive.amplifier_dead_time_s() + hold / rate_hz
+}
+
+/// True when the model is flexible and the recording has both encoders.
+pub(crate) fn is_flexible(axis: &AxisModel, recording: &Recording) -> bool {
+    axis.drive.structure() != Structure::Rigid
+        && recording.get(&format!("{}_stage_position_m", axis.name)).is_some()
+        && (recording.get(&format!("{}_motor_angle_rad", axis.name)).is_some()
+            || recording.get(&format!("{}_motor_position_m", axis.name)).is_some())
+}
+
+fn side(raw: &[f64], delay_s: f64, frame: &Frame) -> Side {
+    let origin = raw[0];
+    let local: Vec<f64> = raw.iter().map(|x| x - origin).collect();
+    let filtered = |derivative| {
+        let kernel =
+            Kernel::low_pass(frame.band_hz, frame.rate_hz, Action { derivative, advance_s: delay_s });
+        kernel.apply(&local, frame.grid)
+    };
+    let end = frame.grid.first + frame.grid.count;
+    Side {
+        position_m: filtered(0).iter().map(|x| x + origin).collect(),
+        velocity_m_s: filtered(1),
+        accel_m_s2: filtered(2),
+        raw_m: raw[frame.grid.first..end].to_vec(),
+    }
+}
+
+struct Frame {
+    band_hz: f64,
+    rate_hz: f64,
+    grid: Grid,
+}
+
+/// Aligns and filters one recording. `flexible`: both encoders are used.
+pub(crate) fn motion(
+    axis: &AxisModel,
+    recording: &Recording,
+    flexible: bool,
+) -> Result<Motion, DiagnoseError> {
+    let columns = columns(axis, recording)?;
+    let drive = &axis.drive;
+    let rate_hz = recording.sample_rate.hz();
+    let band_hz = band_hz(rate_hz);
+    let delay_s = thrust_delay_s(drive, rate_hz);
+    let longest = drive.motor_encoder_delay_s().max(drive.stage_encoder_delay_s()).max(delay_s);
+    let edge = Kernel::low_pass(band_hz, rate_hz, Action { derivative: 0, advance_s: longest }).half() + 2;
+    let samples = recording.len();
+    let needed = 8 * edge + 64;
+    if samples < needed {
+        return Err(DiagnoseError::TooShort { recording: recording.experiment.clone(), samples, needed });
+    }
+    let grid = Grid { first: edge, step: 1, count: samples - 2 * edge };
+    let frame = Frame { band_hz, rate_hz, grid };
+    let raw_thrust = current_loop(&columns.reference_n, drive.current_loop_bandwidth_rad_s(), rate_hz);
+    let thrust = Kernel::low_pass(band_hz, rate_hz, Action { derivative: 0, advance_s: -delay_s })
+        .apply(&raw_thrust, grid);
+    let motor_delay_s = drive.motor_encoder_delay_s();
+    let (motor, stage) = match (&columns.motor_m, columns.stage_m) {
+        (Some(m), Some(s)) if flexible => {
+            (side(m, motor_delay_s, &frame), Some(side(s, drive.stage_encoder_delay_s(), &frame)))
+        }
+        (Some(m), _) => (side(m, motor_delay_s, &frame), None),
+        (None, Some(s)) => (side(s, drive.stage_encoder_delay_s(), &frame), None),
+        (None, None) => unreachable!("columns() has refused a recording without a position"),
+    };
+    let end = grid.first + grid.count;
+    Ok(Motion {
+        experiment: recording.experiment.clone(),
+        rate_hz,
+        start_s: recording.start_s,
+        offset: grid.first,
+        thrust_n: thrust,
+        raw_thrust_n: raw_thrust[grid.first..end].to_vec(),
+        raw_reference_n: columns.reference_n[grid.first..end].to_vec(),
+        thrust_per_unit: columns.thrust_per_unit,
+        motor,
+        stage,
+    })
+}

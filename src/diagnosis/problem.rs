@@ -1,0 +1,304 @@
+//! The force balance as a linear regression: one row per side and instant, one column per number of the model.
+//!
+//! ```text
+//!   motor:  u = M_r a_m + C_r v_m + F_m tanh(v_m/v_s) + K D + C_k D'          + effects + r_m
+//!   stage:  0 = M_t a_s + C_t v_s + F_s tanh(v_s/v_s) - K D - C_k D'          + effects + r_s
+//! ```
+//! D = x_m - x_s. The sum r_m + r_s does not know the spring. A rigid axis has one balance.
+
+use super::kernel::{Action, Grid, Kernel};
+use super::motion::{Motion, band_hz};
+use crate::plant::drive::DriveParams;
+
+/// A series of one side of the balance; `None`: zero.
+pub(crate) type Series = Option<Vec<f64>>;
+
+/// One column of the regression in one recording: motor side (or the only one), stage side.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Sides {
+    pub(crate) motor: Series,
+    pub(crate) stage: Series,
+}
+
+/// One column in every recording; thinned to the rate of the regression.
+pub(crate) type Column = Vec<Sides>;
+
+/// A number of the model as a column.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Number {
+    /// Key of the model; `None`: an offset or a timing inside one sample that no key states.
+    pub(crate) key: Option<&'static str>,
+    /// Nominal coefficient.
+    pub(crate) nominal: f64,
+    /// Key's value per coefficient.
+    pub(crate) key_per_coefficient: f64,
+    /// The column.
+    pub(crate) column: Column,
+}
+
+/// Low-pass and decimation to the rate of the regression, the same for every series.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Thinning {
+    pub(crate) kernel: Kernel,
+    pub(crate) step: usize,
+}
+
+impl Thinning {
+    fn new(rate_hz: f64) -> Self {
+        let band = band_hz(rate_hz);
+        let step = ((rate_hz / (3.1 * band)).floor() as usize).max(1);
+        Self { kernel: Kernel::low_pass(band, rate_hz, Action { derivative: 0, advance_s: 0.0 }), step }
+    }
+
+    /// Samples of a series that are lost at either end: room for encoder kernels as well.
+    pub(crate) fn edge(&self) -> usize {
+        3 * self.kernel.half()
+    }
+
+    /// Where the thinned samples lie in a series of `len`.
+    pub(crate) fn grid(&self, len: usize) -> Grid {
+        let edge = self.edge();
+        Grid { first: edge, step: self.step, count: (len.saturating_sub(2 * edge)).div_ceil(self.step) }
+    }
+
+    /// Low-passes and thins.
+    pub(crate) fn thin(&self, x: &[f64]) -> Vec<f64> {
+        self.kernel.apply(x, self.grid(x.len()))
+    }
+
+    /// Takes every `step`-th sample without filtering.
+    pub(crate) fn pick(&self, x: &[f64]) -> Vec<f64> {
+        let g = self.grid(x.len());
+        (0..g.count).map(|j| x[g.first + j * g.step]).collect()
+    }
+}
+
+/// Mechanical numbers of the balance, on the screw axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Mechanics {
+    pub(crate) motor_mass_kg: f64,
+    pub(crate) motor_damping_n_s_m: f64,
+    pub(crate) motor_coulomb_n: f64,
+    pub(crate) stiffness_n_m: f64,
+    pub(crate) structural_damping_n_s_m: f64,
+    pub(crate) stage_mass_kg: f64,
+    pub(crate) stage_damping_n_s_m: f64,
+    pub(crate) stage_coulomb_n: f64,
+    /// Zero of D in m.
+    pub(crate) smoothing_m_s: f64,
+}
+
+impl Mechanics {
+    pub(crate) fn nominal(drive: &DriveParams, flexible: bool) -> Self {
+        let mut m = Self {
+            motor_mass_kg: drive.reflected_mass_kg(),
+            motor_damping_n_s_m: drive.reflected_damping_n_s_m(),
+            motor_coulomb_n: drive.motor_coulomb_friction_n(),
+            stiffness_n_m: drive.axial_stiffness_n_m(),
+            structural_damping_n_s_m: drive.structural_damping_n_s_m(),
+            stage_mass_kg: drive.movable_mass_kg(),
+            stage_damping_n_s_m: drive.translational_damping_n_s_m(),
+            stage_coulomb_n: drive.stage_coulomb_friction_n(),
+            smoothing_m_s: drive.friction_smoothing_m_s(),
+        };
+        if !flexible {
+            m.motor_mass_kg = drive.total_mass_kg();
+            m.stage_mass_kg = 0.0;
+            m.motor_damping_n_s_m += m.stage_damping_n_s_m;
+            m.stage_damping_n_s_m = 0.0;
+            m.motor_coulomb_n += m.stage_coulomb_n;
+            m.stage_coulomb_n = 0.0;
+            m.stiffness_n_m = 0.0;
+            m.structural_damping_n_s_m = 0.0;
+        }
+        m
+    }
+}
+
+/// Everything that stays the same while hypotheses are tried.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Problem {
+    pub(crate) drive: DriveParams,
+    pub(crate) flexible: bool,
+    pub(crate) motions: Vec<Motion>,
+    pub(crate) thinning: Thinning,
+    /// Measured thrust (motor side), thinned.
+    pub(crate) target: Column,
+    /// Numbers of the model.
+    pub(crate) numbers: Vec<Number>,
+    /// Column of the timing inside a sample: thrust derivative. Coefficient: delay in s.
+    pub(crate) timing: Column,
+    /// Present estimate of the mechanics, for columns that are not linear in it.
+    pub(crate) mechanics: Mechanics,
+}
+
+impl Problem {
+    pub(crate) fn new(drive: &DriveParams, motions: Vec<Motion>, flexible: bool) -> Self {
+        let rate_hz = motions.first().map_or(1.0, |m| m.rate_hz);
+        let thinning = Thinning::new(rate_hz);
+        let target =
+            motions.iter().map(|m| Sides { motor: Some(thinning.thin(&m.thrust_n)), stage: None }).collect();
+        let mut problem = Self {
+            drive: drive.clone(),
+            flexible,
+            target,
+            numbers: Vec::new(),
+            timing: Vec::new(),
+            mechanics: Mechanics::nominal(drive, flexible),
+            motions,
+            thinning,
+        };
+        problem.numbers = if flexible { problem.flexible_numbers() } else { problem.rigid_numbers() };
+        problem.timing =
+            problem.column(|m| Sides { motor: Some(derivative(&m.thrust_n, m.rate_hz)), stage: None });
+        problem
+    }
+
+    /// The same problem with columns at the full rate, neither filtered again nor cut.
+    pub(crate) fn unthinned(&self) -> Self {
+        Self {
+            thinning: Thinning { kernel: Kernel::unit(), step: 1 },
+            numbers: Vec::new(),
+            timing: Vec::new(),
+            target: Vec::new(),
+            ..self.clone()
+        }
+    }
+
+    /// Rate of the thinned series.
+    pub(crate) fn rate_hz(&self) -> f64 {
+        self.motions.first().map_or(1.0, |m| m.rate_hz) / self.thinning.step as f64
+    }
+
+    /// Length of the thinned series of each recording.
+    pub(crate) fn lengths(&self) -> Vec<usize> {
+        self.motions.iter().map(|m| self.thinning.grid(m.len()).count).collect()
+    }
+
+    /// Builds a column from full-rate series.
+    pub(crate) fn column(&self, build: impl Fn(&Motion) -> Sides) -> Column {
+        self.motions
+            .iter()
+            .map(|m| {
+                let sides = build(m);
+                Sides {
+                    motor: sides.motor.map(|x| self.thinning.thin(&x)),
+                    stage: sides.stage.map(|x| self.thinning.thin(&x)),
+                }
+            })
+            .collect()
+    }
+
+    fn motor_only(&self, f: impl Fn(&Motion) -> Vec<f64>) -> Column {
+        self.column(|m| Sides { motor: Some(f(m)), stage: None })
+    }
+
+    fn stage_only(&self, f: impl Fn(&Motion) -> Vec<f64>) -> Column {
+        self.column(|m| Sides { motor: None, stage: Some(f(m)) })
+    }
+
+    /// A force that acts between the sides: (+, -).
+    pub(crate) fn coupling(&self, f: impl Fn(&Motion) -> Vec<f64>) -> Column {
+        self.column(|m| {
+            let x = f(m);
+            Sides { stage: Some(x.iter().map(|v| -v).collect()), motor: Some(x) }
+        })
+    }
+
+    fn flexible_numbers(&self) -> Vec<Number> {
+        let (d, vs) = (&self.drive, self.mechanics.smoothing_m_s);
+        let r2 = d.travel_m_rad().powi(2);
+        let mut list = Vec::new();
+        let mut add = |key, nominal: f64, key_per_coefficient, column: &dyn Fn() -> Column| {
+            if nominal > 0.0 {
+                list.push(Number { key: Some(key), nominal, key_per_coefficient, column: column() });
+            }
+        };
+        add("rotary_inertia_kg_m2", d.reflected_mass_kg(), r2, &|| {
+            self.motor_only(|m| m.motor.accel_m_s2.clone())
+        });
+        add("rotary_damping_nm_s_rad", d.reflected_damping_n_s_m(), r2, &|| {
+            self.motor_only(|m| m.motor.velocity_m_s.clone())
+        });
+        add("motor_coulomb_friction_n", d.motor_coulomb_friction_n(), 1.0, &|| {
+            self.motor_only(|m| sliding(&m.motor.velocity_m_s, vs))
+        });
+        add("axial_stiffness_n_m", d.axial_stiffness_n_m(), 1.0, &|| self.coupling(stretch));
+        add("structural_damping_n_s_m", d.structural_damping_n_s_m(), 1.0, &|| self.coupling(stretch_rate));
+        add("movable_mass_kg", d.movable_mass_kg(), 1.0, &|| {
+            self.stage_only(|m| m.stage_side().accel_m_s2.clone())
+        });
+        add("translational_damping_n_s_m", d.translational_damping_n_s_m(), 1.0, &|| {
+            self.stage_only(|m| m.stage_side().velocity_m_s.clone())
+        });
+        add("stage_coulomb_friction_n", d.stage_coulomb_friction_n(), 1.0, &|| {
+            self.stage_only(|m| sliding(&m.stage_side().velocity_m_s, vs))
+        });
+        for recording in 0..self.motions.len() {
+            let column = self
+                .lengths()
+                .iter()
+                .enumerate()
+                .map(|(k, &n)| {
+                    if k == recording {
+                        Sides { motor: Some(vec![1.0; n]), stage: Some(vec![-1.0; n]) }
+                    } else {
+                        Sides::default()
+                    }
+                })
+                .collect();
+            list.push(Number { key: None, nominal: 0.0, key_per_coefficient: 1.0, column });
+        }
+        list
+    }
+
+    fn rigid_numbers(&self) -> Vec<Number> {
+        let (d, m0) = (&self.drive, self.mechanics);
+        let mut list = Vec::new();
+        let mut add = |key, nominal: f64, column: &dyn Fn() -> Column| {
+            if nominal > 0.0 {
+                list.push(Number { key: Some(key), nominal, key_per_coefficient: 1.0, column: column() });
+            }
+        };
+        add("movable_mass_kg", m0.motor_mass_kg, &|| self.motor_only(|m| m.motor.accel_m_s2.clone()));
+        let viscous = if d.translational_damping_n_s_m() > 0.0 {
+            "translational_damping_n_s_m"
+        } else {
+            "rotary_damping_nm_s_rad"
+        };
+        add(viscous, m0.motor_damping_n_s_m, &|| self.motor_only(|m| m.motor.velocity_m_s.clone()));
+        let coulomb = if d.stage_coulomb_friction_n() > 0.0 {
+            "stage_coulomb_friction_n"
+        } else {
+            "motor_coulomb_friction_n"
+        };
+        add(coulomb, m0.motor_coulomb_n, &|| {
+            self.motor_only(|m| sliding(&m.motor.velocity_m_s, m0.smoothing_m_s))
+        });
+        list
+    }
+}
+
+/// tanh(v / v_s): direction of sliding, smooth through zero.
+pub(crate) fn sliding(velocity_m_s: &[f64], smoothing_m_s: f64) -> Vec<f64> {
+    velocity_m_s.iter().map(|v| (v / smoothing_m_s).tanh()).collect()
+}
+
+/// D = x_m - x_s.
+pub(crate) fn stretch(m: &Motion) -> Vec<f64> {
+    m.motor.position_m.iter().zip(&m.stage_side().position_m).map(|(a, b)| a - b).collect()
+}
+
+/// D' = v_m - v_s.
+pub(crate) fn stretch_rate(m: &Motion) -> Vec<f64> {
+    m.motor.velocity_m_s.iter().zip(&m.stage_side().velocity_m_s).map(|(a, b)| a - b).collect()
+}
+
+/// Derivative of an already low-passed series, five points: exact to (w dt)^4 / 30.
+pub(crate) fn derivative(x: &[f64], rate_hz: f64) -> Vec<f64> {
+    let n = x.len();
+    let at = |i: isize| x[i.clamp(0, n as isize - 1) as usize];
+    (0..n as isize)
+        .map(|i| (8.0 * (at(i + 1) - at(i - 1)) - (at(i + 2) - at(i - 2))) * rate_hz / 12.0)
+        .collect()
+}

@@ -1,0 +1,254 @@
+//! Least squares with folds: fitted on some blocks of time, judged on the others.
+
+use super::problem::Column;
+use super::whitening::Layout;
+use nalgebra::{DMatrix, DVector};
+
+/// Folds of the held-out judgement.
+pub(crate) const FOLDS: usize = 4;
+/// Length of a block that stays together, s.
+const BLOCK_S: f64 = 0.25;
+
+/// A run of the flat vector that belongs to one fold.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Segment {
+    start: usize,
+    end: usize,
+    fold: usize,
+}
+
+/// How the flat vector falls into folds.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Folds {
+    segments: Vec<Segment>,
+    total: usize,
+    block: usize,
+    lengths: Vec<usize>,
+    first_block: Vec<usize>,
+}
+
+impl Folds {
+    pub(crate) fn new(layout: &Layout, rate_hz: f64) -> Self {
+        let block = ((BLOCK_S * rate_hz) as usize).max(1);
+        let mut segments = Vec::new();
+        let mut first = 0;
+        let mut first_block = Vec::new();
+        for (recording, &n) in layout.lengths.iter().enumerate() {
+            first_block.push(first);
+            for side in 0..layout.sides {
+                let start = layout.start(recording, side);
+                let mut k = 0;
+                while k * block < n {
+                    let end = ((k + 1) * block).min(n);
+                    segments.push(Segment {
+                        start: start + k * block,
+                        end: start + end,
+                        fold: (first + k) % FOLDS,
+                    });
+                    k += 1;
+                }
+            }
+            first += n.div_ceil(block);
+        }
+        Self { segments, total: layout.total(), block, lengths: layout.lengths.clone(), first_block }
+    }
+
+    /// Samples.
+    pub(crate) fn total(&self) -> usize {
+        self.total
+    }
+
+    /// Copies the samples of one fold from one residual into another.
+    pub(crate) fn copy_fold(&self, fold: usize, from: &Column, to: &mut Column) {
+        for (recording, n) in self.lengths.iter().enumerate() {
+            for k in 0..n.div_ceil(self.block) {
+                if (self.first_block[recording] + k) % FOLDS != fold {
+                    continue;
+                }
+                let range = k * self.block..((k + 1) * self.block).min(*n);
+                let (source, sink) = (&from[recording], &mut to[recording]);
+                for (a, b) in [(&source.motor, &mut sink.motor), (&source.stage, &mut sink.stage)] {
+                    if let (Some(a), Some(b)) = (a, b) {
+                        b[range.clone()].copy_from_slice(&a[range.clone()]);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Inner product in each fold.
+    pub(crate) fn dot(&self, a: &[f64], b: &[f64]) -> [f64; FOLDS] {
+        let mut out = [0.0; FOLDS];
+        for s in &self.segments {
+            out[s.fold] += dot(&a[s.start..s.end], &b[s.start..s.end]);
+        }
+        out
+    }
+}
+
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0f64; 8];
+    let mut xs = a.chunks_exact(8);
+    let mut ys = b.chunks_exact(8);
+    for (x, y) in (&mut xs).zip(&mut ys) {
+        for k in 0..8 {
+            sums[k] += x[k] * y[k];
+        }
+    }
+    let rest: f64 = xs.remainder().iter().zip(ys.remainder()).map(|(x, y)| x * y).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+/// Inner products of columns and target, per fold.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Gram {
+    /// Columns with columns, per fold.
+    inner: Vec<DMatrix<f64>>,
+    /// Columns with the target.
+    target: Vec<DVector<f64>>,
+    /// Target with itself.
+    power: [f64; FOLDS],
+    samples: usize,
+}
+
+/// Coefficients with what they leave.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Solution {
+    /// Fitted to everything.
+    pub(crate) coefficients: Vec<f64>,
+    /// Standard deviations from the curvature and the residual.
+    pub(crate) deviations: Vec<f64>,
+    /// Sum of squares left, fitted to everything.
+    pub(crate) left: f64,
+    /// Sum of squares left on held-out folds.
+    pub(crate) heldout: f64,
+}
+
+impl Gram {
+    pub(crate) fn new(columns: &[Vec<f64>], target: &[f64], folds: &Folds) -> Self {
+        let n = columns.len();
+        let mut gram = Self {
+            inner: vec![DMatrix::zeros(n, n); FOLDS],
+            target: vec![DVector::zeros(n); FOLDS],
+            power: folds.dot(target, target),
+            samples: folds.total(),
+        };
+        for a in 0..n {
+            for b in 0..=a {
+                let d = folds.dot(&columns[a], &columns[b]);
+                for f in 0..FOLDS {
+                    gram.inner[f][(a, b)] = d[f];
+                    gram.inner[f][(b, a)] = d[f];
+                }
+            }
+            let d = folds.dot(&columns[a], target);
+            for f in 0..FOLDS {
+                gram.target[f][a] = d[f];
+            }
+        }
+        gram
+    }
+
+    /// This Gram with further columns behind its own.
+    pub(crate) fn with(&self, own: &[Vec<f64>], more: &[Vec<f64>], target: &[f64], folds: &Folds) -> Self {
+        let (n, m) = (own.len(), more.len());
+        let mut gram = Self {
+            inner: self.inner.iter().map(|g| g.clone().resize(n + m, n + m, 0.0)).collect(),
+            target: self.target.iter().map(|t| t.clone().resize_vertically(n + m, 0.0)).collect(),
+            power: self.power,
+            samples: self.samples,
+        };
+        for (k, column) in more.iter().enumerate() {
+            let a = n + k;
+            for b in 0..=a {
+                let other = if b < n { &own[b] } else { &more[b - n] };
+                let d = folds.dot(column, other);
+                for f in 0..FOLDS {
+                    gram.inner[f][(a, b)] = d[f];
+                    gram.inner[f][(b, a)] = d[f];
+                }
+            }
+            let d = folds.dot(column, target);
+            for f in 0..FOLDS {
+                gram.target[f][a] = d[f];
+            }
+        }
+        gram
+    }
+
+    /// The same columns with another target.
+    pub(crate) fn retarget(&self, columns: &[Vec<f64>], target: &[f64], folds: &Folds) -> Self {
+        let mut gram = self.clone();
+        gram.power = folds.dot(target, target);
+        for (a, column) in columns.iter().enumerate() {
+            let d = folds.dot(column, target);
+            for f in 0..FOLDS {
+                gram.target[f][a] = d[f];
+            }
+        }
+        gram
+    }
+
+    /// Solves for the columns `used` (all others zero).
+    pub(crate) fn solve(&self, used: &[usize]) -> Solution {
+        let n = self.target[0].len();
+        let total = self.inner.iter().fold(DMatrix::zeros(n, n), |s, g| s + g);
+        let right = self.target.iter().fold(DVector::zeros(n), |s, t| s + t);
+        let power: f64 = self.power.iter().sum();
+        let (coefficients, inverse) = solve_used(&total, &right, used);
+        let left = (power - coefficients.dot(&right)).max(0.0);
+        let mut heldout = 0.0;
+        for f in 0..FOLDS {
+            let (b, _) = solve_used(&(&total - &self.inner[f]), &(&right - &self.target[f]), used);
+            heldout +=
+                self.power[f] - 2.0 * b.dot(&self.target[f]) + (b.transpose() * &self.inner[f] * &b)[(0, 0)];
+        }
+        let variance = left / (self.samples.saturating_sub(used.len()).max(1)) as f64;
+        let mut deviations = vec![0.0; n];
+        for (k, &column) in used.iter().enumerate() {
+            deviations[column] = (inverse[k] * variance).max(0.0).sqrt();
+        }
+        Solution { coefficients: coefficients.iter().copied().collect(), deviations, left, heldout }
+    }
+
+    /// Coefficients fitted to all folds but one.
+    pub(crate) fn solve_without(&self, fold: usize, used: &[usize]) -> Vec<f64> {
+        let n = self.target[0].len();
+        let mut total = DMatrix::zeros(n, n);
+        let mut right = DVector::zeros(n);
+        for f in (0..FOLDS).filter(|f| *f != fold) {
+            total += &self.inner[f];
+            right += &self.target[f];
+        }
+        solve_used(&total, &right, used).0.iter().copied().collect()
+    }
+
+    /// Number of columns.
+    pub(crate) fn columns(&self) -> usize {
+        self.target[0].len()
+    }
+}
+
+/// Coefficients (zero where not used) and the diagonal of the inverse over the used columns.
+fn solve_used(total: &DMatrix<f64>, right: &DVector<f64>, used: &[usize]) -> (DVector<f64>, Vec<f64>) {
+    let m = used.len();
+    let scale: Vec<f64> = used.iter().map(|&k| total[(k, k)].max(1e-300).sqrt().recip()).collect();
+    let mut a = DMatrix::zeros(m, m);
+    let mut y = DVector::zeros(m);
+    for i in 0..m {
+        for j in 0..m {
+            a[(i, j)] = total[(used[i], used[j])] * scale[i] * scale[j];
+        }
+        // A whisper of ridge: two columns that the data cannot tell apart share, instead of cancelling.
+        a[(i, i)] += 1e-10;
+        y[i] = right[used[i]] * scale[i];
+    }
+    let mut out = DVector::zeros(right.len());
+    let Some(chol) = a.cholesky() else { return (out, vec![f64::INFINITY; m]) };
+    let b = chol.solve(&y);
+    let inverse = chol.inverse();
+    for i in 0..m {
+        out[used[i]] = b[i] * scale[i];
+    }
+    (out, (0..m).map(|i| inverse[(i, i)] * scale[i] * scale[i]).collect())
+}

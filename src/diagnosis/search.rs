@@ -1,0 +1,264 @@
+//! Forward selection: try every hypothesis, take the best, project it out, try again.
+
+use super::bank;
+use super::bench::{Accepted, Bench, Score};
+use super::problem::{Column, Mechanics, Problem};
+use super::shape::{Hypothesis, Shape};
+
+/// More findings than this are a different machine.
+const MOST_FINDINGS: usize = 4;
+/// Twice the log-likelihood gain a finding needs; see `docs/results.md` for its calibration.
+const LEAST_EVIDENCE: f64 = 60.0;
+/// Least relative drop of the held-out sum of squares.
+const LEAST_SHARE: f64 = 0.004;
+
+/// One round of the search.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Round {
+    /// Everything tried, best first; one entry per effect and port.
+    pub(crate) scores: Vec<Score>,
+    /// Index of what was taken into the model.
+    pub(crate) taken: Option<usize>,
+}
+
+/// What the search ends with.
+pub(crate) struct Outcome {
+    pub(crate) problem: Problem,
+    pub(crate) accepted: Vec<Accepted>,
+    pub(crate) rounds: Vec<Round>,
+    /// How many of the accepted were in the model that was handed in.
+    pub(crate) given: usize,
+    /// Residual of the model as stated.
+    pub(crate) nominal: Column,
+    /// The last residual, from which the noise is taken.
+    pub(crate) residual: Column,
+    /// Residual with numbers re-estimated, no finding.
+    pub(crate) before: Column,
+}
+
+/// Runs `work` over `items` on two threads; results in order.
+pub(crate) fn on_two_cores<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    let next = std::sync::atomic::AtomicUsize::new(0);
+    let run = || {
+        let mut mine = Vec::new();
+        loop {
+            let k = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            let Some(item) = items.get(k) else { return mine };
+            mine.push((k, work(item)));
+        }
+    };
+    let mut all = std::thread::scope(|scope| {
+        let other = scope.spawn(run);
+        let mut mine = run();
+        match other.join() {
+            Ok(theirs) => mine.extend(theirs),
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+        mine
+    });
+    all.sort_by_key(|r| r.0);
+    all.into_iter().map(|r| r.1).collect()
+}
+
+/// Numbers of the problem from the coefficients of the bench.
+fn update_mechanics(p: &mut Problem, coefficients: &[f64]) {
+    let mut m = Mechanics::nominal(&p.drive, p.flexible);
+    for (number, &b) in p.numbers.iter().zip(coefficients) {
+        // A number that the recording cannot tell stays nominal.
+        let b = if b > 0.2 * number.nominal && b < 5.0 * number.nominal { b } else { number.nominal };
+        match (number.key, p.flexible) {
+            (Some("rotary_inertia_kg_m2"), true) => m.motor_mass_kg = b,
+            (Some("rotary_damping_nm_s_rad"), true) => m.motor_damping_n_s_m = b,
+            (Some("motor_coulomb_friction_n"), true) => m.motor_coulomb_n = b,
+            (Some("axial_stiffness_n_m"), _) => m.stiffness_n_m = b,
+            (Some("structural_damping_n_s_m"), _) => m.structural_damping_n_s_m = b,
+            (Some("movable_mass_kg"), true) => m.stage_mass_kg = b,
+            (Some("translational_damping_n_s_m"), true) => m.stage_damping_n_s_m = b,
+            (Some("stage_coulomb_friction_n"), true) => m.stage_coulomb_n = b,
+            (Some("movable_mass_kg"), false) => m.motor_mass_kg = b,
+            (Some("translational_damping_n_s_m" | "rotary_damping_nm_s_rad"), false) => {
+                m.motor_damping_n_s_m = b
+            }
+            (Some("stage_coulomb_friction_n" | "motor_coulomb_friction_n"), false) => m.motor_coulomb_n = b,
+            _ => {}
+        }
+    }
+    p.mechanics = m;
+}
+
+/// Bench with the noise found by iterating fit and whitening.
+pub(crate) fn settled<'a>(p: &'a Problem, accepted: &'a [Accepted], start: &Column) -> Bench<'a> {
+    let first = Bench::new(p, accepted, start);
+    let residual = first.residual();
+    Bench::new(p, accepted, &residual)
+}
+
+fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
+    let mut coefficients: Vec<f64> = p.numbers.iter().map(|n| n.nominal).collect();
+    coefficients.push(0.0);
+    for a in given {
+        coefficients.extend(a.stated());
+    }
+    super::bench::residual_of(p, given, &coefficients)
+}
+
+/// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
+fn settle(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column) {
+    let passes = if accepted.is_empty() { 2 } else { 8 };
+    for _ in 0..passes {
+        let (coefficients, fits) = {
+            let bench = settled(p, accepted, residual);
+            *residual = bench.residual();
+            let fits: Vec<_> = (0..accepted.len()).map(|k| bench.accepted_fit(k)).collect();
+            (bench.solution.coefficients.clone(), fits)
+        };
+        update_mechanics(p, &coefficients);
+        let mut moved: f64 = 0.0;
+        for (a, fit) in accepted.iter_mut().zip(&fits) {
+            let shape = &a.hypothesis.shape;
+            let trust = shape.trust();
+            let constants: Vec<f64> = shape
+                .constants()
+                .iter()
+                .zip(&fit.steps)
+                .map(|(c, s)| c * s.clamp(-trust, trust).exp())
+                .collect();
+            for (s, d) in fit.steps.iter().zip(&fit.step_deviations) {
+                moved = moved.max(s.abs() / (d + 1e-9));
+            }
+            let hypothesis = Hypothesis { shape: shape.with_constants(&constants), ..a.hypothesis.clone() };
+            *a = Accepted::new(p, hypothesis, fit.amplitudes.clone());
+        }
+        if !accepted.is_empty() && moved < 0.3 {
+            break;
+        }
+    }
+}
+
+/// The whole search.
+pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Progress<'_>) -> Outcome {
+    let mut accepted = given;
+    let given = accepted.len();
+    let mut rounds = Vec::new();
+    let mut residual = nominal_residual(&p, &accepted);
+    let nominal = residual.clone();
+    let mut before = residual.clone();
+    for round in 0..=MOST_FINDINGS {
+        progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
+        settle(&mut p, &mut accepted, &mut residual);
+        let bench = Bench::new(&p, &accepted, &residual);
+        residual = bench.residual();
+        if round == 0 {
+            before = residual.clone();
+        }
+        progress(round as f64 / (MOST_FINDINGS + 1) as f64, "trying hypotheses");
+        let mut result = one_round(&bench, &accepted);
+        let enough = round < MOST_FINDINGS
+            && result
+                .scores
+                .first()
+                .is_some_and(|s| s.plausible && significant(s.evidence, bench.folds.total()));
+        result.taken = enough.then_some(0);
+        let taken = result.taken.map(|k| result.scores[k].clone());
+        drop(bench);
+        rounds.push(result);
+        match taken {
+            Some(score) => accepted.push(Accepted::new(&p, score.hypothesis, score.amplitudes)),
+            None => break,
+        }
+    }
+    Outcome { problem: p, accepted, rounds, given, nominal, residual, before }
+}
+
+fn significant(evidence: f64, samples: usize) -> bool {
+    evidence > LEAST_EVIDENCE && evidence / samples as f64 > LEAST_SHARE
+}
+
+/// Scores the whole bank and refines the leaders of each effect.
+fn one_round(bench: &Bench<'_>, accepted: &[Accepted]) -> Round {
+    let mut bank = bank::fixed(bench.problem);
+    bank.extend(bank::adaptive(bench));
+    bank.retain(|h| !accepted.iter().any(|a| same_kind(&a.hypothesis, h)));
+    let mut scores = on_two_cores(&bank, |h| bench.score(h));
+    keep_best_of_kind(&mut scores);
+    let leaders: Vec<Score> = scores.iter().take(8).cloned().collect();
+    let refined = on_two_cores(&leaders, |s| bench.refine(s));
+    scores.splice(0..leaders.len(), refined);
+    sort(&mut scores);
+    keep_best_of_kind(&mut scores);
+    if std::env::var("SC_DEBUG").is_ok() {
+        eprintln!("-- round, samples {} ", bench.folds.total());
+        for (n, (b, d)) in bench
+            .problem
+            .numbers
+            .iter()
+            .zip(bench.solution.coefficients.iter().zip(&bench.solution.deviations))
+        {
+            eprintln!(
+                "   {:?} nominal {:.4e} fit/nominal {:.4} sd {:.1e}",
+                n.key,
+                n.nominal,
+                b / n.nominal,
+                d / n.nominal
+            );
+        }
+        for (k, a) in accepted.iter().enumerate() {
+            eprintln!(
+                "   ACCEPTED {:?} {:?} drop {:.0}",
+                a.hypothesis.shape,
+                bench.accepted_fit(k),
+                bench.drop_one(k)
+            );
+        }
+        eprintln!("   timing {:.3e}", bench.solution.coefficients[bench.problem.numbers.len()]);
+        for s in scores.iter().take(5) {
+            eprintln!(
+                "   {:28} {:14} ev {:10.1} ({}) {:?} amp {:?}",
+                s.hypothesis.effect.name(),
+                s.hypothesis.port.name(),
+                s.evidence,
+                s.plausible,
+                s.hypothesis.shape,
+                &s.amplitudes[..s.amplitudes.len().min(4)]
+            );
+        }
+    }
+    Round { scores, taken: None }
+}
+
+/// True when two hypotheses are the same physics, so that one in the model makes the other pointless.
+fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
+    if a.effect != b.effect || a.port != b.port {
+        return false;
+    }
+    match (&a.shape, &b.shape) {
+        (Shape::Periodic { wavelength_m: x, .. }, Shape::Periodic { wavelength_m: y, .. }) => {
+            [1.0, 2.0, 3.0].iter().any(|h| (x / y / h - 1.0).abs() < 0.03)
+        }
+        (Shape::EncoderError { period_m: x, .. }, Shape::EncoderError { period_m: y, .. }) => {
+            (x / y - 1.0).abs() < 0.02
+        }
+        (Shape::Lines { .. }, Shape::Lines { .. }) => false,
+        _ => true,
+    }
+}
+
+fn rank(s: &Score) -> f64 {
+    if s.plausible { s.evidence } else { s.evidence.min(0.0) - 1.0 }
+}
+
+fn sort(scores: &mut [Score]) {
+    scores.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
+}
+
+/// Of each kind the best stays; best first.
+fn keep_best_of_kind(scores: &mut Vec<Score>) {
+    sort(scores);
+    let mut kept: Vec<Score> = Vec::new();
+    for s in scores.drain(..) {
+        if !kept.iter().any(|k| same_kind(&k.hypothesis, &s.hypothesis)) {
+            kept.push(s);
+        }
+    }
+    *scores = kept;
+}

@@ -1,0 +1,580 @@
+//! Hypotheses: each effect of the vocabulary as columns of the force balance.
+
+use super::kernel::{Action, Kernel};
+use super::motion::{Motion, band_hz, current_loop, thrust_delay_s};
+use super::problem::{Column, Problem, Sides, stretch, stretch_rate};
+use crate::plant::effects::coupling::{Torsion, after_backlash, cubic};
+use crate::plant::effects::friction::{
+    Presliding, asymmetric, drift, nonlinear_viscosity, sliding_direction, stribeck,
+};
+use crate::plant::effects::periodic::{knot, wave};
+use crate::plant::effects::{EffectKind, Port};
+
+/// The law of a hypothesis with its nonlinear constants; amplitudes are the regression's.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Shape {
+    Coulomb,
+    Viscous,
+    Stribeck {
+        velocity_m_s: f64,
+    },
+    Presliding {
+        stiffness_n_m: f64,
+    },
+    Asymmetric,
+    AsymmetricViscous,
+    NonlinearViscosity,
+    Drift {
+        time_constant_s: f64,
+    },
+    Constant,
+    /// Sine and cosine in position; `flips`: times the direction.
+    Periodic {
+        wavelength_m: f64,
+        harmonics: usize,
+        flips: bool,
+    },
+    /// Free map over position.
+    Map {
+        first_m: f64,
+        spacing_m: f64,
+        knots: usize,
+        flips: bool,
+    },
+    Saturation,
+    Lag {
+        extra_s: f64,
+    },
+    Delay {
+        extra_s: f64,
+    },
+    Backlash {
+        gap_m: f64,
+    },
+    Cubic,
+    StiffnessSlope,
+    Torsion {
+        frequency_hz: f64,
+        screw_share: f64,
+        damping_ratio: f64,
+    },
+    EncoderError {
+        period_m: f64,
+        harmonics: usize,
+    },
+    /// Harmonics of a line in a window of one recording (or of all).
+    Lines {
+        fundamental_hz: f64,
+        harmonics: usize,
+        windows: Vec<(usize, f64, f64)>,
+    },
+}
+
+impl Shape {
+    /// Nonlinear constants, all positive.
+    pub(crate) fn constants(&self) -> Vec<f64> {
+        match self {
+            Shape::Stribeck { velocity_m_s: x }
+            | Shape::Presliding { stiffness_n_m: x }
+            | Shape::Drift { time_constant_s: x }
+            | Shape::Lag { extra_s: x }
+            | Shape::Delay { extra_s: x }
+            | Shape::Backlash { gap_m: x }
+            | Shape::Periodic { wavelength_m: x, .. }
+            | Shape::Lines { fundamental_hz: x, .. } => vec![*x],
+            Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
+                vec![*frequency_hz, *screw_share, *damping_ratio]
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// The same law with other constants, held inside what the law allows.
+    pub(crate) fn with_constants(&self, c: &[f64]) -> Self {
+        let mut shape = self.clone();
+        match &mut shape {
+            Shape::Stribeck { velocity_m_s: x }
+            | Shape::Presliding { stiffness_n_m: x }
+            | Shape::Drift { time_constant_s: x }
+            | Shape::Lag { extra_s: x }
+            | Shape::Delay { extra_s: x }
+            | Shape::Backlash { gap_m: x }
+            | Shape::Periodic { wavelength_m: x, .. }
+            | Shape::Lines { fundamental_hz: x, .. } => *x = c[0],
+            Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
+                *frequency_hz = c[0].clamp(100.0, 5000.0);
+                *screw_share = c[1].clamp(0.05, 0.95);
+                *damping_ratio = c[2].clamp(1e-4, 0.3);
+            }
+            _ => {}
+        }
+        shape
+    }
+
+    /// Largest relative step of a constant in one iteration: as far as the law is nearly linear in it.
+    pub(crate) fn trust(&self) -> f64 {
+        match self {
+            Shape::Periodic { .. } => 0.004,
+            Shape::Lines { .. } => 0.0005,
+            Shape::Torsion { .. } => 0.15,
+            Shape::Stribeck { .. } | Shape::Presliding { .. } | Shape::Drift { .. } => 0.4,
+            _ => 0.25,
+        }
+    }
+
+    /// Relative step of the difference quotient.
+    fn quotient_step(&self) -> f64 {
+        match self {
+            Shape::Periodic { .. } => 1e-4,
+            Shape::Lines { .. } => 1e-5,
+            _ => 0.01,
+        }
+    }
+
+    /// True where the constants say everything and the amplitude is one.
+    pub(crate) fn unit(&self) -> bool {
+        matches!(
+            self,
+            Shape::Lag { .. } | Shape::Delay { .. } | Shape::Backlash { .. } | Shape::Torsion { .. }
+        )
+    }
+
+    /// Start for the constants from a fit of the amplitude, where the two trade one for one.
+    pub(crate) fn absorb(&self, amplitude: f64) -> Self {
+        match self {
+            Shape::Lag { .. } | Shape::Delay { .. } | Shape::Backlash { .. } => {
+                self.with_constants(&[self.constants()[0] * amplitude.clamp(0.3, 3.0)])
+            }
+            _ => self.clone(),
+        }
+    }
+}
+
+/// A hypothesis.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Hypothesis {
+    pub(crate) effect: EffectKind,
+    pub(crate) port: Port,
+    pub(crate) shape: Shape,
+}
+
+impl Hypothesis {
+    pub(crate) fn new(effect: EffectKind, port: Port, shape: Shape) -> Self {
+        Self { effect, port, shape }
+    }
+
+    /// The columns that the hypothesis adds to the balance.
+    pub(crate) fn columns(&self, p: &Problem) -> Vec<Column> {
+        let vs = p.mechanics.smoothing_m_s;
+        match &self.shape {
+            Shape::Coulomb => vec![self.of_velocity(p, |v| sliding_direction(v, vs))],
+            Shape::Viscous => vec![self.of_velocity(p, |v| v)],
+            Shape::Stribeck { velocity_m_s } => vec![self.of_velocity(p, |v| stribeck(v, *velocity_m_s, vs))],
+            Shape::Presliding { stiffness_n_m } => vec![self.presliding(p, *stiffness_n_m)],
+            Shape::Asymmetric => vec![self.of_velocity(p, |v| asymmetric(v, vs))],
+            Shape::AsymmetricViscous => {
+                vec![self.of_velocity(p, |v| asymmetric(v, vs)), self.of_velocity(p, |v| 0.5 * v.abs())]
+            }
+            Shape::NonlinearViscosity => vec![self.of_velocity(p, nonlinear_viscosity)],
+            Shape::Drift { time_constant_s } => {
+                let c = if self.port == Port::Motor {
+                    p.mechanics.motor_coulomb_n
+                } else {
+                    p.mechanics.stage_coulomb_n
+                };
+                let c = if c > 0.0 { c } else { p.mechanics.motor_coulomb_n };
+                vec![self.force(p, |m| {
+                    let v = &self.side(m).velocity_m_s;
+                    (0..m.len())
+                        .map(|k| {
+                            c * sliding_direction(v[k], vs) * drift(m.time_s(k) - m.start_s, *time_constant_s)
+                        })
+                        .collect()
+                })]
+            }
+            Shape::Constant => vec![self.force(p, |m| vec![1.0; m.len()])],
+            Shape::Periodic { wavelength_m, harmonics, flips } => {
+                (1..=*harmonics).flat_map(|h| self.periodic(p, wavelength_m / h as f64, *flips)).collect()
+            }
+            Shape::Map { first_m, spacing_m, knots, flips } => {
+                (0..*knots).map(|k| self.map_knot(p, (*first_m, *spacing_m, *knots), (k, *flips))).collect()
+            }
+            Shape::Saturation => {
+                vec![p.column(|m| {
+                    motor(m.thrust_n.iter().map(|u| u * (u / m.thrust_per_unit).powi(2)).collect())
+                })]
+            }
+            Shape::Lag { extra_s } => vec![lag(p, *extra_s)],
+            Shape::Delay { extra_s } => vec![self.delay(p, *extra_s)],
+            Shape::Backlash { gap_m } => vec![backlash(p, *gap_m)],
+            Shape::Cubic => vec![p.coupling(|m| stretch(m).into_iter().map(cubic).collect())],
+            Shape::StiffnessSlope => vec![p.coupling(|m| {
+                let x = &m.stage_side().position_m;
+                stretch(m).iter().zip(x).map(|(d, x)| p.mechanics.stiffness_n_m * d * x).collect()
+            })],
+            Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
+                vec![torsion(p, *frequency_hz, *screw_share, *damping_ratio)]
+            }
+            Shape::EncoderError { period_m, harmonics } => {
+                (1..=*harmonics).flat_map(|h| self.encoder_error(p, period_m / h as f64)).collect()
+            }
+            Shape::Lines { fundamental_hz, harmonics, windows } => {
+                self.lines(p, *fundamental_hz, (*harmonics, windows))
+            }
+        }
+    }
+
+    /// Derivative of the force at given amplitudes with respect to the logarithm of each constant.
+    pub(crate) fn tangents(&self, p: &Problem, columns: &[Column], amplitudes: &[f64]) -> Vec<Column> {
+        let constants = self.shape.constants();
+        let step = self.shape.quotient_step();
+        (0..constants.len())
+            .map(|i| {
+                let mut moved = constants.clone();
+                moved[i] *= 1.0 + step;
+                let there =
+                    Hypothesis { shape: self.shape.with_constants(&moved), ..self.clone() }.columns(p);
+                let mut sum: Column = vec![Sides::default(); p.motions.len()];
+                for ((a, b), amplitude) in there.iter().zip(columns).zip(amplitudes) {
+                    super::bench::add(&mut sum, a, amplitude / step);
+                    super::bench::add(&mut sum, b, -amplitude / step);
+                }
+                sum
+            })
+            .collect()
+    }
+
+    fn side<'a>(&self, m: &'a Motion) -> &'a super::motion::Side {
+        if self.port == Port::Motor { &m.motor } else { m.stage_side() }
+    }
+
+    /// A force series at this port; on a rigid axis there is one balance for all.
+    fn force(&self, p: &Problem, f: impl Fn(&Motion) -> Vec<f64>) -> Column {
+        let at_stage = p.flexible && self.port != Port::Motor;
+        p.column(|m| {
+            let x = f(m);
+            if at_stage { Sides { motor: None, stage: Some(x) } } else { motor(x) }
+        })
+    }
+
+    fn of_velocity(&self, p: &Problem, law: impl Fn(f64) -> f64) -> Column {
+        self.force(p, |m| self.side(m).velocity_m_s.iter().map(|v| law(*v)).collect())
+    }
+
+    fn presliding(&self, p: &Problem, stiffness_n_m: f64) -> Column {
+        let at_motor = self.port == Port::Motor || !p.flexible;
+        let coulomb_n =
+            if at_motor { p.mechanics.motor_coulomb_n } else { p.mechanics.stage_coulomb_n }.max(1e-3);
+        let law = Presliding { stiffness_n_m, coulomb_n };
+        let vs = p.mechanics.smoothing_m_s;
+        self.force(p, |m| {
+            let v = &self.side(m).velocity_m_s;
+            let mut force = 0.0;
+            v.iter()
+                .map(|v| {
+                    force = law.step(force, *v, 1.0 / m.rate_hz);
+                    force - coulomb_n * sliding_direction(*v, vs)
+                })
+                .collect()
+        })
+    }
+
+    fn periodic(&self, p: &Problem, wavelength_m: f64, flips: bool) -> Vec<Column> {
+        let vs = p.mechanics.smoothing_m_s;
+        let part = |cosine: bool| {
+            self.force(p, |m| {
+                let side = self.side(m);
+                (0..m.len())
+                    .map(|k| {
+                        let (s, c) = wave(side.position_m[k], wavelength_m);
+                        let w = if cosine { c } else { s };
+                        if flips { w * sliding_direction(side.velocity_m_s[k], vs) } else { w }
+                    })
+                    .collect()
+            })
+        };
+        vec![part(false), part(true)]
+    }
+
+    fn map_knot(
+        &self,
+        p: &Problem,
+        (first, spacing, knots): (f64, f64, usize),
+        (index, flips): (usize, bool),
+    ) -> Column {
+        let vs = p.mechanics.smoothing_m_s;
+        self.force(p, |m| {
+            let side = self.side(m);
+            (0..m.len())
+                .map(|k| {
+                    let (left, share) = knot(side.position_m[k], first, spacing, knots);
+                    let hat = if index == left {
+                        1.0 - share
+                    } else if index == left + 1 {
+                        share
+                    } else {
+                        0.0
+                    };
+                    if flips { hat * sliding_direction(side.velocity_m_s[k], vs) } else { hat }
+                })
+                .collect()
+        })
+    }
+
+    /// Extra delay at the current or an encoder: what the balance misses when it is not known.
+    fn delay(&self, p: &Problem, extra_s: f64) -> Column {
+        match self.port {
+            Port::MotorEncoder => p.column(|m| {
+                encoder_sides(p, Port::MotorEncoder, &advanced_difference(&m.motor, extra_s * m.rate_hz))
+            }),
+            Port::StageEncoder => p.column(|m| {
+                encoder_sides(
+                    p,
+                    Port::StageEncoder,
+                    &advanced_difference(m.stage_side(), extra_s * m.rate_hz),
+                )
+            }),
+            _ => p.column(|m| motor(difference(&m.thrust_n, -extra_s * m.rate_hz))),
+        }
+    }
+
+    /// An error e(x) of an encoder as the balance sees it: through all of its derivatives, sampled as recorded.
+    fn encoder_error(&self, p: &Problem, period_m: f64) -> Vec<Column> {
+        let at_motor = self.port == Port::MotorEncoder;
+        let (near, far) = encoder_kernels(p, self.port);
+        let part = |cosine: bool| -> Column {
+            p.motions
+                .iter()
+                .map(|m| {
+                    let raw = if at_motor { &m.motor.raw_m } else { &m.stage_side().raw_m };
+                    let e: Vec<f64> = raw
+                        .iter()
+                        .map(|x| wave(*x, period_m))
+                        .map(|(s, c)| if cosine { c } else { s })
+                        .collect();
+                    let grid = p.thinning.grid(m.len());
+                    let near_side = Some(near.apply(&e, grid));
+                    let far_side = far.as_ref().map(|k| k.apply(&e, grid));
+                    if at_motor || !p.flexible {
+                        Sides { motor: near_side, stage: far_side }
+                    } else {
+                        Sides { motor: far_side, stage: near_side }
+                    }
+                })
+                .collect()
+        };
+        vec![part(false), part(true)]
+    }
+
+    /// What an encoder reports too much, m, per recording.
+    pub(crate) fn encoder_series(&self, p: &Problem, amplitudes: &[f64]) -> Vec<Vec<f64>> {
+        let at_motor = self.port == Port::MotorEncoder;
+        p.motions
+            .iter()
+            .map(|m| {
+                let side = if at_motor { &m.motor } else { m.stage_side() };
+                match &self.shape {
+                    Shape::EncoderError { period_m, .. } => side
+                        .raw_m
+                        .iter()
+                        .map(|x| {
+                            amplitudes
+                                .chunks_exact(2)
+                                .enumerate()
+                                .map(|(h, ab)| {
+                                    let (s, c) = wave(*x, period_m / (h + 1) as f64);
+                                    ab[0] * s + ab[1] * c
+                                })
+                                .sum()
+                        })
+                        .collect(),
+                    Shape::Delay { extra_s } => difference(&side.position_m, extra_s * m.rate_hz),
+                    _ => vec![0.0; m.len()],
+                }
+            })
+            .collect()
+    }
+
+    fn lines(
+        &self,
+        p: &Problem,
+        fundamental_hz: f64,
+        (harmonics, windows): (usize, &[(usize, f64, f64)]),
+    ) -> Vec<Column> {
+        let mut out = Vec::new();
+        for &(recording, start_s, end_s) in windows {
+            for h in 1..=harmonics {
+                for cosine in [false, true] {
+                    let mut column = vec![Sides::default(); p.motions.len()];
+                    let m = &p.motions[recording];
+                    let w = std::f64::consts::TAU * fundamental_hz * h as f64;
+                    let x: Vec<f64> = (0..m.len())
+                        .map(|k| m.time_s(k))
+                        .map(|t| {
+                            if t < start_s || t > end_s {
+                                0.0
+                            } else if cosine {
+                                (w * t).cos()
+                            } else {
+                                (w * t).sin()
+                            }
+                        })
+                        .collect();
+                    let thin = Some(p.thinning.thin(&x));
+                    column[recording] = if p.flexible && self.port != Port::Motor {
+                        Sides { motor: None, stage: thin }
+                    } else {
+                        Sides { motor: thin, stage: None }
+                    };
+                    out.push(column);
+                }
+            }
+        }
+        out
+    }
+}
+
+fn motor(x: Vec<f64>) -> Sides {
+    Sides { motor: Some(x), stage: None }
+}
+
+/// Lagrange interpolation over six samples: x at k + shift.
+fn shifted(x: &[f64], shift_samples: f64) -> Vec<f64> {
+    let whole = shift_samples.floor();
+    let f = shift_samples - whole;
+    let nodes = [-2.0, -1.0, 0.0, 1.0, 2.0, 3.0];
+    let weights: Vec<f64> =
+        nodes.iter().map(|a| nodes.iter().filter(|b| *b != a).map(|b| (f - b) / (a - b)).product()).collect();
+    let n = x.len() as isize;
+    (0..n)
+        .map(|k| {
+            let base = k + whole as isize - 2;
+            weights.iter().enumerate().map(|(j, w)| w * x[(base + j as isize).clamp(0, n - 1) as usize]).sum()
+        })
+        .collect()
+}
+
+/// x(t) - x(t + shift).
+fn difference(x: &[f64], shift_samples: f64) -> Vec<f64> {
+    x.iter().zip(shifted(x, shift_samples)).map(|(a, b)| a - b).collect()
+}
+
+/// e = x(t) - x(t + shift) of position, velocity and acceleration.
+fn advanced_difference(side: &super::motion::Side, shift_samples: f64) -> [Vec<f64>; 3] {
+    [
+        difference(&side.position_m, shift_samples),
+        difference(&side.velocity_m_s, shift_samples),
+        difference(&side.accel_m_s2, shift_samples),
+    ]
+}
+
+/// An encoder error and its derivatives, through masses, dampers and spring (sign of a column).
+fn encoder_sides(p: &Problem, port: Port, [e, e1, e2]: &[Vec<f64>; 3]) -> Sides {
+    let m = &p.mechanics;
+    let at_motor = port == Port::MotorEncoder || !p.flexible;
+    let (mass, damping) = if at_motor {
+        (m.motor_mass_kg, m.motor_damping_n_s_m)
+    } else {
+        (m.stage_mass_kg, m.stage_damping_n_s_m)
+    };
+    let spring: Vec<f64> =
+        e.iter().zip(e1).map(|(x, v)| m.stiffness_n_m * x + m.structural_damping_n_s_m * v).collect();
+    let near = (0..e.len()).map(|k| -(mass * e2[k] + damping * e1[k] + spring[k])).collect();
+    if !p.flexible {
+        return motor(near);
+    }
+    if at_motor {
+        Sides { motor: Some(near), stage: Some(spring) }
+    } else {
+        Sides { motor: Some(spring), stage: Some(near) }
+    }
+}
+
+/// One kernel for everything an encoder's error passes, to the side of its mass and to the other.
+fn encoder_kernels(p: &Problem, port: Port) -> (Kernel, Option<Kernel>) {
+    let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
+    let m = &p.mechanics;
+    let at_motor = port == Port::MotorEncoder || !p.flexible;
+    let delay = if port == Port::MotorEncoder {
+        p.drive.motor_encoder_delay_s()
+    } else {
+        p.drive.stage_encoder_delay_s()
+    };
+    let (mass, damping) = if at_motor {
+        (m.motor_mass_kg, m.motor_damping_n_s_m)
+    } else {
+        (m.stage_mass_kg, m.stage_damping_n_s_m)
+    };
+    let k = |derivative| Kernel::low_pass(band_hz(rate), rate, Action { derivative, advance_s: delay });
+    let (k0, k1, k2) = (k(0), k(1), k(2));
+    let spring = k0.times(m.stiffness_n_m).plus(m.structural_damping_n_s_m, &k1);
+    let near = k2.times(-mass).plus(-damping, &k1).plus(-1.0, &spring).then(&p.thinning.kernel);
+    (near, p.flexible.then(|| spring.then(&p.thinning.kernel)))
+}
+
+/// Slower loop filtered where the kernel has data; held at the edges.
+fn apply_inside(kernel: &Kernel, x: &[f64], grid: super::kernel::Grid) -> Vec<f64> {
+    let half = kernel.half();
+    if grid.first >= half {
+        return kernel.apply(x, grid);
+    }
+    let inner = kernel.apply(x, super::kernel::Grid { first: half, step: 1, count: x.len() - 2 * half });
+    (0..grid.count)
+        .map(|j| inner[(grid.first + j * grid.step).saturating_sub(half).min(inner.len() - 1)])
+        .collect()
+}
+
+fn lag(p: &Problem, extra_s: f64) -> Column {
+    let slower = p.drive.current_loop_bandwidth_rad_s().map_or(1.0 / extra_s, |w| 1.0 / (1.0 / w + extra_s));
+    let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
+    // Without a stated loop the hold counts half a sample; with one, the end of the step.
+    let hold = if p.drive.current_loop_bandwidth_rad_s().is_some() { 0.0 } else { 0.5 / rate };
+    let kernel = Kernel::low_pass(
+        band_hz(rate),
+        rate,
+        Action { derivative: 0, advance_s: -(thrust_delay_s(&p.drive, rate) + hold) },
+    )
+    .then(&p.thinning.kernel);
+    p.motions
+        .iter()
+        .map(|m| {
+            let slow = current_loop(&m.raw_reference_n, Some(slower), m.rate_hz);
+            let now = p.thinning.thin(&m.thrust_n);
+            let slow = apply_inside(&kernel, &slow, p.thinning.grid(m.len()));
+            motor(now.iter().zip(&slow).map(|(a, b)| a - b).collect())
+        })
+        .collect()
+}
+
+fn backlash(p: &Problem, gap_m: f64) -> Column {
+    let k = p.mechanics.stiffness_n_m;
+    p.coupling(|m| stretch(m).into_iter().map(|d| k * (after_backlash(d, gap_m) - d)).collect())
+}
+
+fn torsion(p: &Problem, frequency_hz: f64, screw_share: f64, damping_ratio: f64) -> Column {
+    let m0 = &p.mechanics;
+    let screw = screw_share * m0.motor_mass_kg;
+    let stiffness = Torsion::stiffness_of(frequency_hz, m0.motor_mass_kg - screw, screw);
+    let t = Torsion {
+        screw_mass_kg: screw,
+        torsional_stiffness_n_m: stiffness,
+        torsional_damping_n_s_m: 2.0 * damping_ratio * (stiffness * screw).sqrt(),
+        axial_stiffness_n_m: m0.stiffness_n_m,
+        axial_damping_n_s_m: m0.structural_damping_n_s_m,
+    };
+    p.column(|m| {
+        let (d, d1) = (stretch(m), stretch_rate(m));
+        let load: Vec<f64> = (0..m.len())
+            .map(|k| {
+                -screw * m.motor.accel_m_s2[k] - m0.stiffness_n_m * d[k] - m0.structural_damping_n_s_m * d1[k]
+            })
+            .collect();
+        let [e, e1, e2] = t.response(&load, 1.0 / m.rate_hz);
+        let spring: Vec<f64> =
+            e.iter().zip(&e1).map(|(e, v)| m0.stiffness_n_m * e + m0.structural_damping_n_s_m * v).collect();
+        Sides {
+            motor: Some(spring.iter().zip(&e2).map(|(s, a)| s + screw * a).collect()),
+            stage: Some(spring.iter().map(|s| -s).collect()),
+        }
+    })
+}

@@ -1,0 +1,343 @@
+//! Between hypotheses and what leaves the diagnosis: named parameters, terms of a model, sentences.
+
+use super::bench::{Accepted, HypothesisFit};
+use super::problem::Problem;
+use super::result::Estimate;
+use super::shape::{Hypothesis, Shape};
+use crate::plant::effects::periodic::amplitude_phase;
+use crate::plant::effects::{EffectKind as E, ParameterValue, PhysicsTerm, Port};
+use std::f64::consts::TAU;
+
+/// A stated torque constant is good to about one per cent, and every force is measured by it.
+pub(crate) const SCALE_DEVIATION: f64 = 0.008;
+/// Curvature intervals are widened: neighbouring samples of a residual are not quite independent.
+const DEVIATION_FACTOR: f64 = 2.0;
+const Z95: f64 = 1.96;
+
+/// Collects estimates with their intervals.
+struct Sheet {
+    list: Vec<Estimate>,
+    scale: f64,
+}
+
+impl Sheet {
+    fn add(&mut self, name: &str, unit: &'static str, value: f64, deviation: f64) {
+        let half = Z95 * DEVIATION_FACTOR * deviation;
+        self.list.push(Estimate { name: name.to_owned(), value, unit, ci95: [value - half, value + half] });
+    }
+
+    /// A number that is measured in newtons: the torque constant's own error adds.
+    fn add_force(&mut self, name: &str, unit: &'static str, value: f64, deviation: f64) {
+        let total = (DEVIATION_FACTOR * deviation).hypot(self.scale * value);
+        let half = Z95 * total;
+        self.list.push(Estimate { name: name.to_owned(), value, unit, ci95: [value - half, value + half] });
+    }
+
+    /// Constants carry the interval of their logarithm.
+    fn add_log(&mut self, name: &str, unit: &'static str, value: f64, relative: f64) {
+        let half = Z95 * DEVIATION_FACTOR * relative;
+        self.list.push(Estimate {
+            name: name.to_owned(),
+            value,
+            unit,
+            ci95: [value * (-half).exp(), value * half.exp()],
+        });
+    }
+}
+
+/// Numbers of an accepted finding.
+pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -> Vec<Estimate> {
+    let scaled = p.motions.iter().any(|m| (m.thrust_per_unit - 1.0).abs() > 1e-12);
+    let mut s = Sheet { list: Vec::new(), scale: if scaled { SCALE_DEVIATION } else { 0.0 } };
+    let a = |k: usize| fit.amplitudes.get(k).copied().unwrap_or(0.0);
+    let d = |k: usize| fit.amplitude_deviations.get(k).copied().unwrap_or(0.0);
+    let r = |k: usize| fit.step_deviations.get(k).copied().unwrap_or(0.0);
+    match &accepted.hypothesis.shape {
+        Shape::Coulomb | Shape::Constant => s.add_force("force_n", "N", a(0), d(0)),
+        Shape::Viscous => s.add_force("n_s_m", "N s/m", a(0), d(0)),
+        Shape::Stribeck { velocity_m_s } => {
+            s.add_force("stribeck_force_n", "N", a(0), d(0));
+            s.add_log("stribeck_velocity_m_s", "m/s", *velocity_m_s, r(0));
+        }
+        Shape::Presliding { stiffness_n_m } => {
+            s.add_log("presliding_stiffness_n_m", "N/m", *stiffness_n_m, r(0).hypot(s.scale));
+            s.add("share", "1", a(0), d(0));
+        }
+        Shape::Asymmetric => s.add_force("force_difference_n", "N", a(0), d(0)),
+        Shape::AsymmetricViscous => {
+            s.add_force("force_difference_n", "N", a(0), d(0));
+            s.add_force("viscous_difference_n_s_m", "N s/m", a(1), d(1));
+        }
+        Shape::NonlinearViscosity => s.add_force("n_s2_m2", "N s2/m2", a(0), d(0)),
+        Shape::Drift { time_constant_s } => {
+            s.add("relative_change", "1", a(0), d(0));
+            s.add_log("time_constant_s", "s", *time_constant_s, r(0));
+        }
+        Shape::Periodic { wavelength_m, .. } => {
+            let (amplitude, phase) = amplitude_phase(a(0), a(1));
+            let deviation = d(0).max(d(1));
+            if accepted.hypothesis.effect == E::TorqueRipple {
+                let lead = p.drive.screw_lead_m().unwrap_or(TAU);
+                s.add_log("order_per_rev", "1", lead / wavelength_m, r(0));
+            } else {
+                s.add_log("wavelength_m", "m", *wavelength_m, r(0));
+            }
+            s.add_force("amplitude_n", "N", amplitude, deviation);
+            s.add("phase_rad", "rad", phase, deviation / amplitude.max(1e-300));
+        }
+        Shape::Map { .. } => {}
+        Shape::Saturation => s.add("per_a2", "1/A2", a(0), d(0)),
+        Shape::Lag { extra_s } => {
+            let w = lag_bandwidth(p, *extra_s);
+            s.add_log("bandwidth_rad_s", "rad/s", w, r(0) * (w * extra_s).min(1.0));
+        }
+        Shape::Delay { extra_s } => s.add_log("extra_delay_s", "s", *extra_s, r(0)),
+        Shape::Backlash { gap_m } => s.add_log("gap_m", "m", *gap_m, r(0)),
+        Shape::Cubic => s.add_force("cubic_n_m3", "N/m3", a(0), d(0)),
+        Shape::StiffnessSlope => {
+            let length = travel_m(p);
+            s.add("relative_variation", "1", a(0) * length, d(0) * length);
+            s.add("length_m", "m", length, 0.0);
+        }
+        Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
+            s.add_log("free_free_frequency_hz", "Hz", *frequency_hz, r(0));
+            s.add_log("screw_inertia_share", "1", *screw_share, r(1));
+            s.add_log("damping_ratio", "1", *damping_ratio, r(2));
+        }
+        Shape::EncoderError { period_m, .. } => {
+            let (amplitude, phase) = amplitude_phase(a(0), a(1));
+            s.add("signal_period_m", "m", *period_m, 0.0);
+            s.add("amplitude_m", "m", amplitude, d(0).max(d(1)));
+            s.add("phase_rad", "rad", phase, d(0).max(d(1)) / amplitude.max(1e-300));
+        }
+        Shape::Lines { fundamental_hz, harmonics, windows } => {
+            s.add_log("fundamental_hz", "Hz", *fundamental_hz, r(0));
+            let amplitude = a(0).hypot(a(1));
+            let strongest = (0..*harmonics).map(|h| a(2 * h).hypot(a(2 * h + 1))).fold(amplitude, f64::max);
+            s.add_force("amplitude_n", "N", strongest, d(0));
+            let start = windows.iter().map(|w| w.1).fold(f64::INFINITY, f64::min);
+            let end = windows.iter().map(|w| w.2).fold(f64::NEG_INFINITY, f64::max);
+            s.add("start_s", "s", start, 0.1);
+            s.add("end_s", "s", end, 0.1);
+        }
+    }
+    s.list
+}
+
+/// Bandwidth of the slower loop: 1/w' = 1/w + extra.
+fn lag_bandwidth(p: &Problem, extra_s: f64) -> f64 {
+    p.drive.current_loop_bandwidth_rad_s().map_or(1.0 / extra_s, |w| 1.0 / (1.0 / w + extra_s))
+}
+
+/// Travel that the recordings cover, m.
+pub(crate) fn travel_m(p: &Problem) -> f64 {
+    let (low, high) = p
+        .motions
+        .iter()
+        .flat_map(|m| m.stage_side().position_m.iter())
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+    (high - low).max(1e-9)
+}
+
+/// The finding as a term of a model, from which [`hypothesis`] rebuilds it.
+pub(crate) fn term(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -> PhysicsTerm {
+    let mut parameters: Vec<(String, ParameterValue)> =
+        estimates(p, accepted, fit).into_iter().map(|e| (e.name, ParameterValue::Number(e.value))).collect();
+    let mut list =
+        |name: &str, values: Vec<f64>| parameters.push((name.to_owned(), ParameterValue::List(values)));
+    match &accepted.hypothesis.shape {
+        Shape::Periodic { harmonics, flips, .. } => {
+            if *harmonics > 1 {
+                list("harmonics_n", fit.amplitudes.clone());
+            }
+            if *flips {
+                parameters.push(("with_direction".to_owned(), ParameterValue::Number(1.0)));
+            }
+        }
+        Shape::EncoderError { harmonics, .. } if *harmonics > 1 => {
+            list("harmonics_m", fit.amplitudes.clone())
+        }
+        Shape::Map { first_m, spacing_m, .. } => {
+            list("force_n", fit.amplitudes.clone());
+            parameters.push(("first_m".to_owned(), ParameterValue::Number(*first_m)));
+            parameters.push(("spacing_m".to_owned(), ParameterValue::Number(*spacing_m)));
+        }
+        Shape::Lines { harmonics, .. } => {
+            parameters.push(("harmonics".to_owned(), ParameterValue::Number(*harmonics as f64)))
+        }
+        _ => {}
+    }
+    PhysicsTerm { effect: accepted.hypothesis.effect, port: accepted.hypothesis.port, parameters }
+}
+
+/// The hypothesis that a term of a model states, with its amplitudes; `None`: not a law of this bank.
+pub(crate) fn hypothesis(p: &Problem, term: &PhysicsTerm) -> Option<(Hypothesis, Vec<f64>)> {
+    let get = |name: &str| term.number(name);
+    let wave = |amplitude: f64| {
+        let phase = get("phase_rad").unwrap_or(0.0);
+        vec![amplitude * phase.cos(), amplitude * phase.sin()]
+    };
+    let (shape, amplitudes) = match term.effect {
+        E::CoulombFriction => (Shape::Coulomb, vec![get("force_n")?]),
+        E::GravityLoad => (Shape::Constant, vec![get("force_n")?]),
+        E::ViscousFriction => (Shape::Viscous, vec![get("n_s_m")?]),
+        E::StribeckFriction => {
+            (Shape::Stribeck { velocity_m_s: get("stribeck_velocity_m_s")? }, vec![get("stribeck_force_n")?])
+        }
+        E::PreslidingFriction => (
+            Shape::Presliding { stiffness_n_m: get("presliding_stiffness_n_m")? },
+            vec![get("share").unwrap_or(1.0)],
+        ),
+        E::AsymmetricFriction => match get("viscous_difference_n_s_m") {
+            Some(viscous) => (Shape::AsymmetricViscous, vec![get("force_difference_n")?, viscous]),
+            None => (Shape::Asymmetric, vec![get("force_difference_n")?]),
+        },
+        E::NonlinearViscosity => (Shape::NonlinearViscosity, vec![get("n_s2_m2")?]),
+        E::FrictionDrift => {
+            (Shape::Drift { time_constant_s: get("time_constant_s")? }, vec![get("relative_change")?])
+        }
+        E::PositionPeriodicForce | E::TorqueRipple => {
+            let wavelength_m = match get("wavelength_m") {
+                Some(w) => w,
+                None => p.drive.screw_lead_m()? / get("order_per_rev")?,
+            };
+            let amplitudes = term
+                .list("harmonics_n")
+                .map_or_else(|| wave(get("amplitude_n").unwrap_or(0.0)), <[f64]>::to_vec);
+            let flips = get("with_direction").is_some_and(|x| x != 0.0);
+            (Shape::Periodic { wavelength_m, harmonics: amplitudes.len() / 2, flips }, amplitudes)
+        }
+        E::PositionDependentForce => {
+            let force = term.list("force_n")?.to_vec();
+            (
+                Shape::Map {
+                    first_m: get("first_m")?,
+                    spacing_m: get("spacing_m")?,
+                    knots: force.len(),
+                    flips: false,
+                },
+                force,
+            )
+        }
+        E::TorqueConstantSaturation => (Shape::Saturation, vec![get("per_a2")?]),
+        E::Backlash => (Shape::Backlash { gap_m: get("gap_m")? }, vec![1.0]),
+        E::TorsionalMode => (
+            Shape::Torsion {
+                frequency_hz: get("free_free_frequency_hz")?,
+                screw_share: get("screw_inertia_share").unwrap_or(0.5),
+                damping_ratio: get("damping_ratio").unwrap_or(0.02),
+            },
+            vec![1.0],
+        ),
+        E::PositionDependentStiffness => {
+            (Shape::StiffnessSlope, vec![get("relative_variation")? / get("length_m")?])
+        }
+        E::NonlinearStiffness => (Shape::Cubic, vec![get("cubic_n_m3")?]),
+        E::DeadTime => (Shape::Delay { extra_s: get("extra_delay_s")? }, vec![1.0]),
+        E::CurrentLoopLag => {
+            let slow = 1.0 / get("bandwidth_rad_s")?;
+            let stated = p.drive.current_loop_bandwidth_rad_s().map_or(0.0, |w| 1.0 / w);
+            (Shape::Lag { extra_s: (slow - stated).max(1e-7) }, vec![1.0])
+        }
+        E::EncoderInterpolationError => {
+            let amplitudes = term
+                .list("harmonics_m")
+                .map_or_else(|| wave(get("amplitude_m").unwrap_or(0.0)), <[f64]>::to_vec);
+            (
+                Shape::EncoderError { period_m: get("signal_period_m")?, harmonics: amplitudes.len() / 2 },
+                amplitudes,
+            )
+        }
+        E::CuttingForce => {
+            let harmonics = get("harmonics").unwrap_or(4.0).clamp(1.0, 20.0) as usize;
+            let windows: Vec<(usize, f64, f64)> = (0..p.motions.len())
+                .map(|k| (k, get("start_s").unwrap_or(0.0), get("end_s").unwrap_or(f64::MAX)))
+                .collect();
+            let amplitudes = vec![0.0; 2 * harmonics * windows.len()];
+            (Shape::Lines { fundamental_hz: get("fundamental_hz")?, harmonics, windows }, amplitudes)
+        }
+        _ => return None,
+    };
+    Some((Hypothesis::new(term.effect, term.port, shape), amplitudes))
+}
+
+/// The law in symbols.
+pub(crate) fn equation(effect: E) -> &'static str {
+    match effect {
+        E::CoulombFriction => "F = F_c tanh(v / v_s)",
+        E::ViscousFriction => "F = C v",
+        E::StribeckFriction => "F = F_st exp(-(v / v_st)^2) tanh(v / v_s)",
+        E::PreslidingFriction => "F = s_0 z, dz/dt = v - |v| s_0 z / F_c",
+        E::AsymmetricFriction => "F = (d / 2) |tanh(v / v_s)|",
+        E::NonlinearViscosity => "F = c v |v|",
+        E::FrictionDrift => "F = F_c tanh(v / v_s) r (1 - exp(-t / tau))",
+        E::PositionPeriodicForce => "F = sum_h A_h sin(2 pi h x / wavelength + phase_h)",
+        E::PositionDependentForce => "F = F(x), linear between knots",
+        E::TorqueRipple => "F = sum_h A_h sin(h order theta + phase_h)",
+        E::TorqueConstantSaturation => "T = K_t i (1 - b i^2)",
+        E::GravityLoad => "F = constant",
+        E::Backlash => "S = K (D - clamp(D, -gap/2, gap/2))",
+        E::TorsionalMode => "J_s e'' + c e' + (k + K) e = -J_s a_m - K D",
+        E::PositionDependentStiffness => "S = K (1 + r x / L) D",
+        E::NonlinearStiffness => "S = K D + K_3 D^3",
+        E::DeadTime => "signal(t) -> signal(t - T)",
+        E::CurrentLoopLag => "i' = w (i_ref - i)",
+        E::EncoderInterpolationError => "x_read = x + sum_h A_h sin(2 pi h x / p + phase_h)",
+        E::EncoderQuantization => "x_read = step round(x / step)",
+        E::CuttingForce => "F = sum_h A_h sin(2 pi h f t + phase_h) from start to end",
+        _ => "a force with no known law",
+    }
+}
+
+/// Domain in which the effect is a curve.
+pub(crate) fn domain(effect: E) -> &'static str {
+    match effect {
+        E::PositionPeriodicForce
+        | E::PositionDependentForce
+        | E::EncoderInterpolationError
+        | E::PositionDependentStiffness => "position",
+        E::TorqueRipple => "motor_angle",
+        E::CoulombFriction | E::ViscousFriction | E::StribeckFriction | E::NonlinearViscosity => "velocity",
+        E::AsymmetricFriction | E::GravityLoad => "direction",
+        E::PreslidingFriction | E::Backlash => "history",
+        E::TorqueConstantSaturation | E::NonlinearStiffness => "current",
+        E::DeadTime | E::CurrentLoopLag | E::TorsionalMode => "frequency",
+        _ => "time",
+    }
+}
+
+/// One sentence for a person.
+pub(crate) fn statement(effect: E, port: Port, parameters: &[Estimate]) -> String {
+    let numbers: Vec<String> = parameters
+        .iter()
+        .filter(|e| e.name != "phase_rad" && e.name != "share" && e.name != "length_m")
+        .map(|e| format!("{} {}", e.name.replace('_', " "), engineering(e.value, e.unit)))
+        .collect();
+    format!(
+        "The model leaves out {} at the {} ({}).",
+        effect.name().replace('_', " "),
+        port.name().replace('_', " "),
+        numbers.join(", ")
+    )
+}
+
+/// A value in the unit of the shop floor: 1.0 um, 165 us, 5.64 N.
+pub(crate) fn engineering(value: f64, unit: &str) -> String {
+    let size = value.abs();
+    let (factor, prefix) = match unit {
+        "m" | "s" | "m/s" if size > 0.0 && size < 1e-6 => (1e9, "n"),
+        "m" | "s" | "m/s" if size > 0.0 && size < 1e-3 => (1e6, "u"),
+        "m" | "s" | "m/s" if size > 0.0 && size < 0.5 => (1e3, "m"),
+        "N/m" if size > 1e6 => (1e-6, "M"),
+        _ => (1.0, ""),
+    };
+    let x = value * factor;
+    let text = if x.abs() >= 1e5 || (x != 0.0 && x.abs() < 1e-3) {
+        format!("{x:.3e}")
+    } else if x.abs() >= 100.0 {
+        format!("{x:.0}")
+    } else {
+        format!("{x:.3}")
+    };
+    if unit == "1" { text } else { format!("{text} {prefix}{unit}") }
+}

@@ -1,0 +1,239 @@
+//! Whitening of the two residuals together: a vector autoregression, estimated where the residual is quiet.
+
+use super::problem::{Column, Sides};
+use nalgebra::{DMatrix, Matrix2};
+
+/// Length of the autoregression in samples of the regression.
+const ORDER: usize = 20;
+/// Blocks in which the residual is judged quiet or loud, s.
+const BLOCK_S: f64 = 0.1;
+/// Part of the blocks that the noise is taken from.
+const QUIET_SHARE: f64 = 0.5;
+
+/// e_w[t] = L^-1 (e[t] - sum_k A_k e[t-k]).
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Whitener {
+    /// A_1 .. A_p.
+    lags: Vec<Matrix2<f64>>,
+    scale: Matrix2<f64>,
+    sides: usize,
+}
+
+/// How a flat vector is cut: per recording, side by side.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Layout {
+    pub(crate) lengths: Vec<usize>,
+    pub(crate) sides: usize,
+}
+
+impl Layout {
+    pub(crate) fn total(&self) -> usize {
+        self.lengths.iter().sum::<usize>() * self.sides
+    }
+
+    /// Start of each (recording, side).
+    pub(crate) fn start(&self, recording: usize, side: usize) -> usize {
+        self.lengths[..recording].iter().sum::<usize>() * self.sides + side * self.lengths[recording]
+    }
+}
+
+fn series<'a>(sides: &'a Sides, side: usize) -> Option<&'a [f64]> {
+    if side == 0 { sides.motor.as_deref() } else { sides.stage.as_deref() }
+}
+
+impl Whitener {
+    /// Estimates the noise of residuals. `rate_hz`: of the series.
+    pub(crate) fn fit(residual: &Column, layout: &Layout, rate_hz: f64) -> Self {
+        let s = layout.sides;
+        let block = ((BLOCK_S * rate_hz) as usize).max(4 * ORDER);
+        let quiet = quiet_blocks(residual, layout, block);
+        let dim = s * ORDER;
+        let mut normal = DMatrix::<f64>::zeros(dim, dim);
+        let mut right = DMatrix::<f64>::zeros(dim, s);
+        let mut power = DMatrix::<f64>::zeros(s, s);
+        let mut count = 0.0;
+        let mut row = vec![0.0; dim];
+        for &(recording, start, end) in &quiet {
+            for t in (start + ORDER)..end {
+                let at = |side: usize, t: usize| series(&residual[recording], side).map_or(0.0, |x| x[t]);
+                for k in 0..ORDER {
+                    for c in 0..s {
+                        row[k * s + c] = at(c, t - 1 - k);
+                    }
+                }
+                let now: Vec<f64> = (0..s).map(|c| at(c, t)).collect();
+                for a in 0..dim {
+                    for b in 0..=a {
+                        normal[(a, b)] += row[a] * row[b];
+                    }
+                    for c in 0..s {
+                        right[(a, c)] += row[a] * now[c];
+                    }
+                }
+                for a in 0..s {
+                    for b in 0..s {
+                        power[(a, b)] += now[a] * now[b];
+                    }
+                }
+                count += 1.0;
+            }
+        }
+        for a in 0..dim {
+            for b in 0..a {
+                normal[(b, a)] = normal[(a, b)];
+            }
+        }
+        Self::solve(Normal { normal, right, power, count }, s)
+    }
+
+    fn solve(mut n: Normal, sides: usize) -> Self {
+        // A floor of 1e-3 of the power: the band above the low-pass holds no noise and must not be amplified without end.
+        for k in 0..n.normal.nrows() {
+            let c = k % sides;
+            n.normal[(k, k)] += 1e-3 * n.power[(c, c)] + f64::MIN_POSITIVE;
+        }
+        let dim = n.normal.nrows();
+        let solution =
+            n.normal.clone().cholesky().map_or_else(|| DMatrix::zeros(dim, sides), |c| c.solve(&n.right));
+        let explained = solution.transpose() * &n.right;
+        let count = n.count.max(1.0);
+        let mut covariance = Matrix2::<f64>::identity();
+        for a in 0..sides {
+            for b in 0..sides {
+                covariance[(a, b)] =
+                    (n.power[(a, b)] - 0.5 * (explained[(a, b)] + explained[(b, a)])) / count;
+            }
+            let least = 1e-6 * n.power[(a, a)] / count + 1e-300;
+            covariance[(a, a)] = covariance[(a, a)].max(least);
+        }
+        let scale = covariance.cholesky().and_then(|c| c.l().try_inverse()).unwrap_or_else(|| {
+            Matrix2::new(covariance[(0, 0)].powf(-0.5), 0.0, 0.0, covariance[(1, 1)].powf(-0.5))
+        });
+        let lags = (0..ORDER)
+            .map(|k| {
+                let mut m = Matrix2::zeros();
+                for a in 0..sides {
+                    for b in 0..sides {
+                        m[(a, b)] = solution[(k * sides + b, a)];
+                    }
+                }
+                m
+            })
+            .collect();
+        Self { lags, scale, sides }
+    }
+
+    /// Filter taps from input side `b` to output side `a`.
+    fn taps(&self, a: usize, b: usize) -> Vec<f64> {
+        let mut taps = vec![self.scale[(a, b)]];
+        taps.extend(
+            self.lags.iter().map(|m| -(0..self.sides).map(|c| self.scale[(a, c)] * m[(c, b)]).sum::<f64>()),
+        );
+        taps
+    }
+
+    /// Whitens a column into a flat vector. The first samples of a recording, without a past, become zero.
+    pub(crate) fn whiten(&self, column: &Column, layout: &Layout) -> Vec<f64> {
+        let mut flat = vec![0.0; layout.total()];
+        for b in 0..self.sides {
+            for a in 0..self.sides {
+                let taps = self.taps(a, b);
+                if taps.iter().all(|t| *t == 0.0) {
+                    continue;
+                }
+                for (recording, sides) in column.iter().enumerate() {
+                    let Some(x) = series(sides, b) else { continue };
+                    let start = layout.start(recording, a);
+                    add_filtered(&mut flat[start..start + x.len()], x, &taps);
+                }
+            }
+        }
+        flat
+    }
+
+    /// Transpose of [`Whitener::whiten`]: back to series per side.
+    pub(crate) fn adjoint(&self, flat: &[f64], layout: &Layout) -> Column {
+        (0..layout.lengths.len())
+            .map(|recording| {
+                let n = layout.lengths[recording];
+                let mut out = vec![vec![0.0; n]; self.sides];
+                for (b, o) in out.iter_mut().enumerate() {
+                    for a in 0..self.sides {
+                        let start = layout.start(recording, a);
+                        let z = &flat[start..start + n];
+                        for (k, tap) in self.taps(a, b).iter().enumerate() {
+                            for t in k.max(self.lags.len())..n {
+                                o[t - k] += tap * z[t];
+                            }
+                        }
+                    }
+                }
+                let mut out = out.into_iter();
+                Sides { motor: out.next(), stage: out.next() }
+            })
+            .collect()
+    }
+}
+
+fn add_filtered(out: &mut [f64], x: &[f64], taps: &[f64]) {
+    let past = taps.len() - 1;
+    for t0 in (past..x.len()).step_by(8) {
+        let width = (x.len() - t0).min(8);
+        if width == 8 {
+            let mut sums = [0.0f64; 8];
+            for (k, tap) in taps.iter().enumerate() {
+                let piece = &x[t0 - k..t0 - k + 8];
+                for j in 0..8 {
+                    sums[j] += tap * piece[j];
+                }
+            }
+            for j in 0..8 {
+                out[t0 + j] += sums[j];
+            }
+        } else {
+            for t in t0..x.len() {
+                out[t] += taps.iter().enumerate().map(|(k, tap)| tap * x[t - k]).sum::<f64>();
+            }
+        }
+    }
+}
+
+struct Normal {
+    normal: DMatrix<f64>,
+    right: DMatrix<f64>,
+    power: DMatrix<f64>,
+    count: f64,
+}
+
+/// The quieter share of blocks, by the power of each side in units of its median.
+fn quiet_blocks(residual: &Column, layout: &Layout, block: usize) -> Vec<(usize, usize, usize)> {
+    let mut blocks = Vec::new();
+    for (recording, &n) in layout.lengths.iter().enumerate() {
+        let mut start = 0;
+        while start + block <= n {
+            let powers: Vec<f64> = (0..layout.sides)
+                .map(|c| {
+                    series(&residual[recording], c)
+                        .map_or(0.0, |x| x[start..start + block].iter().map(|v| v * v).sum())
+                })
+                .collect();
+            blocks.push((recording, start, start + block, powers));
+            start += block;
+        }
+    }
+    let medians: Vec<f64> = (0..layout.sides)
+        .map(|c| {
+            let mut p: Vec<f64> = blocks.iter().map(|b| b.3[c]).collect();
+            p.sort_by(f64::total_cmp);
+            p.get(p.len() / 2).copied().unwrap_or(1.0).max(1e-300)
+        })
+        .collect();
+    let mut ranked: Vec<(f64, (usize, usize, usize))> = blocks
+        .iter()
+        .map(|b| (b.3.iter().zip(&medians).map(|(p, m)| p / m).sum::<f64>(), (b.0, b.1, b.2)))
+        .collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let keep = ((ranked.len() as f64 * QUIET_SHARE).ceil() as usize).max(1).min(ranked.len());
+    ranked.truncate(keep);
+    ranked.into_iter().map(|r| r.1).collect()
+}

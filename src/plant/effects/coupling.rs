@@ -1,0 +1,108 @@
+//! What the spring between motor side and stage does beside K D.
+
+/// Stretch that a backlash of `gap_m` leaves to the spring: D - clamp(D, -gap/2, gap/2).
+#[must_use]
+pub fn after_backlash(stretch_m: f64, gap_m: f64) -> f64 {
+    stretch_m - stretch_m.clamp(-0.5 * gap_m, 0.5 * gap_m)
+}
+
+/// D^3: hardening per N/m3.
+#[must_use]
+pub fn cubic(stretch_m: f64) -> f64 {
+    stretch_m * stretch_m * stretch_m
+}
+
+/// Motor and screw on a torsional spring: the screw side as travel behind the motor, e = x_c - x_m.
+///
+/// M_s e'' + (c + C_k) e' + (k + K) e = -M_s a_m - K D - C_k D'
+/// with M_s the screw's inertia, k and c the torsional spring and damper, all as seen on the screw axis.
+/// The damper of the nut acts on e' + D'. Units: SI.
+/// Checked by: tests::a_slow_load_twists_the_coupling_statically.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Torsion {
+    /// M_s, kg.
+    pub screw_mass_kg: f64,
+    /// k, N/m.
+    pub torsional_stiffness_n_m: f64,
+    /// c, N s/m.
+    pub torsional_damping_n_s_m: f64,
+    /// K, N/m.
+    pub axial_stiffness_n_m: f64,
+    /// C_k, N s/m.
+    pub axial_damping_n_s_m: f64,
+}
+
+impl Torsion {
+    /// From the free-free frequency of motor and screw: w^2 = k (1/M_m + 1/M_s).
+    #[must_use]
+    pub fn stiffness_of(free_free_frequency_hz: f64, motor_mass_kg: f64, screw_mass_kg: f64) -> f64 {
+        let w = std::f64::consts::TAU * free_free_frequency_hz;
+        w * w * motor_mass_kg * screw_mass_kg / (motor_mass_kg + screw_mass_kg)
+    }
+
+    /// e'' from e, e' and the load -M_s a_m - K D - C_k D'.
+    #[must_use]
+    pub fn accel(&self, e_m: f64, rate_m_s: f64, load_n: f64) -> f64 {
+        let c = self.torsional_damping_n_s_m + self.axial_damping_n_s_m;
+        let k = self.torsional_stiffness_n_m + self.axial_stiffness_n_m;
+        (load_n - c * rate_m_s - k * e_m) / self.screw_mass_kg
+    }
+
+    /// e, e', e'' for a sampled load, by the exact response to a load that is linear between samples.
+    #[must_use]
+    pub fn response(&self, load_n: &[f64], dt_s: f64) -> [Vec<f64>; 3] {
+        let k = self.torsional_stiffness_n_m + self.axial_stiffness_n_m;
+        let c = self.torsional_damping_n_s_m + self.axial_damping_n_s_m;
+        let w = (k / self.screw_mass_kg).sqrt();
+        let zeta = (c / (2.0 * w * self.screw_mass_kg)).min(0.95);
+        let (sigma, wd) = (zeta * w, w * (1.0 - zeta * zeta).sqrt());
+        let (sin, cos) = (wd * dt_s).sin_cos();
+        let decay = (-sigma * dt_s).exp();
+        // Relative to the quasi-static path s(t) = f/k - c f'/k^2, e - s rings freely between samples.
+        let mut e = load_n.first().copied().unwrap_or(0.0) / k;
+        let mut v = 0.0;
+        let mut out = [
+            Vec::with_capacity(load_n.len()),
+            Vec::with_capacity(load_n.len()),
+            Vec::with_capacity(load_n.len()),
+        ];
+        for (i, f) in load_n.iter().enumerate() {
+            out[0].push(e);
+            out[1].push(v);
+            out[2].push(self.accel(e, v, *f));
+            let next = load_n.get(i + 1).copied().unwrap_or(*f);
+            let slope = (next - f) / dt_s;
+            let (a, b) = (e - (f / k - c * slope / (k * k)), v - slope / k);
+            let ring = decay * (a * cos + (b + sigma * a) / wd * sin);
+            let ring_rate = decay * (b * cos - (sigma * b + w * w * a) / wd * sin);
+            e = next / k - c * slope / (k * k) + ring;
+            v = slope / k + ring_rate;
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gap_takes_the_first_stretch() {
+        assert!((after_backlash(0.4e-6, 1e-6)).abs() < 1e-20);
+        assert!((after_backlash(-1.5e-6, 1e-6) + 1.0e-6).abs() < 1e-18);
+    }
+
+    #[test]
+    fn a_slow_load_twists_the_coupling_statically() {
+        let t = Torsion {
+            screw_mass_kg: 40.0,
+            torsional_stiffness_n_m: 6e8,
+            torsional_damping_n_s_m: 2e3,
+            axial_stiffness_n_m: 4e7,
+            axial_damping_n_s_m: 1.5e3,
+        };
+        let load: Vec<f64> = (0..4000).map(|k| 100.0 * (k as f64 / 4000.0).min(0.5)).collect();
+        let [e, _, _] = t.response(&load, 1e-4);
+        assert!((e[3999] / (50.0 / 6.4e8) - 1.0).abs() < 1e-3, "{}", e[3999]);
+    }
+}

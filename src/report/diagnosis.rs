@@ -1,0 +1,100 @@
+//! `diagnosis.json`, `contribution-N.parquet` and `model.toml` (contracts, section 4).
+
+use crate::diagnosis::{Alternative, Diagnosis, Estimate, Finding, Location};
+use crate::recording::{RecordingError, Table, TableColumn, write_table, write_whole};
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// Writes everything but the page for a person. `files`: names of the recordings, `experiments`: their free words.
+///
+/// Errors: the folder cannot be made or a file not written.
+pub fn write(out: &Path, diagnosis: &Diagnosis, files: &[String]) -> Result<(), RecordingError> {
+    std::fs::create_dir_all(out).map_err(|source| RecordingError::Io { path: out.to_owned(), source })?;
+    for finding in &diagnosis.findings {
+        write_contribution(out, diagnosis, finding)?;
+    }
+    let model = crate::config::machine::machine_to_text(&diagnosis.model);
+    write_whole(&out.join("model.toml"), model.as_bytes())?;
+    let text = serde_json::to_string_pretty(&to_json(diagnosis, files)).unwrap_or_default();
+    write_whole(&out.join("diagnosis.json"), (text + "\n").as_bytes())
+}
+
+/// The machine-readable answer.
+#[must_use]
+pub fn to_json(diagnosis: &Diagnosis, files: &[String]) -> Value {
+    json!({
+        "schema": "stillcut.diagnosis/1",
+        "axis": diagnosis.axis,
+        "verdict": diagnosis.verdict.name(),
+        "location": diagnosis.location.as_ref().map(|l| location(l, diagnosis)),
+        "findings": diagnosis.findings.iter().map(finding).collect::<Vec<_>>(),
+        "residual_band_hz": diagnosis.residual_band_hz,
+        "noise_floor_n": diagnosis.balances.iter().zip(&diagnosis.noise_floor_n).map(|(b, n)| ((*b).to_owned(), json!(n))).collect::<Map<_, _>>(),
+        "parameter_corrections": diagnosis.parameter_corrections.iter().map(|c| json!({
+            "name": c.name, "nominal": c.nominal, "value": c.value, "ci95": c.ci95,
+        })).collect::<Vec<_>>(),
+        "recordings": diagnosis.recordings.iter().enumerate().map(|(k, r)| json!({
+            "file": files.get(k).cloned().unwrap_or_default(),
+            "experiment": r.experiment, "rms_before_n": r.rms_before_n, "rms_after_n": r.rms_after_n,
+        })).collect::<Vec<_>>(),
+    })
+}
+
+fn location(l: &Location, diagnosis: &Diagnosis) -> Value {
+    let time: Map<String, Value> = l
+        .time
+        .iter()
+        .filter(|t| !t.spans_s.is_empty())
+        .map(|t| {
+            let name = diagnosis.recordings.get(t.recording).map_or_else(String::new, |r| r.experiment.clone());
+            (name, json!(t.spans_s))
+        })
+        .collect();
+    json!({
+        "port": l.port.name(), "domain": l.domain, "bands_hz": l.bands_hz, "time_s": time,
+        "shares": { "motor": l.shares[0], "stage": l.shares[1], "sum": l.shares[2] },
+    })
+}
+
+fn finding(f: &Finding) -> Value {
+    let mut parameters: Map<String, Value> = f.parameters.iter().map(|e| (e.name.clone(), estimate(e))).collect();
+    for map in &f.maps {
+        parameters.insert(map.name.clone(), json!({ "value": map.values }));
+    }
+    json!({
+        "rank": f.rank, "effect": f.effect.name(), "port": f.port.name(), "statement": f.statement, "equation": f.equation,
+        "parameters": parameters,
+        "fit": {
+            "heldout_rms_before_n": f.fit.heldout_rms_before_n, "heldout_rms_after_n": f.fit.heldout_rms_after_n,
+            "noise_floor_n": f.fit.noise_floor_n,
+        },
+        "probability": f.probability,
+        "alternatives": f.alternatives.iter().map(alternative).collect::<Vec<_>>(),
+        "next_experiment": f.next_experiment,
+        "contribution": format!("contribution-{}.parquet", f.rank),
+        "evidence": f.evidence,
+    })
+}
+
+fn estimate(e: &Estimate) -> Value {
+    json!({ "value": e.value, "unit": e.unit, "ci95": e.ci95 })
+}
+
+fn alternative(a: &Alternative) -> Value {
+    json!({ "effect": a.effect.name(), "port": a.port.name(), "probability": a.probability })
+}
+
+fn write_contribution(out: &Path, diagnosis: &Diagnosis, finding: &Finding) -> Result<(), RecordingError> {
+    let (mut experiment, mut t_s, mut value) = (Vec::new(), Vec::new(), Vec::new());
+    for c in &finding.contribution {
+        let name = diagnosis.recordings.get(c.recording).map_or("", |r| r.experiment.as_str());
+        experiment.extend(std::iter::repeat_n(name, c.t_s.len()));
+        t_s.extend_from_slice(&c.t_s);
+        value.extend_from_slice(&c.value);
+    }
+    let table = Table {
+        columns: vec![("experiment", TableColumn::Text(&experiment)), ("t_s", TableColumn::Double(&t_s)), ("value", TableColumn::Double(&value))],
+        metadata: vec![("effect".to_owned(), finding.effect.name().to_owned()), ("port".to_owned(), finding.port.name().to_owned())],
+    };
+    write_table(&out.join(format!("contribution-{}.parquet", finding.rank)), &table)
+}
