@@ -5,8 +5,16 @@ mod lathe;
 
 mod closed_loop;
 mod conceal;
+#[cfg(feature = "service")]
+mod http;
 mod import;
 mod pipeline;
 mod report;
+#[cfg(feature = "service")]
+mod running;
+#[cfg(feature = "service")]
+mod service;
+#[cfg(feature = "service")]
+mod store;
 #[cfg(feature = "service")]
 mod transport;
