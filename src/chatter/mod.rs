@@ -17,6 +17,7 @@
 mod agreement;
 mod band;
 mod baseline;
+mod cut_level;
 mod detector;
 mod monitor;
 
