@@ -327,6 +327,7 @@ impl Running {
             handle.request_stop();
             let _ = tokio::time::timeout(STOP_DEADLINE, http).await;
             handle.0.reader.close().await;
+            let _ = tokio::time::timeout(STOP_DEADLINE, writer.close()).await;
         });
         drop((handle, writer));
         runtime.shutdown_timeout(STOP_DEADLINE);
