@@ -1,8 +1,12 @@
-//! What leaves as a report: for a person as pictures and pages, for a program as JSON.
+//! What leaves the process as files: events, the track, estimators, diagnosis, models, pages for people.
 
 pub mod diagnosis;
+pub mod events;
+pub mod force_estimator;
+pub mod force_plots;
 pub mod html;
 mod maps;
 pub mod page;
 pub mod plot;
 pub mod study;
+pub mod track;
