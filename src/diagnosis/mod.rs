@@ -9,6 +9,7 @@ mod motion;
 mod problem;
 mod regression;
 mod result;
+mod rigid;
 mod search;
 mod shape;
 mod terms;
@@ -69,6 +70,9 @@ pub type Progress<'a> = &'a (dyn Fn(f64, &str) + Sync);
 pub fn diagnose(machine: &Machine, recordings: &[Recording], progress: Progress<'_>) -> Result<Diagnosis, DiagnoseError> {
     let first = recordings.first().ok_or(DiagnoseError::NoRecording)?;
     let axis = axis_of(machine, first)?;
+    if rigid::applies(axis, recordings) {
+        return rigid::diagnose(machine, axis, recordings, progress);
+    }
     let flexible = recordings.iter().all(|r| motion::is_flexible(axis, r));
     let motions = recordings.iter().map(|r| motion::motion(axis, r, flexible)).collect::<Result<Vec<_>, _>>()?;
     let problem = problem::Problem::new(&axis.drive, motions, flexible);
