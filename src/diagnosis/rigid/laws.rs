@@ -126,7 +126,7 @@ impl Law {
     /// Amplitudes that a law of this kind cannot have: friction that pushes, a bump that is a hole.
     pub(super) fn plausible(self, amplitudes: &[f64]) -> bool {
         match self {
-            Law::Viscous | Law::Friction(_) | Law::Stribeck { .. } | Law::Spring { .. } => {
+            Law::Viscous | Law::Square | Law::Friction(_) | Law::Stribeck { .. } | Law::Spring { .. } => {
                 amplitudes.iter().all(|a| *a > 0.0)
             }
             _ => true,

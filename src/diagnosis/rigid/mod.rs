@@ -54,7 +54,8 @@ pub(super) fn diagnose(
         .collect();
     let lengths: Vec<usize> = series.iter().map(|s| s.t_s.len()).collect();
     terms.extend(axis.physics.iter().filter_map(|p| given(p, &axis.physics)));
-    let mut search = Search { rows: Rows::new(target, &lengths), series, scales, terms, locked, tried: Vec::new() };
+    let rows = Rows::new(target, &lengths);
+    let mut search = Search { rows, series, scales, terms, locked, tried: Vec::new(), independent: 0.0 };
     let start = search.terms.clone();
     search.run();
     progress(0.8, "laws found");

@@ -49,6 +49,8 @@ pub(super) struct Search {
     pub(super) terms: Vec<Term>,
     pub(super) locked: bool,
     pub(super) tried: Vec<(EffectKind, Port, f64)>,
+    /// Rows that count as independent; see [`Search::count_independent`].
+    pub(super) independent: f64,
 }
 
 impl Search {
@@ -99,12 +101,35 @@ impl Search {
 
     /// Adds laws until none earns its place, then drops what the later ones made idle.
     pub(super) fn run(&mut self) {
+        self.count_independent();
         for round in 0..MOST_FINDINGS {
             if !self.round(round == 0) {
                 break;
             }
         }
         self.prune();
+    }
+
+    /// Independent rows, from what is left when every family of laws is in the model at once.
+    ///
+    /// Counted on a residual that still holds an effect, neighbouring rows would look like one row and the
+    /// effect would hide itself.
+    fn count_independent(&mut self) {
+        let (fast, stroke) = (self.scales.fastest_m_s, self.scales.stroke_m);
+        let mut laws = vec![Law::Constant, Law::Friction(Slider::STEP)];
+        laws.extend([0.01, 0.03, 0.1].map(|y| Law::Friction(Slider { yield_m: y * stroke, gap_m: 0.0 })));
+        laws.extend([0.1, 0.2].map(|g| Law::Friction(Slider { yield_m: 0.05 * stroke, gap_m: g * stroke })));
+        if self.locked {
+            let centre_m = self.centre();
+            laws.extend([0.1, 0.3, 0.5, 0.7, 0.9].map(|g| Law::Spring { centre_m, gap_m: g * stroke }));
+        } else {
+            laws.extend([Law::Viscous, Law::DirectionalDry(Slider::STEP), Law::DirectionalViscous, Law::Square]);
+            laws.extend([0.02, 0.06, 0.2].map(|v| Law::Stribeck { velocity_m_s: v * fast }));
+        }
+        let mut terms = self.terms.clone();
+        terms.extend(laws.into_iter().map(|law| Term { law, origin: Origin::Nuisance }));
+        let residual = self.fit(&terms).residual;
+        self.independent = self.rows.target.len() as f64 / correlation_rows(&residual);
     }
 
     fn round(&mut self, first: bool) -> bool {
@@ -123,7 +148,7 @@ impl Search {
         }
         scored.sort_by(|a, b| a.1.heldout_rms.total_cmp(&b.1.heldout_rms));
         let Some((best, fit)) = scored.first() else { return false };
-        let independent = self.rows.target.len() as f64 / correlation_rows(&fit.residual);
+        let independent = self.independent;
         let evidence = |f: &Fit| 2.0 * independent * (before.heldout_rms / f.heldout_rms).ln();
         let ranking = by_effect(scored.iter().map(|(law, f)| (law.effect(), evidence(f))));
         if first {
@@ -191,8 +216,7 @@ impl Search {
         let mut fewer = self.terms.clone();
         fewer.remove(index);
         let without = self.fit(&fewer);
-        let independent = self.rows.target.len() as f64 / correlation_rows(&with.residual);
-        2.0 * independent * (without.heldout_rms / with.heldout_rms).ln() < 0.5 * LEAST_EVIDENCE
+        2.0 * self.independent * (without.heldout_rms / with.heldout_rms).ln() < 0.5 * LEAST_EVIDENCE
     }
 
     /// Middle of the travel, where a locked output has its gap.
@@ -210,6 +234,7 @@ impl Search {
     /// A profile, not a curvature: a gap or a yield is no smooth parameter.
     pub(super) fn profile(&self, index: usize, make: impl Fn(f64) -> Law, at: f64) -> [f64; 2] {
         let best = self.fit(&self.terms);
+        // The interval is about the answer as it stands: what is still left in it makes rows alike.
         let independent = self.rows.target.len() as f64 / correlation_rows(&best.residual);
         let loss = |value: f64| {
             let mut terms = self.terms.clone();
