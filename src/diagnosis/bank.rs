@@ -69,15 +69,16 @@ fn flexible_only(p: &Problem, list: &mut Vec<Hypothesis>) {
 fn encoder_periods(p: &Problem, list: &mut Vec<Hypothesis>) {
     let raw = p.drive.raw();
     if let (Some(lead), Some(signals)) = (raw.screw_lead_m, raw.motor_encoder_signals_per_rev) {
-        for harmonics in [1, 2, 3] {
-            let period_m = lead / signals;
+        {
+            let (harmonics, period_m) = (1, lead / signals);
             list.push(Hypothesis::new(E::EncoderInterpolationError, Port::MotorEncoder, Shape::EncoderError { period_m, harmonics }));
         }
     }
     if let Some(period) = raw.stage_encoder_signal_period_m
         && p.motions.iter().all(|m| m.stage.is_some())
     {
-        for harmonics in [1, 2, 3] {
+        {
+            let harmonics = 1;
             list.push(Hypothesis::new(E::EncoderInterpolationError, Port::StageEncoder, Shape::EncoderError { period_m: period, harmonics }));
         }
     }
@@ -105,18 +106,14 @@ fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
             let least_m = lead.map_or(1e-4, |l| if at_motor { l / 150.0 } else { l / 12.0 });
             for wavelength_m in spatial_peaks(p, q, &Spatial { at_motor, flips, least_m }) {
                 let effect = if at_motor { E::TorqueRipple } else { E::PositionPeriodicForce };
-                for harmonics in [1, 2] {
-                    list.push(Hypothesis::new(effect, port, Shape::Periodic { wavelength_m, harmonics, flips }));
-                }
+                list.push(Hypothesis::new(effect, port, Shape::Periodic { wavelength_m, harmonics: 1, flips }));
             }
         }
     }
     if let Some(lead) = lead {
         for order in [1.0, 2.0, 3.0] {
             for flips in [false, true] {
-                for harmonics in [1, 2, 3] {
-                    list.push(Hypothesis::new(E::PositionPeriodicForce, Port::Stage, Shape::Periodic { wavelength_m: lead / order, harmonics, flips }));
-                }
+                list.push(Hypothesis::new(E::PositionPeriodicForce, Port::Stage, Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips }));
             }
         }
         let raw = p.drive.raw();
@@ -129,9 +126,7 @@ fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
         }
         if p.flexible {
             for order in orders {
-                for harmonics in [1, 2] {
-                    list.push(Hypothesis::new(E::TorqueRipple, Port::Motor, Shape::Periodic { wavelength_m: lead / order, harmonics, flips: false }));
-                }
+                list.push(Hypothesis::new(E::TorqueRipple, Port::Motor, Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips: false }));
             }
         }
     }

@@ -145,7 +145,7 @@ impl Hypothesis {
             }
             Shape::Constant => vec![self.force(p, |m| vec![1.0; m.len()])],
             Shape::Periodic { wavelength_m, harmonics, flips } => {
-                (1..=*harmonics).flat_map(|h| self.periodic(p, wavelength_m / h as f64, *flips)).collect()
+                self.periodic(p, *wavelength_m, (*harmonics, *flips))
             }
             Shape::Map { first_m, spacing_m, knots, flips } => (0..*knots).map(|k| self.map_knot(p, (*first_m, *spacing_m, *knots), (k, *flips))).collect(),
             Shape::Saturation => vec![p.column(|m| motor(m.thrust_n.iter().map(|u| u * (u / m.thrust_per_unit).powi(2)).collect()))],
@@ -158,7 +158,7 @@ impl Hypothesis {
                 stretch(m).iter().zip(x).map(|(d, x)| p.mechanics.stiffness_n_m * d * x).collect()
             })],
             Shape::Torsion { frequency_hz, screw_share, damping_ratio } => vec![torsion(p, *frequency_hz, *screw_share, *damping_ratio)],
-            Shape::EncoderError { period_m, harmonics } => (1..=*harmonics).flat_map(|h| self.encoder_error(p, period_m / h as f64)).collect(),
+            Shape::EncoderError { period_m, harmonics } => self.encoder_error(p, *period_m, *harmonics),
             Shape::Lines { fundamental_hz, harmonics, windows } => self.lines(p, *fundamental_hz, (*harmonics, windows)),
         }
     }
@@ -216,21 +216,25 @@ impl Hypothesis {
         })
     }
 
-    fn periodic(&self, p: &Problem, wavelength_m: f64, flips: bool) -> Vec<Column> {
+    /// Sine and cosine columns of each harmonic.
+    fn periodic(&self, p: &Problem, wavelength_m: f64, (harmonics, flips): (usize, bool)) -> Vec<Column> {
         let vs = p.mechanics.smoothing_m_s;
-        let part = |cosine: bool| {
-            self.force(p, |m| {
-                let side = self.side(m);
-                (0..m.len())
-                    .map(|k| {
-                        let (s, c) = wave(side.position_m[k], wavelength_m);
-                        let w = if cosine { c } else { s };
-                        if flips { w * sliding_direction(side.velocity_m_s[k], vs) } else { w }
-                    })
-                    .collect()
-            })
-        };
-        vec![part(false), part(true)]
+        let at_stage = p.flexible && self.port != Port::Motor;
+        let mut columns: Vec<Column> = vec![Vec::new(); 2 * harmonics];
+        for m in &p.motions {
+            let side = self.side(m);
+            let mut parts = waves(&side.position_m, wavelength_m, harmonics);
+            if flips {
+                for part in &mut parts {
+                    part.iter_mut().zip(&side.velocity_m_s).for_each(|(x, v)| *x *= sliding_direction(*v, vs));
+                }
+            }
+            for (column, part) in columns.iter_mut().zip(&parts) {
+                let thin = p.thinning.thin(part);
+                column.push(if at_stage { Sides { motor: None, stage: Some(thin) } } else { motor(thin) });
+            }
+        }
+        columns
     }
 
     fn map_knot(&self, p: &Problem, (first, spacing, knots): (f64, f64, usize), (index, flips): (usize, bool)) -> Column {
@@ -257,23 +261,20 @@ impl Hypothesis {
     }
 
     /// An error e(x) of an encoder as the balance sees it: through all of its derivatives, sampled as recorded.
-    fn encoder_error(&self, p: &Problem, period_m: f64) -> Vec<Column> {
+    fn encoder_error(&self, p: &Problem, period_m: f64, harmonics: usize) -> Vec<Column> {
         let at_motor = self.port == Port::MotorEncoder;
         let (near, far) = encoder_kernels(p, self.port);
-        let part = |cosine: bool| -> Column {
-            p.motions
-                .iter()
-                .map(|m| {
-                    let raw = if at_motor { &m.motor.raw_m } else { &m.stage_side().raw_m };
-                    let e: Vec<f64> = raw.iter().map(|x| wave(*x, period_m)).map(|(s, c)| if cosine { c } else { s }).collect();
-                    let grid = p.thinning.grid(m.len());
-                    let near_side = Some(near.apply(&e, grid));
-                    let far_side = far.as_ref().map(|k| k.apply(&e, grid));
-                    if at_motor || !p.flexible { Sides { motor: near_side, stage: far_side } } else { Sides { motor: far_side, stage: near_side } }
-                })
-                .collect()
-        };
-        vec![part(false), part(true)]
+        let mut columns: Vec<Column> = vec![Vec::new(); 2 * harmonics];
+        for m in &p.motions {
+            let raw = if at_motor { &m.motor.raw_m } else { &m.stage_side().raw_m };
+            let grid = p.thinning.grid(m.len());
+            for (column, e) in columns.iter_mut().zip(waves(raw, period_m, harmonics)) {
+                let near_side = Some(near.apply(&e, grid));
+                let far_side = far.as_ref().map(|k| k.apply(&e, grid));
+                column.push(if at_motor || !p.flexible { Sides { motor: near_side, stage: far_side } } else { Sides { motor: far_side, stage: near_side } });
+            }
+        }
+        columns
     }
 
     /// What an encoder reports too much, m, per recording.
@@ -322,6 +323,21 @@ impl Hypothesis {
         }
         out
     }
+}
+
+/// Sine and cosine of each harmonic: sin, cos, sin 2, cos 2, ... from one evaluation by complex powers.
+fn waves(position_m: &[f64], wavelength_m: f64, harmonics: usize) -> Vec<Vec<f64>> {
+    let mut parts = vec![Vec::with_capacity(position_m.len()); 2 * harmonics];
+    for x in position_m {
+        let (s1, c1) = wave(*x, wavelength_m);
+        let (mut s, mut c) = (s1, c1);
+        for pair in parts.chunks_exact_mut(2) {
+            pair[0].push(s);
+            pair[1].push(c);
+            (s, c) = (s * c1 + c * s1, c * c1 - s * s1);
+        }
+    }
+    parts
 }
 
 fn motor(x: Vec<f64>) -> Sides {
