@@ -47,7 +47,8 @@ fn pipeline(axes: usize, rate_hz: f64, drive: &DriveParams) -> Pipeline {
 
 /// One second of six equal axes in the cut.
 fn stream(rate_hz: f64) -> Vec<ServoSample> {
-    let settings = LatheSettings { sample_rate_hz: rate_hz, ..LatheSettings::realistic(Scenario::default(), 1) };
+    let settings =
+        LatheSettings { sample_rate_hz: rate_hz, ..LatheSettings::realistic(Scenario::default(), 1) };
     let mut lathe = Lathe::new(LatheSettings { entry_s: 0.0, ..settings });
     let count = rate_hz as usize * 2;
     let mut samples: Vec<ServoSample> = (0..count).map(|_| lathe.step()).collect();
@@ -58,7 +59,8 @@ fn stream(rate_hz: f64) -> Vec<ServoSample> {
 }
 
 fn main() {
-    let machine = read_machine(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config/turrets.toml")).expect("model");
+    let machine =
+        read_machine(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config/turrets.toml")).expect("model");
     let drive = machine.axis("x1").expect("axis").drive.clone();
     let cases: Vec<(usize, f64)> = vec![(1, 9000.0), (6, 9000.0), (6, 20_000.0)];
     let mut times = vec![Vec::new(); cases.len()];
@@ -77,7 +79,8 @@ fn main() {
             }
             out.push(began.elapsed().as_secs_f64() * 1e9 / (samples.len() - half) as f64);
         }
-        let mut lathe = Lathe::new(LatheSettings { entry_s: 0.0, ..LatheSettings::realistic(Scenario::default(), 1) });
+        let mut lathe =
+            Lathe::new(LatheSettings { entry_s: 0.0, ..LatheSettings::realistic(Scenario::default(), 1) });
         let began = Instant::now();
         for _ in 0..9000 {
             black_box(lathe.step());
@@ -86,7 +89,10 @@ fn main() {
     }
     for ((axes, rate_hz), out) in cases.iter().zip(times) {
         let ns = median(out);
-        println!("pipeline, {axes} axes, {rate_hz} Hz: {ns:.0} ns a sample = {:.2} % of a core", ns * rate_hz * 1e-7);
+        println!(
+            "pipeline, {axes} axes, {rate_hz} Hz: {ns:.0} ns a sample = {:.2} % of a core",
+            ns * rate_hz * 1e-7
+        );
     }
     println!("lathe with four servo axes at 9 kHz: {:.0} times real time", median(lathe_factor));
 }

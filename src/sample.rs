@@ -130,7 +130,8 @@ pub enum SampleError {
 impl ServoSample {
     /// Checks that everything is finite. Errors: which part is not.
     pub fn check(&self) -> Result<(), SampleError> {
-        if !(self.t_s.is_finite() && self.spindle_angle_rad.is_finite() && self.spindle_speed_rpm.is_finite()) {
+        if !(self.t_s.is_finite() && self.spindle_angle_rad.is_finite() && self.spindle_speed_rpm.is_finite())
+        {
             return Err(SampleError::HeadNotFinite);
         }
         let bad = self.axes.iter().position(|a| {

@@ -19,20 +19,74 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("simulation", &["plant", "signal", "pipeline", "avoidance", "chatter"]),
     ("identify", &["plant", "signal", "force", "simulation"]),
     ("diagnosis", &["plant", "signal", "force", "simulation", "identify"]),
-    ("config", &["plant", "force", "chatter", "avoidance", "stability", "pipeline", "signal", "diagnosis", "identify", "simulation"]),
+    (
+        "config",
+        &[
+            "plant",
+            "force",
+            "chatter",
+            "avoidance",
+            "stability",
+            "pipeline",
+            "signal",
+            "diagnosis",
+            "identify",
+            "simulation",
+        ],
+    ),
     ("recording", &["plant", "force", "chatter", "pipeline"]),
-    ("report", &["plant", "force", "chatter", "avoidance", "stability", "pipeline", "diagnosis", "identify", "recording", "config", "simulation", "signal"]),
+    (
+        "report",
+        &[
+            "plant",
+            "force",
+            "chatter",
+            "avoidance",
+            "stability",
+            "pipeline",
+            "diagnosis",
+            "identify",
+            "recording",
+            "config",
+            "simulation",
+            "signal",
+        ],
+    ),
     ("telemetry", &["plant", "force", "chatter", "avoidance", "pipeline"]),
     ("transport", &["avoidance", "telemetry", "pipeline"]),
     ("store", &["avoidance", "chatter", "pipeline", "telemetry", "recording"]),
-    ("http", &["service", "telemetry", "config", "chatter", "avoidance", "pipeline", "stability", "plant", "report"]),
+    (
+        "http",
+        &[
+            "service",
+            "telemetry",
+            "config",
+            "chatter",
+            "avoidance",
+            "pipeline",
+            "stability",
+            "plant",
+            "report",
+        ],
+    ),
 ];
 
 /// Shell crates that the core must not know.
-const SHELL_CRATES: &[&str] = &["tokio", "axum", "sqlx", "iceoryx2", "parquet", "clap", "serde", "prometheus", "tracing"];
+const SHELL_CRATES: &[&str] =
+    &["tokio", "axum", "sqlx", "iceoryx2", "parquet", "clap", "serde", "prometheus", "tracing"];
 const CORE: &[&str] = &[
-    "units", "sample", "signal", "plant", "force", "chatter", "avoidance", "stability", "pipeline", "simulation",
-    "identify", "diagnosis",
+    "units",
+    "sample",
+    "signal",
+    "plant",
+    "force",
+    "chatter",
+    "avoidance",
+    "stability",
+    "pipeline",
+    "simulation",
+    "identify",
+    "diagnosis",
 ];
 const BANNED: &[&str] = &["todo!(", "unimplemented!(", "FIXME", "XXX", "#[ignore"];
 const LONGEST_FILE: usize = 600;
@@ -93,8 +147,11 @@ fn modules_import_only_what_the_table_allows() {
     for (path, module, text) in files() {
         let Some((_, allowed)) = MAY_USE.iter().find(|(m, _)| *m == module) else { continue };
         for name in imported(without_tests(&text)) {
-            let known = MAY_USE.iter().any(|(m, _)| *m == name) || ["cli", "service"].contains(&name.as_str());
-            let fine = name == module || ["units", "sample"].contains(&name.as_str()) || allowed.contains(&name.as_str());
+            let known =
+                MAY_USE.iter().any(|(m, _)| *m == name) || ["cli", "service"].contains(&name.as_str());
+            let fine = name == module
+                || ["units", "sample"].contains(&name.as_str())
+                || allowed.contains(&name.as_str());
             if known && !fine {
                 complaints.push(format!("{} uses crate::{name}", path.display()));
             }
@@ -149,9 +206,12 @@ fn files_and_lines_stay_readable_and_nothing_is_left_undone() {
 fn unsafe_stays_where_it_is_allowed() {
     for (path, _, text) in files() {
         let name = path.to_string_lossy().replace('\\', "/");
-        let allowed = ["transport/wire.rs", "signal/sliding_dft_kernel.rs", "signal/dispatch.rs"].contains(&name.as_str());
+        let allowed = ["transport/wire.rs", "signal/sliding_dft_kernel.rs", "signal/dispatch.rs"]
+            .contains(&name.as_str());
         let code = text.lines().filter(|l| !l.trim_start().starts_with("//"));
-        let found = code.clone().any(|l| l.contains("unsafe {") || l.contains("unsafe fn") || l.contains("allow(unsafe_code)"));
+        let found = code
+            .clone()
+            .any(|l| l.contains("unsafe {") || l.contains("unsafe fn") || l.contains("allow(unsafe_code)"));
         assert!(!found || allowed, "unsafe code in {name}");
     }
 }

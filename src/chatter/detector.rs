@@ -11,6 +11,10 @@ pub(super) struct Evidence {
     pub(super) banks: [BankEvidence; BANKS],
     /// Whether a turn has passed since the cut changed, so that spindle orders are known.
     pub(super) orders_known: bool,
+    /// Whether the orders may still be building up: few turns since the cut changed.
+    pub(super) orders_young: bool,
+    /// Turns per second; 0 where it is not known.
+    pub(super) speed_hz: f64,
 }
 
 /// What one bank says.
@@ -40,14 +44,16 @@ pub(super) const BANKS: usize = 4;
 ///
 /// Noise is exponential: exp(-12) times some 10^3 independent looks a second is one glance a few minutes.
 pub(super) const SUSPECT: f64 = 12.0;
-/// Contrast at which a line that has lasted is declared: exp(-20) * 10^3 /s is one in eight days of noise.
-pub(super) const CONFIRM: f64 = 20.0;
+/// Contrast at which a line that has lasted is declared: exp(-18) * 1600 /s is one in eleven hours of noise.
+pub(super) const CONFIRM: f64 = 18.0;
 /// Contrast under which a declared line is gone.
 const LEAVE: f64 = 5.0;
 /// A line must last this long: longer than the shortest window's answer to a hit (4 tau = 50 ms).
 const HOLD_S: f64 = 0.045;
 /// A line that loses amplitude faster is ringing down.
 const RING_DOWN_1_S: f64 = -6.0;
+/// Share of its recent peak under which chatter has ended: 20 dB.
+const FADED: f64 = 0.01;
 /// Silence before the end is declared.
 const END_AFTER_S: f64 = 0.1;
 /// Points of the amplitude's recent history.
@@ -114,7 +120,7 @@ impl Detector {
         match self.phase {
             State::Learning => None,
             State::Quiet => {
-                if seen && evidence.orders_known {
+                if seen {
                     let t_s = evidence.t_s;
                     self.phase =
                         State::Suspected { since_s: t_s, last_seen_s: t_s, strongest_n2: short.power_n2 };
@@ -129,7 +135,7 @@ impl Detector {
             }
             State::Chatter { since_s, last_loud_s, peak_n2 } => {
                 let bank = &evidence.banks[1];
-                let loud = bank.contrast > LEAVE && bank.power_n2 > 2e-3 * peak_n2;
+                let loud = bank.contrast > LEAVE && bank.power_n2 > FADED * peak_n2;
                 let last_loud_s = if loud { evidence.t_s } else { last_loud_s };
                 // The peak is forgotten over seconds: chatter that got weaker is still chatter.
                 let peak_n2 = (peak_n2 * 0.999).max(bank.power_n2);
@@ -156,8 +162,10 @@ impl Detector {
             }));
         }
         let bank = evidence.banks.iter().find(|b| {
-            b.contrast > b.confirm
-                && age_s > HOLD_S.max(1.5 * b.tau_s)
+            evidence.orders_known
+                && b.contrast > b.confirm
+                && !on_an_order(b.frequency_hz, evidence)
+                && age_s > HOLD_S
                 && self.recent_mean() - evidence.banks[0].noise_n2 > 0.5 * b.power_n2
         })?;
         let strong = evidence.banks[0].contrast > evidence.banks[0].confirm;
@@ -191,4 +199,15 @@ impl Detector {
         let square: f64 = late.iter().map(|(t, _)| (t - mean_t).powi(2)).sum();
         if square > 0.0 { cross / square } else { 0.0 }
     }
+}
+
+/// Whether a frequency is that of a spindle order, where regenerative chatter cannot be: its growth needs
+/// sin(pi f/S) away from zero.
+fn on_an_order(frequency_hz: f64, evidence: &Evidence) -> bool {
+    if evidence.speed_hz <= 0.0 {
+        return false;
+    }
+    let order = frequency_hz / evidence.speed_hz;
+    let apart = (order - order.round()).abs();
+    apart < if evidence.orders_young { 0.12 } else { 0.04 }
 }

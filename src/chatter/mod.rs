@@ -14,11 +14,14 @@
 //!
 //! It does not know what is cut or what to do about it: see `avoidance`.
 
+mod agreement;
 mod band;
 mod baseline;
+mod cut_level;
 mod detector;
 mod monitor;
 
+pub use agreement::{Agreement, AgreementState, agree};
 pub use band::{Band, BandError, predicted_band};
 pub use monitor::{ChatterError, ChatterMonitor, ChatterSettings, ChatterState};
 

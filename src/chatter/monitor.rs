@@ -2,6 +2,7 @@
 
 use super::band::{Band, BandError};
 use super::baseline::{Baseline, Lesson, Standout};
+use super::cut_level::{Change, CutLevel, CutLevelState};
 use super::detector::{BANKS, BankEvidence, CONFIRM, Detector, Evidence, SUSPECT};
 use super::{ChatterEvent, ChatterOutput, Phase};
 use crate::signal::down_mix::{DownMix, DownMixState};
@@ -45,9 +46,12 @@ const EDGE: f64 = 1.08;
 /// Between two decisions.
 const DECISION_S: f64 = 0.004;
 /// Noise is averaged over this long once it is known.
-const NOISE_MEMORY_S: f64 = 8.0;
-/// What is known of the noise counts as this many looks after the cut changed.
-const DOUBT_LOOKS: f64 = 6.0;
+const NOISE_MEMORY_S: f64 = 15.0;
+/// What is known of the noise counts as this many looks after the cut changed. Longer windows see the lobes
+/// of the new cut as lines: they are trusted less.
+const DOUBT_LOOKS: [f64; BANKS] = [10.0, 10.0, 8.0, 6.0];
+/// The orders build up for so many turns after the tools enter.
+const YOUNG_TURNS: f64 = 8.0;
 /// Nothing is decided before this much noise was heard.
 const LEARN_S: f64 = 0.4;
 
@@ -57,6 +61,7 @@ pub struct ChatterMonitor {
     settings: ChatterSettings,
     mix: DownMix,
     orders: OrderLines,
+    level: CutLevel,
     banks: Vec<LineBank>,
     decide_every: usize,
 }
@@ -74,19 +79,10 @@ pub struct ChatterState {
     speed_hz: f64,
     until_decision: usize,
     heard_s: f64,
-    level: Level,
+    level: CutLevelState,
     detector: Detector,
     track_hz: Option<f64>,
     latest: ChatterOutput,
-}
-
-/// Mean force, fast and slow, to notice entry and exit.
-#[derive(Debug, Clone, PartialEq)]
-struct Level {
-    fast_n: f64,
-    slow_n: f64,
-    spread_n: f64,
-    age_s: f64,
 }
 
 impl ChatterMonitor {
@@ -109,7 +105,8 @@ impl ChatterMonitor {
         let banks = TAUS_S.iter().map(|tau_s| LineBank::new(rate_hz, half_hz, *tau_s)).collect();
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let decide_every = (DECISION_S * rate_hz).round().max(1.0) as usize;
-        Ok(Self { settings, mix, orders, banks, decide_every })
+        let level = CutLevel::new(settings.sample_rate);
+        Ok(Self { settings, mix, orders, level, banks, decide_every })
     }
 
     /// What it watches.
@@ -138,7 +135,7 @@ impl ChatterMonitor {
             speed_hz: 0.0,
             until_decision: self.decide_every,
             heard_s: 0.0,
-            level: Level { fast_n: 0.0, slow_n: 0.0, spread_n: 0.0, age_s: 0.0 },
+            level: self.level.start(),
             detector: Detector::new(),
             track_hz: None,
             latest: ChatterOutput {
@@ -180,23 +177,15 @@ impl ChatterMonitor {
     }
 
     fn follow_level(&self, state: &mut ChatterState, force_n: f64) {
-        let period_s = self.settings.sample_rate.period_s();
-        let level = &mut state.level;
-        if state.samples == 1 {
-            (level.fast_n, level.slow_n) = (force_n, force_n);
+        let turn_s = if state.speed_hz > 0.0 { 1.0 / state.speed_hz } else { 0.05 };
+        let change = self.level.step(&mut state.level, force_n, turn_s);
+        if change == Change::None || state.detector.phase() == Phase::Chatter {
+            return;
         }
-        level.age_s += period_s;
-        level.fast_n += (force_n - level.fast_n) * (period_s / 0.02);
-        level.slow_n += (force_n - level.slow_n) * (period_s / level.age_s.min(0.5).max(0.02));
-        let off = (level.fast_n - level.slow_n).abs();
-        // The spread is that of the last seconds, so that a drift or a ripple belongs to it.
-        level.spread_n += (off - level.spread_n) * (period_s / level.age_s.min(4.0).max(0.1));
-        if level.age_s > 0.2 && off > 8.0 * level.spread_n + 1e-9 && state.detector.phase() != Phase::Chatter
-        {
-            level.slow_n = level.fast_n;
-            level.age_s = 0.1;
-            state.baselines.iter_mut().for_each(|b| b.doubt(DOUBT_LOOKS));
-            self.orders.restart(&mut state.orders, state.angle_turns);
+        // Until the force has settled, every step starts the notches anew.
+        doubt(&mut state.baselines);
+        self.orders.restart(&mut state.orders, state.angle_turns);
+        if change == Change::Begins {
             state.detector.forget_suspicion();
             state.latest.event = Some(ChatterEvent::CutChanged);
         }
@@ -207,10 +196,19 @@ impl ChatterMonitor {
         state.mixer *= Complex::from_polar(1.0, -std::f64::consts::TAU * self.mix.centre_hz() / rate_hz);
         state.mixer *= 1.5 - 0.5 * state.mixer.norm_sqr();
         let phase = state.detector.phase();
-        let adapt = !matches!(phase, Phase::Suspected | Phase::Chatter);
+        let adapt = phase != Phase::Chatter;
         let value = if state.speed_hz > 0.0 {
             let (angle_turns, mixer, speed_hz) = (state.angle_turns, state.mixer, state.speed_hz);
-            self.orders.step(&mut state.orders, &OrderSample { value, angle_turns, mixer, speed_hz, adapt })
+            let known = self.orders.turns_known(&state.orders);
+            let sample = OrderSample { value, angle_turns, mixer, speed_hz, adapt };
+            let left = self.orders.step(&mut state.orders, &sample);
+            if known < 1.0 && self.orders.turns_known(&state.orders) >= 1.0 {
+                // What the banks hold is from before the notches: orders, not chatter.
+                for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
+                    bank.clear(bank_state);
+                }
+            }
+            left
         } else {
             value
         };
@@ -228,7 +226,13 @@ impl ChatterMonitor {
         let period_s = self.decide_every as f64 / self.mix.output_rate_hz();
         let orders_known = state.speed_hz <= 0.0 || self.orders.turns_known(&state.orders) >= 1.0;
         let t_s = state.samples as f64 * self.settings.sample_rate.period_s();
-        let mut evidence = Evidence { t_s, banks: [BankEvidence::default(); BANKS], orders_known };
+        let mut evidence = Evidence {
+            t_s,
+            banks: [BankEvidence::default(); BANKS],
+            orders_known,
+            orders_young: state.speed_hz > 0.0 && self.orders.turns_known(&state.orders) < YOUNG_TURNS,
+            speed_hz: state.speed_hz,
+        };
         for (i, bank) in self.banks.iter().enumerate() {
             let bank_state = &state.banks[i];
             let standout = state.baselines[i].standout(|k| bank.power(bank_state, k));
@@ -239,7 +243,7 @@ impl ChatterMonitor {
             state.latest.event = event;
         }
         if matches!(event, Some(ChatterEvent::End)) {
-            state.baselines.iter_mut().for_each(|b| b.doubt(DOUBT_LOOKS));
+            doubt(&mut state.baselines);
         }
         if orders_known && matches!(state.detector.phase(), Phase::Learning | Phase::Quiet) {
             self.learn(state, period_s);
@@ -303,5 +307,11 @@ impl ChatterMonitor {
             growth_1_s: line.then(|| bank.growth_1_s(bank_state, best.0)),
             event,
         };
+    }
+}
+
+fn doubt(baselines: &mut [Baseline]) {
+    for (baseline, looks) in baselines.iter_mut().zip(DOUBT_LOOKS) {
+        baseline.doubt(looks);
     }
 }

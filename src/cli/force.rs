@@ -109,7 +109,8 @@ fn write_forces(out: &Path, recording: &Recording, forces: &Forces) -> anyhow::R
     let times: Vec<f64> = (0..recording.len()).map(|i| recording.time_s(i)).collect();
     let mut columns = vec![("t_s", TableColumn::Double(&times))];
     columns.extend(forces.forces.iter().map(|(name, values)| (name.as_str(), TableColumn::Double(values))));
-    let axes: Vec<&str> = forces.forces.iter().filter_map(|(name, _)| name.strip_suffix("_force_n")).collect();
+    let axes: Vec<&str> =
+        forces.forces.iter().filter_map(|(name, _)| name.strip_suffix("_force_n")).collect();
     let mut metadata = vec![
         ("format".to_owned(), crate::recording::FORMAT.to_owned()),
         ("sample_rate_hz".to_owned(), format!("{:?}", recording.sample_rate.hz())),

@@ -1,15 +1,15 @@
 //! `stillcut identify`.
 
 use super::bad_input;
-use crate::force::frf::{ACCEL_AXES, AccelSample};
-use crate::force::estimator::MotionSample;
-use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
-use crate::identify::sweep::{Sweep, SweepFit, fit_sweep};
-use crate::identify::frf::{FrfRun, FrfSettings, fit_frf};
 use crate::config::machine::{machine_to_text, read_machine};
+use crate::force::estimator::MotionSample;
+use crate::force::frf::{ACCEL_AXES, AccelSample};
+use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
+use crate::identify::frf::{FrfRun, FrfSettings, fit_frf};
+use crate::identify::sweep::{Sweep, SweepFit, fit_sweep};
 use crate::recording::{read_recording, write_whole};
-use crate::report::force_plots::response_svg;
 use crate::report::force_estimator::write_estimators;
+use crate::report::force_plots::response_svg;
 use crate::sample::Recording;
 use anyhow::Context as _;
 use std::io::Write as _;
@@ -52,19 +52,24 @@ fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
         let recording = read_recording(path).map_err(bad_input)?;
         for axis in machine.axes.iter_mut().filter(|a| has_drive(&recording, &a.name)) {
             let in_file = |e: String| bad_input(format!("{}: axis {}: {e}", path.display(), axis.name));
-            let motion =
-                motion_of_recording(&recording, &axis.name, &axis.drive).map_err(|e| in_file(e.to_string()))?;
-            let fit = fit_sweep(&axis.drive, &sweep_of(&recording, &motion)).map_err(|e| in_file(e.to_string()))?;
+            let motion = motion_of_recording(&recording, &axis.name, &axis.drive)
+                .map_err(|e| in_file(e.to_string()))?;
+            let fit =
+                fit_sweep(&axis.drive, &sweep_of(&recording, &motion)).map_err(|e| in_file(e.to_string()))?;
             text.push_str(&describe(&axis.name, &fit));
             let picture = arguments.out.with_extension(format!("{}.svg", axis.name));
-            write_whole(&picture, response_svg(&axis.name, &fit)?.as_bytes()).context("writing the picture")?;
+            write_whole(&picture, response_svg(&axis.name, &fit)?.as_bytes())
+                .context("writing the picture")?;
             axis.drive = fit.drive;
             fitted_any = true;
         }
     }
     if !fitted_any {
         let names: Vec<&str> = machine.axes.iter().map(|a| a.name.as_str()).collect();
-        return Err(bad_input(format!("no recording has a drive signal of the model's axes {}", names.join(", "))));
+        return Err(bad_input(format!(
+            "no recording has a drive signal of the model's axes {}",
+            names.join(", ")
+        )));
     }
     write_whole(&arguments.out, machine_to_text(&machine).as_bytes()).context("writing the model")?;
     write!(std::io::stdout(), "{text}")?;
@@ -104,7 +109,8 @@ fn run_frf(arguments: &Arguments) -> anyhow::Result<()> {
         .map(|path| read_recording(path).map_err(bad_input))
         .collect::<Result<Vec<_>, _>>()?;
     let first = recordings.first().ok_or_else(|| bad_input("--recording: none given"))?;
-    let axes: Vec<String> = first.columns.iter().filter_map(|c| c.name.strip_suffix("_force_n")).map(str::to_owned).collect();
+    let axes: Vec<String> =
+        first.columns.iter().filter_map(|c| c.name.strip_suffix("_force_n")).map(str::to_owned).collect();
     if axes.is_empty() {
         return Err(bad_input(format!("{}: no column <axis>_force_n", arguments.recording[0].display())));
     }

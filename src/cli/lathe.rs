@@ -15,7 +15,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 ///
 /// It stands where a motion controller stands. Stop it with Ctrl-C.
 #[derive(clap::Args)]
-#[command(after_help = "Example: stillcut lathe --config config/lathe.toml & stillcut run --config config/demo.toml")]
+#[command(
+    after_help = "Example: stillcut lathe --config config/lathe.toml & stillcut run --config config/demo.toml"
+)]
 pub(super) struct Arguments {
     /// Scenario (lathe.toml); without it, the bar and cut of the README's example.
     #[arg(long, value_name = "FILE")]

@@ -1,6 +1,8 @@
 //! One file per command of the contract; this one picks the command and turns its outcome into an
 //! exit status: 0 done, 2 bad input or usage, 1 a fault of ours.
 
+#[cfg(feature = "service")]
+mod audit;
 mod conceal;
 #[cfg(feature = "service")]
 mod demo;
@@ -18,6 +20,8 @@ mod resolution;
 mod run;
 mod simulate;
 mod stability;
+#[cfg(feature = "service")]
+mod token;
 
 use clap::{Parser, Subcommand};
 use std::io::Write as _;
@@ -52,6 +56,10 @@ enum Command {
     Diagnose(diagnose::Arguments),
     Conceal(conceal::Arguments),
     PrintConfig(print_config::Arguments),
+    #[cfg(feature = "service")]
+    Token(token::Arguments),
+    #[cfg(feature = "service")]
+    Audit(audit::Arguments),
 }
 
 /// A failure that the user can mend: bad input or usage. One line.
@@ -136,5 +144,9 @@ fn dispatch(command: Command) -> anyhow::Result<()> {
         Command::Diagnose(a) => diagnose::run(a),
         Command::Conceal(a) => conceal::run(a),
         Command::PrintConfig(a) => print_config::run(a),
+        #[cfg(feature = "service")]
+        Command::Token(a) => token::run(a),
+        #[cfg(feature = "service")]
+        Command::Audit(a) => audit::run(a),
     }
 }

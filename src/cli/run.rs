@@ -1,9 +1,84 @@
 //! `stillcut run`.
 
-/// Runs the service.
-#[derive(clap::Args)]
-pub(super) struct Arguments {}
+use super::bad_input;
+use crate::config::service::{ServiceConfig, read_service_config};
+use crate::service::{Running, ServiceError, clock, start};
+use crate::telemetry::{LogFormat, start_logs};
+use std::path::PathBuf;
+use std::time::Duration;
 
-pub(super) fn run(_arguments: Arguments) -> anyhow::Result<()> {
-    anyhow::bail!("being built")
+/// Runs the service until it is told to stop.
+///
+/// It starts in mode observe. Example: stillcut run --config /etc/stillcut/stillcut.toml
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Configuration; without it every setting has the default that `print-config` shows.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Only read the configuration and say whether it is good.
+    #[arg(long)]
+    check: bool,
+}
+
+pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    let config = match &arguments.config {
+        Some(path) => read_service_config(path).map_err(bad_input)?,
+        None => ServiceConfig::default(),
+    };
+    if arguments.check {
+        return Ok(());
+    }
+    start_logs(if config.log_json { LogFormat::Json } else { LogFormat::Text });
+    let running = start(config).map_err(|error| match error {
+        ServiceError::Metrics(_) => anyhow::Error::new(error),
+        // Everything else is the configuration's or the machine's: a person can mend it.
+        _ => bad_input(error),
+    })?;
+    tracing::info!(event = "listening", address = %running.handle().address(), "the page is served");
+    let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
+    let failed = wait_for_the_end(&running);
+    let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
+    running.stop();
+    anyhow::ensure!(!failed, "the pipeline thread ended by itself; see the log");
+    Ok(())
+}
+
+/// Feeds the watchdog from the pipeline's progress until a signal comes or the pipeline ends.
+fn wait_for_the_end(running: &Running) -> bool {
+    let every = sd_notify::watchdog_enabled().map_or(Duration::from_secs(1), |limit| limit / 3);
+    let every = every.min(Duration::from_secs(1));
+    running.wait(async {
+        let mut last = running.progress();
+        let mut ended = std::pin::pin!(signalled());
+        loop {
+            tokio::select! {
+                () = &mut ended => return false,
+                () = tokio::time::sleep(every) => {}
+            }
+            if running.has_failed() {
+                return true;
+            }
+            let now = running.progress();
+            if now != last {
+                last = now;
+                let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
+            } else {
+                tracing::warn!(event = "pipeline_stalled", wall_ns = clock::wall_ns(), "no progress");
+            }
+        }
+    })
+}
+
+/// Resolves at the first SIGINT or SIGTERM.
+async fn signalled() {
+    use tokio::signal::unix::{SignalKind, signal};
+    let (Ok(mut interrupt), Ok(mut terminate)) =
+        (signal(SignalKind::interrupt()), signal(SignalKind::terminate()))
+    else {
+        return;
+    };
+    tokio::select! {
+        _ = interrupt.recv() => {}
+        _ = terminate.recv() => {}
+    }
 }

@@ -56,12 +56,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     if !(arguments.entry_s.is_finite() && arguments.entry_s >= 0.0) {
         return Err(bad_input(format!("--entry-s {}: expected zero or more", arguments.entry_s)));
     }
-    let settings = LatheSettings {
-        seed: arguments.seed,
-        force_noise_ratio: noise,
-        entry_s: arguments.entry_s,
-        ..base
-    };
+    let settings =
+        LatheSettings { seed: arguments.seed, force_noise_ratio: noise, entry_s: arguments.entry_s, ..base };
     let recording = record(settings, duration_s).map_err(bad_input)?;
     write_recording(&arguments.out, &recording).map_err(bad_input)?;
     Ok(())

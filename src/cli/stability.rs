@@ -1,9 +1,102 @@
-//! `stillcut stability`.
+//! `stillcut stability`: growth and frequency over a grid, as a table and as a picture.
 
-/// Maps stability over pitch difference, speed and depth.
+use super::bad_input;
+use crate::config::scenario::read_scenario;
+use crate::recording::{Table, TableColumn, write_table, write_whole};
+use crate::report::stability_picture;
+use crate::stability::{Grid, GridPoint, GridRange};
+use anyhow::Context as _;
+use std::path::PathBuf;
+
+/// Maps where two opposed tools chatter: growth and frequency over pitch difference, position, speed, width.
+///
+/// Example: stillcut stability --scenario lathe.toml --pitch-rad 0:0.4:200 --speed-rpm 800:2400:200 --out map
 #[derive(clap::Args)]
-pub(super) struct Arguments {}
+pub(super) struct Arguments {
+    /// lathe.toml.
+    #[arg(long)]
+    scenario: PathBuf,
+    /// Folder to write stability.parquet and stability.svg into.
+    #[arg(long)]
+    out: PathBuf,
+    /// Pitch angle difference, from:to:count.
+    #[arg(long, value_name = "A:B:N", allow_hyphen_values = true)]
+    pitch_rad: Option<String>,
+    /// Tools from the chuck, from:to:count.
+    #[arg(long, value_name = "A:B:N")]
+    position_m: Option<String>,
+    /// Spindle speed, from:to:count.
+    #[arg(long, value_name = "A:B:N")]
+    speed_rpm: Option<String>,
+    /// Width of cut, from:to:count.
+    #[arg(long, value_name = "A:B:N")]
+    width_m: Option<String>,
+}
 
-pub(super) fn run(_arguments: Arguments) -> anyhow::Result<()> {
-    anyhow::bail!("being built")
+pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    let scenario = read_scenario(&arguments.scenario).map_err(bad_input)?;
+    let mut grid = Grid::of(scenario);
+    let options = [
+        ("--pitch-rad", &arguments.pitch_rad, &mut grid.pitch_rad),
+        ("--position-m", &arguments.position_m, &mut grid.position_m),
+        ("--speed-rpm", &arguments.speed_rpm, &mut grid.speed_rpm),
+        ("--width-m", &arguments.width_m, &mut grid.width_m),
+    ];
+    for (name, text, range) in options {
+        if let Some(text) = text {
+            *range = range_from(text).map_err(|e| bad_input(format!("{name} {text}: {e}")))?;
+        }
+    }
+    grid.check().map_err(bad_input)?;
+    let points = evaluate(&grid)?;
+    std::fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
+    write_points(&arguments.out.join("stability.parquet"), &points)?;
+    let picture = stability_picture::draw(&grid, &points)?;
+    write_whole(&arguments.out.join("stability.svg"), picture.as_bytes())?;
+    Ok(())
+}
+
+fn range_from(text: &str) -> Result<GridRange, String> {
+    let expected = || "expected from:to:count".to_owned();
+    let parts: Vec<&str> = text.split(':').collect();
+    let [low, high, count] = parts[..] else { return Err(expected()) };
+    let number = |t: &str| t.trim().parse::<f64>().map_err(|_| expected());
+    let count = count.trim().parse::<usize>().map_err(|_| expected())?;
+    GridRange::new(number(low)?, number(high)?, count).map_err(|e| e.to_string())
+}
+
+/// The grid in as many parts as there are processors.
+fn evaluate(grid: &Grid) -> anyhow::Result<Vec<GridPoint>> {
+    let points = grid.points();
+    let workers = std::thread::available_parallelism().map_or(1, usize::from).min(points.div_ceil(64));
+    let share = points.div_ceil(workers.max(1));
+    let parts: Result<Vec<_>, _> = std::thread::scope(|scope| {
+        let begin = |w: usize| {
+            let (from, to) = (w * share, ((w + 1) * share).min(points));
+            scope.spawn(move || grid.evaluate(from.min(to), to))
+        };
+        let handles: Vec<_> = (0..workers).map(begin).collect();
+        handles.into_iter().map(std::thread::ScopedJoinHandle::join).collect()
+    });
+    let parts = parts.map_err(|_| anyhow::anyhow!("a worker of the stability map died"))?;
+    let mut answers = Vec::with_capacity(points);
+    for part in parts {
+        answers.extend(part.map_err(bad_input)?);
+    }
+    Ok(answers)
+}
+
+fn write_points(path: &std::path::Path, points: &[GridPoint]) -> anyhow::Result<()> {
+    let column = |value: fn(&GridPoint) -> f64| points.iter().map(value).collect::<Vec<f64>>();
+    let columns = [
+        ("pitch_rad", column(|p| p.pitch_rad)),
+        ("position_m", column(|p| p.position_m)),
+        ("speed_rpm", column(|p| p.speed_rpm)),
+        ("width_m", column(|p| p.width_m)),
+        ("growth_1_s", column(|p| p.root.growth_1_s)),
+        ("frequency_hz", column(|p| p.root.frequency_hz)),
+    ];
+    let columns = columns.iter().map(|(name, values)| (*name, TableColumn::Double(values))).collect();
+    write_table(path, &Table { columns, metadata: vec![("format".into(), "stillcut.stability/1".into())] })?;
+    Ok(())
 }

@@ -243,7 +243,8 @@ pub fn read_import_map(path: &Path) -> Result<ImportMap, ConfigError> {
 /// Parses a map; `path` only names the source in errors.
 pub fn import_map_from_text(path: &Path, text: &str) -> Result<ImportMap, ConfigError> {
     let raw: MapToml = parse(path, text)?;
-    let content = |place: String, message: String| ConfigError::Content { path: path.to_owned(), place, message };
+    let content =
+        |place: String, message: String| ConfigError::Content { path: path.to_owned(), place, message };
     let clock = clock(&raw.time, &raw.recording).map_err(|(p, m)| content(p, m))?;
     if raw.signals.is_empty() {
         return Err(content("signals".into(), "no signal is mapped; expected tables [[signals]]".into()));
@@ -256,7 +257,9 @@ pub fn import_map_from_text(path: &Path, text: &str) -> Result<ImportMap, Config
         }
         signals.push(made);
     }
-    for (key, rate) in [("sample_rate_hz", raw.recording.sample_rate_hz), ("resample_hz", raw.recording.resample_hz)] {
+    for (key, rate) in
+        [("sample_rate_hz", raw.recording.sample_rate_hz), ("resample_hz", raw.recording.resample_hz)]
+    {
         if rate.is_some_and(|hz| !(hz.is_finite() && hz > 0.0)) {
             return Err(content(format!("recording.{key}"), "expected a number above zero".into()));
         }
@@ -277,14 +280,20 @@ fn clock(time: &TimeToml, recording: &RecordingToml) -> Result<Clock, (String, S
         (Some(name), _) => {
             let typed = time.unit.as_deref().unwrap_or("s");
             match unit(typed) {
-                Some(("time", scale)) => Ok(Clock::Column { name: name.clone(), scale, restarts: time.restarts }),
-                _ => Err(("time.unit".into(), format!("`{typed}` is no unit of time; expected s, ms, us or min"))),
+                Some(("time", scale)) => {
+                    Ok(Clock::Column { name: name.clone(), scale, restarts: time.restarts })
+                }
+                _ => Err((
+                    "time.unit".into(),
+                    format!("`{typed}` is no unit of time; expected s, ms, us or min"),
+                )),
             }
         }
         (None, Some(rate)) => Ok(Clock::Rate(rate)),
-        (None, None) => {
-            Err(("time".into(), "neither time.column nor recording.sample_rate_hz says when the rows were taken".into()))
-        }
+        (None, None) => Err((
+            "time".into(),
+            "neither time.column nor recording.sample_rate_hz says when the rows were taken".into(),
+        )),
     }
 }
 

@@ -3,6 +3,7 @@
 pub mod import_map;
 pub mod machine;
 pub mod scenario;
+pub mod service;
 
 use std::path::{Path, PathBuf};
 use thiserror::Error;

@@ -36,7 +36,9 @@ pub const FREQUENCY_SCALE_HZ: f64 = 500.0;
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum FrfError {
     /// Nodes are not at least two growing frequencies, or the functions have another length.
-    #[error("estimator has {nodes} nodes and {functions} values a function, expected at least 2 nodes and as many")]
+    #[error(
+        "estimator has {nodes} nodes and {functions} values a function, expected at least 2 nodes and as many"
+    )]
     Shape {
         /// Nodes.
         nodes: usize,

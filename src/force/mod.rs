@@ -14,6 +14,7 @@
 
 pub mod alignment;
 pub mod balance;
+pub mod budget;
 pub mod estimator;
 pub mod frf;
 pub mod friction;

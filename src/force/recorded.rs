@@ -46,7 +46,9 @@ pub struct RecordedMotion {
 /// True when the recording says what the drive of this axis was told.
 #[must_use]
 pub fn has_drive(recording: &Recording, axis: &str) -> bool {
-    ["current_ref_a", "torque_ref_nm", "thrust_ref_n"].iter().any(|s| recording.get(&format!("{axis}_{s}")).is_some())
+    ["current_ref_a", "torque_ref_nm", "thrust_ref_n"]
+        .iter()
+        .any(|s| recording.get(&format!("{axis}_{s}")).is_some())
 }
 
 /// Motion of an axis. Errors: no reference, no position, or a model that lacks what converts them.

@@ -1,1 +1,267 @@
-//! Being built.
+//! HTTP: the versioned API, the live stream, health, metrics and the operator page.
+//!
+//! Every refusal is problem+json with a stable code. Writes need a token; see `access`. The `Host`
+//! header is checked, because a browser can be led to talk to services on loopback.
+
+mod access;
+mod control;
+mod diagnoses;
+mod events;
+mod extract;
+mod page;
+mod problem;
+mod read;
+mod recordings;
+mod server;
+mod stream;
+
+pub use access::{Access, Caller, Role, TokenFileError, new_token};
+pub use events::EventView;
+pub use problem::{FieldError, Problem};
+pub use server::{TlsError, serve, tls_acceptor};
+
+use crate::service::{Handle, clock};
+use access::Verdict;
+use axum::Router;
+use axum::extract::{ConnectInfo, DefaultBodyLimit, MatchedPath, Request, State};
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::{IntoResponse, Response};
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+use tokio::sync::Semaphore;
+use tower_http::catch_panic::CatchPanicLayer;
+use utoipa::OpenApi;
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// Largest body of a request.
+const BODY_BYTES: usize = 64 * 1024;
+/// Most listeners of the live stream.
+const STREAMS: usize = 64;
+/// Most downloads at once.
+const EXPORTS: usize = 2;
+
+/// Address of the other end of a connection.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PeerAddress(pub(crate) SocketAddr);
+
+/// What every handler can reach.
+#[derive(Debug)]
+pub struct Shared {
+    handle: Handle,
+    access: Access,
+    hosts: Vec<String>,
+    streams: Arc<Semaphore>,
+    exports: Arc<Semaphore>,
+}
+
+type Site = Arc<Shared>;
+
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "Stillcut",
+        description = "Supervisory chatter control for parallel turning. Advice to the motion controller; not a \
+            safety function. Errors are problem+json with a stable `code`.",
+        license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
+    ),
+    tags(
+        (name = "live", description = "What is happening now"),
+        (name = "history", description = "Events, recordings, audit record"),
+        (name = "control", description = "What people may do; needs a token"),
+        (name = "diagnosis", description = "What physics the machine model leaves out"),
+        (name = "operation", description = "Health and metrics"),
+    ),
+)]
+struct Description;
+
+fn routes() -> OpenApiRouter<Site> {
+    OpenApiRouter::with_openapi(Description::openapi())
+        .routes(routes!(read::state))
+        .routes(routes!(read::axes))
+        .routes(routes!(read::spectrum))
+        .routes(routes!(read::stability))
+        .routes(routes!(read::config))
+        .routes(routes!(stream::stream))
+        .routes(routes!(events::list))
+        .routes(routes!(events::one))
+        .routes(routes!(events::acknowledge))
+        .routes(routes!(events::silence))
+        .routes(routes!(control::get_mode, control::put_mode))
+        .routes(routes!(control::take_back))
+        .routes(routes!(control::clear_fault))
+        .routes(routes!(recordings::list, recordings::save))
+        .routes(routes!(recordings::download))
+        .routes(routes!(diagnoses::list, diagnoses::start))
+        .routes(routes!(diagnoses::one))
+        .routes(routes!(diagnoses::report))
+        .routes(routes!(events::audit))
+        .routes(routes!(read::healthz))
+        .routes(routes!(read::readyz))
+        .routes(routes!(read::metrics))
+}
+
+/// The description of the API, as `/openapi.json` gives it.
+#[must_use]
+pub fn description() -> utoipa::openapi::OpenApi {
+    let mut api = routes().split_for_parts().1;
+    let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).bearer_format("256 random bits").build();
+    let components = api.components.get_or_insert_default();
+    components
+        .security_schemes
+        .insert("token".to_owned(), utoipa::openapi::RefOr::T(SecurityScheme::Http(bearer)));
+    api
+}
+
+/// The whole site over a running service. `hosts`: names beside loopback's that `Host` may carry.
+#[must_use]
+pub fn router(handle: Handle, access: Access, hosts: Vec<String>) -> Router {
+    let site = Arc::new(Shared {
+        handle,
+        access,
+        hosts,
+        streams: Arc::new(Semaphore::new(STREAMS)),
+        exports: Arc::new(Semaphore::new(EXPORTS)),
+    });
+    let (api, _) = routes().split_for_parts();
+    let swagger = utoipa_swagger_ui::SwaggerUi::new("/api").url("/openapi.json", description());
+    let outer = Arc::clone(&site);
+    Router::new()
+        .merge(api)
+        .merge(page::routes())
+        .merge(swagger)
+        .fallback(not_found)
+        .method_not_allowed_fallback(method_not_allowed)
+        .layer(DefaultBodyLimit::max(BODY_BYTES))
+        .layer(CatchPanicLayer::custom(panicked))
+        .layer(from_fn_with_state(outer, gate))
+        .with_state(site)
+}
+
+async fn not_found(request: Request) -> Problem {
+    Problem::not_found("there is nothing at this path").at(request.uri().path())
+}
+
+async fn method_not_allowed(request: Request) -> Problem {
+    let detail = format!("{} is not possible here", request.method());
+    Problem::new(StatusCode::METHOD_NOT_ALLOWED, "method_not_allowed", detail).at(request.uri().path())
+}
+
+fn panicked(_: Box<dyn std::any::Any + Send + 'static>) -> Response {
+    let detail = "a fault of ours; it is in the log";
+    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", detail).into_response()
+}
+
+/// First and last thing that every request meets: host, token, headers of the answer, time taken.
+async fn gate(State(site): State<Site>, mut request: Request, next: Next) -> Response {
+    let begun = clock::now();
+    let address = address_of(&request);
+    let path = request.uri().path().to_owned();
+    let route = request.extensions().get::<MatchedPath>().map_or("other", MatchedPath::as_str).to_owned();
+    let mut response = match admit(&site, &mut request, address) {
+        Ok(()) => next.run(request).await,
+        Err(problem) => problem.at(&path).into_response(),
+    };
+    secure(&path, &mut response);
+    let code = response.status().as_u16().to_string();
+    let route = if route.starts_with("/api/{") { "/api" } else { route.as_str() };
+    let seconds = begun.elapsed().as_secs_f64();
+    site.handle.metrics().http_request_duration_seconds.with_label_values(&[route, &code]).observe(seconds);
+    response
+}
+
+fn address_of(request: &Request) -> IpAddr {
+    let peer = request.extensions().get::<PeerAddress>().map(|p| p.0.ip());
+    let tested = || request.extensions().get::<ConnectInfo<SocketAddr>>().map(|c| c.0.ip());
+    peer.or_else(tested).unwrap_or(IpAddr::V4(std::net::Ipv4Addr::UNSPECIFIED))
+}
+
+fn admit(site: &Shared, request: &mut Request, address: IpAddr) -> Result<(), Problem> {
+    let security = &site.handle.metrics().security_events;
+    let host = request.headers().get(header::HOST).and_then(|v| v.to_str().ok());
+    let host = host.or_else(|| request.uri().host()).unwrap_or_default();
+    if !host_is_ours(host, &site.hosts) {
+        security.with_label_values(&["bad_host"]).inc();
+        let detail = "this host name is not served here; add it to http.hosts";
+        return Err(Problem::new(StatusCode::MISDIRECTED_REQUEST, "unknown_host", detail));
+    }
+    match site.access.judge(request.headers(), address, clock::wall_ns(), clock::now()) {
+        Verdict::Known(caller) => {
+            if needs_reader(request.uri().path()) {
+                caller.require(Role::Viewer)?;
+            }
+            request.extensions_mut().insert(caller);
+            Ok(())
+        }
+        Verdict::BadToken => {
+            security.with_label_values(&["bad_token"]).inc();
+            tracing::warn!(event = "bad_token", %address, "a token that is not valid was presented");
+            Err(Problem::new(StatusCode::UNAUTHORIZED, "bad_token", "this token is not valid"))
+        }
+        Verdict::RateLimited => {
+            security.with_label_values(&["rate_limited"]).inc();
+            let detail = "too many wrong tokens from this address; wait a minute";
+            Err(Problem::new(StatusCode::TOO_MANY_REQUESTS, "too_many_bad_tokens", detail).retry_after(60))
+        }
+    }
+}
+
+/// The page itself and liveness tell nothing about the machine.
+fn needs_reader(path: &str) -> bool {
+    path.starts_with("/api/v1/") || path == "/metrics" || path == "/readyz"
+}
+
+/// True for loopback's own names and the configured ones, with any port.
+fn host_is_ours(host: &str, configured: &[String]) -> bool {
+    let name = match host.strip_prefix('[') {
+        Some(rest) => rest.split(']').next().unwrap_or_default(),
+        None => host.split(':').next().unwrap_or_default(),
+    };
+    let own = name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|a| a.is_loopback());
+    own || configured.iter().any(|h| h.eq_ignore_ascii_case(name))
+}
+
+const CSP: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
+     form-action 'none'; base-uri 'none'; frame-ancestors 'none'";
+/// The vendored Swagger UI and the diagnosis report style themselves inline; they still load nothing from elsewhere.
+const CSP_INLINE: &str = "default-src 'none'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; \
+     img-src 'self' data:; connect-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'";
+const CSP_REPORT: &str =
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'";
+
+fn secure(path: &str, response: &mut Response) {
+    let policy = if path == "/api" || path.starts_with("/api/") && !path.starts_with("/api/v1/") {
+        CSP_INLINE
+    } else if path.ends_with("/report.html") {
+        CSP_REPORT
+    } else {
+        CSP
+    };
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy));
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    headers.insert(header::X_FRAME_OPTIONS, HeaderValue::from_static("DENY"));
+    headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::host_is_ours;
+
+    #[test]
+    fn only_own_names_are_served() {
+        let configured = ["lathe-7.plant.example".to_owned()];
+        for good in ["localhost", "localhost:8620", "127.0.0.1:80", "[::1]:8620", "LATHE-7.plant.example:443"]
+        {
+            assert!(host_is_ours(good, &configured), "{good}");
+        }
+        for bad in
+            ["", "evil.example", "127.0.0.1.evil.example", "localhost.evil.example:80", "10.0.0.1", "[::2]:1"]
+        {
+            assert!(!host_is_ours(bad, &configured), "{bad}");
+        }
+    }
+}

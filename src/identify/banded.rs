@@ -52,7 +52,8 @@ impl BandedHermitian {
     /// Solution and an estimate of the condition number (of the matrix scaled to a unit diagonal).
     /// Errors: a pivot that is not positive.
     pub fn solve(&self, right: &[Complex64]) -> Result<(Vec<Complex64>, f64), BandedError> {
-        let scale: Vec<f64> = (0..self.size).map(|i| self.rows[self.index(i, i)].re.max(1e-300).sqrt().recip()).collect();
+        let scale: Vec<f64> =
+            (0..self.size).map(|i| self.rows[self.index(i, i)].re.max(1e-300).sqrt().recip()).collect();
         let mut scaled = self.clone();
         for i in 0..self.size {
             for j in i.saturating_sub(self.width)..=i {

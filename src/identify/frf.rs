@@ -65,7 +65,9 @@ pub enum FrfFitError {
         nodes: usize,
     },
     /// All runs at one speed: no dependence on speed can be told.
-    #[error("the runs have {speeds} different spindle speeds; at least 3 are needed for a quadratic in speed")]
+    #[error(
+        "the runs have {speeds} different spindle speeds; at least 3 are needed for a quadratic in speed"
+    )]
     TooFewSpeeds {
         /// Different speeds.
         speeds: usize,
@@ -103,7 +105,8 @@ struct Line {
 fn component(x: impl Iterator<Item = f64>, n: usize, cycles_per_sample: f64) -> Complex64 {
     let step = Complex64::from_polar(1.0, -TAU * cycles_per_sample);
     let window_step = Complex64::from_polar(1.0, TAU / n as f64);
-    let (mut rotor, mut window) = (Complex64::new(1.0, 0.0), Complex64::from_polar(1.0, 0.5 * TAU / n as f64));
+    let (mut rotor, mut window) =
+        (Complex64::new(1.0, 0.0), Complex64::from_polar(1.0, 0.5 * TAU / n as f64));
     let mut sum = Complex64::new(0.0, 0.0);
     for x in x {
         sum += rotor * (x * (1.0 - window.re));
@@ -162,8 +165,7 @@ pub fn fit_frf(axis: &str, runs: &[FrfRun], settings: &FrfSettings) -> Result<Fr
     if speeds.len() < 3 {
         return Err(FrfFitError::TooFewSpeeds { speeds: speeds.len() });
     }
-    let lines: Vec<Line> =
-        runs.iter().flat_map(|run| lines_of_run(run, settings)).collect();
+    let lines: Vec<Line> = runs.iter().flat_map(|run| lines_of_run(run, settings)).collect();
     let count = ((settings.high_hz - settings.low_hz) / settings.spacing_hz).ceil() as usize + 1;
     let nodes_hz: Vec<f64> = (0..count).map(|k| settings.low_hz + settings.spacing_hz * k as f64).collect();
     let needed = 2 * NODE_UNKNOWNS;
@@ -197,7 +199,8 @@ pub fn fit_frf(axis: &str, runs: &[FrfRun], settings: &FrfSettings) -> Result<Fr
 /// sigma_F^2 = integral over the band of sum_j |H_j|^2 S_j; S_j from the noise beside the lines.
 fn noise_floor_n(estimator: &FrfEstimator, lines: &[Line]) -> f64 {
     let mean = |j: usize| {
-        let sum: f64 = lines.iter().map(|l| (l.noise[j] * l.band_factor).powi(2) / (l.speed_rpm / 60.0)).sum();
+        let sum: f64 =
+            lines.iter().map(|l| (l.noise[j] * l.band_factor).powi(2) / (l.speed_rpm / 60.0)).sum();
         0.5 * sum / lines.len().max(1) as f64 // amplitude squared to power, per Hz
     };
     let density = [mean(0), mean(1), mean(2)];
@@ -244,7 +247,11 @@ impl<'a> System<'a> {
     }
 
     /// The 18 factors of one equation, node k first, then node k + 1, for given displacements.
-    fn row(&self, line: &Line, displacement: &[Complex64; ACCEL_AXES]) -> (usize, [Complex64; 2 * NODE_UNKNOWNS]) {
+    fn row(
+        &self,
+        line: &Line,
+        displacement: &[Complex64; ACCEL_AXES],
+    ) -> (usize, [Complex64; 2 * NODE_UNKNOWNS]) {
         let (k, share) = self.place(line.frequency_hz);
         let factors = term_factors(line.frequency_hz, line.speed_rpm);
         let mut row = [Complex64::new(0.0, 0.0); 2 * NODE_UNKNOWNS];

@@ -40,7 +40,9 @@ pub fn minimise(start: &[f64], scale: &[f64], mut residuals: impl FnMut(&[f64], 
             residuals(&moved, &mut plus);
             moved[i] -= 2.0 * h;
             residuals(&moved, &mut minus);
-            jacobian.push(plus.iter().zip(&minus).map(|(a, b)| (a - b) / (2.0 * h) * scale[i]).collect::<Vec<f64>>());
+            jacobian.push(
+                plus.iter().zip(&minus).map(|(a, b)| (a - b) / (2.0 * h) * scale[i]).collect::<Vec<f64>>(),
+            );
         }
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
         normal = DMatrix::from_fn(n, n, |i, j| dot(&jacobian[i], &jacobian[j]));

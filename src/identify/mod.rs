@@ -4,4 +4,5 @@
 pub mod banded;
 pub mod frf;
 pub mod least_squares;
+pub mod resolution;
 pub mod sweep;

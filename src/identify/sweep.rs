@@ -49,7 +49,9 @@ pub enum SweepError {
         seconds: f64,
     },
     /// The input does not excite the band.
-    #[error("the current reference excites {bins} lines between {low_hz} and {high_hz} Hz; a sweep is needed")]
+    #[error(
+        "the current reference excites {bins} lines between {low_hz} and {high_hz} Hz; a sweep is needed"
+    )]
     NotExcited {
         /// Lines with enough input.
         bins: usize,
@@ -156,7 +158,8 @@ pub fn fit_sweep(prior: &DriveParams, sweep: &Sweep) -> Result<SweepFit, SweepEr
 /// Stretches where the slow velocity keeps to nine tenths or more of its largest size (or the whole
 /// recording, when the axis stands still), without their ends.
 fn steady_stretches(sweep: &Sweep) -> Vec<Range<usize>> {
-    let position = if sweep.stage_position_m.is_empty() { &sweep.motor_travel_m } else { &sweep.stage_position_m };
+    let position =
+        if sweep.stage_position_m.is_empty() { &sweep.motor_travel_m } else { &sweep.stage_position_m };
     let n = position.len();
     // Mean velocity over a fifth of a second: the sweep's own motion averages out.
     let half = (0.1 * sweep.rate.hz()) as usize;
@@ -199,12 +202,15 @@ fn steady_stretches(sweep: &Sweep) -> Vec<Range<usize>> {
 impl Lines {
     fn new(sweep: &Sweep, stretches: &[Range<usize>]) -> Result<Self, SweepError> {
         let rate = sweep.rate;
-        let mut lines = Lines { frequency_hz: Vec::new(), thrust: Vec::new(), outputs: Default::default(), rate };
+        let mut lines =
+            Lines { frequency_hz: Vec::new(), thrust: Vec::new(), outputs: Default::default(), rate };
         let high_hz = 0.15 * rate.hz();
         for range in stretches {
             let thrust = spectrum(&sweep.thrust_ref_n[range.clone()], Kind::Value, rate);
-            let motor = spectrum(sweep.motor_travel_m.get(range.clone()).unwrap_or(&[]), Kind::Acceleration, rate);
-            let stage = spectrum(sweep.stage_position_m.get(range.clone()).unwrap_or(&[]), Kind::Acceleration, rate);
+            let motor =
+                spectrum(sweep.motor_travel_m.get(range.clone()).unwrap_or(&[]), Kind::Acceleration, rate);
+            let stage =
+                spectrum(sweep.stage_position_m.get(range.clone()).unwrap_or(&[]), Kind::Acceleration, rate);
             let bin_hz = rate.hz() / range.len() as f64;
             let from = (LOW_HZ / bin_hz).ceil() as usize;
             let to = (high_hz / bin_hz).floor() as usize;
@@ -264,7 +270,8 @@ fn spectrum(x: &[f64], kind: Kind, rate: SampleRate) -> Vec<Complex64> {
                 Kind::Acceleration => (x[i - 1] - 2.0 * x[i] + x[i + 1]) * rate.hz() * rate.hz(),
             };
             let from_end = i.min(n - 1 - i);
-            let window = if from_end < edge { 0.5 - 0.5 * (PI * from_end as f64 / edge as f64).cos() } else { 1.0 };
+            let window =
+                if from_end < edge { 0.5 - 0.5 * (PI * from_end as f64 / edge as f64).cos() } else { 1.0 };
             Complex64::new(value * window, 0.0)
         })
         .collect();
@@ -316,11 +323,25 @@ impl<'a> Fit<'a> {
         let mut unknowns = match prior.structure() {
             Structure::Rigid => vec![U::StageMass, U::StageDamping],
             Structure::DualInertia => {
-                vec![U::MotorMass, U::StageMass, U::Stiffness, U::StructuralDamping, U::MotorDamping, U::StageDamping]
+                vec![
+                    U::MotorMass,
+                    U::StageMass,
+                    U::Stiffness,
+                    U::StructuralDamping,
+                    U::MotorDamping,
+                    U::StageDamping,
+                ]
             }
             Structure::TripleInertia => vec![
-                U::MotorMass, U::StageMass, U::Stiffness, U::StructuralDamping, U::MotorDamping, U::StageDamping,
-                U::ScrewMass, U::TorsionalStiffness, U::TorsionalDamping,
+                U::MotorMass,
+                U::StageMass,
+                U::Stiffness,
+                U::StructuralDamping,
+                U::MotorDamping,
+                U::StageDamping,
+                U::ScrewMass,
+                U::TorsionalStiffness,
+                U::TorsionalDamping,
             ],
         };
         unknowns.push(U::CommonDelay);
@@ -382,7 +403,10 @@ impl<'a> Fit<'a> {
     fn natural_scale(&self, unknown: Unknown, value: f64) -> f64 {
         match unknown {
             Unknown::CommonDelay | Unknown::StageExtraDelay => self.lines.rate.period_s(),
-            Unknown::StructuralDamping | Unknown::MotorDamping | Unknown::StageDamping | Unknown::TorsionalDamping => {
+            Unknown::StructuralDamping
+            | Unknown::MotorDamping
+            | Unknown::StageDamping
+            | Unknown::TorsionalDamping => {
                 let critical = (self.prior.axial_stiffness_n_m() * self.prior.movable_mass_kg()).sqrt();
                 value.max(0.02 * critical).max(1.0)
             }
@@ -461,7 +485,8 @@ impl<'a> Fit<'a> {
             let h = self.response(&chain, p, self.lines.frequency_hz[k]);
             for side in 0..2 {
                 if self.used[side] {
-                    let e = (self.lines.outputs[side][k] - h[side] * self.lines.thrust[k]) * self.weights[side][k];
+                    let e = (self.lines.outputs[side][k] - h[side] * self.lines.thrust[k])
+                        * self.weights[side][k];
                     r.push(e.re);
                     r.push(e.im);
                 }
@@ -521,7 +546,8 @@ impl<'a> Fit<'a> {
             for k in range.clone() {
                 // The fitted response turns within the band (delays); take that turn out before averaging.
                 let turn = self.response(chain, &self.parameters, lines.frequency_hz[k])[side] / here[side];
-                let turn = if turn.is_finite() && turn.norm() > 0.0 { turn } else { Complex64::new(1.0, 0.0) };
+                let turn =
+                    if turn.is_finite() && turn.norm() > 0.0 { turn } else { Complex64::new(1.0, 0.0) };
                 let y = lines.outputs[side][k] / turn;
                 cross += y * lines.thrust[k].conj();
                 input += lines.thrust[k].norm_sqr();
@@ -573,21 +599,28 @@ impl<'a> Fit<'a> {
     fn worst_misfit(&self, high_hz: f64) -> f64 {
         let misfit = |p: &ResponsePoint| {
             let side = |used: bool, h: [Complex64; 2], coherence: f64| {
-                if used && coherence > 0.95 { (h[0] - h[1]).norm() / h[1].norm().max(h[0].norm()) } else { 0.0 }
+                if used && coherence > 0.95 {
+                    (h[0] - h[1]).norm() / h[1].norm().max(h[0].norm())
+                } else {
+                    0.0
+                }
             };
-            side(self.used[0], p.motor_1_kg, p.coherence[0]).max(side(self.used[1], p.stage_1_kg, p.coherence[1]))
+            side(self.used[0], p.motor_1_kg, p.coherence[0]).max(side(
+                self.used[1],
+                p.stage_1_kg,
+                p.coherence[1],
+            ))
         };
-        let values: Vec<f64> = self.points().iter().filter(|p| p.frequency_hz <= high_hz).map(misfit).collect();
-        values
-            .windows(3)
-            .map(|w| w[0].max(w[1]).min(w[0].max(w[2])).min(w[1].max(w[2])))
-            .fold(0.0, f64::max)
+        let values: Vec<f64> =
+            self.points().iter().filter(|p| p.frequency_hz <= high_hz).map(misfit).collect();
+        values.windows(3).map(|w| w[0].max(w[1]).min(w[0].max(w[2])).min(w[1].max(w[2]))).fold(0.0, f64::max)
     }
 
     /// Where measured stands highest above fitted beyond the band.
     fn mode_beyond_hz(&self, kept_hz: f64) -> Option<f64> {
         let points = self.points();
-        let excess = |p: &ResponsePoint| p.motor_1_kg[0].norm() / p.motor_1_kg[1].norm().max(f64::MIN_POSITIVE);
+        let excess =
+            |p: &ResponsePoint| p.motor_1_kg[0].norm() / p.motor_1_kg[1].norm().max(f64::MIN_POSITIVE);
         points
             .iter()
             .filter(|p| p.frequency_hz > 0.8 * kept_hz && p.coherence[0] > 0.8)
@@ -615,7 +648,9 @@ impl<'a> Fit<'a> {
                 Unknown::StructuralDamping => {
                     ("structural_damping_n_s_m", 1.0, 0.0, &mut raw.structural_damping_n_s_m)
                 }
-                Unknown::MotorDamping => ("rotary_damping_nm_s_rad", r2, 0.0, &mut raw.rotary_damping_nm_s_rad),
+                Unknown::MotorDamping => {
+                    ("rotary_damping_nm_s_rad", r2, 0.0, &mut raw.rotary_damping_nm_s_rad)
+                }
                 Unknown::StageDamping => {
                     let turning = if rigid { self.prior.reflected_damping_n_s_m() } else { 0.0 };
                     ("translational_damping_n_s_m", 1.0, -turning, &mut raw.translational_damping_n_s_m)
@@ -627,14 +662,19 @@ impl<'a> Fit<'a> {
                 Unknown::TorsionalDamping => {
                     ("torsional_damping_nm_s_rad", r2, 0.0, &mut raw.torsional_damping_nm_s_rad)
                 }
-                Unknown::CommonDelay => ("amplifier_dead_time_s", 1.0, -kept_s, &mut raw.amplifier_dead_time_s),
-                Unknown::StageExtraDelay => ("stage_encoder_delay_s", 1.0, t_m, &mut raw.stage_encoder_delay_s),
+                Unknown::CommonDelay => {
+                    ("amplifier_dead_time_s", 1.0, -kept_s, &mut raw.amplifier_dead_time_s)
+                }
+                Unknown::StageExtraDelay => {
+                    ("stage_encoder_delay_s", 1.0, t_m, &mut raw.stage_encoder_delay_s)
+                }
                 Unknown::CurrentBandwidth => {
                     ("current_loop_bandwidth_rad_s", 1.0, 0.0, &mut raw.current_loop_bandwidth_rad_s)
                 }
             };
             let positive = value * factor + offset;
-            let damping_or_delay = name.contains("damping") || name.contains("delay") || name.contains("dead_time");
+            let damping_or_delay =
+                name.contains("damping") || name.contains("delay") || name.contains("dead_time");
             // A damping or delay within its error of zero may come out below it: zero is what it is then.
             let stated = if damping_or_delay { positive.max(0.0) } else { positive };
             let prior = field.unwrap_or(0.0);
@@ -645,7 +685,12 @@ impl<'a> Fit<'a> {
             );
             let common = if per_torque { TORQUE_CONSTANT_TRUST * value } else { 0.0 };
             let reach = 1.96 * error.hypot(common) * factor;
-            fitted.push(FittedParameter { name, prior, value: stated, ci95: [positive - reach, positive + reach] });
+            fitted.push(FittedParameter {
+                name,
+                prior,
+                value: stated,
+                ci95: [positive - reach, positive + reach],
+            });
         }
         (raw, fitted)
     }

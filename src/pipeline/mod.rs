@@ -15,7 +15,9 @@ mod settings;
 
 pub use settings::{AxisPlan, BandPlan, ForcePlan, PipelineError, PipelineSettings};
 
-use crate::chatter::{ChatterEvent, ChatterMonitor, ChatterOutput, ChatterState, Line, Phase};
+use crate::chatter::{
+    Agreement, AgreementState, ChatterEvent, ChatterMonitor, ChatterOutput, ChatterState, Line, Phase, agree,
+};
 use crate::force::estimator::{ForceEstimate, ForceEstimator, ForceState, MotionSample};
 use crate::force::validity::Validity;
 use crate::sample::{AxisSample, MAX_AXES, SampleError, ServoSample};
@@ -56,27 +58,6 @@ pub struct StepOutput {
     pub spectrum_updated: bool,
 }
 
-/// What all watched axes say together.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Agreement {
-    /// The most alarming phase of any axis.
-    pub phase: Phase,
-    /// The axis whose line stands out most.
-    pub leading_axis: usize,
-    /// Its line, Hz.
-    pub frequency_hz: Option<f64>,
-    /// Highest line of any axis that is in chatter: what the pitch is computed from (thesis 6.5.2), Hz.
-    pub highest_hz: Option<f64>,
-    /// Power of the leading axis' line, N2.
-    pub power_n2: f64,
-    /// Growth of the leading axis' line, 1/s.
-    pub growth_1_s: Option<f64>,
-    /// Share of the watched axes that are at least suspicious: a measure of confidence.
-    pub confidence: f64,
-    /// Whether no flag forbids acting on any watched axis.
-    pub valid: bool,
-}
-
 #[derive(Debug, Clone, PartialEq)]
 struct Channel {
     estimator: Option<ForceEstimator>,
@@ -107,6 +88,8 @@ pub struct Pipeline {
     row: Vec<f64>,
     last: Option<ServoSample>,
     clean_samples: u64,
+    agreement_state: AgreementState,
+    agreement: Agreement,
     declared: bool,
 }
 
@@ -115,10 +98,8 @@ impl Pipeline {
     pub fn new(settings: PipelineSettings) -> Result<Self, PipelineError> {
         settings.check()?;
         let band = settings.band.band()?;
-        let monitor = ChatterMonitor::new(crate::chatter::ChatterSettings {
-            sample_rate: settings.sample_rate,
-            band,
-        })?;
+        let monitor =
+            ChatterMonitor::new(crate::chatter::ChatterSettings { sample_rate: settings.sample_rate, band })?;
         let channels = settings.axes.iter().map(|a| settings.channel(a)).collect::<Result<Vec<_>, _>>()?;
         let bins = settings.spectrum_bins(band);
         let spectrum = SlidingDft::new(SlidingDftSettings {
@@ -151,6 +132,8 @@ impl Pipeline {
             row,
             last: None,
             clean_samples: 0,
+            agreement_state: AgreementState::default(),
+            agreement: agree(&mut AgreementState::default(), 0.0, std::iter::empty()),
             declared: false,
         })
     }
@@ -239,7 +222,7 @@ impl Pipeline {
         StepOutput {
             t_s,
             forces: [ForceEstimate { force_n: 0.0, flags: Validity::SIGNAL_MISSING }; MAX_AXES],
-            chatter: self.agreement(),
+            chatter: self.agreement,
             event: None,
             fault: Some(fault),
             spectrum_updated: false,
@@ -276,6 +259,7 @@ impl Pipeline {
         }
         self.spectrum_state = self.spectrum.start();
         self.clean_samples = 0;
+        self.agreement_state = AgreementState::default();
     }
 
     fn take(&mut self, sample: &ServoSample) -> StepOutput {
@@ -299,12 +283,7 @@ impl Pipeline {
         self.listen(sample.t_s, forces, Some(sample.spindle_speed_rpm))
     }
 
-    fn listen(
-        &mut self,
-        t_s: f64,
-        forces: [ForceEstimate; MAX_AXES],
-        speed_rpm: Option<f64>,
-    ) -> StepOutput {
+    fn listen(&mut self, t_s: f64, forces: [ForceEstimate; MAX_AXES], speed_rpm: Option<f64>) -> StepOutput {
         self.clean_samples += 1;
         let mut heard = None;
         for (index, (channel, state)) in self.channels.iter().zip(&mut self.states).enumerate() {
@@ -319,7 +298,8 @@ impl Pipeline {
             }
         }
         let spectrum_updated = self.spectrum.step(&mut self.spectrum_state, &self.row);
-        let chatter = self.agreement();
+        self.agreement = self.ask_all(t_s);
+        let chatter = self.agreement;
         let event = self.machine_event(&chatter, heard);
         StepOutput { t_s, forces, chatter, event, fault: None, spectrum_updated }
     }
@@ -357,39 +337,22 @@ impl Pipeline {
 
     /// What the axes say together.
     #[must_use]
-    pub fn agreement(&self) -> Agreement {
-        let rank = |p: Phase| match p {
-            Phase::Learning => 0,
-            Phase::Quiet => 1,
-            Phase::Suspected => 2,
-            Phase::Chatter => 3,
-        };
-        let watched = || {
-            let pairs = self.channels.iter().zip(&self.states).enumerate();
-            pairs.filter(|(_, (channel, _))| channel.watch).map(|(index, (_, state))| (index, state))
-        };
-        let leading = watched()
-            .max_by(|(_, a), (_, b)| {
-                let by_phase = rank(a.output.phase).cmp(&rank(b.output.phase));
-                by_phase.then(a.output.contrast.total_cmp(&b.output.contrast))
-            })
-            .map_or(0, |(index, _)| index);
-        let count = watched().count().max(1) as f64;
-        let suspicious = watched().filter(|(_, s)| rank(s.output.phase) >= 2).count() as f64;
-        let output = &self.states[leading].output;
-        Agreement {
-            phase: output.phase,
-            leading_axis: leading,
-            frequency_hz: output.frequency_hz,
-            highest_hz: watched()
-                .filter(|(_, s)| s.output.phase == Phase::Chatter)
-                .filter_map(|(_, s)| s.output.frequency_hz)
-                .reduce(f64::max),
-            power_n2: output.power_n2,
-            growth_1_s: output.growth_1_s,
-            confidence: suspicious / count,
-            valid: watched().all(|(_, s)| s.flags.may_act()),
-        }
+    pub fn agreement(&self) -> &Agreement {
+        &self.agreement
+    }
+
+    /// Whether no flag forbids acting on any watched axis.
+    #[must_use]
+    pub fn may_act(&self) -> bool {
+        let pairs = self.channels.iter().zip(&self.states);
+        pairs.filter(|(channel, _)| channel.watch).all(|(_, state)| state.flags.may_act())
+    }
+
+    fn ask_all(&mut self, t_s: f64) -> Agreement {
+        let (channels, states) = (&self.channels, &self.states);
+        let watched = channels.iter().zip(states).enumerate().filter(|(_, (channel, _))| channel.watch);
+        let outputs = watched.map(|(index, (_, state))| (index, &state.output));
+        agree(&mut self.agreement_state, t_s, outputs)
     }
 }
 

@@ -13,7 +13,8 @@ pub(super) fn read_with(path: &Path, source: &Source) -> Result<RawTable, Record
     let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
     let delimiter = u8::try_from(source.delimiter)
         .map_err(|_| format_error(format!("delimiter `{}` is not a single byte", source.delimiter)))?;
-    let file = std::fs::File::open(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
+    let file =
+        std::fs::File::open(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .has_headers(false)
@@ -27,7 +28,8 @@ pub(super) fn read_with(path: &Path, source: &Source) -> Result<RawTable, Record
         let record = record.map_err(|e| format_error(format!("line {line}: {e}")))?;
         if line == source.header_row {
             // The first name may carry a byte-order mark.
-            columns = record.iter().map(|n| (n.trim_start_matches('\u{feff}').to_owned(), Vec::new())).collect();
+            columns =
+                record.iter().map(|n| (n.trim_start_matches('\u{feff}').to_owned(), Vec::new())).collect();
         }
         if line < data_row {
             continue;
@@ -39,7 +41,12 @@ pub(super) fn read_with(path: &Path, source: &Source) -> Result<RawTable, Record
         if record.len() < columns.len() {
             let (missing, _) = &columns[record.len()];
             let message = "the line ends before this column".to_owned();
-            return Err(RecordingError::Value { path: path.to_owned(), column: missing.clone(), row, message });
+            return Err(RecordingError::Value {
+                path: path.to_owned(),
+                column: missing.clone(),
+                row,
+                message,
+            });
         }
         for ((name, values), text) in columns.iter_mut().zip(record.iter()) {
             let value = text.parse::<f64>().map_err(|_| RecordingError::Value {

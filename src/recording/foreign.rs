@@ -50,7 +50,9 @@ impl Importer<'_> {
         let rows = self.kept_rows(map)?;
         let mut table = self.read_rows(map, &rows)?;
         if table.times_s.len() < 2 {
-            return Err(self.format_error(format!("{} rows are kept; at least 2 are needed", table.times_s.len())));
+            return Err(
+                self.format_error(format!("{} rows are kept; at least 2 are needed", table.times_s.len()))
+            );
         }
         let rate = self.check_rate(map, &table)?;
         for (signal, values) in map.signals.iter().zip(&mut table.signals) {
@@ -61,7 +63,8 @@ impl Importer<'_> {
         if let Some(hz) = map.resample_hz {
             table = resampled(&table, hz);
         }
-        let sample_rate = SampleRate::new(map.resample_hz.unwrap_or(rate)).map_err(|e| self.format_error(e.to_string()))?;
+        let sample_rate =
+            SampleRate::new(map.resample_hz.unwrap_or(rate)).map_err(|e| self.format_error(e.to_string()))?;
         Ok(self.recording(map, table, sample_rate))
     }
 
@@ -71,7 +74,9 @@ impl Importer<'_> {
             Origin::Column(name) => Some(name.as_str()),
             Origin::Constant(_) => None,
         });
-        let Some(first) = first else { return Err(self.format_error("the map takes no column from the file".into())) };
+        let Some(first) = first else {
+            return Err(self.format_error("the map takes no column from the file".into()));
+        };
         let mut rows: Vec<usize> = (0..self.column(first)?.len()).collect();
         for keep in &map.source.keep {
             let values = self.column(&keep.column)?;
@@ -89,9 +94,15 @@ impl Importer<'_> {
             Clock::Rate(hz) => (0..rows.len()).map(|k| k as f64 / hz).collect(),
         };
         if let Some(k) = times_s.windows(2).position(|w| w[1] <= w[0]) {
-            let column = if let Clock::Column { name, .. } = &map.clock { name.clone() } else { "t_s".into() };
+            let column =
+                if let Clock::Column { name, .. } = &map.clock { name.clone() } else { "t_s".into() };
             let message = format!("time runs from {} to {} s, expected to grow", times_s[k], times_s[k + 1]);
-            return Err(RecordingError::Value { path: self.path.to_owned(), column, row: rows[k + 1], message });
+            return Err(RecordingError::Value {
+                path: self.path.to_owned(),
+                column,
+                row: rows[k + 1],
+                message,
+            });
         }
         let take = |s: &Signal| match &s.origin {
             Origin::Column(name) => self.pick(name, rows, |v| (v - s.offset) * s.scale),
@@ -100,7 +111,12 @@ impl Importer<'_> {
         Ok(Rows { times_s, signals: map.signals.iter().map(take).collect::<Result<_, _>>()? })
     }
 
-    fn pick(&self, name: &str, rows: &[usize], convert: impl Fn(f64) -> f64) -> Result<Vec<f64>, RecordingError> {
+    fn pick(
+        &self,
+        name: &str,
+        rows: &[usize],
+        convert: impl Fn(f64) -> f64,
+    ) -> Result<Vec<f64>, RecordingError> {
         let values = self.column(name)?;
         let mut out = Vec::with_capacity(rows.len());
         for &row in rows {
@@ -109,7 +125,12 @@ impl Importer<'_> {
             })?;
             if !value.is_finite() {
                 let message = format!("{value} is not a finite number");
-                return Err(RecordingError::Value { path: self.path.to_owned(), column: name.to_owned(), row, message });
+                return Err(RecordingError::Value {
+                    path: self.path.to_owned(),
+                    column: name.to_owned(),
+                    row,
+                    message,
+                });
             }
             out.push(convert(value));
         }
@@ -128,7 +149,11 @@ impl Importer<'_> {
         if map.resample_hz.is_some() {
             return Ok(rate);
         }
-        let worst = times.windows(2).map(|w| ((w[1] - w[0]) * rate - 1.0).abs()).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+        let worst = times
+            .windows(2)
+            .map(|w| ((w[1] - w[0]) * rate - 1.0).abs())
+            .enumerate()
+            .max_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((row, deviation)) = worst
             && deviation > 0.5
         {

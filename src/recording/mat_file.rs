@@ -29,9 +29,10 @@ fn parse(bytes: &[u8]) -> Result<MatFile, String> {
     set_hook(hook);
     match outcome {
         Ok(Ok(file)) => Ok(file),
-        Ok(Err(error)) => {
-            Err(format!("not a readable MAT file: {}", error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")))
-        }
+        Ok(Err(error)) => Err(format!(
+            "not a readable MAT file: {}",
+            error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+        )),
         Err(_) => Err("not a readable MAT file: damaged".to_owned()),
     }
 }

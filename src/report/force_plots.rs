@@ -26,10 +26,12 @@ pub struct Curve {
     pub dots: bool,
 }
 
-/// One panel: frequency on a logarithmic axis.
+/// One panel over a logarithmic axis.
 pub struct Panel {
     /// Title.
     pub title: String,
+    /// Name and unit of the horizontal, logarithmic axis.
+    pub x_label: String,
     /// Name and unit of the vertical axis.
     pub y_label: String,
     /// Vertical axis logarithmic.
@@ -44,10 +46,12 @@ pub fn response_svg(axis: &str, fit: &SweepFit) -> Result<String, PlotError> {
     let points = |value: &dyn Fn(&crate::identify::sweep::ResponsePoint) -> f64| {
         fit.points.iter().map(|p| (p.frequency_hz, value(p))).collect::<Vec<_>>()
     };
-    let curve = |label: &str, dots: bool, points: Vec<(f64, f64)>| Curve { label: label.to_owned(), points, dots };
+    let curve =
+        |label: &str, dots: bool, points: Vec<(f64, f64)>| Curve { label: label.to_owned(), points, dots };
     let panels = [
         Panel {
             title: format!("axis {axis}: acceleration per thrust, gain"),
+            x_label: "Hz".to_owned(),
             y_label: "1/kg".to_owned(),
             log_y: true,
             curves: vec![
@@ -59,6 +63,7 @@ pub fn response_svg(axis: &str, fit: &SweepFit) -> Result<String, PlotError> {
         },
         Panel {
             title: "phase".to_owned(),
+            x_label: "Hz".to_owned(),
             y_label: "degrees".to_owned(),
             log_y: false,
             curves: vec![
@@ -70,6 +75,7 @@ pub fn response_svg(axis: &str, fit: &SweepFit) -> Result<String, PlotError> {
         },
         Panel {
             title: "coherence with the thrust".to_owned(),
+            x_label: "Hz".to_owned(),
             y_label: "squared coherence".to_owned(),
             log_y: false,
             curves: vec![
@@ -81,7 +87,7 @@ pub fn response_svg(axis: &str, fit: &SweepFit) -> Result<String, PlotError> {
     panels_svg(&panels)
 }
 
-/// Panels below each other, frequency in Hz across.
+/// Panels below each other.
 /// Errors: the drawing library refused.
 pub fn panels_svg(panels: &[Panel]) -> Result<String, PlotError> {
     let mut text = String::new();
@@ -121,9 +127,8 @@ fn draw_panel<B: DrawingBackend>(
     } else {
         let pad = 0.05 * (high - low).max(1e-12);
         let range: std::ops::Range<f64> = low - pad..high + pad;
-        let chart = builder
-            .build_cartesian_2d(x_axis, RangedCoordf64::from(range))
-            .map_err(PlotError::from_any)?;
+        let chart =
+            builder.build_cartesian_2d(x_axis, RangedCoordf64::from(range)).map_err(PlotError::from_any)?;
         draw_curves(chart, panel)
     }
 }
@@ -139,18 +144,23 @@ where
 {
     chart
         .configure_mesh()
-        .x_desc("Hz")
+        .x_desc(&panel.x_label)
         .y_desc(&panel.y_label)
         .light_line_style(WHITE)
         .draw()
         .map_err(PlotError::from_any)?;
     for (index, curve) in panel.curves.iter().enumerate() {
-        let color = Palette99::pick(index / if panel.curves.iter().any(|c| c.dots) { 2 } else { 1 }).to_rgba();
+        let color =
+            Palette99::pick(index / if panel.curves.iter().any(|c| c.dots) { 2 } else { 1 }).to_rgba();
         let points = || curve.points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite());
         let series = if curve.dots {
-            chart.draw_series(points().map(|p| Circle::new(p, 2, color.stroke_width(1)))).map_err(PlotError::from_any)?
+            chart
+                .draw_series(points().map(|p| Circle::new(p, 2, color.stroke_width(1))))
+                .map_err(PlotError::from_any)?
         } else {
-            chart.draw_series(LineSeries::new(points(), color.stroke_width(1))).map_err(PlotError::from_any)?
+            chart
+                .draw_series(LineSeries::new(points(), color.stroke_width(1)))
+                .map_err(PlotError::from_any)?
         };
         series.label(&curve.label).legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 14, y)], color));
     }

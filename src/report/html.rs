@@ -47,15 +47,20 @@ pub fn spoken(name: &str) -> String {
 fn headline(d: &Diagnosis) -> String {
     match d.verdict {
         Verdict::MissingPhysics => {
-            let names: Vec<String> =
-                d.findings.iter().map(|f| format!("{} ({})", spoken(f.effect.name()), spoken(f.port.name()))).collect();
+            let names: Vec<String> = d
+                .findings
+                .iter()
+                .map(|f| format!("{} ({})", spoken(f.effect.name()), spoken(f.port.name())))
+                .collect();
             format!("The model leaves out {}.", names.join(" and "))
         }
         Verdict::ParameterError => {
             let names: Vec<String> = d.parameter_corrections.iter().map(|c| spoken(c.name)).collect();
             format!("Nothing is missing; wrong in the model: {}.", names.join(", "))
         }
-        Verdict::ModelAdequate => "Nothing is missing: the model explains these recordings down to their noise.".into(),
+        Verdict::ModelAdequate => {
+            "Nothing is missing: the model explains these recordings down to their noise.".into()
+        }
         Verdict::UnexplainedMismatch => {
             let place = d.location.as_ref().map_or(String::new(), |l| {
                 format!(", at the {}, over {}", spoken(l.port.name()), spoken(l.domain))
@@ -104,7 +109,8 @@ fn telling(d: &Diagnosis) -> Option<Picked> {
         for (balance, before) in fit.residual_before_n.iter().enumerate() {
             let Some(after) = fit.residual_after_n.get(balance).filter(|a| !a.is_empty()) else { continue };
             let floor = d.noise_floor_n.get(balance).copied().unwrap_or(1.0).max(1.0e-9);
-            let shown = if d.verdict == Verdict::ParameterError { &fit.residual_nominal_n[balance] } else { before };
+            let shown =
+                if d.verdict == Verdict::ParameterError { &fit.residual_nominal_n[balance] } else { before };
             let gain = (rms(shown).powi(2) - rms(after).powi(2)) / floor + 1.0e-3 * rms(shown) / floor;
             if best.is_none_or(|(g, _)| gain > g) {
                 best = Some((gain, Picked { recording, balance }));
@@ -233,8 +239,11 @@ fn place(out: &mut String, d: &Diagnosis, p: Picked) {
     }
     out.push_str("<h2>Where it sits</h2>");
     if let Some(l) = &d.location {
-        let bands: Vec<String> =
-            l.bands_hz.iter().map(|b| format!("{}\u{2013}{} Hz", significant(b[0], 3), significant(b[1], 3))).collect();
+        let bands: Vec<String> = l
+            .bands_hz
+            .iter()
+            .map(|b| format!("{}\u{2013}{} Hz", significant(b[0], 3), significant(b[1], 3)))
+            .collect();
         let _ = write!(
             out,
             "<p>Enters at the <b>{}</b>, seen over <b>{}</b>{}. Power of the mismatch: {:.0} % motor side, {:.0} % stage \
@@ -266,8 +275,10 @@ fn place(out: &mut String, d: &Diagnosis, p: Picked) {
 const SMALL: [f64; 2] = [340.0, 210.0];
 
 fn binned_figure(title: &str, x: Axis, sets: Vec<(&'static str, &'static str, Vec<Bin>)>) -> String {
-    let mut ends: Vec<f64> =
-        sets.iter().flat_map(|(_, _, b)| b.iter().flat_map(|b| [b.mean - b.spread, b.mean + b.spread])).collect();
+    let mut ends: Vec<f64> = sets
+        .iter()
+        .flat_map(|(_, _, b)| b.iter().flat_map(|b| [b.mean - b.spread, b.mean + b.spread]))
+        .collect();
     let [low, high] = range_of(&mut ends, false);
     let y = Axis::linear("mean residual, N", [low.min(0.0), high.max(0.0)]);
     let mut marks = Vec::new();
@@ -311,14 +322,18 @@ fn position_map(d: &Diagnosis, p: Picked) -> PlaceMap {
 }
 
 fn velocity_map(d: &Diagnosis, p: Picked) -> PlaceMap {
-    let fastest = d.recordings.iter().flat_map(|f| &f.velocity_m_s).fold(0.0_f64, |a, v| a.max(v.abs())) * 1.0e3;
+    let fastest =
+        d.recordings.iter().flat_map(|f| &f.velocity_m_s).fold(0.0_f64, |a, v| a.max(v.abs())) * 1.0e3;
     // A root scale opens the creep speeds, where friction lives.
     let root = |v: f64| v.signum() * v.abs().sqrt();
     let reach = root(fastest.max(1.0e-6));
     let velocity = move |f: &RecordingFit| f.velocity_m_s.iter().map(|v| root(v * 1.0e3)).collect::<Vec<_>>();
     let set = |values: fn(&Diagnosis, &RecordingFit, usize) -> Vec<f64>| {
         let pairs = d.recordings.iter().flat_map(|f| velocity(f).into_iter().zip(values(d, f, p.balance)));
-        binned(pairs, [-reach, reach], 90).into_iter().map(|b| Bin { at: b.at * b.at.abs(), ..b }).collect::<Vec<_>>()
+        binned(pairs, [-reach, reach], 90)
+            .into_iter()
+            .map(|b| Bin { at: b.at * b.at.abs(), ..b })
+            .collect::<Vec<_>>()
     };
     let sets = vec![
         ("before", "before", set(|d, f, b| before(d, f, b).to_vec())),
@@ -346,10 +361,7 @@ fn frequency_map(d: &Diagnosis, p: Picked) -> PlaceMap {
         size: SMALL,
         x: Axis::log("frequency, Hz", [lowest, top.max(2.0 * lowest)]),
         y: Axis::log("N per root Hz", [(0.7 * low).max(1.0e-9), (1.4 * high).max(1.0e-8)]),
-        marks: vec![
-            Mark::Line { class: "before", points: b },
-            Mark::Line { class: "after", points: a },
-        ],
+        marks: vec![Mark::Line { class: "before", points: b }, Mark::Line { class: "after", points: a }],
         title: "spectrum of the residual".into(),
     }
     .svg();
@@ -405,7 +417,9 @@ fn reversal_map(d: &Diagnosis, p: Picked) -> PlaceMap {
         let pairs = d.recordings.iter().flat_map(|f| {
             let travel = since_reversal(&f.position_m, &f.velocity_m_s);
             let all = travel.into_iter().zip(values(d, f, p.balance));
-            all.filter(|([s, _], _)| *s > 0.0).map(|([s, way], r)| ((s * 1.0e6).log10(), r * way)).collect::<Vec<_>>()
+            all.filter(|([s, _], _)| *s > 0.0)
+                .map(|([s, way], r)| ((s * 1.0e6).log10(), r * way))
+                .collect::<Vec<_>>()
         });
         binned(pairs, range, 60).into_iter().map(|b| Bin { at: 10.0_f64.powf(b.at), ..b }).collect::<Vec<_>>()
     };
@@ -494,7 +508,9 @@ fn alternatives(out: &mut String, f: &Finding) {
     }
     out.push_str("</table>");
     if f.alternatives.is_empty() {
-        out.push_str("<p class=\"soft small\">Every other hypothesis was tried and left more unexplained.</p>");
+        out.push_str(
+            "<p class=\"soft small\">Every other hypothesis was tried and left more unexplained.</p>",
+        );
     }
     out.push_str("</div>");
     if let Some(next) = &f.next_experiment {
@@ -512,8 +528,11 @@ fn corrections(out: &mut String, d: &Diagnosis) {
     );
     for c in &d.parameter_corrections {
         let digits = digits_for(c.value, c.ci95);
-        let change =
-            if c.nominal == 0.0 { "new".to_owned() } else { format!("{:+.1} %", 100.0 * (c.value / c.nominal - 1.0)) };
+        let change = if c.nominal == 0.0 {
+            "new".to_owned()
+        } else {
+            format!("{:+.1} %", 100.0 * (c.value / c.nominal - 1.0))
+        };
         let _ = write!(
             out,
             "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\"><b>{}</b></td><td class=\"n\">{} \u{2026} {}</td>\

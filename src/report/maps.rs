@@ -31,7 +31,11 @@ pub(super) fn binned(pairs: impl Iterator<Item = (f64, f64)>, range: [f64; 2], c
     full.map(|(k, [n, sum, squares])| {
         let mean = sum / n;
         let variance = (squares / n - mean * mean).max(0.0);
-        Bin { at: range[0] + (k as f64 + 0.5) * width, mean, spread: 2.0 * (variance * CORRELATION / n).sqrt() }
+        Bin {
+            at: range[0] + (k as f64 + 0.5) * width,
+            mean,
+            spread: 2.0 * (variance * CORRELATION / n).sqrt(),
+        }
     })
     .collect()
 }

@@ -1,4 +1,4 @@
-//! What leaves the process as files: events, the track, estimators, diagnosis, models, pages for people.
+//! What leaves the process as files: events, the track, maps, estimators, diagnosis, models, pages for people.
 
 pub mod diagnosis;
 pub mod events;
@@ -8,5 +8,6 @@ pub mod html;
 mod maps;
 pub mod page;
 pub mod plot;
+pub mod stability_picture;
 pub mod study;
 pub mod track;

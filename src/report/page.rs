@@ -17,8 +17,16 @@ pub fn page(title: &str, body: &str) -> String {
 /// A number with the prefix that a shop floor would use: 1.00 um, 0.164 ms, 3.75 MN/m.
 #[must_use]
 pub fn engineering(value: f64, unit: &str, digits: usize) -> String {
-    const PREFIXES: [(f64, &str); 8] =
-        [(1.0e9, "G"), (1.0e6, "M"), (1.0e3, "k"), (1.0, ""), (1.0e-3, "m"), (1.0e-6, "\u{b5}"), (1.0e-9, "n"), (1.0e-12, "p")];
+    const PREFIXES: [(f64, &str); 8] = [
+        (1.0e9, "G"),
+        (1.0e6, "M"),
+        (1.0e3, "k"),
+        (1.0, ""),
+        (1.0e-3, "m"),
+        (1.0e-6, "\u{b5}"),
+        (1.0e-9, "n"),
+        (1.0e-12, "p"),
+    ];
     let plain = !matches!(unit, "m" | "s" | "m/s" | "N" | "N/m" | "Hz" | "A" | "V" | "N m" | "N m/A");
     let small_only = matches!(unit, "m" | "s" | "m/s" | "Hz");
     let size = value.abs();

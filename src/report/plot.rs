@@ -36,11 +36,7 @@ impl Axis {
     /// Share of the axis at `value`, 0 at its lower end.
     fn share(&self, value: f64) -> f64 {
         let [a, b] = self.range;
-        if self.log {
-            (value.max(1.0e-300) / a).ln() / (b / a).ln()
-        } else {
-            (value - a) / (b - a)
-        }
+        if self.log { (value.max(1.0e-300) / a).ln() / (b / a).ln() } else { (value - a) / (b - a) }
     }
 
     /// Round values inside the axis: 1, 2 or 5 times a power of ten apart (decades where logarithmic).
@@ -163,16 +159,25 @@ impl Figure {
             let (y1, y2, yt) = (t, h - b, h - b + 15.0);
             let _ = write!(out, "<line class=\"grid\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{y1}\" y2=\"{y2}\"/>");
             let text = tick_text(v, &self.x);
-            let _ = write!(out, "<text class=\"tick\" x=\"{x:.1}\" y=\"{yt}\" text-anchor=\"middle\">{text}</text>");
+            let _ = write!(
+                out,
+                "<text class=\"tick\" x=\"{x:.1}\" y=\"{yt}\" text-anchor=\"middle\">{text}</text>"
+            );
         }
         for v in self.y.ticks() {
             let y = t + self.place([self.x.range[0], v])[1];
             let (x1, x2, xt) = (l, w - r, l - 7.0);
             let zero = if v == 0.0 && !self.y.log { " zero" } else { "" };
-            let _ = write!(out, "<line class=\"grid{zero}\" x1=\"{x1}\" x2=\"{x2}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>");
+            let _ = write!(
+                out,
+                "<line class=\"grid{zero}\" x1=\"{x1}\" x2=\"{x2}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>"
+            );
             let text = tick_text(v, &self.y);
             let yt = y + 3.5;
-            let _ = write!(out, "<text class=\"tick\" x=\"{xt}\" y=\"{yt:.1}\" text-anchor=\"end\">{text}</text>");
+            let _ = write!(
+                out,
+                "<text class=\"tick\" x=\"{xt}\" y=\"{yt:.1}\" text-anchor=\"end\">{text}</text>"
+            );
         }
         let (cx, by) = (l + (w - l - r) / 2.0, h - 6.0);
         let _ = write!(
@@ -212,7 +217,8 @@ impl Figure {
             Mark::Dots { class, points } => {
                 for p in points.iter().filter(|p| p[0].is_finite() && p[1].is_finite()) {
                     let [x, y] = self.place(*p);
-                    let _ = write!(out, "<circle class=\"dot {class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\"/>");
+                    let _ =
+                        write!(out, "<circle class=\"dot {class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\"/>");
                 }
             }
         }
@@ -268,7 +274,8 @@ fn tick_text(value: f64, axis: &Axis) -> String {
     let step = (axis.range[1] - axis.range[0]) / 5.0;
     let decimals = (-(step.abs().max(1.0e-12)).log10().floor()).clamp(0.0, 9.0) as usize;
     let text = format!("{value:.decimals$}");
-    let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text };
+    let text =
+        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text };
     if text == "-0" { "0".to_owned() } else { text.replace('-', "\u{2212}") }
 }
 

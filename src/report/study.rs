@@ -108,18 +108,19 @@ impl Study {
     pub fn rates(&self) -> Vec<Rate> {
         let mut rates: Vec<Rate> = Vec::new();
         for o in &self.outcomes {
-            let index = rates.iter().position(|r| r.label == o.label && r.depth == o.depth).unwrap_or_else(|| {
-                rates.push(Rate {
-                    label: o.label.clone(),
-                    depth: o.depth,
-                    truth: o.truth,
-                    machines: 0,
-                    noticed: 0,
-                    named: 0,
-                    port_right: 0,
+            let index =
+                rates.iter().position(|r| r.label == o.label && r.depth == o.depth).unwrap_or_else(|| {
+                    rates.push(Rate {
+                        label: o.label.clone(),
+                        depth: o.depth,
+                        truth: o.truth,
+                        machines: 0,
+                        noticed: 0,
+                        named: 0,
+                        port_right: 0,
+                    });
+                    rates.len() - 1
                 });
-                rates.len() - 1
-            });
             let r = &mut rates[index];
             r.machines += 1;
             r.noticed += usize::from(o.noticed);
@@ -169,7 +170,11 @@ fn headline(right: usize, of: usize, accused: usize, healthy: usize) -> String {
     } else {
         "No effect was concealed".to_owned()
     };
-    let silent = if healthy > 0 { format!("; {accused} of {healthy} healthy machines accused") } else { String::new() };
+    let silent = if healthy > 0 {
+        format!("; {accused} of {healthy} healthy machines accused")
+    } else {
+        String::new()
+    };
     format!("{named}{silent}.")
 }
 
@@ -270,7 +275,12 @@ fn pictures(out: &mut String, study: &Study) {
             ],
             title: format!("{label}: share named and noticed over depth"),
         };
-        let _ = write!(out, "<div class=\"card\"><h3>{}</h3>{}</div>", escape(&label.replace('_', " ")), figure.svg());
+        let _ = write!(
+            out,
+            "<div class=\"card\"><h3>{}</h3>{}</div>",
+            escape(&label.replace('_', " ")),
+            figure.svg()
+        );
     }
     out.push_str("</div>");
 }
@@ -311,7 +321,12 @@ fn confusions(out: &mut String, study: &Study) {
         "<h2>Where it was wrong</h2><div class=\"card\"><table><tr><th>hidden</th><th>said</th><th class=\"n\">times</th></tr>",
     );
     for ((hidden, said), times) in wrong {
-        let _ = write!(out, "<tr><td>{}</td><td>{}</td><td class=\"n\">{times}</td></tr>", escape(&hidden), escape(&said));
+        let _ = write!(
+            out,
+            "<tr><td>{}</td><td>{}</td><td class=\"n\">{times}</td></tr>",
+            escape(&hidden),
+            escape(&said)
+        );
     }
     out.push_str("</table></div>");
 }

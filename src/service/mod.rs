@@ -1,1 +1,30 @@
-//! Being built.
+//! The running service: wiring, threads, shutdown.
+//!
+//! ```text
+//! pipeline thread (shared memory, steps, decisions)      one tokio worker
+//!    reports  ---- bounded queue ---->  hub ----> picture, live stream, metrics
+//!    controls <--- bounded queue ----    |  \---> history (SQLite writer task)
+//!    recorder <--- bounded queue         HTTP (reads pictures and history, asks through Handle)
+//! ```
+//! The pipeline thread owns every port and waits for nobody; the tokio side never sees a port.
+
+mod black_box;
+pub mod clock;
+mod control;
+mod diagnoses;
+mod engine;
+mod handle;
+mod hub;
+pub mod live;
+mod recorder;
+mod recordings;
+pub mod stability;
+mod start;
+pub mod virtual_lathe;
+
+pub use crate::store::{AuditRow, EventFilter, EventPage, MAX_PAGE};
+pub use control::{Origin, Refusal};
+pub use diagnoses::{Diagnoses, DiagnosisView, JobState};
+pub use handle::{Check, Handle, OperationError, ShownConfig, StreamMessage};
+pub use recordings::{RecordingInfo, RecordingLimits, Recordings, RecordingsError};
+pub use start::{Running, ServiceError, start};

@@ -5,8 +5,8 @@ use super::clock;
 use crate::simulation::lathe::turret::{TurretOrder, TurretState};
 use crate::simulation::lathe::{AXES, Lathe, LatheSettings};
 use crate::transport::wire::{
-    COMMAND_RETURN, INTERLOCK_PERMISSIVE, ServoBatch, ServoPoint, TURRET_EXPIRED, TURRET_MOVING, TURRET_REACHED,
-    TURRET_REFUSED, TurretCommand, TurretStatus, axis_name_bytes,
+    COMMAND_RETURN, INTERLOCK_PERMISSIVE, ServoBatch, ServoPoint, TURRET_EXPIRED, TURRET_MOVING,
+    TURRET_REACHED, TURRET_REFUSED, TurretCommand, TurretStatus, axis_name_bytes,
 };
 use crate::transport::{
     CommandSubscriber, Domain, Participant, ServoPublisher, StatusPublisher, TransportError,
@@ -115,7 +115,8 @@ impl VirtualLathe {
         let (lathe, stream, refused) = (&mut self.lathe, self.stream, &mut self.refused_since_report);
         let now_ns = ns(lathe.truth().t_s);
         self.ports.commands.drain(|command| {
-            let taken = order_of(command, stream, now_ns).is_some_and(|order| lathe.turret_mut().order(&order));
+            let taken =
+                order_of(command, stream, now_ns).is_some_and(|order| lathe.turret_mut().order(&order));
             *refused |= !taken;
         })?;
         Ok(())
@@ -153,17 +154,18 @@ fn order_of(command: &TurretCommand, stream: u64, now_ns: u64) -> Option<TurretO
     if command.stream != stream || expires_ns <= now_ns {
         return None;
     }
-    let offset_m = if command.kind == COMMAND_RETURN {
-        [0.0; 2]
-    } else {
-        [command.offset_m[0], command.offset_m[1]]
-    };
+    let offset_m =
+        if command.kind == COMMAND_RETURN { [0.0; 2] } else { [command.offset_m[0], command.offset_m[1]] };
     let ttl_s = (expires_ns - now_ns) as f64 * 1e-9;
     Some(TurretOrder { epoch: command.epoch, sequence: command.sequence, offset_m, ttl_s })
 }
 
 /// Nanoseconds of a time on the lathe's clock.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the lathe's clock starts at zero")]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the lathe's clock starts at zero"
+)]
 fn ns(t_s: f64) -> u64 {
     (t_s * 1e9).round() as u64
 }
@@ -174,7 +176,8 @@ mod tests {
 
     #[test]
     fn a_command_of_another_stream_or_past_its_life_is_no_order() {
-        let command = TurretCommand { stream: 7, based_on_t_ns: 1_000, ttl_ns: 1_000, ..TurretCommand::default() };
+        let command =
+            TurretCommand { stream: 7, based_on_t_ns: 1_000, ttl_ns: 1_000, ..TurretCommand::default() };
         assert!(order_of(&command, 7, 1_500).is_some());
         assert!(order_of(&command, 8, 1_500).is_none());
         assert!(order_of(&command, 7, 2_000).is_none());

@@ -62,6 +62,12 @@ impl LineBank {
         LineBankState { first: zeros.clone(), second: zeros }
     }
 
+    /// Forgets what was heard.
+    pub fn clear(&self, state: &mut LineBankState) {
+        state.first.fill(Complex::new(0.0, 0.0));
+        state.second.fill(Complex::new(0.0, 0.0));
+    }
+
     /// Takes one sample of the band. Cost: two complex multiplications a filter.
     #[inline]
     pub fn step(&self, state: &mut LineBankState, value: Complex<f64>) {

@@ -3,16 +3,16 @@
 //! Each filter is an immutable design and a plain state: `design.step(&mut state, x) -> y`, no
 //! allocation, no clock. Designs refuse what cannot work at the given rate.
 
+pub mod butterworth;
+pub mod delay_line;
 pub mod down_mix;
+pub mod finite_difference;
 pub mod line_bank;
+pub mod linear_phase;
 pub mod moving_variance;
 pub mod order_lines;
 pub mod sliding_dft;
 mod sliding_dft_kernel;
-pub mod butterworth;
-pub mod delay_line;
-pub mod finite_difference;
-pub mod linear_phase;
 
 use thiserror::Error;
 

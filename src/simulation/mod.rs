@@ -2,5 +2,6 @@
 //!
 //! Nothing here knows how an observer or a decision works, so that both can be tested on it.
 
+pub mod closed_loop;
 pub mod concealed_axis;
 pub mod lathe;

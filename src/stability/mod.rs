@@ -1,1 +1,19 @@
-//! Being built.
+//! Does small vibration grow between two opposed tools, how fast and at which frequency?
+//!
+//! The linear equation with two delays has infinitely many roots; the one farthest to the right decides:
+//!
+//! ```text
+//!  m s^2 + c s + k + K (2 + e^{-s tau1} + e^{-s tau2}) = 0        s = growth + j 2 pi frequency
+//! ```
+//!
+//! [`rightmost_root`] finds it by Newton's method from every place in which it can lie, and [`Grid`] walks a
+//! map. [`roots_right_of`] counts roots by the argument principle and shares nothing with the search.
+//! The linear model does not know loss of contact: it says whether chatter starts, not how large it gets.
+
+mod count;
+mod grid;
+mod root;
+
+pub use count::roots_right_of;
+pub use grid::{Grid, GridError, GridPoint, GridRange};
+pub use root::{Root, rightmost_root};

@@ -6,8 +6,8 @@
 
 use super::TransportError;
 use iceoryx2::prelude::{
-    CallbackProgression, Config, FileName, Node, NodeBuilder, NodeName, NodeState, Path as IoxPath, SemanticString as _,
-    SignalHandlingMode, ipc,
+    CallbackProgression, Config, FileName, Node, NodeBuilder, NodeName, NodeState, Path as IoxPath,
+    SemanticString as _, SignalHandlingMode, ipc,
 };
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -38,7 +38,10 @@ impl Domain {
         }
         let text = root.to_str().unwrap_or_default();
         if !root.is_absolute() || text.len() > 128 {
-            return Err(TransportError::Domain(format!("root `{}` is not an absolute path of at most 128 bytes", root.display())));
+            return Err(TransportError::Domain(format!(
+                "root `{}` is not an absolute path of at most 128 bytes",
+                root.display()
+            )));
         }
         // The underscore ends the prefix, so no domain's names can start another's.
         Ok(Self { prefix: format!("{prefix}_"), root: root.to_owned() })
@@ -124,7 +127,8 @@ impl Domain {
         }
         for folder in ["services", "nodes"] {
             for entry in entries(&self.root.join(folder)) {
-                let _ = if entry.is_dir() { std::fs::remove_dir_all(entry) } else { std::fs::remove_file(entry) };
+                let _ =
+                    if entry.is_dir() { std::fs::remove_dir_all(entry) } else { std::fs::remove_file(entry) };
             }
         }
     }
@@ -154,7 +158,8 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
 fn create_node(config: &Config, name: &str) -> Result<Node<ipc::Service>, TransportError> {
     let fail = |e: String| TransportError::Join(e);
     let name: NodeName = name.try_into().map_err(|e| fail(format!("{e:?}")))?;
-    let builder = NodeBuilder::new().config(config).name(&name).signal_handling_mode(SignalHandlingMode::Disabled);
+    let builder =
+        NodeBuilder::new().config(config).name(&name).signal_handling_mode(SignalHandlingMode::Disabled);
     builder.create::<ipc::Service>().map_err(|e| fail(format!("{e:?}")))
 }
 

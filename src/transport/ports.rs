@@ -30,11 +30,17 @@ struct Quality {
 }
 
 // 1024 batches of one millisecond: a stall of a second loses nothing.
-const SERVO: Quality = Quality { name: SERVO_SERVICE, buffer: 1024, publishers: 1, subscribers: 2, history: 0 };
-const COMMAND: Quality = Quality { name: COMMAND_SERVICE, buffer: 16, publishers: 1, subscribers: 2, history: 0 };
-const STATUS: Quality = Quality { name: STATUS_SERVICE, buffer: 64, publishers: 1, subscribers: 2, history: 1 };
+const SERVO: Quality =
+    Quality { name: SERVO_SERVICE, buffer: 1024, publishers: 1, subscribers: 2, history: 0 };
+const COMMAND: Quality =
+    Quality { name: COMMAND_SERVICE, buffer: 16, publishers: 1, subscribers: 2, history: 0 };
+const STATUS: Quality =
+    Quality { name: STATUS_SERVICE, buffer: 64, publishers: 1, subscribers: 2, history: 1 };
 
-fn service<T>(who: &Participant, quality: &Quality) -> Result<PortFactory<ipc::Service, T, ()>, TransportError>
+fn service<T>(
+    who: &Participant,
+    quality: &Quality,
+) -> Result<PortFactory<ipc::Service, T, ()>, TransportError>
 where
     T: Debug + ZeroCopySend + 'static,
 {
@@ -53,7 +59,10 @@ where
         .map_err(|e| fail(format!("{e:?}")))
 }
 
-fn publisher<T>(who: &Participant, quality: &Quality) -> Result<Publisher<ipc::Service, T, ()>, TransportError>
+fn publisher<T>(
+    who: &Participant,
+    quality: &Quality,
+) -> Result<Publisher<ipc::Service, T, ()>, TransportError>
 where
     T: Debug + ZeroCopySend + 'static,
 {
@@ -65,7 +74,10 @@ where
     Ok(port)
 }
 
-fn subscriber<T>(who: &Participant, quality: &Quality) -> Result<Subscriber<ipc::Service, T, ()>, TransportError>
+fn subscriber<T>(
+    who: &Participant,
+    quality: &Quality,
+) -> Result<Subscriber<ipc::Service, T, ()>, TransportError>
 where
     T: Debug + ZeroCopySend + 'static,
 {

@@ -293,8 +293,10 @@ mod tests {
 
     #[test]
     fn samples_survive_the_wire_and_what_is_no_number_is_refused() {
-        let mut sample = ServoPoint { valid: ServoPoint::all_valid(2), ..ServoPoint::default() }.to_sample(2).unwrap();
-        sample.axes[0] = AxisSample { current_ref_a: 1.5, motor_angle_rad: -2.0, stage_position_m: Some(0.25) };
+        let mut sample =
+            ServoPoint { valid: ServoPoint::all_valid(2), ..ServoPoint::default() }.to_sample(2).unwrap();
+        sample.axes[0] =
+            AxisSample { current_ref_a: 1.5, motor_angle_rad: -2.0, stage_position_m: Some(0.25) };
         sample.axes[1].stage_position_m = None;
         sample.t_s = 3.0;
         let mut point = ServoPoint::from_sample(&sample, 3_000_000_000, 2);

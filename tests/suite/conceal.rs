@@ -95,7 +95,8 @@ fn thrust_balances_motion_and_hidden_force_over_a_slow_stroke() {
     // damping and the hidden constant force, whatever the dynamics between.
     let case = case(&["gravity_load"], 1.0);
     let idle = &case.recordings[1];
-    let (cmd, current) = (idle.require("x_position_cmd_m").unwrap(), idle.require("x_current_ref_a").unwrap());
+    let (cmd, current) =
+        (idle.require("x_position_cmd_m").unwrap(), idle.require("x_current_ref_a").unwrap());
     let truth = &case.truth;
     let mut checked = 0;
     for start in (0..cmd.len() - 2000).step_by(500) {

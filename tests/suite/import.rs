@@ -55,7 +55,10 @@ fn what_is_wrong_is_said_with_file_column_and_row() {
         ("time,force,pos\n0,1,1\n2,NaN,1\n", "column force, row 1: NaN is not a finite number"),
         ("time,force,pos\n0,1,1\n2,1,1\n1,1,1\n", "column time, row 2: time runs from 0.002 to 0.001 s"),
         ("time,force\n0,1\n2,1\n", "no column `pos`; the file has time, force"),
-        ("time,force,pos\n0,1,1\n2,1,1\n4,1,1\n40,1,1\n", "not uniformly sampled; state recording.resample_hz"),
+        (
+            "time,force,pos\n0,1,1\n2,1,1\n4,1,1\n40,1,1\n",
+            "not uniformly sampled; state recording.resample_hz",
+        ),
         ("time,force,pos\n0,1,1\n", "1 rows are kept; at least 2 are needed"),
     ];
     for (text, expected) in cases {
@@ -76,7 +79,8 @@ fn a_rate_that_is_not_the_stated_one_is_refused() {
 #[test]
 fn a_logger_with_header_lines_and_semicolons_is_read() {
     let file = temporary("logger.csv");
-    std::fs::write(&file, "Logger 7\nstarted;2020\ntime;pos;force\nms;mm;kN\n0;1;0.5\n1;2;0.5\n2;3;1.5\n").unwrap();
+    std::fs::write(&file, "Logger 7\nstarted;2020\ntime;pos;force\nms;mm;kN\n0;1;0.5\n1;2;0.5\n2;3;1.5\n")
+        .unwrap();
     let map = format!("[source]\ndelimiter = \";\"\nheader_row = 3\ndata_row = 5\n{MAP}");
     let recording = imported(&map, &file).unwrap();
     assert_eq!(recording.get("x_thrust_ref_n"), Some(&[0.0, 0.0, 1000.0][..]));
@@ -84,7 +88,9 @@ fn a_logger_with_header_lines_and_semicolons_is_read() {
 
 #[test]
 fn the_matlab_file_of_emps_gives_the_recording_in_the_projects_format() {
-    let (Some(mat), Some(own)) = (real("emps/original/DATA_EMPS.mat"), real("emps/axis.parquet")) else { return };
+    let (Some(mat), Some(own)) = (real("emps/original/DATA_EMPS.mat"), real("emps/axis.parquet")) else {
+        return;
+    };
     let map = read_import_map(&root("config/import/emps-mat.toml")).unwrap();
     let (ours, theirs) = (import(&mat, &map).unwrap(), read_recording(&own).unwrap());
     for column in ["x_thrust_ref_n", "x_motor_position_m", "x_position_cmd_m"] {
@@ -98,8 +104,16 @@ fn the_matlab_file_of_emps_gives_the_recording_in_the_projects_format() {
 #[test]
 fn every_shipped_map_reads_its_recordings() {
     let pairs = [
-        ("screw-drive-steady-speed", "screw_drive_friction/drive1_plain_lead_screw_steady_speed.parquet", 20.0),
-        ("screw-drive-start-stop", "screw_drive_friction/drive1_plain_lead_screw_start_stop_50rpm.parquet", 25.0),
+        (
+            "screw-drive-steady-speed",
+            "screw_drive_friction/drive1_plain_lead_screw_steady_speed.parquet",
+            20.0,
+        ),
+        (
+            "screw-drive-start-stop",
+            "screw_drive_friction/drive1_plain_lead_screw_start_stop_50rpm.parquet",
+            25.0,
+        ),
         ("friction-damper", "friction_damper_backlash/d2_0p5hz_30lb_1in.parquet", 1024.0),
         ("reducer-torque-ramp", "reducer_backlash_torque_ramp/torque_ramp_baseline_new.parquet", 100.0),
         ("servo-torque-steps", "servo_torque_steps/torque_step_pos_0p06_1.parquet", 1000.0),
@@ -109,7 +123,11 @@ fn every_shipped_map_reads_its_recordings() {
         let map = read_import_map(&root(&format!("config/import/{name}.toml"))).unwrap();
         let Some(file) = real(file) else { continue };
         let recording = import(&file, &map).unwrap();
-        assert!((recording.sample_rate.hz() / rate_hz - 1.0).abs() < 0.01, "{name}: {}", recording.sample_rate.hz());
+        assert!(
+            (recording.sample_rate.hz() / rate_hz - 1.0).abs() < 0.01,
+            "{name}: {}",
+            recording.sample_rate.hz()
+        );
         assert!(recording.columns.iter().flat_map(|c| &c.values).all(|v| v.is_finite()), "{name}");
         assert!(!recording.axes.is_empty(), "{name}");
     }

@@ -91,7 +91,13 @@ fn growth_and_frequency_agree_with_the_rightmost_root() {
     for case in cases {
         let root = rightmost(&TwoDelay::from_scenario(&case));
         let got = measured(case, 1e-12, 2e-6, 4.0);
-        println!("root {:.2} 1/s {:.2} Hz, lathe {:.2} 1/s {:.2} Hz", root.re, root.im / TAU, got.growth_1_s, got.frequency_hz);
+        println!(
+            "root {:.2} 1/s {:.2} Hz, lathe {:.2} 1/s {:.2} Hz",
+            root.re,
+            root.im / TAU,
+            got.growth_1_s,
+            got.frequency_hz
+        );
         assert!((got.growth_1_s / root.re - 1.0).abs() < 0.02, "{} against {}", got.growth_1_s, root.re);
         assert!((got.frequency_hz / (root.im / TAU) - 1.0).abs() < 0.002);
     }
@@ -137,7 +143,8 @@ fn amplitude_m(lathe: &mut Lathe, rest_m: f64, seconds: f64) -> f64 {
 fn the_pitch_window_of_the_thesis() {
     let stable = |phase: f64| (0.7..=1.1).contains(&phase);
     for phase in [0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.15, 1.2] {
-        let settings = LatheSettings { strike_m_s: 1e-7, ..LatheSettings::ideal(thesis_window_scenario(phase)) };
+        let settings =
+            LatheSettings { strike_m_s: 1e-7, ..LatheSettings::ideal(thesis_window_scenario(phase)) };
         let mut lathe = Lathe::new(settings);
         let rest = lathe.truth().workpiece_displacement_m;
         amplitude_m(&mut lathe, rest, 0.05);
@@ -173,8 +180,7 @@ fn frequency_hz(lathe: &mut Lathe, seconds: f64) -> f64 {
 fn chatter_hops_down_lobe_by_lobe_as_the_tools_travel() {
     let travelling = scenario(|s| s.travel_m_s = -3.0e-3);
     let natural = travelling.workpiece.bending_frequency_hz();
-    let mut lathe =
-        Lathe::new(LatheSettings { force_noise_ratio: 0.02, ..LatheSettings::ideal(travelling) });
+    let mut lathe = Lathe::new(LatheSettings { force_noise_ratio: 0.02, ..LatheSettings::ideal(travelling) });
     let mut track: Vec<f64> = Vec::new();
     for _ in 0..110 {
         track.push(frequency_hz(&mut lathe, 0.25));

@@ -3,9 +3,10 @@
 
 mod lathe;
 
-#[cfg(feature = "service")]
-mod transport;
+mod closed_loop;
 mod conceal;
 mod import;
 mod pipeline;
 mod report;
+#[cfg(feature = "service")]
+mod transport;

@@ -5,13 +5,15 @@ use stillcut::chatter::{ChatterEvent, Phase};
 use stillcut::config::machine::read_machine;
 use stillcut::force::balance::Method;
 use stillcut::force::estimator::{ForceSettings, Signals};
-use stillcut::pipeline::{AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, StepOutput, StreamFault};
+use stillcut::pipeline::{
+    AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, StepOutput, StreamFault,
+};
 use stillcut::plant::scenario::{RawScenario, Scenario};
 use stillcut::sample::ServoSample;
 use stillcut::simulation::lathe::{Lathe, LatheSettings};
 use stillcut::units::SampleRate;
 
-fn settings(scenario: &Scenario) -> PipelineSettings {
+pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/turrets.toml");
     let machine = read_machine(&path).unwrap();
     let plan = |name: &str| AxisPlan {
@@ -33,7 +35,8 @@ fn settings(scenario: &Scenario) -> PipelineSettings {
 }
 
 fn scenario(pitch_difference_rad: f64) -> Scenario {
-    Scenario::new(&RawScenario { pitch_difference_rad, travel_m_s: -3.0e-3, ..RawScenario::default() }).unwrap()
+    Scenario::new(&RawScenario { pitch_difference_rad, travel_m_s: -3.0e-3, ..RawScenario::default() })
+        .unwrap()
 }
 
 fn samples(scenario: Scenario, seconds: usize, seed: u64) -> Vec<ServoSample> {
@@ -62,7 +65,8 @@ fn chatter_on_the_lathe_is_heard_on_its_servo_signals() {
     assert!((600.0..700.0).contains(&frequency), "{frequency} Hz");
     // The spectrum agrees with the tracked line to its bin.
     let [first_hz, step_hz] = pipeline.spectrum_grid_hz();
-    let loudest = pipeline.amplitudes_n(last.chatter.leading_axis).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+    let loudest =
+        pipeline.amplitudes_n(last.chatter.leading_axis).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
     let loudest_hz = first_hz + step_hz * loudest.unwrap().0 as f64;
     assert!((loudest_hz - frequency).abs() < 2.0, "{loudest_hz} Hz against {frequency} Hz");
 }
@@ -71,12 +75,15 @@ fn chatter_on_the_lathe_is_heard_on_its_servo_signals() {
 fn a_stable_cut_raises_no_alarm() {
     let scenario = scenario(2.0 * 0.0482);
     let mut pipeline = Pipeline::new(settings(&scenario)).unwrap();
-    let heard = outputs(&mut pipeline, &samples(scenario, 12, 4));
+    let heard = outputs(&mut pipeline, &samples(scenario, 30, 4));
     for o in heard.iter().filter(|o| o.event.is_some()) {
         println!("{:.3} s {:?}", o.t_s, o.event);
     }
-    let alarms: Vec<f64> =
-        heard.iter().filter(|o| matches!(o.event, Some((_, ChatterEvent::Onset(_))))).map(|o| o.t_s).collect();
+    let alarms: Vec<f64> = heard
+        .iter()
+        .filter(|o| matches!(o.event, Some((_, ChatterEvent::Onset(_)))))
+        .map(|o| o.t_s)
+        .collect();
     assert!(alarms.is_empty(), "alarms at {alarms:?} s");
 }
 
@@ -84,7 +91,8 @@ fn a_stable_cut_raises_no_alarm() {
 fn the_same_samples_give_the_same_answers() {
     let scenario = scenario(0.0);
     let stream = samples(scenario, 3, 5);
-    let (mut first, mut second) = (Pipeline::new(settings(&scenario)).unwrap(), Pipeline::new(settings(&scenario)).unwrap());
+    let (mut first, mut second) =
+        (Pipeline::new(settings(&scenario)).unwrap(), Pipeline::new(settings(&scenario)).unwrap());
     assert_eq!(outputs(&mut first, &stream), outputs(&mut second, &stream));
 }
 

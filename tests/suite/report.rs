@@ -1,8 +1,8 @@
 //! The page for a person: it stands alone, says the sentence, and lets no markup through.
 
 use stillcut::diagnosis::{
-    Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Fit, Location, RecordingFit, TimeSpans, Tried,
-    Verdict,
+    Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Fit, Location, RecordingFit,
+    TimeSpans, Tried, Verdict,
 };
 use stillcut::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use stillcut::report::html::{ReportContext, diagnosis_page};
@@ -113,7 +113,10 @@ fn diagnosis() -> Diagnosis {
         balances: vec!["motor", "stage"],
         series_rate_hz: 1000.0,
         noise_floor_n: vec![0.08, 0.25],
-        tried: tried.into_iter().map(|(effect, evidence)| Tried { effect, port: Port::Stage, evidence }).collect(),
+        tried: tried
+            .into_iter()
+            .map(|(effect, evidence)| Tried { effect, port: Port::Stage, evidence })
+            .collect(),
         model: model(),
     }
 }
@@ -145,7 +148,9 @@ fn the_page_says_the_sentence_and_the_numbers() {
 #[test]
 fn the_page_loads_nothing_and_lets_no_markup_through() {
     let page = diagnosis_page(&diagnosis(), &context());
-    for outside in ["http:", "https:", "<script", "<link", "<img", "@import", "url(", "src=", "<b>moves", "<i>nothing"] {
+    for outside in
+        ["http:", "https:", "<script", "<link", "<img", "@import", "url(", "src=", "<b>moves", "<i>nothing"]
+    {
         assert!(!page.contains(outside), "{outside} stands in the page");
     }
     assert!(page.contains("&lt;b&gt;moves&lt;/b&gt;"));

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use stillcut::transport::wire::{COMMAND_OFFSET, ServoBatch, ServoPoint, TurretCommand, TurretStatus};
 use stillcut::transport::{
-    CommandPublisher, CommandSubscriber, Domain, ServoPublisher, ServoSubscriber, StatusPublisher, StatusSubscriber,
+    CommandPublisher, CommandSubscriber, Domain, ServoPublisher, ServoSubscriber, StatusPublisher,
+    StatusSubscriber,
 };
 
 /// A domain of its own for one test, removed at the end.
@@ -26,9 +27,19 @@ impl Drop for TestDomain {
 }
 
 fn batch(first: u64, count: u32) -> ServoBatch {
-    let mut batch = ServoBatch { stream: 7, sample_rate_hz: 9000.0, sample_count: count, axis_count: 2, ..ServoBatch::default() };
+    let mut batch = ServoBatch {
+        stream: 7,
+        sample_rate_hz: 9000.0,
+        sample_count: count,
+        axis_count: 2,
+        ..ServoBatch::default()
+    };
     for (i, point) in batch.points.iter_mut().take(count as usize).enumerate() {
-        *point = ServoPoint { sequence: first + i as u64, valid: ServoPoint::all_valid(2), ..ServoPoint::default() };
+        *point = ServoPoint {
+            sequence: first + i as u64,
+            valid: ServoPoint::all_valid(2),
+            ..ServoPoint::default()
+        };
         point.axes[1].stage_position_m = (first + i as u64) as f64 * 1e-6;
     }
     batch
@@ -44,10 +55,13 @@ fn samples_arrive_in_order_and_unchanged() {
         assert_eq!(writer.send(&batch(9 * k, 9)).unwrap(), 1);
     }
     let mut seen = Vec::new();
-    let drained = reader.drain(|b| seen.extend(b.used_points().iter().map(|p| (p.sequence, p.axes[1].stage_position_m))));
+    let drained = reader
+        .drain(|b| seen.extend(b.used_points().iter().map(|p| (p.sequence, p.axes[1].stage_position_m))));
     assert_eq!(drained.unwrap(), 100);
     assert_eq!(seen.len(), 900);
-    assert!(seen.iter().enumerate().all(|(i, (s, x))| *s == i as u64 && (*x - i as f64 * 1e-6).abs() < 1e-15));
+    assert!(
+        seen.iter().enumerate().all(|(i, (s, x))| *s == i as u64 && (*x - i as f64 * 1e-6).abs() < 1e-15)
+    );
 }
 
 #[test]
@@ -76,7 +90,8 @@ fn commands_and_reports_cross_and_a_restarted_machine_is_heard_again() {
         let machine = test.domain.join("machine").unwrap();
         let orders = CommandSubscriber::open(&machine).unwrap();
         let status = StatusPublisher::open(&machine).unwrap();
-        let command = TurretCommand { epoch: 1, sequence: life, kind: COMMAND_OFFSET, ..TurretCommand::default() };
+        let command =
+            TurretCommand { epoch: 1, sequence: life, kind: COMMAND_OFFSET, ..TurretCommand::default() };
         assert_eq!(commands.send(&command).unwrap(), 1);
         let mut got = Vec::new();
         orders.drain(|c| got.push(c.sequence)).unwrap();

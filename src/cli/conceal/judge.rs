@@ -31,7 +31,10 @@ pub(super) fn judge(trial: &Trial, case: &Case) -> anyhow::Result<Outcome> {
         covered,
         intervals,
         agreement: agreement(&diagnosis, case),
-        heldout_over_floor: diagnosis.findings.first().map(|f| f.fit.heldout_rms_after_n / f.fit.noise_floor_n),
+        heldout_over_floor: diagnosis
+            .findings
+            .first()
+            .map(|f| f.fit.heldout_rms_after_n / f.fit.noise_floor_n),
     })
 }
 
@@ -127,7 +130,8 @@ fn agreement(d: &Diagnosis, case: &Case) -> Option<f64> {
     };
     let (mut sum, mut cross) = ([0.0_f64; 2], 0.0_f64);
     for part in &finding.contribution {
-        let (Some(force), Some(recording)) = (case.hidden_force_n.get(part.recording), case.recordings.get(part.recording))
+        let (Some(force), Some(recording)) =
+            (case.hidden_force_n.get(part.recording), case.recordings.get(part.recording))
         else {
             continue;
         };

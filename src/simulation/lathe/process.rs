@@ -112,10 +112,7 @@ impl ModeState {
         let step_response = [(1.0 - a11) / k, -a21 / k];
         // r = 1/h: q_p = -c/(k^2 h) + t/(k h), starting from rest.
         let (q0, v0) = (-c / (k * k * step_s), 1.0 / (k * step_s));
-        let ramp = [
-            q0 + 1.0 / k - (a11 * q0 + a12 * v0),
-            v0 - (a21 * q0 + a22 * v0),
-        ];
+        let ramp = [q0 + 1.0 / k - (a11 * q0 + a12 * v0), v0 - (a21 * q0 + a22 * v0)];
         self.hold = [step_response[0] - ramp[0], step_response[1] - ramp[1]];
         self.ramp = ramp;
     }
@@ -197,8 +194,11 @@ impl CuttingProcess {
         let h0 = [self.cut.feed_m_rev * lead, self.cut.feed_m_rev * (1.0 - lead)];
         let stiffness = self.cut.cutting_stiffness_n_m * tips.engagement;
         // Static balance: k_at_tool x = K (h2 - h1), h1 = h01 + 2x, h2 = h02 - 2x.
-        let compliance: f64 =
-            self.modes.iter().map(|m| m.at.shape.powi(2) / (m.at.mass_kg * (TAU * m.at.frequency_hz).powi(2))).sum();
+        let compliance: f64 = self
+            .modes
+            .iter()
+            .map(|m| m.at.shape.powi(2) / (m.at.mass_kg * (TAU * m.at.frequency_hz).powi(2)))
+            .sum();
         let x = compliance * stiffness * (h0[1] - h0[0]) / (1.0 + 4.0 * stiffness * compliance);
         let force = stiffness * ((h0[1] - 2.0 * x) - (h0[0] + 2.0 * x));
         for mode in &mut self.modes {
@@ -291,10 +291,7 @@ impl CuttingProcess {
         };
         // Catmull-Rom through the cells at -1, 0, 1, 2.
         let (p0, p1, p2, p3) = (at(0), at(1), at(2), at(3));
-        p1 + 0.5
-            * t
-            * (p2 - p0
-                + t * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + t * (3.0 * (p1 - p2) + p3 - p0)))
+        p1 + 0.5 * t * (p2 - p0 + t * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + t * (3.0 * (p1 - p2) + p3 - p0)))
     }
 
     /// Radial force of one tool: chip, process damping, flank. Zero without contact.

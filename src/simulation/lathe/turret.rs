@@ -81,7 +81,8 @@ impl Turret {
     /// Takes or refuses an order. Returns whether it counts from now on.
     pub fn order(&mut self, order: &TurretOrder) -> bool {
         let id = (order.epoch, order.sequence);
-        let inside = order.offset_m.iter().all(|o| o.is_finite() && o.abs() <= self.settings.largest_offset_m);
+        let inside =
+            order.offset_m.iter().all(|o| o.is_finite() && o.abs() <= self.settings.largest_offset_m);
         let newer = self.accepted.is_none_or(|last| id > last);
         if !(inside && newer && order.ttl_s.is_finite() && order.ttl_s > 0.0) {
             self.refused += 1;

@@ -217,11 +217,12 @@ impl TurretAxis {
         let s = &self.settings;
         let [motor, motor_v, stage, stage_v, thrust] = *y;
         let r = s.travel_m_rad();
-        let screw = s.axial_stiffness_n_m * (motor - stage) + s.structural_damping_n_s_m * (motor_v - stage_v);
-        let motor_friction = s.rotary_damping_nm_s_rad / (r * r) * motor_v
-            + s.motor_coulomb_friction_n * direction(motor_v);
-        let stage_friction = s.translational_damping_n_s_m * stage_v
-            + s.stage_coulomb_friction_n * direction(stage_v);
+        let screw =
+            s.axial_stiffness_n_m * (motor - stage) + s.structural_damping_n_s_m * (motor_v - stage_v);
+        let motor_friction =
+            s.rotary_damping_nm_s_rad / (r * r) * motor_v + s.motor_coulomb_friction_n * direction(motor_v);
+        let stage_friction =
+            s.translational_damping_n_s_m * stage_v + s.stage_coulomb_friction_n * direction(stage_v);
         [
             motor_v,
             (thrust - screw - motor_friction) / s.reflected_mass_kg(),
@@ -239,8 +240,7 @@ impl TurretAxis {
         let k2 = self.rates(&along(&k1, step_s / 2.0), current_a, force_n);
         let k3 = self.rates(&along(&k2, step_s / 2.0), current_a, force_n);
         let k4 = self.rates(&along(&k3, step_s), current_a, force_n);
-        self.motion =
-            std::array::from_fn(|i| y[i] + step_s / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]));
+        self.motion = std::array::from_fn(|i| y[i] + step_s / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]));
     }
 }
 

@@ -1,0 +1,135 @@
+//! What several axes say together: chatter shakes the bar, and every axis of the turret feels it.
+
+use super::{ChatterOutput, Phase};
+
+/// Lines of two axes nearer than this are the same line: the short windows place one to a few Hz.
+const SAME_LINE_HZ: f64 = 12.0;
+/// A line that one axis alone hears must last this long before it counts: hunting of a single drive does not.
+const ALONE_S: f64 = 1.0;
+
+/// What all watched axes say together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Agreement {
+    /// Where the machine stands.
+    pub phase: Phase,
+    /// The axis whose line stands out most.
+    pub leading_axis: usize,
+    /// Its line, Hz.
+    pub frequency_hz: Option<f64>,
+    /// Highest line of any axis that is in chatter: what the pitch is computed from (thesis 6.5.2), Hz.
+    pub highest_hz: Option<f64>,
+    /// Power of the leading axis' line, N2.
+    pub power_n2: f64,
+    /// Growth of the leading axis' line, 1/s.
+    pub growth_1_s: Option<f64>,
+    /// Share of the watched axes that hear the leading line: a measure of confidence.
+    pub confidence: f64,
+}
+
+/// Since when one axis has been alone in chatter.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct AgreementState {
+    alone_since_s: Option<f64>,
+    declared: bool,
+}
+
+fn rank(phase: Phase) -> u8 {
+    match phase {
+        Phase::Learning => 0,
+        Phase::Quiet => 1,
+        Phase::Suspected => 2,
+        Phase::Chatter => 3,
+    }
+}
+
+/// Brings the outputs of the watched axes (index, output) to one statement at time `t_s`.
+///
+/// The machine is in chatter when one axis is and another hears the same line, when there is only one
+/// axis, or when one axis has been alone in it for a second; it stays there until no axis is.
+/// Checked by: `suite/pipeline.rs`, `one_axis_alone_must_last`.
+pub fn agree<'a>(
+    state: &mut AgreementState,
+    t_s: f64,
+    watched: impl Iterator<Item = (usize, &'a ChatterOutput)> + Clone,
+) -> Agreement {
+    let leading = watched
+        .clone()
+        .max_by(|(_, a), (_, b)| rank(a.phase).cmp(&rank(b.phase)).then(a.contrast.total_cmp(&b.contrast)));
+    let Some((leading_axis, output)) = leading else {
+        return Agreement {
+            phase: Phase::Learning,
+            leading_axis: 0,
+            frequency_hz: None,
+            highest_hz: None,
+            power_n2: 0.0,
+            growth_1_s: None,
+            confidence: 0.0,
+        };
+    };
+    let count = watched.clone().count();
+    let same = |o: &ChatterOutput| match (o.frequency_hz, output.frequency_hz) {
+        (Some(a), Some(b)) => (a - b).abs() < SAME_LINE_HZ,
+        _ => false,
+    };
+    let hearing = watched.clone().filter(|(_, o)| rank(o.phase) >= 2 && same(o)).count();
+    let mut phase = output.phase;
+    if phase == Phase::Chatter {
+        let since_s = *state.alone_since_s.get_or_insert(t_s);
+        let lasted = t_s - since_s >= ALONE_S;
+        if !(state.declared || count == 1 || hearing >= 2 || lasted) {
+            phase = Phase::Suspected;
+        }
+    } else {
+        state.alone_since_s = None;
+    }
+    state.declared = phase == Phase::Chatter;
+    Agreement {
+        phase,
+        leading_axis,
+        frequency_hz: output.frequency_hz,
+        highest_hz: watched
+            .filter(|(_, o)| o.phase == Phase::Chatter)
+            .filter_map(|(_, o)| o.frequency_hz)
+            .reduce(f64::max),
+        power_n2: output.power_n2,
+        growth_1_s: output.growth_1_s,
+        confidence: hearing as f64 / count as f64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn output(phase: Phase, frequency_hz: f64) -> ChatterOutput {
+        ChatterOutput {
+            phase,
+            frequency_hz: Some(frequency_hz),
+            power_n2: 1.0,
+            contrast: 20.0,
+            growth_1_s: None,
+            event: None,
+        }
+    }
+
+    fn phase(state: &mut AgreementState, t_s: f64, outputs: &[ChatterOutput]) -> Phase {
+        agree(state, t_s, outputs.iter().enumerate()).phase
+    }
+
+    #[test]
+    fn two_axes_on_one_line_are_believed_at_once() {
+        let both = [output(Phase::Chatter, 650.0), output(Phase::Suspected, 652.0)];
+        assert_eq!(phase(&mut AgreementState::default(), 0.0, &both), Phase::Chatter);
+    }
+
+    #[test]
+    fn one_axis_alone_must_last() {
+        let mut state = AgreementState::default();
+        let alone = [output(Phase::Chatter, 540.0), output(Phase::Suspected, 650.0)];
+        assert_eq!(phase(&mut state, 0.0, &alone), Phase::Suspected);
+        assert_eq!(phase(&mut state, 0.9, &alone), Phase::Suspected);
+        assert_eq!(phase(&mut state, 1.0, &alone), Phase::Chatter);
+        // The only axis there is has nobody to ask.
+        assert_eq!(phase(&mut AgreementState::default(), 0.0, &alone[..1]), Phase::Chatter);
+    }
+}

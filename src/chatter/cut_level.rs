@@ -1,0 +1,119 @@
+//! Entry, exit and change of depth: the mean force differs from what it was one turn ago.
+
+use crate::units::SampleRate;
+
+/// Between two looks.
+const LOOK_S: f64 = 0.005;
+/// Smoothing of the force.
+const SMOOTH_S: f64 = 0.012;
+/// Looks that are kept: a third of a second, one turn at 190 rpm.
+const LOOKS: usize = 64;
+/// Share of the force that a change must have: chatter itself moves the mean by less.
+const SHARE: f64 = 0.3;
+/// And over the usual ripple from turn to turn.
+const OVER_RIPPLE: f64 = 8.0;
+
+/// What the level does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Change {
+    None,
+    /// It begins to change.
+    Begins,
+    /// It has not settled.
+    GoesOn,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct CutLevel {
+    period_s: f64,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct CutLevelState {
+    level_n: f64,
+    looks: [f64; LOOKS],
+    seen: usize,
+    since_look_s: f64,
+    ripple_n: f64,
+    changing: bool,
+    started: bool,
+}
+
+impl CutLevel {
+    pub(super) fn new(rate: SampleRate) -> Self {
+        Self { period_s: rate.period_s() }
+    }
+
+    pub(super) fn start(&self) -> CutLevelState {
+        CutLevelState {
+            level_n: 0.0,
+            looks: [0.0; LOOKS],
+            seen: 0,
+            since_look_s: 0.0,
+            ripple_n: 0.0,
+            changing: false,
+            started: false,
+        }
+    }
+
+    /// Takes one force; `turn_s` is the time of one turn. Looks at the level every 5 ms.
+    pub(super) fn step(&self, state: &mut CutLevelState, force_n: f64, turn_s: f64) -> Change {
+        if !state.started {
+            (state.started, state.level_n) = (true, force_n);
+        }
+        state.level_n += (force_n - state.level_n) * (self.period_s / SMOOTH_S).min(1.0);
+        state.since_look_s += self.period_s;
+        if state.since_look_s < LOOK_S {
+            return Change::None;
+        }
+        state.since_look_s -= LOOK_S;
+        state.looks.rotate_right(1);
+        state.looks[0] = state.level_n;
+        state.seen = (state.seen + 1).min(1_000_000);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let back = ((turn_s / LOOK_S).round().max(1.0) as usize).min(LOOKS - 1);
+        if state.seen <= back + 4 {
+            return Change::None;
+        }
+        // It begins against one turn ago; once it has begun, half a turn without change is the end of it.
+        let before = state.looks[if state.changing { back.div_ceil(2) } else { back }];
+        let apart = (state.level_n - before).abs();
+        let large = SHARE * state.level_n.abs().max(before.abs());
+        if state.seen > 60 && apart > large && apart > OVER_RIPPLE * state.ripple_n {
+            let begins = !state.changing;
+            state.changing = true;
+            return if begins { Change::Begins } else { Change::GoesOn };
+        }
+        state.changing = false;
+        let share = (1.0 / state.seen as f64).max(LOOK_S / 4.0);
+        state.ripple_n += share * (apart - state.ripple_n);
+        Change::None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn changes(force: impl Fn(f64) -> f64) -> Vec<f64> {
+        let level = CutLevel::new(SampleRate::new(9000.0).unwrap());
+        let mut state = level.start();
+        let mut found = Vec::new();
+        for n in 0..45000 {
+            let t = f64::from(n) / 9000.0;
+            if level.step(&mut state, force(t), 0.05) == Change::Begins {
+                found.push(t);
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn entry_is_noticed_within_its_turn_and_drift_is_not() {
+        let ripple = |t: f64| (t * 600.0).sin() + (t * 17.0).sin();
+        let entry = changes(|t| ripple(t) + 80.0 * ((t - 2.0) / 0.05).clamp(0.0, 1.0));
+        assert_eq!(entry.len(), 1, "{entry:?}");
+        assert!(entry[0] > 2.0 && entry[0] < 2.05);
+        assert!(changes(|t| ripple(t) + 80.0 + 5.0 * t).is_empty());
+    }
+}

@@ -1,0 +1,59 @@
+//! `stillcut audit`.
+
+use super::bad_input;
+use crate::config::service::{ServiceConfig, read_service_config};
+use crate::store::{AuditVerdict, FILE_NAME, verify_audit_file};
+use std::io::Write as _;
+use std::path::PathBuf;
+
+/// Checks the audit record: every row's hash covers the row before it.
+#[derive(clap::Args)]
+#[command(after_help = "Example: stillcut audit verify --config /etc/stillcut/stillcut.toml")]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// Reads the whole chain; says where it breaks, with status 1 when it does.
+    Verify {
+        /// Configuration that names the folder of the history.
+        #[arg(long, value_name = "FILE", conflicts_with = "history")]
+        config: Option<PathBuf>,
+        /// History file itself.
+        #[arg(long, value_name = "FILE")]
+        history: Option<PathBuf>,
+        /// Hash of the last row as it was noted earlier: notices a cut-off end.
+        #[arg(long)]
+        head: Option<String>,
+    },
+}
+
+pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    let What::Verify { config, history, head } = arguments.what;
+    let path = match (history, config) {
+        (Some(path), _) => path,
+        (None, Some(config)) => {
+            read_service_config(&config).map_err(bad_input)?.history.folder.join(FILE_NAME)
+        }
+        (None, None) => ServiceConfig::default().history.folder.join(FILE_NAME),
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let report = runtime.block_on(verify_audit_file(&path, head.as_deref())).map_err(bad_input)?;
+    match report {
+        AuditVerdict::Intact { rows, head } => {
+            writeln!(std::io::stdout(), "intact: {rows} rows, head {head}")?;
+            Ok(())
+        }
+        AuditVerdict::Broken { sequence } => {
+            anyhow::bail!("{}: the audit record is broken at row {sequence}", path.display())
+        }
+        AuditVerdict::HeadMissing { rows } => {
+            anyhow::bail!(
+                "{}: the noted head is in none of the {rows} rows: the end was cut off",
+                path.display()
+            )
+        }
+    }
+}

@@ -1,0 +1,462 @@
+//! `stillcut.toml`: the configuration of the service, its defaults in one place.
+//!
+//! `config/stillcut.toml` states every key with its default, unit and meaning; `print-config` prints
+//! it, and a test holds it equal to the defaults here.
+
+use super::machine::machine_from_text;
+use super::{ConfigError, parse, read_text};
+use crate::chatter::Band;
+use crate::force::balance::Method;
+use crate::force::estimator::{ForceSettings, LowPass, Signals};
+use crate::pipeline::{AxisPlan, BandPlan, ForcePlan, PipelineSettings};
+use crate::plant::cutting::{Cutting, RawCutting};
+use crate::plant::machine::Machine;
+use crate::plant::workpiece::{RawWorkpiece, Workpiece};
+use crate::units::SampleRate;
+use serde::{Deserialize, Serialize};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+/// Every setting with its default, unit and meaning.
+pub const DEFAULT_TEXT: &str = include_str!("../../config/stillcut.toml");
+/// Drives of the virtual lathe's turret axes, used where no model is named.
+const BUILT_IN_MODEL: &str = include_str!("../../config/turrets.toml");
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct ServiceToml {
+    machine: MachineToml,
+    workpiece: WorkpieceToml,
+    cutting: CuttingToml,
+    detection: DetectionToml,
+    turret: TurretToml,
+    transport: TransportToml,
+    http: HttpToml,
+    history: HistoryToml,
+    recorder: RecorderToml,
+    log: LogToml,
+    mtconnect: MtconnectToml,
+}
+
+macro_rules! section {
+    ($name:ident { $($key:ident: $kind:ty = $default:expr),* $(,)? }) => {
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        struct $name { $($key: $kind,)* }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($key: $default,)* }
+            }
+        }
+    };
+}
+
+section!(MachineToml {
+    model: Option<PathBuf> = None,
+    method: String = "medob".into(),
+    force_cutoff_hz: f64 = 1000.0,
+    motor_cutoff_hz: f64 = 150.0,
+    watch: Vec<String> = vec!["x1".into(), "y1".into()],
+});
+section!(WorkpieceToml {
+    diameter_m: f64 = 0.0249,
+    projection_length_m: f64 = 0.180,
+    elastic_modulus_pa: f64 = 193e9,
+    density_kg_m3: f64 = 7850.0,
+    damping_ratio: f64 = 0.01,
+    clamp_factor: f64 = 0.975,
+});
+section!(CuttingToml {
+    radial_stiffness_pa: f64 = 2500e6,
+    width_m: f64 = 0.2e-3,
+    feed_m_rev: f64 = 0.15e-3,
+    process_damping_n: f64 = 60.0,
+});
+section!(DetectionToml {
+    band_hz: Option<[f64; 2]> = None,
+});
+section!(TurretToml {
+    axes: [String; 2] = ["x1".into(), "y1".into()],
+    direction_rad: [f64; 2] = [0.0, std::f64::consts::FRAC_PI_4],
+    lowest_offset_m: [f64; 2] = [-1.0e-3; 2],
+    highest_offset_m: [f64; 2] = [1.0e-3; 2],
+    speed_m_s: [f64; 2] = [2.0e-3; 2],
+    largest_pitch_difference_rad: f64 = 0.14,
+    command_ttl_s: f64 = 2.5,
+    limits_by: String = "not commissioned".into(),
+    limits_date: String = "not commissioned".into(),
+});
+section!(TransportToml { prefix: String = "stillcut".into(), root: PathBuf = "/run/stillcut".into() });
+section!(HttpToml {
+    listen: String = "127.0.0.1:8620".into(),
+    certificate: Option<PathBuf> = None,
+    key: Option<PathBuf> = None,
+    tokens: Option<PathBuf> = None,
+    hosts: Vec<String> = vec![],
+    allow_remote_without_tls: bool = false,
+});
+section!(HistoryToml {
+    folder: PathBuf = "/var/lib/stillcut".into(),
+    max_age_days: u32 = 400,
+    max_bytes: u64 = 1_000_000_000,
+});
+section!(RecorderToml {
+    before_s: f64 = 8.0,
+    after_s: f64 = 2.0,
+    max_age_days: u32 = 90,
+    max_bytes: u64 = 4_000_000_000,
+});
+section!(LogToml { format: String = "text".into() });
+section!(MtconnectToml {
+    listen: Option<String> = None,
+});
+
+/// How HTTP is served.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HttpConfig {
+    /// Address and port; port 0 takes any.
+    pub listen: SocketAddr,
+    /// Certificate chain and key.
+    pub tls: Option<(PathBuf, PathBuf)>,
+    /// File of tokens.
+    pub tokens: Option<PathBuf>,
+    /// Names that `Host` may carry beside loopback's.
+    pub hosts: Vec<String>,
+    /// Loopback may write without a token: for the demonstration only, never from a file.
+    pub trust_loopback: bool,
+}
+
+/// The turret that carries tool 1, and what it may do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TurretConfig {
+    /// Names of its two axes.
+    pub axes: [String; 2],
+    /// Directions from "toward the bar", rad.
+    pub direction_rad: [f64; 2],
+    /// Least offsets, m.
+    pub lowest_offset_m: [f64; 2],
+    /// Greatest offsets, m.
+    pub highest_offset_m: [f64; 2],
+    /// Fastest motion of the offsets, m/s.
+    pub speed_m_s: [f64; 2],
+    /// Largest pitch angle difference, rad.
+    pub largest_pitch_difference_rad: f64,
+    /// Lifetime of a command, s.
+    pub command_ttl_s: f64,
+}
+
+/// Folder and retention of the history.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HistoryConfig {
+    /// Folder of the history file, the lock and the recordings.
+    pub folder: PathBuf,
+    /// Oldest event kept, ns.
+    pub max_age_ns: i64,
+    /// Largest file.
+    pub max_bytes: u64,
+}
+
+/// The black box.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecorderConfig {
+    /// Seconds kept before an event.
+    pub before_s: f64,
+    /// Seconds waited for after it.
+    pub after_s: f64,
+    /// Oldest recording kept, ns.
+    pub max_age_ns: i64,
+    /// Largest folder.
+    pub max_bytes: u64,
+}
+
+/// The configuration of the service, checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ServiceConfig {
+    /// Drives of the axes.
+    pub machine: Machine,
+    /// File that the drives were read from.
+    pub model: Option<PathBuf>,
+    /// Force observer.
+    pub method: Method,
+    /// Low-pass behind it.
+    pub force_cutoff_hz: f64,
+    /// Above this the rotary encoder is not listened to.
+    pub motor_cutoff_hz: f64,
+    /// Axes listened to.
+    pub watch: Vec<String>,
+    /// Bar in the chuck.
+    pub workpiece: Workpiece,
+    /// The cut, for the stability curve.
+    pub cutting: Cutting,
+    /// Watched band, where it is stated.
+    pub band: Option<Band>,
+    /// Turret.
+    pub turret: TurretConfig,
+    /// Prefix and folder of the shared memory domain.
+    pub transport: (String, PathBuf),
+    /// HTTP.
+    pub http: HttpConfig,
+    /// History.
+    pub history: HistoryConfig,
+    /// Black box.
+    pub recorder: RecorderConfig,
+    /// Log lines as JSON.
+    pub log_json: bool,
+    /// Where MTConnect agents connect.
+    pub mtconnect: Option<SocketAddr>,
+    /// What was read, without comments.
+    pub text: String,
+}
+
+const DAY_NS: i64 = 86_400_000_000_000;
+
+/// Reads the configuration of the service. Errors: one line with file, place and what was expected.
+pub fn read_service_config(path: &Path) -> Result<ServiceConfig, ConfigError> {
+    service_config_from_text(path, &read_text(path)?)
+}
+
+/// Parses a configuration; paths in it are relative to the folder of `path`.
+pub fn service_config_from_text(path: &Path, text: &str) -> Result<ServiceConfig, ConfigError> {
+    let raw: ServiceToml = parse(path, text)?;
+    Reader { path, folder: path.parent().unwrap_or(Path::new("")) }.config(raw)
+}
+
+impl Default for ServiceConfig {
+    /// All defaults; the same as an empty file.
+    fn default() -> Self {
+        #[expect(clippy::expect_used, reason = "the defaults are constants that a test reads")]
+        service_config_from_text(Path::new("defaults"), "").expect("defaults are valid")
+    }
+}
+
+struct Reader<'a> {
+    path: &'a Path,
+    folder: &'a Path,
+}
+
+impl Reader<'_> {
+    fn bad(&self, place: &str, message: impl Into<String>) -> ConfigError {
+        ConfigError::Content { path: self.path.to_owned(), place: place.to_owned(), message: message.into() }
+    }
+
+    fn within(&self, place: &str, value: f64, (low, high): (f64, f64)) -> Result<f64, ConfigError> {
+        if value.is_finite() && (low..=high).contains(&value) {
+            Ok(value)
+        } else {
+            Err(self.bad(place, format!("{value} is not between {low} and {high}")))
+        }
+    }
+
+    fn resolve(&self, path: &Path) -> PathBuf {
+        if path.is_absolute() { path.to_owned() } else { self.folder.join(path) }
+    }
+
+    fn config(&self, raw: ServiceToml) -> Result<ServiceConfig, ConfigError> {
+        let text = toml::to_string(&raw).map_err(|e| self.bad("configuration", e.to_string()))?;
+        let model = raw.machine.model.as_deref().map(|p| self.resolve(p));
+        let machine = match &model {
+            Some(path) => super::machine::read_machine(path)?,
+            None => machine_from_text(Path::new("built-in model"), BUILT_IN_MODEL)?,
+        };
+        let method = Method::ALL.into_iter().find(|m| m.name() == raw.machine.method).ok_or_else(|| {
+            let known: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
+            let (given, known) = (&raw.machine.method, known.join(", "));
+            self.bad("machine.method", format!("`{given}` is not one of {known}"))
+        })?;
+        if let Some(axis) = raw.machine.watch.iter().find(|a| machine.axis(a).is_none()) {
+            return Err(self.bad("machine.watch", format!("the model has no axis {axis}")));
+        }
+        let band = raw.detection.band_hz.map(|[low, high]| Band::new(low, high)).transpose();
+        Ok(ServiceConfig {
+            method,
+            force_cutoff_hz: self.within(
+                "machine.force_cutoff_hz",
+                raw.machine.force_cutoff_hz,
+                (1.0, 1e5),
+            )?,
+            motor_cutoff_hz: self.within(
+                "machine.motor_cutoff_hz",
+                raw.machine.motor_cutoff_hz,
+                (1.0, 1e5),
+            )?,
+            watch: raw.machine.watch.clone(),
+            workpiece: self.workpiece(&raw.workpiece)?,
+            cutting: self.cutting(&raw.cutting)?,
+            band: band.map_err(|e| self.bad("detection.band_hz", e.to_string()))?,
+            turret: self.turret(&raw.turret)?,
+            transport: (raw.transport.prefix.clone(), raw.transport.root.clone()),
+            http: self.http(&raw.http)?,
+            history: HistoryConfig {
+                folder: self.resolve(&raw.history.folder),
+                max_age_ns: i64::from(raw.history.max_age_days.max(1)).saturating_mul(DAY_NS),
+                max_bytes: raw.history.max_bytes,
+            },
+            recorder: RecorderConfig {
+                before_s: self.within("recorder.before_s", raw.recorder.before_s, (0.5, 60.0))?,
+                after_s: self.within("recorder.after_s", raw.recorder.after_s, (0.0, 30.0))?,
+                max_age_ns: i64::from(raw.recorder.max_age_days.max(1)).saturating_mul(DAY_NS),
+                max_bytes: raw.recorder.max_bytes,
+            },
+            log_json: match raw.log.format.as_str() {
+                "text" => false,
+                "json" => true,
+                other => return Err(self.bad("log.format", format!("`{other}` is not one of text, json"))),
+            },
+            mtconnect: raw
+                .mtconnect
+                .listen
+                .as_deref()
+                .map(|a| self.address("mtconnect.listen", a))
+                .transpose()?,
+            machine,
+            model,
+            text,
+        })
+    }
+
+    fn workpiece(&self, raw: &WorkpieceToml) -> Result<Workpiece, ConfigError> {
+        let raw = RawWorkpiece {
+            diameter_m: raw.diameter_m,
+            projection_length_m: raw.projection_length_m,
+            elastic_modulus_pa: raw.elastic_modulus_pa,
+            density_kg_m3: raw.density_kg_m3,
+            damping_ratio: raw.damping_ratio,
+            clamp_factor: raw.clamp_factor,
+        };
+        Workpiece::new(raw).map_err(|e| self.bad("workpiece", e.to_string()))
+    }
+
+    fn cutting(&self, raw: &CuttingToml) -> Result<Cutting, ConfigError> {
+        let raw = RawCutting {
+            radial_stiffness_pa: raw.radial_stiffness_pa,
+            width_m: raw.width_m,
+            feed_m_rev: raw.feed_m_rev,
+            process_damping_n: raw.process_damping_n,
+        };
+        Cutting::new(raw).map_err(|e| self.bad("cutting", e.to_string()))
+    }
+
+    fn turret(&self, raw: &TurretToml) -> Result<TurretConfig, ConfigError> {
+        let largest =
+            self.within("turret.largest_pitch_difference_rad", raw.largest_pitch_difference_rad, (0.0, 1.0))?;
+        for (low, high) in raw.lowest_offset_m.iter().zip(&raw.highest_offset_m) {
+            self.within("turret.lowest_offset_m", *low, (-0.01, 0.0))?;
+            self.within("turret.highest_offset_m", *high, (0.0, 0.01))?;
+        }
+        for speed in raw.speed_m_s {
+            self.within("turret.speed_m_s", speed, (1e-6, 0.1))?;
+        }
+        Ok(TurretConfig {
+            axes: raw.axes.clone(),
+            direction_rad: raw.direction_rad,
+            lowest_offset_m: raw.lowest_offset_m,
+            highest_offset_m: raw.highest_offset_m,
+            speed_m_s: raw.speed_m_s,
+            largest_pitch_difference_rad: largest,
+            // I7: a dead sender must not hold the turret away from equal pitch for longer.
+            command_ttl_s: self.within("turret.command_ttl_s", raw.command_ttl_s, (1.1, 2.5))?,
+        })
+    }
+
+    fn address(&self, place: &str, text: &str) -> Result<SocketAddr, ConfigError> {
+        text.parse()
+            .map_err(|_| self.bad(place, format!("`{text}` is not an address such as 127.0.0.1:8620")))
+    }
+
+    fn http(&self, raw: &HttpToml) -> Result<HttpConfig, ConfigError> {
+        let listen = self.address("http.listen", &raw.listen)?;
+        let tls = match (&raw.certificate, &raw.key) {
+            (Some(certificate), Some(key)) => Some((self.resolve(certificate), self.resolve(key))),
+            (None, None) => None,
+            _ => return Err(self.bad("http", "certificate and key are needed together")),
+        };
+        let safe = listen.ip().is_loopback() || (tls.is_some() && raw.tokens.is_some());
+        if !safe && !raw.allow_remote_without_tls {
+            let what = "needs http.certificate, http.key and http.tokens, or allow_remote_without_tls = true";
+            return Err(self.bad("http.listen", format!("{listen} is reachable from other machines: {what}")));
+        }
+        Ok(HttpConfig {
+            listen,
+            tls,
+            tokens: raw.tokens.as_deref().map(|p| self.resolve(p)),
+            hosts: raw.hosts.clone(),
+            trust_loopback: false,
+        })
+    }
+}
+
+impl ServiceConfig {
+    /// The pipeline for a stream of these axes: an axis that the model does not know has no force.
+    #[must_use]
+    pub fn pipeline_settings(&self, sample_rate: SampleRate, axes: &[String]) -> PipelineSettings {
+        let plan = |name: &String| AxisPlan {
+            name: name.clone(),
+            watch: self.watch.contains(name),
+            force: self.machine.axis(name).map(|axis| ForcePlan {
+                drive: axis.drive.clone(),
+                signals: Signals::Both,
+                method: self.method,
+                motor_cutoff_hz: Some(self.motor_cutoff_hz),
+                settings: ForceSettings {
+                    low_pass: LowPass::Butterworth { order: 4, cutoff_hz: self.force_cutoff_hz },
+                    ..ForceSettings::default()
+                },
+            }),
+        };
+        PipelineSettings {
+            sample_rate,
+            axes: axes.iter().map(plan).collect(),
+            band: self.band.map_or(BandPlan::Workpiece(self.workpiece), BandPlan::Stated),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error(text: &str) -> String {
+        service_config_from_text(Path::new("c.toml"), text).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_printed_configuration_is_the_default() {
+        let printed: ServiceToml = parse(Path::new("stillcut.toml"), DEFAULT_TEXT).unwrap();
+        assert_eq!(printed, ServiceToml::default());
+        let given: toml::Table = toml::from_str(DEFAULT_TEXT).unwrap();
+        let all = toml::Table::try_from(ServiceToml::default()).unwrap();
+        assert_eq!(given, all, "every key stands in the printed text");
+    }
+
+    #[test]
+    fn mistakes_are_named_in_one_line() {
+        let cases = [
+            ("[http]\nlisten = \"here\"\n", "c.toml: http.listen: `here` is not an address"),
+            ("[http]\nlisten = \"0.0.0.0:1\"\n", "reachable from other machines"),
+            ("[http]\nkey = \"k\"\n", "certificate and key are needed together"),
+            ("[htpt]\n", "c.toml:1:2: unknown field `htpt`"),
+            ("[http]\nlisen = 1\n", "c.toml:2:1: unknown field `lisen`"),
+            ("[workpiece]\ndiameter_m = -1.0\n", "workpiece: diameter_m = -1 is not physical"),
+            ("[machine]\nmethod = \"magic\"\n", "machine.method: `magic` is not one of thrust, dob"),
+            ("[machine]\nwatch = [\"q\"]\n", "machine.watch: the model has no axis q"),
+            ("[turret]\ncommand_ttl_s = 9.0\n", "turret.command_ttl_s: 9 is not between 1.1 and 2.5"),
+            ("[log]\nformat = \"xml\"\n", "log.format: `xml` is not one of text, json"),
+            ("[detection]\nband_hz = [700.0, 500.0]\n", "detection.band_hz"),
+            ("[recorder]\nbefore_s = \"long\"\n", "c.toml:2:12: invalid type: string \"long\", expected f64"),
+        ];
+        for (text, expected) in cases {
+            let message = error(text);
+            assert!(message.contains(expected), "{text}: {message}");
+            assert_eq!(message.lines().count(), 1, "{message}");
+        }
+    }
+
+    #[test]
+    fn remote_needs_tls_and_tokens_or_a_plain_word() {
+        let all = "[http]\nlisten = \"0.0.0.0:1\"\ncertificate = \"c\"\nkey = \"k\"\ntokens = \"t\"\n";
+        assert!(service_config_from_text(Path::new("/etc/c.toml"), all).is_ok());
+        let word = "[http]\nlisten = \"0.0.0.0:1\"\nallow_remote_without_tls = true\n";
+        assert!(service_config_from_text(Path::new("c.toml"), word).is_ok());
+    }
+}

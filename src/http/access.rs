@@ -1,0 +1,384 @@
+//! Who may do what: bearer tokens, roles, and the brake on guessing.
+//!
+//! A token is 256 random bits; the file holds its SHA-256, so the file is no use to a thief. Reads are
+//! open on loopback. A right token is never held up by other people's wrong ones.
+
+use super::problem::Problem;
+use axum::http::{HeaderMap, StatusCode, header};
+use base64::Engine as _;
+use base64::engine::general_purpose::URL_SAFE_NO_PAD;
+use serde::Deserialize;
+use sha2::{Digest as _, Sha256};
+use std::collections::HashMap;
+use std::net::IpAddr;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
+use subtle::ConstantTimeEq as _;
+use thiserror::Error;
+
+/// What a caller may do; each role includes the ones before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// Read.
+    Viewer,
+    /// Acknowledge, silence, take the turret back, lower the mode.
+    Operator,
+    /// Raise the mode, clear faults, start diagnoses.
+    Engineer,
+}
+
+impl Role {
+    /// The word that stands for it.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Viewer => "viewer",
+            Self::Operator => "operator",
+            Self::Engineer => "engineer",
+        }
+    }
+}
+
+/// Why a token file is not one. One line.
+#[derive(Debug, Error)]
+pub enum TokenFileError {
+    /// Cannot be read.
+    #[error("{}: {source}", path.display())]
+    Read {
+        /// File.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Others than the owner may read it.
+    #[error("{}: mode {mode:03o} lets others read it; expected 600", path.display())]
+    Open {
+        /// File.
+        path: PathBuf,
+        /// Permission bits.
+        mode: u32,
+    },
+    /// Its content is not a list of tokens.
+    #[error("{}: {message}", path.display())]
+    Content {
+        /// File.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TokenToml {
+    name: String,
+    role: Role,
+    sha256: String,
+    #[serde(default)]
+    expires: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TokenFileToml {
+    #[serde(default)]
+    token: Vec<TokenToml>,
+}
+
+#[derive(Debug, Clone)]
+struct Token {
+    name: String,
+    role: Role,
+    digest: [u8; 32],
+    expires_ns: Option<i64>,
+}
+
+fn read_tokens(path: &Path) -> Result<Vec<Token>, TokenFileError> {
+    use std::os::unix::fs::PermissionsExt as _;
+    let read = |source| TokenFileError::Read { path: path.to_owned(), source };
+    let content = |message: String| TokenFileError::Content { path: path.to_owned(), message };
+    let mode = std::fs::metadata(path).map_err(read)?.permissions().mode() & 0o777;
+    if mode & 0o077 != 0 {
+        return Err(TokenFileError::Open { path: path.to_owned(), mode });
+    }
+    let text = std::fs::read_to_string(path).map_err(read)?;
+    // The parser's message quotes the line; a digest in it would do no harm, a pasted token would.
+    let file: TokenFileToml = toml::from_str(&text).map_err(|e| content(e.message().replace('\n', " ")))?;
+    file.token.into_iter().map(|t| token_from_toml(t).map_err(content)).collect()
+}
+
+fn token_from_toml(raw: TokenToml) -> Result<Token, String> {
+    let digest = digest_from_hex(&raw.sha256)
+        .ok_or_else(|| format!("token {}: sha256 is not 64 hexadecimal digits", raw.name))?;
+    let expires_ns = match raw.expires {
+        Some(text) => Some(
+            crate::service::clock::parse_rfc3339(&text)
+                .ok_or_else(|| format!("token {}: expires is not an RFC 3339 time", raw.name))?,
+        ),
+        None => None,
+    };
+    Ok(Token { name: raw.name, role: raw.role, digest, expires_ns })
+}
+
+fn digest_from_hex(text: &str) -> Option<[u8; 32]> {
+    let mut digest = [0; 32];
+    if text.len() != 64 || !text.is_ascii() {
+        return None;
+    }
+    for (index, byte) in digest.iter_mut().enumerate() {
+        *byte = u8::from_str_radix(text.get(2 * index..2 * index + 2)?, 16).ok()?;
+    }
+    Some(digest)
+}
+
+/// A new token: its text, which nobody stores, and the SHA-256 that the file holds.
+#[must_use]
+pub fn new_token(random: [u8; 32]) -> (String, String) {
+    let text = format!("stillcut_{}", URL_SAFE_NO_PAD.encode(random));
+    let digest = Sha256::digest(text.as_bytes());
+    (text, digest.iter().map(|b| format!("{b:02x}")).collect())
+}
+
+/// Who is calling.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Caller {
+    /// Name of the token, or `loopback`.
+    pub name: String,
+    /// What the caller may do; none for a stranger.
+    pub role: Option<Role>,
+}
+
+/// Tokens that are not good within this time count against an address.
+const GUESS_WINDOW: Duration = Duration::from_secs(60);
+const GUESSES: usize = 5;
+/// Most addresses remembered; beyond it the oldest are forgotten.
+const ADDRESSES: usize = 4096;
+/// How often the token file is looked at for changes.
+const RELOAD: Duration = Duration::from_secs(1);
+
+struct Loaded {
+    tokens: Vec<Token>,
+    modified: Option<SystemTime>,
+    looked: Instant,
+}
+
+/// The tokens and the memory of wrong ones.
+pub struct Access {
+    file: Option<PathBuf>,
+    trust_loopback: bool,
+    loaded: Mutex<Loaded>,
+    guesses: Mutex<HashMap<IpAddr, Vec<Instant>>>,
+}
+
+impl std::fmt::Debug for Access {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Access").field("file", &self.file).finish_non_exhaustive()
+    }
+}
+
+/// What became of the look at a request's token.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    Known(Caller),
+    BadToken,
+    RateLimited,
+}
+
+impl Access {
+    /// Reads the token file, where there is one. `trust_loopback`: loopback needs no token at all (demo).
+    /// Errors: the file is not what it should be.
+    pub fn load(file: Option<&Path>, trust_loopback: bool) -> Result<Self, TokenFileError> {
+        let tokens = file.map(read_tokens).transpose()?.unwrap_or_default();
+        let modified = file.and_then(modified);
+        let loaded = Loaded { tokens, modified, looked: crate::service::clock::now() };
+        Ok(Self {
+            file: file.map(Path::to_owned),
+            trust_loopback,
+            loaded: Mutex::new(loaded),
+            guesses: Mutex::default(),
+        })
+    }
+
+    /// True when there is a token that could authorise a write.
+    #[must_use]
+    pub fn has_tokens(&self) -> bool {
+        !self.loaded.lock().unwrap_or_else(PoisonError::into_inner).tokens.is_empty()
+    }
+
+    /// Takes a changed file into use; a damaged one changes nothing and is logged.
+    fn refresh(&self, loaded: &mut Loaded, now: Instant) {
+        let Some(file) = &self.file else { return };
+        if now.duration_since(loaded.looked) < RELOAD {
+            return;
+        }
+        loaded.looked = now;
+        let modified = modified(file);
+        if modified == loaded.modified {
+            return;
+        }
+        loaded.modified = modified;
+        match read_tokens(file) {
+            Ok(tokens) => loaded.tokens = tokens,
+            Err(error) => tracing::error!(event = "token_file", "{error}; the tokens in force stay"),
+        }
+    }
+
+    pub(crate) fn judge(&self, headers: &HeaderMap, address: IpAddr, wall_ns: i64, now: Instant) -> Verdict {
+        let Some(value) = headers.get(header::AUTHORIZATION) else {
+            return Verdict::Known(self.without_token(address));
+        };
+        let token = value.to_str().ok().and_then(|v| v.strip_prefix("Bearer ")).unwrap_or_default();
+        if let Some(caller) = self.find(token, wall_ns, now) {
+            return Verdict::Known(caller);
+        }
+        if self.count_guess(address, now) { Verdict::BadToken } else { Verdict::RateLimited }
+    }
+
+    fn without_token(&self, address: IpAddr) -> Caller {
+        let name = "loopback".to_owned();
+        match (address.is_loopback(), self.trust_loopback) {
+            (true, true) => Caller { name, role: Some(Role::Engineer) },
+            (true, false) => Caller { name, role: Some(Role::Viewer) },
+            (false, _) => Caller { name: "stranger".to_owned(), role: None },
+        }
+    }
+
+    fn find(&self, text: &str, wall_ns: i64, now: Instant) -> Option<Caller> {
+        let digest: [u8; 32] = Sha256::digest(text.as_bytes()).into();
+        let mut loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
+        self.refresh(&mut loaded, now);
+        let valid =
+            |t: &&Token| t.expires_ns.is_none_or(|e| wall_ns < e) && bool::from(t.digest.ct_eq(&digest));
+        let token = loaded.tokens.iter().find(valid)?;
+        Some(Caller { name: token.name.clone(), role: Some(token.role) })
+    }
+
+    /// Remembers a wrong token; false when the address had too many.
+    fn count_guess(&self, address: IpAddr, now: Instant) -> bool {
+        let mut guesses = self.guesses.lock().unwrap_or_else(PoisonError::into_inner);
+        if guesses.len() >= ADDRESSES {
+            guesses.retain(|_, times| times.last().is_some_and(|t| now.duration_since(*t) < GUESS_WINDOW));
+        }
+        if guesses.len() >= ADDRESSES && !guesses.contains_key(&address) {
+            return false;
+        }
+        let times = guesses.entry(address).or_default();
+        times.retain(|t| now.duration_since(*t) < GUESS_WINDOW);
+        if times.len() >= GUESSES {
+            return false;
+        }
+        times.push(now);
+        true
+    }
+}
+
+fn modified(file: &Path) -> Option<SystemTime> {
+    std::fs::metadata(file).and_then(|m| m.modified()).ok()
+}
+
+impl Caller {
+    /// Nothing when the caller may; else 401 (no token) or 403 (a lesser role).
+    pub(crate) fn require(&self, role: Role) -> Result<(), Problem> {
+        match self.role {
+            Some(own) if own >= role => Ok(()),
+            Some(_) if self.name != "loopback" => Err(Problem::new(
+                StatusCode::FORBIDDEN,
+                "role_too_low",
+                format!("this needs the role {}", role.word()),
+            )),
+            _ => Err(Problem::new(
+                StatusCode::UNAUTHORIZED,
+                "token_required",
+                format!("this needs a token of role {} in the header Authorization: Bearer", role.word()),
+            )),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::Ipv4Addr;
+    use std::os::unix::fs::PermissionsExt as _;
+
+    const FAR: IpAddr = IpAddr::V4(Ipv4Addr::new(10, 0, 0, 9));
+    const NEAR: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
+
+    fn with(token: &str) -> HeaderMap {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::AUTHORIZATION, format!("Bearer {token}").parse().unwrap());
+        headers
+    }
+
+    fn file(text: &str) -> tempfile::NamedTempFile {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), text).unwrap();
+        std::fs::set_permissions(file.path(), std::fs::Permissions::from_mode(0o600)).unwrap();
+        file
+    }
+
+    #[test]
+    fn roles_expiry_and_strangers() {
+        let (anna, anna_hash) = new_token([1; 32]);
+        let (old, old_hash) = new_token([2; 32]);
+        let text = format!(
+            "[[token]]\nname = \"anna\"\nrole = \"operator\"\nsha256 = \"{anna_hash}\"\n\
+             [[token]]\nname = \"old\"\nrole = \"engineer\"\nsha256 = \"{old_hash}\"\nexpires = \"2026-01-01T00:00:00Z\"\n"
+        );
+        let file = file(&text);
+        let access = Access::load(Some(file.path()), false).unwrap();
+        let now = Instant::now();
+        let wall = crate::service::clock::parse_rfc3339("2026-06-01T00:00:00Z").unwrap();
+        let Verdict::Known(caller) = access.judge(&with(&anna), FAR, wall, now) else { panic!("known") };
+        assert!(caller.require(Role::Operator).is_ok());
+        assert_eq!(caller.require(Role::Engineer).unwrap_err().status, 403);
+        assert_eq!(access.judge(&with(&old), FAR, wall, now), Verdict::BadToken, "expired");
+        let Verdict::Known(near) = access.judge(&HeaderMap::new(), NEAR, wall, now) else { panic!("known") };
+        assert!(near.require(Role::Viewer).is_ok());
+        assert_eq!(near.require(Role::Operator).unwrap_err().status, 401);
+        let Verdict::Known(far) = access.judge(&HeaderMap::new(), FAR, wall, now) else { panic!("known") };
+        assert_eq!(far.require(Role::Viewer).unwrap_err().status, 401);
+    }
+
+    #[test]
+    fn guessing_is_braked_but_never_a_right_token() {
+        let (anna, hash) = new_token([1; 32]);
+        let file = file(&format!("[[token]]\nname = \"anna\"\nrole = \"operator\"\nsha256 = \"{hash}\"\n"));
+        let access = Access::load(Some(file.path()), false).unwrap();
+        let now = Instant::now();
+        for _ in 0..5 {
+            assert_eq!(access.judge(&with("guess"), FAR, 0, now), Verdict::BadToken);
+        }
+        assert_eq!(access.judge(&with("guess"), FAR, 0, now), Verdict::RateLimited);
+        assert!(matches!(access.judge(&with(&anna), FAR, 0, now), Verdict::Known(_)));
+        let later = now + Duration::from_secs(61);
+        assert_eq!(access.judge(&with("guess"), FAR, 0, later), Verdict::BadToken);
+    }
+
+    #[test]
+    fn a_file_that_others_can_read_is_refused() {
+        let file = file("");
+        std::fs::set_permissions(file.path(), std::fs::Permissions::from_mode(0o644)).unwrap();
+        let error = Access::load(Some(file.path()), false).unwrap_err().to_string();
+        assert!(error.contains("mode 644"), "{error}");
+    }
+
+    #[test]
+    fn tokens_rotate_without_a_restart() {
+        let (one, one_hash) = new_token([1; 32]);
+        let (two, two_hash) = new_token([2; 32]);
+        let entry = |h: &str| format!("[[token]]\nname = \"n\"\nrole = \"viewer\"\nsha256 = \"{h}\"\n");
+        let file = file(&entry(&one_hash));
+        let access = Access::load(Some(file.path()), false).unwrap();
+        let now = Instant::now();
+        assert!(matches!(access.judge(&with(&one), FAR, 0, now), Verdict::Known(_)));
+        std::fs::write(file.path(), entry(&two_hash)).unwrap();
+        let time = SystemTime::now() + Duration::from_secs(5);
+        std::fs::File::options().write(true).open(file.path()).unwrap().set_modified(time).unwrap();
+        let later = now + Duration::from_secs(2);
+        assert!(matches!(access.judge(&with(&two), FAR, 0, later), Verdict::Known(_)));
+        assert_eq!(access.judge(&with(&one), FAR, 0, later), Verdict::BadToken, "revoked");
+    }
+}

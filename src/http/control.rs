@@ -1,0 +1,126 @@
+//! What people may do to the running service.
+
+use super::events::{ReasonBody, origin};
+use super::extract::Body;
+use super::problem::Problem;
+use super::{Caller, Role, Site};
+use crate::service::live::Mode;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// The mode and its revision.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct ModeView {
+    /// How far the service may go.
+    mode: Mode,
+    /// Grows with every change; also the ETag.
+    revision: u64,
+    /// Why it is so.
+    reason: String,
+}
+
+fn mode_response(site: &Site) -> Response {
+    let state = site.handle.state();
+    let view =
+        ModeView { mode: state.mode, revision: state.mode_revision, reason: state.mode_reason.clone() };
+    let tag = HeaderValue::from_str(&format!("\"{}\"", view.revision))
+        .unwrap_or_else(|_| HeaderValue::from_static("\"\""));
+    ([(header::ETAG, tag)], Json(view)).into_response()
+}
+
+/// The mode, with its ETag.
+#[utoipa::path(get, path = "/api/v1/mode", tag = "control", operation_id = "getMode",
+    responses((status = 200, description = "The mode", body = ModeView,
+            headers(("ETag" = String, description = "Revision of the mode"))),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn get_mode(State(site): State<Site>) -> Response {
+    mode_response(&site)
+}
+
+/// A change of mode.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ModeBody {
+    /// The mode wanted.
+    mode: Mode,
+    /// One sentence for the record.
+    #[schema(example = "commissioned today, limits checked", min_length = 1, max_length = 500)]
+    reason: String,
+}
+
+/// Change the mode. Up needs the role engineer and `If-Match` with the mode's ETag; down needs operator.
+#[utoipa::path(put, path = "/api/v1/mode", tag = "control", operation_id = "setMode", request_body = ModeBody,
+    params(("If-Match" = Option<String>, Header, description = "ETag of the mode that the caller saw; needed on the way up")),
+    security(("token" = [])),
+    responses((status = 200, description = "The mode now", body = ModeView,
+            headers(("ETag" = String, description = "Revision of the mode"))),
+        (status = 412, description = "The mode changed meanwhile", body = Problem, content_type = "application/problem+json"),
+        (status = 428, description = "If-Match is missing", body = Problem, content_type = "application/problem+json"),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn put_mode(
+    State(site): State<Site>,
+    Extension(caller): Extension<Caller>,
+    headers: HeaderMap,
+    body: Result<Body<ModeBody>, Problem>,
+) -> Result<Response, Problem> {
+    caller.require(Role::Operator)?;
+    let Body(body) = body?;
+    let origin = origin(&caller, &body.reason)?;
+    let up = body.mode as u8 > site.handle.state().mode as u8;
+    let revision = if up {
+        caller.require(Role::Engineer)?;
+        Some(if_match(&headers)?)
+    } else {
+        None
+    };
+    site.handle.set_mode(body.mode, revision, origin).await?;
+    Ok(mode_response(&site))
+}
+
+fn if_match(headers: &HeaderMap) -> Result<u64, Problem> {
+    let Some(value) = headers.get(header::IF_MATCH) else {
+        let detail = "a change to a higher mode needs If-Match with the ETag of GET /api/v1/mode";
+        return Err(Problem::new(StatusCode::PRECONDITION_REQUIRED, "if_match_required", detail));
+    };
+    let text = value.to_str().unwrap_or_default().trim().trim_matches('"');
+    let stale = || {
+        Problem::new(StatusCode::PRECONDITION_FAILED, "stale_revision", "If-Match is not an ETag of the mode")
+    };
+    text.parse().map_err(|_| stale())
+}
+
+/// Take the turret back: equal pitch and `observe`, within one control cycle.
+#[utoipa::path(post, path = "/api/v1/override", tag = "control", operation_id = "takeBack", request_body = ReasonBody,
+    security(("token" = [])),
+    responses((status = 200, description = "The mode now", body = ModeView),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn take_back(
+    State(site): State<Site>,
+    Extension(caller): Extension<Caller>,
+    body: Result<Body<ReasonBody>, Problem>,
+) -> Result<Response, Problem> {
+    caller.require(Role::Operator)?;
+    let origin = origin(&caller, &body?.0.reason)?;
+    site.handle.take_back(origin).await?;
+    Ok(mode_response(&site))
+}
+
+/// Clear a latched fault, after its cause is gone.
+#[utoipa::path(post, path = "/api/v1/fault/clear", tag = "control", operation_id = "clearFault", request_body = ReasonBody,
+    security(("token" = [])),
+    responses((status = 200, description = "The mode now", body = ModeView),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn clear_fault(
+    State(site): State<Site>,
+    Extension(caller): Extension<Caller>,
+    body: Result<Body<ReasonBody>, Problem>,
+) -> Result<Response, Problem> {
+    caller.require(Role::Engineer)?;
+    let origin = origin(&caller, &body?.0.reason)?;
+    site.handle.clear_fault(origin).await?;
+    Ok(mode_response(&site))
+}

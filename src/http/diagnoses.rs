@@ -1,0 +1,83 @@
+//! Diagnosis jobs over HTTP.
+
+use super::events::origin;
+use super::extract::{Body, Named};
+use super::problem::Problem;
+use super::{Caller, Role, Site};
+use crate::service::DiagnosisView;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// All diagnoses since the start, newest first.
+#[utoipa::path(get, path = "/api/v1/diagnoses", tag = "diagnosis", operation_id = "listDiagnoses",
+    responses((status = 200, description = "All jobs", body = Vec<DiagnosisView>),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn list(State(site): State<Site>) -> Json<Vec<DiagnosisView>> {
+    Json(site.handle.diagnoses().list())
+}
+
+/// What to diagnose.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct DiagnosisBody {
+    /// Names of recordings, 1 to 16.
+    recordings: Vec<String>,
+    /// One sentence for the record.
+    #[schema(
+        example = "force does not fit since the ball screw was changed",
+        min_length = 1,
+        max_length = 500
+    )]
+    reason: String,
+}
+
+/// Start a diagnosis of stored recordings against the configured model.
+#[utoipa::path(post, path = "/api/v1/diagnoses", tag = "diagnosis", operation_id = "startDiagnosis",
+    request_body = DiagnosisBody, security(("token" = [])),
+    responses((status = 202, description = "Queued", body = DiagnosisView),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn start(
+    State(site): State<Site>,
+    Extension(caller): Extension<Caller>,
+    body: Result<Body<DiagnosisBody>, Problem>,
+) -> Result<(StatusCode, Json<DiagnosisView>), Problem> {
+    caller.require(Role::Engineer)?;
+    let Body(body) = body?;
+    let origin = origin(&caller, &body.reason)?;
+    if !(1..=16).contains(&body.recordings.len()) {
+        let problem =
+            Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "1 to 16 recordings are needed");
+        return Err(problem.with_field("/recordings", "expected names from GET /api/v1/recordings"));
+    }
+    let view = site.handle.start_diagnosis(body.recordings, &origin).await?;
+    Ok((StatusCode::ACCEPTED, Json(view)))
+}
+
+/// One diagnosis with its result.
+#[utoipa::path(get, path = "/api/v1/diagnoses/{id}", tag = "diagnosis", operation_id = "getDiagnosis",
+    params(("id" = String, Path, description = "Name of the job")),
+    responses((status = 200, description = "The job", body = DiagnosisView),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn one(
+    State(site): State<Site>,
+    Named(id): Named<String>,
+) -> Result<Json<DiagnosisView>, Problem> {
+    let found = site.handle.diagnoses().get(&id);
+    found.map(Json).ok_or_else(|| Problem::not_found("there is no such diagnosis"))
+}
+
+/// The report of a finished diagnosis for a person.
+#[utoipa::path(get, path = "/api/v1/diagnoses/{id}/report.html", tag = "diagnosis", operation_id = "getDiagnosisReport",
+    params(("id" = String, Path, description = "Name of the job")),
+    responses((status = 200, description = "Self-contained HTML", body = String, content_type = "text/html"),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn report(State(site): State<Site>, Named(id): Named<String>) -> Result<Response, Problem> {
+    let path = site.handle.diagnoses().report_path(&id);
+    let path = path.ok_or_else(|| Problem::not_found("there is no such report, or it is not ready"))?;
+    let text = tokio::fs::read(&path).await.map_err(|_| Problem::not_found("the report is gone"))?;
+    Ok(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], text).into_response())
+}

@@ -1,0 +1,355 @@
+//! The history over HTTP: pages, filters, CSV, acknowledging and silencing.
+
+use super::extract::{Asked, Body, Named};
+use super::problem::Problem;
+use super::{Caller, Role, Site};
+use crate::service::{AuditRow, EventFilter, MAX_PAGE, Origin, clock};
+use crate::telemetry::{Event, EventKind, Severity};
+use axum::extract::State;
+use axum::http::{HeaderMap, header};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+/// Something that happened.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct EventView {
+    /// Place in the history; order is by this.
+    #[schema(example = 42)]
+    sequence: i64,
+    /// Unique name.
+    #[schema(example = "01JD3Z1V8Q5N4B6XG2W0S7KFTM")]
+    id: String,
+    /// RFC 3339 UTC.
+    #[schema(example = "2026-11-21T08:15:30.123Z")]
+    time: String,
+    /// The same in ns since 1970.
+    time_ns: i64,
+    /// What happened.
+    kind: EventKind,
+    /// How loud it is.
+    severity: Severity,
+    /// Axis it concerns.
+    axis: Option<String>,
+    /// Machine's clock, s.
+    t_s: Option<f64>,
+    /// Chatter frequency, Hz.
+    #[schema(example = 652.0)]
+    frequency_hz: Option<f64>,
+    /// Power of the strongest line, N2.
+    power_n2: Option<f64>,
+    /// Pitch angle difference, rad.
+    pitch_difference_rad: Option<f64>,
+    /// One sentence.
+    text: String,
+    /// Who acknowledged it.
+    acknowledged_by: Option<String>,
+    /// When, RFC 3339 UTC.
+    acknowledged_at: Option<String>,
+    /// Silenced until, RFC 3339 UTC.
+    silenced_until: Option<String>,
+}
+
+impl From<&Event> for EventView {
+    fn from(event: &Event) -> Self {
+        Self {
+            sequence: event.sequence,
+            id: event.id.clone(),
+            time: clock::rfc3339(event.wall_ns),
+            time_ns: event.wall_ns,
+            kind: event.kind,
+            severity: event.kind.severity(),
+            axis: event.axis.clone(),
+            t_s: event.t_s,
+            frequency_hz: event.frequency_hz,
+            power_n2: event.power_n2,
+            pitch_difference_rad: event.pitch_difference_rad,
+            text: event.text.clone(),
+            acknowledged_by: event.acknowledged_by.clone(),
+            acknowledged_at: event.acknowledged_ns.map(clock::rfc3339),
+            silenced_until: event.silenced_until_ns.map(clock::rfc3339),
+        }
+    }
+}
+
+/// Order of a page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Order {
+    #[default]
+    Newest,
+    Oldest,
+}
+
+/// Filters and paging.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct EventQuery {
+    /// `next` of the page before.
+    cursor: Option<i64>,
+    /// Events a page, 1 to 1000; 100 when not given.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<i64>,
+    /// Newest or oldest first.
+    #[param(inline)]
+    order: Option<Order>,
+    /// Only this kind, for example `chatter_onset`.
+    kind: Option<String>,
+    /// Only this axis.
+    axis: Option<String>,
+    /// Only at or after this RFC 3339 time.
+    since: Option<String>,
+    /// Only at or before this RFC 3339 time.
+    until: Option<String>,
+    /// Only alarms that nobody acknowledged.
+    open_alarms: Option<bool>,
+}
+
+/// One page.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct EventPageView {
+    /// Events in the order asked for.
+    events: Vec<EventView>,
+    /// Cursor of the next page; absent on the last.
+    next: Option<i64>,
+}
+
+fn filter_from(query: EventQuery) -> Result<EventFilter, Problem> {
+    let invalid = |name: &str, detail: &str| {
+        Problem::bad_request("invalid_query", format!("{name} is not what was expected"))
+            .with_field(&format!("query/{name}"), detail)
+    };
+    let time = |name: &str, text: Option<String>| match text {
+        None => Ok(None),
+        Some(text) => match clock::parse_rfc3339(&text) {
+            Some(ns) => Ok(Some(ns)),
+            None => Err(invalid(name, "expected an RFC 3339 time such as 2026-11-21T08:00:00Z")),
+        },
+    };
+    let kind = match &query.kind {
+        None => None,
+        Some(word) => Some(EventKind::from_word(word).ok_or_else(|| {
+            let known: Vec<&str> = EventKind::ALL.iter().map(|k| k.word()).collect();
+            invalid("kind", &format!("expected one of {}", known.join(", ")))
+        })?),
+    };
+    let limit = query.limit.unwrap_or(100);
+    if !(1..=MAX_PAGE).contains(&limit) {
+        return Err(invalid("limit", "expected 1 to 1000"));
+    }
+    Ok(EventFilter {
+        cursor: query.cursor,
+        ascending: query.order == Some(Order::Oldest),
+        kind,
+        axis: query.axis,
+        since_ns: time("since", query.since)?,
+        until_ns: time("until", query.until)?,
+        unacknowledged_alarms: query.open_alarms.unwrap_or(false),
+        limit,
+    })
+}
+
+/// A page of the history, as JSON or, with `Accept: text/csv`, as CSV.
+#[utoipa::path(get, path = "/api/v1/events", tag = "history", operation_id = "listEvents", params(EventQuery),
+    responses((status = 200, description = "One page", content((EventPageView = "application/json"), (String = "text/csv"))),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn list(
+    State(site): State<Site>,
+    headers: HeaderMap,
+    Asked(query): Asked<EventQuery>,
+) -> Result<Response, Problem> {
+    let page = site.handle.events(&filter_from(query)?).await?;
+    let events: Vec<EventView> = page.events.iter().map(EventView::from).collect();
+    let wants_csv =
+        headers.get(header::ACCEPT).and_then(|v| v.to_str().ok()).is_some_and(|v| v.starts_with("text/csv"));
+    if wants_csv {
+        let headers = [(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")];
+        return Ok((headers, csv_text(&events)).into_response());
+    }
+    Ok(Json(EventPageView { events, next: page.next }).into_response())
+}
+
+fn csv_text(events: &[EventView]) -> String {
+    let mut out = String::from(
+        "sequence,time,kind,severity,axis,t_s,frequency_hz,power_n2,pitch_difference_rad,text\n",
+    );
+    let number = |v: Option<f64>| v.map_or_else(String::new, |v| v.to_string());
+    for e in events {
+        let fields = [
+            e.sequence.to_string(),
+            e.time.clone(),
+            e.kind.word().to_owned(),
+            e.severity.word().to_owned(),
+            csv_field(e.axis.as_deref().unwrap_or_default()),
+            number(e.t_s),
+            number(e.frequency_hz),
+            number(e.power_n2),
+            number(e.pitch_difference_rad),
+            csv_field(&e.text),
+        ];
+        out.push_str(&fields.join(","));
+        out.push('\n');
+    }
+    out
+}
+
+/// Quoted; what a spreadsheet would run as a formula gets an apostrophe in front.
+fn csv_field(text: &str) -> String {
+    let guard = if text.starts_with(['=', '+', '-', '@', '\t', '\r']) { "'" } else { "" };
+    format!("\"{guard}{}\"", text.replace('"', "\"\""))
+}
+
+/// One event.
+#[utoipa::path(get, path = "/api/v1/events/{sequence}", tag = "history", operation_id = "getEvent",
+    params(("sequence" = i64, Path, description = "Place in the history")),
+    responses((status = 200, description = "The event", body = EventView),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn one(
+    State(site): State<Site>,
+    Named(sequence): Named<i64>,
+) -> Result<Json<EventView>, Problem> {
+    Ok(Json(EventView::from(&site.handle.event(sequence).await?)))
+}
+
+/// Why somebody does something.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ReasonBody {
+    /// One sentence for the record, 1 to 500 characters.
+    #[schema(example = "looked at the insert, it is fine", min_length = 1, max_length = 500)]
+    pub(super) reason: String,
+}
+
+/// The caller and the reason, for events and the audit record. Errors: an empty or endless reason.
+pub(super) fn origin(caller: &Caller, reason: &str) -> Result<Origin, Problem> {
+    let reason = reason.trim();
+    if reason.is_empty() || reason.chars().count() > 500 || reason.chars().any(char::is_control) {
+        let problem = Problem::new(
+            axum::http::StatusCode::UNPROCESSABLE_ENTITY,
+            "reason_required",
+            "a reason of 1 to 500 printable characters is needed",
+        );
+        return Err(problem.with_field("/reason", "expected one sentence"));
+    }
+    let role = caller.role.map_or("none", Role::word);
+    Ok(Origin { actor: caller.name.clone(), role: role.to_owned(), reason: reason.to_owned() })
+}
+
+/// Acknowledge an event.
+#[utoipa::path(post, path = "/api/v1/events/{sequence}/acknowledge", tag = "control", operation_id = "acknowledgeEvent",
+    params(("sequence" = i64, Path, description = "Place in the history")), request_body = ReasonBody,
+    security(("token" = [])),
+    responses((status = 200, description = "The event as it is now", body = EventView),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn acknowledge(
+    State(site): State<Site>,
+    Extension(caller): Extension<Caller>,
+    Named(sequence): Named<i64>,
+    body: Result<Body<ReasonBody>, Problem>,
+) -> Result<Json<EventView>, Problem> {
+    caller.require(Role::Operator)?;
+    let origin = origin(&caller, &body?.0.reason)?;
+    Ok(Json(EventView::from(&site.handle.acknowledge(sequence, &origin).await?)))
+}
+
+/// How long an event is not to be shown as an alarm.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SilenceBody {
+    /// Minutes, 1 to 480.
+    #[schema(example = 30, minimum = 1, maximum = 480)]
+    minutes: u32,
+    /// One sentence for the record.
+    #[schema(example = "known, tool change at 14:00", min_length = 1, max_length = 500)]
+    reason: String,
+}
+
+/// Silence an event for a while.
+#[utoipa::path(post, path = "/api/v1/events/{sequence}/silence", tag = "control", operation_id = "silenceEvent",
+    params(("sequence" = i64, Path, description = "Place in the history")), request_body = SilenceBody,
+    security(("token" = [])),
+    responses((status = 200, description = "The event as it is now", body = EventView),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn silence(
+    State(site): State<Site>,
+    Extension(caller): Extension<Caller>,
+    Named(sequence): Named<i64>,
+    body: Result<Body<SilenceBody>, Problem>,
+) -> Result<Json<EventView>, Problem> {
+    caller.require(Role::Operator)?;
+    let Body(body) = body?;
+    if !(1..=480).contains(&body.minutes) {
+        let problem = Problem::new(
+            axum::http::StatusCode::UNPROCESSABLE_ENTITY,
+            "invalid_body",
+            "minutes is out of range",
+        );
+        return Err(problem.with_field("/minutes", "expected 1 to 480"));
+    }
+    let origin = origin(&caller, &body.reason)?;
+    Ok(Json(EventView::from(&site.handle.silence(sequence, body.minutes, &origin).await?)))
+}
+
+/// Paging of the audit record.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct AuditQuery {
+    /// Rows after this place.
+    after: Option<i64>,
+}
+
+/// One write that somebody made.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct AuditView {
+    /// Place in the chain.
+    sequence: i64,
+    /// RFC 3339 UTC.
+    time: String,
+    /// Name of the token.
+    actor: String,
+    /// Role of the actor.
+    role: String,
+    /// What was done.
+    action: String,
+    /// With what, and why.
+    detail: String,
+}
+
+impl From<AuditRow> for AuditView {
+    fn from(row: AuditRow) -> Self {
+        Self {
+            sequence: row.sequence,
+            time: clock::rfc3339(row.entry.wall_ns),
+            actor: row.entry.actor,
+            role: row.entry.role,
+            action: row.entry.action,
+            detail: row.entry.detail,
+        }
+    }
+}
+
+/// The audit record, oldest first, at most 1000 rows.
+#[utoipa::path(get, path = "/api/v1/audit", tag = "history", operation_id = "listAudit", params(AuditQuery),
+    responses((status = 200, description = "Rows after the given place", body = Vec<AuditView>),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn audit(
+    State(site): State<Site>,
+    Asked(query): Asked<AuditQuery>,
+) -> Result<Json<Vec<AuditView>>, Problem> {
+    let rows = site.handle.audit_rows(query.after.unwrap_or(0)).await?;
+    Ok(Json(rows.into_iter().map(AuditView::from).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::csv_field;
+
+    #[test]
+    fn spreadsheets_are_not_given_formulas() {
+        assert_eq!(csv_field("=1+1"), "\"'=1+1\"");
+        assert_eq!(csv_field("say \"hi\", twice"), "\"say \"\"hi\"\", twice\"");
+    }
+}

@@ -1,0 +1,30 @@
+//! The operator page: three files inside the binary, nothing loaded from elsewhere.
+
+use super::Site;
+use axum::Router;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+
+const HTML: &str = include_str!("page/index.html");
+const CSS: &str = include_str!("page/page.css");
+const JS: &str = include_str!("page/page.js");
+const CHARTS: &str = include_str!("page/charts.js");
+const ICON: &str = include_str!("page/icon.svg");
+const PROBLEMS: &str = include_str!("page/problems.html");
+
+fn file(kind: &'static str, text: &'static str) -> Response {
+    // Checked again after every upgrade: the browser must not mix two versions.
+    ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "no-cache")], text).into_response()
+}
+
+pub(super) fn routes() -> Router<Site> {
+    Router::new()
+        .route("/", get(|| async { file("text/html; charset=utf-8", HTML) }))
+        .route("/page.css", get(|| async { file("text/css; charset=utf-8", CSS) }))
+        .route("/page.js", get(|| async { file("text/javascript; charset=utf-8", JS) }))
+        .route("/charts.js", get(|| async { file("text/javascript; charset=utf-8", CHARTS) }))
+        .route("/favicon.ico", get(|| async { file("image/svg+xml", ICON) }))
+        .route("/icon.svg", get(|| async { file("image/svg+xml", ICON) }))
+        .route("/docs/problems", get(|| async { file("text/html; charset=utf-8", PROBLEMS) }))
+}

@@ -1,0 +1,242 @@
+// Drawing: spectrum over time, force traces, stability curve. No data is fetched here.
+"use strict";
+
+const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+// Colours come from CSS; a canvas needs them resolved for the theme in force.
+function resolved(name) {
+  const probe = document.createElement("i");
+  probe.style.color = `var(${name})`;
+  document.body.append(probe);
+  const colour = getComputedStyle(probe).color;
+  probe.remove();
+  return colour;
+}
+
+// Sizes a canvas to its box and the screen's density; answers its context in CSS pixels.
+function prepare(canvas) {
+  const ratio = window.devicePixelRatio || 1;
+  const width = canvas.clientWidth, height = canvas.clientHeight;
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+  }
+  const context = canvas.getContext("2d");
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, width, height);
+  context.font = "12px system-ui, sans-serif";
+  return { context, width, height };
+}
+
+// Dark violet to yellow, evenly spaced in lightness (points of the inferno map).
+const HEAT = [[0, 0, 4], [31, 12, 72], [85, 15, 109], [136, 34, 106], [186, 54, 85], [227, 89, 51], [249, 140, 10], [249, 201, 50], [252, 255, 164]];
+const HEAT_TABLE = Array.from({ length: 256 }, (_, i) => {
+  const x = i / 255 * (HEAT.length - 1), k = Math.min(Math.floor(x), HEAT.length - 2), f = x - k;
+  return HEAT[k].map((v, c) => Math.round(v + f * (HEAT[k + 1][c] - v)));
+});
+
+const COLUMNS = 400; // 20 s at 20 columns a second
+const COLUMN_S = 0.05;
+const RANGE = 120; // half decibels from floor to brightest: 60 dB
+
+class Waterfall {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.image = document.createElement("canvas");
+    this.image.width = COLUMNS;
+    this.line = new Array(COLUMNS).fill(null);
+    this.floor = 60;
+    this.grid = null;
+    this.band = null;
+  }
+
+  add(frame, trackedHz, band) {
+    const levels = Uint8Array.from(atob(frame.levels), (c) => c.charCodeAt(0));
+    if (levels.length === 0) return;
+    this.band = band;
+    if (!this.grid || this.grid.count !== levels.length || this.grid.first !== frame.first_hz) {
+      this.grid = { first: frame.first_hz, step: frame.step_hz, count: levels.length };
+      this.image.height = levels.length;
+      this.line.fill(null);
+      const fresh = this.image.getContext("2d");
+      fresh.fillStyle = `rgb(${HEAT_TABLE[0].join(" ")})`;
+      fresh.fillRect(0, 0, COLUMNS, levels.length);
+    }
+    // The quiet floor follows slowly, so that a rise shows as a rise.
+    const sorted = Uint8Array.from(levels).sort();
+    const quiet = sorted[Math.floor(sorted.length * 0.2)];
+    this.floor += 0.02 * (Math.min(quiet, 150) - this.floor);
+    const context = this.image.getContext("2d");
+    context.drawImage(this.image, -1, 0);
+    const column = context.createImageData(1, levels.length);
+    for (let bin = 0; bin < levels.length; bin++) {
+      const shade = Math.max(0, Math.min(255, Math.round((levels[bin] - this.floor) / RANGE * 255)));
+      const [r, g, b] = HEAT_TABLE[shade];
+      const at = 4 * (levels.length - 1 - bin); // high frequency on top
+      column.data[at] = r; column.data[at + 1] = g; column.data[at + 2] = b; column.data[at + 3] = 255;
+    }
+    context.putImageData(column, COLUMNS - 1, 0);
+    this.line.push(trackedHz);
+    this.line.shift();
+  }
+
+  draw() {
+    const { context, width, height } = prepare(this.canvas);
+    const left = 52, bottom = 20, plotWidth = width - left - 4, plotHeight = height - bottom - 4;
+    context.fillStyle = resolved("--soft");
+    if (!this.grid) {
+      context.fillText("no spectrum yet", left, height / 2);
+      return;
+    }
+    const { first, step, count } = this.grid, last = first + step * (count - 1);
+    const y = (hz) => 2 + plotHeight * (1 - (hz - first) / (last - first));
+    context.imageSmoothingEnabled = false;
+    context.drawImage(this.image, left, 2, plotWidth, plotHeight);
+    context.textAlign = "right";
+    for (let hz = Math.ceil(first / 50) * 50; hz <= last; hz += 50) {
+      context.fillText(`${hz} Hz`, left - 5, Math.min(Math.max(y(hz) + 4, 12), plotHeight));
+    }
+    context.textAlign = "center";
+    for (let s = 20; s >= 0; s -= 5) {
+      const x = left + plotWidth * (1 - s / (COLUMNS * COLUMN_S));
+      context.fillText(s === 0 ? "now" : `-${s} s`, Math.min(Math.max(x, left + 14), width - 16), height - 5);
+    }
+    if (this.band) {
+      context.strokeStyle = "rgb(255 255 255 / .75)";
+      context.setLineDash([6, 5]);
+      for (const hz of this.band.filter((hz) => hz > first && hz < last)) {
+        context.beginPath(); context.moveTo(left, y(hz)); context.lineTo(left + plotWidth, y(hz)); context.stroke();
+      }
+      context.setLineDash([]);
+    }
+    context.fillStyle = "rgb(120 255 255)";
+    this.line.forEach((hz, i) => {
+      if (hz === null || hz < first || hz > last) return;
+      context.fillRect(left + plotWidth * i / COLUMNS, y(hz) - 1.5, Math.max(plotWidth / COLUMNS, 1.5), 3);
+    });
+  }
+}
+
+const TRACE_S = 10;
+const TRACE_COLOURS = ["--accent", "--warn", "--good", "--bad", "--soft", "--ink"];
+
+class ForceTrace {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.slices = []; // {t, values: [[min, max], ...]}
+    this.show = [];
+    this.scale = 10;
+  }
+
+  add(frame) {
+    const count = frame.axes.length ? frame.axes[0].length : 0;
+    if (this.slices.length && frame.t_s < this.slices[this.slices.length - 1].t) this.slices = [];
+    for (let k = 0; k < count; k++) {
+      this.slices.push({ t: frame.t_s - (count - 1 - k) * frame.slice_s, values: frame.axes.map((a) => a[k]) });
+    }
+    const oldest = frame.t_s - TRACE_S;
+    let drop = 0;
+    while (drop < this.slices.length && this.slices[drop].t < oldest) drop++;
+    if (drop) this.slices.splice(0, drop);
+  }
+
+  draw() {
+    const { context, width, height } = prepare(this.canvas);
+    const left = 52, bottom = 20, plotWidth = width - left - 4, plotHeight = height - bottom - 4;
+    const newest = this.slices.length ? this.slices[this.slices.length - 1].t : 0;
+    let low = 0, high = 0;
+    for (const slice of this.slices) {
+      for (const axis of this.show) {
+        const v = slice.values[axis];
+        if (v) { low = Math.min(low, v[0]); high = Math.max(high, v[1]); }
+      }
+    }
+    const wanted = Math.max(Math.abs(low), Math.abs(high), 5) * 1.1;
+    this.scale = wanted > this.scale ? wanted : this.scale + 0.03 * (wanted - this.scale);
+    const y = (n) => 2 + plotHeight / 2 * (1 - n / this.scale);
+    context.strokeStyle = resolved("--edge");
+    context.fillStyle = resolved("--soft");
+    context.textAlign = "right";
+    const tick = niceStep(this.scale);
+    for (let n = -Math.floor(this.scale / tick) * tick; n <= this.scale; n += tick) {
+      context.beginPath(); context.moveTo(left, y(n)); context.lineTo(left + plotWidth, y(n)); context.stroke();
+      if (y(n) > 8 && y(n) < plotHeight) context.fillText(`${Math.round(n)} N`, left - 5, y(n) + 4);
+    }
+    context.textAlign = "center";
+    for (let s = 10; s >= 0; s -= 2) {
+      const x = left + plotWidth * (1 - s / TRACE_S);
+      context.fillText(s === 0 ? "now" : `-${s} s`, Math.min(Math.max(x, left + 14), width - 16), height - 5);
+    }
+    for (const axis of this.show) {
+      context.fillStyle = resolved(TRACE_COLOURS[axis % TRACE_COLOURS.length]);
+      context.globalAlpha = 0.75;
+      for (const slice of this.slices) {
+        const v = slice.values[axis];
+        if (!v) continue;
+        const x = left + plotWidth * (1 - (newest - slice.t) / TRACE_S);
+        context.fillRect(x, y(v[1]), Math.max(plotWidth / 2000, 1), Math.max(y(v[0]) - y(v[1]), 1));
+      }
+      context.globalAlpha = 1;
+    }
+  }
+}
+
+function niceStep(range) {
+  const power = 10 ** Math.floor(Math.log10(range));
+  return [0.2, 0.5, 1, 2, 5].map((f) => f * power).find((step) => range / step <= 3) || power;
+}
+
+class StabilityChart {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.curve = null; // {pitch_rad: [], growth_1_s: []}
+    this.points = {};
+    this.limit = null;
+  }
+
+  draw() {
+    const { context, width, height } = prepare(this.canvas);
+    context.fillStyle = resolved("--soft");
+    if (!this.curve || this.curve.pitch_rad.length < 2) {
+      context.fillText("no stability curve", 10, height / 2);
+      return;
+    }
+    const left = 40, bottom = 20, plotWidth = width - left - 6, plotHeight = height - bottom - 6;
+    const pitch = this.curve.pitch_rad, growth = this.curve.growth_1_s;
+    const far = pitch[pitch.length - 1];
+    const most = Math.max(10, ...growth) * 1.15, least = Math.min(-10, Math.max(-60, Math.min(...growth))) * 1.1;
+    const x = (rad) => left + plotWidth * rad / far;
+    const y = (g) => 4 + plotHeight * (most - Math.max(least, Math.min(most, g))) / (most - least);
+    context.fillStyle = resolved("--bad-ground");
+    context.fillRect(left, 4, plotWidth, y(0) - 4);
+    context.fillStyle = resolved("--good-ground");
+    context.fillRect(left, y(0), plotWidth, 4 + plotHeight - y(0));
+    context.strokeStyle = resolved("--soft");
+    context.beginPath(); context.moveTo(left, y(0)); context.lineTo(left + plotWidth, y(0)); context.stroke();
+    context.fillStyle = resolved("--bad"); context.textAlign = "left";
+    context.fillText("grows", left + 4, 16);
+    context.fillStyle = resolved("--good");
+    context.fillText("dies out", left + 4, plotHeight);
+    context.strokeStyle = resolved("--ink"); context.lineWidth = 2;
+    context.beginPath();
+    pitch.forEach((p, i) => (i ? context.lineTo(x(p), y(growth[i])) : context.moveTo(x(p), y(growth[i]))));
+    context.stroke(); context.lineWidth = 1;
+    context.fillStyle = resolved("--soft"); context.textAlign = "center";
+    for (let deg = 0; deg <= far * 57.3; deg += 2) context.fillText(`${deg}°`, Math.max(x(deg / 57.2958), left + 4), height - 5);
+    if (this.limit !== null && this.limit < far) {
+      context.setLineDash([4, 4]); context.strokeStyle = resolved("--warn");
+      context.beginPath(); context.moveTo(x(this.limit), 4); context.lineTo(x(this.limit), 4 + plotHeight); context.stroke();
+      context.setLineDash([]);
+    }
+    const at = (rad) => { // growth on the curve
+      const k = Math.min(pitch.length - 1, Math.max(0, Math.round(rad / far * (pitch.length - 1))));
+      return growth[k];
+    };
+    for (const [name, colour] of [["commanded", "--accent"], ["reported", "--ink"]]) {
+      const rad = this.points[name];
+      if (rad === null || rad === undefined || rad > far || rad < 0) continue;
+      context.fillStyle = resolved(colour); context.strokeStyle = resolved("--panel");
+      context.beginPath(); context.arc(x(rad), y(at(rad)), name === "reported" ? 7 : 5, 0, 7); context.fill(); context.stroke();
+    }
+  }
+}

@@ -1,0 +1,440 @@
+// The operator page: one live stream in, a few requests out. It shows how old what it shows is.
+"use strict";
+
+const $ = (id) => document.getElementById(id);
+const degrees = (rad) => (rad === null || rad === undefined ? "–" : `${(rad * 180 / Math.PI).toFixed(2).replace(/^-0\.00$/, "0.00")}°`);
+const STALE_MS = 2500;
+
+const waterfall = new Waterfall($("waterfall"));
+const force = new ForceTrace($("force"));
+const stability = new StabilityChart($("stability"));
+
+let state = null;
+let lastMessage = 0;
+let lastEventId = null;
+let retryMs = 500;
+let dirty = true;
+
+// ---- requests -------------------------------------------------------------------------------------
+
+function headers(extra = {}) {
+  const token = sessionStorage.getItem("token");
+  return token ? { ...extra, Authorization: `Bearer ${token}` } : extra;
+}
+
+// Sends JSON; throws an Error whose message is for a person and whose status is the HTTP status.
+async function request(method, path, body, extra = {}) {
+  const options = { method, headers: headers(extra), cache: "no-store" };
+  if (body !== undefined) {
+    options.headers["Content-Type"] = "application/json";
+    options.body = JSON.stringify(body);
+  }
+  const response = await fetch(path, options);
+  const text = await response.text();
+  let answer = null;
+  try { answer = text ? JSON.parse(text) : null; } catch { /* not JSON: the status must do */ }
+  if (!response.ok) {
+    const details = answer && answer.errors ? answer.errors.map((e) => e.detail).join("; ") : "";
+    const error = new Error([answer ? answer.detail : response.statusText, details].filter(Boolean).join(": "));
+    error.status = response.status;
+    throw error;
+  }
+  return { answer, etag: response.headers.get("ETag") };
+}
+
+// ---- the live stream ------------------------------------------------------------------------------
+
+// EventSource cannot send a token, so the stream is read by hand.
+async function listen() {
+  for (;;) {
+    const giveUp = new AbortController();
+    const guard = setInterval(() => { if (Date.now() - lastMessage > 15000) giveUp.abort(); }, 5000);
+    try {
+      lastMessage = Math.max(lastMessage, Date.now() - STALE_MS - 1);
+      const extra = lastEventId === null ? {} : { "Last-Event-ID": String(lastEventId) };
+      const response = await fetch("/api/v1/stream", { headers: headers(extra), cache: "no-store", signal: giveUp.signal });
+      if (response.status === 401) { showLink("lost", "token needed"); await pause(3000); continue; }
+      if (!response.ok) throw new Error(String(response.status));
+      retryMs = 500;
+      refreshLists();
+      loadStability();
+      await readStream(response.body.getReader());
+    } catch { /* the service is away; the note on the page says so */ } finally { clearInterval(guard); }
+    await pause(retryMs);
+    retryMs = Math.min(retryMs * 1.5, 4000);
+  }
+}
+
+const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+
+async function readStream(reader) {
+  const decoder = new TextDecoder();
+  let rest = "";
+  for (;;) {
+    const { done, value } = await reader.read();
+    if (done) return;
+    rest += decoder.decode(value, { stream: true });
+    let end;
+    while ((end = rest.indexOf("\n\n")) >= 0) {
+      dispatch(rest.slice(0, end));
+      rest = rest.slice(end + 2);
+    }
+  }
+}
+
+function dispatch(block) {
+  let kind = "message", data = "", id = null;
+  for (const line of block.split("\n")) {
+    if (line.startsWith("event:")) kind = line.slice(6).trim();
+    else if (line.startsWith("data:")) data += line.slice(5).trim();
+    else if (line.startsWith("id:")) id = Number(line.slice(3).trim());
+  }
+  lastMessage = Date.now();
+  if (id !== null && Number.isFinite(id)) lastEventId = id;
+  if (!data) return;
+  const value = JSON.parse(data);
+  if (kind === "state") showState(value);
+  else if (kind === "force") { force.add(value); dirty = true; }
+  else if (kind === "spectrum") {
+    const chatter = state ? state.chatter : {};
+    waterfall.add(value, chatter.frequency_hz ?? null, chatter.band_hz || null);
+    dirty = true;
+  } else if (kind === "event") addEvent(value, true);
+}
+
+// ---- the picture ----------------------------------------------------------------------------------
+
+const VERDICTS = {
+  quiet: ["✓", "Quiet", "no chatter"],
+  suspected: ["?", "Suspected", "a line stands out of the noise"],
+  chatter: ["▲", "CHATTER", "the cut vibrates by itself"],
+  learning: ["…", "Learning", "the noise of this cut is being learned"],
+};
+
+function showState(now) {
+  state = now;
+  const connected = now.source.connected;
+  const verdict = connected ? now.chatter.state : "learning";
+  const [sign, word, detail] = connected ? VERDICTS[verdict] || VERDICTS.learning : ["–", "No samples", "the machine sends nothing"];
+  $("verdict").className = `verdict ${connected ? verdict : ""}`;
+  setText("verdict-sign", sign);
+  setText("verdict-word", word);
+  setText("verdict-detail", detail);
+  setText("frequency", now.chatter.frequency_hz ? `${now.chatter.frequency_hz.toFixed(1)} Hz` : "–");
+  setText("power", connected && now.chatter.power_n2 !== null ? `${powerText(now.chatter.power_n2)} N²` : "–");
+  setText("lost", String(now.source.lost));
+  setText("spindle", now.source.spindle_speed_rpm ? `${Math.round(now.source.spindle_speed_rpm)} rpm` : "–");
+  const band = now.chatter.band_hz;
+  setText("spectrum-note", band ? `watched band ${Math.round(band[0])} to ${Math.round(band[1])} Hz` : "");
+  showMode(now);
+  showPitch(now);
+  showAxes(now.axes);
+  $("alarms").hidden = now.open_alarms === 0;
+  setText("alarms", `${now.open_alarms} open`);
+  const store = now.store.healthy ? "" : ` · history not writable, ${now.store.unpersisted} events wait`;
+  const replaced = now.store.replaced ? ` · a damaged history was set aside: ${now.store.replaced}` : "";
+  setText("about", `version ${now.version}${store}${replaced}`);
+  dirty = true;
+}
+
+const powerText = (n2) => (n2 >= 100 ? n2.toFixed(0) : n2 >= 1 ? n2.toFixed(1) : n2.toPrecision(2));
+
+// Touches the page only when the text changes: screen readers are told of changes.
+function setText(id, text) {
+  const element = $(id);
+  if (element.textContent !== text) element.textContent = text;
+}
+
+function showMode(now) {
+  for (const button of document.querySelectorAll("[data-mode]")) {
+    button.setAttribute("aria-pressed", String(button.dataset.mode === now.mode));
+  }
+  setText("mode-reason", now.mode_reason);
+  $("fault").hidden = !now.fault;
+  $("clear-fault").hidden = !now.fault;
+  setText("fault", now.fault ? `Latched fault: ${now.fault}` : "");
+  const list = $("interlocks");
+  const text = now.interlocks.map((i) => `${i.name} ${i.open ? "open" : "closed"}`).join("|");
+  if (list.dataset.text !== text) {
+    list.dataset.text = text;
+    list.replaceChildren(...now.interlocks.map((i) => make("li", i.open ? "open" : "", `${i.name}: ${i.open ? "open" : "closed"}`)));
+  }
+}
+
+function showPitch(now) {
+  const pitch = now.pitch;
+  setText("commanded-label", now.mode === "advise" ? "Advised" : "Commanded");
+  setText("commanded", degrees(pitch.commanded_rad));
+  setText("reported", degrees(pitch.reported_rad));
+  setText("optimum", degrees(pitch.optimum_rad));
+  setText("limit", degrees(pitch.limit_rad) + (pitch.limited ? " reached" : ""));
+  const hold = pitch.hold_reason ? ` · holding: ${pitch.hold_reason.replaceAll("_", " ")}` : "";
+  setText("turret", `turret: ${pitch.turret}${hold}`);
+  stability.points = { commanded: pitch.commanded_rad, reported: pitch.reported_rad };
+  stability.limit = pitch.limit_rad;
+}
+
+function showAxes(axes) {
+  force.show = axes.map((_, i) => i).filter((i) => axes[i].force_deviation_n > 0 || axes[i].force_mean_n !== 0);
+  axes = axes.map((axis, i) => ({ ...axis, place: i })).filter((axis) => force.show.includes(axis.place));
+  const list = $("legend");
+  const names = axes.map((axis) => axis.name).join(" ");
+  if (list.dataset.names !== names) {
+    list.dataset.names = names;
+    list.replaceChildren(...axes.map((axis) => {
+      const item = make("li");
+      const key = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+      const bar = document.createElementNS("http://www.w3.org/2000/svg", "rect");
+      bar.setAttribute("width", "100%");
+      bar.setAttribute("height", "100%");
+      bar.style.fill = `var(${TRACE_COLOURS[axis.place % TRACE_COLOURS.length]})`;
+      key.append(bar);
+      item.append(key, make("span"));
+      return item;
+    }));
+  }
+  axes.forEach((axis, i) => {
+    const text = `${axis.name} ${axis.force_mean_n.toFixed(0)} N ± ${axis.force_deviation_n.toFixed(1)}`;
+    const span = list.children[i].lastChild;
+    if (span.textContent !== text) span.textContent = text;
+  });
+}
+
+function make(tag, className = "", text = "") {
+  const element = document.createElement(tag);
+  if (className) element.className = className;
+  if (text) element.textContent = text;
+  return element;
+}
+
+function showLink(className, text) {
+  $("link").className = `link ${className}`;
+  setText("link", text);
+}
+
+// How old is what is shown? Said in words, and the numbers fade.
+function watchAge() {
+  const age = Date.now() - lastMessage;
+  const away = lastMessage === 0 || age > STALE_MS;
+  const silent = !away && state && !state.source.connected;
+  const note = $("stale");
+  document.body.classList.toggle("stale", Boolean(away || silent));
+  note.hidden = !(away || silent) || lastMessage === 0;
+  if (away) {
+    showLink("lost", lastMessage ? "service away" : "connecting");
+    note.textContent = `Stale since ${clockText(state ? new Date(state.time) : new Date(lastMessage))}: the service does not answer; trying again`;
+  } else if (silent) {
+    showLink("lost", "machine silent");
+    const since = state.source.last_sample_at ? `since ${clockText(new Date(state.source.last_sample_at))}` : "so far";
+    note.textContent = `No samples from the machine ${since}`;
+  } else {
+    showLink("live", "live");
+  }
+}
+
+const clockText = (date) => date.toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false });
+
+function frame() {
+  if (dirty && !document.hidden) {
+    dirty = false;
+    waterfall.draw();
+    force.draw();
+    stability.draw();
+  }
+  requestAnimationFrame(frame);
+}
+
+// ---- lists ----------------------------------------------------------------------------------------
+
+const SHOWN = 60;
+
+function addEvent(event, newest) {
+  const list = $("events");
+  const old = list.querySelector(`[data-sequence="${event.sequence}"]`);
+  const item = eventItem(event);
+  if (old) old.replaceWith(item);
+  else if (newest) list.prepend(item);
+  else list.append(item);
+  while (list.children.length > SHOWN) list.lastChild.remove();
+  if (newest && (event.kind === "recording_saved" || event.kind === "diagnosis_done")) refreshLists();
+}
+
+function eventItem(event) {
+  const item = make("li", event.severity);
+  item.dataset.sequence = event.sequence;
+  const time = make("time", "", clockText(new Date(event.time)));
+  time.dateTime = event.time;
+  const words = make("div");
+  words.append(make("span", "kind", event.kind.replaceAll("_", " ")), document.createTextNode(` ${event.text}`));
+  const silenced = event.silenced_until && new Date(event.silenced_until) > new Date();
+  if (event.acknowledged_by) words.append(make("div", "by", `acknowledged by ${event.acknowledged_by}`));
+  else if (silenced) words.append(make("div", "by", `silenced until ${clockText(new Date(event.silenced_until))}`));
+  const actions = make("div", "actions");
+  if (event.severity === "alarm" && !event.acknowledged_by) {
+    const acknowledge = make("button", "", "Acknowledge");
+    acknowledge.addEventListener("click", () => ask({
+      title: "Acknowledge", text: event.text, run: (given) => change(`/api/v1/events/${event.sequence}/acknowledge`, given),
+    }));
+    const silence = make("button", "", "Silence");
+    silence.addEventListener("click", () => ask({
+      title: "Silence", text: event.text, minutes: true, run: (given) => change(`/api/v1/events/${event.sequence}/silence`, given),
+    }));
+    actions.append(acknowledge, silence);
+  }
+  item.append(time, words, actions);
+  return item;
+}
+
+async function change(path, given) {
+  const { answer } = await request("POST", path, given);
+  addEvent(answer, false);
+}
+
+async function refreshLists() {
+  try {
+    const { answer } = await request("GET", `/api/v1/events?limit=${SHOWN}`);
+    $("events").replaceChildren(...answer.events.map(eventItem));
+    if (answer.events.length) lastEventId = Math.max(lastEventId ?? 0, answer.events[0].sequence);
+    const recordings = (await request("GET", "/api/v1/recordings")).answer;
+    $("recordings").replaceChildren(...recordings.slice(0, 8).map(recordingItem));
+    const diagnoses = (await request("GET", "/api/v1/diagnoses")).answer;
+    $("diagnoses-title").hidden = diagnoses.length === 0;
+    $("diagnoses").replaceChildren(...diagnoses.slice(0, 5).map(diagnosisItem));
+    if (diagnoses.some((d) => d.state === "queued" || d.state === "running")) setTimeout(refreshLists, 2000);
+  } catch { /* the stream's state says that the service is away */ }
+}
+
+function recordingItem(recording) {
+  const item = make("li");
+  const link = make("a", "", "Parquet");
+  link.href = `/api/v1/recordings/${recording.id}/file.parquet`;
+  link.download = `${recording.id}.parquet`;
+  const diagnose = make("button", "", "Diagnose");
+  diagnose.addEventListener("click", () => ask({
+    title: "Diagnose this recording",
+    text: `What physics does the machine model leave out? Looks at ${recording.id}.`,
+    run: async (given) => { await request("POST", "/api/v1/diagnoses", { ...given, recordings: [recording.id] }); refreshLists(); },
+  }));
+  const kind = recording.id.split("-")[0].replaceAll("_", " ");
+  item.append(make("span", "", `${kind} ${clockText(new Date(recording.written_at))} (${(recording.bytes / 1e6).toFixed(1)} MB)`), link, diagnose);
+  return item;
+}
+
+function diagnosisItem(diagnosis) {
+  const item = make("li");
+  const verdict = diagnosis.result ? diagnosis.result.verdict.replaceAll("_", " ") : diagnosis.error || `${diagnosis.state} ${diagnosis.elapsed_s.toFixed(0)} s`;
+  item.append(make("span", "", verdict));
+  if (diagnosis.state === "done") {
+    const link = make("a", "", "Report");
+    link.href = `/api/v1/diagnoses/${diagnosis.id}/report.html`;
+    link.target = "_blank";
+    link.rel = "noopener";
+    item.append(link);
+  }
+  return item;
+}
+
+async function loadStability() {
+  try {
+    const { answer } = await request("GET", "/api/v1/stability");
+    stability.curve = answer;
+    setText("stability-note", `${answer.chatter_model} at ${Math.round(answer.spindle_speed_rpm)} rpm; ● actual, small dot commanded, dashed limit`);
+    dirty = true;
+  } catch { setText("stability-note", ""); }
+}
+
+// ---- questions ------------------------------------------------------------------------------------
+
+// One dialog for everything that changes something: says what, asks why, shows what went wrong.
+function ask({ title, text, minutes = false, run }) {
+  $("ask-title").textContent = title;
+  $("ask-text").textContent = text;
+  $("ask-error").hidden = true;
+  $("ask-reason-row").hidden = false;
+  $("ask-reason").required = true;
+  $("ask-reason").value = "";
+  $("ask-minutes-row").hidden = !minutes;
+  $("ask-token-row").hidden = true;
+  $("ask-token").value = "";
+  $("ask").onsubmit = async (submit) => {
+    submit.preventDefault();
+    if ($("ask-token").value) sessionStorage.setItem("token", $("ask-token").value.trim());
+    const given = { reason: $("ask-reason").value };
+    if (minutes) given.minutes = Number($("ask-minutes").value);
+    $("ask-ok").disabled = true;
+    try {
+      await run(given);
+      $("ask").close();
+    } catch (error) {
+      $("ask-error").hidden = false;
+      $("ask-error").textContent = error.message || "the service does not answer";
+      $("ask-token-row").hidden = !(error.status === 401 || error.status === 403);
+    } finally { $("ask-ok").disabled = false; }
+  };
+  $("ask").showModal();
+  $("ask-reason").focus();
+}
+
+const MODE_TEXT = {
+  observe: "The service only watches. A turret that stands away from equal pitch returns.",
+  advise: "The service shows what it would command. Nothing moves.",
+  act: "The service MOVES THE TURRET within the commissioned limits. Is the machine safe for that?",
+};
+
+function askMode(mode) {
+  ask({
+    title: `Mode ${mode}`, text: MODE_TEXT[mode],
+    run: async (given) => {
+      const { etag } = await request("GET", "/api/v1/mode");
+      await request("PUT", "/api/v1/mode", { ...given, mode }, { "If-Match": etag });
+    },
+  });
+}
+
+function askTakeBack() {
+  ask({ title: "Take the turret back", text: "Equal pitch, mode observe, at once.", run: (given) => request("POST", "/api/v1/override", given) });
+}
+
+function askToken() {
+  ask({ title: "Access token", text: "Kept until this tab is closed. Empty forgets it.", run: async () => {
+    if (!$("ask-token").value) sessionStorage.removeItem("token");
+    await request("GET", "/api/v1/mode");
+    refreshLists();
+  } });
+  $("ask-reason-row").hidden = true;
+  $("ask-reason").required = false;
+  $("ask-token-row").hidden = false;
+  $("ask-token").focus();
+}
+
+function toggleTheme() {
+  const dark = getComputedStyle(document.documentElement).colorScheme === "dark" ||
+    (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches);
+  document.documentElement.dataset.theme = dark ? "light" : "dark";
+  localStorage.setItem("theme", document.documentElement.dataset.theme);
+  dirty = true;
+}
+
+const saved = localStorage.getItem("theme");
+if (saved === "light" || saved === "dark") document.documentElement.dataset.theme = saved;
+for (const button of document.querySelectorAll("[data-mode]")) button.addEventListener("click", () => askMode(button.dataset.mode));
+$("take-back").addEventListener("click", askTakeBack);
+$("clear-fault").addEventListener("click", () => ask({
+  title: "Clear the fault", text: state && state.fault ? state.fault : "", run: (given) => request("POST", "/api/v1/fault/clear", given),
+}));
+$("save").addEventListener("click", () => ask({
+  title: "Save the last seconds", text: "Writes the black box as a recording.", run: (given) => request("POST", "/api/v1/recordings", given),
+}));
+$("token").addEventListener("click", askToken);
+$("theme").addEventListener("click", toggleTheme);
+$("ask-cancel").addEventListener("click", () => $("ask").close());
+document.addEventListener("keydown", (key) => {
+  if (key.ctrlKey || key.altKey || key.metaKey || $("ask").open || /INPUT|TEXTAREA/.test(key.target.tagName)) return;
+  const act = { 1: () => askMode("observe"), 2: () => askMode("advise"), 3: () => askMode("act"), r: askTakeBack, t: toggleTheme }[key.key.toLowerCase()];
+  if (act) { key.preventDefault(); act(); }
+});
+window.addEventListener("resize", () => { dirty = true; });
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty = true; });
+setInterval(watchAge, 500);
+requestAnimationFrame(frame);
+listen();

@@ -1,0 +1,133 @@
+//! Every refusal leaves as `application/problem+json` (RFC 9457) with a stable code.
+
+use crate::service::{OperationError, Refusal};
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// Media type of a problem.
+pub(crate) const PROBLEM_JSON: &str = "application/problem+json";
+
+/// One thing that is wrong with what was sent.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct FieldError {
+    /// JSON pointer into the body, or `query/<name>`.
+    #[schema(example = "/reason")]
+    pub pointer: String,
+    /// What was expected.
+    pub detail: String,
+}
+
+/// A refusal.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct Problem {
+    /// Page that explains the code.
+    #[serde(rename = "type")]
+    #[schema(example = "/docs/problems#token_required")]
+    pub kind: String,
+    /// The status in words.
+    #[schema(example = "Unauthorized")]
+    pub title: String,
+    /// HTTP status.
+    #[schema(example = 401)]
+    pub status: u16,
+    /// What happened and what to do.
+    pub detail: String,
+    /// Path that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
+    /// Stable code for programs.
+    #[schema(example = "token_required")]
+    pub code: String,
+    /// Single faults of the input.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<FieldError>,
+    #[serde(skip)]
+    #[schema(ignore)]
+    retry_after_s: Option<u32>,
+}
+
+impl Problem {
+    pub(crate) fn new(status: StatusCode, code: &str, detail: impl Into<String>) -> Self {
+        Self {
+            kind: format!("/docs/problems#{code}"),
+            title: status.canonical_reason().unwrap_or("Error").to_owned(),
+            status: status.as_u16(),
+            detail: detail.into(),
+            instance: None,
+            code: code.to_owned(),
+            errors: Vec::new(),
+            retry_after_s: None,
+        }
+    }
+
+    pub(crate) fn bad_request(code: &str, detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::BAD_REQUEST, code, detail)
+    }
+
+    pub(crate) fn not_found(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::NOT_FOUND, "not_found", detail)
+    }
+
+    pub(crate) fn with_field(mut self, pointer: &str, detail: &str) -> Self {
+        self.errors.push(FieldError { pointer: pointer.to_owned(), detail: detail.to_owned() });
+        self
+    }
+
+    pub(crate) fn retry_after(mut self, seconds: u32) -> Self {
+        self.retry_after_s = Some(seconds);
+        self
+    }
+
+    pub(crate) fn at(mut self, path: &str) -> Self {
+        self.instance = Some(path.to_owned());
+        self
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let body = serde_json::to_vec(&self).unwrap_or_default();
+        let mut response = (status, [(header::CONTENT_TYPE, PROBLEM_JSON)], body).into_response();
+        let headers = response.headers_mut();
+        if let Some(seconds) = self.retry_after_s {
+            headers.insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        if status == StatusCode::UNAUTHORIZED {
+            headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer realm=\"stillcut\""));
+        }
+        response
+    }
+}
+
+impl From<OperationError> for Problem {
+    fn from(error: OperationError) -> Self {
+        let text = error.to_string();
+        match error {
+            OperationError::NotFound(_) => Self::not_found(text),
+            OperationError::Refused(Refusal::Revision { .. }) => {
+                Self::new(StatusCode::PRECONDITION_FAILED, "stale_revision", text)
+            }
+            OperationError::Refused(Refusal::Faulted(_)) => Self::new(StatusCode::CONFLICT, "faulted", text),
+            OperationError::Refused(Refusal::NotReady(_)) => {
+                Self::new(StatusCode::CONFLICT, "not_ready", text)
+            }
+            OperationError::Refused(Refusal::NoAnswer) => {
+                Self::new(StatusCode::SERVICE_UNAVAILABLE, "pipeline_unavailable", text).retry_after(1)
+            }
+            OperationError::Busy(_) => Self::new(StatusCode::TOO_MANY_REQUESTS, "busy", text).retry_after(5),
+            OperationError::Unsuitable(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, "unsuitable", text),
+            OperationError::Store(source) => {
+                tracing::error!(event = "store_unavailable", code = source.code(), "{source}");
+                Self::new(StatusCode::SERVICE_UNAVAILABLE, "store_unavailable", text).retry_after(1)
+            }
+            OperationError::Recordings(source) => {
+                tracing::error!(event = "recordings_unavailable", "{source}");
+                let detail = "the recordings cannot be read";
+                Self::new(StatusCode::SERVICE_UNAVAILABLE, "recordings_unavailable", detail).retry_after(5)
+            }
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! What is happening now, the configuration, health and metrics.
+
+use super::problem::Problem;
+use super::{Site, access::Caller};
+use crate::service::live::{AxisView, LiveState, SpectrumView};
+use crate::service::{Check, stability};
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// The whole picture.
+#[utoipa::path(get, path = "/api/v1/state", tag = "live", operation_id = "getState",
+    responses((status = 200, description = "The picture at this moment", body = LiveState),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn state(State(site): State<Site>) -> Json<LiveState> {
+    Json((*site.handle.state()).clone())
+}
+
+/// The axes.
+#[utoipa::path(get, path = "/api/v1/axes", tag = "live", operation_id = "getAxes",
+    responses((status = 200, description = "Axes in the order of the stream", body = Vec<AxisView>),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn axes(State(site): State<Site>) -> Json<Vec<AxisView>> {
+    Json(site.handle.state().axes.clone())
+}
+
+/// The newest spectrum of the watched band.
+#[utoipa::path(get, path = "/api/v1/spectrum", tag = "live", operation_id = "getSpectrum",
+    responses((status = 200, description = "Amplitude of every bin", body = SpectrumView),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn spectrum(State(site): State<Site>) -> Json<SpectrumView> {
+    Json((*site.handle.spectrum()).clone())
+}
+
+/// Stability over the pitch angle difference, for the workpiece of the configuration.
+#[utoipa::path(get, path = "/api/v1/stability", tag = "live", operation_id = "getStability",
+    responses((status = 200, description = "Growth rate of the rightmost root over the pitch", body = stability::StabilityCurve),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn stability(State(site): State<Site>) -> Result<Json<stability::StabilityCurve>, Problem> {
+    Ok(Json(site.handle.stability().await?))
+}
+
+/// The configuration in force, without secrets.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct ConfigView {
+    /// TOML, as `stillcut print-config` writes it.
+    text: String,
+    /// SHA-256 of the text; also the ETag.
+    hash: String,
+}
+
+/// The configuration in force.
+#[utoipa::path(get, path = "/api/v1/config", tag = "operation", operation_id = "getConfig",
+    params(("If-None-Match" = Option<String>, Header, description = "ETag of the copy at hand")),
+    responses((status = 200, description = "Configuration with its ETag", body = ConfigView,
+            headers(("ETag" = String, description = "Hash of the configuration"))),
+        (status = 304, description = "Unchanged"),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn config(State(site): State<Site>, headers: HeaderMap) -> Response {
+    let config = site.handle.config();
+    let etag = format!("\"{}\"", config.hash);
+    let same = headers.get(header::IF_NONE_MATCH).is_some_and(|v| v.as_bytes() == etag.as_bytes());
+    let tag = HeaderValue::from_str(&etag).unwrap_or_else(|_| HeaderValue::from_static("\"\""));
+    if same {
+        return (StatusCode::NOT_MODIFIED, [(header::ETAG, tag)]).into_response();
+    }
+    let view = ConfigView { text: config.text.clone(), hash: config.hash.clone() };
+    ([(header::ETAG, tag)], Json(view)).into_response()
+}
+
+/// Alive: answers as long as the process can.
+#[utoipa::path(get, path = "/healthz", tag = "operation", operation_id = "getHealth",
+    responses((status = 200, description = "The process answers", body = String, content_type = "text/plain")))]
+pub(super) async fn healthz() -> &'static str {
+    "alive\n"
+}
+
+/// One condition of readiness.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct CheckView {
+    /// `samples`, `store` or `pipeline`.
+    name: String,
+    /// As it should be.
+    ok: bool,
+    /// What is seen.
+    detail: String,
+}
+
+/// Readiness with its reasons.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Readiness {
+    /// All conditions hold.
+    ready: bool,
+    /// Each condition.
+    checks: Vec<CheckView>,
+}
+
+impl From<Check> for CheckView {
+    fn from(check: Check) -> Self {
+        Self { name: check.name.to_owned(), ok: check.ok, detail: check.detail }
+    }
+}
+
+/// Ready: samples are fresh, the history can be written, the pipeline runs.
+#[utoipa::path(get, path = "/readyz", tag = "operation", operation_id = "getReadiness",
+    responses((status = 200, description = "Ready", body = Readiness),
+        (status = 503, description = "Not ready, with the reasons", body = Readiness),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn readyz(State(site): State<Site>) -> Response {
+    let checks: Vec<CheckView> = site.handle.checks().into_iter().map(CheckView::from).collect();
+    let ready = checks.iter().all(|c| c.ok);
+    let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
+    (status, Json(Readiness { ready, checks })).into_response()
+}
+
+/// Metrics in the Prometheus text format.
+#[utoipa::path(get, path = "/metrics", tag = "operation", operation_id = "getMetrics",
+    responses((status = 200, description = "Prometheus text format 0.0.4", body = String, content_type = "text/plain"),
+        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+pub(super) async fn metrics(State(site): State<Site>, _: Extension<Caller>) -> Response {
+    match site.handle.metrics().text() {
+        Ok(text) => {
+            ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
+        }
+        Err(error) => {
+            tracing::error!(event = "metrics", "{error}");
+            let detail = "the metrics could not be put together";
+            Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", detail).into_response()
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! What people and the store tell the pipeline thread.
+
+use super::live::Mode;
+use tokio::sync::oneshot;
+
+/// Who asked, and why: goes into the event and the audit record.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Origin {
+    /// Name of the person's token, or the part of the service.
+    pub actor: String,
+    /// Role of the actor.
+    pub role: String,
+    /// Reason given.
+    pub reason: String,
+}
+
+/// Why the pipeline thread did not do what was asked.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// The mode changed since the asker looked.
+    #[error("the mode changed meanwhile: revision is {now}, the request was made for {asked}")]
+    Revision {
+        /// Present revision.
+        now: u64,
+        /// Revision that the request named.
+        asked: u64,
+    },
+    /// A fault is latched.
+    #[error("a fault is latched ({0}); clear it first")]
+    Faulted(String),
+    /// `act` needs fresh samples and closed interlocks.
+    #[error("acting is not possible: {0}")]
+    NotReady(String),
+    /// The pipeline thread has ended or is too far behind.
+    #[error("the pipeline does not answer")]
+    NoAnswer,
+}
+
+/// One request to the pipeline thread.
+#[derive(Debug)]
+pub(crate) enum Control {
+    SetMode {
+        mode: Mode,
+        revision: Option<u64>,
+        origin: Origin,
+        done: oneshot::Sender<Result<u64, Refusal>>,
+    },
+    Override {
+        origin: Origin,
+        done: oneshot::Sender<Result<u64, Refusal>>,
+    },
+    ClearFault {
+        origin: Origin,
+        done: oneshot::Sender<Result<u64, Refusal>>,
+    },
+    SaveRecording {
+        reason: String,
+        done: oneshot::Sender<Result<String, Refusal>>,
+    },
+    /// The intent of that command is durable.
+    Committed {
+        sequence: u64,
+    },
+    /// The store has been failing for this long.
+    StoreFailing(bool),
+    Stop,
+}

@@ -1,0 +1,212 @@
+//! Diagnosis jobs: each runs `stillcut diagnose` as a process of its own, at low priority, one at a time.
+//!
+//! A process can be ended, cannot take the pipeline with it, and its memory is its own.
+
+use super::clock;
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use utoipa::ToSchema;
+
+/// Jobs that may wait.
+const WAITING: usize = 8;
+/// Finished jobs that are remembered.
+const REMEMBERED: usize = 100;
+/// A job that takes longer is ended.
+const LONGEST: Duration = Duration::from_secs(1800);
+
+/// Where a job stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum JobState {
+    /// Waits for the one before it.
+    Queued,
+    /// Runs.
+    Running,
+    /// Ended with a result.
+    Done,
+    /// Ended without one.
+    Failed,
+}
+
+/// One diagnosis.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct DiagnosisView {
+    /// Name.
+    pub id: String,
+    /// Recordings that it looks at.
+    pub recordings: Vec<String>,
+    /// Where it stands.
+    pub state: JobState,
+    /// When it was asked for, RFC 3339.
+    pub asked_at: String,
+    /// Seconds since it began to run.
+    pub elapsed_s: f64,
+    /// `diagnosis.json`, once done.
+    pub result: Option<serde_json::Value>,
+    /// Why there is no result.
+    pub error: Option<String>,
+}
+
+#[derive(Debug)]
+struct Job {
+    view: DiagnosisView,
+    files: Vec<PathBuf>,
+    began: Option<std::time::Instant>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    folder: PathBuf,
+    program: PathBuf,
+    jobs: Mutex<VecDeque<Job>>,
+    wake: tokio::sync::Notify,
+}
+
+/// All jobs of this start.
+#[derive(Debug, Clone)]
+pub struct Diagnoses(Arc<Inner>);
+
+impl Diagnoses {
+    /// Jobs that write below `folder` and run `program`.
+    #[must_use]
+    pub fn new(folder: &Path, program: PathBuf) -> Self {
+        let folder = folder.to_owned();
+        Self(Arc::new(Inner { folder, program, jobs: Mutex::default(), wake: tokio::sync::Notify::new() }))
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut VecDeque<Job>) -> T) -> T {
+        act(&mut self.0.jobs.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Adds a job. Nothing when too many wait.
+    #[must_use]
+    pub fn add(&self, recordings: Vec<String>, files: Vec<PathBuf>) -> Option<DiagnosisView> {
+        let view = DiagnosisView {
+            id: clock::new_id(),
+            recordings,
+            state: JobState::Queued,
+            asked_at: clock::rfc3339(clock::wall_ns()),
+            elapsed_s: 0.0,
+            result: None,
+            error: None,
+        };
+        let added = self.with(|jobs| {
+            if jobs.iter().filter(|j| j.view.state == JobState::Queued).count() >= WAITING {
+                return None;
+            }
+            while jobs.len() >= REMEMBERED
+                && matches!(jobs.front()?.view.state, JobState::Done | JobState::Failed)
+            {
+                jobs.pop_front();
+            }
+            jobs.push_back(Job { view: view.clone(), files, began: None });
+            Some(view)
+        });
+        self.0.wake.notify_one();
+        added
+    }
+
+    /// All jobs, newest first.
+    #[must_use]
+    pub fn list(&self) -> Vec<DiagnosisView> {
+        self.with(|jobs| jobs.iter().rev().map(Job::now).collect())
+    }
+
+    /// One job.
+    #[must_use]
+    pub fn get(&self, id: &str) -> Option<DiagnosisView> {
+        self.with(|jobs| jobs.iter().find(|j| j.view.id == id).map(Job::now))
+    }
+
+    /// `report.html` of a job that is done.
+    #[must_use]
+    pub fn report_path(&self, id: &str) -> Option<PathBuf> {
+        self.get(id)
+            .filter(|v| v.state == JobState::Done)
+            .map(|v| self.0.folder.join(v.id).join("report.html"))
+    }
+
+    /// Works through the queue for ever. `model`: where every diagnosis starts from.
+    pub(super) async fn run(self, model: Option<PathBuf>, done: impl Fn(DiagnosisView)) {
+        loop {
+            let next = self.with(|jobs| {
+                let job = jobs.iter_mut().find(|j| j.view.state == JobState::Queued)?;
+                job.view.state = JobState::Running;
+                job.began = Some(clock::now());
+                Some((job.view.id.clone(), job.files.clone()))
+            });
+            let Some((id, files)) = next else {
+                self.0.wake.notified().await;
+                continue;
+            };
+            let (inner, model, name) = (Arc::clone(&self.0), model.clone(), id.clone());
+            let ran =
+                tokio::task::spawn_blocking(move || inner.diagnose(&name, model.as_deref(), &files)).await;
+            let outcome = ran.unwrap_or_else(|e| Err(e.to_string()));
+            let finished = self.with(|jobs| {
+                let job = jobs.iter_mut().find(|j| j.view.id == id)?;
+                job.view.elapsed_s = job.now().elapsed_s;
+                job.began = None;
+                match outcome {
+                    Ok(result) => (job.view.state, job.view.result) = (JobState::Done, Some(result)),
+                    Err(error) => (job.view.state, job.view.error) = (JobState::Failed, Some(error)),
+                }
+                Some(job.view.clone())
+            });
+            finished.into_iter().for_each(&done);
+        }
+    }
+}
+
+impl Job {
+    fn now(&self) -> DiagnosisView {
+        let elapsed_s = self.began.map_or(self.view.elapsed_s, |b| b.elapsed().as_secs_f64());
+        DiagnosisView { elapsed_s, ..self.view.clone() }
+    }
+}
+
+impl Inner {
+    fn diagnose(
+        &self,
+        id: &str,
+        model: Option<&Path>,
+        files: &[PathBuf],
+    ) -> Result<serde_json::Value, String> {
+        let model = model.ok_or("machine.model is not configured: there is no model to start from")?;
+        let out = self.folder.join(id);
+        std::fs::create_dir_all(&out).map_err(|e| format!("{}: {e}", out.display()))?;
+        let mut command = Command::new("nice");
+        command.arg("-n").arg("19").arg(&self.program).arg("diagnose").arg("--model").arg(model);
+        for file in files {
+            command.arg("--recording").arg(file);
+        }
+        command.arg("--out").arg(&out).stdin(Stdio::null()).stdout(Stdio::null());
+        let errors = out.join("stderr.txt");
+        let log = std::fs::File::create(&errors).map_err(|e| format!("{}: {e}", errors.display()))?;
+        let mut child =
+            command.stderr(log).spawn().map_err(|e| format!("cannot start the diagnosis: {e}"))?;
+        let began = clock::now();
+        let status = loop {
+            match child.try_wait().map_err(|e| e.to_string())? {
+                Some(status) => break status,
+                None if began.elapsed() > LONGEST => {
+                    let _ = child.kill();
+                    let _ = child.wait();
+                    return Err("ended after half an hour without a result".to_owned());
+                }
+                None => clock::sleep(Duration::from_millis(200)),
+            }
+        };
+        if !status.success() {
+            let said = std::fs::read_to_string(&errors).unwrap_or_default();
+            return Err(said.lines().last().unwrap_or("the diagnosis failed").to_owned());
+        }
+        let path = out.join("diagnosis.json");
+        let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+        serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))
+    }
+}

@@ -1,0 +1,237 @@
+//! From decision to wire: intent on record first, last look by the guard, then the command port.
+//!
+//! The port exists in mode `act` only. A return to equal pitch waits for nothing.
+
+use super::super::control::Refusal;
+use crate::avoidance::guard::{Facts, Guard, GuardState};
+use crate::avoidance::pitch::pitch_of_shift_rad;
+use crate::avoidance::turret::{TurretAxis, TurretKinematics};
+use crate::avoidance::{
+    Avoidance, AvoidanceSettings, AvoidanceState, Command, CommandKind, Decision, Mode as ActMode, Situation,
+};
+use crate::config::service::ServiceConfig;
+use crate::sample::MAX_AXES;
+use crate::service::live::Mode;
+use crate::transport::wire::{COMMAND_OFFSET, COMMAND_RETURN, TurretCommand};
+use crate::transport::{CommandPublisher, Participant, TransportError};
+
+/// A record that takes longer than this makes the command too old to send.
+const INTENT_DEADLINE_S: f64 = 0.5;
+/// The port stays this long after the last word, so that a slow reader still finds it.
+const PORT_LINGERS_S: f64 = 0.3;
+
+/// A command whose intent is being recorded.
+#[derive(Debug, Clone, Copy)]
+struct Pending {
+    command: Command,
+    origin: SampleOrigin,
+}
+
+/// Which sample a decision rests on, on the producer's clock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct SampleOrigin {
+    pub(super) stream: u64,
+    pub(super) t_ns: u64,
+}
+
+/// What became of a command just now.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Outcome {
+    /// It went out.
+    Sent(Command),
+    /// It was not sent, for one of the closed list of reasons.
+    Held(&'static str),
+}
+
+/// Decision, guard and port.
+pub(super) struct Acting {
+    avoidance: Avoidance,
+    state: AvoidanceState,
+    guard: Guard,
+    guard_state: GuardState,
+    port: Option<CommandPublisher>,
+    port_closes_s: Option<f64>,
+    pending: Option<Pending>,
+    recorded_m: Option<[f64; MAX_AXES]>,
+    pub(super) axes: [usize; 2],
+    /// Last command that went out or was advised.
+    pub(super) latest: Option<Command>,
+    pub(super) hold: Option<&'static str>,
+}
+
+pub(super) fn act_mode(mode: Mode) -> ActMode {
+    match mode {
+        Mode::Observe => ActMode::Observe,
+        Mode::Advise => ActMode::Advise,
+        Mode::Act => ActMode::Act,
+    }
+}
+
+impl Acting {
+    /// The decision for a stream of these axes. Errors: one line which setting does not fit.
+    pub(super) fn new(
+        config: &ServiceConfig,
+        names: &[String],
+        (epoch, now_s): (u64, f64),
+    ) -> Result<Self, String> {
+        let turret = &config.turret;
+        let place = |name: &String| {
+            let found = names.iter().position(|n| n == name);
+            found.ok_or_else(|| format!("turret.axes: the stream has no axis {name}"))
+        };
+        let axes = [place(&turret.axes[0])?, place(&turret.axes[1])?];
+        let axis = |i: usize| TurretAxis {
+            index: axes[i],
+            direction_rad: turret.direction_rad[i],
+            lowest_m: turret.lowest_offset_m[i],
+            highest_m: turret.highest_offset_m[i],
+            speed_m_s: turret.speed_m_s[i],
+        };
+        let kinematics = TurretKinematics::new([axis(0), axis(1)]).map_err(|e| e.to_string())?;
+        let avoidance = Avoidance::new(AvoidanceSettings {
+            turret: kinematics,
+            diameter_m: config.workpiece.diameter_m(),
+            largest_pitch_rad: turret.largest_pitch_difference_rad,
+            interval_s: 1.0,
+            ttl_s: turret.command_ttl_s,
+            freshness_s: 0.05,
+            report_deadline_s: 0.5,
+            reached_m: 20e-6,
+        })
+        .map_err(|e| format!("turret: {e}"))?;
+        let mut guard = Guard {
+            lowest_m: [0.0; MAX_AXES],
+            highest_m: [0.0; MAX_AXES],
+            speed_m_s: [0.0; MAX_AXES],
+            largest_pitch_rad: turret.largest_pitch_difference_rad,
+        };
+        for (i, index) in axes.into_iter().enumerate() {
+            guard.lowest_m[index] = turret.lowest_offset_m[i];
+            guard.highest_m[index] = turret.highest_offset_m[i];
+            guard.speed_m_s[index] = turret.speed_m_s[i];
+        }
+        Ok(Self {
+            state: avoidance.start(epoch, now_s),
+            avoidance,
+            guard,
+            guard_state: GuardState::default(),
+            port: None,
+            port_closes_s: None,
+            pending: None,
+            recorded_m: None,
+            axes,
+            latest: None,
+            hold: None,
+        })
+    }
+
+    /// Pitch difference that offsets make, rad.
+    pub(super) fn pitch_rad(&self, offsets_m: &[f64; MAX_AXES]) -> f64 {
+        let settings = self.avoidance.settings();
+        pitch_of_shift_rad(settings.diameter_m, settings.turret.shift(offsets_m))
+    }
+
+    /// Opens the port for mode `act`. Errors: another service commands this turret.
+    pub(super) fn open_port(&mut self, who: &Participant) -> Result<(), Refusal> {
+        self.port_closes_s = None;
+        if self.port.is_none() {
+            let opened = CommandPublisher::open(who);
+            self.port = Some(opened.map_err(|e| Refusal::NotReady(e.to_string()))?);
+        }
+        Ok(())
+    }
+
+    /// Lets the port go a moment after `act` was left.
+    pub(super) fn close_port_later(&mut self, now_s: f64) {
+        if self.port.is_some() {
+            self.port_closes_s.get_or_insert(now_s + PORT_LINGERS_S);
+        }
+    }
+
+    pub(super) fn decide(&mut self, situation: &Situation) -> Decision {
+        if self.port_closes_s.is_some_and(|t| situation.now_s >= t) {
+            (self.port, self.port_closes_s) = (None, None);
+        }
+        if situation.mode != ActMode::Act {
+            self.pending = None;
+        }
+        let decision = self.avoidance.decide(&mut self.state, situation);
+        match &decision {
+            Decision::NotDue => {}
+            Decision::Hold(reason) => self.hold = Some(reason.name()),
+            Decision::Advice(command) => {
+                self.hold = None;
+                self.latest = Some(*command);
+            }
+            Decision::Command(_) => self.hold = None,
+        }
+        decision
+    }
+
+    /// Whether a command must be on record before it goes: every one that moves something.
+    pub(super) fn needs_record(&self, command: &Command) -> bool {
+        command.kind != CommandKind::Return && self.recorded_m != Some(command.offsets_m)
+    }
+
+    /// Keeps a command until its intent is durable.
+    pub(super) fn wait_for_record(&mut self, command: Command, origin: SampleOrigin) {
+        self.pending = Some(Pending { command, origin });
+    }
+
+    /// The intent of that sequence is durable: send it, if it is still wanted.
+    pub(super) fn recorded(&mut self, sequence: u64, facts: &Facts) -> Option<Outcome> {
+        let pending = self.pending.filter(|p| p.command.sequence == sequence)?;
+        self.pending = None;
+        self.recorded_m = Some(pending.command.offsets_m);
+        if facts.now_s - pending.command.issued_s > INTENT_DEADLINE_S {
+            return Some(self.held("intent_expired"));
+        }
+        Some(self.send(&pending.command, pending.origin, facts))
+    }
+
+    /// A command that waited too long for its record.
+    pub(super) fn overdue(&mut self, now_s: f64) -> Option<Outcome> {
+        self.pending.take_if(|p| now_s - p.command.issued_s > INTENT_DEADLINE_S)?;
+        Some(self.held("store_unavailable"))
+    }
+
+    fn held(&mut self, reason: &'static str) -> Outcome {
+        self.hold = Some(reason);
+        Outcome::Held(reason)
+    }
+
+    /// Guard, then wire.
+    pub(super) fn send(&mut self, command: &Command, origin: SampleOrigin, facts: &Facts) -> Outcome {
+        let Some(port) = &self.port else { return self.held("guarded") };
+        if self.guard.pass(&mut self.guard_state, command, facts).is_err() {
+            return self.held("guarded");
+        }
+        match port.send(&wire_command(command, origin)) {
+            Ok(_) => {
+                self.latest = Some(*command);
+                if command.kind == CommandKind::Return {
+                    self.recorded_m = None;
+                }
+                Outcome::Sent(*command)
+            }
+            Err(TransportError::Port { .. } | _) => self.held("stage_failed"),
+        }
+    }
+}
+
+/// The command as it travels: offsets and numbers unchanged, times on the clocks of the wire.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+fn wire_command(command: &Command, origin: SampleOrigin) -> TurretCommand {
+    TurretCommand {
+        epoch: command.epoch,
+        sequence: command.sequence,
+        based_on_t_ns: origin.t_ns,
+        issued_t_ns: (command.issued_s.max(0.0) * 1e9) as u64,
+        ttl_ns: (command.ttl_s * 1e9) as u64,
+        stream: origin.stream,
+        pitch_difference_rad: command.pitch_difference_rad,
+        offset_m: command.offsets_m,
+        axis_count: MAX_AXES as u32,
+        kind: if command.kind == CommandKind::Return { COMMAND_RETURN } else { COMMAND_OFFSET },
+    }
+}

@@ -1,0 +1,191 @@
+//! One stream of samples: from wire to pipeline, with every loss and refusal counted.
+
+use crate::config::service::ServiceConfig;
+use crate::pipeline::{Pipeline, StepOutput, StreamFault};
+use crate::sample::SampleError;
+use crate::service::black_box::BlackBox;
+use crate::service::clock;
+use crate::telemetry::{Event, EventKind, Metrics};
+use crate::transport::wire::{ServoBatch, ServoPoint, axis_name_text};
+use crate::units::SampleRate;
+use prometheus::IntCounter;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Faults of a stream are told at most this often; in between they are counted.
+const TELL_EVERY: Duration = Duration::from_secs(1);
+
+/// Counters of one axis, looked up once.
+struct AxisCounters {
+    samples: IntCounter,
+    lost: IntCounter,
+    gaps: IntCounter,
+    not_finite: IntCounter,
+    repeated: IntCounter,
+}
+
+/// A stream whose layout is known.
+pub(super) struct Stream {
+    id: u64,
+    names: Vec<String>,
+    rate: SampleRate,
+    pipeline: Pipeline,
+    counters: Vec<AxisCounters>,
+    pub(super) faults: Faults,
+    pub(super) totals: Totals,
+    pub(super) newest: Option<ServoPoint>,
+}
+
+/// Counts since the stream began.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Totals {
+    pub(super) samples: u64,
+    pub(super) lost: u64,
+    pub(super) rejected: u64,
+}
+
+/// Faults that wait to be told.
+#[derive(Debug, Default)]
+pub(super) struct Faults {
+    lost: u64,
+    gaps: u64,
+    rejected: u64,
+    t_s: f64,
+    told: Option<Instant>,
+}
+
+impl Faults {
+    /// One event for everything since the last one, when it is time.
+    pub(super) fn event_due(&mut self, now: Instant) -> Option<Event> {
+        let quiet = self.lost == 0 && self.rejected == 0;
+        if quiet || self.told.is_some_and(|t| now.duration_since(t) < TELL_EVERY) {
+            return None;
+        }
+        let (kind, text) = if self.lost > 0 {
+            (EventKind::DataGap, format!("{} samples lost in {} gaps", self.lost, self.gaps))
+        } else {
+            (EventKind::DataRejected, format!("{} samples refused: repeated or no numbers", self.rejected))
+        };
+        let event = Event { t_s: Some(self.t_s), ..Event::new(kind, clock::wall_ns(), text) };
+        *self = Self { told: Some(now), ..Self::default() };
+        Some(event)
+    }
+}
+
+impl Stream {
+    /// Designs the pipeline for what this batch announces. Errors: one line why it cannot be used.
+    pub(super) fn begin(
+        batch: &ServoBatch,
+        config: &ServiceConfig,
+        metrics: &Arc<Metrics>,
+    ) -> Result<Self, String> {
+        let count =
+            batch.axes().ok_or_else(|| format!("{} axes in a batch; expected 1 to 6", batch.axis_count))?;
+        let names: Vec<String> = batch.axis_names.iter().take(count).map(axis_name_text).collect();
+        let rate = SampleRate::new(batch.sample_rate_hz).map_err(|e| e.to_string())?;
+        let pipeline = Pipeline::new(config.pipeline_settings(rate, &names)).map_err(|e| e.to_string())?;
+        let counters = names.iter().map(|axis| AxisCounters {
+            samples: metrics.samples.with_label_values(&[axis]),
+            lost: metrics.samples_lost.with_label_values(&[axis]),
+            gaps: metrics.sample_gaps.with_label_values(&[axis]),
+            not_finite: metrics.samples_rejected.with_label_values(&[axis.as_str(), "not_finite"]),
+            repeated: metrics.samples_rejected.with_label_values(&[axis.as_str(), "duplicate"]),
+        });
+        let counters = counters.collect();
+        Ok(Self {
+            id: batch.stream,
+            names,
+            rate,
+            pipeline,
+            counters,
+            faults: Faults::default(),
+            totals: Totals::default(),
+            newest: None,
+        })
+    }
+
+    /// Whether a batch belongs to this stream.
+    pub(super) fn carries(&self, batch: &ServoBatch) -> bool {
+        let same_axes = batch.axes() == Some(self.names.len());
+        batch.stream == self.id && same_axes && batch.sample_rate_hz.to_bits() == self.rate.hz().to_bits()
+    }
+
+    /// One sample. Nothing when it could not even be read.
+    pub(super) fn step(&mut self, point: &ServoPoint, black_box: &mut BlackBox) -> Option<StepOutput> {
+        let sample = match point.to_sample(self.names.len()) {
+            Ok(sample) => sample,
+            Err(error) => {
+                self.refuse(error, point);
+                return None;
+            }
+        };
+        let output = self.pipeline.step(&sample);
+        match output.fault {
+            Some(StreamFault::Repeated) => {
+                self.totals.rejected += 1;
+                self.faults.rejected += 1;
+                self.faults.t_s = output.t_s;
+                self.counters.iter().for_each(|c| c.repeated.inc());
+                return None;
+            }
+            Some(StreamFault::NotFinite(error)) => {
+                self.refuse(error, point);
+                return None;
+            }
+            Some(StreamFault::Gap { lost }) => {
+                self.totals.lost += lost;
+                self.faults.lost += lost;
+                self.faults.gaps += 1;
+                self.faults.t_s = output.t_s;
+                for counter in &self.counters {
+                    counter.lost.inc_by(lost);
+                    counter.gaps.inc();
+                }
+            }
+            None => {}
+        }
+        self.totals.samples += 1;
+        self.newest = Some(*point);
+        self.counters.iter().for_each(|c| c.samples.inc());
+        black_box.push(&sample);
+        Some(output)
+    }
+
+    fn refuse(&mut self, error: SampleError, point: &ServoPoint) {
+        self.totals.rejected += 1;
+        self.faults.rejected += 1;
+        self.faults.t_s = point.t_ns as f64 * 1e-9;
+        match error {
+            SampleError::AxisNotFinite { axis } => {
+                if let Some(counter) = self.counters.get(axis) {
+                    counter.not_finite.inc();
+                }
+            }
+            SampleError::HeadNotFinite => self.counters.iter().for_each(|c| c.not_finite.inc()),
+        }
+    }
+
+    pub(super) fn id(&self) -> u64 {
+        self.id
+    }
+
+    pub(super) fn axes(&self) -> &[String] {
+        &self.names
+    }
+
+    pub(super) fn sample_rate(&self) -> SampleRate {
+        self.rate
+    }
+
+    pub(super) fn pipeline(&self) -> &Pipeline {
+        &self.pipeline
+    }
+
+    pub(super) fn band_hz(&self) -> [f64; 2] {
+        self.pipeline.band_hz()
+    }
+
+    pub(super) fn describe(&self) -> String {
+        format!("axes {} at {} Hz", self.names.join(", "), self.rate.hz())
+    }
+}

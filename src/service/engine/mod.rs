@@ -1,0 +1,459 @@
+//! The pipeline thread: owns every shared memory port, wakes once a millisecond, drains, steps, decides.
+//!
+//! It waits for nothing but its own millisecond: reports go to a bounded queue that others drain, files
+//! are written elsewhere, requests are looked at without waiting. When a queue is full, pictures are
+//! dropped first (the next one is 50 ms away), events last, and every drop is counted.
+
+mod acting;
+mod intake;
+mod picture;
+mod turret;
+
+use super::black_box::BlackBox;
+use super::clock;
+use super::control::{Control, Origin, Refusal};
+use super::hub::{Report, View};
+use super::live::Mode;
+use super::recorder::Job;
+use crate::config::service::ServiceConfig;
+use crate::telemetry::{Event, EventKind, Metrics};
+use crate::transport::wire::{ServoBatch, TurretStatus};
+use crate::transport::{Domain, Participant, ServoSubscriber, StatusSubscriber, TransportError};
+use acting::Acting;
+use intake::Stream;
+use picture::Picture;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{SyncSender, TrySendError};
+use std::time::{Duration, Instant};
+use tokio::sync::mpsc;
+
+/// How often the thread wakes.
+const WAKE: Duration = Duration::from_millis(1);
+/// How often a picture is reported.
+const PICTURE: Duration = Duration::from_millis(50);
+/// Without samples for this long the source counts as lost.
+const SILENCE: Duration = Duration::from_millis(1000);
+/// A status that is older says nothing about interlocks.
+const STATUS_DEADLINE: Duration = Duration::from_millis(500);
+/// Events that wait while the queue of reports is full.
+const BACKLOG: usize = 1024;
+
+/// What the thread is made from.
+pub(super) struct Setup {
+    pub(super) config: Arc<ServiceConfig>,
+    pub(super) domain: Domain,
+    pub(super) epoch: u64,
+    pub(super) reports: mpsc::Sender<Report>,
+    pub(super) controls: mpsc::Receiver<Control>,
+    pub(super) recorder: SyncSender<Job>,
+    pub(super) metrics: Arc<Metrics>,
+    /// Counts wakes: the watchdog is fed from it.
+    pub(super) progress: Arc<AtomicU64>,
+}
+
+struct Ports {
+    servo: ServoSubscriber,
+    status: StatusSubscriber,
+    who: Participant,
+}
+
+impl Ports {
+    fn open(domain: &Domain) -> Result<Self, TransportError> {
+        let who = domain.join("stillcut-service")?;
+        Ok(Self { servo: ServoSubscriber::open(&who)?, status: StatusSubscriber::open(&who)?, who })
+    }
+}
+
+/// A recording that waits for the seconds after its event.
+struct PendingSave {
+    id: String,
+    reason: String,
+    at: Instant,
+}
+
+pub(super) struct Engine {
+    setup: Setup,
+    stream: Option<Stream>,
+    source_lost: bool,
+    last_arrival: Option<(Instant, i64)>,
+    status: Option<(TurretStatus, Instant)>,
+    interlocks_open: u32,
+    mode: Mode,
+    mode_revision: u64,
+    mode_reason: String,
+    fault: Option<String>,
+    black_box: BlackBox,
+    save: Option<PendingSave>,
+    backlog: VecDeque<Report>,
+    picture: Picture,
+    acting: Option<Acting>,
+    began: Instant,
+    last_wake: Instant,
+    acknowledge: bool,
+    told_rad: Option<f64>,
+    turret_state: u32,
+    stopping: bool,
+}
+
+/// Starts the thread; answers once it has joined the domain, or why it could not.
+pub(super) fn start(setup: Setup) -> Result<std::thread::JoinHandle<()>, TransportError> {
+    let (ready, joined) = std::sync::mpsc::sync_channel(1);
+    let root = setup.domain.root().to_owned();
+    let thread = std::thread::Builder::new().name("pipeline".into()).spawn(move || {
+        let ports = match Ports::open(&setup.domain) {
+            Ok(ports) => ports,
+            Err(error) => {
+                let _ = ready.send(Err(error));
+                return;
+            }
+        };
+        let _ = ready.send(Ok(()));
+        Engine::new(setup).run(&ports);
+    });
+    let thread = thread.map_err(|source| TransportError::Files { path: root.clone(), source })?;
+    // The join has its own deadline; this one covers opening the ports.
+    let deadline = crate::transport::JOIN_DEADLINE * 2;
+    joined.recv_timeout(deadline).map_err(|_| TransportError::Wedged { root })??;
+    Ok(thread)
+}
+
+impl Engine {
+    fn new(setup: Setup) -> Self {
+        let kept_s = setup.config.recorder.before_s + setup.config.recorder.after_s;
+        let rate_hz = setup.config.machine.sample_rate.hz();
+        Self {
+            black_box: BlackBox::new(kept_s, rate_hz),
+            picture: Picture::new(clock::now()),
+            setup,
+            stream: None,
+            source_lost: false,
+            last_arrival: None,
+            status: None,
+            interlocks_open: u32::MAX,
+            mode: Mode::Observe,
+            mode_revision: 1,
+            mode_reason: "every start begins in observe".to_owned(),
+            fault: None,
+            save: None,
+            backlog: VecDeque::with_capacity(BACKLOG),
+            acting: None,
+            began: clock::now(),
+            last_wake: clock::now(),
+            acknowledge: false,
+            told_rad: None,
+            turret_state: 0,
+            stopping: false,
+        }
+    }
+
+    fn run(mut self, ports: &Ports) {
+        for stage in ["transport", "pipeline"] {
+            self.setup.metrics.stage_up.with_label_values(&[stage]).set(1);
+        }
+        self.show_mode();
+        let mut next = clock::now() + WAKE;
+        while !self.stopping {
+            self.wake(ports);
+            self.setup.progress.fetch_add(1, Ordering::Relaxed);
+            let now = clock::now();
+            if next > now {
+                clock::sleep(next - now);
+            }
+            // After a stall the thread goes on from now; it does not hurry after lost milliseconds.
+            next = (next + WAKE).max(now);
+        }
+        if self.mode != Mode::Observe {
+            self.change_mode(Mode::Observe, "the service stops");
+            self.decide(clock::now());
+        }
+        self.flush();
+        for stage in ["transport", "pipeline"] {
+            self.setup.metrics.stage_up.with_label_values(&[stage]).set(0);
+        }
+    }
+
+    fn wake(&mut self, ports: &Ports) {
+        let began = clock::now();
+        self.notice_stall(began);
+        while let Ok(control) = self.setup.controls.try_recv() {
+            self.obey(control, ports);
+        }
+        let outcome = ports.servo.drain(|batch| self.take_batch(batch, began));
+        if let Ok(count) = outcome
+            && count > 0
+        {
+            let took_s = began.elapsed().as_secs_f64();
+            self.setup.metrics.step_duration_seconds.observe(took_s);
+        }
+        let heard = ports.status.drain(|status| self.take_status(status, began));
+        if let Err(error) = outcome.and(heard) {
+            self.latch(&error.to_string());
+        }
+        self.supervise(began);
+        self.decide(clock::now());
+        self.flush();
+    }
+
+    /// A thread that was stopped knows nothing of the time between: it does not go on acting.
+    fn notice_stall(&mut self, now: Instant) {
+        let away = now.duration_since(self.last_wake);
+        self.last_wake = now;
+        if away > SILENCE && self.mode == Mode::Act {
+            self.change_mode(
+                Mode::Observe,
+                &format!("the pipeline stood still for {:.1} s", away.as_secs_f64()),
+            );
+        }
+    }
+
+    fn take_batch(&mut self, batch: &ServoBatch, now: Instant) {
+        if !self.stream.as_ref().is_some_and(|s| s.carries(batch)) {
+            self.begin_stream(batch);
+        }
+        self.last_arrival = Some((now, clock::wall_ns()));
+        let Some(mut stream) = self.stream.take() else { return };
+        for point in batch.used_points() {
+            if let Some(output) = stream.step(point, &mut self.black_box) {
+                self.picture.add(&output, stream.axes().len());
+                self.hear(&output, &stream);
+            }
+        }
+        self.setup.metrics.decision_latency_seconds.observe(now.elapsed().as_secs_f64());
+        self.stream = Some(stream);
+    }
+
+    /// A producer that is new, came back, or changed its axes or rate: everything starts anew.
+    fn begin_stream(&mut self, batch: &ServoBatch) {
+        self.black_box.clear();
+        self.picture.forget();
+        if self.mode == Mode::Act {
+            self.change_mode(Mode::Observe, "the machine's stream began anew");
+        }
+        let begun = Stream::begin(batch, &self.setup.config, &self.setup.metrics);
+        match begun.and_then(|stream| self.prepare_acting(&stream).map(|()| stream)) {
+            Ok(stream) => {
+                let text = format!("samples come: {}", stream.describe());
+                self.report(Event::new(EventKind::SourceFound, clock::wall_ns(), text));
+                self.stream = Some(stream);
+                self.source_lost = false;
+            }
+            Err(message) => {
+                let known = self.picture.refused_stream.replace(batch.stream) == Some(batch.stream);
+                if !known {
+                    self.report(Event::new(EventKind::DataRejected, clock::wall_ns(), message));
+                }
+                self.stream = None;
+            }
+        }
+    }
+
+    /// Turns what a sample led to into events.
+    fn hear(&mut self, output: &crate::pipeline::StepOutput, stream: &Stream) {
+        let Some((kind, text)) = picture::event_of(output) else { return };
+        let line = output.event.map(|(axis, event)| (axis, picture::line_of(&event)));
+        let mut event = Event::new(kind, clock::wall_ns(), text);
+        event.t_s = Some(output.t_s);
+        if let Some((axis, line)) = line {
+            event.axis = stream.axes().get(axis).cloned();
+            event.frequency_hz = line.map(|l| l.frequency_hz);
+            event.power_n2 = line.map(|l| l.power_n2);
+        }
+        if kind == EventKind::ChatterOnset {
+            self.save_around(kind.word(), "chatter began");
+        }
+        self.report(event);
+    }
+
+    fn supervise(&mut self, now: Instant) {
+        let silent = self.last_arrival.is_some_and(|(at, _)| now.duration_since(at) > SILENCE);
+        if silent && !self.source_lost {
+            self.source_lost = true;
+            let text = "no samples for one second";
+            self.report(Event::new(EventKind::SourceLost, clock::wall_ns(), text));
+            if self.mode == Mode::Act {
+                self.latch("the samples ceased while acting");
+                self.decide(now);
+            }
+            self.stream = None;
+            self.picture.forget();
+        }
+        self.watch_interlocks(now);
+        if let Some(event) = self.stream.as_mut().and_then(|s| s.faults.event_due(now)) {
+            self.report(event);
+        }
+        if self.save.as_ref().is_some_and(|s| now >= s.at) {
+            self.write_recording();
+        }
+        if self.picture.is_due(now, PICTURE) {
+            let view = self.view(now);
+            self.offer(view);
+        }
+    }
+
+    fn obey(&mut self, control: Control, ports: &Ports) {
+        match control {
+            Control::SetMode { mode, revision, origin, done } => {
+                let outcome = self.set_mode(mode, revision, (&origin, ports));
+                let _ = done.send(outcome);
+            }
+            Control::Override { origin, done } => {
+                self.take_back(&origin);
+                let _ = done.send(Ok(self.mode_revision));
+            }
+            Control::ClearFault { origin, done } => {
+                self.acknowledge = true;
+                if let Some(fault) = self.fault.take() {
+                    let text = format!("{} cleared: {fault} ({})", origin.actor, origin.reason);
+                    self.report(Event::new(EventKind::FaultCleared, clock::wall_ns(), text));
+                }
+                let _ = done.send(Ok(self.mode_revision));
+            }
+            Control::SaveRecording { reason, done } => {
+                let id = self.save_around("manual", &reason);
+                let _ = done.send(Ok(id));
+            }
+            Control::Committed { sequence } => self.intent_recorded(sequence),
+            Control::StoreFailing(failing) => {
+                if failing && self.mode == Mode::Act {
+                    self.change_mode(Mode::Advise, "the history could not be written for 10 s");
+                }
+            }
+            Control::Stop => {
+                self.stopping = true;
+            }
+        }
+    }
+
+    fn set_mode(
+        &mut self,
+        mode: Mode,
+        revision: Option<u64>,
+        (origin, ports): (&Origin, &Ports),
+    ) -> Result<u64, Refusal> {
+        if let Some(asked) = revision
+            && asked != self.mode_revision
+        {
+            return Err(Refusal::Revision { now: self.mode_revision, asked });
+        }
+        if mode == Mode::Act {
+            if let Some(fault) = &self.fault {
+                return Err(Refusal::Faulted(fault.clone()));
+            }
+            if self.stream.is_none() {
+                return Err(Refusal::NotReady("no samples come".to_owned()));
+            }
+            if self.interlocks_open != 0 {
+                return Err(Refusal::NotReady("an interlock is open or not heard".to_owned()));
+            }
+            match &mut self.acting {
+                Some(acting) => acting.open_port(&ports.who)?,
+                None => return Err(Refusal::NotReady("no samples came yet".to_owned())),
+            }
+        }
+        if mode != self.mode {
+            self.change_mode(mode, &format!("{}: {}", origin.actor, origin.reason));
+        }
+        Ok(self.mode_revision)
+    }
+
+    fn change_mode(&mut self, mode: Mode, reason: &str) {
+        let before = std::mem::replace(&mut self.mode, mode);
+        self.mode_revision += 1;
+        reason.clone_into(&mut self.mode_reason);
+        self.show_mode();
+        let text = format!("mode {} to {} ({reason})", before.word(), mode.word());
+        self.report(Event::new(EventKind::ModeChange, clock::wall_ns(), text));
+    }
+
+    fn show_mode(&self) {
+        for mode in Mode::ALL {
+            self.setup.metrics.mode.with_label_values(&[mode.word()]).set(i64::from(mode == self.mode));
+        }
+    }
+
+    fn take_back(&mut self, origin: &Origin) {
+        let text = format!("{} took the turret back ({})", origin.actor, origin.reason);
+        self.report(Event::new(EventKind::Override, clock::wall_ns(), text));
+        if self.mode != Mode::Observe {
+            self.change_mode(Mode::Observe, &format!("override by {}", origin.actor));
+        }
+    }
+
+    /// A fault stops acting until a person clears it.
+    fn latch(&mut self, what: &str) {
+        if self.fault.as_deref() == Some(what) {
+            return;
+        }
+        self.fault = Some(what.to_owned());
+        self.report(Event::new(EventKind::Fault, clock::wall_ns(), what));
+        if self.mode == Mode::Act {
+            self.change_mode(Mode::Observe, what);
+        }
+    }
+
+    /// Plans a recording around now; one that waits already covers this too. Answers its name.
+    fn save_around(&mut self, word: &str, reason: &str) -> String {
+        if let Some(waiting) = &self.save {
+            return waiting.id.clone();
+        }
+        let id = format!("{word}-{}", clock::new_id());
+        let at = clock::now() + Duration::from_secs_f64(self.setup.config.recorder.after_s);
+        self.save = Some(PendingSave { id: id.clone(), reason: reason.to_owned(), at });
+        id
+    }
+
+    fn write_recording(&mut self) {
+        let (Some(save), Some(stream)) = (self.save.take(), &self.stream) else { return };
+        let workpiece = &self.setup.config.workpiece;
+        let band = stream.band_hz();
+        let job = Job {
+            id: save.id,
+            reason: save.reason,
+            chunks: self.black_box.snapshot(),
+            sample_rate: stream.sample_rate(),
+            axes: stream.axes().to_vec(),
+            metadata: vec![
+                ("workpiece_diameter_m".into(), format!("{:?}", workpiece.diameter_m())),
+                ("workpiece_projection_length_m".into(), format!("{:?}", workpiece.projection_length_m())),
+                ("analysis_band_hz".into(), format!("{:?},{:?}", band[0], band[1])),
+            ],
+        };
+        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.setup.recorder.try_send(job)
+        {
+            self.setup.metrics.recordings.with_label_values(&["dropped"]).inc();
+            self.setup.metrics.queue_dropped.with_label_values(&["recorder", "true"]).inc();
+        }
+    }
+
+    /// Queues an event; what has to wait stays in order.
+    fn report(&mut self, event: Event) {
+        let event = Event { id: clock::new_id(), ..event };
+        self.queue(Report::Event(Box::new(event)));
+    }
+
+    fn queue(&mut self, report: Report) {
+        if self.backlog.len() >= BACKLOG {
+            self.setup.metrics.queue_dropped.with_label_values(&["reports", "true"]).inc();
+            return;
+        }
+        self.backlog.push_back(report);
+    }
+
+    fn flush(&mut self) {
+        while let Some(report) = self.backlog.pop_front() {
+            if let Err(mpsc::error::TrySendError::Full(report)) = self.setup.reports.try_send(report) {
+                self.backlog.push_front(report);
+                return;
+            }
+        }
+    }
+
+    /// A picture that finds no place is dropped: the next one is newer.
+    fn offer(&mut self, view: View) {
+        if self.setup.reports.try_send(Report::View(Box::new(view))).is_err() {
+            self.setup.metrics.queue_dropped.with_label_values(&["reports", "true"]).inc();
+        }
+    }
+}

@@ -1,0 +1,266 @@
+//! What the controller reports of the turret, and what is asked of it.
+
+use super::acting::{Acting, Outcome, SampleOrigin, act_mode};
+use super::intake::Stream;
+use super::{Engine, STATUS_DEADLINE};
+use crate::avoidance::guard::Facts;
+use crate::avoidance::{
+    Command, CommandKind, Decision, Heard, HoldReason, Interlock, Situation, TurretMotion, TurretReport,
+};
+use crate::chatter::Phase;
+use crate::sample::MAX_AXES;
+use crate::service::clock;
+use crate::service::hub::Report;
+use crate::service::live::Mode;
+use crate::telemetry::{Event, EventKind};
+use crate::transport::wire::{
+    INTERLOCK_NAMES, TURRET_EXPIRED, TURRET_LIMITED, TURRET_REACHED, TURRET_REFUSED, TurretStatus,
+};
+use std::time::Instant;
+
+/// Advice and commands that differ by less are the same to a person, rad.
+const SAME_PITCH_RAD: f64 = 1e-3;
+
+fn motion_of(state: u32) -> TurretMotion {
+    match state {
+        TURRET_REACHED => TurretMotion::Reached,
+        TURRET_REFUSED => TurretMotion::Refused,
+        TURRET_LIMITED => TurretMotion::Limited,
+        TURRET_EXPIRED => TurretMotion::Expired,
+        _ => TurretMotion::Moving,
+    }
+}
+
+/// Reasons that stop acting until a person has looked.
+fn needs_a_person(reason: HoldReason) -> bool {
+    matches!(reason, HoldReason::TurretNotReached | HoldReason::HandedOver | HoldReason::Returned)
+}
+
+impl Engine {
+    /// Seconds on the thread's own monotonic clock.
+    pub(super) fn seconds(&self, at: Instant) -> f64 {
+        at.duration_since(self.began).as_secs_f64()
+    }
+
+    /// Makes the decision for the first stream; a later one must have the turret at the same places.
+    pub(super) fn prepare_acting(&mut self, stream: &Stream) -> Result<(), String> {
+        let now_s = self.seconds(clock::now());
+        let made = Acting::new(&self.setup.config, stream.axes(), (self.setup.epoch, now_s))?;
+        match &self.acting {
+            Some(before) if before.axes == made.axes => Ok(()),
+            Some(_) => {
+                Err("the turret's axes have other places in the stream; restart the service".to_owned())
+            }
+            None => {
+                self.acting = Some(made);
+                Ok(())
+            }
+        }
+    }
+
+    pub(super) fn take_status(&mut self, status: &TurretStatus, now: Instant) {
+        self.status = Some((*status, now));
+        let before = std::mem::replace(&mut self.turret_state, status.state);
+        if before == status.state {
+            return;
+        }
+        let outcome = match status.state {
+            TURRET_REACHED => "reached",
+            TURRET_REFUSED => "refused",
+            TURRET_LIMITED => "limited",
+            TURRET_EXPIRED => "expired",
+            _ => return,
+        };
+        let commanded = self.acting.as_ref().is_some_and(|a| a.latest.is_some()) && self.mode == Mode::Act;
+        if !commanded && outcome == "reached" {
+            return; // it stands where it stood before we came
+        }
+        self.setup.metrics.commands.with_label_values(&[outcome]).inc();
+        let (kind, text) = match outcome {
+            "reached" => (EventKind::CommandReached, "the turret reached what was commanded".to_owned()),
+            "expired" => (EventKind::PitchReturn, "the last command expired; the turret returns".to_owned()),
+            word => (EventKind::CommandFailed, format!("the controller {word} the command")),
+        };
+        let mut event = Event::new(kind, clock::wall_ns(), text);
+        event.t_s = Some(status.t_ns as f64 * 1e-9);
+        event.pitch_difference_rad = self.acting.as_ref().map(|a| a.pitch_rad(&status.offset_m));
+        self.report(event);
+    }
+
+    /// Unknown is unsafe: an interlock that is not heard is open.
+    pub(super) fn watch_interlocks(&mut self, now: Instant) {
+        let fresh = self.fresh_status(now);
+        let open = fresh.map_or(u32::MAX, |s| s.interlocks_open);
+        self.setup.metrics.stage_up.with_label_values(&["turret"]).set(i64::from(fresh.is_some()));
+        let before = std::mem::replace(&mut self.interlocks_open, open);
+        for (bit, name) in INTERLOCK_NAMES.iter().enumerate() {
+            let (was, is) = (before >> bit & 1 == 1, open >> bit & 1 == 1);
+            self.setup.metrics.interlock_open.with_label_values(&[name]).set(i64::from(is));
+            if was != is {
+                let (kind, word) = if is {
+                    (EventKind::InterlockOpened, if fresh.is_some() { "opened" } else { "is not heard" })
+                } else {
+                    (EventKind::InterlockClosed, "closed")
+                };
+                self.report(Event::new(kind, clock::wall_ns(), format!("interlock {name} {word}")));
+            }
+        }
+    }
+
+    pub(super) fn fresh_status(&self, now: Instant) -> Option<TurretStatus> {
+        self.status.filter(|(_, at)| now.duration_since(*at) <= STATUS_DEADLINE).map(|(s, _)| s)
+    }
+
+    fn situation(&self, now: Instant) -> Situation {
+        let (mut heard, mut speed, mut window_full) = (None, None, false);
+        if let Some(stream) = &self.stream {
+            let chatter = stream.pipeline().agreement();
+            heard = Some(Heard {
+                phase: chatter.phase,
+                frequency_hz: chatter.highest_hz.or(chatter.frequency_hz),
+                power_n2: chatter.power_n2,
+                growth_1_s: chatter.growth_1_s,
+            });
+            speed = stream.newest.as_ref().map(|p| p.spindle_speed_rpm);
+            window_full = stream.pipeline().clean_samples() as f64 >= stream.sample_rate().hz();
+        }
+        let silent = Heard { phase: Phase::Learning, frequency_hz: None, power_n2: 0.0, growth_1_s: None };
+        let report = self.status.map(|(status, at)| TurretReport {
+            heard_s: self.seconds(at),
+            offsets_m: status.offset_m,
+            motion: motion_of(status.state),
+            acknowledged: (status.acknowledged_epoch > 0)
+                .then_some((status.acknowledged_epoch, status.acknowledged_sequence)),
+        });
+        Situation {
+            now_s: self.seconds(now),
+            newest_sample_s: self.last_arrival.map(|(at, _)| self.seconds(at)),
+            window_full,
+            heard: heard.unwrap_or(silent),
+            spindle_speed_rpm: speed,
+            turret: report,
+            interlock: self.status.map(|(status, at)| Interlock {
+                heard_s: self.seconds(at),
+                open: status.interlocks_open != 0,
+            }),
+            mode: act_mode(self.mode),
+            operator_hold: false,
+            operator_acknowledge: self.acknowledge,
+            store_writable: true,
+        }
+    }
+
+    fn facts(&self, now: Instant) -> Facts {
+        let closed = self.status.filter(|(s, _)| s.interlocks_open == 0).map(|(_, at)| self.seconds(at));
+        Facts {
+            now_s: self.seconds(now),
+            mode: act_mode(self.mode),
+            interlock_closed_s: closed,
+            actual_m: self.status.map_or([0.0; MAX_AXES], |(s, _)| s.offset_m),
+        }
+    }
+
+    /// One look at the decision; most looks find that no interval is over.
+    pub(super) fn decide(&mut self, now: Instant) {
+        let (situation, facts) = (self.situation(now), self.facts(now));
+        let origin = self.stream.as_ref().map_or(SampleOrigin::default(), |s| SampleOrigin {
+            stream: s.id(),
+            t_ns: s.newest.map_or(0, |p| p.t_ns),
+        });
+        let Some(acting) = &mut self.acting else { return };
+        if self.mode != Mode::Act {
+            acting.close_port_later(situation.now_s);
+        }
+        let overdue = acting.overdue(situation.now_s);
+        let decision = acting.decide(&situation);
+        self.acknowledge &= decision == Decision::NotDue;
+        if let Some(outcome) = overdue {
+            self.settle(outcome);
+        }
+        match decision {
+            Decision::NotDue => {}
+            Decision::Hold(reason) => {
+                self.setup.metrics.holds.with_label_values(&[reason.name()]).inc();
+                if self.mode == Mode::Act && needs_a_person(reason) {
+                    self.latch(&format!("stopped acting: {}", reason.name().replace('_', " ")));
+                    self.decide(now);
+                }
+            }
+            Decision::Advice(command) => {
+                self.setup.metrics.commands.with_label_values(&["advised"]).inc();
+                if self.is_news(command.pitch_difference_rad) {
+                    let event = self.command_event(&command, "advised");
+                    self.report(event);
+                }
+            }
+            Decision::Command(command) => self.command(command, (origin, &facts)),
+        }
+    }
+
+    /// True once for each pitch that differs from the one told last.
+    fn is_news(&mut self, pitch_rad: f64) -> bool {
+        let news = self.told_rad.is_none_or(|told| (told - pitch_rad).abs() > SAME_PITCH_RAD);
+        if news {
+            self.told_rad = Some(pitch_rad);
+        }
+        news
+    }
+
+    fn command(&mut self, command: Command, (origin, facts): (SampleOrigin, &Facts)) {
+        let Some(acting) = &mut self.acting else { return };
+        if acting.needs_record(&command) {
+            acting.wait_for_record(command, origin);
+            self.told_rad = Some(command.pitch_difference_rad);
+            let event = Event { id: clock::new_id(), ..self.command_event(&command, "commanded") };
+            self.queue(Report::Intent { sequence: command.sequence, event: Box::new(event) });
+            return;
+        }
+        let outcome = acting.send(&command, origin, facts);
+        if command.kind == CommandKind::Return {
+            self.told_rad = None;
+            let text = "asked the turret back to equal pitch";
+            let mut event = Event::new(EventKind::PitchReturn, clock::wall_ns(), text);
+            event.pitch_difference_rad = Some(0.0);
+            self.report(event);
+        }
+        self.settle(outcome);
+    }
+
+    /// The intent of a command is durable.
+    pub(super) fn intent_recorded(&mut self, sequence: u64) {
+        let facts = self.facts(clock::now());
+        let outcome = self.acting.as_mut().and_then(|a| a.recorded(sequence, &facts));
+        if let Some(outcome) = outcome {
+            self.settle(outcome);
+        }
+    }
+
+    fn settle(&mut self, outcome: Outcome) {
+        match outcome {
+            Outcome::Sent(command) => {
+                let word = match command.kind {
+                    CommandKind::Move => "sent",
+                    CommandKind::Renew => "renewed",
+                    CommandKind::Return => "returned",
+                };
+                self.setup.metrics.commands.with_label_values(&[word]).inc();
+            }
+            Outcome::Held(reason) => self.setup.metrics.holds.with_label_values(&[reason]).inc(),
+        }
+    }
+
+    fn command_event(&self, command: &Command, word: &str) -> Event {
+        let degrees = command.pitch_difference_rad.to_degrees();
+        let text = format!("{word} a pitch difference of {degrees:.2} degrees");
+        let mut event = Event::new(EventKind::PitchCommand, clock::wall_ns(), text);
+        event.pitch_difference_rad = Some(command.pitch_difference_rad);
+        if let Some(stream) = &self.stream {
+            let chatter = stream.pipeline().agreement();
+            event.frequency_hz = chatter.highest_hz.or(chatter.frequency_hz);
+            event.power_n2 = Some(chatter.power_n2);
+            event.axis = stream.axes().get(chatter.leading_axis).cloned();
+            event.t_s = stream.newest.map(|p| p.t_ns as f64 * 1e-9);
+        }
+        event
+    }
+}

@@ -1,0 +1,313 @@
+//! The running service as its users see it: HTTP handlers, `run`, `demo` and tests.
+
+use super::clock;
+use super::control::{Control, Origin, Refusal};
+use super::diagnoses::Diagnoses;
+use super::live::{LiveState, Mode, SpectrumView};
+use super::recordings::{RecordingInfo, Recordings, RecordingsError};
+use super::stability::CurveCache;
+use crate::config::service::ServiceConfig;
+use crate::store::{AuditEntry, AuditRow, EventFilter, EventPage, StoreError, StoreReader, StoreWriter};
+use crate::telemetry::{Event, EventKind, Metrics};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+use thiserror::Error;
+use tokio::sync::{broadcast, mpsc, oneshot, watch};
+use tokio_util::sync::CancellationToken;
+
+/// One message of the live stream, rendered once for all listeners.
+#[derive(Debug, Clone)]
+pub struct StreamMessage {
+    /// Place in the history, for messages that can be resumed from.
+    pub id: Option<i64>,
+    /// `state`, `force`, `spectrum` or `event`.
+    pub kind: &'static str,
+    /// JSON.
+    pub data: Arc<str>,
+}
+
+/// Why an operation was not done.
+#[derive(Debug, Error)]
+pub enum OperationError {
+    /// There is nothing of that name or number.
+    #[error("{0}")]
+    NotFound(String),
+    /// The pipeline thread refused.
+    #[error(transparent)]
+    Refused(#[from] Refusal),
+    /// The history cannot be read or written.
+    #[error("the history is not available")]
+    Store(#[from] StoreError),
+    /// The recordings cannot be read.
+    #[error(transparent)]
+    Recordings(#[from] RecordingsError),
+    /// Too many of these at once.
+    #[error("{0}")]
+    Busy(String),
+    /// What was asked for cannot be done with what is there.
+    #[error("{0}")]
+    Unsuitable(String),
+}
+
+/// One thing that readiness depends on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Check {
+    /// `samples`, `store`, `pipeline`.
+    pub name: &'static str,
+    /// Whether it is as it should be.
+    pub ok: bool,
+    /// What is seen.
+    pub detail: String,
+}
+
+/// The configuration in force, as it is shown.
+#[derive(Debug, Clone)]
+pub struct ShownConfig {
+    /// TOML text without secrets.
+    pub text: String,
+    /// SHA-256 of it, hexadecimal.
+    pub hash: String,
+}
+
+pub(super) struct Inner {
+    pub(super) address: SocketAddr,
+    pub(super) state: watch::Receiver<Arc<LiveState>>,
+    pub(super) spectrum: watch::Receiver<Arc<SpectrumView>>,
+    pub(super) stream: broadcast::Sender<StreamMessage>,
+    pub(super) control: mpsc::Sender<Control>,
+    pub(super) writer: StoreWriter,
+    pub(super) reader: StoreReader,
+    pub(super) metrics: Arc<Metrics>,
+    pub(super) recordings: Recordings,
+    pub(super) diagnoses: Diagnoses,
+    pub(super) config: ShownConfig,
+    pub(super) stop: CancellationToken,
+    pub(super) settings: Arc<ServiceConfig>,
+    pub(super) curves: CurveCache,
+}
+
+/// A cheap copy of the way into the running service.
+#[derive(Clone)]
+pub struct Handle(pub(super) Arc<Inner>);
+
+impl std::fmt::Debug for Handle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Handle").field("address", &self.0.address).finish_non_exhaustive()
+    }
+}
+
+const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
+
+impl Handle {
+    /// Where HTTP listens.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.0.address
+    }
+
+    /// The picture at this moment.
+    #[must_use]
+    pub fn state(&self) -> Arc<LiveState> {
+        Arc::clone(&self.0.state.borrow())
+    }
+
+    /// Follows the picture.
+    #[must_use]
+    pub fn watch(&self) -> watch::Receiver<Arc<LiveState>> {
+        self.0.state.clone()
+    }
+
+    /// The newest spectrum.
+    #[must_use]
+    pub fn spectrum(&self) -> Arc<SpectrumView> {
+        Arc::clone(&self.0.spectrum.borrow())
+    }
+
+    /// Listens to the live stream.
+    #[must_use]
+    pub fn subscribe(&self) -> broadcast::Receiver<StreamMessage> {
+        self.0.stream.subscribe()
+    }
+
+    /// Metrics.
+    #[must_use]
+    pub fn metrics(&self) -> &Arc<Metrics> {
+        &self.0.metrics
+    }
+
+    /// The configuration in force.
+    #[must_use]
+    pub fn config(&self) -> &ShownConfig {
+        &self.0.config
+    }
+
+    /// Resolves when the service begins to stop.
+    #[must_use]
+    pub fn stopping(&self) -> CancellationToken {
+        self.0.stop.clone()
+    }
+
+    /// The machine model that diagnoses start from.
+    #[must_use]
+    pub fn model(&self) -> Option<&PathBuf> {
+        self.0.settings.model.as_ref()
+    }
+
+    /// Diagnosis jobs.
+    #[must_use]
+    pub fn diagnoses(&self) -> &Diagnoses {
+        &self.0.diagnoses
+    }
+
+    /// A page of the history.
+    pub async fn events(&self, filter: &EventFilter) -> Result<EventPage, OperationError> {
+        Ok(self.0.reader.page(filter).await?)
+    }
+
+    /// One event.
+    pub async fn event(&self, sequence: i64) -> Result<Event, OperationError> {
+        let found = self.0.reader.event(sequence).await?;
+        found.ok_or_else(|| OperationError::NotFound(format!("there is no event {sequence}")))
+    }
+
+    /// Rows of the audit chain after `after`.
+    pub async fn audit_rows(&self, after: i64) -> Result<Vec<AuditRow>, OperationError> {
+        Ok(self.0.reader.audit(after).await?)
+    }
+
+    /// Puts on record that somebody does, or was refused, something. Durable when it returns.
+    pub async fn audit(&self, origin: &Origin, action: &str, detail: &str) -> Result<(), OperationError> {
+        let entry = AuditEntry {
+            wall_ns: clock::wall_ns(),
+            actor: origin.actor.clone(),
+            role: origin.role.clone(),
+            action: action.to_owned(),
+            detail: format!("{detail}; reason: {}", origin.reason),
+        };
+        let written = tokio::time::timeout(ANSWER_DEADLINE, self.0.writer.audit(entry)).await;
+        written.map_err(|_| StoreError::Closed)??;
+        Ok(())
+    }
+
+    /// Acknowledges an event; doing it again changes nothing.
+    pub async fn acknowledge(&self, sequence: i64, origin: &Origin) -> Result<Event, OperationError> {
+        self.event(sequence).await?;
+        self.audit(origin, "acknowledge", &format!("event {sequence}")).await?;
+        self.0.writer.acknowledge(sequence, &origin.actor, clock::wall_ns()).await?;
+        self.event(sequence).await
+    }
+
+    /// Silences an event for some minutes.
+    pub async fn silence(
+        &self,
+        sequence: i64,
+        minutes: u32,
+        origin: &Origin,
+    ) -> Result<Event, OperationError> {
+        self.event(sequence).await?;
+        self.audit(origin, "silence", &format!("event {sequence} for {minutes} min")).await?;
+        let until = clock::wall_ns().saturating_add(i64::from(minutes) * 60_000_000_000);
+        self.0.writer.silence(sequence, until).await?;
+        self.event(sequence).await
+    }
+
+    async fn ask<T>(
+        &self,
+        make: impl FnOnce(oneshot::Sender<Result<T, Refusal>>) -> Control,
+    ) -> Result<T, OperationError> {
+        let (done, answer) = oneshot::channel();
+        self.0.control.try_send(make(done)).map_err(|_| Refusal::NoAnswer)?;
+        let answered = tokio::time::timeout(ANSWER_DEADLINE, answer).await;
+        Ok(answered.map_err(|_| Refusal::NoAnswer)?.map_err(|_| Refusal::NoAnswer)??)
+    }
+
+    /// Changes the mode. `revision`: the one the asker saw; needed on the way up.
+    /// Going up is put on record first; going down never waits for the record.
+    pub async fn set_mode(
+        &self,
+        mode: Mode,
+        revision: Option<u64>,
+        origin: Origin,
+    ) -> Result<u64, OperationError> {
+        let up = mode as u8 > self.state().mode as u8;
+        let detail = format!("mode {}", mode.word());
+        if up {
+            self.audit(&origin, "set_mode", &detail).await?;
+        }
+        let asked = origin.clone();
+        let done = self.ask(|done| Control::SetMode { mode, revision, origin: asked, done }).await?;
+        if !up {
+            self.audit(&origin, "set_mode", &detail).await?;
+        }
+        Ok(done)
+    }
+
+    /// Takes the turret back: equal pitch and `observe`, at once.
+    pub async fn take_back(&self, origin: Origin) -> Result<u64, OperationError> {
+        let asked = origin.clone();
+        let done = self.ask(|done| Control::Override { origin: asked, done }).await?;
+        self.audit(&origin, "override", "equal pitch, mode observe").await?;
+        Ok(done)
+    }
+
+    /// Clears a latched fault.
+    pub async fn clear_fault(&self, origin: Origin) -> Result<u64, OperationError> {
+        self.audit(&origin, "clear_fault", "latched fault").await?;
+        self.ask(|done| Control::ClearFault { origin, done }).await
+    }
+
+    /// Saves what the black box holds now; answers the recording's name.
+    pub async fn save_recording(&self, origin: Origin) -> Result<String, OperationError> {
+        self.audit(&origin, "save_recording", "black box").await?;
+        self.ask(|done| Control::SaveRecording { reason: origin.reason, done }).await
+    }
+
+    /// Stored recordings, newest first.
+    pub fn recordings(&self) -> Result<Vec<RecordingInfo>, OperationError> {
+        Ok(self.0.recordings.list()?)
+    }
+
+    /// File of one recording.
+    pub fn recording_path(&self, id: &str) -> Result<PathBuf, OperationError> {
+        let found = self.0.recordings.path(id);
+        found.ok_or_else(|| OperationError::NotFound(format!("there is no recording {id}")))
+    }
+
+    /// Stores an event that arose outside the pipeline.
+    pub async fn report(&self, kind: EventKind, text: String) {
+        let event = Event { id: clock::new_id(), ..Event::new(kind, clock::wall_ns(), text) };
+        super::hub::publish_event(&self.0.writer, &self.0.metrics, &self.0.stream, event).await;
+    }
+
+    /// What readiness depends on.
+    #[must_use]
+    pub fn checks(&self) -> Vec<Check> {
+        let state = self.state();
+        let behind_s = (clock::wall_ns() - state.time_ns) as f64 * 1e-9;
+        let samples = match (&state.source.connected, &state.source.last_sample_at) {
+            (true, _) => "samples are fresh".to_owned(),
+            (false, Some(at)) => format!("no samples since {at}"),
+            (false, None) => "no samples yet".to_owned(),
+        };
+        vec![
+            Check { name: "samples", ok: state.source.connected, detail: samples },
+            Check {
+                name: "store",
+                ok: state.store.healthy,
+                detail: format!("{} events wait to be stored", state.store.unpersisted),
+            },
+            Check {
+                name: "pipeline",
+                ok: behind_s.abs() < 2.0,
+                detail: format!("picture is {behind_s:.1} s old"),
+            },
+        ]
+    }
+
+    /// Begins to stop. [`super::Running::stop`] waits for the end.
+    pub fn request_stop(&self) {
+        self.0.stop.cancel();
+    }
+}

@@ -1,0 +1,295 @@
+//! Fans out what the pipeline thread reports: picture, stream, metrics, history.
+//!
+//! The pipeline thread never waits for any of it: it offers reports to a bounded queue, and this task
+//! takes them to listeners, disk and counters at their own pace.
+
+use super::clock;
+use super::control::Control;
+use super::handle::StreamMessage;
+use super::live::{LiveState, NOTICE, SpectrumView, StoreView};
+use crate::store::{EventFilter, FILE_NAME, StoreReader, StoreWriter};
+use crate::telemetry::{Event, Metrics};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+use tokio::sync::{broadcast, mpsc, watch};
+
+/// Force of every axis over one report: smallest and largest value of each of its slices.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(super) struct ForceFrame {
+    /// Time of the newest sample, s.
+    pub(super) t_s: f64,
+    /// Length of a slice, s.
+    pub(super) slice_s: f64,
+    /// Axis by axis: `[smallest, largest]` of each slice, oldest first.
+    pub(super) axes: Vec<Vec<[f32; 2]>>,
+}
+
+/// What the pipeline thread reports.
+#[derive(Debug)]
+pub(super) enum Report {
+    /// The picture, twenty times a second.
+    View(Box<View>),
+    /// Something happened.
+    Event(Box<Event>),
+    /// A command is about to be sent; it must be durable first.
+    Intent { sequence: u64, event: Box<Event> },
+}
+
+/// One picture with its data for plots.
+#[derive(Debug, Default)]
+pub(super) struct View {
+    pub(super) state: LiveState,
+    pub(super) force: ForceFrame,
+    pub(super) spectrum: SpectrumView,
+}
+
+/// A spectrum column for the page: levels in steps of half a decibel.
+#[derive(Debug, Serialize)]
+struct SpectrumFrame {
+    t_s: f64,
+    first_hz: f64,
+    step_hz: f64,
+    /// Base64 of one byte a bin: `2 * (20 log10(amplitude / 1 N) + 80)`, cut to 0..255.
+    levels: String,
+}
+
+/// The level byte of an amplitude: half decibels above -80 dB re 1 N.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+fn level(amplitude_n: f64) -> u8 {
+    let decibel = 20.0 * amplitude_n.max(1e-9).log10();
+    (2.0 * (decibel + 80.0)).clamp(0.0, 255.0) as u8
+}
+
+fn spectrum_frame(view: &SpectrumView) -> SpectrumFrame {
+    let levels: Vec<u8> = view.amplitude_n.iter().map(|a| level(*a)).collect();
+    SpectrumFrame {
+        t_s: view.t_s,
+        first_hz: view.first_hz,
+        step_hz: view.step_hz,
+        levels: STANDARD.encode(levels),
+    }
+}
+
+/// Ends of the channels that the hub feeds.
+pub(super) struct Outlets {
+    pub(super) state: watch::Sender<Arc<LiveState>>,
+    pub(super) spectrum: watch::Sender<Arc<SpectrumView>>,
+    pub(super) stream: broadcast::Sender<StreamMessage>,
+    pub(super) control: mpsc::Sender<Control>,
+}
+
+/// The history and what is known of it.
+pub(super) struct History {
+    pub(super) writer: StoreWriter,
+    pub(super) reader: StoreReader,
+    pub(super) folder: PathBuf,
+    pub(super) replaced: Option<String>,
+}
+
+/// I10: `act` falls back once the history could not be written for this long.
+const STORE_PATIENCE: Duration = Duration::from_secs(10);
+/// Slow things (file sizes, open alarms, retention) are looked at this often.
+const SLOW: Duration = Duration::from_secs(1);
+const PRUNE_EVERY: u32 = 600;
+
+/// The task.
+pub(super) struct Hub {
+    outlets: Outlets,
+    history: History,
+    metrics: Arc<Metrics>,
+    store_view: StoreView,
+    open_alarms: u64,
+    last_commits: i64,
+    failing_since: Option<Instant>,
+    frames: u64,
+}
+
+/// Stores an event, then tells listeners, log and counters. What cannot be queued is counted.
+pub(super) async fn publish_event(
+    writer: &StoreWriter,
+    metrics: &Metrics,
+    stream: &broadcast::Sender<StreamMessage>,
+    event: Event,
+) -> Option<Event> {
+    metrics.events.with_label_values(&[event.kind.word()]).inc();
+    event.log();
+    let Ok(stored) = writer.store_durably(event).await else {
+        metrics.queue_dropped.with_label_values(&["store", "true"]).inc();
+        return None;
+    };
+    let data = serde_json::to_string(&crate::http::EventView::from(&stored)).unwrap_or_default();
+    // No listener is no error.
+    let _ = stream.send(StreamMessage { id: Some(stored.sequence), kind: "event", data: data.into() });
+    Some(stored)
+}
+
+impl Hub {
+    pub(super) fn new(
+        outlets: Outlets,
+        history: History,
+        metrics: Arc<Metrics>,
+        store_view: StoreView,
+    ) -> Self {
+        Self {
+            outlets,
+            history,
+            metrics,
+            store_view,
+            open_alarms: 0,
+            last_commits: 0,
+            failing_since: None,
+            frames: 0,
+        }
+    }
+
+    /// Runs until the pipeline thread has ended and all of its reports are dealt with.
+    pub(super) async fn run(mut self, mut reports: mpsc::Receiver<Report>) {
+        let mut slow = tokio::time::interval(SLOW);
+        slow.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        let mut ticks = 0_u32;
+        loop {
+            tokio::select! {
+                report = reports.recv() => match report {
+                    Some(report) => self.take(report),
+                    None => break,
+                },
+                _ = slow.tick() => {
+                    ticks = ticks.wrapping_add(1);
+                    self.look_around(ticks.is_multiple_of(PRUNE_EVERY)).await;
+                    self.metrics.queue_depth.with_label_values(&["reports"]).set(depth(&reports));
+                }
+            }
+        }
+    }
+
+    fn take(&mut self, report: Report) {
+        match report {
+            Report::View(view) => self.show(*view),
+            Report::Event(event) => {
+                let (writer, metrics) = (self.history.writer.clone(), Arc::clone(&self.metrics));
+                let stream = self.outlets.stream.clone();
+                // Stored in the order of the queue: the push happens before the first await.
+                tokio::spawn(async move { publish_event(&writer, &metrics, &stream, *event).await });
+            }
+            Report::Intent { sequence, event } => {
+                let (writer, metrics) = (self.history.writer.clone(), Arc::clone(&self.metrics));
+                let (stream, control) = (self.outlets.stream.clone(), self.outlets.control.clone());
+                tokio::spawn(async move {
+                    if publish_event(&writer, &metrics, &stream, *event).await.is_some() {
+                        // A pipeline that no longer listens has ended.
+                        let _ = control.send(Control::Committed { sequence }).await;
+                    }
+                });
+            }
+        }
+    }
+
+    fn show(&mut self, mut view: View) {
+        let wall_ns = clock::wall_ns();
+        view.state.version = env!("CARGO_PKG_VERSION").to_owned();
+        view.state.notice = NOTICE.to_owned();
+        view.state.time = clock::rfc3339(wall_ns);
+        view.state.time_ns = wall_ns;
+        view.state.store = self.store_view.clone();
+        view.state.open_alarms = self.open_alarms;
+        self.frames += 1;
+        if self.outlets.stream.receiver_count() > 0 {
+            self.send("force", &view.force);
+            if !view.spectrum.amplitude_n.is_empty() {
+                self.send("spectrum", &spectrum_frame(&view.spectrum));
+            }
+            if self.frames.is_multiple_of(2) {
+                self.send("state", &view.state);
+            }
+        }
+        self.outlets.spectrum.send_replace(Arc::new(view.spectrum));
+        self.outlets.state.send_replace(Arc::new(view.state));
+    }
+
+    fn send(&self, kind: &'static str, value: &impl Serialize) {
+        let data = serde_json::to_string(value).unwrap_or_default();
+        let _ = self.outlets.stream.send(StreamMessage { id: None, kind, data: data.into() });
+    }
+
+    async fn look_around(&mut self, prune: bool) {
+        let gauges = self.history.writer.gauges();
+        let waiting = gauges.waiting.load(Ordering::Relaxed) as u64;
+        let failing = gauges.failures.load(Ordering::Relaxed) > 0;
+        let commits = gauges.commits.load(Ordering::Relaxed);
+        let size = |suffix: &str| {
+            let path = self.history.folder.join(format!("{FILE_NAME}{suffix}"));
+            std::fs::metadata(path).map_or(0, |m| m.len())
+        };
+        let (bytes, wal) = (size(""), size("-wal"));
+        self.store_view = StoreView {
+            healthy: !failing,
+            unpersisted: waiting,
+            bytes,
+            replaced: self.history.replaced.clone(),
+        };
+        self.metrics.events_unpersisted.set(i64::try_from(waiting).unwrap_or(i64::MAX));
+        self.metrics
+            .queue_depth
+            .with_label_values(&["store"])
+            .set(i64::try_from(waiting).unwrap_or(i64::MAX));
+        self.metrics.store_bytes.set(i64::try_from(bytes).unwrap_or(i64::MAX));
+        self.metrics.wal_bytes.set(i64::try_from(wal).unwrap_or(i64::MAX));
+        self.metrics.stage_up.with_label_values(&["store"]).set(i64::from(!failing));
+        if commits != self.last_commits {
+            self.last_commits = commits;
+            self.metrics.last_commit_timestamp_seconds.set(clock::wall_s());
+        }
+        self.tell_pipeline(failing);
+        if !failing {
+            self.count_alarms().await;
+        }
+        if prune && !failing {
+            let writer = self.history.writer.clone();
+            tokio::spawn(async move { writer.prune(clock::wall_ns()).await });
+        }
+    }
+
+    fn tell_pipeline(&mut self, failing: bool) {
+        let now = clock::now();
+        let since = if failing { Some(*self.failing_since.get_or_insert(now)) } else { None };
+        let was = self.failing_since;
+        self.failing_since = since;
+        let too_long = since.is_some_and(|s| now.duration_since(s) >= STORE_PATIENCE);
+        if too_long || (was.is_some() && since.is_none()) {
+            // A full queue: the next second tells again.
+            let _ = self.outlets.control.try_send(Control::StoreFailing(too_long));
+        }
+    }
+
+    async fn count_alarms(&mut self) {
+        let filter = EventFilter { unacknowledged_alarms: true, limit: 200, ..EventFilter::default() };
+        let now = clock::wall_ns();
+        if let Ok(page) = self.history.reader.page(&filter).await {
+            let loud = |e: &&Event| e.silenced_until_ns.is_none_or(|until| until < now);
+            self.open_alarms = page.events.iter().filter(loud).count() as u64;
+        }
+    }
+}
+
+fn depth(reports: &mpsc::Receiver<Report>) -> i64 {
+    i64::try_from(reports.len()).unwrap_or(i64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::level;
+
+    #[test]
+    fn levels_are_half_decibels_above_a_tenth_of_a_millinewton() {
+        assert_eq!(level(1.0), 160);
+        assert_eq!(level(10.0), 200);
+        assert_eq!(level(1e-4), 0);
+        assert_eq!(level(0.0), 0);
+        assert_eq!(level(1e6), 255);
+    }
+}

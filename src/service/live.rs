@@ -1,0 +1,180 @@
+//! What is shown of the running service: the shapes that the API and the page see.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// How far the service may go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// Watches; decides nothing.
+    #[default]
+    Observe,
+    /// Decides and shows what it would command; nothing leaves the process.
+    Advise,
+    /// Commands the turret.
+    Act,
+}
+
+impl Mode {
+    /// Every mode, from the most careful.
+    pub const ALL: [Self; 3] = [Self::Observe, Self::Advise, Self::Act];
+
+    /// The word that stands for it.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Observe => "observe",
+            Self::Advise => "advise",
+            Self::Act => "act",
+        }
+    }
+}
+
+/// Whether samples come.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
+pub struct SourceView {
+    /// Samples came within the last second.
+    pub connected: bool,
+    /// Wall clock of the newest sample, RFC 3339; absent before the first.
+    pub last_sample_at: Option<String>,
+    /// Time of the newest sample on the machine's clock, s.
+    pub last_sample_t_s: Option<f64>,
+    /// Samples per second that the machine announces.
+    pub sample_rate_hz: Option<f64>,
+    /// Spindle speed, rpm.
+    pub spindle_speed_rpm: Option<f64>,
+    /// Samples taken in since the start.
+    pub samples: u64,
+    /// Samples that never came.
+    pub lost: u64,
+    /// Samples refused.
+    pub rejected: u64,
+}
+
+/// One axis.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
+pub struct AxisView {
+    /// Name.
+    pub name: String,
+    /// Mean of the cutting force over the last 50 ms, N.
+    pub force_mean_n: f64,
+    /// Standard deviation of it, N.
+    pub force_deviation_n: f64,
+    /// Largest deviation from the mean, N.
+    pub force_peak_n: f64,
+    /// Strongest line of the band, Hz; absent while none stands out.
+    pub line_hz: Option<f64>,
+    /// Offset that is commanded, m.
+    pub offset_commanded_m: f64,
+    /// Offset that the controller reports, m.
+    pub offset_reported_m: Option<f64>,
+}
+
+/// Chatter.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
+pub struct ChatterView {
+    /// `learning`, `quiet`, `suspected` or `chatter`.
+    pub state: String,
+    /// Tracked line, Hz.
+    pub frequency_hz: Option<f64>,
+    /// Power of the strongest line, N2.
+    pub power_n2: Option<f64>,
+    /// Since when it is in this state, RFC 3339.
+    pub since: Option<String>,
+    /// Watched band, Hz.
+    pub band_hz: Option<[f64; 2]>,
+}
+
+/// Pitch angle difference of the two tools.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
+pub struct PitchView {
+    /// Commanded (in `act`) or advised, rad.
+    pub commanded_rad: f64,
+    /// What the controller reports, rad.
+    pub reported_rad: Option<f64>,
+    /// Optimum for the tracked line before limits, rad.
+    pub optimum_rad: Option<f64>,
+    /// Largest difference that the commissioned limits allow, rad.
+    pub limit_rad: f64,
+    /// True when a limit cut the command.
+    pub limited: bool,
+    /// What the turret does: `reached`, `moving`, `refused`, `limited`, `expired` or `unknown`.
+    pub turret: String,
+    /// Why the last interval ended without a command; absent when there was one.
+    pub hold_reason: Option<String>,
+}
+
+/// One interlock.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct InterlockView {
+    /// Name.
+    pub name: String,
+    /// Open, or not heard within its deadline.
+    pub open: bool,
+}
+
+/// History and recorder.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
+pub struct StoreView {
+    /// Events can be stored.
+    pub healthy: bool,
+    /// Events waiting to be stored.
+    pub unpersisted: u64,
+    /// Size of the history file, bytes.
+    pub bytes: u64,
+    /// Set when a damaged history was replaced at this start.
+    pub replaced: Option<String>,
+}
+
+/// The whole picture at one moment.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
+pub struct LiveState {
+    /// Version of the program.
+    pub version: String,
+    /// Says what this is not.
+    pub notice: String,
+    /// When this was put together, RFC 3339.
+    pub time: String,
+    /// The same in ns since 1970.
+    pub time_ns: i64,
+    /// How far the service may go.
+    pub mode: Mode,
+    /// Grows with every change of mode; the `If-Match` of a change.
+    pub mode_revision: u64,
+    /// Why the mode is what it is.
+    pub mode_reason: String,
+    /// A latched fault that a person must clear before `act`.
+    pub fault: Option<String>,
+    /// Whether samples come.
+    pub source: SourceView,
+    /// Axes in the order of the stream.
+    pub axes: Vec<AxisView>,
+    /// Chatter.
+    pub chatter: ChatterView,
+    /// Pitch.
+    pub pitch: PitchView,
+    /// Interlocks.
+    pub interlocks: Vec<InterlockView>,
+    /// History.
+    pub store: StoreView,
+    /// Alarms that nobody acknowledged or silenced.
+    pub open_alarms: u64,
+}
+
+/// The newest spectrum column.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
+pub struct SpectrumView {
+    /// First bin, Hz.
+    pub first_hz: f64,
+    /// Distance of the bins, Hz.
+    pub step_hz: f64,
+    /// Amplitude of each bin, N.
+    pub amplitude_n: Vec<f64>,
+    /// Time of the newest sample in the window, s on the machine's clock.
+    pub t_s: f64,
+}
+
+/// What is said of the project on every surface.
+pub const NOTICE: &str = "Advice to the motion controller; not a safety function. \
+    The machine must be safe with any output of this program.";

@@ -1,0 +1,106 @@
+//! Writes black-box recordings on a thread of its own: slow disks are nobody else's problem.
+
+use super::black_box::{Chunk, columns, last_unbroken};
+use super::clock;
+use super::recordings::{RecordingLimits, Recordings};
+use crate::recording::{RecordingError, write_recording};
+use crate::sample::{Recording, ServoSample};
+use crate::telemetry::{EventKind, Metrics};
+use crate::units::SampleRate;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+/// What is to be written.
+#[derive(Debug)]
+pub(super) struct Job {
+    pub(super) id: String,
+    pub(super) reason: String,
+    pub(super) chunks: Vec<Arc<Chunk>>,
+    pub(super) sample_rate: SampleRate,
+    pub(super) axes: Vec<String>,
+    pub(super) metadata: Vec<(String, String)>,
+}
+
+/// How it went, for the history.
+pub(super) type Outcome = Box<dyn Fn(EventKind, String) + Send>;
+
+/// Jobs that may wait; a burst of events shares recordings anyway.
+const WAITING: usize = 4;
+/// Recordings shorter than this are worth nothing.
+const SHORTEST: usize = 100;
+
+/// Starts the thread. It ends when all senders are gone.
+pub(super) fn start(
+    recordings: Recordings,
+    limits: RecordingLimits,
+    metrics: Arc<Metrics>,
+    outcome: Outcome,
+) -> std::io::Result<(SyncSender<Job>, std::thread::JoinHandle<()>)> {
+    let (send, jobs) = sync_channel(WAITING);
+    let thread = std::thread::Builder::new().name("recorder".into()).spawn(move || {
+        metrics.stage_up.with_label_values(&["recorder"]).set(1);
+        work(&jobs, &recordings, limits, (&metrics, &outcome));
+        metrics.stage_up.with_label_values(&["recorder"]).set(0);
+    })?;
+    Ok((send, thread))
+}
+
+fn work(
+    jobs: &Receiver<Job>,
+    recordings: &Recordings,
+    limits: RecordingLimits,
+    (metrics, outcome): (&Metrics, &Outcome),
+) {
+    while let Ok(job) = jobs.recv() {
+        match save(recordings, &job) {
+            Ok(seconds) => {
+                metrics.recordings.with_label_values(&["saved"]).inc();
+                outcome(
+                    EventKind::RecordingSaved,
+                    format!("{seconds:.1} s saved as {} ({})", job.id, job.reason),
+                );
+            }
+            Err(error) => {
+                metrics.recordings.with_label_values(&["failed"]).inc();
+                metrics.stage_up.with_label_values(&["recorder"]).set(0);
+                outcome(EventKind::RecordingFailed, error);
+            }
+        }
+        match recordings.prune(limits, clock::wall_ns()) {
+            Ok(removed) => metrics.recordings.with_label_values(&["removed"]).inc_by(removed as u64),
+            Err(error) => tracing::warn!(event = "recordings_prune", "{error}"),
+        }
+    }
+}
+
+/// Writes one; where the disk is full the oldest recordings go first. Answers its length in s.
+fn save(recordings: &Recordings, job: &Job) -> Result<f64, String> {
+    let samples: Vec<&ServoSample> = last_unbroken(&job.chunks);
+    if samples.len() < SHORTEST {
+        return Err(format!("{}: only {} samples without a gap, nothing to save", job.id, samples.len()));
+    }
+    let recording = Recording {
+        sample_rate: job.sample_rate,
+        experiment: job.reason.clone(),
+        axes: job.axes.clone(),
+        columns: columns(&samples, &job.axes),
+        start_s: samples.first().map_or(0.0, |s| s.t_s),
+        metadata: job.metadata.clone(),
+    };
+    let target = recordings.target(&job.id).ok_or_else(|| format!("{} is not a name", job.id))?;
+    loop {
+        match write_recording(&target, &recording) {
+            Ok(()) => return Ok(recording.len() as f64 / recording.sample_rate.hz()),
+            Err(error) if is_full(&error) && recordings.remove_oldest() => {}
+            Err(error) => return Err(error.to_string()),
+        }
+    }
+}
+
+fn is_full(error: &RecordingError) -> bool {
+    match error {
+        RecordingError::Io { source, .. } => source.kind() == std::io::ErrorKind::StorageFull,
+        RecordingError::Format { message, .. } => message.contains("No space left"),
+        RecordingError::Value { .. } => false,
+    }
+}

@@ -1,0 +1,157 @@
+//! The folder of black-box recordings: names, list, retention.
+
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+use utoipa::ToSchema;
+
+/// Why recordings cannot be listed.
+#[derive(Debug, Error)]
+pub enum RecordingsError {
+    /// The folder cannot be read.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// Folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// One stored recording.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct RecordingInfo {
+    /// Name, also of its file without `.parquet`.
+    #[schema(example = "chatter_onset-01JD3Z1V8Q5N4B6XG2W0S7KFTM")]
+    pub id: String,
+    /// Size, bytes.
+    pub bytes: u64,
+    /// When it was written, RFC 3339.
+    pub written_at: String,
+}
+
+/// The folder.
+#[derive(Debug, Clone)]
+pub struct Recordings {
+    folder: PathBuf,
+}
+
+/// How much the folder may hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RecordingLimits {
+    /// The oldest go while there is more.
+    pub max_bytes: u64,
+    /// Older ones go.
+    pub max_age_ns: i64,
+}
+
+impl Recordings {
+    /// The folder, made where it is not there.
+    pub fn open(folder: &Path) -> Result<Self, RecordingsError> {
+        std::fs::create_dir_all(folder)
+            .map_err(|source| RecordingsError::Io { path: folder.to_owned(), source })?;
+        Ok(Self { folder: folder.to_owned() })
+    }
+
+    /// Where a recording of that name stands or would stand. `None`: not a name of ours.
+    #[must_use]
+    pub fn target(&self, id: &str) -> Option<PathBuf> {
+        let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        let ours = !id.is_empty() && id.len() <= 80 && id.chars().all(plain);
+        ours.then(|| self.folder.join(format!("{id}.parquet")))
+    }
+
+    /// File of an existing recording.
+    #[must_use]
+    pub fn path(&self, id: &str) -> Option<PathBuf> {
+        self.target(id).filter(|p| p.is_file())
+    }
+
+    /// All, newest first.
+    pub fn list(&self) -> Result<Vec<RecordingInfo>, RecordingsError> {
+        let fail = |source| RecordingsError::Io { path: self.folder.clone(), source };
+        let mut found = Vec::new();
+        for entry in std::fs::read_dir(&self.folder).map_err(fail)?.flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            let (Some(id), Ok(info)) = (name.strip_suffix(".parquet"), entry.metadata()) else { continue };
+            if id.starts_with('.') {
+                continue; // being written
+            }
+            found.push((
+                wall_ns_of(&info),
+                RecordingInfo {
+                    id: id.to_owned(),
+                    bytes: info.len(),
+                    written_at: super::clock::rfc3339(wall_ns_of(&info)),
+                },
+            ));
+        }
+        found.sort_by(|a, b| b.0.cmp(&a.0).then_with(|| b.1.id.cmp(&a.1.id)));
+        Ok(found.into_iter().map(|(_, info)| info).collect())
+    }
+
+    /// Removes what the limits say, oldest first; answers how many went.
+    pub fn prune(&self, limits: RecordingLimits, now_ns: i64) -> Result<usize, RecordingsError> {
+        let mut removed = 0;
+        let mut total = 0_u64;
+        for info in self.list()? {
+            total = total.saturating_add(info.bytes);
+            let written = super::clock::parse_rfc3339(&info.written_at).unwrap_or(now_ns);
+            let old = now_ns.saturating_sub(written) > limits.max_age_ns;
+            if (old || total > limits.max_bytes) && self.remove(&info.id) {
+                total = total.saturating_sub(info.bytes);
+                removed += 1;
+            }
+        }
+        Ok(removed)
+    }
+
+    /// Removes the oldest, to make room. Answers false when there is none.
+    #[must_use]
+    pub fn remove_oldest(&self) -> bool {
+        self.list().ok().and_then(|l| l.last().map(|i| self.remove(&i.id))).unwrap_or(false)
+    }
+
+    fn remove(&self, id: &str) -> bool {
+        self.target(id).is_some_and(|p| std::fs::remove_file(p).is_ok())
+    }
+}
+
+fn wall_ns_of(info: &std::fs::Metadata) -> i64 {
+    let modified = info.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
+    modified.map_or(0, |d| i64::try_from(d.as_nanos()).unwrap_or(i64::MAX))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_cannot_leave_the_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let recordings = Recordings::open(folder.path()).unwrap();
+        for bad in ["", "..", "../etc/passwd", "a/b", "a.b", "a\0b"] {
+            assert_eq!(recordings.target(bad), None, "{bad:?}");
+        }
+        assert!(recordings.target("chatter_onset-01JD").is_some());
+    }
+
+    #[test]
+    fn the_oldest_go_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let recordings = Recordings::open(folder.path()).unwrap();
+        for (name, age_s) in [("old", 300), ("middle", 200), ("new", 100)] {
+            let path = folder.path().join(format!("{name}.parquet"));
+            std::fs::write(&path, [0_u8; 1000]).unwrap();
+            let time = std::time::UNIX_EPOCH + std::time::Duration::from_secs(1_000_000 - age_s);
+            std::fs::File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
+        }
+        let limits = RecordingLimits { max_bytes: 2500, max_age_ns: i64::MAX };
+        assert_eq!(recordings.prune(limits, 1_000_000_000_000_000).unwrap(), 1);
+        let left: Vec<_> = recordings.list().unwrap().into_iter().map(|i| i.id).collect();
+        assert_eq!(left, ["new", "middle"]);
+        let limits = RecordingLimits { max_bytes: u64::MAX, max_age_ns: 150_000_000_000 };
+        assert_eq!(recordings.prune(limits, 1_000_000_000_000_000).unwrap(), 1);
+        assert!(recordings.remove_oldest() && !recordings.remove_oldest());
+    }
+}

@@ -1,0 +1,352 @@
+//! Starting and stopping: every part is up before the first request, and goes in the reverse order.
+
+use super::control::{Control, Origin};
+use super::diagnoses::{Diagnoses, DiagnosisView, JobState};
+use super::handle::{Handle, Inner, OperationError, ShownConfig};
+use super::hub::{History, Hub, Outlets, publish_event};
+use super::live::{LiveState, SpectrumView, StoreView};
+use super::recordings::{RecordingLimits, Recordings, RecordingsError};
+use super::stability::CurveCache;
+use super::{clock, engine, recorder};
+use crate::config::service::ServiceConfig;
+use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
+use crate::store::{OpenReport, Retention, StoreError, StoreReader, StoreWriter};
+use crate::telemetry::{Event, EventKind, Metrics};
+use crate::transport::{Domain, TransportError};
+use sha2::{Digest as _, Sha256};
+use std::fs::{File, TryLockError};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use thiserror::Error;
+use tokio::net::TcpListener;
+use tokio::sync::{broadcast, mpsc, watch};
+use tokio_util::sync::CancellationToken;
+
+/// Why the service did not start. One line.
+#[derive(Debug, Error)]
+pub enum ServiceError {
+    /// Another service uses the same state.
+    #[error("{}: another service is running on this folder", path.display())]
+    SecondInstance {
+        /// Lock file.
+        path: PathBuf,
+    },
+    /// A file or thread cannot be made.
+    #[error("{}: {source}", path.display())]
+    Files {
+        /// File.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The address cannot be listened on.
+    #[error("http.listen {address}: {source}")]
+    Listen {
+        /// Address.
+        address: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The history cannot be opened.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The folder of recordings cannot be used.
+    #[error(transparent)]
+    Recordings(#[from] RecordingsError),
+    /// Shared memory cannot be used.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    /// The tokens cannot be used.
+    #[error(transparent)]
+    Tokens(#[from] TokenFileError),
+    /// TLS cannot be set up.
+    #[error(transparent)]
+    Tls(#[from] TlsError),
+    /// Metrics cannot be registered: a slip of ours.
+    #[error("metrics: {0}")]
+    Metrics(#[from] prometheus::Error),
+}
+
+/// Reports that may wait for the hub.
+const REPORTS: usize = 256;
+const CONTROLS: usize = 64;
+/// Stream messages a slow listener may be behind: about four seconds.
+const STREAM: usize = 256;
+/// How long stopping may take before what is left is abandoned.
+const STOP_DEADLINE: Duration = Duration::from_secs(3);
+
+/// A service that runs in this process.
+#[derive(Debug)]
+pub struct Running {
+    handle: Handle,
+    runtime: tokio::runtime::Runtime,
+    engine: JoinHandle<()>,
+    recorder: JoinHandle<()>,
+    hub: tokio::task::JoinHandle<()>,
+    http: tokio::task::JoinHandle<()>,
+    control: mpsc::Sender<Control>,
+    writer: StoreWriter,
+    progress: Arc<AtomicU64>,
+    _lock: File,
+}
+
+/// Starts everything. When it returns, HTTP answers and samples are taken in.
+pub fn start(config: ServiceConfig) -> Result<Running, ServiceError> {
+    let config = Arc::new(config);
+    let lock = lock_state(&config.history.folder)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(1)
+        .thread_name("http")
+        .enable_all()
+        .build()
+        .map_err(|source| ServiceError::Files { path: "worker thread".into(), source })?;
+    let metrics = Arc::new(Metrics::new(&stream_axes(&config), clock::wall_s())?);
+    let retention = Retention { max_age_ns: config.history.max_age_ns, max_bytes: config.history.max_bytes };
+    let opening =
+        StoreWriter::start(&config.history.folder, retention, Arc::clone(&metrics), clock::wall_ns());
+    let (writer, reader, report) = runtime.block_on(opening)?;
+    let parts = Parts { config, lock, runtime, metrics, writer, reader, report };
+    parts.start()
+}
+
+/// Axes that get their series before the first sample.
+fn stream_axes(config: &ServiceConfig) -> Vec<String> {
+    config.machine.axes.iter().map(|a| a.name.clone()).collect()
+}
+
+/// One service on one folder: the lock is held for life.
+fn lock_state(folder: &Path) -> Result<File, ServiceError> {
+    let files = |path: &Path, source| ServiceError::Files { path: path.to_owned(), source };
+    std::fs::create_dir_all(folder).map_err(|e| files(folder, e))?;
+    let path = folder.join("service.lock");
+    let file =
+        File::options().create(true).truncate(false).write(true).open(&path).map_err(|e| files(&path, e))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(ServiceError::SecondInstance { path }),
+        Err(TryLockError::Error(source)) => Err(files(&path, source)),
+    }
+}
+
+struct Parts {
+    config: Arc<ServiceConfig>,
+    lock: File,
+    runtime: tokio::runtime::Runtime,
+    metrics: Arc<Metrics>,
+    writer: StoreWriter,
+    reader: StoreReader,
+    report: OpenReport,
+}
+
+impl Parts {
+    fn start(self) -> Result<Running, ServiceError> {
+        let config = Arc::clone(&self.config);
+        let shown = shown_config(&config);
+        self.metrics.set_config_hash(&shown.hash)?;
+        let access = Access::load(config.http.tokens.as_deref(), config.http.trust_loopback)?;
+        let tls = config.http.tls.as_ref().map(|(c, k)| tls_acceptor(c, k)).transpose()?;
+        let address = config.http.listen;
+        let bound = self.runtime.block_on(TcpListener::bind(address));
+        let listener = bound.map_err(|source| ServiceError::Listen { address, source })?;
+        let address = listener.local_addr().map_err(|source| ServiceError::Listen { address, source })?;
+
+        let (stream, _) = broadcast::channel(STREAM);
+        let (recordings, recorder_queue, recorder) = self.start_recorder(&stream)?;
+        let (control, controls) = mpsc::channel(CONTROLS);
+        let (reports, reported) = mpsc::channel(REPORTS);
+        let progress = Arc::new(AtomicU64::new(0));
+        let engine = engine::start(engine::Setup {
+            config: Arc::clone(&config),
+            domain: Domain::new(&config.transport.0, &config.transport.1)?,
+            epoch: u64::try_from(self.report.epoch).unwrap_or(0),
+            reports,
+            controls,
+            recorder: recorder_queue,
+            metrics: Arc::clone(&self.metrics),
+            progress: Arc::clone(&progress),
+        })?;
+
+        let (state, watched_state) = watch::channel(Arc::new(LiveState::default()));
+        let (spectrum, watched_spectrum) = watch::channel(Arc::new(SpectrumView::default()));
+        let outlets = Outlets { state, spectrum, stream: stream.clone(), control: control.clone() };
+        let hub = self.runtime.spawn(self.hub(outlets).run(reported));
+        let program = std::env::current_exe().unwrap_or_else(|_| "stillcut".into());
+        let diagnoses = Diagnoses::new(&config.history.folder.join("diagnoses"), program);
+        let handle = Handle(Arc::new(Inner {
+            address,
+            state: watched_state,
+            spectrum: watched_spectrum,
+            stream,
+            control: control.clone(),
+            writer: self.writer.clone(),
+            reader: self.reader.clone(),
+            metrics: Arc::clone(&self.metrics),
+            recordings,
+            diagnoses,
+            config: shown,
+            stop: CancellationToken::new(),
+            settings: Arc::clone(&config),
+            curves: CurveCache::default(),
+        }));
+        self.runtime.spawn(run_diagnoses(handle.clone()));
+        let site = router(handle.clone(), access, config.http.hosts.clone());
+        let serving = serve(listener, site, tls, (Arc::clone(&self.metrics), handle.stopping()));
+        let http = self.runtime.spawn(serving);
+        self.runtime.block_on(self.tell_start(&handle));
+        Ok(Running {
+            handle,
+            runtime: self.runtime,
+            engine,
+            recorder,
+            hub,
+            http,
+            control,
+            writer: self.writer,
+            progress,
+            _lock: self.lock,
+        })
+    }
+
+    fn hub(&self, outlets: Outlets) -> Hub {
+        let replaced = self.report.damage.as_ref().map(|d| d.moved_to.display().to_string());
+        let history = History {
+            writer: self.writer.clone(),
+            reader: self.reader.clone(),
+            folder: self.config.history.folder.clone(),
+            replaced,
+        };
+        Hub::new(
+            outlets,
+            history,
+            Arc::clone(&self.metrics),
+            StoreView { healthy: true, ..StoreView::default() },
+        )
+    }
+
+    fn start_recorder(
+        &self,
+        stream: &broadcast::Sender<super::handle::StreamMessage>,
+    ) -> Result<(Recordings, std::sync::mpsc::SyncSender<recorder::Job>, JoinHandle<()>), ServiceError> {
+        let folder = self.config.history.folder.join("recordings");
+        let recordings = Recordings::open(&folder)?;
+        let limits = RecordingLimits {
+            max_bytes: self.config.recorder.max_bytes,
+            max_age_ns: self.config.recorder.max_age_ns,
+        };
+        let (runtime, writer) = (self.runtime.handle().clone(), self.writer.clone());
+        let (metrics, stream) = (Arc::clone(&self.metrics), stream.clone());
+        let outcome: recorder::Outcome = Box::new(move |kind, text| {
+            let event = Event { id: clock::new_id(), ..Event::new(kind, clock::wall_ns(), text) };
+            runtime.block_on(publish_event(&writer, &metrics, &stream, event));
+        });
+        let started = recorder::start(recordings.clone(), limits, Arc::clone(&self.metrics), outcome);
+        let (queue, thread) = started.map_err(|source| ServiceError::Files { path: folder, source })?;
+        Ok((recordings, queue, thread))
+    }
+
+    async fn tell_start(&self, handle: &Handle) {
+        if let Some(damage) = &self.report.damage {
+            let moved = damage.moved_to.display();
+            let text = format!(
+                "the history was damaged ({}); it is now {moved} and a new one was begun",
+                damage.reason
+            );
+            handle.report(EventKind::HistoryReplaced, text).await;
+        }
+        let text = format!("stillcut {} started, epoch {}", env!("CARGO_PKG_VERSION"), self.report.epoch);
+        handle.report(EventKind::ServiceStart, text).await;
+    }
+}
+
+async fn run_diagnoses(handle: Handle) {
+    let (jobs, model, told) = (handle.diagnoses().clone(), handle.model().cloned(), handle.clone());
+    let done = move |view: DiagnosisView| {
+        let verdict = view.result.as_ref().and_then(|r| r.get("verdict")).and_then(|v| v.as_str());
+        let text = match view.state {
+            JobState::Done => format!("diagnosis {}: {}", view.id, verdict.unwrap_or("no verdict")),
+            _ => format!("diagnosis {} failed: {}", view.id, view.error.unwrap_or_default()),
+        };
+        let handle = told.clone();
+        tokio::spawn(async move { handle.report(EventKind::DiagnosisDone, text).await });
+    };
+    let stop = handle.stopping();
+    tokio::select! {
+        () = jobs.run(model, done) => {}
+        () = stop.cancelled() => {}
+    }
+}
+
+fn shown_config(config: &ServiceConfig) -> ShownConfig {
+    let digest = Sha256::digest(config.text.as_bytes());
+    let hash = digest.iter().map(|b| format!("{b:02x}")).collect();
+    ShownConfig { text: config.text.clone(), hash }
+}
+
+impl Running {
+    /// The way in.
+    #[must_use]
+    pub fn handle(&self) -> &Handle {
+        &self.handle
+    }
+
+    /// Wakes of the pipeline thread so far: a watchdog is fed while it grows.
+    #[must_use]
+    pub fn progress(&self) -> u64 {
+        self.progress.load(Ordering::Relaxed)
+    }
+
+    /// True when the pipeline thread has ended by itself, which it never should.
+    #[must_use]
+    pub fn has_failed(&self) -> bool {
+        self.engine.is_finished()
+    }
+
+    /// Waits for something on the service's own runtime, for callers without one.
+    pub fn wait<T>(&self, what: impl Future<Output = T>) -> T {
+        self.runtime.block_on(what)
+    }
+
+    /// Stops in order: no more samples, everything reported is stored, open requests end.
+    pub fn stop(self) {
+        let Self { handle, runtime, engine, recorder, hub, http, control, writer, .. } = self;
+        let stored = async {
+            // The thread may have ended already; then nobody listens.
+            let _ = control.send(Control::Stop).await;
+        };
+        runtime.block_on(async { drop(tokio::time::timeout(STOP_DEADLINE, stored).await) });
+        let _ = engine.join();
+        let _ = recorder.join();
+        runtime.block_on(async {
+            let _ = tokio::time::timeout(STOP_DEADLINE, hub).await;
+            let said = handle.report(EventKind::ServiceStop, "stopped in good order".to_owned());
+            let _ = tokio::time::timeout(STOP_DEADLINE, said).await;
+            handle.request_stop();
+            let _ = tokio::time::timeout(STOP_DEADLINE, http).await;
+            handle.0.reader.close().await;
+        });
+        drop((handle, writer));
+        runtime.shutdown_timeout(STOP_DEADLINE);
+    }
+}
+
+impl Handle {
+    /// Queues a diagnosis of stored recordings.
+    pub async fn start_diagnosis(
+        &self,
+        names: Vec<String>,
+        origin: &Origin,
+    ) -> Result<DiagnosisView, OperationError> {
+        let files = names.iter().map(|n| self.recording_path(n)).collect::<Result<Vec<_>, _>>()?;
+        if self.model().is_none() {
+            let what = "machine.model is not configured: there is no model to start from";
+            return Err(OperationError::Unsuitable(what.to_owned()));
+        }
+        self.audit(origin, "start_diagnosis", &names.join(", ")).await?;
+        let added = self.diagnoses().add(names, files);
+        added.ok_or_else(|| OperationError::Busy("eight diagnoses wait already".to_owned()))
+    }
+}

@@ -1,0 +1,193 @@
+//! The whole loop without processes or clocks: virtual lathe -> pipeline -> decision -> guard -> turret.
+//!
+//! What the service does over shared memory happens here sample by sample, as fast as the machine allows:
+//! for campaigns over many cuts and for tests.
+
+use super::lathe::turret::{TurretOrder, TurretState};
+use super::lathe::{Lathe, LatheSettings};
+use crate::avoidance::guard::{Facts, Guard, GuardState};
+use crate::avoidance::turret::{TurretAxis, TurretError, TurretKinematics};
+use crate::avoidance::{
+    Avoidance, AvoidanceSettings, AvoidanceState, Command, Decision, Heard, Interlock, Mode, SettingsError,
+    Situation, TurretMotion, TurretReport,
+};
+use crate::chatter::ChatterEvent;
+use crate::pipeline::{Pipeline, PipelineError, PipelineSettings};
+use crate::sample::MAX_AXES;
+use std::f64::consts::FRAC_PI_4;
+use thiserror::Error;
+
+/// Why a loop cannot be closed.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum LoopError {
+    /// The pipeline does not fit the stream.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+    /// The decision's settings are not allowed.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The turret's axes are not usable.
+    #[error(transparent)]
+    Turret(#[from] TurretError),
+}
+
+/// Something that happened in the loop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LoopEvent {
+    /// Chatter was declared at this frequency, Hz.
+    Onset(f64),
+    /// Chatter was declared over.
+    End,
+    /// A command left for the turret.
+    Sent(Command),
+    /// The last guard refused a command.
+    Refused,
+}
+
+/// Turret of the virtual lathe: X1 toward the bar, Y1 at 45 degrees, 1.2 mm either way at 2 mm/s.
+pub fn turret_kinematics() -> Result<TurretKinematics, TurretError> {
+    let axis = |index, direction_rad| TurretAxis {
+        index,
+        direction_rad,
+        lowest_m: -1.2e-3,
+        highest_m: 1.2e-3,
+        speed_m_s: 2.0e-3,
+    };
+    TurretKinematics::new([axis(0, 0.0), axis(1, FRAC_PI_4)])
+}
+
+/// The loop in motion.
+#[derive(Debug, Clone)]
+pub struct ClosedLoop {
+    lathe: Lathe,
+    pipeline: Pipeline,
+    avoidance: Avoidance,
+    state: AvoidanceState,
+    guard: Guard,
+    guard_state: GuardState,
+    mode: Mode,
+    clean: bool,
+}
+
+impl ClosedLoop {
+    /// Closes the loop around a lathe with servo turrets.
+    /// Errors: settings that do not fit each other, by name.
+    pub fn new(lathe: LatheSettings, pipeline: PipelineSettings, mode: Mode) -> Result<Self, LoopError> {
+        let turret = turret_kinematics()?;
+        let largest_pitch_rad = 0.2;
+        let avoidance = Avoidance::new(AvoidanceSettings {
+            turret,
+            diameter_m: lathe.scenario.workpiece.diameter_m(),
+            largest_pitch_rad,
+            interval_s: 1.0,
+            ttl_s: 2.5,
+            freshness_s: 0.05,
+            report_deadline_s: 0.2,
+            reached_m: 20e-6,
+        })?;
+        let mut guard = Guard {
+            lowest_m: [0.0; MAX_AXES],
+            highest_m: [0.0; MAX_AXES],
+            speed_m_s: [0.0; MAX_AXES],
+            largest_pitch_rad,
+        };
+        for axis in turret.axes() {
+            guard.lowest_m[axis.index] = axis.lowest_m;
+            guard.highest_m[axis.index] = axis.highest_m;
+            guard.speed_m_s[axis.index] = axis.speed_m_s;
+        }
+        Ok(Self {
+            state: avoidance.start(1, 0.0),
+            lathe: Lathe::new(lathe),
+            pipeline: Pipeline::new(pipeline)?,
+            avoidance,
+            guard,
+            guard_state: GuardState::default(),
+            mode,
+            clean: false,
+        })
+    }
+
+    /// The lathe.
+    #[must_use]
+    pub fn lathe(&self) -> &Lathe {
+        &self.lathe
+    }
+
+    /// The pipeline.
+    #[must_use]
+    pub fn pipeline(&self) -> &Pipeline {
+        &self.pipeline
+    }
+
+    /// One sample through everything.
+    pub fn step(&mut self) -> Option<LoopEvent> {
+        let sample = self.lathe.step();
+        let output = self.pipeline.step(&sample);
+        self.clean = self.pipeline.clean_samples() as f64 > self.lathe.settings().sample_rate_hz * 0.5;
+        let heard = match output.event {
+            Some((_, ChatterEvent::Onset(line))) => Some(LoopEvent::Onset(line.frequency_hz)),
+            Some((_, ChatterEvent::End)) => Some(LoopEvent::End),
+            _ => None,
+        };
+        let situation = self.situation(sample.t_s, sample.spindle_speed_rpm);
+        let decided = match self.avoidance.decide(&mut self.state, &situation) {
+            Decision::Command(command) => Some(self.send(&command, &situation)),
+            Decision::NotDue | Decision::Advice(_) | Decision::Hold(_) => None,
+        };
+        decided.or(heard)
+    }
+
+    fn situation(&self, now_s: f64, spindle_speed_rpm: f64) -> Situation {
+        let agreement = self.pipeline.agreement();
+        let turret = self.lathe.turret();
+        let mut offsets_m = [0.0; MAX_AXES];
+        offsets_m[..2].copy_from_slice(&self.lathe.actual_offset_m());
+        Situation {
+            now_s,
+            newest_sample_s: Some(now_s),
+            window_full: self.clean,
+            heard: Heard {
+                phase: agreement.phase,
+                frequency_hz: agreement.highest_hz.or(agreement.frequency_hz),
+                power_n2: agreement.power_n2,
+                growth_1_s: agreement.growth_1_s,
+            },
+            spindle_speed_rpm: Some(spindle_speed_rpm),
+            turret: Some(TurretReport {
+                heard_s: now_s,
+                offsets_m,
+                motion: match turret.state() {
+                    TurretState::Reached => TurretMotion::Reached,
+                    TurretState::Moving | TurretState::Blocked => TurretMotion::Moving,
+                    TurretState::Expired => TurretMotion::Expired,
+                },
+                acknowledged: turret.accepted(),
+            }),
+            interlock: Some(Interlock { heard_s: now_s, open: turret.interlock_open() }),
+            mode: self.mode,
+            operator_hold: false,
+            operator_acknowledge: false,
+            store_writable: true,
+        }
+    }
+
+    fn send(&mut self, command: &Command, situation: &Situation) -> LoopEvent {
+        let facts = Facts {
+            now_s: situation.now_s,
+            mode: self.mode,
+            interlock_closed_s: Some(situation.now_s),
+            actual_m: situation.turret.map_or([0.0; MAX_AXES], |t| t.offsets_m),
+        };
+        if self.guard.pass(&mut self.guard_state, command, &facts).is_err() {
+            return LoopEvent::Refused;
+        }
+        self.lathe.turret_mut().order(&TurretOrder {
+            epoch: command.epoch,
+            sequence: command.sequence,
+            offset_m: [command.offsets_m[0], command.offsets_m[1]],
+            ttl_s: command.ttl_s,
+        });
+        LoopEvent::Sent(*command)
+    }
+}

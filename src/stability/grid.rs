@@ -1,0 +1,222 @@
+//! Growth and frequency over a grid of pitch difference, position, speed and width.
+
+use super::root::{Root, rightmost_root};
+use crate::plant::cutting::TwoDelay;
+use crate::plant::scenario::Scenario;
+use crate::plant::workpiece::ScenarioError;
+use thiserror::Error;
+
+/// Values from `low` to `high`, `count` of them, evenly spaced.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridRange {
+    low: f64,
+    high: f64,
+    count: usize,
+}
+
+/// Most points of a grid.
+const MOST_POINTS: usize = 10_000_000;
+
+/// Why there is no grid.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum GridError {
+    /// Not a range.
+    #[error("range {low}:{high}:{count}: expected two finite numbers and a count of 1 or more")]
+    Range {
+        /// Start.
+        low: f64,
+        /// End.
+        high: f64,
+        /// Number of values.
+        count: usize,
+    },
+    /// More points than anyone waits for.
+    #[error("{points} points; at most {MOST_POINTS} are computed")]
+    TooMany {
+        /// Points asked for.
+        points: usize,
+    },
+    /// A value of the grid is not physical.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+}
+
+impl GridRange {
+    /// Errors: ends not finite, no value.
+    pub fn new(low: f64, high: f64, count: usize) -> Result<Self, GridError> {
+        let good = low.is_finite() && high.is_finite() && count >= 1;
+        if good { Ok(Self { low, high, count }) } else { Err(GridError::Range { low, high, count }) }
+    }
+
+    /// One value.
+    #[must_use]
+    pub fn only(value: f64) -> Self {
+        Self { low: value, high: value, count: 1 }
+    }
+
+    /// Number of values.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Value `index`.
+    #[must_use]
+    pub fn value(&self, index: usize) -> f64 {
+        if self.count == 1 {
+            return self.low;
+        }
+        let share = index as f64 / (self.count - 1) as f64;
+        self.low + (self.high - self.low) * share
+    }
+}
+
+/// A scenario with four of its numbers varied.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Grid {
+    /// All else.
+    pub scenario: Scenario,
+    /// theta_2 - theta_1.
+    pub pitch_rad: GridRange,
+    /// Tools from the chuck.
+    pub position_m: GridRange,
+    /// S.
+    pub speed_rpm: GridRange,
+    /// b.
+    pub width_m: GridRange,
+}
+
+/// One point with its answer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridPoint {
+    /// theta_2 - theta_1.
+    pub pitch_rad: f64,
+    /// Tools from the chuck.
+    pub position_m: f64,
+    /// S.
+    pub speed_rpm: f64,
+    /// b.
+    pub width_m: f64,
+    /// Rightmost root there.
+    pub root: Root,
+}
+
+impl Grid {
+    /// The scenario alone.
+    #[must_use]
+    pub fn of(scenario: Scenario) -> Self {
+        Self {
+            scenario,
+            pitch_rad: GridRange::only(scenario.tools.pitch_difference_rad()),
+            position_m: GridRange::only(scenario.tools.position_m()),
+            speed_rpm: GridRange::only(scenario.spindle.rpm()),
+            width_m: GridRange::only(scenario.cutting.raw().width_m),
+        }
+    }
+
+    /// Number of points.
+    #[must_use]
+    pub fn points(&self) -> usize {
+        [self.pitch_rad, self.position_m, self.speed_rpm, self.width_m]
+            .iter()
+            .fold(1usize, |n, r| n.saturating_mul(r.count()))
+    }
+
+    /// Rows of the grid: all points of the last two axes with more than one value share a row.
+    fn indices(&self, point: usize) -> [usize; 4] {
+        let mut rest = point;
+        let mut take = |range: &GridRange| {
+            let index = rest % range.count();
+            rest /= range.count();
+            index
+        };
+        let width = take(&self.width_m);
+        let speed = take(&self.speed_rpm);
+        let position = take(&self.position_m);
+        let pitch = take(&self.pitch_rad);
+        [pitch, position, speed, width]
+    }
+
+    /// Equation of a point. Errors: a value that is not physical.
+    fn equation(&self, point: usize) -> Result<(GridPoint, TwoDelay), GridError> {
+        let [pitch, position, speed, width] = self.indices(point);
+        let mut raw = self.scenario.raw();
+        raw.pitch_difference_rad = self.pitch_rad.value(pitch);
+        raw.position_m = Some(self.position_m.value(position));
+        raw.speed_rpm = self.speed_rpm.value(speed);
+        raw.cutting.width_m = self.width_m.value(width);
+        let scenario = Scenario::new(&raw)?;
+        let at = GridPoint {
+            pitch_rad: raw.pitch_difference_rad,
+            position_m: self.position_m.value(position),
+            speed_rpm: raw.speed_rpm,
+            width_m: raw.cutting.width_m,
+            root: Root { growth_1_s: 0.0, frequency_hz: 0.0 },
+        };
+        Ok((at, TwoDelay::from_scenario(&scenario)))
+    }
+
+    /// Errors: too many points, a corner that is not physical.
+    pub fn check(&self) -> Result<(), GridError> {
+        let points = self.points();
+        if points > MOST_POINTS {
+            return Err(GridError::TooMany { points });
+        }
+        for corner in 0..16usize {
+            let end =
+                |bit: usize, range: &GridRange| if corner >> bit & 1 == 1 { range.count() - 1 } else { 0 };
+            let [a, b, c, d] = [
+                end(0, &self.pitch_rad),
+                end(1, &self.position_m),
+                end(2, &self.speed_rpm),
+                end(3, &self.width_m),
+            ];
+            let point =
+                ((a * self.position_m.count() + b) * self.speed_rpm.count() + c) * self.width_m.count() + d;
+            self.equation(point)?;
+        }
+        Ok(())
+    }
+
+    /// Answers of the points `from..to`; parts of a grid may run side by side.
+    ///
+    /// Every point is searched by itself: following the roots of a neighbour loses the one that takes the lead
+    /// from far away, and a map would miss an island. Errors: as [`Grid::check`].
+    pub fn evaluate(&self, from: usize, to: usize) -> Result<Vec<GridPoint>, GridError> {
+        let mut answers: Vec<GridPoint> = Vec::with_capacity(to.saturating_sub(from));
+        for point in from..to {
+            let (mut at, equation) = self.equation(point)?;
+            at.root = rightmost_root(&equation);
+            answers.push(at);
+        }
+        Ok(answers)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rightmost_root;
+    use super::*;
+
+    #[test]
+    fn a_map_equals_its_points() {
+        let mut grid = Grid::of(Scenario::default());
+        grid.pitch_rad = GridRange::new(0.0, 0.5, 23).unwrap();
+        grid.speed_rpm = GridRange::new(700.0, 2400.0, 61).unwrap();
+        let answers = grid.evaluate(0, grid.points()).unwrap();
+        assert_eq!(answers.len(), 23 * 61);
+        for (point, answer) in answers.iter().enumerate() {
+            let (_, equation) = grid.equation(point).unwrap();
+            let alone = rightmost_root(&equation);
+            assert!((answer.root.growth_1_s - alone.growth_1_s).abs() < 1e-3, "{answer:?} {alone:?}");
+        }
+    }
+
+    #[test]
+    fn impossible_grids_are_refused() {
+        assert!(GridRange::new(0.0, f64::NAN, 3).is_err() && GridRange::new(0.0, 1.0, 0).is_err());
+        let mut grid = Grid::of(Scenario::default());
+        grid.speed_rpm = GridRange::new(-100.0, 1200.0, 5).unwrap();
+        assert!(grid.check().is_err());
+    }
+}

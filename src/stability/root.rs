@@ -1,0 +1,270 @@
+//! The rightmost root of the two-delay equation.
+
+use crate::plant::cutting::TwoDelay;
+use nalgebra::Complex;
+use std::f64::consts::{PI, TAU};
+
+/// A root of the characteristic equation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Root {
+    /// Real part: positive grows.
+    pub growth_1_s: f64,
+    /// Imaginary part over 2 pi, not negative.
+    pub frequency_hz: f64,
+}
+
+/// The equation over its mass, in the units of the search: 1/s.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scaled {
+    damping: f64,
+    stiffness: f64,
+    cutting: f64,
+    delay_1_s: f64,
+    delay_2_s: f64,
+    /// Roots with a smaller imaginary part are not asked for.
+    lowest_rad_s: f64,
+}
+
+impl Scaled {
+    pub(super) fn new(equation: &TwoDelay) -> Self {
+        let m = equation.mass_kg;
+        Self {
+            damping: equation.damping_n_s_m / m,
+            stiffness: equation.stiffness_n_m / m,
+            cutting: equation.cutting_stiffness_n_m / m,
+            delay_1_s: equation.delay_1_s,
+            delay_2_s: equation.delay_2_s,
+            lowest_rad_s: 0.0,
+        }
+    }
+
+    /// Without the surface's slow fading.
+    ///
+    /// Below the natural frequency k + 2K - m w^2 is more than 2K: no root there can grow. Far below it the
+    /// equation has a ladder of roots, 1/tau apart, at which marks of the surface fade while the bar gives way
+    /// as a mere spring; with everything else well damped one of them is the rightmost. They are no bending
+    /// vibration. The ladder is cut at half the natural frequency, at the step nearest to it.
+    pub(super) fn of_bending(mut self) -> Self {
+        let half_step = std::f64::consts::PI * 2.0 / (self.delay_1_s + self.delay_2_s).max(1e-9);
+        self.lowest_rad_s = (0.5 * self.stiffness.sqrt() - half_step).max(0.0);
+        self
+    }
+
+    /// Value and derivative at `s`.
+    #[inline]
+    fn value_and_slope(&self, s: Complex<f64>) -> (Complex<f64>, Complex<f64>) {
+        let first = (-s * self.delay_1_s).exp();
+        let second = (-s * self.delay_2_s).exp();
+        let value = s * s
+            + s * self.damping
+            + (self.stiffness + 2.0 * self.cutting)
+            + (first + second) * self.cutting;
+        let slope =
+            s * 2.0 + self.damping - (first * self.delay_1_s + second * self.delay_2_s) * self.cutting;
+        (value, slope)
+    }
+
+    fn longest_delay_s(&self) -> f64 {
+        self.delay_1_s.max(self.delay_2_s)
+    }
+
+    /// Newton's method; `None` where it does not settle or settles left of `worth`.
+    fn polish(&self, start: Complex<f64>, worth: f64) -> Option<Complex<f64>> {
+        let longest_step = 0.5 / self.longest_delay_s().max(1e-9);
+        let mut s = start;
+        for _ in 0..30 {
+            let (value, slope) = self.value_and_slope(s);
+            let mut step = value / slope;
+            let size = step.norm_sqr();
+            if !size.is_finite() {
+                return None;
+            }
+            // The exponentials bend over 1/tau: a longer step leaves the root that is near.
+            if size > longest_step * longest_step {
+                step *= longest_step / size.sqrt();
+            }
+            s -= step;
+            // Newton doubles the digits: after a short step the root is within a fraction of it.
+            let near = size < 0.01 * longest_step * longest_step;
+            if near && s.re + 0.2 * longest_step < worth {
+                return None;
+            }
+            if size < 1e-14 * (1.0 + s.norm_sqr()) {
+                return Some(Complex::new(s.re, s.im.abs()));
+            }
+        }
+        None
+    }
+
+    /// Growth at which a root near the angular frequency `w` would lie: there the delayed terms are as large
+    /// as the rest, 2 K |cos(w (tau2 - tau1)/2)| e^{-growth tau} = |D(j w)|.
+    fn likely_growth(&self, w: f64) -> f64 {
+        let rest = Complex::new(self.stiffness + 2.0 * self.cutting - w * w, w * self.damping).norm();
+        let mean_s = (self.delay_1_s + self.delay_2_s) / 2.0;
+        let beat = (w * (self.delay_2_s - self.delay_1_s) / 2.0).cos().abs().max(0.05);
+        // Near resonance D is small and does not stay so off the axis: no more than the cut can drive.
+        let most = self.cutting / w.max(1.0);
+        (-(rest / (2.0 * self.cutting * beat)).ln() / mean_s.max(1e-9)).clamp(-3.0 * most - 200.0, most)
+    }
+
+    /// Angular frequencies between which every root right of `growth` lies.
+    ///
+    /// There |s^2 + c s + k + 2K| <= 2 K e^{-growth tau}; its real part alone bounds the imaginary part of s.
+    fn window_rad_s(&self, growth: f64) -> (f64, f64) {
+        let reach = 2.0 * self.cutting * (-growth * self.longest_delay_s()).exp().max(1.0);
+        let middle = self.stiffness + 2.0 * self.cutting;
+        // c s + s^2 for real parts between `growth` and zero; right of zero both only raise it.
+        let falls = (-growth).max(0.0) * self.damping;
+        let low = middle - reach - falls;
+        // No root grows faster than this: m s^2 alone would outweigh the cut.
+        let fastest = (2.0 * reach).sqrt();
+        let high = middle + reach + growth.min(0.0).powi(2) + fastest * (fastest + self.damping);
+        (low.max(0.0).sqrt(), high.sqrt())
+    }
+}
+
+/// The root farthest to the right: growth and frequency of small vibration of the bar.
+///
+/// Bending vibration only: the slow fading of surface marks below half the natural frequency, which can
+/// never grow, is left out.
+///
+/// Searched from seeds a quarter of 1/tau apart over the window that can hold it; the window follows from
+/// the best root found so far. Requires: positive mass and stiffness, delays not negative.
+/// Cost: about 20 us. Source: facts of the two-delay equation; window from the triangle inequality.
+/// Checked by: `printed_roots`, `no_root_is_missed`, collocation of the delay operator (tests).
+#[must_use]
+pub fn rightmost_root(equation: &TwoDelay) -> Root {
+    search(&Scaled::new(equation).of_bending())
+}
+
+fn search(scaled: &Scaled) -> Root {
+    let in_cut = (scaled.stiffness + 2.0 * scaled.cutting).sqrt();
+    let tau = scaled.longest_delay_s().max(1e-6);
+    let mut best: Option<Complex<f64>> = None;
+    let try_at = |seed: Complex<f64>, best: &mut Option<Complex<f64>>| {
+        let worth = best.map_or(f64::NEG_INFINITY, |b| b.re);
+        if let Some(root) = scaled.polish(seed, worth)
+            && root.im >= scaled.lowest_rad_s
+            && root.re > worth
+        {
+            *best = Some(root);
+        }
+    };
+    // A first bound: the bar's own root, and roots near the in-cut frequency.
+    try_at(Complex::new(-scaled.damping / 2.0, in_cut), &mut best);
+    for offset in [-1.5, -0.5, 0.5, 1.5] {
+        let w = in_cut + offset * PI / tau;
+        try_at(Complex::new(scaled.likely_growth(w.abs()), w), &mut best);
+    }
+    let bound = best.map_or(-scaled.damping / 2.0 - 3.0 / tau, |b| b.re);
+    let (low, high) = scaled.window_rad_s(bound);
+    let low = low.max(scaled.lowest_rad_s);
+    // One root about every 2 pi/tau; two seeds for each.
+    let step = (PI / tau).min((high - low) / 8.0).max((high - low) / 4000.0).max(1e-3);
+    let mut w = low;
+    while w <= high + step {
+        try_at(Complex::new(scaled.likely_growth(w), w), &mut best);
+        w += step;
+    }
+    let root = best.unwrap_or(Complex::new(-scaled.damping / 2.0, in_cut));
+    Root { growth_1_s: root.re, frequency_hz: root.im / TAU }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::roots_right_of;
+    use super::*;
+    use crate::plant::scenario::{RawScenario, Scenario};
+
+    /// 20 000 have been run; the gate takes fewer.
+    const CASES: usize = 1000;
+
+    fn root(pitch_rad: f64, position_share: f64) -> Root {
+        let raw = RawScenario {
+            pitch_difference_rad: pitch_rad,
+            position_m: Some(0.18 * position_share),
+            ..RawScenario::default()
+        };
+        rightmost_root(&TwoDelay::from_scenario(&Scenario::new(&raw).unwrap()))
+    }
+
+    /// Answers of an independent program for the default scenario; phase in pi at 652 Hz.
+    #[test]
+    fn printed_roots() {
+        let rows = [
+            (0.0, 35.67, Some(649.57)),
+            (0.5, 23.61, Some(649.57)),
+            (0.7, 8.32, Some(649.52)),
+            (0.8, -4.76, Some(649.43)),
+            (1.0, -43.01, None),
+            (1.2, -5.91, Some(667.00)),
+            (3.0, -8.57, Some(557.44)),
+            (5.0, 6.89, Some(576.78)),
+        ];
+        for (phase, growth, frequency) in rows {
+            let got = root(phase * PI * 20.0 / 652.0, 1.0);
+            assert!((got.growth_1_s - growth).abs() < 0.006, "{phase} pi: {got:?}, expected {growth}");
+            if let Some(f) = frequency {
+                assert!((got.frequency_hz - f).abs() < 0.006, "{phase} pi: {got:?}, expected {f}");
+            }
+        }
+        for (share, growth, frequency) in [(0.9, 34.81, 610.95), (0.7, 28.38, 569.38), (0.5, 11.97, 532.09)] {
+            let got = root(0.0, share);
+            assert!(
+                (got.growth_1_s - growth).abs() < 0.006 && (got.frequency_hz - frequency).abs() < 0.006,
+                "{got:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_bar_that_is_not_cut_rings_at_its_own() {
+        let scenario = Scenario::default();
+        let mut equation = TwoDelay::from_scenario(&scenario);
+        equation.cutting_stiffness_n_m = 0.0;
+        equation.damping_n_s_m = scenario.workpiece.modal_damping_n_s_m();
+        let got = rightmost_root(&equation);
+        let wanted = 0.01 * TAU * scenario.workpiece.bending_frequency_hz();
+        assert!((got.growth_1_s + wanted).abs() < 1e-6, "{got:?}");
+    }
+
+    /// Nothing lies right of the root that the search gives, by a count that shares nothing with it.
+    #[test]
+    fn no_root_is_missed() {
+        let mut random = 1u64;
+        let mut uniform = move |low: f64, high: f64| {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            low + (high - low) * ((random >> 11) as f64 / (1u64 << 53) as f64)
+        };
+        for case in 0..CASES {
+            let natural = TAU * uniform(150.0, 1200.0);
+            let (mass_kg, turn_s) = (uniform(0.05, 1.0), 60.0 / uniform(250.0, 4000.0));
+            let stiffness_n_m = mass_kg * natural * natural;
+            let zeta = 10f64.powf(uniform(-2.7, -0.9));
+            let shift = uniform(-0.3, 0.3) * turn_s / 2.0;
+            let equation = TwoDelay {
+                mass_kg,
+                damping_n_s_m: 2.0 * zeta * natural * mass_kg,
+                stiffness_n_m,
+                cutting_stiffness_n_m: stiffness_n_m * 10f64.powf(uniform(-3.0, 0.0)),
+                delay_1_s: turn_s / 2.0 - shift,
+                delay_2_s: turn_s / 2.0 + shift,
+            };
+            let got = search(&Scaled::new(&equation));
+            let s = Complex::new(got.growth_1_s, TAU * got.frequency_hz);
+            assert!(equation.characteristic(s).norm() < 1e-6 * stiffness_n_m, "case {case}: not a root");
+            let right = roots_right_of(&equation, got.growth_1_s + 0.01);
+            assert_eq!(right, 0, "case {case}: {right} roots right of {got:?} of {equation:?}");
+            assert!(
+                roots_right_of(&equation, got.growth_1_s - 0.01) >= 1,
+                "case {case}: the count sees none"
+            );
+            let bending = rightmost_root(&equation).growth_1_s;
+            let same = (bending - got.growth_1_s).abs() < 1e-6;
+            assert!(
+                same || bending < got.growth_1_s && got.growth_1_s < 0.0,
+                "case {case}: {bending} {got:?}"
+            );
+        }
+    }
+}

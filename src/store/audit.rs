@@ -1,0 +1,138 @@
+//! The audit chain: each row's hash covers the row before it.
+
+use super::{StoreError, options};
+use sha2::{Digest as _, Sha256};
+use sqlx::{Connection as _, Row as _, SqliteConnection};
+use std::path::Path;
+
+/// A write that somebody made or was refused.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AuditEntry {
+    /// Wall clock, ns since 1970.
+    pub wall_ns: i64,
+    /// Name of the token, or what stands for it.
+    pub actor: String,
+    /// Role of the actor.
+    pub role: String,
+    /// What was asked for.
+    pub action: String,
+    /// With what, and why.
+    pub detail: String,
+}
+
+/// An entry in its place.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AuditRow {
+    /// Place, from 1 without holes.
+    pub sequence: i64,
+    /// What it says.
+    pub entry: AuditEntry,
+}
+
+/// What verification found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum AuditVerdict {
+    /// All rows follow from one another; the head is the hash of the last.
+    Intact {
+        /// Number of rows.
+        rows: i64,
+        /// Hash of the last row, hexadecimal; keep it elsewhere to notice a cut tail.
+        head: String,
+    },
+    /// The first row that does not follow from the one before it.
+    Broken {
+        /// Its place.
+        sequence: i64,
+    },
+    /// All rows follow from one another, but the head that was noted earlier is not among them.
+    HeadMissing {
+        /// Number of rows.
+        rows: i64,
+    },
+}
+
+/// SHA-256 over the previous hash and each field with its length, so that no two rows read the same.
+pub(super) fn chain_hash(previous: &[u8], sequence: i64, entry: &AuditEntry) -> Vec<u8> {
+    let mut hash = Sha256::new();
+    hash.update(previous);
+    hash.update(sequence.to_be_bytes());
+    hash.update(entry.wall_ns.to_be_bytes());
+    for text in [&entry.actor, &entry.role, &entry.action, &entry.detail] {
+        hash.update((text.len() as u64).to_be_bytes());
+        hash.update(text.as_bytes());
+    }
+    hash.finalize().to_vec()
+}
+
+pub(super) async fn append(
+    connection: &mut SqliteConnection,
+    entry: &AuditEntry,
+) -> Result<i64, sqlx::Error> {
+    let last = sqlx::query("SELECT sequence, hash FROM audit ORDER BY sequence DESC LIMIT 1");
+    let (sequence, previous) = match last.fetch_optional(&mut *connection).await? {
+        Some(row) => (row.try_get::<i64, _>(0)? + 1, row.try_get::<Vec<u8>, _>(1)?),
+        None => (1, Vec::new()),
+    };
+    let hash = chain_hash(&previous, sequence, entry);
+    let insert = "INSERT INTO audit (sequence, wall_ns, actor, role, action, detail, hash) VALUES (?, ?, ?, ?, ?, ?, ?)";
+    let query = sqlx::query(insert).bind(sequence).bind(entry.wall_ns).bind(&entry.actor).bind(&entry.role);
+    query.bind(&entry.action).bind(&entry.detail).bind(hash).execute(connection).await?;
+    Ok(sequence)
+}
+
+fn row(row: &sqlx::sqlite::SqliteRow) -> Result<(AuditRow, Vec<u8>), sqlx::Error> {
+    let entry = AuditEntry {
+        wall_ns: row.try_get("wall_ns")?,
+        actor: row.try_get("actor")?,
+        role: row.try_get("role")?,
+        action: row.try_get("action")?,
+        detail: row.try_get("detail")?,
+    };
+    Ok((AuditRow { sequence: row.try_get("sequence")?, entry }, row.try_get("hash")?))
+}
+
+const SELECT: &str = "SELECT sequence, wall_ns, actor, role, action, detail, hash FROM audit \
+     WHERE sequence > ? ORDER BY sequence LIMIT 1000";
+
+/// Reads the whole chain of a history file and says where it breaks, if it does. `noted`: a head of
+/// earlier, which must be among the rows: a chain whose end was cut off is intact in itself.
+/// Errors: the file cannot be read.
+pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<AuditVerdict, StoreError> {
+    let fail = |source| StoreError::Database { path: path.to_owned(), source };
+    let connect = SqliteConnection::connect_with(&options(path).read_only(true)).await;
+    let mut connection = connect.map_err(fail)?;
+    let (mut previous, mut last) = (Vec::new(), 0_i64);
+    let mut noted_seen = noted.is_none();
+    loop {
+        let rows = sqlx::query(SELECT).bind(last).fetch_all(&mut connection).await.map_err(fail)?;
+        if rows.is_empty() {
+            break;
+        }
+        for r in &rows {
+            let (found, hash) = row(r).map_err(fail)?;
+            let follows =
+                found.sequence == last + 1 && chain_hash(&previous, found.sequence, &found.entry) == hash;
+            if !follows {
+                return Ok(AuditVerdict::Broken { sequence: found.sequence });
+            }
+            noted_seen = noted_seen || noted.is_some_and(|n| n.eq_ignore_ascii_case(&hex(&hash)));
+            (last, previous) = (found.sequence, hash);
+        }
+    }
+    if !noted_seen {
+        return Ok(AuditVerdict::HeadMissing { rows: last });
+    }
+    Ok(AuditVerdict::Intact { rows: last, head: hex(&previous) })
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+impl super::StoreReader {
+    /// Audit rows after `after`, oldest first, at most 1000. Errors: the database's.
+    pub async fn audit(&self, after: i64) -> Result<Vec<AuditRow>, StoreError> {
+        let rows = sqlx::query(SELECT).bind(after).fetch_all(&self.pool).await.map_err(|e| self.error(e))?;
+        rows.iter().map(|r| row(r).map(|(a, _)| a)).collect::<Result<_, _>>().map_err(|e| self.error(e))
+    }
+}

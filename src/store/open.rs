@@ -1,0 +1,153 @@
+//! Opening the history: damage is set aside, the schema is brought up to date, a copy is kept first.
+
+use super::{StoreError, code_of, options};
+use sqlx::migrate::{Migration, MigrationType, Migrator};
+use sqlx::{Connection as _, Row as _, SqlSafeStr as _, SqliteConnection};
+use std::path::{Path, PathBuf};
+
+/// The history file was not usable and was set aside.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Damage {
+    /// Where the damaged file is now.
+    pub moved_to: PathBuf,
+    /// What was wrong.
+    pub reason: String,
+}
+
+/// What opening found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OpenReport {
+    /// Number of this start; grows with every start on one state directory.
+    pub epoch: i64,
+    /// Set when a damaged file was replaced.
+    pub damage: Option<Damage>,
+    /// Set when an older schema was copied before it was changed.
+    pub copy: Option<PathBuf>,
+}
+
+/// Every migration, oldest first. A test compares the list with the folder.
+#[must_use]
+pub fn migrations() -> Vec<(i64, &'static str, &'static str)> {
+    vec![
+        (1, "history", include_str!("../../migrations/0001_history.sql")),
+        (2, "audit", include_str!("../../migrations/0002_audit.sql")),
+    ]
+}
+
+fn migrator() -> Migrator {
+    let one = |(version, name, sql): (i64, &'static str, &'static str)| {
+        Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
+    };
+    Migrator::with_migrations(migrations().into_iter().map(one).collect())
+}
+
+/// Opens the writing connection, replacing a damaged file and migrating an older one.
+/// `wall_ns` names files and the start. Errors: no access, disk full, newer schema.
+pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, OpenReport), StoreError> {
+    let mut damage = None;
+    let (mut connection, copy) = match try_open(path, wall_ns).await {
+        Ok(opened) => opened,
+        Err(error) if is_damage(&error) => {
+            damage = Some(set_aside(path, wall_ns, &error.to_string())?);
+            try_open(path, wall_ns).await?
+        }
+        Err(error) => return Err(error),
+    };
+    let fail = |source| StoreError::Database { path: path.to_owned(), source };
+    let insert = "INSERT INTO life (started_ns, version) VALUES (?, ?) RETURNING epoch";
+    // After a replacement epochs must go on growing: start above any earlier one by using the time.
+    if damage.is_some() {
+        let seed = "INSERT INTO life (epoch, started_ns, version) VALUES (?, ?, 'replaced')";
+        let seconds = wall_ns / 1_000_000_000;
+        sqlx::query(seed).bind(seconds).bind(wall_ns).execute(&mut connection).await.map_err(fail)?;
+    }
+    let row =
+        sqlx::query(insert).bind(wall_ns).bind(env!("CARGO_PKG_VERSION")).fetch_one(&mut connection).await;
+    let epoch = row.map_err(fail)?.get(0);
+    Ok((connection, OpenReport { epoch, damage, copy }))
+}
+
+async fn try_open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, Option<PathBuf>), StoreError> {
+    let fail = |source| StoreError::Database { path: path.to_owned(), source };
+    let mut connection =
+        SqliteConnection::connect_with(&options(path).create_if_missing(true)).await.map_err(fail)?;
+    let row = sqlx::query("PRAGMA quick_check(1)").fetch_one(&mut connection).await.map_err(fail)?;
+    let verdict: String = row.try_get(0).map_err(fail)?;
+    if verdict != "ok" {
+        drop(connection);
+        return Err(fail(sqlx::Error::Protocol(format!("{QUICK_CHECK}: {verdict}"))));
+    }
+    let applied = applied_versions(&mut connection).await.map_err(fail)?;
+    let known = migrations();
+    if let Some(found) = applied.iter().find(|v| !known.iter().any(|(k, _, _)| k == *v)) {
+        return Err(StoreError::NewerSchema { path: path.to_owned(), found: *found });
+    }
+    let copy = if !applied.is_empty() && applied.len() < known.len() {
+        let name = format!("history.before-{}-{wall_ns}.sqlite", known.len());
+        let target = path.with_file_name(name);
+        let text = target.to_string_lossy().into_owned();
+        sqlx::query("VACUUM INTO ?").bind(text).execute(&mut connection).await.map_err(fail)?;
+        Some(target)
+    } else {
+        None
+    };
+    let outcome = migrator().run_direct(None, &mut connection, false).await;
+    outcome.map_err(|source| StoreError::Migrate { path: path.to_owned(), source })?;
+    Ok((connection, copy))
+}
+
+const QUICK_CHECK: &str = "quick_check";
+
+async fn applied_versions(connection: &mut SqliteConnection) -> Result<Vec<i64>, sqlx::Error> {
+    let exists = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = '_sqlx_migrations'";
+    let count: i64 = sqlx::query(exists).fetch_one(&mut *connection).await?.try_get(0)?;
+    if count == 0 {
+        return Ok(Vec::new());
+    }
+    let rows =
+        sqlx::query("SELECT version FROM _sqlx_migrations ORDER BY version").fetch_all(connection).await?;
+    rows.iter().map(|r| r.try_get(0)).collect()
+}
+
+/// True for what no retry mends: malformed pages, another format, a schema that was tampered with.
+fn is_damage(error: &StoreError) -> bool {
+    match error {
+        StoreError::Database { source: sqlx::Error::Protocol(text), .. } => text.starts_with(QUICK_CHECK),
+        StoreError::Database { source, .. } => {
+            matches!(code_of(source), "corrupt" | "not_a_database") || is_wrong_schema(source)
+        }
+        StoreError::Migrate { source, .. } => match source {
+            sqlx::migrate::MigrateError::Execute(e) | sqlx::migrate::MigrateError::ExecuteMigration(e, _) => {
+                matches!(code_of(e), "corrupt" | "not_a_database") || is_wrong_schema(e)
+            }
+            sqlx::migrate::MigrateError::VersionMismatch(_) | sqlx::migrate::MigrateError::Dirty(_) => true,
+            _ => false,
+        },
+        _ => false,
+    }
+}
+
+/// SQLite's general error 1: a table is there that should not be, or lacks what it should have.
+fn is_wrong_schema(error: &sqlx::Error) -> bool {
+    let code = error.as_database_error().and_then(|e| e.code());
+    code.as_deref() == Some("1")
+        || matches!(error, sqlx::Error::ColumnDecode { .. } | sqlx::Error::ColumnNotFound(_))
+}
+
+/// Renames the file with its log and index, so that nothing of it is read again or lost.
+fn set_aside(path: &Path, wall_ns: i64, reason: &str) -> Result<Damage, StoreError> {
+    let suffixed = |base: &Path, suffix: &str| {
+        let mut name = base.as_os_str().to_owned();
+        name.push(suffix);
+        PathBuf::from(name)
+    };
+    let moved_to = suffixed(path, &format!(".damaged-{wall_ns}"));
+    for suffix in ["", "-wal", "-shm"] {
+        let from = suffixed(path, suffix);
+        if from.exists() {
+            let to = suffixed(&moved_to, suffix);
+            std::fs::rename(&from, &to).map_err(|source| StoreError::Files { path: from, source })?;
+        }
+    }
+    Ok(Damage { moved_to, reason: reason.to_owned() })
+}

@@ -1,0 +1,120 @@
+//! Reading events back, page by page.
+
+use super::{StoreError, StoreReader};
+use crate::telemetry::{Event, EventKind};
+use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Row as _, Sqlite};
+
+/// Most events of one page.
+pub const MAX_PAGE: i64 = 1000;
+
+pub(super) const COLUMNS: &str = "sequence, id, wall_ns, kind, axis, t_s, frequency_hz, power_n2, \
+     pitch_difference_rad, text, acknowledged_by, acknowledged_ns, silenced_until_ns";
+
+/// Which events to read.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct EventFilter {
+    /// Only after this place (oldest first), or before it (newest first).
+    pub cursor: Option<i64>,
+    /// Oldest first instead of newest first.
+    pub ascending: bool,
+    /// Only this kind.
+    pub kind: Option<EventKind>,
+    /// Only this axis.
+    pub axis: Option<String>,
+    /// Only at or after this wall time.
+    pub since_ns: Option<i64>,
+    /// Only at or before this wall time.
+    pub until_ns: Option<i64>,
+    /// Only alarms that nobody acknowledged.
+    pub unacknowledged_alarms: bool,
+    /// Most events to give, 1 to [`MAX_PAGE`].
+    pub limit: i64,
+}
+
+/// One page.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EventPage {
+    /// In the order asked for.
+    pub events: Vec<Event>,
+    /// Cursor of the next page, if there is one.
+    pub next: Option<i64>,
+}
+
+pub(super) fn event_from_row(row: &SqliteRow) -> Result<Event, sqlx::Error> {
+    let word: String = row.try_get("kind")?;
+    let unknown = || sqlx::Error::Decode(format!("unknown event kind {word}").into());
+    Ok(Event {
+        sequence: row.try_get("sequence")?,
+        id: row.try_get("id")?,
+        wall_ns: row.try_get("wall_ns")?,
+        kind: EventKind::from_word(&word).ok_or_else(unknown)?,
+        axis: row.try_get("axis")?,
+        t_s: row.try_get("t_s")?,
+        frequency_hz: row.try_get("frequency_hz")?,
+        power_n2: row.try_get("power_n2")?,
+        pitch_difference_rad: row.try_get("pitch_difference_rad")?,
+        text: row.try_get("text")?,
+        acknowledged_by: row.try_get("acknowledged_by")?,
+        acknowledged_ns: row.try_get("acknowledged_ns")?,
+        silenced_until_ns: row.try_get("silenced_until_ns")?,
+    })
+}
+
+fn page_query(filter: &EventFilter) -> QueryBuilder<Sqlite> {
+    let mut query = QueryBuilder::new("SELECT ");
+    query.push(COLUMNS).push(" FROM event WHERE 1 = 1");
+    if let Some(cursor) = filter.cursor {
+        query.push(if filter.ascending { " AND sequence > " } else { " AND sequence < " }).push_bind(cursor);
+    }
+    if let Some(kind) = filter.kind {
+        query.push(" AND kind = ").push_bind(kind.word());
+    }
+    if let Some(axis) = &filter.axis {
+        query.push(" AND axis = ").push_bind(axis.clone());
+    }
+    if let Some(since) = filter.since_ns {
+        query.push(" AND wall_ns >= ").push_bind(since);
+    }
+    if let Some(until) = filter.until_ns {
+        query.push(" AND wall_ns <= ").push_bind(until);
+    }
+    if filter.unacknowledged_alarms {
+        query.push(" AND acknowledged_ns IS NULL AND kind IN (");
+        let mut words = query.separated(", ");
+        for kind in EventKind::ALL.iter().filter(|k| k.severity() == crate::telemetry::Severity::Alarm) {
+            words.push_bind(kind.word());
+        }
+        query.push(")");
+    }
+    query.push(if filter.ascending {
+        " ORDER BY sequence ASC LIMIT "
+    } else {
+        " ORDER BY sequence DESC LIMIT "
+    });
+    // One more than asked for tells whether there is a next page.
+    query.push_bind(filter.limit.clamp(1, MAX_PAGE) + 1);
+    query
+}
+
+impl StoreReader {
+    /// One page of events. Errors: the database's.
+    pub async fn page(&self, filter: &EventFilter) -> Result<EventPage, StoreError> {
+        let rows = page_query(filter).build().fetch_all(&self.pool).await.map_err(|e| self.error(e))?;
+        let events: Result<Vec<Event>, _> = rows.iter().map(event_from_row).collect();
+        let mut events = events.map_err(|e| self.error(e))?;
+        let limit = usize::try_from(filter.limit.clamp(1, MAX_PAGE)).unwrap_or(1);
+        let more = events.len() > limit;
+        events.truncate(limit);
+        let next = if more { events.last().map(|e| e.sequence) } else { None };
+        Ok(EventPage { events, next })
+    }
+
+    /// One event. Errors: the database's.
+    pub async fn event(&self, sequence: i64) -> Result<Option<Event>, StoreError> {
+        let mut query: QueryBuilder<Sqlite> = QueryBuilder::new("SELECT ");
+        query.push(COLUMNS).push(" FROM event WHERE sequence = ").push_bind(sequence);
+        let row = query.build().fetch_optional(&self.pool).await.map_err(|e| self.error(e))?;
+        row.map(|r| event_from_row(&r)).transpose().map_err(|e| self.error(e))
+    }
+}

@@ -1,0 +1,279 @@
+//! The one task that writes: whatever waits goes into one transaction, with full sync.
+
+use super::audit::{AuditEntry, append};
+use super::open::{OpenReport, open};
+use super::{StoreError, StoreReader, code_of};
+use crate::telemetry::{Event, Metrics};
+use sqlx::{Connection as _, Row as _, SqliteConnection};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, AtomicUsize, Ordering};
+use std::time::Duration;
+use tokio::sync::{mpsc, oneshot};
+
+/// Most writes of one transaction.
+const BATCH: usize = 256;
+/// Most writes waiting; beyond it the sender is told.
+const QUEUE: usize = 8192;
+/// Pause before a failed transaction is tried again.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// What the history keeps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Retention {
+    /// Events older than this go.
+    pub max_age_ns: i64,
+    /// The oldest events go while the file is larger.
+    pub max_bytes: u64,
+}
+
+enum Write {
+    Event(Box<Event>, Option<oneshot::Sender<Event>>),
+    Acknowledge { sequence: i64, by: String, wall_ns: i64, done: oneshot::Sender<bool> },
+    Silence { sequence: i64, until_ns: i64, done: oneshot::Sender<bool> },
+    Audit(AuditEntry, oneshot::Sender<i64>),
+    Prune { now_ns: i64, done: oneshot::Sender<u64> },
+}
+
+/// State of the writer that health and metrics show.
+#[derive(Debug, Default)]
+pub struct WriterGauges {
+    /// Writes that wait.
+    pub waiting: AtomicUsize,
+    /// Wall clock of the last durable commit is kept by the caller; this counts commits.
+    pub commits: AtomicI64,
+    /// Consecutive failures of the transaction at hand; 0 when healthy.
+    pub failures: AtomicI64,
+}
+
+/// Sends writes to the writing task. Clones send to the same task.
+#[derive(Debug, Clone)]
+pub struct StoreWriter {
+    queue: mpsc::Sender<Write>,
+    gauges: Arc<WriterGauges>,
+}
+
+impl std::fmt::Debug for Write {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Write")
+    }
+}
+
+struct Task {
+    connection: SqliteConnection,
+    path: PathBuf,
+    retention: Retention,
+    gauges: Arc<WriterGauges>,
+    metrics: Arc<Metrics>,
+}
+
+impl StoreWriter {
+    /// Opens the history in `folder` and starts the writing task on the current runtime.
+    /// Errors: what [`StoreError`] says; a damaged file is none, it is replaced and reported.
+    pub async fn start(
+        folder: &Path,
+        retention: Retention,
+        metrics: Arc<Metrics>,
+        wall_ns: i64,
+    ) -> Result<(Self, StoreReader, OpenReport), StoreError> {
+        std::fs::create_dir_all(folder)
+            .map_err(|source| StoreError::Files { path: folder.to_owned(), source })?;
+        let path = folder.join(super::FILE_NAME);
+        let (connection, report) = open(&path, wall_ns).await?;
+        let (queue, waiting) = mpsc::channel(QUEUE);
+        let gauges = Arc::new(WriterGauges::default());
+        let reader = StoreReader::new(&path);
+        let task = Task { connection, path, retention, gauges: Arc::clone(&gauges), metrics };
+        tokio::spawn(task.run(waiting));
+        Ok((Self { queue, gauges }, reader, report))
+    }
+
+    /// State of the writer.
+    #[must_use]
+    pub fn gauges(&self) -> &WriterGauges {
+        &self.gauges
+    }
+
+    fn push(&self, write: Write) -> Result<(), StoreError> {
+        self.queue.try_send(write).map_err(|_| StoreError::Closed)?;
+        self.gauges.waiting.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// Stores an event some time soon. Errors: the queue is full or closed; the caller counts it.
+    pub fn store(&self, event: Event) -> Result<(), StoreError> {
+        self.push(Write::Event(Box::new(event), None))
+    }
+
+    /// Stores an event and answers it with its place once it is durable. Errors: queue full or closed.
+    pub async fn store_durably(&self, event: Event) -> Result<Event, StoreError> {
+        let (done, stored) = oneshot::channel();
+        self.push(Write::Event(Box::new(event), Some(done)))?;
+        stored.await.map_err(|_| StoreError::Closed)
+    }
+
+    /// Marks an event as acknowledged. Answers false where there is none or it already was.
+    pub async fn acknowledge(&self, sequence: i64, by: &str, wall_ns: i64) -> Result<bool, StoreError> {
+        let (done, outcome) = oneshot::channel();
+        self.push(Write::Acknowledge { sequence, by: by.to_owned(), wall_ns, done })?;
+        outcome.await.map_err(|_| StoreError::Closed)
+    }
+
+    /// Silences an event until a time. Answers false where there is none.
+    pub async fn silence(&self, sequence: i64, until_ns: i64) -> Result<bool, StoreError> {
+        let (done, outcome) = oneshot::channel();
+        self.push(Write::Silence { sequence, until_ns, done })?;
+        outcome.await.map_err(|_| StoreError::Closed)
+    }
+
+    /// Appends to the audit chain; answers the place once it is durable.
+    pub async fn audit(&self, entry: AuditEntry) -> Result<i64, StoreError> {
+        let (done, outcome) = oneshot::channel();
+        self.push(Write::Audit(entry, done))?;
+        outcome.await.map_err(|_| StoreError::Closed)
+    }
+
+    /// Removes what the retention says; answers how many events went.
+    pub async fn prune(&self, now_ns: i64) -> Result<u64, StoreError> {
+        let (done, outcome) = oneshot::channel();
+        self.push(Write::Prune { now_ns, done })?;
+        outcome.await.map_err(|_| StoreError::Closed)
+    }
+}
+
+/// What a write answers once its transaction is durable.
+enum Answer {
+    Event(Box<Event>),
+    Done(bool),
+    Sequence(i64),
+    Removed(u64),
+}
+
+impl Task {
+    async fn run(mut self, mut queue: mpsc::Receiver<Write>) {
+        while let Some(first) = queue.recv().await {
+            let mut batch = vec![first];
+            while batch.len() < BATCH
+                && let Ok(next) = queue.try_recv()
+            {
+                batch.push(next);
+            }
+            let Some(answers) = self.commit_until_done(&batch, &queue).await else { break };
+            self.gauges.waiting.fetch_sub(batch.len(), Ordering::Relaxed);
+            answer_all(batch, answers);
+        }
+        let _ = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&mut self.connection).await;
+        let _ = self.connection.close().await;
+    }
+
+    /// Tries until it works; gives up only when the service is ending and the disk still refuses.
+    async fn commit_until_done(
+        &mut self,
+        batch: &[Write],
+        queue: &mpsc::Receiver<Write>,
+    ) -> Option<Vec<Answer>> {
+        loop {
+            match self.commit(batch).await {
+                Ok(answers) => {
+                    self.gauges.failures.store(0, Ordering::Relaxed);
+                    self.gauges.commits.fetch_add(1, Ordering::Relaxed);
+                    return Some(answers);
+                }
+                Err(error) => {
+                    let code = code_of(&error);
+                    self.metrics.store_errors.with_label_values(&[code]).inc();
+                    if self.gauges.failures.fetch_add(1, Ordering::Relaxed) == 0 {
+                        tracing::error!(event = "store_failed", code, "{}: {error}", self.path.display());
+                    }
+                    if queue.is_closed() {
+                        tracing::error!(event = "store_lost", "{} writes could not be stored", batch.len());
+                        return None;
+                    }
+                    tokio::time::sleep(RETRY).await;
+                }
+            }
+        }
+    }
+
+    async fn commit(&mut self, batch: &[Write]) -> Result<Vec<Answer>, sqlx::Error> {
+        let mut transaction = self.connection.begin_with("BEGIN IMMEDIATE").await?;
+        let mut answers = Vec::with_capacity(batch.len());
+        for write in batch {
+            answers.push(apply(&mut transaction, write, self.retention).await?);
+        }
+        transaction.commit().await?;
+        Ok(answers)
+    }
+}
+
+async fn apply(
+    connection: &mut SqliteConnection,
+    write: &Write,
+    keep: Retention,
+) -> Result<Answer, sqlx::Error> {
+    match write {
+        Write::Event(event, _) => insert_event(connection, event).await.map(Answer::Event),
+        Write::Acknowledge { sequence, by, wall_ns, .. } => {
+            let update = "UPDATE event SET acknowledged_by = ?, acknowledged_ns = ? \
+                 WHERE sequence = ? AND acknowledged_ns IS NULL";
+            let done = sqlx::query(update).bind(by).bind(wall_ns).bind(sequence).execute(connection).await?;
+            Ok(Answer::Done(done.rows_affected() > 0))
+        }
+        Write::Silence { sequence, until_ns, .. } => {
+            let update = "UPDATE event SET silenced_until_ns = ? WHERE sequence = ?";
+            let done = sqlx::query(update).bind(until_ns).bind(sequence).execute(connection).await?;
+            Ok(Answer::Done(done.rows_affected() > 0))
+        }
+        Write::Audit(entry, _) => append(connection, entry).await.map(Answer::Sequence),
+        Write::Prune { now_ns, .. } => prune(connection, *now_ns, keep).await.map(Answer::Removed),
+    }
+}
+
+/// Inserts once: an id that is there already (a retry) answers the row that is there.
+async fn insert_event(connection: &mut SqliteConnection, event: &Event) -> Result<Box<Event>, sqlx::Error> {
+    let insert = "INSERT INTO event (id, wall_ns, kind, axis, t_s, frequency_hz, power_n2, pitch_difference_rad, text) \
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO UPDATE SET id = excluded.id RETURNING sequence";
+    let query =
+        sqlx::query(insert).bind(&event.id).bind(event.wall_ns).bind(event.kind.word()).bind(&event.axis);
+    let query = query.bind(event.t_s).bind(event.frequency_hz).bind(event.power_n2);
+    let row = query.bind(event.pitch_difference_rad).bind(&event.text).fetch_one(connection).await?;
+    Ok(Box::new(Event { sequence: row.try_get(0)?, ..event.clone() }))
+}
+
+/// Events removed at once while the file is too large.
+const PRUNE_CHUNK: i64 = 10_000;
+
+async fn prune(connection: &mut SqliteConnection, now_ns: i64, keep: Retention) -> Result<u64, sqlx::Error> {
+    let old = sqlx::query("DELETE FROM event WHERE wall_ns < ?").bind(now_ns.saturating_sub(keep.max_age_ns));
+    let mut removed = old.execute(&mut *connection).await?.rows_affected();
+    let size = "SELECT (page_count - freelist_count) * page_size \
+         FROM pragma_page_count, pragma_freelist_count, pragma_page_size";
+    let used: i64 = sqlx::query(size).fetch_one(&mut *connection).await?.try_get(0)?;
+    if u64::try_from(used).unwrap_or(0) > keep.max_bytes {
+        let cut =
+            "DELETE FROM event WHERE sequence IN (SELECT sequence FROM event ORDER BY sequence LIMIT ?)";
+        removed += sqlx::query(cut).bind(PRUNE_CHUNK).execute(&mut *connection).await?.rows_affected();
+    }
+    Ok(removed)
+}
+
+/// Tells each sender; one that no longer waits is no error.
+fn answer_all(batch: Vec<Write>, answers: Vec<Answer>) {
+    for (write, answer) in batch.into_iter().zip(answers) {
+        match (write, answer) {
+            (Write::Event(_, Some(done)), Answer::Event(event)) => {
+                let _ = done.send(*event);
+            }
+            (Write::Acknowledge { done, .. } | Write::Silence { done, .. }, Answer::Done(yes)) => {
+                let _ = done.send(yes);
+            }
+            (Write::Audit(_, done), Answer::Sequence(sequence)) => {
+                let _ = done.send(sequence);
+            }
+            (Write::Prune { done, .. }, Answer::Removed(count)) => {
+                let _ = done.send(count);
+            }
+            _ => {}
+        }
+    }
+}

@@ -1,0 +1,360 @@
+//! Metrics in the Prometheus text format, version 0.0.4. Every counter exists at 0 from the start.
+
+use super::event::EventKind;
+use super::process::append_process_metrics;
+use crate::avoidance::HoldReason;
+use prometheus::{
+    Encoder as _, Gauge, GaugeVec, Histogram, HistogramOpts, HistogramVec, IntCounter, IntCounterVec,
+    IntGauge, IntGaugeVec, Opts, Registry, TextEncoder,
+};
+
+/// Why a sample was not taken.
+pub const REJECT_REASONS: [&str; 5] = ["not_finite", "duplicate", "out_of_order", "wrong_axes", "wrong_rate"];
+
+/// The service's own reasons not to send what was decided, beside the decision's.
+pub const HOLD_REASONS: [&str; 3] = ["store_unavailable", "intent_expired", "stage_failed"];
+/// What becomes of a command.
+pub const COMMAND_OUTCOMES: [&str; 8] =
+    ["sent", "renewed", "returned", "advised", "reached", "refused", "limited", "expired"];
+
+/// Upper bounds of the latency histograms: 10 us times powers of two.
+pub const DECISION_BUCKETS_S: [f64; 12] =
+    [1e-5, 2e-5, 4e-5, 8e-5, 1.6e-4, 3.2e-4, 6.4e-4, 1.28e-3, 2.56e-3, 5.12e-3, 1.024e-2, 2.048e-2];
+
+const HTTP_BUCKETS_S: [f64; 8] = [1e-4, 5e-4, 2e-3, 1e-2, 5e-2, 0.2, 1.0, 5.0];
+
+/// What the binary is.
+#[derive(Debug, Clone, Copy)]
+pub struct BuildInfo {
+    /// Version of the package.
+    pub version: &'static str,
+    /// Revision it was built from, or `unknown`.
+    pub revision: &'static str,
+    /// Compiler that the package asks for.
+    pub rustc: &'static str,
+}
+
+impl BuildInfo {
+    /// This binary.
+    pub const THIS: Self = Self {
+        version: env!("CARGO_PKG_VERSION"),
+        revision: match option_env!("STILLCUT_REVISION") {
+            Some(revision) => revision,
+            None => "unknown",
+        },
+        rustc: env!("CARGO_PKG_RUST_VERSION"),
+    };
+}
+
+/// All series of the service.
+#[derive(Debug)]
+#[allow(missing_docs)] // each field is named like its series, whose help text stands in `Metrics::new`
+pub struct Metrics {
+    registry: Registry,
+    start_s: f64,
+    pub samples: IntCounterVec,
+    pub samples_lost: IntCounterVec,
+    pub samples_rejected: IntCounterVec,
+    pub sample_gaps: IntCounterVec,
+    pub last_sample_timestamp_seconds: Gauge,
+    pub queue_depth: IntGaugeVec,
+    pub queue_dropped: IntCounterVec,
+    pub decision_latency_seconds: Histogram,
+    pub step_duration_seconds: Histogram,
+    pub http_request_duration_seconds: HistogramVec,
+    pub http_connections: IntGauge,
+    pub http_refused: IntCounterVec,
+    pub chatter_active: IntGauge,
+    pub chatter_frequency_hertz: Gauge,
+    pub chatter_frequency_valid: IntGauge,
+    pub chatter_power_newtons_squared: Gauge,
+    pub predicted_band_hertz: GaugeVec,
+    pub mode: IntGaugeVec,
+    pub commands: IntCounterVec,
+    pub holds: IntCounterVec,
+    pub pitch_difference_radians: GaugeVec,
+    pub pitch_reported_valid: IntGauge,
+    pub interlock_open: IntGaugeVec,
+    pub limit_active: IntGaugeVec,
+    pub events: IntCounterVec,
+    pub events_unpersisted: IntGauge,
+    pub store_errors: IntCounterVec,
+    pub store_bytes: IntGauge,
+    pub wal_bytes: IntGauge,
+    pub last_commit_timestamp_seconds: Gauge,
+    pub recordings: IntCounterVec,
+    pub security_events: IntCounterVec,
+    pub stage_up: IntGaugeVec,
+}
+
+/// Makes and registers series; a name that cannot be registered is a slip of ours, found by any test.
+struct Maker(Registry);
+
+impl Maker {
+    fn put<C: prometheus::core::Collector + Clone + 'static>(
+        &self,
+        made: prometheus::Result<C>,
+    ) -> prometheus::Result<C> {
+        let collector = made?;
+        self.0.register(Box::new(collector.clone()))?;
+        Ok(collector)
+    }
+
+    fn counters(&self, name: &str, help: &str, labels: &[&str]) -> prometheus::Result<IntCounterVec> {
+        self.put(IntCounterVec::new(Opts::new(name, help), labels))
+    }
+
+    fn gauges(&self, name: &str, help: &str, labels: &[&str]) -> prometheus::Result<GaugeVec> {
+        self.put(GaugeVec::new(Opts::new(name, help), labels))
+    }
+
+    fn int_gauges(&self, name: &str, help: &str, labels: &[&str]) -> prometheus::Result<IntGaugeVec> {
+        self.put(IntGaugeVec::new(Opts::new(name, help), labels))
+    }
+
+    fn gauge(&self, name: &str, help: &str) -> prometheus::Result<Gauge> {
+        self.put(Gauge::new(name, help))
+    }
+
+    fn int_gauge(&self, name: &str, help: &str) -> prometheus::Result<IntGauge> {
+        self.put(IntGauge::new(name, help))
+    }
+
+    fn histogram(&self, name: &str, help: &str) -> prometheus::Result<Histogram> {
+        let options = HistogramOpts::new(name, help).buckets(DECISION_BUCKETS_S.to_vec());
+        self.put(Histogram::with_opts(options))
+    }
+}
+
+impl Metrics {
+    /// All series, at zero. `axes`: the configured axes. `start_s`: seconds since 1970.
+    /// Errors: a name that the registry refuses.
+    pub fn new(axes: &[String], start_s: f64) -> prometheus::Result<Self> {
+        let make = Maker(Registry::new());
+        let http = "Time from the request's head to the response's head, in seconds.";
+        let http_options = HistogramOpts::new("stillcut_http_request_duration_seconds", http)
+            .buckets(HTTP_BUCKETS_S.to_vec());
+        let metrics = Self {
+            samples: make.counters("stillcut_samples_total", "Samples taken in.", &["axis"])?,
+            samples_lost: make.counters(
+                "stillcut_samples_lost_total",
+                "Samples that never came.",
+                &["axis"],
+            )?,
+            samples_rejected: make.counters(
+                "stillcut_samples_rejected_total",
+                "Samples refused.",
+                &["axis", "reason"],
+            )?,
+            sample_gaps: make.counters(
+                "stillcut_sample_gaps_total",
+                "Interruptions of the sample stream.",
+                &["axis"],
+            )?,
+            last_sample_timestamp_seconds: make.gauge(
+                "stillcut_last_sample_timestamp_seconds",
+                "Wall clock when the newest sample was taken in.",
+            )?,
+            queue_depth: make.int_gauges(
+                "stillcut_queue_depth",
+                "Entries waiting in a queue.",
+                &["queue"],
+            )?,
+            queue_dropped: make.counters(
+                "stillcut_queue_dropped_total",
+                "Entries dropped from a queue.",
+                &["queue", "intentional"],
+            )?,
+            decision_latency_seconds: make.histogram(
+                "stillcut_decision_latency_seconds",
+                "Time from taking in the sample that ends an interval to the decision, in seconds.",
+            )?,
+            step_duration_seconds: make.histogram(
+                "stillcut_step_duration_seconds",
+                "Time of the pipeline for one drained batch, in seconds.",
+            )?,
+            http_request_duration_seconds: make.put(HistogramVec::new(http_options, &["route", "code"]))?,
+            http_connections: make.int_gauge("stillcut_http_connections", "Open HTTP connections.")?,
+            http_refused: make.counters(
+                "stillcut_http_refused_total",
+                "Requests or connections refused.",
+                &["reason"],
+            )?,
+            chatter_active: make.int_gauge("stillcut_chatter_active", "1 while chatter is detected.")?,
+            chatter_frequency_hertz: make.gauge(
+                "stillcut_chatter_frequency_hertz",
+                "Tracked line; 0 while stillcut_chatter_frequency_valid is 0.",
+            )?,
+            chatter_frequency_valid: make
+                .int_gauge("stillcut_chatter_frequency_valid", "1 while a line is tracked.")?,
+            chatter_power_newtons_squared: make.gauge(
+                "stillcut_chatter_power_newtons_squared",
+                "Power of the strongest line of the band.",
+            )?,
+            predicted_band_hertz: make.gauges(
+                "stillcut_predicted_band_hertz",
+                "Edges of the watched band.",
+                &["edge"],
+            )?,
+            mode: make.int_gauges("stillcut_mode", "1 for the mode that is on.", &["mode"])?,
+            commands: make.counters(
+                "stillcut_commands_total",
+                "Turret commands by what became of them.",
+                &["outcome"],
+            )?,
+            holds: make.counters(
+                "stillcut_holds_total",
+                "Intervals that ended without a command.",
+                &["reason"],
+            )?,
+            pitch_difference_radians: make.gauges(
+                "stillcut_pitch_difference_radians",
+                "Pitch angle difference of the two tools.",
+                &["kind"],
+            )?,
+            pitch_reported_valid: make
+                .int_gauge("stillcut_pitch_reported_valid", "1 while the controller reports its offsets.")?,
+            interlock_open: make.int_gauges(
+                "stillcut_interlock_open",
+                "1 while open or not heard.",
+                &["name"],
+            )?,
+            limit_active: make.int_gauges(
+                "stillcut_limit_active",
+                "1 while a limit cuts the command.",
+                &["limit"],
+            )?,
+            events: make.counters("stillcut_events_total", "Events by kind.", &["kind"])?,
+            events_unpersisted: make
+                .int_gauge("stillcut_events_unpersisted", "Events waiting to be stored.")?,
+            store_errors: make.counters(
+                "stillcut_store_errors_total",
+                "Failures of the history file by code.",
+                &["code"],
+            )?,
+            store_bytes: make.int_gauge("stillcut_store_bytes", "Size of the history file.")?,
+            wal_bytes: make.int_gauge("stillcut_wal_bytes", "Size of the history file's write-ahead log.")?,
+            last_commit_timestamp_seconds: make
+                .gauge("stillcut_last_commit_timestamp_seconds", "Wall clock of the last durable commit.")?,
+            recordings: make.counters(
+                "stillcut_recordings_total",
+                "Black-box recordings by outcome.",
+                &["outcome"],
+            )?,
+            security_events: make.counters(
+                "stillcut_security_events_total",
+                "Access events by kind.",
+                &["kind"],
+            )?,
+            stage_up: make.int_gauges("stillcut_stage_up", "1 while the stage works.", &["stage"])?,
+            registry: make.0.clone(),
+            start_s,
+        };
+        metrics.register_info(&make)?;
+        metrics.start_at_zero(axes);
+        Ok(metrics)
+    }
+
+    fn register_info(&self, make: &Maker) -> prometheus::Result<()> {
+        let info = BuildInfo::THIS;
+        let build = make.int_gauges(
+            "stillcut_build_info",
+            "What is running; always 1.",
+            &["version", "revision", "rustc"],
+        )?;
+        build.with_label_values(&[info.version, info.revision, info.rustc]).set(1);
+        Ok(())
+    }
+
+    /// Adds the series that names the configuration in force.
+    /// Errors: called twice.
+    pub fn set_config_hash(&self, hash: &str) -> prometheus::Result<()> {
+        let make = Maker(self.registry.clone());
+        let info = make.int_gauges("stillcut_config_info", "Configuration in force; always 1.", &["hash"])?;
+        info.with_label_values(&[hash]).set(1);
+        Ok(())
+    }
+
+    /// Touches every member of every closed label set, so that it exists before it first counts.
+    fn start_at_zero(&self, axes: &[String]) {
+        for axis in axes.iter().map(String::as_str) {
+            for family in [&self.samples, &self.samples_lost, &self.sample_gaps] {
+                family.with_label_values(&[axis]);
+            }
+            for reason in REJECT_REASONS {
+                self.samples_rejected.with_label_values(&[axis, reason]);
+            }
+        }
+        let zero = |family: &IntCounterVec, words: &[&str]| {
+            for word in words {
+                family.with_label_values(&[*word]);
+            }
+        };
+        zero(&self.commands, &COMMAND_OUTCOMES);
+        zero(&self.holds, &HOLD_REASONS);
+        let decided: Vec<&str> = HoldReason::ALL.iter().map(|r| r.name()).collect();
+        zero(&self.holds, &decided);
+        zero(&self.store_errors, &["full", "io", "corrupt", "not_a_database", "busy", "other"]);
+        zero(&self.recordings, &["saved", "failed", "dropped", "removed"]);
+        zero(&self.security_events, &["bad_token", "forbidden", "rate_limited", "bad_host"]);
+        zero(&self.http_refused, &["connections", "streams", "exports", "body_too_large", "head_timeout"]);
+        let kinds: Vec<&str> = EventKind::ALL.iter().map(|k| k.word()).collect();
+        zero(&self.events, &kinds);
+        for queue in ["reports", "recorder", "store", "control"] {
+            self.queue_depth.with_label_values(&[queue]);
+            self.queue_dropped.with_label_values(&[queue, "true"]);
+        }
+        for mode in ["observe", "advise", "act"] {
+            self.mode.with_label_values(&[mode]);
+        }
+        for stage in ["transport", "pipeline", "turret", "store", "recorder"] {
+            self.stage_up.with_label_values(&[stage]);
+        }
+        for limit in ["pitch", "rate"] {
+            self.limit_active.with_label_values(&[limit]);
+        }
+        for kind in ["commanded", "reported"] {
+            self.pitch_difference_radians.with_label_values(&[kind]);
+        }
+        for edge in ["lower", "upper"] {
+            self.predicted_band_hertz.with_label_values(&[edge]);
+        }
+    }
+
+    /// Everything in the Prometheus text format.
+    /// Errors: the encoder's.
+    pub fn text(&self) -> prometheus::Result<String> {
+        let mut bytes = Vec::with_capacity(32 * 1024);
+        TextEncoder::new().encode(&self.registry.gather(), &mut bytes)?;
+        let mut text = String::from_utf8_lossy(&bytes).into_owned();
+        append_process_metrics(&mut text, self.start_s);
+        Ok(text)
+    }
+
+    /// A counter's reader for tests and the status view.
+    #[must_use]
+    pub fn total(family: &IntCounterVec, labels: &[&str]) -> u64 {
+        let counter: IntCounter = family.with_label_values(labels);
+        counter.get()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_counter_exists_at_zero_and_names_follow_the_convention() {
+        let metrics = Metrics::new(&["x1".into(), "y1".into()], 5.0).unwrap();
+        let text = metrics.text().unwrap();
+        assert!(text.contains("stillcut_samples_lost_total{axis=\"y1\"} 0"));
+        assert!(text.contains("stillcut_events_total{kind=\"chatter_onset\"} 0"));
+        assert!(text.contains("process_start_time_seconds 5"));
+        let series = text.lines().filter(|l| !l.starts_with('#')).count();
+        assert!(series < 300, "{series} series");
+        for line in text.lines().filter(|l| l.starts_with("# TYPE") && l.ends_with(" counter")) {
+            assert!(line.contains("_total "), "{line}");
+        }
+        assert!(!text.contains("NaN"));
+    }
+}

@@ -1,0 +1,61 @@
+//! The loop closed in one process: chatter is heard, the turret moves, the chatter dies; in `observe` it lives.
+
+use super::pipeline::settings;
+use stillcut::avoidance::{CommandKind, Mode};
+use stillcut::plant::scenario::{RawScenario, Scenario};
+use stillcut::simulation::closed_loop::{ClosedLoop, LoopEvent};
+use stillcut::simulation::lathe::LatheSettings;
+
+/// Radial vibration force on tool 1 about its mean, N2, over a stretch of time.
+fn power_n2(cut: &mut ClosedLoop, seconds: f64, log: &mut Vec<(f64, LoopEvent)>) -> f64 {
+    let until = cut.lathe().truth().t_s + seconds;
+    let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
+    while cut.lathe().truth().t_s < until {
+        if let Some(event) = cut.step() {
+            log.push((cut.lathe().truth().t_s, event));
+        }
+        let force = cut.lathe().truth().radial_force_n[0];
+        sum += force;
+        squares += force * force;
+        count += 1.0;
+    }
+    squares / count - (sum / count) * (sum / count)
+}
+
+fn cut(mode: Mode) -> ClosedLoop {
+    let scenario = Scenario::new(&RawScenario { travel_m_s: -3.0e-3, ..RawScenario::default() }).unwrap();
+    ClosedLoop::new(LatheSettings::realistic(scenario, 11), settings(&scenario), mode).unwrap()
+}
+
+#[test]
+fn chatter_is_heard_and_silenced() {
+    let mut cut = cut(Mode::Act);
+    let mut log = Vec::new();
+    power_n2(&mut cut, 2.5, &mut log);
+    let loud = power_n2(&mut cut, 0.5, &mut log);
+    power_n2(&mut cut, 5.0, &mut log);
+    let quiet = power_n2(&mut cut, 6.0, &mut log);
+    for (t, event) in &log {
+        println!("{t:.3} s {event:?}");
+    }
+    println!("power {loud:.1} N2, then {quiet:.4} N2: {:.1} dB", 10.0 * (loud / quiet).log10());
+    assert!(loud / quiet > 100.0, "{loud} N2 became {quiet} N2");
+    let moves = log.iter().filter(|(_, e)| matches!(e, LoopEvent::Sent(c) if c.kind == CommandKind::Move));
+    assert!((1..=2).contains(&moves.count()));
+    assert!(!log.iter().any(|(_, e)| matches!(e, LoopEvent::Refused)));
+    let last_onset = log.iter().rev().find(|(_, e)| matches!(e, LoopEvent::Onset(_))).unwrap().0;
+    assert!(last_onset < 6.0, "chatter came back at {last_onset} s");
+}
+
+#[test]
+fn in_observe_nothing_moves_and_it_chatters_on() {
+    let mut cut = cut(Mode::Observe);
+    let mut log = Vec::new();
+    power_n2(&mut cut, 2.5, &mut log);
+    let early = power_n2(&mut cut, 0.5, &mut log);
+    power_n2(&mut cut, 3.0, &mut log);
+    let late = power_n2(&mut cut, 1.0, &mut log);
+    assert!(!log.iter().any(|(_, e)| matches!(e, LoopEvent::Sent(_))));
+    assert!(late > 0.2 * early, "{early} N2, then {late} N2");
+    assert_eq!(cut.lathe().turret().offset_cmd_m(), [0.0, 0.0]);
+}
