@@ -1,9 +1,5 @@
 //! What leaves the process as files: events, the track, maps, estimators, diagnosis, models, pages for people.
 
-pub mod events;
-pub mod force_estimator;
-pub mod force_plots;
-pub mod diagnosis;
 pub mod diagnosis;
 pub mod events;
 pub mod force_estimator;
