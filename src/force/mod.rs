@@ -23,5 +23,6 @@ pub mod idle_map;
 pub mod offline;
 pub mod recorded;
 pub mod response;
+pub mod settings;
 pub mod stiffness;
 pub mod validity;
