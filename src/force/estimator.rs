@@ -5,6 +5,7 @@ use super::balance::{ForceBalance, Method};
 use super::friction::{Presliding, PreslidingState};
 use super::harmonic::{HarmonicEstimator, HarmonicState, fitted_balance};
 use super::idle_map::IdleMap;
+use super::physics::PhysicsModel;
 use super::settings::{Filter, FilterState};
 pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
 use super::validity::Validity;
@@ -54,10 +55,11 @@ pub struct AlignedMotion {
 pub struct ForceEstimator {
     method: Method,
     balance: ForceBalance,
-    alignment: Alignment,
-    motor: SideStencils,
-    stage: SideStencils,
+    pub(super) alignment: Alignment,
+    pub(super) motor: SideStencils,
+    pub(super) stage: SideStencils,
     current: Stencil,
+    physics: Option<PhysicsModel>,
     friction_smoothing_m_s: f64,
     presliding: Presliding,
     filter: Filter,
@@ -86,10 +88,10 @@ pub enum Signals {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct SideStencils {
-    force: Stencil,
-    velocity: Stencil,
-    position: Stencil,
+pub(super) struct SideStencils {
+    pub(super) force: Stencil,
+    pub(super) velocity: Stencil,
+    pub(super) position: Stencil,
 }
 
 /// State of a [`ForceEstimator`]; a clone is a keyframe.
@@ -143,6 +145,7 @@ impl ForceEstimator {
             motor: side(alignment.motor, balance.motor.as_array()),
             stage: side(alignment.stage, balance.stage.as_array()),
             current: stencils(alignment.current, period_s)[0],
+            physics: settings.physics.filter(|p| !p.is_empty()),
             alignment,
             friction_smoothing_m_s: drive.friction_smoothing_m_s(),
             presliding: Presliding::new(settings.presliding_travel_m, drive.stage_encoder_resolution_m()),
@@ -210,16 +213,20 @@ impl ForceEstimator {
     #[inline]
     #[must_use]
     pub fn balance_step(&self, state: &mut ForceState, sample: &MotionSample) -> (f64, AlignedMotion) {
+        let told_n = self.physics.as_ref().map_or(sample.thrust_ref_n, |p| p.thrust_n(sample.thrust_ref_n));
         // The reference given at the last sample has driven the current until now.
         state.current_n =
             self.alignment.current_memory * (state.current_n - state.last_ref_n) + state.last_ref_n;
         if self.alignment.current_memory == 0.0 {
-            state.current_n = sample.thrust_ref_n;
+            state.current_n = told_n;
         }
-        state.last_ref_n = sample.thrust_ref_n;
+        state.last_ref_n = told_n;
         state.current.push(state.current_n);
-        state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.at(0)));
-        state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.at(0)));
+        let motor_m = sample.motor_travel_m.map(|x| self.physics.as_ref().map_or(x, |p| p.motor_travel_m(x)));
+        let stage_m =
+            sample.stage_position_m.map(|x| self.physics.as_ref().map_or(x, |p| p.stage_position_m(x)));
+        state.motor.push(motor_m.unwrap_or_else(|| state.motor.at(0)));
+        state.stage.push(stage_m.unwrap_or_else(|| state.stage.at(0)));
         state.seen = state.seen.saturating_add(1);
 
         let motion = AlignedMotion {
@@ -242,8 +249,38 @@ impl ForceEstimator {
             + state.motor.apply(&self.motor.force)
             + state.stage.apply(&self.stage.force)
             - motor_friction_n
-            - self.balance.stage_friction_n * stage_share;
+            - self.balance.stage_friction_n * stage_share
+            - self.physics_n(state, &motion);
         (raw_n, motion)
+    }
+
+    /// What the model's further physics adds to the balance: motor side by the thrust's factor, stage side
+    /// as it is.
+    #[inline]
+    fn physics_n(&self, state: &ForceState, motion: &AlignedMotion) -> f64 {
+        let Some(physics) = &self.physics else { return 0.0 };
+        let stage_v = self.travel_velocity_m_s(motion);
+        let (motor_x, motor_v) = match self.signals {
+            Signals::StageOnly => (motion.position_m, stage_v),
+            Signals::MotorOnly | Signals::Both => {
+                (state.motor.apply(&self.motor.position), motion.motor_velocity_m_s)
+            }
+        };
+        self.balance.thrust * physics.motor_n(motor_x, motor_v)
+            + self.balance.stage_disturbance * physics.stage_n(motion.position_m, stage_v)
+    }
+
+    /// Factors of the balance.
+    #[must_use]
+    pub fn balance(&self) -> &ForceBalance {
+        &self.balance
+    }
+
+    pub(super) fn scaled_current(&self) -> Stencil {
+        Stencil {
+            youngest: self.current.youngest,
+            weights: self.current.weights.map(|w| w * self.balance.thrust),
+        }
     }
 
     #[inline]

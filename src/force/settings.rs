@@ -3,6 +3,7 @@
 use super::friction::PRESLIDING_TRAVEL_M;
 use super::harmonic::HarmonicSettings;
 use super::idle_map::IdleMap;
+use super::physics::PhysicsModel;
 use crate::plant::machine::Controller;
 use crate::signal::FilterError;
 use crate::signal::butterworth::{Butterworth, ButterworthState};
@@ -65,6 +66,8 @@ pub struct ForceSettings {
     pub low_pass: LowPass,
     /// Disturbance of air-cutting runs by position, taken off where it is given.
     pub idle_map: Option<IdleMap>,
+    /// Physics beyond the structure, taken off; see [`super::physics::physics_of`].
+    pub physics: Option<PhysicsModel>,
     /// Travel over which the guideway's friction turns, m.
     pub presliding_travel_m: f64,
     /// Notches behind the balance, at most [`MAX_NOTCHES`].
@@ -83,6 +86,7 @@ impl Default for ForceSettings {
         Self {
             low_pass: LowPass::Butterworth { order: 4, cutoff_hz: 1000.0 },
             idle_map: None,
+            physics: None,
             presliding_travel_m: PRESLIDING_TRAVEL_M,
             notches: Vec::new(),
             harmonic: None,
