@@ -58,7 +58,7 @@ const FADED: f64 = 0.01;
 const END_AFTER_S: f64 = 0.1;
 /// Chatter must stay this far over its threshold on average, or it was noise near the limit of stability:
 /// that swells and fades over some tenths of a second, chatter stays.
-const LEAST_ASSURANCE: f64 = 0.7;
+const LEAST_ASSURANCE: f64 = 1.2;
 /// No single look counts as more.
 const MOST_ASSURANCE: f64 = 3.0;
 /// A line that sits on an order for this share of the last half second belongs to the spindle.
@@ -72,6 +72,8 @@ const HISTORY: usize = 16;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Detector {
     phase: State,
+    /// The last alarm ended because it was weak: the learned noise still holds.
+    weak_end: bool,
     /// Latest powers of the shortest bank, newest last: (t_s, power over noise).
     recent: [(f64, f64); HISTORY],
 }
@@ -86,7 +88,7 @@ enum State {
 
 impl Detector {
     pub(super) fn new() -> Self {
-        Self { phase: State::Learning, recent: [(f64::NEG_INFINITY, 0.0); HISTORY] }
+        Self { phase: State::Learning, weak_end: false, recent: [(f64::NEG_INFINITY, 0.0); HISTORY] }
     }
 
     pub(super) fn phase(&self) -> Phase {
@@ -106,6 +108,11 @@ impl Detector {
         }
     }
 
+    /// Whether the last alarm ended for weakness.
+    pub(super) fn ended_weakly(&self) -> bool {
+        self.weak_end
+    }
+
     /// The noise is known.
     pub(super) fn learned(&mut self) {
         if self.phase == State::Learning {
@@ -122,8 +129,26 @@ impl Detector {
 
     /// Takes the evidence of one instant; gives what began or ended with it.
     pub(super) fn step(&mut self, evidence: &Evidence) -> Option<ChatterEvent> {
-        if std::env::var("SCD").is_ok_and(|v| { let (a,b)=v.split_once(',').unwrap(); (a.parse::<f64>().unwrap()..b.parse::<f64>().unwrap()).contains(&evidence.t_s) }) {
-            eprintln!("{:.3} {:?} known {} slope {:.1} {}", evidence.t_s, self.phase(), evidence.orders_known, self.recent_slope_1_s(), evidence.banks.iter().map(|b| format!("[c {:.0}/{:.0} p {:.3} f {:.1} g {:.0}]", b.contrast, b.confirm, b.power_n2, b.frequency_hz, b.growth_1_s)).collect::<Vec<_>>().join(" "));
+        if std::env::var("SCD").is_ok_and(|v| {
+            let (a, b) = v.split_once(',').unwrap();
+            (a.parse::<f64>().unwrap()..b.parse::<f64>().unwrap()).contains(&evidence.t_s)
+        }) {
+            eprintln!(
+                "{:.3} {:?} known {} slope {:.1} {}",
+                evidence.t_s,
+                self.phase(),
+                evidence.orders_known,
+                self.recent_slope_1_s(),
+                evidence
+                    .banks
+                    .iter()
+                    .map(|b| format!(
+                        "[c {:.0}/{:.0} p {:.3} f {:.1} g {:.0}]",
+                        b.contrast, b.confirm, b.power_n2, b.frequency_hz, b.growth_1_s
+                    ))
+                    .collect::<Vec<_>>()
+                    .join(" ")
+            );
         }
         let short = &evidence.banks[0];
         self.recent.rotate_left(1);
@@ -155,8 +180,12 @@ impl Detector {
                 let there = if on_an_order(&evidence.banks[2], evidence) { 1.0 } else { 0.0 };
                 let on_order = on_order + (there - on_order) * ASSURANCE_SHARE;
                 self.phase = State::Chatter { since_s, last_loud_s, peak_n2, assurance, on_order };
-                if evidence.t_s - last_loud_s > END_AFTER_S || assurance < LEAST_ASSURANCE || on_order > MOSTLY {
+                if evidence.t_s - last_loud_s > END_AFTER_S
+                    || assurance < LEAST_ASSURANCE
+                    || on_order > MOSTLY
+                {
                     self.phase = State::Quiet;
+                    self.weak_end = assurance < LEAST_ASSURANCE;
                     return Some(ChatterEvent::End);
                 }
                 None
