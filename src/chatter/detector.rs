@@ -56,6 +56,13 @@ const RING_DOWN_1_S: f64 = -6.0;
 const FADED: f64 = 0.01;
 /// Silence before the end is declared.
 const END_AFTER_S: f64 = 0.1;
+/// Chatter must stay this far over its threshold on average, or it was noise near the limit of stability:
+/// that swells and fades over some tenths of a second, chatter stays.
+const LEAST_ASSURANCE: f64 = 0.7;
+/// No single look counts as more.
+const MOST_ASSURANCE: f64 = 3.0;
+/// Of each decision in the average: 0.5 s.
+const ASSURANCE_SHARE: f64 = 0.008;
 /// Points of the amplitude's recent history.
 const HISTORY: usize = 16;
 
@@ -72,7 +79,7 @@ enum State {
     Learning,
     Quiet,
     Suspected { since_s: f64, last_seen_s: f64, strongest_n2: f64 },
-    Chatter { since_s: f64, last_loud_s: f64, peak_n2: f64 },
+    Chatter { since_s: f64, last_loud_s: f64, peak_n2: f64, assurance: f64 },
 }
 
 impl Detector {
@@ -133,14 +140,15 @@ impl Detector {
                 self.phase = State::Suspected { since_s, last_seen_s, strongest_n2 };
                 self.judge(evidence)
             }
-            State::Chatter { since_s, last_loud_s, peak_n2 } => {
+            State::Chatter { since_s, last_loud_s, peak_n2, assurance } => {
                 let bank = &evidence.banks[1];
                 let loud = bank.contrast > LEAVE && bank.power_n2 > FADED * peak_n2;
                 let last_loud_s = if loud { evidence.t_s } else { last_loud_s };
                 // The peak is forgotten over seconds: chatter that got weaker is still chatter.
                 let peak_n2 = (peak_n2 * 0.999).max(bank.power_n2);
-                self.phase = State::Chatter { since_s, last_loud_s, peak_n2 };
-                if evidence.t_s - last_loud_s > END_AFTER_S {
+                let assurance = assurance + (assurance_of(evidence) - assurance) * ASSURANCE_SHARE;
+                self.phase = State::Chatter { since_s, last_loud_s, peak_n2, assurance };
+                if evidence.t_s - last_loud_s > END_AFTER_S || assurance < LEAST_ASSURANCE {
                     self.phase = State::Quiet;
                     return Some(ChatterEvent::End);
                 }
@@ -172,8 +180,12 @@ impl Detector {
         if strong && self.recent_slope_1_s() < RING_DOWN_1_S {
             return None;
         }
-        self.phase =
-            State::Chatter { since_s: evidence.t_s, last_loud_s: evidence.t_s, peak_n2: bank.power_n2 };
+        self.phase = State::Chatter {
+            since_s: evidence.t_s,
+            last_loud_s: evidence.t_s,
+            peak_n2: bank.power_n2,
+            assurance: MOST_ASSURANCE,
+        };
         Some(ChatterEvent::Onset(Line {
             frequency_hz: bank.frequency_hz,
             power_n2: bank.power_n2,
@@ -210,4 +222,11 @@ fn on_an_order(frequency_hz: f64, evidence: &Evidence) -> bool {
     let order = frequency_hz / evidence.speed_hz;
     let apart = (order - order.round()).abs();
     apart < if evidence.orders_young { 0.12 } else { 0.04 }
+}
+
+/// How far the best bank is over its threshold; power counts by itself too, because loud chatter raises all of
+/// the band and its own contrast falls.
+fn assurance_of(evidence: &Evidence) -> f64 {
+    let over = |b: &BankEvidence| (b.contrast / b.confirm).max(0.1 * b.power_n2 / (b.noise_n2 * b.confirm));
+    evidence.banks.iter().map(over).fold(0.0, f64::max).min(MOST_ASSURANCE)
 }

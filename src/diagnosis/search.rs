@@ -182,7 +182,7 @@ fn one_round(bench: &Bench<'_>, accepted: &[Accepted]) -> Round {
     let mut scores = on_two_cores(&bank, |h| bench.score(h));
     keep_best_of_kind(&mut scores);
     let leaders: Vec<Score> = scores.iter().take(8).cloned().collect();
-    let refined = on_two_cores(&leaders, |s| bench.refine(s));
+    let refined = on_two_cores(&leaders, |s| refine(bench, s));
     scores.splice(0..leaders.len(), refined);
     sort(&mut scores);
     keep_best_of_kind(&mut scores);
@@ -261,4 +261,23 @@ fn keep_best_of_kind(scores: &mut Vec<Score>) {
         }
     }
     *scores = kept;
+}
+
+/// Fits the constants; for waves also how many harmonics the held-out blocks pay for.
+fn refine(bench: &Bench<'_>, score: &Score) -> Score {
+    let mut best = bench.refine(score);
+    for more in [2, 3] {
+        let mut shape = best.hypothesis.shape.clone();
+        match &mut shape {
+            Shape::Periodic { harmonics, .. } | Shape::EncoderError { harmonics, .. } => *harmonics = more,
+            _ => break,
+        }
+        let start = bench.score(&Hypothesis { shape, ..best.hypothesis.clone() });
+        let fine = bench.refine(&start);
+        if fine.evidence < best.evidence + 20.0 {
+            break;
+        }
+        best = fine;
+    }
+    best
 }

@@ -3,14 +3,18 @@
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
 use super::friction::{PRESLIDING_TRAVEL_M, Presliding, PreslidingState};
+use super::harmonic::{HarmonicEstimator, HarmonicSettings, HarmonicState, fitted_balance};
 use super::idle_map::IdleMap;
 use super::validity::Validity;
 use crate::plant::drive::DriveParams;
+use crate::plant::machine::Controller;
 use crate::signal::FilterError;
 use crate::signal::butterworth::{Butterworth, ButterworthState};
 use crate::signal::delay_line::DelayLine;
 use crate::signal::finite_difference::{Stencil, stencils};
+use crate::signal::harmonic_fit::HarmonicFitError;
 use crate::signal::linear_phase::{LinearPhase, LinearPhaseState};
+use crate::signal::notch::{Notch, NotchState};
 use crate::units::SampleRate;
 use thiserror::Error;
 
@@ -35,6 +39,32 @@ pub enum LowPass {
     None,
 }
 
+/// Where a notch sits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum NotchCentre {
+    /// Fixed: a torsional mode that the model does not have.
+    Fixed {
+        /// Hz.
+        hz: f64,
+    },
+    /// At feed over the signal period of the motor encoder.
+    MotorEncoder,
+    /// At feed over the signal period of the linear scale.
+    StageEncoder,
+}
+
+/// A notch behind the balance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NotchPlan {
+    /// Where.
+    pub centre: NotchCentre,
+    /// Width at half power, Hz.
+    pub width_hz: f64,
+}
+
+/// Most notches of one estimator.
+pub const MAX_NOTCHES: usize = 4;
+
 /// What may be chosen about an estimator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForceSettings {
@@ -44,6 +74,12 @@ pub struct ForceSettings {
     pub idle_map: Option<IdleMap>,
     /// Travel over which the guideway's friction turns, m.
     pub presliding_travel_m: f64,
+    /// Notches behind the balance, at most [`MAX_NOTCHES`].
+    pub notches: Vec<NotchPlan>,
+    /// Spindle speed and window; needed by `fitted` and `spectral`.
+    pub harmonic: Option<HarmonicSettings>,
+    /// Control loop of the axis; needed by `spectral`.
+    pub controller: Option<Controller>,
     /// Frequencies of modes that the model does not have, where they are known, Hz.
     pub unmodelled_modes_hz: Vec<f64>,
 }
@@ -55,6 +91,9 @@ impl Default for ForceSettings {
             low_pass: LowPass::Butterworth { order: 4, cutoff_hz: 1000.0 },
             idle_map: None,
             presliding_travel_m: PRESLIDING_TRAVEL_M,
+            notches: Vec::new(),
+            harmonic: None,
+            controller: None,
             unmodelled_modes_hz: Vec::new(),
         }
     }
@@ -66,6 +105,15 @@ pub enum ForceError {
     /// A filter cannot be designed.
     #[error(transparent)]
     Filter(#[from] FilterError),
+    /// More notches than a state holds.
+    #[error("{count} notches, expected at most {MAX_NOTCHES}")]
+    Notches {
+        /// How many were asked for.
+        count: usize,
+    },
+    /// A window of spindle harmonics cannot be fitted.
+    #[error(transparent)]
+    Window(#[from] HarmonicFitError),
     /// The method needs a structure that the drive does not have.
     #[error("{method} needs {needs}; the model has none")]
     Structure {
@@ -85,6 +133,8 @@ pub struct MotionSample {
     pub motor_travel_m: Option<f64>,
     /// Linear scale, m.
     pub stage_position_m: Option<f64>,
+    /// Spindle speed, where it is known, rpm.
+    pub spindle_speed_rpm: Option<f64>,
 }
 
 /// One estimate.
@@ -124,9 +174,13 @@ pub struct ForceEstimator {
     idle_map: Option<IdleMap>,
     signals: Signals,
     noise_floor_n: f64,
+    friction_bound_n: f64,
     band_hz: f64,
     constant_flags: Validity,
     encoder_lines_1_m: [f64; 2],
+    harmonic: Option<HarmonicEstimator>,
+    notches: Vec<(NotchCentre, Notch)>,
+    speed_memory: f64,
     rate: SampleRate,
 }
 
@@ -172,6 +226,10 @@ pub struct ForceState {
     last_ref_n: f64,
     presliding: PreslidingState,
     filter: FilterState,
+    harmonic: Option<HarmonicState>,
+    notches: [NotchState; MAX_NOTCHES],
+    /// Speed of the axis, slowed down: what the notches follow.
+    speed_m_s: f64,
     seen: u32,
 }
 
@@ -180,8 +238,19 @@ impl ForceEstimator {
     /// Errors: a cutoff that does not fit the rate, delays too long, a position that the method needs
     /// and the axis does not measure.
     pub fn new(method: Method, axis: &AxisSignals<'_>, settings: ForceSettings) -> Result<Self, ForceError> {
+        let balance = on_measured_side(ForceBalance::new(method, axis.drive), axis.signals, method)?;
+        Self::from_balance(method, balance, axis, settings)
+    }
+
+    /// Any other balance over the same aligned motion (a residual, one side alone).
+    /// Errors: a cutoff that does not fit the rate, delays too long.
+    pub fn from_balance(
+        method: Method,
+        balance: ForceBalance,
+        axis: &AxisSignals<'_>,
+        settings: ForceSettings,
+    ) -> Result<Self, ForceError> {
         let (drive, rate) = (axis.drive, axis.rate);
-        let balance = on_measured_side(ForceBalance::new(method, drive), axis.signals, method)?;
         let alignment = Alignment::new(drive, rate)?;
         let period_s = rate.period_s();
         let side = |age: f64, factors: [f64; 3]| {
@@ -189,6 +258,7 @@ impl ForceEstimator {
             SideStencils { force: Stencil::combined(&s, factors), velocity: s[1], position: s[0] }
         };
         let filter = Filter::new(settings.low_pass, rate)?;
+        let harmonic = harmonic_estimator(method, axis, &settings)?;
         let band_hz = filter.band_hz(settings.low_pass, rate);
         let beyond = settings.unmodelled_modes_hz.iter().any(|f| *f < 1.1 * band_hz);
         let mut estimator = Self {
@@ -204,9 +274,14 @@ impl ForceEstimator {
             idle_map: settings.idle_map,
             signals: axis.signals,
             noise_floor_n: 0.0,
+            friction_bound_n: drive.motor_coulomb_friction_n() + drive.stage_coulomb_friction_n(),
             band_hz,
             constant_flags: Validity::when(beyond, Validity::MODE_OUTSIDE_MODEL),
             encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
+            harmonic,
+            notches: design_notches(&settings.notches, rate)?,
+            // 20 Hz: fast enough for a feed that ramps, slow enough not to follow chatter.
+            speed_memory: (-std::f64::consts::TAU * 20.0 / rate.hz()).exp(),
             rate,
         };
         estimator.noise_floor_n = estimator.quantization_noise_n(drive);
@@ -229,6 +304,9 @@ impl ForceEstimator {
             last_ref_n: first.thrust_ref_n,
             presliding: Presliding::settled(stage),
             filter: self.filter.settled(rest),
+            harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
+            notches: [NotchState::default(); MAX_NOTCHES],
+            speed_m_s: 0.0,
             seen: 0,
         }
     }
@@ -237,13 +315,18 @@ impl ForceEstimator {
     #[inline]
     #[must_use]
     pub fn step(&self, state: &mut ForceState, sample: &MotionSample) -> ForceEstimate {
-        let (raw_n, motion) = self.balance_step(state, sample);
+        let (mut raw_n, motion) = self.balance_step(state, sample);
+        let mut harmonic_flags = Validity::VALID;
+        if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
+            (raw_n, harmonic_flags) = harmonic.step(inner, sample);
+        }
         let disturbance_n = self
             .idle_map
             .as_ref()
-            .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.slow_velocity_m_s(&motion)));
-        let force_n = self.filter.step(&mut state.filter, raw_n - disturbance_n);
-        ForceEstimate { force_n, flags: self.flags(state, sample, &motion) }
+            .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.travel_velocity_m_s(&motion)));
+        let notched_n = self.notch(state, raw_n - disturbance_n, &motion);
+        let force_n = self.filter.step(&mut state.filter, notched_n);
+        ForceEstimate { force_n, flags: harmonic_flags | self.flags(state, sample, &motion) }
     }
 
     /// The balance before idle map and low-pass, with the aligned motion behind it; the instant is
@@ -287,7 +370,29 @@ impl ForceEstimator {
         (raw_n, motion)
     }
 
-    fn slow_velocity_m_s(&self, motion: &AlignedMotion) -> f64 {
+    #[inline]
+    fn notch(&self, state: &mut ForceState, mut force_n: f64, motion: &AlignedMotion) -> f64 {
+        if self.notches.is_empty() {
+            return force_n;
+        }
+        let speed = self.travel_velocity_m_s(motion).abs();
+        state.speed_m_s += (1.0 - self.speed_memory) * (speed - state.speed_m_s);
+        for ((centre, notch), inner) in self.notches.iter().zip(&mut state.notches) {
+            let centre_hz = match centre {
+                NotchCentre::Fixed { hz } => *hz,
+                NotchCentre::MotorEncoder => state.speed_m_s * self.encoder_lines_1_m[0],
+                NotchCentre::StageEncoder => state.speed_m_s * self.encoder_lines_1_m[1],
+            };
+            // A line slower than 5 Hz would take the force itself away.
+            let centre_hz = if centre_hz < 5.0 { 0.0 } else { centre_hz };
+            force_n = notch.step(inner, force_n, centre_hz);
+        }
+        force_n
+    }
+
+    /// Velocity of whichever position the axis measures (the stage's before the motor's), m/s.
+    #[must_use]
+    pub fn travel_velocity_m_s(&self, motion: &AlignedMotion) -> f64 {
         match self.signals {
             Signals::MotorOnly => motion.motor_velocity_m_s,
             Signals::StageOnly | Signals::Both => motion.stage_velocity_m_s,
@@ -298,12 +403,13 @@ impl ForceEstimator {
         let missing = (self.balance.needs_motor() && sample.motor_travel_m.is_none())
             || (self.balance.needs_stage() && sample.stage_position_m.is_none());
         let settling = (state.seen as usize) < self.settling_samples();
-        let speed = self.slow_velocity_m_s(motion).abs();
+        let speed = self.travel_velocity_m_s(motion).abs();
         let line = self.encoder_lines_1_m.iter().any(|lines| {
             let frequency_hz = speed * lines;
             frequency_hz > 1.0 && frequency_hz < self.band_hz
         });
         let friction_n = self.balance.motor_friction_n.abs() + self.balance.stage_friction_n.abs();
+        let watched = !matches!(self.method, Method::VibrationMode | Method::Spectral);
         let still = speed < 2.0 * self.friction_smoothing_m_s;
         let below =
             still && friction_n > 0.0 && motion.thrust_n.abs() * self.balance.thrust.abs() < friction_n;
@@ -311,7 +417,7 @@ impl ForceEstimator {
             | Validity::when(missing, Validity::SIGNAL_MISSING)
             | Validity::when(settling, Validity::SETTLING)
             | Validity::when(line, Validity::ENCODER_LINE_IN_BAND)
-            | Validity::when(below && self.method != Method::VibrationMode, Validity::BELOW_FRICTION)
+            | Validity::when(below && watched, Validity::BELOW_FRICTION)
     }
 
     /// Method.
@@ -324,13 +430,26 @@ impl ForceEstimator {
     /// slow signals where it is not the same at every frequency).
     #[must_use]
     pub fn delay_s(&self) -> f64 {
-        self.alignment.lag_samples as f64 * self.rate.period_s() + self.filter.delay_s(self.rate)
+        self.alignment_lag_samples() as f64 * self.rate.period_s() + self.filter.delay_s(self.rate)
     }
 
     /// Samples between the aligned instant and now, before the low-pass.
     #[must_use]
     pub fn alignment_lag_samples(&self) -> usize {
-        self.alignment.lag_samples
+        self.harmonic.as_ref().map_or(self.alignment.lag_samples, HarmonicEstimator::lag_samples)
+    }
+
+    /// Condition number of the window of spindle harmonics, where the method has one.
+    #[must_use]
+    pub fn condition(&self) -> Option<f64> {
+        self.harmonic.as_ref().map(HarmonicEstimator::condition)
+    }
+
+    /// Force that friction can hide on an axis that stands still, N: where an estimate is flagged
+    /// [`Validity::BELOW_FRICTION`], this bound is all that is known.
+    #[must_use]
+    pub fn friction_bound_n(&self) -> f64 {
+        self.friction_bound_n
     }
 
     /// Delay of the low-pass alone in whole samples (nearest, for slow signals).
@@ -354,7 +473,8 @@ impl ForceEstimator {
     /// Samples until the filters have forgotten their start.
     #[must_use]
     pub fn settling_samples(&self) -> usize {
-        self.alignment.lag_samples + self.filter.memory_samples(self.rate)
+        let window = self.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
+        self.alignment.lag_samples + window + self.filter.memory_samples(self.rate)
     }
 
     /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain.
@@ -373,10 +493,38 @@ impl ForceEstimator {
                 .sum();
             step_m * step_m / 12.0 * energy
         };
+        if let Some(harmonic) = &self.harmonic {
+            let [motor, stage] = harmonic.noise_gains();
+            let q = [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()];
+            return ((motor * q[0]).hypot(stage * q[1])) / 12f64.sqrt();
+        }
         let motor = variance(&self.motor.force, drive.motor_encoder_resolution_m());
         let stage = variance(&self.stage.force, drive.stage_encoder_resolution_m());
         (motor + stage).sqrt()
     }
+}
+
+fn design_notches(plans: &[NotchPlan], rate: SampleRate) -> Result<Vec<(NotchCentre, Notch)>, ForceError> {
+    if plans.len() > MAX_NOTCHES {
+        return Err(ForceError::Notches { count: plans.len() });
+    }
+    plans.iter().map(|p| Ok((p.centre, Notch::new(p.width_hz, rate)?))).collect()
+}
+
+fn harmonic_estimator(
+    method: Method,
+    axis: &AxisSignals<'_>,
+    settings: &ForceSettings,
+) -> Result<Option<HarmonicEstimator>, ForceError> {
+    if !matches!(method, Method::Fitted | Method::Spectral) {
+        return Ok(None);
+    }
+    let missing = ForceError::Structure { method: method.name(), needs: "a spindle speed" };
+    let harmonic = settings.harmonic.as_ref().ok_or(missing)?;
+    Ok(Some(match method {
+        Method::Fitted => HarmonicEstimator::fitted(axis, fitted_balance(axis), harmonic)?,
+        _ => HarmonicEstimator::spectral(axis, settings.controller.as_ref(), harmonic)?,
+    }))
 }
 
 /// What an estimator is made for.
@@ -397,6 +545,9 @@ fn on_measured_side(
     method: Method,
 ) -> Result<ForceBalance, ForceError> {
     let missing = |needs| Err(ForceError::Structure { method: method.name(), needs });
+    if method == Method::Fitted && signals != Signals::Both {
+        b = ForceBalance::default();
+    }
     match signals {
         Signals::Both => Ok(b),
         Signals::MotorOnly if b.needs_stage() => missing("a stage position"),

@@ -85,9 +85,9 @@ fn alternative(a: &Alternative) -> Value {
 }
 
 fn write_contribution(out: &Path, diagnosis: &Diagnosis, finding: &Finding) -> Result<(), RecordingError> {
-    let (mut experiment, mut t_s, mut value) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut experiment, mut t_s, mut value) = (Vec::<String>::new(), Vec::new(), Vec::new());
     for c in &finding.contribution {
-        let name = diagnosis.recordings.get(c.recording).map_or("", |r| r.experiment.as_str());
+        let name = diagnosis.recordings.get(c.recording).map_or_else(String::new, |r| r.experiment.clone());
         experiment.extend(std::iter::repeat_n(name, c.t_s.len()));
         t_s.extend_from_slice(&c.t_s);
         value.extend_from_slice(&c.value);

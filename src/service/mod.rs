@@ -10,6 +10,7 @@
 
 mod black_box;
 pub mod clock;
+pub mod demo;
 mod control;
 mod diagnoses;
 mod engine;

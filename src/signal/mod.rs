@@ -7,9 +7,11 @@ pub mod butterworth;
 pub mod delay_line;
 pub mod down_mix;
 pub mod finite_difference;
+pub mod harmonic_fit;
 pub mod line_bank;
 pub mod linear_phase;
 pub mod moving_variance;
+pub mod notch;
 pub mod order_lines;
 pub mod sliding_dft;
 mod sliding_dft_kernel;
@@ -67,3 +69,5 @@ pub(crate) fn check_frequency(
         Err(FilterError::Frequency { what, frequency_hz, nyquist_hz })
     }
 }
+
+pub mod inner_products;

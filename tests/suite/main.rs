@@ -5,6 +5,8 @@ mod lathe;
 
 mod closed_loop;
 mod conceal;
+mod force;
+mod identities;
 #[cfg(feature = "service")]
 mod http;
 mod import;
