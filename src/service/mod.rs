@@ -17,6 +17,7 @@ mod engine;
 mod handle;
 mod hub;
 pub mod live;
+mod mtconnect;
 mod recorder;
 mod recordings;
 pub mod stability;

@@ -279,3 +279,86 @@ fn the_page_and_the_api_browser_load_nothing_from_elsewhere() {
     }
     running.stop();
 }
+
+#[test]
+fn a_post_that_is_sent_again_with_its_key_is_done_once() {
+    let place = Place::new("idem");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    for _ in 0..3 {
+        let key = [("Idempotency-Key", "take-back-1")];
+        let answer = ask(&address, "POST", "/api/v1/override", &key, Some("{\"reason\":\"x\"}"));
+        assert_eq!(answer.status, 200, "{answer:?}");
+    }
+    let other = [("Idempotency-Key", "take-back-2")];
+    ask(&address, "POST", "/api/v1/override", &other, Some("{\"reason\":\"x\"}"));
+    let rows = get(&running, "/api/v1/audit").json();
+    assert_eq!(rows.as_array().unwrap().len(), 2, "{rows}");
+    running.stop();
+}
+
+/// A client that trusts one certificate, and what it reads.
+fn over_tls(address: &str, certificate: &[u8], request: &str) -> String {
+    let mut roots = rustls::RootCertStore::empty();
+    roots.add(rustls::pki_types::CertificateDer::from(certificate.to_vec())).unwrap();
+    let provider = std::sync::Arc::new(rustls::crypto::ring::default_provider());
+    let config = rustls::ClientConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .unwrap()
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    let name = rustls::pki_types::ServerName::try_from("localhost").unwrap();
+    let mut connection = rustls::ClientConnection::new(std::sync::Arc::new(config), name).unwrap();
+    let mut socket = TcpStream::connect(address).unwrap();
+    let mut tls = rustls::Stream::new(&mut connection, &mut socket);
+    tls.write_all(request.as_bytes()).unwrap();
+    let mut text = String::new();
+    let _ = tls.read_to_string(&mut text); // ends without a farewell
+    text
+}
+
+#[test]
+fn tls_is_spoken_where_it_is_configured() {
+    let place = Place::new("tls");
+    tokens(&place);
+    let made = rcgen::generate_simple_self_signed(vec!["localhost".to_owned()]).unwrap();
+    std::fs::write(place.folder.path().join("tls.crt"), made.cert.pem()).unwrap();
+    std::fs::write(place.folder.path().join("tls.key"), made.signing_key.serialize_pem()).unwrap();
+    let http = "certificate = \"tls.crt\"\nkey = \"tls.key\"\ntokens = \"tokens.toml\"";
+    let running = start(place.config(http)).unwrap();
+    let address = running.handle().address().to_string();
+    let request = "GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+    let text = over_tls(&address, made.cert.der(), request);
+    assert!(text.starts_with("HTTP/1.1 200") && text.ends_with("alive\n"), "{text}");
+    let mut plain = TcpStream::connect(&address).unwrap();
+    plain.write_all(request.as_bytes()).unwrap();
+    let mut answer = Vec::new();
+    let _ = plain.read_to_end(&mut answer);
+    assert!(!String::from_utf8_lossy(&answer).contains("alive"), "nothing is told in plain text");
+    running.stop();
+}
+
+#[test]
+fn an_mtconnect_agent_is_told_what_changes() {
+    let place = Place::new("shdr");
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let agents = free.local_addr().unwrap();
+    drop(free);
+    let mut config = place.config("");
+    config.mtconnect = Some(agents);
+    let running = start(config).unwrap();
+    let mut agent = TcpStream::connect(agents).unwrap();
+    agent.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    agent.write_all(b"* PING\n").unwrap();
+    let mut text = String::new();
+    let mut buffer = [0; 1024];
+    while !(text.contains("* PONG 10000\n") && text.contains("|chatter_condition|UNAVAILABLE||||\n")) {
+        let count = agent.read(&mut buffer).unwrap();
+        assert!(count > 0, "{text}");
+        text += &String::from_utf8_lossy(&buffer[..count]);
+    }
+    assert!(text.contains("|mode|UNAVAILABLE\n"), "{text}");
+    running.stop();
+}
