@@ -10,3 +10,4 @@ mod pipeline;
 mod report;
 #[cfg(feature = "service")]
 mod transport;
+mod real_machines;
