@@ -69,6 +69,8 @@ pub(super) struct Scales {
     pub(super) fastest_m_s: f64,
     pub(super) stroke_m: f64,
     pub(super) resolution_m: f64,
+    /// Travel per turn of the motor, where there is a screw.
+    pub(super) lead_m: Option<f64>,
 }
 
 impl Law {
@@ -199,11 +201,18 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     for gap in geometric(smallest, 0.5 * scales.stroke_m, 12) {
         list.extend(yields.iter().map(|&y| Law::Friction(Slider { yield_m: y, gap_m: gap })));
     }
-    list.extend(geometric(1.0, 100.0, 8).into_iter().map(|tau| Law::Drift { time_s: tau, slider }));
     let finest = (scales.stroke_m / 300.0).max(20.0 * scales.resolution_m);
     let waves = (2.0 * scales.stroke_m / finest).clamp(8.0, 600.0) as usize;
     list.extend((3..waves).map(|k| Law::Wave { wavelength_m: 2.0 * scales.stroke_m / k as f64 }));
+    // Turns of the motor and its first harmonics, however long the stroke is.
+    let turns = scales.lead_m.into_iter().flat_map(|lead| (1..=12).map(move |k| lead / f64::from(k)));
+    list.extend(turns.filter(|w| *w < scales.stroke_m).map(|wavelength_m| Law::Wave { wavelength_m }));
     list
+}
+
+/// Drifts of a friction that is in the model.
+pub(super) fn drifts(slider: Slider) -> impl Iterator<Item = Law> {
+    geometric(1.0, 100.0, 8).into_iter().map(move |time_s| Law::Drift { time_s, slider })
 }
 
 #[cfg(test)]

@@ -55,7 +55,7 @@ pub(super) fn diagnose(
     let lengths: Vec<usize> = series.iter().map(|s| s.t_s.len()).collect();
     terms.extend(axis.physics.iter().filter_map(|p| given(p, &axis.physics)));
     let rows = Rows::new(target, &lengths);
-    let mut search = Search { rows, series, scales, terms, locked, tried: Vec::new(), independent: 0.0 };
+    let mut search = Search { rows, series, scales, terms, locked, tried: Vec::new(), independent: 0.0, least_evidence: 0.0 };
     let start = search.terms.clone();
     search.run();
     progress(0.8, "laws found");
@@ -76,6 +76,7 @@ fn scales(axis: &AxisModel, series: &[Series]) -> Scales {
         fastest_m_s: fastest,
         stroke_m: (high - low).max(1.0e-12),
         resolution_m: axis.drive.motor_encoder_resolution_m(),
+        lead_m: axis.drive.screw_lead_m(),
     }
 }
 
