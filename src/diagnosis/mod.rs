@@ -11,6 +11,7 @@ mod regression;
 mod result;
 mod search;
 mod shape;
+mod steps;
 mod terms;
 mod whitening;
 
