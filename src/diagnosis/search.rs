@@ -1,7 +1,7 @@
 //! Forward selection: try every hypothesis, take the best, project it out, try again.
 
 use super::bank;
-use super::bench::{Accepted, Bench, Score};
+use super::bench::{Accepted, Bench, Score, is_timing};
 use super::problem::{Column, Mechanics, Problem};
 use super::shape::{Hypothesis, Shape};
 
@@ -106,13 +106,14 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
 fn settle(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column) {
     let passes = if accepted.is_empty() { 2 } else { 8 };
     for _ in 0..passes {
-        let (coefficients, fits) = {
+        let (coefficients, fits, timing_s) = {
             let bench = settled(p, accepted, residual);
             *residual = bench.residual();
             let fits: Vec<_> = (0..accepted.len()).map(|k| bench.accepted_fit(k)).collect();
-            (bench.solution.coefficients.clone(), fits)
+            (bench.solution.coefficients.clone(), fits, bench.timing_s())
         };
         update_mechanics(p, &coefficients);
+        p.shift_timing(timing_s);
         let mut moved: f64 = 0.0;
         for (a, fit) in accepted.iter_mut().zip(&fits) {
             let shape = &a.hypothesis.shape;
@@ -163,7 +164,13 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
         drop(bench);
         rounds.push(result);
         match taken {
-            Some(score) => accepted.push(Accepted::new(&p, score.hypothesis, score.amplitudes)),
+            Some(score) => {
+                if is_timing(&score.hypothesis) {
+                    // From here on the finding is the timing.
+                    p.shift_timing(-p.timing_s);
+                }
+                accepted.push(Accepted::new(&p, score.hypothesis, score.amplitudes));
+            }
             None => break,
         }
     }
@@ -210,7 +217,7 @@ fn one_round(bench: &Bench<'_>, accepted: &[Accepted]) -> Round {
                 bench.drop_one(k)
             );
         }
-        eprintln!("   timing {:.3e}", bench.solution.coefficients[bench.problem.numbers.len()]);
+        eprintln!("   timing {:.3e} of {:.3e}", bench.timing_s(), bench.problem.timing_s);
         for s in scores.iter().take(5) {
             eprintln!(
                 "   {:28} {:14} ev {:10.1} ({}) {:?} amp {:?}",

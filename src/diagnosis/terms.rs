@@ -85,7 +85,11 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
             s.add_force("amplitude_n", "N", amplitude, deviation);
             s.add("phase_rad", "rad", phase, deviation / amplitude.max(1e-300));
         }
-        Shape::Map { .. } => {}
+        Shape::Map { .. } => {
+            let mean = fit.amplitudes.iter().sum::<f64>() / fit.amplitudes.len().max(1) as f64;
+            let largest = fit.amplitudes.iter().map(|f| (f - mean).abs()).fold(0.0, f64::max);
+            s.add_force("amplitude_n", "N", largest, d(0));
+        }
         Shape::Saturation => s.add("per_a2", "1/A2", a(0), d(0)),
         Shape::Lag { extra_s } => {
             let w = lag_bandwidth(p, *extra_s);
