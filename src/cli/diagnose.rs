@@ -2,8 +2,11 @@
 
 use super::bad_input;
 use crate::config::machine::read_machine;
-use crate::recording::read_recording;
-use std::path::PathBuf;
+use crate::recording::{read_recording, write_whole};
+use crate::report::diagnosis::write;
+use crate::report::html::{ReportContext, diagnosis_page};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::path::{Path, PathBuf};
 
 /// Says what physics a machine model leaves out.
 #[derive(clap::Args)]
@@ -21,12 +24,24 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let machine = read_machine(&arguments.model).map_err(bad_input)?;
-    let recordings = arguments
-        .recordings
-        .iter()
-        .map(|p| read_recording(p).map_err(bad_input))
-        .collect::<Result<Vec<_>, _>>()?;
-    let diagnosis = crate::diagnosis::diagnose(&machine, &recordings, &|_, _| {}).map_err(bad_input)?;
-    let _ = diagnosis;
+    let recordings = arguments.recordings.iter().map(|p| read_recording(p).map_err(bad_input)).collect::<Result<Vec<_>, _>>()?;
+    let bar = ProgressBar::new(100); // drawn on a terminal only
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} % {msg}") {
+        bar.set_style(style);
+    }
+    let progress = |share: f64, what: &str| {
+        bar.set_position((100.0 * share) as u64);
+        bar.set_message(what.to_owned());
+    };
+    let diagnosis = crate::diagnosis::diagnose(&machine, &recordings, &progress).map_err(bad_input)?;
+    bar.finish_and_clear();
+    let files: Vec<String> = arguments.recordings.iter().map(|p| name(p)).collect();
+    write(&arguments.out, &diagnosis, &files)?;
+    let context = ReportContext { machine: machine.name.clone(), files };
+    write_whole(&arguments.out.join("report.html"), diagnosis_page(&diagnosis, &context).as_bytes())?;
     Ok(())
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }

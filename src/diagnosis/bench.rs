@@ -7,7 +7,7 @@ use super::whitening::{Layout, Whitener};
 use crate::plant::effects::{EffectKind, Port};
 
 /// A timing error below this share of a sample is how the samples are taken, not a dead time.
-const TIMING_LIMIT_SAMPLES: f64 = 0.2;
+const TIMING_LIMIT_SAMPLES: f64 = 0.3;
 
 /// An accepted hypothesis with its thinned columns.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,6 +4,7 @@
 //! holds after it. Shift and derivative are taken of the continuous kernel and then sampled: a
 //! difference quotient would droop, and its droop looks like dead time.
 
+use crate::signal::inner_products::correlate;
 use nalgebra::{SMatrix, SVector};
 use std::f64::consts::PI;
 
@@ -123,12 +124,10 @@ impl Kernel {
 
     /// `y[j]` at sample `first + j step` of `x`, `count` of them. The caller keeps `half` samples on either side.
     pub(crate) fn apply(&self, x: &[f64], grid: Grid) -> Vec<f64> {
-        (0..grid.count)
-            .map(|j| {
-                let centre = grid.first + j * grid.step;
-                dot_reversed(&x[centre - self.half..=centre + self.half], &self.taps)
-            })
-            .collect()
+        let reversed: Vec<f64> = self.taps.iter().rev().copied().collect();
+        let mut out = vec![0.0; grid.count];
+        correlate(x, &reversed, (grid.first - self.half, grid.step), &mut out);
+        out
     }
 }
 
@@ -141,20 +140,6 @@ pub(crate) struct Grid {
     pub(crate) step: usize,
     /// Outputs.
     pub(crate) count: usize,
-}
-
-/// sum_j x[j] taps[n-1-j] in four independent sums, which the compiler keeps in vector registers.
-fn dot_reversed(x: &[f64], taps: &[f64]) -> f64 {
-    let mut sums = [0.0f64; 4];
-    let mut xs = x.chunks_exact(4);
-    let mut ts = taps.rchunks_exact(4);
-    for (a, b) in (&mut xs).zip(&mut ts) {
-        for k in 0..4 {
-            sums[k] += a[k] * b[3 - k];
-        }
-    }
-    let rest: f64 = xs.remainder().iter().zip(ts.remainder().iter().rev()).map(|(a, b)| a * b).sum();
-    sums[0] + sums[1] + sums[2] + sums[3] + rest
 }
 
 struct Shift {

@@ -9,6 +9,7 @@ mod motion;
 mod problem;
 mod regression;
 mod result;
+mod rigid;
 mod search;
 mod shape;
 mod terms;
@@ -73,6 +74,9 @@ pub fn diagnose(
 ) -> Result<Diagnosis, DiagnoseError> {
     let first = recordings.first().ok_or(DiagnoseError::NoRecording)?;
     let axis = axis_of(machine, first)?;
+    if rigid::applies(axis, recordings) {
+        return rigid::diagnose(machine, axis, recordings, progress);
+    }
     let flexible = recordings.iter().all(|r| motion::is_flexible(axis, r));
     let motions =
         recordings.iter().map(|r| motion::motion(axis, r, flexible)).collect::<Result<Vec<_>, _>>()?;

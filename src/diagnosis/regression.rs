@@ -2,6 +2,7 @@
 
 use super::problem::Column;
 use super::whitening::Layout;
+use crate::signal::inner_products::dot;
 use nalgebra::{DMatrix, DVector};
 
 /// Folds of the held-out judgement.
@@ -84,19 +85,6 @@ impl Folds {
         }
         out
     }
-}
-
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0f64; 8];
-    let mut xs = a.chunks_exact(8);
-    let mut ys = b.chunks_exact(8);
-    for (x, y) in (&mut xs).zip(&mut ys) {
-        for k in 0..8 {
-            sums[k] += x[k] * y[k];
-        }
-    }
-    let rest: f64 = xs.remainder().iter().zip(ys.remainder()).map(|(x, y)| x * y).sum();
-    sums.iter().sum::<f64>() + rest
 }
 
 /// Inner products of columns and target, per fold.

@@ -182,7 +182,7 @@ fn one_round(bench: &Bench<'_>, accepted: &[Accepted]) -> Round {
     let mut scores = on_two_cores(&bank, |h| bench.score(h));
     keep_best_of_kind(&mut scores);
     let leaders: Vec<Score> = scores.iter().take(8).cloned().collect();
-    let refined = on_two_cores(&leaders, |s| bench.refine(s));
+    let refined = on_two_cores(&leaders, |s| refine(bench, s));
     scores.splice(0..leaders.len(), refined);
     sort(&mut scores);
     keep_best_of_kind(&mut scores);
@@ -232,13 +232,11 @@ fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
         return false;
     }
     match (&a.shape, &b.shape) {
-        (Shape::Periodic { wavelength_m: x, .. }, Shape::Periodic { wavelength_m: y, .. }) => {
-            [1.0, 2.0, 3.0].iter().any(|h| (x / y / h - 1.0).abs() < 0.03)
+        (Shape::Periodic { wavelength_m: x, .. }, Shape::Periodic { wavelength_m: y, .. }) => [1.0, 2.0, 3.0].iter().any(|h| (x / y / h - 1.0).abs() < 0.03),
+        (Shape::EncoderError { period_m: x, .. }, Shape::EncoderError { period_m: y, .. }) => (x / y - 1.0).abs() < 0.02,
+        (Shape::Lines { fundamental_hz: x, .. }, Shape::Lines { fundamental_hz: y, .. }) => {
+            (1..=20).any(|h| (x / y / f64::from(h) - 1.0).abs() < 0.005 || (y / x / f64::from(h) - 1.0).abs() < 0.005)
         }
-        (Shape::EncoderError { period_m: x, .. }, Shape::EncoderError { period_m: y, .. }) => {
-            (x / y - 1.0).abs() < 0.02
-        }
-        (Shape::Lines { .. }, Shape::Lines { .. }) => false,
         _ => true,
     }
 }
@@ -261,4 +259,45 @@ fn keep_best_of_kind(scores: &mut Vec<Score>) {
         }
     }
     *scores = kept;
+}
+
+/// Fits the constants; for waves also how many harmonics the held-out blocks pay for.
+fn refine(bench: &Bench<'_>, score: &Score) -> Score {
+    let mut best = bench.refine(score);
+    if matches!(best.hypothesis.shape, Shape::Lines { .. }) {
+        return refine_window(bench, best);
+    }
+    for more in [2, 3] {
+        let mut shape = best.hypothesis.shape.clone();
+        match &mut shape {
+            Shape::Periodic { harmonics, .. } | Shape::EncoderError { harmonics, .. } => *harmonics = more,
+            _ => break,
+        }
+        let start = bench.score(&Hypothesis { shape, ..best.hypothesis.clone() });
+        let fine = bench.refine(&start);
+        if fine.evidence < best.evidence + 20.0 {
+            break;
+        }
+        best = fine;
+    }
+    best
+}
+
+/// Moves the window of a cut to where its waves are.
+fn refine_window(bench: &Bench<'_>, mut best: Score) -> Score {
+    let residual = bench.residual();
+    for _ in 0..2 {
+        let Some(window) = bank::best_window(bench.problem, &residual, (&best.hypothesis, &best.amplitudes)) else { break };
+        let mut hypothesis = best.hypothesis.clone();
+        if let Shape::Lines { window_s, .. } = &mut hypothesis.shape {
+            *window_s = window;
+        }
+        let moved = bench.score(&hypothesis);
+        let moved = bench.refine(&moved);
+        if moved.likelihood <= best.likelihood {
+            break;
+        }
+        best = moved;
+    }
+    best
 }

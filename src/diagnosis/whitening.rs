@@ -1,6 +1,7 @@
 //! Whitening of the two residuals together: a vector autoregression, estimated where the residual is quiet.
 
 use super::problem::{Column, Sides};
+use crate::signal::inner_products::add_filtered;
 use nalgebra::{DMatrix, Matrix2};
 
 /// Length of the autoregression in samples of the regression.
@@ -172,29 +173,6 @@ impl Whitener {
                 Sides { motor: out.next(), stage: out.next() }
             })
             .collect()
-    }
-}
-
-fn add_filtered(out: &mut [f64], x: &[f64], taps: &[f64]) {
-    let past = taps.len() - 1;
-    for t0 in (past..x.len()).step_by(8) {
-        let width = (x.len() - t0).min(8);
-        if width == 8 {
-            let mut sums = [0.0f64; 8];
-            for (k, tap) in taps.iter().enumerate() {
-                let piece = &x[t0 - k..t0 - k + 8];
-                for j in 0..8 {
-                    sums[j] += tap * piece[j];
-                }
-            }
-            for j in 0..8 {
-                out[t0 + j] += sums[j];
-            }
-        } else {
-            for t in t0..x.len() {
-                out[t] += taps.iter().enumerate().map(|(k, tap)| tap * x[t - k]).sum::<f64>();
-            }
-        }
     }
 }
 

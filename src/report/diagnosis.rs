@@ -46,7 +46,8 @@ fn location(l: &Location, diagnosis: &Diagnosis) -> Value {
         .iter()
         .filter(|t| !t.spans_s.is_empty())
         .map(|t| {
-            let name = diagnosis.recordings.get(t.recording).map_or_else(String::new, |r| r.experiment.clone());
+            let name =
+                diagnosis.recordings.get(t.recording).map_or_else(String::new, |r| r.experiment.clone());
             (name, json!(t.spans_s))
         })
         .collect();
@@ -57,7 +58,8 @@ fn location(l: &Location, diagnosis: &Diagnosis) -> Value {
 }
 
 fn finding(f: &Finding) -> Value {
-    let mut parameters: Map<String, Value> = f.parameters.iter().map(|e| (e.name.clone(), estimate(e))).collect();
+    let mut parameters: Map<String, Value> =
+        f.parameters.iter().map(|e| (e.name.clone(), estimate(e))).collect();
     for map in &f.maps {
         parameters.insert(map.name.clone(), json!({ "value": map.values }));
     }
@@ -85,16 +87,23 @@ fn alternative(a: &Alternative) -> Value {
 }
 
 fn write_contribution(out: &Path, diagnosis: &Diagnosis, finding: &Finding) -> Result<(), RecordingError> {
-    let (mut experiment, mut t_s, mut value) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut experiment, mut t_s, mut value) = (Vec::<String>::new(), Vec::new(), Vec::new());
     for c in &finding.contribution {
-        let name = diagnosis.recordings.get(c.recording).map_or("", |r| r.experiment.as_str());
+        let name = diagnosis.recordings.get(c.recording).map_or_else(String::new, |r| r.experiment.clone());
         experiment.extend(std::iter::repeat_n(name, c.t_s.len()));
         t_s.extend_from_slice(&c.t_s);
         value.extend_from_slice(&c.value);
     }
     let table = Table {
-        columns: vec![("experiment", TableColumn::Text(&experiment)), ("t_s", TableColumn::Double(&t_s)), ("value", TableColumn::Double(&value))],
-        metadata: vec![("effect".to_owned(), finding.effect.name().to_owned()), ("port".to_owned(), finding.port.name().to_owned())],
+        columns: vec![
+            ("experiment", TableColumn::Text(&experiment)),
+            ("t_s", TableColumn::Double(&t_s)),
+            ("value", TableColumn::Double(&value)),
+        ],
+        metadata: vec![
+            ("effect".to_owned(), finding.effect.name().to_owned()),
+            ("port".to_owned(), finding.port.name().to_owned()),
+        ],
     };
     write_table(&out.join(format!("contribution-{}.parquet", finding.rank)), &table)
 }

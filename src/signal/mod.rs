@@ -70,3 +70,5 @@ pub(crate) fn check_frequency(
         Err(FilterError::Frequency { what, frequency_hz, nyquist_hz })
     }
 }
+
+pub mod inner_products;

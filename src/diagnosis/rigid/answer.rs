@@ -1,0 +1,460 @@
+//! From the terms of the search to the answer: names, numbers with intervals, model, series.
+
+use super::fit::{Fit, correlation_rows, rms};
+use super::laws::{Law, Slider};
+use super::search::{Found, Origin, Search, Term};
+use crate::diagnosis::{
+    Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Location, RecordingFit, Tried, Verdict,
+};
+use crate::plant::drive::DriveParams;
+use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
+use crate::plant::machine::{AxisModel, Machine};
+
+const Z95: f64 = 1.96;
+
+/// A law of the final model with its amplitudes.
+struct Fitted<'a> {
+    index: usize,
+    term: &'a Term,
+    amplitudes: Vec<f64>,
+    /// Standard deviations, neighbouring rows counted for what they are worth.
+    deviations: Vec<f64>,
+}
+
+struct Context<'a> {
+    machine: &'a Machine,
+    axis: &'a AxisModel,
+    search: &'a Search,
+    before: Fit,
+    after: Fit,
+    floor_n: f64,
+    fitted: Vec<Fitted<'a>>,
+}
+
+/// Builds the answer. `start`: the terms before anything was found.
+pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, start: &[Term]) -> Diagnosis {
+    let (before, after) = (search.fit(start), search.fit(&search.terms));
+    let widen = correlation_rows(&after.residual).sqrt();
+    let fitted = search
+        .terms
+        .iter()
+        .enumerate()
+        .map(|(index, term)| Fitted {
+            index,
+            term,
+            amplitudes: search.amplitudes(&search.terms, &after.coefficients, index),
+            deviations: search.amplitudes(&search.terms, &after.deviations, index).iter().map(|d| d * widen).collect(),
+        })
+        .collect();
+    let floor_n = floor(&after.residual);
+    let c = Context { machine, axis, search, before, after, floor_n, fitted };
+    let mut findings = c.findings();
+    findings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    for (k, f) in findings.iter_mut().enumerate() {
+        f.rank = k + 1;
+    }
+    let parameter_corrections = c.corrections();
+    let verdict = c.verdict(&findings, &parameter_corrections);
+    let first = search.series.first();
+    Diagnosis {
+        axis: axis.name.clone(),
+        verdict,
+        location: c.location(verdict, &findings),
+        model: c.model(&findings, &parameter_corrections),
+        findings,
+        residual_band_hz: [0.0, first.map_or(0.0, |s| s.band_hz)],
+        parameter_corrections,
+        recordings: c.recordings(),
+        balances: vec!["axis"],
+        series_rate_hz: first.map_or(1.0, |s| s.rate_hz),
+        noise_floor_n: vec![floor_n],
+        tried: search.tried.iter().map(|(e, p, v)| Tried { effect: Some(*e), port: *p, evidence: *v }).collect(),
+    }
+}
+
+/// What a residual holds that changes from row to row: second differences of white noise have the factor root 6.
+fn floor(residual: &[f64]) -> f64 {
+    let second: Vec<f64> = residual.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]).collect();
+    (rms(&second) / 6.0_f64.sqrt()).min(rms(residual))
+}
+
+impl Context<'_> {
+    fn verdict(&self, findings: &[Finding], corrections: &[Correction]) -> Verdict {
+        /// A residual this many times its fast part is not noise.
+        const STRUCTURED: f64 = 3.0;
+        /// And this share of the thrust is worth a word.
+        const WORTH: f64 = 0.02;
+        let thrust: Vec<f64> = self.search.series.iter().flat_map(|s| s.thrust_n.iter().copied()).collect();
+        let left = self.after.heldout_rms;
+        if !findings.is_empty() {
+            Verdict::MissingPhysics
+        } else if left > STRUCTURED * self.floor_n && left > WORTH * rms(&thrust) {
+            Verdict::UnexplainedMismatch
+        } else if corrections.is_empty() {
+            Verdict::ModelAdequate
+        } else {
+            Verdict::ParameterError
+        }
+    }
+
+    fn location(&self, verdict: Verdict, findings: &[Finding]) -> Option<Location> {
+        let band = self.search.series.first().map_or(0.0, |s| s.band_hz);
+        let domain = match findings.first().map(|f| f.effect) {
+            Some(EffectKind::GravityLoad | EffectKind::AsymmetricFriction) => "direction",
+            Some(EffectKind::PreslidingFriction | EffectKind::Backlash) => "history",
+            Some(EffectKind::PositionPeriodicForce | EffectKind::NonlinearStiffness) => "position",
+            Some(EffectKind::FrictionDrift) | None => "time",
+            Some(_) => "velocity",
+        };
+        let missing = matches!(verdict, Verdict::MissingPhysics | Verdict::UnexplainedMismatch);
+        missing.then(|| Location {
+            port: findings.first().map_or(Port::Stage, |f| f.port),
+            domain,
+            bands_hz: vec![[0.0, band]],
+            time: Vec::new(),
+            shares: [0.0, 1.0, 1.0],
+        })
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let mut list = Vec::new();
+        for f in &self.fitted {
+            let Origin::Found(found) = &f.term.origin else { continue };
+            if let Law::Friction(s) = f.term.law
+                && s.gap_m > 0.0
+            {
+                // One slider, two things that the model left out: its spring and its gap.
+                let soft = Law::Friction(Slider { gap_m: 0.0, ..s });
+                list.push(self.finding(f, found, soft));
+            }
+            list.push(self.finding(f, found, f.term.law));
+        }
+        list
+    }
+
+    fn finding(&self, f: &Fitted<'_>, found: &Found, law: Law) -> Finding {
+        let (effect, port) = law.effect();
+        let parameters = self.estimates(f, law);
+        let value = |name: &str| parameters.iter().find(|e| e.name == name).map_or(0.0, |e| e.value);
+        let (statement, equation) = words(law, &value);
+        let alternatives = found
+            .alternatives
+            .iter()
+            .filter(|(e, _, _)| *e != effect)
+            .map(|(effect, port, probability)| Alternative { effect: *effect, port: *port, probability: *probability })
+            .collect::<Vec<_>>();
+        let next_experiment = (!alternatives.is_empty()).then(|| next(effect).to_owned());
+        let term = PhysicsTerm {
+            effect,
+            port,
+            parameters: parameters.iter().map(|e| (e.name.clone(), ParameterValue::Number(e.value))).collect(),
+        };
+        Finding {
+            rank: 0,
+            effect,
+            port,
+            statement,
+            equation,
+            maps: Vec::new(),
+            fit: crate::diagnosis::Fit {
+                heldout_rms_before_n: found.heldout_before_n,
+                heldout_rms_after_n: self.after.heldout_rms,
+                noise_floor_n: self.floor_n,
+            },
+            probability: found.probability,
+            alternatives,
+            next_experiment,
+            contribution: self.contribution(f),
+            term,
+            evidence: found.evidence,
+            parameters,
+        }
+    }
+
+    fn contribution(&self, f: &Fitted<'_>) -> Vec<Contribution> {
+        let each = |(recording, s): (usize, &super::Series)| {
+            let columns = f.term.law.columns(s, &self.search.scales);
+            let at = |k: usize| columns.iter().zip(&f.amplitudes).map(|(c, a)| a * c[k]).sum();
+            Contribution { recording, t_s: s.t_s.clone(), value: (0..s.t_s.len()).map(at).collect() }
+        };
+        self.search.series.iter().enumerate().map(each).collect()
+    }
+
+    fn estimates(&self, f: &Fitted<'_>, law: Law) -> Vec<Estimate> {
+        let a = f.amplitudes[0];
+        let half = Z95 * f.deviations[0];
+        let linear = |name: &str, unit, factor: f64| {
+            let ends = [factor * a - factor.abs() * half, factor * a + factor.abs() * half];
+            Estimate { name: name.to_owned(), value: factor * a, unit, ci95: ends }
+        };
+        let inner = |name: &str, unit, at: f64, make: &dyn Fn(f64) -> Law| {
+            Estimate { name: name.to_owned(), value: at, unit, ci95: self.search.profile(f.index, make, at) }
+        };
+        match law {
+            Law::Inertia | Law::Viscous => vec![linear("n_s_m", "N s/m", 1.0)],
+            Law::Constant => vec![linear("force_n", "N", 1.0)],
+            Law::Friction(s) if s.gap_m > 0.0 => {
+                vec![inner("gap_m", "m", s.gap_m, &|gap_m| Law::Friction(Slider { gap_m, ..s }))]
+            }
+            Law::Friction(s) if s.yield_m > 0.0 => {
+                let own = if let Law::Friction(own) = f.term.law { own } else { s };
+                let y = inner("yield_m", "m", s.yield_m, &|yield_m| Law::Friction(Slider { yield_m, ..own }));
+                let stiffness = Estimate {
+                    name: "presliding_stiffness_n_m".to_owned(),
+                    value: a / y.value,
+                    unit: "N/m",
+                    ci95: [(a - half) / y.ci95[1], (a + half) / y.ci95[0]],
+                };
+                vec![stiffness, linear("force_n", "N", 1.0)]
+            }
+            Law::Friction(_) => vec![linear("force_n", "N", 1.0)],
+            Law::DirectionalDry(_) => vec![linear("force_difference_n", "N", 2.0)],
+            Law::DirectionalViscous => self.directional(f),
+            Law::Square => vec![linear("n_s2_m2", "N s2/m2", 1.0)],
+            Law::Stribeck { velocity_m_s } => vec![
+                linear("stribeck_force_n", "N", 1.0),
+                inner("stribeck_velocity_m_s", "m/s", velocity_m_s, &|velocity_m_s| Law::Stribeck { velocity_m_s }),
+            ],
+            Law::Drift { time_s, slider } => {
+                let level = self.friction_level().max(1.0e-300);
+                vec![
+                    linear("relative_change", "1", 1.0 / level),
+                    inner("time_constant_s", "s", time_s, &|time_s| Law::Drift { time_s, slider }),
+                ]
+            }
+            Law::Wave { wavelength_m } => {
+                let b = f.amplitudes.get(1).copied().unwrap_or(0.0);
+                let size = a.hypot(b);
+                let estimate = |name: &str, unit, value: f64, half: f64| Estimate {
+                    name: name.to_owned(),
+                    value,
+                    unit,
+                    ci95: [value - half, value + half],
+                };
+                vec![
+                    inner("wavelength_m", "m", wavelength_m, &|wavelength_m| Law::Wave { wavelength_m }),
+                    estimate("amplitude_n", "N", size, half),
+                    estimate("phase_rad", "rad", b.atan2(a), half / size.max(1.0e-300)),
+                ]
+            }
+            Law::Spring { centre_m, gap_m } => {
+                let gap = inner("gap_m", "m", gap_m, &|gap_m| Law::Spring { centre_m, gap_m });
+                let centre = Estimate { name: "centre_m".to_owned(), value: centre_m, unit: "m", ci95: [centre_m; 2] };
+                vec![gap, centre]
+            }
+            Law::Cubic { .. } => vec![linear("cubic_n_m3", "N/m3", 1.0)],
+        }
+    }
+
+    /// A viscous difference as what it makes at the mean speed, and as a slope.
+    fn directional(&self, f: &Fitted<'_>) -> Vec<Estimate> {
+        let speeds: Vec<f64> = self.search.series.iter().flat_map(|s| s.velocity_m_s.iter().map(|v| v.abs())).collect();
+        let moving: Vec<f64> = speeds.iter().copied().filter(|v| *v > 5.0 * self.search.scales.smoothing_m_s).collect();
+        let mean = moving.iter().sum::<f64>() / moving.len().max(1) as f64;
+        let make = |name: &str, unit, factor: f64| {
+            let (value, half) = (factor * f.amplitudes[0], (factor * Z95 * f.deviations[0]).abs());
+            Estimate { name: name.to_owned(), value, unit, ci95: [value - half, value + half] }
+        };
+        vec![make("force_difference_n", "N", 2.0 * mean), make("n_s_m_difference", "N s/m", 2.0)]
+    }
+
+    fn friction_level(&self) -> f64 {
+        self.fitted.iter().find(|f| matches!(f.term.law, Law::Friction(_))).map_or(0.0, |f| f.amplitudes[0].abs())
+    }
+
+    /// Numbers of the drive that differ by more than four standard deviations and more than they are known to.
+    fn corrections(&self) -> Vec<Correction> {
+        let d = &self.axis.drive;
+        let mut list = Vec::new();
+        for f in &self.fitted {
+            let Origin::Number(name) = f.term.origin else { continue };
+            let (nominal, other, limit) = match name {
+                "movable_mass_kg" => (d.movable_mass_kg(), d.total_mass_kg() - d.movable_mass_kg(), 0.03),
+                "translational_damping_n_s_m" => (d.translational_damping_n_s_m(), d.reflected_damping_n_s_m(), 0.15),
+                "stage_coulomb_friction_n" => (d.stage_coulomb_friction_n(), d.motor_coulomb_friction_n(), 0.08),
+                _ => (d.axial_stiffness_n_m(), 0.0, 0.03),
+            };
+            let (value, half) = (f.amplitudes[0] - other, Z95 * f.deviations[0]);
+            let apart = (value - nominal).abs();
+            if nominal > 0.0 && value > 0.0 && apart > 2.0 * half && apart > limit * nominal {
+                list.push(Correction { name, nominal, value, ci95: [value - half, value + half] });
+            }
+        }
+        list
+    }
+
+    /// The model with corrections and findings in it.
+    fn model(&self, findings: &[Finding], corrections: &[Correction]) -> Machine {
+        let mut machine = self.machine.clone();
+        let Some(axis) = machine.axes.iter_mut().find(|a| a.name == self.axis.name) else { return machine };
+        let mut raw = axis.drive.raw().clone();
+        for c in corrections {
+            match c.name {
+                "movable_mass_kg" => raw.movable_mass_kg = Some(c.value),
+                "translational_damping_n_s_m" => raw.translational_damping_n_s_m = Some(c.value),
+                "stage_coulomb_friction_n" => raw.stage_coulomb_friction_n = Some(c.value),
+                "axial_stiffness_n_m" => raw.axial_stiffness_n_m = Some(c.value),
+                _ => {}
+            }
+        }
+        if let Ok(drive) = DriveParams::new(raw) {
+            axis.drive = drive;
+        }
+        axis.physics.extend(findings.iter().map(|f| f.term.clone()));
+        machine
+    }
+
+    fn recordings(&self) -> Vec<RecordingFit> {
+        let mut start = 0;
+        let nominal = self.nominal_residual();
+        let fit = |s: &super::Series| {
+            let range = start..start + s.t_s.len();
+            start = range.end;
+            let part = |v: &[f64]| v[range.clone()].to_vec();
+            RecordingFit {
+                experiment: s.experiment.clone(),
+                rms_before_n: rms(&nominal[range.clone()]),
+                rms_after_n: rms(&self.after.residual[range.clone()]),
+                t_s: s.t_s.clone(),
+                position_m: s.position_m.clone(),
+                velocity_m_s: s.velocity_m_s.clone(),
+                residual_nominal_n: vec![part(&nominal)],
+                residual_before_n: vec![part(&self.before.residual)],
+                residual_after_n: vec![part(&self.after.residual)],
+            }
+        };
+        self.search.series.iter().map(fit).collect()
+    }
+
+    /// Thrust minus what the stated numbers need; given physics with the amplitudes that the model states.
+    fn nominal_residual(&self) -> Vec<f64> {
+        let d = &self.axis.drive;
+        let mut left = self.search.rows.target.clone();
+        let mut take = |law: Law, amplitude: f64| {
+            for (r, c) in left.iter_mut().zip(self.search.columns(law).iter().flatten()) {
+                *r -= amplitude * c;
+            }
+        };
+        for t in &self.search.terms {
+            if let Origin::Number(key) = t.origin {
+                match key {
+                    "movable_mass_kg" => take(Law::Inertia, d.total_mass_kg()),
+                    "translational_damping_n_s_m" => {
+                        take(Law::Viscous, d.translational_damping_n_s_m() + d.reflected_damping_n_s_m());
+                    }
+                    "stage_coulomb_friction_n" => {
+                        let level = d.stage_coulomb_friction_n() + d.motor_coulomb_friction_n();
+                        take(Law::Friction(Slider::STEP), level);
+                    }
+                    _ => {}
+                }
+            }
+        }
+        for p in &self.axis.physics {
+            let amplitude = p.number("force_n").or_else(|| p.number("n_s_m"));
+            if let (Some(term), Some(amplitude)) = (super::given(p, &self.axis.physics), amplitude) {
+                take(term.law, amplitude);
+            }
+        }
+        left
+    }
+}
+
+/// One sentence for a person and the law in symbols.
+fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static str) {
+    let n = |name: &str| format!("{:.4}", Compact(value(name)));
+    match law {
+        Law::Inertia | Law::Viscous => {
+            (format!("A force of {} N per m/s acts against the motion.", n("n_s_m")), "F = C v")
+        }
+        Law::Constant => (
+            format!("A force of {} N acts whatever the motion: weight, or an offset of the drive.", n("force_n")),
+            "F = F_0",
+        ),
+        Law::Friction(s) if s.gap_m > 0.0 => (
+            format!("At each reversal {} m pass before force builds up again: play in what transmits it.", n("gap_m")),
+            "F = F_c dz(D, gap/2)/yield, D = clamp(D + dx, +-(gap/2 + yield))",
+        ),
+        Law::Friction(s) if s.yield_m > 0.0 => (
+            format!(
+                "Friction of {} N turns over with the distance after a reversal, not with the speed: a stiffness of {} N/m.",
+                n("force_n"),
+                n("presliding_stiffness_n_m")
+            ),
+            "F = F_c D/yield, D = clamp(D + dx, +-yield), stiffness = F_c/yield",
+        ),
+        Law::Friction(_) => {
+            (format!("A force of {} N acts against the direction of motion.", n("force_n")), "F = F_c sgn v")
+        }
+        Law::DirectionalDry(_) => (
+            format!("Friction differs by {} N between the directions.", n("force_difference_n")),
+            "F = (F_difference/2) |sgn v|",
+        ),
+        Law::DirectionalViscous => (
+            format!(
+                "Viscous friction differs by {} N s/m between the directions, {} N at the mean speed.",
+                n("n_s_m_difference"),
+                n("force_difference_n")
+            ),
+            "F = (C_difference/2) |v|",
+        ),
+        Law::Square => (format!("A force of {} N per (m/s)^2 acts against the motion.", n("n_s2_m2")), "F = c v |v|"),
+        Law::Stribeck { .. } => (
+            format!(
+                "At creep speeds friction is {} N higher; it falls off over {} m/s.",
+                n("stribeck_force_n"),
+                n("stribeck_velocity_m_s")
+            ),
+            "F = F_s exp(-(v/v_s)^2) sgn v",
+        ),
+        Law::Drift { .. } => (
+            format!(
+                "Friction changes by {} of itself with a time constant of {} s.",
+                n("relative_change"),
+                n("time_constant_s")
+            ),
+            "F = F_c change (1 - exp(-t/tau)) sgn v",
+        ),
+        Law::Wave { .. } => (
+            format!("A force of {} N repeats every {} m.", n("amplitude_n"), n("wavelength_m")),
+            "F = A sin(2 pi x/lambda + phase)",
+        ),
+        Law::Spring { .. } => (
+            format!("The drive turns {} m (rad where one metre is one radian) before the output pushes back.", n("gap_m")),
+            "F = K dz(x - x_0, gap/2)",
+        ),
+        Law::Cubic { .. } => ("The stiffness changes with the load.".to_owned(), "F = K_3 (x - x_0)^3"),
+    }
+}
+
+/// Four significant digits.
+struct Compact(f64);
+
+impl std::fmt::Display for Compact {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let digits = f.precision().unwrap_or(4) as i32;
+        let order = if self.0 == 0.0 { 0 } else { self.0.abs().log10().floor() as i32 };
+        if !(-5..7).contains(&order) {
+            return write!(f, "{:.*e}", (digits - 1).max(0) as usize, self.0);
+        }
+        write!(f, "{:.*}", (digits - 1 - order).max(0) as usize, self.0)
+    }
+}
+
+/// What tells the alternatives of an effect apart.
+fn next(effect: EffectKind) -> &'static str {
+    match effect {
+        EffectKind::GravityLoad | EffectKind::AsymmetricFriction => {
+            "Rest for a second at several places with the drive on, between slow strokes in both directions: a weight holds at \
+             rest, a difference of friction does not."
+        }
+        EffectKind::CoulombFriction | EffectKind::PreslidingFriction | EffectKind::Backlash => {
+            "Reversals of 10 um to 1 mm at less than 1 mm/s, both under load from one side and from the other."
+        }
+        EffectKind::ViscousFriction | EffectKind::NonlinearViscosity | EffectKind::StribeckFriction => {
+            "Strokes at constant speed, at least six speeds from creep to traverse, both directions, same path."
+        }
+        EffectKind::FrictionDrift => "The same stroke once a minute from cold until nothing changes any more.",
+        _ => "The same path at two speeds and in both directions.",
+    }
+}

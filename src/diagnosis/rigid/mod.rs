@@ -1,0 +1,139 @@
+//! Axes with one position: rigid ones, semi-closed ones, friction devices, and outputs that are locked.
+//!
+//! ```text
+//!   F(t) = M a + C v + F_c state(x) + F_0 + ...        rigid: the state is sgn v, or a slider behind spring and gap
+//!   F(t) = K dz(x - x0, gap) + F_c state(x) + F_0      output locked to the frame
+//! ```
+//! There is one balance, so no port can be told from its side; laws are told apart by what they are
+//! functions of. Every law is judged on stretches of time that were not fitted; inner constants that are not
+//! smooth (gap, yield) carry profile intervals.
+
+mod answer;
+mod fit;
+mod laws;
+mod search;
+mod signals;
+
+use super::{DiagnoseError, Diagnosis, Progress};
+use crate::plant::drive::Structure;
+use crate::plant::effects::{EffectKind, PhysicsTerm};
+use crate::plant::machine::{AxisModel, Machine};
+use crate::sample::Recording;
+use fit::{Rows, rms};
+use laws::{Law, Scales, Slider};
+use search::{Origin, Search, Term};
+use signals::{Series, is_locked, series};
+
+/// Inertia below this share of the thrust carries no news about the mass: it is taken as stated.
+const LEAST_INERTIA_SHARE: f64 = 0.02;
+
+/// True where this module and not the two-sided balance is to answer.
+pub(super) fn applies(axis: &AxisModel, recordings: &[Recording]) -> bool {
+    axis.drive.structure() == Structure::Rigid || recordings.iter().all(|r| is_locked(axis, r))
+}
+
+/// Says what the model of an axis with one position leaves out.
+/// Errors: a missing column, a recording shorter than the filters.
+pub(super) fn diagnose(
+    machine: &Machine,
+    axis: &AxisModel,
+    recordings: &[Recording],
+    progress: Progress<'_>,
+) -> Result<Diagnosis, DiagnoseError> {
+    let locked = axis.drive.structure() != Structure::Rigid;
+    let series = recordings.iter().map(|r| series(axis, r)).collect::<Result<Vec<_>, _>>()?;
+    progress(0.1, "signals aligned");
+    let scales = scales(axis, &series);
+    let mut terms = base_terms(axis, &series, locked);
+    let inertia = if locked { axis.drive.reflected_mass_kg() } else { axis.drive.total_mass_kg() };
+    let carried = !terms.iter().any(|t| t.law == Law::Inertia);
+    let target = series
+        .iter()
+        .flat_map(|s| s.thrust_n.iter().zip(&s.accel_m_s2))
+        .map(|(f, a)| if carried { f - inertia * a } else { *f })
+        .collect();
+    let lengths: Vec<usize> = series.iter().map(|s| s.t_s.len()).collect();
+    terms.extend(axis.physics.iter().filter_map(|p| given(p, &axis.physics)));
+    let rows = Rows::new(target, &lengths);
+    let mut search = Search { rows, series, scales, terms, locked, tried: Vec::new(), independent: 0.0, least_evidence: 0.0 };
+    let start = search.terms.clone();
+    search.run();
+    progress(0.8, "laws found");
+    let answer = answer::answer((machine, axis), &search, &start);
+    progress(1.0, "done");
+    Ok(answer)
+}
+
+fn scales(axis: &AxisModel, series: &[Series]) -> Scales {
+    let fastest = series.iter().flat_map(|s| &s.velocity_m_s).fold(0.0_f64, |a, v| a.max(v.abs()));
+    let [low, high] = series
+        .iter()
+        .flat_map(|s| &s.position_m)
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |e, x| [e[0].min(*x), e[1].max(*x)]);
+    let stated = axis.drive.raw().friction_smoothing_m_s;
+    Scales {
+        smoothing_m_s: stated.unwrap_or(2.0e-3 * fastest).max(1.0e-12),
+        fastest_m_s: fastest,
+        stroke_m: (high - low).max(1.0e-12),
+        resolution_m: axis.drive.motor_encoder_resolution_m(),
+        lead_m: axis.drive.screw_lead_m(),
+    }
+}
+
+/// Numbers that the model states for the structure.
+fn base_terms(axis: &AxisModel, series: &[Series], locked: bool) -> Vec<Term> {
+    let d = &axis.drive;
+    let number = |law, key| Term { law, origin: Origin::Number(key) };
+    if locked {
+        let centre = series.iter().flat_map(|s| &s.position_m).sum::<f64>()
+            / series.iter().map(|s| s.t_s.len()).sum::<usize>().max(1) as f64;
+        let spring = number(Law::Spring { centre_m: centre, gap_m: 0.0 }, "axial_stiffness_n_m");
+        return vec![spring, Term { law: Law::Constant, origin: Origin::Nuisance }];
+    }
+    let mut terms = Vec::new();
+    let thrust: Vec<f64> = series.iter().flat_map(|s| s.thrust_n.iter().copied()).collect();
+    let accel: Vec<f64> = series.iter().flat_map(|s| s.accel_m_s2.iter().copied()).collect();
+    if d.total_mass_kg() * rms(&accel) > LEAST_INERTIA_SHARE * rms(&thrust) {
+        terms.push(number(Law::Inertia, "movable_mass_kg"));
+    }
+    if d.translational_damping_n_s_m() + d.reflected_damping_n_s_m() > 0.0 {
+        terms.push(number(Law::Viscous, "translational_damping_n_s_m"));
+    }
+    if d.stage_coulomb_friction_n() + d.motor_coulomb_friction_n() > 0.0 {
+        terms.push(number(Law::Friction(Slider::STEP), "stage_coulomb_friction_n"));
+    }
+    terms
+}
+
+/// A physics table of the model as a term; its amplitude is re-estimated like any number.
+fn given(term: &PhysicsTerm, all: &[PhysicsTerm]) -> Option<Term> {
+    let friction = |key: &str| {
+        let one = |e: EffectKind| all.iter().find(|t| t.effect == e);
+        one(EffectKind::PreslidingFriction).and_then(|t| t.number(key))
+    };
+    let law = match term.effect {
+        EffectKind::ViscousFriction => Law::Viscous,
+        EffectKind::CoulombFriction => Law::Friction(Slider::STEP),
+        EffectKind::GravityLoad => Law::Constant,
+        EffectKind::NonlinearViscosity => Law::Square,
+        EffectKind::AsymmetricFriction if term.number("n_s_m_difference").is_some() => Law::DirectionalViscous,
+        EffectKind::AsymmetricFriction => Law::DirectionalDry(Slider::STEP),
+        EffectKind::StribeckFriction => Law::Stribeck { velocity_m_s: term.number("stribeck_velocity_m_s")? },
+        EffectKind::PreslidingFriction => {
+            let yield_m = term.number("force_n")? / term.number("presliding_stiffness_n_m")?;
+            let gap_m = all.iter().find(|t| t.effect == EffectKind::Backlash).and_then(|t| t.number("gap_m"));
+            Law::Friction(Slider { yield_m, gap_m: gap_m.unwrap_or(0.0) })
+        }
+        EffectKind::Backlash => {
+            // Beside presliding the gap is part of the slider; alone it belongs to a locked output.
+            if friction("presliding_stiffness_n_m").is_some() && term.number("centre_m").is_none() {
+                return None;
+            }
+            Law::Spring { centre_m: term.number("centre_m").unwrap_or(0.0), gap_m: term.number("gap_m")? }
+        }
+        EffectKind::FrictionDrift => Law::Drift { time_s: term.number("time_constant_s")?, slider: Slider::STEP },
+        EffectKind::PositionPeriodicForce => Law::Wave { wavelength_m: term.number("wavelength_m")? },
+        _ => return None,
+    };
+    Some(Term { law, origin: Origin::Given })
+}

@@ -1,0 +1,306 @@
+//! Forward selection over the laws of one position, judged on stretches that were not fitted.
+
+use super::fit::{Fit, Rows, correlation_rows};
+use super::laws::{Law, Scales, Slider, candidates, drifts};
+use super::signals::Series;
+use crate::plant::effects::{EffectKind, Port};
+
+/// Findings of one diagnosis.
+const MOST_FINDINGS: usize = 7;
+/// Chance at which a law may enter a model that needs none: the evidence it must bring is 2 ln(laws tried / this).
+const CHANCE: f64 = 1.0e-3;
+/// Share by which the held-out residual must fall.
+const LEAST_SHARE: f64 = 0.01;
+
+/// A law in the model with where it comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Term {
+    pub(super) law: Law,
+    pub(super) origin: Origin,
+}
+
+/// Why a law is in the model.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Origin {
+    /// A number of the drive.
+    Number(&'static str),
+    /// A physics table of the model.
+    Given,
+    /// Something that every balance has and nobody asks about.
+    Nuisance,
+    /// Found here.
+    Found(Found),
+}
+
+/// How a law was found.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Found {
+    pub(super) evidence: f64,
+    pub(super) heldout_before_n: f64,
+    pub(super) probability: f64,
+    pub(super) alternatives: Vec<(EffectKind, Port, f64)>,
+}
+
+/// The search and everything it knows.
+pub(super) struct Search {
+    pub(super) series: Vec<Series>,
+    pub(super) scales: Scales,
+    pub(super) rows: Rows,
+    pub(super) terms: Vec<Term>,
+    pub(super) locked: bool,
+    pub(super) tried: Vec<(EffectKind, Port, f64)>,
+    /// Rows that count as independent; see [`Search::count_independent`].
+    pub(super) independent: f64,
+    /// Evidence that a law must bring.
+    pub(super) least_evidence: f64,
+}
+
+impl Search {
+    /// Columns of one law over all recordings, end to end.
+    pub(super) fn columns(&self, law: Law) -> Vec<Vec<f64>> {
+        let mut all: Vec<Vec<f64>> = Vec::new();
+        for s in &self.series {
+            let part = law.columns(s, &self.scales);
+            if all.is_empty() {
+                all = part;
+            } else {
+                for (whole, new) in all.iter_mut().zip(part) {
+                    whole.extend(new);
+                }
+            }
+        }
+        all
+    }
+
+    fn all_columns(&self, terms: &[Term]) -> Vec<Vec<f64>> {
+        terms.iter().flat_map(|t| self.columns(t.law)).collect()
+    }
+
+    /// Fit of a set of terms.
+    pub(super) fn fit(&self, terms: &[Term]) -> Fit {
+        self.rows.fit(&self.all_columns(terms))
+    }
+
+    /// Amplitudes of term `index` inside a fit of `terms`.
+    pub(super) fn amplitudes(&self, terms: &[Term], values: &[f64], index: usize) -> Vec<f64> {
+        let width = |t: &Term| if matches!(t.law, Law::Wave { .. }) { 2 } else { 1 };
+        let start: usize = terms[..index].iter().map(width).sum();
+        values[start..start + width(&terms[index])].to_vec()
+    }
+
+    fn slider(&self) -> Slider {
+        let states = self.terms.iter().filter_map(|t| if let Law::Friction(s) = t.law { Some(s) } else { None });
+        states.last().unwrap_or(Slider::STEP)
+    }
+
+    /// The terms with `law` added, and without what it replaces.
+    fn with(&self, law: Law) -> Vec<Term> {
+        let mut terms: Vec<Term> = self.terms.iter().filter(|t| !law.replaces(t.law)).cloned().collect();
+        let found = Found { evidence: 0.0, heldout_before_n: 0.0, probability: 1.0, alternatives: Vec::new() };
+        terms.push(Term { law, origin: Origin::Found(found) });
+        terms
+    }
+
+    /// Adds laws until none earns its place, then drops what the later ones made idle.
+    pub(super) fn run(&mut self) {
+        self.count_independent();
+        for round in 0..MOST_FINDINGS {
+            if !self.round(round == 0) {
+                break;
+            }
+        }
+        self.prune();
+    }
+
+    /// Independent rows, from what is left when every family of laws is in the model at once.
+    ///
+    /// Counted on a residual that still holds an effect, neighbouring rows would look like one row and the
+    /// effect would hide itself.
+    fn count_independent(&mut self) {
+        let (fast, stroke) = (self.scales.fastest_m_s, self.scales.stroke_m);
+        let mut laws = vec![Law::Constant, Law::Friction(Slider::STEP)];
+        laws.extend([0.01, 0.03, 0.1].map(|y| Law::Friction(Slider { yield_m: y * stroke, gap_m: 0.0 })));
+        laws.extend([0.1, 0.2].map(|g| Law::Friction(Slider { yield_m: 0.05 * stroke, gap_m: g * stroke })));
+        if self.locked {
+            let centre_m = self.centre();
+            laws.extend([0.1, 0.3, 0.5, 0.7, 0.9].map(|g| Law::Spring { centre_m, gap_m: g * stroke }));
+        } else {
+            laws.extend([Law::Viscous, Law::DirectionalDry(Slider::STEP), Law::DirectionalViscous, Law::Square]);
+            laws.extend([0.02, 0.06, 0.2].map(|v| Law::Stribeck { velocity_m_s: v * fast }));
+        }
+        let mut terms = self.terms.clone();
+        terms.extend(laws.into_iter().map(|law| Term { law, origin: Origin::Nuisance }));
+        let residual = self.fit(&terms).residual;
+        self.independent = self.rows.target.len() as f64 / correlation_rows(&residual);
+    }
+
+    fn round(&mut self, first: bool) -> bool {
+        let before = self.fit(&self.terms);
+        let centre = self.centre();
+        let mut scored: Vec<(Law, Fit)> = Vec::new();
+        let mut laws = candidates(&self.scales, self.slider(), self.locked, centre);
+        if !self.locked && self.terms.iter().any(|t| matches!(t.law, Law::Friction(_))) {
+            laws.extend(drifts(self.slider()));
+        }
+        self.least_evidence = 2.0 * (laws.len() as f64 / CHANCE).ln();
+        for law in laws {
+            if self.terms.iter().any(|t| t.law == law || poorer(law, t.law)) {
+                continue;
+            }
+            let terms = self.with(law);
+            let fit = self.fit(&terms);
+            if law.plausible(&self.amplitudes(&terms, &fit.coefficients, terms.len() - 1)) {
+                scored.push((law, fit));
+            }
+        }
+        scored.sort_by(|a, b| a.1.heldout_rms.total_cmp(&b.1.heldout_rms));
+        let Some((best, fit)) = scored.first() else { return false };
+        let independent = self.independent;
+        let evidence = |f: &Fit| 2.0 * independent * (before.heldout_rms / f.heldout_rms).ln();
+        let ranking = by_effect(scored.iter().map(|(law, f)| (law.effect(), evidence(f))));
+        if first {
+            self.tried = ranking.iter().map(|((e, p), v)| (*e, *p, v.max(0.0))).collect();
+        }
+        if evidence(fit) < self.least_evidence || fit.heldout_rms > (1.0 - LEAST_SHARE) * before.heldout_rms {
+            return false;
+        }
+        let law = self.refined(*best);
+        let (probability, alternatives) = shares(&ranking, law.effect());
+        let found =
+            Found { evidence: evidence(fit), heldout_before_n: before.heldout_rms, probability, alternatives };
+        let mut terms = self.with(law);
+        if let Some(last) = terms.last_mut() {
+            last.origin = Origin::Found(found);
+        }
+        self.keep_history(&mut terms);
+        self.terms = terms;
+        true
+    }
+
+    /// A slider that takes the place of a poorer one inherits what that one had shown.
+    fn keep_history(&self, terms: &mut [Term]) {
+        let Some(last) = terms.last_mut() else { return };
+        let replaced = self.terms.iter().find(|t| last.law.replaces(t.law));
+        if let (Some(Term { origin: Origin::Found(old), .. }), Origin::Found(new)) = (replaced, &mut last.origin) {
+            new.evidence += old.evidence;
+            new.heldout_before_n = old.heldout_before_n;
+        }
+    }
+
+    /// Inner constants moved in shrinking steps while the fit improves.
+    fn refined(&self, law: Law) -> Law {
+        let mut best = (law, self.fit(&self.with(law)).rms);
+        for by in [0.4, 0.2, 0.1, 0.05, 0.02] {
+            for _ in 0..6 {
+                let better = best
+                    .0
+                    .neighbours(by)
+                    .into_iter()
+                    .map(|n| (n, self.fit(&self.with(n)).rms))
+                    .filter(|(_, r)| *r < best.1)
+                    .min_by(|a, b| a.1.total_cmp(&b.1));
+                let Some(found) = better else { break };
+                best = found;
+            }
+        }
+        best.0
+    }
+
+    fn prune(&mut self) {
+        let mut index = 0;
+        while index < self.terms.len() {
+            let is_found = matches!(self.terms[index].origin, Origin::Found(_));
+            if is_found && self.idle(index) {
+                self.terms.remove(index);
+            } else {
+                index += 1;
+            }
+        }
+    }
+
+    fn idle(&self, index: usize) -> bool {
+        let with = self.fit(&self.terms);
+        let mut fewer = self.terms.clone();
+        fewer.remove(index);
+        let without = self.fit(&fewer);
+        2.0 * self.independent * (without.heldout_rms / with.heldout_rms).ln() < 0.5 * self.least_evidence
+    }
+
+    /// Middle of the travel, where a locked output has its gap.
+    fn centre(&self) -> f64 {
+        let [a, b] = self
+            .series
+            .iter()
+            .flat_map(|s| &s.position_m)
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |e, x| [e[0].min(*x), e[1].max(*x)]);
+        0.5 * (a + b)
+    }
+
+    /// Values of an inner constant that the data cannot refuse: twice the loss in log-likelihood below 3.84.
+    ///
+    /// A profile, not a curvature: a gap or a yield is no smooth parameter.
+    pub(super) fn profile(&self, index: usize, make: impl Fn(f64) -> Law, at: f64) -> [f64; 2] {
+        let best = self.fit(&self.terms);
+        // The interval is about the answer as it stands: what is still left in it makes rows alike.
+        let independent = self.rows.target.len() as f64 / correlation_rows(&best.residual);
+        let loss = |value: f64| {
+            let mut terms = self.terms.clone();
+            terms[index].law = make(value);
+            2.0 * independent * (self.fit(&terms).rms / best.rms).ln()
+        };
+        let edge = |up: bool| {
+            let mut last = at;
+            for k in 1..=40 {
+                let factor = 1.0 + 0.01 * 1.12_f64.powi(k);
+                let value = if up { at * factor } else { at / factor };
+                if loss(value) > 3.84 {
+                    return value;
+                }
+                last = value;
+            }
+            last
+        };
+        [edge(false), edge(true)]
+    }
+}
+
+/// True where `law` is a poorer form of one that is already in the model.
+fn poorer(law: Law, present: Law) -> bool {
+    match (law, present) {
+        (Law::Friction(a), Law::Friction(b)) => b.gap_m > 0.0 || (b.yield_m > 0.0 && a.gap_m <= 0.0),
+        (Law::Spring { .. }, Law::Spring { gap_m, .. }) => gap_m > 0.0,
+        (Law::Stribeck { .. }, Law::Stribeck { .. }) | (Law::Drift { .. }, Law::Drift { .. }) => true,
+        (Law::DirectionalDry(_), Law::DirectionalDry(_)) => true,
+        (Law::Wave { wavelength_m: a }, Law::Wave { wavelength_m: b }) => (a / b - 1.0).abs() < 0.02,
+        _ => false,
+    }
+}
+
+type Scored = ((EffectKind, Port), f64);
+
+/// The best of each effect, best first.
+fn by_effect(scores: impl Iterator<Item = Scored>) -> Vec<Scored> {
+    let mut best: Vec<Scored> = Vec::new();
+    for (effect, value) in scores {
+        match best.iter_mut().find(|(e, _)| *e == effect) {
+            Some((_, v)) => *v = v.max(value),
+            None => best.push((effect, value)),
+        }
+    }
+    best.sort_by(|a, b| b.1.total_cmp(&a.1));
+    best
+}
+
+/// Probability of the chosen effect and of its alternatives: likelihood ratios among the best of each effect.
+fn shares(ranking: &[Scored], chosen: (EffectKind, Port)) -> (f64, Vec<(EffectKind, Port, f64)>) {
+    let top = ranking.first().map_or(0.0, |r| r.1);
+    let weight = |v: f64| (0.5 * (v - top)).exp();
+    let sum: f64 = ranking.iter().map(|r| weight(r.1)).sum();
+    let share = |v: f64| weight(v) / sum.max(1.0e-300);
+    let own = ranking.iter().find(|r| r.0 == chosen).map_or(1.0, |r| share(r.1));
+    // A weight and a difference between the directions are told apart by little: the other is always named.
+    let twins = [EffectKind::GravityLoad, EffectKind::AsymmetricFriction];
+    let twin = |e: EffectKind| twins.contains(&e) && twins.contains(&chosen.0);
+    let others = ranking.iter().filter(|r| r.0 != chosen && (share(r.1) > 0.02 || twin(r.0.0)));
+    (own, others.map(|r| (r.0.0, r.0.1, share(r.1))).collect())
+}
