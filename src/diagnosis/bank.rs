@@ -23,11 +23,23 @@ pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
         }
         list.push(h(E::AsymmetricFriction, port, Shape::Asymmetric));
         list.push(h(E::NonlinearViscosity, port, Shape::NonlinearViscosity));
-        let coulomb = if port == Port::Motor { p.mechanics.motor_coulomb_n } else { p.mechanics.stage_coulomb_n.max(if p.flexible { 0.0 } else { p.mechanics.motor_coulomb_n }) };
+        let coulomb = if port == Port::Motor {
+            p.mechanics.motor_coulomb_n
+        } else {
+            p.mechanics.stage_coulomb_n.max(if p.flexible { 0.0 } else { p.mechanics.motor_coulomb_n })
+        };
         if coulomb == 0.0 {
             list.push(h(E::CoulombFriction, port, Shape::Coulomb));
         }
-        let viscous = if port == Port::Motor { p.mechanics.motor_damping_n_s_m } else { p.mechanics.stage_damping_n_s_m.max(if p.flexible { 0.0 } else { p.mechanics.motor_damping_n_s_m }) };
+        let viscous = if port == Port::Motor {
+            p.mechanics.motor_damping_n_s_m
+        } else {
+            p.mechanics.stage_damping_n_s_m.max(if p.flexible {
+                0.0
+            } else {
+                p.mechanics.motor_damping_n_s_m
+            })
+        };
         if viscous == 0.0 {
             list.push(h(E::ViscousFriction, port, Shape::Viscous));
         }
@@ -61,7 +73,11 @@ fn flexible_only(p: &Problem, list: &mut Vec<Hypothesis>) {
     let _ = p;
     for frequency_hz in [350.0, 500.0, 650.0, 780.0, 900.0, 1050.0, 1250.0, 1500.0, 2000.0] {
         for screw_share in [0.3, 0.5, 0.7] {
-            list.push(h(E::TorsionalMode, Port::Coupling, Shape::Torsion { frequency_hz, screw_share, damping_ratio: 0.02 }));
+            list.push(h(
+                E::TorsionalMode,
+                Port::Coupling,
+                Shape::Torsion { frequency_hz, screw_share, damping_ratio: 0.02 },
+            ));
         }
     }
 }
@@ -71,7 +87,11 @@ fn encoder_periods(p: &Problem, list: &mut Vec<Hypothesis>) {
     if let (Some(lead), Some(signals)) = (raw.screw_lead_m, raw.motor_encoder_signals_per_rev) {
         {
             let (harmonics, period_m) = (1, lead / signals);
-            list.push(Hypothesis::new(E::EncoderInterpolationError, Port::MotorEncoder, Shape::EncoderError { period_m, harmonics }));
+            list.push(Hypothesis::new(
+                E::EncoderInterpolationError,
+                Port::MotorEncoder,
+                Shape::EncoderError { period_m, harmonics },
+            ));
         }
     }
     if let Some(period) = raw.stage_encoder_signal_period_m
@@ -79,7 +99,11 @@ fn encoder_periods(p: &Problem, list: &mut Vec<Hypothesis>) {
     {
         {
             let harmonics = 1;
-            list.push(Hypothesis::new(E::EncoderInterpolationError, Port::StageEncoder, Shape::EncoderError { period_m: period, harmonics }));
+            list.push(Hypothesis::new(
+                E::EncoderInterpolationError,
+                Port::StageEncoder,
+                Shape::EncoderError { period_m: period, harmonics },
+            ));
         }
     }
 }
@@ -106,14 +130,22 @@ fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
             let least_m = lead.map_or(1e-4, |l| if at_motor { l / 150.0 } else { l / 12.0 });
             for wavelength_m in spatial_peaks(p, q, &Spatial { at_motor, flips, least_m }) {
                 let effect = if at_motor { E::TorqueRipple } else { E::PositionPeriodicForce };
-                list.push(Hypothesis::new(effect, port, Shape::Periodic { wavelength_m, harmonics: 1, flips }));
+                list.push(Hypothesis::new(
+                    effect,
+                    port,
+                    Shape::Periodic { wavelength_m, harmonics: 1, flips },
+                ));
             }
         }
     }
     if let Some(lead) = lead {
         for order in [1.0, 2.0, 3.0] {
             for flips in [false, true] {
-                list.push(Hypothesis::new(E::PositionPeriodicForce, Port::Stage, Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips }));
+                list.push(Hypothesis::new(
+                    E::PositionPeriodicForce,
+                    Port::Stage,
+                    Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips },
+                ));
             }
         }
         let raw = p.drive.raw();
@@ -126,7 +158,11 @@ fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
         }
         if p.flexible {
             for order in orders {
-                list.push(Hypothesis::new(E::TorqueRipple, Port::Motor, Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips: false }));
+                list.push(Hypothesis::new(
+                    E::TorqueRipple,
+                    Port::Motor,
+                    Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips: false },
+                ));
             }
         }
     }
@@ -199,7 +235,9 @@ fn lines(p: &Problem, residual: &[Sides]) -> Vec<Hypothesis> {
     let rate = p.rate_hz();
     let mut found: Vec<(f64, f64, Vec<(usize, f64, f64)>)> = Vec::new();
     for (recording, sides) in residual.iter().enumerate() {
-        let Some(x) = (if p.flexible { sides.stage.as_ref() } else { sides.motor.as_ref() }) else { continue };
+        let Some(x) = (if p.flexible { sides.stage.as_ref() } else { sides.motor.as_ref() }) else {
+            continue;
+        };
         let m = &p.motions[recording];
         let start = m.time_s(p.thinning.edge());
         for (power, frequency) in strongest_lines(x, rate) {
@@ -216,7 +254,11 @@ fn lines(p: &Problem, residual: &[Sides]) -> Vec<Hypothesis> {
             let fundamental_hz = frequency / divisor;
             if fundamental_hz > 4.0 {
                 let windows = window.clone();
-                list.push(Hypothesis::new(E::CuttingForce, Port::Stage, Shape::Lines { fundamental_hz, harmonics: 4, windows }));
+                list.push(Hypothesis::new(
+                    E::CuttingForce,
+                    Port::Stage,
+                    Shape::Lines { fundamental_hz, harmonics: 4, windows },
+                ));
             }
         }
     }
@@ -226,7 +268,8 @@ fn lines(p: &Problem, residual: &[Sides]) -> Vec<Hypothesis> {
 /// The strongest narrow peaks over the neighbourhood's median.
 fn strongest_lines(x: &[f64], rate: f64) -> Vec<(f64, f64)> {
     let n = x.len().next_power_of_two() * 2;
-    let mut bins: Vec<Complex<f64>> = (0..n).map(|k| Complex::new(x.get(k).copied().unwrap_or(0.0), 0.0)).collect();
+    let mut bins: Vec<Complex<f64>> =
+        (0..n).map(|k| Complex::new(x.get(k).copied().unwrap_or(0.0), 0.0)).collect();
     let len = x.len() as f64;
     for (k, b) in bins.iter_mut().enumerate().take(x.len()) {
         b.re *= (std::f64::consts::PI * k as f64 / len).sin().powi(2);

@@ -1,7 +1,7 @@
 //! The history over HTTP: pages, filters, CSV, acknowledging and silencing.
 
 use super::extract::{Asked, Body, Named};
-use super::problem::Problem;
+use super::problem::{Problem, Refused};
 use super::{Caller, Role, Site};
 use crate::service::{AuditRow, EventFilter, MAX_PAGE, Origin, clock};
 use crate::telemetry::{Event, EventKind, Severity};
@@ -153,8 +153,9 @@ fn filter_from(query: EventQuery) -> Result<EventFilter, Problem> {
 
 /// A page of the history, as JSON or, with `Accept: text/csv`, as CSV.
 #[utoipa::path(get, path = "/api/v1/events", tag = "history", operation_id = "listEvents", params(EventQuery),
-    responses((status = 200, description = "One page", content((EventPageView = "application/json"), (String = "text/csv"))),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+    responses((status = 200,
+        description = "One page", content((EventPageView = "application/json"), (String = "text/csv"))),
+        Refused))]
 pub(super) async fn list(
     State(site): State<Site>,
     headers: HeaderMap,
@@ -205,7 +206,7 @@ fn csv_field(text: &str) -> String {
 #[utoipa::path(get, path = "/api/v1/events/{sequence}", tag = "history", operation_id = "getEvent",
     params(("sequence" = i64, Path, description = "Place in the history")),
     responses((status = 200, description = "The event", body = EventView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn one(
     State(site): State<Site>,
     Named(sequence): Named<i64>,
@@ -238,11 +239,12 @@ pub(super) fn origin(caller: &Caller, reason: &str) -> Result<Origin, Problem> {
 }
 
 /// Acknowledge an event.
-#[utoipa::path(post, path = "/api/v1/events/{sequence}/acknowledge", tag = "control", operation_id = "acknowledgeEvent",
+#[utoipa::path(post, path = "/api/v1/events/{sequence}/acknowledge", tag = "control",
+    operation_id = "acknowledgeEvent",
     params(("sequence" = i64, Path, description = "Place in the history")), request_body = ReasonBody,
     security(("token" = [])),
     responses((status = 200, description = "The event as it is now", body = EventView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn acknowledge(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,
@@ -267,11 +269,12 @@ pub(super) struct SilenceBody {
 }
 
 /// Silence an event for a while.
-#[utoipa::path(post, path = "/api/v1/events/{sequence}/silence", tag = "control", operation_id = "silenceEvent",
+#[utoipa::path(post, path = "/api/v1/events/{sequence}/silence", tag = "control",
+    operation_id = "silenceEvent",
     params(("sequence" = i64, Path, description = "Place in the history")), request_body = SilenceBody,
     security(("token" = [])),
     responses((status = 200, description = "The event as it is now", body = EventView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn silence(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,
@@ -334,7 +337,7 @@ impl From<AuditRow> for AuditView {
 /// The audit record, oldest first, at most 1000 rows.
 #[utoipa::path(get, path = "/api/v1/audit", tag = "history", operation_id = "listAudit", params(AuditQuery),
     responses((status = 200, description = "Rows after the given place", body = Vec<AuditView>),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn audit(
     State(site): State<Site>,
     Asked(query): Asked<AuditQuery>,

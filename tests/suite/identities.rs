@@ -285,7 +285,8 @@ fn table_3_4_save_its_misprint() {
         let (m_r, m_t) = (d.reflected_mass_kg(), d.movable_mass_kg());
         let alpha = m_t / m_r;
         let share = alpha / (alpha + 1.0);
-        let (m_vib, k_vib) = ((1.0 + 1.0 / alpha) * m_r, (1.0 + 1.0 / alpha).powi(2) * d.axial_stiffness_n_m());
+        let (m_vib, k_vib) =
+            ((1.0 + 1.0 / alpha) * m_r, (1.0 + 1.0 / alpha).powi(2) * d.axial_stiffness_n_m());
         let alpha_c = (d.reflected_damping_n_s_m() + d.translational_damping_n_s_m()) / (m_r + m_t);
         let c_vib = alpha_c * m_vib + d.structural_damping_n_s_m() / d.axial_stiffness_n_m() * k_vib;
         let (q_m, q_t, f) = (machine.motor_step_m, machine.stage_step_m, machine.rate_hz);
@@ -300,8 +301,17 @@ fn table_3_4_save_its_misprint() {
         ];
         for (row, (got, print)) in computed.iter().zip(rows).enumerate() {
             // 2 %, or half of the last printed digit.
-            let rounding = if print < 0.01 { 5e-4 } else if print < 1.0 { 5e-3 } else { 0.0 };
-            assert!((got - print).abs() <= 0.02 * print + rounding, "row {row}: {got} where {print} is printed");
+            let rounding = if print < 0.01 {
+                5e-4
+            } else if print < 1.0 {
+                5e-3
+            } else {
+                0.0
+            };
+            assert!(
+                (got - print).abs() <= 0.02 * print + rounding,
+                "row {row}: {got} where {print} is printed"
+            );
         }
     }
 }

@@ -6,9 +6,9 @@ mod lathe;
 mod closed_loop;
 mod conceal;
 mod force;
-mod identities;
 #[cfg(feature = "service")]
 mod http;
+mod identities;
 mod import;
 mod pipeline;
 mod report;
