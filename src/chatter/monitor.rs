@@ -249,7 +249,7 @@ impl ChatterMonitor {
         if event.is_some() {
             state.latest.event = event;
         }
-        if matches!(event, Some(ChatterEvent::End)) {
+        if matches!(event, Some(ChatterEvent::End)) && !state.detector.ended_weakly() {
             doubt(&mut state.baselines);
         }
         if orders_known && matches!(state.detector.phase(), Phase::Learning | Phase::Quiet) {

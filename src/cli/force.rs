@@ -11,6 +11,7 @@ use crate::force::harmonic::HarmonicSettings;
 use crate::force::offline::{
     estimate_run, idle_map, standing_zero_n, stiffness_of_runs, with_axial_stiffness,
 };
+use crate::force::physics::physics_of;
 use crate::force::recorded::{has_drive, motion_of_recording};
 use crate::force::stiffness::StiffnessCheck;
 use crate::force::validity::Validity;
@@ -136,7 +137,13 @@ fn axis_force(
     let mut notes = Vec::new();
     let mut note = |key: &str, value: String| notes.push((format!("{}_{key}", axis.name), value));
     let rate = recording.sample_rate;
-    let mut drive = axis.drive.clone();
+    let (physics, mut drive) = physics_of(&axis.physics, &axis.drive);
+    for effect in &physics.not_applied {
+        note(
+            &format!("not_taken_off_{effect}"),
+            "the model states it, its force cannot be computed here".to_owned(),
+        );
+    }
     if method == Method::VibrationMode && !arguments.keep_stiffness {
         let signals = AxisSignals { drive: &drive, rate, signals: motion.signals };
         let check = stiffness_of_runs(&signals, &motion.samples, &idle_runs).map_err(bad_input)?;
@@ -154,6 +161,8 @@ fn axis_force(
         low_pass,
         controller: axis.controller,
         notches: notches(&arguments.notch)?,
+        presliding_travel_m: physics.presliding_travel_m(),
+        physics: Some(physics).filter(|_| method != Method::Thrust),
         ..ForceSettings::default()
     };
     if matches!(method, Method::Fitted | Method::Spectral) {

@@ -232,13 +232,11 @@ fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
         return false;
     }
     match (&a.shape, &b.shape) {
-        (Shape::Periodic { wavelength_m: x, .. }, Shape::Periodic { wavelength_m: y, .. }) => {
-            [1.0, 2.0, 3.0].iter().any(|h| (x / y / h - 1.0).abs() < 0.03)
+        (Shape::Periodic { wavelength_m: x, .. }, Shape::Periodic { wavelength_m: y, .. }) => [1.0, 2.0, 3.0].iter().any(|h| (x / y / h - 1.0).abs() < 0.03),
+        (Shape::EncoderError { period_m: x, .. }, Shape::EncoderError { period_m: y, .. }) => (x / y - 1.0).abs() < 0.02,
+        (Shape::Lines { fundamental_hz: x, .. }, Shape::Lines { fundamental_hz: y, .. }) => {
+            (1..=20).any(|h| (x / y / f64::from(h) - 1.0).abs() < 0.005 || (y / x / f64::from(h) - 1.0).abs() < 0.005)
         }
-        (Shape::EncoderError { period_m: x, .. }, Shape::EncoderError { period_m: y, .. }) => {
-            (x / y - 1.0).abs() < 0.02
-        }
-        (Shape::Lines { .. }, Shape::Lines { .. }) => false,
         _ => true,
     }
 }
@@ -266,6 +264,9 @@ fn keep_best_of_kind(scores: &mut Vec<Score>) {
 /// Fits the constants; for waves also how many harmonics the held-out blocks pay for.
 fn refine(bench: &Bench<'_>, score: &Score) -> Score {
     let mut best = bench.refine(score);
+    if matches!(best.hypothesis.shape, Shape::Lines { .. }) {
+        return refine_window(bench, best);
+    }
     for more in [2, 3] {
         let mut shape = best.hypothesis.shape.clone();
         match &mut shape {
@@ -278,6 +279,25 @@ fn refine(bench: &Bench<'_>, score: &Score) -> Score {
             break;
         }
         best = fine;
+    }
+    best
+}
+
+/// Moves the window of a cut to where its waves are.
+fn refine_window(bench: &Bench<'_>, mut best: Score) -> Score {
+    let residual = bench.residual();
+    for _ in 0..2 {
+        let Some(window) = bank::best_window(bench.problem, &residual, (&best.hypothesis, &best.amplitudes)) else { break };
+        let mut hypothesis = best.hypothesis.clone();
+        if let Shape::Lines { window_s, .. } = &mut hypothesis.shape {
+            *window_s = window;
+        }
+        let moved = bench.score(&hypothesis);
+        let moved = bench.refine(&moved);
+        if moved.likelihood <= best.likelihood {
+            break;
+        }
+        best = moved;
     }
     best
 }

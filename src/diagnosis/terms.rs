@@ -110,15 +110,12 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
             s.add("amplitude_m", "m", amplitude, d(0).max(d(1)));
             s.add("phase_rad", "rad", phase, d(0).max(d(1)) / amplitude.max(1e-300));
         }
-        Shape::Lines { fundamental_hz, harmonics, windows } => {
+        Shape::Lines { fundamental_hz, harmonics, window_s, .. } => {
             s.add_log("fundamental_hz", "Hz", *fundamental_hz, r(0));
-            let amplitude = a(0).hypot(a(1));
-            let strongest = (0..*harmonics).map(|h| a(2 * h).hypot(a(2 * h + 1))).fold(amplitude, f64::max);
+            let strongest = (0..*harmonics).map(|h| a(2 * h).hypot(a(2 * h + 1))).fold(0.0, f64::max);
             s.add_force("amplitude_n", "N", strongest, d(0));
-            let start = windows.iter().map(|w| w.1).fold(f64::INFINITY, f64::min);
-            let end = windows.iter().map(|w| w.2).fold(f64::NEG_INFINITY, f64::max);
-            s.add("start_s", "s", start, 0.1);
-            s.add("end_s", "s", end, 0.1);
+            s.add("start_s", "s", window_s[0], 0.01);
+            s.add("end_s", "s", window_s[1], 0.01);
         }
     }
     s.list
@@ -250,11 +247,10 @@ pub(crate) fn hypothesis(p: &Problem, term: &PhysicsTerm) -> Option<(Hypothesis,
         }
         E::CuttingForce => {
             let harmonics = get("harmonics").unwrap_or(4.0).clamp(1.0, 20.0) as usize;
-            let windows: Vec<(usize, f64, f64)> = (0..p.motions.len())
-                .map(|k| (k, get("start_s").unwrap_or(0.0), get("end_s").unwrap_or(f64::MAX)))
-                .collect();
-            let amplitudes = vec![0.0; 2 * harmonics * windows.len()];
-            (Shape::Lines { fundamental_hz: get("fundamental_hz")?, harmonics, windows }, amplitudes)
+            let window_s = [get("start_s").unwrap_or(0.0), get("end_s").unwrap_or(f64::MAX)];
+            let recordings: Vec<usize> = (0..p.motions.len()).collect();
+            let amplitudes = vec![0.0; 2 * harmonics * recordings.len()];
+            (Shape::Lines { fundamental_hz: get("fundamental_hz")?, harmonics, window_s, recordings, common: false }, amplitudes)
         }
         _ => return None,
     };

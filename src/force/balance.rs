@@ -98,6 +98,8 @@ pub struct ForceBalance {
     pub motor_friction_n: f64,
     /// Factor of the friction of the stage, N.
     pub stage_friction_n: f64,
+    /// Factor of further disturbances of the stage: 1 where the estimate contains them, 0 where not.
+    pub stage_disturbance: f64,
 }
 
 impl ForceBalance {
@@ -115,6 +117,7 @@ impl ForceBalance {
                 stage: MotionFactors::default(),
                 motor_friction_n: 0.0,
                 stage_friction_n: 0.0,
+                stage_disturbance: 0.0,
             };
         }
         if method == Method::Dob || drive.structure() == Structure::Rigid {
@@ -135,6 +138,7 @@ impl ForceBalance {
             stage: MotionFactors::default(),
             motor_friction_n: drive.motor_coulomb_friction_n() + drive.stage_coulomb_friction_n(),
             stage_friction_n: 0.0,
+            stage_disturbance: 1.0,
         }
     }
 
@@ -148,6 +152,7 @@ impl ForceBalance {
             stage: MotionFactors::mass(drive.movable_mass_kg(), drive.translational_damping_n_s_m()),
             motor_friction_n: drive.motor_coulomb_friction_n(),
             stage_friction_n: drive.stage_coulomb_friction_n(),
+            stage_disturbance: 1.0,
         }
     }
 
@@ -183,6 +188,7 @@ impl ForceBalance {
             },
             motor_friction_n: -alpha * drive.motor_coulomb_friction_n(),
             stage_friction_n: drive.stage_coulomb_friction_n(),
+            stage_disturbance: 1.0,
         }
     }
 

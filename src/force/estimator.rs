@@ -2,127 +2,18 @@
 
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
-use super::friction::{PRESLIDING_TRAVEL_M, Presliding, PreslidingState};
-use super::harmonic::{HarmonicEstimator, HarmonicSettings, HarmonicState, fitted_balance};
+use super::friction::{Presliding, PreslidingState};
+use super::harmonic::{HarmonicEstimator, HarmonicState, fitted_balance};
 use super::idle_map::IdleMap;
+use super::physics::PhysicsModel;
+use super::settings::{Filter, FilterState};
+pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
 use super::validity::Validity;
 use crate::plant::drive::DriveParams;
-use crate::plant::machine::Controller;
-use crate::signal::FilterError;
-use crate::signal::butterworth::{Butterworth, ButterworthState};
 use crate::signal::delay_line::DelayLine;
 use crate::signal::finite_difference::{Stencil, stencils};
-use crate::signal::harmonic_fit::HarmonicFitError;
-use crate::signal::linear_phase::{LinearPhase, LinearPhaseState};
 use crate::signal::notch::{Notch, NotchState};
 use crate::units::SampleRate;
-use thiserror::Error;
-
-/// The low-pass behind the force balance, Q(s) of the observer.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum LowPass {
-    /// Butterworth: short delay that varies with frequency.
-    Butterworth {
-        /// Order, 1 to 12.
-        order: usize,
-        /// Half-power frequency.
-        cutoff_hz: f64,
-    },
-    /// FIR with the same delay at every frequency, a whole number of samples.
-    LinearPhase {
-        /// Flat to here.
-        pass_hz: f64,
-        /// Dark (-70 dB) this much above.
-        width_hz: f64,
-    },
-    /// None: the bare balance.
-    None,
-}
-
-/// Where a notch sits.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum NotchCentre {
-    /// Fixed: a torsional mode that the model does not have.
-    Fixed {
-        /// Hz.
-        hz: f64,
-    },
-    /// At feed over the signal period of the motor encoder.
-    MotorEncoder,
-    /// At feed over the signal period of the linear scale.
-    StageEncoder,
-}
-
-/// A notch behind the balance.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NotchPlan {
-    /// Where.
-    pub centre: NotchCentre,
-    /// Width at half power, Hz.
-    pub width_hz: f64,
-}
-
-/// Most notches of one estimator.
-pub const MAX_NOTCHES: usize = 4;
-
-/// What may be chosen about an estimator.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ForceSettings {
-    /// Low-pass behind the balance.
-    pub low_pass: LowPass,
-    /// Disturbance of air-cutting runs by position, taken off where it is given.
-    pub idle_map: Option<IdleMap>,
-    /// Travel over which the guideway's friction turns, m.
-    pub presliding_travel_m: f64,
-    /// Notches behind the balance, at most [`MAX_NOTCHES`].
-    pub notches: Vec<NotchPlan>,
-    /// Spindle speed and window; needed by `fitted` and `spectral`.
-    pub harmonic: Option<HarmonicSettings>,
-    /// Control loop of the axis; needed by `spectral`.
-    pub controller: Option<Controller>,
-    /// Frequencies of modes that the model does not have, where they are known, Hz.
-    pub unmodelled_modes_hz: Vec<f64>,
-}
-
-impl Default for ForceSettings {
-    /// Fourth-order Butterworth at 1 kHz (thesis 4.3 and 6.4), no idle map.
-    fn default() -> Self {
-        Self {
-            low_pass: LowPass::Butterworth { order: 4, cutoff_hz: 1000.0 },
-            idle_map: None,
-            presliding_travel_m: PRESLIDING_TRAVEL_M,
-            notches: Vec::new(),
-            harmonic: None,
-            controller: None,
-            unmodelled_modes_hz: Vec::new(),
-        }
-    }
-}
-
-/// Why an estimator cannot be made.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum ForceError {
-    /// A filter cannot be designed.
-    #[error(transparent)]
-    Filter(#[from] FilterError),
-    /// More notches than a state holds.
-    #[error("{count} notches, expected at most {MAX_NOTCHES}")]
-    Notches {
-        /// How many were asked for.
-        count: usize,
-    },
-    /// A window of spindle harmonics cannot be fitted.
-    #[error(transparent)]
-    Window(#[from] HarmonicFitError),
-    /// The method needs a structure that the drive does not have.
-    #[error("{method} needs {needs}; the model has none")]
-    Structure {
-        /// Method.
-        method: &'static str,
-        /// What is missing.
-        needs: &'static str,
-    },
-}
 
 /// One instant of one axis. A position that is absent is held at its last value and flagged.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -164,10 +55,11 @@ pub struct AlignedMotion {
 pub struct ForceEstimator {
     method: Method,
     balance: ForceBalance,
-    alignment: Alignment,
-    motor: SideStencils,
-    stage: SideStencils,
+    pub(super) alignment: Alignment,
+    pub(super) motor: SideStencils,
+    pub(super) stage: SideStencils,
     current: Stencil,
+    physics: Option<PhysicsModel>,
     friction_smoothing_m_s: f64,
     presliding: Presliding,
     filter: Filter,
@@ -196,24 +88,10 @@ pub enum Signals {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct SideStencils {
-    force: Stencil,
-    velocity: Stencil,
-    position: Stencil,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-enum Filter {
-    Butterworth(Butterworth),
-    LinearPhase(LinearPhase),
-    None,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-enum FilterState {
-    Butterworth(ButterworthState),
-    LinearPhase(LinearPhaseState),
-    None,
+pub(super) struct SideStencils {
+    pub(super) force: Stencil,
+    pub(super) velocity: Stencil,
+    pub(super) position: Stencil,
 }
 
 /// State of a [`ForceEstimator`]; a clone is a keyframe.
@@ -267,6 +145,7 @@ impl ForceEstimator {
             motor: side(alignment.motor, balance.motor.as_array()),
             stage: side(alignment.stage, balance.stage.as_array()),
             current: stencils(alignment.current, period_s)[0],
+            physics: settings.physics.filter(|p| !p.is_empty()),
             alignment,
             friction_smoothing_m_s: drive.friction_smoothing_m_s(),
             presliding: Presliding::new(settings.presliding_travel_m, drive.stage_encoder_resolution_m()),
@@ -334,16 +213,20 @@ impl ForceEstimator {
     #[inline]
     #[must_use]
     pub fn balance_step(&self, state: &mut ForceState, sample: &MotionSample) -> (f64, AlignedMotion) {
+        let told_n = self.physics.as_ref().map_or(sample.thrust_ref_n, |p| p.thrust_n(sample.thrust_ref_n));
         // The reference given at the last sample has driven the current until now.
         state.current_n =
             self.alignment.current_memory * (state.current_n - state.last_ref_n) + state.last_ref_n;
         if self.alignment.current_memory == 0.0 {
-            state.current_n = sample.thrust_ref_n;
+            state.current_n = told_n;
         }
-        state.last_ref_n = sample.thrust_ref_n;
+        state.last_ref_n = told_n;
         state.current.push(state.current_n);
-        state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.at(0)));
-        state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.at(0)));
+        let motor_m = sample.motor_travel_m.map(|x| self.physics.as_ref().map_or(x, |p| p.motor_travel_m(x)));
+        let stage_m =
+            sample.stage_position_m.map(|x| self.physics.as_ref().map_or(x, |p| p.stage_position_m(x)));
+        state.motor.push(motor_m.unwrap_or_else(|| state.motor.at(0)));
+        state.stage.push(stage_m.unwrap_or_else(|| state.stage.at(0)));
         state.seen = state.seen.saturating_add(1);
 
         let motion = AlignedMotion {
@@ -366,8 +249,38 @@ impl ForceEstimator {
             + state.motor.apply(&self.motor.force)
             + state.stage.apply(&self.stage.force)
             - motor_friction_n
-            - self.balance.stage_friction_n * stage_share;
+            - self.balance.stage_friction_n * stage_share
+            - self.physics_n(state, &motion);
         (raw_n, motion)
+    }
+
+    /// What the model's further physics adds to the balance: motor side by the thrust's factor, stage side
+    /// as it is.
+    #[inline]
+    fn physics_n(&self, state: &ForceState, motion: &AlignedMotion) -> f64 {
+        let Some(physics) = &self.physics else { return 0.0 };
+        let stage_v = self.travel_velocity_m_s(motion);
+        let (motor_x, motor_v) = match self.signals {
+            Signals::StageOnly => (motion.position_m, stage_v),
+            Signals::MotorOnly | Signals::Both => {
+                (state.motor.apply(&self.motor.position), motion.motor_velocity_m_s)
+            }
+        };
+        self.balance.thrust * physics.motor_n(motor_x, motor_v)
+            + self.balance.stage_disturbance * physics.stage_n(motion.position_m, stage_v)
+    }
+
+    /// Factors of the balance.
+    #[must_use]
+    pub fn balance(&self) -> &ForceBalance {
+        &self.balance
+    }
+
+    pub(super) fn scaled_current(&self) -> Stencil {
+        Stencil {
+            youngest: self.current.youngest,
+            weights: self.current.weights.map(|w| w * self.balance.thrust),
+        }
     }
 
     #[inline]
@@ -574,61 +487,4 @@ fn encoder_lines_1_m(drive: &DriveParams, balance: &ForceBalance) -> [f64; 2] {
         _ => 0.0,
     };
     [motor, stage]
-}
-
-impl Filter {
-    fn new(low_pass: LowPass, rate: SampleRate) -> Result<Self, FilterError> {
-        Ok(match low_pass {
-            LowPass::Butterworth { order, cutoff_hz } => {
-                Filter::Butterworth(Butterworth::low_pass(order, cutoff_hz, rate)?)
-            }
-            LowPass::LinearPhase { pass_hz, width_hz } => {
-                Filter::LinearPhase(LinearPhase::low_pass(pass_hz, width_hz, rate)?)
-            }
-            LowPass::None => Filter::None,
-        })
-    }
-
-    fn settled(&self, x: f64) -> FilterState {
-        match self {
-            Filter::Butterworth(f) => FilterState::Butterworth(f.settled(x)),
-            Filter::LinearPhase(f) => FilterState::LinearPhase(f.settled(x)),
-            Filter::None => FilterState::None,
-        }
-    }
-
-    #[inline(always)]
-    fn step(&self, state: &mut FilterState, x: f64) -> f64 {
-        match (self, state) {
-            (Filter::Butterworth(f), FilterState::Butterworth(s)) => f.step(s, x),
-            (Filter::LinearPhase(f), FilterState::LinearPhase(s)) => f.step(s, x),
-            _ => x,
-        }
-    }
-
-    fn delay_s(&self, rate: SampleRate) -> f64 {
-        match self {
-            Filter::Butterworth(f) => f.slow_delay_s(),
-            Filter::LinearPhase(f) => f.half_length() as f64 * rate.period_s(),
-            Filter::None => 0.0,
-        }
-    }
-
-    fn band_hz(&self, low_pass: LowPass, rate: SampleRate) -> f64 {
-        match low_pass {
-            LowPass::Butterworth { cutoff_hz, .. } => cutoff_hz,
-            LowPass::LinearPhase { pass_hz, .. } => pass_hz,
-            // Above a tenth of the rate the stencils' error passes 0.1 %.
-            LowPass::None => rate.hz() / 10.0,
-        }
-    }
-
-    /// Samples until a step has settled to about a thousandth.
-    fn memory_samples(&self, rate: SampleRate) -> usize {
-        match self {
-            Filter::Butterworth(f) => (8.0 * f.slow_delay_s() * rate.hz()).ceil() as usize + 8,
-            Filter::LinearPhase(f) => 2 * f.half_length() + 1,
-            Filter::None => 0,
-        }
-    }
 }

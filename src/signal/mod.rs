@@ -5,6 +5,7 @@
 
 pub mod butterworth;
 pub mod delay_line;
+pub mod dispatch;
 pub mod down_mix;
 pub mod finite_difference;
 pub mod harmonic_fit;

@@ -20,3 +20,4 @@ mod service;
 mod store;
 #[cfg(feature = "service")]
 mod transport;
+mod real_machines;

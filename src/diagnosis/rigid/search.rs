@@ -1,14 +1,14 @@
 //! Forward selection over the laws of one position, judged on stretches that were not fitted.
 
 use super::fit::{Fit, Rows, correlation_rows};
-use super::laws::{Law, Scales, Slider, candidates};
+use super::laws::{Law, Scales, Slider, candidates, drifts};
 use super::signals::Series;
 use crate::plant::effects::{EffectKind, Port};
 
 /// Findings of one diagnosis.
 const MOST_FINDINGS: usize = 7;
-/// Twice the gain in log-likelihood of independent rows that a finding needs: 600 candidates and chance of 1e-4 need 31.
-const LEAST_EVIDENCE: f64 = 40.0;
+/// Chance at which a law may enter a model that needs none: the evidence it must bring is 2 ln(laws tried / this).
+const CHANCE: f64 = 1.0e-3;
 /// Share by which the held-out residual must fall.
 const LEAST_SHARE: f64 = 0.01;
 
@@ -51,6 +51,8 @@ pub(super) struct Search {
     pub(super) tried: Vec<(EffectKind, Port, f64)>,
     /// Rows that count as independent; see [`Search::count_independent`].
     pub(super) independent: f64,
+    /// Evidence that a law must bring.
+    pub(super) least_evidence: f64,
 }
 
 impl Search {
@@ -87,16 +89,14 @@ impl Search {
     }
 
     fn slider(&self) -> Slider {
-        let states =
-            self.terms.iter().filter_map(|t| if let Law::Friction(s) = t.law { Some(s) } else { None });
+        let states = self.terms.iter().filter_map(|t| if let Law::Friction(s) = t.law { Some(s) } else { None });
         states.last().unwrap_or(Slider::STEP)
     }
 
     /// The terms with `law` added, and without what it replaces.
     fn with(&self, law: Law) -> Vec<Term> {
         let mut terms: Vec<Term> = self.terms.iter().filter(|t| !law.replaces(t.law)).cloned().collect();
-        let found =
-            Found { evidence: 0.0, heldout_before_n: 0.0, probability: 1.0, alternatives: Vec::new() };
+        let found = Found { evidence: 0.0, heldout_before_n: 0.0, probability: 1.0, alternatives: Vec::new() };
         terms.push(Term { law, origin: Origin::Found(found) });
         terms
     }
@@ -125,12 +125,7 @@ impl Search {
             let centre_m = self.centre();
             laws.extend([0.1, 0.3, 0.5, 0.7, 0.9].map(|g| Law::Spring { centre_m, gap_m: g * stroke }));
         } else {
-            laws.extend([
-                Law::Viscous,
-                Law::DirectionalDry(Slider::STEP),
-                Law::DirectionalViscous,
-                Law::Square,
-            ]);
+            laws.extend([Law::Viscous, Law::DirectionalDry(Slider::STEP), Law::DirectionalViscous, Law::Square]);
             laws.extend([0.02, 0.06, 0.2].map(|v| Law::Stribeck { velocity_m_s: v * fast }));
         }
         let mut terms = self.terms.clone();
@@ -143,7 +138,12 @@ impl Search {
         let before = self.fit(&self.terms);
         let centre = self.centre();
         let mut scored: Vec<(Law, Fit)> = Vec::new();
-        for law in candidates(&self.scales, self.slider(), self.locked, centre) {
+        let mut laws = candidates(&self.scales, self.slider(), self.locked, centre);
+        if !self.locked && self.terms.iter().any(|t| matches!(t.law, Law::Friction(_))) {
+            laws.extend(drifts(self.slider()));
+        }
+        self.least_evidence = 2.0 * (laws.len() as f64 / CHANCE).ln();
+        for law in laws {
             if self.terms.iter().any(|t| t.law == law || poorer(law, t.law)) {
                 continue;
             }
@@ -161,17 +161,13 @@ impl Search {
         if first {
             self.tried = ranking.iter().map(|((e, p), v)| (*e, *p, v.max(0.0))).collect();
         }
-        if evidence(fit) < LEAST_EVIDENCE || fit.heldout_rms > (1.0 - LEAST_SHARE) * before.heldout_rms {
+        if evidence(fit) < self.least_evidence || fit.heldout_rms > (1.0 - LEAST_SHARE) * before.heldout_rms {
             return false;
         }
         let law = self.refined(*best);
         let (probability, alternatives) = shares(&ranking, law.effect());
-        let found = Found {
-            evidence: evidence(fit),
-            heldout_before_n: before.heldout_rms,
-            probability,
-            alternatives,
-        };
+        let found =
+            Found { evidence: evidence(fit), heldout_before_n: before.heldout_rms, probability, alternatives };
         let mut terms = self.with(law);
         if let Some(last) = terms.last_mut() {
             last.origin = Origin::Found(found);
@@ -185,9 +181,7 @@ impl Search {
     fn keep_history(&self, terms: &mut [Term]) {
         let Some(last) = terms.last_mut() else { return };
         let replaced = self.terms.iter().find(|t| last.law.replaces(t.law));
-        if let (Some(Term { origin: Origin::Found(old), .. }), Origin::Found(new)) =
-            (replaced, &mut last.origin)
-        {
+        if let (Some(Term { origin: Origin::Found(old), .. }), Origin::Found(new)) = (replaced, &mut last.origin) {
             new.evidence += old.evidence;
             new.heldout_before_n = old.heldout_before_n;
         }
@@ -229,7 +223,7 @@ impl Search {
         let mut fewer = self.terms.clone();
         fewer.remove(index);
         let without = self.fit(&fewer);
-        2.0 * self.independent * (without.heldout_rms / with.heldout_rms).ln() < 0.5 * LEAST_EVIDENCE
+        2.0 * self.independent * (without.heldout_rms / with.heldout_rms).ln() < 0.5 * self.least_evidence
     }
 
     /// Middle of the travel, where a locked output has its gap.
@@ -304,6 +298,9 @@ fn shares(ranking: &[Scored], chosen: (EffectKind, Port)) -> (f64, Vec<(EffectKi
     let sum: f64 = ranking.iter().map(|r| weight(r.1)).sum();
     let share = |v: f64| weight(v) / sum.max(1.0e-300);
     let own = ranking.iter().find(|r| r.0 == chosen).map_or(1.0, |r| share(r.1));
-    let others = ranking.iter().filter(|r| r.0 != chosen && share(r.1) > 0.02);
+    // A weight and a difference between the directions are told apart by little: the other is always named.
+    let twins = [EffectKind::GravityLoad, EffectKind::AsymmetricFriction];
+    let twin = |e: EffectKind| twins.contains(&e) && twins.contains(&chosen.0);
+    let others = ranking.iter().filter(|r| r.0 != chosen && (share(r.1) > 0.02 || twin(r.0.0)));
     (own, others.map(|r| (r.0.0, r.0.1, share(r.1))).collect())
 }

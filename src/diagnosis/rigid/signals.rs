@@ -1,5 +1,6 @@
 //! A recording of an axis with one position: thrust, position, velocity, acceleration on a thinned grid.
 
+use super::fit::rms;
 use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::plant::machine::AxisModel;
@@ -7,6 +8,8 @@ use crate::sample::Recording;
 
 /// Share of the sampling rate that the balance looks at: enough for friction, below where encoder steps rule.
 const BAND_SHARE: f64 = 0.1;
+/// Share of the thrust that the encoder's steps may amount to once differentiated twice and times the mass.
+const NOISE_SHARE: f64 = 0.02;
 /// Rows per band: the residual is barely oversampled.
 const ROWS_PER_BAND: f64 = 3.2;
 /// Fewest rows that a diagnosis can be fitted to and judged on.
@@ -37,10 +40,7 @@ fn thrust(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, DiagnoseE
     }
     if let Some(current) = recording.get(&name("current_ref_a")) {
         let k = axis.drive.thrust_constant_n_a();
-        return Ok(scaled(
-            current,
-            k.ok_or_else(|| DiagnoseError::NoTorqueConstant { axis: axis.name.clone() })?,
-        ));
+        return Ok(scaled(current, k.ok_or_else(|| DiagnoseError::NoTorqueConstant { axis: axis.name.clone() })?));
     }
     let expected = name("current_ref_a, _torque_ref_nm or _thrust_ref_n");
     Err(DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected })
@@ -51,19 +51,33 @@ fn position(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, Diagnos
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
     let travel = axis.drive.travel_m_rad();
     let angle = recording.get(&name("motor_angle_rad")).map(|a| a.iter().map(|v| v * travel).collect());
-    let plain =
-        || recording.get(&name("motor_position_m")).or_else(|| recording.get(&name("stage_position_m")));
+    let plain = || recording.get(&name("motor_position_m")).or_else(|| recording.get(&name("stage_position_m")));
     angle.or_else(|| plain().map(<[f64]>::to_vec)).ok_or_else(|| {
         let expected = name("motor_angle_rad, _motor_position_m or _stage_position_m");
         DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected }
     })
 }
 
+/// Band in which the inertial force is known better than [`NOISE_SHARE`] of the thrust.
+///
+/// Steps of q are white with density q^2/12 / (rate/2); the second derivative up to f has the variance
+/// q^2/(6 rate) (2 pi)^4 f^5/5.   Checked by: tests::a_coarse_encoder_narrows_the_band.
+fn band_hz(axis: &AxisModel, thrust_rms_n: f64, rate_hz: f64) -> f64 {
+    let (q, mass) = (axis.drive.motor_encoder_resolution_m(), axis.drive.total_mass_kg());
+    let widest = BAND_SHARE * rate_hz;
+    if q <= 0.0 || mass <= 0.0 || thrust_rms_n <= 0.0 {
+        return widest;
+    }
+    let accel = NOISE_SHARE * thrust_rms_n / mass;
+    let fifth = accel * accel * 30.0 * rate_hz / (q * q * std::f64::consts::TAU.powi(4));
+    fifth.powf(0.2).clamp(0.01 * rate_hz, widest)
+}
+
 /// Filters and thins one recording; thrust and motion pass the same low-pass.
 pub(super) fn series(axis: &AxisModel, recording: &Recording) -> Result<Series, DiagnoseError> {
     let (force, x) = (thrust(axis, recording)?, position(axis, recording)?);
     let rate_hz = recording.sample_rate.hz();
-    let band_hz = BAND_SHARE * rate_hz;
+    let band_hz = band_hz(axis, rms(&force), rate_hz);
     let step = ((rate_hz / (ROWS_PER_BAND * band_hz)).floor() as usize).max(1);
     let delay_s = axis.drive.amplifier_dead_time_s() + 0.5 * recording.sample_rate.period_s();
     let kernel = |derivative, advance_s| Kernel::low_pass(band_hz, rate_hz, Action { derivative, advance_s });
@@ -73,11 +87,7 @@ pub(super) fn series(axis: &AxisModel, recording: &Recording) -> Result<Series, 
     let inside = x.len().saturating_sub(2 * edge);
     let needed = 2 * edge + LEAST_ROWS * step;
     if inside < LEAST_ROWS * step {
-        return Err(DiagnoseError::TooShort {
-            recording: recording.experiment.clone(),
-            samples: x.len(),
-            needed,
-        });
+        return Err(DiagnoseError::TooShort { recording: recording.experiment.clone(), samples: x.len(), needed });
     }
     let grid = Grid { first: edge, step, count: inside.div_ceil(step) };
     let origin = x[0];
@@ -97,8 +107,7 @@ pub(super) fn series(axis: &AxisModel, recording: &Recording) -> Result<Series, 
 /// True where the output of a flexible axis is held: the motor turns, the stage stays where it is.
 pub(super) fn is_locked(axis: &AxisModel, recording: &Recording) -> bool {
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
-    let (Some(stage), Ok(motor)) = (recording.get(&name("stage_position_m")), position(axis, recording))
-    else {
+    let (Some(stage), Ok(motor)) = (recording.get(&name("stage_position_m")), position(axis, recording)) else {
         return false;
     };
     let span = |v: &[f64]| {
@@ -107,4 +116,30 @@ pub(super) fn is_locked(axis: &AxisModel, recording: &Recording) -> bool {
     };
     let step = axis.drive.stage_encoder_resolution_m().max(axis.drive.motor_encoder_resolution_m());
     span(stage) <= step && span(&motor) > 20.0 * step.max(f64::MIN_POSITIVE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plant::drive::{DriveParams, RawDriveParams};
+
+    #[test]
+    fn a_coarse_encoder_narrows_the_band() {
+        let axis = |q: f64| {
+            let raw = RawDriveParams {
+                movable_mass_kg: Some(100.0),
+                motor_encoder_resolution_m: Some(q),
+                ..Default::default()
+            };
+            AxisModel { name: "x".into(), drive: DriveParams::new(raw).unwrap(), controller: None, physics: Vec::new() }
+        };
+        assert!((band_hz(&axis(1.0e-9), 50.0, 1000.0) - 100.0).abs() < 1.0e-9);
+        let band = band_hz(&axis(1.0e-5), 50.0, 1000.0);
+        // The variance that the formula promises, summed over the lines of a spectrum instead of integrated.
+        let (density, step) = (1.0e-10 / 12.0 / 500.0, 0.01);
+        let lines = (band / step) as usize;
+        let variance: f64 =
+            (1..=lines).map(|k| density * (std::f64::consts::TAU * k as f64 * step).powi(4) * step).sum();
+        assert!((100.0 * variance.sqrt() / (0.02 * 50.0) - 1.0).abs() < 0.01);
+    }
 }

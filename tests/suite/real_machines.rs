@@ -1,0 +1,98 @@
+//! Measured machines through import and diagnosis: what others established about them must come out.
+
+use std::path::{Path, PathBuf};
+use stillcut::config::import_map::read_import_map;
+use stillcut::config::machine::read_machine;
+use stillcut::diagnosis::{Diagnosis, Verdict, diagnose};
+use stillcut::plant::effects::EffectKind;
+use stillcut::recording::{import, read_recording};
+use stillcut::sample::Recording;
+
+fn root(relative: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(relative)
+}
+
+fn real(relative: &str) -> Option<PathBuf> {
+    let path = root("../shared/recordings").join(relative);
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("skipped: {} is not here", path.display());
+    None
+}
+
+fn imported(map: &str, file: &str) -> Option<Recording> {
+    let file = real(file)?;
+    let map = read_import_map(&root(&format!("config/import/{map}.toml"))).unwrap();
+    Some(import(&file, &map).unwrap())
+}
+
+fn said(model: &Path, recordings: &[Recording]) -> Diagnosis {
+    diagnose(&read_machine(model).unwrap(), recordings, &|_, _| {}).unwrap()
+}
+
+fn number(d: &Diagnosis, effect: EffectKind, name: &str) -> Option<f64> {
+    let finding = d.findings.iter().find(|f| f.effect == effect)?;
+    finding.parameters.iter().find(|e| e.name == name).map(|e| e.value)
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+#[test]
+fn the_bare_emps_model_gets_its_friction_back_below_the_published_error() {
+    let (Some(model), Some(file)) = (real("emps/machine-bare.toml"), real("emps/axis.parquet")) else { return };
+    let recording = read_recording(&file).unwrap();
+    let thrust = rms(recording.require("x_thrust_ref_n").unwrap());
+    let d = said(&model, &[recording]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics);
+    // Publishers, asymmetric model: Fc 20.1 and 20.6 N, Fv 166.7 and 240.4 N s/m, difference -73.7 N s/m.
+    let coulomb = number(&d, EffectKind::CoulombFriction, "force_n").unwrap();
+    let viscous = number(&d, EffectKind::ViscousFriction, "n_s_m").unwrap();
+    let difference = number(&d, EffectKind::AsymmetricFriction, "n_s_m_difference").unwrap();
+    assert!((coulomb / 20.39 - 1.0).abs() < 0.03, "{coulomb} N");
+    assert!((viscous / 203.5 - 1.0).abs() < 0.03, "{viscous} N s/m");
+    assert!((difference / -73.7 - 1.0).abs() < 0.12, "{difference} N s/m");
+    let error = d.recordings[0].rms_after_n / thrust;
+    assert!(error < 0.0311, "relative force error {error}, published 0.0311");
+}
+
+#[test]
+fn the_published_emps_model_lacks_the_difference_between_the_directions() {
+    let (Some(model), Some(file)) = (real("emps/machine-reference.toml"), real("emps/axis.parquet")) else { return };
+    let d = said(&model, &[read_recording(&file).unwrap()]);
+    assert_eq!(d.findings.first().map(|f| f.effect), Some(EffectKind::AsymmetricFriction));
+}
+
+#[test]
+fn the_friction_damper_slides_behind_a_spring_and_a_gap() {
+    let files = ["d2_0p25hz_30lb_1in", "d2_0p5hz_30lb_1in"];
+    let recordings: Option<Vec<Recording>> =
+        files.iter().map(|f| imported("friction-damper", &format!("friction_damper_backlash/{f}.parquet"))).collect();
+    let Some(recordings) = recordings else { return };
+    let d = said(&root("config/machines/friction-damper.toml"), &recordings);
+    let gap = number(&d, EffectKind::Backlash, "gap_m").unwrap();
+    assert!((3.0e-3..7.0e-3).contains(&gap), "{gap} m");
+    assert!(number(&d, EffectKind::PreslidingFriction, "presliding_stiffness_n_m").is_some());
+    // One slider without the gap leaves 17 to 28 % (the publishers' data, own check in their README).
+    let left: f64 = d.recordings.iter().map(|r| r.rms_after_n / r.rms_before_n).sum::<f64>() / 2.0;
+    assert!(left < 0.17, "{left}");
+}
+
+#[test]
+fn what_was_found_in_one_emps_half_is_enough_for_the_other() {
+    let (Some(model), Some(file)) = (real("emps/machine-bare.toml"), real("emps/axis.parquet")) else { return };
+    let whole = read_recording(&file).unwrap();
+    let half = |from: usize, to: usize| {
+        let mut part = whole.clone();
+        part.start_s = whole.time_s(from);
+        part.columns.iter_mut().for_each(|c| c.values = c.values[from..to].to_vec());
+        part
+    };
+    let middle = whole.len() / 2;
+    let first = diagnose(&read_machine(&model).unwrap(), &[half(0, middle)], &|_, _| {}).unwrap();
+    let second = diagnose(&first.model, &[half(middle, whole.len())], &|_, _| {}).unwrap();
+    let (before, after) = (first.recordings[0].rms_before_n, second.recordings[0].rms_before_n);
+    assert!(after < 0.08 * before, "{before} N with nothing in the model, {after} N with what the first half taught");
+}
