@@ -96,12 +96,15 @@ pub(super) struct EventQuery {
     #[param(inline)]
     order: Option<Order>,
     /// Only this kind, for example `chatter_onset`.
-    kind: Option<String>,
+    #[param(inline)]
+    kind: Option<EventKind>,
     /// Only this axis.
     axis: Option<String>,
     /// Only at or after this RFC 3339 time.
+    #[param(format = DateTime)]
     since: Option<String>,
     /// Only at or before this RFC 3339 time.
+    #[param(format = DateTime)]
     until: Option<String>,
     /// Only alarms that nobody acknowledged.
     open_alarms: Option<bool>,
@@ -128,13 +131,6 @@ fn filter_from(query: EventQuery) -> Result<EventFilter, Problem> {
             None => Err(invalid(name, "expected an RFC 3339 time such as 2026-11-21T08:00:00Z")),
         },
     };
-    let kind = match &query.kind {
-        None => None,
-        Some(word) => Some(EventKind::from_word(word).ok_or_else(|| {
-            let known: Vec<&str> = EventKind::ALL.iter().map(|k| k.word()).collect();
-            invalid("kind", &format!("expected one of {}", known.join(", ")))
-        })?),
-    };
     let limit = query.limit.unwrap_or(100);
     if !(1..=MAX_PAGE).contains(&limit) {
         return Err(invalid("limit", "expected 1 to 1000"));
@@ -142,7 +138,7 @@ fn filter_from(query: EventQuery) -> Result<EventFilter, Problem> {
     Ok(EventFilter {
         cursor: query.cursor,
         ascending: query.order == Some(Order::Oldest),
-        kind,
+        kind: query.kind,
         axis: query.axis,
         since_ns: time("since", query.since)?,
         until_ns: time("until", query.until)?,
