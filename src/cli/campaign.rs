@@ -75,7 +75,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         .collect::<Result<_, _>>()
         .context("a random cut was not physical")?;
     let progress = super::progress(cases.len() as u64, "cutting");
-    let (next, done) = (AtomicUsize::new(0), Mutex::new(vec![None; cases.len()]));
+    let (next, done) = (AtomicUsize::new(0), Mutex::new((0..cases.len()).map(|_| None).collect::<Vec<_>>()));
     std::thread::scope(|scope| {
         for _ in 0..std::thread::available_parallelism().map_or(1, std::num::NonZero::get) {
             scope.spawn(|| {
