@@ -21,3 +21,5 @@ mod store;
 #[cfg(feature = "service")]
 mod transport;
 mod real_machines;
+#[cfg(feature = "service")]
+mod deploy;
