@@ -8,10 +8,11 @@
 //! ```
 //! The pipeline thread owns every port and waits for nobody; the tokio side never sees a port.
 
+mod announcer;
 mod black_box;
 pub mod clock;
-pub mod demo;
 mod control;
+pub mod demo;
 mod diagnoses;
 mod engine;
 mod handle;

@@ -6,9 +6,9 @@ mod lathe;
 mod closed_loop;
 mod conceal;
 mod force;
-mod identities;
 #[cfg(feature = "service")]
 mod http;
+mod identities;
 mod import;
 mod pipeline;
 mod report;
@@ -21,3 +21,5 @@ mod store;
 #[cfg(feature = "service")]
 mod transport;
 mod real_machines;
+#[cfg(feature = "service")]
+mod deploy;
