@@ -1,7 +1,7 @@
 //! Forward selection over the laws of one position, judged on stretches that were not fitted.
 
 use super::fit::{Fit, Rows, correlation_rows};
-use super::laws::{Law, Scales, Slider, candidates, drifts};
+use super::laws::{Law, Scales, Slider, candidates, drifts, gaps};
 use super::signals::Series;
 use crate::plant::effects::{EffectKind, Port};
 
@@ -144,9 +144,28 @@ impl Search {
             laws.extend([0.02, 0.06, 0.2].map(|v| Law::Stribeck { velocity_m_s: v * fast }));
         }
         let mut terms = self.terms.clone();
+        if self.locked {
+            self.closest_gap(&mut terms);
+        }
         terms.extend(laws.into_iter().map(|law| Term { law, origin: Origin::Nuisance }));
         let residual = self.fit(&terms).residual;
         self.independent = self.rows.target.len() as f64 / correlation_rows(&residual);
+    }
+
+    /// Puts the gap that leaves least in the place of the spring without one.
+    fn closest_gap(&self, terms: &mut [Term]) {
+        let Some(index) = terms.iter().position(|t| matches!(t.law, Law::Spring { .. })) else { return };
+        let mut trial = terms.to_vec();
+        trial.push(found(Law::Friction(Slider::STEP)));
+        let mut best = (self.fit(&trial).rms, terms[index].law);
+        for law in gaps(self.scales.stroke_m, self.centre()) {
+            trial[index].law = law;
+            let left = self.fit(&trial).rms;
+            if left < best.0 {
+                best = (left, law);
+            }
+        }
+        terms[index].law = best.1;
     }
 
     fn round(&mut self, first: bool) -> bool {
