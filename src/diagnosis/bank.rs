@@ -194,33 +194,107 @@ fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
     peaks.into_iter().map(|a| a.1).collect()
 }
 
+/// A line of one recording.
+struct Line {
+    recording: usize,
+    strength: f64,
+    frequency_hz: f64,
+    window_s: [f64; 2],
+}
+
 /// Lines of constant frequency in the stage residual, with the time in which they stand.
 fn lines(p: &Problem, residual: &[Sides]) -> Vec<Hypothesis> {
     let rate = p.rate_hz();
-    let mut found: Vec<(f64, f64, Vec<(usize, f64, f64)>)> = Vec::new();
+    let mut found: Vec<Line> = Vec::new();
     for (recording, sides) in residual.iter().enumerate() {
         let Some(x) = (if p.flexible { sides.stage.as_ref() } else { sides.motor.as_ref() }) else { continue };
         let m = &p.motions[recording];
         let start = m.time_s(p.thinning.edge());
-        for (power, frequency) in strongest_lines(x, rate) {
-            if let Some((from, to)) = when(x, rate, frequency) {
-                found.push((power, frequency, vec![(recording, start + from, start + to)]));
+        for (strength, frequency_hz) in strongest_lines(x, rate) {
+            if let Some((from, to)) = when(x, rate, frequency_hz) {
+                found.push(Line { recording, strength, frequency_hz, window_s: [start + from, start + to] });
             }
         }
     }
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found.truncate(3);
+    found.sort_by(|a, b| b.strength.total_cmp(&a.strength));
+    let Some(first) = found.first() else { return Vec::new() };
     let mut list = Vec::new();
-    for (_, frequency, window) in &found {
-        for divisor in [1.0, 2.0, 3.0] {
-            let fundamental_hz = frequency / divisor;
-            if fundamental_hz > 4.0 {
-                let windows = window.clone();
-                list.push(Hypothesis::new(E::CuttingForce, Port::Stage, Shape::Lines { fundamental_hz, harmonics: 4, windows }));
-            }
+    for line in found.iter().filter(|l| l.recording == first.recording).take(2) {
+        list.extend(cuts(p, line, &found));
+    }
+    list
+}
+
+/// Hypotheses of a cut whose strongest line is this one.
+fn cuts(p: &Problem, line: &Line, found: &[Line]) -> Vec<Hypothesis> {
+    let span = line.window_s[1] - line.window_s[0];
+    let near = |l: &&Line| (l.frequency_hz - line.frequency_hz).abs() < 0.5 / span.min(l.window_s[1] - l.window_s[0]).max(0.1);
+    let mut recordings: Vec<usize> = found.iter().filter(near).map(|l| l.recording).collect();
+    recordings.sort_unstable();
+    recordings.dedup();
+    let band = super::motion::band_hz(p.motions.first().map_or(1.0, |m| m.rate_hz));
+    let mut list = Vec::new();
+    for divisor in [1.0, 2.0, 3.0] {
+        let fundamental_hz = line.frequency_hz / divisor;
+        if fundamental_hz < 4.0 {
+            break;
+        }
+        let harmonics = ((0.9 * band / fundamental_hz) as usize).clamp(1, 14);
+        let overlapping: Vec<usize> = (0..p.motions.len()).filter(|&r| overlap_s(&p.motions[r], line.window_s) > 0.3).collect();
+        let mut sets = vec![(overlapping.clone(), true)];
+        if recordings != overlapping {
+            sets.push((recordings.clone(), true));
+        }
+        if overlapping.len() > 1 {
+            sets.push((overlapping, false));
+        }
+        for (recordings, common) in sets {
+            let harmonics = if common { harmonics } else { harmonics.min(4) };
+            let shape = Shape::Lines { fundamental_hz, harmonics, window_s: line.window_s, recordings, common };
+            list.push(Hypothesis::new(E::CuttingForce, Port::Stage, shape));
         }
     }
     list
+}
+
+/// Seconds of a recording inside a window.
+fn overlap_s(m: &super::motion::Motion, window_s: [f64; 2]) -> f64 {
+    m.time_s(m.len()).min(window_s[1]) - m.start_s.max(window_s[0])
+}
+
+/// Window in which waves of known amplitudes best explain a residual: the largest sum of 2 r s - s^2.
+pub(crate) fn best_window(p: &Problem, residual: &[Sides], (h, amplitudes): (&Hypothesis, &[f64])) -> Option<[f64; 2]> {
+    let Shape::Lines { fundamental_hz, harmonics, recordings, common, .. } = &h.shape else { return None };
+    let everywhere = Shape::Lines { fundamental_hz: *fundamental_hz, harmonics: *harmonics, window_s: [f64::NEG_INFINITY, f64::INFINITY], recordings: recordings.clone(), common: *common };
+    let columns = Hypothesis { shape: everywhere, ..h.clone() }.columns(p);
+    let mut starts = Vec::new();
+    let mut ends: Vec<f64> = Vec::new();
+    for &r in recordings {
+        let Some(x) = (if p.flexible { &residual[r].stage } else { &residual[r].motor }) else { continue };
+        let mut s = vec![0.0; x.len()];
+        for (c, a) in columns.iter().zip(amplitudes) {
+            if let Some(w) = if p.flexible { &c[r].stage } else { &c[r].motor } {
+                s.iter_mut().zip(w).for_each(|(s, w)| *s += a * w);
+            }
+        }
+        let (mut best, mut sum, mut from) = ((0.0, 0, 0), 0.0f64, 0);
+        for k in 0..x.len() {
+            if sum <= 0.0 {
+                (sum, from) = (0.0, k);
+            }
+            sum += 2.0 * x[k] * s[k] - s[k] * s[k];
+            if sum > best.0 {
+                best = (sum, from, k);
+            }
+        }
+        let at = |k: usize| p.motions[r].time_s(p.thinning.edge() + k * p.thinning.step);
+        starts.push(at(best.1));
+        ends.push(at(best.2));
+    }
+    starts.sort_by(f64::total_cmp);
+    let end = ends.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let start = *starts.get(starts.len().checked_sub(1)? / 2)?;
+    (end > start).then_some([start, end])
 }
 
 /// The strongest narrow peaks over the neighbourhood's median.
@@ -236,13 +310,18 @@ fn strongest_lines(x: &[f64], rate: f64) -> Vec<(f64, f64)> {
     let width = (n / 400).max(8);
     let first = ((8.0 / rate) * n as f64) as usize;
     let last = ((0.3 * rate).min(700.0) / rate * n as f64) as usize;
+    let medians: Vec<f64> = power
+        .chunks(width)
+        .map(|c| {
+            let mut c = c.to_vec();
+            c.sort_by(f64::total_cmp);
+            c[c.len() / 2]
+        })
+        .collect();
     let mut peaks: Vec<(f64, f64)> = Vec::new();
     for k in first.max(1)..last.min(n / 2 - 1) {
         if power[k] > power[k - 1] && power[k] >= power[k + 1] {
-            let low = k.saturating_sub(width);
-            let mut near: Vec<f64> = power[low..(k + width).min(n / 2)].to_vec();
-            near.sort_by(f64::total_cmp);
-            let ratio = power[k] / near[near.len() / 2].max(1e-300);
+            let ratio = power[k] / medians[(k / width).min(medians.len() - 1)].max(1e-300);
             let (a, b, c) = (power[k - 1].ln(), power[k].ln(), power[k + 1].ln());
             let shift = 0.5 * (a - c) / (a - 2.0 * b + c).min(-1e-12);
             peaks.push((ratio, (k as f64 + shift.clamp(-0.5, 0.5)) * rate / n as f64));

@@ -32,8 +32,8 @@ pub(crate) enum Shape {
     StiffnessSlope,
     Torsion { frequency_hz: f64, screw_share: f64, damping_ratio: f64 },
     EncoderError { period_m: f64, harmonics: usize },
-    /// Harmonics of a line in a window of one recording (or of all).
-    Lines { fundamental_hz: f64, harmonics: usize, windows: Vec<(usize, f64, f64)> },
+    /// Harmonics of a line in a window of time, the same in each of some recordings (or with phases of their own).
+    Lines { fundamental_hz: f64, harmonics: usize, window_s: [f64; 2], recordings: Vec<usize>, common: bool },
 }
 
 impl Shape {
@@ -159,7 +159,7 @@ impl Hypothesis {
             })],
             Shape::Torsion { frequency_hz, screw_share, damping_ratio } => vec![torsion(p, *frequency_hz, *screw_share, *damping_ratio)],
             Shape::EncoderError { period_m, harmonics } => self.encoder_error(p, *period_m, *harmonics),
-            Shape::Lines { fundamental_hz, harmonics, windows } => self.lines(p, *fundamental_hz, (*harmonics, windows)),
+            Shape::Lines { .. } => self.lines(p),
         }
     }
 
@@ -303,22 +303,19 @@ impl Hypothesis {
             .collect()
     }
 
-    fn lines(&self, p: &Problem, fundamental_hz: f64, (harmonics, windows): (usize, &[(usize, f64, f64)])) -> Vec<Column> {
-        let mut out = Vec::new();
-        for &(recording, start_s, end_s) in windows {
-            for h in 1..=harmonics {
-                for cosine in [false, true] {
-                    let mut column = vec![Sides::default(); p.motions.len()];
-                    let m = &p.motions[recording];
-                    let w = std::f64::consts::TAU * fundamental_hz * h as f64;
-                    let x: Vec<f64> = (0..m.len())
-                        .map(|k| m.time_s(k))
-                        .map(|t| if t < start_s || t > end_s { 0.0 } else if cosine { (w * t).cos() } else { (w * t).sin() })
-                        .collect();
-                    let thin = Some(p.thinning.thin(&x));
-                    column[recording] = if p.flexible && self.port != Port::Motor { Sides { motor: None, stage: thin } } else { Sides { motor: thin, stage: None } };
-                    out.push(column);
-                }
+    fn lines(&self, p: &Problem) -> Vec<Column> {
+        let Shape::Lines { fundamental_hz, harmonics, window_s, recordings, common } = &self.shape else { return Vec::new() };
+        let at_stage = p.flexible && self.port != Port::Motor;
+        let sets = if *common { 1 } else { recordings.len() };
+        let mut out: Vec<Column> = vec![vec![Sides::default(); p.motions.len()]; 2 * harmonics * sets];
+        for (place, &recording) in recordings.iter().enumerate() {
+            let m = &p.motions[recording];
+            let turns: Vec<f64> = (0..m.len()).map(|k| m.time_s(k)).collect();
+            let first = if *common { 0 } else { 2 * harmonics * place };
+            for (k, mut wave) in waves(&turns, 1.0 / fundamental_hz, *harmonics).into_iter().enumerate() {
+                wave.iter_mut().zip(&turns).filter(|(_, t)| **t < window_s[0] || **t > window_s[1]).for_each(|(x, _)| *x = 0.0);
+                let thin = p.thinning.thin(&wave);
+                out[first + k][recording] = if at_stage { Sides { motor: None, stage: Some(thin) } } else { motor(thin) };
             }
         }
         out
