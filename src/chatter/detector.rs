@@ -56,6 +56,15 @@ const RING_DOWN_1_S: f64 = -6.0;
 const FADED: f64 = 0.01;
 /// Silence before the end is declared.
 const END_AFTER_S: f64 = 0.1;
+/// Chatter must stay this far over its threshold on average, or it was noise near the limit of stability:
+/// that swells and fades over some tenths of a second, chatter stays.
+const LEAST_ASSURANCE: f64 = 1.2;
+/// No single look counts as more.
+const MOST_ASSURANCE: f64 = 3.0;
+/// A line that sits on an order for this share of the last half second belongs to the spindle.
+const MOSTLY: f64 = 0.8;
+/// Of each decision in the average: 0.5 s.
+const ASSURANCE_SHARE: f64 = 0.008;
 /// Points of the amplitude's recent history.
 const HISTORY: usize = 16;
 
@@ -63,6 +72,8 @@ const HISTORY: usize = 16;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Detector {
     phase: State,
+    /// The last alarm ended because it was weak: the learned noise still holds.
+    weak_end: bool,
     /// Latest powers of the shortest bank, newest last: (t_s, power over noise).
     recent: [(f64, f64); HISTORY],
 }
@@ -72,12 +83,12 @@ enum State {
     Learning,
     Quiet,
     Suspected { since_s: f64, last_seen_s: f64, strongest_n2: f64 },
-    Chatter { since_s: f64, last_loud_s: f64, peak_n2: f64 },
+    Chatter { since_s: f64, last_loud_s: f64, peak_n2: f64, assurance: f64, on_order: f64 },
 }
 
 impl Detector {
     pub(super) fn new() -> Self {
-        Self { phase: State::Learning, recent: [(f64::NEG_INFINITY, 0.0); HISTORY] }
+        Self { phase: State::Learning, weak_end: false, recent: [(f64::NEG_INFINITY, 0.0); HISTORY] }
     }
 
     pub(super) fn phase(&self) -> Phase {
@@ -97,6 +108,11 @@ impl Detector {
         }
     }
 
+    /// Whether the last alarm ended for weakness.
+    pub(super) fn ended_weakly(&self) -> bool {
+        self.weak_end
+    }
+
     /// The noise is known.
     pub(super) fn learned(&mut self) {
         if self.phase == State::Learning {
@@ -113,6 +129,27 @@ impl Detector {
 
     /// Takes the evidence of one instant; gives what began or ended with it.
     pub(super) fn step(&mut self, evidence: &Evidence) -> Option<ChatterEvent> {
+        if std::env::var("SCD").is_ok_and(|v| {
+            let (a, b) = v.split_once(',').unwrap();
+            (a.parse::<f64>().unwrap()..b.parse::<f64>().unwrap()).contains(&evidence.t_s)
+        }) {
+            eprintln!(
+                "{:.3} {:?} known {} slope {:.1} {}",
+                evidence.t_s,
+                self.phase(),
+                evidence.orders_known,
+                self.recent_slope_1_s(),
+                evidence
+                    .banks
+                    .iter()
+                    .map(|b| format!(
+                        "[c {:.0}/{:.0} p {:.3} f {:.1} g {:.0}]",
+                        b.contrast, b.confirm, b.power_n2, b.frequency_hz, b.growth_1_s
+                    ))
+                    .collect::<Vec<_>>()
+                    .join(" ")
+            );
+        }
         let short = &evidence.banks[0];
         self.recent.rotate_left(1);
         self.recent[HISTORY - 1] = (evidence.t_s, short.power_n2);
@@ -133,15 +170,22 @@ impl Detector {
                 self.phase = State::Suspected { since_s, last_seen_s, strongest_n2 };
                 self.judge(evidence)
             }
-            State::Chatter { since_s, last_loud_s, peak_n2 } => {
+            State::Chatter { since_s, last_loud_s, peak_n2, assurance, on_order } => {
                 let bank = &evidence.banks[1];
                 let loud = bank.contrast > LEAVE && bank.power_n2 > FADED * peak_n2;
                 let last_loud_s = if loud { evidence.t_s } else { last_loud_s };
                 // The peak is forgotten over seconds: chatter that got weaker is still chatter.
                 let peak_n2 = (peak_n2 * 0.999).max(bank.power_n2);
-                self.phase = State::Chatter { since_s, last_loud_s, peak_n2 };
-                if evidence.t_s - last_loud_s > END_AFTER_S {
+                let assurance = assurance + (assurance_of(evidence) - assurance) * ASSURANCE_SHARE;
+                let there = if on_an_order(&evidence.banks[2], evidence) { 1.0 } else { 0.0 };
+                let on_order = on_order + (there - on_order) * ASSURANCE_SHARE;
+                self.phase = State::Chatter { since_s, last_loud_s, peak_n2, assurance, on_order };
+                if evidence.t_s - last_loud_s > END_AFTER_S
+                    || assurance < LEAST_ASSURANCE
+                    || on_order > MOSTLY
+                {
                     self.phase = State::Quiet;
+                    self.weak_end = assurance < LEAST_ASSURANCE;
                     return Some(ChatterEvent::End);
                 }
                 None
@@ -164,7 +208,7 @@ impl Detector {
         let bank = evidence.banks.iter().find(|b| {
             evidence.orders_known
                 && b.contrast > b.confirm
-                && !on_an_order(b.frequency_hz, evidence)
+                && !on_an_order(b, evidence)
                 && age_s > HOLD_S
                 && self.recent_mean() - evidence.banks[0].noise_n2 > 0.5 * b.power_n2
         })?;
@@ -172,8 +216,13 @@ impl Detector {
         if strong && self.recent_slope_1_s() < RING_DOWN_1_S {
             return None;
         }
-        self.phase =
-            State::Chatter { since_s: evidence.t_s, last_loud_s: evidence.t_s, peak_n2: bank.power_n2 };
+        self.phase = State::Chatter {
+            since_s: evidence.t_s,
+            last_loud_s: evidence.t_s,
+            peak_n2: bank.power_n2,
+            assurance: MOST_ASSURANCE,
+            on_order: 0.0,
+        };
         Some(ChatterEvent::Onset(Line {
             frequency_hz: bank.frequency_hz,
             power_n2: bank.power_n2,
@@ -201,13 +250,21 @@ impl Detector {
     }
 }
 
-/// Whether a frequency is that of a spindle order, where regenerative chatter cannot be: its growth needs
-/// sin(pi f/S) away from zero.
-fn on_an_order(frequency_hz: f64, evidence: &Evidence) -> bool {
+/// Whether a line is at a spindle order, where regenerative chatter cannot be: its growth needs sin(pi f/S)
+/// away from zero. A short window places a line less well.
+fn on_an_order(line: &BankEvidence, evidence: &Evidence) -> bool {
     if evidence.speed_hz <= 0.0 {
         return false;
     }
-    let order = frequency_hz / evidence.speed_hz;
+    let order = line.frequency_hz / evidence.speed_hz;
     let apart = (order - order.round()).abs();
-    apart < if evidence.orders_young { 0.12 } else { 0.04 }
+    let blurred = (0.05 / (line.tau_s * evidence.speed_hz)).clamp(0.04, 0.12);
+    apart < if evidence.orders_young { 0.12 } else { blurred }
+}
+
+/// How far the best bank is over its threshold; power counts by itself too, because loud chatter raises all of
+/// the band and its own contrast falls.
+fn assurance_of(evidence: &Evidence) -> f64 {
+    let over = |b: &BankEvidence| (b.contrast / b.confirm).max(0.1 * b.power_n2 / (b.noise_n2 * b.confirm));
+    evidence.banks.iter().map(over).fold(0.0, f64::max).min(MOST_ASSURANCE)
 }

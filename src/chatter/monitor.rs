@@ -52,6 +52,8 @@ const NOISE_MEMORY_S: f64 = 15.0;
 const DOUBT_LOOKS: [f64; BANKS] = [10.0, 10.0, 8.0, 6.0];
 /// The orders build up for so many turns after the tools enter.
 const YOUNG_TURNS: f64 = 8.0;
+/// A change of speed is looked for over this time.
+const SPEED_LAG_S: f64 = 1.0;
 /// Nothing is decided before this much noise was heard.
 const LEARN_S: f64 = 0.4;
 
@@ -77,6 +79,8 @@ pub struct ChatterState {
     baselines: Vec<Baseline>,
     angle_turns: f64,
     speed_hz: f64,
+    /// Speed of about a second ago.
+    earlier_speed_hz: f64,
     until_decision: usize,
     heard_s: f64,
     level: CutLevelState,
@@ -133,6 +137,7 @@ impl ChatterMonitor {
             baselines: self.banks.iter().map(|b| Baseline::new(b.frequencies_hz().len())).collect(),
             angle_turns: 0.0,
             speed_hz: 0.0,
+            earlier_speed_hz: 0.0,
             until_decision: self.decide_every,
             heard_s: 0.0,
             level: self.level.start(),
@@ -169,6 +174,8 @@ impl ChatterMonitor {
             state.speed_hz +=
                 (rpm / 60.0 - state.speed_hz) * if state.samples < 2 { 1.0 } else { period_s / 0.02 };
         }
+        let share = if state.samples < 2 { 1.0 } else { period_s / SPEED_LAG_S };
+        state.earlier_speed_hz += (state.speed_hz - state.earlier_speed_hz) * share;
         self.follow_level(state, force_n);
         if let Some(value) = self.mix.step(&mut state.mix, force_n) {
             self.hear(state, value);
@@ -242,7 +249,7 @@ impl ChatterMonitor {
         if event.is_some() {
             state.latest.event = event;
         }
-        if matches!(event, Some(ChatterEvent::End)) {
+        if matches!(event, Some(ChatterEvent::End)) && !state.detector.ended_weakly() {
             doubt(&mut state.baselines);
         }
         if orders_known && matches!(state.detector.phase(), Phase::Learning | Phase::Quiet) {
@@ -267,11 +274,15 @@ impl ChatterMonitor {
 
     fn learn(&self, state: &mut ChatterState, period_s: f64) {
         state.heard_s += period_s;
+        // The lobes of the noise move with the speed: what is older than their move of 3 Hz is no guide.
+        let relative_1_s =
+            (state.speed_hz - state.earlier_speed_hz).abs() / (SPEED_LAG_S * state.speed_hz.max(1e-9));
+        let memory_s = (3.0 / (self.mix.centre_hz() * relative_1_s).max(1e-9)).clamp(1.5, NOISE_MEMORY_S);
         for ((bank, bank_state), baseline) in self.banks.iter().zip(&state.banks).zip(&mut state.baselines) {
             // Not before the window is full; the window's noise is independent after about 3 tau.
             if state.heard_s > 6.0 * bank.tau_s() {
                 let looks = period_s / (3.0 * bank.tau_s());
-                let memory_looks = NOISE_MEMORY_S / (3.0 * bank.tau_s());
+                let memory_looks = memory_s / (3.0 * bank.tau_s());
                 baseline.learn(|k| bank.power(bank_state, k), Lesson { looks, memory_looks });
             }
         }

@@ -3,12 +3,19 @@
 use super::bad_input;
 use crate::config::machine::read_machine;
 use crate::force::balance::Method;
-use crate::force::estimator::{AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample};
+use crate::force::estimator::{
+    AxisSignals, ForceEstimate, ForceEstimator, ForceSettings, LowPass, NotchCentre, NotchPlan,
+};
 use crate::force::frf::force_of_recording;
-use crate::force::idle_map::{IdleMap, IdlePoint};
+use crate::force::harmonic::HarmonicSettings;
+use crate::force::offline::{
+    estimate_run, idle_map, standing_zero_n, stiffness_of_runs, with_axial_stiffness,
+};
+use crate::force::physics::physics_of;
 use crate::force::recorded::{has_drive, motion_of_recording};
+use crate::force::stiffness::StiffnessCheck;
 use crate::force::validity::Validity;
-use crate::plant::drive::DriveParams;
+use crate::plant::machine::AxisModel;
 use crate::recording::{Table, TableColumn, read_recording, write_table};
 use crate::report::force_estimator::read_estimators;
 use crate::sample::Recording;
@@ -36,6 +43,21 @@ pub(super) struct Arguments {
     /// Air-cutting run of the same motion, whose disturbance is taken off by position; repeatable.
     #[arg(long)]
     idle: Vec<PathBuf>,
+    /// Notch at a frequency in Hz, or following motor_encoder or stage_encoder; repeatable.
+    #[arg(long)]
+    notch: Vec<String>,
+    /// Keeps the model's axial stiffness although the recording shows another (vibration_mode).
+    #[arg(long)]
+    keep_stiffness: bool,
+    /// Length of the window in turns of the spindle (fitted, spectral).
+    #[arg(long)]
+    turns: Option<f64>,
+    /// Number of harmonics (fitted, spectral); as many as lie below 500 Hz when not given.
+    #[arg(long)]
+    harmonics: Option<usize>,
+    /// Teeth of the tool: only multiples of the tooth-pass frequency are taken (fitted, spectral).
+    #[arg(long)]
+    teeth: Option<f64>,
     /// Low-pass behind the balance: flat to here, same delay at every frequency.
     #[arg(long, default_value_t = 800.0)]
     pass_hz: f64,
@@ -61,30 +83,11 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let idles =
         arguments.idle.iter().map(|p| read_recording(p).map_err(bad_input)).collect::<Result<Vec<_>, _>>()?;
 
-    let mut forces = Vec::new();
-    let mut delay_s: f64 = 0.0;
-    for axis in &machine.axes {
-        if !has_drive(&recording, &axis.name) {
-            continue;
-        }
-        let samples = motion_of_recording(&recording, &axis.name, &axis.drive)
-            .map_err(|e| bad_input(format!("{}: {e}", arguments.recording.display())))?;
-        let signals =
-            AxisSignals { drive: &axis.drive, rate: recording.sample_rate, signals: samples.signals };
-        let pass_hz = arguments.pass_hz.min(0.2 * recording.sample_rate.hz());
-        let low_pass = LowPass::LinearPhase { pass_hz, width_hz: pass_hz / 2.0 };
-        let mut settings = ForceSettings { low_pass, ..ForceSettings::default() };
-        if !idles.is_empty() {
-            let bare =
-                ForceEstimator::new(method, &signals, ForceSettings { low_pass, ..ForceSettings::default() })
-                    .map_err(bad_input)?;
-            settings.idle_map = idle_map(&bare, &axis.name, &axis.drive, &idles)?;
-        }
-        let estimator = ForceEstimator::new(method, &signals, settings).map_err(bad_input)?;
-        delay_s = estimator.delay_s();
-        forces.push((format!("{}_force_n", axis.name), estimate(&estimator, &samples.samples)));
+    let mut axes = Vec::new();
+    for axis in machine.axes.iter().filter(|a| has_drive(&recording, &a.name)) {
+        axes.push(axis_force(&arguments, method, axis, (&recording, &idles))?);
     }
-    if forces.is_empty() {
+    if axes.is_empty() {
         let names: Vec<&str> = machine.axes.iter().map(|a| a.name.as_str()).collect();
         return Err(bad_input(format!(
             "{}: no drive signal of the model's axes {}",
@@ -92,8 +95,159 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             names.join(", ")
         )));
     }
-    let notes = vec![("method".to_owned(), method.name().to_owned())];
+    let mut notes = vec![("method".to_owned(), method.name().to_owned())];
+    let rate_hz = recording.sample_rate.hz();
+    // One delay for the file: what is early waits for what is late.
+    let delay_s = axes.iter().map(|a| a.delay_s).fold(0.0, f64::max);
+    let mut forces = Vec::new();
+    for axis in axes {
+        let wait = ((delay_s - axis.delay_s) * rate_hz).round() as usize;
+        let mut column = vec![axis.force_n.first().copied().unwrap_or(0.0); wait.min(axis.force_n.len())];
+        column.extend_from_slice(&axis.force_n[..axis.force_n.len() - column.len()]);
+        forces.push((format!("{}_force_n", axis.name), column));
+        notes.extend(axis.notes);
+    }
     write_forces(&arguments.out, &recording, &Forces { forces, delay_s, notes })
+}
+
+/// Estimate of one axis.
+struct AxisForce {
+    name: String,
+    force_n: Vec<f64>,
+    delay_s: f64,
+    notes: Vec<(String, String)>,
+}
+
+/// One axis through one method; `runs`: the recording and the idle runs.
+fn axis_force(
+    arguments: &Arguments,
+    method: Method,
+    axis: &AxisModel,
+    runs: (&Recording, &[Recording]),
+) -> anyhow::Result<AxisForce> {
+    let (recording, idles) = runs;
+    let motion = motion_of_recording(recording, &axis.name, &axis.drive)
+        .map_err(|e| bad_input(format!("{}: {e}", arguments.recording.display())))?;
+    let mut idle_runs = Vec::new();
+    for (idle, path) in idles.iter().zip(&arguments.idle) {
+        let run = motion_of_recording(idle, &axis.name, &axis.drive)
+            .map_err(|e| bad_input(format!("{}: {e}", path.display())))?;
+        idle_runs.push(run.samples);
+    }
+    let mut notes = Vec::new();
+    let mut note = |key: &str, value: String| notes.push((format!("{}_{key}", axis.name), value));
+    let rate = recording.sample_rate;
+    let (physics, mut drive) = physics_of(&axis.physics, &axis.drive);
+    for effect in &physics.not_applied {
+        note(
+            &format!("not_taken_off_{effect}"),
+            "the model states it, its force cannot be computed here".to_owned(),
+        );
+    }
+    if method == Method::VibrationMode && !arguments.keep_stiffness {
+        let signals = AxisSignals { drive: &drive, rate, signals: motion.signals };
+        let check = stiffness_of_runs(&signals, &motion.samples, &idle_runs).map_err(bad_input)?;
+        if let Some(check) = check.filter(StiffnessCheck::is_conclusive) {
+            let stiffness_n_m = check.ratio * drive.axial_stiffness_n_m();
+            note("axial_stiffness_n_m", format!("{stiffness_n_m:.6e}"));
+            note("stiffness_over_model", format!("{:.4}", check.ratio));
+            drive = with_axial_stiffness(&drive, stiffness_n_m).map_err(bad_input)?;
+        }
+    }
+    let signals = AxisSignals { drive: &drive, rate, signals: motion.signals };
+    let pass_hz = arguments.pass_hz.min(0.2 * rate.hz());
+    let low_pass = LowPass::LinearPhase { pass_hz, width_hz: pass_hz / 2.0 };
+    let mut settings = ForceSettings {
+        low_pass,
+        controller: axis.controller,
+        notches: notches(&arguments.notch)?,
+        presliding_travel_m: physics.presliding_travel_m(),
+        physics: Some(physics).filter(|_| method != Method::Thrust),
+        ..ForceSettings::default()
+    };
+    if matches!(method, Method::Fitted | Method::Spectral) {
+        settings.harmonic = Some(harmonic_settings(arguments, recording)?);
+    }
+    if !idle_runs.is_empty() {
+        let bare = ForceEstimator::new(method, &signals, settings.clone()).map_err(bad_input)?;
+        settings.idle_map = idle_map(&bare, &idle_runs);
+    }
+    let estimator = ForceEstimator::new(method, &signals, settings).map_err(bad_input)?;
+    let estimates = estimate_run(&estimator, &motion.samples);
+    let mut force_n: Vec<f64> = estimates.iter().map(|e| e.force_n).collect();
+    let travel: Vec<f64> =
+        motion.samples.iter().filter_map(|s| s.stage_position_m.or(s.motor_travel_m)).collect();
+    let part = (0.3 * rate.hz()) as usize;
+    let start = estimator.settling_samples().min(force_n.len());
+    let zero_n = standing_zero_n(&force_n[start..], &travel, estimator.friction_bound_n(), part);
+    if let Some(zero_n) = zero_n.filter(|_| method != Method::Spectral && method != Method::Thrust) {
+        note("zero_n", format!("{zero_n:.4}"));
+        force_n.iter_mut().for_each(|f| *f -= zero_n);
+    }
+    describe(&estimator, &estimates, &mut note);
+    Ok(AxisForce { name: axis.name.clone(), force_n, delay_s: estimator.delay_s(), notes })
+}
+
+/// What the estimator says of itself, for the file's metadata.
+fn describe(estimator: &ForceEstimator, estimates: &[ForceEstimate], note: &mut impl FnMut(&str, String)) {
+    note("usable_band_hz", format!("{:?}", estimator.usable_band_hz()));
+    note("noise_floor_n", format!("{:.4}", estimator.noise_floor_n()));
+    if let Some(condition) = estimator.condition() {
+        note("condition", format!("{condition:.3e}"));
+    }
+    let mut seen = Validity::VALID;
+    for flag in estimates.iter().map(|e| e.flags) {
+        seen |= flag;
+    }
+    for name in seen.names() {
+        let count = estimates.iter().filter(|e| e.flags.names().any(|n| n == name)).count();
+        note(&format!("flag_{name}_share"), format!("{:.4}", count as f64 / estimates.len().max(1) as f64));
+    }
+    if seen.contains(Validity::BELOW_FRICTION) {
+        note("below_friction", format!("not observable, bound {:.0} N", estimator.friction_bound_n()));
+    }
+}
+
+fn notches(names: &[String]) -> anyhow::Result<Vec<NotchPlan>> {
+    const WIDTH_HZ: f64 = 10.0;
+    names
+        .iter()
+        .map(|name| {
+            let centre = match name.as_str() {
+                "motor_encoder" => NotchCentre::MotorEncoder,
+                "stage_encoder" => NotchCentre::StageEncoder,
+                number => NotchCentre::Fixed {
+                    hz: number.parse().map_err(|_| {
+                        bad_input(format!(
+                            "--notch {number}: expected motor_encoder, stage_encoder or a frequency in Hz"
+                        ))
+                    })?,
+                },
+            };
+            Ok(NotchPlan { centre, width_hz: WIDTH_HZ })
+        })
+        .collect()
+}
+
+/// Spindle speed of a recording: one for all of it, else the harmonics have no place.
+fn harmonic_settings(arguments: &Arguments, recording: &Recording) -> anyhow::Result<HarmonicSettings> {
+    let in_file = |e: String| bad_input(format!("{}: {e}", arguments.recording.display()));
+    let speed = recording.require("spindle_speed_rpm").map_err(|e| in_file(e.to_string()))?;
+    let mut sorted = speed.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted[sorted.len() / 2];
+    if !(median > 0.0) {
+        return Err(in_file(format!(
+            "column spindle_speed_rpm has a median of {median}, expected a turning spindle"
+        )));
+    }
+    let default = HarmonicSettings::at_speed(median);
+    Ok(HarmonicSettings {
+        turns: arguments.turns.unwrap_or(default.turns),
+        harmonics: arguments.harmonics,
+        lines_per_turn: arguments.teeth.unwrap_or(default.lines_per_turn),
+        ..default
+    })
 }
 
 /// What the command writes.
@@ -143,47 +297,4 @@ fn run_frf(arguments: &Arguments) -> anyhow::Result<()> {
         forces.push((format!("{}_force_n", estimator.axis), force));
     }
     write_forces(&arguments.out, &recording, &Forces { forces, delay_s: 0.0, notes })
-}
-
-fn estimate(estimator: &ForceEstimator, samples: &[MotionSample]) -> Vec<f64> {
-    let Some(first) = samples.first() else { return Vec::new() };
-    let mut state = estimator.settled(first);
-    samples.iter().map(|s| estimator.step(&mut state, s).force_n).collect()
-}
-
-/// Idle runs through the same estimator; each force is put where the axis was `delay_s` ago.
-fn idle_map(
-    bare: &ForceEstimator,
-    axis: &str,
-    drive: &DriveParams,
-    idles: &[Recording],
-) -> anyhow::Result<Option<IdleMap>> {
-    let mut runs = Vec::new();
-    for idle in idles {
-        let samples = motion_of_recording(idle, axis, drive)
-            .map_err(|e| bad_input(format!("idle run {}: {e}", idle.experiment)))?;
-        runs.push(idle_points(bare, &samples.samples));
-    }
-    Ok(IdleMap::from_runs(&runs))
-}
-
-fn idle_points(bare: &ForceEstimator, samples: &[MotionSample]) -> Vec<IdlePoint> {
-    let Some(first) = samples.first() else { return Vec::new() };
-    let mut state = bare.settled(first);
-    let mut motion_state = bare.settled(first);
-    let mut motions = Vec::with_capacity(samples.len());
-    let mut forces = Vec::with_capacity(samples.len());
-    for sample in samples {
-        motions.push(bare.balance_step(&mut motion_state, sample).1);
-        forces.push(bare.step(&mut state, sample).force_n);
-    }
-    let late = bare.filter_delay_samples();
-    let skip = bare.settling_samples();
-    (skip..forces.len().saturating_sub(late))
-        .map(|i| IdlePoint {
-            position_m: motions[i].position_m,
-            velocity_m_s: motions[i].stage_velocity_m_s,
-            force_n: forces[i + late],
-        })
-        .collect()
 }

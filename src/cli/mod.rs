@@ -3,6 +3,7 @@
 
 #[cfg(feature = "service")]
 mod audit;
+mod campaign;
 mod conceal;
 #[cfg(feature = "service")]
 mod demo;
@@ -55,6 +56,7 @@ enum Command {
     Stability(stability::Arguments),
     Diagnose(diagnose::Arguments),
     Conceal(conceal::Arguments),
+    Campaign(campaign::Arguments),
     PrintConfig(print_config::Arguments),
     #[cfg(feature = "service")]
     Token(token::Arguments),
@@ -143,6 +145,7 @@ fn dispatch(command: Command) -> anyhow::Result<()> {
         Command::Stability(a) => stability::run(a),
         Command::Diagnose(a) => diagnose::run(a),
         Command::Conceal(a) => conceal::run(a),
+        Command::Campaign(a) => campaign::run(a),
         Command::PrintConfig(a) => print_config::run(a),
         #[cfg(feature = "service")]
         Command::Token(a) => token::run(a),

@@ -1,98 +1,246 @@
-//! `stillcut replay`: the live monitor over a recording.
+//! `stillcut replay`: the live pipeline over a recording.
 
 use super::bad_input;
-use crate::chatter::{Band, ChatterMonitor, ChatterOutput, ChatterSettings, predicted_band};
+use crate::avoidance::pitch::optimum_pitch_rad;
+use crate::chatter::{Band, ChatterEvent, predicted_band};
+use crate::config::service::{ServiceConfig, read_service_config};
+use crate::pipeline::{AxisPlan, BandPlan, Pipeline, PipelineSettings, StepOutput};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::recording::read_recording;
 use crate::report::events::{EventLine, write_events};
-use crate::report::track::Track;
-use crate::sample::Recording;
+use crate::report::track::{Track, TrackRow};
+use crate::sample::{AxisSample, MAX_AXES, Recording, ServoSample};
+use crate::units::SpindleSpeed;
 use anyhow::Context as _;
 use std::path::PathBuf;
 
 /// Runs the live pipeline over a recording and writes events.jsonl and track.parquet.
+///
+/// A recording with servo signals goes through the force observer of the configuration's machine; one with
+/// <axis>_force_n and no servo signals enters behind it. Without a configuration the defaults hold, and the
+/// band and workpiece that the recording names.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Recording (Parquet or CSV) with <axis>_force_n.
+    /// Configuration of the service.
+    #[arg(long)]
+    config: Option<PathBuf>,
+    /// Recording, Parquet or CSV.
     #[arg(long)]
     recording: PathBuf,
     /// Folder to write into.
     #[arg(long)]
     out: PathBuf,
-    /// Band to watch, "low,high"; otherwise the recording's analysis_band_hz or its workpiece's.
+    /// Band to watch, "low,high"; otherwise the configuration's, the recording's, or its workpiece's.
     #[arg(long, value_name = "LOW,HIGH")]
     band_hz: Option<String>,
     /// Spindle speed where the recording has none.
     #[arg(long)]
     spindle_speed_rpm: Option<f64>,
+    /// Columns to listen to as they are, where there are no servo signals: force_n or accel_m_s2.
+    #[arg(long, default_value = "force_n", value_parser = ["force_n", "accel_m_s2"])]
+    signal: String,
 }
 
-/// Rows of the track a second, at least.
+/// Rows of the track a second.
 const TRACK_HZ: f64 = 100.0;
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let recording = read_recording(&arguments.recording).map_err(bad_input)?;
-    let place = arguments.recording.display();
-    let band =
-        band_of(&recording, arguments.band_hz.as_deref()).map_err(|e| bad_input(format!("{place}: {e}")))?;
-    let settings = ChatterSettings { sample_rate: recording.sample_rate, band };
-    let monitor = ChatterMonitor::new(settings).map_err(|e| bad_input(format!("{place}: {e}")))?;
-    let forces: Vec<(&str, &[f64])> = recording
-        .columns
-        .iter()
-        .filter_map(|c| Some((c.name.strip_suffix("_force_n")?, c.values.as_slice())))
-        .collect();
-    if forces.is_empty() {
-        return Err(bad_input(format!("{place}: no column <axis>_force_n")));
-    }
-    let speed = recording.get("spindle_speed_rpm");
-    let (mut events, mut track) = (Vec::new(), Track::default());
-    let mut states: Vec<_> = forces.iter().map(|_| monitor.start()).collect();
-    let every = (recording.sample_rate.hz() / TRACK_HZ).max(1.0);
-    let mut next_row = every;
-    for index in 0..recording.len() {
-        let rpm = speed.map(|s| s[index]).or(arguments.spindle_speed_rpm);
-        let t_s = recording.time_s(index);
-        let mut loudest: Option<ChatterOutput> = None;
-        for ((axis, values), state) in forces.iter().zip(&mut states) {
-            let output = monitor.step(state, values[index], rpm);
-            if let Some(event) = &output.event {
-                events.push(EventLine::from_chatter(t_s, axis, event));
-            }
-            let better =
-                loudest.is_none_or(|l| (output.chatter(), output.contrast) > (l.chatter(), l.contrast));
-            if better {
-                loudest = Some(output);
-            }
-        }
-        if (index + 1) as f64 >= next_row {
-            next_row += every;
-            if let Some(output) = loudest {
-                track.push(t_s, &output);
-            }
-        }
-    }
+    let config = arguments.config.as_deref().map(read_service_config).transpose().map_err(bad_input)?;
+    let place = |error: String| bad_input(format!("{}: {error}", arguments.recording.display()));
+    let given = arguments.config.is_some();
+    let config = config.unwrap_or_default();
+    let band = band_of(&arguments, &recording, given.then_some(&config)).map_err(place)?;
+    let source = Source::of(&recording, &arguments).map_err(place)?;
+    let settings = source.settings(&config, band);
+    let mut pipeline = Pipeline::new(settings).map_err(|e| place(e.to_string()))?;
+    let (events, track) = replay(&recording, &source, &mut pipeline);
     std::fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
     track.write(&arguments.out.join("track.parquet"))?;
     write_events(&arguments.out.join("events.jsonl"), &events)?;
     Ok(())
 }
 
-fn band_of(recording: &Recording, given: Option<&str>) -> Result<Band, String> {
-    if let Some(text) = given.or_else(|| recording.metadata("analysis_band_hz")) {
+fn replay(recording: &Recording, source: &Source<'_>, pipeline: &mut Pipeline) -> (Vec<EventLine>, Track) {
+    let (mut events, mut track) = (Vec::new(), Track::default());
+    let every = (recording.sample_rate.hz() / TRACK_HZ).max(1.0);
+    let mut next_row = every;
+    for index in 0..recording.len() {
+        let output = source.step(pipeline, recording, index);
+        if let Some((axis, event)) = &output.event {
+            let name = source.axes.get(*axis).map_or("", String::as_str);
+            let mut line = EventLine::from_chatter(output.t_s, name, event);
+            line.pitch_difference_rad = pitch_for(event, source.speed_rpm(index));
+            events.push(line);
+        }
+        if (index + 1) as f64 >= next_row {
+            next_row += every;
+            let chatter = &output.chatter;
+            track.push(TrackRow {
+                t_s: output.t_s,
+                frequency_hz: chatter.frequency_hz,
+                power_n2: chatter.power_n2,
+                chatter: chatter.phase == crate::chatter::Phase::Chatter,
+            });
+        }
+    }
+    (events, track)
+}
+
+/// Pitch that would cancel a line that has just been declared.
+fn pitch_for(event: &ChatterEvent, speed_rpm: Option<f64>) -> Option<f64> {
+    let ChatterEvent::Onset(line) = event else { return None };
+    let spindle = SpindleSpeed::from_rpm(speed_rpm?).ok()?;
+    optimum_pitch_rad(spindle, line.frequency_hz, 0).ok()
+}
+
+/// Where the pipeline's input is found in a recording.
+struct Source<'a> {
+    axes: Vec<String>,
+    rate: crate::units::SampleRate,
+    signals: Signals<'a>,
+    speed: Option<&'a [f64]>,
+    speed_given_rpm: Option<f64>,
+    angle: Option<&'a [f64]>,
+}
+
+enum Signals<'a> {
+    /// One column an axis, heard as it is.
+    Direct(Vec<&'a [f64]>),
+    /// Current, motor angle, stage position of each axis.
+    Servo(Vec<ServoColumns<'a>>),
+}
+
+struct ServoColumns<'a> {
+    current_a: &'a [f64],
+    motor_rad: &'a [f64],
+    stage_m: Option<&'a [f64]>,
+}
+
+impl<'a> Source<'a> {
+    fn of(recording: &'a Recording, arguments: &Arguments) -> Result<Self, String> {
+        let with = |suffix: &str| -> Vec<String> {
+            let name =
+                |c: &crate::sample::Column| Some(c.name.strip_suffix(suffix)?.strip_suffix('_')?.to_owned());
+            recording.columns.iter().filter_map(name).collect()
+        };
+        let servo = with("current_ref_a");
+        let (axes, signals) = if servo.is_empty() || arguments.signal != "force_n" {
+            let axes = with(&arguments.signal);
+            let column = |axis: &String| recording.require(&format!("{axis}_{}", arguments.signal));
+            let columns =
+                axes.iter().map(column).collect::<Result<Vec<_>, _>>().map_err(|e| e.to_string())?;
+            (axes, Signals::Direct(columns))
+        } else {
+            let columns = servo.iter().map(|axis| ServoColumns::of(recording, axis));
+            let columns = columns.collect::<Result<Vec<_>, _>>()?;
+            (servo, Signals::Servo(columns))
+        };
+        if axes.is_empty() {
+            return Err(format!("no column <axis>_{} and no <axis>_current_ref_a", arguments.signal));
+        }
+        if axes.len() > MAX_AXES {
+            return Err(format!("{} axes; at most {MAX_AXES} are watched", axes.len()));
+        }
+        Ok(Self {
+            axes,
+            rate: recording.sample_rate,
+            signals,
+            speed: recording.get("spindle_speed_rpm"),
+            speed_given_rpm: arguments.spindle_speed_rpm,
+            angle: recording.get("spindle_angle_rad"),
+        })
+    }
+
+    fn settings(&self, config: &ServiceConfig, band: Option<Band>) -> PipelineSettings {
+        let mut settings = match &self.signals {
+            Signals::Servo(_) => config.pipeline_settings(self.rate, &self.axes),
+            Signals::Direct(_) => PipelineSettings {
+                sample_rate: self.rate,
+                axes: self
+                    .axes
+                    .iter()
+                    .map(|name| AxisPlan { name: name.clone(), force: None, watch: true })
+                    .collect(),
+                band: config.pipeline_settings(self.rate, &self.axes).band,
+            },
+        };
+        if let Some(band) = band {
+            settings.band = BandPlan::Stated(band);
+        }
+        settings
+    }
+
+    fn speed_rpm(&self, index: usize) -> Option<f64> {
+        self.speed.map(|s| s[index]).or(self.speed_given_rpm)
+    }
+
+    fn step(&self, pipeline: &mut Pipeline, recording: &Recording, index: usize) -> StepOutput {
+        let t_s = recording.time_s(index);
+        match &self.signals {
+            Signals::Direct(columns) => {
+                let mut forces = [0.0; MAX_AXES];
+                for (to, column) in forces.iter_mut().zip(columns) {
+                    *to = column[index];
+                }
+                pipeline.step_forces(t_s, &forces[..columns.len()], self.speed_rpm(index))
+            }
+            Signals::Servo(columns) => {
+                let mut axes = [AxisSample::default(); MAX_AXES];
+                for (to, column) in axes.iter_mut().zip(columns) {
+                    *to = AxisSample {
+                        current_ref_a: column.current_a[index],
+                        motor_angle_rad: column.motor_rad[index],
+                        stage_position_m: column.stage_m.map(|s| s[index]),
+                    };
+                }
+                pipeline.step(&ServoSample {
+                    sequence: index as u64,
+                    t_s,
+                    axes,
+                    spindle_angle_rad: self.angle.map_or(0.0, |a| a[index]),
+                    spindle_speed_rpm: self.speed_rpm(index).unwrap_or(0.0),
+                })
+            }
+        }
+    }
+}
+
+impl<'a> ServoColumns<'a> {
+    fn of(recording: &'a Recording, axis: &str) -> Result<Self, String> {
+        let column = |name: &str| recording.require(&format!("{axis}_{name}")).map_err(|e| e.to_string());
+        Ok(Self {
+            current_a: column("current_ref_a")?,
+            motor_rad: column("motor_angle_rad")?,
+            stage_m: recording.get(&format!("{axis}_stage_position_m")),
+        })
+    }
+}
+
+/// Option, configuration, recording's band, recording's workpiece, in this order; `None`: the configuration's.
+fn band_of(
+    arguments: &Arguments,
+    recording: &Recording,
+    config: Option<&ServiceConfig>,
+) -> Result<Option<Band>, String> {
+    let in_recording = if config.is_some() { None } else { recording.metadata("analysis_band_hz") };
+    if let Some(text) = arguments.band_hz.as_deref().or(in_recording) {
         let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
         let [low_hz, high_hz] = numbers[..] else {
             return Err(format!("band `{text}`, expected two frequencies `low,high`"));
         };
-        return Band::new(low_hz, high_hz).map_err(|e| e.to_string());
+        return Band::new(low_hz, high_hz).map(Some).map_err(|e| e.to_string());
+    }
+    if config.is_some() {
+        return Ok(None);
     }
     let number = |key: &str| recording.metadata(key).and_then(|t| t.trim().parse::<f64>().ok());
     let (Some(diameter_m), Some(projection_length_m)) =
         (number("workpiece_diameter_m"), number("workpiece_projection_length_m"))
     else {
-        return Err("neither analysis_band_hz nor the workpiece is in the metadata; state --band-hz".into());
+        return Ok(None);
     };
     let raw = RawWorkpiece { diameter_m, projection_length_m, clamp_factor: 1.0, ..RawWorkpiece::default() };
     let workpiece = Workpiece::new(raw).map_err(|e| e.to_string())?;
-    predicted_band(workpiece.bending_frequency_hz()).map_err(|e| e.to_string())
+    predicted_band(workpiece.bending_frequency_hz()).map(Some).map_err(|e| e.to_string())
 }

@@ -18,12 +18,23 @@ pub enum Method {
     RigidMode,
     /// First vibration mode of the modal space (2-44), of the triple-inertia model (2-62).
     VibrationMode,
+    /// Positions fitted by spindle harmonics before the multi-encoder balance (Hayashi et al.).
+    Fitted,
+    /// Spectral lines of the thrust corrected by the closed loop (Sato et al.).
+    Spectral,
 }
 
 impl Method {
     /// All of them.
-    pub const ALL: [Method; 5] =
-        [Method::Thrust, Method::Dob, Method::Medob, Method::RigidMode, Method::VibrationMode];
+    pub const ALL: [Method; 7] = [
+        Method::Thrust,
+        Method::Dob,
+        Method::Medob,
+        Method::RigidMode,
+        Method::VibrationMode,
+        Method::Fitted,
+        Method::Spectral,
+    ];
 
     /// Name in commands and files.
     #[must_use]
@@ -34,6 +45,8 @@ impl Method {
             Method::Medob => "medob",
             Method::RigidMode => "rigid_mode",
             Method::VibrationMode => "vibration_mode",
+            Method::Fitted => "fitted",
+            Method::Spectral => "spectral",
         }
     }
 
@@ -73,7 +86,7 @@ impl MotionFactors {
 
 /// F_cut = thrust + motor . (x_m, v_m, a_m) + stage . (x_t, v_t, a_t)
 ///         - motor_friction tanh(v_m/v_s) - stage_friction tanh(v_t/v_s)
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ForceBalance {
     /// Factor of the thrust K_t I / R, dimensionless.
     pub thrust: f64,
@@ -85,6 +98,8 @@ pub struct ForceBalance {
     pub motor_friction_n: f64,
     /// Factor of the friction of the stage, N.
     pub stage_friction_n: f64,
+    /// Factor of further disturbances of the stage: 1 where the estimate contains them, 0 where not.
+    pub stage_disturbance: f64,
 }
 
 impl ForceBalance {
@@ -95,13 +110,14 @@ impl ForceBalance {
     /// Checked by: identities::medob_is_rigid_mode, identities::both_modes_return_the_cutting_force.
     #[must_use]
     pub fn new(method: Method, drive: &DriveParams) -> Self {
-        if method == Method::Thrust {
+        if matches!(method, Method::Thrust | Method::Spectral) {
             return Self {
                 thrust: 1.0,
                 motor: MotionFactors::default(),
                 stage: MotionFactors::default(),
                 motor_friction_n: 0.0,
                 stage_friction_n: 0.0,
+                stage_disturbance: 0.0,
             };
         }
         if method == Method::Dob || drive.structure() == Structure::Rigid {
@@ -122,6 +138,7 @@ impl ForceBalance {
             stage: MotionFactors::default(),
             motor_friction_n: drive.motor_coulomb_friction_n() + drive.stage_coulomb_friction_n(),
             stage_friction_n: 0.0,
+            stage_disturbance: 1.0,
         }
     }
 
@@ -135,6 +152,7 @@ impl ForceBalance {
             stage: MotionFactors::mass(drive.movable_mass_kg(), drive.translational_damping_n_s_m()),
             motor_friction_n: drive.motor_coulomb_friction_n(),
             stage_friction_n: drive.stage_coulomb_friction_n(),
+            stage_disturbance: 1.0,
         }
     }
 
@@ -170,6 +188,7 @@ impl ForceBalance {
             },
             motor_friction_n: -alpha * drive.motor_coulomb_friction_n(),
             stage_friction_n: drive.stage_coulomb_friction_n(),
+            stage_disturbance: 1.0,
         }
     }
 

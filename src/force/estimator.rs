@@ -2,79 +2,18 @@
 
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
-use super::friction::{PRESLIDING_TRAVEL_M, Presliding, PreslidingState};
+use super::friction::{Presliding, PreslidingState};
+use super::harmonic::{HarmonicEstimator, HarmonicState, fitted_balance};
 use super::idle_map::IdleMap;
+use super::physics::PhysicsModel;
+use super::settings::{Filter, FilterState};
+pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
 use super::validity::Validity;
 use crate::plant::drive::DriveParams;
-use crate::signal::FilterError;
-use crate::signal::butterworth::{Butterworth, ButterworthState};
 use crate::signal::delay_line::DelayLine;
 use crate::signal::finite_difference::{Stencil, stencils};
-use crate::signal::linear_phase::{LinearPhase, LinearPhaseState};
+use crate::signal::notch::{Notch, NotchState};
 use crate::units::SampleRate;
-use thiserror::Error;
-
-/// The low-pass behind the force balance, Q(s) of the observer.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum LowPass {
-    /// Butterworth: short delay that varies with frequency.
-    Butterworth {
-        /// Order, 1 to 12.
-        order: usize,
-        /// Half-power frequency.
-        cutoff_hz: f64,
-    },
-    /// FIR with the same delay at every frequency, a whole number of samples.
-    LinearPhase {
-        /// Flat to here.
-        pass_hz: f64,
-        /// Dark (-70 dB) this much above.
-        width_hz: f64,
-    },
-    /// None: the bare balance.
-    None,
-}
-
-/// What may be chosen about an estimator.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ForceSettings {
-    /// Low-pass behind the balance.
-    pub low_pass: LowPass,
-    /// Disturbance of air-cutting runs by position, taken off where it is given.
-    pub idle_map: Option<IdleMap>,
-    /// Travel over which the guideway's friction turns, m.
-    pub presliding_travel_m: f64,
-    /// Frequencies of modes that the model does not have, where they are known, Hz.
-    pub unmodelled_modes_hz: Vec<f64>,
-}
-
-impl Default for ForceSettings {
-    /// Fourth-order Butterworth at 1 kHz (thesis 4.3 and 6.4), no idle map.
-    fn default() -> Self {
-        Self {
-            low_pass: LowPass::Butterworth { order: 4, cutoff_hz: 1000.0 },
-            idle_map: None,
-            presliding_travel_m: PRESLIDING_TRAVEL_M,
-            unmodelled_modes_hz: Vec::new(),
-        }
-    }
-}
-
-/// Why an estimator cannot be made.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum ForceError {
-    /// A filter cannot be designed.
-    #[error(transparent)]
-    Filter(#[from] FilterError),
-    /// The method needs a structure that the drive does not have.
-    #[error("{method} needs {needs}; the model has none")]
-    Structure {
-        /// Method.
-        method: &'static str,
-        /// What is missing.
-        needs: &'static str,
-    },
-}
 
 /// One instant of one axis. A position that is absent is held at its last value and flagged.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -85,6 +24,8 @@ pub struct MotionSample {
     pub motor_travel_m: Option<f64>,
     /// Linear scale, m.
     pub stage_position_m: Option<f64>,
+    /// Spindle speed, where it is known, rpm.
+    pub spindle_speed_rpm: Option<f64>,
 }
 
 /// One estimate.
@@ -114,19 +55,24 @@ pub struct AlignedMotion {
 pub struct ForceEstimator {
     method: Method,
     balance: ForceBalance,
-    alignment: Alignment,
-    motor: SideStencils,
-    stage: SideStencils,
+    pub(super) alignment: Alignment,
+    pub(super) motor: SideStencils,
+    pub(super) stage: SideStencils,
     current: Stencil,
+    physics: Option<PhysicsModel>,
     friction_smoothing_m_s: f64,
     presliding: Presliding,
     filter: Filter,
     idle_map: Option<IdleMap>,
     signals: Signals,
     noise_floor_n: f64,
+    friction_bound_n: f64,
     band_hz: f64,
     constant_flags: Validity,
     encoder_lines_1_m: [f64; 2],
+    harmonic: Option<HarmonicEstimator>,
+    notches: Vec<(NotchCentre, Notch)>,
+    speed_memory: f64,
     rate: SampleRate,
 }
 
@@ -142,24 +88,10 @@ pub enum Signals {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct SideStencils {
-    force: Stencil,
-    velocity: Stencil,
-    position: Stencil,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-enum Filter {
-    Butterworth(Butterworth),
-    LinearPhase(LinearPhase),
-    None,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-enum FilterState {
-    Butterworth(ButterworthState),
-    LinearPhase(LinearPhaseState),
-    None,
+pub(super) struct SideStencils {
+    pub(super) force: Stencil,
+    pub(super) velocity: Stencil,
+    pub(super) position: Stencil,
 }
 
 /// State of a [`ForceEstimator`]; a clone is a keyframe.
@@ -172,6 +104,10 @@ pub struct ForceState {
     last_ref_n: f64,
     presliding: PreslidingState,
     filter: FilterState,
+    harmonic: Option<HarmonicState>,
+    notches: [NotchState; MAX_NOTCHES],
+    /// Speed of the axis, slowed down: what the notches follow.
+    speed_m_s: f64,
     seen: u32,
 }
 
@@ -180,8 +116,19 @@ impl ForceEstimator {
     /// Errors: a cutoff that does not fit the rate, delays too long, a position that the method needs
     /// and the axis does not measure.
     pub fn new(method: Method, axis: &AxisSignals<'_>, settings: ForceSettings) -> Result<Self, ForceError> {
+        let balance = on_measured_side(ForceBalance::new(method, axis.drive), axis.signals, method)?;
+        Self::from_balance(method, balance, axis, settings)
+    }
+
+    /// Any other balance over the same aligned motion (a residual, one side alone).
+    /// Errors: a cutoff that does not fit the rate, delays too long.
+    pub fn from_balance(
+        method: Method,
+        balance: ForceBalance,
+        axis: &AxisSignals<'_>,
+        settings: ForceSettings,
+    ) -> Result<Self, ForceError> {
         let (drive, rate) = (axis.drive, axis.rate);
-        let balance = on_measured_side(ForceBalance::new(method, drive), axis.signals, method)?;
         let alignment = Alignment::new(drive, rate)?;
         let period_s = rate.period_s();
         let side = |age: f64, factors: [f64; 3]| {
@@ -189,6 +136,7 @@ impl ForceEstimator {
             SideStencils { force: Stencil::combined(&s, factors), velocity: s[1], position: s[0] }
         };
         let filter = Filter::new(settings.low_pass, rate)?;
+        let harmonic = harmonic_estimator(method, axis, &settings)?;
         let band_hz = filter.band_hz(settings.low_pass, rate);
         let beyond = settings.unmodelled_modes_hz.iter().any(|f| *f < 1.1 * band_hz);
         let mut estimator = Self {
@@ -197,6 +145,7 @@ impl ForceEstimator {
             motor: side(alignment.motor, balance.motor.as_array()),
             stage: side(alignment.stage, balance.stage.as_array()),
             current: stencils(alignment.current, period_s)[0],
+            physics: settings.physics.filter(|p| !p.is_empty()),
             alignment,
             friction_smoothing_m_s: drive.friction_smoothing_m_s(),
             presliding: Presliding::new(settings.presliding_travel_m, drive.stage_encoder_resolution_m()),
@@ -204,9 +153,14 @@ impl ForceEstimator {
             idle_map: settings.idle_map,
             signals: axis.signals,
             noise_floor_n: 0.0,
+            friction_bound_n: drive.motor_coulomb_friction_n() + drive.stage_coulomb_friction_n(),
             band_hz,
             constant_flags: Validity::when(beyond, Validity::MODE_OUTSIDE_MODEL),
             encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
+            harmonic,
+            notches: design_notches(&settings.notches, rate)?,
+            // 20 Hz: fast enough for a feed that ramps, slow enough not to follow chatter.
+            speed_memory: (-std::f64::consts::TAU * 20.0 / rate.hz()).exp(),
             rate,
         };
         estimator.noise_floor_n = estimator.quantization_noise_n(drive);
@@ -229,6 +183,9 @@ impl ForceEstimator {
             last_ref_n: first.thrust_ref_n,
             presliding: Presliding::settled(stage),
             filter: self.filter.settled(rest),
+            harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
+            notches: [NotchState::default(); MAX_NOTCHES],
+            speed_m_s: 0.0,
             seen: 0,
         }
     }
@@ -237,13 +194,18 @@ impl ForceEstimator {
     #[inline]
     #[must_use]
     pub fn step(&self, state: &mut ForceState, sample: &MotionSample) -> ForceEstimate {
-        let (raw_n, motion) = self.balance_step(state, sample);
+        let (mut raw_n, motion) = self.balance_step(state, sample);
+        let mut harmonic_flags = Validity::VALID;
+        if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
+            (raw_n, harmonic_flags) = harmonic.step(inner, sample);
+        }
         let disturbance_n = self
             .idle_map
             .as_ref()
-            .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.slow_velocity_m_s(&motion)));
-        let force_n = self.filter.step(&mut state.filter, raw_n - disturbance_n);
-        ForceEstimate { force_n, flags: self.flags(state, sample, &motion) }
+            .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.travel_velocity_m_s(&motion)));
+        let notched_n = self.notch(state, raw_n - disturbance_n, &motion);
+        let force_n = self.filter.step(&mut state.filter, notched_n);
+        ForceEstimate { force_n, flags: harmonic_flags | self.flags(state, sample, &motion) }
     }
 
     /// The balance before idle map and low-pass, with the aligned motion behind it; the instant is
@@ -251,16 +213,20 @@ impl ForceEstimator {
     #[inline]
     #[must_use]
     pub fn balance_step(&self, state: &mut ForceState, sample: &MotionSample) -> (f64, AlignedMotion) {
+        let told_n = self.physics.as_ref().map_or(sample.thrust_ref_n, |p| p.thrust_n(sample.thrust_ref_n));
         // The reference given at the last sample has driven the current until now.
         state.current_n =
             self.alignment.current_memory * (state.current_n - state.last_ref_n) + state.last_ref_n;
         if self.alignment.current_memory == 0.0 {
-            state.current_n = sample.thrust_ref_n;
+            state.current_n = told_n;
         }
-        state.last_ref_n = sample.thrust_ref_n;
+        state.last_ref_n = told_n;
         state.current.push(state.current_n);
-        state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.at(0)));
-        state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.at(0)));
+        let motor_m = sample.motor_travel_m.map(|x| self.physics.as_ref().map_or(x, |p| p.motor_travel_m(x)));
+        let stage_m =
+            sample.stage_position_m.map(|x| self.physics.as_ref().map_or(x, |p| p.stage_position_m(x)));
+        state.motor.push(motor_m.unwrap_or_else(|| state.motor.at(0)));
+        state.stage.push(stage_m.unwrap_or_else(|| state.stage.at(0)));
         state.seen = state.seen.saturating_add(1);
 
         let motion = AlignedMotion {
@@ -283,11 +249,63 @@ impl ForceEstimator {
             + state.motor.apply(&self.motor.force)
             + state.stage.apply(&self.stage.force)
             - motor_friction_n
-            - self.balance.stage_friction_n * stage_share;
+            - self.balance.stage_friction_n * stage_share
+            - self.physics_n(state, &motion);
         (raw_n, motion)
     }
 
-    fn slow_velocity_m_s(&self, motion: &AlignedMotion) -> f64 {
+    /// What the model's further physics adds to the balance: motor side by the thrust's factor, stage side
+    /// as it is.
+    #[inline]
+    fn physics_n(&self, state: &ForceState, motion: &AlignedMotion) -> f64 {
+        let Some(physics) = &self.physics else { return 0.0 };
+        let stage_v = self.travel_velocity_m_s(motion);
+        let (motor_x, motor_v) = match self.signals {
+            Signals::StageOnly => (motion.position_m, stage_v),
+            Signals::MotorOnly | Signals::Both => {
+                (state.motor.apply(&self.motor.position), motion.motor_velocity_m_s)
+            }
+        };
+        self.balance.thrust * physics.motor_n(motor_x, motor_v)
+            + self.balance.stage_disturbance * physics.stage_n(motion.position_m, stage_v)
+    }
+
+    /// Factors of the balance.
+    #[must_use]
+    pub fn balance(&self) -> &ForceBalance {
+        &self.balance
+    }
+
+    pub(super) fn scaled_current(&self) -> Stencil {
+        Stencil {
+            youngest: self.current.youngest,
+            weights: self.current.weights.map(|w| w * self.balance.thrust),
+        }
+    }
+
+    #[inline]
+    fn notch(&self, state: &mut ForceState, mut force_n: f64, motion: &AlignedMotion) -> f64 {
+        if self.notches.is_empty() {
+            return force_n;
+        }
+        let speed = self.travel_velocity_m_s(motion).abs();
+        state.speed_m_s += (1.0 - self.speed_memory) * (speed - state.speed_m_s);
+        for ((centre, notch), inner) in self.notches.iter().zip(&mut state.notches) {
+            let centre_hz = match centre {
+                NotchCentre::Fixed { hz } => *hz,
+                NotchCentre::MotorEncoder => state.speed_m_s * self.encoder_lines_1_m[0],
+                NotchCentre::StageEncoder => state.speed_m_s * self.encoder_lines_1_m[1],
+            };
+            // A line slower than 5 Hz would take the force itself away.
+            let centre_hz = if centre_hz < 5.0 { 0.0 } else { centre_hz };
+            force_n = notch.step(inner, force_n, centre_hz);
+        }
+        force_n
+    }
+
+    /// Velocity of whichever position the axis measures (the stage's before the motor's), m/s.
+    #[must_use]
+    pub fn travel_velocity_m_s(&self, motion: &AlignedMotion) -> f64 {
         match self.signals {
             Signals::MotorOnly => motion.motor_velocity_m_s,
             Signals::StageOnly | Signals::Both => motion.stage_velocity_m_s,
@@ -298,12 +316,13 @@ impl ForceEstimator {
         let missing = (self.balance.needs_motor() && sample.motor_travel_m.is_none())
             || (self.balance.needs_stage() && sample.stage_position_m.is_none());
         let settling = (state.seen as usize) < self.settling_samples();
-        let speed = self.slow_velocity_m_s(motion).abs();
+        let speed = self.travel_velocity_m_s(motion).abs();
         let line = self.encoder_lines_1_m.iter().any(|lines| {
             let frequency_hz = speed * lines;
             frequency_hz > 1.0 && frequency_hz < self.band_hz
         });
         let friction_n = self.balance.motor_friction_n.abs() + self.balance.stage_friction_n.abs();
+        let watched = !matches!(self.method, Method::VibrationMode | Method::Spectral);
         let still = speed < 2.0 * self.friction_smoothing_m_s;
         let below =
             still && friction_n > 0.0 && motion.thrust_n.abs() * self.balance.thrust.abs() < friction_n;
@@ -311,7 +330,7 @@ impl ForceEstimator {
             | Validity::when(missing, Validity::SIGNAL_MISSING)
             | Validity::when(settling, Validity::SETTLING)
             | Validity::when(line, Validity::ENCODER_LINE_IN_BAND)
-            | Validity::when(below && self.method != Method::VibrationMode, Validity::BELOW_FRICTION)
+            | Validity::when(below && watched, Validity::BELOW_FRICTION)
     }
 
     /// Method.
@@ -324,13 +343,26 @@ impl ForceEstimator {
     /// slow signals where it is not the same at every frequency).
     #[must_use]
     pub fn delay_s(&self) -> f64 {
-        self.alignment.lag_samples as f64 * self.rate.period_s() + self.filter.delay_s(self.rate)
+        self.alignment_lag_samples() as f64 * self.rate.period_s() + self.filter.delay_s(self.rate)
     }
 
     /// Samples between the aligned instant and now, before the low-pass.
     #[must_use]
     pub fn alignment_lag_samples(&self) -> usize {
-        self.alignment.lag_samples
+        self.harmonic.as_ref().map_or(self.alignment.lag_samples, HarmonicEstimator::lag_samples)
+    }
+
+    /// Condition number of the window of spindle harmonics, where the method has one.
+    #[must_use]
+    pub fn condition(&self) -> Option<f64> {
+        self.harmonic.as_ref().map(HarmonicEstimator::condition)
+    }
+
+    /// Force that friction can hide on an axis that stands still, N: where an estimate is flagged
+    /// [`Validity::BELOW_FRICTION`], this bound is all that is known.
+    #[must_use]
+    pub fn friction_bound_n(&self) -> f64 {
+        self.friction_bound_n
     }
 
     /// Delay of the low-pass alone in whole samples (nearest, for slow signals).
@@ -354,7 +386,8 @@ impl ForceEstimator {
     /// Samples until the filters have forgotten their start.
     #[must_use]
     pub fn settling_samples(&self) -> usize {
-        self.alignment.lag_samples + self.filter.memory_samples(self.rate)
+        let window = self.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
+        self.alignment.lag_samples + window + self.filter.memory_samples(self.rate)
     }
 
     /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain.
@@ -373,10 +406,38 @@ impl ForceEstimator {
                 .sum();
             step_m * step_m / 12.0 * energy
         };
+        if let Some(harmonic) = &self.harmonic {
+            let [motor, stage] = harmonic.noise_gains();
+            let q = [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()];
+            return ((motor * q[0]).hypot(stage * q[1])) / 12f64.sqrt();
+        }
         let motor = variance(&self.motor.force, drive.motor_encoder_resolution_m());
         let stage = variance(&self.stage.force, drive.stage_encoder_resolution_m());
         (motor + stage).sqrt()
     }
+}
+
+fn design_notches(plans: &[NotchPlan], rate: SampleRate) -> Result<Vec<(NotchCentre, Notch)>, ForceError> {
+    if plans.len() > MAX_NOTCHES {
+        return Err(ForceError::Notches { count: plans.len() });
+    }
+    plans.iter().map(|p| Ok((p.centre, Notch::new(p.width_hz, rate)?))).collect()
+}
+
+fn harmonic_estimator(
+    method: Method,
+    axis: &AxisSignals<'_>,
+    settings: &ForceSettings,
+) -> Result<Option<HarmonicEstimator>, ForceError> {
+    if !matches!(method, Method::Fitted | Method::Spectral) {
+        return Ok(None);
+    }
+    let missing = ForceError::Structure { method: method.name(), needs: "a spindle speed" };
+    let harmonic = settings.harmonic.as_ref().ok_or(missing)?;
+    Ok(Some(match method {
+        Method::Fitted => HarmonicEstimator::fitted(axis, fitted_balance(axis), harmonic)?,
+        _ => HarmonicEstimator::spectral(axis, settings.controller.as_ref(), harmonic)?,
+    }))
 }
 
 /// What an estimator is made for.
@@ -397,6 +458,9 @@ fn on_measured_side(
     method: Method,
 ) -> Result<ForceBalance, ForceError> {
     let missing = |needs| Err(ForceError::Structure { method: method.name(), needs });
+    if method == Method::Fitted && signals != Signals::Both {
+        b = ForceBalance::default();
+    }
     match signals {
         Signals::Both => Ok(b),
         Signals::MotorOnly if b.needs_stage() => missing("a stage position"),
@@ -423,61 +487,4 @@ fn encoder_lines_1_m(drive: &DriveParams, balance: &ForceBalance) -> [f64; 2] {
         _ => 0.0,
     };
     [motor, stage]
-}
-
-impl Filter {
-    fn new(low_pass: LowPass, rate: SampleRate) -> Result<Self, FilterError> {
-        Ok(match low_pass {
-            LowPass::Butterworth { order, cutoff_hz } => {
-                Filter::Butterworth(Butterworth::low_pass(order, cutoff_hz, rate)?)
-            }
-            LowPass::LinearPhase { pass_hz, width_hz } => {
-                Filter::LinearPhase(LinearPhase::low_pass(pass_hz, width_hz, rate)?)
-            }
-            LowPass::None => Filter::None,
-        })
-    }
-
-    fn settled(&self, x: f64) -> FilterState {
-        match self {
-            Filter::Butterworth(f) => FilterState::Butterworth(f.settled(x)),
-            Filter::LinearPhase(f) => FilterState::LinearPhase(f.settled(x)),
-            Filter::None => FilterState::None,
-        }
-    }
-
-    #[inline(always)]
-    fn step(&self, state: &mut FilterState, x: f64) -> f64 {
-        match (self, state) {
-            (Filter::Butterworth(f), FilterState::Butterworth(s)) => f.step(s, x),
-            (Filter::LinearPhase(f), FilterState::LinearPhase(s)) => f.step(s, x),
-            _ => x,
-        }
-    }
-
-    fn delay_s(&self, rate: SampleRate) -> f64 {
-        match self {
-            Filter::Butterworth(f) => f.slow_delay_s(),
-            Filter::LinearPhase(f) => f.half_length() as f64 * rate.period_s(),
-            Filter::None => 0.0,
-        }
-    }
-
-    fn band_hz(&self, low_pass: LowPass, rate: SampleRate) -> f64 {
-        match low_pass {
-            LowPass::Butterworth { cutoff_hz, .. } => cutoff_hz,
-            LowPass::LinearPhase { pass_hz, .. } => pass_hz,
-            // Above a tenth of the rate the stencils' error passes 0.1 %.
-            LowPass::None => rate.hz() / 10.0,
-        }
-    }
-
-    /// Samples until a step has settled to about a thousandth.
-    fn memory_samples(&self, rate: SampleRate) -> usize {
-        match self {
-            Filter::Butterworth(f) => (8.0 * f.slow_delay_s() * rate.hz()).ceil() as usize + 8,
-            Filter::LinearPhase(f) => 2 * f.half_length() + 1,
-            Filter::None => 0,
-        }
-    }
 }

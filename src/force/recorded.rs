@@ -78,6 +78,7 @@ pub fn motion_of_recording(
         (None, None) => (None, 1.0),
     };
     let stage = column("stage_position_m");
+    let spindle = recording.get("spindle_speed_rpm");
     let signals = match (motor.is_some(), stage.is_some()) {
         (true, true) => Signals::Both,
         (true, false) => Signals::MotorOnly,
@@ -91,6 +92,7 @@ pub fn motion_of_recording(
             thrust_ref_n: factor * reference,
             motor_travel_m: motor.map(|m| motor_factor * m[i]),
             stage_position_m: stage.map(|s| s[i]),
+            spindle_speed_rpm: spindle.map(|s| s[i]),
         })
         .collect();
     Ok(RecordedMotion { samples, signals })

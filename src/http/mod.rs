@@ -8,6 +8,7 @@ mod control;
 mod diagnoses;
 mod events;
 mod extract;
+mod idempotency;
 mod page;
 mod problem;
 mod read;
@@ -55,6 +56,7 @@ pub struct Shared {
     hosts: Vec<String>,
     streams: Arc<Semaphore>,
     exports: Arc<Semaphore>,
+    answers: idempotency::Answers,
 }
 
 type Site = Arc<Shared>;
@@ -124,6 +126,7 @@ pub fn router(handle: Handle, access: Access, hosts: Vec<String>) -> Router {
         hosts,
         streams: Arc::new(Semaphore::new(STREAMS)),
         exports: Arc::new(Semaphore::new(EXPORTS)),
+        answers: idempotency::Answers::default(),
     });
     let (api, _) = routes().split_for_parts();
     let swagger = utoipa_swagger_ui::SwaggerUi::new("/api").url("/openapi.json", description());
@@ -135,6 +138,7 @@ pub fn router(handle: Handle, access: Access, hosts: Vec<String>) -> Router {
         .fallback(not_found)
         .method_not_allowed_fallback(method_not_allowed)
         .layer(DefaultBodyLimit::max(BODY_BYTES))
+        .layer(from_fn_with_state(Arc::clone(&site), idempotency::layer))
         .layer(CatchPanicLayer::custom(panicked))
         .layer(from_fn_with_state(outer, gate))
         .with_state(site)

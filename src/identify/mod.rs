@@ -6,3 +6,5 @@ pub mod frf;
 pub mod least_squares;
 pub mod resolution;
 pub mod sweep;
+mod sweep_fit;
+mod sweep_lines;

@@ -276,6 +276,7 @@ impl Pipeline {
                 thrust_ref_n: channel.thrust_n_a * axis.current_ref_a,
                 motor_travel_m: Some(motor_travel_m),
                 stage_position_m: axis.stage_position_m,
+                spindle_speed_rpm: Some(sample.spindle_speed_rpm),
             };
             let inner = state.force.get_or_insert_with(|| estimator.settled(&motion));
             *force = estimator.step(inner, &motion);

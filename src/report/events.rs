@@ -29,6 +29,9 @@ pub struct EventLine {
     /// Frequency before a hop.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub from_hz: Option<f64>,
+    /// Pitch angle difference that would cancel it, eq. (6-10).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pitch_difference_rad: Option<f64>,
     /// What a dismissed line was.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<&'static str>,
@@ -47,6 +50,7 @@ impl EventLine {
             growth_1_s: None,
             contrast: None,
             from_hz: None,
+            pitch_difference_rad: None,
             reason: None,
         };
         match event {

@@ -1,8 +1,20 @@
 //! `track.parquet`: frequency, power and state over time (contracts, section 4).
 
-use crate::chatter::ChatterOutput;
 use crate::recording::{RecordingError, Table, TableColumn, write_table};
 use std::path::Path;
+
+/// One row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackRow {
+    /// Time in the recording.
+    pub t_s: f64,
+    /// Strongest line that is no spindle order, while there is one.
+    pub frequency_hz: Option<f64>,
+    /// Its power, A^2/2.
+    pub power_n2: f64,
+    /// Whether chatter is declared.
+    pub chatter: bool,
+}
 
 /// Rows of `track.parquet`.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -15,11 +27,11 @@ pub struct Track {
 
 impl Track {
     /// Adds a row.
-    pub fn push(&mut self, t_s: f64, output: &ChatterOutput) {
-        self.t_s.push(t_s);
-        self.frequency_hz.push(output.frequency_hz);
-        self.power_n2.push(output.power_n2);
-        self.chatter.push(output.chatter());
+    pub fn push(&mut self, row: TrackRow) {
+        self.t_s.push(row.t_s);
+        self.frequency_hz.push(row.frequency_hz);
+        self.power_n2.push(row.power_n2);
+        self.chatter.push(row.chatter);
     }
 
     /// Writes the file, whole or not at all.

@@ -241,7 +241,16 @@ impl Handle {
         if !up {
             self.audit(&origin, "set_mode", &detail).await?;
         }
+        self.catch_up(done).await;
         Ok(done)
+    }
+
+    /// Waits until the picture shows what was just done, so that the asker reads its own change.
+    async fn catch_up(&self, revision: u64) {
+        let mut picture = self.watch();
+        let shown = picture.wait_for(|state| state.mode_revision >= revision);
+        // A picture that is late is late; the answer itself is true.
+        let _ = tokio::time::timeout(Duration::from_millis(500), shown).await;
     }
 
     /// Takes the turret back: equal pitch and `observe`, at once.
@@ -249,13 +258,16 @@ impl Handle {
         let asked = origin.clone();
         let done = self.ask(|done| Control::Override { origin: asked, done }).await?;
         self.audit(&origin, "override", "equal pitch, mode observe").await?;
+        self.catch_up(done).await;
         Ok(done)
     }
 
     /// Clears a latched fault.
     pub async fn clear_fault(&self, origin: Origin) -> Result<u64, OperationError> {
         self.audit(&origin, "clear_fault", "latched fault").await?;
-        self.ask(|done| Control::ClearFault { origin, done }).await
+        let done = self.ask(|done| Control::ClearFault { origin, done }).await?;
+        self.catch_up(done).await;
+        Ok(done)
     }
 
     /// Saves what the black box holds now; answers the recording's name.

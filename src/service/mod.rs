@@ -10,12 +10,14 @@
 
 mod black_box;
 pub mod clock;
+pub mod demo;
 mod control;
 mod diagnoses;
 mod engine;
 mod handle;
 mod hub;
 pub mod live;
+mod mtconnect;
 mod recorder;
 mod recordings;
 pub mod stability;

@@ -7,7 +7,7 @@ use super::hub::{History, Hub, Outlets, publish_event};
 use super::live::{LiveState, SpectrumView, StoreView};
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
 use super::stability::CurveCache;
-use super::{clock, engine, recorder};
+use super::{clock, engine, mtconnect, recorder};
 use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
 use crate::store::{OpenReport, Retention, StoreError, StoreReader, StoreWriter};
@@ -44,8 +44,10 @@ pub enum ServiceError {
         source: std::io::Error,
     },
     /// The address cannot be listened on.
-    #[error("http.listen {address}: {source}")]
+    #[error("{what} {address}: {source}")]
     Listen {
+        /// Key of the configuration.
+        what: &'static str,
         /// Address.
         address: SocketAddr,
         /// What the system said.
@@ -151,9 +153,25 @@ impl Parts {
         let tls = config.http.tls.as_ref().map(|(c, k)| tls_acceptor(c, k)).transpose()?;
         let address = config.http.listen;
         let bound = self.runtime.block_on(TcpListener::bind(address));
-        let listener = bound.map_err(|source| ServiceError::Listen { address, source })?;
-        let address = listener.local_addr().map_err(|source| ServiceError::Listen { address, source })?;
+        let listener =
+            bound.map_err(|source| ServiceError::Listen { what: "http.listen", address, source })?;
+        let address = listener.local_addr().map_err(|source| ServiceError::Listen {
+            what: "http.listen",
+            address,
+            source,
+        })?;
 
+        let agents = match config.mtconnect {
+            Some(address) => {
+                let bound = self.runtime.block_on(mtconnect::bind(address));
+                Some(bound.map_err(|source| ServiceError::Listen {
+                    what: "mtconnect.listen",
+                    address,
+                    source,
+                })?)
+            }
+            None => None,
+        };
         let (stream, _) = broadcast::channel(STREAM);
         let (recordings, recorder_queue, recorder) = self.start_recorder(&stream)?;
         let (control, controls) = mpsc::channel(CONTROLS);
@@ -193,6 +211,9 @@ impl Parts {
             curves: CurveCache::default(),
         }));
         self.runtime.spawn(run_diagnoses(handle.clone()));
+        if let Some(listener) = agents {
+            self.runtime.spawn(mtconnect::serve(handle.clone(), listener));
+        }
         let site = router(handle.clone(), access, config.http.hosts.clone());
         let serving = serve(listener, site, tls, (Arc::clone(&self.metrics), handle.stopping()));
         let http = self.runtime.spawn(serving);
@@ -327,6 +348,7 @@ impl Running {
             handle.request_stop();
             let _ = tokio::time::timeout(STOP_DEADLINE, http).await;
             handle.0.reader.close().await;
+            let _ = tokio::time::timeout(STOP_DEADLINE, writer.close()).await;
         });
         drop((handle, writer));
         runtime.shutdown_timeout(STOP_DEADLINE);

@@ -5,11 +5,14 @@
 
 pub mod butterworth;
 pub mod delay_line;
+pub mod dispatch;
 pub mod down_mix;
 pub mod finite_difference;
+pub mod harmonic_fit;
 pub mod line_bank;
 pub mod linear_phase;
 pub mod moving_variance;
+pub mod notch;
 pub mod order_lines;
 pub mod sliding_dft;
 mod sliding_dft_kernel;

@@ -1,7 +1,8 @@
 //! The audit chain: each row's hash covers the row before it.
 
-use super::{StoreError, options};
+use super::StoreError;
 use sha2::{Digest as _, Sha256};
+use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 use std::path::Path;
 
@@ -99,7 +100,8 @@ const SELECT: &str = "SELECT sequence, wall_ns, actor, role, action, detail, has
 /// Errors: the file cannot be read.
 pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<AuditVerdict, StoreError> {
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
-    let connect = SqliteConnection::connect_with(&options(path).read_only(true)).await;
+    let connect =
+        SqliteConnection::connect_with(&SqliteConnectOptions::new().filename(path).read_only(true)).await;
     let mut connection = connect.map_err(fail)?;
     let (mut previous, mut last) = (Vec::new(), 0_i64);
     let mut noted_seen = noted.is_none();

@@ -33,6 +33,7 @@ enum Write {
     Silence { sequence: i64, until_ns: i64, done: oneshot::Sender<bool> },
     Audit(AuditEntry, oneshot::Sender<i64>),
     Prune { now_ns: i64, done: oneshot::Sender<u64> },
+    Close(oneshot::Sender<()>),
 }
 
 /// State of the writer that health and metrics show.
@@ -133,6 +134,13 @@ impl StoreWriter {
         outcome.await.map_err(|_| StoreError::Closed)
     }
 
+    /// Stores what waits, checkpoints and closes the file. Errors: it was closed already.
+    pub async fn close(&self) -> Result<(), StoreError> {
+        let (done, closed) = oneshot::channel();
+        self.push(Write::Close(done))?;
+        closed.await.map_err(|_| StoreError::Closed)
+    }
+
     /// Removes what the retention says; answers how many events went.
     pub async fn prune(&self, now_ns: i64) -> Result<u64, StoreError> {
         let (done, outcome) = oneshot::channel();
@@ -151,12 +159,23 @@ enum Answer {
 
 impl Task {
     async fn run(mut self, mut queue: mpsc::Receiver<Write>) {
-        while let Some(first) = queue.recv().await {
+        let mut closing = None;
+        while closing.is_none()
+            && let Some(first) = queue.recv().await
+        {
             let mut batch = vec![first];
             while batch.len() < BATCH
                 && let Ok(next) = queue.try_recv()
             {
                 batch.push(next);
+            }
+            if let Some(place) = batch.iter().position(|w| matches!(w, Write::Close(_))) {
+                closing = Some(batch.remove(place));
+                queue.close();
+                while let Ok(last) = queue.try_recv() {
+                    batch.push(last);
+                }
+                self.gauges.waiting.fetch_sub(1, Ordering::Relaxed);
             }
             let Some(answers) = self.commit_until_done(&batch, &queue).await else { break };
             self.gauges.waiting.fetch_sub(batch.len(), Ordering::Relaxed);
@@ -164,6 +183,9 @@ impl Task {
         }
         let _ = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&mut self.connection).await;
         let _ = self.connection.close().await;
+        if let Some(Write::Close(done)) = closing {
+            let _ = done.send(());
+        }
     }
 
     /// Tries until it works; gives up only when the service is ending and the disk still refuses.
@@ -225,6 +247,7 @@ async fn apply(
             Ok(Answer::Done(done.rows_affected() > 0))
         }
         Write::Audit(entry, _) => append(connection, entry).await.map(Answer::Sequence),
+        Write::Close(_) => Ok(Answer::Done(true)), // taken out of the batch before
         Write::Prune { now_ns, .. } => prune(connection, *now_ns, keep).await.map(Answer::Removed),
     }
 }

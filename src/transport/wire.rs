@@ -69,7 +69,7 @@ pub struct ServoPoint {
     pub axes: [ServoAxis; MAX_AXES],
 }
 
-/// Up to 32 consecutive samples of up to 6 axes: 5968 bytes.
+/// Up to 32 consecutive samples of up to 6 axes: 5960 bytes.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
 #[type_name("stillcut.ServoBatch.v1")]

@@ -5,9 +5,19 @@ mod lathe;
 
 mod closed_loop;
 mod conceal;
+mod force;
+mod identities;
+#[cfg(feature = "service")]
+mod http;
 mod import;
 mod pipeline;
 mod report;
+#[cfg(feature = "service")]
+mod running;
+#[cfg(feature = "service")]
+mod service;
+#[cfg(feature = "service")]
+mod store;
 #[cfg(feature = "service")]
 mod transport;
 mod real_machines;

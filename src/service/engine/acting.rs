@@ -17,6 +17,8 @@ use crate::transport::{CommandPublisher, Participant, TransportError};
 
 /// A record that takes longer than this makes the command too old to send.
 const INTENT_DEADLINE_S: f64 = 0.5;
+/// Between two commands (invariant I5), counted from when they went out.
+const INTERVAL_S: f64 = 1.0;
 /// The port stays this long after the last word, so that a slow reader still finds it.
 const PORT_LINGERS_S: f64 = 0.3;
 
@@ -53,6 +55,7 @@ pub(super) struct Acting {
     port_closes_s: Option<f64>,
     pending: Option<Pending>,
     recorded_m: Option<[f64; MAX_AXES]>,
+    sent_s: Option<f64>,
     pub(super) axes: [usize; 2],
     /// Last command that went out or was advised.
     pub(super) latest: Option<Command>,
@@ -119,6 +122,7 @@ impl Acting {
             port_closes_s: None,
             pending: None,
             recorded_m: None,
+            sent_s: None,
             axes,
             latest: None,
             hold: None,
@@ -154,6 +158,9 @@ impl Acting {
         }
         if situation.mode != ActMode::Act {
             self.pending = None;
+        } else if self.sent_s.is_some_and(|sent| situation.now_s - sent < INTERVAL_S) {
+            // A command that waited for its record went out late; the next one keeps its distance.
+            return Decision::NotDue;
         }
         let decision = self.avoidance.decide(&mut self.state, situation);
         match &decision {
@@ -209,6 +216,7 @@ impl Acting {
         match port.send(&wire_command(command, origin)) {
             Ok(_) => {
                 self.latest = Some(*command);
+                self.sent_s = Some(facts.now_s);
                 if command.kind == CommandKind::Return {
                     self.recorded_m = None;
                 }

@@ -305,6 +305,7 @@ impl Engine {
             Control::ClearFault { origin, done } => {
                 self.acknowledge = true;
                 if let Some(fault) = self.fault.take() {
+                    self.mode_revision += 1;
                     let text = format!("{} cleared: {fault} ({})", origin.actor, origin.reason);
                     self.report(Event::new(EventKind::FaultCleared, clock::wall_ns(), text));
                 }

@@ -1,0 +1,396 @@
+//! Two estimators that know the spindle: positions fitted by spindle harmonics before the balance
+//! (`fitted`), and spectral lines of the thrust corrected by the drive's response (`spectral`).
+//!
+//! Both are windows of fixed weights for the spindle speed that they were designed for; another speed
+//! is flagged, and a new design made by whoever changes the speed.
+
+use super::alignment::Alignment;
+use super::balance::{ForceBalance, Method, MotionFactors};
+use super::estimator::{AxisSignals, ForceError, MotionSample, Signals};
+use super::friction::{PRESLIDING_TRAVEL_M, Presliding, PreslidingState};
+use super::response::Chain;
+use super::validity::Validity;
+use crate::plant::drive::DriveParams;
+use crate::plant::machine::Controller;
+use crate::signal::harmonic_fit::{HarmonicBasis, HarmonicFit, LongLine};
+use crate::units::SampleRate;
+use rustfft::num_complex::Complex64;
+use std::f64::consts::TAU;
+
+/// What the two estimators must know besides the drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HarmonicSettings {
+    /// Spindle speed that the weights are made for.
+    pub spindle_speed_rpm: f64,
+    /// Lines per turn that the first harmonic stands for: 1, or the number of teeth.
+    pub lines_per_turn: f64,
+    /// Harmonics; `None`: as many as lie below `band_hz`, at most 40.
+    pub harmonics: Option<usize>,
+    /// Length of the window in turns; half a turn or less cannot tell the harmonics apart.
+    pub turns: f64,
+    /// Where the fitted curve is read: in the middle of the window, or close to its young end.
+    pub reading: Reading,
+    /// Upper end of the band that is wanted, Hz.
+    pub band_hz: f64,
+}
+
+/// Where a window is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reading {
+    /// In the middle: least noise, delay of half the window.
+    Middle,
+    /// Three samples from the young end: shortest delay, more noise.
+    Young,
+}
+
+impl HarmonicSettings {
+    /// One turn, read in the middle, every harmonic of the spindle below 500 Hz.
+    ///
+    /// Longer windows hold less noise but let slow motion of the axis leak into the harmonics, whose
+    /// accelerations magnify it.
+    #[must_use]
+    pub fn at_speed(spindle_speed_rpm: f64) -> Self {
+        Self {
+            spindle_speed_rpm,
+            lines_per_turn: 1.0,
+            harmonics: None,
+            turns: 1.0,
+            reading: Reading::Middle,
+            band_hz: 500.0,
+        }
+    }
+
+    fn basis(&self, rate: SampleRate) -> HarmonicBasis {
+        let line_hz = self.lines_per_turn * self.spindle_speed_rpm / 60.0;
+        let below = (self.band_hz.min(0.45 * rate.hz()) / line_hz).floor().clamp(1.0, 40.0);
+        HarmonicBasis {
+            half_window: (0.5 * self.turns * 60.0 / self.spindle_speed_rpm * rate.hz()).round() as usize,
+            fundamental_rad: TAU * line_hz / rate.hz(),
+            harmonics: self.harmonics.unwrap_or(below as usize),
+        }
+    }
+}
+
+/// Beyond this condition number the harmonics of a window are told apart by rounding only.
+const ILL_CONDITIONED: f64 = 1e3;
+/// Relative deviation of the spindle's speed from the design's up to which the weights hold: over two
+/// turns the phase of harmonic 10 then errs by less than 0.1 rad.
+const SPEED_TOLERANCE: f64 = 1e-3;
+
+/// A window of weights on one signal.
+#[derive(Debug, Clone, PartialEq)]
+struct Weights {
+    weights: Vec<f64>,
+    /// Samples between the window's young end and now.
+    age: usize,
+}
+
+/// A designed harmonic estimator.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HarmonicEstimator {
+    kind: Kind,
+    speed_rpm: f64,
+    condition: f64,
+    lag_samples: usize,
+    line_samples: usize,
+    friction_smoothing_m_s: f64,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Kind {
+    Fitted {
+        balance: ForceBalance,
+        current: Weights,
+        current_memory: f64,
+        /// Force and velocity.
+        motor: [Weights; 2],
+        /// Force and position.
+        stage: [Weights; 2],
+        presliding: Presliding,
+    },
+    Spectral {
+        force: Weights,
+        thrust: Weights,
+        velocity: Weights,
+        friction_n: f64,
+        uses_stage: bool,
+    },
+}
+
+/// State of a [`HarmonicEstimator`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct HarmonicState {
+    current: LongLine,
+    motor: LongLine,
+    stage: LongLine,
+    current_n: f64,
+    last_ref_n: f64,
+    presliding: PreslidingState,
+    peak: PeakHold,
+}
+
+/// Largest size of a series over the last window, in two halves.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct PeakHold {
+    before: f64,
+    now: f64,
+    count: usize,
+}
+
+impl PeakHold {
+    fn step(&mut self, x: f64, half_window: usize) -> f64 {
+        self.count += 1;
+        if self.count >= half_window {
+            (self.before, self.now, self.count) = (self.now, 0.0, 0);
+        }
+        self.now = self.now.max(x.abs());
+        self.before.max(self.now)
+    }
+}
+
+impl HarmonicEstimator {
+    /// `fitted`: positions replaced by the fitted curve, then the multi-encoder balance (26).
+    ///
+    /// Errors: a window that cannot be fitted, positions that the balance needs and the axis lacks.
+    /// Source: Hayashi et al., V. Deviation: each curve is read at its own delayed instant; the window is
+    /// given in turns; the thrust is fitted too, else motion that is no harmonic of the spindle stays in the
+    /// thrust after it has been taken out of the accelerations that balance it.
+    pub fn fitted(
+        axis: &AxisSignals<'_>,
+        balance: ForceBalance,
+        settings: &HarmonicSettings,
+    ) -> Result<Self, ForceError> {
+        let rate = axis.rate;
+        let basis = settings.basis(rate);
+        let fit = HarmonicFit::new(basis)?;
+        let alignment = Alignment::new(axis.drive, rate)?;
+        // The alignment's own lag, three samples and the encoders' delays, is kept; the window's comes on top.
+        let middle_age = match settings.reading {
+            Reading::Middle => basis.half_window,
+            Reading::Young => 0,
+        };
+        let n = basis.half_window as f64;
+        let side = |age: f64, factors: [f64; 3], second: usize| {
+            let at = n - (middle_age as f64 + age);
+            let scale = [1.0, rate.hz(), rate.hz() * rate.hz()];
+            let mut force = vec![0.0; 2 * basis.half_window + 1];
+            for (k, factor) in factors.iter().enumerate() {
+                for (sum, w) in force.iter_mut().zip(fit.weights(at, k)) {
+                    *sum += factor * scale[k] * w;
+                }
+            }
+            let other = fit.weights(at, second).into_iter().map(|w| w * scale[second]).collect();
+            [Weights { weights: force, age: 0 }, Weights { weights: other, age: 0 }]
+        };
+        let current = Weights { weights: fit.weights(n - middle_age as f64 - alignment.current, 0), age: 0 };
+        Ok(Self {
+            kind: Kind::Fitted {
+                balance,
+                current,
+                current_memory: alignment.current_memory,
+                motor: side(alignment.motor, balance.motor.as_array(), 1),
+                stage: side(alignment.stage, balance.stage.as_array(), 0),
+                presliding: Presliding::new(PRESLIDING_TRAVEL_M, axis.drive.stage_encoder_resolution_m()),
+            },
+            speed_rpm: settings.spindle_speed_rpm,
+            condition: fit.condition(),
+            lag_samples: middle_age + alignment.lag_samples,
+            line_samples: 2 * basis.half_window + 1,
+            friction_smoothing_m_s: axis.drive.friction_smoothing_m_s(),
+        })
+    }
+
+    /// `spectral`: lines of the thrust divided by the closed loop's response to a cutting force.
+    ///
+    /// Constant force is not estimated: its zero cannot be told from friction.
+    /// Errors: no controller in the model, a window that cannot be fitted.
+    /// Source: Sato et al., 4.3. Deviation: the inverse transform of the lines is one sum of weights.
+    pub fn spectral(
+        axis: &AxisSignals<'_>,
+        controller: Option<&Controller>,
+        settings: &HarmonicSettings,
+    ) -> Result<Self, ForceError> {
+        let missing =
+            ForceError::Structure { method: Method::Spectral.name(), needs: "[axes.<axis>.controller]" };
+        let loop_response =
+            ClosedLoop { drive: axis.drive, controller: *controller.ok_or(missing)?, rate: axis.rate };
+        let rate = axis.rate;
+        let basis = settings.basis(rate);
+        let fit = HarmonicFit::new(basis)?;
+        let at = match settings.reading {
+            Reading::Middle => 0.0,
+            Reading::Young => basis.half_window as f64 - 3.0,
+        };
+        let line_hz = basis.fundamental_rad * rate.hz() / TAU;
+        let response = |i: usize| 1.0 / loop_response.thrust_per_cutting(i as f64 * line_hz);
+        let force = fit.filtered_weights(at, response);
+        let thrust = fit.filtered_weights(at, |_| Complex64::new(1.0, 0.0));
+        let velocity = fit.weights(at, 1).into_iter().map(|w| w * rate.hz()).collect();
+        let age = 0;
+        Ok(Self {
+            kind: Kind::Spectral {
+                force: Weights { weights: force, age },
+                thrust: Weights { weights: thrust, age },
+                velocity: Weights { weights: velocity, age },
+                friction_n: axis.drive.stage_coulomb_friction_n() + axis.drive.motor_coulomb_friction_n(),
+                uses_stage: axis.signals != Signals::MotorOnly,
+            },
+            speed_rpm: settings.spindle_speed_rpm,
+            condition: fit.condition(),
+            lag_samples: (basis.half_window as f64 - at) as usize,
+            line_samples: 2 * basis.half_window + 1,
+            friction_smoothing_m_s: axis.drive.friction_smoothing_m_s(),
+        })
+    }
+
+    /// State settled on a first sample.
+    #[must_use]
+    pub fn settled(&self, first: &MotionSample) -> HarmonicState {
+        let line = |x: f64| LongLine::filled(self.line_samples, x);
+        HarmonicState {
+            current: line(first.thrust_ref_n),
+            motor: line(first.motor_travel_m.unwrap_or(0.0)),
+            stage: line(first.stage_position_m.unwrap_or(0.0)),
+            current_n: first.thrust_ref_n,
+            last_ref_n: first.thrust_ref_n,
+            presliding: Presliding::settled(first.stage_position_m.unwrap_or(0.0)),
+            peak: PeakHold::default(),
+        }
+    }
+
+    /// One sample. Cost: four weights a sample of the window at most; no allocation.
+    #[must_use]
+    pub fn step(&self, state: &mut HarmonicState, sample: &MotionSample) -> (f64, Validity) {
+        let memory = match &self.kind {
+            Kind::Fitted { current_memory, .. } => *current_memory,
+            Kind::Spectral { .. } => 0.0,
+        };
+        state.current_n = if memory == 0.0 {
+            sample.thrust_ref_n
+        } else {
+            memory * (state.current_n - state.last_ref_n) + state.last_ref_n
+        };
+        state.last_ref_n = sample.thrust_ref_n;
+        state.current.push(state.current_n);
+        state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.last()));
+        state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.last()));
+        let off_speed = sample
+            .spindle_speed_rpm
+            .is_some_and(|s| (s - self.speed_rpm).abs() > SPEED_TOLERANCE * self.speed_rpm);
+        let flags = Validity::when(off_speed, Validity::EXTRAPOLATED)
+            | Validity::when(self.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
+        let (force_n, own) = match &self.kind {
+            Kind::Fitted { .. } => (self.fitted_force_n(state), Validity::VALID),
+            Kind::Spectral { .. } => self.spectral_force_n(state),
+        };
+        (force_n, flags | own)
+    }
+
+    fn fitted_force_n(&self, state: &mut HarmonicState) -> f64 {
+        let Kind::Fitted { balance, current, motor, stage, presliding, .. } = &self.kind else {
+            return 0.0;
+        };
+        let motor_velocity = state.motor.apply(&motor[1].weights, motor[1].age);
+        let stage_position = state.stage.apply(&stage[1].weights, stage[1].age);
+        let share = presliding.step(&mut state.presliding, stage_position);
+        balance.thrust * state.current.apply(&current.weights, current.age)
+            + state.motor.apply(&motor[0].weights, motor[0].age)
+            + state.stage.apply(&stage[0].weights, stage[0].age)
+            - balance.motor_friction_n * (motor_velocity / self.friction_smoothing_m_s).tanh()
+            - balance.stage_friction_n * share
+    }
+
+    /// On an axis that stands still the friction holds the force: what shows in the thrust is what is
+    /// beyond friction, so friction is added to its amplitude; where nothing shows, nothing is known
+    /// but that the force is below friction.
+    fn spectral_force_n(&self, state: &mut HarmonicState) -> (f64, Validity) {
+        let Kind::Spectral { force, thrust, velocity, friction_n, uses_stage } = &self.kind else {
+            return (0.0, Validity::VALID);
+        };
+        let raw_n = state.current.apply(&force.weights, force.age);
+        let line_n = state.current.apply(&thrust.weights, thrust.age);
+        let half = self.line_samples / 2;
+        let amplitude_n = state.peak.step(line_n, half);
+        let position = if *uses_stage { &state.stage } else { &state.motor };
+        let speed = position.apply(&velocity.weights, velocity.age).abs();
+        if speed > 2.0 * self.friction_smoothing_m_s {
+            return (raw_n, Validity::VALID);
+        }
+        // A line smaller than a hundredth of friction is ripple of the drive, not a force.
+        if amplitude_n < 0.01 * friction_n {
+            return (0.0, Validity::BELOW_FRICTION);
+        }
+        (raw_n * (1.0 + friction_n / amplitude_n), Validity::EXTRAPOLATED)
+    }
+
+    /// Samples by which an estimate lags.
+    #[must_use]
+    pub fn lag_samples(&self) -> usize {
+        self.lag_samples
+    }
+
+    /// Samples until the window is full.
+    #[must_use]
+    pub fn window_samples(&self) -> usize {
+        self.line_samples
+    }
+
+    /// Condition number of the window.
+    #[must_use]
+    pub fn condition(&self) -> f64 {
+        self.condition
+    }
+
+    /// Output noise for white noise of unit size on motor and stage position, N/m.
+    #[must_use]
+    pub(super) fn noise_gains(&self) -> [f64; 2] {
+        let norm = |w: &[f64]| w.iter().map(|x| x * x).sum::<f64>().sqrt();
+        match &self.kind {
+            Kind::Fitted { motor, stage, .. } => [norm(&motor[0].weights), norm(&stage[0].weights)],
+            Kind::Spectral { .. } => [0.0, 0.0],
+        }
+    }
+}
+
+/// Position and velocity loop around a drive.
+pub(super) struct ClosedLoop<'a> {
+    pub(super) drive: &'a DriveParams,
+    pub(super) controller: Controller,
+    pub(super) rate: SampleRate,
+}
+
+impl ClosedLoop<'_> {
+    /// Thrust reference per cutting force.
+    ///
+    ///   u = -M_a K_v (1 + K_i/s) [ K_p x_t e^{-s T_t} + s w_f/(s + w_f) x_m e^{-s T_m} ],
+    ///   x = G u w_cc/(s + w_cc) e^{-s (T_s + T/2)} + G_F F
+    ///
+    /// solved for u/F. Checked by: force::spectral_gain_is_that_of_the_recorded_loop.
+    pub(super) fn thrust_per_cutting(&self, frequency_hz: f64) -> Complex64 {
+        let s = Complex64::new(0.0, TAU * frequency_hz);
+        let (d, c) = (self.drive, &self.controller);
+        let delay = |t_s: f64| (-s * t_s).exp();
+        let velocity_loop = d.total_mass_kg() * c.velocity_gain_1_s * (1.0 + c.velocity_integral_1_s / s);
+        let filter = c.velocity_filter_rad_s / (s + c.velocity_filter_rad_s);
+        let on_motor = velocity_loop * s * filter * delay(d.motor_encoder_delay_s());
+        let on_stage = velocity_loop * c.position_gain_1_s * delay(d.stage_encoder_delay_s());
+        let lag = d.current_loop_bandwidth_rad_s().map_or(Complex64::new(1.0, 0.0), |w| w / (s + w));
+        let drive = lag * delay(d.amplifier_dead_time_s() + 0.5 * self.rate.period_s());
+        let x = Chain::of_drive(d).receptance(frequency_hz);
+        -(on_motor * x.motor_per_cutting + on_stage * x.stage_per_cutting)
+            / (1.0 + drive * (on_motor * x.motor_per_thrust + on_stage * x.stage_per_thrust))
+    }
+}
+
+/// The multi-encoder balance, or the rigid one where a position is missing.
+pub(super) fn fitted_balance(axis: &AxisSignals<'_>) -> ForceBalance {
+    let method = if axis.signals == Signals::Both { Method::Medob } else { Method::Dob };
+    let mut balance = ForceBalance::new(method, axis.drive);
+    if axis.signals == Signals::StageOnly {
+        balance.stage = balance.motor;
+        balance.stage_friction_n += balance.motor_friction_n;
+        balance.motor = MotionFactors::default();
+        balance.motor_friction_n = 0.0;
+    }
+    balance
+}

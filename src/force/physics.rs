@@ -1,0 +1,308 @@
+//! Physics that a model has beyond its structure, taken off the estimate.
+//!
+//! Each term of `[[axes.<axis>.physics]]` whose law exists as a force, an encoder error or a delay is
+//! turned into its share of the force balance; the others are named, not silently dropped.
+
+use super::friction::PRESLIDING_TRAVEL_M;
+use crate::plant::drive::{DriveParams, RawDriveParams};
+use crate::plant::effects::friction::{asymmetric, nonlinear_viscosity, sliding_direction, stribeck};
+use crate::plant::effects::periodic::{knot, wave};
+use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
+
+/// A law as a force that opposes the motion, N.
+#[derive(Debug, Clone, PartialEq)]
+enum Law {
+    Coulomb { force_n: f64 },
+    Viscous { n_s_m: f64 },
+    Stribeck { force_n: f64, velocity_m_s: f64 },
+    Asymmetric { difference_n: f64, viscous_n_s_m: f64 },
+    NonlinearViscosity { n_s2_m2: f64 },
+    Constant { force_n: f64 },
+    Periodic { wavelength_m: f64, harmonics_n: Vec<[f64; 2]>, flips: bool },
+    Map { first_m: f64, spacing_m: f64, force_n: Vec<f64> },
+}
+
+/// A periodic error of one encoder, m.
+#[derive(Debug, Clone, PartialEq)]
+struct EncoderError {
+    period_m: f64,
+    harmonics_m: Vec<[f64; 2]>,
+}
+
+/// Terms of one axis, ready to be evaluated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PhysicsModel {
+    motor: Vec<Law>,
+    stage: Vec<Law>,
+    motor_encoder: Vec<EncoderError>,
+    stage_encoder: Vec<EncoderError>,
+    saturation_1_n2: f64,
+    smoothing_m_s: f64,
+    presliding_travel_m: f64,
+    /// Effects whose law cannot be taken off a force estimate.
+    pub not_applied: Vec<EffectKind>,
+}
+
+impl Default for PhysicsModel {
+    /// Nothing beyond the structure.
+    fn default() -> Self {
+        Self {
+            motor: Vec::new(),
+            stage: Vec::new(),
+            motor_encoder: Vec::new(),
+            stage_encoder: Vec::new(),
+            saturation_1_n2: 0.0,
+            smoothing_m_s: 2e-4,
+            presliding_travel_m: PRESLIDING_TRAVEL_M,
+            not_applied: Vec::new(),
+        }
+    }
+}
+
+/// The model's terms and the drive that carries those of them which are parameters of a drive (dead
+/// time, current loop, Coulomb friction of a flexible axis' stage).
+#[must_use]
+pub fn physics_of(terms: &[PhysicsTerm], drive: &DriveParams) -> (PhysicsModel, DriveParams) {
+    let mut model = PhysicsModel { smoothing_m_s: drive.friction_smoothing_m_s(), ..PhysicsModel::default() };
+    let mut raw = drive.raw().clone();
+    for term in terms {
+        if model.add(term, &mut raw).is_none() {
+            model.not_applied.push(term.effect);
+        }
+    }
+    let drive = DriveParams::new(raw).unwrap_or_else(|_| drive.clone());
+    (model, drive)
+}
+
+impl PhysicsModel {
+    /// Adds one term; `None` when it has no law here or lacks a parameter.
+    fn add(&mut self, term: &PhysicsTerm, raw: &mut RawDriveParams) -> Option<()> {
+        use EffectKind as E;
+        let get = |name: &str| term.number(name);
+        let law = match term.effect {
+            E::CoulombFriction => Law::Coulomb { force_n: get("force_n")? },
+            E::ViscousFriction => Law::Viscous { n_s_m: get("n_s_m")? },
+            E::StribeckFriction => Law::Stribeck {
+                force_n: get("stribeck_force_n")?,
+                velocity_m_s: get("stribeck_velocity_m_s")?,
+            },
+            E::AsymmetricFriction => Law::Asymmetric {
+                difference_n: get("force_difference_n")?,
+                viscous_n_s_m: get("viscous_difference_n_s_m").unwrap_or(0.0),
+            },
+            E::NonlinearViscosity => Law::NonlinearViscosity { n_s2_m2: get("n_s2_m2")? },
+            E::GravityLoad => Law::Constant { force_n: get("force_n")? },
+            E::PositionPeriodicForce | E::TorqueRipple => Law::Periodic {
+                wavelength_m: match get("wavelength_m") {
+                    Some(wavelength_m) => wavelength_m,
+                    None => raw.screw_lead_m? / get("order_per_rev")?,
+                },
+                harmonics_n: harmonics(term, "harmonics_n", "amplitude_n")?,
+                flips: get("with_direction").is_some_and(|x| x != 0.0),
+            },
+            E::PositionDependentForce => Law::Map {
+                first_m: get("first_m")?,
+                spacing_m: get("spacing_m")?,
+                force_n: term.list("force_n").filter(|l| !l.is_empty())?.to_vec(),
+            },
+            other => return self.add_other(other, term, raw),
+        };
+        match term.port {
+            Port::Motor | Port::Current => self.motor.push(law),
+            _ => self.stage.push(law),
+        }
+        Some(())
+    }
+
+    /// Terms that are not forces: errors of encoders, delays, saturation, pre-sliding.
+    fn add_other(&mut self, effect: EffectKind, term: &PhysicsTerm, raw: &mut RawDriveParams) -> Option<()> {
+        use EffectKind as E;
+        match effect {
+            E::EncoderInterpolationError => {
+                let error = EncoderError {
+                    period_m: term.number("signal_period_m")?,
+                    harmonics_m: harmonics(term, "harmonics_m", "amplitude_m")?,
+                };
+                if term.port == Port::MotorEncoder {
+                    self.motor_encoder.push(error);
+                } else {
+                    self.stage_encoder.push(error);
+                }
+            }
+            E::DeadTime => {
+                let late = |t: Option<f64>, extra: f64| Some((t.unwrap_or(0.0) + extra).max(0.0));
+                let extra_s = term.number("extra_delay_s")?;
+                match term.port {
+                    Port::MotorEncoder => {
+                        raw.motor_encoder_delay_s = late(raw.motor_encoder_delay_s, extra_s)
+                    }
+                    Port::StageEncoder => {
+                        raw.stage_encoder_delay_s = late(raw.stage_encoder_delay_s, extra_s)
+                    }
+                    _ => raw.amplifier_dead_time_s = late(raw.amplifier_dead_time_s, extra_s),
+                }
+            }
+            E::CurrentLoopLag => raw.current_loop_bandwidth_rad_s = Some(term.number("bandwidth_rad_s")?),
+            E::TorqueConstantSaturation => {
+                let per_ampere = raw.torque_constant_nm_a? * std::f64::consts::TAU / raw.screw_lead_m?;
+                self.saturation_1_n2 += term.number("per_a2")? / (per_ampere * per_ampere);
+            }
+            E::PreslidingFriction => {
+                let stiffness = term.number("presliding_stiffness_n_m")?;
+                let coulomb = raw.stage_coulomb_friction_n.or(raw.motor_coulomb_friction_n)?;
+                self.presliding_travel_m = (coulomb / stiffness).max(1e-9);
+            }
+            _ => return None,
+        }
+        Some(())
+    }
+
+    /// Travel over which the guideway's friction turns, m.
+    #[must_use]
+    pub fn presliding_travel_m(&self) -> f64 {
+        self.presliding_travel_m
+    }
+
+    /// True when nothing is taken off.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.motor.is_empty()
+            && self.stage.is_empty()
+            && self.motor_encoder.is_empty()
+            && self.stage_encoder.is_empty()
+            && self.saturation_1_n2 == 0.0
+    }
+
+    /// Thrust that the motor gives for what it was told, N: u (1 - c u^2).
+    #[inline]
+    #[must_use]
+    pub fn thrust_n(&self, told_n: f64) -> f64 {
+        told_n * (1.0 - self.saturation_1_n2 * told_n * told_n)
+    }
+
+    /// Motor travel without the encoder's periodic error, m.
+    #[inline]
+    #[must_use]
+    pub fn motor_travel_m(&self, read_m: f64) -> f64 {
+        read_m - self.motor_encoder.iter().map(|e| e.at(read_m)).sum::<f64>()
+    }
+
+    /// Stage position without the scale's periodic error, m.
+    #[inline]
+    #[must_use]
+    pub fn stage_position_m(&self, read_m: f64) -> f64 {
+        read_m - self.stage_encoder.iter().map(|e| e.at(read_m)).sum::<f64>()
+    }
+
+    /// Disturbance at the motor, as a force against its motion, N.
+    #[inline]
+    #[must_use]
+    pub fn motor_n(&self, position_m: f64, velocity_m_s: f64) -> f64 {
+        self.motor.iter().map(|law| law.force_n(position_m, velocity_m_s, self.smoothing_m_s)).sum()
+    }
+
+    /// Disturbance at the stage, as a force against its motion, N.
+    #[inline]
+    #[must_use]
+    pub fn stage_n(&self, position_m: f64, velocity_m_s: f64) -> f64 {
+        self.stage.iter().map(|law| law.force_n(position_m, velocity_m_s, self.smoothing_m_s)).sum()
+    }
+}
+
+/// Sine and cosine amplitudes of each harmonic: a list, or one amplitude with its phase.
+///
+/// An amplitude without a phase says how large a term is, not where: it cannot be taken off.
+fn harmonics(term: &PhysicsTerm, list: &str, amplitude: &str) -> Option<Vec<[f64; 2]>> {
+    if let Some(values) = term.list(list) {
+        return Some(values.chunks_exact(2).map(|c| [c[0], c[1]]).collect());
+    }
+    let (a, phase) = (term.number(amplitude)?, term.number("phase_rad")?);
+    Some(vec![[a * phase.cos(), a * phase.sin()]])
+}
+
+fn wave_sum(position_m: f64, period_m: f64, harmonics: &[[f64; 2]]) -> f64 {
+    let mut sum = 0.0;
+    for (k, [sine, cosine]) in harmonics.iter().enumerate() {
+        let (s, c) = wave(position_m, period_m / (k + 1) as f64);
+        sum += sine * s + cosine * c;
+    }
+    sum
+}
+
+impl EncoderError {
+    fn at(&self, read_m: f64) -> f64 {
+        wave_sum(read_m, self.period_m, &self.harmonics_m)
+    }
+}
+
+impl Law {
+    fn force_n(&self, position_m: f64, v: f64, smoothing_m_s: f64) -> f64 {
+        match self {
+            Law::Coulomb { force_n } => force_n * sliding_direction(v, smoothing_m_s),
+            Law::Viscous { n_s_m } => n_s_m * v,
+            Law::Stribeck { force_n, velocity_m_s } => force_n * stribeck(v, *velocity_m_s, smoothing_m_s),
+            Law::Asymmetric { difference_n, viscous_n_s_m } => {
+                difference_n * asymmetric(v, smoothing_m_s) + 0.5 * viscous_n_s_m * v.abs()
+            }
+            Law::NonlinearViscosity { n_s2_m2 } => n_s2_m2 * nonlinear_viscosity(v),
+            Law::Constant { force_n } => *force_n,
+            Law::Periodic { wavelength_m, harmonics_n, flips } => {
+                let sign = if *flips { sliding_direction(v, smoothing_m_s) } else { 1.0 };
+                sign * wave_sum(position_m, *wavelength_m, harmonics_n)
+            }
+            Law::Map { first_m, spacing_m, force_n } => {
+                let (left, share) = knot(position_m, *first_m, *spacing_m, force_n.len());
+                let right = force_n.get(left + 1).or(force_n.get(left)).copied().unwrap_or(0.0);
+                force_n.get(left).copied().unwrap_or(0.0) * (1.0 - share) + share * right
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plant::effects::ParameterValue;
+
+    fn term(effect: EffectKind, port: Port, parameters: &[(&str, f64)]) -> PhysicsTerm {
+        let parameters =
+            parameters.iter().map(|(n, v)| ((*n).to_owned(), ParameterValue::Number(*v))).collect();
+        PhysicsTerm { effect, port, parameters }
+    }
+
+    fn rigid() -> DriveParams {
+        DriveParams::new(RawDriveParams { movable_mass_kg: Some(95.0), ..RawDriveParams::default() }).unwrap()
+    }
+
+    #[test]
+    fn a_ladder_of_friction_adds_up() {
+        let terms = [
+            term(EffectKind::ViscousFriction, Port::Stage, &[("n_s_m", 200.0)]),
+            term(EffectKind::CoulombFriction, Port::Stage, &[("force_n", 20.0)]),
+            term(EffectKind::GravityLoad, Port::Stage, &[("force_n", -3.0)]),
+        ];
+        let (model, _) = physics_of(&terms, &rigid());
+        assert!((model.stage_n(0.0, 0.1) - 37.0).abs() < 1e-9);
+        assert!((model.stage_n(0.0, -0.1) + 43.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_amplitude_without_its_phase_is_named_not_applied() {
+        let terms = [term(
+            EffectKind::PositionPeriodicForce,
+            Port::Stage,
+            &[("wavelength_m", 0.005), ("amplitude_n", 5.0)],
+        )];
+        let (model, _) = physics_of(&terms, &rigid());
+        assert!(model.is_empty());
+        assert_eq!(model.not_applied, [EffectKind::PositionPeriodicForce]);
+    }
+
+    #[test]
+    fn a_dead_time_becomes_one_of_the_drive() {
+        let terms = [term(EffectKind::DeadTime, Port::Current, &[("extra_delay_s", 1e-4)])];
+        let (model, drive) = physics_of(&terms, &rigid());
+        assert!(model.is_empty() && model.not_applied.is_empty());
+        assert!((drive.amplifier_dead_time_s() - 1e-4).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,193 @@
+//! What may be chosen about an estimator, and the low-pass behind it.
+
+use super::friction::PRESLIDING_TRAVEL_M;
+use super::harmonic::HarmonicSettings;
+use super::idle_map::IdleMap;
+use super::physics::PhysicsModel;
+use crate::plant::machine::Controller;
+use crate::signal::FilterError;
+use crate::signal::butterworth::{Butterworth, ButterworthState};
+use crate::signal::harmonic_fit::HarmonicFitError;
+use crate::signal::linear_phase::{LinearPhase, LinearPhaseState};
+use crate::units::SampleRate;
+use thiserror::Error;
+
+/// The low-pass behind the force balance, Q(s) of the observer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LowPass {
+    /// Butterworth: short delay that varies with frequency.
+    Butterworth {
+        /// Order, 1 to 12.
+        order: usize,
+        /// Half-power frequency.
+        cutoff_hz: f64,
+    },
+    /// FIR with the same delay at every frequency, a whole number of samples.
+    LinearPhase {
+        /// Flat to here.
+        pass_hz: f64,
+        /// Dark (-70 dB) this much above.
+        width_hz: f64,
+    },
+    /// None: the bare balance.
+    None,
+}
+
+/// Where a notch sits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum NotchCentre {
+    /// Fixed: a torsional mode that the model does not have.
+    Fixed {
+        /// Hz.
+        hz: f64,
+    },
+    /// At feed over the signal period of the motor encoder.
+    MotorEncoder,
+    /// At feed over the signal period of the linear scale.
+    StageEncoder,
+}
+
+/// A notch behind the balance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NotchPlan {
+    /// Where.
+    pub centre: NotchCentre,
+    /// Width at half power, Hz.
+    pub width_hz: f64,
+}
+
+/// Most notches of one estimator.
+pub const MAX_NOTCHES: usize = 4;
+
+/// What may be chosen about an estimator.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForceSettings {
+    /// Low-pass behind the balance.
+    pub low_pass: LowPass,
+    /// Disturbance of air-cutting runs by position, taken off where it is given.
+    pub idle_map: Option<IdleMap>,
+    /// Physics beyond the structure, taken off; see [`super::physics::physics_of`].
+    pub physics: Option<PhysicsModel>,
+    /// Travel over which the guideway's friction turns, m.
+    pub presliding_travel_m: f64,
+    /// Notches behind the balance, at most [`MAX_NOTCHES`].
+    pub notches: Vec<NotchPlan>,
+    /// Spindle speed and window; needed by `fitted` and `spectral`.
+    pub harmonic: Option<HarmonicSettings>,
+    /// Control loop of the axis; needed by `spectral`.
+    pub controller: Option<Controller>,
+    /// Frequencies of modes that the model does not have, where they are known, Hz.
+    pub unmodelled_modes_hz: Vec<f64>,
+}
+
+impl Default for ForceSettings {
+    /// Fourth-order Butterworth at 1 kHz (thesis 4.3 and 6.4), no idle map.
+    fn default() -> Self {
+        Self {
+            low_pass: LowPass::Butterworth { order: 4, cutoff_hz: 1000.0 },
+            idle_map: None,
+            physics: None,
+            presliding_travel_m: PRESLIDING_TRAVEL_M,
+            notches: Vec::new(),
+            harmonic: None,
+            controller: None,
+            unmodelled_modes_hz: Vec::new(),
+        }
+    }
+}
+
+/// Why an estimator cannot be made.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ForceError {
+    /// A filter cannot be designed.
+    #[error(transparent)]
+    Filter(#[from] FilterError),
+    /// More notches than a state holds.
+    #[error("{count} notches, expected at most {MAX_NOTCHES}")]
+    Notches {
+        /// How many were asked for.
+        count: usize,
+    },
+    /// A window of spindle harmonics cannot be fitted.
+    #[error(transparent)]
+    Window(#[from] HarmonicFitError),
+    /// The method needs a structure that the drive does not have.
+    #[error("{method} needs {needs}; the model has none")]
+    Structure {
+        /// Method.
+        method: &'static str,
+        /// What is missing.
+        needs: &'static str,
+    },
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Filter {
+    Butterworth(Butterworth),
+    LinearPhase(LinearPhase),
+    None,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum FilterState {
+    Butterworth(ButterworthState),
+    LinearPhase(LinearPhaseState),
+    None,
+}
+
+impl Filter {
+    pub(super) fn new(low_pass: LowPass, rate: SampleRate) -> Result<Self, FilterError> {
+        Ok(match low_pass {
+            LowPass::Butterworth { order, cutoff_hz } => {
+                Filter::Butterworth(Butterworth::low_pass(order, cutoff_hz, rate)?)
+            }
+            LowPass::LinearPhase { pass_hz, width_hz } => {
+                Filter::LinearPhase(LinearPhase::low_pass(pass_hz, width_hz, rate)?)
+            }
+            LowPass::None => Filter::None,
+        })
+    }
+
+    pub(super) fn settled(&self, x: f64) -> FilterState {
+        match self {
+            Filter::Butterworth(f) => FilterState::Butterworth(f.settled(x)),
+            Filter::LinearPhase(f) => FilterState::LinearPhase(f.settled(x)),
+            Filter::None => FilterState::None,
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn step(&self, state: &mut FilterState, x: f64) -> f64 {
+        match (self, state) {
+            (Filter::Butterworth(f), FilterState::Butterworth(s)) => f.step(s, x),
+            (Filter::LinearPhase(f), FilterState::LinearPhase(s)) => f.step(s, x),
+            _ => x,
+        }
+    }
+
+    pub(super) fn delay_s(&self, rate: SampleRate) -> f64 {
+        match self {
+            Filter::Butterworth(f) => f.slow_delay_s(),
+            Filter::LinearPhase(f) => f.half_length() as f64 * rate.period_s(),
+            Filter::None => 0.0,
+        }
+    }
+
+    pub(super) fn band_hz(&self, low_pass: LowPass, rate: SampleRate) -> f64 {
+        match low_pass {
+            LowPass::Butterworth { cutoff_hz, .. } => cutoff_hz,
+            LowPass::LinearPhase { pass_hz, .. } => pass_hz,
+            // Above a tenth of the rate the stencils' error passes 0.1 %.
+            LowPass::None => rate.hz() / 10.0,
+        }
+    }
+
+    /// Samples until a step has settled to about a thousandth.
+    pub(super) fn memory_samples(&self, rate: SampleRate) -> usize {
+        match self {
+            Filter::Butterworth(f) => (8.0 * f.slow_delay_s() * rate.hz()).ceil() as usize + 8,
+            Filter::LinearPhase(f) => 2 * f.half_length() + 1,
+            Filter::None => 0,
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! `Idempotency-Key`: a POST that is sent again with the same key gets the first answer again.
+//!
+//! Kept in memory for ten minutes, for the same caller and path; a restart forgets, and the history's own
+//! ids still store an event once.
+
+use super::problem::Problem;
+use super::{Caller, Site};
+use crate::service::clock;
+use axum::body::{Body, Bytes, to_bytes};
+use axum::extract::{Request, State};
+use axum::http::{HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use std::collections::HashMap;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+const KEPT: Duration = Duration::from_secs(600);
+/// Most answers kept; beyond it the oldest goes.
+const ANSWERS: usize = 256;
+const LONGEST_KEY: usize = 128;
+/// Answers of writes are small.
+const LONGEST_ANSWER: usize = 256 * 1024;
+
+#[derive(Debug, Clone)]
+struct Kept {
+    at: Instant,
+    status: StatusCode,
+    kind: Option<HeaderValue>,
+    body: Bytes,
+}
+
+/// Answers by caller, path and key.
+#[derive(Debug, Default)]
+pub(super) struct Answers(Mutex<HashMap<(String, String, String), Kept>>);
+
+impl Answers {
+    fn find(&self, name: &(String, String, String), now: Instant) -> Option<Kept> {
+        let answers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        answers.get(name).filter(|k| now.duration_since(k.at) < KEPT).cloned()
+    }
+
+    fn keep(&self, name: (String, String, String), answer: Kept) {
+        let mut answers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        answers.retain(|_, k| answer.at.duration_since(k.at) < KEPT);
+        if answers.len() >= ANSWERS
+            && let Some(oldest) = answers.iter().min_by_key(|(_, k)| k.at).map(|(n, _)| n.clone())
+        {
+            answers.remove(&oldest);
+        }
+        answers.insert(name, answer);
+    }
+}
+
+fn again(kept: Kept) -> Response {
+    let mut response = (kept.status, Body::from(kept.body)).into_response();
+    if let Some(kind) = kept.kind {
+        response.headers_mut().insert(header::CONTENT_TYPE, kind);
+    }
+    response.headers_mut().insert("idempotent-replayed", HeaderValue::from_static("true"));
+    response
+}
+
+/// The layer: only POST with the header is looked at.
+pub(super) async fn layer(State(site): State<Site>, request: Request, next: Next) -> Response {
+    let key = request.headers().get("idempotency-key").and_then(|v| v.to_str().ok()).map(str::to_owned);
+    let (Some(key), Method::POST) = (key, request.method().clone()) else { return next.run(request).await };
+    if key.is_empty() || key.len() > LONGEST_KEY {
+        let detail = "Idempotency-Key must have 1 to 128 characters";
+        return Problem::bad_request("invalid_idempotency_key", detail).into_response();
+    }
+    let caller = request.extensions().get::<Caller>().map_or_else(String::new, |c| c.name.clone());
+    let name = (caller, request.uri().path().to_owned(), key);
+    if let Some(kept) = site.answers.find(&name, clock::now()) {
+        return again(kept);
+    }
+    let (parts, body) = next.run(request).await.into_parts();
+    let Ok(body) = to_bytes(body, LONGEST_ANSWER).await else {
+        let detail = "the answer could not be put together";
+        return Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", detail).into_response();
+    };
+    // What was refused for the caller's fault or ours may be tried again with the same key.
+    if parts.status.is_success() {
+        let kind = parts.headers.get(header::CONTENT_TYPE).cloned();
+        site.answers.keep(name, Kept { at: clock::now(), status: parts.status, kind, body: body.clone() });
+    }
+    Response::from_parts(parts, Body::from(body))
+}

@@ -1,0 +1,364 @@
+//! The API over real HTTP: access, problems, paging, limits, browsers that are led astray.
+
+use crate::running::{Place, ask, get, service, tokens, until};
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+use stillcut::service::start;
+
+/// (method, path, body, least role: 0 nobody's token needed on loopback, 2 operator, 3 engineer)
+const ROUTES: &[(&str, &str, Option<&str>, usize)] = &[
+    ("GET", "/api/v1/state", None, 0),
+    ("GET", "/api/v1/axes", None, 0),
+    ("GET", "/api/v1/spectrum", None, 0),
+    ("GET", "/api/v1/stability", None, 0),
+    ("GET", "/api/v1/config", None, 0),
+    ("GET", "/api/v1/events", None, 0),
+    ("GET", "/api/v1/events/1", None, 0),
+    ("GET", "/api/v1/mode", None, 0),
+    ("GET", "/api/v1/recordings", None, 0),
+    ("GET", "/api/v1/recordings/none/file.parquet", None, 0),
+    ("GET", "/api/v1/diagnoses", None, 0),
+    ("GET", "/api/v1/diagnoses/none", None, 0),
+    ("GET", "/api/v1/diagnoses/none/report.html", None, 0),
+    ("GET", "/api/v1/audit", None, 0),
+    ("GET", "/healthz", None, 0),
+    ("GET", "/readyz", None, 0),
+    ("GET", "/metrics", None, 0),
+    ("POST", "/api/v1/events/1/acknowledge", Some(r#"{"reason":"test"}"#), 2),
+    ("POST", "/api/v1/events/1/silence", Some(r#"{"reason":"test","minutes":1}"#), 2),
+    ("PUT", "/api/v1/mode", Some(r#"{"mode":"observe","reason":"test"}"#), 2),
+    ("POST", "/api/v1/override", Some(r#"{"reason":"test"}"#), 2),
+    ("POST", "/api/v1/fault/clear", Some(r#"{"reason":"test"}"#), 3),
+    ("POST", "/api/v1/recordings", Some(r#"{"reason":"test"}"#), 2),
+    ("POST", "/api/v1/diagnoses", Some(r#"{"reason":"test","recordings":["none"]}"#), 3),
+];
+
+#[test]
+fn every_route_asks_for_its_role_and_no_other() {
+    let place = Place::new("roles");
+    let tokens = tokens(&place);
+    let running = start(place.config("tokens = \"tokens.toml\"")).unwrap();
+    let address = running.handle().address().to_string();
+    let described = serde_json::to_value(stillcut::http::description()).unwrap();
+    for (method, path, body, least) in ROUTES {
+        let template = path.replace("/1/", "/{sequence}/").replace("/none", "/{id}");
+        let template =
+            if template.ends_with("/events/1") { "/api/v1/events/{sequence}".to_owned() } else { template };
+        assert!(!described["paths"][&template][method.to_lowercase()].is_null(), "{template} is described");
+        let no_token = ask(&address, method, path, &[], *body);
+        let refused = |a: &crate::running::Answer| [401, 403].contains(&a.status);
+        assert_eq!(refused(&no_token), *least > 0, "{method} {path} without a token: {no_token:?}");
+        for (rank, token) in tokens.iter().enumerate() {
+            let answer = ask(&address, method, path, &[("Authorization", &format!("Bearer {token}"))], *body);
+            let expected = rank + 1 < *least;
+            assert_eq!(answer.status == 403, expected, "{method} {path} as rank {}: {answer:?}", rank + 1);
+            assert!(answer.status != 401 && answer.status < 500 || answer.status == 503, "{answer:?}");
+        }
+    }
+    // Every described route stands in the table (the stream has its own test).
+    let count: usize =
+        described["paths"].as_object().unwrap().values().map(|p| p.as_object().unwrap().len()).sum();
+    assert_eq!(count, ROUTES.len() + 1, "a new route needs a line in the table");
+    running.stop();
+}
+
+#[test]
+fn wrong_tokens_are_counted_and_braked_but_never_a_right_one() {
+    let place = Place::new("guess");
+    let [_, operator, _] = tokens(&place);
+    let running = start(place.config("tokens = \"tokens.toml\"")).unwrap();
+    let address = running.handle().address().to_string();
+    let with = |token: &str| {
+        ask(&address, "GET", "/api/v1/state", &[("Authorization", &format!("Bearer {token}"))], None)
+    };
+    for _ in 0..5 {
+        assert_eq!(with("guess").code(), "bad_token");
+    }
+    assert_eq!(with("guess").status, 429);
+    assert_eq!(with(&operator).status, 200);
+    let metrics = get(&running, "/metrics").body;
+    assert!(metrics.contains("stillcut_security_events_total{kind=\"bad_token\"} 5"), "{metrics}");
+    assert!(metrics.contains("stillcut_security_events_total{kind=\"rate_limited\"} 1"));
+    for page in ["/metrics", "/api/v1/config", "/api/v1/audit", "/api/v1/events"] {
+        assert!(!get(&running, page).body.contains(&operator), "{page} tells no token");
+    }
+    running.stop();
+}
+
+#[test]
+fn every_refusal_is_a_problem_with_a_code() {
+    let place = Place::new("problem");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    let big = format!("{{\"reason\":\"{}\"}}", "x".repeat(70_000));
+    let deep = "[".repeat(60);
+    let cases: &[(&str, &str, Option<&str>, u16, &str)] = &[
+        ("GET", "/nothing/here", None, 404, "not_found"),
+        ("GET", "/api/v1/events/abc", None, 404, "not_found"),
+        ("GET", "/api/v1/events/999999", None, 404, "not_found"),
+        ("DELETE", "/api/v1/state", None, 405, "method_not_allowed"),
+        ("GET", "/api/v1/events?limit=0", None, 400, "invalid_query"),
+        ("GET", "/api/v1/events?limit=x", None, 400, "invalid_query"),
+        ("GET", "/api/v1/events?kind=nonsense", None, 400, "invalid_query"),
+        ("GET", "/api/v1/events?since=yesterday", None, 400, "invalid_query"),
+        ("GET", "/api/v1/events?color=red", None, 400, "invalid_query"),
+        ("POST", "/api/v1/override", Some("{"), 400, "malformed_json"),
+        ("POST", "/api/v1/override", Some(&deep), 400, "json_too_deep"),
+        ("POST", "/api/v1/override", Some("{\"reason\":7}"), 422, "invalid_body"),
+        ("POST", "/api/v1/override", Some("{\"reason\":\"x\",\"more\":1}"), 422, "invalid_body"),
+        ("POST", "/api/v1/override", Some("{\"reason\":\"  \"}"), 422, "reason_required"),
+        ("POST", "/api/v1/override", Some(&big), 413, "body_too_large"),
+        ("POST", "/api/v1/override", None, 415, "unsupported_media_type"),
+        ("PUT", "/api/v1/mode", Some("{\"mode\":\"act\",\"reason\":\"x\"}"), 428, "if_match_required"),
+        ("PUT", "/api/v1/mode", Some("{\"mode\":\"fly\",\"reason\":\"x\"}"), 422, "invalid_body"),
+        ("GET", "/api/v1/recordings/..%2f..%2fhistory/file.parquet", None, 404, "not_found"),
+    ];
+    for (method, path, body, status, code) in cases {
+        let answer = ask(&address, method, path, &[], *body);
+        assert_eq!((answer.status, answer.code().as_str()), (*status, *code), "{method} {path}: {answer:?}");
+        assert_eq!(answer.kind, "application/problem+json", "{method} {path}");
+        assert!(answer.json()["detail"].as_str().is_some_and(|d| !d.is_empty()));
+    }
+    let stale = [("If-Match", "\"99\"")];
+    let answer = ask(&address, "PUT", "/api/v1/mode", &stale, Some("{\"mode\":\"advise\",\"reason\":\"x\"}"));
+    assert_eq!((answer.status, answer.code().as_str()), (412, "stale_revision"));
+    running.stop();
+}
+
+#[test]
+fn a_browser_that_was_led_here_under_another_name_gets_nothing() {
+    let place = Place::new("rebind");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    for host in ["evil.example", "127.0.0.1.evil.example", "localhost.evil.example:80"] {
+        let answer = ask(&address, "POST", "/api/v1/override", &[("Host", host)], Some("{\"reason\":\"x\"}"));
+        assert_eq!(answer.code(), "unknown_host", "{host}");
+    }
+    let answer = get(&running, "/");
+    assert!(answer.body.contains("<title>Stillcut</title>"));
+    let mut stream = TcpStream::connect(&address).unwrap();
+    stream.write_all(b"GET /api/v1/state HTTP/1.1\r\nHost: localhost\r\nOrigin: http://evil.example\r\nConnection: close\r\n\r\n").unwrap();
+    let mut text = String::new();
+    stream.read_to_string(&mut text).unwrap();
+    let head = text.split("\r\n\r\n").next().unwrap().to_lowercase();
+    assert!(!head.contains("access-control-allow-origin"), "{head}");
+    for header in [
+        "content-security-policy: default-src 'none'",
+        "x-content-type-options: nosniff",
+        "x-frame-options: deny",
+    ] {
+        assert!(head.contains(header), "{header} in {head}");
+    }
+    running.stop();
+}
+
+#[test]
+fn clients_that_send_nothing_are_cut_off() {
+    let place = Place::new("slow");
+    let running = service(&place);
+    let address = running.handle().address();
+    let began = Instant::now();
+    let mut slow: Vec<TcpStream> = (0..20).map(|_| TcpStream::connect(address).unwrap()).collect();
+    for stream in &mut slow {
+        stream.write_all(b"GET / HT").unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(12))).unwrap();
+    }
+    assert_eq!(get(&running, "/healthz").status, 200, "others are served meanwhile");
+    for stream in &mut slow {
+        let mut rest = Vec::new();
+        let _ = stream.read_to_end(&mut rest); // closed, with or without a farewell
+    }
+    let took = began.elapsed();
+    assert!((Duration::from_secs(4)..Duration::from_secs(9)).contains(&took), "cut after {took:?}");
+    running.stop();
+}
+
+#[test]
+fn the_live_stream_resumes_after_the_last_event_seen() {
+    let place = Place::new("resume");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    for k in 0..3 {
+        let body = format!("{{\"reason\":\"take {k}\"}}");
+        assert_eq!(ask(&address, "POST", "/api/v1/override", &[], Some(&body)).status, 200);
+    }
+    until("four events are stored", 5, || {
+        get(&running, "/api/v1/events").json()["events"].as_array().unwrap().len() >= 4
+    });
+    let mut stream = TcpStream::connect(&address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    stream.write_all(b"GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: 2\r\n\r\n").unwrap();
+    let mut text = String::new();
+    let mut buffer = [0; 4096];
+    while !(text.contains("id: 4") && text.contains("event: state")) {
+        let count = stream.read(&mut buffer).unwrap();
+        assert!(count > 0, "the stream ended early: {text}");
+        text += &String::from_utf8_lossy(&buffer[..count]);
+    }
+    assert!(text.contains("id: 3\n") && !text.contains("id: 2\n"), "{text}");
+    let began = Instant::now();
+    running.stop();
+    assert!(began.elapsed() < Duration::from_secs(5), "an open stream does not hold up the end");
+}
+
+#[test]
+fn pages_and_filters_reach_every_event_once() {
+    let place = Place::new("paging");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    for k in 0..25 {
+        ask(&address, "POST", "/api/v1/override", &[], Some(&format!("{{\"reason\":\"={k}\"}}")));
+    }
+    until("all are stored", 5, || {
+        get(&running, "/api/v1/events?kind=override&limit=100").json()["events"].as_array().unwrap().len()
+            == 25
+    });
+    for order in ["newest", "oldest"] {
+        let (mut cursor, mut seen) = (String::new(), Vec::new());
+        loop {
+            let page =
+                get(&running, &format!("/api/v1/events?kind=override&limit=7&order={order}{cursor}")).json();
+            seen.extend(page["events"].as_array().unwrap().iter().map(|e| e["sequence"].as_i64().unwrap()));
+            let Some(next) = page["next"].as_i64() else { break };
+            cursor = format!("&cursor={next}");
+        }
+        let mut sorted = seen.clone();
+        sorted.sort_unstable();
+        sorted.dedup();
+        assert_eq!((seen.len(), sorted.len()), (25, 25), "{order}");
+    }
+    let csv = ask(&address, "GET", "/api/v1/events?kind=override", &[("Accept", "text/csv")], None);
+    assert!(csv.kind.starts_with("text/csv") && csv.body.lines().count() == 26);
+    running.stop();
+}
+
+#[test]
+fn the_configuration_has_an_etag_and_no_secrets() {
+    let place = Place::new("etag");
+    let running = service(&place);
+    let first = get(&running, "/api/v1/config");
+    assert_eq!(first.status, 200);
+    let address = running.handle().address().to_string();
+    let again = ask(&address, "GET", "/api/v1/config", &[("If-None-Match", &first.etag)], None);
+    assert_eq!(again.status, 304);
+    running.stop();
+}
+
+#[test]
+fn the_page_and_the_api_browser_load_nothing_from_elsewhere() {
+    let place = Place::new("page");
+    let running = service(&place);
+    for path in ["/", "/page.css", "/page.js", "/charts.js", "/icon.svg", "/docs/problems", "/api/"] {
+        let answer = get(&running, path);
+        assert_eq!(answer.status, 200, "{path}");
+        let outside: Vec<_> = answer
+            .body
+            .match_indices("http")
+            .map(|(i, _)| &answer.body[i..(i + 40).min(answer.body.len())])
+            .collect();
+        let harmless = |t: &&str| {
+            t.starts_with("http://www.w3.org/") || !t.starts_with("http://") && !t.starts_with("https://")
+        };
+        assert!(outside.iter().all(harmless), "{path}: {outside:?}");
+    }
+    let size: usize =
+        ["/", "/page.css", "/page.js", "/charts.js"].iter().map(|p| get(&running, p).body.len()).sum();
+    assert!(size < 300_000, "{size} bytes");
+    let problems = get(&running, "/docs/problems").body;
+    for code in ["bad_token", "role_too_low", "stale_revision", "not_ready", "store_unavailable"] {
+        assert!(problems.contains(&format!("id=\"{code}\"")), "{code} is explained");
+    }
+    running.stop();
+}
+
+#[test]
+fn a_post_that_is_sent_again_with_its_key_is_done_once() {
+    let place = Place::new("idem");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    for _ in 0..3 {
+        let key = [("Idempotency-Key", "take-back-1")];
+        let answer = ask(&address, "POST", "/api/v1/override", &key, Some("{\"reason\":\"x\"}"));
+        assert_eq!(answer.status, 200, "{answer:?}");
+    }
+    let other = [("Idempotency-Key", "take-back-2")];
+    ask(&address, "POST", "/api/v1/override", &other, Some("{\"reason\":\"x\"}"));
+    let rows = get(&running, "/api/v1/audit").json();
+    assert_eq!(rows.as_array().unwrap().len(), 2, "{rows}");
+    running.stop();
+}
+
+/// A client that trusts one certificate, and what it reads.
+fn over_tls(address: &str, certificate: &[u8], request: &str) -> String {
+    let mut roots = rustls::RootCertStore::empty();
+    roots.add(rustls::pki_types::CertificateDer::from(certificate.to_vec())).unwrap();
+    let provider = std::sync::Arc::new(rustls::crypto::ring::default_provider());
+    let config = rustls::ClientConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .unwrap()
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    let name = rustls::pki_types::ServerName::try_from("localhost").unwrap();
+    let mut connection = rustls::ClientConnection::new(std::sync::Arc::new(config), name).unwrap();
+    let mut socket = TcpStream::connect(address).unwrap();
+    let mut tls = rustls::Stream::new(&mut connection, &mut socket);
+    tls.write_all(request.as_bytes()).unwrap();
+    let mut text = String::new();
+    let _ = tls.read_to_string(&mut text); // ends without a farewell
+    text
+}
+
+#[test]
+fn tls_is_spoken_where_it_is_configured() {
+    let place = Place::new("tls");
+    tokens(&place);
+    let made = rcgen::generate_simple_self_signed(vec!["localhost".to_owned()]).unwrap();
+    std::fs::write(place.folder.path().join("tls.crt"), made.cert.pem()).unwrap();
+    std::fs::write(place.folder.path().join("tls.key"), made.signing_key.serialize_pem()).unwrap();
+    let http = "certificate = \"tls.crt\"\nkey = \"tls.key\"\ntokens = \"tokens.toml\"";
+    let running = start(place.config(http)).unwrap();
+    let address = running.handle().address().to_string();
+    let request = "GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+    let text = over_tls(&address, made.cert.der(), request);
+    assert!(text.starts_with("HTTP/1.1 200") && text.ends_with("alive\n"), "{text}");
+    let mut plain = TcpStream::connect(&address).unwrap();
+    plain.write_all(request.as_bytes()).unwrap();
+    let mut answer = Vec::new();
+    let _ = plain.read_to_end(&mut answer);
+    assert!(!String::from_utf8_lossy(&answer).contains("alive"), "nothing is told in plain text");
+    running.stop();
+}
+
+#[test]
+fn an_mtconnect_agent_is_told_what_changes() {
+    let place = Place::new("shdr");
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let agents = free.local_addr().unwrap();
+    drop(free);
+    let mut config = place.config("");
+    config.mtconnect = Some(agents);
+    let running = start(config).unwrap();
+    let mut agent = TcpStream::connect(agents).unwrap();
+    agent.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    agent.write_all(b"* PING\n").unwrap();
+    let mut text = String::new();
+    let mut buffer = [0; 1024];
+    while !(text.contains("* PONG 10000\n") && text.contains("|chatter_condition|UNAVAILABLE||||\n")) {
+        let count = agent.read(&mut buffer).unwrap();
+        assert!(count > 0, "{text}");
+        text += &String::from_utf8_lossy(&buffer[..count]);
+    }
+    assert!(text.contains("|mode|UNAVAILABLE\n"), "{text}");
+    running.stop();
+}

@@ -1,0 +1,311 @@
+//! The whole service: in this process with the virtual lathe, and as the real binary that is killed.
+
+use crate::running::{Answer, LatheThread, Place, ask, get, service, tokens, until};
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use stillcut::service::{Running, start};
+use stillcut::transport::CommandPublisher;
+
+fn state(running: &Running) -> serde_json::Value {
+    get(running, "/api/v1/state").json()
+}
+
+fn events(running: &Running, kind: &str) -> Vec<serde_json::Value> {
+    let page = get(running, &format!("/api/v1/events?limit=100&kind={kind}")).json();
+    page["events"].as_array().unwrap().clone()
+}
+
+fn set_mode(running: &Running, mode: &str) -> Answer {
+    let address = running.handle().address().to_string();
+    let etag = get(running, "/api/v1/mode").etag;
+    let body = format!("{{\"mode\":\"{mode}\",\"reason\":\"test\"}}");
+    ask(&address, "PUT", "/api/v1/mode", &[("If-Match", &etag)], Some(&body))
+}
+
+/// The loop over real shared memory: heard, commanded, moved, silent; then taken back.
+#[test]
+fn chatter_is_heard_recorded_and_suppressed_in_act_only() {
+    let place = Place::new("loop");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    assert_eq!(set_mode(&running, "act").code(), "not_ready", "no samples, no acting");
+    let lathe = LatheThread::start(&place.domain);
+    until("chatter is heard", 30, || state(&running)["chatter"]["state"] == "chatter");
+    assert_eq!(state(&running)["pitch"]["hold_reason"], "observing");
+    {
+        // In observe the command port does not exist: somebody else could have it.
+        let other = place.domain.join("other").unwrap();
+        drop(CommandPublisher::open(&other).expect("the port is free in observe"));
+    }
+    assert_eq!(set_mode(&running, "act").status, 200);
+    {
+        let other = place.domain.join("other").unwrap();
+        assert!(CommandPublisher::open(&other).is_err(), "in act there is one commander");
+    }
+    until("the turret stands apart", 10, || {
+        state(&running)["pitch"]["reported_rad"].as_f64().unwrap_or(0.0) > 0.06
+    });
+    until("chatter ends", 15, || state(&running)["chatter"]["state"] == "quiet");
+    let commands = events(&running, "pitch_command");
+    let commanded = commands[0]["pitch_difference_rad"].as_f64().unwrap();
+    assert!((0.07..0.14).contains(&commanded), "{commanded}");
+    assert!(!events(&running, "command_reached").is_empty());
+    // The commands go on, so that the turret stays; nothing new is recorded for them.
+    std::thread::sleep(Duration::from_secs(4));
+    assert!(state(&running)["pitch"]["reported_rad"].as_f64().unwrap() > 0.06);
+    assert!(events(&running, "pitch_command").len() <= commands.len() + 1);
+    let metrics = get(&running, "/metrics").body;
+    let renewed =
+        metrics.lines().find(|l| l.starts_with("stillcut_commands_total{outcome=\"renewed\"}")).unwrap();
+    assert!(renewed.split(' ').nth(1).unwrap().parse::<u64>().unwrap() >= 2, "{renewed}");
+
+    let address = running.handle().address().to_string();
+    let taken = ask(&address, "POST", "/api/v1/override", &[], Some("{\"reason\":\"test\"}"));
+    assert_eq!(taken.status, 200, "{taken:?}");
+    until("equal pitch", 5, || state(&running)["pitch"]["reported_rad"].as_f64().unwrap_or(1.0).abs() < 1e-3);
+    assert_eq!(state(&running)["mode"], "observe");
+
+    until("the recording is there", 10, || {
+        !get(&running, "/api/v1/recordings").json().as_array().unwrap().is_empty()
+    });
+    let recordings = get(&running, "/api/v1/recordings").json();
+    let id = recordings[0]["id"].as_str().unwrap().to_owned();
+    let path = running.handle().recording_path(&id).unwrap();
+    let recording = stillcut::recording::read_recording(&path).unwrap();
+    assert_eq!(recording.axes, ["x1", "y1", "x2", "y2"]);
+    assert!(recording.len() > 9000 && recording.get("x1_stage_position_m").is_some());
+    drop(lathe);
+    until("the silence is noticed", 5, || state(&running)["source"]["connected"] == false);
+    assert_eq!(get(&running, "/readyz").status, 503);
+    running.stop();
+}
+
+#[test]
+fn a_machine_that_comes_back_is_heard_within_two_seconds_and_acting_does_not_resume() {
+    let place = Place::new("back");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    for life in 0..3 {
+        let began = Instant::now();
+        let lathe = LatheThread::start(&place.domain);
+        until("samples come", 5, || state(&running)["source"]["connected"] == true);
+        assert!(life == 0 || began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
+        until("interlocks are heard", 5, || set_mode(&running, "act").status == 200);
+        drop(lathe);
+        until("acting ends", 5, || state(&running)["mode"] == "observe");
+        assert!(state(&running)["fault"].is_string(), "a fault is latched");
+        assert_eq!(set_mode(&running, "act").code(), "faulted");
+        let address = running.handle().address().to_string();
+        let cleared = ask(&address, "POST", "/api/v1/fault/clear", &[], Some("{\"reason\":\"test\"}"));
+        assert_eq!(cleared.status, 200);
+        assert!(state_until(&running, |s| s["fault"].is_null()));
+    }
+    assert_eq!(events(&running, "source_lost").len(), 3);
+    running.stop();
+}
+
+fn state_until(running: &Running, good: impl Fn(&serde_json::Value) -> bool) -> bool {
+    until("the picture follows", 3, || good(&state(running)));
+    true
+}
+
+#[test]
+fn a_second_service_on_the_same_state_is_refused_in_one_line() {
+    let place = Place::new("two");
+    let running = service(&place);
+    let error = start(place.config("")).unwrap_err().to_string();
+    assert!(error.contains("another service is running") && error.lines().count() == 1, "{error}");
+    running.stop();
+}
+
+#[test]
+fn a_damaged_history_is_told_in_three_places() {
+    let place = Place::new("damage");
+    service(&place).stop();
+    let path = place.state().join(stillcut::store::FILE_NAME);
+    let log = place.state().join(format!("{}-wal", stillcut::store::FILE_NAME));
+    assert!(!log.exists(), "an orderly end leaves no log behind");
+    std::fs::write(&path, "this is no database".repeat(1000)).unwrap();
+    let running = service(&place);
+    assert_eq!(events(&running, "history_replaced").len(), 1);
+    until("the picture says so", 3, || state(&running)["store"]["replaced"].is_string());
+    let metrics = get(&running, "/metrics").body;
+    assert!(metrics.contains("stillcut_events_total{kind=\"history_replaced\"} 1"));
+    running.stop();
+}
+
+#[test]
+fn promtool_finds_nothing_to_complain_about() {
+    let place = Place::new("prom");
+    let running = service(&place);
+    let answer = get(&running, "/metrics");
+    assert_eq!(answer.kind, "text/plain; version=0.0.4; charset=utf-8");
+    running.stop();
+    let spawned = Command::new("promtool")
+        .args(["check", "metrics"])
+        .stdin(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn();
+    let Ok(mut promtool) = spawned else {
+        eprintln!("skipped: promtool is not installed");
+        return;
+    };
+    use std::io::Write as _;
+    promtool.stdin.take().unwrap().write_all(answer.body.as_bytes()).unwrap();
+    let output = promtool.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// The real binary, ended with the test.
+struct Process {
+    child: Child,
+    address: String,
+}
+
+impl Process {
+    /// Starts `stillcut run`; answers once it says where it listens.
+    fn start(place: &Place, http: &str) -> Self {
+        let config = place.folder.path().join("c.toml");
+        std::fs::write(&config, place.toml(http) + "[log]\nformat = \"json\"\n").unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_stillcut"));
+        command.arg("run").arg("--config").arg(&config).stderr(Stdio::piped()).stdout(Stdio::null());
+        let mut child = command.spawn().unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let address = loop {
+            let line = lines.next().expect("it says where it listens").unwrap();
+            let value: serde_json::Value =
+                serde_json::from_str(&line).unwrap_or_else(|e| panic!("{e}: {line}"));
+            if value["event"] == "listening" {
+                break value["address"].as_str().unwrap().to_owned();
+            }
+        };
+        std::thread::spawn(move || lines.for_each(drop)); // keeps the pipe empty
+        Self { child, address }
+    }
+
+    fn ask(&self, method: &str, path: &str, token: &str, body: Option<&str>) -> Answer {
+        ask(&self.address, method, path, &[("Authorization", &format!("Bearer {token}"))], body)
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// kill -9 at varying moments after start: every acknowledged write is there afterwards, the history is
+/// whole, and the service is back within two seconds.
+#[test]
+fn killed_again_and_again_nothing_acknowledged_is_lost() {
+    let place = Place::new("kill");
+    let [_, operator, _] = tokens(&place);
+    let mut acknowledged = 0;
+    let mut slowest = Duration::ZERO;
+    for round in 0..12_u64 {
+        let began = Instant::now();
+        let mut process = Process::start(&place, "tokens = \"tokens.toml\"");
+        slowest = slowest.max(began.elapsed());
+        let rows = || {
+            let mut count = 0;
+            loop {
+                let page =
+                    process.ask("GET", &format!("/api/v1/audit?after={count}"), &operator, None).json();
+                let page = page.as_array().unwrap();
+                count += page.len();
+                if page.is_empty() {
+                    return count;
+                }
+            }
+        };
+        assert!(rows() >= acknowledged, "round {round}: acknowledged writes are there");
+        let end = Instant::now() + Duration::from_millis(20 + 37 * round % 200);
+        while Instant::now() < end {
+            let answer =
+                process.ask("POST", "/api/v1/events/1/acknowledge", &operator, Some("{\"reason\":\"test\"}"));
+            assert_eq!(answer.status, 200, "{answer:?}");
+            acknowledged += 1;
+        }
+        process.child.kill().unwrap();
+        process.child.wait().unwrap();
+    }
+    assert!(acknowledged > 12);
+    assert!(slowest < Duration::from_secs(4), "{slowest:?}"); // 2 s on an idle machine
+    let history = place.state().join(stillcut::store::FILE_NAME);
+    let output = Command::new(env!("CARGO_BIN_EXE_stillcut"))
+        .args(["audit", "verify", "--history"])
+        .arg(&history)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && said.starts_with("intact: "), "{said}");
+    let rows: usize = said.split_whitespace().nth(1).unwrap().parse().unwrap();
+    assert!(rows >= acknowledged && rows <= acknowledged + 12, "{rows} rows, {acknowledged} acknowledged");
+}
+
+#[test]
+fn sigterm_ends_in_good_order() {
+    let place = Place::new("term");
+    let mut process = Process::start(&place, "");
+    let killed = Command::new("kill").args(["-TERM", &process.child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let began = Instant::now();
+    let status = process.child.wait().unwrap();
+    assert!(status.success(), "{status}");
+    assert!(began.elapsed() < Duration::from_secs(5));
+    let running = service(&place);
+    assert_eq!(events(&running, "service_stop").len(), 1);
+    running.stop();
+}
+
+fn run_once(arguments: &[&str]) -> (i32, String) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_stillcut"))
+        .args(arguments)
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut said = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+    (child.wait().unwrap().code().unwrap(), said)
+}
+
+#[test]
+fn bad_configurations_end_with_status_two_and_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bad.toml");
+    for (text, expected) in [
+        ("[http]\nlisten = \"0.0.0.0:80\"\n", "reachable from other machines"),
+        (
+            "[http]\ntokens = \"missing.toml\"\nlisten = \"127.0.0.1:0\"\n[history]\nfolder = \"state\"\n",
+            "missing.toml",
+        ),
+        (
+            "[transport]\nprefix = \"Bad Prefix\"\n[http]\nlisten = \"127.0.0.1:0\"\n[history]\nfolder = \"s2\"\n",
+            "prefix",
+        ),
+        ("color = 1\n", "bad.toml:1:1: unknown field `color`"),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        let (status, said) = run_once(&["run", "--config", path.to_str().unwrap()]);
+        let last = said.lines().last().unwrap_or_default();
+        assert_eq!(status, 2, "{said}");
+        assert!(last.contains(expected), "{said}");
+    }
+    let (status, said) = run_once(&["run", "--config", "/nowhere/c.toml"]);
+    assert!(status == 2 && said.contains("/nowhere/c.toml"), "{said}");
+}
+
+#[test]
+fn every_example_configuration_is_good() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+    for name in ["stillcut.toml"] {
+        let path = folder.join(name);
+        let (status, said) = run_once(&["run", "--check", "--config", path.to_str().unwrap()]);
+        assert_eq!((status, said.as_str()), (0, ""), "{name}");
+    }
+}
