@@ -43,14 +43,20 @@ struct Case<'a> {
 }
 
 /// Builds the diagnosis. `bench`: everything accepted in its base.
-pub(crate) fn assemble(machine: &Machine, axis: &AxisModel, recordings: &[Recording], (outcome, bench): (&Outcome, &Bench<'_>)) -> Diagnosis {
+pub(crate) fn assemble(
+    machine: &Machine,
+    axis: &AxisModel,
+    recordings: &[Recording],
+    (outcome, bench): (&Outcome, &Bench<'_>),
+) -> Diagnosis {
     let p = &outcome.problem;
     let after = bench.residual();
     let mut spectra = vec![spectrum(p, &after, false)];
     if p.flexible {
         spectra.push(spectrum(p, &after, true));
     }
-    let case = Case { machine, axis, recordings, outcome, bench, nominal: outcome.nominal.clone(), after, spectra };
+    let case =
+        Case { machine, axis, recordings, outcome, bench, nominal: outcome.nominal.clone(), after, spectra };
     let corrections = corrections(&case);
     let unexplained = case.unexplained();
     let mut findings = if unexplained { Vec::new() } else { case.findings() };
@@ -93,7 +99,11 @@ fn tried(round: Option<&Round>) -> Vec<Tried> {
     round.map_or_else(Vec::new, |r| {
         r.scores
             .iter()
-            .map(|s| Tried { effect: Some(s.hypothesis.effect), port: s.hypothesis.port, evidence: if s.plausible { s.evidence } else { 0.0 } })
+            .map(|s| Tried {
+                effect: Some(s.hypothesis.effect),
+                port: s.hypothesis.port,
+                evidence: if s.plausible { s.evidence } else { 0.0 },
+            })
             .collect()
     })
 }
@@ -123,12 +133,14 @@ fn corrections(case: &Case<'_>) -> Vec<Correction> {
         let Some(name) = n.key else { continue };
         let value = s.coefficients[k] / common;
         let deviation = DEVIATION_FACTOR * s.deviations[k] / common;
-        let significant = (value - n.nominal).abs() > 4.0 * deviation && (value / n.nominal - 1.0).abs() > 0.005;
+        let significant =
+            (value - n.nominal).abs() > 4.0 * deviation && (value / n.nominal - 1.0).abs() > 0.005;
         if !significant || value <= 0.0 {
             continue;
         }
         let half = 1.96 * deviation.hypot(scale * value);
-        let (mut value, mut nominal, f) = (value * n.key_per_coefficient, n.nominal * n.key_per_coefficient, n.key_per_coefficient);
+        let (mut value, mut nominal, f) =
+            (value * n.key_per_coefficient, n.nominal * n.key_per_coefficient, n.key_per_coefficient);
         if !p.flexible && name == "movable_mass_kg" {
             // The balance of a rigid axis has the total; the motor side is taken as stated.
             let motor = p.drive.reflected_mass_kg();
@@ -143,7 +155,12 @@ fn corrections(case: &Case<'_>) -> Vec<Correction> {
     if let Some(nominal) = p.drive.torque_constant_nm_a().filter(|_| common != 1.0) {
         let value = nominal / common;
         let half = 1.96 * 0.015 * value;
-        list.push(Correction { name: "torque_constant_nm_a", nominal, value, ci95: [value - half, value + half] });
+        list.push(Correction {
+            name: "torque_constant_nm_a",
+            nominal,
+            value,
+            ci95: [value - half, value + half],
+        });
     }
     list
 }
@@ -161,7 +178,9 @@ fn common_scale(case: &Case<'_>) -> f64 {
         .numbers
         .iter()
         .zip(&case.bench.solution.coefficients)
-        .filter(|(n, _)| matches!(n.key, Some("rotary_inertia_kg_m2" | "movable_mass_kg" | "axial_stiffness_n_m")))
+        .filter(|(n, _)| {
+            matches!(n.key, Some("rotary_inertia_kg_m2" | "movable_mass_kg" | "axial_stiffness_n_m"))
+        })
         .map(|(n, b)| b / n.nominal)
         .collect();
     ratios.sort_by(f64::total_cmp);
@@ -176,10 +195,24 @@ impl Case<'_> {
         let p = &self.outcome.problem;
         let mut list = Vec::new();
         for port in [Port::MotorEncoder, Port::StageEncoder] {
-            let known = self.axis.physics.iter().filter(|t| t.effect == EffectKind::EncoderQuantization && t.port == port);
-            let stated = if port == Port::MotorEncoder { p.drive.motor_encoder_resolution_m() } else { p.drive.stage_encoder_resolution_m() };
+            let known = self
+                .axis
+                .physics
+                .iter()
+                .filter(|t| t.effect == EffectKind::EncoderQuantization && t.port == port);
+            let stated = if port == Port::MotorEncoder {
+                p.drive.motor_encoder_resolution_m()
+            } else {
+                p.drive.stage_encoder_resolution_m()
+            };
             let stated = known.filter_map(|t| t.number("step_m")).fold(stated, f64::max);
-            let side = |m: &Motion| if port == Port::MotorEncoder { Some(m.motor.raw_m.clone()) } else { m.stage.as_ref().map(|s| s.raw_m.clone()) };
+            let side = |m: &Motion| {
+                if port == Port::MotorEncoder {
+                    Some(m.motor.raw_m.clone())
+                } else {
+                    m.stage.as_ref().map(|s| s.raw_m.clone())
+                }
+            };
             let steps: Vec<f64> = p.motions.iter().filter_map(|m| coarser_step(&side(m)?, stated)).collect();
             if steps.len() == p.motions.len() && !steps.is_empty() {
                 let step = steps.iter().sum::<f64>() / steps.len() as f64;
@@ -192,7 +225,12 @@ impl Case<'_> {
     fn step_finding(&self, port: Port, step: f64) -> Finding {
         let p = &self.outcome.problem;
         let effect = EffectKind::EncoderQuantization;
-        let parameters = vec![Estimate { name: "step_m".to_owned(), value: step, unit: "m", ci95: [0.99 * step, 1.01 * step] }];
+        let parameters = vec![Estimate {
+            name: "step_m".to_owned(),
+            value: step,
+            unit: "m",
+            ci95: [0.99 * step, 1.01 * step],
+        }];
         let rms_after = rms(&self.bench.heldout_residual(None));
         let contribution = p
             .motions
@@ -201,12 +239,23 @@ impl Case<'_> {
             .enumerate()
             .map(|(r, (m, recording))| {
                 let side = if port == Port::MotorEncoder { &m.motor } else { m.stage_side() };
-                let delay = if port == Port::MotorEncoder { p.drive.motor_encoder_delay_s() } else { p.drive.stage_encoder_delay_s() };
+                let delay = if port == Port::MotorEncoder {
+                    p.drive.motor_encoder_delay_s()
+                } else {
+                    p.drive.stage_encoder_delay_s()
+                };
                 let shift = (delay * m.rate_hz).round() as usize;
                 // What was read, less the low-passed position at that instant.
-                let error: Vec<f64> = (0..m.len()).map(|k| side.raw_m[k] - side.position_m[k.saturating_sub(shift)]).collect();
-                let value = (0..recording.len()).map(|k| error[k.saturating_sub(m.offset).min(error.len() - 1)]).collect();
-                Contribution { recording: r, t_s: (0..recording.len()).map(|k| recording.time_s(k)).collect(), value }
+                let error: Vec<f64> =
+                    (0..m.len()).map(|k| side.raw_m[k] - side.position_m[k.saturating_sub(shift)]).collect();
+                let value = (0..recording.len())
+                    .map(|k| error[k.saturating_sub(m.offset).min(error.len() - 1)])
+                    .collect();
+                Contribution {
+                    recording: r,
+                    t_s: (0..recording.len()).map(|k| recording.time_s(k)).collect(),
+                    value,
+                }
             })
             .collect();
         Finding {
@@ -215,10 +264,18 @@ impl Case<'_> {
             port,
             statement: terms::statement(effect, port, &parameters),
             equation: terms::equation(effect),
-            term: PhysicsTerm { effect, port, parameters: vec![("step_m".to_owned(), ParameterValue::Number(step))] },
+            term: PhysicsTerm {
+                effect,
+                port,
+                parameters: vec![("step_m".to_owned(), ParameterValue::Number(step))],
+            },
             parameters,
             maps: Vec::new(),
-            fit: Fit { heldout_rms_before_n: rms_after, heldout_rms_after_n: rms_after, noise_floor_n: rms_after },
+            fit: Fit {
+                heldout_rms_before_n: rms_after,
+                heldout_rms_after_n: rms_after,
+                noise_floor_n: rms_after,
+            },
             probability: 1.0,
             alternatives: Vec::new(),
             next_experiment: None,
@@ -242,7 +299,8 @@ impl Case<'_> {
                 let own = spectrum(p, residual, side == 1);
                 let last = ((band / s.step_hz) as usize).min(s.floor.len());
                 let floor: f64 = s.floor[1..last].iter().sum();
-                let above: f64 = own.density[1..last].iter().zip(&s.floor[1..last]).map(|(d, f)| (d - f).max(0.0)).sum();
+                let above: f64 =
+                    own.density[1..last].iter().zip(&s.floor[1..last]).map(|(d, f)| (d - f).max(0.0)).sum();
                 above / floor.max(1e-300)
             })
             .sum()
@@ -255,10 +313,6 @@ impl Case<'_> {
             let total: f64 = s.excess(band).iter().map(|e| e.1).sum();
             total > 0.5 * s.floor_rms_n(band).powi(2)
         });
-        if std::env::var("SC_DEBUG").is_ok() {
-            let (b, a) = (self.excess_power(&self.outcome.before), self.excess_power(&self.after));
-            eprintln!("   excess before {b:.3} after {a:.3}; loud {loud}; bands {:?}", self.spectra.iter().map(|s| (s.floor_rms_n(band), s.excess(band))).collect::<Vec<_>>());
-        }
         if !loud {
             return false;
         }
@@ -330,8 +384,14 @@ impl Case<'_> {
             .enumerate()
             .map(|(r, recording)| {
                 let (offset, inner) = (full.motions[r].offset, &series[r]);
-                let value = (0..recording.len()).map(|k| inner[k.saturating_sub(offset).min(inner.len() - 1)]).collect();
-                Contribution { recording: r, t_s: (0..recording.len()).map(|k| recording.time_s(k)).collect(), value }
+                let value = (0..recording.len())
+                    .map(|k| inner[k.saturating_sub(offset).min(inner.len() - 1)])
+                    .collect();
+                Contribution {
+                    recording: r,
+                    t_s: (0..recording.len()).map(|k| recording.time_s(k)).collect(),
+                    value,
+                }
             })
             .collect()
     }
@@ -369,7 +429,18 @@ impl Case<'_> {
         let sum: Column = self.outcome.before.iter().map(summed).collect();
         let both = above(&floored(spectrum(p, &sum, false), 0));
         let total = (em + es).max(1e-300);
-        let port = findings.first().map_or_else(|| if p.flexible && es > em { Port::Stage } else if p.flexible { Port::Motor } else { Port::Stage }, |f| f.port);
+        let port = findings.first().map_or_else(
+            || {
+                if p.flexible && es > em {
+                    Port::Stage
+                } else if p.flexible {
+                    Port::Motor
+                } else {
+                    Port::Stage
+                }
+            },
+            |f| f.port,
+        );
         let mut bands: Vec<[f64; 2]> = motor.excess(band).iter().map(|e| e.0).collect();
         if let Some(s) = &stage {
             bands.extend(s.excess(band).iter().map(|e| e.0));
@@ -388,11 +459,17 @@ impl Case<'_> {
         let p = &self.outcome.problem;
         let block = (0.25 * p.rate_hz()).max(1.0) as usize;
         let power = |r: usize, k: usize| -> f64 {
-            let at = |s: &Option<Vec<f64>>| s.as_ref().map_or(0.0, |x| x[k * block..((k + 1) * block).min(x.len())].iter().map(|v| v * v).sum());
+            let at = |s: &Option<Vec<f64>>| {
+                s.as_ref()
+                    .map_or(0.0, |x| x[k * block..((k + 1) * block).min(x.len())].iter().map(|v| v * v).sum())
+            };
             at(&self.outcome.before[r].motor) + at(&self.outcome.before[r].stage)
         };
         let blocks: Vec<usize> = p.lengths().iter().map(|n| n / block).collect();
-        let most = (0..blocks.len()).flat_map(|r| (0..blocks[r]).map(move |k| (r, k))).map(|(r, k)| power(r, k)).fold(0.0, f64::max);
+        let most = (0..blocks.len())
+            .flat_map(|r| (0..blocks[r]).map(move |k| (r, k)))
+            .map(|(r, k)| power(r, k))
+            .fold(0.0, f64::max);
         (0..blocks.len())
             .map(|r| {
                 let start = p.motions[r].time_s(p.thinning.edge());
@@ -411,7 +488,8 @@ impl Case<'_> {
 
     fn recording_fits(&self) -> Vec<RecordingFit> {
         let p = &self.outcome.problem;
-        let sides = |c: &Sides| -> Vec<Vec<f64>> { [&c.motor, &c.stage].into_iter().flatten().cloned().collect() };
+        let sides =
+            |c: &Sides| -> Vec<Vec<f64>> { [&c.motor, &c.stage].into_iter().flatten().cloned().collect() };
         (0..p.motions.len())
             .map(|r| {
                 let m = &p.motions[r];
@@ -458,14 +536,22 @@ fn merged(mut bands: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
 /// exp(gain / 2 / 8): blocks of a residual are not independent; a gain of 16 counts as one step of e.
 fn probabilities(round: &Round) -> (f64, Vec<Alternative>) {
     let best = round.scores.first().map_or(0.0, |s| s.evidence);
-    let weights: Vec<f64> = round.scores.iter().map(|s| if s.plausible { ((s.evidence - best) / 16.0).exp() } else { 0.0 }).collect();
+    let weights: Vec<f64> = round
+        .scores
+        .iter()
+        .map(|s| if s.plausible { ((s.evidence - best) / 16.0).exp() } else { 0.0 })
+        .collect();
     let total: f64 = weights.iter().sum::<f64>().max(1e-300);
     let alternatives = round
         .scores
         .iter()
         .zip(&weights)
         .skip(1)
-        .map(|(s, w)| Alternative { effect: s.hypothesis.effect, port: s.hypothesis.port, probability: w / total })
+        .map(|(s, w)| Alternative {
+            effect: s.hypothesis.effect,
+            port: s.hypothesis.port,
+            probability: w / total,
+        })
         .filter(|a| a.probability > 1e-3)
         .collect();
     (weights.first().map_or(0.0, |w| w / total), alternatives)
@@ -475,12 +561,22 @@ fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
     let strongest = alternatives.first().filter(|a| a.probability > 0.05)?;
     use crate::plant::effects::EffectKind as E;
     let text = match strongest.effect {
-        E::GravityLoad | E::AsymmetricFriction => "hold the axis at rest for two seconds at several positions: a load stays, friction's asymmetry does not",
-        E::StribeckFriction | E::NonlinearViscosity | E::ViscousFriction => "constant speeds from 0.5 to 50 mm/s in both directions",
+        E::GravityLoad | E::AsymmetricFriction => {
+            "hold the axis at rest for two seconds at several positions: a load stays, friction's asymmetry does not"
+        }
+        E::StribeckFriction | E::NonlinearViscosity | E::ViscousFriction => {
+            "constant speeds from 0.5 to 50 mm/s in both directions"
+        }
         E::PreslidingFriction | E::Backlash => "reversals of 1 to 100 um below 1 mm/s",
-        E::DeadTime | E::CurrentLoopLag | E::TorsionalMode => "a sweep up to twice the axial resonance at two amplitudes",
-        E::TorqueRipple | E::PositionPeriodicForce | E::PositionDependentForce => "the same slow stroke in both directions at two speeds",
-        E::EncoderInterpolationError => "a slow stroke at two speeds, with the signal period's line below the axial resonance",
+        E::DeadTime | E::CurrentLoopLag | E::TorsionalMode => {
+            "a sweep up to twice the axial resonance at two amplitudes"
+        }
+        E::TorqueRipple | E::PositionPeriodicForce | E::PositionDependentForce => {
+            "the same slow stroke in both directions at two speeds"
+        }
+        E::EncoderInterpolationError => {
+            "a slow stroke at two speeds, with the signal period's line below the axial resonance"
+        }
         E::TorqueConstantSaturation | E::NonlinearStiffness => "accelerations at a third and at full current",
         _ => "the same motion twice, without a cut",
     };

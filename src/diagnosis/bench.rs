@@ -86,13 +86,31 @@ impl<'a> Bench<'a> {
         let rate = problem.rate_hz();
         let whitener = Whitener::fit(residual, &layout, rate);
         let folds = Folds::new(&layout, rate);
-        let mut base: Vec<Vec<f64>> = all_columns(problem, accepted).map(|c| whitener.whiten(c, &layout)).collect();
+        let mut base: Vec<Vec<f64>> =
+            all_columns(problem, accepted).map(|c| whitener.whiten(c, &layout)).collect();
         let mut target = whitener.whiten(&known_target(problem, accepted), &layout);
-        if let Some(mass) = problem.numbers.iter().position(|n| problem.flexible && n.key == Some("movable_mass_kg")) {
-            normalise_stage(residual, &layout, &whitener, (&mut base[mass], &mut target, problem.mechanics.stage_mass_kg));
+        if let Some(mass) =
+            problem.numbers.iter().position(|n| problem.flexible && n.key == Some("movable_mass_kg"))
+        {
+            normalise_stage(
+                residual,
+                &layout,
+                &whitener,
+                (&mut base[mass], &mut target, problem.mechanics.stage_mass_kg),
+            );
         }
         let gram = Gram::new(&base, &target, &folds);
-        let mut bench = Self { problem, layout, folds, whitener, base, target, solution: gram.solve(&[]), gram, accepted };
+        let mut bench = Self {
+            problem,
+            layout,
+            folds,
+            whitener,
+            base,
+            target,
+            solution: gram.solve(&[]),
+            gram,
+            accepted,
+        };
         bench.solution = bench.solve(&bench.gram, true);
         bench
     }
@@ -116,7 +134,8 @@ impl<'a> Bench<'a> {
     }
 
     fn within_limit(&self, solution: &Solution) -> bool {
-        (self.problem.timing_s + solution.coefficients[self.timing_index()]).abs() <= timing_limit_s(self.problem)
+        (self.problem.timing_s + solution.coefficients[self.timing_index()]).abs()
+            <= timing_limit_s(self.problem)
     }
 
     /// Coefficient of the timing in the present solution, s.
@@ -142,7 +161,9 @@ impl<'a> Bench<'a> {
             None => self.gram.clone(),
         };
         let held = self.solution.coefficients[self.timing_index()] == 0.0;
-        let used: Vec<usize> = (0..gram.columns()).filter(|k| !gone.contains(k) && !(held && *k == self.timing_index())).collect();
+        let used: Vec<usize> = (0..gram.columns())
+            .filter(|k| !gone.contains(k) && !(held && *k == self.timing_index()))
+            .collect();
         let mut out: Option<Column> = None;
         for fold in 0..super::regression::FOLDS {
             let coefficients = gram.solve_without(fold, &used);
@@ -171,14 +192,19 @@ impl<'a> Bench<'a> {
 
     /// Coefficients of an accepted hypothesis in the base: amplitudes (if free), then steps of the constants.
     fn range(&self, index: usize) -> std::ops::Range<usize> {
-        let first = self.timing_index() + 1 + self.accepted[..index].iter().map(Accepted::width).sum::<usize>();
+        let first =
+            self.timing_index() + 1 + self.accepted[..index].iter().map(Accepted::width).sum::<usize>();
         first..first + self.accepted[index].width()
     }
 
     /// Amplitudes of an accepted hypothesis and relative steps of its constants, each with its deviation.
     pub(crate) fn accepted_fit(&self, index: usize) -> HypothesisFit {
         let range = self.range(index);
-        HypothesisFit::of(&self.accepted[index].hypothesis.shape, self.accepted[index].columns.len(), (&self.solution, range.start))
+        HypothesisFit::of(
+            &self.accepted[index].hypothesis.shape,
+            self.accepted[index].columns.len(),
+            (&self.solution, range.start),
+        )
     }
 
     /// Loss of evidence without an accepted hypothesis.
@@ -205,7 +231,10 @@ impl<'a> Bench<'a> {
 
     /// Fits amplitudes and constants of one hypothesis on top of the base, by Gauss-Newton on the constants.
     pub(crate) fn refine(&self, score: &Score) -> Score {
-        let mut best = self.score_fitted(&Hypothesis { shape: score.hypothesis.shape.absorb(score.amplitudes[0]), ..score.hypothesis.clone() });
+        let mut best = self.score_fitted(&Hypothesis {
+            shape: score.hypothesis.shape.absorb(score.amplitudes[0]),
+            ..score.hypothesis.clone()
+        });
         let mut damping = 1.0;
         let mut from = best.clone();
         for _ in 0..6 {
@@ -217,8 +246,13 @@ impl<'a> Bench<'a> {
             }
             let fit = self.fit(h, &columns, &tangents);
             let trust = h.shape.trust() * damping;
-            let moved: Vec<f64> =
-                h.shape.constants().iter().zip(&fit.steps).map(|(c, s)| c * s.clamp(-trust, trust).exp()).collect();
+            let moved: Vec<f64> = h
+                .shape
+                .constants()
+                .iter()
+                .zip(&fit.steps)
+                .map(|(c, s)| c * s.clamp(-trust, trust).exp())
+                .collect();
             let next = self.score_fitted(&Hypothesis { shape: h.shape.with_constants(&moved), ..h.clone() });
             let gain = next.likelihood - best.likelihood;
             if gain > 0.0 {
@@ -279,7 +313,8 @@ impl<'a> Bench<'a> {
         if matches!(hypothesis.shape, Shape::Torsion { .. }) {
             return self.score_fitted(hypothesis);
         }
-        let columns: Vec<Vec<f64>> = hypothesis.columns(self.problem).iter().map(|c| self.whitener.whiten(c, &self.layout)).collect();
+        let columns: Vec<Vec<f64>> =
+            hypothesis.columns(self.problem).iter().map(|c| self.whitener.whiten(c, &self.layout)).collect();
         let gram = self.gram.with(&self.base, &columns, &self.target, &self.folds);
         let solution = self.solve(&gram, !is_timing(hypothesis));
         let first = self.base.len();
@@ -342,7 +377,12 @@ fn known_target(p: &Problem, accepted: &[Accepted]) -> Column {
 /// Every term of 0 = M_t a_s + ... - K D can shrink together and leave a smaller residual without fitting better.
 /// Minimising r_s / M_t instead, linearised at the present residual r_0 and mass M_0: the column of the mass
 /// becomes a_s + r_0 / M_0 and the target r_0; the residual at M_0 is unchanged.
-fn normalise_stage(residual: &Column, layout: &Layout, whitener: &Whitener, (mass, target, present): (&mut [f64], &mut [f64], f64)) {
+fn normalise_stage(
+    residual: &Column,
+    layout: &Layout,
+    whitener: &Whitener,
+    (mass, target, present): (&mut [f64], &mut [f64], f64),
+) {
     let stage: Column = residual.iter().map(|s| Sides { motor: None, stage: s.stage.clone() }).collect();
     let flat = whitener.whiten(&stage, layout);
     for ((m, t), r) in mass.iter_mut().zip(target.iter_mut()).zip(&flat) {
@@ -353,7 +393,11 @@ fn normalise_stage(residual: &Column, layout: &Layout, whitener: &Whitener, (mas
 
 /// Columns of the base in order.
 fn all_columns<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = &'b Column> {
-    p.numbers.iter().map(|n| &n.column).chain(std::iter::once(&p.timing)).chain(accepted.iter().flat_map(Accepted::fitted))
+    p.numbers
+        .iter()
+        .map(|n| &n.column)
+        .chain(std::iter::once(&p.timing))
+        .chain(accepted.iter().flat_map(Accepted::fitted))
 }
 
 /// target - columns * coefficients.

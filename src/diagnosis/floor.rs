@@ -65,7 +65,8 @@ fn density(residual: &Column, stage: bool, rate_hz: f64) -> Vec<f64> {
         while start + SEGMENT <= x.len() {
             let piece = &x[start..start + SEGMENT];
             let mean = piece.iter().sum::<f64>() / SEGMENT as f64;
-            let mut bins: Vec<Complex<f64>> = piece.iter().zip(&window).map(|(v, w)| Complex::new((v - mean) * w, 0.0)).collect();
+            let mut bins: Vec<Complex<f64>> =
+                piece.iter().zip(&window).map(|(v, w)| Complex::new((v - mean) * w, 0.0)).collect();
             fft.process(&mut bins);
             for (s, b) in sum.iter_mut().zip(&bins) {
                 *s += 2.0 * b.norm_sqr() / gain;
@@ -115,7 +116,8 @@ pub(crate) fn spectrum(p: &Problem, residual: &Column, stage: bool) -> SideSpect
         .collect();
     levels.sort_by(f64::total_cmp);
     let white = levels.get(levels.len() * 2 / 5).copied().unwrap_or(0.0);
-    let floor = (0..density.len()).map(|k| k as f64 * step_hz).map(|f| (white + steps(f)) * shape(f)).collect();
+    let floor =
+        (0..density.len()).map(|k| k as f64 * step_hz).map(|f| (white + steps(f)) * shape(f)).collect();
     SideSpectrum { density, floor, step_hz }
 }
 

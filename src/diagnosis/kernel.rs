@@ -74,7 +74,12 @@ impl Kernel {
             .map(|k| (k as f64 - half as f64) * dt + action.advance_s)
             .map(|t| continuous(band_hz, action.derivative, t) * dt)
             .collect();
-        correct_moments(&mut taps, half, band_hz * dt, Shift { derivative: action.derivative, samples: action.advance_s * rate_hz, rate_hz });
+        correct_moments(
+            &mut taps,
+            half,
+            band_hz * dt,
+            Shift { derivative: action.derivative, samples: action.advance_s * rate_hz, rate_hz },
+        );
         Self { taps, half }
     }
 
@@ -147,12 +152,16 @@ struct Shift {
 ///
 /// sum_j k_j (-j)^q = d^d/dT^d sum_i h_i (T - i)^q at T = shift, h: the unshifted low-pass.
 fn correct_moments(taps: &mut [f64], half: usize, band_per_sample: f64, shift: Shift) {
-    let plain: Vec<f64> = (0..taps.len()).map(|k| continuous(band_per_sample, 0, k as f64 - half as f64)).collect();
+    let plain: Vec<f64> =
+        (0..taps.len()).map(|k| continuous(band_per_sample, 0, k as f64 - half as f64)).collect();
     let total: f64 = plain.iter().sum();
-    let moment = |q: i32| plain.iter().enumerate().map(|(k, h)| h / total * (k as f64 - half as f64).powi(q)).sum::<f64>();
+    let moment = |q: i32| {
+        plain.iter().enumerate().map(|(k, h)| h / total * (k as f64 - half as f64).powi(q)).sum::<f64>()
+    };
     let scale = half as f64;
     let width = 0.72 / band_per_sample * 1.6;
-    let window: Vec<f64> = (0..taps.len()).map(|k| (-0.5 * ((k as f64 - half as f64) / width).powi(2)).exp()).collect();
+    let window: Vec<f64> =
+        (0..taps.len()).map(|k| (-0.5 * ((k as f64 - half as f64) / width).powi(2)).exp()).collect();
     let power = |k: usize, q: usize| (-(k as f64 - half as f64) / scale).powi(q as i32);
     let mut wanted = SVector::<f64, MOMENTS>::zeros();
     for q in 0..MOMENTS {

@@ -67,11 +67,16 @@ pub type Progress<'a> = &'a (dyn Fn(f64, &str) + Sync);
 /// Says what `machine` leaves out, from recordings of it. Deterministic.
 ///
 /// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters.
-pub fn diagnose(machine: &Machine, recordings: &[Recording], progress: Progress<'_>) -> Result<Diagnosis, DiagnoseError> {
+pub fn diagnose(
+    machine: &Machine,
+    recordings: &[Recording],
+    progress: Progress<'_>,
+) -> Result<Diagnosis, DiagnoseError> {
     let first = recordings.first().ok_or(DiagnoseError::NoRecording)?;
     let axis = axis_of(machine, first)?;
     let flexible = recordings.iter().all(|r| motion::is_flexible(axis, r));
-    let motions = recordings.iter().map(|r| motion::motion(axis, r, flexible)).collect::<Result<Vec<_>, _>>()?;
+    let motions =
+        recordings.iter().map(|r| motion::motion(axis, r, flexible)).collect::<Result<Vec<_>, _>>()?;
     let problem = problem::Problem::new(&axis.drive, motions, flexible);
     let given = axis
         .physics
@@ -87,7 +92,8 @@ pub fn diagnose(machine: &Machine, recordings: &[Recording], progress: Progress<
 }
 
 fn axis_of<'a>(machine: &'a Machine, recording: &Recording) -> Result<&'a AxisModel, DiagnoseError> {
-    let has = |axis: &AxisModel| recording.columns.iter().any(|c| c.name.starts_with(&format!("{}_", axis.name)));
+    let has =
+        |axis: &AxisModel| recording.columns.iter().any(|c| c.name.starts_with(&format!("{}_", axis.name)));
     machine.axes.iter().find(|a| has(a)).ok_or_else(|| DiagnoseError::NoAxis {
         recording: recording.experiment.clone(),
         axes: machine.axes.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join(", "),

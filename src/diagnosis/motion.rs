@@ -73,14 +73,20 @@ fn columns<'a>(axis: &AxisModel, recording: &'a Recording) -> Result<Columns<'a>
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
     let travel = axis.drive.travel_m_rad();
     let (reference, thrust_per_unit) = if let Some(i) = recording.get(&name("current_ref_a")) {
-        let k = axis.drive.thrust_constant_n_a().ok_or_else(|| DiagnoseError::NoTorqueConstant { axis: axis.name.clone() })?;
+        let k = axis
+            .drive
+            .thrust_constant_n_a()
+            .ok_or_else(|| DiagnoseError::NoTorqueConstant { axis: axis.name.clone() })?;
         (i, k)
     } else if let Some(t) = recording.get(&name("torque_ref_nm")) {
         (t, 1.0 / travel)
     } else if let Some(f) = recording.get(&name("thrust_ref_n")) {
         (f, 1.0)
     } else {
-        return Err(DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected: name("current_ref_a, _torque_ref_nm or _thrust_ref_n") });
+        return Err(DiagnoseError::MissingColumn {
+            recording: recording.experiment.clone(),
+            expected: name("current_ref_a, _torque_ref_nm or _thrust_ref_n"),
+        });
     };
     let motor_m = recording
         .get(&name("motor_angle_rad"))
@@ -88,9 +94,17 @@ fn columns<'a>(axis: &AxisModel, recording: &'a Recording) -> Result<Columns<'a>
         .or_else(|| recording.get(&name("motor_position_m")).map(<[f64]>::to_vec));
     let stage_m = recording.get(&name("stage_position_m"));
     if motor_m.is_none() && stage_m.is_none() {
-        return Err(DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected: name("motor_angle_rad, _motor_position_m or _stage_position_m") });
+        return Err(DiagnoseError::MissingColumn {
+            recording: recording.experiment.clone(),
+            expected: name("motor_angle_rad, _motor_position_m or _stage_position_m"),
+        });
     }
-    Ok(Columns { reference_n: reference.iter().map(|x| x * thrust_per_unit).collect(), thrust_per_unit, motor_m, stage_m })
+    Ok(Columns {
+        reference_n: reference.iter().map(|x| x * thrust_per_unit).collect(),
+        thrust_per_unit,
+        motor_m,
+        stage_m,
+    })
 }
 
 /// First-order current loop behind a zero-order hold: value at the end of each sample period.
@@ -124,10 +138,11 @@ pub(crate) fn is_flexible(axis: &AxisModel, recording: &Recording) -> bool {
 }
 
 fn side(raw: &[f64], delay_s: f64, frame: &Frame) -> Side {
-    let origin = raw[0];
+    let origin = raw.first().copied().unwrap_or(0.0);
     let local: Vec<f64> = raw.iter().map(|x| x - origin).collect();
     let filtered = |derivative| {
-        let kernel = Kernel::low_pass(frame.band_hz, frame.rate_hz, Action { derivative, advance_s: delay_s });
+        let kernel =
+            Kernel::low_pass(frame.band_hz, frame.rate_hz, Action { derivative, advance_s: delay_s });
         kernel.apply(&local, frame.grid)
     };
     let end = frame.grid.first + frame.grid.count;
@@ -146,7 +161,11 @@ struct Frame {
 }
 
 /// Aligns and filters one recording. `flexible`: both encoders are used.
-pub(crate) fn motion(axis: &AxisModel, recording: &Recording, flexible: bool) -> Result<Motion, DiagnoseError> {
+pub(crate) fn motion(
+    axis: &AxisModel,
+    recording: &Recording,
+    flexible: bool,
+) -> Result<Motion, DiagnoseError> {
     let columns = columns(axis, recording)?;
     let drive = &axis.drive;
     let rate_hz = recording.sample_rate.hz();
@@ -162,15 +181,15 @@ pub(crate) fn motion(axis: &AxisModel, recording: &Recording, flexible: bool) ->
     let grid = Grid { first: edge, step: 1, count: samples - 2 * edge };
     let frame = Frame { band_hz, rate_hz, grid };
     let raw_thrust = current_loop(&columns.reference_n, drive.current_loop_bandwidth_rad_s(), rate_hz);
-    let thrust = Kernel::low_pass(band_hz, rate_hz, Action { derivative: 0, advance_s: -delay_s }).apply(&raw_thrust, grid);
+    let thrust = Kernel::low_pass(band_hz, rate_hz, Action { derivative: 0, advance_s: -delay_s })
+        .apply(&raw_thrust, grid);
     let motor_delay_s = drive.motor_encoder_delay_s();
     let (motor, stage) = match (&columns.motor_m, columns.stage_m) {
         (Some(m), Some(s)) if flexible => {
             (side(m, motor_delay_s, &frame), Some(side(s, drive.stage_encoder_delay_s(), &frame)))
         }
         (Some(m), _) => (side(m, motor_delay_s, &frame), None),
-        (None, Some(s)) => (side(s, drive.stage_encoder_delay_s(), &frame), None),
-        (None, None) => unreachable!("columns() has refused a recording without a position"),
+        (None, s) => (side(s.unwrap_or_default(), drive.stage_encoder_delay_s(), &frame), None),
     };
     let end = grid.first + grid.count;
     Ok(Motion {

@@ -138,7 +138,8 @@ impl Problem {
     pub(crate) fn new(drive: &DriveParams, motions: Vec<Motion>, flexible: bool) -> Self {
         let rate_hz = motions.first().map_or(1.0, |m| m.rate_hz);
         let thinning = Thinning::new(rate_hz);
-        let target = motions.iter().map(|m| Sides { motor: Some(thinning.thin(&m.thrust_n)), stage: None }).collect();
+        let target =
+            motions.iter().map(|m| Sides { motor: Some(thinning.thin(&m.thrust_n)), stage: None }).collect();
         let mut problem = Self {
             drive: drive.clone(),
             flexible,
@@ -151,7 +152,8 @@ impl Problem {
             thinning,
         };
         problem.numbers = if flexible { problem.flexible_numbers() } else { problem.rigid_numbers() };
-        problem.timing = problem.column(|m| Sides { motor: Some(derivative(&m.thrust_n, m.rate_hz)), stage: None });
+        problem.timing =
+            problem.column(|m| Sides { motor: Some(derivative(&m.thrust_n, m.rate_hz)), stage: None });
         problem
     }
 
@@ -164,13 +166,23 @@ impl Problem {
             m.thrust_n = super::shape::shifted(&m.thrust_n, -later_s * m.rate_hz);
         }
         self.timing_s += later_s;
-        self.target = self.motions.iter().map(|m| Sides { motor: Some(self.thinning.thin(&m.thrust_n)), stage: None }).collect();
+        self.target = self
+            .motions
+            .iter()
+            .map(|m| Sides { motor: Some(self.thinning.thin(&m.thrust_n)), stage: None })
+            .collect();
         self.timing = self.column(|m| Sides { motor: Some(derivative(&m.thrust_n, m.rate_hz)), stage: None });
     }
 
     /// The same problem with columns at the full rate, neither filtered again nor cut.
     pub(crate) fn unthinned(&self) -> Self {
-        Self { thinning: Thinning { kernel: Kernel::unit(), step: 1 }, numbers: Vec::new(), timing: Vec::new(), target: Vec::new(), ..self.clone() }
+        Self {
+            thinning: Thinning { kernel: Kernel::unit(), step: 1 },
+            numbers: Vec::new(),
+            timing: Vec::new(),
+            target: Vec::new(),
+            ..self.clone()
+        }
     }
 
     /// Rate of the thinned series.
@@ -222,21 +234,37 @@ impl Problem {
                 list.push(Number { key: Some(key), nominal, key_per_coefficient, column: column() });
             }
         };
-        add("rotary_inertia_kg_m2", d.reflected_mass_kg(), r2, &|| self.motor_only(|m| m.motor.accel_m_s2.clone()));
-        add("rotary_damping_nm_s_rad", d.reflected_damping_n_s_m(), r2, &|| self.motor_only(|m| m.motor.velocity_m_s.clone()));
-        add("motor_coulomb_friction_n", d.motor_coulomb_friction_n(), 1.0, &|| self.motor_only(|m| sliding(&m.motor.velocity_m_s, vs)));
+        add("rotary_inertia_kg_m2", d.reflected_mass_kg(), r2, &|| {
+            self.motor_only(|m| m.motor.accel_m_s2.clone())
+        });
+        add("rotary_damping_nm_s_rad", d.reflected_damping_n_s_m(), r2, &|| {
+            self.motor_only(|m| m.motor.velocity_m_s.clone())
+        });
+        add("motor_coulomb_friction_n", d.motor_coulomb_friction_n(), 1.0, &|| {
+            self.motor_only(|m| sliding(&m.motor.velocity_m_s, vs))
+        });
         add("axial_stiffness_n_m", d.axial_stiffness_n_m(), 1.0, &|| self.coupling(stretch));
         add("structural_damping_n_s_m", d.structural_damping_n_s_m(), 1.0, &|| self.coupling(stretch_rate));
-        add("movable_mass_kg", d.movable_mass_kg(), 1.0, &|| self.stage_only(|m| m.stage_side().accel_m_s2.clone()));
-        add("translational_damping_n_s_m", d.translational_damping_n_s_m(), 1.0, &|| self.stage_only(|m| m.stage_side().velocity_m_s.clone()));
-        add("stage_coulomb_friction_n", d.stage_coulomb_friction_n(), 1.0, &|| self.stage_only(|m| sliding(&m.stage_side().velocity_m_s, vs)));
+        add("movable_mass_kg", d.movable_mass_kg(), 1.0, &|| {
+            self.stage_only(|m| m.stage_side().accel_m_s2.clone())
+        });
+        add("translational_damping_n_s_m", d.translational_damping_n_s_m(), 1.0, &|| {
+            self.stage_only(|m| m.stage_side().velocity_m_s.clone())
+        });
+        add("stage_coulomb_friction_n", d.stage_coulomb_friction_n(), 1.0, &|| {
+            self.stage_only(|m| sliding(&m.stage_side().velocity_m_s, vs))
+        });
         for recording in 0..self.motions.len() {
             let column = self
                 .lengths()
                 .iter()
                 .enumerate()
                 .map(|(k, &n)| {
-                    if k == recording { Sides { motor: Some(vec![1.0; n]), stage: Some(vec![-1.0; n]) } } else { Sides::default() }
+                    if k == recording {
+                        Sides { motor: Some(vec![1.0; n]), stage: Some(vec![-1.0; n]) }
+                    } else {
+                        Sides::default()
+                    }
                 })
                 .collect();
             list.push(Number { key: None, nominal: 0.0, key_per_coefficient: 1.0, column });
@@ -253,10 +281,20 @@ impl Problem {
             }
         };
         add("movable_mass_kg", m0.motor_mass_kg, &|| self.motor_only(|m| m.motor.accel_m_s2.clone()));
-        let viscous = if d.translational_damping_n_s_m() > 0.0 { "translational_damping_n_s_m" } else { "rotary_damping_nm_s_rad" };
+        let viscous = if d.translational_damping_n_s_m() > 0.0 {
+            "translational_damping_n_s_m"
+        } else {
+            "rotary_damping_nm_s_rad"
+        };
         add(viscous, m0.motor_damping_n_s_m, &|| self.motor_only(|m| m.motor.velocity_m_s.clone()));
-        let coulomb = if d.stage_coulomb_friction_n() > 0.0 { "stage_coulomb_friction_n" } else { "motor_coulomb_friction_n" };
-        add(coulomb, m0.motor_coulomb_n, &|| self.motor_only(|m| sliding(&m.motor.velocity_m_s, m0.smoothing_m_s)));
+        let coulomb = if d.stage_coulomb_friction_n() > 0.0 {
+            "stage_coulomb_friction_n"
+        } else {
+            "motor_coulomb_friction_n"
+        };
+        add(coulomb, m0.motor_coulomb_n, &|| {
+            self.motor_only(|m| sliding(&m.motor.velocity_m_s, m0.smoothing_m_s))
+        });
         list
     }
 }
@@ -280,5 +318,7 @@ pub(crate) fn stretch_rate(m: &Motion) -> Vec<f64> {
 pub(crate) fn derivative(x: &[f64], rate_hz: f64) -> Vec<f64> {
     let n = x.len();
     let at = |i: isize| x[i.clamp(0, n as isize - 1) as usize];
-    (0..n as isize).map(|i| (8.0 * (at(i + 1) - at(i - 1)) - (at(i + 2) - at(i - 2))) * rate_hz / 12.0).collect()
+    (0..n as isize)
+        .map(|i| (8.0 * (at(i + 1) - at(i - 1)) - (at(i + 2) - at(i - 2))) * rate_hz / 12.0)
+        .collect()
 }

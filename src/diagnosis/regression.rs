@@ -41,7 +41,11 @@ impl Folds {
                 let mut k = 0;
                 while k * block < n {
                     let end = ((k + 1) * block).min(n);
-                    segments.push(Segment { start: start + k * block, end: start + end, fold: (first + k) % FOLDS });
+                    segments.push(Segment {
+                        start: start + k * block,
+                        end: start + end,
+                        fold: (first + k) % FOLDS,
+                    });
                     k += 1;
                 }
             }
@@ -184,7 +188,8 @@ impl Gram {
         let mut heldout = 0.0;
         for f in 0..FOLDS {
             let (b, _) = solve_used(&(&total - &self.inner[f]), &(&right - &self.target[f]), used);
-            heldout += self.power[f] - 2.0 * b.dot(&self.target[f]) + (b.transpose() * &self.inner[f] * &b)[(0, 0)];
+            heldout +=
+                self.power[f] - 2.0 * b.dot(&self.target[f]) + (b.transpose() * &self.inner[f] * &b)[(0, 0)];
         }
         let variance = left / (self.samples.saturating_sub(used.len()).max(1)) as f64;
         let mut deviations = vec![0.0; n];

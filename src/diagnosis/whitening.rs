@@ -94,21 +94,22 @@ impl Whitener {
             n.normal[(k, k)] += 1e-3 * n.power[(c, c)] + f64::MIN_POSITIVE;
         }
         let dim = n.normal.nrows();
-        let solution = n.normal.clone().cholesky().map_or_else(|| DMatrix::zeros(dim, sides), |c| c.solve(&n.right));
+        let solution =
+            n.normal.clone().cholesky().map_or_else(|| DMatrix::zeros(dim, sides), |c| c.solve(&n.right));
         let explained = solution.transpose() * &n.right;
         let count = n.count.max(1.0);
         let mut covariance = Matrix2::<f64>::identity();
         for a in 0..sides {
             for b in 0..sides {
-                covariance[(a, b)] = (n.power[(a, b)] - 0.5 * (explained[(a, b)] + explained[(b, a)])) / count;
+                covariance[(a, b)] =
+                    (n.power[(a, b)] - 0.5 * (explained[(a, b)] + explained[(b, a)])) / count;
             }
             let least = 1e-6 * n.power[(a, a)] / count + 1e-300;
             covariance[(a, a)] = covariance[(a, a)].max(least);
         }
-        let scale = covariance
-            .cholesky()
-            .and_then(|c| c.l().try_inverse())
-            .unwrap_or_else(|| Matrix2::new(covariance[(0, 0)].powf(-0.5), 0.0, 0.0, covariance[(1, 1)].powf(-0.5)));
+        let scale = covariance.cholesky().and_then(|c| c.l().try_inverse()).unwrap_or_else(|| {
+            Matrix2::new(covariance[(0, 0)].powf(-0.5), 0.0, 0.0, covariance[(1, 1)].powf(-0.5))
+        });
         let lags = (0..ORDER)
             .map(|k| {
                 let mut m = Matrix2::zeros();
@@ -126,7 +127,9 @@ impl Whitener {
     /// Filter taps from input side `b` to output side `a`.
     fn taps(&self, a: usize, b: usize) -> Vec<f64> {
         let mut taps = vec![self.scale[(a, b)]];
-        taps.extend(self.lags.iter().map(|m| -(0..self.sides).map(|c| self.scale[(a, c)] * m[(c, b)]).sum::<f64>()));
+        taps.extend(
+            self.lags.iter().map(|m| -(0..self.sides).map(|c| self.scale[(a, c)] * m[(c, b)]).sum::<f64>()),
+        );
         taps
     }
 
@@ -187,7 +190,10 @@ fn quiet_blocks(residual: &Column, layout: &Layout, block: usize) -> Vec<(usize,
         let mut start = 0;
         while start + block <= n {
             let powers: Vec<f64> = (0..layout.sides)
-                .map(|c| series(&residual[recording], c).map_or(0.0, |x| x[start..start + block].iter().map(|v| v * v).sum()))
+                .map(|c| {
+                    series(&residual[recording], c)
+                        .map_or(0.0, |x| x[start..start + block].iter().map(|v| v * v).sum())
+                })
                 .collect();
             blocks.push((recording, start, start + block, powers));
             start += block;

@@ -46,7 +46,8 @@ fn location(l: &Location, diagnosis: &Diagnosis) -> Value {
         .iter()
         .filter(|t| !t.spans_s.is_empty())
         .map(|t| {
-            let name = diagnosis.recordings.get(t.recording).map_or_else(String::new, |r| r.experiment.clone());
+            let name =
+                diagnosis.recordings.get(t.recording).map_or_else(String::new, |r| r.experiment.clone());
             (name, json!(t.spans_s))
         })
         .collect();
@@ -57,7 +58,8 @@ fn location(l: &Location, diagnosis: &Diagnosis) -> Value {
 }
 
 fn finding(f: &Finding) -> Value {
-    let mut parameters: Map<String, Value> = f.parameters.iter().map(|e| (e.name.clone(), estimate(e))).collect();
+    let mut parameters: Map<String, Value> =
+        f.parameters.iter().map(|e| (e.name.clone(), estimate(e))).collect();
     for map in &f.maps {
         parameters.insert(map.name.clone(), json!({ "value": map.values }));
     }
@@ -93,8 +95,15 @@ fn write_contribution(out: &Path, diagnosis: &Diagnosis, finding: &Finding) -> R
         value.extend_from_slice(&c.value);
     }
     let table = Table {
-        columns: vec![("experiment", TableColumn::Text(&experiment)), ("t_s", TableColumn::Double(&t_s)), ("value", TableColumn::Double(&value))],
-        metadata: vec![("effect".to_owned(), finding.effect.name().to_owned()), ("port".to_owned(), finding.port.name().to_owned())],
+        columns: vec![
+            ("experiment", TableColumn::Text(&experiment)),
+            ("t_s", TableColumn::Double(&t_s)),
+            ("value", TableColumn::Double(&value)),
+        ],
+        metadata: vec![
+            ("effect".to_owned(), finding.effect.name().to_owned()),
+            ("port".to_owned(), finding.port.name().to_owned()),
+        ],
     };
     write_table(&out.join(format!("contribution-{}.parquet", finding.rank)), &table)
 }

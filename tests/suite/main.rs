@@ -3,8 +3,10 @@
 
 mod lathe;
 
-#[cfg(feature = "service")]
-mod transport;
 mod conceal;
 mod import;
 mod report;
+#[cfg(feature = "service")]
+mod transport;
+
+mod diagnosis;

@@ -61,7 +61,11 @@ impl Torsion {
         // Relative to the quasi-static path s(t) = f/k - c f'/k^2, e - s rings freely between samples.
         let mut e = load_n.first().copied().unwrap_or(0.0) / k;
         let mut v = 0.0;
-        let mut out = [Vec::with_capacity(load_n.len()), Vec::with_capacity(load_n.len()), Vec::with_capacity(load_n.len())];
+        let mut out = [
+            Vec::with_capacity(load_n.len()),
+            Vec::with_capacity(load_n.len()),
+            Vec::with_capacity(load_n.len()),
+        ];
         for (i, f) in load_n.iter().enumerate() {
             out[0].push(e);
             out[1].push(v);
