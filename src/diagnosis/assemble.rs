@@ -133,7 +133,8 @@ fn corrections(case: &Case<'_>) -> Vec<Correction> {
         let Some(name) = n.key else { continue };
         let value = s.coefficients[k] / common;
         let deviation = DEVIATION_FACTOR * s.deviations[k] / common;
-        let significant = (value - n.nominal).abs() > 4.0 * deviation && (value / n.nominal - 1.0).abs() > 0.005;
+        let significant =
+            (value - n.nominal).abs() > 4.0 * deviation && (value / n.nominal - 1.0).abs() > 0.005;
         if !significant || value <= 0.0 {
             continue;
         }
@@ -154,7 +155,12 @@ fn corrections(case: &Case<'_>) -> Vec<Correction> {
     if let Some(nominal) = p.drive.torque_constant_nm_a().filter(|_| common != 1.0) {
         let value = nominal / common;
         let half = 1.96 * 0.015 * value;
-        list.push(Correction { name: "torque_constant_nm_a", nominal, value, ci95: [value - half, value + half] });
+        list.push(Correction {
+            name: "torque_constant_nm_a",
+            nominal,
+            value,
+            ci95: [value - half, value + half],
+        });
     }
     list
 }
@@ -172,7 +178,9 @@ fn common_scale(case: &Case<'_>) -> f64 {
         .numbers
         .iter()
         .zip(&case.bench.solution.coefficients)
-        .filter(|(n, _)| matches!(n.key, Some("rotary_inertia_kg_m2" | "movable_mass_kg" | "axial_stiffness_n_m")))
+        .filter(|(n, _)| {
+            matches!(n.key, Some("rotary_inertia_kg_m2" | "movable_mass_kg" | "axial_stiffness_n_m"))
+        })
         .map(|(n, b)| b / n.nominal)
         .collect();
     ratios.sort_by(f64::total_cmp);
@@ -187,10 +195,24 @@ impl Case<'_> {
         let p = &self.outcome.problem;
         let mut list = Vec::new();
         for port in [Port::MotorEncoder, Port::StageEncoder] {
-            let known = self.axis.physics.iter().filter(|t| t.effect == EffectKind::EncoderQuantization && t.port == port);
-            let stated = if port == Port::MotorEncoder { p.drive.motor_encoder_resolution_m() } else { p.drive.stage_encoder_resolution_m() };
+            let known = self
+                .axis
+                .physics
+                .iter()
+                .filter(|t| t.effect == EffectKind::EncoderQuantization && t.port == port);
+            let stated = if port == Port::MotorEncoder {
+                p.drive.motor_encoder_resolution_m()
+            } else {
+                p.drive.stage_encoder_resolution_m()
+            };
             let stated = known.filter_map(|t| t.number("step_m")).fold(stated, f64::max);
-            let side = |m: &Motion| if port == Port::MotorEncoder { Some(m.motor.raw_m.clone()) } else { m.stage.as_ref().map(|s| s.raw_m.clone()) };
+            let side = |m: &Motion| {
+                if port == Port::MotorEncoder {
+                    Some(m.motor.raw_m.clone())
+                } else {
+                    m.stage.as_ref().map(|s| s.raw_m.clone())
+                }
+            };
             let steps: Vec<f64> = p.motions.iter().filter_map(|m| coarser_step(&side(m)?, stated)).collect();
             if steps.len() == p.motions.len() && !steps.is_empty() {
                 let step = steps.iter().sum::<f64>() / steps.len() as f64;
@@ -203,7 +225,12 @@ impl Case<'_> {
     fn step_finding(&self, port: Port, step: f64) -> Finding {
         let p = &self.outcome.problem;
         let effect = EffectKind::EncoderQuantization;
-        let parameters = vec![Estimate { name: "step_m".to_owned(), value: step, unit: "m", ci95: [0.99 * step, 1.01 * step] }];
+        let parameters = vec![Estimate {
+            name: "step_m".to_owned(),
+            value: step,
+            unit: "m",
+            ci95: [0.99 * step, 1.01 * step],
+        }];
         let rms_after = rms(&self.bench.heldout_residual(None));
         let contribution = p
             .motions
@@ -212,12 +239,23 @@ impl Case<'_> {
             .enumerate()
             .map(|(r, (m, recording))| {
                 let side = if port == Port::MotorEncoder { &m.motor } else { m.stage_side() };
-                let delay = if port == Port::MotorEncoder { p.drive.motor_encoder_delay_s() } else { p.drive.stage_encoder_delay_s() };
+                let delay = if port == Port::MotorEncoder {
+                    p.drive.motor_encoder_delay_s()
+                } else {
+                    p.drive.stage_encoder_delay_s()
+                };
                 let shift = (delay * m.rate_hz).round() as usize;
                 // What was read, less the low-passed position at that instant.
-                let error: Vec<f64> = (0..m.len()).map(|k| side.raw_m[k] - side.position_m[k.saturating_sub(shift)]).collect();
-                let value = (0..recording.len()).map(|k| error[k.saturating_sub(m.offset).min(error.len() - 1)]).collect();
-                Contribution { recording: r, t_s: (0..recording.len()).map(|k| recording.time_s(k)).collect(), value }
+                let error: Vec<f64> =
+                    (0..m.len()).map(|k| side.raw_m[k] - side.position_m[k.saturating_sub(shift)]).collect();
+                let value = (0..recording.len())
+                    .map(|k| error[k.saturating_sub(m.offset).min(error.len() - 1)])
+                    .collect();
+                Contribution {
+                    recording: r,
+                    t_s: (0..recording.len()).map(|k| recording.time_s(k)).collect(),
+                    value,
+                }
             })
             .collect();
         Finding {
@@ -226,10 +264,18 @@ impl Case<'_> {
             port,
             statement: terms::statement(effect, port, &parameters),
             equation: terms::equation(effect),
-            term: PhysicsTerm { effect, port, parameters: vec![("step_m".to_owned(), ParameterValue::Number(step))] },
+            term: PhysicsTerm {
+                effect,
+                port,
+                parameters: vec![("step_m".to_owned(), ParameterValue::Number(step))],
+            },
             parameters,
             maps: Vec::new(),
-            fit: Fit { heldout_rms_before_n: rms_after, heldout_rms_after_n: rms_after, noise_floor_n: rms_after },
+            fit: Fit {
+                heldout_rms_before_n: rms_after,
+                heldout_rms_after_n: rms_after,
+                noise_floor_n: rms_after,
+            },
             probability: 1.0,
             alternatives: Vec::new(),
             next_experiment: None,
@@ -267,13 +313,6 @@ impl Case<'_> {
             let total: f64 = s.excess(band).iter().map(|e| e.1).sum();
             total > 0.5 * s.floor_rms_n(band).powi(2)
         });
-        if std::env::var("SC_DEBUG").is_ok() {
-            let (b, a) = (self.excess_power(&self.outcome.before), self.excess_power(&self.after));
-            eprintln!(
-                "   excess before {b:.3} after {a:.3}; loud {loud}; bands {:?}",
-                self.spectra.iter().map(|s| (s.floor_rms_n(band), s.excess(band))).collect::<Vec<_>>()
-            );
-        }
         if !loud {
             return false;
         }

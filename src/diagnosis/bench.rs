@@ -134,7 +134,8 @@ impl<'a> Bench<'a> {
     }
 
     fn within_limit(&self, solution: &Solution) -> bool {
-        (self.problem.timing_s + solution.coefficients[self.timing_index()]).abs() <= timing_limit_s(self.problem)
+        (self.problem.timing_s + solution.coefficients[self.timing_index()]).abs()
+            <= timing_limit_s(self.problem)
     }
 
     /// Coefficient of the timing in the present solution, s.

@@ -138,7 +138,7 @@ pub(crate) fn is_flexible(axis: &AxisModel, recording: &Recording) -> bool {
 }
 
 fn side(raw: &[f64], delay_s: f64, frame: &Frame) -> Side {
-    let origin = raw[0];
+    let origin = raw.first().copied().unwrap_or(0.0);
     let local: Vec<f64> = raw.iter().map(|x| x - origin).collect();
     let filtered = |derivative| {
         let kernel =
@@ -189,8 +189,7 @@ pub(crate) fn motion(
             (side(m, motor_delay_s, &frame), Some(side(s, drive.stage_encoder_delay_s(), &frame)))
         }
         (Some(m), _) => (side(m, motor_delay_s, &frame), None),
-        (None, Some(s)) => (side(s, drive.stage_encoder_delay_s(), &frame), None),
-        (None, None) => unreachable!("columns() has refused a recording without a position"),
+        (None, s) => (side(s.unwrap_or_default(), drive.stage_encoder_delay_s(), &frame), None),
     };
     let end = grid.first + grid.count;
     Ok(Motion {

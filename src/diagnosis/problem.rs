@@ -166,7 +166,11 @@ impl Problem {
             m.thrust_n = super::shape::shifted(&m.thrust_n, -later_s * m.rate_hz);
         }
         self.timing_s += later_s;
-        self.target = self.motions.iter().map(|m| Sides { motor: Some(self.thinning.thin(&m.thrust_n)), stage: None }).collect();
+        self.target = self
+            .motions
+            .iter()
+            .map(|m| Sides { motor: Some(self.thinning.thin(&m.thrust_n)), stage: None })
+            .collect();
         self.timing = self.column(|m| Sides { motor: Some(derivative(&m.thrust_n, m.rate_hz)), stage: None });
     }
 

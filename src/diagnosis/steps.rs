@@ -30,7 +30,8 @@ pub(crate) fn coarser_step(position_m: &[f64], stated_m: f64) -> Option<f64> {
     let near: Vec<f64> = differences.iter().map(|d| d / step).filter(|r| *r < 20.0).collect();
     let on_grid = near.iter().filter(|r| (*r - r.round()).abs() < slack).count();
     let coarse = step > LEAST_RATIO * stated_m && stated_m > 0.0;
-    (coarse && near.len() > 150 && ones.len() > 50 && on_grid as f64 > ON_GRID * near.len() as f64).then_some(step)
+    (coarse && near.len() > 150 && ones.len() > 50 && on_grid as f64 > ON_GRID * near.len() as f64)
+        .then_some(step)
 }
 
 #[cfg(test)]

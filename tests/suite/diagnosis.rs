@@ -1,0 +1,92 @@
+//! The diagnosis on simulated axes whose answer is known, and on models it wrote itself.
+
+use std::path::{Path, PathBuf};
+use stillcut::config::machine::{machine_from_text, machine_to_text, read_machine};
+use stillcut::diagnosis::{Diagnosis, Verdict, diagnose};
+use stillcut::plant::machine::Machine;
+use stillcut::recording::read_recording;
+use stillcut::sample::Recording;
+
+fn case(name: &str) -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/feed-axis-cases").join(name);
+    if !folder.is_dir() {
+        println!("skipped: {} is not there", folder.display());
+        return None;
+    }
+    Some(folder)
+}
+
+/// Seconds `from_s` to `to_s` of a recording: tests run unoptimised as well.
+fn cut(recording: &Recording, from_s: f64, to_s: f64) -> Recording {
+    let rate = recording.sample_rate.hz();
+    let range = (from_s * rate) as usize..((to_s * rate) as usize).min(recording.len());
+    let mut piece = recording.clone();
+    piece.start_s = recording.time_s(range.start);
+    for column in &mut piece.columns {
+        column.values = column.values[range.clone()].to_vec();
+    }
+    piece
+}
+
+fn read(folder: &Path, file: &str) -> (Machine, Recording) {
+    let machine = read_machine(&folder.join("machine.toml")).unwrap();
+    (machine, read_recording(&folder.join(file)).unwrap())
+}
+
+fn ask(machine: &Machine, recording: &Recording) -> Diagnosis {
+    diagnose(machine, std::slice::from_ref(recording), &|_, _| {}).unwrap()
+}
+
+#[test]
+fn a_healthy_axis_has_no_finding() {
+    let Some(folder) = case("case-01") else { return };
+    let (machine, recording) = read(&folder, "moves.parquet");
+    let d = ask(&machine, &recording);
+    assert!(d.findings.is_empty(), "{:?}", d.findings.iter().map(|f| &f.statement).collect::<Vec<_>>());
+    assert_eq!(d.verdict, Verdict::ModelAdequate);
+    assert!(d.recordings[0].rms_after_n < 0.02 * d.recordings[0].rms_before_n);
+}
+
+#[test]
+fn a_backlash_is_found_with_its_gap_and_the_written_model_is_adequate_elsewhere() {
+    let Some(folder) = case("case-06") else { return };
+    let (machine, moves) = read(&folder, "moves.parquet");
+    let (_, sweep) = read(&folder, "sweep.parquet");
+    let d = ask(&machine, &moves);
+    let first = &d.findings[0];
+    assert_eq!((first.effect.name(), first.port.name()), ("backlash", "coupling"));
+    let gap = &first.parameters[0];
+    assert!((gap.value / 1.0001e-6 - 1.0).abs() < 0.01, "{gap:?}");
+    let text = machine_to_text(&d.model);
+    let model = machine_from_text(Path::new("model.toml"), &text).unwrap();
+    let other = ask(&model, &cut(&sweep, 3.0, 5.5));
+    assert_eq!(other.verdict, Verdict::ModelAdequate, "{:?}", other.parameter_corrections);
+    assert!(other.findings.is_empty());
+}
+
+#[test]
+fn a_random_walk_is_not_given_a_name() {
+    let Some(folder) = case("case-14") else { return };
+    let (machine, recording) = read(&folder, "idle.parquet");
+    let d = ask(&machine, &cut(&recording, 7.0, 13.0));
+    assert_eq!(d.verdict, Verdict::UnexplainedMismatch);
+    assert!(d.findings.is_empty());
+    assert!(d.location.is_some_and(|l| l.port.name() == "stage" && !l.bands_hz.is_empty()));
+}
+
+#[test]
+fn the_same_recording_gives_the_same_answer() {
+    let Some(folder) = case("case-05") else { return };
+    let (machine, recording) = read(&folder, "moves.parquet");
+    let piece = cut(&recording, 0.0, 2.0);
+    assert!(ask(&machine, &piece) == ask(&machine, &piece));
+}
+
+#[test]
+fn a_recording_without_the_axis_is_refused() {
+    let Some(folder) = case("case-01") else { return };
+    let (machine, mut recording) = read(&folder, "moves.parquet");
+    recording.columns.retain(|c| !c.name.contains("current"));
+    let error = diagnose(&machine, &[recording], &|_, _| {}).map(|d| d.verdict).map_err(|e| e.to_string());
+    assert!(error.is_err_and(|e| e.contains("x_current_ref_a")));
+}
