@@ -232,10 +232,16 @@ fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
         return false;
     }
     match (&a.shape, &b.shape) {
-        (Shape::Periodic { wavelength_m: x, .. }, Shape::Periodic { wavelength_m: y, .. }) => [1.0, 2.0, 3.0].iter().any(|h| (x / y / h - 1.0).abs() < 0.03),
-        (Shape::EncoderError { period_m: x, .. }, Shape::EncoderError { period_m: y, .. }) => (x / y - 1.0).abs() < 0.02,
+        (Shape::Periodic { wavelength_m: x, .. }, Shape::Periodic { wavelength_m: y, .. }) => {
+            [1.0, 2.0, 3.0].iter().any(|h| (x / y / h - 1.0).abs() < 0.03)
+        }
+        (Shape::EncoderError { period_m: x, .. }, Shape::EncoderError { period_m: y, .. }) => {
+            (x / y - 1.0).abs() < 0.02
+        }
         (Shape::Lines { fundamental_hz: x, .. }, Shape::Lines { fundamental_hz: y, .. }) => {
-            (1..=20).any(|h| (x / y / f64::from(h) - 1.0).abs() < 0.005 || (y / x / f64::from(h) - 1.0).abs() < 0.005)
+            (1..=20).any(|h| {
+                (x / y / f64::from(h) - 1.0).abs() < 0.005 || (y / x / f64::from(h) - 1.0).abs() < 0.005
+            })
         }
         _ => true,
     }
@@ -287,7 +293,10 @@ fn refine(bench: &Bench<'_>, score: &Score) -> Score {
 fn refine_window(bench: &Bench<'_>, mut best: Score) -> Score {
     let residual = bench.residual();
     for _ in 0..2 {
-        let Some(window) = bank::best_window(bench.problem, &residual, (&best.hypothesis, &best.amplitudes)) else { break };
+        let Some(window) = bank::best_window(bench.problem, &residual, (&best.hypothesis, &best.amplitudes))
+        else {
+            break;
+        };
         let mut hypothesis = best.hypothesis.clone();
         if let Shape::Lines { window_s, .. } = &mut hypothesis.shape {
             *window_s = window;

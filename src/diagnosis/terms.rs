@@ -250,7 +250,16 @@ pub(crate) fn hypothesis(p: &Problem, term: &PhysicsTerm) -> Option<(Hypothesis,
             let window_s = [get("start_s").unwrap_or(0.0), get("end_s").unwrap_or(f64::MAX)];
             let recordings: Vec<usize> = (0..p.motions.len()).collect();
             let amplitudes = vec![0.0; 2 * harmonics * recordings.len()];
-            (Shape::Lines { fundamental_hz: get("fundamental_hz")?, harmonics, window_s, recordings, common: false }, amplitudes)
+            (
+                Shape::Lines {
+                    fundamental_hz: get("fundamental_hz")?,
+                    harmonics,
+                    window_s,
+                    recordings,
+                    common: false,
+                },
+                amplitudes,
+            )
         }
         _ => return None,
     };

@@ -10,8 +10,8 @@
 
 mod black_box;
 pub mod clock;
-pub mod demo;
 mod control;
+pub mod demo;
 mod diagnoses;
 mod engine;
 mod handle;

@@ -6,11 +6,12 @@ mod lathe;
 mod closed_loop;
 mod conceal;
 mod force;
-mod identities;
 #[cfg(feature = "service")]
 mod http;
+mod identities;
 mod import;
 mod pipeline;
+mod real_machines;
 mod report;
 #[cfg(feature = "service")]
 mod running;
@@ -20,4 +21,3 @@ mod service;
 mod store;
 #[cfg(feature = "service")]
 mod transport;
-mod real_machines;

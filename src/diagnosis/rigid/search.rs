@@ -89,14 +89,16 @@ impl Search {
     }
 
     fn slider(&self) -> Slider {
-        let states = self.terms.iter().filter_map(|t| if let Law::Friction(s) = t.law { Some(s) } else { None });
+        let states =
+            self.terms.iter().filter_map(|t| if let Law::Friction(s) = t.law { Some(s) } else { None });
         states.last().unwrap_or(Slider::STEP)
     }
 
     /// The terms with `law` added, and without what it replaces.
     fn with(&self, law: Law) -> Vec<Term> {
         let mut terms: Vec<Term> = self.terms.iter().filter(|t| !law.replaces(t.law)).cloned().collect();
-        let found = Found { evidence: 0.0, heldout_before_n: 0.0, probability: 1.0, alternatives: Vec::new() };
+        let found =
+            Found { evidence: 0.0, heldout_before_n: 0.0, probability: 1.0, alternatives: Vec::new() };
         terms.push(Term { law, origin: Origin::Found(found) });
         terms
     }
@@ -125,7 +127,12 @@ impl Search {
             let centre_m = self.centre();
             laws.extend([0.1, 0.3, 0.5, 0.7, 0.9].map(|g| Law::Spring { centre_m, gap_m: g * stroke }));
         } else {
-            laws.extend([Law::Viscous, Law::DirectionalDry(Slider::STEP), Law::DirectionalViscous, Law::Square]);
+            laws.extend([
+                Law::Viscous,
+                Law::DirectionalDry(Slider::STEP),
+                Law::DirectionalViscous,
+                Law::Square,
+            ]);
             laws.extend([0.02, 0.06, 0.2].map(|v| Law::Stribeck { velocity_m_s: v * fast }));
         }
         let mut terms = self.terms.clone();
@@ -166,8 +173,12 @@ impl Search {
         }
         let law = self.refined(*best);
         let (probability, alternatives) = shares(&ranking, law.effect());
-        let found =
-            Found { evidence: evidence(fit), heldout_before_n: before.heldout_rms, probability, alternatives };
+        let found = Found {
+            evidence: evidence(fit),
+            heldout_before_n: before.heldout_rms,
+            probability,
+            alternatives,
+        };
         let mut terms = self.with(law);
         if let Some(last) = terms.last_mut() {
             last.origin = Origin::Found(found);
@@ -181,7 +192,9 @@ impl Search {
     fn keep_history(&self, terms: &mut [Term]) {
         let Some(last) = terms.last_mut() else { return };
         let replaced = self.terms.iter().find(|t| last.law.replaces(t.law));
-        if let (Some(Term { origin: Origin::Found(old), .. }), Origin::Found(new)) = (replaced, &mut last.origin) {
+        if let (Some(Term { origin: Origin::Found(old), .. }), Origin::Found(new)) =
+            (replaced, &mut last.origin)
+        {
             new.evidence += old.evidence;
             new.heldout_before_n = old.heldout_before_n;
         }
