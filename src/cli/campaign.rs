@@ -41,7 +41,7 @@ pub(super) struct Arguments {
 }
 
 /// Cuts whose rightmost root is nearer to zero than this are left out of the shares: noise decides there.
-const MARGIN_1_S: f64 = 3.0;
+const MARGIN_1_S: f64 = 5.0;
 /// Pitches tried for "can be made stable", up to this.
 const LARGEST_PITCH_RAD: f64 = 0.15;
 
@@ -140,8 +140,10 @@ fn draw(seed: u64) -> Result<Case, crate::plant::workpiece::ScenarioError> {
 }
 
 fn cut(case: &Case, duration_s: f64) -> anyhow::Result<Outcome> {
-    let lathe =
-        LatheSettings { force_noise_ratio: case.noise, ..LatheSettings::realistic(case.scenario, case.seed) };
+    let lathe = LatheSettings {
+        force_noise_ratio: case.noise,
+        ..LatheSettings::realistic(case.scenario, case.seed)
+    };
     let config = ServiceConfig {
         workpiece: case.scenario.workpiece,
         cutting: case.scenario.cutting,
@@ -225,24 +227,12 @@ fn print(cases: &[Case], outcomes: &[Outcome]) -> anyhow::Result<()> {
     writeln!(out, "    share                              {:.1} %", share(cured, curable().count()))?;
     let all = unstable().filter(|(_, o)| ends_stable(o)).count();
     writeln!(out, "  ended stable, of all unstable        {:.1} %", share(all, unstable().count()))?;
-    writeln!(
-        out,
-        "  chatter not heard                    {}",
-        unstable().filter(|(_, o)| o.onsets == 0).count()
-    )?;
+    writeln!(out, "  chatter not heard                    {}", unstable().filter(|(_, o)| o.onsets == 0).count())?;
     writeln!(out, "  worst vibration before it was cured  {:.1} um", worst * 1e6)?;
     writeln!(out, "stable at equal pitch (model)          {}", stable().count())?;
     writeln!(out, "  alarms in them                       {}", stable().map(|(_, o)| o.onsets).sum::<u32>())?;
-    writeln!(
-        out,
-        "commands sent                          {}",
-        outcomes.iter().map(|o| o.commands).sum::<u32>()
-    )?;
-    writeln!(
-        out,
-        "commands refused by the last guard     {}",
-        outcomes.iter().map(|o| o.refused).sum::<u32>()
-    )?;
+    writeln!(out, "commands sent                          {}", outcomes.iter().map(|o| o.commands).sum::<u32>())?;
+    writeln!(out, "commands refused by the last guard     {}", outcomes.iter().map(|o| o.refused).sum::<u32>())?;
     Ok(())
 }
 

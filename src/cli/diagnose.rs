@@ -24,11 +24,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let machine = read_machine(&arguments.model).map_err(bad_input)?;
-    let recordings = arguments
-        .recordings
-        .iter()
-        .map(|p| read_recording(p).map_err(bad_input))
-        .collect::<Result<Vec<_>, _>>()?;
+    let recordings = arguments.recordings.iter().map(|p| read_recording(p).map_err(bad_input)).collect::<Result<Vec<_>, _>>()?;
     let bar = ProgressBar::new(100); // drawn on a terminal only
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} % {msg}") {
         bar.set_style(style);

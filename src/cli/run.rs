@@ -6,6 +6,7 @@ use crate::service::{Running, ServiceError, clock, start};
 use crate::telemetry::{LogFormat, start_logs};
 use std::path::PathBuf;
 use std::time::Duration;
+use tokio::signal::unix::{Signal, SignalKind, signal};
 
 /// Runs the service until it is told to stop.
 ///
@@ -34,9 +35,11 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         // Everything else is the configuration's or the machine's: a person can mend it.
         _ => bad_input(error),
     })?;
+    // Heard from here on; before, the process may simply end.
+    let signals = running.wait(async { Signals::listen() })?;
     tracing::info!(event = "listening", address = %running.handle().address(), "the page is served");
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
-    let failed = wait_for_the_end(&running);
+    let failed = wait_for_the_end(&running, signals);
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
     running.stop();
     anyhow::ensure!(!failed, "the pipeline thread ended by itself; see the log");
@@ -44,12 +47,12 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
 }
 
 /// Feeds the watchdog from the pipeline's progress until a signal comes or the pipeline ends.
-fn wait_for_the_end(running: &Running) -> bool {
+fn wait_for_the_end(running: &Running, mut signals: Signals) -> bool {
     let every = sd_notify::watchdog_enabled().map_or(Duration::from_secs(1), |limit| limit / 3);
     let every = every.min(Duration::from_secs(1));
     running.wait(async {
         let mut last = running.progress();
-        let mut ended = std::pin::pin!(signalled());
+        let mut ended = std::pin::pin!(signals.first());
         loop {
             tokio::select! {
                 () = &mut ended => return false,
@@ -69,16 +72,23 @@ fn wait_for_the_end(running: &Running) -> bool {
     })
 }
 
-/// Resolves at the first SIGINT or SIGTERM.
-async fn signalled() {
-    use tokio::signal::unix::{SignalKind, signal};
-    let (Ok(mut interrupt), Ok(mut terminate)) =
-        (signal(SignalKind::interrupt()), signal(SignalKind::terminate()))
-    else {
-        return;
-    };
-    tokio::select! {
-        _ = interrupt.recv() => {}
-        _ = terminate.recv() => {}
+/// SIGINT and SIGTERM.
+struct Signals {
+    interrupt: Signal,
+    terminate: Signal,
+}
+
+impl Signals {
+    /// Takes both over from the system's default, which ends the process. Call on the runtime.
+    fn listen() -> std::io::Result<Self> {
+        Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
+    }
+
+    /// Resolves at the first of them.
+    async fn first(&mut self) {
+        tokio::select! {
+            _ = self.interrupt.recv() => {}
+            _ = self.terminate.recv() => {}
+        }
     }
 }

@@ -14,9 +14,7 @@ use std::path::PathBuf;
 /// The running service takes a changed file into use within a second. To revoke a token, delete its
 /// entry; to rotate, add a new one and delete the old one when nobody uses it any more.
 #[derive(clap::Args)]
-#[command(
-    after_help = "Example: stillcut token --file /etc/stillcut/tokens.toml --name anna --role engineer --days 365"
-)]
+#[command(after_help = "Example: stillcut token --file tokens.toml --name anna --role engineer")]
 pub(super) struct Arguments {
     /// File of tokens, as `http.tokens` names it; made with mode 600 where it is not there.
     #[arg(long, value_name = "FILE")]

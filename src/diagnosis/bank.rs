@@ -23,23 +23,11 @@ pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
         }
         list.push(h(E::AsymmetricFriction, port, Shape::Asymmetric));
         list.push(h(E::NonlinearViscosity, port, Shape::NonlinearViscosity));
-        let coulomb = if port == Port::Motor {
-            p.mechanics.motor_coulomb_n
-        } else {
-            p.mechanics.stage_coulomb_n.max(if p.flexible { 0.0 } else { p.mechanics.motor_coulomb_n })
-        };
+        let coulomb = if port == Port::Motor { p.mechanics.motor_coulomb_n } else { p.mechanics.stage_coulomb_n.max(if p.flexible { 0.0 } else { p.mechanics.motor_coulomb_n }) };
         if coulomb == 0.0 {
             list.push(h(E::CoulombFriction, port, Shape::Coulomb));
         }
-        let viscous = if port == Port::Motor {
-            p.mechanics.motor_damping_n_s_m
-        } else {
-            p.mechanics.stage_damping_n_s_m.max(if p.flexible {
-                0.0
-            } else {
-                p.mechanics.motor_damping_n_s_m
-            })
-        };
+        let viscous = if port == Port::Motor { p.mechanics.motor_damping_n_s_m } else { p.mechanics.stage_damping_n_s_m.max(if p.flexible { 0.0 } else { p.mechanics.motor_damping_n_s_m }) };
         if viscous == 0.0 {
             list.push(h(E::ViscousFriction, port, Shape::Viscous));
         }
@@ -55,6 +43,16 @@ pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
         if p.flexible {
             list.push(h(E::DeadTime, Port::StageEncoder, Shape::Delay { extra_s }));
         }
+    }
+    let (low, high) = p
+        .motions
+        .iter()
+        .flat_map(|m| m.stage_side().position_m.iter())
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+    if high - low > 1e-3 {
+        let knots = 24;
+        let spacing_m = (high - low) / (knots - 1) as f64;
+        list.push(h(E::PositionDependentForce, Port::Stage, Shape::Map { first_m: low, spacing_m, knots, flips: false }));
     }
     if p.flexible {
         flexible_only(p, &mut list);
@@ -73,11 +71,7 @@ fn flexible_only(p: &Problem, list: &mut Vec<Hypothesis>) {
     let _ = p;
     for frequency_hz in [350.0, 500.0, 650.0, 780.0, 900.0, 1050.0, 1250.0, 1500.0, 2000.0] {
         for screw_share in [0.3, 0.5, 0.7] {
-            list.push(h(
-                E::TorsionalMode,
-                Port::Coupling,
-                Shape::Torsion { frequency_hz, screw_share, damping_ratio: 0.02 },
-            ));
+            list.push(h(E::TorsionalMode, Port::Coupling, Shape::Torsion { frequency_hz, screw_share, damping_ratio: 0.02 }));
         }
     }
 }
@@ -87,11 +81,7 @@ fn encoder_periods(p: &Problem, list: &mut Vec<Hypothesis>) {
     if let (Some(lead), Some(signals)) = (raw.screw_lead_m, raw.motor_encoder_signals_per_rev) {
         {
             let (harmonics, period_m) = (1, lead / signals);
-            list.push(Hypothesis::new(
-                E::EncoderInterpolationError,
-                Port::MotorEncoder,
-                Shape::EncoderError { period_m, harmonics },
-            ));
+            list.push(Hypothesis::new(E::EncoderInterpolationError, Port::MotorEncoder, Shape::EncoderError { period_m, harmonics }));
         }
     }
     if let Some(period) = raw.stage_encoder_signal_period_m
@@ -99,11 +89,7 @@ fn encoder_periods(p: &Problem, list: &mut Vec<Hypothesis>) {
     {
         {
             let harmonics = 1;
-            list.push(Hypothesis::new(
-                E::EncoderInterpolationError,
-                Port::StageEncoder,
-                Shape::EncoderError { period_m: period, harmonics },
-            ));
+            list.push(Hypothesis::new(E::EncoderInterpolationError, Port::StageEncoder, Shape::EncoderError { period_m: period, harmonics }));
         }
     }
 }
@@ -130,22 +116,14 @@ fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
             let least_m = lead.map_or(1e-4, |l| if at_motor { l / 150.0 } else { l / 12.0 });
             for wavelength_m in spatial_peaks(p, q, &Spatial { at_motor, flips, least_m }) {
                 let effect = if at_motor { E::TorqueRipple } else { E::PositionPeriodicForce };
-                list.push(Hypothesis::new(
-                    effect,
-                    port,
-                    Shape::Periodic { wavelength_m, harmonics: 1, flips },
-                ));
+                list.push(Hypothesis::new(effect, port, Shape::Periodic { wavelength_m, harmonics: 1, flips }));
             }
         }
     }
     if let Some(lead) = lead {
         for order in [1.0, 2.0, 3.0] {
             for flips in [false, true] {
-                list.push(Hypothesis::new(
-                    E::PositionPeriodicForce,
-                    Port::Stage,
-                    Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips },
-                ));
+                list.push(Hypothesis::new(E::PositionPeriodicForce, Port::Stage, Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips }));
             }
         }
         let raw = p.drive.raw();
@@ -158,11 +136,7 @@ fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
         }
         if p.flexible {
             for order in orders {
-                list.push(Hypothesis::new(
-                    E::TorqueRipple,
-                    Port::Motor,
-                    Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips: false },
-                ));
+                list.push(Hypothesis::new(E::TorqueRipple, Port::Motor, Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips: false }));
             }
         }
     }
@@ -243,9 +217,7 @@ fn lines(p: &Problem, residual: &[Sides]) -> Vec<Hypothesis> {
     let rate = p.rate_hz();
     let mut found: Vec<Line> = Vec::new();
     for (recording, sides) in residual.iter().enumerate() {
-        let Some(x) = (if p.flexible { sides.stage.as_ref() } else { sides.motor.as_ref() }) else {
-            continue;
-        };
+        let Some(x) = (if p.flexible { sides.stage.as_ref() } else { sides.motor.as_ref() }) else { continue };
         let m = &p.motions[recording];
         let start = m.time_s(p.thinning.edge());
         for (strength, frequency_hz) in strongest_lines(x, rate) {
@@ -266,9 +238,7 @@ fn lines(p: &Problem, residual: &[Sides]) -> Vec<Hypothesis> {
 /// Hypotheses of a cut whose strongest line is this one.
 fn cuts(p: &Problem, line: &Line, found: &[Line]) -> Vec<Hypothesis> {
     let span = line.window_s[1] - line.window_s[0];
-    let near = |l: &&Line| {
-        (l.frequency_hz - line.frequency_hz).abs() < 0.5 / span.min(l.window_s[1] - l.window_s[0]).max(0.1)
-    };
+    let near = |l: &&Line| (l.frequency_hz - line.frequency_hz).abs() < 0.5 / span.min(l.window_s[1] - l.window_s[0]).max(0.1);
     let mut recordings: Vec<usize> = found.iter().filter(near).map(|l| l.recording).collect();
     recordings.sort_unstable();
     recordings.dedup();
@@ -280,8 +250,7 @@ fn cuts(p: &Problem, line: &Line, found: &[Line]) -> Vec<Hypothesis> {
             break;
         }
         let harmonics = ((0.9 * band / fundamental_hz) as usize).clamp(1, 14);
-        let overlapping: Vec<usize> =
-            (0..p.motions.len()).filter(|&r| overlap_s(&p.motions[r], line.window_s) > 0.3).collect();
+        let overlapping: Vec<usize> = (0..p.motions.len()).filter(|&r| overlap_s(&p.motions[r], line.window_s) > 0.3).collect();
         let mut sets = vec![(overlapping.clone(), true)];
         if recordings != overlapping {
             sets.push((recordings.clone(), true));
@@ -291,8 +260,7 @@ fn cuts(p: &Problem, line: &Line, found: &[Line]) -> Vec<Hypothesis> {
         }
         for (recordings, common) in sets {
             let harmonics = if common { harmonics } else { harmonics.min(4) };
-            let shape =
-                Shape::Lines { fundamental_hz, harmonics, window_s: line.window_s, recordings, common };
+            let shape = Shape::Lines { fundamental_hz, harmonics, window_s: line.window_s, recordings, common };
             list.push(Hypothesis::new(E::CuttingForce, Port::Stage, shape));
         }
     }
@@ -305,19 +273,9 @@ fn overlap_s(m: &super::motion::Motion, window_s: [f64; 2]) -> f64 {
 }
 
 /// Window in which waves of known amplitudes best explain a residual: the largest sum of 2 r s - s^2.
-pub(crate) fn best_window(
-    p: &Problem,
-    residual: &[Sides],
-    (h, amplitudes): (&Hypothesis, &[f64]),
-) -> Option<[f64; 2]> {
+pub(crate) fn best_window(p: &Problem, residual: &[Sides], (h, amplitudes): (&Hypothesis, &[f64])) -> Option<[f64; 2]> {
     let Shape::Lines { fundamental_hz, harmonics, recordings, common, .. } = &h.shape else { return None };
-    let everywhere = Shape::Lines {
-        fundamental_hz: *fundamental_hz,
-        harmonics: *harmonics,
-        window_s: [f64::NEG_INFINITY, f64::INFINITY],
-        recordings: recordings.clone(),
-        common: *common,
-    };
+    let everywhere = Shape::Lines { fundamental_hz: *fundamental_hz, harmonics: *harmonics, window_s: [f64::NEG_INFINITY, f64::INFINITY], recordings: recordings.clone(), common: *common };
     let columns = Hypothesis { shape: everywhere, ..h.clone() }.columns(p);
     let mut starts = Vec::new();
     let mut ends: Vec<f64> = Vec::new();
@@ -352,8 +310,7 @@ pub(crate) fn best_window(
 /// The strongest narrow peaks over the neighbourhood's median.
 fn strongest_lines(x: &[f64], rate: f64) -> Vec<(f64, f64)> {
     let n = x.len().next_power_of_two() * 2;
-    let mut bins: Vec<Complex<f64>> =
-        (0..n).map(|k| Complex::new(x.get(k).copied().unwrap_or(0.0), 0.0)).collect();
+    let mut bins: Vec<Complex<f64>> = (0..n).map(|k| Complex::new(x.get(k).copied().unwrap_or(0.0), 0.0)).collect();
     let len = x.len() as f64;
     for (k, b) in bins.iter_mut().enumerate().take(x.len()) {
         b.re *= (std::f64::consts::PI * k as f64 / len).sin().powi(2);

@@ -4,9 +4,7 @@ use super::kernel::{Action, Kernel};
 use super::motion::{Motion, band_hz, current_loop, thrust_delay_s};
 use super::problem::{Column, Problem, Sides, stretch, stretch_rate};
 use crate::plant::effects::coupling::{Torsion, after_backlash, cubic};
-use crate::plant::effects::friction::{
-    Presliding, asymmetric, drift, nonlinear_viscosity, sliding_direction, stribeck,
-};
+use crate::plant::effects::friction::{Presliding, asymmetric, drift, nonlinear_viscosity, sliding_direction, stribeck};
 use crate::plant::effects::periodic::{knot, wave};
 use crate::plant::effects::{EffectKind, Port};
 
@@ -15,61 +13,27 @@ use crate::plant::effects::{EffectKind, Port};
 pub(crate) enum Shape {
     Coulomb,
     Viscous,
-    Stribeck {
-        velocity_m_s: f64,
-    },
-    Presliding {
-        stiffness_n_m: f64,
-    },
+    Stribeck { velocity_m_s: f64 },
+    Presliding { stiffness_n_m: f64 },
     Asymmetric,
     AsymmetricViscous,
     NonlinearViscosity,
-    Drift {
-        time_constant_s: f64,
-    },
+    Drift { time_constant_s: f64 },
     Constant,
     /// Sine and cosine in position; `flips`: times the direction.
-    Periodic {
-        wavelength_m: f64,
-        harmonics: usize,
-        flips: bool,
-    },
+    Periodic { wavelength_m: f64, harmonics: usize, flips: bool },
     /// Free map over position.
-    Map {
-        first_m: f64,
-        spacing_m: f64,
-        knots: usize,
-        flips: bool,
-    },
+    Map { first_m: f64, spacing_m: f64, knots: usize, flips: bool },
     Saturation,
-    Lag {
-        extra_s: f64,
-    },
-    Delay {
-        extra_s: f64,
-    },
-    Backlash {
-        gap_m: f64,
-    },
+    Lag { extra_s: f64 },
+    Delay { extra_s: f64 },
+    Backlash { gap_m: f64 },
     Cubic,
     StiffnessSlope,
-    Torsion {
-        frequency_hz: f64,
-        screw_share: f64,
-        damping_ratio: f64,
-    },
-    EncoderError {
-        period_m: f64,
-        harmonics: usize,
-    },
+    Torsion { frequency_hz: f64, screw_share: f64, damping_ratio: f64 },
+    EncoderError { period_m: f64, harmonics: usize },
     /// Harmonics of a line in a window of time, the same in each of some recordings (or with phases of their own).
-    Lines {
-        fundamental_hz: f64,
-        harmonics: usize,
-        window_s: [f64; 2],
-        recordings: Vec<usize>,
-        common: bool,
-    },
+    Lines { fundamental_hz: f64, harmonics: usize, window_s: [f64; 2], recordings: Vec<usize>, common: bool },
 }
 
 impl Shape {
@@ -84,9 +48,7 @@ impl Shape {
             | Shape::Backlash { gap_m: x }
             | Shape::Periodic { wavelength_m: x, .. }
             | Shape::Lines { fundamental_hz: x, .. } => vec![*x],
-            Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
-                vec![*frequency_hz, *screw_share, *damping_ratio]
-            }
+            Shape::Torsion { frequency_hz, screw_share, damping_ratio } => vec![*frequency_hz, *screw_share, *damping_ratio],
             _ => Vec::new(),
         }
     }
@@ -135,10 +97,7 @@ impl Shape {
 
     /// True where the constants say everything and the amplitude is one.
     pub(crate) fn unit(&self) -> bool {
-        matches!(
-            self,
-            Shape::Lag { .. } | Shape::Delay { .. } | Shape::Backlash { .. } | Shape::Torsion { .. }
-        )
+        matches!(self, Shape::Lag { .. } | Shape::Delay { .. } | Shape::Backlash { .. } | Shape::Torsion { .. })
     }
 
     /// Start for the constants from a fit of the amplitude, where the two trade one for one.
@@ -174,38 +133,22 @@ impl Hypothesis {
             Shape::Stribeck { velocity_m_s } => vec![self.of_velocity(p, |v| stribeck(v, *velocity_m_s, vs))],
             Shape::Presliding { stiffness_n_m } => vec![self.presliding(p, *stiffness_n_m)],
             Shape::Asymmetric => vec![self.of_velocity(p, |v| asymmetric(v, vs))],
-            Shape::AsymmetricViscous => {
-                vec![self.of_velocity(p, |v| asymmetric(v, vs)), self.of_velocity(p, |v| 0.5 * v.abs())]
-            }
+            Shape::AsymmetricViscous => vec![self.of_velocity(p, |v| asymmetric(v, vs)), self.of_velocity(p, |v| 0.5 * v.abs())],
             Shape::NonlinearViscosity => vec![self.of_velocity(p, nonlinear_viscosity)],
             Shape::Drift { time_constant_s } => {
-                let c = if self.port == Port::Motor {
-                    p.mechanics.motor_coulomb_n
-                } else {
-                    p.mechanics.stage_coulomb_n
-                };
+                let c = if self.port == Port::Motor { p.mechanics.motor_coulomb_n } else { p.mechanics.stage_coulomb_n };
                 let c = if c > 0.0 { c } else { p.mechanics.motor_coulomb_n };
                 vec![self.force(p, |m| {
                     let v = &self.side(m).velocity_m_s;
-                    (0..m.len())
-                        .map(|k| {
-                            c * sliding_direction(v[k], vs) * drift(m.time_s(k) - m.start_s, *time_constant_s)
-                        })
-                        .collect()
+                    (0..m.len()).map(|k| c * sliding_direction(v[k], vs) * drift(m.time_s(k) - m.start_s, *time_constant_s)).collect()
                 })]
             }
             Shape::Constant => vec![self.force(p, |m| vec![1.0; m.len()])],
             Shape::Periodic { wavelength_m, harmonics, flips } => {
                 self.periodic(p, *wavelength_m, (*harmonics, *flips))
             }
-            Shape::Map { first_m, spacing_m, knots, flips } => {
-                (0..*knots).map(|k| self.map_knot(p, (*first_m, *spacing_m, *knots), (k, *flips))).collect()
-            }
-            Shape::Saturation => {
-                vec![p.column(|m| {
-                    motor(m.thrust_n.iter().map(|u| u * (u / m.thrust_per_unit).powi(2)).collect())
-                })]
-            }
+            Shape::Map { first_m, spacing_m, knots, flips } => (0..*knots).map(|k| self.map_knot(p, (*first_m, *spacing_m, *knots), (k, *flips))).collect(),
+            Shape::Saturation => vec![p.column(|m| motor(m.thrust_n.iter().map(|u| u * (u / m.thrust_per_unit).powi(2)).collect()))],
             Shape::Lag { extra_s } => vec![lag(p, *extra_s)],
             Shape::Delay { extra_s } => vec![self.delay(p, *extra_s)],
             Shape::Backlash { gap_m } => vec![backlash(p, *gap_m)],
@@ -214,9 +157,7 @@ impl Hypothesis {
                 let x = &m.stage_side().position_m;
                 stretch(m).iter().zip(x).map(|(d, x)| p.mechanics.stiffness_n_m * d * x).collect()
             })],
-            Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
-                vec![torsion(p, *frequency_hz, *screw_share, *damping_ratio)]
-            }
+            Shape::Torsion { frequency_hz, screw_share, damping_ratio } => vec![torsion(p, *frequency_hz, *screw_share, *damping_ratio)],
             Shape::EncoderError { period_m, harmonics } => self.encoder_error(p, *period_m, *harmonics),
             Shape::Lines { .. } => self.lines(p),
         }
@@ -230,8 +171,7 @@ impl Hypothesis {
             .map(|i| {
                 let mut moved = constants.clone();
                 moved[i] *= 1.0 + step;
-                let there =
-                    Hypothesis { shape: self.shape.with_constants(&moved), ..self.clone() }.columns(p);
+                let there = Hypothesis { shape: self.shape.with_constants(&moved), ..self.clone() }.columns(p);
                 let mut sum: Column = vec![Sides::default(); p.motions.len()];
                 for ((a, b), amplitude) in there.iter().zip(columns).zip(amplitudes) {
                     super::bench::add(&mut sum, a, amplitude / step);
@@ -261,8 +201,7 @@ impl Hypothesis {
 
     fn presliding(&self, p: &Problem, stiffness_n_m: f64) -> Column {
         let at_motor = self.port == Port::Motor || !p.flexible;
-        let coulomb_n =
-            if at_motor { p.mechanics.motor_coulomb_n } else { p.mechanics.stage_coulomb_n }.max(1e-3);
+        let coulomb_n = if at_motor { p.mechanics.motor_coulomb_n } else { p.mechanics.stage_coulomb_n }.max(1e-3);
         let law = Presliding { stiffness_n_m, coulomb_n };
         let vs = p.mechanics.smoothing_m_s;
         self.force(p, |m| {
@@ -287,9 +226,7 @@ impl Hypothesis {
             let mut parts = waves(&side.position_m, wavelength_m, harmonics);
             if flips {
                 for part in &mut parts {
-                    part.iter_mut()
-                        .zip(&side.velocity_m_s)
-                        .for_each(|(x, v)| *x *= sliding_direction(*v, vs));
+                    part.iter_mut().zip(&side.velocity_m_s).for_each(|(x, v)| *x *= sliding_direction(*v, vs));
                 }
             }
             for (column, part) in columns.iter_mut().zip(&parts) {
@@ -300,25 +237,14 @@ impl Hypothesis {
         columns
     }
 
-    fn map_knot(
-        &self,
-        p: &Problem,
-        (first, spacing, knots): (f64, f64, usize),
-        (index, flips): (usize, bool),
-    ) -> Column {
+    fn map_knot(&self, p: &Problem, (first, spacing, knots): (f64, f64, usize), (index, flips): (usize, bool)) -> Column {
         let vs = p.mechanics.smoothing_m_s;
         self.force(p, |m| {
             let side = self.side(m);
             (0..m.len())
                 .map(|k| {
                     let (left, share) = knot(side.position_m[k], first, spacing, knots);
-                    let hat = if index == left {
-                        1.0 - share
-                    } else if index == left + 1 {
-                        share
-                    } else {
-                        0.0
-                    };
+                    let hat = if index == left { 1.0 - share } else if index == left + 1 { share } else { 0.0 };
                     if flips { hat * sliding_direction(side.velocity_m_s[k], vs) } else { hat }
                 })
                 .collect()
@@ -328,16 +254,8 @@ impl Hypothesis {
     /// Extra delay at the current or an encoder: what the balance misses when it is not known.
     fn delay(&self, p: &Problem, extra_s: f64) -> Column {
         match self.port {
-            Port::MotorEncoder => p.column(|m| {
-                encoder_sides(p, Port::MotorEncoder, &advanced_difference(&m.motor, extra_s * m.rate_hz))
-            }),
-            Port::StageEncoder => p.column(|m| {
-                encoder_sides(
-                    p,
-                    Port::StageEncoder,
-                    &advanced_difference(m.stage_side(), extra_s * m.rate_hz),
-                )
-            }),
+            Port::MotorEncoder => p.column(|m| encoder_sides(p, Port::MotorEncoder, &advanced_difference(&m.motor, extra_s * m.rate_hz))),
+            Port::StageEncoder => p.column(|m| encoder_sides(p, Port::StageEncoder, &advanced_difference(m.stage_side(), extra_s * m.rate_hz))),
             _ => p.column(|m| motor(difference(&m.thrust_n, -extra_s * m.rate_hz))),
         }
     }
@@ -353,11 +271,7 @@ impl Hypothesis {
             for (column, e) in columns.iter_mut().zip(waves(raw, period_m, harmonics)) {
                 let near_side = Some(near.apply(&e, grid));
                 let far_side = far.as_ref().map(|k| k.apply(&e, grid));
-                column.push(if at_motor || !p.flexible {
-                    Sides { motor: near_side, stage: far_side }
-                } else {
-                    Sides { motor: far_side, stage: near_side }
-                });
+                column.push(if at_motor || !p.flexible { Sides { motor: near_side, stage: far_side } } else { Sides { motor: far_side, stage: near_side } });
             }
         }
         columns
@@ -375,14 +289,11 @@ impl Hypothesis {
                         .raw_m
                         .iter()
                         .map(|x| {
-                            amplitudes
-                                .chunks_exact(2)
-                                .enumerate()
-                                .map(|(h, ab)| {
-                                    let (s, c) = wave(*x, period_m / (h + 1) as f64);
-                                    ab[0] * s + ab[1] * c
-                                })
-                                .sum()
+                            amplitudes.chunks_exact(2).enumerate().map(|(h, ab)| {
+                                let (s, c) = wave(*x, period_m / (h + 1) as f64);
+                                ab[0] * s + ab[1] * c
+                            })
+                            .sum()
                         })
                         .collect(),
                     Shape::Delay { extra_s } => difference(&side.position_m, extra_s * m.rate_hz),
@@ -393,9 +304,7 @@ impl Hypothesis {
     }
 
     fn lines(&self, p: &Problem) -> Vec<Column> {
-        let Shape::Lines { fundamental_hz, harmonics, window_s, recordings, common } = &self.shape else {
-            return Vec::new();
-        };
+        let Shape::Lines { fundamental_hz, harmonics, window_s, recordings, common } = &self.shape else { return Vec::new() };
         let at_stage = p.flexible && self.port != Port::Motor;
         let sets = if *common { 1 } else { recordings.len() };
         let mut out: Vec<Column> = vec![vec![Sides::default(); p.motions.len()]; 2 * harmonics * sets];
@@ -404,13 +313,9 @@ impl Hypothesis {
             let turns: Vec<f64> = (0..m.len()).map(|k| m.time_s(k)).collect();
             let first = if *common { 0 } else { 2 * harmonics * place };
             for (k, mut wave) in waves(&turns, 1.0 / fundamental_hz, *harmonics).into_iter().enumerate() {
-                wave.iter_mut()
-                    .zip(&turns)
-                    .filter(|(_, t)| **t < window_s[0] || **t > window_s[1])
-                    .for_each(|(x, _)| *x = 0.0);
+                wave.iter_mut().zip(&turns).filter(|(_, t)| **t < window_s[0] || **t > window_s[1]).for_each(|(x, _)| *x = 0.0);
                 let thin = p.thinning.thin(&wave);
-                out[first + k][recording] =
-                    if at_stage { Sides { motor: None, stage: Some(thin) } } else { motor(thin) };
+                out[first + k][recording] = if at_stage { Sides { motor: None, stage: Some(thin) } } else { motor(thin) };
             }
         }
         out
@@ -437,12 +342,14 @@ fn motor(x: Vec<f64>) -> Sides {
 }
 
 /// Lagrange interpolation over six samples: x at k + shift.
-fn shifted(x: &[f64], shift_samples: f64) -> Vec<f64> {
+pub(crate) fn shifted(x: &[f64], shift_samples: f64) -> Vec<f64> {
     let whole = shift_samples.floor();
     let f = shift_samples - whole;
     let nodes = [-2.0, -1.0, 0.0, 1.0, 2.0, 3.0];
-    let weights: Vec<f64> =
-        nodes.iter().map(|a| nodes.iter().filter(|b| *b != a).map(|b| (f - b) / (a - b)).product()).collect();
+    let weights: Vec<f64> = nodes
+        .iter()
+        .map(|a| nodes.iter().filter(|b| *b != a).map(|b| (f - b) / (a - b)).product())
+        .collect();
     let n = x.len() as isize;
     (0..n)
         .map(|k| {
@@ -470,22 +377,13 @@ fn advanced_difference(side: &super::motion::Side, shift_samples: f64) -> [Vec<f
 fn encoder_sides(p: &Problem, port: Port, [e, e1, e2]: &[Vec<f64>; 3]) -> Sides {
     let m = &p.mechanics;
     let at_motor = port == Port::MotorEncoder || !p.flexible;
-    let (mass, damping) = if at_motor {
-        (m.motor_mass_kg, m.motor_damping_n_s_m)
-    } else {
-        (m.stage_mass_kg, m.stage_damping_n_s_m)
-    };
-    let spring: Vec<f64> =
-        e.iter().zip(e1).map(|(x, v)| m.stiffness_n_m * x + m.structural_damping_n_s_m * v).collect();
+    let (mass, damping) = if at_motor { (m.motor_mass_kg, m.motor_damping_n_s_m) } else { (m.stage_mass_kg, m.stage_damping_n_s_m) };
+    let spring: Vec<f64> = e.iter().zip(e1).map(|(x, v)| m.stiffness_n_m * x + m.structural_damping_n_s_m * v).collect();
     let near = (0..e.len()).map(|k| -(mass * e2[k] + damping * e1[k] + spring[k])).collect();
     if !p.flexible {
         return motor(near);
     }
-    if at_motor {
-        Sides { motor: Some(near), stage: Some(spring) }
-    } else {
-        Sides { motor: Some(spring), stage: Some(near) }
-    }
+    if at_motor { Sides { motor: Some(near), stage: Some(spring) } } else { Sides { motor: Some(spring), stage: Some(near) } }
 }
 
 /// One kernel for everything an encoder's error passes, to the side of its mass and to the other.
@@ -493,16 +391,8 @@ fn encoder_kernels(p: &Problem, port: Port) -> (Kernel, Option<Kernel>) {
     let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
     let m = &p.mechanics;
     let at_motor = port == Port::MotorEncoder || !p.flexible;
-    let delay = if port == Port::MotorEncoder {
-        p.drive.motor_encoder_delay_s()
-    } else {
-        p.drive.stage_encoder_delay_s()
-    };
-    let (mass, damping) = if at_motor {
-        (m.motor_mass_kg, m.motor_damping_n_s_m)
-    } else {
-        (m.stage_mass_kg, m.stage_damping_n_s_m)
-    };
+    let delay = if port == Port::MotorEncoder { p.drive.motor_encoder_delay_s() } else { p.drive.stage_encoder_delay_s() };
+    let (mass, damping) = if at_motor { (m.motor_mass_kg, m.motor_damping_n_s_m) } else { (m.stage_mass_kg, m.stage_damping_n_s_m) };
     let k = |derivative| Kernel::low_pass(band_hz(rate), rate, Action { derivative, advance_s: delay });
     let (k0, k1, k2) = (k(0), k(1), k(2));
     let spring = k0.times(m.stiffness_n_m).plus(m.structural_damping_n_s_m, &k1);
@@ -517,9 +407,7 @@ fn apply_inside(kernel: &Kernel, x: &[f64], grid: super::kernel::Grid) -> Vec<f6
         return kernel.apply(x, grid);
     }
     let inner = kernel.apply(x, super::kernel::Grid { first: half, step: 1, count: x.len() - 2 * half });
-    (0..grid.count)
-        .map(|j| inner[(grid.first + j * grid.step).saturating_sub(half).min(inner.len() - 1)])
-        .collect()
+    (0..grid.count).map(|j| inner[(grid.first + j * grid.step).saturating_sub(half).min(inner.len() - 1)]).collect()
 }
 
 fn lag(p: &Problem, extra_s: f64) -> Column {
@@ -527,12 +415,7 @@ fn lag(p: &Problem, extra_s: f64) -> Column {
     let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
     // Without a stated loop the hold counts half a sample; with one, the end of the step.
     let hold = if p.drive.current_loop_bandwidth_rad_s().is_some() { 0.0 } else { 0.5 / rate };
-    let kernel = Kernel::low_pass(
-        band_hz(rate),
-        rate,
-        Action { derivative: 0, advance_s: -(thrust_delay_s(&p.drive, rate) + hold) },
-    )
-    .then(&p.thinning.kernel);
+    let kernel = Kernel::low_pass(band_hz(rate), rate, Action { derivative: 0, advance_s: -(thrust_delay_s(&p.drive, rate) + hold + p.timing_s) }).then(&p.thinning.kernel);
     p.motions
         .iter()
         .map(|m| {
@@ -563,13 +446,10 @@ fn torsion(p: &Problem, frequency_hz: f64, screw_share: f64, damping_ratio: f64)
     p.column(|m| {
         let (d, d1) = (stretch(m), stretch_rate(m));
         let load: Vec<f64> = (0..m.len())
-            .map(|k| {
-                -screw * m.motor.accel_m_s2[k] - m0.stiffness_n_m * d[k] - m0.structural_damping_n_s_m * d1[k]
-            })
+            .map(|k| -screw * m.motor.accel_m_s2[k] - m0.stiffness_n_m * d[k] - m0.structural_damping_n_s_m * d1[k])
             .collect();
         let [e, e1, e2] = t.response(&load, 1.0 / m.rate_hz);
-        let spring: Vec<f64> =
-            e.iter().zip(&e1).map(|(e, v)| m0.stiffness_n_m * e + m0.structural_damping_n_s_m * v).collect();
+        let spring: Vec<f64> = e.iter().zip(&e1).map(|(e, v)| m0.stiffness_n_m * e + m0.structural_damping_n_s_m * v).collect();
         Sides {
             motor: Some(spring.iter().zip(&e2).map(|(s, a)| s + screw * a).collect()),
             stage: Some(spring.iter().map(|s| -s).collect()),

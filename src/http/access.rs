@@ -325,7 +325,8 @@ mod tests {
         let (old, old_hash) = new_token([2; 32]);
         let text = format!(
             "[[token]]\nname = \"anna\"\nrole = \"operator\"\nsha256 = \"{anna_hash}\"\n\
-             [[token]]\nname = \"old\"\nrole = \"engineer\"\nsha256 = \"{old_hash}\"\nexpires = \"2026-01-01T00:00:00Z\"\n"
+             [[token]]\nname = \"old\"\nrole = \"engineer\"\nsha256 = \"{old_hash}\"\n\
+             expires = \"2026-01-01T00:00:00Z\"\n"
         );
         let file = file(&text);
         let access = Access::load(Some(file.path()), false).unwrap();

@@ -2,7 +2,7 @@
 
 use super::events::{ReasonBody, origin};
 use super::extract::Body;
-use super::problem::Problem;
+use super::problem::{Problem, Refused};
 use super::{Caller, Role, Site};
 use crate::service::live::Mode;
 use axum::extract::State;
@@ -36,7 +36,7 @@ fn mode_response(site: &Site) -> Response {
 #[utoipa::path(get, path = "/api/v1/mode", tag = "control", operation_id = "getMode",
     responses((status = 200, description = "The mode", body = ModeView,
             headers(("ETag" = String, description = "Revision of the mode"))),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn get_mode(State(site): State<Site>) -> Response {
     mode_response(&site)
 }
@@ -54,13 +54,12 @@ pub(super) struct ModeBody {
 
 /// Change the mode. Up needs the role engineer and `If-Match` with the mode's ETag; down needs operator.
 #[utoipa::path(put, path = "/api/v1/mode", tag = "control", operation_id = "setMode", request_body = ModeBody,
-    params(("If-Match" = Option<String>, Header, description = "ETag of the mode that the caller saw; needed on the way up")),
+    params(("If-Match" = Option<String>, Header,
+        description = "ETag of the mode that the caller saw; needed on the way up")),
     security(("token" = [])),
     responses((status = 200, description = "The mode now", body = ModeView,
             headers(("ETag" = String, description = "Revision of the mode"))),
-        (status = 412, description = "The mode changed meanwhile", body = Problem, content_type = "application/problem+json"),
-        (status = 428, description = "If-Match is missing", body = Problem, content_type = "application/problem+json"),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn put_mode(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,
@@ -94,10 +93,11 @@ fn if_match(headers: &HeaderMap) -> Result<u64, Problem> {
 }
 
 /// Take the turret back: equal pitch and `observe`, within one control cycle.
-#[utoipa::path(post, path = "/api/v1/override", tag = "control", operation_id = "takeBack", request_body = ReasonBody,
+#[utoipa::path(post, path = "/api/v1/override", tag = "control",
+    operation_id = "takeBack", request_body = ReasonBody,
     security(("token" = [])),
     responses((status = 200, description = "The mode now", body = ModeView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn take_back(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,
@@ -110,10 +110,11 @@ pub(super) async fn take_back(
 }
 
 /// Clear a latched fault, after its cause is gone.
-#[utoipa::path(post, path = "/api/v1/fault/clear", tag = "control", operation_id = "clearFault", request_body = ReasonBody,
+#[utoipa::path(post, path = "/api/v1/fault/clear", tag = "control",
+    operation_id = "clearFault", request_body = ReasonBody,
     security(("token" = [])),
     responses((status = 200, description = "The mode now", body = ModeView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn clear_fault(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,

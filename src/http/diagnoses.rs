@@ -2,7 +2,7 @@
 
 use super::events::origin;
 use super::extract::{Body, Named};
-use super::problem::Problem;
+use super::problem::{Problem, Refused};
 use super::{Caller, Role, Site};
 use crate::service::DiagnosisView;
 use axum::extract::State;
@@ -15,7 +15,7 @@ use utoipa::ToSchema;
 /// All diagnoses since the start, newest first.
 #[utoipa::path(get, path = "/api/v1/diagnoses", tag = "diagnosis", operation_id = "listDiagnoses",
     responses((status = 200, description = "All jobs", body = Vec<DiagnosisView>),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn list(State(site): State<Site>) -> Json<Vec<DiagnosisView>> {
     Json(site.handle.diagnoses().list())
 }
@@ -39,7 +39,7 @@ pub(super) struct DiagnosisBody {
 #[utoipa::path(post, path = "/api/v1/diagnoses", tag = "diagnosis", operation_id = "startDiagnosis",
     request_body = DiagnosisBody, security(("token" = [])),
     responses((status = 202, description = "Queued", body = DiagnosisView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn start(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,
@@ -61,7 +61,7 @@ pub(super) async fn start(
 #[utoipa::path(get, path = "/api/v1/diagnoses/{id}", tag = "diagnosis", operation_id = "getDiagnosis",
     params(("id" = String, Path, description = "Name of the job")),
     responses((status = 200, description = "The job", body = DiagnosisView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn one(
     State(site): State<Site>,
     Named(id): Named<String>,
@@ -71,10 +71,11 @@ pub(super) async fn one(
 }
 
 /// The report of a finished diagnosis for a person.
-#[utoipa::path(get, path = "/api/v1/diagnoses/{id}/report.html", tag = "diagnosis", operation_id = "getDiagnosisReport",
+#[utoipa::path(get, path = "/api/v1/diagnoses/{id}/report.html", tag = "diagnosis",
+    operation_id = "getDiagnosisReport",
     params(("id" = String, Path, description = "Name of the job")),
     responses((status = 200, description = "Self-contained HTML", body = String, content_type = "text/html"),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn report(State(site): State<Site>, Named(id): Named<String>) -> Result<Response, Problem> {
     let path = site.handle.diagnoses().report_path(&id);
     let path = path.ok_or_else(|| Problem::not_found("there is no such report, or it is not ready"))?;

@@ -1,7 +1,7 @@
 //! The history over HTTP: pages, filters, CSV, acknowledging and silencing.
 
 use super::extract::{Asked, Body, Named};
-use super::problem::Problem;
+use super::problem::{Problem, Refused};
 use super::{Caller, Role, Site};
 use crate::service::{AuditRow, EventFilter, MAX_PAGE, Origin, clock};
 use crate::telemetry::{Event, EventKind, Severity};
@@ -96,12 +96,15 @@ pub(super) struct EventQuery {
     #[param(inline)]
     order: Option<Order>,
     /// Only this kind, for example `chatter_onset`.
-    kind: Option<String>,
+    #[param(inline)]
+    kind: Option<EventKind>,
     /// Only this axis.
     axis: Option<String>,
     /// Only at or after this RFC 3339 time.
+    #[param(format = DateTime)]
     since: Option<String>,
     /// Only at or before this RFC 3339 time.
+    #[param(format = DateTime)]
     until: Option<String>,
     /// Only alarms that nobody acknowledged.
     open_alarms: Option<bool>,
@@ -128,13 +131,6 @@ fn filter_from(query: EventQuery) -> Result<EventFilter, Problem> {
             None => Err(invalid(name, "expected an RFC 3339 time such as 2026-11-21T08:00:00Z")),
         },
     };
-    let kind = match &query.kind {
-        None => None,
-        Some(word) => Some(EventKind::from_word(word).ok_or_else(|| {
-            let known: Vec<&str> = EventKind::ALL.iter().map(|k| k.word()).collect();
-            invalid("kind", &format!("expected one of {}", known.join(", ")))
-        })?),
-    };
     let limit = query.limit.unwrap_or(100);
     if !(1..=MAX_PAGE).contains(&limit) {
         return Err(invalid("limit", "expected 1 to 1000"));
@@ -142,7 +138,7 @@ fn filter_from(query: EventQuery) -> Result<EventFilter, Problem> {
     Ok(EventFilter {
         cursor: query.cursor,
         ascending: query.order == Some(Order::Oldest),
-        kind,
+        kind: query.kind,
         axis: query.axis,
         since_ns: time("since", query.since)?,
         until_ns: time("until", query.until)?,
@@ -153,8 +149,9 @@ fn filter_from(query: EventQuery) -> Result<EventFilter, Problem> {
 
 /// A page of the history, as JSON or, with `Accept: text/csv`, as CSV.
 #[utoipa::path(get, path = "/api/v1/events", tag = "history", operation_id = "listEvents", params(EventQuery),
-    responses((status = 200, description = "One page", content((EventPageView = "application/json"), (String = "text/csv"))),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+    responses((status = 200,
+        description = "One page", content((EventPageView = "application/json"), (String = "text/csv"))),
+        Refused))]
 pub(super) async fn list(
     State(site): State<Site>,
     headers: HeaderMap,
@@ -205,7 +202,7 @@ fn csv_field(text: &str) -> String {
 #[utoipa::path(get, path = "/api/v1/events/{sequence}", tag = "history", operation_id = "getEvent",
     params(("sequence" = i64, Path, description = "Place in the history")),
     responses((status = 200, description = "The event", body = EventView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn one(
     State(site): State<Site>,
     Named(sequence): Named<i64>,
@@ -238,11 +235,12 @@ pub(super) fn origin(caller: &Caller, reason: &str) -> Result<Origin, Problem> {
 }
 
 /// Acknowledge an event.
-#[utoipa::path(post, path = "/api/v1/events/{sequence}/acknowledge", tag = "control", operation_id = "acknowledgeEvent",
+#[utoipa::path(post, path = "/api/v1/events/{sequence}/acknowledge", tag = "control",
+    operation_id = "acknowledgeEvent",
     params(("sequence" = i64, Path, description = "Place in the history")), request_body = ReasonBody,
     security(("token" = [])),
     responses((status = 200, description = "The event as it is now", body = EventView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn acknowledge(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,
@@ -267,11 +265,12 @@ pub(super) struct SilenceBody {
 }
 
 /// Silence an event for a while.
-#[utoipa::path(post, path = "/api/v1/events/{sequence}/silence", tag = "control", operation_id = "silenceEvent",
+#[utoipa::path(post, path = "/api/v1/events/{sequence}/silence", tag = "control",
+    operation_id = "silenceEvent",
     params(("sequence" = i64, Path, description = "Place in the history")), request_body = SilenceBody,
     security(("token" = [])),
     responses((status = 200, description = "The event as it is now", body = EventView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn silence(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,
@@ -334,7 +333,7 @@ impl From<AuditRow> for AuditView {
 /// The audit record, oldest first, at most 1000 rows.
 #[utoipa::path(get, path = "/api/v1/audit", tag = "history", operation_id = "listAudit", params(AuditQuery),
     responses((status = 200, description = "Rows after the given place", body = Vec<AuditView>),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn audit(
     State(site): State<Site>,
     Asked(query): Asked<AuditQuery>,

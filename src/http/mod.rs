@@ -65,10 +65,11 @@ type Site = Arc<Shared>;
 #[openapi(
     info(
         title = "Stillcut",
-        description = "Supervisory chatter control for parallel turning. Advice to the motion controller; not a \
-            safety function. Errors are problem+json with a stable `code`.",
+        description = "Supervisory chatter control for parallel turning. Advice to the motion controller; \
+            not a safety function. Errors are problem+json with a stable `code`.",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
+    components(schemas(Problem)),
     tags(
         (name = "live", description = "What is happening now"),
         (name = "history", description = "Events, recordings, audit record"),
@@ -227,11 +228,13 @@ fn host_is_ours(host: &str, configured: &[String]) -> bool {
     own || configured.iter().any(|h| h.eq_ignore_ascii_case(name))
 }
 
-const CSP: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
-     form-action 'none'; base-uri 'none'; frame-ancestors 'none'";
-/// The vendored Swagger UI and the diagnosis report style themselves inline; they still load nothing from elsewhere.
-const CSP_INLINE: &str = "default-src 'none'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; \
-     img-src 'self' data:; connect-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'";
+const CSP: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; \
+     connect-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'";
+/// The vendored Swagger UI styles itself inline; it still loads nothing from elsewhere.
+const CSP_INLINE: &str = "default-src 'none'; script-src 'self' 'unsafe-inline'; \
+     style-src 'self' 'unsafe-inline'; img-src 'self' data:; connect-src 'self'; form-action 'none'; \
+     base-uri 'none'; frame-ancestors 'none'";
+/// The diagnosis report is one file with its styles and pictures in it.
 const CSP_REPORT: &str =
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'";
 

@@ -4,7 +4,9 @@ use crate::service::{OperationError, Refusal};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use utoipa::ToSchema;
+use utoipa::openapi::{self, RefOr};
 
 /// Media type of a problem.
 pub(crate) const PROBLEM_JSON: &str = "application/problem+json";
@@ -83,6 +85,19 @@ impl Problem {
     pub(crate) fn at(mut self, path: &str) -> Self {
         self.instance = Some(path.to_owned());
         self
+    }
+}
+
+/// Every answer that is not named: a [`Problem`].
+pub(crate) struct Refused;
+
+impl utoipa::IntoResponses for Refused {
+    fn responses() -> BTreeMap<String, RefOr<openapi::Response>> {
+        let schema = openapi::Ref::from_schema_name("Problem");
+        let content = openapi::ContentBuilder::new().schema(Some(schema)).build();
+        let builder = openapi::ResponseBuilder::new().description("Refused");
+        let response = builder.content(PROBLEM_JSON, content).build();
+        BTreeMap::from([("default".to_owned(), RefOr::T(response))])
     }
 }
 

@@ -1,6 +1,6 @@
 //! What is happening now, the configuration, health and metrics.
 
-use super::problem::Problem;
+use super::problem::{Problem, Refused};
 use super::{Site, access::Caller};
 use crate::service::live::{AxisView, LiveState, SpectrumView};
 use crate::service::{Check, stability};
@@ -14,7 +14,7 @@ use utoipa::ToSchema;
 /// The whole picture.
 #[utoipa::path(get, path = "/api/v1/state", tag = "live", operation_id = "getState",
     responses((status = 200, description = "The picture at this moment", body = LiveState),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn state(State(site): State<Site>) -> Json<LiveState> {
     Json((*site.handle.state()).clone())
 }
@@ -22,7 +22,7 @@ pub(super) async fn state(State(site): State<Site>) -> Json<LiveState> {
 /// The axes.
 #[utoipa::path(get, path = "/api/v1/axes", tag = "live", operation_id = "getAxes",
     responses((status = 200, description = "Axes in the order of the stream", body = Vec<AxisView>),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn axes(State(site): State<Site>) -> Json<Vec<AxisView>> {
     Json(site.handle.state().axes.clone())
 }
@@ -30,15 +30,16 @@ pub(super) async fn axes(State(site): State<Site>) -> Json<Vec<AxisView>> {
 /// The newest spectrum of the watched band.
 #[utoipa::path(get, path = "/api/v1/spectrum", tag = "live", operation_id = "getSpectrum",
     responses((status = 200, description = "Amplitude of every bin", body = SpectrumView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn spectrum(State(site): State<Site>) -> Json<SpectrumView> {
     Json((*site.handle.spectrum()).clone())
 }
 
 /// Stability over the pitch angle difference, for the workpiece of the configuration.
 #[utoipa::path(get, path = "/api/v1/stability", tag = "live", operation_id = "getStability",
-    responses((status = 200, description = "Growth rate of the rightmost root over the pitch", body = stability::StabilityCurve),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+    responses((status = 200,
+        description = "Growth rate of the rightmost root over the pitch", body = stability::StabilityCurve),
+        Refused))]
 pub(super) async fn stability(State(site): State<Site>) -> Result<Json<stability::StabilityCurve>, Problem> {
     Ok(Json(site.handle.stability().await?))
 }
@@ -58,7 +59,7 @@ pub(super) struct ConfigView {
     responses((status = 200, description = "Configuration with its ETag", body = ConfigView,
             headers(("ETag" = String, description = "Hash of the configuration"))),
         (status = 304, description = "Unchanged"),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn config(State(site): State<Site>, headers: HeaderMap) -> Response {
     let config = site.handle.config();
     let etag = format!("\"{}\"", config.hash);
@@ -73,7 +74,8 @@ pub(super) async fn config(State(site): State<Site>, headers: HeaderMap) -> Resp
 
 /// Alive: answers as long as the process can.
 #[utoipa::path(get, path = "/healthz", tag = "operation", operation_id = "getHealth",
-    responses((status = 200, description = "The process answers", body = String, content_type = "text/plain")))]
+    responses((status = 200,
+        description = "The process answers", body = String, content_type = "text/plain")))]
 pub(super) async fn healthz() -> &'static str {
     "alive\n"
 }
@@ -108,7 +110,7 @@ impl From<Check> for CheckView {
 #[utoipa::path(get, path = "/readyz", tag = "operation", operation_id = "getReadiness",
     responses((status = 200, description = "Ready", body = Readiness),
         (status = 503, description = "Not ready, with the reasons", body = Readiness),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn readyz(State(site): State<Site>) -> Response {
     let checks: Vec<CheckView> = site.handle.checks().into_iter().map(CheckView::from).collect();
     let ready = checks.iter().all(|c| c.ok);
@@ -118,8 +120,9 @@ pub(super) async fn readyz(State(site): State<Site>) -> Response {
 
 /// Metrics in the Prometheus text format.
 #[utoipa::path(get, path = "/metrics", tag = "operation", operation_id = "getMetrics",
-    responses((status = 200, description = "Prometheus text format 0.0.4", body = String, content_type = "text/plain"),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+    responses((status = 200,
+        description = "Prometheus text format 0.0.4", body = String, content_type = "text/plain"),
+        Refused))]
 pub(super) async fn metrics(State(site): State<Site>, _: Extension<Caller>) -> Response {
     match site.handle.metrics().text() {
         Ok(text) => {

@@ -2,7 +2,7 @@
 
 use super::events::{ReasonBody, origin};
 use super::extract::{Body, Named};
-use super::problem::Problem;
+use super::problem::{Problem, Refused};
 use super::{Caller, Role, Site};
 use crate::service::RecordingInfo;
 use axum::body::Bytes;
@@ -18,7 +18,7 @@ use utoipa::ToSchema;
 /// Stored recordings, newest first.
 #[utoipa::path(get, path = "/api/v1/recordings", tag = "history", operation_id = "listRecordings",
     responses((status = 200, description = "All recordings", body = Vec<RecordingInfo>),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn list(State(site): State<Site>) -> Result<Json<Vec<RecordingInfo>>, Problem> {
     Ok(Json(site.handle.recordings()?))
 }
@@ -31,10 +31,11 @@ pub(super) struct SavedView {
 }
 
 /// Save what the black box holds now.
-#[utoipa::path(post, path = "/api/v1/recordings", tag = "control", operation_id = "saveRecording", request_body = ReasonBody,
+#[utoipa::path(post, path = "/api/v1/recordings", tag = "control",
+    operation_id = "saveRecording", request_body = ReasonBody,
     security(("token" = [])),
     responses((status = 202, description = "It is being written", body = SavedView),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+        Refused))]
 pub(super) async fn save(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,
@@ -49,10 +50,12 @@ pub(super) async fn save(
 const CHUNK: usize = 64 * 1024;
 
 /// One recording as Parquet.
-#[utoipa::path(get, path = "/api/v1/recordings/{id}/file.parquet", tag = "history", operation_id = "downloadRecording",
+#[utoipa::path(get, path = "/api/v1/recordings/{id}/file.parquet", tag = "history",
+    operation_id = "downloadRecording",
     params(("id" = String, Path, description = "Name of the recording")),
-    responses((status = 200, description = "Parquet", body = Vec<u8>, content_type = "application/vnd.apache.parquet"),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+    responses((status = 200,
+        description = "Parquet", body = Vec<u8>, content_type = "application/vnd.apache.parquet"),
+        Refused))]
 pub(super) async fn download(
     State(site): State<Site>,
     Named(id): Named<String>,

@@ -2,7 +2,7 @@
 
 use super::Site;
 use super::events::EventView;
-use super::problem::Problem;
+use super::problem::{Problem, Refused};
 use crate::service::{EventFilter, Handle, StreamMessage};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
@@ -22,9 +22,11 @@ const RESUME: i64 = 500;
 /// Live data: `state` and `force` ten times a second, `spectrum` columns, and every stored `event` with
 /// its place as id. With `Last-Event-ID` the events in between come first.
 #[utoipa::path(get, path = "/api/v1/stream", tag = "live", operation_id = "stream",
-    params(("Last-Event-ID" = Option<String>, Header, description = "Place of the last event that the client saw")),
-    responses((status = 200, description = "Server-sent events", body = String, content_type = "text/event-stream"),
-        (status = "default", description = "Refused", body = Problem, content_type = "application/problem+json")))]
+    params(("Last-Event-ID" = Option<String>, Header,
+        description = "Place of the last event that the client saw")),
+    responses((status = 200,
+        description = "Server-sent events", body = String, content_type = "text/event-stream"),
+        Refused))]
 pub(super) async fn stream(State(site): State<Site>, headers: HeaderMap) -> Result<Response, Problem> {
     let Ok(seat) = Arc::clone(&site.streams).try_acquire_owned() else {
         site.handle.metrics().http_refused.with_label_values(&["streams"]).inc();

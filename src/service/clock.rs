@@ -39,7 +39,9 @@ pub fn rfc3339(wall_ns: i64) -> String {
 #[must_use]
 pub fn parse_rfc3339(text: &str) -> Option<i64> {
     let time: jiff::Timestamp = text.parse().ok()?;
-    i64::try_from(time.as_nanosecond()).ok()
+    let ns = time.as_nanosecond();
+    // Further away than nanoseconds reach: as far as they do.
+    Some(i64::try_from(ns).unwrap_or(if ns < 0 { i64::MIN } else { i64::MAX }))
 }
 
 /// Sleeps on the calling thread.

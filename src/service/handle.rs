@@ -1,5 +1,6 @@
 //! The running service as its users see it: HTTP handlers, `run`, `demo` and tests.
 
+use super::announcer::Announcer;
 use super::clock;
 use super::control::{Control, Origin, Refusal};
 use super::diagnoses::Diagnoses;
@@ -77,6 +78,7 @@ pub(super) struct Inner {
     pub(super) spectrum: watch::Receiver<Arc<SpectrumView>>,
     pub(super) stream: broadcast::Sender<StreamMessage>,
     pub(super) control: mpsc::Sender<Control>,
+    pub(super) announcer: Announcer,
     pub(super) writer: StoreWriter,
     pub(super) reader: StoreReader,
     pub(super) metrics: Arc<Metrics>,
@@ -290,7 +292,7 @@ impl Handle {
     /// Stores an event that arose outside the pipeline.
     pub async fn report(&self, kind: EventKind, text: String) {
         let event = Event { id: clock::new_id(), ..Event::new(kind, clock::wall_ns(), text) };
-        super::hub::publish_event(&self.0.writer, &self.0.metrics, &self.0.stream, event).await;
+        self.0.announcer.announce_durably(event).await;
     }
 
     /// What readiness depends on.

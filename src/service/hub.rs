@@ -3,6 +3,7 @@
 //! The pipeline thread never waits for any of it: it offers reports to a bounded queue, and this task
 //! takes them to listeners, disk and counters at their own pace.
 
+use super::announcer::{Announcer, Then};
 use super::clock;
 use super::control::Control;
 use super::handle::StreamMessage;
@@ -81,6 +82,7 @@ pub(super) struct Outlets {
     pub(super) spectrum: watch::Sender<Arc<SpectrumView>>,
     pub(super) stream: broadcast::Sender<StreamMessage>,
     pub(super) control: mpsc::Sender<Control>,
+    pub(super) announcer: Announcer,
 }
 
 /// The history and what is known of it.
@@ -107,25 +109,6 @@ pub(super) struct Hub {
     last_commits: i64,
     failing_since: Option<Instant>,
     frames: u64,
-}
-
-/// Stores an event, then tells listeners, log and counters. What cannot be queued is counted.
-pub(super) async fn publish_event(
-    writer: &StoreWriter,
-    metrics: &Metrics,
-    stream: &broadcast::Sender<StreamMessage>,
-    event: Event,
-) -> Option<Event> {
-    metrics.events.with_label_values(&[event.kind.word()]).inc();
-    event.log();
-    let Ok(stored) = writer.store_durably(event).await else {
-        metrics.queue_dropped.with_label_values(&["store", "true"]).inc();
-        return None;
-    };
-    let data = serde_json::to_string(&crate::http::EventView::from(&stored)).unwrap_or_default();
-    // No listener is no error.
-    let _ = stream.send(StreamMessage { id: Some(stored.sequence), kind: "event", data: data.into() });
-    Some(stored)
 }
 
 impl Hub {
@@ -170,21 +153,9 @@ impl Hub {
     fn take(&mut self, report: Report) {
         match report {
             Report::View(view) => self.show(*view),
-            Report::Event(event) => {
-                let (writer, metrics) = (self.history.writer.clone(), Arc::clone(&self.metrics));
-                let stream = self.outlets.stream.clone();
-                // Stored in the order of the queue: the push happens before the first await.
-                tokio::spawn(async move { publish_event(&writer, &metrics, &stream, *event).await });
-            }
+            Report::Event(event) => self.outlets.announcer.announce(*event, Then::Nothing),
             Report::Intent { sequence, event } => {
-                let (writer, metrics) = (self.history.writer.clone(), Arc::clone(&self.metrics));
-                let (stream, control) = (self.outlets.stream.clone(), self.outlets.control.clone());
-                tokio::spawn(async move {
-                    if publish_event(&writer, &metrics, &stream, *event).await.is_some() {
-                        // A pipeline that no longer listens has ended.
-                        let _ = control.send(Control::Committed { sequence }).await;
-                    }
-                });
+                self.outlets.announcer.announce(*event, Then::Committed(sequence))
             }
         }
     }

@@ -8,6 +8,7 @@
 //! ```
 //! The pipeline thread owns every port and waits for nobody; the tokio side never sees a port.
 
+mod announcer;
 mod black_box;
 pub mod clock;
 mod control;

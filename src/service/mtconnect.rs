@@ -83,7 +83,8 @@ pub(super) async fn serve(handle: Handle, listener: TcpListener) {
             let stop = handle.stopping();
             tokio::select! {
                 ended = agent(handle, stream, address) => {
-                    tracing::info!(event = "mtconnect_agent_left", %address, why = %ended.err().map_or_else(String::new, |e| e.to_string()), "an agent left");
+                    let why = ended.err().map_or_else(String::new, |e| e.to_string());
+                    tracing::info!(event = "mtconnect_agent_left", %address, why, "an agent left");
                 }
                 () = stop.cancelled() => {}
             }

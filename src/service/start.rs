@@ -1,9 +1,10 @@
 //! Starting and stopping: every part is up before the first request, and goes in the reverse order.
 
+use super::announcer::{Announcer, Then};
 use super::control::{Control, Origin};
 use super::diagnoses::{Diagnoses, DiagnosisView, JobState};
 use super::handle::{Handle, Inner, OperationError, ShownConfig};
-use super::hub::{History, Hub, Outlets, publish_event};
+use super::hub::{History, Hub, Outlets};
 use super::live::{LiveState, SpectrumView, StoreView};
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
 use super::stability::CurveCache;
@@ -173,8 +174,13 @@ impl Parts {
             None => None,
         };
         let (stream, _) = broadcast::channel(STREAM);
-        let (recordings, recorder_queue, recorder) = self.start_recorder(&stream)?;
         let (control, controls) = mpsc::channel(CONTROLS);
+        let announcer = {
+            let _inside = self.runtime.enter();
+            let ends = (stream.clone(), control.clone());
+            Announcer::start(self.writer.clone(), Arc::clone(&self.metrics), ends)
+        };
+        let (recordings, recorder_queue, recorder) = self.start_recorder(announcer.clone())?;
         let (reports, reported) = mpsc::channel(REPORTS);
         let progress = Arc::new(AtomicU64::new(0));
         let engine = engine::start(engine::Setup {
@@ -190,7 +196,13 @@ impl Parts {
 
         let (state, watched_state) = watch::channel(Arc::new(LiveState::default()));
         let (spectrum, watched_spectrum) = watch::channel(Arc::new(SpectrumView::default()));
-        let outlets = Outlets { state, spectrum, stream: stream.clone(), control: control.clone() };
+        let outlets = Outlets {
+            state,
+            spectrum,
+            stream: stream.clone(),
+            control: control.clone(),
+            announcer: announcer.clone(),
+        };
         let hub = self.runtime.spawn(self.hub(outlets).run(reported));
         let program = std::env::current_exe().unwrap_or_else(|_| "stillcut".into());
         let diagnoses = Diagnoses::new(&config.history.folder.join("diagnoses"), program);
@@ -200,6 +212,7 @@ impl Parts {
             spectrum: watched_spectrum,
             stream,
             control: control.clone(),
+            announcer,
             writer: self.writer.clone(),
             reader: self.reader.clone(),
             metrics: Arc::clone(&self.metrics),
@@ -250,7 +263,7 @@ impl Parts {
 
     fn start_recorder(
         &self,
-        stream: &broadcast::Sender<super::handle::StreamMessage>,
+        announcer: Announcer,
     ) -> Result<(Recordings, std::sync::mpsc::SyncSender<recorder::Job>, JoinHandle<()>), ServiceError> {
         let folder = self.config.history.folder.join("recordings");
         let recordings = Recordings::open(&folder)?;
@@ -258,11 +271,9 @@ impl Parts {
             max_bytes: self.config.recorder.max_bytes,
             max_age_ns: self.config.recorder.max_age_ns,
         };
-        let (runtime, writer) = (self.runtime.handle().clone(), self.writer.clone());
-        let (metrics, stream) = (Arc::clone(&self.metrics), stream.clone());
         let outcome: recorder::Outcome = Box::new(move |kind, text| {
             let event = Event { id: clock::new_id(), ..Event::new(kind, clock::wall_ns(), text) };
-            runtime.block_on(publish_event(&writer, &metrics, &stream, event));
+            announcer.announce(event, Then::Nothing);
         });
         let started = recorder::start(recordings.clone(), limits, Arc::clone(&self.metrics), outcome);
         let (queue, thread) = started.map_err(|source| ServiceError::Files { path: folder, source })?;

@@ -64,12 +64,7 @@ fn dot_body<const FUSED: bool>(a: &[f64], b: &[f64]) -> f64 {
 }
 
 #[inline(always)]
-fn correlate_body<const FUSED: bool>(
-    x: &[f64],
-    taps: &[f64],
-    (first, step): (usize, usize),
-    out: &mut [f64],
-) {
+fn correlate_body<const FUSED: bool>(x: &[f64], taps: &[f64], (first, step): (usize, usize), out: &mut [f64]) {
     for (j, o) in out.iter_mut().enumerate() {
         let start = first + j * step;
         *o = dot_body::<FUSED>(&x[start..start + taps.len()], taps);

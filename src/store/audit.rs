@@ -75,7 +75,8 @@ pub(super) async fn append(
         None => (1, Vec::new()),
     };
     let hash = chain_hash(&previous, sequence, entry);
-    let insert = "INSERT INTO audit (sequence, wall_ns, actor, role, action, detail, hash) VALUES (?, ?, ?, ?, ?, ?, ?)";
+    let insert = "INSERT INTO audit (sequence, wall_ns, actor, role, action, detail, hash) \
+         VALUES (?, ?, ?, ?, ?, ?, ?)";
     let query = sqlx::query(insert).bind(sequence).bind(entry.wall_ns).bind(&entry.actor).bind(&entry.role);
     query.bind(&entry.action).bind(&entry.detail).bind(hash).execute(connection).await?;
     Ok(sequence)

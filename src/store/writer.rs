@@ -28,7 +28,7 @@ pub struct Retention {
 }
 
 enum Write {
-    Event(Box<Event>, Option<oneshot::Sender<Event>>),
+    Event(Box<Event>, oneshot::Sender<Event>),
     Acknowledge { sequence: i64, by: String, wall_ns: i64, done: oneshot::Sender<bool> },
     Silence { sequence: i64, until_ns: i64, done: oneshot::Sender<bool> },
     Audit(AuditEntry, oneshot::Sender<i64>),
@@ -101,16 +101,17 @@ impl StoreWriter {
         Ok(())
     }
 
-    /// Stores an event some time soon. Errors: the queue is full or closed; the caller counts it.
-    pub fn store(&self, event: Event) -> Result<(), StoreError> {
-        self.push(Write::Event(Box::new(event), None))
+    /// Queues an event; what is answered comes with its place once it is durable.
+    /// Errors: the queue is full or closed; the caller counts it.
+    pub fn begin_store(&self, event: Event) -> Result<oneshot::Receiver<Event>, StoreError> {
+        let (done, stored) = oneshot::channel();
+        self.push(Write::Event(Box::new(event), done))?;
+        Ok(stored)
     }
 
     /// Stores an event and answers it with its place once it is durable. Errors: queue full or closed.
     pub async fn store_durably(&self, event: Event) -> Result<Event, StoreError> {
-        let (done, stored) = oneshot::channel();
-        self.push(Write::Event(Box::new(event), Some(done)))?;
-        stored.await.map_err(|_| StoreError::Closed)
+        self.begin_store(event)?.await.map_err(|_| StoreError::Closed)
     }
 
     /// Marks an event as acknowledged. Answers false where there is none or it already was.
@@ -254,8 +255,10 @@ async fn apply(
 
 /// Inserts once: an id that is there already (a retry) answers the row that is there.
 async fn insert_event(connection: &mut SqliteConnection, event: &Event) -> Result<Box<Event>, sqlx::Error> {
-    let insert = "INSERT INTO event (id, wall_ns, kind, axis, t_s, frequency_hz, power_n2, pitch_difference_rad, text) \
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO UPDATE SET id = excluded.id RETURNING sequence";
+    let insert = "INSERT INTO event \
+         (id, wall_ns, kind, axis, t_s, frequency_hz, power_n2, pitch_difference_rad, text) \
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) \
+         ON CONFLICT (id) DO UPDATE SET id = excluded.id RETURNING sequence";
     let query =
         sqlx::query(insert).bind(&event.id).bind(event.wall_ns).bind(event.kind.word()).bind(&event.axis);
     let query = query.bind(event.t_s).bind(event.frequency_hz).bind(event.power_n2);
@@ -284,7 +287,7 @@ async fn prune(connection: &mut SqliteConnection, now_ns: i64, keep: Retention) 
 fn answer_all(batch: Vec<Write>, answers: Vec<Answer>) {
     for (write, answer) in batch.into_iter().zip(answers) {
         match (write, answer) {
-            (Write::Event(_, Some(done)), Answer::Event(event)) => {
+            (Write::Event(_, done), Answer::Event(event)) => {
                 let _ = done.send(*event);
             }
             (Write::Acknowledge { done, .. } | Write::Silence { done, .. }, Answer::Done(yes)) => {

@@ -1,14 +1,15 @@
 //! Something that happened, as it is stored, shown, logged and counted.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 macro_rules! event_kinds {
     ($($(#[$doc:meta])* $name:ident = $word:literal, $severity:ident;)*) => {
         /// What happened. The list is closed; a new kind is a new line here.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, ToSchema)]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+        #[serde(rename_all = "snake_case")]
         pub enum EventKind {
-            $($(#[$doc])* #[serde(rename = $word)] $name,)*
+            $($(#[$doc])* $name,)*
         }
 
         impl EventKind {
@@ -179,6 +180,7 @@ mod tests {
     fn every_word_leads_back_to_its_kind() {
         for kind in EventKind::ALL {
             assert_eq!(EventKind::from_word(kind.word()), Some(*kind));
+            assert_eq!(serde_json::to_string(kind).unwrap(), format!("\"{}\"", kind.word()));
         }
         assert_eq!(EventKind::from_word("nonsense"), None);
     }

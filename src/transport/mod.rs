@@ -40,7 +40,7 @@ pub enum TransportError {
     #[error("transport: cannot join the domain: {0}; all participants must run as the same user")]
     Join(String),
     /// Making a node did not end: a killed process left the domain unusable while others are in it.
-    #[error("transport: joining {} did not end in 5 s; stop every participant and start again", root.display())]
+    #[error("transport: joining {} did not end in 5 s; stop every participant, start again", root.display())]
     Wedged {
         /// Folder of the domain.
         root: PathBuf,

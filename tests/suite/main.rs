@@ -11,7 +11,6 @@ mod http;
 mod identities;
 mod import;
 mod pipeline;
-mod real_machines;
 mod report;
 #[cfg(feature = "service")]
 mod running;
@@ -21,3 +20,6 @@ mod service;
 mod store;
 #[cfg(feature = "service")]
 mod transport;
+mod real_machines;
+#[cfg(feature = "service")]
+mod deploy;

@@ -103,6 +103,25 @@ fn commands_and_reports_cross_and_a_restarted_machine_is_heard_again() {
     }
 }
 
+/// The return to equal pitch is the last thing that a service says: it must not vanish with the port.
+#[test]
+fn the_last_word_outlives_its_sender() {
+    let test = TestDomain::new("last");
+    let machine = test.domain.join("machine").unwrap();
+    let orders = CommandSubscriber::open(&machine).unwrap();
+    let mut got = Vec::new();
+    for sequence in 1..=3 {
+        let service = test.domain.join("service").unwrap();
+        let commands = CommandPublisher::open(&service).unwrap();
+        orders.drain(|_| {}).unwrap(); // a controller looks every millisecond, so it knows the port
+        commands.send(&TurretCommand { sequence, ..TurretCommand::default() }).unwrap();
+        drop(commands);
+        drop(service);
+        orders.drain(|c| got.push(c.sequence)).unwrap();
+    }
+    assert_eq!(got, [1, 2, 3]);
+}
+
 #[test]
 fn a_second_producer_is_refused() {
     let test = TestDomain::new("second");

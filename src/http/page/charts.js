@@ -213,8 +213,9 @@ class StabilityChart {
     context.fillRect(left, y(0), plotWidth, 4 + plotHeight - y(0));
     context.strokeStyle = resolved("--soft");
     context.beginPath(); context.moveTo(left, y(0)); context.lineTo(left + plotWidth, y(0)); context.stroke();
-    context.fillStyle = resolved("--bad"); context.textAlign = "left";
-    context.fillText("grows", left + 4, 16);
+    context.fillStyle = resolved("--bad"); context.textAlign = "center";
+    context.fillText("grows", left + plotWidth / 2, 18);
+    context.textAlign = "left";
     context.fillStyle = resolved("--good");
     context.fillText("dies out", left + 4, plotHeight);
     context.strokeStyle = resolved("--ink"); context.lineWidth = 2;
@@ -222,7 +223,7 @@ class StabilityChart {
     pitch.forEach((p, i) => (i ? context.lineTo(x(p), y(growth[i])) : context.moveTo(x(p), y(growth[i]))));
     context.stroke(); context.lineWidth = 1;
     context.fillStyle = resolved("--soft"); context.textAlign = "center";
-    for (let deg = 0; deg <= far * 57.3; deg += 2) context.fillText(`${deg}°`, Math.max(x(deg / 57.2958), left + 4), height - 5);
+    for (let deg = 0; deg <= far * 57.3; deg += 2) context.fillText(`${deg}°`, Math.min(x(deg / 57.2958), width - 12), height - 5);
     if (this.limit !== null && this.limit < far) {
       context.setLineDash([4, 4]); context.strokeStyle = resolved("--warn");
       context.beginPath(); context.moveTo(x(this.limit), 4); context.lineTo(x(this.limit), 4 + plotHeight); context.stroke();

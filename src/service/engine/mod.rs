@@ -37,6 +37,8 @@ const PICTURE: Duration = Duration::from_millis(50);
 const SILENCE: Duration = Duration::from_millis(1000);
 /// A status that is older says nothing about interlocks.
 const STATUS_DEADLINE: Duration = Duration::from_millis(500);
+/// How long the command port stays after the last word of a service that stops.
+const FAREWELL: Duration = Duration::from_millis(100);
 /// Events that wait while the queue of reports is full.
 const BACKLOG: usize = 1024;
 
@@ -167,6 +169,7 @@ impl Engine {
         if self.mode != Mode::Observe {
             self.change_mode(Mode::Observe, "the service stops");
             self.decide(clock::now());
+            clock::sleep(FAREWELL); // the port goes with this thread; let the controller read first
         }
         self.flush();
         for stage in ["transport", "pipeline"] {

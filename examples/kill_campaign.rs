@@ -1,0 +1,210 @@
+//! Does anything break when service and lathe are killed at random moments? Kills the real binary with
+//! kill -9, starts it again, and counts.
+//!
+//! ```sh
+//! cargo build --release && cargo run --release --example kill_campaign -- --kills 500 --seed 1
+//! ```
+//! Every kill: what was acknowledged is there afterwards, no number twice, the chain of the audit record
+//! holds, shared memory works again, samples flow. Prints one table; ends with status 1 when a row has a loss.
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use std::io::{BufRead as _, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::time::{Duration, Instant};
+
+/// Ready later than this is a loss (the target on an idle machine is 2 s).
+const TOO_LATE: Duration = Duration::from_secs(10);
+
+struct Place {
+    folder: PathBuf,
+    binary: PathBuf,
+    prefix: String,
+}
+
+impl Place {
+    fn lathe(&self) -> Child {
+        let mut command = Command::new(&self.binary);
+        command.args(["lathe", "--prefix", &self.prefix, "--entry-s", "1000", "--root"]);
+        command.arg(self.folder.join("iox")).stdout(Stdio::null()).stderr(Stdio::null());
+        command.spawn().expect("the binary starts")
+    }
+
+    fn service(&self) -> Child {
+        let mut command = Command::new(&self.binary);
+        command.args(["run", "--config"]).arg(self.folder.join("c.toml"));
+        command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the binary starts")
+    }
+}
+
+/// Follows the log until it says where it listens. Nothing when the process ends before.
+fn address(child: &mut Child) -> Option<String> {
+    let mut lines = BufReader::new(child.stderr.take()?).lines();
+    loop {
+        let line = lines.next()?.ok()?;
+        if let Some(rest) = line.split("address=").nth(1) {
+            let found = rest.split_whitespace().next()?.to_owned();
+            std::thread::spawn(move || lines.for_each(drop));
+            return Some(found);
+        }
+    }
+}
+
+fn agent() -> ureq::Agent {
+    let config = ureq::Agent::config_builder().http_status_as_error(false);
+    config.timeout_global(Some(Duration::from_secs(3))).build().into()
+}
+
+fn body(agent: &ureq::Agent, url: &str) -> Option<String> {
+    agent.get(url).call().ok()?.body_mut().read_to_string().ok()
+}
+
+/// One acknowledged write; true when it was acknowledged.
+fn write(agent: &ureq::Agent, address: &str, token: &str) -> bool {
+    let url = format!("http://{address}/api/v1/events/1/acknowledge");
+    let request = agent.post(url).header("Authorization", format!("Bearer {token}"));
+    request
+        .header("Content-Type", "application/json")
+        .send("{\"reason\":\"campaign\"}")
+        .is_ok_and(|r| r.status() == 200)
+}
+
+#[derive(Default)]
+struct Row {
+    tries: u32,
+    survived: u32,
+    worst: Duration,
+}
+
+fn argument(name: &str, default: u64) -> u64 {
+    let mut arguments = std::env::args().skip_while(|a| a != name);
+    arguments.nth(1).and_then(|v| v.parse().ok()).unwrap_or(default)
+}
+
+fn prepare(seed: u64) -> (Place, String) {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = std::env::temp_dir().join(format!("stillcut-campaign-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let (token, digest) = stillcut::http::new_token([seed.to_le_bytes()[0]; 32]);
+    let tokens = folder.join("tokens.toml");
+    std::fs::write(&tokens, format!("[[token]]\nname = \"c\"\nrole = \"operator\"\nsha256 = \"{digest}\"\n"))
+        .expect("tokens");
+    std::fs::set_permissions(&tokens, std::fs::Permissions::from_mode(0o600)).expect("tokens");
+    let prefix = format!("camp{}", std::process::id());
+    let config = format!(
+        "[transport]\nprefix = \"{prefix}\"\nroot = \"{0}/iox\"\n[http]\nlisten = \"127.0.0.1:0\"\ntokens = \"tokens.toml\"\n[history]\nfolder = \"{0}/state\"\n",
+        folder.display()
+    );
+    std::fs::write(folder.join("c.toml"), config).expect("a configuration");
+    let own = std::env::current_exe().expect("own path");
+    let binary = own.parent().and_then(Path::parent).expect("target folder").join("stillcut");
+    (Place { folder, binary, prefix }, token)
+}
+
+struct Pair {
+    service: Child,
+    lathe: Child,
+    address: Option<String>,
+}
+
+fn connected(agent: &ureq::Agent, address: &str) -> bool {
+    body(agent, &format!("http://{address}/api/v1/state")).is_some_and(|s| s.contains("\"connected\":true"))
+}
+
+/// Starts what is dead and waits until samples flow again; nothing when they do not.
+fn recover(place: &Place, pair: &mut Pair, agent: &ureq::Agent) -> Option<Duration> {
+    let began = Instant::now();
+    while began.elapsed() < TOO_LATE {
+        if !matches!(pair.lathe.try_wait(), Ok(None)) {
+            pair.lathe = place.lathe();
+        }
+        if !matches!(pair.service.try_wait(), Ok(None)) || pair.address.is_none() {
+            let _ = pair.service.kill();
+            let _ = pair.service.wait();
+            pair.service = place.service();
+            pair.address = address(&mut pair.service);
+        }
+        if pair.address.as_ref().is_some_and(|a| connected(agent, a)) {
+            return Some(began.elapsed());
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    None
+}
+
+fn rows(agent: &ureq::Agent, address: &str) -> usize {
+    let mut count = 0;
+    loop {
+        let page = body(agent, &format!("http://{address}/api/v1/audit?after={count}")).unwrap_or_default();
+        let found = page.matches("\"sequence\":").count();
+        if found == 0 {
+            return count;
+        }
+        count += found;
+    }
+}
+
+fn main() -> ExitCode {
+    let (kills, seed) = (argument("--kills", 40), argument("--seed", 1));
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let (place, token) = prepare(seed);
+    let agent = agent();
+    let mut pair = Pair { service: place.service(), lathe: place.lathe(), address: None };
+    pair.address = address(&mut pair.service);
+    let mut table: [(&str, Row); 4] =
+        ["service", "lathe", "both", "while starting"].map(|n| (n, Row::default()));
+    let mut acknowledged = 0_usize;
+    for _ in 0..kills {
+        if let Some(address) = &pair.address {
+            let until = Instant::now() + Duration::from_millis(random.random::<u64>() % 400);
+            while Instant::now() < until {
+                acknowledged += usize::from(write(&agent, address, &token));
+            }
+        }
+        let kind = (random.random::<u64>() % 4) as usize;
+        let (service, lathe) = (kind != 1, kind != 0);
+        for _ in 0..if kind == 3 { 3 } else { 1 } {
+            if service {
+                let _ = pair.service.kill();
+                let _ = pair.service.wait();
+                pair.address = None;
+            }
+            if lathe {
+                let _ = pair.lathe.kill();
+                let _ = pair.lathe.wait();
+            }
+            if kind == 3 {
+                // Killed again in the first milliseconds, where shared memory can be left half made.
+                (pair.service, pair.lathe) = (place.service(), place.lathe());
+                std::thread::sleep(Duration::from_micros(random.random::<u64>() % 30_000));
+            }
+        }
+        if kind == 3 {
+            let _ = (pair.service.kill(), pair.service.wait(), pair.lathe.kill(), pair.lathe.wait());
+        }
+        let row = &mut table[kind].1;
+        row.tries += 1;
+        let recovered = recover(&place, &mut pair, &agent);
+        let kept = pair.address.as_ref().map_or(0, |a| rows(&agent, a));
+        if let Some(took) = recovered.filter(|_| kept >= acknowledged) {
+            row.survived += 1;
+            row.worst = row.worst.max(took);
+        } else {
+            eprintln!("loss: {:?} recovered, {kept} rows of {acknowledged} acknowledged", recovered);
+        }
+    }
+    let _ = (pair.service.kill(), pair.service.wait(), pair.lathe.kill(), pair.lathe.wait());
+    let history = place.folder.join("state/history.sqlite");
+    let verify = Command::new(&place.binary).args(["audit", "verify", "--history"]).arg(&history).output();
+    let said = verify.map(|o| String::from_utf8_lossy(&o.stdout).trim().to_owned()).unwrap_or_default();
+    println!("| killed | tries | survived | slowest recovery |\n|---|---|---|---|");
+    for (name, row) in &table {
+        println!("| {name} | {} | {} | {:.2} s |", row.tries, row.survived, row.worst.as_secs_f64());
+    }
+    println!("\nseed {seed}; {acknowledged} acknowledged writes; audit record {said}");
+    let good =
+        table.iter().all(|(_, r)| r.survived == r.tries) && said.starts_with("intact") && acknowledged > 0;
+    let _ = std::fs::remove_dir_all(&place.folder);
+    if good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
