@@ -321,7 +321,7 @@ impl<'a> Fit<'a> {
         };
         warnings.push(match self.mode_beyond_hz(kept_hz) {
             Some(mode_hz) => format!(
-                "a mode outside of the model at about {mode_hz:.0} Hz; fitted, and valid, up to {kept_hz:.0} Hz"
+                "a mode outside of the model at about {mode_hz:.0} Hz; valid up to {kept_hz:.0} Hz"
             ),
             None => format!("the model explains the response only up to {kept_hz:.0} Hz"),
         });
