@@ -74,12 +74,13 @@ impl Budget {
         (self.response(frequency_hz) - 1.0).norm()
     }
 
-    /// Largest error of a sine of force that half a step of each encoder can hide, N: the step turned
-    /// into force at this frequency.
+    /// Standard deviation of what rounding to encoder steps adds, if all of it fell at this frequency, N:
+    /// q/sqrt(12) of each encoder through its part of the balance.
     #[must_use]
     pub fn step_error_n(&self, frequency_hz: f64, motor_step_m: f64, stage_step_m: f64) -> f64 {
         let s = Complex64::new(0.0, TAU * frequency_hz);
-        let size = |f: [f64; 3], step_m: f64| (f[0] + s * (f[1] + s * f[2])).norm() * step_m / 2.0;
-        size(self.balance.motor.as_array(), motor_step_m) + size(self.balance.stage.as_array(), stage_step_m)
+        let size = |f: [f64; 3], step_m: f64| (f[0] + s * (f[1] + s * f[2])).norm() * step_m / 12f64.sqrt();
+        let motor_n = size(self.balance.motor.as_array(), motor_step_m);
+        motor_n.hypot(size(self.balance.stage.as_array(), stage_step_m))
     }
 }

@@ -322,7 +322,9 @@ impl ForceEstimator {
             frequency_hz > 1.0 && frequency_hz < self.band_hz
         });
         let friction_n = self.balance.motor_friction_n.abs() + self.balance.stage_friction_n.abs();
-        let watched = !matches!(self.method, Method::VibrationMode | Method::Spectral);
+        // Without the stage's own motion in the balance, what friction holds back does not show at all.
+        let hidden =
+            if self.balance.needs_stage() { Validity::MEAN_NOT_OBSERVABLE } else { Validity::BELOW_FRICTION };
         let still = speed < 2.0 * self.friction_smoothing_m_s;
         let below =
             still && friction_n > 0.0 && motion.thrust_n.abs() * self.balance.thrust.abs() < friction_n;
@@ -330,7 +332,7 @@ impl ForceEstimator {
             | Validity::when(missing, Validity::SIGNAL_MISSING)
             | Validity::when(settling, Validity::SETTLING)
             | Validity::when(line, Validity::ENCODER_LINE_IN_BAND)
-            | Validity::when(below && watched, Validity::BELOW_FRICTION)
+            | Validity::when(below && self.method != Method::Spectral, hidden)
     }
 
     /// Method.

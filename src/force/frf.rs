@@ -99,7 +99,8 @@ impl FrfEstimator {
         [self.nodes_hz.first().copied().unwrap_or(0.0), self.nodes_hz.last().copied().unwrap_or(0.0)]
     }
 
-    /// Force per acceleration of each axis, N s2/m = kg, at a frequency and spindle speed; zero outside the band.
+    /// Force per acceleration of each axis, N s2/m = kg, at a frequency and spindle speed; zero outside
+    /// the band.
     #[must_use]
     pub fn response_kg(&self, frequency_hz: f64, speed_rpm: f64) -> [Complex64; ACCEL_AXES] {
         let zero = [Complex64::new(0.0, 0.0); ACCEL_AXES];

@@ -164,7 +164,7 @@ impl HarmonicEstimator {
         let basis = settings.basis(rate);
         let fit = HarmonicFit::new(basis)?;
         let alignment = Alignment::new(axis.drive, rate)?;
-        // The alignment's own lag, three samples and the encoders' delays, is kept; the window's comes on top.
+        // The alignment's own lag (three samples and the encoders' delays) stays; the window's comes on top.
         let middle_age = match settings.reading {
             Reading::Middle => basis.half_window,
             Reading::Young => 0,

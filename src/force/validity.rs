@@ -24,8 +24,11 @@ impl Validity {
     pub const EXTRAPOLATED: Validity = Validity(1 << 5);
     /// A signal that the method needs was not there; the last value was held.
     pub const SIGNAL_MISSING: Validity = Validity(1 << 6);
+    /// The axis stands still within friction: mean and slow parts are not observable, what shakes the
+    /// stage is.
+    pub const MEAN_NOT_OBSERVABLE: Validity = Validity(1 << 7);
 
-    const NAMES: [(Validity, &'static str); 7] = [
+    const NAMES: [(Validity, &'static str); 8] = [
         (Self::SETTLING, "settling"),
         (Self::BELOW_FRICTION, "below_friction"),
         (Self::ENCODER_LINE_IN_BAND, "encoder_line_in_band"),
@@ -33,6 +36,7 @@ impl Validity {
         (Self::ILL_CONDITIONED, "ill_conditioned"),
         (Self::EXTRAPOLATED, "extrapolated"),
         (Self::SIGNAL_MISSING, "signal_missing"),
+        (Self::MEAN_NOT_OBSERVABLE, "mean_not_observable"),
     ];
 
     /// True when no flag is set.

@@ -321,9 +321,9 @@ impl<'a> Fit<'a> {
         };
         warnings.push(match self.mode_beyond_hz(kept_hz) {
             Some(mode_hz) => format!(
-                "a mode outside of the model at about {mode_hz:.0} Hz; fitted up to {kept_hz:.0} Hz, parameters hold there"
+                "a mode outside of the model at about {mode_hz:.0} Hz; valid up to {kept_hz:.0} Hz"
             ),
-            None => format!("the model does not explain the response beyond {kept_hz:.0} Hz; parameters hold below"),
+            None => format!("the model explains the response only up to {kept_hz:.0} Hz"),
         });
         kept_hz
     }

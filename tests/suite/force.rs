@@ -212,6 +212,26 @@ fn a_missing_position_is_flagged_and_held() {
     assert!(out.force_n.abs() < 1e-6);
 }
 
+#[test]
+fn a_line_of_the_encoder_is_flagged_where_it_falls_into_the_band() {
+    // Feed over signal period: 512 periods in 5 mm are 102.4 Hz per mm/s.
+    let raw = RawDriveParams { motor_encoder_signals_per_rev: Some(512.0), ..test_drive().raw().clone() };
+    let drive = DriveParams::new(raw).unwrap();
+    for (pass_hz, expected) in [(100.0, false), (105.0, true)] {
+        let low_pass = LowPass::LinearPhase { pass_hz, width_hz: 50.0 };
+        let settings = ForceSettings { low_pass, ..ForceSettings::default() };
+        let estimator = ForceEstimator::new(Method::Medob, &axis(&drive), settings).unwrap();
+        let moving: Vec<MotionSample> = (0..5000)
+            .map(|i| {
+                let x = Some(1e-3 * f64::from(i) / RATE_HZ);
+                MotionSample { motor_travel_m: x, stage_position_m: x, ..MotionSample::default() }
+            })
+            .collect();
+        let last = *estimate_run(&estimator, &moving).last().unwrap();
+        assert_eq!(last.flags.contains(Validity::ENCODER_LINE_IN_BAND), expected, "{pass_hz}");
+    }
+}
+
 // ---- milling with known force ---------------------------------------------------------------------
 
 struct Milling {

@@ -359,3 +359,24 @@ fn table_3_4_save_its_misprint() {
         }
     }
 }
+
+/// Figure 4-7: 38 nm of the rotary encoder costs more than 10 N at high frequency, 1 nm less than 1 N up to
+/// 1 kHz; 20 nm of the scale less than 1 N to 700 Hz, 5 nm less than 0.5 N to 1 kHz.
+#[test]
+fn encoder_steps_cost_what_figure_4_7_shows() {
+    let budget = Budget::new(Method::Medob, &drive(&MACHINE_A), Imperfection::default()).unwrap();
+    assert!(budget.step_error_n(1000.0, 38.0e-9, 0.0) > 10.0);
+    assert!(budget.step_error_n(1000.0, 1.0e-9, 0.0) < 1.0);
+    assert!(budget.step_error_n(700.0, 0.0, 20.0e-9) < 1.0);
+    assert!(budget.step_error_n(1000.0, 0.0, 5.0e-9) < 0.5);
+}
+
+/// 5.4: 0.60 um of stretch at 40.5 N/um is 24.3 N, through (2-44) at rest with the thrust that holds it.
+#[test]
+fn a_stretch_at_rest_is_a_force() {
+    let d = drive(&MACHINE_B);
+    let (stretch_m, k) = (0.60e-6, d.axial_stiffness_n_m());
+    let b = ForceBalance::new(Method::VibrationMode, &d);
+    let force = b.thrust * k * stretch_m + b.motor.position_n_m * stretch_m;
+    assert!((force - 24.3).abs() < 0.01, "{force}");
+}
