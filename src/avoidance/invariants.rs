@@ -75,9 +75,9 @@ pub struct InvariantMonitor {
 }
 
 impl InvariantMonitor {
-    /// Watches from now on.
+    /// Watches from `now_s` on, the time at which the decision was started.
     #[must_use]
-    pub fn new(limits: Commissioned) -> Self {
+    pub fn new(limits: Commissioned, now_s: f64) -> Self {
         Self {
             limits,
             last_id: None,
@@ -86,7 +86,7 @@ impl InvariantMonitor {
             must_return: false,
             returned_s: f64::NEG_INFINITY,
             last_decision_s: None,
-            last_now_s: f64::NEG_INFINITY,
+            last_now_s: now_s,
             was_acting: false,
             heard_hz: [(f64::NEG_INFINITY, 0.0); 64],
             off_since: 0,
@@ -101,7 +101,7 @@ impl InvariantMonitor {
     pub fn watch(&mut self, seen: &Situation, decision: &Decision) -> Result<(), Violation> {
         if !seen.now_s.is_finite() || seen.now_s < self.last_now_s {
             // A clock that runs backwards: nothing may be commanded on it.
-            self.last_decision_s = self.last_now_s.is_finite().then_some(self.last_now_s);
+            self.last_decision_s = Some(self.last_now_s);
             return if matches!(decision, Decision::Command(_)) { Err(Violation::Interval) } else { Ok(()) };
         }
         self.last_now_s = seen.now_s;
