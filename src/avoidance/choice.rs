@@ -5,6 +5,8 @@ use crate::units::SpindleSpeed;
 
 /// Most lines that are remembered of a cut.
 const LINES: usize = 8;
+/// Frequencies that a bar in a lathe can chatter at: longer and thinner than any, to shorter and thicker.
+const PLAUSIBLE_HZ: std::ops::RangeInclusive<f64> = 20.0..=20_000.0;
 /// Two lines nearer than this are one, drifted.
 const SAME_LINE_HZ: f64 = 8.0;
 
@@ -28,7 +30,7 @@ pub struct TrackedLine {
 impl TrackedLines {
     /// Takes a line; the oldest gives way when there is no room.
     pub fn hear(&mut self, frequency_hz: f64, now_s: f64) {
-        if !(frequency_hz.is_finite() && frequency_hz > 0.0) {
+        if !PLAUSIBLE_HZ.contains(&frequency_hz) {
             return;
         }
         let near = |l: &TrackedLine| (l.frequency_hz - frequency_hz).abs() < SAME_LINE_HZ;

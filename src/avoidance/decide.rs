@@ -55,6 +55,7 @@ pub struct AvoidanceState {
     sequence: u64,
     next_due_s: f64,
     latest_now_s: f64,
+    clock_stepped: bool,
     lines: TrackedLines,
     /// What the turret was last told.
     target: Option<Target>,
@@ -131,6 +132,7 @@ impl Avoidance {
             sequence: 0,
             next_due_s: now_s + self.settings.interval_s,
             latest_now_s: now_s,
+            clock_stepped: false,
             lines: TrackedLines::default(),
             target: None,
             trial: None,
@@ -151,18 +153,21 @@ impl Avoidance {
     /// Checked by: `suite/avoidance.rs` (invariants I1-I15 under an independent monitor).
     pub fn decide(&self, state: &mut AvoidanceState, now: &Situation) -> Decision {
         if !now.now_s.is_finite() || now.now_s < state.latest_now_s {
-            // A monotonic clock does not do this: wait a whole interval from here.
-            state.latest_now_s = if now.now_s.is_finite() { now.now_s } else { state.latest_now_s };
+            // A monotonic clock does not do this: wait a whole interval from the latest time that was seen.
+            let first = !state.clock_stepped;
+            state.clock_stepped = true;
             state.next_due_s = state.latest_now_s + self.settings.interval_s;
-            return Decision::Hold(HoldReason::ClockStepped);
+            return if first { Decision::Hold(HoldReason::ClockStepped) } else { Decision::NotDue };
         }
+        state.clock_stepped = false;
         state.latest_now_s = now.now_s;
         if let (Phase::Chatter, Some(frequency_hz)) = (now.heard.phase, now.heard.frequency_hz) {
             state.lines.hear(frequency_hz, now.now_s);
         }
+        self.watch_silence(state, now);
         let left_act = state.mode == Mode::Act && now.mode != Mode::Act;
         state.mode = now.mode;
-        if left_act {
+        if left_act && state.target.take().is_some() {
             return self.leave_act(state, now);
         }
         if now.now_s < state.next_due_s {
@@ -178,7 +183,6 @@ impl Avoidance {
     fn leave_act(&self, state: &mut AvoidanceState, now: &Situation) -> Decision {
         state.trial = None;
         state.latched = None;
-        let Some(_) = state.target.take() else { return Decision::NotDue };
         state.next_due_s = now.now_s + self.settings.interval_s;
         Decision::Command(self.back(state, now))
     }
@@ -191,8 +195,10 @@ impl Avoidance {
             state.latched = None;
             state.fruitless = 0;
             state.off_target = 0;
+            // What still is so latches again.
+            self.watch_silence(state, now);
         }
-        if let Some(reason) = self.obstacle(state, now) {
+        if let Some(reason) = self.obstacle(now) {
             return Decision::Hold(reason);
         }
         self.watch_turret(state, now);
@@ -225,15 +231,20 @@ impl Avoidance {
         Decision::Hold(reason)
     }
 
-    /// What forbids any command now; silence of the samples beyond a second also latches the return.
-    fn obstacle(&self, state: &mut AvoidanceState, now: &Situation) -> Option<HoldReason> {
+    /// Silence of the samples beyond a second latches the return; looked at on every call, not once an interval.
+    fn watch_silence(&self, state: &mut AvoidanceState, now: &Situation) {
+        let silent = now.newest_sample_s.is_none_or(|t| !(now.now_s - t <= STALE_RETURN_S));
+        if silent && state.target.is_some() {
+            state.latched.get_or_insert(Latched { reason: HoldReason::Returned, returned: false });
+        }
+    }
+
+    /// What forbids any command now.
+    fn obstacle(&self, now: &Situation) -> Option<HoldReason> {
         let s = &self.settings;
         let age = |t_s: f64| now.now_s - t_s;
         let fresh = |t_s: f64, limit_s: f64| (0.0..=limit_s).contains(&age(t_s));
         let stale = now.newest_sample_s.is_none_or(|t| !fresh(t, s.freshness_s));
-        if now.newest_sample_s.is_none_or(|t| age(t) > STALE_RETURN_S) && state.target.is_some() {
-            state.latched.get_or_insert(Latched { reason: HoldReason::Returned, returned: false });
-        }
         match now.interlock {
             Some(i) if !fresh(i.heard_s, s.report_deadline_s) => return Some(HoldReason::InterlockUnheard),
             None => return Some(HoldReason::InterlockUnheard),
@@ -312,7 +323,7 @@ impl Avoidance {
 
     /// Picks the target and makes the command.
     fn aim(&self, state: &mut AvoidanceState, now: &Situation) -> Decision {
-        let Some(spindle) = now.spindle_speed_rpm.and_then(|rpm| SpindleSpeed::from_rpm(rpm).ok()) else {
+        let Some(spindle) = now.spindle_speed_rpm.and_then(plausible_speed) else {
             return self.renew_or(state, now, HoldReason::SpindleUnknown);
         };
         match now.heard.phase {
@@ -380,11 +391,15 @@ impl Avoidance {
         let mut offsets_m = [0.0; MAX_AXES];
         for axis in s.turret.axes() {
             let i = axis.index;
-            let from_m = actual_m[i].clamp(axis.lowest_m, axis.highest_m);
-            offsets_m[i] = if share < 1.0 { from_m + share * (wanted_m[i] - from_m) } else { wanted_m[i] };
+            let part_m = actual_m[i] + share * (wanted_m[i] - actual_m[i]);
+            offsets_m[i] = if share < 1.0 { part_m } else { wanted_m[i] };
+        }
+        // From outside of its range an axis may be too far to come back in one interval: then nothing.
+        if !s.turret.reaches(&offsets_m) {
+            return None;
         }
         let pitch_rad = pitch_of_shift_rad(s.diameter_m, s.turret.shift(&offsets_m));
-        Some((offsets_m, pitch_rad.min(s.largest_pitch_rad)))
+        (pitch_rad.abs() <= s.largest_pitch_rad).then_some((offsets_m, pitch_rad))
     }
 
     /// Keeps the turret where it is told to be; without a target: hold.
@@ -443,4 +458,9 @@ impl Avoidance {
             offsets_m: [0.0; MAX_AXES],
         }
     }
+}
+
+/// A speed that a lathe's spindle can have while it cuts: 10 to 100 000 rpm.
+fn plausible_speed(rpm: f64) -> Option<SpindleSpeed> {
+    if (10.0..=100_000.0).contains(&rpm) { SpindleSpeed::from_rpm(rpm).ok() } else { None }
 }

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! Pure logic: time is an argument, nothing is read or sent here. Every interval ends in one decision; a
-//! decision not to act is a value with a reason from a closed list. `Guard` and `InvariantMonitor` share no
+//! decision not to act is a value with a reason from a closed list. `guard::Guard` and `invariants::InvariantMonitor` share no
 //! code with the decision.
 //!
 //! This is advice to a motion controller, not a safety function: the machine must be safe with any output.
@@ -15,6 +15,7 @@
 pub mod choice;
 mod decide;
 pub mod guard;
+pub mod invariants;
 pub mod pitch;
 pub mod turret;
 

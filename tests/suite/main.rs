@@ -3,6 +3,7 @@
 
 mod lathe;
 
+mod avoidance;
 mod closed_loop;
 mod conceal;
 mod force;

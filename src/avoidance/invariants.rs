@@ -1,0 +1,311 @@
+//! The command invariants, watched from outside: it sees what was known and what was decided, computes
+//! everything anew, and shares no code with the decision or the guard. It runs in tests and in production; a
+//! violation there is a fault of ours and ends mode `act`.
+
+use super::{Command, CommandKind, Decision, Mode, Situation, TurretMotion};
+use crate::chatter::Phase;
+use crate::sample::MAX_AXES;
+
+/// Commissioned limits as the watcher was told them, independently of the decision's settings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Commissioned {
+    /// The two axes of turret 1: place in the stream, direction in rad, lowest, highest offset in m, speed in m/s.
+    pub axes: [(usize, f64, f64, f64, f64); 2],
+    /// Diameter at the tools.
+    pub diameter_m: f64,
+    /// Largest pitch difference.
+    pub largest_pitch_rad: f64,
+    /// Oldest report that may be acted on.
+    pub report_deadline_s: f64,
+    /// Distance that counts as reached.
+    pub reached_m: f64,
+}
+
+/// Which rule was broken. Numbers are those of the project's list of command invariants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Violation {
+    /// I1: outside the limits, not finite, or offsets and pitch do not belong together.
+    Envelope,
+    /// The pitch has nothing to do with what was heard.
+    Purpose,
+    /// I2: interlock open or unheard.
+    Interlock,
+    /// I3, I13: commanded outside of `act`, or while the operator holds.
+    Mode,
+    /// I4: farther than the axes may go.
+    Rate,
+    /// I5: too soon.
+    Interval,
+    /// I6: on stale or incomplete evidence.
+    Freshness,
+    /// I7: lives too long.
+    Lifetime,
+    /// I8: no return where there must be one.
+    Return,
+    /// I9: number not above the last.
+    Identity,
+    /// I10: commanded though intents cannot be recorded.
+    Record,
+    /// I11: commanded though the turret refuses or does not follow.
+    Reached,
+    /// I12: too many reversals.
+    Hunting,
+    /// I15: an interval without a decision.
+    Silence,
+}
+
+/// The watcher.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InvariantMonitor {
+    limits: Commissioned,
+    last_id: Option<(u64, u64)>,
+    last_command_s: f64,
+    standing: Option<Command>,
+    must_return: bool,
+    returned_s: f64,
+    last_decision_s: Option<f64>,
+    last_now_s: f64,
+    was_acting: bool,
+    heard_hz: [(f64, f64); 64],
+    off_since: u32,
+    refusals: u32,
+    refused_until_s: f64,
+    turns_s: [f64; 7],
+    last_step_rad: f64,
+}
+
+impl InvariantMonitor {
+    /// Watches from `now_s` on, the time at which the decision was started.
+    #[must_use]
+    pub fn new(limits: Commissioned, now_s: f64) -> Self {
+        Self {
+            limits,
+            last_id: None,
+            last_command_s: f64::NEG_INFINITY,
+            standing: None,
+            must_return: false,
+            returned_s: f64::NEG_INFINITY,
+            last_decision_s: None,
+            last_now_s: now_s,
+            was_acting: false,
+            heard_hz: [(f64::NEG_INFINITY, 0.0); 64],
+            off_since: 0,
+            refusals: 0,
+            refused_until_s: f64::NEG_INFINITY,
+            turns_s: [f64::NEG_INFINITY; 7],
+            last_step_rad: 0.0,
+        }
+    }
+
+    /// Errors: the first rule that this decision breaks in this situation.
+    pub fn watch(&mut self, seen: &Situation, decision: &Decision) -> Result<(), Violation> {
+        if !seen.now_s.is_finite() || seen.now_s < self.last_now_s {
+            // A clock that runs backwards: nothing may be commanded on it.
+            self.last_decision_s = Some(self.last_now_s);
+            return if matches!(decision, Decision::Command(_)) { Err(Violation::Interval) } else { Ok(()) };
+        }
+        self.last_now_s = seen.now_s;
+        self.remember(seen);
+        let verdict = match decision {
+            Decision::Command(command) => self.command(seen, command),
+            Decision::NotDue => self.not_due(seen),
+            Decision::Hold(_) | Decision::Advice(_) => self.no_command(seen),
+        };
+        self.was_acting = seen.mode == Mode::Act;
+        verdict
+    }
+
+    fn remember(&mut self, seen: &Situation) {
+        if let (Phase::Chatter, Some(f)) = (seen.heard.phase, seen.heard.frequency_hz)
+            && f.is_finite()
+        {
+            self.heard_hz.rotate_right(1);
+            self.heard_hz[0] = (seen.now_s, f);
+        }
+        if seen.operator_acknowledge {
+            (self.must_return, self.off_since) = (false, 0);
+        }
+        let age = seen.newest_sample_s.map_or(f64::INFINITY, |t| seen.now_s - t);
+        // Not a number counts as silence.
+        if self.standing.is_some() && (age > 1.0 || age.is_nan()) {
+            self.must_return = true;
+        }
+    }
+
+    fn left_act(&self, seen: &Situation) -> bool {
+        self.was_acting && seen.mode != Mode::Act && self.standing.is_some()
+    }
+
+    fn not_due(&self, seen: &Situation) -> Result<(), Violation> {
+        if self.left_act(seen) {
+            return Err(Violation::Return);
+        }
+        match self.last_decision_s {
+            Some(t) if seen.now_s - t > 1.0 + 1e-6 => Err(Violation::Silence),
+            _ => Ok(()),
+        }
+    }
+
+    fn no_command(&mut self, seen: &Situation) -> Result<(), Violation> {
+        if self.left_act(seen) {
+            return Err(Violation::Return);
+        }
+        self.interval_passed(seen);
+        self.last_decision_s = Some(seen.now_s);
+        Ok(())
+    }
+
+    /// Once an interval: does the turret follow, does it refuse?
+    fn interval_passed(&mut self, seen: &Situation) {
+        let (Some(standing), Some(turret)) = (&self.standing, &seen.turret) else { return };
+        let heard = seen.now_s - turret.heard_s;
+        if !(0.0..=self.limits.report_deadline_s).contains(&heard) {
+            return;
+        }
+        let far = |a: &(usize, f64, f64, f64, f64)| {
+            (turret.offsets_m[a.0] - standing.offsets_m[a.0]).abs() > self.limits.reached_m
+        };
+        let off = self.limits.axes.iter().any(far) && seen.now_s - standing.issued_s > 0.999;
+        self.off_since = if off { self.off_since + 1 } else { 0 };
+    }
+
+    fn command(&mut self, seen: &Situation, command: &Command) -> Result<(), Violation> {
+        self.last_decision_s = Some(seen.now_s);
+        let id = (command.epoch, command.sequence);
+        if self.last_id.is_some_and(|last| id <= last) {
+            return Err(Violation::Identity);
+        }
+        self.last_id = Some(id);
+        if !(command.ttl_s > 0.0 && command.ttl_s <= 2.5) {
+            return Err(Violation::Lifetime);
+        }
+        if command.kind == CommandKind::Return {
+            return self.check_return(seen, command);
+        }
+        if seen.mode != Mode::Act || seen.operator_hold {
+            return Err(Violation::Mode);
+        }
+        self.check_evidence(seen, command)?;
+        self.check_numbers(seen, command)?;
+        if self.must_return && !seen.operator_acknowledge {
+            return Err(Violation::Return);
+        }
+        self.must_return = false;
+        self.check_turret(seen, command)?;
+        self.last_command_s = seen.now_s;
+        let before = self.standing.filter(|b| b.offsets_m == command.offsets_m);
+        self.standing = Some(Command { issued_s: before.map_or(seen.now_s, |b| b.issued_s), ..*command });
+        Ok(())
+    }
+
+    fn check_return(&mut self, seen: &Situation, command: &Command) -> Result<(), Violation> {
+        let zero = command.offsets_m.iter().all(|o| *o == 0.0) && command.pitch_difference_rad == 0.0;
+        let again = self.standing.is_none() && seen.now_s - self.returned_s < 1.0;
+        if !zero || again {
+            return Err(if zero { Violation::Interval } else { Violation::Envelope });
+        }
+        // Going back before the second is over is for leaving `act` alone.
+        if seen.mode == Mode::Act && seen.now_s - self.last_command_s < 1.0 - 1e-6 {
+            return Err(Violation::Interval);
+        }
+        self.standing = None;
+        self.must_return = false;
+        self.off_since = 0;
+        self.last_step_rad = 0.0;
+        self.returned_s = seen.now_s;
+        self.last_command_s = seen.now_s;
+        Ok(())
+    }
+
+    fn check_evidence(&self, seen: &Situation, command: &Command) -> Result<(), Violation> {
+        let within = |t: f64, limit: f64| seen.now_s - t >= 0.0 && seen.now_s - t <= limit;
+        let closed =
+            seen.interlock.is_some_and(|i| !i.open && within(i.heard_s, self.limits.report_deadline_s));
+        if !closed {
+            return Err(Violation::Interlock);
+        }
+        let fresh = seen.newest_sample_s.is_some_and(|t| within(t, 0.05)) && within(command.based_on_s, 0.05);
+        if !(fresh && seen.window_full) {
+            return Err(Violation::Freshness);
+        }
+        if !seen.store_writable {
+            return Err(Violation::Record);
+        }
+        if seen.now_s - self.last_command_s < 1.0 - 1e-6 {
+            return Err(Violation::Interval);
+        }
+        Ok(())
+    }
+
+    fn check_numbers(&self, seen: &Situation, command: &Command) -> Result<(), Violation> {
+        let Some(turret) = &seen.turret else { return Err(Violation::Freshness) };
+        let pitch = command.pitch_difference_rad;
+        if !(pitch.abs() <= self.limits.largest_pitch_rad) {
+            return Err(Violation::Envelope);
+        }
+        let elapsed_s = (seen.now_s - self.last_command_s).min(1.0);
+        let (mut toward, mut around) = (0.0, 0.0);
+        for index in 0..MAX_AXES {
+            let offset = command.offsets_m[index];
+            match self.limits.axes.iter().find(|a| a.0 == index) {
+                None if offset == 0.0 => {}
+                Some((_, direction, low, high, speed)) if offset >= *low && offset <= *high => {
+                    toward += offset * direction.cos();
+                    around += offset * direction.sin();
+                    if (offset - turret.offsets_m[index]).abs() > speed * elapsed_s + 1e-9 {
+                        return Err(Violation::Rate);
+                    }
+                }
+                _ => return Err(Violation::Envelope),
+            }
+        }
+        let made = 2.0 * (around / (self.limits.diameter_m / 2.0 - toward)).atan();
+        if (made - pitch).abs() > 1e-6 {
+            return Err(Violation::Envelope);
+        }
+        self.check_purpose(seen, command)
+    }
+
+    /// A new target must bring some line heard in the last minute between 0.6 pi and 1.2 pi.
+    fn check_purpose(&self, seen: &Situation, command: &Command) -> Result<(), Violation> {
+        if command.kind != CommandKind::Move {
+            return Ok(());
+        }
+        let Some(rpm) = seen.spindle_speed_rpm else { return Err(Violation::Purpose) };
+        let serves = |(t, f): &(f64, f64)| {
+            let phase = 60.0 * f * command.requested_pitch_rad / rpm / std::f64::consts::PI;
+            seen.now_s - t < 60.5 && (0.6..=1.2).contains(&phase)
+        };
+        if self.heard_hz.iter().any(serves) { Ok(()) } else { Err(Violation::Purpose) }
+    }
+
+    fn check_turret(&mut self, seen: &Situation, command: &Command) -> Result<(), Violation> {
+        if let Some(turret) = &seen.turret {
+            if !(seen.now_s - turret.heard_s <= self.limits.report_deadline_s) {
+                return Err(Violation::Freshness);
+            }
+            if self.standing.is_some() && turret.motion == TurretMotion::Refused {
+                self.refusals = (self.refusals + 1).min(12);
+                // Acting on the very report of a refusal is acting faster than the back-off.
+                return Err(Violation::Reached);
+            }
+            self.refusals = 0;
+        }
+        self.interval_passed(seen);
+        if self.off_since >= 3 {
+            return Err(Violation::Reached);
+        }
+        let step = command.pitch_difference_rad - self.standing.map_or(0.0, |s| s.pitch_difference_rad);
+        if command.kind == CommandKind::Move && step.abs() > 1e-6 {
+            if step * self.last_step_rad < 0.0 {
+                self.turns_s.rotate_right(1);
+                self.turns_s[0] = seen.now_s;
+                if seen.now_s - self.turns_s[6] < 59.9 {
+                    return Err(Violation::Hunting);
+                }
+            }
+            self.last_step_rad = step;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,433 @@
+//! The command invariants under arbitrary sequences, and under deliberately planted faults.
+
+use proptest::prelude::*;
+use stillcut::avoidance::guard::{Facts, Guard, GuardState};
+use stillcut::avoidance::invariants::{Commissioned, InvariantMonitor, Violation};
+use stillcut::avoidance::turret::{TurretAxis, TurretKinematics};
+use stillcut::avoidance::{
+    Avoidance, AvoidanceSettings, Command, CommandKind, Decision, Heard, HoldReason, Interlock, Mode,
+    Situation, TurretMotion, TurretReport,
+};
+use stillcut::chatter::Phase;
+use stillcut::sample::MAX_AXES;
+
+const DIAMETER_M: f64 = 0.0234;
+const REACH_M: f64 = 1.2e-3;
+const SPEED_M_S: f64 = 0.6e-3;
+const DIRECTIONS: [f64; 2] = [0.0, std::f64::consts::FRAC_PI_4];
+
+fn settings() -> AvoidanceSettings {
+    let axis = |index: usize| TurretAxis {
+        index,
+        direction_rad: DIRECTIONS[index],
+        lowest_m: -REACH_M,
+        highest_m: REACH_M,
+        speed_m_s: SPEED_M_S,
+    };
+    AvoidanceSettings {
+        turret: TurretKinematics::new([axis(0), axis(1)]).unwrap(),
+        diameter_m: DIAMETER_M,
+        largest_pitch_rad: 0.15,
+        interval_s: 1.0,
+        ttl_s: 2.5,
+        freshness_s: 0.05,
+        report_deadline_s: 0.2,
+        reached_m: 20e-6,
+    }
+}
+
+fn watcher() -> InvariantMonitor {
+    let limits = Commissioned {
+        axes: [0, 1].map(|i: usize| (i, DIRECTIONS[i], -REACH_M, REACH_M, SPEED_M_S)),
+        diameter_m: DIAMETER_M,
+        largest_pitch_rad: 0.15,
+        report_deadline_s: 0.2,
+        reached_m: 20e-6,
+    };
+    InvariantMonitor::new(limits, 100.0)
+}
+
+/// One step of the world: what happens until the next call, and what is then known.
+#[derive(Debug, Clone)]
+struct Step {
+    dt_s: f64,
+    sample_age_s: Option<f64>,
+    window_full: bool,
+    phase: Phase,
+    frequency_hz: Option<f64>,
+    power_n2: f64,
+    speed_rpm: Option<f64>,
+    turret: TurretFault,
+    report_age_s: Option<f64>,
+    interlock: Option<(f64, bool)>,
+    mode: Mode,
+    operator_hold: bool,
+    acknowledge: bool,
+    store_writable: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum TurretFault {
+    Good,
+    Stuck,
+    Refuses,
+    Overshoots,
+    WrongSign,
+    NotANumber,
+}
+
+/// Mostly good, so that commands come about; now and then anything.
+fn step() -> impl Strategy<Value = Step> {
+    let wild =
+        prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(-1.0), Just(0.0), Just(5e-324), Just(1e300)];
+    let time = prop_oneof![
+        12 => 0.05f64..0.4,
+        6 => Just(1.0),
+        1 => 1.0f64..5.0,
+        1 => Just(0.0),
+        1 => Just(-3.0),
+    ];
+    let age = |bad: u32| prop_oneof![40 => (0.0f64..0.01).prop_map(Some), bad => (0.0f64..3.0).prop_map(Some), 1 => Just(None)];
+    let phase = prop_oneof![6 => Just(Phase::Chatter), 3 => Just(Phase::Quiet), 1 => Just(Phase::Suspected), 1 => Just(Phase::Learning)];
+    let turret = prop_oneof![
+        40 => Just(TurretFault::Good), 2 => Just(TurretFault::Stuck), 1 => Just(TurretFault::Refuses),
+        1 => Just(TurretFault::Overshoots), 1 => Just(TurretFault::WrongSign), 1 => Just(TurretFault::NotANumber),
+    ];
+    let mode = prop_oneof![40 => Just(Mode::Act), 1 => Just(Mode::Advise), 1 => Just(Mode::Observe)];
+    let frequency = prop_oneof![30 => (560.0f64..720.0).prop_map(Some), 1 => wild.clone().prop_map(Some), 1 => Just(None)];
+    let power = prop_oneof![20 => 1.0f64..2000.0, 1 => wild.clone()];
+    let speed =
+        prop_oneof![40 => (1150.0f64..1250.0).prop_map(Some), 1 => wild.prop_map(Some), 1 => Just(None)];
+    let rare = |weight: u32| prop_oneof![40 => Just(false), weight => Just(true)];
+    let interlock = prop_oneof![
+        40 => (0.0f64..0.1, Just(false)).prop_map(Some), 2 => (0.0f64..0.1, Just(true)).prop_map(Some),
+        1 => (0.0f64..2.0, Just(false)).prop_map(Some), 1 => Just(None),
+    ];
+    (
+        (time, age(2), age(1), rare(1), phase, frequency, power),
+        (speed, turret, interlock, mode, rare(1), rare(2), rare(1)),
+    )
+        .prop_map(|((dt_s, sample_age_s, report_age_s, gap, phase, frequency_hz, power_n2), rest)| {
+            let (speed_rpm, turret, interlock, mode, operator_hold, acknowledge, store_down) = rest;
+            Step {
+                dt_s,
+                sample_age_s,
+                window_full: !gap,
+                phase,
+                frequency_hz,
+                power_n2,
+                speed_rpm,
+                turret,
+                report_age_s,
+                interlock,
+                mode,
+                operator_hold,
+                acknowledge,
+                store_writable: !store_down,
+            }
+        })
+}
+
+/// The turret, from outside.
+struct World {
+    now_s: f64,
+    latest_s: f64,
+    actual_m: [f64; MAX_AXES],
+    target_m: [f64; MAX_AXES],
+}
+
+impl World {
+    fn go_on(&mut self, step: &Step) -> Situation {
+        self.now_s = self.latest_s + step.dt_s;
+        self.latest_s = self.latest_s.max(self.now_s);
+        for axis in 0..2 {
+            let way = (self.target_m[axis] - self.actual_m[axis]).clamp(-1e-3, 1e-3);
+            self.actual_m[axis] += match step.turret {
+                TurretFault::Stuck | TurretFault::Refuses => 0.0,
+                TurretFault::WrongSign => -way,
+                TurretFault::Overshoots => 1.2 * way,
+                TurretFault::Good | TurretFault::NotANumber => way,
+            };
+        }
+        let mut offsets_m = self.actual_m;
+        if step.turret == TurretFault::NotANumber {
+            offsets_m[1] = f64::NAN;
+        }
+        let motion =
+            if step.turret == TurretFault::Refuses { TurretMotion::Refused } else { TurretMotion::Reached };
+        let now_s = self.now_s;
+        Situation {
+            now_s,
+            newest_sample_s: step.sample_age_s.map(|a| now_s - a),
+            window_full: step.window_full,
+            heard: Heard {
+                phase: step.phase,
+                frequency_hz: step.frequency_hz,
+                power_n2: step.power_n2,
+                growth_1_s: None,
+            },
+            spindle_speed_rpm: step.speed_rpm,
+            turret: step.report_age_s.map(|a| TurretReport {
+                heard_s: now_s - a,
+                offsets_m,
+                motion,
+                acknowledged: None,
+            }),
+            interlock: step.interlock.map(|(a, open)| Interlock { heard_s: now_s - a, open }),
+            mode: step.mode,
+            operator_hold: step.operator_hold,
+            operator_acknowledge: step.acknowledge,
+            store_writable: step.store_writable,
+        }
+    }
+}
+
+type Tamper = fn(&mut Situation);
+type Spoil = fn(&mut Decision, &mut Spoiler);
+
+/// What a planted fault may remember.
+#[derive(Default)]
+struct Spoiler {
+    last: Option<Command>,
+    decisions: u32,
+}
+
+struct Outcome {
+    violations: Vec<Violation>,
+    commands: Vec<Command>,
+    holds: u64,
+}
+
+/// Runs a sequence; `tamper` changes what the decision believes, `spoil` what it says.
+fn run(steps: &[Step], tamper: Tamper, spoil: Spoil) -> Outcome {
+    let avoidance = Avoidance::new(settings()).unwrap();
+    let mut state = avoidance.start(1, 100.0);
+    let mut watch = watcher();
+    let mut world = World { now_s: 100.0, latest_s: 100.0, actual_m: [0.0; 6], target_m: [0.0; 6] };
+    let mut spoiler = Spoiler::default();
+    let mut outcome = Outcome { violations: Vec::new(), commands: Vec::new(), holds: 0 };
+    for step in steps {
+        let seen = world.go_on(step);
+        let mut believed = seen;
+        tamper(&mut believed);
+        let mut decision = avoidance.decide(&mut state, &believed);
+        spoil(&mut decision, &mut spoiler);
+        if let Err(violation) = watch.watch(&seen, &decision) {
+            if std::env::var("SHOW").is_ok() {
+                eprintln!("{violation:?} {seen:?} {decision:?} {state:?}");
+            }
+            outcome.violations.push(violation);
+        }
+        match decision {
+            Decision::Command(command) => {
+                world.target_m = command.offsets_m;
+                outcome.commands.push(command);
+            }
+            Decision::Hold(_) | Decision::Advice(_) => outcome.holds += 1,
+            Decision::NotDue => {}
+        }
+    }
+    outcome
+}
+
+const HONEST: Tamper = |_| {};
+const FAITHFUL: Spoil = |_, _| {};
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_sequence_breaks_an_invariant(steps in prop::collection::vec(step(), 1..150)) {
+        let outcome = run(&steps, HONEST, FAITHFUL);
+        prop_assert!(outcome.violations.is_empty(), "{:?}", outcome.violations);
+    }
+
+    #[test]
+    fn the_same_input_gives_the_same_commands(steps in prop::collection::vec(step(), 1..80)) {
+        let (a, b) = (run(&steps, HONEST, FAITHFUL), run(&steps, HONEST, FAITHFUL));
+        prop_assert_eq!(a.commands, b.commands);
+        prop_assert_eq!(a.holds, b.holds);
+    }
+}
+
+fn on_command(decision: &mut Decision, change: impl FnOnce(&mut Command)) {
+    if let Decision::Command(command) = decision
+        && command.kind != CommandKind::Return
+    {
+        change(command);
+    }
+}
+
+/// Deliberate faults of the decision; each must be noticed from outside.
+fn planted() -> Vec<(&'static str, Tamper, Spoil)> {
+    let spoil = |name, spoil: Spoil| (name, HONEST, spoil);
+    let tamper = |name, tamper: Tamper| (name, tamper, FAITHFUL);
+    vec![
+        spoil("sign of the offsets", |d, _| on_command(d, |c| c.offsets_m = c.offsets_m.map(|o| -o))),
+        spoil("millimetres for metres", |d, _| on_command(d, |c| c.offsets_m = c.offsets_m.map(|o| o * 1e3))),
+        spoil("degrees for radians", |d, _| {
+            on_command(d, |c| c.pitch_difference_rad = c.pitch_difference_rad.to_degrees())
+        }),
+        spoil("axes swapped", |d, _| on_command(d, |c| c.offsets_m.swap(0, 1))),
+        spoil("axis that is not ours", |d, _| on_command(d, |c| c.offsets_m[3] = 1e-6)),
+        spoil("not a number", |d, _| on_command(d, |c| c.offsets_m[1] = f64::NAN)),
+        spoil("lifetime without end", |d, _| on_command(d, |c| c.ttl_s = 60.0)),
+        spoil("number not raised", |d, s| {
+            on_command(d, |c| {
+                c.sequence = s.last.map_or(c.sequence, |l| l.sequence);
+                s.last = Some(*c);
+            })
+        }),
+        spoil("old epoch after some commands", |d, s| {
+            on_command(d, |c| {
+                s.decisions += 1;
+                if s.decisions > 3 {
+                    c.epoch -= 1
+                }
+            })
+        }),
+        spoil("the last command again and again", |d, s| match (&d, &mut s.last) {
+            (Decision::Command(c), last) => *last = Some(*c),
+            (Decision::NotDue, Some(last)) if last.kind != CommandKind::Return => {
+                last.sequence += 1;
+                *d = Decision::Command(*last);
+            }
+            _ => {}
+        }),
+        spoil("says nothing any more", |d, s| {
+            s.decisions += 1;
+            if s.decisions > 20 {
+                *d = Decision::NotDue
+            }
+        }),
+        spoil("never goes back", |d, _| {
+            if matches!(d, Decision::Command(c) if c.kind == CommandKind::Return) {
+                *d = Decision::Hold(HoldReason::Returned);
+            }
+        }),
+        spoil("goes somewhere when it goes back", |d, _| {
+            if let Decision::Command(c) = d
+                && c.kind == CommandKind::Return
+            {
+                c.offsets_m[0] = 1e-4
+            }
+        }),
+        spoil("pitch for twice the speed", |d, _| {
+            on_command(d, |c| {
+                c.requested_pitch_rad *= 2.0;
+            })
+        }),
+        tamper("interlock believed closed", |s| {
+            s.interlock = Some(Interlock { heard_s: s.now_s, open: false });
+        }),
+        tamper("mode believed act", |s| s.mode = Mode::Act),
+        tamper("samples believed fresh", |s| s.newest_sample_s = Some(s.now_s)),
+        tamper("window believed full", |s| s.window_full = true),
+        tamper("store believed writable", |s| s.store_writable = true),
+        tamper("operator not heard", |s| s.operator_hold = false),
+        tamper("turret believed alive", |s| {
+            if let Some(t) = &mut s.turret {
+                t.heard_s = s.now_s
+            }
+        }),
+        tamper("refusal overlooked", |s| {
+            if let Some(t) = &mut s.turret {
+                t.motion = TurretMotion::Reached
+            }
+        }),
+        tamper("turret believed far along", |s| {
+            if let Some(t) = &mut s.turret {
+                t.offsets_m = t.offsets_m.map(|o| if o.is_finite() { o + 0.4e-3 } else { o })
+            }
+        }),
+    ]
+}
+
+#[test]
+fn every_planted_fault_is_noticed() {
+    use proptest::strategy::ValueTree as _;
+    use proptest::test_runner::TestRunner;
+    let mut runner = TestRunner::deterministic();
+    let strategy = prop::collection::vec(step(), 150);
+    let sequences: Vec<Vec<Step>> =
+        (0..60).map(|_| strategy.new_tree(&mut runner).unwrap().current()).collect();
+    let clean: usize = sequences.iter().map(|s| run(s, HONEST, FAITHFUL).violations.len()).sum();
+    let commands: usize = sequences.iter().map(|s| run(s, HONEST, FAITHFUL).commands.len()).sum();
+    assert_eq!(clean, 0);
+    assert!(commands > 200, "only {commands} commands: the sequences do not exercise the decision");
+    let faults = planted();
+    assert!(faults.len() >= 20);
+    for (name, tamper, spoil) in faults {
+        let seen: Vec<Violation> = sequences.iter().flat_map(|s| run(s, tamper, spoil).violations).collect();
+        println!("{name}: {} times, first {:?}", seen.len(), seen.first());
+        assert!(!seen.is_empty(), "planted fault `{name}` was not noticed");
+    }
+}
+
+#[test]
+fn the_guard_lets_good_commands_through_and_stops_each_kind_of_bad_one() {
+    let guard = Guard {
+        lowest_m: [-REACH_M, -REACH_M, 0.0, 0.0, 0.0, 0.0],
+        highest_m: [REACH_M, REACH_M, 0.0, 0.0, 0.0, 0.0],
+        speed_m_s: [SPEED_M_S; MAX_AXES],
+        largest_pitch_rad: 0.15,
+    };
+    let facts =
+        Facts { now_s: 10.0, mode: Mode::Act, interlock_closed_s: Some(9.95), actual_m: [0.0; MAX_AXES] };
+    let good = Command {
+        epoch: 1,
+        sequence: 1,
+        issued_s: 10.0,
+        based_on_s: 9.99,
+        ttl_s: 2.5,
+        kind: CommandKind::Move,
+        pitch_difference_rad: 0.05,
+        requested_pitch_rad: 0.05,
+        offsets_m: [-0.3e-3, 0.4e-3, 0.0, 0.0, 0.0, 0.0],
+    };
+    let passes =
+        |command: &Command, facts: &Facts| guard.pass(&mut GuardState::default(), command, facts).is_ok();
+    assert!(passes(&good, &facts));
+    let far = [0.0, 1.3e-3, 0.0, 0.0, 0.0, 0.0];
+    let bad = [
+        Command { offsets_m: far, ..good },
+        Command { offsets_m: [0.0, 0.7e-3, 0.0, 0.0, 0.0, 0.0], ..good },
+        Command { offsets_m: [f64::NAN; MAX_AXES], ..good },
+        Command { offsets_m: [0.0, 0.0, 1e-6, 0.0, 0.0, 0.0], ..good },
+        Command { pitch_difference_rad: 0.2, ..good },
+        Command { ttl_s: 3.0, ..good },
+        Command { ttl_s: 0.0, ..good },
+        Command { based_on_s: 9.9, ..good },
+        Command { based_on_s: 10.1, ..good },
+        Command { kind: CommandKind::Return, ..good },
+    ];
+    assert!(bad.iter().all(|c| !passes(c, &facts)));
+    let worse = [
+        Facts { mode: Mode::Advise, ..facts },
+        Facts { interlock_closed_s: None, ..facts },
+        Facts { interlock_closed_s: Some(9.7), ..facts },
+        Facts { now_s: f64::NAN, ..facts },
+    ];
+    assert!(worse.iter().all(|f| !passes(&good, f)));
+    let mut state = GuardState::default();
+    assert!(guard.pass(&mut state, &good, &facts).is_ok());
+    assert!(guard.pass(&mut state, &good, &facts).is_err(), "the same number twice");
+    let soon = Facts { now_s: 10.5, interlock_closed_s: Some(10.5), ..facts };
+    assert!(guard.pass(&mut state, &Command { sequence: 2, based_on_s: 10.5, ..good }, &soon).is_err());
+    let back = Command {
+        sequence: 2,
+        kind: CommandKind::Return,
+        offsets_m: [0.0; 6],
+        pitch_difference_rad: 0.0,
+        ..good
+    };
+    assert!(guard.pass(&mut state, &back, &soon).is_ok(), "going back waits for nothing");
+}
+
+#[test]
+fn every_reason_has_its_own_name() {
+    let mut names: Vec<&str> = HoldReason::ALL.iter().map(|r| r.name()).collect();
+    names.sort_unstable();
+    names.dedup();
+    assert_eq!(names.len(), HoldReason::ALL.len());
+}
