@@ -41,7 +41,7 @@ pub(super) struct Arguments {
 }
 
 /// Cuts whose rightmost root is nearer to zero than this are left out of the shares: noise decides there.
-const MARGIN_1_S: f64 = 3.0;
+const MARGIN_1_S: f64 = 5.0;
 /// Pitches tried for "can be made stable", up to this.
 const LARGEST_PITCH_RAD: f64 = 0.15;
 

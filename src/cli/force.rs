@@ -43,6 +43,9 @@ pub(super) struct Arguments {
     /// Air-cutting run of the same motion, whose disturbance is taken off by position; repeatable.
     #[arg(long)]
     idle: Vec<PathBuf>,
+    /// A second method beside the first: how far they disagree goes into the metadata.
+    #[arg(long)]
+    beside: Option<String>,
     /// Notch at a frequency in Hz, or following motor_encoder or stage_encoder; repeatable.
     #[arg(long)]
     notch: Vec<String>,
@@ -67,14 +70,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     if arguments.method == "frf" {
         return run_frf(&arguments);
     }
-    let Some(method) = Method::from_name(&arguments.method) else {
-        let known: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
-        return Err(bad_input(format!(
-            "--method {}: expected one of {}",
-            arguments.method,
-            known.join(", ")
-        )));
-    };
+    let method = method_named("--method", &arguments.method)?;
+    let beside = arguments.beside.as_deref().map(|name| method_named("--beside", name)).transpose()?;
     let Some(model) = &arguments.model else {
         return Err(bad_input(format!("--method {} needs --model", method.name())));
     };
@@ -85,7 +82,14 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
 
     let mut axes = Vec::new();
     for axis in machine.axes.iter().filter(|a| has_drive(&recording, &a.name)) {
-        axes.push(axis_force(&arguments, method, axis, (&recording, &idles))?);
+        let mut force = axis_force(&arguments, method, axis, (&recording, &idles))?;
+        if let Some(beside) = beside {
+            let other = axis_force(&arguments, beside, axis, (&recording, &idles))?;
+            let apart_n = disagreement_n(&force, &other, recording.sample_rate.hz());
+            let text = format!("{apart_n:.4} N against {}", beside.name());
+            force.notes.push((format!("{}_disagreement", axis.name), text));
+        }
+        axes.push(force);
     }
     if axes.is_empty() {
         let names: Vec<&str> = machine.axes.iter().map(|a| a.name.as_str()).collect();
@@ -108,6 +112,21 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         notes.extend(axis.notes);
     }
     write_forces(&arguments.out, &recording, &Forces { forces, delay_s, notes })
+}
+
+fn method_named(option: &str, name: &str) -> anyhow::Result<Method> {
+    Method::from_name(name).ok_or_else(|| {
+        let known: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
+        bad_input(format!("{option} {name}: expected one of {}, frf", known.join(", ")))
+    })
+}
+
+/// Root mean square distance of two estimates of one force, each taken at its own lag, N.
+fn disagreement_n(a: &AxisForce, b: &AxisForce, rate_hz: f64) -> f64 {
+    let lag = |x: &AxisForce| (x.delay_s * rate_hz).round() as usize;
+    let pairs = a.force_n.iter().skip(lag(a)).zip(b.force_n.iter().skip(lag(b)));
+    let (sum, count) = pairs.fold((0.0, 0.0f64), |(sum, count), (x, y)| (sum + (x - y).powi(2), count + 1.0));
+    (sum / count.max(1.0)).sqrt()
 }
 
 /// Estimate of one axis.
@@ -162,6 +181,7 @@ fn axis_force(
         controller: axis.controller,
         notches: notches(&arguments.notch)?,
         presliding_travel_m: physics.presliding_travel_m(),
+        unmodelled_modes_hz: physics.modes_hz.clone(),
         physics: Some(physics).filter(|_| method != Method::Thrust),
         ..ForceSettings::default()
     };

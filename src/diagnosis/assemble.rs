@@ -2,13 +2,14 @@
 
 use super::bench::{Accepted, Bench, HypothesisFit};
 use super::floor::{SideSpectrum, spectrum};
-use super::motion::band_hz;
+use super::motion::{Motion, band_hz};
 use super::problem::{Column, Problem, Sides};
 use super::result::*;
 use super::search::{Outcome, Round};
+use super::steps::coarser_step;
 use super::terms;
 use crate::plant::drive::{DriveParams, RawDriveParams};
-use crate::plant::effects::Port;
+use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 
@@ -59,6 +60,9 @@ pub(crate) fn assemble(
     let corrections = corrections(&case);
     let unexplained = case.unexplained();
     let mut findings = if unexplained { Vec::new() } else { case.findings() };
+    if !unexplained {
+        findings.extend(case.encoder_steps());
+    }
     findings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     for (k, f) in findings.iter_mut().enumerate() {
         f.rank = k + 1;
@@ -124,12 +128,12 @@ fn corrections(case: &Case<'_>) -> Vec<Correction> {
     let scaled = p.motions.iter().any(|m| (m.thrust_per_unit - 1.0).abs() > 1e-12);
     let scale = if scaled { terms::SCALE_DEVIATION } else { 0.0 };
     let mut list = Vec::new();
+    let common = common_scale(case);
     for (k, n) in p.numbers.iter().enumerate() {
         let Some(name) = n.key else { continue };
-        let value = s.coefficients[k];
-        let deviation = DEVIATION_FACTOR * s.deviations[k];
-        let significant =
-            (value - n.nominal).abs() > 4.0 * deviation && (value / n.nominal - 1.0).abs() > 0.005;
+        let value = s.coefficients[k] / common;
+        let deviation = DEVIATION_FACTOR * s.deviations[k] / common;
+        let significant = (value - n.nominal).abs() > 4.0 * deviation && (value / n.nominal - 1.0).abs() > 0.005;
         if !significant || value <= 0.0 {
             continue;
         }
@@ -147,10 +151,93 @@ fn corrections(case: &Case<'_>) -> Vec<Correction> {
         }
         list.push(Correction { name, nominal, value, ci95: [value - half * f, value + half * f] });
     }
+    if let Some(nominal) = p.drive.torque_constant_nm_a().filter(|_| common != 1.0) {
+        let value = nominal / common;
+        let half = 1.96 * 0.015 * value;
+        list.push(Correction { name: "torque_constant_nm_a", nominal, value, ci95: [value - half, value + half] });
+    }
     list
 }
 
+/// Masses, inertia and stiffness all off by one factor: the force they are measured by is off by it.
+///
+/// A balance holds for any common factor on all of its terms; that one torque constant is wrong is likelier than that
+/// three independent numbers are, by the same share. 1: no such factor.
+fn common_scale(case: &Case<'_>) -> f64 {
+    let p = &case.outcome.problem;
+    if !p.flexible || p.motions.iter().all(|m| (m.thrust_per_unit - 1.0).abs() < 1e-12) {
+        return 1.0;
+    }
+    let mut ratios: Vec<f64> = p
+        .numbers
+        .iter()
+        .zip(&case.bench.solution.coefficients)
+        .filter(|(n, _)| matches!(n.key, Some("rotary_inertia_kg_m2" | "movable_mass_kg" | "axial_stiffness_n_m")))
+        .map(|(n, b)| b / n.nominal)
+        .collect();
+    ratios.sort_by(f64::total_cmp);
+    let [low, middle, high] = ratios[..] else { return 1.0 };
+    let together = low > 0.0 && (high / low).ln() < 0.08;
+    if together && middle.ln().abs() > 0.05 { middle } else { 1.0 }
+}
+
 impl Case<'_> {
+    /// Encoders whose steps are coarser than the model states.
+    fn encoder_steps(&self) -> Vec<Finding> {
+        let p = &self.outcome.problem;
+        let mut list = Vec::new();
+        for port in [Port::MotorEncoder, Port::StageEncoder] {
+            let known = self.axis.physics.iter().filter(|t| t.effect == EffectKind::EncoderQuantization && t.port == port);
+            let stated = if port == Port::MotorEncoder { p.drive.motor_encoder_resolution_m() } else { p.drive.stage_encoder_resolution_m() };
+            let stated = known.filter_map(|t| t.number("step_m")).fold(stated, f64::max);
+            let side = |m: &Motion| if port == Port::MotorEncoder { Some(m.motor.raw_m.clone()) } else { m.stage.as_ref().map(|s| s.raw_m.clone()) };
+            let steps: Vec<f64> = p.motions.iter().filter_map(|m| coarser_step(&side(m)?, stated)).collect();
+            if steps.len() == p.motions.len() && !steps.is_empty() {
+                let step = steps.iter().sum::<f64>() / steps.len() as f64;
+                list.push(self.step_finding(port, step));
+            }
+        }
+        list
+    }
+
+    fn step_finding(&self, port: Port, step: f64) -> Finding {
+        let p = &self.outcome.problem;
+        let effect = EffectKind::EncoderQuantization;
+        let parameters = vec![Estimate { name: "step_m".to_owned(), value: step, unit: "m", ci95: [0.99 * step, 1.01 * step] }];
+        let rms_after = rms(&self.bench.heldout_residual(None));
+        let contribution = p
+            .motions
+            .iter()
+            .zip(self.recordings)
+            .enumerate()
+            .map(|(r, (m, recording))| {
+                let side = if port == Port::MotorEncoder { &m.motor } else { m.stage_side() };
+                let delay = if port == Port::MotorEncoder { p.drive.motor_encoder_delay_s() } else { p.drive.stage_encoder_delay_s() };
+                let shift = (delay * m.rate_hz).round() as usize;
+                // What was read, less the low-passed position at that instant.
+                let error: Vec<f64> = (0..m.len()).map(|k| side.raw_m[k] - side.position_m[k.saturating_sub(shift)]).collect();
+                let value = (0..recording.len()).map(|k| error[k.saturating_sub(m.offset).min(error.len() - 1)]).collect();
+                Contribution { recording: r, t_s: (0..recording.len()).map(|k| recording.time_s(k)).collect(), value }
+            })
+            .collect();
+        Finding {
+            rank: 0,
+            effect,
+            port,
+            statement: terms::statement(effect, port, &parameters),
+            equation: terms::equation(effect),
+            term: PhysicsTerm { effect, port, parameters: vec![("step_m".to_owned(), ParameterValue::Number(step))] },
+            parameters,
+            maps: Vec::new(),
+            fit: Fit { heldout_rms_before_n: rms_after, heldout_rms_after_n: rms_after, noise_floor_n: rms_after },
+            probability: 1.0,
+            alternatives: Vec::new(),
+            next_experiment: None,
+            contribution,
+            evidence: 1e4,
+        }
+    }
+
     fn new_accepted(&self) -> impl Iterator<Item = (usize, &Accepted)> {
         self.outcome.accepted.iter().enumerate().skip(self.outcome.given)
     }

@@ -44,6 +44,16 @@ pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
             list.push(h(E::DeadTime, Port::StageEncoder, Shape::Delay { extra_s }));
         }
     }
+    let (low, high) = p
+        .motions
+        .iter()
+        .flat_map(|m| m.stage_side().position_m.iter())
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+    if high - low > 1e-3 {
+        let knots = 24;
+        let spacing_m = (high - low) / (knots - 1) as f64;
+        list.push(h(E::PositionDependentForce, Port::Stage, Shape::Map { first_m: low, spacing_m, knots, flips: false }));
+    }
     if p.flexible {
         flexible_only(p, &mut list);
     }

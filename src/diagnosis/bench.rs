@@ -75,7 +75,7 @@ pub(crate) struct Bench<'a> {
 }
 
 /// Samples of a timing error that still counts as sampling, in s.
-fn timing_limit_s(p: &Problem) -> f64 {
+pub(crate) fn timing_limit_s(p: &Problem) -> f64 {
     TIMING_LIMIT_SAMPLES / p.motions.first().map_or(1.0, |m| m.rate_hz)
 }
 
@@ -126,11 +126,20 @@ impl<'a> Bench<'a> {
         let without: Vec<usize> = all.iter().copied().filter(|k| *k != self.timing_index()).collect();
         if timing {
             let free = gram.solve(&all);
-            if free.coefficients[self.timing_index()].abs() <= timing_limit_s(self.problem) {
+            if self.within_limit(&free) {
                 return free;
             }
         }
         gram.solve(&without)
+    }
+
+    fn within_limit(&self, solution: &Solution) -> bool {
+        (self.problem.timing_s + solution.coefficients[self.timing_index()]).abs() <= timing_limit_s(self.problem)
+    }
+
+    /// Coefficient of the timing in the present solution, s.
+    pub(crate) fn timing_s(&self) -> f64 {
+        self.solution.coefficients[self.timing_index()]
     }
 
     /// Residual at a solution over the base columns, thinned, not whitened.
@@ -206,11 +215,7 @@ impl<'a> Bench<'a> {
             let used: Vec<usize> = (0..gram.columns()).filter(|k| !gone.contains(k)).collect();
             let without: Vec<usize> = used.iter().copied().filter(|k| *k != self.timing_index()).collect();
             let free = gram.solve(&used);
-            if free.coefficients[self.timing_index()].abs() <= timing_limit_s(self.problem) {
-                free
-            } else {
-                gram.solve(&without)
-            }
+            if self.within_limit(&free) { free } else { gram.solve(&without) }
         };
         let dropped = if a.hypothesis.shape.unit() {
             let mut target = self.target.clone();
@@ -297,7 +302,7 @@ impl<'a> Bench<'a> {
             likelihood: n * (self.solution.left / solution.left.max(1e-300)).ln(),
             amplitudes: vec![1.0],
             deviations: vec![0.0],
-            plausible: true,
+            plausible: !is_timing(h) || h.shape.constants()[0] > timing_limit_s(self.problem),
             hypothesis: h.clone(),
         }
     }
@@ -351,7 +356,7 @@ impl HypothesisFit {
 }
 
 /// A hypothesis about the very timing that is otherwise a nuisance.
-fn is_timing(h: &Hypothesis) -> bool {
+pub(crate) fn is_timing(h: &Hypothesis) -> bool {
     h.port == Port::Current && matches!(h.shape, Shape::Delay { .. } | Shape::Lag { .. })
 }
 

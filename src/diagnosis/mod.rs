@@ -12,6 +12,7 @@ mod result;
 mod rigid;
 mod search;
 mod shape;
+mod steps;
 mod terms;
 mod whitening;
 

@@ -128,6 +128,8 @@ pub(crate) struct Problem {
     pub(crate) numbers: Vec<Number>,
     /// Column of the timing inside a sample: thrust derivative. Coefficient: delay in s.
     pub(crate) timing: Column,
+    /// Timing inside a sample that is already taken into the thrust, s.
+    pub(crate) timing_s: f64,
     /// Present estimate of the mechanics, for columns that are not linear in it.
     pub(crate) mechanics: Mechanics,
 }
@@ -144,6 +146,7 @@ impl Problem {
             target,
             numbers: Vec::new(),
             timing: Vec::new(),
+            timing_s: 0.0,
             mechanics: Mechanics::nominal(drive, flexible),
             motions,
             thinning,
@@ -152,6 +155,19 @@ impl Problem {
         problem.timing =
             problem.column(|m| Sides { motor: Some(derivative(&m.thrust_n, m.rate_hz)), stage: None });
         problem
+    }
+
+    /// Delays the thrust by a further part of a sample.
+    pub(crate) fn shift_timing(&mut self, later_s: f64) {
+        if later_s == 0.0 {
+            return;
+        }
+        for m in &mut self.motions {
+            m.thrust_n = super::shape::shifted(&m.thrust_n, -later_s * m.rate_hz);
+        }
+        self.timing_s += later_s;
+        self.target = self.motions.iter().map(|m| Sides { motor: Some(self.thinning.thin(&m.thrust_n)), stage: None }).collect();
+        self.timing = self.column(|m| Sides { motor: Some(derivative(&m.thrust_n, m.rate_hz)), stage: None });
     }
 
     /// The same problem with columns at the full rate, neither filtered again nor cut.

@@ -1,7 +1,7 @@
 //! Forward selection: try every hypothesis, take the best, project it out, try again.
 
 use super::bank;
-use super::bench::{Accepted, Bench, Score};
+use super::bench::{Accepted, Bench, Score, is_timing};
 use super::problem::{Column, Mechanics, Problem};
 use super::shape::{Hypothesis, Shape};
 
@@ -76,9 +76,7 @@ fn update_mechanics(p: &mut Problem, coefficients: &[f64]) {
             (Some("translational_damping_n_s_m"), true) => m.stage_damping_n_s_m = b,
             (Some("stage_coulomb_friction_n"), true) => m.stage_coulomb_n = b,
             (Some("movable_mass_kg"), false) => m.motor_mass_kg = b,
-            (Some("translational_damping_n_s_m" | "rotary_damping_nm_s_rad"), false) => {
-                m.motor_damping_n_s_m = b
-            }
+            (Some("translational_damping_n_s_m" | "rotary_damping_nm_s_rad"), false) => m.motor_damping_n_s_m = b,
             (Some("stage_coulomb_friction_n" | "motor_coulomb_friction_n"), false) => m.motor_coulomb_n = b,
             _ => {}
         }
@@ -106,23 +104,19 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
 fn settle(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column) {
     let passes = if accepted.is_empty() { 2 } else { 8 };
     for _ in 0..passes {
-        let (coefficients, fits) = {
+        let (coefficients, fits, timing_s) = {
             let bench = settled(p, accepted, residual);
             *residual = bench.residual();
             let fits: Vec<_> = (0..accepted.len()).map(|k| bench.accepted_fit(k)).collect();
-            (bench.solution.coefficients.clone(), fits)
+            (bench.solution.coefficients.clone(), fits, bench.timing_s())
         };
         update_mechanics(p, &coefficients);
+        p.shift_timing(timing_s);
         let mut moved: f64 = 0.0;
         for (a, fit) in accepted.iter_mut().zip(&fits) {
             let shape = &a.hypothesis.shape;
             let trust = shape.trust();
-            let constants: Vec<f64> = shape
-                .constants()
-                .iter()
-                .zip(&fit.steps)
-                .map(|(c, s)| c * s.clamp(-trust, trust).exp())
-                .collect();
+            let constants: Vec<f64> = shape.constants().iter().zip(&fit.steps).map(|(c, s)| c * s.clamp(-trust, trust).exp()).collect();
             for (s, d) in fit.steps.iter().zip(&fit.step_deviations) {
                 moved = moved.max(s.abs() / (d + 1e-9));
             }
@@ -154,16 +148,19 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "trying hypotheses");
         let mut result = one_round(&bench, &accepted);
         let enough = round < MOST_FINDINGS
-            && result
-                .scores
-                .first()
-                .is_some_and(|s| s.plausible && significant(s.evidence, bench.folds.total()));
+            && result.scores.first().is_some_and(|s| s.plausible && significant(s.evidence, bench.folds.total()));
         result.taken = enough.then_some(0);
         let taken = result.taken.map(|k| result.scores[k].clone());
         drop(bench);
         rounds.push(result);
         match taken {
-            Some(score) => accepted.push(Accepted::new(&p, score.hypothesis, score.amplitudes)),
+            Some(score) => {
+                if is_timing(&score.hypothesis) {
+                    // From here on the finding is the timing.
+                    p.shift_timing(-p.timing_s);
+                }
+                accepted.push(Accepted::new(&p, score.hypothesis, score.amplitudes));
+            }
             None => break,
         }
     }
@@ -188,39 +185,15 @@ fn one_round(bench: &Bench<'_>, accepted: &[Accepted]) -> Round {
     keep_best_of_kind(&mut scores);
     if std::env::var("SC_DEBUG").is_ok() {
         eprintln!("-- round, samples {} ", bench.folds.total());
-        for (n, (b, d)) in bench
-            .problem
-            .numbers
-            .iter()
-            .zip(bench.solution.coefficients.iter().zip(&bench.solution.deviations))
-        {
-            eprintln!(
-                "   {:?} nominal {:.4e} fit/nominal {:.4} sd {:.1e}",
-                n.key,
-                n.nominal,
-                b / n.nominal,
-                d / n.nominal
-            );
+        for (n, (b, d)) in bench.problem.numbers.iter().zip(bench.solution.coefficients.iter().zip(&bench.solution.deviations)) {
+            eprintln!("   {:?} nominal {:.4e} fit/nominal {:.4} sd {:.1e}", n.key, n.nominal, b / n.nominal, d / n.nominal);
         }
         for (k, a) in accepted.iter().enumerate() {
-            eprintln!(
-                "   ACCEPTED {:?} {:?} drop {:.0}",
-                a.hypothesis.shape,
-                bench.accepted_fit(k),
-                bench.drop_one(k)
-            );
+            eprintln!("   ACCEPTED {:?} {:?} drop {:.0}", a.hypothesis.shape, bench.accepted_fit(k), bench.drop_one(k));
         }
-        eprintln!("   timing {:.3e}", bench.solution.coefficients[bench.problem.numbers.len()]);
+        eprintln!("   timing {:.3e} of {:.3e}", bench.timing_s(), bench.problem.timing_s);
         for s in scores.iter().take(5) {
-            eprintln!(
-                "   {:28} {:14} ev {:10.1} ({}) {:?} amp {:?}",
-                s.hypothesis.effect.name(),
-                s.hypothesis.port.name(),
-                s.evidence,
-                s.plausible,
-                s.hypothesis.shape,
-                &s.amplitudes[..s.amplitudes.len().min(4)]
-            );
+            eprintln!("   {:28} {:14} ev {:10.1} ({}) {:?} amp {:?}", s.hypothesis.effect.name(), s.hypothesis.port.name(), s.evidence, s.plausible, s.hypothesis.shape, &s.amplitudes[..s.amplitudes.len().min(4)]);
         }
     }
     Round { scores, taken: None }

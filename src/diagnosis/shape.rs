@@ -342,7 +342,7 @@ fn motor(x: Vec<f64>) -> Sides {
 }
 
 /// Lagrange interpolation over six samples: x at k + shift.
-fn shifted(x: &[f64], shift_samples: f64) -> Vec<f64> {
+pub(crate) fn shifted(x: &[f64], shift_samples: f64) -> Vec<f64> {
     let whole = shift_samples.floor();
     let f = shift_samples - whole;
     let nodes = [-2.0, -1.0, 0.0, 1.0, 2.0, 3.0];
@@ -415,7 +415,7 @@ fn lag(p: &Problem, extra_s: f64) -> Column {
     let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
     // Without a stated loop the hold counts half a sample; with one, the end of the step.
     let hold = if p.drive.current_loop_bandwidth_rad_s().is_some() { 0.0 } else { 0.5 / rate };
-    let kernel = Kernel::low_pass(band_hz(rate), rate, Action { derivative: 0, advance_s: -(thrust_delay_s(&p.drive, rate) + hold) }).then(&p.thinning.kernel);
+    let kernel = Kernel::low_pass(band_hz(rate), rate, Action { derivative: 0, advance_s: -(thrust_delay_s(&p.drive, rate) + hold + p.timing_s) }).then(&p.thinning.kernel);
     p.motions
         .iter()
         .map(|m| {

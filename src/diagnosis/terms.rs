@@ -36,12 +36,7 @@ impl Sheet {
     /// Constants carry the interval of their logarithm.
     fn add_log(&mut self, name: &str, unit: &'static str, value: f64, relative: f64) {
         let half = Z95 * DEVIATION_FACTOR * relative;
-        self.list.push(Estimate {
-            name: name.to_owned(),
-            value,
-            unit,
-            ci95: [value * (-half).exp(), value * half.exp()],
-        });
+        self.list.push(Estimate { name: name.to_owned(), value, unit, ci95: [value * (-half).exp(), value * half.exp()] });
     }
 }
 
@@ -85,7 +80,11 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
             s.add_force("amplitude_n", "N", amplitude, deviation);
             s.add("phase_rad", "rad", phase, deviation / amplitude.max(1e-300));
         }
-        Shape::Map { .. } => {}
+        Shape::Map { .. } => {
+            let mean = fit.amplitudes.iter().sum::<f64>() / fit.amplitudes.len().max(1) as f64;
+            let largest = fit.amplitudes.iter().map(|f| (f - mean).abs()).fold(0.0, f64::max);
+            s.add_force("amplitude_n", "N", largest, d(0));
+        }
         Shape::Saturation => s.add("per_a2", "1/A2", a(0), d(0)),
         Shape::Lag { extra_s } => {
             let w = lag_bandwidth(p, *extra_s);
@@ -140,8 +139,7 @@ pub(crate) fn travel_m(p: &Problem) -> f64 {
 pub(crate) fn term(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -> PhysicsTerm {
     let mut parameters: Vec<(String, ParameterValue)> =
         estimates(p, accepted, fit).into_iter().map(|e| (e.name, ParameterValue::Number(e.value))).collect();
-    let mut list =
-        |name: &str, values: Vec<f64>| parameters.push((name.to_owned(), ParameterValue::List(values)));
+    let mut list = |name: &str, values: Vec<f64>| parameters.push((name.to_owned(), ParameterValue::List(values)));
     match &accepted.hypothesis.shape {
         Shape::Periodic { harmonics, flips, .. } => {
             if *harmonics > 1 {
@@ -151,17 +149,13 @@ pub(crate) fn term(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -> Phy
                 parameters.push(("with_direction".to_owned(), ParameterValue::Number(1.0)));
             }
         }
-        Shape::EncoderError { harmonics, .. } if *harmonics > 1 => {
-            list("harmonics_m", fit.amplitudes.clone())
-        }
+        Shape::EncoderError { harmonics, .. } if *harmonics > 1 => list("harmonics_m", fit.amplitudes.clone()),
         Shape::Map { first_m, spacing_m, .. } => {
             list("force_n", fit.amplitudes.clone());
             parameters.push(("first_m".to_owned(), ParameterValue::Number(*first_m)));
             parameters.push(("spacing_m".to_owned(), ParameterValue::Number(*spacing_m)));
         }
-        Shape::Lines { harmonics, .. } => {
-            parameters.push(("harmonics".to_owned(), ParameterValue::Number(*harmonics as f64)))
-        }
+        Shape::Lines { harmonics, .. } => parameters.push(("harmonics".to_owned(), ParameterValue::Number(*harmonics as f64))),
         _ => {}
     }
     PhysicsTerm { effect: accepted.hypothesis.effect, port: accepted.hypothesis.port, parameters }
@@ -178,43 +172,28 @@ pub(crate) fn hypothesis(p: &Problem, term: &PhysicsTerm) -> Option<(Hypothesis,
         E::CoulombFriction => (Shape::Coulomb, vec![get("force_n")?]),
         E::GravityLoad => (Shape::Constant, vec![get("force_n")?]),
         E::ViscousFriction => (Shape::Viscous, vec![get("n_s_m")?]),
-        E::StribeckFriction => {
-            (Shape::Stribeck { velocity_m_s: get("stribeck_velocity_m_s")? }, vec![get("stribeck_force_n")?])
+        E::StribeckFriction => (Shape::Stribeck { velocity_m_s: get("stribeck_velocity_m_s")? }, vec![get("stribeck_force_n")?]),
+        E::PreslidingFriction => {
+            (Shape::Presliding { stiffness_n_m: get("presliding_stiffness_n_m")? }, vec![get("share").unwrap_or(1.0)])
         }
-        E::PreslidingFriction => (
-            Shape::Presliding { stiffness_n_m: get("presliding_stiffness_n_m")? },
-            vec![get("share").unwrap_or(1.0)],
-        ),
         E::AsymmetricFriction => match get("viscous_difference_n_s_m") {
             Some(viscous) => (Shape::AsymmetricViscous, vec![get("force_difference_n")?, viscous]),
             None => (Shape::Asymmetric, vec![get("force_difference_n")?]),
         },
         E::NonlinearViscosity => (Shape::NonlinearViscosity, vec![get("n_s2_m2")?]),
-        E::FrictionDrift => {
-            (Shape::Drift { time_constant_s: get("time_constant_s")? }, vec![get("relative_change")?])
-        }
+        E::FrictionDrift => (Shape::Drift { time_constant_s: get("time_constant_s")? }, vec![get("relative_change")?]),
         E::PositionPeriodicForce | E::TorqueRipple => {
             let wavelength_m = match get("wavelength_m") {
                 Some(w) => w,
                 None => p.drive.screw_lead_m()? / get("order_per_rev")?,
             };
-            let amplitudes = term
-                .list("harmonics_n")
-                .map_or_else(|| wave(get("amplitude_n").unwrap_or(0.0)), <[f64]>::to_vec);
+            let amplitudes = term.list("harmonics_n").map_or_else(|| wave(get("amplitude_n").unwrap_or(0.0)), <[f64]>::to_vec);
             let flips = get("with_direction").is_some_and(|x| x != 0.0);
             (Shape::Periodic { wavelength_m, harmonics: amplitudes.len() / 2, flips }, amplitudes)
         }
         E::PositionDependentForce => {
             let force = term.list("force_n")?.to_vec();
-            (
-                Shape::Map {
-                    first_m: get("first_m")?,
-                    spacing_m: get("spacing_m")?,
-                    knots: force.len(),
-                    flips: false,
-                },
-                force,
-            )
+            (Shape::Map { first_m: get("first_m")?, spacing_m: get("spacing_m")?, knots: force.len(), flips: false }, force)
         }
         E::TorqueConstantSaturation => (Shape::Saturation, vec![get("per_a2")?]),
         E::Backlash => (Shape::Backlash { gap_m: get("gap_m")? }, vec![1.0]),
@@ -226,9 +205,7 @@ pub(crate) fn hypothesis(p: &Problem, term: &PhysicsTerm) -> Option<(Hypothesis,
             },
             vec![1.0],
         ),
-        E::PositionDependentStiffness => {
-            (Shape::StiffnessSlope, vec![get("relative_variation")? / get("length_m")?])
-        }
+        E::PositionDependentStiffness => (Shape::StiffnessSlope, vec![get("relative_variation")? / get("length_m")?]),
         E::NonlinearStiffness => (Shape::Cubic, vec![get("cubic_n_m3")?]),
         E::DeadTime => (Shape::Delay { extra_s: get("extra_delay_s")? }, vec![1.0]),
         E::CurrentLoopLag => {
@@ -237,13 +214,8 @@ pub(crate) fn hypothesis(p: &Problem, term: &PhysicsTerm) -> Option<(Hypothesis,
             (Shape::Lag { extra_s: (slow - stated).max(1e-7) }, vec![1.0])
         }
         E::EncoderInterpolationError => {
-            let amplitudes = term
-                .list("harmonics_m")
-                .map_or_else(|| wave(get("amplitude_m").unwrap_or(0.0)), <[f64]>::to_vec);
-            (
-                Shape::EncoderError { period_m: get("signal_period_m")?, harmonics: amplitudes.len() / 2 },
-                amplitudes,
-            )
+            let amplitudes = term.list("harmonics_m").map_or_else(|| wave(get("amplitude_m").unwrap_or(0.0)), <[f64]>::to_vec);
+            (Shape::EncoderError { period_m: get("signal_period_m")?, harmonics: amplitudes.len() / 2 }, amplitudes)
         }
         E::CuttingForce => {
             let harmonics = get("harmonics").unwrap_or(4.0).clamp(1.0, 20.0) as usize;
@@ -288,10 +260,7 @@ pub(crate) fn equation(effect: E) -> &'static str {
 /// Domain in which the effect is a curve.
 pub(crate) fn domain(effect: E) -> &'static str {
     match effect {
-        E::PositionPeriodicForce
-        | E::PositionDependentForce
-        | E::EncoderInterpolationError
-        | E::PositionDependentStiffness => "position",
+        E::PositionPeriodicForce | E::PositionDependentForce | E::EncoderInterpolationError | E::PositionDependentStiffness => "position",
         E::TorqueRipple => "motor_angle",
         E::CoulombFriction | E::ViscousFriction | E::StribeckFriction | E::NonlinearViscosity => "velocity",
         E::AsymmetricFriction | E::GravityLoad => "direction",
@@ -309,12 +278,7 @@ pub(crate) fn statement(effect: E, port: Port, parameters: &[Estimate]) -> Strin
         .filter(|e| e.name != "phase_rad" && e.name != "share" && e.name != "length_m")
         .map(|e| format!("{} {}", e.name.replace('_', " "), engineering(e.value, e.unit)))
         .collect();
-    format!(
-        "The model leaves out {} at the {} ({}).",
-        effect.name().replace('_', " "),
-        port.name().replace('_', " "),
-        numbers.join(", ")
-    )
+    format!("The model leaves out {} at the {} ({}).", effect.name().replace('_', " "), port.name().replace('_', " "), numbers.join(", "))
 }
 
 /// A value in the unit of the shop floor: 1.0 um, 165 us, 5.64 N.
@@ -328,12 +292,6 @@ pub(crate) fn engineering(value: f64, unit: &str) -> String {
         _ => (1.0, ""),
     };
     let x = value * factor;
-    let text = if x.abs() >= 1e5 || (x != 0.0 && x.abs() < 1e-3) {
-        format!("{x:.3e}")
-    } else if x.abs() >= 100.0 {
-        format!("{x:.0}")
-    } else {
-        format!("{x:.3}")
-    };
+    let text = if x.abs() >= 1e5 || (x != 0.0 && x.abs() < 1e-3) { format!("{x:.3e}") } else if x.abs() >= 100.0 { format!("{x:.0}") } else { format!("{x:.3}") };
     if unit == "1" { text } else { format!("{text} {prefix}{unit}") }
 }

@@ -21,6 +21,7 @@ pub mod friction;
 pub mod harmonic;
 pub mod idle_map;
 pub mod lanes;
+pub mod modal;
 pub mod offline;
 pub mod physics;
 pub mod recorded;

@@ -41,6 +41,8 @@ pub struct PhysicsModel {
     presliding_travel_m: f64,
     /// Effects whose law cannot be taken off a force estimate.
     pub not_applied: Vec<EffectKind>,
+    /// Frequencies of modes that the terms state and the balance does not have, Hz.
+    pub modes_hz: Vec<f64>,
 }
 
 impl Default for PhysicsModel {
@@ -55,6 +57,7 @@ impl Default for PhysicsModel {
             smoothing_m_s: 2e-4,
             presliding_travel_m: PRESLIDING_TRAVEL_M,
             not_applied: Vec::new(),
+            modes_hz: Vec::new(),
         }
     }
 }
@@ -66,6 +69,9 @@ pub fn physics_of(terms: &[PhysicsTerm], drive: &DriveParams) -> (PhysicsModel, 
     let mut model = PhysicsModel { smoothing_m_s: drive.friction_smoothing_m_s(), ..PhysicsModel::default() };
     let mut raw = drive.raw().clone();
     for term in terms {
+        if term.effect == EffectKind::TorsionalMode {
+            model.modes_hz.extend(term.number("free_free_frequency_hz"));
+        }
         if model.add(term, &mut raw).is_none() {
             model.not_applied.push(term.effect);
         }

@@ -37,6 +37,7 @@ pub(super) struct Fit<'a> {
     weights: [Vec<f64>; 2],
     standard_errors: Vec<f64>,
     count: usize,
+    bandwidth_trust: f64,
 }
 
 /// Relative misfit up to which the model explains a band.
@@ -45,6 +46,8 @@ const EXPLAINED: f64 = 0.1;
 const TORQUE_CONSTANT_TRUST: f64 = 0.005;
 /// The stated bandwidth of the current loop is believed to within this share.
 const BANDWIDTH_TRUST: f64 = 0.2;
+/// The same where the band had to be cut below a mode: what is left cannot tell a lag from a delay.
+const BANDWIDTH_HELD: f64 = 1e-3;
 
 impl<'a> Fit<'a> {
     pub(super) fn new(prior: &'a DriveParams, lines: &'a Lines, used: [bool; 2]) -> Self {
@@ -91,6 +94,7 @@ impl<'a> Fit<'a> {
             weights: Default::default(),
             standard_errors: Vec::new(),
             count: lines.frequency_hz.len(),
+            bandwidth_trust: BANDWIDTH_TRUST,
         };
         fit.start = fit.unknowns.iter().map(|u| fit.prior_value(*u)).collect();
         fit.scale = fit.unknowns.iter().zip(&fit.start).map(|(u, p)| fit.natural_scale(*u, *p)).collect();
@@ -224,7 +228,7 @@ impl<'a> Fit<'a> {
         if let (Some(now), Some(stated)) =
             (self.value(p, Unknown::CurrentBandwidth), self.prior.current_loop_bandwidth_rad_s())
         {
-            r.push((now / stated - 1.0) / BANDWIDTH_TRUST);
+            r.push((now / stated - 1.0) / self.bandwidth_trust);
         }
     }
 
@@ -300,15 +304,16 @@ impl<'a> Fit<'a> {
             if self.worst_misfit(high_hz) > EXPLAINED {
                 break;
             }
-            good = Some((high_hz, self.parameters.clone()));
+            good = Some(high_hz);
             if high_hz >= end_hz {
                 return end_hz;
             }
             high_hz = (1.25 * high_hz).min(end_hz);
         }
         let kept_hz = match good {
-            Some((kept_hz, parameters)) => {
-                self.parameters = parameters;
+            Some(kept_hz) => {
+                self.restart();
+                self.bandwidth_trust = BANDWIDTH_HELD;
                 self.run(kept_hz);
                 kept_hz
             }

@@ -44,13 +44,13 @@ pub enum LoopEvent {
     Refused,
 }
 
-/// Turret of the virtual lathe: X1 toward the bar, Y1 at 45 degrees, 1.2 mm either way at 2 mm/s.
+/// Turret of the virtual lathe: X1 toward the bar, Y1 at 45 degrees, 1.9 mm either way at 2 mm/s.
 pub fn turret_kinematics() -> Result<TurretKinematics, TurretError> {
     let axis = |index, direction_rad| TurretAxis {
         index,
         direction_rad,
-        lowest_m: -1.2e-3,
-        highest_m: 1.2e-3,
+        lowest_m: -1.9e-3,
+        highest_m: 1.9e-3,
         speed_m_s: 2.0e-3,
     };
     TurretKinematics::new([axis(0, 0.0), axis(1, FRAC_PI_4)])

@@ -89,9 +89,11 @@ fn simulate(
     let steps = n * FINE;
     let mut track = Vec::with_capacity(steps + 1);
     track.push([0.0, 0.0]);
-    let slope = |y: &[f64; 5], t: f64| {
+    let reference_at = |t: f64| {
         let told = ((t - drive.amplifier_dead_time_s()) * RATE_HZ + 1e-9).floor();
-        let reference = if told < 0.0 { 0.0 } else { thrust(told as usize) };
+        if told < 0.0 { 0.0 } else { thrust(told as usize) }
+    };
+    let slope = |y: &[f64; 5], t: f64, reference: f64| {
         let spring = k * (y[0] - y[2]) + c_k * (y[1] - y[3]);
         [
             y[1],
@@ -104,10 +106,12 @@ fn simulate(
     for i in 0..steps {
         let t = i as f64 * dt;
         let add = |y: &[f64; 5], d: &[f64; 5], h: f64| std::array::from_fn::<f64, 5, _>(|j| y[j] + h * d[j]);
-        let k1 = slope(&y, t);
-        let k2 = slope(&add(&y, &k1, 0.5 * dt), t + 0.5 * dt);
-        let k3 = slope(&add(&y, &k2, 0.5 * dt), t + 0.5 * dt);
-        let k4 = slope(&add(&y, &k3, dt), t + dt);
+        // The reference jumps between steps, never within one.
+        let u = reference_at(t);
+        let k1 = slope(&y, t, u);
+        let k2 = slope(&add(&y, &k1, 0.5 * dt), t + 0.5 * dt, u);
+        let k3 = slope(&add(&y, &k2, 0.5 * dt), t + 0.5 * dt, u);
+        let k4 = slope(&add(&y, &k3, dt), t + dt, u);
         for j in 0..5 {
             y[j] += dt / 6.0 * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j]);
         }
@@ -167,8 +171,11 @@ fn a_force_is_seen_at_the_stated_delay_by_both_modes() {
         let errors: Vec<f64> = (1500..4900)
             .map(|i| estimates[i].force_n - cutting(i as f64 / RATE_HZ - estimator.delay_s()))
             .collect();
+        // What encoder steps cause is stated. The thrust swings by 6 N a sample and is read at another phase of
+        // the hold than the encoders: its images alias to at most 0.4 % of 25 N twice; 0.2 N for all of that.
+        let limit = estimator.noise_floor_n().hypot(0.2);
         let error = deviation(&errors);
-        assert!(error < 0.15, "{method:?}: {error} N");
+        assert!(error < 1.2 * limit, "{method:?}: {error} N, noise floor {}", estimator.noise_floor_n());
     }
 }
 
@@ -182,7 +189,8 @@ fn a_causal_butterworth_states_its_slow_delay() {
     let errors: Vec<f64> = (2000..5000)
         .map(|i| estimates[i].force_n - cutting(i as f64 / RATE_HZ - estimator.delay_s()))
         .collect();
-    assert!(deviation(&errors) < 0.1, "{}", deviation(&errors));
+    let limit = estimator.noise_floor_n().hypot(0.1);
+    assert!(deviation(&errors) < 1.2 * limit, "{} {}", deviation(&errors), estimator.noise_floor_n());
 }
 
 #[test]

@@ -4,6 +4,7 @@ use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 use stillcut::force::balance::{ForceBalance, Method};
 use stillcut::force::budget::{Budget, Imperfection};
+use stillcut::force::modal::ModalBalance;
 use stillcut::force::response::{Chain, ChainLink};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 
@@ -138,8 +139,9 @@ fn no_error_leaves_the_low_pass() {
     }
 }
 
-/// (B-4), (B-5): a_3 = Q, a_2 = 2 w_t {alpha z_r + (Q alpha + 1) z_k + z_t}, a_1 = w_t^2 {4 alpha (z_t z_r +
+/// (B-4), (B-5): a_3 = Q, a_2 = 2 w_t {Q alpha z_r + (Q alpha + 1) z_k + z_t}, a_1 = w_t^2 {4 alpha (z_t z_r +
 /// z_k z_t + z_r z_k) + Q alpha + 1}, a_0 = 2 alpha w_t^3 (z_r + z_t), over D(s) (the same with Q = 1).
+/// The print lacks the Q before alpha z_r (docs/errata.md); (B-3) has it.
 #[test]
 fn mass_error_is_b_4() {
     let drive = drive_a();
@@ -150,7 +152,7 @@ fn mass_error_is_b_4() {
     let (z_t, z_k) = (zeta(drive.translational_damping_n_s_m()), zeta(drive.structural_damping_n_s_m()));
     let z_r = zeta(drive.reflected_damping_n_s_m());
     let polynomial = |q: f64, s: Complex64| {
-        let a2 = 2.0 * w_t * (alpha * z_r + (q * alpha + 1.0) * z_k + z_t);
+        let a2 = 2.0 * w_t * (q * alpha * z_r + (q * alpha + 1.0) * z_k + z_t);
         let a1 = w_t * w_t * (4.0 * alpha * (z_t * z_r + z_k * z_t + z_r * z_k) + q * alpha + 1.0);
         let a0 = 2.0 * alpha * w_t.powi(3) * (z_r + z_t);
         ((q * s + a2) * s + a1) * s + a0
@@ -245,6 +247,48 @@ fn modal_matrices_are_diagonal() {
         let table = k_r / k_w * (m_r / m_t) * (p + k_w / m_r) / (p + k_r / m_t);
         assert!((modes.physical_from_modal[mode][1] - nut).abs() < 1e-9);
         assert!((modes.physical_from_modal[mode][2] - table).abs() < 1e-9 * table.abs());
+    }
+}
+
+/// Three masses, all positions measured, any damping: (2-61), (2-62), (2-63).
+#[test]
+fn every_mode_of_three_masses_returns_the_cutting_force() {
+    let links = [
+        ChainLink { mass_kg: 60.0, damping_n_s_m: 900.0, spring_n_m: 4.0e8, damper_n_s_m: 800.0 },
+        ChainLink { mass_kg: 25.0, damping_n_s_m: 100.0, spring_n_m: 4.3e7, damper_n_s_m: 2000.0 },
+        ChainLink { mass_kg: 9.0, damping_n_s_m: 700.0, ..ChainLink::default() },
+    ];
+    let chain = Chain::new(&links);
+    // Motion of the three masses chosen freely; thrust, nut load and cutting force that go with it follow.
+    let motion = [[1.0e-3, 0.02, -4.0], [0.99e-3, 0.021, -3.0], [0.95e-3, 0.018, 6.0]];
+    let axial = |i: usize| {
+        links[i].spring_n_m * (motion[i][0] - motion[i + 1][0])
+            + links[i].damper_n_s_m * (motion[i][1] - motion[i + 1][1])
+    };
+    let own = |i: usize| links[i].mass_kg * motion[i][2] + links[i].damping_n_s_m * motion[i][1];
+    let thrust = own(0) + axial(0);
+    let nut = axial(0) - axial(1) - own(1);
+    let cutting = axial(1) - own(2);
+    for mode in 0..3 {
+        let balance = ModalBalance::new(&chain, mode).unwrap();
+        let force = balance.force_n(&motion, thrust, &[0.0, nut, 0.0]);
+        assert!((force - cutting).abs() < 1e-6 * cutting.abs(), "mode {mode}: {force} {cutting}");
+    }
+    assert!(ModalBalance::new(&chain, 3).is_none());
+}
+
+#[test]
+fn two_masses_are_the_vibration_mode() {
+    let d = drive(&MACHINE_B);
+    for (mode, method) in [(0, Method::RigidMode), (1, Method::VibrationMode)] {
+        let modal = ModalBalance::new(&Chain::of_drive(&d), mode).unwrap();
+        let direct = ForceBalance::new(method, &d);
+        assert!((modal.thrust - direct.thrust).abs() < 1e-9);
+        for (a, b) in modal.motion.iter().zip([direct.motor.as_array(), direct.stage.as_array()]) {
+            for (x, y) in a.iter().zip(b) {
+                assert!((x - y).abs() < 1e-6 * y.abs().max(1.0), "{mode}: {x} {y}");
+            }
+        }
     }
 }
 

@@ -96,3 +96,18 @@ fn what_was_found_in_one_emps_half_is_enough_for_the_other() {
     let (before, after) = (first.recordings[0].rms_before_n, second.recordings[0].rms_before_n);
     assert!(after < 0.08 * before, "{before} N with nothing in the model, {after} N with what the first half taught");
 }
+
+#[test]
+fn preload_takes_play_out_of_the_reducer() {
+    let gap = |name: &str| {
+        let recording = imported("reducer-torque-ramp", &format!("reducer_backlash_torque_ramp/torque_ramp_{name}.parquet"))?;
+        let d = said(&root("config/machines/reducer-locked.toml"), &[recording]);
+        Some(number(&d, EffectKind::Backlash, "gap_m").unwrap_or(0.0))
+    };
+    let (Some(loose), Some(tight)) = (gap("split_disk_no_preload"), gap("split_disk_preload_08")) else { return };
+    assert!(loose > 3.0 * tight, "split disk: {loose} rad without preload, {tight} rad with");
+    let (Some(loose), Some(tight)) = (gap("conic_disk_no_preload"), gap("conic_disk_preload_05")) else { return };
+    assert!(loose > tight, "conical disk: {loose} rad without preload, {tight} rad with");
+    let (Some(new), Some(run_in)) = (gap("baseline_new"), gap("baseline_run_in")) else { return };
+    assert!(run_in > new, "{new} rad new, {run_in} rad after running in");
+}

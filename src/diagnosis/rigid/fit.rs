@@ -40,11 +40,16 @@ impl Rows {
 
     /// Fits the columns, all and with each fold left out.
     pub(super) fn fit(&self, columns: &[Vec<f64>]) -> Fit {
+        self.fit_to(&self.target, columns)
+    }
+
+    /// The same for another target of the same rows.
+    pub(super) fn fit_to(&self, target: &[f64], columns: &[Vec<f64>]) -> Fit {
         let p = columns.len();
         let scale: Vec<f64> = columns.iter().map(|c| rms(c).max(1.0e-300)).collect();
         let mut grams = vec![DMatrix::<f64>::zeros(p, p); FOLDS];
         let mut rights = vec![DVector::<f64>::zeros(p); FOLDS];
-        for (k, (y, f)) in self.target.iter().zip(&self.fold).enumerate() {
+        for (k, (y, f)) in target.iter().zip(&self.fold).enumerate() {
             for i in 0..p {
                 let a = columns[i][k] / scale[i];
                 rights[*f][i] += a * y;
@@ -61,9 +66,9 @@ impl Rows {
         let whole = solve(&all, &right);
         let parts: Vec<DVector<f64>> = (0..FOLDS).map(|f| solve(&(&all - &grams[f]), &(&right - &rights[f]))).collect();
         let predict = |b: &DVector<f64>, k: usize| (0..p).map(|i| b[i] * columns[i][k] / scale[i]).sum::<f64>();
-        let residual: Vec<f64> = self.target.iter().enumerate().map(|(k, y)| y - predict(&whole, k)).collect();
+        let residual: Vec<f64> = target.iter().enumerate().map(|(k, y)| y - predict(&whole, k)).collect();
         let held: Vec<f64> =
-            self.target.iter().enumerate().map(|(k, y)| y - predict(&parts[self.fold[k]], k)).collect();
+            target.iter().enumerate().map(|(k, y)| y - predict(&parts[self.fold[k]], k)).collect();
         let left = rms(&residual);
         let inverse = all.clone().try_inverse();
         let deviations = (0..p)

@@ -188,10 +188,7 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     list.extend(yields.iter().map(|&y| Law::Friction(Slider { yield_m: y, gap_m: 0.0 })));
     if locked {
         let stroke = scales.stroke_m;
-        for gap in geometric(0.02 * stroke, 0.95 * stroke, 16) {
-            let slack = 0.5 * (stroke - gap).max(0.0);
-            list.extend((-4..=4).map(|k| Law::Spring { centre_m: centre_m + f64::from(k) * 0.25 * slack, gap_m: gap }));
-        }
+        list.extend(gaps(stroke, centre_m));
         list.push(Law::Cubic { centre_m });
         return list;
     }
@@ -208,6 +205,15 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     let turns = scales.lead_m.into_iter().flat_map(|lead| (1..=12).map(move |k| lead / f64::from(k)));
     list.extend(turns.filter(|w| *w < scales.stroke_m).map(|wavelength_m| Law::Wave { wavelength_m }));
     list
+}
+
+/// Springs with a gap, evenly over the travel: behind a stiff spring a gap must be met to a few hundredths of it.
+pub(super) fn gaps(stroke_m: f64, centre_m: f64) -> impl Iterator<Item = Law> {
+    (1..50).flat_map(move |k| {
+        let gap_m = 0.02 * f64::from(k) * stroke_m;
+        let slack = 0.5 * (stroke_m - gap_m);
+        (-4..=4).map(move |j| Law::Spring { centre_m: centre_m + 0.2 * f64::from(j) * slack, gap_m })
+    })
 }
 
 /// Drifts of a friction that is in the model.

@@ -55,7 +55,17 @@ pub(super) fn diagnose(
     let lengths: Vec<usize> = series.iter().map(|s| s.t_s.len()).collect();
     terms.extend(axis.physics.iter().filter_map(|p| given(p, &axis.physics)));
     let rows = Rows::new(target, &lengths);
-    let mut search = Search { rows, series, scales, terms, locked, tried: Vec::new(), independent: 0.0, least_evidence: 0.0 };
+    let mut search = Search {
+        rows,
+        series,
+        scales,
+        terms,
+        locked,
+        stiffness_n_m: axis.drive.axial_stiffness_n_m(),
+        tried: Vec::new(),
+        independent: 0.0,
+        least_evidence: 0.0,
+    };
     let start = search.terms.clone();
     search.run();
     progress(0.8, "laws found");

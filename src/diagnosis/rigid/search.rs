@@ -1,7 +1,7 @@
 //! Forward selection over the laws of one position, judged on stretches that were not fitted.
 
 use super::fit::{Fit, Rows, correlation_rows};
-use super::laws::{Law, Scales, Slider, candidates, drifts};
+use super::laws::{Law, Scales, Slider, candidates, drifts, gaps};
 use super::signals::Series;
 use crate::plant::effects::{EffectKind, Port};
 
@@ -48,6 +48,8 @@ pub(super) struct Search {
     pub(super) rows: Rows,
     pub(super) terms: Vec<Term>,
     pub(super) locked: bool,
+    /// Stated stiffness of a locked axis.
+    pub(super) stiffness_n_m: f64,
     pub(super) tried: Vec<(EffectKind, Port, f64)>,
     /// Rows that count as independent; see [`Search::count_independent`].
     pub(super) independent: f64,
@@ -77,8 +79,22 @@ impl Search {
     }
 
     /// Fit of a set of terms.
+    ///
+    /// Where the output is locked, the spring keeps the stiffness that the model states: left free, a spring
+    /// twenty times too soft would stand in for play.
     pub(super) fn fit(&self, terms: &[Term]) -> Fit {
-        self.rows.fit(&self.all_columns(terms))
+        let spring = terms.iter().position(|t| matches!(t.law, Law::Spring { .. })).filter(|_| self.locked);
+        let Some(index) = spring else { return self.rows.fit(&self.all_columns(terms)) };
+        let force: Vec<f64> =
+            self.columns(terms[index].law).first().map_or_else(Vec::new, |c| c.iter().map(|x| x * self.stiffness_n_m).collect());
+        let target: Vec<f64> = self.rows.target.iter().zip(&force).map(|(y, f)| y - f).collect();
+        let mut others = terms.to_vec();
+        others.remove(index);
+        let mut fit = self.rows.fit_to(&target, &self.all_columns(&others));
+        // Terms before the spring have one column each but for waves, which a locked output does not have.
+        fit.coefficients.insert(index, self.stiffness_n_m);
+        fit.deviations.insert(index, 0.0);
+        fit
     }
 
     /// Amplitudes of term `index` inside a fit of `terms`.
@@ -96,8 +112,7 @@ impl Search {
     /// The terms with `law` added, and without what it replaces.
     fn with(&self, law: Law) -> Vec<Term> {
         let mut terms: Vec<Term> = self.terms.iter().filter(|t| !law.replaces(t.law)).cloned().collect();
-        let found = Found { evidence: 0.0, heldout_before_n: 0.0, probability: 1.0, alternatives: Vec::new() };
-        terms.push(Term { law, origin: Origin::Found(found) });
+        terms.push(found(law));
         terms
     }
 
@@ -122,16 +137,35 @@ impl Search {
         laws.extend([0.01, 0.03, 0.1].map(|y| Law::Friction(Slider { yield_m: y * stroke, gap_m: 0.0 })));
         laws.extend([0.1, 0.2].map(|g| Law::Friction(Slider { yield_m: 0.05 * stroke, gap_m: g * stroke })));
         if self.locked {
-            let centre_m = self.centre();
-            laws.extend([0.1, 0.3, 0.5, 0.7, 0.9].map(|g| Law::Spring { centre_m, gap_m: g * stroke }));
+            laws.push(Law::Cubic { centre_m: self.centre() });
+            laws.extend((1..=6).map(|k| Law::Wave { wavelength_m: 2.0 * stroke / f64::from(k) }));
         } else {
             laws.extend([Law::Viscous, Law::DirectionalDry(Slider::STEP), Law::DirectionalViscous, Law::Square]);
             laws.extend([0.02, 0.06, 0.2].map(|v| Law::Stribeck { velocity_m_s: v * fast }));
         }
         let mut terms = self.terms.clone();
+        if self.locked {
+            self.closest_gap(&mut terms);
+        }
         terms.extend(laws.into_iter().map(|law| Term { law, origin: Origin::Nuisance }));
         let residual = self.fit(&terms).residual;
         self.independent = self.rows.target.len() as f64 / correlation_rows(&residual);
+    }
+
+    /// Puts the gap that leaves least in the place of the spring without one.
+    fn closest_gap(&self, terms: &mut [Term]) {
+        let Some(index) = terms.iter().position(|t| matches!(t.law, Law::Spring { .. })) else { return };
+        let mut trial = terms.to_vec();
+        trial.push(found(Law::Friction(Slider::STEP)));
+        let mut best = (self.fit(&trial).rms, terms[index].law);
+        for law in gaps(self.scales.stroke_m, self.centre()) {
+            trial[index].law = law;
+            let left = self.fit(&trial).rms;
+            if left < best.0 {
+                best = (left, law);
+            }
+        }
+        terms[index].law = best.1;
     }
 
     fn round(&mut self, first: bool) -> bool {
@@ -154,7 +188,7 @@ impl Search {
             }
         }
         scored.sort_by(|a, b| a.1.heldout_rms.total_cmp(&b.1.heldout_rms));
-        let Some((best, fit)) = scored.first() else { return false };
+        let Some((best, fit)) = scored.first() else { return self.pair(&before) };
         let independent = self.independent;
         let evidence = |f: &Fit| 2.0 * independent * (before.heldout_rms / f.heldout_rms).ln();
         let ranking = by_effect(scored.iter().map(|(law, f)| (law.effect(), evidence(f))));
@@ -162,7 +196,7 @@ impl Search {
             self.tried = ranking.iter().map(|((e, p), v)| (*e, *p, v.max(0.0))).collect();
         }
         if evidence(fit) < self.least_evidence || fit.heldout_rms > (1.0 - LEAST_SHARE) * before.heldout_rms {
-            return false;
+            return self.pair(&before);
         }
         let law = self.refined(*best);
         let (probability, alternatives) = shares(&ranking, law.effect());
@@ -174,6 +208,59 @@ impl Search {
         }
         self.keep_history(&mut terms);
         self.terms = terms;
+        true
+    }
+
+    /// Two plain laws at once, where neither alone shows: friction that is there in one direction only.
+    fn pair(&mut self, before: &Fit) -> bool {
+        if self.locked {
+            return false;
+        }
+        let slider = self.slider();
+        let plain = [
+            Law::Friction(Slider::STEP),
+            Law::Constant,
+            Law::DirectionalDry(slider),
+            Law::Viscous,
+            Law::DirectionalViscous,
+        ];
+        let absent = |l: &Law| !self.terms.iter().any(|t| t.law == *l || poorer(*l, t.law));
+        let plain: Vec<Law> = plain.into_iter().filter(absent).collect();
+        let mut scored: Vec<([Law; 2], Fit)> = Vec::new();
+        for (k, a) in plain.iter().enumerate() {
+            for b in &plain[k + 1..] {
+                let terms: Vec<Term> = self.terms.iter().cloned().chain([found(*a), found(*b)]).collect();
+                let fit = self.fit(&terms);
+                let n = terms.len();
+                let good = |i: usize, law: Law| law.plausible(&self.amplitudes(&terms, &fit.coefficients, i));
+                if good(n - 2, *a) && good(n - 1, *b) {
+                    scored.push(([*a, *b], fit));
+                }
+            }
+        }
+        scored.sort_by(|a, b| a.1.heldout_rms.total_cmp(&b.1.heldout_rms));
+        let Some(([a, b], fit)) = scored.first() else { return false };
+        let evidence = |f: &Fit| 2.0 * self.independent * (before.heldout_rms / f.heldout_rms).ln();
+        let least = 2.0 * (plain.len() as f64 * plain.len() as f64 / CHANCE).ln();
+        if evidence(fit) < least || fit.heldout_rms > (1.0 - LEAST_SHARE) * before.heldout_rms {
+            return false;
+        }
+        let top = evidence(fit);
+        // What stands in for one of the two while the other stays.
+        let rivals = |keep: Law, instead_of: Law| -> Vec<Scored> {
+            let with = scored.iter().filter(|(p, _)| p.contains(&keep));
+            let other = |p: &[Law; 2]| if p[0] == keep { p[1] } else { p[0] };
+            let list = with.map(|(p, f)| (other(p).effect(), evidence(f)));
+            by_effect(list.chain([(instead_of.effect(), top)]))
+        };
+        let new: Vec<Term> = [(*a, *b), (*b, *a)]
+            .map(|(law, keep)| {
+                let (probability, alternatives) = shares(&rivals(keep, law), law.effect());
+                let heldout_before_n = before.heldout_rms;
+                Term { law, origin: Origin::Found(Found { evidence: top, heldout_before_n, probability, alternatives }) }
+            })
+            .into();
+        self.terms.extend(new);
         true
     }
 
@@ -262,6 +349,12 @@ impl Search {
         };
         [edge(false), edge(true)]
     }
+}
+
+/// A law that is tried.
+fn found(law: Law) -> Term {
+    let found = Found { evidence: 0.0, heldout_before_n: 0.0, probability: 1.0, alternatives: Vec::new() };
+    Term { law, origin: Origin::Found(found) }
 }
 
 /// True where `law` is a poorer form of one that is already in the model.

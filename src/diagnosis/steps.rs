@@ -1,0 +1,50 @@
+//! Steps of an encoder, read off the recording itself: every difference of two samples is a whole number of steps.
+
+/// Differences that are looked at.
+const LOOKED_AT: usize = 40_000;
+/// A stated step is right if the found one is below this many times it.
+const LEAST_RATIO: f64 = 1.3;
+/// Share of differences that must lie on the grid of a step.
+const ON_GRID: f64 = 0.97;
+
+/// The step of a recorded position where it is coarser than `stated_m`; `None`: as stated, or no grid to be seen.
+///
+/// Checked by: tests::a_coarser_step_is_read_off.
+pub(crate) fn coarser_step(position_m: &[f64], stated_m: f64) -> Option<f64> {
+    let stride = (position_m.len() / LOOKED_AT).max(1);
+    let mut differences: Vec<f64> = position_m
+        .windows(2)
+        .step_by(stride)
+        .map(|w| (w[1] - w[0]).abs())
+        .filter(|d| *d > 0.3 * stated_m && *d > 1e-13)
+        .collect();
+    if differences.len() < 200 {
+        return None;
+    }
+    differences.sort_by(f64::total_cmp);
+    // The smallest differences are one step, unless the axis never moves slowly.
+    let smallest = differences[differences.len() / 200];
+    let ones: Vec<f64> = differences.iter().copied().filter(|d| *d < 1.5 * smallest).collect();
+    let step = ones.iter().sum::<f64>() / ones.len() as f64;
+    let slack = (0.6 * stated_m / step + 0.03).min(0.2);
+    let near: Vec<f64> = differences.iter().map(|d| d / step).filter(|r| *r < 20.0).collect();
+    let on_grid = near.iter().filter(|r| (*r - r.round()).abs() < slack).count();
+    let coarse = step > LEAST_RATIO * stated_m && stated_m > 0.0;
+    (coarse && near.len() > 150 && ones.len() > 50 && on_grid as f64 > ON_GRID * near.len() as f64).then_some(step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp(step: f64) -> Vec<f64> {
+        (0..20_000).map(|k| 1e-3 * (k as f64 * 1e-3).sin()).map(|x| (x / step).round() * step).collect()
+    }
+
+    #[test]
+    fn a_coarser_step_is_read_off() {
+        let found = coarser_step(&ramp(40e-9), 0.244e-9);
+        assert!(found.is_some_and(|s| (s / 40e-9 - 1.0).abs() < 1e-3), "{found:?}");
+        assert_eq!(coarser_step(&ramp(0.244e-9), 0.244e-9), None);
+    }
+}
