@@ -48,7 +48,12 @@ pub(super) struct ModeBody {
     /// The mode wanted.
     mode: Mode,
     /// One sentence for the record.
-    #[schema(example = "commissioned today, limits checked", min_length = 1, max_length = 500)]
+    #[schema(
+        example = "commissioned today, limits checked",
+        min_length = 1,
+        max_length = 500,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
     reason: String,
 }
 

@@ -25,6 +25,7 @@ pub(super) async fn list(State(site): State<Site>) -> Json<Vec<DiagnosisView>> {
 #[serde(deny_unknown_fields)]
 pub(super) struct DiagnosisBody {
     /// Names of recordings, 1 to 16.
+    #[schema(min_items = 1, max_items = 16)]
     recordings: Vec<String>,
     /// One sentence for the record.
     #[schema(

@@ -215,7 +215,12 @@ pub(super) async fn one(
 #[serde(deny_unknown_fields)]
 pub(super) struct ReasonBody {
     /// One sentence for the record, 1 to 500 characters.
-    #[schema(example = "looked at the insert, it is fine", min_length = 1, max_length = 500)]
+    #[schema(
+        example = "looked at the insert, it is fine",
+        min_length = 1,
+        max_length = 500,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
     pub(super) reason: String,
 }
 
@@ -257,10 +262,15 @@ pub(super) async fn acknowledge(
 #[serde(deny_unknown_fields)]
 pub(super) struct SilenceBody {
     /// Minutes, 1 to 480.
-    #[schema(example = 30, minimum = 1, maximum = 480)]
-    minutes: u32,
+    #[schema(value_type = u32, example = 30, minimum = 1, maximum = 480)]
+    minutes: f64,
     /// One sentence for the record.
-    #[schema(example = "known, tool change at 14:00", min_length = 1, max_length = 500)]
+    #[schema(
+        example = "known, tool change at 14:00",
+        min_length = 1,
+        max_length = 500,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
     reason: String,
 }
 
@@ -279,7 +289,8 @@ pub(super) async fn silence(
 ) -> Result<Json<EventView>, Problem> {
     caller.require(Role::Operator)?;
     let Body(body) = body?;
-    if !(1..=480).contains(&body.minutes) {
+    // JSON knows one kind of number: 30.0 is as good as 30.
+    if !(1.0..=480.0).contains(&body.minutes) || body.minutes.fract() != 0.0 {
         let problem = Problem::new(
             axum::http::StatusCode::UNPROCESSABLE_ENTITY,
             "invalid_body",

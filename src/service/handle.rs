@@ -205,12 +205,13 @@ impl Handle {
     pub async fn silence(
         &self,
         sequence: i64,
-        minutes: u32,
+        minutes: f64,
         origin: &Origin,
     ) -> Result<Event, OperationError> {
         self.event(sequence).await?;
         self.audit(origin, "silence", &format!("event {sequence} for {minutes} min")).await?;
-        let until = clock::wall_ns().saturating_add(i64::from(minutes) * 60_000_000_000);
+        #[expect(clippy::cast_possible_truncation, reason = "a few hours in nanoseconds")]
+        let until = clock::wall_ns().saturating_add((minutes * 60e9) as i64);
         self.0.writer.silence(sequence, until).await?;
         self.event(sequence).await
     }

@@ -93,11 +93,6 @@ pub(super) async fn serve(handle: Handle, listener: TcpListener) {
     }
 }
 
-/// Opens the port. Errors: the system's.
-pub(super) async fn bind(address: SocketAddr) -> std::io::Result<TcpListener> {
-    TcpListener::bind(address).await
-}
-
 async fn agent(handle: Handle, mut stream: TcpStream, address: SocketAddr) -> std::io::Result<()> {
     tracing::info!(event = "mtconnect_agent", %address, "an agent connected");
     let (mut read, mut write) = stream.split();

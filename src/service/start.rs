@@ -3,7 +3,7 @@
 use super::announcer::{Announcer, Then};
 use super::control::{Control, Origin};
 use super::diagnoses::{Diagnoses, DiagnosisView, JobState};
-use super::handle::{Handle, Inner, OperationError, ShownConfig};
+use super::handle::{Handle, Inner, OperationError, ShownConfig, StreamMessage};
 use super::hub::{History, Hub, Outlets};
 use super::live::{LiveState, SpectrumView, StoreView};
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
@@ -25,6 +25,7 @@ use std::time::Duration;
 use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::sync::{broadcast, mpsc, watch};
+use tokio_rustls::TlsAcceptor;
 use tokio_util::sync::CancellationToken;
 
 /// Why the service did not start. One line.
@@ -152,34 +153,13 @@ impl Parts {
         self.metrics.set_config_hash(&shown.hash)?;
         let access = Access::load(config.http.tokens.as_deref(), config.http.trust_loopback)?;
         let tls = config.http.tls.as_ref().map(|(c, k)| tls_acceptor(c, k)).transpose()?;
-        let address = config.http.listen;
-        let bound = self.runtime.block_on(TcpListener::bind(address));
-        let listener =
-            bound.map_err(|source| ServiceError::Listen { what: "http.listen", address, source })?;
-        let address = listener.local_addr().map_err(|source| ServiceError::Listen {
-            what: "http.listen",
-            address,
-            source,
-        })?;
-
-        let agents = match config.mtconnect {
-            Some(address) => {
-                let bound = self.runtime.block_on(mtconnect::bind(address));
-                Some(bound.map_err(|source| ServiceError::Listen {
-                    what: "mtconnect.listen",
-                    address,
-                    source,
-                })?)
-            }
-            None => None,
-        };
+        let listener = self.listen("http.listen", config.http.listen)?;
+        let bound = listener.local_addr();
+        let address = bound.map_err(|source| ServiceError::Files { path: "http.listen".into(), source })?;
+        let agents = config.mtconnect.map(|a| self.listen("mtconnect.listen", a)).transpose()?;
         let (stream, _) = broadcast::channel(STREAM);
         let (control, controls) = mpsc::channel(CONTROLS);
-        let announcer = {
-            let _inside = self.runtime.enter();
-            let ends = (stream.clone(), control.clone());
-            Announcer::start(self.writer.clone(), Arc::clone(&self.metrics), ends)
-        };
+        let announcer = self.start_announcer((stream.clone(), control.clone()));
         let (recordings, recorder_queue, recorder) = self.start_recorder(announcer.clone())?;
         let (reports, reported) = mpsc::channel(REPORTS);
         let progress = Arc::new(AtomicU64::new(0));
@@ -204,8 +184,6 @@ impl Parts {
             announcer: announcer.clone(),
         };
         let hub = self.runtime.spawn(self.hub(outlets).run(reported));
-        let program = std::env::current_exe().unwrap_or_else(|_| "stillcut".into());
-        let diagnoses = Diagnoses::new(&config.history.folder.join("diagnoses"), program);
         let handle = Handle(Arc::new(Inner {
             address,
             state: watched_state,
@@ -217,7 +195,7 @@ impl Parts {
             reader: self.reader.clone(),
             metrics: Arc::clone(&self.metrics),
             recordings,
-            diagnoses,
+            diagnoses: diagnoses_of(&config),
             config: shown,
             stop: CancellationToken::new(),
             settings: Arc::clone(&config),
@@ -227,9 +205,7 @@ impl Parts {
         if let Some(listener) = agents {
             self.runtime.spawn(mtconnect::serve(handle.clone(), listener));
         }
-        let site = router(handle.clone(), access, config.http.hosts.clone());
-        let serving = serve(listener, site, tls, (Arc::clone(&self.metrics), handle.stopping()));
-        let http = self.runtime.spawn(serving);
+        let http = self.serve(&handle, listener, (access, tls));
         self.runtime.block_on(self.tell_start(&handle));
         Ok(Running {
             handle,
@@ -243,6 +219,26 @@ impl Parts {
             progress,
             _lock: self.lock,
         })
+    }
+
+    fn listen(&self, what: &'static str, address: SocketAddr) -> Result<TcpListener, ServiceError> {
+        let bound = self.runtime.block_on(TcpListener::bind(address));
+        bound.map_err(|source| ServiceError::Listen { what, address, source })
+    }
+
+    fn start_announcer(&self, ends: (broadcast::Sender<StreamMessage>, mpsc::Sender<Control>)) -> Announcer {
+        let _inside = self.runtime.enter();
+        Announcer::start(self.writer.clone(), Arc::clone(&self.metrics), ends)
+    }
+
+    fn serve(
+        &self,
+        handle: &Handle,
+        listener: TcpListener,
+        (access, tls): (Access, Option<TlsAcceptor>),
+    ) -> tokio::task::JoinHandle<()> {
+        let site = router(handle.clone(), access, self.config.http.hosts.clone());
+        self.runtime.spawn(serve(listener, site, tls, (Arc::clone(&self.metrics), handle.stopping())))
     }
 
     fn hub(&self, outlets: Outlets) -> Hub {
@@ -292,6 +288,11 @@ impl Parts {
         let text = format!("stillcut {} started, epoch {}", env!("CARGO_PKG_VERSION"), self.report.epoch);
         handle.report(EventKind::ServiceStart, text).await;
     }
+}
+
+fn diagnoses_of(config: &ServiceConfig) -> Diagnoses {
+    let program = std::env::current_exe().unwrap_or_else(|_| "stillcut".into());
+    Diagnoses::new(&config.history.folder.join("diagnoses"), program)
 }
 
 async fn run_diagnoses(handle: Handle) {
