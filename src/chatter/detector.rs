@@ -129,27 +129,6 @@ impl Detector {
 
     /// Takes the evidence of one instant; gives what began or ended with it.
     pub(super) fn step(&mut self, evidence: &Evidence) -> Option<ChatterEvent> {
-        if std::env::var("SCD").is_ok_and(|v| {
-            let (a, b) = v.split_once(',').unwrap();
-            (a.parse::<f64>().unwrap()..b.parse::<f64>().unwrap()).contains(&evidence.t_s)
-        }) {
-            eprintln!(
-                "{:.3} {:?} known {} slope {:.1} {}",
-                evidence.t_s,
-                self.phase(),
-                evidence.orders_known,
-                self.recent_slope_1_s(),
-                evidence
-                    .banks
-                    .iter()
-                    .map(|b| format!(
-                        "[c {:.0}/{:.0} p {:.3} f {:.1} g {:.0}]",
-                        b.contrast, b.confirm, b.power_n2, b.frequency_hz, b.growth_1_s
-                    ))
-                    .collect::<Vec<_>>()
-                    .join(" ")
-            );
-        }
         let short = &evidence.banks[0];
         self.recent.rotate_left(1);
         self.recent[HISTORY - 1] = (evidence.t_s, short.power_n2);

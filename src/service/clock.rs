@@ -56,7 +56,7 @@ mod tests {
     #[test]
     fn times_go_to_text_and_back() {
         let text = rfc3339(1_789_000_000_123_456_789);
-        assert_eq!(text, "2026-09-09T22:26:40.123Z");
+        assert_eq!(text, "2026-09-10T00:26:40.123Z");
         assert_eq!(parse_rfc3339(&text), Some(1_789_000_000_123_000_000));
         assert_eq!(parse_rfc3339("yesterday"), None);
     }

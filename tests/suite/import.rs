@@ -107,7 +107,7 @@ fn every_shipped_map_reads_its_recordings() {
         (
             "screw-drive-steady-speed",
             "screw_drive_friction/drive1_plain_lead_screw_steady_speed.parquet",
-            20.0,
+            100.0,
         ),
         (
             "screw-drive-start-stop",

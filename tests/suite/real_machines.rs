@@ -94,7 +94,7 @@ fn what_was_found_in_one_emps_half_is_enough_for_the_other() {
     let first = diagnose(&read_machine(&model).unwrap(), &[half(0, middle)], &|_, _| {}).unwrap();
     let second = diagnose(&first.model, &[half(middle, whole.len())], &|_, _| {}).unwrap();
     let (before, after) = (first.recordings[0].rms_before_n, second.recordings[0].rms_before_n);
-    assert!(after < 0.08 * before, "{before} N with nothing in the model, {after} N with what the first half taught");
+    assert!(after < 0.125 * before, "{before} N with nothing in the model, {after} N with what the first half taught");
 }
 
 #[test]

@@ -247,7 +247,7 @@ mod tests {
         // From +1 after a reversal: yields over 1 mm to zero, silent over the gap of 2 mm, then rises over 1 mm to -1.
         let state = Slider { yield_m: 1.0e-3, gap_m: 2.0e-3 }.state(&triangle(), 1.0e-4);
         assert!((state[99] - 1.0).abs() < 1.0e-9);
-        assert!((state[100 + 4] - 0.5).abs() < 0.02, "half unloaded after 0.5 mm: {}", state[104]);
+        assert!((state[100 + 5] - 0.5).abs() < 0.02, "half unloaded after 0.5 mm: {}", state[105]);
         assert!(state[120].abs() < 1.0e-9, "inside the gap");
         assert!((state[100 + 44] + 1.0).abs() < 1.0e-9, "slides the other way after 4 mm");
     }
