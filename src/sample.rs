@@ -1,4 +1,4 @@
-//! What comes in: one instant of one axis ([`Sample`]), or many of them in columns ([`Recording`]).
+//! What comes in: one instant of all axes ([`ServoSample`]), or many of them in columns ([`Recording`]).
 
 use crate::units::SampleRate;
 use thiserror::Error;

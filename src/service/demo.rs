@@ -125,7 +125,7 @@ fn run_in(
     let stop = Arc::new(AtomicBool::new(false));
     let latest = Arc::new(Mutex::new(Look::default()));
     let lathe = spawn_lathe(plan, domain.clone(), Arc::clone(&stop), Arc::clone(&latest))?;
-    let looks = running.wait(follow(plan, &running.handle(), &lathe, &latest, tell));
+    let looks = running.wait(follow(plan, running.handle(), &lathe, &latest, tell));
     stop.store(true, Ordering::Relaxed);
     let ended = lathe.join().map_err(|_| DemoError::Lathe("its thread panicked".into()))?;
     let lost_samples = running.handle().state().source.lost;
@@ -186,13 +186,18 @@ async fn follow(
             let _ = handle.set_mode(plan.mode, Some(state.mode_revision), origin).await;
         }
         let strongest = handle.spectrum().amplitude_n.iter().copied().fold(0.0, f64::max);
-        let mut now = latest.lock().unwrap_or_else(PoisonError::into_inner);
-        looks.push(Look { line_power_n2: strongest * strongest / 2.0, ..*now });
-        now.vibration_m = 0.0;
-        drop(now);
+        looks.push(Look { line_power_n2: strongest * strongest / 2.0, ..take_look(latest) });
         cursor = tell_events(handle, cursor, &mut tell).await;
     }
     looks
+}
+
+/// The newest look; vibration counts anew from here.
+fn take_look(latest: &Mutex<Look>) -> Look {
+    let mut now = latest.lock().unwrap_or_else(PoisonError::into_inner);
+    let look = *now;
+    now.vibration_m = 0.0;
+    look
 }
 
 async fn tell_events(handle: &Handle, cursor: i64, tell: &mut impl FnMut(&str)) -> i64 {

@@ -359,17 +359,15 @@ impl CuttingProcess {
         trace.place[trace.newest] = place;
         trace.tip_m[trace.newest] = tip_m;
         let until = (place - WRITE_LAG).floor();
-        let mut back = 0;
-        while trace.written < until {
+        for back in 0..cells {
             let cell = until - back as f64;
-            if cell <= trace.written || back > cells {
+            if cell <= trace.written {
                 break;
             }
             let tip = trace.tip_at(cell);
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 <= rem < cells")]
             let index = (cell.rem_euclid(cells as f64) as usize).min(cells - 1);
             self.surface_m[index] = self.surface_m[index].min(tip);
-            back += 1;
         }
         trace.written = trace.written.max(until);
     }
