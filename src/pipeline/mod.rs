@@ -61,7 +61,7 @@ pub struct StepOutput {
 #[derive(Debug, Clone, PartialEq)]
 struct Channel {
     estimator: Option<ForceEstimator>,
-    motor_filter: Option<Butterworth>,
+    drive_filter: Option<Butterworth>,
     thrust_n_a: f64,
     travel_m_rad: f64,
     watch: bool,
@@ -70,7 +70,7 @@ struct Channel {
 #[derive(Debug, Clone, PartialEq)]
 struct ChannelState {
     force: Option<ForceState>,
-    motor: Option<ButterworthState>,
+    drive: Option<[ButterworthState; 2]>,
     monitor: ChatterState,
     output: ChatterOutput,
     flags: Validity,
@@ -114,7 +114,7 @@ impl Pipeline {
             .iter()
             .map(|_| ChannelState {
                 force: None,
-                motor: None,
+                drive: None,
                 output: quiet(),
                 monitor: monitor.start(),
                 flags: Validity::SETTLING,
@@ -252,7 +252,7 @@ impl Pipeline {
     pub fn restart(&mut self) {
         for state in &mut self.states {
             state.force = None;
-            state.motor = None;
+            state.drive = None;
             state.monitor = self.monitor.start();
             state.output = quiet();
             state.flags = Validity::SETTLING;
@@ -268,12 +268,16 @@ impl Pipeline {
         for (((channel, state), axis), force) in channels.zip(&mut forces) {
             let Some(estimator) = &channel.estimator else { continue };
             let mut motor_travel_m = channel.travel_m_rad * axis.motor_angle_rad;
-            if let Some(filter) = &channel.motor_filter {
-                let inner = state.motor.get_or_insert_with(|| filter.settled(motor_travel_m));
-                motor_travel_m = filter.step(inner, motor_travel_m);
+            let mut thrust_ref_n = channel.thrust_n_a * axis.current_ref_a;
+            if let Some(filter) = &channel.drive_filter {
+                // Both sides of the motor's balance alike: what one loses the other must lose.
+                let settled = || [filter.settled(motor_travel_m), filter.settled(thrust_ref_n)];
+                let [motor, thrust] = state.drive.get_or_insert_with(settled);
+                motor_travel_m = filter.step(motor, motor_travel_m);
+                thrust_ref_n = filter.step(thrust, thrust_ref_n);
             }
             let motion = MotionSample {
-                thrust_ref_n: channel.thrust_n_a * axis.current_ref_a,
+                thrust_ref_n,
                 motor_travel_m: Some(motor_travel_m),
                 stage_position_m: axis.stage_position_m,
                 spindle_speed_rpm: Some(sample.spindle_speed_rpm),

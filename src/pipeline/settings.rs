@@ -34,8 +34,8 @@ pub struct ForcePlan {
     pub method: Method,
     /// Low-pass, idle map and the like.
     pub settings: ForceSettings,
-    /// Above this the rotary encoder is not listened to: in the chatter band the motor hardly moves, and the
-    /// steps of its encoder are larger than its motion. `None`: all of it.
+    /// Above this the drive side (reference and rotary encoder) is not listened to: in the chatter band the
+    /// motor hardly moves, and the steps of its encoder are larger than its motion. `None`: all of it.
     pub motor_cutoff_hz: Option<f64>,
 }
 
@@ -126,7 +126,7 @@ impl PipelineSettings {
         let Some(force) = &plan.force else {
             return Ok(Channel {
                 estimator: None,
-                motor_filter: None,
+                drive_filter: None,
                 thrust_n_a: 0.0,
                 travel_m_rad: 1.0,
                 watch: plan.watch,
@@ -140,12 +140,12 @@ impl PipelineSettings {
         let estimator = ForceEstimator::new(force.method, &signals, force.settings.clone())
             .map_err(|source| PipelineError::Force { axis: plan.name.clone(), source })?;
         let low_pass = |cutoff_hz| Butterworth::low_pass(2, cutoff_hz, self.sample_rate);
-        let motor_filter = force.motor_cutoff_hz.map(low_pass).transpose().map_err(|source| {
+        let drive_filter = force.motor_cutoff_hz.map(low_pass).transpose().map_err(|source| {
             PipelineError::Force { axis: plan.name.clone(), source: ForceError::Filter(source) }
         })?;
         Ok(Channel {
             estimator: Some(estimator),
-            motor_filter,
+            drive_filter,
             thrust_n_a,
             travel_m_rad: force.drive.travel_m_rad(),
             watch: plan.watch,
