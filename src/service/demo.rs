@@ -239,10 +239,17 @@ fn summary(plan: &DemoPlan, looks: &[Look], events: &[Event], lost_samples: u64)
         frequency_hz: alarm.and_then(|e| e.frequency_hz),
         pitch_difference_rad: command.and_then(|e| e.pitch_difference_rad),
         power_before_n2: before_s.and_then(|t| strongest(t - 1.0, t)),
-        power_after_n2: strongest(0.75 * plan.duration_s, plan.duration_s),
+        power_after_n2: mean_power_n2(looks, 0.75 * plan.duration_s),
         false_alarms: false_alarms(looks, events),
         lost_samples,
     }
+}
+
+/// Mean power of the strongest line from a time on.
+fn mean_power_n2(looks: &[Look], from_s: f64) -> Option<f64> {
+    let inside = looks.iter().filter(|l| l.t_s > from_s);
+    let count = inside.clone().count();
+    (count > 0).then(|| inside.map(|l| l.line_power_n2).sum::<f64>() / count as f64)
 }
 
 /// Last time before half of the largest vibration at which it was below a tenth.

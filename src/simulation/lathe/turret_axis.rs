@@ -63,9 +63,9 @@ impl AxisSettings {
             stage_encoder_step_m: has_scale.then_some(1.0e-9),
             stage_encoder_noise_m: 0.5e-9,
             position_gain_1_s: 40.0,
-            velocity_gain_1_s: 180.0,
+            velocity_gain_1_s: 120.0,
             velocity_integral_1_s: 10.0,
-            velocity_filter_rad_s: 2500.0,
+            velocity_filter_rad_s: 1200.0,
         }
     }
 
@@ -77,7 +77,7 @@ impl AxisSettings {
             rotary_inertia_kg_m2: 1.4e-3,
             motor_encoder_counts_per_rev: 160_000.0,
             translational_damping_n_s_m: 6000.0,
-            stage_coulomb_friction_n: 350.0,
+            stage_coulomb_friction_n: 200.0,
             ..Self::rolling(has_scale)
         }
     }
