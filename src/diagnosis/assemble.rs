@@ -3,7 +3,7 @@
 use super::bench::{Accepted, Bench, HypothesisFit};
 use super::floor::{SideSpectrum, spectrum};
 use super::motion::{Motion, band_hz};
-use super::problem::{Column, Problem, Sides};
+use super::problem::{Column, Sides};
 use super::result::*;
 use super::search::{Outcome, Round};
 use super::steps::coarser_step;
@@ -328,7 +328,7 @@ impl Case<'_> {
         let p = &self.outcome.problem;
         let fit = self.bench.accepted_fit(index);
         let parameters = terms::estimates(p, accepted, &fit);
-        let round = &self.outcome.rounds[index - self.outcome.given];
+        let round = &self.outcome.rounds[accepted.round];
         let (probability, alternatives) = probabilities(round);
         let (effect, port) = (accepted.hypothesis.effect, accepted.hypothesis.port);
         let floor: f64 = self.spectra.iter().map(|s| s.floor_rms_n(f64::MAX).powi(2)).sum::<f64>().sqrt();
@@ -558,8 +558,8 @@ fn probabilities(round: &Round) -> (f64, Vec<Alternative>) {
 }
 
 fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
+    use EffectKind as E;
     let strongest = alternatives.first().filter(|a| a.probability > 0.05)?;
-    use crate::plant::effects::EffectKind as E;
     let text = match strongest.effect {
         E::GravityLoad | E::AsymmetricFriction => {
             "hold the axis at rest for two seconds at several positions: a load stays, friction's asymmetry does not"

@@ -216,11 +216,11 @@ fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
     let low = points.iter().map(|a| a.0).fold(f64::INFINITY, f64::min);
     let high = points.iter().map(|a| a.0).fold(f64::NEG_INFINITY, f64::max);
     let span = high - low;
-    if span.is_nan() || span < 4.0 * s.least_m {
+    if !span.is_finite() || span < 4.0 * s.least_m {
         return Vec::new();
     }
     let wanted = 4.0 * span / s.least_m * 2.0;
-    let n = (wanted.max(256.0) as usize).next_power_of_two().min(1 << 17);
+    let n = (wanted.clamp(256.0, 131_072.0) as usize).next_power_of_two();
     let cell = s.least_m / 4.0;
     let mut bins = vec![Complex::new(0.0, 0.0); n];
     for (x, w) in &points {
@@ -402,6 +402,9 @@ fn strongest_lines(x: &[f64], rate: f64) -> Vec<(f64, f64)> {
 
 /// When a line stands: the span in which its demodulated amplitude exceeds half of its largest.
 fn when(x: &[f64], rate: f64, frequency_hz: f64) -> Option<(f64, f64)> {
+    if !frequency_hz.is_finite() || frequency_hz < 1.0 {
+        return None;
+    }
     let window = ((0.15 * rate).max(4.0 * rate / frequency_hz)) as usize;
     let w = std::f64::consts::TAU * frequency_hz / rate;
     let hop = (window / 4).max(1);

@@ -18,13 +18,15 @@ pub(crate) struct Accepted {
     pub(crate) tangents: Vec<Column>,
     /// Amplitudes; fixed at one for a law whose constants say everything.
     pub(crate) amplitudes: Vec<f64>,
+    /// Round of the search that took it.
+    pub(crate) round: usize,
 }
 
 impl Accepted {
     pub(crate) fn new(p: &Problem, hypothesis: Hypothesis, amplitudes: Vec<f64>) -> Self {
         let columns = hypothesis.columns(p);
         let tangents = hypothesis.tangents(p, &columns, &amplitudes);
-        Self { hypothesis, columns, tangents, amplitudes }
+        Self { hypothesis, columns, tangents, amplitudes, round: 0 }
     }
 
     /// Columns whose coefficients are fitted: amplitudes unless fixed, then the tangents.

@@ -128,7 +128,7 @@ fn settle(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column) 
                 moved = moved.max(s.abs() / (d + 1e-9));
             }
             let hypothesis = Hypothesis { shape: shape.with_constants(&constants), ..a.hypothesis.clone() };
-            *a = Accepted::new(p, hypothesis, fit.amplitudes.clone());
+            *a = Accepted { round: a.round, ..Accepted::new(p, hypothesis, fit.amplitudes.clone()) };
         }
         if !accepted.is_empty() && moved < 0.3 {
             break;
@@ -169,12 +169,31 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
                     // From here on the finding is the timing.
                     p.shift_timing(-p.timing_s);
                 }
-                accepted.push(Accepted::new(&p, score.hypothesis, score.amplitudes));
+                let new = Accepted::new(&p, score.hypothesis, score.amplitudes);
+                accepted.push(Accepted { round, ..new });
             }
             None => break,
         }
     }
+    prune(&mut p, &mut accepted, &mut residual, given);
     Outcome { problem: p, accepted, rounds, given, nominal, residual, before }
+}
+
+/// Takes out what later findings have made pointless.
+fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
+    loop {
+        let weakest = {
+            let bench = Bench::new(p, accepted, residual);
+            (given..accepted.len()).map(|k| (bench.drop_one(k), k)).min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        match weakest {
+            Some((evidence, k)) if evidence < LEAST_EVIDENCE => {
+                accepted.remove(k);
+                settle(p, accepted, residual);
+            }
+            _ => break,
+        }
+    }
 }
 
 fn significant(evidence: f64, samples: usize) -> bool {

@@ -42,10 +42,16 @@ fn series<'a>(sides: &'a Sides, side: usize) -> Option<&'a [f64]> {
     if side == 0 { sides.motor.as_deref() } else { sides.stage.as_deref() }
 }
 
+fn mean(sides: &Sides, side: usize) -> f64 {
+    series(sides, side).map_or(0.0, |x| x.iter().sum::<f64>() / x.len().max(1) as f64)
+}
+
 impl Whitener {
     /// Estimates the noise of residuals. `rate_hz`: of the series.
     pub(crate) fn fit(residual: &Column, layout: &Layout, rate_hz: f64) -> Self {
         let s = layout.sides;
+        // A constant is a load, not noise: the autoregression would answer with a root at one.
+        let means: Vec<[f64; 2]> = residual.iter().map(|r| [mean(r, 0), mean(r, 1)]).collect();
         let block = ((BLOCK_S * rate_hz) as usize).max(4 * ORDER);
         let quiet = quiet_blocks(residual, layout, block);
         let dim = s * ORDER;
@@ -56,7 +62,9 @@ impl Whitener {
         let mut row = vec![0.0; dim];
         for &(recording, start, end) in &quiet {
             for t in (start + ORDER)..end {
-                let at = |side: usize, t: usize| series(&residual[recording], side).map_or(0.0, |x| x[t]);
+                let at = |side: usize, t: usize| {
+                    series(&residual[recording], side).map_or(0.0, |x| x[t] - means[recording][side])
+                };
                 for k in 0..ORDER {
                     for c in 0..s {
                         row[k * s + c] = at(c, t - 1 - k);
