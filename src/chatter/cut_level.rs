@@ -8,6 +8,8 @@ const LOOK_S: f64 = 0.005;
 const SMOOTH_S: f64 = 0.012;
 /// Looks that are kept: a third of a second, one turn at 190 rpm.
 const LOOKS: usize = 64;
+/// Looks after a change within which another belongs to it: 0.3 s.
+const QUIET_LOOKS: usize = 60;
 /// Share of the force that a change must have: chatter itself moves the mean by less.
 const SHARE: f64 = 0.3;
 /// And over the usual ripple from turn to turn.
@@ -36,6 +38,8 @@ pub(super) struct CutLevelState {
     since_look_s: f64,
     ripple_n: f64,
     changing: bool,
+    /// Until this look a change is the same change.
+    quiet_until: usize,
     started: bool,
 }
 
@@ -52,6 +56,7 @@ impl CutLevel {
             since_look_s: 0.0,
             ripple_n: 0.0,
             changing: false,
+            quiet_until: 0,
             started: false,
         }
     }
@@ -80,8 +85,9 @@ impl CutLevel {
         let apart = (state.level_n - before).abs();
         let large = SHARE * state.level_n.abs().max(before.abs());
         if state.seen > 60 && apart > large && apart > OVER_RIPPLE * state.ripple_n {
-            let begins = !state.changing;
+            let begins = !state.changing && state.seen > state.quiet_until;
             state.changing = true;
+            state.quiet_until = state.seen + QUIET_LOOKS;
             return if begins { Change::Begins } else { Change::GoesOn };
         }
         state.changing = false;

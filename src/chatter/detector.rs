@@ -54,6 +54,8 @@ const HOLD_S: f64 = 0.045;
 const RING_DOWN_1_S: f64 = -6.0;
 /// Share of its recent peak under which chatter has ended: 20 dB.
 const FADED: f64 = 0.01;
+/// Of the strongest power of a suspicion, kept from one decision to the next.
+const STRONGEST_KEEP: f64 = 0.96;
 /// Silence before the end is declared.
 const END_AFTER_S: f64 = 0.1;
 /// Chatter must stay this far over its threshold on average, or it was noise near the limit of stability:
@@ -145,7 +147,11 @@ impl Detector {
             }
             State::Suspected { since_s, last_seen_s, strongest_n2 } => {
                 let last_seen_s = if seen { evidence.t_s } else { last_seen_s };
-                let strongest_n2 = strongest_n2.max(short.power_n2);
+                // A jump of 6 dB between two looks is a hit, no growth: the line must last from there.
+                let struck = short.power_n2 > 4.0 * strongest_n2;
+                let since_s = if struck { evidence.t_s } else { since_s };
+                // Forgotten over 0.1 s: what was struck may go on to chatter.
+                let strongest_n2 = (strongest_n2 * STRONGEST_KEEP).max(short.power_n2);
                 self.phase = State::Suspected { since_s, last_seen_s, strongest_n2 };
                 self.judge(evidence)
             }
@@ -191,6 +197,10 @@ impl Detector {
                 && age_s > HOLD_S
                 && self.recent_mean() - evidence.banks[0].noise_n2 > 0.5 * b.power_n2
         })?;
+        // What has lost 6 dB since it was strongest rings down.
+        if self.recent_mean() < 0.25 * strongest_n2 {
+            return None;
+        }
         let strong = evidence.banks[0].contrast > evidence.banks[0].confirm;
         if strong && self.recent_slope_1_s() < RING_DOWN_1_S {
             return None;

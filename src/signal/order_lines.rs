@@ -11,6 +11,8 @@
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
+/// Turns after a restart from which a loud turn counts less.
+const SETTLED_TURNS: f64 = 8.0;
 /// Most orders that are followed; with more in the band there are no gaps left between the notches.
 const MOST_ORDERS: usize = 96;
 
@@ -37,6 +39,9 @@ pub struct OrderLinesState {
     samples: f64,
     angle_at_turn: f64,
     turns_since_restart: f64,
+    /// Residual power of this turn, summed, and of the usual turn.
+    power: f64,
+    usual_power: f64,
 }
 
 /// One sample of the band with where the spindle and the mixer stand.
@@ -67,13 +72,15 @@ impl OrderLines {
             samples: 0.0,
             angle_at_turn: 0.0,
             turns_since_restart: 0.0,
+            power: 0.0,
+            usual_power: 0.0,
         }
     }
 
     /// Forgets how sure the lines are (not the lines): the next turn sets them anew.
     pub fn restart(&self, state: &mut OrderLinesState, angle_turns: f64) {
         state.sums.fill(Complex::new(0.0, 0.0));
-        state.samples = 0.0;
+        (state.samples, state.power) = (0.0, 0.0);
         state.angle_at_turn = angle_turns;
         state.turns_since_restart = 0.0;
     }
@@ -103,6 +110,7 @@ impl OrderLines {
             wave *= step;
         }
         state.samples += 1.0;
+        state.power += left.norm_sqr();
         if sample.angle_turns - state.angle_at_turn >= 1.0 {
             self.finish_turn(state, sample);
         }
@@ -113,6 +121,14 @@ impl OrderLines {
         // The first turn sets, the n-th after it changes by 1/n, down to the memory.
         let n = state.turns_since_restart + 1.0;
         let share = if sample.adapt { 1.0 / n.min(self.memory_turns) } else { 0.5 / self.memory_turns };
+        // A turn much louder than usual was hit or burst upon: it says little about the orders.
+        let power = state.power / state.samples.max(1.0);
+        let loud = n > SETTLED_TURNS && power > 2.0 * state.usual_power;
+        let share = if loud { share * 2.0 * state.usual_power / power } else { share };
+        let usual_share = (1.0 / n).max(0.1);
+        let counted = if n > SETTLED_TURNS { power.min(2.0 * state.usual_power) } else { power };
+        state.usual_power += usual_share * (counted - state.usual_power);
+        state.power = 0.0;
         for (line, sum) in state.lines.iter_mut().zip(&mut state.sums).take(state.count) {
             *line += *sum * (share / state.samples);
             *sum = Complex::new(0.0, 0.0);

@@ -224,7 +224,7 @@ impl<T: Real> SlidingDft<T> {
         debug_assert_eq!(samples.len(), self.settings.axes);
         for (axis, &x) in samples.iter().enumerate().take(self.settings.axes) {
             debug_assert!(x.is_finite());
-            state.samples[axis * self.block + state.in_block] = T::from_f64(x);
+            state.samples[state.in_block * self.settings.axes + axis] = T::from_f64(x);
         }
         state.in_block += 1;
         if state.in_block < self.block {
@@ -244,7 +244,7 @@ impl<T: Real> SlidingDft<T> {
                 samples: &state.samples,
                 table: &self.table,
                 partial: &mut state.partial,
-                block: self.block,
+                axes: self.settings.axes,
                 columns,
             },
         );
@@ -262,13 +262,20 @@ impl<T: Real> SlidingDft<T> {
             );
         }
         // The window: what the old prefix held after this block's place, and the new prefix.
-        let here = state.block_in_window * all..(state.block_in_window + 1) * all;
-        let old = &mut state.snapshots[here];
-        for (i, sum) in state.sums.iter_mut().enumerate() {
-            *sum = state.old_total[i].minus(old[i]);
+        let old = &mut state.snapshots[state.block_in_window * all..(state.block_in_window + 1) * all];
+        if self.whole_bins {
+            let parts = state.old_total.iter().zip(old).zip(&state.prefix);
+            for (sum, ((total, old), new)) in state.sums.iter_mut().zip(parts) {
+                *sum = total.minus(*old).plus(*new);
+                *old = *new;
+            }
+        } else {
+            for (sum, (total, old)) in state.sums.iter_mut().zip(state.old_total.iter().zip(old.iter())) {
+                *sum = total.minus(*old);
+            }
+            old.copy_from_slice(&state.prefix);
+            self.add_new_part(state);
         }
-        old.copy_from_slice(&state.prefix);
-        self.add_new_part(state);
         state.block_in_window += 1;
         if state.block_in_window == self.blocks_per_window {
             self.restart(state);
@@ -290,12 +297,6 @@ impl<T: Real> SlidingDft<T> {
         for axis in 0..self.settings.axes {
             let sums = &mut state.sums[axis * columns..(axis + 1) * columns];
             let prefix = &state.prefix[axis * columns..(axis + 1) * columns];
-            if self.whole_bins {
-                for (sum, new) in sums.iter_mut().zip(prefix) {
-                    *sum = sum.plus(*new);
-                }
-                continue;
-            }
             for (k, phase) in self.window_phase.iter().enumerate() {
                 let new = Complex::new(prefix[k].to_f64(), prefix[self.padded_bins + k].to_f64()) * phase;
                 sums[k] = T::from_f64(sums[k].to_f64() + new.re);

@@ -50,15 +50,15 @@ real!(f32);
 /// Columns that one pass of the inner loop holds in registers for every axis.
 pub(super) const TILE: usize = 8;
 
-/// `partial[axis][column] = sum over j of samples[axis][j] * table[j][column]`.
+/// `partial[axis][column] = sum over j of samples[j][axis] * table[j][column]`.
 pub(super) struct BlockProduct<'a, T> {
-    /// `[axis][block]`.
+    /// `[block][axis]`.
     pub(super) samples: &'a [T],
-    /// `[block][columns]`, columns a multiple of [`TILE`].
+    /// `[block][columns]`, columns a multiple of `TILE`.
     pub(super) table: &'a [T],
     /// `[axis][columns]`.
     pub(super) partial: &'a mut [T],
-    pub(super) block: usize,
+    pub(super) axes: usize,
     pub(super) columns: usize,
 }
 
@@ -120,52 +120,44 @@ fn rotate_fast<T: Real>(job: &mut Rotate<'_, T>) {
 
 #[inline(always)]
 fn block_product_body<T: Real, const FUSED: bool>(job: &mut BlockProduct<'_, T>) {
-    let (block, columns) = (job.block, job.columns);
-    let mut samples = job.samples;
-    let mut partial = &mut job.partial[..];
+    let mut first = 0;
     // Six axes share each load of the table; what is left goes in threes and ones.
-    while samples.len() >= 6 * block {
-        let (now, later) = samples.split_at(6 * block);
-        let (out, rest) = std::mem::take(&mut partial).split_at_mut(6 * columns);
-        rows::<T, FUSED, 6>(now, job.table, out, block);
-        (samples, partial) = (later, rest);
+    while first + 6 <= job.axes {
+        rows::<T, FUSED, 6>(job, first);
+        first += 6;
     }
-    while samples.len() >= 3 * block {
-        let (now, later) = samples.split_at(3 * block);
-        let (out, rest) = std::mem::take(&mut partial).split_at_mut(3 * columns);
-        rows::<T, FUSED, 3>(now, job.table, out, block);
-        (samples, partial) = (later, rest);
+    while first + 3 <= job.axes {
+        rows::<T, FUSED, 3>(job, first);
+        first += 3;
     }
-    while samples.len() >= block && block > 0 {
-        let (now, later) = samples.split_at(block);
-        let (out, rest) = std::mem::take(&mut partial).split_at_mut(columns);
-        rows::<T, FUSED, 1>(now, job.table, out, block);
-        (samples, partial) = (later, rest);
+    while first < job.axes {
+        rows::<T, FUSED, 1>(job, first);
+        first += 1;
     }
 }
 
 #[inline(always)]
-fn rows<T: Real, const FUSED: bool, const ROWS: usize>(
-    samples: &[T],
-    table: &[T],
-    out: &mut [T],
-    block: usize,
-) {
-    let columns = out.len() / ROWS;
+fn rows<T: Real, const FUSED: bool, const ROWS: usize>(job: &mut BlockProduct<'_, T>, first: usize) {
+    let columns = job.columns;
     let mut column = 0;
     while column + TILE <= columns {
         let mut sums = [[T::default(); TILE]; ROWS];
-        for j in 0..block {
-            let entries = &table[j * columns + column..j * columns + column + TILE];
-            for (row, sum) in sums.iter_mut().enumerate() {
-                let x = samples[row * block + j];
+        let lines = job.samples.chunks_exact(job.axes).zip(job.table.chunks_exact(columns));
+        for (instant, line) in lines {
+            let (Some(entries), Some(instant)) =
+                (line[column..].first_chunk::<TILE>(), instant[first..].first_chunk::<ROWS>())
+            else {
+                return;
+            };
+            for (sum, x) in sums.iter_mut().zip(instant) {
                 for (s, entry) in sum.iter_mut().zip(entries) {
                     *s = x.multiply_add::<FUSED>(*entry, *s);
                 }
             }
         }
         for (row, sum) in sums.iter().enumerate() {
-            out[row * columns + column..row * columns + column + TILE].copy_from_slice(sum);
+            let place = (first + row) * columns + column;
+            job.partial[place..place + TILE].copy_from_slice(sum);
         }
         column += TILE;
     }

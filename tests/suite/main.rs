@@ -4,6 +4,7 @@
 mod lathe;
 
 mod avoidance;
+mod chatter;
 mod closed_loop;
 mod conceal;
 mod force;
