@@ -7,6 +7,7 @@ pub mod force_plots;
 pub mod html;
 mod maps;
 pub mod page;
+mod place;
 pub mod plot;
 pub mod stability_picture;
 pub mod study;

@@ -269,9 +269,15 @@ impl Figure {
 
 fn tick_text(value: f64, axis: &Axis) -> String {
     if axis.log {
+        if (1.0e4..1.0e7).contains(&value) {
+            return format!("{}k", trimmed(value / 1000.0, 0));
+        }
         return if (1.0e-3..1.0e5).contains(&value) { trimmed(value, 6) } else { format!("{value:.0e}") };
     }
     let step = (axis.range[1] - axis.range[0]) / 5.0;
+    if value.abs() >= 1.0e4 {
+        return format!("{}k", trimmed(value / 1000.0, 1)).replace('-', "\u{2212}");
+    }
     let decimals = (-(step.abs().max(1.0e-12)).log10().floor()).clamp(0.0, 9.0) as usize;
     let text = format!("{value:.decimals$}");
     let text =
@@ -332,6 +338,7 @@ mod tests {
     fn ticks_are_round_and_inside() {
         assert_eq!(Axis::linear("", [-1.3, 4.2]).ticks(), vec![0.0, 2.0, 4.0]);
         assert_eq!(Axis::log("", [0.5, 300.0]).ticks(), vec![1.0, 10.0, 100.0]);
+        assert_eq!(tick_text(-2.0e4, &Axis::linear("", [-3.0e4, 3.0e4])), "\u{2212}20k");
         assert_eq!(tick_text(-0.05, &Axis::linear("", [-0.1, 0.1])), "\u{2212}0.05");
     }
 
