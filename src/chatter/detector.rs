@@ -251,8 +251,8 @@ fn on_an_order(line: &BankEvidence, evidence: &Evidence) -> bool {
     apart < if evidence.orders_young { 0.12 } else { blurred }
 }
 
-/// How far the best bank is over its threshold; power counts by itself too, because loud chatter raises all of
-/// the band and its own contrast falls.
+/// How far the best bank is over its threshold; power counts by itself too, because loud chatter raises all
+/// of the band and its own contrast falls.
 fn assurance_of(evidence: &Evidence) -> f64 {
     let over = |b: &BankEvidence| (b.contrast / b.confirm).max(0.1 * b.power_n2 / (b.noise_n2 * b.confirm));
     evidence.banks.iter().map(over).fold(0.0, f64::max).min(MOST_ASSURANCE)

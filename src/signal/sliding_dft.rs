@@ -64,7 +64,7 @@ pub enum SlidingDftError {
     },
     /// The window is shorter than one period.
     #[error(
-        "window of {window_samples} samples is shorter than one period of {first_hz} Hz at {sample_rate_hz} Hz"
+        "window of {window_samples} samples is shorter than a period of {first_hz} Hz at {sample_rate_hz} Hz"
     )]
     WindowTooShort {
         /// Window asked for.

@@ -25,10 +25,5 @@ mod transport;
 mod real_machines;
 #[cfg(feature = "service")]
 mod deploy;
-mod conceal;
-mod import;
-mod report;
-#[cfg(feature = "service")]
-mod transport;
 
 mod diagnosis;
