@@ -3,7 +3,9 @@
 use super::{ChatterOutput, Phase};
 
 /// Lines of two axes nearer than this are the same line: the short windows place one to a few Hz.
-const SAME_LINE_HZ: f64 = 12.0;
+const SAME_LINE_HZ: f64 = 8.0;
+/// Two axes must agree for this long: two drives that hunt meet on one line only in passing.
+const TOGETHER_S: f64 = 0.05;
 /// A line that one axis alone hears must last this long before it counts: hunting of a single drive does not.
 const ALONE_S: f64 = 1.0;
 
@@ -30,6 +32,7 @@ pub struct Agreement {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AgreementState {
     alone_since_s: Option<f64>,
+    together_since_s: Option<f64>,
     declared: bool,
 }
 
@@ -76,11 +79,16 @@ pub fn agree<'a>(
     if phase == Phase::Chatter {
         let since_s = *state.alone_since_s.get_or_insert(t_s);
         let lasted = t_s - since_s >= ALONE_S;
-        if !(state.declared || count == 1 || hearing >= 2 || lasted) {
+        let together = hearing >= 2 && t_s - *state.together_since_s.get_or_insert(t_s) >= TOGETHER_S;
+        if hearing < 2 {
+            state.together_since_s = None;
+        }
+        if !(state.declared || count == 1 || together || lasted) {
             phase = Phase::Suspected;
         }
     } else {
         state.alone_since_s = None;
+        state.together_since_s = None;
     }
     state.declared = phase == Phase::Chatter;
     Agreement {
@@ -117,9 +125,11 @@ mod tests {
     }
 
     #[test]
-    fn two_axes_on_one_line_are_believed_at_once() {
+    fn two_axes_on_one_line_are_believed_soon() {
         let both = [output(Phase::Chatter, 650.0), output(Phase::Suspected, 652.0)];
-        assert_eq!(phase(&mut AgreementState::default(), 0.0, &both), Phase::Chatter);
+        let mut state = AgreementState::default();
+        assert_eq!(phase(&mut state, 0.0, &both), Phase::Suspected);
+        assert_eq!(phase(&mut state, 0.06, &both), Phase::Chatter);
     }
 
     #[test]
