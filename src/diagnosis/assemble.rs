@@ -5,7 +5,7 @@ use super::floor::{SideSpectrum, spectrum};
 use super::motion::{Motion, band_hz};
 use super::problem::{Column, Sides};
 use super::result::*;
-use super::search::{Outcome, Round};
+use super::search::{Outcome, Round, rank};
 use super::steps::coarser_step;
 use super::terms;
 use crate::plant::drive::{DriveParams, RawDriveParams};
@@ -535,11 +535,11 @@ fn merged(mut bands: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
 ///
 /// exp(gain / 2 / 8): blocks of a residual are not independent; a gain of 16 counts as one step of e.
 fn probabilities(round: &Round) -> (f64, Vec<Alternative>) {
-    let best = round.scores.first().map_or(0.0, |s| s.evidence);
+    let best = round.scores.first().map_or(0.0, rank);
     let weights: Vec<f64> = round
         .scores
         .iter()
-        .map(|s| if s.plausible { ((s.evidence - best) / 16.0).exp() } else { 0.0 })
+        .map(|s| if s.plausible { ((rank(s) - best) / 16.0).exp() } else { 0.0 })
         .collect();
     let total: f64 = weights.iter().sum::<f64>().max(1e-300);
     let alternatives = round
