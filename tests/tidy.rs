@@ -212,7 +212,7 @@ fn unsafe_stays_where_it_is_allowed() {
             "signal/dispatch.rs",
             "signal/inner_products.rs",
         ]
-            .contains(&name.as_str());
+        .contains(&name.as_str());
         let code = text.lines().filter(|l| !l.trim_start().starts_with("//"));
         let found = code
             .clone()

@@ -140,10 +140,8 @@ fn draw(seed: u64) -> Result<Case, crate::plant::workpiece::ScenarioError> {
 }
 
 fn cut(case: &Case, duration_s: f64) -> anyhow::Result<Outcome> {
-    let lathe = LatheSettings {
-        force_noise_ratio: case.noise,
-        ..LatheSettings::realistic(case.scenario, case.seed)
-    };
+    let lathe =
+        LatheSettings { force_noise_ratio: case.noise, ..LatheSettings::realistic(case.scenario, case.seed) };
     let config = ServiceConfig {
         workpiece: case.scenario.workpiece,
         cutting: case.scenario.cutting,
@@ -227,12 +225,24 @@ fn print(cases: &[Case], outcomes: &[Outcome]) -> anyhow::Result<()> {
     writeln!(out, "    share                              {:.1} %", share(cured, curable().count()))?;
     let all = unstable().filter(|(_, o)| ends_stable(o)).count();
     writeln!(out, "  ended stable, of all unstable        {:.1} %", share(all, unstable().count()))?;
-    writeln!(out, "  chatter not heard                    {}", unstable().filter(|(_, o)| o.onsets == 0).count())?;
+    writeln!(
+        out,
+        "  chatter not heard                    {}",
+        unstable().filter(|(_, o)| o.onsets == 0).count()
+    )?;
     writeln!(out, "  worst vibration before it was cured  {:.1} um", worst * 1e6)?;
     writeln!(out, "stable at equal pitch (model)          {}", stable().count())?;
     writeln!(out, "  alarms in them                       {}", stable().map(|(_, o)| o.onsets).sum::<u32>())?;
-    writeln!(out, "commands sent                          {}", outcomes.iter().map(|o| o.commands).sum::<u32>())?;
-    writeln!(out, "commands refused by the last guard     {}", outcomes.iter().map(|o| o.refused).sum::<u32>())?;
+    writeln!(
+        out,
+        "commands sent                          {}",
+        outcomes.iter().map(|o| o.commands).sum::<u32>()
+    )?;
+    writeln!(
+        out,
+        "commands refused by the last guard     {}",
+        outcomes.iter().map(|o| o.refused).sum::<u32>()
+    )?;
     Ok(())
 }
 

@@ -78,7 +78,10 @@ fn print(out: &mut impl std::io::Write, s: &Summary) -> std::io::Result<()> {
     }
     if let (Some(before), Some(after)) = (s.power_before_n2, s.power_after_n2) {
         let change = 10.0 * (after / before).log10();
-        writeln!(out, "  strongest line            {before:.3} N2 before, {after:.5} N2 after: {change:+.1} dB")?;
+        writeln!(
+            out,
+            "  strongest line            {before:.3} N2 before, {after:.5} N2 after: {change:+.1} dB"
+        )?;
     }
     writeln!(out, "  false alarms              {}", s.false_alarms)?;
     writeln!(out, "  samples lost              {}", s.lost_samples)

@@ -238,7 +238,8 @@ fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
 
 /// What a hypothesis is ranked by. A free map can imitate a constant, a wave and more: it must beat them by a quarter.
 pub(crate) fn rank(s: &Score) -> f64 {
-    let evidence = if matches!(s.hypothesis.shape, Shape::Map { .. }) { 0.8 * s.evidence } else { s.evidence };
+    let evidence =
+        if matches!(s.hypothesis.shape, Shape::Map { .. }) { 0.8 * s.evidence } else { s.evidence };
     if s.plausible { evidence } else { evidence.min(0.0) - 1.0 }
 }
 

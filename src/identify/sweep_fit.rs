@@ -320,9 +320,9 @@ impl<'a> Fit<'a> {
             None => high_hz,
         };
         warnings.push(match self.mode_beyond_hz(kept_hz) {
-            Some(mode_hz) => format!(
-                "a mode outside of the model at about {mode_hz:.0} Hz; valid up to {kept_hz:.0} Hz"
-            ),
+            Some(mode_hz) => {
+                format!("a mode outside of the model at about {mode_hz:.0} Hz; valid up to {kept_hz:.0} Hz")
+            }
             None => format!("the model explains the response only up to {kept_hz:.0} Hz"),
         });
         kept_hz

@@ -49,7 +49,11 @@ fn headline(d: &Diagnosis) -> String {
         Verdict::MissingPhysics => {
             let port = |f: &Finding| {
                 let same = d.findings.iter().all(|g| g.port == f.port);
-                if same && d.findings.len() > 1 { String::new() } else { format!(" ({})", spoken(f.port.name())) }
+                if same && d.findings.len() > 1 {
+                    String::new()
+                } else {
+                    format!(" ({})", spoken(f.port.name()))
+                }
             };
             let names: Vec<String> =
                 d.findings.iter().map(|f| format!("{}{}", spoken(f.effect.name()), port(f))).collect();
@@ -263,7 +267,8 @@ fn finding_card(out: &mut String, f: &Finding) {
 /// `stribeck_force_n` as `stribeck force`: the unit stands beside the value.
 fn without_unit(name: &str) -> String {
     const UNITS: [&str; 13] = [
-        "_n_s2_m2", "_n_s_m", "_n_m3", "_n_m", "_rad_s", "_m_s", "_per_rev", "_rad", "_hz", "_n", "_m", "_s", "_a",
+        "_n_s2_m2", "_n_s_m", "_n_m3", "_n_m", "_rad_s", "_m_s", "_per_rev", "_rad", "_hz", "_n", "_m", "_s",
+        "_a",
     ];
     let bare = UNITS.iter().find_map(|u| name.strip_suffix(u)).filter(|b| !b.is_empty()).unwrap_or(name);
     spoken(bare)

@@ -10,7 +10,8 @@ use std::fmt::Write as _;
 /// How the mismatch divides between the two sides of a flexible axis.
 fn sides(d: &Diagnosis, shares: [f64; 3]) -> String {
     if d.balances.len() < 2 {
-        return "One position is measured, so the side is not seen, only what the force is a function of.".to_owned();
+        return "One position is measured, so the side is not seen, only what the force is a function of."
+            .to_owned();
     }
     let [motor, stage, sum] = shares.map(|s| 100.0 * s);
     format!(

@@ -7,12 +7,15 @@ mod avoidance;
 mod chatter;
 mod closed_loop;
 mod conceal;
+#[cfg(feature = "service")]
+mod deploy;
 mod force;
 #[cfg(feature = "service")]
 mod http;
 mod identities;
 mod import;
 mod pipeline;
+mod real_machines;
 mod report;
 #[cfg(feature = "service")]
 mod running;
@@ -22,8 +25,5 @@ mod service;
 mod store;
 #[cfg(feature = "service")]
 mod transport;
-mod real_machines;
-#[cfg(feature = "service")]
-mod deploy;
 
 mod diagnosis;

@@ -42,7 +42,9 @@ fn rms(values: &[f64]) -> f64 {
 
 #[test]
 fn the_bare_emps_model_gets_its_friction_back_below_the_published_error() {
-    let (Some(model), Some(file)) = (real("emps/machine-bare.toml"), real("emps/axis.parquet")) else { return };
+    let (Some(model), Some(file)) = (real("emps/machine-bare.toml"), real("emps/axis.parquet")) else {
+        return;
+    };
     let recording = read_recording(&file).unwrap();
     let thrust = rms(recording.require("x_thrust_ref_n").unwrap());
     let d = said(&model, &[recording]);
@@ -60,7 +62,9 @@ fn the_bare_emps_model_gets_its_friction_back_below_the_published_error() {
 
 #[test]
 fn the_published_emps_model_lacks_the_difference_between_the_directions() {
-    let (Some(model), Some(file)) = (real("emps/machine-reference.toml"), real("emps/axis.parquet")) else { return };
+    let (Some(model), Some(file)) = (real("emps/machine-reference.toml"), real("emps/axis.parquet")) else {
+        return;
+    };
     let d = said(&model, &[read_recording(&file).unwrap()]);
     assert_eq!(d.findings.first().map(|f| f.effect), Some(EffectKind::AsymmetricFriction));
 }
@@ -68,8 +72,10 @@ fn the_published_emps_model_lacks_the_difference_between_the_directions() {
 #[test]
 fn the_friction_damper_slides_behind_a_spring_and_a_gap() {
     let files = ["d2_0p25hz_30lb_1in", "d2_0p5hz_30lb_1in"];
-    let recordings: Option<Vec<Recording>> =
-        files.iter().map(|f| imported("friction-damper", &format!("friction_damper_backlash/{f}.parquet"))).collect();
+    let recordings: Option<Vec<Recording>> = files
+        .iter()
+        .map(|f| imported("friction-damper", &format!("friction_damper_backlash/{f}.parquet")))
+        .collect();
     let Some(recordings) = recordings else { return };
     let d = said(&root("config/machines/friction-damper.toml"), &recordings);
     let gap = number(&d, EffectKind::Backlash, "gap_m").unwrap();
@@ -82,7 +88,9 @@ fn the_friction_damper_slides_behind_a_spring_and_a_gap() {
 
 #[test]
 fn what_was_found_in_one_emps_half_is_enough_for_the_other() {
-    let (Some(model), Some(file)) = (real("emps/machine-bare.toml"), real("emps/axis.parquet")) else { return };
+    let (Some(model), Some(file)) = (real("emps/machine-bare.toml"), real("emps/axis.parquet")) else {
+        return;
+    };
     let whole = read_recording(&file).unwrap();
     let half = |from: usize, to: usize| {
         let mut part = whole.clone();
@@ -94,19 +102,29 @@ fn what_was_found_in_one_emps_half_is_enough_for_the_other() {
     let first = diagnose(&read_machine(&model).unwrap(), &[half(0, middle)], &|_, _| {}).unwrap();
     let second = diagnose(&first.model, &[half(middle, whole.len())], &|_, _| {}).unwrap();
     let (before, after) = (first.recordings[0].rms_before_n, second.recordings[0].rms_before_n);
-    assert!(after < 0.125 * before, "{before} N with nothing in the model, {after} N with what the first half taught");
+    assert!(
+        after < 0.125 * before,
+        "{before} N with nothing in the model, {after} N with what the first half taught"
+    );
 }
 
 #[test]
 fn preload_takes_play_out_of_the_reducer() {
     let gap = |name: &str| {
-        let recording = imported("reducer-torque-ramp", &format!("reducer_backlash_torque_ramp/torque_ramp_{name}.parquet"))?;
+        let recording = imported(
+            "reducer-torque-ramp",
+            &format!("reducer_backlash_torque_ramp/torque_ramp_{name}.parquet"),
+        )?;
         let d = said(&root("config/machines/reducer-locked.toml"), &[recording]);
         Some(number(&d, EffectKind::Backlash, "gap_m").unwrap_or(0.0))
     };
-    let (Some(loose), Some(tight)) = (gap("split_disk_no_preload"), gap("split_disk_preload_08")) else { return };
+    let (Some(loose), Some(tight)) = (gap("split_disk_no_preload"), gap("split_disk_preload_08")) else {
+        return;
+    };
     assert!(loose > 3.0 * tight, "split disk: {loose} rad without preload, {tight} rad with");
-    let (Some(loose), Some(tight)) = (gap("conic_disk_no_preload"), gap("conic_disk_preload_05")) else { return };
+    let (Some(loose), Some(tight)) = (gap("conic_disk_no_preload"), gap("conic_disk_preload_05")) else {
+        return;
+    };
     assert!(loose > tight, "conical disk: {loose} rad without preload, {tight} rad with");
     let (Some(new), Some(run_in)) = (gap("baseline_new"), gap("baseline_run_in")) else { return };
     assert!(run_in > new, "{new} rad new, {run_in} rad after running in");

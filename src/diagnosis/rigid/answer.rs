@@ -4,7 +4,8 @@ use super::fit::{Fit, correlation_rows, rms};
 use super::laws::{Law, Slider};
 use super::search::{Found, Origin, Search, Term};
 use crate::diagnosis::{
-    Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Location, RecordingFit, Tried, Verdict,
+    Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Location, RecordingFit, Tried,
+    Verdict,
 };
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
@@ -43,7 +44,11 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
             index,
             term,
             amplitudes: search.amplitudes(&search.terms, &after.coefficients, index),
-            deviations: search.amplitudes(&search.terms, &after.deviations, index).iter().map(|d| d * widen).collect(),
+            deviations: search
+                .amplitudes(&search.terms, &after.deviations, index)
+                .iter()
+                .map(|d| d * widen)
+                .collect(),
         })
         .collect();
     let floor_n = floor(&after.residual);
@@ -68,7 +73,11 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
         balances: vec!["axis"],
         series_rate_hz: first.map_or(1.0, |s| s.rate_hz),
         noise_floor_n: vec![floor_n],
-        tried: search.tried.iter().map(|(e, p, v)| Tried { effect: Some(*e), port: *p, evidence: *v }).collect(),
+        tried: search
+            .tried
+            .iter()
+            .map(|(e, p, v)| Tried { effect: Some(*e), port: *p, evidence: *v })
+            .collect(),
     }
 }
 
@@ -141,13 +150,20 @@ impl Context<'_> {
             .alternatives
             .iter()
             .filter(|(e, _, _)| *e != effect)
-            .map(|(effect, port, probability)| Alternative { effect: *effect, port: *port, probability: *probability })
+            .map(|(effect, port, probability)| Alternative {
+                effect: *effect,
+                port: *port,
+                probability: *probability,
+            })
             .collect::<Vec<_>>();
         let next_experiment = (!alternatives.is_empty()).then(|| next(effect).to_owned());
         let term = PhysicsTerm {
             effect,
             port,
-            parameters: parameters.iter().map(|e| (e.name.clone(), ParameterValue::Number(e.value))).collect(),
+            parameters: parameters
+                .iter()
+                .map(|e| (e.name.clone(), ParameterValue::Number(e.value)))
+                .collect(),
         };
         Finding {
             rank: 0,
@@ -187,8 +203,11 @@ impl Context<'_> {
             let ends = [factor * a - factor.abs() * half, factor * a + factor.abs() * half];
             Estimate { name: name.to_owned(), value: factor * a, unit, ci95: ends }
         };
-        let inner = |name: &str, unit, at: f64, make: &dyn Fn(f64) -> Law| {
-            Estimate { name: name.to_owned(), value: at, unit, ci95: self.search.profile(f.index, make, at) }
+        let inner = |name: &str, unit, at: f64, make: &dyn Fn(f64) -> Law| Estimate {
+            name: name.to_owned(),
+            value: at,
+            unit,
+            ci95: self.search.profile(f.index, make, at),
         };
         match law {
             Law::Inertia | Law::Viscous => vec![linear("n_s_m", "N s/m", 1.0)],
@@ -213,7 +232,9 @@ impl Context<'_> {
             Law::Square => vec![linear("n_s2_m2", "N s2/m2", 1.0)],
             Law::Stribeck { velocity_m_s } => vec![
                 linear("stribeck_force_n", "N", 1.0),
-                inner("stribeck_velocity_m_s", "m/s", velocity_m_s, &|velocity_m_s| Law::Stribeck { velocity_m_s }),
+                inner("stribeck_velocity_m_s", "m/s", velocity_m_s, &|velocity_m_s| Law::Stribeck {
+                    velocity_m_s,
+                }),
             ],
             Law::Drift { time_s, slider } => {
                 let level = self.friction_level().max(1.0e-300);
@@ -239,7 +260,8 @@ impl Context<'_> {
             }
             Law::Spring { centre_m, gap_m } => {
                 let gap = inner("gap_m", "m", gap_m, &|gap_m| Law::Spring { centre_m, gap_m });
-                let centre = Estimate { name: "centre_m".to_owned(), value: centre_m, unit: "m", ci95: [centre_m; 2] };
+                let centre =
+                    Estimate { name: "centre_m".to_owned(), value: centre_m, unit: "m", ci95: [centre_m; 2] };
                 vec![gap, centre]
             }
             Law::Cubic { .. } => vec![linear("cubic_n_m3", "N/m3", 1.0)],
@@ -248,8 +270,10 @@ impl Context<'_> {
 
     /// A viscous difference as what it makes at the mean speed, and as a slope.
     fn directional(&self, f: &Fitted<'_>) -> Vec<Estimate> {
-        let speeds: Vec<f64> = self.search.series.iter().flat_map(|s| s.velocity_m_s.iter().map(|v| v.abs())).collect();
-        let moving: Vec<f64> = speeds.iter().copied().filter(|v| *v > 5.0 * self.search.scales.smoothing_m_s).collect();
+        let speeds: Vec<f64> =
+            self.search.series.iter().flat_map(|s| s.velocity_m_s.iter().map(|v| v.abs())).collect();
+        let moving: Vec<f64> =
+            speeds.iter().copied().filter(|v| *v > 5.0 * self.search.scales.smoothing_m_s).collect();
         let mean = moving.iter().sum::<f64>() / moving.len().max(1) as f64;
         let make = |name: &str, unit, factor: f64| {
             let (value, half) = (factor * f.amplitudes[0], (factor * Z95 * f.deviations[0]).abs());
@@ -259,7 +283,10 @@ impl Context<'_> {
     }
 
     fn friction_level(&self) -> f64 {
-        self.fitted.iter().find(|f| matches!(f.term.law, Law::Friction(_))).map_or(0.0, |f| f.amplitudes[0].abs())
+        self.fitted
+            .iter()
+            .find(|f| matches!(f.term.law, Law::Friction(_)))
+            .map_or(0.0, |f| f.amplitudes[0].abs())
     }
 
     /// Numbers of the drive that differ by more than four standard deviations and more than they are known to.
@@ -270,8 +297,12 @@ impl Context<'_> {
             let Origin::Number(name) = f.term.origin else { continue };
             let (nominal, other, limit) = match name {
                 "movable_mass_kg" => (d.movable_mass_kg(), d.total_mass_kg() - d.movable_mass_kg(), 0.03),
-                "translational_damping_n_s_m" => (d.translational_damping_n_s_m(), d.reflected_damping_n_s_m(), 0.15),
-                "stage_coulomb_friction_n" => (d.stage_coulomb_friction_n(), d.motor_coulomb_friction_n(), 0.08),
+                "translational_damping_n_s_m" => {
+                    (d.translational_damping_n_s_m(), d.reflected_damping_n_s_m(), 0.15)
+                }
+                "stage_coulomb_friction_n" => {
+                    (d.stage_coulomb_friction_n(), d.motor_coulomb_friction_n(), 0.08)
+                }
                 _ => (d.axial_stiffness_n_m(), 0.0, 0.03),
             };
             let (value, half) = (f.amplitudes[0] - other, Z95 * f.deviations[0]);
@@ -368,11 +399,17 @@ fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static str) {
             (format!("A force of {} acts against the motion.", n("n_s_m", "N per m/s")), "F = C v")
         }
         Law::Constant => (
-            format!("A force of {} acts whatever the motion: weight, or an offset of the drive.", n("force_n", "N")),
+            format!(
+                "A force of {} acts whatever the motion: weight, or an offset of the drive.",
+                n("force_n", "N")
+            ),
             "F = F_0",
         ),
         Law::Friction(s) if s.gap_m > 0.0 => (
-            format!("At each reversal {} pass before force builds up again: play in what transmits it.", n("gap_m", "m")),
+            format!(
+                "At each reversal {} pass before force builds up again: play in what transmits it.",
+                n("gap_m", "m")
+            ),
             "F = F_c dz(D, gap/2)/yield, D = clamp(D + dx, +-(gap/2 + yield))",
         ),
         Law::Friction(s) if s.yield_m > 0.0 => (
@@ -383,9 +420,10 @@ fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static str) {
             ),
             "F = F_c D/yield, D = clamp(D + dx, +-yield), stiffness = F_c/yield",
         ),
-        Law::Friction(_) => {
-            (format!("A force of {} acts against the direction of motion.", n("force_n", "N")), "F = F_c sgn v")
-        }
+        Law::Friction(_) => (
+            format!("A force of {} acts against the direction of motion.", n("force_n", "N")),
+            "F = F_c sgn v",
+        ),
         Law::DirectionalDry(_) => (
             format!("Friction differs by {} between the directions.", n("force_difference_n", "N")),
             "F = (F_difference/2) |sgn v|",
@@ -398,7 +436,9 @@ fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static str) {
             ),
             "F = (C_difference/2) |v|",
         ),
-        Law::Square => (format!("A force of {} acts against the motion.", n("n_s2_m2", "N per (m/s)^2")), "F = c v |v|"),
+        Law::Square => {
+            (format!("A force of {} acts against the motion.", n("n_s2_m2", "N per (m/s)^2")), "F = c v |v|")
+        }
         Law::Stribeck { .. } => (
             format!(
                 "At creep speeds friction is {} higher; it falls off over {}.",
@@ -420,7 +460,10 @@ fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static str) {
             "F = A sin(2 pi x/lambda + phase)",
         ),
         Law::Spring { .. } => (
-            format!("The drive turns {} (rad where one metre is one radian) before the output pushes back.", n("gap_m", "m")),
+            format!(
+                "The drive turns {} (rad where one metre is one radian) before the output pushes back.",
+                n("gap_m", "m")
+            ),
             "F = K dz(x - x_0, gap/2)",
         ),
         Law::Cubic { .. } => ("The stiffness changes with the load.".to_owned(), "F = K_3 (x - x_0)^3"),
@@ -434,7 +477,8 @@ fn spelled(value: f64, unit: &str) -> String {
     let scaled = matches!(unit, "N" | "m" | "m/s" | "N/m");
     let fitting = PREFIXES.iter().find(|(p, _)| value.abs() >= 0.99995 * p);
     let large_length = unit.starts_with('m') && value.abs() >= 1.0;
-    let (scale, prefix) = if scaled && !large_length { fitting.copied().unwrap_or((1.0, "")) } else { (1.0, "") };
+    let (scale, prefix) =
+        if scaled && !large_length { fitting.copied().unwrap_or((1.0, "")) } else { (1.0, "") };
     let x = value / scale;
     let order = if x == 0.0 { 0 } else { x.abs().log10().floor() as i32 };
     if !(-5..7).contains(&order) {
@@ -456,7 +500,9 @@ fn next(effect: EffectKind) -> &'static str {
         EffectKind::ViscousFriction | EffectKind::NonlinearViscosity | EffectKind::StribeckFriction => {
             "Strokes at constant speed, at least six speeds from creep to traverse, both directions, same path."
         }
-        EffectKind::FrictionDrift => "The same stroke once a minute from cold until nothing changes any more.",
+        EffectKind::FrictionDrift => {
+            "The same stroke once a minute from cold until nothing changes any more."
+        }
         _ => "The same path at two speeds and in both directions.",
     }
 }

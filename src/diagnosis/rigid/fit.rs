@@ -64,8 +64,10 @@ impl Rows {
         let all: DMatrix<f64> = grams.iter().sum();
         let right: DVector<f64> = rights.iter().sum();
         let whole = solve(&all, &right);
-        let parts: Vec<DVector<f64>> = (0..FOLDS).map(|f| solve(&(&all - &grams[f]), &(&right - &rights[f]))).collect();
-        let predict = |b: &DVector<f64>, k: usize| (0..p).map(|i| b[i] * columns[i][k] / scale[i]).sum::<f64>();
+        let parts: Vec<DVector<f64>> =
+            (0..FOLDS).map(|f| solve(&(&all - &grams[f]), &(&right - &rights[f]))).collect();
+        let predict =
+            |b: &DVector<f64>, k: usize| (0..p).map(|i| b[i] * columns[i][k] / scale[i]).sum::<f64>();
         let residual: Vec<f64> = target.iter().enumerate().map(|(k, y)| y - predict(&whole, k)).collect();
         let held: Vec<f64> =
             target.iter().enumerate().map(|(k, y)| y - predict(&parts[self.fold[k]], k)).collect();

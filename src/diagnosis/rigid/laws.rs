@@ -155,12 +155,18 @@ impl Law {
                 let g = both(s.gap_m).map(|gap_m| Law::Friction(Slider { gap_m, ..s }));
                 y.into_iter().chain(g).collect()
             }
-            Law::Stribeck { velocity_m_s } => both(velocity_m_s).map(|velocity_m_s| Law::Stribeck { velocity_m_s }).to_vec(),
-            Law::Drift { time_s, slider } => both(time_s).map(|time_s| Law::Drift { time_s, slider }).to_vec(),
+            Law::Stribeck { velocity_m_s } => {
+                both(velocity_m_s).map(|velocity_m_s| Law::Stribeck { velocity_m_s }).to_vec()
+            }
+            Law::Drift { time_s, slider } => {
+                both(time_s).map(|time_s| Law::Drift { time_s, slider }).to_vec()
+            }
             Law::Wave { wavelength_m } => {
                 // A wave is sharp in its length: a hundredth of the other steps.
                 let fine = 1.0 + 0.05 * by;
-                [wavelength_m * fine, wavelength_m / fine].map(|wavelength_m| Law::Wave { wavelength_m }).to_vec()
+                [wavelength_m * fine, wavelength_m / fine]
+                    .map(|wavelength_m| Law::Wave { wavelength_m })
+                    .to_vec()
             }
             Law::Spring { centre_m, gap_m } if gap_m > 0.0 => {
                 let g = both(gap_m).map(|gap_m| Law::Spring { centre_m, gap_m });
@@ -194,7 +200,11 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     }
     // Velocity laws need more than one speed; where there is one, they are each other's twins and the order decides.
     list.extend([Law::Viscous, Law::DirectionalDry(slider), Law::DirectionalViscous, Law::Square]);
-    list.extend(geometric(5.0 * scales.smoothing_m_s, 0.5 * scales.fastest_m_s, 12).into_iter().map(|v| Law::Stribeck { velocity_m_s: v }));
+    list.extend(
+        geometric(5.0 * scales.smoothing_m_s, 0.5 * scales.fastest_m_s, 12)
+            .into_iter()
+            .map(|v| Law::Stribeck { velocity_m_s: v }),
+    );
     for gap in geometric(smallest, 0.5 * scales.stroke_m, 12) {
         list.extend(yields.iter().map(|&y| Law::Friction(Slider { yield_m: y, gap_m: gap })));
     }
@@ -227,7 +237,15 @@ mod tests {
 
     fn triangle() -> Series {
         let position_m: Vec<f64> = (0..400)
-            .map(|k| if k < 100 { f64::from(k) } else if k < 300 { 200.0 - f64::from(k) } else { f64::from(k) - 400.0 })
+            .map(|k| {
+                if k < 100 {
+                    f64::from(k)
+                } else if k < 300 {
+                    200.0 - f64::from(k)
+                } else {
+                    f64::from(k) - 400.0
+                }
+            })
             .map(|x| x * 1.0e-4)
             .collect();
         Series {

@@ -126,7 +126,9 @@ fn given(term: &PhysicsTerm, all: &[PhysicsTerm]) -> Option<Term> {
         EffectKind::CoulombFriction => Law::Friction(Slider::STEP),
         EffectKind::GravityLoad => Law::Constant,
         EffectKind::NonlinearViscosity => Law::Square,
-        EffectKind::AsymmetricFriction if term.number("n_s_m_difference").is_some() => Law::DirectionalViscous,
+        EffectKind::AsymmetricFriction if term.number("n_s_m_difference").is_some() => {
+            Law::DirectionalViscous
+        }
         EffectKind::AsymmetricFriction => Law::DirectionalDry(Slider::STEP),
         EffectKind::StribeckFriction => Law::Stribeck { velocity_m_s: term.number("stribeck_velocity_m_s")? },
         EffectKind::PreslidingFriction => {
@@ -141,7 +143,9 @@ fn given(term: &PhysicsTerm, all: &[PhysicsTerm]) -> Option<Term> {
             }
             Law::Spring { centre_m: term.number("centre_m").unwrap_or(0.0), gap_m: term.number("gap_m")? }
         }
-        EffectKind::FrictionDrift => Law::Drift { time_s: term.number("time_constant_s")?, slider: Slider::STEP },
+        EffectKind::FrictionDrift => {
+            Law::Drift { time_s: term.number("time_constant_s")?, slider: Slider::STEP }
+        }
         EffectKind::PositionPeriodicForce => Law::Wave { wavelength_m: term.number("wavelength_m")? },
         _ => return None,
     };

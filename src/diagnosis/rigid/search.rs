@@ -85,8 +85,10 @@ impl Search {
     pub(super) fn fit(&self, terms: &[Term]) -> Fit {
         let spring = terms.iter().position(|t| matches!(t.law, Law::Spring { .. })).filter(|_| self.locked);
         let Some(index) = spring else { return self.rows.fit(&self.all_columns(terms)) };
-        let force: Vec<f64> =
-            self.columns(terms[index].law).first().map_or_else(Vec::new, |c| c.iter().map(|x| x * self.stiffness_n_m).collect());
+        let force: Vec<f64> = self
+            .columns(terms[index].law)
+            .first()
+            .map_or_else(Vec::new, |c| c.iter().map(|x| x * self.stiffness_n_m).collect());
         let target: Vec<f64> = self.rows.target.iter().zip(&force).map(|(y, f)| y - f).collect();
         let mut others = terms.to_vec();
         others.remove(index);
@@ -105,7 +107,8 @@ impl Search {
     }
 
     fn slider(&self) -> Slider {
-        let states = self.terms.iter().filter_map(|t| if let Law::Friction(s) = t.law { Some(s) } else { None });
+        let states =
+            self.terms.iter().filter_map(|t| if let Law::Friction(s) = t.law { Some(s) } else { None });
         states.last().unwrap_or(Slider::STEP)
     }
 
@@ -140,7 +143,12 @@ impl Search {
             laws.push(Law::Cubic { centre_m: self.centre() });
             laws.extend((1..=6).map(|k| Law::Wave { wavelength_m: 2.0 * stroke / f64::from(k) }));
         } else {
-            laws.extend([Law::Viscous, Law::DirectionalDry(Slider::STEP), Law::DirectionalViscous, Law::Square]);
+            laws.extend([
+                Law::Viscous,
+                Law::DirectionalDry(Slider::STEP),
+                Law::DirectionalViscous,
+                Law::Square,
+            ]);
             laws.extend([0.02, 0.06, 0.2].map(|v| Law::Stribeck { velocity_m_s: v * fast }));
         }
         let mut terms = self.terms.clone();
@@ -200,8 +208,12 @@ impl Search {
         }
         let law = self.refined(*best);
         let (probability, alternatives) = shares(&ranking, law.effect());
-        let found =
-            Found { evidence: evidence(fit), heldout_before_n: before.heldout_rms, probability, alternatives };
+        let found = Found {
+            evidence: evidence(fit),
+            heldout_before_n: before.heldout_rms,
+            probability,
+            alternatives,
+        };
         let mut terms = self.with(law);
         if let Some(last) = terms.last_mut() {
             last.origin = Origin::Found(found);
@@ -257,7 +269,15 @@ impl Search {
             .map(|(law, keep)| {
                 let (probability, alternatives) = shares(&rivals(keep, law), law.effect());
                 let heldout_before_n = before.heldout_rms;
-                Term { law, origin: Origin::Found(Found { evidence: top, heldout_before_n, probability, alternatives }) }
+                Term {
+                    law,
+                    origin: Origin::Found(Found {
+                        evidence: top,
+                        heldout_before_n,
+                        probability,
+                        alternatives,
+                    }),
+                }
             })
             .into();
         self.terms.extend(new);
@@ -268,7 +288,9 @@ impl Search {
     fn keep_history(&self, terms: &mut [Term]) {
         let Some(last) = terms.last_mut() else { return };
         let replaced = self.terms.iter().find(|t| last.law.replaces(t.law));
-        if let (Some(Term { origin: Origin::Found(old), .. }), Origin::Found(new)) = (replaced, &mut last.origin) {
+        if let (Some(Term { origin: Origin::Found(old), .. }), Origin::Found(new)) =
+            (replaced, &mut last.origin)
+        {
             new.evidence += old.evidence;
             new.heldout_before_n = old.heldout_before_n;
         }

@@ -40,7 +40,10 @@ fn thrust(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, DiagnoseE
     }
     if let Some(current) = recording.get(&name("current_ref_a")) {
         let k = axis.drive.thrust_constant_n_a();
-        return Ok(scaled(current, k.ok_or_else(|| DiagnoseError::NoTorqueConstant { axis: axis.name.clone() })?));
+        return Ok(scaled(
+            current,
+            k.ok_or_else(|| DiagnoseError::NoTorqueConstant { axis: axis.name.clone() })?,
+        ));
     }
     let expected = name("current_ref_a, _torque_ref_nm or _thrust_ref_n");
     Err(DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected })
@@ -51,7 +54,8 @@ fn position(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, Diagnos
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
     let travel = axis.drive.travel_m_rad();
     let angle = recording.get(&name("motor_angle_rad")).map(|a| a.iter().map(|v| v * travel).collect());
-    let plain = || recording.get(&name("motor_position_m")).or_else(|| recording.get(&name("stage_position_m")));
+    let plain =
+        || recording.get(&name("motor_position_m")).or_else(|| recording.get(&name("stage_position_m")));
     angle.or_else(|| plain().map(<[f64]>::to_vec)).ok_or_else(|| {
         let expected = name("motor_angle_rad, _motor_position_m or _stage_position_m");
         DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected }
@@ -87,7 +91,11 @@ pub(super) fn series(axis: &AxisModel, recording: &Recording) -> Result<Series, 
     let inside = x.len().saturating_sub(2 * edge);
     let needed = 2 * edge + LEAST_ROWS * step;
     if inside < LEAST_ROWS * step {
-        return Err(DiagnoseError::TooShort { recording: recording.experiment.clone(), samples: x.len(), needed });
+        return Err(DiagnoseError::TooShort {
+            recording: recording.experiment.clone(),
+            samples: x.len(),
+            needed,
+        });
     }
     let grid = Grid { first: edge, step, count: inside.div_ceil(step) };
     let origin = x[0];
@@ -107,7 +115,8 @@ pub(super) fn series(axis: &AxisModel, recording: &Recording) -> Result<Series, 
 /// True where the output of a flexible axis is held: the motor turns, the stage stays where it is.
 pub(super) fn is_locked(axis: &AxisModel, recording: &Recording) -> bool {
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
-    let (Some(stage), Ok(motor)) = (recording.get(&name("stage_position_m")), position(axis, recording)) else {
+    let (Some(stage), Ok(motor)) = (recording.get(&name("stage_position_m")), position(axis, recording))
+    else {
         return false;
     };
     let span = |v: &[f64]| {
@@ -131,7 +140,12 @@ mod tests {
                 motor_encoder_resolution_m: Some(q),
                 ..Default::default()
             };
-            AxisModel { name: "x".into(), drive: DriveParams::new(raw).unwrap(), controller: None, physics: Vec::new() }
+            AxisModel {
+                name: "x".into(),
+                drive: DriveParams::new(raw).unwrap(),
+                controller: None,
+                physics: Vec::new(),
+            }
         };
         assert!((band_hz(&axis(1.0e-9), 50.0, 1000.0) - 100.0).abs() < 1.0e-9);
         let band = band_hz(&axis(1.0e-5), 50.0, 1000.0);
