@@ -33,6 +33,7 @@ pub struct Agreement {
 pub struct AgreementState {
     alone_since_s: Option<f64>,
     together_since_s: Option<f64>,
+    line_hz: Option<f64>,
     declared: bool,
 }
 
@@ -76,6 +77,13 @@ pub fn agree<'a>(
     };
     let hearing = watched.clone().filter(|(_, o)| rank(o.phase) >= 2 && same(o)).count();
     let mut phase = output.phase;
+    // A line that jumps about is the comb of a hunting drive: the clocks start again.
+    let steady = state.line_hz.zip(output.frequency_hz).is_some_and(|(a, b)| (a - b).abs() < SAME_LINE_HZ);
+    if !steady {
+        state.line_hz = output.frequency_hz;
+        state.alone_since_s = None;
+        state.together_since_s = None;
+    }
     if phase == Phase::Chatter {
         let since_s = *state.alone_since_s.get_or_insert(t_s);
         let lasted = t_s - since_s >= ALONE_S;
