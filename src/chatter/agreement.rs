@@ -5,7 +5,9 @@ use super::{ChatterOutput, Phase};
 /// Lines of two axes nearer than this are the same line: the short windows place one to a few Hz.
 const SAME_LINE_HZ: f64 = 8.0;
 /// Two axes must agree for this long: two drives that hunt meet on one line only in passing.
-const TOGETHER_S: f64 = 0.05;
+const TOGETHER_S: f64 = 0.12;
+/// A line that moves further than this between looks is not the same line: noise that a damped mode colours wanders.
+const STEADY_HZ: f64 = 4.0;
 /// A line that one axis alone hears must last this long before it counts: hunting of a single drive does not.
 const ALONE_S: f64 = 1.0;
 
@@ -78,7 +80,7 @@ pub fn agree<'a>(
     let hearing = watched.clone().filter(|(_, o)| rank(o.phase) >= 2 && same(o)).count();
     let mut phase = output.phase;
     // A line that jumps about is the comb of a hunting drive: the clocks start again.
-    let steady = state.line_hz.zip(output.frequency_hz).is_some_and(|(a, b)| (a - b).abs() < SAME_LINE_HZ);
+    let steady = state.line_hz.zip(output.frequency_hz).is_some_and(|(a, b)| (a - b).abs() < STEADY_HZ);
     if !steady {
         state.line_hz = output.frequency_hz;
         state.alone_since_s = None;
@@ -137,7 +139,7 @@ mod tests {
         let both = [output(Phase::Chatter, 650.0), output(Phase::Suspected, 652.0)];
         let mut state = AgreementState::default();
         assert_eq!(phase(&mut state, 0.0, &both), Phase::Suspected);
-        assert_eq!(phase(&mut state, 0.06, &both), Phase::Chatter);
+        assert_eq!(phase(&mut state, 0.13, &both), Phase::Chatter);
     }
 
     #[test]
