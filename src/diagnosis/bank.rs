@@ -189,7 +189,7 @@ fn lcm(a: f64, b: f64) -> f64 {
     while v != 0 {
         (u, v) = (v, u % v);
     }
-    if u == 0 { 0.0 } else { (x / u * y) as f64 }
+    x.checked_div(u).map_or(0.0, |part| (part * y) as f64)
 }
 
 struct Spatial {

@@ -164,7 +164,7 @@ impl<'a> Bench<'a> {
         };
         let held = self.solution.coefficients[self.timing_index()] == 0.0;
         let used: Vec<usize> = (0..gram.columns())
-            .filter(|k| !gone.contains(k) && !(held && *k == self.timing_index()))
+            .filter(|k| !(gone.contains(k) || held && *k == self.timing_index()))
             .collect();
         let mut out: Option<Column> = None;
         for fold in 0..super::regression::FOLDS {

@@ -103,7 +103,7 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
 }
 
 /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
-fn settle(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column) {
+fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
     let passes = if accepted.is_empty() { 2 } else { 8 };
     for _ in 0..passes {
         let (coefficients, fits, timing_s) = {

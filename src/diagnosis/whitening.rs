@@ -38,7 +38,7 @@ impl Layout {
     }
 }
 
-fn series<'a>(sides: &'a Sides, side: usize) -> Option<&'a [f64]> {
+fn series(sides: &Sides, side: usize) -> Option<&[f64]> {
     if side == 0 { sides.motor.as_deref() } else { sides.stage.as_deref() }
 }
 

@@ -124,7 +124,7 @@ impl Chain {
             for i in 1..n {
                 let factor = off[i - 1] / d[i - 1];
                 d[i] -= factor * off[i - 1];
-                f[i] = f[i] - factor * f[i - 1];
+                f[i] -= factor * f[i - 1];
             }
             let mut x = [zero; MAX_MASSES];
             for i in (0..n).rev() {

@@ -119,7 +119,6 @@ pub fn description() -> utoipa::openapi::OpenApi {
 }
 
 /// The whole site over a running service. `hosts`: names beside loopback's that `Host` may carry.
-#[must_use]
 pub fn router(handle: Handle, access: Access, hosts: Vec<String>) -> Router {
     let site = Arc::new(Shared {
         handle,

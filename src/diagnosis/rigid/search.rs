@@ -107,9 +107,9 @@ impl Search {
     }
 
     fn slider(&self) -> Slider {
-        let states =
+        let mut states =
             self.terms.iter().filter_map(|t| if let Law::Friction(s) = t.law { Some(s) } else { None });
-        states.last().unwrap_or(Slider::STEP)
+        states.next_back().unwrap_or(Slider::STEP)
     }
 
     /// The terms with `law` added, and without what it replaces.
