@@ -144,9 +144,11 @@ fn set_aside(path: &Path, wall_ns: i64, reason: &str) -> Result<Damage, StoreErr
     let moved_to = suffixed(path, &format!(".damaged-{wall_ns}"));
     for suffix in ["", "-wal", "-shm"] {
         let from = suffixed(path, suffix);
-        if from.exists() {
-            let to = suffixed(&moved_to, suffix);
-            std::fs::rename(&from, &to).map_err(|source| StoreError::Files { path: from, source })?;
+        match std::fs::rename(&from, suffixed(&moved_to, suffix)) {
+            Ok(()) => {}
+            // Log and index come and go with SQLite's last connection.
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
+            Err(source) => return Err(StoreError::Files { path: from, source }),
         }
     }
     Ok(Damage { moved_to, reason: reason.to_owned() })
