@@ -2,11 +2,12 @@
 
 use super::bench::{Accepted, Bench, HypothesisFit};
 use super::floor::{SideSpectrum, spectrum};
-use super::motion::{Motion, band_hz};
+use super::motion::band_hz;
 use super::problem::{Column, Sides};
 use super::result::*;
 use super::search::{Outcome, Round, rank};
-use super::steps::coarser_step;
+use super::shape::Shape;
+use super::steps::stated_step_m;
 use super::terms;
 use crate::plant::drive::{DriveParams, RawDriveParams};
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
@@ -193,33 +194,12 @@ impl Case<'_> {
     /// Encoders whose steps are coarser than the model states.
     fn encoder_steps(&self) -> Vec<Finding> {
         let p = &self.outcome.problem;
-        let mut list = Vec::new();
-        for port in [Port::MotorEncoder, Port::StageEncoder] {
-            let known = self
-                .axis
-                .physics
-                .iter()
-                .filter(|t| t.effect == EffectKind::EncoderQuantization && t.port == port);
-            let stated = if port == Port::MotorEncoder {
-                p.drive.motor_encoder_resolution_m()
-            } else {
-                p.drive.stage_encoder_resolution_m()
-            };
-            let stated = known.filter_map(|t| t.number("step_m")).fold(stated, f64::max);
-            let side = |m: &Motion| {
-                if port == Port::MotorEncoder {
-                    Some(m.motor.raw_m.clone())
-                } else {
-                    m.stage.as_ref().map(|s| s.raw_m.clone())
-                }
-            };
-            let steps: Vec<f64> = p.motions.iter().filter_map(|m| coarser_step(&side(m)?, stated)).collect();
-            if steps.len() == p.motions.len() && !steps.is_empty() {
-                let step = steps.iter().sum::<f64>() / steps.len() as f64;
-                list.push(self.step_finding(port, step));
-            }
-        }
-        list
+        [Port::MotorEncoder, Port::StageEncoder]
+            .into_iter()
+            .zip(p.steps_m)
+            .filter(|(port, step)| *step > stated_step_m(self.axis, *port))
+            .map(|(port, step)| self.step_finding(port, step))
+            .collect()
     }
 
     fn step_finding(&self, port: Port, step: f64) -> Finding {
@@ -308,6 +288,9 @@ impl Case<'_> {
 
     /// True when what is left after the findings stands above the floor and is not a small rest of what they explain.
     fn unexplained(&self) -> bool {
+        if self.outcome.stranger.is_some() {
+            return true;
+        }
         let band = self.outcome.problem.motions.first().map_or(1.0, |m| band_hz(m.rate_hz));
         let loud = self.spectra.iter().any(|s| {
             let total: f64 = s.excess(band).iter().map(|e| e.1).sum();
@@ -445,9 +428,19 @@ impl Case<'_> {
         if let Some(s) = &stage {
             bands.extend(s.excess(band).iter().map(|e| e.0));
         }
+        let stranger = self.outcome.stranger.as_ref().map(|s| &s.hypothesis);
+        if let Some(Shape::Resonance { frequency_hz, .. }) = stranger.map(|h| &h.shape) {
+            bands = vec![[0.9 * frequency_hz, 1.1 * frequency_hz]];
+        }
+        let unnamed = match stranger.map(|h| &h.shape) {
+            Some(Shape::Resonance { .. }) => "frequency",
+            Some(Shape::VelocityMap { .. } | Shape::PositionTimesVelocity) => "velocity",
+            Some(Shape::Map { .. }) => "position",
+            _ => "time",
+        };
         Some(Location {
-            port,
-            domain: findings.first().map_or("time", |f| terms::domain(f.effect)),
+            port: stranger.map_or(port, |h| h.port),
+            domain: findings.first().map_or(unnamed, |f| terms::domain(f.effect)),
             bands_hz: merged(bands),
             time: self.times(),
             shares: [em / total, es / total, (both / total).min(1.0)],

@@ -141,7 +141,7 @@ fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
                 continue;
             }
             let port = if at_motor { Port::Motor } else { Port::Stage };
-            let least_m = lead.map_or(1e-4, |l| if at_motor { l / 150.0 } else { l / 12.0 });
+            let least_m = lead.map_or(1e-4, |l| if at_motor { l / 150.0 } else { l / 40.0 });
             for wavelength_m in spatial_peaks(p, q, &Spatial { at_motor, flips, least_m }) {
                 let effect = if at_motor { E::TorqueRipple } else { E::PositionPeriodicForce };
                 list.push(Hypothesis::new(

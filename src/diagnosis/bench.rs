@@ -123,7 +123,7 @@ impl<'a> Bench<'a> {
 
     /// Solves with the timing free, unless it leaves its limit: then it is held at zero.
     fn solve(&self, gram: &Gram, timing: bool) -> Solution {
-        let timing = timing && !self.accepted.iter().any(|a| is_timing(&a.hypothesis));
+        let timing = timing && !self.accepted.iter().any(|a| is_delay(&a.hypothesis));
         let all: Vec<usize> = (0..gram.columns()).collect();
         let without: Vec<usize> = all.iter().copied().filter(|k| *k != self.timing_index()).collect();
         if timing {
@@ -287,7 +287,7 @@ impl<'a> Bench<'a> {
             Some(t) => self.gram.retarget(&self.base, t, &self.folds).with(&self.base, &more, t, &self.folds),
             None => self.gram.with(&self.base, &more, &self.target, &self.folds),
         };
-        let solution = self.solve(&gram, !is_timing(h));
+        let solution = self.solve(&gram, !is_delay(h));
         HypothesisFit::of(&h.shape, columns.len(), (&solution, self.base.len()))
     }
 
@@ -298,7 +298,7 @@ impl<'a> Bench<'a> {
         }
         let column = self.whitener.whiten(&h.columns(self.problem)[0], &self.layout);
         let target: Vec<f64> = self.target.iter().zip(&column).map(|(t, c)| t - c).collect();
-        let solution = self.solve(&self.gram.retarget(&self.base, &target, &self.folds), !is_timing(h));
+        let solution = self.solve(&self.gram.retarget(&self.base, &target, &self.folds), !is_delay(h));
         let n = self.folds.total() as f64;
         Score {
             evidence: n * (self.solution.heldout / solution.heldout.max(1e-300)).ln(),
@@ -318,7 +318,7 @@ impl<'a> Bench<'a> {
         let columns: Vec<Vec<f64>> =
             hypothesis.columns(self.problem).iter().map(|c| self.whitener.whiten(c, &self.layout)).collect();
         let gram = self.gram.with(&self.base, &columns, &self.target, &self.folds);
-        let solution = self.solve(&gram, !is_timing(hypothesis));
+        let solution = self.solve(&gram, !is_delay(hypothesis));
         let first = self.base.len();
         let amplitudes = solution.coefficients[first..].to_vec();
         let n = self.folds.total() as f64;
@@ -361,6 +361,11 @@ impl HypothesisFit {
 /// A hypothesis about the very timing that is otherwise a nuisance.
 pub(crate) fn is_timing(h: &Hypothesis) -> bool {
     h.port == Port::Current && matches!(h.shape, Shape::Delay { .. } | Shape::Lag { .. })
+}
+
+/// A dead time takes the timing inside a sample with it; a lag leaves it free, or its convention would bend the lag.
+pub(crate) fn is_delay(h: &Hypothesis) -> bool {
+    h.port == Port::Current && matches!(h.shape, Shape::Delay { .. })
 }
 
 /// Measured thrust without the forces whose amplitude is fixed.

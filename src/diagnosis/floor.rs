@@ -93,11 +93,8 @@ pub(crate) fn spectrum(p: &Problem, residual: &Column, stage: bool) -> SideSpect
     let density = density(residual, stage, rate_hz);
     let step_hz = rate_hz / SEGMENT as f64;
     let m = &p.mechanics;
-    let (near, far) = if stage {
-        (p.drive.stage_encoder_resolution_m(), p.drive.motor_encoder_resolution_m())
-    } else {
-        (p.drive.motor_encoder_resolution_m(), p.drive.stage_encoder_resolution_m())
-    };
+    let [motor_step, stage_step] = p.steps_m;
+    let (near, far) = if stage { (stage_step, motor_step) } else { (motor_step, stage_step) };
     let mass = if stage { m.stage_mass_kg } else { m.motor_mass_kg };
     let band = super::motion::band_hz(full_rate);
     let shape = |f: f64| band_gain(f, band).powi(4).max(1e-12);

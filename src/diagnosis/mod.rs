@@ -13,6 +13,7 @@ mod rigid;
 mod search;
 mod shape;
 mod steps;
+mod strangers;
 mod terms;
 mod whitening;
 
@@ -81,7 +82,9 @@ pub fn diagnose(
     let flexible = recordings.iter().all(|r| motion::is_flexible(axis, r));
     let motions =
         recordings.iter().map(|r| motion::motion(axis, r, flexible)).collect::<Result<Vec<_>, _>>()?;
-    let problem = problem::Problem::new(&axis.drive, motions, flexible);
+    let steps_m = steps::steps_m(axis, &motions);
+    let mut problem = problem::Problem::new(&axis.drive, motions, flexible);
+    problem.steps_m = steps_m;
     let given = axis
         .physics
         .iter()

@@ -132,6 +132,10 @@ pub(crate) struct Problem {
     pub(crate) timing_s: f64,
     /// Present estimate of the mechanics, for columns that are not linear in it.
     pub(crate) mechanics: Mechanics,
+    /// Stretch at which the spring is free, per recording, m.
+    pub(crate) free_stretch_m: Vec<f64>,
+    /// Steps of motor and stage encoder as they are, stated or read off the recordings, m.
+    pub(crate) steps_m: [f64; 2],
 }
 
 impl Problem {
@@ -148,6 +152,8 @@ impl Problem {
             timing: Vec::new(),
             timing_s: 0.0,
             mechanics: Mechanics::nominal(drive, flexible),
+            free_stretch_m: vec![0.0; motions.len()],
+            steps_m: [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()],
             motions,
             thinning,
         };
@@ -254,6 +260,7 @@ impl Problem {
         add("stage_coulomb_friction_n", d.stage_coulomb_friction_n(), 1.0, &|| {
             self.stage_only(|m| sliding(&m.stage_side().velocity_m_s, vs))
         });
+        self.friction_widths(&mut list);
         for recording in 0..self.motions.len() {
             let column = self
                 .lengths()
@@ -270,6 +277,37 @@ impl Problem {
             list.push(Number { key: None, nominal: 0.0, key_per_coefficient: 1.0, column });
         }
         list
+    }
+
+    /// How wide friction's step through rest is, is a number nobody measures: its derivative is fitted beside the rest.
+    ///
+    /// d tanh(u) / d ln(v_s) = -u / cosh^2 u, u = v / v_s.
+    fn friction_widths(&self, list: &mut Vec<Number>) {
+        let vs = self.mechanics.smoothing_m_s;
+        let width = |v: &[f64]| -> Vec<f64> {
+            v.iter()
+                .map(|v| v / vs)
+                .map(|u| if u.abs() > 20.0 { 0.0 } else { u / u.cosh().powi(2) })
+                .collect()
+        };
+        let nuisance = |column| Number { key: None, nominal: 0.0, key_per_coefficient: 1.0, column };
+        if self.mechanics.motor_coulomb_n > 0.0 {
+            list.push(nuisance(self.motor_only(|m| width(&m.motor.velocity_m_s))));
+        }
+        if self.mechanics.stage_coulomb_n > 0.0 {
+            list.push(nuisance(self.stage_only(|m| width(&m.stage_side().velocity_m_s))));
+        }
+    }
+
+    /// Takes the free stretch from the constant forces between the sides, which stand last among the numbers.
+    pub(crate) fn update_free_stretch(&mut self, coefficients: &[f64]) {
+        if !self.flexible || self.mechanics.stiffness_n_m <= 0.0 {
+            return;
+        }
+        let first = self.numbers.len() - self.motions.len();
+        for (zero, force) in self.free_stretch_m.iter_mut().zip(&coefficients[first..]) {
+            *zero = -force / self.mechanics.stiffness_n_m;
+        }
     }
 
     fn rigid_numbers(&self) -> Vec<Number> {

@@ -1,9 +1,10 @@
 //! Forward selection: try every hypothesis, take the best, project it out, try again.
 
 use super::bank;
-use super::bench::{Accepted, Bench, Score, is_timing};
+use super::bench::{Accepted, Bench, Score, is_delay};
 use super::problem::{Column, Mechanics, Problem};
 use super::shape::{Hypothesis, Shape};
+use super::strangers;
 
 /// More findings than this are a different machine.
 const MOST_FINDINGS: usize = 4;
@@ -11,6 +12,9 @@ const MOST_FINDINGS: usize = 4;
 const LEAST_EVIDENCE: f64 = 60.0;
 /// Least relative drop of the held-out sum of squares.
 const LEAST_SHARE: f64 = 0.004;
+
+/// A free form can imitate what has a name: it must beat everything named by a quarter.
+const STRANGER_SHARE: f64 = 0.8;
 
 /// One round of the search.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,6 +38,8 @@ pub(crate) struct Outcome {
     pub(crate) residual: Column,
     /// Residual with numbers re-estimated, no finding.
     pub(crate) before: Column,
+    /// A free form that explains more than everything named does together.
+    pub(crate) stranger: Option<Score>,
 }
 
 /// Runs `work` over `items` on two threads; results in order.
@@ -84,6 +90,7 @@ fn update_mechanics(p: &mut Problem, coefficients: &[f64]) {
         }
     }
     p.mechanics = m;
+    p.update_free_stretch(coefficients);
 }
 
 /// Bench with the noise found by iterating fit and whitening.
@@ -144,6 +151,8 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
     let mut residual = nominal_residual(&p, &accepted);
     let nominal = residual.clone();
     let mut before = residual.clone();
+    let mut stranger = None;
+    let mut named = 0.0;
     for round in 0..=MOST_FINDINGS {
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
         settle(&mut p, &mut accepted, &mut residual);
@@ -151,6 +160,8 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
         residual = bench.residual();
         if round == 0 {
             before = residual.clone();
+            progress(0.1, "trying forms outside the vocabulary");
+            stranger = strangers::best(&bench).filter(|s| significant(s.evidence, bench.folds.total()));
         }
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "trying hypotheses");
         let mut result = one_round(&bench, &accepted);
@@ -165,7 +176,8 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
         rounds.push(result);
         match taken {
             Some(score) => {
-                if is_timing(&score.hypothesis) {
+                named += score.evidence;
+                if is_delay(&score.hypothesis) {
                     // From here on the finding is the timing.
                     p.shift_timing(-p.timing_s);
                 }
@@ -176,7 +188,8 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
         }
     }
     prune(&mut p, &mut accepted, &mut residual, given);
-    Outcome { problem: p, accepted, rounds, given, nominal, residual, before }
+    let stranger = stranger.filter(|s: &Score| STRANGER_SHARE * s.evidence > named);
+    Outcome { problem: p, accepted, rounds, given, nominal, residual, before, stranger }
 }
 
 /// Takes out what later findings have made pointless.

@@ -9,6 +9,7 @@ use crate::plant::effects::friction::{
 };
 use crate::plant::effects::periodic::{knot, wave};
 use crate::plant::effects::{EffectKind, Port};
+use std::f64::consts::TAU;
 
 /// The law of a hypothesis with its nonlinear constants; amplitudes are the regression's.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,6 +63,17 @@ pub(crate) enum Shape {
         period_m: f64,
         harmonics: usize,
     },
+    /// A resonance driven by the acceleration of a side: y'' + 2 z w y' + w^2 y = -a.
+    Resonance {
+        frequency_hz: f64,
+        damping_ratio: f64,
+    },
+    /// Free map over velocity; its knots stand evenly in asinh(v / 1 mm/s).
+    VelocityMap {
+        largest_m_s: f64,
+        knots: usize,
+    },
+    PositionTimesVelocity,
     /// Harmonics of a line in a window of time, the same in each of some recordings (or with phases of their own).
     Lines {
         fundamental_hz: f64,
@@ -87,6 +99,7 @@ impl Shape {
             Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
                 vec![*frequency_hz, *screw_share, *damping_ratio]
             }
+            Shape::Resonance { frequency_hz, damping_ratio } => vec![*frequency_hz, *damping_ratio],
             _ => Vec::new(),
         }
     }
@@ -108,6 +121,10 @@ impl Shape {
                 *screw_share = c[1].clamp(0.05, 0.95);
                 *damping_ratio = c[2].clamp(1e-4, 0.3);
             }
+            Shape::Resonance { frequency_hz, damping_ratio } => {
+                *frequency_hz = c[0].clamp(1.0, 5000.0);
+                *damping_ratio = c[1].clamp(1e-4, 0.3);
+            }
             _ => {}
         }
         shape
@@ -118,6 +135,7 @@ impl Shape {
         match self {
             Shape::Periodic { .. } => 0.004,
             Shape::Lines { .. } => 0.0005,
+            Shape::Resonance { .. } => 0.02,
             Shape::Torsion { .. } => 0.15,
             Shape::Stribeck { .. } | Shape::Presliding { .. } | Shape::Drift { .. } => 0.4,
             _ => 0.25,
@@ -209,7 +227,7 @@ impl Hypothesis {
             Shape::Lag { extra_s } => vec![lag(p, *extra_s)],
             Shape::Delay { extra_s } => vec![self.delay(p, *extra_s)],
             Shape::Backlash { gap_m } => vec![backlash(p, *gap_m)],
-            Shape::Cubic => vec![p.coupling(|m| stretch(m).into_iter().map(cubic).collect())],
+            Shape::Cubic => vec![coupling_law(p, cubic)],
             Shape::StiffnessSlope => vec![p.coupling(|m| {
                 let x = &m.stage_side().position_m;
                 stretch(m).iter().zip(x).map(|(d, x)| p.mechanics.stiffness_n_m * d * x).collect()
@@ -218,6 +236,16 @@ impl Hypothesis {
                 vec![torsion(p, *frequency_hz, *screw_share, *damping_ratio)]
             }
             Shape::EncoderError { period_m, harmonics } => self.encoder_error(p, *period_m, *harmonics),
+            Shape::Resonance { frequency_hz, damping_ratio } => {
+                vec![self.resonance(p, *frequency_hz, *damping_ratio)]
+            }
+            Shape::VelocityMap { largest_m_s, knots } => {
+                (0..*knots).map(|k| self.velocity_knot(p, (*largest_m_s, *knots), k)).collect()
+            }
+            Shape::PositionTimesVelocity => vec![self.force(p, |m| {
+                let side = self.side(m);
+                side.position_m.iter().zip(&side.velocity_m_s).map(|(x, v)| x * v).collect()
+            })],
             Shape::Lines { .. } => self.lines(p),
         }
     }
@@ -307,7 +335,8 @@ impl Hypothesis {
         (index, flips): (usize, bool),
     ) -> Column {
         let vs = p.mechanics.smoothing_m_s;
-        self.force(p, |m| {
+        let k0 = p.mechanics.stiffness_n_m;
+        let of = |m: &Motion| -> Vec<f64> {
             let side = self.side(m);
             (0..m.len())
                 .map(|k| {
@@ -322,6 +351,48 @@ impl Hypothesis {
                     if flips { hat * sliding_direction(side.velocity_m_s[k], vs) } else { hat }
                 })
                 .collect()
+        };
+        // An error of the scale stretches the spring; of its mass and damper little is seen at these wavelengths.
+        if self.port == Port::StageEncoder {
+            return p.coupling(|m| of(m).into_iter().map(|e| k0 * e).collect());
+        }
+        self.force(p, of)
+    }
+
+    fn velocity_knot(&self, p: &Problem, (largest_m_s, knots): (f64, usize), index: usize) -> Column {
+        let scale = 1e-3;
+        let reach = (largest_m_s / scale).asinh();
+        let spacing = 2.0 * reach / (knots - 1) as f64;
+        self.of_velocity(p, |v| {
+            let (left, share) = knot((v / scale).asinh(), -reach, spacing, knots);
+            if index == left {
+                1.0 - share
+            } else if index == left + 1 {
+                share
+            } else {
+                0.0
+            }
+        })
+    }
+
+    /// Unit gain: what an encoder reads too much is y; a force is y'' times one kilogram.
+    fn resonance(&self, p: &Problem, frequency_hz: f64, damping_ratio: f64) -> Column {
+        let w = TAU * frequency_hz;
+        let mode = Torsion {
+            screw_mass_kg: 1.0,
+            torsional_stiffness_n_m: w * w,
+            torsional_damping_n_s_m: 2.0 * damping_ratio * w,
+            axial_stiffness_n_m: 0.0,
+            axial_damping_n_s_m: 0.0,
+        };
+        p.column(|m| {
+            let drive: Vec<f64> = self.side(m).accel_m_s2.iter().map(|a| -a).collect();
+            let [y, y1, y2] = mode.response(&drive, 1.0 / m.rate_hz);
+            match self.port {
+                Port::StageEncoder => encoder_sides(p, Port::StageEncoder, &[y, y1, y2]),
+                Port::Stage if p.flexible => Sides { motor: None, stage: Some(y2) },
+                _ => motor(y2),
+            }
         })
     }
 
@@ -544,9 +615,30 @@ fn lag(p: &Problem, extra_s: f64) -> Column {
         .collect()
 }
 
+/// A law of the stretch between the sides, of the positions as recorded: a low-pass before a corner or a cube is
+/// not one after it. `law`: N from the stretch beyond the free one.
+fn coupling_law(p: &Problem, law: impl Fn(f64) -> f64) -> Column {
+    let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
+    let kernel = Kernel::low_pass(band_hz(rate), rate, Action { derivative: 0, advance_s: 0.0 })
+        .then(&p.thinning.kernel);
+    let (motor_late, stage_late) =
+        (p.drive.motor_encoder_delay_s() * rate, p.drive.stage_encoder_delay_s() * rate);
+    p.motions
+        .iter()
+        .zip(&p.free_stretch_m)
+        .map(|(m, free)| {
+            let at_motor = shifted(&m.motor.raw_m, motor_late);
+            let at_stage = shifted(&m.stage_side().raw_m, stage_late);
+            let force: Vec<f64> = at_motor.iter().zip(&at_stage).map(|(a, b)| law(a - b - free)).collect();
+            let force = apply_inside(&kernel, &force, p.thinning.grid(m.len()));
+            Sides { stage: Some(force.iter().map(|f| -f).collect()), motor: Some(force) }
+        })
+        .collect()
+}
+
 fn backlash(p: &Problem, gap_m: f64) -> Column {
     let k = p.mechanics.stiffness_n_m;
-    p.coupling(|m| stretch(m).into_iter().map(|d| k * (after_backlash(d, gap_m) - d)).collect())
+    coupling_law(p, |d| k * (after_backlash(d, gap_m) - d))
 }
 
 fn torsion(p: &Problem, frequency_hz: f64, screw_share: f64, damping_ratio: f64) -> Column {

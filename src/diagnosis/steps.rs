@@ -1,11 +1,46 @@
 //! Steps of an encoder, read off the recording itself: every difference of two samples is a whole number of steps.
 
+use super::motion::Motion;
+use crate::plant::effects::{EffectKind, Port};
+use crate::plant::machine::AxisModel;
+
 /// Differences that are looked at.
 const LOOKED_AT: usize = 40_000;
 /// A stated step is right if the found one is below this many times it.
 const LEAST_RATIO: f64 = 1.3;
 /// Share of differences that must lie on the grid of a step.
 const ON_GRID: f64 = 0.97;
+
+/// Step of an encoder as the model states it, m; in the structure or among its physics.
+pub(crate) fn stated_step_m(axis: &AxisModel, port: Port) -> f64 {
+    let stated = if port == Port::MotorEncoder {
+        axis.drive.motor_encoder_resolution_m()
+    } else {
+        axis.drive.stage_encoder_resolution_m()
+    };
+    axis.physics
+        .iter()
+        .filter(|t| t.effect == EffectKind::EncoderQuantization && t.port == port)
+        .filter_map(|t| t.number("step_m"))
+        .fold(stated, f64::max)
+}
+
+/// Steps of motor and stage encoder: as stated, or coarser where every recording says so.
+pub(crate) fn steps_m(axis: &AxisModel, motions: &[Motion]) -> [f64; 2] {
+    [Port::MotorEncoder, Port::StageEncoder].map(|port| {
+        let stated = stated_step_m(axis, port);
+        let side = |m: &'_ Motion| {
+            if port == Port::MotorEncoder {
+                Some(m.motor.raw_m.clone())
+            } else {
+                m.stage.as_ref().map(|s| s.raw_m.clone())
+            }
+        };
+        let found: Vec<f64> = motions.iter().filter_map(|m| coarser_step(&side(m)?, stated)).collect();
+        let all = !found.is_empty() && found.len() == motions.len();
+        if all { found.iter().sum::<f64>() / found.len() as f64 } else { stated }
+    })
+}
 
 /// The step of a recorded position where it is coarser than `stated_m`; `None`: as stated, or no grid to be seen.
 ///

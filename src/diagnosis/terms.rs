@@ -114,6 +114,8 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
             s.add("amplitude_m", "m", amplitude, d(0).max(d(1)));
             s.add("phase_rad", "rad", phase, d(0).max(d(1)) / amplitude.max(1e-300));
         }
+        // Free forms are never a finding; they only say that no named effect is.
+        Shape::Resonance { .. } | Shape::VelocityMap { .. } | Shape::PositionTimesVelocity => {}
         Shape::Lines { fundamental_hz, harmonics, window_s, .. } => {
             s.add_log("fundamental_hz", "Hz", *fundamental_hz, r(0));
             let strongest = (0..*harmonics).map(|h| a(2 * h).hypot(a(2 * h + 1))).fold(0.0, f64::max);

@@ -48,9 +48,14 @@ impl Torsion {
         (load_n - c * rate_m_s - k * e_m) / self.screw_mass_kg
     }
 
-    /// e, e', e'' for a sampled load, by the exact response to a load that is linear between samples.
+    /// e, e', e'' for a sampled load: the exact response to a load that is linear between samples, whose
+    /// droop sinc^2(f dt) is taken out beforehand by 1 - delta^2 / 12 (what is left: 0.2 % at a tenth of the rate).
     #[must_use]
     pub fn response(&self, load_n: &[f64], dt_s: f64) -> [Vec<f64>; 3] {
+        let near = |i: usize| load_n[i.min(load_n.len() - 1)];
+        let sharp: Vec<f64> = (0..load_n.len())
+            .map(|i| near(i) - (near(i + 1) - 2.0 * near(i) + near(i.saturating_sub(1))) / 12.0)
+            .collect();
         let k = self.torsional_stiffness_n_m + self.axial_stiffness_n_m;
         let c = self.torsional_damping_n_s_m + self.axial_damping_n_s_m;
         let w = (k / self.screw_mass_kg).sqrt();
@@ -59,18 +64,18 @@ impl Torsion {
         let (sin, cos) = (wd * dt_s).sin_cos();
         let decay = (-sigma * dt_s).exp();
         // Relative to the quasi-static path s(t) = f/k - c f'/k^2, e - s rings freely between samples.
-        let mut e = load_n.first().copied().unwrap_or(0.0) / k;
+        let mut e = sharp.first().copied().unwrap_or(0.0) / k;
         let mut v = 0.0;
         let mut out = [
             Vec::with_capacity(load_n.len()),
             Vec::with_capacity(load_n.len()),
             Vec::with_capacity(load_n.len()),
         ];
-        for (i, f) in load_n.iter().enumerate() {
+        for (i, f) in sharp.iter().enumerate() {
             out[0].push(e);
             out[1].push(v);
-            out[2].push(self.accel(e, v, *f));
-            let next = load_n.get(i + 1).copied().unwrap_or(*f);
+            out[2].push(self.accel(e, v, load_n[i]));
+            let next = sharp.get(i + 1).copied().unwrap_or(*f);
             let slope = (next - f) / dt_s;
             let (a, b) = (e - (f / k - c * slope / (k * k)), v - slope / k);
             let ring = decay * (a * cos + (b + sigma * a) / wd * sin);
@@ -104,5 +109,23 @@ mod tests {
         let load: Vec<f64> = (0..4000).map(|k| 100.0 * (k as f64 / 4000.0).min(0.5)).collect();
         let [e, _, _] = t.response(&load, 1e-4);
         assert!((e[3999] / (50.0 / 6.4e8) - 1.0).abs() < 1e-3, "{}", e[3999]);
+    }
+
+    #[test]
+    fn a_fast_load_meets_the_dynamic_stiffness() {
+        // Steady state: |e| = F / |k + K - M w^2 + i w c|, at a tenth of the sampling rate.
+        let t = Torsion {
+            screw_mass_kg: 1.0,
+            torsional_stiffness_n_m: 6e7,
+            torsional_damping_n_s_m: 400.0,
+            axial_stiffness_n_m: 0.0,
+            axial_damping_n_s_m: 0.0,
+        };
+        let w = std::f64::consts::TAU * 1000.0;
+        let load: Vec<f64> = (0..20_000).map(|k| (w * f64::from(k) * 1e-4).sin()).collect();
+        let [e, _, _] = t.response(&load, 1e-4);
+        let amplitude = (e[18_000..].iter().map(|x| x * x).sum::<f64>() / 1000.0).sqrt();
+        let expected = (6e7 - w * w).hypot(400.0 * w).recip();
+        assert!((amplitude / expected - 1.0).abs() < 4e-3, "{amplitude} {expected}");
     }
 }

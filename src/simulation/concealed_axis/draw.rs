@@ -33,6 +33,10 @@ pub(super) struct Draft {
     pub(super) stage_signal_period_m: f64,
     /// The model to be judged must not state a current loop: its lag is what is hidden.
     pub(super) forget_current_loop: bool,
+    /// The same for the stage's Coulomb friction.
+    pub(super) forget_coulomb: bool,
+    /// The same for the stage's viscous friction.
+    pub(super) forget_viscous: bool,
 }
 
 /// Names that [`hide`] knows beside the vocabulary of effects: outsiders and wrong numbers.
@@ -97,13 +101,16 @@ fn friction(draft: &mut Draft, name: &str, depth: f64, rng: &mut impl Rng) -> Op
     let p = &mut draft.physics;
     let level = draft.drive.stage_coulomb_friction_n.max(20.0);
     let parameters = match name {
+        // A model that states some friction has a wrong number; what is hidden here is all of it.
         "coulomb_friction" => {
-            p.extra_coulomb_n = depth * level * rng.random_range(0.15..0.4);
-            vec![("force_n", p.extra_coulomb_n)]
+            draft.forget_coulomb = true;
+            draft.drive.stage_coulomb_friction_n = depth * level * rng.random_range(0.3..1.0);
+            vec![("force_n", draft.drive.stage_coulomb_friction_n)]
         }
         "viscous_friction" => {
-            p.extra_viscous_n_s_m = depth * rng.random_range(150.0..400.0);
-            vec![("n_s_m", p.extra_viscous_n_s_m)]
+            draft.forget_viscous = true;
+            draft.drive.translational_damping_n_s_m *= depth;
+            vec![("n_s_m", draft.drive.translational_damping_n_s_m)]
         }
         "stribeck_friction" => {
             p.stribeck_force_n = depth * level * rng.random_range(0.15..0.4);
@@ -168,7 +175,7 @@ fn forces(draft: &mut Draft, name: &str, depth: f64, rng: &mut impl Rng) -> Opti
             (Port::Motor, vec![("order_per_rev", order), ("amplitude_n", amplitude)])
         }
         "torque_constant_saturation" => {
-            p.saturation_per_a2 = depth * rng.random_range(0.006..0.018);
+            p.saturation_per_a2 = depth * rng.random_range(0.004..0.010);
             (Port::Current, vec![("per_a2", p.saturation_per_a2)])
         }
         "gravity_load" => {

@@ -212,6 +212,8 @@ fn machine_around(
         motor_signals_per_rev: raw.motor_encoder_signals_per_rev.unwrap_or(512.0),
         stage_signal_period_m: raw.stage_encoder_signal_period_m.unwrap_or(4.0e-6),
         forget_current_loop: false,
+        forget_coulomb: false,
+        forget_viscous: false,
     })
 }
 
@@ -243,8 +245,10 @@ fn model_of(
         axial_stiffness_n_m: off(healthy.axial_stiffness_n_m, 1.0),
         structural_damping_n_s_m: off(healthy.structural_damping_n_s_m, 2.5),
         rotary_damping_nm_s_rad: off(healthy.reflected_damping_n_s_m * travel * travel, 2.5),
-        translational_damping_n_s_m: off(healthy.translational_damping_n_s_m, 2.5),
-        stage_coulomb_friction_n: off(healthy.stage_coulomb_friction_n, 1.5),
+        translational_damping_n_s_m: off(healthy.translational_damping_n_s_m, 2.5)
+            .filter(|_| !draft.forget_viscous),
+        stage_coulomb_friction_n: off(healthy.stage_coulomb_friction_n, 1.5)
+            .filter(|_| !draft.forget_coulomb),
         motor_coulomb_friction_n: off(healthy.motor_coulomb_friction_n, 1.5),
         current_loop_bandwidth_rad_s: healthy
             .current_loop_bandwidth_rad_s

@@ -85,8 +85,6 @@ pub struct TrueDrive {
 pub struct HiddenPhysics {
     /// Share of an algebraic instead of a hyperbolic friction step: machines are not tanh.
     pub friction_shape: f64,
-    pub extra_coulomb_n: f64,
-    pub extra_viscous_n_s_m: f64,
     pub stribeck_force_n: f64,
     pub stribeck_velocity_m_s: f64,
     pub presliding_stiffness_n_m: Option<f64>,
@@ -202,7 +200,7 @@ impl Plant {
         } else {
             p.stribeck_force_n * (-(v / p.stribeck_velocity_m_s).powi(2)).exp()
         };
-        let level = warm * (d.stage_coulomb_friction_n + p.extra_coulomb_n) + bump;
+        let level = warm * d.stage_coulomb_friction_n + bump;
         let step = match p.presliding_stiffness_n_m {
             // Dahl / LuGre bristle without micro-damping's lag: dz = v - k |v| z / level.
             Some(k) => {
@@ -213,7 +211,7 @@ impl Plant {
             None => self.step(v),
         };
         let mut force =
-            level * step + (d.translational_damping_n_s_m + p.extra_viscous_n_s_m) * v + p.gravity_n;
+            level * step + d.translational_damping_n_s_m * v + p.gravity_n;
         force += 0.5 * p.asymmetry_n * step.abs() + p.nonlinear_viscosity_n_s2_m2 * v * v.abs();
         force += p.sloped_viscosity_n_s_m2 * v * x;
         force += p.stage_waves.iter().chain(&self.texture).map(|w| w.at(x)).sum::<f64>();
