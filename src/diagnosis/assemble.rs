@@ -292,9 +292,16 @@ impl Case<'_> {
             return true;
         }
         let band = self.outcome.problem.motions.first().map_or(1.0, |m| band_hz(m.rate_hz));
+        // Half a coarse step is a force of its own, and near rest it is not white.
+        let coarse_n = [Port::MotorEncoder, Port::StageEncoder]
+            .into_iter()
+            .zip(self.outcome.problem.steps_m)
+            .filter(|(port, step)| *step > stated_step_m(self.axis, *port))
+            .map(|(_, step)| 0.5 * step * self.outcome.problem.mechanics.stiffness_n_m)
+            .fold(0.0, f64::max);
         let loud = self.spectra.iter().any(|s| {
             let total: f64 = s.excess(band).iter().map(|e| e.1).sum();
-            total > 0.5 * s.floor_rms_n(band).powi(2)
+            total > 0.5 * s.floor_rms_n(band).powi(2) + coarse_n.powi(2)
         });
         if !loud {
             return false;

@@ -74,6 +74,8 @@ pub(crate) struct Bench<'a> {
     /// Best solution without a further hypothesis.
     pub(crate) solution: Solution,
     accepted: &'a [Accepted],
+    /// A number that the data of this bench cannot hold, and where it is held.
+    held: Option<(usize, f64)>,
 }
 
 /// Samples of a timing error that still counts as sampling, in s.
@@ -112,9 +114,39 @@ impl<'a> Bench<'a> {
             solution: gram.solve(&[]),
             gram,
             accepted,
+            held: None,
         };
         bench.solution = bench.solve(&bench.gram, true);
+        bench.hold_scale();
         bench
+    }
+
+    /// Holds the stage's mass where the fit shrank the stage balance towards 0 = 0: every term of it scales together,
+    /// and beside a large misfit on the motor side that pays.
+    fn hold_scale(&mut self) {
+        let p = self.problem;
+        let lost = |(k, n): (usize, &super::problem::Number)| {
+            matches!(n.key, Some("rotary_inertia_kg_m2" | "movable_mass_kg" | "axial_stiffness_n_m"))
+                && !(0.25..4.0).contains(&(self.solution.coefficients[k] / n.nominal))
+        };
+        let Some(mass) = p.numbers.iter().position(|n| p.flexible && n.key == Some("movable_mass_kg")) else {
+            return;
+        };
+        if p.numbers.iter().enumerate().any(lost) {
+            self.gram = self.gram.holding(mass, p.mechanics.stage_mass_kg);
+            self.held = Some((mass, p.mechanics.stage_mass_kg));
+            self.solution = self.solve(&self.gram, true);
+        }
+    }
+
+    /// The Gram of the base with another target.
+    fn retargeted(&self, target: &[f64]) -> Gram {
+        let gram = self.gram.retarget(&self.base, target, &self.folds);
+        // Retargeting forgets what was held beside the data.
+        match self.held {
+            Some((column, value)) => gram.holding_target(column, value),
+            None => gram,
+        }
     }
 
     fn timing_index(&self) -> usize {
@@ -158,7 +190,7 @@ impl<'a> Bench<'a> {
             Some(k) => {
                 let column = self.whitener.whiten(&self.accepted[k].columns[0], &self.layout);
                 let target: Vec<f64> = self.target.iter().zip(&column).map(|(t, c)| t + c).collect();
-                self.gram.retarget(&self.base, &target, &self.folds)
+                self.retargeted(&target)
             }
             None => self.gram.clone(),
         };
@@ -224,7 +256,7 @@ impl<'a> Bench<'a> {
             let mut target = self.target.clone();
             let column = self.whitener.whiten(&a.columns[0], &self.layout);
             target.iter_mut().zip(&column).for_each(|(t, c)| *t += c);
-            solve(&Gram::new(&self.base, &target, &self.folds))
+            solve(&self.retargeted(&target))
         } else {
             solve(&self.gram)
         };
@@ -284,7 +316,7 @@ impl<'a> Bench<'a> {
         }
         more.extend(tangents.iter().map(|c| self.whitener.whiten(c, &self.layout)));
         let gram = match &target {
-            Some(t) => self.gram.retarget(&self.base, t, &self.folds).with(&self.base, &more, t, &self.folds),
+            Some(t) => self.retargeted(t).with(&self.base, &more, t, &self.folds),
             None => self.gram.with(&self.base, &more, &self.target, &self.folds),
         };
         let solution = self.solve(&gram, !is_delay(h));
@@ -298,7 +330,7 @@ impl<'a> Bench<'a> {
         }
         let column = self.whitener.whiten(&h.columns(self.problem)[0], &self.layout);
         let target: Vec<f64> = self.target.iter().zip(&column).map(|(t, c)| t - c).collect();
-        let solution = self.solve(&self.gram.retarget(&self.base, &target, &self.folds), !is_delay(h));
+        let solution = self.solve(&self.retargeted(&target), !is_delay(h));
         let n = self.folds.total() as f64;
         Score {
             evidence: n * (self.solution.heldout / solution.heldout.max(1e-300)).ln(),

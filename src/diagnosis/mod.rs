@@ -84,6 +84,7 @@ pub fn diagnose(
         recordings.iter().map(|r| motion::motion(axis, r, flexible)).collect::<Result<Vec<_>, _>>()?;
     let steps_m = steps::steps_m(axis, &motions);
     let mut problem = problem::Problem::new(&axis.drive, motions, flexible);
+    problem.coarse = problem.steps_m.iter().zip(steps_m).any(|(stated, found)| found > *stated);
     problem.steps_m = steps_m;
     let given = axis
         .physics

@@ -136,6 +136,8 @@ pub(crate) struct Problem {
     pub(crate) free_stretch_m: Vec<f64>,
     /// Steps of motor and stage encoder as they are, stated or read off the recordings, m.
     pub(crate) steps_m: [f64; 2],
+    /// A step is coarser than the model states: errors follow the motion, and what they imitate needs more proof.
+    pub(crate) coarse: bool,
 }
 
 impl Problem {
@@ -154,6 +156,7 @@ impl Problem {
             mechanics: Mechanics::nominal(drive, flexible),
             free_stretch_m: vec![0.0; motions.len()],
             steps_m: [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()],
+            coarse: false,
             motions,
             thinning,
         };
@@ -260,7 +263,7 @@ impl Problem {
         add("stage_coulomb_friction_n", d.stage_coulomb_friction_n(), 1.0, &|| {
             self.stage_only(|m| sliding(&m.stage_side().velocity_m_s, vs))
         });
-        self.friction_widths(&mut list);
+        self.friction_steps(&mut list);
         for recording in 0..self.motions.len() {
             let column = self
                 .lengths()
@@ -279,23 +282,23 @@ impl Problem {
         list
     }
 
-    /// How wide friction's step through rest is, is a number nobody measures: its derivative is fitted beside the rest.
+    /// How wide friction's step through rest is, and how slowly it levels off, are numbers nobody measures: both are
+    /// fitted beside the rest, so that no effect is invented to explain them.
     ///
-    /// d tanh(u) / d ln(v_s) = -u / cosh^2 u, u = v / v_s.
-    fn friction_widths(&self, list: &mut Vec<Number>) {
+    /// With u = v / v_s: width u / cosh^2 u (the derivative of tanh u by ln v_s, turned); tail u / sqrt(1 + u^2) - tanh u.
+    fn friction_steps(&self, list: &mut Vec<Number>) {
         let vs = self.mechanics.smoothing_m_s;
-        let width = |v: &[f64]| -> Vec<f64> {
-            v.iter()
-                .map(|v| v / vs)
-                .map(|u| if u.abs() > 20.0 { 0.0 } else { u / u.cosh().powi(2) })
-                .collect()
-        };
+        let width = |u: f64| if u.abs() > 20.0 { 0.0 } else { u / u.cosh().powi(2) };
+        let tail = |u: f64| u / (1.0 + u * u).sqrt() - u.tanh();
+        let of = |v: &[f64], f: &dyn Fn(f64) -> f64| -> Vec<f64> { v.iter().map(|v| f(v / vs)).collect() };
         let nuisance = |column| Number { key: None, nominal: 0.0, key_per_coefficient: 1.0, column };
-        if self.mechanics.motor_coulomb_n > 0.0 {
-            list.push(nuisance(self.motor_only(|m| width(&m.motor.velocity_m_s))));
-        }
-        if self.mechanics.stage_coulomb_n > 0.0 {
-            list.push(nuisance(self.stage_only(|m| width(&m.stage_side().velocity_m_s))));
+        for shape in [&width as &dyn Fn(f64) -> f64, &tail] {
+            if self.mechanics.motor_coulomb_n > 0.0 {
+                list.push(nuisance(self.motor_only(|m| of(&m.motor.velocity_m_s, shape))));
+            }
+            if self.mechanics.stage_coulomb_n > 0.0 {
+                list.push(nuisance(self.stage_only(|m| of(&m.stage_side().velocity_m_s, shape))));
+            }
         }
     }
 

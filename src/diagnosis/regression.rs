@@ -10,6 +10,9 @@ pub(crate) const FOLDS: usize = 4;
 /// Length of a block that stays together, s.
 const BLOCK_S: f64 = 0.25;
 
+/// Weight of a held coefficient over what the data say of it.
+const HELD: f64 = 100.0;
+
 /// A run of the flat vector that belongs to one fold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Segment {
@@ -162,6 +165,25 @@ impl Gram {
             }
         }
         gram
+    }
+
+    /// This Gram with one coefficient held near a value, as if it had been measured a hundred times better than here.
+    pub(crate) fn holding(&self, column: usize, value: f64) -> Self {
+        let mut gram = self.clone();
+        for inner in &mut gram.inner {
+            inner[(column, column)] *= 1.0 + HELD;
+        }
+        gram.holding_target(column, value)
+    }
+
+    /// The target's part of [`Gram::holding`], for a Gram whose columns already hold.
+    pub(crate) fn holding_target(mut self, column: usize, value: f64) -> Self {
+        for f in 0..FOLDS {
+            let weight = HELD / (1.0 + HELD) * self.inner[f][(column, column)];
+            self.target[f][column] += weight * value;
+            self.power[f] += weight * value * value;
+        }
+        self
     }
 
     /// The same columns with another target.

@@ -13,6 +13,10 @@ const LEAST_EVIDENCE: f64 = 60.0;
 /// Least relative drop of the held-out sum of squares.
 const LEAST_SHARE: f64 = 0.004;
 
+/// The same where an encoder's step is coarser than stated: its error is not noise, it follows the motion.
+const LEAST_SHARE_COARSE: f64 = 0.05;
+/// No model of a loud effect is exact: what explains less than this share of its evidence is its rest, not physics.
+const SECOND_SHARE: f64 = 0.005;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
 
@@ -137,6 +141,11 @@ fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
             let hypothesis = Hypothesis { shape: shape.with_constants(&constants), ..a.hypothesis.clone() };
             *a = Accepted { round: a.round, ..Accepted::new(p, hypothesis, fit.amplitudes.clone()) };
         }
+        if std::env::var("DBG").is_ok() {
+            for (a, f) in accepted.iter().zip(&fits) {
+                eprintln!("  settle {:?} {:?} steps {:?} dev {:?} amp {:?} timing {:.2e}", a.hypothesis.effect, a.hypothesis.shape.constants(), f.steps, f.step_deviations, f.amplitudes.iter().take(3).collect::<Vec<_>>(), timing_s);
+            }
+        }
         if !accepted.is_empty() && moved < 0.3 {
             break;
         }
@@ -152,7 +161,6 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
     let nominal = residual.clone();
     let mut before = residual.clone();
     let mut stranger = None;
-    let mut named = 0.0;
     for round in 0..=MOST_FINDINGS {
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
         settle(&mut p, &mut accepted, &mut residual);
@@ -161,7 +169,8 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
         if round == 0 {
             before = residual.clone();
             progress(0.1, "trying forms outside the vocabulary");
-            stranger = strangers::best(&bench).filter(|s| significant(s.evidence, bench.folds.total()));
+            let unnamed = if bench.problem.coarse { None } else { strangers::best(&bench) };
+            stranger = unnamed.filter(|s| significant(s.evidence, &bench));
         }
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "trying hypotheses");
         let mut result = one_round(&bench, &accepted);
@@ -169,14 +178,19 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
             && result
                 .scores
                 .first()
-                .is_some_and(|s| s.plausible && significant(s.evidence, bench.folds.total()));
+                .is_some_and(|s| s.plausible && significant(s.evidence, &bench));
         result.taken = enough.then_some(0);
+        if std::env::var("DBG").is_ok() {
+            eprintln!("round {round} n {} timing {:.3e} stranger {:?}", bench.folds.total(), bench.problem.timing_s + bench.timing_s(), stranger.as_ref().map(|s: &Score| (s.evidence, s.hypothesis.clone())));
+            for s in result.scores.iter().take(6) {
+                eprintln!("   {:?}@{:?} ev {:.0} lik {:.0} ok {} {:?} a {:.4?}", s.hypothesis.effect, s.hypothesis.port, s.evidence, s.likelihood, s.plausible, s.hypothesis.shape.constants(), s.amplitudes.iter().take(4).collect::<Vec<_>>());
+            }
+        }
         let taken = result.taken.map(|k| result.scores[k].clone());
         drop(bench);
         rounds.push(result);
         match taken {
             Some(score) => {
-                named += score.evidence;
                 if is_delay(&score.hypothesis) {
                     // From here on the finding is the timing.
                     p.shift_timing(-p.timing_s);
@@ -188,19 +202,40 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
         }
     }
     prune(&mut p, &mut accepted, &mut residual, given);
-    let stranger = stranger.filter(|s: &Score| STRANGER_SHARE * s.evidence > named);
+    let stranger = stranger.filter(|s| beats_named(&p, (&accepted, given), &residual, s));
     Outcome { problem: p, accepted, rounds, given, nominal, residual, before, stranger }
+}
+
+/// True when a free form leaves less than everything named does, both measured in the noise that is left at the end.
+///
+/// In the first round a loud cause is itself the noise that everything is measured in, and what it moves follows it.
+fn beats_named(
+    p: &Problem,
+    (accepted, given): (&[Accepted], usize),
+    residual: &Column,
+    stranger: &Score,
+) -> bool {
+    if accepted.len() == given {
+        return true;
+    }
+    let full = Bench::new(p, accepted, residual);
+    let bare = Bench::new(p, &accepted[..given], residual);
+    let named = full.folds.total() as f64 * (bare.solution.heldout / full.solution.heldout).ln();
+    STRANGER_SHARE * bare.refine(stranger).evidence > named
 }
 
 /// Takes out what later findings have made pointless.
 fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
     loop {
-        let weakest = {
+        let (weakest, strongest) = {
             let bench = Bench::new(p, accepted, residual);
-            (given..accepted.len()).map(|k| (bench.drop_one(k), k)).min_by(|a, b| a.0.total_cmp(&b.0))
+            let losses: Vec<(f64, usize)> =
+                (given..accepted.len()).map(|k| (bench.drop_one(k), k)).collect();
+            let strongest = losses.iter().map(|l| l.0).fold(0.0, f64::max);
+            (losses.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)), strongest)
         };
         match weakest {
-            Some((evidence, k)) if evidence < LEAST_EVIDENCE => {
+            Some((evidence, k)) if evidence < LEAST_EVIDENCE.max(SECOND_SHARE * strongest) => {
                 accepted.remove(k);
                 settle(p, accepted, residual);
             }
@@ -209,8 +244,9 @@ fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, g
     }
 }
 
-fn significant(evidence: f64, samples: usize) -> bool {
-    evidence > LEAST_EVIDENCE && evidence / samples as f64 > LEAST_SHARE
+fn significant(evidence: f64, bench: &Bench<'_>) -> bool {
+    let least = if bench.problem.coarse { LEAST_SHARE_COARSE } else { LEAST_SHARE };
+    evidence > LEAST_EVIDENCE && evidence / bench.folds.total() as f64 > least
 }
 
 /// Scores the whole bank and refines the leaders of each effect.
