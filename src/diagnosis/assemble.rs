@@ -19,6 +19,9 @@ const DEVIATION_FACTOR: f64 = 2.0;
 /// Share of the power above the floor that the findings must explain; else they are not the cause.
 const LEAST_EXPLAINED: f64 = 0.6;
 
+/// No model holds to better than this share of the thrust; what is left below it is no finding.
+const INEXACT_SHARE: f64 = 0.003;
+
 /// Root of the mean of r_m^2 + r_s^2 over all samples.
 fn rms(residual: &[Sides]) -> f64 {
     let (mut sum, mut count) = (0.0, 0usize);
@@ -292,6 +295,8 @@ impl Case<'_> {
             return true;
         }
         let band = self.outcome.problem.motions.first().map_or(1.0, |m| band_hz(m.rate_hz));
+        let target = &self.outcome.problem.target;
+        let inexact_n = INEXACT_SHARE * rms(target);
         // Half a coarse step is a force of its own, and near rest it is not white.
         let coarse_n = [Port::MotorEncoder, Port::StageEncoder]
             .into_iter()
@@ -301,7 +306,7 @@ impl Case<'_> {
             .fold(0.0, f64::max);
         let loud = self.spectra.iter().any(|s| {
             let total: f64 = s.excess(band).iter().map(|e| e.1).sum();
-            total > 0.5 * s.floor_rms_n(band).powi(2) + coarse_n.powi(2)
+            total > 0.5 * s.floor_rms_n(band).powi(2) + coarse_n.powi(2) + inexact_n.powi(2)
         });
         if !loud {
             return false;

@@ -86,9 +86,29 @@ pub(crate) fn timing_limit_s(p: &Problem) -> f64 {
 impl<'a> Bench<'a> {
     /// Whitens with the noise that `residual` shows.
     pub(crate) fn new(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Self {
-        let layout = Layout { lengths: problem.lengths(), sides: if problem.flexible { 2 } else { 1 } };
+        let layout = Self::layout(problem);
+        let whitener = Whitener::fit(residual, &layout, problem.rate_hz());
+        Self::with(problem, accepted, residual, whitener)
+    }
+
+    /// Weights all frequencies alike: where the misfit is large, its colour is not the noise's.
+    pub(crate) fn flat(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Self {
+        let whitener = Whitener::flat(residual, &Self::layout(problem));
+        Self::with(problem, accepted, residual, whitener)
+    }
+
+    fn layout(problem: &Problem) -> Layout {
+        Layout { lengths: problem.lengths(), sides: if problem.flexible { 2 } else { 1 } }
+    }
+
+    fn with(
+        problem: &'a Problem,
+        accepted: &'a [Accepted],
+        residual: &Column,
+        whitener: Whitener,
+    ) -> Self {
+        let layout = Self::layout(problem);
         let rate = problem.rate_hz();
-        let whitener = Whitener::fit(residual, &layout, rate);
         let folds = Folds::new(&layout, rate);
         let mut base: Vec<Vec<f64>> =
             all_columns(problem, accepted).map(|c| whitener.whiten(c, &layout)).collect();
@@ -100,7 +120,7 @@ impl<'a> Bench<'a> {
                 residual,
                 &layout,
                 &whitener,
-                (&mut base[mass], &mut target, problem.mechanics.stage_mass_kg),
+                (&mut base[mass], &mut target, problem.residual_mass_kg),
             );
         }
         let gram = Gram::new(&base, &target, &folds);
@@ -133,8 +153,8 @@ impl<'a> Bench<'a> {
             return;
         };
         if p.numbers.iter().enumerate().any(lost) {
-            self.gram = self.gram.holding(mass, p.mechanics.stage_mass_kg);
-            self.held = Some((mass, p.mechanics.stage_mass_kg));
+            self.gram = self.gram.holding(mass, p.residual_mass_kg);
+            self.held = Some((mass, p.residual_mass_kg));
             self.solution = self.solve(&self.gram, true);
         }
     }
@@ -170,6 +190,13 @@ impl<'a> Bench<'a> {
     fn within_limit(&self, solution: &Solution) -> bool {
         (self.problem.timing_s + solution.coefficients[self.timing_index()]).abs()
             <= timing_limit_s(self.problem)
+    }
+
+    /// Mass of the stage in the present solution; of a rigid axis nothing depends on it.
+    pub(crate) fn stage_mass_kg(&self) -> f64 {
+        let p = self.problem;
+        let mass = p.numbers.iter().position(|n| p.flexible && n.key == Some("movable_mass_kg"));
+        mass.map_or(p.residual_mass_kg, |k| self.solution.coefficients[k])
     }
 
     /// Coefficient of the timing in the present solution, s.

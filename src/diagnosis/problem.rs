@@ -132,6 +132,8 @@ pub(crate) struct Problem {
     pub(crate) timing_s: f64,
     /// Present estimate of the mechanics, for columns that are not linear in it.
     pub(crate) mechanics: Mechanics,
+    /// Mass of the stage at which the residual stands that the noise is taken from, kg.
+    pub(crate) residual_mass_kg: f64,
     /// Stretch at which the spring is free, per recording, m.
     pub(crate) free_stretch_m: Vec<f64>,
     /// Steps of motor and stage encoder as they are, stated or read off the recordings, m.
@@ -154,6 +156,7 @@ impl Problem {
             timing: Vec::new(),
             timing_s: 0.0,
             mechanics: Mechanics::nominal(drive, flexible),
+            residual_mass_kg: drive.movable_mass_kg(),
             free_stretch_m: vec![0.0; motions.len()],
             steps_m: [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()],
             coarse: false,

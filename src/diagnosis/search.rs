@@ -1,20 +1,24 @@
 //! Forward selection: try every hypothesis, take the best, project it out, try again.
 
 use super::bank;
-use super::bench::{Accepted, Bench, Score, is_delay};
+use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay};
 use super::problem::{Column, Mechanics, Problem};
 use super::shape::{Hypothesis, Shape};
 use super::strangers;
 
+/// Passes of one fit before it is taken as it is.
+const MOST_PASSES: usize = 10;
 /// More findings than this are a different machine.
 const MOST_FINDINGS: usize = 4;
 /// Twice the log-likelihood gain a finding needs; see `docs/results.md` for its calibration.
 const LEAST_EVIDENCE: f64 = 60.0;
 /// Least relative drop of the held-out sum of squares.
-const LEAST_SHARE: f64 = 0.004;
+const LEAST_SHARE: f64 = 0.012;
 
 /// The same where an encoder's step is coarser than stated: its error is not noise, it follows the motion.
 const LEAST_SHARE_COARSE: f64 = 0.05;
+/// The same for a free form: the axis' own motion follows every force on it, and a free form follows that motion.
+const STRANGER_LEAST_SHARE: f64 = 0.1;
 /// No model of a loud effect is exact: what explains less than this share of its evidence is its rest, not physics.
 const SECOND_SHARE: f64 = 0.005;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
@@ -97,13 +101,6 @@ fn update_mechanics(p: &mut Problem, coefficients: &[f64]) {
     p.update_free_stretch(coefficients);
 }
 
-/// Bench with the noise found by iterating fit and whitening.
-pub(crate) fn settled<'a>(p: &'a Problem, accepted: &'a [Accepted], start: &Column) -> Bench<'a> {
-    let first = Bench::new(p, accepted, start);
-    let residual = first.residual();
-    Bench::new(p, accepted, &residual)
-}
-
 fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
     let mut coefficients: Vec<f64> = p.numbers.iter().map(|n| n.nominal).collect();
     coefficients.push(0.0);
@@ -113,43 +110,60 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
     super::bench::residual_of(p, given, &coefficients)
 }
 
+/// Size of a residual, for telling when an iteration stands still.
+fn size(residual: &Column) -> f64 {
+    let sides = residual.iter().flat_map(|r| [&r.motor, &r.stage]).flatten();
+    sides.flatten().map(|v| v * v).sum::<f64>().sqrt()
+}
+
 /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
+///
+/// The first fit weights all frequencies alike. Later ones take the noise from the residual before, for as long as the
+/// residual shrinks: a misfit taken for noise is weighted down where it stands, and would grow there from pass to pass.
 fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
-    let passes = if accepted.is_empty() { 2 } else { 8 };
-    for _ in 0..passes {
-        let (coefficients, fits, timing_s) = {
-            let bench = settled(p, accepted, residual);
-            *residual = bench.residual();
-            let fits: Vec<_> = (0..accepted.len()).map(|k| bench.accepted_fit(k)).collect();
-            (bench.solution.coefficients.clone(), fits, bench.timing_s())
-        };
+    let flat = Bench::flat(p, accepted, residual);
+    *residual = flat.residual();
+    let (coefficients, mass_kg) = (flat.solution.coefficients.clone(), flat.stage_mass_kg());
+    drop(flat);
+    p.residual_mass_kg = mass_kg;
+    update_mechanics(p, &coefficients);
+    for pass in 0..MOST_PASSES {
+        let bench = Bench::new(p, accepted, residual);
+        let next = bench.residual();
+        let fits: Vec<_> = (0..accepted.len()).map(|k| bench.accepted_fit(k)).collect();
+        let (coefficients, timing_s) = (bench.solution.coefficients.clone(), bench.timing_s());
+        let mass_kg = bench.stage_mass_kg();
+        drop(bench);
         update_mechanics(p, &coefficients);
         p.shift_timing(timing_s);
-        let mut moved: f64 = 0.0;
-        for (a, fit) in accepted.iter_mut().zip(&fits) {
-            let shape = &a.hypothesis.shape;
-            let trust = shape.trust();
-            let constants: Vec<f64> = shape
-                .constants()
-                .iter()
-                .zip(&fit.steps)
-                .map(|(c, s)| c * s.clamp(-trust, trust).exp())
-                .collect();
-            for (s, d) in fit.steps.iter().zip(&fit.step_deviations) {
-                moved = moved.max(s.abs() / (d + 1e-9));
-            }
-            let hypothesis = Hypothesis { shape: shape.with_constants(&constants), ..a.hypothesis.clone() };
-            *a = Accepted { round: a.round, ..Accepted::new(p, hypothesis, fit.amplitudes.clone()) };
+        let moved = accepted
+            .iter_mut()
+            .zip(&fits)
+            .map(|(a, fit)| move_constants(p, a, fit))
+            .fold(0.0, f64::max);
+        let ratio = size(&next) / size(residual);
+        let standing = moved < 0.3;
+        if pass > 0 && standing && ratio >= 1.0 {
+            break;
         }
-        if std::env::var("DBG").is_ok() {
-            for (a, f) in accepted.iter().zip(&fits) {
-                eprintln!("  settle {:?} {:?} steps {:?} dev {:?} amp {:?} timing {:.2e}", a.hypothesis.effect, a.hypothesis.shape.constants(), f.steps, f.step_deviations, f.amplitudes.iter().take(3).collect::<Vec<_>>(), timing_s);
-            }
-        }
-        if !accepted.is_empty() && moved < 0.3 {
+        (*residual, p.residual_mass_kg) = (next, mass_kg);
+        if standing && (ratio - 1.0).abs() < 0.01 {
             break;
         }
     }
+}
+
+/// Moves the constants of an accepted hypothesis by its fit; returns the largest step in deviations.
+fn move_constants(p: &Problem, a: &mut Accepted, fit: &HypothesisFit) -> f64 {
+    let shape = &a.hypothesis.shape;
+    let trust = shape.trust();
+    let constants: Vec<f64> =
+        shape.constants().iter().zip(&fit.steps).map(|(c, s)| c * s.clamp(-trust, trust).exp()).collect();
+    let moved = fit.steps.iter().zip(&fit.step_deviations).map(|(s, d)| s.abs() / (d + 1e-9));
+    let moved = moved.fold(0.0, f64::max);
+    let hypothesis = Hypothesis { shape: shape.with_constants(&constants), ..a.hypothesis.clone() };
+    *a = Accepted { round: a.round, ..Accepted::new(p, hypothesis, fit.amplitudes.clone()) };
+    moved
 }
 
 /// The whole search.
@@ -165,12 +179,12 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
         settle(&mut p, &mut accepted, &mut residual);
         let bench = Bench::new(&p, &accepted, &residual);
-        residual = bench.residual();
         if round == 0 {
-            before = residual.clone();
+            before = bench.residual();
             progress(0.1, "trying forms outside the vocabulary");
             let unnamed = if bench.problem.coarse { None } else { strangers::best(&bench) };
-            stranger = unnamed.filter(|s| significant(s.evidence, &bench));
+            stranger = unnamed
+                .filter(|s| s.evidence > STRANGER_LEAST_SHARE * bench.folds.total() as f64);
         }
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "trying hypotheses");
         let mut result = one_round(&bench, &accepted);

@@ -95,6 +95,16 @@ impl Whitener {
         Self::solve(Normal { normal, right, power, count }, s)
     }
 
+    /// Weights each side by its own size only: a first fit that no colour of the misfit can mislead.
+    pub(crate) fn flat(residual: &Column, layout: &Layout) -> Self {
+        let mut scale = Matrix2::zeros();
+        for side in 0..layout.sides {
+            let power: f64 = residual.iter().filter_map(|r| series(r, side)).flatten().map(|v| v * v).sum();
+            scale[(side, side)] = (layout.total() as f64 / (power + 1e-300)).sqrt();
+        }
+        Self { lags: Vec::new(), scale, sides: layout.sides }
+    }
+
     fn solve(mut n: Normal, sides: usize) -> Self {
         // A floor of 1e-3 of the power: the band above the low-pass holds no noise and must not be amplified without end.
         for k in 0..n.normal.nrows() {
