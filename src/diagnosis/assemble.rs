@@ -1,6 +1,7 @@
 //! From the search to the answer.
 
 use super::bench::{Accepted, Bench, HypothesisFit};
+use super::corrections::{corrections, material};
 use super::floor::{SideSpectrum, spectrum};
 use super::motion::band_hz;
 use super::problem::{Column, Sides};
@@ -14,13 +15,11 @@ use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 
-/// Deviations of curvature are widened by this before a correction is claimed.
-const DEVIATION_FACTOR: f64 = 2.0;
 /// Share of the power above the floor that the findings must explain; else they are not the cause.
 const LEAST_EXPLAINED: f64 = 0.6;
 
 /// No model holds to better than this share of the thrust; what is left below it is no finding.
-const INEXACT_SHARE: f64 = 0.003;
+const INEXACT_SHARE: f64 = 0.0015;
 
 /// Root of the mean of r_m^2 + r_s^2 over all samples.
 fn rms(residual: &[Sides]) -> f64 {
@@ -44,6 +43,8 @@ struct Case<'a> {
     nominal: Column,
     after: Column,
     spectra: Vec<SideSpectrum>,
+    /// Spectra of what no choice of the numbers absorbs.
+    least: Vec<SideSpectrum>,
 }
 
 /// Builds the diagnosis. `bench`: everything accepted in its base.
@@ -55,13 +56,22 @@ pub(crate) fn assemble(
 ) -> Diagnosis {
     let p = &outcome.problem;
     let after = bench.residual();
-    let mut spectra = vec![spectrum(p, &after, false)];
-    if p.flexible {
-        spectra.push(spectrum(p, &after, true));
-    }
-    let case =
-        Case { machine, axis, recordings, outcome, bench, nominal: outcome.nominal.clone(), after, spectra };
-    let corrections = corrections(&case);
+    let sides: &[bool] = if p.flexible { &[false, true] } else { &[false] };
+    let of = |residual: &Column| sides.iter().map(|&stage| spectrum(p, residual, stage)).collect();
+    let spectra: Vec<SideSpectrum> = of(&after);
+    let least = of(&Bench::flat(p, &outcome.accepted, &after).residual());
+    let case = Case {
+        machine,
+        axis,
+        recordings,
+        outcome,
+        bench,
+        nominal: outcome.nominal.clone(),
+        after,
+        spectra,
+        least,
+    };
+    let corrections = corrections(p, bench);
     let unexplained = case.unexplained();
     let mut findings = if unexplained { Vec::new() } else { case.findings() };
     if !unexplained {
@@ -110,87 +120,6 @@ fn tried(round: Option<&Round>) -> Vec<Tried> {
             })
             .collect()
     })
-}
-
-/// Numbers beyond what their identification is good for: a number of the structure by 3 %, friction by 8 %, damping by 15 %.
-fn material(c: &Correction) -> bool {
-    let limit = if c.name.contains("damping") {
-        0.15
-    } else if c.name.contains("coulomb") {
-        0.08
-    } else if c.name.contains("dead_time") {
-        return false;
-    } else {
-        0.03
-    };
-    (c.value / c.nominal - 1.0).abs() > limit
-}
-
-fn corrections(case: &Case<'_>) -> Vec<Correction> {
-    let p = &case.outcome.problem;
-    let s = &case.bench.solution;
-    let scaled = p.motions.iter().any(|m| (m.thrust_per_unit - 1.0).abs() > 1e-12);
-    let scale = if scaled { terms::SCALE_DEVIATION } else { 0.0 };
-    let mut list = Vec::new();
-    let common = common_scale(case);
-    for (k, n) in p.numbers.iter().enumerate() {
-        let Some(name) = n.key else { continue };
-        let value = s.coefficients[k] / common;
-        let deviation = DEVIATION_FACTOR * s.deviations[k] / common;
-        let significant =
-            (value - n.nominal).abs() > 4.0 * deviation && (value / n.nominal - 1.0).abs() > 0.005;
-        if !significant || value <= 0.0 {
-            continue;
-        }
-        let half = 1.96 * deviation.hypot(scale * value);
-        let (mut value, mut nominal, f) =
-            (value * n.key_per_coefficient, n.nominal * n.key_per_coefficient, n.key_per_coefficient);
-        if !p.flexible && name == "movable_mass_kg" {
-            // The balance of a rigid axis has the total; the motor side is taken as stated.
-            let motor = p.drive.reflected_mass_kg();
-            value -= motor;
-            nominal -= motor;
-            if value <= 0.0 {
-                continue;
-            }
-        }
-        list.push(Correction { name, nominal, value, ci95: [value - half * f, value + half * f] });
-    }
-    if let Some(nominal) = p.drive.torque_constant_nm_a().filter(|_| common != 1.0) {
-        let value = nominal / common;
-        let half = 1.96 * 0.015 * value;
-        list.push(Correction {
-            name: "torque_constant_nm_a",
-            nominal,
-            value,
-            ci95: [value - half, value + half],
-        });
-    }
-    list
-}
-
-/// Masses, inertia and stiffness all off by one factor: the force they are measured by is off by it.
-///
-/// A balance holds for any common factor on all of its terms; that one torque constant is wrong is likelier than that
-/// three independent numbers are, by the same share. 1: no such factor.
-fn common_scale(case: &Case<'_>) -> f64 {
-    let p = &case.outcome.problem;
-    if !p.flexible || p.motions.iter().all(|m| (m.thrust_per_unit - 1.0).abs() < 1e-12) {
-        return 1.0;
-    }
-    let mut ratios: Vec<f64> = p
-        .numbers
-        .iter()
-        .zip(&case.bench.solution.coefficients)
-        .filter(|(n, _)| {
-            matches!(n.key, Some("rotary_inertia_kg_m2" | "movable_mass_kg" | "axial_stiffness_n_m"))
-        })
-        .map(|(n, b)| b / n.nominal)
-        .collect();
-    ratios.sort_by(f64::total_cmp);
-    let [low, middle, high] = ratios[..] else { return 1.0 };
-    let together = low > 0.0 && (high / low).ln() < 0.08;
-    if together && middle.ln().abs() > 0.05 { middle } else { 1.0 }
 }
 
 impl Case<'_> {
@@ -304,7 +233,7 @@ impl Case<'_> {
             .filter(|(port, step)| *step > stated_step_m(self.axis, *port))
             .map(|(_, step)| 0.5 * step * self.outcome.problem.mechanics.stiffness_n_m)
             .fold(0.0, f64::max);
-        let loud = self.spectra.iter().any(|s| {
+        let loud = self.least.iter().any(|s| {
             let total: f64 = s.excess(band).iter().map(|e| e.1).sum();
             total > 0.5 * s.floor_rms_n(band).powi(2) + coarse_n.powi(2) + inexact_n.powi(2)
         });

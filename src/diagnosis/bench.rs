@@ -91,7 +91,7 @@ impl<'a> Bench<'a> {
         Self::with(problem, accepted, residual, whitener)
     }
 
-    /// Weights all frequencies alike: where the misfit is large, its colour is not the noise's.
+    /// Weights all frequencies alike: what it leaves, no choice of the numbers absorbs.
     pub(crate) fn flat(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Self {
         let whitener = Whitener::flat(residual, &Self::layout(problem));
         Self::with(problem, accepted, residual, whitener)
@@ -101,12 +101,7 @@ impl<'a> Bench<'a> {
         Layout { lengths: problem.lengths(), sides: if problem.flexible { 2 } else { 1 } }
     }
 
-    fn with(
-        problem: &'a Problem,
-        accepted: &'a [Accepted],
-        residual: &Column,
-        whitener: Whitener,
-    ) -> Self {
+    fn with(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column, whitener: Whitener) -> Self {
         let layout = Self::layout(problem);
         let rate = problem.rate_hz();
         let folds = Folds::new(&layout, rate);
@@ -120,7 +115,7 @@ impl<'a> Bench<'a> {
                 residual,
                 &layout,
                 &whitener,
-                (&mut base[mass], &mut target, problem.residual_mass_kg),
+                (&mut base[mass], &mut target, problem.mechanics.stage_mass_kg),
             );
         }
         let gram = Gram::new(&base, &target, &folds);
@@ -153,8 +148,8 @@ impl<'a> Bench<'a> {
             return;
         };
         if p.numbers.iter().enumerate().any(lost) {
-            self.gram = self.gram.holding(mass, p.residual_mass_kg);
-            self.held = Some((mass, p.residual_mass_kg));
+            self.gram = self.gram.holding(mass, p.mechanics.stage_mass_kg);
+            self.held = Some((mass, p.mechanics.stage_mass_kg));
             self.solution = self.solve(&self.gram, true);
         }
     }
@@ -190,13 +185,6 @@ impl<'a> Bench<'a> {
     fn within_limit(&self, solution: &Solution) -> bool {
         (self.problem.timing_s + solution.coefficients[self.timing_index()]).abs()
             <= timing_limit_s(self.problem)
-    }
-
-    /// Mass of the stage in the present solution; of a rigid axis nothing depends on it.
-    pub(crate) fn stage_mass_kg(&self) -> f64 {
-        let p = self.problem;
-        let mass = p.numbers.iter().position(|n| p.flexible && n.key == Some("movable_mass_kg"));
-        mass.map_or(p.residual_mass_kg, |k| self.solution.coefficients[k])
     }
 
     /// Coefficient of the timing in the present solution, s.

@@ -3,6 +3,8 @@
 mod assemble;
 mod bank;
 mod bench;
+mod columns;
+mod corrections;
 mod floor;
 mod kernel;
 mod motion;

@@ -132,8 +132,6 @@ pub(crate) struct Problem {
     pub(crate) timing_s: f64,
     /// Present estimate of the mechanics, for columns that are not linear in it.
     pub(crate) mechanics: Mechanics,
-    /// Mass of the stage at which the residual stands that the noise is taken from, kg.
-    pub(crate) residual_mass_kg: f64,
     /// Stretch at which the spring is free, per recording, m.
     pub(crate) free_stretch_m: Vec<f64>,
     /// Steps of motor and stage encoder as they are, stated or read off the recordings, m.
@@ -156,7 +154,6 @@ impl Problem {
             timing: Vec::new(),
             timing_s: 0.0,
             mechanics: Mechanics::nominal(drive, flexible),
-            residual_mass_kg: drive.movable_mass_kg(),
             free_stretch_m: vec![0.0; motions.len()],
             steps_m: [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()],
             coarse: false,
@@ -175,7 +172,7 @@ impl Problem {
             return;
         }
         for m in &mut self.motions {
-            m.thrust_n = super::shape::shifted(&m.thrust_n, -later_s * m.rate_hz);
+            m.thrust_n = super::columns::shifted(&m.thrust_n, -later_s * m.rate_hz);
         }
         self.timing_s += later_s;
         self.target = self
@@ -266,7 +263,6 @@ impl Problem {
         add("stage_coulomb_friction_n", d.stage_coulomb_friction_n(), 1.0, &|| {
             self.stage_only(|m| sliding(&m.stage_side().velocity_m_s, vs))
         });
-        self.friction_steps(&mut list);
         for recording in 0..self.motions.len() {
             let column = self
                 .lengths()
@@ -283,26 +279,6 @@ impl Problem {
             list.push(Number { key: None, nominal: 0.0, key_per_coefficient: 1.0, column });
         }
         list
-    }
-
-    /// How wide friction's step through rest is, and how slowly it levels off, are numbers nobody measures: both are
-    /// fitted beside the rest, so that no effect is invented to explain them.
-    ///
-    /// With u = v / v_s: width u / cosh^2 u (the derivative of tanh u by ln v_s, turned); tail u / sqrt(1 + u^2) - tanh u.
-    fn friction_steps(&self, list: &mut Vec<Number>) {
-        let vs = self.mechanics.smoothing_m_s;
-        let width = |u: f64| if u.abs() > 20.0 { 0.0 } else { u / u.cosh().powi(2) };
-        let tail = |u: f64| u / (1.0 + u * u).sqrt() - u.tanh();
-        let of = |v: &[f64], f: &dyn Fn(f64) -> f64| -> Vec<f64> { v.iter().map(|v| f(v / vs)).collect() };
-        let nuisance = |column| Number { key: None, nominal: 0.0, key_per_coefficient: 1.0, column };
-        for shape in [&width as &dyn Fn(f64) -> f64, &tail] {
-            if self.mechanics.motor_coulomb_n > 0.0 {
-                list.push(nuisance(self.motor_only(|m| of(&m.motor.velocity_m_s, shape))));
-            }
-            if self.mechanics.stage_coulomb_n > 0.0 {
-                list.push(nuisance(self.stage_only(|m| of(&m.stage_side().velocity_m_s, shape))));
-            }
-        }
     }
 
     /// Takes the free stretch from the constant forces between the sides, which stand last among the numbers.

@@ -6,8 +6,6 @@ use super::problem::{Column, Mechanics, Problem};
 use super::shape::{Hypothesis, Shape};
 use super::strangers;
 
-/// Passes of one fit before it is taken as it is.
-const MOST_PASSES: usize = 10;
 /// More findings than this are a different machine.
 const MOST_FINDINGS: usize = 4;
 /// Twice the log-likelihood gain a finding needs; see `docs/results.md` for its calibration.
@@ -110,44 +108,22 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
     super::bench::residual_of(p, given, &coefficients)
 }
 
-/// Size of a residual, for telling when an iteration stands still.
-fn size(residual: &Column) -> f64 {
-    let sides = residual.iter().flat_map(|r| [&r.motor, &r.stage]).flatten();
-    sides.flatten().map(|v| v * v).sum::<f64>().sqrt()
-}
-
 /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
-///
-/// The first fit weights all frequencies alike. Later ones take the noise from the residual before, for as long as the
-/// residual shrinks: a misfit taken for noise is weighted down where it stands, and would grow there from pass to pass.
 fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
-    let flat = Bench::flat(p, accepted, residual);
-    *residual = flat.residual();
-    let (coefficients, mass_kg) = (flat.solution.coefficients.clone(), flat.stage_mass_kg());
-    drop(flat);
-    p.residual_mass_kg = mass_kg;
-    update_mechanics(p, &coefficients);
-    for pass in 0..MOST_PASSES {
+    let passes = if accepted.is_empty() { 2 } else { 8 };
+    for _ in 0..passes {
+        // The noise of one fit weights the next.
+        *residual = Bench::new(p, accepted, residual).residual();
         let bench = Bench::new(p, accepted, residual);
-        let next = bench.residual();
+        *residual = bench.residual();
         let fits: Vec<_> = (0..accepted.len()).map(|k| bench.accepted_fit(k)).collect();
         let (coefficients, timing_s) = (bench.solution.coefficients.clone(), bench.timing_s());
-        let mass_kg = bench.stage_mass_kg();
         drop(bench);
         update_mechanics(p, &coefficients);
         p.shift_timing(timing_s);
-        let moved = accepted
-            .iter_mut()
-            .zip(&fits)
-            .map(|(a, fit)| move_constants(p, a, fit))
-            .fold(0.0, f64::max);
-        let ratio = size(&next) / size(residual);
-        let standing = moved < 0.3;
-        if pass > 0 && standing && ratio >= 1.0 {
-            break;
-        }
-        (*residual, p.residual_mass_kg) = (next, mass_kg);
-        if standing && (ratio - 1.0).abs() < 0.01 {
+        let moved =
+            accepted.iter_mut().zip(&fits).map(|(a, fit)| move_constants(p, a, fit)).fold(0.0, f64::max);
+        if !accepted.is_empty() && moved < 0.3 {
             break;
         }
     }
@@ -179,27 +155,18 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
         settle(&mut p, &mut accepted, &mut residual);
         let bench = Bench::new(&p, &accepted, &residual);
+        residual = bench.residual();
         if round == 0 {
-            before = bench.residual();
+            before = residual.clone();
             progress(0.1, "trying forms outside the vocabulary");
             let unnamed = if bench.problem.coarse { None } else { strangers::best(&bench) };
-            stranger = unnamed
-                .filter(|s| s.evidence > STRANGER_LEAST_SHARE * bench.folds.total() as f64);
+            stranger = unnamed.filter(|s| s.evidence > STRANGER_LEAST_SHARE * bench.folds.total() as f64);
         }
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "trying hypotheses");
         let mut result = one_round(&bench, &accepted);
         let enough = round < MOST_FINDINGS
-            && result
-                .scores
-                .first()
-                .is_some_and(|s| s.plausible && significant(s.evidence, &bench));
+            && result.scores.first().is_some_and(|s| s.plausible && significant(s.evidence, &bench));
         result.taken = enough.then_some(0);
-        if std::env::var("DBG").is_ok() {
-            eprintln!("round {round} n {} timing {:.3e} stranger {:?}", bench.folds.total(), bench.problem.timing_s + bench.timing_s(), stranger.as_ref().map(|s: &Score| (s.evidence, s.hypothesis.clone())));
-            for s in result.scores.iter().take(6) {
-                eprintln!("   {:?}@{:?} ev {:.0} lik {:.0} ok {} {:?} a {:.4?}", s.hypothesis.effect, s.hypothesis.port, s.evidence, s.likelihood, s.plausible, s.hypothesis.shape.constants(), s.amplitudes.iter().take(4).collect::<Vec<_>>());
-            }
-        }
         let taken = result.taken.map(|k| result.scores[k].clone());
         drop(bench);
         rounds.push(result);
@@ -243,8 +210,7 @@ fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, g
     loop {
         let (weakest, strongest) = {
             let bench = Bench::new(p, accepted, residual);
-            let losses: Vec<(f64, usize)> =
-                (given..accepted.len()).map(|k| (bench.drop_one(k), k)).collect();
+            let losses: Vec<(f64, usize)> = (given..accepted.len()).map(|k| (bench.drop_one(k), k)).collect();
             let strongest = losses.iter().map(|l| l.0).fold(0.0, f64::max);
             (losses.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)), strongest)
         };

@@ -95,7 +95,7 @@ impl Whitener {
         Self::solve(Normal { normal, right, power, count }, s)
     }
 
-    /// Weights each side by its own size only: a first fit that no colour of the misfit can mislead.
+    /// Weights each side by its own size only, all frequencies alike.
     pub(crate) fn flat(residual: &Column, layout: &Layout) -> Self {
         let mut scale = Matrix2::zeros();
         for side in 0..layout.sides {

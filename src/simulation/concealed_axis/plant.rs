@@ -210,8 +210,7 @@ impl Plant {
             }
             None => self.step(v),
         };
-        let mut force =
-            level * step + d.translational_damping_n_s_m * v + p.gravity_n;
+        let mut force = level * step + d.translational_damping_n_s_m * v + p.gravity_n;
         force += 0.5 * p.asymmetry_n * step.abs() + p.nonlinear_viscosity_n_s2_m2 * v * v.abs();
         force += p.sloped_viscosity_n_s_m2 * v * x;
         force += p.stage_waves.iter().chain(&self.texture).map(|w| w.at(x)).sum::<f64>();

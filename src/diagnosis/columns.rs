@@ -1,0 +1,189 @@
+//! Series from which the columns of hypotheses are built: waves, shifts, what an encoder, a lag, a gap or a twist adds.
+
+use super::kernel::{Action, Kernel};
+use super::motion::{band_hz, current_loop, thrust_delay_s};
+use super::problem::{Column, Problem, Sides, stretch, stretch_rate};
+use crate::plant::effects::Port;
+use crate::plant::effects::coupling::{Torsion, after_backlash};
+use crate::plant::effects::periodic::wave;
+
+/// Sine and cosine of each harmonic: sin, cos, sin 2, cos 2, ... from one evaluation by complex powers.
+pub(super) fn waves(position_m: &[f64], wavelength_m: f64, harmonics: usize) -> Vec<Vec<f64>> {
+    let mut parts = vec![Vec::with_capacity(position_m.len()); 2 * harmonics];
+    for x in position_m {
+        let (s1, c1) = wave(*x, wavelength_m);
+        let (mut s, mut c) = (s1, c1);
+        for pair in parts.chunks_exact_mut(2) {
+            pair[0].push(s);
+            pair[1].push(c);
+            (s, c) = (s * c1 + c * s1, c * c1 - s * s1);
+        }
+    }
+    parts
+}
+
+pub(super) fn motor(x: Vec<f64>) -> Sides {
+    Sides { motor: Some(x), stage: None }
+}
+
+/// Lagrange interpolation over six samples: x at k + shift.
+pub(super) fn shifted(x: &[f64], shift_samples: f64) -> Vec<f64> {
+    let whole = shift_samples.floor();
+    let f = shift_samples - whole;
+    let nodes = [-2.0, -1.0, 0.0, 1.0, 2.0, 3.0];
+    let weights: Vec<f64> =
+        nodes.iter().map(|a| nodes.iter().filter(|b| *b != a).map(|b| (f - b) / (a - b)).product()).collect();
+    let n = x.len() as isize;
+    (0..n)
+        .map(|k| {
+            let base = k + whole as isize - 2;
+            weights.iter().enumerate().map(|(j, w)| w * x[(base + j as isize).clamp(0, n - 1) as usize]).sum()
+        })
+        .collect()
+}
+
+/// x(t) - x(t + shift).
+pub(super) fn difference(x: &[f64], shift_samples: f64) -> Vec<f64> {
+    x.iter().zip(shifted(x, shift_samples)).map(|(a, b)| a - b).collect()
+}
+
+/// e = x(t) - x(t + shift) of position, velocity and acceleration.
+pub(super) fn advanced_difference(side: &super::motion::Side, shift_samples: f64) -> [Vec<f64>; 3] {
+    [
+        difference(&side.position_m, shift_samples),
+        difference(&side.velocity_m_s, shift_samples),
+        difference(&side.accel_m_s2, shift_samples),
+    ]
+}
+
+/// An encoder error and its derivatives, through masses, dampers and spring (sign of a column).
+pub(super) fn encoder_sides(p: &Problem, port: Port, [e, e1, e2]: &[Vec<f64>; 3]) -> Sides {
+    let m = &p.mechanics;
+    let at_motor = port == Port::MotorEncoder || !p.flexible;
+    let (mass, damping) = if at_motor {
+        (m.motor_mass_kg, m.motor_damping_n_s_m)
+    } else {
+        (m.stage_mass_kg, m.stage_damping_n_s_m)
+    };
+    let spring: Vec<f64> =
+        e.iter().zip(e1).map(|(x, v)| m.stiffness_n_m * x + m.structural_damping_n_s_m * v).collect();
+    let near = (0..e.len()).map(|k| -(mass * e2[k] + damping * e1[k] + spring[k])).collect();
+    if !p.flexible {
+        return motor(near);
+    }
+    if at_motor {
+        Sides { motor: Some(near), stage: Some(spring) }
+    } else {
+        Sides { motor: Some(spring), stage: Some(near) }
+    }
+}
+
+/// One kernel for everything an encoder's error passes, to the side of its mass and to the other.
+pub(super) fn encoder_kernels(p: &Problem, port: Port) -> (Kernel, Option<Kernel>) {
+    let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
+    let m = &p.mechanics;
+    let at_motor = port == Port::MotorEncoder || !p.flexible;
+    let delay = if port == Port::MotorEncoder {
+        p.drive.motor_encoder_delay_s()
+    } else {
+        p.drive.stage_encoder_delay_s()
+    };
+    let (mass, damping) = if at_motor {
+        (m.motor_mass_kg, m.motor_damping_n_s_m)
+    } else {
+        (m.stage_mass_kg, m.stage_damping_n_s_m)
+    };
+    let k = |derivative| Kernel::low_pass(band_hz(rate), rate, Action { derivative, advance_s: delay });
+    let (k0, k1, k2) = (k(0), k(1), k(2));
+    let spring = k0.times(m.stiffness_n_m).plus(m.structural_damping_n_s_m, &k1);
+    let near = k2.times(-mass).plus(-damping, &k1).plus(-1.0, &spring).then(&p.thinning.kernel);
+    (near, p.flexible.then(|| spring.then(&p.thinning.kernel)))
+}
+
+/// Slower loop filtered where the kernel has data; held at the edges.
+pub(super) fn apply_inside(kernel: &Kernel, x: &[f64], grid: super::kernel::Grid) -> Vec<f64> {
+    let half = kernel.half();
+    if grid.first >= half {
+        return kernel.apply(x, grid);
+    }
+    let inner = kernel.apply(x, super::kernel::Grid { first: half, step: 1, count: x.len() - 2 * half });
+    (0..grid.count)
+        .map(|j| inner[(grid.first + j * grid.step).saturating_sub(half).min(inner.len() - 1)])
+        .collect()
+}
+
+pub(super) fn lag(p: &Problem, extra_s: f64) -> Column {
+    let slower = p.drive.current_loop_bandwidth_rad_s().map_or(1.0 / extra_s, |w| 1.0 / (1.0 / w + extra_s));
+    let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
+    // Without a stated loop the hold counts half a sample; with one, the end of the step.
+    let hold = if p.drive.current_loop_bandwidth_rad_s().is_some() { 0.0 } else { 0.5 / rate };
+    let kernel = Kernel::low_pass(
+        band_hz(rate),
+        rate,
+        Action { derivative: 0, advance_s: -(thrust_delay_s(&p.drive, rate) + hold + p.timing_s) },
+    )
+    .then(&p.thinning.kernel);
+    p.motions
+        .iter()
+        .map(|m| {
+            let slow = current_loop(&m.raw_reference_n, Some(slower), m.rate_hz);
+            let now = p.thinning.thin(&m.thrust_n);
+            let slow = apply_inside(&kernel, &slow, p.thinning.grid(m.len()));
+            motor(now.iter().zip(&slow).map(|(a, b)| a - b).collect())
+        })
+        .collect()
+}
+
+/// A law of the stretch between the sides, of the positions as recorded: a low-pass before a corner or a cube is
+/// not one after it. `law`: N from the stretch beyond the free one.
+pub(super) fn coupling_law(p: &Problem, law: impl Fn(f64) -> f64) -> Column {
+    let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
+    let kernel = Kernel::low_pass(band_hz(rate), rate, Action { derivative: 0, advance_s: 0.0 })
+        .then(&p.thinning.kernel);
+    let (motor_late, stage_late) =
+        (p.drive.motor_encoder_delay_s() * rate, p.drive.stage_encoder_delay_s() * rate);
+    p.motions
+        .iter()
+        .zip(&p.free_stretch_m)
+        .map(|(m, free)| {
+            let at_motor = shifted(&m.motor.raw_m, motor_late);
+            let at_stage = shifted(&m.stage_side().raw_m, stage_late);
+            let force: Vec<f64> = at_motor.iter().zip(&at_stage).map(|(a, b)| law(a - b - free)).collect();
+            let force = apply_inside(&kernel, &force, p.thinning.grid(m.len()));
+            Sides { stage: Some(force.iter().map(|f| -f).collect()), motor: Some(force) }
+        })
+        .collect()
+}
+
+pub(super) fn backlash(p: &Problem, gap_m: f64) -> Column {
+    let k = p.mechanics.stiffness_n_m;
+    coupling_law(p, |d| k * (after_backlash(d, gap_m) - d))
+}
+
+pub(super) fn torsion(p: &Problem, frequency_hz: f64, screw_share: f64, damping_ratio: f64) -> Column {
+    let m0 = &p.mechanics;
+    let screw = screw_share * m0.motor_mass_kg;
+    let stiffness = Torsion::stiffness_of(frequency_hz, m0.motor_mass_kg - screw, screw);
+    let t = Torsion {
+        screw_mass_kg: screw,
+        torsional_stiffness_n_m: stiffness,
+        torsional_damping_n_s_m: 2.0 * damping_ratio * (stiffness * screw).sqrt(),
+        axial_stiffness_n_m: m0.stiffness_n_m,
+        axial_damping_n_s_m: m0.structural_damping_n_s_m,
+    };
+    p.column(|m| {
+        let (d, d1) = (stretch(m), stretch_rate(m));
+        let load: Vec<f64> = (0..m.len())
+            .map(|k| {
+                -screw * m.motor.accel_m_s2[k] - m0.stiffness_n_m * d[k] - m0.structural_damping_n_s_m * d1[k]
+            })
+            .collect();
+        let [e, e1, e2] = t.response(&load, 1.0 / m.rate_hz);
+        let spring: Vec<f64> =
+            e.iter().zip(&e1).map(|(e, v)| m0.stiffness_n_m * e + m0.structural_damping_n_s_m * v).collect();
+        Sides {
+            motor: Some(spring.iter().zip(&e2).map(|(s, a)| s + screw * a).collect()),
+            stage: Some(spring.iter().map(|s| -s).collect()),
+        }
+    })
+}

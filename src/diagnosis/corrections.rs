@@ -1,0 +1,89 @@
+//! Numbers of the model that the recordings contradict.
+
+use super::bench::Bench;
+use super::problem::Problem;
+use super::result::Correction;
+use super::terms;
+
+/// Deviations of curvature are widened by this before a correction is claimed.
+const DEVIATION_FACTOR: f64 = 2.0;
+
+/// Numbers beyond what their identification is good for: of the structure by 3 %, friction by 8 %, damping by 15 %.
+pub(super) fn material(c: &Correction) -> bool {
+    let limit = if c.name.contains("damping") {
+        0.15
+    } else if c.name.contains("coulomb") {
+        0.08
+    } else if c.name.contains("dead_time") {
+        return false;
+    } else {
+        0.03
+    };
+    (c.value / c.nominal - 1.0).abs() > limit
+}
+
+/// Every number of the model that stands significantly elsewhere, with its interval.
+pub(super) fn corrections(p: &Problem, bench: &Bench<'_>) -> Vec<Correction> {
+    let s = &bench.solution;
+    let scaled = p.motions.iter().any(|m| (m.thrust_per_unit - 1.0).abs() > 1e-12);
+    let scale = if scaled { terms::SCALE_DEVIATION } else { 0.0 };
+    let mut list = Vec::new();
+    let common = common_scale(p, bench);
+    for (k, n) in p.numbers.iter().enumerate() {
+        let Some(name) = n.key else { continue };
+        let value = s.coefficients[k] / common;
+        let deviation = DEVIATION_FACTOR * s.deviations[k] / common;
+        let significant =
+            (value - n.nominal).abs() > 4.0 * deviation && (value / n.nominal - 1.0).abs() > 0.005;
+        if !significant || value <= 0.0 {
+            continue;
+        }
+        let half = 1.96 * deviation.hypot(scale * value);
+        let (mut value, mut nominal, f) =
+            (value * n.key_per_coefficient, n.nominal * n.key_per_coefficient, n.key_per_coefficient);
+        if !p.flexible && name == "movable_mass_kg" {
+            // The balance of a rigid axis has the total; the motor side is taken as stated.
+            let motor = p.drive.reflected_mass_kg();
+            value -= motor;
+            nominal -= motor;
+            if value <= 0.0 {
+                continue;
+            }
+        }
+        list.push(Correction { name, nominal, value, ci95: [value - half * f, value + half * f] });
+    }
+    if let Some(nominal) = p.drive.torque_constant_nm_a().filter(|_| common != 1.0) {
+        let value = nominal / common;
+        let half = 1.96 * 0.015 * value;
+        list.push(Correction {
+            name: "torque_constant_nm_a",
+            nominal,
+            value,
+            ci95: [value - half, value + half],
+        });
+    }
+    list
+}
+
+/// Masses, inertia and stiffness all off by one factor: the force they are measured by is off by it.
+///
+/// A balance holds for any common factor on all of its terms; that one torque constant is wrong is likelier than that
+/// three independent numbers are, by the same share. 1: no such factor.
+fn common_scale(p: &Problem, bench: &Bench<'_>) -> f64 {
+    if !p.flexible || p.motions.iter().all(|m| (m.thrust_per_unit - 1.0).abs() < 1e-12) {
+        return 1.0;
+    }
+    let mut ratios: Vec<f64> = p
+        .numbers
+        .iter()
+        .zip(&bench.solution.coefficients)
+        .filter(|(n, _)| {
+            matches!(n.key, Some("rotary_inertia_kg_m2" | "movable_mass_kg" | "axial_stiffness_n_m"))
+        })
+        .map(|(n, b)| b / n.nominal)
+        .collect();
+    ratios.sort_by(f64::total_cmp);
+    let [low, middle, high] = ratios[..] else { return 1.0 };
+    let together = low > 0.0 && (high / low).ln() < 0.08;
+    if together && middle.ln().abs() > 0.05 { middle } else { 1.0 }
+}
