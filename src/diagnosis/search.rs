@@ -2,7 +2,7 @@
 
 use super::bank;
 use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay};
-use super::problem::{Column, Mechanics, Problem};
+use super::problem::{Column, Mechanics, Problem, Sides};
 use super::shape::{Hypothesis, Shape};
 use super::strangers;
 
@@ -19,6 +19,8 @@ const LEAST_SHARE_COARSE: f64 = 0.05;
 const STRANGER_LEAST_SHARE: f64 = 0.1;
 /// No model of a loud effect is exact: what explains less than this share of its evidence is its rest, not physics.
 const SECOND_SHARE: f64 = 0.005;
+/// Least size of a finding beside the thrust, both as root mean squares.
+const LEAST_WEIGHT: f64 = 5e-4;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
 
@@ -205,8 +207,33 @@ fn beats_named(
     STRANGER_SHARE * bare.refine(stranger).evidence > named
 }
 
-/// Takes out what later findings have made pointless.
+/// Root mean square of what an accepted hypothesis adds, over that of the thrust.
+fn weight(p: &Problem, a: &Accepted) -> f64 {
+    let mut sum: Column = vec![Sides::default(); p.motions.len()];
+    for (column, amplitude) in a.columns.iter().zip(&a.amplitudes) {
+        super::bench::add(&mut sum, column, *amplitude);
+    }
+    size(&sum) / size(&p.target)
+}
+
+/// Root of the sum of squares over both sides.
+fn size(column: &Column) -> f64 {
+    let sides = column.iter().flat_map(|r| [&r.motor, &r.stage]).flatten();
+    sides.flatten().map(|v| v * v).sum::<f64>().sqrt()
+}
+
+/// Takes out what later findings have made pointless, and what is too small beside the thrust to be told from the
+/// model's own inexactness.
 fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
+    let mut index = given;
+    while index < accepted.len() {
+        if weight(p, &accepted[index]) < LEAST_WEIGHT {
+            accepted.remove(index);
+            settle(p, accepted, residual);
+        } else {
+            index += 1;
+        }
+    }
     loop {
         let (weakest, strongest) = {
             let bench = Bench::new(p, accepted, residual);
