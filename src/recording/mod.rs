@@ -4,6 +4,7 @@
 //! numbers. Writing goes beside the target and is renamed: a file is there whole or not at all.
 
 mod csv_file;
+mod evidence;
 mod foreign;
 mod mat_file;
 mod parquet_file;
@@ -13,6 +14,7 @@ use crate::units::SampleRate;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+pub use evidence::{Evidence, EvidenceError};
 pub use foreign::import;
 pub use parquet_file::{Table, TableColumn, write_table};
 
