@@ -44,7 +44,14 @@ pub(super) struct CutLevelState {
 }
 
 crate::keyframe::keep!(CutLevelState {
-    level_n, looks, seen, since_look_s, ripple_n, changing, quiet_until, started
+    level_n,
+    looks,
+    seen,
+    since_look_s,
+    ripple_n,
+    changing,
+    quiet_until,
+    started
 });
 
 impl CutLevel {

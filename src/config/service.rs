@@ -8,9 +8,10 @@ use super::{ConfigError, parse, read_text};
 use crate::chatter::Band;
 use crate::force::balance::Method;
 use crate::force::estimator::{ForceSettings, LowPass, Signals};
+use crate::force::physics::physics_of;
 use crate::pipeline::{AxisPlan, BandPlan, ForcePlan, PipelineSettings};
 use crate::plant::cutting::{Cutting, RawCutting};
-use crate::plant::machine::Machine;
+use crate::plant::machine::{AxisModel, Machine};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::units::SampleRate;
 use serde::{Deserialize, Serialize};
@@ -387,22 +388,37 @@ impl Reader<'_> {
 }
 
 impl ServiceConfig {
+    /// The observer of one axis, with the physics that its model has beyond the structure.
+    fn force_plan(&self, axis: &AxisModel) -> ForcePlan {
+        let low_pass = LowPass::Butterworth { order: 4, cutoff_hz: self.force_cutoff_hz };
+        let settings = ForceSettings { low_pass, ..ForceSettings::default() };
+        let plain = ForcePlan {
+            drive: axis.drive.clone(),
+            signals: Signals::Both,
+            method: self.method,
+            motor_cutoff_hz: Some(self.motor_cutoff_hz),
+            settings,
+        };
+        if axis.physics.is_empty() || self.method == Method::Thrust {
+            return plain;
+        }
+        let (physics, drive) = physics_of(&axis.physics, &axis.drive);
+        let settings = ForceSettings {
+            presliding_travel_m: physics.presliding_travel_m(),
+            unmodelled_modes_hz: physics.modes_hz.clone(),
+            physics: Some(physics),
+            ..plain.settings
+        };
+        ForcePlan { drive, settings, ..plain }
+    }
+
     /// The pipeline for a stream of these axes: an axis that the model does not know has no force.
     #[must_use]
     pub fn pipeline_settings(&self, sample_rate: SampleRate, axes: &[String]) -> PipelineSettings {
         let plan = |name: &String| AxisPlan {
             name: name.clone(),
             watch: self.watch.contains(name),
-            force: self.machine.axis(name).map(|axis| ForcePlan {
-                drive: axis.drive.clone(),
-                signals: Signals::Both,
-                method: self.method,
-                motor_cutoff_hz: Some(self.motor_cutoff_hz),
-                settings: ForceSettings {
-                    low_pass: LowPass::Butterworth { order: 4, cutoff_hz: self.force_cutoff_hz },
-                    ..ForceSettings::default()
-                },
-            }),
+            force: self.machine.axis(name).map(|axis| self.force_plan(axis)),
         };
         PipelineSettings {
             sample_rate,

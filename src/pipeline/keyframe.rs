@@ -10,7 +10,9 @@ use thiserror::Error;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum KeyframeError {
     /// Made by other settings or another version, or damaged.
-    #[error("a keyframe of {words} words does not fit this pipeline: other settings, another version or damage")]
+    #[error(
+        "a keyframe of {words} words does not fit this pipeline: other settings, another version or damage"
+    )]
     Unfit {
         /// Length that was given.
         words: usize,

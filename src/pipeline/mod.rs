@@ -235,12 +235,7 @@ impl Pipeline {
 
     /// Feeds what lies on straight lines between two samples, so that short losses do not ring. Answers what
     /// began or ended on the way.
-    fn bridge(
-        &mut self,
-        from: &ServoSample,
-        to: &ServoSample,
-        lost: u64,
-    ) -> Option<(usize, ChatterEvent)> {
+    fn bridge(&mut self, from: &ServoSample, to: &ServoSample, lost: u64) -> Option<(usize, ChatterEvent)> {
         let mut event = None;
         for i in 1..=lost {
             let share = i as f64 / (lost + 1) as f64;
@@ -356,6 +351,12 @@ impl Pipeline {
     #[must_use]
     pub fn agreement(&self) -> &Agreement {
         &self.agreement
+    }
+
+    /// Whether no flag of the newest force estimate of one axis forbids acting on it.
+    #[must_use]
+    pub fn axis_may_act(&self, axis: usize) -> bool {
+        self.states.get(axis).is_some_and(|state| state.flags.may_act())
     }
 
     /// Whether no flag forbids acting on any watched axis.

@@ -45,6 +45,10 @@ pub struct DiagnosisView {
     pub asked_at: String,
     /// Seconds since it began to run.
     pub elapsed_s: f64,
+    /// How far it is, 0 to 1.
+    pub progress: f64,
+    /// What it is doing.
+    pub step: Option<String>,
     /// `diagnosis.json`, once done.
     pub result: Option<serde_json::Value>,
     /// Why there is no result.
@@ -91,6 +95,8 @@ impl Diagnoses {
             state: JobState::Queued,
             asked_at: clock::rfc3339(clock::wall_ns()),
             elapsed_s: 0.0,
+            progress: 0.0,
+            step: None,
             result: None,
             error: None,
         };
@@ -151,6 +157,8 @@ impl Diagnoses {
                 let job = jobs.iter_mut().find(|j| j.view.id == id)?;
                 job.view.elapsed_s = job.now().elapsed_s;
                 job.began = None;
+                job.view.step = None;
+                job.view.progress = 1.0;
                 match outcome {
                     Ok(result) => (job.view.state, job.view.result) = (JobState::Done, Some(result)),
                     Err(error) => (job.view.state, job.view.error) = (JobState::Failed, Some(error)),
@@ -169,7 +177,24 @@ impl Job {
     }
 }
 
+/// Share and words of the last line `progress SHARE WHAT`.
+fn last_progress(said: &str) -> Option<(f64, String)> {
+    let line = said.lines().rev().find_map(|line| line.strip_prefix("progress "))?;
+    let (share, what) = line.split_once(' ').unwrap_or((line, ""));
+    Some((share.parse::<f64>().ok()?.clamp(0.0, 1.0), what.to_owned()))
+}
+
 impl Inner {
+    fn note_progress(&self, id: &str, log: &Path) {
+        let said = std::fs::read_to_string(log).unwrap_or_default();
+        let Some((share, what)) = last_progress(&said) else { return };
+        let mut jobs = self.jobs.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(job) = jobs.iter_mut().find(|j| j.view.id == id) {
+            job.view.progress = share;
+            job.view.step = Some(what);
+        }
+    }
+
     fn diagnose(
         &self,
         id: &str,
@@ -180,7 +205,14 @@ impl Inner {
         let out = self.folder.join(id);
         std::fs::create_dir_all(&out).map_err(|e| format!("{}: {e}", out.display()))?;
         let mut command = Command::new("nice");
-        command.arg("-n").arg("19").arg(&self.program).arg("diagnose").arg("--model").arg(model);
+        command
+            .arg("-n")
+            .arg("19")
+            .arg(&self.program)
+            .arg("diagnose")
+            .arg("--model")
+            .arg(model)
+            .arg("--progress");
         for file in files {
             command.arg("--recording").arg(file);
         }
@@ -198,15 +230,32 @@ impl Inner {
                     let _ = child.wait();
                     return Err("ended after half an hour without a result".to_owned());
                 }
-                None => clock::sleep(Duration::from_millis(200)),
+                None => {
+                    clock::sleep(Duration::from_millis(200));
+                    self.note_progress(id, &errors);
+                }
             }
         };
         if !status.success() {
             let said = std::fs::read_to_string(&errors).unwrap_or_default();
-            return Err(said.lines().last().unwrap_or("the diagnosis failed").to_owned());
+            let reason = said.lines().rfind(|line| !line.starts_with("progress "));
+            return Err(reason.unwrap_or("the diagnosis failed").to_owned());
         }
         let path = out.join("diagnosis.json");
         let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
         serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::last_progress;
+
+    #[test]
+    fn the_last_word_on_progress_counts() {
+        let said = "warning\nprogress 0.1 reading\nprogress 0.425 fitting friction\nhalf a li";
+        assert_eq!(last_progress(said), Some((0.425, "fitting friction".to_owned())));
+        assert_eq!(last_progress("progress much"), None);
+        assert_eq!(last_progress("progress 7"), Some((1.0, String::new())));
     }
 }

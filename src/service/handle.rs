@@ -276,7 +276,7 @@ impl Handle {
     /// Saves what the black box holds now; answers the recording's name.
     pub async fn save_recording(&self, origin: Origin) -> Result<String, OperationError> {
         self.audit(&origin, "save_recording", "black box").await?;
-        self.ask(|done| Control::SaveRecording { reason: origin.reason, done }).await
+        self.ask(|done| Control::SaveRecording { word: "manual", reason: origin.reason, done }).await
     }
 
     /// Stored recordings, newest first.

@@ -14,6 +14,7 @@ pub mod clock;
 mod control;
 pub mod demo;
 mod diagnoses;
+mod drift;
 mod engine;
 mod handle;
 mod hub;

@@ -68,6 +68,10 @@ event_kinds! {
     Override = "override", Warning;
     /// A latched fault stopped acting.
     Fault = "fault", Alarm;
+    /// The independent monitor found a decision that breaks a rule; nothing was sent.
+    InvariantViolation = "invariant_violation", Alarm;
+    /// Model and machine differ more than they should.
+    ModelMismatch = "model_mismatch", Warning;
     /// A person cleared a latched fault.
     FaultCleared = "fault_cleared", Info;
     /// The service started.

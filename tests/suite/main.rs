@@ -9,6 +9,8 @@ mod closed_loop;
 mod conceal;
 #[cfg(feature = "service")]
 mod deploy;
+#[cfg(feature = "service")]
+mod evidence;
 mod force;
 #[cfg(feature = "service")]
 mod http;
