@@ -37,6 +37,7 @@ struct ServiceToml {
     recorder: RecorderToml,
     log: LogToml,
     mtconnect: MtconnectToml,
+    fleet: FleetToml,
 }
 
 macro_rules! section {
@@ -109,6 +110,12 @@ section!(RecorderToml {
     max_bytes: u64 = 4_000_000_000,
 });
 section!(LogToml { format: String = "text".into() });
+section!(FleetToml {
+    server: Option<String> = None,
+    credentials: Option<PathBuf> = None,
+    machine: String = "lathe".into(),
+    diagnose: bool = false,
+});
 section!(MtconnectToml {
     listen: Option<String> = None,
 });
@@ -171,6 +178,19 @@ pub struct RecorderConfig {
     pub max_bytes: u64,
 }
 
+/// The broker of the fleet.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FleetConfig {
+    /// `nats://host:port`.
+    pub server: String,
+    /// File with one line `user:password` for the broker.
+    pub credentials: Option<PathBuf>,
+    /// Name of this machine in subjects.
+    pub machine: String,
+    /// Diagnoses go to the fleet's workers.
+    pub diagnose: bool,
+}
+
 /// The configuration of the service, checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServiceConfig {
@@ -204,6 +224,8 @@ pub struct ServiceConfig {
     pub recorder: RecorderConfig,
     /// Log lines as JSON.
     pub log_json: bool,
+    /// Broker of the fleet, where there is one.
+    pub fleet: Option<FleetConfig>,
     /// Where MTConnect agents connect.
     pub mtconnect: Option<SocketAddr>,
     /// What was read, without comments.
@@ -310,6 +332,7 @@ impl Reader<'_> {
                 .as_deref()
                 .map(|a| self.address("mtconnect.listen", a))
                 .transpose()?,
+            fleet: self.fleet(&raw.fleet)?,
             machine,
             model,
             text,
@@ -358,6 +381,25 @@ impl Reader<'_> {
             // I7: a dead sender must not hold the turret away from equal pitch for longer.
             command_ttl_s: self.within("turret.command_ttl_s", raw.command_ttl_s, (1.1, 2.5))?,
         })
+    }
+
+    fn fleet(&self, raw: &FleetToml) -> Result<Option<FleetConfig>, ConfigError> {
+        let Some(server) = &raw.server else { return Ok(None) };
+        if !cfg!(feature = "nats") {
+            let what = "this program was built without NATS; build it with `--features nats`";
+            return Err(self.bad("fleet.server", what));
+        }
+        let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if raw.machine.is_empty() || raw.machine.len() > 60 || !raw.machine.chars().all(plain) {
+            let what = format!("`{}`: expected 1 to 60 letters, digits, - and _", raw.machine);
+            return Err(self.bad("fleet.machine", what));
+        }
+        Ok(Some(FleetConfig {
+            server: server.clone(),
+            credentials: raw.credentials.as_deref().map(|p| self.resolve(p)),
+            machine: raw.machine.clone(),
+            diagnose: raw.diagnose,
+        }))
     }
 
     fn address(&self, place: &str, text: &str) -> Result<SocketAddr, ConfigError> {

@@ -16,6 +16,8 @@ pub mod demo;
 mod diagnoses;
 mod drift;
 mod engine;
+#[cfg(feature = "nats")]
+pub mod fleet;
 mod handle;
 mod hub;
 pub mod live;

@@ -204,6 +204,11 @@ impl Parts {
             curves: CurveCache::default(),
         }));
         self.runtime.spawn(run_diagnoses(handle.clone()));
+        #[cfg(feature = "nats")]
+        if let Some(fleet) = &config.fleet {
+            let sink = super::fleet::run(handle.clone(), broker_of(fleet), fleet.machine.clone());
+            self.runtime.spawn(sink);
+        }
         if let Some(listener) = agents {
             self.runtime.spawn(mtconnect::serve(handle.clone(), listener));
         }
@@ -314,9 +319,19 @@ impl Parts {
     }
 }
 
+#[cfg(feature = "nats")]
+fn broker_of(fleet: &crate::config::service::FleetConfig) -> super::fleet::Broker {
+    super::fleet::Broker { server: fleet.server.clone(), credentials: fleet.credentials.clone() }
+}
+
 fn diagnoses_of(config: &ServiceConfig) -> Diagnoses {
     let program = std::env::current_exe().unwrap_or_else(|_| "stillcut".into());
-    Diagnoses::new(&config.history.folder.join("diagnoses"), program)
+    let folder = config.history.folder.join("diagnoses");
+    #[cfg(feature = "nats")]
+    if let Some(fleet) = config.fleet.as_ref().filter(|f| f.diagnose) {
+        return Diagnoses::by_workers(&folder, program, broker_of(fleet));
+    }
+    Diagnoses::new(&folder, program)
 }
 
 async fn run_diagnoses(handle: Handle) {

@@ -74,6 +74,8 @@ event_kinds! {
     ModelMismatch = "model_mismatch", Warning;
     /// A person cleared a latched fault.
     FaultCleared = "fault_cleared", Info;
+    /// The wall clock jumped; order is kept by the place in the history.
+    ClockStep = "clock_step", Warning;
     /// The service started.
     ServiceStart = "service_start", Info;
     /// The service ended in good order.

@@ -11,11 +11,17 @@ mod conceal;
 mod deploy;
 #[cfg(feature = "service")]
 mod evidence;
+#[cfg(feature = "service")]
+mod faults;
+#[cfg(feature = "nats")]
+mod fleet;
 mod force;
 #[cfg(feature = "service")]
 mod http;
 mod identities;
 mod import;
+#[cfg(feature = "service")]
+mod live_diagnosis;
 mod pipeline;
 mod real_machines;
 mod report;
