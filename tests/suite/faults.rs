@@ -335,7 +335,7 @@ fn a_service_stopped_in_act_leaves_the_turret_at_equal_pitch_and_wakes_in_observ
         let headers = [("If-Match", etag.as_str()), ("Authorization", authorization.as_str())];
         ask(&process.address, "PUT", "/api/v1/mode", &headers, Some("{\"mode\":\"act\",\"reason\":\"test\"}"))
     };
-    assert_eq!(up().status, 200);
+    until("interlocks are heard", 5, || up().status == 200);
     until("the turret stands apart", 15, || reported() > 0.06);
     signal("-STOP", process.child.id());
     std::thread::sleep(Duration::from_secs(5));

@@ -22,6 +22,8 @@ mod identities;
 mod import;
 #[cfg(feature = "service")]
 mod live_diagnosis;
+#[cfg(feature = "service")]
+mod page;
 mod pipeline;
 mod real_machines;
 mod report;
