@@ -87,6 +87,9 @@ fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, Recording
         }
         None => None,
     };
+    if let Some((name, _)) = raw.columns.iter().find(|(n, _)| n.contains(char::is_control)) {
+        return Err(format_error(format!("column name `{}` holds control characters", name.escape_debug())));
+    }
     let mut columns = Vec::new();
     let mut times = None;
     for (name, values) in raw.columns {
