@@ -15,6 +15,7 @@
 //! features `cli` (files and commands) and `service` (sockets, shared memory, database), moves data
 //! in and out of it. Who may use whom is written in `docs/architecture.md` and held by `tests/tidy.rs`.
 
+pub mod keyframe;
 pub mod sample;
 pub mod units;
 

@@ -332,6 +332,9 @@ impl Avoidance {
             Phase::Suspected => return self.renew_or(state, now, HoldReason::Suspected),
             Phase::Quiet => return self.renew_or(state, now, HoldReason::NoChatter),
         }
+        if !now.estimate_valid {
+            return self.renew_or(state, now, HoldReason::EstimateNotValid);
+        }
         if let Some(trial) = state.trial
             && trial.intervals > 0
         {

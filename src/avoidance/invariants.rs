@@ -54,6 +54,47 @@ pub enum Violation {
     Silence,
 }
 
+impl Violation {
+    /// All of them.
+    pub const ALL: [Self; 14] = [
+        Self::Envelope,
+        Self::Purpose,
+        Self::Interlock,
+        Self::Mode,
+        Self::Rate,
+        Self::Interval,
+        Self::Freshness,
+        Self::Lifetime,
+        Self::Return,
+        Self::Identity,
+        Self::Record,
+        Self::Reached,
+        Self::Hunting,
+        Self::Silence,
+    ];
+
+    /// Name in records and metrics.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Envelope => "envelope",
+            Self::Purpose => "purpose",
+            Self::Interlock => "interlock",
+            Self::Mode => "mode",
+            Self::Rate => "rate",
+            Self::Interval => "interval",
+            Self::Freshness => "freshness",
+            Self::Lifetime => "lifetime",
+            Self::Return => "return",
+            Self::Identity => "identity",
+            Self::Record => "record",
+            Self::Reached => "reached",
+            Self::Hunting => "hunting",
+            Self::Silence => "silence",
+        }
+    }
+}
+
 /// The watcher.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InvariantMonitor {
@@ -118,6 +159,8 @@ impl InvariantMonitor {
     fn remember(&mut self, seen: &Situation) {
         if let (Phase::Chatter, Some(f)) = (seen.heard.phase, seen.heard.frequency_hz)
             && f.is_finite()
+            // Asked a thousand times a second: one entry serves half a second of a steady line.
+            && !(seen.now_s - self.heard_hz[0].0 < 0.5 && (f - self.heard_hz[0].1).abs() < 1.0)
         {
             self.heard_hz.rotate_right(1);
             self.heard_hz[0] = (seen.now_s, f);
@@ -225,7 +268,8 @@ impl InvariantMonitor {
             return Err(Violation::Interlock);
         }
         let fresh = seen.newest_sample_s.is_some_and(|t| within(t, 0.05)) && within(command.based_on_s, 0.05);
-        if !(fresh && seen.window_full) {
+        let believed = seen.estimate_valid || command.kind != CommandKind::Move;
+        if !(fresh && seen.window_full && believed) {
             return Err(Violation::Freshness);
         }
         if !seen.store_writable {

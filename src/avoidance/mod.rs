@@ -66,6 +66,8 @@ pub struct Situation {
     pub newest_sample_s: Option<f64>,
     /// Whether the detector's window is full of samples without a gap.
     pub window_full: bool,
+    /// Whether nothing stands against acting on the force estimate of the axis that hears the line.
+    pub estimate_valid: bool,
     /// What the detector says.
     pub heard: Heard,
     /// Spindle speed, where it is measured.
@@ -217,6 +219,8 @@ hold_reasons! {
     TurretSilent => "turret_silent",
     /// The newest sample is too old.
     StaleSamples => "stale_samples",
+    /// A flag of the force estimate forbids acting on it.
+    EstimateNotValid => "estimate_not_valid",
     /// There is a gap in the detector's window.
     WindowNotFull => "window_not_full",
     /// The spindle stands or its speed is not known.

@@ -30,6 +30,10 @@ pub struct Agreement {
     pub confidence: f64,
 }
 
+crate::keyframe::keep!(Agreement {
+    phase, leading_axis, frequency_hz, highest_hz, power_n2, growth_1_s, confidence
+} if |s| s.leading_axis < crate::sample::MAX_AXES);
+
 /// Since when one axis has been alone in chatter.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AgreementState {
@@ -38,6 +42,8 @@ pub struct AgreementState {
     line_hz: Option<f64>,
     declared: bool,
 }
+
+crate::keyframe::keep!(AgreementState { alone_since_s, together_since_s, line_hz, declared });
 
 fn rank(phase: Phase) -> u8 {
     match phase {

@@ -11,6 +11,8 @@ pub(super) struct Baseline {
     looks: f64,
 }
 
+crate::keyframe::keep!(Baseline { expected, believed, scratch, looks });
+
 /// The line that stands out most in a bank.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Standout {

@@ -43,6 +43,17 @@ pub(super) struct CutLevelState {
     started: bool,
 }
 
+crate::keyframe::keep!(CutLevelState {
+    level_n,
+    looks,
+    seen,
+    since_look_s,
+    ripple_n,
+    changing,
+    quiet_until,
+    started
+});
+
 impl CutLevel {
     pub(super) fn new(rate: SampleRate) -> Self {
         Self { period_s: rate.period_s() }

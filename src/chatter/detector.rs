@@ -1,6 +1,7 @@
 //! From lines that stand out to a decision: `Learning -> Quiet -> Suspected -> Chatter -> Quiet`.
 
 use super::{ChatterEvent, Line, NotChatter, Phase};
+use crate::keyframe::{Keep, Words};
 
 /// What the banks say at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,12 +81,51 @@ pub(super) struct Detector {
     recent: [(f64, f64); HISTORY],
 }
 
+crate::keyframe::keep!(Detector { phase, weak_end, recent });
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum State {
     Learning,
     Quiet,
     Suspected { since_s: f64, last_seen_s: f64, strongest_n2: f64 },
     Chatter { since_s: f64, last_loud_s: f64, peak_n2: f64, assurance: f64, on_order: f64 },
+}
+
+impl Keep for State {
+    fn keep(&self, to: &mut Vec<u64>) {
+        match *self {
+            Self::Learning => to.push(0),
+            Self::Quiet => to.push(1),
+            Self::Suspected { since_s, last_seen_s, strongest_n2 } => {
+                to.push(2);
+                [since_s, last_seen_s, strongest_n2].keep(to);
+            }
+            Self::Chatter { since_s, last_loud_s, peak_n2, assurance, on_order } => {
+                to.push(3);
+                [since_s, last_loud_s, peak_n2, assurance, on_order].keep(to);
+            }
+        }
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        *self = match from.next_word()? {
+            0 => Self::Learning,
+            1 => Self::Quiet,
+            2 => {
+                let mut x = [0.0; 3];
+                x.restore(from)?;
+                Self::Suspected { since_s: x[0], last_seen_s: x[1], strongest_n2: x[2] }
+            }
+            3 => {
+                let mut x = [0.0; 5];
+                x.restore(from)?;
+                let [since_s, last_loud_s, peak_n2, assurance, on_order] = x;
+                Self::Chatter { since_s, last_loud_s, peak_n2, assurance, on_order }
+            }
+            _ => return None,
+        };
+        Some(())
+    }
 }
 
 impl Detector {

@@ -25,6 +25,8 @@ pub use agreement::{Agreement, AgreementState, agree};
 pub use band::{Band, BandError, predicted_band};
 pub use monitor::{ChatterError, ChatterMonitor, ChatterSettings, ChatterState};
 
+use crate::keyframe::{Keep, Words};
+
 /// What a monitor says after each sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChatterOutput {
@@ -40,6 +42,24 @@ pub struct ChatterOutput {
     pub growth_1_s: Option<f64>,
     /// What began or ended with this sample.
     pub event: Option<ChatterEvent>,
+}
+
+/// Without the event, which belongs to one sample and is told when it happens.
+impl Keep for ChatterOutput {
+    fn keep(&self, to: &mut Vec<u64>) {
+        let Self { phase, frequency_hz, power_n2, contrast, growth_1_s, event: _ } = self;
+        phase.keep(to);
+        [frequency_hz, growth_1_s].into_iter().for_each(|x| x.keep(to));
+        [power_n2, contrast].into_iter().for_each(|x| x.keep(to));
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        let Self { phase, frequency_hz, power_n2, contrast, growth_1_s, event } = self;
+        *event = None;
+        phase.restore(from)?;
+        [frequency_hz, growth_1_s].into_iter().try_for_each(|x| x.restore(from))?;
+        [power_n2, contrast].into_iter().try_for_each(|x| x.restore(from))
+    }
 }
 
 impl ChatterOutput {
@@ -61,6 +81,19 @@ pub enum Phase {
     Suspected,
     /// A line stands out and stays.
     Chatter,
+}
+
+impl Keep for Phase {
+    fn keep(&self, to: &mut Vec<u64>) {
+        to.push(*self as u64);
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        let all = [Self::Learning, Self::Quiet, Self::Suspected, Self::Chatter];
+        let word = from.next_word()?;
+        *self = all.into_iter().find(|p| *p as u64 == word)?;
+        Some(())
+    }
 }
 
 /// What began or ended.

@@ -89,6 +89,11 @@ pub struct ChatterState {
     latest: ChatterOutput,
 }
 
+crate::keyframe::keep!(ChatterState {
+    samples, mix, mixer, orders, banks, baselines, angle_turns, speed_hz, earlier_speed_hz,
+    until_decision, heard_s, level, detector, track_hz, latest
+} if |s| s.until_decision > 0);
+
 impl ChatterMonitor {
     /// Errors: a band that reaches too close to half the sample rate.
     pub fn new(settings: ChatterSettings) -> Result<Self, ChatterError> {

@@ -6,6 +6,7 @@ use crate::recording::{read_recording, write_whole};
 use crate::report::diagnosis::write;
 use crate::report::html::{ReportContext, diagnosis_page};
 use indicatif::{ProgressBar, ProgressStyle};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Says what physics a machine model leaves out.
@@ -20,6 +21,9 @@ pub(super) struct Arguments {
     /// Folder for diagnosis.json, report.html, model.toml and the contributions.
     #[arg(long)]
     out: PathBuf,
+    /// Write lines `progress SHARE WHAT` to standard error, for programs that watch.
+    #[arg(long)]
+    progress: bool,
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
@@ -36,6 +40,10 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let progress = |share: f64, what: &str| {
         bar.set_position((100.0 * share) as u64);
         bar.set_message(what.to_owned());
+        if arguments.progress {
+            // Whoever watched may have gone; the diagnosis goes on.
+            let _ = writeln!(std::io::stderr(), "progress {share:.3} {what}");
+        }
     };
     let diagnosis = crate::diagnosis::diagnose(&machine, &recordings, &progress).map_err(bad_input)?;
     bar.finish_and_clear();

@@ -23,6 +23,8 @@ mod simulate;
 mod stability;
 #[cfg(feature = "service")]
 mod token;
+#[cfg(feature = "nats")]
+mod worker;
 
 use clap::{Parser, Subcommand};
 use std::io::Write as _;
@@ -62,6 +64,8 @@ enum Command {
     Token(token::Arguments),
     #[cfg(feature = "service")]
     Audit(audit::Arguments),
+    #[cfg(feature = "nats")]
+    Worker(worker::Arguments),
 }
 
 /// A failure that the user can mend: bad input or usage. One line.
@@ -151,5 +155,7 @@ fn dispatch(command: Command) -> anyhow::Result<()> {
         Command::Token(a) => token::run(a),
         #[cfg(feature = "service")]
         Command::Audit(a) => audit::run(a),
+        #[cfg(feature = "nats")]
+        Command::Worker(a) => worker::run(a),
     }
 }

@@ -1,16 +1,15 @@
 //! `stillcut replay`: the live pipeline over a recording.
 
 use super::bad_input;
-use crate::avoidance::pitch::optimum_pitch_rad;
-use crate::chatter::{Band, ChatterEvent, predicted_band};
+use crate::chatter::{Band, predicted_band};
 use crate::config::service::{ServiceConfig, read_service_config};
+use crate::keyframe::Digest;
 use crate::pipeline::{AxisPlan, BandPlan, Pipeline, PipelineSettings, StepOutput};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
-use crate::recording::read_recording;
-use crate::report::events::{EventLine, write_events};
+use crate::recording::{Evidence, read_recording};
+use crate::report::events::{EventLine, events_text, write_events};
 use crate::report::track::{Track, TrackRow};
 use crate::sample::{AxisSample, MAX_AXES, Recording, ServoSample};
-use crate::units::SpindleSpeed;
 use anyhow::Context as _;
 use std::path::PathBuf;
 
@@ -39,6 +38,10 @@ pub(super) struct Arguments {
     /// Columns to listen to as they are, where there are no servo signals: force_n or accel_m_s2.
     #[arg(long, default_value = "force_n", value_parser = ["force_n", "accel_m_s2"])]
     signal: String,
+    /// Fail unless the recording carries what the live service decided and this replay decides the same, bit
+    /// for bit. Needs the configuration that the service ran with.
+    #[arg(long)]
+    verify: bool,
 }
 
 /// Rows of the track a second.
@@ -54,24 +57,86 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let source = Source::of(&recording, &arguments).map_err(place)?;
     let settings = source.settings(&config, band);
     let mut pipeline = Pipeline::new(settings).map_err(|e| place(e.to_string()))?;
-    let (events, track) = replay(&recording, &source, &mut pipeline);
+    let evidence = Evidence::of(&recording).map_err(|e| place(e.to_string()))?;
+    let begun = evidence.filter(|e| e.settings == pipeline.settings_digest());
+    if let Some(evidence) = &begun {
+        pipeline.restore(&evidence.keyframe).map_err(|e| place(e.to_string()))?;
+    }
+    if arguments.verify && begun.is_none() {
+        let what =
+            "nothing to compare: it carries no decisions of a live service of this version and configuration";
+        return Err(place(what.to_owned()));
+    }
+    let first_sequence = begun.as_ref().map_or(0, |e| e.first_sequence);
+    let mut stretches = Stretches::of(begun.as_ref());
+    let (events, track) = replay(&recording, (&source, first_sequence), (&mut pipeline, &mut stretches));
     std::fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
     track.write(&arguments.out.join("track.parquet"))?;
     write_events(&arguments.out.join("events.jsonl"), &events)?;
+    if let (true, Some(evidence)) = (arguments.verify, &begun) {
+        stretches.compare(evidence)?;
+        let same = events_text(&events)? == evidence.decisions;
+        anyhow::ensure!(same, "the replay's events differ from the live ones");
+    }
     Ok(())
 }
 
-fn replay(recording: &Recording, source: &Source<'_>, pipeline: &mut Pipeline) -> (Vec<EventLine>, Track) {
+/// Digests of what the replay said, over the stretches that the live service made its own over.
+struct Stretches {
+    lengths: Vec<usize>,
+    left: usize,
+    current: Digest,
+    done: Vec<u64>,
+}
+
+impl Stretches {
+    fn of(evidence: Option<&Evidence>) -> Self {
+        let mut lengths: Vec<usize> =
+            evidence.map(|e| e.stretches.iter().map(|s| s.0).rev().collect()).unwrap_or_default();
+        let left = lengths.pop().unwrap_or(usize::MAX);
+        Self { lengths, left, current: Digest::default(), done: Vec::new() }
+    }
+
+    fn take(&mut self, output: &StepOutput, axes: usize) {
+        output.digest(axes, &mut self.current);
+        self.left = self.left.saturating_sub(1);
+        if self.left == 0 {
+            self.done.push(std::mem::take(&mut self.current).value());
+            self.left = self.lengths.pop().unwrap_or(usize::MAX);
+        }
+    }
+
+    fn compare(&self, evidence: &Evidence) -> anyhow::Result<()> {
+        let mut sample = 0;
+        for (index, (length, digest)) in evidence.stretches.iter().enumerate() {
+            let same = self.done.get(index) == Some(digest);
+            anyhow::ensure!(
+                same,
+                "the replay differs from the live run between sample {sample} and {}",
+                sample + length
+            );
+            sample += length;
+        }
+        Ok(())
+    }
+}
+
+fn replay(
+    recording: &Recording,
+    (source, first_sequence): (&Source<'_>, u64),
+    (pipeline, stretches): (&mut Pipeline, &mut Stretches),
+) -> (Vec<EventLine>, Track) {
     let (mut events, mut track) = (Vec::new(), Track::default());
     let every = (recording.sample_rate.hz() / TRACK_HZ).max(1.0);
     let mut next_row = every;
     for index in 0..recording.len() {
-        let output = source.step(pipeline, recording, index);
+        let sequence = first_sequence + index as u64;
+        let output = source.step(pipeline, recording, (index, sequence));
+        stretches.take(&output, source.axes.len());
         if let Some((axis, event)) = &output.event {
             let name = source.axes.get(*axis).map_or("", String::as_str);
-            let mut line = EventLine::from_chatter(output.t_s, name, event);
-            line.pitch_difference_rad = pitch_for(event, source.speed_rpm(index));
-            events.push(line);
+            let line = EventLine::from_chatter(output.t_s, name, event);
+            events.push(source.speed_rpm(index).map_or(line.clone(), |rpm| line.with_pitch_at(rpm)));
         }
         if (index + 1) as f64 >= next_row {
             next_row += every;
@@ -87,13 +152,6 @@ fn replay(recording: &Recording, source: &Source<'_>, pipeline: &mut Pipeline) -
     (events, track)
 }
 
-/// Pitch that would cancel a line that has just been declared.
-fn pitch_for(event: &ChatterEvent, speed_rpm: Option<f64>) -> Option<f64> {
-    let ChatterEvent::Onset(line) = event else { return None };
-    let spindle = SpindleSpeed::from_rpm(speed_rpm?).ok()?;
-    optimum_pitch_rad(spindle, line.frequency_hz, 0).ok()
-}
-
 /// Where the pipeline's input is found in a recording.
 struct Source<'a> {
     axes: Vec<String>,
@@ -102,6 +160,8 @@ struct Source<'a> {
     speed: Option<&'a [f64]>,
     speed_given_rpm: Option<f64>,
     angle: Option<&'a [f64]>,
+    /// The machine's own times, where a black box kept them.
+    times: Option<&'a [f64]>,
 }
 
 enum Signals<'a> {
@@ -115,6 +175,7 @@ struct ServoColumns<'a> {
     current_a: &'a [f64],
     motor_rad: &'a [f64],
     stage_m: Option<&'a [f64]>,
+    stage_valid: Option<&'a [f64]>,
 }
 
 impl<'a> Source<'a> {
@@ -149,6 +210,7 @@ impl<'a> Source<'a> {
             speed: recording.get("spindle_speed_rpm"),
             speed_given_rpm: arguments.spindle_speed_rpm,
             angle: recording.get("spindle_angle_rad"),
+            times: recording.get("source_t_s"),
         })
     }
 
@@ -175,8 +237,13 @@ impl<'a> Source<'a> {
         self.speed.map(|s| s[index]).or(self.speed_given_rpm)
     }
 
-    fn step(&self, pipeline: &mut Pipeline, recording: &Recording, index: usize) -> StepOutput {
-        let t_s = recording.time_s(index);
+    fn step(
+        &self,
+        pipeline: &mut Pipeline,
+        recording: &Recording,
+        (index, sequence): (usize, u64),
+    ) -> StepOutput {
+        let t_s = self.times.map_or(recording.time_s(index), |t| t[index]);
         match &self.signals {
             Signals::Direct(columns) => {
                 let mut forces = [0.0; MAX_AXES];
@@ -191,11 +258,11 @@ impl<'a> Source<'a> {
                     *to = AxisSample {
                         current_ref_a: column.current_a[index],
                         motor_angle_rad: column.motor_rad[index],
-                        stage_position_m: column.stage_m.map(|s| s[index]),
+                        stage_position_m: column.stage(index),
                     };
                 }
                 pipeline.step(&ServoSample {
-                    sequence: index as u64,
+                    sequence,
                     t_s,
                     axes,
                     spindle_angle_rad: self.angle.map_or(0.0, |a| a[index]),
@@ -207,12 +274,18 @@ impl<'a> Source<'a> {
 }
 
 impl<'a> ServoColumns<'a> {
+    fn stage(&self, index: usize) -> Option<f64> {
+        let valid = self.stage_valid.is_none_or(|v| v[index] != 0.0);
+        self.stage_m.filter(|_| valid).map(|s| s[index])
+    }
+
     fn of(recording: &'a Recording, axis: &str) -> Result<Self, String> {
         let column = |name: &str| recording.require(&format!("{axis}_{name}")).map_err(|e| e.to_string());
         Ok(Self {
             current_a: column("current_ref_a")?,
             motor_rad: column("motor_angle_rad")?,
             stage_m: recording.get(&format!("{axis}_stage_position_m")),
+            stage_valid: recording.get(&format!("{axis}_stage_valid")),
         })
     }
 }

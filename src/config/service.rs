@@ -8,9 +8,10 @@ use super::{ConfigError, parse, read_text};
 use crate::chatter::Band;
 use crate::force::balance::Method;
 use crate::force::estimator::{ForceSettings, LowPass, Signals};
+use crate::force::physics::physics_of;
 use crate::pipeline::{AxisPlan, BandPlan, ForcePlan, PipelineSettings};
 use crate::plant::cutting::{Cutting, RawCutting};
-use crate::plant::machine::Machine;
+use crate::plant::machine::{AxisModel, Machine};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::units::SampleRate;
 use serde::{Deserialize, Serialize};
@@ -36,6 +37,7 @@ struct ServiceToml {
     recorder: RecorderToml,
     log: LogToml,
     mtconnect: MtconnectToml,
+    fleet: FleetToml,
 }
 
 macro_rules! section {
@@ -108,6 +110,12 @@ section!(RecorderToml {
     max_bytes: u64 = 4_000_000_000,
 });
 section!(LogToml { format: String = "text".into() });
+section!(FleetToml {
+    server: Option<String> = None,
+    credentials: Option<PathBuf> = None,
+    machine: String = "lathe".into(),
+    diagnose: bool = false,
+});
 section!(MtconnectToml {
     listen: Option<String> = None,
 });
@@ -170,6 +178,19 @@ pub struct RecorderConfig {
     pub max_bytes: u64,
 }
 
+/// The broker of the fleet.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FleetConfig {
+    /// `nats://host:port`.
+    pub server: String,
+    /// File with one line `user:password` for the broker.
+    pub credentials: Option<PathBuf>,
+    /// Name of this machine in subjects.
+    pub machine: String,
+    /// Diagnoses go to the fleet's workers.
+    pub diagnose: bool,
+}
+
 /// The configuration of the service, checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServiceConfig {
@@ -203,6 +224,8 @@ pub struct ServiceConfig {
     pub recorder: RecorderConfig,
     /// Log lines as JSON.
     pub log_json: bool,
+    /// Broker of the fleet, where there is one.
+    pub fleet: Option<FleetConfig>,
     /// Where MTConnect agents connect.
     pub mtconnect: Option<SocketAddr>,
     /// What was read, without comments.
@@ -309,6 +332,7 @@ impl Reader<'_> {
                 .as_deref()
                 .map(|a| self.address("mtconnect.listen", a))
                 .transpose()?,
+            fleet: self.fleet(&raw.fleet)?,
             machine,
             model,
             text,
@@ -359,6 +383,25 @@ impl Reader<'_> {
         })
     }
 
+    fn fleet(&self, raw: &FleetToml) -> Result<Option<FleetConfig>, ConfigError> {
+        let Some(server) = &raw.server else { return Ok(None) };
+        if !cfg!(feature = "nats") {
+            let what = "this program was built without NATS; build it with `--features nats`";
+            return Err(self.bad("fleet.server", what));
+        }
+        let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if raw.machine.is_empty() || raw.machine.len() > 60 || !raw.machine.chars().all(plain) {
+            let what = format!("`{}`: expected 1 to 60 letters, digits, - and _", raw.machine);
+            return Err(self.bad("fleet.machine", what));
+        }
+        Ok(Some(FleetConfig {
+            server: server.clone(),
+            credentials: raw.credentials.as_deref().map(|p| self.resolve(p)),
+            machine: raw.machine.clone(),
+            diagnose: raw.diagnose,
+        }))
+    }
+
     fn address(&self, place: &str, text: &str) -> Result<SocketAddr, ConfigError> {
         text.parse()
             .map_err(|_| self.bad(place, format!("`{text}` is not an address such as 127.0.0.1:8620")))
@@ -387,22 +430,37 @@ impl Reader<'_> {
 }
 
 impl ServiceConfig {
+    /// The observer of one axis, with the physics that its model has beyond the structure.
+    fn force_plan(&self, axis: &AxisModel) -> ForcePlan {
+        let low_pass = LowPass::Butterworth { order: 4, cutoff_hz: self.force_cutoff_hz };
+        let settings = ForceSettings { low_pass, ..ForceSettings::default() };
+        let plain = ForcePlan {
+            drive: axis.drive.clone(),
+            signals: Signals::Both,
+            method: self.method,
+            motor_cutoff_hz: Some(self.motor_cutoff_hz),
+            settings,
+        };
+        if axis.physics.is_empty() || self.method == Method::Thrust {
+            return plain;
+        }
+        let (physics, drive) = physics_of(&axis.physics, &axis.drive);
+        let settings = ForceSettings {
+            presliding_travel_m: physics.presliding_travel_m(),
+            unmodelled_modes_hz: physics.modes_hz.clone(),
+            physics: Some(physics),
+            ..plain.settings
+        };
+        ForcePlan { drive, settings, ..plain }
+    }
+
     /// The pipeline for a stream of these axes: an axis that the model does not know has no force.
     #[must_use]
     pub fn pipeline_settings(&self, sample_rate: SampleRate, axes: &[String]) -> PipelineSettings {
         let plan = |name: &String| AxisPlan {
             name: name.clone(),
             watch: self.watch.contains(name),
-            force: self.machine.axis(name).map(|axis| ForcePlan {
-                drive: axis.drive.clone(),
-                signals: Signals::Both,
-                method: self.method,
-                motor_cutoff_hz: Some(self.motor_cutoff_hz),
-                settings: ForceSettings {
-                    low_pass: LowPass::Butterworth { order: 4, cutoff_hz: self.force_cutoff_hz },
-                    ..ForceSettings::default()
-                },
-            }),
+            force: self.machine.axis(name).map(|axis| self.force_plan(axis)),
         };
         PipelineSettings {
             sample_rate,

@@ -9,6 +9,7 @@ use super::physics::PhysicsModel;
 use super::settings::{Filter, FilterState};
 pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
 use super::validity::Validity;
+use crate::keyframe::{Keep, Words};
 use crate::plant::drive::DriveParams;
 use crate::signal::delay_line::DelayLine;
 use crate::signal::finite_difference::{Stencil, stencils};
@@ -109,6 +110,34 @@ pub struct ForceState {
     /// Speed of the axis, slowed down: what the notches follow.
     speed_m_s: f64,
     seen: u32,
+}
+
+impl Keep for ForceState {
+    fn keep(&self, to: &mut Vec<u64>) {
+        let Self { current, motor, stage, current_n, last_ref_n, presliding, filter, .. } = self;
+        let Self { harmonic, notches, speed_m_s, seen, .. } = self;
+        [current, motor, stage].into_iter().for_each(|line| line.keep(to));
+        [current_n, last_ref_n, speed_m_s].into_iter().for_each(|x| x.keep(to));
+        presliding.keep(to);
+        filter.keep(to);
+        notches.keep(to);
+        seen.keep(to);
+        if let Some(harmonic) = harmonic {
+            harmonic.keep(to);
+        }
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        let Self { current, motor, stage, current_n, last_ref_n, presliding, filter, .. } = self;
+        [current, motor, stage].into_iter().try_for_each(|line| line.restore(from))?;
+        let Self { harmonic, notches, speed_m_s, seen, .. } = self;
+        [current_n, last_ref_n, speed_m_s].into_iter().try_for_each(|x| x.restore(from))?;
+        presliding.restore(from)?;
+        filter.restore(from)?;
+        notches.restore(from)?;
+        seen.restore(from)?;
+        harmonic.as_mut().map_or(Some(()), |h| h.restore(from))
+    }
 }
 
 impl ForceEstimator {

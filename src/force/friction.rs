@@ -27,6 +27,8 @@ pub struct PreslidingState {
     share: f64,
 }
 
+crate::keyframe::keep!(PreslidingState { position_m, share });
+
 impl Presliding {
     /// Friction that turns over `travel_m`, on an encoder of step `step_m`.
     #[must_use]

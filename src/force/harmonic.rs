@@ -129,6 +129,8 @@ pub struct HarmonicState {
     peak: PeakHold,
 }
 
+crate::keyframe::keep!(HarmonicState { current, motor, stage, current_n, last_ref_n, presliding, peak });
+
 /// Largest size of a series over the last window, in two halves.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct PeakHold {
@@ -136,6 +138,8 @@ struct PeakHold {
     now: f64,
     count: usize,
 }
+
+crate::keyframe::keep!(PeakHold { before, now, count } if |s| s.count < 1 << 32);
 
 impl PeakHold {
     fn step(&mut self, x: f64, half_window: usize) -> f64 {

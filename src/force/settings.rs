@@ -4,6 +4,7 @@ use super::friction::PRESLIDING_TRAVEL_M;
 use super::harmonic::HarmonicSettings;
 use super::idle_map::IdleMap;
 use super::physics::PhysicsModel;
+use crate::keyframe::{Keep, Words};
 use crate::plant::machine::Controller;
 use crate::signal::FilterError;
 use crate::signal::butterworth::{Butterworth, ButterworthState};
@@ -133,6 +134,24 @@ pub(super) enum FilterState {
     Butterworth(ButterworthState),
     LinearPhase(LinearPhaseState),
     None,
+}
+
+impl Keep for FilterState {
+    fn keep(&self, to: &mut Vec<u64>) {
+        match self {
+            Self::Butterworth(state) => state.keep(to),
+            Self::LinearPhase(state) => state.keep(to),
+            Self::None => {}
+        }
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        match self {
+            Self::Butterworth(state) => state.restore(from),
+            Self::LinearPhase(state) => state.restore(from),
+            Self::None => Some(()),
+        }
+    }
 }
 
 impl Filter {

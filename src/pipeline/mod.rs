@@ -11,8 +11,10 @@
 //!
 //! After [`Pipeline::new`] a step allocates nothing, unless a gap makes it start anew.
 
+mod keyframe;
 mod settings;
 
+pub use keyframe::KeyframeError;
 pub use settings::{AxisPlan, BandPlan, ForcePlan, PipelineError, PipelineSettings};
 
 use crate::chatter::{
@@ -187,6 +189,7 @@ impl Pipeline {
             self.clean_samples = 0;
             return self.unchanged(sample.t_s, StreamFault::NotFinite(error));
         }
+        let mut bridged = None;
         let fault = match self.last {
             Some(last) if sample.sequence <= last.sequence => {
                 return self.unchanged(sample.t_s, StreamFault::Repeated);
@@ -194,7 +197,7 @@ impl Pipeline {
             Some(last) if sample.sequence - last.sequence > 1 => {
                 let lost = sample.sequence - last.sequence - 1;
                 if lost <= LARGEST_BRIDGE {
-                    self.bridge(&last, sample, lost);
+                    bridged = self.bridge(&last, sample, lost);
                 } else {
                     self.restart();
                 }
@@ -205,6 +208,7 @@ impl Pipeline {
         };
         self.last = Some(*sample);
         let mut output = self.take(sample);
+        output.event = output.event.or(bridged);
         output.fault = fault;
         output
     }
@@ -229,8 +233,10 @@ impl Pipeline {
         }
     }
 
-    /// Feeds what lies on straight lines between two samples, so that short losses do not ring.
-    fn bridge(&mut self, from: &ServoSample, to: &ServoSample, lost: u64) {
+    /// Feeds what lies on straight lines between two samples, so that short losses do not ring. Answers what
+    /// began or ended on the way.
+    fn bridge(&mut self, from: &ServoSample, to: &ServoSample, lost: u64) -> Option<(usize, ChatterEvent)> {
+        let mut event = None;
         for i in 1..=lost {
             let share = i as f64 / (lost + 1) as f64;
             let mix = |a: f64, b: f64| a + share * (b - a);
@@ -244,8 +250,9 @@ impl Pipeline {
                     stage_position_m: a.stage_position_m.zip(b.stage_position_m).map(|(a, b)| mix(a, b)),
                 };
             }
-            self.take(&between);
+            event = self.take(&between).event.or(event);
         }
+        event
     }
 
     /// Forgets everything but the settings.
@@ -344,6 +351,12 @@ impl Pipeline {
     #[must_use]
     pub fn agreement(&self) -> &Agreement {
         &self.agreement
+    }
+
+    /// Whether no flag of the newest force estimate of one axis forbids acting on it.
+    #[must_use]
+    pub fn axis_may_act(&self, axis: usize) -> bool {
+        self.states.get(axis).is_some_and(|state| state.flags.may_act())
     }
 
     /// Whether no flag forbids acting on any watched axis.

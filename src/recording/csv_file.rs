@@ -53,7 +53,7 @@ pub(super) fn read_with(path: &Path, source: &Source) -> Result<RawTable, Record
                 path: path.to_owned(),
                 column: name.clone(),
                 row,
-                message: format!("`{text}` is not a number"),
+                message: format!("`{}` is not a number", text.escape_debug()),
             })?;
             values.push(value);
         }

@@ -4,6 +4,7 @@
 //! numbers. Writing goes beside the target and is renamed: a file is there whole or not at all.
 
 mod csv_file;
+mod evidence;
 mod foreign;
 mod mat_file;
 mod parquet_file;
@@ -13,6 +14,7 @@ use crate::units::SampleRate;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+pub use evidence::{Evidence, EvidenceError};
 pub use foreign::import;
 pub use parquet_file::{Table, TableColumn, write_table};
 
@@ -85,6 +87,9 @@ fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, Recording
         }
         None => None,
     };
+    if let Some((name, _)) = raw.columns.iter().find(|(n, _)| n.contains(char::is_control)) {
+        return Err(format_error(format!("column name `{}` holds control characters", name.escape_debug())));
+    }
     let mut columns = Vec::new();
     let mut times = None;
     for (name, values) in raw.columns {

@@ -14,7 +14,16 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
+/// Reads a table. The library behind it panics on some damaged files (negative offsets, a dictionary page that
+/// is missing): that too is a damaged file, and no fault of ours.
 pub(super) fn read(path: &Path) -> Result<RawTable, RecordingError> {
+    std::panic::catch_unwind(|| read_unguarded(path)).unwrap_or_else(|_| {
+        let message = "damaged: its pages are not where its index says".to_owned();
+        Err(RecordingError::Format { path: path.to_owned(), message })
+    })
+}
+
+fn read_unguarded(path: &Path) -> Result<RawTable, RecordingError> {
     let file = File::open(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
     let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
     let reader = SerializedFileReader::new(file).map_err(|e| format_error(one_line(&e)))?;

@@ -1,7 +1,9 @@
 //! `events.jsonl`: what happened, one object a line (contracts, section 4).
 
+use crate::avoidance::pitch::optimum_pitch_rad;
 use crate::chatter::{ChatterEvent, NotChatter};
 use crate::recording::{RecordingError, write_whole};
+use crate::units::SpindleSpeed;
 use serde::Serialize;
 use std::path::Path;
 
@@ -77,6 +79,19 @@ impl EventLine {
             ChatterEvent::CutChanged => line.kind = "cut_changed",
         }
         line
+    }
+}
+
+impl EventLine {
+    /// The same with the pitch that would cancel a line that has just been declared, eq. (6-10).
+    #[must_use]
+    pub fn with_pitch_at(mut self, spindle_speed_rpm: f64) -> Self {
+        if let (Some(hz), "chatter_onset", Ok(spindle)) =
+            (self.frequency_hz, self.kind, SpindleSpeed::from_rpm(spindle_speed_rpm))
+        {
+            self.pitch_difference_rad = optimum_pitch_rad(spindle, hz, 0).ok();
+        }
+        self
     }
 }
 

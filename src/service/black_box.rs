@@ -1,19 +1,57 @@
 //! The black box: the last seconds of samples, kept in memory, saved around every event.
 //!
-//! Samples fill chunks of a quarter of a second. A full chunk is shared, not copied: saving hands out
-//! references, so the pipeline thread pays the same whether anything is saved or not.
+//! Samples fill chunks of a quarter of a second. Each begins with a keyframe of the pipeline and carries what
+//! the pipeline decided, so that a saved recording can be replayed to the same bytes. A full chunk is shared,
+//! not copied: saving hands out references, so the pipeline thread pays the same whether anything is saved.
 
+use crate::chatter::ChatterEvent;
+use crate::keyframe::Digest;
+use crate::pipeline::{Pipeline, StepOutput};
 use crate::sample::{MAX_AXES, ServoSample};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Samples of one chunk at 9 kHz: a quarter of a second.
 const CHUNK: usize = 2250;
+/// Events of one chunk that find room without asking for memory.
+const HEARD: usize = 16;
 
-/// A run of samples.
-#[derive(Debug, Clone, PartialEq)]
+/// What the pipeline said at one sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Heard {
+    pub(super) t_s: f64,
+    pub(super) axis: usize,
+    pub(super) event: ChatterEvent,
+    pub(super) spindle_speed_rpm: f64,
+}
+
+/// A run of samples without a gap inside.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Chunk {
     pub(super) samples: Vec<ServoSample>,
+    /// State of the pipeline before the first sample.
+    pub(super) keyframe: Vec<u64>,
+    /// Digest of all that the samples led to.
+    pub(super) digest: Digest,
+    pub(super) heard: Vec<Heard>,
+}
+
+impl Chunk {
+    fn fresh() -> Self {
+        Self {
+            samples: Vec::with_capacity(CHUNK),
+            keyframe: Vec::new(),
+            digest: Digest::default(),
+            heard: Vec::with_capacity(HEARD),
+        }
+    }
+
+    fn clear(&mut self) {
+        self.samples.clear();
+        self.keyframe.clear();
+        self.digest = Digest::default();
+        self.heard.clear();
+    }
 }
 
 /// What is kept.
@@ -23,6 +61,7 @@ pub(super) struct BlackBox {
     filling: Chunk,
     spare: Vec<Arc<Chunk>>,
     chunks: usize,
+    turned: Option<Arc<Chunk>>,
 }
 
 impl BlackBox {
@@ -30,28 +69,49 @@ impl BlackBox {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub(super) fn new(seconds: f64, rate_hz: f64) -> Self {
         let chunks = ((seconds * rate_hz / CHUNK as f64).ceil() as usize).clamp(1, 400);
-        let fresh = || Chunk { samples: Vec::with_capacity(CHUNK) };
-        let spare = (0..chunks + 1).map(|_| Arc::new(fresh())).collect();
-        Self { full: VecDeque::with_capacity(chunks + 1), filling: fresh(), spare, chunks }
-    }
-
-    /// Takes one sample.
-    pub(super) fn push(&mut self, sample: &ServoSample) {
-        self.filling.samples.push(*sample);
-        if self.filling.samples.len() >= CHUNK {
-            self.turn();
+        let spare = (0..chunks + 1).map(|_| Arc::new(Chunk::fresh())).collect();
+        Self {
+            full: VecDeque::with_capacity(chunks + 1),
+            filling: Chunk::fresh(),
+            spare,
+            chunks,
+            turned: None,
         }
     }
 
-    /// Puts the full chunk away and takes an empty one, from the spare ones where one is free.
+    /// Call before the pipeline takes the sample: a chunk begins where the last is full or samples are
+    /// missing, and keeps the pipeline's state.
+    pub(super) fn before(&mut self, sample: &ServoSample, pipeline: &Pipeline) {
+        let follows = self.filling.samples.last().is_none_or(|l| sample.sequence == l.sequence + 1);
+        if !follows || self.filling.samples.len() >= CHUNK {
+            self.turn();
+        }
+        if self.filling.samples.is_empty() {
+            self.filling.keyframe.clear();
+            pipeline.keep(&mut self.filling.keyframe);
+        }
+    }
+
+    /// Takes one sample that the pipeline took, and what it led to.
+    pub(super) fn push(&mut self, sample: &ServoSample, (output, axes): (&StepOutput, usize)) {
+        self.filling.samples.push(*sample);
+        output.digest(axes, &mut self.filling.digest);
+        if let Some((axis, event)) = output.event {
+            let spindle_speed_rpm = sample.spindle_speed_rpm;
+            self.filling.heard.push(Heard { t_s: output.t_s, axis, event, spindle_speed_rpm });
+        }
+    }
+
+    /// Puts the chunk away and takes an empty one, from the spare ones where one is free.
     fn turn(&mut self) {
         let empty =
             self.spare.iter().position(|c| Arc::strong_count(c) == 1).map(|i| self.spare.swap_remove(i));
-        let mut next =
-            empty.and_then(Arc::into_inner).unwrap_or_else(|| Chunk { samples: Vec::with_capacity(CHUNK) });
-        next.samples.clear();
+        let mut next = empty.and_then(Arc::into_inner).unwrap_or_else(Chunk::fresh);
+        next.clear();
         let done = std::mem::replace(&mut self.filling, next);
-        self.full.push_back(Arc::new(done));
+        let done = Arc::new(done);
+        self.turned = Some(Arc::clone(&done));
+        self.full.push_back(done);
         if self.full.len() > self.chunks
             && let Some(oldest) = self.full.pop_front()
             && self.spare.len() <= self.chunks
@@ -60,12 +120,18 @@ impl BlackBox {
         }
     }
 
+    /// The chunk that was filled since the last call.
+    pub(super) fn newest_full(&mut self) -> Option<Arc<Chunk>> {
+        self.turned.take()
+    }
+
     /// Forgets everything: what comes next has another clock or other axes.
     pub(super) fn clear(&mut self) {
         while let Some(chunk) = self.full.pop_front() {
             self.spare.push(chunk);
         }
-        self.filling.samples.clear();
+        self.filling.clear();
+        self.turned = None;
     }
 
     /// Everything that is kept, oldest first. Copies only the chunk that is being filled.
@@ -78,11 +144,14 @@ impl BlackBox {
     }
 }
 
-/// The longest run at the end in which no sample is missing: a recording is uniformly sampled.
-pub(super) fn last_unbroken(chunks: &[Arc<Chunk>]) -> Vec<&ServoSample> {
-    let all: Vec<&ServoSample> = chunks.iter().flat_map(|c| &c.samples).collect();
-    let begin = all.windows(2).rposition(|w| w[1].sequence != w[0].sequence + 1).map_or(0, |i| i + 1);
-    all.get(begin..).unwrap_or_default().to_vec()
+/// The chunks at the end between which no sample is missing: a recording is uniformly sampled.
+pub(super) fn last_unbroken(chunks: &[Arc<Chunk>]) -> &[Arc<Chunk>] {
+    let follows = |pair: &[Arc<Chunk>]| {
+        let ends = (pair[0].samples.last(), pair[1].samples.first());
+        matches!(ends, (Some(a), Some(b)) if b.sequence == a.sequence + 1)
+    };
+    let begin = chunks.windows(2).rposition(|pair| !follows(pair)).map_or(0, |i| i + 1);
+    chunks.get(begin..).unwrap_or_default()
 }
 
 /// Name of the signals of an axis that every sample has.
@@ -97,12 +166,19 @@ pub(super) fn columns(samples: &[&ServoSample], axes: &[String]) -> Vec<crate::s
     for (index, axis) in axes.iter().enumerate().take(MAX_AXES) {
         add(format!("{axis}_{}", AXIS_SIGNALS[0]), &|s| s.axes[index].current_ref_a);
         add(format!("{axis}_{}", AXIS_SIGNALS[1]), &|s| s.axes[index].motor_angle_rad);
-        if samples.iter().all(|s| s.axes[index].stage_position_m.is_some()) {
+        let stages = samples.iter().filter(|s| s.axes[index].stage_position_m.is_some()).count();
+        if stages > 0 {
             add(format!("{axis}_stage_position_m"), &|s| s.axes[index].stage_position_m.unwrap_or_default());
+        }
+        if (1..samples.len()).contains(&stages) {
+            // 0 where the scale was silent: the position beside it means nothing.
+            let valid = |s: &ServoSample| f64::from(u8::from(s.axes[index].stage_position_m.is_some()));
+            add(format!("{axis}_stage_valid"), &valid);
         }
     }
     add("spindle_angle_rad".into(), &|s| s.spindle_angle_rad);
     add("spindle_speed_rpm".into(), &|s| s.spindle_speed_rpm);
+    add("source_t_s".into(), &|s| s.t_s); // as the machine's clock said, to the last bit
     out
 }
 
@@ -121,33 +197,68 @@ mod tests {
         }
     }
 
+    fn pipeline() -> Pipeline {
+        let config = crate::config::service::ServiceConfig::default();
+        let rate = crate::units::SampleRate::new(9000.0).unwrap();
+        Pipeline::new(config.pipeline_settings(rate, &["x1".into(), "y1".into()])).unwrap()
+    }
+
+    fn feed(kept: &mut BlackBox, pipeline: &mut Pipeline, sequences: impl Iterator<Item = u64>) {
+        for sequence in sequences {
+            let sample = sample(sequence);
+            kept.before(&sample, pipeline);
+            let output = pipeline.step(&sample);
+            kept.push(&sample, (&output, 2));
+        }
+    }
+
+    fn run(chunks: &[Arc<Chunk>]) -> Vec<&ServoSample> {
+        last_unbroken(chunks).iter().flat_map(|c| &c.samples).collect()
+    }
+
     #[test]
     fn keeps_the_newest_and_reuses_its_memory() {
         let mut kept = BlackBox::new(1.0, 9000.0);
-        for k in 0..50_000 {
-            kept.push(&sample(k));
-        }
+        feed(&mut kept, &mut pipeline(), 0..50_000);
         let chunks = kept.snapshot();
-        let run = last_unbroken(&chunks);
+        let run = run(&chunks);
         assert_eq!(run.last().unwrap().sequence, 49_999);
         assert!((9000..9000 + 2 * CHUNK).contains(&run.len()), "{}", run.len());
         assert!(kept.full.len() + kept.spare.len() <= 2 * kept.chunks + 2);
     }
 
     #[test]
-    fn a_recording_begins_after_the_last_gap() {
+    fn a_recording_begins_after_the_last_gap_with_the_state_before_it() {
         let mut kept = BlackBox::new(1.0, 9000.0);
-        for k in (0..3000).chain(3001..5000) {
-            kept.push(&sample(k));
-        }
+        let mut live = pipeline();
+        feed(&mut kept, &mut live, (0..3000).chain(3001..5000));
         let chunks = kept.snapshot();
-        let run = last_unbroken(&chunks);
-        assert_eq!((run[0].sequence, run.len()), (3001, 1999));
-        let columns = columns(&run, &["x1".into()]);
+        let samples = run(&chunks);
+        assert_eq!((samples[0].sequence, samples.len()), (3001, 1999));
+        let mut again = pipeline();
+        again.restore(&last_unbroken(&chunks)[0].keyframe).unwrap();
+        let mut digest = Digest::default();
+        samples.iter().for_each(|s| again.step(s).digest(2, &mut digest));
+        assert_eq!(digest, last_unbroken(&chunks)[0].digest);
+        let columns = columns(&samples, &["x1".into()]);
         let names: Vec<_> = columns.iter().map(|c| c.name.as_str()).collect();
-        assert_eq!(
-            names,
-            ["x1_current_ref_a", "x1_motor_angle_rad", "spindle_angle_rad", "spindle_speed_rpm"]
-        );
+        let expected = [
+            "x1_current_ref_a",
+            "x1_motor_angle_rad",
+            "spindle_angle_rad",
+            "spindle_speed_rpm",
+            "source_t_s",
+        ];
+        assert_eq!(names, expected);
+    }
+
+    #[test]
+    fn a_scale_that_falls_silent_is_marked() {
+        let mut list = [sample(1), sample(2)];
+        list[0].axes[0].stage_position_m = Some(0.5);
+        let columns = columns(&[&list[0], &list[1]], &["x1".into()]);
+        let of = |name: &str| columns.iter().find(|c| c.name == name).unwrap().values.clone();
+        assert_eq!(of("x1_stage_position_m"), [0.5, 0.0]);
+        assert_eq!(of("x1_stage_valid"), [1.0, 0.0]);
     }
 }

@@ -54,6 +54,8 @@ pub(crate) enum Control {
         done: oneshot::Sender<Result<u64, Refusal>>,
     },
     SaveRecording {
+        /// First part of its name.
+        word: &'static str,
         reason: String,
         done: oneshot::Sender<Result<String, Refusal>>,
     },

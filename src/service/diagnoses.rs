@@ -45,6 +45,10 @@ pub struct DiagnosisView {
     pub asked_at: String,
     /// Seconds since it began to run.
     pub elapsed_s: f64,
+    /// How far it is, 0 to 1.
+    pub progress: f64,
+    /// What it is doing.
+    pub step: Option<String>,
     /// `diagnosis.json`, once done.
     pub result: Option<serde_json::Value>,
     /// Why there is no result.
@@ -64,6 +68,9 @@ struct Inner {
     program: PathBuf,
     jobs: Mutex<VecDeque<Job>>,
     wake: tokio::sync::Notify,
+    /// Diagnoses go to the fleet's workers.
+    #[cfg(feature = "nats")]
+    workers: Option<super::fleet::Broker>,
 }
 
 /// All jobs of this start.
@@ -74,8 +81,26 @@ impl Diagnoses {
     /// Jobs that write below `folder` and run `program`.
     #[must_use]
     pub fn new(folder: &Path, program: PathBuf) -> Self {
-        let folder = folder.to_owned();
-        Self(Arc::new(Inner { folder, program, jobs: Mutex::default(), wake: tokio::sync::Notify::new() }))
+        Self(Arc::new(Inner {
+            folder: folder.to_owned(),
+            program,
+            jobs: Mutex::default(),
+            wake: tokio::sync::Notify::new(),
+            #[cfg(feature = "nats")]
+            workers: None,
+        }))
+    }
+
+    /// The same, done by the workers behind this broker.
+    #[cfg(feature = "nats")]
+    pub(super) fn by_workers(folder: &Path, program: PathBuf, broker: super::fleet::Broker) -> Self {
+        Self(Arc::new(Inner {
+            folder: folder.to_owned(),
+            program,
+            jobs: Mutex::default(),
+            wake: tokio::sync::Notify::new(),
+            workers: Some(broker),
+        }))
     }
 
     fn with<T>(&self, act: impl FnOnce(&mut VecDeque<Job>) -> T) -> T {
@@ -91,6 +116,8 @@ impl Diagnoses {
             state: JobState::Queued,
             asked_at: clock::rfc3339(clock::wall_ns()),
             elapsed_s: 0.0,
+            progress: 0.0,
+            step: None,
             result: None,
             error: None,
         };
@@ -130,6 +157,20 @@ impl Diagnoses {
             .map(|v| self.0.folder.join(v.id).join("report.html"))
     }
 
+    /// Here, or by a worker of the fleet.
+    async fn do_task(&self, task: Task) -> Result<serde_json::Value, String> {
+        #[cfg(feature = "nats")]
+        if let Some(broker) = &self.0.workers {
+            let note = |share, what| self.0.note_progress(&task.id, (share, what));
+            return super::fleet::diagnose(broker, &task, note).await;
+        }
+        let inner = Arc::clone(&self.0);
+        let ran = tokio::task::spawn_blocking(move || {
+            run_task(&inner.program, &task, |share, what| inner.note_progress(&task.id, (share, what)))
+        });
+        ran.await.unwrap_or_else(|e| Err(e.to_string()))
+    }
+
     /// Works through the queue for ever. `model`: where every diagnosis starts from.
     pub(super) async fn run(self, model: Option<PathBuf>, done: impl Fn(DiagnosisView)) {
         loop {
@@ -143,14 +184,19 @@ impl Diagnoses {
                 self.0.wake.notified().await;
                 continue;
             };
-            let (inner, model, name) = (Arc::clone(&self.0), model.clone(), id.clone());
-            let ran =
-                tokio::task::spawn_blocking(move || inner.diagnose(&name, model.as_deref(), &files)).await;
-            let outcome = ran.unwrap_or_else(|e| Err(e.to_string()));
+            let outcome = match &model {
+                Some(model) => {
+                    let out = self.0.folder.join(&id);
+                    self.do_task(Task { id: id.clone(), model: model.clone(), files, out }).await
+                }
+                None => Err("machine.model is not configured: there is no model to start from".to_owned()),
+            };
             let finished = self.with(|jobs| {
                 let job = jobs.iter_mut().find(|j| j.view.id == id)?;
                 job.view.elapsed_s = job.now().elapsed_s;
                 job.began = None;
+                job.view.step = None;
+                job.view.progress = 1.0;
                 match outcome {
                     Ok(result) => (job.view.state, job.view.result) = (JobState::Done, Some(result)),
                     Err(error) => (job.view.state, job.view.error) = (JobState::Failed, Some(error)),
@@ -169,44 +215,87 @@ impl Job {
     }
 }
 
+/// Share and words of the last line `progress SHARE WHAT`.
+pub(super) fn last_progress(said: &str) -> Option<(f64, String)> {
+    let line = said.lines().rev().find_map(|line| line.strip_prefix("progress "))?;
+    let (share, what) = line.split_once(' ').unwrap_or((line, ""));
+    Some((share.parse::<f64>().ok()?.clamp(0.0, 1.0), what.to_owned()))
+}
+
 impl Inner {
-    fn diagnose(
-        &self,
-        id: &str,
-        model: Option<&Path>,
-        files: &[PathBuf],
-    ) -> Result<serde_json::Value, String> {
-        let model = model.ok_or("machine.model is not configured: there is no model to start from")?;
-        let out = self.folder.join(id);
-        std::fs::create_dir_all(&out).map_err(|e| format!("{}: {e}", out.display()))?;
-        let mut command = Command::new("nice");
-        command.arg("-n").arg("19").arg(&self.program).arg("diagnose").arg("--model").arg(model);
-        for file in files {
-            command.arg("--recording").arg(file);
+    fn note_progress(&self, id: &str, (share, what): (f64, String)) {
+        let mut jobs = self.jobs.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(job) = jobs.iter_mut().find(|j| j.view.id == id) {
+            job.view.progress = share.max(job.view.progress);
+            job.view.step = Some(what);
         }
-        command.arg("--out").arg(&out).stdin(Stdio::null()).stdout(Stdio::null());
-        let errors = out.join("stderr.txt");
-        let log = std::fs::File::create(&errors).map_err(|e| format!("{}: {e}", errors.display()))?;
-        let mut child =
-            command.stderr(log).spawn().map_err(|e| format!("cannot start the diagnosis: {e}"))?;
-        let began = clock::now();
-        let status = loop {
-            match child.try_wait().map_err(|e| e.to_string())? {
-                Some(status) => break status,
-                None if began.elapsed() > LONGEST => {
-                    let _ = child.kill();
-                    let _ = child.wait();
-                    return Err("ended after half an hour without a result".to_owned());
-                }
-                None => clock::sleep(Duration::from_millis(200)),
+    }
+}
+
+/// One diagnosis to do.
+#[derive(Debug, Clone)]
+pub(super) struct Task {
+    pub(super) id: String,
+    pub(super) model: PathBuf,
+    pub(super) files: Vec<PathBuf>,
+    pub(super) out: PathBuf,
+}
+
+/// Runs `program diagnose` as a process of its own, at low priority; blocks. Errors: its last line.
+pub(super) fn run_task(
+    program: &Path,
+    task: &Task,
+    mut progress: impl FnMut(f64, String),
+) -> Result<serde_json::Value, String> {
+    let out = &task.out;
+    std::fs::create_dir_all(out).map_err(|e| format!("{}: {e}", out.display()))?;
+    let mut command = Command::new("nice");
+    command.arg("-n").arg("19").arg(program).arg("diagnose").arg("--progress");
+    command.arg("--model").arg(&task.model);
+    for file in &task.files {
+        command.arg("--recording").arg(file);
+    }
+    command.arg("--out").arg(out).stdin(Stdio::null()).stdout(Stdio::null());
+    let errors = out.join("stderr.txt");
+    let log = std::fs::File::create(&errors).map_err(|e| format!("{}: {e}", errors.display()))?;
+    let mut child = command.stderr(log).spawn().map_err(|e| format!("cannot start the diagnosis: {e}"))?;
+    let began = clock::now();
+    let mut told = None;
+    let status = loop {
+        match child.try_wait().map_err(|e| e.to_string())? {
+            Some(status) => break status,
+            None if began.elapsed() > LONGEST => {
+                let _ = child.kill();
+                let _ = child.wait();
+                return Err("ended after half an hour without a result".to_owned());
             }
-        };
-        if !status.success() {
-            let said = std::fs::read_to_string(&errors).unwrap_or_default();
-            return Err(said.lines().last().unwrap_or("the diagnosis failed").to_owned());
+            None => clock::sleep(Duration::from_millis(200)),
         }
-        let path = out.join("diagnosis.json");
-        let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-        serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))
+        let now = last_progress(&std::fs::read_to_string(&errors).unwrap_or_default());
+        if now != told {
+            now.iter().for_each(|(share, what)| progress(*share, what.clone()));
+            told = now;
+        }
+    };
+    if !status.success() {
+        let said = std::fs::read_to_string(&errors).unwrap_or_default();
+        let reason = said.lines().rfind(|line| !line.starts_with("progress "));
+        return Err(reason.unwrap_or("the diagnosis failed").to_owned());
+    }
+    let path = out.join("diagnosis.json");
+    let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::last_progress;
+
+    #[test]
+    fn the_last_word_on_progress_counts() {
+        let said = "warning\nprogress 0.1 reading\nprogress 0.425 fitting friction\nhalf a li";
+        assert_eq!(last_progress(said), Some((0.425, "fitting friction".to_owned())));
+        assert_eq!(last_progress("progress much"), None);
+        assert_eq!(last_progress("progress 7"), Some((1.0, String::new())));
     }
 }

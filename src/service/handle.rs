@@ -168,6 +168,23 @@ impl Handle {
         Ok(self.0.reader.page(filter).await?)
     }
 
+    /// How far a sink outside has confirmed the events.
+    pub async fn outbox_confirmed(&self, sink: &str) -> Result<i64, OperationError> {
+        Ok(self.0.reader.outbox(sink).await?.0)
+    }
+
+    /// Notes that a sink outside has confirmed every event up to `sequence`. Durable when it returns.
+    pub async fn confirm_outbox(&self, sink: &'static str, sequence: i64) -> Result<(), OperationError> {
+        Ok(self.0.writer.confirm(sink, sequence).await?)
+    }
+
+    /// Shows on the metrics how many events wait for a sink.
+    pub async fn note_outbox(&self, sink: &str) {
+        if let Ok((_, waiting)) = self.0.reader.outbox(sink).await {
+            self.metrics().outbox_waiting.set(waiting);
+        }
+    }
+
     /// One event.
     pub async fn event(&self, sequence: i64) -> Result<Event, OperationError> {
         let found = self.0.reader.event(sequence).await?;
@@ -276,7 +293,7 @@ impl Handle {
     /// Saves what the black box holds now; answers the recording's name.
     pub async fn save_recording(&self, origin: Origin) -> Result<String, OperationError> {
         self.audit(&origin, "save_recording", "black box").await?;
-        self.ask(|done| Control::SaveRecording { reason: origin.reason, done }).await
+        self.ask(|done| Control::SaveRecording { word: "manual", reason: origin.reason, done }).await
     }
 
     /// Stored recordings, newest first.

@@ -9,7 +9,7 @@ use super::control::Control;
 use super::handle::StreamMessage;
 use super::live::{LiveState, NOTICE, SpectrumView, StoreView};
 use crate::store::{EventFilter, FILE_NAME, StoreReader, StoreWriter};
-use crate::telemetry::{Event, Metrics};
+use crate::telemetry::{Event, EventKind, Metrics};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
@@ -99,6 +99,11 @@ const STORE_PATIENCE: Duration = Duration::from_secs(10);
 const SLOW: Duration = Duration::from_secs(1);
 const PRUNE_EVERY: u32 = 600;
 
+/// A step of the wall clock that is told, s.
+const STEP_S: f64 = 30.0;
+/// After a step nothing is removed by age for this long: the clock may be set right again.
+const NO_PRUNING: Duration = Duration::from_secs(86_400);
+
 /// The task.
 pub(super) struct Hub {
     outlets: Outlets,
@@ -109,6 +114,8 @@ pub(super) struct Hub {
     last_commits: i64,
     failing_since: Option<Instant>,
     frames: u64,
+    clocks: (Instant, i64),
+    prune_after: Option<Instant>,
 }
 
 impl Hub {
@@ -127,6 +134,8 @@ impl Hub {
             last_commits: 0,
             failing_since: None,
             frames: 0,
+            clocks: (clock::now(), clock::wall_ns()),
+            prune_after: None,
         }
     }
 
@@ -187,7 +196,23 @@ impl Hub {
         let _ = self.outlets.stream.send(StreamMessage { id: None, kind, data: data.into() });
     }
 
+    /// A wall clock that jumps makes everything look old or young: nothing is removed by age for a day.
+    fn compare_clocks(&mut self) {
+        let (now, wall_ns) = (clock::now(), clock::wall_ns());
+        let (then, then_ns) = std::mem::replace(&mut self.clocks, (now, wall_ns));
+        let passed_s = now.duration_since(then).as_secs_f64();
+        let step_s = (wall_ns.saturating_sub(then_ns)) as f64 * 1e-9 - passed_s;
+        if step_s.abs() > STEP_S {
+            self.prune_after = Some(now + NO_PRUNING);
+            let text = format!("the wall clock jumped by {step_s:.0} s; nothing is removed by age for a day");
+            let event = Event { id: clock::new_id(), ..Event::new(EventKind::ClockStep, wall_ns, text) };
+            self.outlets.announcer.announce(event, Then::Nothing);
+        }
+    }
+
     async fn look_around(&mut self, prune: bool) {
+        self.compare_clocks();
+        let prune = prune && self.prune_after.is_none_or(|after| clock::now() >= after);
         let gauges = self.history.writer.gauges();
         let waiting = gauges.waiting.load(Ordering::Relaxed) as u64;
         let failing = gauges.failures.load(Ordering::Relaxed) > 0;

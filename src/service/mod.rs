@@ -14,7 +14,10 @@ pub mod clock;
 mod control;
 pub mod demo;
 mod diagnoses;
+mod drift;
 mod engine;
+#[cfg(feature = "nats")]
+pub mod fleet;
 mod handle;
 mod hub;
 pub mod live;

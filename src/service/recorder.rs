@@ -1,9 +1,10 @@
 //! Writes black-box recordings on a thread of its own: slow disks are nobody else's problem.
 
-use super::black_box::{Chunk, columns, last_unbroken};
+use super::black_box::{Chunk, Heard, columns, last_unbroken};
 use super::clock;
 use super::recordings::{RecordingLimits, Recordings};
-use crate::recording::{RecordingError, write_recording};
+use crate::recording::{Evidence, RecordingError, write_recording};
+use crate::report::events::{EventLine, events_text};
 use crate::sample::{Recording, ServoSample};
 use crate::telemetry::{EventKind, Metrics};
 use crate::units::SampleRate;
@@ -19,6 +20,8 @@ pub(super) struct Job {
     pub(super) sample_rate: SampleRate,
     pub(super) axes: Vec<String>,
     pub(super) metadata: Vec<(String, String)>,
+    /// Digest of the pipeline's settings.
+    pub(super) settings: u64,
 }
 
 /// How it went, for the history.
@@ -75,17 +78,19 @@ fn work(
 
 /// Writes one; where the disk is full the oldest recordings go first. Answers its length in s.
 fn save(recordings: &Recordings, job: &Job) -> Result<f64, String> {
-    let samples: Vec<&ServoSample> = last_unbroken(&job.chunks);
+    let chunks = last_unbroken(&job.chunks);
+    let samples: Vec<&ServoSample> = chunks.iter().flat_map(|c| &c.samples).collect();
     if samples.len() < SHORTEST {
         return Err(format!("{}: only {} samples without a gap, nothing to save", job.id, samples.len()));
     }
+    let evidence = evidence(job, chunks).map_err(|e| format!("{}: {e}", job.id))?;
     let recording = Recording {
         sample_rate: job.sample_rate,
         experiment: job.reason.clone(),
         axes: job.axes.clone(),
         columns: columns(&samples, &job.axes),
         start_s: samples.first().map_or(0.0, |s| s.t_s),
-        metadata: job.metadata.clone(),
+        metadata: [job.metadata.clone(), evidence.metadata()].concat(),
     };
     let target = recordings.target(&job.id).ok_or_else(|| format!("{} is not a name", job.id))?;
     loop {
@@ -95,6 +100,22 @@ fn save(recordings: &Recordings, job: &Job) -> Result<f64, String> {
             Err(error) => return Err(error.to_string()),
         }
     }
+}
+
+/// What makes the decisions of these chunks repeatable.
+fn evidence(job: &Job, chunks: &[Arc<Chunk>]) -> Result<Evidence, serde_json::Error> {
+    let line = |heard: &Heard| {
+        let axis = job.axes.get(heard.axis).map_or("", String::as_str);
+        EventLine::from_chatter(heard.t_s, axis, &heard.event).with_pitch_at(heard.spindle_speed_rpm)
+    };
+    let events: Vec<EventLine> = chunks.iter().flat_map(|c| &c.heard).map(line).collect();
+    Ok(Evidence {
+        settings: job.settings,
+        keyframe: chunks.first().map(|c| c.keyframe.clone()).unwrap_or_default(),
+        first_sequence: chunks.first().and_then(|c| c.samples.first()).map_or(0, |s| s.sequence),
+        stretches: chunks.iter().map(|c| (c.samples.len(), c.digest.value())).collect(),
+        decisions: events_text(&events)?,
+    })
 }
 
 fn is_full(error: &RecordingError) -> bool {

@@ -45,6 +45,9 @@ pub struct RecordingLimits {
     pub max_age_ns: i64,
 }
 
+/// Removed for their age at once: a wall clock that is wrong for a while must not empty the folder.
+const AGED_AT_ONCE: usize = 4;
+
 impl Recordings {
     /// The folder, made where it is not there.
     pub fn open(folder: &Path) -> Result<Self, RecordingsError> {
@@ -94,10 +97,12 @@ impl Recordings {
     pub fn prune(&self, limits: RecordingLimits, now_ns: i64) -> Result<usize, RecordingsError> {
         let mut removed = 0;
         let mut total = 0_u64;
-        for info in self.list()? {
+        let list = self.list()?;
+        let oldest = list.len().saturating_sub(AGED_AT_ONCE);
+        for (place, info) in list.iter().enumerate() {
             total = total.saturating_add(info.bytes);
             let written = super::clock::parse_rfc3339(&info.written_at).unwrap_or(now_ns);
-            let old = now_ns.saturating_sub(written) > limits.max_age_ns;
+            let old = now_ns.saturating_sub(written) > limits.max_age_ns && place >= oldest;
             if (old || total > limits.max_bytes) && self.remove(&info.id) {
                 total = total.saturating_sub(info.bytes);
                 removed += 1;

@@ -8,7 +8,7 @@ use super::hub::{History, Hub, Outlets};
 use super::live::{LiveState, SpectrumView, StoreView};
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
 use super::stability::CurveCache;
-use super::{clock, engine, mtconnect, recorder};
+use super::{clock, drift, engine, mtconnect, recorder};
 use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
 use crate::store::{OpenReport, Retention, StoreError, StoreReader, StoreWriter};
@@ -165,11 +165,13 @@ impl Parts {
         let progress = Arc::new(AtomicU64::new(0));
         let engine = engine::start(engine::Setup {
             config: Arc::clone(&config),
+            config_hash: shown.hash.clone(),
             domain: Domain::new(&config.transport.0, &config.transport.1)?,
             epoch: u64::try_from(self.report.epoch).unwrap_or(0),
             reports,
             controls,
             recorder: recorder_queue,
+            drift: self.start_drift((announcer.clone(), control.clone()))?,
             metrics: Arc::clone(&self.metrics),
             progress: Arc::clone(&progress),
         })?;
@@ -202,6 +204,11 @@ impl Parts {
             curves: CurveCache::default(),
         }));
         self.runtime.spawn(run_diagnoses(handle.clone()));
+        #[cfg(feature = "nats")]
+        if let Some(fleet) = &config.fleet {
+            let sink = super::fleet::run(handle.clone(), broker_of(fleet), fleet.machine.clone());
+            self.runtime.spawn(sink);
+        }
         if let Some(listener) = agents {
             self.runtime.spawn(mtconnect::serve(handle.clone(), listener));
         }
@@ -276,6 +283,28 @@ impl Parts {
         Ok((recordings, queue, thread))
     }
 
+    /// A mismatch is told with the recording that shows it.
+    fn start_drift(
+        &self,
+        (announcer, control): (Announcer, mpsc::Sender<Control>),
+    ) -> Result<std::sync::mpsc::SyncSender<drift::Feed>, ServiceError> {
+        let found = move |mismatch: drift::Mismatch| {
+            let (done, saved) = tokio::sync::oneshot::channel();
+            let (word, reason) = (EventKind::ModelMismatch.word(), mismatch.sentence());
+            let asked = control.try_send(Control::SaveRecording { word, reason, done });
+            let recording = asked.ok().and_then(|()| saved.blocking_recv().ok()?.ok());
+            let text = match recording {
+                Some(id) => format!("{} (recording {id})", mismatch.sentence()),
+                None => mismatch.sentence(),
+            };
+            let mut event = Event::new(EventKind::ModelMismatch, clock::wall_ns(), text);
+            (event.id, event.axis) = (clock::new_id(), Some(mismatch.axis));
+            announcer.announce(event, Then::Nothing);
+        };
+        drift::start(Arc::clone(&self.config), Arc::clone(&self.metrics), found)
+            .map_err(|source| ServiceError::Files { path: "drift thread".into(), source })
+    }
+
     async fn tell_start(&self, handle: &Handle) {
         if let Some(damage) = &self.report.damage {
             let moved = damage.moved_to.display();
@@ -290,14 +319,26 @@ impl Parts {
     }
 }
 
+#[cfg(feature = "nats")]
+fn broker_of(fleet: &crate::config::service::FleetConfig) -> super::fleet::Broker {
+    super::fleet::Broker { server: fleet.server.clone(), credentials: fleet.credentials.clone() }
+}
+
 fn diagnoses_of(config: &ServiceConfig) -> Diagnoses {
     let program = std::env::current_exe().unwrap_or_else(|_| "stillcut".into());
-    Diagnoses::new(&config.history.folder.join("diagnoses"), program)
+    let folder = config.history.folder.join("diagnoses");
+    #[cfg(feature = "nats")]
+    if let Some(fleet) = config.fleet.as_ref().filter(|f| f.diagnose) {
+        return Diagnoses::by_workers(&folder, program, broker_of(fleet));
+    }
+    Diagnoses::new(&folder, program)
 }
 
 async fn run_diagnoses(handle: Handle) {
     let (jobs, model, told) = (handle.diagnoses().clone(), handle.model().cloned(), handle.clone());
     let done = move |view: DiagnosisView| {
+        let outcome = if view.state == JobState::Done { "done" } else { "failed" };
+        told.metrics().diagnoses.with_label_values(&[outcome]).inc();
         let verdict = view.result.as_ref().and_then(|r| r.get("verdict")).and_then(|v| v.as_str());
         let text = match view.state {
             JobState::Done => format!("diagnosis {}: {}", view.id, verdict.unwrap_or("no verdict")),

@@ -88,6 +88,8 @@ pub struct ButterworthState {
     sections: [[f64; 2]; MAX_SECTIONS],
 }
 
+crate::keyframe::keep!(ButterworthState { sections });
+
 impl Butterworth {
     /// Low-pass. Errors: order outside 1..=12, cutoff not below half the rate.
     pub fn low_pass(order: usize, cutoff_hz: f64, rate: SampleRate) -> Result<Self, FilterError> {

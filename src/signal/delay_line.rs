@@ -13,6 +13,8 @@ pub struct DelayLine {
     head: usize,
 }
 
+crate::keyframe::keep!(DelayLine { values, head } if |s| s.head < DELAY_LINE_SAMPLES);
+
 impl DelayLine {
     /// A line that has always held `value`.
     #[must_use]

@@ -28,6 +28,9 @@ pub struct DownMixState {
     until_output: usize,
 }
 
+crate::keyframe::keep!(DownMixState { rotor, history, at, until_output }
+    if |s| s.at < s.history.len() / 2 && s.until_output > 0);
+
 impl DownMix {
     /// A band around `centre_hz`, `half_width_hz` to each side kept flat.
     ///

@@ -158,6 +158,9 @@ pub struct LongLine {
     next: usize,
 }
 
+crate::keyframe::keep!(LongLine { values, length, next }
+    if |s| s.length == s.values.len() / 2 && s.next < s.length);
+
 impl LongLine {
     /// A line of `length` samples that has always held `value`.
     #[must_use]

@@ -25,6 +25,8 @@ pub struct LineBankState {
     second: Vec<Complex<f64>>,
 }
 
+crate::keyframe::keep!(LineBankState { first, second });
+
 impl LineBank {
     /// Filters from `-half_width_hz` to `half_width_hz` around the mixed-down zero, as close as `tau_s`
     /// needs: 1.1 dB is lost in the middle between two.

@@ -19,6 +19,8 @@ pub struct LinearPhaseState {
     head: usize,
 }
 
+crate::keyframe::keep!(LinearPhaseState { values, head } if |s| s.head < s.values.len() / 2);
+
 impl LinearPhase {
     /// A low-pass that is flat below `pass_hz` and falls over `width_hz` to -70 dB.
     ///

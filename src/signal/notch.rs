@@ -25,6 +25,8 @@ pub struct NotchState {
     x: [f64; 2],
 }
 
+crate::keyframe::keep!(NotchState { x });
+
 impl Notch {
     /// A notch that is `width_hz` wide at half power. Errors: a width that is not below half the rate.
     pub fn new(width_hz: f64, rate: SampleRate) -> Result<Self, FilterError> {

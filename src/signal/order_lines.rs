@@ -44,6 +44,10 @@ pub struct OrderLinesState {
     usual_power: f64,
 }
 
+crate::keyframe::keep!(OrderLinesState {
+    lines, sums, first, count, samples, angle_at_turn, turns_since_restart, power, usual_power
+} if |s| s.count <= s.lines.len() && s.first < 1 << 32);
+
 /// One sample of the band with where the spindle and the mixer stand.
 #[derive(Debug, Clone, Copy)]
 pub struct OrderSample {

@@ -147,6 +147,7 @@ impl ClosedLoop {
             now_s,
             newest_sample_s: Some(now_s),
             window_full: self.clean,
+            estimate_valid: self.pipeline.axis_may_act(agreement.leading_axis),
             heard: Heard {
                 phase: agreement.phase,
                 frequency_hz: agreement.highest_hz.or(agreement.frequency_hz),

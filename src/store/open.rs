@@ -31,6 +31,7 @@ pub fn migrations() -> Vec<(i64, &'static str, &'static str)> {
     vec![
         (1, "history", include_str!("../../migrations/0001_history.sql")),
         (2, "audit", include_str!("../../migrations/0002_audit.sql")),
+        (3, "outbox", include_str!("../../migrations/0003_outbox.sql")),
     ]
 }
 

@@ -117,4 +117,14 @@ impl StoreReader {
         let row = query.build().fetch_optional(&self.pool).await.map_err(|e| self.error(e))?;
         row.map(|r| event_from_row(&r)).transpose().map_err(|e| self.error(e))
     }
+
+    /// How far a sink outside has confirmed, and how many events stand above. Errors: the database's.
+    pub async fn outbox(&self, sink: &str) -> Result<(i64, i64), StoreError> {
+        let confirmed = "SELECT coalesce((SELECT confirmed FROM outbox WHERE sink = ?), 0)";
+        let row = sqlx::query(confirmed).bind(sink).fetch_one(&self.pool).await.map_err(|e| self.error(e))?;
+        let confirmed: i64 = row.try_get(0).map_err(|e| self.error(e))?;
+        let waiting = sqlx::query("SELECT count(*) FROM event WHERE sequence > ?").bind(confirmed);
+        let row = waiting.fetch_one(&self.pool).await.map_err(|e| self.error(e))?;
+        Ok((confirmed, row.try_get(0).map_err(|e| self.error(e))?))
+    }
 }

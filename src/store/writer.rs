@@ -32,6 +32,7 @@ enum Write {
     Acknowledge { sequence: i64, by: String, wall_ns: i64, done: oneshot::Sender<bool> },
     Silence { sequence: i64, until_ns: i64, done: oneshot::Sender<bool> },
     Audit(AuditEntry, oneshot::Sender<i64>),
+    Confirm { sink: &'static str, sequence: i64, done: oneshot::Sender<bool> },
     Prune { now_ns: i64, done: oneshot::Sender<u64> },
     Close(oneshot::Sender<()>),
 }
@@ -126,6 +127,13 @@ impl StoreWriter {
         let (done, outcome) = oneshot::channel();
         self.push(Write::Silence { sequence, until_ns, done })?;
         outcome.await.map_err(|_| StoreError::Closed)
+    }
+
+    /// Notes that a sink outside has confirmed every event up to `sequence`; never goes back.
+    pub async fn confirm(&self, sink: &'static str, sequence: i64) -> Result<(), StoreError> {
+        let (done, outcome) = oneshot::channel();
+        self.push(Write::Confirm { sink, sequence, done })?;
+        outcome.await.map(|_| ()).map_err(|_| StoreError::Closed)
     }
 
     /// Appends to the audit chain; answers the place once it is durable.
@@ -247,6 +255,12 @@ async fn apply(
             let done = sqlx::query(update).bind(until_ns).bind(sequence).execute(connection).await?;
             Ok(Answer::Done(done.rows_affected() > 0))
         }
+        Write::Confirm { sink, sequence, .. } => {
+            let upsert = "INSERT INTO outbox (sink, confirmed) VALUES (?, ?) \
+                 ON CONFLICT (sink) DO UPDATE SET confirmed = max(confirmed, excluded.confirmed)";
+            sqlx::query(upsert).bind(*sink).bind(sequence).execute(connection).await?;
+            Ok(Answer::Done(true))
+        }
         Write::Audit(entry, _) => append(connection, entry).await.map(Answer::Sequence),
         Write::Close(_) => Ok(Answer::Done(true)), // taken out of the batch before
         Write::Prune { now_ns, .. } => prune(connection, *now_ns, keep).await.map(Answer::Removed),
@@ -266,11 +280,15 @@ async fn insert_event(connection: &mut SqliteConnection, event: &Event) -> Resul
     Ok(Box::new(Event { sequence: row.try_get(0)?, ..event.clone() }))
 }
 
+/// Events removed for their age at once: a clock that is wrong at the start costs little until it is set right.
+const PRUNE_AGED: i64 = 1000;
 /// Events removed at once while the file is too large.
 const PRUNE_CHUNK: i64 = 10_000;
 
 async fn prune(connection: &mut SqliteConnection, now_ns: i64, keep: Retention) -> Result<u64, sqlx::Error> {
-    let old = sqlx::query("DELETE FROM event WHERE wall_ns < ?").bind(now_ns.saturating_sub(keep.max_age_ns));
+    let aged = "DELETE FROM event WHERE sequence IN \
+         (SELECT sequence FROM event WHERE wall_ns < ? ORDER BY sequence LIMIT ?)";
+    let old = sqlx::query(aged).bind(now_ns.saturating_sub(keep.max_age_ns)).bind(PRUNE_AGED);
     let mut removed = old.execute(&mut *connection).await?.rows_affected();
     let size = "SELECT (page_count - freelist_count) * page_size \
          FROM pragma_page_count, pragma_freelist_count, pragma_page_size";
@@ -290,7 +308,10 @@ fn answer_all(batch: Vec<Write>, answers: Vec<Answer>) {
             (Write::Event(_, done), Answer::Event(event)) => {
                 let _ = done.send(*event);
             }
-            (Write::Acknowledge { done, .. } | Write::Silence { done, .. }, Answer::Done(yes)) => {
+            (
+                Write::Acknowledge { done, .. } | Write::Silence { done, .. } | Write::Confirm { done, .. },
+                Answer::Done(yes),
+            ) => {
                 let _ = done.send(yes);
             }
             (Write::Audit(_, done), Answer::Sequence(sequence)) => {

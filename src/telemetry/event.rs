@@ -68,8 +68,14 @@ event_kinds! {
     Override = "override", Warning;
     /// A latched fault stopped acting.
     Fault = "fault", Alarm;
+    /// The independent monitor found a decision that breaks a rule; nothing was sent.
+    InvariantViolation = "invariant_violation", Alarm;
+    /// Model and machine differ more than they should.
+    ModelMismatch = "model_mismatch", Warning;
     /// A person cleared a latched fault.
     FaultCleared = "fault_cleared", Info;
+    /// The wall clock jumped; order is kept by the place in the history.
+    ClockStep = "clock_step", Warning;
     /// The service started.
     ServiceStart = "service_start", Info;
     /// The service ended in good order.

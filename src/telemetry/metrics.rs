@@ -3,6 +3,7 @@
 use super::event::EventKind;
 use super::process::append_process_metrics;
 use crate::avoidance::HoldReason;
+use crate::avoidance::invariants::Violation;
 use prometheus::{
     Encoder as _, Gauge, GaugeVec, Histogram, HistogramOpts, HistogramVec, IntCounter, IntCounterVec,
     IntGauge, IntGaugeVec, Opts, Registry, TextEncoder,
@@ -46,45 +47,66 @@ impl BuildInfo {
     };
 }
 
-/// All series of the service.
-#[derive(Debug)]
-#[allow(missing_docs)] // each field is named like its series, whose help text stands in `Metrics::new`
-pub struct Metrics {
-    registry: Registry,
-    start_s: f64,
-    pub samples: IntCounterVec,
-    pub samples_lost: IntCounterVec,
-    pub samples_rejected: IntCounterVec,
-    pub sample_gaps: IntCounterVec,
-    pub last_sample_timestamp_seconds: Gauge,
-    pub queue_depth: IntGaugeVec,
-    pub queue_dropped: IntCounterVec,
-    pub decision_latency_seconds: Histogram,
-    pub step_duration_seconds: Histogram,
-    pub http_request_duration_seconds: HistogramVec,
-    pub http_connections: IntGauge,
-    pub http_refused: IntCounterVec,
-    pub chatter_active: IntGauge,
-    pub chatter_frequency_hertz: Gauge,
-    pub chatter_frequency_valid: IntGauge,
-    pub chatter_power_newtons_squared: Gauge,
-    pub predicted_band_hertz: GaugeVec,
-    pub mode: IntGaugeVec,
-    pub commands: IntCounterVec,
-    pub holds: IntCounterVec,
-    pub pitch_difference_radians: GaugeVec,
-    pub pitch_reported_valid: IntGauge,
-    pub interlock_open: IntGaugeVec,
-    pub limit_active: IntGaugeVec,
-    pub events: IntCounterVec,
-    pub events_unpersisted: IntGauge,
-    pub store_errors: IntCounterVec,
-    pub store_bytes: IntGauge,
-    pub wal_bytes: IntGauge,
-    pub last_commit_timestamp_seconds: Gauge,
-    pub recordings: IntCounterVec,
-    pub security_events: IntCounterVec,
-    pub stage_up: IntGaugeVec,
+macro_rules! series {
+    ($($field:ident: $kind:ty = $make:ident($($argument:expr),*);)*) => {
+        /// All series of the service.
+        #[derive(Debug)]
+        #[allow(missing_docs)] // each field is named like its series, whose help text stands in the table
+        pub struct Metrics {
+            registry: Registry,
+            start_s: f64,
+            $(pub $field: $kind,)*
+        }
+
+        impl Metrics {
+            fn register(make: &Maker, start_s: f64) -> prometheus::Result<Self> {
+                Ok(Self { registry: make.0.clone(), start_s, $($field: make.$make($($argument),*)?,)* })
+            }
+        }
+    };
+}
+
+series! {
+    samples: IntCounterVec = counters("stillcut_samples_total", "Samples taken in.", &["axis"]);
+    samples_lost: IntCounterVec = counters("stillcut_samples_lost_total", "Samples that never came.", &["axis"]);
+    samples_rejected: IntCounterVec = counters("stillcut_samples_rejected_total", "Samples refused.", &["axis", "reason"]);
+    sample_gaps: IntCounterVec = counters("stillcut_sample_gaps_total", "Interruptions of the sample stream.", &["axis"]);
+    last_sample_timestamp_seconds: Gauge = gauge("stillcut_last_sample_timestamp_seconds", "Wall clock when the newest sample was taken in.");
+    queue_depth: IntGaugeVec = int_gauges("stillcut_queue_depth", "Entries waiting in a queue.", &["queue"]);
+    queue_dropped: IntCounterVec = counters("stillcut_queue_dropped_total", "Entries dropped from a queue.", &["queue", "intentional"]);
+    decision_latency_seconds: Histogram = histogram("stillcut_decision_latency_seconds", "Time from taking in the batch that the newest sample came with to the decision, in seconds.");
+    step_duration_seconds: Histogram = histogram("stillcut_step_duration_seconds", "Time of the pipeline for one drained batch, in seconds.");
+    http_request_duration_seconds: HistogramVec = http_histogram("stillcut_http_request_duration_seconds", "Time from the request's head to the response's head, in seconds.", &["route", "code"]);
+    http_connections: IntGauge = int_gauge("stillcut_http_connections", "Open HTTP connections.");
+    http_refused: IntCounterVec = counters("stillcut_http_refused_total", "Requests or connections refused.", &["reason"]);
+    chatter_active: IntGauge = int_gauge("stillcut_chatter_active", "1 while chatter is detected.");
+    chatter_frequency_hertz: Gauge = gauge("stillcut_chatter_frequency_hertz", "Tracked line; 0 while stillcut_chatter_frequency_valid is 0.");
+    chatter_frequency_valid: IntGauge = int_gauge("stillcut_chatter_frequency_valid", "1 while a line is tracked.");
+    chatter_power_newtons_squared: Gauge = gauge("stillcut_chatter_power_newtons_squared", "Power of the strongest line of the band.");
+    predicted_band_hertz: GaugeVec = gauges("stillcut_predicted_band_hertz", "Edges of the watched band.", &["edge"]);
+    mode: IntGaugeVec = int_gauges("stillcut_mode", "1 for the mode that is on.", &["mode"]);
+    commands: IntCounterVec = counters("stillcut_commands_total", "Turret commands by what became of them.", &["outcome"]);
+    holds: IntCounterVec = counters("stillcut_holds_total", "Intervals that ended without a command.", &["reason"]);
+    pitch_difference_radians: GaugeVec = gauges("stillcut_pitch_difference_radians", "Pitch angle difference of the two tools.", &["kind"]);
+    pitch_reported_valid: IntGauge = int_gauge("stillcut_pitch_reported_valid", "1 while the controller reports its offsets.");
+    interlock_open: IntGaugeVec = int_gauges("stillcut_interlock_open", "1 while open or not heard.", &["name"]);
+    limit_active: IntGaugeVec = int_gauges("stillcut_limit_active", "1 while a limit cuts the command.", &["limit"]);
+    events: IntCounterVec = counters("stillcut_events_total", "Events by kind.", &["kind"]);
+    events_unpersisted: IntGauge = int_gauge("stillcut_events_unpersisted", "Events waiting to be stored.");
+    store_errors: IntCounterVec = counters("stillcut_store_errors_total", "Failures of the history file by code.", &["code"]);
+    store_bytes: IntGauge = int_gauge("stillcut_store_bytes", "Size of the history file.");
+    wal_bytes: IntGauge = int_gauge("stillcut_wal_bytes", "Size of the history file's write-ahead log.");
+    last_commit_timestamp_seconds: Gauge = gauge("stillcut_last_commit_timestamp_seconds", "Wall clock of the last durable commit.");
+    recordings: IntCounterVec = counters("stillcut_recordings_total", "Black-box recordings by outcome.", &["outcome"]);
+    security_events: IntCounterVec = counters("stillcut_security_events_total", "Access events by kind.", &["kind"]);
+    stage_up: IntGaugeVec = int_gauges("stillcut_stage_up", "1 while the stage works.", &["stage"]);
+    invariant_violations: IntCounterVec = counters("stillcut_invariant_violations_total", "Decisions that broke a rule of the independent monitor; none was sent.", &["rule"]);
+    model_residual_ratio: GaugeVec = gauges("stillcut_model_residual_ratio", "Part of the thrust that the model leaves open while an axis moves and the spindle stands; 0 before the first window.", &["axis"]);
+    model_windows: IntCounterVec = counters("stillcut_model_windows_total", "Seconds in which model and machine could be compared.", &["axis"]);
+    model_mismatches: IntCounterVec = counters("stillcut_model_mismatches_total", "Significant differences of model and machine.", &["axis"]);
+    diagnoses: IntCounterVec = counters("stillcut_diagnoses_total", "Diagnoses by outcome.", &["outcome"]);
+    outbox_waiting: IntGauge = int_gauge("stillcut_outbox_waiting", "Events that the fleet's broker has not confirmed yet.");
+    outbox_sent: IntCounterVec = counters("stillcut_outbox_total", "Events for the fleet's broker by outcome.", &["outcome"]);
 }
 
 /// Makes and registers series; a name that cannot be registered is a slip of ours, found by any test.
@@ -120,6 +142,10 @@ impl Maker {
         self.put(IntGauge::new(name, help))
     }
 
+    fn http_histogram(&self, name: &str, help: &str, labels: &[&str]) -> prometheus::Result<HistogramVec> {
+        self.put(HistogramVec::new(HistogramOpts::new(name, help).buckets(HTTP_BUCKETS_S.to_vec()), labels))
+    }
+
     fn histogram(&self, name: &str, help: &str) -> prometheus::Result<Histogram> {
         let options = HistogramOpts::new(name, help).buckets(DECISION_BUCKETS_S.to_vec());
         self.put(Histogram::with_opts(options))
@@ -131,125 +157,7 @@ impl Metrics {
     /// Errors: a name that the registry refuses.
     pub fn new(axes: &[String], start_s: f64) -> prometheus::Result<Self> {
         let make = Maker(Registry::new());
-        let http = "Time from the request's head to the response's head, in seconds.";
-        let http_options = HistogramOpts::new("stillcut_http_request_duration_seconds", http)
-            .buckets(HTTP_BUCKETS_S.to_vec());
-        let metrics = Self {
-            samples: make.counters("stillcut_samples_total", "Samples taken in.", &["axis"])?,
-            samples_lost: make.counters(
-                "stillcut_samples_lost_total",
-                "Samples that never came.",
-                &["axis"],
-            )?,
-            samples_rejected: make.counters(
-                "stillcut_samples_rejected_total",
-                "Samples refused.",
-                &["axis", "reason"],
-            )?,
-            sample_gaps: make.counters(
-                "stillcut_sample_gaps_total",
-                "Interruptions of the sample stream.",
-                &["axis"],
-            )?,
-            last_sample_timestamp_seconds: make.gauge(
-                "stillcut_last_sample_timestamp_seconds",
-                "Wall clock when the newest sample was taken in.",
-            )?,
-            queue_depth: make.int_gauges(
-                "stillcut_queue_depth",
-                "Entries waiting in a queue.",
-                &["queue"],
-            )?,
-            queue_dropped: make.counters(
-                "stillcut_queue_dropped_total",
-                "Entries dropped from a queue.",
-                &["queue", "intentional"],
-            )?,
-            decision_latency_seconds: make.histogram(
-                "stillcut_decision_latency_seconds",
-                "Time from taking in the sample that ends an interval to the decision, in seconds.",
-            )?,
-            step_duration_seconds: make.histogram(
-                "stillcut_step_duration_seconds",
-                "Time of the pipeline for one drained batch, in seconds.",
-            )?,
-            http_request_duration_seconds: make.put(HistogramVec::new(http_options, &["route", "code"]))?,
-            http_connections: make.int_gauge("stillcut_http_connections", "Open HTTP connections.")?,
-            http_refused: make.counters(
-                "stillcut_http_refused_total",
-                "Requests or connections refused.",
-                &["reason"],
-            )?,
-            chatter_active: make.int_gauge("stillcut_chatter_active", "1 while chatter is detected.")?,
-            chatter_frequency_hertz: make.gauge(
-                "stillcut_chatter_frequency_hertz",
-                "Tracked line; 0 while stillcut_chatter_frequency_valid is 0.",
-            )?,
-            chatter_frequency_valid: make
-                .int_gauge("stillcut_chatter_frequency_valid", "1 while a line is tracked.")?,
-            chatter_power_newtons_squared: make.gauge(
-                "stillcut_chatter_power_newtons_squared",
-                "Power of the strongest line of the band.",
-            )?,
-            predicted_band_hertz: make.gauges(
-                "stillcut_predicted_band_hertz",
-                "Edges of the watched band.",
-                &["edge"],
-            )?,
-            mode: make.int_gauges("stillcut_mode", "1 for the mode that is on.", &["mode"])?,
-            commands: make.counters(
-                "stillcut_commands_total",
-                "Turret commands by what became of them.",
-                &["outcome"],
-            )?,
-            holds: make.counters(
-                "stillcut_holds_total",
-                "Intervals that ended without a command.",
-                &["reason"],
-            )?,
-            pitch_difference_radians: make.gauges(
-                "stillcut_pitch_difference_radians",
-                "Pitch angle difference of the two tools.",
-                &["kind"],
-            )?,
-            pitch_reported_valid: make
-                .int_gauge("stillcut_pitch_reported_valid", "1 while the controller reports its offsets.")?,
-            interlock_open: make.int_gauges(
-                "stillcut_interlock_open",
-                "1 while open or not heard.",
-                &["name"],
-            )?,
-            limit_active: make.int_gauges(
-                "stillcut_limit_active",
-                "1 while a limit cuts the command.",
-                &["limit"],
-            )?,
-            events: make.counters("stillcut_events_total", "Events by kind.", &["kind"])?,
-            events_unpersisted: make
-                .int_gauge("stillcut_events_unpersisted", "Events waiting to be stored.")?,
-            store_errors: make.counters(
-                "stillcut_store_errors_total",
-                "Failures of the history file by code.",
-                &["code"],
-            )?,
-            store_bytes: make.int_gauge("stillcut_store_bytes", "Size of the history file.")?,
-            wal_bytes: make.int_gauge("stillcut_wal_bytes", "Size of the history file's write-ahead log.")?,
-            last_commit_timestamp_seconds: make
-                .gauge("stillcut_last_commit_timestamp_seconds", "Wall clock of the last durable commit.")?,
-            recordings: make.counters(
-                "stillcut_recordings_total",
-                "Black-box recordings by outcome.",
-                &["outcome"],
-            )?,
-            security_events: make.counters(
-                "stillcut_security_events_total",
-                "Access events by kind.",
-                &["kind"],
-            )?,
-            stage_up: make.int_gauges("stillcut_stage_up", "1 while the stage works.", &["stage"])?,
-            registry: make.0.clone(),
-            start_s,
-        };
+        let metrics = Self::register(&make, start_s)?;
         metrics.register_info(&make)?;
         metrics.start_at_zero(axes);
         Ok(metrics)
@@ -281,6 +189,10 @@ impl Metrics {
             for family in [&self.samples, &self.samples_lost, &self.sample_gaps] {
                 family.with_label_values(&[axis]);
             }
+            for family in [&self.model_windows, &self.model_mismatches] {
+                family.with_label_values(&[axis]);
+            }
+            self.model_residual_ratio.with_label_values(&[axis]);
             for reason in REJECT_REASONS {
                 self.samples_rejected.with_label_values(&[axis, reason]);
             }
@@ -294,20 +206,24 @@ impl Metrics {
         zero(&self.holds, &HOLD_REASONS);
         let decided: Vec<&str> = HoldReason::ALL.iter().map(|r| r.name()).collect();
         zero(&self.holds, &decided);
+        let rules = Violation::ALL.map(Violation::name);
+        zero(&self.invariant_violations, &rules);
+        zero(&self.diagnoses, &["done", "failed"]);
+        zero(&self.outbox_sent, &["sent", "failed", "dropped"]);
         zero(&self.store_errors, &["full", "io", "corrupt", "not_a_database", "busy", "other"]);
         zero(&self.recordings, &["saved", "failed", "dropped", "removed"]);
         zero(&self.security_events, &["bad_token", "forbidden", "rate_limited", "bad_host"]);
         zero(&self.http_refused, &["connections", "streams", "exports", "body_too_large", "head_timeout"]);
         let kinds: Vec<&str> = EventKind::ALL.iter().map(|k| k.word()).collect();
         zero(&self.events, &kinds);
-        for queue in ["reports", "recorder", "store", "control"] {
+        for queue in ["reports", "recorder", "store", "control", "drift"] {
             self.queue_depth.with_label_values(&[queue]);
             self.queue_dropped.with_label_values(&[queue, "true"]);
         }
         for mode in ["observe", "advise", "act"] {
             self.mode.with_label_values(&[mode]);
         }
-        for stage in ["transport", "pipeline", "turret", "store", "recorder"] {
+        for stage in ["transport", "pipeline", "turret", "store", "recorder", "drift"] {
             self.stage_up.with_label_values(&[stage]);
         }
         for limit in ["pitch", "rate"] {

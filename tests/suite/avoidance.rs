@@ -53,6 +53,7 @@ struct Step {
     dt_s: f64,
     sample_age_s: Option<f64>,
     window_full: bool,
+    estimate_valid: bool,
     phase: Phase,
     frequency_hz: Option<f64>,
     power_n2: f64,
@@ -105,14 +106,15 @@ fn step() -> impl Strategy<Value = Step> {
     ];
     (
         (time, age(2), age(1), rare(1), phase, frequency, power),
-        (speed, turret, interlock, mode, rare(1), rare(2), rare(1)),
+        (speed, turret, interlock, mode, rare(1), rare(2), rare(1), rare(2)),
     )
         .prop_map(|((dt_s, sample_age_s, report_age_s, gap, phase, frequency_hz, power_n2), rest)| {
-            let (speed_rpm, turret, interlock, mode, operator_hold, acknowledge, store_down) = rest;
+            let (speed_rpm, turret, interlock, mode, operator_hold, acknowledge, store_down, doubtful) = rest;
             Step {
                 dt_s,
                 sample_age_s,
                 window_full: !gap,
+                estimate_valid: !doubtful,
                 phase,
                 frequency_hz,
                 power_n2,
@@ -160,6 +162,7 @@ impl World {
             now_s,
             newest_sample_s: step.sample_age_s.map(|a| now_s - a),
             window_full: step.window_full,
+            estimate_valid: step.estimate_valid,
             heard: Heard {
                 phase: step.phase,
                 frequency_hz: step.frequency_hz,
@@ -323,6 +326,7 @@ fn planted() -> Vec<(&'static str, Tamper, Spoil)> {
         tamper("mode believed act", |s| s.mode = Mode::Act),
         tamper("samples believed fresh", |s| s.newest_sample_s = Some(s.now_s)),
         tamper("window believed full", |s| s.window_full = true),
+        tamper("estimate believed valid", |s| s.estimate_valid = true),
         tamper("store believed writable", |s| s.store_writable = true),
         tamper("operator not heard", |s| s.operator_hold = false),
         tamper("turret believed alive", |s| {

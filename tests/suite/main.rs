@@ -9,11 +9,21 @@ mod closed_loop;
 mod conceal;
 #[cfg(feature = "service")]
 mod deploy;
+#[cfg(feature = "service")]
+mod evidence;
+#[cfg(feature = "service")]
+mod faults;
+#[cfg(feature = "nats")]
+mod fleet;
 mod force;
 #[cfg(feature = "service")]
 mod http;
 mod identities;
 mod import;
+#[cfg(feature = "service")]
+mod live_diagnosis;
+#[cfg(feature = "service")]
+mod page;
 mod pipeline;
 mod real_machines;
 mod report;

@@ -114,3 +114,40 @@ fn damaged_samples_are_reported_and_do_no_lasting_harm() {
     assert!(after.iter().any(|o| matches!(o.event, Some((_, ChatterEvent::Onset(_))))));
     assert!(after.iter().all(|o| o.forces.iter().all(|f| f.force_n.is_finite())));
 }
+
+/// A keyframe at any moment (learning, quiet, right after a bridged gap, inside chatter) and the samples from
+/// there on lead to the same answers, bit for bit.
+#[test]
+fn a_replay_may_start_at_any_keyframe() {
+    let scenario = scenario(0.0);
+    let mut stream = samples(scenario, 5, 7);
+    stream.drain(20_000..20_003); // bridged
+    stream.drain(12_000..13_000); // starts anew
+    let mut live = Pipeline::new(settings(&scenario)).unwrap();
+    let (mut frames, mut heard) = (Vec::new(), Vec::new());
+    for (index, sample) in stream.iter().enumerate() {
+        if [0, 1, 3000, 12_000, 18_999, 19_000, 19_001, 25_000, 40_000].contains(&index) {
+            let mut words = Vec::new();
+            live.keep(&mut words);
+            frames.push((index, words));
+        }
+        heard.push(live.step(sample));
+    }
+    assert!(heard[40_000].chatter.phase == Phase::Chatter, "the last keyframe lies inside chatter");
+    for (index, words) in &frames {
+        let mut again = Pipeline::new(settings(&scenario)).unwrap();
+        outputs(&mut again, &samples(scenario, 1, 99)); // whatever it did before does not matter
+        again.restore(words).unwrap();
+        for (sample, before) in stream[*index..].iter().zip(&heard[*index..]) {
+            let now = StepOutput { spectrum_updated: before.spectrum_updated, ..again.step(sample) };
+            assert_eq!(now, *before, "from keyframe {index}");
+        }
+    }
+    let (_, words) = frames.last().unwrap();
+    println!("{} words a keyframe of four axes", words.len());
+    let mut other = Pipeline::new(settings(&scenario)).unwrap();
+    assert!(other.restore(&words[..words.len() - 1]).is_err());
+    assert!(other.restore(&[words.as_slice(), &[0]].concat()).is_err());
+    // Refused: it is as if new.
+    assert_eq!(outputs(&mut other, &stream)[..19_000], heard[..19_000]);
+}

@@ -160,17 +160,23 @@ fn promtool_finds_nothing_to_complain_about() {
 }
 
 /// The real binary, ended with the test.
-struct Process {
-    child: Child,
-    address: String,
+pub(crate) struct Process {
+    pub(crate) child: Child,
+    pub(crate) address: String,
 }
 
 impl Process {
     /// Starts `stillcut run`; answers once it says where it listens.
-    fn start(place: &Place, http: &str) -> Self {
+    pub(crate) fn start(place: &Place, http: &str) -> Self {
+        Self::start_with(place, http, &[])
+    }
+
+    /// The same with more in its environment.
+    pub(crate) fn start_with(place: &Place, http: &str, environment: &[(&str, &str)]) -> Self {
         let config = place.folder.path().join("c.toml");
         std::fs::write(&config, place.toml(http) + "[log]\nformat = \"json\"\n").unwrap();
         let mut command = Command::new(env!("CARGO_BIN_EXE_stillcut"));
+        command.envs(environment.iter().copied());
         command.arg("run").arg("--config").arg(&config).stderr(Stdio::piped()).stdout(Stdio::null());
         let mut child = command.spawn().unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
@@ -186,7 +192,7 @@ impl Process {
         Self { child, address }
     }
 
-    fn ask(&self, method: &str, path: &str, token: &str, body: Option<&str>) -> Answer {
+    pub(crate) fn ask(&self, method: &str, path: &str, token: &str, body: Option<&str>) -> Answer {
         ask(&self.address, method, path, &[("Authorization", &format!("Bearer {token}"))], body)
     }
 }

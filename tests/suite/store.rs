@@ -77,6 +77,7 @@ fn an_older_schema_is_copied_then_brought_up_to_date() {
         fill(folder.path(), 3).await;
         let mut connection =
             SqliteConnection::connect(&format!("sqlite://{}", path.display())).await.unwrap();
+        sqlx::query("DROP TABLE outbox").execute(&mut connection).await.unwrap();
         sqlx::query("DROP TABLE audit").execute(&mut connection).await.unwrap();
         sqlx::query("DELETE FROM _sqlx_migrations WHERE version > 1").execute(&mut connection).await.unwrap();
         connection.close().await.unwrap();

@@ -4,10 +4,12 @@
 
 use super::super::control::Refusal;
 use crate::avoidance::guard::{Facts, Guard, GuardState};
+use crate::avoidance::invariants::{Commissioned, InvariantMonitor, Violation};
 use crate::avoidance::pitch::pitch_of_shift_rad;
 use crate::avoidance::turret::{TurretAxis, TurretKinematics};
 use crate::avoidance::{
-    Avoidance, AvoidanceSettings, AvoidanceState, Command, CommandKind, Decision, Mode as ActMode, Situation,
+    Avoidance, AvoidanceSettings, AvoidanceState, Command, CommandKind, Decision, HoldReason,
+    Mode as ActMode, Situation,
 };
 use crate::config::service::ServiceConfig;
 use crate::sample::MAX_AXES;
@@ -49,6 +51,7 @@ pub(super) enum Outcome {
 pub(super) struct Acting {
     avoidance: Avoidance,
     state: AvoidanceState,
+    monitor: InvariantMonitor,
     guard: Guard,
     guard_state: GuardState,
     port: Option<CommandPublisher>,
@@ -114,6 +117,7 @@ impl Acting {
             guard.speed_m_s[index] = turret.speed_m_s[i];
         }
         Ok(Self {
+            monitor: InvariantMonitor::new(commissioned(config, axes), now_s),
             state: avoidance.start(epoch, now_s),
             avoidance,
             guard,
@@ -152,7 +156,9 @@ impl Acting {
         }
     }
 
-    pub(super) fn decide(&mut self, situation: &Situation) -> Decision {
+    /// One look at the decision, and what the independent monitor says of it: a decision that breaks a rule
+    /// is not carried out.
+    pub(super) fn decide(&mut self, situation: &Situation) -> (Decision, Result<(), Violation>) {
         if self.port_closes_s.is_some_and(|t| situation.now_s >= t) {
             (self.port, self.port_closes_s) = (None, None);
         }
@@ -160,9 +166,14 @@ impl Acting {
             self.pending = None;
         } else if self.sent_s.is_some_and(|sent| situation.now_s - sent < INTERVAL_S) {
             // A command that waited for its record went out late; the next one keeps its distance.
-            return Decision::NotDue;
+            return (Decision::NotDue, Ok(()));
         }
         let decision = self.avoidance.decide(&mut self.state, situation);
+        let verdict = self.monitor.watch(situation, &decision);
+        if verdict.is_err() {
+            self.hold = Some(HoldReason::Guarded.name());
+            return (Decision::Hold(HoldReason::Guarded), verdict);
+        }
         match &decision {
             Decision::NotDue => {}
             Decision::Hold(reason) => self.hold = Some(reason.name()),
@@ -172,7 +183,13 @@ impl Acting {
             }
             Decision::Command(_) => self.hold = None,
         }
-        decision
+        (decision, verdict)
+    }
+
+    /// Gives the monitor other limits than the decision has: a planted fault.
+    #[cfg(test)]
+    pub(super) fn mislead(&mut self, limits: Commissioned, now_s: f64) {
+        self.monitor = InvariantMonitor::new(limits, now_s);
     }
 
     /// Whether a command must be on record before it goes: every one that moves something.
@@ -224,6 +241,22 @@ impl Acting {
             }
             Err(TransportError::Port { .. } | _) => self.held("stage_failed"),
         }
+    }
+}
+
+/// The limits as the monitor is told them: from the configuration, past the decision's settings.
+pub(super) fn commissioned(config: &ServiceConfig, axes: [usize; 2]) -> Commissioned {
+    let turret = &config.turret;
+    let axis = |i: usize| {
+        let reach = (turret.lowest_offset_m[i], turret.highest_offset_m[i]);
+        (axes[i], turret.direction_rad[i], reach.0, reach.1, turret.speed_m_s[i])
+    };
+    Commissioned {
+        axes: [axis(0), axis(1)],
+        diameter_m: config.workpiece.diameter_m(),
+        largest_pitch_rad: turret.largest_pitch_difference_rad,
+        report_deadline_s: 0.5,
+        reached_m: 20e-6,
     }
 }
 

@@ -27,7 +27,7 @@ struct AxisCounters {
 /// A stream whose layout is known.
 pub(super) struct Stream {
     id: u64,
-    names: Vec<String>,
+    names: Arc<[String]>,
     rate: SampleRate,
     pipeline: Pipeline,
     counters: Vec<AxisCounters>,
@@ -94,7 +94,7 @@ impl Stream {
         let counters = counters.collect();
         Ok(Self {
             id: batch.stream,
-            names,
+            names: names.into(),
             rate,
             pipeline,
             counters,
@@ -119,6 +119,7 @@ impl Stream {
                 return None;
             }
         };
+        black_box.before(&sample, &self.pipeline);
         let output = self.pipeline.step(&sample);
         match output.fault {
             Some(StreamFault::Repeated) => {
@@ -147,7 +148,7 @@ impl Stream {
         self.totals.samples += 1;
         self.newest = Some(*point);
         self.counters.iter().for_each(|c| c.samples.inc());
-        black_box.push(&sample);
+        black_box.push(&sample, (&output, self.names.len()));
         Some(output)
     }
 
@@ -171,6 +172,10 @@ impl Stream {
 
     pub(super) fn axes(&self) -> &[String] {
         &self.names
+    }
+
+    pub(super) fn shared_axes(&self) -> Arc<[String]> {
+        Arc::clone(&self.names)
     }
 
     pub(super) fn sample_rate(&self) -> SampleRate {

@@ -5,6 +5,8 @@
 //! dropped first (the next one is 50 ms away), events last, and every drop is counted.
 
 mod acting;
+#[cfg(test)]
+mod checks;
 mod intake;
 mod picture;
 mod turret;
@@ -12,6 +14,7 @@ mod turret;
 use super::black_box::BlackBox;
 use super::clock;
 use super::control::{Control, Origin, Refusal};
+use super::drift::Feed;
 use super::hub::{Report, View};
 use super::live::Mode;
 use super::recorder::Job;
@@ -46,10 +49,13 @@ const BACKLOG: usize = 1024;
 pub(super) struct Setup {
     pub(super) config: Arc<ServiceConfig>,
     pub(super) domain: Domain,
+    /// SHA-256 of the configuration in force.
+    pub(super) config_hash: String,
     pub(super) epoch: u64,
     pub(super) reports: mpsc::Sender<Report>,
     pub(super) controls: mpsc::Receiver<Control>,
     pub(super) recorder: SyncSender<Job>,
+    pub(super) drift: SyncSender<Feed>,
     pub(super) metrics: Arc<Metrics>,
     /// Counts wakes: the watchdog is fed from it.
     pub(super) progress: Arc<AtomicU64>,
@@ -190,12 +196,17 @@ impl Engine {
             let took_s = began.elapsed().as_secs_f64();
             self.setup.metrics.step_duration_seconds.observe(took_s);
         }
+        let outcome_count = *outcome.as_ref().unwrap_or(&0);
         let heard = ports.status.drain(|status| self.take_status(status, began));
         if let Err(error) = outcome.and(heard) {
             self.latch(&error.to_string());
         }
         self.supervise(began);
         self.decide(clock::now());
+        if outcome_count > 0 {
+            // The samples came just before the drain: decided within this wake or not at all.
+            self.setup.metrics.decision_latency_seconds.observe(began.elapsed().as_secs_f64());
+        }
         self.flush();
     }
 
@@ -223,7 +234,13 @@ impl Engine {
                 self.hear(&output, &stream);
             }
         }
-        self.setup.metrics.decision_latency_seconds.observe(now.elapsed().as_secs_f64());
+        if let Some(chunk) = self.black_box.newest_full() {
+            let feed = Feed { chunk, axes: stream.shared_axes(), rate: stream.sample_rate() };
+            // A comparison that lags misses a quarter of a second; nothing rests on it.
+            if self.setup.drift.try_send(feed).is_err() {
+                self.setup.metrics.queue_dropped.with_label_values(&["drift", "true"]).inc();
+            }
+        }
         self.stream = Some(stream);
     }
 
@@ -314,8 +331,8 @@ impl Engine {
                 }
                 let _ = done.send(Ok(self.mode_revision));
             }
-            Control::SaveRecording { reason, done } => {
-                let id = self.save_around("manual", &reason);
+            Control::SaveRecording { word, reason, done } => {
+                let id = self.save_around(word, &reason);
                 let _ = done.send(Ok(id));
             }
             Control::Committed { sequence } => self.intent_recorded(sequence),
@@ -422,7 +439,10 @@ impl Engine {
                 ("workpiece_diameter_m".into(), format!("{:?}", workpiece.diameter_m())),
                 ("workpiece_projection_length_m".into(), format!("{:?}", workpiece.projection_length_m())),
                 ("analysis_band_hz".into(), format!("{:?},{:?}", band[0], band[1])),
+                ("stillcut_version".into(), env!("CARGO_PKG_VERSION").into()),
+                ("config_sha256".into(), self.setup.config_hash.clone()),
             ],
+            settings: stream.pipeline().settings_digest(),
         };
         if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.setup.recorder.try_send(job)
         {

@@ -4,6 +4,7 @@ use super::acting::{Acting, Outcome, SampleOrigin, act_mode};
 use super::intake::Stream;
 use super::{Engine, STATUS_DEADLINE};
 use crate::avoidance::guard::Facts;
+use crate::avoidance::invariants::Violation;
 use crate::avoidance::{
     Command, CommandKind, Decision, Heard, HoldReason, Interlock, Situation, TurretMotion, TurretReport,
 };
@@ -112,7 +113,8 @@ impl Engine {
     }
 
     fn situation(&self, now: Instant) -> Situation {
-        let (mut heard, mut speed, mut window_full) = (None, None, false);
+        let (mut heard, mut speed) = (None, None);
+        let (mut window_full, mut estimate_valid) = (false, false);
         if let Some(stream) = &self.stream {
             let chatter = stream.pipeline().agreement();
             heard = Some(Heard {
@@ -122,6 +124,7 @@ impl Engine {
                 growth_1_s: chatter.growth_1_s,
             });
             speed = stream.newest.as_ref().map(|p| p.spindle_speed_rpm);
+            estimate_valid = stream.pipeline().axis_may_act(chatter.leading_axis);
             window_full = stream.pipeline().clean_samples() as f64 >= stream.sample_rate().hz();
         }
         let silent = Heard { phase: Phase::Learning, frequency_hz: None, power_n2: 0.0, growth_1_s: None };
@@ -136,6 +139,7 @@ impl Engine {
             now_s: self.seconds(now),
             newest_sample_s: self.last_arrival.map(|(at, _)| self.seconds(at)),
             window_full,
+            estimate_valid,
             heard: heard.unwrap_or(silent),
             spindle_speed_rpm: speed,
             turret: report,
@@ -172,10 +176,13 @@ impl Engine {
             acting.close_port_later(situation.now_s);
         }
         let overdue = acting.overdue(situation.now_s);
-        let decision = acting.decide(&situation);
+        let (decision, verdict) = acting.decide(&situation);
         self.acknowledge &= decision == Decision::NotDue;
         if let Some(outcome) = overdue {
             self.settle(outcome);
+        }
+        if let Err(violation) = verdict {
+            self.distrust(violation);
         }
         match decision {
             Decision::NotDue => {}
@@ -195,6 +202,18 @@ impl Engine {
             }
             Decision::Command(command) => self.command(command, (origin, &facts)),
         }
+    }
+
+    /// The monitor says that a decision breaks a rule: a fault of ours, nothing more is commanded.
+    fn distrust(&mut self, violation: Violation) {
+        let name = violation.name();
+        self.setup.metrics.invariant_violations.with_label_values(&[name]).inc();
+        let what = format!("a decision broke the rule `{name}`; acting is off, please report it");
+        if self.fault.as_deref() != Some(what.as_str()) {
+            self.report(Event::new(EventKind::InvariantViolation, clock::wall_ns(), what.clone()));
+            self.save_around(EventKind::InvariantViolation.word(), &what);
+        }
+        self.latch(&what);
     }
 
     /// True once for each pitch that differs from the one told last.

@@ -1,0 +1,191 @@
+//! What is done with bytes from outside: one function for each parser. Used by the libFuzzer targets beside
+//! this file and by `examples/fuzz_campaign.rs`, which needs no nightly compiler.
+//!
+//! Each takes any bytes and may answer anything but a panic; what it accepts must hold what it promises.
+
+use std::path::Path;
+use stillcut::config::import_map::import_map_from_text;
+use stillcut::config::machine::{machine_from_text, machine_to_text};
+use stillcut::config::scenario::scenario_from_text;
+use stillcut::config::service::{ServiceConfig, service_config_from_text};
+use stillcut::pipeline::Pipeline;
+use stillcut::recording::{Evidence, read_recording};
+use stillcut::sample::Recording;
+use stillcut::units::SampleRate;
+
+/// Configuration of the service, scenario of the lathe, map of an import.
+pub(crate) fn configuration(bytes: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(bytes);
+    // A model that is named is another file; here it must not be found.
+    let path = Path::new("/nonexistent/c.toml");
+    let one_line = |e: String| assert!(e.lines().count() == 1, "more than one line: {e:?}");
+    let good = service_config_from_text(path, &text).map_err(|e| one_line(e.to_string())).is_ok();
+    let scenario = scenario_from_text(path, &text).map_err(|e| one_line(e.to_string())).is_ok();
+    let map = import_map_from_text(path, &text).map_err(|e| one_line(e.to_string())).is_ok();
+    good || scenario || map
+}
+
+/// Machine models: what is read must be what is written again.
+pub(crate) fn model(bytes: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(bytes);
+    match machine_from_text(Path::new("machine.toml"), &text) {
+        Ok(machine) => {
+            let again = machine_to_text(&machine);
+            let second = machine_from_text(Path::new("again.toml"), &again);
+            assert!(second.is_ok(), "{:?} from {again}", second.err().map(|e| e.to_string()));
+            true
+        }
+        Err(error) => {
+            assert!(error.to_string().lines().count() == 1, "more than one line: {error}");
+            false
+        }
+    }
+}
+
+/// A recording in a file of that ending; `scratch` is a folder, best in memory.
+pub(crate) fn recording(bytes: &[u8], ending: &str, scratch: &Path) -> bool {
+    let path = scratch.join(format!("{}.{ending}", std::process::id()));
+    std::fs::write(&path, bytes).expect("the scratch folder can be written");
+    match read_recording(&path) {
+        Ok(recording) => {
+            let length = recording.len();
+            assert!(recording.columns.iter().all(|c| c.values.len() == length));
+            assert!(recording.columns.iter().flat_map(|c| &c.values).all(|v| v.is_finite()));
+            let _ = Evidence::of(&recording);
+            true
+        }
+        Err(error) => {
+            let text = error.to_string();
+            assert!(text.lines().count() == 1, "more than one line: {text:?}");
+            false
+        }
+    }
+}
+
+/// A pipeline as the service makes it, for wire samples and keyframes.
+pub(crate) struct Live {
+    fresh: Pipeline,
+    pipeline: Pipeline,
+}
+
+impl Live {
+    /// As with all defaults.
+    #[must_use]
+    pub(crate) fn new() -> Self {
+        let rate = SampleRate::new(9000.0).expect("a rate");
+        let axes = ["x1", "y1", "x2", "y2"].map(str::to_owned);
+        let settings = ServiceConfig::default().pipeline_settings(rate, &axes);
+        let fresh = Pipeline::new(settings).expect("the defaults make a pipeline");
+        Self { pipeline: fresh.clone(), fresh }
+    }
+
+    /// A state to begin with, for mutation.
+    #[must_use]
+    pub(crate) fn keyframe(&self) -> Vec<u8> {
+        let mut words = Vec::new();
+        self.pipeline.keep(&mut words);
+        words.iter().flat_map(|w| w.to_le_bytes()).collect()
+    }
+
+    /// Keyframes, as a recording would carry them: taken or refused, and what follows does not panic.
+    pub(crate) fn restore(&mut self, bytes: &[u8]) -> bool {
+        let words: Vec<u64> =
+            bytes.chunks_exact(8).map(|c| u64::from_le_bytes(c.try_into().expect("eight bytes"))).collect();
+        let taken = self.fresh.restore(&words).is_ok();
+        if taken {
+            let mut recording = Recording {
+                sample_rate: SampleRate::new(9000.0).expect("a rate"),
+                experiment: String::new(),
+                axes: vec![],
+                columns: vec![],
+                start_s: 0.0,
+                metadata: vec![],
+            };
+            recording.metadata = Evidence { keyframe: words, ..Evidence::default() }.metadata();
+            let _ = Evidence::of(&recording);
+            for k in 0..64_u64 {
+                let mut sample = plain_sample(k);
+                sample.sequence = u64::MAX - 100 + k;
+                self.fresh.step(&sample);
+            }
+        }
+        taken
+    }
+}
+
+impl Default for Live {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+fn plain_sample(k: u64) -> stillcut::sample::ServoSample {
+    stillcut::sample::ServoSample {
+        sequence: k,
+        t_s: k as f64 / 9000.0,
+        axes: Default::default(),
+        spindle_angle_rad: 0.0,
+        spindle_speed_rpm: 1200.0,
+    }
+}
+
+/// What the service reads from shared memory, made of arbitrary bytes.
+#[cfg(feature = "service")]
+pub(crate) mod wire {
+    use super::Live;
+    use stillcut::transport::wire::{MAX_SAMPLES, ServoBatch, ServoPoint, axis_name_text};
+
+    struct Bytes<'a>(std::iter::Cycle<std::slice::Iter<'a, u8>>);
+
+    impl Bytes<'_> {
+        fn word(&mut self) -> u64 {
+            (0..8).fold(0, |word, _| word << 8 | u64::from(*self.0.next().unwrap_or(&0)))
+        }
+
+        fn number(&mut self) -> f64 {
+            f64::from_bits(self.word())
+        }
+    }
+
+    /// Batches: counted, refused or taken; an estimate that comes out is finite for finite, sane input.
+    pub(crate) fn batch(bytes: &[u8], live: &mut Live) -> bool {
+        if bytes.is_empty() {
+            return false;
+        }
+        let mut from = Bytes(bytes.iter().cycle());
+        let mut batch = ServoBatch {
+            stream: from.word(),
+            sample_rate_hz: from.number(),
+            sample_count: (from.word() % 40) as u32,
+            axis_count: (from.word() % 9) as u32,
+            ..ServoBatch::default()
+        };
+        for name in &mut batch.axis_names {
+            *name = from.word().to_le_bytes();
+            assert!(axis_name_text(name).chars().all(|c| c.is_ascii_graphic()));
+        }
+        for point in batch.points.iter_mut().take(MAX_SAMPLES) {
+            *point = ServoPoint {
+                sequence: from.word() >> (from.word() % 60),
+                t_ns: from.word(),
+                spindle_angle_rad: from.number(),
+                spindle_speed_rpm: from.number(),
+                valid: from.word() as u32,
+                ..ServoPoint::default()
+            };
+            for axis in &mut point.axes {
+                axis.current_ref_a = from.number();
+                axis.motor_angle_rad = from.number();
+                axis.stage_position_m = from.number();
+            }
+        }
+        let Some(axes) = batch.axes() else { return false };
+        let mut taken = false;
+        for point in batch.used_points() {
+            let Ok(sample) = point.to_sample(axes.min(4)) else { continue };
+            let output = live.pipeline.step(&sample);
+            taken |= output.fault.is_none();
+        }
+        taken
+    }
+}

@@ -1,0 +1,150 @@
+//! The state of a running pipeline as numbers, and the digest by which two runs are compared.
+
+use super::{Channel, ChannelState, Pipeline, StepOutput};
+use crate::force::estimator::MotionSample;
+use crate::keyframe::{Digest, Keep, Words};
+use crate::sample::{AxisSample, MAX_AXES, ServoSample};
+use thiserror::Error;
+
+/// Why a keyframe was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum KeyframeError {
+    /// Made by other settings or another version, or damaged.
+    #[error(
+        "a keyframe of {words} words does not fit this pipeline: other settings, another version or damage"
+    )]
+    Unfit {
+        /// Length that was given.
+        words: usize,
+    },
+}
+
+impl Pipeline {
+    /// Appends the state to `to`: everything that later decisions rest on. The spectrum that the page shows
+    /// is left out; it is whole again after one second. Cost: some ten thousand stores.
+    pub fn keep(&self, to: &mut Vec<u64>) {
+        keep_sample(self.last.as_ref(), to);
+        self.clean_samples.keep(to);
+        self.agreement_state.keep(to);
+        self.agreement.keep(to);
+        self.declared.keep(to);
+        for state in &self.states {
+            state.force.is_some().keep(to);
+            if let Some(force) = &state.force {
+                force.keep(to);
+            }
+            state.drive.is_some().keep(to);
+            if let Some(drive) = &state.drive {
+                drive.keep(to);
+            }
+            state.monitor.keep(to);
+            state.output.keep(to);
+        }
+    }
+
+    /// Takes a state back that [`Pipeline::keep`] of a pipeline of the same settings wrote: from here on both
+    /// say the same. Errors: it does not fit; the pipeline is then as if new.
+    /// Checked by: `a_replay_may_start_at_any_keyframe`.
+    pub fn restore(&mut self, words: &[u64]) -> Result<(), KeyframeError> {
+        self.restart();
+        let mut from = Words::new(words);
+        if self.take_back(&mut from).is_some() && from.is_empty() {
+            return Ok(());
+        }
+        self.restart();
+        (self.last, self.declared) = (None, false);
+        Err(KeyframeError::Unfit { words: words.len() })
+    }
+
+    fn take_back(&mut self, from: &mut Words<'_>) -> Option<()> {
+        self.last = restore_sample(from)?;
+        self.clean_samples.restore(from)?;
+        self.agreement_state.restore(from)?;
+        self.agreement.restore(from)?;
+        self.declared.restore(from)?;
+        for (channel, state) in self.channels.iter().zip(&mut self.states) {
+            restore_channel(channel, state, from)?;
+        }
+        Some(())
+    }
+
+    /// Tells pipelines apart that would decide differently: version, rate, axes with their observers, band.
+    #[must_use]
+    pub fn settings_digest(&self) -> u64 {
+        let mut digest = Digest::default();
+        let text = format!("{:?} {:?}", self.settings.sample_rate, self.settings.axes);
+        digest.bytes(env!("CARGO_PKG_VERSION").as_bytes());
+        digest.bytes(text.as_bytes());
+        self.band_hz().iter().for_each(|hz| digest.word(hz.to_bits()));
+        digest.value()
+    }
+}
+
+impl StepOutput {
+    /// Adds to a digest what this sample led to, bit for bit.
+    pub fn digest(&self, axes: usize, to: &mut Digest) {
+        self.forces.iter().take(axes).for_each(|force| to.word(force.force_n.to_bits()));
+        let chatter = &self.chatter;
+        let frequency = chatter.frequency_hz.map_or(u64::MAX, f64::to_bits);
+        to.word(frequency ^ (chatter.phase as u64));
+        to.word(chatter.power_n2.to_bits());
+    }
+}
+
+fn restore_channel(channel: &Channel, state: &mut ChannelState, from: &mut Words<'_>) -> Option<()> {
+    let (mut force, mut drive) = (false, false);
+    force.restore(from)?;
+    state.force = match (force, &channel.estimator) {
+        (false, _) => None,
+        (true, None) => return None,
+        (true, Some(estimator)) => {
+            let mut made = estimator.settled(&MotionSample::default());
+            made.restore(from)?;
+            Some(made)
+        }
+    };
+    drive.restore(from)?;
+    state.drive = match (drive, &channel.drive_filter) {
+        (false, _) => None,
+        (true, None) => return None,
+        (true, Some(filter)) => {
+            let mut made = [filter.settled(0.0), filter.settled(0.0)];
+            made.restore(from)?;
+            Some(made)
+        }
+    };
+    state.monitor.restore(from)?;
+    state.output.restore(from)
+}
+
+fn keep_sample(sample: Option<&ServoSample>, to: &mut Vec<u64>) {
+    sample.is_some().keep(to);
+    let Some(sample) = sample else { return };
+    sample.sequence.keep(to);
+    [sample.t_s, sample.spindle_angle_rad, sample.spindle_speed_rpm].keep(to);
+    for axis in &sample.axes {
+        [axis.current_ref_a, axis.motor_angle_rad].keep(to);
+        axis.stage_position_m.keep(to);
+    }
+}
+
+/// Nothing: not a sample. `Some(None)`: none had come.
+#[allow(clippy::option_option)]
+fn restore_sample(from: &mut Words<'_>) -> Option<Option<ServoSample>> {
+    let (mut there, mut sequence, mut head) = (false, 0_u64, [0.0; 3]);
+    there.restore(from)?;
+    if !there {
+        return Some(None);
+    }
+    sequence.restore(from)?;
+    head.restore(from)?;
+    let mut axes = [AxisSample::default(); MAX_AXES];
+    for axis in &mut axes {
+        let mut pair = [0.0; 2];
+        pair.restore(from)?;
+        [axis.current_ref_a, axis.motor_angle_rad] = pair;
+        axis.stage_position_m.restore(from)?;
+    }
+    let [t_s, spindle_angle_rad, spindle_speed_rpm] = head;
+    Some(Some(ServoSample { sequence, t_s, axes, spindle_angle_rad, spindle_speed_rpm }))
+}
