@@ -26,9 +26,13 @@ pub struct Agreement {
     pub power_n2: f64,
     /// Growth of the leading axis' line, 1/s.
     pub growth_1_s: Option<f64>,
-    /// Share of the watched axes that hear the leading line: a measure of confidence.
+    /// Share of the watched axes that hear the leading line, halved while the moving variance of the leading axis
+    /// does not confirm it: a measure of confidence.
     pub confidence: f64,
 }
+
+/// Variance over the usual from which the moving variance speaks of chatter.
+const LOUD_VARIANCE: f64 = 2.0;
 
 /// Since when one axis has been alone in chatter.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -111,7 +115,8 @@ pub fn agree<'a>(
             .reduce(f64::max),
         power_n2: output.power_n2,
         growth_1_s: output.growth_1_s,
-        confidence: hearing as f64 / count as f64,
+        confidence: hearing as f64 / count as f64
+            * if output.variance_ratio > LOUD_VARIANCE { 1.0 } else { 0.5 },
     }
 }
 
@@ -126,6 +131,7 @@ mod tests {
             power_n2: 1.0,
             contrast: 20.0,
             growth_1_s: None,
+            variance_ratio: 1.0,
             event: None,
         }
     }

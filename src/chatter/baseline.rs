@@ -83,17 +83,25 @@ impl Baseline {
     /// The filter with the greatest ratio of power to learned noise; the ratio divided by the band's common
     /// level when all of the band is louder than learned (its median over ln 2, the median of an exponential
     /// distribution of mean one).
-    pub(super) fn standout(&mut self, power: impl Fn(usize) -> f64) -> Standout {
+    pub(super) fn standout(
+        &mut self,
+        among: std::ops::Range<usize>,
+        power: impl Fn(usize) -> f64,
+    ) -> Standout {
         let mut best = Standout::default();
-        for (k, ratio) in self.scratch.iter_mut().enumerate() {
+        let ratios = &mut self.scratch[among.clone()];
+        for (k, ratio) in among.zip(ratios.iter_mut()) {
             let p = power(k);
             *ratio = p / self.believed[k].max(f64::MIN_POSITIVE);
             if *ratio > best.contrast {
                 best = Standout { filter: k, contrast: *ratio, power_n2: p };
             }
         }
-        let middle = self.scratch.len() / 2;
-        let (_, median, _) = self.scratch.select_nth_unstable_by(middle, f64::total_cmp);
+        if ratios.is_empty() {
+            return best;
+        }
+        let middle = ratios.len() / 2;
+        let (_, median, _) = ratios.select_nth_unstable_by(middle, f64::total_cmp);
         best.contrast /= (*median / std::f64::consts::LN_2).max(1.0);
         best
     }
@@ -111,10 +119,10 @@ mod tests {
         for _ in 0..100 {
             baseline.learn(|k| 1.0 + k as f64, LESSON);
         }
-        let line = baseline.standout(|k| if k == 3 { 400.0 } else { 1.0 });
+        let line = baseline.standout(0..5, |k| if k == 3 { 400.0 } else { 1.0 });
         assert_eq!(line.filter, 3);
         assert!((line.contrast - 100.0).abs() < 1.0);
-        let loud = baseline.standout(|k| 50.0 * (1.0 + k as f64));
+        let loud = baseline.standout(0..5, |k| 50.0 * (1.0 + k as f64));
         assert!(loud.contrast < 1.0);
     }
 

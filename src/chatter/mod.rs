@@ -19,10 +19,12 @@ mod band;
 mod baseline;
 mod cut_level;
 mod detector;
+mod hop;
 mod monitor;
+mod watched;
 
 pub use agreement::{Agreement, AgreementState, agree};
-pub use band::{Band, BandError, predicted_band};
+pub use band::{Band, BandError, predicted_band, predicted_band_in_cut};
 pub use monitor::{ChatterError, ChatterMonitor, ChatterSettings, ChatterState};
 
 /// What a monitor says after each sample.
@@ -38,6 +40,9 @@ pub struct ChatterOutput {
     pub contrast: f64,
     /// Rate of growth of the line's amplitude, while there is one.
     pub growth_1_s: Option<f64>,
+    /// Variance of the band over the last quarter second over what it usually is (thesis 6.3): a second opinion that
+    /// knows nothing of lines. 1 is noise.
+    pub variance_ratio: f64,
     /// What began or ended with this sample.
     pub event: Option<ChatterEvent>,
 }

@@ -4,6 +4,8 @@ use super::band::{Band, BandError};
 use super::baseline::{Baseline, Lesson, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
 use super::detector::{BANKS, BankEvidence, CONFIRM, Detector, Evidence, SUSPECT};
+use super::hop::HopWatch;
+use super::watched::Watched;
 use super::{ChatterEvent, ChatterOutput, Phase};
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::signal::line_bank::{LineBank, LineBankState};
@@ -43,6 +45,10 @@ pub enum ChatterError {
 const TAUS_S: [f64; BANKS] = [0.0125, 0.025, 0.05, 0.1];
 /// The banks reach this much beyond the band, so that a line at its edge is seen whole.
 const EDGE: f64 = 1.08;
+/// They are there up to this, for when the band widens.
+const REACH: f64 = 1.4;
+/// Time over which the variance of the band is taken.
+const VARIANCE_S: f64 = 0.25;
 /// Between two decisions.
 const DECISION_S: f64 = 0.004;
 /// Noise is averaged over this long once it is known.
@@ -65,6 +71,8 @@ pub struct ChatterMonitor {
     orders: OrderLines,
     level: CutLevel,
     banks: Vec<LineBank>,
+    /// Half of the width that the banks cover, Hz.
+    reach_hz: f64,
     decide_every: usize,
 }
 
@@ -86,6 +94,11 @@ pub struct ChatterState {
     level: CutLevelState,
     detector: Detector,
     track_hz: Option<f64>,
+    watched: Watched,
+    hop: HopWatch,
+    /// Mean power of the band over the last quarter second, and as it was learned, N^2.
+    variance_n2: f64,
+    usual_variance_n2: f64,
     latest: ChatterOutput,
 }
 
@@ -98,19 +111,22 @@ impl ChatterMonitor {
         if rate_hz < needed_hz {
             return Err(ChatterError::RateTooLow { high_hz: band.high_hz(), needed_hz, rate_hz });
         }
-        let mix = DownMix::new(settings.sample_rate, band.centre_hz(), half_hz);
+        // As much more as the band may widen, where rate and zero allow it.
+        let most_hz = (0.45 * rate_hz - band.centre_hz()).min(band.centre_hz() * 0.9);
+        let reach_hz = (band.half_width_hz() * REACH).min(most_hz).max(half_hz);
+        let mix = DownMix::new(settings.sample_rate, band.centre_hz(), reach_hz);
         let rate_hz = mix.output_rate_hz();
-        let reach_hz = half_hz + 20.0;
+        let orders_hz = reach_hz + 20.0;
         let orders = OrderLines {
-            low_hz: band.centre_hz() - reach_hz,
-            high_hz: band.centre_hz() + reach_hz,
+            low_hz: band.centre_hz() - orders_hz,
+            high_hz: band.centre_hz() + orders_hz,
             memory_turns: 20.0,
         };
-        let banks = TAUS_S.iter().map(|tau_s| LineBank::new(rate_hz, half_hz, *tau_s)).collect();
+        let banks = TAUS_S.iter().map(|tau_s| LineBank::new(rate_hz, reach_hz, *tau_s)).collect();
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let decide_every = (DECISION_S * rate_hz).round().max(1.0) as usize;
         let level = CutLevel::new(settings.sample_rate);
-        Ok(Self { settings, mix, orders, level, banks, decide_every })
+        Ok(Self { settings, mix, orders, level, banks, reach_hz, decide_every })
     }
 
     /// What it watches.
@@ -143,15 +159,38 @@ impl ChatterMonitor {
             level: self.level.start(),
             detector: Detector::new(),
             track_hz: None,
+            watched: Watched::new(self.settings.band, self.mix.centre_hz(), EDGE),
+            hop: HopWatch::default(),
+            variance_n2: 0.0,
+            usual_variance_n2: 0.0,
             latest: ChatterOutput {
                 phase: Phase::Learning,
                 frequency_hz: None,
                 power_n2: 0.0,
                 contrast: 0.0,
                 growth_1_s: None,
+                variance_ratio: 1.0,
                 event: None,
             },
         }
+    }
+
+    /// Lets the watched band follow the bar: diameter, projection length or tool position changed. Lines count in
+    /// the new band at once. False when it reaches beyond what this monitor was designed for: it needs a new one.
+    #[must_use]
+    pub fn follow(&self, state: &mut ChatterState, band: Band) -> bool {
+        let watched = Watched::new(band, self.mix.centre_hz(), 1.0);
+        let inside = watched.low_hz >= -self.reach_hz && watched.high_hz <= self.reach_hz;
+        if inside {
+            state.watched = watched;
+        }
+        inside
+    }
+
+    /// Band in which a line counts now, Hz.
+    #[must_use]
+    pub fn watched_hz(&self, state: &ChatterState) -> [f64; 2] {
+        [state.watched.low_hz, state.watched.high_hz].map(|f| f + self.mix.centre_hz())
     }
 
     /// Takes one sample. Without a speed nothing is known of spindle orders, and they may look like chatter.
@@ -222,6 +261,7 @@ impl ChatterMonitor {
         for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
             bank.step(bank_state, value);
         }
+        state.variance_n2 += (value.norm_sqr() - state.variance_n2) / (VARIANCE_S * rate_hz);
         state.until_decision -= 1;
         if state.until_decision == 0 {
             state.until_decision = self.decide_every;
@@ -242,7 +282,8 @@ impl ChatterMonitor {
         };
         for (i, bank) in self.banks.iter().enumerate() {
             let bank_state = &state.banks[i];
-            let standout = state.baselines[i].standout(|k| bank.power(bank_state, k));
+            let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
+            let standout = state.baselines[i].standout(among, |k| bank.power(bank_state, k));
             evidence.banks[i] = self.bank_evidence(state, i, standout);
         }
         let event = state.detector.step(&evidence);
@@ -274,6 +315,9 @@ impl ChatterMonitor {
 
     fn learn(&self, state: &mut ChatterState, period_s: f64) {
         state.heard_s += period_s;
+        let usual = &mut state.usual_variance_n2;
+        let counted = if *usual > 0.0 { state.variance_n2.min(4.0 * *usual) } else { state.variance_n2 };
+        *usual += (counted - *usual) * (period_s / state.heard_s.min(NOISE_MEMORY_S));
         // The lobes of the noise move with the speed: what is older than their move of 3 Hz is no guide.
         let relative_1_s =
             (state.speed_hz - state.earlier_speed_hz).abs() / (SPEED_LAG_S * state.speed_hz.max(1e-9));
@@ -299,7 +343,7 @@ impl ChatterMonitor {
         };
         let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
         let mut best = (0, 0.0);
-        for k in 0..bank.frequencies_hz().len() {
+        for k in state.watched.filters(bank.frequencies_hz().len(), self.reach_hz) {
             let power = bank.power(bank_state, k);
             if power > best.1 {
                 best = (k, power);
@@ -309,13 +353,17 @@ impl ChatterMonitor {
         let line = matches!(phase, Phase::Suspected | Phase::Chatter);
         let frequency_hz = self.mix.centre_hz() + bank.refined_hz(bank_state, best.0);
         state.track_hz = line.then_some(frequency_hz);
-        let event = state.latest.event;
+        state.watched.follow(line.then(|| frequency_hz - self.mix.centre_hz()), self.reach_hz);
+        let hop = state.hop.look(state.track_hz.filter(|_| phase == Phase::Chatter));
+        let hop = hop.map(|(from_hz, to_hz)| ChatterEvent::Hop { from_hz, to_hz });
+        let event = state.latest.event.or(hop);
         state.latest = ChatterOutput {
             phase,
             frequency_hz: state.track_hz,
             power_n2: best.1,
             contrast: evidence.banks.iter().fold(0.0, |m, b| f64::max(m, b.contrast)),
             growth_1_s: line.then(|| bank.growth_1_s(bank_state, best.0)),
+            variance_ratio: state.variance_n2 / state.usual_variance_n2.max(f64::MIN_POSITIVE),
             event,
         };
     }

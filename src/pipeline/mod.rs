@@ -144,11 +144,34 @@ impl Pipeline {
         &self.settings
     }
 
-    /// Watched band, Hz.
+    /// Watched band, Hz: as planned, or wider where a line sits at its edge.
     #[must_use]
     pub fn band_hz(&self) -> [f64; 2] {
         let band = self.monitor.settings().band;
-        [band.low_hz(), band.high_hz()]
+        let watched = self.channels.iter().zip(&self.states).filter(|(c, _)| c.watch);
+        watched
+            .map(|(_, s)| self.monitor.watched_hz(&s.monitor))
+            .fold([band.low_hz(), band.high_hz()], |[low, high], now| [low.min(now[0]), high.max(now[1])])
+    }
+
+    /// Lets the band follow the bar: another diameter, projection length, or the tools elsewhere along it. What was
+    /// learned stays, unless the band leaves what the monitors were designed for: then they start anew.
+    /// Errors: a band that does not fit the rate; nothing has changed then.
+    pub fn follow(&mut self, plan: BandPlan) -> Result<(), PipelineError> {
+        let band = plan.band()?;
+        let mut inside = true;
+        for state in &mut self.states {
+            inside &= self.monitor.follow(&mut state.monitor, band);
+        }
+        if !inside {
+            let sample_rate = self.settings.sample_rate;
+            self.monitor = ChatterMonitor::new(crate::chatter::ChatterSettings { sample_rate, band })?;
+            for state in &mut self.states {
+                (state.monitor, state.output) = (self.monitor.start(), quiet());
+            }
+        }
+        self.settings.band = plan;
+        Ok(())
     }
 
     /// Samples since the last gap or restart.
@@ -368,6 +391,7 @@ fn quiet() -> ChatterOutput {
         power_n2: 0.0,
         contrast: 0.0,
         growth_1_s: None,
+        variance_ratio: 1.0,
         event: None,
     }
 }
