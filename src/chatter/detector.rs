@@ -15,6 +15,10 @@ pub(super) struct Evidence {
     pub(super) orders_young: bool,
     /// Turns per second; 0 where it is not known.
     pub(super) speed_hz: f64,
+    /// How fast that changes.
+    pub(super) speed_change_hz_s: f64,
+    /// Delay of the band before the windows, s.
+    pub(super) delay_s: f64,
 }
 
 /// What one bank says.
@@ -50,6 +54,10 @@ pub(super) const CONFIRM: f64 = 18.0;
 const LEAVE: f64 = 5.0;
 /// A line must last this long: longer than the shortest window's answer to a hit (4 tau = 50 ms).
 const HOLD_S: f64 = 0.045;
+/// Noise that a lightly damped lobe colours swells for some hundredths of a second; a line that has not lasted longer than
+/// that must stand out by so much more. Chatter at 20 1/s gains it in 12 ms.
+const NOISE_LASTS_S: f64 = 0.12;
+const YOUNG: f64 = 1.6;
 /// A line that loses amplitude faster is ringing down.
 const RING_DOWN_1_S: f64 = -6.0;
 /// Share of its recent peak under which chatter has ended: 20 dB.
@@ -192,7 +200,7 @@ impl Detector {
         }
         let bank = evidence.banks.iter().find(|b| {
             evidence.orders_known
-                && b.contrast > b.confirm
+                && b.contrast > b.confirm * if age_s > NOISE_LASTS_S { 1.0 } else { YOUNG }
                 && !on_an_order(b, evidence)
                 && age_s > HOLD_S
                 && self.recent_mean() - evidence.banks[0].noise_n2 > 0.5 * b.power_n2
@@ -241,11 +249,14 @@ impl Detector {
 
 /// Whether a line is at a spindle order, where regenerative chatter cannot be: its growth needs sin(pi f/S)
 /// away from zero. A short window places a line less well.
-fn on_an_order(line: &BankEvidence, evidence: &Evidence) -> bool {
+pub(super) fn on_an_order(line: &BankEvidence, evidence: &Evidence) -> bool {
     if evidence.speed_hz <= 0.0 {
         return false;
     }
-    let order = line.frequency_hz / evidence.speed_hz;
+    // The window hears what was 2 tau ago, on average.
+    let age_s = evidence.delay_s + 2.0 * line.tau_s;
+    let speed_hz = (evidence.speed_hz - evidence.speed_change_hz_s * age_s).max(0.2 * evidence.speed_hz);
+    let order = line.frequency_hz / speed_hz;
     let apart = (order - order.round()).abs();
     let blurred = (0.05 / (line.tau_s * evidence.speed_hz)).clamp(0.04, 0.12);
     apart < if evidence.orders_young { 0.12 } else { blurred }

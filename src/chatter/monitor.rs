@@ -3,7 +3,7 @@
 use super::band::{Band, BandError};
 use super::baseline::{Baseline, Lesson, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
-use super::detector::{BANKS, BankEvidence, CONFIRM, Detector, Evidence, SUSPECT};
+use super::detector::{BANKS, BankEvidence, CONFIRM, Detector, Evidence, SUSPECT, on_an_order};
 use super::hop::HopWatch;
 use super::watched::Watched;
 use super::{ChatterEvent, ChatterOutput, Phase};
@@ -55,7 +55,20 @@ const DECISION_S: f64 = 0.004;
 const NOISE_MEMORY_S: f64 = 15.0;
 /// What is known of the noise counts as this many looks after the cut changed. Longer windows see the lobes
 /// of the new cut as lines: they are trusted less.
-const DOUBT_LOOKS: [f64; BANKS] = [10.0, 10.0, 8.0, 6.0];
+const DOUBT_LOOKS: [f64; BANKS] = [10.0, 8.0, 6.0, 4.0];
+/// All of the band this much louder than learned, for so many decisions (32 ms), is another cut: what is known of the noise
+/// of the old one says little of the shape of the new.
+const LOUDER: f64 = 3.0;
+const LOUDER_LOOKS: u32 = 8;
+/// A line that stands this far above the band that rose with it made it rise.
+const CLEAR_LINE: f64 = 150.0;
+/// Most that a power counts over what is known, usually and while the noise is another.
+const USUAL_MOST: f64 = 4.0;
+const LEARNING_MOST: f64 = 40.0;
+/// The noise of another cut is learned over this long.
+const RELEARN_S: f64 = 0.6;
+/// Orders may move this far within the memory of their notches: the structure answers otherwise elsewhere.
+const ORDER_DRIFT_HZ: f64 = 3.0;
 /// The orders build up for so many turns after the tools enter.
 const YOUNG_TURNS: f64 = 8.0;
 /// A change of speed is looked for over this time.
@@ -99,6 +112,13 @@ pub struct ChatterState {
     /// Mean power of the band over the last quarter second, and as it was learned, N^2.
     variance_n2: f64,
     usual_variance_n2: f64,
+    /// Decisions in a row with all of the band louder than learned.
+    louder: u32,
+    /// Decisions in a row in which what stands out is a spindle order, and until when that is to be expected.
+    order_line: u32,
+    orders_new_until_s: f64,
+    /// Until when the noise is learned fast, in seconds heard.
+    relearn_until_s: f64,
     latest: ChatterOutput,
 }
 
@@ -117,11 +137,8 @@ impl ChatterMonitor {
         let mix = DownMix::new(settings.sample_rate, band.centre_hz(), reach_hz);
         let rate_hz = mix.output_rate_hz();
         let orders_hz = reach_hz + 20.0;
-        let orders = OrderLines {
-            low_hz: band.centre_hz() - orders_hz,
-            high_hz: band.centre_hz() + orders_hz,
-            memory_turns: 20.0,
-        };
+        let orders =
+            OrderLines { low_hz: band.centre_hz() - orders_hz, high_hz: band.centre_hz() + orders_hz };
         let banks = TAUS_S.iter().map(|tau_s| LineBank::new(rate_hz, reach_hz, *tau_s)).collect();
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let decide_every = (DECISION_S * rate_hz).round().max(1.0) as usize;
@@ -163,6 +180,10 @@ impl ChatterMonitor {
             hop: HopWatch::default(),
             variance_n2: 0.0,
             usual_variance_n2: 0.0,
+            louder: 0,
+            order_line: 0,
+            orders_new_until_s: 0.0,
+            relearn_until_s: 0.0,
             latest: ChatterOutput {
                 phase: Phase::Learning,
                 frequency_hz: None,
@@ -230,7 +251,8 @@ impl ChatterMonitor {
         }
         // Until the force has settled, every step starts the notches anew.
         doubt(&mut state.baselines);
-        self.orders.restart(&mut state.orders, state.angle_turns);
+        state.relearn_until_s = self.now_s(state) + RELEARN_S;
+        self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
         if change == Change::Begins {
             state.detector.forget_suspicion();
             state.latest.event = Some(ChatterEvent::CutChanged);
@@ -244,9 +266,13 @@ impl ChatterMonitor {
         let phase = state.detector.phase();
         let adapt = phase != Phase::Chatter;
         let value = if state.speed_hz > 0.0 {
-            let (angle_turns, mixer, speed_hz) = (state.angle_turns, state.mixer, state.speed_hz);
+            // The band is as old as the mixer's filter is long; so must be the angle that its orders stand at.
+            let angle_turns = state.angle_turns - state.speed_hz * self.mix.delay_s();
+            let (mixer, speed_hz) = (state.mixer, state.speed_hz);
+            let drift_hz = self.mix.centre_hz() * self.relative_speed_change_1_s(state);
+            let memory_turns = (ORDER_DRIFT_HZ / drift_hz.max(1e-9) * speed_hz).clamp(4.0, 20.0);
             let known = self.orders.turns_known(&state.orders);
-            let sample = OrderSample { value, angle_turns, mixer, speed_hz, adapt };
+            let sample = OrderSample { value, angle_turns, mixer, speed_hz, memory_turns, adapt };
             let left = self.orders.step(&mut state.orders, &sample);
             if known < 1.0 && self.orders.turns_known(&state.orders) >= 1.0 {
                 // What the banks hold is from before the notches: orders, not chatter.
@@ -272,31 +298,84 @@ impl ChatterMonitor {
     fn decide(&self, state: &mut ChatterState) {
         let period_s = self.decide_every as f64 / self.mix.output_rate_hz();
         let orders_known = state.speed_hz <= 0.0 || self.orders.turns_known(&state.orders) >= 1.0;
-        let t_s = state.samples as f64 * self.settings.sample_rate.period_s();
+        let t_s = self.now_s(state);
         let mut evidence = Evidence {
             t_s,
             banks: [BankEvidence::default(); BANKS],
             orders_known,
             orders_young: state.speed_hz > 0.0 && self.orders.turns_known(&state.orders) < YOUNG_TURNS,
             speed_hz: state.speed_hz,
+            speed_change_hz_s: (state.speed_hz - state.earlier_speed_hz) / SPEED_LAG_S,
+            delay_s: self.mix.delay_s(),
         };
+        let mut common = f64::INFINITY;
         for (i, bank) in self.banks.iter().enumerate() {
             let bank_state = &state.banks[i];
             let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
-            let standout = state.baselines[i].standout(among, |k| bank.power(bank_state, k));
+            let power = |k: usize| bank.power(bank_state, k);
+            let line = among.clone().max_by(|a, b| power(*a).total_cmp(&power(*b))).unwrap_or(0);
+            let (strongest, growth_1_s) = (power(line), bank.growth_1_s(bank_state, line));
+            let leak = |k: usize| strongest * bank.leak(line, growth_1_s, k);
+            let standout = state.baselines[i].standout(among, power, leak);
+            common = common.min(standout.common);
             evidence.banks[i] = self.bank_evidence(state, i, standout);
         }
+        let clearest = evidence.banks.iter().map(|b| b.contrast).fold(0.0, f64::max);
+        self.watch_level(state, common, clearest);
+        self.watch_orders(state, &evidence);
         let event = state.detector.step(&evidence);
         if event.is_some() {
             state.latest.event = event;
         }
-        if matches!(event, Some(ChatterEvent::End)) && !state.detector.ended_weakly() {
+        if matches!(event, Some(ChatterEvent::End)) {
+            // Another state of the cut; or, after an alarm that was weak, noise that is not yet known well.
             doubt(&mut state.baselines);
+            state.relearn_until_s = t_s + RELEARN_S;
         }
-        if orders_known && matches!(state.detector.phase(), Phase::Learning | Phase::Quiet) {
+        let noise = match state.detector.phase() {
+            Phase::Learning | Phase::Quiet => true,
+            Phase::Suspected => state.louder >= LOUDER_LOOKS,
+            Phase::Chatter => false,
+        };
+        if orders_known && noise {
             self.learn(state, period_s);
         }
         self.report(state, &evidence);
+    }
+
+    /// All windows agree that the band as a whole is louder than learned: the tools entered, depth or material changed.
+    /// Loud chatter raises all of the band too, but stands far above it.
+    fn watch_level(&self, state: &mut ChatterState, common: f64, clearest: f64) {
+        let no_line = state.detector.phase() != Phase::Chatter && clearest < CLEAR_LINE;
+        let loud = common > LOUDER && no_line;
+        state.louder = if loud { state.louder + 1 } else { 0 };
+        if state.louder >= LOUDER_LOOKS {
+            doubt(&mut state.baselines);
+            state.relearn_until_s = self.now_s(state) + RELEARN_S;
+        }
+    }
+
+    /// What stands out is a spindle order that the notches do not know: the cut that makes it is another. They start anew.
+    fn watch_orders(&self, state: &mut ChatterState, evidence: &Evidence) {
+        let stands_out = evidence.banks[2].contrast > evidence.banks[2].suspect;
+        let order = stands_out
+            && state.detector.phase() != Phase::Chatter
+            && on_an_order(&evidence.banks[2], evidence);
+        state.order_line = if order { state.order_line + 1 } else { 0 };
+        if state.order_line >= LOUDER_LOOKS && evidence.t_s > state.orders_new_until_s && state.speed_hz > 0.0
+        {
+            self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
+            state.detector.forget_suspicion();
+            state.orders_new_until_s = evidence.t_s + YOUNG_TURNS / state.speed_hz;
+        }
+    }
+
+    fn now_s(&self, state: &ChatterState) -> f64 {
+        state.samples as f64 * self.settings.sample_rate.period_s()
+    }
+
+    fn relative_speed_change_1_s(&self, state: &ChatterState) -> f64 {
+        (state.speed_hz - state.earlier_speed_hz).abs() / (SPEED_LAG_S * state.speed_hz.max(1e-9))
     }
 
     fn bank_evidence(&self, state: &ChatterState, index: usize, standout: Standout) -> BankEvidence {
@@ -319,15 +398,15 @@ impl ChatterMonitor {
         let counted = if *usual > 0.0 { state.variance_n2.min(4.0 * *usual) } else { state.variance_n2 };
         *usual += (counted - *usual) * (period_s / state.heard_s.min(NOISE_MEMORY_S));
         // The lobes of the noise move with the speed: what is older than their move of 3 Hz is no guide.
-        let relative_1_s =
-            (state.speed_hz - state.earlier_speed_hz).abs() / (SPEED_LAG_S * state.speed_hz.max(1e-9));
+        let relative_1_s = self.relative_speed_change_1_s(state);
+        let most = if self.now_s(state) < state.relearn_until_s { LEARNING_MOST } else { USUAL_MOST };
         let memory_s = (3.0 / (self.mix.centre_hz() * relative_1_s).max(1e-9)).clamp(1.5, NOISE_MEMORY_S);
         for ((bank, bank_state), baseline) in self.banks.iter().zip(&state.banks).zip(&mut state.baselines) {
             // Not before the window is full; the window's noise is independent after about 3 tau.
             if state.heard_s > 6.0 * bank.tau_s() {
                 let looks = period_s / (3.0 * bank.tau_s());
                 let memory_looks = memory_s / (3.0 * bank.tau_s());
-                baseline.learn(|k| bank.power(bank_state, k), Lesson { looks, memory_looks });
+                baseline.learn(|k| bank.power(bank_state, k), Lesson { looks, memory_looks, most });
             }
         }
         if state.heard_s > LEARN_S {
@@ -353,8 +432,9 @@ impl ChatterMonitor {
         let line = matches!(phase, Phase::Suspected | Phase::Chatter);
         let frequency_hz = self.mix.centre_hz() + bank.refined_hz(bank_state, best.0);
         state.track_hz = line.then_some(frequency_hz);
-        state.watched.follow(line.then(|| frequency_hz - self.mix.centre_hz()), self.reach_hz);
-        let hop = state.hop.look(state.track_hz.filter(|_| phase == Phase::Chatter));
+        let declared = phase == Phase::Chatter;
+        state.watched.follow(declared.then(|| frequency_hz - self.mix.centre_hz()), self.reach_hz);
+        let hop = state.hop.look(state.track_hz.filter(|_| declared));
         let hop = hop.map(|(from_hz, to_hz)| ChatterEvent::Hop { from_hz, to_hz });
         let event = state.latest.event.or(hop);
         state.latest = ChatterOutput {

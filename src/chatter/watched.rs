@@ -26,7 +26,7 @@ impl Watched {
         Self { low_hz, high_hz, half_width_hz: band.half_width_hz(), seen: [0; 2] }
     }
 
-    /// Takes the suspected or declared line; widens the band on its side when it stays at the edge.
+    /// Takes the line of declared chatter; widens the band on its side when it stays at the edge.
     pub(super) fn follow(&mut self, line_hz: Option<f64>, reach_hz: f64) {
         let near_hz = AT_EDGE * self.half_width_hz;
         let sides = line_hz.map_or([false; 2], |f| [f < self.low_hz + near_hz, f > self.high_hz - near_hz]);

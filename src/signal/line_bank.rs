@@ -84,6 +84,18 @@ impl LineBank {
         state.second[k].norm_sqr()
     }
 
+    /// Power at filter `k` of a line of power one that sits on filter `line` and grows at `growth_1_s`:
+    ///
+    /// 1/(1 + (dw tau/(1 + g tau))^2)^2
+    ///
+    /// Checked by: `leak_of_a_growing_line`.
+    #[must_use]
+    pub fn leak(&self, line: usize, growth_1_s: f64, k: usize) -> f64 {
+        let slowed = (1.0 + growth_1_s * self.tau_s).max(0.5);
+        let apart = TAU * (self.frequencies_hz[k] - self.frequencies_hz[line]) * self.tau_s / slowed;
+        (1.0 + apart * apart).powi(-2)
+    }
+
     /// Frequency of the line that filter `k` hears, relative to the band's centre.
     ///
     /// In the steady state of a line off by dw the two poles' outputs stand in the ratio
@@ -121,6 +133,25 @@ mod tests {
         assert!(powers[best] > 6.8 && powers[best] < 9.1);
         assert!((bank.refined_hz(&state, best) - 41.3).abs() < 1e-6);
         assert!(bank.growth_1_s(&state, best).abs() < 1e-6);
+    }
+
+    #[test]
+    fn leak_of_a_growing_line() {
+        let bank = LineBank::new(1000.0, 150.0, 0.025);
+        for growth in [0.0, 40.0] {
+            let (mut state, line) = (bank.start(), 20);
+            for n in 0..600 {
+                let t = f64::from(n) / 1000.0;
+                bank.step(
+                    &mut state,
+                    Complex::from_polar((growth * t).exp(), TAU * bank.frequencies_hz()[line] * t),
+                );
+            }
+            for k in [12, 18, 23, 30] {
+                let leak = bank.power(&state, k) / bank.power(&state, line);
+                assert!((leak / bank.leak(line, growth, k) - 1.0).abs() < 0.1, "{growth} {k} {leak}");
+            }
+        }
     }
 
     #[test]
