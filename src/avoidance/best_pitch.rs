@@ -56,6 +56,9 @@ const LOBE_PAYS_1_S: f64 = 10.0;
 const COMFORTABLE_1_S: f64 = 5.0;
 /// A margin counts up to this: beyond it, more is no better.
 const MOST_MARGIN_1_S: f64 = 60.0;
+/// What a pitch costs whose waves do not oppose the vibration that is heard, 1/s at a tenth of a wave: linear growth says
+/// nothing of a vibration that is loud already; that is fed back least where its own waves oppose each other.
+const UNOPPOSED_1_S: f64 = 3.0;
 /// Belief from which "nothing is stable" is said.
 const SURE: f64 = 0.9;
 /// Phase over pi within which two pitches are the same try.
@@ -74,7 +77,10 @@ pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
     }
     let cuts: Vec<Cut> = candidates.iter().map(|c| Cut::new(*c, question.lines)).collect();
     let turn_s = question.spindle.period_s();
-    let search = |lobe: f64| best_of_lobe(question, &cuts, (highest_hz, lobe));
+    // After a try that did not help, what goes on at that pitch is what must be opposed.
+    let newest_hz = question.lines.first().map_or(highest_hz, |l| l.frequency_hz);
+    let opposed_hz = if question.fruitless_rad.is_empty() { highest_hz } else { newest_hz };
+    let search = |lobe: f64| best_of_lobe(question, &cuts, (opposed_hz, lobe));
     let Some(mut best) = search(0.0) else { return PitchAdvice::NotIdentified };
     if best.growth_1_s > -COMFORTABLE_1_S {
         for lobe in [1.0, 2.0] {
@@ -112,7 +118,7 @@ struct Best {
 
 fn best_of_lobe(question: &PitchQuestion<'_>, cuts: &[Cut], (highest_hz, lobe): (f64, f64)) -> Option<Best> {
     let per_pi = PI / wave_phase_difference_rad(question.spindle, highest_hz, 1.0);
-    let mut scores = Vec::with_capacity(STEPS + 1);
+    let mut scores: Vec<(Best, f64)> = Vec::with_capacity(STEPS + 1);
     for step in 0..=STEPS {
         let share = step as f64 / STEPS as f64;
         let phase = 2.0 * lobe + PHASE_RANGE[0] + (PHASE_RANGE[1] - PHASE_RANGE[0]) * share;
@@ -125,15 +131,11 @@ fn best_of_lobe(question: &PitchQuestion<'_>, cuts: &[Cut], (highest_hz, lobe): 
         let mean = |f: &dyn Fn(f64) -> f64| {
             cuts.iter().map(|c| c.candidate.weight * f(c.worst_growth_1_s(turn_s, pitch_rad))).sum::<f64>()
         };
-        scores.push((pitch_rad, mean(&|g| g.max(-MOST_MARGIN_1_S))));
+        let growth_1_s = mean(&|g| g.max(-MOST_MARGIN_1_S));
+        let off = (phase - 2.0 * lobe - 1.0) / 0.1;
+        scores.push((Best { pitch_rad, growth_1_s }, growth_1_s + UNOPPOSED_1_S * off * off));
     }
-    let best = scores.iter().map(|s| s.1).min_by(f64::total_cmp)?;
-    // The middle of the flat part: nothing is gained at its edge.
-    let flat = || scores.iter().filter(|s| s.1 < best + 1.0);
-    let count = flat().count() as f64;
-    let middle = flat().map(|s| s.0).sum::<f64>() / count;
-    let chosen = flat().min_by(|a, b| (a.0 - middle).abs().total_cmp(&(b.0 - middle).abs()))?;
-    Some(Best { pitch_rad: chosen.0, growth_1_s: chosen.1 })
+    scores.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)).map(|s| s.0)
 }
 
 /// A candidate with the strengths of the cut that must be endured.

@@ -60,6 +60,8 @@ const NOISE_LASTS_S: f64 = 0.12;
 const YOUNG: f64 = 1.6;
 /// A line that loses amplitude faster is ringing down.
 const RING_DOWN_1_S: f64 = -6.0;
+/// No window in which the line loses amplitude faster than noise makes it seem declares anything.
+const FADING_1_S: f64 = -15.0;
 /// Share of its recent peak under which chatter has ended: 20 dB.
 const FADED: f64 = 0.01;
 /// Of the strongest power of a suspicion, kept from one decision to the next.
@@ -82,8 +84,6 @@ const HISTORY: usize = 16;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Detector {
     phase: State,
-    /// The last alarm ended because it was weak: the learned noise still holds.
-    weak_end: bool,
     /// Latest powers of the shortest bank, newest last: (t_s, power over noise).
     recent: [(f64, f64); HISTORY],
 }
@@ -98,7 +98,7 @@ enum State {
 
 impl Detector {
     pub(super) fn new() -> Self {
-        Self { phase: State::Learning, weak_end: false, recent: [(f64::NEG_INFINITY, 0.0); HISTORY] }
+        Self { phase: State::Learning, recent: [(f64::NEG_INFINITY, 0.0); HISTORY] }
     }
 
     pub(super) fn phase(&self) -> Phase {
@@ -116,11 +116,6 @@ impl Detector {
             State::Chatter { since_s, .. } => Some(t_s - since_s),
             _ => None,
         }
-    }
-
-    /// Whether the last alarm ended for weakness.
-    pub(super) fn ended_weakly(&self) -> bool {
-        self.weak_end
     }
 
     /// The noise is known.
@@ -178,7 +173,6 @@ impl Detector {
                     || on_order > MOSTLY
                 {
                     self.phase = State::Quiet;
-                    self.weak_end = assurance < LEAST_ASSURANCE;
                     return Some(ChatterEvent::End);
                 }
                 None
@@ -198,8 +192,14 @@ impl Detector {
                 NotChatter::Burst
             }));
         }
+        // The longest window that hears a line places it best.
+        let placed = evidence.banks.iter().rev().find(|b| b.contrast > b.suspect);
+        if placed.is_some_and(|b| on_an_order(b, evidence)) {
+            return None;
+        }
         let bank = evidence.banks.iter().find(|b| {
             evidence.orders_known
+                && b.growth_1_s > FADING_1_S
                 && b.contrast > b.confirm * if age_s > NOISE_LASTS_S { 1.0 } else { YOUNG }
                 && !on_an_order(b, evidence)
                 && age_s > HOLD_S
