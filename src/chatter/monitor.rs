@@ -43,6 +43,8 @@ pub enum ChatterError {
 
 /// Windows of the banks: 4 tau is about their length.
 const TAUS_S: [f64; BANKS] = [0.0125, 0.025, 0.05, 0.1];
+/// Decisions from one look at a bank to the next: a long window changes slowly.
+const STRIDES: [u64; BANKS] = [1, 1, 2, 4];
 /// The banks reach this much beyond the band, so that a line at its edge is seen whole.
 const EDGE: f64 = 1.08;
 /// They are there up to this, for when the band widens.
@@ -86,6 +88,7 @@ pub struct ChatterMonitor {
     banks: Vec<LineBank>,
     /// Half of the width that the banks cover, Hz.
     reach_hz: f64,
+    turns_per_rpm: f64,
     decide_every: usize,
 }
 
@@ -99,10 +102,15 @@ pub struct ChatterState {
     banks: Vec<LineBankState>,
     baselines: Vec<Baseline>,
     angle_turns: f64,
+    newest_speed_hz: f64,
     speed_hz: f64,
     /// Speed of about a second ago.
     earlier_speed_hz: f64,
     until_decision: usize,
+    decisions: u64,
+    /// What each bank showed when it was looked at last, and the common level of the band in it.
+    bank_evidence: [BankEvidence; BANKS],
+    bank_common: [f64; BANKS],
     heard_s: f64,
     level: CutLevelState,
     detector: Detector,
@@ -143,7 +151,8 @@ impl ChatterMonitor {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let decide_every = (DECISION_S * rate_hz).round().max(1.0) as usize;
         let level = CutLevel::new(settings.sample_rate);
-        Ok(Self { settings, mix, orders, level, banks, reach_hz, decide_every })
+        let turns_per_rpm = settings.sample_rate.period_s() / 60.0;
+        Ok(Self { settings, mix, orders, level, banks, reach_hz, turns_per_rpm, decide_every })
     }
 
     /// What it watches.
@@ -169,9 +178,13 @@ impl ChatterMonitor {
             banks: self.banks.iter().map(LineBank::start).collect(),
             baselines: self.banks.iter().map(|b| Baseline::new(b.frequencies_hz().len())).collect(),
             angle_turns: 0.0,
+            newest_speed_hz: 0.0,
             speed_hz: 0.0,
             earlier_speed_hz: 0.0,
             until_decision: self.decide_every,
+            decisions: 0,
+            bank_evidence: [BankEvidence::default(); BANKS],
+            bank_common: [1.0; BANKS],
             heard_s: 0.0,
             level: self.level.start(),
             detector: Detector::new(),
@@ -227,25 +240,29 @@ impl ChatterMonitor {
         debug_assert!(force_n.is_finite());
         state.latest.event = None;
         state.samples += 1;
-        let period_s = self.settings.sample_rate.period_s();
         if let Some(rpm) = spindle_speed_rpm {
-            state.angle_turns += rpm / 60.0 * period_s;
-            // The speed only places the notches: 20 ms of smoothing.
-            state.speed_hz +=
-                (rpm / 60.0 - state.speed_hz) * if state.samples < 2 { 1.0 } else { period_s / 0.02 };
+            state.angle_turns += rpm * self.turns_per_rpm;
+            state.newest_speed_hz = rpm * (1.0 / 60.0);
         }
-        let share = if state.samples < 2 { 1.0 } else { period_s / SPEED_LAG_S };
-        state.earlier_speed_hz += (state.speed_hz - state.earlier_speed_hz) * share;
         self.follow_level(state, force_n);
         if let Some(value) = self.mix.step(&mut state.mix, force_n) {
+            self.follow_speed(state);
             self.hear(state, value);
         }
         state.latest
     }
 
+    /// The speed only places the notches: 20 ms of smoothing; and what it was about a second ago.
+    fn follow_speed(&self, state: &mut ChatterState) {
+        let period_s = 1.0 / self.mix.output_rate_hz();
+        let first = state.samples <= self.mix.decimation() as u64;
+        let [fast, slow] = if first { [1.0; 2] } else { [period_s / 0.02, period_s / SPEED_LAG_S] };
+        state.speed_hz += (state.newest_speed_hz - state.speed_hz) * fast.min(1.0);
+        state.earlier_speed_hz += (state.speed_hz - state.earlier_speed_hz) * slow;
+    }
+
     fn follow_level(&self, state: &mut ChatterState, force_n: f64) {
-        let turn_s = if state.speed_hz > 0.0 { 1.0 / state.speed_hz } else { 0.05 };
-        let change = self.level.step(&mut state.level, force_n, turn_s);
+        let change = self.level.step(&mut state.level, force_n, state.speed_hz);
         if change == Change::None || state.detector.phase() == Phase::Chatter {
             return;
         }
@@ -279,6 +296,7 @@ impl ChatterMonitor {
                 for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
                     bank.clear(bank_state);
                 }
+                state.bank_evidence = [BankEvidence::default(); BANKS];
             }
             left
         } else {
@@ -301,15 +319,18 @@ impl ChatterMonitor {
         let t_s = self.now_s(state);
         let mut evidence = Evidence {
             t_s,
-            banks: [BankEvidence::default(); BANKS],
+            banks: state.bank_evidence,
             orders_known,
             orders_young: state.speed_hz > 0.0 && self.orders.turns_known(&state.orders) < YOUNG_TURNS,
             speed_hz: state.speed_hz,
             speed_change_hz_s: (state.speed_hz - state.earlier_speed_hz) / SPEED_LAG_S,
             delay_s: self.mix.delay_s(),
         };
-        let mut common = f64::INFINITY;
+        state.decisions += 1;
         for (i, bank) in self.banks.iter().enumerate() {
+            if !state.decisions.is_multiple_of(STRIDES[i]) {
+                continue;
+            }
             let bank_state = &state.banks[i];
             let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
             let power = |k: usize| bank.power(bank_state, k);
@@ -317,9 +338,11 @@ impl ChatterMonitor {
             let (strongest, growth_1_s) = (power(line), bank.growth_1_s(bank_state, line));
             let leak = |k: usize| strongest * bank.leak(line, growth_1_s, k);
             let standout = state.baselines[i].standout(among, power, leak);
-            common = common.min(standout.common);
+            state.bank_common[i] = standout.common;
             evidence.banks[i] = self.bank_evidence(state, i, standout);
         }
+        state.bank_evidence = evidence.banks;
+        let common = state.bank_common.iter().copied().fold(f64::INFINITY, f64::min);
         let clearest = evidence.banks.iter().map(|b| b.contrast).fold(0.0, f64::max);
         self.watch_level(state, common, clearest);
         self.watch_orders(state, &evidence);
@@ -401,7 +424,12 @@ impl ChatterMonitor {
         let relative_1_s = self.relative_speed_change_1_s(state);
         let most = if self.now_s(state) < state.relearn_until_s { LEARNING_MOST } else { USUAL_MOST };
         let memory_s = (3.0 / (self.mix.centre_hz() * relative_1_s).max(1e-9)).clamp(1.5, NOISE_MEMORY_S);
-        for ((bank, bank_state), baseline) in self.banks.iter().zip(&state.banks).zip(&mut state.baselines) {
+        let parts = self.banks.iter().zip(&state.banks).zip(&mut state.baselines).zip(STRIDES);
+        for (((bank, bank_state), baseline), stride) in parts {
+            if !state.decisions.is_multiple_of(stride) {
+                continue;
+            }
+            let period_s = period_s * stride as f64;
             // Not before the window is full; the window's noise is independent after about 3 tau.
             if state.heard_s > 6.0 * bank.tau_s() {
                 let looks = period_s / (3.0 * bank.tau_s());

@@ -104,7 +104,8 @@ impl LineBank {
     pub fn leak(&self, line: usize, growth_1_s: f64, k: usize) -> f64 {
         let slowed = (1.0 + growth_1_s * self.tau_s).max(0.5);
         let apart = TAU * (self.frequencies_hz[k] - self.frequencies_hz[line]) * self.tau_s / slowed;
-        (1.0 + apart * apart).powi(-2)
+        let below = 1.0 + apart * apart;
+        1.0 / (below * below)
     }
 
     /// Frequency of the line that filter `k` hears, relative to the band's centre.
