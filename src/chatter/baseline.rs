@@ -132,7 +132,7 @@ mod tests {
         let loud = baseline.standout(0..5, |k| 50.0 * (1.0 + k as f64), |_| 0.0);
         // What the line itself puts on its neighbours raises no level.
         let leaking = baseline.standout(0..5, |k| if k == 3 { 4e4 } else { 4e3 }, |_| 4e3);
-        assert!(leaking.contrast > 9000.0);
+        assert!(leaking.common < 2.0 && leaking.contrast > 5000.0, "{leaking:?}");
         assert!(loud.contrast < 1.0);
     }
 

@@ -57,7 +57,7 @@ const DECISION_S: f64 = 0.004;
 const NOISE_MEMORY_S: f64 = 15.0;
 /// What is known of the noise counts as this many looks after the cut changed. Longer windows see the lobes
 /// of the new cut as lines: they are trusted less.
-const DOUBT_LOOKS: [f64; BANKS] = [10.0, 8.0, 6.0, 4.0];
+const DOUBT_LOOKS: [f64; BANKS] = [10.0, 10.0, 8.0, 6.0];
 /// All of the band this much louder than learned, for so many decisions (32 ms), is another cut: what is known of the noise
 /// of the old one says little of the shape of the new.
 const LOUDER: f64 = 3.0;
@@ -66,7 +66,7 @@ const LOUDER_LOOKS: u32 = 8;
 const CLEAR_LINE: f64 = 150.0;
 /// Most that a power counts over what is known, usually and while the noise is another.
 const USUAL_MOST: f64 = 4.0;
-const LEARNING_MOST: f64 = 40.0;
+const LEARNING_MOST: f64 = 8.0;
 /// The noise of another cut is learned over this long.
 const RELEARN_S: f64 = 0.6;
 /// Orders may move this far within the memory of their notches: the structure answers otherwise elsewhere.
@@ -355,12 +355,8 @@ impl ChatterMonitor {
             doubt(&mut state.baselines);
             state.relearn_until_s = t_s + RELEARN_S;
         }
-        let noise = match state.detector.phase() {
-            Phase::Learning | Phase::Quiet => true,
-            Phase::Suspected => state.louder >= LOUDER_LOOKS,
-            Phase::Chatter => false,
-        };
-        if orders_known && noise {
+        // What is suspected is not noise: chatter that grows with the entry must not be learned.
+        if orders_known && matches!(state.detector.phase(), Phase::Learning | Phase::Quiet) {
             self.learn(state, period_s);
         }
         self.report(state, &evidence);
