@@ -181,6 +181,14 @@ impl Avoidance {
         state.clock_stepped = false;
         state.latest_now_s = now.now_s;
         let begins = self.listen(state, now);
+        // A command at the onset finds the line still growing: what the pitch is judged against is its loudest before the
+        // first look.
+        if let Some(trial) = &mut state.trial
+            && trial.intervals == 0
+            && now.heard.power_n2.is_finite()
+        {
+            trial.power_before_n2 = trial.power_before_n2.max(now.heard.power_n2);
+        }
         self.watch_silence(state, now);
         let left_act = state.mode == Mode::Act && now.mode != Mode::Act;
         state.mode = now.mode;
