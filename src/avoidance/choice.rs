@@ -1,5 +1,7 @@
-//! Which pitch: eq. (6-10) on the highest tracked line, and what to try if that did not help.
+//! The lines of a cut, how they grew, and the pitch that eq. (6-10) makes of the highest of them: the rule of
+//! the thesis, for when the cut cannot be identified (`best_pitch`).
 
+use super::identified::HeardLine;
 use super::pitch::{PitchError, optimum_pitch_rad};
 use crate::units::SpindleSpeed;
 
@@ -9,6 +11,8 @@ const LINES: usize = 8;
 const PLAUSIBLE_HZ: std::ops::RangeInclusive<f64> = 20.0..=20_000.0;
 /// Two lines nearer than this are one, drifted.
 const SAME_LINE_HZ: f64 = 8.0;
+/// And heard at the same pitch, rad.
+const SAME_PITCH_RAD: f64 = 0.01;
 
 /// Chatter lines heard in this cut, each with when it was heard last.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -21,28 +25,32 @@ pub struct TrackedLines {
 pub struct TrackedLine {
     /// Highest frequency that it had.
     pub highest_hz: f64,
-    /// Latest frequency.
-    pub frequency_hz: f64,
+    /// Latest frequency, with growth, speed and pitch.
+    pub heard: HeardLine,
     /// When it was heard last.
     pub last_s: f64,
 }
 
 impl TrackedLines {
     /// Takes a line; the oldest gives way when there is no room.
-    pub fn hear(&mut self, frequency_hz: f64, now_s: f64) {
-        if !PLAUSIBLE_HZ.contains(&frequency_hz) {
+    pub fn hear(&mut self, heard: &HeardLine, now_s: f64) {
+        if !PLAUSIBLE_HZ.contains(&heard.frequency_hz) {
             return;
         }
-        let near = |l: &TrackedLine| (l.frequency_hz - frequency_hz).abs() < SAME_LINE_HZ;
+        let near = |l: &TrackedLine| {
+            (l.heard.frequency_hz - heard.frequency_hz).abs() < SAME_LINE_HZ
+                && (l.heard.pitch_rad - heard.pitch_rad).abs() < SAME_PITCH_RAD
+        };
         if let Some(line) = self.lines.iter_mut().flatten().find(|l| near(l)) {
-            line.frequency_hz = frequency_hz;
-            line.highest_hz = line.highest_hz.max(frequency_hz);
+            // The growth is that of the first tenths of a second; later the line stands.
+            line.heard = HeardLine { growth_1_s: line.heard.growth_1_s.or(heard.growth_1_s), ..*heard };
+            line.highest_hz = line.highest_hz.max(heard.frequency_hz);
             line.last_s = now_s;
             return;
         }
         let age = |l: &Option<TrackedLine>| l.map_or(f64::NEG_INFINITY, |l| l.last_s);
         if let Some(place) = self.lines.iter_mut().min_by(|a, b| age(a).total_cmp(&age(b))) {
-            *place = Some(TrackedLine { highest_hz: frequency_hz, frequency_hz, last_s: now_s });
+            *place = Some(TrackedLine { highest_hz: heard.frequency_hz, heard: *heard, last_s: now_s });
         }
     }
 
@@ -64,6 +72,59 @@ impl TrackedLines {
     /// All of them.
     pub fn iter(&self) -> impl Iterator<Item = &TrackedLine> {
         self.lines.iter().flatten()
+    }
+
+    /// What was heard, the newest first.
+    #[must_use]
+    pub fn newest_first(&self) -> Vec<HeardLine> {
+        let mut lines: Vec<&TrackedLine> = self.iter().collect();
+        lines.sort_by(|a, b| b.last_s.total_cmp(&a.last_s));
+        lines.into_iter().map(|l| l.heard).collect()
+    }
+}
+
+/// Looks at the power of a line that appears.
+const LOOKS: usize = 32;
+/// Between two of them.
+const LOOK_S: f64 = 0.01;
+/// Looks over which growth is taken.
+const SPAN: usize = 9;
+
+/// How fast a line grew while it appeared: the steepest stretch of ln(power)/2.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GrowthMeter {
+    looks: [(f64, f64); LOOKS],
+    seen: usize,
+}
+
+impl Default for GrowthMeter {
+    fn default() -> Self {
+        Self { looks: [(f64::NEG_INFINITY, 0.0); LOOKS], seen: 0 }
+    }
+}
+
+impl GrowthMeter {
+    /// Takes the power of the strongest line, N^2.
+    pub fn look(&mut self, now_s: f64, power_n2: f64) {
+        let known = self.seen < LOOKS && power_n2.is_finite() && power_n2 > 0.0;
+        let last_s = self.seen.checked_sub(1).map_or(f64::NEG_INFINITY, |i| self.looks[i].0);
+        if known && now_s - last_s >= LOOK_S {
+            self.looks[self.seen] = (now_s, 0.5 * power_n2.ln());
+            self.seen += 1;
+        }
+    }
+
+    /// Growth of the amplitude, 1/s, once enough was seen. Checked by: `growth_before_it_saturates`.
+    #[must_use]
+    pub fn growth_1_s(&self) -> Option<f64> {
+        let slope = |part: &[(f64, f64)]| {
+            let n = part.len() as f64;
+            let (t, y) = part.iter().fold((0.0, 0.0), |(t, y), p| (t + p.0 / n, y + p.1 / n));
+            let cross: f64 = part.iter().map(|p| (p.0 - t) * (p.1 - y)).sum();
+            let square: f64 = part.iter().map(|p| (p.0 - t).powi(2)).sum();
+            cross / square.max(1e-9)
+        };
+        self.looks[..self.seen].windows(SPAN).map(slope).max_by(f64::total_cmp)
     }
 }
 
@@ -88,13 +149,28 @@ mod tests {
     #[test]
     fn the_highest_line_counts_and_drift_is_one_line() {
         let mut lines = TrackedLines::default();
+        let line =
+            |frequency_hz, pitch_rad| HeardLine { frequency_hz, growth_1_s: None, turn_s: 0.05, pitch_rad };
         for (f, t) in [(649.0, 0.0), (645.0, 1.0), (612.0, 2.0), (f64::NAN, 2.5)] {
-            lines.hear(f, t);
+            lines.hear(&line(f, 0.0), t);
         }
         assert_eq!(lines.iter().count(), 2);
         assert!((lines.highest_hz().unwrap() - 649.0).abs() < 1e-12);
         lines.forget(20.0, 18.5);
         assert!((lines.highest_hz().unwrap() - 612.0).abs() < 1e-12);
+        lines.hear(&line(612.0, 0.09), 3.0);
+        assert_eq!(lines.newest_first().first().map(|l| l.pitch_rad), Some(0.09));
+    }
+
+    #[test]
+    fn growth_before_it_saturates() {
+        let mut meter = GrowthMeter::default();
+        assert_eq!(meter.growth_1_s(), None);
+        for k in 0..300 {
+            let t = f64::from(k) * 1e-3;
+            meter.look(t, (1e-3 * (30.0 * t).exp()).min(0.1).powi(2));
+        }
+        assert!((meter.growth_1_s().unwrap() - 30.0).abs() < 0.5, "{:?}", meter.growth_1_s());
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! The decision, once an interval.
 
-use super::choice::{TrackedLines, pitch_for_attempt_rad};
+use super::best_pitch::{PitchAdvice, PitchQuestion, best_pitch};
+use super::choice::{GrowthMeter, TrackedLines, pitch_for_attempt_rad};
+use super::identified::HeardLine;
 use super::pitch::{pitch_of_shift_rad, tool_shift};
 use super::{AvoidanceSettings, Command, CommandKind, Decision, HoldReason, Mode, Situation, TurretMotion};
 use crate::chatter::Phase;
@@ -46,6 +48,8 @@ pub enum SettingsError {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Avoidance {
     settings: AvoidanceSettings,
+    /// Largest pitch that limits and axes allow.
+    reach_rad: f64,
 }
 
 /// What the decision remembers.
@@ -57,6 +61,10 @@ pub struct AvoidanceState {
     latest_now_s: f64,
     clock_stepped: bool,
     lines: TrackedLines,
+    growth: GrowthMeter,
+    in_chatter: bool,
+    last_command_s: f64,
+    advised_speed_rpm: Option<f64>,
     /// What the turret was last told.
     target: Option<Target>,
     trial: Option<Trial>,
@@ -84,6 +92,8 @@ struct Trial {
     attempt: u32,
     intervals: u32,
     power_before_n2: f64,
+    /// Pitches that did not help.
+    fruitless_rad: [Option<f64>; ATTEMPTS as usize],
 }
 
 /// A state that a person must clear.
@@ -115,7 +125,12 @@ impl Avoidance {
         let deadline = s.report_deadline_s;
         check("report_deadline_s", deadline, deadline > 0.0 && deadline <= 1.0, "at most 1 s")?;
         check("reached_m", s.reached_m, s.reached_m > 0.0, "a number above zero")?;
-        Ok(Self { settings })
+        let reaches = |pitch_rad: &f64| {
+            tool_shift(s.diameter_m, *pitch_rad).is_ok_and(|w| s.turret.reaches(&s.turret.offsets_m(w)))
+        };
+        let pitches = (1..=400).map(|k| s.largest_pitch_rad * f64::from(k) / 400.0);
+        let reach_rad = pitches.take_while(reaches).last().unwrap_or(0.0);
+        Ok(Self { settings, reach_rad })
     }
 
     /// Limits and times.
@@ -134,6 +149,10 @@ impl Avoidance {
             latest_now_s: now_s,
             clock_stepped: false,
             lines: TrackedLines::default(),
+            growth: GrowthMeter::default(),
+            in_chatter: false,
+            last_command_s: f64::NEG_INFINITY,
+            advised_speed_rpm: None,
             target: None,
             trial: None,
             latched: None,
@@ -161,8 +180,14 @@ impl Avoidance {
         }
         state.clock_stepped = false;
         state.latest_now_s = now.now_s;
-        if let (Phase::Chatter, Some(frequency_hz)) = (now.heard.phase, now.heard.frequency_hz) {
-            state.lines.hear(frequency_hz, now.now_s);
+        let begins = self.listen(state, now);
+        // A command at the onset finds the line still growing: what the pitch is judged against is its loudest before the
+        // first look.
+        if let Some(trial) = &mut state.trial
+            && trial.intervals == 0
+            && now.heard.power_n2.is_finite()
+        {
+            trial.power_before_n2 = trial.power_before_n2.max(now.heard.power_n2);
         }
         self.watch_silence(state, now);
         let left_act = state.mode == Mode::Act && now.mode != Mode::Act;
@@ -170,13 +195,46 @@ impl Avoidance {
         if left_act && state.target.take().is_some() {
             return self.leave_act(state, now);
         }
-        if now.now_s < state.next_due_s {
+        // Chatter that has just been declared does not wait for the interval, if the last command is that old.
+        let at_once =
+            begins && state.trial.is_none() && now.now_s - state.last_command_s >= self.settings.interval_s;
+        if now.now_s < state.next_due_s && !at_once {
             return Decision::NotDue;
         }
         // Never a burst: after a stall the next one is a whole interval away.
         state.next_due_s = now.now_s + self.settings.interval_s;
         state.lines.forget(now.now_s, KEEP_LINES_S);
         self.decide_due(state, now)
+    }
+
+    /// Remembers lines and how they grew; true when chatter has just been declared.
+    fn listen(&self, state: &mut AvoidanceState, now: &Situation) -> bool {
+        let before = state.in_chatter;
+        state.in_chatter = now.heard.phase == Phase::Chatter;
+        match now.heard.phase {
+            Phase::Suspected | Phase::Chatter => state.growth.look(now.now_s, now.heard.power_n2),
+            Phase::Learning | Phase::Quiet => state.growth = GrowthMeter::default(),
+        }
+        let speed = now.spindle_speed_rpm.and_then(plausible_speed);
+        if let (true, Some(frequency_hz), Some(speed)) = (state.in_chatter, now.heard.frequency_hz, speed) {
+            let s = &self.settings;
+            let offsets = now.turret.map(|t| t.offsets_m).filter(|o| o.iter().all(|x| x.is_finite()));
+            let pitch = offsets.map(|o| pitch_of_shift_rad(s.diameter_m, s.turret.shift(&o)));
+            let heard = HeardLine {
+                frequency_hz,
+                growth_1_s: state.growth.growth_1_s().map(|g| g.clamp(0.0, 200.0)),
+                turn_s: speed.period_s(),
+                pitch_rad: pitch.unwrap_or(0.0),
+            };
+            state.lines.hear(&heard, now.now_s);
+        }
+        state.in_chatter && !before
+    }
+
+    /// Spindle speed at which the identified cut has a stable pitch, when it has none now.
+    #[must_use]
+    pub fn advised_speed_rpm(&self, state: &AvoidanceState) -> Option<f64> {
+        state.advised_speed_rpm
     }
 
     /// The mode was left: nothing more is asked of the turret but to go back.
@@ -312,12 +370,16 @@ impl Avoidance {
             return;
         }
         state.fruitless += 1;
+        let tried = state.target.map(|t| t.requested_rad);
+        if let Some(place) = trial.fruitless_rad.iter_mut().find(|p| p.is_none()) {
+            *place = tried;
+        }
         let next = trial.attempt + 1;
         if next >= ATTEMPTS {
             state.trial = None;
             state.latched = Some(Latched { reason: HoldReason::HandedOver, returned: false });
         } else {
-            *trial = Trial { attempt: next, intervals: 0, power_before_n2: now.heard.power_n2 };
+            *trial = Trial { attempt: next, intervals: 0, power_before_n2: now.heard.power_n2, ..*trial };
         }
     }
 
@@ -343,14 +405,45 @@ impl Avoidance {
         let Some(highest_hz) = state.lines.highest_hz() else {
             return self.renew_or(state, now, HoldReason::NoChatter);
         };
-        let attempt = state.trial.map_or(0, |t| t.attempt);
-        let Ok(wanted_rad) = pitch_for_attempt_rad(spindle, highest_hz, attempt) else {
-            return self.renew_or(state, now, HoldReason::OutsideLimits);
+        let wanted_rad = match self.choose(state, spindle, highest_hz) {
+            Ok(wanted_rad) => wanted_rad,
+            Err(reason) => return self.renew_or(state, now, reason),
         };
         if wanted_rad > self.settings.largest_pitch_rad {
             return self.renew_or(state, now, HoldReason::OutsideLimits);
         }
         self.move_to(state, now, wanted_rad)
+    }
+
+    /// Pitch by the identified two-delay model; by eq. (6-10) where the cut cannot be identified.
+    fn choose(
+        &self,
+        state: &mut AvoidanceState,
+        spindle: SpindleSpeed,
+        highest_hz: f64,
+    ) -> Result<f64, HoldReason> {
+        state.advised_speed_rpm = None;
+        if let Some(stated) = &self.settings.stated {
+            let fruitless: Vec<f64> =
+                state.trial.iter().flat_map(|t| t.fruitless_rad.into_iter().flatten()).collect();
+            let advice = best_pitch(&PitchQuestion {
+                stated,
+                lines: &state.lines.newest_first(),
+                spindle,
+                largest_pitch_rad: self.reach_rad,
+                fruitless_rad: &fruitless,
+            });
+            match advice {
+                PitchAdvice::Pitch { pitch_rad, .. } => return Ok(pitch_rad),
+                PitchAdvice::NoStablePitch { nearest_speed_rpm } => {
+                    state.advised_speed_rpm = nearest_speed_rpm;
+                    return Err(HoldReason::NoStablePitch);
+                }
+                PitchAdvice::NotIdentified => {}
+            }
+        }
+        let attempt = state.trial.map_or(0, |t| t.attempt);
+        pitch_for_attempt_rad(spindle, highest_hz, attempt).map_err(|_| HoldReason::OutsideLimits)
     }
 
     fn move_to(&self, state: &mut AvoidanceState, now: &Situation, wanted_rad: f64) -> Decision {
@@ -370,7 +463,12 @@ impl Avoidance {
             state.last_step_rad = step_rad;
         }
         if state.trial.is_none() {
-            state.trial = Some(Trial { attempt: 0, intervals: 0, power_before_n2: now.heard.power_n2 });
+            state.trial = Some(Trial {
+                attempt: 0,
+                intervals: 0,
+                power_before_n2: now.heard.power_n2,
+                fruitless_rad: [None; ATTEMPTS as usize],
+            });
         }
         let target = Target { pitch_rad, requested_rad: wanted_rad, offsets_m, issued_s: now.now_s };
         self.issue(state, now, target, CommandKind::Move)
@@ -442,6 +540,7 @@ impl Avoidance {
             return Decision::Advice(command);
         }
         state.sequence += 1;
+        state.last_command_s = now.now_s;
         state.target = Some(target);
         Decision::Command(command)
     }
@@ -449,6 +548,7 @@ impl Avoidance {
     /// Back to equal pitch.
     fn back(&self, state: &mut AvoidanceState, now: &Situation) -> Command {
         state.sequence += 1;
+        state.last_command_s = now.now_s;
         Command {
             epoch: state.epoch,
             sequence: state.sequence,

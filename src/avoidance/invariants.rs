@@ -310,7 +310,7 @@ impl InvariantMonitor {
         self.check_purpose(seen, command)
     }
 
-    /// A new target must bring some line heard in the last minute between 0.6 pi and 1.2 pi.
+    /// A new target must bring some line heard in the last minute between 0.6 pi and 1.2 pi, whole waves aside.
     fn check_purpose(&self, seen: &Situation, command: &Command) -> Result<(), Violation> {
         if command.kind != CommandKind::Move {
             return Ok(());
@@ -318,7 +318,7 @@ impl InvariantMonitor {
         let Some(rpm) = seen.spindle_speed_rpm else { return Err(Violation::Purpose) };
         let serves = |(t, f): &(f64, f64)| {
             let phase = 60.0 * f * command.requested_pitch_rad / rpm / std::f64::consts::PI;
-            seen.now_s - t < 60.5 && (0.6..=1.2).contains(&phase)
+            seen.now_s - t < 60.5 && (0.6..=1.2).contains(&phase) || (0.6..=1.2).contains(&(phase % 2.0))
         };
         if self.heard_hz.iter().any(serves) { Ok(()) } else { Err(Violation::Purpose) }
     }

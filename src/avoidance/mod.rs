@@ -12,9 +12,11 @@
 //!
 //! This is advice to a motion controller, not a safety function: the machine must be safe with any output.
 
+pub mod best_pitch;
 pub mod choice;
 mod decide;
 pub mod guard;
+pub mod identified;
 pub mod invariants;
 pub mod pitch;
 pub mod turret;
@@ -55,6 +57,8 @@ pub struct AvoidanceSettings {
     pub report_deadline_s: f64,
     /// Distance from a commanded offset that counts as reached.
     pub reached_m: f64,
+    /// Bar and cut as the operator stated them: the choice of pitch by the two-delay model starts here. `None`: eq. (6-10) alone.
+    pub stated: Option<identified::StatedCut>,
 }
 
 /// What is known when a decision is due. Times are of one monotonic clock.

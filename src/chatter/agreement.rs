@@ -26,13 +26,17 @@ pub struct Agreement {
     pub power_n2: f64,
     /// Growth of the leading axis' line, 1/s.
     pub growth_1_s: Option<f64>,
-    /// Share of the watched axes that hear the leading line: a measure of confidence.
+    /// Share of the watched axes that hear the leading line, halved while the moving variance of the leading axis
+    /// does not confirm it: a measure of confidence.
     pub confidence: f64,
 }
 
 crate::keyframe::keep!(Agreement {
     phase, leading_axis, frequency_hz, highest_hz, power_n2, growth_1_s, confidence
 } if |s| s.leading_axis < crate::sample::MAX_AXES);
+
+/// Variance over the usual from which the moving variance speaks of chatter.
+const LOUD_VARIANCE: f64 = 2.0;
 
 /// Since when one axis has been alone in chatter.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -117,7 +121,8 @@ pub fn agree<'a>(
             .reduce(f64::max),
         power_n2: output.power_n2,
         growth_1_s: output.growth_1_s,
-        confidence: hearing as f64 / count as f64,
+        confidence: hearing as f64 / count as f64
+            * if output.variance_ratio > LOUD_VARIANCE { 1.0 } else { 0.5 },
     }
 }
 
@@ -132,6 +137,7 @@ mod tests {
             power_n2: 1.0,
             contrast: 20.0,
             growth_1_s: None,
+            variance_ratio: 1.0,
             event: None,
         }
     }

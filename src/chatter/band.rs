@@ -67,6 +67,20 @@ pub fn predicted_band(bending_frequency_hz: f64) -> Result<Band, BandError> {
     Band::new(0.92 * bending_frequency_hz, 1.31 * bending_frequency_hz)
 }
 
+/// Band to watch for a bar whose cutting stiffness is stated as well.
+///
+/// The cut holds the bar: it chatters near sqrt((k + 2 K)/m)/2 pi = f_n sqrt(1 + 2 K/k), up to one lobe beside it. K is
+/// stated to about a quarter: 1.25 K. Never narrower than [`predicted_band`].
+/// Checked by: `a_deep_cut_raises_the_band`, `stillcut campaign --wide`.
+pub fn predicted_band_in_cut(
+    bending_frequency_hz: f64,
+    cutting_over_bar_stiffness: f64,
+) -> Result<Band, BandError> {
+    let free = predicted_band(bending_frequency_hz)?;
+    let in_cut_hz = bending_frequency_hz * (1.0 + 2.5 * cutting_over_bar_stiffness).sqrt();
+    Band::new(free.low_hz(), free.high_hz().max(1.05 * in_cut_hz))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -78,6 +92,14 @@ mod tests {
             assert!((band.low_hz() / low - 1.0).abs() < 0.03 && band.high_hz() > 0.99 * high);
             assert!(band.contains(heard));
         }
+    }
+
+    #[test]
+    fn a_deep_cut_raises_the_band() {
+        let light = predicted_band_in_cut(520.0, 0.05).unwrap();
+        assert_eq!(light, predicted_band(520.0).unwrap());
+        // 477 Hz and K/k 0.66 chatter at 721 Hz, a half above the bar's own frequency.
+        assert!(predicted_band_in_cut(477.0, 0.66).unwrap().contains(721.0));
     }
 
     #[test]

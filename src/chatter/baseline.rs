@@ -22,6 +22,8 @@ pub(super) struct Standout {
     pub(super) contrast: f64,
     /// Power.
     pub(super) power_n2: f64,
+    /// Level of all of the band over what was learned: 1 is the noise that is known.
+    pub(super) common: f64,
 }
 
 /// How one step of learning goes.
@@ -31,6 +33,8 @@ pub(super) struct Lesson {
     pub(super) looks: f64,
     /// Looks over which the average is taken at most.
     pub(super) memory_looks: f64,
+    /// A power above so many times what is known counts as this.
+    pub(super) most: f64,
 }
 
 impl Baseline {
@@ -39,13 +43,13 @@ impl Baseline {
         Self { expected: zeros.clone(), believed: zeros.clone(), scratch: zeros, looks: 0.0 }
     }
 
-    /// Takes the powers into the average. A power far above what is known counts as four times it: a hit or
+    /// Takes the powers into the average. A power far above what is known counts as `most` times it: a hit or
     /// a line that grows must not become noise.
     pub(super) fn learn(&mut self, power: impl Fn(usize) -> f64, lesson: Lesson) {
         self.looks = (self.looks + lesson.looks).min(lesson.memory_looks);
         let share = lesson.looks / self.looks;
         for (k, known) in self.expected.iter_mut().enumerate() {
-            let limit = if self.looks > 2.0 { 4.0 * *known } else { f64::INFINITY };
+            let limit = if self.looks > 2.0 { lesson.most * *known } else { f64::INFINITY };
             *known += share * (power(k).min(limit) - *known);
         }
         let reach = 4;
@@ -84,19 +88,30 @@ impl Baseline {
 
     /// The filter with the greatest ratio of power to learned noise; the ratio divided by the band's common
     /// level when all of the band is louder than learned (its median over ln 2, the median of an exponential
-    /// distribution of mean one).
-    pub(super) fn standout(&mut self, power: impl Fn(usize) -> f64) -> Standout {
+    /// distribution of mean one). `leak` is what the strongest line puts on each filter: that is no noise.
+    pub(super) fn standout(
+        &mut self,
+        among: std::ops::Range<usize>,
+        power: impl Fn(usize) -> f64,
+        leak: impl Fn(usize) -> f64,
+    ) -> Standout {
         let mut best = Standout::default();
-        for (k, ratio) in self.scratch.iter_mut().enumerate() {
+        let ratios = &mut self.scratch[among.clone()];
+        for (k, ratio) in among.zip(ratios.iter_mut()) {
             let p = power(k);
-            *ratio = p / self.believed[k].max(f64::MIN_POSITIVE);
-            if *ratio > best.contrast {
-                best = Standout { filter: k, contrast: *ratio, power_n2: p };
+            let noise = self.believed[k].max(f64::MIN_POSITIVE);
+            if p / noise > best.contrast {
+                best = Standout { filter: k, contrast: p / noise, power_n2: p, common: 1.0 };
             }
+            *ratio = p / (noise + leak(k));
         }
-        let middle = self.scratch.len() / 2;
-        let (_, median, _) = self.scratch.select_nth_unstable_by(middle, f64::total_cmp);
-        best.contrast /= (*median / std::f64::consts::LN_2).max(1.0);
+        if ratios.is_empty() {
+            return best;
+        }
+        let middle = ratios.len() / 2;
+        let (_, median, _) = ratios.select_nth_unstable_by(middle, f64::total_cmp);
+        best.common = *median / std::f64::consts::LN_2;
+        best.contrast /= best.common.max(1.0);
         best
     }
 }
@@ -105,7 +120,7 @@ impl Baseline {
 mod tests {
     use super::*;
 
-    const LESSON: Lesson = Lesson { looks: 1.0, memory_looks: 10.0 };
+    const LESSON: Lesson = Lesson { looks: 1.0, memory_looks: 10.0, most: 4.0 };
 
     #[test]
     fn a_line_stands_out_and_a_loud_band_does_not() {
@@ -113,10 +128,13 @@ mod tests {
         for _ in 0..100 {
             baseline.learn(|k| 1.0 + k as f64, LESSON);
         }
-        let line = baseline.standout(|k| if k == 3 { 400.0 } else { 1.0 });
+        let line = baseline.standout(0..5, |k| if k == 3 { 400.0 } else { 1.0 }, |_| 0.0);
         assert_eq!(line.filter, 3);
         assert!((line.contrast - 100.0).abs() < 1.0);
-        let loud = baseline.standout(|k| 50.0 * (1.0 + k as f64));
+        let loud = baseline.standout(0..5, |k| 50.0 * (1.0 + k as f64), |_| 0.0);
+        // What the line itself puts on its neighbours raises no level.
+        let leaking = baseline.standout(0..5, |k| if k == 3 { 4e4 } else { 4e3 }, |_| 4e3);
+        assert!(leaking.common < 2.0 && leaking.contrast > 5000.0, "{leaking:?}");
         assert!(loud.contrast < 1.0);
     }
 

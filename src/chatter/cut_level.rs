@@ -28,6 +28,8 @@ pub(super) enum Change {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CutLevel {
     period_s: f64,
+    /// Of each sample in the level.
+    share: f64,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -56,7 +58,8 @@ crate::keyframe::keep!(CutLevelState {
 
 impl CutLevel {
     pub(super) fn new(rate: SampleRate) -> Self {
-        Self { period_s: rate.period_s() }
+        let period_s = rate.period_s();
+        Self { period_s, share: (period_s / SMOOTH_S).min(1.0) }
     }
 
     pub(super) fn start(&self) -> CutLevelState {
@@ -72,17 +75,18 @@ impl CutLevel {
         }
     }
 
-    /// Takes one force; `turn_s` is the time of one turn. Looks at the level every 5 ms.
-    pub(super) fn step(&self, state: &mut CutLevelState, force_n: f64, turn_s: f64) -> Change {
+    /// Takes one force; `speed_hz` is turns per second, 0 where it is not known. Looks at the level every 5 ms.
+    pub(super) fn step(&self, state: &mut CutLevelState, force_n: f64, speed_hz: f64) -> Change {
         if !state.started {
             (state.started, state.level_n) = (true, force_n);
         }
-        state.level_n += (force_n - state.level_n) * (self.period_s / SMOOTH_S).min(1.0);
+        state.level_n += (force_n - state.level_n) * self.share;
         state.since_look_s += self.period_s;
         if state.since_look_s < LOOK_S {
             return Change::None;
         }
         state.since_look_s -= LOOK_S;
+        let turn_s = if speed_hz > 0.0 { 1.0 / speed_hz } else { 0.05 };
         state.looks.rotate_right(1);
         state.looks[0] = state.level_n;
         state.seen = (state.seen + 1).min(1_000_000);
@@ -118,7 +122,7 @@ mod tests {
         let mut found = Vec::new();
         for n in 0..45000 {
             let t = f64::from(n) / 9000.0;
-            if level.step(&mut state, force(t), 0.05) == Change::Begins {
+            if level.step(&mut state, force(t), 20.0) == Change::Begins {
                 found.push(t);
             }
         }

@@ -3,7 +3,9 @@
 use super::band::{Band, BandError};
 use super::baseline::{Baseline, Lesson, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
-use super::detector::{BANKS, BankEvidence, CONFIRM, Detector, Evidence, SUSPECT};
+use super::detector::{BANKS, BankEvidence, CONFIRM, Detector, Evidence, SUSPECT, on_an_order};
+use super::hop::HopWatch;
+use super::watched::Watched;
 use super::{ChatterEvent, ChatterOutput, Phase};
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::signal::line_bank::{LineBank, LineBankState};
@@ -41,8 +43,14 @@ pub enum ChatterError {
 
 /// Windows of the banks: 4 tau is about their length.
 const TAUS_S: [f64; BANKS] = [0.0125, 0.025, 0.05, 0.1];
+/// Decisions from one look at a bank to the next: a long window changes slowly.
+const STRIDES: [u64; BANKS] = [1, 1, 2, 4];
 /// The banks reach this much beyond the band, so that a line at its edge is seen whole.
 const EDGE: f64 = 1.08;
+/// They are there up to this, for when the band widens.
+const REACH: f64 = 1.4;
+/// Time over which the variance of the band is taken.
+const VARIANCE_S: f64 = 0.25;
 /// Between two decisions.
 const DECISION_S: f64 = 0.004;
 /// Noise is averaged over this long once it is known.
@@ -50,6 +58,19 @@ const NOISE_MEMORY_S: f64 = 15.0;
 /// What is known of the noise counts as this many looks after the cut changed. Longer windows see the lobes
 /// of the new cut as lines: they are trusted less.
 const DOUBT_LOOKS: [f64; BANKS] = [10.0, 10.0, 8.0, 6.0];
+/// All of the band this much louder than learned, for so many decisions (32 ms), is another cut: what is known of the noise
+/// of the old one says little of the shape of the new.
+const LOUDER: f64 = 3.0;
+const LOUDER_LOOKS: u32 = 8;
+/// A line that stands this far above the band that rose with it made it rise.
+const CLEAR_LINE: f64 = 150.0;
+/// Most that a power counts over what is known, usually and while the noise is another.
+const USUAL_MOST: f64 = 4.0;
+const LEARNING_MOST: f64 = 8.0;
+/// The noise of another cut is learned over this long.
+const RELEARN_S: f64 = 0.6;
+/// Orders may move this far within the memory of their notches: the structure answers otherwise elsewhere.
+const ORDER_DRIFT_HZ: f64 = 3.0;
 /// The orders build up for so many turns after the tools enter.
 const YOUNG_TURNS: f64 = 8.0;
 /// A change of speed is looked for over this time.
@@ -65,6 +86,9 @@ pub struct ChatterMonitor {
     orders: OrderLines,
     level: CutLevel,
     banks: Vec<LineBank>,
+    /// Half of the width that the banks cover, Hz.
+    reach_hz: f64,
+    turns_per_rpm: f64,
     decide_every: usize,
 }
 
@@ -78,20 +102,38 @@ pub struct ChatterState {
     banks: Vec<LineBankState>,
     baselines: Vec<Baseline>,
     angle_turns: f64,
+    newest_speed_hz: f64,
     speed_hz: f64,
     /// Speed of about a second ago.
     earlier_speed_hz: f64,
     until_decision: usize,
+    decisions: u64,
+    /// What each bank showed when it was looked at last, and the common level of the band in it.
+    bank_evidence: [BankEvidence; BANKS],
+    bank_common: [f64; BANKS],
     heard_s: f64,
     level: CutLevelState,
     detector: Detector,
     track_hz: Option<f64>,
+    watched: Watched,
+    hop: HopWatch,
+    /// Mean power of the band over the last quarter second, and as it was learned, N^2.
+    variance_n2: f64,
+    usual_variance_n2: f64,
+    /// Decisions in a row with all of the band louder than learned.
+    louder: u32,
+    /// Decisions in a row in which what stands out is a spindle order, and until when that is to be expected.
+    order_line: u32,
+    orders_new_until_s: f64,
+    /// Until when the noise is learned fast, in seconds heard.
+    relearn_until_s: f64,
     latest: ChatterOutput,
 }
 
 crate::keyframe::keep!(ChatterState {
-    samples, mix, mixer, orders, banks, baselines, angle_turns, speed_hz, earlier_speed_hz,
-    until_decision, heard_s, level, detector, track_hz, latest
+    samples, mix, mixer, orders, banks, baselines, angle_turns, newest_speed_hz, speed_hz, earlier_speed_hz,
+    until_decision, decisions, bank_evidence, bank_common, heard_s, level, detector, track_hz, watched, hop,
+    variance_n2, usual_variance_n2, louder, order_line, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0);
 
 impl ChatterMonitor {
@@ -103,19 +145,20 @@ impl ChatterMonitor {
         if rate_hz < needed_hz {
             return Err(ChatterError::RateTooLow { high_hz: band.high_hz(), needed_hz, rate_hz });
         }
-        let mix = DownMix::new(settings.sample_rate, band.centre_hz(), half_hz);
+        // As much more as the band may widen, where rate and zero allow it.
+        let most_hz = (0.45 * rate_hz - band.centre_hz()).min(band.centre_hz() * 0.9);
+        let reach_hz = (band.half_width_hz() * REACH).min(most_hz).max(half_hz);
+        let mix = DownMix::new(settings.sample_rate, band.centre_hz(), reach_hz);
         let rate_hz = mix.output_rate_hz();
-        let reach_hz = half_hz + 20.0;
-        let orders = OrderLines {
-            low_hz: band.centre_hz() - reach_hz,
-            high_hz: band.centre_hz() + reach_hz,
-            memory_turns: 20.0,
-        };
-        let banks = TAUS_S.iter().map(|tau_s| LineBank::new(rate_hz, half_hz, *tau_s)).collect();
+        let orders_hz = reach_hz + 20.0;
+        let orders =
+            OrderLines { low_hz: band.centre_hz() - orders_hz, high_hz: band.centre_hz() + orders_hz };
+        let banks = TAUS_S.iter().map(|tau_s| LineBank::new(rate_hz, reach_hz, *tau_s)).collect();
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let decide_every = (DECISION_S * rate_hz).round().max(1.0) as usize;
         let level = CutLevel::new(settings.sample_rate);
-        Ok(Self { settings, mix, orders, level, banks, decide_every })
+        let turns_per_rpm = settings.sample_rate.period_s() / 60.0;
+        Ok(Self { settings, mix, orders, level, banks, reach_hz, turns_per_rpm, decide_every })
     }
 
     /// What it watches.
@@ -141,22 +184,53 @@ impl ChatterMonitor {
             banks: self.banks.iter().map(LineBank::start).collect(),
             baselines: self.banks.iter().map(|b| Baseline::new(b.frequencies_hz().len())).collect(),
             angle_turns: 0.0,
+            newest_speed_hz: 0.0,
             speed_hz: 0.0,
             earlier_speed_hz: 0.0,
             until_decision: self.decide_every,
+            decisions: 0,
+            bank_evidence: [BankEvidence::default(); BANKS],
+            bank_common: [1.0; BANKS],
             heard_s: 0.0,
             level: self.level.start(),
             detector: Detector::new(),
             track_hz: None,
+            watched: Watched::new(self.settings.band, self.mix.centre_hz(), EDGE),
+            hop: HopWatch::default(),
+            variance_n2: 0.0,
+            usual_variance_n2: 0.0,
+            louder: 0,
+            order_line: 0,
+            orders_new_until_s: 0.0,
+            relearn_until_s: 0.0,
             latest: ChatterOutput {
                 phase: Phase::Learning,
                 frequency_hz: None,
                 power_n2: 0.0,
                 contrast: 0.0,
                 growth_1_s: None,
+                variance_ratio: 1.0,
                 event: None,
             },
         }
+    }
+
+    /// Lets the watched band follow the bar: diameter, projection length or tool position changed. Lines count in
+    /// the new band at once. False when it reaches beyond what this monitor was designed for: it needs a new one.
+    #[must_use]
+    pub fn follow(&self, state: &mut ChatterState, band: Band) -> bool {
+        let watched = Watched::new(band, self.mix.centre_hz(), 1.0);
+        let inside = watched.low_hz >= -self.reach_hz && watched.high_hz <= self.reach_hz;
+        if inside {
+            state.watched = watched;
+        }
+        inside
+    }
+
+    /// Band in which a line counts now, Hz.
+    #[must_use]
+    pub fn watched_hz(&self, state: &ChatterState) -> [f64; 2] {
+        [state.watched.low_hz, state.watched.high_hz].map(|f| f + self.mix.centre_hz())
     }
 
     /// Takes one sample. Without a speed nothing is known of spindle orders, and they may look like chatter.
@@ -172,31 +246,36 @@ impl ChatterMonitor {
         debug_assert!(force_n.is_finite());
         state.latest.event = None;
         state.samples += 1;
-        let period_s = self.settings.sample_rate.period_s();
         if let Some(rpm) = spindle_speed_rpm {
-            state.angle_turns += rpm / 60.0 * period_s;
-            // The speed only places the notches: 20 ms of smoothing.
-            state.speed_hz +=
-                (rpm / 60.0 - state.speed_hz) * if state.samples < 2 { 1.0 } else { period_s / 0.02 };
+            state.angle_turns += rpm * self.turns_per_rpm;
+            state.newest_speed_hz = rpm * (1.0 / 60.0);
         }
-        let share = if state.samples < 2 { 1.0 } else { period_s / SPEED_LAG_S };
-        state.earlier_speed_hz += (state.speed_hz - state.earlier_speed_hz) * share;
         self.follow_level(state, force_n);
         if let Some(value) = self.mix.step(&mut state.mix, force_n) {
+            self.follow_speed(state);
             self.hear(state, value);
         }
         state.latest
     }
 
+    /// The speed only places the notches: 20 ms of smoothing; and what it was about a second ago.
+    fn follow_speed(&self, state: &mut ChatterState) {
+        let period_s = 1.0 / self.mix.output_rate_hz();
+        let first = state.samples <= self.mix.decimation() as u64;
+        let [fast, slow] = if first { [1.0; 2] } else { [period_s / 0.02, period_s / SPEED_LAG_S] };
+        state.speed_hz += (state.newest_speed_hz - state.speed_hz) * fast.min(1.0);
+        state.earlier_speed_hz += (state.speed_hz - state.earlier_speed_hz) * slow;
+    }
+
     fn follow_level(&self, state: &mut ChatterState, force_n: f64) {
-        let turn_s = if state.speed_hz > 0.0 { 1.0 / state.speed_hz } else { 0.05 };
-        let change = self.level.step(&mut state.level, force_n, turn_s);
+        let change = self.level.step(&mut state.level, force_n, state.speed_hz);
         if change == Change::None || state.detector.phase() == Phase::Chatter {
             return;
         }
         // Until the force has settled, every step starts the notches anew.
         doubt(&mut state.baselines);
-        self.orders.restart(&mut state.orders, state.angle_turns);
+        state.relearn_until_s = self.now_s(state) + RELEARN_S;
+        self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
         if change == Change::Begins {
             state.detector.forget_suspicion();
             state.latest.event = Some(ChatterEvent::CutChanged);
@@ -210,15 +289,20 @@ impl ChatterMonitor {
         let phase = state.detector.phase();
         let adapt = phase != Phase::Chatter;
         let value = if state.speed_hz > 0.0 {
-            let (angle_turns, mixer, speed_hz) = (state.angle_turns, state.mixer, state.speed_hz);
+            // The band is as old as the mixer's filter is long; so must be the angle that its orders stand at.
+            let angle_turns = state.angle_turns - state.speed_hz * self.mix.delay_s();
+            let (mixer, speed_hz) = (state.mixer, state.speed_hz);
+            let drift_hz = self.mix.centre_hz() * self.relative_speed_change_1_s(state);
+            let memory_turns = (ORDER_DRIFT_HZ / drift_hz.max(1e-9) * speed_hz).clamp(4.0, 20.0);
             let known = self.orders.turns_known(&state.orders);
-            let sample = OrderSample { value, angle_turns, mixer, speed_hz, adapt };
+            let sample = OrderSample { value, angle_turns, mixer, speed_hz, memory_turns, adapt };
             let left = self.orders.step(&mut state.orders, &sample);
             if known < 1.0 && self.orders.turns_known(&state.orders) >= 1.0 {
                 // What the banks hold is from before the notches: orders, not chatter.
                 for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
                     bank.clear(bank_state);
                 }
+                state.bank_evidence = [BankEvidence::default(); BANKS];
             }
             left
         } else {
@@ -227,6 +311,7 @@ impl ChatterMonitor {
         for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
             bank.step(bank_state, value);
         }
+        state.variance_n2 += (value.norm_sqr() - state.variance_n2) / (VARIANCE_S * rate_hz);
         state.until_decision -= 1;
         if state.until_decision == 0 {
             state.until_decision = self.decide_every;
@@ -237,30 +322,85 @@ impl ChatterMonitor {
     fn decide(&self, state: &mut ChatterState) {
         let period_s = self.decide_every as f64 / self.mix.output_rate_hz();
         let orders_known = state.speed_hz <= 0.0 || self.orders.turns_known(&state.orders) >= 1.0;
-        let t_s = state.samples as f64 * self.settings.sample_rate.period_s();
+        let t_s = self.now_s(state);
         let mut evidence = Evidence {
             t_s,
-            banks: [BankEvidence::default(); BANKS],
+            banks: state.bank_evidence,
             orders_known,
             orders_young: state.speed_hz > 0.0 && self.orders.turns_known(&state.orders) < YOUNG_TURNS,
             speed_hz: state.speed_hz,
+            speed_change_hz_s: (state.speed_hz - state.earlier_speed_hz) / SPEED_LAG_S,
+            delay_s: self.mix.delay_s(),
         };
+        state.decisions += 1;
         for (i, bank) in self.banks.iter().enumerate() {
+            if !state.decisions.is_multiple_of(STRIDES[i]) {
+                continue;
+            }
             let bank_state = &state.banks[i];
-            let standout = state.baselines[i].standout(|k| bank.power(bank_state, k));
+            let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
+            let power = |k: usize| bank.power(bank_state, k);
+            let line = among.clone().max_by(|a, b| power(*a).total_cmp(&power(*b))).unwrap_or(0);
+            let (strongest, growth_1_s) = (power(line), bank.growth_1_s(bank_state, line));
+            let leak = |k: usize| strongest * bank.leak(line, growth_1_s, k);
+            let standout = state.baselines[i].standout(among, power, leak);
+            state.bank_common[i] = standout.common;
             evidence.banks[i] = self.bank_evidence(state, i, standout);
         }
+        state.bank_evidence = evidence.banks;
+        let common = state.bank_common.iter().copied().fold(f64::INFINITY, f64::min);
+        let clearest = evidence.banks.iter().map(|b| b.contrast).fold(0.0, f64::max);
+        self.watch_level(state, common, clearest);
+        self.watch_orders(state, &evidence);
         let event = state.detector.step(&evidence);
         if event.is_some() {
             state.latest.event = event;
         }
-        if matches!(event, Some(ChatterEvent::End)) && !state.detector.ended_weakly() {
+        if matches!(event, Some(ChatterEvent::End)) {
+            // Another state of the cut; or, after an alarm that was weak, noise that is not yet known well.
             doubt(&mut state.baselines);
+            state.relearn_until_s = t_s + RELEARN_S;
         }
+        // What is suspected is not noise: chatter that grows with the entry must not be learned.
         if orders_known && matches!(state.detector.phase(), Phase::Learning | Phase::Quiet) {
             self.learn(state, period_s);
         }
         self.report(state, &evidence);
+    }
+
+    /// All windows agree that the band as a whole is louder than learned: the tools entered, depth or material changed.
+    /// Loud chatter raises all of the band too, but stands far above it.
+    fn watch_level(&self, state: &mut ChatterState, common: f64, clearest: f64) {
+        let no_line = state.detector.phase() != Phase::Chatter && clearest < CLEAR_LINE;
+        let loud = common > LOUDER && no_line;
+        state.louder = if loud { state.louder + 1 } else { 0 };
+        if state.louder >= LOUDER_LOOKS {
+            doubt(&mut state.baselines);
+            state.relearn_until_s = self.now_s(state) + RELEARN_S;
+        }
+    }
+
+    /// What stands out is a spindle order that the notches do not know: the cut that makes it is another. They start anew.
+    fn watch_orders(&self, state: &mut ChatterState, evidence: &Evidence) {
+        let stands_out = evidence.banks[2].contrast > evidence.banks[2].suspect;
+        let order = stands_out
+            && state.detector.phase() != Phase::Chatter
+            && on_an_order(&evidence.banks[2], evidence);
+        state.order_line = if order { state.order_line + 1 } else { 0 };
+        if state.order_line >= LOUDER_LOOKS && evidence.t_s > state.orders_new_until_s && state.speed_hz > 0.0
+        {
+            self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
+            state.detector.forget_suspicion();
+            state.orders_new_until_s = evidence.t_s + YOUNG_TURNS / state.speed_hz;
+        }
+    }
+
+    fn now_s(&self, state: &ChatterState) -> f64 {
+        state.samples as f64 * self.settings.sample_rate.period_s()
+    }
+
+    fn relative_speed_change_1_s(&self, state: &ChatterState) -> f64 {
+        (state.speed_hz - state.earlier_speed_hz).abs() / (SPEED_LAG_S * state.speed_hz.max(1e-9))
     }
 
     fn bank_evidence(&self, state: &ChatterState, index: usize, standout: Standout) -> BankEvidence {
@@ -279,16 +419,24 @@ impl ChatterMonitor {
 
     fn learn(&self, state: &mut ChatterState, period_s: f64) {
         state.heard_s += period_s;
+        let usual = &mut state.usual_variance_n2;
+        let counted = if *usual > 0.0 { state.variance_n2.min(4.0 * *usual) } else { state.variance_n2 };
+        *usual += (counted - *usual) * (period_s / state.heard_s.min(NOISE_MEMORY_S));
         // The lobes of the noise move with the speed: what is older than their move of 3 Hz is no guide.
-        let relative_1_s =
-            (state.speed_hz - state.earlier_speed_hz).abs() / (SPEED_LAG_S * state.speed_hz.max(1e-9));
+        let relative_1_s = self.relative_speed_change_1_s(state);
+        let most = if self.now_s(state) < state.relearn_until_s { LEARNING_MOST } else { USUAL_MOST };
         let memory_s = (3.0 / (self.mix.centre_hz() * relative_1_s).max(1e-9)).clamp(1.5, NOISE_MEMORY_S);
-        for ((bank, bank_state), baseline) in self.banks.iter().zip(&state.banks).zip(&mut state.baselines) {
+        let parts = self.banks.iter().zip(&state.banks).zip(&mut state.baselines).zip(STRIDES);
+        for (((bank, bank_state), baseline), stride) in parts {
+            if !state.decisions.is_multiple_of(stride) {
+                continue;
+            }
+            let period_s = period_s * stride as f64;
             // Not before the window is full; the window's noise is independent after about 3 tau.
             if state.heard_s > 6.0 * bank.tau_s() {
                 let looks = period_s / (3.0 * bank.tau_s());
                 let memory_looks = memory_s / (3.0 * bank.tau_s());
-                baseline.learn(|k| bank.power(bank_state, k), Lesson { looks, memory_looks });
+                baseline.learn(|k| bank.power(bank_state, k), Lesson { looks, memory_looks, most });
             }
         }
         if state.heard_s > LEARN_S {
@@ -304,7 +452,7 @@ impl ChatterMonitor {
         };
         let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
         let mut best = (0, 0.0);
-        for k in 0..bank.frequencies_hz().len() {
+        for k in state.watched.filters(bank.frequencies_hz().len(), self.reach_hz) {
             let power = bank.power(bank_state, k);
             if power > best.1 {
                 best = (k, power);
@@ -314,13 +462,18 @@ impl ChatterMonitor {
         let line = matches!(phase, Phase::Suspected | Phase::Chatter);
         let frequency_hz = self.mix.centre_hz() + bank.refined_hz(bank_state, best.0);
         state.track_hz = line.then_some(frequency_hz);
-        let event = state.latest.event;
+        let declared = phase == Phase::Chatter;
+        state.watched.follow(declared.then(|| frequency_hz - self.mix.centre_hz()), self.reach_hz);
+        let hop = state.hop.look(state.track_hz.filter(|_| declared));
+        let hop = hop.map(|(from_hz, to_hz)| ChatterEvent::Hop { from_hz, to_hz });
+        let event = state.latest.event.or(hop);
         state.latest = ChatterOutput {
             phase,
             frequency_hz: state.track_hz,
             power_n2: best.1,
             contrast: evidence.banks.iter().fold(0.0, |m, b| f64::max(m, b.contrast)),
             growth_1_s: line.then(|| bank.growth_1_s(bank_state, best.0)),
+            variance_ratio: state.variance_n2 / state.usual_variance_n2.max(f64::MIN_POSITIVE),
             event,
         };
     }

@@ -1,12 +1,13 @@
 //! `stillcut campaign`: the loop closed on many random cuts, against what the stability model says.
 
 use super::bad_input;
-use crate::avoidance::Mode;
+use crate::avoidance::identified::StatedCut;
 use crate::avoidance::pitch::optimum_pitch_rad;
+use crate::avoidance::{CommandKind, HoldReason, Mode};
 use crate::config::service::ServiceConfig;
-use crate::plant::cutting::{RawCutting, TwoDelay};
+use crate::plant::cutting::{Cutting, RawCutting, TwoDelay};
 use crate::plant::scenario::{RawScenario, Scenario};
-use crate::plant::workpiece::RawWorkpiece;
+use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::recording::write_whole;
 use crate::simulation::closed_loop::{ClosedLoop, LoopEvent};
 use crate::simulation::lathe::{AXES, LatheSettings};
@@ -22,7 +23,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Closes the loop on random cuts: how many that chatter end stable, against what the model says can.
 ///
-/// Bar, speed, depth, material and noise are drawn from the seed; the result is the same every time.
+/// Bar, speed, depth, material and noise are drawn from the seed; the result is the same every time. The
+/// controller is told diameter, projection length, width and feed as they are, and of clamp, damping and material
+/// the nominal values only.
 #[derive(clap::Args)]
 #[command(after_help = "Example: stillcut campaign --cuts 200 --out out/campaign")]
 pub(super) struct Arguments {
@@ -35,6 +38,12 @@ pub(super) struct Arguments {
     /// Machine time of each cut, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 14.0)]
     duration_s: f64,
+    /// How the pitch is chosen: by the identified two-delay model, or by eq. (6-10) alone.
+    #[arg(long, default_value = "model", value_parser = ["model", "opposed"])]
+    rule: String,
+    /// Wider ranges: slim and stout bars, little and much damping, deep cuts, slow and fast spindles.
+    #[arg(long)]
+    wide: bool,
     /// Folder for campaign.csv; without it only the table is printed.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -42,6 +51,10 @@ pub(super) struct Arguments {
 
 /// Cuts whose rightmost root is nearer to zero than this are left out of the shares: noise decides there.
 const MARGIN_1_S: f64 = 5.0;
+/// Vibration that leaves a mark.
+const MARK_M: f64 = 8e-6;
+/// The tools enter the cut after this long in air.
+const ENTRY_S: f64 = 2.0;
 /// Pitches tried for "can be made stable", up to this.
 const LARGEST_PITCH_RAD: f64 = 0.15;
 
@@ -61,6 +74,11 @@ struct Outcome {
     first_onset_s: Option<f64>,
     loudest_m: f64,
     last_m: f64,
+    first_pitch_rad: Option<f64>,
+    moves: u32,
+    hold: Option<HoldReason>,
+    /// Time with vibration above what noise makes, s.
+    marked_s: f64,
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
@@ -71,7 +89,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         return Err(bad_input(format!("--duration-s {}: expected 8 to 3600", arguments.duration_s)));
     }
     let cases: Vec<Case> = (0..arguments.cuts as u64)
-        .map(|k| draw(arguments.seed.wrapping_add(k)))
+        .map(|k| draw(arguments.seed.wrapping_add(k), &arguments))
         .collect::<Result<_, _>>()
         .context("a random cut was not physical")?;
     let progress = super::progress(cases.len() as u64, "cutting");
@@ -81,7 +99,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             scope.spawn(|| {
                 while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let index = cases.iter().position(|c| c.seed == case.seed).unwrap_or(0);
-                    let outcome = cut(case, arguments.duration_s);
+                    let outcome = cut(case, &arguments);
                     if let Ok(mut all) = done.lock() {
                         all[index] = Some(outcome);
                     }
@@ -105,53 +123,81 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
 }
 
 /// One random cut. Errors: never for the ranges below; the types want it checked.
-fn draw(seed: u64) -> Result<Case, crate::plant::workpiece::ScenarioError> {
+fn draw(seed: u64, arguments: &Arguments) -> Result<Case, crate::plant::workpiece::ScenarioError> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut between = |low: f64, high: f64| random.random_range(low..high);
+    let mut between = |usual: [f64; 2], wide: [f64; 2]| {
+        let [low, high] = if arguments.wide { wide } else { usual };
+        random.random_range(low..high)
+    };
     let raw = RawScenario {
         workpiece: RawWorkpiece {
-            diameter_m: between(0.021, 0.027),
-            projection_length_m: between(0.150, 0.190),
-            damping_ratio: between(0.008, 0.018),
-            clamp_factor: between(0.95, 1.0),
+            diameter_m: between([0.021, 0.027], [0.018, 0.032]),
+            projection_length_m: between([0.150, 0.190], [0.130, 0.210]),
+            damping_ratio: between([0.008, 0.018], [0.004, 0.02]),
+            clamp_factor: between([0.95, 1.0], [0.93, 1.0]),
             ..RawWorkpiece::default()
         },
         cutting: RawCutting {
-            radial_stiffness_pa: between(1200e6, 2800e6),
-            width_m: between(0.1e-3, 0.25e-3),
-            feed_m_rev: between(0.1e-3, 0.2e-3),
-            process_damping_n: between(30.0, 90.0),
+            radial_stiffness_pa: between([1200e6, 2800e6], [1200e6, 3000e6]),
+            width_m: between([0.1e-3, 0.25e-3], [0.08e-3, 0.4e-3]),
+            feed_m_rev: between([0.1e-3, 0.2e-3], [0.05e-3, 0.25e-3]),
+            process_damping_n: between([30.0, 90.0], [0.0, 90.0]),
         },
-        speed_rpm: between(900.0, 1800.0),
+        speed_rpm: between([900.0, 1800.0], [600.0, 2600.0]),
         travel_m_s: 0.0,
         ..RawScenario::default()
     };
-    let noise = between(0.01, 0.05);
+    let noise = between([0.01, 0.05], [0.01, 0.08]);
     let feed_m_s = raw.cutting.feed_m_rev * raw.speed_rpm / 60.0;
     let scenario = Scenario::new(&RawScenario { travel_m_s: -feed_m_s, ..raw })?;
     let equal = rightmost_root(&TwoDelay::from_scenario(&scenario));
-    let growth = |pitch: f64| {
-        let at = RawScenario { pitch_difference_rad: pitch, ..scenario.raw() };
+    // One pitch for the whole way of the tools.
+    let length_m = raw.workpiece.projection_length_m;
+    let way_m = (feed_m_s * (arguments.duration_s - ENTRY_S)).min(0.9 * length_m);
+    let growth = |pitch: f64, share: f64| {
+        let position_m = Some(length_m - share * way_m);
+        let at = RawScenario { pitch_difference_rad: pitch, position_m, ..scenario.raw() };
         Scenario::new(&at).map_or(f64::INFINITY, |s| rightmost_root(&TwoDelay::from_scenario(&s)).growth_1_s)
     };
+    let worst = |pitch: f64| {
+        [0.0, 0.5, 1.0].map(|share| growth(pitch, share)).into_iter().fold(f64::NEG_INFINITY, f64::max)
+    };
     let pitches = (0..=150).map(|k| LARGEST_PITCH_RAD * f64::from(k) / 150.0);
-    let best_growth_1_s = pitches.map(growth).fold(f64::INFINITY, f64::min);
+    let best_growth_1_s = pitches.map(worst).fold(f64::INFINITY, f64::min);
     Ok(Case { seed, scenario, noise, equal, best_growth_1_s })
 }
 
-fn cut(case: &Case, duration_s: f64) -> anyhow::Result<Outcome> {
+/// Bar and cut as an operator states them: lengths as they are, the rest nominal.
+fn stated(scenario: &Scenario) -> Result<StatedCut, crate::plant::workpiece::ScenarioError> {
+    let (bar, cut) = (scenario.workpiece.raw(), scenario.cutting.raw());
+    Ok(StatedCut {
+        workpiece: Workpiece::new(RawWorkpiece {
+            diameter_m: bar.diameter_m,
+            projection_length_m: bar.projection_length_m,
+            ..RawWorkpiece::default()
+        })?,
+        cutting: Cutting::new(RawCutting {
+            width_m: cut.width_m,
+            feed_m_rev: cut.feed_m_rev,
+            ..RawCutting::default()
+        })?,
+    })
+}
+
+fn cut(case: &Case, arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let duration_s = arguments.duration_s;
     let lathe =
         LatheSettings { force_noise_ratio: case.noise, ..LatheSettings::realistic(case.scenario, case.seed) };
-    let config = ServiceConfig {
-        workpiece: case.scenario.workpiece,
-        cutting: case.scenario.cutting,
-        ..ServiceConfig::default()
-    };
+    let stated = stated(&case.scenario)?;
+    let config =
+        ServiceConfig { workpiece: stated.workpiece, cutting: stated.cutting, ..ServiceConfig::default() };
     let names = AXES.map(str::to_owned);
     let settings = config.pipeline_settings(SampleRate::new(lathe.sample_rate_hz)?, &names);
-    let mut cut = ClosedLoop::new(lathe, settings, Mode::Act)?;
+    let stated = (arguments.rule == "model").then_some(stated);
+    let mut cut = ClosedLoop::with_stated(lathe, settings, (Mode::Act, stated))?;
     let mut outcome = Outcome::default();
-    let mut rest_m = 0.0;
+    let (mut rest_m, mut envelope_m) = (0.0, 0.0f64);
+    let period_s = 1.0 / cut.lathe().settings().sample_rate_hz;
     while cut.lathe().truth().t_s < duration_s {
         let event = cut.step();
         let truth = cut.lathe().truth();
@@ -159,6 +205,10 @@ fn cut(case: &Case, duration_s: f64) -> anyhow::Result<Outcome> {
         rest_m += (truth.workpiece_displacement_m - rest_m) * 0.02;
         let vibration_m = (truth.workpiece_displacement_m - rest_m).abs();
         outcome.loudest_m = outcome.loudest_m.max(vibration_m);
+        envelope_m = vibration_m.max(envelope_m * 0.998);
+        if envelope_m > MARK_M {
+            outcome.marked_s += period_s;
+        }
         if truth.t_s > duration_s - 2.0 {
             outcome.last_m = outcome.last_m.max(vibration_m);
         }
@@ -167,11 +217,18 @@ fn cut(case: &Case, duration_s: f64) -> anyhow::Result<Outcome> {
                 outcome.onsets += 1;
                 outcome.first_onset_s.get_or_insert(truth.t_s);
             }
-            Some(LoopEvent::Sent(_)) => outcome.commands += 1,
+            Some(LoopEvent::Sent(command)) => {
+                outcome.commands += 1;
+                if command.kind == CommandKind::Move {
+                    outcome.moves += 1;
+                    outcome.first_pitch_rad.get_or_insert(command.requested_pitch_rad);
+                }
+            }
             Some(LoopEvent::Refused) => outcome.refused += 1,
             Some(LoopEvent::End) | None => {}
         }
     }
+    outcome.hold = cut.hold();
     Ok(outcome)
 }
 
@@ -183,12 +240,12 @@ fn ends_stable(outcome: &Outcome) -> bool {
 fn table(cases: &[Case], outcomes: &[Outcome]) -> String {
     let mut text = String::from(
         "seed,natural_hz,speed_rpm,width_m,noise,equal_growth_1_s,equal_hz,best_growth_1_s,eq_6_10_rad,\
-         onsets,first_onset_s,commands,refused,loudest_m,last_m,ends_stable\n",
+         onsets,first_onset_s,commands,moves,first_pitch_rad,refused,loudest_m,last_m,marked_s,last_hold,ends_stable\n",
     );
     for (c, o) in cases.iter().zip(outcomes) {
         let pitch = optimum_pitch_rad(c.scenario.spindle, c.equal.frequency_hz, 0).unwrap_or(0.0);
         text += &format!(
-            "{},{:.2},{:.1},{:.6},{:.3},{:.2},{:.2},{:.2},{:.5},{},{:.3},{},{},{:.3e},{:.3e},{}\n",
+            "{},{:.2},{:.1},{:.6},{:.3},{:.2},{:.2},{:.2},{:.5},{},{:.3},{},{},{:.5},{},{:.3e},{:.3e},{:.3},{},{}\n",
             c.seed,
             c.scenario.workpiece.bending_frequency_hz(),
             c.scenario.spindle.rpm(),
@@ -201,9 +258,13 @@ fn table(cases: &[Case], outcomes: &[Outcome]) -> String {
             o.onsets,
             o.first_onset_s.unwrap_or(f64::NAN),
             o.commands,
+            o.moves,
+            o.first_pitch_rad.unwrap_or(f64::NAN),
             o.refused,
             o.loudest_m,
             o.last_m,
+            o.marked_s,
+            o.hold.map_or("", HoldReason::name),
             ends_stable(o),
         );
     }
@@ -231,6 +292,10 @@ fn print(cases: &[Case], outcomes: &[Outcome]) -> anyhow::Result<()> {
         unstable().filter(|(_, o)| o.onsets == 0).count()
     )?;
     writeln!(out, "  worst vibration before it was cured  {:.1} um", worst * 1e6)?;
+    let mut marked: Vec<f64> = curable().map(|(_, o)| o.marked_s).collect();
+    marked.sort_by(f64::total_cmp);
+    let median = marked.get(marked.len() / 2).copied().unwrap_or(0.0);
+    writeln!(out, "  time above {:.0} um, median of these    {median:.2} s", MARK_M * 1e6)?;
     writeln!(out, "stable at equal pitch (model)          {}", stable().count())?;
     writeln!(out, "  alarms in them                       {}", stable().map(|(_, o)| o.onsets).sum::<u32>())?;
     writeln!(

@@ -465,7 +465,7 @@ impl ServiceConfig {
         PipelineSettings {
             sample_rate,
             axes: axes.iter().map(plan).collect(),
-            band: self.band.map_or(BandPlan::Workpiece(self.workpiece), BandPlan::Stated),
+            band: self.band.map_or(BandPlan::Cut(self.workpiece, self.cutting), BandPlan::Stated),
         }
     }
 }

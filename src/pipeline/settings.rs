@@ -1,9 +1,10 @@
 //! What a pipeline is made from, checked.
 
 use super::Channel;
-use crate::chatter::{Band, BandError, ChatterError, predicted_band};
+use crate::chatter::{Band, BandError, ChatterError, predicted_band, predicted_band_in_cut};
 use crate::force::balance::Method;
 use crate::force::estimator::{AxisSignals, ForceError, ForceEstimator, ForceSettings, Signals};
+use crate::plant::cutting::Cutting;
 use crate::plant::drive::DriveParams;
 use crate::plant::workpiece::Workpiece;
 use crate::sample::MAX_AXES;
@@ -46,13 +47,20 @@ pub enum BandPlan {
     Stated(Band),
     /// Predicted from the workpiece's first bending mode (6-11) and the rule of `chatter::predicted_band`.
     Workpiece(Workpiece),
+    /// The same with the stated cut, which holds the bar and raises the band.
+    Cut(Workpiece, Cutting),
 }
 
 impl BandPlan {
-    pub(super) fn band(&self) -> Result<Band, BandError> {
+    /// The band. Errors: none for what was stated as a band; a bar without one.
+    pub fn band(&self) -> Result<Band, BandError> {
         match self {
             BandPlan::Stated(band) => Ok(*band),
             BandPlan::Workpiece(workpiece) => predicted_band(workpiece.bending_frequency_hz()),
+            BandPlan::Cut(workpiece, cutting) => predicted_band_in_cut(
+                workpiece.bending_frequency_hz(),
+                cutting.stiffness_n_m() / workpiece.modal_stiffness_n_m(),
+            ),
         }
     }
 }

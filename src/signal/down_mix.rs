@@ -3,7 +3,10 @@
 //! ```text
 //! x(n) --*e^{-j w0 n}--> low-pass (windowed sinc) --every D-th--> complex z(m), band at -B/2 .. B/2
 //! ```
+//! The mixing is done with the filter, once an output: sum h(k) x(n-k) e^{-j w0 (n-k)} = e^{-j w0 n} sum (h(k) e^{j w0 k})
+//! x(n-k). A sample that makes no output is stored and that is all.
 
+use super::dispatch::{Fast, Kernel, multiply_add, run};
 use crate::units::SampleRate;
 use nalgebra::Complex;
 use std::f64::consts::{PI, TAU};
@@ -13,9 +16,12 @@ use std::f64::consts::{PI, TAU};
 pub struct DownMix {
     centre_hz: f64,
     decimation: usize,
+    /// Turn of the mixer from one output to the next.
     step: Complex<f64>,
-    taps: Vec<f64>,
+    /// Taps with the mixer of their age, real and imaginary parts, oldest sample first.
+    taps: [Vec<f64>; 2],
     rate: SampleRate,
+    fast: Fast,
 }
 
 /// State of [`DownMix`].
@@ -23,7 +29,7 @@ pub struct DownMix {
 pub struct DownMixState {
     rotor: Complex<f64>,
     /// Twice the filter's length, written in both halves: a window is always in one piece.
-    history: Vec<Complex<f64>>,
+    history: Vec<f64>,
     at: usize,
     until_output: usize,
 }
@@ -60,9 +66,15 @@ impl DownMix {
         let sum: f64 = taps.iter().sum();
         // sqrt(2): half of a real line's power lies at the negative frequency, which is filtered away.
         taps.iter_mut().for_each(|t| *t *= std::f64::consts::SQRT_2 / sum);
-        let step = Complex::from_polar(1.0, -TAU * centre_hz / fs);
+        let step = Complex::from_polar(1.0, -TAU * (centre_hz * decimation / fs).fract());
+        let last = taps.len() as f64 - 1.0;
+        let mixed = taps.iter().enumerate().map(|(i, tap)| {
+            let turns = (centre_hz * (last - i as f64) / fs).fract();
+            Complex::from_polar(*tap, TAU * turns)
+        });
+        let (re, im) = mixed.map(|t| (t.re, t.im)).unzip();
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        Self { centre_hz, decimation: decimation as usize, step, taps, rate }
+        Self { centre_hz, decimation: decimation as usize, step, taps: [re, im], rate, fast: Fast::detect() }
     }
 
     /// Frequency that is mixed to zero.
@@ -86,15 +98,18 @@ impl DownMix {
     /// How far the output lags the input.
     #[must_use]
     pub fn delay_s(&self) -> f64 {
-        (self.taps.len() - 1) as f64 / 2.0 * self.rate.period_s()
+        (self.taps[0].len() - 1) as f64 / 2.0 * self.rate.period_s()
     }
 
     /// Nothing heard yet.
     #[must_use]
     pub fn start(&self) -> DownMixState {
         DownMixState {
-            rotor: Complex::new(1.0, 0.0),
-            history: vec![Complex::new(0.0, 0.0); 2 * self.taps.len()],
+            rotor: Complex::from_polar(
+                1.0,
+                -TAU * (self.centre_hz * (self.decimation as f64 - 1.0) / self.rate.hz()).fract(),
+            ),
+            history: vec![0.0; 2 * self.taps[0].len()],
             at: 0,
             until_output: self.decimation,
         }
@@ -104,25 +119,56 @@ impl DownMix {
     /// Checked by: `a_line_keeps_its_power_and_its_place`, `what_is_outside_is_gone`.
     #[inline]
     pub fn step(&self, state: &mut DownMixState, x: f64) -> Option<Complex<f64>> {
-        let length = self.taps.len();
-        let mixed = state.rotor * x;
-        state.rotor *= self.step;
-        state.history[state.at] = mixed;
-        state.history[state.at + length] = mixed;
-        state.at = (state.at + 1) % length;
+        let length = self.taps[0].len();
+        state.history[state.at] = x;
+        state.history[state.at + length] = x;
+        state.at += 1;
+        if state.at == length {
+            state.at = 0;
+        }
         state.until_output -= 1;
         if state.until_output > 0 {
             return None;
         }
         state.until_output = self.decimation;
+        let window = &state.history[state.at..state.at + length];
+        let sum = run(self.fast, Sum { window, taps: &self.taps });
+        let value = state.rotor * sum;
+        state.rotor *= self.step;
         // One Newton step toward modulus one: the rotor neither grows nor fades.
         state.rotor *= 1.5 - 0.5 * state.rotor.norm_sqr();
-        let window = &state.history[state.at..state.at + length];
-        let mut sum = Complex::new(0.0, 0.0);
-        for (u, tap) in window.iter().zip(&self.taps) {
-            sum += u * tap;
+        Some(value)
+    }
+}
+
+/// Sum of samples times complex taps.
+struct Sum<'a> {
+    window: &'a [f64],
+    taps: &'a [Vec<f64>; 2],
+}
+
+impl Kernel for Sum<'_> {
+    type Output = Complex<f64>;
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) -> Complex<f64> {
+        const LANES: usize = 8;
+        let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
+        let parts = self.window.chunks_exact(LANES);
+        let rest = parts.remainder();
+        let taps = self.taps[0].chunks_exact(LANES).zip(self.taps[1].chunks_exact(LANES));
+        for (x, (a, b)) in parts.zip(taps) {
+            for lane in 0..LANES {
+                re[lane] = multiply_add::<FUSED>(x[lane], a[lane], re[lane]);
+                im[lane] = multiply_add::<FUSED>(x[lane], b[lane], im[lane]);
+            }
         }
-        Some(sum)
+        let mut sum = Complex::new(re.iter().sum(), im.iter().sum());
+        let done = self.window.len() - rest.len();
+        for (x, (a, b)) in rest.iter().zip(self.taps[0][done..].iter().zip(&self.taps[1][done..])) {
+            sum += Complex::new(*a, *b) * *x;
+        }
+        sum
     }
 }
 

@@ -23,8 +23,6 @@ pub struct OrderLines {
     pub low_hz: f64,
     /// Highest frequency of the band.
     pub high_hz: f64,
-    /// Turns over which a line is averaged once it is known.
-    pub memory_turns: f64,
 }
 
 /// State of [`OrderLines`].
@@ -59,6 +57,8 @@ pub struct OrderSample {
     pub mixer: Complex<f64>,
     /// Turns per second.
     pub speed_hz: f64,
+    /// Turns over which a line is averaged once it is known.
+    pub memory_turns: f64,
     /// Whether the lines may change (not while chatter is loud).
     pub adapt: bool,
 }
@@ -124,7 +124,7 @@ impl OrderLines {
     fn finish_turn(&self, state: &mut OrderLinesState, sample: &OrderSample) {
         // The first turn sets, the n-th after it changes by 1/n, down to the memory.
         let n = state.turns_since_restart + 1.0;
-        let share = if sample.adapt { 1.0 / n.min(self.memory_turns) } else { 0.5 / self.memory_turns };
+        let share = if sample.adapt { 1.0 / n.min(sample.memory_turns) } else { 0.5 / sample.memory_turns };
         // A turn much louder than usual was hit or burst upon: it says little about the orders.
         let power = state.power / state.samples.max(1.0);
         let loud = n > SETTLED_TURNS && power > 2.0 * state.usual_power;
@@ -186,7 +186,7 @@ mod tests {
 
     /// Residual rms after two seconds of a line at `order`, speed rising by 2 % a second.
     fn residual(order: f64) -> f64 {
-        let lines = OrderLines { low_hz: 500.0, high_hz: 800.0, memory_turns: 20.0 };
+        let lines = OrderLines { low_hz: 500.0, high_hz: 800.0 };
         let mut state = lines.start();
         let (mut angle, mut sum) = (0.0, 0.0);
         for n in 0..3000 {
@@ -195,7 +195,8 @@ mod tests {
             angle += speed_hz / 1000.0;
             let mixer = Complex::from_polar(1.0, -TAU * 650.0 * t);
             let value = Complex::from_polar(3.0, TAU * order * angle + 0.5) * mixer;
-            let sample = OrderSample { value, angle_turns: angle, mixer, speed_hz, adapt: true };
+            let sample =
+                OrderSample { value, angle_turns: angle, mixer, speed_hz, memory_turns: 20.0, adapt: true };
             let left = lines.step(&mut state, &sample);
             if n >= 2000 {
                 sum += left.norm_sqr() / 1000.0;

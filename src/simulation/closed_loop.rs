@@ -6,10 +6,11 @@
 use super::lathe::turret::{TurretOrder, TurretState};
 use super::lathe::{Lathe, LatheSettings};
 use crate::avoidance::guard::{Facts, Guard, GuardState};
+use crate::avoidance::identified::StatedCut;
 use crate::avoidance::turret::{TurretAxis, TurretError, TurretKinematics};
 use crate::avoidance::{
-    Avoidance, AvoidanceSettings, AvoidanceState, Command, Decision, Heard, Interlock, Mode, SettingsError,
-    Situation, TurretMotion, TurretReport,
+    Avoidance, AvoidanceSettings, AvoidanceState, Command, Decision, Heard, HoldReason, Interlock, Mode,
+    SettingsError, Situation, TurretMotion, TurretReport,
 };
 use crate::chatter::ChatterEvent;
 use crate::pipeline::{Pipeline, PipelineError, PipelineSettings};
@@ -67,12 +68,26 @@ pub struct ClosedLoop {
     guard_state: GuardState,
     mode: Mode,
     clean: bool,
+    hold: Option<HoldReason>,
+    /// What happened at the same sample as what was told first.
+    untold: Option<LoopEvent>,
 }
 
 impl ClosedLoop {
     /// Closes the loop around a lathe with servo turrets.
     /// Errors: settings that do not fit each other, by name.
     pub fn new(lathe: LatheSettings, pipeline: PipelineSettings, mode: Mode) -> Result<Self, LoopError> {
+        let stated = StatedCut { workpiece: lathe.scenario.workpiece, cutting: lathe.scenario.cutting };
+        Self::with_stated(lathe, pipeline, (mode, Some(stated)))
+    }
+
+    /// The same where the operator stated another bar and cut than the true ones, or none.
+    /// Errors: as [`ClosedLoop::new`].
+    pub fn with_stated(
+        lathe: LatheSettings,
+        pipeline: PipelineSettings,
+        (mode, stated): (Mode, Option<StatedCut>),
+    ) -> Result<Self, LoopError> {
         let turret = turret_kinematics()?;
         let largest_pitch_rad = 0.2;
         let avoidance = Avoidance::new(AvoidanceSettings {
@@ -84,6 +99,7 @@ impl ClosedLoop {
             freshness_s: 0.05,
             report_deadline_s: 0.2,
             reached_m: 20e-6,
+            stated,
         })?;
         let mut guard = Guard {
             lowest_m: [0.0; MAX_AXES],
@@ -105,6 +121,8 @@ impl ClosedLoop {
             guard_state: GuardState::default(),
             mode,
             clean: false,
+            hold: None,
+            untold: None,
         })
     }
 
@@ -120,6 +138,12 @@ impl ClosedLoop {
         &self.pipeline
     }
 
+    /// Why nothing was commanded, last time that it was not.
+    #[must_use]
+    pub fn hold(&self) -> Option<HoldReason> {
+        self.hold
+    }
+
     /// One sample through everything.
     pub fn step(&mut self) -> Option<LoopEvent> {
         let sample = self.lathe.step();
@@ -133,9 +157,17 @@ impl ClosedLoop {
         let situation = self.situation(sample.t_s, sample.spindle_speed_rpm);
         let decided = match self.avoidance.decide(&mut self.state, &situation) {
             Decision::Command(command) => Some(self.send(&command, &situation)),
-            Decision::NotDue | Decision::Advice(_) | Decision::Hold(_) => None,
+            Decision::Hold(reason) => {
+                self.hold = Some(reason);
+                None
+            }
+            Decision::NotDue | Decision::Advice(_) => None,
         };
-        decided.or(heard)
+        let earlier = self.untold.take();
+        let mut news = [earlier, heard, decided].into_iter().flatten();
+        let first = news.next();
+        self.untold = news.next();
+        first
     }
 
     fn situation(&self, now_s: f64, spindle_speed_rpm: f64) -> Situation {

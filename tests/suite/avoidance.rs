@@ -33,6 +33,7 @@ fn settings() -> AvoidanceSettings {
         freshness_s: 0.05,
         report_deadline_s: 0.2,
         reached_m: 20e-6,
+        stated: None,
     }
 }
 

@@ -5,6 +5,7 @@
 use super::super::control::Refusal;
 use crate::avoidance::guard::{Facts, Guard, GuardState};
 use crate::avoidance::invariants::{Commissioned, InvariantMonitor, Violation};
+use crate::avoidance::identified::StatedCut;
 use crate::avoidance::pitch::pitch_of_shift_rad;
 use crate::avoidance::turret::{TurretAxis, TurretKinematics};
 use crate::avoidance::{
@@ -103,6 +104,7 @@ impl Acting {
             freshness_s: 0.05,
             report_deadline_s: 0.5,
             reached_m: 20e-6,
+            stated: Some(StatedCut { workpiece: config.workpiece, cutting: config.cutting }),
         })
         .map_err(|e| format!("turret: {e}"))?;
         let mut guard = Guard {

@@ -1,0 +1,237 @@
+//! Which pitch: the one that keeps the identified cut farthest from growing, whatever the line does next.
+//!
+//! Margin is minus the growth rate of the rightmost root of the two-delay equation. It is taken at its worst
+//! over the tracked lines and their likely drift (the tools move on, the bar gets lighter: the cut holds the
+//! bar more or less firmly than now) and averaged over what the cut may be. m = 0 unless more pays.
+
+use super::identified::{Candidate, HeardLine, StatedCut, identify, weigh};
+use super::pitch::wave_phase_difference_rad;
+use crate::plant::cutting::TwoDelay;
+use crate::units::SpindleSpeed;
+use std::f64::consts::PI;
+
+/// What the model says.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PitchAdvice {
+    /// It says nothing: no cut was stated, or what is heard contradicts it.
+    NotIdentified,
+    /// This pitch.
+    Pitch {
+        /// Pitch difference, rad.
+        pitch_rad: f64,
+        /// Predicted growth there, at its worst over the drift, 1/s.
+        growth_1_s: f64,
+    },
+    /// Nothing inside the envelope is stable.
+    NoStablePitch {
+        /// Nearest spindle speed at which there is a stable pitch, rpm.
+        nearest_speed_rpm: Option<f64>,
+    },
+}
+
+/// What is asked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PitchQuestion<'a> {
+    /// Bar and cut as stated.
+    pub stated: &'a StatedCut,
+    /// Lines of this cut, the newest first; those heard at another pitch weigh the candidates.
+    pub lines: &'a [HeardLine],
+    /// Speed now.
+    pub spindle: SpindleSpeed,
+    /// Largest pitch difference that limits and axes allow.
+    pub largest_pitch_rad: f64,
+    /// Pitches that did not help: these and their neighbours are left out.
+    pub fruitless_rad: &'a [f64],
+}
+
+/// Phase over pi of the highest line between which m = 0 is searched.
+const PHASE_RANGE: [f64; 2] = [0.6, 1.19];
+/// Steps of the search within it.
+const STEPS: usize = 20;
+/// The cut becomes so much weaker or stronger while a pitch is kept.
+const DRIFT: [f64; 2] = [0.7, 1.12];
+/// A larger m must be better by this much, 1/s: the tool stands worse there.
+const LOBE_PAYS_1_S: f64 = 10.0;
+/// m = 0 is good enough with this margin, 1/s.
+const COMFORTABLE_1_S: f64 = 5.0;
+/// A margin counts up to this: beyond it, more is no better.
+const MOST_MARGIN_1_S: f64 = 60.0;
+/// What a pitch costs whose waves do not oppose the vibration that is heard, 1/s at a tenth of a wave: linear growth says
+/// nothing of a vibration that is loud already; that is fed back least where its own waves oppose each other.
+const UNOPPOSED_1_S: f64 = 3.0;
+/// Belief from which "nothing is stable" is said.
+const SURE: f64 = 0.9;
+/// Phase over pi within which two pitches are the same try.
+const SAME_PITCH: f64 = 0.08;
+
+/// Answers a [`PitchQuestion`]. Cost: some 400 searches for a root, about ten milliseconds, once per try.
+/// Checked by: `the_choice_beats_its_neighbours`, `where_nothing_is_stable_another_speed_is_named`, `stillcut campaign`.
+#[must_use]
+pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
+    let candidates = candidates(question);
+    let Some(highest_hz) = question.lines.iter().map(|l| l.frequency_hz).max_by(f64::total_cmp) else {
+        return PitchAdvice::NotIdentified;
+    };
+    if candidates.is_empty() {
+        return PitchAdvice::NotIdentified;
+    }
+    let cuts: Vec<Cut> = candidates.iter().map(|c| Cut::new(*c, question.lines)).collect();
+    let turn_s = question.spindle.period_s();
+    // After a try that did not help, what goes on at that pitch is what must be opposed.
+    let newest_hz = question.lines.first().map_or(highest_hz, |l| l.frequency_hz);
+    let opposed_hz = if question.fruitless_rad.is_empty() { highest_hz } else { newest_hz };
+    let search = |lobe: f64| best_of_lobe(question, &cuts, (opposed_hz, lobe));
+    let Some(mut best) = search(0.0) else { return PitchAdvice::NotIdentified };
+    if best.growth_1_s > -COMFORTABLE_1_S {
+        for lobe in [1.0, 2.0] {
+            if let Some(other) = search(lobe)
+                && other.growth_1_s < best.growth_1_s - LOBE_PAYS_1_S
+            {
+                best = other;
+            }
+        }
+    }
+    let unstable = |c: &&Cut| c.worst_growth_1_s(turn_s, best.pitch_rad) > 0.0;
+    let doubt: f64 = cuts.iter().filter(unstable).map(|c| c.candidate.weight).sum();
+    if doubt > SURE && best.growth_1_s > 0.0 {
+        return PitchAdvice::NoStablePitch { nearest_speed_rpm: nearest_speed(question, &cuts) };
+    }
+    PitchAdvice::Pitch { pitch_rad: best.pitch_rad, growth_1_s: best.growth_1_s }
+}
+
+/// What the lines allow the cut to be.
+fn candidates(question: &PitchQuestion<'_>) -> Vec<Candidate> {
+    // A line that was seen to grow at equal pitch says most; the newest of them the most of now.
+    let source = question.lines.iter().find(|l| l.pitch_rad.abs() < 0.01).or(question.lines.first());
+    let Some(source) = source else { return Vec::new() };
+    let mut candidates = identify(question.stated, source);
+    for line in question.lines.iter().filter(|l| l.pitch_rad.abs() >= 0.01 && *l != source) {
+        candidates = weigh(candidates, line);
+    }
+    candidates
+}
+
+struct Best {
+    pitch_rad: f64,
+    growth_1_s: f64,
+}
+
+fn best_of_lobe(question: &PitchQuestion<'_>, cuts: &[Cut], (highest_hz, lobe): (f64, f64)) -> Option<Best> {
+    let per_pi = PI / wave_phase_difference_rad(question.spindle, highest_hz, 1.0);
+    let mut scores: Vec<(Best, f64)> = Vec::with_capacity(STEPS + 1);
+    for step in 0..=STEPS {
+        let share = step as f64 / STEPS as f64;
+        let phase = 2.0 * lobe + PHASE_RANGE[0] + (PHASE_RANGE[1] - PHASE_RANGE[0]) * share;
+        let pitch_rad = phase * per_pi;
+        let tried = question.fruitless_rad.iter().any(|p| (p - pitch_rad).abs() < SAME_PITCH * per_pi);
+        if pitch_rad > question.largest_pitch_rad || tried {
+            continue;
+        }
+        let turn_s = question.spindle.period_s();
+        let mean = |f: &dyn Fn(f64) -> f64| {
+            cuts.iter().map(|c| c.candidate.weight * f(c.worst_growth_1_s(turn_s, pitch_rad))).sum::<f64>()
+        };
+        let growth_1_s = mean(&|g| g.max(-MOST_MARGIN_1_S));
+        let off = (phase - 2.0 * lobe - 1.0) / 0.1;
+        scores.push((Best { pitch_rad, growth_1_s }, growth_1_s + UNOPPOSED_1_S * off * off));
+    }
+    scores.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)).map(|s| s.0)
+}
+
+/// A candidate with the strengths of the cut that must be endured.
+struct Cut {
+    candidate: Candidate,
+    shares: [f64; 3],
+}
+
+impl Cut {
+    fn new(candidate: Candidate, lines: &[HeardLine]) -> Self {
+        let (mut least, mut most) = (1.0f64, 1.0f64);
+        for share in lines.iter().filter_map(|l| candidate.share_of_line(l)) {
+            least = least.min(share.max(0.3));
+            most = most.max(share.min(1.5));
+        }
+        Self { candidate, shares: [least * DRIFT[0], 1.0, most * DRIFT[1]] }
+    }
+
+    fn worst_growth_1_s(&self, turn_s: f64, pitch_rad: f64) -> f64 {
+        self.shares
+            .iter()
+            .map(|share| self.candidate.growth_1_s(turn_s, pitch_rad, *share))
+            .fold(f64::NEG_INFINITY, f64::max)
+    }
+}
+
+/// Nearest speed, up to 40 % away, at which equal pitch or the opposed pitch holds with some margin.
+fn nearest_speed(question: &PitchQuestion<'_>, cuts: &[Cut]) -> Option<f64> {
+    let cut = cuts.first()?;
+    let turn_s = question.spindle.period_s();
+    for step in 1..=20 {
+        for sign in [-1.0, 1.0] {
+            let ratio = 1.0 + sign * 0.02 * f64::from(step);
+            let turn_s = turn_s / ratio;
+            let equation: TwoDelay = cut.candidate.equation(turn_s, 0.0, 1.0);
+            let opposed_rad = PI / (equation.in_cut_frequency_hz() * turn_s);
+            let stable = |pitch_rad: f64| {
+                pitch_rad <= question.largest_pitch_rad
+                    && cut.worst_growth_1_s(turn_s, pitch_rad) < -COMFORTABLE_1_S
+            };
+            if stable(0.0) || stable(opposed_rad) {
+                return Some(question.spindle.rpm() * ratio);
+            }
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plant::scenario::{RawScenario, Scenario};
+    use crate::stability::rightmost_root;
+
+    fn ask(raw: &RawScenario, largest_pitch_rad: f64) -> (PitchAdvice, Scenario) {
+        let scenario = Scenario::new(raw).unwrap();
+        let root = rightmost_root(&TwoDelay::from_scenario(&scenario));
+        let line = HeardLine {
+            frequency_hz: root.frequency_hz,
+            growth_1_s: Some(root.growth_1_s),
+            turn_s: scenario.spindle.period_s(),
+            pitch_rad: 0.0,
+        };
+        let stated = StatedCut { workpiece: scenario.workpiece, cutting: scenario.cutting };
+        let question = PitchQuestion {
+            stated: &stated,
+            lines: &[line],
+            spindle: scenario.spindle,
+            largest_pitch_rad,
+            fruitless_rad: &[],
+        };
+        (best_pitch(&question), scenario)
+    }
+
+    fn growth(scenario: &Scenario, pitch_difference_rad: f64) -> f64 {
+        let raw = RawScenario { pitch_difference_rad, ..scenario.raw() };
+        rightmost_root(&TwoDelay::from_scenario(&Scenario::new(&raw).unwrap())).growth_1_s
+    }
+
+    #[test]
+    fn the_choice_beats_its_neighbours() {
+        let (advice, scenario) = ask(&RawScenario::default(), 0.14);
+        let PitchAdvice::Pitch { pitch_rad, growth_1_s } = advice else { panic!("{advice:?}") };
+        let phase = wave_phase_difference_rad(scenario.spindle, 652.0, pitch_rad) / PI;
+        assert!((0.8..1.1).contains(&phase), "{phase} pi");
+        assert!(growth(&scenario, pitch_rad) < -25.0 && growth_1_s < -10.0);
+    }
+
+    #[test]
+    fn where_nothing_is_stable_another_speed_is_named() {
+        // No damping to speak of, a deep cut, and an envelope too small for any pitch that helps.
+        let mut raw = RawScenario::default();
+        raw.workpiece.damping_ratio = 0.004;
+        raw.cutting.process_damping_n = 10.0;
+        raw.cutting.width_m = 0.35e-3;
+        let (advice, _) = ask(&raw, 0.065);
+        assert!(matches!(advice, PitchAdvice::NoStablePitch { .. }), "{advice:?}");
+    }
+}
