@@ -44,7 +44,14 @@ pub(super) struct BankEvidence {
 }
 
 crate::keyframe::keep!(BankEvidence {
-    tau_s, contrast, suspect, confirm, power_n2, noise_n2, frequency_hz, growth_1_s
+    tau_s,
+    contrast,
+    suspect,
+    confirm,
+    power_n2,
+    noise_n2,
+    frequency_hz,
+    growth_1_s
 });
 
 pub(super) const BANKS: usize = 4;

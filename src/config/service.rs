@@ -194,6 +194,8 @@ pub struct FleetConfig {
 /// The configuration of the service, checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServiceConfig {
+    /// Binary that diagnoses run in, in a process of their own; `None`: the one that runs now. Not in the file.
+    pub program: Option<PathBuf>,
     /// Drives of the axes.
     pub machine: Machine,
     /// File that the drives were read from.
@@ -292,6 +294,7 @@ impl Reader<'_> {
         }
         let band = raw.detection.band_hz.map(|[low, high]| Band::new(low, high)).transpose();
         Ok(ServiceConfig {
+            program: None,
             method,
             force_cutoff_hz: self.within(
                 "machine.force_cutoff_hz",

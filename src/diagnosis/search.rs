@@ -11,7 +11,7 @@ const MOST_FINDINGS: usize = 4;
 /// Twice the log-likelihood gain a finding needs; see `docs/results.md` for its calibration.
 const LEAST_EVIDENCE: f64 = 60.0;
 /// Least relative drop of the held-out sum of squares.
-const LEAST_SHARE: f64 = 0.012;
+const LEAST_SHARE: f64 = 0.006;
 
 /// The same where an encoder's step is coarser than stated: its error is not noise, it follows the motion.
 const LEAST_SHARE_COARSE: f64 = 0.05;

@@ -292,6 +292,7 @@ impl Pipeline {
         self.spectrum_state = self.spectrum.start();
         self.clean_samples = 0;
         self.agreement_state = AgreementState::default();
+        self.agreement = agree(&mut AgreementState::default(), 0.0, std::iter::empty());
     }
 
     fn take(&mut self, sample: &ServoSample) -> StepOutput {

@@ -325,7 +325,8 @@ fn broker_of(fleet: &crate::config::service::FleetConfig) -> super::fleet::Broke
 }
 
 fn diagnoses_of(config: &ServiceConfig) -> Diagnoses {
-    let program = std::env::current_exe().unwrap_or_else(|_| "stillcut".into());
+    let own = || std::env::current_exe().unwrap_or_else(|_| "stillcut".into());
+    let program = config.program.clone().unwrap_or_else(own);
     let folder = config.history.folder.join("diagnoses");
     #[cfg(feature = "nats")]
     if let Some(fleet) = config.fleet.as_ref().filter(|f| f.diagnose) {

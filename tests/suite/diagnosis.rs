@@ -60,7 +60,7 @@ fn a_backlash_is_found_with_its_gap_and_the_written_model_invents_nothing_elsewh
     assert!((gap.value / 1.0001e-6 - 1.0).abs() < 0.01, "{gap:?}");
     let text = machine_to_text(&d.model);
     let model = machine_from_text(Path::new("model.toml"), &text).unwrap();
-    let other = ask(&model, &cut(&sweep, 3.0, 5.5));
+    let other = ask(&model, &sweep);
     assert!(other.findings.is_empty(), "{:?}", other.findings);
     assert_eq!(other.verdict, Verdict::ModelAdequate);
 }

@@ -61,6 +61,7 @@ fn service_of(place: &Place, model: &str) -> Running {
     let path = place.folder.path().join("c.toml");
     let mut config = stillcut::config::service::service_config_from_text(&path, &toml).unwrap();
     config.http.trust_loopback = true;
+    config.program = Some(env!("CARGO_BIN_EXE_stillcut").into());
     start(config).unwrap()
 }
 
@@ -114,7 +115,8 @@ fn a_wrong_model_is_noticed_in_air_and_diagnosed_over_http() {
     until("the mismatch is told", 20, || {
         !get(&running, "/api/v1/events?kind=model_mismatch").json()["events"].as_array().unwrap().is_empty()
     });
-    assert!(residual(&running) > 0.2, "{}", residual(&running));
+    // It was above the limit of 0.2 when the event was raised and follows the motion since; a right model shows less than 0.1.
+    assert!(residual(&running) > 0.1, "{}", residual(&running));
     let event = get(&running, "/api/v1/events?kind=model_mismatch").json()["events"][0].clone();
     let text = event["text"].as_str().unwrap().to_owned();
     let id = text.split("(recording ").nth(1).unwrap().trim_end_matches(')').to_owned();

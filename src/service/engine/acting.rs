@@ -4,8 +4,8 @@
 
 use super::super::control::Refusal;
 use crate::avoidance::guard::{Facts, Guard, GuardState};
-use crate::avoidance::invariants::{Commissioned, InvariantMonitor, Violation};
 use crate::avoidance::identified::StatedCut;
+use crate::avoidance::invariants::{Commissioned, InvariantMonitor, Violation};
 use crate::avoidance::pitch::pitch_of_shift_rad;
 use crate::avoidance::turret::{TurretAxis, TurretKinematics};
 use crate::avoidance::{
