@@ -91,7 +91,7 @@ const CORE: &[&str] = &[
     "diagnosis",
 ];
 const BANNED: &[&str] = &["todo!(", "unimplemented!(", "FIXME", "XXX", "#[ignore"];
-const LONGEST_FILE: usize = 610;
+const LONGEST_FILE: usize = 600;
 const LONGEST_LINE: usize = 146;
 
 fn sources(folder: &Path, out: &mut Vec<PathBuf>) {

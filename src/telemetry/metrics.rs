@@ -68,45 +68,75 @@ macro_rules! series {
 
 series! {
     samples: IntCounterVec = counters("stillcut_samples_total", "Samples taken in.", &["axis"]);
-    samples_lost: IntCounterVec = counters("stillcut_samples_lost_total", "Samples that never came.", &["axis"]);
-    samples_rejected: IntCounterVec = counters("stillcut_samples_rejected_total", "Samples refused.", &["axis", "reason"]);
-    sample_gaps: IntCounterVec = counters("stillcut_sample_gaps_total", "Interruptions of the sample stream.", &["axis"]);
-    last_sample_timestamp_seconds: Gauge = gauge("stillcut_last_sample_timestamp_seconds", "Wall clock when the newest sample was taken in.");
+    samples_lost: IntCounterVec = counters("stillcut_samples_lost_total",
+        "Samples that never came.", &["axis"]);
+    samples_rejected: IntCounterVec = counters("stillcut_samples_rejected_total",
+        "Samples refused.", &["axis", "reason"]);
+    sample_gaps: IntCounterVec = counters("stillcut_sample_gaps_total",
+        "Interruptions of the sample stream.", &["axis"]);
+    last_sample_timestamp_seconds: Gauge = gauge("stillcut_last_sample_timestamp_seconds",
+        "Wall clock when the newest sample was taken in.");
     queue_depth: IntGaugeVec = int_gauges("stillcut_queue_depth", "Entries waiting in a queue.", &["queue"]);
-    queue_dropped: IntCounterVec = counters("stillcut_queue_dropped_total", "Entries dropped from a queue.", &["queue", "intentional"]);
-    decision_latency_seconds: Histogram = histogram("stillcut_decision_latency_seconds", "Time from taking in the batch that the newest sample came with to the decision, in seconds.");
-    step_duration_seconds: Histogram = histogram("stillcut_step_duration_seconds", "Time of the pipeline for one drained batch, in seconds.");
-    http_request_duration_seconds: HistogramVec = http_histogram("stillcut_http_request_duration_seconds", "Time from the request's head to the response's head, in seconds.", &["route", "code"]);
+    queue_dropped: IntCounterVec = counters("stillcut_queue_dropped_total",
+        "Entries dropped from a queue.", &["queue", "intentional"]);
+    decision_latency_seconds: Histogram = histogram("stillcut_decision_latency_seconds",
+        "Time from taking in the batch that the newest sample came with to the decision, in seconds.");
+    step_duration_seconds: Histogram = histogram("stillcut_step_duration_seconds",
+        "Time of the pipeline for one drained batch, in seconds.");
+    http_request_duration_seconds: HistogramVec = http_histogram("stillcut_http_request_duration_seconds",
+        "Time from the request's head to the response's head, in seconds.", &["route", "code"]);
     http_connections: IntGauge = int_gauge("stillcut_http_connections", "Open HTTP connections.");
-    http_refused: IntCounterVec = counters("stillcut_http_refused_total", "Requests or connections refused.", &["reason"]);
+    http_refused: IntCounterVec = counters("stillcut_http_refused_total",
+        "Requests or connections refused.", &["reason"]);
     chatter_active: IntGauge = int_gauge("stillcut_chatter_active", "1 while chatter is detected.");
-    chatter_frequency_hertz: Gauge = gauge("stillcut_chatter_frequency_hertz", "Tracked line; 0 while stillcut_chatter_frequency_valid is 0.");
-    chatter_frequency_valid: IntGauge = int_gauge("stillcut_chatter_frequency_valid", "1 while a line is tracked.");
-    chatter_power_newtons_squared: Gauge = gauge("stillcut_chatter_power_newtons_squared", "Power of the strongest line of the band.");
-    predicted_band_hertz: GaugeVec = gauges("stillcut_predicted_band_hertz", "Edges of the watched band.", &["edge"]);
+    chatter_frequency_hertz: Gauge = gauge("stillcut_chatter_frequency_hertz",
+        "Tracked line; 0 while stillcut_chatter_frequency_valid is 0.");
+    chatter_frequency_valid: IntGauge = int_gauge("stillcut_chatter_frequency_valid",
+        "1 while a line is tracked.");
+    chatter_power_newtons_squared: Gauge = gauge("stillcut_chatter_power_newtons_squared",
+        "Power of the strongest line of the band.");
+    predicted_band_hertz: GaugeVec = gauges("stillcut_predicted_band_hertz",
+        "Edges of the watched band.", &["edge"]);
     mode: IntGaugeVec = int_gauges("stillcut_mode", "1 for the mode that is on.", &["mode"]);
-    commands: IntCounterVec = counters("stillcut_commands_total", "Turret commands by what became of them.", &["outcome"]);
-    holds: IntCounterVec = counters("stillcut_holds_total", "Intervals that ended without a command.", &["reason"]);
-    pitch_difference_radians: GaugeVec = gauges("stillcut_pitch_difference_radians", "Pitch angle difference of the two tools.", &["kind"]);
-    pitch_reported_valid: IntGauge = int_gauge("stillcut_pitch_reported_valid", "1 while the controller reports its offsets.");
-    interlock_open: IntGaugeVec = int_gauges("stillcut_interlock_open", "1 while open or not heard.", &["name"]);
-    limit_active: IntGaugeVec = int_gauges("stillcut_limit_active", "1 while a limit cuts the command.", &["limit"]);
+    commands: IntCounterVec = counters("stillcut_commands_total",
+        "Turret commands by what became of them.", &["outcome"]);
+    holds: IntCounterVec = counters("stillcut_holds_total",
+        "Intervals that ended without a command.", &["reason"]);
+    pitch_difference_radians: GaugeVec = gauges("stillcut_pitch_difference_radians",
+        "Pitch angle difference of the two tools.", &["kind"]);
+    pitch_reported_valid: IntGauge = int_gauge("stillcut_pitch_reported_valid",
+        "1 while the controller reports its offsets.");
+    interlock_open: IntGaugeVec = int_gauges("stillcut_interlock_open",
+        "1 while open or not heard.", &["name"]);
+    limit_active: IntGaugeVec = int_gauges("stillcut_limit_active",
+        "1 while a limit cuts the command.", &["limit"]);
     events: IntCounterVec = counters("stillcut_events_total", "Events by kind.", &["kind"]);
     events_unpersisted: IntGauge = int_gauge("stillcut_events_unpersisted", "Events waiting to be stored.");
-    store_errors: IntCounterVec = counters("stillcut_store_errors_total", "Failures of the history file by code.", &["code"]);
+    store_errors: IntCounterVec = counters("stillcut_store_errors_total",
+        "Failures of the history file by code.", &["code"]);
     store_bytes: IntGauge = int_gauge("stillcut_store_bytes", "Size of the history file.");
     wal_bytes: IntGauge = int_gauge("stillcut_wal_bytes", "Size of the history file's write-ahead log.");
-    last_commit_timestamp_seconds: Gauge = gauge("stillcut_last_commit_timestamp_seconds", "Wall clock of the last durable commit.");
-    recordings: IntCounterVec = counters("stillcut_recordings_total", "Black-box recordings by outcome.", &["outcome"]);
-    security_events: IntCounterVec = counters("stillcut_security_events_total", "Access events by kind.", &["kind"]);
+    last_commit_timestamp_seconds: Gauge = gauge("stillcut_last_commit_timestamp_seconds",
+        "Wall clock of the last durable commit.");
+    recordings: IntCounterVec = counters("stillcut_recordings_total",
+        "Black-box recordings by outcome.", &["outcome"]);
+    security_events: IntCounterVec = counters("stillcut_security_events_total",
+        "Access events by kind.", &["kind"]);
     stage_up: IntGaugeVec = int_gauges("stillcut_stage_up", "1 while the stage works.", &["stage"]);
-    invariant_violations: IntCounterVec = counters("stillcut_invariant_violations_total", "Decisions that broke a rule of the independent monitor; none was sent.", &["rule"]);
-    model_residual_ratio: GaugeVec = gauges("stillcut_model_residual_ratio", "Part of the thrust that the model leaves open while an axis moves and the spindle stands; 0 before the first window.", &["axis"]);
-    model_windows: IntCounterVec = counters("stillcut_model_windows_total", "Seconds in which model and machine could be compared.", &["axis"]);
-    model_mismatches: IntCounterVec = counters("stillcut_model_mismatches_total", "Significant differences of model and machine.", &["axis"]);
+    invariant_violations: IntCounterVec = counters("stillcut_invariant_violations_total",
+        "Decisions that broke a rule of the independent monitor; none was sent.", &["rule"]);
+    model_residual_ratio: GaugeVec = gauges("stillcut_model_residual_ratio",
+        "Part of the thrust that the model leaves open while an axis moves and the spindle stands; 0 \
+        before the first window.", &["axis"]);
+    model_windows: IntCounterVec = counters("stillcut_model_windows_total",
+        "Seconds in which model and machine could be compared.", &["axis"]);
+    model_mismatches: IntCounterVec = counters("stillcut_model_mismatches_total",
+        "Significant differences of model and machine.", &["axis"]);
     diagnoses: IntCounterVec = counters("stillcut_diagnoses_total", "Diagnoses by outcome.", &["outcome"]);
-    outbox_waiting: IntGauge = int_gauge("stillcut_outbox_waiting", "Events that the fleet's broker has not confirmed yet.");
-    outbox_sent: IntCounterVec = counters("stillcut_outbox_total", "Events for the fleet's broker by outcome.", &["outcome"]);
+    outbox_waiting: IntGauge = int_gauge("stillcut_outbox_waiting",
+        "Events that the fleet's broker has not confirmed yet.");
+    outbox_sent: IntCounterVec = counters("stillcut_outbox_total",
+        "Events for the fleet's broker by outcome.", &["outcome"]);
 }
 
 /// Makes and registers series; a name that cannot be registered is a slip of ours, found by any test.
