@@ -5,6 +5,7 @@ use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay};
 use super::problem::{Column, Mechanics, Problem, Sides};
 use super::shape::{Hypothesis, Shape};
 use super::strangers;
+use crate::plant::effects::Port;
 
 /// More findings than this are a different machine.
 const MOST_FINDINGS: usize = 4;
@@ -227,7 +228,10 @@ fn size(column: &Column) -> f64 {
 fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
     let mut index = given;
     while index < accepted.len() {
-        if weight(p, &accepted[index]) < LEAST_WEIGHT {
+        // An encoder's error has the period of its own signal: no inexactness of the mechanics imitates that.
+        let port = accepted[index].hypothesis.port;
+        let encoder = matches!(port, Port::MotorEncoder | Port::StageEncoder);
+        if !encoder && weight(p, &accepted[index]) < LEAST_WEIGHT {
             accepted.remove(index);
             settle(p, accepted, residual);
         } else {
