@@ -58,6 +58,8 @@ pub(crate) struct Score {
     /// Amplitudes, in the order of the hypothesis' columns.
     pub(crate) amplitudes: Vec<f64>,
     pub(crate) deviations: Vec<f64>,
+    /// Root mean square of the force at amplitude one; zero where the law has no amplitude.
+    pub(crate) unit_rms_n: f64,
     pub(crate) plausible: bool,
 }
 
@@ -353,6 +355,7 @@ impl<'a> Bench<'a> {
             likelihood: n * (self.solution.left / solution.left.max(1e-300)).ln(),
             amplitudes: vec![1.0],
             deviations: vec![0.0],
+            unit_rms_n: 0.0,
             plausible: !is_timing(h) || h.shape.constants()[0] > timing_limit_s(self.problem),
             hypothesis: h.clone(),
         }
@@ -363,8 +366,8 @@ impl<'a> Bench<'a> {
         if matches!(hypothesis.shape, Shape::Torsion { .. }) {
             return self.score_fitted(hypothesis);
         }
-        let columns: Vec<Vec<f64>> =
-            hypothesis.columns(self.problem).iter().map(|c| self.whitener.whiten(c, &self.layout)).collect();
+        let raw = hypothesis.columns(self.problem);
+        let columns: Vec<Vec<f64>> = raw.iter().map(|c| self.whitener.whiten(c, &self.layout)).collect();
         let gram = self.gram.with(&self.base, &columns, &self.target, &self.folds);
         let solution = self.solve(&gram, !is_delay(hypothesis));
         let first = self.base.len();
@@ -376,6 +379,7 @@ impl<'a> Bench<'a> {
             likelihood: n * (self.solution.left / solution.left.max(1e-300)).ln(),
             deviations: solution.deviations[first..].to_vec(),
             amplitudes,
+            unit_rms_n: raw.first().map_or(0.0, rms),
             plausible,
             hypothesis: hypothesis.clone(),
         }
@@ -472,6 +476,14 @@ pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f6
         add(&mut out, column, -b);
     }
     out
+}
+
+/// Root of the mean of r_m^2 + r_s^2 over all samples.
+pub(crate) fn rms(column: &Column) -> f64 {
+    let samples: usize =
+        column.iter().map(|s| s.motor.as_ref().or(s.stage.as_ref()).map_or(0, Vec::len)).sum();
+    let sides = column.iter().flat_map(|s| [&s.motor, &s.stage]).flatten();
+    (sides.flatten().map(|v| v * v).sum::<f64>() / samples.max(1) as f64).sqrt()
 }
 
 /// out += factor * column.

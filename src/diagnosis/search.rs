@@ -1,7 +1,7 @@
 //! Forward selection: try every hypothesis, take the best, project it out, try again.
 
 use super::bank;
-use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay};
+use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay, rms};
 use super::problem::{Column, Mechanics, Problem, Sides};
 use super::shape::{Hypothesis, Shape};
 use super::strangers;
@@ -115,7 +115,7 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
 
 /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
 fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
-    let passes = if accepted.is_empty() { 2 } else { 8 };
+    let passes = if accepted.is_empty() { 2 } else { 40 };
     for _ in 0..passes {
         // The noise of one fit weights the next.
         *residual = Bench::new(p, accepted, residual).residual();
@@ -218,13 +218,7 @@ fn weight(p: &Problem, a: &Accepted) -> f64 {
     for (column, amplitude) in a.columns.iter().zip(&a.amplitudes) {
         super::bench::add(&mut sum, column, *amplitude);
     }
-    size(&sum) / size(&p.target)
-}
-
-/// Root of the sum of squares over both sides.
-fn size(column: &Column) -> f64 {
-    let sides = column.iter().flat_map(|r| [&r.motor, &r.stage]).flatten();
-    sides.flatten().map(|v| v * v).sum::<f64>().sqrt()
+    rms(&sum) / rms(&p.target)
 }
 
 /// Takes out what later findings have made pointless, and what is too small beside the thrust to be told from
@@ -260,8 +254,13 @@ fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, g
 }
 
 fn significant(evidence: f64, bench: &Bench<'_>) -> bool {
-    let least = if bench.problem.coarse { LEAST_SHARE_COARSE } else { LEAST_SHARE };
-    evidence > LEAST_EVIDENCE && evidence / bench.folds.total() as f64 > least
+    evidence > least_evidence(bench)
+}
+
+/// Evidence from which on a finding is claimed.
+pub(crate) fn least_evidence(bench: &Bench<'_>) -> f64 {
+    let share = if bench.problem.coarse { LEAST_SHARE_COARSE } else { LEAST_SHARE };
+    LEAST_EVIDENCE.max(share * bench.folds.total() as f64)
 }
 
 /// Scores the whole bank and refines the leaders of each effect.

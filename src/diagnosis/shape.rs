@@ -298,9 +298,14 @@ impl Hypothesis {
         let law = Presliding { stiffness_n_m, coulomb_n };
         let vs = p.mechanics.smoothing_m_s;
         self.force(p, |m| {
-            let v = &self.side(m).velocity_m_s;
-            let mut force = 0.0;
-            v.iter()
+            let side = self.side(m);
+            // A recording begins at rest more often than where the filters have data.
+            let mut force = side.before_m.windows(2).fold(0.0, |force, pair| {
+                let dt = 1.0 / m.rate_hz;
+                law.step(force, (pair[1] - pair[0]) / dt, dt)
+            });
+            side.velocity_m_s
+                .iter()
                 .map(|v| {
                     force = law.step(force, *v, 1.0 / m.rate_hz);
                     force - coulomb_n * sliding_direction(*v, vs)

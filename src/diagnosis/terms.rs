@@ -322,14 +322,21 @@ pub(crate) fn statement(effect: E, port: Port, parameters: &[Estimate]) -> Strin
     let numbers: Vec<String> = parameters
         .iter()
         .filter(|e| e.name != "phase_rad" && e.name != "share" && e.name != "length_m")
-        .map(|e| format!("{} {}", e.name.replace('_', " "), engineering(e.value, e.unit)))
+        .map(|e| format!("{} {}", quantity(&e.name, e.unit), engineering(e.value, e.unit)))
         .collect();
     format!(
-        "The model leaves out {} at the {} ({}).",
+        "The model leaves out {} at the {}: {}.",
         effect.name().replace('_', " "),
         port.name().replace('_', " "),
         numbers.join(", ")
     )
+}
+
+/// A parameter's name without its unit, in words.
+fn quantity(name: &str, unit: &str) -> String {
+    let tail = unit.to_lowercase().replace('/', " ");
+    let words = name.replace('_', " ");
+    words.strip_suffix(&tail).unwrap_or(&words).trim_end().to_owned()
 }
 
 /// A value in the unit of the shop floor: 1.0 um, 165 us, 5.64 N.

@@ -78,6 +78,7 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
             .iter()
             .map(|(e, p, v)| Tried { effect: Some(*e), port: *p, evidence: *v })
             .collect(),
+        detection_limits: Vec::new(),
     }
 }
 
