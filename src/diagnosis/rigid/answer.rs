@@ -164,7 +164,11 @@ impl Context<'_> {
             port,
             parameters: parameters
                 .iter()
-                .map(|e| (e.name.clone(), ParameterValue::Number(e.value)))
+                .map(|e| {
+                    // What the slope makes at the mean speed is said to a person; the model has the slope.
+                    let told = matches!(law, Law::DirectionalViscous) && e.name == "force_difference_n";
+                    (e.name.clone(), ParameterValue::Number(if told { 0.0 } else { e.value }))
+                })
                 .collect(),
         };
         Finding {
@@ -281,7 +285,7 @@ impl Context<'_> {
             let (value, half) = (factor * f.amplitudes[0], (factor * Z95 * f.deviations[0]).abs());
             Estimate { name: name.to_owned(), value, unit, ci95: [value - half, value + half] }
         };
-        vec![make("force_difference_n", "N", 2.0 * mean), make("n_s_m_difference", "N s/m", 2.0)]
+        vec![make("force_difference_n", "N", 2.0 * mean), make("viscous_difference_n_s_m", "N s/m", 2.0)]
     }
 
     fn friction_level(&self) -> f64 {
@@ -364,31 +368,31 @@ impl Context<'_> {
     fn nominal_residual(&self) -> Vec<f64> {
         let d = &self.axis.drive;
         let mut left = self.search.rows.target.clone();
-        let mut take = |law: Law, amplitude: f64| {
-            for (r, c) in left.iter_mut().zip(self.search.columns(law).iter().flatten()) {
-                *r -= amplitude * c;
+        let mut take = |law: Law, amplitudes: &[f64]| {
+            for (column, amplitude) in self.search.columns(law).iter().zip(amplitudes) {
+                left.iter_mut().zip(column).for_each(|(r, c)| *r -= amplitude * c);
             }
         };
         for t in &self.search.terms {
             if let Origin::Number(key) = t.origin {
                 match key {
-                    "movable_mass_kg" => take(Law::Inertia, d.total_mass_kg()),
+                    "movable_mass_kg" => take(Law::Inertia, &[d.total_mass_kg()]),
                     "translational_damping_n_s_m" => {
-                        take(Law::Viscous, d.translational_damping_n_s_m() + d.reflected_damping_n_s_m());
+                        let damping = d.translational_damping_n_s_m() + d.reflected_damping_n_s_m();
+                        take(Law::Viscous, &[damping]);
                     }
                     "stage_coulomb_friction_n" => {
                         let level = d.stage_coulomb_friction_n() + d.motor_coulomb_friction_n();
-                        take(Law::Friction(Slider::STEP), level);
+                        take(Law::Friction(Slider::STEP), &[level]);
                     }
                     _ => {}
                 }
             }
         }
         for p in &self.axis.physics {
-            let amplitude = p.number("force_n").or_else(|| p.number("n_s_m"));
-            if let (Some(term), Some(amplitude)) = (super::given(p, &self.axis.physics), amplitude) {
-                take(term.law, amplitude);
-            }
+            let Some(law) = super::given(p, &self.axis.physics).map(|term| term.law) else { continue };
+            let Some(amplitudes) = law.stated_amplitudes(p, self.friction_level()) else { continue };
+            take(law, &amplitudes);
         }
         left
     }
@@ -435,7 +439,7 @@ fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static str) {
         Law::DirectionalViscous => (
             format!(
                 "Viscous friction differs by {} between the directions, {} at the mean speed.",
-                n("n_s_m_difference", "N s/m"),
+                n("viscous_difference_n_s_m", "N s/m"),
                 n("force_difference_n", "N")
             ),
             "F = (C_difference/2) |v|",

@@ -1,7 +1,7 @@
 //! Laws of force that one position can carry, as columns of a regression.
 
 use super::signals::Series;
-use crate::plant::effects::{EffectKind, Port};
+use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
 use std::f64::consts::TAU;
 
 /// A law with its inner constants; its amplitudes are what the regression finds.
@@ -104,6 +104,28 @@ impl Law {
             }
             Law::Cubic { centre_m } => vec![place(&|x| (x - centre_m).powi(3))],
         }
+    }
+
+    /// Factors of the columns as a model states them; nothing where it does not. `friction_n`: level that a
+    /// relative change refers to. Inverse of what the answer writes.
+    pub(super) fn stated_amplitudes(self, term: &PhysicsTerm, friction_n: f64) -> Option<Vec<f64>> {
+        let get = |name: &str| term.number(name);
+        let one = match self {
+            Law::Viscous | Law::Inertia => get("n_s_m")?,
+            Law::Constant | Law::Friction(_) => get("force_n")?,
+            Law::DirectionalDry(_) => 0.5 * get("force_difference_n")?,
+            Law::DirectionalViscous => 0.5 * get("viscous_difference_n_s_m")?,
+            Law::Square => get("n_s2_m2")?,
+            Law::Stribeck { .. } => get("stribeck_force_n")?,
+            Law::Drift { .. } => get("relative_change")? * friction_n,
+            Law::Wave { .. } => {
+                let (sin, cos) = get("phase_rad").unwrap_or(0.0).sin_cos();
+                let amplitude = get("amplitude_n")?;
+                return Some(vec![amplitude * cos, amplitude * sin]);
+            }
+            Law::Spring { .. } | Law::Cubic { .. } => return None,
+        };
+        Some(vec![one])
     }
 
     /// Name in the vocabulary, and where it enters.
