@@ -75,7 +75,7 @@ pub(crate) struct Bench<'a> {
     gram: Gram,
     /// Best solution without a further hypothesis.
     pub(crate) solution: Solution,
-    accepted: &'a [Accepted],
+    pub(crate) accepted: &'a [Accepted],
     /// A number that the data of this bench cannot hold, and where it is held.
     held: Option<(usize, f64)>,
 }

@@ -154,6 +154,8 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
     let mut rounds = Vec::new();
     let mut residual = nominal_residual(&p, &accepted);
     let nominal = residual.clone();
+    // Wrong numbers are no noise: the first estimate of it is what no choice of them absorbs.
+    residual = Bench::flat(&p, &accepted, &residual).residual();
     let mut before = residual.clone();
     let mut stranger = None;
     for round in 0..=MOST_FINDINGS {

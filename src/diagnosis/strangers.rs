@@ -5,7 +5,7 @@
 //! the motor; a free map over velocity; a force that is position times velocity; an error of the scale over
 //! position.
 
-use super::bench::{Bench, Score};
+use super::bench::{Accepted, Bench, Score, rms};
 use super::problem::Problem;
 use super::search::on_two_cores;
 use super::shape::{Hypothesis, Shape};
@@ -19,6 +19,8 @@ const SEGMENT: usize = 2048;
 const PEAKS: usize = 4;
 /// Knots of a free map.
 const KNOTS: usize = 16;
+/// Forms with this share of the best one's evidence are told apart by what they leave.
+const RIVAL_SHARE: f64 = 0.5;
 /// Damping ratio at which a resonance is first tried.
 const DAMPING_RATIO: f64 = 0.02;
 
@@ -29,7 +31,19 @@ pub(crate) fn best(bench: &Bench<'_>) -> Option<Score> {
     scores.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     scores.truncate(3);
     let refined = on_two_cores(&scores, |s| bench.refine(s));
-    refined.into_iter().max_by(|a, b| a.evidence.total_cmp(&b.evidence)).filter(|s| s.evidence > 0.0)
+    let most = refined.iter().map(|s| s.evidence).fold(0.0, f64::max);
+    let rivals = refined.into_iter().filter(|s| s.evidence > RIVAL_SHARE * most && s.evidence > 0.0);
+    rivals.min_by(|a, b| left_n(bench, a).total_cmp(&left_n(bench, b)))
+}
+
+/// What a form leaves of the balance, N rms over both sides, all frequencies alike.
+///
+/// The evidence is weighted by the mismatch itself: what both sides share by way of the spring counts little
+/// there, and that is what tells an error of the scale from a force at the stage.
+fn left_n(bench: &Bench<'_>, score: &Score) -> f64 {
+    let mut with = bench.accepted.to_vec();
+    with.push(Accepted::new(bench.problem, score.hypothesis.clone(), score.amplitudes.clone()));
+    rms(&Bench::new(bench.problem, &with, &bench.residual()).residual())
 }
 
 fn bank(bench: &Bench<'_>) -> Vec<Hypothesis> {
