@@ -44,6 +44,10 @@ pub(super) struct Fit<'a> {
 const EXPLAINED: f64 = 0.1;
 /// The stated torque constant is believed to within this share; masses, stiffness and damping scale with it.
 const TORQUE_CONSTANT_TRUST: f64 = 0.005;
+/// Share of a sample within which the instants are known at which a drive takes its reference and its encoders.
+const TIMING_TRUST: f64 = 0.1;
+/// A current loop is a first-order lag to within this share of its bandwidth.
+const LAG_TRUST: f64 = 0.02;
 /// The stated bandwidth of the current loop is believed to within this share.
 const BANDWIDTH_TRUST: f64 = 0.2;
 /// The same where the band had to be cut below a mode: what is left cannot tell a lag from a delay.
@@ -413,11 +417,12 @@ impl<'a> Fit<'a> {
             let stated = if damping_or_delay { positive.max(0.0) } else { positive };
             let prior = field.unwrap_or(0.0);
             *field = Some(stated);
-            let per_torque = !matches!(
-                unknown,
-                Unknown::CommonDelay | Unknown::StageExtraDelay | Unknown::CurrentBandwidth
-            );
-            let common = if per_torque { TORQUE_CONSTANT_TRUST * value } else { 0.0 };
+            let common = match unknown {
+                Unknown::CommonDelay => TIMING_TRUST * self.lines.rate.period_s(),
+                Unknown::StageExtraDelay => 0.0,
+                Unknown::CurrentBandwidth => LAG_TRUST * value,
+                _ => TORQUE_CONSTANT_TRUST * value,
+            };
             let reach = 1.96 * error.hypot(common) * factor;
             fitted.push(FittedParameter {
                 name,

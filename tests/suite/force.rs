@@ -526,54 +526,79 @@ fn a_mode_outside_of_the_model_is_warned_of() {
     assert!(fit.warnings.iter().any(|w| w.contains("mode outside of the model")), "{:?}", fit.warnings);
 }
 
-#[test]
-fn the_truth_lies_inside_the_interval_in_most_repeats() {
-    let drive = test_drive();
-    let n = 20_000;
-    let chirp = |i: usize| {
-        let (t, rate) = (i as f64 / RATE_HZ, (1200.0f64 / 8.0).ln() / 1.8);
-        if (0.1..1.9).contains(&t) {
-            60.0 * (TAU * 8.0 / rate * (((t - 0.1) * rate).exp() - 1.0)).sin()
-        } else {
-            0.0
-        }
+/// One machine, sweep and prior drawn from a seed; for each parameter whether its interval holds the truth.
+///
+/// What a sweep cannot show errs as the intervals say: torque constant by 0.5 %, instants of the drive by a tenth of a
+/// sample (one standard deviation each).
+fn truth_is_inside(seed: u64) -> [bool; 5] {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut normal = |deviation: f64| Normal::new(0.0, deviation).unwrap().sample(&mut random);
+    let base = test_drive().raw().clone();
+    let mut about = |x: Option<f64>, share: f64| x.map(|x| x * normal(share).exp());
+    let raw = RawDriveParams {
+        movable_mass_kg: about(base.movable_mass_kg, 0.2),
+        rotary_inertia_kg_m2: about(base.rotary_inertia_kg_m2, 0.2),
+        axial_stiffness_n_m: about(base.axial_stiffness_n_m, 0.1),
+        structural_damping_n_s_m: about(base.structural_damping_n_s_m, 0.2),
+        ..base
     };
-    // Start from a prior that is wrong by several percent.
-    let raw = drive.raw();
-    let prior = DriveParams::new(RawDriveParams {
-        movable_mass_kg: raw.movable_mass_kg.map(|x| 1.06 * x),
-        axial_stiffness_n_m: raw.axial_stiffness_n_m.map(|x| 0.93 * x),
+    let prior = RawDriveParams {
+        movable_mass_kg: about(raw.movable_mass_kg, 0.04),
+        rotary_inertia_kg_m2: about(raw.rotary_inertia_kg_m2, 0.04),
+        axial_stiffness_n_m: about(raw.axial_stiffness_n_m, 0.04),
         amplifier_dead_time_s: Some(2.0e-4),
         ..raw.clone()
+    };
+    let truth = DriveParams::new(raw.clone()).unwrap();
+    let late_s = raw.amplifier_dead_time_s.unwrap() + normal(0.1 / RATE_HZ);
+    let torque = 1.0 + normal(0.005);
+    let simulated = DriveParams::new(RawDriveParams { amplifier_dead_time_s: Some(late_s), ..raw }).unwrap();
+    let chirp = |i: usize| {
+        let (t, rate) = (i as f64 / RATE_HZ, (1200.0f64 / 8.0).ln() / 1.8);
+        let phase = TAU * 8.0 / rate * (((t - 0.1) * rate).exp() - 1.0);
+        if (0.1..1.9).contains(&t) { 60.0 * phase.sin() } else { 0.0 }
+    };
+    let run = simulate(&simulated, |i| torque * chirp(i), |_| 0.0, 20_000);
+    let mut noisy = |f: fn(&MotionSample) -> Option<f64>| {
+        run.samples.iter().filter_map(f).map(|x| x + normal(2e-9)).collect::<Vec<f64>>()
+    };
+    let sweep = Sweep {
+        rate: SampleRate::new(RATE_HZ).unwrap(),
+        motor_travel_m: noisy(|s| s.motor_travel_m),
+        stage_position_m: noisy(|s| s.stage_position_m),
+        thrust_ref_n: (0..20_000).map(chirp).collect(),
+    };
+    let fit = fit_sweep(&DriveParams::new(prior).unwrap(), &sweep).unwrap();
+    [
+        ("movable_mass_kg", truth.movable_mass_kg()),
+        ("rotary_inertia_kg_m2", truth.rotary_inertia_kg_m2()),
+        ("axial_stiffness_n_m", truth.axial_stiffness_n_m()),
+        ("amplifier_dead_time_s", truth.amplifier_dead_time_s()),
+        ("stage_encoder_delay_s", truth.stage_encoder_delay_s()),
+    ]
+    .map(|(name, truth)| {
+        let p = fit.parameters.iter().find(|p| p.name == name).unwrap();
+        p.ci95[0] <= truth && truth <= p.ci95[1]
     })
-    .unwrap();
-    let clean = simulate(&drive, chirp, |_| 0.0, n);
-    let repeats = 12;
-    let (mut inside, mut total) = (0, 0);
-    for seed in 0..repeats {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let noise = Normal::new(0.0, 2e-9).unwrap();
-        let mut noisy = |f: fn(&MotionSample) -> Option<f64>| {
-            clean.samples.iter().filter_map(f).map(|x| x + noise.sample(&mut random)).collect::<Vec<f64>>()
-        };
-        let sweep = Sweep {
-            rate: SampleRate::new(RATE_HZ).unwrap(),
-            thrust_ref_n: clean.samples.iter().map(|s| s.thrust_ref_n).collect(),
-            motor_travel_m: noisy(|s| s.motor_travel_m),
-            stage_position_m: noisy(|s| s.stage_position_m),
-        };
-        let fit = fit_sweep(&prior, &sweep).unwrap();
-        for (name, truth) in [
-            ("movable_mass_kg", drive.movable_mass_kg()),
-            ("rotary_inertia_kg_m2", drive.rotary_inertia_kg_m2()),
-            ("axial_stiffness_n_m", drive.axial_stiffness_n_m()),
-            ("amplifier_dead_time_s", drive.amplifier_dead_time_s()),
-        ] {
-            let p = fit.parameters.iter().find(|p| p.name == name).unwrap();
-            inside += usize::from(p.ci95[0] <= truth && truth <= p.ci95[1]);
-            total += 1;
+}
+
+#[test]
+fn the_truth_lies_inside_the_interval_in_95_of_100_repeats() {
+    const REPEATS: u64 = 64;
+    let half = |first: u64| {
+        let mut inside = [0_u32; 5];
+        for seed in (first..REPEATS).step_by(2) {
+            inside.iter_mut().zip(truth_is_inside(seed)).for_each(|(n, yes)| *n += u32::from(yes));
         }
-    }
-    // 48 intervals, 95 % expected inside: fewer than 41 happens once in a thousand times.
-    assert!(inside >= 41, "{inside} of {total}");
+        inside
+    };
+    let [even, odd] = std::thread::scope(|scope| {
+        [0, 1].map(|first| scope.spawn(move || half(first))).map(|t| t.join().unwrap())
+    });
+    let inside: Vec<u32> = even.iter().zip(odd).map(|(a, b)| a + b).collect();
+    println!("of {REPEATS}: mass, inertia, stiffness, dead time, stage delay {inside:?}");
+    // 95 % of 64 are 60.8 with a standard deviation of 1.7; of all 320 are 304 +- 5 (those of one fit go together).
+    assert!(inside.iter().all(|n| *n >= 55), "{inside:?}");
+    let all: u32 = inside.iter().sum();
+    assert!((285..=317).contains(&all), "{inside:?}");
 }
