@@ -10,7 +10,7 @@ use super::settings::{Filter, FilterState};
 pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
 use super::validity::Validity;
 use crate::keyframe::{Keep, Words};
-use crate::plant::drive::DriveParams;
+use crate::plant::drive::{DriveParams, Structure};
 use crate::signal::delay_line::DelayLine;
 use crate::signal::finite_difference::{Stencil, stencils};
 use crate::signal::notch::{Notch, NotchState};
@@ -23,10 +23,14 @@ pub struct MotionSample {
     pub thrust_ref_n: f64,
     /// Motor angle as stage travel, m.
     pub motor_travel_m: Option<f64>,
+    /// Screw at the nut as stage travel, where a third position is measured, m.
+    pub nut_position_m: Option<f64>,
     /// Linear scale, m.
     pub stage_position_m: Option<f64>,
     /// Spindle speed, where it is known, rpm.
     pub spindle_speed_rpm: Option<f64>,
+    /// Accelerations of the spindle housing (x, y, z), for `frf` alone, m/s2.
+    pub accel_m_s2: Option<[f64; 3]>,
 }
 
 /// One estimate.
@@ -58,6 +62,7 @@ pub struct ForceEstimator {
     balance: ForceBalance,
     pub(super) alignment: Alignment,
     pub(super) motor: SideStencils,
+    nut: Stencil,
     pub(super) stage: SideStencils,
     current: Stencil,
     physics: Option<PhysicsModel>,
@@ -86,6 +91,8 @@ pub enum Signals {
     StageOnly,
     /// Both (full-closed).
     Both,
+    /// Both, and the screw at the nut.
+    Three,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,6 +107,7 @@ pub(super) struct SideStencils {
 pub struct ForceState {
     current: DelayLine,
     motor: DelayLine,
+    nut: DelayLine,
     stage: DelayLine,
     current_n: f64,
     last_ref_n: f64,
@@ -114,9 +122,9 @@ pub struct ForceState {
 
 impl Keep for ForceState {
     fn keep(&self, to: &mut Vec<u64>) {
-        let Self { current, motor, stage, current_n, last_ref_n, presliding, filter, .. } = self;
-        let Self { harmonic, notches, speed_m_s, seen, .. } = self;
-        [current, motor, stage].into_iter().for_each(|line| line.keep(to));
+        let Self { current, motor, nut, stage, current_n, last_ref_n, presliding, .. } = self;
+        let Self { filter, harmonic, notches, speed_m_s, seen, .. } = self;
+        [current, motor, nut, stage].into_iter().for_each(|line| line.keep(to));
         [current_n, last_ref_n, speed_m_s].into_iter().for_each(|x| x.keep(to));
         presliding.keep(to);
         filter.keep(to);
@@ -128,9 +136,9 @@ impl Keep for ForceState {
     }
 
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { current, motor, stage, current_n, last_ref_n, presliding, filter, .. } = self;
-        [current, motor, stage].into_iter().try_for_each(|line| line.restore(from))?;
-        let Self { harmonic, notches, speed_m_s, seen, .. } = self;
+        let Self { current, motor, nut, stage, current_n, last_ref_n, presliding, .. } = self;
+        [current, motor, nut, stage].into_iter().try_for_each(|line| line.restore(from))?;
+        let Self { filter, harmonic, notches, speed_m_s, seen, .. } = self;
         [current_n, last_ref_n, speed_m_s].into_iter().try_for_each(|x| x.restore(from))?;
         presliding.restore(from)?;
         filter.restore(from)?;
@@ -145,7 +153,7 @@ impl ForceEstimator {
     /// Errors: a cutoff that does not fit the rate, delays too long, a position that the method needs
     /// and the axis does not measure.
     pub fn new(method: Method, axis: &AxisSignals<'_>, settings: ForceSettings) -> Result<Self, ForceError> {
-        let balance = on_measured_side(ForceBalance::new(method, axis.drive), axis.signals, method)?;
+        let balance = measured_balance(method, axis)?;
         Self::from_balance(method, balance, axis, settings)
     }
 
@@ -172,6 +180,8 @@ impl ForceEstimator {
             method,
             balance,
             motor: side(alignment.motor, balance.motor.as_array()),
+            // The screw's encoder is taken to be as late as the stage's.
+            nut: side(alignment.stage, balance.nut.as_array()).force,
             stage: side(alignment.stage, balance.stage.as_array()),
             current: stencils(alignment.current, period_s)[0],
             physics: settings.physics.filter(|p| !p.is_empty()),
@@ -200,13 +210,16 @@ impl ForceEstimator {
     #[must_use]
     pub fn settled(&self, first: &MotionSample) -> ForceState {
         let motor = first.motor_travel_m.unwrap_or(0.0);
+        let nut = first.nut_position_m.unwrap_or(0.0);
         let stage = first.stage_position_m.unwrap_or(0.0);
         let rest = self.balance.thrust * first.thrust_ref_n
             + self.balance.motor.position_n_m * motor
+            + self.balance.nut.position_n_m * nut
             + self.balance.stage.position_n_m * stage;
         ForceState {
             current: DelayLine::filled(first.thrust_ref_n),
             motor: DelayLine::filled(motor),
+            nut: DelayLine::filled(nut),
             stage: DelayLine::filled(stage),
             current_n: first.thrust_ref_n,
             last_ref_n: first.thrust_ref_n,
@@ -223,10 +236,15 @@ impl ForceEstimator {
     #[inline]
     #[must_use]
     pub fn step(&self, state: &mut ForceState, sample: &MotionSample) -> ForceEstimate {
-        let (mut raw_n, motion) = self.balance_step(state, sample);
+        let (mut raw_n, mut motion) = self.balance_step(state, sample);
         let mut harmonic_flags = Validity::VALID;
         if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
-            (raw_n, harmonic_flags) = harmonic.step(inner, sample);
+            let fitted;
+            (raw_n, harmonic_flags, fitted) = harmonic.step(inner, &self.without_signal_errors(sample));
+            if let Some((at_window, motor_m)) = fitted {
+                motion = at_window;
+                raw_n -= self.physics_n(motor_m, &motion);
+            }
         }
         let disturbance_n = self
             .idle_map
@@ -242,7 +260,8 @@ impl ForceEstimator {
     #[inline]
     #[must_use]
     pub fn balance_step(&self, state: &mut ForceState, sample: &MotionSample) -> (f64, AlignedMotion) {
-        let told_n = self.physics.as_ref().map_or(sample.thrust_ref_n, |p| p.thrust_n(sample.thrust_ref_n));
+        let sample = &self.without_signal_errors(sample);
+        let told_n = sample.thrust_ref_n;
         // The reference given at the last sample has driven the current until now.
         state.current_n =
             self.alignment.current_memory * (state.current_n - state.last_ref_n) + state.last_ref_n;
@@ -251,11 +270,13 @@ impl ForceEstimator {
         }
         state.last_ref_n = told_n;
         state.current.push(state.current_n);
-        let motor_m = sample.motor_travel_m.map(|x| self.physics.as_ref().map_or(x, |p| p.motor_travel_m(x)));
-        let stage_m =
-            sample.stage_position_m.map(|x| self.physics.as_ref().map_or(x, |p| p.stage_position_m(x)));
-        state.motor.push(motor_m.unwrap_or_else(|| state.motor.at(0)));
-        state.stage.push(stage_m.unwrap_or_else(|| state.stage.at(0)));
+        state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.at(0)));
+        state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.at(0)));
+        let mut nut_n = 0.0;
+        if self.balance.needs_nut() {
+            state.nut.push(sample.nut_position_m.unwrap_or_else(|| state.nut.at(0)));
+            nut_n = state.nut.apply(&self.nut);
+        }
         state.seen = state.seen.saturating_add(1);
 
         let motion = AlignedMotion {
@@ -264,7 +285,9 @@ impl ForceEstimator {
             stage_velocity_m_s: state.stage.apply(&self.stage.velocity),
             position_m: match self.signals {
                 Signals::MotorOnly => state.motor.apply(&self.motor.position),
-                Signals::StageOnly | Signals::Both => state.stage.apply(&self.stage.position),
+                Signals::StageOnly | Signals::Both | Signals::Three => {
+                    state.stage.apply(&self.stage.position)
+                }
             },
         };
         let motor_friction_n = if self.balance.motor_friction_n == 0.0 {
@@ -276,24 +299,38 @@ impl ForceEstimator {
             self.presliding.step(&mut state.presliding, state.stage.apply(&self.stage.position));
         let raw_n = self.balance.thrust * motion.thrust_n
             + state.motor.apply(&self.motor.force)
+            + nut_n
             + state.stage.apply(&self.stage.force)
             - motor_friction_n
             - self.balance.stage_friction_n * stage_share
-            - self.physics_n(state, &motion);
+            - self
+                .physics
+                .as_ref()
+                .map_or(0.0, |_| self.physics_n(state.motor.apply(&self.motor.position), &motion));
         (raw_n, motion)
+    }
+
+    /// The sample as it would be without saturation of the torque and periodic errors of the encoders.
+    #[inline]
+    fn without_signal_errors(&self, sample: &MotionSample) -> MotionSample {
+        let Some(physics) = &self.physics else { return *sample };
+        MotionSample {
+            thrust_ref_n: physics.thrust_n(sample.thrust_ref_n),
+            motor_travel_m: sample.motor_travel_m.map(|x| physics.motor_travel_m(x)),
+            stage_position_m: sample.stage_position_m.map(|x| physics.stage_position_m(x)),
+            ..*sample
+        }
     }
 
     /// What the model's further physics adds to the balance: motor side by the thrust's factor, stage side
     /// as it is.
     #[inline]
-    fn physics_n(&self, state: &ForceState, motion: &AlignedMotion) -> f64 {
+    fn physics_n(&self, motor_m: f64, motion: &AlignedMotion) -> f64 {
         let Some(physics) = &self.physics else { return 0.0 };
         let stage_v = self.travel_velocity_m_s(motion);
         let (motor_x, motor_v) = match self.signals {
             Signals::StageOnly => (motion.position_m, stage_v),
-            Signals::MotorOnly | Signals::Both => {
-                (state.motor.apply(&self.motor.position), motion.motor_velocity_m_s)
-            }
+            Signals::MotorOnly | Signals::Both | Signals::Three => (motor_m, motion.motor_velocity_m_s),
         };
         self.balance.thrust * physics.motor_n(motor_x, motor_v)
             + self.balance.stage_disturbance * physics.stage_n(motion.position_m, stage_v)
@@ -337,12 +374,13 @@ impl ForceEstimator {
     pub fn travel_velocity_m_s(&self, motion: &AlignedMotion) -> f64 {
         match self.signals {
             Signals::MotorOnly => motion.motor_velocity_m_s,
-            Signals::StageOnly | Signals::Both => motion.stage_velocity_m_s,
+            Signals::StageOnly | Signals::Both | Signals::Three => motion.stage_velocity_m_s,
         }
     }
 
     fn flags(&self, state: &ForceState, sample: &MotionSample, motion: &AlignedMotion) -> Validity {
-        let missing = (self.balance.needs_motor() && sample.motor_travel_m.is_none())
+        let missing = (self.balance.needs_nut() && sample.nut_position_m.is_none())
+            || (self.balance.needs_motor() && sample.motor_travel_m.is_none())
             || (self.balance.needs_stage() && sample.stage_position_m.is_none());
         let settling = (state.seen as usize) < self.settling_samples();
         let speed = self.travel_velocity_m_s(motion).abs();
@@ -444,7 +482,8 @@ impl ForceEstimator {
         }
         let motor = variance(&self.motor.force, drive.motor_encoder_resolution_m());
         let stage = variance(&self.stage.force, drive.stage_encoder_resolution_m());
-        (motor + stage).sqrt()
+        let nut = variance(&self.nut, drive.stage_encoder_resolution_m());
+        (motor + nut + stage).sqrt()
     }
 }
 
@@ -466,8 +505,14 @@ fn harmonic_estimator(
     let missing = ForceError::Structure { method: method.name(), needs: "a spindle speed" };
     let harmonic = settings.harmonic.as_ref().ok_or(missing)?;
     Ok(Some(match method {
-        Method::Fitted => HarmonicEstimator::fitted(axis, fitted_balance(axis), harmonic)?,
-        _ => HarmonicEstimator::spectral(axis, settings.controller.as_ref(), harmonic)?,
+        Method::Fitted => {
+            HarmonicEstimator::fitted(axis, (fitted_balance(axis), settings.presliding_travel_m), harmonic)?
+        }
+        _ => HarmonicEstimator::spectral(
+            axis,
+            (settings.controller.as_ref(), settings.presliding_travel_m),
+            harmonic,
+        )?,
     }))
 }
 
@@ -482,6 +527,25 @@ pub struct AxisSignals<'a> {
     pub signals: Signals,
 }
 
+/// The balance of a method over what the axis measures: of three inertias where three positions are.
+fn measured_balance(method: Method, axis: &AxisSignals<'_>) -> Result<ForceBalance, ForceError> {
+    let mode = match method {
+        Method::Medob | Method::RigidMode => Some(0),
+        Method::VibrationMode => Some(1),
+        Method::SecondVibrationMode => Some(2),
+        _ => None,
+    };
+    let three = axis.signals == Signals::Three && axis.drive.structure() == Structure::TripleInertia;
+    if let Some(balance) = mode.filter(|_| three).and_then(|mode| ForceBalance::of_three(mode, axis.drive)) {
+        return Ok(balance);
+    }
+    if method == Method::SecondVibrationMode {
+        let needs = "three inertias and three measured positions";
+        return Err(ForceError::Structure { method: method.name(), needs });
+    }
+    on_measured_side(ForceBalance::new(method, axis.drive), axis.signals, method)
+}
+
 /// Moves what the balance needs to the side that is measured, where one mass carries everything.
 fn on_measured_side(
     mut b: ForceBalance,
@@ -489,11 +553,11 @@ fn on_measured_side(
     method: Method,
 ) -> Result<ForceBalance, ForceError> {
     let missing = |needs| Err(ForceError::Structure { method: method.name(), needs });
-    if method == Method::Fitted && signals != Signals::Both {
+    if method == Method::Fitted && !matches!(signals, Signals::Both | Signals::Three) {
         b = ForceBalance::default();
     }
     match signals {
-        Signals::Both => Ok(b),
+        Signals::Both | Signals::Three => Ok(b),
         Signals::MotorOnly if b.needs_stage() => missing("a stage position"),
         Signals::MotorOnly => Ok(b),
         Signals::StageOnly if b.needs_stage() => missing("a motor position"),

@@ -2,12 +2,12 @@
 //! (`fitted`), and spectral lines of the thrust corrected by the drive's response (`spectral`).
 //!
 //! Both are windows of fixed weights for the spindle speed that they were designed for; another speed
-//! is flagged, and a new design made by whoever changes the speed.
+//! is flagged, and [`super::observer`] makes a new design where the spindle has settled at one.
 
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method, MotionFactors};
-use super::estimator::{AxisSignals, ForceError, MotionSample, Signals};
-use super::friction::{PRESLIDING_TRAVEL_M, Presliding, PreslidingState};
+use super::estimator::{AlignedMotion, AxisSignals, ForceError, MotionSample, Signals};
+use super::friction::{Presliding, PreslidingState};
 use super::response::Chain;
 use super::validity::Validity;
 use crate::plant::drive::DriveParams;
@@ -43,6 +43,18 @@ pub enum Reading {
     Young,
 }
 
+impl Reading {
+    /// `middle` or `young`.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        match name {
+            "middle" => Some(Self::Middle),
+            "young" => Some(Self::Young),
+            _ => None,
+        }
+    }
+}
+
 impl HarmonicSettings {
     /// One turn, read in the middle, every harmonic of the spindle below 500 Hz.
     ///
@@ -64,7 +76,8 @@ impl HarmonicSettings {
         let line_hz = self.lines_per_turn * self.spindle_speed_rpm / 60.0;
         let below = (self.band_hz.min(0.45 * rate.hz()) / line_hz).floor().clamp(1.0, 40.0);
         HarmonicBasis {
-            half_window: (0.5 * self.turns * 60.0 / self.spindle_speed_rpm * rate.hz()).round() as usize,
+            half_window: (0.5 * self.turns * 60.0 / self.spindle_speed_rpm * rate.hz()).round().min(1e9)
+                as usize,
             fundamental_rad: TAU * line_hz / rate.hz(),
             harmonics: self.harmonics.unwrap_or(below as usize),
         }
@@ -75,7 +88,7 @@ impl HarmonicSettings {
 const ILL_CONDITIONED: f64 = 1e3;
 /// Relative deviation of the spindle's speed from the design's up to which the weights hold: over two
 /// turns the phase of harmonic 10 then errs by less than 0.1 rad.
-const SPEED_TOLERANCE: f64 = 1e-3;
+pub(super) const SPEED_TOLERANCE: f64 = 1e-3;
 
 /// A window of weights on one signal.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,10 +115,11 @@ enum Kind {
         balance: ForceBalance,
         current: Weights,
         current_memory: f64,
-        /// Force and velocity.
-        motor: [Weights; 2],
-        /// Force and position.
-        stage: [Weights; 2],
+        /// Force, position, velocity.
+        motor: [Weights; 3],
+        /// Force, position, velocity.
+        stage: [Weights; 3],
+        signals: Signals,
         presliding: Presliding,
     },
     Spectral {
@@ -113,6 +127,8 @@ enum Kind {
         thrust: Weights,
         velocity: Weights,
         friction_n: f64,
+        /// Travel within which a guideway holds instead of sliding.
+        presliding_travel_m: f64,
         uses_stage: bool,
     },
 }
@@ -126,10 +142,20 @@ pub struct HarmonicState {
     current_n: f64,
     last_ref_n: f64,
     presliding: PreslidingState,
-    peak: PeakHold,
+    thrust_peak: PeakHold,
+    travel_peak: PeakHold,
 }
 
-crate::keyframe::keep!(HarmonicState { current, motor, stage, current_n, last_ref_n, presliding, peak });
+crate::keyframe::keep!(HarmonicState {
+    current,
+    motor,
+    stage,
+    current_n,
+    last_ref_n,
+    presliding,
+    thrust_peak,
+    travel_peak
+});
 
 /// Largest size of a series over the last window, in two halves.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -161,7 +187,7 @@ impl HarmonicEstimator {
     /// thrust after it has been taken out of the accelerations that balance it.
     pub fn fitted(
         axis: &AxisSignals<'_>,
-        balance: ForceBalance,
+        (balance, presliding_travel_m): (ForceBalance, f64),
         settings: &HarmonicSettings,
     ) -> Result<Self, ForceError> {
         let rate = axis.rate;
@@ -174,7 +200,7 @@ impl HarmonicEstimator {
             Reading::Young => 0,
         };
         let n = basis.half_window as f64;
-        let side = |age: f64, factors: [f64; 3], second: usize| {
+        let side = |age: f64, factors: [f64; 3]| {
             let at = n - (middle_age as f64 + age);
             let scale = [1.0, rate.hz(), rate.hz() * rate.hz()];
             let mut force = vec![0.0; 2 * basis.half_window + 1];
@@ -183,8 +209,11 @@ impl HarmonicEstimator {
                     *sum += factor * scale[k] * w;
                 }
             }
-            let other = fit.weights(at, second).into_iter().map(|w| w * scale[second]).collect();
-            [Weights { weights: force, age: 0 }, Weights { weights: other, age: 0 }]
+            let derivative = |k: usize| Weights {
+                weights: fit.weights(at, k).into_iter().map(|w| w * scale[k]).collect(),
+                age: 0,
+            };
+            [Weights { weights: force, age: 0 }, derivative(0), derivative(1)]
         };
         let current = Weights { weights: fit.weights(n - middle_age as f64 - alignment.current, 0), age: 0 };
         Ok(Self {
@@ -192,9 +221,10 @@ impl HarmonicEstimator {
                 balance,
                 current,
                 current_memory: alignment.current_memory,
-                motor: side(alignment.motor, balance.motor.as_array(), 1),
-                stage: side(alignment.stage, balance.stage.as_array(), 0),
-                presliding: Presliding::new(PRESLIDING_TRAVEL_M, axis.drive.stage_encoder_resolution_m()),
+                motor: side(alignment.motor, balance.motor.as_array()),
+                stage: side(alignment.stage, balance.stage.as_array()),
+                signals: axis.signals,
+                presliding: Presliding::new(presliding_travel_m, axis.drive.stage_encoder_resolution_m()),
             },
             speed_rpm: settings.spindle_speed_rpm,
             condition: fit.condition(),
@@ -211,7 +241,7 @@ impl HarmonicEstimator {
     /// Source: Sato et al., 4.3. Deviation: the inverse transform of the lines is one sum of weights.
     pub fn spectral(
         axis: &AxisSignals<'_>,
-        controller: Option<&Controller>,
+        (controller, presliding_travel_m): (Option<&Controller>, f64),
         settings: &HarmonicSettings,
     ) -> Result<Self, ForceError> {
         let missing =
@@ -237,6 +267,7 @@ impl HarmonicEstimator {
                 thrust: Weights { weights: thrust, age },
                 velocity: Weights { weights: velocity, age },
                 friction_n: axis.drive.stage_coulomb_friction_n() + axis.drive.motor_coulomb_friction_n(),
+                presliding_travel_m,
                 uses_stage: axis.signals != Signals::MotorOnly,
             },
             speed_rpm: settings.spindle_speed_rpm,
@@ -258,13 +289,19 @@ impl HarmonicEstimator {
             current_n: first.thrust_ref_n,
             last_ref_n: first.thrust_ref_n,
             presliding: Presliding::settled(first.stage_position_m.unwrap_or(0.0)),
-            peak: PeakHold::default(),
+            thrust_peak: PeakHold::default(),
+            travel_peak: PeakHold::default(),
         }
     }
 
-    /// One sample. Cost: four weights a sample of the window at most; no allocation.
+    /// One sample: balance or force, what speaks against it, and (`fitted`) the motion at the instant it belongs to.
+    /// Cost: six weights a sample of the window at most; no allocation.
     #[must_use]
-    pub fn step(&self, state: &mut HarmonicState, sample: &MotionSample) -> (f64, Validity) {
+    pub fn step(
+        &self,
+        state: &mut HarmonicState,
+        sample: &MotionSample,
+    ) -> (f64, Validity, Option<(AlignedMotion, f64)>) {
         let memory = match &self.kind {
             Kind::Fitted { current_memory, .. } => *current_memory,
             Kind::Spectral { .. } => 0.0,
@@ -283,48 +320,59 @@ impl HarmonicEstimator {
             .is_some_and(|s| (s - self.speed_rpm).abs() > SPEED_TOLERANCE * self.speed_rpm);
         let flags = Validity::when(off_speed, Validity::EXTRAPOLATED)
             | Validity::when(self.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
-        let (force_n, own) = match &self.kind {
-            Kind::Fitted { .. } => (self.fitted_force_n(state), Validity::VALID),
+        let (force_n, own, motion) = match &self.kind {
+            Kind::Fitted { .. } => self.fitted_force_n(state),
             Kind::Spectral { .. } => self.spectral_force_n(state),
         };
-        (force_n, flags | own)
+        (force_n, flags | own, motion)
     }
 
-    fn fitted_force_n(&self, state: &mut HarmonicState) -> f64 {
-        let Kind::Fitted { balance, current, motor, stage, presliding, .. } = &self.kind else {
-            return 0.0;
+    fn fitted_force_n(&self, state: &mut HarmonicState) -> (f64, Validity, Option<(AlignedMotion, f64)>) {
+        let Kind::Fitted { balance, current, motor, stage, signals, presliding, .. } = &self.kind else {
+            return (0.0, Validity::VALID, None);
         };
-        let motor_velocity = state.motor.apply(&motor[1].weights, motor[1].age);
-        let stage_position = state.stage.apply(&stage[1].weights, stage[1].age);
-        let share = presliding.step(&mut state.presliding, stage_position);
-        balance.thrust * state.current.apply(&current.weights, current.age)
-            + state.motor.apply(&motor[0].weights, motor[0].age)
-            + state.stage.apply(&stage[0].weights, stage[0].age)
-            - balance.motor_friction_n * (motor_velocity / self.friction_smoothing_m_s).tanh()
-            - balance.stage_friction_n * share
+        let [motor_n, motor_m, motor_m_s] =
+            [0, 1, 2].map(|k| state.motor.apply(&motor[k].weights, motor[k].age));
+        let [stage_n, stage_m, stage_m_s] =
+            [0, 1, 2].map(|k| state.stage.apply(&stage[k].weights, stage[k].age));
+        let share = presliding.step(&mut state.presliding, stage_m);
+        let motion = AlignedMotion {
+            thrust_n: state.current.apply(&current.weights, current.age),
+            motor_velocity_m_s: motor_m_s,
+            stage_velocity_m_s: stage_m_s,
+            position_m: if *signals == Signals::MotorOnly { motor_m } else { stage_m },
+        };
+        let force_n = balance.thrust * motion.thrust_n + motor_n + stage_n
+            - balance.motor_friction_n * (motor_m_s / self.friction_smoothing_m_s).tanh()
+            - balance.stage_friction_n * share;
+        (force_n, Validity::VALID, Some((motion, motor_m)))
     }
 
     /// On an axis that stands still the friction holds the force: what shows in the thrust is what is
-    /// beyond friction, so friction is added to its amplitude; where nothing shows, nothing is known
-    /// but that the force is below friction.
-    fn spectral_force_n(&self, state: &mut HarmonicState) -> (f64, Validity) {
-        let Kind::Spectral { force, thrust, velocity, friction_n, uses_stage } = &self.kind else {
-            return (0.0, Validity::VALID);
+    /// beyond friction, so friction is added to its amplitude. Where the guideway does not slide (the axis moves
+    /// by less than the travel over which friction turns), nothing is known but that the force is below friction.
+    fn spectral_force_n(&self, state: &mut HarmonicState) -> (f64, Validity, Option<(AlignedMotion, f64)>) {
+        let Kind::Spectral { force, thrust, velocity, friction_n, presliding_travel_m, uses_stage } =
+            &self.kind
+        else {
+            return (0.0, Validity::VALID, None);
         };
         let raw_n = state.current.apply(&force.weights, force.age);
         let line_n = state.current.apply(&thrust.weights, thrust.age);
         let half = self.line_samples / 2;
-        let amplitude_n = state.peak.step(line_n, half);
+        let amplitude_n = state.thrust_peak.step(line_n, half);
         let position = if *uses_stage { &state.stage } else { &state.motor };
+        let travel_m = state.travel_peak.step(position.apply(&thrust.weights, thrust.age), half);
         let speed = position.apply(&velocity.weights, velocity.age).abs();
         if speed > 2.0 * self.friction_smoothing_m_s {
-            return (raw_n, Validity::VALID);
+            return (raw_n, Validity::VALID, None);
         }
-        // A line smaller than a hundredth of friction is ripple of the drive, not a force.
-        if amplitude_n < 0.01 * friction_n {
-            return (0.0, Validity::BELOW_FRICTION);
+        // Friction is known to a tenth: what shows beyond it by less cannot be told from it.
+        let holds = travel_m < *presliding_travel_m || amplitude_n < 0.1 * friction_n;
+        if *friction_n > 0.0 && holds {
+            return (0.0, Validity::BELOW_FRICTION, None);
         }
-        (raw_n * (1.0 + friction_n / amplitude_n), Validity::EXTRAPOLATED)
+        (raw_n * (1.0 + friction_n / amplitude_n.max(1e-300)), Validity::EXTRAPOLATED, None)
     }
 
     /// Samples by which an estimate lags.
@@ -388,7 +436,8 @@ impl ClosedLoop<'_> {
 
 /// The multi-encoder balance, or the rigid one where a position is missing.
 pub(super) fn fitted_balance(axis: &AxisSignals<'_>) -> ForceBalance {
-    let method = if axis.signals == Signals::Both { Method::Medob } else { Method::Dob };
+    let both = matches!(axis.signals, Signals::Both | Signals::Three);
+    let method = if both { Method::Medob } else { Method::Dob };
     let mut balance = ForceBalance::new(method, axis.drive);
     if axis.signals == Signals::StageOnly {
         balance.stage = balance.motor;

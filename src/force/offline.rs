@@ -56,6 +56,7 @@ pub fn stiffness_of_runs(
     cut: &[MotionSample],
     idles: &[Vec<MotionSample>],
 ) -> Result<Option<StiffnessCheck>, ForceError> {
+    // With a third position compliance elsewhere is seen as it is.
     if axis.drive.structure() == Structure::Rigid || axis.signals != super::estimator::Signals::Both {
         return Ok(None);
     }

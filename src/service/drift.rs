@@ -180,8 +180,10 @@ impl Watch {
         let motion = MotionSample {
             thrust_ref_n: self.thrust_n_a * axis.current_ref_a,
             motor_travel_m: Some(self.travel_m_rad * axis.motor_angle_rad),
+            nut_position_m: None,
             stage_position_m: axis.stage_position_m,
             spindle_speed_rpm: Some(sample.spindle_speed_rpm),
+            accel_m_s2: None,
         };
         let state = self.state.get_or_insert_with(|| self.estimator.settled(&motion));
         let estimate = self.estimator.step(state, &motion);
@@ -281,6 +283,7 @@ mod tests {
                 axes,
                 spindle_angle_rad: 0.0,
                 spindle_speed_rpm: spindle_rpm,
+                accel_m_s2: None,
             };
             watch.step(&sample);
             found.extend(watch.news());

@@ -3,6 +3,7 @@
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
+use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::path::PathBuf;
 use stillcut::config::machine::read_machine;
@@ -10,8 +11,8 @@ use stillcut::force::balance::Method;
 use stillcut::force::estimator::{
     AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample, Signals,
 };
-use stillcut::force::frf::force_of_recording;
-use stillcut::force::harmonic::HarmonicSettings;
+use stillcut::force::frf_stream::force_of_recording;
+use stillcut::force::harmonic::{HarmonicSettings, Reading};
 use stillcut::force::offline::{estimate_run, idle_map, stiffness_of_runs, with_axial_stiffness};
 use stillcut::force::recorded::motion_of_recording;
 use stillcut::force::validity::Validity;
@@ -139,6 +140,8 @@ fn simulate(
                     drive.stage_encoder_resolution_m(),
                 )),
                 spindle_speed_rpm: None,
+                nut_position_m: None,
+                accel_m_s2: None,
             }
         })
         .collect();
@@ -202,6 +205,8 @@ fn a_missing_position_is_flagged_and_held() {
         motor_travel_m: Some(0.1),
         stage_position_m: Some(0.1),
         spindle_speed_rpm: None,
+        nut_position_m: None,
+        accel_m_s2: None,
     };
     let mut state = estimator.settled(&whole);
     for _ in 0..1000 {
@@ -301,6 +306,48 @@ fn thrust_and_single_encoder_are_as_bad_as_the_thesis_says() {
     assert!(milling_error(&case, Method::Thrust).0 > 5.0 * vibration);
 }
 
+/// Figure 4-3 and table 4-7: without the dead times the multi-encoder observer is worse.
+#[test]
+fn without_delay_compensation_the_observer_is_worse() {
+    let Some(mut case) = milling("feed-1000rpm-1.5mm") else { return };
+    let with = milling_error(&case, Method::Medob).0;
+    case.drive = DriveParams::new(RawDriveParams {
+        amplifier_dead_time_s: None,
+        motor_encoder_delay_s: None,
+        stage_encoder_delay_s: None,
+        current_loop_bandwidth_rad_s: None,
+        ..case.drive.raw().clone()
+    })
+    .unwrap();
+    let without = milling_error(&case, Method::Medob).0;
+    assert!(without > 1.3 * with, "{without:.2} N without, {with:.2} N with");
+}
+
+/// The window read at its young end lags by the alignment alone, is noisier, and meets the same force.
+#[test]
+fn a_window_read_at_its_young_end_lags_less_and_is_noisier() {
+    let Some(case) = milling("feed-1000rpm-1.5mm") else { return };
+    let samples = motion_of_recording(&case.cut, "x", &case.drive).unwrap().samples;
+    let make = |reading| {
+        let harmonic = HarmonicSettings { reading, band_hz: 100.0, ..HarmonicSettings::at_speed(1000.0) };
+        let settings =
+            ForceSettings { low_pass: LowPass::None, harmonic: Some(harmonic), ..ForceSettings::default() };
+        ForceEstimator::new(Method::Fitted, &axis(&case.drive), settings).unwrap()
+    };
+    let (middle, young) = (make(Reading::Middle), make(Reading::Young));
+    assert!((middle.delay_s() - young.delay_s() - 0.03).abs() < 1e-3, "half a turn of 60 ms");
+    assert!(young.delay_s() < 1e-3 && young.condition().unwrap() < 20.0);
+    assert!(young.noise_floor_n() > middle.noise_floor_n());
+    let at = |e: &ForceEstimator| {
+        let lag = (e.delay_s() * RATE_HZ).round() as usize;
+        let estimates = estimate_run(e, &samples);
+        (25_000..40_000).map(|i| estimates[i + lag].force_n).collect::<Vec<f64>>()
+    };
+    let apart: Vec<f64> = at(&middle).iter().zip(at(&young)).map(|(a, b)| a - b).collect();
+    let all = deviation(&at(&middle));
+    assert!(deviation(&apart) < 0.5 * all, "{} of {all}", deviation(&apart));
+}
+
 #[test]
 fn spectral_gain_is_that_of_the_recorded_loop() {
     // Lines of the thrust divided by the closed loop's response meet the known force within a tenth.
@@ -353,12 +400,74 @@ fn below_friction_is_not_observable_and_bounded() {
         motor_travel_m: Some(0.0),
         stage_position_m: Some(0.0),
         spindle_speed_rpm: Some(600.0),
+        nut_position_m: None,
+        accel_m_s2: None,
     };
     let estimates = estimate_run(&estimator, &vec![still; 10_000]);
     let last = estimates.last().unwrap();
     assert!(last.flags.contains(Validity::BELOW_FRICTION) && !last.flags.may_act());
     assert!(last.force_n.abs() < 1e-6);
     assert!((estimator.friction_bound_n() - 560.0).abs() < 1e-9);
+}
+
+/// Three inertias whose positions are all measured: every mode returns the force that acts, through the estimator.
+#[test]
+fn three_positions_return_the_force_in_every_mode() {
+    let r2 = (0.005 / TAU).powi(2);
+    let drive = DriveParams::new(RawDriveParams {
+        rotary_inertia_kg_m2: Some(50.0 * r2),
+        screw_inertia_kg_m2: Some(30.0 * r2),
+        torsional_stiffness_nm_rad: Some(3.0e8 * r2),
+        torsional_damping_nm_s_rad: Some(2000.0 * r2),
+        current_loop_bandwidth_rad_s: None,
+        amplifier_dead_time_s: None,
+        motor_encoder_delay_s: None,
+        stage_encoder_delay_s: None,
+        motor_encoder_resolution_m: None,
+        stage_encoder_resolution_m: None,
+        ..test_drive().raw().clone()
+    })
+    .unwrap();
+    // Motion of motor and stage chosen freely, as phasors; the screw's, thrust and cutting force that go with it follow.
+    let chain = stillcut::force::response::Chain::of_drive(&drive);
+    let links = chain.links().to_vec();
+    let w = TAU * 130.0;
+    let phasor = |amplitude: f64, phase: f64| Complex64::from_polar(amplitude, phase);
+    let s = Complex64::new(0.0, w);
+    let spring = |i: usize| links[i].spring_n_m + s * links[i].damper_n_s_m;
+    let (motor, stage) = (phasor(2e-6, 0.3), phasor(3e-6, 1.1));
+    let own = |i: usize| s * (s * links[i].mass_kg + links[i].damping_n_s_m);
+    let nut = (spring(0) * motor + spring(1) * stage) / (spring(0) + spring(1) + own(1));
+    let thrust = own(0) * motor + spring(0) * (motor - nut);
+    let cutting = spring(1) * (nut - stage) - own(2) * stage;
+    let at = |p: Complex64, i: f64| (p * Complex64::from_polar(1.0, w * i / RATE_HZ)).im;
+    let samples: Vec<MotionSample> = (0..4000)
+        .map(|i| MotionSample {
+            thrust_ref_n: at(thrust, f64::from(i)),
+            motor_travel_m: Some(at(motor, f64::from(i))),
+            nut_position_m: Some(at(nut, f64::from(i))),
+            stage_position_m: Some(at(stage, f64::from(i))),
+            ..MotionSample::default()
+        })
+        .collect();
+    let signals = AxisSignals { signals: Signals::Three, ..axis(&drive) };
+    for method in [Method::Medob, Method::RigidMode, Method::VibrationMode, Method::SecondVibrationMode] {
+        let settings = ForceSettings { low_pass: LowPass::None, ..ForceSettings::default() };
+        let estimator = ForceEstimator::new(method, &signals, settings).unwrap();
+        let lag = estimator.alignment_lag_samples() as f64;
+        let estimates = estimate_run(&estimator, &samples);
+        for i in [1000_u32, 2345, 3999] {
+            let error = estimates[i as usize].force_n - at(cutting, f64::from(i) - lag);
+            assert!(error.abs() < 1e-3 * cutting.norm(), "{method:?}: {error} N of {}", cutting.norm());
+        }
+        let mut without = samples[0];
+        without.nut_position_m = None;
+        let mut state = estimator.settled(&without);
+        let flags = estimator.step(&mut state, &without).flags;
+        assert!(flags.contains(Validity::SIGNAL_MISSING), "{method:?}");
+    }
+    let two = ForceEstimator::new(Method::SecondVibrationMode, &axis(&drive), ForceSettings::default());
+    assert!(two.unwrap_err().to_string().contains("three measured positions"));
 }
 
 // ---- accelerometers -------------------------------------------------------------------------------
@@ -433,7 +542,7 @@ fn a_speed_beyond_the_training_is_flagged() {
     let estimator = stillcut::force::frf::FrfEstimator {
         axis: "x".to_owned(),
         nodes_hz: vec![7.0, 500.0],
-        values: vec![[rustfft::num_complex::Complex64::new(1.0, 0.0); 9]; 2],
+        values: vec![[Complex64::new(1.0, 0.0); 9]; 2],
         speed_range_rpm: [500.0, 7500.0],
         noise_floor_n: 0.0,
         condition: 1.0,

@@ -371,6 +371,57 @@ fn encoder_steps_cost_what_figure_4_7_shows() {
     assert!(budget.step_error_n(1000.0, 0.0, 5.0e-9) < 0.5);
 }
 
+/// Figure 4-4: under 20 N the motor of machine A turns by less than one step of 38 nm above 87 Hz.
+#[test]
+fn the_motor_of_machine_a_is_blind_above_87_hz() {
+    let chain = Chain::of_drive(&drive(&MACHINE_A));
+    let travel_m = |f: f64| 20.0 * chain.receptance(f).motor_per_cutting.norm();
+    assert!(travel_m(86.0) > 38.1e-9 && travel_m(88.0) < 38.1e-9, "{} {}", travel_m(86.0), travel_m(88.0));
+}
+
+/// Any number of inertias: five masses chosen freely, every mode returns the force on the last.
+#[test]
+fn every_mode_of_five_masses_returns_the_cutting_force() {
+    let links: Vec<ChainLink> = (0..5)
+        .map(|k| {
+            let k = f64::from(k);
+            let (mass_kg, spring_n_m) = (40.0 - 6.0 * k, (3.0 + k) * 1e8);
+            ChainLink {
+                mass_kg,
+                damping_n_s_m: 300.0 + 50.0 * k,
+                spring_n_m,
+                damper_n_s_m: 900.0 - 100.0 * k,
+            }
+        })
+        .collect();
+    let motion: Vec<[f64; 3]> = (0..5)
+        .map(|k| [1e-6 * f64::from(k * k), 1e-3 - 1e-4 * f64::from(k), 0.3 * f64::from(k) - 0.5])
+        .collect();
+    let axial = |i: usize| {
+        links[i].spring_n_m * (motion[i][0] - motion[i + 1][0])
+            + links[i].damper_n_s_m * (motion[i][1] - motion[i + 1][1])
+    };
+    let own = |i: usize| links[i].mass_kg * motion[i][2] + links[i].damping_n_s_m * motion[i][1];
+    let thrust = own(0) + axial(0);
+    let loads: Vec<f64> =
+        (0..5).map(|i| if (1..4).contains(&i) { axial(i - 1) - axial(i) - own(i) } else { 0.0 }).collect();
+    let cutting = axial(3) - own(4);
+    for mode in 0..5 {
+        let balance = ModalBalance::new(&Chain::new(&links), mode).unwrap();
+        let force = balance.force_n(&motion, thrust, &loads);
+        assert!((force - cutting).abs() < 1e-6 * cutting.abs(), "mode {mode}: {force} {cutting}");
+    }
+}
+
+/// Sato, table 1: 316 N and 560 N of friction are 0.8 and 1.42 N m on one screw (16 mm a turn, which the table does not
+/// print); 600 rpm with two flutes is 20 Hz.
+#[test]
+fn frictions_of_sato_are_their_torques_on_one_screw() {
+    let r_m = 16e-3 / TAU;
+    assert!((316.0 * r_m - 0.8).abs() < 0.01 && (560.0 * r_m - 1.42).abs() < 0.01);
+    assert!((600.0 * 2.0 / 60.0 - 20.0f64).abs() < 1e-12);
+}
+
 /// 5.4: 0.60 um of stretch at 40.5 N/um is 24.3 N, through (2-44) at rest with the thrust that holds it.
 #[test]
 fn a_stretch_at_rest_is_a_force() {
@@ -379,4 +430,6 @@ fn a_stretch_at_rest_is_a_force() {
     let b = ForceBalance::new(Method::VibrationMode, &d);
     let force = b.thrust * k * stretch_m + b.motor.position_n_m * stretch_m;
     assert!((force - 24.3).abs() < 0.01, "{force}");
+    // 5.4: an error of 0.2 um in the compensation of the relative displacement.
+    assert!((0.2e-6 * k - 8.1).abs() < 0.01);
 }
