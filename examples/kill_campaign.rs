@@ -56,8 +56,11 @@ fn agent() -> ureq::Agent {
     config.timeout_global(Some(Duration::from_secs(3))).build().into()
 }
 
-fn body(agent: &ureq::Agent, url: &str) -> Option<String> {
-    agent.get(url).call().ok()?.body_mut().read_to_string().ok()
+/// What a good answer says; anything else in words.
+fn body(agent: &ureq::Agent, url: &str) -> Result<String, String> {
+    let mut answer = agent.get(url).call().map_err(|e| e.to_string())?;
+    let text = answer.body_mut().read_to_string().map_err(|e| e.to_string())?;
+    if answer.status() == 200 { Ok(text) } else { Err(format!("{}: {text}", answer.status())) }
 }
 
 /// One acknowledged write; true when it was acknowledged.
@@ -109,7 +112,7 @@ struct Pair {
 }
 
 fn connected(agent: &ureq::Agent, address: &str) -> bool {
-    body(agent, &format!("http://{address}/api/v1/state")).is_some_and(|s| s.contains("\"connected\":true"))
+    body(agent, &format!("http://{address}/api/v1/state")).is_ok_and(|s| s.contains("\"connected\":true"))
 }
 
 /// Starts what is dead and waits until samples flow again; nothing when they do not.
@@ -133,15 +136,22 @@ fn recover(place: &Place, pair: &mut Pair, agent: &ureq::Agent) -> Option<Durati
     None
 }
 
-fn rows(agent: &ureq::Agent, address: &str) -> usize {
-    let mut count = 0;
+/// Rows of the audit record. A read that is refused (the disk is busy) is asked again for ten seconds: what counts
+/// is what is there, not how soon it can be read. Errors: the last refusal.
+fn rows(agent: &ureq::Agent, address: &str) -> Result<usize, String> {
+    let (mut count, began) = (0, Instant::now());
     loop {
-        let page = body(agent, &format!("http://{address}/api/v1/audit?after={count}")).unwrap_or_default();
-        let found = page.matches("\"sequence\":").count();
-        if found == 0 {
-            return count;
+        match body(agent, &format!("http://{address}/api/v1/audit?after={count}")) {
+            Ok(page) => match page.matches("\"sequence\":").count() {
+                0 => return Ok(count),
+                found => count += found,
+            },
+            Err(refusal) if began.elapsed() > TOO_LATE => return Err(refusal),
+            Err(refusal) => {
+                eprintln!("asked again: {refusal}");
+                std::thread::sleep(Duration::from_millis(200));
+            }
         }
-        count += found;
     }
 }
 
@@ -186,12 +196,12 @@ fn main() -> ExitCode {
         let row = &mut table[kind].1;
         row.tries += 1;
         let recovered = recover(&place, &mut pair, &agent);
-        let kept = pair.address.as_ref().map_or(0, |a| rows(&agent, a));
-        if let Some(took) = recovered.filter(|_| kept >= acknowledged) {
+        let kept = pair.address.as_ref().map_or(Err("not started".to_owned()), |a| rows(&agent, a));
+        if let Some(took) = recovered.filter(|_| kept.as_ref().is_ok_and(|k| *k >= acknowledged)) {
             row.survived += 1;
             row.worst = row.worst.max(took);
         } else {
-            eprintln!("loss: {:?} recovered, {kept} rows of {acknowledged} acknowledged", recovered);
+            eprintln!("loss: recovered {recovered:?}, rows {kept:?} of {acknowledged} acknowledged");
         }
     }
     let _ = (pair.service.kill(), pair.service.wait(), pair.lathe.kill(), pair.lathe.wait());

@@ -218,7 +218,8 @@ impl Case<'_> {
             .sum()
     }
 
-    /// True when what is left after the findings stands above the floor and is not a small rest of what they explain.
+    /// True when what is left after the findings stands above the floor and is not a small rest of what they
+    /// explain.
     fn unexplained(&self) -> bool {
         if self.outcome.stranger.is_some() {
             return true;
@@ -278,7 +279,8 @@ impl Case<'_> {
         }
     }
 
-    /// What the finding adds, sample by sample of each recording; at the edges, where filters have no data, held.
+    /// What the finding adds, sample by sample of each recording; at the edges, where filters have no data,
+    /// held.
     fn contribution(&self, accepted: &Accepted, fit: &HypothesisFit) -> Vec<Contribution> {
         let full = self.outcome.problem.unthinned();
         let encoder = matches!(accepted.hypothesis.port, Port::MotorEncoder | Port::StageEncoder);
@@ -496,7 +498,8 @@ fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
     let strongest = alternatives.first().filter(|a| a.probability > 0.05)?;
     let text = match strongest.effect {
         E::GravityLoad | E::AsymmetricFriction => {
-            "hold the axis at rest for two seconds at several positions: a load stays, friction's asymmetry does not"
+            "hold the axis at rest for two seconds at several positions: a load stays, friction's \
+             asymmetry does not"
         }
         E::StribeckFriction | E::NonlinearViscosity | E::ViscousFriction => {
             "constant speeds from 0.5 to 50 mm/s in both directions"

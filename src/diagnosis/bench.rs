@@ -136,8 +136,8 @@ impl<'a> Bench<'a> {
         bench
     }
 
-    /// Holds the stage's mass where the fit shrank the stage balance towards 0 = 0: every term of it scales together,
-    /// and beside a large misfit on the motor side that pays.
+    /// Holds the stage's mass where the fit shrank the stage balance towards 0 = 0: every term of it scales
+    /// together, and beside a large misfit on the motor side that pays.
     fn hold_scale(&mut self) {
         let p = self.problem;
         let lost = |(k, n): (usize, &super::problem::Number)| {
@@ -197,7 +197,8 @@ impl<'a> Bench<'a> {
         residual_of(self.problem, self.accepted, &self.solution.coefficients)
     }
 
-    /// Residual in which each block is left by a fit to the other blocks; without one accepted hypothesis, if asked.
+    /// Residual in which each block is left by a fit to the other blocks; without one accepted hypothesis, if
+    /// asked.
     pub(crate) fn heldout_residual(&self, without: Option<usize>) -> Column {
         let gone = without.map_or(0..0, |k| self.range(k));
         let unit_gone = without.filter(|k| self.accepted[*k].hypothesis.shape.unit());
@@ -410,7 +411,8 @@ pub(crate) fn is_timing(h: &Hypothesis) -> bool {
     h.port == Port::Current && matches!(h.shape, Shape::Delay { .. } | Shape::Lag { .. })
 }
 
-/// A dead time takes the timing inside a sample with it; a lag leaves it free, or its convention would bend the lag.
+/// A dead time takes the timing inside a sample with it; a lag leaves it free, or its convention would bend
+/// the lag.
 pub(crate) fn is_delay(h: &Hypothesis) -> bool {
     h.port == Port::Current && matches!(h.shape, Shape::Delay { .. })
 }
@@ -428,7 +430,8 @@ fn known_target(p: &Problem, accepted: &[Accepted]) -> Column {
 
 /// Takes the scale out of the stage balance, which has no known force to hold it.
 ///
-/// Every term of 0 = M_t a_s + ... - K D can shrink together and leave a smaller residual without fitting better.
+/// Every term of 0 = M_t a_s + ... - K D can shrink together and leave a smaller residual without fitting
+/// better.
 /// Minimising r_s / M_t instead, linearised at the present residual r_0 and mass M_0: the column of the mass
 /// becomes a_s + r_0 / M_0 and the target r_0; the residual at M_0 is unchanged.
 fn normalise_stage(

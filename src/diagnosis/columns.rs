@@ -1,4 +1,5 @@
-//! Series from which the columns of hypotheses are built: waves, shifts, what an encoder, a lag, a gap or a twist adds.
+//! Series from which the columns of hypotheses are built: waves, shifts, what an encoder, a lag, a gap or a
+//! twist adds.
 
 use super::kernel::{Action, Kernel};
 use super::motion::{band_hz, current_loop, thrust_delay_s};
@@ -134,8 +135,8 @@ pub(super) fn lag(p: &Problem, extra_s: f64) -> Column {
         .collect()
 }
 
-/// A law of the stretch between the sides, of the positions as recorded: a low-pass before a corner or a cube is
-/// not one after it. `law`: N from the stretch beyond the free one.
+/// A law of the stretch between the sides, of the positions as recorded: a low-pass before a corner or a cube
+/// is not one after it. `law`: N from the stretch beyond the free one.
 pub(super) fn coupling_law(p: &Problem, law: impl Fn(f64) -> f64) -> Column {
     let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
     let kernel = Kernel::low_pass(band_hz(rate), rate, Action { derivative: 0, advance_s: 0.0 })

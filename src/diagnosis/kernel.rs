@@ -122,7 +122,8 @@ impl Kernel {
         self.half
     }
 
-    /// `y[j]` at sample `first + j step` of `x`, `count` of them. The caller keeps `half` samples on either side.
+    /// `y[j]` at sample `first + j step` of `x`, `count` of them. The caller keeps `half` samples on either
+    /// side.
     pub(crate) fn apply(&self, x: &[f64], grid: Grid) -> Vec<f64> {
         let reversed: Vec<f64> = self.taps.iter().rev().copied().collect();
         let mut out = vec![0.0; grid.count];
@@ -148,7 +149,8 @@ struct Shift {
     rate_hz: f64,
 }
 
-/// Adds a small smooth piece so that powers up to the fourth are filtered, shifted and differentiated exactly.
+/// Adds a small smooth piece so that powers up to the fourth are filtered, shifted and differentiated
+/// exactly.
 ///
 /// sum_j k_j (-j)^q = d^d/dT^d sum_i h_i (T - i)^q at T = shift, h: the unshifted low-pass.
 fn correct_moments(taps: &mut [f64], half: usize, band_per_sample: f64, shift: Shift) {
@@ -198,7 +200,8 @@ fn correct_moments(taps: &mut [f64], half: usize, band_per_sample: f64, shift: S
 mod tests {
     use super::*;
 
-    /// Constants to cubes pass exactly; a sine well inside the band passes to 1e-6, shifted and differentiated.
+    /// Constants to cubes pass exactly; a sine well inside the band passes to 1e-6, shifted and
+    /// differentiated.
     #[test]
     fn shift_and_derivative_are_those_of_the_continuous_signal() {
         let (rate, band, f) = (10_000.0, 800.0, 300.0);

@@ -65,7 +65,8 @@ pub struct TimeSpans {
 pub struct Location {
     /// Port.
     pub port: Port,
-    /// `position`, `motor_angle`, `velocity`, `direction`, `frequency`, `time`, `current`, `history`, `acceleration`.
+    /// `position`, `motor_angle`, `velocity`, `direction`, `frequency`, `time`, `current`, `history`,
+    /// `acceleration`.
     pub domain: &'static str,
     /// Bands of the residual that stand out.
     pub bands_hz: Vec<[f64; 2]>,

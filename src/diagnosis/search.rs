@@ -16,9 +16,11 @@ const LEAST_SHARE: f64 = 0.006;
 
 /// The same where an encoder's step is coarser than stated: its error is not noise, it follows the motion.
 const LEAST_SHARE_COARSE: f64 = 0.05;
-/// The same for a free form: the axis' own motion follows every force on it, and a free form follows that motion.
+/// The same for a free form: the axis' own motion follows every force on it, and a free form follows that
+/// motion.
 const STRANGER_LEAST_SHARE: f64 = 0.1;
-/// No model of a loud effect is exact: what explains less than this share of its evidence is its rest, not physics.
+/// No model of a loud effect is exact: what explains less than this share of its evidence is its rest, not
+/// physics.
 const SECOND_SHARE: f64 = 0.005;
 /// Least size of a finding beside the thrust, both as root mean squares.
 const LEAST_WEIGHT: f64 = 5e-4;
@@ -190,9 +192,11 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
     Outcome { problem: p, accepted, rounds, given, nominal, residual, before, stranger }
 }
 
-/// True when a free form leaves less than everything named does, both measured in the noise that is left at the end.
+/// True when a free form leaves less than everything named does, both measured in the noise that is left at
+/// the end.
 ///
-/// In the first round a loud cause is itself the noise that everything is measured in, and what it moves follows it.
+/// In the first round a loud cause is itself the noise that everything is measured in, and what it moves
+/// follows it.
 fn beats_named(
     p: &Problem,
     (accepted, given): (&[Accepted], usize),
@@ -223,8 +227,8 @@ fn size(column: &Column) -> f64 {
     sides.flatten().map(|v| v * v).sum::<f64>().sqrt()
 }
 
-/// Takes out what later findings have made pointless, and what is too small beside the thrust to be told from the
-/// model's own inexactness.
+/// Takes out what later findings have made pointless, and what is too small beside the thrust to be told from
+/// the model's own inexactness.
 fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
     let mut index = given;
     while index < accepted.len() {
@@ -296,7 +300,8 @@ fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
     }
 }
 
-/// What a hypothesis is ranked by. A free map can imitate a constant, a wave and more: it must beat them by a quarter.
+/// What a hypothesis is ranked by. A free map can imitate a constant, a wave and more: it must beat them by a
+/// quarter.
 pub(crate) fn rank(s: &Score) -> f64 {
     let evidence =
         if matches!(s.hypothesis.shape, Shape::Map { .. }) { 0.8 * s.evidence } else { s.evidence };

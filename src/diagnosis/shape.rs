@@ -77,7 +77,8 @@ pub(crate) enum Shape {
         knots: usize,
     },
     PositionTimesVelocity,
-    /// Harmonics of a line in a window of time, the same in each of some recordings (or with phases of their own).
+    /// Harmonics of a line in a window of time, the same in each of some recordings (or with phases of their
+    /// own).
     Lines {
         fundamental_hz: f64,
         harmonics: usize,
@@ -355,7 +356,8 @@ impl Hypothesis {
                 })
                 .collect()
         };
-        // An error of the scale stretches the spring; of its mass and damper little is seen at these wavelengths.
+        // An error of the scale stretches the spring; of its mass and damper little is seen at these
+        // wavelengths.
         if self.port == Port::StageEncoder {
             return p.coupling(|m| of(m).into_iter().map(|e| k0 * e).collect());
         }
@@ -416,7 +418,8 @@ impl Hypothesis {
         }
     }
 
-    /// An error e(x) of an encoder as the balance sees it: through all of its derivatives, sampled as recorded.
+    /// An error e(x) of an encoder as the balance sees it: through all of its derivatives, sampled as
+    /// recorded.
     fn encoder_error(&self, p: &Problem, period_m: f64, harmonics: usize) -> Vec<Column> {
         let at_motor = self.port == Port::MotorEncoder;
         let (near, far) = encoder_kernels(p, self.port);

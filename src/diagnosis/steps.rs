@@ -1,4 +1,5 @@
-//! Steps of an encoder, read off the recording itself: every difference of two samples is a whole number of steps.
+//! Steps of an encoder, read off the recording itself: every difference of two samples is a whole number of
+//! steps.
 
 use super::motion::Motion;
 use crate::plant::effects::{EffectKind, Port};
@@ -42,7 +43,8 @@ pub(crate) fn steps_m(axis: &AxisModel, motions: &[Motion]) -> [f64; 2] {
     })
 }
 
-/// The step of a recorded position where it is coarser than `stated_m`; `None`: as stated, or no grid to be seen.
+/// The step of a recorded position where it is coarser than `stated_m`; `None`: as stated, or no grid to be
+/// seen.
 ///
 /// Checked by: tests::a_coarser_step_is_read_off.
 pub(crate) fn coarser_step(position_m: &[f64], stated_m: f64) -> Option<f64> {

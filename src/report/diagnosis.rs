@@ -5,7 +5,8 @@ use crate::recording::{RecordingError, Table, TableColumn, write_table, write_wh
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// Writes everything but the page for a person. `files`: names of the recordings, `experiments`: their free words.
+/// Writes everything but the page for a person. `files`: names of the recordings, `experiments`: their free
+/// words.
 ///
 /// Errors: the folder cannot be made or a file not written.
 pub fn write(out: &Path, diagnosis: &Diagnosis, files: &[String]) -> Result<(), RecordingError> {

@@ -2,7 +2,7 @@
 
 use super::audit::{AuditEntry, append};
 use super::open::{OpenReport, open};
-use super::{StoreError, StoreReader, code_of};
+use super::{StoreError, StoreReader, code_of, options};
 use crate::telemetry::{Event, Metrics};
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 use std::path::{Path, PathBuf};
@@ -221,8 +221,18 @@ impl Task {
                         return None;
                     }
                     tokio::time::sleep(RETRY).await;
+                    self.reconnect().await;
                 }
             }
+        }
+    }
+
+    /// SQLite may have rolled back by itself (a full disk does): what the driver believes of the open
+    /// transaction is then wrong for good, so the next try starts on a connection of its own.
+    async fn reconnect(&mut self) {
+        if let Ok(fresh) = SqliteConnection::connect_with(&options(&self.path)).await {
+            let spent = std::mem::replace(&mut self.connection, fresh);
+            let _ = spent.close().await; // it failed already; what it said was counted
         }
     }
 
@@ -280,7 +290,8 @@ async fn insert_event(connection: &mut SqliteConnection, event: &Event) -> Resul
     Ok(Box::new(Event { sequence: row.try_get(0)?, ..event.clone() }))
 }
 
-/// Events removed for their age at once: a clock that is wrong at the start costs little until it is set right.
+/// Events removed for their age at once: a clock that is wrong at the start costs little until it is set
+/// right.
 const PRUNE_AGED: i64 = 1000;
 /// Events removed at once while the file is too large.
 const PRUNE_CHUNK: i64 = 10_000;

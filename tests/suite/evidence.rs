@@ -65,8 +65,9 @@ fn what_the_black_box_stored_replays_to_the_same_bytes() {
     let file = stored(&running, "manual").unwrap();
     let mut recording = read_recording(&file).unwrap();
     let motor = recording.columns.iter_mut().find(|c| c.name == "x1_stage_position_m").unwrap();
-    let middle = motor.values.len() / 2;
-    motor.values[middle] = f64::from_bits(motor.values[middle].to_bits() ^ (1 << 40));
+    // The scale reads exactly zero now and then, and a bit of a zero changes nothing.
+    let value = motor.values[500..].iter_mut().find(|v| **v != 0.0).unwrap();
+    *value = f64::from_bits(value.to_bits() ^ (1 << 40));
     let changed = place.folder.path().join("changed.parquet");
     write_recording(&changed, &recording).unwrap();
     let (good, said) = replay(&path, &changed, &out);

@@ -55,7 +55,6 @@ fn lost(address: &str) -> f64 {
 }
 
 #[test]
-#[ignore = "not yet seen to pass: on a disk of 4 MB the history does not heal within 15 s of the space coming back"]
 fn a_full_disk_loses_no_event_and_no_sample_and_heals_by_itself() {
     let place = Place::new("full");
     let Some(disk) = SmallDisk::mount(&place.state(), "size=4m") else {

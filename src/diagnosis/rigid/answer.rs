@@ -81,7 +81,8 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
     }
 }
 
-/// What a residual holds that changes from row to row: second differences of white noise have the factor root 6.
+/// What a residual holds that changes from row to row: second differences of white noise have the factor root
+/// 6.
 fn floor(residual: &[f64]) -> f64 {
     let second: Vec<f64> = residual.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]).collect();
     (rms(&second) / 6.0_f64.sqrt()).min(rms(residual))
@@ -289,7 +290,8 @@ impl Context<'_> {
             .map_or(0.0, |f| f.amplitudes[0].abs())
     }
 
-    /// Numbers of the drive that differ by more than four standard deviations and more than they are known to.
+    /// Numbers of the drive that differ by more than four standard deviations and more than they are known
+    /// to.
     fn corrections(&self) -> Vec<Correction> {
         let d = &self.axis.drive;
         let mut list = Vec::new();
@@ -414,7 +416,8 @@ fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static str) {
         ),
         Law::Friction(s) if s.yield_m > 0.0 => (
             format!(
-                "Friction of {} turns over with the distance after a reversal, not with the speed: a stiffness of {}.",
+                "Friction of {} turns over with the distance after a reversal, not with the speed: a \
+                 stiffness of {}.",
                 n("force_n", "N"),
                 n("presliding_stiffness_n_m", "N/m")
             ),
@@ -491,14 +494,16 @@ fn spelled(value: f64, unit: &str) -> String {
 fn next(effect: EffectKind) -> &'static str {
     match effect {
         EffectKind::GravityLoad | EffectKind::AsymmetricFriction => {
-            "Rest for a second at several places with the drive on, between slow strokes in both directions: a weight holds at \
-             rest, a difference of friction does not."
+            "Rest for a second at several places with the drive on, between slow strokes in both directions: a \
+             weight holds at rest, a difference of friction does not."
         }
         EffectKind::CoulombFriction | EffectKind::PreslidingFriction | EffectKind::Backlash => {
-            "Reversals of 10 um to 1 mm at less than 1 mm/s, both under load from one side and from the other."
+            "Reversals of 10 um to 1 mm at less than 1 mm/s, both under load from one side and from the \
+             other."
         }
         EffectKind::ViscousFriction | EffectKind::NonlinearViscosity | EffectKind::StribeckFriction => {
-            "Strokes at constant speed, at least six speeds from creep to traverse, both directions, same path."
+            "Strokes at constant speed, at least six speeds from creep to traverse, both directions, same \
+             path."
         }
         EffectKind::FrictionDrift => {
             "The same stroke once a minute from cold until nothing changes any more."

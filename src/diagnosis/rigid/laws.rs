@@ -198,7 +198,8 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
         list.push(Law::Cubic { centre_m });
         return list;
     }
-    // Velocity laws need more than one speed; where there is one, they are each other's twins and the order decides.
+    // Velocity laws need more than one speed; where there is one, they are each other's twins and the order
+    // decides.
     list.extend([Law::Viscous, Law::DirectionalDry(slider), Law::DirectionalViscous, Law::Square]);
     list.extend(
         geometric(5.0 * scales.smoothing_m_s, 0.5 * scales.fastest_m_s, 12)
@@ -217,7 +218,8 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     list
 }
 
-/// Springs with a gap, evenly over the travel: behind a stiff spring a gap must be met to a few hundredths of it.
+/// Springs with a gap, evenly over the travel: behind a stiff spring a gap must be met to a few hundredths of
+/// it.
 pub(super) fn gaps(stroke_m: f64, centre_m: f64) -> impl Iterator<Item = Law> {
     (1..50).flat_map(move |k| {
         let gap_m = 0.02 * f64::from(k) * stroke_m;
@@ -262,7 +264,8 @@ mod tests {
 
     #[test]
     fn a_slider_is_silent_in_its_gap_and_slides_beyond_its_yield() {
-        // From +1 after a reversal: yields over 1 mm to zero, silent over the gap of 2 mm, then rises over 1 mm to -1.
+        // From +1 after a reversal: yields over 1 mm to zero, silent over the gap of 2 mm, then rises over 1
+        // mm to -1.
         let state = Slider { yield_m: 1.0e-3, gap_m: 2.0e-3 }.state(&triangle(), 1.0e-4);
         assert!((state[99] - 1.0).abs() < 1.0e-9);
         assert!((state[100 + 5] - 0.5).abs() < 0.02, "half unloaded after 0.5 mm: {}", state[105]);

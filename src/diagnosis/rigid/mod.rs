@@ -1,8 +1,8 @@
 //! Axes with one position: rigid ones, semi-closed ones, friction devices, and outputs that are locked.
 //!
 //! ```text
-//!   F(t) = M a + C v + F_c state(x) + F_0 + ...        rigid: the state is sgn v, or a slider behind spring and gap
-//!   F(t) = K dz(x - x0, gap) + F_c state(x) + F_0      output locked to the frame
+//!   F(t) = M a + C v + F_c state(x) + F_0 + ...        rigid: the state is sgn v, or a slider behind spring
+//!   and gap F(t) = K dz(x - x0, gap) + F_c state(x) + F_0      output locked to the frame
 //! ```
 //! There is one balance, so no port can be told from its side; laws are told apart by what they are
 //! functions of. Every law is judged on stretches of time that were not fitted; inner constants that are not
