@@ -61,7 +61,8 @@ pub(super) struct Arguments {
     /// Teeth of the tool: only multiples of the tooth-pass frequency are taken (fitted, spectral).
     #[arg(long)]
     teeth: Option<f64>,
-    /// Where a window is read: middle (least noise) or young (three samples from its young end: shortest delay) (fitted,
+    /// Where a window is read: middle (least noise) or young (three samples from its young end: shortest
+    /// delay) (fitted,
     /// spectral).
     #[arg(long, default_value = "middle", value_parser = ["middle", "young"])]
     reading: String,
@@ -74,7 +75,8 @@ pub(super) struct Arguments {
     /// Above this the drive side is not listened to, as in the live pipeline.
     #[arg(long)]
     motor_cutoff_hz: Option<f64>,
-    /// Only what the live pipeline can do: nothing that needs the whole recording (axial stiffness, zero of a standing
+    /// Only what the live pipeline can do: nothing that needs the whole recording (axial stiffness, zero of
+    /// a standing
     /// axis, median spindle speed, ends of frf).
     #[arg(long)]
     live: bool,
@@ -131,7 +133,8 @@ fn method_named(option: &str, name: &str) -> anyhow::Result<Choice> {
     })
 }
 
-/// Standard deviation of the difference of two estimates of one force, each taken at its own lag, where both are, N.
+/// Standard deviation of the difference of two estimates of one force, each taken at its own lag, where both
+/// are, N.
 fn disagreement_n(a: &AxisForce, b: &AxisForce, rate_hz: f64) -> f64 {
     let from = |x: &AxisForce| x.settled + (x.delay_s * rate_hz).round() as usize;
     let start = a.settled.max(b.settled);
@@ -241,7 +244,8 @@ impl Inputs {
         Ok(AxisForce { name: name.to_owned(), force_n, delay_s: observer.delay_s(), settled, notes })
     }
 
-    /// What the options say of one axis; without `--live` also what the whole recording and the idle runs say.
+    /// What the options say of one axis; without `--live` also what the whole recording and the idle runs
+    /// say.
     fn plan(
         &self,
         method: Method,
@@ -371,10 +375,8 @@ fn say_what_is_hidden(
     }
     if hidden > 0.0 {
         let percent = 100.0 * hidden / estimates.len() as f64;
-        writeln!(
-            std::io::stdout(),
-            "axis {axis}: below friction, not observable, bound {bound_n:.0} N ({percent:.0} % of the recording)"
-        )?;
+        let said = format!("below friction, not observable, bound {bound_n:.0} N");
+        writeln!(std::io::stdout(), "axis {axis}: {said} ({percent:.0} % of the recording)")?;
     }
     Ok(())
 }

@@ -42,7 +42,8 @@ pub fn estimators_to_text(estimators: &[FrfEstimator]) -> String {
         })
         .collect();
     let file = FileDto { schema: SCHEMA.to_owned(), estimators };
-    // Names and numbers always have a text; a number that is not finite becomes null, which the reader refuses.
+    // Names and numbers always have a text; a number that is not finite becomes null, which the reader
+    // refuses.
     serde_json::to_string(&file).unwrap_or_default()
 }
 

@@ -72,7 +72,8 @@ pub struct ForceConfig {
 pub type Plans = [Option<ForcePlan>; 2];
 
 impl ForceConfig {
-    /// Checks the tables. Errors: an unknown method, numbers out of range, an axis that model or file of accelerometers
+    /// Checks the tables. Errors: an unknown method, numbers out of range, an axis that model or file of
+    /// accelerometers
     /// do not know.
     pub(super) fn new(path: &Path, raw: &ForceToml<'_>, machine: &Machine) -> Result<Self, ConfigError> {
         let file = raw.accelerometers.as_deref();

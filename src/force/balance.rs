@@ -196,7 +196,8 @@ impl ForceBalance {
         }
     }
 
-    /// One mode of three inertias whose positions are all measured: 0 rigid, (2-49) and (2-61); 1, (2-62); 2, (2-63).
+    /// One mode of three inertias whose positions are all measured: 0 rigid, (2-49) and (2-61); 1, (2-62);
+    /// 2, (2-63).
     /// `None` where the model has no such mode.
     ///
     /// Checked by: force::three_positions_return_the_force_in_every_mode.

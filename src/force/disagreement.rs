@@ -8,7 +8,8 @@ use crate::units::SampleRate;
 /// Over which it is averaged, s.
 const AVERAGE_S: f64 = 1.0;
 
-/// Two estimates of one axis beside each other, each taken at its own lag, the means off: accelerometers and spectral
+/// Two estimates of one axis beside each other, each taken at its own lag, the means off: accelerometers and
+/// spectral
 /// lines do not see a mean.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Disagreement {
@@ -51,7 +52,8 @@ impl Disagreement {
 
     /// One estimate of each. Answers [`Validity::ESTIMATORS_DISAGREE`] where they do.
     ///
-    /// They do when the deviation of their difference is above three times what encoder steps explain and above half of
+    /// They do when the deviation of their difference is above three times what encoder steps explain and
+    /// above half of
     /// the deviation of the first.
     pub fn step(&mut self, first: ForceEstimate, second: ForceEstimate) -> Validity {
         self.first.push(first.force_n);

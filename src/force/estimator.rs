@@ -239,9 +239,9 @@ impl ForceEstimator {
         let (mut raw_n, mut motion) = self.balance_step(state, sample);
         let mut harmonic_flags = Validity::VALID;
         if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
-            let fitted;
-            (raw_n, harmonic_flags, fitted) = harmonic.step(inner, &self.without_signal_errors(sample));
-            if let Some((at_window, motor_m)) = fitted {
+            let windowed = harmonic.step(inner, &self.without_signal_errors(sample));
+            (raw_n, harmonic_flags) = (windowed.force_n, windowed.flags);
+            if let Some((at_window, motor_m)) = windowed.motion {
                 motion = at_window;
                 raw_n -= self.physics_n(motor_m, &motion);
             }

@@ -3,7 +3,8 @@
 //! ```text
 //!  F_i(f) = sum_j [ H_ij(f) + 2 pi i f Omega G_ij(f) + Omega^2 N_ij(f) ] X_j(f),   X = -A / (2 pi f)^2
 //! ```
-//! Nine functions for each force axis, piecewise linear over nodes of frequency; [`super::frf_stream`] filters by them.
+//! Nine functions for each force axis, piecewise linear over nodes of frequency; [`super::frf_stream`]
+//! filters by them.
 //! The mean force is not estimated: accelerometers do not see it.
 //!
 //! Source: Vogl, Fabro and Qu, CIRP Annals 2022/2023, eq. (1), (2).

@@ -153,9 +153,11 @@ impl FrfStream {
         self.block
     }
 
-    /// One sample in, the estimate of [`Self::delay_samples`] ago out. Absent accelerations are held and flagged.
+    /// One sample in, the estimate of [`Self::delay_samples`] ago out. Absent accelerations are held and
+    /// flagged.
     ///
-    /// Cost: a few stores; at the end of a block four transforms, and twelve more where the speed has changed (that
+    /// Cost: a few stores; at the end of a block four transforms, and twelve more where the speed has
+    /// changed (that
     /// alone asks for memory).
     pub fn step(&mut self, accel: Option<AccelSample>, speed_rpm: f64) -> ForceEstimate {
         let state = &mut self.state;

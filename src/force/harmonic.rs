@@ -90,14 +90,6 @@ const ILL_CONDITIONED: f64 = 1e3;
 /// turns the phase of harmonic 10 then errs by less than 0.1 rad.
 pub(super) const SPEED_TOLERANCE: f64 = 1e-3;
 
-/// A window of weights on one signal.
-#[derive(Debug, Clone, PartialEq)]
-struct Weights {
-    weights: Vec<f64>,
-    /// Samples between the window's young end and now.
-    age: usize,
-}
-
 /// A designed harmonic estimator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HarmonicEstimator {
@@ -111,26 +103,89 @@ pub struct HarmonicEstimator {
 
 #[derive(Debug, Clone, PartialEq)]
 enum Kind {
-    Fitted {
-        balance: ForceBalance,
-        current: Weights,
-        current_memory: f64,
-        /// Force, position, velocity.
-        motor: [Weights; 3],
-        /// Force, position, velocity.
-        stage: [Weights; 3],
-        signals: Signals,
-        presliding: Presliding,
-    },
-    Spectral {
-        force: Weights,
-        thrust: Weights,
-        velocity: Weights,
-        friction_n: f64,
-        /// Travel within which a guideway holds instead of sliding.
-        presliding_travel_m: f64,
-        uses_stage: bool,
-    },
+    Fitted(Fitted),
+    Spectral(Spectral),
+}
+
+/// Weights of the window for each signal, oldest sample first.
+#[derive(Debug, Clone, PartialEq)]
+struct Fitted {
+    balance: ForceBalance,
+    current: Vec<f64>,
+    current_memory: f64,
+    /// Force, position, velocity.
+    motor: [Vec<f64>; 3],
+    /// Force, position, velocity.
+    stage: [Vec<f64>; 3],
+    signals: Signals,
+    presliding: Presliding,
+}
+
+impl Fitted {
+    fn step(&self, state: &mut HarmonicState, friction_smoothing_m_s: f64) -> Windowed {
+        let [motor_n, motor_m, motor_m_s] = [0, 1, 2].map(|k| state.motor.apply(&self.motor[k]));
+        let [stage_n, stage_m, stage_m_s] = [0, 1, 2].map(|k| state.stage.apply(&self.stage[k]));
+        let share = self.presliding.step(&mut state.presliding, stage_m);
+        let motion = AlignedMotion {
+            thrust_n: state.current.apply(&self.current),
+            motor_velocity_m_s: motor_m_s,
+            stage_velocity_m_s: stage_m_s,
+            position_m: if self.signals == Signals::MotorOnly { motor_m } else { stage_m },
+        };
+        let force_n = self.balance.thrust * motion.thrust_n + motor_n + stage_n
+            - self.balance.motor_friction_n * (motor_m_s / friction_smoothing_m_s).tanh()
+            - self.balance.stage_friction_n * share;
+        Windowed { force_n, flags: Validity::VALID, motion: Some((motion, motor_m)) }
+    }
+}
+
+/// Weights of the window for each signal, oldest sample first.
+#[derive(Debug, Clone, PartialEq)]
+struct Spectral {
+    /// On the thrust: its lines through the inverse of the closed loop.
+    force: Vec<f64>,
+    /// On thrust or position: the lines as they are.
+    lines: Vec<f64>,
+    velocity: Vec<f64>,
+    friction_n: f64,
+    /// Travel within which a guideway holds instead of sliding.
+    presliding_travel_m: f64,
+    uses_stage: bool,
+}
+
+impl Spectral {
+    /// On an axis that stands still the friction holds the force: what shows in the thrust is what is
+    /// beyond friction, so friction is added to its amplitude. Where the guideway does not slide (the axis
+    /// moves by less than the travel over which friction turns), nothing is known but that the force is
+    /// below friction.
+    fn step(&self, state: &mut HarmonicState, (half_window, still_m_s): (usize, f64)) -> Windowed {
+        let force_n = state.current.apply(&self.force);
+        let amplitude_n = state.thrust_peak.step(state.current.apply(&self.lines), half_window);
+        let position = if self.uses_stage { &state.stage } else { &state.motor };
+        let travel_m = state.travel_peak.step(position.apply(&self.lines), half_window);
+        let speed_m_s = position.apply(&self.velocity).abs();
+        let with = |force_n, flags| Windowed { force_n, flags, motion: None };
+        if speed_m_s > still_m_s {
+            return with(force_n, Validity::VALID);
+        }
+        // Friction is known to a tenth: what shows beyond it by less cannot be told from it.
+        let holds = travel_m < self.presliding_travel_m || amplitude_n < 0.1 * self.friction_n;
+        if self.friction_n > 0.0 && holds {
+            return with(0.0, Validity::BELOW_FRICTION);
+        }
+        with(force_n * (1.0 + self.friction_n / amplitude_n.max(f64::MIN_POSITIVE)), Validity::EXTRAPOLATED)
+    }
+}
+
+/// What one sample gave.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Windowed {
+    /// Balance (`fitted`) or force (`spectral`), N.
+    pub force_n: f64,
+    /// What speaks against it.
+    pub flags: Validity,
+    /// Motion at the instant that it belongs to, and the motor's travel there in m; `fitted` alone.
+    pub motion: Option<(AlignedMotion, f64)>,
 }
 
 /// State of a [`HarmonicEstimator`].
@@ -209,23 +264,20 @@ impl HarmonicEstimator {
                     *sum += factor * scale[k] * w;
                 }
             }
-            let derivative = |k: usize| Weights {
-                weights: fit.weights(at, k).into_iter().map(|w| w * scale[k]).collect(),
-                age: 0,
-            };
-            [Weights { weights: force, age: 0 }, derivative(0), derivative(1)]
+            let derivative =
+                |k: usize| fit.weights(at, k).into_iter().map(|w| w * scale[k]).collect::<Vec<f64>>();
+            [force, derivative(0), derivative(1)]
         };
-        let current = Weights { weights: fit.weights(n - middle_age as f64 - alignment.current, 0), age: 0 };
         Ok(Self {
-            kind: Kind::Fitted {
+            kind: Kind::Fitted(Fitted {
                 balance,
-                current,
+                current: fit.weights(n - middle_age as f64 - alignment.current, 0),
                 current_memory: alignment.current_memory,
                 motor: side(alignment.motor, balance.motor.as_array()),
                 stage: side(alignment.stage, balance.stage.as_array()),
                 signals: axis.signals,
                 presliding: Presliding::new(presliding_travel_m, axis.drive.stage_encoder_resolution_m()),
-            },
+            }),
             speed_rpm: settings.spindle_speed_rpm,
             condition: fit.condition(),
             lag_samples: middle_age + alignment.lag_samples,
@@ -257,19 +309,15 @@ impl HarmonicEstimator {
         };
         let line_hz = basis.fundamental_rad * rate.hz() / TAU;
         let response = |i: usize| 1.0 / loop_response.thrust_per_cutting(i as f64 * line_hz);
-        let force = fit.filtered_weights(at, response);
-        let thrust = fit.filtered_weights(at, |_| Complex64::new(1.0, 0.0));
-        let velocity = fit.weights(at, 1).into_iter().map(|w| w * rate.hz()).collect();
-        let age = 0;
         Ok(Self {
-            kind: Kind::Spectral {
-                force: Weights { weights: force, age },
-                thrust: Weights { weights: thrust, age },
-                velocity: Weights { weights: velocity, age },
+            kind: Kind::Spectral(Spectral {
+                force: fit.filtered_weights(at, response),
+                lines: fit.filtered_weights(at, |_| Complex64::new(1.0, 0.0)),
+                velocity: fit.weights(at, 1).into_iter().map(|w| w * rate.hz()).collect(),
                 friction_n: axis.drive.stage_coulomb_friction_n() + axis.drive.motor_coulomb_friction_n(),
                 presliding_travel_m,
                 uses_stage: axis.signals != Signals::MotorOnly,
-            },
+            }),
             speed_rpm: settings.spindle_speed_rpm,
             condition: fit.condition(),
             lag_samples: (basis.half_window as f64 - at) as usize,
@@ -294,17 +342,12 @@ impl HarmonicEstimator {
         }
     }
 
-    /// One sample: balance or force, what speaks against it, and (`fitted`) the motion at the instant it belongs to.
-    /// Cost: six weights a sample of the window at most; no allocation.
+    /// One sample. Cost: six weights a sample of the window at most; no allocation.
     #[must_use]
-    pub fn step(
-        &self,
-        state: &mut HarmonicState,
-        sample: &MotionSample,
-    ) -> (f64, Validity, Option<(AlignedMotion, f64)>) {
+    pub fn step(&self, state: &mut HarmonicState, sample: &MotionSample) -> Windowed {
         let memory = match &self.kind {
-            Kind::Fitted { current_memory, .. } => *current_memory,
-            Kind::Spectral { .. } => 0.0,
+            Kind::Fitted(fitted) => fitted.current_memory,
+            Kind::Spectral(_) => 0.0,
         };
         state.current_n = if memory == 0.0 {
             sample.thrust_ref_n
@@ -317,62 +360,17 @@ impl HarmonicEstimator {
         state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.last()));
         let off_speed = sample
             .spindle_speed_rpm
-            .is_some_and(|s| (s - self.speed_rpm).abs() > SPEED_TOLERANCE * self.speed_rpm);
+            .is_some_and(|s| (s.abs() - self.speed_rpm).abs() > SPEED_TOLERANCE * self.speed_rpm);
         let flags = Validity::when(off_speed, Validity::EXTRAPOLATED)
             | Validity::when(self.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
-        let (force_n, own, motion) = match &self.kind {
-            Kind::Fitted { .. } => self.fitted_force_n(state),
-            Kind::Spectral { .. } => self.spectral_force_n(state),
+        let windowed = match &self.kind {
+            Kind::Fitted(fitted) => fitted.step(state, self.friction_smoothing_m_s),
+            Kind::Spectral(spectral) => {
+                // Slower than this the axis stands still.
+                spectral.step(state, (self.line_samples / 2, 2.0 * self.friction_smoothing_m_s))
+            }
         };
-        (force_n, flags | own, motion)
-    }
-
-    fn fitted_force_n(&self, state: &mut HarmonicState) -> (f64, Validity, Option<(AlignedMotion, f64)>) {
-        let Kind::Fitted { balance, current, motor, stage, signals, presliding, .. } = &self.kind else {
-            return (0.0, Validity::VALID, None);
-        };
-        let [motor_n, motor_m, motor_m_s] =
-            [0, 1, 2].map(|k| state.motor.apply(&motor[k].weights, motor[k].age));
-        let [stage_n, stage_m, stage_m_s] =
-            [0, 1, 2].map(|k| state.stage.apply(&stage[k].weights, stage[k].age));
-        let share = presliding.step(&mut state.presliding, stage_m);
-        let motion = AlignedMotion {
-            thrust_n: state.current.apply(&current.weights, current.age),
-            motor_velocity_m_s: motor_m_s,
-            stage_velocity_m_s: stage_m_s,
-            position_m: if *signals == Signals::MotorOnly { motor_m } else { stage_m },
-        };
-        let force_n = balance.thrust * motion.thrust_n + motor_n + stage_n
-            - balance.motor_friction_n * (motor_m_s / self.friction_smoothing_m_s).tanh()
-            - balance.stage_friction_n * share;
-        (force_n, Validity::VALID, Some((motion, motor_m)))
-    }
-
-    /// On an axis that stands still the friction holds the force: what shows in the thrust is what is
-    /// beyond friction, so friction is added to its amplitude. Where the guideway does not slide (the axis moves
-    /// by less than the travel over which friction turns), nothing is known but that the force is below friction.
-    fn spectral_force_n(&self, state: &mut HarmonicState) -> (f64, Validity, Option<(AlignedMotion, f64)>) {
-        let Kind::Spectral { force, thrust, velocity, friction_n, presliding_travel_m, uses_stage } =
-            &self.kind
-        else {
-            return (0.0, Validity::VALID, None);
-        };
-        let raw_n = state.current.apply(&force.weights, force.age);
-        let line_n = state.current.apply(&thrust.weights, thrust.age);
-        let half = self.line_samples / 2;
-        let amplitude_n = state.thrust_peak.step(line_n, half);
-        let position = if *uses_stage { &state.stage } else { &state.motor };
-        let travel_m = state.travel_peak.step(position.apply(&thrust.weights, thrust.age), half);
-        let speed = position.apply(&velocity.weights, velocity.age).abs();
-        if speed > 2.0 * self.friction_smoothing_m_s {
-            return (raw_n, Validity::VALID, None);
-        }
-        // Friction is known to a tenth: what shows beyond it by less cannot be told from it.
-        let holds = travel_m < *presliding_travel_m || amplitude_n < 0.1 * friction_n;
-        if *friction_n > 0.0 && holds {
-            return (0.0, Validity::BELOW_FRICTION, None);
-        }
-        (raw_n * (1.0 + friction_n / amplitude_n.max(1e-300)), Validity::EXTRAPOLATED, None)
+        Windowed { flags: windowed.flags | flags, ..windowed }
     }
 
     /// Samples by which an estimate lags.
@@ -398,8 +396,8 @@ impl HarmonicEstimator {
     pub(super) fn noise_gains(&self) -> [f64; 2] {
         let norm = |w: &[f64]| w.iter().map(|x| x * x).sum::<f64>().sqrt();
         match &self.kind {
-            Kind::Fitted { motor, stage, .. } => [norm(&motor[0].weights), norm(&stage[0].weights)],
-            Kind::Spectral { .. } => [0.0, 0.0],
+            Kind::Fitted(fitted) => [norm(&fitted.motor[0]), norm(&fitted.stage[0])],
+            Kind::Spectral(_) => [0.0, 0.0],
         }
     }
 }

@@ -1,7 +1,8 @@
 //! The force of one axis, sample by sample: whichever estimator a plan names, with what it needs to run live.
 //!
 //! ```text
-//!  MotionSample --[motor side low-pass]--> ForceEstimator (designed anew where the spindle has settled at another speed)
+//!  MotionSample --[motor side low-pass]--> ForceEstimator (designed anew where the spindle has settled at
+//! another speed)
 //!               --accelerations----------> FrfStream
 //! ```
 //! The live pipeline and `stillcut force` both step an [`Observer`]: one code, one number.
@@ -58,7 +59,8 @@ pub struct ServoPlan {
 }
 
 impl ServoPlan {
-    /// The observer of an axis with the physics that its model has beyond the structure. Low-pass, notches, idle map
+    /// The observer of an axis with the physics that its model has beyond the structure. Low-pass, notches,
+    /// idle map
     /// and window are the defaults; `fitted` and `spectral` start at 1200 rpm and follow the spindle.
     #[must_use]
     pub fn of_axis(axis: &AxisModel, method: Method, signals: Signals) -> Self {
@@ -113,7 +115,8 @@ impl Observer {
         }))
     }
 
-    /// One sample in, one estimate out. The first one settles the filters. Asks for memory only then and where the
+    /// One sample in, one estimate out. The first one settles the filters. Asks for memory only then and
+    /// where the
     /// spindle has settled at another speed (`fitted`, `spectral`, `frf`).
     #[inline]
     pub fn step(&mut self, sample: &MotionSample) -> ForceEstimate {
@@ -140,7 +143,8 @@ impl Observer {
         }
     }
 
-    /// Condition number of the window of spindle harmonics, or of the fit behind an estimator of accelerometers.
+    /// Condition number of the window of spindle harmonics, or of the fit behind an estimator of
+    /// accelerometers.
     #[must_use]
     pub fn condition(&self) -> Option<f64> {
         match &self.0 {
@@ -235,7 +239,8 @@ impl Servo {
         estimate
     }
 
-    /// Designs for a speed and settles anew. A speed that cannot be (window too long) leaves everything as it was.
+    /// Designs for a speed and settles anew. A speed that cannot be (window too long) leaves everything as
+    /// it was.
     fn redesign(&mut self, speed_rpm: f64) {
         let designed = design(&self.plan, self.rate, Some(speed_rpm));
         if let (Ok(estimator), Some(follow)) = (designed, &mut self.follow) {

@@ -1,6 +1,7 @@
 //! Frequency responses of a drive: what thrust and cutting force do to motor and stage.
 //!
-//! A chain of masses on the screw axis (one, two or three for a drive, up to [`MAX_MASSES`] otherwise), each damped to the ground, with springs and
+//! A chain of masses on the screw axis (one, two or three for a drive, up to [`MAX_MASSES`] otherwise), each
+//! damped to the ground, with springs and
 //! dampers between neighbours; solved numerically, so no expanded polynomial can be misprinted.
 
 use crate::plant::drive::{DriveParams, Structure};

@@ -28,7 +28,8 @@ impl Validity {
     /// stage is.
     pub const MEAN_NOT_OBSERVABLE: Validity = Validity(1 << 7);
 
-    /// A second estimator of the same force, running beside, says something else. A report, no reason to hold: the two see
+    /// A second estimator of the same force, running beside, says something else. A report, no reason to
+    /// hold: the two see
     /// different bands.
     pub const ESTIMATORS_DISAGREE: Validity = Validity(1 << 8);
 

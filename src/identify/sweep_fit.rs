@@ -44,7 +44,8 @@ pub(super) struct Fit<'a> {
 const EXPLAINED: f64 = 0.1;
 /// The stated torque constant is believed to within this share; masses, stiffness and damping scale with it.
 const TORQUE_CONSTANT_TRUST: f64 = 0.005;
-/// Share of a sample within which the instants are known at which a drive takes its reference and its encoders.
+/// Share of a sample within which the instants are known at which a drive takes its reference and its
+/// encoders.
 const TIMING_TRUST: f64 = 0.1;
 /// A current loop is a first-order lag to within this share of its bandwidth.
 const LAG_TRUST: f64 = 0.02;

@@ -9,7 +9,8 @@
 //! samples alone, so the same bytes in give the same bytes out. A recording that already holds forces
 //! enters after the estimators, through [`Pipeline::step_forces`].
 //!
-//! After [`Pipeline::new`] a step allocates nothing, unless a gap or, for estimators that are made for a spindle speed, a
+//! After [`Pipeline::new`] a step allocates nothing, unless a gap or, for estimators that are made for a
+//! spindle speed, a
 //! new speed makes it start anew.
 
 mod keyframe;
@@ -107,7 +108,8 @@ pub struct Pipeline {
     settings: PipelineSettings,
     channels: Vec<Channel>,
     monitor: ChatterMonitor,
-    /// What the page shows: single precision errs by 5e-6 of the strongest line and does not drift. What is tracked and
+    /// What the page shows: single precision errs by 5e-6 of the strongest line and does not drift. What is
+    /// tracked and
     /// decided is computed in double precision by the monitors.
     spectrum: SlidingDft<f32>,
     states: Vec<ChannelState>,
@@ -180,7 +182,8 @@ impl Pipeline {
             .fold([band.low_hz(), band.high_hz()], |[low, high], now| [low.min(now[0]), high.max(now[1])])
     }
 
-    /// Lets the band follow the bar: another diameter, projection length, or the tools elsewhere along it. What was
+    /// Lets the band follow the bar: another diameter, projection length, or the tools elsewhere along it.
+    /// What was
     /// learned stays, unless the band leaves what the monitors were designed for: then they start anew.
     /// Errors: a band that does not fit the rate; nothing has changed then.
     pub fn follow(&mut self, plan: BandPlan) -> Result<(), PipelineError> {
@@ -324,9 +327,6 @@ impl Pipeline {
         let rate = self.settings.sample_rate;
         let channels = self.channels.iter_mut().zip(&mut self.states).enumerate();
         for ((index, (channel, state)), force) in channels.zip(&mut forces) {
-            if channel.observer.is_none() {
-                continue;
-            }
             let motion = channel.motion(index, sample);
             let Some(observer) = &mut channel.observer else { continue };
             *force = observer.step(&motion);
@@ -403,7 +403,8 @@ impl Pipeline {
         &self.agreement
     }
 
-    /// Standard deviation of the difference of the two estimators of an axis over the last second, N; `None` where only
+    /// Standard deviation of the difference of the two estimators of an axis over the last second, N; `None`
+    /// where only
     /// one runs or one of them has not settled.
     #[must_use]
     pub fn disagreement_n(&self, axis: usize) -> Option<f64> {

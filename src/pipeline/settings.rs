@@ -18,9 +18,11 @@ pub struct AxisPlan {
     pub name: String,
     /// How its force is estimated; `None`: the force comes from elsewhere, or the axis is not used.
     pub force: Option<ForcePlan>,
-    /// A second estimator that runs beside the first: how far the two are apart is reported, the first is acted on.
+    /// A second estimator that runs beside the first: how far the two are apart is reported, the first is
+    /// acted on.
     pub beside: Option<ForcePlan>,
-    /// Place of the axis of the stream whose stage position is the third position of this one (the screw at the nut).
+    /// Place of the axis of the stream whose stage position is the third position of this one (the screw at
+    /// the nut).
     pub nut: Option<usize>,
     /// Whether chatter is listened for on it.
     pub watch: bool,

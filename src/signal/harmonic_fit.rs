@@ -209,13 +209,12 @@ impl LongLine {
         self.length
     }
 
-    /// Sum of weights (oldest first) over samples that end `age` samples before the youngest.
+    /// Sum of weights (oldest first) times the youngest samples; at most as many weights as samples.
     #[inline]
     #[must_use]
-    pub fn apply(&self, weights: &[f64], age: usize) -> f64 {
-        let end = self.next + self.length - age.min(self.length - weights.len().min(self.length));
-        let start = end.saturating_sub(weights.len());
-        dot(&self.values[start..end], weights)
+    pub fn apply(&self, weights: &[f64]) -> f64 {
+        let end = self.next + self.length;
+        dot(&self.values[end - weights.len().min(self.length)..end], weights)
     }
 }
 

@@ -174,7 +174,8 @@ fn a_force_is_seen_at_the_stated_delay_by_both_modes() {
         let errors: Vec<f64> = (1500..4900)
             .map(|i| estimates[i].force_n - cutting(i as f64 / RATE_HZ - estimator.delay_s()))
             .collect();
-        // What encoder steps cause is stated. The thrust swings by 6 N a sample and is read at another phase of
+        // What encoder steps cause is stated. The thrust swings by 6 N a sample and is read at another phase
+        // of
         // the hold than the encoders: its images alias to at most 0.4 % of 25 N twice; 0.2 N for all of that.
         let limit = estimator.noise_floor_n().hypot(0.2);
         let error = deviation(&errors);
@@ -410,7 +411,8 @@ fn below_friction_is_not_observable_and_bounded() {
     assert!((estimator.friction_bound_n() - 560.0).abs() < 1e-9);
 }
 
-/// Three inertias whose positions are all measured: every mode returns the force that acts, through the estimator.
+/// Three inertias whose positions are all measured: every mode returns the force that acts, through the
+/// estimator.
 #[test]
 fn three_positions_return_the_force_in_every_mode() {
     let r2 = (0.005 / TAU).powi(2);
@@ -428,7 +430,8 @@ fn three_positions_return_the_force_in_every_mode() {
         ..test_drive().raw().clone()
     })
     .unwrap();
-    // Motion of motor and stage chosen freely, as phasors; the screw's, thrust and cutting force that go with it follow.
+    // Motion of motor and stage chosen freely, as phasors; the screw's, thrust and cutting force that go
+    // with it follow.
     let chain = stillcut::force::response::Chain::of_drive(&drive);
     let links = chain.links().to_vec();
     let w = TAU * 130.0;
@@ -637,7 +640,8 @@ fn a_mode_outside_of_the_model_is_warned_of() {
 
 /// One machine, sweep and prior drawn from a seed; for each parameter whether its interval holds the truth.
 ///
-/// What a sweep cannot show errs as the intervals say: torque constant by 0.5 %, instants of the drive by a tenth of a
+/// What a sweep cannot show errs as the intervals say: torque constant by 0.5 %, instants of the drive by a
+/// tenth of a
 /// sample (one standard deviation each).
 fn truth_is_inside(seed: u64) -> [bool; 5] {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -706,7 +710,8 @@ fn the_truth_lies_inside_the_interval_in_95_of_100_repeats() {
     });
     let inside: Vec<u32> = even.iter().zip(odd).map(|(a, b)| a + b).collect();
     println!("of {REPEATS}: mass, inertia, stiffness, dead time, stage delay {inside:?}");
-    // 95 % of 64 are 60.8 with a standard deviation of 1.7; of all 320 are 304 +- 5 (those of one fit go together).
+    // 95 % of 64 are 60.8 with a standard deviation of 1.7; of all 320 are 304 +- 5 (those of one fit go
+    // together).
     assert!(inside.iter().all(|n| *n >= 55), "{inside:?}");
     let all: u32 = inside.iter().sum();
     assert!((285..=317).contains(&all), "{inside:?}");

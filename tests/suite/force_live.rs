@@ -1,4 +1,5 @@
-//! The live pipeline and `stillcut force` give the same numbers, for every method; two estimators side by side; what the
+//! The live pipeline and `stillcut force` give the same numbers, for every method; two estimators side by
+//! side; what the
 //! pipeline does not act on.
 
 use std::f64::consts::TAU;
@@ -66,7 +67,7 @@ fn recording(speeds_rpm: [f64; 2]) -> Recording {
         let t = i as f64 / RATE_HZ;
         let rpm = speeds_rpm[usize::from(t > 0.8)];
         let wave = |f: f64, phase: f64| (TAU * f * t + phase).sin();
-        let slow_m = 2e-3 * wave(0.7, 0.0);
+        let slow_m = 5e-3 * t;
         let stage_m = slow_m + 3e-7 * wave(40.0, 0.4) + 4e-8 * wave(330.0, 0.0);
         let values = [
             1.0 + 0.6 * wave(20.0, 0.1) + 0.2 * wave(40.0, 1.0),
@@ -102,7 +103,8 @@ fn estimator() -> FrfEstimator {
     }
 }
 
-/// Each row of the recording as the machine would publish it; the third position travels with an axis of its own.
+/// Each row of the recording as the machine would publish it; the third position travels with an axis of its
+/// own.
 fn samples(r: &Recording) -> Vec<ServoSample> {
     let column = |name: &str| r.require(name).unwrap();
     let (current, angle) = (column("x_current_ref_a"), column("x_motor_angle_rad"));
@@ -157,7 +159,8 @@ const METHODS: [&str; 9] = [
     "frf",
 ];
 
-/// Live, sample by sample, against the command on the same recording: the same bits, also where the spindle's speed
+/// Live, sample by sample, against the command on the same recording: the same bits, also where the
+/// spindle's speed
 /// changes on the way.
 #[test]
 fn every_method_gives_the_same_numbers_live_and_in_the_command() {
@@ -190,7 +193,8 @@ fn every_method_gives_the_same_numbers_live_and_in_the_command() {
     }
 }
 
-/// A keyframe of a pipeline with two windowed estimators and one of accelerometers, before and after the spindle's new
+/// A keyframe of a pipeline with two windowed estimators and one of accelerometers, before and after the
+/// spindle's new
 /// speed made a new design, leads on as the original.
 #[test]
 fn keyframes_hold_windows_made_for_a_speed() {
@@ -279,7 +283,8 @@ fn what_is_not_known_is_not_acted_on() {
     assert!(!live.axis_may_act(0));
 }
 
-/// A semi-closed axis and one that stands still under its friction: the estimate is refused, the bound is told.
+/// A semi-closed axis and one that stands still under its friction: the estimate is refused, the bound is
+/// told.
 #[test]
 fn below_friction_the_pipeline_holds_and_the_command_has_no_number() {
     let folder = folder();
