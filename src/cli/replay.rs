@@ -53,7 +53,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let config = arguments.config.as_deref().map(read_service_config).transpose().map_err(bad_input)?;
     let place = |error: String| bad_input(format!("{}: {error}", arguments.recording.display()));
     let given = arguments.config.is_some();
-    let config = config.unwrap_or_default();
+    let mut config = config.unwrap_or_default();
+    config.force.read_idle_runs(&config.machine, read_recording).map_err(bad_input)?;
     let band = band_of(&arguments, &recording, given.then_some(&config)).map_err(place)?;
     let source = Source::of(&recording, &arguments, &config).map_err(place)?;
     let settings = source.settings(&config, band);

@@ -3,11 +3,14 @@
 use super::accelerometers::read_estimators;
 use super::{ConfigError, parse_number};
 use crate::force::balance::Method;
-use crate::force::estimator::{LowPass, NotchPlan, Signals};
+use crate::force::estimator::{AxisSignals, ForceEstimator, LowPass, MotionSample, NotchPlan, Signals};
 use crate::force::frf::FrfEstimator;
 use crate::force::harmonic::Reading;
 use crate::force::observer::{ForcePlan, ServoPlan};
+use crate::force::offline::idle_map;
+use crate::force::recorded::motion_of_recording;
 use crate::plant::machine::{AxisModel, Machine};
+use crate::sample::Recording;
 use crate::units::SampleRate;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -28,6 +31,7 @@ pub(super) struct AxisToml {
     teeth: Option<f64>,
     reading: Option<String>,
     notch: Vec<String>,
+    idle: Vec<PathBuf>,
 }
 
 /// `[machine]` as far as it concerns the force.
@@ -58,6 +62,8 @@ struct AxisForce {
     teeth: Option<f64>,
     reading: Option<Reading>,
     notches: Vec<NotchPlan>,
+    idle: Vec<PathBuf>,
+    idle_runs: Vec<Vec<MotionSample>>,
 }
 
 /// How the force of each axis is estimated, checked.
@@ -91,6 +97,8 @@ impl ForceConfig {
             teeth: None,
             reading: None,
             notches: Vec::new(),
+            idle: Vec::new(),
+            idle_runs: Vec::new(),
         };
         let mut axes = BTreeMap::new();
         for (name, axis) in raw.axes {
@@ -103,6 +111,25 @@ impl ForceConfig {
             axes.insert(name.clone(), force);
         }
         Ok(Self { all, axes, accelerometers })
+    }
+
+    /// Reads the air-cutting runs that the tables name. Errors: one line; a run that cannot be read, or that lacks the
+    /// signals of its axis.
+    pub fn read_idle_runs<E: std::fmt::Display>(
+        &mut self,
+        machine: &Machine,
+        read: impl Fn(&Path) -> Result<Recording, E>,
+    ) -> Result<(), String> {
+        for (name, axis) in &mut self.axes {
+            let Some(model) = machine.axis(name) else { continue };
+            for path in &axis.idle {
+                let recording = read(path).map_err(|e| e.to_string())?;
+                let motion = motion_of_recording(&recording, name, &model.drive)
+                    .map_err(|e| format!("{}: {e}", path.display()))?;
+                axis.idle_runs.push(motion.samples);
+            }
+        }
+        Ok(())
     }
 
     /// Axes whose force comes from accelerometers.
@@ -148,6 +175,13 @@ impl AxisForce {
             harmonic.harmonics = self.harmonics;
             harmonic.lines_per_turn = self.teeth.unwrap_or(harmonic.lines_per_turn);
             harmonic.reading = self.reading.unwrap_or(harmonic.reading);
+        }
+        let signals = AxisSignals { drive: &plan.drive, rate, signals: plan.signals };
+        // A plan that no estimator can be made of is refused, with its reason, by the pipeline.
+        if let (false, Ok(bare)) =
+            (self.idle_runs.is_empty(), ForceEstimator::new(method, &signals, plan.settings.clone()))
+        {
+            plan.settings.idle_map = idle_map(&bare, &self.idle_runs);
         }
         plan
     }
@@ -237,6 +271,8 @@ impl Reader<'_> {
             teeth: number("teeth", raw.teeth, (1.0, 100.0))?,
             reading: reading.transpose()?,
             notches: notches.collect::<Result<_, _>>()?,
+            idle: raw.idle.iter().map(|p| self.path.parent().unwrap_or(Path::new("")).join(p)).collect(),
+            idle_runs: Vec::new(),
         })
     }
 }

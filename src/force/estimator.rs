@@ -79,6 +79,8 @@ pub struct ForceEstimator {
     harmonic: Option<HarmonicEstimator>,
     notches: Vec<(NotchCentre, Notch)>,
     speed_memory: f64,
+    settling: usize,
+    filter_delay_s: f64,
     rate: SampleRate,
 }
 
@@ -200,9 +202,14 @@ impl ForceEstimator {
             notches: design_notches(&settings.notches, rate)?,
             // 20 Hz: fast enough for a feed that ramps, slow enough not to follow chatter.
             speed_memory: (-std::f64::consts::TAU * 20.0 / rate.hz()).exp(),
+            settling: 0,
+            filter_delay_s: 0.0,
             rate,
         };
         estimator.noise_floor_n = estimator.quantization_noise_n(drive);
+        let window = estimator.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
+        estimator.filter_delay_s = estimator.filter.delay_s(rate);
+        estimator.settling = estimator.alignment.lag_samples + window + estimator.filter.memory_samples(rate);
         Ok(estimator)
     }
 
@@ -236,6 +243,17 @@ impl ForceEstimator {
     #[inline]
     #[must_use]
     pub fn step(&self, state: &mut ForceState, sample: &MotionSample) -> ForceEstimate {
+        self.step_with_motion(state, sample).0
+    }
+
+    /// The same, with the motion at the instant of the balance (before the low-pass).
+    #[inline]
+    #[must_use]
+    pub fn step_with_motion(
+        &self,
+        state: &mut ForceState,
+        sample: &MotionSample,
+    ) -> (ForceEstimate, AlignedMotion) {
         let (mut raw_n, mut motion) = self.balance_step(state, sample);
         let mut harmonic_flags = Validity::VALID;
         if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
@@ -252,14 +270,14 @@ impl ForceEstimator {
             .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.travel_velocity_m_s(&motion)));
         let notched_n = self.notch(state, raw_n - disturbance_n, &motion);
         let force_n = self.filter.step(&mut state.filter, notched_n);
-        ForceEstimate { force_n, flags: harmonic_flags | self.flags(state, sample, &motion) }
+        let flags = harmonic_flags | self.flags(state, sample, &motion);
+        (ForceEstimate { force_n, flags }, motion)
     }
 
     /// The balance before idle map and low-pass, with the aligned motion behind it; the instant is
-    /// [`Self::alignment_lag_samples`] ago. For building idle maps and residuals.
+    /// [`Self::alignment_lag_samples`] ago.
     #[inline]
-    #[must_use]
-    pub fn balance_step(&self, state: &mut ForceState, sample: &MotionSample) -> (f64, AlignedMotion) {
+    fn balance_step(&self, state: &mut ForceState, sample: &MotionSample) -> (f64, AlignedMotion) {
         let sample = &self.without_signal_errors(sample);
         let told_n = sample.thrust_ref_n;
         // The reference given at the last sample has driven the current until now.
@@ -382,7 +400,7 @@ impl ForceEstimator {
         let missing = (self.balance.needs_nut() && sample.nut_position_m.is_none())
             || (self.balance.needs_motor() && sample.motor_travel_m.is_none())
             || (self.balance.needs_stage() && sample.stage_position_m.is_none());
-        let settling = (state.seen as usize) < self.settling_samples();
+        let settling = (state.seen as usize) < self.settling;
         let speed = self.travel_velocity_m_s(motion).abs();
         let line = self.encoder_lines_1_m.iter().any(|lines| {
             let frequency_hz = speed * lines;
@@ -412,7 +430,7 @@ impl ForceEstimator {
     /// slow signals where it is not the same at every frequency).
     #[must_use]
     pub fn delay_s(&self) -> f64 {
-        self.alignment_lag_samples() as f64 * self.rate.period_s() + self.filter.delay_s(self.rate)
+        self.alignment_lag_samples() as f64 * self.rate.period_s() + self.filter_delay_s
     }
 
     /// Samples between the aligned instant and now, before the low-pass.
@@ -437,7 +455,7 @@ impl ForceEstimator {
     /// Delay of the low-pass alone in whole samples (nearest, for slow signals).
     #[must_use]
     pub fn filter_delay_samples(&self) -> usize {
-        (self.filter.delay_s(self.rate) * self.rate.hz()).round() as usize
+        (self.filter_delay_s * self.rate.hz()).round() as usize
     }
 
     /// Band in which the estimate can be used, Hz.
@@ -455,8 +473,7 @@ impl ForceEstimator {
     /// Samples until the filters have forgotten their start.
     #[must_use]
     pub fn settling_samples(&self) -> usize {
-        let window = self.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
-        self.alignment.lag_samples + window + self.filter.memory_samples(self.rate)
+        self.settling
     }
 
     /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain.

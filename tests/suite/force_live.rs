@@ -5,10 +5,15 @@
 use std::f64::consts::TAU;
 use std::path::Path;
 use std::process::Command;
-use stillcut::config::service::service_config_from_text;
+use stillcut::config::machine::read_machine;
+use stillcut::config::service::{ServiceConfig, service_config_from_text};
+use stillcut::force::balance::Method;
 use stillcut::force::frf::FrfEstimator;
+use stillcut::force::observer::{ForcePlan, Observer, ServoPlan};
+use stillcut::force::recorded::motion_of_recording;
 use stillcut::force::validity::Validity;
 use stillcut::pipeline::{Pipeline, StepOutput};
+use stillcut::plant::machine::AxisModel;
 use stillcut::recording::{read_recording, write_recording};
 use stillcut::sample::{AxisSample, Column, MAX_AXES, Recording, ServoSample};
 use stillcut::units::SampleRate;
@@ -128,15 +133,18 @@ fn samples(r: &Recording) -> Vec<ServoSample> {
     (0..r.len()).map(sample).collect()
 }
 
-/// A pipeline configured as the service would be; `axis` is the table of axis x.
-fn pipeline(folder: &Path, axis: &str) -> Pipeline {
+/// The configuration of a service; `axis` is the table of axis x.
+fn config(folder: &Path, axis: &str) -> ServiceConfig {
     let text = format!(
         "[machine]\nmodel = \"m.toml\"\naccelerometers = \"e.json\"\nwatch = [\"x\"]\n\
          motor_cutoff_hz = 1e5\n[detection]\nband_hz = [500.0, 700.0]\n[machine.axes.x]\n{axis}"
     );
-    let config = service_config_from_text(&folder.join("stillcut.toml"), &text).unwrap();
+    service_config_from_text(&folder.join("stillcut.toml"), &text).unwrap()
+}
+
+fn pipeline(folder: &Path, axis: &str) -> Pipeline {
     let rate = SampleRate::new(RATE_HZ).unwrap();
-    Pipeline::new(config.pipeline_settings(rate, &["x".into(), "xn".into()])).unwrap()
+    Pipeline::new(config(folder, axis).pipeline_settings(rate, &["x".into(), "xn".into()])).unwrap()
 }
 
 fn folder() -> tempfile::TempDir {
@@ -191,6 +199,66 @@ fn every_method_gives_the_same_numbers_live_and_in_the_command() {
         }
         assert!(largest > 1.0, "{method}: nothing but {largest} N");
     }
+}
+
+/// Air-cutting runs named in the configuration are taken off live as the command takes them off.
+#[test]
+fn idle_runs_are_taken_off_live_too() {
+    let folder = folder();
+    let mut idle = recording([1200.0, 1200.0]);
+    write_recording(&folder.path().join("r.parquet"), &idle).unwrap();
+    idle.columns.iter_mut().filter(|c| c.name == "x_current_ref_a").for_each(|c| c.values.fill(0.4));
+    write_recording(&folder.path().join("i.parquet"), &idle).unwrap();
+    for method in ["medob", "fitted"] {
+        let run = Command::new(env!("CARGO_BIN_EXE_stillcut"))
+            .current_dir(folder.path())
+            .args(["force", "--model", "m.toml", "--recording", "r.parquet", "--idle", "i.parquet"])
+            .args(["--method", method, "--live", "--cutoff-hz", "1000", "--out", "f.parquet"])
+            .output()
+            .unwrap();
+        assert!(run.status.success(), "{method}: {}", String::from_utf8_lossy(&run.stderr));
+        let command = read_recording(&folder.path().join("f.parquet")).unwrap();
+        let axis = format!("method = \"{method}\"\nnut = \"xn\"\nidle = [\"i.parquet\"]\n");
+        let mut config = config(folder.path(), &axis);
+        config.force.read_idle_runs(&config.machine, read_recording).unwrap();
+        let rate = SampleRate::new(RATE_HZ).unwrap();
+        let mut live = Pipeline::new(config.pipeline_settings(rate, &["x".into(), "xn".into()])).unwrap();
+        for (sample, force_n) in samples(&read_recording(&folder.path().join("r.parquet")).unwrap())
+            .iter()
+            .zip(command.require("x_force_n").unwrap())
+        {
+            assert_eq!(live.step(sample).forces[0].force_n.to_bits(), force_n.to_bits(), "{method}");
+        }
+    }
+    let mut missing = config(folder.path(), "idle = [\"none.parquet\"]\n");
+    assert!(missing.force.read_idle_runs(&missing.machine.clone(), read_recording).is_err());
+}
+
+/// What the model has beyond its structure is taken off by every method that balances forces, windows too.
+#[test]
+fn physics_of_the_model_is_taken_off_by_every_balance() {
+    let folder = folder();
+    let gravity = "\n[[axes.x.physics]]\neffect = \"gravity_load\"\nport = \"stage\"\nforce_n = 50.0\n";
+    std::fs::write(folder.path().join("g.toml"), format!("{MODEL}{gravity}")).unwrap();
+    let rate = SampleRate::new(RATE_HZ).unwrap();
+    let samples =
+        motion_of_recording(&recording([1200.0, 1200.0]), "x", &drive(folder.path(), "m.toml").drive);
+    let samples = samples.unwrap();
+    let last_n = |model: &str, method: Method| {
+        let plan = ServoPlan::of_axis(&drive(folder.path(), model), method, samples.signals);
+        let mut observer = Observer::new(&ForcePlan::Servo(plan), rate).unwrap();
+        samples.samples.iter().map(|s| observer.step(s).force_n).last().unwrap()
+    };
+    for method in
+        [Method::Dob, Method::Medob, Method::VibrationMode, Method::SecondVibrationMode, Method::Fitted]
+    {
+        let taken_n = last_n("m.toml", method) - last_n("g.toml", method);
+        assert!((taken_n - 50.0).abs() < 1e-3, "{method:?}: {taken_n} N");
+    }
+}
+
+fn drive(folder: &Path, model: &str) -> AxisModel {
+    read_machine(&folder.join(model)).unwrap().axis("x").unwrap().clone()
 }
 
 /// A keyframe of a pipeline with two windowed estimators and one of accelerometers, before and after the
