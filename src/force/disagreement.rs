@@ -27,9 +27,10 @@ struct Moments {
     difference: [f64; 2],
     first: [f64; 2],
     settling: usize,
+    begun: bool,
 }
 
-crate::keyframe::keep!(Moments { difference, first, settling });
+crate::keyframe::keep!(Moments { difference, first, settling, begun });
 crate::keyframe::keep!(Disagreement { first, second, memory, noise_n, delays_s, state });
 
 impl Disagreement {
@@ -69,9 +70,11 @@ impl Disagreement {
             return Validity::VALID;
         }
         let (a, b) = (self.first.oldest(), self.second.oldest());
+        // The first values are the averages that everything later starts from.
+        let memory = if std::mem::replace(&mut state.begun, true) { self.memory } else { 0.0 };
         let follow = |moments: &mut [f64; 2], x: f64| {
-            moments[0] = x + self.memory * (moments[0] - x);
-            moments[1] = x * x + self.memory * (moments[1] - x * x);
+            moments[0] = x + memory * (moments[0] - x);
+            moments[1] = x * x + memory * (moments[1] - x * x);
         };
         follow(&mut state.difference, a - b);
         follow(&mut state.first, a);

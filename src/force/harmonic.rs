@@ -1,8 +1,8 @@
 //! Two estimators that know the spindle: positions fitted by spindle harmonics before the balance
 //! (`fitted`), and spectral lines of the thrust corrected by the drive's response (`spectral`).
 //!
-//! Both are windows of fixed weights for the spindle speed that they were designed for; another speed
-//! is flagged, and [`super::observer`] makes a new design where the spindle has settled at one.
+//! Both are windows of fixed weights for the spindle speed that they were designed for;
+//! [`super::observer`] flags another speed and makes a new design where the spindle has settled at one.
 
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method, MotionFactors};
@@ -94,7 +94,6 @@ pub(super) const SPEED_TOLERANCE: f64 = 1e-3;
 #[derive(Debug, Clone, PartialEq)]
 pub struct HarmonicEstimator {
     kind: Kind,
-    speed_rpm: f64,
     condition: f64,
     lag_samples: usize,
     line_samples: usize,
@@ -278,7 +277,6 @@ impl HarmonicEstimator {
                 signals: axis.signals,
                 presliding: Presliding::new(presliding_travel_m, axis.drive.stage_encoder_resolution_m()),
             }),
-            speed_rpm: settings.spindle_speed_rpm,
             condition: fit.condition(),
             lag_samples: middle_age + alignment.lag_samples,
             line_samples: 2 * basis.half_window + 1,
@@ -318,7 +316,6 @@ impl HarmonicEstimator {
                 presliding_travel_m,
                 uses_stage: axis.signals != Signals::MotorOnly,
             }),
-            speed_rpm: settings.spindle_speed_rpm,
             condition: fit.condition(),
             lag_samples: (basis.half_window as f64 - at) as usize,
             line_samples: 2 * basis.half_window + 1,
@@ -358,11 +355,7 @@ impl HarmonicEstimator {
         state.current.push(state.current_n);
         state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.last()));
         state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.last()));
-        let off_speed = sample
-            .spindle_speed_rpm
-            .is_some_and(|s| (s.abs() - self.speed_rpm).abs() > SPEED_TOLERANCE * self.speed_rpm);
-        let flags = Validity::when(off_speed, Validity::EXTRAPOLATED)
-            | Validity::when(self.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
+        let ill = Validity::when(self.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
         let windowed = match &self.kind {
             Kind::Fitted(fitted) => fitted.step(state, self.friction_smoothing_m_s),
             Kind::Spectral(spectral) => {
@@ -370,7 +363,7 @@ impl HarmonicEstimator {
                 spectral.step(state, (self.line_samples / 2, 2.0 * self.friction_smoothing_m_s))
             }
         };
-        Windowed { flags: windowed.flags | flags, ..windowed }
+        Windowed { flags: windowed.flags | ill, ..windowed }
     }
 
     /// Samples by which an estimate lags.

@@ -38,6 +38,8 @@ pub(super) struct Fit<'a> {
     standard_errors: Vec<f64>,
     count: usize,
     bandwidth_trust: f64,
+    /// Relative misfit where the model explains no band at all, else 0: as uncertain is every parameter.
+    unexplained: f64,
 }
 
 /// Relative misfit up to which the model explains a band.
@@ -100,6 +102,7 @@ impl<'a> Fit<'a> {
             standard_errors: Vec::new(),
             count: lines.frequency_hz.len(),
             bandwidth_trust: BANDWIDTH_TRUST,
+            unexplained: 0.0,
         };
         fit.start = fit.unknowns.iter().map(|u| fit.prior_value(*u)).collect();
         fit.scale = fit.unknowns.iter().zip(&fit.start).map(|(u, p)| fit.natural_scale(*u, *p)).collect();
@@ -322,13 +325,21 @@ impl<'a> Fit<'a> {
                 self.run(kept_hz);
                 kept_hz
             }
-            None => high_hz,
+            None => {
+                self.unexplained = self.worst_misfit(high_hz);
+                high_hz
+            }
+        };
+        let valid = if good.is_some() {
+            format!("valid up to {kept_hz:.0} Hz")
+        } else {
+            format!("even below {kept_hz:.0} Hz the model misses by {:.0} %", 100.0 * self.unexplained)
         };
         warnings.push(match self.mode_beyond_hz(kept_hz) {
             Some(mode_hz) => {
-                format!("a mode outside of the model at about {mode_hz:.0} Hz; valid up to {kept_hz:.0} Hz")
+                format!("a mode outside of the model at about {mode_hz:.0} Hz; {valid}")
             }
-            None => format!("the model explains the response only up to {kept_hz:.0} Hz"),
+            None => format!("the model does not explain the whole response: {valid}"),
         });
         kept_hz
     }
@@ -424,7 +435,7 @@ impl<'a> Fit<'a> {
                 Unknown::CurrentBandwidth => LAG_TRUST * value,
                 _ => TORQUE_CONSTANT_TRUST * value,
             };
-            let reach = 1.96 * error.hypot(common) * factor;
+            let reach = 1.96 * error.hypot(common).hypot(self.unexplained * value) * factor;
             fitted.push(FittedParameter {
                 name,
                 prior,

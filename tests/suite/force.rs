@@ -551,7 +551,8 @@ fn a_speed_beyond_the_training_is_flagged() {
         condition: 1.0,
     };
     assert!(estimator.flags(2500.0).is_valid());
-    assert!(estimator.flags(9000.0).contains(Validity::EXTRAPOLATED));
+    let flags = estimator.flags(9000.0);
+    assert!(flags.contains(Validity::EXTRAPOLATED) && !flags.may_act());
 }
 
 // ---- identification -------------------------------------------------------------------------------
