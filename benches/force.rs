@@ -1,6 +1,6 @@
 //! Cost per sample of each force estimator: one axis, six axes one after the other, six side by side in
-//! vector lanes (the
-//! methods that are a balance of one instant; windows and accelerometers are long sums already).
+//! vector lanes (the methods that are a balance of one instant; windows and accelerometers are long sums
+//! already).
 //!
 //! `cargo bench --bench force`. Medians over rounds, cases in turn inside each round; on a shared machine
 //! compare the ratios of one run, not the nanoseconds of two.

@@ -62,8 +62,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     teeth: Option<f64>,
     /// Where a window is read: middle (least noise) or young (three samples from its young end: shortest
-    /// delay) (fitted,
-    /// spectral).
+    /// delay) (fitted, spectral).
     #[arg(long, default_value = "middle", value_parser = ["middle", "young"])]
     reading: String,
     /// Low-pass behind the balance: flat to here, same delay at every frequency.
@@ -76,8 +75,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     motor_cutoff_hz: Option<f64>,
     /// Only what the live pipeline can do: nothing that needs the whole recording (axial stiffness, zero of
-    /// a standing
-    /// axis, median spindle speed, ends of frf).
+    /// a standing axis, median spindle speed, ends of frf).
     #[arg(long)]
     live: bool,
 }

@@ -79,8 +79,7 @@ pub type Plans = [Option<ForcePlan>; 2];
 
 impl ForceConfig {
     /// Checks the tables. Errors: an unknown method, numbers out of range, an axis that model or file of
-    /// accelerometers
-    /// do not know.
+    /// accelerometers do not know.
     pub(super) fn new(path: &Path, raw: &ForceToml<'_>, machine: &Machine) -> Result<Self, ConfigError> {
         let file = raw.accelerometers.as_deref();
         let accelerometers = file.map(read_estimators).transpose()?.unwrap_or_default();

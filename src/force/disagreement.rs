@@ -9,8 +9,7 @@ use crate::units::SampleRate;
 const AVERAGE_S: f64 = 1.0;
 
 /// Two estimates of one axis beside each other, each taken at its own lag, the means off: accelerometers and
-/// spectral
-/// lines do not see a mean.
+/// spectral lines do not see a mean.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Disagreement {
     first: LongLine,
@@ -54,8 +53,7 @@ impl Disagreement {
     /// One estimate of each. Answers [`Validity::ESTIMATORS_DISAGREE`] where they do.
     ///
     /// They do when the deviation of their difference is above three times what encoder steps explain and
-    /// above half of
-    /// the deviation of the first.
+    /// above half of the deviation of the first.
     pub fn step(&mut self, first: ForceEstimate, second: ForceEstimate) -> Validity {
         self.first.push(first.force_n);
         self.second.push(second.force_n);

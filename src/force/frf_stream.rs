@@ -157,8 +157,7 @@ impl FrfStream {
     /// flagged.
     ///
     /// Cost: a few stores; at the end of a block four transforms, and twelve more where the speed has
-    /// changed (that
-    /// alone asks for memory).
+    /// changed (that alone asks for memory).
     pub fn step(&mut self, accel: Option<AccelSample>, speed_rpm: f64) -> ForceEstimate {
         let state = &mut self.state;
         state.newest = accel.unwrap_or(state.newest);

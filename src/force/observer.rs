@@ -60,8 +60,8 @@ pub struct ServoPlan {
 
 impl ServoPlan {
     /// The observer of an axis with the physics that its model has beyond the structure. Low-pass, notches,
-    /// idle map
-    /// and window are the defaults; `fitted` and `spectral` start at 1200 rpm and follow the spindle.
+    /// idle map and window are the defaults; `fitted` and `spectral` start at 1200 rpm and follow the
+    /// spindle.
     #[must_use]
     pub fn of_axis(axis: &AxisModel, method: Method, signals: Signals) -> Self {
         let (physics, drive) = physics_of(&axis.physics, &axis.drive);
@@ -116,8 +116,7 @@ impl Observer {
     }
 
     /// One sample in, one estimate out. The first one settles the filters. Asks for memory only then and
-    /// where the
-    /// spindle has settled at another speed (`fitted`, `spectral`, `frf`).
+    /// where the spindle has settled at another speed (`fitted`, `spectral`, `frf`).
     #[inline]
     pub fn step(&mut self, sample: &MotionSample) -> ForceEstimate {
         match &mut self.0 {

@@ -1,8 +1,8 @@
 //! Frequency responses of a drive: what thrust and cutting force do to motor and stage.
 //!
 //! A chain of masses on the screw axis (one, two or three for a drive, up to [`MAX_MASSES`] otherwise), each
-//! damped to the ground, with springs and
-//! dampers between neighbours; solved numerically, so no expanded polynomial can be misprinted.
+//! damped to the ground, with springs and dampers between neighbours; solved numerically, so no expanded
+//! polynomial can be misprinted.
 
 use crate::plant::drive::{DriveParams, Structure};
 use rustfft::num_complex::Complex64;

@@ -59,8 +59,7 @@ pub struct NotchPlan {
 
 impl NotchPlan {
     /// `motor_encoder` or `stage_encoder` (the notch follows feed over signal period), or a frequency in Hz
-    /// (a torsional
-    /// mode); 10 Hz wide. `None`: neither.
+    /// (a torsional mode); 10 Hz wide. `None`: neither.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         let centre = match name {

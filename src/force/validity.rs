@@ -29,8 +29,7 @@ impl Validity {
     pub const MEAN_NOT_OBSERVABLE: Validity = Validity(1 << 7);
 
     /// A second estimator of the same force, running beside, says something else. A report, no reason to
-    /// hold: the two see
-    /// different bands.
+    /// hold: the two see different bands.
     pub const ESTIMATORS_DISAGREE: Validity = Validity(1 << 8);
 
     const NAMES: [(Validity, &'static str); 9] = [

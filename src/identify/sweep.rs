@@ -83,8 +83,7 @@ pub struct FittedParameter {
     /// Fitted value.
     pub value: f64,
     /// 95 % interval: of the noise of this sweep, and of what no sweep shows (torque constant within 0.5 %,
-    /// instants of
-    /// the drive within a tenth of a sample, each one standard deviation).
+    /// instants of the drive within a tenth of a sample, each one standard deviation).
     pub ci95: [f64; 2],
 }
 

@@ -10,8 +10,7 @@
 //! enters after the estimators, through [`Pipeline::step_forces`].
 //!
 //! After [`Pipeline::new`] a step allocates nothing, unless a gap or, for estimators that are made for a
-//! spindle speed, a
-//! new speed makes it start anew.
+//! spindle speed, a new speed makes it start anew.
 
 mod keyframe;
 mod settings;
@@ -109,8 +108,7 @@ pub struct Pipeline {
     channels: Vec<Channel>,
     monitor: ChatterMonitor,
     /// What the page shows: single precision errs by 5e-6 of the strongest line and does not drift. What is
-    /// tracked and
-    /// decided is computed in double precision by the monitors.
+    /// tracked and decided is computed in double precision by the monitors.
     spectrum: SlidingDft<f32>,
     states: Vec<ChannelState>,
     spectrum_state: SlidingDftState<f32>,
@@ -183,8 +181,8 @@ impl Pipeline {
     }
 
     /// Lets the band follow the bar: another diameter, projection length, or the tools elsewhere along it.
-    /// What was
-    /// learned stays, unless the band leaves what the monitors were designed for: then they start anew.
+    /// What was learned stays, unless the band leaves what the monitors were designed for: then they start
+    /// anew.
     /// Errors: a band that does not fit the rate; nothing has changed then.
     pub fn follow(&mut self, plan: BandPlan) -> Result<(), PipelineError> {
         let band = plan.band()?;
@@ -404,8 +402,7 @@ impl Pipeline {
     }
 
     /// Standard deviation of the difference of the two estimators of an axis over the last second, N; `None`
-    /// where only
-    /// one runs or one of them has not settled.
+    /// where only one runs or one of them has not settled.
     #[must_use]
     pub fn disagreement_n(&self, axis: usize) -> Option<f64> {
         self.states.get(axis)?.apart.as_ref().map(Disagreement::deviation_n)

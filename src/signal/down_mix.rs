@@ -4,8 +4,7 @@
 //! x(n) --*e^{-j w0 n}--> low-pass (windowed sinc) --every D-th--> complex z(m), band at -B/2 .. B/2
 //! ```
 //! The mixing is done with the filter, once an output: sum h(k) x(n-k) e^{-j w0 (n-k)} = e^{-j w0 n} sum
-//! (h(k) e^{j w0 k})
-//! x(n-k). A sample that makes no output is stored and that is all.
+//! (h(k) e^{j w0 k}) x(n-k). A sample that makes no output is stored and that is all.
 
 use super::dispatch::{Fast, Kernel, multiply_add, run};
 use crate::units::SampleRate;

@@ -175,8 +175,8 @@ fn a_force_is_seen_at_the_stated_delay_by_both_modes() {
             .map(|i| estimates[i].force_n - cutting(i as f64 / RATE_HZ - estimator.delay_s()))
             .collect();
         // What encoder steps cause is stated. The thrust swings by 6 N a sample and is read at another phase
-        // of
-        // the hold than the encoders: its images alias to at most 0.4 % of 25 N twice; 0.2 N for all of that.
+        // of the hold than the encoders: its images alias to at most 0.4 % of 25 N twice; 0.2 N for all of
+        // that.
         let limit = estimator.noise_floor_n().hypot(0.2);
         let error = deviation(&errors);
         assert!(error < 1.2 * limit, "{method:?}: {error} N, noise floor {}", estimator.noise_floor_n());
@@ -642,8 +642,7 @@ fn a_mode_outside_of_the_model_is_warned_of() {
 /// One machine, sweep and prior drawn from a seed; for each parameter whether its interval holds the truth.
 ///
 /// What a sweep cannot show errs as the intervals say: torque constant by 0.5 %, instants of the drive by a
-/// tenth of a
-/// sample (one standard deviation each).
+/// tenth of a sample (one standard deviation each).
 fn truth_is_inside(seed: u64) -> [bool; 5] {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = |deviation: f64| Normal::new(0.0, deviation).unwrap().sample(&mut random);

@@ -1,6 +1,5 @@
 //! The live pipeline and `stillcut force` give the same numbers, for every method; two estimators side by
-//! side; what the
-//! pipeline does not act on.
+//! side; what the pipeline does not act on.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -168,8 +167,7 @@ const METHODS: [&str; 9] = [
 ];
 
 /// Live, sample by sample, against the command on the same recording: the same bits, also where the
-/// spindle's speed
-/// changes on the way.
+/// spindle's speed changes on the way.
 #[test]
 fn every_method_gives_the_same_numbers_live_and_in_the_command() {
     let folder = folder();
@@ -262,8 +260,7 @@ fn drive(folder: &Path, model: &str) -> AxisModel {
 }
 
 /// A keyframe of a pipeline with two windowed estimators and one of accelerometers, before and after the
-/// spindle's new
-/// speed made a new design, leads on as the original.
+/// spindle's new speed made a new design, leads on as the original.
 #[test]
 fn keyframes_hold_windows_made_for_a_speed() {
     let folder = folder();

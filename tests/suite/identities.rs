@@ -140,8 +140,7 @@ fn no_error_leaves_the_low_pass() {
 }
 
 /// (B-4), (B-5): a_3 = Q, a_2 = 2 w_t {Q alpha z_r + (Q alpha + 1) z_k + z_t}, a_1 = w_t^2 {4 alpha (z_t z_r
-/// +
-/// z_k z_t + z_r z_k) + Q alpha + 1}, a_0 = 2 alpha w_t^3 (z_r + z_t), over D(s) (the same with Q = 1).
+/// + z_k z_t + z_r z_k) + Q alpha + 1}, a_0 = 2 alpha w_t^3 (z_r + z_t), over D(s) (the same with Q = 1).
 /// The print lacks the Q before alpha z_r (docs/errata.md); (B-3) has it.
 #[test]
 fn mass_error_is_b_4() {
@@ -423,8 +422,7 @@ fn every_mode_of_five_masses_returns_the_cutting_force() {
 }
 
 /// Sato, table 1: 316 N and 560 N of friction are 0.8 and 1.42 N m on one screw (16 mm a turn, which the
-/// table does not
-/// print); 600 rpm with two flutes is 20 Hz.
+/// table does not print); 600 rpm with two flutes is 20 Hz.
 #[test]
 fn frictions_of_sato_are_their_torques_on_one_screw() {
     let r_m = 16e-3 / TAU;
