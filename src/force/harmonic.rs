@@ -145,6 +145,7 @@ struct Spectral {
     force: Vec<f64>,
     /// On thrust or position: the lines as they are.
     lines: Vec<f64>,
+    /// On the position: the motion of the window as a whole.
     velocity: Vec<f64>,
     friction_n: f64,
     /// Travel within which a guideway holds instead of sliding.
@@ -311,7 +312,7 @@ impl HarmonicEstimator {
             kind: Kind::Spectral(Spectral {
                 force: fit.filtered_weights(at, response),
                 lines: fit.filtered_weights(at, |_| Complex64::new(1.0, 0.0)),
-                velocity: fit.weights(at, 1).into_iter().map(|w| w * rate.hz()).collect(),
+                velocity: fit.slope_weights().into_iter().map(|w| w * rate.hz()).collect(),
                 friction_n: axis.drive.stage_coulomb_friction_n() + axis.drive.motor_coulomb_friction_n(),
                 presliding_travel_m,
                 uses_stage: axis.signals != Signals::MotorOnly,

@@ -13,6 +13,7 @@ use crate::force::balance::Method;
 use crate::force::estimator::{
     AxisSignals, ForceEstimator, ForceSettings, ForceState, LowPass, MotionSample, Signals,
 };
+use crate::force::observer::ServoPlan;
 use crate::sample::ServoSample;
 use crate::telemetry::Metrics;
 use crate::units::SampleRate;
@@ -143,7 +144,8 @@ struct Watch {
 impl Watch {
     /// Nothing where the model does not know the axis or it has no thrust.
     fn new(config: &ServiceConfig, (index, axis): (usize, &String), rate: SampleRate) -> Option<Self> {
-        let plan = config.pipeline_settings(rate, std::slice::from_ref(axis)).axes.pop()?.force?;
+        // Whatever estimates the force, model and machine are compared by the balance of both encoders.
+        let plan = ServoPlan::of_axis(config.machine.axis(axis)?, Method::Medob, Signals::Both);
         let signals = AxisSignals { drive: &plan.drive, rate, signals: Signals::Both };
         let low_pass = LowPass::Butterworth { order: 2, cutoff_hz: CUTOFF_HZ };
         let settings = ForceSettings { low_pass, ..plan.settings.clone() };

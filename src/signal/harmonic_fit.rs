@@ -123,6 +123,12 @@ impl HarmonicFit {
         (row * &self.inverse).iter().copied().collect()
     }
 
+    /// Weights of the ramp alone, per sample: the motion of the window as a whole, without its vibration.
+    #[must_use]
+    pub fn slope_weights(&self) -> Vec<f64> {
+        self.inverse.row(1).iter().copied().collect()
+    }
+
     /// Weights of the harmonics alone at an instant, each multiplied by a complex response: what a
     /// periodic signal becomes after a filter.
     #[must_use]
@@ -264,6 +270,8 @@ mod tests {
             assert!((sum(0) - y(at)).abs() < 1e-10);
             assert!((sum(1) - slope(at)).abs() < 1e-10);
             assert!((sum(2) - bend(at)).abs() < 1e-10);
+            let ramp: f64 = fit.slope_weights().iter().enumerate().map(|(i, w)| w * y(i as f64 - 23.0)).sum();
+            assert!((ramp - 0.3).abs() < 1e-10);
         }
     }
 }

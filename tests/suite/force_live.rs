@@ -292,8 +292,8 @@ fn keyframes_hold_windows_made_for_a_speed() {
 fn two_estimators_report_how_far_they_are_apart() {
     let folder = folder();
     let stream = samples(&recording([1200.0, 1200.0]));
-    // Two names of one mode agree to the last bit; the motor's thrust alone is another force.
-    for (beside, apart) in [("rigid_mode", false), ("thrust", true)] {
+    // Two names of one mode agree to the last bit; accelerometers that hear something else do not.
+    for (beside, apart) in [("rigid_mode", false), ("frf", true)] {
         let axis = format!("method = \"medob\"\nbeside = \"{beside}\"\n");
         let mut live = pipeline(folder.path(), &axis);
         let outputs: Vec<StepOutput> = stream.iter().map(|s| live.step(s)).collect();
