@@ -30,5 +30,6 @@ pub mod physics;
 pub mod recorded;
 pub mod response;
 pub mod settings;
+pub mod signals;
 pub mod stiffness;
 pub mod validity;
