@@ -1,16 +1,21 @@
-//! Cost per sample of each force estimator: one axis, six axes one after the other, six side by side.
+//! Cost per sample of each force estimator: one axis, six axes one after the other, six side by side in
+//! vector lanes (the methods that are a balance of one instant; windows and accelerometers are long sums
+//! already).
 //!
 //! `cargo bench --bench force`. Medians over rounds, cases in turn inside each round; on a shared machine
 //! compare the ratios of one run, not the nanoseconds of two.
 #![allow(clippy::disallowed_methods)] // a bench asks the time
 
+use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::time::Instant;
 use stillcut::force::balance::Method;
-use stillcut::force::estimator::{AxisSignals, ForceEstimator, ForceSettings, MotionSample, Signals};
+use stillcut::force::estimator::{AxisSignals, ForceSettings, MotionSample, Signals};
+use stillcut::force::frf::FrfEstimator;
 use stillcut::force::harmonic::HarmonicSettings;
 use stillcut::force::lanes::{ForceLanes, LaneSample};
+use stillcut::force::observer::{ForcePlan, Observer, ServoPlan};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::machine::Controller;
 use stillcut::units::SampleRate;
@@ -51,6 +56,8 @@ fn samples() -> Vec<MotionSample> {
                 motor_travel_m: Some(x),
                 stage_position_m: Some(x + 1e-7),
                 spindle_speed_rpm: Some(1200.0),
+                nut_position_m: None,
+                accel_m_s2: Some([0.1 * x, 0.2 * x, 0.3 * x]),
             }
         })
         .collect()
@@ -68,71 +75,123 @@ fn median(values: &[f64]) -> f64 {
     sorted[sorted.len() / 2]
 }
 
+/// Accelerometers of 100 nodes.
+fn accelerometers() -> FrfEstimator {
+    let value = |k: usize| Complex64::new(1e6 + 1e3 * k as f64, 1e5);
+    FrfEstimator {
+        axis: "x".to_owned(),
+        nodes_hz: (0..100).map(|k| 7.0 + 5.0 * f64::from(k)).collect(),
+        values: (0..100).map(|k| std::array::from_fn(|u| value(k + u))).collect(),
+        speed_range_rpm: [500.0, 7500.0],
+        noise_floor_n: 0.1,
+        condition: 10.0,
+    }
+}
+
+/// Medians by name, in the order of the first mention.
+#[derive(Default)]
+struct Table(Vec<(String, Vec<f64>)>);
+
+impl Table {
+    fn add(&mut self, name: String, ns: f64) {
+        match self.0.iter_mut().find(|(n, _)| *n == name) {
+            Some((_, all)) => all.push(ns),
+            None => self.0.push((name, vec![ns])),
+        }
+    }
+
+    fn print(&self) {
+        println!("{:44} {:>12} {:>12}", "estimator", "ns/sample", "x medob");
+        let one = self.0.iter().find(|(n, _)| n == "medob, 1 axis").map_or(1.0, |(_, v)| median(v));
+        for (name, values) in &self.0 {
+            println!("{name:44} {:12.1} {:12.2}", median(values), median(values) / one);
+        }
+    }
+}
+
+fn plan(method: Method, drive: &DriveParams) -> ForcePlan {
+    let windowed = matches!(method, Method::Fitted | Method::Spectral);
+    ForcePlan::Servo(ServoPlan {
+        drive: drive.clone(),
+        signals: Signals::Both,
+        method,
+        settings: ForceSettings {
+            controller: Some(Controller {
+                position_gain_1_s: 60.0,
+                velocity_gain_1_s: 220.0,
+                velocity_integral_1_s: 20.0,
+                velocity_filter_rad_s: 3000.0,
+            }),
+            harmonic: windowed.then(|| HarmonicSettings::at_speed(1200.0)),
+            ..ForceSettings::default()
+        },
+        motor_cutoff_hz: None,
+    })
+}
+
+/// Time of one sample of all observers.
+fn observers_ns(observers: &mut [Observer], input: &[MotionSample]) -> f64 {
+    observers.iter_mut().for_each(Observer::restart);
+    time_ns(|| {
+        for sample in input {
+            for observer in observers.iter_mut() {
+                black_box(observer.step(sample));
+            }
+        }
+    })
+}
+
+fn lanes_ns(lanes: &ForceLanes, input: &[MotionSample]) -> f64 {
+    let mut state = lanes.settled(&LaneSample::default());
+    time_ns(|| {
+        for sample in input {
+            let row = LaneSample {
+                thrust_ref_n: [sample.thrust_ref_n; 8],
+                motor_travel_m: [sample.motor_travel_m.unwrap_or(0.0); 8],
+                stage_position_m: [sample.stage_position_m.unwrap_or(0.0); 8],
+            };
+            black_box(lanes.step(&mut state, &row));
+        }
+    })
+}
+
 fn main() {
     let drive = drive();
     let rate = SampleRate::new(RATE_HZ).expect("positive");
     let axis = AxisSignals { drive: &drive, rate, signals: Signals::Both };
     let input = samples();
-    let settings = ForceSettings {
-        controller: Some(Controller {
-            position_gain_1_s: 60.0,
-            velocity_gain_1_s: 220.0,
-            velocity_integral_1_s: 20.0,
-            velocity_filter_rad_s: 3000.0,
-        }),
-        harmonic: Some(HarmonicSettings::at_speed(1200.0)),
-        ..ForceSettings::default()
-    };
-    let singles: Vec<ForceEstimator> = Method::ALL
-        .iter()
-        .map(|m| ForceEstimator::new(*m, &axis, settings.clone()).expect("valid"))
-        .collect();
-    let plain = ForceSettings::default();
-    let lanes = ForceLanes::new(&[(Method::Medob, axis); 6], &plain).expect("valid");
-    let slow = lanes.clone().without_fast();
-    let mut table: Vec<(String, Vec<f64>)> = Vec::new();
-    let mut add = |name: &str, ns: f64| match table.iter_mut().find(|(n, _)| n == name) {
-        Some((_, all)) => all.push(ns),
-        None => table.push((name.to_owned(), vec![ns])),
-    };
+    let two = Method::ALL.into_iter().filter(|m| *m != Method::SecondVibrationMode);
+    let mut plans: Vec<(&str, ForcePlan)> = two.map(|m| (m.name(), plan(m, &drive))).collect();
+    plans.push(("frf", ForcePlan::Accelerometers(accelerometers())));
+    let lanes = |method| ForceLanes::new(&[(method, axis); 6], &ForceSettings::default()).expect("valid");
+    let together: Vec<(Method, ForceLanes)> =
+        [Method::Thrust, Method::Dob, Method::Medob, Method::RigidMode, Method::VibrationMode]
+            .map(|m| (m, lanes(m)))
+            .into();
+    let slow = lanes(Method::Medob).without_fast();
+    let mut table = Table::default();
     for _ in 0..ROUNDS {
-        for estimator in &singles {
-            let mut state = estimator.settled(&input[0]);
-            let ns = time_ns(|| {
-                for sample in &input {
-                    black_box(estimator.step(&mut state, sample));
-                }
-            });
-            add(&format!("{}, 1 axis", estimator.method().name()), ns);
+        for (name, plan) in &plans {
+            let mut six = vec![Observer::new(plan, rate).expect("valid"); 6];
+            table.add(format!("{name}, 1 axis"), observers_ns(&mut six[..1], &input));
+            table.add(format!("{name}, 6 axes one after the other"), observers_ns(&mut six, &input));
         }
-        let medob = &singles[2];
-        let mut states = vec![medob.settled(&input[0]); 6];
-        let ns = time_ns(|| {
-            for sample in &input {
-                for state in &mut states {
-                    black_box(medob.step(state, sample));
-                }
-            }
-        });
-        add("medob, 6 axes one after the other", ns);
-        for (name, lanes) in [("medob, 6 axes side by side", &lanes), ("the same, any processor", &slow)] {
-            let mut state = lanes.settled(&LaneSample::default());
-            let ns = time_ns(|| {
-                for sample in &input {
-                    let row = LaneSample {
-                        thrust_ref_n: [sample.thrust_ref_n; 8],
-                        motor_travel_m: [sample.motor_travel_m.unwrap_or(0.0); 8],
-                        stage_position_m: [sample.stage_position_m.unwrap_or(0.0); 8],
-                    };
-                    black_box(lanes.step(&mut state, &row));
-                }
-            });
-            add(name, ns);
+        for (method, lanes) in &together {
+            table.add(format!("{}, 6 axes side by side", method.name()), lanes_ns(lanes, &input));
         }
+        table.add("medob, side by side, any processor".to_owned(), lanes_ns(&slow, &input));
     }
-    println!("{:36} {:>12} {:>12}", "estimator", "ns/sample", "x 1 axis");
-    let one = table.iter().find(|(n, _)| n.starts_with("medob, 1")).map_or(1.0, |(_, v)| median(v));
-    for (name, values) in &table {
-        println!("{name:36} {:12.1} {:12.2}", median(values), median(values) / one);
+    table.print();
+    for rpm in [300.0, 1200.0, 4000.0] {
+        let made: Vec<f64> = (0..3)
+            .map(|_| {
+                let mut plan = plan(Method::Fitted, &drive);
+                if let ForcePlan::Servo(plan) = &mut plan {
+                    plan.settings.harmonic = Some(HarmonicSettings::at_speed(rpm));
+                }
+                time_ns(|| drop(black_box(Observer::new(&plan, rate)))) * SAMPLES as f64 * 1e-6
+            })
+            .collect();
+        println!("fitted, design for a new spindle speed of {rpm} rpm: {:.1} ms", median(&made));
     }
 }

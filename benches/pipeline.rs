@@ -11,7 +11,7 @@ use stillcut::chatter::Band;
 use stillcut::config::machine::read_machine;
 use stillcut::force::balance::Method;
 use stillcut::force::estimator::{ForceSettings, Signals};
-use stillcut::pipeline::{AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings};
+use stillcut::pipeline::{AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, ServoPlan};
 use stillcut::plant::drive::DriveParams;
 use stillcut::plant::scenario::Scenario;
 use stillcut::sample::ServoSample;
@@ -28,13 +28,15 @@ fn median(mut values: Vec<f64>) -> f64 {
 fn pipeline(axes: usize, rate_hz: f64, drive: &DriveParams) -> Pipeline {
     let plan = |index: usize| AxisPlan {
         name: format!("a{index}"),
-        force: Some(ForcePlan {
+        force: Some(ForcePlan::Servo(ServoPlan {
             drive: drive.clone(),
             signals: Signals::Both,
             method: Method::Medob,
             settings: ForceSettings::default(),
             motor_cutoff_hz: Some(150.0),
-        }),
+        })),
+        beside: None,
+        nut: None,
         watch: true,
     };
     let settings = PipelineSettings {

@@ -111,6 +111,8 @@ pub struct ServoSample {
     pub spindle_angle_rad: f64,
     /// Spindle speed, rpm.
     pub spindle_speed_rpm: f64,
+    /// Accelerations of the spindle housing in x, y, z; `None` where there are no accelerometers, m/s2.
+    pub accel_m_s2: Option<[f64; 3]>,
 }
 
 /// Why a servo sample was not taken.
@@ -122,16 +124,16 @@ pub enum SampleError {
         /// Index of the axis.
         axis: usize,
     },
-    /// Time or spindle is NaN or infinite.
-    #[error("time or spindle is not a finite number")]
+    /// Time, spindle or an acceleration is NaN or infinite.
+    #[error("time, spindle or an acceleration is not a finite number")]
     HeadNotFinite,
 }
 
 impl ServoSample {
     /// Checks that everything is finite. Errors: which part is not.
     pub fn check(&self) -> Result<(), SampleError> {
-        if !(self.t_s.is_finite() && self.spindle_angle_rad.is_finite() && self.spindle_speed_rpm.is_finite())
-        {
+        let head = [self.t_s, self.spindle_angle_rad, self.spindle_speed_rpm];
+        if !head.iter().chain(self.accel_m_s2.iter().flatten()).all(|x| x.is_finite()) {
             return Err(SampleError::HeadNotFinite);
         }
         let bad = self.axes.iter().position(|a| {

@@ -7,7 +7,7 @@ use std::path::Path;
 use stillcut::config::machine::read_machine;
 use stillcut::force::balance::Method;
 use stillcut::force::estimator::{ForceSettings, Signals};
-use stillcut::pipeline::{AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings};
+use stillcut::pipeline::{AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, ServoPlan};
 use stillcut::plant::scenario::Scenario;
 use stillcut::simulation::lathe::{Lathe, LatheSettings};
 use stillcut::units::SampleRate;
@@ -39,13 +39,17 @@ fn a_step_of_the_pipeline_allocates_nothing() {
     let machine = read_machine(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config/turrets.toml")).unwrap();
     let plan = |name: &str| AxisPlan {
         name: name.to_owned(),
-        force: machine.axis(name).map(|axis| ForcePlan {
-            drive: axis.drive.clone(),
-            signals: Signals::Both,
-            method: Method::Medob,
-            settings: ForceSettings::default(),
-            motor_cutoff_hz: Some(150.0),
+        force: machine.axis(name).map(|axis| {
+            ForcePlan::Servo(ServoPlan {
+                drive: axis.drive.clone(),
+                signals: Signals::Both,
+                method: Method::Medob,
+                settings: ForceSettings::default(),
+                motor_cutoff_hz: Some(150.0),
+            })
         }),
+        beside: None,
+        nut: None,
         watch: machine.axis(name).is_some(),
     };
     let mut pipeline = Pipeline::new(PipelineSettings {

@@ -3,7 +3,7 @@
  * Services (publish-subscribe): "Stillcut/Servo" StillcutServoBatch, controller to Stillcut;
  * "Stillcut/TurretStatus" StillcutTurretStatus, controller to Stillcut, ten times a second or more;
  * "Stillcut/TurretCommand" StillcutTurretCommand, Stillcut to controller.
- * Payload type names are "stillcut.ServoBatch.v1", "stillcut.TurretStatus.v1", "stillcut.TurretCommand.v1"
+ * Payload type names are "stillcut.ServoBatch.v2", "stillcut.TurretStatus.v1", "stillcut.TurretCommand.v1"
  * (C++: IOX2_TYPE_NAME). Stillcut creates the services; open them, and retry while they are not there.
  * All participants run as the same user, with the same prefix and root path of the domain.
  *
@@ -26,6 +26,8 @@
 #define STILLCUT_VALID_CURRENT 1u
 #define STILLCUT_VALID_MOTOR 2u
 #define STILLCUT_VALID_STAGE 4u
+/* For the whole sample: the accelerations. */
+#define STILLCUT_VALID_ACCEL (1u << 24)
 
 /* Bits of StillcutTurretStatus.interlocks_open. */
 #define STILLCUT_INTERLOCK_PERMISSIVE 1u
@@ -56,6 +58,7 @@ typedef struct {
     uint32_t valid;
     uint32_t reserved; /* 0 */
     StillcutServoAxis axes[STILLCUT_MAX_AXES];
+    double accel_m_s2[3]; /* of the spindle housing: x, y, z */
 } StillcutServoPoint;
 
 typedef struct {
@@ -94,8 +97,8 @@ typedef struct {
 } StillcutTurretStatus;
 
 #if defined(__STDC_VERSION__) && __STDC_VERSION__ >= 201112L
-_Static_assert(sizeof(StillcutServoPoint) == 184, "layout of StillcutServoPoint");
-_Static_assert(sizeof(StillcutServoBatch) == 5960, "layout of StillcutServoBatch");
+_Static_assert(sizeof(StillcutServoPoint) == 208, "layout of StillcutServoPoint");
+_Static_assert(sizeof(StillcutServoBatch) == 6728, "layout of StillcutServoBatch");
 _Static_assert(offsetof(StillcutServoBatch, points) == 72, "layout of StillcutServoBatch");
 _Static_assert(sizeof(StillcutTurretCommand) == 112, "layout of StillcutTurretCommand");
 _Static_assert(offsetof(StillcutTurretCommand, kind) == 108, "layout of StillcutTurretCommand");

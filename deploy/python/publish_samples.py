@@ -33,6 +33,7 @@ class ServoPoint(ctypes.Structure):
         ("valid", ctypes.c_uint32),
         ("reserved", ctypes.c_uint32),
         ("axes", ServoAxis * MAX_AXES),
+        ("accel_m_s2", ctypes.c_double * 3),
     ]
 
 
@@ -48,7 +49,7 @@ class ServoBatch(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "stillcut.ServoBatch.v1"
+        return "stillcut.ServoBatch.v2"
 
 
 def main() -> None:

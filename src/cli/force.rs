@@ -1,25 +1,25 @@
 //! `stillcut force`.
 
 use super::bad_input;
+use crate::config::accelerometers::read_estimators;
+use crate::config::force::FRF;
 use crate::config::machine::read_machine;
 use crate::force::balance::Method;
-use crate::force::estimator::{
-    AxisSignals, ForceEstimate, ForceEstimator, ForceSettings, LowPass, NotchCentre, NotchPlan,
-};
-use crate::force::frf::force_of_recording;
-use crate::force::harmonic::HarmonicSettings;
-use crate::force::offline::{
-    estimate_run, idle_map, standing_zero_n, stiffness_of_runs, with_axial_stiffness,
-};
+use crate::force::estimator::{AxisSignals, ForceEstimate, ForceEstimator, LowPass, MotionSample, NotchPlan};
+use crate::force::frf::{AccelSample, FrfEstimator};
+use crate::force::frf_stream::force_of_recording;
+use crate::force::harmonic::Reading;
+use crate::force::observer::{ForcePlan, Observer, ServoPlan};
+use crate::force::offline::{idle_map, standing_zero_n, stiffness_of_runs, with_axial_stiffness};
 use crate::force::physics::physics_of;
-use crate::force::recorded::{has_drive, motion_of_recording};
+use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
 use crate::force::stiffness::StiffnessCheck;
 use crate::force::validity::Validity;
-use crate::plant::machine::AxisModel;
+use crate::plant::machine::{AxisModel, Machine};
 use crate::recording::{Table, TableColumn, read_recording, write_table};
-use crate::report::force_estimator::read_estimators;
 use crate::sample::Recording;
 use anyhow::Context as _;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Estimates cutting force from servo signals or accelerometers.
@@ -31,7 +31,7 @@ pub(super) struct Arguments {
     /// Recording to work on.
     #[arg(long)]
     recording: PathBuf,
-    /// thrust, dob, medob, rigid_mode, vibration_mode, fitted, spectral or frf.
+    /// thrust, dob, medob, rigid_mode, vibration_mode, second_vibration_mode, fitted, spectral or frf.
     #[arg(long)]
     method: String,
     /// Where the estimate goes (Parquet).
@@ -43,7 +43,7 @@ pub(super) struct Arguments {
     /// Air-cutting run of the same motion, whose disturbance is taken off by position; repeatable.
     #[arg(long)]
     idle: Vec<PathBuf>,
-    /// A second method beside the first: how far they disagree goes into the metadata.
+    /// A second method beside the first (frf too): how far they disagree goes into the metadata.
     #[arg(long)]
     beside: Option<String>,
     /// Notch at a frequency in Hz, or following motor_encoder or stage_encoder; repeatable.
@@ -61,46 +61,53 @@ pub(super) struct Arguments {
     /// Teeth of the tool: only multiples of the tooth-pass frequency are taken (fitted, spectral).
     #[arg(long)]
     teeth: Option<f64>,
+    /// Where a window is read: middle (least noise) or young (three samples from its young end: shortest
+    /// delay) (fitted, spectral).
+    #[arg(long, default_value = "middle", value_parser = ["middle", "young"])]
+    reading: String,
     /// Low-pass behind the balance: flat to here, same delay at every frequency.
     #[arg(long, default_value_t = 800.0)]
     pass_hz: f64,
+    /// Fourth-order Butterworth low-pass at this frequency instead, as in the live pipeline.
+    #[arg(long)]
+    cutoff_hz: Option<f64>,
+    /// Above this the drive side is not listened to, as in the live pipeline.
+    #[arg(long)]
+    motor_cutoff_hz: Option<f64>,
+    /// Only what the live pipeline can do: nothing that needs the whole recording (axial stiffness, zero of
+    /// a standing axis, median spindle speed, ends of frf).
+    #[arg(long)]
+    live: bool,
+}
+
+/// A method of servo signals, or `None` for accelerometers.
+type Choice = Option<Method>;
+
+/// What the command works on.
+struct Inputs {
+    arguments: Arguments,
+    machine: Option<Machine>,
+    estimators: Vec<FrfEstimator>,
+    recording: Recording,
+    idles: Vec<Recording>,
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
-    if arguments.method == "frf" {
-        return run_frf(&arguments);
-    }
-    let method = method_named("--method", &arguments.method)?;
+    let choice = method_named("--method", &arguments.method)?;
     let beside = arguments.beside.as_deref().map(|name| method_named("--beside", name)).transpose()?;
-    let Some(model) = &arguments.model else {
-        return Err(bad_input(format!("--method {} needs --model", method.name())));
-    };
-    let machine = read_machine(model).map_err(bad_input)?;
-    let recording = read_recording(&arguments.recording).map_err(bad_input)?;
-    let idles =
-        arguments.idle.iter().map(|p| read_recording(p).map_err(bad_input)).collect::<Result<Vec<_>, _>>()?;
-
+    let inputs = Inputs::read(arguments, [Some(choice), beside])?;
+    let rate_hz = inputs.recording.sample_rate.hz();
     let mut axes = Vec::new();
-    for axis in machine.axes.iter().filter(|a| has_drive(&recording, &a.name)) {
-        let mut force = axis_force(&arguments, method, axis, (&recording, &idles))?;
+    for name in inputs.axes(choice)? {
+        let mut force = inputs.force(choice, &name)?;
         if let Some(beside) = beside {
-            let other = axis_force(&arguments, beside, axis, (&recording, &idles))?;
-            let apart_n = disagreement_n(&force, &other, recording.sample_rate.hz());
-            let text = format!("{apart_n:.4} N against {}", beside.name());
-            force.notes.push((format!("{}_disagreement", axis.name), text));
+            let apart_n = disagreement_n(&force, &inputs.force(beside, &name)?, rate_hz);
+            let other = beside.map_or(FRF, Method::name);
+            force.notes.push((format!("{name}_disagreement"), format!("{apart_n:.4} N against {other}")));
         }
         axes.push(force);
     }
-    if axes.is_empty() {
-        let names: Vec<&str> = machine.axes.iter().map(|a| a.name.as_str()).collect();
-        return Err(bad_input(format!(
-            "{}: no drive signal of the model's axes {}",
-            arguments.recording.display(),
-            names.join(", ")
-        )));
-    }
-    let mut notes = vec![("method".to_owned(), method.name().to_owned())];
-    let rate_hz = recording.sample_rate.hz();
+    let mut notes = vec![("method".to_owned(), choice.map_or(FRF, Method::name).to_owned())];
     // One delay for the file: what is early waits for what is late.
     let delay_s = axes.iter().map(|a| a.delay_s).fold(0.0, f64::max);
     let mut forces = Vec::new();
@@ -111,22 +118,32 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         forces.push((format!("{}_force_n", axis.name), column));
         notes.extend(axis.notes);
     }
-    write_forces(&arguments.out, &recording, &Forces { forces, delay_s, notes })
+    write_forces(&inputs.arguments.out, &inputs.recording, &Forces { forces, delay_s, notes })
 }
 
-fn method_named(option: &str, name: &str) -> anyhow::Result<Method> {
-    Method::from_name(name).ok_or_else(|| {
+fn method_named(option: &str, name: &str) -> anyhow::Result<Choice> {
+    if name == FRF {
+        return Ok(None);
+    }
+    Method::from_name(name).map(Some).ok_or_else(|| {
         let known: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
-        bad_input(format!("{option} {name}: expected one of {}, frf", known.join(", ")))
+        bad_input(format!("{option} {name}: expected one of {}, {FRF}", known.join(", ")))
     })
 }
 
-/// Root mean square distance of two estimates of one force, each taken at its own lag, N.
+/// Standard deviation of the difference of two estimates of one force, each taken at its own lag, where both
+/// are, N.
 fn disagreement_n(a: &AxisForce, b: &AxisForce, rate_hz: f64) -> f64 {
-    let lag = |x: &AxisForce| (x.delay_s * rate_hz).round() as usize;
-    let pairs = a.force_n.iter().skip(lag(a)).zip(b.force_n.iter().skip(lag(b)));
-    let (sum, count) = pairs.fold((0.0, 0.0f64), |(sum, count), (x, y)| (sum + (x - y).powi(2), count + 1.0));
-    (sum / count.max(1.0)).sqrt()
+    let from = |x: &AxisForce| x.settled + (x.delay_s * rate_hz).round() as usize;
+    let start = a.settled.max(b.settled);
+    let pairs = || {
+        let skip = |x: &AxisForce| from(x) + start - x.settled;
+        let pairs = a.force_n.iter().skip(skip(a)).zip(b.force_n.iter().skip(skip(b)));
+        pairs.map(|(x, y)| x - y).filter(|d| d.is_finite())
+    };
+    let count = pairs().count().max(1) as f64;
+    let mean = pairs().sum::<f64>() / count;
+    (pairs().map(|d| (d - mean).powi(2)).sum::<f64>() / count).sqrt()
 }
 
 /// Estimate of one axis.
@@ -134,140 +151,240 @@ struct AxisForce {
     name: String,
     force_n: Vec<f64>,
     delay_s: f64,
+    /// Samples that the filters need at the start.
+    settled: usize,
     notes: Vec<(String, String)>,
 }
 
-/// One axis through one method; `runs`: the recording and the idle runs.
-fn axis_force(
-    arguments: &Arguments,
-    method: Method,
-    axis: &AxisModel,
-    runs: (&Recording, &[Recording]),
-) -> anyhow::Result<AxisForce> {
-    let (recording, idles) = runs;
-    let motion = motion_of_recording(recording, &axis.name, &axis.drive)
-        .map_err(|e| bad_input(format!("{}: {e}", arguments.recording.display())))?;
-    let mut idle_runs = Vec::new();
-    for (idle, path) in idles.iter().zip(&arguments.idle) {
-        let run = motion_of_recording(idle, &axis.name, &axis.drive)
-            .map_err(|e| bad_input(format!("{}: {e}", path.display())))?;
-        idle_runs.push(run.samples);
+impl Inputs {
+    fn read(arguments: Arguments, choices: [Option<Choice>; 2]) -> anyhow::Result<Self> {
+        let mut inputs = Self {
+            machine: None,
+            estimators: Vec::new(),
+            recording: read_recording(&arguments.recording).map_err(bad_input)?,
+            idles: Vec::new(),
+            arguments,
+        };
+        for choice in choices.into_iter().flatten() {
+            match choice {
+                Some(method) => {
+                    let missing = || bad_input(format!("--method {} needs --model", method.name()));
+                    let path = inputs.arguments.model.as_ref().ok_or_else(missing)?;
+                    inputs.machine = Some(read_machine(path).map_err(bad_input)?);
+                }
+                None => {
+                    let missing = || bad_input(format!("--method {FRF} needs --estimator"));
+                    let path = inputs.arguments.estimator.as_ref().ok_or_else(missing)?;
+                    inputs.estimators = read_estimators(path).map_err(bad_input)?;
+                }
+            }
+        }
+        let idles = inputs.arguments.idle.iter().map(|p| read_recording(p).map_err(bad_input));
+        inputs.idles = idles.collect::<Result<_, _>>()?;
+        Ok(inputs)
     }
-    let mut notes = Vec::new();
-    let mut note = |key: &str, value: String| notes.push((format!("{}_{key}", axis.name), value));
-    let rate = recording.sample_rate;
-    let (physics, mut drive) = physics_of(&axis.physics, &axis.drive);
-    for effect in &physics.not_applied {
-        note(
-            &format!("not_taken_off_{effect}"),
-            "the model states it, its force cannot be computed here".to_owned(),
-        );
+
+    fn in_file(&self, error: impl std::fmt::Display) -> anyhow::Error {
+        bad_input(format!("{}: {error}", self.arguments.recording.display()))
     }
-    if method == Method::VibrationMode && !arguments.keep_stiffness {
-        let signals = AxisSignals { drive: &drive, rate, signals: motion.signals };
-        let check = stiffness_of_runs(&signals, &motion.samples, &idle_runs).map_err(bad_input)?;
-        if let Some(check) = check.filter(StiffnessCheck::is_conclusive) {
-            let stiffness_n_m = check.ratio * drive.axial_stiffness_n_m();
-            note("axial_stiffness_n_m", format!("{stiffness_n_m:.6e}"));
-            note("stiffness_over_model", format!("{:.4}", check.ratio));
-            drive = with_axial_stiffness(&drive, stiffness_n_m).map_err(bad_input)?;
+
+    /// Axes that the method can estimate. Errors: none.
+    fn axes(&self, choice: Choice) -> anyhow::Result<Vec<String>> {
+        if choice.is_none() {
+            return Ok(self.estimators.iter().map(|e| e.axis.clone()).collect());
+        }
+        let known = self.machine.iter().flat_map(|m| &m.axes).map(|a| a.name.clone());
+        let (driven, others): (Vec<String>, Vec<String>) = known.partition(|a| has_drive(&self.recording, a));
+        if driven.is_empty() {
+            return Err(self.in_file(format!("no drive signal of the model's axes {}", others.join(", "))));
+        }
+        Ok(driven)
+    }
+
+    fn force(&self, choice: Choice, name: &str) -> anyhow::Result<AxisForce> {
+        match choice {
+            Some(method) => self.servo_force(method, name),
+            None => self.accelerometer_force(name),
         }
     }
-    let signals = AxisSignals { drive: &drive, rate, signals: motion.signals };
-    let pass_hz = arguments.pass_hz.min(0.2 * rate.hz());
-    let low_pass = LowPass::LinearPhase { pass_hz, width_hz: pass_hz / 2.0 };
-    let mut settings = ForceSettings {
-        low_pass,
-        controller: axis.controller,
-        notches: notches(&arguments.notch)?,
-        presliding_travel_m: physics.presliding_travel_m(),
-        unmodelled_modes_hz: physics.modes_hz.clone(),
-        physics: Some(physics).filter(|_| method != Method::Thrust),
-        ..ForceSettings::default()
-    };
-    if matches!(method, Method::Fitted | Method::Spectral) {
-        settings.harmonic = Some(harmonic_settings(arguments, recording)?);
+
+    /// One axis through one method of servo signals.
+    fn servo_force(&self, method: Method, name: &str) -> anyhow::Result<AxisForce> {
+        let axis = self.machine.as_ref().and_then(|m| m.axis(name));
+        let axis = axis.ok_or_else(|| bad_input(format!("--model: no axis {name}")))?;
+        let motion = motion_of_recording(&self.recording, name, &axis.drive).map_err(|e| self.in_file(e))?;
+        let mut notes = Vec::new();
+        let mut note = |key: &str, value: String| notes.push((format!("{name}_{key}"), value));
+        for effect in &physics_of(&axis.physics, &axis.drive).0.not_applied {
+            let what = "the model states it, its force cannot be computed here";
+            note(&format!("not_taken_off_{effect}"), what.to_owned());
+        }
+        let plan = self.plan(method, (axis, &motion), &mut note)?;
+        let rate = self.recording.sample_rate;
+        let mut observer = Observer::new(&ForcePlan::Servo(plan), rate).map_err(bad_input)?;
+        let estimates: Vec<ForceEstimate> = motion.samples.iter().map(|s| observer.step(s)).collect();
+        let mut force_n: Vec<f64> = estimates.iter().map(|e| e.force_n).collect();
+        let settled = observer.settling_samples().min(force_n.len());
+        let friction_n = observer.friction_bound_n().unwrap_or(0.0);
+        if !self.arguments.live && !matches!(method, Method::Spectral | Method::Thrust) {
+            let travel = motion.samples.iter().filter_map(|s| s.stage_position_m.or(s.motor_travel_m));
+            let travel: Vec<f64> = travel.collect();
+            let part = (0.3 * rate.hz()) as usize;
+            if let Some(zero_n) = standing_zero_n(&force_n[settled..], &travel, friction_n, part) {
+                note("zero_n", format!("{zero_n:.4}"));
+                force_n.iter_mut().for_each(|f| *f -= zero_n);
+            }
+        }
+        describe(&observer, &estimates, &mut note);
+        if method == Method::Spectral {
+            say_what_is_hidden(name, &estimates, &mut force_n, friction_n)?;
+        }
+        Ok(AxisForce { name: name.to_owned(), force_n, delay_s: observer.delay_s(), settled, notes })
     }
-    if !idle_runs.is_empty() {
-        let bare = ForceEstimator::new(method, &signals, settings.clone()).map_err(bad_input)?;
-        settings.idle_map = idle_map(&bare, &idle_runs);
+
+    /// What the options say of one axis; without `--live` also what the whole recording and the idle runs
+    /// say.
+    fn plan(
+        &self,
+        method: Method,
+        (axis, motion): (&AxisModel, &RecordedMotion),
+        note: &mut impl FnMut(&str, String),
+    ) -> anyhow::Result<ServoPlan> {
+        let (arguments, rate) = (&self.arguments, self.recording.sample_rate);
+        let mut idle_runs = Vec::new();
+        for (idle, path) in self.idles.iter().zip(&arguments.idle) {
+            let run = motion_of_recording(idle, &axis.name, &axis.drive)
+                .map_err(|e| bad_input(format!("{}: {e}", path.display())))?;
+            idle_runs.push(run.samples);
+        }
+        let mut plan = ServoPlan::of_axis(axis, method, motion.signals);
+        if method == Method::VibrationMode && !(arguments.live || arguments.keep_stiffness) {
+            let signals = AxisSignals { drive: &plan.drive, rate, signals: motion.signals };
+            let check = stiffness_of_runs(&signals, &motion.samples, &idle_runs).map_err(bad_input)?;
+            if let Some(check) = check.filter(StiffnessCheck::is_conclusive) {
+                let stiffness_n_m = check.ratio * plan.drive.axial_stiffness_n_m();
+                note("axial_stiffness_n_m", format!("{stiffness_n_m:.6e}"));
+                note("stiffness_over_model", format!("{:.4}", check.ratio));
+                plan.drive = with_axial_stiffness(&plan.drive, stiffness_n_m).map_err(bad_input)?;
+            }
+        }
+        let pass_hz = arguments.pass_hz.min(0.2 * rate.hz());
+        plan.settings.low_pass = match arguments.cutoff_hz {
+            Some(cutoff_hz) => LowPass::Butterworth { order: 4, cutoff_hz },
+            None => LowPass::LinearPhase { pass_hz, width_hz: pass_hz / 2.0 },
+        };
+        plan.motor_cutoff_hz = arguments.motor_cutoff_hz;
+        plan.settings.notches = notches(&arguments.notch)?;
+        if let Some(harmonic) = &mut plan.settings.harmonic {
+            let median_rpm = self.median_speed_rpm()?;
+            harmonic.spindle_speed_rpm = if arguments.live { harmonic.spindle_speed_rpm } else { median_rpm };
+            harmonic.turns = arguments.turns.unwrap_or(harmonic.turns);
+            harmonic.harmonics = arguments.harmonics;
+            harmonic.reading = Reading::from_name(&arguments.reading).unwrap_or(harmonic.reading);
+            harmonic.lines_per_turn = arguments.teeth.unwrap_or(harmonic.lines_per_turn);
+        }
+        if !idle_runs.is_empty() {
+            let signals = AxisSignals { drive: &plan.drive, rate, signals: plan.signals };
+            let bare = ForceEstimator::new(method, &signals, plan.settings.clone()).map_err(bad_input)?;
+            plan.settings.idle_map = idle_map(&bare, &idle_runs);
+        }
+        Ok(plan)
     }
-    let estimator = ForceEstimator::new(method, &signals, settings).map_err(bad_input)?;
-    let estimates = estimate_run(&estimator, &motion.samples);
-    let mut force_n: Vec<f64> = estimates.iter().map(|e| e.force_n).collect();
-    let travel: Vec<f64> =
-        motion.samples.iter().filter_map(|s| s.stage_position_m.or(s.motor_travel_m)).collect();
-    let part = (0.3 * rate.hz()) as usize;
-    let start = estimator.settling_samples().min(force_n.len());
-    let zero_n = standing_zero_n(&force_n[start..], &travel, estimator.friction_bound_n(), part);
-    if let Some(zero_n) = zero_n.filter(|_| method != Method::Spectral && method != Method::Thrust) {
-        note("zero_n", format!("{zero_n:.4}"));
-        force_n.iter_mut().for_each(|f| *f -= zero_n);
+
+    /// Spindle speed of the recording: without one the harmonics have no place.
+    fn median_speed_rpm(&self) -> anyhow::Result<f64> {
+        let speed = self.recording.require("spindle_speed_rpm").map_err(|e| self.in_file(e))?;
+        let mut sorted = speed.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted[sorted.len() / 2];
+        if median > 0.0 {
+            return Ok(median);
+        }
+        let what = format!("column spindle_speed_rpm has a median of {median}, expected a turning spindle");
+        Err(self.in_file(what))
     }
-    describe(&estimator, &estimates, &mut note);
-    Ok(AxisForce { name: axis.name.clone(), force_n, delay_s: estimator.delay_s(), notes })
+
+    /// Force from accelerometers. Without `--live` the stream's lag is taken out and the ends are continued.
+    fn accelerometer_force(&self, name: &str) -> anyhow::Result<AxisForce> {
+        let estimator = self.estimators.iter().find(|e| e.axis == name);
+        let estimator = estimator.ok_or_else(|| bad_input(format!("--estimator: no axis {name}")))?;
+        let accel = super::identify::accelerations(&self.recording).map_err(|e| self.in_file(e))?;
+        let speed = self.recording.require("spindle_speed_rpm").map_err(|e| self.in_file(e))?;
+        let rate = self.recording.sample_rate;
+        let mut notes = Vec::new();
+        let mut note = |key: &str, value: String| notes.push((format!("{name}_{key}"), value));
+        let plan = ForcePlan::Accelerometers(estimator.clone());
+        let mut observer = Observer::new(&plan, rate).map_err(bad_input)?;
+        let sample = |(accel, speed_rpm): (&AccelSample, &f64)| MotionSample {
+            accel_m_s2: Some(*accel),
+            spindle_speed_rpm: Some(*speed_rpm),
+            ..MotionSample::default()
+        };
+        let estimates: Vec<ForceEstimate> =
+            accel.iter().zip(speed).map(|pair| observer.step(&sample(pair))).collect();
+        describe(&observer, &estimates, &mut note);
+        let mut force = AxisForce {
+            name: name.to_owned(),
+            force_n: estimates.iter().map(|e| e.force_n).collect(),
+            delay_s: observer.delay_s(),
+            settled: observer.settling_samples().min(estimates.len()),
+            notes,
+        };
+        if !self.arguments.live {
+            force.force_n = force_of_recording(estimator, rate, &accel, speed).map_err(bad_input)?;
+            (force.delay_s, force.settled) = (0.0, 0);
+        }
+        Ok(force)
+    }
 }
 
 /// What the estimator says of itself, for the file's metadata.
-fn describe(estimator: &ForceEstimator, estimates: &[ForceEstimate], note: &mut impl FnMut(&str, String)) {
-    note("usable_band_hz", format!("{:?}", estimator.usable_band_hz()));
-    note("noise_floor_n", format!("{:.4}", estimator.noise_floor_n()));
-    if let Some(condition) = estimator.condition() {
+fn describe(observer: &Observer, estimates: &[ForceEstimate], note: &mut impl FnMut(&str, String)) {
+    note("usable_band_hz", format!("{:?}", observer.usable_band_hz()));
+    note("noise_floor_n", format!("{:.4}", observer.noise_floor_n()));
+    if let Some(condition) = observer.condition() {
         note("condition", format!("{condition:.3e}"));
     }
-    let mut seen = Validity::VALID;
-    for flag in estimates.iter().map(|e| e.flags) {
-        seen |= flag;
-    }
+    let seen = estimates.iter().fold(Validity::VALID, |seen, e| seen | e.flags);
+    note("flags", seen.to_string());
     for name in seen.names() {
         let count = estimates.iter().filter(|e| e.flags.names().any(|n| n == name)).count();
         note(&format!("flag_{name}_share"), format!("{:.4}", count as f64 / estimates.len().max(1) as f64));
     }
-    if seen.contains(Validity::BELOW_FRICTION) {
-        note("below_friction", format!("not observable, bound {:.0} N", estimator.friction_bound_n()));
+    if let Some(bound_n) = observer.friction_bound_n().filter(|_| seen.contains(Validity::BELOW_FRICTION)) {
+        note("below_friction", format!("not observable, bound {bound_n:.0} N"));
     }
+}
+
+/// Where friction hides the force there is no number: NaN in the file, a line on the terminal.
+fn say_what_is_hidden(
+    axis: &str,
+    estimates: &[ForceEstimate],
+    force_n: &mut [f64],
+    bound_n: f64,
+) -> anyhow::Result<()> {
+    let mut hidden = 0.0;
+    for (force_n, estimate) in force_n.iter_mut().zip(estimates) {
+        let settled = !estimate.flags.contains(Validity::SETTLING);
+        if settled && estimate.flags.contains(Validity::BELOW_FRICTION) {
+            *force_n = f64::NAN;
+            hidden += 1.0;
+        }
+    }
+    if hidden > 0.0 {
+        let percent = 100.0 * hidden / estimates.len() as f64;
+        let said = format!("below friction, not observable, bound {bound_n:.0} N");
+        writeln!(std::io::stdout(), "axis {axis}: {said} ({percent:.0} % of the recording)")?;
+    }
+    Ok(())
 }
 
 fn notches(names: &[String]) -> anyhow::Result<Vec<NotchPlan>> {
-    const WIDTH_HZ: f64 = 10.0;
-    names
-        .iter()
-        .map(|name| {
-            let centre = match name.as_str() {
-                "motor_encoder" => NotchCentre::MotorEncoder,
-                "stage_encoder" => NotchCentre::StageEncoder,
-                number => NotchCentre::Fixed {
-                    hz: number.parse().map_err(|_| {
-                        bad_input(format!(
-                            "--notch {number}: expected motor_encoder, stage_encoder or a frequency in Hz"
-                        ))
-                    })?,
-                },
-            };
-            Ok(NotchPlan { centre, width_hz: WIDTH_HZ })
-        })
-        .collect()
-}
-
-/// Spindle speed of a recording: one for all of it, else the harmonics have no place.
-fn harmonic_settings(arguments: &Arguments, recording: &Recording) -> anyhow::Result<HarmonicSettings> {
-    let in_file = |e: String| bad_input(format!("{}: {e}", arguments.recording.display()));
-    let speed = recording.require("spindle_speed_rpm").map_err(|e| in_file(e.to_string()))?;
-    let mut sorted = speed.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let median = sorted[sorted.len() / 2];
-    if !(median > 0.0) {
-        return Err(in_file(format!(
-            "column spindle_speed_rpm has a median of {median}, expected a turning spindle"
-        )));
-    }
-    let default = HarmonicSettings::at_speed(median);
-    Ok(HarmonicSettings {
-        turns: arguments.turns.unwrap_or(default.turns),
-        harmonics: arguments.harmonics,
-        lines_per_turn: arguments.teeth.unwrap_or(default.lines_per_turn),
-        ..default
-    })
+    let plan = |name: &String| {
+        let expected = "expected motor_encoder, stage_encoder or a frequency in Hz";
+        NotchPlan::from_name(name).ok_or_else(|| bad_input(format!("--notch {name}: {expected}")))
+    };
+    names.iter().map(plan).collect()
 }
 
 /// What the command writes.
@@ -294,27 +411,4 @@ fn write_forces(out: &Path, recording: &Recording, forces: &Forces) -> anyhow::R
     ];
     metadata.extend(forces.notes.iter().cloned());
     write_table(out, &Table { columns, metadata }).context("writing the estimate")
-}
-
-/// Force from accelerometers. The file is filtered as a stream, then shifted back by the stream's lag.
-fn run_frf(arguments: &Arguments) -> anyhow::Result<()> {
-    let Some(path) = &arguments.estimator else {
-        return Err(bad_input("--method frf needs --estimator"));
-    };
-    let estimators = read_estimators(path).map_err(bad_input)?;
-    let recording = read_recording(&arguments.recording).map_err(bad_input)?;
-    let in_file = |e: String| bad_input(format!("{}: {e}", arguments.recording.display()));
-    let accel = super::identify::accelerations(&recording).map_err(in_file)?;
-    let speed = recording.require("spindle_speed_rpm").map_err(|e| in_file(e.to_string()))?;
-    let mut forces = Vec::new();
-    let mut notes = vec![("method".to_owned(), "frf".to_owned())];
-    for estimator in &estimators {
-        let force = force_of_recording(estimator, recording.sample_rate, &accel, speed).map_err(bad_input)?;
-        let flags = speed.iter().fold(Validity::VALID, |all, s| all | estimator.flags(*s));
-        notes.push((format!("{}_flags", estimator.axis), flags.to_string()));
-        notes.push((format!("{}_noise_floor_n", estimator.axis), format!("{:.4}", estimator.noise_floor_n)));
-        notes.push((format!("{}_usable_band_hz", estimator.axis), format!("{:?}", estimator.band_hz())));
-        forces.push((format!("{}_force_n", estimator.axis), force));
-    }
-    write_forces(&arguments.out, &recording, &Forces { forces, delay_s: 0.0, notes })
 }

@@ -1,6 +1,7 @@
 //! `stillcut identify`.
 
 use super::bad_input;
+use crate::config::accelerometers::estimators_to_text;
 use crate::config::machine::{machine_to_text, read_machine};
 use crate::force::estimator::MotionSample;
 use crate::force::frf::{ACCEL_AXES, AccelSample};
@@ -8,7 +9,6 @@ use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
 use crate::identify::frf::{FrfRun, FrfSettings, fit_frf};
 use crate::identify::sweep::{Sweep, SweepFit, fit_sweep};
 use crate::recording::{read_recording, write_whole};
-use crate::report::force_estimator::write_estimators;
 use crate::report::force_plots::response_svg;
 use crate::sample::Recording;
 use anyhow::Context as _;
@@ -125,7 +125,7 @@ fn run_frf(arguments: &Arguments) -> anyhow::Result<()> {
         writeln!(std::io::stdout(), "{axis}: {}", fit.describe())?;
         estimators.push(fit.estimator);
     }
-    write_estimators(&arguments.out, &estimators).context("writing the estimator")
+    write_whole(&arguments.out, estimators_to_text(&estimators).as_bytes()).context("writing the estimator")
 }
 
 /// The accelerations of a recording in the order x, y, z.

@@ -3,6 +3,7 @@
 use super::bad_input;
 use crate::chatter::{Band, predicted_band};
 use crate::config::service::{ServiceConfig, read_service_config};
+use crate::force::recorded::accelerations;
 use crate::keyframe::Digest;
 use crate::pipeline::{AxisPlan, BandPlan, Pipeline, PipelineSettings, StepOutput};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
@@ -52,9 +53,10 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let config = arguments.config.as_deref().map(read_service_config).transpose().map_err(bad_input)?;
     let place = |error: String| bad_input(format!("{}: {error}", arguments.recording.display()));
     let given = arguments.config.is_some();
-    let config = config.unwrap_or_default();
+    let mut config = config.unwrap_or_default();
+    config.force.read_idle_runs(&config.machine, read_recording).map_err(bad_input)?;
     let band = band_of(&arguments, &recording, given.then_some(&config)).map_err(place)?;
-    let source = Source::of(&recording, &arguments).map_err(place)?;
+    let source = Source::of(&recording, &arguments, &config).map_err(place)?;
     let settings = source.settings(&config, band);
     let mut pipeline = Pipeline::new(settings).map_err(|e| place(e.to_string()))?;
     let evidence = Evidence::of(&recording).map_err(|e| place(e.to_string()))?;
@@ -160,6 +162,8 @@ struct Source<'a> {
     speed: Option<&'a [f64]>,
     speed_given_rpm: Option<f64>,
     angle: Option<&'a [f64]>,
+    accel: Option<[&'a [f64]; 3]>,
+    accel_valid: Option<&'a [f64]>,
     /// The machine's own times, where a black box kept them.
     times: Option<&'a [f64]>,
 }
@@ -167,8 +171,8 @@ struct Source<'a> {
 enum Signals<'a> {
     /// One column an axis, heard as it is.
     Direct(Vec<&'a [f64]>),
-    /// Current, motor angle, stage position of each axis.
-    Servo(Vec<ServoColumns<'a>>),
+    /// Current, motor angle, stage position of each axis; none of an axis that accelerometers alone hear.
+    Servo(Vec<Option<ServoColumns<'a>>>),
 }
 
 struct ServoColumns<'a> {
@@ -179,23 +183,29 @@ struct ServoColumns<'a> {
 }
 
 impl<'a> Source<'a> {
-    fn of(recording: &'a Recording, arguments: &Arguments) -> Result<Self, String> {
+    fn of(recording: &'a Recording, arguments: &Arguments, config: &ServiceConfig) -> Result<Self, String> {
         let with = |suffix: &str| -> Vec<String> {
             let name =
                 |c: &crate::sample::Column| Some(c.name.strip_suffix(suffix)?.strip_suffix('_')?.to_owned());
             recording.columns.iter().filter_map(name).collect()
         };
         let servo = with("current_ref_a");
-        let (axes, signals) = if servo.is_empty() || arguments.signal != "force_n" {
+        let accel = accelerations(recording);
+        // Accelerometers are heard where the configuration says so and the force is not there already.
+        let housing = accel.is_some() && (!servo.is_empty() || with("force_n").is_empty());
+        let other = |axis: &&str| housing && !servo.iter().any(|s| s == axis);
+        let heard: Vec<String> = config.force.accelerometer_axes().filter(other).map(str::to_owned).collect();
+        let (axes, signals) = if servo.is_empty() && heard.is_empty() || arguments.signal != "force_n" {
             let axes = with(&arguments.signal);
             let column = |axis: &String| recording.require(&format!("{axis}_{}", arguments.signal));
             let columns =
                 axes.iter().map(column).collect::<Result<Vec<_>, _>>().map_err(|e| e.to_string())?;
             (axes, Signals::Direct(columns))
         } else {
-            let columns = servo.iter().map(|axis| ServoColumns::of(recording, axis));
-            let columns = columns.collect::<Result<Vec<_>, _>>()?;
-            (servo, Signals::Servo(columns))
+            let columns = servo.iter().map(|axis| ServoColumns::of(recording, axis).map(Some));
+            let mut columns = columns.collect::<Result<Vec<_>, _>>()?;
+            columns.extend(heard.iter().map(|_| None));
+            (servo.into_iter().chain(heard).collect(), Signals::Servo(columns))
         };
         if axes.is_empty() {
             return Err(format!("no column <axis>_{} and no <axis>_current_ref_a", arguments.signal));
@@ -210,6 +220,8 @@ impl<'a> Source<'a> {
             speed: recording.get("spindle_speed_rpm"),
             speed_given_rpm: arguments.spindle_speed_rpm,
             angle: recording.get("spindle_angle_rad"),
+            accel,
+            accel_valid: recording.get("accel_valid"),
             times: recording.get("source_t_s"),
         })
     }
@@ -222,7 +234,13 @@ impl<'a> Source<'a> {
                 axes: self
                     .axes
                     .iter()
-                    .map(|name| AxisPlan { name: name.clone(), force: None, watch: true })
+                    .map(|name| AxisPlan {
+                        name: name.clone(),
+                        force: None,
+                        beside: None,
+                        nut: None,
+                        watch: true,
+                    })
                     .collect(),
                 band: config.pipeline_settings(self.rate, &self.axes).band,
             },
@@ -255,6 +273,7 @@ impl<'a> Source<'a> {
             Signals::Servo(columns) => {
                 let mut axes = [AxisSample::default(); MAX_AXES];
                 for (to, column) in axes.iter_mut().zip(columns) {
+                    let Some(column) = column else { continue };
                     *to = AxisSample {
                         current_ref_a: column.current_a[index],
                         motor_angle_rad: column.motor_rad[index],
@@ -267,6 +286,10 @@ impl<'a> Source<'a> {
                     axes,
                     spindle_angle_rad: self.angle.map_or(0.0, |a| a[index]),
                     spindle_speed_rpm: self.speed_rpm(index).unwrap_or(0.0),
+                    accel_m_s2: self
+                        .accel
+                        .filter(|_| self.accel_valid.is_none_or(|v| v[index] != 0.0))
+                        .map(|a| a.map(|column| column[index])),
                 })
             }
         }
@@ -290,7 +313,8 @@ impl<'a> ServoColumns<'a> {
     }
 }
 
-/// Option, configuration, recording's band, recording's workpiece, in this order; `None`: the configuration's.
+/// Option, configuration, recording's band, recording's workpiece, in this order; `None`: the
+/// configuration's.
 fn band_of(
     arguments: &Arguments,
     recording: &Recording,

@@ -22,10 +22,11 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
-    let config = match &arguments.config {
+    let mut config = match &arguments.config {
         Some(path) => read_service_config(path).map_err(bad_input)?,
         None => ServiceConfig::default(),
     };
+    config.force.read_idle_runs(&config.machine, crate::recording::read_recording).map_err(bad_input)?;
     if arguments.check {
         return Ok(());
     }

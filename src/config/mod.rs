@@ -1,5 +1,7 @@
 //! From what was typed (TOML, unknown keys refused by name) to what it means (checked core types).
 
+pub mod accelerometers;
+pub mod force;
 pub mod import_map;
 pub mod machine;
 pub mod scenario;
@@ -46,6 +48,20 @@ pub enum ConfigError {
 /// Reads a text file. Errors: [`ConfigError::Read`].
 pub fn read_text(path: &Path) -> Result<String, ConfigError> {
     std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
+}
+
+/// A number within a range. Errors: one line with its place.
+pub(crate) fn parse_number(
+    path: &Path,
+    place: &str,
+    value: f64,
+    (low, high): (f64, f64),
+) -> Result<f64, ConfigError> {
+    if value.is_finite() && (low..=high).contains(&value) {
+        return Ok(value);
+    }
+    let message = format!("{value} is not between {low} and {high}");
+    Err(ConfigError::Content { path: path.to_owned(), place: place.to_owned(), message })
 }
 
 /// Parses TOML into `T` and turns a failure into one line with its place.

@@ -3,18 +3,17 @@
 //! `config/stillcut.toml` states every key with its default, unit and meaning; `print-config` prints
 //! it, and a test holds it equal to the defaults here.
 
+use super::force::{AxisToml, ForceConfig, ForceToml};
 use super::machine::machine_from_text;
-use super::{ConfigError, parse, read_text};
+use super::{ConfigError, parse, parse_number, read_text};
 use crate::chatter::Band;
-use crate::force::balance::Method;
-use crate::force::estimator::{ForceSettings, LowPass, Signals};
-use crate::force::physics::physics_of;
-use crate::pipeline::{AxisPlan, BandPlan, ForcePlan, PipelineSettings};
+use crate::pipeline::{AxisPlan, BandPlan, PipelineSettings};
 use crate::plant::cutting::{Cutting, RawCutting};
-use crate::plant::machine::{AxisModel, Machine};
+use crate::plant::machine::Machine;
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::units::SampleRate;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
@@ -60,6 +59,8 @@ section!(MachineToml {
     force_cutoff_hz: f64 = 1000.0,
     motor_cutoff_hz: f64 = 150.0,
     watch: Vec<String> = vec!["x1".into(), "y1".into()],
+    accelerometers: Option<PathBuf> = None,
+    axes: BTreeMap<String, AxisToml> = BTreeMap::new(),
 });
 section!(WorkpieceToml {
     diameter_m: f64 = 0.0249,
@@ -194,18 +195,15 @@ pub struct FleetConfig {
 /// The configuration of the service, checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServiceConfig {
-    /// Binary that diagnoses run in, in a process of their own; `None`: the one that runs now. Not in the file.
+    /// Binary that diagnoses run in, in a process of their own; `None`: the one that runs now. Not in the
+    /// file.
     pub program: Option<PathBuf>,
     /// Drives of the axes.
     pub machine: Machine,
     /// File that the drives were read from.
     pub model: Option<PathBuf>,
-    /// Force observer.
-    pub method: Method,
-    /// Low-pass behind it.
-    pub force_cutoff_hz: f64,
-    /// Above this the rotary encoder is not listened to.
-    pub motor_cutoff_hz: f64,
+    /// How the force of each axis is estimated.
+    pub force: ForceConfig,
     /// Axes listened to.
     pub watch: Vec<String>,
     /// Bar in the chuck.
@@ -266,11 +264,7 @@ impl Reader<'_> {
     }
 
     fn within(&self, place: &str, value: f64, (low, high): (f64, f64)) -> Result<f64, ConfigError> {
-        if value.is_finite() && (low..=high).contains(&value) {
-            Ok(value)
-        } else {
-            Err(self.bad(place, format!("{value} is not between {low} and {high}")))
-        }
+        parse_number(self.path, place, value, (low, high))
     }
 
     fn resolve(&self, path: &Path) -> PathBuf {
@@ -284,28 +278,22 @@ impl Reader<'_> {
             Some(path) => super::machine::read_machine(path)?,
             None => machine_from_text(Path::new("built-in model"), BUILT_IN_MODEL)?,
         };
-        let method = Method::ALL.into_iter().find(|m| m.name() == raw.machine.method).ok_or_else(|| {
-            let known: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
-            let (given, known) = (&raw.machine.method, known.join(", "));
-            self.bad("machine.method", format!("`{given}` is not one of {known}"))
-        })?;
-        if let Some(axis) = raw.machine.watch.iter().find(|a| machine.axis(a).is_none()) {
+        let force = ForceToml {
+            method: &raw.machine.method,
+            force_cutoff_hz: raw.machine.force_cutoff_hz,
+            motor_cutoff_hz: raw.machine.motor_cutoff_hz,
+            accelerometers: raw.machine.accelerometers.as_deref().map(|p| self.resolve(p)),
+            axes: &raw.machine.axes,
+        };
+        let force = ForceConfig::new(self.path, &force, &machine)?;
+        let known = |a: &String| machine.axis(a).is_some() || force.accelerometer_axes().any(|b| b == a);
+        if let Some(axis) = raw.machine.watch.iter().find(|a| !known(a)) {
             return Err(self.bad("machine.watch", format!("the model has no axis {axis}")));
         }
         let band = raw.detection.band_hz.map(|[low, high]| Band::new(low, high)).transpose();
         Ok(ServiceConfig {
             program: None,
-            method,
-            force_cutoff_hz: self.within(
-                "machine.force_cutoff_hz",
-                raw.machine.force_cutoff_hz,
-                (1.0, 1e5),
-            )?,
-            motor_cutoff_hz: self.within(
-                "machine.motor_cutoff_hz",
-                raw.machine.motor_cutoff_hz,
-                (1.0, 1e5),
-            )?,
+            force,
             watch: raw.machine.watch.clone(),
             workpiece: self.workpiece(&raw.workpiece)?,
             cutting: self.cutting(&raw.cutting)?,
@@ -433,37 +421,13 @@ impl Reader<'_> {
 }
 
 impl ServiceConfig {
-    /// The observer of one axis, with the physics that its model has beyond the structure.
-    fn force_plan(&self, axis: &AxisModel) -> ForcePlan {
-        let low_pass = LowPass::Butterworth { order: 4, cutoff_hz: self.force_cutoff_hz };
-        let settings = ForceSettings { low_pass, ..ForceSettings::default() };
-        let plain = ForcePlan {
-            drive: axis.drive.clone(),
-            signals: Signals::Both,
-            method: self.method,
-            motor_cutoff_hz: Some(self.motor_cutoff_hz),
-            settings,
-        };
-        if axis.physics.is_empty() || self.method == Method::Thrust {
-            return plain;
-        }
-        let (physics, drive) = physics_of(&axis.physics, &axis.drive);
-        let settings = ForceSettings {
-            presliding_travel_m: physics.presliding_travel_m(),
-            unmodelled_modes_hz: physics.modes_hz.clone(),
-            physics: Some(physics),
-            ..plain.settings
-        };
-        ForcePlan { drive, settings, ..plain }
-    }
-
     /// The pipeline for a stream of these axes: an axis that the model does not know has no force.
     #[must_use]
     pub fn pipeline_settings(&self, sample_rate: SampleRate, axes: &[String]) -> PipelineSettings {
-        let plan = |name: &String| AxisPlan {
-            name: name.clone(),
-            watch: self.watch.contains(name),
-            force: self.machine.axis(name).map(|axis| self.force_plan(axis)),
+        let plan = |name: &String| {
+            let [force, beside] = self.force.plans(name, self.machine.axis(name), sample_rate);
+            let nut = self.force.nut(name).and_then(|nut| axes.iter().position(|a| a == nut));
+            AxisPlan { name: name.clone(), force, beside, nut, watch: self.watch.contains(name) }
         };
         PipelineSettings {
             sample_rate,
@@ -500,6 +464,12 @@ mod tests {
             ("[http]\nlisen = 1\n", "c.toml:2:1: unknown field `lisen`"),
             ("[workpiece]\ndiameter_m = -1.0\n", "workpiece: diameter_m = -1 is not physical"),
             ("[machine]\nmethod = \"magic\"\n", "machine.method: `magic` is not one of thrust, dob"),
+            ("[machine]\nmethod = \"frf\"\n", "machine.method: `frf` needs machine.accelerometers"),
+            ("[machine.axes.q]\n", "machine.axes.q: the model has no axis q"),
+            ("[machine.axes.x1]\nbeside = \"m\"\n", "machine.axes.x1.beside: `m` is not one of"),
+            ("[machine.axes.x1]\nturns = 99.0\n", "machine.axes.x1.turns: 99 is not between 0.1 and 10"),
+            ("[machine.axes.x1]\nencoders = \"no\"\n", "`no` is not one of both, motor, stage"),
+            ("[machine.axes.x1]\nspeed = 1\n", "unknown field `speed`"),
             ("[machine]\nwatch = [\"q\"]\n", "machine.watch: the model has no axis q"),
             ("[turret]\ncommand_ttl_s = 9.0\n", "turret.command_ttl_s: 9 is not between 1.1 and 2.5"),
             ("[log]\nformat = \"xml\"\n", "log.format: `xml` is not one of text, json"),

@@ -3,6 +3,8 @@
 //!
 //! Every method of the thesis is linear in aligned motion, so one row of factors is the method.
 
+use super::modal::ModalBalance;
+use super::response::Chain;
 use crate::plant::drive::{DriveParams, Structure};
 
 /// How the cutting force is had from servo signals.
@@ -18,6 +20,8 @@ pub enum Method {
     RigidMode,
     /// First vibration mode of the modal space (2-44), of the triple-inertia model (2-62).
     VibrationMode,
+    /// Second vibration mode of the triple-inertia model (2-63); needs three positions.
+    SecondVibrationMode,
     /// Positions fitted by spindle harmonics before the multi-encoder balance (Hayashi et al.).
     Fitted,
     /// Spectral lines of the thrust corrected by the closed loop (Sato et al.).
@@ -26,12 +30,13 @@ pub enum Method {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Method; 7] = [
+    pub const ALL: [Method; 8] = [
         Method::Thrust,
         Method::Dob,
         Method::Medob,
         Method::RigidMode,
         Method::VibrationMode,
+        Method::SecondVibrationMode,
         Method::Fitted,
         Method::Spectral,
     ];
@@ -45,6 +50,7 @@ impl Method {
             Method::Medob => "medob",
             Method::RigidMode => "rigid_mode",
             Method::VibrationMode => "vibration_mode",
+            Method::SecondVibrationMode => "second_vibration_mode",
             Method::Fitted => "fitted",
             Method::Spectral => "spectral",
         }
@@ -92,6 +98,8 @@ pub struct ForceBalance {
     pub thrust: f64,
     /// Factors of the motor's travel.
     pub motor: MotionFactors,
+    /// Factors of the screw at the nut, where a third position is measured.
+    pub nut: MotionFactors,
     /// Factors of the stage.
     pub stage: MotionFactors,
     /// Factor of the friction at the motor, as a force, N.
@@ -111,14 +119,7 @@ impl ForceBalance {
     #[must_use]
     pub fn new(method: Method, drive: &DriveParams) -> Self {
         if matches!(method, Method::Thrust | Method::Spectral) {
-            return Self {
-                thrust: 1.0,
-                motor: MotionFactors::default(),
-                stage: MotionFactors::default(),
-                motor_friction_n: 0.0,
-                stage_friction_n: 0.0,
-                stage_disturbance: 0.0,
-            };
+            return Self { thrust: 1.0, ..Self::default() };
         }
         if method == Method::Dob || drive.structure() == Structure::Rigid {
             return Self::rigid(drive);
@@ -135,6 +136,7 @@ impl ForceBalance {
         Self {
             thrust: 1.0,
             motor: MotionFactors::mass(drive.total_mass_kg(), damping),
+            nut: MotionFactors::default(),
             stage: MotionFactors::default(),
             motor_friction_n: drive.motor_coulomb_friction_n() + drive.stage_coulomb_friction_n(),
             stage_friction_n: 0.0,
@@ -149,6 +151,7 @@ impl ForceBalance {
         Self {
             thrust: 1.0,
             motor: MotionFactors::mass(motor_side_mass_kg(drive), drive.reflected_damping_n_s_m()),
+            nut: MotionFactors::default(),
             stage: MotionFactors::mass(drive.movable_mass_kg(), drive.translational_damping_n_s_m()),
             motor_friction_n: drive.motor_coulomb_friction_n(),
             stage_friction_n: drive.stage_coulomb_friction_n(),
@@ -181,6 +184,7 @@ impl ForceBalance {
                 velocity_n_s_m: c_k + alpha * drive.reflected_damping_n_s_m(),
                 acceleration_kg: mass,
             },
+            nut: MotionFactors::default(),
             stage: MotionFactors {
                 position_n_m: -k,
                 velocity_n_s_m: -c_k - drive.translational_damping_n_s_m(),
@@ -190,6 +194,37 @@ impl ForceBalance {
             stage_friction_n: drive.stage_coulomb_friction_n(),
             stage_disturbance: 1.0,
         }
+    }
+
+    /// One mode of three inertias whose positions are all measured: 0 rigid, (2-49) and (2-61); 1, (2-62);
+    /// 2, (2-63).
+    /// `None` where the model has no such mode.
+    ///
+    /// Checked by: force::three_positions_return_the_force_in_every_mode.
+    #[must_use]
+    pub fn of_three(mode: usize, drive: &DriveParams) -> Option<Self> {
+        let modal = ModalBalance::new(&Chain::of_drive(drive), mode)?;
+        let &[motor, nut, stage] = modal.motion.as_slice() else { return None };
+        let factors = |[position_n_m, velocity_n_s_m, acceleration_kg]: [f64; 3]| MotionFactors {
+            position_n_m,
+            velocity_n_s_m,
+            acceleration_kg,
+        };
+        Some(Self {
+            thrust: modal.thrust,
+            motor: factors(motor),
+            nut: factors(nut),
+            stage: factors(stage),
+            motor_friction_n: modal.thrust * drive.motor_coulomb_friction_n(),
+            stage_friction_n: drive.stage_coulomb_friction_n(),
+            stage_disturbance: 1.0,
+        })
+    }
+
+    /// True when the screw's own motion enters.
+    #[must_use]
+    pub fn needs_nut(&self) -> bool {
+        !self.nut.is_zero()
     }
 
     /// True when the motor's motion enters.

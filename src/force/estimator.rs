@@ -8,6 +8,8 @@ use super::idle_map::IdleMap;
 use super::physics::PhysicsModel;
 use super::settings::{Filter, FilterState};
 pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
+pub use super::signals::{AxisSignals, Signals};
+use super::signals::{encoder_lines_1_m, measured_balance};
 use super::validity::Validity;
 use crate::keyframe::{Keep, Words};
 use crate::plant::drive::DriveParams;
@@ -23,10 +25,14 @@ pub struct MotionSample {
     pub thrust_ref_n: f64,
     /// Motor angle as stage travel, m.
     pub motor_travel_m: Option<f64>,
+    /// Screw at the nut as stage travel, where a third position is measured, m.
+    pub nut_position_m: Option<f64>,
     /// Linear scale, m.
     pub stage_position_m: Option<f64>,
     /// Spindle speed, where it is known, rpm.
     pub spindle_speed_rpm: Option<f64>,
+    /// Accelerations of the spindle housing (x, y, z), for `frf` alone, m/s2.
+    pub accel_m_s2: Option<[f64; 3]>,
 }
 
 /// One estimate.
@@ -58,6 +64,7 @@ pub struct ForceEstimator {
     balance: ForceBalance,
     pub(super) alignment: Alignment,
     pub(super) motor: SideStencils,
+    nut: Stencil,
     pub(super) stage: SideStencils,
     current: Stencil,
     physics: Option<PhysicsModel>,
@@ -74,18 +81,9 @@ pub struct ForceEstimator {
     harmonic: Option<HarmonicEstimator>,
     notches: Vec<(NotchCentre, Notch)>,
     speed_memory: f64,
+    settling: usize,
+    filter_delay_s: f64,
     rate: SampleRate,
-}
-
-/// Which positions the axis measures.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Signals {
-    /// Rotary encoder only (semi-closed).
-    MotorOnly,
-    /// Linear scale only (linear motor).
-    StageOnly,
-    /// Both (full-closed).
-    Both,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,6 +98,7 @@ pub(super) struct SideStencils {
 pub struct ForceState {
     current: DelayLine,
     motor: DelayLine,
+    nut: DelayLine,
     stage: DelayLine,
     current_n: f64,
     last_ref_n: f64,
@@ -114,9 +113,9 @@ pub struct ForceState {
 
 impl Keep for ForceState {
     fn keep(&self, to: &mut Vec<u64>) {
-        let Self { current, motor, stage, current_n, last_ref_n, presliding, filter, .. } = self;
-        let Self { harmonic, notches, speed_m_s, seen, .. } = self;
-        [current, motor, stage].into_iter().for_each(|line| line.keep(to));
+        let Self { current, motor, nut, stage, current_n, last_ref_n, presliding, .. } = self;
+        let Self { filter, harmonic, notches, speed_m_s, seen, .. } = self;
+        [current, motor, nut, stage].into_iter().for_each(|line| line.keep(to));
         [current_n, last_ref_n, speed_m_s].into_iter().for_each(|x| x.keep(to));
         presliding.keep(to);
         filter.keep(to);
@@ -128,9 +127,9 @@ impl Keep for ForceState {
     }
 
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { current, motor, stage, current_n, last_ref_n, presliding, filter, .. } = self;
-        [current, motor, stage].into_iter().try_for_each(|line| line.restore(from))?;
-        let Self { harmonic, notches, speed_m_s, seen, .. } = self;
+        let Self { current, motor, nut, stage, current_n, last_ref_n, presliding, .. } = self;
+        [current, motor, nut, stage].into_iter().try_for_each(|line| line.restore(from))?;
+        let Self { filter, harmonic, notches, speed_m_s, seen, .. } = self;
         [current_n, last_ref_n, speed_m_s].into_iter().try_for_each(|x| x.restore(from))?;
         presliding.restore(from)?;
         filter.restore(from)?;
@@ -145,7 +144,7 @@ impl ForceEstimator {
     /// Errors: a cutoff that does not fit the rate, delays too long, a position that the method needs
     /// and the axis does not measure.
     pub fn new(method: Method, axis: &AxisSignals<'_>, settings: ForceSettings) -> Result<Self, ForceError> {
-        let balance = on_measured_side(ForceBalance::new(method, axis.drive), axis.signals, method)?;
+        let balance = measured_balance(method, axis)?;
         Self::from_balance(method, balance, axis, settings)
     }
 
@@ -172,6 +171,8 @@ impl ForceEstimator {
             method,
             balance,
             motor: side(alignment.motor, balance.motor.as_array()),
+            // The screw's encoder is taken to be as late as the stage's.
+            nut: side(alignment.stage, balance.nut.as_array()).force,
             stage: side(alignment.stage, balance.stage.as_array()),
             current: stencils(alignment.current, period_s)[0],
             physics: settings.physics.filter(|p| !p.is_empty()),
@@ -190,9 +191,14 @@ impl ForceEstimator {
             notches: design_notches(&settings.notches, rate)?,
             // 20 Hz: fast enough for a feed that ramps, slow enough not to follow chatter.
             speed_memory: (-std::f64::consts::TAU * 20.0 / rate.hz()).exp(),
+            settling: 0,
+            filter_delay_s: 0.0,
             rate,
         };
         estimator.noise_floor_n = estimator.quantization_noise_n(drive);
+        let window = estimator.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
+        estimator.filter_delay_s = estimator.filter.delay_s(rate);
+        estimator.settling = estimator.alignment.lag_samples + window + estimator.filter.memory_samples(rate);
         Ok(estimator)
     }
 
@@ -200,13 +206,16 @@ impl ForceEstimator {
     #[must_use]
     pub fn settled(&self, first: &MotionSample) -> ForceState {
         let motor = first.motor_travel_m.unwrap_or(0.0);
+        let nut = first.nut_position_m.unwrap_or(0.0);
         let stage = first.stage_position_m.unwrap_or(0.0);
         let rest = self.balance.thrust * first.thrust_ref_n
             + self.balance.motor.position_n_m * motor
+            + self.balance.nut.position_n_m * nut
             + self.balance.stage.position_n_m * stage;
         ForceState {
             current: DelayLine::filled(first.thrust_ref_n),
             motor: DelayLine::filled(motor),
+            nut: DelayLine::filled(nut),
             stage: DelayLine::filled(stage),
             current_n: first.thrust_ref_n,
             last_ref_n: first.thrust_ref_n,
@@ -223,10 +232,26 @@ impl ForceEstimator {
     #[inline]
     #[must_use]
     pub fn step(&self, state: &mut ForceState, sample: &MotionSample) -> ForceEstimate {
-        let (mut raw_n, motion) = self.balance_step(state, sample);
+        self.step_with_motion(state, sample).0
+    }
+
+    /// The same, with the motion at the instant of the balance (before the low-pass).
+    #[inline]
+    #[must_use]
+    pub fn step_with_motion(
+        &self,
+        state: &mut ForceState,
+        sample: &MotionSample,
+    ) -> (ForceEstimate, AlignedMotion) {
+        let (mut raw_n, mut motion) = self.balance_step(state, sample);
         let mut harmonic_flags = Validity::VALID;
         if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
-            (raw_n, harmonic_flags) = harmonic.step(inner, sample);
+            let windowed = harmonic.step(inner, &self.without_signal_errors(sample));
+            (raw_n, harmonic_flags) = (windowed.force_n, windowed.flags);
+            if let Some((at_window, motor_m)) = windowed.motion {
+                motion = at_window;
+                raw_n -= self.physics_n(motor_m, &motion);
+            }
         }
         let disturbance_n = self
             .idle_map
@@ -234,15 +259,16 @@ impl ForceEstimator {
             .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.travel_velocity_m_s(&motion)));
         let notched_n = self.notch(state, raw_n - disturbance_n, &motion);
         let force_n = self.filter.step(&mut state.filter, notched_n);
-        ForceEstimate { force_n, flags: harmonic_flags | self.flags(state, sample, &motion) }
+        let flags = harmonic_flags | self.flags(state, sample, &motion);
+        (ForceEstimate { force_n, flags }, motion)
     }
 
     /// The balance before idle map and low-pass, with the aligned motion behind it; the instant is
-    /// [`Self::alignment_lag_samples`] ago. For building idle maps and residuals.
+    /// [`Self::alignment_lag_samples`] ago.
     #[inline]
-    #[must_use]
-    pub fn balance_step(&self, state: &mut ForceState, sample: &MotionSample) -> (f64, AlignedMotion) {
-        let told_n = self.physics.as_ref().map_or(sample.thrust_ref_n, |p| p.thrust_n(sample.thrust_ref_n));
+    fn balance_step(&self, state: &mut ForceState, sample: &MotionSample) -> (f64, AlignedMotion) {
+        let sample = &self.without_signal_errors(sample);
+        let told_n = sample.thrust_ref_n;
         // The reference given at the last sample has driven the current until now.
         state.current_n =
             self.alignment.current_memory * (state.current_n - state.last_ref_n) + state.last_ref_n;
@@ -251,11 +277,13 @@ impl ForceEstimator {
         }
         state.last_ref_n = told_n;
         state.current.push(state.current_n);
-        let motor_m = sample.motor_travel_m.map(|x| self.physics.as_ref().map_or(x, |p| p.motor_travel_m(x)));
-        let stage_m =
-            sample.stage_position_m.map(|x| self.physics.as_ref().map_or(x, |p| p.stage_position_m(x)));
-        state.motor.push(motor_m.unwrap_or_else(|| state.motor.at(0)));
-        state.stage.push(stage_m.unwrap_or_else(|| state.stage.at(0)));
+        state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.at(0)));
+        state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.at(0)));
+        let mut nut_n = 0.0;
+        if self.balance.needs_nut() {
+            state.nut.push(sample.nut_position_m.unwrap_or_else(|| state.nut.at(0)));
+            nut_n = state.nut.apply(&self.nut);
+        }
         state.seen = state.seen.saturating_add(1);
 
         let motion = AlignedMotion {
@@ -264,7 +292,9 @@ impl ForceEstimator {
             stage_velocity_m_s: state.stage.apply(&self.stage.velocity),
             position_m: match self.signals {
                 Signals::MotorOnly => state.motor.apply(&self.motor.position),
-                Signals::StageOnly | Signals::Both => state.stage.apply(&self.stage.position),
+                Signals::StageOnly | Signals::Both | Signals::Three => {
+                    state.stage.apply(&self.stage.position)
+                }
             },
         };
         let motor_friction_n = if self.balance.motor_friction_n == 0.0 {
@@ -276,24 +306,38 @@ impl ForceEstimator {
             self.presliding.step(&mut state.presliding, state.stage.apply(&self.stage.position));
         let raw_n = self.balance.thrust * motion.thrust_n
             + state.motor.apply(&self.motor.force)
+            + nut_n
             + state.stage.apply(&self.stage.force)
             - motor_friction_n
             - self.balance.stage_friction_n * stage_share
-            - self.physics_n(state, &motion);
+            - self
+                .physics
+                .as_ref()
+                .map_or(0.0, |_| self.physics_n(state.motor.apply(&self.motor.position), &motion));
         (raw_n, motion)
+    }
+
+    /// The sample as it would be without saturation of the torque and periodic errors of the encoders.
+    #[inline]
+    fn without_signal_errors(&self, sample: &MotionSample) -> MotionSample {
+        let Some(physics) = &self.physics else { return *sample };
+        MotionSample {
+            thrust_ref_n: physics.thrust_n(sample.thrust_ref_n),
+            motor_travel_m: sample.motor_travel_m.map(|x| physics.motor_travel_m(x)),
+            stage_position_m: sample.stage_position_m.map(|x| physics.stage_position_m(x)),
+            ..*sample
+        }
     }
 
     /// What the model's further physics adds to the balance: motor side by the thrust's factor, stage side
     /// as it is.
     #[inline]
-    fn physics_n(&self, state: &ForceState, motion: &AlignedMotion) -> f64 {
+    fn physics_n(&self, motor_m: f64, motion: &AlignedMotion) -> f64 {
         let Some(physics) = &self.physics else { return 0.0 };
         let stage_v = self.travel_velocity_m_s(motion);
         let (motor_x, motor_v) = match self.signals {
             Signals::StageOnly => (motion.position_m, stage_v),
-            Signals::MotorOnly | Signals::Both => {
-                (state.motor.apply(&self.motor.position), motion.motor_velocity_m_s)
-            }
+            Signals::MotorOnly | Signals::Both | Signals::Three => (motor_m, motion.motor_velocity_m_s),
         };
         self.balance.thrust * physics.motor_n(motor_x, motor_v)
             + self.balance.stage_disturbance * physics.stage_n(motion.position_m, stage_v)
@@ -337,14 +381,15 @@ impl ForceEstimator {
     pub fn travel_velocity_m_s(&self, motion: &AlignedMotion) -> f64 {
         match self.signals {
             Signals::MotorOnly => motion.motor_velocity_m_s,
-            Signals::StageOnly | Signals::Both => motion.stage_velocity_m_s,
+            Signals::StageOnly | Signals::Both | Signals::Three => motion.stage_velocity_m_s,
         }
     }
 
     fn flags(&self, state: &ForceState, sample: &MotionSample, motion: &AlignedMotion) -> Validity {
-        let missing = (self.balance.needs_motor() && sample.motor_travel_m.is_none())
+        let missing = (self.balance.needs_nut() && sample.nut_position_m.is_none())
+            || (self.balance.needs_motor() && sample.motor_travel_m.is_none())
             || (self.balance.needs_stage() && sample.stage_position_m.is_none());
-        let settling = (state.seen as usize) < self.settling_samples();
+        let settling = (state.seen as usize) < self.settling;
         let speed = self.travel_velocity_m_s(motion).abs();
         let line = self.encoder_lines_1_m.iter().any(|lines| {
             let frequency_hz = speed * lines;
@@ -374,7 +419,7 @@ impl ForceEstimator {
     /// slow signals where it is not the same at every frequency).
     #[must_use]
     pub fn delay_s(&self) -> f64 {
-        self.alignment_lag_samples() as f64 * self.rate.period_s() + self.filter.delay_s(self.rate)
+        self.alignment_lag_samples() as f64 * self.rate.period_s() + self.filter_delay_s
     }
 
     /// Samples between the aligned instant and now, before the low-pass.
@@ -399,7 +444,7 @@ impl ForceEstimator {
     /// Delay of the low-pass alone in whole samples (nearest, for slow signals).
     #[must_use]
     pub fn filter_delay_samples(&self) -> usize {
-        (self.filter.delay_s(self.rate) * self.rate.hz()).round() as usize
+        (self.filter_delay_s * self.rate.hz()).round() as usize
     }
 
     /// Band in which the estimate can be used, Hz.
@@ -417,8 +462,7 @@ impl ForceEstimator {
     /// Samples until the filters have forgotten their start.
     #[must_use]
     pub fn settling_samples(&self) -> usize {
-        let window = self.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
-        self.alignment.lag_samples + window + self.filter.memory_samples(self.rate)
+        self.settling
     }
 
     /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain.
@@ -444,7 +488,8 @@ impl ForceEstimator {
         }
         let motor = variance(&self.motor.force, drive.motor_encoder_resolution_m());
         let stage = variance(&self.stage.force, drive.stage_encoder_resolution_m());
-        (motor + stage).sqrt()
+        let nut = variance(&self.nut, drive.stage_encoder_resolution_m());
+        (motor + nut + stage).sqrt()
     }
 }
 
@@ -466,56 +511,13 @@ fn harmonic_estimator(
     let missing = ForceError::Structure { method: method.name(), needs: "a spindle speed" };
     let harmonic = settings.harmonic.as_ref().ok_or(missing)?;
     Ok(Some(match method {
-        Method::Fitted => HarmonicEstimator::fitted(axis, fitted_balance(axis), harmonic)?,
-        _ => HarmonicEstimator::spectral(axis, settings.controller.as_ref(), harmonic)?,
-    }))
-}
-
-/// What an estimator is made for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AxisSignals<'a> {
-    /// Drive.
-    pub drive: &'a DriveParams,
-    /// Rate of the samples.
-    pub rate: SampleRate,
-    /// Which positions are measured.
-    pub signals: Signals,
-}
-
-/// Moves what the balance needs to the side that is measured, where one mass carries everything.
-fn on_measured_side(
-    mut b: ForceBalance,
-    signals: Signals,
-    method: Method,
-) -> Result<ForceBalance, ForceError> {
-    let missing = |needs| Err(ForceError::Structure { method: method.name(), needs });
-    if method == Method::Fitted && signals != Signals::Both {
-        b = ForceBalance::default();
-    }
-    match signals {
-        Signals::Both => Ok(b),
-        Signals::MotorOnly if b.needs_stage() => missing("a stage position"),
-        Signals::MotorOnly => Ok(b),
-        Signals::StageOnly if b.needs_stage() => missing("a motor position"),
-        Signals::StageOnly => {
-            b.stage = b.motor;
-            b.stage_friction_n += b.motor_friction_n;
-            b.motor = super::balance::MotionFactors::default();
-            b.motor_friction_n = 0.0;
-            Ok(b)
+        Method::Fitted => {
+            HarmonicEstimator::fitted(axis, (fitted_balance(axis), settings.presliding_travel_m), harmonic)?
         }
-    }
-}
-
-/// Lines per metre of travel of the encoders that enter the balance; 0 where unknown.
-fn encoder_lines_1_m(drive: &DriveParams, balance: &ForceBalance) -> [f64; 2] {
-    let motor = match (drive.raw().motor_encoder_signals_per_rev, drive.screw_lead_m()) {
-        (Some(signals), Some(lead_m)) if balance.needs_motor() => signals / lead_m,
-        _ => 0.0,
-    };
-    let stage = match drive.raw().stage_encoder_signal_period_m {
-        Some(period_m) if balance.needs_stage() => 1.0 / period_m,
-        _ => 0.0,
-    };
-    [motor, stage]
+        _ => HarmonicEstimator::spectral(
+            axis,
+            (settings.controller.as_ref(), settings.presliding_travel_m),
+            harmonic,
+        )?,
+    }))
 }

@@ -1,13 +1,13 @@
 //! Two estimators that know the spindle: positions fitted by spindle harmonics before the balance
 //! (`fitted`), and spectral lines of the thrust corrected by the drive's response (`spectral`).
 //!
-//! Both are windows of fixed weights for the spindle speed that they were designed for; another speed
-//! is flagged, and a new design made by whoever changes the speed.
+//! Both are windows of fixed weights for the spindle speed that they were designed for;
+//! [`super::observer`] flags another speed and makes a new design where the spindle has settled at one.
 
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method, MotionFactors};
-use super::estimator::{AxisSignals, ForceError, MotionSample, Signals};
-use super::friction::{PRESLIDING_TRAVEL_M, Presliding, PreslidingState};
+use super::estimator::{AlignedMotion, AxisSignals, ForceError, MotionSample, Signals};
+use super::friction::{Presliding, PreslidingState};
 use super::response::Chain;
 use super::validity::Validity;
 use crate::plant::drive::DriveParams;
@@ -43,6 +43,18 @@ pub enum Reading {
     Young,
 }
 
+impl Reading {
+    /// `middle` or `young`.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        match name {
+            "middle" => Some(Self::Middle),
+            "young" => Some(Self::Young),
+            _ => None,
+        }
+    }
+}
+
 impl HarmonicSettings {
     /// One turn, read in the middle, every harmonic of the spindle below 500 Hz.
     ///
@@ -64,7 +76,8 @@ impl HarmonicSettings {
         let line_hz = self.lines_per_turn * self.spindle_speed_rpm / 60.0;
         let below = (self.band_hz.min(0.45 * rate.hz()) / line_hz).floor().clamp(1.0, 40.0);
         HarmonicBasis {
-            half_window: (0.5 * self.turns * 60.0 / self.spindle_speed_rpm * rate.hz()).round() as usize,
+            half_window: (0.5 * self.turns * 60.0 / self.spindle_speed_rpm * rate.hz()).round().min(1e9)
+                as usize,
             fundamental_rad: TAU * line_hz / rate.hz(),
             harmonics: self.harmonics.unwrap_or(below as usize),
         }
@@ -75,21 +88,12 @@ impl HarmonicSettings {
 const ILL_CONDITIONED: f64 = 1e3;
 /// Relative deviation of the spindle's speed from the design's up to which the weights hold: over two
 /// turns the phase of harmonic 10 then errs by less than 0.1 rad.
-const SPEED_TOLERANCE: f64 = 1e-3;
-
-/// A window of weights on one signal.
-#[derive(Debug, Clone, PartialEq)]
-struct Weights {
-    weights: Vec<f64>,
-    /// Samples between the window's young end and now.
-    age: usize,
-}
+pub(super) const SPEED_TOLERANCE: f64 = 1e-3;
 
 /// A designed harmonic estimator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HarmonicEstimator {
     kind: Kind,
-    speed_rpm: f64,
     condition: f64,
     lag_samples: usize,
     line_samples: usize,
@@ -98,23 +102,90 @@ pub struct HarmonicEstimator {
 
 #[derive(Debug, Clone, PartialEq)]
 enum Kind {
-    Fitted {
-        balance: ForceBalance,
-        current: Weights,
-        current_memory: f64,
-        /// Force and velocity.
-        motor: [Weights; 2],
-        /// Force and position.
-        stage: [Weights; 2],
-        presliding: Presliding,
-    },
-    Spectral {
-        force: Weights,
-        thrust: Weights,
-        velocity: Weights,
-        friction_n: f64,
-        uses_stage: bool,
-    },
+    Fitted(Fitted),
+    Spectral(Spectral),
+}
+
+/// Weights of the window for each signal, oldest sample first.
+#[derive(Debug, Clone, PartialEq)]
+struct Fitted {
+    balance: ForceBalance,
+    current: Vec<f64>,
+    current_memory: f64,
+    /// Force, position, velocity.
+    motor: [Vec<f64>; 3],
+    /// Force, position, velocity.
+    stage: [Vec<f64>; 3],
+    signals: Signals,
+    presliding: Presliding,
+}
+
+impl Fitted {
+    fn step(&self, state: &mut HarmonicState, friction_smoothing_m_s: f64) -> Windowed {
+        let [motor_n, motor_m, motor_m_s] = [0, 1, 2].map(|k| state.motor.apply(&self.motor[k]));
+        let [stage_n, stage_m, stage_m_s] = [0, 1, 2].map(|k| state.stage.apply(&self.stage[k]));
+        let share = self.presliding.step(&mut state.presliding, stage_m);
+        let motion = AlignedMotion {
+            thrust_n: state.current.apply(&self.current),
+            motor_velocity_m_s: motor_m_s,
+            stage_velocity_m_s: stage_m_s,
+            position_m: if self.signals == Signals::MotorOnly { motor_m } else { stage_m },
+        };
+        let force_n = self.balance.thrust * motion.thrust_n + motor_n + stage_n
+            - self.balance.motor_friction_n * (motor_m_s / friction_smoothing_m_s).tanh()
+            - self.balance.stage_friction_n * share;
+        Windowed { force_n, flags: Validity::VALID, motion: Some((motion, motor_m)) }
+    }
+}
+
+/// Weights of the window for each signal, oldest sample first.
+#[derive(Debug, Clone, PartialEq)]
+struct Spectral {
+    /// On the thrust: its lines through the inverse of the closed loop.
+    force: Vec<f64>,
+    /// On thrust or position: the lines as they are.
+    lines: Vec<f64>,
+    /// On the position: the motion of the window as a whole.
+    velocity: Vec<f64>,
+    friction_n: f64,
+    /// Travel within which a guideway holds instead of sliding.
+    presliding_travel_m: f64,
+    uses_stage: bool,
+}
+
+impl Spectral {
+    /// On an axis that stands still the friction holds the force: what shows in the thrust is what is
+    /// beyond friction, so friction is added to its amplitude. Where the guideway does not slide (the axis
+    /// moves by less than the travel over which friction turns), nothing is known but that the force is
+    /// below friction.
+    fn step(&self, state: &mut HarmonicState, (half_window, still_m_s): (usize, f64)) -> Windowed {
+        let force_n = state.current.apply(&self.force);
+        let amplitude_n = state.thrust_peak.step(state.current.apply(&self.lines), half_window);
+        let position = if self.uses_stage { &state.stage } else { &state.motor };
+        let travel_m = state.travel_peak.step(position.apply(&self.lines), half_window);
+        let speed_m_s = position.apply(&self.velocity).abs();
+        let with = |force_n, flags| Windowed { force_n, flags, motion: None };
+        if speed_m_s > still_m_s {
+            return with(force_n, Validity::VALID);
+        }
+        // Friction is known to a tenth: what shows beyond it by less cannot be told from it.
+        let holds = travel_m < self.presliding_travel_m || amplitude_n < 0.1 * self.friction_n;
+        if self.friction_n > 0.0 && holds {
+            return with(0.0, Validity::BELOW_FRICTION);
+        }
+        with(force_n * (1.0 + self.friction_n / amplitude_n.max(f64::MIN_POSITIVE)), Validity::EXTRAPOLATED)
+    }
+}
+
+/// What one sample gave.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Windowed {
+    /// Balance (`fitted`) or force (`spectral`), N.
+    pub force_n: f64,
+    /// What speaks against it.
+    pub flags: Validity,
+    /// Motion at the instant that it belongs to, and the motor's travel there in m; `fitted` alone.
+    pub motion: Option<(AlignedMotion, f64)>,
 }
 
 /// State of a [`HarmonicEstimator`].
@@ -126,10 +197,20 @@ pub struct HarmonicState {
     current_n: f64,
     last_ref_n: f64,
     presliding: PreslidingState,
-    peak: PeakHold,
+    thrust_peak: PeakHold,
+    travel_peak: PeakHold,
 }
 
-crate::keyframe::keep!(HarmonicState { current, motor, stage, current_n, last_ref_n, presliding, peak });
+crate::keyframe::keep!(HarmonicState {
+    current,
+    motor,
+    stage,
+    current_n,
+    last_ref_n,
+    presliding,
+    thrust_peak,
+    travel_peak
+});
 
 /// Largest size of a series over the last window, in two halves.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -161,7 +242,7 @@ impl HarmonicEstimator {
     /// thrust after it has been taken out of the accelerations that balance it.
     pub fn fitted(
         axis: &AxisSignals<'_>,
-        balance: ForceBalance,
+        (balance, presliding_travel_m): (ForceBalance, f64),
         settings: &HarmonicSettings,
     ) -> Result<Self, ForceError> {
         let rate = axis.rate;
@@ -174,7 +255,7 @@ impl HarmonicEstimator {
             Reading::Young => 0,
         };
         let n = basis.half_window as f64;
-        let side = |age: f64, factors: [f64; 3], second: usize| {
+        let side = |age: f64, factors: [f64; 3]| {
             let at = n - (middle_age as f64 + age);
             let scale = [1.0, rate.hz(), rate.hz() * rate.hz()];
             let mut force = vec![0.0; 2 * basis.half_window + 1];
@@ -183,20 +264,20 @@ impl HarmonicEstimator {
                     *sum += factor * scale[k] * w;
                 }
             }
-            let other = fit.weights(at, second).into_iter().map(|w| w * scale[second]).collect();
-            [Weights { weights: force, age: 0 }, Weights { weights: other, age: 0 }]
+            let derivative =
+                |k: usize| fit.weights(at, k).into_iter().map(|w| w * scale[k]).collect::<Vec<f64>>();
+            [force, derivative(0), derivative(1)]
         };
-        let current = Weights { weights: fit.weights(n - middle_age as f64 - alignment.current, 0), age: 0 };
         Ok(Self {
-            kind: Kind::Fitted {
+            kind: Kind::Fitted(Fitted {
                 balance,
-                current,
+                current: fit.weights(n - middle_age as f64 - alignment.current, 0),
                 current_memory: alignment.current_memory,
-                motor: side(alignment.motor, balance.motor.as_array(), 1),
-                stage: side(alignment.stage, balance.stage.as_array(), 0),
-                presliding: Presliding::new(PRESLIDING_TRAVEL_M, axis.drive.stage_encoder_resolution_m()),
-            },
-            speed_rpm: settings.spindle_speed_rpm,
+                motor: side(alignment.motor, balance.motor.as_array()),
+                stage: side(alignment.stage, balance.stage.as_array()),
+                signals: axis.signals,
+                presliding: Presliding::new(presliding_travel_m, axis.drive.stage_encoder_resolution_m()),
+            }),
             condition: fit.condition(),
             lag_samples: middle_age + alignment.lag_samples,
             line_samples: 2 * basis.half_window + 1,
@@ -211,7 +292,7 @@ impl HarmonicEstimator {
     /// Source: Sato et al., 4.3. Deviation: the inverse transform of the lines is one sum of weights.
     pub fn spectral(
         axis: &AxisSignals<'_>,
-        controller: Option<&Controller>,
+        (controller, presliding_travel_m): (Option<&Controller>, f64),
         settings: &HarmonicSettings,
     ) -> Result<Self, ForceError> {
         let missing =
@@ -227,19 +308,15 @@ impl HarmonicEstimator {
         };
         let line_hz = basis.fundamental_rad * rate.hz() / TAU;
         let response = |i: usize| 1.0 / loop_response.thrust_per_cutting(i as f64 * line_hz);
-        let force = fit.filtered_weights(at, response);
-        let thrust = fit.filtered_weights(at, |_| Complex64::new(1.0, 0.0));
-        let velocity = fit.weights(at, 1).into_iter().map(|w| w * rate.hz()).collect();
-        let age = 0;
         Ok(Self {
-            kind: Kind::Spectral {
-                force: Weights { weights: force, age },
-                thrust: Weights { weights: thrust, age },
-                velocity: Weights { weights: velocity, age },
+            kind: Kind::Spectral(Spectral {
+                force: fit.filtered_weights(at, response),
+                lines: fit.filtered_weights(at, |_| Complex64::new(1.0, 0.0)),
+                velocity: fit.slope_weights().into_iter().map(|w| w * rate.hz()).collect(),
                 friction_n: axis.drive.stage_coulomb_friction_n() + axis.drive.motor_coulomb_friction_n(),
+                presliding_travel_m,
                 uses_stage: axis.signals != Signals::MotorOnly,
-            },
-            speed_rpm: settings.spindle_speed_rpm,
+            }),
             condition: fit.condition(),
             lag_samples: (basis.half_window as f64 - at) as usize,
             line_samples: 2 * basis.half_window + 1,
@@ -258,16 +335,17 @@ impl HarmonicEstimator {
             current_n: first.thrust_ref_n,
             last_ref_n: first.thrust_ref_n,
             presliding: Presliding::settled(first.stage_position_m.unwrap_or(0.0)),
-            peak: PeakHold::default(),
+            thrust_peak: PeakHold::default(),
+            travel_peak: PeakHold::default(),
         }
     }
 
-    /// One sample. Cost: four weights a sample of the window at most; no allocation.
+    /// One sample. Cost: six weights a sample of the window at most; no allocation.
     #[must_use]
-    pub fn step(&self, state: &mut HarmonicState, sample: &MotionSample) -> (f64, Validity) {
+    pub fn step(&self, state: &mut HarmonicState, sample: &MotionSample) -> Windowed {
         let memory = match &self.kind {
-            Kind::Fitted { current_memory, .. } => *current_memory,
-            Kind::Spectral { .. } => 0.0,
+            Kind::Fitted(fitted) => fitted.current_memory,
+            Kind::Spectral(_) => 0.0,
         };
         state.current_n = if memory == 0.0 {
             sample.thrust_ref_n
@@ -278,53 +356,15 @@ impl HarmonicEstimator {
         state.current.push(state.current_n);
         state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.last()));
         state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.last()));
-        let off_speed = sample
-            .spindle_speed_rpm
-            .is_some_and(|s| (s - self.speed_rpm).abs() > SPEED_TOLERANCE * self.speed_rpm);
-        let flags = Validity::when(off_speed, Validity::EXTRAPOLATED)
-            | Validity::when(self.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
-        let (force_n, own) = match &self.kind {
-            Kind::Fitted { .. } => (self.fitted_force_n(state), Validity::VALID),
-            Kind::Spectral { .. } => self.spectral_force_n(state),
+        let ill = Validity::when(self.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
+        let windowed = match &self.kind {
+            Kind::Fitted(fitted) => fitted.step(state, self.friction_smoothing_m_s),
+            Kind::Spectral(spectral) => {
+                // Slower than this the axis stands still.
+                spectral.step(state, (self.line_samples / 2, 2.0 * self.friction_smoothing_m_s))
+            }
         };
-        (force_n, flags | own)
-    }
-
-    fn fitted_force_n(&self, state: &mut HarmonicState) -> f64 {
-        let Kind::Fitted { balance, current, motor, stage, presliding, .. } = &self.kind else {
-            return 0.0;
-        };
-        let motor_velocity = state.motor.apply(&motor[1].weights, motor[1].age);
-        let stage_position = state.stage.apply(&stage[1].weights, stage[1].age);
-        let share = presliding.step(&mut state.presliding, stage_position);
-        balance.thrust * state.current.apply(&current.weights, current.age)
-            + state.motor.apply(&motor[0].weights, motor[0].age)
-            + state.stage.apply(&stage[0].weights, stage[0].age)
-            - balance.motor_friction_n * (motor_velocity / self.friction_smoothing_m_s).tanh()
-            - balance.stage_friction_n * share
-    }
-
-    /// On an axis that stands still the friction holds the force: what shows in the thrust is what is
-    /// beyond friction, so friction is added to its amplitude; where nothing shows, nothing is known
-    /// but that the force is below friction.
-    fn spectral_force_n(&self, state: &mut HarmonicState) -> (f64, Validity) {
-        let Kind::Spectral { force, thrust, velocity, friction_n, uses_stage } = &self.kind else {
-            return (0.0, Validity::VALID);
-        };
-        let raw_n = state.current.apply(&force.weights, force.age);
-        let line_n = state.current.apply(&thrust.weights, thrust.age);
-        let half = self.line_samples / 2;
-        let amplitude_n = state.peak.step(line_n, half);
-        let position = if *uses_stage { &state.stage } else { &state.motor };
-        let speed = position.apply(&velocity.weights, velocity.age).abs();
-        if speed > 2.0 * self.friction_smoothing_m_s {
-            return (raw_n, Validity::VALID);
-        }
-        // A line smaller than a hundredth of friction is ripple of the drive, not a force.
-        if amplitude_n < 0.01 * friction_n {
-            return (0.0, Validity::BELOW_FRICTION);
-        }
-        (raw_n * (1.0 + friction_n / amplitude_n), Validity::EXTRAPOLATED)
+        Windowed { flags: windowed.flags | ill, ..windowed }
     }
 
     /// Samples by which an estimate lags.
@@ -350,8 +390,8 @@ impl HarmonicEstimator {
     pub(super) fn noise_gains(&self) -> [f64; 2] {
         let norm = |w: &[f64]| w.iter().map(|x| x * x).sum::<f64>().sqrt();
         match &self.kind {
-            Kind::Fitted { motor, stage, .. } => [norm(&motor[0].weights), norm(&stage[0].weights)],
-            Kind::Spectral { .. } => [0.0, 0.0],
+            Kind::Fitted(fitted) => [norm(&fitted.motor[0]), norm(&fitted.stage[0])],
+            Kind::Spectral(_) => [0.0, 0.0],
         }
     }
 }
@@ -388,7 +428,8 @@ impl ClosedLoop<'_> {
 
 /// The multi-encoder balance, or the rigid one where a position is missing.
 pub(super) fn fitted_balance(axis: &AxisSignals<'_>) -> ForceBalance {
-    let method = if axis.signals == Signals::Both { Method::Medob } else { Method::Dob };
+    let both = matches!(axis.signals, Signals::Both | Signals::Three);
+    let method = if both { Method::Medob } else { Method::Dob };
     let mut balance = ForceBalance::new(method, axis.drive);
     if axis.signals == Signals::StageOnly {
         balance.stage = balance.motor;

@@ -6,8 +6,10 @@
 //!
 //! Source: Yamada, thesis 3.4.
 
+use crate::keyframe::Digest;
+
 /// Mean force of idle runs over position, one map for each direction of travel.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Clone, PartialEq)]
 pub struct IdleMap {
     start_m: f64,
     cell_m: f64,
@@ -15,6 +17,17 @@ pub struct IdleMap {
     backward_n: Vec<f64>,
     slow_m_s: f64,
     runs: usize,
+}
+
+/// A digest instead of a million cells: what tells two settings apart is told apart.
+impl std::fmt::Debug for IdleMap {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut digest = Digest::default();
+        let head = [self.start_m, self.cell_m, self.slow_m_s];
+        let all = head.iter().chain(&self.forward_n).chain(&self.backward_n);
+        all.for_each(|x| digest.word(x.to_bits()));
+        f.debug_struct("IdleMap").field("runs", &self.runs).field("digest", &digest.value()).finish()
+    }
 }
 
 /// One aligned instant of an idle run.

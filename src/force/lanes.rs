@@ -405,6 +405,8 @@ mod tests {
                     motor_travel_m: Some(sample.motor_travel_m[k]),
                     stage_position_m: Some(sample.stage_position_m[k]),
                     spindle_speed_rpm: None,
+                    nut_position_m: None,
+                    accel_m_s2: None,
                 };
                 let single = singles[k].step(&mut states[k], &alone).force_n;
                 // tanh within 1e-6 of 30 N, and rounding of positions times 1e9 N/m.

@@ -6,7 +6,7 @@
 //!  motor angle --delay-----------+--> aligned motion --> force balance --> idle map --> low-pass --> N
 //!  stage scale --delay-----------+        (thrust, dob, medob, rigid_mode, vibration_mode)
 //! ```
-//! One [`estimator::ForceEstimator`] serves the live pipeline and the offline command: one sample in,
+//! One [`observer::Observer`] serves the live pipeline and the offline command: one sample in,
 //! one [`estimator::ForceEstimate`] out, with the time by which it lags, the band in which it can be
 //! used, its noise floor and flags that say what it cannot see.
 //!
@@ -15,17 +15,21 @@
 pub mod alignment;
 pub mod balance;
 pub mod budget;
+pub mod disagreement;
 pub mod estimator;
 pub mod frf;
+pub mod frf_stream;
 pub mod friction;
 pub mod harmonic;
 pub mod idle_map;
 pub mod lanes;
 pub mod modal;
+pub mod observer;
 pub mod offline;
 pub mod physics;
 pub mod recorded;
 pub mod response;
 pub mod settings;
+pub mod signals;
 pub mod stiffness;
 pub mod validity;

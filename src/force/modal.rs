@@ -2,7 +2,7 @@
 //!
 //! Source: Yamada, thesis 2.6.1, (2-59)-(2-63); the multi-encoder form (2-49) is its first mode.
 
-use super::response::{Chain, MAX_MASSES};
+use super::response::Chain;
 
 /// Factors of position, velocity and acceleration of each mass, of the thrust on the first and of a
 /// load on each, that give the cutting force on the last.
@@ -55,7 +55,7 @@ impl ModalBalance {
     /// Cutting force in N from aligned motion of each mass (position, velocity, acceleration), the thrust
     /// and known loads; masses beyond what is given count as still.
     #[must_use]
-    pub fn force_n(&self, motion: &[[f64; 3]], thrust_n: f64, loads_n: &[f64; MAX_MASSES]) -> f64 {
+    pub fn force_n(&self, motion: &[[f64; 3]], thrust_n: f64, loads_n: &[f64]) -> f64 {
         let inner: f64 =
             self.motion.iter().zip(motion).map(|(f, x)| f[0] * x[0] + f[1] * x[1] + f[2] * x[2]).sum();
         let loads: f64 = self.load.iter().zip(loads_n).map(|(f, l)| f * l).sum();

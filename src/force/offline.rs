@@ -29,20 +29,14 @@ pub fn idle_map(bare: &ForceEstimator, runs: &[Vec<MotionSample>]) -> Option<Idl
 fn idle_points(bare: &ForceEstimator, samples: &[MotionSample]) -> Vec<IdlePoint> {
     let Some(first) = samples.first() else { return Vec::new() };
     let mut state = bare.settled(first);
-    let mut motion_state = bare.settled(first);
-    let mut motions = Vec::with_capacity(samples.len());
-    let mut forces = Vec::with_capacity(samples.len());
-    for sample in samples {
-        motions.push(bare.balance_step(&mut motion_state, sample).1);
-        forces.push(bare.step(&mut state, sample).force_n);
-    }
+    let steps: Vec<_> = samples.iter().map(|s| bare.step_with_motion(&mut state, s)).collect();
     let late = bare.filter_delay_samples();
     let skip = bare.settling_samples();
-    (skip..forces.len().saturating_sub(late))
+    (skip..steps.len().saturating_sub(late))
         .map(|i| IdlePoint {
-            position_m: motions[i].position_m,
-            velocity_m_s: bare.travel_velocity_m_s(&motions[i]),
-            force_n: forces[i + late],
+            position_m: steps[i].1.position_m,
+            velocity_m_s: bare.travel_velocity_m_s(&steps[i].1),
+            force_n: steps[i + late].0.force_n,
         })
         .collect()
 }
@@ -56,6 +50,7 @@ pub fn stiffness_of_runs(
     cut: &[MotionSample],
     idles: &[Vec<MotionSample>],
 ) -> Result<Option<StiffnessCheck>, ForceError> {
+    // With a third position compliance elsewhere is seen as it is.
     if axis.drive.structure() == Structure::Rigid || axis.signals != super::estimator::Signals::Both {
         return Ok(None);
     }

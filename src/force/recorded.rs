@@ -79,7 +79,10 @@ pub fn motion_of_recording(
     };
     let stage = column("stage_position_m");
     let spindle = recording.get("spindle_speed_rpm");
+    let accel = accelerations(recording);
+    let nut = column("nut_position_m");
     let signals = match (motor.is_some(), stage.is_some()) {
+        (true, true) if nut.is_some() => Signals::Three,
         (true, true) => Signals::Both,
         (true, false) => Signals::MotorOnly,
         (false, true) => Signals::StageOnly,
@@ -91,9 +94,18 @@ pub fn motion_of_recording(
         .map(|(i, reference)| MotionSample {
             thrust_ref_n: factor * reference,
             motor_travel_m: motor.map(|m| motor_factor * m[i]),
+            nut_position_m: nut.map(|n| n[i]),
             stage_position_m: stage.map(|s| s[i]),
             spindle_speed_rpm: spindle.map(|s| s[i]),
+            accel_m_s2: accel.map(|[x, y, z]| [x[i], y[i], z[i]]),
         })
         .collect();
     Ok(RecordedMotion { samples, signals })
+}
+
+/// Columns of the accelerations of the spindle housing, x, y, z; `None` unless all three are there.
+#[must_use]
+pub fn accelerations(recording: &Recording) -> Option<[&[f64]; 3]> {
+    let [x, y, z] = ["x", "y", "z"].map(|axis| recording.get(&format!("{axis}_accel_m_s2")));
+    Some([x?, y?, z?])
 }

@@ -1,14 +1,15 @@
 //! Frequency responses of a drive: what thrust and cutting force do to motor and stage.
 //!
-//! A chain of one, two or three masses on the screw axis, each damped to the ground, with springs and
-//! dampers between neighbours; solved numerically, so no expanded polynomial can be misprinted.
+//! A chain of masses on the screw axis (one, two or three for a drive, up to [`MAX_MASSES`] otherwise), each
+//! damped to the ground, with springs and dampers between neighbours; solved numerically, so no expanded
+//! polynomial can be misprinted.
 
 use crate::plant::drive::{DriveParams, Structure};
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 
 /// Most masses of a chain.
-pub const MAX_MASSES: usize = 3;
+pub const MAX_MASSES: usize = 8;
 
 /// One mass of the chain and its spring to the next one.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -66,9 +67,9 @@ impl Chain {
                     damping_n_s_m: stage.damping_n_s_m + motor.damping_n_s_m,
                     ..ChainLink::default()
                 };
-                Self { links: [all, ChainLink::default(), ChainLink::default()], count: 1 }
+                Self::new(&[all])
             }
-            Structure::DualInertia => Self { links: [motor, stage, ChainLink::default()], count: 2 },
+            Structure::DualInertia => Self::new(&[motor, stage]),
             Structure::TripleInertia => {
                 let rotor = ChainLink {
                     spring_n_m: drive.torsional_stiffness_nm_rad() / r2,
@@ -77,12 +78,12 @@ impl Chain {
                 };
                 let screw =
                     ChainLink { mass_kg: drive.screw_inertia_kg_m2() / r2, damping_n_s_m: 0.0, ..motor };
-                Self { links: [rotor, screw, stage], count: 3 }
+                Self::new(&[rotor, screw, stage])
             }
         }
     }
 
-    /// A chain from links; the last one's spring is not used. One to three links, more are cut off.
+    /// A chain from links; the last one's spring is not used. At most [`MAX_MASSES`] links, more are cut off.
     #[must_use]
     pub fn new(given: &[ChainLink]) -> Self {
         let mut links = [ChainLink::default(); MAX_MASSES];

@@ -57,6 +57,22 @@ pub struct NotchPlan {
     pub width_hz: f64,
 }
 
+impl NotchPlan {
+    /// `motor_encoder` or `stage_encoder` (the notch follows feed over signal period), or a frequency in Hz
+    /// (a torsional mode); 10 Hz wide. `None`: neither.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        let centre = match name {
+            "motor_encoder" => NotchCentre::MotorEncoder,
+            "stage_encoder" => NotchCentre::StageEncoder,
+            number => {
+                NotchCentre::Fixed { hz: number.parse().ok().filter(|hz: &f64| hz.is_finite() && *hz > 0.0)? }
+            }
+        };
+        Some(Self { centre, width_hz: 10.0 })
+    }
+}
+
 /// Most notches of one estimator.
 pub const MAX_NOTCHES: usize = 4;
 
@@ -109,6 +125,9 @@ pub enum ForceError {
         /// How many were asked for.
         count: usize,
     },
+    /// An estimator of accelerometers does not fit.
+    #[error(transparent)]
+    Accelerometers(#[from] super::frf::FrfError),
     /// A window of spindle harmonics cannot be fitted.
     #[error(transparent)]
     Window(#[from] HarmonicFitError),

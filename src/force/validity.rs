@@ -28,7 +28,11 @@ impl Validity {
     /// stage is.
     pub const MEAN_NOT_OBSERVABLE: Validity = Validity(1 << 7);
 
-    const NAMES: [(Validity, &'static str); 8] = [
+    /// A second estimator of the same force, running beside, says something else. A report, no reason to
+    /// hold: the two see different bands.
+    pub const ESTIMATORS_DISAGREE: Validity = Validity(1 << 8);
+
+    const NAMES: [(Validity, &'static str); 9] = [
         (Self::SETTLING, "settling"),
         (Self::BELOW_FRICTION, "below_friction"),
         (Self::ENCODER_LINE_IN_BAND, "encoder_line_in_band"),
@@ -37,6 +41,7 @@ impl Validity {
         (Self::EXTRAPOLATED, "extrapolated"),
         (Self::SIGNAL_MISSING, "signal_missing"),
         (Self::MEAN_NOT_OBSERVABLE, "mean_not_observable"),
+        (Self::ESTIMATORS_DISAGREE, "estimators_disagree"),
     ];
 
     /// True when no flag is set.
@@ -45,12 +50,22 @@ impl Validity {
         self.0 == 0
     }
 
-    /// True when nothing stands against acting on the estimate: a flag that only warns of a line or
-    /// an extrapolation is tolerated, one that makes the number meaningless is not.
+    /// True when nothing stands against acting on the estimate: a flag that warns of a line, a mode, an unseen
+    /// mean or another opinion is tolerated, one that makes the number meaningless is not.
     #[must_use]
     pub fn may_act(self) -> bool {
-        let forbids = Self::SETTLING | Self::BELOW_FRICTION | Self::ILL_CONDITIONED | Self::SIGNAL_MISSING;
-        self.0 & forbids.0 == 0
+        let forbids = Self::SETTLING
+            | Self::BELOW_FRICTION
+            | Self::ILL_CONDITIONED
+            | Self::EXTRAPOLATED
+            | Self::SIGNAL_MISSING;
+        !self.shares(forbids)
+    }
+
+    /// True when any flag of `other` is set here.
+    #[must_use]
+    pub fn shares(self, other: Validity) -> bool {
+        self.0 & other.0 != 0
     }
 
     /// True when every flag of `other` is set here.

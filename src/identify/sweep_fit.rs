@@ -38,12 +38,19 @@ pub(super) struct Fit<'a> {
     standard_errors: Vec<f64>,
     count: usize,
     bandwidth_trust: f64,
+    /// Relative misfit where the model explains no band at all, else 0: as uncertain is every parameter.
+    unexplained: f64,
 }
 
 /// Relative misfit up to which the model explains a band.
 const EXPLAINED: f64 = 0.1;
 /// The stated torque constant is believed to within this share; masses, stiffness and damping scale with it.
 const TORQUE_CONSTANT_TRUST: f64 = 0.005;
+/// Share of a sample within which the instants are known at which a drive takes its reference and its
+/// encoders.
+const TIMING_TRUST: f64 = 0.1;
+/// A current loop is a first-order lag to within this share of its bandwidth.
+const LAG_TRUST: f64 = 0.02;
 /// The stated bandwidth of the current loop is believed to within this share.
 const BANDWIDTH_TRUST: f64 = 0.2;
 /// The same where the band had to be cut below a mode: what is left cannot tell a lag from a delay.
@@ -95,6 +102,7 @@ impl<'a> Fit<'a> {
             standard_errors: Vec::new(),
             count: lines.frequency_hz.len(),
             bandwidth_trust: BANDWIDTH_TRUST,
+            unexplained: 0.0,
         };
         fit.start = fit.unknowns.iter().map(|u| fit.prior_value(*u)).collect();
         fit.scale = fit.unknowns.iter().zip(&fit.start).map(|(u, p)| fit.natural_scale(*u, *p)).collect();
@@ -317,13 +325,21 @@ impl<'a> Fit<'a> {
                 self.run(kept_hz);
                 kept_hz
             }
-            None => high_hz,
+            None => {
+                self.unexplained = self.worst_misfit(high_hz);
+                high_hz
+            }
+        };
+        let valid = if good.is_some() {
+            format!("valid up to {kept_hz:.0} Hz")
+        } else {
+            format!("even below {kept_hz:.0} Hz the model misses by {:.0} %", 100.0 * self.unexplained)
         };
         warnings.push(match self.mode_beyond_hz(kept_hz) {
             Some(mode_hz) => {
-                format!("a mode outside of the model at about {mode_hz:.0} Hz; valid up to {kept_hz:.0} Hz")
+                format!("a mode outside of the model at about {mode_hz:.0} Hz; {valid}")
             }
-            None => format!("the model explains the response only up to {kept_hz:.0} Hz"),
+            None => format!("the model does not explain the whole response: {valid}"),
         });
         kept_hz
     }
@@ -413,12 +429,13 @@ impl<'a> Fit<'a> {
             let stated = if damping_or_delay { positive.max(0.0) } else { positive };
             let prior = field.unwrap_or(0.0);
             *field = Some(stated);
-            let per_torque = !matches!(
-                unknown,
-                Unknown::CommonDelay | Unknown::StageExtraDelay | Unknown::CurrentBandwidth
-            );
-            let common = if per_torque { TORQUE_CONSTANT_TRUST * value } else { 0.0 };
-            let reach = 1.96 * error.hypot(common) * factor;
+            let common = match unknown {
+                Unknown::CommonDelay => TIMING_TRUST * self.lines.rate.period_s(),
+                Unknown::StageExtraDelay => 0.0,
+                Unknown::CurrentBandwidth => LAG_TRUST * value,
+                _ => TORQUE_CONSTANT_TRUST * value,
+            };
+            let reach = 1.96 * error.hypot(common).hypot(self.unexplained * value) * factor;
             fitted.push(FittedParameter {
                 name,
                 prior,

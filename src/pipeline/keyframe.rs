@@ -1,9 +1,9 @@
 //! The state of a running pipeline as numbers, and the digest by which two runs are compared.
 
-use super::{Channel, ChannelState, Pipeline, StepOutput};
-use crate::force::estimator::MotionSample;
+use super::{Channel, ChannelState, Pipeline, StepOutput, between};
 use crate::keyframe::{Digest, Keep, Words};
 use crate::sample::{AxisSample, MAX_AXES, ServoSample};
+use crate::units::SampleRate;
 use thiserror::Error;
 
 /// Why a keyframe was not taken.
@@ -28,14 +28,13 @@ impl Pipeline {
         self.agreement_state.keep(to);
         self.agreement.keep(to);
         self.declared.keep(to);
-        for state in &self.states {
-            state.force.is_some().keep(to);
-            if let Some(force) = &state.force {
-                force.keep(to);
+        for (channel, state) in self.channels.iter().zip(&self.states) {
+            for observer in channel.observer.iter().chain(&channel.beside) {
+                observer.keep(to);
             }
-            state.drive.is_some().keep(to);
-            if let Some(drive) = &state.drive {
-                drive.keep(to);
+            state.apart.is_some().keep(to);
+            if let Some(apart) = &state.apart {
+                apart.keep(to);
             }
             state.monitor.keep(to);
             state.output.keep(to);
@@ -62,8 +61,9 @@ impl Pipeline {
         self.agreement_state.restore(from)?;
         self.agreement.restore(from)?;
         self.declared.restore(from)?;
-        for (channel, state) in self.channels.iter().zip(&mut self.states) {
-            restore_channel(channel, state, from)?;
+        let rate = self.settings.sample_rate;
+        for (channel, state) in self.channels.iter_mut().zip(&mut self.states) {
+            restore_channel((channel, rate), state, from)?;
         }
         Some(())
     }
@@ -91,27 +91,22 @@ impl StepOutput {
     }
 }
 
-fn restore_channel(channel: &Channel, state: &mut ChannelState, from: &mut Words<'_>) -> Option<()> {
-    let (mut force, mut drive) = (false, false);
-    force.restore(from)?;
-    state.force = match (force, &channel.estimator) {
-        (false, _) => None,
-        (true, None) => return None,
-        (true, Some(estimator)) => {
-            let mut made = estimator.settled(&MotionSample::default());
+fn restore_channel(
+    (channel, rate): (&mut Channel, SampleRate),
+    state: &mut ChannelState,
+    from: &mut Words<'_>,
+) -> Option<()> {
+    channel.observers().try_for_each(|observer| observer.restore(from))?;
+    let mut apart = false;
+    apart.restore(from)?;
+    state.apart = match (apart, &channel.observer, &channel.beside) {
+        (false, _, _) => None,
+        (true, Some(observer), Some(beside)) => {
+            let mut made = between([observer, beside], rate);
             made.restore(from)?;
             Some(made)
         }
-    };
-    drive.restore(from)?;
-    state.drive = match (drive, &channel.drive_filter) {
-        (false, _) => None,
-        (true, None) => return None,
-        (true, Some(filter)) => {
-            let mut made = [filter.settled(0.0), filter.settled(0.0)];
-            made.restore(from)?;
-            Some(made)
-        }
+        (true, _, _) => return None,
     };
     state.monitor.restore(from)?;
     state.output.restore(from)
@@ -126,6 +121,7 @@ fn keep_sample(sample: Option<&ServoSample>, to: &mut Vec<u64>) {
         [axis.current_ref_a, axis.motor_angle_rad].keep(to);
         axis.stage_position_m.keep(to);
     }
+    sample.accel_m_s2.keep(to);
 }
 
 /// Nothing: not a sample. `Some(None)`: none had come.
@@ -146,5 +142,7 @@ fn restore_sample(from: &mut Words<'_>) -> Option<Option<ServoSample>> {
         axis.stage_position_m.restore(from)?;
     }
     let [t_s, spindle_angle_rad, spindle_speed_rpm] = head;
-    Some(Some(ServoSample { sequence, t_s, axes, spindle_angle_rad, spindle_speed_rpm }))
+    let mut accel_m_s2 = None;
+    accel_m_s2.restore(from)?;
+    Some(Some(ServoSample { sequence, t_s, axes, spindle_angle_rad, spindle_speed_rpm, accel_m_s2 }))
 }

@@ -9,22 +9,26 @@
 //! samples alone, so the same bytes in give the same bytes out. A recording that already holds forces
 //! enters after the estimators, through [`Pipeline::step_forces`].
 //!
-//! After [`Pipeline::new`] a step allocates nothing, unless a gap makes it start anew.
+//! After [`Pipeline::new`] a step allocates nothing, unless a gap or, for estimators that are made for a
+//! spindle speed, a new speed makes it start anew.
 
 mod keyframe;
 mod settings;
 
+pub use crate::force::observer::{ForcePlan, ServoPlan};
 pub use keyframe::KeyframeError;
-pub use settings::{AxisPlan, BandPlan, ForcePlan, PipelineError, PipelineSettings};
+pub use settings::{AxisPlan, BandPlan, PipelineError, PipelineSettings};
 
 use crate::chatter::{
     Agreement, AgreementState, ChatterEvent, ChatterMonitor, ChatterOutput, ChatterState, Line, Phase, agree,
 };
-use crate::force::estimator::{ForceEstimate, ForceEstimator, ForceState, MotionSample};
+use crate::force::disagreement::Disagreement;
+use crate::force::estimator::{ForceEstimate, MotionSample};
+use crate::force::observer::Observer;
 use crate::force::validity::Validity;
 use crate::sample::{AxisSample, MAX_AXES, SampleError, ServoSample};
-use crate::signal::butterworth::{Butterworth, ButterworthState};
 use crate::signal::sliding_dft::{SlidingDft, SlidingDftSettings, SlidingDftState};
+use crate::units::SampleRate;
 
 /// Lost samples up to this many are bridged by straight lines; after more, everything starts anew.
 pub const LARGEST_BRIDGE: u64 = 9;
@@ -60,19 +64,38 @@ pub struct StepOutput {
     pub spectrum_updated: bool,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 struct Channel {
-    estimator: Option<ForceEstimator>,
-    drive_filter: Option<Butterworth>,
+    observer: Option<Observer>,
+    beside: Option<Observer>,
     thrust_n_a: f64,
     travel_m_rad: f64,
+    nut: Option<usize>,
     watch: bool,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+impl Channel {
+    /// What the axis did, in force and travel.
+    fn motion(&self, axis: usize, sample: &ServoSample) -> MotionSample {
+        let signals = &sample.axes[axis];
+        MotionSample {
+            thrust_ref_n: self.thrust_n_a * signals.current_ref_a,
+            motor_travel_m: Some(self.travel_m_rad * signals.motor_angle_rad),
+            nut_position_m: self.nut.and_then(|other| sample.axes.get(other)?.stage_position_m),
+            stage_position_m: signals.stage_position_m,
+            spindle_speed_rpm: Some(sample.spindle_speed_rpm),
+            accel_m_s2: sample.accel_m_s2,
+        }
+    }
+
+    fn observers(&mut self) -> impl Iterator<Item = &mut Observer> {
+        self.observer.iter_mut().chain(&mut self.beside)
+    }
+}
+
+#[derive(Debug, Clone)]
 struct ChannelState {
-    force: Option<ForceState>,
-    drive: Option<[ButterworthState; 2]>,
+    apart: Option<Disagreement>,
     monitor: ChatterState,
     output: ChatterOutput,
     flags: Validity,
@@ -84,8 +107,8 @@ pub struct Pipeline {
     settings: PipelineSettings,
     channels: Vec<Channel>,
     monitor: ChatterMonitor,
-    /// What the page shows: single precision errs by 5e-6 of the strongest line and does not drift. What is tracked and
-    /// decided is computed in double precision by the monitors.
+    /// What the page shows: single precision errs by 5e-6 of the strongest line and does not drift. What is
+    /// tracked and decided is computed in double precision by the monitors.
     spectrum: SlidingDft<f32>,
     states: Vec<ChannelState>,
     spectrum_state: SlidingDftState<f32>,
@@ -117,8 +140,7 @@ impl Pipeline {
         let states = channels
             .iter()
             .map(|_| ChannelState {
-                force: None,
-                drive: None,
+                apart: None,
                 output: quiet(),
                 monitor: monitor.start(),
                 flags: Validity::SETTLING,
@@ -158,8 +180,9 @@ impl Pipeline {
             .fold([band.low_hz(), band.high_hz()], |[low, high], now| [low.min(now[0]), high.max(now[1])])
     }
 
-    /// Lets the band follow the bar: another diameter, projection length, or the tools elsewhere along it. What was
-    /// learned stays, unless the band leaves what the monitors were designed for: then they start anew.
+    /// Lets the band follow the bar: another diameter, projection length, or the tools elsewhere along it.
+    /// What was learned stays, unless the band leaves what the monitors were designed for: then they start
+    /// anew.
     /// Errors: a band that does not fit the rate; nothing has changed then.
     pub fn follow(&mut self, plan: BandPlan) -> Result<(), PipelineError> {
         let band = plan.band()?;
@@ -268,6 +291,8 @@ impl Pipeline {
             let mut between = *to;
             between.sequence = from.sequence + i;
             between.t_s = mix(from.t_s, to.t_s);
+            let accel = from.accel_m_s2.zip(to.accel_m_s2);
+            between.accel_m_s2 = accel.map(|(a, b)| std::array::from_fn(|k| mix(a[k], b[k])));
             for (axis, (a, b)) in between.axes.iter_mut().zip(from.axes.iter().zip(&to.axes)) {
                 *axis = AxisSample {
                     current_ref_a: mix(a.current_ref_a, b.current_ref_a),
@@ -282,9 +307,9 @@ impl Pipeline {
 
     /// Forgets everything but the settings.
     pub fn restart(&mut self) {
+        self.channels.iter_mut().flat_map(Channel::observers).for_each(Observer::restart);
         for state in &mut self.states {
-            state.force = None;
-            state.drive = None;
+            state.apart = None;
             state.monitor = self.monitor.start();
             state.output = quiet();
             state.flags = Validity::SETTLING;
@@ -297,26 +322,19 @@ impl Pipeline {
 
     fn take(&mut self, sample: &ServoSample) -> StepOutput {
         let mut forces = [ForceEstimate { force_n: 0.0, flags: Validity::VALID }; MAX_AXES];
-        let channels = self.channels.iter().zip(&mut self.states).zip(&sample.axes);
-        for (((channel, state), axis), force) in channels.zip(&mut forces) {
-            let Some(estimator) = &channel.estimator else { continue };
-            let mut motor_travel_m = channel.travel_m_rad * axis.motor_angle_rad;
-            let mut thrust_ref_n = channel.thrust_n_a * axis.current_ref_a;
-            if let Some(filter) = &channel.drive_filter {
-                // Both sides of the motor's balance alike: what one loses the other must lose.
-                let settled = || [filter.settled(motor_travel_m), filter.settled(thrust_ref_n)];
-                let [motor, thrust] = state.drive.get_or_insert_with(settled);
-                motor_travel_m = filter.step(motor, motor_travel_m);
-                thrust_ref_n = filter.step(thrust, thrust_ref_n);
+        let rate = self.settings.sample_rate;
+        let channels = self.channels.iter_mut().zip(&mut self.states).enumerate();
+        for ((index, (channel, state)), force) in channels.zip(&mut forces) {
+            let motion = channel.motion(index, sample);
+            let Some(observer) = &mut channel.observer else { continue };
+            *force = observer.step(&motion);
+            if let Some(beside) = &mut channel.beside {
+                let other = beside.step(&motion);
+                let pair = [&*observer, &*beside];
+                state.apart = state.apart.take().filter(|a| a.fits(pair.map(Observer::delay_s)));
+                let apart = state.apart.get_or_insert_with(|| between(pair, rate));
+                force.flags |= apart.step(*force, other);
             }
-            let motion = MotionSample {
-                thrust_ref_n,
-                motor_travel_m: Some(motor_travel_m),
-                stage_position_m: axis.stage_position_m,
-                spindle_speed_rpm: Some(sample.spindle_speed_rpm),
-            };
-            let inner = state.force.get_or_insert_with(|| estimator.settled(&motion));
-            *force = estimator.step(inner, &motion);
         }
         self.listen(sample.t_s, forces, Some(sample.spindle_speed_rpm))
     }
@@ -383,6 +401,25 @@ impl Pipeline {
         &self.agreement
     }
 
+    /// Standard deviation of the difference of the two estimators of an axis over the last second, N; `None`
+    /// where only one runs or one of them has not settled.
+    #[must_use]
+    pub fn disagreement_n(&self, axis: usize) -> Option<f64> {
+        self.states.get(axis)?.apart.as_ref().map(Disagreement::deviation_n)
+    }
+
+    /// The estimator of one axis that is acted on.
+    #[must_use]
+    pub fn observer(&self, axis: usize) -> Option<&Observer> {
+        self.channels.get(axis)?.observer.as_ref()
+    }
+
+    /// What speaks against the newest force estimate of one axis.
+    #[must_use]
+    pub fn force_flags(&self, axis: usize) -> Validity {
+        self.states.get(axis).map_or(Validity::SIGNAL_MISSING, |state| state.flags)
+    }
+
     /// Whether no flag of the newest force estimate of one axis forbids acting on it.
     #[must_use]
     pub fn axis_may_act(&self, axis: usize) -> bool {
@@ -402,6 +439,11 @@ impl Pipeline {
         let outputs = watched.map(|(index, (_, state))| (index, &state.output));
         agree(&mut self.agreement_state, t_s, outputs)
     }
+}
+
+/// A fresh comparison of two observers.
+fn between(pair: [&Observer; 2], rate: SampleRate) -> Disagreement {
+    Disagreement::new(pair.map(Observer::delay_s), pair.map(Observer::noise_floor_n), rate)
 }
 
 fn quiet() -> ChatterOutput {

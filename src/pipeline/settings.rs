@@ -2,13 +2,11 @@
 
 use super::Channel;
 use crate::chatter::{Band, BandError, ChatterError, predicted_band, predicted_band_in_cut};
-use crate::force::balance::Method;
-use crate::force::estimator::{AxisSignals, ForceError, ForceEstimator, ForceSettings, Signals};
+use crate::force::estimator::ForceError;
+use crate::force::observer::{ForcePlan, Observer};
 use crate::plant::cutting::Cutting;
-use crate::plant::drive::DriveParams;
 use crate::plant::workpiece::Workpiece;
 use crate::sample::MAX_AXES;
-use crate::signal::butterworth::Butterworth;
 use crate::signal::sliding_dft::SlidingDftError;
 use crate::units::SampleRate;
 use thiserror::Error;
@@ -20,24 +18,14 @@ pub struct AxisPlan {
     pub name: String,
     /// How its force is estimated; `None`: the force comes from elsewhere, or the axis is not used.
     pub force: Option<ForcePlan>,
+    /// A second estimator that runs beside the first: how far the two are apart is reported, the first is
+    /// acted on.
+    pub beside: Option<ForcePlan>,
+    /// Place of the axis of the stream whose stage position is the third position of this one (the screw at
+    /// the nut).
+    pub nut: Option<usize>,
     /// Whether chatter is listened for on it.
     pub watch: bool,
-}
-
-/// How the force of one axis is estimated.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ForcePlan {
-    /// Drive as its observer knows it.
-    pub drive: DriveParams,
-    /// Which positions the axis measures.
-    pub signals: Signals,
-    /// Observer.
-    pub method: Method,
-    /// Low-pass, idle map and the like.
-    pub settings: ForceSettings,
-    /// Above this the drive side (reference and rotary encoder) is not listened to: in the chatter band the
-    /// motor hardly moves, and the steps of its encoder are larger than its motion. `None`: all of it.
-    pub motor_cutoff_hz: Option<f64>,
 }
 
 /// Where chatter is looked for.
@@ -131,33 +119,26 @@ impl PipelineSettings {
     }
 
     pub(super) fn channel(&self, plan: &AxisPlan) -> Result<Channel, PipelineError> {
-        let Some(force) = &plan.force else {
-            return Ok(Channel {
-                estimator: None,
-                drive_filter: None,
-                thrust_n_a: 0.0,
-                travel_m_rad: 1.0,
-                watch: plan.watch,
-            });
+        let observer = |plan_of: &ForcePlan| {
+            Observer::new(plan_of, self.sample_rate)
+                .map_err(|source| PipelineError::Force { axis: plan.name.clone(), source })
         };
-        let thrust_n_a = force
-            .drive
-            .thrust_constant_n_a()
-            .ok_or_else(|| PipelineError::NoThrust { axis: plan.name.clone() })?;
-        let signals = AxisSignals { drive: &force.drive, rate: self.sample_rate, signals: force.signals };
-        let estimator = ForceEstimator::new(force.method, &signals, force.settings.clone())
-            .map_err(|source| PipelineError::Force { axis: plan.name.clone(), source })?;
-        let low_pass = |cutoff_hz| Butterworth::low_pass(2, cutoff_hz, self.sample_rate);
-        let drive_filter = force.motor_cutoff_hz.map(low_pass).transpose().map_err(|source| {
-            PipelineError::Force { axis: plan.name.clone(), source: ForceError::Filter(source) }
-        })?;
-        Ok(Channel {
-            estimator: Some(estimator),
-            drive_filter,
-            thrust_n_a,
-            travel_m_rad: force.drive.travel_m_rad(),
+        let mut channel = Channel {
+            observer: plan.force.as_ref().map(observer).transpose()?,
+            beside: plan.beside.as_ref().map(observer).transpose()?,
+            thrust_n_a: 0.0,
+            travel_m_rad: 1.0,
+            nut: plan.nut,
             watch: plan.watch,
-        })
+        };
+        // Two estimators of one axis know one drive.
+        let plans = [&plan.force, &plan.beside];
+        if let Some(servo) = plans.into_iter().flatten().find_map(ForcePlan::servo) {
+            let no_thrust = || PipelineError::NoThrust { axis: plan.name.clone() };
+            channel.thrust_n_a = servo.drive.thrust_constant_n_a().ok_or_else(no_thrust)?;
+            channel.travel_m_rad = servo.drive.travel_m_rad();
+        }
+        Ok(channel)
     }
 
     /// One second, so that bins stand 1 Hz apart.

@@ -3,7 +3,6 @@
 
 pub mod diagnosis;
 pub mod events;
-pub mod force_estimator;
 pub mod force_plots;
 pub mod html;
 mod maps;

@@ -176,6 +176,15 @@ pub(super) fn columns(samples: &[&ServoSample], axes: &[String]) -> Vec<crate::s
             add(format!("{axis}_stage_valid"), &valid);
         }
     }
+    let heard = samples.iter().filter(|s| s.accel_m_s2.is_some()).count();
+    if heard > 0 {
+        for (place, axis) in ["x", "y", "z"].into_iter().enumerate() {
+            add(format!("{axis}_accel_m_s2"), &|s| s.accel_m_s2.map_or(0.0, |a| a[place]));
+        }
+    }
+    if (1..samples.len()).contains(&heard) {
+        add("accel_valid".into(), &|s| f64::from(u8::from(s.accel_m_s2.is_some())));
+    }
     add("spindle_angle_rad".into(), &|s| s.spindle_angle_rad);
     add("spindle_speed_rpm".into(), &|s| s.spindle_speed_rpm);
     add("source_t_s".into(), &|s| s.t_s); // as the machine's clock said, to the last bit
@@ -194,6 +203,7 @@ mod tests {
             axes: [AxisSample::default(); MAX_AXES],
             spindle_angle_rad: 0.0,
             spindle_speed_rpm: 1200.0,
+            accel_m_s2: None,
         }
     }
 

@@ -13,6 +13,7 @@ use crate::force::balance::Method;
 use crate::force::estimator::{
     AxisSignals, ForceEstimator, ForceSettings, ForceState, LowPass, MotionSample, Signals,
 };
+use crate::force::observer::ServoPlan;
 use crate::sample::ServoSample;
 use crate::telemetry::Metrics;
 use crate::units::SampleRate;
@@ -143,7 +144,8 @@ struct Watch {
 impl Watch {
     /// Nothing where the model does not know the axis or it has no thrust.
     fn new(config: &ServiceConfig, (index, axis): (usize, &String), rate: SampleRate) -> Option<Self> {
-        let plan = config.pipeline_settings(rate, std::slice::from_ref(axis)).axes.pop()?.force?;
+        // Whatever estimates the force, model and machine are compared by the balance of both encoders.
+        let plan = ServoPlan::of_axis(config.machine.axis(axis)?, Method::Medob, Signals::Both);
         let signals = AxisSignals { drive: &plan.drive, rate, signals: Signals::Both };
         let low_pass = LowPass::Butterworth { order: 2, cutoff_hz: CUTOFF_HZ };
         let settings = ForceSettings { low_pass, ..plan.settings.clone() };
@@ -180,8 +182,10 @@ impl Watch {
         let motion = MotionSample {
             thrust_ref_n: self.thrust_n_a * axis.current_ref_a,
             motor_travel_m: Some(self.travel_m_rad * axis.motor_angle_rad),
+            nut_position_m: None,
             stage_position_m: axis.stage_position_m,
             spindle_speed_rpm: Some(sample.spindle_speed_rpm),
+            accel_m_s2: None,
         };
         let state = self.state.get_or_insert_with(|| self.estimator.settled(&motion));
         let estimate = self.estimator.step(state, &motion);
@@ -281,6 +285,7 @@ mod tests {
                 axes,
                 spindle_angle_rad: 0.0,
                 spindle_speed_rpm: spindle_rpm,
+                accel_m_s2: None,
             };
             watch.step(&sample);
             found.extend(watch.news());

@@ -63,6 +63,18 @@ pub struct AxisView {
     pub force_deviation_n: f64,
     /// Largest deviation from the mean, N.
     pub force_peak_n: f64,
+    /// What speaks against the newest estimate: `valid`, or the names of its flags.
+    pub force_flags: String,
+    /// What encoder steps (of accelerometers: their noise) alone cause, standard deviation, N; absent
+    /// without an estimator.
+    pub noise_floor_n: Option<f64>,
+    /// By how much the estimate lags the force, s.
+    pub force_delay_s: Option<f64>,
+    /// Band in which the estimate can be used, Hz.
+    pub usable_band_hz: Option<[f64; 2]>,
+    /// Standard deviation of the difference to the estimator beside it over the last second, N; absent
+    /// without one.
+    pub disagreement_n: Option<f64>,
     /// Strongest line of the band, Hz; absent while none stands out.
     pub line_hz: Option<f64>,
     /// Offset that is commanded, m.

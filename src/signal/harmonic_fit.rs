@@ -21,6 +21,9 @@ pub struct HarmonicBasis {
     pub harmonics: usize,
 }
 
+/// Longest window: bounds the memory and the time of a design.
+pub const LONGEST_WINDOW: usize = 1 << 14;
+
 /// Why a window cannot be fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum HarmonicFitError {
@@ -29,6 +32,12 @@ pub enum HarmonicFitError {
     TooShort {
         /// Unknowns.
         unknowns: usize,
+        /// Samples.
+        samples: usize,
+    },
+    /// More samples than are kept.
+    #[error("a window of {samples} samples, expected at most {LONGEST_WINDOW}; the spindle turns too slowly")]
+    TooLong {
         /// Samples.
         samples: usize,
     },
@@ -66,6 +75,9 @@ impl HarmonicFit {
     pub fn new(basis: HarmonicBasis) -> Result<Self, HarmonicFitError> {
         let samples = 2 * basis.half_window + 1;
         let unknowns = 2 + 2 * basis.harmonics;
+        if samples > LONGEST_WINDOW {
+            return Err(HarmonicFitError::TooLong { samples });
+        }
         if unknowns > samples {
             return Err(HarmonicFitError::TooShort { unknowns, samples });
         }
@@ -82,12 +94,13 @@ impl HarmonicFit {
         for (mut column, scale) in columns.column_iter_mut().zip(&scale) {
             column /= *scale;
         }
-        let singular = columns.clone().singular_values();
+        let qr = columns.qr();
+        // The triangle has the singular values of the columns.
+        let singular = qr.r().singular_values();
         let condition = singular.max() / singular.min();
         if !(condition.is_finite() && condition < 1e10) {
             return Err(HarmonicFitError::Singular { samples });
         }
-        let qr = columns.qr();
         let inverse = qr.r().try_inverse().map(|r| r * qr.q().transpose());
         let mut inverse = inverse.ok_or(HarmonicFitError::Singular { samples })?;
         for (mut row, scale) in inverse.row_iter_mut().zip(&scale) {
@@ -108,6 +121,12 @@ impl HarmonicFit {
     pub fn weights(&self, from_middle: f64, derivative: usize) -> Vec<f64> {
         let row = nalgebra::RowDVector::from_vec(self.basis.row(from_middle, derivative));
         (row * &self.inverse).iter().copied().collect()
+    }
+
+    /// Weights of the ramp alone, per sample: the motion of the window as a whole, without its vibration.
+    #[must_use]
+    pub fn slope_weights(&self) -> Vec<f64> {
+        self.inverse.row(1).iter().copied().collect()
     }
 
     /// Weights of the harmonics alone at an instant, each multiplied by a complex response: what a
@@ -183,14 +202,40 @@ impl LongLine {
         self.values[self.next + self.length - 1]
     }
 
-    /// Sum of weights (oldest first) over samples that end `age` samples before the youngest.
+    /// The oldest sample.
+    #[must_use]
+    pub fn oldest(&self) -> f64 {
+        self.values[self.next]
+    }
+
+    /// How many samples it holds.
+    #[must_use]
+    #[allow(clippy::len_without_is_empty)] // it is never empty
+    pub fn len(&self) -> usize {
+        self.length
+    }
+
+    /// Sum of weights (oldest first) times the youngest samples; at most as many weights as samples.
     #[inline]
     #[must_use]
-    pub fn apply(&self, weights: &[f64], age: usize) -> f64 {
-        let end = self.next + self.length - age.min(self.length - weights.len().min(self.length));
-        let start = end.saturating_sub(weights.len());
-        self.values[start..end].iter().zip(weights).map(|(x, w)| x * w).sum()
+    pub fn apply(&self, weights: &[f64]) -> f64 {
+        let end = self.next + self.length;
+        dot(&self.values[end - weights.len().min(self.length)..end], weights)
     }
+}
+
+/// Sum of products in eight lanes: one after the other they would wait for each addition.
+#[inline]
+fn dot(x: &[f64], w: &[f64]) -> f64 {
+    let (a, b) = (x.chunks_exact(8), w.chunks_exact(8));
+    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(x, w)| x * w).sum();
+    let mut sums = [0.0; 8];
+    for (x, w) in a.zip(b) {
+        for lane in 0..8 {
+            sums[lane] += x[lane] * w[lane];
+        }
+    }
+    rest + sums.iter().sum::<f64>()
 }
 
 #[cfg(test)]
@@ -225,6 +270,8 @@ mod tests {
             assert!((sum(0) - y(at)).abs() < 1e-10);
             assert!((sum(1) - slope(at)).abs() < 1e-10);
             assert!((sum(2) - bend(at)).abs() < 1e-10);
+            let ramp: f64 = fit.slope_weights().iter().enumerate().map(|(i, w)| w * y(i as f64 - 23.0)).sum();
+            assert!((ramp - 0.3).abs() < 1e-10);
         }
     }
 }

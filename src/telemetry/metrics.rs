@@ -95,6 +95,8 @@ series! {
         "1 while a line is tracked.");
     chatter_power_newtons_squared: Gauge = gauge("stillcut_chatter_power_newtons_squared",
         "Power of the strongest line of the band.");
+    force_disagreement_newtons: GaugeVec = gauges("stillcut_force_disagreement_newtons",
+        "Standard deviation of the difference of an axis' two force estimators, last second.", &["axis"]);
     predicted_band_hertz: GaugeVec = gauges("stillcut_predicted_band_hertz",
         "Edges of the watched band.", &["edge"]);
     mode: IntGaugeVec = int_gauges("stillcut_mode", "1 for the mode that is on.", &["mode"]);

@@ -23,6 +23,8 @@ pub const VALID_CURRENT: u32 = 1;
 pub const VALID_MOTOR: u32 = 2;
 /// Bit of [`ServoPoint::valid`]: the stage position is valid.
 pub const VALID_STAGE: u32 = 4;
+/// Bit of [`ServoPoint::valid`], for the whole sample: the accelerations are valid.
+pub const VALID_ACCEL: u32 = 1 << 24;
 /// All three signals of an axis are valid.
 pub const VALID_ALL: u32 = VALID_CURRENT | VALID_MOTOR | VALID_STAGE;
 
@@ -48,10 +50,10 @@ pub struct ServoAxis {
     pub stage_position_m: f64,
 }
 
-/// All axes at one instant: 184 bytes.
+/// All axes at one instant: 208 bytes.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("stillcut.ServoPoint.v1")]
+#[type_name("stillcut.ServoPoint.v2")]
 pub struct ServoPoint {
     /// Counts every sample of the producer from 0; a step of more than one is a loss.
     pub sequence: u64,
@@ -61,18 +63,20 @@ pub struct ServoPoint {
     pub spindle_angle_rad: f64,
     /// Spindle speed in rpm.
     pub spindle_speed_rpm: f64,
-    /// Three bits an axis, axis 0 lowest: current, motor, stage.
+    /// Three bits an axis, axis 0 lowest: current, motor, stage; bit 24: accelerations.
     pub valid: u32,
     /// Zero.
     pub reserved: u32,
     /// Signals; entries beyond the axis count are zero.
     pub axes: [ServoAxis; MAX_AXES],
+    /// Accelerations of the spindle housing in x, y, z, m/s2.
+    pub accel_m_s2: [f64; 3],
 }
 
-/// Up to 32 consecutive samples of up to 6 axes: 5960 bytes.
+/// Up to 32 consecutive samples of up to 6 axes: 6728 bytes.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("stillcut.ServoBatch.v1")]
+#[type_name("stillcut.ServoBatch.v2")]
 pub struct ServoBatch {
     /// Changes whenever the producer starts anew; sequences are only compared within one stream.
     pub stream: u64,
@@ -215,6 +219,7 @@ impl ServoPoint {
             axes: [AxisSample::default(); MAX_AXES],
             spindle_angle_rad: self.spindle_angle_rad,
             spindle_speed_rpm: self.spindle_speed_rpm,
+            accel_m_s2: (self.valid & VALID_ACCEL != 0).then_some(self.accel_m_s2),
         };
         for (index, (to, from)) in sample.axes.iter_mut().zip(&self.axes).take(axes).enumerate() {
             let valid = self.valid >> (3 * index);
@@ -238,6 +243,8 @@ impl ServoPoint {
             t_ns,
             spindle_angle_rad: sample.spindle_angle_rad,
             spindle_speed_rpm: sample.spindle_speed_rpm,
+            valid: if sample.accel_m_s2.is_some() { VALID_ACCEL } else { 0 },
+            accel_m_s2: sample.accel_m_s2.unwrap_or_default(),
             ..Self::default()
         };
         for (index, (to, from)) in point.axes.iter_mut().zip(&sample.axes).take(axes).enumerate() {
@@ -267,9 +274,10 @@ mod tests {
     #[test]
     fn layout_is_the_documented_one() {
         assert_eq!(size_of::<ServoAxis>(), 24);
-        assert_eq!(size_of::<ServoPoint>(), 184);
+        assert_eq!(size_of::<ServoPoint>(), 208);
+        assert_eq!(offset_of!(ServoPoint, accel_m_s2), 184);
         assert_eq!(offset_of!(ServoPoint, axes), 40);
-        assert_eq!(size_of::<ServoBatch>(), 24 + 48 + 32 * 184);
+        assert_eq!(size_of::<ServoBatch>(), 24 + 48 + 32 * 208);
         assert_eq!(offset_of!(ServoBatch, points), 72);
         assert_eq!(size_of::<TurretCommand>(), 7 * 8 + 6 * 8 + 8);
         assert_eq!(offset_of!(TurretCommand, kind), 108);
@@ -299,11 +307,14 @@ mod tests {
             AxisSample { current_ref_a: 1.5, motor_angle_rad: -2.0, stage_position_m: Some(0.25) };
         sample.axes[1].stage_position_m = None;
         sample.t_s = 3.0;
+        sample.accel_m_s2 = Some([0.5, -9.0, 1e-3]);
         let mut point = ServoPoint::from_sample(&sample, 3_000_000_000, 2);
         assert_eq!(point.to_sample(2), Ok(sample));
         assert_eq!(point.to_sample(3), Err(SampleError::AxisNotFinite { axis: 2 }), "not marked");
         point.axes[1].current_ref_a = f64::NAN;
         assert_eq!(point.to_sample(2), Err(SampleError::AxisNotFinite { axis: 1 }));
+        point.accel_m_s2[1] = f64::NAN;
+        assert_eq!(point.to_sample(2), Err(SampleError::HeadNotFinite));
         point.spindle_angle_rad = f64::INFINITY;
         assert_eq!(point.to_sample(2), Err(SampleError::HeadNotFinite));
     }

@@ -3,6 +3,7 @@
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
+use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::path::PathBuf;
 use stillcut::config::machine::read_machine;
@@ -10,8 +11,8 @@ use stillcut::force::balance::Method;
 use stillcut::force::estimator::{
     AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample, Signals,
 };
-use stillcut::force::frf::force_of_recording;
-use stillcut::force::harmonic::HarmonicSettings;
+use stillcut::force::frf_stream::force_of_recording;
+use stillcut::force::harmonic::{HarmonicSettings, Reading};
 use stillcut::force::offline::{estimate_run, idle_map, stiffness_of_runs, with_axial_stiffness};
 use stillcut::force::recorded::motion_of_recording;
 use stillcut::force::validity::Validity;
@@ -139,6 +140,8 @@ fn simulate(
                     drive.stage_encoder_resolution_m(),
                 )),
                 spindle_speed_rpm: None,
+                nut_position_m: None,
+                accel_m_s2: None,
             }
         })
         .collect();
@@ -171,8 +174,9 @@ fn a_force_is_seen_at_the_stated_delay_by_both_modes() {
         let errors: Vec<f64> = (1500..4900)
             .map(|i| estimates[i].force_n - cutting(i as f64 / RATE_HZ - estimator.delay_s()))
             .collect();
-        // What encoder steps cause is stated. The thrust swings by 6 N a sample and is read at another phase of
-        // the hold than the encoders: its images alias to at most 0.4 % of 25 N twice; 0.2 N for all of that.
+        // What encoder steps cause is stated. The thrust swings by 6 N a sample and is read at another phase
+        // of the hold than the encoders: its images alias to at most 0.4 % of 25 N twice; 0.2 N for all of
+        // that.
         let limit = estimator.noise_floor_n().hypot(0.2);
         let error = deviation(&errors);
         assert!(error < 1.2 * limit, "{method:?}: {error} N, noise floor {}", estimator.noise_floor_n());
@@ -202,6 +206,8 @@ fn a_missing_position_is_flagged_and_held() {
         motor_travel_m: Some(0.1),
         stage_position_m: Some(0.1),
         spindle_speed_rpm: None,
+        nut_position_m: None,
+        accel_m_s2: None,
     };
     let mut state = estimator.settled(&whole);
     for _ in 0..1000 {
@@ -301,6 +307,48 @@ fn thrust_and_single_encoder_are_as_bad_as_the_thesis_says() {
     assert!(milling_error(&case, Method::Thrust).0 > 5.0 * vibration);
 }
 
+/// Figure 4-3 and table 4-7: without the dead times the multi-encoder observer is worse.
+#[test]
+fn without_delay_compensation_the_observer_is_worse() {
+    let Some(mut case) = milling("feed-1000rpm-1.5mm") else { return };
+    let with = milling_error(&case, Method::Medob).0;
+    case.drive = DriveParams::new(RawDriveParams {
+        amplifier_dead_time_s: None,
+        motor_encoder_delay_s: None,
+        stage_encoder_delay_s: None,
+        current_loop_bandwidth_rad_s: None,
+        ..case.drive.raw().clone()
+    })
+    .unwrap();
+    let without = milling_error(&case, Method::Medob).0;
+    assert!(without > 1.3 * with, "{without:.2} N without, {with:.2} N with");
+}
+
+/// The window read at its young end lags by the alignment alone, is noisier, and meets the same force.
+#[test]
+fn a_window_read_at_its_young_end_lags_less_and_is_noisier() {
+    let Some(case) = milling("feed-1000rpm-1.5mm") else { return };
+    let samples = motion_of_recording(&case.cut, "x", &case.drive).unwrap().samples;
+    let make = |reading| {
+        let harmonic = HarmonicSettings { reading, band_hz: 100.0, ..HarmonicSettings::at_speed(1000.0) };
+        let settings =
+            ForceSettings { low_pass: LowPass::None, harmonic: Some(harmonic), ..ForceSettings::default() };
+        ForceEstimator::new(Method::Fitted, &axis(&case.drive), settings).unwrap()
+    };
+    let (middle, young) = (make(Reading::Middle), make(Reading::Young));
+    assert!((middle.delay_s() - young.delay_s() - 0.03).abs() < 1e-3, "half a turn of 60 ms");
+    assert!(young.delay_s() < 1e-3 && young.condition().unwrap() < 20.0);
+    assert!(young.noise_floor_n() > middle.noise_floor_n());
+    let at = |e: &ForceEstimator| {
+        let lag = (e.delay_s() * RATE_HZ).round() as usize;
+        let estimates = estimate_run(e, &samples);
+        (25_000..40_000).map(|i| estimates[i + lag].force_n).collect::<Vec<f64>>()
+    };
+    let apart: Vec<f64> = at(&middle).iter().zip(at(&young)).map(|(a, b)| a - b).collect();
+    let all = deviation(&at(&middle));
+    assert!(deviation(&apart) < 0.5 * all, "{} of {all}", deviation(&apart));
+}
+
 #[test]
 fn spectral_gain_is_that_of_the_recorded_loop() {
     // Lines of the thrust divided by the closed loop's response meet the known force within a tenth.
@@ -353,12 +401,76 @@ fn below_friction_is_not_observable_and_bounded() {
         motor_travel_m: Some(0.0),
         stage_position_m: Some(0.0),
         spindle_speed_rpm: Some(600.0),
+        nut_position_m: None,
+        accel_m_s2: None,
     };
     let estimates = estimate_run(&estimator, &vec![still; 10_000]);
     let last = estimates.last().unwrap();
     assert!(last.flags.contains(Validity::BELOW_FRICTION) && !last.flags.may_act());
     assert!(last.force_n.abs() < 1e-6);
     assert!((estimator.friction_bound_n() - 560.0).abs() < 1e-9);
+}
+
+/// Three inertias whose positions are all measured: every mode returns the force that acts, through the
+/// estimator.
+#[test]
+fn three_positions_return_the_force_in_every_mode() {
+    let r2 = (0.005 / TAU).powi(2);
+    let drive = DriveParams::new(RawDriveParams {
+        rotary_inertia_kg_m2: Some(50.0 * r2),
+        screw_inertia_kg_m2: Some(30.0 * r2),
+        torsional_stiffness_nm_rad: Some(3.0e8 * r2),
+        torsional_damping_nm_s_rad: Some(2000.0 * r2),
+        current_loop_bandwidth_rad_s: None,
+        amplifier_dead_time_s: None,
+        motor_encoder_delay_s: None,
+        stage_encoder_delay_s: None,
+        motor_encoder_resolution_m: None,
+        stage_encoder_resolution_m: None,
+        ..test_drive().raw().clone()
+    })
+    .unwrap();
+    // Motion of motor and stage chosen freely, as phasors; the screw's, thrust and cutting force that go
+    // with it follow.
+    let chain = stillcut::force::response::Chain::of_drive(&drive);
+    let links = chain.links().to_vec();
+    let w = TAU * 130.0;
+    let phasor = |amplitude: f64, phase: f64| Complex64::from_polar(amplitude, phase);
+    let s = Complex64::new(0.0, w);
+    let spring = |i: usize| links[i].spring_n_m + s * links[i].damper_n_s_m;
+    let (motor, stage) = (phasor(2e-6, 0.3), phasor(3e-6, 1.1));
+    let own = |i: usize| s * (s * links[i].mass_kg + links[i].damping_n_s_m);
+    let nut = (spring(0) * motor + spring(1) * stage) / (spring(0) + spring(1) + own(1));
+    let thrust = own(0) * motor + spring(0) * (motor - nut);
+    let cutting = spring(1) * (nut - stage) - own(2) * stage;
+    let at = |p: Complex64, i: f64| (p * Complex64::from_polar(1.0, w * i / RATE_HZ)).im;
+    let samples: Vec<MotionSample> = (0..4000)
+        .map(|i| MotionSample {
+            thrust_ref_n: at(thrust, f64::from(i)),
+            motor_travel_m: Some(at(motor, f64::from(i))),
+            nut_position_m: Some(at(nut, f64::from(i))),
+            stage_position_m: Some(at(stage, f64::from(i))),
+            ..MotionSample::default()
+        })
+        .collect();
+    let signals = AxisSignals { signals: Signals::Three, ..axis(&drive) };
+    for method in [Method::Medob, Method::RigidMode, Method::VibrationMode, Method::SecondVibrationMode] {
+        let settings = ForceSettings { low_pass: LowPass::None, ..ForceSettings::default() };
+        let estimator = ForceEstimator::new(method, &signals, settings).unwrap();
+        let lag = estimator.alignment_lag_samples() as f64;
+        let estimates = estimate_run(&estimator, &samples);
+        for i in [1000_u32, 2345, 3999] {
+            let error = estimates[i as usize].force_n - at(cutting, f64::from(i) - lag);
+            assert!(error.abs() < 1e-3 * cutting.norm(), "{method:?}: {error} N of {}", cutting.norm());
+        }
+        let mut without = samples[0];
+        without.nut_position_m = None;
+        let mut state = estimator.settled(&without);
+        let flags = estimator.step(&mut state, &without).flags;
+        assert!(flags.contains(Validity::SIGNAL_MISSING), "{method:?}");
+    }
+    let two = ForceEstimator::new(Method::SecondVibrationMode, &axis(&drive), ForceSettings::default());
+    assert!(two.unwrap_err().to_string().contains("three measured positions"));
 }
 
 // ---- accelerometers -------------------------------------------------------------------------------
@@ -433,13 +545,14 @@ fn a_speed_beyond_the_training_is_flagged() {
     let estimator = stillcut::force::frf::FrfEstimator {
         axis: "x".to_owned(),
         nodes_hz: vec![7.0, 500.0],
-        values: vec![[rustfft::num_complex::Complex64::new(1.0, 0.0); 9]; 2],
+        values: vec![[Complex64::new(1.0, 0.0); 9]; 2],
         speed_range_rpm: [500.0, 7500.0],
         noise_floor_n: 0.0,
         condition: 1.0,
     };
     assert!(estimator.flags(2500.0).is_valid());
-    assert!(estimator.flags(9000.0).contains(Validity::EXTRAPOLATED));
+    let flags = estimator.flags(9000.0);
+    assert!(flags.contains(Validity::EXTRAPOLATED) && !flags.may_act());
 }
 
 // ---- identification -------------------------------------------------------------------------------
@@ -526,54 +639,80 @@ fn a_mode_outside_of_the_model_is_warned_of() {
     assert!(fit.warnings.iter().any(|w| w.contains("mode outside of the model")), "{:?}", fit.warnings);
 }
 
-#[test]
-fn the_truth_lies_inside_the_interval_in_most_repeats() {
-    let drive = test_drive();
-    let n = 20_000;
-    let chirp = |i: usize| {
-        let (t, rate) = (i as f64 / RATE_HZ, (1200.0f64 / 8.0).ln() / 1.8);
-        if (0.1..1.9).contains(&t) {
-            60.0 * (TAU * 8.0 / rate * (((t - 0.1) * rate).exp() - 1.0)).sin()
-        } else {
-            0.0
-        }
+/// One machine, sweep and prior drawn from a seed; for each parameter whether its interval holds the truth.
+///
+/// What a sweep cannot show errs as the intervals say: torque constant by 0.5 %, instants of the drive by a
+/// tenth of a sample (one standard deviation each).
+fn truth_is_inside(seed: u64) -> [bool; 5] {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut normal = |deviation: f64| Normal::new(0.0, deviation).unwrap().sample(&mut random);
+    let base = test_drive().raw().clone();
+    let mut about = |x: Option<f64>, share: f64| x.map(|x| x * normal(share).exp());
+    let raw = RawDriveParams {
+        movable_mass_kg: about(base.movable_mass_kg, 0.2),
+        rotary_inertia_kg_m2: about(base.rotary_inertia_kg_m2, 0.2),
+        axial_stiffness_n_m: about(base.axial_stiffness_n_m, 0.1),
+        structural_damping_n_s_m: about(base.structural_damping_n_s_m, 0.2),
+        ..base
     };
-    // Start from a prior that is wrong by several percent.
-    let raw = drive.raw();
-    let prior = DriveParams::new(RawDriveParams {
-        movable_mass_kg: raw.movable_mass_kg.map(|x| 1.06 * x),
-        axial_stiffness_n_m: raw.axial_stiffness_n_m.map(|x| 0.93 * x),
+    let prior = RawDriveParams {
+        movable_mass_kg: about(raw.movable_mass_kg, 0.04),
+        rotary_inertia_kg_m2: about(raw.rotary_inertia_kg_m2, 0.04),
+        axial_stiffness_n_m: about(raw.axial_stiffness_n_m, 0.04),
         amplifier_dead_time_s: Some(2.0e-4),
         ..raw.clone()
+    };
+    let truth = DriveParams::new(raw.clone()).unwrap();
+    let late_s = raw.amplifier_dead_time_s.unwrap() + normal(0.1 / RATE_HZ);
+    let torque = 1.0 + normal(0.005);
+    let simulated = DriveParams::new(RawDriveParams { amplifier_dead_time_s: Some(late_s), ..raw }).unwrap();
+    let chirp = |i: usize| {
+        let (t, rate) = (i as f64 / RATE_HZ, (1200.0f64 / 8.0).ln() / 1.8);
+        let phase = TAU * 8.0 / rate * (((t - 0.1) * rate).exp() - 1.0);
+        if (0.1..1.9).contains(&t) { 60.0 * phase.sin() } else { 0.0 }
+    };
+    let run = simulate(&simulated, |i| torque * chirp(i), |_| 0.0, 20_000);
+    let mut noisy = |f: fn(&MotionSample) -> Option<f64>| {
+        run.samples.iter().filter_map(f).map(|x| x + normal(2e-9)).collect::<Vec<f64>>()
+    };
+    let sweep = Sweep {
+        rate: SampleRate::new(RATE_HZ).unwrap(),
+        motor_travel_m: noisy(|s| s.motor_travel_m),
+        stage_position_m: noisy(|s| s.stage_position_m),
+        thrust_ref_n: (0..20_000).map(chirp).collect(),
+    };
+    let fit = fit_sweep(&DriveParams::new(prior).unwrap(), &sweep).unwrap();
+    [
+        ("movable_mass_kg", truth.movable_mass_kg()),
+        ("rotary_inertia_kg_m2", truth.rotary_inertia_kg_m2()),
+        ("axial_stiffness_n_m", truth.axial_stiffness_n_m()),
+        ("amplifier_dead_time_s", truth.amplifier_dead_time_s()),
+        ("stage_encoder_delay_s", truth.stage_encoder_delay_s()),
+    ]
+    .map(|(name, truth)| {
+        let p = fit.parameters.iter().find(|p| p.name == name).unwrap();
+        p.ci95[0] <= truth && truth <= p.ci95[1]
     })
-    .unwrap();
-    let clean = simulate(&drive, chirp, |_| 0.0, n);
-    let repeats = 12;
-    let (mut inside, mut total) = (0, 0);
-    for seed in 0..repeats {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let noise = Normal::new(0.0, 2e-9).unwrap();
-        let mut noisy = |f: fn(&MotionSample) -> Option<f64>| {
-            clean.samples.iter().filter_map(f).map(|x| x + noise.sample(&mut random)).collect::<Vec<f64>>()
-        };
-        let sweep = Sweep {
-            rate: SampleRate::new(RATE_HZ).unwrap(),
-            thrust_ref_n: clean.samples.iter().map(|s| s.thrust_ref_n).collect(),
-            motor_travel_m: noisy(|s| s.motor_travel_m),
-            stage_position_m: noisy(|s| s.stage_position_m),
-        };
-        let fit = fit_sweep(&prior, &sweep).unwrap();
-        for (name, truth) in [
-            ("movable_mass_kg", drive.movable_mass_kg()),
-            ("rotary_inertia_kg_m2", drive.rotary_inertia_kg_m2()),
-            ("axial_stiffness_n_m", drive.axial_stiffness_n_m()),
-            ("amplifier_dead_time_s", drive.amplifier_dead_time_s()),
-        ] {
-            let p = fit.parameters.iter().find(|p| p.name == name).unwrap();
-            inside += usize::from(p.ci95[0] <= truth && truth <= p.ci95[1]);
-            total += 1;
+}
+
+#[test]
+fn the_truth_lies_inside_the_interval_in_95_of_100_repeats() {
+    const REPEATS: u64 = 64;
+    let half = |first: u64| {
+        let mut inside = [0_u32; 5];
+        for seed in (first..REPEATS).step_by(2) {
+            inside.iter_mut().zip(truth_is_inside(seed)).for_each(|(n, yes)| *n += u32::from(yes));
         }
-    }
-    // 48 intervals, 95 % expected inside: fewer than 41 happens once in a thousand times.
-    assert!(inside >= 41, "{inside} of {total}");
+        inside
+    };
+    let [even, odd] = std::thread::scope(|scope| {
+        [0, 1].map(|first| scope.spawn(move || half(first))).map(|t| t.join().unwrap())
+    });
+    let inside: Vec<u32> = even.iter().zip(odd).map(|(a, b)| a + b).collect();
+    println!("of {REPEATS}: mass, inertia, stiffness, dead time, stage delay {inside:?}");
+    // 95 % of 64 are 60.8 with a standard deviation of 1.7; of all 320 are 304 +- 5 (those of one fit go
+    // together).
+    assert!(inside.iter().all(|n| *n >= 55), "{inside:?}");
+    let all: u32 = inside.iter().sum();
+    assert!((285..=317).contains(&all), "{inside:?}");
 }

@@ -16,6 +16,7 @@ mod faults;
 #[cfg(feature = "nats")]
 mod fleet;
 mod force;
+mod force_live;
 #[cfg(feature = "service")]
 mod http;
 mod identities;

@@ -6,7 +6,7 @@ use stillcut::config::machine::read_machine;
 use stillcut::force::balance::Method;
 use stillcut::force::estimator::{ForceSettings, Signals};
 use stillcut::pipeline::{
-    AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, StepOutput, StreamFault,
+    AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, ServoPlan, StepOutput, StreamFault,
 };
 use stillcut::plant::scenario::{RawScenario, Scenario};
 use stillcut::sample::ServoSample;
@@ -18,13 +18,17 @@ pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
     let machine = read_machine(&path).unwrap();
     let plan = |name: &str| AxisPlan {
         name: name.to_owned(),
-        force: machine.axis(name).map(|axis| ForcePlan {
-            drive: axis.drive.clone(),
-            signals: Signals::Both,
-            method: Method::VibrationMode,
-            settings: ForceSettings::default(),
-            motor_cutoff_hz: Some(150.0),
+        force: machine.axis(name).map(|axis| {
+            ForcePlan::Servo(ServoPlan {
+                drive: axis.drive.clone(),
+                signals: Signals::Both,
+                method: Method::VibrationMode,
+                settings: ForceSettings::default(),
+                motor_cutoff_hz: Some(150.0),
+            })
         }),
+        beside: None,
+        nut: None,
         watch: machine.axis(name).is_some(),
     };
     PipelineSettings {

@@ -2,6 +2,7 @@
 
 use super::Engine;
 use crate::chatter::{ChatterEvent, Line, NotChatter, Phase};
+use crate::force::observer::Observer;
 use crate::pipeline::StepOutput;
 use crate::sample::MAX_AXES;
 use crate::service::clock;
@@ -201,6 +202,12 @@ impl Engine {
             for (index, axis) in state.axes.iter_mut().enumerate() {
                 let heard = stream.pipeline().axis_output(index);
                 axis.line_hz = heard.and_then(|o| o.frequency_hz);
+                let observer = stream.pipeline().observer(index);
+                axis.noise_floor_n = observer.map(Observer::noise_floor_n);
+                axis.force_delay_s = observer.map(Observer::delay_s);
+                axis.usable_band_hz = observer.map(Observer::usable_band_hz);
+                axis.force_flags = stream.pipeline().force_flags(index).to_string();
+                axis.disagreement_n = stream.pipeline().disagreement_n(index);
             }
             self.offsets(now, &mut state.axes);
             let phase = self.picture.phase.unwrap_or((chatter.phase, clock::wall_ns()));
@@ -280,6 +287,9 @@ impl Engine {
         metrics.chatter_frequency_valid.set(i64::from(chatter.frequency_hz.is_some()));
         metrics.chatter_frequency_hertz.set(chatter.frequency_hz.unwrap_or_default());
         metrics.chatter_power_newtons_squared.set(chatter.power_n2.unwrap_or_default());
+        for (name, apart_n) in state.axes.iter().filter_map(|a| Some((&a.name, a.disagreement_n?))) {
+            metrics.force_disagreement_newtons.with_label_values(&[name]).set(apart_n);
+        }
         if let Some([low, high]) = chatter.band_hz {
             metrics.predicted_band_hertz.with_label_values(&["lower"]).set(low);
             metrics.predicted_band_hertz.with_label_values(&["upper"]).set(high);

@@ -1,8 +1,7 @@
 //! The accelerometer estimator as a JSON file.
 
-use crate::config::ConfigError;
+use super::ConfigError;
 use crate::force::frf::{FrfEstimator, NODE_UNKNOWNS};
-use crate::recording::{RecordingError, write_whole};
 use rustfft::num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -28,8 +27,9 @@ struct EstimatorDto {
     values_n_m: Vec<Vec<[f64; 2]>>,
 }
 
-/// Writes estimators, whole or not at all. Errors: the system refused.
-pub fn write_estimators(path: &Path, estimators: &[FrfEstimator]) -> Result<(), RecordingError> {
+/// The file of some estimators, as text.
+#[must_use]
+pub fn estimators_to_text(estimators: &[FrfEstimator]) -> String {
     let estimators = estimators
         .iter()
         .map(|e| EstimatorDto {
@@ -42,9 +42,9 @@ pub fn write_estimators(path: &Path, estimators: &[FrfEstimator]) -> Result<(), 
         })
         .collect();
     let file = FileDto { schema: SCHEMA.to_owned(), estimators };
-    let text = serde_json::to_string(&file)
-        .map_err(|e| RecordingError::Format { path: path.to_owned(), message: e.to_string() })?;
-    write_whole(path, text.as_bytes())
+    // Names and numbers always have a text; a number that is not finite becomes null, which the reader
+    // refuses.
+    serde_json::to_string(&file).unwrap_or_default()
 }
 
 /// Reads estimators. Errors: unreadable, another format, functions that do not fit their nodes.
@@ -54,7 +54,7 @@ pub fn read_estimators(path: &Path) -> Result<Vec<FrfEstimator>, ConfigError> {
         place: place.to_owned(),
         message,
     };
-    let text = crate::config::read_text(path)?;
+    let text = super::read_text(path)?;
     let file: FileDto = serde_json::from_str(&text).map_err(|e| ConfigError::Syntax {
         path: path.to_owned(),
         line: e.line(),

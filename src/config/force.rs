@@ -1,0 +1,277 @@
+//! How the force of each axis is estimated: `[machine]` and `[machine.axes.<axis>]` of `stillcut.toml`.
+
+use super::accelerometers::read_estimators;
+use super::{ConfigError, parse_number};
+use crate::force::balance::Method;
+use crate::force::estimator::{AxisSignals, ForceEstimator, LowPass, MotionSample, NotchPlan, Signals};
+use crate::force::frf::FrfEstimator;
+use crate::force::harmonic::Reading;
+use crate::force::observer::{ForcePlan, ServoPlan};
+use crate::force::offline::idle_map;
+use crate::force::recorded::motion_of_recording;
+use crate::plant::machine::{AxisModel, Machine};
+use crate::sample::Recording;
+use crate::units::SampleRate;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// What may be said of one axis; what is not said is as for all.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct AxisToml {
+    method: Option<String>,
+    beside: Option<String>,
+    force_cutoff_hz: Option<f64>,
+    motor_cutoff_hz: Option<f64>,
+    encoders: Option<String>,
+    nut: Option<String>,
+    turns: Option<f64>,
+    harmonics: Option<usize>,
+    teeth: Option<f64>,
+    reading: Option<String>,
+    notch: Vec<String>,
+    idle: Vec<PathBuf>,
+}
+
+/// `[machine]` as far as it concerns the force.
+pub(super) struct ForceToml<'a> {
+    pub(super) method: &'a str,
+    pub(super) force_cutoff_hz: f64,
+    pub(super) motor_cutoff_hz: f64,
+    pub(super) accelerometers: Option<PathBuf>,
+    pub(super) axes: &'a BTreeMap<String, AxisToml>,
+}
+
+/// Name of the method that works on accelerometers.
+pub const FRF: &str = "frf";
+
+/// A method by name: of servo signals, or `None` for accelerometers.
+type Choice = Option<Method>;
+
+#[derive(Debug, Clone, PartialEq)]
+struct AxisForce {
+    method: Choice,
+    beside: Option<Choice>,
+    force_cutoff_hz: f64,
+    motor_cutoff_hz: f64,
+    signals: Signals,
+    nut: Option<String>,
+    turns: Option<f64>,
+    harmonics: Option<usize>,
+    teeth: Option<f64>,
+    reading: Option<Reading>,
+    notches: Vec<NotchPlan>,
+    idle: Vec<PathBuf>,
+    idle_runs: Vec<Vec<MotionSample>>,
+}
+
+/// How the force of each axis is estimated, checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForceConfig {
+    all: AxisForce,
+    axes: BTreeMap<String, AxisForce>,
+    accelerometers: Vec<FrfEstimator>,
+}
+
+/// Estimators of one axis: the one that is acted on, the one beside it.
+pub type Plans = [Option<ForcePlan>; 2];
+
+impl ForceConfig {
+    /// Checks the tables. Errors: an unknown method, numbers out of range, an axis that model or file of
+    /// accelerometers do not know.
+    pub(super) fn new(path: &Path, raw: &ForceToml<'_>, machine: &Machine) -> Result<Self, ConfigError> {
+        let file = raw.accelerometers.as_deref();
+        let accelerometers = file.map(read_estimators).transpose()?.unwrap_or_default();
+        let reader = Reader { path, accelerometers: &accelerometers };
+        let all = AxisForce {
+            method: reader.method("machine.method", raw.method)?,
+            beside: None,
+            force_cutoff_hz: reader.cutoff("machine.force_cutoff_hz", raw.force_cutoff_hz)?,
+            motor_cutoff_hz: reader.cutoff("machine.motor_cutoff_hz", raw.motor_cutoff_hz)?,
+            signals: Signals::Both,
+            nut: None,
+            turns: None,
+            harmonics: None,
+            teeth: None,
+            reading: None,
+            notches: Vec::new(),
+            idle: Vec::new(),
+            idle_runs: Vec::new(),
+        };
+        let mut axes = BTreeMap::new();
+        for (name, axis) in raw.axes {
+            let force = reader.axis(name, axis, &all)?;
+            if machine.axis(name).is_none() && force.method.is_some() {
+                return Err(
+                    reader.bad(&format!("machine.axes.{name}"), format!("the model has no axis {name}"))
+                );
+            }
+            axes.insert(name.clone(), force);
+        }
+        Ok(Self { all, axes, accelerometers })
+    }
+
+    /// Reads the air-cutting runs that the tables name. Errors: one line; a run that cannot be read, or that lacks the
+    /// signals of its axis.
+    pub fn read_idle_runs<E: std::fmt::Display>(
+        &mut self,
+        machine: &Machine,
+        read: impl Fn(&Path) -> Result<Recording, E>,
+    ) -> Result<(), String> {
+        for (name, axis) in &mut self.axes {
+            let Some(model) = machine.axis(name) else { continue };
+            for path in &axis.idle {
+                let recording = read(path).map_err(|e| e.to_string())?;
+                let motion = motion_of_recording(&recording, name, &model.drive)
+                    .map_err(|e| format!("{}: {e}", path.display()))?;
+                axis.idle_runs.push(motion.samples);
+            }
+        }
+        Ok(())
+    }
+
+    /// Axes whose force comes from accelerometers.
+    pub fn accelerometer_axes(&self) -> impl Iterator<Item = &str> {
+        let chosen = |axis: &&FrfEstimator| self.axis(&axis.axis).method.is_none();
+        self.accelerometers.iter().filter(chosen).map(|e| e.axis.as_str())
+    }
+
+    /// Name of the axis of the stream that carries the third position of an axis.
+    #[must_use]
+    pub fn nut(&self, axis: &str) -> Option<&str> {
+        self.axis(axis).nut.as_deref()
+    }
+
+    /// The estimators of an axis: none where neither model nor accelerometers know it.
+    #[must_use]
+    pub fn plans(&self, name: &str, model: Option<&AxisModel>, rate: SampleRate) -> Plans {
+        let axis = self.axis(name);
+        let plan = |choice: Choice| match choice {
+            Some(method) => model.map(|model| ForcePlan::Servo(axis.servo(model, method, rate))),
+            None => {
+                let estimator = self.accelerometers.iter().find(|e| e.axis == name);
+                estimator.cloned().map(ForcePlan::Accelerometers)
+            }
+        };
+        [plan(axis.method), axis.beside.and_then(plan)]
+    }
+
+    fn axis(&self, name: &str) -> &AxisForce {
+        self.axes.get(name).unwrap_or(&self.all)
+    }
+}
+
+impl AxisForce {
+    fn servo(&self, model: &AxisModel, method: Method, rate: SampleRate) -> ServoPlan {
+        let mut plan = ServoPlan::of_axis(model, method, self.signals);
+        plan.settings.notches = self.notches.clone();
+        plan.settings.low_pass = LowPass::Butterworth { order: 4, cutoff_hz: self.force_cutoff_hz };
+        // At half the rate and above there is nothing to take away.
+        plan.motor_cutoff_hz = Some(self.motor_cutoff_hz).filter(|hz| *hz < rate.hz() / 2.0);
+        if let Some(harmonic) = &mut plan.settings.harmonic {
+            harmonic.turns = self.turns.unwrap_or(harmonic.turns);
+            harmonic.harmonics = self.harmonics;
+            harmonic.lines_per_turn = self.teeth.unwrap_or(harmonic.lines_per_turn);
+            harmonic.reading = self.reading.unwrap_or(harmonic.reading);
+        }
+        let signals = AxisSignals { drive: &plan.drive, rate, signals: plan.signals };
+        // A plan that no estimator can be made of is refused, with its reason, by the pipeline.
+        if let (false, Ok(bare)) =
+            (self.idle_runs.is_empty(), ForceEstimator::new(method, &signals, plan.settings.clone()))
+        {
+            plan.settings.idle_map = idle_map(&bare, &self.idle_runs);
+        }
+        plan
+    }
+}
+
+struct Reader<'a> {
+    path: &'a Path,
+    accelerometers: &'a [FrfEstimator],
+}
+
+impl Reader<'_> {
+    fn bad(&self, place: &str, message: String) -> ConfigError {
+        ConfigError::Content { path: self.path.to_owned(), place: place.to_owned(), message }
+    }
+
+    fn cutoff(&self, place: &str, hz: f64) -> Result<f64, ConfigError> {
+        parse_number(self.path, place, hz, (1.0, 1e5))
+    }
+
+    fn method(&self, place: &str, name: &str) -> Result<Choice, ConfigError> {
+        if name == FRF {
+            if self.accelerometers.is_empty() {
+                return Err(
+                    self.bad(place, format!("`{FRF}` needs machine.accelerometers, a file of estimators"))
+                );
+            }
+            return Ok(None);
+        }
+        Method::from_name(name).map(Some).ok_or_else(|| {
+            let known: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
+            self.bad(place, format!("`{name}` is not one of {}, {FRF}", known.join(", ")))
+        })
+    }
+
+    fn axis(&self, name: &str, raw: &AxisToml, all: &AxisForce) -> Result<AxisForce, ConfigError> {
+        let place = |key: &str| format!("machine.axes.{name}.{key}");
+        let method = |key: &str, name: &Option<String>| {
+            name.as_deref().map(|name| self.method(&place(key), name)).transpose()
+        };
+        let number = |key: &str, value: Option<f64>, range| {
+            value.map(|value| parse_number(self.path, &place(key), value, range)).transpose()
+        };
+        let chosen = method("method", &raw.method)?.unwrap_or(all.method);
+        let beside = method("beside", &raw.beside)?;
+        let known = self.accelerometers.iter().any(|e| e.axis == name);
+        if (chosen.is_none() || beside == Some(None)) && !known {
+            let message = format!("the file of accelerometers has no axis {name}");
+            return Err(self.bad(&format!("machine.axes.{name}"), message));
+        }
+        let signals = match (raw.encoders.as_deref(), &raw.nut) {
+            (None | Some("both"), None) => Signals::Both,
+            (None | Some("both"), Some(_)) => Signals::Three,
+            (Some("motor"), None) => Signals::MotorOnly,
+            (Some("stage"), None) => Signals::StageOnly,
+            (Some(_), Some(_)) => {
+                return Err(
+                    self.bad(&place("nut"), "a third position needs `encoders = \"both\"`".to_owned())
+                );
+            }
+            (Some(other), None) => {
+                return Err(
+                    self.bad(&place("encoders"), format!("`{other}` is not one of both, motor, stage"))
+                );
+            }
+        };
+        let cutoffs = [
+            number("force_cutoff_hz", raw.force_cutoff_hz, (1.0, 1e5))?,
+            number("motor_cutoff_hz", raw.motor_cutoff_hz, (1.0, 1e5))?,
+        ];
+        let reading = raw.reading.as_deref().map(|name| {
+            let message = || format!("`{name}` is not one of middle, young");
+            Reading::from_name(name).ok_or_else(|| self.bad(&place("reading"), message()))
+        });
+        let notches = raw.notch.iter().map(|name| {
+            let message = || format!("`{name}` is not motor_encoder, stage_encoder or a frequency in Hz");
+            NotchPlan::from_name(name).ok_or_else(|| self.bad(&place("notch"), message()))
+        });
+        Ok(AxisForce {
+            method: chosen,
+            beside,
+            force_cutoff_hz: cutoffs[0].unwrap_or(all.force_cutoff_hz),
+            motor_cutoff_hz: cutoffs[1].unwrap_or(all.motor_cutoff_hz),
+            signals,
+            nut: raw.nut.clone(),
+            turns: number("turns", raw.turns, (0.1, 10.0))?,
+            harmonics: raw.harmonics,
+            teeth: number("teeth", raw.teeth, (1.0, 100.0))?,
+            reading: reading.transpose()?,
+            notches: notches.collect::<Result<_, _>>()?,
+            idle: raw.idle.iter().map(|p| self.path.parent().unwrap_or(Path::new("")).join(p)).collect(),
+            idle_runs: Vec::new(),
+        })
+    }
+}

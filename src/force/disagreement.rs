@@ -1,0 +1,141 @@
+//! How far two estimates of one force are apart while both run.
+
+use super::estimator::ForceEstimate;
+use super::validity::Validity;
+use crate::signal::harmonic_fit::LongLine;
+use crate::units::SampleRate;
+
+/// Over which it is averaged, s.
+const AVERAGE_S: f64 = 1.0;
+
+/// Two estimates of one axis beside each other, each taken at its own lag, the means off: accelerometers and
+/// spectral lines do not see a mean.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Disagreement {
+    first: LongLine,
+    second: LongLine,
+    delays_s: [f64; 2],
+    memory: f64,
+    noise_n: f64,
+    state: Moments,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Moments {
+    /// Mean and mean square of the difference, then of the first estimate.
+    difference: [f64; 2],
+    first: [f64; 2],
+    settling: usize,
+    begun: bool,
+}
+
+crate::keyframe::keep!(Moments { difference, first, settling, begun });
+crate::keyframe::keep!(Disagreement { first, second, memory, noise_n, delays_s, state });
+
+impl Disagreement {
+    /// For two estimators with these lags and noise floors.
+    #[must_use]
+    pub fn new(delays_s: [f64; 2], noise_floors_n: [f64; 2], rate: SampleRate) -> Self {
+        let largest_s = delays_s[0].max(delays_s[1]);
+        // What is early waits for what is late.
+        let line =
+            |delay_s: f64| LongLine::filled(((largest_s - delay_s) * rate.hz()).round() as usize + 1, 0.0);
+        Self {
+            first: line(delays_s[0]),
+            second: line(delays_s[1]),
+            delays_s,
+            memory: (-rate.period_s() / AVERAGE_S).exp(),
+            noise_n: noise_floors_n[0].hypot(noise_floors_n[1]),
+            state: Moments::default(),
+        }
+    }
+
+    /// One estimate of each. Answers [`Validity::ESTIMATORS_DISAGREE`] where they do.
+    ///
+    /// They do when the deviation of their difference is above three times what encoder steps explain and
+    /// above half of the deviation of the first.
+    pub fn step(&mut self, first: ForceEstimate, second: ForceEstimate) -> Validity {
+        self.first.push(first.force_n);
+        self.second.push(second.force_n);
+        let unusable = Validity::SETTLING | Validity::SIGNAL_MISSING;
+        let state = &mut self.state;
+        if (first.flags | second.flags).shares(unusable) {
+            state.settling = self.first.len().max(self.second.len());
+            return Validity::VALID;
+        }
+        if state.settling > 0 {
+            state.settling -= 1;
+            return Validity::VALID;
+        }
+        let (a, b) = (self.first.oldest(), self.second.oldest());
+        // The first values are the averages that everything later starts from.
+        let memory = if std::mem::replace(&mut state.begun, true) { self.memory } else { 0.0 };
+        let follow = |moments: &mut [f64; 2], x: f64| {
+            moments[0] = x + memory * (moments[0] - x);
+            moments[1] = x * x + memory * (moments[1] - x * x);
+        };
+        follow(&mut state.difference, a - b);
+        follow(&mut state.first, a);
+        let apart_n = self.deviation_n();
+        let disagree = apart_n > 3.0 * self.noise_n && apart_n > 0.5 * deviation_n(self.state.first);
+        Validity::when(disagree, Validity::ESTIMATORS_DISAGREE)
+    }
+
+    /// Whether it was made for estimators with these lags.
+    #[must_use]
+    pub fn fits(&self, delays_s: [f64; 2]) -> bool {
+        self.delays_s.map(f64::to_bits) == delays_s.map(f64::to_bits)
+    }
+
+    /// Standard deviation of the difference over about the last second, N.
+    #[must_use]
+    pub fn deviation_n(&self) -> f64 {
+        deviation_n(self.state.difference)
+    }
+
+    /// Forgets what it heard.
+    pub fn restart(&mut self) {
+        self.state = Moments::default();
+    }
+}
+
+fn deviation_n([mean, square]: [f64; 2]) -> f64 {
+    (square - mean * mean).max(0.0).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn estimate(force_n: f64, flags: Validity) -> ForceEstimate {
+        ForceEstimate { force_n, flags }
+    }
+
+    #[test]
+    fn two_lags_of_one_force_agree_and_another_force_does_not() {
+        let rate = SampleRate::new(1000.0).unwrap();
+        let wave = |i: i32| 30.0 * (0.3 * f64::from(i)).sin();
+        for (other, expected) in [(1.0, false), (-1.0, true)] {
+            let mut apart = Disagreement::new([0.005, 0.012], [0.1, 0.1], rate);
+            let mut last = Validity::VALID;
+            for i in 0..5000 {
+                let second = other * wave(i - 12) + 7.0;
+                last = apart.step(estimate(wave(i - 5), Validity::VALID), estimate(second, Validity::VALID));
+            }
+            assert_eq!(last.contains(Validity::ESTIMATORS_DISAGREE), expected, "{}", apart.deviation_n());
+            // Twice a wave of 30 N: 60/sqrt(2).
+            let expected_n = if expected { 60.0 / 2f64.sqrt() } else { 0.0 };
+            assert!((apart.deviation_n() - expected_n).abs() < 0.5, "{}", apart.deviation_n());
+        }
+    }
+
+    #[test]
+    fn what_settles_says_nothing() {
+        let mut apart = Disagreement::new([0.0, 0.0], [0.0, 0.0], SampleRate::new(1000.0).unwrap());
+        for i in 0..100 {
+            let settling = estimate(f64::from(i), Validity::SETTLING);
+            assert!(apart.step(settling, estimate(0.0, Validity::VALID)).is_valid());
+        }
+        assert!(apart.deviation_n() == 0.0);
+    }
+}

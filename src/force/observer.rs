@@ -1,0 +1,358 @@
+//! The force of one axis, sample by sample: whichever estimator a plan names, with what it needs to run live.
+//!
+//! ```text
+//!  MotionSample --[motor side low-pass]--> ForceEstimator (designed anew where the spindle has settled at
+//! another speed)
+//!               --accelerations----------> FrfStream
+//! ```
+//! The live pipeline and `stillcut force` both step an [`Observer`]: one code, one number.
+
+use super::balance::Method;
+use super::estimator::{
+    AxisSignals, ForceError, ForceEstimate, ForceEstimator, ForceSettings, ForceState, MotionSample, Signals,
+};
+use super::frf::FrfEstimator;
+use super::frf_stream::FrfStream;
+use super::harmonic::{HarmonicSettings, SPEED_TOLERANCE};
+use super::physics::physics_of;
+use super::validity::Validity;
+use crate::keyframe::{Keep, Words};
+use crate::plant::drive::DriveParams;
+use crate::plant::machine::AxisModel;
+use crate::signal::butterworth::{Butterworth, ButterworthState};
+use crate::units::SampleRate;
+
+/// How the force of one axis is estimated.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ForcePlan {
+    /// From servo signals.
+    Servo(ServoPlan),
+    /// From accelerometers, by speed-dependent frequency responses (`frf`).
+    Accelerometers(FrfEstimator),
+}
+
+impl ForcePlan {
+    /// The plan of servo signals, if it is one.
+    #[must_use]
+    pub fn servo(&self) -> Option<&ServoPlan> {
+        match self {
+            Self::Servo(plan) => Some(plan),
+            Self::Accelerometers(_) => None,
+        }
+    }
+}
+
+/// An estimator of servo signals.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ServoPlan {
+    /// Drive as its observer knows it.
+    pub drive: DriveParams,
+    /// Which positions the axis measures.
+    pub signals: Signals,
+    /// Method.
+    pub method: Method,
+    /// Low-pass, idle map and the like.
+    pub settings: ForceSettings,
+    /// Above this the drive side (reference and rotary encoder) is not listened to: in the chatter band the
+    /// motor hardly moves, and the steps of its encoder are larger than its motion. `None`: all of it.
+    pub motor_cutoff_hz: Option<f64>,
+}
+
+impl ServoPlan {
+    /// The observer of an axis with the physics that its model has beyond the structure. Low-pass, notches,
+    /// idle map and window are the defaults; `fitted` and `spectral` start at 1200 rpm and follow the
+    /// spindle.
+    #[must_use]
+    pub fn of_axis(axis: &AxisModel, method: Method, signals: Signals) -> Self {
+        let (physics, drive) = physics_of(&axis.physics, &axis.drive);
+        let windowed = matches!(method, Method::Fitted | Method::Spectral);
+        let settings = ForceSettings {
+            presliding_travel_m: physics.presliding_travel_m(),
+            unmodelled_modes_hz: physics.modes_hz.clone(),
+            physics: Some(physics).filter(|_| method != Method::Thrust),
+            harmonic: windowed.then(|| HarmonicSettings::at_speed(1200.0)),
+            controller: axis.controller,
+            ..ForceSettings::default()
+        };
+        Self { drive, signals, method, settings, motor_cutoff_hz: None }
+    }
+}
+
+/// The running estimator of one axis.
+#[derive(Debug, Clone)]
+pub struct Observer(Kind);
+
+#[derive(Debug, Clone)]
+enum Kind {
+    Servo(Box<Servo>),
+    Accelerometers(Box<FrfStream>),
+}
+
+#[derive(Debug, Clone)]
+struct Servo {
+    plan: ServoPlan,
+    rate: SampleRate,
+    estimator: ForceEstimator,
+    drive_filter: Option<Butterworth>,
+    follow: Option<Follow>,
+    running: Option<Running>,
+}
+
+#[derive(Debug, Clone)]
+struct Running {
+    force: ForceState,
+    drive: Option<[ButterworthState; 2]>,
+}
+
+impl Observer {
+    /// Designs the estimator. Errors: as [`ForceEstimator::new`] and [`FrfStream::new`].
+    pub fn new(plan: &ForcePlan, rate: SampleRate) -> Result<Self, ForceError> {
+        Ok(Self(match plan {
+            ForcePlan::Servo(plan) => Kind::Servo(Box::new(Servo::new(plan, rate)?)),
+            ForcePlan::Accelerometers(estimator) => {
+                Kind::Accelerometers(Box::new(FrfStream::new(estimator.clone(), rate)?))
+            }
+        }))
+    }
+
+    /// One sample in, one estimate out. The first one settles the filters. Asks for memory only then and
+    /// where the spindle has settled at another speed (`fitted`, `spectral`, `frf`).
+    #[inline]
+    pub fn step(&mut self, sample: &MotionSample) -> ForceEstimate {
+        match &mut self.0 {
+            Kind::Servo(servo) => servo.step(sample),
+            Kind::Accelerometers(stream) => {
+                stream.step(sample.accel_m_s2, sample.spindle_speed_rpm.unwrap_or(0.0))
+            }
+        }
+    }
+
+    /// Forgets all but the design.
+    pub fn restart(&mut self) {
+        match &mut self.0 {
+            Kind::Servo(servo) => servo.running = None,
+            Kind::Accelerometers(stream) => stream.restart(),
+        }
+    }
+
+    fn servo(&self) -> Option<&ForceEstimator> {
+        match &self.0 {
+            Kind::Servo(servo) => Some(&servo.estimator),
+            Kind::Accelerometers(_) => None,
+        }
+    }
+
+    /// Condition number of the window of spindle harmonics, or of the fit behind an estimator of
+    /// accelerometers.
+    #[must_use]
+    pub fn condition(&self) -> Option<f64> {
+        match &self.0 {
+            Kind::Servo(servo) => servo.estimator.condition(),
+            Kind::Accelerometers(stream) => Some(stream.estimator().condition),
+        }
+    }
+
+    /// Force that friction can hide on an axis that stands still, N; `None` where friction plays no part.
+    #[must_use]
+    pub fn friction_bound_n(&self) -> Option<f64> {
+        self.servo().map(ForceEstimator::friction_bound_n)
+    }
+
+    /// Samples until the filters have forgotten their start.
+    #[must_use]
+    pub fn settling_samples(&self) -> usize {
+        match &self.0 {
+            Kind::Servo(servo) => servo.estimator.settling_samples(),
+            Kind::Accelerometers(stream) => stream.settling_samples(),
+        }
+    }
+
+    /// By how much the estimate lags the force, s.
+    #[must_use]
+    pub fn delay_s(&self) -> f64 {
+        match &self.0 {
+            Kind::Servo(servo) => servo.estimator.delay_s(),
+            Kind::Accelerometers(stream) => stream.delay_s(),
+        }
+    }
+
+    /// Standard deviation that encoder steps (of accelerometers: their noise) cause, N.
+    #[must_use]
+    pub fn noise_floor_n(&self) -> f64 {
+        match &self.0 {
+            Kind::Servo(servo) => servo.estimator.noise_floor_n(),
+            Kind::Accelerometers(stream) => stream.estimator().noise_floor_n,
+        }
+    }
+
+    /// Band in which the estimate can be used, Hz.
+    #[must_use]
+    pub fn usable_band_hz(&self) -> [f64; 2] {
+        match &self.0 {
+            Kind::Servo(servo) => servo.estimator.usable_band_hz(),
+            Kind::Accelerometers(stream) => stream.estimator().band_hz(),
+        }
+    }
+}
+
+impl Servo {
+    fn new(plan: &ServoPlan, rate: SampleRate) -> Result<Self, ForceError> {
+        let low_pass = |cutoff_hz| Butterworth::low_pass(2, cutoff_hz, rate);
+        Ok(Self {
+            estimator: design(plan, rate, None)?,
+            drive_filter: plan.motor_cutoff_hz.map(low_pass).transpose()?,
+            follow: plan.settings.harmonic.map(|h| Follow::new(h.spindle_speed_rpm, rate)),
+            plan: plan.clone(),
+            rate,
+            running: None,
+        })
+    }
+
+    #[inline]
+    fn step(&mut self, sample: &MotionSample) -> ForceEstimate {
+        let off_speed = match (&mut self.follow, sample.spindle_speed_rpm) {
+            (Some(follow), Some(speed_rpm)) => {
+                if let Some(speed_rpm) = follow.step(speed_rpm.abs(), self.running.is_none()) {
+                    self.redesign(speed_rpm);
+                }
+                self.follow.as_ref().is_some_and(|f| f.off)
+            }
+            _ => false,
+        };
+        let (estimator, filter) = (&self.estimator, &self.drive_filter);
+        let running = self.running.get_or_insert_with(|| Running {
+            force: estimator.settled(sample),
+            drive: filter.as_ref().map(|filter| {
+                [filter.settled(sample.motor_travel_m.unwrap_or(0.0)), filter.settled(sample.thrust_ref_n)]
+            }),
+        });
+        let mut sample = *sample;
+        if let (Some(filter), Some([motor, thrust])) = (filter, &mut running.drive) {
+            // Both sides of the motor's balance alike: what one loses the other must lose.
+            sample.motor_travel_m = sample.motor_travel_m.map(|x| filter.step(motor, x));
+            sample.thrust_ref_n = filter.step(thrust, sample.thrust_ref_n);
+        }
+        let mut estimate = estimator.step(&mut running.force, &sample);
+        // A window made for another speed gives numbers without meaning.
+        estimate.flags |= Validity::when(off_speed, Validity::EXTRAPOLATED | Validity::SETTLING);
+        estimate
+    }
+
+    /// Designs for a speed and settles anew. A speed that cannot be (window too long) leaves everything as
+    /// it was.
+    fn redesign(&mut self, speed_rpm: f64) {
+        let designed = design(&self.plan, self.rate, Some(speed_rpm));
+        if let (Ok(estimator), Some(follow)) = (designed, &mut self.follow) {
+            (self.estimator, self.running) = (estimator, None);
+            (follow.design_rpm, follow.off) = (speed_rpm, false);
+        }
+    }
+}
+
+fn design(plan: &ServoPlan, rate: SampleRate, speed_rpm: Option<f64>) -> Result<ForceEstimator, ForceError> {
+    let signals = AxisSignals { drive: &plan.drive, rate, signals: plan.signals };
+    let mut settings = plan.settings.clone();
+    if let (Some(harmonic), Some(speed_rpm)) = (&mut settings.harmonic, speed_rpm) {
+        harmonic.spindle_speed_rpm = speed_rpm;
+    }
+    ForceEstimator::new(plan.method, &signals, settings)
+}
+
+/// Watches whether the spindle turns as fast as a window was made for.
+#[derive(Debug, Clone, PartialEq)]
+struct Follow {
+    design_rpm: f64,
+    sum_rpm: f64,
+    count: usize,
+    before_rpm: f64,
+    off: bool,
+    block: usize,
+}
+
+crate::keyframe::keep!(Follow { design_rpm, sum_rpm, count, before_rpm, off, block });
+
+/// Over which the spindle's speed is averaged, s: an encoder's noise in it is then far below the tolerance.
+const SPEED_BLOCK_S: f64 = 0.25;
+
+impl Follow {
+    fn new(design_rpm: f64, rate: SampleRate) -> Self {
+        let block = (SPEED_BLOCK_S * rate.hz()).ceil() as usize;
+        Self { design_rpm, sum_rpm: 0.0, count: 0, before_rpm: 0.0, off: false, block }
+    }
+
+    /// Answers a speed to design for: that of the first sample, later one that two means in a row agree on.
+    #[inline]
+    fn step(&mut self, speed_rpm: f64, first: bool) -> Option<f64> {
+        let differs = |a: f64, b: f64| !((a - b).abs() <= SPEED_TOLERANCE * b);
+        if first {
+            (self.sum_rpm, self.count, self.before_rpm) = (0.0, 0, 0.0);
+            self.off = differs(speed_rpm, self.design_rpm);
+            return (speed_rpm > 0.0 && speed_rpm.to_bits() != self.design_rpm.to_bits())
+                .then_some(speed_rpm);
+        }
+        self.sum_rpm += speed_rpm;
+        self.count += 1;
+        if self.count < self.block {
+            return None;
+        }
+        let mean_rpm = self.sum_rpm / self.count as f64;
+        let steady = !differs(mean_rpm, self.before_rpm);
+        (self.sum_rpm, self.count, self.before_rpm) = (0.0, 0, mean_rpm);
+        self.off = differs(mean_rpm, self.design_rpm);
+        (steady && self.off).then_some(mean_rpm)
+    }
+}
+
+impl Keep for Observer {
+    fn keep(&self, to: &mut Vec<u64>) {
+        match &self.0 {
+            Kind::Servo(servo) => servo.keep(to),
+            Kind::Accelerometers(stream) => stream.keep(to),
+        }
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        match &mut self.0 {
+            Kind::Servo(servo) => servo.restore(from),
+            Kind::Accelerometers(stream) => stream.restore(from),
+        }
+    }
+}
+
+impl Keep for Servo {
+    fn keep(&self, to: &mut Vec<u64>) {
+        if let Some(follow) = &self.follow {
+            follow.keep(to);
+        }
+        self.running.is_some().keep(to);
+        if let Some(running) = &self.running {
+            running.force.keep(to);
+            if let Some(drive) = &running.drive {
+                drive.keep(to);
+            }
+        }
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        if let Some(follow) = &mut self.follow {
+            let before_rpm = follow.design_rpm;
+            follow.restore(from)?;
+            if follow.design_rpm.to_bits() != before_rpm.to_bits() {
+                self.estimator = design(&self.plan, self.rate, Some(follow.design_rpm)).ok()?;
+            }
+        }
+        let mut running = false;
+        running.restore(from)?;
+        self.running = None;
+        if running {
+            let mut force = self.estimator.settled(&MotionSample::default());
+            force.restore(from)?;
+            let mut drive = self.drive_filter.as_ref().map(|f| [f.settled(0.0), f.settled(0.0)]);
+            if let Some(drive) = &mut drive {
+                drive.restore(from)?;
+            }
+            self.running = Some(Running { force, drive });
+        }
+        Some(())
+    }
+}
