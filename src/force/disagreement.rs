@@ -40,13 +40,15 @@ impl Disagreement {
         // What is early waits for what is late.
         let line =
             |delay_s: f64| LongLine::filled(((largest_s - delay_s) * rate.hz()).round() as usize + 1, 0.0);
+        let (first, second) = (line(delays_s[0]), line(delays_s[1]));
+        let settling = first.len().max(second.len());
         Self {
-            first: line(delays_s[0]),
-            second: line(delays_s[1]),
+            first,
+            second,
             delays_s,
             memory: (-rate.period_s() / AVERAGE_S).exp(),
             noise_n: noise_floors_n[0].hypot(noise_floors_n[1]),
-            state: Moments::default(),
+            state: Moments { settling, ..Moments::default() },
         }
     }
 
@@ -76,7 +78,7 @@ impl Disagreement {
         };
         follow(&mut state.difference, a - b);
         follow(&mut state.first, a);
-        let apart_n = self.deviation_n();
+        let apart_n = deviation_n(self.state.difference);
         let disagree = apart_n > 3.0 * self.noise_n && apart_n > 0.5 * deviation_n(self.state.first);
         Validity::when(disagree, Validity::ESTIMATORS_DISAGREE)
     }
@@ -87,15 +89,10 @@ impl Disagreement {
         self.delays_s.map(f64::to_bits) == delays_s.map(f64::to_bits)
     }
 
-    /// Standard deviation of the difference over about the last second, N.
+    /// Standard deviation of the difference over about the last second, N; `None` until both have settled.
     #[must_use]
-    pub fn deviation_n(&self) -> f64 {
-        deviation_n(self.state.difference)
-    }
-
-    /// Forgets what it heard.
-    pub fn restart(&mut self) {
-        self.state = Moments::default();
+    pub fn deviation_n(&self) -> Option<f64> {
+        self.state.begun.then(|| deviation_n(self.state.difference))
     }
 }
 
@@ -122,10 +119,11 @@ mod tests {
                 let second = other * wave(i - 12) + 7.0;
                 last = apart.step(estimate(wave(i - 5), Validity::VALID), estimate(second, Validity::VALID));
             }
-            assert_eq!(last.contains(Validity::ESTIMATORS_DISAGREE), expected, "{}", apart.deviation_n());
+            let apart_n = apart.deviation_n().unwrap();
+            assert_eq!(last.contains(Validity::ESTIMATORS_DISAGREE), expected, "{apart_n}");
             // Twice a wave of 30 N: 60/sqrt(2).
             let expected_n = if expected { 60.0 / 2f64.sqrt() } else { 0.0 };
-            assert!((apart.deviation_n() - expected_n).abs() < 0.5, "{}", apart.deviation_n());
+            assert!((apart_n - expected_n).abs() < 0.5, "{apart_n}");
         }
     }
 
@@ -136,6 +134,6 @@ mod tests {
             let settling = estimate(f64::from(i), Validity::SETTLING);
             assert!(apart.step(settling, estimate(0.0, Validity::VALID)).is_valid());
         }
-        assert!(apart.deviation_n() == 0.0);
+        assert_eq!(apart.deviation_n(), None);
     }
 }

@@ -405,7 +405,7 @@ impl Pipeline {
     /// where only one runs or one of them has not settled.
     #[must_use]
     pub fn disagreement_n(&self, axis: usize) -> Option<f64> {
-        self.states.get(axis)?.apart.as_ref().map(Disagreement::deviation_n)
+        self.states.get(axis)?.apart.as_ref()?.deviation_n()
     }
 
     /// The estimator of one axis that is acted on.
