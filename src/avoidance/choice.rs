@@ -3,6 +3,7 @@
 
 use super::identified::HeardLine;
 use super::pitch::{PitchError, optimum_pitch_rad};
+use crate::keyframe::keep;
 use crate::units::SpindleSpeed;
 
 /// Most lines that are remembered of a cut.
@@ -21,7 +22,7 @@ pub struct TrackedLines {
 }
 
 /// A chatter line of this cut.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TrackedLine {
     /// Highest frequency that it had.
     pub highest_hz: f64,
@@ -30,6 +31,10 @@ pub struct TrackedLine {
     /// When it was heard last.
     pub last_s: f64,
 }
+
+keep!(TrackedLine { highest_hz, heard, last_s });
+keep!(TrackedLines { lines });
+keep!(GrowthMeter { looks, seen } if |m| m.seen <= LOOKS);
 
 impl TrackedLines {
     /// Takes a line; the oldest gives way when there is no room.

@@ -6,6 +6,7 @@ use super::identified::HeardLine;
 use super::pitch::{pitch_of_shift_rad, tool_shift};
 use super::{AvoidanceSettings, Command, CommandKind, Decision, HoldReason, Mode, Situation, TurretMotion};
 use crate::chatter::Phase;
+use crate::keyframe::keep;
 use crate::sample::MAX_AXES;
 use crate::units::SpindleSpeed;
 use thiserror::Error;
@@ -78,7 +79,7 @@ pub struct AvoidanceState {
     mode: Mode,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Target {
     pitch_rad: f64,
     requested_rad: f64,
@@ -87,7 +88,7 @@ struct Target {
 }
 
 /// A pitch under trial.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Trial {
     attempt: u32,
     intervals: u32,
@@ -103,6 +104,21 @@ struct Latched {
     /// The return to equal pitch was commanded.
     returned: bool,
 }
+
+impl Default for Latched {
+    fn default() -> Self {
+        Self { reason: HoldReason::HandedOver, returned: false }
+    }
+}
+
+keep!(Target { pitch_rad, requested_rad, offsets_m, issued_s });
+keep!(Trial { attempt, intervals, power_before_n2, fruitless_rad });
+keep!(Latched { reason, returned });
+keep!(AvoidanceState {
+    epoch, sequence, next_due_s, latest_now_s, clock_stepped, lines, growth, in_chatter, last_command_s,
+    advised_speed_rpm, target, trial, latched, off_target, refusals, refused_until_s, reversals_s,
+    last_step_rad, fruitless, mode
+});
 
 impl Avoidance {
     /// Errors: a time, limit or diameter that is not allowed.

@@ -76,9 +76,10 @@ impl ChatterOutput {
 }
 
 /// Where the decision stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Phase {
     /// The noise is not known yet.
+    #[default]
     Learning,
     /// Nothing but noise, orders and known lines.
     Quiet,
@@ -88,18 +89,7 @@ pub enum Phase {
     Chatter,
 }
 
-impl Keep for Phase {
-    fn keep(&self, to: &mut Vec<u64>) {
-        to.push(*self as u64);
-    }
-
-    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let all = [Self::Learning, Self::Quiet, Self::Suspected, Self::Chatter];
-        let word = from.next_word()?;
-        *self = all.into_iter().find(|p| *p as u64 == word)?;
-        Some(())
-    }
-}
+crate::keyframe::keep_list!(Phase { Learning, Quiet, Suspected, Chatter });
 
 /// What began or ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
