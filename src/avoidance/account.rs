@@ -125,7 +125,9 @@ pub enum AccountError {
     #[error("the account of the turret decisions is damaged")]
     Damaged,
     /// Other settings decide otherwise.
-    #[error("the turret decisions were made with other settings of turret, workpiece or cutting, or another version")]
+    #[error(
+        "the turret decisions were made with other settings of turret, workpiece or cutting, or another version"
+    )]
     Settings,
     /// Something else was decided.
     #[error("the turret decision {number} at {now_s} s differs: live {live:?}, now {again:?}")]
@@ -233,7 +235,9 @@ mod tests {
     fn account() -> Account {
         let avoidance = avoidance();
         let mut state = avoidance.start(7, 9.5);
-        (0..500).for_each(|k| drop(avoidance.decide(&mut state, &situation(k))));
+        for k in 0..500 {
+            let _ = avoidance.decide(&mut state, &situation(k));
+        }
         let mut account = Account { settings: settings_digest(avoidance.settings()), ..Account::default() };
         state.keep(&mut account.state);
         for part in [500..2500, 2500..5000] {

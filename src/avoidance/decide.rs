@@ -115,9 +115,26 @@ keep!(Target { pitch_rad, requested_rad, offsets_m, issued_s });
 keep!(Trial { attempt, intervals, power_before_n2, fruitless_rad });
 keep!(Latched { reason, returned });
 keep!(AvoidanceState {
-    epoch, sequence, next_due_s, latest_now_s, clock_stepped, lines, growth, in_chatter, last_command_s,
-    advised_speed_rpm, target, trial, latched, off_target, refusals, refused_until_s, reversals_s,
-    last_step_rad, fruitless, mode
+    epoch,
+    sequence,
+    next_due_s,
+    latest_now_s,
+    clock_stepped,
+    lines,
+    growth,
+    in_chatter,
+    last_command_s,
+    advised_speed_rpm,
+    target,
+    trial,
+    latched,
+    off_target,
+    refusals,
+    refused_until_s,
+    reversals_s,
+    last_step_rad,
+    fruitless,
+    mode
 });
 
 impl Avoidance {

@@ -272,11 +272,29 @@ keep!(Heard { phase, frequency_hz, power_n2, growth_1_s });
 keep!(TurretReport { heard_s, offsets_m, motion, acknowledged });
 keep!(Interlock { heard_s, open });
 keep!(Situation {
-    now_s, newest_sample_s, window_full, estimate_valid, heard, spindle_speed_rpm, turret, interlock, mode,
-    operator_hold, operator_acknowledge, store_writable
+    now_s,
+    newest_sample_s,
+    window_full,
+    estimate_valid,
+    heard,
+    spindle_speed_rpm,
+    turret,
+    interlock,
+    mode,
+    operator_hold,
+    operator_acknowledge,
+    store_writable
 });
 keep!(Command {
-    epoch, sequence, issued_s, based_on_s, ttl_s, kind, pitch_difference_rad, requested_pitch_rad, offsets_m
+    epoch,
+    sequence,
+    issued_s,
+    based_on_s,
+    ttl_s,
+    kind,
+    pitch_difference_rad,
+    requested_pitch_rad,
+    offsets_m
 });
 
 impl Keep for HoldReason {

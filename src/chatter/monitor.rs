@@ -62,6 +62,8 @@ const DOUBT_LOOKS: [f64; BANKS] = [10.0, 10.0, 8.0, 6.0];
 /// of the old one says little of the shape of the new.
 const LOUDER: f64 = 3.0;
 const LOUDER_LOOKS: u32 = 8;
+/// The same in the short windows alone, for so many decisions (12 ms).
+const WIDE_LOOKS: u32 = 3;
 /// A line that stands this far above the band that rose with it made it rise.
 const CLEAR_LINE: f64 = 150.0;
 /// Most that a power counts over what is known, usually and while the noise is another.
@@ -124,6 +126,9 @@ pub struct ChatterState {
     louder: u32,
     /// Decisions in a row in which what stands out is a spindle order, and until when that is to be expected.
     order_line: u32,
+    /// Decisions in a row in which the short windows see all of the band louder, and until when that is one event.
+    wide: u32,
+    wide_until_s: f64,
     orders_new_until_s: f64,
     /// Until when the noise is learned fast, in seconds heard.
     relearn_until_s: f64,
@@ -133,7 +138,7 @@ pub struct ChatterState {
 crate::keyframe::keep!(ChatterState {
     samples, mix, mixer, orders, banks, baselines, angle_turns, newest_speed_hz, speed_hz, earlier_speed_hz,
     until_decision, decisions, bank_evidence, bank_common, heard_s, level, detector, track_hz, watched, hop,
-    variance_n2, usual_variance_n2, louder, order_line, orders_new_until_s, relearn_until_s, latest
+    variance_n2, usual_variance_n2, louder, order_line, wide, wide_until_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0);
 
 impl ChatterMonitor {
@@ -201,6 +206,8 @@ impl ChatterMonitor {
             usual_variance_n2: 0.0,
             louder: 0,
             order_line: 0,
+            wide: 0,
+            wide_until_s: 0.0,
             orders_new_until_s: 0.0,
             relearn_until_s: 0.0,
             latest: ChatterOutput {
@@ -352,6 +359,7 @@ impl ChatterMonitor {
         let clearest = evidence.banks.iter().map(|b| b.contrast).fold(0.0, f64::max);
         self.watch_level(state, common, clearest);
         self.watch_orders(state, &evidence);
+        self.watch_width(state, t_s);
         let event = state.detector.step(&evidence);
         if event.is_some() {
             state.latest.event = event;
@@ -360,9 +368,12 @@ impl ChatterMonitor {
             // Another state of the cut; or, after an alarm that was weak, noise that is not yet known well.
             doubt(&mut state.baselines);
             state.relearn_until_s = t_s + RELEARN_S;
+            // With another pitch the spindle makes other lines.
+            self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
         }
         // What is suspected is not noise: chatter that grows with the entry must not be learned.
-        if orders_known && matches!(state.detector.phase(), Phase::Learning | Phase::Quiet) {
+        let quiet = matches!(state.detector.phase(), Phase::Learning | Phase::Quiet);
+        if orders_known && quiet && !state.detector.watches(t_s) {
             self.learn(state, period_s);
         }
         self.report(state, &evidence);
@@ -377,6 +388,18 @@ impl ChatterMonitor {
         if state.louder >= LOUDER_LOOKS {
             doubt(&mut state.baselines);
             state.relearn_until_s = self.now_s(state) + RELEARN_S;
+        }
+    }
+
+    /// The short windows see all of the band louder at once: tools enter or leave, or something is hit. Which of it repeats
+    /// with the spindle is known after one turn.
+    fn watch_width(&self, state: &mut ChatterState, t_s: f64) {
+        let wide = state.bank_common[0].min(state.bank_common[1]) > LOUDER;
+        state.wide = if wide && state.detector.phase() != Phase::Chatter { state.wide + 1 } else { 0 };
+        if state.wide == WIDE_LOOKS && state.speed_hz > 0.0 && t_s > state.wide_until_s {
+            self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
+            state.detector.forget_suspicion();
+            state.wide_until_s = t_s + YOUNG_TURNS / state.speed_hz;
         }
     }
 

@@ -5,6 +5,9 @@
 
 use super::machine::machine_from_text;
 use super::{ConfigError, parse, read_text};
+use crate::avoidance::AvoidanceSettings;
+use crate::avoidance::identified::StatedCut;
+use crate::avoidance::turret::{TurretAxis, TurretKinematics};
 use crate::chatter::Band;
 use crate::force::balance::Method;
 use crate::force::estimator::{ForceSettings, LowPass, Signals};
@@ -470,6 +473,34 @@ impl ServiceConfig {
             axes: axes.iter().map(plan).collect(),
             band: self.band.map_or(BandPlan::Cut(self.workpiece, self.cutting), BandPlan::Stated),
         }
+    }
+
+    /// The decision for a stream of these axes: the same for the service and for its replay.
+    /// Errors: one line which setting does not fit.
+    pub fn avoidance_settings(&self, axes: &[String]) -> Result<AvoidanceSettings, String> {
+        let turret = &self.turret;
+        let axis = |i: usize| {
+            let name = &turret.axes[i];
+            let index = axes.iter().position(|n| n == name);
+            Ok::<_, String>(TurretAxis {
+                index: index.ok_or_else(|| format!("turret.axes: the stream has no axis {name}"))?,
+                direction_rad: turret.direction_rad[i],
+                lowest_m: turret.lowest_offset_m[i],
+                highest_m: turret.highest_offset_m[i],
+                speed_m_s: turret.speed_m_s[i],
+            })
+        };
+        Ok(AvoidanceSettings {
+            turret: TurretKinematics::new([axis(0)?, axis(1)?]).map_err(|e| e.to_string())?,
+            diameter_m: self.workpiece.diameter_m(),
+            largest_pitch_rad: turret.largest_pitch_difference_rad,
+            interval_s: 1.0,
+            ttl_s: turret.command_ttl_s,
+            freshness_s: 0.05,
+            report_deadline_s: 0.5,
+            reached_m: 20e-6,
+            stated: Some(StatedCut { workpiece: self.workpiece, cutting: self.cutting }),
+        })
     }
 }
 

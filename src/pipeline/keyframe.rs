@@ -75,7 +75,9 @@ impl Pipeline {
         let text = format!("{:?} {:?}", self.settings.sample_rate, self.settings.axes);
         digest.bytes(env!("CARGO_PKG_VERSION").as_bytes());
         digest.bytes(text.as_bytes());
-        self.band_hz().iter().for_each(|hz| digest.word(hz.to_bits()));
+        // As planned: what the monitors made of it since then is state.
+        let band = self.monitor.settings().band;
+        [band.low_hz(), band.high_hz()].iter().for_each(|hz| digest.word(hz.to_bits()));
         digest.value()
     }
 }
