@@ -229,7 +229,7 @@ impl ChatterMonitor {
         let watched = Watched::new(band, self.mix.centre_hz(), 1.0);
         let inside = watched.low_hz >= -self.reach_hz && watched.high_hz <= self.reach_hz;
         if inside {
-            state.watched = watched;
+            state.watched = state.watched.moved_to(watched);
         }
         inside
     }

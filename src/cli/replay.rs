@@ -242,6 +242,7 @@ impl<'a> Source<'a> {
                     .map(|name| AxisPlan { name: name.clone(), force: None, watch: true })
                     .collect(),
                 band: config.pipeline_settings(self.rate, &self.axes).band,
+                tools: None,
             },
         };
         if let Some(band) = band {

@@ -12,7 +12,7 @@ use crate::chatter::Band;
 use crate::force::balance::Method;
 use crate::force::estimator::{ForceSettings, LowPass, Signals};
 use crate::force::physics::physics_of;
-use crate::pipeline::{AxisPlan, BandPlan, ForcePlan, PipelineSettings};
+use crate::pipeline::{AxisPlan, BandPlan, ForcePlan, PipelineSettings, ToolAxis};
 use crate::plant::cutting::{Cutting, RawCutting};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
@@ -80,6 +80,9 @@ section!(CuttingToml {
 });
 section!(DetectionToml {
     band_hz: Option<[f64; 2]> = None,
+    tool_axis: Option<String> = None,
+    tool_axis_zero_m: f64 = 0.0,
+    tool_axis_toward_chuck: bool = false,
 });
 section!(TurretToml {
     axes: [String; 2] = ["x1".into(), "y1".into()],
@@ -217,6 +220,8 @@ pub struct ServiceConfig {
     pub cutting: Cutting,
     /// Watched band, where it is stated.
     pub band: Option<Band>,
+    /// Axis that moves the tools along the bar, with its place at the chuck and its direction.
+    pub tools: Option<(String, f64, bool)>,
     /// Turret.
     pub turret: TurretConfig,
     /// Prefix and folder of the shared memory domain.
@@ -280,6 +285,11 @@ impl Reader<'_> {
         if path.is_absolute() { path.to_owned() } else { self.folder.join(path) }
     }
 
+    fn tools(&self, raw: &DetectionToml) -> Result<Option<(String, f64, bool)>, ConfigError> {
+        let zero_m = self.within("detection.tool_axis_zero_m", raw.tool_axis_zero_m, (-10.0, 10.0))?;
+        Ok(raw.tool_axis.clone().map(|axis| (axis, zero_m, raw.tool_axis_toward_chuck)))
+    }
+
     fn config(&self, raw: ServiceToml) -> Result<ServiceConfig, ConfigError> {
         let text = toml::to_string(&raw).map_err(|e| self.bad("configuration", e.to_string()))?;
         let model = raw.machine.model.as_deref().map(|p| self.resolve(p));
@@ -313,6 +323,7 @@ impl Reader<'_> {
             workpiece: self.workpiece(&raw.workpiece)?,
             cutting: self.cutting(&raw.cutting)?,
             band: band.map_err(|e| self.bad("detection.band_hz", e.to_string()))?,
+            tools: self.tools(&raw.detection)?,
             turret: self.turret(&raw.turret)?,
             transport: (raw.transport.prefix.clone(), raw.transport.root.clone()),
             http: self.http(&raw.http)?,
@@ -472,6 +483,10 @@ impl ServiceConfig {
             sample_rate,
             axes: axes.iter().map(plan).collect(),
             band: self.band.map_or(BandPlan::Cut(self.workpiece, self.cutting), BandPlan::Stated),
+            tools: self.tools.as_ref().and_then(|(axis, zero_m, toward_chuck)| {
+                let index = axes.iter().position(|a| a == axis)?;
+                Some(ToolAxis { index, zero_m: *zero_m, toward_chuck: *toward_chuck })
+            }),
         }
     }
 

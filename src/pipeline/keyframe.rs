@@ -72,7 +72,8 @@ impl Pipeline {
     #[must_use]
     pub fn settings_digest(&self) -> u64 {
         let mut digest = Digest::default();
-        let text = format!("{:?} {:?}", self.settings.sample_rate, self.settings.axes);
+        let text =
+            format!("{:?} {:?} {:?}", self.settings.sample_rate, self.settings.axes, self.settings.tools);
         digest.bytes(env!("CARGO_PKG_VERSION").as_bytes());
         digest.bytes(text.as_bytes());
         // As planned: what the monitors made of it since then is state.
