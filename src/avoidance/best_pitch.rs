@@ -91,7 +91,8 @@ pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
             }
         }
     }
-    let unstable = |c: &&Cut| c.worst_growth_1_s(turn_s, best.pitch_rad) > 0.0;
+    // A pitch that holds now is worth trying, even where it will not hold over all of the drift.
+    let unstable = |c: &&Cut| c.candidate.growth_1_s(turn_s, best.pitch_rad, 1.0) > 0.0;
     let doubt: f64 = cuts.iter().filter(unstable).map(|c| c.candidate.weight).sum();
     if doubt > SURE && best.growth_1_s > 0.0 {
         return PitchAdvice::NoStablePitch { nearest_speed_rpm: nearest_speed(question, &cuts) };

@@ -56,6 +56,8 @@ crate::keyframe::keep!(BankEvidence {
 });
 
 pub(super) const BANKS: usize = 4;
+/// The bank that places a line: as long as a line needs to tell it from the orders, short enough to fill while chatter grows.
+pub(super) const PLACED: usize = 2;
 
 /// Contrast at which a line is looked at.
 ///
@@ -69,6 +71,8 @@ const LEAVE: f64 = 5.0;
 const HOLD_S: f64 = 0.045;
 /// And its frequency must have stood for this long.
 const STANDS_S: f64 = 0.035;
+/// A line this far from the orders, in half bandwidths of the filter, is none of them: they are down by 13 dB there.
+const BETWEEN: f64 = 1.8;
 /// Noise that a lightly damped lobe colours swells for some hundredths of a second; a line that has not lasted longer than
 /// that must stand out by so much more. Chatter at 20 1/s gains it in 12 ms.
 const NOISE_LASTS_S: f64 = 0.12;
@@ -82,7 +86,7 @@ const FADED: f64 = 0.01;
 /// Of the strongest power of a suspicion, kept from one decision to the next.
 const STRONGEST_KEEP: f64 = 0.96;
 /// Silence before the end is declared.
-const END_AFTER_S: f64 = 0.1;
+const END_AFTER_S: f64 = 0.2;
 /// Chatter must stay this far over its threshold on average, or it was noise near the limit of stability:
 /// that swells and fades over some tenths of a second, chatter stays.
 const LEAST_ASSURANCE: f64 = 1.2;
@@ -272,7 +276,7 @@ impl Detector {
         }
         let steady = self.steadiness.steady(evidence.t_s) && evidence.orders_known;
         let declares = |(k, b): &(usize, &BankEvidence)| {
-            evidence.orders_known
+            (evidence.orders_known || (*k <= PLACED && between_orders(b, evidence.speed_hz)))
                 && self.steadiness.held_s(*k, evidence.t_s) > STANDS_S
                 && b.growth_1_s > FADING_1_S
                 && b.contrast > b.confirm * if age_s > NOISE_LASTS_S { 1.0 } else { YOUNG }
@@ -344,6 +348,14 @@ pub(super) fn on_an_order(line: &BankEvidence, evidence: &Evidence) -> bool {
     let apart = (order - order.round()).abs();
     let blurred = (0.05 / (line.tau_s * evidence.speed_hz)).clamp(0.04, 0.12);
     apart < if evidence.orders_young { 0.12 } else { blurred }
+}
+
+/// Whether a window tells a line from the orders on both sides of it: two orders that are not known yet add up to no line
+/// that stands between them where the filter's side is down.
+pub(super) fn between_orders(line: &BankEvidence, speed_hz: f64) -> bool {
+    let order = line.frequency_hz / speed_hz.max(f64::MIN_POSITIVE);
+    let apart_hz = (order - order.round()).abs() * speed_hz;
+    std::f64::consts::TAU * apart_hz * line.tau_s > BETWEEN
 }
 
 /// How far the best bank is over its threshold; power counts by itself too, because loud chatter raises all

@@ -3,7 +3,9 @@
 use super::band::{Band, BandError};
 use super::baseline::{Baseline, Lesson, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
-use super::detector::{BANKS, BankEvidence, CONFIRM, Detector, Evidence, SUSPECT, on_an_order};
+use super::detector::{
+    BANKS, BankEvidence, CONFIRM, Detector, Evidence, PLACED, SUSPECT, between_orders, on_an_order,
+};
 use super::hop::HopWatch;
 use super::watched::Watched;
 use super::{ChatterEvent, ChatterOutput, Phase};
@@ -305,11 +307,8 @@ impl ChatterMonitor {
             let sample = OrderSample { value, angle_turns, mixer, speed_hz, memory_turns, adapt };
             let left = self.orders.step(&mut state.orders, &sample);
             if known < 1.0 && self.orders.turns_known(&state.orders) >= 1.0 {
-                // What the banks hold is from before the notches: orders, not chatter.
-                for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
-                    bank.clear(bank_state);
-                }
-                state.bank_evidence = [BankEvidence::default(); BANKS];
+                // What the banks hold is from before the notches: orders, unless a line stands between them.
+                self.forget_orders(state);
             }
             left
         } else {
@@ -324,6 +323,17 @@ impl ChatterMonitor {
             state.until_decision = self.decide_every;
             self.decide(state);
         }
+    }
+
+    fn forget_orders(&self, state: &mut ChatterState) {
+        let line = state.bank_evidence[PLACED];
+        if line.contrast > line.suspect && between_orders(&line, state.speed_hz) {
+            return;
+        }
+        for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
+            bank.clear(bank_state);
+        }
+        state.bank_evidence = [BankEvidence::default(); BANKS];
     }
 
     fn decide(&self, state: &mut ChatterState) {

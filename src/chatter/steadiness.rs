@@ -2,12 +2,10 @@
 //! grown; what a hit or a burst leaves behind wanders from lobe to lobe, and noise that a lobe colours swells
 //! and fades as its bandwidth says.
 
-use super::detector::{BANKS, BankEvidence};
+use super::detector::{BANKS, BankEvidence, PLACED};
 
 /// A line that moves farther than this is another: the filter's bandwidth, times tau.
 const APART: f64 = 0.25;
-/// The bank whose line is watched for its amplitude: 0.2 s.
-const WATCHED: usize = 2;
 /// Over learned noise: less is noise that lasts.
 const STANDS_OUT: f64 = 12.0;
 /// Of each decision in the mean of the power: 0.6 s.
@@ -46,7 +44,7 @@ impl Steadiness {
                 *held = (bank.frequency_hz, t_s);
             }
         }
-        let bank = &banks[WATCHED];
+        let bank = &banks[PLACED];
         let away_hz = bank.frequency_hz - self.line_hz;
         let power = bank.power_n2;
         if bank.contrast < STANDS_OUT || on_order || away_hz.abs() * bank.tau_s > APART {
@@ -73,5 +71,33 @@ impl Steadiness {
     pub(super) fn steady(&self, t_s: f64) -> bool {
         let square = self.mean_n2 * self.mean_n2;
         t_s - self.since_s > LASTS_S && self.square_n4 - square < STEADY * square
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bank(frequency_hz: f64, power_n2: f64) -> BankEvidence {
+        BankEvidence { tau_s: 0.05, frequency_hz, power_n2, contrast: 30.0, ..BankEvidence::default() }
+    }
+
+    fn steady_at(power: impl Fn(u32) -> f64, frequency: impl Fn(u32) -> f64) -> Option<f64> {
+        let mut steadiness = Steadiness::NEW;
+        (0..1000).map(|k| (k, 0.004 * f64::from(k))).find_map(|(k, t_s)| {
+            steadiness.look(t_s, &[bank(frequency(k), power(k)); BANKS], false);
+            steadiness.steady(t_s).then_some(t_s)
+        })
+    }
+
+    #[test]
+    fn a_line_that_stays_is_steady_and_one_that_swells_or_wanders_is_not() {
+        let ripple = |k: u32| 4.0 + 0.5 * (0.3 * f64::from(k)).sin();
+        let drift = |k: u32| 650.0 - 0.012 * f64::from(k); // 3 Hz/s, as a speed ramp moves it
+        assert!((1.0..1.1).contains(&steady_at(ripple, drift).unwrap()));
+        // Noise through a lobe: its power has the distribution of an exponential.
+        let noise = |k: u32| -(0.01 + 0.98 * (f64::from(k / 30) * 0.618).fract()).ln();
+        assert_eq!(steady_at(noise, |_| 650.0), None);
+        assert_eq!(steady_at(ripple, |k| 650.0 + 15.0 * f64::from(k / 100 % 2)), None);
     }
 }
