@@ -382,8 +382,12 @@ impl ChatterMonitor {
             self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
         }
         // What is suspected is not noise: chatter that grows with the entry must not be learned.
-        let quiet = matches!(state.detector.phase(), Phase::Learning | Phase::Quiet);
-        if orders_known && quiet && !state.detector.watches(t_s) {
+        let learns = match state.detector.phase() {
+            Phase::Learning => true,
+            Phase::Quiet => !state.detector.watches(t_s),
+            Phase::Suspected | Phase::Chatter => false,
+        };
+        if orders_known && learns {
             self.learn(state, period_s);
         }
         self.report(state, &evidence);
