@@ -86,7 +86,7 @@ const FADED: f64 = 0.01;
 /// Of the strongest power of a suspicion, kept from one decision to the next.
 const STRONGEST_KEEP: f64 = 0.96;
 /// Silence before the end is declared.
-const END_AFTER_S: f64 = 0.2;
+const END_AFTER_S: f64 = 0.1;
 /// Chatter must stay this far over its threshold on average, or it was noise near the limit of stability:
 /// that swells and fades over some tenths of a second, chatter stays.
 const LEAST_ASSURANCE: f64 = 1.2;
