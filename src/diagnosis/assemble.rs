@@ -1,12 +1,12 @@
 //! From the search to the answer.
 
-use super::bench::{Accepted, Bench, HypothesisFit};
+use super::bench::{Accepted, Bench, HypothesisFit, rms};
 use super::corrections::{corrections, material};
 use super::floor::{SideSpectrum, spectrum};
 use super::motion::band_hz;
 use super::problem::{Column, Sides};
 use super::result::*;
-use super::search::{Outcome, Round, rank};
+use super::search::{Outcome, Round, least_evidence, rank};
 use super::shape::Shape;
 use super::steps::stated_step_m;
 use super::terms;
@@ -20,19 +20,6 @@ const LEAST_EXPLAINED: f64 = 0.6;
 
 /// No model holds to better than this share of the thrust; what is left below it is no finding.
 const INEXACT_SHARE: f64 = 0.0015;
-
-/// Root of the mean of r_m^2 + r_s^2 over all samples.
-fn rms(residual: &[Sides]) -> f64 {
-    let (mut sum, mut count) = (0.0, 0usize);
-    for s in residual {
-        let n = s.motor.as_ref().map_or(0, Vec::len);
-        count += n;
-        for x in [&s.motor, &s.stage].into_iter().flatten() {
-            sum += x.iter().map(|v| v * v).sum::<f64>();
-        }
-    }
-    (sum / count.max(1) as f64).sqrt()
-}
 
 struct Case<'a> {
     machine: &'a Machine,
@@ -105,6 +92,7 @@ pub(crate) fn assemble(
         series_rate_hz: p.rate_hz(),
         noise_floor_n: case.spectra.iter().map(|s| s.floor_rms_n(band_hz(rate))).collect(),
         tried: tried(outcome.rounds.first()),
+        detection_limits: detection_limits(bench, outcome.rounds.last()),
         model,
     }
 }
@@ -120,6 +108,19 @@ fn tried(round: Option<&Round>) -> Vec<Tried> {
             })
             .collect()
     })
+}
+
+/// An amplitude a of deviation s brings the evidence (a / s)^2: from the root of the threshold on it is claimed.
+fn detection_limits(bench: &Bench<'_>, round: Option<&Round>) -> Vec<DetectionLimit> {
+    let deviations = least_evidence(bench).sqrt();
+    let scores = round.into_iter().flat_map(|r| &r.scores).filter(|s| s.unit_rms_n > 0.0);
+    scores
+        .map(|s| DetectionLimit {
+            effect: s.hypothesis.effect,
+            port: s.hypothesis.port,
+            force_rms_n: deviations * s.deviations[0] * s.unit_rms_n,
+        })
+        .collect()
 }
 
 impl Case<'_> {
@@ -218,7 +219,8 @@ impl Case<'_> {
             .sum()
     }
 
-    /// True when what is left after the findings stands above the floor and is not a small rest of what they explain.
+    /// True when what is left after the findings stands above the floor and is not a small rest of what they
+    /// explain.
     fn unexplained(&self) -> bool {
         if self.outcome.stranger.is_some() {
             return true;
@@ -278,7 +280,8 @@ impl Case<'_> {
         }
     }
 
-    /// What the finding adds, sample by sample of each recording; at the edges, where filters have no data, held.
+    /// What the finding adds, sample by sample of each recording; at the edges, where filters have no data,
+    /// held.
     fn contribution(&self, accepted: &Accepted, fit: &HypothesisFit) -> Vec<Contribution> {
         let full = self.outcome.problem.unthinned();
         let encoder = matches!(accepted.hypothesis.port, Port::MotorEncoder | Port::StageEncoder);
@@ -384,7 +387,7 @@ impl Case<'_> {
             domain: findings.first().map_or(unnamed, |f| terms::domain(f.effect)),
             bands_hz: merged(bands),
             time: self.times(),
-            shares: [em / total, es / total, (both / total).min(1.0)],
+            shares: [em / total, es / total, (both / total).min(1.0)].map(|s| s.max(0.0) + 0.0),
         })
     }
 
@@ -431,8 +434,8 @@ impl Case<'_> {
                 let edge = p.thinning.edge();
                 RecordingFit {
                     experiment: m.experiment.clone(),
-                    rms_before_n: rms(&self.nominal[r..=r]),
-                    rms_after_n: rms(&self.after[r..=r]),
+                    rms_before_n: rms(&self.nominal[r..=r].to_vec()),
+                    rms_after_n: rms(&self.after[r..=r].to_vec()),
                     t_s: (0..n).map(|k| m.time_s(edge + k * p.thinning.step)).collect(),
                     position_m: p.thinning.pick(&m.stage_side().position_m),
                     velocity_m_s: p.thinning.pick(&m.stage_side().velocity_m_s),
@@ -496,7 +499,8 @@ fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
     let strongest = alternatives.first().filter(|a| a.probability > 0.05)?;
     let text = match strongest.effect {
         E::GravityLoad | E::AsymmetricFriction => {
-            "hold the axis at rest for two seconds at several positions: a load stays, friction's asymmetry does not"
+            "hold the axis at rest for two seconds at several positions: a load stays, friction's \
+             asymmetry does not"
         }
         E::StribeckFriction | E::NonlinearViscosity | E::ViscousFriction => {
             "constant speeds from 0.5 to 50 mm/s in both directions"

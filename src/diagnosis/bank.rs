@@ -1,4 +1,5 @@
-//! The bank of hypotheses: the vocabulary on grids of its nonlinear constants, and lines read off the residual.
+//! The bank of hypotheses: the vocabulary on grids of its nonlinear constants, and lines read off the
+//! residual.
 
 use super::bench::Bench;
 use super::problem::{Problem, Sides};

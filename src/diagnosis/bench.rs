@@ -58,6 +58,8 @@ pub(crate) struct Score {
     /// Amplitudes, in the order of the hypothesis' columns.
     pub(crate) amplitudes: Vec<f64>,
     pub(crate) deviations: Vec<f64>,
+    /// Root mean square of the force at amplitude one; zero where the law has no amplitude.
+    pub(crate) unit_rms_n: f64,
     pub(crate) plausible: bool,
 }
 
@@ -136,8 +138,8 @@ impl<'a> Bench<'a> {
         bench
     }
 
-    /// Holds the stage's mass where the fit shrank the stage balance towards 0 = 0: every term of it scales together,
-    /// and beside a large misfit on the motor side that pays.
+    /// Holds the stage's mass where the fit shrank the stage balance towards 0 = 0: every term of it scales
+    /// together, and beside a large misfit on the motor side that pays.
     fn hold_scale(&mut self) {
         let p = self.problem;
         let lost = |(k, n): (usize, &super::problem::Number)| {
@@ -197,7 +199,8 @@ impl<'a> Bench<'a> {
         residual_of(self.problem, self.accepted, &self.solution.coefficients)
     }
 
-    /// Residual in which each block is left by a fit to the other blocks; without one accepted hypothesis, if asked.
+    /// Residual in which each block is left by a fit to the other blocks; without one accepted hypothesis, if
+    /// asked.
     pub(crate) fn heldout_residual(&self, without: Option<usize>) -> Column {
         let gone = without.map_or(0..0, |k| self.range(k));
         let unit_gone = without.filter(|k| self.accepted[*k].hypothesis.shape.unit());
@@ -352,6 +355,7 @@ impl<'a> Bench<'a> {
             likelihood: n * (self.solution.left / solution.left.max(1e-300)).ln(),
             amplitudes: vec![1.0],
             deviations: vec![0.0],
+            unit_rms_n: 0.0,
             plausible: !is_timing(h) || h.shape.constants()[0] > timing_limit_s(self.problem),
             hypothesis: h.clone(),
         }
@@ -362,8 +366,8 @@ impl<'a> Bench<'a> {
         if matches!(hypothesis.shape, Shape::Torsion { .. }) {
             return self.score_fitted(hypothesis);
         }
-        let columns: Vec<Vec<f64>> =
-            hypothesis.columns(self.problem).iter().map(|c| self.whitener.whiten(c, &self.layout)).collect();
+        let raw = hypothesis.columns(self.problem);
+        let columns: Vec<Vec<f64>> = raw.iter().map(|c| self.whitener.whiten(c, &self.layout)).collect();
         let gram = self.gram.with(&self.base, &columns, &self.target, &self.folds);
         let solution = self.solve(&gram, !is_delay(hypothesis));
         let first = self.base.len();
@@ -375,6 +379,7 @@ impl<'a> Bench<'a> {
             likelihood: n * (self.solution.left / solution.left.max(1e-300)).ln(),
             deviations: solution.deviations[first..].to_vec(),
             amplitudes,
+            unit_rms_n: raw.first().map_or(0.0, rms),
             plausible,
             hypothesis: hypothesis.clone(),
         }
@@ -410,7 +415,8 @@ pub(crate) fn is_timing(h: &Hypothesis) -> bool {
     h.port == Port::Current && matches!(h.shape, Shape::Delay { .. } | Shape::Lag { .. })
 }
 
-/// A dead time takes the timing inside a sample with it; a lag leaves it free, or its convention would bend the lag.
+/// A dead time takes the timing inside a sample with it; a lag leaves it free, or its convention would bend
+/// the lag.
 pub(crate) fn is_delay(h: &Hypothesis) -> bool {
     h.port == Port::Current && matches!(h.shape, Shape::Delay { .. })
 }
@@ -428,7 +434,8 @@ fn known_target(p: &Problem, accepted: &[Accepted]) -> Column {
 
 /// Takes the scale out of the stage balance, which has no known force to hold it.
 ///
-/// Every term of 0 = M_t a_s + ... - K D can shrink together and leave a smaller residual without fitting better.
+/// Every term of 0 = M_t a_s + ... - K D can shrink together and leave a smaller residual without fitting
+/// better.
 /// Minimising r_s / M_t instead, linearised at the present residual r_0 and mass M_0: the column of the mass
 /// becomes a_s + r_0 / M_0 and the target r_0; the residual at M_0 is unchanged.
 fn normalise_stage(
@@ -469,6 +476,14 @@ pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f6
         add(&mut out, column, -b);
     }
     out
+}
+
+/// Root of the mean of r_m^2 + r_s^2 over all samples.
+pub(crate) fn rms(column: &Column) -> f64 {
+    let samples: usize =
+        column.iter().map(|s| s.motor.as_ref().or(s.stage.as_ref()).map_or(0, Vec::len)).sum();
+    let sides = column.iter().flat_map(|s| [&s.motor, &s.stage]).flatten();
+    (sides.flatten().map(|v| v * v).sum::<f64>() / samples.max(1) as f64).sqrt()
 }
 
 /// out += factor * column.

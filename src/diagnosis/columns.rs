@@ -1,7 +1,8 @@
-//! Series from which the columns of hypotheses are built: waves, shifts, what an encoder, a lag, a gap or a twist adds.
+//! Series from which the columns of hypotheses are built: waves, shifts, what an encoder, a lag, a gap or a
+//! twist adds.
 
 use super::kernel::{Action, Kernel};
-use super::motion::{band_hz, current_loop, thrust_delay_s};
+use super::motion::{band_hz, thrust_delay_s};
 use super::problem::{Column, Problem, Sides, stretch, stretch_rate};
 use crate::plant::effects::Port;
 use crate::plant::effects::coupling::{Torsion, after_backlash};
@@ -115,27 +116,21 @@ pub(super) fn apply_inside(kernel: &Kernel, x: &[f64], grid: super::kernel::Grid
 pub(super) fn lag(p: &Problem, extra_s: f64) -> Column {
     let slower = p.drive.current_loop_bandwidth_rad_s().map_or(1.0 / extra_s, |w| 1.0 / (1.0 / w + extra_s));
     let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
-    // Without a stated loop the hold counts half a sample; with one, the end of the step.
-    let hold = if p.drive.current_loop_bandwidth_rad_s().is_some() { 0.0 } else { 0.5 / rate };
-    let kernel = Kernel::low_pass(
-        band_hz(rate),
-        rate,
-        Action { derivative: 0, advance_s: -(thrust_delay_s(&p.drive, rate) + hold + p.timing_s) },
-    )
-    .then(&p.thinning.kernel);
+    let advance_s = -(thrust_delay_s(&p.drive, rate) + p.timing_s);
+    let kernel =
+        Kernel::of_held_reference(band_hz(rate), rate, advance_s, Some(slower)).then(&p.thinning.kernel);
     p.motions
         .iter()
         .map(|m| {
-            let slow = current_loop(&m.raw_reference_n, Some(slower), m.rate_hz);
             let now = p.thinning.thin(&m.thrust_n);
-            let slow = apply_inside(&kernel, &slow, p.thinning.grid(m.len()));
+            let slow = apply_inside(&kernel, &m.raw_reference_n, p.thinning.grid(m.len()));
             motor(now.iter().zip(&slow).map(|(a, b)| a - b).collect())
         })
         .collect()
 }
 
-/// A law of the stretch between the sides, of the positions as recorded: a low-pass before a corner or a cube is
-/// not one after it. `law`: N from the stretch beyond the free one.
+/// A law of the stretch between the sides, of the positions as recorded: a low-pass before a corner or a cube
+/// is not one after it. `law`: N from the stretch beyond the free one.
 pub(super) fn coupling_law(p: &Problem, law: impl Fn(f64) -> f64) -> Column {
     let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
     let kernel = Kernel::low_pass(band_hz(rate), rate, Action { derivative: 0, advance_s: 0.0 })

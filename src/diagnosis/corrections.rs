@@ -8,7 +8,8 @@ use super::terms;
 /// Deviations of curvature are widened by this before a correction is claimed.
 const DEVIATION_FACTOR: f64 = 2.0;
 
-/// Numbers beyond what their identification is good for: of the structure by 3 %, friction by 8 %, damping by 15 %.
+/// Numbers beyond what their identification is good for: of the structure by 3 %, friction by 8 %, damping by
+/// 15 %.
 pub(super) fn material(c: &Correction) -> bool {
     let limit = if c.name.contains("damping") {
         0.15
@@ -67,8 +68,8 @@ pub(super) fn corrections(p: &Problem, bench: &Bench<'_>) -> Vec<Correction> {
 
 /// Masses, inertia and stiffness all off by one factor: the force they are measured by is off by it.
 ///
-/// A balance holds for any common factor on all of its terms; that one torque constant is wrong is likelier than that
-/// three independent numbers are, by the same share. 1: no such factor.
+/// A balance holds for any common factor on all of its terms; that one torque constant is wrong is likelier
+/// than that three independent numbers are, by the same share. 1: no such factor.
 fn common_scale(p: &Problem, bench: &Bench<'_>) -> f64 {
     if !p.flexible || p.motions.iter().all(|m| (m.thrust_per_unit - 1.0).abs() < 1e-12) {
         return 1.0;

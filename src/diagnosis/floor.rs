@@ -1,4 +1,5 @@
-//! The noise floor of a force balance, from the encoders' steps and the recording itself, and what stands above it.
+//! The noise floor of a force balance, from the encoders' steps and the recording itself, and what stands
+//! above it.
 
 use super::problem::{Column, Problem, Sides};
 use rustfft::{FftPlanner, num_complex::Complex};
@@ -84,9 +85,9 @@ fn pick(sides: &Sides, stage: bool) -> Option<&Vec<f64>> {
 
 /// Spectrum and floor of one side.
 ///
-/// Floor: a white force at the level that most of the band shows, and the encoders' steps q through masses and
-/// springs, S(f) = q^2/12 / (rate/2) |K - M w^2|^2 (own side) + q^2/12 / (rate/2) K^2 (other side), all through
-/// the squared low-pass of the band.
+/// Floor: a white force at the level that most of the band shows, and the encoders' steps q through masses
+/// and springs, S(f) = q^2/12 / (rate/2) |K - M w^2|^2 (own side) + q^2/12 / (rate/2) K^2 (other side), all
+/// through the squared low-pass of the band.
 pub(crate) fn spectrum(p: &Problem, residual: &Column, stage: bool) -> SideSpectrum {
     let rate_hz = p.rate_hz();
     let full_rate = p.motions.first().map_or(1.0, |m| m.rate_hz);

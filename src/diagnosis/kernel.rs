@@ -83,6 +83,49 @@ impl Kernel {
         Self { taps, half }
     }
 
+    /// The kernel of a band for a reference that the drive holds for a sample and follows by a first-order loop.
+    ///
+    /// y(t) = h * hold * loop, hold: mean over one period after the sample, loop: w exp(-w t); all three as
+    /// continuous functions, then sampled. A recursion from sample to sample has another phase and gain: at a
+    /// twelfth of the rate 2 %, which is read as lag. `bandwidth_rad_s`: none, no loop.
+    /// Checked by: `a_held_sine_comes_out_as_the_continuous_loop_makes_it`.
+    pub(crate) fn of_held_reference(
+        band_hz: f64,
+        rate_hz: f64,
+        advance_s: f64,
+        bandwidth_rad_s: Option<f64>,
+    ) -> Self {
+        /// Steps of the continuous functions in a sample.
+        const FINE: usize = 16;
+        /// Time constants after which the loop has forgotten.
+        const FORGOTTEN: f64 = 20.0;
+        let memory_s = bandwidth_rad_s.map_or(0.0, |w| FORGOTTEN / w);
+        let reach = HALF_WIDTHS * 0.72 / band_hz + advance_s.abs() + memory_s;
+        let half = (reach * rate_hz).ceil() as usize + 2;
+        let step_s = 1.0 / (rate_hz * FINE as f64);
+        let first_s = -((half * FINE) as f64) * step_s + advance_s;
+        let mut h: Vec<f64> =
+            (0..=2 * half * FINE).map(|i| continuous(band_hz, 0, first_s + i as f64 * step_s)).collect();
+        if let Some(w) = bandwidth_rad_s {
+            // Exact for an input that is straight between the steps.
+            let (decay, mut state, mut before) = ((-w * step_s).exp(), 0.0, 0.0);
+            let slope = 1.0 - (1.0 - decay) / (w * step_s);
+            for x in &mut h {
+                state = decay * state + (1.0 - decay) * before + slope * (*x - before);
+                before = std::mem::replace(x, state);
+            }
+        }
+        let held = |i: usize| {
+            let window = &h[i.saturating_sub(FINE)..=i];
+            let ends = 0.5 * (window[0] + window[window.len() - 1]);
+            (window.iter().sum::<f64>() - ends) / FINE as f64
+        };
+        let mut taps: Vec<f64> = (0..=2 * half).map(|j| held(j * FINE)).collect();
+        let total: f64 = taps.iter().sum();
+        taps.iter_mut().for_each(|t| *t /= total);
+        Self { taps, half }
+    }
+
     /// Leaves a signal as it is.
     pub(crate) fn unit() -> Self {
         Self { taps: vec![1.0], half: 0 }
@@ -122,7 +165,8 @@ impl Kernel {
         self.half
     }
 
-    /// `y[j]` at sample `first + j step` of `x`, `count` of them. The caller keeps `half` samples on either side.
+    /// `y[j]` at sample `first + j step` of `x`, `count` of them. The caller keeps `half` samples on either
+    /// side.
     pub(crate) fn apply(&self, x: &[f64], grid: Grid) -> Vec<f64> {
         let reversed: Vec<f64> = self.taps.iter().rev().copied().collect();
         let mut out = vec![0.0; grid.count];
@@ -148,7 +192,8 @@ struct Shift {
     rate_hz: f64,
 }
 
-/// Adds a small smooth piece so that powers up to the fourth are filtered, shifted and differentiated exactly.
+/// Adds a small smooth piece so that powers up to the fourth are filtered, shifted and differentiated
+/// exactly.
 ///
 /// sum_j k_j (-j)^q = d^d/dT^d sum_i h_i (T - i)^q at T = shift, h: the unshifted low-pass.
 fn correct_moments(taps: &mut [f64], half: usize, band_per_sample: f64, shift: Shift) {
@@ -198,7 +243,8 @@ fn correct_moments(taps: &mut [f64], half: usize, band_per_sample: f64, shift: S
 mod tests {
     use super::*;
 
-    /// Constants to cubes pass exactly; a sine well inside the band passes to 1e-6, shifted and differentiated.
+    /// Constants to cubes pass exactly; a sine well inside the band passes to 1e-6, shifted and
+    /// differentiated.
     #[test]
     fn shift_and_derivative_are_those_of_the_continuous_signal() {
         let (rate, band, f) = (10_000.0, 800.0, 300.0);
@@ -212,6 +258,36 @@ mod tests {
             // The band's own gain at 300 Hz: 1 - erfc(...) / 2, below 1 by 2.4e-3 at most.
             let want = w.powi(derivative as i32) * phase.sin();
             assert!((y - want).abs() < 5e-3 * w.powi(derivative as i32), "{derivative}: {y} for {want}");
+        }
+    }
+
+    /// Against the frequency response of hold and loop in closed form; the image of the staircase above the
+    /// band is not in a sine.
+    #[test]
+    fn a_held_sine_comes_out_as_the_continuous_loop_makes_it() {
+        use rustfft::num_complex::Complex;
+        let (rate, band) = (10_000.0, 800.0);
+        for (f, loop_rad_s, advance_s) in
+            [(100.0, Some(5000.0), -2e-4), (300.0, Some(2500.0), -1.9e-4), (400.0, None, 0.0)]
+        {
+            let w = 2.0 * PI * f;
+            let x: Vec<f64> = (0..600).map(|k| (w * f64::from(k) / rate).sin()).collect();
+            let kernel = Kernel::of_held_reference(band, rate, advance_s, loop_rad_s);
+            let plain = Kernel::low_pass(band, rate, Action { derivative: 0, advance_s: 0.0 });
+            let at = Grid { first: 300, step: 1, count: 40 };
+            let got = kernel.apply(&x, at);
+            let angle = 0.5 * w / rate;
+            let hold = Complex::from_polar(angle.sin() / angle, -angle);
+            let lag = loop_rad_s.map_or(Complex::new(1.0, 0.0), |b| 1.0 / Complex::new(1.0, w / b));
+            let response = hold * lag * Complex::from_polar(1.0, w * advance_s);
+            let (sine, cosine): (Vec<f64>, Vec<f64>) = (
+                plain.apply(&x, at),
+                plain.apply(&(0..600).map(|k| (w * f64::from(k) / rate).cos()).collect::<Vec<_>>(), at),
+            );
+            for k in 0..40 {
+                let want = response.re * sine[k] + response.im * cosine[k];
+                assert!((got[k] - want).abs() < 2e-5, "{f}: {} for {want}", got[k]);
+            }
         }
     }
 

@@ -6,9 +6,9 @@ use crate::plant::drive::{DriveParams, Structure};
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 
-/// Where inside a sample period the drive acts on a reference is stated nowhere; a third of half a
-/// period before the end of the hold is the middle of what drives and their simulations do.
-const HOLD_LEAD_SAMPLES: f64 = 1.0 / 6.0;
+/// Where inside a sample period the drive takes up a reference is stated nowhere; the middle of what drives
+/// and their simulations do is a little before its end.
+const HOLD_LEAD_SAMPLES: f64 = 1.0 / 8.0;
 
 /// The band of the force balance: 800 Hz, or a fifth of a slow recording's rate.
 pub(crate) fn band_hz(rate_hz: f64) -> f64 {
@@ -23,6 +23,8 @@ pub(crate) struct Side {
     pub(crate) accel_m_s2: Vec<f64>,
     /// As recorded, same samples, not filtered and not aligned.
     pub(crate) raw_m: Vec<f64>,
+    /// As recorded, before the first of these samples: what a force with a memory has seen.
+    pub(crate) before_m: Vec<f64>,
 }
 
 /// One recording of one axis, every signal at the same instants (`start_s` + k / rate).
@@ -35,8 +37,6 @@ pub(crate) struct Motion {
     pub(crate) offset: usize,
     /// Thrust on the screw axis after dead time and current loop, N (filtered).
     pub(crate) thrust_n: Vec<f64>,
-    /// Thrust after the current loop as recorded (not filtered, not aligned), N.
-    pub(crate) raw_thrust_n: Vec<f64>,
     /// Reference before the current loop, as thrust, N; not filtered.
     pub(crate) raw_reference_n: Vec<f64>,
     /// N per A where a current is recorded, else 1.
@@ -107,26 +107,9 @@ fn columns<'a>(axis: &AxisModel, recording: &'a Recording) -> Result<Columns<'a>
     })
 }
 
-/// First-order current loop behind a zero-order hold: value at the end of each sample period.
-///
-/// i[k] = i[k-1] + (1 - exp(-w dt)) (ref[k] - i[k-1]), the exact step response of 1/(1 + s/w).
-pub(crate) fn current_loop(reference: &[f64], bandwidth_rad_s: Option<f64>, rate_hz: f64) -> Vec<f64> {
-    let Some(w) = bandwidth_rad_s else { return reference.to_vec() };
-    let gain = 1.0 - (-w / rate_hz).exp();
-    let mut state = reference.first().copied().unwrap_or(0.0);
-    reference
-        .iter()
-        .map(|r| {
-            state += gain * (r - state);
-            state
-        })
-        .collect()
-}
-
-/// How far the thrust after the current loop lags the samples it was computed from, s.
+/// Delay from a reference to the moment at which the drive takes it up and holds it, s.
 pub(crate) fn thrust_delay_s(drive: &DriveParams, rate_hz: f64) -> f64 {
-    let hold = if drive.current_loop_bandwidth_rad_s().is_some() { 1.0 - HOLD_LEAD_SAMPLES } else { 0.5 };
-    drive.amplifier_dead_time_s() + hold / rate_hz
+    drive.amplifier_dead_time_s() - HOLD_LEAD_SAMPLES / rate_hz
 }
 
 /// True when the model is flexible and the recording has both encoders.
@@ -151,6 +134,7 @@ fn side(raw: &[f64], delay_s: f64, frame: &Frame) -> Side {
         velocity_m_s: filtered(1),
         accel_m_s2: filtered(2),
         raw_m: raw[frame.grid.first..end].to_vec(),
+        before_m: raw[..frame.grid.first].to_vec(),
     }
 }
 
@@ -171,8 +155,11 @@ pub(crate) fn motion(
     let rate_hz = recording.sample_rate.hz();
     let band_hz = band_hz(rate_hz);
     let delay_s = thrust_delay_s(drive, rate_hz);
-    let longest = drive.motor_encoder_delay_s().max(drive.stage_encoder_delay_s()).max(delay_s);
-    let edge = Kernel::low_pass(band_hz, rate_hz, Action { derivative: 0, advance_s: longest }).half() + 2;
+    let longest = drive.motor_encoder_delay_s().max(drive.stage_encoder_delay_s());
+    let reference =
+        Kernel::of_held_reference(band_hz, rate_hz, -delay_s, drive.current_loop_bandwidth_rad_s());
+    let positions = Kernel::low_pass(band_hz, rate_hz, Action { derivative: 0, advance_s: longest });
+    let edge = positions.half().max(reference.half()) + 2;
     let samples = recording.len();
     let needed = 8 * edge + 64;
     if samples < needed {
@@ -180,9 +167,7 @@ pub(crate) fn motion(
     }
     let grid = Grid { first: edge, step: 1, count: samples - 2 * edge };
     let frame = Frame { band_hz, rate_hz, grid };
-    let raw_thrust = current_loop(&columns.reference_n, drive.current_loop_bandwidth_rad_s(), rate_hz);
-    let thrust = Kernel::low_pass(band_hz, rate_hz, Action { derivative: 0, advance_s: -delay_s })
-        .apply(&raw_thrust, grid);
+    let thrust = reference.apply(&columns.reference_n, grid);
     let motor_delay_s = drive.motor_encoder_delay_s();
     let (motor, stage) = match (&columns.motor_m, columns.stage_m) {
         (Some(m), Some(s)) if flexible => {
@@ -198,7 +183,6 @@ pub(crate) fn motion(
         start_s: recording.start_s,
         offset: grid.first,
         thrust_n: thrust,
-        raw_thrust_n: raw_thrust[grid.first..end].to_vec(),
         raw_reference_n: columns.reference_n[grid.first..end].to_vec(),
         thrust_per_unit: columns.thrust_per_unit,
         motor,

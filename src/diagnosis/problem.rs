@@ -1,4 +1,5 @@
-//! The force balance as a linear regression: one row per side and instant, one column per number of the model.
+//! The force balance as a linear regression: one row per side and instant, one column per number of the
+//! model.
 //!
 //! ```text
 //!   motor:  u = M_r a_m + C_r v_m + F_m tanh(v_m/v_s) + K D + C_k D'          + effects + r_m
@@ -136,7 +137,8 @@ pub(crate) struct Problem {
     pub(crate) free_stretch_m: Vec<f64>,
     /// Steps of motor and stage encoder as they are, stated or read off the recordings, m.
     pub(crate) steps_m: [f64; 2],
-    /// A step is coarser than the model states: errors follow the motion, and what they imitate needs more proof.
+    /// A step is coarser than the model states: errors follow the motion, and what they imitate needs more
+    /// proof.
     pub(crate) coarse: bool,
 }
 

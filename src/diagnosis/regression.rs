@@ -167,7 +167,8 @@ impl Gram {
         gram
     }
 
-    /// This Gram with one coefficient held near a value, as if it had been measured a hundred times better than here.
+    /// This Gram with one coefficient held near a value, as if it had been measured a hundred times better
+    /// than here.
     pub(crate) fn holding(&self, column: usize, value: f64) -> Self {
         let mut gram = self.clone();
         for inner in &mut gram.inner {

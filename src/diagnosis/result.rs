@@ -65,7 +65,8 @@ pub struct TimeSpans {
 pub struct Location {
     /// Port.
     pub port: Port,
-    /// `position`, `motor_angle`, `velocity`, `direction`, `frequency`, `time`, `current`, `history`, `acceleration`.
+    /// `position`, `motor_angle`, `velocity`, `direction`, `frequency`, `time`, `current`, `history`,
+    /// `acceleration`.
     pub domain: &'static str,
     /// Bands of the residual that stand out.
     pub bands_hz: Vec<[f64; 2]>,
@@ -188,6 +189,17 @@ pub struct Tried {
     pub evidence: f64,
 }
 
+/// The smallest effect of its kind that these recordings would have shown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DetectionLimit {
+    /// Effect that was not found.
+    pub effect: EffectKind,
+    /// Port.
+    pub port: Port,
+    /// Root mean square over the recordings of the force from which on it would have been claimed, N.
+    pub force_rms_n: f64,
+}
+
 /// Everything a diagnosis says.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnosis {
@@ -213,6 +225,8 @@ pub struct Diagnosis {
     pub noise_floor_n: Vec<f64>,
     /// Everything that was tried in the first round, strongest first.
     pub tried: Vec<Tried>,
+    /// What would have been seen of that which was not found; empty for a rigid axis.
+    pub detection_limits: Vec<DetectionLimit>,
     /// The model with findings and corrections in it.
     pub model: Machine,
 }

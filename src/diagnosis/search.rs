@@ -1,7 +1,7 @@
 //! Forward selection: try every hypothesis, take the best, project it out, try again.
 
 use super::bank;
-use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay};
+use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay, rms};
 use super::problem::{Column, Mechanics, Problem, Sides};
 use super::shape::{Hypothesis, Shape};
 use super::strangers;
@@ -16,9 +16,11 @@ const LEAST_SHARE: f64 = 0.006;
 
 /// The same where an encoder's step is coarser than stated: its error is not noise, it follows the motion.
 const LEAST_SHARE_COARSE: f64 = 0.05;
-/// The same for a free form: the axis' own motion follows every force on it, and a free form follows that motion.
+/// The same for a free form: the axis' own motion follows every force on it, and a free form follows that
+/// motion.
 const STRANGER_LEAST_SHARE: f64 = 0.1;
-/// No model of a loud effect is exact: what explains less than this share of its evidence is its rest, not physics.
+/// No model of a loud effect is exact: what explains less than this share of its evidence is its rest, not
+/// physics.
 const SECOND_SHARE: f64 = 0.005;
 /// Least size of a finding beside the thrust, both as root mean squares.
 const LEAST_WEIGHT: f64 = 5e-4;
@@ -113,7 +115,7 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
 
 /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
 fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
-    let passes = if accepted.is_empty() { 2 } else { 8 };
+    let passes = if accepted.is_empty() { 2 } else { 40 };
     for _ in 0..passes {
         // The noise of one fit weights the next.
         *residual = Bench::new(p, accepted, residual).residual();
@@ -190,9 +192,11 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
     Outcome { problem: p, accepted, rounds, given, nominal, residual, before, stranger }
 }
 
-/// True when a free form leaves less than everything named does, both measured in the noise that is left at the end.
+/// True when a free form leaves less than everything named does, both measured in the noise that is left at
+/// the end.
 ///
-/// In the first round a loud cause is itself the noise that everything is measured in, and what it moves follows it.
+/// In the first round a loud cause is itself the noise that everything is measured in, and what it moves
+/// follows it.
 fn beats_named(
     p: &Problem,
     (accepted, given): (&[Accepted], usize),
@@ -214,17 +218,11 @@ fn weight(p: &Problem, a: &Accepted) -> f64 {
     for (column, amplitude) in a.columns.iter().zip(&a.amplitudes) {
         super::bench::add(&mut sum, column, *amplitude);
     }
-    size(&sum) / size(&p.target)
+    rms(&sum) / rms(&p.target)
 }
 
-/// Root of the sum of squares over both sides.
-fn size(column: &Column) -> f64 {
-    let sides = column.iter().flat_map(|r| [&r.motor, &r.stage]).flatten();
-    sides.flatten().map(|v| v * v).sum::<f64>().sqrt()
-}
-
-/// Takes out what later findings have made pointless, and what is too small beside the thrust to be told from the
-/// model's own inexactness.
+/// Takes out what later findings have made pointless, and what is too small beside the thrust to be told from
+/// the model's own inexactness.
 fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
     let mut index = given;
     while index < accepted.len() {
@@ -256,8 +254,13 @@ fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, g
 }
 
 fn significant(evidence: f64, bench: &Bench<'_>) -> bool {
-    let least = if bench.problem.coarse { LEAST_SHARE_COARSE } else { LEAST_SHARE };
-    evidence > LEAST_EVIDENCE && evidence / bench.folds.total() as f64 > least
+    evidence > least_evidence(bench)
+}
+
+/// Evidence from which on a finding is claimed.
+pub(crate) fn least_evidence(bench: &Bench<'_>) -> f64 {
+    let share = if bench.problem.coarse { LEAST_SHARE_COARSE } else { LEAST_SHARE };
+    LEAST_EVIDENCE.max(share * bench.folds.total() as f64)
 }
 
 /// Scores the whole bank and refines the leaders of each effect.
@@ -296,7 +299,8 @@ fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
     }
 }
 
-/// What a hypothesis is ranked by. A free map can imitate a constant, a wave and more: it must beat them by a quarter.
+/// What a hypothesis is ranked by. A free map can imitate a constant, a wave and more: it must beat them by a
+/// quarter.
 pub(crate) fn rank(s: &Score) -> f64 {
     let evidence =
         if matches!(s.hypothesis.shape, Shape::Map { .. }) { 0.8 * s.evidence } else { s.evidence };

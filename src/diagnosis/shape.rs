@@ -77,7 +77,8 @@ pub(crate) enum Shape {
         knots: usize,
     },
     PositionTimesVelocity,
-    /// Harmonics of a line in a window of time, the same in each of some recordings (or with phases of their own).
+    /// Harmonics of a line in a window of time, the same in each of some recordings (or with phases of their
+    /// own).
     Lines {
         fundamental_hz: f64,
         harmonics: usize,
@@ -297,9 +298,14 @@ impl Hypothesis {
         let law = Presliding { stiffness_n_m, coulomb_n };
         let vs = p.mechanics.smoothing_m_s;
         self.force(p, |m| {
-            let v = &self.side(m).velocity_m_s;
-            let mut force = 0.0;
-            v.iter()
+            let side = self.side(m);
+            // A recording begins at rest more often than where the filters have data.
+            let mut force = side.before_m.windows(2).fold(0.0, |force, pair| {
+                let dt = 1.0 / m.rate_hz;
+                law.step(force, (pair[1] - pair[0]) / dt, dt)
+            });
+            side.velocity_m_s
+                .iter()
                 .map(|v| {
                     force = law.step(force, *v, 1.0 / m.rate_hz);
                     force - coulomb_n * sliding_direction(*v, vs)
@@ -355,7 +361,8 @@ impl Hypothesis {
                 })
                 .collect()
         };
-        // An error of the scale stretches the spring; of its mass and damper little is seen at these wavelengths.
+        // An error of the scale stretches the spring; of its mass and damper little is seen at these
+        // wavelengths.
         if self.port == Port::StageEncoder {
             return p.coupling(|m| of(m).into_iter().map(|e| k0 * e).collect());
         }
@@ -416,7 +423,8 @@ impl Hypothesis {
         }
     }
 
-    /// An error e(x) of an encoder as the balance sees it: through all of its derivatives, sampled as recorded.
+    /// An error e(x) of an encoder as the balance sees it: through all of its derivatives, sampled as
+    /// recorded.
     fn encoder_error(&self, p: &Problem, period_m: f64, harmonics: usize) -> Vec<Column> {
         let at_motor = self.port == Port::MotorEncoder;
         let (near, far) = encoder_kernels(p, self.port);

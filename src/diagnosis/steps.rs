@@ -1,4 +1,5 @@
-//! Steps of an encoder, read off the recording itself: every difference of two samples is a whole number of steps.
+//! Steps of an encoder, read off the recording itself: every difference of two samples is a whole number of
+//! steps.
 
 use super::motion::Motion;
 use crate::plant::effects::{EffectKind, Port};
@@ -10,6 +11,8 @@ const LOOKED_AT: usize = 40_000;
 const LEAST_RATIO: f64 = 1.3;
 /// Share of differences that must lie on the grid of a step.
 const ON_GRID: f64 = 0.97;
+/// What is left of two differences below this share of the stated step is rounding.
+const EUCLID_END: f64 = 0.1;
 
 /// Step of an encoder as the model states it, m; in the structure or among its physics.
 pub(crate) fn stated_step_m(axis: &AxisModel, port: Port) -> f64 {
@@ -42,9 +45,11 @@ pub(crate) fn steps_m(axis: &AxisModel, motions: &[Motion]) -> [f64; 2] {
     })
 }
 
-/// The step of a recorded position where it is coarser than `stated_m`; `None`: as stated, or no grid to be seen.
+/// The step of a recorded position where it is coarser than `stated_m`; `None`: as stated, or no grid to be
+/// seen.
 ///
-/// Checked by: tests::a_coarser_step_is_read_off.
+/// The greatest common measure of the differences, by Euclid's algorithm on real numbers; then every difference,
+/// the small ones first, sharpens it. Checked by: tests::a_coarser_step_is_read_off.
 pub(crate) fn coarser_step(position_m: &[f64], stated_m: f64) -> Option<f64> {
     let stride = (position_m.len() / LOOKED_AT).max(1);
     let mut differences: Vec<f64> = position_m
@@ -53,20 +58,38 @@ pub(crate) fn coarser_step(position_m: &[f64], stated_m: f64) -> Option<f64> {
         .map(|w| (w[1] - w[0]).abs())
         .filter(|d| *d > 0.3 * stated_m && *d > 1e-13)
         .collect();
-    if differences.len() < 200 {
+    if differences.len() < 200 || stated_m <= 0.0 {
         return None;
     }
     differences.sort_by(f64::total_cmp);
-    // The smallest differences are one step, unless the axis never moves slowly.
-    let smallest = differences[differences.len() / 200];
-    let ones: Vec<f64> = differences.iter().copied().filter(|d| *d < 1.5 * smallest).collect();
-    let step = ones.iter().sum::<f64>() / ones.len() as f64;
-    let slack = (0.6 * stated_m / step + 0.03).min(0.2);
-    let near: Vec<f64> = differences.iter().map(|d| d / step).filter(|r| *r < 20.0).collect();
-    let on_grid = near.iter().filter(|r| (*r - r.round()).abs() < slack).count();
-    let coarse = step > LEAST_RATIO * stated_m && stated_m > 0.0;
-    (coarse && near.len() > 150 && ones.len() > 50 && on_grid as f64 > ON_GRID * near.len() as f64)
-        .then_some(step)
+    let measure = differences.iter().step_by(differences.len() / 200).copied();
+    let step = measure.reduce(|a, b| common_measure(a, b, EUCLID_END * stated_m))?;
+    let step = sharpened(step, &differences);
+    let on_grid = differences.iter().filter(|d| ((*d / step).round() - *d / step).abs() < 0.05).count();
+    (step > LEAST_RATIO * stated_m && on_grid as f64 > ON_GRID * differences.len() as f64).then_some(step)
+}
+
+/// Greatest common measure of two lengths; a rest below `end` is none.
+fn common_measure(mut a: f64, mut b: f64, end: f64) -> f64 {
+    while b > end {
+        (a, b) = (b, (a - (a / b).round() * b).abs());
+    }
+    a
+}
+
+/// Least squares over the whole numbers of steps, from the smallest differences on: each part is only as long as
+/// what the parts before it can count.
+fn sharpened(mut step: f64, sorted: &[f64]) -> f64 {
+    let (mut numerator, mut denominator) = (0.0, 0.0);
+    for d in sorted {
+        let count = (d / step).round();
+        if count >= 1.0 && (d / step - count).abs() < 0.2 {
+            numerator += count * d;
+            denominator += count * count;
+            step = numerator / denominator;
+        }
+    }
+    step
 }
 
 #[cfg(test)]
@@ -82,5 +105,14 @@ mod tests {
         let found = coarser_step(&ramp(40e-9), 0.244e-9);
         assert!(found.is_some_and(|s| (s / 40e-9 - 1.0).abs() < 1e-3), "{found:?}");
         assert_eq!(coarser_step(&ramp(0.244e-9), 0.244e-9), None);
+        // No two samples are nearer than some dozens of steps.
+        let quick: Vec<f64> =
+            (0..20_000).map(|k| 2e-7 * f64::from(k) + 1e-5 * (0.1 * f64::from(k)).sin()).collect();
+        let quick: Vec<f64> = quick.iter().map(|x| (x / 5.3e-9).round() * 5.3e-9).collect();
+        let found = coarser_step(&quick, 0.244e-9);
+        assert!(found.is_some_and(|s| (s / 5.3e-9 - 1.0).abs() < 1e-6), "{found:?}");
+        let noisy: Vec<f64> =
+            quick.iter().enumerate().map(|(k, x)| x + 1e-9 * (k as f64 * 0.77).sin()).collect();
+        assert_eq!(coarser_step(&noisy, 0.244e-9), None);
     }
 }

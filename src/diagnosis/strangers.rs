@@ -1,8 +1,9 @@
-//! Physics outside the vocabulary, in free forms: what explains the mismatch better than every named effect says
-//! that none of them is the cause.
+//! Physics outside the vocabulary, in free forms: what explains the mismatch better than every named effect
+//! says that none of them is the cause.
 //!
-//! Three forms compete: a resonance that some acceleration drives and that shows at an encoder, the stage or the
-//! motor; a free map over velocity; a force that is position times velocity; an error of the scale over position.
+//! Three forms compete: a resonance that some acceleration drives and that shows at an encoder, the stage or
+//! the motor; a free map over velocity; a force that is position times velocity; an error of the scale over
+//! position.
 
 use super::bench::{Bench, Score};
 use super::problem::Problem;

@@ -9,9 +9,11 @@ use crate::plant::effects::{EffectKind as E, ParameterValue, PhysicsTerm, Port};
 use std::f64::consts::TAU;
 
 /// A stated torque constant is good to about one per cent, and every force is measured by it.
-pub(crate) const SCALE_DEVIATION: f64 = 0.006;
+pub(crate) const SCALE_DEVIATION: f64 = 0.008;
 /// Curvature intervals are widened: neighbouring samples of a residual are not quite independent.
-const DEVIATION_FACTOR: f64 = 2.0;
+const DEVIATION_FACTOR: f64 = 3.0;
+/// Where inside a sample the drive takes up a reference is stated nowhere: part of a sample, as a deviation.
+const TAKING_UP_SAMPLES: f64 = 0.03;
 const Z95: f64 = 1.96;
 
 /// Collects estimates with their intervals.
@@ -95,7 +97,11 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
             let w = lag_bandwidth(p, *extra_s);
             s.add_log("bandwidth_rad_s", "rad/s", w, r(0) * (w * extra_s).min(1.0));
         }
-        Shape::Delay { extra_s } => s.add_log("extra_delay_s", "s", *extra_s, r(0)),
+        Shape::Delay { extra_s } => {
+            let rate_hz = p.motions.first().map_or(1.0, |m| m.rate_hz);
+            let taking_up = TAKING_UP_SAMPLES / rate_hz / extra_s / DEVIATION_FACTOR;
+            s.add_log("extra_delay_s", "s", *extra_s, r(0).hypot(taking_up));
+        }
         Shape::Backlash { gap_m } => s.add_log("gap_m", "m", *gap_m, r(0)),
         Shape::Cubic => s.add_force("cubic_n_m3", "N/m3", a(0), d(0)),
         Shape::StiffnessSlope => {
@@ -322,14 +328,21 @@ pub(crate) fn statement(effect: E, port: Port, parameters: &[Estimate]) -> Strin
     let numbers: Vec<String> = parameters
         .iter()
         .filter(|e| e.name != "phase_rad" && e.name != "share" && e.name != "length_m")
-        .map(|e| format!("{} {}", e.name.replace('_', " "), engineering(e.value, e.unit)))
+        .map(|e| format!("{} {}", quantity(&e.name, e.unit), engineering(e.value, e.unit)))
         .collect();
     format!(
-        "The model leaves out {} at the {} ({}).",
+        "The model leaves out {} at the {}: {}.",
         effect.name().replace('_', " "),
         port.name().replace('_', " "),
         numbers.join(", ")
     )
+}
+
+/// A parameter's name without its unit, in words.
+fn quantity(name: &str, unit: &str) -> String {
+    let tail = unit.to_lowercase().replace('/', " ");
+    let words = name.replace('_', " ");
+    words.strip_suffix(&tail).unwrap_or(&words).trim_end().to_owned()
 }
 
 /// A value in the unit of the shop floor: 1.0 um, 165 us, 5.64 N.

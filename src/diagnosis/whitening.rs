@@ -106,7 +106,8 @@ impl Whitener {
     }
 
     fn solve(mut n: Normal, sides: usize) -> Self {
-        // A floor of 1e-3 of the power: the band above the low-pass holds no noise and must not be amplified without end.
+        // A floor of 1e-3 of the power: the band above the low-pass holds no noise and must not be amplified
+        // without end.
         for k in 0..n.normal.nrows() {
             let c = k % sides;
             n.normal[(k, k)] += 1e-3 * n.power[(c, c)] + f64::MIN_POSITIVE;

@@ -5,7 +5,8 @@ use crate::recording::{RecordingError, Table, TableColumn, write_table, write_wh
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// Writes everything but the page for a person. `files`: names of the recordings, `experiments`: their free words.
+/// Writes everything but the page for a person. `files`: names of the recordings, `experiments`: their free
+/// words.
 ///
 /// Errors: the folder cannot be made or a file not written.
 pub fn write(out: &Path, diagnosis: &Diagnosis, files: &[String]) -> Result<(), RecordingError> {
@@ -29,7 +30,10 @@ pub fn to_json(diagnosis: &Diagnosis, files: &[String]) -> Value {
         "location": diagnosis.location.as_ref().map(|l| location(l, diagnosis)),
         "findings": diagnosis.findings.iter().map(finding).collect::<Vec<_>>(),
         "residual_band_hz": diagnosis.residual_band_hz,
-        "noise_floor_n": diagnosis.balances.iter().zip(&diagnosis.noise_floor_n).map(|(b, n)| ((*b).to_owned(), json!(n))).collect::<Map<_, _>>(),
+        "noise_floor_n": noise_floor(diagnosis),
+        "detection_limits": diagnosis.detection_limits.iter().map(|l| json!({
+            "effect": l.effect.name(), "port": l.port.name(), "force_rms_n": l.force_rms_n,
+        })).collect::<Vec<_>>(),
         "parameter_corrections": diagnosis.parameter_corrections.iter().map(|c| json!({
             "name": c.name, "nominal": c.nominal, "value": c.value, "ci95": c.ci95,
         })).collect::<Vec<_>>(),
@@ -38,6 +42,11 @@ pub fn to_json(diagnosis: &Diagnosis, files: &[String]) -> Value {
             "experiment": r.experiment, "rms_before_n": r.rms_before_n, "rms_after_n": r.rms_after_n,
         })).collect::<Vec<_>>(),
     })
+}
+
+fn noise_floor(diagnosis: &Diagnosis) -> Map<String, Value> {
+    let floors = diagnosis.balances.iter().zip(&diagnosis.noise_floor_n);
+    floors.map(|(balance, n)| ((*balance).to_owned(), json!(n))).collect()
 }
 
 fn location(l: &Location, diagnosis: &Diagnosis) -> Value {

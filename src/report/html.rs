@@ -33,6 +33,7 @@ pub fn diagnosis_page(diagnosis: &Diagnosis, context: &ReportContext) -> String 
     }
     corrections(&mut body, diagnosis);
     tried(&mut body, diagnosis);
+    limits(&mut body, diagnosis);
     recordings(&mut body, diagnosis, context);
     footer(&mut body, diagnosis);
     page(&format!("{}: {}", context.machine, headline(diagnosis)), &body)
@@ -375,6 +376,30 @@ fn tried(out: &mut String, d: &Diagnosis) {
          re-estimated with it.{}</p></div>",
         if rest > 0 { format!(" {rest} more gained less.") } else { String::new() }
     );
+}
+
+/// What these recordings would have shown, had it been there: the honest limit of a "nothing else".
+fn limits(out: &mut String, d: &Diagnosis) {
+    if d.detection_limits.is_empty() {
+        return;
+    }
+    out.push_str(
+        "<h2>What would have been seen</h2><div class=\"card\"><table><tr><th>not found</th>\
+         <th class=\"n\">claimed from, N rms</th></tr>",
+    );
+    let mut limits: Vec<_> = d.detection_limits.iter().collect();
+    limits.sort_by(|a, b| a.effect.name().cmp(b.effect.name()).then(a.force_rms_n.total_cmp(&b.force_rms_n)));
+    limits.dedup_by(|a, b| a.effect == b.effect && a.port == b.port);
+    for l in limits {
+        let _ = write!(
+            out,
+            "<tr><td>{} <span class=\"soft\">at the {}</span></td><td class=\"n\">{}</td></tr>",
+            escape(&spoken(l.effect.name())),
+            escape(&spoken(l.port.name())),
+            significant(l.force_rms_n, 2)
+        );
+    }
+    out.push_str("</table></div>");
 }
 
 fn recordings(out: &mut String, d: &Diagnosis, context: &ReportContext) {

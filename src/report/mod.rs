@@ -1,4 +1,5 @@
-//! What leaves the process as files: events, the track, maps, estimators, diagnosis, models, pages for people.
+//! What leaves the process as files: events, the track, maps, estimators, diagnosis, models, pages for
+//! people.
 
 pub mod decisions;
 pub mod diagnosis;

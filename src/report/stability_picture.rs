@@ -1,4 +1,5 @@
-//! The stability map as a picture: growth over the two axes of the grid with the most values, islands and all.
+//! The stability map as a picture: growth over the two axes of the grid with the most values, islands and
+//! all.
 
 use crate::stability::{Grid, GridPoint};
 use plotters::prelude::*;

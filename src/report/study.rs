@@ -88,7 +88,8 @@ impl Rate {
 
 /// Wilson's 95 % interval of a share.
 ///
-/// (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n), z = 1.96. Checked by: tests::wilson_is_the_book_value.
+/// (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n), z = 1.96. Checked by:
+/// tests::wilson_is_the_book_value.
 #[must_use]
 pub fn wilson(hits: usize, of: usize) -> [f64; 2] {
     if of == 0 {

@@ -69,7 +69,8 @@ pub struct Summary {
     pub frequency_hz: Option<f64>,
     /// Pitch difference commanded, rad.
     pub pitch_difference_rad: Option<f64>,
-    /// Power of the band's strongest line in the last second before the command (without one: at the alarm), N2.
+    /// Power of the band's strongest line in the last second before the command (without one: at the alarm),
+    /// N2.
     pub power_before_n2: Option<f64>,
     /// The same in the last quarter of the run, N2.
     pub power_after_n2: Option<f64>,

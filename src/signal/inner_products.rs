@@ -1,8 +1,8 @@
 //! Inner products and short filters over long series, with vector instructions where the processor has them.
 //!
-//! The default target has no fused multiply-add, and `f64::mul_add` without it is a library call. Each kernel is
-//! one generic body, compiled twice; the fast copy is chosen at run time. Both add in the same order, so results
-//! of one processor are equal from run to run.
+//! The default target has no fused multiply-add, and `f64::mul_add` without it is a library call. Each kernel
+//! is one generic body, compiled twice; the fast copy is chosen at run time. Both add in the same order, so
+//! results of one processor are equal from run to run.
 
 /// Partial sums that are kept side by side: four vectors of four.
 const LANES: usize = 16;

@@ -290,7 +290,8 @@ async fn insert_event(connection: &mut SqliteConnection, event: &Event) -> Resul
     Ok(Box::new(Event { sequence: row.try_get(0)?, ..event.clone() }))
 }
 
-/// Events removed for their age at once: a clock that is wrong at the start costs little until it is set right.
+/// Events removed for their age at once: a clock that is wrong at the start costs little until it is set
+/// right.
 const PRUNE_AGED: i64 = 1000;
 /// Events removed at once while the file is too large.
 const PRUNE_CHUNK: i64 = 10_000;

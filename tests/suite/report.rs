@@ -1,8 +1,8 @@
 //! The page for a person: it stands alone, says the sentence, and lets no markup through.
 
 use stillcut::diagnosis::{
-    Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Fit, Location, RecordingFit,
-    TimeSpans, Tried, Verdict,
+    Alternative, Contribution, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit, Location,
+    RecordingFit, TimeSpans, Tried, Verdict,
 };
 use stillcut::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use stillcut::report::html::{ReportContext, diagnosis_page};
@@ -117,6 +117,11 @@ fn diagnosis() -> Diagnosis {
             .into_iter()
             .map(|(effect, evidence)| Tried { effect, port: Port::Stage, evidence })
             .collect(),
+        detection_limits: vec![DetectionLimit {
+            effect: EffectKind::Backlash,
+            port: Port::Coupling,
+            force_rms_n: 0.042,
+        }],
         model: model(),
     }
 }
@@ -128,6 +133,7 @@ fn context() -> ReportContext {
 #[test]
 fn the_page_says_the_sentence_and_the_numbers() {
     let page = diagnosis_page(&diagnosis(), &context());
+    assert!(page.contains("What would have been seen") && page.contains("0.042"));
     for expected in [
         "The model leaves out stribeck friction (stage).",
         "9.97 N",

@@ -33,7 +33,10 @@ fn truth(trial: &Trial, case: &Case) -> Value {
         .map(|h| {
             let parameters: Map<String, Value> =
                 h.parameters.iter().map(|(k, v)| ((*k).to_owned(), json!(v))).collect();
-            json!({"effect": h.name, "port": h.port.name(), "scale": h.depth, "parameters_at_scale_1": parameters})
+            json!({
+                "effect": h.name, "port": h.port.name(), "scale": h.depth,
+                "parameters_at_scale_1": parameters,
+            })
         })
         .collect();
     let d = &case.truth;

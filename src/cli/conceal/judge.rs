@@ -47,7 +47,8 @@ fn truth_of(case: &Case) -> Truth {
     }
 }
 
-/// The whole answer is right: every effect among the first findings, or silence, or the wrong number, or "unknown".
+/// The whole answer is right: every effect among the first findings, or silence, or the wrong number, or
+/// "unknown".
 fn named(d: &Diagnosis, case: &Case) -> bool {
     match truth_of(case) {
         Truth::Healthy => {
@@ -162,7 +163,8 @@ pub(super) fn study_json(study: &Study) -> Value {
         .map(|o| {
             let said: Vec<Value> = o.said.iter().map(|(e, p)| json!({"effect": e, "port": p})).collect();
             json!({
-                "hidden": o.label, "depth": o.depth, "seed": o.seed, "verdict": o.verdict.name(), "findings": said,
+                "hidden": o.label, "depth": o.depth, "seed": o.seed, "verdict": o.verdict.name(),
+                "findings": said,
                 "noticed": o.noticed, "right": o.named, "port_right": o.port_right,
                 "intervals": o.intervals, "intervals_holding_truth": o.covered,
                 "contribution_r2": o.agreement, "heldout_over_floor": o.heldout_over_floor,
@@ -174,7 +176,8 @@ pub(super) fn study_json(study: &Study) -> Value {
         .iter()
         .map(|r| {
             json!({
-                "hidden": r.label, "depth": r.depth, "machines": r.machines, "noticed": r.noticed, "right": r.named,
+                "hidden": r.label, "depth": r.depth, "machines": r.machines, "noticed": r.noticed,
+                "right": r.named,
                 "port_right": r.port_right, "right_ci95": r.named_ci95(),
             })
         })

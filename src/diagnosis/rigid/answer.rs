@@ -78,10 +78,12 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
             .iter()
             .map(|(e, p, v)| Tried { effect: Some(*e), port: *p, evidence: *v })
             .collect(),
+        detection_limits: Vec::new(),
     }
 }
 
-/// What a residual holds that changes from row to row: second differences of white noise have the factor root 6.
+/// What a residual holds that changes from row to row: second differences of white noise have the factor root
+/// 6.
 fn floor(residual: &[f64]) -> f64 {
     let second: Vec<f64> = residual.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]).collect();
     (rms(&second) / 6.0_f64.sqrt()).min(rms(residual))
@@ -162,7 +164,11 @@ impl Context<'_> {
             port,
             parameters: parameters
                 .iter()
-                .map(|e| (e.name.clone(), ParameterValue::Number(e.value)))
+                .map(|e| {
+                    // What the slope makes at the mean speed is said to a person; the model has the slope.
+                    let told = matches!(law, Law::DirectionalViscous) && e.name == "force_difference_n";
+                    (e.name.clone(), ParameterValue::Number(if told { 0.0 } else { e.value }))
+                })
                 .collect(),
         };
         Finding {
@@ -279,7 +285,7 @@ impl Context<'_> {
             let (value, half) = (factor * f.amplitudes[0], (factor * Z95 * f.deviations[0]).abs());
             Estimate { name: name.to_owned(), value, unit, ci95: [value - half, value + half] }
         };
-        vec![make("force_difference_n", "N", 2.0 * mean), make("n_s_m_difference", "N s/m", 2.0)]
+        vec![make("force_difference_n", "N", 2.0 * mean), make("viscous_difference_n_s_m", "N s/m", 2.0)]
     }
 
     fn friction_level(&self) -> f64 {
@@ -289,7 +295,8 @@ impl Context<'_> {
             .map_or(0.0, |f| f.amplitudes[0].abs())
     }
 
-    /// Numbers of the drive that differ by more than four standard deviations and more than they are known to.
+    /// Numbers of the drive that differ by more than four standard deviations and more than they are known
+    /// to.
     fn corrections(&self) -> Vec<Correction> {
         let d = &self.axis.drive;
         let mut list = Vec::new();
@@ -361,31 +368,31 @@ impl Context<'_> {
     fn nominal_residual(&self) -> Vec<f64> {
         let d = &self.axis.drive;
         let mut left = self.search.rows.target.clone();
-        let mut take = |law: Law, amplitude: f64| {
-            for (r, c) in left.iter_mut().zip(self.search.columns(law).iter().flatten()) {
-                *r -= amplitude * c;
+        let mut take = |law: Law, amplitudes: &[f64]| {
+            for (column, amplitude) in self.search.columns(law).iter().zip(amplitudes) {
+                left.iter_mut().zip(column).for_each(|(r, c)| *r -= amplitude * c);
             }
         };
         for t in &self.search.terms {
             if let Origin::Number(key) = t.origin {
                 match key {
-                    "movable_mass_kg" => take(Law::Inertia, d.total_mass_kg()),
+                    "movable_mass_kg" => take(Law::Inertia, &[d.total_mass_kg()]),
                     "translational_damping_n_s_m" => {
-                        take(Law::Viscous, d.translational_damping_n_s_m() + d.reflected_damping_n_s_m());
+                        let damping = d.translational_damping_n_s_m() + d.reflected_damping_n_s_m();
+                        take(Law::Viscous, &[damping]);
                     }
                     "stage_coulomb_friction_n" => {
                         let level = d.stage_coulomb_friction_n() + d.motor_coulomb_friction_n();
-                        take(Law::Friction(Slider::STEP), level);
+                        take(Law::Friction(Slider::STEP), &[level]);
                     }
                     _ => {}
                 }
             }
         }
         for p in &self.axis.physics {
-            let amplitude = p.number("force_n").or_else(|| p.number("n_s_m"));
-            if let (Some(term), Some(amplitude)) = (super::given(p, &self.axis.physics), amplitude) {
-                take(term.law, amplitude);
-            }
+            let Some(law) = super::given(p, &self.axis.physics).map(|term| term.law) else { continue };
+            let Some(amplitudes) = law.stated_amplitudes(p, self.friction_level()) else { continue };
+            take(law, &amplitudes);
         }
         left
     }
@@ -414,7 +421,8 @@ fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static str) {
         ),
         Law::Friction(s) if s.yield_m > 0.0 => (
             format!(
-                "Friction of {} turns over with the distance after a reversal, not with the speed: a stiffness of {}.",
+                "Friction of {} turns over with the distance after a reversal, not with the speed: a \
+                 stiffness of {}.",
                 n("force_n", "N"),
                 n("presliding_stiffness_n_m", "N/m")
             ),
@@ -431,7 +439,7 @@ fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static str) {
         Law::DirectionalViscous => (
             format!(
                 "Viscous friction differs by {} between the directions, {} at the mean speed.",
-                n("n_s_m_difference", "N s/m"),
+                n("viscous_difference_n_s_m", "N s/m"),
                 n("force_difference_n", "N")
             ),
             "F = (C_difference/2) |v|",
@@ -491,14 +499,16 @@ fn spelled(value: f64, unit: &str) -> String {
 fn next(effect: EffectKind) -> &'static str {
     match effect {
         EffectKind::GravityLoad | EffectKind::AsymmetricFriction => {
-            "Rest for a second at several places with the drive on, between slow strokes in both directions: a weight holds at \
-             rest, a difference of friction does not."
+            "Rest for a second at several places with the drive on, between slow strokes in both directions: a \
+             weight holds at rest, a difference of friction does not."
         }
         EffectKind::CoulombFriction | EffectKind::PreslidingFriction | EffectKind::Backlash => {
-            "Reversals of 10 um to 1 mm at less than 1 mm/s, both under load from one side and from the other."
+            "Reversals of 10 um to 1 mm at less than 1 mm/s, both under load from one side and from the \
+             other."
         }
         EffectKind::ViscousFriction | EffectKind::NonlinearViscosity | EffectKind::StribeckFriction => {
-            "Strokes at constant speed, at least six speeds from creep to traverse, both directions, same path."
+            "Strokes at constant speed, at least six speeds from creep to traverse, both directions, same \
+             path."
         }
         EffectKind::FrictionDrift => {
             "The same stroke once a minute from cold until nothing changes any more."

@@ -97,7 +97,8 @@ pub(super) fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
-/// How many rows there are for each one that is independent: 1 + 2 sum of the autocorrelation while it is positive.
+/// How many rows there are for each one that is independent: 1 + 2 sum of the autocorrelation while it is
+/// positive.
 pub(super) fn correlation_rows(residual: &[f64]) -> f64 {
     let n = residual.len();
     let power: f64 = residual.iter().map(|r| r * r).sum();

@@ -1,7 +1,7 @@
 //! Laws of force that one position can carry, as columns of a regression.
 
 use super::signals::Series;
-use crate::plant::effects::{EffectKind, Port};
+use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
 use std::f64::consts::TAU;
 
 /// A law with its inner constants; its amplitudes are what the regression finds.
@@ -106,6 +106,28 @@ impl Law {
         }
     }
 
+    /// Factors of the columns as a model states them; nothing where it does not. `friction_n`: level that a
+    /// relative change refers to. Inverse of what the answer writes.
+    pub(super) fn stated_amplitudes(self, term: &PhysicsTerm, friction_n: f64) -> Option<Vec<f64>> {
+        let get = |name: &str| term.number(name);
+        let one = match self {
+            Law::Viscous | Law::Inertia => get("n_s_m")?,
+            Law::Constant | Law::Friction(_) => get("force_n")?,
+            Law::DirectionalDry(_) => 0.5 * get("force_difference_n")?,
+            Law::DirectionalViscous => 0.5 * get("viscous_difference_n_s_m")?,
+            Law::Square => get("n_s2_m2")?,
+            Law::Stribeck { .. } => get("stribeck_force_n")?,
+            Law::Drift { .. } => get("relative_change")? * friction_n,
+            Law::Wave { .. } => {
+                let (sin, cos) = get("phase_rad").unwrap_or(0.0).sin_cos();
+                let amplitude = get("amplitude_n")?;
+                return Some(vec![amplitude * cos, amplitude * sin]);
+            }
+            Law::Spring { .. } | Law::Cubic { .. } => return None,
+        };
+        Some(vec![one])
+    }
+
     /// Name in the vocabulary, and where it enters.
     pub(super) fn effect(self) -> (EffectKind, Port) {
         use EffectKind as E;
@@ -198,7 +220,8 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
         list.push(Law::Cubic { centre_m });
         return list;
     }
-    // Velocity laws need more than one speed; where there is one, they are each other's twins and the order decides.
+    // Velocity laws need more than one speed; where there is one, they are each other's twins and the order
+    // decides.
     list.extend([Law::Viscous, Law::DirectionalDry(slider), Law::DirectionalViscous, Law::Square]);
     list.extend(
         geometric(5.0 * scales.smoothing_m_s, 0.5 * scales.fastest_m_s, 12)
@@ -217,7 +240,8 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     list
 }
 
-/// Springs with a gap, evenly over the travel: behind a stiff spring a gap must be met to a few hundredths of it.
+/// Springs with a gap, evenly over the travel: behind a stiff spring a gap must be met to a few hundredths of
+/// it.
 pub(super) fn gaps(stroke_m: f64, centre_m: f64) -> impl Iterator<Item = Law> {
     (1..50).flat_map(move |k| {
         let gap_m = 0.02 * f64::from(k) * stroke_m;
@@ -262,7 +286,8 @@ mod tests {
 
     #[test]
     fn a_slider_is_silent_in_its_gap_and_slides_beyond_its_yield() {
-        // From +1 after a reversal: yields over 1 mm to zero, silent over the gap of 2 mm, then rises over 1 mm to -1.
+        // From +1 after a reversal: yields over 1 mm to zero, silent over the gap of 2 mm, then rises over 1
+        // mm to -1.
         let state = Slider { yield_m: 1.0e-3, gap_m: 2.0e-3 }.state(&triangle(), 1.0e-4);
         assert!((state[99] - 1.0).abs() < 1.0e-9);
         assert!((state[100 + 5] - 0.5).abs() < 0.02, "half unloaded after 0.5 mm: {}", state[105]);

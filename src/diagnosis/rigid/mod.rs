@@ -1,7 +1,7 @@
 //! Axes with one position: rigid ones, semi-closed ones, friction devices, and outputs that are locked.
 //!
 //! ```text
-//!   F(t) = M a + C v + F_c state(x) + F_0 + ...        rigid: the state is sgn v, or a slider behind spring and gap
+//!   F(t) = M a + C v + F_c state(x) + F_0 + ...        rigid; the state: sgn v, or a slider behind a gap
 //!   F(t) = K dz(x - x0, gap) + F_c state(x) + F_0      output locked to the frame
 //! ```
 //! There is one balance, so no port can be told from its side; laws are told apart by what they are
@@ -126,7 +126,9 @@ fn given(term: &PhysicsTerm, all: &[PhysicsTerm]) -> Option<Term> {
         EffectKind::CoulombFriction => Law::Friction(Slider::STEP),
         EffectKind::GravityLoad => Law::Constant,
         EffectKind::NonlinearViscosity => Law::Square,
-        EffectKind::AsymmetricFriction if term.number("n_s_m_difference").is_some() => {
+        EffectKind::AsymmetricFriction
+            if term.number("viscous_difference_n_s_m").is_some_and(|slope| slope != 0.0) =>
+        {
             Law::DirectionalViscous
         }
         EffectKind::AsymmetricFriction => Law::DirectionalDry(Slider::STEP),

@@ -7,7 +7,8 @@ use crate::plant::effects::{EffectKind, Port};
 
 /// Findings of one diagnosis.
 const MOST_FINDINGS: usize = 7;
-/// Chance at which a law may enter a model that needs none: the evidence it must bring is 2 ln(laws tried / this).
+/// Chance at which a law may enter a model that needs none: the evidence it must bring is 2 ln(laws tried /
+/// this).
 const CHANCE: f64 = 1.0e-3;
 /// Share by which the held-out residual must fall.
 const LEAST_SHARE: f64 = 0.01;

@@ -89,7 +89,8 @@ pub enum CaseError {
     },
     /// The judge simulates two inertias.
     #[error(
-        "axis {axis} states no {key}; a machine is drawn around an axis of two inertias with a torque constant"
+        "axis {axis} states no {key}; a machine is drawn around an axis of two inertias with a torque \
+         constant"
     )]
     Structure {
         /// Axis.

@@ -273,7 +273,8 @@ impl Plant {
         Self { drive: self.drive.clone(), physics, texture: self.texture.clone() }
     }
 
-    /// What the physics beyond the structure adds at this instant, N: at the motor, in the spring, at the stage.
+    /// What the physics beyond the structure adds at this instant, N: at the motor, in the spring, at the
+    /// stage.
     pub(super) fn hidden_forces(&self, bare: &Self, (t_s, s, u): (f64, &State, &Drivers)) -> [f64; 3] {
         let (mut a, mut b) = ([0.0; STATES], [0.0; STATES]);
         let stage = bare.stage_force(t_s, s, &mut b) - self.stage_force(t_s, s, &mut a);

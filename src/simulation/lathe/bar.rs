@@ -57,7 +57,8 @@ impl Bar {
     /// Modes with the tools at `position_m` from the chuck and everything beyond turned down.
     ///
     /// First mode by Rayleigh's quotient with the unworn shape: area falls with d^2, moment of area with
-    /// d^4, weighted by phi^2 and phi''^2 of the turned part. Checked by: `turning_down_the_end_raises_the_frequency`.
+    /// d^4, weighted by phi^2 and phi''^2 of the turned part. Checked by:
+    /// `turning_down_the_end_raises_the_frequency`.
     #[must_use]
     pub fn modes_at(&self, position_m: f64) -> Vec<ModeAt> {
         let share = (position_m / self.workpiece.projection_length_m()).clamp(0.0, 1.0);

@@ -62,8 +62,8 @@ pub struct LatheSettings {
 }
 
 impl LatheSettings {
-    /// An ideal cut of `scenario`: one mode, rigid turrets, no noise, a tap of 10 pm/s to start with: by the time vibration is
-    /// visible, the rightmost root has left the others behind.
+    /// An ideal cut of `scenario`: one mode, rigid turrets, no noise, a tap of 10 pm/s to start with: by the
+    /// time vibration is visible, the rightmost root has left the others behind.
     ///
     /// Its small vibration follows the two-delay characteristic equation.
     #[must_use]

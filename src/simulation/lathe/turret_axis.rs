@@ -278,7 +278,8 @@ mod tests {
 
     #[test]
     fn stage_motion_under_chatter_is_inertia() {
-        // Far above the resonance the stage answers with F / (M omega^2): 50 N at 650 Hz move 150 kg by 20 nm.
+        // Far above the resonance the stage answers with F / (M omega^2): 50 N at 650 Hz move 150 kg by 20
+        // nm.
         let mut axis = TurretAxis::new(AxisSettings::rolling(true), RATE_HZ);
         let mut largest: f64 = 0.0;
         for i in 0..18_000 {
