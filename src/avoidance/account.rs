@@ -152,7 +152,8 @@ pub fn settings_digest(settings: &AvoidanceSettings) -> u64 {
     digest.value()
 }
 
-/// Makes every decision of the account again. Errors: it is damaged, of other settings, or something differs in any bit.
+/// Makes every decision of the account again. Errors: it is damaged, of other settings, or something
+/// differs in any bit.
 /// Checked by: `decisions_are_made_again`, `suite/evidence.rs`.
 pub fn decide_again(avoidance: &Avoidance, account: &Account) -> Result<Vec<Look>, AccountError> {
     if settings_digest(avoidance.settings()) != account.settings {

@@ -147,6 +147,12 @@ pub fn pitch_for_attempt_rad(
     Ok(if attempt == 0 { opposed } else { 0.85 * opposed })
 }
 
+/// A speed that a lathe's spindle can have while it cuts: 10 to 100 000 rpm.
+#[must_use]
+pub fn plausible_speed(rpm: f64) -> Option<SpindleSpeed> {
+    if (10.0..=100_000.0).contains(&rpm) { SpindleSpeed::from_rpm(rpm).ok() } else { None }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,7 +1,7 @@
 //! The decision, once an interval.
 
 use super::best_pitch::{PitchAdvice, PitchQuestion, best_pitch};
-use super::choice::{GrowthMeter, TrackedLines, pitch_for_attempt_rad};
+use super::choice::{GrowthMeter, TrackedLines, pitch_for_attempt_rad, plausible_speed};
 use super::identified::HeardLine;
 use super::pitch::{pitch_of_shift_rad, tool_shift};
 use super::{AvoidanceSettings, Command, CommandKind, Decision, HoldReason, Mode, Situation, TurretMotion};
@@ -214,7 +214,8 @@ impl Avoidance {
         state.clock_stepped = false;
         state.latest_now_s = now.now_s;
         let begins = self.listen(state, now);
-        // A command at the onset finds the line still growing: what the pitch is judged against is its loudest before the
+        // A command at the onset finds the line still growing: what the pitch is judged against is its
+        // loudest before the
         // first look.
         if let Some(trial) = &mut state.trial
             && trial.intervals == 0
@@ -228,7 +229,8 @@ impl Avoidance {
         if left_act && state.target.take().is_some() {
             return self.leave_act(state, now);
         }
-        // Chatter that has just been declared does not wait for the interval, if the last command is that old.
+        // Chatter that has just been declared does not wait for the interval, if the last command is that
+        // old.
         let at_once =
             begins && state.trial.is_none() && now.now_s - state.last_command_s >= self.settings.interval_s;
         if now.now_s < state.next_due_s && !at_once {
@@ -322,7 +324,8 @@ impl Avoidance {
         Decision::Hold(reason)
     }
 
-    /// Silence of the samples beyond a second latches the return; looked at on every call, not once an interval.
+    /// Silence of the samples beyond a second latches the return; looked at on every call, not once an
+    /// interval.
     fn watch_silence(&self, state: &mut AvoidanceState, now: &Situation) {
         let silent = now.newest_sample_s.is_none_or(|t| !(now.now_s - t <= STALE_RETURN_S));
         if silent && state.target.is_some() {
@@ -594,9 +597,4 @@ impl Avoidance {
             offsets_m: [0.0; MAX_AXES],
         }
     }
-}
-
-/// A speed that a lathe's spindle can have while it cuts: 10 to 100 000 rpm.
-fn plausible_speed(rpm: f64) -> Option<SpindleSpeed> {
-    if (10.0..=100_000.0).contains(&rpm) { SpindleSpeed::from_rpm(rpm).ok() } else { None }
 }

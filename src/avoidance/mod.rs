@@ -1,13 +1,15 @@
 //! What to do about chatter: which pitch angle difference, whether it may be made now, and whether it helped.
 //!
 //! ```text
-//!  heard lines --> choice of pitch --> Avoidance::decide, once an interval --> Command | Advice | Hold(reason)
+//!  heard lines --> choice of pitch --> Avoidance::decide, once an interval --> Command | Advice |
+//! Hold(reason)
 //!  turret report, interlock, mode, ages ----------^                                 |
 //!                                                                      Guard (last look, trusts nobody)
 //! ```
 //!
 //! Pure logic: time is an argument, nothing is read or sent here. Every interval ends in one decision; a
-//! decision not to act is a value with a reason from a closed list. `guard::Guard` and `invariants::InvariantMonitor` share no
+//! decision not to act is a value with a reason from a closed list. `guard::Guard` and
+//! `invariants::InvariantMonitor` share no
 //! code with the decision.
 //!
 //! This is advice to a motion controller, not a safety function: the machine must be safe with any output.
@@ -59,7 +61,8 @@ pub struct AvoidanceSettings {
     pub report_deadline_s: f64,
     /// Distance from a commanded offset that counts as reached.
     pub reached_m: f64,
-    /// Bar and cut as the operator stated them: the choice of pitch by the two-delay model starts here. `None`: eq. (6-10) alone.
+    /// Bar and cut as the operator stated them: the choice of pitch by the two-delay model starts here.
+    /// `None`: eq. (6-10) alone.
     pub stated: Option<identified::StatedCut>,
 }
 

@@ -56,7 +56,8 @@ crate::keyframe::keep!(BankEvidence {
 });
 
 pub(super) const BANKS: usize = 4;
-/// The bank that places a line: as long as a line needs to tell it from the orders, short enough to fill while chatter grows.
+/// The bank that places a line: as long as a line needs to tell it from the orders, short enough to fill
+/// while chatter grows.
 pub(super) const PLACED: usize = 2;
 
 /// Contrast at which a line is looked at.
@@ -71,9 +72,11 @@ const LEAVE: f64 = 5.0;
 const HOLD_S: f64 = 0.045;
 /// And its frequency must have stood for this long.
 const STANDS_S: f64 = 0.035;
-/// A line this far from the orders, in half bandwidths of the filter, is none of them: they are down by 13 dB there.
+/// A line this far from the orders, in half bandwidths of the filter, is none of them: they are down by 13
+/// dB there.
 const BETWEEN: f64 = 1.8;
-/// Noise that a lightly damped lobe colours swells for some hundredths of a second; a line that has not lasted longer than
+/// Noise that a lightly damped lobe colours swells for some hundredths of a second; a line that has not
+/// lasted longer than
 /// that must stand out by so much more. Chatter at 20 1/s gains it in 12 ms.
 const NOISE_LASTS_S: f64 = 0.12;
 const YOUNG: f64 = 1.6;
@@ -350,7 +353,8 @@ pub(super) fn on_an_order(line: &BankEvidence, evidence: &Evidence) -> bool {
     apart < if evidence.orders_young { 0.12 } else { blurred }
 }
 
-/// Whether a window tells a line from the orders on both sides of it: two orders that are not known yet add up to no line
+/// Whether a window tells a line from the orders on both sides of it: two orders that are not known yet add
+/// up to no line
 /// that stands between them where the filter's side is down.
 pub(super) fn between_orders(line: &BankEvidence, speed_hz: f64) -> bool {
     let order = line.frequency_hz / speed_hz.max(f64::MIN_POSITIVE);

@@ -43,7 +43,8 @@ pub struct ChatterOutput {
     pub contrast: f64,
     /// Rate of growth of the line's amplitude, while there is one.
     pub growth_1_s: Option<f64>,
-    /// Variance of the band over the last quarter second over what it usually is (thesis 6.3): a second opinion that
+    /// Variance of the band over the last quarter second over what it usually is (thesis 6.3): a second
+    /// opinion that
     /// knows nothing of lines. 1 is noise.
     pub variance_ratio: f64,
     /// What began or ended with this sample.

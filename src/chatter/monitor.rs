@@ -60,7 +60,8 @@ const NOISE_MEMORY_S: f64 = 15.0;
 /// What is known of the noise counts as this many looks after the cut changed. Longer windows see the lobes
 /// of the new cut as lines: they are trusted less.
 const DOUBT_LOOKS: [f64; BANKS] = [10.0, 10.0, 8.0, 6.0];
-/// All of the band this much louder than learned, for so many decisions (32 ms), is another cut: what is known of the noise
+/// All of the band this much louder than learned, for so many decisions (32 ms), is another cut: what is
+/// known of the noise
 /// of the old one says little of the shape of the new.
 const LOUDER: f64 = 3.0;
 const LOUDER_LOOKS: u32 = 8;
@@ -128,7 +129,8 @@ pub struct ChatterState {
     louder: u32,
     /// Decisions in a row in which what stands out is a spindle order, and until when that is to be expected.
     order_line: u32,
-    /// Decisions in a row in which the short windows see all of the band louder, and until when that is one event.
+    /// Decisions in a row in which the short windows see all of the band louder, and until when that is one
+    /// event.
     wide: u32,
     wide_until_s: f64,
     orders_new_until_s: f64,
@@ -224,8 +226,10 @@ impl ChatterMonitor {
         }
     }
 
-    /// Lets the watched band follow the bar: diameter, projection length or tool position changed. Lines count in
-    /// the new band at once. False when it reaches beyond what this monitor was designed for: it needs a new one.
+    /// Lets the watched band follow the bar: diameter, projection length or tool position changed. Lines
+    /// count in
+    /// the new band at once. False when it reaches beyond what this monitor was designed for: it needs a
+    /// new one.
     #[must_use]
     pub fn follow(&self, state: &mut ChatterState, band: Band) -> bool {
         let watched = Watched::new(band, self.mix.centre_hz(), 1.0);
@@ -298,7 +302,8 @@ impl ChatterMonitor {
         let phase = state.detector.phase();
         let adapt = phase != Phase::Chatter;
         let value = if state.speed_hz > 0.0 {
-            // The band is as old as the mixer's filter is long; so must be the angle that its orders stand at.
+            // The band is as old as the mixer's filter is long; so must be the angle that its orders stand
+            // at.
             let angle_turns = state.angle_turns - state.speed_hz * self.mix.delay_s();
             let (mixer, speed_hz) = (state.mixer, state.speed_hz);
             let drift_hz = self.mix.centre_hz() * self.relative_speed_change_1_s(state);
@@ -393,7 +398,8 @@ impl ChatterMonitor {
         self.report(state, &evidence);
     }
 
-    /// All windows agree that the band as a whole is louder than learned: the tools entered, depth or material changed.
+    /// All windows agree that the band as a whole is louder than learned: the tools entered, depth or
+    /// material changed.
     /// Loud chatter raises all of the band too, but stands far above it.
     fn watch_level(&self, state: &mut ChatterState, common: f64, clearest: f64) {
         let no_line = state.detector.phase() != Phase::Chatter && clearest < CLEAR_LINE;
@@ -405,7 +411,8 @@ impl ChatterMonitor {
         }
     }
 
-    /// The short windows see all of the band louder at once: tools enter or leave, or something is hit. Which of it repeats
+    /// The short windows see all of the band louder at once: tools enter or leave, or something is hit.
+    /// Which of it repeats
     /// with the spindle is known after one turn.
     fn watch_width(&self, state: &mut ChatterState, t_s: f64) {
         let wide = state.bank_common[0].min(state.bank_common[1]) > LOUDER;
@@ -417,7 +424,8 @@ impl ChatterMonitor {
         }
     }
 
-    /// What stands out is a spindle order that the notches do not know: the cut that makes it is another. They start anew.
+    /// What stands out is a spindle order that the notches do not know: the cut that makes it is another.
+    /// They start anew.
     fn watch_orders(&self, state: &mut ChatterState, evidence: &Evidence) {
         let stands_out = evidence.banks[2].contrast > evidence.banks[2].suspect;
         let order = stands_out

@@ -10,7 +10,8 @@ const APART: f64 = 0.25;
 const STANDS_OUT: f64 = 12.0;
 /// Of each decision in the mean of the power: 0.6 s.
 const SHARE: f64 = 0.0067;
-/// Variance over the square of the mean. Noise has 1; over the 1.2 s that the mean is of, five to eight independent looks.
+/// Variance over the square of the mean. Noise has 1; over the 1.2 s that the mean is of, five to eight
+/// independent looks.
 const STEADY: f64 = 0.06;
 /// How long a line must have been there.
 const LASTS_S: f64 = 1.0;

@@ -1,4 +1,5 @@
-//! The part of the designed band in which a line counts: it follows the bar, and widens when a line sits at its edge.
+//! The part of the designed band in which a line counts: it follows the bar, and widens when a line sits at
+//! its edge.
 
 use super::band::Band;
 

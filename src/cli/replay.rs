@@ -308,7 +308,8 @@ impl<'a> ServoColumns<'a> {
     }
 }
 
-/// Option, configuration, recording's band, recording's workpiece, in this order; `None`: the configuration's.
+/// Option, configuration, recording's band, recording's workpiece, in this order; `None`: the
+/// configuration's.
 fn band_of(
     arguments: &Arguments,
     recording: &Recording,

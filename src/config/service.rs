@@ -200,7 +200,8 @@ pub struct FleetConfig {
 /// The configuration of the service, checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServiceConfig {
-    /// Binary that diagnoses run in, in a process of their own; `None`: the one that runs now. Not in the file.
+    /// Binary that diagnoses run in, in a process of their own; `None`: the one that runs now. Not in the
+    /// file.
     pub program: Option<PathBuf>,
     /// Drives of the axes.
     pub machine: Machine,

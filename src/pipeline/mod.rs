@@ -84,7 +84,8 @@ pub struct Pipeline {
     settings: PipelineSettings,
     channels: Vec<Channel>,
     monitor: ChatterMonitor,
-    /// What the page shows: single precision errs by 5e-6 of the strongest line and does not drift. What is tracked and
+    /// What the page shows: single precision errs by 5e-6 of the strongest line and does not drift. What is
+    /// tracked and
     /// decided is computed in double precision by the monitors.
     spectrum: SlidingDft<f32>,
     states: Vec<ChannelState>,
@@ -148,7 +149,8 @@ impl Pipeline {
         &self.settings
     }
 
-    /// Watched band, Hz: as planned, narrower where the tools are near the chuck, wider where a line sits at its edge.
+    /// Watched band, Hz: as planned, narrower where the tools are near the chuck, wider where a line sits
+    /// at its edge.
     #[must_use]
     pub fn band_hz(&self) -> [f64; 2] {
         let band = self.monitor.settings().band;
@@ -159,7 +161,8 @@ impl Pipeline {
             .unwrap_or([band.low_hz(), band.high_hz()])
     }
 
-    /// Lets the band follow the tools along the bar, four times a second, while no chatter is heard. It stays inside of
+    /// Lets the band follow the tools along the bar, four times a second, while no chatter is heard. It
+    /// stays inside of
     /// what the monitors were designed for.
     fn follow_tools(&mut self, sample: &ServoSample) {
         let Some(tools) = &self.settings.tools else { return };

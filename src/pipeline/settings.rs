@@ -64,7 +64,8 @@ impl BandPlan {
         }
     }
 
-    /// The same with the tools at `position_m` from the chuck: the nearer they are to it the less the cut holds the bar.
+    /// The same with the tools at `position_m` from the chuck: the nearer they are to it the less the cut
+    /// holds the bar.
     /// Never beyond [`Self::band`]. Errors: as [`Self::band`].
     pub fn band_at(&self, position_m: f64) -> Result<Band, BandError> {
         let BandPlan::Cut(workpiece, cutting) = self else { return self.band() };

@@ -1,4 +1,5 @@
-//! The looks at the turret decision of the last seconds, kept beside the black box: with the samples they make
+//! The looks at the turret decision of the last seconds, kept beside the black box: with the samples they
+//! make
 //! every decision repeatable.
 //!
 //! All memory is taken at the start. A page begins with the state of the decision; when it is full the oldest

@@ -97,7 +97,8 @@ fn the_same_samples_give_the_same_answers() {
     assert_eq!(outputs(&mut first, &stream), outputs(&mut second, &stream));
 }
 
-/// A deep cut holds the bar at its free end and hardly near the chuck: the band narrows as the tools travel, and
+/// A deep cut holds the bar at its free end and hardly near the chuck: the band narrows as the tools
+/// travel, and
 /// a replay from a keyframe in the middle says the same.
 #[test]
 fn the_band_follows_the_tools() {
