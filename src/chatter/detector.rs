@@ -13,6 +13,10 @@ pub(super) struct Evidence {
     pub(super) banks: [BankEvidence; BANKS],
     /// Whether a turn has passed since the cut changed, so that spindle orders are known.
     pub(super) orders_known: bool,
+    /// Whether all of the band became louder at once some turns ago: a hit rings between the orders too.
+    pub(super) wide: bool,
+    /// Within one turn of that: it must repeat before it means anything.
+    pub(super) held_off: bool,
     /// Whether the orders may still be building up: few turns since the cut changed.
     pub(super) orders_young: bool,
     /// Turns per second; 0 where it is not known.
@@ -279,7 +283,9 @@ impl Detector {
         }
         let steady = self.steadiness.steady(evidence.t_s) && evidence.orders_known;
         let declares = |(k, b): &(usize, &BankEvidence)| {
-            (evidence.orders_known || (*k <= PLACED && between_orders(b, evidence.speed_hz)))
+            !evidence.held_off
+                && (evidence.orders_known
+                    || (!evidence.wide && *k <= PLACED && between_orders(b, evidence.speed_hz)))
                 && self.steadiness.held_s(*k, evidence.t_s) > STANDS_S
                 && b.growth_1_s > FADING_1_S
                 && b.contrast > b.confirm * if age_s > NOISE_LASTS_S { 1.0 } else { YOUNG }

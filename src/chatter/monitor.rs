@@ -133,6 +133,8 @@ pub struct ChatterState {
     /// event.
     wide: u32,
     wide_until_s: f64,
+    /// Until when nothing is declared for it; 0: nothing is held off.
+    held_off_s: f64,
     orders_new_until_s: f64,
     /// Until when the noise is learned fast, in seconds heard.
     relearn_until_s: f64,
@@ -142,7 +144,8 @@ pub struct ChatterState {
 crate::keyframe::keep!(ChatterState {
     samples, mix, mixer, orders, banks, baselines, angle_turns, newest_speed_hz, speed_hz, earlier_speed_hz,
     until_decision, decisions, bank_evidence, bank_common, heard_s, level, detector, track_hz, watched, hop,
-    variance_n2, usual_variance_n2, louder, order_line, wide, wide_until_s, orders_new_until_s, relearn_until_s, latest
+    variance_n2, usual_variance_n2, louder, order_line, wide, wide_until_s,
+    held_off_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0);
 
 impl ChatterMonitor {
@@ -212,6 +215,7 @@ impl ChatterMonitor {
             order_line: 0,
             wide: 0,
             wide_until_s: 0.0,
+            held_off_s: 0.0,
             orders_new_until_s: 0.0,
             relearn_until_s: 0.0,
             latest: ChatterOutput {
@@ -349,6 +353,8 @@ impl ChatterMonitor {
             t_s,
             banks: state.bank_evidence,
             orders_known,
+            wide: t_s < state.wide_until_s,
+            held_off: t_s < state.held_off_s,
             orders_young: state.speed_hz > 0.0 && self.orders.turns_known(&state.orders) < YOUNG_TURNS,
             speed_hz: state.speed_hz,
             speed_change_hz_s: (state.speed_hz - state.earlier_speed_hz) / SPEED_LAG_S,
@@ -411,15 +417,25 @@ impl ChatterMonitor {
         }
     }
 
-    /// The short windows see all of the band louder at once: tools enter or leave, or something is hit.
-    /// Which of it repeats
-    /// with the spindle is known after one turn.
+    /// The short windows see all of the band louder at once: tools enter or leave, or something is hit. Nothing is
+    /// declared for one turn; where all of the band is still louder then, it is no ring: the notches start anew.
     fn watch_width(&self, state: &mut ChatterState, t_s: f64) {
-        let wide = state.bank_common[0].min(state.bank_common[1]) > LOUDER;
-        state.wide = if wide && state.detector.phase() != Phase::Chatter { state.wide + 1 } else { 0 };
-        if state.wide == WIDE_LOOKS && state.speed_hz > 0.0 && t_s > state.wide_until_s {
-            self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
-            state.detector.forget_suspicion();
+        let louder = state.bank_common[0].min(state.bank_common[1]) > LOUDER;
+        let wide = louder && state.detector.phase() != Phase::Chatter;
+        state.wide = if wide { state.wide + 1 } else { 0 };
+        if state.speed_hz <= 0.0 {
+            return;
+        }
+        if state.held_off_s > 0.0 && t_s >= state.held_off_s {
+            state.held_off_s = 0.0;
+            if wide {
+                self.orders
+                    .restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
+                state.detector.forget_suspicion();
+            }
+        }
+        if state.wide >= WIDE_LOOKS && t_s > state.wide_until_s {
+            state.held_off_s = t_s + 1.0 / state.speed_hz;
             state.wide_until_s = t_s + YOUNG_TURNS / state.speed_hz;
         }
     }
