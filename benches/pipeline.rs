@@ -43,6 +43,7 @@ fn pipeline(axes: usize, rate_hz: f64, drive: &DriveParams) -> Pipeline {
         sample_rate: SampleRate::new(rate_hz).expect("positive"),
         axes: (0..axes).map(plan).collect(),
         band: BandPlan::Stated(Band::new(500.0, 700.0).expect("a band")),
+        tools: None,
     };
     Pipeline::new(settings).expect("valid settings")
 }

@@ -195,6 +195,24 @@ macro_rules! keep {
 }
 pub(crate) use keep;
 
+/// `keep_list!(Mode { Observe, Advise, Act })`: a plain enumeration as one number; another number is refused.
+macro_rules! keep_list {
+    ($name:ident { $($variant:ident),* $(,)? }) => {
+        impl $crate::keyframe::Keep for $name {
+            fn keep(&self, to: &mut Vec<u64>) {
+                to.push(match self { $(Self::$variant => Self::$variant as u64),* });
+            }
+
+            fn restore(&mut self, from: &mut $crate::keyframe::Words<'_>) -> Option<()> {
+                let word = from.next_word()?;
+                *self = [$(Self::$variant),*].into_iter().find(|v| *v as u64 == word)?;
+                Some(())
+            }
+        }
+    };
+}
+pub(crate) use keep_list;
+
 /// Fowler-Noll-Vo hash (FNV-1a, 64 bit) over bytes: tells different contents apart, keeps no secret.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Digest(u64);

@@ -56,6 +56,7 @@ fn a_step_of_the_pipeline_allocates_nothing() {
         sample_rate: SampleRate::new(9000.0).unwrap(),
         axes: ["x1", "y1", "x2", "y2"].map(plan).to_vec(),
         band: BandPlan::Workpiece(scenario.workpiece),
+        tools: None,
     })
     .unwrap();
     // Air, entry, chatter: every state of the detector is passed.

@@ -56,7 +56,8 @@ const LOBE_PAYS_1_S: f64 = 10.0;
 const COMFORTABLE_1_S: f64 = 5.0;
 /// A margin counts up to this: beyond it, more is no better.
 const MOST_MARGIN_1_S: f64 = 60.0;
-/// What a pitch costs whose waves do not oppose the vibration that is heard, 1/s at a tenth of a wave: linear growth says
+/// What a pitch costs whose waves do not oppose the vibration that is heard, 1/s at a tenth of a wave:
+/// linear growth says
 /// nothing of a vibration that is loud already; that is fed back least where its own waves oppose each other.
 const UNOPPOSED_1_S: f64 = 3.0;
 /// Belief from which "nothing is stable" is said.
@@ -65,7 +66,8 @@ const SURE: f64 = 0.9;
 const SAME_PITCH: f64 = 0.08;
 
 /// Answers a [`PitchQuestion`]. Cost: some 400 searches for a root, about ten milliseconds, once per try.
-/// Checked by: `the_choice_beats_its_neighbours`, `where_nothing_is_stable_another_speed_is_named`, `stillcut campaign`.
+/// Checked by: `the_choice_beats_its_neighbours`, `where_nothing_is_stable_another_speed_is_named`,
+/// `stillcut campaign`.
 #[must_use]
 pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
     let candidates = candidates(question);
@@ -91,7 +93,8 @@ pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
             }
         }
     }
-    let unstable = |c: &&Cut| c.worst_growth_1_s(turn_s, best.pitch_rad) > 0.0;
+    // A pitch that holds now is worth trying, even where it will not hold over all of the drift.
+    let unstable = |c: &&Cut| c.candidate.growth_1_s(turn_s, best.pitch_rad, 1.0) > 0.0;
     let doubt: f64 = cuts.iter().filter(unstable).map(|c| c.candidate.weight).sum();
     if doubt > SURE && best.growth_1_s > 0.0 {
         return PitchAdvice::NoStablePitch { nearest_speed_rpm: nearest_speed(question, &cuts) };

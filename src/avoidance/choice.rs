@@ -3,6 +3,7 @@
 
 use super::identified::HeardLine;
 use super::pitch::{PitchError, optimum_pitch_rad};
+use crate::keyframe::keep;
 use crate::units::SpindleSpeed;
 
 /// Most lines that are remembered of a cut.
@@ -21,7 +22,7 @@ pub struct TrackedLines {
 }
 
 /// A chatter line of this cut.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TrackedLine {
     /// Highest frequency that it had.
     pub highest_hz: f64,
@@ -30,6 +31,10 @@ pub struct TrackedLine {
     /// When it was heard last.
     pub last_s: f64,
 }
+
+keep!(TrackedLine { highest_hz, heard, last_s });
+keep!(TrackedLines { lines });
+keep!(GrowthMeter { looks, seen } if |m| m.seen <= LOOKS);
 
 impl TrackedLines {
     /// Takes a line; the oldest gives way when there is no room.
@@ -140,6 +145,12 @@ pub fn pitch_for_attempt_rad(
 ) -> Result<f64, PitchError> {
     let opposed = optimum_pitch_rad(spindle, highest_hz, 0)?;
     Ok(if attempt == 0 { opposed } else { 0.85 * opposed })
+}
+
+/// A speed that a lathe's spindle can have while it cuts: 10 to 100 000 rpm.
+#[must_use]
+pub fn plausible_speed(rpm: f64) -> Option<SpindleSpeed> {
+    if (10.0..=100_000.0).contains(&rpm) { SpindleSpeed::from_rpm(rpm).ok() } else { None }
 }
 
 #[cfg(test)]

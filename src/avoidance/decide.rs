@@ -1,11 +1,12 @@
 //! The decision, once an interval.
 
 use super::best_pitch::{PitchAdvice, PitchQuestion, best_pitch};
-use super::choice::{GrowthMeter, TrackedLines, pitch_for_attempt_rad};
+use super::choice::{GrowthMeter, TrackedLines, pitch_for_attempt_rad, plausible_speed};
 use super::identified::HeardLine;
 use super::pitch::{pitch_of_shift_rad, tool_shift};
 use super::{AvoidanceSettings, Command, CommandKind, Decision, HoldReason, Mode, Situation, TurretMotion};
 use crate::chatter::Phase;
+use crate::keyframe::keep;
 use crate::sample::MAX_AXES;
 use crate::units::SpindleSpeed;
 use thiserror::Error;
@@ -78,7 +79,7 @@ pub struct AvoidanceState {
     mode: Mode,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Target {
     pitch_rad: f64,
     requested_rad: f64,
@@ -87,7 +88,7 @@ struct Target {
 }
 
 /// A pitch under trial.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Trial {
     attempt: u32,
     intervals: u32,
@@ -103,6 +104,38 @@ struct Latched {
     /// The return to equal pitch was commanded.
     returned: bool,
 }
+
+impl Default for Latched {
+    fn default() -> Self {
+        Self { reason: HoldReason::HandedOver, returned: false }
+    }
+}
+
+keep!(Target { pitch_rad, requested_rad, offsets_m, issued_s });
+keep!(Trial { attempt, intervals, power_before_n2, fruitless_rad });
+keep!(Latched { reason, returned });
+keep!(AvoidanceState {
+    epoch,
+    sequence,
+    next_due_s,
+    latest_now_s,
+    clock_stepped,
+    lines,
+    growth,
+    in_chatter,
+    last_command_s,
+    advised_speed_rpm,
+    target,
+    trial,
+    latched,
+    off_target,
+    refusals,
+    refused_until_s,
+    reversals_s,
+    last_step_rad,
+    fruitless,
+    mode
+});
 
 impl Avoidance {
     /// Errors: a time, limit or diameter that is not allowed.
@@ -181,7 +214,8 @@ impl Avoidance {
         state.clock_stepped = false;
         state.latest_now_s = now.now_s;
         let begins = self.listen(state, now);
-        // A command at the onset finds the line still growing: what the pitch is judged against is its loudest before the
+        // A command at the onset finds the line still growing: what the pitch is judged against is its
+        // loudest before the
         // first look.
         if let Some(trial) = &mut state.trial
             && trial.intervals == 0
@@ -195,7 +229,8 @@ impl Avoidance {
         if left_act && state.target.take().is_some() {
             return self.leave_act(state, now);
         }
-        // Chatter that has just been declared does not wait for the interval, if the last command is that old.
+        // Chatter that has just been declared does not wait for the interval, if the last command is that
+        // old.
         let at_once =
             begins && state.trial.is_none() && now.now_s - state.last_command_s >= self.settings.interval_s;
         if now.now_s < state.next_due_s && !at_once {
@@ -289,7 +324,8 @@ impl Avoidance {
         Decision::Hold(reason)
     }
 
-    /// Silence of the samples beyond a second latches the return; looked at on every call, not once an interval.
+    /// Silence of the samples beyond a second latches the return; looked at on every call, not once an
+    /// interval.
     fn watch_silence(&self, state: &mut AvoidanceState, now: &Situation) {
         let silent = now.newest_sample_s.is_none_or(|t| !(now.now_s - t <= STALE_RETURN_S));
         if silent && state.target.is_some() {
@@ -561,9 +597,4 @@ impl Avoidance {
             offsets_m: [0.0; MAX_AXES],
         }
     }
-}
-
-/// A speed that a lathe's spindle can have while it cuts: 10 to 100 000 rpm.
-fn plausible_speed(rpm: f64) -> Option<SpindleSpeed> {
-    if (10.0..=100_000.0).contains(&rpm) { SpindleSpeed::from_rpm(rpm).ok() } else { None }
 }

@@ -26,7 +26,7 @@ pub struct StatedCut {
 }
 
 /// One chatter line with what held while it was heard.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct HeardLine {
     /// Frequency.
     pub frequency_hz: f64,
@@ -37,6 +37,8 @@ pub struct HeardLine {
     /// Pitch difference then.
     pub pitch_rad: f64,
 }
+
+crate::keyframe::keep!(HeardLine { frequency_hz, growth_1_s, turn_s, pitch_rad });
 
 /// One possible cut, frozen at the place where the line was heard.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,17 +1,20 @@
 //! What to do about chatter: which pitch angle difference, whether it may be made now, and whether it helped.
 //!
 //! ```text
-//!  heard lines --> choice of pitch --> Avoidance::decide, once an interval --> Command | Advice | Hold(reason)
+//!  heard lines --> choice of pitch --> Avoidance::decide, once an interval --> Command | Advice |
+//! Hold(reason)
 //!  turret report, interlock, mode, ages ----------^                                 |
 //!                                                                      Guard (last look, trusts nobody)
 //! ```
 //!
 //! Pure logic: time is an argument, nothing is read or sent here. Every interval ends in one decision; a
-//! decision not to act is a value with a reason from a closed list. `guard::Guard` and `invariants::InvariantMonitor` share no
+//! decision not to act is a value with a reason from a closed list. `guard::Guard` and
+//! `invariants::InvariantMonitor` share no
 //! code with the decision.
 //!
 //! This is advice to a motion controller, not a safety function: the machine must be safe with any output.
 
+pub mod account;
 pub mod best_pitch;
 pub mod choice;
 mod decide;
@@ -24,6 +27,7 @@ pub mod turret;
 pub use decide::{Avoidance, AvoidanceState, SettingsError};
 
 use crate::chatter::Phase;
+use crate::keyframe::{Keep, Words, keep, keep_list};
 use crate::sample::MAX_AXES;
 
 /// How far Stillcut may go.
@@ -57,12 +61,13 @@ pub struct AvoidanceSettings {
     pub report_deadline_s: f64,
     /// Distance from a commanded offset that counts as reached.
     pub reached_m: f64,
-    /// Bar and cut as the operator stated them: the choice of pitch by the two-delay model starts here. `None`: eq. (6-10) alone.
+    /// Bar and cut as the operator stated them: the choice of pitch by the two-delay model starts here.
+    /// `None`: eq. (6-10) alone.
     pub stated: Option<identified::StatedCut>,
 }
 
-/// What is known when a decision is due. Times are of one monotonic clock.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// What is known when a decision is due. Times are of one monotonic clock. By default nothing is known.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Situation {
     /// Now.
     pub now_s: f64,
@@ -91,7 +96,7 @@ pub struct Situation {
 }
 
 /// What the detector says, reduced to what a decision needs.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Heard {
     /// Where the detector stands.
     pub phase: Phase,
@@ -104,7 +109,7 @@ pub struct Heard {
 }
 
 /// What the motion controller reports of the turret.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TurretReport {
     /// When it was heard.
     pub heard_s: f64,
@@ -117,11 +122,12 @@ pub struct TurretReport {
 }
 
 /// What the turret does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TurretMotion {
     /// It stands where the last command put it.
     Reached,
     /// On the way.
+    #[default]
     Moving,
     /// It did not take the last command.
     Refused,
@@ -140,8 +146,15 @@ pub struct Interlock {
     pub open: bool,
 }
 
+/// Unknown is unsafe.
+impl Default for Interlock {
+    fn default() -> Self {
+        Self { heard_s: f64::NEG_INFINITY, open: true }
+    }
+}
+
 /// A command to the turret.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Command {
     /// Grows with each start.
     pub epoch: u64,
@@ -164,20 +177,22 @@ pub struct Command {
 }
 
 /// What a command asks for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CommandKind {
     /// A new target.
     Move,
     /// The same target again, so that it does not expire.
     Renew,
     /// Back to equal pitch, to stay there.
+    #[default]
     Return,
 }
 
 /// What a decision ends in.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Decision {
     /// The interval is not over.
+    #[default]
     NotDue,
     /// To be recorded, guarded and sent.
     Command(Command),
@@ -251,4 +266,90 @@ hold_reasons! {
     ClockStepped => "clock_stepped",
     /// The last guard refused what was decided.
     Guarded => "guarded",
+}
+
+keep_list!(Mode { Observe, Advise, Act });
+keep_list!(TurretMotion { Reached, Moving, Refused, Limited, Expired });
+keep_list!(CommandKind { Move, Renew, Return });
+keep!(Heard { phase, frequency_hz, power_n2, growth_1_s });
+keep!(TurretReport { heard_s, offsets_m, motion, acknowledged });
+keep!(Interlock { heard_s, open });
+keep!(Situation {
+    now_s,
+    newest_sample_s,
+    window_full,
+    estimate_valid,
+    heard,
+    spindle_speed_rpm,
+    turret,
+    interlock,
+    mode,
+    operator_hold,
+    operator_acknowledge,
+    store_writable
+});
+keep!(Command {
+    epoch,
+    sequence,
+    issued_s,
+    based_on_s,
+    ttl_s,
+    kind,
+    pitch_difference_rad,
+    requested_pitch_rad,
+    offsets_m
+});
+
+impl Keep for HoldReason {
+    fn keep(&self, to: &mut Vec<u64>) {
+        to.push(*self as u64);
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        let word = from.next_word()?;
+        *self = Self::ALL.iter().copied().find(|r| *r as u64 == word)?;
+        Some(())
+    }
+}
+
+impl Keep for Decision {
+    fn keep(&self, to: &mut Vec<u64>) {
+        match self {
+            Self::NotDue => to.push(0),
+            Self::Command(command) => {
+                to.push(1);
+                command.keep(to);
+            }
+            Self::Advice(command) => {
+                to.push(2);
+                command.keep(to);
+            }
+            Self::Hold(reason) => {
+                to.push(3);
+                reason.keep(to);
+            }
+        }
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        let mut command = Command::default();
+        *self = match from.next_word()? {
+            0 => Self::NotDue,
+            1 => {
+                command.restore(from)?;
+                Self::Command(command)
+            }
+            2 => {
+                command.restore(from)?;
+                Self::Advice(command)
+            }
+            3 => {
+                let mut reason = HoldReason::Observing;
+                reason.restore(from)?;
+                Self::Hold(reason)
+            }
+            _ => return None,
+        };
+        Some(())
+    }
 }

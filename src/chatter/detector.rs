@@ -1,5 +1,6 @@
 //! From lines that stand out to a decision: `Learning -> Quiet -> Suspected -> Chatter -> Quiet`.
 
+use super::steadiness::Steadiness;
 use super::{ChatterEvent, Line, NotChatter, Phase};
 use crate::keyframe::{Keep, Words};
 
@@ -12,6 +13,10 @@ pub(super) struct Evidence {
     pub(super) banks: [BankEvidence; BANKS],
     /// Whether a turn has passed since the cut changed, so that spindle orders are known.
     pub(super) orders_known: bool,
+    /// Whether all of the band became louder at once some turns ago: a hit rings between the orders too.
+    pub(super) wide: bool,
+    /// Within one turn of that: it must repeat before it means anything.
+    pub(super) held_off: bool,
     /// Whether the orders may still be building up: few turns since the cut changed.
     pub(super) orders_young: bool,
     /// Turns per second; 0 where it is not known.
@@ -55,6 +60,9 @@ crate::keyframe::keep!(BankEvidence {
 });
 
 pub(super) const BANKS: usize = 4;
+/// The bank that places a line: as long as a line needs to tell it from the orders, short enough to fill
+/// while chatter grows.
+pub(super) const PLACED: usize = 2;
 
 /// Contrast at which a line is looked at.
 ///
@@ -66,7 +74,13 @@ pub(super) const CONFIRM: f64 = 18.0;
 const LEAVE: f64 = 5.0;
 /// A line must last this long: longer than the shortest window's answer to a hit (4 tau = 50 ms).
 const HOLD_S: f64 = 0.045;
-/// Noise that a lightly damped lobe colours swells for some hundredths of a second; a line that has not lasted longer than
+/// And its frequency must have stood for this long.
+const STANDS_S: f64 = 0.035;
+/// A line this far from the orders, in half bandwidths of the filter, is none of them: they are down by 13
+/// dB there.
+const BETWEEN: f64 = 1.8;
+/// Noise that a lightly damped lobe colours swells for some hundredths of a second; a line that has not
+/// lasted longer than
 /// that must stand out by so much more. Chatter at 20 1/s gains it in 12 ms.
 const NOISE_LASTS_S: f64 = 0.12;
 const YOUNG: f64 = 1.6;
@@ -98,9 +112,10 @@ pub(super) struct Detector {
     phase: State,
     /// Latest powers of the shortest bank, newest last: (t_s, power over noise).
     recent: [(f64, f64); HISTORY],
+    steadiness: Steadiness,
 }
 
-crate::keyframe::keep!(Detector { phase, recent });
+crate::keyframe::keep!(Detector { phase, recent, steadiness });
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum State {
@@ -149,7 +164,11 @@ impl Keep for State {
 
 impl Detector {
     pub(super) fn new() -> Self {
-        Self { phase: State::Learning, recent: [(f64::NEG_INFINITY, 0.0); HISTORY] }
+        Self {
+            phase: State::Learning,
+            recent: [(f64::NEG_INFINITY, 0.0); HISTORY],
+            steadiness: Steadiness::NEW,
+        }
     }
 
     pub(super) fn phase(&self) -> Phase {
@@ -167,6 +186,11 @@ impl Detector {
             State::Chatter { since_s, .. } => Some(t_s - since_s),
             _ => None,
         }
+    }
+
+    /// Whether a line stands out that may yet prove steady.
+    pub(super) fn watches(&self, t_s: f64) -> bool {
+        self.steadiness.watches(t_s)
     }
 
     /// The noise is known.
@@ -189,9 +213,13 @@ impl Detector {
         self.recent.rotate_left(1);
         self.recent[HISTORY - 1] = (evidence.t_s, short.power_n2);
         let seen = evidence.banks.iter().any(|b| b.contrast > b.suspect);
+        self.steadiness.look(evidence.t_s, &evidence.banks, on_an_order(&evidence.banks[2], evidence));
         match self.phase {
             State::Learning => None,
             State::Quiet => {
+                if self.steadiness.steady(evidence.t_s) && evidence.orders_known {
+                    return Some(self.declare(&evidence.banks[2], evidence.t_s));
+                }
                 if seen {
                     let t_s = evidence.t_s;
                     self.phase =
@@ -211,13 +239,18 @@ impl Detector {
             }
             State::Chatter { since_s, last_loud_s, peak_n2, assurance, on_order } => {
                 let bank = &evidence.banks[1];
-                let loud = bank.contrast > LEAVE && bank.power_n2 > FADED * peak_n2;
+                let steady = self.steadiness.steady(evidence.t_s);
+                let there = bank.contrast > LEAVE || steady;
+                // An order is no chatter: what is left of a line that died may stand on one.
+                let there = there && !on_an_order(&evidence.banks[2], evidence);
+                let loud = there && bank.power_n2 > FADED * peak_n2;
                 let last_loud_s = if loud { evidence.t_s } else { last_loud_s };
                 // The peak is forgotten over seconds: chatter that got weaker is still chatter.
                 let peak_n2 = (peak_n2 * 0.999).max(bank.power_n2);
-                let assurance = assurance + (assurance_of(evidence) - assurance) * ASSURANCE_SHARE;
-                let there = if on_an_order(&evidence.banks[2], evidence) { 1.0 } else { 0.0 };
-                let on_order = on_order + (there - on_order) * ASSURANCE_SHARE;
+                let now = if steady { MOST_ASSURANCE } else { assurance_of(evidence) };
+                let assurance = assurance + (now - assurance) * ASSURANCE_SHARE;
+                let order = if on_an_order(&evidence.banks[2], evidence) { 1.0 } else { 0.0 };
+                let on_order = on_order + (order - on_order) * ASSURANCE_SHARE;
                 self.phase = State::Chatter { since_s, last_loud_s, peak_n2, assurance, on_order };
                 if evidence.t_s - last_loud_s > END_AFTER_S
                     || assurance < LEAST_ASSURANCE
@@ -248,14 +281,22 @@ impl Detector {
         if placed.is_some_and(|b| on_an_order(b, evidence)) {
             return None;
         }
-        let bank = evidence.banks.iter().find(|b| {
-            evidence.orders_known
+        let steady = self.steadiness.steady(evidence.t_s) && evidence.orders_known;
+        let declares = |(k, b): &(usize, &BankEvidence)| {
+            !evidence.held_off
+                && (evidence.orders_known
+                    || (!evidence.wide && *k <= PLACED && between_orders(b, evidence.speed_hz)))
+                && self.steadiness.held_s(*k, evidence.t_s) > STANDS_S
                 && b.growth_1_s > FADING_1_S
                 && b.contrast > b.confirm * if age_s > NOISE_LASTS_S { 1.0 } else { YOUNG }
                 && !on_an_order(b, evidence)
                 && age_s > HOLD_S
                 && self.recent_mean() - evidence.banks[0].noise_n2 > 0.5 * b.power_n2
-        })?;
+        };
+        if steady {
+            return Some(self.declare(&evidence.banks[2], evidence.t_s));
+        }
+        let (_, bank) = evidence.banks.iter().enumerate().find(declares)?;
         // What has lost 6 dB since it was strongest rings down.
         if self.recent_mean() < 0.25 * strongest_n2 {
             return None;
@@ -264,19 +305,24 @@ impl Detector {
         if strong && self.recent_slope_1_s() < RING_DOWN_1_S {
             return None;
         }
+        let bank = *bank;
+        Some(self.declare(&bank, evidence.t_s))
+    }
+
+    fn declare(&mut self, line: &BankEvidence, t_s: f64) -> ChatterEvent {
         self.phase = State::Chatter {
-            since_s: evidence.t_s,
-            last_loud_s: evidence.t_s,
-            peak_n2: bank.power_n2,
+            since_s: t_s,
+            last_loud_s: t_s,
+            peak_n2: line.power_n2,
             assurance: MOST_ASSURANCE,
             on_order: 0.0,
         };
-        Some(ChatterEvent::Onset(Line {
-            frequency_hz: bank.frequency_hz,
-            power_n2: bank.power_n2,
-            growth_1_s: bank.growth_1_s,
-            contrast: bank.contrast,
-        }))
+        ChatterEvent::Onset(Line {
+            frequency_hz: line.frequency_hz,
+            power_n2: line.power_n2,
+            growth_1_s: line.growth_1_s,
+            contrast: line.contrast,
+        })
     }
 
     /// Mean power in the shortest window over the last half of the history.
@@ -311,6 +357,15 @@ pub(super) fn on_an_order(line: &BankEvidence, evidence: &Evidence) -> bool {
     let apart = (order - order.round()).abs();
     let blurred = (0.05 / (line.tau_s * evidence.speed_hz)).clamp(0.04, 0.12);
     apart < if evidence.orders_young { 0.12 } else { blurred }
+}
+
+/// Whether a window tells a line from the orders on both sides of it: two orders that are not known yet add
+/// up to no line
+/// that stands between them where the filter's side is down.
+pub(super) fn between_orders(line: &BankEvidence, speed_hz: f64) -> bool {
+    let order = line.frequency_hz / speed_hz.max(f64::MIN_POSITIVE);
+    let apart_hz = (order - order.round()).abs() * speed_hz;
+    std::f64::consts::TAU * apart_hz * line.tau_s > BETWEEN
 }
 
 /// How far the best bank is over its threshold; power counts by itself too, because loud chatter raises all

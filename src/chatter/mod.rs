@@ -21,6 +21,7 @@ mod cut_level;
 mod detector;
 mod hop;
 mod monitor;
+mod steadiness;
 mod watched;
 
 pub use agreement::{Agreement, AgreementState, agree};
@@ -42,7 +43,8 @@ pub struct ChatterOutput {
     pub contrast: f64,
     /// Rate of growth of the line's amplitude, while there is one.
     pub growth_1_s: Option<f64>,
-    /// Variance of the band over the last quarter second over what it usually is (thesis 6.3): a second opinion that
+    /// Variance of the band over the last quarter second over what it usually is (thesis 6.3): a second
+    /// opinion that
     /// knows nothing of lines. 1 is noise.
     pub variance_ratio: f64,
     /// What began or ended with this sample.
@@ -76,9 +78,10 @@ impl ChatterOutput {
 }
 
 /// Where the decision stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Phase {
     /// The noise is not known yet.
+    #[default]
     Learning,
     /// Nothing but noise, orders and known lines.
     Quiet,
@@ -88,18 +91,7 @@ pub enum Phase {
     Chatter,
 }
 
-impl Keep for Phase {
-    fn keep(&self, to: &mut Vec<u64>) {
-        to.push(*self as u64);
-    }
-
-    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let all = [Self::Learning, Self::Quiet, Self::Suspected, Self::Chatter];
-        let word = from.next_word()?;
-        *self = all.into_iter().find(|p| *p as u64 == word)?;
-        Some(())
-    }
-}
+crate::keyframe::keep_list!(Phase { Learning, Quiet, Suspected, Chatter });
 
 /// What began or ended.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,7 +3,9 @@
 use super::band::{Band, BandError};
 use super::baseline::{Baseline, Lesson, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
-use super::detector::{BANKS, BankEvidence, CONFIRM, Detector, Evidence, SUSPECT, on_an_order};
+use super::detector::{
+    BANKS, BankEvidence, CONFIRM, Detector, Evidence, PLACED, SUSPECT, between_orders, on_an_order,
+};
 use super::hop::HopWatch;
 use super::watched::Watched;
 use super::{ChatterEvent, ChatterOutput, Phase};
@@ -58,10 +60,13 @@ const NOISE_MEMORY_S: f64 = 15.0;
 /// What is known of the noise counts as this many looks after the cut changed. Longer windows see the lobes
 /// of the new cut as lines: they are trusted less.
 const DOUBT_LOOKS: [f64; BANKS] = [10.0, 10.0, 8.0, 6.0];
-/// All of the band this much louder than learned, for so many decisions (32 ms), is another cut: what is known of the noise
+/// All of the band this much louder than learned, for so many decisions (32 ms), is another cut: what is
+/// known of the noise
 /// of the old one says little of the shape of the new.
 const LOUDER: f64 = 3.0;
 const LOUDER_LOOKS: u32 = 8;
+/// The same in the short windows alone, for so many decisions (12 ms).
+const WIDE_LOOKS: u32 = 3;
 /// A line that stands this far above the band that rose with it made it rise.
 const CLEAR_LINE: f64 = 150.0;
 /// Most that a power counts over what is known, usually and while the noise is another.
@@ -124,6 +129,12 @@ pub struct ChatterState {
     louder: u32,
     /// Decisions in a row in which what stands out is a spindle order, and until when that is to be expected.
     order_line: u32,
+    /// Decisions in a row in which the short windows see all of the band louder, and until when that is one
+    /// event.
+    wide: u32,
+    wide_until_s: f64,
+    /// Until when nothing is declared for it; 0: nothing is held off.
+    held_off_s: f64,
     orders_new_until_s: f64,
     /// Until when the noise is learned fast, in seconds heard.
     relearn_until_s: f64,
@@ -133,7 +144,8 @@ pub struct ChatterState {
 crate::keyframe::keep!(ChatterState {
     samples, mix, mixer, orders, banks, baselines, angle_turns, newest_speed_hz, speed_hz, earlier_speed_hz,
     until_decision, decisions, bank_evidence, bank_common, heard_s, level, detector, track_hz, watched, hop,
-    variance_n2, usual_variance_n2, louder, order_line, orders_new_until_s, relearn_until_s, latest
+    variance_n2, usual_variance_n2, louder, order_line, wide, wide_until_s,
+    held_off_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0);
 
 impl ChatterMonitor {
@@ -201,6 +213,9 @@ impl ChatterMonitor {
             usual_variance_n2: 0.0,
             louder: 0,
             order_line: 0,
+            wide: 0,
+            wide_until_s: 0.0,
+            held_off_s: 0.0,
             orders_new_until_s: 0.0,
             relearn_until_s: 0.0,
             latest: ChatterOutput {
@@ -215,14 +230,16 @@ impl ChatterMonitor {
         }
     }
 
-    /// Lets the watched band follow the bar: diameter, projection length or tool position changed. Lines count in
-    /// the new band at once. False when it reaches beyond what this monitor was designed for: it needs a new one.
+    /// Lets the watched band follow the bar: diameter, projection length or tool position changed. Lines
+    /// count in
+    /// the new band at once. False when it reaches beyond what this monitor was designed for: it needs a
+    /// new one.
     #[must_use]
     pub fn follow(&self, state: &mut ChatterState, band: Band) -> bool {
         let watched = Watched::new(band, self.mix.centre_hz(), 1.0);
         let inside = watched.low_hz >= -self.reach_hz && watched.high_hz <= self.reach_hz;
         if inside {
-            state.watched = watched;
+            state.watched = state.watched.moved_to(watched);
         }
         inside
     }
@@ -289,7 +306,8 @@ impl ChatterMonitor {
         let phase = state.detector.phase();
         let adapt = phase != Phase::Chatter;
         let value = if state.speed_hz > 0.0 {
-            // The band is as old as the mixer's filter is long; so must be the angle that its orders stand at.
+            // The band is as old as the mixer's filter is long; so must be the angle that its orders stand
+            // at.
             let angle_turns = state.angle_turns - state.speed_hz * self.mix.delay_s();
             let (mixer, speed_hz) = (state.mixer, state.speed_hz);
             let drift_hz = self.mix.centre_hz() * self.relative_speed_change_1_s(state);
@@ -298,11 +316,8 @@ impl ChatterMonitor {
             let sample = OrderSample { value, angle_turns, mixer, speed_hz, memory_turns, adapt };
             let left = self.orders.step(&mut state.orders, &sample);
             if known < 1.0 && self.orders.turns_known(&state.orders) >= 1.0 {
-                // What the banks hold is from before the notches: orders, not chatter.
-                for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
-                    bank.clear(bank_state);
-                }
-                state.bank_evidence = [BankEvidence::default(); BANKS];
+                // What the banks hold is from before the notches: orders, unless a line stands between them.
+                self.forget_orders(state);
             }
             left
         } else {
@@ -319,6 +334,17 @@ impl ChatterMonitor {
         }
     }
 
+    fn forget_orders(&self, state: &mut ChatterState) {
+        let line = state.bank_evidence[PLACED];
+        if line.contrast > line.suspect && between_orders(&line, state.speed_hz) {
+            return;
+        }
+        for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
+            bank.clear(bank_state);
+        }
+        state.bank_evidence = [BankEvidence::default(); BANKS];
+    }
+
     fn decide(&self, state: &mut ChatterState) {
         let period_s = self.decide_every as f64 / self.mix.output_rate_hz();
         let orders_known = state.speed_hz <= 0.0 || self.orders.turns_known(&state.orders) >= 1.0;
@@ -327,6 +353,8 @@ impl ChatterMonitor {
             t_s,
             banks: state.bank_evidence,
             orders_known,
+            wide: t_s < state.wide_until_s,
+            held_off: t_s < state.held_off_s,
             orders_young: state.speed_hz > 0.0 && self.orders.turns_known(&state.orders) < YOUNG_TURNS,
             speed_hz: state.speed_hz,
             speed_change_hz_s: (state.speed_hz - state.earlier_speed_hz) / SPEED_LAG_S,
@@ -352,6 +380,7 @@ impl ChatterMonitor {
         let clearest = evidence.banks.iter().map(|b| b.contrast).fold(0.0, f64::max);
         self.watch_level(state, common, clearest);
         self.watch_orders(state, &evidence);
+        self.watch_width(state, t_s);
         let event = state.detector.step(&evidence);
         if event.is_some() {
             state.latest.event = event;
@@ -360,15 +389,23 @@ impl ChatterMonitor {
             // Another state of the cut; or, after an alarm that was weak, noise that is not yet known well.
             doubt(&mut state.baselines);
             state.relearn_until_s = t_s + RELEARN_S;
+            // With another pitch the spindle makes other lines.
+            self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
         }
         // What is suspected is not noise: chatter that grows with the entry must not be learned.
-        if orders_known && matches!(state.detector.phase(), Phase::Learning | Phase::Quiet) {
+        let learns = match state.detector.phase() {
+            Phase::Learning => true,
+            Phase::Quiet => !state.detector.watches(t_s),
+            Phase::Suspected | Phase::Chatter => false,
+        };
+        if orders_known && learns {
             self.learn(state, period_s);
         }
         self.report(state, &evidence);
     }
 
-    /// All windows agree that the band as a whole is louder than learned: the tools entered, depth or material changed.
+    /// All windows agree that the band as a whole is louder than learned: the tools entered, depth or
+    /// material changed.
     /// Loud chatter raises all of the band too, but stands far above it.
     fn watch_level(&self, state: &mut ChatterState, common: f64, clearest: f64) {
         let no_line = state.detector.phase() != Phase::Chatter && clearest < CLEAR_LINE;
@@ -380,7 +417,31 @@ impl ChatterMonitor {
         }
     }
 
-    /// What stands out is a spindle order that the notches do not know: the cut that makes it is another. They start anew.
+    /// The short windows see all of the band louder at once: tools enter or leave, or something is hit. Nothing is
+    /// declared for one turn; where all of the band is still louder then, it is no ring: the notches start anew.
+    fn watch_width(&self, state: &mut ChatterState, t_s: f64) {
+        let louder = state.bank_common[0].min(state.bank_common[1]) > LOUDER;
+        let wide = louder && state.detector.phase() != Phase::Chatter;
+        state.wide = if wide { state.wide + 1 } else { 0 };
+        if state.speed_hz <= 0.0 {
+            return;
+        }
+        if state.held_off_s > 0.0 && t_s >= state.held_off_s {
+            state.held_off_s = 0.0;
+            if wide {
+                self.orders
+                    .restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
+                state.detector.forget_suspicion();
+            }
+        }
+        if state.wide >= WIDE_LOOKS && t_s > state.wide_until_s {
+            state.held_off_s = t_s + 1.0 / state.speed_hz;
+            state.wide_until_s = t_s + YOUNG_TURNS / state.speed_hz;
+        }
+    }
+
+    /// What stands out is a spindle order that the notches do not know: the cut that makes it is another.
+    /// They start anew.
     fn watch_orders(&self, state: &mut ChatterState, evidence: &Evidence) {
         let stands_out = evidence.banks[2].contrast > evidence.banks[2].suspect;
         let order = stands_out

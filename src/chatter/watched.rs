@@ -1,4 +1,5 @@
-//! The part of the designed band in which a line counts: it follows the bar, and widens when a line sits at its edge.
+//! The part of the designed band in which a line counts: it follows the bar, and widens when a line sits at
+//! its edge.
 
 use super::band::Band;
 
@@ -16,16 +17,26 @@ pub(super) struct Watched {
     pub(super) high_hz: f64,
     half_width_hz: f64,
     seen: [u32; 2],
+    /// How far it was widened.
+    reached_hz: [f64; 2],
 }
 
-crate::keyframe::keep!(Watched { low_hz, high_hz, half_width_hz, seen });
+crate::keyframe::keep!(Watched { low_hz, high_hz, half_width_hz, seen, reached_hz });
 
 impl Watched {
     /// The stated band, a little wider so that a line at its edge is seen whole.
     pub(super) fn new(band: Band, centre_hz: f64, edge: f64) -> Self {
         let (middle_hz, half_hz) = (band.centre_hz() - centre_hz, band.half_width_hz() * edge);
         let (low_hz, high_hz) = (middle_hz - half_hz, middle_hz + half_hz);
-        Self { low_hz, high_hz, half_width_hz: band.half_width_hz(), seen: [0; 2] }
+        let reached_hz = [f64::INFINITY, f64::NEG_INFINITY];
+        Self { low_hz, high_hz, half_width_hz: band.half_width_hz(), seen: [0; 2], reached_hz }
+    }
+
+    /// Another band, without losing what it was widened by: a line was heard there.
+    pub(super) fn moved_to(self, other: Self) -> Self {
+        let [low_hz, high_hz] = self.reached_hz;
+        let (low_hz, high_hz) = (other.low_hz.min(low_hz), other.high_hz.max(high_hz));
+        Self { low_hz, high_hz, reached_hz: self.reached_hz, ..other }
     }
 
     /// Takes the line of declared chatter; widens the band on its side when it stays at the edge.
@@ -38,9 +49,11 @@ impl Watched {
         let grow_hz = GROWS * self.half_width_hz;
         if self.seen[0] >= LOOKS {
             (self.low_hz, self.seen[0]) = ((self.low_hz - grow_hz).max(-reach_hz), 0);
+            self.reached_hz[0] = self.low_hz;
         }
         if self.seen[1] >= LOOKS {
             (self.high_hz, self.seen[1]) = ((self.high_hz + grow_hz).min(reach_hz), 0);
+            self.reached_hz[1] = self.high_hz;
         }
     }
 
@@ -69,6 +82,9 @@ mod tests {
         assert!(watched.high_hz > before.high_hz + 10.0 && watched.low_hz == before.low_hz);
         (0..99).for_each(|_| watched.follow(Some(149.0), 150.0));
         assert!((watched.high_hz - 150.0).abs() < 1e-12);
+        // A narrower band keeps the side at which a line was heard.
+        let moved = watched.moved_to(Watched::new(Band::new(520.0, 650.0).unwrap(), 600.0, 1.0));
+        assert!((moved.high_hz - 150.0).abs() < 1e-12 && (moved.low_hz + 80.0).abs() < 1e-12);
         assert_eq!(watched.filters(301, 150.0).end, 301);
         assert_eq!(before.filters(301, 150.0), 42..259);
     }

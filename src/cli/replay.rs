@@ -1,6 +1,8 @@
 //! `stillcut replay`: the live pipeline over a recording.
 
 use super::bad_input;
+use crate::avoidance::Avoidance;
+use crate::avoidance::account::{Account, Look, decide_again};
 use crate::chatter::{Band, predicted_band};
 use crate::config::service::{ServiceConfig, read_service_config};
 use crate::force::recorded::accelerations;
@@ -8,6 +10,7 @@ use crate::keyframe::Digest;
 use crate::pipeline::{AxisPlan, BandPlan, Pipeline, PipelineSettings, StepOutput};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::recording::{Evidence, read_recording};
+use crate::report::decisions::write_decisions;
 use crate::report::events::{EventLine, events_text, write_events};
 use crate::report::track::{Track, TrackRow};
 use crate::sample::{AxisSample, MAX_AXES, Recording, ServoSample};
@@ -15,6 +18,8 @@ use anyhow::Context as _;
 use std::path::PathBuf;
 
 /// Runs the live pipeline over a recording and writes events.jsonl and track.parquet.
+///
+/// Of a recording of the service's black box the decisions on the turret are made again too: decisions.jsonl.
 ///
 /// A recording with servo signals goes through the force observer of the configuration's machine; one with
 /// <axis>_force_n and no servo signals enters behind it. Without a configuration the defaults hold, and the
@@ -60,6 +65,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let settings = source.settings(&config, band);
     let mut pipeline = Pipeline::new(settings).map_err(|e| place(e.to_string()))?;
     let evidence = Evidence::of(&recording).map_err(|e| place(e.to_string()))?;
+    let account = evidence.as_ref().and_then(|e| e.account.clone());
     let begun = evidence.filter(|e| e.settings == pipeline.settings_digest());
     if let Some(evidence) = &begun {
         pipeline.restore(&evidence.keyframe).map_err(|e| place(e.to_string()))?;
@@ -75,12 +81,23 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     std::fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
     track.write(&arguments.out.join("track.parquet"))?;
     write_events(&arguments.out.join("events.jsonl"), &events)?;
+    let turret = account.map(|account| turret_decisions(&config, &source.axes, &account));
+    if let Some(Ok(looks)) = &turret {
+        write_decisions(&arguments.out.join("decisions.jsonl"), (looks, &source.axes))?;
+    }
     if let (true, Some(evidence)) = (arguments.verify, &begun) {
         stretches.compare(evidence)?;
         let same = events_text(&events)? == evidence.decisions;
         anyhow::ensure!(same, "the replay's events differ from the live ones");
+        turret.context("it carries no looks at the decision on the turret")??;
     }
     Ok(())
+}
+
+/// Every decision on the turret made again, compared bit for bit.
+fn turret_decisions(config: &ServiceConfig, axes: &[String], account: &Account) -> anyhow::Result<Vec<Look>> {
+    let settings = config.avoidance_settings(axes).map_err(anyhow::Error::msg)?;
+    Ok(decide_again(&Avoidance::new(settings)?, account)?)
 }
 
 /// Digests of what the replay said, over the stretches that the live service made its own over.
@@ -243,6 +260,7 @@ impl<'a> Source<'a> {
                     })
                     .collect(),
                 band: config.pipeline_settings(self.rate, &self.axes).band,
+                tools: None,
             },
         };
         if let Some(band) = band {

@@ -6,8 +6,11 @@
 use super::force::{AxisToml, ForceConfig, ForceToml};
 use super::machine::machine_from_text;
 use super::{ConfigError, parse, parse_number, read_text};
+use crate::avoidance::AvoidanceSettings;
+use crate::avoidance::identified::StatedCut;
+use crate::avoidance::turret::{TurretAxis, TurretKinematics};
 use crate::chatter::Band;
-use crate::pipeline::{AxisPlan, BandPlan, PipelineSettings};
+use crate::pipeline::{AxisPlan, BandPlan, PipelineSettings, ToolAxis};
 use crate::plant::cutting::{Cutting, RawCutting};
 use crate::plant::machine::Machine;
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
@@ -78,6 +81,9 @@ section!(CuttingToml {
 });
 section!(DetectionToml {
     band_hz: Option<[f64; 2]> = None,
+    tool_axis: Option<String> = None,
+    tool_axis_zero_m: f64 = 0.0,
+    tool_axis_toward_chuck: bool = false,
 });
 section!(TurretToml {
     axes: [String; 2] = ["x1".into(), "y1".into()],
@@ -212,6 +218,8 @@ pub struct ServiceConfig {
     pub cutting: Cutting,
     /// Watched band, where it is stated.
     pub band: Option<Band>,
+    /// Axis that moves the tools along the bar, with its place at the chuck and its direction.
+    pub tools: Option<(String, f64, bool)>,
     /// Turret.
     pub turret: TurretConfig,
     /// Prefix and folder of the shared memory domain.
@@ -271,6 +279,11 @@ impl Reader<'_> {
         if path.is_absolute() { path.to_owned() } else { self.folder.join(path) }
     }
 
+    fn tools(&self, raw: &DetectionToml) -> Result<Option<(String, f64, bool)>, ConfigError> {
+        let zero_m = self.within("detection.tool_axis_zero_m", raw.tool_axis_zero_m, (-10.0, 10.0))?;
+        Ok(raw.tool_axis.clone().map(|axis| (axis, zero_m, raw.tool_axis_toward_chuck)))
+    }
+
     fn config(&self, raw: ServiceToml) -> Result<ServiceConfig, ConfigError> {
         let text = toml::to_string(&raw).map_err(|e| self.bad("configuration", e.to_string()))?;
         let model = raw.machine.model.as_deref().map(|p| self.resolve(p));
@@ -298,6 +311,7 @@ impl Reader<'_> {
             workpiece: self.workpiece(&raw.workpiece)?,
             cutting: self.cutting(&raw.cutting)?,
             band: band.map_err(|e| self.bad("detection.band_hz", e.to_string()))?,
+            tools: self.tools(&raw.detection)?,
             turret: self.turret(&raw.turret)?,
             transport: (raw.transport.prefix.clone(), raw.transport.root.clone()),
             http: self.http(&raw.http)?,
@@ -433,7 +447,39 @@ impl ServiceConfig {
             sample_rate,
             axes: axes.iter().map(plan).collect(),
             band: self.band.map_or(BandPlan::Cut(self.workpiece, self.cutting), BandPlan::Stated),
+            tools: self.tools.as_ref().and_then(|(axis, zero_m, toward_chuck)| {
+                let index = axes.iter().position(|a| a == axis)?;
+                Some(ToolAxis { index, zero_m: *zero_m, toward_chuck: *toward_chuck })
+            }),
         }
+    }
+
+    /// The decision for a stream of these axes: the same for the service and for its replay.
+    /// Errors: one line which setting does not fit.
+    pub fn avoidance_settings(&self, axes: &[String]) -> Result<AvoidanceSettings, String> {
+        let turret = &self.turret;
+        let axis = |i: usize| {
+            let name = &turret.axes[i];
+            let index = axes.iter().position(|n| n == name);
+            Ok::<_, String>(TurretAxis {
+                index: index.ok_or_else(|| format!("turret.axes: the stream has no axis {name}"))?,
+                direction_rad: turret.direction_rad[i],
+                lowest_m: turret.lowest_offset_m[i],
+                highest_m: turret.highest_offset_m[i],
+                speed_m_s: turret.speed_m_s[i],
+            })
+        };
+        Ok(AvoidanceSettings {
+            turret: TurretKinematics::new([axis(0)?, axis(1)?]).map_err(|e| e.to_string())?,
+            diameter_m: self.workpiece.diameter_m(),
+            largest_pitch_rad: turret.largest_pitch_difference_rad,
+            interval_s: 1.0,
+            ttl_s: turret.command_ttl_s,
+            freshness_s: 0.05,
+            report_deadline_s: 0.5,
+            reached_m: 20e-6,
+            stated: Some(StatedCut { workpiece: self.workpiece, cutting: self.cutting }),
+        })
     }
 }
 

@@ -72,10 +72,13 @@ impl Pipeline {
     #[must_use]
     pub fn settings_digest(&self) -> u64 {
         let mut digest = Digest::default();
-        let text = format!("{:?} {:?}", self.settings.sample_rate, self.settings.axes);
+        let text =
+            format!("{:?} {:?} {:?}", self.settings.sample_rate, self.settings.axes, self.settings.tools);
         digest.bytes(env!("CARGO_PKG_VERSION").as_bytes());
         digest.bytes(text.as_bytes());
-        self.band_hz().iter().for_each(|hz| digest.word(hz.to_bits()));
+        // As planned: what the monitors made of it since then is state.
+        let band = self.monitor.settings().band;
+        [band.low_hz(), band.high_hz()].iter().for_each(|hz| digest.word(hz.to_bits()));
         digest.value()
     }
 }

@@ -17,7 +17,7 @@ mod settings;
 
 pub use crate::force::observer::{ForcePlan, ServoPlan};
 pub use keyframe::KeyframeError;
-pub use settings::{AxisPlan, BandPlan, PipelineError, PipelineSettings};
+pub use settings::{AxisPlan, BandPlan, PipelineError, PipelineSettings, ToolAxis};
 
 use crate::chatter::{
     Agreement, AgreementState, ChatterEvent, ChatterMonitor, ChatterOutput, ChatterState, Line, Phase, agree,
@@ -170,35 +170,34 @@ impl Pipeline {
         &self.settings
     }
 
-    /// Watched band, Hz: as planned, or wider where a line sits at its edge.
+    /// Watched band, Hz: as planned, narrower where the tools are near the chuck, wider where a line sits
+    /// at its edge.
     #[must_use]
     pub fn band_hz(&self) -> [f64; 2] {
         let band = self.monitor.settings().band;
         let watched = self.channels.iter().zip(&self.states).filter(|(c, _)| c.watch);
         watched
             .map(|(_, s)| self.monitor.watched_hz(&s.monitor))
-            .fold([band.low_hz(), band.high_hz()], |[low, high], now| [low.min(now[0]), high.max(now[1])])
+            .reduce(|[low, high], now| [low.min(now[0]), high.max(now[1])])
+            .unwrap_or([band.low_hz(), band.high_hz()])
     }
 
-    /// Lets the band follow the bar: another diameter, projection length, or the tools elsewhere along it.
-    /// What was learned stays, unless the band leaves what the monitors were designed for: then they start
-    /// anew.
-    /// Errors: a band that does not fit the rate; nothing has changed then.
-    pub fn follow(&mut self, plan: BandPlan) -> Result<(), PipelineError> {
-        let band = plan.band()?;
-        let mut inside = true;
-        for state in &mut self.states {
-            inside &= self.monitor.follow(&mut state.monitor, band);
+    /// Lets the band follow the tools along the bar, four times a second, while no chatter is heard. It
+    /// stays inside of
+    /// what the monitors were designed for.
+    fn follow_tools(&mut self, sample: &ServoSample) {
+        let Some(tools) = &self.settings.tools else { return };
+        let due = self.clean_samples.is_multiple_of(self.spectrum.settings().window_samples as u64 / 4);
+        if !due || self.agreement.phase == Phase::Chatter {
+            return;
         }
-        if !inside {
-            let sample_rate = self.settings.sample_rate;
-            self.monitor = ChatterMonitor::new(crate::chatter::ChatterSettings { sample_rate, band })?;
+        let band = tools.position_m(sample).and_then(|z| self.settings.band.band_at(z).ok());
+        if let Some(band) = band {
+            let monitor = &self.monitor;
             for state in &mut self.states {
-                (state.monitor, state.output) = (self.monitor.start(), quiet());
+                let _inside = monitor.follow(&mut state.monitor, band);
             }
         }
-        self.settings.band = plan;
-        Ok(())
     }
 
     /// Samples since the last gap or restart.
@@ -255,6 +254,7 @@ impl Pipeline {
             _ => None,
         };
         self.last = Some(*sample);
+        self.follow_tools(sample);
         let mut output = self.take(sample);
         output.event = output.event.or(bridged);
         output.fault = fault;

@@ -6,7 +6,7 @@ use crate::force::estimator::ForceError;
 use crate::force::observer::{ForcePlan, Observer};
 use crate::plant::cutting::Cutting;
 use crate::plant::workpiece::Workpiece;
-use crate::sample::MAX_AXES;
+use crate::sample::{MAX_AXES, ServoSample};
 use crate::signal::sliding_dft::SlidingDftError;
 use crate::units::SampleRate;
 use thiserror::Error;
@@ -51,6 +51,36 @@ impl BandPlan {
             ),
         }
     }
+
+    /// The same with the tools at `position_m` from the chuck: the nearer they are to it the less the cut
+    /// holds the bar.
+    /// Never beyond [`Self::band`]. Errors: as [`Self::band`].
+    pub fn band_at(&self, position_m: f64) -> Result<Band, BandError> {
+        let BandPlan::Cut(workpiece, cutting) = self else { return self.band() };
+        let held = cutting.stiffness_n_m() / workpiece.modal_stiffness_n_m();
+        let shape = workpiece.mode_shape(position_m);
+        predicted_band_in_cut(workpiece.bending_frequency_hz(), held * shape * shape)
+    }
+}
+
+/// The axis of the stream that moves the tools along the bar.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ToolAxis {
+    /// Place in the stream.
+    pub index: usize,
+    /// Distance of the tools from the chuck where the axis stands at zero.
+    pub zero_m: f64,
+    /// Whether the axis counts toward the chuck.
+    pub toward_chuck: bool,
+}
+
+impl ToolAxis {
+    /// Distance of the tools from the chuck; nothing while the axis has no linear scale.
+    #[must_use]
+    pub fn position_m(&self, sample: &ServoSample) -> Option<f64> {
+        let stage_m = sample.axes.get(self.index)?.stage_position_m?;
+        Some(if self.toward_chuck { self.zero_m - stage_m } else { self.zero_m + stage_m })
+    }
 }
 
 /// Everything a [`super::Pipeline`] is made from.
@@ -62,6 +92,8 @@ pub struct PipelineSettings {
     pub axes: Vec<AxisPlan>,
     /// Where chatter is looked for.
     pub band: BandPlan,
+    /// What tells where along the bar the tools are.
+    pub tools: Option<ToolAxis>,
 }
 
 /// Why there can be no such pipeline.

@@ -1,6 +1,7 @@
 //! What leaves the process as files: events, the track, maps, estimators, diagnosis, models, pages for
 //! people.
 
+pub mod decisions;
 pub mod diagnosis;
 pub mod events;
 pub mod force_plots;

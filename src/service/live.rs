@@ -115,6 +115,8 @@ pub struct PitchView {
     pub turret: String,
     /// Why the last interval ended without a command; absent when there was one.
     pub hold_reason: Option<String>,
+    /// Nearest spindle speed at which a pitch is stable, where none is now, rpm.
+    pub advised_speed_rpm: Option<f64>,
 }
 
 /// One interlock.

@@ -20,6 +20,7 @@ mod engine;
 pub mod fleet;
 mod handle;
 mod hub;
+mod ledger;
 pub mod live;
 mod mtconnect;
 mod recorder;

@@ -2,7 +2,9 @@
 
 use super::black_box::{Chunk, Heard, columns, last_unbroken};
 use super::clock;
+use super::ledger::{Page, pages_since};
 use super::recordings::{RecordingLimits, Recordings};
+use crate::avoidance::account::Account;
 use crate::recording::{Evidence, RecordingError, write_recording};
 use crate::report::events::{EventLine, events_text};
 use crate::sample::{Recording, ServoSample};
@@ -22,6 +24,10 @@ pub(super) struct Job {
     pub(super) metadata: Vec<(String, String)>,
     /// Digest of the pipeline's settings.
     pub(super) settings: u64,
+    /// Digest of the settings of the turret decision.
+    pub(super) turret_settings: u64,
+    /// Looks at the turret decision, oldest first.
+    pub(super) pages: Vec<Page>,
 }
 
 /// How it went, for the history.
@@ -115,7 +121,19 @@ fn evidence(job: &Job, chunks: &[Arc<Chunk>]) -> Result<Evidence, serde_json::Er
         first_sequence: chunks.first().and_then(|c| c.samples.first()).map_or(0, |s| s.sequence),
         stretches: chunks.iter().map(|c| (c.samples.len(), c.digest.value())).collect(),
         decisions: events_text(&events)?,
+        account: Some(turret_account(job, chunks)),
     })
+}
+
+/// The looks at the turret decision from the first sample on.
+fn turret_account(job: &Job, chunks: &[Arc<Chunk>]) -> Account {
+    let first_s = chunks.first().and_then(|c| c.samples.first()).map_or(f64::NEG_INFINITY, |s| s.t_s);
+    let pages = pages_since(&job.pages, first_s);
+    Account {
+        settings: job.turret_settings,
+        state: pages.first().map(|p| p.state.clone()).unwrap_or_default(),
+        stretches: pages.iter().map(|p| p.looks.clone()).collect(),
+    }
 }
 
 fn is_full(error: &RecordingError) -> bool {

@@ -50,6 +50,8 @@ event_kinds! {
     CommandFailed = "command_failed", Alarm;
     /// The turret was asked back to equal pitch.
     PitchReturn = "pitch_return", Warning;
+    /// No pitch is stable at this speed; another speed is advised.
+    SpeedAdvised = "speed_advised", Warning;
     /// Samples are missing.
     DataGap = "data_gap", Warning;
     /// Samples that are no numbers, or of another layout, were refused.

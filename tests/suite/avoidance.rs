@@ -237,8 +237,13 @@ fn run(steps: &[Step], tamper: Tamper, spoil: Spoil) -> Outcome {
 const HONEST: Tamper = |_| {};
 const FAITHFUL: Spoil = |_, _| {};
 
+/// Sequences to try; more with `STILLCUT_SEQUENCES=20000`.
+fn sequences() -> u32 {
+    std::env::var("STILLCUT_SEQUENCES").ok().and_then(|n| n.parse().ok()).unwrap_or(600)
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: sequences(), failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn no_sequence_breaks_an_invariant(steps in prop::collection::vec(step(), 1..150)) {

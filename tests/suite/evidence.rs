@@ -4,7 +4,9 @@
 use crate::running::{LatheThread, Place, ask, get, until};
 use std::path::Path;
 use std::process::Command;
-use stillcut::recording::{read_recording, write_recording};
+use stillcut::avoidance::Decision;
+use stillcut::avoidance::account::{LookWriter, read_looks};
+use stillcut::recording::{Evidence, read_recording, write_recording};
 use stillcut::service::{Running, start};
 
 fn replay(config: &Path, recording: &Path, out: &Path) -> (bool, String) {
@@ -78,4 +80,71 @@ fn what_the_black_box_stored_replays_to_the_same_bytes() {
     let (good, said) = replay(&path, &file, &out);
     assert!(!good && said.contains("nothing to compare"), "{said}");
     running.stop();
+}
+
+/// The turret is moved, and what was decided is decided again from the recording alone, bit for bit.
+#[test]
+fn the_decisions_on_the_turret_are_made_again() {
+    let place = Place::new("turr");
+    let toml = place.toml("") + "[recorder]\nbefore_s = 3.0\nafter_s = 2.5\n";
+    let path = place.folder.path().join("c.toml");
+    std::fs::write(&path, &toml).unwrap();
+    let mut config = stillcut::config::service::service_config_from_text(&path, &toml).unwrap();
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let lathe = LatheThread::start(&place.domain);
+    let address = running.handle().address().to_string();
+    let act = "{\"mode\":\"act\",\"reason\":\"test\"}";
+    until("the service acts", 20, || {
+        let etag = get(&running, "/api/v1/mode").etag;
+        ask(&address, "PUT", "/api/v1/mode", &[("If-Match", &etag)], Some(act)).status == 200
+    });
+    until("the onset is recorded", 30, || stored(&running, "chatter_onset").is_some());
+    let file = stored(&running, "chatter_onset").unwrap();
+    let told = get(&running, "/api/v1/events?kind=pitch_command").json()["events"][0].clone();
+    drop(lathe);
+    running.stop();
+    let out = place.folder.path().join("out");
+    let (good, said) = replay(&path, &file, &out);
+    assert!(good, "{said}");
+    let text = std::fs::read_to_string(out.join("decisions.jsonl")).unwrap();
+    let lines: Vec<serde_json::Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let moved =
+        lines.iter().find(|l| l["decision"] == "move").expect("the turret was moved inside of the recording");
+    assert_eq!(moved["pitch_difference_rad"], told["pitch_difference_rad"]);
+    assert!(lines.iter().any(|l| l["decision"] == "renew") && lines.iter().any(|l| l["decision"] == "hold"));
+
+    // One bit of one situation changed, and the digest made to fit: the decision is no longer the same.
+    let mut recording = read_recording(&file).unwrap();
+    let mut evidence = Evidence::of(&recording).unwrap().unwrap();
+    let stretches = &mut evidence.account.as_mut().unwrap().stretches;
+    let mut hit = None;
+    for (place, stretch) in stretches.iter().enumerate() {
+        let looks = read_looks(stretch).unwrap();
+        if let Some(index) = looks.iter().position(|l| matches!(l.decision, Decision::Command(_))) {
+            hit = hit.or(Some((place, index, looks)));
+        }
+    }
+    let (place_hit, index, mut looks) = hit.unwrap();
+    let turret = looks[index].situation.turret.as_mut().unwrap();
+    turret.heard_s = f64::from_bits(turret.heard_s.to_bits() ^ (1 << 62));
+    let (mut writer, mut bytes) = (LookWriter::default(), Vec::new());
+    looks.iter().for_each(|look| writer.write(look, &mut bytes));
+    stretches[place_hit] = bytes;
+    let other = evidence.metadata();
+    recording.metadata.retain(|(key, _)| other.iter().all(|(k, _)| k != key));
+    recording.metadata.extend(other);
+    let changed = place.folder.path().join("changed.parquet");
+    write_recording(&changed, &recording).unwrap();
+    let (good, said) = replay(&path, &changed, &out);
+    assert!(!good && said.contains("turret decision") && said.contains("differs"), "{said}");
+    assert_eq!(said.trim_end().lines().count(), 1, "{said}");
+    // A changed bit that nobody made to fit: damage, before anything is compared.
+    let key = "turret_looks";
+    let looks = &mut recording.metadata.iter_mut().find(|(k, _)| k == key).unwrap().1;
+    let last = looks.pop().unwrap();
+    looks.push(if last == '0' { '1' } else { '0' });
+    write_recording(&changed, &recording).unwrap();
+    let (good, said) = replay(&path, &changed, &out);
+    assert!(!good && said.contains("damaged"), "{said}");
 }

@@ -6,7 +6,7 @@ use stillcut::config::machine::read_machine;
 use stillcut::force::balance::Method;
 use stillcut::force::estimator::{ForceSettings, Signals};
 use stillcut::pipeline::{
-    AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, ServoPlan, StepOutput, StreamFault,
+    AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, ServoPlan, StepOutput, StreamFault, ToolAxis,
 };
 use stillcut::plant::scenario::{RawScenario, Scenario};
 use stillcut::sample::ServoSample;
@@ -35,6 +35,7 @@ pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
         sample_rate: SampleRate::new(9000.0).unwrap(),
         axes: ["x1", "y1", "x2", "y2"].map(plan).to_vec(),
         band: BandPlan::Workpiece(scenario.workpiece),
+        tools: None,
     }
 }
 
@@ -98,6 +99,48 @@ fn the_same_samples_give_the_same_answers() {
     let (mut first, mut second) =
         (Pipeline::new(settings(&scenario)).unwrap(), Pipeline::new(settings(&scenario)).unwrap());
     assert_eq!(outputs(&mut first, &stream), outputs(&mut second, &stream));
+}
+
+/// A deep cut holds the bar at its free end and hardly near the chuck: the band narrows as the tools
+/// travel, and
+/// a replay from a keyframe in the middle says the same.
+#[test]
+fn the_band_follows_the_tools() {
+    let mut raw = RawScenario { pitch_difference_rad: 0.096, ..RawScenario::default() };
+    raw.cutting.width_m = 0.4e-3;
+    let scenario = Scenario::new(&raw).unwrap();
+    let length_m = raw.workpiece.projection_length_m;
+    let mut settings = settings(&scenario);
+    settings.band = BandPlan::Cut(scenario.workpiece, scenario.cutting);
+    settings.tools = Some(ToolAxis { index: 4, zero_m: length_m, toward_chuck: true });
+    settings.axes.push(AxisPlan { name: "z1".into(), force: None, beside: None, nut: None, watch: false });
+    let mut stream = samples(scenario, 2, 8); // two seconds of air
+    let count = stream.len() as f64;
+    for (n, sample) in stream.iter_mut().enumerate() {
+        sample.axes[4].stage_position_m = Some(0.8 * length_m * n as f64 / count);
+    }
+    let mut live = Pipeline::new(settings.clone()).unwrap();
+    let designed = live.band_hz();
+    let mut words = Vec::new();
+    let mut edges = Vec::new();
+    for (n, sample) in stream.iter().enumerate() {
+        if n == 9_100 {
+            live.keep(&mut words);
+        }
+        live.step(sample);
+        edges.push(live.band_hz()[1]);
+    }
+    assert!(edges.windows(2).skip(2300).all(|w| w[1] <= w[0]), "it only narrows");
+    assert!(edges[17_999] < 0.9 * designed[1], "{designed:?} to {}", edges[17_999]);
+    let expected = settings.band.band_at(0.2 * length_m + 0.8 * length_m * 0.125 / 2.0).unwrap();
+    assert!((edges[17_999] / expected.high_hz() - 1.0).abs() < 0.02);
+    let mut again = Pipeline::new(settings).unwrap();
+    again.restore(&words).unwrap();
+    for (sample, edge) in stream[9_100..].iter().zip(&edges[9_100..]) {
+        again.step(sample);
+        assert_eq!(again.band_hz()[1].to_bits(), edge.to_bits());
+    }
+    assert_eq!(again.settings_digest(), live.settings_digest());
 }
 
 #[test]

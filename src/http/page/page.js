@@ -169,7 +169,8 @@ function showPitch(now) {
   setText("optimum", degrees(pitch.optimum_rad));
   setText("limit", degrees(pitch.limit_rad) + (pitch.limited ? " reached" : ""));
   const hold = pitch.hold_reason ? ` · holding: ${pitch.hold_reason.replaceAll("_", " ")}` : "";
-  setText("turret", `turret: ${pitch.turret}${hold}`);
+  const speed = pitch.advised_speed_rpm ? ` · try ${Math.round(pitch.advised_speed_rpm)} rpm` : "";
+  setText("turret", `turret: ${pitch.turret}${hold}${speed}`);
   stability.points = { commanded: pitch.commanded_rad, reported: pitch.reported_rad };
   stability.limit = pitch.limit_rad;
 }

@@ -3,17 +3,17 @@
 //! The port exists in mode `act` only. A return to equal pitch waits for nothing.
 
 use super::super::control::Refusal;
+use crate::avoidance::account::{Look, settings_digest};
 use crate::avoidance::guard::{Facts, Guard, GuardState};
-use crate::avoidance::identified::StatedCut;
 use crate::avoidance::invariants::{Commissioned, InvariantMonitor, Violation};
 use crate::avoidance::pitch::pitch_of_shift_rad;
-use crate::avoidance::turret::{TurretAxis, TurretKinematics};
 use crate::avoidance::{
-    Avoidance, AvoidanceSettings, AvoidanceState, Command, CommandKind, Decision, HoldReason,
-    Mode as ActMode, Situation,
+    Avoidance, AvoidanceState, Command, CommandKind, Decision, HoldReason, Mode as ActMode, Situation,
 };
 use crate::config::service::ServiceConfig;
+use crate::keyframe::Keep as _;
 use crate::sample::MAX_AXES;
+use crate::service::ledger::Ledger;
 use crate::service::live::Mode;
 use crate::transport::wire::{COMMAND_OFFSET, COMMAND_RETURN, TurretCommand};
 use crate::transport::{CommandPublisher, Participant, TransportError};
@@ -81,32 +81,10 @@ impl Acting {
         names: &[String],
         (epoch, now_s): (u64, f64),
     ) -> Result<Self, String> {
+        let settings = config.avoidance_settings(names)?;
+        let axes = settings.turret.axes().map(|a| a.index);
+        let avoidance = Avoidance::new(settings).map_err(|e| format!("turret: {e}"))?;
         let turret = &config.turret;
-        let place = |name: &String| {
-            let found = names.iter().position(|n| n == name);
-            found.ok_or_else(|| format!("turret.axes: the stream has no axis {name}"))
-        };
-        let axes = [place(&turret.axes[0])?, place(&turret.axes[1])?];
-        let axis = |i: usize| TurretAxis {
-            index: axes[i],
-            direction_rad: turret.direction_rad[i],
-            lowest_m: turret.lowest_offset_m[i],
-            highest_m: turret.highest_offset_m[i],
-            speed_m_s: turret.speed_m_s[i],
-        };
-        let kinematics = TurretKinematics::new([axis(0), axis(1)]).map_err(|e| e.to_string())?;
-        let avoidance = Avoidance::new(AvoidanceSettings {
-            turret: kinematics,
-            diameter_m: config.workpiece.diameter_m(),
-            largest_pitch_rad: turret.largest_pitch_difference_rad,
-            interval_s: 1.0,
-            ttl_s: turret.command_ttl_s,
-            freshness_s: 0.05,
-            report_deadline_s: 0.5,
-            reached_m: 20e-6,
-            stated: Some(StatedCut { workpiece: config.workpiece, cutting: config.cutting }),
-        })
-        .map_err(|e| format!("turret: {e}"))?;
         let mut guard = Guard {
             lowest_m: [0.0; MAX_AXES],
             highest_m: [0.0; MAX_AXES],
@@ -135,6 +113,16 @@ impl Acting {
         })
     }
 
+    /// Tells settings apart that decide differently.
+    pub(super) fn settings_digest(&self) -> u64 {
+        settings_digest(self.avoidance.settings())
+    }
+
+    /// Spindle speed at which the cut has a stable pitch, when it has none now.
+    pub(super) fn advised_speed_rpm(&self) -> Option<f64> {
+        self.avoidance.advised_speed_rpm(&self.state)
+    }
+
     /// Pitch difference that offsets make, rad.
     pub(super) fn pitch_rad(&self, offsets_m: &[f64; MAX_AXES]) -> f64 {
         let settings = self.avoidance.settings();
@@ -159,8 +147,12 @@ impl Acting {
     }
 
     /// One look at the decision, and what the independent monitor says of it: a decision that breaks a rule
-    /// is not carried out.
-    pub(super) fn decide(&mut self, situation: &Situation) -> (Decision, Result<(), Violation>) {
+    /// is not carried out. The look goes into the ledger with the time of the newest sample.
+    pub(super) fn decide(
+        &mut self,
+        situation: &Situation,
+        (t_s, ledger): (Option<f64>, &mut Ledger),
+    ) -> (Decision, Result<(), Violation>) {
         if self.port_closes_s.is_some_and(|t| situation.now_s >= t) {
             (self.port, self.port_closes_s) = (None, None);
         }
@@ -170,7 +162,9 @@ impl Acting {
             // A command that waited for its record went out late; the next one keeps its distance.
             return (Decision::NotDue, Ok(()));
         }
+        ledger.before(|words| self.state.keep(words));
         let decision = self.avoidance.decide(&mut self.state, situation);
+        ledger.push(&Look { t_s, situation: *situation, decision });
         let verdict = self.monitor.watch(situation, &decision);
         if verdict.is_err() {
             self.hold = Some(HoldReason::Guarded.name());

@@ -16,6 +16,7 @@ use super::clock;
 use super::control::{Control, Origin, Refusal};
 use super::drift::Feed;
 use super::hub::{Report, View};
+use super::ledger::Ledger;
 use super::live::Mode;
 use super::recorder::Job;
 use crate::config::service::ServiceConfig;
@@ -93,6 +94,7 @@ pub(super) struct Engine {
     mode_reason: String,
     fault: Option<String>,
     black_box: BlackBox,
+    ledger: Ledger,
     save: Option<PendingSave>,
     backlog: VecDeque<Report>,
     picture: Picture,
@@ -101,6 +103,7 @@ pub(super) struct Engine {
     last_wake: Instant,
     acknowledge: bool,
     told_rad: Option<f64>,
+    told_speed: bool,
     turret_state: u32,
     stopping: bool,
 }
@@ -133,6 +136,7 @@ impl Engine {
         let rate_hz = setup.config.machine.sample_rate.hz();
         Self {
             black_box: BlackBox::new(kept_s, rate_hz),
+            ledger: Ledger::new(kept_s),
             picture: Picture::new(clock::now()),
             setup,
             stream: None,
@@ -151,6 +155,7 @@ impl Engine {
             last_wake: clock::now(),
             acknowledge: false,
             told_rad: None,
+            told_speed: false,
             turret_state: 0,
             stopping: false,
         }
@@ -247,6 +252,7 @@ impl Engine {
     /// A producer that is new, came back, or changed its axes or rate: everything starts anew.
     fn begin_stream(&mut self, batch: &ServoBatch) {
         self.black_box.clear();
+        self.ledger.clear();
         self.picture.forget();
         if self.mode == Mode::Act {
             self.change_mode(Mode::Observe, "the machine's stream began anew");
@@ -443,6 +449,8 @@ impl Engine {
                 ("config_sha256".into(), self.setup.config_hash.clone()),
             ],
             settings: stream.pipeline().settings_digest(),
+            turret_settings: self.acting.as_ref().map_or(0, Acting::settings_digest),
+            pages: self.ledger.snapshot(),
         };
         if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.setup.recorder.try_send(job)
         {

@@ -1,6 +1,7 @@
 //! What the pipeline thread shows twenty times a second.
 
 use super::Engine;
+use super::acting::Acting;
 use crate::chatter::{ChatterEvent, Line, NotChatter, Phase};
 use crate::force::observer::Observer;
 use crate::pipeline::StepOutput;
@@ -268,6 +269,9 @@ impl Engine {
             limited: latest.is_some_and(|c| c.pitch_difference_rad < 0.999 * c.requested_pitch_rad),
             turret: turret_word(status.map(|s| s.state)).to_owned(),
             hold_reason: acting.and_then(|a| a.hold).map(str::to_owned),
+            advised_speed_rpm: acting
+                .and_then(Acting::advised_speed_rpm)
+                .filter(|_| self.mode != Mode::Observe),
         }
     }
 

@@ -171,12 +171,13 @@ impl Engine {
             stream: s.id(),
             t_ns: s.newest.map_or(0, |p| p.t_ns),
         });
+        let t_s = self.stream.as_ref().and_then(|s| s.newest).map(|p| p.t_ns as f64 * 1e-9);
         let Some(acting) = &mut self.acting else { return };
         if self.mode != Mode::Act {
             acting.close_port_later(situation.now_s);
         }
         let overdue = acting.overdue(situation.now_s);
-        let (decision, verdict) = acting.decide(&situation);
+        let (decision, verdict) = acting.decide(&situation, (t_s, &mut self.ledger));
         self.acknowledge &= decision == Decision::NotDue;
         if let Some(outcome) = overdue {
             self.settle(outcome);
@@ -188,6 +189,7 @@ impl Engine {
             Decision::NotDue => {}
             Decision::Hold(reason) => {
                 self.setup.metrics.holds.with_label_values(&[reason.name()]).inc();
+                self.advise_speed(reason);
                 if self.mode == Mode::Act && needs_a_person(reason) {
                     self.latch(&format!("stopped acting: {}", reason.name().replace('_', " ")));
                     self.decide(now);
@@ -202,6 +204,20 @@ impl Engine {
             }
             Decision::Command(command) => self.command(command, (origin, &facts)),
         }
+    }
+
+    /// Tells once that no pitch is stable, and the nearest spindle speed at which one is.
+    fn advise_speed(&mut self, reason: HoldReason) {
+        let told = std::mem::replace(&mut self.told_speed, reason == HoldReason::NoStablePitch);
+        if told || reason != HoldReason::NoStablePitch {
+            return;
+        }
+        let speed = self.acting.as_ref().and_then(Acting::advised_speed_rpm);
+        let text = match speed {
+            Some(rpm) => format!("no pitch is predicted to be stable at this speed; one is at {rpm:.0} rpm"),
+            None => "no pitch is predicted to be stable, here or at a speed within 40 %".to_owned(),
+        };
+        self.report(Event::new(EventKind::SpeedAdvised, clock::wall_ns(), text));
     }
 
     /// The monitor says that a decision breaks a rule: a fault of ours, nothing more is commanded.
