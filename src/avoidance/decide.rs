@@ -4,12 +4,14 @@ use super::best_pitch::{PitchAdvice, PitchQuestion, best_pitch};
 use super::choice::{GrowthMeter, TrackedLines, pitch_for_attempt_rad, plausible_speed};
 use super::identified::HeardLine;
 use super::pitch::{pitch_of_shift_rad, tool_shift};
-use super::{AvoidanceSettings, Command, CommandKind, Decision, HoldReason, Mode, Situation, TurretMotion};
+use super::{
+    AvoidanceSettings, Command, CommandKind, Decision, HoldReason, Mode, SettingsError, Situation,
+    TurretMotion,
+};
 use crate::chatter::Phase;
 use crate::keyframe::keep;
 use crate::sample::MAX_AXES;
 use crate::units::SpindleSpeed;
-use thiserror::Error;
 
 /// Longest lifetime of a command (invariant I7).
 const LONGEST_TTL_S: f64 = 2.5;
@@ -29,21 +31,6 @@ const LONGEST_BACKOFF_S: f64 = 60.0;
 const REVERSALS: usize = 6;
 /// Lines are kept this long after they were last heard.
 const KEEP_LINES_S: f64 = 60.0;
-
-/// Why settings cannot be used.
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
-pub enum SettingsError {
-    /// A value outside what is allowed.
-    #[error("{name} = {value}: expected {expected}")]
-    Value {
-        /// Setting.
-        name: &'static str,
-        /// Value.
-        value: f64,
-        /// What is allowed.
-        expected: &'static str,
-    },
-}
 
 /// The decision: immutable design.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -291,10 +278,11 @@ impl Avoidance {
             // What still is so latches again.
             self.watch_silence(state, now);
         }
+        self.watch_target(state, now);
         if let Some(reason) = self.obstacle(now) {
             return Decision::Hold(reason);
         }
-        self.watch_turret(state, now);
+        self.watch_refusals(state, now);
         if let Some(latched) = &mut state.latched {
             let reason = latched.reason;
             if !latched.returned && now.mode == Mode::Act && state.target.is_some() {
@@ -366,21 +354,27 @@ impl Avoidance {
         None
     }
 
-    /// Refusals and targets that are not reached.
-    fn watch_turret(&self, state: &mut AvoidanceState, now: &Situation) {
-        let (Some(turret), Some(target)) = (now.turret, state.target) else { return };
-        if turret.motion == TurretMotion::Refused {
-            state.refusals = (state.refusals + 1).min(16);
-            let wait_s = f64::from(1u32 << (state.refusals - 1).min(6)).min(LONGEST_BACKOFF_S);
-            state.refused_until_s = now.now_s + wait_s;
-        } else {
+    /// Refusals, each of which makes the next wait longer.
+    fn watch_refusals(&self, state: &mut AvoidanceState, now: &Situation) {
+        let (Some(turret), Some(_)) = (now.turret, state.target) else { return };
+        if turret.motion != TurretMotion::Refused {
             state.refusals = 0;
+            return;
         }
-        let off =
-            self.settings.turret.axes().iter().any(|a| {
-                (turret.offsets_m[a.index] - target.offsets_m[a.index]).abs() > self.settings.reached_m
-            });
-        let time_to_move = now.now_s - target.issued_s >= self.settings.interval_s;
+        state.refusals = (state.refusals + 1).min(16);
+        let wait_s = f64::from(1u32 << (state.refusals - 1).min(6)).min(LONGEST_BACKOFF_S);
+        state.refused_until_s = now.now_s + wait_s;
+    }
+
+    /// A target that is not reached, counted once an interval whatever else forbids a command.
+    fn watch_target(&self, state: &mut AvoidanceState, now: &Situation) {
+        let (Some(turret), Some(target), s) = (now.turret, state.target, &self.settings) else { return };
+        if !(0.0..=s.report_deadline_s).contains(&(now.now_s - turret.heard_s)) {
+            return;
+        }
+        let apart_m = |i: usize| (turret.offsets_m[i] - target.offsets_m[i]).abs();
+        let off = s.turret.axes().iter().any(|a| apart_m(a.index) > s.reached_m);
+        let time_to_move = now.now_s - target.issued_s >= s.interval_s;
         state.off_target = if off && time_to_move { state.off_target + 1 } else { 0 };
         if state.off_target >= STUCK_INTERVALS {
             state.latched.get_or_insert(Latched { reason: HoldReason::TurretNotReached, returned: false });

@@ -24,11 +24,12 @@ pub mod invariants;
 pub mod pitch;
 pub mod turret;
 
-pub use decide::{Avoidance, AvoidanceState, SettingsError};
+pub use decide::{Avoidance, AvoidanceState};
 
 use crate::chatter::Phase;
 use crate::keyframe::{Keep, Words, keep, keep_list};
 use crate::sample::MAX_AXES;
+use thiserror::Error;
 
 /// How far Stillcut may go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -64,6 +65,21 @@ pub struct AvoidanceSettings {
     /// Bar and cut as the operator stated them: the choice of pitch by the two-delay model starts here.
     /// `None`: eq. (6-10) alone.
     pub stated: Option<identified::StatedCut>,
+}
+
+/// Why settings cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum SettingsError {
+    /// A value outside what is allowed.
+    #[error("{name} = {value}: expected {expected}")]
+    Value {
+        /// Setting.
+        name: &'static str,
+        /// Value.
+        value: f64,
+        /// What is allowed.
+        expected: &'static str,
+    },
 }
 
 /// What is known when a decision is due. Times are of one monotonic clock. By default nothing is known.
