@@ -92,7 +92,9 @@ const CORE: &[&str] = &[
 ];
 const BANNED: &[&str] = &["todo!(", "unimplemented!(", "FIXME", "XXX", "#[ignore"];
 const LONGEST_FILE: usize = 600;
-const LONGEST_LINE: usize = 146;
+const LONGEST_LINE: usize = 110;
+/// Markup and style sheets inside of string literals, one element a line.
+const LONGEST_MARKUP: usize = 146;
 
 fn sources(folder: &Path, out: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).unwrap().flatten() {
@@ -191,7 +193,8 @@ fn files_and_lines_stay_readable_and_nothing_is_left_undone() {
         }
         for (number, line) in text.lines().enumerate() {
             let length = line.chars().count();
-            if length > LONGEST_LINE && !line.contains("http") {
+            let longest = if path.starts_with("report") { LONGEST_MARKUP } else { LONGEST_LINE };
+            if length > longest && !line.contains("http") {
                 complaints.push(format!("{}:{}: {length} characters", path.display(), number + 1));
             }
             for word in BANNED {

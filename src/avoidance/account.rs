@@ -126,7 +126,8 @@ pub enum AccountError {
     Damaged,
     /// Other settings decide otherwise.
     #[error(
-        "the turret decisions were made with other settings of turret, workpiece or cutting, or another version"
+        "the turret decisions were made with other settings of turret, workpiece or cutting, or \
+         another version"
     )]
     Settings,
     /// Something else was decided.

@@ -9,7 +9,8 @@ use crate::sample::MAX_AXES;
 /// Commissioned limits as the watcher was told them, independently of the decision's settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Commissioned {
-    /// The two axes of turret 1: place in the stream, direction in rad, lowest, highest offset in m, speed in m/s.
+    /// The two axes of turret 1: place in the stream, direction in rad, lowest, highest offset in m, speed in
+    /// m/s.
     pub axes: [(usize, f64, f64, f64, f64); 2],
     /// Diameter at the tools.
     pub diameter_m: f64,
@@ -310,7 +311,8 @@ impl InvariantMonitor {
         self.check_purpose(seen, command)
     }
 
-    /// A new target must bring some line heard in the last minute between 0.6 pi and 1.2 pi, whole waves aside.
+    /// A new target must bring some line heard in the last minute between 0.6 pi and 1.2 pi, whole waves
+    /// aside.
     fn check_purpose(&self, seen: &Situation, command: &Command) -> Result<(), Violation> {
         if command.kind != CommandKind::Move {
             return Ok(());

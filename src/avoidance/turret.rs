@@ -41,7 +41,8 @@ pub struct TurretKinematics {
 pub enum TurretError {
     /// The axes span no plane.
     #[error(
-        "turret axes at {first_rad} and {second_rad} rad are parallel: they cannot move the tool around the bar"
+        "turret axes at {first_rad} and {second_rad} rad are parallel: they cannot move the tool around \
+         the bar"
     )]
     Parallel {
         /// Direction of the first.

@@ -6,7 +6,8 @@ use super::{ChatterOutput, Phase};
 const SAME_LINE_HZ: f64 = 8.0;
 /// Two axes must agree for this long: two drives that hunt meet on one line only in passing.
 const TOGETHER_S: f64 = 0.12;
-/// A line that moves further than this between looks is not the same line: noise that a damped mode colours wanders.
+/// A line that moves further than this between looks is not the same line: noise that a damped mode colours
+/// wanders.
 const STEADY_HZ: f64 = 4.0;
 /// A line that one axis alone hears must last this long before it counts: hunting of a single drive does not.
 const ALONE_S: f64 = 1.0;
@@ -26,8 +27,8 @@ pub struct Agreement {
     pub power_n2: f64,
     /// Growth of the leading axis' line, 1/s.
     pub growth_1_s: Option<f64>,
-    /// Share of the watched axes that hear the leading line, halved while the moving variance of the leading axis
-    /// does not confirm it: a measure of confidence.
+    /// Share of the watched axes that hear the leading line, halved while the moving variance of the leading
+    /// axis does not confirm it: a measure of confidence.
     pub confidence: f64,
 }
 

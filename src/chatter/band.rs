@@ -69,8 +69,8 @@ pub fn predicted_band(bending_frequency_hz: f64) -> Result<Band, BandError> {
 
 /// Band to watch for a bar whose cutting stiffness is stated as well.
 ///
-/// The cut holds the bar: it chatters near sqrt((k + 2 K)/m)/2 pi = f_n sqrt(1 + 2 K/k), up to one lobe beside it. K is
-/// stated to about a quarter: 1.25 K. Never narrower than [`predicted_band`].
+/// The cut holds the bar: it chatters near sqrt((k + 2 K)/m)/2 pi = f_n sqrt(1 + 2 K/k), up to one lobe
+/// beside it. K is stated to about a quarter: 1.25 K. Never narrower than [`predicted_band`].
 /// Checked by: `a_deep_cut_raises_the_band`, `stillcut campaign --wide`.
 pub fn predicted_band_in_cut(
     bending_frequency_hz: f64,

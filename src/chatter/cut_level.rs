@@ -75,7 +75,8 @@ impl CutLevel {
         }
     }
 
-    /// Takes one force; `speed_hz` is turns per second, 0 where it is not known. Looks at the level every 5 ms.
+    /// Takes one force; `speed_hz` is turns per second, 0 where it is not known. Looks at the level every 5
+    /// ms.
     pub(super) fn step(&self, state: &mut CutLevelState, force_n: f64, speed_hz: f64) -> Change {
         if !state.started {
             (state.started, state.level_n) = (true, force_n);

@@ -417,8 +417,9 @@ impl ChatterMonitor {
         }
     }
 
-    /// The short windows see all of the band louder at once: tools enter or leave, or something is hit. Nothing is
-    /// declared for one turn; where all of the band is still louder then, it is no ring: the notches start anew.
+    /// The short windows see all of the band louder at once: tools enter or leave, or something is hit.
+    /// Nothing is declared for one turn; where all of the band is still louder then, it is no ring: the
+    /// notches start anew.
     fn watch_width(&self, state: &mut ChatterState, t_s: f64) {
         let louder = state.bank_common[0].min(state.bank_common[1]) > LOUDER;
         let wide = louder && state.detector.phase() != Phase::Chatter;

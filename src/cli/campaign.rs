@@ -24,8 +24,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Closes the loop on random cuts: how many that chatter end stable, against what the model says can.
 ///
 /// Bar, speed, depth, material and noise are drawn from the seed; the result is the same every time. The
-/// controller is told diameter, projection length, width and feed as they are, and of clamp, damping and material
-/// the nominal values only.
+/// controller is told diameter, projection length, width and feed as they are, and of clamp, damping and
+/// material the nominal values only.
 #[derive(clap::Args)]
 #[command(after_help = "Example: stillcut campaign --cuts 200 --out out/campaign")]
 pub(super) struct Arguments {
@@ -240,12 +240,14 @@ fn ends_stable(outcome: &Outcome) -> bool {
 fn table(cases: &[Case], outcomes: &[Outcome]) -> String {
     let mut text = String::from(
         "seed,natural_hz,speed_rpm,width_m,noise,equal_growth_1_s,equal_hz,best_growth_1_s,eq_6_10_rad,\
-         onsets,first_onset_s,commands,moves,first_pitch_rad,refused,loudest_m,last_m,marked_s,last_hold,ends_stable\n",
+         onsets,first_onset_s,commands,moves,first_pitch_rad,refused,loudest_m,last_m,marked_s,\
+         last_hold,ends_stable\n",
     );
     for (c, o) in cases.iter().zip(outcomes) {
         let pitch = optimum_pitch_rad(c.scenario.spindle, c.equal.frequency_hz, 0).unwrap_or(0.0);
         text += &format!(
-            "{},{:.2},{:.1},{:.6},{:.3},{:.2},{:.2},{:.2},{:.5},{},{:.3},{},{},{:.5},{},{:.3e},{:.3e},{:.3},{},{}\n",
+            "{},{:.2},{:.1},{:.6},{:.3},{:.2},{:.2},{:.2},{:.5},{},{:.3},{},{},{:.5},{},\
+             {:.3e},{:.3e},{:.3},{},{}\n",
             c.seed,
             c.scenario.workpiece.bending_frequency_hz(),
             c.scenario.spindle.rpm(),

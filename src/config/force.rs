@@ -112,8 +112,8 @@ impl ForceConfig {
         Ok(Self { all, axes, accelerometers })
     }
 
-    /// Reads the air-cutting runs that the tables name. Errors: one line; a run that cannot be read, or that lacks the
-    /// signals of its axis.
+    /// Reads the air-cutting runs that the tables name. Errors: one line; a run that cannot be read, or that
+    /// lacks the signals of its axis.
     pub fn read_idle_runs<E: std::fmt::Display>(
         &mut self,
         machine: &Machine,

@@ -368,7 +368,8 @@ mod tests {
         let text = format!("{HEAD}[[signals]]\nfrom = \"u\"\nto = \"x_thrust_ref_n\"\nunit = \"V\"\n");
         assert_eq!(
             read(&text).unwrap_err(),
-            "map.toml: signals[0] (x_thrust_ref_n): unit `V` measures voltage, the column force: state scale = ... or \
+            "map.toml: signals[0] (x_thrust_ref_n): unit `V` measures voltage, the column force: state \
+             scale = ... or \
              another unit"
         );
         assert!(read(&text.replace("unit = \"V\"", "unit = \"V\"\nscale = 35.15")).is_ok());

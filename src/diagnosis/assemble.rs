@@ -110,7 +110,8 @@ fn tried(round: Option<&Round>) -> Vec<Tried> {
     })
 }
 
-/// An amplitude a of deviation s brings the evidence (a / s)^2: from the root of the threshold on it is claimed.
+/// An amplitude a of deviation s brings the evidence (a / s)^2: from the root of the threshold on it is
+/// claimed.
 fn detection_limits(bench: &Bench<'_>, round: Option<&Round>) -> Vec<DetectionLimit> {
     let deviations = least_evidence(bench).sqrt();
     let scores = round.into_iter().flat_map(|r| &r.scores).filter(|s| s.unit_rms_n > 0.0);

@@ -83,7 +83,8 @@ impl Kernel {
         Self { taps, half }
     }
 
-    /// The kernel of a band for a reference that the drive holds for a sample and follows by a first-order loop.
+    /// The kernel of a band for a reference that the drive holds for a sample and follows by a first-order
+    /// loop.
     ///
     /// y(t) = h * hold * loop, hold: mean over one period after the sample, loop: w exp(-w t); all three as
     /// continuous functions, then sampled. A recursion from sample to sample has another phase and gain: at a

@@ -48,8 +48,8 @@ pub(crate) fn steps_m(axis: &AxisModel, motions: &[Motion]) -> [f64; 2] {
 /// The step of a recorded position where it is coarser than `stated_m`; `None`: as stated, or no grid to be
 /// seen.
 ///
-/// The greatest common measure of the differences, by Euclid's algorithm on real numbers; then every difference,
-/// the small ones first, sharpens it. Checked by: tests::a_coarser_step_is_read_off.
+/// The greatest common measure of the differences, by Euclid's algorithm on real numbers; then every
+/// difference, the small ones first, sharpens it. Checked by: tests::a_coarser_step_is_read_off.
 pub(crate) fn coarser_step(position_m: &[f64], stated_m: f64) -> Option<f64> {
     let stride = (position_m.len() / LOOKED_AT).max(1);
     let mut differences: Vec<f64> = position_m
@@ -77,8 +77,8 @@ fn common_measure(mut a: f64, mut b: f64, end: f64) -> f64 {
     a
 }
 
-/// Least squares over the whole numbers of steps, from the smallest differences on: each part is only as long as
-/// what the parts before it can count.
+/// Least squares over the whole numbers of steps, from the smallest differences on: each part is only as long
+/// as what the parts before it can count.
 fn sharpened(mut step: f64, sorted: &[f64]) -> f64 {
     let (mut numerator, mut denominator) = (0.0, 0.0);
     for d in sorted {

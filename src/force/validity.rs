@@ -50,8 +50,8 @@ impl Validity {
         self.0 == 0
     }
 
-    /// True when nothing stands against acting on the estimate: a flag that warns of a line, a mode, an unseen
-    /// mean or another opinion is tolerated, one that makes the number meaningless is not.
+    /// True when nothing stands against acting on the estimate: a flag that warns of a line, a mode, an
+    /// unseen mean or another opinion is tolerated, one that makes the number meaningless is not.
     #[must_use]
     pub fn may_act(self) -> bool {
         let forbids = Self::SETTLING

@@ -84,7 +84,15 @@ pub struct DriveParams {
 }
 
 macro_rules! read {
-    ($($(#[$doc:meta])* $name:ident),* $(,)?) => { $($(#[$doc])* #[must_use] pub fn $name(&self) -> f64 { self.raw.$name.unwrap_or(0.0) })* };
+    ($($(#[$doc:meta])* $name:ident),* $(,)?) => {
+        $(
+            $(#[$doc])*
+            #[must_use]
+            pub fn $name(&self) -> f64 {
+                self.raw.$name.unwrap_or(0.0)
+            }
+        )*
+    };
 }
 
 impl DriveParams {

@@ -14,8 +14,8 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Reads a table. The library behind it panics on some damaged files (negative offsets, a dictionary page that
-/// is missing): that too is a damaged file, and no fault of ours.
+/// Reads a table. The library behind it panics on some damaged files (negative offsets, a dictionary page
+/// that is missing): that too is a damaged file, and no fault of ours.
 pub(super) fn read(path: &Path) -> Result<RawTable, RecordingError> {
     std::panic::catch_unwind(|| read_unguarded(path)).unwrap_or_else(|_| {
         let message = "damaged: its pages are not where its index says".to_owned();

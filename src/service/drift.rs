@@ -61,7 +61,8 @@ impl Mismatch {
     pub(super) fn sentence(&self) -> String {
         let (axis, ratio, baseline) = (&self.axis, 100.0 * self.ratio, 100.0 * self.baseline);
         format!(
-            "the model of axis {axis} leaves {ratio:.0} % of the thrust open while nothing cuts ({baseline:.0} % at the \
+            "the model of axis {axis} leaves {ratio:.0} % of the thrust open while nothing cuts \
+             ({baseline:.0} % at the \
              start): something about the machine is not in it"
         )
     }

@@ -180,8 +180,8 @@ impl Grid {
 
     /// Answers of the points `from..to`; parts of a grid may run side by side.
     ///
-    /// Every point is searched by itself: following the roots of a neighbour loses the one that takes the lead
-    /// from far away, and a map would miss an island. Errors: as [`Grid::check`].
+    /// Every point is searched by itself: following the roots of a neighbour loses the one that takes the
+    /// lead from far away, and a map would miss an island. Errors: as [`Grid::check`].
     pub fn evaluate(&self, from: usize, to: usize) -> Result<Vec<GridPoint>, GridError> {
         let mut answers: Vec<GridPoint> = Vec::with_capacity(to.saturating_sub(from));
         for point in from..to {

@@ -41,9 +41,9 @@ impl Scaled {
     /// Without the surface's slow fading.
     ///
     /// Below the natural frequency k + 2K - m w^2 is more than 2K: no root there can grow. Far below it the
-    /// equation has a ladder of roots, 1/tau apart, at which marks of the surface fade while the bar gives way
-    /// as a mere spring; with everything else well damped one of them is the rightmost. They are no bending
-    /// vibration. The ladder is cut at half the natural frequency, at the step nearest to it.
+    /// equation has a ladder of roots, 1/tau apart, at which marks of the surface fade while the bar gives
+    /// way as a mere spring; with everything else well damped one of them is the rightmost. They are no
+    /// bending vibration. The ladder is cut at half the natural frequency, at the step nearest to it.
     pub(super) fn of_bending(mut self) -> Self {
         let half_step = std::f64::consts::PI * 2.0 / (self.delay_1_s + self.delay_2_s).max(1e-9);
         self.lowest_rad_s = (0.5 * self.stiffness.sqrt() - half_step).max(0.0);

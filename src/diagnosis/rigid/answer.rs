@@ -499,8 +499,8 @@ fn spelled(value: f64, unit: &str) -> String {
 fn next(effect: EffectKind) -> &'static str {
     match effect {
         EffectKind::GravityLoad | EffectKind::AsymmetricFriction => {
-            "Rest for a second at several places with the drive on, between slow strokes in both directions: a \
-             weight holds at rest, a difference of friction does not."
+            "Rest for a second at several places with the drive on, between slow strokes in both directions: \
+             a weight holds at rest, a difference of friction does not."
         }
         EffectKind::CoulombFriction | EffectKind::PreslidingFriction | EffectKind::Backlash => {
             "Reversals of 10 um to 1 mm at less than 1 mm/s, both under load from one side and from the \

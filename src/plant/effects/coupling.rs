@@ -49,7 +49,8 @@ impl Torsion {
     }
 
     /// e, e', e'' for a sampled load: the exact response to a load that is linear between samples, whose
-    /// droop sinc^2(f dt) is taken out beforehand by 1 - delta^2 / 12 (what is left: 0.2 % at a tenth of the rate).
+    /// droop sinc^2(f dt) is taken out beforehand by 1 - delta^2 / 12 (what is left: 0.2 % at a tenth of the
+    /// rate).
     #[must_use]
     pub fn response(&self, load_n: &[f64], dt_s: f64) -> [Vec<f64>; 3] {
         let near = |i: usize| load_n[i.min(load_n.len() - 1)];

@@ -17,8 +17,8 @@ pub fn stribeck(velocity_m_s: f64, stribeck_velocity_m_s: f64, smoothing_m_s: f6
 
 /// Asymmetry per newton of difference between the directions: |tanh(v / v_s)| / 2.
 ///
-/// Friction is F + d/2 forward and F - d/2 backward: the difference adds the same force in both directions, and
-/// none at rest (where gravity stays).
+/// Friction is F + d/2 forward and F - d/2 backward: the difference adds the same force in both directions,
+/// and none at rest (where gravity stays).
 #[must_use]
 pub fn asymmetric(velocity_m_s: f64, smoothing_m_s: f64) -> f64 {
     0.5 * sliding_direction(velocity_m_s, smoothing_m_s).abs()
