@@ -94,6 +94,9 @@ impl AxisSettings {
 /// Motor travel, motor speed, stage position, stage speed, thrust.
 type Motion = [f64; 5];
 
+/// Hysteresis of a rotary encoder's counter, in counts to either side: without one an axis that stops on the edge
+/// of a count hunts over it for good, which no drive would be shipped with.
+const COUNT_HYSTERESIS: f64 = 0.5;
 /// Speed over which Coulomb friction turns its sign, m/s.
 const FRICTION_SPEED_M_S: f64 = 2.0e-4;
 
@@ -107,6 +110,7 @@ pub struct TurretAxis {
     velocity_integral_m: f64,
     filtered_velocity_m_s: f64,
     last_motor_m: f64,
+    motor_count: f64,
     current_line: DelayLine,
     motor_line: DelayLine,
     stage_line: DelayLine,
@@ -161,6 +165,7 @@ impl TurretAxis {
             velocity_integral_m: 0.0,
             filtered_velocity_m_s: 0.0,
             last_motor_m: 0.0,
+            motor_count: 0.0,
             current_line: DelayLine::new(settings.amplifier_dead_time_s, step_s),
             motor_line: DelayLine::new(settings.motor_encoder_delay_s, step_s),
             stage_line: DelayLine::new(settings.stage_encoder_delay_s, step_s),
@@ -186,7 +191,10 @@ impl TurretAxis {
         }
         let s = &self.settings;
         let motor_step_m = s.screw_lead_m / s.motor_encoder_counts_per_rev;
-        let motor_m = (motor / motor_step_m).floor() * motor_step_m;
+        let counts = motor / motor_step_m;
+        self.motor_count =
+            self.motor_count.clamp((counts - COUNT_HYSTERESIS).floor(), (counts + COUNT_HYSTERESIS).floor());
+        let motor_m = self.motor_count * motor_step_m;
         let stage = stage + s.stage_encoder_noise_m * noise;
         let stage_m = s.stage_encoder_step_m.map(|step| (stage / step).floor() * step);
         self.control(position_cmd_m, motor_m, stage_m);
@@ -273,6 +281,26 @@ mod tests {
                 axis.step((f64::from(i) * 2.0e-3 / RATE_HZ).min(0.5e-3), 0.0, 0.0);
             }
             assert!((axis.stage_position_m() - 0.5e-3).abs() < 5.0e-6, "{}", axis.stage_position_m());
+        }
+    }
+
+    #[test]
+    fn an_axis_that_stops_on_the_edge_of_a_count_does_not_hunt() {
+        for place_m in [0.5e-3, -0.6115e-3, -0.61162e-3, 0.88733e-3] {
+            let mut axis = TurretAxis::new(AxisSettings::rolling(true), RATE_HZ);
+            let mut steps = 0;
+            let mut last_a = 0.0;
+            for i in 0..9000 * 6 {
+                let way_m = (f64::from(i) * 2.0e-3 / RATE_HZ).min(place_m.abs());
+                let noise = ((f64::from(i) * 0.731).sin() * 43_758.5).fract();
+                let report = axis.step(way_m.copysign(place_m), 40.0, noise);
+                // A count is 67 nm: read as velocity it moves the current by 0.015 A.
+                if i > 9000 * 4 && (report.current_ref_a - last_a).abs() > 0.007 {
+                    steps += 1;
+                }
+                last_a = report.current_ref_a;
+            }
+            assert!(steps < 20, "{place_m}: {steps} steps of the current in two seconds");
         }
     }
 
