@@ -286,7 +286,7 @@ mod tests {
 
     #[test]
     fn an_axis_that_stops_on_the_edge_of_a_count_does_not_hunt() {
-        for place_m in [0.5e-3, -0.6115e-3, -0.61162e-3, 0.88733e-3] {
+        for place_m in [0.5e-3_f64, -0.6115e-3, -0.61162e-3, 0.88733e-3] {
             let mut axis = TurretAxis::new(AxisSettings::rolling(true), RATE_HZ);
             let mut steps = 0;
             let mut last_a = 0.0;
