@@ -94,8 +94,8 @@ impl AxisSettings {
 /// Motor travel, motor speed, stage position, stage speed, thrust.
 type Motion = [f64; 5];
 
-/// Hysteresis of a rotary encoder's counter, in counts to either side: without one an axis that stops on the edge
-/// of a count hunts over it for good, which no drive would be shipped with.
+/// Hysteresis of a rotary encoder's counter, in counts to either side: without one an axis that stops on the
+/// edge of a count hunts over it for good, which no drive would be shipped with.
 const COUNT_HYSTERESIS: f64 = 0.5;
 /// Speed over which Coulomb friction turns its sign, m/s.
 const FRICTION_SPEED_M_S: f64 = 2.0e-4;
