@@ -435,8 +435,8 @@ impl Case<'_> {
                 let edge = p.thinning.edge();
                 RecordingFit {
                     experiment: m.experiment.clone(),
-                    rms_before_n: rms(&self.nominal[r..=r].to_vec()),
-                    rms_after_n: rms(&self.after[r..=r].to_vec()),
+                    rms_before_n: rms(&self.nominal[r..=r]),
+                    rms_after_n: rms(&self.after[r..=r]),
                     t_s: (0..n).map(|k| m.time_s(edge + k * p.thinning.step)).collect(),
                     position_m: p.thinning.pick(&m.stage_side().position_m),
                     velocity_m_s: p.thinning.pick(&m.stage_side().velocity_m_s),

@@ -379,7 +379,7 @@ impl<'a> Bench<'a> {
             likelihood: n * (self.solution.left / solution.left.max(1e-300)).ln(),
             deviations: solution.deviations[first..].to_vec(),
             amplitudes,
-            unit_rms_n: raw.first().map_or(0.0, rms),
+            unit_rms_n: raw.first().map_or(0.0, |c| rms(c)),
             plausible,
             hypothesis: hypothesis.clone(),
         }
@@ -479,7 +479,7 @@ pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f6
 }
 
 /// Root of the mean of r_m^2 + r_s^2 over all samples.
-pub(crate) fn rms(column: &Column) -> f64 {
+pub(crate) fn rms(column: &[Sides]) -> f64 {
     let samples: usize =
         column.iter().map(|s| s.motor.as_ref().or(s.stage.as_ref()).map_or(0, Vec::len)).sum();
     let sides = column.iter().flat_map(|s| [&s.motor, &s.stage]).flatten();

@@ -1,5 +1,6 @@
 //! Force estimators and identification against simulated truth that they were not made with.
 
+use crate::folders::shared;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
@@ -24,19 +25,6 @@ use stillcut::recording::read_recording;
 use stillcut::sample::Recording;
 use stillcut::signal::butterworth::{Butterworth, zero_phase};
 use stillcut::units::SampleRate;
-
-fn shared(path: &str) -> Option<PathBuf> {
-    let full = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared").join(path);
-    if full.exists() {
-        return Some(full);
-    }
-    let beside = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared").join(path);
-    if beside.exists() {
-        return Some(beside);
-    }
-    println!("skipped: no ../shared/{path}");
-    None
-}
 
 fn deviation(x: &[f64]) -> f64 {
     let mean = x.iter().sum::<f64>() / x.len() as f64;
