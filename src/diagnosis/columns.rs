@@ -44,7 +44,7 @@ pub(super) fn shifted(x: &[f64], shift_samples: f64) -> Vec<f64> {
 }
 
 /// x(t) - x(t + shift).
-pub(super) fn difference(x: &[f64], shift_samples: f64) -> Vec<f64> {
+pub(crate) fn difference(x: &[f64], shift_samples: f64) -> Vec<f64> {
     x.iter().zip(shifted(x, shift_samples)).map(|(a, b)| a - b).collect()
 }
 

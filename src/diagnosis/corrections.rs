@@ -15,8 +15,9 @@ pub(super) fn material(c: &Correction) -> bool {
         0.15
     } else if c.name.contains("coulomb") {
         0.08
-    } else if c.name.contains("dead_time") {
-        return false;
+    } else if c.name.ends_with("_s") {
+        // A delay is listed only where it is off by more than how a sample is taken.
+        return true;
     } else {
         0.03
     };

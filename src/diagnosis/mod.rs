@@ -7,6 +7,7 @@ mod columns;
 mod corrections;
 mod floor;
 mod kernel;
+mod location;
 mod motion;
 mod problem;
 mod regression;
@@ -17,6 +18,7 @@ mod shape;
 mod steps;
 mod strangers;
 mod terms;
+mod triple;
 mod whitening;
 
 pub use result::*;
@@ -81,6 +83,9 @@ pub fn diagnose(
     if rigid::applies(axis, recordings) {
         return rigid::diagnose(machine, axis, recordings, progress);
     }
+    let lumped = triple::lumped(machine, axis);
+    let stated = axis;
+    let (machine, axis) = lumped.as_ref().map_or((machine, axis), |(m, a)| (m, a));
     let flexible = recordings.iter().all(|r| motion::is_flexible(axis, r));
     let motions =
         recordings.iter().map(|r| motion::motion(axis, r, flexible)).collect::<Result<Vec<_>, _>>()?;
@@ -96,7 +101,10 @@ pub fn diagnose(
         .collect();
     let outcome = search::search(problem, given, progress);
     let bench = bench::Bench::new(&outcome.problem, &outcome.accepted, &outcome.residual);
-    let diagnosis = assemble::assemble(machine, axis, recordings, (&outcome, &bench));
+    let mut diagnosis = assemble::assemble(machine, axis, recordings, (&outcome, &bench));
+    if lumped.is_some() {
+        diagnosis = triple::unlumped(diagnosis, stated, (&outcome, &bench));
+    }
     progress(1.0, "done");
     Ok(diagnosis)
 }

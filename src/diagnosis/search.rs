@@ -226,6 +226,7 @@ fn weight(p: &Problem, a: &Accepted) -> f64 {
 /// Takes out what later findings have made pointless, and what is too small beside the thrust to be told from
 /// the model's own inexactness.
 fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
+    drop_harmful(p, accepted, residual, given);
     let mut index = given;
     while index < accepted.len() {
         // An encoder's error has the period of its own signal: no inexactness of the mechanics imitates that.
@@ -252,6 +253,25 @@ fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, g
             }
             _ => break,
         }
+    }
+}
+
+/// Takes out what leaves more force on held-out stretches than there is without it.
+///
+/// The noise is estimated from what is left, so a cause that ruins one band buys evidence in all others.
+fn drop_harmful(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
+    loop {
+        let worst = {
+            let bench = Bench::new(p, accepted, residual);
+            let with = rms(&bench.heldout_residual(None));
+            (given..accepted.len())
+                .map(|k| (with / rms(&bench.heldout_residual(Some(k))).max(1e-300), k))
+                .filter(|(ratio, _)| *ratio > 1.0)
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let Some((_, k)) = worst else { return };
+        accepted.remove(k);
+        settle(p, accepted, residual);
     }
 }
 

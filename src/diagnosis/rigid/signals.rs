@@ -26,6 +26,8 @@ pub(super) struct Series {
     pub(super) velocity_m_s: Vec<f64>,
     pub(super) accel_m_s2: Vec<f64>,
     pub(super) thrust_n: Vec<f64>,
+    /// Thrust per ampere where a current is recorded, N/A.
+    pub(super) thrust_n_a: Option<f64>,
 }
 
 /// Thrust in N from whichever reference is recorded.
@@ -47,6 +49,13 @@ fn thrust(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, DiagnoseE
     }
     let expected = name("current_ref_a, _torque_ref_nm or _thrust_ref_n");
     Err(DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected })
+}
+
+/// Thrust per ampere where the current is what is recorded.
+fn thrust_per_ampere(axis: &AxisModel, recording: &Recording) -> Option<f64> {
+    let other = ["thrust_ref_n", "torque_ref_nm"];
+    let direct = other.iter().any(|s| recording.get(&format!("{}_{s}", axis.name)).is_some());
+    if direct { None } else { axis.drive.thrust_constant_n_a() }
 }
 
 /// Position in m from the motor encoder, else from the scale.
@@ -106,6 +115,7 @@ pub(super) fn series(axis: &AxisModel, recording: &Recording) -> Result<Series, 
         band_hz,
         t_s: (0..grid.count).map(|k| recording.time_s(edge + k * step)).collect(),
         thrust_n: kernels[0].apply(&force, grid),
+        thrust_n_a: thrust_per_ampere(axis, recording),
         position_m: kernels[1].apply(&local, grid).iter().map(|v| v + origin).collect(),
         velocity_m_s: kernels[2].apply(&local, grid),
         accel_m_s2: kernels[3].apply(&local, grid),
