@@ -55,6 +55,16 @@ pub enum DiagnoseError {
         /// Axis.
         axis: String,
     },
+    /// Recordings of different sampling rates.
+    #[error("recording {recording}: sampled at {rate_hz} Hz, the first one at {first_hz} Hz; give one rate")]
+    MixedRates {
+        /// Experiment of the recording.
+        recording: String,
+        /// Its rate, Hz.
+        rate_hz: f64,
+        /// Rate of the first recording, Hz.
+        first_hz: f64,
+    },
     /// Too short for the filters.
     #[error("recording {recording}: {samples} samples, at least {needed} are needed")]
     TooShort {
@@ -82,6 +92,11 @@ pub fn diagnose(
     let axis = axis_of(machine, first)?;
     if rigid::applies(axis, recordings) {
         return rigid::diagnose(machine, axis, recordings, progress);
+    }
+    let first_hz = first.sample_rate.hz();
+    if let Some(other) = recordings.iter().find(|r| (r.sample_rate.hz() / first_hz - 1.0).abs() > 1e-6) {
+        let (recording, rate_hz) = (other.experiment.clone(), other.sample_rate.hz());
+        return Err(DiagnoseError::MixedRates { recording, rate_hz, first_hz });
     }
     let lumped = triple::lumped(machine, axis);
     let stated = axis;

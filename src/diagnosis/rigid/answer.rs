@@ -363,10 +363,11 @@ impl Context<'_> {
             };
             // The balance holds the sum of both sides; what is off is off from the sum.
             let (value, total) = (f.amplitudes[0] - other, nominal + other);
-            let half =
-                Z95 * f.deviations[0].hypot(self.scale() * f.amplitudes[0]).hypot(STATED_SHARE * other);
+            let sure = f.deviations[0].hypot(self.scale() * f.amplitudes[0]);
+            // Which side it is off on, the balance does not say: that widens the number, not the doubt.
+            let half = Z95 * sure.hypot(STATED_SHARE * other);
             let apart = (value - nominal).abs();
-            if nominal > 0.0 && value > 0.0 && apart > 1.5 * half && apart > limit * total {
+            if nominal > 0.0 && value > 0.0 && apart > 3.0 * sure && apart > limit * total {
                 list.push(Correction { name, nominal, value, ci95: [value - half, value + half] });
             }
         }

@@ -14,6 +14,7 @@ mod laws;
 mod search;
 mod signals;
 
+use super::motion::is_flexible;
 use super::{DiagnoseError, Diagnosis, Progress};
 use crate::plant::drive::Structure;
 use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
@@ -29,7 +30,9 @@ const LEAST_INERTIA_SHARE: f64 = 0.02;
 
 /// True where this module and not the two-sided balance is to answer.
 pub(super) fn applies(axis: &AxisModel, recordings: &[Recording]) -> bool {
-    axis.drive.structure() == Structure::Rigid || recordings.iter().all(|r| is_locked(axis, r))
+    axis.drive.structure() == Structure::Rigid
+        || recordings.iter().all(|r| is_locked(axis, r))
+        || !recordings.iter().all(|r| is_flexible(axis, r))
 }
 
 /// Says what the model of an axis with one position leaves out.
@@ -40,7 +43,7 @@ pub(super) fn diagnose(
     recordings: &[Recording],
     progress: Progress<'_>,
 ) -> Result<Diagnosis, DiagnoseError> {
-    let locked = axis.drive.structure() != Structure::Rigid;
+    let locked = axis.drive.structure() != Structure::Rigid && recordings.iter().all(|r| is_locked(axis, r));
     let series = recordings.iter().map(|r| series(axis, r)).collect::<Result<Vec<_>, _>>()?;
     progress(0.1, "signals aligned");
     let scales = scales(axis, recordings, &series);
