@@ -15,6 +15,7 @@ use crate::keyframe::{Keep, Words};
 use crate::plant::drive::DriveParams;
 use crate::signal::delay_line::DelayLine;
 use crate::signal::finite_difference::{Stencil, stencils};
+use crate::signal::harmonic_fit::HarmonicFitError;
 use crate::signal::notch::{Notch, NotchState};
 use crate::units::SampleRate;
 
@@ -198,13 +199,33 @@ impl ForceEstimator {
         estimator.noise_floor_n = estimator.quantization_noise_n(drive);
         let window = estimator.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
         estimator.filter_delay_s = estimator.filter.delay_s(rate);
-        estimator.settling = estimator.alignment.lag_samples + window + estimator.filter.memory_samples(rate);
+        estimator.settling = estimator.settling_of(window);
         Ok(estimator)
     }
 
     /// State settled on a first sample: as if the axis had stood there for ever.
     #[must_use]
     pub fn settled(&self, first: &MotionSample) -> ForceState {
+        let mut state = ForceState {
+            current: DelayLine::filled(0.0),
+            motor: DelayLine::filled(0.0),
+            nut: DelayLine::filled(0.0),
+            stage: DelayLine::filled(0.0),
+            current_n: 0.0,
+            last_ref_n: 0.0,
+            presliding: Presliding::settled(0.0),
+            filter: self.filter.settled(0.0),
+            harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
+            notches: [NotchState::default(); MAX_NOTCHES],
+            speed_m_s: 0.0,
+            seen: 0,
+        };
+        self.settle(&mut state, first);
+        state
+    }
+
+    /// Settles a state anew. No allocation.
+    pub fn settle(&self, state: &mut ForceState, first: &MotionSample) {
         let motor = first.motor_travel_m.unwrap_or(0.0);
         let nut = first.nut_position_m.unwrap_or(0.0);
         let stage = first.stage_position_m.unwrap_or(0.0);
@@ -212,20 +233,52 @@ impl ForceEstimator {
             + self.balance.motor.position_n_m * motor
             + self.balance.nut.position_n_m * nut
             + self.balance.stage.position_n_m * stage;
-        ForceState {
-            current: DelayLine::filled(first.thrust_ref_n),
-            motor: DelayLine::filled(motor),
-            nut: DelayLine::filled(nut),
-            stage: DelayLine::filled(stage),
-            current_n: first.thrust_ref_n,
-            last_ref_n: first.thrust_ref_n,
-            presliding: Presliding::settled(stage),
-            filter: self.filter.settled(rest),
-            harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
-            notches: [NotchState::default(); MAX_NOTCHES],
-            speed_m_s: 0.0,
-            seen: 0,
+        state.current = DelayLine::filled(first.thrust_ref_n);
+        state.motor = DelayLine::filled(motor);
+        state.nut = DelayLine::filled(nut);
+        state.stage = DelayLine::filled(stage);
+        (state.current_n, state.last_ref_n) = (first.thrust_ref_n, first.thrust_ref_n);
+        state.presliding = Presliding::settled(stage);
+        self.filter.settle(&mut state.filter, rest);
+        if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
+            harmonic.settle(inner, first);
         }
+        state.notches = [NotchState::default(); MAX_NOTCHES];
+        (state.speed_m_s, state.seen) = (0.0, 0);
+    }
+
+    /// Begins windows for another spindle speed (`fitted`, `spectral`; the others have none); those of now
+    /// stay in use until the new ones are made. Errors: a window that cannot be fitted.
+    pub fn begin_tuning(&mut self, spindle_speed_rpm: f64) -> Result<(), HarmonicFitError> {
+        self.harmonic.as_mut().map_or(Ok(()), |h| h.begin_tuning(spindle_speed_rpm))
+    }
+
+    /// Works on for about so many multiplications; true when the new windows are in use, and states of the
+    /// old ones must be settled anew. No allocation.
+    /// Errors: harmonics that the window cannot tell apart.
+    pub fn advance_tuning(&mut self, multiplications: usize) -> Result<bool, HarmonicFitError> {
+        let Some(harmonic) = &mut self.harmonic else { return Ok(true) };
+        if !harmonic.advance_tuning(multiplications)? {
+            return Ok(false);
+        }
+        self.noise_floor_n = harmonic.noise_floor_n();
+        let window_samples = harmonic.window_samples();
+        self.settling = self.settling_of(window_samples);
+        Ok(true)
+    }
+
+    /// Pieces of the windows in the making that are done, for a keyframe.
+    pub(super) fn tuning_pieces(&self) -> usize {
+        self.harmonic.as_ref().map_or(0, HarmonicEstimator::tuning_pieces)
+    }
+
+    /// Does so many pieces. Errors: as [`Self::advance_tuning`].
+    pub(super) fn catch_up(&mut self, pieces: usize) -> Result<(), HarmonicFitError> {
+        self.harmonic.as_mut().map_or(Ok(()), |h| h.catch_up(pieces))
+    }
+
+    fn settling_of(&self, window_samples: usize) -> usize {
+        self.alignment.lag_samples + window_samples + self.filter.memory_samples(self.rate)
     }
 
     /// One sample in, one estimate out. Constant cost, no allocation.
@@ -482,9 +535,7 @@ impl ForceEstimator {
             step_m * step_m / 12.0 * energy
         };
         if let Some(harmonic) = &self.harmonic {
-            let [motor, stage] = harmonic.noise_gains();
-            let q = [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()];
-            return ((motor * q[0]).hypot(stage * q[1])) / 12f64.sqrt();
+            return harmonic.noise_floor_n();
         }
         let motor = variance(&self.motor.force, drive.motor_encoder_resolution_m());
         let stage = variance(&self.stage.force, drive.stage_encoder_resolution_m());

@@ -1,9 +1,9 @@
 //! The force of one axis, sample by sample: whichever estimator a plan names, with what it needs to run live.
 //!
 //! ```text
-//!  MotionSample --[motor side low-pass]--> ForceEstimator (designed anew where the spindle has settled at
-//! another speed)
-//!               --accelerations----------> FrfStream
+//!  MotionSample --[motor side low-pass]--> ForceEstimator (windows made anew, a little in each sample, where
+//!               |                          the spindle has settled at another speed)
+//!               `-accelerations----------> FrfStream
 //! ```
 //! The live pipeline and `stillcut force` both step an [`Observer`]: one code, one number.
 
@@ -90,8 +90,6 @@ enum Kind {
 
 #[derive(Debug, Clone)]
 struct Servo {
-    plan: ServoPlan,
-    rate: SampleRate,
     estimator: ForceEstimator,
     drive_filter: Option<Butterworth>,
     follow: Option<Follow>,
@@ -115,8 +113,7 @@ impl Observer {
         }))
     }
 
-    /// One sample in, one estimate out. The first one settles the filters. Asks for memory only then and
-    /// where the spindle has settled at another speed (`fitted`, `spectral`, `frf`).
+    /// One sample in, one estimate out. The first one settles the filters and alone asks for memory.
     #[inline]
     pub fn step(&mut self, sample: &MotionSample) -> ForceEstimate {
         match &mut self.0 {
@@ -195,28 +192,25 @@ impl Observer {
     }
 }
 
+/// Multiplications that one sample spends on windows for another speed: a few microseconds.
+const TUNING_WORK: usize = 1 << 14;
+
 impl Servo {
     fn new(plan: &ServoPlan, rate: SampleRate) -> Result<Self, ForceError> {
         let low_pass = |cutoff_hz| Butterworth::low_pass(2, cutoff_hz, rate);
+        let signals = AxisSignals { drive: &plan.drive, rate, signals: plan.signals };
         Ok(Self {
-            estimator: design(plan, rate, None)?,
+            estimator: ForceEstimator::new(plan.method, &signals, plan.settings.clone())?,
             drive_filter: plan.motor_cutoff_hz.map(low_pass).transpose()?,
             follow: plan.settings.harmonic.map(|h| Follow::new(h.spindle_speed_rpm, rate)),
-            plan: plan.clone(),
-            rate,
             running: None,
         })
     }
 
     #[inline]
     fn step(&mut self, sample: &MotionSample) -> ForceEstimate {
-        let off_speed = match (&mut self.follow, sample.spindle_speed_rpm) {
-            (Some(follow), Some(speed_rpm)) => {
-                if let Some(speed_rpm) = follow.step(speed_rpm.abs(), self.running.is_none()) {
-                    self.redesign(speed_rpm);
-                }
-                self.follow.as_ref().is_some_and(|f| f.off)
-            }
+        let off_speed = match sample.spindle_speed_rpm {
+            Some(speed_rpm) if self.follow.is_some() => self.follow_spindle(speed_rpm.abs(), sample),
             _ => false,
         };
         let (estimator, filter) = (&self.estimator, &self.drive_filter);
@@ -238,30 +232,42 @@ impl Servo {
         estimate
     }
 
-    /// Designs for a speed and settles anew. A speed that cannot be (window too long) leaves everything as
-    /// it was.
-    fn redesign(&mut self, speed_rpm: f64) {
-        let designed = design(&self.plan, self.rate, Some(speed_rpm));
-        if let (Ok(estimator), Some(follow)) = (designed, &mut self.follow) {
-            (self.estimator, self.running) = (estimator, None);
-            (follow.design_rpm, follow.off) = (speed_rpm, false);
+    /// Watches the spindle and works on windows for its speed; true while those in use are for another one.
+    /// A speed that cannot be (window too long) leaves everything as it was.
+    fn follow_spindle(&mut self, speed_rpm: f64, sample: &MotionSample) -> bool {
+        let Some(follow) = &mut self.follow else { return false };
+        let first = self.running.is_none();
+        let wanted_rpm = follow.step(speed_rpm, first);
+        if let Some(wanted_rpm) = wanted_rpm.filter(|_| first || !follow.is_tuning()) {
+            follow.target_rpm = wanted_rpm;
+            if self.estimator.begin_tuning(wanted_rpm).is_err() {
+                follow.target_rpm = f64::NAN;
+            }
         }
+        if follow.is_tuning() {
+            // Before the first sample there is no estimate that could wait.
+            let work = if first { usize::MAX } else { TUNING_WORK };
+            match self.estimator.advance_tuning(work) {
+                Ok(true) => {
+                    follow.arrived();
+                    if let Some(running) = &mut self.running {
+                        self.estimator.settle(&mut running.force, sample);
+                    }
+                }
+                Ok(false) => {}
+                Err(_) => follow.target_rpm = f64::NAN,
+            }
+        }
+        follow.off
     }
-}
-
-fn design(plan: &ServoPlan, rate: SampleRate, speed_rpm: Option<f64>) -> Result<ForceEstimator, ForceError> {
-    let signals = AxisSignals { drive: &plan.drive, rate, signals: plan.signals };
-    let mut settings = plan.settings.clone();
-    if let (Some(harmonic), Some(speed_rpm)) = (&mut settings.harmonic, speed_rpm) {
-        harmonic.spindle_speed_rpm = speed_rpm;
-    }
-    ForceEstimator::new(plan.method, &signals, settings)
 }
 
 /// Watches whether the spindle turns as fast as a window was made for.
 #[derive(Debug, Clone, PartialEq)]
 struct Follow {
     design_rpm: f64,
+    /// Speed that windows are being made for; NaN: none.
+    target_rpm: f64,
     sum_rpm: f64,
     count: usize,
     before_rpm: f64,
@@ -269,7 +275,7 @@ struct Follow {
     block: usize,
 }
 
-crate::keyframe::keep!(Follow { design_rpm, sum_rpm, count, before_rpm, off, block });
+crate::keyframe::keep!(Follow { design_rpm, target_rpm, sum_rpm, count, before_rpm, off, block });
 
 /// Over which the spindle's speed is averaged, s: an encoder's noise in it is then far below the tolerance.
 const SPEED_BLOCK_S: f64 = 0.25;
@@ -277,7 +283,17 @@ const SPEED_BLOCK_S: f64 = 0.25;
 impl Follow {
     fn new(design_rpm: f64, rate: SampleRate) -> Self {
         let block = (SPEED_BLOCK_S * rate.hz()).ceil() as usize;
-        Self { design_rpm, sum_rpm: 0.0, count: 0, before_rpm: 0.0, off: false, block }
+        let target_rpm = f64::NAN;
+        Self { design_rpm, target_rpm, sum_rpm: 0.0, count: 0, before_rpm: 0.0, off: false, block }
+    }
+
+    fn is_tuning(&self) -> bool {
+        !self.target_rpm.is_nan()
+    }
+
+    /// The windows for the target are in use.
+    fn arrived(&mut self) {
+        (self.design_rpm, self.target_rpm, self.off) = (self.target_rpm, f64::NAN, false);
     }
 
     /// Answers a speed to design for: that of the first sample, later one that two means in a row agree on.
@@ -323,6 +339,7 @@ impl Keep for Servo {
     fn keep(&self, to: &mut Vec<u64>) {
         if let Some(follow) = &self.follow {
             follow.keep(to);
+            self.estimator.tuning_pieces().keep(to);
         }
         self.running.is_some().keep(to);
         if let Some(running) = &self.running {
@@ -337,8 +354,15 @@ impl Keep for Servo {
         if let Some(follow) = &mut self.follow {
             let before_rpm = follow.design_rpm;
             follow.restore(from)?;
+            let mut pieces = 0;
+            pieces.restore(from)?;
             if follow.design_rpm.to_bits() != before_rpm.to_bits() {
-                self.estimator = design(&self.plan, self.rate, Some(follow.design_rpm)).ok()?;
+                self.estimator.begin_tuning(follow.design_rpm).ok()?;
+                self.estimator.advance_tuning(usize::MAX).ok()?;
+            }
+            if follow.is_tuning() {
+                self.estimator.begin_tuning(follow.target_rpm).ok()?;
+                self.estimator.catch_up(pieces).ok()?;
             }
         }
         let mut running = false;

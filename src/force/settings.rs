@@ -194,6 +194,14 @@ impl Filter {
         }
     }
 
+    /// Settles a state anew. No allocation.
+    pub(super) fn settle(&self, state: &mut FilterState, x: f64) {
+        match (self, state) {
+            (Filter::LinearPhase(f), FilterState::LinearPhase(s)) => f.settle(s, x),
+            (filter, state) => *state = filter.settled(x),
+        }
+    }
+
     #[inline(always)]
     pub(super) fn step(&self, state: &mut FilterState, x: f64) -> f64 {
         match (self, state) {

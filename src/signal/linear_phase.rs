@@ -61,6 +61,12 @@ impl LinearPhase {
         LinearPhaseState { values: vec![x; 2 * (2 * self.half_length() + 1)], head: 0 }
     }
 
+    /// Settles a state anew. No allocation.
+    pub fn settle(&self, state: &mut LinearPhaseState, x: f64) {
+        state.values.fill(x);
+        state.head = 0;
+    }
+
     /// One sample. Cost: one multiply per two samples of length; no allocation.
     #[inline]
     #[must_use]
