@@ -51,9 +51,14 @@ struct FrfState {
     tail: Vec<f64>,
     newest: AccelSample,
     seen: usize,
+    /// Samples for which an absent acceleration, or a speed beyond the runs, is still in what comes out.
+    missing: usize,
+    beyond: usize,
 }
 
-crate::keyframe::keep!(FrfState { responses_rpm, pending, pending_rpm, filled, out, tail, newest, seen }
+crate::keyframe::keep!(FrfState {
+    responses_rpm, pending, pending_rpm, filled, out, tail, newest, seen, missing, beyond
+}
     if |s| s.filled < s.out.len());
 
 impl FrfState {
@@ -67,6 +72,8 @@ impl FrfState {
             tail: vec![0.0; size],
             newest: [0.0; ACCEL_AXES],
             seen: 0,
+            missing: 0,
+            beyond: 0,
         }
     }
 }
@@ -174,14 +181,19 @@ impl FrfStream {
         state.pending_rpm += speed_rpm / self.block as f64;
         let force_n = state.out[state.filled];
         state.filled += 1;
-        let settling = state.seen < self.half * 2 + self.block;
+        let memory = self.half * 2 + self.block;
+        let settling = state.seen < memory;
         state.seen = state.seen.saturating_add(1);
+        let lasts = |left: usize, now: bool| if now { memory + self.block } else { left.saturating_sub(1) };
+        state.missing = lasts(state.missing, accel.is_none());
+        state.beyond = lasts(state.beyond, !self.estimator.flags(speed_rpm).is_valid());
+        let flags = Validity::when(state.beyond > 0, Validity::EXTRAPOLATED)
+            | self.estimator.condition_flags()
+            | Validity::when(settling, Validity::SETTLING)
+            | Validity::when(state.missing > 0, Validity::SIGNAL_MISSING);
         if state.filled == self.block {
             self.filter_block();
         }
-        let flags = self.estimator.flags(speed_rpm)
-            | Validity::when(settling, Validity::SETTLING)
-            | Validity::when(accel.is_none(), Validity::SIGNAL_MISSING);
         ForceEstimate { force_n, flags }
     }
 

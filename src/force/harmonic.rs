@@ -5,12 +5,11 @@
 //! new weights made, a little in each sample, where the spindle has settled at one.
 
 use super::alignment::Alignment;
-use super::balance::{ForceBalance, Method, MotionFactors};
+use super::balance::{ForceBalance, Method};
 use super::estimator::{AlignedMotion, AxisSignals, ForceError, MotionSample, Signals};
 use super::friction::{Presliding, PreslidingState};
 use super::response::Chain;
 use super::validity::Validity;
-use crate::plant::drive::DriveParams;
 use crate::plant::machine::Controller;
 use crate::signal::harmonic_fit::{
     HarmonicBasis, HarmonicDesign, HarmonicFitError, LONGEST_WINDOW, LongLine,
@@ -72,6 +71,13 @@ impl HarmonicSettings {
             reading: Reading::Middle,
             band_hz: 500.0,
         }
+    }
+
+    /// First and last line, Hz.
+    pub(super) fn lines_hz(&self, rate: SampleRate) -> [f64; 2] {
+        let basis = self.basis(rate);
+        let first_hz = basis.fundamental_rad * rate.hz() / TAU;
+        [first_hz, first_hz * basis.harmonics as f64]
     }
 
     fn basis(&self, rate: SampleRate) -> HarmonicBasis {
@@ -196,6 +202,7 @@ struct Spectral {
     /// Travel within which a guideway holds instead of sliding.
     presliding_travel_m: f64,
     uses_stage: bool,
+    rate_hz: f64,
 }
 
 impl Spectral {
@@ -215,20 +222,28 @@ impl Spectral {
         (basis.half_window as f64 - at) as usize
     }
 
-    /// On an axis that stands still the friction holds the force: what shows in the thrust is what is
-    /// beyond friction, so friction is added to its amplitude. Where the guideway does not slide (the axis
-    /// moves by less than the travel over which friction turns), nothing is known but that the force is
-    /// below friction.
+    /// On an axis that stands still the friction holds the force: what shows in the thrust, through the
+    /// inverse of the closed loop, is what is beyond friction, u/G = F_cut - F_friction, so friction is added
+    /// to that amplitude. Where the guideway does not slide (the axis moves by less than the travel over which
+    /// friction turns), nothing is known but that the force is below friction.
+    ///
+    /// Where the vibration turns the velocity of a moving axis around, friction turns with it and the lines
+    /// of the thrust hold it: flagged.
+    /// Checked by: force::a_stopped_axis_adds_friction_to_the_corrected_amplitude.
     fn step(&self, state: &mut HarmonicState, windows: &Windows, still_m_s: f64) -> Windowed {
         let (weights, half_window) = (&windows.weights, windows.samples / 2);
         let force_n = state.current.apply(&weights[FORCE]);
-        let amplitude_n = state.thrust_peak.step(state.current.apply(&weights[LINES]), half_window);
+        let amplitude_n = state.force_peak.step(force_n, half_window);
         let position = if self.uses_stage { &state.stage } else { &state.motor };
-        let travel_m = state.travel_peak.step(position.apply(&weights[LINES]), half_window);
         let speed_m_s = position.apply(&weights[VELOCITY]).abs();
         let with = |force_n, flags| Windowed { force_n, flags, motion: None };
+        let lines_m = position.apply(&weights[LINES]);
+        let travel_m = state.travel_peak.step(lines_m, half_window);
+        let vibration_m_s = (lines_m - state.last_lines_m).abs() * self.rate_hz;
+        let fastest_m_s = state.speed_peak.step(vibration_m_s, half_window);
+        state.last_lines_m = lines_m;
         if speed_m_s > still_m_s {
-            return with(force_n, Validity::VALID);
+            return with(force_n, Validity::when(fastest_m_s > speed_m_s, Validity::EXTRAPOLATED));
         }
         // Friction is known to a tenth: what shows beyond it by less cannot be told from it.
         let holds = travel_m < self.presliding_travel_m || amplitude_n < 0.1 * self.friction_n;
@@ -259,8 +274,10 @@ pub struct HarmonicState {
     current_n: f64,
     last_ref_n: f64,
     presliding: PreslidingState,
-    thrust_peak: PeakHold,
+    force_peak: PeakHold,
     travel_peak: PeakHold,
+    speed_peak: PeakHold,
+    last_lines_m: f64,
 }
 
 crate::keyframe::keep!(HarmonicState {
@@ -270,8 +287,10 @@ crate::keyframe::keep!(HarmonicState {
     current_n,
     last_ref_n,
     presliding,
-    thrust_peak,
-    travel_peak
+    force_peak,
+    travel_peak,
+    speed_peak,
+    last_lines_m
 });
 
 /// Largest size of a series over the last window, in two halves.
@@ -309,7 +328,7 @@ impl HarmonicEstimator {
     ) -> Result<Self, ForceError> {
         let kind = Kind::Fitted(Fitted {
             balance,
-            alignment: Alignment::new(axis.drive, axis.rate)?,
+            alignment: Alignment::new(axis.drive, axis.rate, 0.0)?,
             signals: axis.signals,
             presliding: Presliding::new(presliding_travel_m, axis.drive.stage_encoder_resolution_m()),
         });
@@ -323,16 +342,17 @@ impl HarmonicEstimator {
     /// Source: Sato et al., 4.3. Deviation: the inverse transform of the lines is one sum of weights.
     pub fn spectral(
         axis: &AxisSignals<'_>,
-        (controller, presliding_travel_m): (Option<&Controller>, f64),
+        (controller, friction_n, presliding_travel_m): (Option<&Controller>, f64, f64),
         settings: &HarmonicSettings,
     ) -> Result<Self, ForceError> {
         let missing =
             ForceError::Structure { method: Method::Spectral.name(), needs: "[axes.<axis>.controller]" };
         let kind = Kind::Spectral(Spectral {
-            closed_loop: ClosedLoop::new(axis.drive, *controller.ok_or(missing)?, axis.rate),
-            friction_n: axis.drive.stage_coulomb_friction_n() + axis.drive.motor_coulomb_friction_n(),
+            closed_loop: ClosedLoop::new(axis, *controller.ok_or(missing)?),
+            friction_n,
             presliding_travel_m,
             uses_stage: axis.signals != Signals::MotorOnly,
+            rate_hz: axis.rate.hz(),
         });
         Self::new(kind, axis, settings)
     }
@@ -412,8 +432,10 @@ impl HarmonicEstimator {
             current_n: 0.0,
             last_ref_n: 0.0,
             presliding: Presliding::settled(0.0),
-            thrust_peak: PeakHold::default(),
+            force_peak: PeakHold::default(),
             travel_peak: PeakHold::default(),
+            speed_peak: PeakHold::default(),
+            last_lines_m: 0.0,
         };
         self.settle(&mut state, first);
         state
@@ -428,7 +450,9 @@ impl HarmonicEstimator {
         state.stage.refill(samples, stage_m);
         (state.current_n, state.last_ref_n) = (first.thrust_ref_n, first.thrust_ref_n);
         state.presliding = Presliding::settled(stage_m);
-        (state.thrust_peak, state.travel_peak) = (PeakHold::default(), PeakHold::default());
+        state.force_peak = PeakHold::default();
+        (state.travel_peak, state.speed_peak) = (PeakHold::default(), PeakHold::default());
+        state.last_lines_m = 0.0;
     }
 
     /// One sample. Cost: six weights a sample of the window at most; no allocation.
@@ -487,9 +511,11 @@ impl HarmonicEstimator {
 
 /// Position and velocity loop around a drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct ClosedLoop {
+pub(super) struct ClosedLoop {
     chain: Chain,
     controller: Controller,
+    /// Semi-closed: the position loop is closed on the motor's encoder too.
+    position_on_motor: bool,
     total_mass_kg: f64,
     current_loop_bandwidth_rad_s: Option<f64>,
     motor_delay_s: f64,
@@ -499,8 +525,10 @@ struct ClosedLoop {
 }
 
 impl ClosedLoop {
-    fn new(drive: &DriveParams, controller: Controller, rate: SampleRate) -> Self {
+    pub(super) fn new(axis: &AxisSignals<'_>, controller: Controller) -> Self {
+        let (drive, rate) = (axis.drive, axis.rate);
         Self {
+            position_on_motor: axis.signals == Signals::MotorOnly,
             chain: Chain::of_drive(drive),
             controller,
             total_mass_kg: drive.total_mass_kg(),
@@ -517,32 +545,22 @@ impl ClosedLoop {
     ///   x = G u w_cc/(s + w_cc) e^{-s (T_s + T/2)} + G_F F
     ///
     /// solved for u/F. Checked by: force::spectral_gain_is_that_of_the_recorded_loop.
-    fn thrust_per_cutting(&self, frequency_hz: f64) -> Complex64 {
+    pub(super) fn thrust_per_cutting(&self, frequency_hz: f64) -> Complex64 {
         let s = Complex64::new(0.0, TAU * frequency_hz);
         let c = &self.controller;
         let delay = |t_s: f64| (-s * t_s).exp();
         let velocity_loop = self.total_mass_kg * c.velocity_gain_1_s * (1.0 + c.velocity_integral_1_s / s);
         let filter = c.velocity_filter_rad_s / (s + c.velocity_filter_rad_s);
-        let on_motor = velocity_loop * s * filter * delay(self.motor_delay_s);
-        let on_stage = velocity_loop * c.position_gain_1_s * delay(self.stage_delay_s);
+        let zero = Complex64::default();
+        let position = velocity_loop * c.position_gain_1_s;
+        let semi_closed = if self.position_on_motor { position } else { zero };
+        let full_closed = if self.position_on_motor { zero } else { position };
+        let on_motor = (velocity_loop * s * filter + semi_closed) * delay(self.motor_delay_s);
+        let on_stage = full_closed * delay(self.stage_delay_s);
         let lag = self.current_loop_bandwidth_rad_s.map_or(Complex64::new(1.0, 0.0), |w| w / (s + w));
         let drive = lag * delay(self.drive_delay_s);
         let x = self.chain.receptance(frequency_hz);
         -(on_motor * x.motor_per_cutting + on_stage * x.stage_per_cutting)
             / (1.0 + drive * (on_motor * x.motor_per_thrust + on_stage * x.stage_per_thrust))
     }
-}
-
-/// The multi-encoder balance, or the rigid one where a position is missing.
-pub(super) fn fitted_balance(axis: &AxisSignals<'_>) -> ForceBalance {
-    let both = matches!(axis.signals, Signals::Both | Signals::Three);
-    let method = if both { Method::Medob } else { Method::Dob };
-    let mut balance = ForceBalance::new(method, axis.drive);
-    if axis.signals == Signals::StageOnly {
-        balance.stage = balance.motor;
-        balance.stage_friction_n += balance.motor_friction_n;
-        balance.motor = MotionFactors::default();
-        balance.motor_friction_n = 0.0;
-    }
-    balance
 }

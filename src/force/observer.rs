@@ -14,10 +14,12 @@ use super::estimator::{
 use super::frf::FrfEstimator;
 use super::frf_stream::FrfStream;
 use super::harmonic::{HarmonicSettings, SPEED_TOLERANCE};
+use super::idle_map::IdleMap;
+use super::offline::idle_map;
 use super::physics::physics_of;
 use super::validity::Validity;
 use crate::keyframe::{Keep, Words};
-use crate::plant::drive::DriveParams;
+use crate::plant::drive::{DriveParams, Structure};
 use crate::plant::machine::AxisModel;
 use crate::signal::butterworth::{Butterworth, ButterworthState};
 use crate::units::SampleRate;
@@ -53,8 +55,9 @@ pub struct ServoPlan {
     pub method: Method,
     /// Low-pass, idle map and the like.
     pub settings: ForceSettings,
-    /// Above this the drive side (reference and rotary encoder) is not listened to: in the chatter band the
-    /// motor hardly moves, and the steps of its encoder are larger than its motion. `None`: all of it.
+    /// Above this the drive side (reference and rotary encoder) of the multi-encoder observer is not listened
+    /// to: in the chatter band the motor hardly moves, and the steps of its encoder are larger than its
+    /// motion; the stage waits for that low-pass. Other methods do not use it. `None`: all of it.
     pub motor_cutoff_hz: Option<f64>,
 }
 
@@ -76,6 +79,60 @@ impl ServoPlan {
         };
         Self { drive, signals, method, settings, motor_cutoff_hz: None }
     }
+}
+
+impl ServoPlan {
+    /// The low-pass on the drive side, for balances whose stage carries on above it. Where the stretch of the
+    /// screw or the thrust alone is the estimate, nothing would.
+    fn drive_filter(&self, rate: SampleRate) -> Result<Option<Butterworth>, ForceError> {
+        let carried_on = matches!(self.method, Method::Medob | Method::RigidMode)
+            && self.signals != Signals::MotorOnly
+            && self.drive.structure() != Structure::Rigid;
+        let cutoff_hz = self.motor_cutoff_hz.filter(|_| carried_on);
+        Ok(cutoff_hz.map(|hz| Butterworth::low_pass(2, hz, rate)).transpose()?)
+    }
+
+    /// The settings with the lag of that low-pass, which the stage's side waits for.
+    fn late_settings(&self, drive_filter: Option<&Butterworth>) -> ForceSettings {
+        let drive_side_late_s = drive_filter.map_or(0.0, Butterworth::slow_delay_s);
+        ForceSettings { drive_side_late_s, ..self.settings.clone() }
+    }
+
+    /// Disturbance by position from idle runs, through the same filters as the cut. `None` where no run
+    /// moves. Errors: as [`Observer::new`].
+    pub fn idle_map(
+        &self,
+        rate: SampleRate,
+        runs: &[Vec<MotionSample>],
+    ) -> Result<Option<IdleMap>, ForceError> {
+        let filter = self.drive_filter(rate)?;
+        let settings = ForceSettings { idle_map: None, ..self.late_settings(filter.as_ref()) };
+        let signals = AxisSignals { drive: &self.drive, rate, signals: self.signals };
+        let bare = ForceEstimator::new(self.method, &signals, settings)?;
+        let Some(filter) = filter else { return Ok(idle_map(&bare, runs)) };
+        let filtered = |run: &Vec<MotionSample>| {
+            let first = run.first().copied().unwrap_or_default();
+            let mut state = drive_state(&filter, &first);
+            run.iter().map(|sample| filter_drive(&filter, &mut state, *sample)).collect()
+        };
+        Ok(idle_map(&bare, &runs.iter().map(filtered).collect::<Vec<Vec<MotionSample>>>()))
+    }
+}
+
+fn drive_state(filter: &Butterworth, first: &MotionSample) -> [ButterworthState; 2] {
+    [filter.settled(first.motor_travel_m.unwrap_or(0.0)), filter.settled(first.thrust_ref_n)]
+}
+
+/// Both sides of the motor's balance alike: what one loses the other must lose.
+#[inline]
+fn filter_drive(
+    filter: &Butterworth,
+    [motor, thrust]: &mut [ButterworthState; 2],
+    mut sample: MotionSample,
+) -> MotionSample {
+    sample.motor_travel_m = sample.motor_travel_m.map(|x| filter.step(motor, x));
+    sample.thrust_ref_n = filter.step(thrust, sample.thrust_ref_n);
+    sample
 }
 
 /// The running estimator of one axis.
@@ -197,11 +254,11 @@ const TUNING_WORK: usize = 1 << 14;
 
 impl Servo {
     fn new(plan: &ServoPlan, rate: SampleRate) -> Result<Self, ForceError> {
-        let low_pass = |cutoff_hz| Butterworth::low_pass(2, cutoff_hz, rate);
         let signals = AxisSignals { drive: &plan.drive, rate, signals: plan.signals };
+        let drive_filter = plan.drive_filter(rate)?;
         Ok(Self {
-            estimator: ForceEstimator::new(plan.method, &signals, plan.settings.clone())?,
-            drive_filter: plan.motor_cutoff_hz.map(low_pass).transpose()?,
+            estimator: ForceEstimator::new(plan.method, &signals, plan.late_settings(drive_filter.as_ref()))?,
+            drive_filter,
             follow: plan.settings.harmonic.map(|h| Follow::new(h.spindle_speed_rpm, rate)),
             running: None,
         })
@@ -216,16 +273,12 @@ impl Servo {
         let (estimator, filter) = (&self.estimator, &self.drive_filter);
         let running = self.running.get_or_insert_with(|| Running {
             force: estimator.settled(sample),
-            drive: filter.as_ref().map(|filter| {
-                [filter.settled(sample.motor_travel_m.unwrap_or(0.0)), filter.settled(sample.thrust_ref_n)]
-            }),
+            drive: filter.as_ref().map(|filter| drive_state(filter, sample)),
         });
-        let mut sample = *sample;
-        if let (Some(filter), Some([motor, thrust])) = (filter, &mut running.drive) {
-            // Both sides of the motor's balance alike: what one loses the other must lose.
-            sample.motor_travel_m = sample.motor_travel_m.map(|x| filter.step(motor, x));
-            sample.thrust_ref_n = filter.step(thrust, sample.thrust_ref_n);
-        }
+        let sample = match (filter, &mut running.drive) {
+            (Some(filter), Some(state)) => filter_drive(filter, state, *sample),
+            _ => *sample,
+        };
         let mut estimate = estimator.step(&mut running.force, &sample);
         // A window made for another speed gives numbers without meaning.
         estimate.flags |= Validity::when(off_speed, Validity::EXTRAPOLATED | Validity::SETTLING);
@@ -296,15 +349,15 @@ impl Follow {
         (self.design_rpm, self.target_rpm, self.off) = (self.target_rpm, f64::NAN, false);
     }
 
-    /// Answers a speed to design for: that of the first sample, later one that two means in a row agree on.
+    /// Answers a speed to design for, where it is not that of the design: that of the first sample, later one
+    /// that two means in a row agree on.
     #[inline]
     fn step(&mut self, speed_rpm: f64, first: bool) -> Option<f64> {
         let differs = |a: f64, b: f64| !((a - b).abs() <= SPEED_TOLERANCE * b);
         if first {
             (self.sum_rpm, self.count, self.before_rpm) = (0.0, 0, 0.0);
             self.off = differs(speed_rpm, self.design_rpm);
-            return (speed_rpm > 0.0 && speed_rpm.to_bits() != self.design_rpm.to_bits())
-                .then_some(speed_rpm);
+            return (speed_rpm > 0.0 && self.off).then_some(speed_rpm);
         }
         self.sum_rpm += speed_rpm;
         self.count += 1;

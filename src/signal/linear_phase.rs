@@ -83,6 +83,19 @@ impl LinearPhase {
         self.weights[0] * middle + pairs.map(|((a, b), w)| w * (a + b)).sum::<f64>()
     }
 
+    /// Sum of the squares of what comes out for a short input: cost of one product per weight and sample.
+    #[must_use]
+    pub fn energy(&self, input: &[f64]) -> f64 {
+        let half = self.half_length() as isize;
+        let weight = |k: isize| self.weights.get((k - half).unsigned_abs()).copied().unwrap_or(0.0);
+        let taps = 2 * half + 1;
+        let out = |i: isize| {
+            let products = input.iter().enumerate().map(|(j, x)| (i - j as isize, x));
+            products.filter(|(k, _)| (0..taps).contains(k)).map(|(k, x)| x * weight(k)).sum::<f64>()
+        };
+        (0..taps + input.len() as isize).map(|i| out(i).powi(2)).sum()
+    }
+
     /// Gain at a frequency (the phase is that of the delay).
     #[must_use]
     pub fn gain(&self, frequency_hz: f64, rate: SampleRate) -> f64 {
