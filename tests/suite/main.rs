@@ -18,6 +18,7 @@ mod faults;
 mod fleet;
 mod force;
 mod force_live;
+mod force_trust;
 #[cfg(feature = "service")]
 mod http;
 mod identities;
