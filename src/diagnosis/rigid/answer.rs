@@ -352,7 +352,7 @@ impl Context<'_> {
         for f in &self.fitted {
             let Origin::Number(name) = f.term.origin else { continue };
             let (nominal, other, limit) = match name {
-                "movable_mass_kg" => (d.movable_mass_kg(), d.total_mass_kg() - d.movable_mass_kg(), 0.03),
+                "movable_mass_kg" => (d.movable_mass_kg(), d.total_mass_kg() - d.movable_mass_kg(), 0.02),
                 "translational_damping_n_s_m" => {
                     (d.translational_damping_n_s_m(), d.reflected_damping_n_s_m(), 0.15)
                 }
