@@ -204,6 +204,8 @@ pub struct ServiceConfig {
     /// Binary that diagnoses run in, in a process of their own; `None`: the one that runs now. Not in the
     /// file.
     pub program: Option<PathBuf>,
+    /// The file itself, where it was read from one. Not in the file.
+    pub file: Option<PathBuf>,
     /// Drives of the axes.
     pub machine: Machine,
     /// File that the drives were read from.
@@ -306,6 +308,7 @@ impl Reader<'_> {
         let band = raw.detection.band_hz.map(|[low, high]| Band::new(low, high)).transpose();
         Ok(ServiceConfig {
             program: None,
+            file: self.path.is_file().then(|| self.path.to_owned()),
             force,
             watch: raw.machine.watch.clone(),
             workpiece: self.workpiece(&raw.workpiece)?,

@@ -243,7 +243,7 @@ impl Handle {
         Ok(answered.map_err(|_| Refusal::NoAnswer)?.map_err(|_| Refusal::NoAnswer)??)
     }
 
-    /// Changes the mode. `revision`: the one the asker saw; needed on the way up.
+    /// Changes the mode. `revision`: the one the asker saw; with it the way up is open, without it only down.
     /// Going up is put on record first; going down never waits for the record.
     pub async fn set_mode(
         &self,
@@ -251,7 +251,7 @@ impl Handle {
         revision: Option<u64>,
         origin: Origin,
     ) -> Result<u64, OperationError> {
-        let up = mode as u8 > self.state().mode as u8;
+        let up = revision.is_some();
         let detail = format!("mode {}", mode.word());
         if up {
             self.audit(&origin, "set_mode", &detail).await?;
