@@ -83,6 +83,8 @@ const RATE_HZ: f64 = 1000.0;
 
 /// A pipeline as the service makes it, for wire samples and keyframes.
 pub(crate) struct Live {
+    /// A keyframe in the middle of a stream.
+    good: Vec<u64>,
     fresh: Pipeline,
     pipeline: Pipeline,
 }
@@ -97,7 +99,14 @@ impl Live {
         let config = service_config_from_text(Path::new("c.toml"), text).expect("good");
         let settings = config.pipeline_settings(rate, &axes);
         let fresh = Pipeline::new(settings).expect("the defaults make a pipeline");
-        Self { pipeline: fresh.clone(), fresh }
+        let (mut pipeline, mut good) = (fresh.clone(), Vec::new());
+        for k in 0..3000_u64 {
+            let mut sample = plain_sample(k);
+            sample.axes[0].motor_angle_rad = (k as f64 * 0.3).sin() * 1e-3;
+            pipeline.step(&sample);
+        }
+        pipeline.keep(&mut good);
+        Self { good, pipeline: fresh.clone(), fresh }
     }
 
     /// A state to begin with, for mutation.
@@ -108,10 +117,23 @@ impl Live {
         words.iter().flat_map(|w| w.to_le_bytes()).collect()
     }
 
-    /// Keyframes, as a recording would carry them: taken or refused, and what follows does not panic.
+    /// Keyframes, as a recording would carry them: taken or refused, and what follows does not panic. The first
+    /// byte says whether the rest is the keyframe or what is changed in a good one: place, length, word.
     pub(crate) fn restore(&mut self, bytes: &[u8]) -> bool {
-        let words: Vec<u64> =
-            bytes.chunks_exact(8).map(|c| u64::from_le_bytes(c.try_into().expect("eight bytes"))).collect();
+        let [kind, rest @ ..] = bytes else { return false };
+        let word = |c: &[u8]| c.iter().take(8).rev().fold(0_u64, |w, b| w << 8 | u64::from(*b));
+        let mut words: Vec<u64> = rest.chunks_exact(8).map(word).collect();
+        if kind % 4 != 0 {
+            let changes = std::mem::replace(&mut words, self.good.clone());
+            for pair in changes.chunks_exact(2) {
+                let place = pair[0] as usize % words.len();
+                match pair[0] >> 60 {
+                    0 => words.truncate(place.max(1)),
+                    1 => words.push(pair[1]),
+                    _ => words[place] = pair[1],
+                }
+            }
+        }
         let taken = self.fresh.restore(&words).is_ok();
         if taken {
             let mut recording = Recording {
@@ -214,7 +236,8 @@ pub(crate) mod wire {
     /// What an MTConnect agent sends: answers to its pings and nothing else, in bounded memory.
     pub(crate) fn shdr(bytes: &[u8]) -> bool {
         let mut line = Vec::new();
-        let pings = bytes.chunks(64).map(|c| stillcut::service::mtconnect::take(&mut line, c)).collect::<String>();
+        let pings =
+            bytes.chunks(64).map(|c| stillcut::service::mtconnect::take(&mut line, c)).collect::<String>();
         assert!(pings.lines().all(|l| l == "* PONG 10000") && line.len() <= 128);
         !pings.is_empty()
     }

@@ -4,11 +4,11 @@ use super::PeerAddress;
 use super::seats::{Activity, Prompt, Seats, WRITE_DEADLINE};
 use crate::telemetry::Metrics;
 use axum::Router;
+use hyper::body::Body as _;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
 use hyper_util::service::TowerToHyperService;
-use hyper::body::Body as _;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -164,7 +164,8 @@ async fn requests(
         async move {
             let response = router.oneshot(request.map(axum::body::Body::new)).await;
             // A stream or download goes on; a short answer leaves the connection idle.
-            let short = |r: &axum::response::Response| r.body().size_hint().exact().is_some_and(|n| n < SHORT);
+            let short =
+                |r: &axum::response::Response| r.body().size_hint().exact().is_some_and(|n| n < SHORT);
             if response.as_ref().is_ok_and(short) {
                 activity.end();
             }

@@ -206,11 +206,7 @@ fn json_pieces(recording: &crate::sample::Recording, mut put: impl FnMut(String)
     put(text);
 }
 
-fn run_replay(
-    (program, config): (&Path, Option<&Path>),
-    recording: &Path,
-    out: &Path,
-) -> Result<(), String> {
+fn run_replay((program, config): (&Path, Option<&Path>), recording: &Path, out: &Path) -> Result<(), String> {
     let mut command = Command::new("nice");
     command.arg("-n").arg("19").arg(program).arg("replay").arg("--recording").arg(recording);
     command.arg("--out").arg(out).stdin(Stdio::null()).stdout(Stdio::null());

@@ -25,6 +25,7 @@ mod ledger;
 pub mod live;
 #[doc(hidden)]
 pub mod mtconnect;
+mod priority;
 mod recorder;
 mod recordings;
 pub mod stability;

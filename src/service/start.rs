@@ -105,6 +105,7 @@ pub fn start(config: ServiceConfig) -> Result<Running, ServiceError> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)
         .thread_name("http")
+        .on_thread_start(super::priority::step_back)
         .enable_all()
         .build()
         .map_err(|source| ServiceError::Files { path: "worker thread".into(), source })?;

@@ -318,7 +318,10 @@ fn a_recording_is_given_as_parquet_csv_and_json_and_played_again() {
     let replay = get(&running, &path("replay"));
     assert_eq!(replay.status, 200, "{replay:?}");
     let replay = replay.json();
-    assert!(replay["events"].as_array().unwrap().iter().any(|e| e["kind"] == "chatter_onset"), "{replay:.300}");
+    assert!(
+        replay["events"].as_array().unwrap().iter().any(|e| e["kind"] == "chatter_onset"),
+        "{replay:.300}"
+    );
     assert!(replay["track"]["chatter"].as_array().unwrap().iter().any(|c| c == true));
     assert_eq!(get(&running, "/api/v1/recordings/none/replay").code(), "not_found");
     drop(lathe);
@@ -372,12 +375,12 @@ fn a_post_that_is_sent_again_with_its_key_is_done_once() {
     let running = start(config).unwrap();
     let address = running.handle().address().to_string();
     for _ in 0..3 {
-        let key = [("Idempotency-Key", "take-back-1")];
-        let answer = ask(&address, "POST", "/api/v1/override", &key, Some("{\"reason\":\"x\"}"));
-        assert_eq!(answer.status, 200, "{answer:?}");
+        let key = [("Idempotency-Key", "save-1")];
+        let answer = ask(&address, "POST", "/api/v1/recordings", &key, Some("{\"reason\":\"x\"}"));
+        assert_eq!(answer.status, 202, "{answer:?}");
     }
-    let other = [("Idempotency-Key", "take-back-2")];
-    ask(&address, "POST", "/api/v1/override", &other, Some("{\"reason\":\"x\"}"));
+    let other = [("Idempotency-Key", "save-2")];
+    ask(&address, "POST", "/api/v1/recordings", &other, Some("{\"reason\":\"x\"}"));
     let rows = get(&running, "/api/v1/audit").json();
     assert_eq!(rows.as_array().unwrap().len(), 2, "{rows}");
     running.stop();

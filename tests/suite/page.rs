@@ -161,9 +161,17 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     let button = "[...document.querySelectorAll('#recordings button')].find((b) => b.innerText === 'Replay')";
     browser.wait_for("a recording", &format!("Boolean({button})"));
     browser.value(&format!("{button}.click()"));
-    browser.wait_for("the replay", "document.getElementById('replay-note').innerText.includes('shaded chatter')");
+    browser.wait_for(
+        "the replay",
+        "document.getElementById('replay-note').innerText.includes('shaded chatter')",
+    );
     let onset = "document.getElementById('replay-events').innerText.includes('chatter onset')";
-    assert_eq!(browser.value(onset), true, "{}", browser.value("document.getElementById('replay').innerText"));
+    assert_eq!(
+        browser.value(onset),
+        true,
+        "{}",
+        browser.value("document.getElementById('replay').innerText")
+    );
     browser.picture("replay");
     browser.value("document.getElementById('replay-close').click()");
     let page = browser.value("document.documentElement.outerHTML");

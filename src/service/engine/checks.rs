@@ -190,5 +190,8 @@ fn batches_without_a_usable_sample_are_silence() {
     assert_eq!(bench.told(EventKind::SourceLost), 1);
     assert!(!bench.engine.view(later).state.source.connected);
     bench.feed(0.1, |_| {});
-    assert!(!bench.engine.source_lost && bench.engine.stream.is_some(), "good samples go on in the same stream");
+    assert!(
+        !bench.engine.source_lost && bench.engine.stream.is_some(),
+        "good samples go on in the same stream"
+    );
 }

@@ -327,8 +327,7 @@ impl Engine {
         let gone = self.last_batch.is_some_and(long_ago);
         if silent && !self.source_lost {
             self.source_lost = true;
-            let text =
-                if gone { "no samples for one second" } else { "no usable samples for one second" };
+            let text = if gone { "no samples for one second" } else { "no usable samples for one second" };
             self.report(Event::new(EventKind::SourceLost, clock::wall_ns(), text));
             if self.mode == Mode::Act {
                 self.latch("the samples ceased while acting");
