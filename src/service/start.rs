@@ -38,7 +38,7 @@ pub enum ServiceError {
         path: PathBuf,
     },
     /// A file or thread cannot be made.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}; expected a place that this user may write (history.folder)", path.display())]
     Files {
         /// File.
         path: PathBuf,
@@ -46,7 +46,7 @@ pub enum ServiceError {
         source: std::io::Error,
     },
     /// The address cannot be listened on.
-    #[error("{what} {address}: {source}")]
+    #[error("{what} {address}: {source}; stop what listens there or choose another address")]
     Listen {
         /// Key of the configuration.
         what: &'static str,
