@@ -261,7 +261,7 @@ pub(crate) fn hypothesis(p: &Problem, term: &PhysicsTerm) -> Option<(Hypothesis,
             let harmonics = get("harmonics").unwrap_or(4.0).clamp(1.0, 20.0) as usize;
             let window_s = [get("start_s").unwrap_or(0.0), get("end_s").unwrap_or(f64::MAX)];
             let recordings: Vec<usize> = (0..p.motions.len()).collect();
-            let amplitudes = vec![0.0; 2 * harmonics * recordings.len()];
+            let amplitudes = vec![0.0; (2 * harmonics + 1) * recordings.len()];
             (
                 Shape::Lines {
                     fundamental_hz: get("fundamental_hz")?,

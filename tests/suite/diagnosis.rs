@@ -1,21 +1,13 @@
 //! The diagnosis on simulated axes whose answer is known, and on models it wrote itself.
 
-use std::path::{Path, PathBuf};
+use crate::folders::shared;
+use std::path::Path;
 use stillcut::config::machine::{machine_from_text, machine_to_text, read_machine};
 use stillcut::diagnosis::{Diagnosis, Verdict, diagnose};
 use stillcut::plant::machine::Machine;
 use stillcut::recording::read_recording;
 use stillcut::sample::Recording;
 use stillcut::simulation::concealed_axis::{CaseSpec, conceal};
-
-fn case(name: &str) -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/feed-axis-cases").join(name);
-    if !folder.is_dir() {
-        println!("skipped: {} is not there", folder.display());
-        return None;
-    }
-    Some(folder)
-}
 
 /// Seconds `from_s` to `to_s` of a recording: tests run unoptimised as well.
 fn cut(recording: &Recording, from_s: f64, to_s: f64) -> Recording {
@@ -40,7 +32,7 @@ fn ask(machine: &Machine, recording: &Recording) -> Diagnosis {
 
 #[test]
 fn a_healthy_axis_has_no_finding() {
-    let Some(folder) = case("case-01") else { return };
+    let Some(folder) = shared("feed-axis-cases/case-01") else { return };
     let (machine, recording) = read(&folder, "moves.parquet");
     let d = ask(&machine, &recording);
     assert!(d.findings.is_empty(), "{:?}", d.findings.iter().map(|f| &f.statement).collect::<Vec<_>>());
@@ -50,7 +42,7 @@ fn a_healthy_axis_has_no_finding() {
 
 #[test]
 fn a_backlash_is_found_with_its_gap_and_the_written_model_invents_nothing_elsewhere() {
-    let Some(folder) = case("case-06") else { return };
+    let Some(folder) = shared("feed-axis-cases/case-06") else { return };
     let (machine, moves) = read(&folder, "moves.parquet");
     let (_, sweep) = read(&folder, "sweep.parquet");
     let d = ask(&machine, &moves);
@@ -95,7 +87,7 @@ fn a_large_dead_time_does_not_shrink_the_stage_balance_to_nothing() {
 
 #[test]
 fn a_random_walk_is_not_given_a_name() {
-    let Some(folder) = case("case-14") else { return };
+    let Some(folder) = shared("feed-axis-cases/case-14") else { return };
     let (machine, recording) = read(&folder, "idle.parquet");
     let d = ask(&machine, &cut(&recording, 7.0, 13.0));
     assert_eq!(d.verdict, Verdict::UnexplainedMismatch);
@@ -105,7 +97,7 @@ fn a_random_walk_is_not_given_a_name() {
 
 #[test]
 fn the_same_recording_gives_the_same_answer() {
-    let Some(folder) = case("case-05") else { return };
+    let Some(folder) = shared("feed-axis-cases/case-05") else { return };
     let (machine, recording) = read(&folder, "moves.parquet");
     let piece = cut(&recording, 0.0, 2.0);
     assert!(ask(&machine, &piece) == ask(&machine, &piece));
@@ -113,7 +105,7 @@ fn the_same_recording_gives_the_same_answer() {
 
 #[test]
 fn a_recording_without_the_axis_is_refused() {
-    let Some(folder) = case("case-01") else { return };
+    let Some(folder) = shared("feed-axis-cases/case-01") else { return };
     let (machine, mut recording) = read(&folder, "moves.parquet");
     recording.columns.retain(|c| !c.name.contains("current"));
     let error = diagnose(&machine, &[recording], &|_, _| {}).map(|d| d.verdict).map_err(|e| e.to_string());

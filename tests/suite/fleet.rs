@@ -1,5 +1,6 @@
 //! Events and diagnoses over a real NATS server, which comes and goes.
 
+use crate::folders::shared;
 use crate::running::{Place, ask, get, until};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -170,11 +171,7 @@ fn events_reach_the_broker_in_order_and_once_however_often_it_goes() {
 
 #[test]
 fn a_diagnosis_is_done_by_a_worker_and_a_killed_worker_is_replaced() {
-    let cases = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/feed-axis-cases/case-13");
-    if !cases.is_dir() {
-        eprintln!("skipped: ../shared/feed-axis-cases is not there");
-        return;
-    }
+    let Some(cases) = shared("feed-axis-cases/case-13") else { return };
     let Some(server) = skip(Server::new()) else { return };
     let place = Place::new("work");
     let model = cases.join("machine.toml");
