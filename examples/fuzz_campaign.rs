@@ -55,6 +55,7 @@ fn seeds(target: &str, live: &targets::Live, scratch: &Path) -> Vec<Vec<u8>> {
             vec![bytes]
         }
         "keyframe" => vec![live.keyframe()],
+        "shdr" => vec![b"* PING\r\n* PI".to_vec()],
         "rest" => [
             "{\"mode\":\"advise\",\"reason\":\"test\"}",
             "{\"recordings\":[\"a\"],\"reason\":\"test\"}",
@@ -225,6 +226,8 @@ impl Bench {
             "configuration" => targets::configuration(bytes),
             "model" => targets::model(bytes),
             "csv" | "parquet" => targets::recording(bytes, target, &self.scratch),
+            "mat" => targets::mat(bytes, &self.scratch),
+            "shdr" => targets::wire::shdr(bytes),
             "keyframe" => self.live.restore(bytes),
             "wire" => targets::wire::batch(bytes, &mut self.live),
             _ => {
@@ -255,7 +258,7 @@ fn main() -> ExitCode {
     let memory = Path::new("/dev/shm");
     let scratch = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
     let mut bench = Bench { live: targets::Live::new(), rest: None, scratch: scratch.clone() };
-    let all = ["configuration", "model", "csv", "parquet", "keyframe", "wire", "rest"];
+    let all = ["configuration", "model", "csv", "parquet", "mat", "keyframe", "wire", "shdr", "rest"];
     let only = argument("--target");
     let mut findings = 0;
     println!("| target | inputs | accepted | slowest | findings |\n|---|---|---|---|---|");

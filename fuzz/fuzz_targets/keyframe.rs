@@ -5,7 +5,7 @@
 mod targets;
 
 thread_local! {
-    static LIVE: std::cell::RefCell<targets::Live> = std::cell::RefCell::default();
+    static LIVE: std::cell::RefCell<targets::Live> = std::cell::RefCell::new(targets::Live::new());
 }
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {

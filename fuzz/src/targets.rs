@@ -7,9 +7,9 @@ use std::path::Path;
 use stillcut::config::import_map::import_map_from_text;
 use stillcut::config::machine::{machine_from_text, machine_to_text};
 use stillcut::config::scenario::scenario_from_text;
-use stillcut::config::service::{ServiceConfig, service_config_from_text};
+use stillcut::config::service::service_config_from_text;
 use stillcut::pipeline::Pipeline;
-use stillcut::recording::{Evidence, read_recording};
+use stillcut::recording::{Evidence, import, read_recording};
 use stillcut::sample::Recording;
 use stillcut::units::SampleRate;
 
@@ -62,21 +62,51 @@ pub(crate) fn recording(bytes: &[u8], ending: &str, scratch: &Path) -> bool {
     }
 }
 
+/// A MAT file through the map of one that is known.
+pub(crate) fn mat(bytes: &[u8], scratch: &Path) -> bool {
+    const MAP: &str = include_str!("../../config/import/emps-mat.toml");
+    let map = import_map_from_text(Path::new("map.toml"), MAP).expect("a good map");
+    let path = scratch.join(format!("{}.mat", std::process::id()));
+    std::fs::write(&path, bytes).expect("the scratch folder can be written");
+    match import(&path, &map) {
+        Ok(recording) => recording.columns.iter().all(|c| c.values.iter().all(|v| v.is_finite())),
+        Err(error) => {
+            let text = error.to_string();
+            assert!(text.lines().count() == 1, "more than one line: {text:?}");
+            false
+        }
+    }
+}
+
+/// Rate of the pipeline that wire samples and keyframes go to.
+const RATE_HZ: f64 = 1000.0;
+
 /// A pipeline as the service makes it, for wire samples and keyframes.
 pub(crate) struct Live {
+    /// A keyframe in the middle of a stream.
+    good: Vec<u64>,
     fresh: Pipeline,
     pipeline: Pipeline,
 }
 
 impl Live {
-    /// As with all defaults.
+    /// One heard axis at a low rate and a narrow band: a small state, so that many inputs can be tried.
     #[must_use]
     pub(crate) fn new() -> Self {
-        let rate = SampleRate::new(9000.0).expect("a rate");
-        let axes = ["x1", "y1", "x2", "y2"].map(str::to_owned);
-        let settings = ServiceConfig::default().pipeline_settings(rate, &axes);
+        let rate = SampleRate::new(RATE_HZ).expect("a rate");
+        let axes = ["x1", "y1"].map(str::to_owned);
+        let text = "[detection]\nband_hz = [200.0, 220.0]\n[machine]\nwatch = [\"x1\"]\n";
+        let config = service_config_from_text(Path::new("c.toml"), text).expect("good");
+        let settings = config.pipeline_settings(rate, &axes);
         let fresh = Pipeline::new(settings).expect("the defaults make a pipeline");
-        Self { pipeline: fresh.clone(), fresh }
+        let (mut pipeline, mut good) = (fresh.clone(), Vec::new());
+        for k in 0..3000_u64 {
+            let mut sample = plain_sample(k);
+            sample.axes[0].motor_angle_rad = (k as f64 * 0.3).sin() * 1e-3;
+            pipeline.step(&sample);
+        }
+        pipeline.keep(&mut good);
+        Self { good, pipeline: fresh.clone(), fresh }
     }
 
     /// A state to begin with, for mutation.
@@ -87,14 +117,27 @@ impl Live {
         words.iter().flat_map(|w| w.to_le_bytes()).collect()
     }
 
-    /// Keyframes, as a recording would carry them: taken or refused, and what follows does not panic.
+    /// Keyframes, as a recording would carry them: taken or refused, and what follows does not panic. The first
+    /// byte says whether the rest is the keyframe or what is changed in a good one: place, length, word.
     pub(crate) fn restore(&mut self, bytes: &[u8]) -> bool {
-        let words: Vec<u64> =
-            bytes.chunks_exact(8).map(|c| u64::from_le_bytes(c.try_into().expect("eight bytes"))).collect();
+        let [kind, rest @ ..] = bytes else { return false };
+        let word = |c: &[u8]| c.iter().take(8).rev().fold(0_u64, |w, b| w << 8 | u64::from(*b));
+        let mut words: Vec<u64> = rest.chunks_exact(8).map(word).collect();
+        if kind % 4 != 0 {
+            let changes = std::mem::replace(&mut words, self.good.clone());
+            for pair in changes.chunks_exact(2) {
+                let place = pair[0] as usize % words.len();
+                match pair[0] >> 60 {
+                    0 => words.truncate(place.max(1)),
+                    1 => words.push(pair[1]),
+                    _ => words[place] = pair[1],
+                }
+            }
+        }
         let taken = self.fresh.restore(&words).is_ok();
         if taken {
             let mut recording = Recording {
-                sample_rate: SampleRate::new(9000.0).expect("a rate"),
+                sample_rate: SampleRate::new(RATE_HZ).expect("a rate"),
                 experiment: String::new(),
                 axes: vec![],
                 columns: vec![],
@@ -122,7 +165,7 @@ impl Default for Live {
 fn plain_sample(k: u64) -> stillcut::sample::ServoSample {
     stillcut::sample::ServoSample {
         sequence: k,
-        t_s: k as f64 / 9000.0,
+        t_s: k as f64 / RATE_HZ,
         axes: Default::default(),
         spindle_angle_rad: 0.0,
         spindle_speed_rpm: 1200.0,
@@ -157,7 +200,7 @@ pub(crate) mod wire {
         let mut batch = ServoBatch {
             stream: from.word(),
             sample_rate_hz: from.number(),
-            sample_count: (from.word() % 40) as u32,
+            sample_count: (from.word() % 40) as u32 & (from.word() % 64) as u32,
             axis_count: (from.word() % 9) as u32,
             ..ServoBatch::default()
         };
@@ -165,7 +208,7 @@ pub(crate) mod wire {
             *name = from.word().to_le_bytes();
             assert!(axis_name_text(name).chars().all(|c| c.is_ascii_graphic()));
         }
-        for point in batch.points.iter_mut().take(MAX_SAMPLES) {
+        for point in batch.points.iter_mut().take(MAX_SAMPLES.min(batch.sample_count as usize)) {
             *point = ServoPoint {
                 sequence: from.word() >> (from.word() % 60),
                 t_ns: from.word(),
@@ -183,10 +226,19 @@ pub(crate) mod wire {
         let Some(axes) = batch.axes() else { return false };
         let mut taken = false;
         for point in batch.used_points() {
-            let Ok(sample) = point.to_sample(axes.min(4)) else { continue };
+            let Ok(sample) = point.to_sample(axes.min(2)) else { continue };
             let output = live.pipeline.step(&sample);
             taken |= output.fault.is_none();
         }
         taken
+    }
+
+    /// What an MTConnect agent sends: answers to its pings and nothing else, in bounded memory.
+    pub(crate) fn shdr(bytes: &[u8]) -> bool {
+        let mut line = Vec::new();
+        let pings =
+            bytes.chunks(64).map(|c| stillcut::service::mtconnect::take(&mut line, c)).collect::<String>();
+        assert!(pings.lines().all(|l| l == "* PONG 10000") && line.len() <= 128);
+        !pings.is_empty()
     }
 }

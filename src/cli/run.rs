@@ -4,6 +4,7 @@ use super::bad_input;
 use crate::config::service::{ServiceConfig, read_service_config};
 use crate::service::{Running, ServiceError, clock, start};
 use crate::telemetry::{LogFormat, start_logs};
+use crate::transport::TransportError;
 use std::path::PathBuf;
 use std::time::Duration;
 use tokio::signal::unix::{Signal, SignalKind, signal};
@@ -32,9 +33,12 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
     start_logs(if config.log_json { LogFormat::Json } else { LogFormat::Text });
     let running = start(config).map_err(|error| match error {
-        ServiceError::Metrics(_) => anyhow::Error::new(error),
-        // Everything else is the configuration's or the machine's: a person can mend it.
-        _ => bad_input(error),
+        // What stands in files that a person must mend: trying again does not help.
+        ServiceError::Tokens(_)
+        | ServiceError::Tls(_)
+        | ServiceError::Transport(TransportError::Domain(_)) => bad_input(error),
+        // A full disk, a port that is taken, shared memory of another user: may be over at the next start.
+        _ => anyhow::Error::new(error),
     })?;
     // Heard from here on; before, the process may simply end.
     let signals = running.wait(async { Signals::listen() })?;

@@ -108,6 +108,32 @@ pub(super) struct EventQuery {
     until: Option<String>,
     /// Only alarms that nobody acknowledged.
     open_alarms: Option<bool>,
+    /// Form of the answer, before what `Accept` says: `json`, `csv` or `parquet`.
+    #[param(inline)]
+    format: Option<Form>,
+}
+
+/// Form of a page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Form {
+    Json,
+    Csv,
+    Parquet,
+}
+
+const PARQUET: &str = "application/vnd.apache.parquet";
+
+impl Form {
+    /// What is asked for by name, else the first that `Accept` begins with.
+    fn of(query: &EventQuery, headers: &HeaderMap) -> Self {
+        let accept = headers.get(header::ACCEPT).and_then(|v| v.to_str().ok()).unwrap_or_default();
+        query.format.unwrap_or(match accept {
+            a if a.starts_with("text/csv") => Self::Csv,
+            a if a.starts_with(PARQUET) => Self::Parquet,
+            _ => Self::Json,
+        })
+    }
 }
 
 /// One page.
@@ -147,25 +173,38 @@ fn filter_from(query: EventQuery) -> Result<EventFilter, Problem> {
     })
 }
 
-/// A page of the history, as JSON or, with `Accept: text/csv`, as CSV.
+/// A page of the history as JSON, CSV or Parquet.
 #[utoipa::path(get, path = "/api/v1/events", tag = "history", operation_id = "listEvents", params(EventQuery),
     responses((status = 200,
-        description = "One page", content((EventPageView = "application/json"), (String = "text/csv"))),
+        description = "One page", content((EventPageView = "application/json"),
+            (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),
         Refused))]
 pub(super) async fn list(
     State(site): State<Site>,
     headers: HeaderMap,
     Asked(query): Asked<EventQuery>,
 ) -> Result<Response, Problem> {
+    let form = Form::of(&query, &headers);
     let page = site.handle.events(&filter_from(query)?).await?;
-    let events: Vec<EventView> = page.events.iter().map(EventView::from).collect();
-    let wants_csv =
-        headers.get(header::ACCEPT).and_then(|v| v.to_str().ok()).is_some_and(|v| v.starts_with("text/csv"));
-    if wants_csv {
-        let headers = [(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")];
-        return Ok((headers, csv_text(&events)).into_response());
-    }
-    Ok(Json(EventPageView { events, next: page.next }).into_response())
+    let next = page.next;
+    let views = || page.events.iter().map(EventView::from).collect::<Vec<_>>();
+    Ok(match form {
+        Form::Json => Json(EventPageView { events: views(), next }).into_response(),
+        Form::Csv => {
+            let kind = [(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")];
+            (kind, next_header(next), csv_text(&views())).into_response()
+        }
+        Form::Parquet => {
+            let bytes = site.handle.events_parquet(page.events).await?;
+            ([(header::CONTENT_TYPE, PARQUET)], next_header(next), bytes).into_response()
+        }
+    })
+}
+
+/// Where the body has no place for the cursor of the next page.
+fn next_header(next: Option<i64>) -> HeaderMap {
+    let value = next.map(axum::http::HeaderValue::from);
+    value.into_iter().map(|v| (header::HeaderName::from_static("next-cursor"), v)).collect()
 }
 
 fn csv_text(events: &[EventView]) -> String {

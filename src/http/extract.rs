@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use std::time::Duration;
 
 /// A body must be there within this time.
-const BODY_DEADLINE: Duration = Duration::from_secs(5);
+pub(super) const BODY_DEADLINE: Duration = Duration::from_secs(5);
 /// Deepest nesting of a JSON body.
 const JSON_DEPTH: usize = 32;
 

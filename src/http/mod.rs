@@ -13,6 +13,7 @@ mod page;
 mod problem;
 mod read;
 mod recordings;
+mod seats;
 mod server;
 mod stream;
 
@@ -97,6 +98,9 @@ fn routes() -> OpenApiRouter<Site> {
         .routes(routes!(control::clear_fault))
         .routes(routes!(recordings::list, recordings::save))
         .routes(routes!(recordings::download))
+        .routes(routes!(recordings::download_csv))
+        .routes(routes!(recordings::download_json))
+        .routes(routes!(recordings::replay))
         .routes(routes!(diagnoses::list, diagnoses::start))
         .routes(routes!(diagnoses::one))
         .routes(routes!(diagnoses::report))

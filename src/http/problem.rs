@@ -122,7 +122,7 @@ impl From<OperationError> for Problem {
         let text = error.to_string();
         match error {
             OperationError::NotFound(_) => Self::not_found(text),
-            OperationError::Refused(Refusal::Revision { .. }) => {
+            OperationError::Refused(Refusal::Revision { .. } | Refusal::WayUp { .. }) => {
                 Self::new(StatusCode::PRECONDITION_FAILED, "stale_revision", text)
             }
             OperationError::Refused(Refusal::Faulted(_)) => Self::new(StatusCode::CONFLICT, "faulted", text),

@@ -4,7 +4,7 @@ use super::events::{ReasonBody, origin};
 use super::extract::{Body, Named};
 use super::problem::{Problem, Refused};
 use super::{Caller, Role, Site};
-use crate::service::RecordingInfo;
+use crate::service::{RecordingInfo, ReplayView, TextForm};
 use axum::body::Bytes;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
@@ -13,6 +13,7 @@ use axum::{Extension, Json};
 use serde::Serialize;
 use std::sync::Arc;
 use tokio::io::AsyncReadExt as _;
+use tokio::sync::OwnedSemaphorePermit;
 use utoipa::ToSchema;
 
 /// Stored recordings, newest first.
@@ -61,12 +62,7 @@ pub(super) async fn download(
     Named(id): Named<String>,
 ) -> Result<Response, Problem> {
     let path = site.handle.recording_path(&id)?;
-    let Ok(seat) = Arc::clone(&site.exports).try_acquire_owned() else {
-        site.handle.metrics().http_refused.with_label_values(&["exports"]).inc();
-        let problem =
-            Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", "two downloads are running already");
-        return Err(problem.retry_after(5));
-    };
+    let seat = take_seat(&site)?;
     let file = tokio::fs::File::open(&path).await.map_err(|_| Problem::not_found("the recording is gone"))?;
     let bytes = file.metadata().await.map_or(0, |m| m.len());
     // The seat is given back when the stream ends or the client goes away.
@@ -79,9 +75,77 @@ pub(super) async fn download(
     Ok((headers, axum::body::Body::from_stream(stream)).into_response())
 }
 
+/// One of the few places for downloads and replays.
+fn take_seat(site: &Site) -> Result<OwnedSemaphorePermit, Problem> {
+    Arc::clone(&site.exports).try_acquire_owned().map_err(|_| {
+        site.handle.metrics().http_refused.with_label_values(&["exports"]).inc();
+        let detail = "two downloads or replays are running already";
+        Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", detail).retry_after(5)
+    })
+}
+
+async fn text_file(site: &Site, id: &str, form: TextForm) -> Result<Response, Problem> {
+    let (kind, ending) = match form {
+        TextForm::Csv => ("text/csv; charset=utf-8; header=present", "csv"),
+        TextForm::Json => ("application/json", "json"),
+    };
+    site.handle.recording_path(id)?;
+    let seat = take_seat(site)?;
+    let pieces = site.handle.recording_text(id, form).await?;
+    let stream = tokio_stream::wrappers::ReceiverStream::new(pieces);
+    let stream = tokio_stream::StreamExt::map(stream, move |piece| {
+        let _seat = &seat; // given back when the stream ends
+        piece
+    });
+    let name = format!("attachment; filename=\"{id}.{ending}\"");
+    let headers = [(header::CONTENT_TYPE, kind.to_owned()), (header::CONTENT_DISPOSITION, name)];
+    Ok((headers, axum::body::Body::from_stream(stream)).into_response())
+}
+
+/// One recording as CSV.
+#[utoipa::path(get, path = "/api/v1/recordings/{id}/file.csv", tag = "history",
+    operation_id = "downloadRecordingCsv",
+    params(("id" = String, Path, description = "Name of the recording")),
+    responses((status = 200, description = "One row a sample", body = String, content_type = "text/csv"),
+        Refused))]
+pub(super) async fn download_csv(
+    State(site): State<Site>,
+    Named(id): Named<String>,
+) -> Result<Response, Problem> {
+    text_file(&site, &id, TextForm::Csv).await
+}
+
+/// One recording as JSON.
+#[utoipa::path(get, path = "/api/v1/recordings/{id}/file.json", tag = "history",
+    operation_id = "downloadRecordingJson",
+    params(("id" = String, Path, description = "Name of the recording")),
+    responses((status = 200, description = "Rate, metadata, a list for each column", body = serde_json::Value),
+        Refused))]
+pub(super) async fn download_json(
+    State(site): State<Site>,
+    Named(id): Named<String>,
+) -> Result<Response, Problem> {
+    text_file(&site, &id, TextForm::Json).await
+}
+
+/// One recording through the pipeline again: what it hears and declares.
+#[utoipa::path(get, path = "/api/v1/recordings/{id}/replay", tag = "history",
+    operation_id = "replayRecording",
+    params(("id" = String, Path, description = "Name of the recording")),
+    responses((status = 200, description = "Events and track", body = ReplayView),
+        Refused))]
+pub(super) async fn replay(
+    State(site): State<Site>,
+    Named(id): Named<String>,
+) -> Result<Json<ReplayView>, Problem> {
+    site.handle.recording_path(&id)?;
+    let _seat = take_seat(&site)?;
+    Ok(Json(site.handle.replay(&id).await?))
+}
+
 fn futures_of(
     mut file: tokio::fs::File,
-    seat: tokio::sync::OwnedSemaphorePermit,
+    seat: OwnedSemaphorePermit,
 ) -> impl tokio_stream::Stream<Item = std::io::Result<Bytes>> {
     let (send, receive) = tokio::sync::mpsc::channel(2);
     tokio::spawn(async move {

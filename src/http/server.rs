@@ -1,8 +1,10 @@
 //! The accept loop: caps, head deadline, TLS, and an end that does not wait for idle listeners.
 
 use super::PeerAddress;
+use super::seats::{Activity, Prompt, Seats, WRITE_DEADLINE};
 use crate::telemetry::Metrics;
 use axum::Router;
+use hyper::body::Body as _;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
@@ -14,7 +16,6 @@ use std::time::Duration;
 use thiserror::Error;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::Semaphore;
 use tokio_rustls::TlsAcceptor;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt as _;
@@ -28,14 +29,17 @@ const HEAD_BYTES: usize = 16 * 1024;
 const HEADERS: usize = 64;
 /// How long open requests may go on once the service stops.
 const DRAIN: Duration = Duration::from_secs(3);
-/// A connection lives at most this long without the stream's own traffic being an exception.
+/// A TLS handshake that takes longer is ended.
 const TLS_DEADLINE: Duration = Duration::from_secs(5);
+
+/// A longer answer keeps its connection busy until it has gone.
+const SHORT: u64 = 256 * 1024;
 
 /// Why TLS cannot be set up. One line.
 #[derive(Debug, Error)]
 pub enum TlsError {
     /// A file cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("http.certificate and http.key: {}: {source}; expected a file that this user may read", path.display())]
     Read {
         /// File.
         path: PathBuf,
@@ -43,7 +47,7 @@ pub enum TlsError {
         source: std::io::Error,
     },
     /// The file holds no certificate or key.
-    #[error("{}: no {what} in PEM form", path.display())]
+    #[error("{}: no {what} in PEM form; expected lines from -----BEGIN on", path.display())]
     Missing {
         /// File.
         path: PathBuf,
@@ -92,7 +96,7 @@ pub async fn serve(
     tls: Option<TlsAcceptor>,
     (metrics, stop): (Arc<Metrics>, CancellationToken),
 ) {
-    let seats = Arc::new(Semaphore::new(CONNECTIONS));
+    let seats = Seats::new(CONNECTIONS);
     let graceful = Arc::new(GracefulShutdown::new());
     loop {
         let accepted = tokio::select! {
@@ -108,7 +112,7 @@ pub async fn serve(
                 continue;
             }
         };
-        let Ok(seat) = Arc::clone(&seats).try_acquire_owned() else {
+        let Some(seat) = seats.take() else {
             metrics.http_refused.with_label_values(&["connections"]).inc();
             continue; // dropped: the client sees the connection close
         };
@@ -116,7 +120,11 @@ pub async fn serve(
         let watcher = graceful.watcher();
         tokio::spawn(async move {
             metrics.http_connections.inc();
-            connection(stream, address, (router, tls, watcher)).await;
+            let given_up = seat.given_up();
+            tokio::select! {
+                () = connection(stream, address, (router, tls, watcher, seat.activity())) => {}
+                () = given_up.cancelled() => metrics.http_refused.with_label_values(&["idle"]).inc(),
+            }
             metrics.http_connections.dec();
             drop(seat);
         });
@@ -127,16 +135,17 @@ pub async fn serve(
     }
 }
 
-type Parts = (Router, Option<TlsAcceptor>, hyper_util::server::graceful::Watcher);
+type Parts = (Router, Option<TlsAcceptor>, hyper_util::server::graceful::Watcher, Arc<Activity>);
 
-async fn connection(stream: TcpStream, address: SocketAddr, (router, tls, watcher): Parts) {
+async fn connection(stream: TcpStream, address: SocketAddr, (router, tls, watcher, activity): Parts) {
     let _ = stream.set_nodelay(true);
+    let stream = Prompt::new(stream, WRITE_DEADLINE);
     match tls {
-        None => requests(stream, address, router, watcher).await,
+        None => requests(stream, (address, activity), router, watcher).await,
         Some(acceptor) => {
             // A failed or slow handshake is the client's affair.
             if let Ok(Ok(stream)) = tokio::time::timeout(TLS_DEADLINE, acceptor.accept(stream)).await {
-                requests(stream, address, router, watcher).await;
+                requests(stream, (address, activity), router, watcher).await;
             }
         }
     }
@@ -144,13 +153,24 @@ async fn connection(stream: TcpStream, address: SocketAddr, (router, tls, watche
 
 async fn requests(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
-    address: SocketAddr,
+    (address, activity): (SocketAddr, Arc<Activity>),
     router: Router,
     watcher: hyper_util::server::graceful::Watcher,
 ) {
-    let service = router.map_request(move |mut request: hyper::Request<hyper::body::Incoming>| {
+    let service = tower::service_fn(move |mut request: hyper::Request<hyper::body::Incoming>| {
+        activity.begin();
         request.extensions_mut().insert(PeerAddress(address));
-        request.map(axum::body::Body::new)
+        let (router, activity) = (router.clone(), Arc::clone(&activity));
+        async move {
+            let response = router.oneshot(request.map(axum::body::Body::new)).await;
+            // A stream or download goes on; a short answer leaves the connection idle.
+            let short =
+                |r: &axum::response::Response| r.body().size_hint().exact().is_some_and(|n| n < SHORT);
+            if response.as_ref().is_ok_and(short) {
+                activity.end();
+            }
+            response
+        }
     });
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())

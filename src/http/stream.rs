@@ -68,10 +68,14 @@ async fn feed(handle: Handle, last: Option<i64>, out: Out) {
 
 /// Sends what was stored after `place`; answers the last place sent, or nothing when the client left.
 async fn resume(handle: &Handle, place: i64, out: &Out) -> Option<i64> {
+    let newest = EventFilter { limit: 1, ..EventFilter::default() };
+    // A history that cannot be read leaves a hole; the client sees it by the numbers.
+    let Ok(page) = handle.events(&newest).await else { return Some(0) };
+    // A place beyond the end is of another history: this one was begun anew.
+    let place = place.min(page.events.first().map_or(0, |e| e.sequence));
     let filter =
         EventFilter { cursor: Some(place), ascending: true, limit: RESUME, ..EventFilter::default() };
     let mut sent = place;
-    // A history that cannot be read leaves a hole; the client sees it by the numbers.
     for event in handle.events(&filter).await.map(|p| p.events).unwrap_or_default() {
         sent = event.sequence;
         let data = serde_json::to_string(&EventView::from(&event)).unwrap_or_default();

@@ -1,8 +1,8 @@
 //! MAT files (version 5 to 7): every numeric vector as a column; fields of a structure as `name.field`.
 
+use super::quiet::quietly;
 use super::{RawTable, RecordingError};
 use matrw::{MatFile, MatVariable, MatlabType, load_matfile_from_u8};
-use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::Path;
 
 /// Reads the numeric vectors of a MAT file. Columns may differ in length: constants stand beside signals.
@@ -21,19 +21,15 @@ pub(crate) fn read(path: &Path) -> Result<RawTable, RecordingError> {
     Ok(RawTable { columns, metadata: Vec::new() })
 }
 
-/// The parser panics on some damaged files; that is turned into an error here, without a trace on stderr.
+/// The parser panics on some damaged files; that is turned into an error here.
 fn parse(bytes: &[u8]) -> Result<MatFile, String> {
-    let hook = take_hook();
-    set_hook(Box::new(|_| {}));
-    let outcome = catch_unwind(AssertUnwindSafe(|| load_matfile_from_u8(bytes)));
-    set_hook(hook);
-    match outcome {
-        Ok(Ok(file)) => Ok(file),
-        Ok(Err(error)) => Err(format!(
+    match quietly(|| load_matfile_from_u8(bytes)) {
+        Some(Ok(file)) => Ok(file),
+        Some(Err(error)) => Err(format!(
             "not a readable MAT file: {}",
             error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
         )),
-        Err(_) => Err("not a readable MAT file: damaged".to_owned()),
+        None => Err("not a readable MAT file: damaged".to_owned()),
     }
 }
 

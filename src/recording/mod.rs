@@ -8,6 +8,7 @@ mod evidence;
 mod foreign;
 mod mat_file;
 mod parquet_file;
+mod quiet;
 
 use crate::sample::{Column, Recording};
 use crate::units::SampleRate;
@@ -68,6 +69,12 @@ pub fn read_recording(path: &Path) -> Result<Recording, RecordingError> {
     let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
     let raw = if is_csv { csv_file::read(path)? } else { parquet_file::read(path)? };
     recording_from_raw(path, raw)
+}
+
+/// Names and values of the numeric columns of any Parquet table; what is missing is NaN.
+/// Errors: unreadable or damaged file.
+pub fn read_columns(path: &Path) -> Result<Vec<(String, Vec<f64>)>, RecordingError> {
+    parquet_file::read(path).map(|raw| raw.columns)
 }
 
 fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, RecordingError> {

@@ -1,5 +1,6 @@
 //! Parquet without Arrow: numeric columns in, numeric columns out.
 
+use super::quiet::quietly;
 use super::{RawTable, RecordingError, beside};
 use parquet::basic::{Compression, ConvertedType, Repetition, Type as Physical, ZstdLevel};
 use parquet::column::reader::ColumnReader;
@@ -17,7 +18,7 @@ use std::sync::Arc;
 /// Reads a table. The library behind it panics on some damaged files (negative offsets, a dictionary page
 /// that is missing): that too is a damaged file, and no fault of ours.
 pub(super) fn read(path: &Path) -> Result<RawTable, RecordingError> {
-    std::panic::catch_unwind(|| read_unguarded(path)).unwrap_or_else(|_| {
+    quietly(|| read_unguarded(path)).unwrap_or_else(|| {
         let message = "damaged: its pages are not where its index says".to_owned();
         Err(RecordingError::Format { path: path.to_owned(), message })
     })
@@ -26,7 +27,8 @@ pub(super) fn read(path: &Path) -> Result<RawTable, RecordingError> {
 fn read_unguarded(path: &Path) -> Result<RawTable, RecordingError> {
     let file = File::open(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
     let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
-    let reader = SerializedFileReader::new(file).map_err(|e| format_error(one_line(&e)))?;
+    let reader = SerializedFileReader::new(file)
+        .map_err(|e| format_error(format!("not a readable Parquet file: {}", one_line(&e))))?;
     let info = reader.metadata().file_metadata();
     let metadata = info
         .key_value_metadata()

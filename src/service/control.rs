@@ -25,6 +25,14 @@ pub enum Refusal {
         /// Revision that the request named.
         asked: u64,
     },
+    /// The way up was asked for as if it were the way down: the mode changed since the asker looked.
+    #[error("the mode is {now} by now: {asked} is the way up, which needs an engineer and If-Match")]
+    WayUp {
+        /// Present mode.
+        now: &'static str,
+        /// Mode asked for.
+        asked: &'static str,
+    },
     /// A fault is latched.
     #[error("a fault is latched ({0}); clear it first")]
     Faulted(String),

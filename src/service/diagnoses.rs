@@ -103,6 +103,12 @@ impl Diagnoses {
         }))
     }
 
+    /// The binary that jobs run in.
+    #[must_use]
+    pub fn program(&self) -> &Path {
+        &self.0.program
+    }
+
     fn with<T>(&self, act: impl FnOnce(&mut VecDeque<Job>) -> T) -> T {
         act(&mut self.0.jobs.lock().unwrap_or_else(PoisonError::into_inner))
     }

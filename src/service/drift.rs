@@ -76,6 +76,7 @@ pub(super) fn start(
 ) -> std::io::Result<SyncSender<Feed>> {
     let (send, feeds) = sync_channel(WAITING);
     std::thread::Builder::new().name("drift".into()).spawn(move || {
+        super::priority::step_back();
         metrics.stage_up.with_label_values(&["drift"]).set(1);
         compare(&feeds, &config, (&metrics, &found));
         metrics.stage_up.with_label_values(&["drift"]).set(0);

@@ -210,6 +210,14 @@ impl Handle {
         Ok(())
     }
 
+    /// The record of what is done already: the doer is told that it is done even where the history is slow or
+    /// full; the record waits in the history's queue.
+    async fn audit_done(&self, origin: &Origin, action: &str, detail: &str) {
+        if let Err(error) = self.audit(origin, action, detail).await {
+            tracing::warn!(event = "audit_late", actor = origin.actor, action, "{error}; it follows");
+        }
+    }
+
     /// Acknowledges an event; doing it again changes nothing.
     pub async fn acknowledge(&self, sequence: i64, origin: &Origin) -> Result<Event, OperationError> {
         self.event(sequence).await?;
@@ -243,7 +251,7 @@ impl Handle {
         Ok(answered.map_err(|_| Refusal::NoAnswer)?.map_err(|_| Refusal::NoAnswer)??)
     }
 
-    /// Changes the mode. `revision`: the one the asker saw; needed on the way up.
+    /// Changes the mode. `revision`: the one the asker saw; with it the way up is open, without it only down.
     /// Going up is put on record first; going down never waits for the record.
     pub async fn set_mode(
         &self,
@@ -251,7 +259,7 @@ impl Handle {
         revision: Option<u64>,
         origin: Origin,
     ) -> Result<u64, OperationError> {
-        let up = mode as u8 > self.state().mode as u8;
+        let up = revision.is_some();
         let detail = format!("mode {}", mode.word());
         if up {
             self.audit(&origin, "set_mode", &detail).await?;
@@ -259,7 +267,7 @@ impl Handle {
         let asked = origin.clone();
         let done = self.ask(|done| Control::SetMode { mode, revision, origin: asked, done }).await?;
         if !up {
-            self.audit(&origin, "set_mode", &detail).await?;
+            self.audit_done(&origin, "set_mode", &detail).await;
         }
         self.catch_up(done).await;
         Ok(done)
@@ -277,7 +285,7 @@ impl Handle {
     pub async fn take_back(&self, origin: Origin) -> Result<u64, OperationError> {
         let asked = origin.clone();
         let done = self.ask(|done| Control::Override { origin: asked, done }).await?;
-        self.audit(&origin, "override", "equal pitch, mode observe").await?;
+        self.audit_done(&origin, "override", "equal pitch, mode observe").await;
         self.catch_up(done).await;
         Ok(done)
     }

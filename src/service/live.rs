@@ -113,6 +113,8 @@ pub struct PitchView {
     pub limited: bool,
     /// What the turret does: `reached`, `moving`, `refused`, `limited`, `expired` or `unknown`.
     pub turret: String,
+    /// Why there is no pitch control on this stream; absent where there is.
+    pub unavailable: Option<String>,
     /// Why the last interval ended without a command; absent when there was one.
     pub hold_reason: Option<String>,
     /// Nearest spindle speed at which a pitch is stable, where none is now, rpm.

@@ -16,13 +16,16 @@ pub mod demo;
 mod diagnoses;
 mod drift;
 mod engine;
+mod exports;
 #[cfg(feature = "nats")]
 pub mod fleet;
 mod handle;
 mod hub;
 mod ledger;
 pub mod live;
-mod mtconnect;
+#[doc(hidden)]
+pub mod mtconnect;
+mod priority;
 mod recorder;
 mod recordings;
 pub mod stability;
@@ -32,6 +35,7 @@ pub mod virtual_lathe;
 pub use crate::store::{AuditRow, EventFilter, EventPage, MAX_PAGE};
 pub use control::{Origin, Refusal};
 pub use diagnoses::{Diagnoses, DiagnosisView, JobState};
+pub use exports::{ReplayView, TextForm, TrackView};
 pub use handle::{Check, Handle, OperationError, ShownConfig, StreamMessage};
 pub use recordings::{RecordingInfo, RecordingLimits, Recordings, RecordingsError};
 pub use start::{Running, ServiceError, start};

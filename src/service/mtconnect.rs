@@ -127,7 +127,8 @@ async fn agent(handle: Handle, mut stream: TcpStream, address: SocketAddr) -> st
 }
 
 /// Collects lines; answers what they ask for. A line that is too long is forgotten.
-fn take(line: &mut Vec<u8>, bytes: &[u8]) -> String {
+#[doc(hidden)] // public for the fuzz targets
+pub fn take(line: &mut Vec<u8>, bytes: &[u8]) -> String {
     let mut answer = String::new();
     for byte in bytes {
         if *byte == b'\n' {

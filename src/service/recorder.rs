@@ -47,6 +47,7 @@ pub(super) fn start(
 ) -> std::io::Result<(SyncSender<Job>, std::thread::JoinHandle<()>)> {
     let (send, jobs) = sync_channel(WAITING);
     let thread = std::thread::Builder::new().name("recorder".into()).spawn(move || {
+        super::priority::step_back();
         metrics.stage_up.with_label_values(&["recorder"]).set(1);
         work(&jobs, &recordings, limits, (&metrics, &outcome));
         metrics.stage_up.with_label_values(&["recorder"]).set(0);

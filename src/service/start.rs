@@ -38,7 +38,7 @@ pub enum ServiceError {
         path: PathBuf,
     },
     /// A file or thread cannot be made.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}; expected a place that this user may write (history.folder)", path.display())]
     Files {
         /// File.
         path: PathBuf,
@@ -46,7 +46,7 @@ pub enum ServiceError {
         source: std::io::Error,
     },
     /// The address cannot be listened on.
-    #[error("{what} {address}: {source}")]
+    #[error("{what} {address}: {source}; stop what listens there or choose another address")]
     Listen {
         /// Key of the configuration.
         what: &'static str,
@@ -105,6 +105,7 @@ pub fn start(config: ServiceConfig) -> Result<Running, ServiceError> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)
         .thread_name("http")
+        .on_thread_start(super::priority::step_back)
         .enable_all()
         .build()
         .map_err(|source| ServiceError::Files { path: "worker thread".into(), source })?;

@@ -245,7 +245,10 @@ impl Metrics {
         zero(&self.store_errors, &["full", "io", "corrupt", "not_a_database", "busy", "other"]);
         zero(&self.recordings, &["saved", "failed", "dropped", "removed"]);
         zero(&self.security_events, &["bad_token", "forbidden", "rate_limited", "bad_host"]);
-        zero(&self.http_refused, &["connections", "streams", "exports", "body_too_large", "head_timeout"]);
+        zero(
+            &self.http_refused,
+            &["connections", "idle", "streams", "exports", "body_too_large", "head_timeout"],
+        );
         let kinds: Vec<&str> = EventKind::ALL.iter().map(|k| k.word()).collect();
         zero(&self.events, &kinds);
         for queue in ["reports", "recorder", "store", "control", "drift"] {

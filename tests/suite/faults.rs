@@ -302,6 +302,36 @@ fn bodies_that_are_too_large_too_slow_or_no_json_are_refused() {
     running.stop();
 }
 
+/// Clients that ask for much and take nothing hold every place: for five seconds, not for ever.
+#[test]
+fn clients_that_never_read_do_not_lock_others_out() {
+    let place = Place::new("noread");
+    let running = service(&place);
+    let address = running.handle().address().to_string();
+    let request = "GET /api/v1/config HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(2000);
+    let deaf: Vec<TcpStream> = (0..256)
+        .filter_map(|_| {
+            let mut stream = TcpStream::connect(&address).ok()?;
+            stream.set_nonblocking(true).ok()?;
+            while stream.write(request.as_bytes()).is_ok() {}
+            Some(stream)
+        })
+        .collect();
+    assert_eq!(deaf.len(), 256);
+    let began = Instant::now();
+    let answers = || {
+        let mut stream = TcpStream::connect(&address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(1))).unwrap();
+        let mut said = [0; 12];
+        let asked = stream.write_all(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n");
+        asked.is_ok() && stream.read_exact(&mut said).is_ok() && said.ends_with(b"200")
+    };
+    until("health answers", 10, answers);
+    println!("/healthz answers {:?} after 256 clients fell silent", began.elapsed());
+    drop(deaf);
+    running.stop();
+}
+
 struct Stopped(Child);
 
 impl Drop for Stopped {

@@ -1,6 +1,6 @@
 //! The API over real HTTP: access, problems, paging, limits, browsers that are led astray.
 
-use crate::running::{Place, ask, get, service, tokens, until};
+use crate::running::{LatheThread, Place, ask, get, service, tokens, until};
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
@@ -18,6 +18,9 @@ const ROUTES: &[(&str, &str, Option<&str>, usize)] = &[
     ("GET", "/api/v1/mode", None, 0),
     ("GET", "/api/v1/recordings", None, 0),
     ("GET", "/api/v1/recordings/none/file.parquet", None, 0),
+    ("GET", "/api/v1/recordings/none/file.csv", None, 0),
+    ("GET", "/api/v1/recordings/none/file.json", None, 0),
+    ("GET", "/api/v1/recordings/none/replay", None, 0),
     ("GET", "/api/v1/diagnoses", None, 0),
     ("GET", "/api/v1/diagnoses/none", None, 0),
     ("GET", "/api/v1/diagnoses/none/report.html", None, 0),
@@ -54,6 +57,24 @@ fn every_route_asks_for_its_role_and_no_other() {
             let expected = rank + 1 < *least;
             assert_eq!(answer.status == 403, expected, "{method} {path} as rank {}: {answer:?}", rank + 1);
             assert!(answer.status != 401 && answer.status < 500 || answer.status == 503, "{answer:?}");
+        }
+    }
+    // A token that nobody knows or that has expired is refused everywhere, at first by name, then by its number.
+    let (old, digest) = stillcut::http::new_token([9; 32]);
+    let file = place.folder.path().join("tokens.toml");
+    let expired = format!(
+        "[[token]]\nname = \"old\"\nrole = \"engineer\"\nsha256 = \"{digest}\"\nexpires = \"2026-01-01T00:00:00Z\"\n"
+    );
+    std::fs::write(&file, std::fs::read_to_string(&file).unwrap() + &expired).unwrap();
+    until("the changed file is in force", 5, || {
+        let answer =
+            ask(&address, "GET", "/api/v1/state", &[("Authorization", &format!("Bearer {old}"))], None);
+        [401, 429].contains(&answer.status)
+    });
+    for token in ["garbage", old.as_str()] {
+        for (method, path, body, _) in ROUTES {
+            let answer = ask(&address, method, path, &[("Authorization", &format!("Bearer {token}"))], *body);
+            assert!([401, 429].contains(&answer.status), "{method} {path}: {answer:?}");
         }
     }
     // Every described route stands in the table (the stream has its own test).
@@ -203,6 +224,19 @@ fn the_live_stream_resumes_after_the_last_event_seen() {
         text += &String::from_utf8_lossy(&buffer[..count]);
     }
     assert!(text.contains("id: 3\n") && !text.contains("id: 2\n"), "{text}");
+    // A place beyond the end is of a history that was set aside: what is new comes all the same.
+    let mut lost = TcpStream::connect(&address).unwrap();
+    lost.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    lost.write_all(b"GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: 9000\r\n\r\n").unwrap();
+    let mut text = String::new();
+    while !text.contains("event: event") {
+        if text.contains("event: state") {
+            ask(&address, "POST", "/api/v1/override", &[], Some("{\"reason\":\"test\"}"));
+        }
+        let count = lost.read(&mut buffer).unwrap();
+        text += &String::from_utf8_lossy(&buffer[..count]);
+        assert!(count > 0 && text.len() < 1_000_000, "no event came");
+    }
     let began = Instant::now();
     running.stop();
     assert!(began.elapsed() < Duration::from_secs(5), "an open stream does not hold up the end");
@@ -238,6 +272,77 @@ fn pages_and_filters_reach_every_event_once() {
     }
     let csv = ask(&address, "GET", "/api/v1/events?kind=override", &[("Accept", "text/csv")], None);
     assert!(csv.kind.starts_with("text/csv") && csv.body.lines().count() == 26);
+    let csv = get(&running, "/api/v1/events?kind=override&format=csv&limit=7");
+    assert!(csv.kind.starts_with("text/csv") && csv.body.lines().count() == 8);
+    let parquet = get(&running, "/api/v1/events?kind=override&format=parquet");
+    assert!(parquet.status == 200 && parquet.kind == "application/vnd.apache.parquet");
+    running.stop();
+}
+
+#[test]
+fn the_way_up_is_decided_where_the_mode_is() {
+    use stillcut::service::{OperationError, Origin, Refusal, live::Mode};
+    let place = Place::new("wayup");
+    let running = service(&place);
+    let origin = || Origin { actor: "o".into(), role: "operator".into(), reason: "test".into() };
+    // As if the asker's picture still showed the higher mode.
+    let refused = running.wait(running.handle().set_mode(Mode::Advise, None, origin())).unwrap_err();
+    assert!(matches!(refused, OperationError::Refused(Refusal::WayUp { .. })), "{refused}");
+    assert!(running.wait(running.handle().set_mode(Mode::Observe, None, origin())).is_ok());
+    running.stop();
+}
+
+#[test]
+fn a_key_is_good_for_one_request_and_the_turret_is_always_taken_back() {
+    let place = Place::new("key");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    let post = |path: &str, reason: &str| {
+        let body = format!("{{\"reason\":\"{reason}\"}}");
+        ask(&address, "POST", path, &[("Idempotency-Key", "k1")], Some(&body))
+    };
+    for _ in 0..3 {
+        assert_eq!(post("/api/v1/override", "now").status, 200);
+    }
+    let events = get(&running, "/api/v1/events?kind=override").json();
+    assert_eq!(events["events"].as_array().unwrap().len(), 3, "each was done");
+    let first = post("/api/v1/recordings", "a");
+    assert_eq!((first.status, &post("/api/v1/recordings", "a").body), (202, &first.body));
+    assert_eq!(post("/api/v1/recordings", "b").code(), "idempotency_key_reused");
+    running.stop();
+}
+
+#[test]
+fn a_recording_is_given_as_parquet_csv_and_json_and_played_again() {
+    let place = Place::new("forms");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    config.program = Some(env!("CARGO_BIN_EXE_stillcut").into());
+    (config.recorder.before_s, config.recorder.after_s) = (1.0, 0.5);
+    let running = start(config).unwrap();
+    let lathe = LatheThread::start(&place.domain);
+    until("a recording of the onset", 40, || {
+        !get(&running, "/api/v1/recordings").json().as_array().unwrap().is_empty()
+    });
+    let id = get(&running, "/api/v1/recordings").json()[0]["id"].as_str().unwrap().to_owned();
+    let path = |form: &str| format!("/api/v1/recordings/{id}/{form}");
+    let csv = get(&running, &path("file.csv"));
+    assert!(csv.kind.starts_with("text/csv") && csv.body.starts_with("t_s,"), "{}", csv.kind);
+    let json = get(&running, &path("file.json")).json();
+    let values = json["columns"]["x1_stage_position_m"].as_array().unwrap().len();
+    assert_eq!(values + 1, csv.body.lines().count());
+    let replay = get(&running, &path("replay"));
+    assert_eq!(replay.status, 200, "{replay:?}");
+    let replay = replay.json();
+    assert!(
+        replay["events"].as_array().unwrap().iter().any(|e| e["kind"] == "chatter_onset"),
+        "{replay:.300}"
+    );
+    assert!(replay["track"]["chatter"].as_array().unwrap().iter().any(|c| c == true));
+    assert_eq!(get(&running, "/api/v1/recordings/none/replay").code(), "not_found");
+    drop(lathe);
     running.stop();
 }
 
@@ -288,12 +393,12 @@ fn a_post_that_is_sent_again_with_its_key_is_done_once() {
     let running = start(config).unwrap();
     let address = running.handle().address().to_string();
     for _ in 0..3 {
-        let key = [("Idempotency-Key", "take-back-1")];
-        let answer = ask(&address, "POST", "/api/v1/override", &key, Some("{\"reason\":\"x\"}"));
-        assert_eq!(answer.status, 200, "{answer:?}");
+        let key = [("Idempotency-Key", "save-1")];
+        let answer = ask(&address, "POST", "/api/v1/recordings", &key, Some("{\"reason\":\"x\"}"));
+        assert_eq!(answer.status, 202, "{answer:?}");
     }
-    let other = [("Idempotency-Key", "take-back-2")];
-    ask(&address, "POST", "/api/v1/override", &other, Some("{\"reason\":\"x\"}"));
+    let other = [("Idempotency-Key", "save-2")];
+    ask(&address, "POST", "/api/v1/recordings", &other, Some("{\"reason\":\"x\"}"));
     let rows = get(&running, "/api/v1/audit").json();
     assert_eq!(rows.as_array().unwrap().len(), 2, "{rows}");
     running.stop();

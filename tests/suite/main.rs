@@ -24,6 +24,8 @@ mod http;
 mod identities;
 mod import;
 #[cfg(feature = "service")]
+mod io_faults;
+#[cfg(feature = "service")]
 mod live_diagnosis;
 #[cfg(feature = "service")]
 mod page;

@@ -1,7 +1,7 @@
 //! The operator page in a real browser, without a network. The browser is driven over its debugging
 //! pipe, so that the test waits for what the page shows and not for a time.
 
-use crate::running::{LatheThread, Place, get, service, until};
+use crate::running::{LatheThread, Place, get, until};
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
@@ -132,7 +132,11 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
         return;
     };
     let place = Place::new("page");
-    let running = service(&place);
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    config.program = Some(env!("CARGO_BIN_EXE_stillcut").into());
+    (config.recorder.before_s, config.recorder.after_s) = (1.5, 0.5);
+    let running = stillcut::service::start(config).unwrap();
     let lathe = LatheThread::start(&place.domain);
     until("samples come", 10, || get(&running, "/readyz").status == 200);
     let mut browser = Browser::open(program, place.folder.path());
@@ -153,6 +157,23 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     browser.size(390, 844);
     assert_eq!(browser.value(fits), true, "nothing sticks out on a phone");
     browser.picture("phone");
+    // The recording around the onset is one click from being played again.
+    let button = "[...document.querySelectorAll('#recordings button')].find((b) => b.innerText === 'Replay')";
+    browser.wait_for("a recording", &format!("Boolean({button})"));
+    browser.value(&format!("{button}.click()"));
+    browser.wait_for(
+        "the replay",
+        "document.getElementById('replay-note').innerText.includes('shaded chatter')",
+    );
+    let onset = "document.getElementById('replay-events').innerText.includes('chatter onset')";
+    assert_eq!(
+        browser.value(onset),
+        true,
+        "{}",
+        browser.value("document.getElementById('replay').innerText")
+    );
+    browser.picture("replay");
+    browser.value("document.getElementById('replay-close').click()");
     let page = browser.value("document.documentElement.outerHTML");
     let page = page.as_str().unwrap();
     assert!(page.contains("Take the turret back"), "{page:.500}");

@@ -174,6 +174,11 @@ impl Process {
 
     /// The same with more in its environment.
     pub(crate) fn start_with(place: &Place, http: &str, environment: &[(&str, &str)]) -> Self {
+        Self::try_start(place, http, environment).unwrap_or_else(|said| panic!("{said}"))
+    }
+
+    /// The same; what it said last where it ended instead.
+    pub(crate) fn try_start(place: &Place, http: &str, environment: &[(&str, &str)]) -> Result<Self, String> {
         let config = place.folder.path().join("c.toml");
         std::fs::write(&config, place.toml(http) + "[log]\nformat = \"json\"\n").unwrap();
         let mut command = Command::new(env!("CARGO_BIN_EXE_stillcut"));
@@ -183,14 +188,16 @@ impl Process {
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
         let address = loop {
             let line = lines.next().expect("it says where it listens").unwrap();
-            let value: serde_json::Value =
-                serde_json::from_str(&line).unwrap_or_else(|e| panic!("{e}: {line}"));
+            let Ok(value) = serde_json::from_str::<serde_json::Value>(&line) else {
+                let _ = child.wait();
+                return Err(line); // the last line of a process that ends is for people
+            };
             if value["event"] == "listening" {
                 break value["address"].as_str().unwrap().to_owned();
             }
         };
         std::thread::spawn(move || lines.for_each(drop)); // keeps the pipe empty
-        Self { child, address }
+        Ok(Self { child, address })
     }
 
     pub(crate) fn ask(&self, method: &str, path: &str, token: &str, body: Option<&str>) -> Answer {

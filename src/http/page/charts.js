@@ -241,3 +241,36 @@ class StabilityChart {
     }
   }
 }
+
+// A recording played again: frequency of the strongest line and its power over time, chatter shaded.
+function drawReplay(canvas, track) {
+  const { context, width, height } = prepare(canvas);
+  const t = track.t_s, n = t.length;
+  if (n < 2) return;
+  const left = 48, right = 48, top = 10, bottom = 24, w = width - left - right, h = height - top - bottom;
+  const x = (s) => left + (s - t[0]) / (t[n - 1] - t[0]) * w;
+  const heard = track.frequency_hz.filter((f) => f !== null);
+  const low = heard.length ? heard.reduce((a, b) => Math.min(a, b)) - 20 : 0;
+  const high = heard.length ? heard.reduce((a, b) => Math.max(a, b)) + 20 : 1;
+  const level = track.power_n2.map((p) => 10 * Math.log10(Math.max(p, 1e-9)));
+  const floor = level.reduce((a, b) => Math.min(a, b)), peak = Math.max(floor + 10, level.reduce((a, b) => Math.max(a, b)));
+  const yf = (f) => top + h - (f - low) / (high - low) * h, yp = (p) => top + h - (p - floor) / (peak - floor) * h;
+  context.fillStyle = resolved("--bad");
+  context.globalAlpha = 0.18;
+  for (let i = 1; i < n; i += 1) if (track.chatter[i]) context.fillRect(x(t[i - 1]), top, Math.max(1, x(t[i]) - x(t[i - 1])), h);
+  context.globalAlpha = 1;
+  context.lineWidth = 1.5;
+  context.strokeStyle = resolved("--soft");
+  context.beginPath();
+  level.forEach((p, i) => (i === 0 ? context.moveTo(x(t[i]), yp(p)) : context.lineTo(x(t[i]), yp(p))));
+  context.stroke();
+  context.fillStyle = resolved("--ink");
+  track.frequency_hz.forEach((f, i) => { if (f !== null) context.fillRect(x(t[i]) - 1, yf(f) - 1, 2.5, 2.5); });
+  context.fillStyle = resolved("--soft");
+  context.fillText(`${high.toFixed(0)} Hz`, 2, top + 10);
+  context.fillText(`${low.toFixed(0)} Hz`, 2, top + h);
+  context.fillText(`${peak.toFixed(0)} dB`, width - right + 6, top + 10);
+  context.fillText(`${floor.toFixed(0)} dB`, width - right + 6, top + h);
+  context.fillText(`${t[0].toFixed(1)} s`, left, height - 6);
+  context.fillText(`${t[n - 1].toFixed(1)} s`, width - right - 30, height - 6);
+}

@@ -170,7 +170,7 @@ function showPitch(now) {
   setText("limit", degrees(pitch.limit_rad) + (pitch.limited ? " reached" : ""));
   const hold = pitch.hold_reason ? ` · holding: ${pitch.hold_reason.replaceAll("_", " ")}` : "";
   const speed = pitch.advised_speed_rpm ? ` · try ${Math.round(pitch.advised_speed_rpm)} rpm` : "";
-  setText("turret", `turret: ${pitch.turret}${hold}${speed}`);
+  setText("turret", pitch.unavailable ? `no pitch control: ${pitch.unavailable}` : `turret: ${pitch.turret}${hold}${speed}`);
   stability.points = { commanded: pitch.commanded_rad, reported: pitch.reported_rad };
   stability.limit = pitch.limit_rad;
 }
@@ -295,7 +295,8 @@ async function refreshLists() {
   try {
     const { answer } = await request("GET", `/api/v1/events?limit=${SHOWN}`);
     $("events").replaceChildren(...answer.events.map(eventItem));
-    if (answer.events.length) lastEventId = Math.max(lastEventId ?? 0, answer.events[0].sequence);
+    // As it is now, also when the history was begun anew.
+    if (answer.events.length) lastEventId = answer.events[0].sequence;
     const recordings = (await request("GET", "/api/v1/recordings")).answer;
     $("recordings").replaceChildren(...recordings.slice(0, 8).map(recordingItem));
     const diagnoses = (await request("GET", "/api/v1/diagnoses")).answer;
@@ -316,15 +317,40 @@ function recordingItem(recording) {
     text: `What physics does the machine model leave out? Looks at ${recording.id}.`,
     run: async (given) => { await request("POST", "/api/v1/diagnoses", { ...given, recordings: [recording.id] }); refreshLists(); },
   }));
+  const replay = make("button", "", "Replay");
+  replay.addEventListener("click", () => showReplay(recording.id));
   const kind = recording.id.split("-")[0].replaceAll("_", " ");
-  item.append(make("span", "", `${kind} ${clockText(new Date(recording.written_at))} (${(recording.bytes / 1e6).toFixed(1)} MB)`), link, diagnose);
+  item.append(make("span", "", `${kind} ${clockText(new Date(recording.written_at))} (${(recording.bytes / 1e6).toFixed(1)} MB)`), link, replay, diagnose);
   return item;
+}
+
+// The recording through the pipeline again, with the configuration in force.
+async function showReplay(id) {
+  $("replay-events").replaceChildren();
+  setText("replay-note", `${id}: playing it again …`);
+  $("replay").showModal();
+  try {
+    const { answer } = await request("GET", `/api/v1/recordings/${id}/replay`);
+    setText("replay-note", `${id}: dots line frequency, curve its power (dB re 1 N²), shaded chatter`);
+    drawReplay($("replay-chart"), answer.track);
+    $("replay-events").replaceChildren(...answer.events.map((event) => {
+      const hz = event.frequency_hz ? ` at ${event.frequency_hz.toFixed(1)} Hz` : "";
+      return make("li", "", `${event.t_s.toFixed(3)} s: ${event.kind.replaceAll("_", " ")}${hz}`);
+    }));
+  } catch (error) { setText("replay-note", `${id}: ${error.message || "the service does not answer"}`); }
 }
 
 function diagnosisItem(diagnosis) {
   const item = make("li");
   const verdict = diagnosis.result ? diagnosis.result.verdict.replaceAll("_", " ") : diagnosis.error || `${diagnosis.state} ${diagnosis.elapsed_s.toFixed(0)} s`;
   item.append(make("span", "", verdict));
+  if (diagnosis.state === "running") {
+    const bar = make("progress");
+    bar.value = diagnosis.progress;
+    bar.max = 1;
+    bar.setAttribute("aria-label", "diagnosis");
+    item.append(bar, make("span", "by", diagnosis.step || ""));
+  }
   if (diagnosis.state === "done") {
     const link = make("a", "", "Report");
     link.href = `/api/v1/diagnoses/${diagnosis.id}/report.html`;
@@ -428,9 +454,10 @@ $("save").addEventListener("click", () => ask({
 }));
 $("token").addEventListener("click", askToken);
 $("theme").addEventListener("click", toggleTheme);
+$("replay-close").addEventListener("click", () => $("replay").close());
 $("ask-cancel").addEventListener("click", () => $("ask").close());
 document.addEventListener("keydown", (key) => {
-  if (key.ctrlKey || key.altKey || key.metaKey || $("ask").open || /INPUT|TEXTAREA/.test(key.target.tagName)) return;
+  if (key.ctrlKey || key.altKey || key.metaKey || $("ask").open || $("replay").open || /INPUT|TEXTAREA/.test(key.target.tagName)) return;
   const act = { 1: () => askMode("observe"), 2: () => askMode("advise"), 3: () => askMode("act"), r: askTakeBack, t: toggleTheme }[key.key.toLowerCase()];
   if (act) { key.preventDefault(); act(); }
 });

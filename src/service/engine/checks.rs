@@ -19,6 +19,8 @@ const AXES: [&str; 4] = ["x1", "y1", "x2", "y2"];
 struct Bench {
     engine: Engine,
     lathe: Lathe,
+    names: [&'static str; 4],
+    jobs: std::sync::mpsc::Receiver<crate::service::recorder::Job>,
     // Kept open for the engine.
     _ends: Box<dyn std::any::Any>,
     _folder: tempfile::TempDir,
@@ -42,9 +44,9 @@ fn bench() -> Bench {
         metrics: Arc::new(Metrics::new(&[], 0.0).unwrap()),
         progress: Arc::default(),
     });
-    let ends = Box::new((reported, control, jobs, feeds));
+    let ends = Box::new((reported, control, feeds));
     let lathe = Lathe::new(LatheSettings::realistic(Scenario::default(), 1));
-    Bench { engine, lathe, _ends: ends, _folder: folder }
+    Bench { engine, lathe, names: AXES, jobs, _ends: ends, _folder: folder }
 }
 
 impl Bench {
@@ -58,7 +60,7 @@ impl Bench {
                 axis_count: AXES.len() as u32,
                 ..ServoBatch::default()
             };
-            for (to, name) in batch.axis_names.iter_mut().zip(AXES) {
+            for (to, name) in batch.axis_names.iter_mut().zip(self.names) {
                 *to = axis_name_bytes(name);
             }
             for point in batch.points.iter_mut().take(9) {
@@ -139,4 +141,57 @@ fn an_estimate_that_forbids_acting_is_a_refusal_with_its_reason() {
     assert_eq!((bench.intents(), bench.hold()), (0, Some("estimate_not_valid")));
     assert_eq!(Metrics::total(&bench.engine.setup.metrics.holds, &["estimate_not_valid"]), 1);
     assert_eq!(bench.engine.mode, Mode::Act, "it is no fault: the next interval may act");
+}
+
+/// A machine whose stream has no two turret axes is observed like any other; it only cannot be commanded.
+#[test]
+fn a_stream_without_turret_axes_is_heard_and_not_commanded() {
+    let mut bench = bench();
+    bench.names = ["x1", "z1", "x2", "y2"];
+    bench.feed(3.5, |_| {});
+    let stream = bench.engine.stream.as_ref().expect("the stream is taken");
+    assert_eq!(stream.pipeline().agreement().phase, crate::chatter::Phase::Chatter);
+    let why = bench.engine.no_pitch.clone().unwrap();
+    assert!(why.contains("turret.axes") && why.contains("no axis"), "{why}");
+    let told = |r: &Report| matches!(r, Report::Event(e) if e.text.contains("no pitch control"));
+    assert!(bench.engine.backlog.iter().any(told), "it is said when the stream begins");
+    bench.decide_in_act();
+    assert_eq!(bench.intents(), 0);
+    assert_eq!(bench.engine.view(clock::now()).state.pitch.unavailable, Some(why));
+}
+
+#[test]
+fn a_recording_that_waits_is_saved_when_the_samples_cease() {
+    let mut bench = bench();
+    bench.feed(3.5, |_| {});
+    assert!(bench.engine.save.is_some() && bench.jobs.try_recv().is_err(), "it waits for the seconds after");
+    bench.engine.supervise(clock::now() + Duration::from_millis(1500));
+    assert!(bench.engine.stream.is_none() && bench.engine.save.is_none());
+    let job = bench.jobs.try_recv().expect("what there is was handed over");
+    assert!(job.chunks.iter().map(|c| c.samples.len()).sum::<usize>() > 9000);
+    // A stream that begins anew does the same.
+    bench.feed(3.5, |_| {});
+    bench.engine.save_around("manual", "test");
+    bench.names = ["a", "b", "c", "d"];
+    bench.feed(0.001, |_| {});
+    assert!(bench.jobs.try_recv().is_ok());
+}
+
+#[test]
+fn batches_without_a_usable_sample_are_silence() {
+    let mut bench = bench();
+    bench.feed(0.1, |_| {});
+    let before = bench.engine.last_arrival;
+    bench.feed(0.1, |point| point.axes.iter_mut().for_each(|a| a.current_ref_a = f64::NAN));
+    assert_eq!(bench.engine.last_arrival, before, "what is no number is not fresh");
+    let later = clock::now() + Duration::from_millis(1500);
+    bench.engine.last_batch = Some(later);
+    bench.engine.supervise(later);
+    assert_eq!(bench.told(EventKind::SourceLost), 1);
+    assert!(!bench.engine.view(later).state.source.connected);
+    bench.feed(0.1, |_| {});
+    assert!(
+        !bench.engine.source_lost && bench.engine.stream.is_some(),
+        "good samples go on in the same stream"
+    );
 }

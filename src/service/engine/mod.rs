@@ -1,6 +1,7 @@
-//! The pipeline thread: owns every shared memory port, wakes once a millisecond, drains, steps, decides.
+//! The pipeline thread: owns every shared memory port, wakes once a millisecond (in `act`; every fourth
+//! otherwise), drains, steps, decides.
 //!
-//! It waits for nothing but its own millisecond: reports go to a bounded queue that others drain, files
+//! It waits for nothing but its own next wake: reports go to a bounded queue that others drain, files
 //! are written elsewhere, requests are looked at without waiting. When a queue is full, pictures are
 //! dropped first (the next one is 50 ms away), events last, and every drop is counted.
 
@@ -33,8 +34,10 @@ use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
-/// How often the thread wakes.
+/// How often the thread wakes while it may command.
 const WAKE: Duration = Duration::from_millis(1);
+/// How often it wakes while nothing leaves the process: the same samples are taken in, four batches at once.
+const CALM_WAKE: Duration = Duration::from_millis(4);
 /// How often a picture is reported.
 const PICTURE: Duration = Duration::from_millis(50);
 /// Without samples for this long the source counts as lost.
@@ -86,7 +89,10 @@ pub(super) struct Engine {
     setup: Setup,
     stream: Option<Stream>,
     source_lost: bool,
+    /// When samples came that the pipeline could use, on both clocks.
     last_arrival: Option<(Instant, i64)>,
+    /// When anything came.
+    last_batch: Option<Instant>,
     status: Option<(TurretStatus, Instant)>,
     interlocks_open: u32,
     mode: Mode,
@@ -99,6 +105,8 @@ pub(super) struct Engine {
     backlog: VecDeque<Report>,
     picture: Picture,
     acting: Option<Acting>,
+    /// Why this stream has no pitch control: it has no two axes that move the tools apart.
+    no_pitch: Option<String>,
     began: Instant,
     last_wake: Instant,
     acknowledge: bool,
@@ -142,6 +150,7 @@ impl Engine {
             stream: None,
             source_lost: false,
             last_arrival: None,
+            last_batch: None,
             status: None,
             interlocks_open: u32::MAX,
             mode: Mode::Observe,
@@ -151,6 +160,7 @@ impl Engine {
             save: None,
             backlog: VecDeque::with_capacity(BACKLOG),
             acting: None,
+            no_pitch: None,
             began: clock::now(),
             last_wake: clock::now(),
             acknowledge: false,
@@ -175,8 +185,9 @@ impl Engine {
                 clock::sleep(next - now);
             }
             // After a stall the thread goes on from now; it does not hurry after lost milliseconds.
-            next = (next + WAKE).max(now);
+            next = (next + if self.mode == Mode::Act { WAKE } else { CALM_WAKE }).max(now);
         }
+        self.write_recording();
         if self.mode != Mode::Observe {
             self.change_mode(Mode::Observe, "the service stops");
             self.decide(clock::now());
@@ -231,13 +242,18 @@ impl Engine {
         if !self.stream.as_ref().is_some_and(|s| s.carries(batch)) {
             self.begin_stream(batch);
         }
-        self.last_arrival = Some((now, clock::wall_ns()));
         let Some(mut stream) = self.stream.take() else { return };
+        self.last_batch = Some(now);
+        let mut taken = false;
         for point in batch.used_points() {
             if let Some(output) = stream.step(point, &mut self.black_box) {
+                taken = true;
                 self.picture.add(&output, stream.axes().len());
                 self.hear(&output, &stream);
             }
+        }
+        if taken {
+            self.samples_taken(now, &stream);
         }
         if let Some(chunk) = self.black_box.newest_full() {
             let feed = Feed { chunk, axes: stream.shared_axes(), rate: stream.sample_rate() };
@@ -249,18 +265,31 @@ impl Engine {
         self.stream = Some(stream);
     }
 
+    /// Fresh is what the pipeline could use: batches that are empty, repeated or no numbers are silence.
+    fn samples_taken(&mut self, now: Instant, stream: &Stream) {
+        self.last_arrival = Some((now, clock::wall_ns()));
+        if std::mem::replace(&mut self.source_lost, false) {
+            let text = format!("samples come again: {}", stream.describe());
+            self.report(Event::new(EventKind::SourceFound, clock::wall_ns(), text));
+        }
+    }
+
     /// A producer that is new, came back, or changed its axes or rate: everything starts anew.
     fn begin_stream(&mut self, batch: &ServoBatch) {
+        self.write_recording(); // what waits is of the samples that go now
         self.black_box.clear();
         self.ledger.clear();
         self.picture.forget();
         if self.mode == Mode::Act {
             self.change_mode(Mode::Observe, "the machine's stream began anew");
         }
-        let begun = Stream::begin(batch, &self.setup.config, &self.setup.metrics);
-        match begun.and_then(|stream| self.prepare_acting(&stream).map(|()| stream)) {
+        match Stream::begin(batch, &self.setup.config, &self.setup.metrics) {
             Ok(stream) => {
-                let text = format!("samples come: {}", stream.describe());
+                self.no_pitch = self.prepare_acting(&stream).err();
+                let text = match &self.no_pitch {
+                    None => format!("samples come: {}", stream.describe()),
+                    Some(why) => format!("samples come: {}; no pitch control: {why}", stream.describe()),
+                };
                 self.report(Event::new(EventKind::SourceFound, clock::wall_ns(), text));
                 self.stream = Some(stream);
                 self.source_lost = false;
@@ -293,15 +322,20 @@ impl Engine {
     }
 
     fn supervise(&mut self, now: Instant) {
-        let silent = self.last_arrival.is_some_and(|(at, _)| now.duration_since(at) > SILENCE);
+        let long_ago = |at: Instant| now.duration_since(at) > SILENCE;
+        let silent = self.last_arrival.is_some_and(|(at, _)| long_ago(at));
+        let gone = self.last_batch.is_some_and(long_ago);
         if silent && !self.source_lost {
             self.source_lost = true;
-            let text = "no samples for one second";
+            let text = if gone { "no samples for one second" } else { "no usable samples for one second" };
             self.report(Event::new(EventKind::SourceLost, clock::wall_ns(), text));
             if self.mode == Mode::Act {
                 self.latch("the samples ceased while acting");
                 self.decide(now);
             }
+        }
+        if gone && self.stream.is_some() {
+            self.write_recording();
             self.stream = None;
             self.picture.forget();
         }
@@ -364,12 +398,19 @@ impl Engine {
         {
             return Err(Refusal::Revision { now: self.mode_revision, asked });
         }
+        // Decided here, where the mode is: the picture that the asker saw may be 50 ms old.
+        if revision.is_none() && mode as u8 > self.mode as u8 {
+            return Err(Refusal::WayUp { now: self.mode.word(), asked: mode.word() });
+        }
         if mode == Mode::Act {
             if let Some(fault) = &self.fault {
                 return Err(Refusal::Faulted(fault.clone()));
             }
             if self.stream.is_none() {
                 return Err(Refusal::NotReady("no samples come".to_owned()));
+            }
+            if let Some(why) = &self.no_pitch {
+                return Err(Refusal::NotReady(format!("no pitch control: {why}")));
             }
             if self.interlocks_open != 0 {
                 return Err(Refusal::NotReady("an interlock is open or not heard".to_owned()));
@@ -431,8 +472,15 @@ impl Engine {
         id
     }
 
+    /// Hands a recording that waits to the recorder. Without samples there is nothing to save: it is counted.
     fn write_recording(&mut self) {
-        let (Some(save), Some(stream)) = (self.save.take(), &self.stream) else { return };
+        let Some(save) = self.save.take() else { return };
+        let Some(stream) = &self.stream else {
+            self.setup.metrics.recordings.with_label_values(&["failed"]).inc();
+            let text = format!("{}: no samples, nothing to save", save.id);
+            self.report(Event::new(EventKind::RecordingFailed, clock::wall_ns(), text));
+            return;
+        };
         let workpiece = &self.setup.config.workpiece;
         let band = stream.band_hz();
         let job = Job {

@@ -268,6 +268,7 @@ impl Engine {
             limit_rad: self.setup.config.turret.largest_pitch_difference_rad,
             limited: latest.is_some_and(|c| c.pitch_difference_rad < 0.999 * c.requested_pitch_rad),
             turret: turret_word(status.map(|s| s.state)).to_owned(),
+            unavailable: self.no_pitch.clone(),
             hold_reason: acting.and_then(|a| a.hold).map(str::to_owned),
             advised_speed_rpm: acting
                 .and_then(Acting::advised_speed_rpm)

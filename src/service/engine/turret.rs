@@ -6,7 +6,8 @@ use super::{Engine, STATUS_DEADLINE};
 use crate::avoidance::guard::Facts;
 use crate::avoidance::invariants::Violation;
 use crate::avoidance::{
-    Command, CommandKind, Decision, Heard, HoldReason, Interlock, Situation, TurretMotion, TurretReport,
+    Command, CommandKind, Decision, Heard, HoldReason, Interlock, Mode as ActMode, Situation, TurretMotion,
+    TurretReport,
 };
 use crate::chatter::Phase;
 use crate::sample::MAX_AXES;
@@ -147,18 +148,24 @@ impl Engine {
                 heard_s: self.seconds(at),
                 open: status.interlocks_open != 0,
             }),
-            mode: act_mode(self.mode),
+            mode: self.decided_mode(),
             operator_hold: false,
             operator_acknowledge: self.acknowledge,
             store_writable: true,
         }
     }
 
+    /// Without two axes that move the tools apart there is nothing to decide: a turret that stands away from
+    /// equal pitch still goes back.
+    fn decided_mode(&self) -> ActMode {
+        if self.no_pitch.is_some() { ActMode::Observe } else { act_mode(self.mode) }
+    }
+
     fn facts(&self, now: Instant) -> Facts {
         let closed = self.status.filter(|(s, _)| s.interlocks_open == 0).map(|(_, at)| self.seconds(at));
         Facts {
             now_s: self.seconds(now),
-            mode: act_mode(self.mode),
+            mode: self.decided_mode(),
             interlock_closed_s: closed,
             actual_m: self.status.map_or([0.0; MAX_AXES], |(s, _)| s.offset_m),
         }

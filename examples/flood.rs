@@ -1,0 +1,262 @@
+//! What does a flood of requests cost the pipeline? Offers a rate, with slow, idle, oversized and malformed clients.
+//!
+//! ```sh
+//! cargo build --release && cargo run --release --example flood -- --seconds 30 --rate 10000
+//! ```
+//! Starts the real service and the virtual lathe. First a quiet stretch, then the flood; prints for both: latency
+//! of decisions from the service's own histogram, samples lost, `/healthz`, memory, processor time.
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+fn number(name: &str, default: f64) -> f64 {
+    let given = std::env::args().skip_while(|a| a != name).nth(1);
+    given.and_then(|v| v.parse().ok()).unwrap_or(default)
+}
+
+struct Process(Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = (self.0.kill(), self.0.wait());
+    }
+}
+
+fn binary() -> Command {
+    Command::new(Path::new(env!("CARGO_MANIFEST_DIR")).join("target/release/stillcut"))
+}
+
+fn service(folder: &Path, prefix: &str) -> (Process, String) {
+    let config = folder.join("c.toml");
+    let text = format!(
+        "[transport]\nprefix = \"{prefix}\"\nroot = \"{0}/iox\"\n[http]\nlisten = \"127.0.0.1:0\"\n\
+         [history]\nfolder = \"{0}/state\"\n",
+        folder.display()
+    );
+    std::fs::write(&config, text).expect("a folder for temporary files");
+    let mut command = binary();
+    command.args(["run", "--config"]).arg(&config).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("cargo build --release made the binary");
+    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
+    let address = loop {
+        let line = lines.next().expect("it says where it listens").expect("text");
+        if let Some(rest) = line.split("address=").nth(1) {
+            break rest.split_whitespace().next().expect("an address").to_owned();
+        }
+    };
+    std::thread::spawn(move || lines.for_each(drop));
+    (Process(child), address)
+}
+
+fn get(address: &str, path: &str) -> String {
+    let config = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(10)));
+    let agent: ureq::Agent = config.build().into();
+    let answer = agent.get(format!("http://{address}{path}")).call();
+    answer.ok().and_then(|mut a| a.body_mut().read_to_string().ok()).unwrap_or_default()
+}
+
+/// Upper bounds and counts of the latency histogram, and samples lost.
+fn counters(address: &str) -> (Vec<(f64, u64)>, u64) {
+    let text = get(address, "/metrics");
+    let bucket = |l: &str| {
+        let rest = l.strip_prefix("stillcut_decision_latency_seconds_bucket{le=\"")?;
+        let (bound, count) = rest.split_once("\"} ")?;
+        Some((bound.parse().unwrap_or(f64::INFINITY), count.parse().ok()?))
+    };
+    let lost = text.lines().filter(|l| l.starts_with("stillcut_samples_lost_total{"));
+    let lost = lost.filter_map(|l| l.rsplit(' ').next()?.parse::<f64>().ok()).sum::<f64>() as u64;
+    (text.lines().filter_map(bucket).collect(), lost)
+}
+
+/// Quantile between two looks at the histogram, inside its bucket by proportion.
+fn quantile(before: &[(f64, u64)], after: &[(f64, u64)], share: f64) -> f64 {
+    let counts: Vec<(f64, u64)> = after.iter().zip(before).map(|(a, b)| (a.0, a.1 - b.1)).collect();
+    let wanted = share * counts.last().map_or(0, |c| c.1) as f64;
+    let (mut low_s, mut below) = (0.0, 0);
+    for (bound_s, count) in counts {
+        if count as f64 >= wanted {
+            let inside = (wanted - below as f64) / ((count - below).max(1)) as f64;
+            return if bound_s.is_finite() { low_s + inside * (bound_s - low_s) } else { low_s };
+        }
+        (low_s, below) = (bound_s, count);
+    }
+    f64::INFINITY
+}
+
+fn rss_mb(id: u32) -> f64 {
+    let text = std::fs::read_to_string(format!("/proc/{id}/statm")).unwrap_or_default();
+    text.split(' ').nth(1).and_then(|v| v.parse::<f64>().ok()).unwrap_or(0.0) * 4096.0 / 1e6
+}
+
+/// User and system time of a process, s.
+fn busy_s(id: u32) -> f64 {
+    let stat = std::fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
+    stat.split(' ').skip(13).take(2).filter_map(|v| v.parse::<f64>().ok()).sum::<f64>() / 100.0
+}
+
+const KINDS: [&str; 6] = [
+    "GET /api/v1/state HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    "GET /api/v1/events?limit=100 HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    "GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    "PUT /api/v1/mode HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 9\r\n\r\n{\"mode\":[",
+    "GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    "GET /none/%ff?x=%00 HTTP/1.1\r\nHost: localhost\r\n\r\n",
+];
+
+/// Offers requests at a rate over one connection after another, reading what comes back.
+fn offer(address: &str, rate: f64, stop: &AtomicBool, (offered, answered): (&AtomicU64, &AtomicU64)) {
+    const TOGETHER: u64 = 20;
+    let (began, mut mine) = (Instant::now(), 0_u64);
+    while !stop.load(Ordering::Relaxed) {
+        let Ok(mut stream) = TcpStream::connect(address) else { continue };
+        let Ok(mut reader) = stream.try_clone() else { continue };
+        let _ = reader.set_read_timeout(Some(Duration::from_millis(500)));
+        let counted = std::thread::scope(|scope| {
+            let reading = scope.spawn(move || {
+                let (mut count, mut buffer) = (0_u64, vec![0_u8; 65_536]);
+                while let Ok(read) = reader.read(&mut buffer)
+                    && read > 0
+                {
+                    count += buffer[..read].windows(9).filter(|w| w == b"HTTP/1.1 ").count() as u64;
+                }
+                count
+            });
+            for _ in 0..200 {
+                let due = (began.elapsed().as_secs_f64() * rate) as u64;
+                if mine >= due {
+                    std::thread::sleep(Duration::from_millis(1));
+                    continue;
+                }
+                let many: String = (0..TOGETHER).map(|k| KINDS[((mine + k) % 6) as usize]).collect();
+                (mine, _) = (mine + TOGETHER, offered.fetch_add(TOGETHER, Ordering::Relaxed));
+                if stream.write_all(many.as_bytes()).is_err() || stop.load(Ordering::Relaxed) {
+                    break;
+                }
+            }
+            let _ = stream.shutdown(std::net::Shutdown::Write);
+            reading.join().unwrap_or(0)
+        });
+        answered.fetch_add(counted, Ordering::Relaxed);
+    }
+}
+
+/// Clients that send a byte a second, or nothing, or ten megabytes; each tries again when it is cut off.
+fn nuisance(address: &str, kind: usize, stop: &AtomicBool) {
+    let body = vec![b'a'; 1 << 20];
+    while !stop.load(Ordering::Relaxed) {
+        let Ok(mut stream) = TcpStream::connect(address) else {
+            std::thread::sleep(Duration::from_millis(100));
+            continue;
+        };
+        match kind {
+            0 => {
+                let _ = stream.set_read_timeout(Some(Duration::from_secs(6)));
+                let _ = stream.read(&mut [0; 16]);
+            }
+            1 => {
+                for byte in "GET / HTTP/1.1\r\nX-Slow: ".bytes() {
+                    std::thread::sleep(Duration::from_secs(1));
+                    if stream.write_all(&[byte]).is_err() || stop.load(Ordering::Relaxed) {
+                        break;
+                    }
+                }
+            }
+            _ => {
+                let head = "POST /api/v1/override HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 10485760\r\n\r\n";
+                let _ = stream.write_all(head.as_bytes());
+                let _ = (0..10).try_for_each(|_| stream.write_all(&body));
+                std::thread::sleep(Duration::from_millis(200));
+            }
+        }
+    }
+}
+
+struct Stretch {
+    name: &'static str,
+    p999_us: f64,
+    p50_us: f64,
+    lost: u64,
+    health_ms: f64,
+    rss_mb: f64,
+    cpu: f64,
+    count: u64,
+}
+
+/// Watches for some seconds.
+fn watch(name: &'static str, (address, id): (&str, u32), seconds: f64) -> Stretch {
+    let (before, lost_before) = counters(address);
+    let (busy, began, mut slowest) = (busy_s(id), Instant::now(), Duration::ZERO);
+    let mut most_mb = 0.0_f64;
+    while began.elapsed().as_secs_f64() < seconds {
+        let asked = Instant::now();
+        let good = get(address, "/healthz") == "alive\n";
+        slowest = slowest.max(if good { asked.elapsed() } else { Duration::from_secs(99) });
+        most_mb = most_mb.max(rss_mb(id));
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let cpu = (busy_s(id) - busy) / began.elapsed().as_secs_f64();
+    let (after, lost) = counters(address);
+    Stretch {
+        name,
+        p999_us: 1e6 * quantile(&before, &after, 0.999),
+        p50_us: 1e6 * quantile(&before, &after, 0.5),
+        lost: lost - lost_before,
+        health_ms: 1e3 * slowest.as_secs_f64(),
+        rss_mb: most_mb,
+        cpu,
+        count: after.last().map_or(0, |b| b.1) - before.last().map_or(0, |b| b.1),
+    }
+}
+
+fn main() -> ExitCode {
+    let (seconds, rate) = (number("--seconds", 30.0), number("--rate", 10_000.0));
+    let folder = std::env::temp_dir().join(format!("stillcut-flood-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder for temporary files");
+    let prefix = format!("flood{}", std::process::id());
+    let (process, address) = service(&folder, &prefix);
+    let mut command = binary();
+    command.args(["lathe", "--prefix", &prefix, "--entry-s", "100000", "--root"]).arg(folder.join("iox"));
+    let lathe = Process(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the binary"));
+    let id = process.0.id();
+    std::thread::sleep(Duration::from_secs(17)); // until the black box is full
+    let mut rows = vec![watch("quiet", (&address, id), seconds)];
+    let (stop, offered, answered) =
+        (AtomicBool::new(false), Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            let (address, stop, counts) = (&address, &stop, (&*offered, &*answered));
+            scope.spawn(move || offer(address, rate / 4.0, stop, counts));
+        }
+        for k in 0..402 {
+            let (address, stop) = (&address, &stop);
+            let small = std::thread::Builder::new().stack_size(64 * 1024);
+            let _ =
+                small.spawn_scoped(scope, move || nuisance(address, if k < 400 { k % 2 } else { 2 }, stop));
+        }
+        rows.push(watch("flood", (&address, id), seconds));
+        stop.store(true, Ordering::Relaxed);
+    });
+    println!(
+        "| stretch | decisions | p50 us | p99.9 us | samples lost | slowest /healthz ms | RSS MB | cores |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    for r in &rows {
+        println!(
+            "| {} | {} | {:.0} | {:.0} | {} | {:.0} | {:.1} | {:.3} |",
+            r.name, r.count, r.p50_us, r.p999_us, r.lost, r.health_ms, r.rss_mb, r.cpu
+        );
+    }
+    let (offered, answered) = (offered.load(Ordering::Relaxed), answered.load(Ordering::Relaxed));
+    println!(
+        "{offered} requests offered in {seconds} s ({:.0} a second), {answered} answered",
+        offered as f64 / seconds
+    );
+    drop((process, lathe));
+    let _ = std::fs::remove_dir_all(&folder);
+    if rows.iter().all(|r| r.lost == 0) { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
