@@ -3,6 +3,8 @@
 
 mod lathe;
 
+#[cfg(feature = "service")]
+mod acting;
 mod avoidance;
 mod chatter;
 mod closed_loop;

@@ -1,23 +1,28 @@
 //! The pipeline thread's part, fed by hand: planted faults and doubtful estimates must end in a refusal.
 
 use super::acting::commissioned;
-use super::{Engine, Setup};
+use super::{Engine, Ports, Setup};
 use crate::config::service::ServiceConfig;
 use crate::plant::scenario::Scenario;
 use crate::service::clock;
+use crate::service::control::{Control, Origin, Refusal};
 use crate::service::hub::Report;
 use crate::service::live::Mode;
+use crate::service::store_watch::StoreWatch;
 use crate::simulation::lathe::{Lathe, LatheSettings};
+use crate::store::WriterGauges;
 use crate::telemetry::{EventKind, Metrics};
 use crate::transport::Domain;
 use crate::transport::wire::{ServoBatch, ServoPoint, TURRET_REACHED, TurretStatus, axis_name_bytes};
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
 const AXES: [&str; 4] = ["x1", "y1", "x2", "y2"];
 
 struct Bench {
     engine: Engine,
+    gauges: Arc<WriterGauges>,
     lathe: Lathe,
     names: [&'static str; 4],
     jobs: std::sync::mpsc::Receiver<crate::service::recorder::Job>,
@@ -32,6 +37,7 @@ fn bench() -> Bench {
     let (control, controls) = tokio::sync::mpsc::channel(1);
     let (recorder, jobs) = std::sync::mpsc::sync_channel(4);
     let (drift, feeds) = std::sync::mpsc::sync_channel(4);
+    let gauges = Arc::new(WriterGauges::default());
     let engine = Engine::new(Setup {
         config: Arc::new(ServiceConfig::default()),
         config_hash: String::new(),
@@ -43,14 +49,20 @@ fn bench() -> Bench {
         drift,
         metrics: Arc::new(Metrics::new(&[], 0.0).unwrap()),
         progress: Arc::default(),
+        store: StoreWatch::new(Arc::clone(&gauges)),
     });
     let ends = Box::new((reported, control, feeds));
     let lathe = Lathe::new(LatheSettings::realistic(Scenario::default(), 1));
-    Bench { engine, lathe, names: AXES, jobs, _ends: ends, _folder: folder }
+    Bench { engine, gauges, lathe, names: AXES, jobs, _ends: ends, _folder: folder }
 }
 
 impl Bench {
     fn feed(&mut self, seconds: f64, change: impl Fn(&mut ServoPoint)) {
+        self.feed_at(clock::now(), seconds, change);
+    }
+
+    /// Samples that all come at one moment.
+    fn feed_at(&mut self, now: Instant, seconds: f64, change: impl Fn(&mut ServoPoint)) {
         let batches = (seconds * 9000.0 / 9.0) as usize;
         for _ in 0..batches {
             let mut batch = ServoBatch {
@@ -68,20 +80,32 @@ impl Bench {
                 *point = ServoPoint::from_sample(&sample, (sample.t_s * 1e9) as u64, AXES.len());
                 change(point);
             }
-            self.engine.take_batch(&batch, clock::now());
+            self.engine.take_batch(&batch, now);
         }
     }
 
     /// Mode act, turret and interlocks heard, one interval over: what is decided?
     fn decide_in_act(&mut self) {
         let now = clock::now() + Duration::from_millis(1100);
+        self.feed_at(now, 0.001, |_| {});
+        self.engine.mode = Mode::Act;
+        self.engine.backlog.clear();
+        self.decide_at(now);
+    }
+
+    /// A look at the decision with the turret at equal pitch and every interlock closed.
+    fn decide_at(&mut self, now: Instant) {
         let status =
             TurretStatus { stream: 1, axis_count: 4, state: TURRET_REACHED, ..TurretStatus::default() };
         self.engine.take_status(&status, now);
-        self.engine.last_arrival = Some((now, clock::wall_ns()));
-        self.engine.mode = Mode::Act;
-        self.engine.backlog.clear();
+        self.engine.supervise(now);
         self.engine.decide(now);
+    }
+
+    /// Numbers of the commands that wait for their record, taken out.
+    fn take_intents(&mut self) -> Vec<u64> {
+        let number = |r: Report| if let Report::Intent { sequence, .. } = r { Some(sequence) } else { None };
+        self.engine.backlog.drain(..).filter_map(number).collect()
     }
 
     fn intents(&self) -> usize {
@@ -194,4 +218,148 @@ fn batches_without_a_usable_sample_are_silence() {
         !bench.engine.source_lost && bench.engine.stream.is_some(),
         "good samples go on in the same stream"
     );
+}
+
+fn person() -> Origin {
+    Origin { actor: "p".into(), role: "engineer".into(), reason: "test".into() }
+}
+
+/// In act, whatever comes but no usable sample: nothing is commanded, the silence is told within a second.
+#[test]
+fn samples_that_cannot_be_used_are_no_fresh_samples() {
+    let spoilt: [(&str, fn(&mut ServoPoint)); 5] = [
+        ("no number", |p| p.axes[0].current_ref_a = f64::NAN),
+        ("not measured", |p| p.valid = 0),
+        ("repeated", |p| p.sequence = 5),
+        ("back in time", |p| p.t_ns = 5),
+        ("infinite spindle", |p| p.spindle_speed_rpm = f64::INFINITY),
+    ];
+    for (kind, spoil) in spoilt {
+        let mut bench = bench();
+        bench.feed(3.5, |_| {});
+        bench.engine.mode = Mode::Act;
+        bench.engine.backlog.clear();
+        let began = clock::now();
+        let after = |ms: u64| began + Duration::from_millis(ms);
+        bench.feed_at(after(60), 0.01, spoil);
+        bench.decide_at(after(60));
+        assert_eq!((bench.intents(), bench.hold()), (0, Some("stale_samples")), "{kind}");
+        bench.feed_at(after(1100), 0.01, spoil);
+        bench.decide_at(after(1100));
+        assert_eq!(bench.told(EventKind::SourceLost), 1, "{kind}");
+        assert_eq!((bench.intents(), bench.engine.mode), (0, Mode::Observe), "{kind}");
+        assert!(bench.engine.fault.is_some(), "{kind}: a person must look");
+    }
+}
+
+#[test]
+fn one_spoilt_sample_spoils_the_window() {
+    let mut bench = bench();
+    bench.feed(3.5, |_| {});
+    bench.feed(0.001, |p| p.axes[1].motor_angle_rad = f64::NAN);
+    bench.decide_in_act();
+    assert_eq!((bench.intents(), bench.hold()), (0, Some("window_not_full")));
+    // A second of good ones fills it again.
+    bench.feed_at(clock::now() + Duration::from_millis(2200), 1.01, |_| {});
+    bench.decide_at(clock::now() + Duration::from_millis(2201));
+    assert_eq!((bench.intents(), bench.hold()), (1, None));
+}
+
+/// A turret that does not follow is a fault; once a person has cleared it, `act` starts from the beginning.
+#[test]
+fn a_cleared_fault_does_not_come_back_by_itself() {
+    let mut bench = bench();
+    let ports = Ports::open(&bench.engine.setup.domain).unwrap();
+    bench.feed(3.5, |_| {});
+    bench.engine.acting.as_mut().unwrap().open_port(&ports.who).unwrap();
+    let began = clock::now();
+    bench.engine.mode = Mode::Act;
+    let mut second = |bench: &mut Bench, k: u64| {
+        let now = began + Duration::from_millis(1001 * k);
+        bench.feed_at(now, 0.001, |_| {});
+        bench.decide_at(now);
+        // The record is there at once; the turret stays where it is.
+        let intents = bench.take_intents();
+        for sequence in &intents {
+            let facts = bench.engine.facts(now);
+            let outcome = bench.engine.acting.as_mut().unwrap().recorded(*sequence, &facts);
+            assert!(matches!(outcome, Some(super::acting::Outcome::Sent(_))), "{outcome:?}");
+        }
+        intents.len()
+    };
+    let sent: usize = (1..8).map(|k| second(&mut bench, k)).sum();
+    assert!(sent >= 1);
+    assert_eq!(bench.engine.fault.as_deref(), Some("stopped acting: turret not reached"));
+    assert_eq!(bench.engine.mode, Mode::Observe);
+    let (done, mut answer) = tokio::sync::oneshot::channel();
+    bench.engine.obey(Control::ClearFault { origin: person(), done }, &ports);
+    assert!(answer.try_recv().unwrap().is_ok() && bench.engine.fault.is_none());
+    second(&mut bench, 9);
+    bench.engine.acting.as_mut().unwrap().open_port(&ports.who).unwrap();
+    bench.engine.mode = Mode::Act;
+    let sent: usize = (10..12).map(|k| second(&mut bench, k)).sum();
+    assert_eq!((sent, bench.engine.fault.as_deref(), bench.engine.mode), (1, None, Mode::Act));
+}
+
+/// Invariant I10: a history that hangs stops new commands at once, ends acting after ten seconds, and is
+/// never taken for a turret that is stuck.
+#[test]
+fn a_history_that_hangs_ends_acting_after_ten_seconds_and_for_that_reason() {
+    let mut bench = bench();
+    let ports = Ports::open(&bench.engine.setup.domain).unwrap();
+    bench.feed(3.5, |_| {});
+    bench.engine.acting.as_mut().unwrap().open_port(&ports.who).unwrap();
+    bench.engine.mode = Mode::Act;
+    bench.gauges.waiting.store(1, Ordering::Relaxed);
+    let began = clock::now();
+    let mut ended = None;
+    for k in 1..120_u64 {
+        let now = began + Duration::from_millis(100 * k);
+        bench.feed_at(now, 0.001, |_| {});
+        bench.decide_at(now);
+        if bench.engine.mode != Mode::Act && ended.is_none() {
+            ended = Some(100 * k);
+        }
+        assert_eq!(bench.engine.fault, None, "after {} ms", 100 * k);
+    }
+    assert_eq!((bench.engine.mode, ended), (Mode::Advise, Some(10_100)));
+    assert!(bench.engine.mode_reason.contains("history"), "{}", bench.engine.mode_reason);
+    let held = |reason| Metrics::total(&bench.engine.setup.metrics.holds, &[reason]);
+    assert!(held("store_not_writable") >= 8);
+    assert_eq!(bench.intents(), 1, "the one from before it was noticed");
+    assert_eq!(held("store_unavailable"), 1, "it did not go out");
+    let metrics = &bench.engine.setup.metrics;
+    assert_eq!(Metrics::total(&metrics.commands, &["sent"]), 0);
+    // The disk is back: raised again, it commands.
+    bench.gauges.waiting.store(0, Ordering::Relaxed);
+    bench.engine.mode = Mode::Act;
+    bench.engine.backlog.clear();
+    bench.feed_at(began + Duration::from_secs(14), 0.001, |_| {});
+    bench.decide_at(began + Duration::from_secs(14));
+    assert_eq!((bench.intents(), bench.hold()), (1, None));
+}
+
+/// Who raises the mode, and from what, is judged where the mode is.
+#[test]
+fn only_the_revision_of_now_leads_up() {
+    let mut bench = bench();
+    let ports = Ports::open(&bench.engine.setup.domain).unwrap();
+    bench.feed(0.5, |_| {});
+    bench.decide_at(clock::now());
+    let mut ask = |bench: &mut Bench, mode, revision| {
+        let (done, mut answer) = tokio::sync::oneshot::channel();
+        bench.engine.obey(Control::SetMode { mode, revision, origin: person(), done }, &ports);
+        answer.try_recv().unwrap()
+    };
+    let seen = bench.engine.mode_revision;
+    let up = ask(&mut bench, Mode::Act, Some(seen)).unwrap();
+    assert_eq!((up.mode, up.revision), (Mode::Act, seen + 1));
+    let (done, mut answer) = tokio::sync::oneshot::channel();
+    bench.engine.obey(Control::Override { origin: person(), done }, &ports);
+    assert_eq!(answer.try_recv().unwrap().unwrap().mode, Mode::Observe);
+    // Pictures still show `act`: for them this is no way up.
+    assert!(matches!(ask(&mut bench, Mode::Act, None), Err(Refusal::WayUp { .. })));
+    assert!(matches!(ask(&mut bench, Mode::Act, Some(up.revision)), Err(Refusal::Revision { .. })));
+    assert_eq!(bench.engine.mode, Mode::Observe);
+    assert_eq!(ask(&mut bench, Mode::Observe, None).unwrap().mode, Mode::Observe, "down is always free");
 }
