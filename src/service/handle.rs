@@ -331,11 +331,13 @@ impl Handle {
                 return Err(error);
             }
         };
-        let mut picture = self.watch();
-        let shown = picture.wait_for(|state| state.mode_revision >= mode.revision);
-        // A picture that is late is late; the answer itself is true.
-        let shown = tokio::time::timeout(Duration::from_millis(500), shown);
-        let (recorded, _) = tokio::join!(recorded, shown);
+        let shown = async {
+            let mut picture = self.watch();
+            let shown = picture.wait_for(|state| state.mode_revision >= mode.revision);
+            // A picture that is late is late; the answer itself is true.
+            drop(tokio::time::timeout(Duration::from_millis(500), shown).await);
+        };
+        let (recorded, ()) = tokio::join!(recorded, shown);
         Ok(Changed { mode, recorded })
     }
 

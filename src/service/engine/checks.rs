@@ -23,6 +23,8 @@ const AXES: [&str; 4] = ["x1", "y1", "x2", "y2"];
 struct Bench {
     engine: Engine,
     gauges: Arc<WriterGauges>,
+    /// The machine's time: goes on with the samples, whatever the real one does.
+    at: Instant,
     lathe: Lathe,
     names: [&'static str; 4],
     jobs: std::sync::mpsc::Receiver<crate::service::recorder::Job>,
@@ -53,16 +55,13 @@ fn bench() -> Bench {
     });
     let ends = Box::new((reported, control, feeds));
     let lathe = Lathe::new(LatheSettings::realistic(Scenario::default(), 1));
-    Bench { engine, gauges, lathe, names: AXES, jobs, _ends: ends, _folder: folder }
+    let at = clock::now() + Duration::from_secs(3600);
+    Bench { engine, gauges, at, lathe, names: AXES, jobs, _ends: ends, _folder: folder }
 }
 
 impl Bench {
+    /// Batches of a millisecond.
     fn feed(&mut self, seconds: f64, change: impl Fn(&mut ServoPoint)) {
-        self.feed_at(clock::now(), seconds, change);
-    }
-
-    /// Samples that all come at one moment.
-    fn feed_at(&mut self, now: Instant, seconds: f64, change: impl Fn(&mut ServoPoint)) {
         let batches = (seconds * 9000.0 / 9.0) as usize;
         for _ in 0..batches {
             let mut batch = ServoBatch {
@@ -80,26 +79,30 @@ impl Bench {
                 *point = ServoPoint::from_sample(&sample, (sample.t_s * 1e9) as u64, AXES.len());
                 change(point);
             }
-            self.engine.take_batch(&batch, now);
+            self.at += Duration::from_millis(1);
+            self.engine.take_batch(&batch, self.at);
         }
     }
 
     /// Mode act, turret and interlocks heard, one interval over: what is decided?
     fn decide_in_act(&mut self) {
-        let now = clock::now() + Duration::from_millis(1100);
-        self.feed_at(now, 0.001, |_| {});
         self.engine.mode = Mode::Act;
         self.engine.backlog.clear();
-        self.decide_at(now);
+        self.look();
     }
 
     /// A look at the decision with the turret at equal pitch and every interlock closed.
-    fn decide_at(&mut self, now: Instant) {
+    fn look(&mut self) {
         let status =
             TurretStatus { stream: 1, axis_count: 4, state: TURRET_REACHED, ..TurretStatus::default() };
-        self.engine.take_status(&status, now);
-        self.engine.supervise(now);
-        self.engine.decide(now);
+        self.engine.take_status(&status, self.at);
+        self.engine.supervise(self.at);
+        self.engine.decide(self.at);
+    }
+
+    /// Time without samples.
+    fn wait(&mut self, ms: u64) {
+        self.at += Duration::from_millis(ms);
     }
 
     /// Numbers of the commands that wait for their record, taken out.
@@ -189,7 +192,8 @@ fn a_recording_that_waits_is_saved_when_the_samples_cease() {
     let mut bench = bench();
     bench.feed(3.5, |_| {});
     assert!(bench.engine.save.is_some() && bench.jobs.try_recv().is_err(), "it waits for the seconds after");
-    bench.engine.supervise(clock::now() + Duration::from_millis(1500));
+    bench.wait(1500);
+    bench.engine.supervise(bench.at);
     assert!(bench.engine.stream.is_none() && bench.engine.save.is_none());
     let job = bench.jobs.try_recv().expect("what there is was handed over");
     assert!(job.chunks.iter().map(|c| c.samples.len()).sum::<usize>() > 9000);
@@ -208,7 +212,8 @@ fn batches_without_a_usable_sample_are_silence() {
     let before = bench.engine.last_arrival;
     bench.feed(0.1, |point| point.axes.iter_mut().for_each(|a| a.current_ref_a = f64::NAN));
     assert_eq!(bench.engine.last_arrival, before, "what is no number is not fresh");
-    let later = clock::now() + Duration::from_millis(1500);
+    bench.wait(1500);
+    let later = bench.at;
     bench.engine.last_batch = Some(later);
     bench.engine.supervise(later);
     assert_eq!(bench.told(EventKind::SourceLost), 1);
@@ -239,13 +244,12 @@ fn samples_that_cannot_be_used_are_no_fresh_samples() {
         bench.feed(3.5, |_| {});
         bench.engine.mode = Mode::Act;
         bench.engine.backlog.clear();
-        let began = clock::now();
-        let after = |ms: u64| began + Duration::from_millis(ms);
-        bench.feed_at(after(60), 0.01, spoil);
-        bench.decide_at(after(60));
+        bench.wait(60);
+        bench.feed(0.01, spoil);
+        bench.look();
         assert_eq!((bench.intents(), bench.hold()), (0, Some("stale_samples")), "{kind}");
-        bench.feed_at(after(1100), 0.01, spoil);
-        bench.decide_at(after(1100));
+        bench.feed(1.0, spoil);
+        bench.look();
         assert_eq!(bench.told(EventKind::SourceLost), 1, "{kind}");
         assert_eq!((bench.intents(), bench.engine.mode), (0, Mode::Observe), "{kind}");
         assert!(bench.engine.fault.is_some(), "{kind}: a person must look");
@@ -257,11 +261,12 @@ fn one_spoilt_sample_spoils_the_window() {
     let mut bench = bench();
     bench.feed(3.5, |_| {});
     bench.feed(0.001, |p| p.axes[1].motor_angle_rad = f64::NAN);
+    bench.feed(0.02, |_| {});
     bench.decide_in_act();
     assert_eq!((bench.intents(), bench.hold()), (0, Some("window_not_full")));
     // A second of good ones fills it again.
-    bench.feed_at(clock::now() + Duration::from_millis(2200), 1.01, |_| {});
-    bench.decide_at(clock::now() + Duration::from_millis(2201));
+    bench.feed(1.01, |_| {});
+    bench.look();
     assert_eq!((bench.intents(), bench.hold()), (1, None));
 }
 
@@ -272,32 +277,31 @@ fn a_cleared_fault_does_not_come_back_by_itself() {
     let ports = Ports::open(&bench.engine.setup.domain).unwrap();
     bench.feed(3.5, |_| {});
     bench.engine.acting.as_mut().unwrap().open_port(&ports.who).unwrap();
-    let began = clock::now();
     bench.engine.mode = Mode::Act;
-    let mut second = |bench: &mut Bench, k: u64| {
-        let now = began + Duration::from_millis(1001 * k);
-        bench.feed_at(now, 0.001, |_| {});
-        bench.decide_at(now);
+    let second = |bench: &mut Bench| {
+        bench.wait(999);
+        bench.feed(0.002, |_| {});
+        bench.look();
         // The record is there at once; the turret stays where it is.
         let intents = bench.take_intents();
         for sequence in &intents {
-            let facts = bench.engine.facts(now);
+            let facts = bench.engine.facts(bench.at);
             let outcome = bench.engine.acting.as_mut().unwrap().recorded(*sequence, &facts);
             assert!(matches!(outcome, Some(super::acting::Outcome::Sent(_))), "{outcome:?}");
         }
         intents.len()
     };
-    let sent: usize = (1..8).map(|k| second(&mut bench, k)).sum();
+    let sent: usize = (1..8).map(|_| second(&mut bench)).sum();
     assert!(sent >= 1);
     assert_eq!(bench.engine.fault.as_deref(), Some("stopped acting: turret not reached"));
     assert_eq!(bench.engine.mode, Mode::Observe);
     let (done, mut answer) = tokio::sync::oneshot::channel();
     bench.engine.obey(Control::ClearFault { origin: person(), done }, &ports);
     assert!(answer.try_recv().unwrap().is_ok() && bench.engine.fault.is_none());
-    second(&mut bench, 9);
+    second(&mut bench);
     bench.engine.acting.as_mut().unwrap().open_port(&ports.who).unwrap();
     bench.engine.mode = Mode::Act;
-    let sent: usize = (10..12).map(|k| second(&mut bench, k)).sum();
+    let sent: usize = (0..2).map(|_| second(&mut bench)).sum();
     assert_eq!((sent, bench.engine.fault.as_deref(), bench.engine.mode), (1, None, Mode::Act));
 }
 
@@ -311,12 +315,11 @@ fn a_history_that_hangs_ends_acting_after_ten_seconds_and_for_that_reason() {
     bench.engine.acting.as_mut().unwrap().open_port(&ports.who).unwrap();
     bench.engine.mode = Mode::Act;
     bench.gauges.waiting.store(1, Ordering::Relaxed);
-    let began = clock::now();
     let mut ended = None;
     for k in 1..120_u64 {
-        let now = began + Duration::from_millis(100 * k);
-        bench.feed_at(now, 0.001, |_| {});
-        bench.decide_at(now);
+        bench.wait(99);
+        bench.feed(0.001, |_| {});
+        bench.look();
         if bench.engine.mode != Mode::Act && ended.is_none() {
             ended = Some(100 * k);
         }
@@ -334,8 +337,9 @@ fn a_history_that_hangs_ends_acting_after_ten_seconds_and_for_that_reason() {
     bench.gauges.waiting.store(0, Ordering::Relaxed);
     bench.engine.mode = Mode::Act;
     bench.engine.backlog.clear();
-    bench.feed_at(began + Duration::from_secs(14), 0.001, |_| {});
-    bench.decide_at(began + Duration::from_secs(14));
+    bench.wait(2000);
+    bench.feed(0.001, |_| {});
+    bench.look();
     assert_eq!((bench.intents(), bench.hold()), (1, None));
 }
 
@@ -345,7 +349,7 @@ fn only_the_revision_of_now_leads_up() {
     let mut bench = bench();
     let ports = Ports::open(&bench.engine.setup.domain).unwrap();
     bench.feed(0.5, |_| {});
-    bench.decide_at(clock::now());
+    bench.look();
     let mut ask = |bench: &mut Bench, mode, revision| {
         let (done, mut answer) = tokio::sync::oneshot::channel();
         bench.engine.obey(Control::SetMode { mode, revision, origin: person(), done }, &ports);

@@ -163,7 +163,7 @@ impl Engine {
         if self.no_pitch.is_some() { ActMode::Observe } else { act_mode(self.mode) }
     }
 
-    fn facts(&self, now: Instant) -> Facts {
+    pub(super) fn facts(&self, now: Instant) -> Facts {
         let closed = self.status.filter(|(s, _)| s.interlocks_open == 0).map(|(_, at)| self.seconds(at));
         Facts {
             now_s: self.seconds(now),
