@@ -4,12 +4,12 @@ use super::best_pitch::{PitchAdvice, PitchQuestion, best_pitch};
 use super::choice::{GrowthMeter, TrackedLines, pitch_for_attempt_rad, plausible_speed};
 use super::identified::HeardLine;
 use super::pitch::{pitch_of_shift_rad, tool_shift};
+use super::state::{ATTEMPTS, AvoidanceState, Latched, REVERSALS, Target, Trial};
 use super::{
     AvoidanceSettings, Command, CommandKind, Decision, HoldReason, Mode, SettingsError, Situation,
     TurretMotion,
 };
 use crate::chatter::Phase;
-use crate::keyframe::keep;
 use crate::sample::MAX_AXES;
 use crate::units::SpindleSpeed;
 
@@ -21,14 +21,10 @@ const SHORTEST_INTERVAL_S: f64 = 1.0;
 const STALE_RETURN_S: f64 = 1.0;
 /// Intervals after which a new pitch is judged.
 const JUDGE_INTERVALS: u32 = 2;
-/// Pitches tried before a person is asked.
-const ATTEMPTS: u32 = 2;
 /// Intervals off the target before the turret counts as stuck (invariant I11).
 const STUCK_INTERVALS: u32 = 3;
 /// Longest wait after refusals (invariant I11).
 const LONGEST_BACKOFF_S: f64 = 60.0;
-/// Reversals of direction a minute (invariant I12).
-const REVERSALS: usize = 6;
 /// Lines are kept this long after they were last heard.
 const KEEP_LINES_S: f64 = 60.0;
 
@@ -39,90 +35,6 @@ pub struct Avoidance {
     /// Largest pitch that limits and axes allow.
     reach_rad: f64,
 }
-
-/// What the decision remembers.
-#[derive(Debug, Clone, PartialEq)]
-pub struct AvoidanceState {
-    epoch: u64,
-    sequence: u64,
-    next_due_s: f64,
-    latest_now_s: f64,
-    clock_stepped: bool,
-    lines: TrackedLines,
-    growth: GrowthMeter,
-    in_chatter: bool,
-    last_command_s: f64,
-    advised_speed_rpm: Option<f64>,
-    /// What the turret was last told.
-    target: Option<Target>,
-    trial: Option<Trial>,
-    latched: Option<Latched>,
-    off_target: u32,
-    refusals: u32,
-    refused_until_s: f64,
-    reversals_s: [f64; REVERSALS],
-    last_step_rad: f64,
-    fruitless: u32,
-    mode: Mode,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Target {
-    pitch_rad: f64,
-    requested_rad: f64,
-    offsets_m: [f64; MAX_AXES],
-    issued_s: f64,
-}
-
-/// A pitch under trial.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Trial {
-    attempt: u32,
-    intervals: u32,
-    power_before_n2: f64,
-    /// Pitches that did not help.
-    fruitless_rad: [Option<f64>; ATTEMPTS as usize],
-}
-
-/// A state that a person must clear.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Latched {
-    reason: HoldReason,
-    /// The return to equal pitch was commanded.
-    returned: bool,
-}
-
-impl Default for Latched {
-    fn default() -> Self {
-        Self { reason: HoldReason::HandedOver, returned: false }
-    }
-}
-
-keep!(Target { pitch_rad, requested_rad, offsets_m, issued_s });
-keep!(Trial { attempt, intervals, power_before_n2, fruitless_rad });
-keep!(Latched { reason, returned });
-keep!(AvoidanceState {
-    epoch,
-    sequence,
-    next_due_s,
-    latest_now_s,
-    clock_stepped,
-    lines,
-    growth,
-    in_chatter,
-    last_command_s,
-    advised_speed_rpm,
-    target,
-    trial,
-    latched,
-    off_target,
-    refusals,
-    refused_until_s,
-    reversals_s,
-    last_step_rad,
-    fruitless,
-    mode
-});
 
 impl Avoidance {
     /// Errors: a time, limit or diameter that is not allowed.
@@ -174,6 +86,7 @@ impl Avoidance {
             last_command_s: f64::NEG_INFINITY,
             advised_speed_rpm: None,
             target: None,
+            before: None,
             trial: None,
             latched: None,
             off_target: 0,
@@ -200,6 +113,11 @@ impl Avoidance {
         }
         state.clock_stepped = false;
         state.latest_now_s = now.now_s;
+        state.withhold(now.withheld);
+        if now.operator_acknowledge {
+            // In any mode: a fault has always ended `act` before a person can clear it.
+            state.acknowledge();
+        }
         let begins = self.listen(state, now);
         // A command at the onset finds the line still growing: what the pitch is judged against is its
         // loudest before the
@@ -271,13 +189,6 @@ impl Avoidance {
         if now.mode == Mode::Observe {
             return Decision::Hold(HoldReason::Observing);
         }
-        if now.operator_acknowledge {
-            state.latched = None;
-            state.fruitless = 0;
-            state.off_target = 0;
-            // What still is so latches again.
-            self.watch_silence(state, now);
-        }
         self.watch_target(state, now);
         if let Some(reason) = self.obstacle(now) {
             return Decision::Hold(reason);
@@ -344,9 +255,6 @@ impl Avoidance {
         }
         if now.operator_hold {
             return Some(HoldReason::OperatorHold);
-        }
-        if !now.store_writable {
-            return Some(HoldReason::StoreNotWritable);
         }
         if !now.window_full {
             return Some(HoldReason::WindowNotFull);
@@ -478,6 +386,9 @@ impl Avoidance {
 
     fn move_to(&self, state: &mut AvoidanceState, now: &Situation, wanted_rad: f64) -> Decision {
         let Some(turret) = now.turret else { return Decision::Hold(HoldReason::TurretSilent) };
+        if !now.store_writable {
+            return self.renew_or(state, now, HoldReason::StoreNotWritable);
+        }
         let Some((offsets_m, pitch_rad)) = self.reachable(&turret.offsets_m, wanted_rad) else {
             return self.renew_or(state, now, HoldReason::OutsideLimits);
         };
@@ -500,7 +411,8 @@ impl Avoidance {
                 fruitless_rad: [None; ATTEMPTS as usize],
             });
         }
-        let target = Target { pitch_rad, requested_rad: wanted_rad, offsets_m, issued_s: now.now_s };
+        let target =
+            Target { sequence: 0, pitch_rad, requested_rad: wanted_rad, offsets_m, issued_s: now.now_s };
         self.issue(state, now, target, CommandKind::Move)
     }
 
@@ -533,7 +445,8 @@ impl Avoidance {
         (pitch_rad.abs() <= s.largest_pitch_rad).then_some((offsets_m, pitch_rad))
     }
 
-    /// Keeps the turret where it is told to be; without a target: hold.
+    /// Keeps the turret where it is told to be; without a target: hold. A target that is on record is renewed
+    /// while the record cannot be written (invariant I10); another one is not.
     fn renew_or(&self, state: &mut AvoidanceState, now: &Situation, reason: HoldReason) -> Decision {
         let (Some(target), Some(turret)) = (state.target, now.turret) else { return Decision::Hold(reason) };
         // A target that was cut to one interval's way goes on toward what was wanted.
@@ -541,6 +454,9 @@ impl Avoidance {
             return Decision::Hold(HoldReason::OutsideLimits);
         };
         let same = offsets_m == target.offsets_m;
+        if !same && !now.store_writable {
+            return Decision::Hold(HoldReason::StoreNotWritable);
+        }
         let issued_s = if same { target.issued_s } else { now.now_s };
         let target = Target { pitch_rad, offsets_m, issued_s, ..target };
         self.issue(state, now, target, CommandKind::Renew)
@@ -571,12 +487,13 @@ impl Avoidance {
         }
         state.sequence += 1;
         state.last_command_s = now.now_s;
-        state.target = Some(target);
+        state.before = state.target.replace(Target { sequence: command.sequence, ..target });
         Decision::Command(command)
     }
 
     /// Back to equal pitch.
     fn back(&self, state: &mut AvoidanceState, now: &Situation) -> Command {
+        state.before = None;
         state.sequence += 1;
         state.last_command_s = now.now_s;
         Command {

@@ -96,6 +96,17 @@ impl Violation {
     }
 }
 
+/// What the watcher itself saw of the samples, past whoever takes them in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct SamplesSeen {
+    /// Samples that fill the detector's window.
+    window: u64,
+    /// The last usable one: when it came, its number.
+    newest: Option<(f64, u64)>,
+    /// Usable ones since the last that was missing, repeated or no number.
+    run: u64,
+}
+
 /// The watcher.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InvariantMonitor {
@@ -103,6 +114,8 @@ pub struct InvariantMonitor {
     last_id: Option<(u64, u64)>,
     last_command_s: f64,
     standing: Option<Command>,
+    stood_before: Option<Command>,
+    samples: Option<SamplesSeen>,
     must_return: bool,
     returned_s: f64,
     last_decision_s: Option<f64>,
@@ -125,6 +138,8 @@ impl InvariantMonitor {
             last_id: None,
             last_command_s: f64::NEG_INFINITY,
             standing: None,
+            stood_before: None,
+            samples: None,
             must_return: false,
             returned_s: f64::NEG_INFINITY,
             last_decision_s: None,
@@ -136,6 +151,30 @@ impl InvariantMonitor {
             refused_until_s: f64::NEG_INFINITY,
             turns_s: [f64::NEG_INFINITY; 7],
             last_step_rad: 0.0,
+        }
+    }
+
+    /// A stream of samples begins; from here on the watcher believes its own count of them more than the
+    /// situation's.
+    pub fn stream_begins(&mut self, rate_hz: f64) {
+        // A second of samples; rates are between 1 kHz and some 100 kHz.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let window = rate_hz.clamp(1.0, 1e9) as u64;
+        self.samples = Some(SamplesSeen { window, newest: None, run: 0 });
+    }
+
+    /// A sample came, as it travelled.
+    pub fn sample(&mut self, now_s: f64, sequence: u64, usable: bool) {
+        let Some(seen) = &mut self.samples else { return };
+        let next = seen.newest.is_none_or(|(_, last)| Some(sequence) == last.checked_add(1));
+        let newer = seen.newest.is_none_or(|(_, last)| sequence > last);
+        seen.run = match (usable, next, newer) {
+            (true, true, _) => seen.run.saturating_add(1),
+            (true, false, true) => 1,
+            _ => 0,
+        };
+        if usable && newer {
+            seen.newest = Some((now_s, sequence));
         }
     }
 
@@ -166,12 +205,17 @@ impl InvariantMonitor {
             self.heard_hz.rotate_right(1);
             self.heard_hz[0] = (seen.now_s, f);
         }
+        if self.standing.is_some_and(|s| Some(s.sequence) == seen.withheld) {
+            self.standing = self.stood_before.take();
+            self.off_since = 0;
+        }
         if seen.operator_acknowledge {
             (self.must_return, self.off_since) = (false, 0);
         }
-        let age = seen.newest_sample_s.map_or(f64::INFINITY, |t| seen.now_s - t);
+        let age = |newest: Option<f64>| newest.map_or(f64::INFINITY, |t| seen.now_s - t);
+        let own = self.samples.map_or(0.0, |s| age(s.newest.map(|n| n.0)));
         // Not a number counts as silence.
-        if self.standing.is_some() && (age > 1.0 || age.is_nan()) {
+        if self.standing.is_some() && !(age(seen.newest_sample_s) <= 1.0 && own <= 1.0) {
             self.must_return = true;
         }
     }
@@ -238,6 +282,7 @@ impl InvariantMonitor {
         self.check_turret(seen, command)?;
         self.last_command_s = seen.now_s;
         let before = self.standing.filter(|b| b.offsets_m == command.offsets_m);
+        self.stood_before = self.standing;
         self.standing = Some(Command { issued_s: before.map_or(seen.now_s, |b| b.issued_s), ..*command });
         Ok(())
     }
@@ -252,7 +297,7 @@ impl InvariantMonitor {
         if seen.mode == Mode::Act && seen.now_s - self.last_command_s < 1.0 - 1e-6 {
             return Err(Violation::Interval);
         }
-        self.standing = None;
+        (self.standing, self.stood_before) = (None, None);
         self.must_return = false;
         self.off_since = 0;
         self.last_step_rad = 0.0;
@@ -270,10 +315,14 @@ impl InvariantMonitor {
         }
         let fresh = seen.newest_sample_s.is_some_and(|t| within(t, 0.05)) && within(command.based_on_s, 0.05);
         let believed = seen.estimate_valid || command.kind != CommandKind::Move;
-        if !(fresh && seen.window_full && believed) {
+        let own =
+            self.samples.is_none_or(|s| s.run >= s.window && s.newest.is_some_and(|n| within(n.0, 0.05)));
+        if !(fresh && own && seen.window_full && believed) {
             return Err(Violation::Freshness);
         }
-        if !seen.store_writable {
+        // What stands on record already may be said again.
+        let same = self.standing.is_some_and(|s| s.offsets_m == command.offsets_m);
+        if !(seen.store_writable || (same && command.kind == CommandKind::Renew)) {
             return Err(Violation::Record);
         }
         if seen.now_s - self.last_command_s < 1.0 - 1e-6 {

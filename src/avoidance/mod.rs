@@ -22,9 +22,11 @@ pub mod guard;
 pub mod identified;
 pub mod invariants;
 pub mod pitch;
+mod state;
 pub mod turret;
 
-pub use decide::{Avoidance, AvoidanceState};
+pub use decide::Avoidance;
+pub use state::AvoidanceState;
 
 use crate::chatter::Phase;
 use crate::keyframe::{Keep, Words, keep, keep_list};
@@ -109,6 +111,8 @@ pub struct Situation {
     pub operator_acknowledge: bool,
     /// Intents can be recorded.
     pub store_writable: bool,
+    /// Number of the latest command that did not go out: held back by guard, record or port.
+    pub withheld: Option<u64>,
 }
 
 /// What the detector says, reduced to what a decision needs.
@@ -302,7 +306,8 @@ keep!(Situation {
     mode,
     operator_hold,
     operator_acknowledge,
-    store_writable
+    store_writable,
+    withheld
 });
 keep!(Command {
     epoch,

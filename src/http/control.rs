@@ -5,6 +5,7 @@ use super::extract::Body;
 use super::problem::{Problem, Refused};
 use super::{Caller, Role, Site};
 use crate::service::live::Mode;
+use crate::service::{Changed, ModeNow};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -21,15 +22,21 @@ pub(super) struct ModeView {
     revision: u64,
     /// Why it is so.
     reason: String,
+    /// Answers of a change: whether it is in the audit record yet. `false`: it is done, and its row waits for
+    /// the disk.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    recorded: Option<bool>,
 }
 
-fn mode_response(site: &Site) -> Response {
-    let state = site.handle.state();
-    let view =
-        ModeView { mode: state.mode, revision: state.mode_revision, reason: state.mode_reason.clone() };
+fn mode_response(now: ModeNow, recorded: Option<bool>) -> Response {
+    let view = ModeView { mode: now.mode, revision: now.revision, reason: now.reason, recorded };
     let tag = HeaderValue::from_str(&format!("\"{}\"", view.revision))
         .unwrap_or_else(|_| HeaderValue::from_static("\"\""));
     ([(header::ETAG, tag)], Json(view)).into_response()
+}
+
+fn changed(change: Changed) -> Response {
+    mode_response(change.mode, Some(change.recorded))
 }
 
 /// The mode, with its ETag.
@@ -38,7 +45,9 @@ fn mode_response(site: &Site) -> Response {
             headers(("ETag" = String, description = "Revision of the mode"))),
         Refused))]
 pub(super) async fn get_mode(State(site): State<Site>) -> Response {
-    mode_response(&site)
+    let state = site.handle.state();
+    let (mode, revision) = (state.mode, state.mode_revision);
+    mode_response(ModeNow { mode, revision, reason: state.mode_reason.clone() }, None)
 }
 
 /// A change of mode.
@@ -74,6 +83,8 @@ pub(super) async fn put_mode(
     caller.require(Role::Operator)?;
     let Body(body) = body?;
     let origin = origin(&caller, &body.reason)?;
+    // The picture decides only which refusal is told; whether this is the way up, and whether it is free, the
+    // pipeline thread judges by the mode itself.
     let up = body.mode as u8 > site.handle.state().mode as u8;
     let revision = if up {
         caller.require(Role::Engineer)?;
@@ -81,8 +92,7 @@ pub(super) async fn put_mode(
     } else {
         None
     };
-    site.handle.set_mode(body.mode, revision, origin).await?;
-    Ok(mode_response(&site))
+    Ok(changed(site.handle.set_mode(body.mode, revision, origin).await?))
 }
 
 fn if_match(headers: &HeaderMap) -> Result<u64, Problem> {
@@ -97,7 +107,8 @@ fn if_match(headers: &HeaderMap) -> Result<u64, Problem> {
     text.parse().map_err(|_| stale())
 }
 
-/// Take the turret back: equal pitch and `observe`, within one control cycle.
+/// Take the turret back: equal pitch and `observe`, within one control cycle. Done and answered also while the
+/// history cannot be written; an `Idempotency-Key` changes nothing.
 #[utoipa::path(post, path = "/api/v1/override", tag = "control",
     operation_id = "takeBack", request_body = ReasonBody,
     security(("token" = [])),
@@ -110,8 +121,7 @@ pub(super) async fn take_back(
 ) -> Result<Response, Problem> {
     caller.require(Role::Operator)?;
     let origin = origin(&caller, &body?.0.reason)?;
-    site.handle.take_back(origin).await?;
-    Ok(mode_response(&site))
+    Ok(changed(site.handle.take_back(origin).await?))
 }
 
 /// Clear a latched fault, after its cause is gone.
@@ -127,6 +137,5 @@ pub(super) async fn clear_fault(
 ) -> Result<Response, Problem> {
     caller.require(Role::Engineer)?;
     let origin = origin(&caller, &body?.0.reason)?;
-    site.handle.clear_fault(origin).await?;
-    Ok(mode_response(&site))
+    Ok(changed(site.handle.clear_fault(origin).await?))
 }

@@ -1,7 +1,8 @@
 //! `Idempotency-Key`: a POST that is sent again with the same key gets the first answer again.
 //!
 //! Kept in memory for ten minutes, for the same caller and path; a restart forgets, and the history's own
-//! ids still store an event once. The same key with another body is refused. Taking the turret back is always
+//! ids still store an event once. The same key with another body is refused, and so
+//! is one whose first request is still under way. Taking the turret back is always
 //! done, never answered from memory: doing it twice is the same, not doing it once is not.
 
 use super::extract::BODY_DEADLINE;
@@ -27,39 +28,84 @@ const LONGEST_KEY: usize = 128;
 /// Answers of writes are small.
 const LONGEST_ANSWER: usize = 256 * 1024;
 
+/// Caller, path and key.
+type Name = (String, String, String);
+
 #[derive(Debug, Clone)]
-struct Kept {
-    at: Instant,
-    /// SHA-256 of the request's body.
-    asked: [u8; 32],
+struct Answer {
     status: StatusCode,
     kind: Option<HeaderValue>,
     body: Bytes,
 }
 
+#[derive(Debug)]
+struct Entry {
+    at: Instant,
+    /// SHA-256 of the request's body.
+    asked: [u8; 32],
+    /// Nothing while the first request is under way.
+    answer: Option<Answer>,
+}
+
+/// What is known of a key.
+enum Known {
+    /// Nothing: the request is to be done, and now counts as under way.
+    New,
+    UnderWay,
+    OtherBody,
+    Answered(Answer),
+}
+
 /// Answers by caller, path and key.
 #[derive(Debug, Default)]
-pub(super) struct Answers(Mutex<HashMap<(String, String, String), Kept>>);
+pub(super) struct Answers(Mutex<HashMap<Name, Entry>>);
 
 impl Answers {
-    fn find(&self, name: &(String, String, String), now: Instant) -> Option<Kept> {
-        let answers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        answers.get(name).filter(|k| now.duration_since(k.at) < KEPT).cloned()
+    fn claim(&self, name: &Name, asked: [u8; 32], now: Instant) -> Known {
+        let mut entries = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        entries.retain(|_, e| e.answer.is_none() || now.duration_since(e.at) < KEPT);
+        match entries.get(name) {
+            Some(entry) if entry.asked != asked => Known::OtherBody,
+            Some(Entry { answer: Some(answer), .. }) => Known::Answered(answer.clone()),
+            Some(_) => Known::UnderWay,
+            None => {
+                let oldest = |(_, e): &(&Name, &Entry)| e.at;
+                let done = entries.iter().filter(|(_, e)| e.answer.is_some());
+                if entries.len() >= ANSWERS
+                    && let Some(oldest) = done.min_by_key(oldest).map(|(n, _)| n.clone())
+                {
+                    entries.remove(&oldest);
+                }
+                entries.insert(name.clone(), Entry { at: now, asked, answer: None });
+                Known::New
+            }
+        }
     }
 
-    fn keep(&self, name: (String, String, String), answer: Kept) {
-        let mut answers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        answers.retain(|_, k| answer.at.duration_since(k.at) < KEPT);
-        if answers.len() >= ANSWERS
-            && let Some(oldest) = answers.iter().min_by_key(|(_, k)| k.at).map(|(n, _)| n.clone())
-        {
-            answers.remove(&oldest);
+    /// What was refused for the caller's fault or ours may be tried again with the same key.
+    fn settle(&self, name: &Name, answer: Option<Answer>) {
+        let mut entries = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        match (answer, entries.get_mut(name)) {
+            (Some(answer), Some(entry)) => entry.answer = Some(answer),
+            _ => drop(entries.remove(name)),
         }
-        answers.insert(name, answer);
     }
 }
 
-fn again(kept: Kept) -> Response {
+/// A key whose request is under way; let go without an answer, it is free again.
+struct Claim {
+    site: Site,
+    name: Name,
+    answer: Option<Answer>,
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        self.site.answers.settle(&self.name, self.answer.take());
+    }
+}
+
+fn again(kept: Answer) -> Response {
     let mut response = (kept.status, Body::from(kept.body)).into_response();
     if let Some(kind) = kept.kind {
         response.headers_mut().insert(header::CONTENT_TYPE, kind);
@@ -106,19 +152,35 @@ pub(super) async fn layer(State(site): State<Site>, request: Request, next: Next
         Ok(pair) => pair,
         Err(problem) => return problem.into_response(),
     };
-    if let Some(kept) = site.answers.find(&name, clock::now()) {
-        return if kept.asked == asked { again(kept) } else { another_body().into_response() };
+    match site.answers.claim(&name, asked, clock::now()) {
+        Known::New => {}
+        Known::Answered(answer) => return again(answer),
+        Known::OtherBody => return another_body().into_response(),
+        Known::UnderWay => return under_way().into_response(),
     }
+    let claim = Claim { site, name, answer: None };
+    // On a task of its own: a caller that hangs up and asks again finds the answer, not a second deed.
+    let done = tokio::spawn(answer_once(claim, request, next)).await;
+    done.unwrap_or_else(|_| internal("a fault of ours; it is in the log").into_response())
+}
+
+async fn answer_once(mut claim: Claim, request: Request, next: Next) -> Response {
     let (parts, body) = next.run(request).await.into_parts();
     let Ok(body) = to_bytes(body, LONGEST_ANSWER).await else {
-        let detail = "the answer could not be put together";
-        return Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", detail).into_response();
+        return internal("the answer could not be put together").into_response();
     };
-    // What was refused for the caller's fault or ours may be tried again with the same key.
     if parts.status.is_success() {
         let kind = parts.headers.get(header::CONTENT_TYPE).cloned();
-        let kept = Kept { at: clock::now(), asked, status: parts.status, kind, body: body.clone() };
-        site.answers.keep(name, kept);
+        claim.answer = Some(Answer { status: parts.status, kind, body: body.clone() });
     }
     Response::from_parts(parts, Body::from(body))
+}
+
+fn internal(detail: &str) -> Problem {
+    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", detail)
+}
+
+fn under_way() -> Problem {
+    let detail = "the first request with this Idempotency-Key is still under way";
+    Problem::new(StatusCode::CONFLICT, "request_under_way", detail).retry_after(1)
 }

@@ -138,6 +138,10 @@ impl From<OperationError> for Problem {
                 tracing::error!(event = "store_unavailable", code = source.code(), "{source}");
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "store_unavailable", text).retry_after(1)
             }
+            OperationError::NotRecorded => {
+                tracing::error!(event = "store_unavailable", code = "slow", "{text}");
+                Self::new(StatusCode::SERVICE_UNAVAILABLE, "store_unavailable", text).retry_after(1)
+            }
             OperationError::Recordings(source) => {
                 tracing::error!(event = "recordings_unavailable", "{source}");
                 let detail = "the recordings cannot be read";

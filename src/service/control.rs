@@ -44,22 +44,34 @@ pub enum Refusal {
     NoAnswer,
 }
 
+/// The mode as the pipeline thread left it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ModeNow {
+    /// How far the service may go.
+    pub mode: Mode,
+    /// Grows with every change.
+    pub revision: u64,
+    /// Why it is so.
+    pub reason: String,
+}
+
 /// One request to the pipeline thread.
 #[derive(Debug)]
 pub(crate) enum Control {
     SetMode {
         mode: Mode,
+        /// The revision that somebody saw who may raise the mode; without it the way leads down only.
         revision: Option<u64>,
         origin: Origin,
-        done: oneshot::Sender<Result<u64, Refusal>>,
+        done: oneshot::Sender<Result<ModeNow, Refusal>>,
     },
     Override {
         origin: Origin,
-        done: oneshot::Sender<Result<u64, Refusal>>,
+        done: oneshot::Sender<Result<ModeNow, Refusal>>,
     },
     ClearFault {
         origin: Origin,
-        done: oneshot::Sender<Result<u64, Refusal>>,
+        done: oneshot::Sender<Result<ModeNow, Refusal>>,
     },
     SaveRecording {
         /// First part of its name.
@@ -71,7 +83,5 @@ pub(crate) enum Control {
     Committed {
         sequence: u64,
     },
-    /// The store has been failing for this long.
-    StoreFailing(bool),
     Stop,
 }

@@ -2,7 +2,7 @@
 
 use super::announcer::Announcer;
 use super::clock;
-use super::control::{Control, Origin, Refusal};
+use super::control::{Control, ModeNow, Origin, Refusal};
 use super::diagnoses::Diagnoses;
 use super::live::{LiveState, Mode, SpectrumView};
 use super::recordings::{RecordingInfo, Recordings, RecordingsError};
@@ -41,6 +41,9 @@ pub enum OperationError {
     /// The history cannot be read or written.
     #[error("the history is not available")]
     Store(#[from] StoreError),
+    /// What must be on record first could not be put there in time; nothing was done.
+    #[error("the audit record did not confirm within {} s; nothing was done", ANSWER_DEADLINE.as_secs())]
+    NotRecorded,
     /// The recordings cannot be read.
     #[error(transparent)]
     Recordings(#[from] RecordingsError),
@@ -50,6 +53,15 @@ pub enum OperationError {
     /// What was asked for cannot be done with what is there.
     #[error("{0}")]
     Unsuitable(String),
+}
+
+/// A change of mode that was made.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Changed {
+    /// The mode now, as the pipeline thread says.
+    pub mode: ModeNow,
+    /// Whether the change is in the audit record yet; if not, it waits for the disk.
+    pub recorded: bool,
 }
 
 /// One thing that readiness depends on.
@@ -101,6 +113,8 @@ impl std::fmt::Debug for Handle {
 }
 
 const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
+/// What is done already does not wait longer for its record than this.
+const RECORD_PATIENCE: Duration = Duration::from_millis(500);
 
 impl Handle {
     /// Where HTTP listens.
@@ -197,7 +211,14 @@ impl Handle {
     }
 
     /// Puts on record that somebody does, or was refused, something. Durable when it returns.
+    /// Errors: it is not on record; it may be later, when the disk answers again.
     pub async fn audit(&self, origin: &Origin, action: &str, detail: &str) -> Result<(), OperationError> {
+        let written = tokio::time::timeout(ANSWER_DEADLINE, self.write_audit(origin, action, detail)).await;
+        written.map_err(|_| OperationError::NotRecorded)??;
+        Ok(())
+    }
+
+    async fn write_audit(&self, origin: &Origin, action: &str, detail: &str) -> Result<i64, StoreError> {
         let entry = AuditEntry {
             wall_ns: clock::wall_ns(),
             actor: origin.actor.clone(),
@@ -205,16 +226,21 @@ impl Handle {
             action: action.to_owned(),
             detail: format!("{detail}; reason: {}", origin.reason),
         };
-        let written = tokio::time::timeout(ANSWER_DEADLINE, self.0.writer.audit(entry)).await;
-        written.map_err(|_| StoreError::Closed)??;
-        Ok(())
+        self.0.writer.audit(entry).await
     }
 
-    /// The record of what is done already: the doer is told that it is done even where the history is slow or
-    /// full; the record waits in the history's queue.
-    async fn audit_done(&self, origin: &Origin, action: &str, detail: &str) {
-        if let Err(error) = self.audit(origin, action, detail).await {
-            tracing::warn!(event = "audit_late", actor = origin.actor, action, "{error}; it follows");
+    /// Puts on record what became of a request. The row is queued before this first waits; what was done is
+    /// done, so the caller is only told whether the row is durable yet.
+    async fn record_outcome(&self, origin: &Origin, action: &str, outcome: &str) -> bool {
+        let written = self.write_audit(origin, action, outcome);
+        match tokio::time::timeout(RECORD_PATIENCE, written).await {
+            Ok(Ok(_)) => true,
+            Ok(Err(error)) => {
+                tracing::error!(event = "audit_lost", action, actor = origin.actor, outcome, "{error}");
+                self.0.metrics.queue_dropped.with_label_values(&["store", "true"]).inc();
+                false
+            }
+            Err(_) => false, // it waits in the queue
         }
     }
 
@@ -246,56 +272,73 @@ impl Handle {
         make: impl FnOnce(oneshot::Sender<Result<T, Refusal>>) -> Control,
     ) -> Result<T, OperationError> {
         let (done, answer) = oneshot::channel();
-        self.0.control.try_send(make(done)).map_err(|_| Refusal::NoAnswer)?;
-        let answered = tokio::time::timeout(ANSWER_DEADLINE, answer).await;
-        Ok(answered.map_err(|_| Refusal::NoAnswer)?.map_err(|_| Refusal::NoAnswer)??)
+        let asked = async {
+            self.0.control.send(make(done)).await.map_err(|_| Refusal::NoAnswer)?;
+            answer.await.map_err(|_| Refusal::NoAnswer)?
+        };
+        let answered = tokio::time::timeout(ANSWER_DEADLINE, asked).await;
+        Ok(answered.map_err(|_| Refusal::NoAnswer)??)
     }
 
-    /// Changes the mode. `revision`: the one the asker saw; with it the way up is open, without it only down.
-    /// Going up is put on record first; going down never waits for the record.
+    /// Changes the mode. `revision`: the one that somebody saw who may raise it; without it the way leads down
+    /// only, and the pipeline thread judges which way it is. What may lead up is put on record first; the way
+    /// down waits for nothing. What became of it is on record afterwards, also a refusal.
     pub async fn set_mode(
         &self,
         mode: Mode,
         revision: Option<u64>,
         origin: Origin,
-    ) -> Result<u64, OperationError> {
-        let up = revision.is_some();
-        let detail = format!("mode {}", mode.word());
-        if up {
-            self.audit(&origin, "set_mode", &detail).await?;
+    ) -> Result<Changed, OperationError> {
+        if revision.is_some() && mode != Mode::Observe {
+            self.audit(&origin, "set_mode_asked", &format!("mode {}", mode.word())).await?;
         }
         let asked = origin.clone();
-        let done = self.ask(|done| Control::SetMode { mode, revision, origin: asked, done }).await?;
-        if !up {
-            self.audit_done(&origin, "set_mode", &detail).await;
-        }
-        self.catch_up(done).await;
-        Ok(done)
+        let outcome = self.ask(|done| Control::SetMode { mode, revision, origin: asked, done }).await;
+        self.changed((&origin, "set_mode", &format!("mode {}", mode.word())), outcome).await
     }
 
-    /// Waits until the picture shows what was just done, so that the asker reads its own change.
-    async fn catch_up(&self, revision: u64) {
-        let mut picture = self.watch();
-        let shown = picture.wait_for(|state| state.mode_revision >= revision);
-        // A picture that is late is late; the answer itself is true.
-        let _ = tokio::time::timeout(Duration::from_millis(500), shown).await;
-    }
-
-    /// Takes the turret back: equal pitch and `observe`, at once.
-    pub async fn take_back(&self, origin: Origin) -> Result<u64, OperationError> {
+    /// Takes the turret back: equal pitch and `observe`, at once. Done and answered whatever the disk does.
+    pub async fn take_back(&self, origin: Origin) -> Result<Changed, OperationError> {
         let asked = origin.clone();
-        let done = self.ask(|done| Control::Override { origin: asked, done }).await?;
-        self.audit_done(&origin, "override", "equal pitch, mode observe").await;
-        self.catch_up(done).await;
-        Ok(done)
+        let outcome = self.ask(|done| Control::Override { origin: asked, done }).await;
+        self.changed((&origin, "override", "equal pitch, mode observe"), outcome).await
     }
 
     /// Clears a latched fault.
-    pub async fn clear_fault(&self, origin: Origin) -> Result<u64, OperationError> {
-        self.audit(&origin, "clear_fault", "latched fault").await?;
-        let done = self.ask(|done| Control::ClearFault { origin, done }).await?;
-        self.catch_up(done).await;
-        Ok(done)
+    pub async fn clear_fault(&self, origin: Origin) -> Result<Changed, OperationError> {
+        self.audit(&origin, "clear_fault_asked", "latched fault").await?;
+        let asked = origin.clone();
+        let outcome = self.ask(|done| Control::ClearFault { origin: asked, done }).await;
+        self.changed((&origin, "clear_fault", "latched fault"), outcome).await
+    }
+
+    /// Puts the outcome on record and waits until the picture shows it, so that the asker reads its own change.
+    async fn changed(
+        &self,
+        (origin, action, what): (&Origin, &str, &str),
+        outcome: Result<ModeNow, OperationError>,
+    ) -> Result<Changed, OperationError> {
+        let detail = match &outcome {
+            Ok(mode) => format!("{what}: done, revision {}", mode.revision),
+            Err(OperationError::Refused(Refusal::NoAnswer)) => format!("{what}: no answer in time"),
+            Err(error) => format!("{what}: refused, {error}"),
+        };
+        let recorded = self.record_outcome(origin, action, &detail);
+        let mode = match outcome {
+            Ok(mode) => mode,
+            Err(error) => {
+                recorded.await;
+                return Err(error);
+            }
+        };
+        let shown = async {
+            let mut picture = self.watch();
+            let shown = picture.wait_for(|state| state.mode_revision >= mode.revision);
+            // A picture that is late is late; the answer itself is true.
+            drop(tokio::time::timeout(Duration::from_millis(500), shown).await);
+        };
+        let (recorded, ()) = tokio::join!(recorded, shown);
+        Ok(Changed { mode, recorded })
     }
 
     /// Saves what the black box holds now; answers the recording's name.

@@ -5,9 +5,9 @@
 
 use super::announcer::{Announcer, Then};
 use super::clock;
-use super::control::Control;
 use super::handle::StreamMessage;
 use super::live::{LiveState, NOTICE, SpectrumView, StoreView};
+use super::store_watch::StoreWatch;
 use crate::store::{EventFilter, FILE_NAME, StoreReader, StoreWriter};
 use crate::telemetry::{Event, EventKind, Metrics};
 use base64::Engine as _;
@@ -81,7 +81,6 @@ pub(super) struct Outlets {
     pub(super) state: watch::Sender<Arc<LiveState>>,
     pub(super) spectrum: watch::Sender<Arc<SpectrumView>>,
     pub(super) stream: broadcast::Sender<StreamMessage>,
-    pub(super) control: mpsc::Sender<Control>,
     pub(super) announcer: Announcer,
 }
 
@@ -93,8 +92,6 @@ pub(super) struct History {
     pub(super) replaced: Option<String>,
 }
 
-/// I10: `act` falls back once the history could not be written for this long.
-const STORE_PATIENCE: Duration = Duration::from_secs(10);
 /// Slow things (file sizes, open alarms, retention) are looked at this often.
 const SLOW: Duration = Duration::from_secs(1);
 const PRUNE_EVERY: u32 = 600;
@@ -112,7 +109,7 @@ pub(super) struct Hub {
     store_view: StoreView,
     open_alarms: u64,
     last_commits: i64,
-    failing_since: Option<Instant>,
+    store_watch: StoreWatch,
     frames: u64,
     clocks: (Instant, i64),
     prune_after: Option<Instant>,
@@ -125,6 +122,7 @@ impl Hub {
         metrics: Arc<Metrics>,
         store_view: StoreView,
     ) -> Self {
+        let store_watch = StoreWatch::new(Arc::clone(history.writer.gauges()));
         Self {
             outlets,
             history,
@@ -132,7 +130,7 @@ impl Hub {
             store_view,
             open_alarms: 0,
             last_commits: 0,
-            failing_since: None,
+            store_watch,
             frames: 0,
             clocks: (clock::now(), clock::wall_ns()),
             prune_after: None,
@@ -215,7 +213,8 @@ impl Hub {
         let prune = prune && self.prune_after.is_none_or(|after| clock::now() >= after);
         let gauges = self.history.writer.gauges();
         let waiting = gauges.waiting.load(Ordering::Relaxed) as u64;
-        let failing = gauges.failures.load(Ordering::Relaxed) > 0;
+        // A disk that hangs fails no write: nothing gets done either way.
+        let failing = gauges.failures.load(Ordering::Relaxed) > 0 || !self.store_watch.writable(clock::now());
         let commits = gauges.commits.load(Ordering::Relaxed);
         let size = |suffix: &str| {
             let path = self.history.folder.join(format!("{FILE_NAME}{suffix}"));
@@ -240,25 +239,12 @@ impl Hub {
             self.last_commits = commits;
             self.metrics.last_commit_timestamp_seconds.set(clock::wall_s());
         }
-        self.tell_pipeline(failing);
         if !failing {
             self.count_alarms().await;
         }
         if prune && !failing {
             let writer = self.history.writer.clone();
             tokio::spawn(async move { writer.prune(clock::wall_ns()).await });
-        }
-    }
-
-    fn tell_pipeline(&mut self, failing: bool) {
-        let now = clock::now();
-        let since = if failing { Some(*self.failing_since.get_or_insert(now)) } else { None };
-        let was = self.failing_since;
-        self.failing_since = since;
-        let too_long = since.is_some_and(|s| now.duration_since(s) >= STORE_PATIENCE);
-        if too_long || (was.is_some() && since.is_none()) {
-            // A full queue: the next second tells again.
-            let _ = self.outlets.control.try_send(Control::StoreFailing(too_long));
         }
     }
 

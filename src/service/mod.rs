@@ -30,12 +30,13 @@ mod recorder;
 mod recordings;
 pub mod stability;
 mod start;
+mod store_watch;
 pub mod virtual_lathe;
 
 pub use crate::store::{AuditRow, EventFilter, EventPage, MAX_PAGE};
-pub use control::{Origin, Refusal};
+pub use control::{ModeNow, Origin, Refusal};
 pub use diagnoses::{Diagnoses, DiagnosisView, JobState};
 pub use exports::{ReplayView, TextForm, TrackView};
-pub use handle::{Check, Handle, OperationError, ShownConfig, StreamMessage};
+pub use handle::{Changed, Check, Handle, OperationError, ShownConfig, StreamMessage};
 pub use recordings::{RecordingInfo, RecordingLimits, Recordings, RecordingsError};
 pub use start::{Running, ServiceError, start};

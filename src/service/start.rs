@@ -8,6 +8,7 @@ use super::hub::{History, Hub, Outlets};
 use super::live::{LiveState, SpectrumView, StoreView};
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
 use super::stability::CurveCache;
+use super::store_watch::StoreWatch;
 use super::{clock, drift, engine, mtconnect, recorder};
 use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
@@ -175,17 +176,12 @@ impl Parts {
             drift: self.start_drift((announcer.clone(), control.clone()))?,
             metrics: Arc::clone(&self.metrics),
             progress: Arc::clone(&progress),
+            store: StoreWatch::new(Arc::clone(self.writer.gauges())),
         })?;
 
         let (state, watched_state) = watch::channel(Arc::new(LiveState::default()));
         let (spectrum, watched_spectrum) = watch::channel(Arc::new(SpectrumView::default()));
-        let outlets = Outlets {
-            state,
-            spectrum,
-            stream: stream.clone(),
-            control: control.clone(),
-            announcer: announcer.clone(),
-        };
+        let outlets = Outlets { state, spectrum, stream: stream.clone(), announcer: announcer.clone() };
         let hub = self.runtime.spawn(self.hub(outlets).run(reported));
         let handle = Handle(Arc::new(Inner {
             address,

@@ -202,6 +202,7 @@ impl ClosedLoop {
             operator_hold: false,
             operator_acknowledge: false,
             store_writable: true,
+            withheld: None,
         }
     }
 

@@ -92,7 +92,7 @@ impl StoreWriter {
 
     /// State of the writer.
     #[must_use]
-    pub fn gauges(&self) -> &WriterGauges {
+    pub fn gauges(&self) -> &Arc<WriterGauges> {
         &self.gauges
     }
 

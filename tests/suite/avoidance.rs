@@ -66,6 +66,8 @@ struct Step {
     operator_hold: bool,
     acknowledge: bool,
     store_writable: bool,
+    /// The command of this step does not go out.
+    withheld: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,10 +109,11 @@ fn step() -> impl Strategy<Value = Step> {
     ];
     (
         (time, age(2), age(1), rare(1), phase, frequency, power),
-        (speed, turret, interlock, mode, rare(1), rare(2), rare(1), rare(2)),
+        (speed, turret, interlock, mode, rare(1), rare(2), (rare(1), rare(4)), rare(2)),
     )
         .prop_map(|((dt_s, sample_age_s, report_age_s, gap, phase, frequency_hz, power_n2), rest)| {
-            let (speed_rpm, turret, interlock, mode, operator_hold, acknowledge, store_down, doubtful) = rest;
+            let (speed_rpm, turret, interlock, mode, operator_hold, acknowledge, store, doubtful) = rest;
+            let (store_down, withheld) = store;
             Step {
                 dt_s,
                 sample_age_s,
@@ -127,6 +130,7 @@ fn step() -> impl Strategy<Value = Step> {
                 operator_hold,
                 acknowledge,
                 store_writable: !store_down,
+                withheld,
             }
         })
 }
@@ -137,6 +141,7 @@ struct World {
     latest_s: f64,
     actual_m: [f64; MAX_AXES],
     target_m: [f64; MAX_AXES],
+    withheld: Option<u64>,
 }
 
 impl World {
@@ -182,6 +187,7 @@ impl World {
             operator_hold: step.operator_hold,
             operator_acknowledge: step.acknowledge,
             store_writable: step.store_writable,
+            withheld: self.withheld,
         }
     }
 }
@@ -207,7 +213,8 @@ fn run(steps: &[Step], tamper: Tamper, spoil: Spoil) -> Outcome {
     let avoidance = Avoidance::new(settings()).unwrap();
     let mut state = avoidance.start(1, 100.0);
     let mut watch = watcher();
-    let mut world = World { now_s: 100.0, latest_s: 100.0, actual_m: [0.0; 6], target_m: [0.0; 6] };
+    let mut world =
+        World { now_s: 100.0, latest_s: 100.0, actual_m: [0.0; 6], target_m: [0.0; 6], withheld: None };
     let mut spoiler = Spoiler::default();
     let mut outcome = Outcome { violations: Vec::new(), commands: Vec::new(), holds: 0 };
     for step in steps {
@@ -224,7 +231,11 @@ fn run(steps: &[Step], tamper: Tamper, spoil: Spoil) -> Outcome {
         }
         match decision {
             Decision::Command(command) => {
-                world.target_m = command.offsets_m;
+                if step.withheld && command.kind != CommandKind::Return {
+                    world.withheld = Some(command.sequence);
+                } else {
+                    world.target_m = command.offsets_m;
+                }
                 outcome.commands.push(command);
             }
             Decision::Hold(_) | Decision::Advice(_) => outcome.holds += 1,
@@ -372,6 +383,123 @@ fn every_planted_fault_is_noticed() {
         println!("{name}: {} times, first {:?}", seen.len(), seen.first());
         assert!(!seen.is_empty(), "planted fault `{name}` was not noticed");
     }
+}
+
+/// Chatter on a good machine in `act`, second by second.
+fn good_second() -> Step {
+    Step {
+        dt_s: 1.0,
+        sample_age_s: Some(0.001),
+        window_full: true,
+        estimate_valid: true,
+        phase: Phase::Chatter,
+        frequency_hz: Some(652.0),
+        power_n2: 100.0,
+        speed_rpm: Some(1200.0),
+        turret: TurretFault::Good,
+        report_age_s: Some(0.001),
+        interlock: Some((0.001, false)),
+        mode: Mode::Act,
+        operator_hold: false,
+        acknowledge: false,
+        store_writable: true,
+        withheld: false,
+    }
+}
+
+/// Decisions of one sequence and what the monitor says of each.
+fn decisions(steps: &[Step]) -> Vec<Decision> {
+    let avoidance = Avoidance::new(settings()).unwrap();
+    let (mut state, mut watch) = (avoidance.start(1, 100.0), watcher());
+    let mut world =
+        World { now_s: 100.0, latest_s: 100.0, actual_m: [0.0; 6], target_m: [0.0; 6], withheld: None };
+    let mut decide = |step: &Step| {
+        let seen = world.go_on(step);
+        let decision = avoidance.decide(&mut state, &seen);
+        assert_eq!(watch.watch(&seen, &decision), Ok(()), "{seen:?} {decision:?}");
+        if let Decision::Command(command) = decision {
+            if step.withheld && command.kind != CommandKind::Return {
+                world.withheld = Some(command.sequence);
+            } else {
+                world.target_m = command.offsets_m;
+            }
+        }
+        decision
+    };
+    steps.iter().map(&mut decide).collect()
+}
+
+/// Two pitches do not help, a person is called; once he has cleared it in `observe`, `act` acts again.
+#[test]
+fn a_fault_cleared_in_observe_stays_cleared() {
+    let mut steps = vec![good_second(); 8];
+    steps.push(Step { mode: Mode::Observe, ..good_second() });
+    steps.push(Step { mode: Mode::Observe, acknowledge: true, dt_s: 0.001, ..good_second() });
+    steps.push(Step { phase: Phase::Quiet, ..good_second() });
+    steps.extend(vec![good_second(); 2]);
+    let decided = decisions(&steps);
+    let held = Decision::Hold(HoldReason::HandedOver);
+    assert_eq!(decided[7], held, "{decided:?}");
+    let after = &decided[10..];
+    assert!(!after.contains(&held), "{after:?}");
+    assert!(after.iter().any(|d| matches!(d, Decision::Command(c) if c.kind == CommandKind::Move)));
+    // Without a person it stays latched.
+    steps[9].acknowledge = false;
+    assert_eq!(decisions(&steps).last(), Some(&held));
+}
+
+/// A command that waits in vain for its record never reached the turret: nothing is stuck, nothing is judged.
+#[test]
+fn commands_that_do_not_go_out_do_not_make_the_turret_look_stuck() {
+    let mut steps = vec![Step { withheld: true, ..good_second() }; 12];
+    steps.push(good_second());
+    let decided = decisions(&steps);
+    for decision in &decided {
+        assert!(matches!(decision, Decision::Command(c) if c.kind == CommandKind::Move), "{decision:?}");
+    }
+}
+
+/// While the record cannot be written the turret stays where it was told on record; nothing new is asked.
+#[test]
+fn without_a_record_what_stands_is_renewed_and_nothing_else() {
+    let mut steps = vec![good_second(); 1];
+    steps.extend(vec![Step { phase: Phase::Quiet, ..good_second() }; 3]);
+    steps.extend(vec![Step { store_writable: false, phase: Phase::Quiet, ..good_second() }; 3]);
+    steps.push(Step { store_writable: false, ..good_second() });
+    let decided = decisions(&steps);
+    let renewed = |d: &Decision| matches!(d, Decision::Command(c) if c.kind == CommandKind::Renew);
+    assert!(decided[4..].iter().all(renewed), "{decided:?}");
+    let none = decisions(&[Step { store_writable: false, ..good_second() }]);
+    assert_eq!(none, [Decision::Hold(HoldReason::StoreNotWritable)]);
+}
+
+/// The monitor believes its own eyes: what the situation says of the samples does not count.
+#[test]
+fn the_monitor_counts_the_samples_itself() {
+    let decide = |samples: &[(f64, u64, bool)]| {
+        let avoidance = Avoidance::new(settings()).unwrap();
+        let (mut state, mut watch) = (avoidance.start(1, 100.0), watcher());
+        let mut world =
+            World { now_s: 100.0, latest_s: 100.0, actual_m: [0.0; 6], target_m: [0.0; 6], withheld: None };
+        watch.stream_begins(1000.0);
+        samples.iter().for_each(|(t, n, good)| watch.sample(*t, *n, *good));
+        let seen = world.go_on(&good_second());
+        let decision = avoidance.decide(&mut state, &seen);
+        assert!(matches!(decision, Decision::Command(_)));
+        watch.watch(&seen, &decision)
+    };
+    let good: Vec<(f64, u64, bool)> = (0..1000).map(|n| (100.0 + 1e-3 * n as f64, n, true)).collect();
+    assert_eq!(decide(&good), Ok(()));
+    let spoilt = |change: fn(&mut Vec<(f64, u64, bool)>)| {
+        let mut samples = good.clone();
+        change(&mut samples);
+        decide(&samples)
+    };
+    assert_eq!(spoilt(|s| s[500].2 = false), Err(Violation::Freshness), "no number inside the window");
+    assert_eq!(spoilt(|s| s[500].1 = 499), Err(Violation::Freshness), "repeated");
+    assert_eq!(spoilt(|s| s.truncate(900)), Err(Violation::Freshness), "100 ms old");
+    assert_eq!(spoilt(|s| s[990..].iter_mut().for_each(|x| x.1 += 7)), Err(Violation::Freshness), "a gap");
+    assert_eq!(decide(&[]), Err(Violation::Freshness));
 }
 
 #[test]

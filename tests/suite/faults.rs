@@ -13,10 +13,10 @@ use std::time::{Duration, Instant};
 use stillcut::service::start;
 
 /// A small file system in memory, gone at the end. Nothing where mounting is not allowed.
-struct SmallDisk(PathBuf);
+pub(crate) struct SmallDisk(PathBuf);
 
 impl SmallDisk {
-    fn mount(folder: &Path, options: &str) -> Option<Self> {
+    pub(crate) fn mount(folder: &Path, options: &str) -> Option<Self> {
         std::fs::create_dir_all(folder).unwrap();
         let mut command = Command::new("mount");
         command.args(["-t", "tmpfs", "-o", options, "tmpfs"]).arg(folder).stderr(Stdio::null());
@@ -25,7 +25,7 @@ impl SmallDisk {
     }
 
     /// Leaves no byte free.
-    fn fill(&self) -> PathBuf {
+    pub(crate) fn fill(&self) -> PathBuf {
         let path = self.0.join("ballast");
         let mut file = std::fs::File::create(&path).unwrap();
         let piece = vec![1_u8; 4096];

@@ -4,6 +4,8 @@
 mod folders;
 mod lathe;
 
+#[cfg(feature = "service")]
+mod acting;
 mod avoidance;
 mod chatter;
 mod closed_loop;

@@ -15,11 +15,12 @@ use crate::keyframe::Keep as _;
 use crate::sample::MAX_AXES;
 use crate::service::ledger::Ledger;
 use crate::service::live::Mode;
-use crate::transport::wire::{COMMAND_OFFSET, COMMAND_RETURN, TurretCommand};
+use crate::service::store_watch::SLOW_RECORD;
+use crate::transport::wire::{COMMAND_OFFSET, COMMAND_RETURN, ServoPoint, TurretCommand};
 use crate::transport::{CommandPublisher, Participant, TransportError};
 
 /// A record that takes longer than this makes the command too old to send.
-const INTENT_DEADLINE_S: f64 = 0.5;
+const INTENT_DEADLINE_S: f64 = SLOW_RECORD.as_millis() as f64 * 1e-3;
 /// Between two commands (invariant I5), counted from when they went out.
 const INTERVAL_S: f64 = 1.0;
 /// The port stays this long after the last word, so that a slow reader still finds it.
@@ -44,8 +45,8 @@ pub(super) struct SampleOrigin {
 pub(super) enum Outcome {
     /// It went out.
     Sent(Command),
-    /// It was not sent, for one of the closed list of reasons.
-    Held(&'static str),
+    /// The one of this number was not sent, for one of the closed list of reasons.
+    Held(u64, &'static str),
 }
 
 /// Decision, guard and port.
@@ -60,6 +61,8 @@ pub(super) struct Acting {
     pending: Option<Pending>,
     recorded_m: Option<[f64; MAX_AXES]>,
     sent_s: Option<f64>,
+    /// Number of the latest command that did not go out.
+    pub(super) withheld: Option<u64>,
     pub(super) axes: [usize; 2],
     /// Last command that went out or was advised.
     pub(super) latest: Option<Command>,
@@ -107,6 +110,7 @@ impl Acting {
             pending: None,
             recorded_m: None,
             sent_s: None,
+            withheld: None,
             axes,
             latest: None,
             hold: None,
@@ -146,6 +150,25 @@ impl Acting {
         }
     }
 
+    /// A stream begins: the monitor counts its samples for itself.
+    pub(super) fn stream_begins(&mut self, rate_hz: f64) {
+        self.monitor.stream_begins(rate_hz);
+    }
+
+    /// Shows the monitor a sample as it travelled, before anybody judged it.
+    pub(super) fn sample_seen(&mut self, now_s: f64, point: &ServoPoint, axes: usize) {
+        let here = |i: usize| point.valid >> (3 * i) & 0b011 == 0b011; // current and motor angle are measured
+        let mut signals = point.axes.iter().take(axes).enumerate();
+        let usable =
+            signals.all(|(i, a)| here(i) && a.current_ref_a.is_finite() && a.motor_angle_rad.is_finite());
+        self.monitor.sample(now_s, point.sequence, usable);
+    }
+
+    /// A command that waited for its record went out late; the next one keeps its distance.
+    pub(super) fn too_soon(&self, now: &Situation) -> bool {
+        now.mode == ActMode::Act && self.sent_s.is_some_and(|sent| now.now_s - sent < INTERVAL_S)
+    }
+
     /// One look at the decision, and what the independent monitor says of it: a decision that breaks a rule
     /// is not carried out. The look goes into the ledger with the time of the newest sample.
     pub(super) fn decide(
@@ -158,8 +181,8 @@ impl Acting {
         }
         if situation.mode != ActMode::Act {
             self.pending = None;
-        } else if self.sent_s.is_some_and(|sent| situation.now_s - sent < INTERVAL_S) {
-            // A command that waited for its record went out late; the next one keeps its distance.
+        }
+        if self.too_soon(situation) {
             return (Decision::NotDue, Ok(()));
         }
         ledger.before(|words| self.state.keep(words));
@@ -204,27 +227,29 @@ impl Acting {
         self.pending = None;
         self.recorded_m = Some(pending.command.offsets_m);
         if facts.now_s - pending.command.issued_s > INTENT_DEADLINE_S {
-            return Some(self.held("intent_expired"));
+            return Some(self.held(sequence, "intent_expired"));
         }
         Some(self.send(&pending.command, pending.origin, facts))
     }
 
     /// A command that waited too long for its record.
     pub(super) fn overdue(&mut self, now_s: f64) -> Option<Outcome> {
-        self.pending.take_if(|p| now_s - p.command.issued_s > INTENT_DEADLINE_S)?;
-        Some(self.held("store_unavailable"))
+        let late = self.pending.take_if(|p| now_s - p.command.issued_s > INTENT_DEADLINE_S)?;
+        Some(self.held(late.command.sequence, "store_unavailable"))
     }
 
-    fn held(&mut self, reason: &'static str) -> Outcome {
-        self.hold = Some(reason);
-        Outcome::Held(reason)
+    /// The decision is told with the next look, so that it does not wait for what was never asked.
+    fn held(&mut self, sequence: u64, reason: &'static str) -> Outcome {
+        (self.hold, self.withheld) = (Some(reason), Some(sequence));
+        Outcome::Held(sequence, reason)
     }
 
     /// Guard, then wire.
     pub(super) fn send(&mut self, command: &Command, origin: SampleOrigin, facts: &Facts) -> Outcome {
-        let Some(port) = &self.port else { return self.held("guarded") };
+        let number = command.sequence;
+        let Some(port) = &self.port else { return self.held(number, "guarded") };
         if self.guard.pass(&mut self.guard_state, command, facts).is_err() {
-            return self.held("guarded");
+            return self.held(number, "guarded");
         }
         match port.send(&wire_command(command, origin)) {
             Ok(_) => {
@@ -235,7 +260,7 @@ impl Acting {
                 }
                 Outcome::Sent(*command)
             }
-            Err(TransportError::Port { .. } | _) => self.held("stage_failed"),
+            Err(TransportError::Port { .. } | _) => self.held(number, "stage_failed"),
         }
     }
 }

@@ -1,23 +1,30 @@
 //! The pipeline thread's part, fed by hand: planted faults and doubtful estimates must end in a refusal.
 
 use super::acting::commissioned;
-use super::{Engine, Setup};
+use super::{Engine, Ports, Setup};
 use crate::config::service::ServiceConfig;
 use crate::plant::scenario::Scenario;
 use crate::service::clock;
+use crate::service::control::{Control, Origin, Refusal};
 use crate::service::hub::Report;
 use crate::service::live::Mode;
+use crate::service::store_watch::StoreWatch;
 use crate::simulation::lathe::{Lathe, LatheSettings};
+use crate::store::WriterGauges;
 use crate::telemetry::{EventKind, Metrics};
 use crate::transport::Domain;
 use crate::transport::wire::{ServoBatch, ServoPoint, TURRET_REACHED, TurretStatus, axis_name_bytes};
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
 const AXES: [&str; 4] = ["x1", "y1", "x2", "y2"];
 
 struct Bench {
     engine: Engine,
+    gauges: Arc<WriterGauges>,
+    /// The machine's time: goes on with the samples, whatever the real one does.
+    at: Instant,
     lathe: Lathe,
     names: [&'static str; 4],
     jobs: std::sync::mpsc::Receiver<crate::service::recorder::Job>,
@@ -32,6 +39,7 @@ fn bench() -> Bench {
     let (control, controls) = tokio::sync::mpsc::channel(1);
     let (recorder, jobs) = std::sync::mpsc::sync_channel(4);
     let (drift, feeds) = std::sync::mpsc::sync_channel(4);
+    let gauges = Arc::new(WriterGauges::default());
     let engine = Engine::new(Setup {
         config: Arc::new(ServiceConfig::default()),
         config_hash: String::new(),
@@ -43,13 +51,16 @@ fn bench() -> Bench {
         drift,
         metrics: Arc::new(Metrics::new(&[], 0.0).unwrap()),
         progress: Arc::default(),
+        store: StoreWatch::new(Arc::clone(&gauges)),
     });
     let ends = Box::new((reported, control, feeds));
     let lathe = Lathe::new(LatheSettings::realistic(Scenario::default(), 1));
-    Bench { engine, lathe, names: AXES, jobs, _ends: ends, _folder: folder }
+    let at = clock::now() + Duration::from_secs(3600);
+    Bench { engine, gauges, at, lathe, names: AXES, jobs, _ends: ends, _folder: folder }
 }
 
 impl Bench {
+    /// Batches of a millisecond.
     fn feed(&mut self, seconds: f64, change: impl Fn(&mut ServoPoint)) {
         let batches = (seconds * 9000.0 / 9.0) as usize;
         for _ in 0..batches {
@@ -68,20 +79,36 @@ impl Bench {
                 *point = ServoPoint::from_sample(&sample, (sample.t_s * 1e9) as u64, AXES.len());
                 change(point);
             }
-            self.engine.take_batch(&batch, clock::now());
+            self.at += Duration::from_millis(1);
+            self.engine.take_batch(&batch, self.at);
         }
     }
 
     /// Mode act, turret and interlocks heard, one interval over: what is decided?
     fn decide_in_act(&mut self) {
-        let now = clock::now() + Duration::from_millis(1100);
-        let status =
-            TurretStatus { stream: 1, axis_count: 4, state: TURRET_REACHED, ..TurretStatus::default() };
-        self.engine.take_status(&status, now);
-        self.engine.last_arrival = Some((now, clock::wall_ns()));
         self.engine.mode = Mode::Act;
         self.engine.backlog.clear();
-        self.engine.decide(now);
+        self.look();
+    }
+
+    /// A look at the decision with the turret at equal pitch and every interlock closed.
+    fn look(&mut self) {
+        let status =
+            TurretStatus { stream: 1, axis_count: 4, state: TURRET_REACHED, ..TurretStatus::default() };
+        self.engine.take_status(&status, self.at);
+        self.engine.supervise(self.at);
+        self.engine.decide(self.at);
+    }
+
+    /// Time without samples.
+    fn wait(&mut self, ms: u64) {
+        self.at += Duration::from_millis(ms);
+    }
+
+    /// Numbers of the commands that wait for their record, taken out.
+    fn take_intents(&mut self) -> Vec<u64> {
+        let number = |r: Report| if let Report::Intent { sequence, .. } = r { Some(sequence) } else { None };
+        self.engine.backlog.drain(..).filter_map(number).collect()
     }
 
     fn intents(&self) -> usize {
@@ -165,7 +192,8 @@ fn a_recording_that_waits_is_saved_when_the_samples_cease() {
     let mut bench = bench();
     bench.feed(3.5, |_| {});
     assert!(bench.engine.save.is_some() && bench.jobs.try_recv().is_err(), "it waits for the seconds after");
-    bench.engine.supervise(clock::now() + Duration::from_millis(1500));
+    bench.wait(1500);
+    bench.engine.supervise(bench.at);
     assert!(bench.engine.stream.is_none() && bench.engine.save.is_none());
     let job = bench.jobs.try_recv().expect("what there is was handed over");
     assert!(job.chunks.iter().map(|c| c.samples.len()).sum::<usize>() > 9000);
@@ -184,7 +212,8 @@ fn batches_without_a_usable_sample_are_silence() {
     let before = bench.engine.last_arrival;
     bench.feed(0.1, |point| point.axes.iter_mut().for_each(|a| a.current_ref_a = f64::NAN));
     assert_eq!(bench.engine.last_arrival, before, "what is no number is not fresh");
-    let later = clock::now() + Duration::from_millis(1500);
+    bench.wait(1500);
+    let later = bench.at;
     bench.engine.last_batch = Some(later);
     bench.engine.supervise(later);
     assert_eq!(bench.told(EventKind::SourceLost), 1);
@@ -194,4 +223,147 @@ fn batches_without_a_usable_sample_are_silence() {
         !bench.engine.source_lost && bench.engine.stream.is_some(),
         "good samples go on in the same stream"
     );
+}
+
+fn person() -> Origin {
+    Origin { actor: "p".into(), role: "engineer".into(), reason: "test".into() }
+}
+
+/// In act, whatever comes but no usable sample: nothing is commanded, the silence is told within a second.
+#[test]
+fn samples_that_cannot_be_used_are_no_fresh_samples() {
+    let spoilt: [(&str, fn(&mut ServoPoint)); 5] = [
+        ("no number", |p| p.axes[0].current_ref_a = f64::NAN),
+        ("not measured", |p| p.valid = 0),
+        ("repeated", |p| p.sequence = 5),
+        ("back in time", |p| p.t_ns = 5),
+        ("infinite spindle", |p| p.spindle_speed_rpm = f64::INFINITY),
+    ];
+    for (kind, spoil) in spoilt {
+        let mut bench = bench();
+        bench.feed(3.5, |_| {});
+        bench.engine.mode = Mode::Act;
+        bench.engine.backlog.clear();
+        bench.wait(60);
+        bench.feed(0.01, spoil);
+        bench.look();
+        assert_eq!((bench.intents(), bench.hold()), (0, Some("stale_samples")), "{kind}");
+        bench.feed(1.0, spoil);
+        bench.look();
+        assert_eq!(bench.told(EventKind::SourceLost), 1, "{kind}");
+        assert_eq!((bench.intents(), bench.engine.mode), (0, Mode::Observe), "{kind}");
+        assert!(bench.engine.fault.is_some(), "{kind}: a person must look");
+    }
+}
+
+#[test]
+fn one_spoilt_sample_spoils_the_window() {
+    let mut bench = bench();
+    bench.feed(3.5, |_| {});
+    bench.feed(0.001, |p| p.axes[1].motor_angle_rad = f64::NAN);
+    bench.feed(0.02, |_| {});
+    bench.decide_in_act();
+    assert_eq!((bench.intents(), bench.hold()), (0, Some("window_not_full")));
+    // A second of good ones fills it again.
+    bench.feed(1.01, |_| {});
+    bench.look();
+    assert_eq!((bench.intents(), bench.hold()), (1, None));
+}
+
+/// A turret that does not follow is a fault; once a person has cleared it, `act` starts from the beginning.
+#[test]
+fn a_cleared_fault_does_not_come_back_by_itself() {
+    let mut bench = bench();
+    let ports = Ports::open(&bench.engine.setup.domain).unwrap();
+    bench.feed(3.5, |_| {});
+    bench.engine.acting.as_mut().unwrap().open_port(&ports.who).unwrap();
+    bench.engine.mode = Mode::Act;
+    let second = |bench: &mut Bench| {
+        bench.wait(999);
+        bench.feed(0.002, |_| {});
+        bench.look();
+        // The record is there at once; the turret stays where it is.
+        let intents = bench.take_intents();
+        for sequence in &intents {
+            let facts = bench.engine.facts(bench.at);
+            let outcome = bench.engine.acting.as_mut().unwrap().recorded(*sequence, &facts);
+            assert!(matches!(outcome, Some(super::acting::Outcome::Sent(_))), "{outcome:?}");
+        }
+        intents.len()
+    };
+    let sent: usize = (1..8).map(|_| second(&mut bench)).sum();
+    assert!(sent >= 1);
+    assert_eq!(bench.engine.fault.as_deref(), Some("stopped acting: turret not reached"));
+    assert_eq!(bench.engine.mode, Mode::Observe);
+    let (done, mut answer) = tokio::sync::oneshot::channel();
+    bench.engine.obey(Control::ClearFault { origin: person(), done }, &ports);
+    assert!(answer.try_recv().unwrap().is_ok() && bench.engine.fault.is_none());
+    second(&mut bench);
+    bench.engine.acting.as_mut().unwrap().open_port(&ports.who).unwrap();
+    bench.engine.mode = Mode::Act;
+    let sent: usize = (0..2).map(|_| second(&mut bench)).sum();
+    assert_eq!((sent, bench.engine.fault.as_deref(), bench.engine.mode), (1, None, Mode::Act));
+}
+
+/// Invariant I10: a history that hangs stops new commands at once, ends acting after ten seconds, and is
+/// never taken for a turret that is stuck.
+#[test]
+fn a_history_that_hangs_ends_acting_after_ten_seconds_and_for_that_reason() {
+    let mut bench = bench();
+    let ports = Ports::open(&bench.engine.setup.domain).unwrap();
+    bench.feed(3.5, |_| {});
+    bench.engine.acting.as_mut().unwrap().open_port(&ports.who).unwrap();
+    bench.engine.mode = Mode::Act;
+    bench.gauges.waiting.store(1, Ordering::Relaxed);
+    let mut ended = None;
+    for k in 1..120_u64 {
+        bench.wait(99);
+        bench.feed(0.001, |_| {});
+        bench.look();
+        if bench.engine.mode != Mode::Act && ended.is_none() {
+            ended = Some(100 * k);
+        }
+        assert_eq!(bench.engine.fault, None, "after {} ms", 100 * k);
+    }
+    assert_eq!((bench.engine.mode, ended), (Mode::Advise, Some(10_100)));
+    assert!(bench.engine.mode_reason.contains("history"), "{}", bench.engine.mode_reason);
+    let held = |reason| Metrics::total(&bench.engine.setup.metrics.holds, &[reason]);
+    assert!(held("store_not_writable") >= 8);
+    assert_eq!(bench.intents(), 1, "the one from before it was noticed");
+    assert_eq!(held("store_unavailable"), 1, "it did not go out");
+    let metrics = &bench.engine.setup.metrics;
+    assert_eq!(Metrics::total(&metrics.commands, &["sent"]), 0);
+    // The disk is back: raised again, it commands.
+    bench.gauges.waiting.store(0, Ordering::Relaxed);
+    bench.engine.mode = Mode::Act;
+    bench.engine.backlog.clear();
+    bench.wait(2000);
+    bench.feed(0.001, |_| {});
+    bench.look();
+    assert_eq!((bench.intents(), bench.hold()), (1, None));
+}
+
+/// Who raises the mode, and from what, is judged where the mode is.
+#[test]
+fn only_the_revision_of_now_leads_up() {
+    let mut bench = bench();
+    let ports = Ports::open(&bench.engine.setup.domain).unwrap();
+    bench.feed(0.5, |_| {});
+    bench.look();
+    let mut ask = |bench: &mut Bench, mode, revision| {
+        let (done, mut answer) = tokio::sync::oneshot::channel();
+        bench.engine.obey(Control::SetMode { mode, revision, origin: person(), done }, &ports);
+        answer.try_recv().unwrap()
+    };
+    let seen = bench.engine.mode_revision;
+    let up = ask(&mut bench, Mode::Act, Some(seen)).unwrap();
+    assert_eq!((up.mode, up.revision), (Mode::Act, seen + 1));
+    let (done, mut answer) = tokio::sync::oneshot::channel();
+    bench.engine.obey(Control::Override { origin: person(), done }, &ports);
+    assert_eq!(answer.try_recv().unwrap().unwrap().mode, Mode::Observe);
+    // Pictures still show `act`: for them this is no way up.
+    assert!(matches!(ask(&mut bench, Mode::Act, None), Err(Refusal::WayUp { .. })));
+    assert!(matches!(ask(&mut bench, Mode::Act, Some(up.revision)), Err(Refusal::Revision { .. })));
+    assert_eq!(bench.engine.mode, Mode::Observe);
+    assert_eq!(ask(&mut bench, Mode::Observe, None).unwrap().mode, Mode::Observe, "down is always free");
 }

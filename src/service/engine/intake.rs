@@ -22,6 +22,7 @@ struct AxisCounters {
     gaps: IntCounter,
     not_finite: IntCounter,
     repeated: IntCounter,
+    out_of_order: IntCounter,
 }
 
 /// A stream whose layout is known.
@@ -34,6 +35,8 @@ pub(super) struct Stream {
     pub(super) faults: Faults,
     pub(super) totals: Totals,
     pub(super) newest: Option<ServoPoint>,
+    /// Samples taken since the last one that was refused.
+    usable: u64,
 }
 
 /// Counts since the stream began.
@@ -64,7 +67,10 @@ impl Faults {
         let (kind, text) = if self.lost > 0 {
             (EventKind::DataGap, format!("{} samples lost in {} gaps", self.lost, self.gaps))
         } else {
-            (EventKind::DataRejected, format!("{} samples refused: repeated or no numbers", self.rejected))
+            (
+                EventKind::DataRejected,
+                format!("{} samples refused: repeated, out of order or no numbers", self.rejected),
+            )
         };
         let event = Event { t_s: Some(self.t_s), ..Event::new(kind, clock::wall_ns(), text) };
         *self = Self { told: Some(now), ..Self::default() };
@@ -90,6 +96,7 @@ impl Stream {
             gaps: metrics.sample_gaps.with_label_values(&[axis]),
             not_finite: metrics.samples_rejected.with_label_values(&[axis.as_str(), "not_finite"]),
             repeated: metrics.samples_rejected.with_label_values(&[axis.as_str(), "duplicate"]),
+            out_of_order: metrics.samples_rejected.with_label_values(&[axis.as_str(), "out_of_order"]),
         });
         let counters = counters.collect();
         Ok(Self {
@@ -101,6 +108,7 @@ impl Stream {
             faults: Faults::default(),
             totals: Totals::default(),
             newest: None,
+            usable: 0,
         })
     }
 
@@ -112,6 +120,12 @@ impl Stream {
 
     /// One sample. Nothing when it could not even be read.
     pub(super) fn step(&mut self, point: &ServoPoint, black_box: &mut BlackBox) -> Option<StepOutput> {
+        // Newer by its number and older by its time.
+        if self.newest.is_some_and(|n| point.sequence > n.sequence && point.t_ns < n.t_ns) {
+            self.count_refused(point.t_ns as f64 * 1e-9);
+            self.counters.iter().for_each(|c| c.out_of_order.inc());
+            return None;
+        }
         let sample = match point.to_sample(self.names.len()) {
             Ok(sample) => sample,
             Err(error) => {
@@ -123,9 +137,7 @@ impl Stream {
         let output = self.pipeline.step(&sample);
         match output.fault {
             Some(StreamFault::Repeated) => {
-                self.totals.rejected += 1;
-                self.faults.rejected += 1;
-                self.faults.t_s = output.t_s;
+                self.count_refused(output.t_s);
                 self.counters.iter().for_each(|c| c.repeated.inc());
                 return None;
             }
@@ -146,16 +158,28 @@ impl Stream {
             None => {}
         }
         self.totals.samples += 1;
+        self.usable += 1;
         self.newest = Some(*point);
         self.counters.iter().for_each(|c| c.samples.inc());
         black_box.push(&sample, (&output, self.names.len()));
         Some(output)
     }
 
-    fn refuse(&mut self, error: SampleError, point: &ServoPoint) {
+    /// What is refused is missing from the detector's window, whatever the reason.
+    fn count_refused(&mut self, t_s: f64) {
+        self.usable = 0;
         self.totals.rejected += 1;
         self.faults.rejected += 1;
-        self.faults.t_s = point.t_ns as f64 * 1e-9;
+        self.faults.t_s = t_s;
+    }
+
+    /// Samples in a row without one lost or refused.
+    pub(super) fn usable_run(&self) -> u64 {
+        self.usable.min(self.pipeline.clean_samples())
+    }
+
+    fn refuse(&mut self, error: SampleError, point: &ServoPoint) {
+        self.count_refused(point.t_ns as f64 * 1e-9);
         match error {
             SampleError::AxisNotFinite { axis } => {
                 if let Some(counter) = self.counters.get(axis) {

@@ -14,12 +14,13 @@ mod turret;
 
 use super::black_box::BlackBox;
 use super::clock;
-use super::control::{Control, Origin, Refusal};
+use super::control::{Control, ModeNow, Origin, Refusal};
 use super::drift::Feed;
 use super::hub::{Report, View};
 use super::ledger::Ledger;
 use super::live::Mode;
 use super::recorder::Job;
+use super::store_watch::StoreWatch;
 use crate::config::service::ServiceConfig;
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::wire::{ServoBatch, TurretStatus};
@@ -42,6 +43,8 @@ const CALM_WAKE: Duration = Duration::from_millis(4);
 const PICTURE: Duration = Duration::from_millis(50);
 /// Without samples for this long the source counts as lost.
 const SILENCE: Duration = Duration::from_millis(1000);
+/// Invariant I10: `act` falls back once the history could not be written for this long.
+const STORE_PATIENCE: Duration = Duration::from_secs(10);
 /// A status that is older says nothing about interlocks.
 const STATUS_DEADLINE: Duration = Duration::from_millis(500);
 /// How long the command port stays after the last word of a service that stops.
@@ -63,6 +66,8 @@ pub(super) struct Setup {
     pub(super) metrics: Arc<Metrics>,
     /// Counts wakes: the watchdog is fed from it.
     pub(super) progress: Arc<AtomicU64>,
+    /// Whether intents can be recorded.
+    pub(super) store: StoreWatch,
 }
 
 struct Ports {
@@ -91,8 +96,9 @@ pub(super) struct Engine {
     source_lost: bool,
     /// When samples came that the pipeline could use, on both clocks.
     last_arrival: Option<(Instant, i64)>,
-    /// When anything came.
+    /// When anything came, and when the present stream began.
     last_batch: Option<Instant>,
+    stream_begun: Option<Instant>,
     status: Option<(TurretStatus, Instant)>,
     interlocks_open: u32,
     mode: Mode,
@@ -151,6 +157,7 @@ impl Engine {
             source_lost: false,
             last_arrival: None,
             last_batch: None,
+            stream_begun: None,
             status: None,
             interlocks_open: u32::MAX,
             mode: Mode::Observe,
@@ -240,12 +247,16 @@ impl Engine {
 
     fn take_batch(&mut self, batch: &ServoBatch, now: Instant) {
         if !self.stream.as_ref().is_some_and(|s| s.carries(batch)) {
-            self.begin_stream(batch);
+            self.begin_stream(batch, now);
         }
         let Some(mut stream) = self.stream.take() else { return };
         self.last_batch = Some(now);
         let mut taken = false;
+        let now_s = self.seconds(now);
         for point in batch.used_points() {
+            if let Some(acting) = &mut self.acting {
+                acting.sample_seen(now_s, point, stream.axes().len());
+            }
             if let Some(output) = stream.step(point, &mut self.black_box) {
                 taken = true;
                 self.picture.add(&output, stream.axes().len());
@@ -275,7 +286,7 @@ impl Engine {
     }
 
     /// A producer that is new, came back, or changed its axes or rate: everything starts anew.
-    fn begin_stream(&mut self, batch: &ServoBatch) {
+    fn begin_stream(&mut self, batch: &ServoBatch, now: Instant) {
         self.write_recording(); // what waits is of the samples that go now
         self.black_box.clear();
         self.ledger.clear();
@@ -291,8 +302,11 @@ impl Engine {
                     Some(why) => format!("samples come: {}; no pitch control: {why}", stream.describe()),
                 };
                 self.report(Event::new(EventKind::SourceFound, clock::wall_ns(), text));
+                if let Some(acting) = &mut self.acting {
+                    acting.stream_begins(stream.sample_rate().hz());
+                }
                 self.stream = Some(stream);
-                self.source_lost = false;
+                (self.source_lost, self.stream_begun) = (false, Some(now));
             }
             Err(message) => {
                 let known = self.picture.refused_stream.replace(batch.stream) == Some(batch.stream);
@@ -323,7 +337,9 @@ impl Engine {
 
     fn supervise(&mut self, now: Instant) {
         let long_ago = |at: Instant| now.duration_since(at) > SILENCE;
-        let silent = self.last_arrival.is_some_and(|(at, _)| long_ago(at));
+        // A stream that never brought a usable sample is silent a second after it began.
+        let heard = self.last_arrival.map(|(at, _)| at).max(self.stream_begun);
+        let silent = heard.is_some_and(long_ago);
         let gone = self.last_batch.is_some_and(long_ago);
         if silent && !self.source_lost {
             self.source_lost = true;
@@ -338,6 +354,9 @@ impl Engine {
             self.write_recording();
             self.stream = None;
             self.picture.forget();
+        }
+        if self.mode == Mode::Act && self.setup.store.lag(now) >= STORE_PATIENCE {
+            self.change_mode(Mode::Advise, "the history could not be written for 10 s");
         }
         self.watch_interlocks(now);
         if let Some(event) = self.stream.as_mut().and_then(|s| s.faults.event_due(now)) {
@@ -360,27 +379,22 @@ impl Engine {
             }
             Control::Override { origin, done } => {
                 self.take_back(&origin);
-                let _ = done.send(Ok(self.mode_revision));
+                let _ = done.send(Ok(self.mode_now()));
             }
             Control::ClearFault { origin, done } => {
-                self.acknowledge = true;
+                self.acknowledge = self.acting.is_some();
                 if let Some(fault) = self.fault.take() {
                     self.mode_revision += 1;
                     let text = format!("{} cleared: {fault} ({})", origin.actor, origin.reason);
                     self.report(Event::new(EventKind::FaultCleared, clock::wall_ns(), text));
                 }
-                let _ = done.send(Ok(self.mode_revision));
+                let _ = done.send(Ok(self.mode_now()));
             }
             Control::SaveRecording { word, reason, done } => {
                 let id = self.save_around(word, &reason);
                 let _ = done.send(Ok(id));
             }
             Control::Committed { sequence } => self.intent_recorded(sequence),
-            Control::StoreFailing(failing) => {
-                if failing && self.mode == Mode::Act {
-                    self.change_mode(Mode::Advise, "the history could not be written for 10 s");
-                }
-            }
             Control::Stop => {
                 self.stopping = true;
             }
@@ -392,7 +406,7 @@ impl Engine {
         mode: Mode,
         revision: Option<u64>,
         (origin, ports): (&Origin, &Ports),
-    ) -> Result<u64, Refusal> {
+    ) -> Result<ModeNow, Refusal> {
         if let Some(asked) = revision
             && asked != self.mode_revision
         {
@@ -423,7 +437,11 @@ impl Engine {
         if mode != self.mode {
             self.change_mode(mode, &format!("{}: {}", origin.actor, origin.reason));
         }
-        Ok(self.mode_revision)
+        Ok(self.mode_now())
+    }
+
+    fn mode_now(&self) -> ModeNow {
+        ModeNow { mode: self.mode, revision: self.mode_revision, reason: self.mode_reason.clone() }
     }
 
     fn change_mode(&mut self, mode: Mode, reason: &str) {

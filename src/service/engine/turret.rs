@@ -113,7 +113,8 @@ impl Engine {
         self.status.filter(|(_, at)| now.duration_since(*at) <= STATUS_DEADLINE).map(|(s, _)| s)
     }
 
-    fn situation(&self, now: Instant) -> Situation {
+    fn situation(&mut self, now: Instant) -> Situation {
+        let store_writable = self.setup.store.writable(now);
         let (mut heard, mut speed) = (None, None);
         let (mut window_full, mut estimate_valid) = (false, false);
         if let Some(stream) = &self.stream {
@@ -126,7 +127,7 @@ impl Engine {
             });
             speed = stream.newest.as_ref().map(|p| p.spindle_speed_rpm);
             estimate_valid = stream.pipeline().axis_may_act(chatter.leading_axis);
-            window_full = stream.pipeline().clean_samples() as f64 >= stream.sample_rate().hz();
+            window_full = stream.usable_run() as f64 >= stream.sample_rate().hz();
         }
         let silent = Heard { phase: Phase::Learning, frequency_hz: None, power_n2: 0.0, growth_1_s: None };
         let report = self.status.map(|(status, at)| TurretReport {
@@ -151,7 +152,8 @@ impl Engine {
             mode: self.decided_mode(),
             operator_hold: false,
             operator_acknowledge: self.acknowledge,
-            store_writable: true,
+            store_writable,
+            withheld: self.acting.as_ref().and_then(|a| a.withheld),
         }
     }
 
@@ -161,7 +163,7 @@ impl Engine {
         if self.no_pitch.is_some() { ActMode::Observe } else { act_mode(self.mode) }
     }
 
-    fn facts(&self, now: Instant) -> Facts {
+    pub(super) fn facts(&self, now: Instant) -> Facts {
         let closed = self.status.filter(|(s, _)| s.interlocks_open == 0).map(|(_, at)| self.seconds(at));
         Facts {
             now_s: self.seconds(now),
@@ -185,7 +187,7 @@ impl Engine {
         }
         let overdue = acting.overdue(situation.now_s);
         let (decision, verdict) = acting.decide(&situation, (t_s, &mut self.ledger));
-        self.acknowledge &= decision == Decision::NotDue;
+        self.acknowledge &= acting.too_soon(&situation); // unless that was no look at all
         if let Some(outcome) = overdue {
             self.settle(outcome);
         }
@@ -287,7 +289,7 @@ impl Engine {
                 };
                 self.setup.metrics.commands.with_label_values(&[word]).inc();
             }
-            Outcome::Held(reason) => self.setup.metrics.holds.with_label_values(&[reason]).inc(),
+            Outcome::Held(_, reason) => self.setup.metrics.holds.with_label_values(&[reason]).inc(),
         }
     }
 

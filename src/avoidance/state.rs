@@ -1,0 +1,118 @@
+//! What the decision remembers from one look to the next.
+
+use super::choice::{GrowthMeter, TrackedLines};
+use super::{HoldReason, Mode};
+use crate::keyframe::keep;
+use crate::sample::MAX_AXES;
+
+/// Pitches tried before a person is asked.
+pub(super) const ATTEMPTS: u32 = 2;
+/// Reversals of direction a minute (invariant I12).
+pub(super) const REVERSALS: usize = 6;
+
+/// What the decision remembers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AvoidanceState {
+    pub(super) epoch: u64,
+    pub(super) sequence: u64,
+    pub(super) next_due_s: f64,
+    pub(super) latest_now_s: f64,
+    pub(super) clock_stepped: bool,
+    pub(super) lines: TrackedLines,
+    pub(super) growth: GrowthMeter,
+    pub(super) in_chatter: bool,
+    pub(super) last_command_s: f64,
+    pub(super) advised_speed_rpm: Option<f64>,
+    /// What the turret was last told.
+    pub(super) target: Option<Target>,
+    /// What it was told before: stands again when the last command did not go out.
+    pub(super) before: Option<Target>,
+    pub(super) trial: Option<Trial>,
+    pub(super) latched: Option<Latched>,
+    pub(super) off_target: u32,
+    pub(super) refusals: u32,
+    pub(super) refused_until_s: f64,
+    pub(super) reversals_s: [f64; REVERSALS],
+    pub(super) last_step_rad: f64,
+    pub(super) fruitless: u32,
+    pub(super) mode: Mode,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Target {
+    pub(super) sequence: u64,
+    pub(super) pitch_rad: f64,
+    pub(super) requested_rad: f64,
+    pub(super) offsets_m: [f64; MAX_AXES],
+    pub(super) issued_s: f64,
+}
+
+/// A pitch under trial.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Trial {
+    pub(super) attempt: u32,
+    pub(super) intervals: u32,
+    pub(super) power_before_n2: f64,
+    /// Pitches that did not help.
+    pub(super) fruitless_rad: [Option<f64>; ATTEMPTS as usize],
+}
+
+/// A state that a person must clear.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Latched {
+    pub(super) reason: HoldReason,
+    /// The return to equal pitch was commanded.
+    pub(super) returned: bool,
+}
+
+impl Default for Latched {
+    fn default() -> Self {
+        Self { reason: HoldReason::HandedOver, returned: false }
+    }
+}
+
+keep!(Target { sequence, pitch_rad, requested_rad, offsets_m, issued_s });
+keep!(Trial { attempt, intervals, power_before_n2, fruitless_rad });
+keep!(Latched { reason, returned });
+keep!(AvoidanceState {
+    epoch,
+    sequence,
+    next_due_s,
+    latest_now_s,
+    clock_stepped,
+    lines,
+    growth,
+    in_chatter,
+    last_command_s,
+    advised_speed_rpm,
+    target,
+    before,
+    trial,
+    latched,
+    off_target,
+    refusals,
+    refused_until_s,
+    reversals_s,
+    last_step_rad,
+    fruitless,
+    mode
+});
+
+impl AvoidanceState {
+    /// A command that did not go out changes nothing: the turret is still told what it was told before, and
+    /// no pitch is judged that was never asked for.
+    pub(super) fn withhold(&mut self, number: Option<u64>) {
+        let Some(target) = self.target.filter(|t| Some(t.sequence) == number) else { return };
+        self.target = self.before.take();
+        self.off_target = 0;
+        if self.target.is_some_and(|t| t.requested_rad == target.requested_rad) {
+            return; // a renewal: its pitch is under trial already
+        }
+        self.trial = self.trial.filter(|t| t.attempt > 0).map(|t| Trial { intervals: 0, ..t });
+    }
+
+    /// A person has looked: everything latched is open again. What still is so latches again.
+    pub(super) fn acknowledge(&mut self) {
+        (self.latched, self.fruitless, self.off_target) = (None, 0, 0);
+    }
+}
