@@ -9,7 +9,7 @@ use crate::plant::effects::{EffectKind as E, ParameterValue, PhysicsTerm, Port};
 use std::f64::consts::TAU;
 
 /// A stated torque constant is good to about one per cent, and every force is measured by it.
-pub(crate) const SCALE_DEVIATION: f64 = 0.008;
+pub(crate) const SCALE_DEVIATION: f64 = 0.01;
 /// Curvature intervals are widened: neighbouring samples of a residual are not quite independent.
 const DEVIATION_FACTOR: f64 = 3.0;
 /// Where inside a sample the drive takes up a reference is stated nowhere: part of a sample, as a deviation.
