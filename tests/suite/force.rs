@@ -436,7 +436,8 @@ fn three_positions_return_the_force_in_every_mode() {
     let at = |p: Complex64, i: f64| (p * Complex64::from_polar(1.0, w * i / RATE_HZ)).im;
     let samples: Vec<MotionSample> = (0..4000)
         .map(|i| MotionSample {
-            thrust_ref_n: at(thrust, f64::from(i)),
+            // Held over its sample, a reference acts half a sample late.
+            thrust_ref_n: at(thrust, f64::from(i) + 0.5),
             motor_travel_m: Some(at(motor, f64::from(i))),
             nut_position_m: Some(at(nut, f64::from(i))),
             stage_position_m: Some(at(stage, f64::from(i))),
