@@ -2,8 +2,8 @@
 
 use std::process::{Command, Stdio};
 
-/// By how much, in the system's steps of priority: about a tenth of the share under contention.
-const STEPS: &str = "10";
+/// By how much, in the system's steps of priority: about a third of the share under contention.
+const STEPS: &str = "5";
 
 /// Lowers the priority of the calling thread and of those that it starts (Linux: priority belongs to threads).
 /// Allowed to everybody; where it fails all the same, the thread keeps the priority it has. The system's own
@@ -25,7 +25,7 @@ fn stepped_back() -> bool {
     let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap_or_default();
     // Fields after the name, which may hold spaces: the 17th of them is the priority step.
     let nice = stat.rsplit(") ").next().and_then(|rest| rest.split(' ').nth(16)?.parse::<i32>().ok());
-    nice.is_some_and(|n| n >= 10)
+    nice.is_some_and(|n| n >= 5)
 }
 
 #[cfg(test)]
