@@ -69,6 +69,11 @@ impl Baseline {
         }
     }
 
+    /// Whether anything is known: before, no power stands out.
+    pub(super) fn is_known(&self) -> bool {
+        self.looks >= 1.0
+    }
+
     /// Trusts what is known no more than so many looks: the cut changed.
     pub(super) fn doubt(&mut self, looks: f64) {
         self.looks = self.looks.min(looks);
@@ -78,7 +83,7 @@ impl Baseline {
     ///
     /// n (e^{T/n} - 1): the ratio of one exponential to the mean of n others; T for n without end.
     pub(super) fn threshold(&self, nepers: f64) -> f64 {
-        if self.looks < 1.0 { f64::INFINITY } else { self.looks * (nepers / self.looks).exp_m1() }
+        if !self.is_known() { f64::INFINITY } else { self.looks * (nepers / self.looks).exp_m1() }
     }
 
     /// Learned power at a filter.

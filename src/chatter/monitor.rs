@@ -372,7 +372,10 @@ impl ChatterMonitor {
             let (strongest, growth_1_s) = (power(line), bank.growth_1_s(bank_state, line));
             let leak = |k: usize| strongest * bank.leak(line, growth_1_s, k);
             let standout = state.baselines[i].standout(among, power, leak);
-            state.bank_common[i] = standout.common;
+            // A window that knows no noise yet says nothing, neither of a line nor of the level.
+            let known = state.baselines[i].is_known();
+            let standout = if known { standout } else { Standout { contrast: 0.0, ..standout } };
+            state.bank_common[i] = if known { standout.common } else { f64::INFINITY };
             evidence.banks[i] = self.bank_evidence(state, i, standout);
         }
         state.bank_evidence = evidence.banks;
@@ -399,7 +402,12 @@ impl ChatterMonitor {
             Phase::Suspected | Phase::Chatter => false,
         };
         if orders_known && learns {
-            self.learn(state, period_s);
+            self.learn_variance(state, period_s);
+        }
+        // A window that knows nothing yet cannot tell what to suspect: it learns all the same.
+        let first = state.detector.phase() != Phase::Chatter;
+        if orders_known && first {
+            self.learn(state, period_s, learns);
         }
         self.report(state, &evidence);
     }
@@ -479,18 +487,24 @@ impl ChatterMonitor {
         }
     }
 
-    fn learn(&self, state: &mut ChatterState, period_s: f64) {
-        state.heard_s += period_s;
+    fn learn_variance(&self, state: &mut ChatterState, period_s: f64) {
         let usual = &mut state.usual_variance_n2;
         let counted = if *usual > 0.0 { state.variance_n2.min(4.0 * *usual) } else { state.variance_n2 };
-        *usual += (counted - *usual) * (period_s / state.heard_s.min(NOISE_MEMORY_S));
+        *usual += (counted - *usual) * (period_s / (state.heard_s + period_s).min(NOISE_MEMORY_S));
+    }
+
+    /// Of every window, or of those alone that know nothing yet.
+    fn learn(&self, state: &mut ChatterState, period_s: f64, every: bool) {
+        if every || state.baselines.iter().any(|b| !b.is_known()) {
+            state.heard_s += period_s;
+        }
         // The lobes of the noise move with the speed: what is older than their move of 3 Hz is no guide.
         let relative_1_s = self.relative_speed_change_1_s(state);
         let most = if self.now_s(state) < state.relearn_until_s { LEARNING_MOST } else { USUAL_MOST };
         let memory_s = (3.0 / (self.mix.centre_hz() * relative_1_s).max(1e-9)).clamp(1.5, NOISE_MEMORY_S);
         let parts = self.banks.iter().zip(&state.banks).zip(&mut state.baselines).zip(STRIDES);
         for (((bank, bank_state), baseline), stride) in parts {
-            if !state.decisions.is_multiple_of(stride) {
+            if !state.decisions.is_multiple_of(stride) || !(every || !baseline.is_known()) {
                 continue;
             }
             let period_s = period_s * stride as f64;
