@@ -67,9 +67,6 @@ impl Slider {
     }
 }
 
-/// Shortest distance over which friction is taken to turn over, m: asperities of ground surfaces.
-const FINEST_YIELD_M: f64 = 1.0e-6;
-
 /// Scales of the motion that a law refers to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Scales {
@@ -239,10 +236,6 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     let yields = geometric(smallest, 0.15 * scales.stroke_m, 12);
     let mut list = vec![Law::Constant, Law::Friction(Slider::STEP)];
     list.extend(yields.iter().map(|&y| Law::Friction(Slider { yield_m: y, gap_m: 0.0 })));
-    // Guideways slide after micrometres, however long the stroke is.
-    let finest = (3.0 * scales.resolution_m).max(FINEST_YIELD_M);
-    let fine = geometric(finest, smallest, 8).into_iter().filter(|y| *y < 0.9 * smallest);
-    list.extend(fine.map(|y| Law::Friction(Slider { yield_m: y, gap_m: 0.0 })));
     if locked {
         let stroke = scales.stroke_m;
         list.extend(gaps(stroke, centre_m));
