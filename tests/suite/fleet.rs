@@ -133,7 +133,7 @@ fn events_reach_the_broker_in_order_and_once_however_often_it_goes() {
         until("they wait", 30, || waiting(&running) >= count as i64);
         server.start().unwrap();
         let began = Instant::now();
-        until("they are sent later", 120, || waiting(&running) == 0);
+        until("they are sent later", 600, || waiting(&running) == 0);
         println!("{count} events that waited are with the broker {:?} after its return", began.elapsed());
     }
     // The service goes with events unsent and comes back; what was confirmed is forgotten on purpose.
