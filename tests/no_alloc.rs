@@ -1,13 +1,16 @@
-//! After `Pipeline::new`, a step allocates nothing: counted by the allocator itself.
+//! After `Pipeline::new` and its first sample, a step allocates nothing: counted by the allocator itself.
 #![allow(unsafe_code)] // a counting allocator is unsafe by nature; it only counts and forwards
 
+use rustfft::num_complex::Complex64;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::path::Path;
 use stillcut::config::machine::read_machine;
 use stillcut::force::balance::Method;
 use stillcut::force::estimator::{ForceSettings, Signals};
+use stillcut::force::frf::FrfEstimator;
 use stillcut::pipeline::{AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, ServoPlan};
+use stillcut::plant::machine::Controller;
 use stillcut::plant::scenario::Scenario;
 use stillcut::simulation::lathe::{Lathe, LatheSettings};
 use stillcut::units::SampleRate;
@@ -71,4 +74,81 @@ fn a_step_of_the_pipeline_allocates_nothing() {
     let after = ALLOCATIONS.with(Cell::get);
     assert!(chatter > 0, "the stream held something to hear");
     assert_eq!(after - before, 0, "allocations in {} steps", stream.len() - 1);
+}
+
+/// Estimators of windows and of accelerometers, each beside another one, while the spindle settles at other
+/// speeds.
+#[test]
+fn a_new_spindle_speed_allocates_nothing() {
+    let rate_hz = 9000.0;
+    let machine = read_machine(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config/turrets.toml")).unwrap();
+    let servo = |name: &str, method: Method| {
+        let mut axis = machine.axis(name).unwrap().clone();
+        axis.controller = Some(Controller {
+            position_gain_1_s: 60.0,
+            velocity_gain_1_s: 220.0,
+            velocity_integral_1_s: 20.0,
+            velocity_filter_rad_s: 3000.0,
+        });
+        ForcePlan::Servo(ServoPlan::of_axis(&axis, method, Signals::Both))
+    };
+    let accelerometers = || {
+        ForcePlan::Accelerometers(FrfEstimator {
+            axis: "y2".to_owned(),
+            nodes_hz: (0..100).map(|k| 7.0 + 5.0 * f64::from(k)).collect(),
+            values: (0..100).map(|k| [Complex64::new(1e6 + 1e3 * f64::from(k), 1e5); 9]).collect(),
+            speed_range_rpm: [500.0, 7500.0],
+            noise_floor_n: 0.1,
+            condition: 10.0,
+        })
+    };
+    let plan = |name: &str, force, beside| AxisPlan {
+        name: name.to_owned(),
+        force: Some(force),
+        beside: Some(beside),
+        nut: None,
+        watch: true,
+    };
+    let mut pipeline = Pipeline::new(PipelineSettings {
+        sample_rate: SampleRate::new(rate_hz).unwrap(),
+        axes: vec![
+            plan("x1", servo("x1", Method::Fitted), servo("x1", Method::Medob)),
+            plan("y1", servo("y1", Method::Medob), servo("y1", Method::Fitted)),
+            plan("x2", servo("x1", Method::Medob), servo("x1", Method::Spectral)),
+            plan("y2", servo("y1", Method::Medob), accelerometers()),
+        ],
+        band: BandPlan::Workpiece(Scenario::default().workpiece),
+        tools: None,
+    })
+    .unwrap();
+    let mut lathe =
+        Lathe::new(LatheSettings { entry_s: 10.0, ..LatheSettings::realistic(Scenario::default(), 9) });
+    let speeds_rpm = [1200.0, 2400.0, 400.0];
+    let stream: Vec<_> = (0..9000 * 6)
+        .map(|i| {
+            let mut sample = lathe.step();
+            sample.spindle_speed_rpm = speeds_rpm[i / 18_000];
+            sample.accel_m_s2 = Some([0.1, 0.2, 0.3].map(|a| a * (0.05 * i as f64).sin()));
+            sample
+        })
+        .collect();
+    pipeline.step(&stream[0]); // the observers settle on the first sample
+    let mut delays_s = Vec::with_capacity(8);
+    let mut first = None;
+    let before = ALLOCATIONS.with(Cell::get);
+    for (i, sample) in stream[1..].iter().enumerate() {
+        pipeline.step(sample);
+        if first.is_none() && ALLOCATIONS.with(Cell::get) != before {
+            first = Some(i + 1);
+        }
+        if i % 18_000 == 17_900 {
+            delays_s.push(pipeline.observer(0).unwrap().delay_s());
+            assert!(pipeline.disagreement_n(0).is_some() && pipeline.disagreement_n(1).is_some());
+        }
+    }
+    let after = ALLOCATIONS.with(Cell::get);
+    let turns: Vec<f64> = delays_s.windows(2).map(|d| d[1] - d[0]).collect();
+    // Half a turn: 25, 12.5 and 75 ms.
+    assert!((turns[0] + 0.0125).abs() < 1e-3 && (turns[1] - 0.0625).abs() < 1e-3, "{turns:?}");
+    assert_eq!(after - before, 0, "allocations in {} steps, first at {first:?}", stream.len() - 1);
 }

@@ -90,7 +90,9 @@ const CORE: &[&str] = &[
     "identify",
     "diagnosis",
 ];
-const BANNED: &[&str] = &["todo!(", "unimplemented!(", "FIXME", "XXX", "#[ignore"];
+/// Words of work left undone, in two halves so that a plain search for them does not end here.
+const BANNED: [[&str; 2]; 5] =
+    [["to", "do!("], ["unimpl", "emented!("], ["FIX", "ME"], ["XX", "X"], ["#[ig", "nore"]];
 const LONGEST_FILE: usize = 600;
 const LONGEST_LINE: usize = 110;
 /// Markup and style sheets inside of string literals, one element a line.
@@ -184,7 +186,7 @@ fn the_core_knows_nothing_of_the_shell() {
 }
 
 #[test]
-fn files_and_lines_stay_readable_and_nothing_is_left_undone() {
+fn files_and_lines_stay_readable() {
     let mut complaints = Vec::new();
     for (path, _, text) in files() {
         let lines = without_tests(&text).lines().count();
@@ -197,11 +199,24 @@ fn files_and_lines_stay_readable_and_nothing_is_left_undone() {
             if length > longest && !line.contains("http") {
                 complaints.push(format!("{}:{}: {length} characters", path.display(), number + 1));
             }
-            for word in BANNED {
-                if line.contains(word) {
-                    complaints.push(format!("{}:{}: {word}", path.display(), number + 1));
-                }
-            }
+        }
+    }
+    assert!(complaints.is_empty(), "{complaints:#?}");
+}
+
+#[test]
+fn nothing_is_left_undone_or_switched_off() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut complaints = Vec::new();
+    for folder in ["src", "tests", "benches", "examples", "fuzz/src", "fuzz/fuzz_targets"] {
+        let mut paths = Vec::new();
+        sources(&root.join(folder), &mut paths);
+        assert!(!paths.is_empty(), "{folder} has sources");
+        for path in paths {
+            let text = fs::read_to_string(&path).unwrap();
+            let found =
+                BANNED.map(|halves| halves.concat()).into_iter().filter(|word| text.contains(word.as_str()));
+            complaints.extend(found.map(|word| format!("{}: {word}", path.display())));
         }
     }
     assert!(complaints.is_empty(), "{complaints:#?}");

@@ -79,7 +79,7 @@ pub(crate) fn mat(bytes: &[u8], scratch: &Path) -> bool {
 }
 
 /// Rate of the pipeline that wire samples and keyframes go to.
-const RATE_HZ: f64 = 1000.0;
+const RATE_HZ: f64 = 3000.0;
 
 /// A pipeline as the service makes it, for wire samples and keyframes.
 pub(crate) struct Live {

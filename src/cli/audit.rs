@@ -39,6 +39,10 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         }
         (None, None) => ServiceConfig::default().history.folder.join(FILE_NAME),
     };
+    if !path.is_file() {
+        let what = "no history there; expected the history.folder of a service that has run";
+        return Err(bad_input(format!("{}: {what}", path.display())));
+    }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let report = runtime.block_on(verify_audit_file(&path, head.as_deref())).map_err(bad_input)?;
     match report {

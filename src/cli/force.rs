@@ -5,12 +5,13 @@ use crate::config::accelerometers::read_estimators;
 use crate::config::force::FRF;
 use crate::config::machine::read_machine;
 use crate::force::balance::Method;
-use crate::force::estimator::{AxisSignals, ForceEstimate, ForceEstimator, LowPass, MotionSample, NotchPlan};
+use crate::force::estimator::{AxisSignals, ForceEstimate, LowPass, MotionSample, NotchPlan};
 use crate::force::frf::{AccelSample, FrfEstimator};
 use crate::force::frf_stream::force_of_recording;
 use crate::force::harmonic::Reading;
+use crate::force::idle_map::IdleMap;
 use crate::force::observer::{ForcePlan, Observer, ServoPlan};
-use crate::force::offline::{idle_map, standing_zero_n, stiffness_of_runs, with_axial_stiffness};
+use crate::force::offline::{standing_zero_n, stiffness_of_runs, with_axial_stiffness};
 use crate::force::physics::physics_of;
 use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
 use crate::force::stiffness::StiffnessCheck;
@@ -196,7 +197,9 @@ impl Inputs {
         let known = self.machine.iter().flat_map(|m| &m.axes).map(|a| a.name.clone());
         let (driven, others): (Vec<String>, Vec<String>) = known.partition(|a| has_drive(&self.recording, a));
         if driven.is_empty() {
-            return Err(self.in_file(format!("no drive signal of the model's axes {}", others.join(", "))));
+            let columns = "<axis>_current_ref_a, <axis>_torque_ref_nm or <axis>_thrust_ref_n";
+            let what = format!("no column {columns} for the model's axes {}", others.join(", "));
+            return Err(self.in_file(what));
         }
         Ok(driven)
     }
@@ -221,9 +224,16 @@ impl Inputs {
         }
         let plan = self.plan(method, (axis, &motion), &mut note)?;
         let rate = self.recording.sample_rate;
-        let mut observer = Observer::new(&ForcePlan::Servo(plan), rate).map_err(bad_input)?;
-        let estimates: Vec<ForceEstimate> = motion.samples.iter().map(|s| observer.step(s)).collect();
+        let mut observer = Observer::new(&ForcePlan::Servo(plan), rate).map_err(|e| self.of_axis(name, e))?;
+        let mut estimates = Vec::with_capacity(motion.samples.len());
+        let mut lags = Vec::with_capacity(motion.samples.len());
+        for sample in &motion.samples {
+            estimates.push(observer.step(sample));
+            lags.push((observer.delay_s() * rate.hz()).round() as usize);
+        }
         let mut force_n: Vec<f64> = estimates.iter().map(|e| e.force_n).collect();
+        let lag = if self.arguments.live { 0 } else { wait_for_latest(&mut force_n, &lags) };
+        let delay_s = observer.delay_s().max(lag as f64 * rate.period_s());
         let settled = observer.settling_samples().min(force_n.len());
         let friction_n = observer.friction_bound_n().unwrap_or(0.0);
         if !self.arguments.live && !matches!(method, Method::Spectral | Method::Thrust) {
@@ -239,7 +249,12 @@ impl Inputs {
         if method == Method::Spectral {
             say_what_is_hidden(name, &estimates, &mut force_n, friction_n)?;
         }
-        Ok(AxisForce { name: name.to_owned(), force_n, delay_s: observer.delay_s(), settled, notes })
+        Ok(AxisForce { name: name.to_owned(), force_n, delay_s, settled, notes })
+    }
+
+    /// An estimator that cannot be made of what the file holds.
+    fn of_axis(&self, name: &str, error: impl std::fmt::Display) -> anyhow::Error {
+        self.in_file(format!("axis {name}: {error}"))
     }
 
     /// What the options say of one axis; without `--live` also what the whole recording and the idle runs
@@ -253,8 +268,13 @@ impl Inputs {
         let (arguments, rate) = (&self.arguments, self.recording.sample_rate);
         let mut idle_runs = Vec::new();
         for (idle, path) in self.idles.iter().zip(&arguments.idle) {
-            let run = motion_of_recording(idle, &axis.name, &axis.drive)
-                .map_err(|e| bad_input(format!("{}: {e}", path.display())))?;
+            let in_file = |e: String| bad_input(format!("{}: {e}", path.display()));
+            if (idle.sample_rate.hz() / rate.hz() - 1.0).abs() > 1e-6 {
+                let (is, expected) = (idle.sample_rate.hz(), rate.hz());
+                return Err(in_file(format!("sampled at {is} Hz, expected {expected} Hz as the recording")));
+            }
+            let run =
+                motion_of_recording(idle, &axis.name, &axis.drive).map_err(|e| in_file(e.to_string()))?;
             idle_runs.push(run.samples);
         }
         let mut plan = ServoPlan::of_axis(axis, method, motion.signals);
@@ -267,6 +287,12 @@ impl Inputs {
                 note("stiffness_over_model", format!("{:.4}", check.ratio));
                 plan.drive = with_axial_stiffness(&plan.drive, stiffness_n_m).map_err(bad_input)?;
             }
+        }
+        if !(arguments.pass_hz > 0.0) {
+            return Err(bad_input(format!(
+                "--pass-hz {}: expected a frequency above zero",
+                arguments.pass_hz
+            )));
         }
         let pass_hz = arguments.pass_hz.min(0.2 * rate.hz());
         plan.settings.low_pass = match arguments.cutoff_hz {
@@ -284,9 +310,10 @@ impl Inputs {
             harmonic.lines_per_turn = arguments.teeth.unwrap_or(harmonic.lines_per_turn);
         }
         if !idle_runs.is_empty() {
-            let signals = AxisSignals { drive: &plan.drive, rate, signals: plan.signals };
-            let bare = ForceEstimator::new(method, &signals, plan.settings.clone()).map_err(bad_input)?;
-            plan.settings.idle_map = idle_map(&bare, &idle_runs);
+            plan.settings.idle_map =
+                plan.idle_map(rate, &idle_runs).map_err(|e| self.of_axis(&axis.name, e))?;
+            let runs = plan.settings.idle_map.as_ref().map_or(0, IdleMap::runs);
+            note("idle_runs", format!("{runs} of {} taken off by position", idle_runs.len()));
         }
         Ok(plan)
     }
@@ -336,6 +363,28 @@ impl Inputs {
         }
         Ok(force)
     }
+}
+
+/// One lag for the whole file where a window followed the spindle: what was early waits for what was latest.
+/// Answers that lag.
+fn wait_for_latest(force_n: &mut [f64], lags: &[usize]) -> usize {
+    let latest = lags.iter().copied().max().unwrap_or(0);
+    if lags.iter().all(|lag| *lag == latest) {
+        return latest;
+    }
+    let early = force_n.to_vec();
+    let mut at = 0;
+    for (i, lag) in lags.iter().enumerate() {
+        let to = (i + latest - lag).min(force_n.len());
+        // Between two windows the last value stands; it is flagged as settling.
+        let value = early[i];
+        force_n[at.min(to)..to].fill(if i > 0 { early[i - 1] } else { value });
+        if let Some(place) = force_n.get_mut(to) {
+            *place = value;
+        }
+        at = to + 1;
+    }
+    latest
 }
 
 /// What the estimator says of itself, for the file's metadata.

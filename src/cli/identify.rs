@@ -47,7 +47,7 @@ fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let mut machine = read_machine(model).map_err(bad_input)?;
     let mut text = String::new();
-    let mut fitted_any = false;
+    let mut pictures = Vec::new();
     for path in &arguments.recording {
         let recording = read_recording(path).map_err(bad_input)?;
         for axis in machine.axes.iter_mut().filter(|a| has_drive(&recording, &a.name)) {
@@ -58,20 +58,23 @@ fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
                 fit_sweep(&axis.drive, &sweep_of(&recording, &motion)).map_err(|e| in_file(e.to_string()))?;
             text.push_str(&describe(&axis.name, &fit));
             let picture = arguments.out.with_extension(format!("{}.svg", axis.name));
-            write_whole(&picture, response_svg(&axis.name, &fit)?.as_bytes())
-                .context("writing the picture")?;
+            pictures.push((picture, response_svg(&axis.name, &fit)?));
             axis.drive = fit.drive;
-            fitted_any = true;
         }
     }
-    if !fitted_any {
+    if pictures.is_empty() {
         let names: Vec<&str> = machine.axes.iter().map(|a| a.name.as_str()).collect();
         return Err(bad_input(format!(
-            "no recording has a drive signal of the model's axes {}",
+            "{}: no column <axis>_current_ref_a, <axis>_torque_ref_nm or <axis>_thrust_ref_n for the model's \
+             axes {}",
+            arguments.recording.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", "),
             names.join(", ")
         )));
     }
     write_whole(&arguments.out, machine_to_text(&machine).as_bytes()).context("writing the model")?;
+    for (path, svg) in pictures {
+        write_whole(&path, svg.as_bytes()).context("writing the picture")?;
+    }
     write!(std::io::stdout(), "{text}")?;
     Ok(())
 }

@@ -92,6 +92,16 @@ pub(crate) fn progress(length: u64, what: &'static str) -> indicatif::ProgressBa
     bar
 }
 
+/// The error and its causes; a cause that is told already is not told again.
+fn in_one_line(error: &anyhow::Error) -> String {
+    let join = |text: String, cause: &(dyn std::error::Error + 'static)| {
+        let cause = cause.to_string();
+        if text.contains(&cause) { text } else { format!("{text}: {cause}") }
+    };
+    let text = error.chain().skip(1).fold(error.to_string(), join);
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
 /// Runs the command named by the process's arguments.
 #[must_use]
 pub fn main() -> ExitCode {
@@ -110,7 +120,14 @@ pub fn main() -> ExitCode {
                     .take_while(|l| !l.starts_with("Usage"))
                     .filter(|l| !l.is_empty())
                     .collect();
-                let _ = writeln!(std::io::stderr(), "{}", line.join(" "));
+                use clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand as NoCommand;
+                let line = match error.kind() {
+                    NoCommand => {
+                        "error: a command is missing, such as `stillcut demo`; --help lists all".to_owned()
+                    }
+                    _ => line.join(" "),
+                };
+                let _ = writeln!(std::io::stderr(), "{line}");
             }
             return ExitCode::from(status);
         }
@@ -124,7 +141,7 @@ pub fn main() -> ExitCode {
             if broken_pipe {
                 return ExitCode::SUCCESS;
             }
-            let text = format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ");
+            let text = in_one_line(&error);
             let _ = writeln!(std::io::stderr(), "error: {text}");
             ExitCode::from(if error.is::<BadInput>() { 2 } else { 1 })
         }

@@ -3,11 +3,10 @@
 use super::accelerometers::read_estimators;
 use super::{ConfigError, parse_number};
 use crate::force::balance::Method;
-use crate::force::estimator::{AxisSignals, ForceEstimator, LowPass, MotionSample, NotchPlan, Signals};
+use crate::force::estimator::{LowPass, MotionSample, NotchPlan, Signals};
 use crate::force::frf::FrfEstimator;
 use crate::force::harmonic::Reading;
 use crate::force::observer::{ForcePlan, ServoPlan};
-use crate::force::offline::idle_map;
 use crate::force::recorded::motion_of_recording;
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
@@ -175,12 +174,9 @@ impl AxisForce {
             harmonic.lines_per_turn = self.teeth.unwrap_or(harmonic.lines_per_turn);
             harmonic.reading = self.reading.unwrap_or(harmonic.reading);
         }
-        let signals = AxisSignals { drive: &plan.drive, rate, signals: plan.signals };
-        // A plan that no estimator can be made of is refused, with its reason, by the pipeline.
-        if let (false, Ok(bare)) =
-            (self.idle_runs.is_empty(), ForceEstimator::new(method, &signals, plan.settings.clone()))
-        {
-            plan.settings.idle_map = idle_map(&bare, &self.idle_runs);
+        if !self.idle_runs.is_empty() {
+            // A plan that no estimator can be made of is refused, with its reason, by the pipeline.
+            plan.settings.idle_map = plan.idle_map(rate, &self.idle_runs).ok().flatten();
         }
         plan
     }

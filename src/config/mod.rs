@@ -64,6 +64,35 @@ pub(crate) fn parse_number(
     Err(ConfigError::Content { path: path.to_owned(), place: place.to_owned(), message })
 }
 
+/// Names the known key that is nearest to an unknown one.
+fn with_nearest(message: String) -> String {
+    let words: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+    let Some((unknown, known)) = words.split_first().filter(|_| message.starts_with("unknown ")) else {
+        return message;
+    };
+    let nearest = known.iter().map(|k| (edits(unknown, k), *k)).min();
+    match nearest {
+        Some((count, key)) if count * 2 <= key.len() => {
+            format!("{message}; did you mean `{key}`?")
+        }
+        _ => message,
+    }
+}
+
+/// How many letters must be changed, put in or left out to make one word of the other (Levenshtein).
+fn edits(a: &str, b: &str) -> usize {
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.bytes().enumerate() {
+        let mut corner = std::mem::replace(&mut row[0], i + 1);
+        for (j, y) in b.bytes().enumerate() {
+            let change = corner + usize::from(x != y);
+            corner = row[j + 1];
+            row[j + 1] = change.min(corner + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}
+
 /// Parses TOML into `T` and turns a failure into one line with its place.
 pub fn parse<T: serde::de::DeserializeOwned>(path: &Path, text: &str) -> Result<T, ConfigError> {
     toml::from_str(text).map_err(|e| {
@@ -72,6 +101,21 @@ pub fn parse<T: serde::de::DeserializeOwned>(path: &Path, text: &str) -> Result<
         let line = before.matches('\n').count() + 1;
         let column = before.rsplit('\n').next().map_or(0, |l| l.chars().count()) + 1;
         let message = e.message().split_whitespace().collect::<Vec<_>>().join(" ");
+        let message = with_nearest(message);
         ConfigError::Syntax { path: path.to_owned(), line, column, message }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{edits, with_nearest};
+
+    #[test]
+    fn the_nearest_key_is_named() {
+        assert_eq!([edits("kitten", "sitting"), edits("", "abc"), edits("http", "http")], [3, 3, 0]);
+        let said = with_nearest("unknown field `htpp`, expected one of `machine`, `http`".into());
+        assert!(said.ends_with("did you mean `http`?"), "{said}");
+        let far = with_nearest("unknown field `colour`, expected one of `machine`, `http`".into());
+        assert!(!far.contains("mean"), "{far}");
+    }
 }

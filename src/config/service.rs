@@ -290,7 +290,9 @@ impl Reader<'_> {
         let text = toml::to_string(&raw).map_err(|e| self.bad("configuration", e.to_string()))?;
         let model = raw.machine.model.as_deref().map(|p| self.resolve(p));
         let machine = match &model {
-            Some(path) => super::machine::read_machine(path)?,
+            Some(path) => {
+                super::machine::read_machine(path).map_err(|e| self.bad("machine.model", e.to_string()))?
+            }
             None => machine_from_text(Path::new("built-in model"), BUILT_IN_MODEL)?,
         };
         let force = ForceToml {
@@ -303,7 +305,9 @@ impl Reader<'_> {
         let force = ForceConfig::new(self.path, &force, &machine)?;
         let known = |a: &String| machine.axis(a).is_some() || force.accelerometer_axes().any(|b| b == a);
         if let Some(axis) = raw.machine.watch.iter().find(|a| !known(a)) {
-            return Err(self.bad("machine.watch", format!("the model has no axis {axis}")));
+            let names: Vec<&str> = machine.axes.iter().map(|a| a.name.as_str()).collect();
+            let what = format!("the model has no axis {axis}; it has {}", names.join(", "));
+            return Err(self.bad("machine.watch", what));
         }
         let band = raw.detection.band_hz.map(|[low, high]| Band::new(low, high)).transpose();
         Ok(ServiceConfig {

@@ -21,15 +21,16 @@ const LEAST_EXPLAINED: f64 = 0.6;
 /// No model holds to better than this share of the thrust; what is left below it is no finding.
 const INEXACT_SHARE: f64 = 0.0015;
 
-struct Case<'a> {
+/// Everything that the parts of an answer are made of.
+pub(super) struct Case<'a> {
     machine: &'a Machine,
     axis: &'a AxisModel,
     recordings: &'a [Recording],
-    outcome: &'a Outcome,
+    pub(super) outcome: &'a Outcome,
     bench: &'a Bench<'a>,
     nominal: Column,
     after: Column,
-    spectra: Vec<SideSpectrum>,
+    pub(super) spectra: Vec<SideSpectrum>,
     /// Spectra of what no choice of the numbers absorbs.
     least: Vec<SideSpectrum>,
 }
@@ -58,8 +59,12 @@ pub(crate) fn assemble(
         spectra,
         least,
     };
-    let corrections = corrections(p, bench);
     let unexplained = case.unexplained();
+    // Numbers fitted beside an unknown cause are bent by it.
+    let mut corrections = if unexplained { Vec::new() } else { corrections(p, bench) };
+    if !unexplained {
+        corrections.extend(case.delay_corrections());
+    }
     let mut findings = if unexplained { Vec::new() } else { case.findings() };
     if !unexplained {
         findings.extend(case.encoder_steps());
@@ -95,6 +100,11 @@ pub(crate) fn assemble(
         detection_limits: detection_limits(bench, outcome.rounds.last()),
         model,
     }
+}
+
+/// True for a delay that is shorter than the model states.
+fn shortens(a: &Accepted) -> bool {
+    matches!(a.hypothesis.shape, Shape::Delay { extra_s } if extra_s < 0.0)
 }
 
 fn tried(round: Option<&Round>) -> Vec<Tried> {
@@ -243,12 +253,43 @@ impl Case<'_> {
         if !loud {
             return false;
         }
-        let (before, after) = (self.excess_power(&self.outcome.before), self.excess_power(&self.after));
-        self.new_accepted().next().is_none() || after > (1.0 - LEAST_EXPLAINED) * before
+        let unnamed = |power: &dyn Fn(&Column) -> f64| {
+            power(&self.after) > (1.0 - LEAST_EXPLAINED) * power(&self.outcome.before)
+        };
+        self.new_accepted().next().is_none()
+            || unnamed(&|residual| self.excess_power(residual))
+            || unnamed(&|residual| self.excess_force_n2(residual))
+    }
+
+    /// Mean square above the floor, all sides and frequencies alike, N2. What stands within twice the floor
+    /// counts as the floor.
+    fn excess_force_n2(&self, residual: &Column) -> f64 {
+        let floor_n2: f64 = self.spectra.iter().map(|s| s.floor_rms_n(f64::MAX).powi(2)).sum();
+        let power_n2 = rms(residual).powi(2);
+        if power_n2 > 4.0 * floor_n2 { power_n2 - floor_n2 } else { 0.0 }
+    }
+
+    /// Delays that are shorter than stated: numbers of the model, not findings.
+    fn delay_corrections(&self) -> Vec<Correction> {
+        let p = &self.outcome.problem;
+        let too_long = self.new_accepted().filter(|(_, a)| shortens(a));
+        too_long
+            .filter_map(|(k, a)| {
+                let (name, nominal) = match a.hypothesis.port {
+                    Port::MotorEncoder => ("motor_encoder_delay_s", p.drive.motor_encoder_delay_s()),
+                    Port::StageEncoder => ("stage_encoder_delay_s", p.drive.stage_encoder_delay_s()),
+                    _ => ("amplifier_dead_time_s", p.drive.amplifier_dead_time_s()),
+                };
+                let e = terms::estimates(p, a, &self.bench.accepted_fit(k)).into_iter().next()?;
+                let value = (nominal + e.value).max(0.0);
+                let ends = [nominal + e.ci95[0].min(e.ci95[1]), nominal + e.ci95[0].max(e.ci95[1])];
+                Some(Correction { name, nominal, value, ci95: ends })
+            })
+            .collect()
     }
 
     fn findings(&self) -> Vec<Finding> {
-        self.new_accepted().map(|(k, a)| self.finding(k, a)).collect()
+        self.new_accepted().filter(|(_, a)| !shortens(a)).map(|(k, a)| self.finding(k, a)).collect()
     }
 
     fn finding(&self, index: usize, accepted: &Accepted) -> Finding {
@@ -339,91 +380,6 @@ impl Case<'_> {
         machine
     }
 
-    fn location(&self, verdict: Verdict, findings: &[Finding]) -> Option<Location> {
-        if matches!(verdict, Verdict::ModelAdequate | Verdict::ParameterError) {
-            return None;
-        }
-        let p = &self.outcome.problem;
-        let band = band_hz(p.motions.first().map_or(1.0, |m| m.rate_hz));
-        let first_side = spectrum(p, &self.outcome.before, false);
-        let above = |s: &SideSpectrum| s.excess(band).iter().map(|e| e.1).sum::<f64>();
-        let floored = |mut s: SideSpectrum, side: usize| {
-            s.floor = self.spectra[side].floor.clone();
-            s
-        };
-        let motor = floored(first_side, 0);
-        let stage = p.flexible.then(|| floored(spectrum(p, &self.outcome.before, true), 1));
-        let (em, es) = (above(&motor), stage.as_ref().map_or(0.0, above));
-        let sum: Column = self.outcome.before.iter().map(summed).collect();
-        let both = above(&floored(spectrum(p, &sum, false), 0));
-        let total = (em + es).max(1e-300);
-        let port = findings.first().map_or_else(
-            || {
-                if p.flexible && es > em {
-                    Port::Stage
-                } else if p.flexible {
-                    Port::Motor
-                } else {
-                    Port::Stage
-                }
-            },
-            |f| f.port,
-        );
-        let mut bands: Vec<[f64; 2]> = motor.excess(band).iter().map(|e| e.0).collect();
-        if let Some(s) = &stage {
-            bands.extend(s.excess(band).iter().map(|e| e.0));
-        }
-        let stranger = self.outcome.stranger.as_ref().map(|s| &s.hypothesis);
-        if let Some(Shape::Resonance { frequency_hz, .. }) = stranger.map(|h| &h.shape) {
-            bands = vec![[0.9 * frequency_hz, 1.1 * frequency_hz]];
-        }
-        let unnamed = match stranger.map(|h| &h.shape) {
-            Some(Shape::Resonance { .. }) => "frequency",
-            Some(Shape::VelocityMap { .. } | Shape::PositionTimesVelocity) => "velocity",
-            Some(Shape::Map { .. }) => "position",
-            _ => "time",
-        };
-        Some(Location {
-            port: stranger.map_or(port, |h| h.port),
-            domain: findings.first().map_or(unnamed, |f| terms::domain(f.effect)),
-            bands_hz: merged(bands),
-            time: self.times(),
-            shares: [em / total, es / total, (both / total).min(1.0)].map(|s| s.max(0.0) + 0.0),
-        })
-    }
-
-    /// When the mismatch is: blocks of a quarter second whose power is above a quarter of the loudest's.
-    fn times(&self) -> Vec<TimeSpans> {
-        let p = &self.outcome.problem;
-        let block = (0.25 * p.rate_hz()).max(1.0) as usize;
-        let power = |r: usize, k: usize| -> f64 {
-            let at = |s: &Option<Vec<f64>>| {
-                s.as_ref()
-                    .map_or(0.0, |x| x[k * block..((k + 1) * block).min(x.len())].iter().map(|v| v * v).sum())
-            };
-            at(&self.outcome.before[r].motor) + at(&self.outcome.before[r].stage)
-        };
-        let blocks: Vec<usize> = p.lengths().iter().map(|n| n / block).collect();
-        let most = (0..blocks.len())
-            .flat_map(|r| (0..blocks[r]).map(move |k| (r, k)))
-            .map(|(r, k)| power(r, k))
-            .fold(0.0, f64::max);
-        (0..blocks.len())
-            .map(|r| {
-                let start = p.motions[r].time_s(p.thinning.edge());
-                let mut spans: Vec<[f64; 2]> = Vec::new();
-                for k in (0..blocks[r]).filter(|&k| power(r, k) > 0.25 * most) {
-                    let span = [start + k as f64 * 0.25, start + (k + 1) as f64 * 0.25];
-                    match spans.last_mut() {
-                        Some(last) if (last[1] - span[0]).abs() < 1e-9 => last[1] = span[1],
-                        _ => spans.push(span),
-                    }
-                }
-                TimeSpans { recording: r, spans_s: spans }
-            })
-            .collect()
-    }
-
     fn recording_fits(&self) -> Vec<RecordingFit> {
         let p = &self.outcome.problem;
         let sides =
@@ -435,8 +391,8 @@ impl Case<'_> {
                 let edge = p.thinning.edge();
                 RecordingFit {
                     experiment: m.experiment.clone(),
-                    rms_before_n: rms(&self.nominal[r..=r].to_vec()),
-                    rms_after_n: rms(&self.after[r..=r].to_vec()),
+                    rms_before_n: rms(&self.nominal[r..=r]),
+                    rms_after_n: rms(&self.after[r..=r]),
                     t_s: (0..n).map(|k| m.time_s(edge + k * p.thinning.step)).collect(),
                     position_m: p.thinning.pick(&m.stage_side().position_m),
                     velocity_m_s: p.thinning.pick(&m.stage_side().velocity_m_s),
@@ -447,26 +403,6 @@ impl Case<'_> {
             })
             .collect()
     }
-}
-
-fn summed(s: &Sides) -> Sides {
-    let motor = s.motor.as_ref().map(|m| match &s.stage {
-        Some(t) => m.iter().zip(t).map(|(a, b)| a + b).collect(),
-        None => m.clone(),
-    });
-    Sides { motor, stage: None }
-}
-
-fn merged(mut bands: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
-    bands.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let mut out: Vec<[f64; 2]> = Vec::new();
-    for b in bands {
-        match out.last_mut() {
-            Some(last) if b[0] <= last[1] + 1e-9 => last[1] = last[1].max(b[1]),
-            _ => out.push(b),
-        }
-    }
-    out
 }
 
 /// Probability of the best of a round and of the others, from held-out likelihoods.
@@ -534,6 +470,8 @@ fn set(raw: &mut RawDriveParams, name: &str, value: f64) {
         "stage_coulomb_friction_n" => &mut raw.stage_coulomb_friction_n,
         "motor_coulomb_friction_n" => &mut raw.motor_coulomb_friction_n,
         "amplifier_dead_time_s" => &mut raw.amplifier_dead_time_s,
+        "motor_encoder_delay_s" => &mut raw.motor_encoder_delay_s,
+        "stage_encoder_delay_s" => &mut raw.stage_encoder_delay_s,
         _ => return,
     };
     *slot = Some(value);

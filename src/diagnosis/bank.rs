@@ -56,6 +56,9 @@ pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
         if p.flexible {
             list.push(h(E::DeadTime, Port::StageEncoder, Shape::Delay { extra_s }));
         }
+        // A delay can be stated too long, by no more than what is stated.
+        let stated = stated_delays(p).into_iter().filter(|(_, stated_s)| extra_s <= *stated_s);
+        list.extend(stated.map(|(port, _)| h(E::DeadTime, port, Shape::Delay { extra_s: -extra_s })));
     }
     let (low, high) = p
         .motions
@@ -72,20 +75,31 @@ pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
         ));
     }
     if p.flexible {
-        flexible_only(p, &mut list);
+        flexible_only(&mut list);
     }
     encoder_periods(p, &mut list);
     list
 }
 
-fn flexible_only(p: &Problem, list: &mut Vec<Hypothesis>) {
+/// Delays that the model states, s.
+fn stated_delays(p: &Problem) -> Vec<(Port, f64)> {
+    let mut list = vec![
+        (Port::Current, p.drive.amplifier_dead_time_s()),
+        (Port::MotorEncoder, p.drive.motor_encoder_delay_s()),
+    ];
+    if p.flexible {
+        list.push((Port::StageEncoder, p.drive.stage_encoder_delay_s()));
+    }
+    list
+}
+
+fn flexible_only(list: &mut Vec<Hypothesis>) {
     let h = Hypothesis::new;
     for gap_m in [3e-8, 1e-7, 2e-7, 3e-7, 5e-7, 7e-7, 1e-6, 1.4e-6, 2e-6, 3e-6, 5e-6, 1e-5, 2e-5] {
         list.push(h(E::Backlash, Port::Coupling, Shape::Backlash { gap_m }));
     }
     list.push(h(E::NonlinearStiffness, Port::Coupling, Shape::Cubic));
     list.push(h(E::PositionDependentStiffness, Port::Coupling, Shape::StiffnessSlope));
-    let _ = p;
     for frequency_hz in [350.0, 500.0, 650.0, 780.0, 900.0, 1050.0, 1250.0, 1500.0, 2000.0] {
         for screw_share in [0.3, 0.5, 0.7] {
             list.push(h(

@@ -356,7 +356,8 @@ impl<'a> Bench<'a> {
             amplitudes: vec![1.0],
             deviations: vec![0.0],
             unit_rms_n: 0.0,
-            plausible: !is_timing(h) || h.shape.constants()[0] > timing_limit_s(self.problem),
+            plausible: !h.shape.at_limit()
+                && (!is_timing(h) || h.shape.constants()[0] > timing_limit_s(self.problem)),
             hypothesis: h.clone(),
         }
     }
@@ -379,7 +380,7 @@ impl<'a> Bench<'a> {
             likelihood: n * (self.solution.left / solution.left.max(1e-300)).ln(),
             deviations: solution.deviations[first..].to_vec(),
             amplitudes,
-            unit_rms_n: raw.first().map_or(0.0, rms),
+            unit_rms_n: raw.first().map_or(0.0, |c| rms(c)),
             plausible,
             hypothesis: hypothesis.clone(),
         }
@@ -479,7 +480,7 @@ pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f6
 }
 
 /// Root of the mean of r_m^2 + r_s^2 over all samples.
-pub(crate) fn rms(column: &Column) -> f64 {
+pub(crate) fn rms(column: &[Sides]) -> f64 {
     let samples: usize =
         column.iter().map(|s| s.motor.as_ref().or(s.stage.as_ref()).map_or(0, Vec::len)).sum();
     let sides = column.iter().flat_map(|s| [&s.motor, &s.stage]).flatten();

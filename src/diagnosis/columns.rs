@@ -44,7 +44,7 @@ pub(super) fn shifted(x: &[f64], shift_samples: f64) -> Vec<f64> {
 }
 
 /// x(t) - x(t + shift).
-pub(super) fn difference(x: &[f64], shift_samples: f64) -> Vec<f64> {
+pub(crate) fn difference(x: &[f64], shift_samples: f64) -> Vec<f64> {
     x.iter().zip(shifted(x, shift_samples)).map(|(a, b)| a - b).collect()
 }
 
@@ -143,7 +143,9 @@ pub(super) fn coupling_law(p: &Problem, law: impl Fn(f64) -> f64) -> Column {
         .map(|(m, free)| {
             let at_motor = shifted(&m.motor.raw_m, motor_late);
             let at_stage = shifted(&m.stage_side().raw_m, stage_late);
-            let force: Vec<f64> = at_motor.iter().zip(&at_stage).map(|(a, b)| law(a - b - free)).collect();
+            let free = |x: f64| m.stretch_zero_m + free + p.lead_error * (x - m.centre_m);
+            let sides = at_motor.iter().zip(&at_stage);
+            let force: Vec<f64> = sides.map(|(a, b)| law(a - b - free(*b))).collect();
             let force = apply_inside(&kernel, &force, p.thinning.grid(m.len()));
             Sides { stage: Some(force.iter().map(|f| -f).collect()), motor: Some(force) }
         })

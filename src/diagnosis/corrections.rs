@@ -15,8 +15,9 @@ pub(super) fn material(c: &Correction) -> bool {
         0.15
     } else if c.name.contains("coulomb") {
         0.08
-    } else if c.name.contains("dead_time") {
-        return false;
+    } else if c.name.ends_with("_s") {
+        // A delay is listed only where it is off by more than how a sample is taken.
+        return true;
     } else {
         0.03
     };
@@ -36,7 +37,8 @@ pub(super) fn corrections(p: &Problem, bench: &Bench<'_>) -> Vec<Correction> {
         let deviation = DEVIATION_FACTOR * s.deviations[k] / common;
         let significant =
             (value - n.nominal).abs() > 4.0 * deviation && (value / n.nominal - 1.0).abs() > 0.005;
-        if !significant || value <= 0.0 {
+        // A number that the recordings cannot tell runs anywhere.
+        if !significant || !(0.2..5.0).contains(&(value / n.nominal)) {
             continue;
         }
         let half = 1.96 * deviation.hypot(scale * value);

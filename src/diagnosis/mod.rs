@@ -7,6 +7,7 @@ mod columns;
 mod corrections;
 mod floor;
 mod kernel;
+mod location;
 mod motion;
 mod problem;
 mod regression;
@@ -17,6 +18,7 @@ mod shape;
 mod steps;
 mod strangers;
 mod terms;
+mod triple;
 mod whitening;
 
 pub use result::*;
@@ -53,6 +55,16 @@ pub enum DiagnoseError {
         /// Axis.
         axis: String,
     },
+    /// Recordings of different sampling rates.
+    #[error("recording {recording}: sampled at {rate_hz} Hz, the first one at {first_hz} Hz; give one rate")]
+    MixedRates {
+        /// Experiment of the recording.
+        recording: String,
+        /// Its rate, Hz.
+        rate_hz: f64,
+        /// Rate of the first recording, Hz.
+        first_hz: f64,
+    },
     /// Too short for the filters.
     #[error("recording {recording}: {samples} samples, at least {needed} are needed")]
     TooShort {
@@ -81,6 +93,14 @@ pub fn diagnose(
     if rigid::applies(axis, recordings) {
         return rigid::diagnose(machine, axis, recordings, progress);
     }
+    let first_hz = first.sample_rate.hz();
+    if let Some(other) = recordings.iter().find(|r| (r.sample_rate.hz() / first_hz - 1.0).abs() > 1e-6) {
+        let (recording, rate_hz) = (other.experiment.clone(), other.sample_rate.hz());
+        return Err(DiagnoseError::MixedRates { recording, rate_hz, first_hz });
+    }
+    let lumped = triple::lumped(machine, axis);
+    let stated = axis;
+    let (machine, axis) = lumped.as_ref().map_or((machine, axis), |(m, a)| (m, a));
     let flexible = recordings.iter().all(|r| motion::is_flexible(axis, r));
     let motions =
         recordings.iter().map(|r| motion::motion(axis, r, flexible)).collect::<Result<Vec<_>, _>>()?;
@@ -96,7 +116,10 @@ pub fn diagnose(
         .collect();
     let outcome = search::search(problem, given, progress);
     let bench = bench::Bench::new(&outcome.problem, &outcome.accepted, &outcome.residual);
-    let diagnosis = assemble::assemble(machine, axis, recordings, (&outcome, &bench));
+    let mut diagnosis = assemble::assemble(machine, axis, recordings, (&outcome, &bench));
+    if lumped.is_some() {
+        diagnosis = triple::unlumped(diagnosis, stated, (&outcome, &bench));
+    }
     progress(1.0, "done");
     Ok(diagnosis)
 }

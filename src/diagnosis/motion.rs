@@ -45,6 +45,10 @@ pub(crate) struct Motion {
     pub(crate) motor: Side,
     /// Stage side of a flexible axis.
     pub(crate) stage: Option<Side>,
+    /// Mean difference of the two encoders' positions: they do not share a zero. m.
+    pub(crate) stretch_zero_m: f64,
+    /// Mean position of the stage, m.
+    pub(crate) centre_m: f64,
 }
 
 impl Motion {
@@ -177,6 +181,9 @@ pub(crate) fn motion(
         (None, s) => (side(s.unwrap_or_default(), drive.stage_encoder_delay_s(), &frame), None),
     };
     let end = grid.first + grid.count;
+    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len().max(1) as f64;
+    let centre_m = mean(&stage.as_ref().unwrap_or(&motor).position_m);
+    let stretch_zero_m = mean(&motor.position_m) - centre_m;
     Ok(Motion {
         experiment: recording.experiment.clone(),
         rate_hz,
@@ -187,5 +194,7 @@ pub(crate) fn motion(
         thrust_per_unit: columns.thrust_per_unit,
         motor,
         stage,
+        stretch_zero_m,
+        centre_m,
     })
 }

@@ -135,6 +135,8 @@ pub(crate) struct Problem {
     pub(crate) mechanics: Mechanics,
     /// Stretch at which the spring is free, per recording, m.
     pub(crate) free_stretch_m: Vec<f64>,
+    /// Difference of lead and scale, m/m: the free stretch grows by this along the screw.
+    pub(crate) lead_error: f64,
     /// Steps of motor and stage encoder as they are, stated or read off the recordings, m.
     pub(crate) steps_m: [f64; 2],
     /// A step is coarser than the model states: errors follow the motion, and what they imitate needs more
@@ -157,6 +159,7 @@ impl Problem {
             timing_s: 0.0,
             mechanics: Mechanics::nominal(drive, flexible),
             free_stretch_m: vec![0.0; motions.len()],
+            lead_error: 0.0,
             steps_m: [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()],
             coarse: false,
             motions,
@@ -265,6 +268,13 @@ impl Problem {
         add("stage_coulomb_friction_n", d.stage_coulomb_friction_n(), 1.0, &|| {
             self.stage_only(|m| sliding(&m.stage_side().velocity_m_s, vs))
         });
+        // A screw's lead is good to some 10 um/m, and so is a scale: what they differ by stretches the spring.
+        list.push(Number {
+            key: None,
+            nominal: 0.0,
+            key_per_coefficient: 1.0,
+            column: self.coupling(|m| m.stage_side().position_m.iter().map(|x| x - m.centre_m).collect()),
+        });
         for recording in 0..self.motions.len() {
             let column = self
                 .lengths()
@@ -283,12 +293,14 @@ impl Problem {
         list
     }
 
-    /// Takes the free stretch from the constant forces between the sides, which stand last among the numbers.
+    /// Takes the free stretch from the forces between the sides that are constant or grow along the screw, which
+    /// stand last among the numbers.
     pub(crate) fn update_free_stretch(&mut self, coefficients: &[f64]) {
         if !self.flexible || self.mechanics.stiffness_n_m <= 0.0 {
             return;
         }
         let first = self.numbers.len() - self.motions.len();
+        self.lead_error = -coefficients[first - 1] / self.mechanics.stiffness_n_m;
         for (zero, force) in self.free_stretch_m.iter_mut().zip(&coefficients[first..]) {
             *zero = -force / self.mechanics.stiffness_n_m;
         }
@@ -326,9 +338,10 @@ pub(crate) fn sliding(velocity_m_s: &[f64], smoothing_m_s: f64) -> Vec<f64> {
     velocity_m_s.iter().map(|v| (v / smoothing_m_s).tanh()).collect()
 }
 
-/// D = x_m - x_s.
+/// D = x_m - x_s, less its mean over the recording.
 pub(crate) fn stretch(m: &Motion) -> Vec<f64> {
-    m.motor.position_m.iter().zip(&m.stage_side().position_m).map(|(a, b)| a - b).collect()
+    let sides = m.motor.position_m.iter().zip(&m.stage_side().position_m);
+    sides.map(|(a, b)| a - b - m.stretch_zero_m).collect()
 }
 
 /// D' = v_m - v_s.

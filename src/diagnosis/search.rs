@@ -24,6 +24,11 @@ const STRANGER_LEAST_SHARE: f64 = 0.1;
 const SECOND_SHARE: f64 = 0.005;
 /// Least size of a finding beside the thrust, both as root mean squares.
 const LEAST_WEIGHT: f64 = 5e-4;
+/// A weighted fit leaves somewhat more force than one that weights all frequencies alike; not this many
+/// times.
+const RUNAWAY: f64 = 1.5;
+/// Change of the residual below which a fit stands still.
+const STANDING: f64 = 1e-5;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
 
@@ -116,11 +121,20 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
 /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
 fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
     let passes = if accepted.is_empty() { 2 } else { 40 };
+    let mut least_n = rms(&Bench::flat(p, accepted, residual).residual());
+    // The noise of one fit weights the next.
+    *residual = Bench::new(p, accepted, residual).residual();
+    let mut standing = 0;
     for _ in 0..passes {
-        // The noise of one fit weights the next.
-        *residual = Bench::new(p, accepted, residual).residual();
-        let bench = Bench::new(p, accepted, residual);
+        let before_n = rms(residual);
+        let mut bench = Bench::new(p, accepted, residual);
         *residual = bench.residual();
+        if rms(residual) > RUNAWAY * least_n {
+            // A mismatch taken for noise loses its weight, grows and is noise all the more: begin again.
+            bench = Bench::flat(p, accepted, residual);
+            *residual = bench.residual();
+        }
+        least_n = least_n.min(rms(residual));
         let fits: Vec<_> = (0..accepted.len()).map(|k| bench.accepted_fit(k)).collect();
         let (coefficients, timing_s) = (bench.solution.coefficients.clone(), bench.timing_s());
         drop(bench);
@@ -128,7 +142,9 @@ fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
         p.shift_timing(timing_s);
         let moved =
             accepted.iter_mut().zip(&fits).map(|(a, fit)| move_constants(p, a, fit)).fold(0.0, f64::max);
-        if !accepted.is_empty() && moved < 0.3 {
+        // Constants that trade with each other wander on where nothing is left to gain.
+        standing = if (rms(residual) / before_n - 1.0).abs() < STANDING { standing + 1 } else { 0 };
+        if !accepted.is_empty() && (moved < 0.3 || standing >= 3) {
             break;
         }
     }
@@ -226,6 +242,7 @@ fn weight(p: &Problem, a: &Accepted) -> f64 {
 /// Takes out what later findings have made pointless, and what is too small beside the thrust to be told from
 /// the model's own inexactness.
 fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
+    drop_harmful(p, accepted, residual, given);
     let mut index = given;
     while index < accepted.len() {
         // An encoder's error has the period of its own signal: no inexactness of the mechanics imitates that.
@@ -252,6 +269,25 @@ fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, g
             }
             _ => break,
         }
+    }
+}
+
+/// Takes out what leaves more force on held-out stretches than there is without it.
+///
+/// The noise is estimated from what is left, so a cause that ruins one band buys evidence in all others.
+fn drop_harmful(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
+    loop {
+        let worst = {
+            let bench = Bench::new(p, accepted, residual);
+            let with = rms(&bench.heldout_residual(None));
+            (given..accepted.len())
+                .map(|k| (with / rms(&bench.heldout_residual(Some(k))).max(1e-300), k))
+                .filter(|(ratio, _)| *ratio > 1.0)
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let Some((_, k)) = worst else { return };
+        accepted.remove(k);
+        settle(p, accepted, residual);
     }
 }
 

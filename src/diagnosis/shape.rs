@@ -14,6 +14,9 @@ use crate::plant::effects::periodic::{knot, wave};
 use crate::plant::effects::{EffectKind, Port};
 use std::f64::consts::TAU;
 
+/// Frequency in Hz, share of the inertia and damping ratio that a torsional mode can have.
+const TORSION: [[f64; 2]; 3] = [[100.0, 5000.0], [0.05, 0.95], [1e-4, 0.3]];
+
 /// The law of a hypothesis with its nonlinear constants; amplitudes are the regression's.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Shape {
@@ -49,6 +52,7 @@ pub(crate) enum Shape {
     Lag {
         extra_s: f64,
     },
+    /// Positive: later than stated; negative: the stated delay is too long.
     Delay {
         extra_s: f64,
     },
@@ -96,10 +100,10 @@ impl Shape {
             | Shape::Presliding { stiffness_n_m: x }
             | Shape::Drift { time_constant_s: x }
             | Shape::Lag { extra_s: x }
-            | Shape::Delay { extra_s: x }
             | Shape::Backlash { gap_m: x }
             | Shape::Periodic { wavelength_m: x, .. }
             | Shape::Lines { fundamental_hz: x, .. } => vec![*x],
+            Shape::Delay { extra_s } => vec![extra_s.abs()],
             Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
                 vec![*frequency_hz, *screw_share, *damping_ratio]
             }
@@ -116,14 +120,14 @@ impl Shape {
             | Shape::Presliding { stiffness_n_m: x }
             | Shape::Drift { time_constant_s: x }
             | Shape::Lag { extra_s: x }
-            | Shape::Delay { extra_s: x }
             | Shape::Backlash { gap_m: x }
             | Shape::Periodic { wavelength_m: x, .. }
             | Shape::Lines { fundamental_hz: x, .. } => *x = c[0],
+            Shape::Delay { extra_s } => *extra_s = c[0].copysign(*extra_s),
             Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
-                *frequency_hz = c[0].clamp(100.0, 5000.0);
-                *screw_share = c[1].clamp(0.05, 0.95);
-                *damping_ratio = c[2].clamp(1e-4, 0.3);
+                *frequency_hz = c[0].clamp(TORSION[0][0], TORSION[0][1]);
+                *screw_share = c[1].clamp(TORSION[1][0], TORSION[1][1]);
+                *damping_ratio = c[2].clamp(TORSION[2][0], TORSION[2][1]);
             }
             Shape::Resonance { frequency_hz, damping_ratio } => {
                 *frequency_hz = c[0].clamp(1.0, 5000.0);
@@ -132,6 +136,16 @@ impl Shape {
             _ => {}
         }
         shape
+    }
+
+    /// True where a constant ran into the end of what the law allows: another law imitated, not this one found.
+    pub(crate) fn at_limit(&self) -> bool {
+        matches!(self, Shape::Torsion { .. })
+            && self
+                .constants()
+                .iter()
+                .zip(TORSION)
+                .any(|(c, [low, high])| !(1.001 * low..0.999 * high).contains(c))
     }
 
     /// Largest relative step of a constant in one iteration: as far as the law is nearly linear in it.
@@ -474,24 +488,28 @@ impl Hypothesis {
             .collect()
     }
 
+    /// Sine and cosine of each harmonic set by set, then the mean force of each set: a cut pushes one way.
     fn lines(&self, p: &Problem) -> Vec<Column> {
         let Shape::Lines { fundamental_hz, harmonics, window_s, recordings, common } = &self.shape else {
             return Vec::new();
         };
         let at_stage = p.flexible && self.port != Port::Motor;
         let sets = if *common { 1 } else { recordings.len() };
-        let mut out: Vec<Column> = vec![vec![Sides::default(); p.motions.len()]; 2 * harmonics * sets];
+        let waves_of = 2 * harmonics;
+        let mut out: Vec<Column> = vec![vec![Sides::default(); p.motions.len()]; (waves_of + 1) * sets];
         for (place, &recording) in recordings.iter().enumerate() {
             let m = &p.motions[recording];
             let turns: Vec<f64> = (0..m.len()).map(|k| m.time_s(k)).collect();
-            let first = if *common { 0 } else { 2 * harmonics * place };
-            for (k, mut wave) in waves(&turns, 1.0 / fundamental_hz, *harmonics).into_iter().enumerate() {
+            let set = if *common { 0 } else { place };
+            let mean = (waves_of * sets + set, vec![1.0; m.len()]);
+            let waves = waves(&turns, 1.0 / fundamental_hz, *harmonics).into_iter().enumerate();
+            for (column, mut wave) in waves.map(|(k, w)| (waves_of * set + k, w)).chain([mean]) {
                 wave.iter_mut()
                     .zip(&turns)
                     .filter(|(_, t)| **t < window_s[0] || **t > window_s[1])
                     .for_each(|(x, _)| *x = 0.0);
                 let thin = p.thinning.thin(&wave);
-                out[first + k][recording] =
+                out[column][recording] =
                     if at_stage { Sides { motor: None, stage: Some(thin) } } else { motor(thin) };
             }
         }

@@ -9,7 +9,7 @@ use crate::plant::effects::{EffectKind as E, ParameterValue, PhysicsTerm, Port};
 use std::f64::consts::TAU;
 
 /// A stated torque constant is good to about one per cent, and every force is measured by it.
-pub(crate) const SCALE_DEVIATION: f64 = 0.008;
+pub(crate) const SCALE_DEVIATION: f64 = 0.01;
 /// Curvature intervals are widened: neighbouring samples of a residual are not quite independent.
 const DEVIATION_FACTOR: f64 = 3.0;
 /// Where inside a sample the drive takes up a reference is stated nowhere: part of a sample, as a deviation.
@@ -261,7 +261,7 @@ pub(crate) fn hypothesis(p: &Problem, term: &PhysicsTerm) -> Option<(Hypothesis,
             let harmonics = get("harmonics").unwrap_or(4.0).clamp(1.0, 20.0) as usize;
             let window_s = [get("start_s").unwrap_or(0.0), get("end_s").unwrap_or(f64::MAX)];
             let recordings: Vec<usize> = (0..p.motions.len()).collect();
-            let amplitudes = vec![0.0; 2 * harmonics * recordings.len()];
+            let amplitudes = vec![0.0; (2 * harmonics + 1) * recordings.len()];
             (
                 Shape::Lines {
                     fundamental_hz: get("fundamental_hz")?,

@@ -30,23 +30,35 @@ pub struct Alignment {
 }
 
 impl Alignment {
-    /// Ages for a drive. Errors: delays longer than a line holds.
+    /// Ages for a drive whose own signals come `drive_side_late_s` later than they should (a filter before
+    /// the estimator). Errors: delays longer than a line holds.
     ///
-    /// lag = ceil(max(T_m, T_t)/T) + 3, so that three samples on the young side of each encoder's
-    /// instant are there for its stencil; age_m = lag - T_m/T, age_t = lag - T_t/T, age_I = lag + T_s/T.
+    /// lag = ceil(max(T_m + T_f, T_t)/T) + 3, so that three samples on the young side of each encoder's
+    /// instant are there for its stencil; age_m = lag - (T_m + T_f)/T, age_t = lag - T_t/T,
+    /// age_I = lag + (T_s - T_f)/T + d.
     ///
-    /// The reference is held over a sample; the lag of the current loop is solved exactly for that.
-    /// Source: Yamada, thesis 2.4.2 with (T_1, T_2, T_3) in ms (docs/errata.md).
-    /// Checked by: force::a_force_step_is_seen_at_the_stated_delay.
-    pub fn new(drive: &DriveParams, rate: SampleRate) -> Result<Self, FilterError> {
+    /// The reference is held over a sample, which its mean effect lags by T/2, and the current loop is a
+    /// first-order lag: T/2 + 1/w. The recursion that follows the lag from sample to sample has T/(1 - a),
+    /// a = e^(-wT), for slow signals; d = 1/2 + 1/(wT) - 1/(1 - a) makes up for the difference (positions are
+    /// integrated twice, so the steps of the held reference do not show in them). Without a lag d = 1/2.
+    ///
+    /// Source: Yamada, thesis 2.4.2 with (T_1, T_2, T_3) in ms (docs/errata.md); the hold is ours.
+    /// Checked by: force::a_force_is_seen_at_the_stated_delay_by_both_modes,
+    /// force::a_held_reference_is_seen_where_it_acts.
+    pub fn new(drive: &DriveParams, rate: SampleRate, drive_side_late_s: f64) -> Result<Self, FilterError> {
         let samples = |seconds: f64| seconds * rate.hz();
+        let late = samples(drive_side_late_s);
         let (t_s, t_m, t_t) = (
-            samples(drive.amplifier_dead_time_s()),
-            samples(drive.motor_encoder_delay_s()),
+            samples(drive.amplifier_dead_time_s()) - late,
+            samples(drive.motor_encoder_delay_s()) + late,
             samples(drive.stage_encoder_delay_s()),
         );
+        let hold = drive.current_loop_bandwidth_rad_s().map_or(0.5, |bandwidth| {
+            let w = bandwidth / rate.hz();
+            0.5 + 1.0 / w + 1.0 / (-w).exp_m1()
+        });
         let lag = (t_m.max(t_t) - 1e-6).ceil().max(0.0) + 3.0;
-        let current = lag + t_s;
+        let current = lag + t_s + hold;
         let largest = DELAY_LINE_SAMPLES - STENCIL_NODES;
         if current > largest as f64 {
             return Err(FilterError::DelayTooLong { samples: current, largest });

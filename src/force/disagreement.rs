@@ -36,20 +36,31 @@ impl Disagreement {
     /// For two estimators with these lags and noise floors.
     #[must_use]
     pub fn new(delays_s: [f64; 2], noise_floors_n: [f64; 2], rate: SampleRate) -> Self {
-        let largest_s = delays_s[0].max(delays_s[1]);
-        // What is early waits for what is late.
-        let line =
-            |delay_s: f64| LongLine::filled(((largest_s - delay_s) * rate.hz()).round() as usize + 1, 0.0);
-        let (first, second) = (line(delays_s[0]), line(delays_s[1]));
-        let settling = first.len().max(second.len());
-        Self {
-            first,
-            second,
+        let mut made = Self {
+            first: LongLine::roomy(1, 0.0),
+            second: LongLine::roomy(1, 0.0),
             delays_s,
             memory: (-rate.period_s() / AVERAGE_S).exp(),
-            noise_n: noise_floors_n[0].hypot(noise_floors_n[1]),
-            state: Moments { settling, ..Moments::default() },
-        }
+            noise_n: 0.0,
+            state: Moments::default(),
+        };
+        made.begin(delays_s, noise_floors_n, rate);
+        made
+    }
+
+    /// Begins anew where the estimators have other lags or noise floors than before (a window that follows
+    /// the spindle). No allocation up to windows of
+    /// [`LONGEST_WINDOW`](crate::signal::harmonic_fit::LONGEST_WINDOW).
+    pub fn begin(&mut self, delays_s: [f64; 2], noise_floors_n: [f64; 2], rate: SampleRate) {
+        let largest_s = delays_s[0].max(delays_s[1]);
+        // What is early waits for what is late.
+        let length = |delay_s: f64| ((largest_s - delay_s) * rate.hz()).round() as usize + 1;
+        self.first.refill(length(delays_s[0]), 0.0);
+        self.second.refill(length(delays_s[1]), 0.0);
+        self.delays_s = delays_s;
+        self.noise_n = noise_floors_n[0].hypot(noise_floors_n[1]);
+        let settling = self.first.len().max(self.second.len());
+        self.state = Moments { settling, ..Moments::default() };
     }
 
     /// One estimate of each. Answers [`Validity::ESTIMATORS_DISAGREE`] where they do.

@@ -2,8 +2,9 @@
 
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
+use super::band::usable_band_hz;
 use super::friction::{Presliding, PreslidingState};
-use super::harmonic::{HarmonicEstimator, HarmonicState, fitted_balance};
+use super::harmonic::{HarmonicEstimator, HarmonicState};
 use super::idle_map::IdleMap;
 use super::physics::PhysicsModel;
 use super::settings::{Filter, FilterState};
@@ -14,7 +15,8 @@ use super::validity::Validity;
 use crate::keyframe::{Keep, Words};
 use crate::plant::drive::DriveParams;
 use crate::signal::delay_line::DelayLine;
-use crate::signal::finite_difference::{Stencil, stencils};
+use crate::signal::finite_difference::{STENCIL_NODES, Stencil, stencils};
+use crate::signal::harmonic_fit::HarmonicFitError;
 use crate::signal::notch::{Notch, NotchState};
 use crate::units::SampleRate;
 
@@ -76,6 +78,8 @@ pub struct ForceEstimator {
     noise_floor_n: f64,
     friction_bound_n: f64,
     band_hz: f64,
+    usable_band_hz: [f64; 2],
+    drive_side_late_s: f64,
     constant_flags: Validity,
     encoder_lines_1_m: [f64; 2],
     harmonic: Option<HarmonicEstimator>,
@@ -109,14 +113,17 @@ pub struct ForceState {
     /// Speed of the axis, slowed down: what the notches follow.
     speed_m_s: f64,
     seen: u32,
+    /// Samples for which a value that was not there still rings on.
+    missing: u32,
 }
 
 impl Keep for ForceState {
     fn keep(&self, to: &mut Vec<u64>) {
         let Self { current, motor, nut, stage, current_n, last_ref_n, presliding, .. } = self;
-        let Self { filter, harmonic, notches, speed_m_s, seen, .. } = self;
+        let Self { filter, harmonic, notches, speed_m_s, seen, missing, .. } = self;
         [current, motor, nut, stage].into_iter().for_each(|line| line.keep(to));
         [current_n, last_ref_n, speed_m_s].into_iter().for_each(|x| x.keep(to));
+        missing.keep(to);
         presliding.keep(to);
         filter.keep(to);
         notches.keep(to);
@@ -129,8 +136,9 @@ impl Keep for ForceState {
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
         let Self { current, motor, nut, stage, current_n, last_ref_n, presliding, .. } = self;
         [current, motor, nut, stage].into_iter().try_for_each(|line| line.restore(from))?;
-        let Self { filter, harmonic, notches, speed_m_s, seen, .. } = self;
+        let Self { filter, harmonic, notches, speed_m_s, seen, missing, .. } = self;
         [current_n, last_ref_n, speed_m_s].into_iter().try_for_each(|x| x.restore(from))?;
+        missing.restore(from)?;
         presliding.restore(from)?;
         filter.restore(from)?;
         notches.restore(from)?;
@@ -157,7 +165,7 @@ impl ForceEstimator {
         settings: ForceSettings,
     ) -> Result<Self, ForceError> {
         let (drive, rate) = (axis.drive, axis.rate);
-        let alignment = Alignment::new(drive, rate)?;
+        let alignment = Alignment::new(drive, rate, settings.drive_side_late_s)?;
         let period_s = rate.period_s();
         let side = |age: f64, factors: [f64; 3]| {
             let s = stencils(age, period_s);
@@ -175,20 +183,22 @@ impl ForceEstimator {
             nut: side(alignment.stage, balance.nut.as_array()).force,
             stage: side(alignment.stage, balance.stage.as_array()),
             current: stencils(alignment.current, period_s)[0],
-            physics: settings.physics.filter(|p| !p.is_empty()),
+            physics: settings.physics.clone().filter(|p| !p.is_empty()),
             alignment,
             friction_smoothing_m_s: drive.friction_smoothing_m_s(),
             presliding: Presliding::new(settings.presliding_travel_m, drive.stage_encoder_resolution_m()),
             filter,
-            idle_map: settings.idle_map,
+            idle_map: settings.idle_map.clone(),
             signals: axis.signals,
             noise_floor_n: 0.0,
-            friction_bound_n: drive.motor_coulomb_friction_n() + drive.stage_coulomb_friction_n(),
+            friction_bound_n: settings.friction_bound_n(drive),
             band_hz,
+            usable_band_hz: usable_band_hz(method, axis, &settings, band_hz),
+            drive_side_late_s: settings.drive_side_late_s,
             constant_flags: Validity::when(beyond, Validity::MODE_OUTSIDE_MODEL),
             encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
             harmonic,
-            notches: design_notches(&settings.notches, rate)?,
+            notches: settings.design_notches(rate)?,
             // 20 Hz: fast enough for a feed that ramps, slow enough not to follow chatter.
             speed_memory: (-std::f64::consts::TAU * 20.0 / rate.hz()).exp(),
             settling: 0,
@@ -198,13 +208,34 @@ impl ForceEstimator {
         estimator.noise_floor_n = estimator.quantization_noise_n(drive);
         let window = estimator.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
         estimator.filter_delay_s = estimator.filter.delay_s(rate);
-        estimator.settling = estimator.alignment.lag_samples + window + estimator.filter.memory_samples(rate);
+        estimator.settling = estimator.settling_of(window);
         Ok(estimator)
     }
 
     /// State settled on a first sample: as if the axis had stood there for ever.
     #[must_use]
     pub fn settled(&self, first: &MotionSample) -> ForceState {
+        let mut state = ForceState {
+            current: DelayLine::filled(0.0),
+            motor: DelayLine::filled(0.0),
+            nut: DelayLine::filled(0.0),
+            stage: DelayLine::filled(0.0),
+            current_n: 0.0,
+            last_ref_n: 0.0,
+            presliding: Presliding::settled(0.0),
+            filter: self.filter.settled(0.0),
+            harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
+            notches: [NotchState::default(); MAX_NOTCHES],
+            speed_m_s: 0.0,
+            seen: 0,
+            missing: 0,
+        };
+        self.settle(&mut state, first);
+        state
+    }
+
+    /// Settles a state anew. No allocation.
+    pub fn settle(&self, state: &mut ForceState, first: &MotionSample) {
         let motor = first.motor_travel_m.unwrap_or(0.0);
         let nut = first.nut_position_m.unwrap_or(0.0);
         let stage = first.stage_position_m.unwrap_or(0.0);
@@ -212,20 +243,56 @@ impl ForceEstimator {
             + self.balance.motor.position_n_m * motor
             + self.balance.nut.position_n_m * nut
             + self.balance.stage.position_n_m * stage;
-        ForceState {
-            current: DelayLine::filled(first.thrust_ref_n),
-            motor: DelayLine::filled(motor),
-            nut: DelayLine::filled(nut),
-            stage: DelayLine::filled(stage),
-            current_n: first.thrust_ref_n,
-            last_ref_n: first.thrust_ref_n,
-            presliding: Presliding::settled(stage),
-            filter: self.filter.settled(rest),
-            harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
-            notches: [NotchState::default(); MAX_NOTCHES],
-            speed_m_s: 0.0,
-            seen: 0,
+        state.current = DelayLine::filled(first.thrust_ref_n);
+        state.motor = DelayLine::filled(motor);
+        state.nut = DelayLine::filled(nut);
+        state.stage = DelayLine::filled(stage);
+        (state.current_n, state.last_ref_n) = (first.thrust_ref_n, first.thrust_ref_n);
+        state.presliding = Presliding::settled(stage);
+        self.filter.settle(&mut state.filter, rest);
+        if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
+            harmonic.settle(inner, first);
         }
+        state.notches = [NotchState::default(); MAX_NOTCHES];
+        (state.speed_m_s, state.seen, state.missing) = (0.0, 0, 0);
+    }
+
+    /// Begins windows for another spindle speed (`fitted`, `spectral`; the others have none); those of now
+    /// stay in use until the new ones are made. Errors: a window that cannot be fitted.
+    pub fn begin_tuning(&mut self, spindle_speed_rpm: f64) -> Result<(), HarmonicFitError> {
+        self.harmonic.as_mut().map_or(Ok(()), |h| h.begin_tuning(spindle_speed_rpm))
+    }
+
+    /// Works on for about so many multiplications; true when the new windows are in use, and states of the
+    /// old ones must be settled anew. No allocation.
+    /// Errors: harmonics that the window cannot tell apart.
+    pub fn advance_tuning(&mut self, multiplications: usize) -> Result<bool, HarmonicFitError> {
+        let Some(harmonic) = &mut self.harmonic else { return Ok(true) };
+        if !harmonic.advance_tuning(multiplications)? {
+            return Ok(false);
+        }
+        self.noise_floor_n = harmonic.noise_floor_n();
+        let window_samples = harmonic.window_samples();
+        self.settling = self.settling_of(window_samples);
+        Ok(true)
+    }
+
+    /// Pieces of the windows in the making that are done, for a keyframe.
+    pub(super) fn tuning_pieces(&self) -> usize {
+        self.harmonic.as_ref().map_or(0, HarmonicEstimator::tuning_pieces)
+    }
+
+    /// Does so many pieces. Errors: as [`Self::advance_tuning`].
+    pub(super) fn catch_up(&mut self, pieces: usize) -> Result<(), HarmonicFitError> {
+        self.harmonic.as_mut().map_or(Ok(()), |h| h.catch_up(pieces))
+    }
+
+    fn settling_of(&self, window_samples: usize) -> usize {
+        // What a notch of a few hertz forgets in a tenth of a second, and the filter before the estimator.
+        let notches = if self.notches.is_empty() { 0.0 } else { 0.1 * self.rate.hz() };
+        let before = 8.0 * self.drive_side_late_s * self.rate.hz();
+        let extra = notches.max(before).ceil() as usize;
+        self.alignment.lag_samples + window_samples + self.filter.memory_samples(self.rate) + extra
     }
 
     /// One sample in, one estimate out. Constant cost, no allocation.
@@ -259,7 +326,8 @@ impl ForceEstimator {
             .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.travel_velocity_m_s(&motion)));
         let notched_n = self.notch(state, raw_n - disturbance_n, &motion);
         let force_n = self.filter.step(&mut state.filter, notched_n);
-        let flags = harmonic_flags | self.flags(state, sample, &motion);
+        self.watch_missing(state, sample);
+        let flags = harmonic_flags | self.flags(state, &motion);
         (ForceEstimate { force_n, flags }, motion)
     }
 
@@ -385,25 +453,41 @@ impl ForceEstimator {
         }
     }
 
-    fn flags(&self, state: &ForceState, sample: &MotionSample, motion: &AlignedMotion) -> Validity {
+    /// A held value enters the balance some samples later and rings in the low-pass: it is told of as long.
+    fn watch_missing(&self, state: &mut ForceState, sample: &MotionSample) {
         let missing = (self.balance.needs_nut() && sample.nut_position_m.is_none())
             || (self.balance.needs_motor() && sample.motor_travel_m.is_none())
             || (self.balance.needs_stage() && sample.stage_position_m.is_none());
+        let rings = u32::try_from(self.settling + STENCIL_NODES).unwrap_or(u32::MAX);
+        state.missing = if missing { rings } else { state.missing.saturating_sub(1) };
+    }
+
+    fn flags(&self, state: &ForceState, motion: &AlignedMotion) -> Validity {
         let settling = (state.seen as usize) < self.settling;
         let speed = self.travel_velocity_m_s(motion).abs();
+        let still = speed < 2.0 * self.friction_smoothing_m_s;
         let line = self.encoder_lines_1_m.iter().any(|lines| {
             let frequency_hz = speed * lines;
             frequency_hz > 1.0 && frequency_hz < self.band_hz
         });
-        let friction_n = self.balance.motor_friction_n.abs() + self.balance.stage_friction_n.abs();
+        let friction_n = match self.method {
+            // Its balance knows of no friction, which hides the force all the same.
+            Method::Thrust => self.friction_bound_n,
+            _ => {
+                self.balance.motor_friction_n.abs()
+                    + self.balance.stage_friction_n.abs()
+                    + self.physics.as_ref().map_or(0.0, PhysicsModel::coulomb_n)
+            }
+        };
+        let beyond_map = !still && self.idle_map.as_ref().is_some_and(|map| !map.holds(motion.position_m));
         // Without the stage's own motion in the balance, what friction holds back does not show at all.
         let hidden =
             if self.balance.needs_stage() { Validity::MEAN_NOT_OBSERVABLE } else { Validity::BELOW_FRICTION };
-        let still = speed < 2.0 * self.friction_smoothing_m_s;
         let below =
             still && friction_n > 0.0 && motion.thrust_n.abs() * self.balance.thrust.abs() < friction_n;
         self.constant_flags
-            | Validity::when(missing, Validity::SIGNAL_MISSING)
+            | Validity::when(beyond_map, Validity::EXTRAPOLATED)
+            | Validity::when(state.missing > 0, Validity::SIGNAL_MISSING)
             | Validity::when(settling, Validity::SETTLING)
             | Validity::when(line, Validity::ENCODER_LINE_IN_BAND)
             | Validity::when(below && self.method != Method::Spectral, hidden)
@@ -447,10 +531,10 @@ impl ForceEstimator {
         (self.filter_delay_s * self.rate.hz()).round() as usize
     }
 
-    /// Band in which the estimate can be used, Hz.
+    /// Band in which the estimate can be used, Hz: see [`super::band`].
     #[must_use]
     pub fn usable_band_hz(&self) -> [f64; 2] {
-        [0.0, self.band_hz]
+        self.usable_band_hz
     }
 
     /// Standard deviation of the estimate that the encoders' steps alone cause, N.
@@ -471,33 +555,16 @@ impl ForceEstimator {
             if step_m == 0.0 {
                 return 0.0;
             }
-            let mut state = self.filter.settled(0.0);
-            let length = stencil.weights.len() + 4 * self.filter.memory_samples(self.rate);
-            let energy: f64 = (0..length)
-                .map(|i| {
-                    let y = self.filter.step(&mut state, stencil.weights.get(i).copied().unwrap_or(0.0));
-                    y * y
-                })
-                .sum();
-            step_m * step_m / 12.0 * energy
+            step_m * step_m / 12.0 * self.filter.energy(&stencil.weights, self.rate)
         };
         if let Some(harmonic) = &self.harmonic {
-            let [motor, stage] = harmonic.noise_gains();
-            let q = [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()];
-            return ((motor * q[0]).hypot(stage * q[1])) / 12f64.sqrt();
+            return harmonic.noise_floor_n();
         }
         let motor = variance(&self.motor.force, drive.motor_encoder_resolution_m());
         let stage = variance(&self.stage.force, drive.stage_encoder_resolution_m());
         let nut = variance(&self.nut, drive.stage_encoder_resolution_m());
         (motor + nut + stage).sqrt()
     }
-}
-
-fn design_notches(plans: &[NotchPlan], rate: SampleRate) -> Result<Vec<(NotchCentre, Notch)>, ForceError> {
-    if plans.len() > MAX_NOTCHES {
-        return Err(ForceError::Notches { count: plans.len() });
-    }
-    plans.iter().map(|p| Ok((p.centre, Notch::new(p.width_hz, rate)?))).collect()
 }
 
 fn harmonic_estimator(
@@ -510,13 +577,16 @@ fn harmonic_estimator(
     }
     let missing = ForceError::Structure { method: method.name(), needs: "a spindle speed" };
     let harmonic = settings.harmonic.as_ref().ok_or(missing)?;
+    let friction_n = settings.friction_bound_n(axis.drive);
     Ok(Some(match method {
-        Method::Fitted => {
-            HarmonicEstimator::fitted(axis, (fitted_balance(axis), settings.presliding_travel_m), harmonic)?
-        }
+        Method::Fitted => HarmonicEstimator::fitted(
+            axis,
+            (measured_balance(method, axis)?, settings.presliding_travel_m),
+            harmonic,
+        )?,
         _ => HarmonicEstimator::spectral(
             axis,
-            (settings.controller.as_ref(), settings.presliding_travel_m),
+            (settings.controller.as_ref(), friction_n, settings.presliding_travel_m),
             harmonic,
         )?,
     }))

@@ -7,7 +7,7 @@
 //! filters by them.
 //! The mean force is not estimated: accelerometers do not see it.
 //!
-//! Source: Vogl, Fabro and Qu, CIRP Annals 2022/2023, eq. (1), (2).
+//! Source: Vogl, Regli and Corson, 2022, eq. (1), (2).
 
 use super::validity::Validity;
 use rustfft::num_complex::Complex64;
@@ -69,6 +69,9 @@ pub struct FrfEstimator {
     pub condition: f64,
 }
 
+/// Condition number of normal equations from which on a fit is not believed.
+const ILL_CONDITIONED: f64 = 1e10;
+
 /// The factors of H, G, N in the response at a frequency and speed; G's is imaginary.
 #[must_use]
 pub fn term_factors(frequency_hz: f64, speed_rpm: f64) -> [Complex64; TERMS] {
@@ -118,6 +121,13 @@ impl FrfEstimator {
             }
         }
         out
+    }
+
+    /// Whether the fit behind it was close to singular: beyond this condition number of its normal equations
+    /// double precision keeps fewer than six digits of a function.
+    #[must_use]
+    pub fn condition_flags(&self) -> Validity {
+        Validity::when(!(self.condition < ILL_CONDITIONED), Validity::ILL_CONDITIONED)
     }
 
     /// What speaks against an estimate at this speed.

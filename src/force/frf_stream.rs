@@ -33,6 +33,9 @@ pub struct FrfStream {
     spectrum: Vec<Complex64>,
     sum: Vec<Complex64>,
     scratch: Vec<Complex64>,
+    /// Responses of one speed by frequency, before they are made causal.
+    wanted: Vec<[Complex64; ACCEL_AXES]>,
+    shifted: Vec<f64>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -48,9 +51,14 @@ struct FrfState {
     tail: Vec<f64>,
     newest: AccelSample,
     seen: usize,
+    /// Samples for which an absent acceleration, or a speed beyond the runs, is still in what comes out.
+    missing: usize,
+    beyond: usize,
 }
 
-crate::keyframe::keep!(FrfState { responses_rpm, pending, pending_rpm, filled, out, tail, newest, seen }
+crate::keyframe::keep!(FrfState {
+    responses_rpm, pending, pending_rpm, filled, out, tail, newest, seen, missing, beyond
+}
     if |s| s.filled < s.out.len());
 
 impl FrfState {
@@ -64,6 +72,8 @@ impl FrfState {
             tail: vec![0.0; size],
             newest: [0.0; ACCEL_AXES],
             seen: 0,
+            missing: 0,
+            beyond: 0,
         }
     }
 }
@@ -81,7 +91,9 @@ impl Keep for FrfStream {
 
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
         self.state.restore(from)?;
-        self.responses = self.impulse_spectra(self.state.responses_rpm);
+        if self.state.responses_rpm.is_finite() {
+            self.make_responses(self.state.responses_rpm);
+        }
         Some(())
     }
 }
@@ -109,7 +121,9 @@ impl FrfStream {
             block,
             forward,
             backward,
-            responses: Default::default(),
+            responses: std::array::from_fn(|_| spectrum.clone()),
+            wanted: vec![[Complex64::default(); ACCEL_AXES]; spectrum.len()],
+            shifted: vec![0.0; size],
             state: FrfState::new(block, size),
             time: vec![0.0; size],
             sum: spectrum.clone(),
@@ -156,8 +170,8 @@ impl FrfStream {
     /// One sample in, the estimate of [`Self::delay_samples`] ago out. Absent accelerations are held and
     /// flagged.
     ///
-    /// Cost: a few stores; at the end of a block four transforms, and twelve more where the speed has
-    /// changed (that alone asks for memory).
+    /// Cost: a few stores; at the end of a block four transforms, and six more where the speed has changed.
+    /// No allocation.
     pub fn step(&mut self, accel: Option<AccelSample>, speed_rpm: f64) -> ForceEstimate {
         let state = &mut self.state;
         state.newest = accel.unwrap_or(state.newest);
@@ -167,14 +181,19 @@ impl FrfStream {
         state.pending_rpm += speed_rpm / self.block as f64;
         let force_n = state.out[state.filled];
         state.filled += 1;
-        let settling = state.seen < self.half * 2 + self.block;
+        let memory = self.half * 2 + self.block;
+        let settling = state.seen < memory;
         state.seen = state.seen.saturating_add(1);
+        let lasts = |left: usize, now: bool| if now { memory + self.block } else { left.saturating_sub(1) };
+        state.missing = lasts(state.missing, accel.is_none());
+        state.beyond = lasts(state.beyond, !self.estimator.flags(speed_rpm).is_valid());
+        let flags = Validity::when(state.beyond > 0, Validity::EXTRAPOLATED)
+            | self.estimator.condition_flags()
+            | Validity::when(settling, Validity::SETTLING)
+            | Validity::when(state.missing > 0, Validity::SIGNAL_MISSING);
         if state.filled == self.block {
             self.filter_block();
         }
-        let flags = self.estimator.flags(speed_rpm)
-            | Validity::when(settling, Validity::SETTLING)
-            | Validity::when(accel.is_none(), Validity::SIGNAL_MISSING);
         ForceEstimate { force_n, flags }
     }
 
@@ -182,7 +201,7 @@ impl FrfStream {
         let speed_rpm = std::mem::take(&mut self.state.pending_rpm);
         let now_rpm = self.state.responses_rpm;
         if !((speed_rpm - now_rpm).abs() <= SPEED_STEP * now_rpm.abs()) {
-            self.responses = self.impulse_spectra(speed_rpm);
+            self.make_responses(speed_rpm);
             self.state.responses_rpm = speed_rpm;
         }
         let state = &mut self.state;
@@ -208,34 +227,31 @@ impl FrfStream {
     }
 
     /// Spectra of the windowed impulse responses, shifted by half their length so that they are causal.
-    fn impulse_spectra(&self, speed_rpm: f64) -> [Vec<Complex64>; ACCEL_AXES] {
-        if !speed_rpm.is_finite() {
-            return Default::default();
-        }
-        let size = self.state.tail.len();
+    fn make_responses(&mut self, speed_rpm: f64) {
+        let size = self.time.len();
         let bin_hz = self.rate.hz() / size as f64;
-        let mut out: [Vec<Complex64>; ACCEL_AXES] = Default::default();
-        let wanted: Vec<[Complex64; ACCEL_AXES]> =
-            (0..=size / 2).map(|k| self.estimator.response_kg(k as f64 * bin_hz, speed_rpm)).collect();
-        for (axis, spectrum) in out.iter_mut().enumerate() {
-            let mut freq: Vec<Complex64> = wanted.iter().map(|w| w[axis] / size as f64).collect();
-            freq[0] = Complex64::new(0.0, 0.0);
-            freq[size / 2] = Complex64::new(0.0, 0.0);
-            let mut time = vec![0.0; size];
-            let _ = self.backward.process(&mut freq, &mut time);
-            let mut shifted = vec![0.0; size];
+        for (k, wanted) in self.wanted.iter_mut().enumerate() {
+            *wanted = self.estimator.response_kg(k as f64 * bin_hz, speed_rpm);
+        }
+        for (axis, response) in self.responses.iter_mut().enumerate() {
+            for (to, wanted) in self.spectrum.iter_mut().zip(&self.wanted) {
+                *to = wanted[axis] / size as f64;
+            }
+            self.spectrum[0] = Complex64::default();
+            self.spectrum[size / 2] = Complex64::default();
+            // Lengths are those of the plan: the transforms cannot refuse them.
+            let (spectrum, scratch) = (&mut self.spectrum, &mut self.scratch);
+            let _ = self.backward.process_with_scratch(spectrum, &mut self.time, scratch);
+            self.shifted.fill(0.0);
             for k in 0..=2 * self.half {
                 let age = k as f64 - self.half as f64;
                 let window = (0.5 * PI * age / (self.half as f64 + 1.0)).cos().powi(2);
                 let from = (k + size - self.half) % size;
-                shifted[k] = window * time[from];
+                // The inverse transform of the product is not normalised by the library.
+                self.shifted[k] = window * self.time[from] / size as f64;
             }
-            let mut result = self.forward.make_output_vec();
-            let _ = self.forward.process(&mut shifted, &mut result);
-            // The inverse transform of the product is not normalised by the library.
-            *spectrum = result.into_iter().map(|x| x / size as f64).collect();
+            let _ = self.forward.process_with_scratch(&mut self.shifted, response, scratch);
         }
-        out
     }
 }
 

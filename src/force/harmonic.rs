@@ -1,18 +1,19 @@
 //! Two estimators that know the spindle: positions fitted by spindle harmonics before the balance
 //! (`fitted`), and spectral lines of the thrust corrected by the drive's response (`spectral`).
 //!
-//! Both are windows of fixed weights for the spindle speed that they were designed for;
-//! [`super::observer`] flags another speed and makes a new design where the spindle has settled at one.
+//! Both are windows of fixed weights for one spindle speed; [`super::observer`] flags another speed and has
+//! new weights made, a little in each sample, where the spindle has settled at one.
 
 use super::alignment::Alignment;
-use super::balance::{ForceBalance, Method, MotionFactors};
+use super::balance::{ForceBalance, Method};
 use super::estimator::{AlignedMotion, AxisSignals, ForceError, MotionSample, Signals};
 use super::friction::{Presliding, PreslidingState};
 use super::response::Chain;
 use super::validity::Validity;
-use crate::plant::drive::DriveParams;
 use crate::plant::machine::Controller;
-use crate::signal::harmonic_fit::{HarmonicBasis, HarmonicFit, LongLine};
+use crate::signal::harmonic_fit::{
+    HarmonicBasis, HarmonicDesign, HarmonicFitError, LONGEST_WINDOW, LongLine,
+};
 use crate::units::SampleRate;
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -72,6 +73,13 @@ impl HarmonicSettings {
         }
     }
 
+    /// First and last line, Hz.
+    pub(super) fn lines_hz(&self, rate: SampleRate) -> [f64; 2] {
+        let basis = self.basis(rate);
+        let first_hz = basis.fundamental_rad * rate.hz() / TAU;
+        [first_hz, first_hz * basis.harmonics as f64]
+    }
+
     fn basis(&self, rate: SampleRate) -> HarmonicBasis {
         let line_hz = self.lines_per_turn * self.spindle_speed_rpm / 60.0;
         let below = (self.band_hz.min(0.45 * rate.hz()) / line_hz).floor().clamp(1.0, 40.0);
@@ -94,10 +102,15 @@ pub(super) const SPEED_TOLERANCE: f64 = 1e-3;
 #[derive(Debug, Clone, PartialEq)]
 pub struct HarmonicEstimator {
     kind: Kind,
-    condition: f64,
-    lag_samples: usize,
-    line_samples: usize,
+    settings: HarmonicSettings,
+    rate: SampleRate,
+    windows: Windows,
+    /// Weights in the making, and the lag that they will have.
+    design: HarmonicDesign,
+    next_lag_samples: usize,
     friction_smoothing_m_s: f64,
+    /// Encoder steps of motor and stage as travel, m.
+    steps_m: [f64; 2],
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -106,27 +119,71 @@ enum Kind {
     Spectral(Spectral),
 }
 
-/// Weights of the window for each signal, oldest sample first.
+/// Most functionals of a window: that of the thrust, and force, position and velocity of motor and stage.
+const FUNCTIONALS: usize = 7;
+/// Where the weights of motor and stage begin; each side has force, position, velocity (`fitted`).
+const MOTOR: usize = 1;
+const STAGE: usize = 4;
+/// On the thrust: its lines through the inverse of the closed loop (`spectral`).
+const FORCE: usize = 0;
+/// On thrust or position: the lines as they are (`spectral`).
+const LINES: usize = 1;
+/// On the position: the motion of the window as a whole (`spectral`).
+const VELOCITY: usize = 2;
+
+/// Weights for one spindle speed, oldest sample first.
+#[derive(Debug, Clone, PartialEq)]
+struct Windows {
+    weights: [Vec<f64>; FUNCTIONALS],
+    condition: f64,
+    lag_samples: usize,
+    samples: usize,
+}
+
 #[derive(Debug, Clone, PartialEq)]
 struct Fitted {
     balance: ForceBalance,
-    current: Vec<f64>,
-    current_memory: f64,
-    /// Force, position, velocity.
-    motor: [Vec<f64>; 3],
-    /// Force, position, velocity.
-    stage: [Vec<f64>; 3],
+    alignment: Alignment,
     signals: Signals,
     presliding: Presliding,
 }
 
 impl Fitted {
-    fn step(&self, state: &mut HarmonicState, friction_smoothing_m_s: f64) -> Windowed {
-        let [motor_n, motor_m, motor_m_s] = [0, 1, 2].map(|k| state.motor.apply(&self.motor[k]));
-        let [stage_n, stage_m, stage_m_s] = [0, 1, 2].map(|k| state.stage.apply(&self.stage[k]));
+    /// What the windows stand for, by the instants that the alignment gives. The alignment's own lag (three
+    /// samples and the encoders' delays) stays; the window's comes on top. Answers the lag.
+    fn describe(&self, reading: Reading, rate: SampleRate, design: &mut HarmonicDesign) -> usize {
+        let (basis, row) = design.functional(0);
+        let middle_age = match reading {
+            Reading::Middle => basis.half_window,
+            Reading::Young => 0,
+        };
+        let young = basis.half_window as f64 - middle_age as f64;
+        basis.add_row((young - self.alignment.current, 0), 1.0, row);
+        let scale = [1.0, rate.hz(), rate.hz() * rate.hz()];
+        let sides = [
+            (MOTOR, self.alignment.motor, self.balance.motor),
+            (STAGE, self.alignment.stage, self.balance.stage),
+        ];
+        for (first, age, factors) in sides {
+            let at = young - age;
+            let (_, row) = design.functional(first);
+            for (k, factor) in factors.as_array().iter().enumerate() {
+                basis.add_row((at, k), factor * scale[k], row);
+            }
+            for k in 0..2 {
+                basis.add_row((at, k), scale[k], design.functional(first + 1 + k).1);
+            }
+        }
+        middle_age + self.alignment.lag_samples
+    }
+
+    fn step(&self, state: &mut HarmonicState, windows: &Windows, friction_smoothing_m_s: f64) -> Windowed {
+        let side = |line: &LongLine, first: usize| [0, 1, 2].map(|k| line.apply(&windows.weights[first + k]));
+        let [motor_n, motor_m, motor_m_s] = side(&state.motor, MOTOR);
+        let [stage_n, stage_m, stage_m_s] = side(&state.stage, STAGE);
         let share = self.presliding.step(&mut state.presliding, stage_m);
         let motion = AlignedMotion {
-            thrust_n: state.current.apply(&self.current),
+            thrust_n: state.current.apply(&windows.weights[0]),
             motor_velocity_m_s: motor_m_s,
             stage_velocity_m_s: stage_m_s,
             position_m: if self.signals == Signals::MotorOnly { motor_m } else { stage_m },
@@ -138,35 +195,55 @@ impl Fitted {
     }
 }
 
-/// Weights of the window for each signal, oldest sample first.
 #[derive(Debug, Clone, PartialEq)]
 struct Spectral {
-    /// On the thrust: its lines through the inverse of the closed loop.
-    force: Vec<f64>,
-    /// On thrust or position: the lines as they are.
-    lines: Vec<f64>,
-    /// On the position: the motion of the window as a whole.
-    velocity: Vec<f64>,
+    closed_loop: ClosedLoop,
     friction_n: f64,
     /// Travel within which a guideway holds instead of sliding.
     presliding_travel_m: f64,
     uses_stage: bool,
+    rate_hz: f64,
 }
 
 impl Spectral {
-    /// On an axis that stands still the friction holds the force: what shows in the thrust is what is
-    /// beyond friction, so friction is added to its amplitude. Where the guideway does not slide (the axis
-    /// moves by less than the travel over which friction turns), nothing is known but that the force is
-    /// below friction.
-    fn step(&self, state: &mut HarmonicState, (half_window, still_m_s): (usize, f64)) -> Windowed {
-        let force_n = state.current.apply(&self.force);
-        let amplitude_n = state.thrust_peak.step(state.current.apply(&self.lines), half_window);
+    /// What the windows stand for: the inverse transform of corrected lines is one sum of weights. Answers
+    /// the lag.
+    fn describe(&self, reading: Reading, rate: SampleRate, design: &mut HarmonicDesign) -> usize {
+        let (basis, row) = design.functional(FORCE);
+        let at = match reading {
+            Reading::Middle => 0.0,
+            Reading::Young => basis.half_window as f64 - 3.0,
+        };
+        let line_hz = basis.fundamental_rad * rate.hz() / TAU;
+        basis.add_filtered(at, |i| 1.0 / self.closed_loop.thrust_per_cutting(i as f64 * line_hz), row);
+        basis.add_filtered(at, |_| Complex64::new(1.0, 0.0), design.functional(LINES).1);
+        // The ramp alone: the window as a whole, without its vibration.
+        design.functional(VELOCITY).1[1] = rate.hz();
+        (basis.half_window as f64 - at) as usize
+    }
+
+    /// On an axis that stands still the friction holds the force: what shows in the thrust, through the
+    /// inverse of the closed loop, is what is beyond friction, u/G = F_cut - F_friction, so friction is added
+    /// to that amplitude. Where the guideway does not slide (the axis moves by less than the travel over which
+    /// friction turns), nothing is known but that the force is below friction.
+    ///
+    /// Where the vibration turns the velocity of a moving axis around, friction turns with it and the lines
+    /// of the thrust hold it: flagged.
+    /// Checked by: force::a_stopped_axis_adds_friction_to_the_corrected_amplitude.
+    fn step(&self, state: &mut HarmonicState, windows: &Windows, still_m_s: f64) -> Windowed {
+        let (weights, half_window) = (&windows.weights, windows.samples / 2);
+        let force_n = state.current.apply(&weights[FORCE]);
+        let amplitude_n = state.force_peak.step(force_n, half_window);
         let position = if self.uses_stage { &state.stage } else { &state.motor };
-        let travel_m = state.travel_peak.step(position.apply(&self.lines), half_window);
-        let speed_m_s = position.apply(&self.velocity).abs();
+        let speed_m_s = position.apply(&weights[VELOCITY]).abs();
         let with = |force_n, flags| Windowed { force_n, flags, motion: None };
+        let lines_m = position.apply(&weights[LINES]);
+        let travel_m = state.travel_peak.step(lines_m, half_window);
+        let vibration_m_s = (lines_m - state.last_lines_m).abs() * self.rate_hz;
+        let fastest_m_s = state.speed_peak.step(vibration_m_s, half_window);
+        state.last_lines_m = lines_m;
         if speed_m_s > still_m_s {
-            return with(force_n, Validity::VALID);
+            return with(force_n, Validity::when(fastest_m_s > speed_m_s, Validity::EXTRAPOLATED));
         }
         // Friction is known to a tenth: what shows beyond it by less cannot be told from it.
         let holds = travel_m < self.presliding_travel_m || amplitude_n < 0.1 * self.friction_n;
@@ -197,8 +274,10 @@ pub struct HarmonicState {
     current_n: f64,
     last_ref_n: f64,
     presliding: PreslidingState,
-    thrust_peak: PeakHold,
+    force_peak: PeakHold,
     travel_peak: PeakHold,
+    speed_peak: PeakHold,
+    last_lines_m: f64,
 }
 
 crate::keyframe::keep!(HarmonicState {
@@ -208,8 +287,10 @@ crate::keyframe::keep!(HarmonicState {
     current_n,
     last_ref_n,
     presliding,
-    thrust_peak,
-    travel_peak
+    force_peak,
+    travel_peak,
+    speed_peak,
+    last_lines_m
 });
 
 /// Largest size of a series over the last window, in two halves.
@@ -245,44 +326,13 @@ impl HarmonicEstimator {
         (balance, presliding_travel_m): (ForceBalance, f64),
         settings: &HarmonicSettings,
     ) -> Result<Self, ForceError> {
-        let rate = axis.rate;
-        let basis = settings.basis(rate);
-        let fit = HarmonicFit::new(basis)?;
-        let alignment = Alignment::new(axis.drive, rate)?;
-        // The alignment's own lag (three samples and the encoders' delays) stays; the window's comes on top.
-        let middle_age = match settings.reading {
-            Reading::Middle => basis.half_window,
-            Reading::Young => 0,
-        };
-        let n = basis.half_window as f64;
-        let side = |age: f64, factors: [f64; 3]| {
-            let at = n - (middle_age as f64 + age);
-            let scale = [1.0, rate.hz(), rate.hz() * rate.hz()];
-            let mut force = vec![0.0; 2 * basis.half_window + 1];
-            for (k, factor) in factors.iter().enumerate() {
-                for (sum, w) in force.iter_mut().zip(fit.weights(at, k)) {
-                    *sum += factor * scale[k] * w;
-                }
-            }
-            let derivative =
-                |k: usize| fit.weights(at, k).into_iter().map(|w| w * scale[k]).collect::<Vec<f64>>();
-            [force, derivative(0), derivative(1)]
-        };
-        Ok(Self {
-            kind: Kind::Fitted(Fitted {
-                balance,
-                current: fit.weights(n - middle_age as f64 - alignment.current, 0),
-                current_memory: alignment.current_memory,
-                motor: side(alignment.motor, balance.motor.as_array()),
-                stage: side(alignment.stage, balance.stage.as_array()),
-                signals: axis.signals,
-                presliding: Presliding::new(presliding_travel_m, axis.drive.stage_encoder_resolution_m()),
-            }),
-            condition: fit.condition(),
-            lag_samples: middle_age + alignment.lag_samples,
-            line_samples: 2 * basis.half_window + 1,
-            friction_smoothing_m_s: axis.drive.friction_smoothing_m_s(),
-        })
+        let kind = Kind::Fitted(Fitted {
+            balance,
+            alignment: Alignment::new(axis.drive, axis.rate, 0.0)?,
+            signals: axis.signals,
+            presliding: Presliding::new(presliding_travel_m, axis.drive.stage_encoder_resolution_m()),
+        });
+        Self::new(kind, axis, settings)
     }
 
     /// `spectral`: lines of the thrust divided by the closed loop's response to a cutting force.
@@ -292,59 +342,124 @@ impl HarmonicEstimator {
     /// Source: Sato et al., 4.3. Deviation: the inverse transform of the lines is one sum of weights.
     pub fn spectral(
         axis: &AxisSignals<'_>,
-        (controller, presliding_travel_m): (Option<&Controller>, f64),
+        (controller, friction_n, presliding_travel_m): (Option<&Controller>, f64, f64),
         settings: &HarmonicSettings,
     ) -> Result<Self, ForceError> {
         let missing =
             ForceError::Structure { method: Method::Spectral.name(), needs: "[axes.<axis>.controller]" };
-        let loop_response =
-            ClosedLoop { drive: axis.drive, controller: *controller.ok_or(missing)?, rate: axis.rate };
-        let rate = axis.rate;
-        let basis = settings.basis(rate);
-        let fit = HarmonicFit::new(basis)?;
-        let at = match settings.reading {
-            Reading::Middle => 0.0,
-            Reading::Young => basis.half_window as f64 - 3.0,
-        };
-        let line_hz = basis.fundamental_rad * rate.hz() / TAU;
-        let response = |i: usize| 1.0 / loop_response.thrust_per_cutting(i as f64 * line_hz);
-        Ok(Self {
-            kind: Kind::Spectral(Spectral {
-                force: fit.filtered_weights(at, response),
-                lines: fit.filtered_weights(at, |_| Complex64::new(1.0, 0.0)),
-                velocity: fit.slope_weights().into_iter().map(|w| w * rate.hz()).collect(),
-                friction_n: axis.drive.stage_coulomb_friction_n() + axis.drive.motor_coulomb_friction_n(),
-                presliding_travel_m,
-                uses_stage: axis.signals != Signals::MotorOnly,
-            }),
-            condition: fit.condition(),
-            lag_samples: (basis.half_window as f64 - at) as usize,
-            line_samples: 2 * basis.half_window + 1,
-            friction_smoothing_m_s: axis.drive.friction_smoothing_m_s(),
-        })
+        let kind = Kind::Spectral(Spectral {
+            closed_loop: ClosedLoop::new(axis, *controller.ok_or(missing)?),
+            friction_n,
+            presliding_travel_m,
+            uses_stage: axis.signals != Signals::MotorOnly,
+            rate_hz: axis.rate.hz(),
+        });
+        Self::new(kind, axis, settings)
     }
 
-    /// State settled on a first sample.
+    fn new(kind: Kind, axis: &AxisSignals<'_>, settings: &HarmonicSettings) -> Result<Self, ForceError> {
+        let functionals = match kind {
+            Kind::Fitted(_) => FUNCTIONALS,
+            Kind::Spectral(_) => 3,
+        };
+        let memory = |k: usize| Vec::with_capacity(if k < functionals { LONGEST_WINDOW } else { 0 });
+        let mut made = Self {
+            kind,
+            settings: *settings,
+            rate: axis.rate,
+            windows: Windows {
+                weights: std::array::from_fn(memory),
+                condition: f64::INFINITY,
+                lag_samples: 0,
+                samples: 0,
+            },
+            design: HarmonicDesign::new(functionals),
+            next_lag_samples: 0,
+            friction_smoothing_m_s: axis.drive.friction_smoothing_m_s(),
+            steps_m: [axis.drive.motor_encoder_resolution_m(), axis.drive.stage_encoder_resolution_m()],
+        };
+        made.begin_tuning(settings.spindle_speed_rpm)?;
+        while !made.advance_tuning(usize::MAX)? {}
+        Ok(made)
+    }
+
+    /// Begins weights for another spindle speed; those of now stay in use until the others are made.
+    /// Errors: a window that cannot be fitted.
+    pub fn begin_tuning(&mut self, spindle_speed_rpm: f64) -> Result<(), HarmonicFitError> {
+        self.settings.spindle_speed_rpm = spindle_speed_rpm;
+        self.design.begin(self.settings.basis(self.rate))?;
+        let (reading, rate) = (self.settings.reading, self.rate);
+        self.next_lag_samples = match &self.kind {
+            Kind::Fitted(fitted) => fitted.describe(reading, rate, &mut self.design),
+            Kind::Spectral(spectral) => spectral.describe(reading, rate, &mut self.design),
+        };
+        Ok(())
+    }
+
+    /// Works on for about so many multiplications; true when the new weights are in use. No allocation.
+    /// Errors: harmonics that the window cannot tell apart.
+    pub fn advance_tuning(&mut self, multiplications: usize) -> Result<bool, HarmonicFitError> {
+        if !self.design.advance(multiplications)? {
+            return Ok(false);
+        }
+        for (k, weights) in self.windows.weights.iter_mut().enumerate().take(self.design.functionals()) {
+            self.design.exchange(k, weights);
+        }
+        self.windows.condition = self.design.condition();
+        self.windows.samples = self.design.samples();
+        self.windows.lag_samples = self.next_lag_samples;
+        Ok(true)
+    }
+
+    /// Pieces of the weights in the making that are done, for a keyframe.
+    pub(super) fn tuning_pieces(&self) -> usize {
+        self.design.pieces()
+    }
+
+    /// Does so many pieces. Errors: as [`Self::advance_tuning`].
+    pub(super) fn catch_up(&mut self, pieces: usize) -> Result<(), HarmonicFitError> {
+        self.design.catch_up(pieces)
+    }
+
+    /// State settled on a first sample, with memory for the longest window.
     #[must_use]
     pub fn settled(&self, first: &MotionSample) -> HarmonicState {
-        let line = |x: f64| LongLine::filled(self.line_samples, x);
-        HarmonicState {
-            current: line(first.thrust_ref_n),
-            motor: line(first.motor_travel_m.unwrap_or(0.0)),
-            stage: line(first.stage_position_m.unwrap_or(0.0)),
-            current_n: first.thrust_ref_n,
-            last_ref_n: first.thrust_ref_n,
-            presliding: Presliding::settled(first.stage_position_m.unwrap_or(0.0)),
-            thrust_peak: PeakHold::default(),
+        let line = || LongLine::roomy(1, 0.0);
+        let mut state = HarmonicState {
+            current: line(),
+            motor: line(),
+            stage: line(),
+            current_n: 0.0,
+            last_ref_n: 0.0,
+            presliding: Presliding::settled(0.0),
+            force_peak: PeakHold::default(),
             travel_peak: PeakHold::default(),
-        }
+            speed_peak: PeakHold::default(),
+            last_lines_m: 0.0,
+        };
+        self.settle(&mut state, first);
+        state
+    }
+
+    /// Settles a state anew. No allocation.
+    pub fn settle(&self, state: &mut HarmonicState, first: &MotionSample) {
+        let samples = self.windows.samples;
+        let (motor_m, stage_m) = (first.motor_travel_m.unwrap_or(0.0), first.stage_position_m.unwrap_or(0.0));
+        state.current.refill(samples, first.thrust_ref_n);
+        state.motor.refill(samples, motor_m);
+        state.stage.refill(samples, stage_m);
+        (state.current_n, state.last_ref_n) = (first.thrust_ref_n, first.thrust_ref_n);
+        state.presliding = Presliding::settled(stage_m);
+        state.force_peak = PeakHold::default();
+        (state.travel_peak, state.speed_peak) = (PeakHold::default(), PeakHold::default());
+        state.last_lines_m = 0.0;
     }
 
     /// One sample. Cost: six weights a sample of the window at most; no allocation.
     #[must_use]
     pub fn step(&self, state: &mut HarmonicState, sample: &MotionSample) -> Windowed {
         let memory = match &self.kind {
-            Kind::Fitted(fitted) => fitted.current_memory,
+            Kind::Fitted(fitted) => fitted.alignment.current_memory,
             Kind::Spectral(_) => 0.0,
         };
         state.current_n = if memory == 0.0 {
@@ -356,12 +471,12 @@ impl HarmonicEstimator {
         state.current.push(state.current_n);
         state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.last()));
         state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.last()));
-        let ill = Validity::when(self.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
+        let ill = Validity::when(self.windows.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
         let windowed = match &self.kind {
-            Kind::Fitted(fitted) => fitted.step(state, self.friction_smoothing_m_s),
+            Kind::Fitted(fitted) => fitted.step(state, &self.windows, self.friction_smoothing_m_s),
+            // Slower than this the axis stands still.
             Kind::Spectral(spectral) => {
-                // Slower than this the axis stands still.
-                spectral.step(state, (self.line_samples / 2, 2.0 * self.friction_smoothing_m_s))
+                spectral.step(state, &self.windows, 2.0 * self.friction_smoothing_m_s)
             }
         };
         Windowed { flags: windowed.flags | ill, ..windowed }
@@ -370,40 +485,60 @@ impl HarmonicEstimator {
     /// Samples by which an estimate lags.
     #[must_use]
     pub fn lag_samples(&self) -> usize {
-        self.lag_samples
+        self.windows.lag_samples
     }
 
     /// Samples until the window is full.
     #[must_use]
     pub fn window_samples(&self) -> usize {
-        self.line_samples
+        self.windows.samples
     }
 
     /// Condition number of the window.
     #[must_use]
     pub fn condition(&self) -> f64 {
-        self.condition
+        self.windows.condition
     }
 
-    /// Output noise for white noise of unit size on motor and stage position, N/m.
+    /// Standard deviation that the encoders' steps cause, N: sigma^2 = sum over sides of q^2/12 w . w.
     #[must_use]
-    pub(super) fn noise_gains(&self) -> [f64; 2] {
-        let norm = |w: &[f64]| w.iter().map(|x| x * x).sum::<f64>().sqrt();
-        match &self.kind {
-            Kind::Fitted(fitted) => [norm(&fitted.motor[0]), norm(&fitted.stage[0])],
-            Kind::Spectral(_) => [0.0, 0.0],
-        }
+    pub(super) fn noise_floor_n(&self) -> f64 {
+        let Kind::Fitted(_) = self.kind else { return 0.0 };
+        let norm = |k: usize| self.windows.weights[k].iter().map(|x| x * x).sum::<f64>().sqrt();
+        (norm(MOTOR) * self.steps_m[0]).hypot(norm(STAGE) * self.steps_m[1]) / 12f64.sqrt()
     }
 }
 
 /// Position and velocity loop around a drive.
-pub(super) struct ClosedLoop<'a> {
-    pub(super) drive: &'a DriveParams,
-    pub(super) controller: Controller,
-    pub(super) rate: SampleRate,
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ClosedLoop {
+    chain: Chain,
+    controller: Controller,
+    /// Semi-closed: the position loop is closed on the motor's encoder too.
+    position_on_motor: bool,
+    total_mass_kg: f64,
+    current_loop_bandwidth_rad_s: Option<f64>,
+    motor_delay_s: f64,
+    stage_delay_s: f64,
+    /// Dead time of the amplifier and half a sample of hold.
+    drive_delay_s: f64,
 }
 
-impl ClosedLoop<'_> {
+impl ClosedLoop {
+    pub(super) fn new(axis: &AxisSignals<'_>, controller: Controller) -> Self {
+        let (drive, rate) = (axis.drive, axis.rate);
+        Self {
+            position_on_motor: axis.signals == Signals::MotorOnly,
+            chain: Chain::of_drive(drive),
+            controller,
+            total_mass_kg: drive.total_mass_kg(),
+            current_loop_bandwidth_rad_s: drive.current_loop_bandwidth_rad_s(),
+            motor_delay_s: drive.motor_encoder_delay_s(),
+            stage_delay_s: drive.stage_encoder_delay_s(),
+            drive_delay_s: drive.amplifier_dead_time_s() + 0.5 * rate.period_s(),
+        }
+    }
+
     /// Thrust reference per cutting force.
     ///
     ///   u = -M_a K_v (1 + K_i/s) [ K_p x_t e^{-s T_t} + s w_f/(s + w_f) x_m e^{-s T_m} ],
@@ -412,30 +547,20 @@ impl ClosedLoop<'_> {
     /// solved for u/F. Checked by: force::spectral_gain_is_that_of_the_recorded_loop.
     pub(super) fn thrust_per_cutting(&self, frequency_hz: f64) -> Complex64 {
         let s = Complex64::new(0.0, TAU * frequency_hz);
-        let (d, c) = (self.drive, &self.controller);
+        let c = &self.controller;
         let delay = |t_s: f64| (-s * t_s).exp();
-        let velocity_loop = d.total_mass_kg() * c.velocity_gain_1_s * (1.0 + c.velocity_integral_1_s / s);
+        let velocity_loop = self.total_mass_kg * c.velocity_gain_1_s * (1.0 + c.velocity_integral_1_s / s);
         let filter = c.velocity_filter_rad_s / (s + c.velocity_filter_rad_s);
-        let on_motor = velocity_loop * s * filter * delay(d.motor_encoder_delay_s());
-        let on_stage = velocity_loop * c.position_gain_1_s * delay(d.stage_encoder_delay_s());
-        let lag = d.current_loop_bandwidth_rad_s().map_or(Complex64::new(1.0, 0.0), |w| w / (s + w));
-        let drive = lag * delay(d.amplifier_dead_time_s() + 0.5 * self.rate.period_s());
-        let x = Chain::of_drive(d).receptance(frequency_hz);
+        let zero = Complex64::default();
+        let position = velocity_loop * c.position_gain_1_s;
+        let semi_closed = if self.position_on_motor { position } else { zero };
+        let full_closed = if self.position_on_motor { zero } else { position };
+        let on_motor = (velocity_loop * s * filter + semi_closed) * delay(self.motor_delay_s);
+        let on_stage = full_closed * delay(self.stage_delay_s);
+        let lag = self.current_loop_bandwidth_rad_s.map_or(Complex64::new(1.0, 0.0), |w| w / (s + w));
+        let drive = lag * delay(self.drive_delay_s);
+        let x = self.chain.receptance(frequency_hz);
         -(on_motor * x.motor_per_cutting + on_stage * x.stage_per_cutting)
             / (1.0 + drive * (on_motor * x.motor_per_thrust + on_stage * x.stage_per_thrust))
     }
-}
-
-/// The multi-encoder balance, or the rigid one where a position is missing.
-pub(super) fn fitted_balance(axis: &AxisSignals<'_>) -> ForceBalance {
-    let both = matches!(axis.signals, Signals::Both | Signals::Three);
-    let method = if both { Method::Medob } else { Method::Dob };
-    let mut balance = ForceBalance::new(method, axis.drive);
-    if axis.signals == Signals::StageOnly {
-        balance.stage = balance.motor;
-        balance.stage_friction_n += balance.motor_friction_n;
-        balance.motor = MotionFactors::default();
-        balance.motor_friction_n = 0.0;
-    }
-    balance
 }

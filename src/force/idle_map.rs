@@ -30,6 +30,9 @@ impl std::fmt::Debug for IdleMap {
     }
 }
 
+/// Idle runs that move by less have no way to be aligned by.
+const LEAST_TRAVEL_M: f64 = 50e-6;
+
 /// One aligned instant of an idle run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdlePoint {
@@ -66,7 +69,9 @@ impl IdleMap {
         let step = *steps.get(steps.len() / 2)?;
         // Bounded memory: 2^20 cells are 8 MB a direction.
         let cell_m = step.max((high - low) / f64::from(1 << 20));
-        if !(cell_m > 0.0 && high > low) {
+        // An axis that stands still shows the noise of its encoder, not its way.
+        let travels = high - low > 20.0 * cell_m && high - low > LEAST_TRAVEL_M;
+        if !(cell_m > 0.0 && travels) {
             return None;
         }
         let cells = ((high - low) / cell_m).ceil() as usize + 1;
@@ -101,6 +106,15 @@ impl IdleMap {
         let index = (at as usize).min(last.saturating_sub(1));
         let share = at - index as f64;
         map[index] * (1.0 - share) + map[(index + 1).min(last)] * share
+    }
+
+    /// Whether the idle runs came by this place.
+    #[inline]
+    #[must_use]
+    pub fn holds(&self, position_m: f64) -> bool {
+        let cells = self.forward_n.len().max(self.backward_n.len()) as f64;
+        let at = (position_m - self.start_m) / self.cell_m - 0.5;
+        at >= -1.0 && at <= cells
     }
 
     /// How many runs it was made from.

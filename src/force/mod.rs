@@ -14,6 +14,7 @@
 
 pub mod alignment;
 pub mod balance;
+mod band;
 pub mod budget;
 pub mod disagreement;
 pub mod estimator;

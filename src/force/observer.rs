@@ -1,9 +1,9 @@
 //! The force of one axis, sample by sample: whichever estimator a plan names, with what it needs to run live.
 //!
 //! ```text
-//!  MotionSample --[motor side low-pass]--> ForceEstimator (designed anew where the spindle has settled at
-//! another speed)
-//!               --accelerations----------> FrfStream
+//!  MotionSample --[motor side low-pass]--> ForceEstimator (windows made anew, a little in each sample, where
+//!               |                          the spindle has settled at another speed)
+//!               `-accelerations----------> FrfStream
 //! ```
 //! The live pipeline and `stillcut force` both step an [`Observer`]: one code, one number.
 
@@ -14,10 +14,12 @@ use super::estimator::{
 use super::frf::FrfEstimator;
 use super::frf_stream::FrfStream;
 use super::harmonic::{HarmonicSettings, SPEED_TOLERANCE};
+use super::idle_map::IdleMap;
+use super::offline::idle_map;
 use super::physics::physics_of;
 use super::validity::Validity;
 use crate::keyframe::{Keep, Words};
-use crate::plant::drive::DriveParams;
+use crate::plant::drive::{DriveParams, Structure};
 use crate::plant::machine::AxisModel;
 use crate::signal::butterworth::{Butterworth, ButterworthState};
 use crate::units::SampleRate;
@@ -53,8 +55,9 @@ pub struct ServoPlan {
     pub method: Method,
     /// Low-pass, idle map and the like.
     pub settings: ForceSettings,
-    /// Above this the drive side (reference and rotary encoder) is not listened to: in the chatter band the
-    /// motor hardly moves, and the steps of its encoder are larger than its motion. `None`: all of it.
+    /// Above this the drive side (reference and rotary encoder) of the multi-encoder observer is not listened
+    /// to: in the chatter band the motor hardly moves, and the steps of its encoder are larger than its
+    /// motion; the stage waits for that low-pass. Other methods do not use it. `None`: all of it.
     pub motor_cutoff_hz: Option<f64>,
 }
 
@@ -78,6 +81,60 @@ impl ServoPlan {
     }
 }
 
+impl ServoPlan {
+    /// The low-pass on the drive side, for balances whose stage carries on above it. Where the stretch of the
+    /// screw or the thrust alone is the estimate, nothing would.
+    fn drive_filter(&self, rate: SampleRate) -> Result<Option<Butterworth>, ForceError> {
+        let carried_on = matches!(self.method, Method::Medob | Method::RigidMode)
+            && self.signals != Signals::MotorOnly
+            && self.drive.structure() != Structure::Rigid;
+        let cutoff_hz = self.motor_cutoff_hz.filter(|_| carried_on);
+        Ok(cutoff_hz.map(|hz| Butterworth::low_pass(2, hz, rate)).transpose()?)
+    }
+
+    /// The settings with the lag of that low-pass, which the stage's side waits for.
+    fn late_settings(&self, drive_filter: Option<&Butterworth>) -> ForceSettings {
+        let drive_side_late_s = drive_filter.map_or(0.0, Butterworth::slow_delay_s);
+        ForceSettings { drive_side_late_s, ..self.settings.clone() }
+    }
+
+    /// Disturbance by position from idle runs, through the same filters as the cut. `None` where no run
+    /// moves. Errors: as [`Observer::new`].
+    pub fn idle_map(
+        &self,
+        rate: SampleRate,
+        runs: &[Vec<MotionSample>],
+    ) -> Result<Option<IdleMap>, ForceError> {
+        let filter = self.drive_filter(rate)?;
+        let settings = ForceSettings { idle_map: None, ..self.late_settings(filter.as_ref()) };
+        let signals = AxisSignals { drive: &self.drive, rate, signals: self.signals };
+        let bare = ForceEstimator::new(self.method, &signals, settings)?;
+        let Some(filter) = filter else { return Ok(idle_map(&bare, runs)) };
+        let filtered = |run: &Vec<MotionSample>| {
+            let first = run.first().copied().unwrap_or_default();
+            let mut state = drive_state(&filter, &first);
+            run.iter().map(|sample| filter_drive(&filter, &mut state, *sample)).collect()
+        };
+        Ok(idle_map(&bare, &runs.iter().map(filtered).collect::<Vec<Vec<MotionSample>>>()))
+    }
+}
+
+fn drive_state(filter: &Butterworth, first: &MotionSample) -> [ButterworthState; 2] {
+    [filter.settled(first.motor_travel_m.unwrap_or(0.0)), filter.settled(first.thrust_ref_n)]
+}
+
+/// Both sides of the motor's balance alike: what one loses the other must lose.
+#[inline]
+fn filter_drive(
+    filter: &Butterworth,
+    [motor, thrust]: &mut [ButterworthState; 2],
+    mut sample: MotionSample,
+) -> MotionSample {
+    sample.motor_travel_m = sample.motor_travel_m.map(|x| filter.step(motor, x));
+    sample.thrust_ref_n = filter.step(thrust, sample.thrust_ref_n);
+    sample
+}
+
 /// The running estimator of one axis.
 #[derive(Debug, Clone)]
 pub struct Observer(Kind);
@@ -90,8 +147,6 @@ enum Kind {
 
 #[derive(Debug, Clone)]
 struct Servo {
-    plan: ServoPlan,
-    rate: SampleRate,
     estimator: ForceEstimator,
     drive_filter: Option<Butterworth>,
     follow: Option<Follow>,
@@ -115,8 +170,7 @@ impl Observer {
         }))
     }
 
-    /// One sample in, one estimate out. The first one settles the filters. Asks for memory only then and
-    /// where the spindle has settled at another speed (`fitted`, `spectral`, `frf`).
+    /// One sample in, one estimate out. The first one settles the filters and alone asks for memory.
     #[inline]
     pub fn step(&mut self, sample: &MotionSample) -> ForceEstimate {
         match &mut self.0 {
@@ -195,73 +249,78 @@ impl Observer {
     }
 }
 
+/// Multiplications that one sample spends on windows for another speed: a few microseconds.
+const TUNING_WORK: usize = 1 << 14;
+
 impl Servo {
     fn new(plan: &ServoPlan, rate: SampleRate) -> Result<Self, ForceError> {
-        let low_pass = |cutoff_hz| Butterworth::low_pass(2, cutoff_hz, rate);
+        let signals = AxisSignals { drive: &plan.drive, rate, signals: plan.signals };
+        let drive_filter = plan.drive_filter(rate)?;
         Ok(Self {
-            estimator: design(plan, rate, None)?,
-            drive_filter: plan.motor_cutoff_hz.map(low_pass).transpose()?,
+            estimator: ForceEstimator::new(plan.method, &signals, plan.late_settings(drive_filter.as_ref()))?,
+            drive_filter,
             follow: plan.settings.harmonic.map(|h| Follow::new(h.spindle_speed_rpm, rate)),
-            plan: plan.clone(),
-            rate,
             running: None,
         })
     }
 
     #[inline]
     fn step(&mut self, sample: &MotionSample) -> ForceEstimate {
-        let off_speed = match (&mut self.follow, sample.spindle_speed_rpm) {
-            (Some(follow), Some(speed_rpm)) => {
-                if let Some(speed_rpm) = follow.step(speed_rpm.abs(), self.running.is_none()) {
-                    self.redesign(speed_rpm);
-                }
-                self.follow.as_ref().is_some_and(|f| f.off)
-            }
+        let off_speed = match sample.spindle_speed_rpm {
+            Some(speed_rpm) if self.follow.is_some() => self.follow_spindle(speed_rpm.abs(), sample),
             _ => false,
         };
         let (estimator, filter) = (&self.estimator, &self.drive_filter);
         let running = self.running.get_or_insert_with(|| Running {
             force: estimator.settled(sample),
-            drive: filter.as_ref().map(|filter| {
-                [filter.settled(sample.motor_travel_m.unwrap_or(0.0)), filter.settled(sample.thrust_ref_n)]
-            }),
+            drive: filter.as_ref().map(|filter| drive_state(filter, sample)),
         });
-        let mut sample = *sample;
-        if let (Some(filter), Some([motor, thrust])) = (filter, &mut running.drive) {
-            // Both sides of the motor's balance alike: what one loses the other must lose.
-            sample.motor_travel_m = sample.motor_travel_m.map(|x| filter.step(motor, x));
-            sample.thrust_ref_n = filter.step(thrust, sample.thrust_ref_n);
-        }
+        let sample = match (filter, &mut running.drive) {
+            (Some(filter), Some(state)) => filter_drive(filter, state, *sample),
+            _ => *sample,
+        };
         let mut estimate = estimator.step(&mut running.force, &sample);
         // A window made for another speed gives numbers without meaning.
         estimate.flags |= Validity::when(off_speed, Validity::EXTRAPOLATED | Validity::SETTLING);
         estimate
     }
 
-    /// Designs for a speed and settles anew. A speed that cannot be (window too long) leaves everything as
-    /// it was.
-    fn redesign(&mut self, speed_rpm: f64) {
-        let designed = design(&self.plan, self.rate, Some(speed_rpm));
-        if let (Ok(estimator), Some(follow)) = (designed, &mut self.follow) {
-            (self.estimator, self.running) = (estimator, None);
-            (follow.design_rpm, follow.off) = (speed_rpm, false);
+    /// Watches the spindle and works on windows for its speed; true while those in use are for another one.
+    /// A speed that cannot be (window too long) leaves everything as it was.
+    fn follow_spindle(&mut self, speed_rpm: f64, sample: &MotionSample) -> bool {
+        let Some(follow) = &mut self.follow else { return false };
+        let first = self.running.is_none();
+        let wanted_rpm = follow.step(speed_rpm, first);
+        if let Some(wanted_rpm) = wanted_rpm.filter(|_| first || !follow.is_tuning()) {
+            follow.target_rpm = wanted_rpm;
+            if self.estimator.begin_tuning(wanted_rpm).is_err() {
+                follow.target_rpm = f64::NAN;
+            }
         }
+        if follow.is_tuning() {
+            // Before the first sample there is no estimate that could wait.
+            let work = if first { usize::MAX } else { TUNING_WORK };
+            match self.estimator.advance_tuning(work) {
+                Ok(true) => {
+                    follow.arrived();
+                    if let Some(running) = &mut self.running {
+                        self.estimator.settle(&mut running.force, sample);
+                    }
+                }
+                Ok(false) => {}
+                Err(_) => follow.target_rpm = f64::NAN,
+            }
+        }
+        follow.off
     }
-}
-
-fn design(plan: &ServoPlan, rate: SampleRate, speed_rpm: Option<f64>) -> Result<ForceEstimator, ForceError> {
-    let signals = AxisSignals { drive: &plan.drive, rate, signals: plan.signals };
-    let mut settings = plan.settings.clone();
-    if let (Some(harmonic), Some(speed_rpm)) = (&mut settings.harmonic, speed_rpm) {
-        harmonic.spindle_speed_rpm = speed_rpm;
-    }
-    ForceEstimator::new(plan.method, &signals, settings)
 }
 
 /// Watches whether the spindle turns as fast as a window was made for.
 #[derive(Debug, Clone, PartialEq)]
 struct Follow {
     design_rpm: f64,
+    /// Speed that windows are being made for; NaN: none.
+    target_rpm: f64,
     sum_rpm: f64,
     count: usize,
     before_rpm: f64,
@@ -269,7 +328,7 @@ struct Follow {
     block: usize,
 }
 
-crate::keyframe::keep!(Follow { design_rpm, sum_rpm, count, before_rpm, off, block });
+crate::keyframe::keep!(Follow { design_rpm, target_rpm, sum_rpm, count, before_rpm, off, block });
 
 /// Over which the spindle's speed is averaged, s: an encoder's noise in it is then far below the tolerance.
 const SPEED_BLOCK_S: f64 = 0.25;
@@ -277,18 +336,28 @@ const SPEED_BLOCK_S: f64 = 0.25;
 impl Follow {
     fn new(design_rpm: f64, rate: SampleRate) -> Self {
         let block = (SPEED_BLOCK_S * rate.hz()).ceil() as usize;
-        Self { design_rpm, sum_rpm: 0.0, count: 0, before_rpm: 0.0, off: false, block }
+        let target_rpm = f64::NAN;
+        Self { design_rpm, target_rpm, sum_rpm: 0.0, count: 0, before_rpm: 0.0, off: false, block }
     }
 
-    /// Answers a speed to design for: that of the first sample, later one that two means in a row agree on.
+    fn is_tuning(&self) -> bool {
+        !self.target_rpm.is_nan()
+    }
+
+    /// The windows for the target are in use.
+    fn arrived(&mut self) {
+        (self.design_rpm, self.target_rpm, self.off) = (self.target_rpm, f64::NAN, false);
+    }
+
+    /// Answers a speed to design for, where it is not that of the design: that of the first sample, later one
+    /// that two means in a row agree on.
     #[inline]
     fn step(&mut self, speed_rpm: f64, first: bool) -> Option<f64> {
         let differs = |a: f64, b: f64| !((a - b).abs() <= SPEED_TOLERANCE * b);
         if first {
             (self.sum_rpm, self.count, self.before_rpm) = (0.0, 0, 0.0);
             self.off = differs(speed_rpm, self.design_rpm);
-            return (speed_rpm > 0.0 && speed_rpm.to_bits() != self.design_rpm.to_bits())
-                .then_some(speed_rpm);
+            return (speed_rpm > 0.0 && self.off).then_some(speed_rpm);
         }
         self.sum_rpm += speed_rpm;
         self.count += 1;
@@ -323,6 +392,7 @@ impl Keep for Servo {
     fn keep(&self, to: &mut Vec<u64>) {
         if let Some(follow) = &self.follow {
             follow.keep(to);
+            self.estimator.tuning_pieces().keep(to);
         }
         self.running.is_some().keep(to);
         if let Some(running) = &self.running {
@@ -337,8 +407,15 @@ impl Keep for Servo {
         if let Some(follow) = &mut self.follow {
             let before_rpm = follow.design_rpm;
             follow.restore(from)?;
+            let mut pieces = 0;
+            pieces.restore(from)?;
             if follow.design_rpm.to_bits() != before_rpm.to_bits() {
-                self.estimator = design(&self.plan, self.rate, Some(follow.design_rpm)).ok()?;
+                self.estimator.begin_tuning(follow.design_rpm).ok()?;
+                self.estimator.advance_tuning(usize::MAX).ok()?;
+            }
+            if follow.is_tuning() {
+                self.estimator.begin_tuning(follow.target_rpm).ok()?;
+                self.estimator.catch_up(pieces).ok()?;
             }
         }
         let mut running = false;

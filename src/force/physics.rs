@@ -63,7 +63,7 @@ impl Default for PhysicsModel {
 }
 
 /// The model's terms and the drive that carries those of them which are parameters of a drive (dead
-/// time, current loop, Coulomb friction of a flexible axis' stage).
+/// time, current loop, Coulomb friction of a flexible axis).
 #[must_use]
 pub fn physics_of(terms: &[PhysicsTerm], drive: &DriveParams) -> (PhysicsModel, DriveParams) {
     let mut model = PhysicsModel { smoothing_m_s: drive.friction_smoothing_m_s(), ..PhysicsModel::default() };
@@ -85,6 +85,19 @@ impl PhysicsModel {
     fn add(&mut self, term: &PhysicsTerm, raw: &mut RawDriveParams) -> Option<()> {
         use EffectKind as E;
         let get = |name: &str| term.number(name);
+        // A flexible axis has a place for it in the drive, where the guideway's law and every check see it.
+        if let (E::CoulombFriction, Some(_)) = (term.effect, raw.axial_stiffness_n_m) {
+            let force_n = get("force_n")?;
+            let place = match term.port {
+                Port::Motor | Port::Current => &mut raw.motor_coulomb_friction_n,
+                _ => &mut raw.stage_coulomb_friction_n,
+            };
+            let sum_n = place.unwrap_or(0.0) + force_n;
+            if sum_n >= 0.0 {
+                *place = Some(sum_n);
+                return Some(());
+            }
+        }
         let law = match term.effect {
             E::CoulombFriction => Law::Coulomb { force_n: get("force_n")? },
             E::ViscousFriction => Law::Viscous { n_s_m: get("n_s_m")? },
@@ -167,6 +180,13 @@ impl PhysicsModel {
     #[must_use]
     pub fn presliding_travel_m(&self) -> f64 {
         self.presliding_travel_m
+    }
+
+    /// Coulomb friction among the terms, N: what can hide a force on an axis that stands still.
+    #[must_use]
+    pub fn coulomb_n(&self) -> f64 {
+        let of = |law: &Law| if let Law::Coulomb { force_n } = law { *force_n } else { 0.0 };
+        self.motor.iter().chain(&self.stage).map(of).sum()
     }
 
     /// True when nothing is taken off.

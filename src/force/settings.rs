@@ -5,11 +5,13 @@ use super::harmonic::HarmonicSettings;
 use super::idle_map::IdleMap;
 use super::physics::PhysicsModel;
 use crate::keyframe::{Keep, Words};
+use crate::plant::drive::DriveParams;
 use crate::plant::machine::Controller;
 use crate::signal::FilterError;
 use crate::signal::butterworth::{Butterworth, ButterworthState};
 use crate::signal::harmonic_fit::HarmonicFitError;
 use crate::signal::linear_phase::{LinearPhase, LinearPhaseState};
+use crate::signal::notch::Notch;
 use crate::units::SampleRate;
 use thiserror::Error;
 
@@ -95,6 +97,25 @@ pub struct ForceSettings {
     pub controller: Option<Controller>,
     /// Frequencies of modes that the model does not have, where they are known, Hz.
     pub unmodelled_modes_hz: Vec<f64>,
+    /// By how much thrust reference and rotary encoder come later than they should, because a filter stands
+    /// before the estimator, s.
+    pub drive_side_late_s: f64,
+}
+
+impl ForceSettings {
+    /// Friction that can hide a force on an axis that stands still, N.
+    pub(super) fn friction_bound_n(&self, drive: &DriveParams) -> f64 {
+        drive.motor_coulomb_friction_n()
+            + drive.stage_coulomb_friction_n()
+            + self.physics.as_ref().map_or(0.0, PhysicsModel::coulomb_n)
+    }
+
+    pub(super) fn design_notches(&self, rate: SampleRate) -> Result<Vec<(NotchCentre, Notch)>, ForceError> {
+        if self.notches.len() > MAX_NOTCHES {
+            return Err(ForceError::Notches { count: self.notches.len() });
+        }
+        self.notches.iter().map(|p| Ok((p.centre, Notch::new(p.width_hz, rate)?))).collect()
+    }
 }
 
 impl Default for ForceSettings {
@@ -109,6 +130,7 @@ impl Default for ForceSettings {
             harmonic: None,
             controller: None,
             unmodelled_modes_hz: Vec::new(),
+            drive_side_late_s: 0.0,
         }
     }
 }
@@ -132,7 +154,7 @@ pub enum ForceError {
     #[error(transparent)]
     Window(#[from] HarmonicFitError),
     /// The method needs a structure that the drive does not have.
-    #[error("{method} needs {needs}; the model has none")]
+    #[error("{method} needs {needs}; there is none")]
     Structure {
         /// Method.
         method: &'static str,
@@ -194,6 +216,14 @@ impl Filter {
         }
     }
 
+    /// Settles a state anew. No allocation.
+    pub(super) fn settle(&self, state: &mut FilterState, x: f64) {
+        match (self, state) {
+            (Filter::LinearPhase(f), FilterState::LinearPhase(s)) => f.settle(s, x),
+            (filter, state) => *state = filter.settled(x),
+        }
+    }
+
     #[inline(always)]
     pub(super) fn step(&self, state: &mut FilterState, x: f64) -> f64 {
         match (self, state) {
@@ -201,6 +231,17 @@ impl Filter {
             (Filter::LinearPhase(f), FilterState::LinearPhase(s)) => f.step(s, x),
             _ => x,
         }
+    }
+
+    /// Sum of the squares of what comes out for a short input.
+    pub(super) fn energy(&self, input: &[f64], rate: SampleRate) -> f64 {
+        let at = |i: usize| input.get(i).copied().unwrap_or(0.0);
+        if let Filter::LinearPhase(f) = self {
+            return f.energy(input);
+        }
+        let mut state = self.settled(0.0);
+        let length = input.len() + 4 * self.memory_samples(rate);
+        (0..length).map(|i| self.step(&mut state, at(i)).powi(2)).sum()
     }
 
     pub(super) fn delay_s(&self, rate: SampleRate) -> f64 {

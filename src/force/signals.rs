@@ -45,7 +45,10 @@ pub(super) fn measured_balance(method: Method, axis: &AxisSignals<'_>) -> Result
         let needs = "three inertias and three measured positions";
         return Err(ForceError::Structure { method: method.name(), needs });
     }
-    on_measured_side(ForceBalance::new(method, axis.drive), axis.signals, method)
+    let both = matches!(axis.signals, Signals::Both | Signals::Three);
+    // Windows do with one encoder what the single-encoder observer does.
+    let known = if method == Method::Fitted && !both { Method::Dob } else { method };
+    on_measured_side(ForceBalance::new(known, axis.drive), axis.signals, method)
 }
 
 /// Moves what the balance needs to the side that is measured, where one mass carries everything.
@@ -55,9 +58,6 @@ fn on_measured_side(
     method: Method,
 ) -> Result<ForceBalance, ForceError> {
     let missing = |needs| Err(ForceError::Structure { method: method.name(), needs });
-    if method == Method::Fitted && !matches!(signals, Signals::Both | Signals::Three) {
-        b = ForceBalance::default();
-    }
     match signals {
         Signals::Both | Signals::Three => Ok(b),
         Signals::MotorOnly if b.needs_stage() => missing("a stage position"),

@@ -39,7 +39,7 @@ const SHORT: u64 = 256 * 1024;
 #[derive(Debug, Error)]
 pub enum TlsError {
     /// A file cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("http.certificate and http.key: {}: {source}; expected a file that this user may read", path.display())]
     Read {
         /// File.
         path: PathBuf,
@@ -47,7 +47,7 @@ pub enum TlsError {
         source: std::io::Error,
     },
     /// The file holds no certificate or key.
-    #[error("{}: no {what} in PEM form", path.display())]
+    #[error("{}: no {what} in PEM form; expected lines from -----BEGIN on", path.display())]
     Missing {
         /// File.
         path: PathBuf,

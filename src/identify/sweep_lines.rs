@@ -78,6 +78,10 @@ impl Lines {
             let bin_hz = rate.hz() / range.len() as f64;
             let from = (LOW_HZ / bin_hz).ceil() as usize;
             let to = (high_hz / bin_hz).floor() as usize;
+            // Too low a rate has nothing between the lowest line and the end of the band.
+            if from >= to || to > thrust.len() {
+                continue;
+            }
             let largest = thrust[from..to].iter().map(|x| x.norm()).fold(0.0, f64::max);
             for k in from..to {
                 // Lines that the sweep does not reach carry no information and could be pure feedback.

@@ -331,8 +331,10 @@ impl Pipeline {
             if let Some(beside) = &mut channel.beside {
                 let other = beside.step(&motion);
                 let pair = [&*observer, &*beside];
-                state.apart = state.apart.take().filter(|a| a.fits(pair.map(Observer::delay_s)));
                 let apart = state.apart.get_or_insert_with(|| between(pair, rate));
+                if !apart.fits(pair.map(Observer::delay_s)) {
+                    apart.begin(pair.map(Observer::delay_s), pair.map(Observer::noise_floor_n), rate);
+                }
                 force.flags |= apart.step(*force, other);
             }
         }

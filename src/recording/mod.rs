@@ -83,13 +83,15 @@ fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, Recording
     if let Some(format) = meta("format")
         && format != FORMAT
     {
-        return Err(format_error(format!("metadata format is `{format}`, expected `{FORMAT}`")));
+        let found = format.escape_debug();
+        return Err(format_error(format!("metadata format is `{found}`, expected `{FORMAT}`")));
     }
     let stated = match meta("sample_rate_hz") {
         Some(text) => {
             let parsed = text.trim().parse::<f64>().ok().and_then(|hz| SampleRate::new(hz).ok());
             Some(parsed.ok_or_else(|| {
-                format_error(format!("metadata sample_rate_hz is `{text}`, expected a number above zero"))
+                let found = text.escape_debug();
+                format_error(format!("metadata sample_rate_hz is `{found}`, expected a number above zero"))
             })?)
         }
         None => None,

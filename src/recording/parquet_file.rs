@@ -27,7 +27,8 @@ pub(super) fn read(path: &Path) -> Result<RawTable, RecordingError> {
 fn read_unguarded(path: &Path) -> Result<RawTable, RecordingError> {
     let file = File::open(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
     let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
-    let reader = SerializedFileReader::new(file).map_err(|e| format_error(one_line(&e)))?;
+    let reader = SerializedFileReader::new(file)
+        .map_err(|e| format_error(format!("not a readable Parquet file: {}", one_line(&e))))?;
     let info = reader.metadata().file_metadata();
     let metadata = info
         .key_value_metadata()

@@ -50,16 +50,14 @@ fn noise_floor(diagnosis: &Diagnosis) -> Map<String, Value> {
 }
 
 fn location(l: &Location, diagnosis: &Diagnosis) -> Value {
-    let time: Map<String, Value> = l
-        .time
-        .iter()
-        .filter(|t| !t.spans_s.is_empty())
-        .map(|t| {
-            let name =
-                diagnosis.recordings.get(t.recording).map_or_else(String::new, |r| r.experiment.clone());
-            (name, json!(t.spans_s))
-        })
-        .collect();
+    let mut time: Map<String, Value> = Map::new();
+    for t in l.time.iter().filter(|t| !t.spans_s.is_empty()) {
+        let word = diagnosis.recordings.get(t.recording).map_or("", |r| r.experiment.as_str());
+        // Several recordings may carry the same word.
+        let same = |n: usize| if n == 1 { word.to_owned() } else { format!("{word} ({n})") };
+        let name = (1..).map(same).find(|name| !time.contains_key(name)).unwrap_or_default();
+        time.insert(name, json!(t.spans_s));
+    }
     json!({
         "port": l.port.name(), "domain": l.domain, "bands_hz": l.bands_hz, "time_s": time,
         "shares": { "motor": l.shares[0], "stage": l.shares[1], "sum": l.shares[2] },

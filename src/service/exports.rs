@@ -208,7 +208,7 @@ fn json_pieces(recording: &crate::sample::Recording, mut put: impl FnMut(String)
 
 fn run_replay((program, config): (&Path, Option<&Path>), recording: &Path, out: &Path) -> Result<(), String> {
     let mut command = Command::new("nice");
-    command.arg("-n").arg("19").arg(program).arg("replay").arg("--recording").arg(recording);
+    command.arg("-n").arg("5").arg(program).arg("replay").arg("--recording").arg(recording);
     command.arg("--out").arg(out).stdin(Stdio::null()).stdout(Stdio::null());
     if let Some(config) = config {
         command.arg("--config").arg(config);

@@ -39,7 +39,7 @@ pub enum ServiceError {
         path: PathBuf,
     },
     /// A file or thread cannot be made.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}; expected a place that this user may write (history.folder)", path.display())]
     Files {
         /// File.
         path: PathBuf,
@@ -47,7 +47,7 @@ pub enum ServiceError {
         source: std::io::Error,
     },
     /// The address cannot be listened on.
-    #[error("{what} {address}: {source}")]
+    #[error("{what} {address}: {source}; stop what listens there or choose another address")]
     Listen {
         /// Key of the configuration.
         what: &'static str,
@@ -181,12 +181,7 @@ impl Parts {
 
         let (state, watched_state) = watch::channel(Arc::new(LiveState::default()));
         let (spectrum, watched_spectrum) = watch::channel(Arc::new(SpectrumView::default()));
-        let outlets = Outlets {
-            state,
-            spectrum,
-            stream: stream.clone(),
-            announcer: announcer.clone(),
-        };
+        let outlets = Outlets { state, spectrum, stream: stream.clone(), announcer: announcer.clone() };
         let hub = self.runtime.spawn(self.hub(outlets).run(reported));
         let handle = Handle(Arc::new(Inner {
             address,

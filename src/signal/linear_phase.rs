@@ -61,6 +61,12 @@ impl LinearPhase {
         LinearPhaseState { values: vec![x; 2 * (2 * self.half_length() + 1)], head: 0 }
     }
 
+    /// Settles a state anew. No allocation.
+    pub fn settle(&self, state: &mut LinearPhaseState, x: f64) {
+        state.values.fill(x);
+        state.head = 0;
+    }
+
     /// One sample. Cost: one multiply per two samples of length; no allocation.
     #[inline]
     #[must_use]
@@ -75,6 +81,19 @@ impl LinearPhase {
         let (middle, old) = (rest[0], &rest[1..]);
         let pairs = young.iter().rev().zip(old).zip(&self.weights[1..]);
         self.weights[0] * middle + pairs.map(|((a, b), w)| w * (a + b)).sum::<f64>()
+    }
+
+    /// Sum of the squares of what comes out for a short input: cost of one product per weight and sample.
+    #[must_use]
+    pub fn energy(&self, input: &[f64]) -> f64 {
+        let half = self.half_length() as isize;
+        let weight = |k: isize| self.weights.get((k - half).unsigned_abs()).copied().unwrap_or(0.0);
+        let taps = 2 * half + 1;
+        let out = |i: isize| {
+            let products = input.iter().enumerate().map(|(j, x)| (i - j as isize, x));
+            products.filter(|(k, _)| (0..taps).contains(k)).map(|(k, x)| x * weight(k)).sum::<f64>()
+        };
+        (0..taps + input.len() as isize).map(|i| out(i).powi(2)).sum()
     }
 
     /// Gain at a frequency (the phase is that of the delay).

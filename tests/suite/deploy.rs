@@ -1,11 +1,12 @@
 //! What is shipped beside the binary: alert rules, dashboard, unit, header, package.
 
+use crate::folders::project;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use stillcut::telemetry::Metrics;
 
 fn deploy(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy").join(path)
+    project("deploy").join(path)
 }
 
 /// Runs a tool; nothing where it is not installed.
@@ -99,7 +100,7 @@ fn the_c_header_has_the_layout_of_the_wire() {
 
 #[test]
 fn what_the_package_holds_exists() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = project("");
     let manifest: toml::Table =
         toml::from_str(&std::fs::read_to_string(root.join("Cargo.toml")).unwrap()).unwrap();
     let deb = &manifest["package"]["metadata"]["deb"];

@@ -1,21 +1,18 @@
 //! The diagnosis on simulated axes whose answer is known, and on models it wrote itself.
 
-use std::path::{Path, PathBuf};
+use crate::folders::shared;
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution as _, Normal};
+use std::path::Path;
 use stillcut::config::machine::{machine_from_text, machine_to_text, read_machine};
 use stillcut::diagnosis::{Diagnosis, Verdict, diagnose};
+use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::machine::Machine;
 use stillcut::recording::read_recording;
-use stillcut::sample::Recording;
+use stillcut::sample::{Column, Recording};
 use stillcut::simulation::concealed_axis::{CaseSpec, conceal};
-
-fn case(name: &str) -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/feed-axis-cases").join(name);
-    if !folder.is_dir() {
-        println!("skipped: {} is not there", folder.display());
-        return None;
-    }
-    Some(folder)
-}
+use stillcut::units::SampleRate;
 
 /// Seconds `from_s` to `to_s` of a recording: tests run unoptimised as well.
 fn cut(recording: &Recording, from_s: f64, to_s: f64) -> Recording {
@@ -40,7 +37,7 @@ fn ask(machine: &Machine, recording: &Recording) -> Diagnosis {
 
 #[test]
 fn a_healthy_axis_has_no_finding() {
-    let Some(folder) = case("case-01") else { return };
+    let Some(folder) = shared("feed-axis-cases/case-01") else { return };
     let (machine, recording) = read(&folder, "moves.parquet");
     let d = ask(&machine, &recording);
     assert!(d.findings.is_empty(), "{:?}", d.findings.iter().map(|f| &f.statement).collect::<Vec<_>>());
@@ -50,7 +47,7 @@ fn a_healthy_axis_has_no_finding() {
 
 #[test]
 fn a_backlash_is_found_with_its_gap_and_the_written_model_invents_nothing_elsewhere() {
-    let Some(folder) = case("case-06") else { return };
+    let Some(folder) = shared("feed-axis-cases/case-06") else { return };
     let (machine, moves) = read(&folder, "moves.parquet");
     let (_, sweep) = read(&folder, "sweep.parquet");
     let d = ask(&machine, &moves);
@@ -95,7 +92,7 @@ fn a_large_dead_time_does_not_shrink_the_stage_balance_to_nothing() {
 
 #[test]
 fn a_random_walk_is_not_given_a_name() {
-    let Some(folder) = case("case-14") else { return };
+    let Some(folder) = shared("feed-axis-cases/case-14") else { return };
     let (machine, recording) = read(&folder, "idle.parquet");
     let d = ask(&machine, &cut(&recording, 7.0, 13.0));
     assert_eq!(d.verdict, Verdict::UnexplainedMismatch);
@@ -105,7 +102,7 @@ fn a_random_walk_is_not_given_a_name() {
 
 #[test]
 fn the_same_recording_gives_the_same_answer() {
-    let Some(folder) = case("case-05") else { return };
+    let Some(folder) = shared("feed-axis-cases/case-05") else { return };
     let (machine, recording) = read(&folder, "moves.parquet");
     let piece = cut(&recording, 0.0, 2.0);
     assert!(ask(&machine, &piece) == ask(&machine, &piece));
@@ -113,9 +110,166 @@ fn the_same_recording_gives_the_same_answer() {
 
 #[test]
 fn a_recording_without_the_axis_is_refused() {
-    let Some(folder) = case("case-01") else { return };
+    let Some(folder) = shared("feed-axis-cases/case-01") else { return };
     let (machine, mut recording) = read(&folder, "moves.parquet");
     recording.columns.retain(|c| !c.name.contains("current"));
     let error = diagnose(&machine, &[recording], &|_, _| {}).map(|d| d.verdict).map_err(|e| e.to_string());
     assert!(error.is_err_and(|e| e.contains("x_current_ref_a")));
+}
+
+fn healthy(seed: u64) -> (Machine, Vec<Recording>) {
+    let machine = super::conceal::model();
+    let spec = CaseSpec { seed, ..CaseSpec::default() };
+    let case = conceal(&machine.axes[0], machine.sample_rate, &spec).unwrap();
+    (case.model, case.recordings)
+}
+
+/// The machine with its axis' numbers changed.
+fn restated(machine: &Machine, change: impl Fn(&mut RawDriveParams)) -> Machine {
+    let mut machine = machine.clone();
+    let mut raw = machine.axes[0].drive.raw().clone();
+    change(&mut raw);
+    machine.axes[0].drive = DriveParams::new(raw).unwrap();
+    machine
+}
+
+#[test]
+fn motor_and_scale_need_no_common_zero() {
+    let (machine, recordings) = healthy(11);
+    let moves = &recordings[2];
+    let mut apart = moves.clone();
+    for column in apart.columns.iter_mut().filter(|c| c.name.contains("stage") || c.name.contains("cmd")) {
+        column.values.iter_mut().for_each(|x| *x += 0.1);
+    }
+    let (one, other) = (ask(&machine, moves), ask(&machine, &apart));
+    assert!(other.findings.is_empty() && other.verdict == one.verdict, "{:?}", other.verdict);
+    let left = |d: &Diagnosis| d.recordings[0].rms_after_n;
+    assert!((left(&other) / left(&one) - 1.0).abs() < 0.01, "{} {}", left(&one), left(&other));
+    // A lead that is 20 um/m off the scale's is no physics either.
+    for column in apart.columns.iter_mut().filter(|c| c.name.contains("stage")) {
+        column.values.iter_mut().for_each(|x| *x *= 1.0 + 20.0e-6);
+    }
+    let other = ask(&machine, &apart);
+    assert!(other.findings.is_empty() && other.verdict == one.verdict, "{:?}", other.verdict);
+}
+
+#[test]
+fn a_delay_that_is_stated_too_long_is_a_wrong_number() {
+    let (machine, recordings) = healthy(12);
+    let true_s = machine.axes[0].drive.amplifier_dead_time_s();
+    let late = restated(&machine, |raw| raw.amplifier_dead_time_s = Some(true_s + 1.0e-4));
+    let d = ask(&late, &recordings[2]);
+    assert!(d.findings.is_empty(), "{:?}", d.findings.iter().map(|f| &f.statement).collect::<Vec<_>>());
+    assert_eq!(d.verdict, Verdict::ParameterError);
+    let delay = d.parameter_corrections.iter().find(|c| c.name == "amplifier_dead_time_s").unwrap();
+    assert!((delay.value - true_s).abs() < 3.0e-5, "{delay:?}, true {true_s}");
+    assert!((d.model.axes[0].drive.amplifier_dead_time_s() - delay.value).abs() < 1e-9);
+}
+
+#[test]
+fn an_axis_of_three_inertias_that_is_stated_as_such_lacks_nothing() {
+    let (machine, recordings) = concealed("torsional_mode", 31);
+    let sweep = &recordings[0];
+    let d = ask(&machine, sweep);
+    let found = &d.findings[0];
+    assert_eq!(found.effect.name(), "torsional_mode");
+    let get = |name: &str| found.parameters.iter().find(|e| e.name == name).unwrap().value;
+    let (share, w) = (get("screw_inertia_share"), std::f64::consts::TAU * get("free_free_frequency_hz"));
+    let three = restated(&d.model, |raw| {
+        let total = raw.rotary_inertia_kg_m2.unwrap();
+        let (motor, screw) = ((1.0 - share) * total, share * total);
+        let k = w * w * motor * screw / total;
+        raw.rotary_inertia_kg_m2 = Some(motor);
+        raw.screw_inertia_kg_m2 = Some(screw);
+        raw.torsional_stiffness_nm_rad = Some(k);
+        raw.torsional_damping_nm_s_rad = Some(2.0 * get("damping_ratio") * (k * screw).sqrt());
+    });
+    let mut three = three;
+    three.axes[0].physics.clear();
+    let again = ask(&three, sweep);
+    assert!(
+        again.findings.is_empty(),
+        "{:?}",
+        again.findings.iter().map(|f| &f.statement).collect::<Vec<_>>()
+    );
+    assert_eq!(again.verdict, Verdict::ModelAdequate);
+    let axis = &again.model.axes[0];
+    assert!(axis.physics.is_empty() && axis.drive.torsional_stiffness_nm_rad() > 0.0);
+}
+
+#[test]
+fn recordings_of_two_rates_are_refused() {
+    let (machine, mut recordings) = healthy(13);
+    recordings[1].sample_rate = SampleRate::new(5000.0).unwrap();
+    let error = diagnose(&machine, &recordings, &|_, _| {}).map(|d| d.verdict).unwrap_err().to_string();
+    assert!(error.contains("sampled at 5000 Hz"), "{error}");
+}
+
+const RIGID: &str = "[machine]\nname = \"r\"\nsample_rate_hz = 1000.0\n[axes.x]\nscrew_lead_m = 0.01\nmovable_mass_kg = 60.0\n\
+    torque_constant_nm_a = 0.7\ntranslational_damping_n_s_m = 500.0\nstage_coulomb_friction_n = 100.0\n\
+    friction_smoothing_m_s = 4.0e-4\n";
+
+/// A mass that moves as three sines say, and the current that it needs; `late_s`: told that much earlier.
+fn rigid_recording(late_s: f64, saturation_per_a2: f64) -> Recording {
+    const RATE_HZ: f64 = 1000.0;
+    let waves = [(0.05, 0.7), (0.012, 3.1), (0.003, 9.0)];
+    let thrust_n_a = 0.7 * std::f64::consts::TAU / 0.01;
+    let at = |t: f64| {
+        let mut state = [0.0; 3];
+        for (a, f) in waves {
+            let w = std::f64::consts::TAU * f;
+            let (sin, cos) = (w * t).sin_cos();
+            state[0] += a * sin;
+            state[1] += a * w * cos;
+            state[2] -= a * w * w * sin;
+        }
+        state
+    };
+    let n = 20_000;
+    let (mut current, mut position) = (Vec::new(), Vec::new());
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let noise = Normal::new(0.0, 1.0).unwrap();
+    for k in 0..n {
+        let t = k as f64 / RATE_HZ;
+        position.push(at(t)[0]);
+        // The half sample is how a held reference acts.
+        let [_, v, a] = at(t + late_s + 0.5 / RATE_HZ);
+        let force = 60.0 * a + 500.0 * v + 100.0 * (v / 4.0e-4).tanh();
+        let mut i = force / thrust_n_a;
+        for _ in 0..50 {
+            i = force / thrust_n_a / (1.0 - saturation_per_a2 * i * i);
+        }
+        // 2 N of noise: without any, whatever the filters leave is the largest thing there is.
+        current.push(i + 0.005 * noise.sample(&mut rng));
+    }
+    let column = |name: &str, values: Vec<f64>| Column { name: name.to_owned(), values };
+    Recording {
+        sample_rate: SampleRate::new(RATE_HZ).unwrap(),
+        experiment: "sines".to_owned(),
+        axes: vec!["x".to_owned()],
+        columns: vec![column("x_current_ref_a", current), column("x_stage_position_m", position)],
+        start_s: 0.0,
+        metadata: Vec::new(),
+    }
+}
+
+#[test]
+fn a_rigid_axis_tells_a_late_drive_from_a_saturated_one() {
+    let machine = machine_from_text(Path::new("machine.toml"), RIGID).unwrap();
+    let plain = ask(&machine, &rigid_recording(0.0, 0.0));
+    assert_eq!(
+        plain.verdict,
+        Verdict::ModelAdequate,
+        "{:?}",
+        plain.findings.iter().map(|f| &f.statement).collect::<Vec<_>>()
+    );
+    for (late_s, per_a2, effect, name) in
+        [(4.0e-3, 0.0, "dead_time", "extra_delay_s"), (0.0, 0.03, "torque_constant_saturation", "per_a2")]
+    {
+        let d = ask(&machine, &rigid_recording(late_s, per_a2));
+        let first = &d.findings[0];
+        assert_eq!((first.effect.name(), first.port.name()), (effect, "current"));
+        let value = first.parameters.iter().find(|e| e.name == name).unwrap().value;
+        assert!((value / (late_s + per_a2) - 1.0).abs() < 0.05, "{effect}: {value}");
+    }
 }

@@ -1,5 +1,6 @@
 //! Force estimators and identification against simulated truth that they were not made with.
 
+use crate::folders::shared;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
@@ -25,30 +26,17 @@ use stillcut::sample::Recording;
 use stillcut::signal::butterworth::{Butterworth, zero_phase};
 use stillcut::units::SampleRate;
 
-fn shared(path: &str) -> Option<PathBuf> {
-    let full = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared").join(path);
-    if full.exists() {
-        return Some(full);
-    }
-    let beside = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared").join(path);
-    if beside.exists() {
-        return Some(beside);
-    }
-    println!("skipped: no ../shared/{path}");
-    None
-}
-
-fn deviation(x: &[f64]) -> f64 {
+pub(crate) fn deviation(x: &[f64]) -> f64 {
     let mean = x.iter().sum::<f64>() / x.len() as f64;
     (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len() as f64).sqrt()
 }
 
 // ---- a drive simulated here, by small steps of its own --------------------------------------------
 
-const RATE_HZ: f64 = 10_000.0;
+pub(crate) const RATE_HZ: f64 = 10_000.0;
 const FINE: usize = 20;
 
-fn test_drive() -> DriveParams {
+pub(crate) fn test_drive() -> DriveParams {
     let r2 = (0.005 / TAU).powi(2);
     DriveParams::new(RawDriveParams {
         movable_mass_kg: Some(7.0),
@@ -148,7 +136,7 @@ fn simulate(
     Simulated { samples }
 }
 
-fn axis(drive: &DriveParams) -> AxisSignals<'_> {
+pub(crate) fn axis(drive: &DriveParams) -> AxisSignals<'_> {
     AxisSignals { drive, rate: SampleRate::new(RATE_HZ).unwrap(), signals: Signals::Both }
 }
 
@@ -240,13 +228,13 @@ fn a_line_of_the_encoder_is_flagged_where_it_falls_into_the_band() {
 
 // ---- milling with known force ---------------------------------------------------------------------
 
-struct Milling {
-    drive: DriveParams,
-    cut: Recording,
-    idles: Vec<Recording>,
+pub(crate) struct Milling {
+    pub drive: DriveParams,
+    pub cut: Recording,
+    pub idles: Vec<Recording>,
 }
 
-fn milling(case: &str) -> Option<Milling> {
+pub(crate) fn milling(case: &str) -> Option<Milling> {
     let folder = shared(&format!("milling-cases/{case}"))?;
     let machine = read_machine(&folder.join("machine.toml")).unwrap();
     let idles = (1..=3)
@@ -295,7 +283,9 @@ fn milling_forces_are_met_as_by_an_offline_evaluation() {
         let Some(case) = milling(name) else { return };
         let (deviation_n, mean_n) = milling_error(&case, method);
         assert!(deviation_n <= limit_n, "{name} {method:?}: {deviation_n:.2} N, expected {limit_n}");
-        assert!(mean_n.abs() < 6.0, "{name} {method:?}: mean {mean_n:.2} N");
+        // A standing axis is judged without the zero that a whole recording gives it.
+        let mean_limit_n = if name.starts_with("feed") { 0.5 } else { 6.0 };
+        assert!(mean_n.abs() < mean_limit_n, "{name} {method:?}: mean {mean_n:.2} N");
     }
 }
 
@@ -446,7 +436,8 @@ fn three_positions_return_the_force_in_every_mode() {
     let at = |p: Complex64, i: f64| (p * Complex64::from_polar(1.0, w * i / RATE_HZ)).im;
     let samples: Vec<MotionSample> = (0..4000)
         .map(|i| MotionSample {
-            thrust_ref_n: at(thrust, f64::from(i)),
+            // Held over its sample, a reference acts half a sample late.
+            thrust_ref_n: at(thrust, f64::from(i) + 0.5),
             motor_travel_m: Some(at(motor, f64::from(i))),
             nut_position_m: Some(at(nut, f64::from(i))),
             stage_position_m: Some(at(stage, f64::from(i))),
@@ -605,7 +596,8 @@ fn sweep_of(r: &Recording, drive: &DriveParams) -> Sweep {
 
 #[test]
 fn a_sweep_gives_back_mass_stiffness_and_dead_times() {
-    for case in ["case-01", "case-09", "case-13"] {
+    // Every case here without a mode outside of the model.
+    for case in [1, 3, 4, 5, 6, 9, 10, 11, 13, 14, 16].map(|k| format!("case-{k:02}")) {
         let Some(folder) = shared(&format!("feed-axis-cases/{case}")) else { return };
         let machine = read_machine(&folder.join("machine.toml")).unwrap();
         let truth: serde_json::Value =

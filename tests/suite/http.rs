@@ -59,6 +59,24 @@ fn every_route_asks_for_its_role_and_no_other() {
             assert!(answer.status != 401 && answer.status < 500 || answer.status == 503, "{answer:?}");
         }
     }
+    // A token that nobody knows or that has expired is refused everywhere, at first by name, then by its number.
+    let (old, digest) = stillcut::http::new_token([9; 32]);
+    let file = place.folder.path().join("tokens.toml");
+    let expired = format!(
+        "[[token]]\nname = \"old\"\nrole = \"engineer\"\nsha256 = \"{digest}\"\nexpires = \"2026-01-01T00:00:00Z\"\n"
+    );
+    std::fs::write(&file, std::fs::read_to_string(&file).unwrap() + &expired).unwrap();
+    until("the changed file is in force", 5, || {
+        let answer =
+            ask(&address, "GET", "/api/v1/state", &[("Authorization", &format!("Bearer {old}"))], None);
+        [401, 429].contains(&answer.status)
+    });
+    for token in ["garbage", old.as_str()] {
+        for (method, path, body, _) in ROUTES {
+            let answer = ask(&address, method, path, &[("Authorization", &format!("Bearer {token}"))], *body);
+            assert!([401, 429].contains(&answer.status), "{method} {path}: {answer:?}");
+        }
+    }
     // Every described route stands in the table (the stream has its own test).
     let count: usize =
         described["paths"].as_object().unwrap().values().map(|p| p.as_object().unwrap().len()).sum();

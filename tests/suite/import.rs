@@ -1,22 +1,9 @@
 //! Foreign files through the maps that ship with the project, and through maps that must be refused.
 
+use crate::folders::{project, shared};
 use std::path::{Path, PathBuf};
 use stillcut::config::import_map::{import_map_from_text, read_import_map};
 use stillcut::recording::{import, read_recording, write_recording};
-
-fn root(relative: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(relative)
-}
-
-/// A real recording; `None` (said aloud) where the data folder is not beside the project.
-fn real(relative: &str) -> Option<PathBuf> {
-    let path = root("../shared/recordings").join(relative);
-    if path.exists() {
-        return Some(path);
-    }
-    eprintln!("skipped: {} is not here", path.display());
-    None
-}
 
 fn temporary(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("import");
@@ -88,10 +75,12 @@ fn a_logger_with_header_lines_and_semicolons_is_read() {
 
 #[test]
 fn the_matlab_file_of_emps_gives_the_recording_in_the_projects_format() {
-    let (Some(mat), Some(own)) = (real("emps/original/DATA_EMPS.mat"), real("emps/axis.parquet")) else {
+    let (Some(mat), Some(own)) =
+        (shared("recordings/emps/original/DATA_EMPS.mat"), shared("recordings/emps/axis.parquet"))
+    else {
         return;
     };
-    let map = read_import_map(&root("config/import/emps-mat.toml")).unwrap();
+    let map = read_import_map(&project("config/import/emps-mat.toml")).unwrap();
     let (ours, theirs) = (import(&mat, &map).unwrap(), read_recording(&own).unwrap());
     for column in ["x_thrust_ref_n", "x_motor_position_m", "x_position_cmd_m"] {
         let (a, b) = (ours.require(column).unwrap(), theirs.require(column).unwrap());
@@ -120,8 +109,8 @@ fn every_shipped_map_reads_its_recordings() {
         ("servo-axis-log", "servo_axis_with_load_cell/original/a3MR.csv", 1500.0),
     ];
     for (name, file, rate_hz) in pairs {
-        let map = read_import_map(&root(&format!("config/import/{name}.toml"))).unwrap();
-        let Some(file) = real(file) else { continue };
+        let map = read_import_map(&project(&format!("config/import/{name}.toml"))).unwrap();
+        let Some(file) = shared(&format!("recordings/{file}")) else { continue };
         let recording = import(&file, &map).unwrap();
         assert!(
             (recording.sample_rate.hz() / rate_hz - 1.0).abs() < 0.01,

@@ -129,7 +129,8 @@ fn power_loss_at_any_moment_loses_nothing_acknowledged() {
     // Enough for the log to be taken into the database several times.
     let mut acknowledged: Vec<usize> = Vec::new();
     let began = Instant::now();
-    while acknowledged.len() < 600 && began.elapsed() < Duration::from_secs(40) {
+    let enough = |count: usize| count >= 600 || count >= 60 && began.elapsed() > Duration::from_secs(30);
+    while !enough(acknowledged.len()) {
         assert!(acknowledge(&process, &operator));
         acknowledged.push(usize::try_from(std::fs::metadata(&log).unwrap().len()).unwrap());
     }
@@ -183,12 +184,12 @@ fn a_slow_disk_is_not_the_pipelines_affair() {
     let process = Process::start_with(&place, "tokens = \"tokens.toml\"", &environment);
     let lathe = LatheThread::start(&place.domain);
     until("samples come", 10, || metric(&process, "stillcut_samples_total{axis=\"x1\"}") > 9000.0);
+    let lost = || metric(&process, "stillcut_samples_lost_total");
+    let lost_before = lost();
     let began = Instant::now();
     assert!((0..4).all(|_| acknowledge(&process, &operator)));
     assert!(began.elapsed() > Duration::from_millis(1500), "the fault happened: {:?}", began.elapsed());
-    for axis in ["x1", "y1", "x2", "y2"] {
-        assert_eq!(metric(&process, &format!("stillcut_samples_lost_total{{axis=\"{axis}\"}}")), 0.0);
-    }
+    assert_eq!(lost(), lost_before, "the pipeline loses nothing meanwhile");
     assert_eq!(metric(&process, "stillcut_queue_dropped_total"), 0.0);
     drop(lathe);
 }

@@ -1,18 +1,13 @@
 //! Diagnosis on the running service: a machine that its model does not describe is noticed while it moves in
 //! air, the evidence is stored, and a diagnosis of it runs to a report over HTTP.
 
+use crate::folders::shared;
 use crate::running::{Place, ask, get, until};
-use std::path::PathBuf;
 use stillcut::recording::read_recording;
 use stillcut::sample::Recording;
 use stillcut::service::{Running, start};
 use stillcut::transport::wire::{MAX_SAMPLES, ServoBatch, ServoPoint, axis_name_bytes};
 use stillcut::transport::{Domain, ServoPublisher};
-
-fn case(name: &str) -> Option<PathBuf> {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/feed-axis-cases").join(name);
-    folder.is_dir().then_some(folder)
-}
 
 /// Publishes a recording's axis x as a machine would, four times as fast, again and again for `seconds` of it.
 fn play(domain: &Domain, recording: &Recording, seconds: f64) {
@@ -95,10 +90,7 @@ fn diagnose(running: &Running, recording: &str) -> serde_json::Value {
 
 #[test]
 fn a_wrong_model_is_noticed_in_air_and_diagnosed_over_http() {
-    let Some(folder) = case("case-13") else {
-        eprintln!("skipped: ../shared/feed-axis-cases is not there");
-        return;
-    };
+    let Some(folder) = shared("feed-axis-cases/case-13") else { return };
     let place = Place::new("diag");
     let moves = read_recording(&folder.join("moves.parquet")).unwrap();
     // The model as it was identified, and one that believes in 60 % of the moving masses.

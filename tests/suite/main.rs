@@ -1,6 +1,7 @@
 //! Tests that cross modules, in one binary. Data beside the project (`../shared`) is read where it is
 //! present; a test that needs it says so and passes where it is absent.
 
+mod folders;
 mod lathe;
 
 #[cfg(feature = "service")]
@@ -19,6 +20,7 @@ mod faults;
 mod fleet;
 mod force;
 mod force_live;
+mod force_trust;
 #[cfg(feature = "service")]
 mod http;
 mod identities;

@@ -1,6 +1,6 @@
 //! The pipeline on the virtual lathe: what it hears, how it takes a damaged stream, that it repeats itself.
 
-use std::path::Path;
+use crate::folders::project;
 use stillcut::chatter::{ChatterEvent, Phase};
 use stillcut::config::machine::read_machine;
 use stillcut::force::balance::Method;
@@ -14,7 +14,7 @@ use stillcut::simulation::lathe::{Lathe, LatheSettings};
 use stillcut::units::SampleRate;
 
 pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/turrets.toml");
+    let path = project("config/turrets.toml");
     let machine = read_machine(&path).unwrap();
     let plan = |name: &str| AxisPlan {
         name: name.to_owned(),

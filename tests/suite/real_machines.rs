@@ -1,5 +1,6 @@
 //! Measured machines through import and diagnosis: what others established about them must come out.
 
+use crate::folders::{project, shared};
 use std::path::{Path, PathBuf};
 use stillcut::config::import_map::read_import_map;
 use stillcut::config::machine::read_machine;
@@ -8,22 +9,13 @@ use stillcut::plant::effects::EffectKind;
 use stillcut::recording::{import, read_recording};
 use stillcut::sample::Recording;
 
-fn root(relative: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(relative)
-}
-
 fn real(relative: &str) -> Option<PathBuf> {
-    let path = root("../shared/recordings").join(relative);
-    if path.exists() {
-        return Some(path);
-    }
-    eprintln!("skipped: {} is not here", path.display());
-    None
+    shared(&format!("recordings/{relative}"))
 }
 
 fn imported(map: &str, file: &str) -> Option<Recording> {
     let file = real(file)?;
-    let map = read_import_map(&root(&format!("config/import/{map}.toml"))).unwrap();
+    let map = read_import_map(&project(&format!("config/import/{map}.toml"))).unwrap();
     Some(import(&file, &map).unwrap())
 }
 
@@ -125,7 +117,7 @@ fn the_friction_damper_slides_behind_a_spring_and_a_gap() {
         .map(|f| imported("friction-damper", &format!("friction_damper_backlash/{f}.parquet")))
         .collect();
     let Some(recordings) = recordings else { return };
-    let d = said(&root("config/machines/friction-damper.toml"), &recordings);
+    let d = said(&project("config/machines/friction-damper.toml"), &recordings);
     let gap = number(&d, EffectKind::Backlash, "gap_m").unwrap();
     assert!((3.0e-3..7.0e-3).contains(&gap), "{gap} m");
     assert!(number(&d, EffectKind::PreslidingFriction, "presliding_stiffness_n_m").is_some());
@@ -163,7 +155,7 @@ fn preload_takes_play_out_of_the_reducer() {
             "reducer-torque-ramp",
             &format!("reducer_backlash_torque_ramp/torque_ramp_{name}.parquet"),
         )?;
-        let d = said(&root("config/machines/reducer-locked.toml"), &[recording]);
+        let d = said(&project("config/machines/reducer-locked.toml"), &[recording]);
         Some(number(&d, EffectKind::Backlash, "gap_m").unwrap_or(0.0))
     };
     let (Some(loose), Some(tight)) = (gap("split_disk_no_preload"), gap("split_disk_preload_08")) else {

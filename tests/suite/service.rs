@@ -1,5 +1,6 @@
 //! The whole service: in this process with the virtual lathe, and as the real binary that is killed.
 
+use crate::folders::project;
 use crate::running::{Answer, LatheThread, Place, ask, get, service, tokens, until};
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Child, Command, Stdio};
@@ -315,7 +316,7 @@ fn bad_configurations_end_with_status_two_and_one_line() {
 
 #[test]
 fn every_example_configuration_is_good() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+    let folder = project("config");
     for name in ["stillcut.toml"] {
         let path = folder.join(name);
         let (status, said) = run_once(&["run", "--check", "--config", path.to_str().unwrap()]);

@@ -1,5 +1,6 @@
 //! The history file: durability, migrations, damage, retention, the audit chain.
 
+use crate::folders::project;
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 use std::path::Path;
 use std::sync::Arc;
@@ -34,7 +35,7 @@ async fn fill(folder: &Path, count: i64) {
 
 #[test]
 fn the_list_of_migrations_is_the_folder() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("migrations");
+    let folder = project("migrations");
     let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().flatten().map(|e| e.path()).collect();
     files.sort();
     let names: Vec<String> =

@@ -119,7 +119,7 @@ fn coverage(d: &Diagnosis, case: &Case) -> (usize, usize) {
     counts
 }
 
-/// Squared correlation between the contribution of the first right finding and the concealed force.
+/// Share of the concealed force, mean square, that the contribution of the first right finding explains.
 fn agreement(d: &Diagnosis, case: &Case) -> Option<f64> {
     let hidden = case.hidden.first()?;
     let finding = d.findings.iter().find(|f| same(f, hidden))?;
@@ -129,7 +129,7 @@ fn agreement(d: &Diagnosis, case: &Case) -> Option<f64> {
         Port::Stage => 2,
         _ => return None,
     };
-    let (mut sum, mut cross) = ([0.0_f64; 2], 0.0_f64);
+    let (mut left, mut whole) = (0.0_f64, 0.0_f64);
     for part in &finding.contribution {
         let (Some(force), Some(recording)) =
             (case.hidden_force_n.get(part.recording), case.recordings.get(part.recording))
@@ -143,16 +143,12 @@ fn agreement(d: &Diagnosis, case: &Case) -> Option<f64> {
             .zip(&part.value)
             .filter_map(|(t, v)| force[side].get((t * rate).round() as usize).map(|h| [*v, *h]))
             .collect();
-        let count = pairs.len().max(1) as f64;
-        let mean = |k: usize| pairs.iter().map(|p| p[k]).sum::<f64>() / count;
-        let (a, b) = (mean(0), mean(1));
         for [v, h] in pairs {
-            cross += (v - a) * (h - b);
-            sum[0] += (v - a).powi(2);
-            sum[1] += (h - b).powi(2);
+            left += (h - v).powi(2);
+            whole += h * h;
         }
     }
-    (sum[0] > 0.0 && sum[1] > 0.0).then(|| cross * cross / (sum[0] * sum[1]))
+    (whole > 0.0).then(|| 1.0 - left / whole)
 }
 
 /// `conceal.json`.

@@ -3,6 +3,7 @@
 use super::fit::{Fit, correlation_rows, rms};
 use super::laws::{Law, Slider};
 use super::search::{Found, Origin, Search, Term};
+use crate::diagnosis::terms::SCALE_DEVIATION;
 use crate::diagnosis::{
     Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Location, RecordingFit, Tried,
     Verdict,
@@ -12,6 +13,10 @@ use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 
 const Z95: f64 = 1.96;
+/// The motor side's part of a sum is known as well as a data sheet is, as a deviation.
+const STATED_SHARE: f64 = 0.02;
+/// Of a wave with a motor's order, what is left to a force of the screw with the same period.
+const TWIN_SHARE: f64 = 0.3;
 
 /// A law of the final model with its amplitudes.
 struct Fitted<'a> {
@@ -114,6 +119,9 @@ impl Context<'_> {
             Some(EffectKind::GravityLoad | EffectKind::AsymmetricFriction) => "direction",
             Some(EffectKind::PreslidingFriction | EffectKind::Backlash) => "history",
             Some(EffectKind::PositionPeriodicForce | EffectKind::NonlinearStiffness) => "position",
+            Some(EffectKind::TorqueRipple) => "motor_angle",
+            Some(EffectKind::DeadTime) => "frequency",
+            Some(EffectKind::TorqueConstantSaturation) => "current",
             Some(EffectKind::FrictionDrift) | None => "time",
             Some(_) => "velocity",
         };
@@ -144,8 +152,23 @@ impl Context<'_> {
     }
 
     fn finding(&self, f: &Fitted<'_>, found: &Found, law: Law) -> Finding {
-        let (effect, port) = law.effect();
-        let parameters = self.estimates(f, law);
+        let (mut effect, mut port) = law.effect();
+        let mut parameters = self.estimates(f, law);
+        let mut twins = Vec::new();
+        if let Law::Wave { wavelength_m } = law
+            && let Some(order) = self.of_motor(wavelength_m)
+        {
+            // One balance cannot tell a force of the screw from one of the motor; the order can.
+            twins.push(Alternative { effect, port, probability: TWIN_SHARE * found.probability });
+            (effect, port) = (EffectKind::TorqueRipple, Port::Motor);
+            let relative = parameters[0].ci95.map(|end| order * parameters[0].value / end);
+            parameters[0] = Estimate {
+                name: "order_per_rev".to_owned(),
+                value: order,
+                unit: "1",
+                ci95: [relative[1], relative[0]],
+            };
+        }
         let value = |name: &str| parameters.iter().find(|e| e.name == name).map_or(0.0, |e| e.value);
         let (statement, equation) = words(law, &value);
         let alternatives = found
@@ -157,7 +180,9 @@ impl Context<'_> {
                 port: *port,
                 probability: *probability,
             })
+            .chain(twins.clone())
             .collect::<Vec<_>>();
+        let probability = found.probability - twins.iter().map(|t| t.probability).sum::<f64>();
         let next_experiment = (!alternatives.is_empty()).then(|| next(effect).to_owned());
         let term = PhysicsTerm {
             effect,
@@ -183,7 +208,7 @@ impl Context<'_> {
                 heldout_rms_after_n: self.after.heldout_rms,
                 noise_floor_n: self.floor_n,
             },
-            probability: found.probability,
+            probability,
             alternatives,
             next_experiment,
             contribution: self.contribution(f),
@@ -204,7 +229,7 @@ impl Context<'_> {
 
     fn estimates(&self, f: &Fitted<'_>, law: Law) -> Vec<Estimate> {
         let a = f.amplitudes[0];
-        let half = Z95 * f.deviations[0];
+        let half = Z95 * f.deviations[0].hypot(self.scale() * a);
         let linear = |name: &str, unit, factor: f64| {
             let ends = [factor * a - factor.abs() * half, factor * a + factor.abs() * half];
             Estimate { name: name.to_owned(), value: factor * a, unit, ci95: ends }
@@ -271,7 +296,30 @@ impl Context<'_> {
                 vec![gap, centre]
             }
             Law::Cubic { .. } => vec![linear("cubic_n_m3", "N/m3", 1.0)],
+            Law::Saturation => vec![linear("per_a2", "1/A2", 1.0)],
+            Law::Late { delay_s } => {
+                vec![inner("extra_delay_s", "s", delay_s, &|delay_s| Law::Late { delay_s })]
+            }
         }
+    }
+
+    /// Relative deviation of every force: that of the torque constant, where forces are measured by a current.
+    fn scale(&self) -> f64 {
+        if self.search.scales.current { SCALE_DEVIATION } else { 0.0 }
+    }
+
+    /// True where a wave is a motor's own: its order is one of the poles and slots, not of the screw.
+    fn of_motor(&self, wavelength_m: f64) -> Option<f64> {
+        let raw = self.axis.drive.raw();
+        let order = self.axis.drive.screw_lead_m()? / wavelength_m;
+        let (poles, slots) = (raw.motor_pole_count?, raw.motor_slot_count.unwrap_or(0.0));
+        let near = |of: f64| of > 1.0 && (order / of - 1.0).abs() < 0.01;
+        (near(0.5 * poles)
+            || near(poles)
+            || near(3.0 * poles)
+            || near(slots)
+            || near(cogging_order(poles, slots)))
+        .then_some(order)
     }
 
     /// A viscous difference as what it makes at the mean speed, and as a slope.
@@ -282,7 +330,8 @@ impl Context<'_> {
             speeds.iter().copied().filter(|v| *v > 5.0 * self.search.scales.smoothing_m_s).collect();
         let mean = moving.iter().sum::<f64>() / moving.len().max(1) as f64;
         let make = |name: &str, unit, factor: f64| {
-            let (value, half) = (factor * f.amplitudes[0], (factor * Z95 * f.deviations[0]).abs());
+            let deviation = f.deviations[0].hypot(self.scale() * f.amplitudes[0]);
+            let (value, half) = (factor * f.amplitudes[0], (factor * Z95 * deviation).abs());
             Estimate { name: name.to_owned(), value, unit, ci95: [value - half, value + half] }
         };
         vec![make("force_difference_n", "N", 2.0 * mean), make("viscous_difference_n_s_m", "N s/m", 2.0)]
@@ -303,7 +352,7 @@ impl Context<'_> {
         for f in &self.fitted {
             let Origin::Number(name) = f.term.origin else { continue };
             let (nominal, other, limit) = match name {
-                "movable_mass_kg" => (d.movable_mass_kg(), d.total_mass_kg() - d.movable_mass_kg(), 0.03),
+                "movable_mass_kg" => (d.movable_mass_kg(), d.total_mass_kg() - d.movable_mass_kg(), 0.02),
                 "translational_damping_n_s_m" => {
                     (d.translational_damping_n_s_m(), d.reflected_damping_n_s_m(), 0.15)
                 }
@@ -312,9 +361,13 @@ impl Context<'_> {
                 }
                 _ => (d.axial_stiffness_n_m(), 0.0, 0.03),
             };
-            let (value, half) = (f.amplitudes[0] - other, Z95 * f.deviations[0]);
+            // The balance holds the sum of both sides; what is off is off from the sum.
+            let (value, total) = (f.amplitudes[0] - other, nominal + other);
+            let sure = f.deviations[0].hypot(self.scale() * f.amplitudes[0]);
+            // Which side it is off on, the balance does not say: that widens the number, not the doubt.
+            let half = Z95 * sure.hypot(STATED_SHARE * other);
             let apart = (value - nominal).abs();
-            if nominal > 0.0 && value > 0.0 && apart > 2.0 * half && apart > limit * nominal {
+            if nominal > 0.0 && value > 0.0 && apart > 3.0 * sure && apart > limit * total {
                 list.push(Correction { name, nominal, value, ci95: [value - half, value + half] });
             }
         }
@@ -390,12 +443,22 @@ impl Context<'_> {
             }
         }
         for p in &self.axis.physics {
-            let Some(law) = super::given(p, &self.axis.physics).map(|term| term.law) else { continue };
+            let Some(law) = super::given(p, self.axis).map(|term| term.law) else { continue };
             let Some(amplitudes) = law.stated_amplitudes(p, self.friction_level()) else { continue };
             take(law, &amplitudes);
         }
         left
     }
+}
+
+/// Periods of the cogging torque in a turn: the least common multiple of poles and slots.
+fn cogging_order(poles: f64, slots: f64) -> f64 {
+    let (mut a, mut b) = (poles.round() as u64, slots.round() as u64);
+    let product = a * b;
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    if a == 0 { 0.0 } else { (product / a) as f64 }
 }
 
 /// One sentence for a person and the law in symbols.
@@ -466,6 +529,14 @@ fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static str) {
         Law::Wave { .. } => (
             format!("A force of {} repeats every {}.", n("amplitude_n", "N"), n("wavelength_m", "m")),
             "F = A sin(2 pi x/lambda + phase)",
+        ),
+        Law::Late { .. } => (
+            format!("The drive acts {} later than the model says.", n("extra_delay_s", "s")),
+            "F(t) -> F(t - T)",
+        ),
+        Law::Saturation => (
+            format!("Torque falls behind large currents by {}.", n("per_a2", "per A2")),
+            "T = K_t i (1 - b i^2)",
         ),
         Law::Spring { .. } => (
             format!(

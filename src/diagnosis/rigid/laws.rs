@@ -1,6 +1,7 @@
 //! Laws of force that one position can carry, as columns of a regression.
 
 use super::signals::Series;
+use crate::diagnosis::columns::difference;
 use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
 use std::f64::consts::TAU;
 
@@ -27,6 +28,10 @@ pub(super) enum Law {
     Drift { time_s: f64, slider: Slider },
     /// A sin + B cos of 2 pi x / lambda.
     Wave { wavelength_m: f64 },
+    /// F(t) - F(t - T): the drive acts later than it is told.
+    Late { delay_s: f64 },
+    /// F i^2: torque that falls behind a large current.
+    Saturation,
     /// K (x - x0), silent inside the gap; only where the output is locked.
     Spring { centre_m: f64, gap_m: f64 },
     /// K3 (x - x0)^3; only where the output is locked.
@@ -62,6 +67,9 @@ impl Slider {
     }
 }
 
+/// Shortest distance over which friction is taken to turn over, m: asperities of ground surfaces.
+const FINEST_YIELD_M: f64 = 1.0e-6;
+
 /// Scales of the motion that a law refers to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Scales {
@@ -71,6 +79,10 @@ pub(super) struct Scales {
     pub(super) resolution_m: f64,
     /// Travel per turn of the motor, where there is a screw.
     pub(super) lead_m: Option<f64>,
+    /// Time between samples of the recording, s.
+    pub(super) period_s: f64,
+    /// True where a current is recorded.
+    pub(super) current: bool,
 }
 
 impl Law {
@@ -99,6 +111,11 @@ impl Law {
             Law::Wave { wavelength_m } => {
                 vec![place(&|x| (TAU * x / wavelength_m).sin()), place(&|x| (TAU * x / wavelength_m).cos())]
             }
+            Law::Late { delay_s } => vec![difference(&s.thrust_n, -delay_s * s.rate_hz)],
+            Law::Saturation => {
+                let per_ampere = s.thrust_n_a.unwrap_or(f64::INFINITY);
+                vec![s.thrust_n.iter().map(|f| f * (f / per_ampere).powi(2)).collect()]
+            }
             Law::Spring { centre_m, gap_m } => {
                 vec![place(&|x| (x - centre_m).signum() * ((x - centre_m).abs() - 0.5 * gap_m).max(0.0))]
             }
@@ -118,6 +135,8 @@ impl Law {
             Law::Square => get("n_s2_m2")?,
             Law::Stribeck { .. } => get("stribeck_force_n")?,
             Law::Drift { .. } => get("relative_change")? * friction_n,
+            Law::Late { .. } => 1.0,
+            Law::Saturation => get("per_a2")?,
             Law::Wave { .. } => {
                 let (sin, cos) = get("phase_rad").unwrap_or(0.0).sin_cos();
                 let amplitude = get("amplitude_n")?;
@@ -142,6 +161,8 @@ impl Law {
             Law::Stribeck { .. } => (E::StribeckFriction, Port::Stage),
             Law::Drift { .. } => (E::FrictionDrift, Port::Stage),
             Law::Wave { .. } => (E::PositionPeriodicForce, Port::Stage),
+            Law::Late { .. } => (E::DeadTime, Port::Current),
+            Law::Saturation => (E::TorqueConstantSaturation, Port::Current),
             Law::Spring { .. } => (E::Backlash, Port::Coupling),
             Law::Cubic { .. } => (E::NonlinearStiffness, Port::Coupling),
         }
@@ -153,6 +174,9 @@ impl Law {
             Law::Viscous | Law::Square | Law::Friction(_) | Law::Stribeck { .. } | Law::Spring { .. } => {
                 amplitudes.iter().all(|a| *a > 0.0)
             }
+            Law::Saturation => amplitudes[0] > 0.0,
+            // The delay is in the law; its amplitude only says how well the law holds.
+            Law::Late { .. } => (0.7..1.4).contains(&amplitudes[0]),
             _ => true,
         }
     }
@@ -190,6 +214,7 @@ impl Law {
                     .map(|wavelength_m| Law::Wave { wavelength_m })
                     .to_vec()
             }
+            Law::Late { delay_s } => both(delay_s).map(|delay_s| Law::Late { delay_s }).to_vec(),
             Law::Spring { centre_m, gap_m } if gap_m > 0.0 => {
                 let g = both(gap_m).map(|gap_m| Law::Spring { centre_m, gap_m });
                 let shift = 0.2 * by * gap_m;
@@ -214,6 +239,10 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     let yields = geometric(smallest, 0.15 * scales.stroke_m, 12);
     let mut list = vec![Law::Constant, Law::Friction(Slider::STEP)];
     list.extend(yields.iter().map(|&y| Law::Friction(Slider { yield_m: y, gap_m: 0.0 })));
+    // Guideways slide after micrometres, however long the stroke is.
+    let finest = (3.0 * scales.resolution_m).max(FINEST_YIELD_M);
+    let fine = geometric(finest, smallest, 8).into_iter().filter(|y| *y < 0.9 * smallest);
+    list.extend(fine.map(|y| Law::Friction(Slider { yield_m: y, gap_m: 0.0 })));
     if locked {
         let stroke = scales.stroke_m;
         list.extend(gaps(stroke, centre_m));
@@ -223,6 +252,12 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     // Velocity laws need more than one speed; where there is one, they are each other's twins and the order
     // decides.
     list.extend([Law::Viscous, Law::DirectionalDry(slider), Law::DirectionalViscous, Law::Square]);
+    list.extend(
+        geometric(scales.period_s, 40.0 * scales.period_s, 14).into_iter().map(|t| Law::Late { delay_s: t }),
+    );
+    if scales.current {
+        list.push(Law::Saturation);
+    }
     list.extend(
         geometric(5.0 * scales.smoothing_m_s, 0.5 * scales.fastest_m_s, 12)
             .into_iter()
@@ -281,6 +316,7 @@ mod tests {
             accel_m_s2: vec![0.0; 400],
             thrust_n: vec![0.0; 400],
             position_m,
+            thrust_n_a: None,
         }
     }
 

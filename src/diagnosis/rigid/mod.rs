@@ -14,9 +14,10 @@ mod laws;
 mod search;
 mod signals;
 
+use super::motion::is_flexible;
 use super::{DiagnoseError, Diagnosis, Progress};
 use crate::plant::drive::Structure;
-use crate::plant::effects::{EffectKind, PhysicsTerm};
+use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 use fit::{Rows, rms};
@@ -29,7 +30,9 @@ const LEAST_INERTIA_SHARE: f64 = 0.02;
 
 /// True where this module and not the two-sided balance is to answer.
 pub(super) fn applies(axis: &AxisModel, recordings: &[Recording]) -> bool {
-    axis.drive.structure() == Structure::Rigid || recordings.iter().all(|r| is_locked(axis, r))
+    axis.drive.structure() == Structure::Rigid
+        || recordings.iter().all(|r| is_locked(axis, r))
+        || !recordings.iter().all(|r| is_flexible(axis, r))
 }
 
 /// Says what the model of an axis with one position leaves out.
@@ -40,10 +43,10 @@ pub(super) fn diagnose(
     recordings: &[Recording],
     progress: Progress<'_>,
 ) -> Result<Diagnosis, DiagnoseError> {
-    let locked = axis.drive.structure() != Structure::Rigid;
+    let locked = axis.drive.structure() != Structure::Rigid && recordings.iter().all(|r| is_locked(axis, r));
     let series = recordings.iter().map(|r| series(axis, r)).collect::<Result<Vec<_>, _>>()?;
     progress(0.1, "signals aligned");
-    let scales = scales(axis, &series);
+    let scales = scales(axis, recordings, &series);
     let mut terms = base_terms(axis, &series, locked);
     let inertia = if locked { axis.drive.reflected_mass_kg() } else { axis.drive.total_mass_kg() };
     let carried = !terms.iter().any(|t| t.law == Law::Inertia);
@@ -53,7 +56,7 @@ pub(super) fn diagnose(
         .map(|(f, a)| if carried { f - inertia * a } else { *f })
         .collect();
     let lengths: Vec<usize> = series.iter().map(|s| s.t_s.len()).collect();
-    terms.extend(axis.physics.iter().filter_map(|p| given(p, &axis.physics)));
+    terms.extend(axis.physics.iter().filter_map(|p| given(p, axis)));
     let rows = Rows::new(target, &lengths);
     let mut search = Search {
         rows,
@@ -74,7 +77,7 @@ pub(super) fn diagnose(
     Ok(answer)
 }
 
-fn scales(axis: &AxisModel, series: &[Series]) -> Scales {
+fn scales(axis: &AxisModel, recordings: &[Recording], series: &[Series]) -> Scales {
     let fastest = series.iter().flat_map(|s| &s.velocity_m_s).fold(0.0_f64, |a, v| a.max(v.abs()));
     let [low, high] = series
         .iter()
@@ -87,6 +90,8 @@ fn scales(axis: &AxisModel, series: &[Series]) -> Scales {
         stroke_m: (high - low).max(1.0e-12),
         resolution_m: axis.drive.motor_encoder_resolution_m(),
         lead_m: axis.drive.screw_lead_m(),
+        period_s: recordings.first().map_or(0.0, |r| r.sample_rate.period_s()),
+        current: series.iter().all(|s| s.thrust_n_a.is_some()),
     }
 }
 
@@ -116,7 +121,8 @@ fn base_terms(axis: &AxisModel, series: &[Series], locked: bool) -> Vec<Term> {
 }
 
 /// A physics table of the model as a term; its amplitude is re-estimated like any number.
-fn given(term: &PhysicsTerm, all: &[PhysicsTerm]) -> Option<Term> {
+fn given(term: &PhysicsTerm, axis: &AxisModel) -> Option<Term> {
+    let (all, lead_m) = (&axis.physics, axis.drive.screw_lead_m());
     let friction = |key: &str| {
         let one = |e: EffectKind| all.iter().find(|t| t.effect == e);
         one(EffectKind::PreslidingFriction).and_then(|t| t.number(key))
@@ -149,6 +155,11 @@ fn given(term: &PhysicsTerm, all: &[PhysicsTerm]) -> Option<Term> {
             Law::Drift { time_s: term.number("time_constant_s")?, slider: Slider::STEP }
         }
         EffectKind::PositionPeriodicForce => Law::Wave { wavelength_m: term.number("wavelength_m")? },
+        EffectKind::TorqueRipple => Law::Wave { wavelength_m: lead_m? / term.number("order_per_rev")? },
+        EffectKind::DeadTime if term.port == Port::Current => {
+            Law::Late { delay_s: term.number("extra_delay_s")? }
+        }
+        EffectKind::TorqueConstantSaturation => Law::Saturation,
         _ => return None,
     };
     Some(Term { law, origin: Origin::Given })

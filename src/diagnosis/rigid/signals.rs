@@ -10,6 +10,9 @@ use crate::sample::Recording;
 const BAND_SHARE: f64 = 0.1;
 /// Share of the thrust that the encoder's steps may amount to once differentiated twice and times the mass.
 const NOISE_SHARE: f64 = 0.02;
+/// Share of the axial resonance up to which a flexible axis with one encoder moves as one mass: there its
+/// stage lags by 2 % of its inertia.
+const RIGID_SHARE: f64 = 0.15;
 /// Rows per band: the residual is barely oversampled.
 const ROWS_PER_BAND: f64 = 3.2;
 /// Fewest rows that a diagnosis can be fitted to and judged on.
@@ -26,6 +29,8 @@ pub(super) struct Series {
     pub(super) velocity_m_s: Vec<f64>,
     pub(super) accel_m_s2: Vec<f64>,
     pub(super) thrust_n: Vec<f64>,
+    /// Thrust per ampere where a current is recorded, N/A.
+    pub(super) thrust_n_a: Option<f64>,
 }
 
 /// Thrust in N from whichever reference is recorded.
@@ -49,6 +54,13 @@ fn thrust(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, DiagnoseE
     Err(DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected })
 }
 
+/// Thrust per ampere where the current is what is recorded.
+fn thrust_per_ampere(axis: &AxisModel, recording: &Recording) -> Option<f64> {
+    let other = ["thrust_ref_n", "torque_ref_nm"];
+    let direct = other.iter().any(|s| recording.get(&format!("{}_{s}", axis.name)).is_some());
+    if direct { None } else { axis.drive.thrust_constant_n_a() }
+}
+
 /// Position in m from the motor encoder, else from the scale.
 fn position(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, DiagnoseError> {
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
@@ -68,13 +80,19 @@ fn position(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, Diagnos
 /// q^2/(6 rate) (2 pi)^4 f^5/5.   Checked by: tests::a_coarse_encoder_narrows_the_band.
 fn band_hz(axis: &AxisModel, thrust_rms_n: f64, rate_hz: f64) -> f64 {
     let (q, mass) = (axis.drive.motor_encoder_resolution_m(), axis.drive.total_mass_kg());
-    let widest = BAND_SHARE * rate_hz;
+    let widest = (BAND_SHARE * rate_hz).min(RIGID_SHARE * axial_resonance_hz(axis));
     if q <= 0.0 || mass <= 0.0 || thrust_rms_n <= 0.0 {
         return widest;
     }
     let accel = NOISE_SHARE * thrust_rms_n / mass;
     let fifth = accel * accel * 30.0 * rate_hz / (q * q * std::f64::consts::TAU.powi(4));
-    fifth.powf(0.2).clamp(0.01 * rate_hz, widest)
+    fifth.powf(0.2).max(0.01 * rate_hz).min(widest)
+}
+
+/// Frequency at which the stage swings against a motor that is held, Hz; infinite on a rigid axis.
+fn axial_resonance_hz(axis: &AxisModel) -> f64 {
+    let (k, mass) = (axis.drive.axial_stiffness_n_m(), axis.drive.movable_mass_kg());
+    if k > 0.0 { (k / mass).sqrt() / std::f64::consts::TAU } else { f64::INFINITY }
 }
 
 /// Filters and thins one recording; thrust and motion pass the same low-pass.
@@ -106,6 +124,7 @@ pub(super) fn series(axis: &AxisModel, recording: &Recording) -> Result<Series, 
         band_hz,
         t_s: (0..grid.count).map(|k| recording.time_s(edge + k * step)).collect(),
         thrust_n: kernels[0].apply(&force, grid),
+        thrust_n_a: thrust_per_ampere(axis, recording),
         position_m: kernels[1].apply(&local, grid).iter().map(|v| v + origin).collect(),
         velocity_m_s: kernels[2].apply(&local, grid),
         accel_m_s2: kernels[3].apply(&local, grid),

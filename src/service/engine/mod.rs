@@ -1,4 +1,4 @@
-//! The pipeline thread: owns every shared memory port, wakes once a millisecond (in `act`; every fourth
+//! The pipeline thread: owns every shared memory port, wakes once a millisecond (in `act`; every second
 //! otherwise), drains, steps, decides.
 //!
 //! It waits for nothing but its own next wake: reports go to a bounded queue that others drain, files
@@ -37,8 +37,8 @@ use tokio::sync::mpsc;
 
 /// How often the thread wakes while it may command.
 const WAKE: Duration = Duration::from_millis(1);
-/// How often it wakes while nothing leaves the process: the same samples are taken in, four batches at once.
-const CALM_WAKE: Duration = Duration::from_millis(4);
+/// How often it wakes while nothing leaves the process: the same samples are taken in, two batches at once.
+const CALM_WAKE: Duration = Duration::from_millis(2);
 /// How often a picture is reported.
 const PICTURE: Duration = Duration::from_millis(50);
 /// Without samples for this long the source counts as lost.

@@ -9,7 +9,6 @@ use async_nats::jetstream::{AckKind, Context};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use thiserror::Error;
 use tokio::io::AsyncReadExt as _;
 use tokio_stream::StreamExt as _;
 
@@ -39,14 +38,6 @@ struct Job {
 struct Outcome {
     result: Option<serde_json::Value>,
     error: Option<String>,
-}
-
-/// Why a worker ended.
-#[derive(Debug, Error)]
-pub enum WorkError {
-    /// The broker.
-    #[error(transparent)]
-    Broker(#[from] BrokerError),
 }
 
 fn progress_subject(id: &str) -> String {
@@ -127,9 +118,29 @@ pub(in crate::service) async fn diagnose(
     outcome.result.ok_or_else(|| outcome.error.unwrap_or_else(|| "the worker gave no reason".to_owned()))
 }
 
-/// A worker: takes jobs until `jobs` are done, or for ever. Any number of them may run.
-/// Errors: the broker cannot be reached or refuses; a job that fails is an answer, not an error.
-pub async fn work(broker: &Broker, program: PathBuf, jobs: Option<u64>) -> Result<(), WorkError> {
+/// A worker: takes jobs until `jobs` are done, or for ever. Any number of them may run. A broker that is away is
+/// waited for; a job that fails is an answer, not an error.
+/// Errors: the credentials cannot be read.
+pub async fn work(broker: &Broker, program: PathBuf, jobs: Option<u64>) -> Result<(), BrokerError> {
+    broker.check()?;
+    let (mut done, mut away) = (0, false);
+    while jobs.is_none_or(|most| done < most) {
+        if let Err(error) = work_while_connected(broker, &program, (&mut done, jobs), &mut away).await {
+            if !std::mem::replace(&mut away, true) {
+                tracing::warn!(event = "broker_away", "{error}; trying again every second");
+            }
+            tokio::time::sleep(LOOK).await;
+        }
+    }
+    Ok(())
+}
+
+async fn work_while_connected(
+    broker: &Broker,
+    program: &Path,
+    (done, jobs): (&mut u64, Option<u64>),
+    away: &mut bool,
+) -> Result<(), BrokerError> {
     let client = broker.connect().await?;
     let context = async_nats::jetstream::new(client.clone());
     let bucket = files(&context).await?;
@@ -143,17 +154,18 @@ pub async fn work(broker: &Broker, program: PathBuf, jobs: Option<u64>) -> Resul
     };
     let consumer = stream.get_or_create_consumer("diagnose", config).await;
     let consumer = consumer.map_err(|e| refused("consumer of jobs")(e.into()))?;
-    let mut done = 0;
-    while jobs.is_none_or(|most| done < most) {
+    *away = false;
+    tracing::info!(event = "worker_ready", "waiting for jobs");
+    while jobs.is_none_or(|most| *done < most) {
         let waiting = consumer.fetch().max_messages(1).expires(Duration::from_secs(10)).messages().await;
         let mut waiting = waiting.map_err(|e| refused("next job")(e.into()))?;
         let Some(message) = waiting.next().await else { continue };
         let message = message.map_err(|e| refused("next job")(e))?;
-        let worker = Worker { client: &client, context: &context, bucket: &bucket, program: &program };
+        let worker = Worker { client: &client, context: &context, bucket: &bucket, program };
         match worker.take(&message).await {
             Ok(()) => {
                 message.double_ack().await.map_err(|e| refused("acknowledging a job")(e))?;
-                done += 1;
+                *done += 1;
             }
             Err(error) => {
                 tracing::warn!(event = "job_returned", "{error}");

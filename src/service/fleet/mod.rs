@@ -12,7 +12,7 @@ mod jobs;
 mod outbox;
 
 pub(super) use jobs::diagnose;
-pub use jobs::{WorkError, work};
+pub use jobs::work;
 pub(super) use outbox::run;
 
 use async_nats::jetstream::stream::{Config as StreamConfig, RetentionPolicy};
@@ -71,18 +71,29 @@ fn one_line(text: &str) -> String {
 }
 
 impl Broker {
+    /// User and password, where a file is named.
+    fn pair(&self) -> Result<Option<(String, String)>, BrokerError> {
+        let fail = |reason: String| BrokerError::Connect { server: self.server.clone(), reason };
+        let Some(path) = &self.credentials else { return Ok(None) };
+        let text = std::fs::read_to_string(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
+        let pair = text.trim().split_once(':').map(|(u, p)| (u.to_owned(), p.to_owned()));
+        let what = || fail(format!("{}: expected one line `user:password`", path.display()));
+        pair.ok_or_else(what).map(Some)
+    }
+
+    /// What no waiting mends. Errors: the credentials cannot be read.
+    fn check(&self) -> Result<(), BrokerError> {
+        self.pair().map(|_| ())
+    }
+
     async fn connect(&self) -> Result<async_nats::Client, BrokerError> {
         let fail = |reason: String| BrokerError::Connect { server: self.server.clone(), reason };
         let mut options = async_nats::ConnectOptions::new()
             .name("stillcut")
             .connection_timeout(DEADLINE)
             .request_timeout(Some(DEADLINE));
-        if let Some(path) = &self.credentials {
-            let text = std::fs::read_to_string(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
-            let pair = text.trim().split_once(':');
-            let what = || fail(format!("{}: expected one line `user:password`", path.display()));
-            let (user, password) = pair.ok_or_else(what)?;
-            options = options.user_and_password(user.to_owned(), password.to_owned());
+        if let Some((user, password)) = self.pair()? {
+            options = options.user_and_password(user, password);
         }
         options.connect(&self.server).await.map_err(|e| fail(one_line(&e.to_string())))
     }
