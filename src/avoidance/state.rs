@@ -113,6 +113,6 @@ impl AvoidanceState {
 
     /// A person has looked: everything latched is open again. What still is so latches again.
     pub(super) fn acknowledge(&mut self) {
-        (self.latched, self.fruitless, self.off_target) = (None, 0, 0);
+        (self.latched, self.trial, self.fruitless, self.off_target) = (None, None, 0, 0);
     }
 }

@@ -350,7 +350,7 @@ fn only_the_revision_of_now_leads_up() {
     let ports = Ports::open(&bench.engine.setup.domain).unwrap();
     bench.feed(0.5, |_| {});
     bench.look();
-    let mut ask = |bench: &mut Bench, mode, revision| {
+    let ask = |bench: &mut Bench, mode, revision| {
         let (done, mut answer) = tokio::sync::oneshot::channel();
         bench.engine.obey(Control::SetMode { mode, revision, origin: person(), done }, &ports);
         answer.try_recv().unwrap()

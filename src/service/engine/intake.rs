@@ -2,11 +2,11 @@
 
 use crate::config::service::ServiceConfig;
 use crate::pipeline::{Pipeline, StepOutput, StreamFault};
-use crate::sample::SampleError;
+use crate::sample::{MAX_AXES, SampleError};
 use crate::service::black_box::BlackBox;
 use crate::service::clock;
 use crate::telemetry::{Event, EventKind, Metrics};
-use crate::transport::wire::{ServoBatch, ServoPoint, axis_name_text};
+use crate::transport::wire::{AXIS_NAME_BYTES, ServoBatch, ServoPoint, axis_name_text};
 use crate::units::SampleRate;
 use prometheus::IntCounter;
 use std::sync::Arc;
@@ -29,6 +29,8 @@ struct AxisCounters {
 pub(super) struct Stream {
     id: u64,
     names: Arc<[String]>,
+    /// The names as they travel.
+    travelled: [[u8; AXIS_NAME_BYTES]; MAX_AXES],
     rate: SampleRate,
     pipeline: Pipeline,
     counters: Vec<AxisCounters>,
@@ -102,6 +104,7 @@ impl Stream {
         Ok(Self {
             id: batch.stream,
             names: names.into(),
+            travelled: batch.axis_names,
             rate,
             pipeline,
             counters,
@@ -114,7 +117,8 @@ impl Stream {
 
     /// Whether a batch belongs to this stream.
     pub(super) fn carries(&self, batch: &ServoBatch) -> bool {
-        let same_axes = batch.axes() == Some(self.names.len());
+        let count = self.names.len();
+        let same_axes = batch.axes() == Some(count) && batch.axis_names[..count] == self.travelled[..count];
         batch.stream == self.id && same_axes && batch.sample_rate_hz.to_bits() == self.rate.hz().to_bits()
     }
 
