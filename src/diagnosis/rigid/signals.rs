@@ -80,7 +80,7 @@ fn position(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, Diagnos
 /// q^2/(6 rate) (2 pi)^4 f^5/5.   Checked by: tests::a_coarse_encoder_narrows_the_band.
 fn band_hz(axis: &AxisModel, thrust_rms_n: f64, rate_hz: f64) -> f64 {
     let (q, mass) = (axis.drive.motor_encoder_resolution_m(), axis.drive.total_mass_kg());
-    let widest = (BAND_SHARE * rate_hz).min(RIGID_SHARE * axial_resonance_hz(axis));
+    let widest = BAND_SHARE * rate_hz;
     if q <= 0.0 || mass <= 0.0 || thrust_rms_n <= 0.0 {
         return widest;
     }
@@ -99,7 +99,10 @@ fn axial_resonance_hz(axis: &AxisModel) -> f64 {
 pub(super) fn series(axis: &AxisModel, recording: &Recording) -> Result<Series, DiagnoseError> {
     let (force, x) = (thrust(axis, recording)?, position(axis, recording)?);
     let rate_hz = recording.sample_rate.hz();
-    let band_hz = band_hz(axis, rms(&force), rate_hz);
+    let mut band_hz = band_hz(axis, rms(&force), rate_hz);
+    if !is_locked(axis, recording) {
+        band_hz = band_hz.min(RIGID_SHARE * axial_resonance_hz(axis));
+    }
     let step = ((rate_hz / (ROWS_PER_BAND * band_hz)).floor() as usize).max(1);
     let delay_s = axis.drive.amplifier_dead_time_s() + 0.5 * recording.sample_rate.period_s();
     let kernel = |derivative, advance_s| Kernel::low_pass(band_hz, rate_hz, Action { derivative, advance_s });
