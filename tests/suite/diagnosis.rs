@@ -207,7 +207,7 @@ fn recordings_of_two_rates_are_refused() {
 
 const RIGID: &str = "[machine]\nname = \"r\"\nsample_rate_hz = 1000.0\n[axes.x]\nscrew_lead_m = 0.01\nmovable_mass_kg = 60.0\n\
     torque_constant_nm_a = 0.7\ntranslational_damping_n_s_m = 500.0\nstage_coulomb_friction_n = 100.0\n\
-    friction_smoothing_m_s = 4.0e-4\n";
+    friction_smoothing_m_s = 2.0e-2\n";
 
 /// A mass that moves as three sines say, and the current that it needs; `late_s`: told that much earlier.
 fn rigid_recording(late_s: f64, saturation_per_a2: f64) -> Recording {
@@ -234,7 +234,7 @@ fn rigid_recording(late_s: f64, saturation_per_a2: f64) -> Recording {
         position.push(at(t)[0]);
         // The half sample is how a held reference acts.
         let [_, v, a] = at(t + late_s + 0.5 / RATE_HZ);
-        let force = 60.0 * a + 500.0 * v + 100.0 * (v / 4.0e-4).tanh();
+        let force = 60.0 * a + 500.0 * v + 100.0 * (v / 2.0e-2).tanh();
         let mut i = force / thrust_n_a;
         for _ in 0..50 {
             i = force / thrust_n_a / (1.0 - saturation_per_a2 * i * i);
