@@ -298,7 +298,9 @@ impl Context<'_> {
             Law::Cubic { .. } => vec![linear("cubic_n_m3", "N/m3", 1.0)],
             Law::Saturation => vec![linear("per_a2", "1/A2", 1.0)],
             Law::Late { delay_s } => {
-                vec![inner("extra_delay_s", "s", delay_s, &|delay_s| Law::Late { delay_s })]
+                // Delay and amplitude trade: to first order their product is what the force is late by.
+                let e = inner("extra_delay_s", "s", delay_s, &|delay_s| Law::Late { delay_s });
+                vec![Estimate { value: a * e.value, ci95: e.ci95.map(|end| a * end), ..e }]
             }
         }
     }
