@@ -107,8 +107,8 @@ fn if_match(headers: &HeaderMap) -> Result<u64, Problem> {
     text.parse().map_err(|_| stale())
 }
 
-/// Take the turret back: equal pitch and `observe`, within one control cycle. Done and answered also while the
-/// history cannot be written; an `Idempotency-Key` changes nothing.
+/// Take the turret back: equal pitch and `observe`, within one control cycle. Done and answered also while
+/// the history cannot be written; an `Idempotency-Key` changes nothing.
 #[utoipa::path(post, path = "/api/v1/override", tag = "control",
     operation_id = "takeBack", request_body = ReasonBody,
     security(("token" = [])),

@@ -280,9 +280,9 @@ impl Handle {
         Ok(answered.map_err(|_| Refusal::NoAnswer)??)
     }
 
-    /// Changes the mode. `revision`: the one that somebody saw who may raise it; without it the way leads down
-    /// only, and the pipeline thread judges which way it is. What may lead up is put on record first; the way
-    /// down waits for nothing. What became of it is on record afterwards, also a refusal.
+    /// Changes the mode. `revision`: the one that somebody saw who may raise it; without it the way leads
+    /// down only, and the pipeline thread judges which way it is. What may lead up is put on record first;
+    /// the way down waits for nothing. What became of it is on record afterwards, also a refusal.
     pub async fn set_mode(
         &self,
         mode: Mode,
@@ -312,7 +312,7 @@ impl Handle {
         self.changed((&origin, "clear_fault", "latched fault"), outcome).await
     }
 
-    /// Puts the outcome on record and waits until the picture shows it, so that the asker reads its own change.
+    /// Puts the outcome on record and waits until the picture shows it: the asker reads its own change.
     async fn changed(
         &self,
         (origin, action, what): (&Origin, &str, &str),
