@@ -264,7 +264,7 @@ fn a_rigid_axis_tells_a_late_drive_from_a_saturated_one() {
         plain.findings.iter().map(|f| &f.statement).collect::<Vec<_>>()
     );
     for (late_s, per_a2, effect, name) in
-        [(4.0e-3, 0.0, "dead_time", "extra_delay_s"), (0.0, 0.03, "torque_constant_saturation", "per_a2")]
+        [(4.0e-3, 0.0, "dead_time", "extra_delay_s"), (0.0, 0.008, "torque_constant_saturation", "per_a2")]
     {
         let d = ask(&machine, &rigid_recording(late_s, per_a2));
         let first = &d.findings[0];
