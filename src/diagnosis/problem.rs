@@ -268,7 +268,8 @@ impl Problem {
         add("stage_coulomb_friction_n", d.stage_coulomb_friction_n(), 1.0, &|| {
             self.stage_only(|m| sliding(&m.stage_side().velocity_m_s, vs))
         });
-        // A screw's lead is good to some 10 um/m, and so is a scale: what they differ by stretches the spring.
+        // A screw's lead is good to some 10 um/m, and so is a scale: what they differ by stretches the
+        // spring.
         list.push(Number {
             key: None,
             nominal: 0.0,
@@ -293,8 +294,8 @@ impl Problem {
         list
     }
 
-    /// Takes the free stretch from the forces between the sides that are constant or grow along the screw, which
-    /// stand last among the numbers.
+    /// Takes the free stretch from the forces between the sides that are constant or grow along the screw,
+    /// which stand last among the numbers.
     pub(crate) fn update_free_stretch(&mut self, coefficients: &[f64]) {
         if !self.flexible || self.mechanics.stiffness_n_m <= 0.0 {
             return;

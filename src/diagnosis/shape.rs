@@ -138,7 +138,8 @@ impl Shape {
         shape
     }
 
-    /// True where a constant ran into the end of what the law allows: another law imitated, not this one found.
+    /// True where a constant ran into the end of what the law allows: another law imitated, not this one
+    /// found.
     pub(crate) fn at_limit(&self) -> bool {
         matches!(self, Shape::Torsion { .. })
             && self

@@ -224,8 +224,8 @@ impl Spectral {
 
     /// On an axis that stands still the friction holds the force: what shows in the thrust, through the
     /// inverse of the closed loop, is what is beyond friction, u/G = F_cut - F_friction, so friction is added
-    /// to that amplitude. Where the guideway does not slide (the axis moves by less than the travel over which
-    /// friction turns), nothing is known but that the force is below friction.
+    /// to that amplitude. Where the guideway does not slide (the axis moves by less than the travel over
+    /// which friction turns), nothing is known but that the force is below friction.
     ///
     /// Where the vibration turns the velocity of a moving axis around, friction turns with it and the lines
     /// of the thrust hold it: flagged.

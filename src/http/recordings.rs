@@ -119,7 +119,7 @@ pub(super) async fn download_csv(
 #[utoipa::path(get, path = "/api/v1/recordings/{id}/file.json", tag = "history",
     operation_id = "downloadRecordingJson",
     params(("id" = String, Path, description = "Name of the recording")),
-    responses((status = 200, description = "Rate, metadata, a list for each column", body = serde_json::Value),
+    responses((status = 200, description = "Rate, metadata, a list a column", body = serde_json::Value),
         Refused))]
 pub(super) async fn download_json(
     State(site): State<Site>,

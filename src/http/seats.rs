@@ -63,8 +63,8 @@ impl Seats {
         Self { most, table: Arc::default() }
     }
 
-    /// A place, where there is none the one of the connection that has asked nothing for longest. Nothing when
-    /// all are in the middle of a request.
+    /// A place, where there is none the one of the connection that has asked nothing for longest. Nothing
+    /// when all are in the middle of a request.
     pub(super) fn take(&self) -> Option<Seat> {
         let mut table = self.table.lock().unwrap_or_else(PoisonError::into_inner);
         if table.held.len() >= self.most {

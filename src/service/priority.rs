@@ -5,7 +5,8 @@ use std::process::{Command, Stdio};
 /// By how much, in the system's steps of priority: about a third of the share under contention.
 const STEPS: &str = "5";
 
-/// Lowers the priority of the calling thread and of those that it starts (Linux: priority belongs to threads).
+/// Lowers the priority of the calling thread and of those that it starts (Linux: priority belongs to
+/// threads).
 /// Allowed to everybody; where it fails all the same, the thread keeps the priority it has. The system's own
 /// `renice` does it: one process at the start is cheaper than unsafe code.
 pub(super) fn step_back() {

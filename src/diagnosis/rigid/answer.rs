@@ -305,7 +305,8 @@ impl Context<'_> {
         }
     }
 
-    /// Relative deviation of every force: that of the torque constant, where forces are measured by a current.
+    /// Relative deviation of every force: that of the torque constant, where forces are measured by a
+    /// current.
     fn scale(&self) -> f64 {
         if self.search.scales.current { SCALE_DEVIATION } else { 0.0 }
     }

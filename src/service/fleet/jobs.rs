@@ -118,8 +118,8 @@ pub(in crate::service) async fn diagnose(
     outcome.result.ok_or_else(|| outcome.error.unwrap_or_else(|| "the worker gave no reason".to_owned()))
 }
 
-/// A worker: takes jobs until `jobs` are done, or for ever. Any number of them may run. A broker that is away is
-/// waited for; a job that fails is an answer, not an error.
+/// A worker: takes jobs until `jobs` are done, or for ever. Any number of them may run. A broker that is away
+/// is waited for; a job that fails is an answer, not an error.
 /// Errors: the credentials cannot be read.
 pub async fn work(broker: &Broker, program: PathBuf, jobs: Option<u64>) -> Result<(), BrokerError> {
     broker.check()?;
