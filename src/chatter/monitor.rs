@@ -504,7 +504,7 @@ impl ChatterMonitor {
         let memory_s = (3.0 / (self.mix.centre_hz() * relative_1_s).max(1e-9)).clamp(1.5, NOISE_MEMORY_S);
         let parts = self.banks.iter().zip(&state.banks).zip(&mut state.baselines).zip(STRIDES);
         for (((bank, bank_state), baseline), stride) in parts {
-            if !state.decisions.is_multiple_of(stride) || !(every || !baseline.is_known()) {
+            if !state.decisions.is_multiple_of(stride) || (!every && baseline.is_known()) {
                 continue;
             }
             let period_s = period_s * stride as f64;

@@ -17,6 +17,9 @@ const BINS: usize = 64;
 /// A residual is a curve over something when this share of its power is in the curve.
 const CURVE_SHARE: f64 = 0.3;
 
+/// What a residual may be a curve over, from position and velocity.
+type Abscissa<'a> = &'a dyn Fn(f64, f64) -> f64;
+
 impl Case<'_> {
     pub(super) fn location(&self, verdict: Verdict, findings: &[Finding]) -> Option<Location> {
         if matches!(verdict, Verdict::ModelAdequate | Verdict::ParameterError) {
@@ -111,7 +114,7 @@ impl Case<'_> {
         let p = &self.outcome.problem;
         let lead_m = p.drive.screw_lead_m();
         let fold = |x: f64| lead_m.map_or(0.0, |lead| (x / lead).rem_euclid(1.0));
-        let curves: [(&str, &dyn Fn(f64, f64) -> f64); 3] = [
+        let curves: [(&str, Abscissa<'_>); 3] = [
             ("position", &|x, _| x),
             ("velocity", &|_, v| (v / 1.0e-3).asinh()),
             ("motor_angle", &|x, _| fold(x)),
@@ -125,7 +128,7 @@ impl Case<'_> {
     }
 
     /// Share of the residual's power, before findings, that is a curve over `of(position, velocity)`.
-    fn curve_share(&self, of: &dyn Fn(f64, f64) -> f64) -> f64 {
+    fn curve_share(&self, of: Abscissa<'_>) -> f64 {
         let p = &self.outcome.problem;
         let abscissa: Vec<Vec<f64>> = p
             .motions

@@ -131,7 +131,7 @@ impl HarmonicBasis {
             match k {
                 0 => 1.0,
                 1 => i as f64 - middle,
-                _ if k % 2 == 0 => rotor.im,
+                _ if k.is_multiple_of(2) => rotor.im,
                 _ => rotor.re,
             }
         })

@@ -461,7 +461,7 @@ fn cogging_order(poles: f64, slots: f64) -> f64 {
     while b != 0 {
         (a, b) = (b, a % b);
     }
-    if a == 0 { 0.0 } else { (product / a) as f64 }
+    product.checked_div(a).unwrap_or(0) as f64
 }
 
 /// One sentence for a person and the law in symbols.
