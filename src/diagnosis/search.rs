@@ -27,6 +27,8 @@ const LEAST_WEIGHT: f64 = 5e-4;
 /// A weighted fit leaves somewhat more force than one that weights all frequencies alike; not this many
 /// times.
 const RUNAWAY: f64 = 1.5;
+/// Change of the residual below which a fit stands still.
+const STANDING: f64 = 1e-5;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
 
@@ -119,17 +121,20 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
 /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
 fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
     let passes = if accepted.is_empty() { 2 } else { 40 };
+    let mut least_n = rms(&Bench::flat(p, accepted, residual).residual());
+    // The noise of one fit weights the next.
+    *residual = Bench::new(p, accepted, residual).residual();
+    let mut standing = 0;
     for _ in 0..passes {
-        // The noise of one fit weights the next.
-        *residual = Bench::new(p, accepted, residual).residual();
+        let before_n = rms(residual);
         let mut bench = Bench::new(p, accepted, residual);
         *residual = bench.residual();
-        let flat = Bench::flat(p, accepted, residual);
-        if rms(residual) > RUNAWAY * rms(&flat.residual()) {
+        if rms(residual) > RUNAWAY * least_n {
             // A mismatch taken for noise loses its weight, grows and is noise all the more: begin again.
-            *residual = flat.residual();
-            bench = flat;
+            bench = Bench::flat(p, accepted, residual);
+            *residual = bench.residual();
         }
+        least_n = least_n.min(rms(residual));
         let fits: Vec<_> = (0..accepted.len()).map(|k| bench.accepted_fit(k)).collect();
         let (coefficients, timing_s) = (bench.solution.coefficients.clone(), bench.timing_s());
         drop(bench);
@@ -137,7 +142,9 @@ fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
         p.shift_timing(timing_s);
         let moved =
             accepted.iter_mut().zip(&fits).map(|(a, fit)| move_constants(p, a, fit)).fold(0.0, f64::max);
-        if !accepted.is_empty() && moved < 0.3 {
+        // Constants that trade with each other wander on where nothing is left to gain.
+        standing = if (rms(residual) / before_n - 1.0).abs() < STANDING { standing + 1 } else { 0 };
+        if !accepted.is_empty() && (moved < 0.3 || standing >= 3) {
             break;
         }
     }
