@@ -24,6 +24,9 @@ const STRANGER_LEAST_SHARE: f64 = 0.1;
 const SECOND_SHARE: f64 = 0.005;
 /// Least size of a finding beside the thrust, both as root mean squares.
 const LEAST_WEIGHT: f64 = 5e-4;
+/// A weighted fit may leave more force than one without the finding, where the noise is low; not this many
+/// times.
+const RUNAWAY: f64 = 1.5;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
 
@@ -156,6 +159,13 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
     for round in 0..=MOST_FINDINGS {
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
         settle(&mut p, &mut accepted, &mut residual);
+        if round > 0 && rms(&residual) > RUNAWAY * rms(&before) {
+            // A mismatch taken for noise loses its weight, grows, and is noise all the more.
+            accepted.pop();
+            residual.clone_from(&before);
+            settle(&mut p, &mut accepted, &mut residual);
+            break;
+        }
         let bench = Bench::new(&p, &accepted, &residual);
         residual = bench.residual();
         if round == 0 {
