@@ -98,6 +98,7 @@ pub(crate) fn assemble(
         tried: tried(outcome.rounds.first()),
         detection_limits: detection_limits(bench, outcome.rounds.last()),
         model,
+        closed_loop: Err(String::new()),
     }
 }
 

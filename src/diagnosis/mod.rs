@@ -6,6 +6,7 @@ mod bench;
 mod columns;
 mod corrections;
 mod floor;
+mod in_loop;
 mod kernel;
 mod location;
 mod motion;
@@ -115,6 +116,8 @@ pub fn diagnose(
     let outcome = search::search(problem, given, progress);
     let bench = bench::Bench::new(&outcome.problem, &outcome.accepted, &outcome.residual);
     let mut diagnosis = assemble::assemble(machine, axis, recordings, (&outcome, &bench));
+    progress(0.95, "simulating the loop");
+    diagnosis.closed_loop = in_loop::in_loop((axis, &diagnosis.model), recordings, &outcome);
     if lumped.is_some() {
         diagnosis = triple::unlumped(diagnosis, stated, (&outcome, &bench));
     }

@@ -8,7 +8,7 @@ use crate::sample::Recording;
 
 /// Where inside a sample period the drive takes up a reference is stated nowhere; the middle of what drives
 /// and their simulations do is a little before its end.
-const HOLD_LEAD_SAMPLES: f64 = 1.0 / 8.0;
+pub(super) const TAKEN_UP_SAMPLES: f64 = -1.0 / 8.0;
 
 /// The band of the force balance: 800 Hz, or a fifth of a slow recording's rate.
 pub(crate) fn band_hz(rate_hz: f64) -> f64 {
@@ -61,14 +61,15 @@ impl Motion {
     }
 }
 
-struct Columns<'a> {
-    reference_n: Vec<f64>,
-    thrust_per_unit: f64,
-    motor_m: Vec<f64>,
-    stage_m: &'a [f64],
+pub(super) struct Columns<'a> {
+    pub(super) reference_n: Vec<f64>,
+    pub(super) thrust_per_unit: f64,
+    pub(super) motor_m: Vec<f64>,
+    pub(super) stage_m: &'a [f64],
 }
 
-fn columns<'a>(axis: &AxisModel, recording: &'a Recording) -> Result<Columns<'a>, DiagnoseError> {
+/// The axis' columns as thrust and travel. Errors: a missing column, no torque constant.
+pub(super) fn columns<'a>(axis: &AxisModel, recording: &'a Recording) -> Result<Columns<'a>, DiagnoseError> {
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
     let missing = |expected: &str| DiagnoseError::MissingColumn {
         recording: recording.experiment.clone(),
@@ -104,7 +105,7 @@ fn columns<'a>(axis: &AxisModel, recording: &'a Recording) -> Result<Columns<'a>
 
 /// Delay from a reference to the moment at which the drive takes it up and holds it, s.
 pub(crate) fn thrust_delay_s(drive: &DriveParams, rate_hz: f64) -> f64 {
-    drive.amplifier_dead_time_s() - HOLD_LEAD_SAMPLES / rate_hz
+    drive.amplifier_dead_time_s() + TAKEN_UP_SAMPLES / rate_hz
 }
 
 /// True when the model is flexible and the recording has both encoders.

@@ -52,6 +52,8 @@ pub(crate) struct Outcome {
     pub(crate) residual: Column,
     /// Residual with numbers re-estimated, no finding.
     pub(crate) before: Column,
+    /// Those numbers.
+    pub(crate) recalibrated: Mechanics,
     /// A free form that explains more than everything named does together.
     pub(crate) stranger: Option<Score>,
 }
@@ -155,6 +157,7 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
     // Wrong numbers are no noise: the first estimate of it is what no choice of them absorbs.
     residual = Bench::flat(&p, &accepted, &residual).residual();
     let mut before = residual.clone();
+    let mut recalibrated = p.mechanics;
     let mut stranger = None;
     for round in 0..=MOST_FINDINGS {
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
@@ -170,6 +173,7 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
         residual = bench.residual();
         if round == 0 {
             before = residual.clone();
+            recalibrated = p.mechanics;
             progress(0.1, "trying forms outside the vocabulary");
             let unnamed = if bench.problem.coarse { None } else { strangers::best(&bench) };
             stranger = unnamed.filter(|s| s.evidence > STRANGER_LEAST_SHARE * bench.folds.total() as f64);
@@ -196,7 +200,7 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
     }
     prune(&mut p, &mut accepted, &mut residual, given);
     let stranger = stranger.filter(|s| beats_named(&p, (&accepted, given), &residual, s));
-    Outcome { problem: p, accepted, rounds, given, nominal, residual, before, stranger }
+    Outcome { problem: p, accepted, rounds, given, nominal, residual, before, recalibrated, stranger }
 }
 
 /// True when a free form leaves less than everything named does, both measured in the noise that is left at
