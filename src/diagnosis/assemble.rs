@@ -62,7 +62,7 @@ pub(crate) fn assemble(
     // Numbers fitted beside an unknown cause are bent by it.
     let mut corrections = if unexplained { Vec::new() } else { corrections(p, bench) };
     if !unexplained {
-        corrections.extend(case.delay_corrections());
+        corrections.extend(case.further_corrections());
     }
     let mut findings = if unexplained { Vec::new() } else { case.findings() };
     if !unexplained {
@@ -102,9 +102,14 @@ pub(crate) fn assemble(
     }
 }
 
-/// True for a delay that is shorter than the model states.
-fn shortens(a: &Accepted) -> bool {
-    matches!(a.hypothesis.shape, Shape::Delay { extra_s } if extra_s < 0.0)
+/// True for what is a number of the model and no finding: a delay shorter than stated, the speed over which
+/// friction turns.
+fn is_number(a: &Accepted) -> bool {
+    match a.hypothesis.shape {
+        Shape::Delay { extra_s } => extra_s < 0.0,
+        Shape::Smoothing { .. } => true,
+        _ => false,
+    }
 }
 
 fn tried(round: Option<&Round>) -> Vec<Tried> {
@@ -233,7 +238,7 @@ impl Case<'_> {
     /// True when what is left after the findings stands above the floor and is not a small rest of what they
     /// explain.
     fn unexplained(&self) -> bool {
-        if self.outcome.stranger.is_some() {
+        if self.outcome.stranger.is_some() || self.waves_of_no_origin() > 1 {
             return true;
         }
         let band = self.outcome.problem.motions.first().map_or(1.0, |m| band_hz(m.rate_hz));
@@ -261,6 +266,24 @@ impl Case<'_> {
             || unnamed(&|residual| self.excess_force_n2(residual))
     }
 
+    /// Waves over the stage's position that are neither of the screw nor harmonics of a stronger one.
+    ///
+    /// Balls have one wavelength. Several without a common origin are the Fourier sum of something that is no
+    /// wave.
+    fn waves_of_no_origin(&self) -> usize {
+        let lead_m = self.outcome.problem.drive.screw_lead_m();
+        let whole = |ratio: f64| ratio > 0.97 && (ratio / ratio.round() - 1.0).abs() < 0.02;
+        let mut origins: Vec<f64> = Vec::new();
+        for (_, a) in self.new_accepted().filter(|(_, a)| a.hypothesis.port == Port::Stage) {
+            let Shape::Periodic { wavelength_m, .. } = a.hypothesis.shape else { continue };
+            let known = lead_m.iter().chain(&origins).any(|o| whole(o / wavelength_m));
+            if !known {
+                origins.push(wavelength_m);
+            }
+        }
+        origins.len()
+    }
+
     /// Mean square above the floor, all sides and frequencies alike, N2. What stands within twice the floor
     /// counts as the floor.
     fn excess_force_n2(&self, residual: &Column) -> f64 {
@@ -269,11 +292,11 @@ impl Case<'_> {
         if power_n2 > 4.0 * floor_n2 { power_n2 - floor_n2 } else { 0.0 }
     }
 
-    /// Delays that are shorter than stated: numbers of the model, not findings.
-    fn delay_corrections(&self) -> Vec<Correction> {
+    /// Numbers that are not linear in the balance.
+    fn further_corrections(&self) -> Vec<Correction> {
         let p = &self.outcome.problem;
-        let too_long = self.new_accepted().filter(|(_, a)| shortens(a));
-        too_long
+        let numbers = self.new_accepted().filter(|(_, a)| is_number(a));
+        numbers
             .filter_map(|(k, a)| {
                 let (name, nominal) = match a.hypothesis.port {
                     Port::MotorEncoder => ("motor_encoder_delay_s", p.drive.motor_encoder_delay_s()),
@@ -281,6 +304,10 @@ impl Case<'_> {
                     _ => ("amplifier_dead_time_s", p.drive.amplifier_dead_time_s()),
                 };
                 let e = terms::estimates(p, a, &self.bench.accepted_fit(k)).into_iter().next()?;
+                if matches!(a.hypothesis.shape, Shape::Smoothing { .. }) {
+                    let (name, nominal) = ("friction_smoothing_m_s", p.mechanics.smoothing_m_s);
+                    return Some(Correction { name, nominal, value: e.value, ci95: e.ci95 });
+                }
                 let value = (nominal + e.value).max(0.0);
                 let ends = [nominal + e.ci95[0].min(e.ci95[1]), nominal + e.ci95[0].max(e.ci95[1])];
                 Some(Correction { name, nominal, value, ci95: ends })
@@ -289,7 +316,7 @@ impl Case<'_> {
     }
 
     fn findings(&self) -> Vec<Finding> {
-        self.new_accepted().filter(|(_, a)| !shortens(a)).map(|(k, a)| self.finding(k, a)).collect()
+        self.new_accepted().filter(|(_, a)| !is_number(a)).map(|(k, a)| self.finding(k, a)).collect()
     }
 
     fn finding(&self, index: usize, accepted: &Accepted) -> Finding {
@@ -472,6 +499,7 @@ fn set(raw: &mut RawDriveParams, name: &str, value: f64) {
         "amplifier_dead_time_s" => &mut raw.amplifier_dead_time_s,
         "motor_encoder_delay_s" => &mut raw.motor_encoder_delay_s,
         "stage_encoder_delay_s" => &mut raw.stage_encoder_delay_s,
+        "friction_smoothing_m_s" => &mut raw.friction_smoothing_m_s,
         _ => return,
     };
     *slot = Some(value);

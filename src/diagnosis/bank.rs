@@ -37,6 +37,10 @@ pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
             list.push(h(E::ViscousFriction, port, Shape::Viscous));
         }
     }
+    if p.mechanics.stage_coulomb_n + p.mechanics.motor_coulomb_n > 0.0 {
+        let ratios = [0.4, 0.7, 1.5, 2.5];
+        list.extend(ratios.map(|ratio| h(E::CoulombFriction, Port::Stage, Shape::Smoothing { ratio })));
+    }
     list.push(h(E::GravityLoad, Port::Stage, Shape::Constant));
     list.push(h(E::TorqueConstantSaturation, Port::Current, Shape::Saturation));
     let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);

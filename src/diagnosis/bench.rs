@@ -354,8 +354,7 @@ impl<'a> Bench<'a> {
             amplitudes: vec![1.0],
             deviations: vec![0.0],
             unit_rms_n: 0.0,
-            plausible: !h.shape.at_limit()
-                && (!is_timing(h) || h.shape.constants()[0] > timing_limit_s(self.problem)),
+            plausible: !h.shape.at_limit() && h.shape.constants()[0] > least_timing_s(self.problem, h),
             hypothesis: h.clone(),
         }
     }
@@ -406,6 +405,16 @@ impl HypothesisFit {
             steps: b[first + free..first + free + constants].to_vec(),
             step_deviations: d[first + free..first + free + constants].to_vec(),
         }
+    }
+}
+
+/// What a delay or lag must exceed to be more than how samples are taken, s.
+fn least_timing_s(p: &Problem, h: &Hypothesis) -> f64 {
+    match h.shape {
+        _ if is_timing(h) => timing_limit_s(p),
+        // Beside damping and the thrust's own timing, which both bend with it.
+        Shape::Delay { .. } => 1.5 * timing_limit_s(p),
+        _ => 0.0,
     }
 }
 

@@ -6,6 +6,7 @@ use super::motion::{band_hz, thrust_delay_s};
 use super::problem::{Column, Problem, Sides, stretch, stretch_rate};
 use crate::plant::effects::Port;
 use crate::plant::effects::coupling::{Torsion, after_backlash};
+use crate::plant::effects::friction::sliding_direction;
 use crate::plant::effects::periodic::wave;
 
 /// Sine and cosine of each harmonic: sin, cos, sin 2, cos 2, ... from one evaluation by complex powers.
@@ -147,6 +148,18 @@ pub(super) fn coupling_law(p: &Problem, law: impl Fn(f64) -> f64) -> Column {
             Sides { stage: Some(force.iter().map(|f| -f).collect()), motor: Some(force) }
         })
         .collect()
+}
+
+/// What Coulomb friction of both sides gains when it turns over `ratio` times the stated speed.
+pub(super) fn smoothing(p: &Problem, ratio: f64) -> Column {
+    let vs = p.mechanics.smoothing_m_s;
+    let gain = |f: f64, v: &[f64]| {
+        v.iter().map(|v| f * (sliding_direction(*v, ratio * vs) - sliding_direction(*v, vs))).collect()
+    };
+    p.column(|m| Sides {
+        motor: Some(gain(p.mechanics.motor_coulomb_n, &m.motor.velocity_m_s)),
+        stage: Some(gain(p.mechanics.stage_coulomb_n, &m.stage.velocity_m_s)),
+    })
 }
 
 pub(super) fn backlash(p: &Problem, gap_m: f64) -> Column {

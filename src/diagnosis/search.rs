@@ -5,7 +5,7 @@ use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay, rms};
 use super::problem::{Column, Mechanics, Problem, Sides};
 use super::shape::{Hypothesis, Shape};
 use super::strangers;
-use crate::plant::effects::Port;
+use crate::plant::effects::{EffectKind, Port};
 
 /// More findings than this are a different machine.
 const MOST_FINDINGS: usize = 4;
@@ -119,8 +119,14 @@ fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
     for _ in 0..passes {
         // The noise of one fit weights the next.
         *residual = Bench::new(p, accepted, residual).residual();
-        let bench = Bench::new(p, accepted, residual);
+        let mut bench = Bench::new(p, accepted, residual);
         *residual = bench.residual();
+        let flat = Bench::flat(p, accepted, residual);
+        if !accepted.is_empty() && rms(residual) > RUNAWAY * rms(&flat.residual()) {
+            // A mismatch taken for noise loses its weight, grows and is noise all the more: begin again.
+            *residual = flat.residual();
+            bench = flat;
+        }
         let fits: Vec<_> = (0..accepted.len()).map(|k| bench.accepted_fit(k)).collect();
         let (coefficients, timing_s) = (bench.solution.coefficients.clone(), bench.timing_s());
         drop(bench);
@@ -134,13 +140,43 @@ fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
     }
 }
 
+/// Both encoders later by the same time are one dead time of the thrust that is longer: a single cause.
+///
+/// u(t) against x(t + T) on either side is u(t - T) against x(t).
+fn join_delays(p: &mut Problem, accepted: &mut Vec<Accepted>, given: usize) {
+    /// Delays apart by more than this share are two causes.
+    const ALIKE: f64 = 0.3;
+    let late = |port: Port| {
+        let found = accepted.iter().enumerate().skip(given).find(|(_, a)| a.hypothesis.port == port);
+        found.and_then(|(k, a)| match a.hypothesis.shape {
+            Shape::Delay { extra_s } => Some((k, extra_s)),
+            _ => None,
+        })
+    };
+    let (Some((a, motor_s)), Some((b, stage_s))) = (late(Port::MotorEncoder), late(Port::StageEncoder))
+    else {
+        return;
+    };
+    if (motor_s / stage_s - 1.0).abs() > ALIKE {
+        return;
+    }
+    let round = accepted[a].round.max(accepted[b].round);
+    accepted.remove(a.max(b));
+    accepted.remove(a.min(b));
+    p.shift_timing(-p.timing_s);
+    let shape = Shape::Delay { extra_s: 0.5 * (motor_s + stage_s) };
+    let whole = Hypothesis::new(EffectKind::DeadTime, Port::Current, shape);
+    accepted.push(Accepted { round, ..Accepted::new(p, whole, vec![1.0]) });
+}
+
 /// Moves the constants of an accepted hypothesis by its fit; returns the largest step in deviations.
 fn move_constants(p: &Problem, a: &mut Accepted, fit: &HypothesisFit) -> f64 {
     let shape = &a.hypothesis.shape;
     let trust = shape.trust();
     let constants: Vec<f64> =
         shape.constants().iter().zip(&fit.steps).map(|(c, s)| c * s.clamp(-trust, trust).exp()).collect();
-    let moved = fit.steps.iter().zip(&fit.step_deviations).map(|(s, d)| s.abs() / (d + 1e-9));
+    // A step far below what the law is linear in is none, however sharp the data.
+    let moved = fit.steps.iter().zip(&fit.step_deviations).map(|(s, d)| s.abs() / d.max(0.01 * trust));
     let moved = moved.fold(0.0, f64::max);
     let hypothesis = Hypothesis { shape: shape.with_constants(&constants), ..a.hypothesis.clone() };
     *a = Accepted { round: a.round, ..Accepted::new(p, hypothesis, fit.amplitudes.clone()) };
@@ -194,6 +230,7 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
                 }
                 let new = Accepted::new(&p, score.hypothesis, score.amplitudes);
                 accepted.push(Accepted { round, ..new });
+                join_delays(&mut p, &mut accepted, given);
             }
             None => break,
         }
@@ -318,6 +355,7 @@ fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
         (Shape::Periodic { wavelength_m: x, .. }, Shape::Periodic { wavelength_m: y, .. }) => {
             [1.0, 2.0, 3.0].iter().any(|h| (x / y / h - 1.0).abs() < 0.03)
         }
+        (Shape::Smoothing { .. }, Shape::Coulomb) | (Shape::Coulomb, Shape::Smoothing { .. }) => false,
         (Shape::EncoderError { period_m: x, .. }, Shape::EncoderError { period_m: y, .. }) => {
             (x / y - 1.0).abs() < 0.02
         }

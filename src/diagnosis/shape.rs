@@ -2,7 +2,7 @@
 
 use super::columns::{
     advanced_difference, backlash, coupling_law, difference, encoder_kernels, encoder_sides, lag, motor,
-    torsion, waves,
+    smoothing, torsion, waves,
 };
 use super::motion::Motion;
 use super::problem::{Column, Problem, Sides, stretch};
@@ -59,6 +59,10 @@ pub(crate) enum Shape {
     Backlash {
         gap_m: f64,
     },
+    /// Coulomb friction turns its sign over another speed than stated: times this.
+    Smoothing {
+        ratio: f64,
+    },
     Cubic,
     StiffnessSlope,
     Torsion {
@@ -102,6 +106,7 @@ impl Shape {
             | Shape::Lag { extra_s: x }
             | Shape::Backlash { gap_m: x }
             | Shape::Periodic { wavelength_m: x, .. }
+            | Shape::Smoothing { ratio: x }
             | Shape::Lines { fundamental_hz: x, .. } => vec![*x],
             Shape::Delay { extra_s } => vec![extra_s.abs()],
             Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
@@ -123,6 +128,7 @@ impl Shape {
             | Shape::Backlash { gap_m: x }
             | Shape::Periodic { wavelength_m: x, .. }
             | Shape::Lines { fundamental_hz: x, .. } => *x = c[0],
+            Shape::Smoothing { ratio } => *ratio = c[0].clamp(0.05, 20.0),
             Shape::Delay { extra_s } => *extra_s = c[0].copysign(*extra_s),
             Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
                 *frequency_hz = c[0].clamp(TORSION[0][0], TORSION[0][1]);
@@ -174,7 +180,11 @@ impl Shape {
     pub(crate) fn unit(&self) -> bool {
         matches!(
             self,
-            Shape::Lag { .. } | Shape::Delay { .. } | Shape::Backlash { .. } | Shape::Torsion { .. }
+            Shape::Lag { .. }
+                | Shape::Delay { .. }
+                | Shape::Backlash { .. }
+                | Shape::Torsion { .. }
+                | Shape::Smoothing { .. }
         )
     }
 
@@ -246,6 +256,7 @@ impl Hypothesis {
             Shape::Lag { extra_s } => vec![lag(p, *extra_s)],
             Shape::Delay { extra_s } => vec![self.delay(p, *extra_s)],
             Shape::Backlash { gap_m } => vec![backlash(p, *gap_m)],
+            Shape::Smoothing { ratio } => vec![smoothing(p, *ratio)],
             Shape::Cubic => vec![coupling_law(p, cubic)],
             Shape::StiffnessSlope => vec![p.coupling(|m| {
                 let x = &m.stage.position_m;

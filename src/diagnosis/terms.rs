@@ -103,6 +103,9 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
             s.add_log("extra_delay_s", "s", *extra_s, r(0).hypot(taking_up));
         }
         Shape::Backlash { gap_m } => s.add_log("gap_m", "m", *gap_m, r(0)),
+        Shape::Smoothing { ratio } => {
+            s.add_log("friction_smoothing_m_s", "m/s", ratio * p.mechanics.smoothing_m_s, r(0));
+        }
         Shape::Cubic => s.add_force("cubic_n_m3", "N/m3", a(0), d(0)),
         Shape::StiffnessSlope => {
             let length = travel_m(p);

@@ -1,7 +1,7 @@
 //! Whitening of the two residuals together: a vector autoregression, estimated where the residual is quiet.
 
 use super::problem::{Column, Sides};
-use crate::signal::inner_products::add_filtered;
+use crate::signal::inner_products::{add_filtered, dot};
 use nalgebra::{DMatrix, Matrix2};
 
 /// Length of the autoregression in samples of the regression.
@@ -55,44 +55,30 @@ impl Whitener {
         let block = ((BLOCK_S * rate_hz) as usize).max(4 * ORDER);
         let quiet = quiet_blocks(residual, layout, block);
         let dim = s * ORDER;
-        let mut normal = DMatrix::<f64>::zeros(dim, dim);
-        let mut right = DMatrix::<f64>::zeros(dim, s);
-        let mut power = DMatrix::<f64>::zeros(s, s);
-        let mut count = 0.0;
-        let mut row = vec![0.0; dim];
+        let mut n = Normal {
+            normal: DMatrix::zeros(dim, dim),
+            right: DMatrix::zeros(dim, s),
+            power: DMatrix::zeros(s, s),
+            count: 0.0,
+        };
         for &(recording, start, end) in &quiet {
-            for t in (start + ORDER)..end {
-                let at = |side: usize, t: usize| {
-                    series(&residual[recording], side).map_or(0.0, |x| x[t] - means[recording][side])
-                };
-                for k in 0..ORDER {
-                    for c in 0..s {
-                        row[k * s + c] = at(c, t - 1 - k);
-                    }
-                }
-                let now: Vec<f64> = (0..s).map(|c| at(c, t)).collect();
-                for a in 0..dim {
-                    for b in 0..=a {
-                        normal[(a, b)] += row[a] * row[b];
-                    }
-                    for c in 0..s {
-                        right[(a, c)] += row[a] * now[c];
-                    }
-                }
-                for a in 0..s {
-                    for b in 0..s {
-                        power[(a, b)] += now[a] * now[b];
-                    }
-                }
-                count += 1.0;
-            }
+            let sides: Vec<Vec<f64>> = (0..s)
+                .map(|side| {
+                    let mean = means[recording][side];
+                    series(&residual[recording], side).map_or_else(
+                        || vec![0.0; end - start],
+                        |x| x[start..end].iter().map(|v| v - mean).collect(),
+                    )
+                })
+                .collect();
+            n.add(&sides);
         }
         for a in 0..dim {
             for b in 0..a {
-                normal[(b, a)] = normal[(a, b)];
+                n.normal[(b, a)] = n.normal[(a, b)];
             }
         }
-        Self::solve(Normal { normal, right, power, count }, s)
+        Self::solve(n, s)
     }
 
     /// Weights each side by its own size only, all frequencies alike.
@@ -195,11 +181,45 @@ impl Whitener {
     }
 }
 
+/// Normal equations of the autoregression; rows and columns count lag by lag, side by side inside a lag.
 struct Normal {
+    /// Lower triangle of sum_t x[t - 1 - k] x[t - 1 - j].
     normal: DMatrix<f64>,
     right: DMatrix<f64>,
     power: DMatrix<f64>,
     count: f64,
+}
+
+impl Normal {
+    /// Adds one block of all sides, the first [`ORDER`] samples of which are only past.
+    ///
+    /// Products of lag k + 1 with lag j + 1 are those of k with j, one sample more at the begin and one less at
+    /// the end: only those with lag 0 are summed. Checked by: tests::lags_are_summed_once.
+    fn add(&mut self, sides: &[Vec<f64>]) {
+        let s = sides.len();
+        let (first, end) = (ORDER, sides.first().map_or(0, Vec::len));
+        if end <= first {
+            return;
+        }
+        let lagged = |c: usize, k: usize| &sides[c][first - k..end - k];
+        let mut block = DMatrix::zeros(s * ORDER, s * ORDER);
+        for (a, c) in (0..s).flat_map(|a| (0..s).map(move |c| (a, c))) {
+            self.power[(a, c)] += dot(lagged(a, 0), lagged(c, 0));
+            for k in 0..ORDER {
+                self.right[(k * s + a, c)] += dot(lagged(a, k + 1), lagged(c, 0));
+                block[(k * s + a, c)] = dot(lagged(a, k + 1), lagged(c, 1));
+            }
+            for k in 1..ORDER {
+                for j in 1..=k {
+                    let begin = sides[a][first - 1 - k] * sides[c][first - 1 - j];
+                    let past = sides[a][end - 1 - k] * sides[c][end - 1 - j];
+                    block[(k * s + a, j * s + c)] = block[((k - 1) * s + a, (j - 1) * s + c)] + begin - past;
+                }
+            }
+        }
+        self.normal += block;
+        self.count += (end - first) as f64;
+    }
 }
 
 /// The quieter share of blocks, by the power of each side in units of its median.
@@ -233,4 +253,30 @@ fn quiet_blocks(residual: &Column, layout: &Layout, block: usize) -> Vec<(usize,
     let keep = ((ranked.len() as f64 * QUIET_SHARE).ceil() as usize).max(1).min(ranked.len());
     ranked.truncate(keep);
     ranked.into_iter().map(|r| r.1).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lags_are_summed_once() {
+        let side = |w: f64| (0..90).map(|k| (w * f64::from(k)).sin() + 0.01 * f64::from(k % 7)).collect();
+        let sides: Vec<Vec<f64>> = vec![side(0.31), side(1.7)];
+        let dim = 2 * ORDER;
+        let mut n = Normal {
+            normal: DMatrix::zeros(dim, dim),
+            right: DMatrix::zeros(dim, 2),
+            power: DMatrix::zeros(2, 2),
+            count: 0.0,
+        };
+        n.add(&sides);
+        for a in 0..dim {
+            for b in 0..=a {
+                let sum: f64 =
+                    (ORDER..90).map(|t| sides[a % 2][t - 1 - a / 2] * sides[b % 2][t - 1 - b / 2]).sum();
+                assert!((n.normal[(a, b)] - sum).abs() < 1e-9, "{a} {b}: {} for {sum}", n.normal[(a, b)]);
+            }
+        }
+    }
 }

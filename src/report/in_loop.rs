@@ -77,7 +77,7 @@ fn figure(out: &mut String, d: &Diagnosis, t: &SimulatedTrial, found: bool) {
     let figure = Figure {
         size: [760.0, 220.0],
         x: Axis::linear("time, s", x),
-        y: Axis::linear("recorded less simulated thrust, N", range_of(&mut before.clone(), true)),
+        y: Axis::linear("thrust not simulated, N", range_of(&mut before.clone(), true)),
         marks: vec![
             Mark::Envelope { class: "before", points: points(before) },
             Mark::Envelope { class: "after", points: points(after) },

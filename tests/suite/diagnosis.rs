@@ -167,6 +167,39 @@ fn a_delay_that_is_stated_too_long_is_a_wrong_number() {
 }
 
 #[test]
+fn friction_that_turns_over_another_speed_is_a_wrong_number() {
+    let (machine, recordings) = healthy(12);
+    let true_m_s = machine.axes[0].drive.friction_smoothing_m_s();
+    let slow = restated(&machine, |raw| raw.friction_smoothing_m_s = Some(2.5 * true_m_s));
+    let d = ask(&slow, &recordings[2]);
+    assert!(d.findings.is_empty(), "{:?}", d.findings.iter().map(|f| &f.statement).collect::<Vec<_>>());
+    assert_eq!(d.verdict, Verdict::ParameterError);
+    let speed = d.parameter_corrections.iter().find(|c| c.name == "friction_smoothing_m_s").unwrap();
+    assert!((speed.value / true_m_s - 1.0).abs() < 0.1, "{speed:?}, true {true_m_s}");
+    assert!((d.model.axes[0].drive.friction_smoothing_m_s() / speed.value - 1.0).abs() < 1e-9);
+}
+
+/// Nothing measured is differentiated or fitted in the loop: what it says is a proof beside the balance.
+#[test]
+fn the_found_model_runs_in_closed_loop_as_the_machine_did() {
+    let (machine, recordings) = concealed("gravity_load", 21);
+    let d = ask(&machine, &recordings[2]);
+    assert_eq!(d.findings.first().map(|f| f.effect.name()), Some("gravity_load"));
+    let loops = d.closed_loop.unwrap();
+    let [stated, recalibrated, found] = loops.trials[0].thrust_rms_n;
+    assert!(loops.law_share < 1e-3 && !loops.trials[0].injected);
+    assert!(found < 0.1 * recalibrated && found < 0.1 * stated, "{stated} {recalibrated} {found} N");
+
+    // A law that did not act proves nothing, and the answer says so.
+    let mut other = machine.clone();
+    if let Some(c) = &mut other.axes[0].controller {
+        c.position_gain_1_s *= 2.0;
+    }
+    let why = ask(&other, &recordings[2]).closed_loop.unwrap_err();
+    assert!(why.contains("control law"), "{why}");
+}
+
+#[test]
 fn an_axis_of_three_inertias_that_is_stated_as_such_lacks_nothing() {
     let (machine, recordings) = concealed("torsional_mode", 31);
     let sweep = &recordings[0];

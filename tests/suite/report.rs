@@ -160,7 +160,11 @@ fn the_page_says_the_sentence_and_the_numbers() {
     ] {
         assert!(page.contains(expected), "{expected} is not on the page");
     }
-    assert_eq!(page.matches("<svg class=").count(), 6, "two of before and after, three maps, one of the simulation");
+    assert_eq!(
+        page.matches("<svg class=").count(),
+        6,
+        "two of before and after, three maps, one of the simulation"
+    );
     std::fs::write(concat!(env!("CARGO_TARGET_TMPDIR"), "/report.html"), &page).unwrap();
 }
 

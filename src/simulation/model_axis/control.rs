@@ -2,16 +2,21 @@
 
 use crate::plant::machine::Controller;
 
-/// P position on the stage encoder, PI velocity on the motor encoder, velocity feed-forward:
-/// `u = g K_v (e + K_i sum e T)`, `e = v_cmd + K_p (x_cmd - x_t) - v_m`.
+/// P position on the stage encoder, PI velocity on the motor encoder:
+/// `u = g K_v (e + K_i sum e T)`, `e = f v_cmd + K_p (x_cmd - x_t) - v_m`.
 ///
-/// v_cmd, v_m: backward difference quotients; v_m filtered by a backward-Euler lag.
+/// v_cmd, v_m: backward difference quotients. What a model file leaves open is a part of the law: whether the
+/// command's velocity is fed forward, and how the lag of the filter on v_m is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControlLaw {
     /// Gains.
     pub controller: Controller,
     /// g: reference per acceleration, in the reference's unit times s2/m.
     pub per_accel: f64,
+    /// f = 1 or 0.
+    pub feeds_forward: bool,
+    /// True: the filter's lag held exactly over a sample; false: backward Euler.
+    pub exact_filter: bool,
 }
 
 /// What the loop remembers.
@@ -31,6 +36,7 @@ impl LawState {
 
 impl ControlLaw {
     /// e + K_i sum e T, m/s: the reference but for its gain.
+    #[inline(always)]
     pub(super) fn error_m_s(
         &self,
         state: &mut LawState,
@@ -39,10 +45,15 @@ impl ControlLaw {
     ) -> f64 {
         let c = &self.controller;
         let w = c.velocity_filter_rad_s * period_s;
-        let share = if w > 0.0 { w / (1.0 + w) } else { 1.0 };
+        let share = match (w > 0.0, self.exact_filter) {
+            (false, _) => 1.0,
+            (true, true) => -(-w).exp_m1(),
+            (true, false) => w / (1.0 + w),
+        };
         let quotient = (motor_m - state.last_motor_m) / period_s;
         state.velocity_m_s += share * (quotient - state.velocity_m_s);
-        let forward = (command_m - state.last_command_m) / period_s;
+        let f = f64::from(u8::from(self.feeds_forward));
+        let forward = f * (command_m - state.last_command_m) / period_s;
         (state.last_motor_m, state.last_command_m) = (motor_m, command_m);
         let error = forward + c.position_gain_1_s * (command_m - stage_m) - state.velocity_m_s;
         state.integral_m += error * period_s;
@@ -83,15 +94,26 @@ pub struct Replay {
 
 /// Lets the law act on the recorded command and positions and compares with the recorded reference.
 ///
-/// The gain is taken from the recording that the law says best; a recording in which something was added to
-/// the loop shows it as what is beyond. `None`: no recording has a moving reference.
+/// The gain, and what the controller's keys leave open, are taken from the recording that a law says best; a
+/// recording in which something was added to the loop shows it as what is beyond. `None`: no recording has a
+/// moving reference.
 /// Errors: none. Checked by: `model_axis::the_law_replays_a_recorded_loop`.
 #[must_use]
 pub fn replay(controller: Controller, period_s: f64, records: &[LoopRecord<'_>]) -> Option<Replay> {
-    let unit = ControlLaw { controller, per_accel: 1.0 };
-    let said: Vec<Vec<f64>> = records.iter().map(|r| law_output(&unit, period_s, r)).collect();
-    let lines: Vec<Line> = said.iter().zip(records).map(|(x, r)| Line::fit(x, r.reference, None)).collect();
-    let best = lines.iter().min_by(|a, b| a.share.total_cmp(&b.share)).filter(|l| l.slope > 0.0)?;
+    let open = [(true, false), (true, true), (false, false), (false, true)];
+    let laws = open.map(|(feeds_forward, exact_filter)| ControlLaw {
+        controller,
+        per_accel: 1.0,
+        feeds_forward,
+        exact_filter,
+    });
+    let fits = laws.iter().map(|law| {
+        let said: Vec<Vec<f64>> = records.iter().map(|r| law_output(law, period_s, r)).collect();
+        let lines = said.iter().zip(records).map(|(x, r)| Line::fit(x, r.reference, None));
+        let best = lines.filter(|l| l.slope > 0.0).min_by(|a, b| a.share.total_cmp(&b.share));
+        best.map(|line| (line, *law, said))
+    });
+    let (best, unit, said) = fits.flatten().min_by(|a, b| a.0.share.total_cmp(&b.0.share))?;
     let slope = best.slope;
     let law = ControlLaw { per_accel: slope / controller.velocity_gain_1_s, ..unit };
     let mut out = Replay { law, integral_m: Vec::new(), beyond: Vec::new(), share: Vec::new() };

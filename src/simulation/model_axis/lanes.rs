@@ -202,6 +202,14 @@ impl<const L: usize> Lanes<L> {
     }
 }
 
+/// The nearest whole number of a size below 2^51, without a library call.
+#[inline(always)]
+fn whole(x: f64) -> f64 {
+    /// 1.5 * 2^52.
+    const ROUND: f64 = 6_755_399_441_055_744.0;
+    if x.abs() < 2.0e15 { (x + ROUND) - ROUND } else { x }
+}
+
 #[inline(always)]
 fn moved<const L: usize>(s: &State<L>, k: &State<L>, by: f64) -> State<L> {
     let mut out = *s;
@@ -229,14 +237,17 @@ impl<const L: usize> Look<L> {
         self.whole.iter().max().map_or(0, |w| w + 2)
     }
 
-    /// Value of each lane that long ago; `newest`: place of the newest in the ring.
+    /// Value of each lane that long ago; `newest`: steps so far. The ring's length is a power of two.
+    #[inline(always)]
     fn at(&self, ring: &[Lane<L>], newest: usize) -> Lane<L> {
-        let n = ring.len();
-        std::array::from_fn(|l| {
-            let near = ring[(newest + n - self.whole[l]) % n][l];
-            let far = ring[(newest + n - self.whole[l] - 1) % n][l];
-            near + self.part[l] * (far - near)
-        })
+        let mask = ring.len() - 1;
+        let mut out = [0.0; L];
+        for l in 0..L {
+            let back = newest.wrapping_sub(self.whole[l]);
+            let (near, far) = (ring[back & mask][l], ring[back.wrapping_sub(1) & mask][l]);
+            out[l] = near + self.part[l] * (far - near);
+        }
+        out
     }
 }
 
@@ -258,12 +269,16 @@ impl<const L: usize> Held<L> {
         }
     }
 
+    #[inline(always)]
     fn mean(&self, told: &[Lane<L>]) -> Lane<L> {
-        let at = |ago: usize| told.len().saturating_sub(1).saturating_sub(ago);
-        std::array::from_fn(|l| {
-            let (old, new) = (told[at(self.ago[l])][l], told[at(self.ago[l].saturating_sub(1))][l]);
-            new + self.older[l] * (old - new)
-        })
+        let newest = told.len().saturating_sub(1);
+        let mut out = [0.0; L];
+        for l in 0..L {
+            let old = told[newest.saturating_sub(self.ago[l])][l];
+            let new = told[newest.saturating_sub(self.ago[l].saturating_sub(1))][l];
+            out[l] = new + self.older[l] * (old - new);
+        }
+        out
     }
 }
 
@@ -293,17 +308,17 @@ impl<const L: usize> Kernel for Run<'_, L> {
         state[STAGE_V] = [trial.start_m_s; L];
         let origin = if self.lanes.rigid { [trial.start_m[0]; 2] } else { trial.start_m };
         (state[MOTOR], state[STAGE]) = ([origin[0]; L], [origin[1]; L]);
-        let length = looks[0].reach().max(looks[1].reach()) + 1;
+        let length = (looks[0].reach().max(looks[1].reach()) + 1).next_power_of_two();
         let before = |k: usize| -((length - 1 - k) as f64) * h * trial.start_m_s;
         let mut rings: [Vec<Lane<L>>; 2] =
             [0, 1].map(|e| (0..length).map(|k| [origin[e] + before(k); L]).collect());
         let mut newest = length - 1;
         let first = trial.command_m.first().copied().unwrap_or(0.0);
+        let exact = models.iter().all(|m| m.errors.iter().all(Vec::is_empty));
         let read = |side: usize, l: usize, x: f64| {
-            let m = &models[l];
-            let exact = x + m.errors[side].iter().map(|e| e.at(x)).sum::<f64>();
-            let step = m.step_m[side];
-            if step > 0.0 { (exact / step).round() * step } else { exact }
+            let (m, step) = (&models[l], models[l].step_m[side]);
+            let x = if exact { x } else { x + m.errors[side].iter().map(|e| e.at(x)).sum::<f64>() };
+            if step > 0.0 { whole(x / step) * step } else { x }
         };
         let gain = trial.law.gain();
         let began = |l: usize| read(0, l, looks[0].at(&rings[0], newest)[l]);
@@ -311,31 +326,37 @@ impl<const L: usize> Kernel for Run<'_, L> {
             std::array::from_fn(|l| LawState::new(first, began(l), (trial.start_m_s, trial.integral_m)));
         let samples = trial.command_m.len();
         let mut told: Vec<Lane<L>> = Vec::with_capacity(samples);
-        let mut out: Vec<Response> = vec![Response::default(); L];
+        let mut seen: [Vec<Lane<L>>; 2] = [0, 1].map(|_| Vec::with_capacity(samples));
         for (k, command) in trial.command_m.iter().enumerate() {
-            let seen = [0, 1].map(|e| looks[e].at(&rings[e], newest));
+            let mut now = [0, 1].map(|e| looks[e].at(&rings[e], newest));
             let injected = trial.injected.get(k).copied().unwrap_or(0.0);
-            let mut now = [0.0; L];
+            let mut asked = [0.0; L];
             for l in 0..L {
-                let (motor_m, stage_m) = (read(0, l, seen[0][l]), read(1, l, seen[1][l]));
-                let error = trial.law.error_m_s(&mut laws[l], [*command, motor_m, stage_m], trial.period_s);
-                now[l] = gain * error + injected;
-                out[l].reference.push(now[l]);
-                out[l].motor_m.push(motor_m);
-                out[l].stage_m.push(stage_m);
+                (now[0][l], now[1][l]) = (read(0, l, now[0][l]), read(1, l, now[1][l]));
+                let places = [*command, now[0][l], now[1][l]];
+                asked[l] = gain * trial.law.error_m_s(&mut laws[l], places, trial.period_s) + injected;
             }
-            told.push(now);
+            seen[0].push(now[0]);
+            seen[1].push(now[1]);
+            told.push(asked);
             if k == 0 {
-                state[CURRENT] = now;
+                state[CURRENT] = asked;
             }
             for (j, held) in held.iter().enumerate() {
                 let t_s = k as f64 * trial.period_s + j as f64 * h;
                 state = self.lanes.advance::<FUSED>(t_s, &state, (&held.mean(&told), h));
-                newest = (newest + 1) % length;
-                rings[0][newest] = state[MOTOR];
-                rings[1][newest] = state[STAGE];
+                newest += 1;
+                rings[0][newest & (length - 1)] = state[MOTOR];
+                rings[1][newest & (length - 1)] = state[STAGE];
             }
         }
-        out
+        let lane = |values: &[Lane<L>], l: usize| values.iter().map(|v| v[l]).collect();
+        (0..L)
+            .map(|l| Response {
+                reference: lane(&told, l),
+                motor_m: lane(&seen[0], l),
+                stage_m: lane(&seen[1], l),
+            })
+            .collect()
     }
 }
