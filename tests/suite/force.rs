@@ -19,7 +19,7 @@ use stillcut::force::recorded::motion_of_recording;
 use stillcut::force::validity::Validity;
 use stillcut::identify::frf::{FrfRun, FrfSettings, fit_frf};
 use stillcut::identify::resolution::{EncoderSteps, MonteCarlo, force_variance, monte_carlo_variance};
-use stillcut::identify::sweep::{Sweep, fit_sweep};
+use stillcut::identify::sweep::{StatedErrors, Sweep, fit_sweep};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::recording::read_recording;
 use stillcut::sample::Recording;
@@ -604,7 +604,7 @@ fn a_sweep_gives_back_mass_stiffness_and_dead_times() {
             serde_json::from_str(&std::fs::read_to_string(folder.join("truth.json")).unwrap()).unwrap();
         let prior = &machine.axis("x").unwrap().drive;
         let recording = read_recording(&folder.join("sweep.parquet")).unwrap();
-        let fit = fit_sweep(prior, &sweep_of(&recording, prior)).unwrap();
+        let fit = fit_sweep(prior, &sweep_of(&recording, prior), StatedErrors::default()).unwrap();
         assert!(fit.warnings.is_empty(), "{case}: {:?}", fit.warnings);
         let actual = |key: &str| truth["actual"][key].as_f64().unwrap();
         for (name, value, expected) in [
@@ -627,7 +627,7 @@ fn a_mode_outside_of_the_model_is_warned_of() {
     let machine = read_machine(&folder.join("machine.toml")).unwrap();
     let prior = &machine.axis("x").unwrap().drive;
     let recording = read_recording(&folder.join("sweep.parquet")).unwrap();
-    let fit = fit_sweep(prior, &sweep_of(&recording, prior)).unwrap();
+    let fit = fit_sweep(prior, &sweep_of(&recording, prior), StatedErrors::default()).unwrap();
     assert!(fit.warnings.iter().any(|w| w.contains("mode outside of the model")), "{:?}", fit.warnings);
 }
 

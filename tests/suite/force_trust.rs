@@ -13,7 +13,7 @@ use stillcut::force::offline::estimate_run;
 use stillcut::force::physics::physics_of;
 use stillcut::force::recorded::motion_of_recording;
 use stillcut::force::validity::Validity;
-use stillcut::identify::sweep::{Sweep, fit_sweep};
+use stillcut::identify::sweep::{StatedErrors, Sweep, fit_sweep};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use stillcut::plant::machine::Controller;
@@ -272,7 +272,7 @@ fn a_sweep_at_too_low_a_rate_is_refused() {
         let rate = SampleRate::new(hz).unwrap();
         let (thrust_ref_n, motor_travel_m) = (x.clone(), x.clone());
         let sweep = Sweep { rate, thrust_ref_n, motor_travel_m, stage_position_m: x };
-        let error = fit_sweep(&test_drive(), &sweep).unwrap_err().to_string();
+        let error = fit_sweep(&test_drive(), &sweep, StatedErrors::default()).unwrap_err().to_string();
         assert!(error.contains("excites 0 lines"), "{error}");
     }
 }
