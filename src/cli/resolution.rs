@@ -1,13 +1,12 @@
 //! `stillcut resolution`.
 
 use super::bad_input;
+use super::budget::{BudgetTable, budget_tables};
 use crate::config::machine::read_machine;
-use crate::force::balance::Method;
-use crate::force::budget::{Budget, Imperfection};
 use crate::identify::resolution::{
     EncoderSteps, ForceVariance, MonteCarlo, force_variance, monte_carlo_variance,
 };
-use crate::plant::drive::{DriveParams, Structure};
+use crate::plant::drive::DriveParams;
 use crate::plant::machine::AxisModel;
 use crate::recording::write_whole;
 use crate::report::force_plots::{Curve, Panel, panels_svg};
@@ -32,9 +31,13 @@ pub(super) struct Arguments {
     /// Picture of variance over encoder step (SVG).
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Adds the error of each observer for wrong mass, stiffness, delays and encoder steps.
+    /// Adds the error of each observer for wrong masses, stiffness, delays and encoder steps, and what its
+    /// estimate is made of.
     #[arg(long)]
     budget: bool,
+    /// The axis' control cancels disturbances behind a low-pass of this cutoff (with --budget).
+    #[arg(long, requires = "budget")]
+    loop_disturbance_cutoff_rad_s: Option<f64>,
     /// One JSON object instead of a table.
     #[arg(long)]
     json: bool,
@@ -58,21 +61,28 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             rows.push(row(axis, *cutoff_hz, rate)?);
         }
     }
-    let text = if arguments.json { json(&rows)? } else { table(&rows, rate) };
-    let budget = if arguments.budget { budgets(&machine.axes)? } else { (String::new(), Vec::new()) };
+    let budgets = if arguments.budget {
+        let cutoff = arguments.loop_disturbance_cutoff_rad_s;
+        if let Some(g) = cutoff.filter(|g| !(g.is_finite() && *g > 0.0)) {
+            return Err(bad_input(format!("--loop-disturbance-cutoff-rad-s {g}: expected above 0")));
+        }
+        budget_tables(&machine.axes, rate, cutoff).map_err(bad_input)?
+    } else {
+        Vec::new()
+    };
+    let mut text = if arguments.json { json(&rows, &budgets)? } else { table(&rows, rate) };
+    if !arguments.json {
+        budgets.iter().for_each(|t| text.push_str(&t.text()));
+    }
     if let Some(out) = &arguments.out {
         let mut panels = Vec::new();
         for axis in &machine.axes {
             panels.extend(step_panels(axis, &arguments.cutoff_hz, rate)?);
         }
-        panels.extend(budget.1);
+        panels.extend(budgets.iter().map(BudgetTable::panel));
         write_whole(out, panels_svg(&panels)?.as_bytes()).context("writing the picture")?;
     }
-    let mut stdout = std::io::stdout();
-    write!(stdout, "{text}")?;
-    if !arguments.json {
-        write!(stdout, "{}", budget.0)?;
-    }
+    write!(std::io::stdout(), "{text}")?;
     Ok(())
 }
 
@@ -119,7 +129,7 @@ fn table(rows: &[Row], rate: SampleRate) -> String {
     text
 }
 
-fn json(rows: &[Row]) -> anyhow::Result<String> {
+fn json(rows: &[Row], budgets: &[BudgetTable]) -> anyhow::Result<String> {
     let list: Vec<serde_json::Value> = rows
         .iter()
         .map(|r| {
@@ -133,7 +143,11 @@ fn json(rows: &[Row]) -> anyhow::Result<String> {
             })
         })
         .collect();
-    Ok(serde_json::to_string(&serde_json::json!({ "rows": list }))? + "\n")
+    let mut whole = serde_json::json!({ "rows": list });
+    if !budgets.is_empty() {
+        whole["budgets"] = budgets.iter().map(BudgetTable::json).collect();
+    }
+    Ok(serde_json::to_string(&whole)? + "\n")
 }
 
 /// Variance over the step of each encoder, the other one perfect (figure 5 of Hayashi et al.).
@@ -162,76 +176,4 @@ fn step_panels(axis: &AxisModel, cutoffs_hz: &[f64], rate: SampleRate) -> anyhow
         });
     }
     Ok(panels)
-}
-
-const BUDGET_HZ: [f64; 9] = [1.0, 10.0, 50.0, 100.0, 200.0, 300.0, 500.0, 700.0, 1000.0];
-
-/// Error in percent of the force for one thing wrong at a time, for each observer of the axis.
-fn budgets(axes: &[AxisModel]) -> anyhow::Result<(String, Vec<Panel>)> {
-    let mut text = String::new();
-    let mut panels = Vec::new();
-    for axis in axes {
-        let methods: &[Method] = if axis.drive.structure() == Structure::Rigid {
-            &[Method::Dob]
-        } else {
-            &[Method::Dob, Method::Medob, Method::VibrationMode]
-        };
-        for method in methods {
-            let (part, panel) = budget(axis, *method)?;
-            text.push_str(&part);
-            panels.push(panel);
-        }
-    }
-    Ok((text, panels))
-}
-
-fn budget(axis: &AxisModel, method: Method) -> anyhow::Result<(String, Panel)> {
-    let right = Imperfection::default();
-    let late_s = (axis.drive.amplifier_dead_time_s() + axis.drive.motor_encoder_delay_s()).max(1e-4);
-    let cases = [
-        ("nothing wrong", right),
-        ("mass +5 %", Imperfection { mass_factor: 1.05, ..right }),
-        ("stiffness +5 %", Imperfection { stiffness_factor: 1.05, ..right }),
-        ("both late", Imperfection { motor_late_s: late_s, stage_late_s: late_s, ..right }),
-        ("stage late 10 us", Imperfection { stage_late_s: 1e-5, ..right }),
-    ];
-    let mut text = String::new();
-    let _ = writeln!(
-        text,
-        "\naxis {}, {}: error in % of the force (both late: {:.3} ms)",
-        axis.name,
-        method.name(),
-        1e3 * late_s
-    );
-    let _ = write!(text, "{:18}", "hz");
-    for f in BUDGET_HZ {
-        let _ = write!(text, "{f:>9}");
-    }
-    let mut curves = Vec::new();
-    let steps = steps_of(&axis.drive);
-    for (name, imperfection) in cases {
-        let budget = Budget::new(method, &axis.drive, imperfection).map_err(bad_input)?;
-        let _ = write!(text, "\n{name:18}");
-        for f in BUDGET_HZ {
-            let _ = write!(text, "{:9.2}", 100.0 * budget.relative_error(f));
-        }
-        let points = (0..=120)
-            .map(|k| 10f64.powf(f64::from(k) / 40.0))
-            .map(|f| (f, 100.0 * budget.relative_error(f).max(1e-6)));
-        curves.push(Curve { label: name.to_owned(), points: points.collect(), dots: false });
-    }
-    let exact = Budget::new(method, &axis.drive, right).map_err(bad_input)?;
-    let _ = write!(text, "\n{:18}", "encoder step, N");
-    for f in BUDGET_HZ {
-        let _ = write!(text, "{:9.3}", exact.step_error_n(f, steps.motor_m, steps.stage_m));
-    }
-    text.push('\n');
-    let panel = Panel {
-        title: format!("axis {}, {}: error of the estimate", axis.name, method.name()),
-        x_label: "Hz".to_owned(),
-        y_label: "% of the force".to_owned(),
-        log_y: true,
-        curves,
-    };
-    Ok((text, panel))
 }

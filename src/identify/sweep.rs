@@ -14,8 +14,8 @@
 //!
 //! Source: Yamada, thesis 3.3.1 (fit of frequency responses). Deviation: line by line instead of
 //! averaged responses; the current loop's bandwidth is fitted too, with the stated value as a loose
-//! prior. Checked by: force::a_sweep_gives_back_mass_stiffness_and_dead_times,
-//! force::the_noise_part_of_an_interval_holds_the_truth_in_95_of_100_repeats.
+//! prior. Checked by: identify::a_sweep_gives_back_mass_stiffness_and_dead_times,
+//! identify::the_noise_part_of_an_interval_holds_the_truth_in_95_of_100_repeats.
 
 use super::sweep_fit::{Band, Fit};
 use super::sweep_lines::{LEAST_STRETCH_S, LOW_HZ, Lines, steady_stretches};

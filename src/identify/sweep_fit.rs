@@ -244,7 +244,7 @@ impl<'a> Fit<'a> {
     /// 1 where the weights are those of independent errors. What the model lacks leaves the same relative
     /// error in all lines of a band, and their covariance is short by that factor.
     /// Source: overdispersion as in McCullagh and Nelder, Generalized Linear Models, 9.2.
-    /// Checked by: force::the_noise_part_of_an_interval_holds_the_truth_in_95_of_100_repeats.
+    /// Checked by: identify::the_noise_part_of_an_interval_holds_the_truth_in_95_of_100_repeats.
     fn dispersion(&self) -> f64 {
         let chain = self.chain(&self.parameters);
         let (mut sum, mut bands) = (0.0, 0.0);
