@@ -13,7 +13,6 @@ use crate::plant::machine::AxisModel;
 use crate::recording::{read_recording, write_whole};
 use crate::report::force_plots::response_svg;
 use crate::sample::Recording;
-use anyhow::Context as _;
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -86,9 +85,9 @@ fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
         )));
     }
     let model = format!("{remarks}{}", machine_to_text(&machine));
-    write_whole(&arguments.out, model.as_bytes()).context("writing the model")?;
+    write_whole(&arguments.out, model.as_bytes()).map_err(bad_input)?;
     for (path, svg) in pictures {
-        write_whole(&path, svg.as_bytes()).context("writing the picture")?;
+        write_whole(&path, svg.as_bytes()).map_err(bad_input)?;
     }
     write!(std::io::stdout(), "{text}")?;
     Ok(())
@@ -198,7 +197,7 @@ fn run_frf(arguments: &Arguments) -> anyhow::Result<()> {
         writeln!(std::io::stdout(), "{axis}: {}", fit.describe())?;
         estimators.push(fit.estimator);
     }
-    write_whole(&arguments.out, estimators_to_text(&estimators).as_bytes()).context("writing the estimator")
+    write_whole(&arguments.out, estimators_to_text(&estimators).as_bytes()).map_err(bad_input)
 }
 
 /// The accelerations of a recording in the order x, y, z.

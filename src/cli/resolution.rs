@@ -11,7 +11,6 @@ use crate::plant::machine::AxisModel;
 use crate::recording::write_whole;
 use crate::report::force_plots::{Curve, Panel, panels_svg};
 use crate::units::SampleRate;
-use anyhow::Context as _;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -80,7 +79,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             panels.extend(step_panels(axis, &arguments.cutoff_hz, rate)?);
         }
         panels.extend(budgets.iter().map(BudgetTable::panel));
-        write_whole(out, panels_svg(&panels)?.as_bytes()).context("writing the picture")?;
+        write_whole(out, panels_svg(&panels)?.as_bytes()).map_err(bad_input)?;
     }
     write!(std::io::stdout(), "{text}")?;
     Ok(())

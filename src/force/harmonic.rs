@@ -7,8 +7,9 @@
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
 use super::closed_loop::ClosedLoop;
-use super::estimator::{AlignedMotion, AxisSignals, ForceError, MotionSample, Signals};
+use super::estimator::{AlignedMotion, AxisSignals, ForceError, ForceSettings, MotionSample, Signals};
 use super::friction::{Presliding, PreslidingState};
+use super::signals::measured_balance;
 use super::validity::Validity;
 use crate::plant::machine::Controller;
 use crate::signal::harmonic_fit::{
@@ -507,4 +508,30 @@ impl HarmonicEstimator {
         let norm = |k: usize| self.windows.weights[k].iter().map(|x| x * x).sum::<f64>().sqrt();
         (norm(MOTOR) * self.steps_m[0]).hypot(norm(STAGE) * self.steps_m[1]) / 12f64.sqrt()
     }
+}
+
+/// The windowed estimator of a method that has one.
+pub(super) fn harmonic_estimator(
+    method: Method,
+    axis: &AxisSignals<'_>,
+    settings: &ForceSettings,
+) -> Result<Option<HarmonicEstimator>, ForceError> {
+    if !matches!(method, Method::Fitted | Method::Spectral) {
+        return Ok(None);
+    }
+    let missing = ForceError::Structure { method: method.name(), needs: "a spindle speed" };
+    let harmonic = settings.harmonic.as_ref().ok_or(missing)?;
+    let friction_n = settings.friction_bound_n(axis.drive);
+    Ok(Some(match method {
+        Method::Fitted => HarmonicEstimator::fitted(
+            axis,
+            (measured_balance(method, axis)?, settings.presliding_travel_m),
+            harmonic,
+        )?,
+        _ => HarmonicEstimator::spectral(
+            axis,
+            (settings.controller.as_ref(), friction_n, settings.presliding_travel_m),
+            harmonic,
+        )?,
+    }))
 }

@@ -35,4 +35,5 @@ pub mod response;
 pub mod settings;
 pub mod signals;
 pub mod stiffness;
+mod stiffness_learner;
 pub mod validity;
