@@ -260,9 +260,7 @@ impl ForceEstimator {
         (state.current_n, state.last_ref_n) = (first.thrust_ref_n, first.thrust_ref_n);
         state.presliding = Presliding::settled(stage);
         self.filter.settle(&mut state.filter, rest);
-        if let Some(learner) = &self.learner {
-            state.learned = learner.settled(motor, stage);
-        }
+        state.learned = StiffnessLearner::settled();
         if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
             harmonic.settle(inner, first);
         }
