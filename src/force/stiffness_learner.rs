@@ -1,5 +1,5 @@
-//! The axial stiffness learned while the axis cuts: the check of [`super::stiffness`] made causal, at constant
-//! cost, for the estimate that stands on it (`vibration_mode`).
+//! The axial stiffness learned while the axis cuts: the check of [`super::stiffness`] made causal, at
+//! constant cost, for the estimate that stands on it (`vibration_mode`).
 //!
 //! ```text
 //!  a = u - M_r a_m - C_r v_m - friction         the axial force from the motor side
@@ -8,11 +8,12 @@
 //!  k = sqrt(<a a>/<b b>) where <a b>^2 / (<a a><b b>) > 0.995, <.> with a memory of 2 s,
 //!  F += (k - 1) K_r-part of the balance x stretch above 1 Hz
 //! ```
-//! The band ends low because the compliance behind k is that of a mode, which makes k a function of frequency:
-//! 0.92 to 0.95 below 90 Hz, 1.0 to 1.1 at 130 to 170 Hz in the simulated cuts. Nothing is learned while the
+//! The band ends low because the compliance behind k is that of a mode, which makes k a function of
+//! frequency: 0.92 to 0.95 below 90 Hz, 1.0 to 1.1 at 130 to 170 Hz in the simulated cuts. Nothing is learned while the
 //! stretch varies by less than 12 nm or three encoder steps rms, while filters settle or a signal is missing,
 //! or where k is beyond 0.8 to 1.25: an error of the motor's encoder alone has k = (f / f_motor)^2 < 0.64 in
-//! the band. The mean stays that of the model, which idle runs are taken off with; encoders need no common zero.
+//! the band. The mean stays that of the model, which idle runs are taken off with; encoders need no common
+//! zero.
 //! Checked by: force_trust::vibration_mode_learns_the_stiffness_while_it_cuts.
 
 use super::balance::ForceBalance;
@@ -87,7 +88,8 @@ crate::keyframe::keep!(LearnedStiffness {
 });
 
 impl StiffnessLearner {
-    /// Ages of both encoders in samples. `None`: not two inertias with both encoders. Errors: a rate too low for the band.
+    /// Ages of both encoders in samples. `None`: not two inertias with both encoders. Errors: a rate too low
+    /// for the band.
     pub(super) fn new(
         axis: &AxisSignals<'_>,
         balance: &ForceBalance,

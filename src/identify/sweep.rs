@@ -158,7 +158,8 @@ pub struct SweepFit {
     pub warnings: Vec<String>,
 }
 
-/// Fits the drive; `stated`: what no sweep shows. Errors: no steady stretch, no excitation, a missing signal, a result that is no drive.
+/// Fits the drive; `stated`: what no sweep shows. Errors: no steady stretch, no excitation, a missing
+/// signal, a result that is no drive.
 pub fn fit_sweep(prior: &DriveParams, sweep: &Sweep, stated: StatedErrors) -> Result<SweepFit, SweepError> {
     let structure = prior.structure();
     let (has_motor, has_stage) = (!sweep.motor_travel_m.is_empty(), !sweep.stage_position_m.is_empty());
@@ -184,7 +185,7 @@ pub fn fit_sweep(prior: &DriveParams, sweep: &Sweep, stated: StatedErrors) -> Re
         three.whole();
         if let Some(mode) = three.mode().filter(|_| three.explained) {
             warnings.push(format!(
-                "a mode outside of the model at about {:.0} Hz; fitted as a torsional mode of motor and screw",
+                "a mode outside of the model at about {:.0} Hz; fitted as torsion of motor and screw",
                 mode.frequency_hz
             ));
             let outcome = Outcome { fit: &three, lumped: Some(prior), mode: Some(mode) };
