@@ -9,9 +9,10 @@
 //!  F += (k - 1) K_r-part of the balance x stretch above 1 Hz
 //! ```
 //! The band ends low because the compliance behind k is that of a mode, which makes k a function of
-//! frequency: 0.92 to 0.95 below 90 Hz, 1.0 to 1.1 at 130 to 170 Hz in the simulated cuts. Nothing is learned while the
-//! stretch varies by less than 12 nm or three encoder steps rms, while filters settle or a signal is missing,
-//! or where k is beyond 0.8 to 1.25: an error of the motor's encoder alone has k = (f / f_motor)^2 < 0.64 in
+//! frequency: 0.92 to 0.95 below 90 Hz, 1.0 to 1.1 at 130 to 170 Hz in the simulated cuts. Nothing is
+//! learned while the stretch varies by less than 12 nm or three encoder steps rms, while filters settle or a
+//! signal is missing, or where k is beyond 0.8 to 1.25: an error of the motor's encoder alone has
+//! k = (f / f_motor)^2 < 0.64 in
 //! the band. The mean stays that of the model, which idle runs are taken off with; encoders need no common
 //! zero.
 //! Checked by: force_trust::vibration_mode_learns_the_stiffness_while_it_cuts.
