@@ -6,52 +6,15 @@
 //! Starts the real service and the virtual lathe. First a quiet stretch, then the flood; prints for both: latency
 //! of decisions from the service's own histogram, samples lost, `/healthz`, memory, processor time.
 
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+mod running;
+
+use running::{Process, binary, busy_s, number, service};
+use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
-use std::path::Path;
-use std::process::{Child, Command, ExitCode, Stdio};
+use std::process::{ExitCode, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-
-fn number(name: &str, default: f64) -> f64 {
-    let given = std::env::args().skip_while(|a| a != name).nth(1);
-    given.and_then(|v| v.parse().ok()).unwrap_or(default)
-}
-
-struct Process(Child);
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        let _ = (self.0.kill(), self.0.wait());
-    }
-}
-
-fn binary() -> Command {
-    Command::new(Path::new(env!("CARGO_MANIFEST_DIR")).join("target/release/stillcut"))
-}
-
-fn service(folder: &Path, prefix: &str) -> (Process, String) {
-    let config = folder.join("c.toml");
-    let text = format!(
-        "[transport]\nprefix = \"{prefix}\"\nroot = \"{0}/iox\"\n[http]\nlisten = \"127.0.0.1:0\"\n\
-         [history]\nfolder = \"{0}/state\"\n",
-        folder.display()
-    );
-    std::fs::write(&config, text).expect("a folder for temporary files");
-    let mut command = binary();
-    command.args(["run", "--config"]).arg(&config).stdout(Stdio::null()).stderr(Stdio::piped());
-    let mut child = command.spawn().expect("cargo build --release made the binary");
-    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
-    let address = loop {
-        let line = lines.next().expect("it says where it listens").expect("text");
-        if let Some(rest) = line.split("address=").nth(1) {
-            break rest.split_whitespace().next().expect("an address").to_owned();
-        }
-    };
-    std::thread::spawn(move || lines.for_each(drop));
-    (Process(child), address)
-}
 
 fn get(address: &str, path: &str) -> String {
     let config = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(10)));
@@ -91,12 +54,6 @@ fn quantile(before: &[(f64, u64)], after: &[(f64, u64)], share: f64) -> f64 {
 fn rss_mb(id: u32) -> f64 {
     let text = std::fs::read_to_string(format!("/proc/{id}/statm")).unwrap_or_default();
     text.split(' ').nth(1).and_then(|v| v.parse::<f64>().ok()).unwrap_or(0.0) * 4096.0 / 1e6
-}
-
-/// User and system time of a process, s.
-fn busy_s(id: u32) -> f64 {
-    let stat = std::fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
-    stat.split(' ').skip(13).take(2).filter_map(|v| v.parse::<f64>().ok()).sum::<f64>() / 100.0
 }
 
 const KINDS: [&str; 6] = [
@@ -218,7 +175,7 @@ fn main() -> ExitCode {
     let folder = std::env::temp_dir().join(format!("stillcut-flood-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder for temporary files");
     let prefix = format!("flood{}", std::process::id());
-    let (process, address) = service(&folder, &prefix);
+    let (process, address) = service(&folder, &prefix, "");
     let mut command = binary();
     command.args(["lathe", "--prefix", &prefix, "--entry-s", "100000", "--root"]).arg(folder.join("iox"));
     let lathe = Process(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the binary"));

@@ -9,9 +9,11 @@
 //! events. Ends with status 1 when a sample that was sent whole is missing or memory grew by more than 10 %
 //! after the first hour.
 
-use std::io::{BufRead as _, BufReader};
+mod running;
+
+use running::{Process, busy_s, number};
 use std::path::Path;
-use std::process::{Child, Command, ExitCode, Stdio};
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 use stillcut::plant::scenario::Scenario;
 use stillcut::simulation::lathe::{AXES, Lathe, LatheSettings};
@@ -25,38 +27,16 @@ const AHEAD: u64 = 800 * BATCH as u64;
 /// One batch of so many is damaged.
 const DAMAGE_EVERY: u64 = 1000;
 
-fn number(name: &str, default: f64) -> f64 {
-    let given = std::env::args().skip_while(|a| a != name).nth(1);
-    given.and_then(|v| v.parse().ok()).unwrap_or(default)
-}
-
 struct Service {
-    child: Child,
+    process: Process,
     address: String,
 }
 
 impl Service {
     fn start(folder: &Path, prefix: &str) -> Self {
-        let config = folder.join("c.toml");
-        let text = format!(
-            "[transport]\nprefix = \"{prefix}\"\nroot = \"{0}/iox\"\n[http]\nlisten = \"127.0.0.1:0\"\n\
-             [history]\nfolder = \"{0}/state\"\nmax_bytes = 20000000\n[recorder]\nmax_bytes = 100000000\n",
-            folder.display()
-        );
-        std::fs::write(&config, text).expect("a folder for temporary files");
-        let binary = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/release/stillcut");
-        let mut command = Command::new(binary);
-        command.args(["run", "--config"]).arg(&config).stdout(Stdio::null()).stderr(Stdio::piped());
-        let mut child = command.spawn().expect("cargo build --release made the binary");
-        let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
-        let address = loop {
-            let line = lines.next().expect("it says where it listens").expect("text");
-            if let Some(rest) = line.split("address=").nth(1) {
-                break rest.split_whitespace().next().expect("an address").to_owned();
-            }
-        };
-        std::thread::spawn(move || lines.for_each(drop));
-        Self { child, address }
+        let limits = "max_bytes = 20000000\n[recorder]\nmax_bytes = 100000000\n";
+        let (process, address) = running::service(folder, prefix, limits);
+        Self { process, address }
     }
 
     fn get(&self, agent: &ureq::Agent, path: &str) -> String {
@@ -65,7 +45,7 @@ impl Service {
     }
 
     fn proc(&self, name: &str) -> String {
-        std::fs::read_to_string(format!("/proc/{}/{name}", self.child.id())).unwrap_or_default()
+        std::fs::read_to_string(format!("/proc/{}/{name}", self.process.0.id())).unwrap_or_default()
     }
 
     /// Resident memory, and its largest, MB.
@@ -78,20 +58,7 @@ impl Service {
     }
 
     fn handles(&self) -> usize {
-        std::fs::read_dir(format!("/proc/{}/fd", self.child.id())).map_or(0, Iterator::count)
-    }
-
-    /// User and system time, s.
-    fn busy_s(&self) -> f64 {
-        let stat = self.proc("stat");
-        let ticks = stat.split(' ').skip(13).take(2).filter_map(|v| v.parse::<f64>().ok());
-        ticks.sum::<f64>() / 100.0
-    }
-}
-
-impl Drop for Service {
-    fn drop(&mut self) {
-        let _ = (self.child.kill(), self.child.wait());
+        std::fs::read_dir(format!("/proc/{}/fd", self.process.0.id())).map_or(0, Iterator::count)
     }
 }
 
@@ -198,7 +165,7 @@ fn main() -> ExitCode {
                 service.handles(),
                 series(&metrics, "stillcut_events_total"),
                 series(&metrics, "stillcut_recordings_total{outcome=\"saved\"}"),
-                service.busy_s(),
+                busy_s(service.process.0.id()),
             );
             if row == 1.0 {
                 first_mb = now_mb;

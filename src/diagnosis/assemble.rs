@@ -44,8 +44,7 @@ pub(crate) fn assemble(
 ) -> Diagnosis {
     let p = &outcome.problem;
     let after = bench.residual();
-    let sides: &[bool] = if p.flexible { &[false, true] } else { &[false] };
-    let of = |residual: &Column| sides.iter().map(|&stage| spectrum(p, residual, stage)).collect();
+    let of = |residual: &Column| [false, true].map(|stage| spectrum(p, residual, stage)).to_vec();
     let spectra: Vec<SideSpectrum> = of(&after);
     let least = of(&Bench::flat(p, &outcome.accepted, &after).residual());
     let case = Case {
@@ -93,12 +92,13 @@ pub(crate) fn assemble(
         residual_band_hz: [0.0, band_hz(rate)],
         parameter_corrections: corrections,
         recordings: case.recording_fits(),
-        balances: if p.flexible { vec!["motor", "stage"] } else { vec!["axis"] },
+        balances: vec!["motor", "stage"],
         series_rate_hz: p.rate_hz(),
         noise_floor_n: case.spectra.iter().map(|s| s.floor_rms_n(band_hz(rate))).collect(),
         tried: tried(outcome.rounds.first()),
         detection_limits: detection_limits(bench, outcome.rounds.last()),
         model,
+        closed_loop: Err(String::new()),
     }
 }
 
@@ -162,7 +162,7 @@ impl Case<'_> {
             .zip(self.recordings)
             .enumerate()
             .map(|(r, (m, recording))| {
-                let side = if port == Port::MotorEncoder { &m.motor } else { m.stage_side() };
+                let side = if port == Port::MotorEncoder { &m.motor } else { &m.stage };
                 let delay = if port == Port::MotorEncoder {
                     p.drive.motor_encoder_delay_s()
                 } else {
@@ -335,7 +335,7 @@ impl Case<'_> {
                 .map(|r| {
                     let mut sum = vec![0.0; full.motions[r].len()];
                     for (c, a) in columns.iter().zip(&fit.amplitudes) {
-                        let at_stage = accepted.hypothesis.port == Port::Stage && full.flexible;
+                        let at_stage = accepted.hypothesis.port == Port::Stage;
                         let part = if at_stage { &c[r].stage } else { &c[r].motor };
                         if let Some(x) = part {
                             sum.iter_mut().zip(x).for_each(|(s, x)| *s += a * x);
@@ -394,8 +394,8 @@ impl Case<'_> {
                     rms_before_n: rms(&self.nominal[r..=r]),
                     rms_after_n: rms(&self.after[r..=r]),
                     t_s: (0..n).map(|k| m.time_s(edge + k * p.thinning.step)).collect(),
-                    position_m: p.thinning.pick(&m.stage_side().position_m),
-                    velocity_m_s: p.thinning.pick(&m.stage_side().velocity_m_s),
+                    position_m: p.thinning.pick(&m.stage.position_m),
+                    velocity_m_s: p.thinning.pick(&m.stage.velocity_m_s),
                     residual_nominal_n: sides(&self.nominal[r]),
                     residual_before_n: sides(&self.outcome.before[r]),
                     residual_after_n: sides(&self.after[r]),

@@ -11,8 +11,7 @@ use rustfft::{FftPlanner, num_complex::Complex};
 pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
     let h = Hypothesis::new;
     let mut list = Vec::new();
-    let ports: &[Port] = if p.flexible { &[Port::Stage, Port::Motor] } else { &[Port::Stage] };
-    for &port in ports {
+    for port in [Port::Stage, Port::Motor] {
         for velocity_m_s in [5e-4, 1e-3, 2e-3, 3.5e-3, 6e-3, 1e-2, 1.6e-2, 2.5e-2] {
             list.push(h(E::StribeckFriction, port, Shape::Stribeck { velocity_m_s }));
         }
@@ -24,22 +23,15 @@ pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
         }
         list.push(h(E::AsymmetricFriction, port, Shape::Asymmetric));
         list.push(h(E::NonlinearViscosity, port, Shape::NonlinearViscosity));
-        let coulomb = if port == Port::Motor {
-            p.mechanics.motor_coulomb_n
-        } else {
-            p.mechanics.stage_coulomb_n.max(if p.flexible { 0.0 } else { p.mechanics.motor_coulomb_n })
-        };
+        let coulomb =
+            if port == Port::Motor { p.mechanics.motor_coulomb_n } else { p.mechanics.stage_coulomb_n };
         if coulomb == 0.0 {
             list.push(h(E::CoulombFriction, port, Shape::Coulomb));
         }
         let viscous = if port == Port::Motor {
             p.mechanics.motor_damping_n_s_m
         } else {
-            p.mechanics.stage_damping_n_s_m.max(if p.flexible {
-                0.0
-            } else {
-                p.mechanics.motor_damping_n_s_m
-            })
+            p.mechanics.stage_damping_n_s_m
         };
         if viscous == 0.0 {
             list.push(h(E::ViscousFriction, port, Shape::Viscous));
@@ -53,9 +45,7 @@ pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
         list.push(h(E::DeadTime, Port::Current, Shape::Delay { extra_s }));
         list.push(h(E::CurrentLoopLag, Port::Current, Shape::Lag { extra_s }));
         list.push(h(E::DeadTime, Port::MotorEncoder, Shape::Delay { extra_s }));
-        if p.flexible {
-            list.push(h(E::DeadTime, Port::StageEncoder, Shape::Delay { extra_s }));
-        }
+        list.push(h(E::DeadTime, Port::StageEncoder, Shape::Delay { extra_s }));
         // A delay can be stated too long, by no more than what is stated.
         let stated = stated_delays(p).into_iter().filter(|(_, stated_s)| extra_s <= *stated_s);
         list.extend(stated.map(|(port, _)| h(E::DeadTime, port, Shape::Delay { extra_s: -extra_s })));
@@ -63,7 +53,7 @@ pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
     let (low, high) = p
         .motions
         .iter()
-        .flat_map(|m| m.stage_side().position_m.iter())
+        .flat_map(|m| m.stage.position_m.iter())
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
     if high - low > 1e-3 {
         let knots = 24;
@@ -74,26 +64,21 @@ pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
             Shape::Map { first_m: low, spacing_m, knots, flips: false },
         ));
     }
-    if p.flexible {
-        flexible_only(&mut list);
-    }
+    couplings(&mut list);
     encoder_periods(p, &mut list);
     list
 }
 
 /// Delays that the model states, s.
-fn stated_delays(p: &Problem) -> Vec<(Port, f64)> {
-    let mut list = vec![
+fn stated_delays(p: &Problem) -> [(Port, f64); 3] {
+    [
         (Port::Current, p.drive.amplifier_dead_time_s()),
         (Port::MotorEncoder, p.drive.motor_encoder_delay_s()),
-    ];
-    if p.flexible {
-        list.push((Port::StageEncoder, p.drive.stage_encoder_delay_s()));
-    }
-    list
+        (Port::StageEncoder, p.drive.stage_encoder_delay_s()),
+    ]
 }
 
-fn flexible_only(list: &mut Vec<Hypothesis>) {
+fn couplings(list: &mut Vec<Hypothesis>) {
     let h = Hypothesis::new;
     for gap_m in [3e-8, 1e-7, 2e-7, 3e-7, 5e-7, 7e-7, 1e-6, 1.4e-6, 2e-6, 3e-6, 5e-6, 1e-5, 2e-5] {
         list.push(h(E::Backlash, Port::Coupling, Shape::Backlash { gap_m }));
@@ -113,28 +98,12 @@ fn flexible_only(list: &mut Vec<Hypothesis>) {
 
 fn encoder_periods(p: &Problem, list: &mut Vec<Hypothesis>) {
     let raw = p.drive.raw();
-    if let (Some(lead), Some(signals)) = (raw.screw_lead_m, raw.motor_encoder_signals_per_rev) {
-        {
-            let (harmonics, period_m) = (1, lead / signals);
-            list.push(Hypothesis::new(
-                E::EncoderInterpolationError,
-                Port::MotorEncoder,
-                Shape::EncoderError { period_m, harmonics },
-            ));
-        }
-    }
-    if let Some(period) = raw.stage_encoder_signal_period_m
-        && p.motions.iter().all(|m| m.stage.is_some())
-    {
-        {
-            let harmonics = 1;
-            list.push(Hypothesis::new(
-                E::EncoderInterpolationError,
-                Port::StageEncoder,
-                Shape::EncoderError { period_m: period, harmonics },
-            ));
-        }
-    }
+    let angle = raw.screw_lead_m.zip(raw.motor_encoder_signals_per_rev).map(|(lead, n)| lead / n);
+    let periods = [(Port::MotorEncoder, angle), (Port::StageEncoder, raw.stage_encoder_signal_period_m)];
+    list.extend(periods.into_iter().filter_map(|(port, period)| {
+        let shape = Shape::EncoderError { period_m: period?, harmonics: 1 };
+        Some(Hypothesis::new(E::EncoderInterpolationError, port, shape))
+    }));
 }
 
 /// Hypotheses read off the residual: wavelengths in position, lines in time.
@@ -185,14 +154,12 @@ fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
                 orders.extend([slots, lcm(poles, slots)]);
             }
         }
-        if p.flexible {
-            for order in orders {
-                list.push(Hypothesis::new(
-                    E::TorqueRipple,
-                    Port::Motor,
-                    Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips: false },
-                ));
-            }
+        for order in orders {
+            list.push(Hypothesis::new(
+                E::TorqueRipple,
+                Port::Motor,
+                Shape::Periodic { wavelength_m: lead / order, harmonics: 1, flips: false },
+            ));
         }
     }
     list
@@ -218,8 +185,8 @@ fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
     let vs = p.mechanics.smoothing_m_s;
     let mut points: Vec<(f64, f64)> = Vec::new();
     for (m, q) in p.motions.iter().zip(q) {
-        let side = if s.at_motor { &m.motor } else { m.stage_side() };
-        let series = if s.at_motor || !p.flexible { &q.motor } else { &q.stage };
+        let side = if s.at_motor { &m.motor } else { &m.stage };
+        let series = if s.at_motor { &q.motor } else { &q.stage };
         let Some(series) = series else { continue };
         let x = p.thinning.pick(&side.position_m);
         let v = p.thinning.pick(&side.velocity_m_s);
@@ -272,7 +239,7 @@ fn lines(p: &Problem, residual: &[Sides]) -> Vec<Hypothesis> {
     let rate = p.rate_hz();
     let mut found: Vec<Line> = Vec::new();
     for (recording, sides) in residual.iter().enumerate() {
-        let Some(x) = (if p.flexible { sides.stage.as_ref() } else { sides.motor.as_ref() }) else {
+        let Some(x) = &sides.stage else {
             continue;
         };
         let m = &p.motions[recording];
@@ -351,10 +318,10 @@ pub(crate) fn best_window(
     let mut starts = Vec::new();
     let mut ends: Vec<f64> = Vec::new();
     for &r in recordings {
-        let Some(x) = (if p.flexible { &residual[r].stage } else { &residual[r].motor }) else { continue };
+        let Some(x) = &residual[r].stage else { continue };
         let mut s = vec![0.0; x.len()];
         for (c, a) in columns.iter().zip(amplitudes) {
-            if let Some(w) = if p.flexible { &c[r].stage } else { &c[r].motor } {
+            if let Some(w) = &c[r].stage {
                 s.iter_mut().zip(w).for_each(|(s, w)| *s += a * w);
             }
         }

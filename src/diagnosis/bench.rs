@@ -100,7 +100,7 @@ impl<'a> Bench<'a> {
     }
 
     fn layout(problem: &Problem) -> Layout {
-        Layout { lengths: problem.lengths(), sides: if problem.flexible { 2 } else { 1 } }
+        Layout { lengths: problem.lengths(), sides: 2 }
     }
 
     fn with(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column, whitener: Whitener) -> Self {
@@ -110,9 +110,7 @@ impl<'a> Bench<'a> {
         let mut base: Vec<Vec<f64>> =
             all_columns(problem, accepted).map(|c| whitener.whiten(c, &layout)).collect();
         let mut target = whitener.whiten(&known_target(problem, accepted), &layout);
-        if let Some(mass) =
-            problem.numbers.iter().position(|n| problem.flexible && n.key == Some("movable_mass_kg"))
-        {
+        if let Some(mass) = problem.numbers.iter().position(|n| n.key == Some("movable_mass_kg")) {
             normalise_stage(
                 residual,
                 &layout,
@@ -146,7 +144,7 @@ impl<'a> Bench<'a> {
             matches!(n.key, Some("rotary_inertia_kg_m2" | "movable_mass_kg" | "axial_stiffness_n_m"))
                 && !(0.25..4.0).contains(&(self.solution.coefficients[k] / n.nominal))
         };
-        let Some(mass) = p.numbers.iter().position(|n| p.flexible && n.key == Some("movable_mass_kg")) else {
+        let Some(mass) = p.numbers.iter().position(|n| n.key == Some("movable_mass_kg")) else {
             return;
         };
         if p.numbers.iter().enumerate().any(lost) {
@@ -464,13 +462,12 @@ fn all_columns<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<It
 
 /// target - columns * coefficients.
 pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f64]) -> Column {
-    let flexible = p.flexible;
     let mut out: Column = known_target(p, accepted)
         .iter()
         .map(|s| {
             let motor = s.motor.clone();
             let n = motor.as_ref().map_or(0, Vec::len);
-            Sides { motor, stage: flexible.then(|| s.stage.clone().unwrap_or_else(|| vec![0.0; n])) }
+            Sides { motor, stage: Some(s.stage.clone().unwrap_or_else(|| vec![0.0; n])) }
         })
         .collect();
     for (column, b) in all_columns(p, accepted).zip(coefficients) {
@@ -485,6 +482,11 @@ pub(crate) fn rms(column: &[Sides]) -> f64 {
         column.iter().map(|s| s.motor.as_ref().or(s.stage.as_ref()).map_or(0, Vec::len)).sum();
     let sides = column.iter().flat_map(|s| [&s.motor, &s.stage]).flatten();
     (sides.flatten().map(|v| v * v).sum::<f64>() / samples.max(1) as f64).sqrt()
+}
+
+/// Root mean square of a series.
+pub(crate) fn rms_of(x: &[f64]) -> f64 {
+    (x.iter().map(|v| v * v).sum::<f64>() / x.len().max(1) as f64).sqrt()
 }
 
 /// out += factor * column.

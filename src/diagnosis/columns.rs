@@ -60,7 +60,7 @@ pub(super) fn advanced_difference(side: &super::motion::Side, shift_samples: f64
 /// An encoder error and its derivatives, through masses, dampers and spring (sign of a column).
 pub(super) fn encoder_sides(p: &Problem, port: Port, [e, e1, e2]: &[Vec<f64>; 3]) -> Sides {
     let m = &p.mechanics;
-    let at_motor = port == Port::MotorEncoder || !p.flexible;
+    let at_motor = port == Port::MotorEncoder;
     let (mass, damping) = if at_motor {
         (m.motor_mass_kg, m.motor_damping_n_s_m)
     } else {
@@ -69,9 +69,6 @@ pub(super) fn encoder_sides(p: &Problem, port: Port, [e, e1, e2]: &[Vec<f64>; 3]
     let spring: Vec<f64> =
         e.iter().zip(e1).map(|(x, v)| m.stiffness_n_m * x + m.structural_damping_n_s_m * v).collect();
     let near = (0..e.len()).map(|k| -(mass * e2[k] + damping * e1[k] + spring[k])).collect();
-    if !p.flexible {
-        return motor(near);
-    }
     if at_motor {
         Sides { motor: Some(near), stage: Some(spring) }
     } else {
@@ -80,10 +77,10 @@ pub(super) fn encoder_sides(p: &Problem, port: Port, [e, e1, e2]: &[Vec<f64>; 3]
 }
 
 /// One kernel for everything an encoder's error passes, to the side of its mass and to the other.
-pub(super) fn encoder_kernels(p: &Problem, port: Port) -> (Kernel, Option<Kernel>) {
+pub(super) fn encoder_kernels(p: &Problem, port: Port) -> (Kernel, Kernel) {
     let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
     let m = &p.mechanics;
-    let at_motor = port == Port::MotorEncoder || !p.flexible;
+    let at_motor = port == Port::MotorEncoder;
     let delay = if port == Port::MotorEncoder {
         p.drive.motor_encoder_delay_s()
     } else {
@@ -98,7 +95,7 @@ pub(super) fn encoder_kernels(p: &Problem, port: Port) -> (Kernel, Option<Kernel
     let (k0, k1, k2) = (k(0), k(1), k(2));
     let spring = k0.times(m.stiffness_n_m).plus(m.structural_damping_n_s_m, &k1);
     let near = k2.times(-mass).plus(-damping, &k1).plus(-1.0, &spring).then(&p.thinning.kernel);
-    (near, p.flexible.then(|| spring.then(&p.thinning.kernel)))
+    (near, spring.then(&p.thinning.kernel))
 }
 
 /// Slower loop filtered where the kernel has data; held at the edges.
@@ -142,7 +139,7 @@ pub(super) fn coupling_law(p: &Problem, law: impl Fn(f64) -> f64) -> Column {
         .zip(&p.free_stretch_m)
         .map(|(m, free)| {
             let at_motor = shifted(&m.motor.raw_m, motor_late);
-            let at_stage = shifted(&m.stage_side().raw_m, stage_late);
+            let at_stage = shifted(&m.stage.raw_m, stage_late);
             let free = |x: f64| m.stretch_zero_m + free + p.lead_error * (x - m.centre_m);
             let sides = at_motor.iter().zip(&at_stage);
             let force: Vec<f64> = sides.map(|(a, b)| law(a - b - free(*b))).collect();

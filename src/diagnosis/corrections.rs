@@ -42,17 +42,8 @@ pub(super) fn corrections(p: &Problem, bench: &Bench<'_>) -> Vec<Correction> {
             continue;
         }
         let half = 1.96 * deviation.hypot(scale * value);
-        let (mut value, mut nominal, f) =
-            (value * n.key_per_coefficient, n.nominal * n.key_per_coefficient, n.key_per_coefficient);
-        if !p.flexible && name == "movable_mass_kg" {
-            // The balance of a rigid axis has the total; the motor side is taken as stated.
-            let motor = p.drive.reflected_mass_kg();
-            value -= motor;
-            nominal -= motor;
-            if value <= 0.0 {
-                continue;
-            }
-        }
+        let f = n.key_per_coefficient;
+        let (value, nominal) = (value * f, n.nominal * f);
         list.push(Correction { name, nominal, value, ci95: [value - half * f, value + half * f] });
     }
     if let Some(nominal) = p.drive.torque_constant_nm_a().filter(|_| common != 1.0) {
@@ -73,7 +64,7 @@ pub(super) fn corrections(p: &Problem, bench: &Bench<'_>) -> Vec<Correction> {
 /// A balance holds for any common factor on all of its terms; that one torque constant is wrong is likelier
 /// than that three independent numbers are, by the same share. 1: no such factor.
 fn common_scale(p: &Problem, bench: &Bench<'_>) -> f64 {
-    if !p.flexible || p.motions.iter().all(|m| (m.thrust_per_unit - 1.0).abs() < 1e-12) {
+    if p.motions.iter().all(|m| (m.thrust_per_unit - 1.0).abs() < 1e-12) {
         return 1.0;
     }
     let mut ratios: Vec<f64> = p

@@ -34,17 +34,17 @@ impl Case<'_> {
             s
         };
         let motor = floored(first_side, 0);
-        let stage = p.flexible.then(|| floored(spectrum(p, &self.outcome.before, true), 1));
-        let (em, es) = (above(&motor), stage.as_ref().map_or(0.0, above));
+        let stage = floored(spectrum(p, &self.outcome.before, true), 1);
+        let (em, es) = (above(&motor), above(&stage));
         let sum: Column = self.outcome.before.iter().map(summed).collect();
         let both = above(&floored(spectrum(p, &sum, false), 0));
         let total = (em + es).max(1e-300);
         let port = findings.first().map_or_else(
             || {
                 let between = both < BETWEEN_SHARE * total && (0.5..2.0).contains(&(em / es.max(1e-300)));
-                if p.flexible && between {
+                if between {
                     Port::Coupling
-                } else if p.flexible && es <= em {
+                } else if es <= em {
                     Port::Motor
                 } else {
                     Port::Stage
@@ -53,9 +53,7 @@ impl Case<'_> {
             |f| f.port,
         );
         let mut bands: Vec<[f64; 2]> = motor.excess(band).iter().map(|e| e.0).collect();
-        if let Some(s) = &stage {
-            bands.extend(s.excess(band).iter().map(|e| e.0));
-        }
+        bands.extend(stage.excess(band).iter().map(|e| e.0));
         let stranger = self.outcome.stranger.as_ref().map(|s| &s.hypothesis);
         if let Some(Shape::Resonance { frequency_hz, .. }) = stranger.map(|h| &h.shape) {
             bands = vec![[0.9 * frequency_hz, 1.1 * frequency_hz]];
@@ -134,7 +132,7 @@ impl Case<'_> {
             .motions
             .iter()
             .map(|m| {
-                let side = m.stage_side();
+                let side = &m.stage;
                 let (x, v) = (p.thinning.pick(&side.position_m), p.thinning.pick(&side.velocity_m_s));
                 x.iter().zip(&v).map(|(x, v)| of(*x, *v)).collect()
             })

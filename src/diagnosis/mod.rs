@@ -6,6 +6,7 @@ mod bench;
 mod columns;
 mod corrections;
 mod floor;
+mod in_loop;
 mod kernel;
 mod location;
 mod motion;
@@ -101,11 +102,9 @@ pub fn diagnose(
     let lumped = triple::lumped(machine, axis);
     let stated = axis;
     let (machine, axis) = lumped.as_ref().map_or((machine, axis), |(m, a)| (m, a));
-    let flexible = recordings.iter().all(|r| motion::is_flexible(axis, r));
-    let motions =
-        recordings.iter().map(|r| motion::motion(axis, r, flexible)).collect::<Result<Vec<_>, _>>()?;
+    let motions = recordings.iter().map(|r| motion::motion(axis, r)).collect::<Result<Vec<_>, _>>()?;
     let steps_m = steps::steps_m(axis, &motions);
-    let mut problem = problem::Problem::new(&axis.drive, motions, flexible);
+    let mut problem = problem::Problem::new(&axis.drive, motions);
     problem.coarse = problem.steps_m.iter().zip(steps_m).any(|(stated, found)| found > *stated);
     problem.steps_m = steps_m;
     let given = axis
@@ -117,6 +116,8 @@ pub fn diagnose(
     let outcome = search::search(problem, given, progress);
     let bench = bench::Bench::new(&outcome.problem, &outcome.accepted, &outcome.residual);
     let mut diagnosis = assemble::assemble(machine, axis, recordings, (&outcome, &bench));
+    progress(0.95, "simulating the loop");
+    diagnosis.closed_loop = in_loop::in_loop((axis, &diagnosis.model), recordings, &outcome);
     if lumped.is_some() {
         diagnosis = triple::unlumped(diagnosis, stated, (&outcome, &bench));
     }

@@ -8,7 +8,7 @@ use crate::sample::Recording;
 
 /// Where inside a sample period the drive takes up a reference is stated nowhere; the middle of what drives
 /// and their simulations do is a little before its end.
-const HOLD_LEAD_SAMPLES: f64 = 1.0 / 8.0;
+pub(super) const TAKEN_UP_SAMPLES: f64 = -1.0 / 8.0;
 
 /// The band of the force balance: 800 Hz, or a fifth of a slow recording's rate.
 pub(crate) fn band_hz(rate_hz: f64) -> f64 {
@@ -41,10 +41,10 @@ pub(crate) struct Motion {
     pub(crate) raw_reference_n: Vec<f64>,
     /// N per A where a current is recorded, else 1.
     pub(crate) thrust_per_unit: f64,
-    /// Motor side; on a rigid axis the only one.
+    /// Motor side.
     pub(crate) motor: Side,
-    /// Stage side of a flexible axis.
-    pub(crate) stage: Option<Side>,
+    /// Stage side.
+    pub(crate) stage: Side,
     /// Mean difference of the two encoders' positions: they do not share a zero. m.
     pub(crate) stretch_zero_m: f64,
     /// Mean position of the stage, m.
@@ -56,25 +56,25 @@ impl Motion {
         self.thrust_n.len()
     }
 
-    /// The side that sliding friction and position belong to.
-    pub(crate) fn stage_side(&self) -> &Side {
-        self.stage.as_ref().unwrap_or(&self.motor)
-    }
-
     pub(crate) fn time_s(&self, k: usize) -> f64 {
         self.start_s + (self.offset + k) as f64 / self.rate_hz
     }
 }
 
-struct Columns<'a> {
-    reference_n: Vec<f64>,
-    thrust_per_unit: f64,
-    motor_m: Option<Vec<f64>>,
-    stage_m: Option<&'a [f64]>,
+pub(super) struct Columns<'a> {
+    pub(super) reference_n: Vec<f64>,
+    pub(super) thrust_per_unit: f64,
+    pub(super) motor_m: Vec<f64>,
+    pub(super) stage_m: &'a [f64],
 }
 
-fn columns<'a>(axis: &AxisModel, recording: &'a Recording) -> Result<Columns<'a>, DiagnoseError> {
+/// The axis' columns as thrust and travel. Errors: a missing column, no torque constant.
+pub(super) fn columns<'a>(axis: &AxisModel, recording: &'a Recording) -> Result<Columns<'a>, DiagnoseError> {
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
+    let missing = |expected: &str| DiagnoseError::MissingColumn {
+        recording: recording.experiment.clone(),
+        expected: name(expected),
+    };
     let travel = axis.drive.travel_m_rad();
     let (reference, thrust_per_unit) = if let Some(i) = recording.get(&name("current_ref_a")) {
         let k = axis
@@ -87,22 +87,14 @@ fn columns<'a>(axis: &AxisModel, recording: &'a Recording) -> Result<Columns<'a>
     } else if let Some(f) = recording.get(&name("thrust_ref_n")) {
         (f, 1.0)
     } else {
-        return Err(DiagnoseError::MissingColumn {
-            recording: recording.experiment.clone(),
-            expected: name("current_ref_a, _torque_ref_nm or _thrust_ref_n"),
-        });
+        return Err(missing("current_ref_a, _torque_ref_nm or _thrust_ref_n"));
     };
     let motor_m = recording
         .get(&name("motor_angle_rad"))
         .map(|th| th.iter().map(|x| x * travel).collect())
         .or_else(|| recording.get(&name("motor_position_m")).map(<[f64]>::to_vec));
-    let stage_m = recording.get(&name("stage_position_m"));
-    if motor_m.is_none() && stage_m.is_none() {
-        return Err(DiagnoseError::MissingColumn {
-            recording: recording.experiment.clone(),
-            expected: name("motor_angle_rad, _motor_position_m or _stage_position_m"),
-        });
-    }
+    let motor_m = motor_m.ok_or_else(|| missing("motor_angle_rad or _motor_position_m"))?;
+    let stage_m = recording.get(&name("stage_position_m")).ok_or_else(|| missing("stage_position_m"))?;
     Ok(Columns {
         reference_n: reference.iter().map(|x| x * thrust_per_unit).collect(),
         thrust_per_unit,
@@ -113,7 +105,7 @@ fn columns<'a>(axis: &AxisModel, recording: &'a Recording) -> Result<Columns<'a>
 
 /// Delay from a reference to the moment at which the drive takes it up and holds it, s.
 pub(crate) fn thrust_delay_s(drive: &DriveParams, rate_hz: f64) -> f64 {
-    drive.amplifier_dead_time_s() - HOLD_LEAD_SAMPLES / rate_hz
+    drive.amplifier_dead_time_s() + TAKEN_UP_SAMPLES / rate_hz
 }
 
 /// True when the model is flexible and the recording has both encoders.
@@ -148,12 +140,8 @@ struct Frame {
     grid: Grid,
 }
 
-/// Aligns and filters one recording. `flexible`: both encoders are used.
-pub(crate) fn motion(
-    axis: &AxisModel,
-    recording: &Recording,
-    flexible: bool,
-) -> Result<Motion, DiagnoseError> {
+/// Aligns and filters one recording.
+pub(crate) fn motion(axis: &AxisModel, recording: &Recording) -> Result<Motion, DiagnoseError> {
     let columns = columns(axis, recording)?;
     let drive = &axis.drive;
     let rate_hz = recording.sample_rate.hz();
@@ -172,17 +160,11 @@ pub(crate) fn motion(
     let grid = Grid { first: edge, step: 1, count: samples - 2 * edge };
     let frame = Frame { band_hz, rate_hz, grid };
     let thrust = reference.apply(&columns.reference_n, grid);
-    let motor_delay_s = drive.motor_encoder_delay_s();
-    let (motor, stage) = match (&columns.motor_m, columns.stage_m) {
-        (Some(m), Some(s)) if flexible => {
-            (side(m, motor_delay_s, &frame), Some(side(s, drive.stage_encoder_delay_s(), &frame)))
-        }
-        (Some(m), _) => (side(m, motor_delay_s, &frame), None),
-        (None, s) => (side(s.unwrap_or_default(), drive.stage_encoder_delay_s(), &frame), None),
-    };
+    let motor = side(&columns.motor_m, drive.motor_encoder_delay_s(), &frame);
+    let stage = side(columns.stage_m, drive.stage_encoder_delay_s(), &frame);
     let end = grid.first + grid.count;
     let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len().max(1) as f64;
-    let centre_m = mean(&stage.as_ref().unwrap_or(&motor).position_m);
+    let centre_m = mean(&stage.position_m);
     let stretch_zero_m = mean(&motor.position_m) - centre_m;
     Ok(Motion {
         experiment: recording.experiment.clone(),

@@ -5,7 +5,7 @@
 //!   motor:  u = M_r a_m + C_r v_m + F_m tanh(v_m/v_s) + K D + C_k D'          + effects + r_m
 //!   stage:  0 = M_t a_s + C_t v_s + F_s tanh(v_s/v_s) - K D - C_k D'          + effects + r_s
 //! ```
-//! D = x_m - x_s. The sum r_m + r_s does not know the spring. A rigid axis has one balance.
+//! D = x_m - x_s. The sum r_m + r_s does not know the spring.
 
 use super::kernel::{Action, Grid, Kernel};
 use super::motion::{Motion, band_hz};
@@ -14,7 +14,7 @@ use crate::plant::drive::DriveParams;
 /// A series of one side of the balance; `None`: zero.
 pub(crate) type Series = Option<Vec<f64>>;
 
-/// One column of the regression in one recording: motor side (or the only one), stage side.
+/// One column of the regression in one recording.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Sides {
     pub(crate) motor: Series,
@@ -90,8 +90,8 @@ pub(crate) struct Mechanics {
 }
 
 impl Mechanics {
-    pub(crate) fn nominal(drive: &DriveParams, flexible: bool) -> Self {
-        let mut m = Self {
+    pub(crate) fn nominal(drive: &DriveParams) -> Self {
+        Self {
             motor_mass_kg: drive.reflected_mass_kg(),
             motor_damping_n_s_m: drive.reflected_damping_n_s_m(),
             motor_coulomb_n: drive.motor_coulomb_friction_n(),
@@ -101,18 +101,7 @@ impl Mechanics {
             stage_damping_n_s_m: drive.translational_damping_n_s_m(),
             stage_coulomb_n: drive.stage_coulomb_friction_n(),
             smoothing_m_s: drive.friction_smoothing_m_s(),
-        };
-        if !flexible {
-            m.motor_mass_kg = drive.total_mass_kg();
-            m.stage_mass_kg = 0.0;
-            m.motor_damping_n_s_m += m.stage_damping_n_s_m;
-            m.stage_damping_n_s_m = 0.0;
-            m.motor_coulomb_n += m.stage_coulomb_n;
-            m.stage_coulomb_n = 0.0;
-            m.stiffness_n_m = 0.0;
-            m.structural_damping_n_s_m = 0.0;
         }
-        m
     }
 }
 
@@ -120,7 +109,6 @@ impl Mechanics {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Problem {
     pub(crate) drive: DriveParams,
-    pub(crate) flexible: bool,
     pub(crate) motions: Vec<Motion>,
     pub(crate) thinning: Thinning,
     /// Measured thrust (motor side), thinned.
@@ -145,19 +133,18 @@ pub(crate) struct Problem {
 }
 
 impl Problem {
-    pub(crate) fn new(drive: &DriveParams, motions: Vec<Motion>, flexible: bool) -> Self {
+    pub(crate) fn new(drive: &DriveParams, motions: Vec<Motion>) -> Self {
         let rate_hz = motions.first().map_or(1.0, |m| m.rate_hz);
         let thinning = Thinning::new(rate_hz);
         let target =
             motions.iter().map(|m| Sides { motor: Some(thinning.thin(&m.thrust_n)), stage: None }).collect();
         let mut problem = Self {
             drive: drive.clone(),
-            flexible,
             target,
             numbers: Vec::new(),
             timing: Vec::new(),
             timing_s: 0.0,
-            mechanics: Mechanics::nominal(drive, flexible),
+            mechanics: Mechanics::nominal(drive),
             free_stretch_m: vec![0.0; motions.len()],
             lead_error: 0.0,
             steps_m: [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()],
@@ -165,7 +152,7 @@ impl Problem {
             motions,
             thinning,
         };
-        problem.numbers = if flexible { problem.flexible_numbers() } else { problem.rigid_numbers() };
+        problem.numbers = problem.all_numbers();
         problem.timing =
             problem.column(|m| Sides { motor: Some(derivative(&m.thrust_n, m.rate_hz)), stage: None });
         problem
@@ -239,7 +226,7 @@ impl Problem {
         })
     }
 
-    fn flexible_numbers(&self) -> Vec<Number> {
+    fn all_numbers(&self) -> Vec<Number> {
         let (d, vs) = (&self.drive, self.mechanics.smoothing_m_s);
         let r2 = d.travel_m_rad().powi(2);
         let mut list = Vec::new();
@@ -259,14 +246,12 @@ impl Problem {
         });
         add("axial_stiffness_n_m", d.axial_stiffness_n_m(), 1.0, &|| self.coupling(stretch));
         add("structural_damping_n_s_m", d.structural_damping_n_s_m(), 1.0, &|| self.coupling(stretch_rate));
-        add("movable_mass_kg", d.movable_mass_kg(), 1.0, &|| {
-            self.stage_only(|m| m.stage_side().accel_m_s2.clone())
-        });
+        add("movable_mass_kg", d.movable_mass_kg(), 1.0, &|| self.stage_only(|m| m.stage.accel_m_s2.clone()));
         add("translational_damping_n_s_m", d.translational_damping_n_s_m(), 1.0, &|| {
-            self.stage_only(|m| m.stage_side().velocity_m_s.clone())
+            self.stage_only(|m| m.stage.velocity_m_s.clone())
         });
         add("stage_coulomb_friction_n", d.stage_coulomb_friction_n(), 1.0, &|| {
-            self.stage_only(|m| sliding(&m.stage_side().velocity_m_s, vs))
+            self.stage_only(|m| sliding(&m.stage.velocity_m_s, vs))
         });
         // A screw's lead is good to some 10 um/m, and so is a scale: what they differ by stretches the
         // spring.
@@ -274,7 +259,7 @@ impl Problem {
             key: None,
             nominal: 0.0,
             key_per_coefficient: 1.0,
-            column: self.coupling(|m| m.stage_side().position_m.iter().map(|x| x - m.centre_m).collect()),
+            column: self.coupling(|m| m.stage.position_m.iter().map(|x| x - m.centre_m).collect()),
         });
         for recording in 0..self.motions.len() {
             let column = self
@@ -297,7 +282,7 @@ impl Problem {
     /// Takes the free stretch from the forces between the sides that are constant or grow along the screw,
     /// which stand last among the numbers.
     pub(crate) fn update_free_stretch(&mut self, coefficients: &[f64]) {
-        if !self.flexible || self.mechanics.stiffness_n_m <= 0.0 {
+        if self.mechanics.stiffness_n_m <= 0.0 {
             return;
         }
         let first = self.numbers.len() - self.motions.len();
@@ -305,32 +290,6 @@ impl Problem {
         for (zero, force) in self.free_stretch_m.iter_mut().zip(&coefficients[first..]) {
             *zero = -force / self.mechanics.stiffness_n_m;
         }
-    }
-
-    fn rigid_numbers(&self) -> Vec<Number> {
-        let (d, m0) = (&self.drive, self.mechanics);
-        let mut list = Vec::new();
-        let mut add = |key, nominal: f64, column: &dyn Fn() -> Column| {
-            if nominal > 0.0 {
-                list.push(Number { key: Some(key), nominal, key_per_coefficient: 1.0, column: column() });
-            }
-        };
-        add("movable_mass_kg", m0.motor_mass_kg, &|| self.motor_only(|m| m.motor.accel_m_s2.clone()));
-        let viscous = if d.translational_damping_n_s_m() > 0.0 {
-            "translational_damping_n_s_m"
-        } else {
-            "rotary_damping_nm_s_rad"
-        };
-        add(viscous, m0.motor_damping_n_s_m, &|| self.motor_only(|m| m.motor.velocity_m_s.clone()));
-        let coulomb = if d.stage_coulomb_friction_n() > 0.0 {
-            "stage_coulomb_friction_n"
-        } else {
-            "motor_coulomb_friction_n"
-        };
-        add(coulomb, m0.motor_coulomb_n, &|| {
-            self.motor_only(|m| sliding(&m.motor.velocity_m_s, m0.smoothing_m_s))
-        });
-        list
     }
 }
 
@@ -341,13 +300,13 @@ pub(crate) fn sliding(velocity_m_s: &[f64], smoothing_m_s: f64) -> Vec<f64> {
 
 /// D = x_m - x_s, less its mean over the recording.
 pub(crate) fn stretch(m: &Motion) -> Vec<f64> {
-    let sides = m.motor.position_m.iter().zip(&m.stage_side().position_m);
+    let sides = m.motor.position_m.iter().zip(&m.stage.position_m);
     sides.map(|(a, b)| a - b - m.stretch_zero_m).collect()
 }
 
 /// D' = v_m - v_s.
 pub(crate) fn stretch_rate(m: &Motion) -> Vec<f64> {
-    m.motor.velocity_m_s.iter().zip(&m.stage_side().velocity_m_s).map(|(a, b)| a - b).collect()
+    m.motor.velocity_m_s.iter().zip(&m.stage.velocity_m_s).map(|(a, b)| a - b).collect()
 }
 
 /// Derivative of an already low-passed series, five points: exact to (w dt)^4 / 30.

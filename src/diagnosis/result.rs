@@ -200,6 +200,36 @@ pub struct DetectionLimit {
     pub force_rms_n: f64,
 }
 
+/// Stated model, model with numbers re-estimated and model with the findings, each in closed loop under the
+/// recorded command. Arrays in that order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClosedLoop {
+    /// Share of the reference's changes that the stated control law leaves in the recording it says best.
+    pub law_share: f64,
+    /// One a recording.
+    pub trials: Vec<SimulatedTrial>,
+    /// Findings that have no law in the simulation: cuts, disturbances.
+    pub not_simulated: Vec<EffectKind>,
+}
+
+/// One recording beside its models.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulatedTrial {
+    /// Index of the recording as it was handed in.
+    pub recording: usize,
+    /// True where more acted on the loop than its law (a swept sine): model and machine were given it alike.
+    pub injected: bool,
+    /// Recorded thrust reference less the simulated one, root mean square, N; not finite where a model ran
+    /// away.
+    pub thrust_rms_n: [f64; 3],
+    /// The same of the stage's position, m.
+    pub stage_rms_m: [f64; 3],
+    /// Times of the series below, s.
+    pub t_s: Vec<f64>,
+    /// Recorded thrust reference less the simulated one, N; a series a model.
+    pub thrust_error_n: Vec<Vec<f64>>,
+}
+
 /// Everything a diagnosis says.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnosis {
@@ -229,4 +259,6 @@ pub struct Diagnosis {
     pub detection_limits: Vec<DetectionLimit>,
     /// The model with findings and corrections in it.
     pub model: Machine,
+    /// The proof in simulation, or in a person's words why there is none.
+    pub closed_loop: Result<ClosedLoop, String>,
 }

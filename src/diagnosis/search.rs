@@ -24,11 +24,9 @@ const STRANGER_LEAST_SHARE: f64 = 0.1;
 const SECOND_SHARE: f64 = 0.005;
 /// Least size of a finding beside the thrust, both as root mean squares.
 const LEAST_WEIGHT: f64 = 5e-4;
-/// A weighted fit leaves somewhat more force than one that weights all frequencies alike; not this many
+/// A weighted fit may leave more force than one without the finding, where the noise is low; not this many
 /// times.
 const RUNAWAY: f64 = 1.5;
-/// Change of the residual below which a fit stands still.
-const STANDING: f64 = 1e-5;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
 
@@ -54,6 +52,8 @@ pub(crate) struct Outcome {
     pub(crate) residual: Column,
     /// Residual with numbers re-estimated, no finding.
     pub(crate) before: Column,
+    /// Those numbers.
+    pub(crate) recalibrated: Mechanics,
     /// A free form that explains more than everything named does together.
     pub(crate) stranger: Option<Score>,
 }
@@ -84,24 +84,19 @@ pub(crate) fn on_two_cores<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R
 
 /// Numbers of the problem from the coefficients of the bench.
 fn update_mechanics(p: &mut Problem, coefficients: &[f64]) {
-    let mut m = Mechanics::nominal(&p.drive, p.flexible);
+    let mut m = Mechanics::nominal(&p.drive);
     for (number, &b) in p.numbers.iter().zip(coefficients) {
         // A number that the recording cannot tell stays nominal.
         let b = if b > 0.2 * number.nominal && b < 5.0 * number.nominal { b } else { number.nominal };
-        match (number.key, p.flexible) {
-            (Some("rotary_inertia_kg_m2"), true) => m.motor_mass_kg = b,
-            (Some("rotary_damping_nm_s_rad"), true) => m.motor_damping_n_s_m = b,
-            (Some("motor_coulomb_friction_n"), true) => m.motor_coulomb_n = b,
-            (Some("axial_stiffness_n_m"), _) => m.stiffness_n_m = b,
-            (Some("structural_damping_n_s_m"), _) => m.structural_damping_n_s_m = b,
-            (Some("movable_mass_kg"), true) => m.stage_mass_kg = b,
-            (Some("translational_damping_n_s_m"), true) => m.stage_damping_n_s_m = b,
-            (Some("stage_coulomb_friction_n"), true) => m.stage_coulomb_n = b,
-            (Some("movable_mass_kg"), false) => m.motor_mass_kg = b,
-            (Some("translational_damping_n_s_m" | "rotary_damping_nm_s_rad"), false) => {
-                m.motor_damping_n_s_m = b
-            }
-            (Some("stage_coulomb_friction_n" | "motor_coulomb_friction_n"), false) => m.motor_coulomb_n = b,
+        match number.key {
+            Some("rotary_inertia_kg_m2") => m.motor_mass_kg = b,
+            Some("rotary_damping_nm_s_rad") => m.motor_damping_n_s_m = b,
+            Some("motor_coulomb_friction_n") => m.motor_coulomb_n = b,
+            Some("axial_stiffness_n_m") => m.stiffness_n_m = b,
+            Some("structural_damping_n_s_m") => m.structural_damping_n_s_m = b,
+            Some("movable_mass_kg") => m.stage_mass_kg = b,
+            Some("translational_damping_n_s_m") => m.stage_damping_n_s_m = b,
+            Some("stage_coulomb_friction_n") => m.stage_coulomb_n = b,
             _ => {}
         }
     }
@@ -121,20 +116,11 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
 /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
 fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
     let passes = if accepted.is_empty() { 2 } else { 40 };
-    let mut least_n = rms(&Bench::flat(p, accepted, residual).residual());
-    // The noise of one fit weights the next.
-    *residual = Bench::new(p, accepted, residual).residual();
-    let mut standing = 0;
     for _ in 0..passes {
-        let before_n = rms(residual);
-        let mut bench = Bench::new(p, accepted, residual);
+        // The noise of one fit weights the next.
+        *residual = Bench::new(p, accepted, residual).residual();
+        let bench = Bench::new(p, accepted, residual);
         *residual = bench.residual();
-        if rms(residual) > RUNAWAY * least_n {
-            // A mismatch taken for noise loses its weight, grows and is noise all the more: begin again.
-            bench = Bench::flat(p, accepted, residual);
-            *residual = bench.residual();
-        }
-        least_n = least_n.min(rms(residual));
         let fits: Vec<_> = (0..accepted.len()).map(|k| bench.accepted_fit(k)).collect();
         let (coefficients, timing_s) = (bench.solution.coefficients.clone(), bench.timing_s());
         drop(bench);
@@ -142,9 +128,7 @@ fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
         p.shift_timing(timing_s);
         let moved =
             accepted.iter_mut().zip(&fits).map(|(a, fit)| move_constants(p, a, fit)).fold(0.0, f64::max);
-        // Constants that trade with each other wander on where nothing is left to gain.
-        standing = if (rms(residual) / before_n - 1.0).abs() < STANDING { standing + 1 } else { 0 };
-        if !accepted.is_empty() && (moved < 0.3 || standing >= 3) {
+        if !accepted.is_empty() && moved < 0.3 {
             break;
         }
     }
@@ -173,14 +157,23 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
     // Wrong numbers are no noise: the first estimate of it is what no choice of them absorbs.
     residual = Bench::flat(&p, &accepted, &residual).residual();
     let mut before = residual.clone();
+    let mut recalibrated = p.mechanics;
     let mut stranger = None;
     for round in 0..=MOST_FINDINGS {
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
         settle(&mut p, &mut accepted, &mut residual);
+        if round > 0 && rms(&residual) > RUNAWAY * rms(&before) {
+            // A mismatch taken for noise loses its weight, grows, and is noise all the more.
+            accepted.pop();
+            residual.clone_from(&before);
+            settle(&mut p, &mut accepted, &mut residual);
+            break;
+        }
         let bench = Bench::new(&p, &accepted, &residual);
         residual = bench.residual();
         if round == 0 {
             before = residual.clone();
+            recalibrated = p.mechanics;
             progress(0.1, "trying forms outside the vocabulary");
             let unnamed = if bench.problem.coarse { None } else { strangers::best(&bench) };
             stranger = unnamed.filter(|s| s.evidence > STRANGER_LEAST_SHARE * bench.folds.total() as f64);
@@ -207,7 +200,7 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
     }
     prune(&mut p, &mut accepted, &mut residual, given);
     let stranger = stranger.filter(|s| beats_named(&p, (&accepted, given), &residual, s));
-    Outcome { problem: p, accepted, rounds, given, nominal, residual, before, stranger }
+    Outcome { problem: p, accepted, rounds, given, nominal, residual, before, recalibrated, stranger }
 }
 
 /// True when a free form leaves less than everything named does, both measured in the noise that is left at

@@ -248,7 +248,7 @@ impl Hypothesis {
             Shape::Backlash { gap_m } => vec![backlash(p, *gap_m)],
             Shape::Cubic => vec![coupling_law(p, cubic)],
             Shape::StiffnessSlope => vec![p.coupling(|m| {
-                let x = &m.stage_side().position_m;
+                let x = &m.stage.position_m;
                 stretch(m).iter().zip(x).map(|(d, x)| p.mechanics.stiffness_n_m * d * x).collect()
             })],
             Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
@@ -290,12 +290,12 @@ impl Hypothesis {
     }
 
     fn side<'a>(&self, m: &'a Motion) -> &'a super::motion::Side {
-        if self.port == Port::Motor { &m.motor } else { m.stage_side() }
+        if self.port == Port::Motor { &m.motor } else { &m.stage }
     }
 
-    /// A force series at this port; on a rigid axis there is one balance for all.
+    /// A force series at this port.
     fn force(&self, p: &Problem, f: impl Fn(&Motion) -> Vec<f64>) -> Column {
-        let at_stage = p.flexible && self.port != Port::Motor;
+        let at_stage = self.port != Port::Motor;
         p.column(|m| {
             let x = f(m);
             if at_stage { Sides { motor: None, stage: Some(x) } } else { motor(x) }
@@ -307,7 +307,7 @@ impl Hypothesis {
     }
 
     fn presliding(&self, p: &Problem, stiffness_n_m: f64) -> Column {
-        let at_motor = self.port == Port::Motor || !p.flexible;
+        let at_motor = self.port == Port::Motor;
         let coulomb_n =
             if at_motor { p.mechanics.motor_coulomb_n } else { p.mechanics.stage_coulomb_n }.max(1e-3);
         let law = Presliding { stiffness_n_m, coulomb_n };
@@ -332,7 +332,7 @@ impl Hypothesis {
     /// Sine and cosine columns of each harmonic.
     fn periodic(&self, p: &Problem, wavelength_m: f64, (harmonics, flips): (usize, bool)) -> Vec<Column> {
         let vs = p.mechanics.smoothing_m_s;
-        let at_stage = p.flexible && self.port != Port::Motor;
+        let at_stage = self.port != Port::Motor;
         let mut columns: Vec<Column> = vec![Vec::new(); 2 * harmonics];
         for m in &p.motions {
             let side = self.side(m);
@@ -415,7 +415,7 @@ impl Hypothesis {
             let [y, y1, y2] = mode.response(&drive, 1.0 / m.rate_hz);
             match self.port {
                 Port::StageEncoder => encoder_sides(p, Port::StageEncoder, &[y, y1, y2]),
-                Port::Stage if p.flexible => Sides { motor: None, stage: Some(y2) },
+                Port::Stage => Sides { motor: None, stage: Some(y2) },
                 _ => motor(y2),
             }
         })
@@ -428,11 +428,7 @@ impl Hypothesis {
                 encoder_sides(p, Port::MotorEncoder, &advanced_difference(&m.motor, extra_s * m.rate_hz))
             }),
             Port::StageEncoder => p.column(|m| {
-                encoder_sides(
-                    p,
-                    Port::StageEncoder,
-                    &advanced_difference(m.stage_side(), extra_s * m.rate_hz),
-                )
+                encoder_sides(p, Port::StageEncoder, &advanced_difference(&m.stage, extra_s * m.rate_hz))
             }),
             _ => p.column(|m| motor(difference(&m.thrust_n, -extra_s * m.rate_hz))),
         }
@@ -445,12 +441,12 @@ impl Hypothesis {
         let (near, far) = encoder_kernels(p, self.port);
         let mut columns: Vec<Column> = vec![Vec::new(); 2 * harmonics];
         for m in &p.motions {
-            let raw = if at_motor { &m.motor.raw_m } else { &m.stage_side().raw_m };
+            let raw = if at_motor { &m.motor.raw_m } else { &m.stage.raw_m };
             let grid = p.thinning.grid(m.len());
             for (column, e) in columns.iter_mut().zip(waves(raw, period_m, harmonics)) {
                 let near_side = Some(near.apply(&e, grid));
-                let far_side = far.as_ref().map(|k| k.apply(&e, grid));
-                column.push(if at_motor || !p.flexible {
+                let far_side = Some(far.apply(&e, grid));
+                column.push(if at_motor {
                     Sides { motor: near_side, stage: far_side }
                 } else {
                     Sides { motor: far_side, stage: near_side }
@@ -466,7 +462,7 @@ impl Hypothesis {
         p.motions
             .iter()
             .map(|m| {
-                let side = if at_motor { &m.motor } else { m.stage_side() };
+                let side = if at_motor { &m.motor } else { &m.stage };
                 match &self.shape {
                     Shape::EncoderError { period_m, .. } => side
                         .raw_m
@@ -494,7 +490,7 @@ impl Hypothesis {
         let Shape::Lines { fundamental_hz, harmonics, window_s, recordings, common } = &self.shape else {
             return Vec::new();
         };
-        let at_stage = p.flexible && self.port != Port::Motor;
+        let at_stage = self.port != Port::Motor;
         let sets = if *common { 1 } else { recordings.len() };
         let waves_of = 2 * harmonics;
         let mut out: Vec<Column> = vec![vec![Sides::default(); p.motions.len()]; (waves_of + 1) * sets];

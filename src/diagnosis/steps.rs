@@ -32,14 +32,11 @@ pub(crate) fn stated_step_m(axis: &AxisModel, port: Port) -> f64 {
 pub(crate) fn steps_m(axis: &AxisModel, motions: &[Motion]) -> [f64; 2] {
     [Port::MotorEncoder, Port::StageEncoder].map(|port| {
         let stated = stated_step_m(axis, port);
-        let side = |m: &'_ Motion| {
-            if port == Port::MotorEncoder {
-                Some(m.motor.raw_m.clone())
-            } else {
-                m.stage.as_ref().map(|s| s.raw_m.clone())
-            }
-        };
-        let found: Vec<f64> = motions.iter().filter_map(|m| coarser_step(&side(m)?, stated)).collect();
+        let found: Vec<f64> = motions
+            .iter()
+            .map(|m| if port == Port::MotorEncoder { &m.motor.raw_m } else { &m.stage.raw_m })
+            .filter_map(|raw| coarser_step(raw, stated))
+            .collect();
         let all = !found.is_empty() && found.len() == motions.len();
         if all { found.iter().sum::<f64>() / found.len() as f64 } else { stated }
     })

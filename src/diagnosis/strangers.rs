@@ -50,24 +50,17 @@ fn bank(bench: &Bench<'_>) -> Vec<Hypothesis> {
     let p = bench.problem;
     let h = |port, shape| Hypothesis::new(E::ExternalDisturbance, port, shape);
     let mut list = Vec::new();
-    let ports: &[Port] =
-        if p.flexible { &[Port::StageEncoder, Port::Stage, Port::Motor] } else { &[Port::Stage] };
     for frequency_hz in resonances(bench) {
-        for &port in ports {
+        for port in [Port::StageEncoder, Port::Stage, Port::Motor] {
             list.push(h(port, Shape::Resonance { frequency_hz, damping_ratio: DAMPING_RATIO }));
         }
     }
     list.push(h(Port::Stage, Shape::VelocityMap { largest_m_s: largest_velocity(p), knots: KNOTS }));
     list.push(h(Port::Stage, Shape::PositionTimesVelocity));
-    if p.flexible {
-        let (low, high) = reach(p);
-        if high - low > 1e-3 {
-            let spacing_m = (high - low) / (KNOTS - 1) as f64;
-            list.push(h(
-                Port::StageEncoder,
-                Shape::Map { first_m: low, spacing_m, knots: KNOTS, flips: false },
-            ));
-        }
+    let (low, high) = reach(p);
+    if high - low > 1e-3 {
+        let spacing_m = (high - low) / (KNOTS - 1) as f64;
+        list.push(h(Port::StageEncoder, Shape::Map { first_m: low, spacing_m, knots: KNOTS, flips: false }));
     }
     list
 }
@@ -75,12 +68,12 @@ fn bank(bench: &Bench<'_>) -> Vec<Hypothesis> {
 fn reach(p: &Problem) -> (f64, f64) {
     p.motions
         .iter()
-        .flat_map(|m| m.stage_side().position_m.iter())
+        .flat_map(|m| m.stage.position_m.iter())
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)))
 }
 
 fn largest_velocity(p: &Problem) -> f64 {
-    p.motions.iter().flat_map(|m| m.stage_side().velocity_m_s.iter()).fold(1e-6, |l: f64, v| l.max(v.abs()))
+    p.motions.iter().flat_map(|m| m.stage.velocity_m_s.iter()).fold(1e-6, |l: f64, v| l.max(v.abs()))
 }
 
 /// Frequencies at which the residual follows the acceleration far more than around them.
@@ -91,12 +84,9 @@ fn resonances(bench: &Bench<'_>) -> Vec<f64> {
     let residual = bench.residual();
     let mut peaks: Vec<(f64, f64)> = Vec::new();
     for stage in [false, true] {
-        if stage && !p.flexible {
-            continue;
-        }
         let mut sums = Spectra::new();
         for (m, r) in p.motions.iter().zip(&residual) {
-            let side = if stage { m.stage_side() } else { &m.motor };
+            let side = if stage { &m.stage } else { &m.motor };
             let Some(r) = (if stage { r.stage.as_ref() } else { r.motor.as_ref() }) else { continue };
             sums.add(r, &p.thinning.pick(&side.accel_m_s2));
         }

@@ -143,7 +143,7 @@ pub(crate) fn travel_m(p: &Problem) -> f64 {
     let (low, high) = p
         .motions
         .iter()
-        .flat_map(|m| m.stage_side().position_m.iter())
+        .flat_map(|m| m.stage.position_m.iter())
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
     (high - low).max(1e-9)
 }

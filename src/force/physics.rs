@@ -5,35 +5,14 @@
 
 use super::friction::PRESLIDING_TRAVEL_M;
 use crate::plant::drive::{DriveParams, RawDriveParams};
-use crate::plant::effects::friction::{asymmetric, nonlinear_viscosity, sliding_direction, stribeck};
-use crate::plant::effects::periodic::{knot, wave};
+use crate::plant::effects::law::{EncoderError, ForceLaw};
 use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
-
-/// A law as a force that opposes the motion, N.
-#[derive(Debug, Clone, PartialEq)]
-enum Law {
-    Coulomb { force_n: f64 },
-    Viscous { n_s_m: f64 },
-    Stribeck { force_n: f64, velocity_m_s: f64 },
-    Asymmetric { difference_n: f64, viscous_n_s_m: f64 },
-    NonlinearViscosity { n_s2_m2: f64 },
-    Constant { force_n: f64 },
-    Periodic { wavelength_m: f64, harmonics_n: Vec<[f64; 2]>, flips: bool },
-    Map { first_m: f64, spacing_m: f64, force_n: Vec<f64> },
-}
-
-/// A periodic error of one encoder, m.
-#[derive(Debug, Clone, PartialEq)]
-struct EncoderError {
-    period_m: f64,
-    harmonics_m: Vec<[f64; 2]>,
-}
 
 /// Terms of one axis, ready to be evaluated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhysicsModel {
-    motor: Vec<Law>,
-    stage: Vec<Law>,
+    motor: Vec<ForceLaw>,
+    stage: Vec<ForceLaw>,
     motor_encoder: Vec<EncoderError>,
     stage_encoder: Vec<EncoderError>,
     saturation_1_n2: f64,
@@ -98,33 +77,8 @@ impl PhysicsModel {
                 return Some(());
             }
         }
-        let law = match term.effect {
-            E::CoulombFriction => Law::Coulomb { force_n: get("force_n")? },
-            E::ViscousFriction => Law::Viscous { n_s_m: get("n_s_m")? },
-            E::StribeckFriction => Law::Stribeck {
-                force_n: get("stribeck_force_n")?,
-                velocity_m_s: get("stribeck_velocity_m_s")?,
-            },
-            E::AsymmetricFriction => Law::Asymmetric {
-                difference_n: get("force_difference_n")?,
-                viscous_n_s_m: get("viscous_difference_n_s_m").unwrap_or(0.0),
-            },
-            E::NonlinearViscosity => Law::NonlinearViscosity { n_s2_m2: get("n_s2_m2")? },
-            E::GravityLoad => Law::Constant { force_n: get("force_n")? },
-            E::PositionPeriodicForce | E::TorqueRipple => Law::Periodic {
-                wavelength_m: match get("wavelength_m") {
-                    Some(wavelength_m) => wavelength_m,
-                    None => raw.screw_lead_m? / get("order_per_rev")?,
-                },
-                harmonics_n: harmonics(term, "harmonics_n", "amplitude_n")?,
-                flips: get("with_direction").is_some_and(|x| x != 0.0),
-            },
-            E::PositionDependentForce => Law::Map {
-                first_m: get("first_m")?,
-                spacing_m: get("spacing_m")?,
-                force_n: term.list("force_n").filter(|l| !l.is_empty())?.to_vec(),
-            },
-            other => return self.add_other(other, term, raw),
+        let Some(law) = ForceLaw::of(term, raw.screw_lead_m) else {
+            return self.add_other(term.effect, term, raw);
         };
         match term.port {
             Port::Motor | Port::Current => self.motor.push(law),
@@ -138,10 +92,7 @@ impl PhysicsModel {
         use EffectKind as E;
         match effect {
             E::EncoderInterpolationError => {
-                let error = EncoderError {
-                    period_m: term.number("signal_period_m")?,
-                    harmonics_m: harmonics(term, "harmonics_m", "amplitude_m")?,
-                };
+                let error = EncoderError::of(term)?;
                 if term.port == Port::MotorEncoder {
                     self.motor_encoder.push(error);
                 } else {
@@ -185,7 +136,7 @@ impl PhysicsModel {
     /// Coulomb friction among the terms, N: what can hide a force on an axis that stands still.
     #[must_use]
     pub fn coulomb_n(&self) -> f64 {
-        let of = |law: &Law| if let Law::Coulomb { force_n } = law { *force_n } else { 0.0 };
+        let of = |law: &ForceLaw| if let ForceLaw::Coulomb { force_n } = law { *force_n } else { 0.0 };
         self.motor.iter().chain(&self.stage).map(of).sum()
     }
 
@@ -232,56 +183,6 @@ impl PhysicsModel {
     #[must_use]
     pub fn stage_n(&self, position_m: f64, velocity_m_s: f64) -> f64 {
         self.stage.iter().map(|law| law.force_n(position_m, velocity_m_s, self.smoothing_m_s)).sum()
-    }
-}
-
-/// Sine and cosine amplitudes of each harmonic: a list, or one amplitude with its phase.
-///
-/// An amplitude without a phase says how large a term is, not where: it cannot be taken off.
-fn harmonics(term: &PhysicsTerm, list: &str, amplitude: &str) -> Option<Vec<[f64; 2]>> {
-    if let Some(values) = term.list(list) {
-        return Some(values.chunks_exact(2).map(|c| [c[0], c[1]]).collect());
-    }
-    let (a, phase) = (term.number(amplitude)?, term.number("phase_rad")?);
-    Some(vec![[a * phase.cos(), a * phase.sin()]])
-}
-
-fn wave_sum(position_m: f64, period_m: f64, harmonics: &[[f64; 2]]) -> f64 {
-    let mut sum = 0.0;
-    for (k, [sine, cosine]) in harmonics.iter().enumerate() {
-        let (s, c) = wave(position_m, period_m / (k + 1) as f64);
-        sum += sine * s + cosine * c;
-    }
-    sum
-}
-
-impl EncoderError {
-    fn at(&self, read_m: f64) -> f64 {
-        wave_sum(read_m, self.period_m, &self.harmonics_m)
-    }
-}
-
-impl Law {
-    fn force_n(&self, position_m: f64, v: f64, smoothing_m_s: f64) -> f64 {
-        match self {
-            Law::Coulomb { force_n } => force_n * sliding_direction(v, smoothing_m_s),
-            Law::Viscous { n_s_m } => n_s_m * v,
-            Law::Stribeck { force_n, velocity_m_s } => force_n * stribeck(v, *velocity_m_s, smoothing_m_s),
-            Law::Asymmetric { difference_n, viscous_n_s_m } => {
-                difference_n * asymmetric(v, smoothing_m_s) + 0.5 * viscous_n_s_m * v.abs()
-            }
-            Law::NonlinearViscosity { n_s2_m2 } => n_s2_m2 * nonlinear_viscosity(v),
-            Law::Constant { force_n } => *force_n,
-            Law::Periodic { wavelength_m, harmonics_n, flips } => {
-                let sign = if *flips { sliding_direction(v, smoothing_m_s) } else { 1.0 };
-                sign * wave_sum(position_m, *wavelength_m, harmonics_n)
-            }
-            Law::Map { first_m, spacing_m, force_n } => {
-                let (left, share) = knot(position_m, *first_m, *spacing_m, force_n.len());
-                let right = force_n.get(left + 1).or(force_n.get(left)).copied().unwrap_or(0.0);
-                force_n.get(left).copied().unwrap_or(0.0) * (1.0 - share) + share * right
-            }
-        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! `diagnosis.json`, `contribution-N.parquet` and `model.toml` (contracts, section 4).
 
-use crate::diagnosis::{Alternative, Diagnosis, Estimate, Finding, Location};
+use crate::diagnosis::{Alternative, Diagnosis, Estimate, Finding, Location, SimulatedTrial};
 use crate::recording::{RecordingError, Table, TableColumn, write_table, write_whole};
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -41,6 +41,30 @@ pub fn to_json(diagnosis: &Diagnosis, files: &[String]) -> Value {
             "file": files.get(k).cloned().unwrap_or_default(),
             "experiment": r.experiment, "rms_before_n": r.rms_before_n, "rms_after_n": r.rms_after_n,
         })).collect::<Vec<_>>(),
+        "closed_loop": closed_loop(diagnosis, files),
+    })
+}
+
+/// The proof in simulation; a model that ran away has null for its numbers.
+fn closed_loop(diagnosis: &Diagnosis, files: &[String]) -> Value {
+    let loops = match &diagnosis.closed_loop {
+        Ok(loops) => loops,
+        Err(why) => return json!({ "not_simulated_because": why }),
+    };
+    let three = |x: &[f64; 3]| json!({ "stated": x[0], "recalibrated": x[1], "found": x[2] });
+    let trial = |t: &SimulatedTrial| {
+        json!({
+            "file": files.get(t.recording).cloned().unwrap_or_default(),
+            "experiment": diagnosis.recordings.get(t.recording).map(|r| r.experiment.as_str()),
+            "injected": t.injected,
+            "thrust_rms_n": three(&t.thrust_rms_n),
+            "stage_rms_m": three(&t.stage_rms_m),
+        })
+    };
+    json!({
+        "control_law_share": loops.law_share,
+        "recordings": loops.trials.iter().map(trial).collect::<Vec<_>>(),
+        "effects_not_simulated": loops.not_simulated.iter().map(|e| e.name()).collect::<Vec<_>>(),
     })
 }
 

@@ -3,6 +3,7 @@
 //! One sentence; one picture before and after; where it sits; the numbers with their intervals; what
 //! else it could be; what to record next. The page stands alone and everything in it is escaped.
 
+use super::in_loop::in_loop;
 use super::page::{engineering, page, significant};
 use super::place::place;
 use super::plot::{Axis, Figure, Mark, escape, range_of};
@@ -28,6 +29,7 @@ pub fn diagnosis_page(diagnosis: &Diagnosis, context: &ReportContext) -> String 
         hero(&mut body, diagnosis, picked);
         place(&mut body, diagnosis, picked);
     }
+    in_loop(&mut body, diagnosis);
     for finding in &diagnosis.findings {
         finding_card(&mut body, finding);
     }
@@ -150,7 +152,7 @@ fn series(fit: &RecordingFit, values: &[f64]) -> Vec<[f64; 2]> {
     fit.t_s.iter().zip(values).map(|(t, v)| [*t, *v]).collect()
 }
 
-fn key(class: &str, text: &str) -> String {
+pub(super) fn key(class: &str, text: &str) -> String {
     format!("<span class=\"key\"><i class=\"{class}\"></i>{text}</span>")
 }
 

@@ -6,6 +6,7 @@ pub mod diagnosis;
 pub mod events;
 pub mod force_plots;
 pub mod html;
+mod in_loop;
 mod maps;
 pub mod page;
 mod place;

@@ -5,3 +5,4 @@
 pub mod closed_loop;
 pub mod concealed_axis;
 pub mod lathe;
+pub mod model_axis;

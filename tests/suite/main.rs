@@ -31,6 +31,7 @@ mod import;
 mod io_faults;
 #[cfg(feature = "service")]
 mod live_diagnosis;
+mod model_axis;
 #[cfg(feature = "service")]
 mod page;
 mod pipeline;

@@ -1,8 +1,8 @@
 //! The page for a person: it stands alone, says the sentence, and lets no markup through.
 
 use stillcut::diagnosis::{
-    Alternative, Contribution, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit, Location,
-    RecordingFit, TimeSpans, Tried, Verdict,
+    Alternative, ClosedLoop, Contribution, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit,
+    Location, RecordingFit, SimulatedTrial, TimeSpans, Tried, Verdict,
 };
 use stillcut::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use stillcut::report::html::{ReportContext, diagnosis_page};
@@ -123,6 +123,18 @@ fn diagnosis() -> Diagnosis {
             force_rms_n: 0.042,
         }],
         model: model(),
+        closed_loop: Ok(ClosedLoop {
+            law_share: 2.0e-5,
+            trials: vec![SimulatedTrial {
+                recording: 0,
+                injected: false,
+                thrust_rms_n: [9.5, 5.6, 0.27],
+                stage_rms_m: [3.1e-6, 2.0e-6, 4.4e-8],
+                t_s: vec![0.0, 0.5, 1.0],
+                thrust_error_n: vec![vec![9.0, -9.0, 9.0], vec![5.0, -5.0, 5.0], vec![0.2, -0.2, 0.2]],
+            }],
+            not_simulated: Vec::new(),
+        }),
     }
 }
 
@@ -134,6 +146,7 @@ fn context() -> ReportContext {
 fn the_page_says_the_sentence_and_the_numbers() {
     let page = diagnosis_page(&diagnosis(), &context());
     assert!(page.contains("What would have been seen") && page.contains("0.042"));
+    assert!(page.contains("In simulation") && page.contains("5.60 N") && page.contains("44.0 nm"));
     for expected in [
         "The model leaves out stribeck friction (stage).",
         "9.97 N",
@@ -147,7 +160,7 @@ fn the_page_says_the_sentence_and_the_numbers() {
     ] {
         assert!(page.contains(expected), "{expected} is not on the page");
     }
-    assert_eq!(page.matches("<svg class=").count(), 5, "two of before and after, three maps");
+    assert_eq!(page.matches("<svg class=").count(), 6, "two of before and after, three maps, one of the simulation");
     std::fs::write(concat!(env!("CARGO_TARGET_TMPDIR"), "/report.html"), &page).unwrap();
 }
 

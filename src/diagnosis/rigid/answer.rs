@@ -84,6 +84,7 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
             .map(|(e, p, v)| Tried { effect: Some(*e), port: *p, evidence: *v })
             .collect(),
         detection_limits: Vec::new(),
+        closed_loop: Err("the loop of an axis with one position is not simulated".to_owned()),
     }
 }
 

@@ -4,6 +4,7 @@
 
 pub mod coupling;
 pub mod friction;
+pub mod law;
 pub mod periodic;
 
 use std::fmt;

@@ -1,0 +1,54 @@
+//! The real service as a process of its own, for programs that watch it from outside.
+
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+/// A number after its name on the command line.
+pub fn number(name: &str, default: f64) -> f64 {
+    let given = std::env::args().skip_while(|a| a != name).nth(1);
+    given.and_then(|v| v.parse().ok()).unwrap_or(default)
+}
+
+/// The binary of `cargo build --release`.
+pub fn binary() -> Command {
+    Command::new(Path::new(env!("CARGO_MANIFEST_DIR")).join("target/release/stillcut"))
+}
+
+/// A process that ends with its owner.
+pub struct Process(pub Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = (self.0.kill(), self.0.wait());
+    }
+}
+
+/// Starts the service in a folder, with keys added to those of its history; answers its address.
+pub fn service(folder: &Path, prefix: &str, more: &str) -> (Process, String) {
+    let config = folder.join("c.toml");
+    let text = format!(
+        "[transport]\nprefix = \"{prefix}\"\nroot = \"{0}/iox\"\n[http]\nlisten = \"127.0.0.1:0\"\n\
+         [history]\nfolder = \"{0}/state\"\n{more}",
+        folder.display()
+    );
+    std::fs::write(&config, text).expect("a folder for temporary files");
+    let mut command = binary();
+    command.args(["run", "--config"]).arg(&config).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("cargo build --release made the binary");
+    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
+    let address = loop {
+        let line = lines.next().expect("it says where it listens").expect("text");
+        if let Some(rest) = line.split("address=").nth(1) {
+            break rest.split_whitespace().next().expect("an address").to_owned();
+        }
+    };
+    std::thread::spawn(move || lines.for_each(drop));
+    (Process(child), address)
+}
+
+/// User and system time of a process, s.
+pub fn busy_s(id: u32) -> f64 {
+    let stat = std::fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
+    stat.split(' ').skip(13).take(2).filter_map(|v| v.parse::<f64>().ok()).sum::<f64>() / 100.0
+}

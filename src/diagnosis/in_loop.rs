@@ -1,0 +1,151 @@
+//! The proof in simulation: model and machine given the same command, each in its own closed loop.
+//!
+//! The force balance that names a cause differentiates what was measured. Here nothing measured is
+//! differentiated or fitted: the stated model, the model with its numbers re-estimated and the model with the
+//! findings run under the recorded command, and what they would have told the drive stands beside what it was
+//! told. Before physics comes the control law: where the stated one does not say the recorded reference, no
+//! simulation proves anything.
+
+use super::problem::{Mechanics, Problem};
+use super::result::{ClosedLoop, SimulatedTrial};
+use super::search::{Outcome, on_two_cores};
+use super::{bench::rms_of, motion};
+use crate::plant::drive::{DriveParams, RawDriveParams};
+use crate::plant::machine::{AxisModel, Controller, Machine};
+use crate::sample::Recording;
+use crate::simulation::model_axis::{LoopRecord, Replay, Trial, not_simulated, replay, respond};
+
+/// Share of the reference's changes that a control law may leave and still be the one that acted.
+const LAW_SHARE: f64 = 0.02;
+/// First samples that the velocity at the start is taken from.
+const START_SAMPLES: usize = 20;
+
+/// Signals of one recording that the loop is closed over.
+struct Signals {
+    command_m: Vec<f64>,
+    motor_m: Vec<f64>,
+    stage_m: Vec<f64>,
+    reference: Vec<f64>,
+}
+
+/// Runs stated, re-estimated and found model beside the machine. Errors: in a person's words why not.
+pub(super) fn in_loop(
+    (stated, found): (&AxisModel, &Machine),
+    recordings: &[Recording],
+    outcome: &Outcome,
+) -> Result<ClosedLoop, String> {
+    let p = &outcome.problem;
+    let controller = stated.controller.ok_or("the model states no controller")?;
+    let signals: Vec<Signals> =
+        recordings.iter().map(|r| signals(stated, r)).collect::<Result<Vec<_>, String>>()?;
+    let period_s = recordings.first().map_or(1.0, |r| r.sample_rate.period_s());
+    let replay = law_of(controller, period_s, &signals)?;
+    let numbers = DriveParams::new(raw_with(&p.drive, &outcome.recalibrated)).map_err(|e| e.to_string())?;
+    let recalibrated = AxisModel { drive: numbers, ..stated.clone() };
+    let found = found.axis(&stated.name).ok_or("the axis is not in the model")?.clone();
+    let axes = [stated.clone(), recalibrated, found];
+    let places: Vec<usize> = (0..recordings.len()).collect();
+    let trials = on_two_cores(&places, |&k| trial(p, &axes, (k, &signals[k], &replay, period_s)));
+    let law_share = replay.share.iter().copied().fold(f64::INFINITY, f64::min);
+    Ok(ClosedLoop { law_share, trials, not_simulated: not_simulated(&axes[2]) })
+}
+
+fn signals(axis: &AxisModel, recording: &Recording) -> Result<Signals, String> {
+    let get = |suffix: &str| {
+        let name = format!("{}_{suffix}", axis.name);
+        recording.get(&name).map(<[f64]>::to_vec).ok_or_else(|| {
+            format!(
+                "recording {}: column {name} is missing, so the loop has no command",
+                recording.experiment
+            )
+        })
+    };
+    let columns = motion::columns(axis, recording).map_err(|e| e.to_string())?;
+    let unit = columns.thrust_per_unit;
+    Ok(Signals {
+        command_m: get("position_cmd_m")?,
+        motor_m: columns.motor_m,
+        stage_m: columns.stage_m.to_vec(),
+        reference: columns.reference_n.iter().map(|f| f / unit).collect(),
+    })
+}
+
+/// The law that acted, or why the stated one did not.
+fn law_of(controller: Controller, period_s: f64, all: &[Signals]) -> Result<Replay, String> {
+    let records: Vec<LoopRecord<'_>> = all
+        .iter()
+        .map(|s| LoopRecord {
+            command_m: &s.command_m,
+            motor_m: &s.motor_m,
+            stage_m: &s.stage_m,
+            reference: &s.reference,
+        })
+        .collect();
+    let replay = replay(controller, period_s, &records).ok_or("no recording has a reference that changes")?;
+    let best = replay.share.iter().copied().fold(f64::INFINITY, f64::min);
+    if best > LAW_SHARE {
+        return Err(format!(
+            "the stated control law leaves {:.0} % of the recorded reference unsaid: gains, filter, order of \
+             samples or a further feed-forward differ",
+            100.0 * best
+        ));
+    }
+    Ok(replay)
+}
+
+/// One recording beside its models.
+fn trial(
+    p: &Problem,
+    axes: &[AxisModel],
+    (k, s, replay, period_s): (usize, &Signals, &Replay, f64),
+) -> SimulatedTrial {
+    let injected = replay.share[k] > LAW_SHARE;
+    let m = &p.motions[k];
+    let early = s.motor_m.get(START_SAMPLES).zip(s.motor_m.first());
+    let trial = Trial {
+        period_s,
+        command_m: s.command_m.clone(),
+        injected: if injected { replay.beyond[k].clone() } else { Vec::new() },
+        start_m: [s.motor_m[0], s.stage_m[0]],
+        start_m_s: early.map_or(0.0, |(b, a)| (b - a) / (START_SAMPLES as f64 * period_s)),
+        law: replay.law,
+        integral_m: replay.integral_m[k],
+        taken_up_s: motion::TAKEN_UP_SAMPLES * period_s + p.timing_s,
+        thrust_per_unit: p.drive.thrust_constant_n_a().is_none().then_some(m.thrust_per_unit),
+    };
+    let responses = respond(axes, &trial);
+    let thin = |error: Vec<f64>| p.thinning.thin(&error);
+    let off = |a: &[f64], b: &[f64], unit: f64| a.iter().zip(b).map(|(a, b)| (a - b) * unit).collect();
+    let thrust: Vec<Vec<f64>> =
+        responses.iter().map(|r| thin(off(&s.reference, &r.reference, m.thrust_per_unit))).collect();
+    let stage_rms_m = [0, 1, 2].map(|i| rms_of(&thin(off(&s.stage_m, &responses[i].stage_m, 1.0))));
+    let edge = p.thinning.edge();
+    let count = thrust.first().map_or(0, Vec::len);
+    let first_s = m.time_s(0) - m.offset as f64 * period_s;
+    SimulatedTrial {
+        recording: k,
+        injected,
+        thrust_rms_n: [0, 1, 2].map(|i| rms_of(&thrust[i])),
+        stage_rms_m,
+        t_s: (0..count).map(|j| first_s + (edge + j * p.thinning.step) as f64 * period_s).collect(),
+        thrust_error_n: thrust,
+    }
+}
+
+/// The keys of a drive with the numbers of a fit.
+fn raw_with(drive: &DriveParams, m: &Mechanics) -> RawDriveParams {
+    let r2 = drive.travel_m_rad().powi(2);
+    let kept = |stated: Option<f64>, value: f64| stated.map(|_| value.max(0.0));
+    let raw = drive.raw();
+    RawDriveParams {
+        rotary_inertia_kg_m2: kept(raw.rotary_inertia_kg_m2, m.motor_mass_kg * r2),
+        rotary_damping_nm_s_rad: kept(raw.rotary_damping_nm_s_rad, m.motor_damping_n_s_m * r2),
+        motor_coulomb_friction_n: kept(raw.motor_coulomb_friction_n, m.motor_coulomb_n),
+        axial_stiffness_n_m: kept(raw.axial_stiffness_n_m, m.stiffness_n_m),
+        structural_damping_n_s_m: kept(raw.structural_damping_n_s_m, m.structural_damping_n_s_m),
+        movable_mass_kg: kept(raw.movable_mass_kg, m.stage_mass_kg),
+        translational_damping_n_s_m: kept(raw.translational_damping_n_s_m, m.stage_damping_n_s_m),
+        stage_coulomb_friction_n: kept(raw.stage_coulomb_friction_n, m.stage_coulomb_n),
+        ..raw.clone()
+    }
+}

@@ -1,0 +1,170 @@
+//! Terms of a model as laws that can be evaluated: forces against the motion, periodic errors of encoders.
+
+use super::friction::{asymmetric, nonlinear_viscosity, sliding_direction, stribeck};
+use super::periodic::{knot, wave};
+use super::{EffectKind, PhysicsTerm};
+
+/// A force against positive motion that depends on position and velocity alone, N.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ForceLaw {
+    /// F tanh(v / v_s).
+    Coulomb {
+        /// F, N.
+        force_n: f64,
+    },
+    /// C v.
+    Viscous {
+        /// C, N s/m.
+        n_s_m: f64,
+    },
+    /// F exp(-(v / v_st)^2) tanh(v / v_s).
+    Stribeck {
+        /// F, N.
+        force_n: f64,
+        /// v_st, m/s.
+        velocity_m_s: f64,
+    },
+    /// (d |tanh(v / v_s)| + c |v|) / 2.
+    Asymmetric {
+        /// d, N.
+        difference_n: f64,
+        /// c, N s/m.
+        viscous_n_s_m: f64,
+    },
+    /// c v |v|.
+    NonlinearViscosity {
+        /// c, N s2/m2.
+        n_s2_m2: f64,
+    },
+    /// A load.
+    Constant {
+        /// N.
+        force_n: f64,
+    },
+    /// Harmonics over position.
+    Periodic {
+        /// Wavelength of the first harmonic, m.
+        wavelength_m: f64,
+        /// Sine and cosine amplitude of each harmonic, N.
+        harmonics_n: Vec<[f64; 2]>,
+        /// True where the force turns with the direction.
+        flips: bool,
+    },
+    /// A table over position, linear between its knots.
+    Map {
+        /// Position of the first knot, m.
+        first_m: f64,
+        /// From knot to knot, m.
+        spacing_m: f64,
+        /// One force a knot, N.
+        force_n: Vec<f64>,
+    },
+}
+
+impl ForceLaw {
+    /// The law that a term states; `None`: not such a force, or a parameter is missing.
+    ///
+    /// `screw_lead_m` makes a wavelength of an order per revolution.
+    #[must_use]
+    pub fn of(term: &PhysicsTerm, screw_lead_m: Option<f64>) -> Option<Self> {
+        use EffectKind as E;
+        let get = |name: &str| term.number(name);
+        Some(match term.effect {
+            E::CoulombFriction => Self::Coulomb { force_n: get("force_n")? },
+            E::ViscousFriction => Self::Viscous { n_s_m: get("n_s_m")? },
+            E::StribeckFriction => Self::Stribeck {
+                force_n: get("stribeck_force_n")?,
+                velocity_m_s: get("stribeck_velocity_m_s")?,
+            },
+            E::AsymmetricFriction => Self::Asymmetric {
+                difference_n: get("force_difference_n")?,
+                viscous_n_s_m: get("viscous_difference_n_s_m").unwrap_or(0.0),
+            },
+            E::NonlinearViscosity => Self::NonlinearViscosity { n_s2_m2: get("n_s2_m2")? },
+            E::GravityLoad => Self::Constant { force_n: get("force_n")? },
+            E::PositionPeriodicForce | E::TorqueRipple => Self::Periodic {
+                wavelength_m: match get("wavelength_m") {
+                    Some(wavelength_m) => wavelength_m,
+                    None => screw_lead_m? / get("order_per_rev")?,
+                },
+                harmonics_n: harmonics(term, "harmonics_n", "amplitude_n")?,
+                flips: get("with_direction").is_some_and(|x| x != 0.0),
+            },
+            E::PositionDependentForce => Self::Map {
+                first_m: get("first_m")?,
+                spacing_m: get("spacing_m")?,
+                force_n: term.list("force_n").filter(|l| !l.is_empty())?.to_vec(),
+            },
+            _ => return None,
+        })
+    }
+
+    /// The force, N. `smoothing_m_s`: v_s of the axis' Coulomb friction.
+    #[must_use]
+    pub fn force_n(&self, position_m: f64, v: f64, smoothing_m_s: f64) -> f64 {
+        match self {
+            Self::Coulomb { force_n } => force_n * sliding_direction(v, smoothing_m_s),
+            Self::Viscous { n_s_m } => n_s_m * v,
+            Self::Stribeck { force_n, velocity_m_s } => force_n * stribeck(v, *velocity_m_s, smoothing_m_s),
+            Self::Asymmetric { difference_n, viscous_n_s_m } => {
+                difference_n * asymmetric(v, smoothing_m_s) + 0.5 * viscous_n_s_m * v.abs()
+            }
+            Self::NonlinearViscosity { n_s2_m2 } => n_s2_m2 * nonlinear_viscosity(v),
+            Self::Constant { force_n } => *force_n,
+            Self::Periodic { wavelength_m, harmonics_n, flips } => {
+                let sign = if *flips { sliding_direction(v, smoothing_m_s) } else { 1.0 };
+                sign * wave_sum(position_m, *wavelength_m, harmonics_n)
+            }
+            Self::Map { first_m, spacing_m, force_n } => {
+                let (left, share) = knot(position_m, *first_m, *spacing_m, force_n.len());
+                let right = force_n.get(left + 1).or(force_n.get(left)).copied().unwrap_or(0.0);
+                force_n.get(left).copied().unwrap_or(0.0) * (1.0 - share) + share * right
+            }
+        }
+    }
+}
+
+/// A periodic error of one encoder.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EncoderError {
+    period_m: f64,
+    harmonics_m: Vec<[f64; 2]>,
+}
+
+impl EncoderError {
+    /// The error that a term states; `None`: another effect, or a parameter is missing.
+    #[must_use]
+    pub fn of(term: &PhysicsTerm) -> Option<Self> {
+        if term.effect != EffectKind::EncoderInterpolationError {
+            return None;
+        }
+        let period_m = term.number("signal_period_m")?;
+        Some(Self { period_m, harmonics_m: harmonics(term, "harmonics_m", "amplitude_m")? })
+    }
+
+    /// What is read too much at a position, m.
+    #[must_use]
+    pub fn at(&self, position_m: f64) -> f64 {
+        wave_sum(position_m, self.period_m, &self.harmonics_m)
+    }
+}
+
+/// Sine and cosine amplitudes of each harmonic: a list, or one amplitude with its phase.
+///
+/// An amplitude without a phase says how large a term is, not where: it cannot be evaluated.
+fn harmonics(term: &PhysicsTerm, list: &str, amplitude: &str) -> Option<Vec<[f64; 2]>> {
+    if let Some(values) = term.list(list) {
+        return Some(values.chunks_exact(2).map(|c| [c[0], c[1]]).collect());
+    }
+    let (a, phase) = (term.number(amplitude)?, term.number("phase_rad")?);
+    Some(vec![[a * phase.cos(), a * phase.sin()]])
+}
+
+fn wave_sum(position_m: f64, period_m: f64, harmonics: &[[f64; 2]]) -> f64 {
+    let mut sum = 0.0;
+    for (k, [sine, cosine]) in harmonics.iter().enumerate() {
+        let (s, c) = wave(position_m, period_m / (k + 1) as f64);
+        sum += sine * s + cosine * c;
+    }
+    sum
+}
