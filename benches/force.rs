@@ -162,6 +162,11 @@ fn main() {
     let input = samples();
     let two = Method::ALL.into_iter().filter(|m| *m != Method::SecondVibrationMode);
     let mut plans: Vec<(&str, ForcePlan)> = two.map(|m| (m.name(), plan(m, &drive))).collect();
+    let mut learning = plan(Method::VibrationMode, &drive);
+    if let ForcePlan::Servo(plan) = &mut learning {
+        plan.settings.learn_stiffness = true;
+    }
+    plans.push(("vibration_mode, learning", learning));
     plans.push(("frf", ForcePlan::Accelerometers(accelerometers())));
     let lanes = |method| ForceLanes::new(&[(method, axis); 6], &ForceSettings::default()).expect("valid");
     let together: Vec<(Method, ForceLanes)> =

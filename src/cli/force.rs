@@ -19,7 +19,6 @@ use crate::force::validity::Validity;
 use crate::plant::machine::{AxisModel, Machine};
 use crate::recording::{Table, TableColumn, read_recording, write_table};
 use crate::sample::Recording;
-use anyhow::Context as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -111,15 +110,20 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let mut notes = vec![("method".to_owned(), choice.map_or(FRF, Method::name).to_owned())];
     // One delay for the file: what is early waits for what is late.
     let delay_s = axes.iter().map(|a| a.delay_s).fold(0.0, f64::max);
-    let mut forces = Vec::new();
+    let (mut forces, mut flags) = (Vec::new(), Vec::new());
     for axis in axes {
         let wait = ((delay_s - axis.delay_s) * rate_hz).round() as usize;
         let mut column = vec![axis.force_n.first().copied().unwrap_or(0.0); wait.min(axis.force_n.len())];
         column.extend_from_slice(&axis.force_n[..axis.force_n.len() - column.len()]);
         forces.push((format!("{}_force_n", axis.name), column));
+        if let Some(first) = axis.flags.first() {
+            let mut column = vec![*first; wait.min(axis.flags.len())];
+            column.extend_from_slice(&axis.flags[..axis.flags.len() - column.len()]);
+            flags.push((format!("{}_force_flags", axis.name), column));
+        }
         notes.extend(axis.notes);
     }
-    write_forces(&inputs.arguments.out, &inputs.recording, &Forces { forces, delay_s, notes })
+    write_forces(&inputs.arguments.out, &inputs.recording, &Forces { forces, flags, delay_s, notes })
 }
 
 fn method_named(option: &str, name: &str) -> anyhow::Result<Choice> {
@@ -151,6 +155,8 @@ fn disagreement_n(a: &AxisForce, b: &AxisForce, rate_hz: f64) -> f64 {
 struct AxisForce {
     name: String,
     force_n: Vec<f64>,
+    /// Of each row, for the instant of its estimate; none where the rows are not those of a stream.
+    flags: Vec<i64>,
     delay_s: f64,
     /// Samples that the filters need at the start.
     settled: usize,
@@ -234,7 +240,12 @@ impl Inputs {
         let mut force_n: Vec<f64> = estimates.iter().map(|e| e.force_n).collect();
         let lag = if self.arguments.live { 0 } else { wait_for_latest(&mut force_n, &lags) };
         let delay_s = observer.delay_s().max(lag as f64 * rate.period_s());
-        let settled = observer.settling_samples().min(force_n.len());
+        if force_n.len() <= observer.settling_samples() {
+            let (is, least) = (force_n.len(), observer.settling_samples());
+            let what = format!("{is} samples, all of them within the settling of {}", method.name());
+            return Err(self.in_file(format!("axis {name}: {what}; expected more than {least}")));
+        }
+        let settled = observer.settling_samples();
         let friction_n = observer.friction_bound_n().unwrap_or(0.0);
         if !self.arguments.live && !matches!(method, Method::Spectral | Method::Thrust) {
             let travel = motion.samples.iter().filter_map(|s| s.stage_position_m.or(s.motor_travel_m));
@@ -246,10 +257,14 @@ impl Inputs {
             }
         }
         describe(&observer, &estimates, &mut note);
+        if let Some(ratio) = observer.learned_stiffness_ratio() {
+            note("stiffness_over_model_at_end", format!("{ratio:.4}"));
+        }
+        let flags = estimates.iter().map(|e| i64::from(e.flags.bits())).collect();
         if method == Method::Spectral {
             say_what_is_hidden(name, &estimates, &mut force_n, friction_n)?;
         }
-        Ok(AxisForce { name: name.to_owned(), force_n, delay_s, settled, notes })
+        Ok(AxisForce { name: name.to_owned(), force_n, flags, delay_s, settled, notes })
     }
 
     /// An estimator that cannot be made of what the file holds.
@@ -299,6 +314,7 @@ impl Inputs {
             Some(cutoff_hz) => LowPass::Butterworth { order: 4, cutoff_hz },
             None => LowPass::LinearPhase { pass_hz, width_hz: pass_hz / 2.0 },
         };
+        plan.settings.learn_stiffness = arguments.live && !arguments.keep_stiffness;
         plan.motor_cutoff_hz = arguments.motor_cutoff_hz;
         plan.settings.notches = notches(&arguments.notch)?;
         if let Some(harmonic) = &mut plan.settings.harmonic {
@@ -353,6 +369,7 @@ impl Inputs {
         let mut force = AxisForce {
             name: name.to_owned(),
             force_n: estimates.iter().map(|e| e.force_n).collect(),
+            flags: estimates.iter().map(|e| i64::from(e.flags.bits())).collect(),
             delay_s: observer.delay_s(),
             settled: observer.settling_samples().min(estimates.len()),
             notes,
@@ -360,6 +377,7 @@ impl Inputs {
         if !self.arguments.live {
             force.force_n = force_of_recording(estimator, rate, &accel, speed).map_err(bad_input)?;
             (force.delay_s, force.settled) = (0.0, 0);
+            force.flags.clear();
         }
         Ok(force)
     }
@@ -440,6 +458,8 @@ fn notches(names: &[String]) -> anyhow::Result<Vec<NotchPlan>> {
 struct Forces {
     /// Column name and values.
     forces: Vec<(String, Vec<f64>)>,
+    /// Column name and flags as bits.
+    flags: Vec<(String, Vec<i64>)>,
     delay_s: f64,
     /// Further metadata.
     notes: Vec<(String, String)>,
@@ -449,6 +469,7 @@ fn write_forces(out: &Path, recording: &Recording, forces: &Forces) -> anyhow::R
     let times: Vec<f64> = (0..recording.len()).map(|i| recording.time_s(i)).collect();
     let mut columns = vec![("t_s", TableColumn::Double(&times))];
     columns.extend(forces.forces.iter().map(|(name, values)| (name.as_str(), TableColumn::Double(values))));
+    columns.extend(forces.flags.iter().map(|(name, bits)| (name.as_str(), TableColumn::Integer(bits))));
     let axes: Vec<&str> =
         forces.forces.iter().filter_map(|(name, _)| name.strip_suffix("_force_n")).collect();
     let mut metadata = vec![
@@ -457,7 +478,8 @@ fn write_forces(out: &Path, recording: &Recording, forces: &Forces) -> anyhow::R
         ("experiment".to_owned(), recording.experiment.clone()),
         ("axes".to_owned(), axes.join(",")),
         ("delay_s".to_owned(), format!("{:?}", forces.delay_s)),
+        ("flag_bits".to_owned(), Validity::describe_bits()),
     ];
     metadata.extend(forces.notes.iter().cloned());
-    write_table(out, &Table { columns, metadata }).context("writing the estimate")
+    write_table(out, &Table { columns, metadata }).map_err(bad_input)
 }

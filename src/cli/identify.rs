@@ -7,11 +7,12 @@ use crate::force::estimator::MotionSample;
 use crate::force::frf::{ACCEL_AXES, AccelSample};
 use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
 use crate::identify::frf::{FrfRun, FrfSettings, fit_frf};
-use crate::identify::sweep::{Sweep, SweepFit, fit_sweep};
+use crate::identify::sweep::{FittedMode, StatedErrors, Sweep, SweepFit, fit_sweep};
+use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
+use crate::plant::machine::AxisModel;
 use crate::recording::{read_recording, write_whole};
 use crate::report::force_plots::response_svg;
 use crate::sample::Recording;
-use anyhow::Context as _;
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -27,6 +28,13 @@ pub(super) struct Arguments {
     /// Recording; repeatable.
     #[arg(long, required = true)]
     recording: Vec<PathBuf>,
+    /// How well the torque constant is known, per cent, one standard deviation (sweep).
+    #[arg(long, default_value_t = 0.5)]
+    torque_constant_error_percent: f64,
+    /// How well the instants are known at which the drive takes its reference and its encoders, us, one
+    /// standard deviation (sweep); without it a tenth of a sample.
+    #[arg(long)]
+    instant_error_us: Option<f64>,
     /// Where the result goes: a model (sweep) or an estimator (frf).
     #[arg(long)]
     out: PathBuf,
@@ -45,7 +53,9 @@ fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
     let Some(model) = &arguments.model else {
         return Err(bad_input("--method sweep needs --model, the drive to start from"));
     };
+    let stated = stated_errors(arguments)?;
     let mut machine = read_machine(model).map_err(bad_input)?;
+    let mut remarks = String::new();
     let mut text = String::new();
     let mut pictures = Vec::new();
     for path in &arguments.recording {
@@ -54,12 +64,15 @@ fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
             let in_file = |e: String| bad_input(format!("{}: axis {}: {e}", path.display(), axis.name));
             let motion = motion_of_recording(&recording, &axis.name, &axis.drive)
                 .map_err(|e| in_file(e.to_string()))?;
-            let fit =
-                fit_sweep(&axis.drive, &sweep_of(&recording, &motion)).map_err(|e| in_file(e.to_string()))?;
+            let fit = fit_sweep(&axis.drive, &sweep_of(&recording, &motion), stated)
+                .map_err(|e| in_file(e.to_string()))?;
             text.push_str(&describe(&axis.name, &fit));
             let picture = arguments.out.with_extension(format!("{}.svg", axis.name));
             pictures.push((picture, response_svg(&axis.name, &fit)?));
-            axis.drive = fit.drive;
+            for warning in &fit.warnings {
+                remarks.push_str(&format!("# identify, axis {}: {warning}\n", axis.name));
+            }
+            take(axis, fit);
         }
     }
     if pictures.is_empty() {
@@ -71,12 +84,50 @@ fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
             names.join(", ")
         )));
     }
-    write_whole(&arguments.out, machine_to_text(&machine).as_bytes()).context("writing the model")?;
+    let model = format!("{remarks}{}", machine_to_text(&machine));
+    write_whole(&arguments.out, model.as_bytes()).map_err(bad_input)?;
     for (path, svg) in pictures {
-        write_whole(&path, svg.as_bytes()).context("writing the picture")?;
+        write_whole(&path, svg.as_bytes()).map_err(bad_input)?;
     }
     write!(std::io::stdout(), "{text}")?;
     Ok(())
+}
+
+fn stated_errors(arguments: &Arguments) -> anyhow::Result<StatedErrors> {
+    let share = 0.01 * arguments.torque_constant_error_percent;
+    if !(0.0..1.0).contains(&share) {
+        return Err(bad_input(format!(
+            "--torque-constant-error-percent {}: expected 0 to 100",
+            arguments.torque_constant_error_percent
+        )));
+    }
+    let instants_s = arguments.instant_error_us.map(|us| us * 1e-6);
+    if let Some(us) = arguments.instant_error_us.filter(|us| !(us.is_finite() && *us >= 0.0)) {
+        return Err(bad_input(format!("--instant-error-us {us}: expected 0 or more")));
+    }
+    Ok(StatedErrors { torque_constant: share, instants_s, ..StatedErrors::default() })
+}
+
+/// The drive of the axis, and its torsional mode as a term beside it.
+fn take(axis: &mut AxisModel, fit: SweepFit) {
+    axis.drive = fit.drive;
+    if let Some(mode) = fit.mode {
+        axis.physics.retain(|term| term.effect != EffectKind::TorsionalMode);
+        axis.physics.push(term_of(&mode));
+    }
+}
+
+fn term_of(mode: &FittedMode) -> PhysicsTerm {
+    let number = |name: &str, value| (name.to_owned(), ParameterValue::Number(value));
+    PhysicsTerm {
+        effect: EffectKind::TorsionalMode,
+        port: Port::Coupling,
+        parameters: vec![
+            number("free_free_frequency_hz", mode.frequency_hz),
+            number("screw_inertia_share", mode.screw_share),
+            number("damping_ratio", mode.damping_ratio),
+        ],
+    }
 }
 
 fn sweep_of(recording: &Recording, motion: &RecordedMotion) -> Sweep {
@@ -91,13 +142,31 @@ fn sweep_of(recording: &Recording, motion: &RecordedMotion) -> Sweep {
 
 fn describe(axis: &str, fit: &SweepFit) -> String {
     let mut text = format!("axis {axis}, {:.0} to {:.0} Hz\n", fit.band_hz[0], fit.band_hz[1]);
-    text.push_str(&format!("{:30} {:>13} {:>13}   95 % interval\n", "parameter", "prior", "fitted"));
+    text.push_str(&format!(
+        "{:30} {:>13} {:>13}   {:28} {:>11} {:>11}\n",
+        "parameter", "prior", "fitted", "95 % interval", "of noise", "as stated"
+    ));
     for p in &fit.parameters {
         let interval = match p.ci95 {
-            [low, high] if low.is_finite() => format!("{low:.5e} .. {high:.5e}"),
+            [low, high] if low.is_finite() => format!(
+                "{:28} +-{:9.2e} +-{:9.2e}",
+                format!("{low:.5e} .. {high:.5e}"),
+                1.96 * p.noise,
+                1.96 * p.stated
+            ),
+            _ if p.noise.is_infinite() => "not determined".to_owned(),
             _ => "from means".to_owned(),
         };
         text.push_str(&format!("{:30} {:13.5e} {:13.5e}   {interval}\n", p.name, p.prior, p.value));
+    }
+    if let Some(mode) = &fit.mode {
+        text.push_str(&format!(
+            "torsional mode {:.2} +- {:.2} Hz, share of the inertia behind it {:.4} +- {:.4} (noise, 95 %)\n",
+            mode.frequency_hz,
+            1.96 * mode.frequency_deviation_hz,
+            mode.screw_share,
+            1.96 * mode.share_deviation
+        ));
     }
     for warning in &fit.warnings {
         text.push_str(&format!("warning: {warning}\n"));
@@ -128,7 +197,7 @@ fn run_frf(arguments: &Arguments) -> anyhow::Result<()> {
         writeln!(std::io::stdout(), "{axis}: {}", fit.describe())?;
         estimators.push(fit.estimator);
     }
-    write_whole(&arguments.out, estimators_to_text(&estimators).as_bytes()).context("writing the estimator")
+    write_whole(&arguments.out, estimators_to_text(&estimators).as_bytes()).map_err(bad_input)
 }
 
 /// The accelerations of a recording in the order x, y, z.

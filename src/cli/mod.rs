@@ -3,6 +3,7 @@
 
 #[cfg(feature = "service")]
 mod audit;
+mod budget;
 mod campaign;
 mod conceal;
 #[cfg(feature = "service")]

@@ -1,18 +1,16 @@
 //! `stillcut resolution`.
 
 use super::bad_input;
+use super::budget::{BudgetTable, budget_tables};
 use crate::config::machine::read_machine;
-use crate::force::balance::Method;
-use crate::force::budget::{Budget, Imperfection};
 use crate::identify::resolution::{
     EncoderSteps, ForceVariance, MonteCarlo, force_variance, monte_carlo_variance,
 };
-use crate::plant::drive::{DriveParams, Structure};
+use crate::plant::drive::DriveParams;
 use crate::plant::machine::AxisModel;
 use crate::recording::write_whole;
 use crate::report::force_plots::{Curve, Panel, panels_svg};
 use crate::units::SampleRate;
-use anyhow::Context as _;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -32,9 +30,13 @@ pub(super) struct Arguments {
     /// Picture of variance over encoder step (SVG).
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Adds the error of each observer for wrong mass, stiffness, delays and encoder steps.
+    /// Adds the error of each observer for wrong masses, stiffness, delays and encoder steps, and what its
+    /// estimate is made of.
     #[arg(long)]
     budget: bool,
+    /// The axis' control cancels disturbances behind a low-pass of this cutoff (with --budget).
+    #[arg(long, requires = "budget")]
+    loop_disturbance_cutoff_rad_s: Option<f64>,
     /// One JSON object instead of a table.
     #[arg(long)]
     json: bool,
@@ -44,7 +46,12 @@ struct Row {
     axis: String,
     lyapunov: ForceVariance,
     tried: ForceVariance,
+    /// Tried at a feed below a step a sample, where the error is not white.
+    slow: ForceVariance,
 }
+
+/// Feed of the slow try, steps a sample.
+const SLOW_STEPS: f64 = 0.13;
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let machine = read_machine(&arguments.model).map_err(bad_input)?;
@@ -58,21 +65,28 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             rows.push(row(axis, *cutoff_hz, rate)?);
         }
     }
-    let text = if arguments.json { json(&rows)? } else { table(&rows, rate) };
-    let budget = if arguments.budget { budgets(&machine.axes)? } else { (String::new(), Vec::new()) };
+    let budgets = if arguments.budget {
+        let cutoff = arguments.loop_disturbance_cutoff_rad_s;
+        if let Some(g) = cutoff.filter(|g| !(g.is_finite() && *g > 0.0)) {
+            return Err(bad_input(format!("--loop-disturbance-cutoff-rad-s {g}: expected above 0")));
+        }
+        budget_tables(&machine.axes, rate, cutoff).map_err(bad_input)?
+    } else {
+        Vec::new()
+    };
+    let mut text = if arguments.json { json(&rows, &budgets)? } else { table(&rows, rate) };
+    if !arguments.json {
+        budgets.iter().for_each(|t| text.push_str(&t.text()));
+    }
     if let Some(out) = &arguments.out {
         let mut panels = Vec::new();
         for axis in &machine.axes {
             panels.extend(step_panels(axis, &arguments.cutoff_hz, rate)?);
         }
-        panels.extend(budget.1);
-        write_whole(out, panels_svg(&panels)?.as_bytes()).context("writing the picture")?;
+        panels.extend(budgets.iter().map(BudgetTable::panel));
+        write_whole(out, panels_svg(&panels)?.as_bytes()).map_err(bad_input)?;
     }
-    let mut stdout = std::io::stdout();
-    write!(stdout, "{text}")?;
-    if !arguments.json {
-        write!(stdout, "{}", budget.0)?;
-    }
+    write!(std::io::stdout(), "{text}")?;
     Ok(())
 }
 
@@ -89,9 +103,11 @@ fn row(axis: &AxisModel, cutoff_hz: f64, rate: SampleRate) -> anyhow::Result<Row
         )));
     }
     let lyapunov = force_variance(&axis.drive, steps, cutoff_hz, rate).map_err(bad_input)?;
-    let settings = MonteCarlo { rate, samples: 200_000, seed: 1 };
+    let settings = MonteCarlo { rate, samples: 200_000, seed: 1, feed_steps: None };
     let tried = monte_carlo_variance(&axis.drive, steps, cutoff_hz, settings).map_err(bad_input)?;
-    Ok(Row { axis: axis.name.clone(), lyapunov, tried })
+    let settings = MonteCarlo { feed_steps: Some(SLOW_STEPS), ..settings };
+    let slow = monte_carlo_variance(&axis.drive, steps, cutoff_hz, settings).map_err(bad_input)?;
+    Ok(Row { axis: axis.name.clone(), lyapunov, tried, slow })
 }
 
 fn table(rows: &[Row], rate: SampleRate) -> String {
@@ -100,26 +116,27 @@ fn table(rows: &[Row], rate: SampleRate) -> String {
         writeln!(text, "force variance by encoder steps at {} Hz sampling, second-order low-pass", rate.hz());
     let _ = writeln!(
         text,
-        "{:6} {:>9} {:>13} {:>13} {:>12} {:>14}",
-        "axis", "cutoff_hz", "motor_n2", "stage_n2", "deviation_n", "tried_n"
+        "{:6} {:>9} {:>13} {:>13} {:>12} {:>14} {:>14}",
+        "axis", "cutoff_hz", "motor_n2", "stage_n2", "deviation_n", "tried_n", "slow_feed_n"
     );
     for row in rows {
         let v = row.lyapunov;
         let _ = writeln!(
             text,
-            "{:6} {:9} {:13.5e} {:13.5e} {:12.5} {:14.5}",
+            "{:6} {:9} {:13.5e} {:13.5e} {:12.5} {:14.5} {:14.5}",
             row.axis,
             v.cutoff_hz,
             v.motor_n2,
             v.stage_n2,
             v.deviation_n(),
-            row.tried.deviation_n()
+            row.tried.deviation_n(),
+            row.slow.deviation_n()
         );
     }
     text
 }
 
-fn json(rows: &[Row]) -> anyhow::Result<String> {
+fn json(rows: &[Row], budgets: &[BudgetTable]) -> anyhow::Result<String> {
     let list: Vec<serde_json::Value> = rows
         .iter()
         .map(|r| {
@@ -130,10 +147,15 @@ fn json(rows: &[Row]) -> anyhow::Result<String> {
                 "stage_variance_n2": r.lyapunov.stage_n2,
                 "deviation_n": r.lyapunov.deviation_n(),
                 "monte_carlo_deviation_n": r.tried.deviation_n(),
+                "slow_feed_deviation_n": r.slow.deviation_n(),
             })
         })
         .collect();
-    Ok(serde_json::to_string(&serde_json::json!({ "rows": list }))? + "\n")
+    let mut whole = serde_json::json!({ "rows": list });
+    if !budgets.is_empty() {
+        whole["budgets"] = budgets.iter().map(BudgetTable::json).collect();
+    }
+    Ok(serde_json::to_string(&whole)? + "\n")
 }
 
 /// Variance over the step of each encoder, the other one perfect (figure 5 of Hayashi et al.).
@@ -162,76 +184,4 @@ fn step_panels(axis: &AxisModel, cutoffs_hz: &[f64], rate: SampleRate) -> anyhow
         });
     }
     Ok(panels)
-}
-
-const BUDGET_HZ: [f64; 9] = [1.0, 10.0, 50.0, 100.0, 200.0, 300.0, 500.0, 700.0, 1000.0];
-
-/// Error in percent of the force for one thing wrong at a time, for each observer of the axis.
-fn budgets(axes: &[AxisModel]) -> anyhow::Result<(String, Vec<Panel>)> {
-    let mut text = String::new();
-    let mut panels = Vec::new();
-    for axis in axes {
-        let methods: &[Method] = if axis.drive.structure() == Structure::Rigid {
-            &[Method::Dob]
-        } else {
-            &[Method::Dob, Method::Medob, Method::VibrationMode]
-        };
-        for method in methods {
-            let (part, panel) = budget(axis, *method)?;
-            text.push_str(&part);
-            panels.push(panel);
-        }
-    }
-    Ok((text, panels))
-}
-
-fn budget(axis: &AxisModel, method: Method) -> anyhow::Result<(String, Panel)> {
-    let right = Imperfection::default();
-    let late_s = (axis.drive.amplifier_dead_time_s() + axis.drive.motor_encoder_delay_s()).max(1e-4);
-    let cases = [
-        ("nothing wrong", right),
-        ("mass +5 %", Imperfection { mass_factor: 1.05, ..right }),
-        ("stiffness +5 %", Imperfection { stiffness_factor: 1.05, ..right }),
-        ("both late", Imperfection { motor_late_s: late_s, stage_late_s: late_s, ..right }),
-        ("stage late 10 us", Imperfection { stage_late_s: 1e-5, ..right }),
-    ];
-    let mut text = String::new();
-    let _ = writeln!(
-        text,
-        "\naxis {}, {}: error in % of the force (both late: {:.3} ms)",
-        axis.name,
-        method.name(),
-        1e3 * late_s
-    );
-    let _ = write!(text, "{:18}", "hz");
-    for f in BUDGET_HZ {
-        let _ = write!(text, "{f:>9}");
-    }
-    let mut curves = Vec::new();
-    let steps = steps_of(&axis.drive);
-    for (name, imperfection) in cases {
-        let budget = Budget::new(method, &axis.drive, imperfection).map_err(bad_input)?;
-        let _ = write!(text, "\n{name:18}");
-        for f in BUDGET_HZ {
-            let _ = write!(text, "{:9.2}", 100.0 * budget.relative_error(f));
-        }
-        let points = (0..=120)
-            .map(|k| 10f64.powf(f64::from(k) / 40.0))
-            .map(|f| (f, 100.0 * budget.relative_error(f).max(1e-6)));
-        curves.push(Curve { label: name.to_owned(), points: points.collect(), dots: false });
-    }
-    let exact = Budget::new(method, &axis.drive, right).map_err(bad_input)?;
-    let _ = write!(text, "\n{:18}", "encoder step, N");
-    for f in BUDGET_HZ {
-        let _ = write!(text, "{:9.3}", exact.step_error_n(f, steps.motor_m, steps.stage_m));
-    }
-    text.push('\n');
-    let panel = Panel {
-        title: format!("axis {}, {}: error of the estimate", axis.name, method.name()),
-        x_label: "Hz".to_owned(),
-        y_label: "% of the force".to_owned(),
-        log_y: true,
-        curves,
-    };
-    Ok((text, panel))
 }

@@ -165,6 +165,7 @@ impl AxisForce {
     fn servo(&self, model: &AxisModel, method: Method, rate: SampleRate) -> ServoPlan {
         let mut plan = ServoPlan::of_axis(model, method, self.signals);
         plan.settings.notches = self.notches.clone();
+        plan.settings.learn_stiffness = true;
         plan.settings.low_pass = LowPass::Butterworth { order: 4, cutoff_hz: self.force_cutoff_hz };
         // At half the rate and above there is nothing to take away.
         plan.motor_cutoff_hz = Some(self.motor_cutoff_hz).filter(|hz| *hz < rate.hz() / 2.0);

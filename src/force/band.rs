@@ -10,8 +10,8 @@
 
 use super::balance::Method;
 use super::budget::{Budget, Imperfection};
+use super::closed_loop::ClosedLoop;
 use super::estimator::{AxisSignals, ForceSettings};
-use super::harmonic::ClosedLoop;
 
 /// Share of the force by which a method may be wrong inside its band.
 const TOLERATED: f64 = 0.1;

@@ -19,6 +19,8 @@ use std::f64::consts::TAU;
 pub struct Imperfection {
     /// Nominal over true movable mass.
     pub mass_factor: f64,
+    /// Nominal over true rotary inertia.
+    pub inertia_factor: f64,
     /// Nominal over true axial stiffness.
     pub stiffness_factor: f64,
     /// By how much the motor's position comes later than the observer believes, s.
@@ -30,7 +32,13 @@ pub struct Imperfection {
 impl Default for Imperfection {
     /// Nothing wrong.
     fn default() -> Self {
-        Self { mass_factor: 1.0, stiffness_factor: 1.0, motor_late_s: 0.0, stage_late_s: 0.0 }
+        Self {
+            mass_factor: 1.0,
+            inertia_factor: 1.0,
+            stiffness_factor: 1.0,
+            motor_late_s: 0.0,
+            stage_late_s: 0.0,
+        }
     }
 }
 
@@ -48,6 +56,7 @@ impl Budget {
         let raw = drive.raw();
         let nominal = DriveParams::new(RawDriveParams {
             movable_mass_kg: raw.movable_mass_kg.map(|m| m * imperfection.mass_factor),
+            rotary_inertia_kg_m2: raw.rotary_inertia_kg_m2.map(|j| j * imperfection.inertia_factor),
             axial_stiffness_n_m: raw.axial_stiffness_n_m.map(|k| k * imperfection.stiffness_factor),
             ..raw.clone()
         })?;

@@ -4,13 +4,14 @@ use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
 use super::band::usable_band_hz;
 use super::friction::{Presliding, PreslidingState};
-use super::harmonic::{HarmonicEstimator, HarmonicState};
+use super::harmonic::{HarmonicEstimator, HarmonicState, harmonic_estimator};
 use super::idle_map::IdleMap;
 use super::physics::PhysicsModel;
 use super::settings::{Filter, FilterState};
 pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
 pub use super::signals::{AxisSignals, Signals};
 use super::signals::{encoder_lines_1_m, measured_balance};
+use super::stiffness_learner::{LearnedStiffness, StiffnessLearner};
 use super::validity::Validity;
 use crate::keyframe::{Keep, Words};
 use crate::plant::drive::DriveParams;
@@ -83,6 +84,7 @@ pub struct ForceEstimator {
     constant_flags: Validity,
     encoder_lines_1_m: [f64; 2],
     harmonic: Option<HarmonicEstimator>,
+    learner: Option<StiffnessLearner>,
     notches: Vec<(NotchCentre, Notch)>,
     speed_memory: f64,
     settling: usize,
@@ -109,6 +111,7 @@ pub struct ForceState {
     presliding: PreslidingState,
     filter: FilterState,
     harmonic: Option<HarmonicState>,
+    learned: LearnedStiffness,
     notches: [NotchState; MAX_NOTCHES],
     /// Speed of the axis, slowed down: what the notches follow.
     speed_m_s: f64,
@@ -120,11 +123,12 @@ pub struct ForceState {
 impl Keep for ForceState {
     fn keep(&self, to: &mut Vec<u64>) {
         let Self { current, motor, nut, stage, current_n, last_ref_n, presliding, .. } = self;
-        let Self { filter, harmonic, notches, speed_m_s, seen, missing, .. } = self;
+        let Self { filter, harmonic, learned, notches, speed_m_s, seen, missing, .. } = self;
         [current, motor, nut, stage].into_iter().for_each(|line| line.keep(to));
         [current_n, last_ref_n, speed_m_s].into_iter().for_each(|x| x.keep(to));
         missing.keep(to);
         presliding.keep(to);
+        learned.keep(to);
         filter.keep(to);
         notches.keep(to);
         seen.keep(to);
@@ -136,10 +140,11 @@ impl Keep for ForceState {
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
         let Self { current, motor, nut, stage, current_n, last_ref_n, presliding, .. } = self;
         [current, motor, nut, stage].into_iter().try_for_each(|line| line.restore(from))?;
-        let Self { filter, harmonic, notches, speed_m_s, seen, missing, .. } = self;
+        let Self { filter, harmonic, learned, notches, speed_m_s, seen, missing, .. } = self;
         [current_n, last_ref_n, speed_m_s].into_iter().try_for_each(|x| x.restore(from))?;
         missing.restore(from)?;
         presliding.restore(from)?;
+        learned.restore(from)?;
         filter.restore(from)?;
         notches.restore(from)?;
         seen.restore(from)?;
@@ -173,6 +178,9 @@ impl ForceEstimator {
         };
         let filter = Filter::new(settings.low_pass, rate)?;
         let harmonic = harmonic_estimator(method, axis, &settings)?;
+        let learns = settings.learn_stiffness && method == Method::VibrationMode;
+        let ages = [alignment.motor, alignment.stage];
+        let learner = if learns { StiffnessLearner::new(axis, &balance, ages)? } else { None };
         let band_hz = filter.band_hz(settings.low_pass, rate);
         let beyond = settings.unmodelled_modes_hz.iter().any(|f| *f < 1.1 * band_hz);
         let mut estimator = Self {
@@ -198,6 +206,7 @@ impl ForceEstimator {
             constant_flags: Validity::when(beyond, Validity::MODE_OUTSIDE_MODEL),
             encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
             harmonic,
+            learner,
             notches: settings.design_notches(rate)?,
             // 20 Hz: fast enough for a feed that ramps, slow enough not to follow chatter.
             speed_memory: (-std::f64::consts::TAU * 20.0 / rate.hz()).exp(),
@@ -225,6 +234,7 @@ impl ForceEstimator {
             presliding: Presliding::settled(0.0),
             filter: self.filter.settled(0.0),
             harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
+            learned: LearnedStiffness::default(),
             notches: [NotchState::default(); MAX_NOTCHES],
             speed_m_s: 0.0,
             seen: 0,
@@ -250,6 +260,7 @@ impl ForceEstimator {
         (state.current_n, state.last_ref_n) = (first.thrust_ref_n, first.thrust_ref_n);
         state.presliding = Presliding::settled(stage);
         self.filter.settle(&mut state.filter, rest);
+        state.learned = StiffnessLearner::settled();
         if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
             harmonic.settle(inner, first);
         }
@@ -320,13 +331,14 @@ impl ForceEstimator {
                 raw_n -= self.physics_n(motor_m, &motion);
             }
         }
+        self.watch_missing(state, sample);
+        raw_n += self.learned_n(state, &motion);
         let disturbance_n = self
             .idle_map
             .as_ref()
             .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.travel_velocity_m_s(&motion)));
         let notched_n = self.notch(state, raw_n - disturbance_n, &motion);
         let force_n = self.filter.step(&mut state.filter, notched_n);
-        self.watch_missing(state, sample);
         let flags = harmonic_flags | self.flags(state, &motion);
         (ForceEstimate { force_n, flags }, motion)
     }
@@ -383,6 +395,22 @@ impl ForceEstimator {
                 .as_ref()
                 .map_or(0.0, |_| self.physics_n(state.motor.apply(&self.motor.position), &motion));
         (raw_n, motion)
+    }
+
+    /// What the stiffness learned while cutting adds.
+    #[inline]
+    fn learned_n(&self, state: &mut ForceState, motion: &AlignedMotion) -> f64 {
+        let Some(learner) = &self.learner else { return 0.0 };
+        let ForceState { learned, motor, stage, missing, .. } = state;
+        let lines = [&*motor, &*stage];
+        let told = (motion.thrust_n, motion.motor_velocity_m_s);
+        learner.step(learned, told, |side, stencil| lines[side].apply(stencil), *missing == 0)
+    }
+
+    /// Stiffness in use over that of the model, where it is learned.
+    #[must_use]
+    pub fn learned_stiffness_ratio(&self, state: &ForceState) -> Option<f64> {
+        self.learner.as_ref().map(|_| StiffnessLearner::ratio(&state.learned))
     }
 
     /// The sample as it would be without saturation of the torque and periodic errors of the encoders.
@@ -565,29 +593,4 @@ impl ForceEstimator {
         let nut = variance(&self.nut, drive.stage_encoder_resolution_m());
         (motor + nut + stage).sqrt()
     }
-}
-
-fn harmonic_estimator(
-    method: Method,
-    axis: &AxisSignals<'_>,
-    settings: &ForceSettings,
-) -> Result<Option<HarmonicEstimator>, ForceError> {
-    if !matches!(method, Method::Fitted | Method::Spectral) {
-        return Ok(None);
-    }
-    let missing = ForceError::Structure { method: method.name(), needs: "a spindle speed" };
-    let harmonic = settings.harmonic.as_ref().ok_or(missing)?;
-    let friction_n = settings.friction_bound_n(axis.drive);
-    Ok(Some(match method {
-        Method::Fitted => HarmonicEstimator::fitted(
-            axis,
-            (measured_balance(method, axis)?, settings.presliding_travel_m),
-            harmonic,
-        )?,
-        _ => HarmonicEstimator::spectral(
-            axis,
-            (settings.controller.as_ref(), friction_n, settings.presliding_travel_m),
-            harmonic,
-        )?,
-    }))
 }

@@ -6,9 +6,10 @@
 
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
-use super::estimator::{AlignedMotion, AxisSignals, ForceError, MotionSample, Signals};
+use super::closed_loop::ClosedLoop;
+use super::estimator::{AlignedMotion, AxisSignals, ForceError, ForceSettings, MotionSample, Signals};
 use super::friction::{Presliding, PreslidingState};
-use super::response::Chain;
+use super::signals::measured_balance;
 use super::validity::Validity;
 use crate::plant::machine::Controller;
 use crate::signal::harmonic_fit::{
@@ -509,58 +510,28 @@ impl HarmonicEstimator {
     }
 }
 
-/// Position and velocity loop around a drive.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct ClosedLoop {
-    chain: Chain,
-    controller: Controller,
-    /// Semi-closed: the position loop is closed on the motor's encoder too.
-    position_on_motor: bool,
-    total_mass_kg: f64,
-    current_loop_bandwidth_rad_s: Option<f64>,
-    motor_delay_s: f64,
-    stage_delay_s: f64,
-    /// Dead time of the amplifier and half a sample of hold.
-    drive_delay_s: f64,
-}
-
-impl ClosedLoop {
-    pub(super) fn new(axis: &AxisSignals<'_>, controller: Controller) -> Self {
-        let (drive, rate) = (axis.drive, axis.rate);
-        Self {
-            position_on_motor: axis.signals == Signals::MotorOnly,
-            chain: Chain::of_drive(drive),
-            controller,
-            total_mass_kg: drive.total_mass_kg(),
-            current_loop_bandwidth_rad_s: drive.current_loop_bandwidth_rad_s(),
-            motor_delay_s: drive.motor_encoder_delay_s(),
-            stage_delay_s: drive.stage_encoder_delay_s(),
-            drive_delay_s: drive.amplifier_dead_time_s() + 0.5 * rate.period_s(),
-        }
+/// The windowed estimator of a method that has one.
+pub(super) fn harmonic_estimator(
+    method: Method,
+    axis: &AxisSignals<'_>,
+    settings: &ForceSettings,
+) -> Result<Option<HarmonicEstimator>, ForceError> {
+    if !matches!(method, Method::Fitted | Method::Spectral) {
+        return Ok(None);
     }
-
-    /// Thrust reference per cutting force.
-    ///
-    ///   u = -M_a K_v (1 + K_i/s) [ K_p x_t e^{-s T_t} + s w_f/(s + w_f) x_m e^{-s T_m} ],
-    ///   x = G u w_cc/(s + w_cc) e^{-s (T_s + T/2)} + G_F F
-    ///
-    /// solved for u/F. Checked by: force::spectral_gain_is_that_of_the_recorded_loop.
-    pub(super) fn thrust_per_cutting(&self, frequency_hz: f64) -> Complex64 {
-        let s = Complex64::new(0.0, TAU * frequency_hz);
-        let c = &self.controller;
-        let delay = |t_s: f64| (-s * t_s).exp();
-        let velocity_loop = self.total_mass_kg * c.velocity_gain_1_s * (1.0 + c.velocity_integral_1_s / s);
-        let filter = c.velocity_filter_rad_s / (s + c.velocity_filter_rad_s);
-        let zero = Complex64::default();
-        let position = velocity_loop * c.position_gain_1_s;
-        let semi_closed = if self.position_on_motor { position } else { zero };
-        let full_closed = if self.position_on_motor { zero } else { position };
-        let on_motor = (velocity_loop * s * filter + semi_closed) * delay(self.motor_delay_s);
-        let on_stage = full_closed * delay(self.stage_delay_s);
-        let lag = self.current_loop_bandwidth_rad_s.map_or(Complex64::new(1.0, 0.0), |w| w / (s + w));
-        let drive = lag * delay(self.drive_delay_s);
-        let x = self.chain.receptance(frequency_hz);
-        -(on_motor * x.motor_per_cutting + on_stage * x.stage_per_cutting)
-            / (1.0 + drive * (on_motor * x.motor_per_thrust + on_stage * x.stage_per_thrust))
-    }
+    let missing = ForceError::Structure { method: method.name(), needs: "a spindle speed" };
+    let harmonic = settings.harmonic.as_ref().ok_or(missing)?;
+    let friction_n = settings.friction_bound_n(axis.drive);
+    Ok(Some(match method {
+        Method::Fitted => HarmonicEstimator::fitted(
+            axis,
+            (measured_balance(method, axis)?, settings.presliding_travel_m),
+            harmonic,
+        )?,
+        _ => HarmonicEstimator::spectral(
+            axis,
+            (settings.controller.as_ref(), friction_n, settings.presliding_travel_m),
+            harmonic,
+        )?,
+    }))
 }

@@ -2,11 +2,12 @@
 //! lane of a vector register.
 //!
 //! For axes of one rate with a Butterworth low-pass of one order, without idle maps, notches and
-//! windows; anything else runs axis by axis.
+//! windows; anything else runs axis by axis. A library part with its bench (six axes for the time of two):
+//! the service steps its axes one after the other, because each has an observer of its own choosing and six
+//! take 1 to 3 % of a sample's time as they are (balances). Checked by: lanes_give_the_numbers_of_single_axes.
 
 use super::balance::Method;
 use super::estimator::{AxisSignals, ForceEstimator, ForceSettings, LowPass, Signals};
-use super::friction::PRESLIDING_TRAVEL_M;
 use crate::signal::butterworth::{Butterworth, MAX_SECTIONS};
 use crate::signal::dispatch::{Fast, Kernel, multiply_add, run};
 use crate::signal::finite_difference::{STENCIL_NODES, Stencil};
@@ -141,7 +142,10 @@ impl ForceLanes {
         let LowPass::Butterworth { order, cutoff_hz } = settings.low_pass else {
             return Err(LaneError::Unlike { axis: 0 });
         };
-        let plain = settings.idle_map.is_none() && settings.notches.is_empty() && settings.physics.is_none();
+        let plain = settings.idle_map.is_none()
+            && settings.notches.is_empty()
+            && settings.physics.is_none()
+            && !settings.learn_stiffness;
         let mut parts = Vec::with_capacity(LANES);
         for (axis, (method, signals)) in axes.iter().enumerate() {
             let unlike = LaneError::Unlike { axis };
@@ -176,7 +180,7 @@ impl ForceLanes {
             motor_friction_n: lane(&|e, _| e.balance().motor_friction_n),
             stage_friction_n: lane(&|e, _| e.balance().stage_friction_n),
             smoothing_s_m: lane(&|_, a| 1.0 / a.drive.friction_smoothing_m_s()),
-            per_travel_1_m: [1.0 / PRESLIDING_TRAVEL_M; LANES],
+            per_travel_1_m: [1.0 / settings.presliding_travel_m; LANES],
             play_m: lane(&|_, a| a.drive.stage_encoder_resolution_m()),
             sections: filter
                 .sections()

@@ -106,7 +106,8 @@ impl ServoPlan {
         runs: &[Vec<MotionSample>],
     ) -> Result<Option<IdleMap>, ForceError> {
         let filter = self.drive_filter(rate)?;
-        let settings = ForceSettings { idle_map: None, ..self.late_settings(filter.as_ref()) };
+        let settings =
+            ForceSettings { idle_map: None, learn_stiffness: false, ..self.late_settings(filter.as_ref()) };
         let signals = AxisSignals { drive: &self.drive, rate, signals: self.signals };
         let bare = ForceEstimator::new(self.method, &signals, settings)?;
         let Some(filter) = filter else { return Ok(idle_map(&bare, runs)) };
@@ -192,6 +193,18 @@ impl Observer {
     fn servo(&self) -> Option<&ForceEstimator> {
         match &self.0 {
             Kind::Servo(servo) => Some(&servo.estimator),
+            Kind::Accelerometers(_) => None,
+        }
+    }
+
+    /// Axial stiffness in use over that of the model, where it is learned while cutting.
+    #[must_use]
+    pub fn learned_stiffness_ratio(&self) -> Option<f64> {
+        match &self.0 {
+            Kind::Servo(servo) => {
+                let running = servo.running.as_ref()?;
+                servo.estimator.learned_stiffness_ratio(&running.force)
+            }
             Kind::Accelerometers(_) => None,
         }
     }

@@ -100,6 +100,9 @@ pub struct ForceSettings {
     /// By how much thrust reference and rotary encoder come later than they should, because a filter stands
     /// before the estimator, s.
     pub drive_side_late_s: f64,
+    /// The axial stiffness is learned while the axis cuts (`vibration_mode` of two inertias with both
+    /// encoders; the others have no use for it).
+    pub learn_stiffness: bool,
 }
 
 impl ForceSettings {
@@ -131,6 +134,7 @@ impl Default for ForceSettings {
             controller: None,
             unmodelled_modes_hz: Vec::new(),
             drive_side_late_s: 0.0,
+            learn_stiffness: false,
         }
     }
 }

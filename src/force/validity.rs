@@ -86,6 +86,12 @@ impl Validity {
         self.0
     }
 
+    /// All flags by name and bit, for files: "settling=1,below_friction=2,...".
+    #[must_use]
+    pub fn describe_bits() -> String {
+        Self::NAMES.map(|(flag, name)| format!("{name}={}", flag.0)).join(",")
+    }
+
     /// Names of the flags that are set.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
         Self::NAMES.into_iter().filter(move |(flag, _)| self.contains(*flag)).map(|(_, name)| name)

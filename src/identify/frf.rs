@@ -328,7 +328,8 @@ impl<'a> System<'a> {
         }
     }
 
-    /// Root mean square of the error over that of the force, on the lines chosen.
+    /// Root mean square of the error over the force on the lines chosen, lines near their noise counting
+    /// less: a share of the force where it stands clear of noise, less than that share where it does not.
     fn error(&self, values: &[[Complex64; NODE_UNKNOWNS]], chosen: impl Fn(&Line) -> bool) -> f64 {
         let (mut error, mut count) = (0.0, 0.0f64);
         for line in self.lines.iter().filter(|l| chosen(l)) {

@@ -8,3 +8,4 @@ pub mod resolution;
 pub mod sweep;
 mod sweep_fit;
 mod sweep_lines;
+mod sweep_result;

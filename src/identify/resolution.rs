@@ -132,8 +132,11 @@ pub fn force_variance(
     })
 }
 
-/// The same variance found by trying: a feed with random vibration of a few steps, both positions
-/// rounded to their steps, the difference through the observer. Reproducible by its seed.
+/// The same variance found by trying: both positions rounded to their steps, the difference through the
+/// observer. Reproducible by its seed.
+///
+/// A fast feed with random vibration of a few steps makes the error white, as the Lyapunov equation takes it
+/// to be; a slow one (`feed_steps`) shows what becomes of that below a step a sample: a sawtooth.
 ///
 /// Errors: cutoff not below half the rate.
 pub fn monte_carlo_variance(
@@ -154,10 +157,11 @@ pub fn monte_carlo_variance(
         let skip = 1000;
         // Feed of 7.3 to 9.3 steps a sample: no common measure with the step, so the error is white.
         let feed = 7.3 + 2.0 * random.random::<f64>();
+        let (feed, vibration) = settings.feed_steps.map_or((feed, 5.0), |slow| (slow, 0.0));
         let phase = random.random::<f64>();
         for i in 0..settings.samples + skip {
             let t = i as f64;
-            let wobble = 5.0 * random.random::<f64>();
+            let wobble = vibration * random.random::<f64>();
             let position = (feed * t + wobble + phase) * step_m;
             let error = (position / step_m).round() * step_m - position;
             let y = section.step(&mut state, error);
@@ -183,4 +187,6 @@ pub struct MonteCarlo {
     pub samples: usize,
     /// Seed.
     pub seed: u64,
+    /// Feed in steps a sample without vibration; `None`: fast and vibrating.
+    pub feed_steps: Option<f64>,
 }

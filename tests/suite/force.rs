@@ -1,9 +1,6 @@
 //! Force estimators and identification against simulated truth that they were not made with.
 
 use crate::folders::shared;
-use rand::SeedableRng as _;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution as _, Normal};
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::path::PathBuf;
@@ -19,7 +16,6 @@ use stillcut::force::recorded::motion_of_recording;
 use stillcut::force::validity::Validity;
 use stillcut::identify::frf::{FrfRun, FrfSettings, fit_frf};
 use stillcut::identify::resolution::{EncoderSteps, MonteCarlo, force_variance, monte_carlo_variance};
-use stillcut::identify::sweep::{Sweep, fit_sweep};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::recording::read_recording;
 use stillcut::sample::Recording;
@@ -59,11 +55,11 @@ pub(crate) fn test_drive() -> DriveParams {
 }
 
 /// Positions that the encoders report for a thrust reference held over each sample and a cutting force.
-struct Simulated {
-    samples: Vec<MotionSample>,
+pub(crate) struct Simulated {
+    pub(crate) samples: Vec<MotionSample>,
 }
 
-fn simulate(
+pub(crate) fn simulate(
     drive: &DriveParams,
     thrust: impl Fn(usize) -> f64,
     cutting: impl Fn(f64) -> f64,
@@ -566,7 +562,7 @@ fn lyapunov_variance_is_met_by_quantizing_a_motion() {
     let mut last = 0.0;
     for cutoff_hz in [150.0, 300.0, 450.0] {
         let lyapunov = force_variance(&drive, steps, cutoff_hz, rate).unwrap();
-        let settings = MonteCarlo { rate, samples: 400_000, seed: 7 };
+        let settings = MonteCarlo { rate, samples: 400_000, seed: 7, feed_steps: None };
         let tried = monte_carlo_variance(&drive, steps, cutoff_hz, settings).unwrap();
         assert!(
             (tried.motor_n2 / lyapunov.motor_n2 - 1.0).abs() < 0.02,
@@ -576,135 +572,14 @@ fn lyapunov_variance_is_met_by_quantizing_a_motion() {
             (tried.stage_n2 / lyapunov.stage_n2 - 1.0).abs() < 0.02,
             "{cutoff_hz}: {tried:?} {lyapunov:?}"
         );
+        // Below a step a sample the error is a sawtooth and not white: the equation does not hold there.
+        let slow = MonteCarlo { feed_steps: Some(0.13), ..settings };
+        let slow = monte_carlo_variance(&drive, steps, cutoff_hz, slow).unwrap();
+        assert!((slow.motor_n2 / lyapunov.motor_n2 - 1.0).abs() > 0.1, "{cutoff_hz}: {slow:?}");
         assert!(lyapunov.motor_n2 > last);
         last = lyapunov.motor_n2;
         let double = EncoderSteps { motor_m: 2e-8, stage_m: 2e-8 };
         let four = force_variance(&drive, double, cutoff_hz, rate).unwrap();
         assert!((four.motor_n2 / lyapunov.motor_n2 - 4.0).abs() < 1e-9);
     }
-}
-
-fn sweep_of(r: &Recording, drive: &DriveParams) -> Sweep {
-    let motion = motion_of_recording(r, "x", drive).unwrap().samples;
-    Sweep {
-        rate: r.sample_rate,
-        thrust_ref_n: motion.iter().map(|s| s.thrust_ref_n).collect(),
-        motor_travel_m: motion.iter().filter_map(|s| s.motor_travel_m).collect(),
-        stage_position_m: motion.iter().filter_map(|s| s.stage_position_m).collect(),
-    }
-}
-
-#[test]
-fn a_sweep_gives_back_mass_stiffness_and_dead_times() {
-    // Every case here without a mode outside of the model.
-    for case in [1, 3, 4, 5, 6, 9, 10, 11, 13, 14, 16].map(|k| format!("case-{k:02}")) {
-        let Some(folder) = shared(&format!("feed-axis-cases/{case}")) else { return };
-        let machine = read_machine(&folder.join("machine.toml")).unwrap();
-        let truth: serde_json::Value =
-            serde_json::from_str(&std::fs::read_to_string(folder.join("truth.json")).unwrap()).unwrap();
-        let prior = &machine.axis("x").unwrap().drive;
-        let recording = read_recording(&folder.join("sweep.parquet")).unwrap();
-        let fit = fit_sweep(prior, &sweep_of(&recording, prior)).unwrap();
-        assert!(fit.warnings.is_empty(), "{case}: {:?}", fit.warnings);
-        let actual = |key: &str| truth["actual"][key].as_f64().unwrap();
-        for (name, value, expected) in [
-            ("mass", fit.drive.movable_mass_kg(), actual("Mt")),
-            ("inertia", fit.drive.rotary_inertia_kg_m2(), actual("Jr")),
-            ("stiffness", fit.drive.axial_stiffness_n_m(), actual("Kr")),
-        ] {
-            assert!((value / expected - 1.0).abs() < 0.02, "{case} {name}: {value} {expected}");
-        }
-        let extra = truth["missing"][0]["parameters_at_scale_1"]["extra_delay_s"].as_f64().unwrap_or(0.0);
-        let late = fit.drive.amplifier_dead_time_s() - 2e-4 - extra;
-        assert!(late.abs() < 20e-6, "{case}: dead time off by {late} s");
-        assert!((fit.drive.stage_encoder_delay_s() - 2e-4).abs() < 20e-6);
-    }
-}
-
-#[test]
-fn a_mode_outside_of_the_model_is_warned_of() {
-    let Some(folder) = shared("feed-axis-cases/case-07") else { return };
-    let machine = read_machine(&folder.join("machine.toml")).unwrap();
-    let prior = &machine.axis("x").unwrap().drive;
-    let recording = read_recording(&folder.join("sweep.parquet")).unwrap();
-    let fit = fit_sweep(prior, &sweep_of(&recording, prior)).unwrap();
-    assert!(fit.warnings.iter().any(|w| w.contains("mode outside of the model")), "{:?}", fit.warnings);
-}
-
-/// One machine, sweep and prior drawn from a seed; for each parameter whether its interval holds the truth.
-///
-/// What a sweep cannot show errs as the intervals say: torque constant by 0.5 %, instants of the drive by a
-/// tenth of a sample (one standard deviation each).
-fn truth_is_inside(seed: u64) -> [bool; 5] {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut normal = |deviation: f64| Normal::new(0.0, deviation).unwrap().sample(&mut random);
-    let base = test_drive().raw().clone();
-    let mut about = |x: Option<f64>, share: f64| x.map(|x| x * normal(share).exp());
-    let raw = RawDriveParams {
-        movable_mass_kg: about(base.movable_mass_kg, 0.2),
-        rotary_inertia_kg_m2: about(base.rotary_inertia_kg_m2, 0.2),
-        axial_stiffness_n_m: about(base.axial_stiffness_n_m, 0.1),
-        structural_damping_n_s_m: about(base.structural_damping_n_s_m, 0.2),
-        ..base
-    };
-    let prior = RawDriveParams {
-        movable_mass_kg: about(raw.movable_mass_kg, 0.04),
-        rotary_inertia_kg_m2: about(raw.rotary_inertia_kg_m2, 0.04),
-        axial_stiffness_n_m: about(raw.axial_stiffness_n_m, 0.04),
-        amplifier_dead_time_s: Some(2.0e-4),
-        ..raw.clone()
-    };
-    let truth = DriveParams::new(raw.clone()).unwrap();
-    let late_s = raw.amplifier_dead_time_s.unwrap() + normal(0.1 / RATE_HZ);
-    let torque = 1.0 + normal(0.005);
-    let simulated = DriveParams::new(RawDriveParams { amplifier_dead_time_s: Some(late_s), ..raw }).unwrap();
-    let chirp = |i: usize| {
-        let (t, rate) = (i as f64 / RATE_HZ, (1200.0f64 / 8.0).ln() / 1.8);
-        let phase = TAU * 8.0 / rate * (((t - 0.1) * rate).exp() - 1.0);
-        if (0.1..1.9).contains(&t) { 60.0 * phase.sin() } else { 0.0 }
-    };
-    let run = simulate(&simulated, |i| torque * chirp(i), |_| 0.0, 20_000);
-    let mut noisy = |f: fn(&MotionSample) -> Option<f64>| {
-        run.samples.iter().filter_map(f).map(|x| x + normal(2e-9)).collect::<Vec<f64>>()
-    };
-    let sweep = Sweep {
-        rate: SampleRate::new(RATE_HZ).unwrap(),
-        motor_travel_m: noisy(|s| s.motor_travel_m),
-        stage_position_m: noisy(|s| s.stage_position_m),
-        thrust_ref_n: (0..20_000).map(chirp).collect(),
-    };
-    let fit = fit_sweep(&DriveParams::new(prior).unwrap(), &sweep).unwrap();
-    [
-        ("movable_mass_kg", truth.movable_mass_kg()),
-        ("rotary_inertia_kg_m2", truth.rotary_inertia_kg_m2()),
-        ("axial_stiffness_n_m", truth.axial_stiffness_n_m()),
-        ("amplifier_dead_time_s", truth.amplifier_dead_time_s()),
-        ("stage_encoder_delay_s", truth.stage_encoder_delay_s()),
-    ]
-    .map(|(name, truth)| {
-        let p = fit.parameters.iter().find(|p| p.name == name).unwrap();
-        p.ci95[0] <= truth && truth <= p.ci95[1]
-    })
-}
-
-#[test]
-fn the_truth_lies_inside_the_interval_in_95_of_100_repeats() {
-    const REPEATS: u64 = 64;
-    let half = |first: u64| {
-        let mut inside = [0_u32; 5];
-        for seed in (first..REPEATS).step_by(2) {
-            inside.iter_mut().zip(truth_is_inside(seed)).for_each(|(n, yes)| *n += u32::from(yes));
-        }
-        inside
-    };
-    let [even, odd] = std::thread::scope(|scope| {
-        [0, 1].map(|first| scope.spawn(move || half(first))).map(|t| t.join().unwrap())
-    });
-    let inside: Vec<u32> = even.iter().zip(odd).map(|(a, b)| a + b).collect();
-    println!("of {REPEATS}: mass, inertia, stiffness, dead time, stage delay {inside:?}");
-    // 95 % of 64 are 60.8 with a standard deviation of 1.7; of all 320 are 304 +- 5 (those of one fit go
-    // together).
-    assert!(inside.iter().all(|n| *n >= 55), "{inside:?}");
-    let all: u32 = inside.iter().sum();
-    assert!((285..=317).contains(&all), "{inside:?}");
 }

@@ -139,8 +139,8 @@ fn no_error_leaves_the_low_pass() {
     }
 }
 
-/// (B-4), (B-5): a_3 = Q, a_2 = 2 w_t {Q alpha z_r + (Q alpha + 1) z_k + z_t}, a_1 = w_t^2 {4 alpha (z_t z_r
-/// + z_k z_t + z_r z_k) + Q alpha + 1}, a_0 = 2 alpha w_t^3 (z_r + z_t), over D(s) (the same with Q = 1).
+/// (B-4), (B-5): a_3 = Q, a_2 = 2 w_t {Q alpha z_r + (Q alpha + 1) z_k + z_t}, a_1 = w_t^2 {4 alpha (z_t z_r +
+/// z_k z_t + z_r z_k) + Q alpha + 1}, a_0 = 2 alpha w_t^3 (z_r + z_t), over D(s) (the same with Q = 1).
 /// The print lacks the Q before alpha z_r (docs/errata.md); (B-3) has it.
 #[test]
 fn mass_error_is_b_4() {

@@ -19,10 +19,12 @@ mod faults;
 #[cfg(feature = "nats")]
 mod fleet;
 mod force;
+mod force_budget;
 mod force_live;
 mod force_trust;
 #[cfg(feature = "service")]
 mod http;
+mod identify;
 mod identities;
 mod import;
 #[cfg(feature = "service")]
