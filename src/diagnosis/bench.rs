@@ -3,6 +3,7 @@
 use super::problem::{Column, Problem, Sides};
 use super::regression::{Folds, Gram, Solution};
 use super::shape::{Hypothesis, Shape};
+use super::two_cores::on_two_cores;
 use super::whitening::{Layout, Whitener};
 use crate::plant::effects::{EffectKind, Port};
 
@@ -107,8 +108,8 @@ impl<'a> Bench<'a> {
         let layout = Self::layout(problem);
         let rate = problem.rate_hz();
         let folds = Folds::new(&layout, rate);
-        let mut base: Vec<Vec<f64>> =
-            all_columns(problem, accepted).map(|c| whitener.whiten(c, &layout)).collect();
+        let columns: Vec<&Column> = all_columns(problem, accepted).collect();
+        let mut base = on_two_cores(&columns, |c| whitener.whiten(c, &layout));
         let mut target = whitener.whiten(&known_target(problem, accepted), &layout);
         if let Some(mass) = problem.numbers.iter().position(|n| n.key == Some("movable_mass_kg")) {
             normalise_stage(

@@ -8,7 +8,8 @@
 
 use super::problem::{Mechanics, Problem};
 use super::result::{ClosedLoop, SimulatedTrial};
-use super::search::{Outcome, on_two_cores};
+use super::search::Outcome;
+use super::two_cores::on_two_cores;
 use super::{bench::rms_of, motion};
 use crate::plant::drive::{DriveParams, RawDriveParams};
 use crate::plant::machine::{AxisModel, Controller, Machine};

@@ -20,6 +20,7 @@ mod steps;
 mod strangers;
 mod terms;
 mod triple;
+mod two_cores;
 mod whitening;
 
 pub use result::*;

@@ -1,6 +1,7 @@
 //! Least squares with folds: fitted on some blocks of time, judged on the others.
 
 use super::problem::Column;
+use super::two_cores::on_two_cores;
 use super::whitening::Layout;
 use crate::signal::inner_products::dot;
 use nalgebra::{DMatrix, DVector};
@@ -124,17 +125,18 @@ impl Gram {
             power: folds.dot(target, target),
             samples: folds.total(),
         };
-        for a in 0..n {
-            for b in 0..=a {
-                let d = folds.dot(&columns[a], &columns[b]);
-                for f in 0..FOLDS {
+        let rows: Vec<usize> = (0..n).collect();
+        let products = on_two_cores(&rows, |&a| {
+            let with = columns[..=a].iter().map(|c| folds.dot(&columns[a], c));
+            (with.collect::<Vec<_>>(), folds.dot(&columns[a], target))
+        });
+        for (a, (row, right)) in products.into_iter().enumerate() {
+            for f in 0..FOLDS {
+                for (b, d) in row.iter().enumerate() {
                     gram.inner[f][(a, b)] = d[f];
                     gram.inner[f][(b, a)] = d[f];
                 }
-            }
-            let d = folds.dot(&columns[a], target);
-            for f in 0..FOLDS {
-                gram.target[f][a] = d[f];
+                gram.target[f][a] = right[f];
             }
         }
         gram

@@ -5,6 +5,7 @@ use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay, rms};
 use super::problem::{Column, Mechanics, Problem, Sides};
 use super::shape::{Hypothesis, Shape};
 use super::strangers;
+use super::two_cores::on_two_cores;
 use crate::plant::effects::{EffectKind, Port};
 
 /// More findings than this are a different machine.
@@ -27,6 +28,10 @@ const LEAST_WEIGHT: f64 = 5e-4;
 /// A weighted fit may leave more force than one without the finding, where the noise is low; not this many
 /// times.
 const RUNAWAY: f64 = 1.5;
+/// Share by which the residual must fall for a pass to have been worth it.
+const WORTH_A_PASS: f64 = 0.002;
+/// Passes without worth after which constants are left where they are.
+const IDLE_PASSES: usize = 5;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
 
@@ -56,30 +61,6 @@ pub(crate) struct Outcome {
     pub(crate) recalibrated: Mechanics,
     /// A free form that explains more than everything named does together.
     pub(crate) stranger: Option<Score>,
-}
-
-/// Runs `work` over `items` on two threads; results in order.
-pub(crate) fn on_two_cores<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
-    let next = std::sync::atomic::AtomicUsize::new(0);
-    let run = || {
-        let mut mine = Vec::new();
-        loop {
-            let k = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-            let Some(item) = items.get(k) else { return mine };
-            mine.push((k, work(item)));
-        }
-    };
-    let mut all = std::thread::scope(|scope| {
-        let other = scope.spawn(run);
-        let mut mine = run();
-        match other.join() {
-            Ok(theirs) => mine.extend(theirs),
-            Err(panic) => std::panic::resume_unwind(panic),
-        }
-        mine
-    });
-    all.sort_by_key(|r| r.0);
-    all.into_iter().map(|r| r.1).collect()
 }
 
 /// Numbers of the problem from the coefficients of the bench.
@@ -116,6 +97,7 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
 /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
 fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
     let passes = if accepted.is_empty() { 2 } else { 40 };
+    let (mut least_n, mut idle) = (f64::INFINITY, 0);
     for _ in 0..passes {
         // The noise of one fit weights the next.
         *residual = Bench::new(p, accepted, residual).residual();
@@ -134,7 +116,13 @@ fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
         p.shift_timing(timing_s);
         let moved =
             accepted.iter_mut().zip(&fits).map(|(a, fit)| move_constants(p, a, fit)).fold(0.0, f64::max);
-        if !accepted.is_empty() && moved < 0.3 {
+        // Constants that trade with each other, or that imitate another cause, wander on for nothing.
+        if rms(residual) < (1.0 - WORTH_A_PASS) * least_n {
+            (least_n, idle) = (rms(residual), 0);
+        } else {
+            idle += 1;
+        }
+        if !accepted.is_empty() && (moved < 0.3 || idle >= IDLE_PASSES) {
             break;
         }
     }

@@ -7,8 +7,8 @@
 
 use super::bench::{Accepted, Bench, Score, rms};
 use super::problem::Problem;
-use super::search::on_two_cores;
 use super::shape::{Hypothesis, Shape};
+use super::two_cores::on_two_cores;
 use crate::plant::effects::{EffectKind as E, Port};
 use rustfft::{FftPlanner, num_complex::Complex};
 use std::f64::consts::PI;
