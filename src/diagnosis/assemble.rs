@@ -1,7 +1,7 @@
 //! From the search to the answer.
 
 use super::bench::{Accepted, Bench, HypothesisFit, rms};
-use super::corrections::{corrections, material};
+use super::corrections::{corrections, known_numbers, material};
 use super::floor::{SideSpectrum, spectrum};
 use super::motion::band_hz;
 use super::problem::{Column, Sides};
@@ -396,6 +396,11 @@ impl Case<'_> {
         let mut machine = self.machine.clone();
         for axis in machine.axes.iter_mut().filter(|a| a.name == self.axis.name) {
             let mut raw: RawDriveParams = axis.drive.raw().clone();
+            if !(findings.is_empty() && corrections.is_empty()) {
+                for (name, value) in known_numbers(&self.outcome.problem, self.bench) {
+                    set(&mut raw, name, value);
+                }
+            }
             for c in corrections {
                 set(&mut raw, c.name, c.value);
             }

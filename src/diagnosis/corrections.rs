@@ -59,6 +59,21 @@ pub(super) fn corrections(p: &Problem, bench: &Bench<'_>) -> Vec<Correction> {
     list
 }
 
+/// Every number that the recordings know, where they know it to be, listed as a correction or not: numbers
+/// that were fitted together stand together in the model that is handed on.
+pub(super) fn known_numbers(p: &Problem, bench: &Bench<'_>) -> Vec<(&'static str, f64)> {
+    /// Share of itself that a number's deviation may be.
+    const KNOWN: f64 = 0.03;
+    let s = &bench.solution;
+    let common = common_scale(p, bench);
+    let of = |(k, n): (usize, &super::problem::Number)| {
+        let (value, deviation) = (s.coefficients[k] / common, DEVIATION_FACTOR * s.deviations[k] / common);
+        let known = deviation < KNOWN * value && (0.2..5.0).contains(&(value / n.nominal));
+        n.key.filter(|_| known).map(|name| (name, value * n.key_per_coefficient))
+    };
+    p.numbers.iter().enumerate().filter_map(of).collect()
+}
+
 /// Masses, inertia and stiffness all off by one factor: the force they are measured by is off by it.
 ///
 /// A balance holds for any common factor on all of its terms; that one torque constant is wrong is likelier

@@ -28,6 +28,12 @@ const LEAST_WEIGHT: f64 = 5e-4;
 /// A weighted fit may leave more force than one without the finding, where the noise is low; not this many
 /// times.
 const RUNAWAY: f64 = 1.5;
+/// Hypotheses with this share of the best one's evidence are told apart by what they leave when fitted.
+const RIVAL_SHARE: f64 = 0.4;
+/// So many of them.
+const RIVALS: usize = 4;
+/// What leaves less than this share of what the best one leaves is preferred to it.
+const CLEARLY_LESS: f64 = 0.9;
 /// Share by which the residual must fall for a pass to have been worth it.
 const WORTH_A_PASS: f64 = 0.002;
 /// Passes without worth after which constants are left where they are.
@@ -128,6 +134,54 @@ fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
     }
 }
 
+/// Takes a hypothesis into the model.
+fn take(p: &mut Problem, (accepted, given): (&mut Vec<Accepted>, usize), score: Score, round: usize) {
+    if is_delay(&score.hypothesis) {
+        // From here on the finding is the timing.
+        p.shift_timing(-p.timing_s);
+    }
+    let new = Accepted::new(p, score.hypothesis, score.amplitudes);
+    accepted.push(Accepted { round, ..new });
+    join_delays(p, accepted, given);
+}
+
+/// Of hypotheses that promise about as much, puts the one first that leaves least once everything is fitted
+/// with it.
+///
+/// A first score weighs by noise that still holds the whole mismatch, at constants that are not settled: a
+/// slow current loop can promise more than the torsional mode that is there. Same effort for each, then the
+/// force that is left. The others' evidence is restated in the noise that the first one leaves.
+fn prefer_least_left(
+    p: &Problem,
+    (accepted, given): (&[Accepted], usize),
+    residual: &Column,
+    (scores, total): (&mut Vec<Score>, f64),
+) {
+    let most = scores.first().map_or(0.0, |s| s.evidence);
+    let near = |s: &&Score| s.plausible && s.evidence > RIVAL_SHARE * most;
+    let rivals: Vec<Score> = scores.iter().take(RIVALS).filter(near).cloned().collect();
+    if rivals.len() < 2 {
+        return;
+    }
+    let left_n = on_two_cores(&rivals, |score| {
+        let (mut p, mut accepted, mut residual) = (p.clone(), accepted.to_vec(), residual.clone());
+        take(&mut p, (&mut accepted, given), score.clone(), 0);
+        settle(&mut p, &mut accepted, &mut residual);
+        rms(&residual)
+    });
+    let least_n = left_n.iter().copied().fold(f64::INFINITY, f64::min);
+    if left_n[0] <= least_n / CLEARLY_LESS {
+        return;
+    }
+    for (score, left_n) in rivals.iter().zip(&left_n) {
+        let behind = total * 2.0 * (left_n / least_n).ln();
+        if let Some(s) = scores.iter_mut().find(|s| s.hypothesis == score.hypothesis) {
+            s.evidence = if behind > 0.0 { (most - behind).max(0.0) } else { most };
+        }
+    }
+    sort(scores);
+}
+
 /// Both encoders later by the same time are one dead time of the thrust that is longer: a single cause.
 ///
 /// u(t) against x(t + T) on either side is u(t - T) against x(t).
@@ -207,19 +261,15 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
         let enough = round < MOST_FINDINGS
             && result.scores.first().is_some_and(|s| s.plausible && significant(s.evidence, &bench));
         result.taken = enough.then_some(0);
-        let taken = result.taken.map(|k| result.scores[k].clone());
+        let total = bench.folds.total() as f64;
         drop(bench);
+        if enough {
+            prefer_least_left(&p, (&accepted, given), &residual, (&mut result.scores, total));
+        }
+        let taken = result.taken.map(|k| result.scores[k].clone());
         rounds.push(result);
         match taken {
-            Some(score) => {
-                if is_delay(&score.hypothesis) {
-                    // From here on the finding is the timing.
-                    p.shift_timing(-p.timing_s);
-                }
-                let new = Accepted::new(&p, score.hypothesis, score.amplitudes);
-                accepted.push(Accepted { round, ..new });
-                join_delays(&mut p, &mut accepted, given);
-            }
+            Some(score) => take(&mut p, (&mut accepted, given), score, round),
             None => break,
         }
     }

@@ -193,8 +193,8 @@ struct Normal {
 impl Normal {
     /// Adds one block of all sides, the first [`ORDER`] samples of which are only past.
     ///
-    /// Products of lag k + 1 with lag j + 1 are those of k with j, one sample more at the begin and one less at
-    /// the end: only those with lag 0 are summed. Checked by: tests::lags_are_summed_once.
+    /// Products of lag k + 1 with lag j + 1 are those of k with j, one sample more at the begin and one less
+    /// at the end: only those with lag 0 are summed. Checked by: tests::lags_are_summed_once.
     fn add(&mut self, sides: &[Vec<f64>]) {
         let s = sides.len();
         let (first, end) = (ORDER, sides.first().map_or(0, Vec::len));

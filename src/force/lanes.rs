@@ -4,7 +4,8 @@
 //! For axes of one rate with a Butterworth low-pass of one order, without idle maps, notches and
 //! windows; anything else runs axis by axis. A library part with its bench (six axes for the time of two):
 //! the service steps its axes one after the other, because each has an observer of its own choosing and six
-//! take 1 to 3 % of a sample's time as they are (balances). Checked by: lanes_give_the_numbers_of_single_axes.
+//! take 1 to 3 % of a sample's time as they are (balances). Checked by:
+//! lanes_give_the_numbers_of_single_axes.
 
 use super::balance::Method;
 use super::estimator::{AxisSignals, ForceEstimator, ForceSettings, LowPass, Signals};

@@ -72,7 +72,8 @@ pub fn not_simulated(axis: &AxisModel) -> Vec<EffectKind> {
 /// Runs a trial on each model. Axes of one or two inertias; a third one stands among the terms as a mode.
 ///
 /// Fourth-order Runge-Kutta at a step that the fastest of the models allows. Cost: see
-/// `benches/simulation.rs`. Deterministic; a model's numbers do not depend on its neighbours' but by the step.
+/// `benches/simulation.rs`. Deterministic; a model's numbers do not depend on its neighbours' but by the
+/// step.
 /// Units: SI. Errors: none; a loop that runs away ends in numbers that are not finite.
 /// Checked by: `model_axis::*`, against equations that share no line with these.
 #[must_use]
