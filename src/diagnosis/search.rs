@@ -34,9 +34,9 @@ const RIVAL_SHARE: f64 = 0.4;
 const RIVALS: usize = 4;
 /// What leaves less than this share of what the best one leaves is preferred to it.
 const CLEARLY_LESS: f64 = 0.9;
-/// Share by which the residual must fall for a pass to have been worth it.
+/// Share by which the residual must fall for passes to have been worth it.
 const WORTH_A_PASS: f64 = 0.002;
-/// Passes without worth after which constants are left where they are.
+/// Passes that are compared with as many before them.
 const IDLE_PASSES: usize = 5;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
@@ -103,7 +103,7 @@ fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
 /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
 fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
     let passes = if accepted.is_empty() { 2 } else { 40 };
-    let (mut least_n, mut idle) = (f64::INFINITY, 0);
+    let mut left_n = Vec::new();
     for _ in 0..passes {
         // The noise of one fit weights the next.
         *residual = Bench::new(p, accepted, residual).residual();
@@ -122,13 +122,8 @@ fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
         p.shift_timing(timing_s);
         let moved =
             accepted.iter_mut().zip(&fits).map(|(a, fit)| move_constants(p, a, fit)).fold(0.0, f64::max);
-        // Constants that trade with each other, or that imitate another cause, wander on for nothing.
-        if rms(residual) < (1.0 - WORTH_A_PASS) * least_n {
-            (least_n, idle) = (rms(residual), 0);
-        } else {
-            idle += 1;
-        }
-        if !accepted.is_empty() && (moved < 0.3 || idle >= IDLE_PASSES) {
+        left_n.push(rms(residual));
+        if !accepted.is_empty() && (moved < 0.3 || wanders(&left_n)) {
             break;
         }
     }
@@ -211,6 +206,23 @@ fn join_delays(p: &mut Problem, accepted: &mut Vec<Accepted>, given: usize) {
     accepted.push(Accepted { round, ..Accepted::new(p, whole, vec![1.0]) });
 }
 
+/// Numbers, and what they leave, with all frequencies alike, where the weighted fit leaves far more: a mismatch
+/// taken for noise.
+fn calmed(p: &Problem, accepted: &[Accepted], residual: &Column) -> Option<(Vec<f64>, Column)> {
+    let flat = Bench::flat(p, accepted, residual);
+    let left = flat.residual();
+    (rms(residual) > RUNAWAY * rms(&left)).then(|| (flat.solution.coefficients.clone(), left))
+}
+
+/// True where the last passes gained nothing over those before them: constants that trade with each other, or
+/// that imitate another cause, wander on.
+fn wanders(left_n: &[f64]) -> bool {
+    let least = |x: &[f64]| x.iter().copied().fold(f64::INFINITY, f64::min);
+    let Some(start) = left_n.len().checked_sub(2 * IDLE_PASSES) else { return false };
+    let (before, last) = left_n[start..].split_at(IDLE_PASSES);
+    least(last) > (1.0 - WORTH_A_PASS) * least(before)
+}
+
 /// Moves the constants of an accepted hypothesis by its fit; returns the largest step in deviations.
 fn move_constants(p: &Problem, a: &mut Accepted, fit: &HypothesisFit) -> f64 {
     let shape = &a.hypothesis.shape;
@@ -247,14 +259,23 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
             settle(&mut p, &mut accepted, &mut residual);
             break;
         }
-        let bench = Bench::new(&p, &accepted, &residual);
-        residual = bench.residual();
         if round == 0 {
-            before = residual.clone();
-            recalibrated = p.mechanics;
+            let bench = Bench::new(&p, &accepted, &residual);
+            residual = bench.residual();
             progress(0.1, "trying forms outside the vocabulary");
             let unnamed = if bench.problem.coarse { None } else { strangers::best(&bench) };
             stranger = unnamed.filter(|s| s.evidence > STRANGER_LEAST_SHARE * bench.folds.total() as f64);
+            drop(bench);
+            if let Some((coefficients, left)) = calmed(&p, &accepted, &residual) {
+                update_mechanics(&mut p, &coefficients);
+                residual = left;
+            }
+            before.clone_from(&residual);
+            recalibrated = p.mechanics;
+        }
+        let bench = Bench::new(&p, &accepted, &residual);
+        if round > 0 {
+            residual = bench.residual();
         }
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "trying hypotheses");
         let mut result = one_round(&bench, &accepted);
