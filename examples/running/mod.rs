@@ -1,4 +1,5 @@
-//! The real service as a process of its own, for programs that watch it from outside.
+//! The real service as a process of its own, for programs that watch it from outside. Each uses a part of this.
+#![allow(dead_code)]
 
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -36,15 +37,32 @@ pub fn service(folder: &Path, prefix: &str, more: &str) -> (Process, String) {
     let mut command = binary();
     command.args(["run", "--config"]).arg(&config).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut child = command.spawn().expect("cargo build --release made the binary");
-    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
-    let address = loop {
-        let line = lines.next().expect("it says where it listens").expect("text");
-        if let Some(rest) = line.split("address=").nth(1) {
-            break rest.split_whitespace().next().expect("an address").to_owned();
-        }
-    };
-    std::thread::spawn(move || lines.for_each(drop));
+    let address = address(&mut child).expect("it says where it listens");
     (Process(child), address)
+}
+
+/// Follows the log until it says where the service listens. Nothing when the process ends before.
+pub fn address(child: &mut Child) -> Option<String> {
+    let mut lines = BufReader::new(child.stderr.take()?).lines();
+    loop {
+        let line = lines.next()?.ok()?;
+        if let Some(rest) = line.split("address=").nth(1) {
+            let found = rest.split_whitespace().next()?.to_owned();
+            std::thread::spawn(move || lines.for_each(drop));
+            return Some(found);
+        }
+    }
+}
+
+/// A virtual lathe beside the service, in air.
+pub fn lathe(folder: &Path, prefix: &str) -> Child {
+    let mut command = binary();
+    command.args(["lathe", "--prefix", prefix, "--entry-s", "100000", "--root"]).arg(folder.join("iox"));
+    command
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("cargo build --release made the binary")
 }
 
 /// User and system time of a process, s.
