@@ -8,10 +8,10 @@
 
 mod running;
 
-use running::{Process, binary, busy_s, number, service};
+use running::{Process, busy_s, lathe, number, service};
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
-use std::process::{ExitCode, Stdio};
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -176,9 +176,7 @@ fn main() -> ExitCode {
     std::fs::create_dir_all(&folder).expect("a folder for temporary files");
     let prefix = format!("flood{}", std::process::id());
     let (process, address) = service(&folder, &prefix, "");
-    let mut command = binary();
-    command.args(["lathe", "--prefix", &prefix, "--entry-s", "100000", "--root"]).arg(folder.join("iox"));
-    let lathe = Process(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the binary"));
+    let lathe = Process(lathe(&folder, &prefix));
     let id = process.0.id();
     std::thread::sleep(Duration::from_secs(17)); // until the black box is full
     let mut rows = vec![watch("quiet", (&address, id), seconds)];

@@ -7,11 +7,13 @@
 //! Every kill: what was acknowledged is there afterwards, no number twice, the chain of the audit record
 //! holds, shared memory works again, samples flow. Prints one table; ends with status 1 when a row has a loss.
 
+mod running;
+
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use std::io::{BufRead as _, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitCode, Stdio};
+use running::{address, binary, lathe, number};
+use std::path::PathBuf;
+use std::process::{Child, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
 /// Ready later than this is a loss (the target on an idle machine is 2 s).
@@ -19,35 +21,18 @@ const TOO_LATE: Duration = Duration::from_secs(10);
 
 struct Place {
     folder: PathBuf,
-    binary: PathBuf,
     prefix: String,
 }
 
 impl Place {
     fn lathe(&self) -> Child {
-        let mut command = Command::new(&self.binary);
-        command.args(["lathe", "--prefix", &self.prefix, "--entry-s", "1000", "--root"]);
-        command.arg(self.folder.join("iox")).stdout(Stdio::null()).stderr(Stdio::null());
-        command.spawn().expect("the binary starts")
+        lathe(&self.folder, &self.prefix)
     }
 
     fn service(&self) -> Child {
-        let mut command = Command::new(&self.binary);
+        let mut command = binary();
         command.args(["run", "--config"]).arg(self.folder.join("c.toml"));
         command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the binary starts")
-    }
-}
-
-/// Follows the log until it says where it listens. Nothing when the process ends before.
-fn address(child: &mut Child) -> Option<String> {
-    let mut lines = BufReader::new(child.stderr.take()?).lines();
-    loop {
-        let line = lines.next()?.ok()?;
-        if let Some(rest) = line.split("address=").nth(1) {
-            let found = rest.split_whitespace().next()?.to_owned();
-            std::thread::spawn(move || lines.for_each(drop));
-            return Some(found);
-        }
     }
 }
 
@@ -80,11 +65,6 @@ struct Row {
     worst: Duration,
 }
 
-fn argument(name: &str, default: u64) -> u64 {
-    let mut arguments = std::env::args().skip_while(|a| a != name);
-    arguments.nth(1).and_then(|v| v.parse().ok()).unwrap_or(default)
-}
-
 fn prepare(seed: u64) -> (Place, String) {
     use std::os::unix::fs::PermissionsExt as _;
     let folder = std::env::temp_dir().join(format!("stillcut-campaign-{}", std::process::id()));
@@ -100,9 +80,7 @@ fn prepare(seed: u64) -> (Place, String) {
         folder.display()
     );
     std::fs::write(folder.join("c.toml"), config).expect("a configuration");
-    let own = std::env::current_exe().expect("own path");
-    let binary = own.parent().and_then(Path::parent).expect("target folder").join("stillcut");
-    (Place { folder, binary, prefix }, token)
+    (Place { folder, prefix }, token)
 }
 
 struct Pair {
@@ -156,7 +134,7 @@ fn rows(agent: &ureq::Agent, address: &str) -> Result<usize, String> {
 }
 
 fn main() -> ExitCode {
-    let (kills, seed) = (argument("--kills", 40), argument("--seed", 1));
+    let (kills, seed) = (number("--kills", 40.0) as u64, number("--seed", 1.0) as u64);
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let (place, token) = prepare(seed);
     let agent = agent();
@@ -206,7 +184,7 @@ fn main() -> ExitCode {
     }
     let _ = (pair.service.kill(), pair.service.wait(), pair.lathe.kill(), pair.lathe.wait());
     let history = place.folder.join("state/history.sqlite");
-    let verify = Command::new(&place.binary).args(["audit", "verify", "--history"]).arg(&history).output();
+    let verify = binary().args(["audit", "verify", "--history"]).arg(&history).output();
     let said = verify.map(|o| String::from_utf8_lossy(&o.stdout).trim().to_owned()).unwrap_or_default();
     println!("| killed | tries | survived | slowest recovery |\n|---|---|---|---|");
     for (name, row) in &table {

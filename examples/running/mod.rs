@@ -1,22 +1,23 @@
-//! The real service as a process of its own, for programs that watch it from outside.
+//! The real service as a process of its own, for programs that watch it from outside. Each uses a part of this.
+#![allow(dead_code)]
 
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 /// A number after its name on the command line.
-pub fn number(name: &str, default: f64) -> f64 {
+pub(crate) fn number(name: &str, default: f64) -> f64 {
     let given = std::env::args().skip_while(|a| a != name).nth(1);
     given.and_then(|v| v.parse().ok()).unwrap_or(default)
 }
 
 /// The binary of `cargo build --release`.
-pub fn binary() -> Command {
+pub(crate) fn binary() -> Command {
     Command::new(Path::new(env!("CARGO_MANIFEST_DIR")).join("target/release/stillcut"))
 }
 
 /// A process that ends with its owner.
-pub struct Process(pub Child);
+pub(crate) struct Process(pub(crate) Child);
 
 impl Drop for Process {
     fn drop(&mut self) {
@@ -25,7 +26,7 @@ impl Drop for Process {
 }
 
 /// Starts the service in a folder, with keys added to those of its history; answers its address.
-pub fn service(folder: &Path, prefix: &str, more: &str) -> (Process, String) {
+pub(crate) fn service(folder: &Path, prefix: &str, more: &str) -> (Process, String) {
     let config = folder.join("c.toml");
     let text = format!(
         "[transport]\nprefix = \"{prefix}\"\nroot = \"{0}/iox\"\n[http]\nlisten = \"127.0.0.1:0\"\n\
@@ -36,19 +37,36 @@ pub fn service(folder: &Path, prefix: &str, more: &str) -> (Process, String) {
     let mut command = binary();
     command.args(["run", "--config"]).arg(&config).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut child = command.spawn().expect("cargo build --release made the binary");
-    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
-    let address = loop {
-        let line = lines.next().expect("it says where it listens").expect("text");
-        if let Some(rest) = line.split("address=").nth(1) {
-            break rest.split_whitespace().next().expect("an address").to_owned();
-        }
-    };
-    std::thread::spawn(move || lines.for_each(drop));
+    let address = address(&mut child).expect("it says where it listens");
     (Process(child), address)
 }
 
+/// Follows the log until it says where the service listens. Nothing when the process ends before.
+pub(crate) fn address(child: &mut Child) -> Option<String> {
+    let mut lines = BufReader::new(child.stderr.take()?).lines();
+    loop {
+        let line = lines.next()?.ok()?;
+        if let Some(rest) = line.split("address=").nth(1) {
+            let found = rest.split_whitespace().next()?.to_owned();
+            std::thread::spawn(move || lines.for_each(drop));
+            return Some(found);
+        }
+    }
+}
+
+/// A virtual lathe beside the service, in air.
+pub(crate) fn lathe(folder: &Path, prefix: &str) -> Child {
+    let mut command = binary();
+    command.args(["lathe", "--prefix", prefix, "--entry-s", "100000", "--root"]).arg(folder.join("iox"));
+    command
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("cargo build --release made the binary")
+}
+
 /// User and system time of a process, s.
-pub fn busy_s(id: u32) -> f64 {
+pub(crate) fn busy_s(id: u32) -> f64 {
     let stat = std::fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
     stat.split(' ').skip(13).take(2).filter_map(|v| v.parse::<f64>().ok()).sum::<f64>() / 100.0
 }

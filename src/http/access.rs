@@ -13,7 +13,7 @@ use std::collections::HashMap;
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 use subtle::ConstantTimeEq as _;
 use thiserror::Error;
 
@@ -160,7 +160,7 @@ const RELOAD: Duration = Duration::from_secs(1);
 
 struct Loaded {
     tokens: Vec<Token>,
-    modified: Option<SystemTime>,
+    changed: Option<(i64, i64)>,
     looked: Instant,
 }
 
@@ -191,8 +191,8 @@ impl Access {
     /// Errors: the file is not what it should be.
     pub fn load(file: Option<&Path>, trust_loopback: bool) -> Result<Self, TokenFileError> {
         let tokens = file.map(read_tokens).transpose()?.unwrap_or_default();
-        let modified = file.and_then(modified);
-        let loaded = Loaded { tokens, modified, looked: crate::service::clock::now() };
+        let changed = file.and_then(changed);
+        let loaded = Loaded { tokens, changed, looked: crate::service::clock::now() };
         Ok(Self {
             file: file.map(Path::to_owned),
             trust_loopback,
@@ -214,11 +214,11 @@ impl Access {
             return;
         }
         loaded.looked = now;
-        let modified = modified(file);
-        if modified == loaded.modified {
+        let changed = changed(file);
+        if changed == loaded.changed {
             return;
         }
-        loaded.modified = modified;
+        loaded.changed = changed;
         match read_tokens(file) {
             Ok(tokens) => loaded.tokens = tokens,
             Err(error) => tracing::error!(event = "token_file", "{error}; the tokens in force stay"),
@@ -229,7 +229,7 @@ impl Access {
         let Some(value) = headers.get(header::AUTHORIZATION) else {
             return Verdict::Known(self.without_token(address));
         };
-        let token = value.to_str().ok().and_then(|v| v.strip_prefix("Bearer ")).unwrap_or_default();
+        let token = value.to_str().ok().and_then(bearer).unwrap_or_default();
         if let Some(caller) = self.find(token, wall_ns, now) {
             return Verdict::Known(caller);
         }
@@ -274,8 +274,16 @@ impl Access {
     }
 }
 
-fn modified(file: &Path) -> Option<SystemTime> {
-    std::fs::metadata(file).and_then(|m| m.modified()).ok()
+/// The token of `Bearer TOKEN`; the scheme in any case, as RFC 9110 has it.
+fn bearer(value: &str) -> Option<&str> {
+    let (scheme, token) = value.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then_some(token)
+}
+
+/// When the content, the owner or the mode of the file changed last: mending its mode counts too.
+fn changed(file: &Path) -> Option<(i64, i64)> {
+    use std::os::unix::fs::MetadataExt as _;
+    std::fs::metadata(file).map(|m| (m.ctime(), m.ctime_nsec())).ok()
 }
 
 impl Caller {
@@ -376,9 +384,14 @@ mod tests {
         let now = Instant::now();
         assert!(matches!(access.judge(&with(&one), FAR, 0, now), Verdict::Known(_)));
         std::fs::write(file.path(), entry(&two_hash)).unwrap();
-        let time = SystemTime::now() + Duration::from_secs(5);
-        std::fs::File::options().write(true).open(file.path()).unwrap().set_modified(time).unwrap();
-        let later = now + Duration::from_secs(2);
+        let mode = |m| std::fs::set_permissions(file.path(), std::fs::Permissions::from_mode(m)).unwrap();
+        // Others can read it: the old ones stay in force until the mode is mended, without any further touch.
+        mode(0o644);
+        let soon = now + Duration::from_secs(2);
+        assert!(matches!(access.judge(&with(&one), FAR, 0, soon), Verdict::Known(_)));
+        std::thread::sleep(Duration::from_millis(20));
+        mode(0o600);
+        let later = now + Duration::from_secs(4);
         assert!(matches!(access.judge(&with(&two), FAR, 0, later), Verdict::Known(_)));
         assert_eq!(access.judge(&with(&one), FAR, 0, later), Verdict::BadToken, "revoked");
     }

@@ -65,6 +65,7 @@ fn work(
         match save(recordings, &job) {
             Ok(seconds) => {
                 metrics.recordings.with_label_values(&["saved"]).inc();
+                metrics.stage_up.with_label_values(&["recorder"]).set(1);
                 outcome(
                     EventKind::RecordingSaved,
                     format!("{seconds:.1} s saved as {} ({})", job.id, job.reason),

@@ -55,15 +55,16 @@ pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection,
         Err(error) => return Err(error),
     };
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
-    let insert = "INSERT INTO life (started_ns, version) VALUES (?, ?) RETURNING epoch";
-    // After a replacement epochs must go on growing: start above any earlier one by using the time.
-    if damage.is_some() {
-        let seed = "INSERT INTO life (epoch, started_ns, version) VALUES (?, ?, 'replaced')";
-        let seconds = wall_ns / 1_000_000_000;
-        sqlx::query(seed).bind(seconds).bind(wall_ns).execute(&mut connection).await.map_err(fail)?;
-    }
-    let row =
-        sqlx::query(insert).bind(wall_ns).bind(env!("CARGO_PKG_VERSION")).fetch_one(&mut connection).await;
+    // The receiver obeys growing epochs only, and a history that was replaced or restored knows fewer of them:
+    // the time in seconds, or one above the last where the clock was set back.
+    let insert = "INSERT INTO life (epoch, started_ns, version) \
+         SELECT max(?, coalesce(max(epoch), 0) + 1), ?, ? FROM life RETURNING epoch";
+    let row = sqlx::query(insert)
+        .bind(wall_ns / 1_000_000_000)
+        .bind(wall_ns)
+        .bind(env!("CARGO_PKG_VERSION"))
+        .fetch_one(&mut connection)
+        .await;
     let epoch = row.map_err(fail)?.get(0);
     Ok((connection, OpenReport { epoch, damage, copy }))
 }

@@ -79,6 +79,16 @@ fn the_unit_is_hardened() {
     assert!(score <= 1.5, "{text}");
 }
 
+/// The diagnosis and all threads but the pipeline's go last by `nice` and `renice`, which the unit must let them do.
+#[test]
+fn the_unit_lets_the_service_step_back() {
+    let unit = std::fs::read_to_string(deploy("systemd/stillcut.service")).unwrap();
+    let filters: Vec<&str> = unit.lines().filter_map(|l| l.strip_prefix("SystemCallFilter=")).collect();
+    let barred = filters.iter().position(|f| f.starts_with('~') && f.contains("@resources")).unwrap();
+    let allowed = filters.iter().position(|f| *f == "setpriority").unwrap();
+    assert!(allowed > barred, "what is named later adds to what is barred before: {filters:?}");
+}
+
 #[test]
 fn the_c_header_has_the_layout_of_the_wire() {
     let arguments =

@@ -67,6 +67,13 @@ fn what_is_acknowledged_is_there_and_an_id_is_stored_once() {
         let (_, _, report) = StoreWriter::start(folder.path(), KEEP, metrics(), 1).await.unwrap();
         assert_eq!(report.epoch, 2, "epochs grow with every start");
     });
+    // A history that is restored from a copy knows fewer lives: the time is above all of them. A clock set back is not.
+    for (wall_s, epoch) in [(1_790_000_000_i64, 1_790_000_000), (1_000, 1_790_000_001)] {
+        runtime().block_on(async {
+            let started = StoreWriter::start(folder.path(), KEEP, metrics(), wall_s * 1_000_000_000).await;
+            assert_eq!(started.unwrap().2.epoch, epoch);
+        });
+    }
 }
 
 #[test]

@@ -89,9 +89,9 @@ function dispatch(block) {
     else if (line.startsWith("data:")) data += line.slice(5).trim();
     else if (line.startsWith("id:")) id = Number(line.slice(3).trim());
   }
-  lastMessage = Date.now();
   if (id !== null && Number.isFinite(id)) lastEventId = id;
-  if (!data) return;
+  if (!data) return; // a connection that is kept open says nothing about the picture
+  lastMessage = Date.now();
   const value = JSON.parse(data);
   if (kind === "state") showState(value);
   else if (kind === "force") { force.add(value); dirty = true; }
@@ -100,6 +100,7 @@ function dispatch(block) {
     waterfall.add(value, chatter.frequency_hz ?? null, chatter.band_hz || null);
     dirty = true;
   } else if (kind === "event") addEvent(value, true);
+  else if (kind === "lag") refreshLists(); // some were missed
 }
 
 // ---- the picture ----------------------------------------------------------------------------------
@@ -460,6 +461,22 @@ document.addEventListener("keydown", (key) => {
   if (key.ctrlKey || key.altKey || key.metaKey || $("ask").open || $("replay").open || /INPUT|TEXTAREA/.test(key.target.tagName)) return;
   const act = { 1: () => askMode("observe"), 2: () => askMode("advise"), 3: () => askMode("act"), r: askTakeBack, t: toggleTheme }[key.key.toLowerCase()];
   if (act) { key.preventDefault(); act(); }
+});
+// A plain link sends no token: what it leads to is fetched with it and saved.
+document.addEventListener("click", async (click) => {
+  const link = click.target.closest('a[href^="/api/v1/"]');
+  if (!link || !sessionStorage.getItem("token")) return;
+  click.preventDefault();
+  const answer = await fetch(link.href, { headers: headers(), cache: "no-store" }).catch(() => null);
+  if (!answer || !answer.ok) {
+    link.after(make("span", "by", answer ? ` refused: ${answer.status}` : " the service does not answer"));
+    return;
+  }
+  const file = make("a");
+  file.href = URL.createObjectURL(await answer.blob());
+  file.download = link.download || link.pathname.split("/").pop();
+  file.click();
+  setTimeout(() => URL.revokeObjectURL(file.href), 60000);
 });
 window.addEventListener("resize", () => { dirty = true; });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty = true; });
