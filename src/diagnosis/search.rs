@@ -206,8 +206,8 @@ fn join_delays(p: &mut Problem, accepted: &mut Vec<Accepted>, given: usize) {
     accepted.push(Accepted { round, ..Accepted::new(p, whole, vec![1.0]) });
 }
 
-/// Numbers, and what they leave, with all frequencies alike, where the weighted fit leaves far more: a mismatch
-/// taken for noise.
+/// Numbers, and what they leave, with all frequencies alike, where the weighted fit leaves far more: a
+/// mismatch taken for noise.
 fn calmed(p: &Problem, accepted: &[Accepted], residual: &Column) -> Option<(Vec<f64>, Column)> {
     let flat = Bench::flat(p, accepted, residual);
     let left = flat.residual();

@@ -55,8 +55,8 @@ pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection,
         Err(error) => return Err(error),
     };
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
-    // The receiver obeys growing epochs only, and a history that was replaced or restored knows fewer of them:
-    // the time in seconds, or one above the last where the clock was set back.
+    // The receiver obeys growing epochs only, and a history that was replaced or restored knows fewer of
+    // them: the time in seconds, or one above the last where the clock was set back.
     let insert = "INSERT INTO life (epoch, started_ns, version) \
          SELECT max(?, coalesce(max(epoch), 0) + 1), ?, ? FROM life RETURNING epoch";
     let row = sqlx::query(insert)
