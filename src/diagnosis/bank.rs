@@ -7,8 +7,15 @@ use super::shape::{Hypothesis, Shape};
 use crate::plant::effects::{EffectKind as E, Port};
 use rustfft::{FftPlanner, num_complex::Complex};
 
+/// Everything that is tried on a bench.
+pub(crate) fn of(bench: &Bench<'_>) -> Vec<Hypothesis> {
+    let mut list = fixed(bench.problem);
+    list.extend(adaptive(bench));
+    list
+}
+
 /// Hypotheses whose constants stand on a fixed grid.
-pub(crate) fn fixed(p: &Problem) -> Vec<Hypothesis> {
+fn fixed(p: &Problem) -> Vec<Hypothesis> {
     let h = Hypothesis::new;
     let mut list = Vec::new();
     for port in [Port::Stage, Port::Motor] {
@@ -111,7 +118,7 @@ fn encoder_periods(p: &Problem, list: &mut Vec<Hypothesis>) {
 }
 
 /// Hypotheses read off the residual: wavelengths in position, lines in time.
-pub(crate) fn adaptive(bench: &Bench<'_>) -> Vec<Hypothesis> {
+fn adaptive(bench: &Bench<'_>) -> Vec<Hypothesis> {
     let p = bench.problem;
     let q = bench.whitener.adjoint(&bench.whitened_residual(), &bench.layout);
     let mut list = wavelengths(p, &q);

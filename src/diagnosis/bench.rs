@@ -1,5 +1,6 @@
 //! The bench on which hypotheses are tried: whitened balance, folds, and what is known already.
 
+use super::floor::noise_n2;
 use super::problem::{Column, Problem, Sides};
 use super::regression::{Folds, Gram, Solution};
 use super::shape::{Hypothesis, Shape};
@@ -112,12 +113,9 @@ impl<'a> Bench<'a> {
         let mut base = on_two_cores(&columns, |c| whitener.whiten(c, &layout));
         let mut target = whitener.whiten(&known_target(problem, accepted), &layout);
         if let Some(mass) = problem.numbers.iter().position(|n| n.key == Some("movable_mass_kg")) {
-            normalise_stage(
-                residual,
-                &layout,
-                &whitener,
-                (&mut base[mass], &mut target, problem.mechanics.stage_mass_kg),
-            );
+            let stage = noise_of_stage(problem, residual);
+            let noise = whitener.whiten(&stage, &layout);
+            normalise_stage(&noise, (&mut base[mass], &mut target, problem.mechanics.stage_mass_kg));
         }
         let gram = Gram::new(&base, &target, &folds);
         let mut bench = Self {
@@ -171,16 +169,24 @@ impl<'a> Bench<'a> {
 
     /// Solves with the timing free, unless it leaves its limit: then it is held at zero.
     fn solve(&self, gram: &Gram, timing: bool) -> Solution {
-        let timing = timing && !self.accepted.iter().any(|a| is_delay(&a.hypothesis));
-        let all: Vec<usize> = (0..gram.columns()).collect();
-        let without: Vec<usize> = all.iter().copied().filter(|k| *k != self.timing_index()).collect();
-        if timing {
-            let free = gram.solve(&all);
-            if self.within_limit(&free) {
-                return free;
-            }
+        let timing = timing && self.timing_is_free();
+        self.solve_for(gram, |k| timing || k != self.timing_index())
+    }
+
+    /// A dead time in the model is the timing.
+    fn timing_is_free(&self) -> bool {
+        !self.accepted.iter().any(|a| is_delay(&a.hypothesis))
+    }
+
+    /// Solves for some of the columns; the timing is held at zero where it leaves its limit.
+    fn solve_for(&self, gram: &Gram, used: impl Fn(usize) -> bool) -> Solution {
+        let mut used: Vec<usize> = (0..gram.columns()).filter(|k| used(*k)).collect();
+        let free = gram.solve(&used);
+        if self.within_limit(&free) {
+            return free;
         }
-        gram.solve(&without)
+        used.retain(|k| *k != self.timing_index());
+        gram.solve(&used)
     }
 
     fn within_limit(&self, solution: &Solution) -> bool {
@@ -258,24 +264,36 @@ impl<'a> Bench<'a> {
         )
     }
 
+    /// Amplitudes of each accepted hypothesis at its present constants.
+    pub(crate) fn amplitudes(&self) -> Vec<Vec<f64>> {
+        let fixed: Vec<std::ops::Range<usize>> = (0..self.accepted.len())
+            .map(|index| {
+                let range = self.range(index);
+                range.end - self.accepted[index].tangents.len()..range.end
+            })
+            .collect();
+        let timing = self.timing_is_free();
+        let used = |k: usize| (timing || k != self.timing_index()) && !fixed.iter().any(|r| r.contains(&k));
+        let at_rest = self.solve_for(&self.gram, used);
+        let of = |(index, fixed): (usize, &std::ops::Range<usize>)| {
+            at_rest.coefficients[self.range(index).start..fixed.start].to_vec()
+        };
+        fixed.iter().enumerate().map(of).collect()
+    }
+
     /// Loss of evidence without an accepted hypothesis.
     pub(crate) fn drop_one(&self, index: usize) -> f64 {
         let a = &self.accepted[index];
         let gone = self.range(index);
+        let kept = |k: usize| !gone.contains(&k);
         let n = self.folds.total() as f64;
-        let solve = |gram: &Gram| {
-            let used: Vec<usize> = (0..gram.columns()).filter(|k| !gone.contains(k)).collect();
-            let without: Vec<usize> = used.iter().copied().filter(|k| *k != self.timing_index()).collect();
-            let free = gram.solve(&used);
-            if self.within_limit(&free) { free } else { gram.solve(&without) }
-        };
         let dropped = if a.hypothesis.shape.unit() {
             let mut target = self.target.clone();
             let column = self.whitener.whiten(&a.columns[0], &self.layout);
             target.iter_mut().zip(&column).for_each(|(t, c)| *t += c);
-            solve(&self.retargeted(&target))
+            self.solve_for(&self.retargeted(&target), kept)
         } else {
-            solve(&self.gram)
+            self.solve_for(&self.gram, kept)
         };
         n * (dropped.heldout / self.solution.heldout).ln()
     }
@@ -304,7 +322,7 @@ impl<'a> Bench<'a> {
                 .zip(&fit.steps)
                 .map(|(c, s)| c * s.clamp(-trust, trust).exp())
                 .collect();
-            let next = self.score_fitted(&Hypothesis { shape: h.shape.with_constants(&moved), ..h.clone() });
+            let next = self.score_fitted(&h.with_constants(self.problem, &moved));
             let gain = next.likelihood - best.likelihood;
             if gain > 0.0 {
                 best = next.clone();
@@ -441,21 +459,23 @@ fn known_target(p: &Problem, accepted: &[Accepted]) -> Column {
     target
 }
 
+/// The stage's residual as far as it is noise: a share of it, by its power.
+fn noise_of_stage(p: &Problem, residual: &Column) -> Column {
+    let stage: Column = residual.iter().map(|s| Sides { motor: None, stage: s.stage.clone() }).collect();
+    let share = (noise_n2(p, &stage, true) / rms(&stage).powi(2).max(1e-300)).min(1.0);
+    let mut noise: Column = vec![Sides::default(); stage.len()];
+    add(&mut noise, &stage, share);
+    noise
+}
+
 /// Takes the scale out of the stage balance, which has no known force to hold it.
 ///
-/// Every term of 0 = M_t a_s + ... - K D can shrink together and leave a smaller residual without fitting
-/// better.
-/// Minimising r_s / M_t instead, linearised at the present residual r_0 and mass M_0: the column of the mass
-/// becomes a_s + r_0 / M_0 and the target r_0; the residual at M_0 is unchanged.
-fn normalise_stage(
-    residual: &Column,
-    layout: &Layout,
-    whitener: &Whitener,
-    (mass, target, present): (&mut [f64], &mut [f64], f64),
-) {
-    let stage: Column = residual.iter().map(|s| Sides { motor: None, stage: s.stage.clone() }).collect();
-    let flat = whitener.whiten(&stage, layout);
-    for ((m, t), r) in mass.iter_mut().zip(target.iter_mut()).zip(&flat) {
+/// Every term of 0 = M_t a_s + ... - K D can shrink together and leave less noise without fitting better: the
+/// noise is that of D and a_s. Minimising r_s / M_t instead, linearised at the present noise r_0 and mass
+/// M_0: the column of the mass becomes a_s + r_0 / M_0 and the target r_0; the residual at M_0 is unchanged.
+/// A force that the model leaves out does not shrink with the mass: counted here it would buy a larger mass.
+fn normalise_stage(noise: &[f64], (mass, target, present): (&mut [f64], &mut [f64], f64)) {
+    for ((m, t), r) in mass.iter_mut().zip(target.iter_mut()).zip(noise) {
         *m += r / present;
         *t += r;
     }

@@ -7,6 +7,8 @@ use std::f64::consts::{PI, TAU};
 
 /// Samples of one segment of the averaged spectrum.
 const SEGMENT: usize = 1024;
+/// Length over which a residual is loud or quiet, s.
+const QUIET_BLOCK_S: f64 = 0.1;
 /// Power above the floor that noise of any smooth shape does not reach.
 const EXCESS: f64 = 5.0;
 
@@ -117,6 +119,18 @@ pub(crate) fn spectrum(p: &Problem, residual: &Column, stage: bool) -> SideSpect
     let floor =
         (0..density.len()).map(|k| k as f64 * step_hz).map(|f| (white + steps(f)) * shape(f)).collect();
     SideSpectrum { density, floor, step_hz }
+}
+
+/// Mean square of the noise of one side, N2: what most of the spectrum shows, or the quiet half of the time
+/// where that is less.
+pub(crate) fn noise_n2(p: &Problem, residual: &Column, stage: bool) -> f64 {
+    let spectral = spectrum(p, residual, stage).floor_rms_n(f64::MAX).powi(2);
+    let block = ((QUIET_BLOCK_S * p.rate_hz()) as usize).max(1);
+    let blocks = residual.iter().filter_map(|s| pick(s, stage)).flat_map(|x| x.chunks_exact(block));
+    let mut powers: Vec<f64> = blocks.map(|b| b.iter().map(|v| v * v).sum::<f64>() / block as f64).collect();
+    powers.sort_by(f64::total_cmp);
+    let quiet = &powers[..powers.len().div_ceil(2)];
+    spectral.min(quiet.iter().sum::<f64>() / quiet.len().max(1) as f64)
 }
 
 /// Gain of one pass of the band's low-pass: a step at the band's edge smoothed by the kernel's Gaussian.

@@ -16,6 +16,7 @@ mod result;
 mod rigid;
 mod search;
 mod shape;
+mod state;
 mod steps;
 mod strangers;
 mod terms;

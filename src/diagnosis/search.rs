@@ -1,12 +1,13 @@
 //! Forward selection: try every hypothesis, take the best, project it out, try again.
 
 use super::bank;
-use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay, rms};
+use super::bench::{Accepted, Bench, Score, rms};
 use super::problem::{Column, Mechanics, Problem, Sides};
 use super::shape::{Hypothesis, Shape};
+use super::state::{PASSES, State, nominal_residual};
 use super::strangers;
 use super::two_cores::on_two_cores;
-use crate::plant::effects::{EffectKind, Port};
+use crate::plant::effects::Port;
 
 /// More findings than this are a different machine.
 const MOST_FINDINGS: usize = 4;
@@ -25,19 +26,20 @@ const STRANGER_LEAST_SHARE: f64 = 0.1;
 const SECOND_SHARE: f64 = 0.005;
 /// Least size of a finding beside the thrust, both as root mean squares.
 const LEAST_WEIGHT: f64 = 5e-4;
-/// A weighted fit may leave more force than one without the finding, where the noise is low; not this many
-/// times.
-const RUNAWAY: f64 = 1.5;
 /// Hypotheses with this share of the best one's evidence are told apart by what they leave when fitted.
 const RIVAL_SHARE: f64 = 0.4;
 /// So many of them.
-const RIVALS: usize = 4;
+const RIVALS: usize = 3;
+/// Passes that each of them is fitted in.
+const RIVAL_PASSES: usize = 5;
+/// A fit may leave more force with a finding than without it, where the noise is low; not this many times.
+const RUNAWAY: f64 = 1.5;
+/// Least share of a loud rest, all frequencies alike, that makes a hypothesis a rival.
+const LOUD_SHARE: f64 = 0.1;
+/// So many of those.
+const LOUDEST: usize = 2;
 /// What leaves less than this share of what the best one leaves is preferred to it.
 const CLEARLY_LESS: f64 = 0.9;
-/// Share by which the residual must fall for passes to have been worth it.
-const WORTH_A_PASS: f64 = 0.002;
-/// Passes that are compared with as many before them.
-const IDLE_PASSES: usize = 5;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
 
@@ -69,235 +71,118 @@ pub(crate) struct Outcome {
     pub(crate) stranger: Option<Score>,
 }
 
-/// Numbers of the problem from the coefficients of the bench.
-fn update_mechanics(p: &mut Problem, coefficients: &[f64]) {
-    let mut m = Mechanics::nominal(&p.drive);
-    for (number, &b) in p.numbers.iter().zip(coefficients) {
-        // A number that the recording cannot tell stays nominal.
-        let b = if b > 0.2 * number.nominal && b < 5.0 * number.nominal { b } else { number.nominal };
-        match number.key {
-            Some("rotary_inertia_kg_m2") => m.motor_mass_kg = b,
-            Some("rotary_damping_nm_s_rad") => m.motor_damping_n_s_m = b,
-            Some("motor_coulomb_friction_n") => m.motor_coulomb_n = b,
-            Some("axial_stiffness_n_m") => m.stiffness_n_m = b,
-            Some("structural_damping_n_s_m") => m.structural_damping_n_s_m = b,
-            Some("movable_mass_kg") => m.stage_mass_kg = b,
-            Some("translational_damping_n_s_m") => m.stage_damping_n_s_m = b,
-            Some("stage_coulomb_friction_n") => m.stage_coulomb_n = b,
-            _ => {}
+/// The whole search.
+pub(crate) fn search(problem: Problem, given: Vec<Accepted>, progress: super::Progress<'_>) -> Outcome {
+    let nominal = nominal_residual(&problem, &given);
+    let mut state = State::new(problem, given);
+    let mut rounds: Vec<Round> = Vec::new();
+    let mut before = state.residual.clone();
+    let mut recalibrated = state.problem.mechanics;
+    let mut stranger = None;
+    // The model before its last finding, and findings that did harm.
+    let mut back: Option<State> = None;
+    let mut refused: Vec<Hypothesis> = Vec::new();
+    for round in 0..=MOST_FINDINGS {
+        progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
+        state.settle(PASSES);
+        if let Some(back) = back.take_if(|b| rms(&state.residual) > RUNAWAY * rms(&b.residual)) {
+            refused.extend(state.accepted.pop().map(|a| a.hypothesis));
+            state = back;
         }
-    }
-    p.mechanics = m;
-    p.update_free_stretch(coefficients);
-}
-
-fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
-    let mut coefficients: Vec<f64> = p.numbers.iter().map(|n| n.nominal).collect();
-    coefficients.push(0.0);
-    for a in given {
-        coefficients.extend(a.stated());
-    }
-    super::bench::residual_of(p, given, &coefficients)
-}
-
-/// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
-fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
-    let passes = if accepted.is_empty() { 2 } else { 40 };
-    let mut left_n = Vec::new();
-    for _ in 0..passes {
-        // The noise of one fit weights the next.
-        *residual = Bench::new(p, accepted, residual).residual();
-        let mut bench = Bench::new(p, accepted, residual);
-        *residual = bench.residual();
-        if !accepted.is_empty()
-            && let Some(flat) = calmed(p, accepted, residual)
-        {
-            *residual = flat.residual();
-            bench = flat;
+        if round == 0 {
+            progress(0.1, "trying forms outside the vocabulary");
+            stranger = best_stranger(&state);
+            before.clone_from(&state.residual);
+            recalibrated = state.problem.mechanics;
         }
-        let fits: Vec<_> = (0..accepted.len()).map(|k| bench.accepted_fit(k)).collect();
-        let (coefficients, timing_s) = (bench.solution.coefficients.clone(), bench.timing_s());
+        progress(round as f64 / (MOST_FINDINGS + 1) as f64, "trying hypotheses");
+        let bench = state.weighted_bench();
+        let known: Vec<Hypothesis> =
+            state.accepted.iter().map(|a| &a.hypothesis).chain(&refused).cloned().collect();
+        let mut scores = one_round(&bench, &known);
+        let rivals = rivals(&state, &bench, (&scores, &known));
         drop(bench);
-        update_mechanics(p, &coefficients);
-        p.shift_timing(timing_s);
-        let moved =
-            accepted.iter_mut().zip(&fits).map(|(a, fit)| move_constants(p, a, fit)).fold(0.0, f64::max);
-        left_n.push(rms(residual));
-        if !accepted.is_empty() && (moved < 0.3 || wanders(&left_n)) {
-            break;
+        let enough = round < MOST_FINDINGS && !rivals.is_empty();
+        let with = enough.then(|| least_left(&state, &mut scores, (rivals, round)));
+        rounds.push(Round { taken: with.as_ref().map(|_| 0), scores });
+        let Some(with) = with else { break };
+        back = Some(std::mem::replace(&mut state, with));
+    }
+    prune(&mut state);
+    let stranger = stranger.filter(|s| beats_named(&state, s));
+    let State { problem, accepted, given, residual } = state;
+    Outcome { problem, accepted, rounds, given, nominal, residual, before, recalibrated, stranger }
+}
+
+/// The free form that explains more than noise, if there is one.
+fn best_stranger(state: &State) -> Option<Score> {
+    let bench = state.weighted_bench();
+    let unnamed = if bench.problem.coarse { None } else { strangers::best(&bench) };
+    unnamed.filter(|s| s.evidence > STRANGER_LEAST_SHARE * bench.folds.total() as f64)
+}
+
+/// Hypotheses that promise about as much as the best one, and what explains most of a loud rest with all
+/// frequencies alike: the weighted evidence takes that for noise, and beside it a cause in another band
+/// counts nothing. Best first; empty: nothing that noise would not bring.
+fn rivals(state: &State, bench: &Bench<'_>, (scores, known): (&[Score], &[Hypothesis])) -> Vec<Score> {
+    let best = scores.first().filter(|s| s.plausible && s.evidence > least_evidence(bench));
+    let most = best.map_or(f64::INFINITY, |s| s.evidence);
+    let near = |s: &&Score| s.plausible && s.evidence > RIVAL_SHARE * most;
+    let mut rivals: Vec<Score> = scores.iter().take(RIVALS).filter(near).cloned().collect();
+    for loud in loudest(state, known) {
+        if !rivals.iter().any(|r| same_kind(&r.hypothesis, &loud.hypothesis)) {
+            rivals.push(loud);
         }
     }
+    rivals
 }
 
-/// Takes a hypothesis into the model.
-fn take(p: &mut Problem, (accepted, given): (&mut Vec<Accepted>, usize), score: Score, round: usize) {
-    if is_delay(&score.hypothesis) {
-        // From here on the finding is the timing.
-        p.shift_timing(-p.timing_s);
+/// What explains most with all frequencies alike, where what is left is louder than noise.
+fn loudest(state: &State, known: &[Hypothesis]) -> Vec<Score> {
+    if !state.is_loud() {
+        return Vec::new();
     }
-    let new = Accepted::new(p, score.hypothesis, score.amplitudes);
-    accepted.push(Accepted { round, ..new });
-    join_delays(p, accepted, given);
+    let bench = state.flat_bench();
+    let mut scores = scored(&bench, known);
+    let least = bench.folds.total() as f64 * -(1.0 - LOUD_SHARE).ln();
+    scores.retain(|s| s.plausible && s.evidence > least);
+    scores.truncate(LOUDEST);
+    on_two_cores(&scores, |s| refine(&bench, s))
 }
 
-/// Of hypotheses that promise about as much, puts the one first that leaves least once everything is fitted
-/// with it.
+/// The model with that rival that leaves least once everything is fitted with it; puts it first.
 ///
 /// A first score weighs by noise that still holds the whole mismatch, at constants that are not settled: a
 /// slow current loop can promise more than the torsional mode that is there. Same effort for each, then the
-/// force that is left. The others' evidence is restated in the noise that the first one leaves.
-fn prefer_least_left(
-    p: &Problem,
-    (accepted, given): (&[Accepted], usize),
-    residual: &Column,
-    (scores, total): (&mut Vec<Score>, f64),
-) {
-    let most = scores.first().map_or(0.0, |s| s.evidence);
-    let near = |s: &&Score| s.plausible && s.evidence > RIVAL_SHARE * most;
-    let rivals: Vec<Score> = scores.iter().take(RIVALS).filter(near).cloned().collect();
-    if rivals.len() < 2 {
-        return;
-    }
-    let left_n = on_two_cores(&rivals, |score| {
-        let (mut p, mut accepted, mut residual) = (p.clone(), accepted.to_vec(), residual.clone());
-        take(&mut p, (&mut accepted, given), score.clone(), 0);
-        settle(&mut p, &mut accepted, &mut residual);
-        rms(&residual)
+/// force that is left. The others' evidence is restated in the noise that the best one leaves.
+fn least_left(state: &State, scores: &mut Vec<Score>, (rivals, round): (Vec<Score>, usize)) -> State {
+    let alone = rivals.len() == 1;
+    let mut settled = on_two_cores(&rivals, |score| {
+        let mut state = state.clone();
+        state.take(score.clone(), round);
+        if !alone {
+            state.settle(RIVAL_PASSES);
+        }
+        state
     });
+    let left_n: Vec<f64> = settled.iter().map(|s| rms(&s.residual)).collect();
     let least_n = left_n.iter().copied().fold(f64::INFINITY, f64::min);
-    if left_n[0] <= least_n / CLEARLY_LESS {
-        return;
-    }
-    for (score, left_n) in rivals.iter().zip(&left_n) {
-        let behind = total * 2.0 * (left_n / least_n).ln();
-        if let Some(s) = scores.iter_mut().find(|s| s.hypothesis == score.hypothesis) {
-            s.evidence = if behind > 0.0 { (most - behind).max(0.0) } else { most };
-        }
-    }
-    sort(scores);
-}
-
-/// Both encoders later by the same time are one dead time of the thrust that is longer: a single cause.
-///
-/// u(t) against x(t + T) on either side is u(t - T) against x(t).
-fn join_delays(p: &mut Problem, accepted: &mut Vec<Accepted>, given: usize) {
-    /// Delays apart by more than this share are two causes.
-    const ALIKE: f64 = 0.3;
-    let late = |port: Port| {
-        let found = accepted.iter().enumerate().skip(given).find(|(_, a)| a.hypothesis.port == port);
-        found.and_then(|(k, a)| match a.hypothesis.shape {
-            Shape::Delay { extra_s } => Some((k, extra_s)),
-            _ => None,
-        })
+    let best = if CLEARLY_LESS * left_n[0] <= least_n {
+        0
+    } else {
+        left_n.iter().position(|l| *l == least_n).unwrap_or(0)
     };
-    let (Some((a, motor_s)), Some((b, stage_s))) = (late(Port::MotorEncoder), late(Port::StageEncoder))
-    else {
-        return;
-    };
-    if (motor_s / stage_s - 1.0).abs() > ALIKE {
-        return;
+    if scores.first().is_none_or(|s| s.hypothesis != rivals[best].hypothesis) {
+        let most = scores.first().map_or(0.0, |s| s.evidence).max(rivals[best].evidence);
+        let total = 2.0 * state.problem.lengths().iter().sum::<usize>() as f64;
+        for (rival, left_n) in rivals.into_iter().zip(&left_n) {
+            let behind = (2.0 * total * (left_n / least_n).ln()).max(0.0);
+            scores.retain(|s| !same_kind(&s.hypothesis, &rival.hypothesis));
+            scores.push(Score { evidence: (most - behind).max(0.0), ..rival });
+        }
+        sort(scores);
     }
-    let round = accepted[a].round.max(accepted[b].round);
-    accepted.remove(a.max(b));
-    accepted.remove(a.min(b));
-    p.shift_timing(-p.timing_s);
-    let shape = Shape::Delay { extra_s: 0.5 * (motor_s + stage_s) };
-    let whole = Hypothesis::new(EffectKind::DeadTime, Port::Current, shape);
-    accepted.push(Accepted { round, ..Accepted::new(p, whole, vec![1.0]) });
-}
-
-/// The bench with all frequencies alike, where the weighted fit leaves far more: a mismatch taken for noise
-/// loses its weight, grows and is noise all the more.
-fn calmed<'a>(p: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Option<Bench<'a>> {
-    let flat = Bench::flat(p, accepted, residual);
-    (rms(residual) > RUNAWAY * rms(&flat.residual())).then_some(flat)
-}
-
-/// True where the last passes gained nothing over those before them: constants that trade with each other, or
-/// that imitate another cause, wander on.
-fn wanders(left_n: &[f64]) -> bool {
-    let least = |x: &[f64]| x.iter().copied().fold(f64::INFINITY, f64::min);
-    let Some(start) = left_n.len().checked_sub(2 * IDLE_PASSES) else { return false };
-    let (before, last) = left_n[start..].split_at(IDLE_PASSES);
-    least(last) > (1.0 - WORTH_A_PASS) * least(before)
-}
-
-/// Moves the constants of an accepted hypothesis by its fit; returns the largest step in deviations.
-fn move_constants(p: &Problem, a: &mut Accepted, fit: &HypothesisFit) -> f64 {
-    let shape = &a.hypothesis.shape;
-    let trust = shape.trust();
-    let constants: Vec<f64> =
-        shape.constants().iter().zip(&fit.steps).map(|(c, s)| c * s.clamp(-trust, trust).exp()).collect();
-    // A step far below what the law is linear in is none, however sharp the data.
-    let moved = fit.steps.iter().zip(&fit.step_deviations).map(|(s, d)| s.abs() / d.max(0.01 * trust));
-    let moved = moved.fold(0.0, f64::max);
-    let hypothesis = Hypothesis { shape: shape.with_constants(&constants), ..a.hypothesis.clone() };
-    *a = Accepted { round: a.round, ..Accepted::new(p, hypothesis, fit.amplitudes.clone()) };
-    moved
-}
-
-/// The whole search.
-pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Progress<'_>) -> Outcome {
-    let mut accepted = given;
-    let given = accepted.len();
-    let mut rounds = Vec::new();
-    let mut residual = nominal_residual(&p, &accepted);
-    let nominal = residual.clone();
-    // Wrong numbers are no noise: the first estimate of it is what no choice of them absorbs.
-    residual = Bench::flat(&p, &accepted, &residual).residual();
-    let mut before = residual.clone();
-    let mut recalibrated = p.mechanics;
-    let mut stranger = None;
-    for round in 0..=MOST_FINDINGS {
-        progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
-        settle(&mut p, &mut accepted, &mut residual);
-        if round > 0 && rms(&residual) > RUNAWAY * rms(&before) {
-            // A mismatch taken for noise loses its weight, grows, and is noise all the more.
-            accepted.pop();
-            residual.clone_from(&before);
-            settle(&mut p, &mut accepted, &mut residual);
-            break;
-        }
-        if round == 0 {
-            let bench = Bench::new(&p, &accepted, &residual);
-            residual = bench.residual();
-            progress(0.1, "trying forms outside the vocabulary");
-            let unnamed = if bench.problem.coarse { None } else { strangers::best(&bench) };
-            stranger = unnamed.filter(|s| s.evidence > STRANGER_LEAST_SHARE * bench.folds.total() as f64);
-            drop(bench);
-            let calm = calmed(&p, &accepted, &residual)
-                .map(|flat| (flat.solution.coefficients.clone(), flat.residual()));
-            if let Some((coefficients, left)) = calm {
-                update_mechanics(&mut p, &coefficients);
-                residual = left;
-            }
-            before.clone_from(&residual);
-            recalibrated = p.mechanics;
-        }
-        let bench = Bench::new(&p, &accepted, &residual);
-        if round > 0 {
-            residual = bench.residual();
-        }
-        progress(round as f64 / (MOST_FINDINGS + 1) as f64, "trying hypotheses");
-        let mut result = one_round(&bench, &accepted);
-        let enough = round < MOST_FINDINGS
-            && result.scores.first().is_some_and(|s| s.plausible && significant(s.evidence, &bench));
-        result.taken = enough.then_some(0);
-        let total = bench.folds.total() as f64;
-        drop(bench);
-        if enough {
-            prefer_least_left(&p, (&accepted, given), &residual, (&mut result.scores, total));
-        }
-        let taken = result.taken.map(|k| result.scores[k].clone());
-        rounds.push(result);
-        match taken {
-            Some(score) => take(&mut p, (&mut accepted, given), score, round),
-            None => break,
-        }
-    }
-    prune(&mut p, &mut accepted, &mut residual, given);
-    let stranger = stranger.filter(|s| beats_named(&p, (&accepted, given), &residual, s));
-    Outcome { problem: p, accepted, rounds, given, nominal, residual, before, recalibrated, stranger }
+    settled.swap_remove(best)
 }
 
 /// True when a free form leaves less than everything named does, both measured in the noise that is left at
@@ -305,17 +190,13 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
 ///
 /// In the first round a loud cause is itself the noise that everything is measured in, and what it moves
 /// follows it.
-fn beats_named(
-    p: &Problem,
-    (accepted, given): (&[Accepted], usize),
-    residual: &Column,
-    stranger: &Score,
-) -> bool {
-    if accepted.len() == given {
+fn beats_named(state: &State, stranger: &Score) -> bool {
+    let State { problem, accepted, given, residual } = state;
+    if accepted.len() == *given {
         return true;
     }
-    let full = Bench::new(p, accepted, residual);
-    let bare = Bench::new(p, &accepted[..given], residual);
+    let full = Bench::new(problem, accepted, residual);
+    let bare = Bench::new(problem, &accepted[..*given], residual);
     let named = full.folds.total() as f64 * (bare.solution.heldout / full.solution.heldout).ln();
     STRANGER_SHARE * bare.refine(stranger).evidence > named
 }
@@ -331,31 +212,30 @@ fn weight(p: &Problem, a: &Accepted) -> f64 {
 
 /// Takes out what later findings have made pointless, and what is too small beside the thrust to be told from
 /// the model's own inexactness.
-fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
-    drop_harmful(p, accepted, residual, given);
-    let mut index = given;
-    while index < accepted.len() {
+fn prune(state: &mut State) {
+    drop_harmful(state);
+    let mut index = state.given;
+    while index < state.accepted.len() {
         // An encoder's error has the period of its own signal: no inexactness of the mechanics imitates that.
-        let port = accepted[index].hypothesis.port;
+        let port = state.accepted[index].hypothesis.port;
         let encoder = matches!(port, Port::MotorEncoder | Port::StageEncoder);
-        if !encoder && weight(p, &accepted[index]) < LEAST_WEIGHT {
-            accepted.remove(index);
-            settle(p, accepted, residual);
+        if !encoder && weight(&state.problem, &state.accepted[index]) < LEAST_WEIGHT {
+            state.remove(index);
         } else {
             index += 1;
         }
     }
     loop {
         let (weakest, strongest) = {
-            let bench = Bench::new(p, accepted, residual);
-            let losses: Vec<(f64, usize)> = (given..accepted.len()).map(|k| (bench.drop_one(k), k)).collect();
+            let bench = state.bench();
+            let losses: Vec<(f64, usize)> =
+                (state.given..state.accepted.len()).map(|k| (bench.drop_one(k), k)).collect();
             let strongest = losses.iter().map(|l| l.0).fold(0.0, f64::max);
             (losses.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)), strongest)
         };
         match weakest {
             Some((evidence, k)) if evidence < LEAST_EVIDENCE.max(SECOND_SHARE * strongest) => {
-                accepted.remove(k);
-                settle(p, accepted, residual);
+                state.remove(k);
             }
             _ => break,
         }
@@ -365,24 +245,19 @@ fn prune(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, g
 /// Takes out what leaves more force on held-out stretches than there is without it.
 ///
 /// The noise is estimated from what is left, so a cause that ruins one band buys evidence in all others.
-fn drop_harmful(p: &mut Problem, accepted: &mut Vec<Accepted>, residual: &mut Column, given: usize) {
+fn drop_harmful(state: &mut State) {
     loop {
         let worst = {
-            let bench = Bench::new(p, accepted, residual);
+            let bench = state.bench();
             let with = rms(&bench.heldout_residual(None));
-            (given..accepted.len())
+            (state.given..state.accepted.len())
                 .map(|k| (with / rms(&bench.heldout_residual(Some(k))).max(1e-300), k))
                 .filter(|(ratio, _)| *ratio > 1.0)
                 .max_by(|a, b| a.0.total_cmp(&b.0))
         };
         let Some((_, k)) = worst else { return };
-        accepted.remove(k);
-        settle(p, accepted, residual);
+        state.remove(k);
     }
-}
-
-fn significant(evidence: f64, bench: &Bench<'_>) -> bool {
-    evidence > least_evidence(bench)
 }
 
 /// Evidence from which on a finding is claimed.
@@ -391,19 +266,23 @@ pub(crate) fn least_evidence(bench: &Bench<'_>) -> f64 {
     LEAST_EVIDENCE.max(share * bench.folds.total() as f64)
 }
 
-/// Scores the whole bank and refines the leaders of each effect.
-fn one_round(bench: &Bench<'_>, accepted: &[Accepted]) -> Round {
-    let mut bank = bank::fixed(bench.problem);
-    bank.extend(bank::adaptive(bench));
-    bank.retain(|h| !accepted.iter().any(|a| same_kind(&a.hypothesis, h)));
-    let mut scores = on_two_cores(&bank, |h| bench.score(h));
-    keep_best_of_kind(&mut scores);
+/// Scores the bank and refines the leaders of each effect; best first.
+fn one_round(bench: &Bench<'_>, known: &[Hypothesis]) -> Vec<Score> {
+    let mut scores = scored(bench, known);
     let leaders: Vec<Score> = scores.iter().take(8).cloned().collect();
     let refined = on_two_cores(&leaders, |s| refine(bench, s));
     scores.splice(0..leaders.len(), refined);
-    sort(&mut scores);
     keep_best_of_kind(&mut scores);
-    Round { scores, taken: None }
+    scores
+}
+
+/// Scores of the bank without what is `known`, of each kind the best.
+fn scored(bench: &Bench<'_>, known: &[Hypothesis]) -> Vec<Score> {
+    let mut bank = bank::of(bench);
+    bank.retain(|h| !known.iter().any(|k| same_kind(k, h)));
+    let mut scores = on_two_cores(&bank, |h| bench.score(h));
+    keep_best_of_kind(&mut scores);
+    scores
 }
 
 /// True when two hypotheses are the same physics, so that one in the model makes the other pointless.
@@ -452,7 +331,7 @@ fn keep_best_of_kind(scores: &mut Vec<Score>) {
     *scores = kept;
 }
 
-/// Fits the constants; for waves also how many harmonics the held-out blocks pay for.
+/// Fits the constants; for waves also how many harmonics, for a map how many knots the held-out blocks pay for.
 fn refine(bench: &Bench<'_>, score: &Score) -> Score {
     let mut best = bench.refine(score);
     if matches!(best.hypothesis.shape, Shape::Lines { .. }) {
@@ -462,6 +341,9 @@ fn refine(bench: &Bench<'_>, score: &Score) -> Score {
         let mut shape = best.hypothesis.shape.clone();
         match &mut shape {
             Shape::Periodic { harmonics, .. } | Shape::EncoderError { harmonics, .. } => *harmonics = more,
+            Shape::Map { spacing_m, knots, .. } => {
+                (*spacing_m, *knots) = (0.5 * *spacing_m, 2 * *knots - 1);
+            }
             _ => break,
         }
         let start = bench.score(&Hypothesis { shape, ..best.hypothesis.clone() });

@@ -16,6 +16,10 @@ use std::f64::consts::TAU;
 
 /// Frequency in Hz, share of the inertia and damping ratio that a torsional mode can have.
 const TORSION: [[f64; 2]; 3] = [[100.0, 5000.0], [0.05, 0.95], [1e-4, 0.3]];
+/// A time constant is known up to this many times the longest recording.
+const WATCHED: f64 = 3.0;
+/// A Stribeck velocity is below this share of the highest speed.
+const SPEEDS_RUN: f64 = 0.3;
 
 /// The law of a hypothesis with its nonlinear constants; amplitudes are the regression's.
 #[derive(Debug, Clone, PartialEq)]
@@ -118,7 +122,7 @@ impl Shape {
     }
 
     /// The same law with other constants, held inside what the law allows.
-    pub(crate) fn with_constants(&self, c: &[f64]) -> Self {
+    fn with_constants(&self, c: &[f64]) -> Self {
         let mut shape = self.clone();
         match &mut shape {
             Shape::Stribeck { velocity_m_s: x }
@@ -210,6 +214,26 @@ pub(crate) struct Hypothesis {
 impl Hypothesis {
     pub(crate) fn new(effect: EffectKind, port: Port, shape: Shape) -> Self {
         Self { effect, port, shape }
+    }
+
+    /// The same physics with other constants, held inside what law and recordings allow: friction that
+    /// settles more slowly than it is watched is a ramp, whatever its time constant, and one that falls over
+    /// more than the speeds that were run is constant.
+    pub(crate) fn with_constants(&self, p: &Problem, constants: &[f64]) -> Self {
+        let mut shape = self.shape.with_constants(constants);
+        match &mut shape {
+            Shape::Drift { time_constant_s } => {
+                let longest_s = p.motions.iter().map(|m| m.len() as f64 / m.rate_hz).fold(0.0, f64::max);
+                *time_constant_s = time_constant_s.min(WATCHED * longest_s);
+            }
+            Shape::Stribeck { velocity_m_s } => {
+                let speeds = p.motions.iter().flat_map(|m| &self.side(m).velocity_m_s);
+                let fastest_m_s = speeds.fold(0.0, |most: f64, v| most.max(v.abs()));
+                *velocity_m_s = velocity_m_s.min(SPEEDS_RUN * fastest_m_s);
+            }
+            _ => {}
+        }
+        Self { shape, ..self.clone() }
     }
 
     /// The columns that the hypothesis adds to the balance.
