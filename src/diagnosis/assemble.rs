@@ -43,11 +43,11 @@ pub(crate) fn assemble(
     recordings: &[Recording],
     (outcome, bench): (&Outcome, &Bench<'_>),
 ) -> Diagnosis {
-    let p = &outcome.problem;
+    let p = &outcome.state.problem;
     let after = bench.residual();
     let of = |residual: &Column| [false, true].map(|stage| spectrum(p, residual, stage)).to_vec();
     let spectra: Vec<SideSpectrum> = of(&after);
-    let least = of(&Bench::flat(p, &outcome.accepted, &after).residual());
+    let least = of(&Bench::flat(p, &outcome.state.accepted, &after).residual());
     let case = Case {
         machine,
         axis,
@@ -143,7 +143,7 @@ fn detection_limits(bench: &Bench<'_>, round: Option<&Round>) -> Vec<DetectionLi
 impl Case<'_> {
     /// Encoders whose steps are coarser than the model states.
     fn encoder_steps(&self) -> Vec<Finding> {
-        let p = &self.outcome.problem;
+        let p = &self.outcome.state.problem;
         [Port::MotorEncoder, Port::StageEncoder]
             .into_iter()
             .zip(p.steps_m)
@@ -153,7 +153,7 @@ impl Case<'_> {
     }
 
     fn step_finding(&self, port: Port, step: f64) -> Finding {
-        let p = &self.outcome.problem;
+        let p = &self.outcome.state.problem;
         let effect = EffectKind::EncoderQuantization;
         let parameters = vec![Estimate {
             name: "step_m".to_owned(),
@@ -215,12 +215,12 @@ impl Case<'_> {
     }
 
     fn new_accepted(&self) -> impl Iterator<Item = (usize, &Accepted)> {
-        self.outcome.accepted.iter().enumerate().skip(self.outcome.given)
+        self.outcome.state.accepted.iter().enumerate().skip(self.outcome.state.given)
     }
 
     /// Power that stands above the floor, whitened side by side, in a residual.
     fn excess_power(&self, residual: &Column) -> f64 {
-        let p = &self.outcome.problem;
+        let p = &self.outcome.state.problem;
         let band = band_hz(p.motions.first().map_or(1.0, |m| m.rate_hz));
         self.spectra
             .iter()
@@ -242,15 +242,15 @@ impl Case<'_> {
         if self.outcome.stranger.is_some() || self.waves_of_no_origin() > 1 {
             return true;
         }
-        let band = self.outcome.problem.motions.first().map_or(1.0, |m| band_hz(m.rate_hz));
-        let target = &self.outcome.problem.target;
+        let band = self.outcome.state.problem.motions.first().map_or(1.0, |m| band_hz(m.rate_hz));
+        let target = &self.outcome.state.problem.target;
         let inexact_n = INEXACT_SHARE * rms(target);
         // Half a coarse step is a force of its own, and near rest it is not white.
         let coarse_n = [Port::MotorEncoder, Port::StageEncoder]
             .into_iter()
-            .zip(self.outcome.problem.steps_m)
+            .zip(self.outcome.state.problem.steps_m)
             .filter(|(port, step)| *step > stated_step_m(self.axis, *port))
-            .map(|(_, step)| 0.5 * step * self.outcome.problem.mechanics.stiffness_n_m)
+            .map(|(_, step)| 0.5 * step * self.outcome.state.problem.mechanics.stiffness_n_m)
             .fold(0.0, f64::max);
         let loud = self.least.iter().any(|s| {
             let total: f64 = s.excess(band).iter().map(|e| e.1).sum();
@@ -272,7 +272,7 @@ impl Case<'_> {
     /// Balls have one wavelength. Several without a common origin are the Fourier sum of something that is no
     /// wave.
     fn waves_of_no_origin(&self) -> usize {
-        let lead_m = self.outcome.problem.drive.screw_lead_m();
+        let lead_m = self.outcome.state.problem.drive.screw_lead_m();
         let whole = |ratio: f64| ratio > 0.97 && (ratio / ratio.round() - 1.0).abs() < 0.02;
         let mut origins: Vec<f64> = Vec::new();
         for (_, a) in self.new_accepted().filter(|(_, a)| a.hypothesis.port == Port::Stage) {
@@ -295,7 +295,7 @@ impl Case<'_> {
 
     /// Numbers that are not linear in the balance.
     fn further_corrections(&self) -> Vec<Correction> {
-        let p = &self.outcome.problem;
+        let p = &self.outcome.state.problem;
         let numbers = self.new_accepted().filter(|(_, a)| is_number(a));
         numbers
             .filter_map(|(k, a)| {
@@ -325,7 +325,7 @@ impl Case<'_> {
     }
 
     fn finding(&self, index: usize, accepted: &Accepted) -> Finding {
-        let p = &self.outcome.problem;
+        let p = &self.outcome.state.problem;
         let fit = self.bench.accepted_fit(index);
         let parameters = terms::estimates(p, accepted, &fit);
         let round = &self.outcome.rounds[accepted.round];
@@ -357,7 +357,7 @@ impl Case<'_> {
     /// What the finding adds, sample by sample of each recording; at the edges, where filters have no data,
     /// held.
     fn contribution(&self, accepted: &Accepted, fit: &HypothesisFit) -> Vec<Contribution> {
-        let full = self.outcome.problem.unthinned();
+        let full = self.outcome.state.problem.unthinned();
         let encoder = matches!(accepted.hypothesis.port, Port::MotorEncoder | Port::StageEncoder);
         let series: Vec<Vec<f64>> = if encoder {
             accepted.hypothesis.encoder_series(&full, &fit.amplitudes)
@@ -402,7 +402,7 @@ impl Case<'_> {
         for axis in machine.axes.iter_mut().filter(|a| a.name == self.axis.name) {
             let mut raw: RawDriveParams = axis.drive.raw().clone();
             if !(findings.is_empty() && corrections.is_empty()) {
-                for (name, value) in known_numbers(&self.outcome.problem, self.bench) {
+                for (name, value) in known_numbers(&self.outcome.state.problem, self.bench) {
                     set(&mut raw, name, value);
                 }
             }
@@ -418,7 +418,7 @@ impl Case<'_> {
     }
 
     fn recording_fits(&self) -> Vec<RecordingFit> {
-        let p = &self.outcome.problem;
+        let p = &self.outcome.state.problem;
         let sides =
             |c: &Sides| -> Vec<Vec<f64>> { [&c.motor, &c.stage].into_iter().flatten().cloned().collect() };
         (0..p.motions.len())

@@ -28,7 +28,7 @@ pub(super) fn in_loop(
     recordings: &[Recording],
     outcome: &Outcome,
 ) -> Result<ClosedLoop, String> {
-    let p = &outcome.problem;
+    let p = &outcome.state.problem;
     let controller = stated.controller.ok_or("the model states no controller")?;
     let signals: Vec<LoopRecord> =
         recordings.iter().map(|r| signals(stated, r)).collect::<Result<Vec<_>, String>>()?;

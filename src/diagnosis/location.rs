@@ -25,7 +25,7 @@ impl Case<'_> {
         if matches!(verdict, Verdict::ModelAdequate | Verdict::ParameterError) {
             return None;
         }
-        let p = &self.outcome.problem;
+        let p = &self.outcome.state.problem;
         let band = band_hz(p.motions.first().map_or(1.0, |m| m.rate_hz));
         let first_side = spectrum(p, &self.outcome.before, false);
         let above = |s: &SideSpectrum| s.excess(band).iter().map(|e| e.1).sum::<f64>();
@@ -75,7 +75,7 @@ impl Case<'_> {
 
     /// When the mismatch is: blocks of a quarter second whose power is above a quarter of the loudest's.
     fn times(&self) -> Vec<TimeSpans> {
-        let p = &self.outcome.problem;
+        let p = &self.outcome.state.problem;
         let block = (0.25 * p.rate_hz()).max(1.0) as usize;
         let power = |r: usize, k: usize| -> f64 {
             let at = |s: &Option<Vec<f64>>| {
@@ -109,7 +109,7 @@ impl Case<'_> {
     ///
     /// Share of the power that the mean over bins holds (correlation ratio).
     fn unnamed_domain(&self) -> &'static str {
-        let p = &self.outcome.problem;
+        let p = &self.outcome.state.problem;
         let lead_m = p.drive.screw_lead_m();
         let fold = |x: f64| lead_m.map_or(0.0, |lead| (x / lead).rem_euclid(1.0));
         let curves: [(&str, Abscissa<'_>); 3] = [
@@ -127,7 +127,7 @@ impl Case<'_> {
 
     /// Share of the residual's power, before findings, that is a curve over `of(position, velocity)`.
     fn curve_share(&self, of: Abscissa<'_>) -> f64 {
-        let p = &self.outcome.problem;
+        let p = &self.outcome.state.problem;
         let abscissa: Vec<Vec<f64>> = p
             .motions
             .iter()

@@ -116,7 +116,7 @@ pub fn diagnose(
         .map(|(h, amplitudes)| bench::Accepted::new(&problem, h, amplitudes))
         .collect();
     let outcome = search::search(problem, given, progress);
-    let bench = bench::Bench::new(&outcome.problem, &outcome.accepted, &outcome.residual);
+    let bench = outcome.state.bench();
     progress(0.95, "writing the model, simulating the loop");
     let mut diagnosis = assemble::assemble(machine, axis, recordings, (&outcome, &bench));
     if lumped.is_some() {

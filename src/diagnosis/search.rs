@@ -54,15 +54,11 @@ pub(crate) struct Round {
 
 /// What the search ends with.
 pub(crate) struct Outcome {
-    pub(crate) problem: Problem,
-    pub(crate) accepted: Vec<Accepted>,
+    /// The model in the end.
+    pub(crate) state: State,
     pub(crate) rounds: Vec<Round>,
-    /// How many of the accepted were in the model that was handed in.
-    pub(crate) given: usize,
     /// Residual of the model as stated.
     pub(crate) nominal: Column,
-    /// The last residual, from which the noise is taken.
-    pub(crate) residual: Column,
     /// Residual with numbers re-estimated, no finding.
     pub(crate) before: Column,
     /// Those numbers.
@@ -110,8 +106,7 @@ pub(crate) fn search(problem: Problem, given: Vec<Accepted>, progress: super::Pr
     }
     prune(&mut state);
     let stranger = stranger.filter(|s| beats_named(&state, s));
-    let State { problem, accepted, given, residual } = state;
-    Outcome { problem, accepted, rounds, given, nominal, residual, before, recalibrated, stranger }
+    Outcome { state, rounds, nominal, before, recalibrated, stranger }
 }
 
 /// The free form that explains more than noise, if there is one.

@@ -19,13 +19,13 @@ const IDLE_PASSES: usize = 5;
 
 /// See the module.
 #[derive(Debug, Clone)]
-pub(super) struct State {
-    pub(super) problem: Problem,
-    pub(super) accepted: Vec<Accepted>,
+pub(crate) struct State {
+    pub(crate) problem: Problem,
+    pub(crate) accepted: Vec<Accepted>,
     /// How many of the accepted were in the model that was handed in.
-    pub(super) given: usize,
+    pub(crate) given: usize,
     /// What is left, from which the noise is taken.
-    pub(super) residual: Column,
+    pub(crate) residual: Column,
 }
 
 impl State {

@@ -92,7 +92,9 @@ pub(super) fn unlumped(
 
 /// The torsional stiffness where the mode stands elsewhere than stated.
 fn torsional_spring(stated: &AxisModel, (outcome, bench): (&Outcome, &Bench<'_>)) -> Option<Correction> {
-    let Shape::Torsion { frequency_hz, .. } = outcome.accepted.first()?.hypothesis.shape else { return None };
+    let Shape::Torsion { frequency_hz, .. } = outcome.state.accepted.first()?.hypothesis.shape else {
+        return None;
+    };
     let d = &stated.drive;
     let r2 = d.travel_m_rad().powi(2);
     let value = r2 * Torsion::stiffness_of(frequency_hz, d.reflected_mass_kg(), d.screw_inertia_kg_m2() / r2);
