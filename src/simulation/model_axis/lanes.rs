@@ -119,17 +119,21 @@ impl<const L: usize> Lanes<L> {
         let mut out = [[0.0; L]; STATES];
         let further = if self.forced.is_empty() { [[0.0; L]; 2] } else { self.further(t_s, s) };
         let mut motor_n = [0.0; L];
+        let mut motor_slides = [0.0; L];
         for l in 0..L {
             let i = self.at_once[l] * told[l] + (1.0 - self.at_once[l]) * s[CURRENT][l];
             out[CURRENT][l] = self.loop_rad_s[l] * (told[l] - s[CURRENT][l]);
             let thrust = self.thrust_per_unit[l] * i * (1.0 - self.saturation[l] * i * i);
-            let sliding = tanh::<FUSED>(s[MOTOR_V][l] * self.smoothing_1[l]);
-            let friction =
-                multiply_add::<FUSED>(self.viscous[0][l], s[MOTOR_V][l], self.coulomb[0][l] * sliding);
+            motor_slides[l] = tanh::<FUSED>(s[MOTOR_V][l] * self.smoothing_1[l]);
+            let friction = multiply_add::<FUSED>(
+                self.viscous[0][l],
+                s[MOTOR_V][l],
+                self.coulomb[0][l] * motor_slides[l],
+            );
             motor_n[l] = thrust - friction - further[0][l];
         }
         if self.rigid {
-            return self.rigid_derivative(s, (motor_n, out));
+            return self.rigid_derivative(s, (&motor_n, &motor_slides), out);
         }
         for l in 0..L {
             let (x, v) = (s[STAGE][l], s[STAGE_V][l]);
@@ -163,10 +167,15 @@ impl<const L: usize> Lanes<L> {
         out
     }
 
-    fn rigid_derivative(&self, s: &State<L>, (motor_n, mut out): (Lane<L>, State<L>)) -> State<L> {
+    #[inline(always)]
+    fn rigid_derivative(
+        &self,
+        s: &State<L>,
+        (motor_n, slides): (&Lane<L>, &Lane<L>),
+        mut out: State<L>,
+    ) -> State<L> {
         for l in 0..L {
-            let sliding = (s[MOTOR_V][l] * self.smoothing_1[l]).tanh();
-            let bristle = self.bristle_share[l] * (s[BRISTLE][l] - self.coulomb[0][l] * sliding);
+            let bristle = self.bristle_share[l] * (s[BRISTLE][l] - self.coulomb[0][l] * slides[l]);
             out[MOTOR][l] = s[MOTOR_V][l];
             out[MOTOR_V][l] = (motor_n[l] - bristle) * self.motor_1_kg[l];
             (out[STAGE][l], out[STAGE_V][l]) = (out[MOTOR][l], out[MOTOR_V][l]);
