@@ -71,7 +71,7 @@ impl Baseline {
         among: std::ops::Range<usize>,
     ) -> usize {
         bank.powers(state, &mut self.powers);
-        strongest(&self.powers, among)
+        among.start + run(Fast::detect(), Largest { values: &self.powers[among] }).0
     }
 
     /// Power of a filter when the bank was looked at last.
@@ -124,50 +124,49 @@ impl Baseline {
 
     /// The filter with the greatest ratio of power to learned noise at the last look; the ratio divided by
     /// the band's common level when all of the band is louder than learned (its median over ln 2, the median
-    /// of an exponential distribution of mean one). `leak` is what the strongest line puts on each filter: that
-    /// is no noise. Checked by: `a_line_stands_out_and_a_loud_band_does_not`.
+    /// of an exponential distribution of mean one). `leak` is what the strongest line puts on each filter:
+    /// that is no noise. Checked by: `a_line_stands_out_and_a_loud_band_does_not`.
     pub(super) fn standout(&mut self, among: std::ops::Range<usize>, leak: Leak) -> Standout {
         let Self { believed, powers, ratios, .. } = self;
         let (known, heard) = (&believed[among.clone()], &powers[among.clone()]);
-        let ratios = &mut ratios[among.clone()];
-        run(Fast::detect(), Ratios { known, heard, ratios });
-        let mut best = Standout { common: 1.0, ..Standout::default() };
-        for (place, ratio) in ratios.iter().enumerate() {
-            if *ratio > best.contrast {
-                (best.contrast, best.filter) = (*ratio, among.start + place);
+        let (ratios, fast) = (&mut ratios[among.clone()], Fast::detect());
+        run(fast, Ratios { known, heard, ratios });
+        let (place, contrast) = run(fast, Largest { values: ratios });
+        let quiet = run(fast, Leaked { known, heard, ratios, leak, first: among.start });
+        // What is quieter than learned matters to nobody: a median below is not looked for.
+        let middle = ratios.len() / 2;
+        let common = if quiet > middle || ratios.is_empty() {
+            1.0
+        } else {
+            let (_, median, _) = ratios.select_nth_unstable_by(middle, f64::total_cmp);
+            *median / std::f64::consts::LN_2
+        };
+        let filter = among.start + place;
+        Standout { filter, contrast: contrast / common, power_n2: powers[filter], common }
+    }
+}
+
+/// Place and size of the largest of some values that are not negative; the first of none is 0.
+struct Largest<'a> {
+    values: &'a [f64],
+}
+
+impl Kernel for Largest<'_> {
+    type Output = (usize, f64);
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) -> (usize, f64) {
+        const LANES: usize = 8;
+        let (chunks, rest) = self.values.as_chunks::<LANES>();
+        let mut most = [0.0; LANES];
+        for chunk in chunks {
+            for lane in 0..LANES {
+                most[lane] = if chunk[lane] > most[lane] { chunk[lane] } else { most[lane] };
             }
         }
-        best.power_n2 = powers[best.filter];
-        let heard = &powers[among.clone()];
-        run(Fast::detect(), Leaked { known, heard, ratios, leak, first: among.start });
-        if !ratios.is_empty() {
-            best.common = common_level(ratios);
-        }
-        best.contrast /= best.common;
-        best
+        let largest = most.iter().chain(rest).fold(0.0, |a: f64, b| a.max(*b));
+        (self.values.iter().position(|x| *x >= largest).unwrap_or(0), largest)
     }
-}
-
-/// The strongest of some filters.
-pub(super) fn strongest(powers: &[f64], among: std::ops::Range<usize>) -> usize {
-    let mut best = (among.start, 0.0);
-    for (place, power) in powers[among.clone()].iter().enumerate() {
-        if *power > best.1 {
-            best = (among.start + place, *power);
-        }
-    }
-    best.0
-}
-
-/// Median over ln 2, at least 1: what is quieter than learned matters to nobody.
-fn common_level(ratios: &mut [f64]) -> f64 {
-    let middle = ratios.len() / 2;
-    let quiet: usize = ratios.iter().map(|r| usize::from(*r <= std::f64::consts::LN_2)).sum();
-    if quiet > middle {
-        return 1.0;
-    }
-    let (_, median, _) = ratios.select_nth_unstable_by(middle, f64::total_cmp);
-    *median / std::f64::consts::LN_2
 }
 
 /// Power over noise.
@@ -198,16 +197,18 @@ struct Leaked<'a> {
 }
 
 impl Kernel for Leaked<'_> {
-    type Output = ();
+    /// How many are quieter than learned: under the median of an exponential distribution of mean one.
+    type Output = usize;
 
     #[inline(always)]
-    fn run<const FUSED: bool>(self) {
+    fn run<const FUSED: bool>(self) -> usize {
         let mut place = self.first as f64;
         for ((ratio, power), noise) in self.ratios.iter_mut().zip(self.heard).zip(self.known) {
             let below = self.leak.below(place);
             *ratio = power * below / (noise * below + self.leak.power);
             place += 1.0;
         }
+        self.ratios.iter().filter(|ratio| **ratio <= std::f64::consts::LN_2).count()
     }
 }
 

@@ -160,11 +160,11 @@ impl<const L: usize> Observers<L> {
     /// asks for memory.
     #[inline]
     pub fn step(&mut self, sample: impl Fn(usize) -> MotionSample) -> [ForceEstimate; L] {
-        let mut estimates = [NO_ESTIMATE; L];
-        if self.streams {
+        let Some(lanes) = &mut self.lanes else {
+            let mut estimates = [NO_ESTIMATE; L];
             self.step_streams(&sample, &mut estimates);
-        }
-        let Some(lanes) = &mut self.lanes else { return estimates };
+            return estimates;
+        };
         let first = self.state.is_none();
         let state = self.state.get_or_insert_with(|| lanes.start());
         for (lane, axis) in self.axes.iter_mut().enumerate() {
@@ -195,10 +195,13 @@ impl<const L: usize> Observers<L> {
                 *force_n = servo.linear_phase(*force_n);
             }
         }
-        for (lane, axis) in self.axes.iter().enumerate() {
-            if let Kind::Servo(_) = axis.0 {
-                estimates[lane] = ForceEstimate { force_n: force_n[lane], flags: balance.flags[lane] };
-            }
+        let together = force_n.into_iter().zip(balance.flags);
+        let mut estimates = [NO_ESTIMATE; L];
+        for (estimate, (force_n, flags)) in estimates.iter_mut().zip(together) {
+            *estimate = ForceEstimate { force_n, flags };
+        }
+        if self.streams {
+            self.step_streams(&sample, &mut estimates);
         }
         estimates
     }

@@ -5,18 +5,18 @@
 //!
 //! ```text
 //!   restart            restart            restart
-//!  |--------- N ------|---- prefix -->               a block enters with a phase that starts anew with each
-//!          |<-------- sums -------->|                window, and leaves with the bits it entered with
+//!  |--------- N ------|---- prefix -->           a block enters with a phase that starts anew with each
+//!          |<-------- sums -------->|            window, and leaves with the bits it entered with
 //! ```
-//! Two sums a bin: one slides, the other starts at zero every N samples and takes the place of the sliding one
-//! when it holds a whole window. Rounding lives for two windows, not for ever.
+//! Two sums a bin: one slides, the other starts at zero every N samples and takes the place of the sliding
+//! one when it holds a whole window. Rounding lives for two windows, not for ever.
 //!
 //! Over a block of B samples the spectrum is so smooth that R frequencies of the band tell all of its bins:
 //! a block is transformed at R Chebyshev nodes and interpolated from there, R chosen so that the error lies
 //! below rounding (`nodes`). Cost: 4 R/B multiply-adds per bin, axis and sample and 8/B to turn and keep the
 //! sums, for all axes together; R is 6 of B = 25 for 200 Hz at 20 kHz in single precision. What is kept of a
-//! block are its values at the nodes. The spectrum is there after each block. [`EverySample`] gives it after each sample, at about three times the
-//! cost. Which bins mean what is not known here.
+//! block are its values at the nodes. The spectrum is there after each block. [`EverySample`] gives it after
+//! each sample, at several times the cost. Which bins mean what is not known here.
 
 use super::dispatch::{Fast, run};
 pub use super::sliding_dft_kernel::Real;
@@ -80,7 +80,7 @@ pub enum SlidingDftError {
     },
 }
 
-/// Samples a block at most: beyond it the table falls out of the nearest cache.
+/// Samples a block at most: the age of a spectrum.
 const LARGEST_BLOCK: usize = 25;
 
 /// The immutable part: table, rotor step, phase of a whole window.
