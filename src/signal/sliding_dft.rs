@@ -5,18 +5,19 @@
 //!
 //! ```text
 //!   restart            restart            restart
-//!  |--------- N ------|---- prefix -->           a block enters with a phase that starts anew with each
-//!          |<-------- sums -------->|            window, and leaves with the bits it entered with
+//!  |--------- N ------|---- fresh --->           a block enters and leaves with a phase that starts anew with
+//!          |<-------- sums -------->|            each window
 //! ```
-//! Two sums a bin: one slides, the other starts at zero every N samples and takes the place of the sliding
-//! one when it holds a whole window. Rounding lives for two windows, not for ever.
+//! Two sums a bin: one slides; the other starts at zero every eighth window and takes the place of the sliding
+//! one when it holds a whole one. Rounding lives for nine windows, not for ever.
 //!
 //! Over a block of B samples the spectrum is so smooth that R frequencies of the band tell all of its bins:
 //! a block is transformed at R Chebyshev nodes and interpolated from there, R chosen so that the error lies
-//! below rounding (`nodes`). Cost: 4 R/B multiply-adds per bin, axis and sample and 8/B to turn and keep the
-//! sums, for all axes together; R is 6 of B = 25 for 200 Hz at 20 kHz in single precision. What is kept of a
-//! block are its values at the nodes. The spectrum is there after each block. [`EverySample`] gives it after
-//! each sample, at several times the cost. Which bins mean what is not known here.
+//! below rounding (`nodes`). What changes is the block that comes less the one that goes: 2 R/B multiply-adds
+//! per bin, axis and sample, 6/B to turn them, an eighth more for the fresh sums, for all axes together; R is
+//! 6 of B = 25 for 200 Hz at 20 kHz in single precision. What is kept of a block are its values at the nodes.
+//! The spectrum is there after each block. [`EverySample`] gives it after each sample, at several times the
+//! cost. Which bins mean what is not known here.
 
 use super::dispatch::{Fast, run};
 pub use super::sliding_dft_kernel::Real;
@@ -80,6 +81,8 @@ pub enum SlidingDftError {
     },
 }
 
+/// Windows from one fresh sum to the next.
+const FRESH_EVERY: usize = 8;
 /// Samples a block at most: the age of a spectrum.
 const LARGEST_BLOCK: usize = 25;
 
@@ -118,16 +121,19 @@ pub struct SlidingDftState<T: Real> {
     block_in_window: usize,
     /// Whole windows since the start, up to one.
     window_full: bool,
+    /// Windows since the sums were fresh.
+    windows: usize,
     /// `[axis][re.., im..]` of the block at the nodes.
     at_nodes: Vec<T>,
     /// `[block][node][axis][re, im]`: the blocks of the window.
     blocks: Vec<T>,
-    /// `[axis][re.., im..]` of the block that comes and of the one that goes.
-    new: Vec<T>,
-    old: Vec<T>,
+    /// The block that comes less the one that goes.
+    change: Vec<T>,
+    /// `[axis][re.., im..]` of a block.
+    spectrum: Vec<T>,
     rotor: Vec<f64>,
     rotor_values: Vec<T>,
-    prefix: Vec<T>,
+    fresh: Vec<T>,
     /// `[axis][re.., im..]`: the spectrum, bins rotating with the window's restarts.
     sums: Vec<T>,
 }
@@ -245,13 +251,14 @@ impl<T: Real> SlidingDft<T> {
             in_block: 0,
             block_in_window: 0,
             window_full: false,
+            windows: 0,
             at_nodes: zeros(self.settings.axes * self.node_columns()),
             blocks: zeros(self.settings.axes * 2 * self.nodes * self.blocks_per_window),
-            new: zeros(columns),
-            old: zeros(columns),
+            change: zeros(self.settings.axes * 2 * self.nodes),
+            spectrum: zeros(columns),
             rotor: self.rotor_start.clone(),
             rotor_values: zeros(2 * self.padded_bins),
-            prefix: zeros(columns),
+            fresh: zeros(columns),
             sums: zeros(columns),
         }
     }
@@ -282,7 +289,6 @@ impl<T: Real> SlidingDft<T> {
 
     #[inline(never)]
     fn finish_block(&self, state: &mut SlidingDftState<T>) {
-        let (axes, columns) = (self.settings.axes, 2 * self.padded_bins);
         self.transform_block(state);
         run(
             self.fast,
@@ -293,20 +299,22 @@ impl<T: Real> SlidingDft<T> {
                 bins: self.padded_bins,
             },
         );
-        for axis in 0..axes {
-            let range = axis * columns..(axis + 1) * columns;
-            run(
-                self.fast,
-                Advance {
-                    new: &state.new[range.clone()],
-                    old: &state.old[range.clone()],
-                    rotor: &state.rotor_values,
-                    prefix: &mut state.prefix[range.clone()],
-                    sums: &mut state.sums[range],
-                    phase: (!self.whole_bins).then_some(&self.window_phase),
-                    bins: self.padded_bins,
-                },
-            );
+        let size = self.settings.axes * 2 * self.nodes;
+        let place = state.block_in_window * size;
+        let comes = &state.blocks[place..place + size];
+        let SlidingDftState { spectrum, rotor_values, sums, fresh, change, .. } = state;
+        let phase = (!self.whole_bins).then_some(&self.window_phase[..]);
+        if self.is_fresh(state.windows) {
+            self.take_in((comes, spectrum), rotor_values, (fresh, None));
+        }
+        if self.whole_bins {
+            self.take_in((change, spectrum), rotor_values, (sums, None));
+        } else {
+            // What goes and what comes stand a window apart.
+            self.take_in((comes, spectrum), rotor_values, (sums, phase));
+            let goes = change.iter_mut().zip(comes.iter());
+            goes.for_each(|(change, comes)| *change = change.minus(*comes));
+            self.take_in((change, spectrum), rotor_values, (sums, None));
         }
         state.block_in_window += 1;
         if state.block_in_window == self.blocks_per_window {
@@ -314,8 +322,13 @@ impl<T: Real> SlidingDft<T> {
         }
     }
 
-    /// The spectra of two blocks about their middles, at the nodes and from there at all bins: the one that
-    /// goes, and the one that comes and takes its place.
+    /// Whether a fresh sum is made in this window. Bins between the multiples of rate/N change their phase
+    /// with each: their sums must be.
+    fn is_fresh(&self, windows: usize) -> bool {
+        !self.whole_bins || windows + 1 == FRESH_EVERY
+    }
+
+    /// The block at the nodes; in its place in the window, and less what stood there.
     fn transform_block(&self, state: &mut SlidingDftState<T>) {
         let (axes, nodes, node_columns) = (self.settings.axes, self.nodes, self.node_columns());
         let at_nodes = BlockProduct {
@@ -329,26 +342,46 @@ impl<T: Real> SlidingDft<T> {
         let size = axes * 2 * nodes;
         let place = state.block_in_window * size;
         let block = &mut state.blocks[place..place + size];
-        let at_bins = |block: &[T], partial: &mut [T]| {
-            let (samples, table, columns) = (block, &self.table, self.padded_bins);
-            run(self.fast, BlockProduct { samples, table, partial, axes: 2 * axes, columns });
-        };
-        at_bins(block, &mut state.old);
         for (axis, values) in state.at_nodes.chunks_exact(node_columns).enumerate() {
             let (re, im) = values[..2 * nodes].split_at(nodes);
-            for (i, (re, im)) in re.iter().zip(im).enumerate() {
-                let place = (i * axes + axis) * 2;
-                (block[place], block[place + 1]) = (*re, *im);
+            for (i, parts) in re.iter().zip(im).enumerate() {
+                for (part, value) in [parts.0, parts.1].into_iter().enumerate() {
+                    let place = (i * axes + axis) * 2 + part;
+                    state.change[place] = value.minus(std::mem::replace(&mut block[place], *value));
+                }
             }
         }
-        at_bins(block, &mut state.new);
+    }
+
+    /// A block from its nodes to all bins, turned to its place, into sums.
+    fn take_in(
+        &self,
+        (nodes, spectrum): (&[T], &mut [T]),
+        rotor: &[T],
+        (sums, phase): (&mut [T], Option<&[T]>),
+    ) {
+        let (axes, columns) = (self.settings.axes, 2 * self.padded_bins);
+        let at_bins = BlockProduct {
+            samples: nodes,
+            table: &self.table,
+            partial: spectrum,
+            axes: 2 * axes,
+            columns: self.padded_bins,
+        };
+        run(self.fast, at_bins);
+        for (block, sums) in spectrum.chunks_exact(columns).zip(sums.chunks_exact_mut(columns)) {
+            run(self.fast, Advance { block, rotor, sums, phase, bins: self.padded_bins });
+        }
     }
 
     fn restart(&self, state: &mut SlidingDftState<T>) {
         state.block_in_window = 0;
         state.window_full = true;
-        state.sums.copy_from_slice(&state.prefix);
-        state.prefix.fill(T::default());
+        if self.is_fresh(state.windows) {
+            state.sums.copy_from_slice(&state.fresh);
+            state.fresh.fill(T::default());
+        }
+        state.windows = (state.windows + 1) % FRESH_EVERY;
         state.rotor.copy_from_slice(&self.rotor_start);
     }
 
@@ -512,9 +545,10 @@ mod tests {
         let design = SlidingDft::<T>::new(settings).unwrap();
         let mut state = design.start();
         let mut worst = 0.0f64;
-        for n in 0..3000 {
+        // Beyond two fresh sums.
+        for n in 0..16_000 {
             let x: Vec<f64> = (0..7).map(|a| signal(a, n)).collect();
-            if design.step(&mut state, &x) && n >= 899 && n % 7 == 0 {
+            if design.step(&mut state, &x) && n >= 899 && n % 49 == 0 {
                 for (axis, k) in (0..7).flat_map(|a| (0..21).map(move |k| (a, k))) {
                     let error = design.value(&state, axis, k) - direct(axis, n, design.bin_hz(k));
                     worst = worst.max(error.norm() / 900.0);

@@ -64,19 +64,14 @@ pub(super) struct BlockProduct<'a, T> {
     pub(super) columns: usize,
 }
 
-/// A block that comes and one that goes, turned to their place and taken into the sums of one axis.
+/// The spectrum of a block, turned to its place and taken into the sums of one axis.
 pub(super) struct Advance<'a, T> {
-    /// `[re.., im..]` of the block that comes.
-    pub(super) new: &'a [T],
-    /// The same of the block that goes.
-    pub(super) old: &'a [T],
+    /// `[re.., im..]` of the block.
+    pub(super) block: &'a [T],
     /// `[re.., im..]` of the rotor at this place of the window.
     pub(super) rotor: &'a [T],
-    /// Sums since the restart.
-    pub(super) prefix: &'a mut [T],
-    /// Sums over the window.
     pub(super) sums: &'a mut [T],
-    /// `[re.., im..]` by which what comes stands later than what goes; `None`: by whole turns.
+    /// `[re.., im..]`: another turn on top; `None`: by whole turns.
     pub(super) phase: Option<&'a [T]>,
     /// Half the columns.
     pub(super) bins: usize,
@@ -168,8 +163,7 @@ impl<T: Real> Kernel for Advance<'_, T> {
     }
 }
 
-/// Complex product. The same bits whenever the same block is turned by the same rotor: when it comes and
-/// when it goes.
+/// Complex product.
 #[inline(always)]
 fn product<T: Real, const FUSED: bool>([ar, ai]: [T; 2], [br, bi]: [T; 2]) -> [T; 2] {
     let (zero, minus_im) = (T::default(), T::default().minus(ai));
@@ -182,21 +176,15 @@ fn product<T: Real, const FUSED: bool>([ar, ai]: [T; 2], [br, bi]: [T; 2]) -> [T
 #[inline(always)]
 fn advance<T: Real, const FUSED: bool>(job: Advance<'_, T>) {
     let bins = job.bins;
-    let (new_re, new_im) = job.new[..2 * bins].split_at(bins);
-    let (old_re, old_im) = job.old[..2 * bins].split_at(bins);
+    let (re, im) = job.block[..2 * bins].split_at(bins);
     let (r_re, r_im) = job.rotor[..2 * bins].split_at(bins);
-    let (p_re, p_im) = job.prefix[..2 * bins].split_at_mut(bins);
     let (s_re, s_im) = job.sums[..2 * bins].split_at_mut(bins);
     let phase = job.phase.map(|phase| phase[..2 * bins].split_at(bins));
     for k in 0..bins {
-        let rotor = [r_re[k], r_im[k]];
-        let mut comes = product::<T, FUSED>([new_re[k], new_im[k]], rotor);
-        let goes = product::<T, FUSED>([old_re[k], old_im[k]], rotor);
-        (p_re[k], p_im[k]) = (p_re[k].plus(comes[0]), p_im[k].plus(comes[1]));
+        let mut turned = product::<T, FUSED>([re[k], im[k]], [r_re[k], r_im[k]]);
         if let Some((re, im)) = phase {
-            comes = product::<T, FUSED>(comes, [re[k], im[k]]);
+            turned = product::<T, FUSED>(turned, [re[k], im[k]]);
         }
-        s_re[k] = s_re[k].plus(comes[0].minus(goes[0]));
-        s_im[k] = s_im[k].plus(comes[1].minus(goes[1]));
+        (s_re[k], s_im[k]) = (s_re[k].plus(turned[0]), s_im[k].plus(turned[1]));
     }
 }
