@@ -1,5 +1,5 @@
-//! Cost per sample of each force estimator: one axis, six axes one after the other, six side by side as in the
-//! pipeline (alignment, balance and low-pass in vector lanes; windows and accelerometers are long sums
+//! Cost per sample of each force estimator: one axis, six axes one after the other, six side by side as in
+//! the pipeline (alignment, balance and low-pass in vector lanes; windows and accelerometers are long sums
 //! already).
 //!
 //! `cargo bench --bench force`. Medians over rounds, cases in turn inside each round; on a shared machine

@@ -101,9 +101,8 @@ fn main() {
     for ((axes, rate_hz), out) in cases.iter().zip(times) {
         let ns = median(out);
         let (percent, ratio) = (ns * rate_hz * 1e-7, ns / ruler);
-        println!(
-            "pipeline, {axes} axes, {rate_hz} Hz: {ns:.0} ns a sample = {percent:.2} % of a core = {ratio:.1} x that"
-        );
+        let share = format!("{percent:.2} % of a core = {ratio:.1} x that");
+        println!("pipeline, {axes} axes, {rate_hz} Hz: {ns:.0} ns a sample = {share}");
     }
     println!("lathe with four servo axes at 9 kHz: {:.0} times real time", median(lathe_factor));
 }

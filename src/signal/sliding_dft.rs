@@ -5,11 +5,11 @@
 //!
 //! ```text
 //!   restart            restart            restart
-//!  |--------- N ------|---- fresh --->           a block enters and leaves with a phase that starts anew with
-//!          |<-------- sums -------->|            each window
+//!  |--------- N ------|---- fresh --->           a block enters and leaves with a phase that starts
+//!          |<-------- sums -------->|            anew with each window
 //! ```
-//! Two sums a bin: one slides; the other starts at zero every eighth window and takes the place of the sliding
-//! one when it holds a whole one. Rounding lives for nine windows, not for ever.
+//! Two sums a bin: one slides; the other starts at zero every eighth window and takes the place of the
+//! sliding one when it holds a whole one. Rounding lives for nine windows, not for ever.
 //!
 //! Over a block of B samples the spectrum is so smooth that R frequencies of the band tell all of its bins:
 //! a block is transformed at R Chebyshev nodes and interpolated from there, R chosen so that the error lies
