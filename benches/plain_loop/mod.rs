@@ -4,8 +4,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-pub const BINS: usize = 201;
-pub const WINDOW: usize = 9000;
+pub(crate) const BINS: usize = 201;
+pub(crate) const WINDOW: usize = 9000;
 
 /// The plain recursion (6-12): rotate, new sample on, old one off.
 struct Plain {
@@ -66,7 +66,7 @@ impl Plain {
 }
 
 /// Nanoseconds of one step of one bin.
-pub fn plain(input: &[f64]) -> f64 {
+pub(crate) fn plain(input: &[f64]) -> f64 {
     let mut plain = Plain::new();
     let begin = Instant::now();
     input.iter().for_each(|x| plain.step(*x));
