@@ -201,8 +201,12 @@ mod tests {
         let mix = DownMix::new(SampleRate::new(rate_hz).unwrap(), 650.0, 150.0);
         let mut state = mix.start();
         let wave = |n: u32| 2.0 * (TAU * line_hz * f64::from(n) / rate_hz).sin() + 40.0;
-        let out =
-            (0..6000).filter_map(|n| mix.push(&mut state, wave(n)).then(|| mix.output(&mut state))).collect();
+        let mut out = Vec::new();
+        for n in 0..6000 {
+            if mix.push(&mut state, wave(n)) {
+                out.push(mix.output(&mut state));
+            }
+        }
         (mix, out)
     }
 
