@@ -94,10 +94,10 @@ fn main() {
     type Case = (&'static str, fn(&[f64]) -> f64);
     let cases: [Case; 6] = [
         ("plain recursion, f64, 1 axis", plain),
-        ("block prefix, f64, 1 axis", |i| block::<f64>(1, i)),
-        ("block prefix, f64, 6 axes", |i| block::<f64>(6, i)),
-        ("block prefix, f32, 1 axis", |i| block::<f32>(1, i)),
-        ("block prefix, f32, 6 axes", |i| block::<f32>(6, i)),
+        ("blocks, f64, 1 axis", |i| block::<f64>(1, i)),
+        ("blocks, f64, 6 axes", |i| block::<f64>(6, i)),
+        ("blocks, f32, 1 axis", |i| block::<f32>(1, i)),
+        ("blocks, f32, 6 axes", |i| block::<f32>(6, i)),
         ("every sample, f64, 1 axis", every_sample),
     ];
     let mut spent = vec![Vec::new(); cases.len()];

@@ -268,7 +268,7 @@ impl<T: Real> SlidingDft<T> {
     /// S_k(n) = sum over the last N samples of y e^{-j 2 pi f_k i / rate}, i = 0 at the window's oldest
     ///
     /// Shapes: `samples` one value an axis. Cost: no allocation; the work falls on each block's last sample.
-    /// Source: Yamada, thesis 6.4.3, eq. (6-12); prefix form of the modulated sliding DFT.
+    /// Source: Yamada, thesis 6.4.3, eq. (6-12); modulated sliding DFT in blocks.
     /// Deviation: (6-12) lacks /N, mixes the window's ends and drifts (docs/errata.md).
     /// Checked by: `oracle::sliding_dft_*`, `equals_the_direct_transform`.
     #[inline]
