@@ -1,5 +1,5 @@
-//! Cost per sample of each force estimator: one axis, six axes one after the other, six side by side in
-//! vector lanes (the methods that are a balance of one instant; windows and accelerometers are long sums
+//! Cost per sample of each force estimator: one axis, six axes one after the other, six side by side as in
+//! the pipeline (alignment, balance and low-pass in vector lanes; windows and accelerometers are long sums
 //! already).
 //!
 //! `cargo bench --bench force`. Medians over rounds, cases in turn inside each round; on a shared machine
@@ -11,11 +11,12 @@ use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::time::Instant;
 use stillcut::force::balance::Method;
-use stillcut::force::estimator::{AxisSignals, ForceSettings, MotionSample, Signals};
+use stillcut::force::estimator::{ForceSettings, MotionSample, Signals};
 use stillcut::force::frf::FrfEstimator;
 use stillcut::force::harmonic::HarmonicSettings;
-use stillcut::force::lanes::{ForceLanes, LaneSample};
+use stillcut::force::lanes::LANES;
 use stillcut::force::observer::{ForcePlan, Observer, ServoPlan};
+use stillcut::force::observers::{AxisObserver, Observers};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::machine::Controller;
 use stillcut::units::SampleRate;
@@ -141,16 +142,12 @@ fn observers_ns(observers: &mut [Observer], input: &[MotionSample]) -> f64 {
     })
 }
 
-fn lanes_ns(lanes: &ForceLanes, input: &[MotionSample]) -> f64 {
-    let mut state = lanes.settled(&LaneSample::default());
+/// Time of one sample of six axes side by side, as the pipeline steps them.
+fn together_ns(observers: &mut Observers<LANES>, input: &[MotionSample]) -> f64 {
+    observers.restart();
     time_ns(|| {
         for sample in input {
-            let row = LaneSample {
-                thrust_ref_n: [sample.thrust_ref_n; 8],
-                motor_travel_m: [sample.motor_travel_m.unwrap_or(0.0); 8],
-                stage_position_m: [sample.stage_position_m.unwrap_or(0.0); 8],
-            };
-            black_box(lanes.step(&mut state, &row));
+            black_box(observers.step(|_| *sample));
         }
     })
 }
@@ -158,7 +155,6 @@ fn lanes_ns(lanes: &ForceLanes, input: &[MotionSample]) -> f64 {
 fn main() {
     let drive = drive();
     let rate = SampleRate::new(RATE_HZ).expect("positive");
-    let axis = AxisSignals { drive: &drive, rate, signals: Signals::Both };
     let input = samples();
     let two = Method::ALL.into_iter().filter(|m| *m != Method::SecondVibrationMode);
     let mut plans: Vec<(&str, ForcePlan)> = two.map(|m| (m.name(), plan(m, &drive))).collect();
@@ -168,23 +164,16 @@ fn main() {
     }
     plans.push(("vibration_mode, learning", learning));
     plans.push(("frf", ForcePlan::Accelerometers(accelerometers())));
-    let lanes = |method| ForceLanes::new(&[(method, axis); 6], &ForceSettings::default()).expect("valid");
-    let together: Vec<(Method, ForceLanes)> =
-        [Method::Thrust, Method::Dob, Method::Medob, Method::RigidMode, Method::VibrationMode]
-            .map(|m| (m, lanes(m)))
-            .into();
-    let slow = lanes(Method::Medob).without_fast();
+    let six =
+        |plan: &ForcePlan| Observers::<LANES>::new(vec![AxisObserver::new(plan, rate).expect("valid"); 6]);
     let mut table = Table::default();
     for _ in 0..ROUNDS {
         for (name, plan) in &plans {
-            let mut six = vec![Observer::new(plan, rate).expect("valid"); 6];
-            table.add(format!("{name}, 1 axis"), observers_ns(&mut six[..1], &input));
-            table.add(format!("{name}, 6 axes one after the other"), observers_ns(&mut six, &input));
+            let mut alone = vec![Observer::new(plan, rate).expect("valid"); 6];
+            table.add(format!("{name}, 1 axis"), observers_ns(&mut alone[..1], &input));
+            table.add(format!("{name}, 6 axes one after the other"), observers_ns(&mut alone, &input));
+            table.add(format!("{name}, 6 axes side by side"), together_ns(&mut six(plan), &input));
         }
-        for (method, lanes) in &together {
-            table.add(format!("{}, 6 axes side by side", method.name()), lanes_ns(lanes, &input));
-        }
-        table.add("medob, side by side, any processor".to_owned(), lanes_ns(&slow, &input));
     }
     table.print();
     for rpm in [300.0, 1200.0, 4000.0] {

@@ -4,6 +4,10 @@
 //! compare the figures of one run.
 #![allow(clippy::disallowed_methods)] // a bench asks the time
 
+#[path = "plain_loop/mod.rs"]
+mod plain_loop;
+
+use plain_loop::{BINS, plain};
 use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
@@ -68,7 +72,9 @@ fn main() {
     let cases: Vec<(usize, f64)> = vec![(1, 9000.0), (6, 9000.0), (6, 20_000.0)];
     let mut times = vec![Vec::new(); cases.len()];
     let mut lathe_factor = Vec::new();
+    let mut ruler = Vec::new();
     for _ in 0..ROUNDS {
+        ruler.push(plain(&[0.5; 20_000]) * BINS as f64);
         for ((axes, rate_hz), out) in cases.iter().zip(&mut times) {
             let samples = stream(*rate_hz);
             let mut pipeline = pipeline(*axes, *rate_hz, &drive);
@@ -90,12 +96,13 @@ fn main() {
         }
         lathe_factor.push(1.0 / began.elapsed().as_secs_f64());
     }
+    let ruler = median(ruler);
+    println!("plain recursion of 201 bins, one axis: {ruler:.0} ns a sample");
     for ((axes, rate_hz), out) in cases.iter().zip(times) {
         let ns = median(out);
-        println!(
-            "pipeline, {axes} axes, {rate_hz} Hz: {ns:.0} ns a sample = {:.2} % of a core",
-            ns * rate_hz * 1e-7
-        );
+        let (percent, ratio) = (ns * rate_hz * 1e-7, ns / ruler);
+        let share = format!("{percent:.2} % of a core = {ratio:.1} x that");
+        println!("pipeline, {axes} axes, {rate_hz} Hz: {ns:.0} ns a sample = {share}");
     }
     println!("lathe with four servo axes at 9 kHz: {:.0} times real time", median(lathe_factor));
 }

@@ -1,17 +1,26 @@
 //! The noise of this stream over frequency, learned while nothing stands out.
 
+use super::detector::{CONFIRM, SUSPECT};
+use crate::signal::dispatch::{Fast, Kernel, run};
+use crate::signal::line_bank::{Leak, LineBank, LineBankState};
+
 /// Learned power at each filter of a bank.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Baseline {
     expected: Vec<f64>,
     /// At least most of the neighbours' mean: a filter that was quiet by chance is not believed.
     believed: Vec<f64>,
-    scratch: Vec<f64>,
+    /// Powers when the bank was looked at last.
+    powers: Vec<f64>,
+    ratios: Vec<f64>,
     /// Independent looks in the average.
     looks: f64,
+    /// Contrasts at which to look and to declare, for so many looks.
+    suspect: f64,
+    confirm: f64,
 }
 
-crate::keyframe::keep!(Baseline { expected, believed, scratch, looks });
+crate::keyframe::keep!(Baseline { expected, believed, powers, ratios, looks, suspect, confirm });
 
 /// The line that stands out most in a bank.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -37,35 +46,52 @@ pub(super) struct Lesson {
     pub(super) most: f64,
 }
 
+/// Neighbours on each side that a filter is believed by.
+const REACH: usize = 4;
+
 impl Baseline {
     pub(super) fn new(filters: usize) -> Self {
         let zeros = vec![0.0; filters];
-        Self { expected: zeros.clone(), believed: zeros.clone(), scratch: zeros, looks: 0.0 }
+        Self {
+            expected: zeros.clone(),
+            believed: vec![f64::MIN_POSITIVE; filters],
+            powers: zeros.clone(),
+            ratios: zeros,
+            looks: 0.0,
+            suspect: f64::INFINITY,
+            confirm: f64::INFINITY,
+        }
     }
 
-    /// Takes the powers into the average. A power far above what is known counts as `most` times it: a hit or
-    /// a line that grows must not become noise.
-    pub(super) fn learn(&mut self, power: impl Fn(usize) -> f64, lesson: Lesson) {
-        self.looks = (self.looks + lesson.looks).min(lesson.memory_looks);
+    /// Reads the powers of the bank; answers the strongest filter of some.
+    pub(super) fn look(
+        &mut self,
+        bank: &LineBank,
+        state: &LineBankState,
+        among: std::ops::Range<usize>,
+    ) -> usize {
+        bank.powers(state, &mut self.powers);
+        among.start + run(Fast::detect(), Largest { values: &self.powers[among] }).0
+    }
+
+    /// Power of a filter when the bank was looked at last.
+    pub(super) fn power(&self, filter: usize) -> f64 {
+        self.powers[filter]
+    }
+
+    /// Takes the powers of the last look into the average. A power far above what is known counts as `most`
+    /// times it: a hit or a line that grows must not become noise.
+    pub(super) fn learn(&mut self, lesson: Lesson) {
+        self.set_looks((self.looks + lesson.looks).min(lesson.memory_looks));
         let share = lesson.looks / self.looks;
-        for (k, known) in self.expected.iter_mut().enumerate() {
-            let limit = if self.looks > 2.0 { lesson.most * *known } else { f64::INFINITY };
-            *known += share * (power(k).min(limit) - *known);
-        }
-        let reach = 4;
-        let last = self.expected.len() - 1;
-        let mut sum: f64 = self.expected[..reach.min(last + 1)].iter().sum();
-        let mut count = reach.min(last + 1) as f64;
-        for k in 0..=last {
-            if k + reach <= last {
-                sum += self.expected[k + reach];
-                count += 1.0;
-            }
-            if k > reach {
-                sum -= self.expected[k - reach - 1];
-                count -= 1.0;
-            }
-            self.believed[k] = self.expected[k].max(0.7 * sum / count).max(f64::MIN_POSITIVE);
+        let most = if self.looks > 2.0 { lesson.most } else { f64::INFINITY };
+        run(Fast::detect(), Learn { baseline: self, share, most });
+    }
+
+    fn set_looks(&mut self, looks: f64) {
+        if looks.to_bits() != self.looks.to_bits() {
+            self.looks = looks;
+            (self.suspect, self.confirm) = (self.threshold(SUSPECT), self.threshold(CONFIRM));
         }
     }
 
@@ -76,48 +102,144 @@ impl Baseline {
 
     /// Trusts what is known no more than so many looks: the cut changed.
     pub(super) fn doubt(&mut self, looks: f64) {
-        self.looks = self.looks.min(looks);
+        self.set_looks(self.looks.min(looks));
+    }
+
+    /// Contrasts at which to look and to declare.
+    pub(super) fn thresholds(&self) -> [f64; 2] {
+        [self.suspect, self.confirm]
     }
 
     /// Contrast that noise exceeds with probability e^-`nepers`, when it is known from as many looks as here.
     ///
     /// n (e^{T/n} - 1): the ratio of one exponential to the mean of n others; T for n without end.
-    pub(super) fn threshold(&self, nepers: f64) -> f64 {
+    fn threshold(&self, nepers: f64) -> f64 {
         if !self.is_known() { f64::INFINITY } else { self.looks * (nepers / self.looks).exp_m1() }
     }
 
     /// Learned power at a filter.
     pub(super) fn expected(&self, filter: usize) -> f64 {
-        self.believed[filter].max(f64::MIN_POSITIVE)
+        self.believed[filter]
     }
 
-    /// The filter with the greatest ratio of power to learned noise; the ratio divided by the band's common
-    /// level when all of the band is louder than learned (its median over ln 2, the median of an exponential
-    /// distribution of mean one). `leak` is what the strongest line puts on each filter: that is no noise.
-    pub(super) fn standout(
-        &mut self,
-        among: std::ops::Range<usize>,
-        power: impl Fn(usize) -> f64,
-        leak: impl Fn(usize) -> f64,
-    ) -> Standout {
-        let mut best = Standout::default();
-        let ratios = &mut self.scratch[among.clone()];
-        for (k, ratio) in among.zip(ratios.iter_mut()) {
-            let p = power(k);
-            let noise = self.believed[k].max(f64::MIN_POSITIVE);
-            if p / noise > best.contrast {
-                best = Standout { filter: k, contrast: p / noise, power_n2: p, common: 1.0 };
-            }
-            *ratio = p / (noise + leak(k));
-        }
-        if ratios.is_empty() {
-            return best;
-        }
+    /// The filter with the greatest ratio of power to learned noise at the last look; the ratio divided by
+    /// the band's common level when all of the band is louder than learned (its median over ln 2, the median
+    /// of an exponential distribution of mean one). `leak` is what the strongest line puts on each filter:
+    /// that is no noise. Checked by: `a_line_stands_out_and_a_loud_band_does_not`.
+    pub(super) fn standout(&mut self, among: std::ops::Range<usize>, leak: Leak) -> Standout {
+        let Self { believed, powers, ratios, .. } = self;
+        let (known, heard) = (&believed[among.clone()], &powers[among.clone()]);
+        let (ratios, fast) = (&mut ratios[among.clone()], Fast::detect());
+        run(fast, Ratios { known, heard, ratios });
+        let (place, contrast) = run(fast, Largest { values: ratios });
+        let quiet = run(fast, Leaked { known, heard, ratios, leak, first: among.start });
+        // What is quieter than learned matters to nobody: a median below is not looked for.
         let middle = ratios.len() / 2;
-        let (_, median, _) = ratios.select_nth_unstable_by(middle, f64::total_cmp);
-        best.common = *median / std::f64::consts::LN_2;
-        best.contrast /= best.common.max(1.0);
-        best
+        let common = if quiet > middle || ratios.is_empty() {
+            1.0
+        } else {
+            let (_, median, _) = ratios.select_nth_unstable_by(middle, f64::total_cmp);
+            *median / std::f64::consts::LN_2
+        };
+        let filter = among.start + place;
+        Standout { filter, contrast: contrast / common, power_n2: powers[filter], common }
+    }
+}
+
+/// Place and size of the largest of some values that are not negative; the first of none is 0.
+struct Largest<'a> {
+    values: &'a [f64],
+}
+
+impl Kernel for Largest<'_> {
+    type Output = (usize, f64);
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) -> (usize, f64) {
+        const LANES: usize = 8;
+        let (chunks, rest) = self.values.as_chunks::<LANES>();
+        let mut most = [0.0; LANES];
+        for chunk in chunks {
+            for lane in 0..LANES {
+                most[lane] = if chunk[lane] > most[lane] { chunk[lane] } else { most[lane] };
+            }
+        }
+        let largest = most.iter().chain(rest).fold(0.0, |a: f64, b| a.max(*b));
+        (self.values.iter().position(|x| *x >= largest).unwrap_or(0), largest)
+    }
+}
+
+/// Power over noise.
+struct Ratios<'a> {
+    known: &'a [f64],
+    heard: &'a [f64],
+    ratios: &'a mut [f64],
+}
+
+impl Kernel for Ratios<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        for ((ratio, power), noise) in self.ratios.iter_mut().zip(self.heard).zip(self.known) {
+            *ratio = power / noise;
+        }
+    }
+}
+
+/// Power over noise and what the strongest line puts there, p / (n + s / b).
+struct Leaked<'a> {
+    known: &'a [f64],
+    heard: &'a [f64],
+    ratios: &'a mut [f64],
+    leak: Leak,
+    first: usize,
+}
+
+impl Kernel for Leaked<'_> {
+    /// How many are quieter than learned: under the median of an exponential distribution of mean one.
+    type Output = usize;
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) -> usize {
+        let mut place = self.first as f64;
+        for ((ratio, power), noise) in self.ratios.iter_mut().zip(self.heard).zip(self.known) {
+            let below = self.leak.below(place);
+            *ratio = power * below / (noise * below + self.leak.power);
+            place += 1.0;
+        }
+        self.ratios.iter().filter(|ratio| **ratio <= std::f64::consts::LN_2).count()
+    }
+}
+
+/// One step of the averages.
+struct Learn<'a> {
+    baseline: &'a mut Baseline,
+    share: f64,
+    most: f64,
+}
+
+impl Kernel for Learn<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let Baseline { expected, believed, powers, .. } = self.baseline;
+        for (known, power) in expected.iter_mut().zip(powers.iter()) {
+            let limit = if self.most.is_finite() { self.most * *known } else { f64::INFINITY };
+            *known += self.share * (power.min(limit) - *known);
+        }
+        let floor = |sum: f64, count: f64| 0.7 * sum / count;
+        let around = expected.windows(2 * REACH + 1).map(|w| floor(w.iter().sum(), (2 * REACH + 1) as f64));
+        for ((believed, known), floor) in believed.iter_mut().zip(&*expected).skip(REACH).zip(around) {
+            *believed = known.max(floor).max(f64::MIN_POSITIVE);
+        }
+        let last = expected.len();
+        for k in (0..REACH.min(last)).chain(last.saturating_sub(REACH)..last) {
+            let there = &expected[k.saturating_sub(REACH)..(k + REACH + 1).min(last)];
+            let floor = floor(there.iter().sum(), there.len() as f64);
+            believed[k] = expected[k].max(floor).max(f64::MIN_POSITIVE);
+        }
     }
 }
 
@@ -127,27 +249,53 @@ mod tests {
 
     const LESSON: Lesson = Lesson { looks: 1.0, memory_looks: 10.0, most: 4.0 };
 
+    fn hear(baseline: &mut Baseline, power: impl Fn(usize) -> f64) {
+        baseline.powers.iter_mut().enumerate().for_each(|(k, p)| *p = power(k));
+    }
+
     #[test]
     fn a_line_stands_out_and_a_loud_band_does_not() {
-        let mut baseline = Baseline::new(5);
+        let mut baseline = Baseline::new(25);
+        let noise = |k: usize| 1.0 + k as f64 / 5.0;
         for _ in 0..100 {
-            baseline.learn(|k| 1.0 + k as f64, LESSON);
+            hear(&mut baseline, noise);
+            baseline.learn(LESSON);
         }
-        let line = baseline.standout(0..5, |k| if k == 3 { 400.0 } else { 1.0 }, |_| 0.0);
-        assert_eq!(line.filter, 3);
+        hear(&mut baseline, |k| if k == 15 { 400.0 } else { 1.0 });
+        let line = baseline.standout(0..25, Leak::NONE);
+        assert_eq!(line.filter, 15);
         assert!((line.contrast - 100.0).abs() < 1.0);
-        let loud = baseline.standout(0..5, |k| 50.0 * (1.0 + k as f64), |_| 0.0);
+        hear(&mut baseline, |k| 50.0 * noise(k));
+        assert!(baseline.standout(0..25, Leak::NONE).contrast < 1.0);
         // What the line itself puts on its neighbours raises no level.
-        let leaking = baseline.standout(0..5, |k| if k == 3 { 4e4 } else { 4e3 }, |_| 4e3);
+        let leak = Leak { power: 4e4, line: 15.0, per_filter: 0.1 };
+        hear(&mut baseline, |k| if k == 15 { 4e4 } else { 4e4 / leak.below(k as f64) });
+        let leaking = baseline.standout(0..25, leak);
         assert!(leaking.common < 2.0 && leaking.contrast > 5000.0, "{leaking:?}");
-        assert!(loud.contrast < 1.0);
+    }
+
+    #[test]
+    fn a_quiet_filter_is_believed_by_its_neighbours() {
+        let mut baseline = Baseline::new(12);
+        for _ in 0..50 {
+            hear(&mut baseline, |k| if k == 5 || k == 0 { 0.0 } else { 9.0 });
+            baseline.learn(LESSON);
+        }
+        // 0.7 of the mean: of nine with one silent, of five at the edge.
+        assert!((baseline.expected(5) - 0.7 * 8.0).abs() < 1e-9);
+        assert!((baseline.expected(0) - 0.7 * 36.0 / 5.0).abs() < 1e-9);
+        assert!((baseline.expected(8) - 9.0).abs() < 1e-9);
     }
 
     #[test]
     fn a_hit_does_not_become_noise() {
         let mut baseline = Baseline::new(1);
-        (0..100).for_each(|_| baseline.learn(|_| 1.0, LESSON));
-        baseline.learn(|_| 1e6, LESSON);
+        for _ in 0..100 {
+            hear(&mut baseline, |_| 1.0);
+            baseline.learn(LESSON);
+        }
+        hear(&mut baseline, |_| 1e6);
+        baseline.learn(LESSON);
         assert!(baseline.expected(0) < 1.4);
     }
 }

@@ -77,6 +77,7 @@ impl CutLevel {
 
     /// Takes one force; `speed_hz` is turns per second, 0 where it is not known. Looks at the level every 5
     /// ms.
+    #[inline]
     pub(super) fn step(&self, state: &mut CutLevelState, force_n: f64, speed_hz: f64) -> Change {
         if !state.started {
             (state.started, state.level_n) = (true, force_n);
@@ -87,6 +88,11 @@ impl CutLevel {
             return Change::None;
         }
         state.since_look_s -= LOOK_S;
+        Self::look(state, speed_hz)
+    }
+
+    #[inline(never)]
+    fn look(state: &mut CutLevelState, speed_hz: f64) -> Change {
         let turn_s = if speed_hz > 0.0 { 1.0 / speed_hz } else { 0.05 };
         state.looks.rotate_right(1);
         state.looks[0] = state.level_n;

@@ -3,9 +3,7 @@
 use super::band::{Band, BandError};
 use super::baseline::{Baseline, Lesson, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
-use super::detector::{
-    BANKS, BankEvidence, CONFIRM, Detector, Evidence, PLACED, SUSPECT, between_orders, on_an_order,
-};
+use super::detector::{BANKS, BankEvidence, Detector, Evidence, PLACED, between_orders, on_an_order};
 use super::hop::HopWatch;
 use super::watched::Watched;
 use super::{ChatterEvent, ChatterOutput, Phase};
@@ -105,6 +103,9 @@ pub struct ChatterState {
     mixer: Complex<f64>,
     orders: OrderLinesState,
     banks: Vec<LineBankState>,
+    /// The band since the last decision: the banks take it then.
+    fresh: Vec<Complex<f64>>,
+    fresh_count: usize,
     baselines: Vec<Baseline>,
     angle_turns: f64,
     newest_speed_hz: f64,
@@ -142,11 +143,11 @@ pub struct ChatterState {
 }
 
 crate::keyframe::keep!(ChatterState {
-    samples, mix, mixer, orders, banks, baselines, angle_turns, newest_speed_hz, speed_hz, earlier_speed_hz,
-    until_decision, decisions, bank_evidence, bank_common, heard_s, level, detector, track_hz, watched, hop,
-    variance_n2, usual_variance_n2, louder, order_line, wide, wide_until_s,
+    samples, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns, newest_speed_hz,
+    speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
+    detector, track_hz, watched, hop, variance_n2, usual_variance_n2, louder, order_line, wide, wide_until_s,
     held_off_s, orders_new_until_s, relearn_until_s, latest
-} if |s| s.until_decision > 0);
+} if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
 
 impl ChatterMonitor {
     /// Errors: a band that reaches too close to half the sample rate.
@@ -194,6 +195,8 @@ impl ChatterMonitor {
             mixer: Complex::new(1.0, 0.0),
             orders: self.orders.start(),
             banks: self.banks.iter().map(LineBank::start).collect(),
+            fresh: vec![Complex::new(0.0, 0.0); self.decide_every],
+            fresh_count: 0,
             baselines: self.banks.iter().map(|b| Baseline::new(b.frequencies_hz().len())).collect(),
             angle_turns: 0.0,
             newest_speed_hz: 0.0,
@@ -250,16 +253,18 @@ impl ChatterMonitor {
         [state.watched.low_hz, state.watched.high_hz].map(|f| f + self.mix.centre_hz())
     }
 
-    /// Takes one sample. Without a speed nothing is known of spindle orders, and they may look like chatter.
+    /// Takes one sample; answers what began or ended with it. Without a speed nothing is known of spindle
+    /// orders, and they may look like chatter.
     ///
     /// Requires: finite force (a gap is a restart with [`ChatterMonitor::start`]). Cost: no allocation.
     /// Checked by: `suite/chatter.rs`.
+    #[inline]
     pub fn step(
         &self,
         state: &mut ChatterState,
         force_n: f64,
         spindle_speed_rpm: Option<f64>,
-    ) -> ChatterOutput {
+    ) -> Option<ChatterEvent> {
         debug_assert!(force_n.is_finite());
         state.latest.event = None;
         state.samples += 1;
@@ -267,12 +272,20 @@ impl ChatterMonitor {
             state.angle_turns += rpm * self.turns_per_rpm;
             state.newest_speed_hz = rpm * (1.0 / 60.0);
         }
-        self.follow_level(state, force_n);
-        if let Some(value) = self.mix.step(&mut state.mix, force_n) {
-            self.follow_speed(state);
-            self.hear(state, value);
+        let change = self.level.step(&mut state.level, force_n, state.speed_hz);
+        if change != Change::None {
+            self.follow_level(state, change);
         }
-        state.latest
+        if self.mix.push(&mut state.mix, force_n) {
+            self.hear(state);
+        }
+        state.latest.event
+    }
+
+    /// What was said last.
+    #[must_use]
+    pub fn output<'a>(&self, state: &'a ChatterState) -> &'a ChatterOutput {
+        &state.latest
     }
 
     /// The speed only places the notches: 20 ms of smoothing; and what it was about a second ago.
@@ -284,9 +297,9 @@ impl ChatterMonitor {
         state.earlier_speed_hz += (state.speed_hz - state.earlier_speed_hz) * slow;
     }
 
-    fn follow_level(&self, state: &mut ChatterState, force_n: f64) {
-        let change = self.level.step(&mut state.level, force_n, state.speed_hz);
-        if change == Change::None || state.detector.phase() == Phase::Chatter {
+    #[cold]
+    fn follow_level(&self, state: &mut ChatterState, change: Change) {
+        if state.detector.phase() == Phase::Chatter {
             return;
         }
         // Until the force has settled, every step starts the notches anew.
@@ -299,7 +312,10 @@ impl ChatterMonitor {
         }
     }
 
-    fn hear(&self, state: &mut ChatterState, value: Complex<f64>) {
+    #[inline(never)]
+    fn hear(&self, state: &mut ChatterState) {
+        let value = self.mix.output(&mut state.mix);
+        self.follow_speed(state);
         let rate_hz = self.mix.output_rate_hz();
         state.mixer *= Complex::from_polar(1.0, -std::f64::consts::TAU * self.mix.centre_hz() / rate_hz);
         state.mixer *= 1.5 - 0.5 * state.mixer.norm_sqr();
@@ -323,13 +339,16 @@ impl ChatterMonitor {
         } else {
             value
         };
-        for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
-            bank.step(bank_state, value);
-        }
+        state.fresh[state.fresh_count] = value;
+        state.fresh_count += 1;
         state.variance_n2 += (value.norm_sqr() - state.variance_n2) / (VARIANCE_S * rate_hz);
         state.until_decision -= 1;
         if state.until_decision == 0 {
             state.until_decision = self.decide_every;
+            let fresh = &state.fresh[..std::mem::take(&mut state.fresh_count)];
+            for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
+                bank.step(bank_state, fresh);
+            }
             self.decide(state);
         }
     }
@@ -342,6 +361,7 @@ impl ChatterMonitor {
         for (bank, bank_state) in self.banks.iter().zip(&mut state.banks) {
             bank.clear(bank_state);
         }
+        state.fresh_count = 0;
         state.bank_evidence = [BankEvidence::default(); BANKS];
     }
 
@@ -365,13 +385,11 @@ impl ChatterMonitor {
             if !state.decisions.is_multiple_of(STRIDES[i]) {
                 continue;
             }
-            let bank_state = &state.banks[i];
+            let (bank_state, baseline) = (&state.banks[i], &mut state.baselines[i]);
             let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
-            let power = |k: usize| bank.power(bank_state, k);
-            let line = among.clone().max_by(|a, b| power(*a).total_cmp(&power(*b))).unwrap_or(0);
-            let (strongest, growth_1_s) = (power(line), bank.growth_1_s(bank_state, line));
-            let leak = |k: usize| strongest * bank.leak(line, growth_1_s, k);
-            let standout = state.baselines[i].standout(among, power, leak);
+            let line = baseline.look(bank, bank_state, among.clone());
+            let growth_1_s = bank.growth_1_s(bank_state, line);
+            let standout = baseline.standout(among, bank.leak(line, growth_1_s, baseline.power(line)));
             // A window that knows no noise yet says nothing, neither of a line nor of the level.
             let known = state.baselines[i].is_known();
             let standout = if known { standout } else { Standout { contrast: 0.0, ..standout } };
@@ -475,11 +493,12 @@ impl ChatterMonitor {
 
     fn bank_evidence(&self, state: &ChatterState, index: usize, standout: Standout) -> BankEvidence {
         let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
+        let [suspect, confirm] = state.baselines[index].thresholds();
         BankEvidence {
             tau_s: bank.tau_s(),
             contrast: standout.contrast,
-            suspect: state.baselines[index].threshold(SUSPECT),
-            confirm: state.baselines[index].threshold(CONFIRM),
+            suspect,
+            confirm,
             power_n2: standout.power_n2,
             noise_n2: state.baselines[index].expected(standout.filter),
             frequency_hz: self.mix.centre_hz() + bank.refined_hz(bank_state, standout.filter),
@@ -502,8 +521,8 @@ impl ChatterMonitor {
         let relative_1_s = self.relative_speed_change_1_s(state);
         let most = if self.now_s(state) < state.relearn_until_s { LEARNING_MOST } else { USUAL_MOST };
         let memory_s = (3.0 / (self.mix.centre_hz() * relative_1_s).max(1e-9)).clamp(1.5, NOISE_MEMORY_S);
-        let parts = self.banks.iter().zip(&state.banks).zip(&mut state.baselines).zip(STRIDES);
-        for (((bank, bank_state), baseline), stride) in parts {
+        let parts = self.banks.iter().zip(&mut state.baselines).zip(STRIDES);
+        for ((bank, baseline), stride) in parts {
             if !state.decisions.is_multiple_of(stride) || (!every && baseline.is_known()) {
                 continue;
             }
@@ -512,7 +531,7 @@ impl ChatterMonitor {
             if state.heard_s > 6.0 * bank.tau_s() {
                 let looks = period_s / (3.0 * bank.tau_s());
                 let memory_looks = memory_s / (3.0 * bank.tau_s());
-                baseline.learn(|k| bank.power(bank_state, k), Lesson { looks, memory_looks, most });
+                baseline.learn(Lesson { looks, memory_looks, most });
             }
         }
         if state.heard_s > LEARN_S {
@@ -527,28 +546,23 @@ impl ChatterMonitor {
             _ => 1,
         };
         let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
-        let mut best = (0, 0.0);
-        for k in state.watched.filters(bank.frequencies_hz().len(), self.reach_hz) {
-            let power = bank.power(bank_state, k);
-            if power > best.1 {
-                best = (k, power);
-            }
-        }
+        let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
+        let best = state.baselines[index].look(bank, bank_state, among);
+        let power_n2 = state.baselines[index].power(best);
         let phase = state.detector.phase();
         let line = matches!(phase, Phase::Suspected | Phase::Chatter);
-        let frequency_hz = self.mix.centre_hz() + bank.refined_hz(bank_state, best.0);
-        state.track_hz = line.then_some(frequency_hz);
-        let declared = phase == Phase::Chatter;
-        state.watched.follow(declared.then(|| frequency_hz - self.mix.centre_hz()), self.reach_hz);
-        let hop = state.hop.look(state.track_hz.filter(|_| declared));
+        state.track_hz = line.then(|| self.mix.centre_hz() + bank.refined_hz(bank_state, best));
+        let declared = state.track_hz.filter(|_| phase == Phase::Chatter);
+        state.watched.follow(declared.map(|hz| hz - self.mix.centre_hz()), self.reach_hz);
+        let hop = state.hop.look(declared);
         let hop = hop.map(|(from_hz, to_hz)| ChatterEvent::Hop { from_hz, to_hz });
         let event = state.latest.event.or(hop);
         state.latest = ChatterOutput {
             phase,
             frequency_hz: state.track_hz,
-            power_n2: best.1,
+            power_n2,
             contrast: evidence.banks.iter().fold(0.0, |m, b| f64::max(m, b.contrast)),
-            growth_1_s: line.then(|| bank.growth_1_s(bank_state, best.0)),
+            growth_1_s: line.then(|| bank.growth_1_s(bank_state, best)),
             variance_ratio: state.variance_n2 / state.usual_variance_n2.max(f64::MIN_POSITIVE),
             event,
         };

@@ -8,9 +8,9 @@
 //! Delays are fractional: each signal is read from its line by an interpolating stencil, and the
 //! common instant tau lies a whole number of samples ago.
 
+use super::lanes::LONGEST_AGE;
 use crate::plant::drive::DriveParams;
 use crate::signal::FilterError;
-use crate::signal::delay_line::DELAY_LINE_SAMPLES;
 use crate::signal::finite_difference::STENCIL_NODES;
 use crate::units::SampleRate;
 
@@ -59,7 +59,7 @@ impl Alignment {
         });
         let lag = (t_m.max(t_t) - 1e-6).ceil().max(0.0) + 3.0;
         let current = lag + t_s + hold;
-        let largest = DELAY_LINE_SAMPLES - STENCIL_NODES;
+        let largest = LONGEST_AGE - STENCIL_NODES;
         if current > largest as f64 {
             return Err(FilterError::DelayTooLong { samples: current, largest });
         }

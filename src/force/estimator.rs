@@ -3,11 +3,12 @@
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
 use super::band::usable_band_hz;
-use super::friction::{Presliding, PreslidingState};
 use super::harmonic::{HarmonicEstimator, HarmonicState, harmonic_estimator};
 use super::idle_map::IdleMap;
+use super::lane_part::{LanePart, lane_part};
+use super::lanes::{LaneDesign, LaneMotion, LaneState};
 use super::physics::PhysicsModel;
-use super::settings::{Filter, FilterState};
+use super::settings::Filter;
 pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
 pub use super::signals::{AxisSignals, Signals};
 use super::signals::{encoder_lines_1_m, measured_balance};
@@ -15,9 +16,9 @@ use super::stiffness_learner::{LearnedStiffness, StiffnessLearner};
 use super::validity::Validity;
 use crate::keyframe::{Keep, Words};
 use crate::plant::drive::DriveParams;
-use crate::signal::delay_line::DelayLine;
-use crate::signal::finite_difference::{STENCIL_NODES, Stencil, stencils};
+use crate::signal::finite_difference::Stencil;
 use crate::signal::harmonic_fit::HarmonicFitError;
+use crate::signal::linear_phase::LinearPhaseState;
 use crate::signal::notch::{Notch, NotchState};
 use crate::units::SampleRate;
 
@@ -65,91 +66,79 @@ pub struct AlignedMotion {
 pub struct ForceEstimator {
     method: Method,
     balance: ForceBalance,
-    pub(super) alignment: Alignment,
-    pub(super) motor: SideStencils,
-    nut: Stencil,
-    pub(super) stage: SideStencils,
-    current: Stencil,
+    alignment: Alignment,
+    part: LanePart,
+    /// Whether motor, nut and stage enter the balance.
+    needs: [bool; 3],
+    alone: LaneDesign<1>,
     physics: Option<PhysicsModel>,
-    friction_smoothing_m_s: f64,
-    presliding: Presliding,
     filter: Filter,
     idle_map: Option<IdleMap>,
     signals: Signals,
     noise_floor_n: f64,
     friction_bound_n: f64,
-    band_hz: f64,
     usable_band_hz: [f64; 2],
-    drive_side_late_s: f64,
-    constant_flags: Validity,
     encoder_lines_1_m: [f64; 2],
     harmonic: Option<HarmonicEstimator>,
     learner: Option<StiffnessLearner>,
     notches: Vec<(NotchCentre, Notch)>,
     speed_memory: f64,
-    settling: usize,
     filter_delay_s: f64,
     rate: SampleRate,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct SideStencils {
-    pub(super) force: Stencil,
-    pub(super) velocity: Stencil,
-    pub(super) position: Stencil,
 }
 
 /// State of a [`ForceEstimator`]; a clone is a keyframe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForceState {
-    current: DelayLine,
-    motor: DelayLine,
-    nut: DelayLine,
-    stage: DelayLine,
-    current_n: f64,
-    last_ref_n: f64,
-    presliding: PreslidingState,
-    filter: FilterState,
+    lanes: LaneState<1>,
+    beyond: Beyond,
+}
+
+/// State of what an axis has beyond its balance and a Butterworth low-pass.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Beyond {
+    linear_phase: Option<LinearPhaseState>,
     harmonic: Option<HarmonicState>,
     learned: LearnedStiffness,
     notches: [NotchState; MAX_NOTCHES],
     /// Speed of the axis, slowed down: what the notches follow.
     speed_m_s: f64,
-    seen: u32,
-    /// Samples for which a value that was not there still rings on.
-    missing: u32,
 }
 
-impl Keep for ForceState {
+impl Keep for Beyond {
     fn keep(&self, to: &mut Vec<u64>) {
-        let Self { current, motor, nut, stage, current_n, last_ref_n, presliding, .. } = self;
-        let Self { filter, harmonic, learned, notches, speed_m_s, seen, missing, .. } = self;
-        [current, motor, nut, stage].into_iter().for_each(|line| line.keep(to));
-        [current_n, last_ref_n, speed_m_s].into_iter().for_each(|x| x.keep(to));
-        missing.keep(to);
-        presliding.keep(to);
-        learned.keep(to);
-        filter.keep(to);
-        notches.keep(to);
-        seen.keep(to);
+        let Self { linear_phase, harmonic, learned, notches, speed_m_s } = self;
+        if let Some(linear_phase) = linear_phase {
+            linear_phase.keep(to);
+        }
         if let Some(harmonic) = harmonic {
             harmonic.keep(to);
         }
+        learned.keep(to);
+        notches.keep(to);
+        speed_m_s.keep(to);
     }
 
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { current, motor, nut, stage, current_n, last_ref_n, presliding, .. } = self;
-        [current, motor, nut, stage].into_iter().try_for_each(|line| line.restore(from))?;
-        let Self { filter, harmonic, learned, notches, speed_m_s, seen, missing, .. } = self;
-        [current_n, last_ref_n, speed_m_s].into_iter().try_for_each(|x| x.restore(from))?;
-        missing.restore(from)?;
-        presliding.restore(from)?;
+        let Self { linear_phase, harmonic, learned, notches, speed_m_s } = self;
+        linear_phase.as_mut().map_or(Some(()), |x| x.restore(from))?;
+        harmonic.as_mut().map_or(Some(()), |x| x.restore(from))?;
         learned.restore(from)?;
-        filter.restore(from)?;
         notches.restore(from)?;
-        seen.restore(from)?;
-        harmonic.as_mut().map_or(Some(()), |h| h.restore(from))
+        speed_m_s.restore(from)
     }
+}
+
+/// The lane of an axis among its neighbours.
+pub(super) type InLane<'a, const L: usize> = (&'a LaneState<L>, usize);
+
+/// An estimate on its way: before the low-pass, with the motion behind it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Underway {
+    pub(super) force_n: f64,
+    pub(super) flags: Validity,
+    pub(super) motion: AlignedMotion,
+    motor_m: f64,
 }
 
 impl ForceEstimator {
@@ -170,102 +159,92 @@ impl ForceEstimator {
         settings: ForceSettings,
     ) -> Result<Self, ForceError> {
         let (drive, rate) = (axis.drive, axis.rate);
-        let alignment = Alignment::new(drive, rate, settings.drive_side_late_s)?;
-        let period_s = rate.period_s();
-        let side = |age: f64, factors: [f64; 3]| {
-            let s = stencils(age, period_s);
-            SideStencils { force: Stencil::combined(&s, factors), velocity: s[1], position: s[0] }
-        };
+        let late_s = settings.drive_filter.map_or(0.0, |filter| filter.slow_delay_s());
+        let alignment = Alignment::new(drive, rate, late_s)?;
         let filter = Filter::new(settings.low_pass, rate)?;
         let harmonic = harmonic_estimator(method, axis, &settings)?;
         let learns = settings.learn_stiffness && method == Method::VibrationMode;
         let ages = [alignment.motor, alignment.stage];
         let learner = if learns { StiffnessLearner::new(axis, &balance, ages)? } else { None };
         let band_hz = filter.band_hz(settings.low_pass, rate);
-        let beyond = settings.unmodelled_modes_hz.iter().any(|f| *f < 1.1 * band_hz);
+        let part = lane_part((method, &balance), axis, &settings, (&alignment, &filter));
         let mut estimator = Self {
             method,
             balance,
-            motor: side(alignment.motor, balance.motor.as_array()),
-            // The screw's encoder is taken to be as late as the stage's.
-            nut: side(alignment.stage, balance.nut.as_array()).force,
-            stage: side(alignment.stage, balance.stage.as_array()),
-            current: stencils(alignment.current, period_s)[0],
-            physics: settings.physics.clone().filter(|p| !p.is_empty()),
             alignment,
-            friction_smoothing_m_s: drive.friction_smoothing_m_s(),
-            presliding: Presliding::new(settings.presliding_travel_m, drive.stage_encoder_resolution_m()),
-            filter,
+            part,
+            needs: [balance.needs_motor(), balance.needs_nut(), balance.needs_stage()],
+            alone: LaneDesign::new(vec![Some(part)]),
+            physics: settings.physics.clone().filter(|p| !p.is_empty()),
             idle_map: settings.idle_map.clone(),
             signals: axis.signals,
             noise_floor_n: 0.0,
             friction_bound_n: settings.friction_bound_n(drive),
-            band_hz,
             usable_band_hz: usable_band_hz(method, axis, &settings, band_hz),
-            drive_side_late_s: settings.drive_side_late_s,
-            constant_flags: Validity::when(beyond, Validity::MODE_OUTSIDE_MODEL),
             encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
             harmonic,
             learner,
             notches: settings.design_notches(rate)?,
             // 20 Hz: fast enough for a feed that ramps, slow enough not to follow chatter.
             speed_memory: (-std::f64::consts::TAU * 20.0 / rate.hz()).exp(),
-            settling: 0,
-            filter_delay_s: 0.0,
+            filter_delay_s: filter.delay_s(rate),
+            filter,
             rate,
         };
         estimator.noise_floor_n = estimator.quantization_noise_n(drive);
-        let window = estimator.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
-        estimator.filter_delay_s = estimator.filter.delay_s(rate);
-        estimator.settling = estimator.settling_of(window);
+        estimator.set_settling();
         Ok(estimator)
     }
 
     /// State settled on a first sample: as if the axis had stood there for ever.
     #[must_use]
     pub fn settled(&self, first: &MotionSample) -> ForceState {
-        let mut state = ForceState {
-            current: DelayLine::filled(0.0),
-            motor: DelayLine::filled(0.0),
-            nut: DelayLine::filled(0.0),
-            stage: DelayLine::filled(0.0),
-            current_n: 0.0,
-            last_ref_n: 0.0,
-            presliding: Presliding::settled(0.0),
-            filter: self.filter.settled(0.0),
-            harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
-            learned: LearnedStiffness::default(),
-            notches: [NotchState::default(); MAX_NOTCHES],
-            speed_m_s: 0.0,
-            seen: 0,
-            missing: 0,
-        };
-        self.settle(&mut state, first);
+        let mut state = ForceState { lanes: self.alone.start(), beyond: self.beyond(first) };
+        self.put(first, (&mut state.lanes, 0));
+        self.alone.settle(&mut state.lanes, 0);
+        self.settle_beyond(&mut state.beyond, first, (&state.lanes, 0));
         state
     }
 
-    /// Settles a state anew. No allocation.
-    pub fn settle(&self, state: &mut ForceState, first: &MotionSample) {
-        let motor = first.motor_travel_m.unwrap_or(0.0);
-        let nut = first.nut_position_m.unwrap_or(0.0);
-        let stage = first.stage_position_m.unwrap_or(0.0);
-        let rest = self.balance.thrust * first.thrust_ref_n
-            + self.balance.motor.position_n_m * motor
-            + self.balance.nut.position_n_m * nut
-            + self.balance.stage.position_n_m * stage;
-        state.current = DelayLine::filled(first.thrust_ref_n);
-        state.motor = DelayLine::filled(motor);
-        state.nut = DelayLine::filled(nut);
-        state.stage = DelayLine::filled(stage);
-        (state.current_n, state.last_ref_n) = (first.thrust_ref_n, first.thrust_ref_n);
-        state.presliding = Presliding::settled(stage);
-        self.filter.settle(&mut state.filter, rest);
-        state.learned = StiffnessLearner::settled();
+    /// What the axis puts into its lane.
+    pub(super) fn part(&self) -> LanePart {
+        self.part
+    }
+
+    /// State of what lies beyond the lane, not yet settled.
+    pub(super) fn beyond(&self, first: &MotionSample) -> Beyond {
+        let linear_phase = match &self.filter {
+            Filter::LinearPhase(filter) => Some(filter.settled(0.0)),
+            Filter::Butterworth(_) | Filter::None => None,
+        };
+        Beyond {
+            linear_phase,
+            harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
+            learned: StiffnessLearner::settled(),
+            notches: [NotchState::default(); MAX_NOTCHES],
+            speed_m_s: 0.0,
+        }
+    }
+
+    /// Settles it anew beside a lane that was settled. No allocation.
+    pub(super) fn settle_beyond<const L: usize>(
+        &self,
+        state: &mut Beyond,
+        first: &MotionSample,
+        (lanes, lane): InLane<'_, L>,
+    ) {
+        let input = &lanes.input;
+        let at_rest = [input.thrust_ref_n, input.motor_m, input.nut_m, input.stage_m].map(|x| x[lane]);
+        let rest_n = self.part.rest.iter().zip(at_rest).map(|(factor, x)| factor * x).sum();
+        if let (Filter::LinearPhase(filter), Some(inner)) = (&self.filter, &mut state.linear_phase) {
+            filter.settle(inner, rest_n);
+        }
         if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
             harmonic.settle(inner, first);
         }
+        state.learned = StiffnessLearner::settled();
         state.notches = [NotchState::default(); MAX_NOTCHES];
-        (state.speed_m_s, state.seen, state.missing) = (0.0, 0, 0);
+        state.speed_m_s = 0.0;
     }
 
     /// Begins windows for another spindle speed (`fitted`, `spectral`; the others have none); those of now
@@ -283,8 +262,7 @@ impl ForceEstimator {
             return Ok(false);
         }
         self.noise_floor_n = harmonic.noise_floor_n();
-        let window_samples = harmonic.window_samples();
-        self.settling = self.settling_of(window_samples);
+        self.set_settling();
         Ok(true)
     }
 
@@ -298,12 +276,15 @@ impl ForceEstimator {
         self.harmonic.as_mut().map_or(Ok(()), |h| h.catch_up(pieces))
     }
 
-    fn settling_of(&self, window_samples: usize) -> usize {
+    fn set_settling(&mut self) {
         // What a notch of a few hertz forgets in a tenth of a second, and the filter before the estimator.
         let notches = if self.notches.is_empty() { 0.0 } else { 0.1 * self.rate.hz() };
-        let before = 8.0 * self.drive_side_late_s * self.rate.hz();
-        let extra = notches.max(before).ceil() as usize;
-        self.alignment.lag_samples + window_samples + self.filter.memory_samples(self.rate) + extra
+        let late_s = self.part.drive_filter.map_or(0.0, |filter| filter.slow_delay_s());
+        let extra = notches.max(8.0 * late_s * self.rate.hz()).ceil() as usize;
+        let window = self.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
+        let filter = self.filter.memory_samples(self.rate);
+        self.part.settling = self.alignment.lag_samples + window + filter + extra;
+        self.alone.set_settling(0, self.part.settling);
     }
 
     /// One sample in, one estimate out. Constant cost, no allocation.
@@ -321,95 +302,132 @@ impl ForceEstimator {
         state: &mut ForceState,
         sample: &MotionSample,
     ) -> (ForceEstimate, AlignedMotion) {
-        let (mut raw_n, mut motion) = self.balance_step(state, sample);
-        let mut harmonic_flags = Validity::VALID;
-        if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
-            let windowed = harmonic.step(inner, &self.without_signal_errors(sample));
-            (raw_n, harmonic_flags) = (windowed.force_n, windowed.flags);
-            if let Some((at_window, motor_m)) = windowed.motion {
-                motion = at_window;
-                raw_n -= self.physics_n(motor_m, &motion);
-            }
+        self.put(sample, (&mut state.lanes, 0));
+        let balance = self.alone.balance(&mut state.lanes);
+        let mut now = self.underway(&balance, 0);
+        if self.has_beyond() {
+            self.go_beyond(&mut state.beyond, sample, (&state.lanes, 0), &mut now);
         }
-        self.watch_missing(state, sample);
-        raw_n += self.learned_n(state, &motion);
-        let disturbance_n = self
-            .idle_map
-            .as_ref()
-            .map_or(0.0, |map| map.disturbance_n(motion.position_m, self.travel_velocity_m_s(&motion)));
-        let notched_n = self.notch(state, raw_n - disturbance_n, &motion);
-        let force_n = self.filter.step(&mut state.filter, notched_n);
-        let flags = harmonic_flags | self.flags(state, &motion);
-        (ForceEstimate { force_n, flags }, motion)
+        let [low_n] = self.alone.low_pass(&mut state.lanes, [now.force_n]);
+        let force_n = self.linear_phase(&mut state.beyond, low_n);
+        (ForceEstimate { force_n, flags: now.flags }, now.motion)
     }
 
-    /// The balance before idle map and low-pass, with the aligned motion behind it; the instant is
-    /// [`Self::alignment_lag_samples`] ago.
-    #[inline]
-    fn balance_step(&self, state: &mut ForceState, sample: &MotionSample) -> (f64, AlignedMotion) {
-        let sample = &self.without_signal_errors(sample);
-        let told_n = sample.thrust_ref_n;
-        // The reference given at the last sample has driven the current until now.
-        state.current_n =
-            self.alignment.current_memory * (state.current_n - state.last_ref_n) + state.last_ref_n;
-        if self.alignment.current_memory == 0.0 {
-            state.current_n = told_n;
+    /// Puts a sample into the input of a lane; what is absent keeps its last value and is marked.
+    #[inline(always)]
+    pub(super) fn put<const L: usize>(
+        &self,
+        sample: &MotionSample,
+        (lanes, lane): (&mut LaneState<L>, usize),
+    ) {
+        let mut told_n = sample.thrust_ref_n;
+        let mut read = [sample.motor_travel_m, sample.nut_position_m, sample.stage_position_m];
+        if let Some(physics) = &self.physics {
+            told_n = physics.thrust_n(told_n);
+            read[0] = read[0].map(|x| physics.motor_travel_m(x));
+            read[2] = read[2].map(|x| physics.stage_position_m(x));
         }
-        state.last_ref_n = told_n;
-        state.current.push(state.current_n);
-        state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.at(0)));
-        state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.at(0)));
-        let mut nut_n = 0.0;
-        if self.balance.needs_nut() {
-            state.nut.push(sample.nut_position_m.unwrap_or_else(|| state.nut.at(0)));
-            nut_n = state.nut.apply(&self.nut);
-        }
-        state.seen = state.seen.saturating_add(1);
+        let input = &mut lanes.input;
+        input.thrust_ref_n[lane] = told_n;
+        input.motor_m[lane] = read[0].unwrap_or(input.motor_m[lane]);
+        input.nut_m[lane] = read[1].unwrap_or(input.nut_m[lane]);
+        input.stage_m[lane] = read[2].unwrap_or(input.stage_m[lane]);
+        let absent = (0..3).any(|k| self.needs[k] & read[k].is_none());
+        input.absent[lane] = if absent { 1.0 } else { 0.0 };
+    }
 
+    /// The balance of one lane as an estimate on its way.
+    #[inline]
+    pub(super) fn underway<const L: usize>(&self, balance: &LaneMotion<L>, lane: usize) -> Underway {
         let motion = AlignedMotion {
-            thrust_n: state.current.apply(&self.current),
-            motor_velocity_m_s: state.motor.apply(&self.motor.velocity),
-            stage_velocity_m_s: state.stage.apply(&self.stage.velocity),
-            position_m: match self.signals {
-                Signals::MotorOnly => state.motor.apply(&self.motor.position),
-                Signals::StageOnly | Signals::Both | Signals::Three => {
-                    state.stage.apply(&self.stage.position)
+            thrust_n: balance.thrust_n[lane],
+            motor_velocity_m_s: balance.motor_velocity_m_s[lane],
+            stage_velocity_m_s: balance.stage_velocity_m_s[lane],
+            position_m: if self.part.by_motor { balance.motor_m[lane] } else { balance.stage_m[lane] },
+        };
+        let (force_n, flags) = (balance.raw_n[lane], balance.flags[lane]);
+        Underway { force_n, flags, motion, motor_m: balance.motor_m[lane] }
+    }
+
+    /// Whether anything but balance and Butterworth low-pass makes the estimate.
+    pub(super) fn has_beyond(&self) -> bool {
+        matches!(self.filter, Filter::LinearPhase(_))
+            || self.physics.is_some()
+            || self.harmonic.is_some()
+            || self.learner.is_some()
+            || self.idle_map.is_some()
+            || !self.notches.is_empty()
+    }
+
+    /// Windows, physics, learned stiffness, idle map and notches, between balance and low-pass.
+    #[inline]
+    pub(super) fn go_beyond<const L: usize>(
+        &self,
+        state: &mut Beyond,
+        sample: &MotionSample,
+        lanes: InLane<'_, L>,
+        now: &mut Underway,
+    ) {
+        match (&self.harmonic, &mut state.harmonic) {
+            (Some(harmonic), Some(inner)) => {
+                let windowed = harmonic.step(inner, &self.without_signal_errors(sample));
+                now.force_n = windowed.force_n;
+                if let Some((motion, motor_m)) = windowed.motion {
+                    (now.motion, now.motor_m) = (motion, motor_m);
+                    now.force_n -= self.physics_n(now);
+                    now.flags =
+                        self.flags_of(now) | now.flags.only(Validity::SETTLING | Validity::SIGNAL_MISSING);
                 }
-            },
-        };
-        let motor_friction_n = if self.balance.motor_friction_n == 0.0 {
-            0.0
-        } else {
-            self.balance.motor_friction_n * (motion.motor_velocity_m_s / self.friction_smoothing_m_s).tanh()
-        };
-        let stage_share =
-            self.presliding.step(&mut state.presliding, state.stage.apply(&self.stage.position));
-        let raw_n = self.balance.thrust * motion.thrust_n
-            + state.motor.apply(&self.motor.force)
-            + nut_n
-            + state.stage.apply(&self.stage.force)
-            - motor_friction_n
-            - self.balance.stage_friction_n * stage_share
-            - self
-                .physics
-                .as_ref()
-                .map_or(0.0, |_| self.physics_n(state.motor.apply(&self.motor.position), &motion));
-        (raw_n, motion)
+                now.flags |= windowed.flags;
+            }
+            _ => now.force_n -= self.physics_n(now),
+        }
+        now.force_n += self.learned_n(state, &now.motion, lanes);
+        if let Some(map) = &self.idle_map {
+            let velocity_m_s = self.travel_velocity_m_s(&now.motion);
+            let moves = velocity_m_s.abs() >= self.part.law.still_m_s;
+            now.flags |= Validity::when(moves && !map.holds(now.motion.position_m), Validity::EXTRAPOLATED);
+            now.force_n -= map.disturbance_n(now.motion.position_m, velocity_m_s);
+        }
+        now.force_n = self.notch(state, now.force_n, &now.motion);
+    }
+
+    fn flags_of(&self, now: &Underway) -> Validity {
+        let speed_m_s = self.travel_velocity_m_s(&now.motion).abs();
+        self.part.law.flags(speed_m_s, now.motion.thrust_n * self.balance.thrust)
+    }
+
+    /// The low-pass of one delay, where it is that one.
+    #[inline]
+    pub(super) fn linear_phase(&self, state: &mut Beyond, force_n: f64) -> f64 {
+        match (&self.filter, &mut state.linear_phase) {
+            (Filter::LinearPhase(filter), Some(inner)) => filter.step(inner, force_n),
+            _ => force_n,
+        }
     }
 
     /// What the stiffness learned while cutting adds.
     #[inline]
-    fn learned_n(&self, state: &mut ForceState, motion: &AlignedMotion) -> f64 {
+    fn learned_n<const L: usize>(
+        &self,
+        state: &mut Beyond,
+        motion: &AlignedMotion,
+        (lanes, lane): InLane<'_, L>,
+    ) -> f64 {
         let Some(learner) = &self.learner else { return 0.0 };
-        let ForceState { learned, motor, stage, missing, .. } = state;
-        let lines = [&*motor, &*stage];
         let told = (motion.thrust_n, motion.motor_velocity_m_s);
-        learner.step(learned, told, |side, stencil| lines[side].apply(stencil), *missing == 0)
+        let apply = |side, stencil: &Stencil| lanes.apply(side, lane, stencil);
+        learner.step(&mut state.learned, told, apply, !lanes.is_missing(lane))
     }
 
     /// Stiffness in use over that of the model, where it is learned.
     #[must_use]
     pub fn learned_stiffness_ratio(&self, state: &ForceState) -> Option<f64> {
+        self.learned_ratio(&state.beyond)
+    }
+
+    /// The same of a state beyond its lane.
+    pub(super) fn learned_ratio(&self, state: &Beyond) -> Option<f64> {
         self.learner.as_ref().map(|_| StiffnessLearner::ratio(&state.learned))
     }
 
@@ -428,32 +446,20 @@ impl ForceEstimator {
     /// What the model's further physics adds to the balance: motor side by the thrust's factor, stage side
     /// as it is.
     #[inline]
-    fn physics_n(&self, motor_m: f64, motion: &AlignedMotion) -> f64 {
+    fn physics_n(&self, now: &Underway) -> f64 {
         let Some(physics) = &self.physics else { return 0.0 };
+        let motion = &now.motion;
         let stage_v = self.travel_velocity_m_s(motion);
         let (motor_x, motor_v) = match self.signals {
             Signals::StageOnly => (motion.position_m, stage_v),
-            Signals::MotorOnly | Signals::Both | Signals::Three => (motor_m, motion.motor_velocity_m_s),
+            Signals::MotorOnly | Signals::Both | Signals::Three => (now.motor_m, motion.motor_velocity_m_s),
         };
         self.balance.thrust * physics.motor_n(motor_x, motor_v)
             + self.balance.stage_disturbance * physics.stage_n(motion.position_m, stage_v)
     }
 
-    /// Factors of the balance.
-    #[must_use]
-    pub fn balance(&self) -> &ForceBalance {
-        &self.balance
-    }
-
-    pub(super) fn scaled_current(&self) -> Stencil {
-        Stencil {
-            youngest: self.current.youngest,
-            weights: self.current.weights.map(|w| w * self.balance.thrust),
-        }
-    }
-
     #[inline]
-    fn notch(&self, state: &mut ForceState, mut force_n: f64, motion: &AlignedMotion) -> f64 {
+    fn notch(&self, state: &mut Beyond, mut force_n: f64, motion: &AlignedMotion) -> f64 {
         if self.notches.is_empty() {
             return force_n;
         }
@@ -475,50 +481,7 @@ impl ForceEstimator {
     /// Velocity of whichever position the axis measures (the stage's before the motor's), m/s.
     #[must_use]
     pub fn travel_velocity_m_s(&self, motion: &AlignedMotion) -> f64 {
-        match self.signals {
-            Signals::MotorOnly => motion.motor_velocity_m_s,
-            Signals::StageOnly | Signals::Both | Signals::Three => motion.stage_velocity_m_s,
-        }
-    }
-
-    /// A held value enters the balance some samples later and rings in the low-pass: it is told of as long.
-    fn watch_missing(&self, state: &mut ForceState, sample: &MotionSample) {
-        let missing = (self.balance.needs_nut() && sample.nut_position_m.is_none())
-            || (self.balance.needs_motor() && sample.motor_travel_m.is_none())
-            || (self.balance.needs_stage() && sample.stage_position_m.is_none());
-        let rings = u32::try_from(self.settling + STENCIL_NODES).unwrap_or(u32::MAX);
-        state.missing = if missing { rings } else { state.missing.saturating_sub(1) };
-    }
-
-    fn flags(&self, state: &ForceState, motion: &AlignedMotion) -> Validity {
-        let settling = (state.seen as usize) < self.settling;
-        let speed = self.travel_velocity_m_s(motion).abs();
-        let still = speed < 2.0 * self.friction_smoothing_m_s;
-        let line = self.encoder_lines_1_m.iter().any(|lines| {
-            let frequency_hz = speed * lines;
-            frequency_hz > 1.0 && frequency_hz < self.band_hz
-        });
-        let friction_n = match self.method {
-            // Its balance knows of no friction, which hides the force all the same.
-            Method::Thrust => self.friction_bound_n,
-            _ => {
-                self.balance.motor_friction_n.abs()
-                    + self.balance.stage_friction_n.abs()
-                    + self.physics.as_ref().map_or(0.0, PhysicsModel::coulomb_n)
-            }
-        };
-        let beyond_map = !still && self.idle_map.as_ref().is_some_and(|map| !map.holds(motion.position_m));
-        // Without the stage's own motion in the balance, what friction holds back does not show at all.
-        let hidden =
-            if self.balance.needs_stage() { Validity::MEAN_NOT_OBSERVABLE } else { Validity::BELOW_FRICTION };
-        let below =
-            still && friction_n > 0.0 && motion.thrust_n.abs() * self.balance.thrust.abs() < friction_n;
-        self.constant_flags
-            | Validity::when(beyond_map, Validity::EXTRAPOLATED)
-            | Validity::when(state.missing > 0, Validity::SIGNAL_MISSING)
-            | Validity::when(settling, Validity::SETTLING)
-            | Validity::when(line, Validity::ENCODER_LINE_IN_BAND)
-            | Validity::when(below && self.method != Method::Spectral, hidden)
+        if self.part.by_motor { motion.motor_velocity_m_s } else { motion.stage_velocity_m_s }
     }
 
     /// Method.
@@ -574,7 +537,7 @@ impl ForceEstimator {
     /// Samples until the filters have forgotten their start.
     #[must_use]
     pub fn settling_samples(&self) -> usize {
-        self.settling
+        self.part.settling
     }
 
     /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain.
@@ -588,9 +551,9 @@ impl ForceEstimator {
         if let Some(harmonic) = &self.harmonic {
             return harmonic.noise_floor_n();
         }
-        let motor = variance(&self.motor.force, drive.motor_encoder_resolution_m());
-        let stage = variance(&self.stage.force, drive.stage_encoder_resolution_m());
-        let nut = variance(&self.nut, drive.stage_encoder_resolution_m());
+        let motor = variance(&self.part.motor[0], drive.motor_encoder_resolution_m());
+        let stage = variance(&self.part.stage[0], drive.stage_encoder_resolution_m());
+        let nut = self.part.nut.map_or(0.0, |nut| variance(&nut, drive.stage_encoder_resolution_m()));
         (motor + nut + stage).sqrt()
     }
 }

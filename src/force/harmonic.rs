@@ -182,7 +182,8 @@ impl Fitted {
         let side = |line: &LongLine, first: usize| [0, 1, 2].map(|k| line.apply(&windows.weights[first + k]));
         let [motor_n, motor_m, motor_m_s] = side(&state.motor, MOTOR);
         let [stage_n, stage_m, stage_m_s] = side(&state.stage, STAGE);
-        let share = self.presliding.step(&mut state.presliding, stage_m);
+        state.presliding = self.presliding.step::<false>(state.presliding, stage_m);
+        let share = state.presliding.share;
         let motion = AlignedMotion {
             thrust_n: state.current.apply(&windows.weights[0]),
             motor_velocity_m_s: motor_m_s,

@@ -1,362 +1,451 @@
-//! Up to eight axes side by side: the same chain as [`super::estimator::ForceEstimator`], one axis a
+//! Axes side by side: alignment, force balance, friction and low-pass of up to [`LANES`] axes, one axis a
 //! lane of a vector register.
 //!
-//! For axes of one rate with a Butterworth low-pass of one order, without idle maps, notches and
-//! windows; anything else runs axis by axis. A library part with its bench (six axes for the time of two):
-//! the service steps its axes one after the other, because each has an observer of its own choosing and six
-//! take 1 to 3 % of a sample's time as they are (balances). Checked by:
-//! lanes_give_the_numbers_of_single_axes.
+//! ```text
+//!  thrust, motor, [nut], stage --[motor side low-pass]--> lag, lines --> stencils - friction --> flags
+//!                                                                              |
+//!                       what an axis has beyond that (windows, physics, map) --+--> Butterworth --> N
+//! ```
+//! A lane does the same operations in the same order whatever stands beside it, so an axis alone
+//! (`L = 1`, [`super::estimator::ForceEstimator`]) and the same axis among others have the same bits.
+//! Checked by: lanes_give_the_bits_of_single_axes.
 
-use super::balance::Method;
-use super::estimator::{AxisSignals, ForceEstimator, ForceSettings, LowPass, Signals};
-use crate::signal::butterworth::{Butterworth, MAX_SECTIONS};
+use super::friction::{Presliding, PreslidingState, rational_tanh};
+use super::lane_line::{LaneLine, LaneStencils};
+use super::lane_part::{FlagLaw, LanePart};
+use super::validity::Validity;
+use crate::keyframe::{Keep, Words};
+use crate::signal::butterworth::{Butterworth, Section};
 use crate::signal::dispatch::{Fast, Kernel, multiply_add, run};
 use crate::signal::finite_difference::{STENCIL_NODES, Stencil};
-use thiserror::Error;
 
-/// Axes of one estimator.
+/// Axes of one vector estimator.
 pub const LANES: usize = 8;
 
-/// One value a lane.
-pub type Lane = [f64; LANES];
+/// Samples of delay and stencil together that an axis may need.
+pub const LONGEST_AGE: usize = 64;
 
-/// Samples that a line of lanes remembers.
-const LINE: usize = 32;
+/// One second-order section a lane: b0, b1, b2, a1, a2.
+type LaneSection<const L: usize> = [[f64; L]; 5];
 
-/// Why axes cannot run side by side.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum LaneError {
-    /// Too many or no axes.
-    #[error("{axes} axes, expected 1 to {LANES}")]
-    Axes {
-        /// How many were given.
-        axes: usize,
-    },
-    /// An axis has something that the lanes do not: an idle map, notches, a window, another low-pass.
-    #[error(
-        "axis {axis} differs from the first in rate or low-pass, or has an idle map, notches or a window"
-    )]
-    Unlike {
-        /// Which.
-        axis: usize,
-    },
-    /// A delay beyond what the lanes remember.
-    #[error("axis {axis} needs samples of {age} ago, the lanes remember {LINE}")]
-    TooLate {
-        /// Which.
-        axis: usize,
-        /// Age in samples.
-        age: usize,
-    },
+fn lane_sections<const L: usize>(filters: &[Option<Butterworth>]) -> Vec<LaneSection<L>> {
+    let longest = filters.iter().flatten().map(|f| f.sections().len()).max().unwrap_or(0);
+    let through = [[1.0; L], [0.0; L], [0.0; L], [0.0; L], [0.0; L]];
+    let mut sections = vec![through; longest];
+    for (lane, filter) in filters.iter().enumerate() {
+        for (to, section) in sections.iter_mut().zip(filter.iter().flat_map(Butterworth::sections)) {
+            let [b0, b1, b2] = section.b;
+            let [a1, a2] = section.a;
+            for (to, value) in to.iter_mut().zip([b0, b1, b2, a1, a2]) {
+                to[lane] = value;
+            }
+        }
+    }
+    sections
 }
 
-/// Weights of all lanes over a common stretch of samples.
-#[derive(Debug, Clone, PartialEq)]
-struct LaneStencil {
-    youngest: usize,
-    weights: Vec<Lane>,
+fn section_of_lane<const L: usize>(section: &LaneSection<L>, lane: usize) -> Section {
+    let [b0, b1, b2, a1, a2] = section.map(|c| c[lane]);
+    Section { b: [b0, b1, b2], a: [a1, a2] }
 }
 
-/// A designed estimator of several axes.
+/// Settles the filter of one lane on `x`.
+fn settle_sections<const L: usize>(
+    sections: &[LaneSection<L>],
+    states: &mut [[[f64; L]; 2]],
+    lane: usize,
+    mut x: f64,
+) {
+    for (section, state) in sections.iter().zip(states) {
+        let section = section_of_lane(section, lane);
+        let [first, second] = section.settled(x);
+        (state[0][lane], state[1][lane]) = (first, second);
+        x *= section.b.iter().sum::<f64>() / (1.0 + section.a[0] + section.a[1]);
+    }
+}
+
+#[inline(always)]
+fn filter<const L: usize, const FUSED: bool>(
+    sections: &[LaneSection<L>],
+    states: &mut [[[f64; L]; 2]],
+    x: &mut [f64; L],
+) {
+    for ([b0, b1, b2, a1, a2], state) in sections.iter().zip(states) {
+        // From copies into a copy: stores to the state must not stand between the lanes.
+        let (input, [first, second]) = (*x, *state);
+        let mut next = [[0.0; L]; 2];
+        for lane in 0..L {
+            let y = multiply_add::<FUSED>(b0[lane], input[lane], first[lane]);
+            let inner = multiply_add::<FUSED>(b1[lane], input[lane], second[lane]);
+            next[0][lane] = multiply_add::<FUSED>(-a1[lane], y, inner);
+            next[1][lane] = multiply_add::<FUSED>(b2[lane], input[lane], -a2[lane] * y);
+            x[lane] = y;
+        }
+        *state = next;
+    }
+}
+
+/// The designed estimators of axes side by side.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ForceLanes {
-    axes: usize,
-    current: LaneStencil,
-    motor_force: LaneStencil,
-    motor_velocity: LaneStencil,
-    stage_force: LaneStencil,
-    stage_position: LaneStencil,
-    current_memory: Lane,
-    motor_friction_n: Lane,
-    stage_friction_n: Lane,
-    smoothing_s_m: Lane,
-    per_travel_1_m: Lane,
-    play_m: Lane,
-    sections: Vec<[Lane; 5]>,
-    delay_s: Lane,
+pub(super) struct LaneDesign<const L: usize> {
+    parts: Vec<Option<LanePart>>,
+    drive_filter: Vec<LaneSection<L>>,
+    current_memory: [f64; L],
+    current: LaneStencils<L, 1>,
+    motor: LaneStencils<L, 3>,
+    stage: LaneStencils<L, 3>,
+    nut: LaneStencils<L, 1>,
+    thrust: [f64; L],
+    motor_friction_n: [f64; L],
+    stage_friction_n: [f64; L],
+    smoothing_s_m: [f64; L],
+    per_travel_1_m: [f64; L],
+    play_m: [f64; L],
+    by_motor: [f64; L],
+    constant: [Validity; L],
+    hidden: [Validity; L],
+    still_m_s: [f64; L],
+    lines_1_m: [[f64; L]; 2],
+    band_hz: [f64; L],
+    friction_n: [f64; L],
+    settling: [f64; L],
+    low_pass: Vec<LaneSection<L>>,
+    /// Samples that a line holds.
+    line: usize,
     fast: Fast,
 }
 
-/// A line of samples of all lanes, each stored twice.
-#[derive(Debug, Clone, PartialEq)]
-struct LaneLine {
-    values: [Lane; 2 * LINE],
-    head: usize,
-}
-
-/// State of a [`ForceLanes`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct LaneState {
-    current: LaneLine,
-    motor: LaneLine,
-    stage: LaneLine,
-    current_n: Lane,
-    last_ref_n: Lane,
-    slip_m: Lane,
-    share: Lane,
-    filter: [[Lane; 2]; MAX_SECTIONS],
-}
-
-/// One instant of all axes.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct LaneSample {
+/// What was read last: a signal that is absent keeps its place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LaneInput<const L: usize> {
     /// Thrust references, N.
-    pub thrust_ref_n: Lane,
+    pub(super) thrust_ref_n: [f64; L],
     /// Motor angles as travel, m.
-    pub motor_travel_m: Lane,
+    pub(super) motor_m: [f64; L],
+    /// Screws at the nut, m.
+    pub(super) nut_m: [f64; L],
     /// Stage positions, m.
-    pub stage_position_m: Lane,
+    pub(super) stage_m: [f64; L],
+    /// 1 where a signal that the balance needs was absent.
+    pub(super) absent: [f64; L],
 }
 
-impl LaneLine {
-    fn filled(value: Lane) -> Self {
-        Self { values: [value; 2 * LINE], head: 0 }
+impl<const L: usize> Keep for LaneInput<L> {
+    fn keep(&self, to: &mut Vec<u64>) {
+        let Self { thrust_ref_n, motor_m, nut_m, stage_m, absent } = self;
+        [thrust_ref_n, motor_m, nut_m, stage_m].into_iter().for_each(|x| x.keep(to));
+        absent.keep(to);
     }
 
-    #[inline(always)]
-    fn push(&mut self, value: Lane) {
-        self.head = if self.head == 0 { LINE - 1 } else { self.head - 1 };
-        self.values[self.head] = value;
-        self.values[self.head + LINE] = value;
-    }
-
-    #[inline(always)]
-    fn apply<const FUSED: bool>(&self, stencil: &LaneStencil) -> Lane {
-        let mut sum = [0.0; LANES];
-        let start = self.head + stencil.youngest;
-        for (weights, values) in stencil.weights.iter().zip(&self.values[start..]) {
-            for lane in 0..LANES {
-                sum[lane] = multiply_add::<FUSED>(weights[lane], values[lane], sum[lane]);
-            }
-        }
-        sum
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        let Self { thrust_ref_n, motor_m, nut_m, stage_m, absent } = self;
+        [thrust_ref_n, motor_m, nut_m, stage_m, absent].into_iter().try_for_each(|x| x.restore(from))
     }
 }
 
-impl ForceLanes {
-    /// Puts axes side by side. Errors: none or too many axes, unlike settings, delays too long, and
-    /// what [`ForceEstimator::new`] refuses (named by axis as unlike).
-    pub fn new(axes: &[(Method, AxisSignals<'_>)], settings: &ForceSettings) -> Result<Self, LaneError> {
-        let Some(first) = axes.first().filter(|_| axes.len() <= LANES) else {
-            return Err(LaneError::Axes { axes: axes.len() });
-        };
-        let LowPass::Butterworth { order, cutoff_hz } = settings.low_pass else {
-            return Err(LaneError::Unlike { axis: 0 });
-        };
-        let plain = settings.idle_map.is_none()
-            && settings.notches.is_empty()
-            && settings.physics.is_none()
-            && !settings.learn_stiffness;
-        let mut parts = Vec::with_capacity(LANES);
-        for (axis, (method, signals)) in axes.iter().enumerate() {
-            let unlike = LaneError::Unlike { axis };
-            let windowed = matches!(method, Method::Fitted | Method::Spectral);
-            if !plain || windowed || signals.rate != first.1.rate || signals.signals != Signals::Both {
-                return Err(unlike);
-            }
-            let part = ForceEstimator::new(*method, signals, settings.clone()).map_err(|_| unlike)?;
-            parts.push((part, signals));
+/// State of a [`LaneDesign`]; a clone is a keyframe.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct LaneState<const L: usize> {
+    pub(super) input: LaneInput<L>,
+    drive_filter: [Vec<[[f64; L]; 2]>; 2],
+    current_n: [f64; L],
+    last_ref_n: [f64; L],
+    current: LaneLine<L>,
+    motor: LaneLine<L>,
+    stage: LaneLine<L>,
+    nut: LaneLine<L>,
+    slip_m: [f64; L],
+    share: [f64; L],
+    seen: [f64; L],
+    /// Samples for which a value that was not there still rings on.
+    missing: [f64; L],
+    low_pass: Vec<[[f64; L]; 2]>,
+}
+
+impl<const L: usize> Keep for LaneState<L> {
+    fn keep(&self, to: &mut Vec<u64>) {
+        let Self { input, drive_filter, current_n, last_ref_n, current, motor, stage, nut, .. } = self;
+        let Self { slip_m, share, seen, missing, low_pass, .. } = self;
+        input.keep(to);
+        drive_filter.keep(to);
+        [current_n, last_ref_n, slip_m, share].into_iter().for_each(|x| x.keep(to));
+        [current, motor, stage, nut].into_iter().for_each(|x| x.keep(to));
+        [seen, missing].into_iter().for_each(|x| x.keep(to));
+        low_pass.keep(to);
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        let Self { input, drive_filter, current_n, last_ref_n, current, motor, stage, nut, .. } = self;
+        input.restore(from)?;
+        drive_filter.restore(from)?;
+        let Self { slip_m, share, seen, missing, low_pass, .. } = self;
+        [current_n, last_ref_n, slip_m, share].into_iter().try_for_each(|x| x.restore(from))?;
+        [current, motor, stage, nut].into_iter().try_for_each(|x| x.restore(from))?;
+        [seen, missing].into_iter().try_for_each(|x| x.restore(from))?;
+        low_pass.restore(from)
+    }
+}
+
+/// The balance of one instant, before what an axis has beyond it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LaneMotion<const L: usize> {
+    pub(super) raw_n: [f64; L],
+    pub(super) thrust_n: [f64; L],
+    pub(super) motor_velocity_m_s: [f64; L],
+    pub(super) motor_m: [f64; L],
+    pub(super) stage_velocity_m_s: [f64; L],
+    pub(super) stage_m: [f64; L],
+    pub(super) flags: [Validity; L],
+}
+
+impl<const L: usize> LaneDesign<L> {
+    /// Puts axes side by side; a place without an axis stays zero. Requires: at most `L` places, ages that
+    /// `Alignment` allowed.
+    pub(super) fn new(parts: Vec<Option<LanePart>>) -> Self {
+        fn lanes<const L: usize, T: Copy>(
+            parts: &[Option<LanePart>],
+            absent: T,
+            pick: impl Fn(&LanePart) -> T,
+        ) -> [T; L] {
+            std::array::from_fn(|k| parts.get(k).and_then(Option::as_ref).map_or(absent, &pick))
         }
-        // Idle lanes repeat the first axis: no special case in the loop.
-        while parts.len() < LANES {
-            parts.push((parts[0].0.clone(), parts[0].1));
-        }
-        let filter = Butterworth::low_pass(order, cutoff_hz, first.1.rate);
-        let filter = filter.map_err(|_| LaneError::Unlike { axis: 0 })?;
-        let lane = |f: &dyn Fn(&ForceEstimator, &AxisSignals<'_>) -> f64| {
-            std::array::from_fn(|k| f(&parts[k].0, parts[k].1))
+        let of = |pick: &dyn Fn(&LanePart) -> f64| lanes::<L, f64>(&parts, 0.0, pick);
+        let three = |pick: &dyn Fn(&LanePart) -> [Stencil; 3]| {
+            LaneStencils::new(&parts.iter().map(|p| p.as_ref().map(pick)).collect::<Vec<_>>())
         };
-        let stencil = |pick: &dyn Fn(&ForceEstimator) -> Stencil| {
-            let all: Vec<Stencil> = parts.iter().map(|(e, _)| pick(e)).collect();
-            LaneStencil::new(&all)
+        let one = |pick: &dyn Fn(&LanePart) -> Option<Stencil>| {
+            LaneStencils::new(
+                &parts.iter().map(|p| p.as_ref().and_then(pick).map(|s| [s])).collect::<Vec<_>>(),
+            )
         };
-        Ok(Self {
-            axes: axes.len(),
-            current: stencil(&|e| e.scaled_current())?,
-            motor_force: stencil(&|e| e.motor.force)?,
-            motor_velocity: stencil(&|e| e.motor.velocity)?,
-            stage_force: stencil(&|e| e.stage.force)?,
-            stage_position: stencil(&|e| e.stage.position)?,
-            current_memory: lane(&|e, _| e.alignment.current_memory),
-            motor_friction_n: lane(&|e, _| e.balance().motor_friction_n),
-            stage_friction_n: lane(&|e, _| e.balance().stage_friction_n),
-            smoothing_s_m: lane(&|_, a| 1.0 / a.drive.friction_smoothing_m_s()),
-            per_travel_1_m: [1.0 / settings.presliding_travel_m; LANES],
-            play_m: lane(&|_, a| a.drive.stage_encoder_resolution_m()),
-            sections: filter
-                .sections()
-                .iter()
-                .map(|s| [s.b[0], s.b[1], s.b[2], s.a[0], s.a[1]].map(|c| [c; LANES]))
-                .collect(),
-            delay_s: lane(&|e, _| e.delay_s()),
+        let filters = |pick: &dyn Fn(&LanePart) -> Option<Butterworth>| {
+            lane_sections(&parts.iter().map(|p| p.as_ref().and_then(pick)).collect::<Vec<_>>())
+        };
+        let mut design = Self {
+            drive_filter: filters(&|p| p.drive_filter),
+            current_memory: of(&|p| p.current_memory),
+            current: one(&|p| Some(p.current)),
+            motor: three(&|p| p.motor),
+            stage: three(&|p| p.stage),
+            nut: one(&|p| p.nut),
+            thrust: of(&|p| p.thrust),
+            motor_friction_n: of(&|p| p.motor_friction_n),
+            stage_friction_n: of(&|p| p.stage_friction_n),
+            smoothing_s_m: of(&|p| 1.0 / p.smoothing_m_s),
+            per_travel_1_m: of(&|p| p.presliding.per_travel_1_m),
+            play_m: of(&|p| p.presliding.play_m),
+            by_motor: of(&|p| if p.by_motor { 1.0 } else { 0.0 }),
+            constant: lanes(&parts, Validity::VALID, |p| p.law.constant),
+            hidden: lanes(&parts, Validity::VALID, |p| p.law.hidden),
+            still_m_s: of(&|p| p.law.still_m_s),
+            lines_1_m: [of(&|p| p.law.lines_1_m[0]), of(&|p| p.law.lines_1_m[1])],
+            band_hz: of(&|p| p.law.band_hz),
+            friction_n: of(&|p| p.law.friction_n),
+            settling: of(&|p| p.settling as f64),
+            low_pass: filters(&|p| p.low_pass),
+            line: 0,
             fast: Fast::detect(),
-        })
+            parts,
+        };
+        let oldest = [design.current.oldest(), design.motor.oldest(), design.stage.oldest()];
+        design.line = oldest.into_iter().fold(design.nut.oldest(), usize::max).max(1);
+        design
     }
 
     /// The same without the processor's fast instructions, for comparison.
-    #[must_use]
-    pub fn without_fast(mut self) -> Self {
+    #[cfg(test)]
+    pub(super) fn without_fast(mut self) -> Self {
         self.fast = Fast::off();
         self
     }
 
-    /// Number of axes.
-    #[must_use]
-    pub fn axes(&self) -> usize {
-        self.axes
+    /// Another settling time of one lane: its window changed.
+    pub(super) fn set_settling(&mut self, lane: usize, samples: usize) {
+        self.settling[lane] = samples as f64;
     }
 
-    /// By how much each estimate lags, s.
-    #[must_use]
-    pub fn delay_s(&self) -> Lane {
-        self.delay_s
-    }
-
-    /// State settled on a first sample (the low-pass at zero force).
-    #[must_use]
-    pub fn settled(&self, first: &LaneSample) -> LaneState {
+    /// Lines of zeros.
+    pub(super) fn start(&self) -> LaneState<L> {
+        let zeros = [0.0; L];
+        let line = || LaneLine::of(self.line);
         LaneState {
-            current: LaneLine::filled(first.thrust_ref_n),
-            motor: LaneLine::filled(first.motor_travel_m),
-            stage: LaneLine::filled(first.stage_position_m),
-            current_n: first.thrust_ref_n,
-            last_ref_n: first.thrust_ref_n,
-            slip_m: first.stage_position_m,
-            share: [0.0; LANES],
-            filter: [[[0.0; LANES]; 2]; MAX_SECTIONS],
+            input: LaneInput {
+                thrust_ref_n: zeros,
+                motor_m: zeros,
+                nut_m: zeros,
+                stage_m: zeros,
+                absent: zeros,
+            },
+            drive_filter: [(); 2].map(|()| vec![[zeros; 2]; self.drive_filter.len()]),
+            current_n: zeros,
+            last_ref_n: zeros,
+            current: line(),
+            motor: line(),
+            stage: line(),
+            nut: line(),
+            slip_m: zeros,
+            share: zeros,
+            seen: zeros,
+            missing: zeros,
+            low_pass: vec![[zeros; 2]; self.low_pass.len()],
         }
     }
 
-    /// One sample of all axes. No allocation.
+    /// Settles one lane on what its input holds: as if the axis had stood there for ever. No allocation.
+    pub(super) fn settle(&self, state: &mut LaneState<L>, lane: usize) {
+        let Some(part) = self.parts.get(lane).and_then(Option::as_ref) else { return };
+        let LaneInput { thrust_ref_n, motor_m, nut_m, stage_m, .. } = state.input;
+        let [thrust_n, motor_m, nut_m, stage_m] = [thrust_ref_n, motor_m, nut_m, stage_m].map(|x| x[lane]);
+        for (filter, x) in state.drive_filter.iter_mut().zip([thrust_n, motor_m]) {
+            settle_sections(&self.drive_filter, filter, lane, x);
+        }
+        (state.current_n[lane], state.last_ref_n[lane]) = (thrust_n, thrust_n);
+        state.current.settle(lane, thrust_n);
+        state.motor.settle(lane, motor_m);
+        state.nut.settle(lane, nut_m);
+        state.stage.settle(lane, stage_m);
+        (state.slip_m[lane], state.share[lane]) = (stage_m, 0.0);
+        (state.seen[lane], state.missing[lane]) = (0.0, 0.0);
+        let at_rest = part.rest.iter().zip([thrust_n, motor_m, nut_m, stage_m]);
+        let rest_n = at_rest.map(|(factor, x)| factor * x).sum();
+        settle_sections(&self.low_pass, &mut state.low_pass, lane, rest_n);
+    }
+
+    /// The balance of the sample that the state's input holds. No allocation.
     #[inline]
-    #[must_use]
-    pub fn step(&self, state: &mut LaneState, sample: &LaneSample) -> Lane {
-        run(self.fast, Step { design: self, state, sample })
+    pub(super) fn balance(&self, state: &mut LaneState<L>) -> LaneMotion<L> {
+        run(self.fast, Balance { design: self, state })
+    }
+
+    /// The low-pass behind it. No allocation.
+    #[inline]
+    pub(super) fn low_pass(&self, state: &mut LaneState<L>, force_n: [f64; L]) -> [f64; L] {
+        run(self.fast, LowPass { design: self, state, force_n })
     }
 }
 
-struct Step<'a> {
-    design: &'a ForceLanes,
-    state: &'a mut LaneState,
-    sample: &'a LaneSample,
+impl<const L: usize> LaneState<L> {
+    /// Sum of a stencil's weights times the samples of one lane: motor (0) or stage (1).
+    #[inline]
+    pub(super) fn apply(&self, side: usize, lane: usize, stencil: &Stencil) -> f64 {
+        let line = if side == 0 { &self.motor } else { &self.stage };
+        line.apply_lane(lane, stencil)
+    }
+
+    /// Whether a held value rings in the estimate of a lane.
+    #[inline]
+    pub(super) fn is_missing(&self, lane: usize) -> bool {
+        self.missing[lane] > 0.0
+    }
 }
 
-impl Kernel for Step<'_> {
-    type Output = Lane;
+struct Balance<'a, const L: usize> {
+    design: &'a LaneDesign<L>,
+    state: &'a mut LaneState<L>,
+}
+
+impl<const L: usize> Kernel for Balance<'_, L> {
+    type Output = LaneMotion<L>;
 
     #[inline(always)]
-    fn run<const FUSED: bool>(self) -> Lane {
-        let (d, s, x) = (self.design, self.state, self.sample);
-        for lane in 0..LANES {
-            let memory = d.current_memory[lane];
-            let lagged =
-                multiply_add::<FUSED>(memory, s.current_n[lane] - s.last_ref_n[lane], s.last_ref_n[lane]);
-            s.current_n[lane] = if memory == 0.0 { x.thrust_ref_n[lane] } else { lagged };
+    fn run<const FUSED: bool>(self) -> LaneMotion<L> {
+        let (d, s) = (self.design, self.state);
+        let (mut told, mut motor) = (s.input.thrust_ref_n, s.input.motor_m);
+        let [of_thrust, of_motor] = &mut s.drive_filter;
+        filter::<L, FUSED>(&d.drive_filter, of_thrust, &mut told);
+        filter::<L, FUSED>(&d.drive_filter, of_motor, &mut motor);
+        let (before_n, last_n) = (s.current_n, s.last_ref_n);
+        let mut current_n = [0.0; L];
+        for lane in 0..L {
+            // The reference given at the last sample has driven the current until now.
+            let (memory, last) = (d.current_memory[lane], last_n[lane]);
+            let lagged = multiply_add::<FUSED>(memory, before_n[lane] - last, last);
+            current_n[lane] = if memory == 0.0 { told[lane] } else { lagged };
         }
-        s.last_ref_n = x.thrust_ref_n;
+        s.current_n = current_n;
+        s.last_ref_n = told;
         s.current.push(s.current_n);
-        s.motor.push(x.motor_travel_m);
-        s.stage.push(x.stage_position_m);
-        let current = s.current.apply::<FUSED>(&d.current);
-        let motor = s.motor.apply::<FUSED>(&d.motor_force);
-        let velocity = s.motor.apply::<FUSED>(&d.motor_velocity);
-        let stage = s.stage.apply::<FUSED>(&d.stage_force);
-        let position = s.stage.apply::<FUSED>(&d.stage_position);
-        let mut force = [0.0; LANES];
-        for lane in 0..LANES {
-            // The laws of `friction`, written without branches.
-            let moved = position[lane] - s.slip_m[lane];
-            let beyond = (moved.abs() - d.play_m[lane]).max(0.0);
-            let u = beyond * d.per_travel_1_m[lane];
-            let keep = 1.0 / (1.0 + u * (1.0 + 0.5 * u * (1.0 + u / 3.0)));
-            let direction = moved.signum();
-            s.share[lane] = multiply_add::<FUSED>(s.share[lane] - direction, keep, direction);
-            s.slip_m[lane] = multiply_add::<FUSED>(direction, beyond, s.slip_m[lane]);
-            let friction = d.motor_friction_n[lane]
-                * rational_tanh::<FUSED>(velocity[lane] * d.smoothing_s_m[lane])
-                + d.stage_friction_n[lane] * s.share[lane];
-            force[lane] = current[lane] + motor[lane] + stage[lane] - friction;
+        s.motor.push(motor);
+        s.stage.push(s.input.stage_m);
+        let [thrust_n] = s.current.apply::<1, FUSED>(&d.current);
+        let [motor_n, motor_velocity_m_s, motor_m] = s.motor.apply::<3, FUSED>(&d.motor);
+        let [stage_n, stage_velocity_m_s, stage_m] = s.stage.apply::<3, FUSED>(&d.stage);
+        let mut nut_n = [0.0; L];
+        if !d.nut.is_empty() {
+            s.nut.push(s.input.nut_m);
+            [nut_n] = s.nut.apply::<1, FUSED>(&d.nut);
         }
-        for (section, state) in d.sections.iter().zip(&mut s.filter) {
-            let [b0, b1, b2, a1, a2] = section;
-            for lane in 0..LANES {
-                let input = force[lane];
-                let y = multiply_add::<FUSED>(b0[lane], input, state[0][lane]);
-                let inner = multiply_add::<FUSED>(b1[lane], input, state[1][lane]);
-                state[0][lane] = multiply_add::<FUSED>(-a1[lane], y, inner);
-                state[1][lane] = multiply_add::<FUSED>(b2[lane], input, -a2[lane] * y);
-                force[lane] = y;
-            }
+        let (mut slip_m, mut share) = (s.slip_m, s.share);
+        for lane in 0..L {
+            let law = Presliding { per_travel_1_m: d.per_travel_1_m[lane], play_m: d.play_m[lane] };
+            let slip = PreslidingState { position_m: slip_m[lane], share: share[lane] };
+            let slip = law.step::<FUSED>(slip, stage_m[lane]);
+            (slip_m[lane], share[lane]) = (slip.position_m, slip.share);
         }
-        force
+        (s.slip_m, s.share) = (slip_m, share);
+        let mut raw_n = [0.0; L];
+        for lane in 0..L {
+            let turned = rational_tanh::<FUSED>(motor_velocity_m_s[lane] * d.smoothing_s_m[lane]);
+            let stage_n = stage_n[lane] - d.stage_friction_n[lane] * share[lane];
+            let sides_n = multiply_add::<FUSED>(-d.motor_friction_n[lane], turned, stage_n + nut_n[lane]);
+            raw_n[lane] = multiply_add::<FUSED>(d.thrust[lane], thrust_n[lane], motor_n[lane]) + sides_n;
+        }
+        let (mut seen, mut missing, absent) = (s.seen, s.missing, s.input.absent);
+        for lane in 0..L {
+            seen[lane] += 1.0;
+            let rings = d.settling[lane] + STENCIL_NODES as f64;
+            let one_less = (missing[lane] - 1.0).max(0.0);
+            missing[lane] = if absent[lane] > 0.0 { rings } else { one_less };
+        }
+        (s.seen, s.missing) = (seen, missing);
+        let mut flags = [Validity::VALID; L];
+        for lane in 0..L {
+            let by_motor = d.by_motor[lane] > 0.0;
+            let speed_m_s = if by_motor { motor_velocity_m_s[lane] } else { stage_velocity_m_s[lane] }.abs();
+            let law = FlagLaw {
+                constant: d.constant[lane],
+                hidden: d.hidden[lane],
+                still_m_s: d.still_m_s[lane],
+                lines_1_m: [d.lines_1_m[0][lane], d.lines_1_m[1][lane]],
+                band_hz: d.band_hz[lane],
+                friction_n: d.friction_n[lane],
+            };
+            flags[lane] = law.flags(speed_m_s, thrust_n[lane] * d.thrust[lane])
+                | Validity::when(missing[lane] > 0.0, Validity::SIGNAL_MISSING)
+                | Validity::when(seen[lane] < d.settling[lane], Validity::SETTLING);
+        }
+        LaneMotion { raw_n, thrust_n, motor_velocity_m_s, motor_m, stage_velocity_m_s, stage_m, flags }
     }
 }
 
-/// tanh by a rational function of degree 13 over 6, within 4e-7: no branch, no call.
-///
-/// Coefficients: the single-precision minimax of the Eigen library (MathFunctionsImpl.h).
-/// Checked by: lanes::rational_tanh_is_close.
-#[inline(always)]
-fn rational_tanh<const FUSED: bool>(x: f64) -> f64 {
-    const NUMERATOR: [f64; 7] = [
-        -2.760_768_477_423_55e-16,
-        2.000_187_904_824_77e-13,
-        -8.604_671_522_137_35e-11,
-        5.122_297_090_371_14e-8,
-        1.485_722_357_179_79e-5,
-        6.372_619_288_754_36e-4,
-        4.893_524_558_917_86e-3,
-    ];
-    const DENOMINATOR: [f64; 4] =
-        [1.198_258_394_667_02e-6, 1.185_347_056_866_54e-4, 2.268_434_632_439_00e-3, 4.893_525_185_543_85e-3];
-    let x = x.clamp(-7.905_311, 7.905_311);
-    let x2 = x * x;
-    let mut p = NUMERATOR[0];
-    for c in &NUMERATOR[1..] {
-        p = multiply_add::<FUSED>(p, x2, *c);
-    }
-    let mut q = DENOMINATOR[0];
-    for c in &DENOMINATOR[1..] {
-        q = multiply_add::<FUSED>(q, x2, *c);
-    }
-    x * p / q
+struct LowPass<'a, const L: usize> {
+    design: &'a LaneDesign<L>,
+    state: &'a mut LaneState<L>,
+    force_n: [f64; L],
 }
 
-impl LaneStencil {
-    fn new(stencils: &[Stencil]) -> Result<Self, LaneError> {
-        let youngest = stencils.iter().map(|s| s.youngest).min().unwrap_or(0);
-        let oldest = stencils.iter().map(|s| s.youngest + STENCIL_NODES).max().unwrap_or(0);
-        if oldest > LINE {
-            let axis = stencils.iter().position(|s| s.youngest + STENCIL_NODES > LINE).unwrap_or(0);
-            return Err(LaneError::TooLate { axis, age: oldest });
-        }
-        let mut weights = vec![[0.0; LANES]; oldest - youngest];
-        for (lane, stencil) in stencils.iter().enumerate().take(LANES) {
-            for (k, w) in stencil.weights.iter().enumerate() {
-                weights[stencil.youngest - youngest + k][lane] = *w;
-            }
-        }
-        Ok(Self { youngest, weights })
+impl<const L: usize> Kernel for LowPass<'_, L> {
+    type Output = [f64; L];
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(mut self) -> [f64; L] {
+        filter::<L, FUSED>(&self.design.low_pass, &mut self.state.low_pass, &mut self.force_n);
+        self.force_n
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::force::estimator::MotionSample;
+    use crate::force::balance::Method;
+    use crate::force::estimator::{AxisSignals, ForceEstimator, ForceSettings, MotionSample, Signals};
     use crate::plant::drive::{DriveParams, RawDriveParams};
     use crate::units::SampleRate;
 
-    #[test]
-    fn rational_tanh_is_close() {
-        for i in -2000..=2000 {
-            let x = f64::from(i) * 0.01;
-            assert!((rational_tanh::<false>(x) - x.tanh()).abs() < 1e-6, "{x}");
-        }
-    }
-
-    fn drive(delay_s: f64) -> DriveParams {
-        DriveParams::new(RawDriveParams {
+    fn estimator(k: usize) -> ForceEstimator {
+        let methods =
+            [Method::Medob, Method::VibrationMode, Method::Medob, Method::Dob, Method::Thrust, Method::Medob];
+        let drive = DriveParams::new(RawDriveParams {
             movable_mass_kg: Some(7.0),
             screw_lead_m: Some(0.005),
             rotary_inertia_kg_m2: Some(5e-5),
@@ -365,58 +454,69 @@ mod tests {
             stage_coulomb_friction_n: Some(50.0),
             motor_coulomb_friction_n: Some(30.0),
             current_loop_bandwidth_rad_s: Some(5000.0),
-            amplifier_dead_time_s: Some(delay_s),
+            amplifier_dead_time_s: Some(1e-4 * k as f64),
             stage_encoder_resolution_m: Some(1e-9),
             ..RawDriveParams::default()
         })
+        .unwrap();
+        let rate = SampleRate::new(9000.0).unwrap();
+        let mut settings = ForceSettings::default();
+        if k == 2 {
+            settings.drive_filter = Some(Butterworth::low_pass(2, 150.0, rate).unwrap());
+        }
+        ForceEstimator::new(
+            methods[k],
+            &AxisSignals { drive: &drive, rate, signals: Signals::Both },
+            settings,
+        )
         .unwrap()
     }
 
-    #[test]
-    fn lanes_give_the_numbers_of_single_axes() {
-        let rate = SampleRate::new(9000.0).unwrap();
-        let drives: Vec<DriveParams> = (0..6).map(|k| drive(1e-4 * f64::from(k))).collect();
-        let methods =
-            [Method::Medob, Method::VibrationMode, Method::Medob, Method::Dob, Method::Thrust, Method::Medob];
-        let axes: Vec<(Method, AxisSignals<'_>)> = drives
-            .iter()
-            .zip(methods)
-            .map(|(drive, method)| (method, AxisSignals { drive, rate, signals: Signals::Both }))
-            .collect();
-        let settings = ForceSettings::default();
-        let lanes = ForceLanes::new(&axes, &settings).unwrap();
-        let singles: Vec<ForceEstimator> =
-            axes.iter().map(|(m, a)| ForceEstimator::new(*m, a, settings.clone()).unwrap()).collect();
-        let mut state = lanes.settled(&LaneSample::default());
-        let zero = MotionSample {
-            motor_travel_m: Some(0.0),
-            stage_position_m: Some(0.0),
+    fn sample(k: usize, i: i32) -> MotionSample {
+        let t = f64::from(i) / 9000.0;
+        let wave = |f: f64| (std::f64::consts::TAU * f * t + k as f64).sin() - (k as f64).sin();
+        MotionSample {
+            thrust_ref_n: 80.0 * wave(40.0),
+            motor_travel_m: Some(1e-4 * wave(9.0) + 1e-8 * wave(600.0)),
+            // Every hundredth value of one axis is absent.
+            stage_position_m: (k != 3 || i % 100 != 50).then(|| 1e-4 * wave(9.0) + 3e-8 * wave(600.0)),
             ..MotionSample::default()
-        };
-        let mut states: Vec<_> = singles.iter().map(|e| e.settled(&zero)).collect();
-        for i in 0..3000 {
-            let t = f64::from(i) / 9000.0;
-            let wave = |k: usize, f: f64| (std::f64::consts::TAU * f * t + k as f64).sin() - (k as f64).sin();
-            let mut sample = LaneSample::default();
-            for k in 0..6 {
-                sample.thrust_ref_n[k] = 80.0 * wave(k, 40.0);
-                sample.motor_travel_m[k] = 1e-4 * wave(k, 9.0) + 1e-8 * wave(k, 600.0);
-                sample.stage_position_m[k] = 1e-4 * wave(k, 9.0) + 3e-8 * wave(k, 600.0);
-            }
-            let together = lanes.step(&mut state, &sample);
-            for k in 0..6 {
-                let alone = MotionSample {
-                    thrust_ref_n: sample.thrust_ref_n[k],
-                    motor_travel_m: Some(sample.motor_travel_m[k]),
-                    stage_position_m: Some(sample.stage_position_m[k]),
-                    spindle_speed_rpm: None,
-                    nut_position_m: None,
-                    accel_m_s2: None,
-                };
-                let single = singles[k].step(&mut states[k], &alone).force_n;
-                // tanh within 1e-6 of 30 N, and rounding of positions times 1e9 N/m.
-                assert!((single - together[k]).abs() < 2e-4, "lane {k} sample {i}: {single} {}", together[k]);
-            }
         }
+    }
+
+    fn compare(fast: bool, close: impl Fn(f64, f64) -> bool) {
+        let singles: Vec<ForceEstimator> = (0..6).map(estimator).collect();
+        let parts = singles.iter().map(|e| Some(e.part())).chain([None]).collect();
+        let lanes = LaneDesign::<LANES>::new(parts);
+        let lanes = if fast { lanes } else { lanes.without_fast() };
+        let mut state = lanes.start();
+        let mut states: Vec<_> = (0..6).map(|k| singles[k].settled(&sample(k, 0))).collect();
+        for i in 0..3000 {
+            for k in 0..6 {
+                singles[k].put(&sample(k, i), (&mut state, k));
+                if i == 0 {
+                    lanes.settle(&mut state, k);
+                }
+            }
+            let balance = lanes.balance(&mut state);
+            let together_n = lanes.low_pass(&mut state, balance.raw_n);
+            for k in 0..6 {
+                let alone = singles[k].step(&mut states[k], &sample(k, i));
+                assert!(close(alone.force_n, together_n[k]), "lane {k}, {i}: {alone:?} {}", together_n[k]);
+                assert_eq!(alone.flags, balance.flags[k], "lane {k}, sample {i}");
+            }
+            assert!(together_n[6] == 0.0 && together_n[7] == 0.0);
+        }
+    }
+
+    #[test]
+    fn lanes_give_the_bits_of_single_axes() {
+        compare(true, |alone, together| alone.to_bits() == together.to_bits());
+    }
+
+    #[test]
+    fn any_processor_gives_nearly_the_same() {
+        // Rounding of positions times 1e9 N/m.
+        compare(false, |alone, together| (alone - together).abs() < 2e-4);
     }
 }

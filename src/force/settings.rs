@@ -4,13 +4,12 @@ use super::friction::PRESLIDING_TRAVEL_M;
 use super::harmonic::HarmonicSettings;
 use super::idle_map::IdleMap;
 use super::physics::PhysicsModel;
-use crate::keyframe::{Keep, Words};
 use crate::plant::drive::DriveParams;
 use crate::plant::machine::Controller;
 use crate::signal::FilterError;
-use crate::signal::butterworth::{Butterworth, ButterworthState};
+use crate::signal::butterworth::Butterworth;
 use crate::signal::harmonic_fit::HarmonicFitError;
-use crate::signal::linear_phase::{LinearPhase, LinearPhaseState};
+use crate::signal::linear_phase::LinearPhase;
 use crate::signal::notch::Notch;
 use crate::units::SampleRate;
 use thiserror::Error;
@@ -97,9 +96,8 @@ pub struct ForceSettings {
     pub controller: Option<Controller>,
     /// Frequencies of modes that the model does not have, where they are known, Hz.
     pub unmodelled_modes_hz: Vec<f64>,
-    /// By how much thrust reference and rotary encoder come later than they should, because a filter stands
-    /// before the estimator, s.
-    pub drive_side_late_s: f64,
+    /// Low-pass on thrust reference and rotary encoder; the stage's side waits for it.
+    pub drive_filter: Option<Butterworth>,
     /// The axial stiffness is learned while the axis cuts (`vibration_mode` of two inertias with both
     /// encoders; the others have no use for it).
     pub learn_stiffness: bool,
@@ -133,7 +131,7 @@ impl Default for ForceSettings {
             harmonic: None,
             controller: None,
             unmodelled_modes_hz: Vec::new(),
-            drive_side_late_s: 0.0,
+            drive_filter: None,
             learn_stiffness: false,
         }
     }
@@ -174,31 +172,6 @@ pub(super) enum Filter {
     None,
 }
 
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum FilterState {
-    Butterworth(ButterworthState),
-    LinearPhase(LinearPhaseState),
-    None,
-}
-
-impl Keep for FilterState {
-    fn keep(&self, to: &mut Vec<u64>) {
-        match self {
-            Self::Butterworth(state) => state.keep(to),
-            Self::LinearPhase(state) => state.keep(to),
-            Self::None => {}
-        }
-    }
-
-    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        match self {
-            Self::Butterworth(state) => state.restore(from),
-            Self::LinearPhase(state) => state.restore(from),
-            Self::None => Some(()),
-        }
-    }
-}
-
 impl Filter {
     pub(super) fn new(low_pass: LowPass, rate: SampleRate) -> Result<Self, FilterError> {
         Ok(match low_pass {
@@ -212,40 +185,18 @@ impl Filter {
         })
     }
 
-    pub(super) fn settled(&self, x: f64) -> FilterState {
-        match self {
-            Filter::Butterworth(f) => FilterState::Butterworth(f.settled(x)),
-            Filter::LinearPhase(f) => FilterState::LinearPhase(f.settled(x)),
-            Filter::None => FilterState::None,
-        }
-    }
-
-    /// Settles a state anew. No allocation.
-    pub(super) fn settle(&self, state: &mut FilterState, x: f64) {
-        match (self, state) {
-            (Filter::LinearPhase(f), FilterState::LinearPhase(s)) => f.settle(s, x),
-            (filter, state) => *state = filter.settled(x),
-        }
-    }
-
-    #[inline(always)]
-    pub(super) fn step(&self, state: &mut FilterState, x: f64) -> f64 {
-        match (self, state) {
-            (Filter::Butterworth(f), FilterState::Butterworth(s)) => f.step(s, x),
-            (Filter::LinearPhase(f), FilterState::LinearPhase(s)) => f.step(s, x),
-            _ => x,
-        }
-    }
-
     /// Sum of the squares of what comes out for a short input.
     pub(super) fn energy(&self, input: &[f64], rate: SampleRate) -> f64 {
         let at = |i: usize| input.get(i).copied().unwrap_or(0.0);
-        if let Filter::LinearPhase(f) = self {
-            return f.energy(input);
+        match self {
+            Filter::LinearPhase(f) => f.energy(input),
+            Filter::None => input.iter().map(|x| x * x).sum(),
+            Filter::Butterworth(f) => {
+                let mut state = f.settled(0.0);
+                let length = input.len() + 4 * self.memory_samples(rate);
+                (0..length).map(|i| f.step(&mut state, at(i)).powi(2)).sum()
+            }
         }
-        let mut state = self.settled(0.0);
-        let length = input.len() + 4 * self.memory_samples(rate);
-        (0..length).map(|i| self.step(&mut state, at(i)).powi(2)).sum()
     }
 
     pub(super) fn delay_s(&self, rate: SampleRate) -> f64 {

@@ -74,6 +74,12 @@ impl Validity {
         self.0 & other.0 == other.0
     }
 
+    /// These flags alone.
+    #[must_use]
+    pub fn only(self, these: Validity) -> Validity {
+        Validity(self.0 & these.0)
+    }
+
     /// `flag` when `condition`, else valid.
     #[must_use]
     pub fn when(condition: bool, flag: Validity) -> Validity {

@@ -1,9 +1,8 @@
 //! The state of a running pipeline as numbers, and the digest by which two runs are compared.
 
-use super::{Channel, ChannelState, Pipeline, StepOutput, between};
+use super::{Pipeline, StepOutput, between};
 use crate::keyframe::{Digest, Keep, Words};
 use crate::sample::{AxisSample, MAX_AXES, ServoSample};
-use crate::units::SampleRate;
 use thiserror::Error;
 
 /// Why a keyframe was not taken.
@@ -28,16 +27,16 @@ impl Pipeline {
         self.agreement_state.keep(to);
         self.agreement.keep(to);
         self.declared.keep(to);
-        for (channel, state) in self.channels.iter().zip(&self.states) {
-            for observer in channel.observer.iter().chain(&channel.beside) {
-                observer.keep(to);
-            }
+        self.observers.keep(to);
+        if let Some(beside) = &self.beside {
+            beside.keep(to);
+        }
+        for state in &self.states {
             state.apart.is_some().keep(to);
             if let Some(apart) = &state.apart {
                 apart.keep(to);
             }
             state.monitor.keep(to);
-            state.output.keep(to);
         }
     }
 
@@ -61,11 +60,29 @@ impl Pipeline {
         self.agreement_state.restore(from)?;
         self.agreement.restore(from)?;
         self.declared.restore(from)?;
-        let rate = self.settings.sample_rate;
-        for (channel, state) in self.channels.iter_mut().zip(&mut self.states) {
-            restore_channel((channel, rate), state, from)?;
+        self.observers.restore(from)?;
+        if let Some(beside) = &mut self.beside {
+            beside.restore(from)?;
+        }
+        for axis in 0..self.states.len() {
+            self.restore_axis(axis, from)?;
         }
         Some(())
+    }
+
+    fn restore_axis(&mut self, axis: usize, from: &mut Words<'_>) -> Option<()> {
+        let state = &mut self.states[axis];
+        let mut apart = false;
+        apart.restore(from)?;
+        state.apart = if apart {
+            let pair = [self.observers.axis(axis)?, self.beside.as_ref()?.axis(axis)?];
+            let mut made = between(pair, self.settings.sample_rate);
+            made.restore(from)?;
+            Some(made)
+        } else {
+            None
+        };
+        state.monitor.restore(from)
     }
 
     /// Tells pipelines apart that would decide differently: version, rate, axes with their observers, band.
@@ -92,27 +109,6 @@ impl StepOutput {
         to.word(frequency ^ (chatter.phase as u64));
         to.word(chatter.power_n2.to_bits());
     }
-}
-
-fn restore_channel(
-    (channel, rate): (&mut Channel, SampleRate),
-    state: &mut ChannelState,
-    from: &mut Words<'_>,
-) -> Option<()> {
-    channel.observers().try_for_each(|observer| observer.restore(from))?;
-    let mut apart = false;
-    apart.restore(from)?;
-    state.apart = match (apart, &channel.observer, &channel.beside) {
-        (false, _, _) => None,
-        (true, Some(observer), Some(beside)) => {
-            let mut made = between([observer, beside], rate);
-            made.restore(from)?;
-            Some(made)
-        }
-        (true, _, _) => return None,
-    };
-    state.monitor.restore(from)?;
-    state.output.restore(from)
 }
 
 fn keep_sample(sample: Option<&ServoSample>, to: &mut Vec<u64>) {

@@ -24,7 +24,8 @@ use crate::chatter::{
 };
 use crate::force::disagreement::Disagreement;
 use crate::force::estimator::{ForceEstimate, MotionSample};
-use crate::force::observer::Observer;
+use crate::force::lanes::LANES;
+use crate::force::observers::{AxisObserver, Observers};
 use crate::force::validity::Validity;
 use crate::sample::{AxisSample, MAX_AXES, SampleError, ServoSample};
 use crate::signal::sliding_dft::{SlidingDft, SlidingDftSettings, SlidingDftState};
@@ -64,10 +65,8 @@ pub struct StepOutput {
     pub spectrum_updated: bool,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 struct Channel {
-    observer: Option<Observer>,
-    beside: Option<Observer>,
     thrust_n_a: f64,
     travel_m_rad: f64,
     nut: Option<usize>,
@@ -87,17 +86,12 @@ impl Channel {
             accel_m_s2: sample.accel_m_s2,
         }
     }
-
-    fn observers(&mut self) -> impl Iterator<Item = &mut Observer> {
-        self.observer.iter_mut().chain(&mut self.beside)
-    }
 }
 
 #[derive(Debug, Clone)]
 struct ChannelState {
     apart: Option<Disagreement>,
     monitor: ChatterState,
-    output: ChatterOutput,
     flags: Validity,
 }
 
@@ -106,6 +100,9 @@ struct ChannelState {
 pub struct Pipeline {
     settings: PipelineSettings,
     channels: Vec<Channel>,
+    observers: Observers<LANES>,
+    /// Second estimators of axes that have one.
+    beside: Option<Observers<LANES>>,
     monitor: ChatterMonitor,
     /// What the page shows: single precision errs by 5e-6 of the strongest line and does not drift. What is
     /// tracked and decided is computed in double precision by the monitors.
@@ -128,6 +125,9 @@ impl Pipeline {
         let monitor =
             ChatterMonitor::new(crate::chatter::ChatterSettings { sample_rate: settings.sample_rate, band })?;
         let channels = settings.axes.iter().map(|a| settings.channel(a)).collect::<Result<Vec<_>, _>>()?;
+        let observers = settings.observers(|axis| axis.force.as_ref())?;
+        let beside = settings.axes.iter().any(|axis| axis.beside.is_some());
+        let beside = beside.then(|| settings.observers(|axis| axis.beside.as_ref())).transpose()?;
         let bins = settings.spectrum_bins(band);
         let spectrum = SlidingDft::new(SlidingDftSettings {
             sample_rate: settings.sample_rate,
@@ -139,18 +139,15 @@ impl Pipeline {
         })?;
         let states = channels
             .iter()
-            .map(|_| ChannelState {
-                apart: None,
-                output: quiet(),
-                monitor: monitor.start(),
-                flags: Validity::SETTLING,
-            })
+            .map(|_| ChannelState { apart: None, monitor: monitor.start(), flags: Validity::SETTLING })
             .collect();
         let spectrum_state = spectrum.start();
         let row = vec![0.0; channels.len()];
         Ok(Self {
             settings,
             channels,
+            observers,
+            beside,
             monitor,
             spectrum,
             states,
@@ -209,7 +206,7 @@ impl Pipeline {
     /// What the monitor of one axis says now.
     #[must_use]
     pub fn axis_output(&self, axis: usize) -> Option<&ChatterOutput> {
-        self.states.get(axis).map(|s| &s.output)
+        self.states.get(axis).map(|s| self.monitor.output(&s.monitor))
     }
 
     /// First bin and distance of the bins of [`Self::amplitudes_n`], Hz.
@@ -307,11 +304,13 @@ impl Pipeline {
 
     /// Forgets everything but the settings.
     pub fn restart(&mut self) {
-        self.channels.iter_mut().flat_map(Channel::observers).for_each(Observer::restart);
+        self.observers.restart();
+        if let Some(beside) = &mut self.beside {
+            beside.restart();
+        }
         for state in &mut self.states {
             state.apart = None;
             state.monitor = self.monitor.start();
-            state.output = quiet();
             state.flags = Validity::SETTLING;
         }
         self.spectrum_state = self.spectrum.start();
@@ -322,20 +321,22 @@ impl Pipeline {
 
     fn take(&mut self, sample: &ServoSample) -> StepOutput {
         let mut forces = [ForceEstimate { force_n: 0.0, flags: Validity::VALID }; MAX_AXES];
-        let rate = self.settings.sample_rate;
-        let channels = self.channels.iter_mut().zip(&mut self.states).enumerate();
-        for ((index, (channel, state)), force) in channels.zip(&mut forces) {
-            let motion = channel.motion(index, sample);
-            let Some(observer) = &mut channel.observer else { continue };
-            *force = observer.step(&motion);
-            if let Some(beside) = &mut channel.beside {
-                let other = beside.step(&motion);
-                let pair = [&*observer, &*beside];
+        let channels = &self.channels;
+        let motion = |axis: usize| channels[axis].motion(axis, sample);
+        let estimates = self.observers.step(motion);
+        forces.copy_from_slice(&estimates[..MAX_AXES]);
+        if let Some(beside) = &mut self.beside {
+            let others = beside.step(motion);
+            for (axis, (state, force)) in self.states.iter_mut().zip(&mut forces).enumerate() {
+                let (Some(one), Some(other)) = (self.observers.axis(axis), beside.axis(axis)) else {
+                    continue;
+                };
+                let (pair, rate) = ([one, other], self.settings.sample_rate);
                 let apart = state.apart.get_or_insert_with(|| between(pair, rate));
-                if !apart.fits(pair.map(Observer::delay_s)) {
-                    apart.begin(pair.map(Observer::delay_s), pair.map(Observer::noise_floor_n), rate);
+                if !apart.fits(pair.map(AxisObserver::delay_s)) {
+                    apart.begin(pair.map(AxisObserver::delay_s), pair.map(AxisObserver::noise_floor_n), rate);
                 }
-                force.flags |= apart.step(*force, other);
+                force.flags |= apart.step(*force, others[axis]);
             }
         }
         self.listen(sample.t_s, forces, Some(sample.spindle_speed_rpm))
@@ -350,8 +351,7 @@ impl Pipeline {
             if !channel.watch || forces[index].flags.contains(Validity::SETTLING) {
                 continue;
             }
-            state.output = self.monitor.step(&mut state.monitor, forces[index].force_n, speed_rpm);
-            if let Some(event) = state.output.event {
+            if let Some(event) = self.monitor.step(&mut state.monitor, forces[index].force_n, speed_rpm) {
                 heard = Some((index, event));
             }
         }
@@ -379,7 +379,7 @@ impl Pipeline {
                 frequency_hz: now.frequency_hz.unwrap_or(0.0),
                 power_n2: now.power_n2,
                 growth_1_s: now.growth_1_s.unwrap_or(0.0),
-                contrast: self.states[now.leading_axis].output.contrast,
+                contrast: self.monitor.output(&self.states[now.leading_axis].monitor).contrast,
             };
             return match heard {
                 Some((axis, ChatterEvent::Onset(line))) => Some((axis, ChatterEvent::Onset(line))),
@@ -412,8 +412,8 @@ impl Pipeline {
 
     /// The estimator of one axis that is acted on.
     #[must_use]
-    pub fn observer(&self, axis: usize) -> Option<&Observer> {
-        self.channels.get(axis)?.observer.as_ref()
+    pub fn observer(&self, axis: usize) -> Option<&AxisObserver> {
+        self.observers.axis(axis)
     }
 
     /// What speaks against the newest force estimate of one axis.
@@ -438,24 +438,12 @@ impl Pipeline {
     fn ask_all(&mut self, t_s: f64) -> Agreement {
         let (channels, states) = (&self.channels, &self.states);
         let watched = channels.iter().zip(states).enumerate().filter(|(_, (channel, _))| channel.watch);
-        let outputs = watched.map(|(index, (_, state))| (index, &state.output));
+        let outputs = watched.map(|(index, (_, state))| (index, self.monitor.output(&state.monitor)));
         agree(&mut self.agreement_state, t_s, outputs)
     }
 }
 
 /// A fresh comparison of two observers.
-fn between(pair: [&Observer; 2], rate: SampleRate) -> Disagreement {
-    Disagreement::new(pair.map(Observer::delay_s), pair.map(Observer::noise_floor_n), rate)
-}
-
-fn quiet() -> ChatterOutput {
-    ChatterOutput {
-        phase: Phase::Learning,
-        frequency_hz: None,
-        power_n2: 0.0,
-        contrast: 0.0,
-        growth_1_s: None,
-        variance_ratio: 1.0,
-        event: None,
-    }
+fn between(pair: [&AxisObserver; 2], rate: SampleRate) -> Disagreement {
+    Disagreement::new(pair.map(AxisObserver::delay_s), pair.map(AxisObserver::noise_floor_n), rate)
 }

@@ -3,7 +3,9 @@
 use super::Channel;
 use crate::chatter::{Band, BandError, ChatterError, predicted_band, predicted_band_in_cut};
 use crate::force::estimator::ForceError;
-use crate::force::observer::{ForcePlan, Observer};
+use crate::force::lanes::LANES;
+use crate::force::observer::ForcePlan;
+use crate::force::observers::{AxisObserver, Observers};
 use crate::plant::cutting::Cutting;
 use crate::plant::workpiece::Workpiece;
 use crate::sample::{MAX_AXES, ServoSample};
@@ -151,18 +153,7 @@ impl PipelineSettings {
     }
 
     pub(super) fn channel(&self, plan: &AxisPlan) -> Result<Channel, PipelineError> {
-        let observer = |plan_of: &ForcePlan| {
-            Observer::new(plan_of, self.sample_rate)
-                .map_err(|source| PipelineError::Force { axis: plan.name.clone(), source })
-        };
-        let mut channel = Channel {
-            observer: plan.force.as_ref().map(observer).transpose()?,
-            beside: plan.beside.as_ref().map(observer).transpose()?,
-            thrust_n_a: 0.0,
-            travel_m_rad: 1.0,
-            nut: plan.nut,
-            watch: plan.watch,
-        };
+        let mut channel = Channel { thrust_n_a: 0.0, travel_m_rad: 1.0, nut: plan.nut, watch: plan.watch };
         // Two estimators of one axis know one drive.
         let plans = [&plan.force, &plan.beside];
         if let Some(servo) = plans.into_iter().flatten().find_map(ForcePlan::servo) {
@@ -171,6 +162,23 @@ impl PipelineSettings {
             channel.travel_m_rad = servo.drive.travel_m_rad();
         }
         Ok(channel)
+    }
+
+    /// The estimators of all axes that `plan` names, side by side.
+    pub(super) fn observers(
+        &self,
+        plan: impl Fn(&AxisPlan) -> Option<&ForcePlan>,
+    ) -> Result<Observers<LANES>, PipelineError> {
+        let of_axis = |axis: &AxisPlan| {
+            plan(axis).map_or_else(
+                || Ok(AxisObserver::absent()),
+                |plan| {
+                    let named = |source| PipelineError::Force { axis: axis.name.clone(), source };
+                    AxisObserver::new(plan, self.sample_rate).map_err(named)
+                },
+            )
+        };
+        Ok(Observers::new(self.axes.iter().map(of_axis).collect::<Result<_, _>>()?))
     }
 
     /// One second, so that bins stand 1 Hz apart.

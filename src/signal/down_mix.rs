@@ -122,10 +122,10 @@ impl DownMix {
         }
     }
 
-    /// Takes one sample; every `decimation`-th one gives an output. Cost: no allocation.
-    /// Checked by: `a_line_keeps_its_power_and_its_place`, `what_is_outside_is_gone`.
+    /// Takes one sample; true with every `decimation`-th, when there is an [`DownMix::output`]. Cost: two
+    /// stores.
     #[inline]
-    pub fn step(&self, state: &mut DownMixState, x: f64) -> Option<Complex<f64>> {
+    pub fn push(&self, state: &mut DownMixState, x: f64) -> bool {
         let length = self.taps[0].len();
         state.history[state.at] = x;
         state.history[state.at + length] = x;
@@ -134,17 +134,20 @@ impl DownMix {
             state.at = 0;
         }
         state.until_output -= 1;
-        if state.until_output > 0 {
-            return None;
-        }
+        state.until_output == 0
+    }
+
+    /// The band now. Requires: asked for when [`DownMix::push`] says so. Cost: no allocation.
+    /// Checked by: `a_line_keeps_its_power_and_its_place`, `what_is_outside_is_gone`.
+    pub fn output(&self, state: &mut DownMixState) -> Complex<f64> {
         state.until_output = self.decimation;
-        let window = &state.history[state.at..state.at + length];
+        let window = &state.history[state.at..state.at + self.taps[0].len()];
         let sum = run(self.fast, Sum { window, taps: &self.taps });
         let value = state.rotor * sum;
         state.rotor *= self.step;
         // One Newton step toward modulus one: the rotor neither grows nor fades.
         state.rotor *= 1.5 - 0.5 * state.rotor.norm_sqr();
-        Some(value)
+        value
     }
 }
 
@@ -198,7 +201,12 @@ mod tests {
         let mix = DownMix::new(SampleRate::new(rate_hz).unwrap(), 650.0, 150.0);
         let mut state = mix.start();
         let wave = |n: u32| 2.0 * (TAU * line_hz * f64::from(n) / rate_hz).sin() + 40.0;
-        let out = (0..6000).filter_map(|n| mix.step(&mut state, wave(n))).collect();
+        let mut out = Vec::new();
+        for n in 0..6000 {
+            if mix.push(&mut state, wave(n)) {
+                out.push(mix.output(&mut state));
+            }
+        }
         (mix, out)
     }
 

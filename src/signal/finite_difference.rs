@@ -6,7 +6,7 @@
 /// Nodes of a [`Stencil`]: error of the slope falls with the 7th power of frequency.
 pub const STENCIL_NODES: usize = 8;
 
-/// Weights over consecutive samples of a [`super::delay_line::DelayLine`].
+/// Weights over consecutive samples of a line, youngest first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stencil {
     /// Age in samples of the youngest node.

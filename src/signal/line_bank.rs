@@ -16,7 +16,7 @@ pub struct LineBank {
     rate_hz: f64,
     frequencies_hz: Vec<f64>,
     poles: Vec<Complex<f64>>,
-    /// Real and imaginary parts of the poles, for the loop over all of them.
+    /// Real and imaginary parts of the poles, for the loop over all of them; zeros fill the last chunk.
     parts: [Vec<f64>; 2],
     gain: f64,
     fast: Fast,
@@ -48,7 +48,11 @@ impl LineBank {
         let decay = (-1.0 / (tau_s * rate_hz)).exp();
         let poles: Vec<Complex<f64>> =
             frequencies_hz.iter().map(|f| Complex::from_polar(decay, TAU * f / rate_hz)).collect();
-        let parts = [poles.iter().map(|p| p.re).collect(), poles.iter().map(|p| p.im).collect()];
+        let chunks = poles.len().next_multiple_of(CHUNK);
+        let padded = |part: fn(&Complex<f64>) -> f64| {
+            poles.iter().map(part).chain(std::iter::repeat(0.0)).take(chunks).collect()
+        };
+        let parts = [padded(|p| p.re), padded(|p| p.im)];
         let gain = (1.0 - decay).powi(2);
         Self { tau_s, rate_hz, frequencies_hz, poles, parts, gain, fast: Fast::detect() }
     }
@@ -68,7 +72,7 @@ impl LineBank {
     /// Nothing heard yet.
     #[must_use]
     pub fn start(&self) -> LineBankState {
-        let zeros = || [vec![0.0; self.poles.len()], vec![0.0; self.poles.len()]];
+        let zeros = || [(); 2].map(|()| vec![0.0; self.parts[0].len()]);
         LineBankState { first: zeros(), second: zeros() }
     }
 
@@ -77,10 +81,16 @@ impl LineBank {
         state.first.iter_mut().chain(&mut state.second).for_each(|part| part.fill(0.0));
     }
 
-    /// Takes one sample of the band. Cost: two complex multiplications a filter.
+    /// Takes samples of the band, oldest first. Cost: two complex multiplications a filter and sample; the
+    /// filters are fetched and put back once.
     #[inline]
-    pub fn step(&self, state: &mut LineBankState, value: Complex<f64>) {
-        run(self.fast, Turn { parts: &self.parts, state, value: value * self.gain });
+    pub fn step(&self, state: &mut LineBankState, values: &[Complex<f64>]) {
+        run(self.fast, Turn { parts: &self.parts, state, values, gain: self.gain });
+    }
+
+    /// Powers of all filters. Checked by: `a_line_comes_out_with_its_power_and_frequency`.
+    pub fn powers(&self, state: &LineBankState, to: &mut [f64]) {
+        run(self.fast, Powers { state, to });
     }
 
     fn first(&self, state: &LineBankState, k: usize) -> Complex<f64> {
@@ -97,17 +107,19 @@ impl LineBank {
         self.second(state, k).norm_sqr()
     }
 
-    /// Power at filter `k` of a line of power one that sits on filter `line` and grows at `growth_1_s`:
+    /// What a line of this power on filter `line` that grows at `growth_1_s` puts on the others:
     ///
     /// 1/(1 + (dw tau/(1 + g tau))^2)^2
     ///
     /// Checked by: `leak_of_a_growing_line`.
     #[must_use]
-    pub fn leak(&self, line: usize, growth_1_s: f64, k: usize) -> f64 {
+    pub fn leak(&self, line: usize, growth_1_s: f64, power: f64) -> Leak {
         let slowed = (1.0 + growth_1_s * self.tau_s).max(0.5);
-        let apart = TAU * (self.frequencies_hz[k] - self.frequencies_hz[line]) * self.tau_s / slowed;
-        let below = 1.0 + apart * apart;
-        1.0 / (below * below)
+        let apart_hz = match self.frequencies_hz[..] {
+            [first, second, ..] => second - first,
+            _ => 0.0,
+        };
+        Leak { power, line: line as f64, per_filter: TAU * apart_hz * self.tau_s / slowed }
     }
 
     /// Frequency of the line that filter `k` hears, relative to the band's centre.
@@ -131,11 +143,58 @@ impl LineBank {
     }
 }
 
-/// One step of all filters: a = a p + x, b = b p + a.
+/// What a line puts on the filters beside its own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Leak {
+    /// Power of the line.
+    pub power: f64,
+    /// Its filter.
+    pub line: f64,
+    /// dw tau/(1 + g tau) from one filter to the next.
+    pub per_filter: f64,
+}
+
+impl Leak {
+    /// No line.
+    pub const NONE: Self = Self { power: 0.0, line: 0.0, per_filter: 0.0 };
+
+    /// By how much it is down at a filter: power over what it puts there.
+    #[inline(always)]
+    #[must_use]
+    pub fn below(&self, filter: f64) -> f64 {
+        let apart = (filter - self.line) * self.per_filter;
+        let root = 1.0 + apart * apart;
+        root * root
+    }
+}
+
+/// |b|^2 of all filters.
+struct Powers<'a> {
+    state: &'a LineBankState,
+    to: &'a mut [f64],
+}
+
+impl Kernel for Powers<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let [re, im] = &self.state.second;
+        for (power, (re, im)) in self.to.iter_mut().zip(re.iter().zip(im)) {
+            *power = re * re + im * im;
+        }
+    }
+}
+
+/// Filters that are turned together, in registers.
+const CHUNK: usize = 8;
+
+/// Steps of all filters: a = a p + x, b = b p + a.
 struct Turn<'a> {
     parts: &'a [Vec<f64>; 2],
     state: &'a mut LineBankState,
-    value: Complex<f64>,
+    values: &'a [Complex<f64>],
+    gain: f64,
 }
 
 impl Kernel for Turn<'_> {
@@ -143,21 +202,24 @@ impl Kernel for Turn<'_> {
 
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
-        let n = self.parts[0].len();
-        let (pr, pi) = (&self.parts[0][..n], &self.parts[1][..n]);
-        let [ar, ai] = &mut self.state.first;
-        let [br, bi] = &mut self.state.second;
-        let (ar, ai, br, bi) = (&mut ar[..n], &mut ai[..n], &mut br[..n], &mut bi[..n]);
-        let Complex { re: xr, im: xi } = self.value;
-        for k in 0..n {
-            let first_re = multiply_add::<FUSED>(ar[k], pr[k], multiply_add::<FUSED>(-ai[k], pi[k], xr));
-            let first_im = multiply_add::<FUSED>(ar[k], pi[k], multiply_add::<FUSED>(ai[k], pr[k], xi));
-            let second_re =
-                multiply_add::<FUSED>(br[k], pr[k], multiply_add::<FUSED>(-bi[k], pi[k], first_re));
-            let second_im =
-                multiply_add::<FUSED>(br[k], pi[k], multiply_add::<FUSED>(bi[k], pr[k], first_im));
-            (ar[k], ai[k]) = (first_re, first_im);
-            (br[k], bi[k]) = (second_re, second_im);
+        let [pr, pi] = self.parts.each_ref().map(|part| part.as_chunks::<CHUNK>().0);
+        let [ar, ai] = self.state.first.each_mut().map(|part| part.as_chunks_mut::<CHUNK>().0);
+        let [br, bi] = self.state.second.each_mut().map(|part| part.as_chunks_mut::<CHUNK>().0);
+        let chunks = pr.iter().zip(pi).zip(ar.iter_mut().zip(ai)).zip(br.iter_mut().zip(bi));
+        for (((pr, pi), (a_re, a_im)), (b_re, b_im)) in chunks {
+            let (mut ar, mut ai, mut br, mut bi) = (*a_re, *a_im, *b_re, *b_im);
+            for value in self.values {
+                let (xr, xi) = (value.re * self.gain, value.im * self.gain);
+                for k in 0..CHUNK {
+                    let (re, im) = (ar[k], ai[k]);
+                    ar[k] = multiply_add::<FUSED>(re, pr[k], multiply_add::<FUSED>(-im, pi[k], xr));
+                    ai[k] = multiply_add::<FUSED>(re, pi[k], multiply_add::<FUSED>(im, pr[k], xi));
+                    let (re, im) = (br[k], bi[k]);
+                    br[k] = multiply_add::<FUSED>(re, pr[k], multiply_add::<FUSED>(-im, pi[k], ar[k]));
+                    bi[k] = multiply_add::<FUSED>(re, pi[k], multiply_add::<FUSED>(im, pr[k], ai[k]));
+                }
+            }
+            (*a_re, *a_im, *b_re, *b_im) = (ar, ai, br, bi);
         }
     }
 }
@@ -171,9 +233,10 @@ mod tests {
         let bank = LineBank::new(1000.0, 150.0, 0.025);
         let mut state = bank.start();
         for n in 0..1000 {
-            bank.step(&mut state, Complex::from_polar(3.0, TAU * 41.3 * f64::from(n) / 1000.0));
+            bank.step(&mut state, &[Complex::from_polar(3.0, TAU * 41.3 * f64::from(n) / 1000.0)]);
         }
-        let powers: Vec<f64> = (0..bank.frequencies_hz().len()).map(|k| bank.power(&state, k)).collect();
+        let mut powers = vec![0.0; bank.frequencies_hz().len()];
+        bank.powers(&state, &mut powers);
         let best = (0..powers.len()).max_by(|a, b| powers[*a].total_cmp(&powers[*b])).unwrap();
         assert!(powers[best] > 6.8 && powers[best] < 9.1);
         assert!((bank.refined_hz(&state, best) - 41.3).abs() < 1e-6);
@@ -187,14 +250,13 @@ mod tests {
             let (mut state, line) = (bank.start(), 20);
             for n in 0..600 {
                 let t = f64::from(n) / 1000.0;
-                bank.step(
-                    &mut state,
-                    Complex::from_polar((growth * t).exp(), TAU * bank.frequencies_hz()[line] * t),
-                );
+                let value = Complex::from_polar((growth * t).exp(), TAU * bank.frequencies_hz()[line] * t);
+                bank.step(&mut state, &[value]);
             }
             for k in [12, 18, 23, 30] {
-                let leak = bank.power(&state, k) / bank.power(&state, line);
-                assert!((leak / bank.leak(line, growth, k) - 1.0).abs() < 0.1, "{growth} {k} {leak}");
+                let below = bank.power(&state, line) / bank.power(&state, k);
+                let expected = bank.leak(line, growth, 1.0).below(k as f64);
+                assert!((below / expected - 1.0).abs() < 0.1, "{growth} {k} {below}");
             }
         }
     }
@@ -203,10 +265,17 @@ mod tests {
     fn growth_of_a_growing_line() {
         let bank = LineBank::new(1000.0, 150.0, 0.025);
         let mut state = bank.start();
-        for n in 0..400 {
+        let value = |n: u32| {
             let t = f64::from(n) / 1000.0;
-            bank.step(&mut state, Complex::from_polar((30.0 * t).exp(), TAU * 41.3 * t));
+            Complex::from_polar((30.0 * t).exp(), TAU * 41.3 * t)
+        };
+        // Four at a time are the same as one by one.
+        for n in 0..100 {
+            bank.step(&mut state, &[4 * n, 4 * n + 1, 4 * n + 2, 4 * n + 3].map(value));
         }
+        let mut alone = bank.start();
+        (0..400).for_each(|n| bank.step(&mut alone, &[value(n)]));
+        assert_eq!(state, alone);
         let k = (0..bank.frequencies_hz().len())
             .min_by(|a, b| {
                 (bank.frequencies_hz()[*a] - 41.3).abs().total_cmp(&(bank.frequencies_hz()[*b] - 41.3).abs())

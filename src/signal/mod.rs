@@ -4,7 +4,6 @@
 //! allocation, no clock. Designs refuse what cannot work at the given rate.
 
 pub mod butterworth;
-pub mod delay_line;
 pub mod dispatch;
 pub mod down_mix;
 pub mod finite_difference;

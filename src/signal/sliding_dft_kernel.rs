@@ -1,10 +1,11 @@
-//! The two inner loops of the sliding DFT, each compiled twice: for any processor, and with AVX2 and
-//! fused multiply-add, chosen at run time. Without the second copy `mul_add` would be a library call.
+//! The inner loops of the sliding DFT.
 
-#![allow(unsafe_code)]
+use super::dispatch::Kernel;
 
 /// A real number type of the sliding DFT: f64, or f32 where half the memory counts.
 pub trait Real: Copy + Default + Send + Sync + PartialEq + std::fmt::Debug + 'static {
+    /// Distance of one to the next number.
+    const ROUNDING: f64;
     /// Rounds to this type.
     fn from_f64(value: f64) -> Self;
     /// Widens, exactly.
@@ -20,6 +21,7 @@ pub trait Real: Copy + Default + Send + Sync + PartialEq + std::fmt::Debug + 'st
 macro_rules! real {
     ($type:ty) => {
         impl Real for $type {
+            const ROUNDING: f64 = <$type>::EPSILON as f64;
             #[inline(always)]
             #[allow(clippy::cast_possible_truncation)]
             fn from_f64(value: f64) -> Self {
@@ -50,7 +52,7 @@ real!(f32);
 /// Columns that one pass of the inner loop holds in registers for every axis.
 pub(super) const TILE: usize = 8;
 
-/// `partial[axis][column] = sum over j of samples[j][axis] * table[j][column]`.
+/// `partial[axis][column] = sum over j of samples[j][axis] * table[j][column]`; rows of any kind for axes.
 pub(super) struct BlockProduct<'a, T> {
     /// `[block][axis]`.
     pub(super) samples: &'a [T],
@@ -62,77 +64,66 @@ pub(super) struct BlockProduct<'a, T> {
     pub(super) columns: usize,
 }
 
-/// One rotor step and the rotation of a block's partial sums into the prefix of one axis.
-pub(super) struct Rotate<'a, T> {
-    /// `[re.., im..]` of the block's sums.
-    pub(super) partial: &'a [T],
-    /// `[re.., im..]` of the rotor at the block's first sample.
+/// The spectrum of a block, turned to its place and taken into the sums of one axis.
+pub(super) struct Advance<'a, T> {
+    /// `[re.., im..]` of the block.
+    pub(super) block: &'a [T],
+    /// `[re.., im..]` of the rotor at this place of the window.
     pub(super) rotor: &'a [T],
-    /// `[re.., im..]` prefix since the restart.
-    pub(super) prefix: &'a mut [T],
+    pub(super) sums: &'a mut [T],
+    /// `[re.., im..]`: another turn on top; `None`: by whole turns.
+    pub(super) phase: Option<&'a [T]>,
     /// Half the columns.
     pub(super) bins: usize,
 }
 
-/// True where the fast copies may run.
-pub(super) fn fast_available() -> bool {
-    #[cfg(target_arch = "x86_64")]
-    {
-        std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma")
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    {
-        false
+/// The rotor of a block as `T`, then on to the next block.
+pub(super) struct Turn<'a, T> {
+    /// `[re.., im..]`
+    pub(super) rotor: &'a mut [f64],
+    /// `[re.., im..]` of one block.
+    pub(super) step: &'a [f64],
+    pub(super) values: &'a mut [T],
+    /// Half the columns.
+    pub(super) bins: usize,
+}
+
+impl<T: Real> Kernel for Turn<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let bins = self.bins;
+        let (re, im) = self.rotor[..2 * bins].split_at_mut(bins);
+        let (step_re, step_im) = self.step[..2 * bins].split_at(bins);
+        let (to_re, to_im) = self.values[..2 * bins].split_at_mut(bins);
+        for k in 0..bins {
+            (to_re[k], to_im[k]) = (T::from_f64(re[k]), T::from_f64(im[k]));
+            (re[k], im[k]) =
+                (re[k] * step_re[k] - im[k] * step_im[k], re[k] * step_im[k] + im[k] * step_re[k]);
+        }
     }
 }
 
-pub(super) fn block_product<T: Real>(fast: bool, job: &mut BlockProduct<'_, T>) {
-    #[cfg(target_arch = "x86_64")]
-    if fast {
-        // SAFETY: `fast` is only ever the answer of `fast_available`, which asked for avx2 and fma.
-        return unsafe { block_product_fast(job) };
-    }
-    let _ = fast;
-    block_product_body::<T, false>(job);
-}
+impl<T: Real> Kernel for BlockProduct<'_, T> {
+    type Output = ();
 
-pub(super) fn rotate<T: Real>(fast: bool, job: &mut Rotate<'_, T>) {
-    #[cfg(target_arch = "x86_64")]
-    if fast {
-        // SAFETY: as in `block_product`.
-        return unsafe { rotate_fast(job) };
-    }
-    let _ = fast;
-    rotate_body::<T, false>(job);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-fn block_product_fast<T: Real>(job: &mut BlockProduct<'_, T>) {
-    block_product_body::<T, true>(job);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-fn rotate_fast<T: Real>(job: &mut Rotate<'_, T>) {
-    rotate_body::<T, true>(job);
-}
-
-#[inline(always)]
-fn block_product_body<T: Real, const FUSED: bool>(job: &mut BlockProduct<'_, T>) {
-    let mut first = 0;
-    // Six axes share each load of the table; what is left goes in threes and ones.
-    while first + 6 <= job.axes {
-        rows::<T, FUSED, 6>(job, first);
-        first += 6;
-    }
-    while first + 3 <= job.axes {
-        rows::<T, FUSED, 3>(job, first);
-        first += 3;
-    }
-    while first < job.axes {
-        rows::<T, FUSED, 1>(job, first);
-        first += 1;
+    #[inline(always)]
+    fn run<const FUSED: bool>(mut self) {
+        let mut first = 0;
+        // Axes share each load of the table; what is left goes in threes and ones.
+        while first + 6 <= self.axes {
+            rows::<T, FUSED, 6>(&mut self, first);
+            first += 6;
+        }
+        while first + 3 <= self.axes {
+            rows::<T, FUSED, 3>(&mut self, first);
+            first += 3;
+        }
+        while first < self.axes {
+            rows::<T, FUSED, 1>(&mut self, first);
+            first += 1;
+        }
     }
 }
 
@@ -163,15 +154,37 @@ fn rows<T: Real, const FUSED: bool, const ROWS: usize>(job: &mut BlockProduct<'_
     }
 }
 
+impl<T: Real> Kernel for Advance<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        advance::<T, FUSED>(self);
+    }
+}
+
+/// Complex product.
 #[inline(always)]
-fn rotate_body<T: Real, const FUSED: bool>(job: &mut Rotate<'_, T>) {
+fn product<T: Real, const FUSED: bool>([ar, ai]: [T; 2], [br, bi]: [T; 2]) -> [T; 2] {
+    let (zero, minus_im) = (T::default(), T::default().minus(ai));
+    [
+        ar.multiply_add::<FUSED>(br, minus_im.multiply_add::<FUSED>(bi, zero)),
+        ar.multiply_add::<FUSED>(bi, ai.multiply_add::<FUSED>(br, zero)),
+    ]
+}
+
+#[inline(always)]
+fn advance<T: Real, const FUSED: bool>(job: Advance<'_, T>) {
     let bins = job.bins;
-    let (u_re, u_im) = job.partial[..2 * bins].split_at(bins);
+    let (re, im) = job.block[..2 * bins].split_at(bins);
     let (r_re, r_im) = job.rotor[..2 * bins].split_at(bins);
-    let (p_re, p_im) = job.prefix[..2 * bins].split_at_mut(bins);
+    let (s_re, s_im) = job.sums[..2 * bins].split_at_mut(bins);
+    let phase = job.phase.map(|phase| phase[..2 * bins].split_at(bins));
     for k in 0..bins {
-        let minus_im = T::default().minus(u_im[k]);
-        p_re[k] = u_re[k].multiply_add::<FUSED>(r_re[k], minus_im.multiply_add::<FUSED>(r_im[k], p_re[k]));
-        p_im[k] = u_re[k].multiply_add::<FUSED>(r_im[k], u_im[k].multiply_add::<FUSED>(r_re[k], p_im[k]));
+        let mut turned = product::<T, FUSED>([re[k], im[k]], [r_re[k], r_im[k]]);
+        if let Some((re, im)) = phase {
+            turned = product::<T, FUSED>(turned, [re[k], im[k]]);
+        }
+        (s_re[k], s_im[k]) = (s_re[k].plus(turned[0]), s_im[k].plus(turned[1]));
     }
 }

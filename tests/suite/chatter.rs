@@ -36,8 +36,8 @@ fn listen(more: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
         let orders: f64 =
             [29.0, 32.0, 33.0].iter().map(|o| 6.0 * (std::f64::consts::TAU * o * TURN_HZ * t).cos()).sum();
         let force_n = 80.0 * engaged + orders * engaged + 2.0 * noise.next() + more(t);
-        let output = monitor.step(&mut state, force_n, Some(60.0 * TURN_HZ));
-        if let Some(event @ (ChatterEvent::Onset(_) | ChatterEvent::End)) = output.event {
+        let event = monitor.step(&mut state, force_n, Some(60.0 * TURN_HZ));
+        if let Some(event @ (ChatterEvent::Onset(_) | ChatterEvent::End)) = event {
             found.push((t, event));
         }
     }

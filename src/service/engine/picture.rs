@@ -3,7 +3,7 @@
 use super::Engine;
 use super::acting::Acting;
 use crate::chatter::{ChatterEvent, Line, NotChatter, Phase};
-use crate::force::observer::Observer;
+use crate::force::observers::AxisObserver;
 use crate::pipeline::StepOutput;
 use crate::sample::MAX_AXES;
 use crate::service::clock;
@@ -204,9 +204,9 @@ impl Engine {
                 let heard = stream.pipeline().axis_output(index);
                 axis.line_hz = heard.and_then(|o| o.frequency_hz);
                 let observer = stream.pipeline().observer(index);
-                axis.noise_floor_n = observer.map(Observer::noise_floor_n);
-                axis.force_delay_s = observer.map(Observer::delay_s);
-                axis.usable_band_hz = observer.map(Observer::usable_band_hz);
+                axis.noise_floor_n = observer.map(AxisObserver::noise_floor_n);
+                axis.force_delay_s = observer.map(AxisObserver::delay_s);
+                axis.usable_band_hz = observer.map(AxisObserver::usable_band_hz);
                 axis.force_flags = stream.pipeline().force_flags(index).to_string();
                 axis.disagreement_n = stream.pipeline().disagreement_n(index);
             }
