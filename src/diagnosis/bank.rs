@@ -25,15 +25,15 @@ fn fixed(p: &Problem) -> Vec<Hypothesis> {
         for stiffness_n_m in [1e5, 3e5, 1e6, 2e6, 4e6, 8e6, 1.6e7, 3.2e7, 1e8] {
             list.push(h(E::PreslidingFriction, port, Shape::Presliding { stiffness_n_m }));
         }
-        for time_constant_s in [0.5, 1.5, 5.0, 15.0, 60.0] {
-            list.push(h(E::FrictionDrift, port, Shape::Drift { time_constant_s }));
-        }
         list.push(h(E::AsymmetricFriction, port, Shape::Asymmetric));
         list.push(h(E::NonlinearViscosity, port, Shape::NonlinearViscosity));
         let coulomb =
             if port == Port::Motor { p.mechanics.motor_coulomb_n } else { p.mechanics.stage_coulomb_n };
         if coulomb == 0.0 {
             list.push(h(E::CoulombFriction, port, Shape::Coulomb));
+        } else {
+            let drifts = [0.5, 1.5, 5.0, 15.0, 60.0].map(|time_constant_s| Shape::Drift { time_constant_s });
+            list.extend(drifts.map(|shape| h(E::FrictionDrift, port, shape)));
         }
         let viscous = if port == Port::Motor {
             p.mechanics.motor_damping_n_s_m

@@ -18,6 +18,8 @@ use std::f64::consts::TAU;
 const TORSION: [[f64; 2]; 3] = [[100.0, 5000.0], [0.05, 0.95], [1e-4, 0.3]];
 /// A time constant is known up to this many times the longest recording.
 const WATCHED: f64 = 3.0;
+/// Friction that has changed sooner than this was never seen otherwise.
+const SOONEST_S: f64 = 0.3;
 /// A Stribeck velocity is below this share of the highest speed.
 const SPEEDS_RUN: f64 = 0.3;
 
@@ -224,7 +226,7 @@ impl Hypothesis {
         match &mut shape {
             Shape::Drift { time_constant_s } => {
                 let longest_s = p.motions.iter().map(|m| m.len() as f64 / m.rate_hz).fold(0.0, f64::max);
-                *time_constant_s = time_constant_s.min(WATCHED * longest_s);
+                *time_constant_s = time_constant_s.min(WATCHED * longest_s).max(SOONEST_S);
             }
             Shape::Stribeck { velocity_m_s } => {
                 let speeds = p.motions.iter().flat_map(|m| &self.side(m).velocity_m_s);
