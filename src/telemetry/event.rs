@@ -84,6 +84,12 @@ event_kinds! {
     ServiceStop = "service_stop", Info;
     /// The history file was damaged; it was set aside and a new one begun.
     HistoryReplaced = "history_replaced", Alarm;
+    /// Damage was seen in the history file; the next start sets it aside.
+    HistoryDamaged = "history_damaged", Alarm;
+    /// The retention removed events that still waited for a person or for the broker.
+    EventsRemoved = "events_removed", Warning;
+    /// The settings are others than at the start before.
+    ConfigChanged = "config_changed", Warning;
     /// A recording around an event was written.
     RecordingSaved = "recording_saved", Info;
     /// A recording could not be written.
