@@ -5,7 +5,7 @@
 
 use super::force::{AxisToml, ForceConfig, ForceToml};
 use super::machine::machine_from_text;
-use super::{ConfigError, parse, parse_number, read_text};
+use super::{ConfigError, is_date, parse, parse_number, read_text};
 use crate::avoidance::AvoidanceSettings;
 use crate::avoidance::identified::StatedCut;
 use crate::avoidance::turret::{TurretAxis, TurretKinematics};
@@ -411,8 +411,8 @@ impl Reader<'_> {
         let Some(listen) = &raw.listen else { return Ok(None) };
         let address = self.address("mtconnect.listen", listen)?;
         if !address.ip().is_loopback() && !raw.allow_remote {
-            let what = "is reachable from other machines, without TLS and tokens: needs mtconnect.allow_remote = true";
-            return Err(self.bad("mtconnect.listen", format!("{address} {what}")));
+            let what = format!("{address} is reachable by all: needs mtconnect.allow_remote = true");
+            return Err(self.bad("mtconnect.listen", what));
         }
         Ok(Some(address))
     }
@@ -424,9 +424,7 @@ impl Reader<'_> {
             return Err(self.bad("fleet.server", what));
         }
         if server.contains('@') {
-            // The configuration is shown to whoever may read; what it must not show stands in a file of its own.
-            let what = "name and password do not stand here but in the file that fleet.credentials names";
-            return Err(self.bad("fleet.server", what));
+            return Err(self.bad("fleet.server", "name and password belong into fleet.credentials"));
         }
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if raw.machine.is_empty() || raw.machine.len() > 60 || !raw.machine.chars().all(plain) {
@@ -466,13 +464,6 @@ impl Reader<'_> {
             trust_loopback: false,
         })
     }
-}
-
-/// Year, month and day with dashes.
-fn is_date(text: &str) -> bool {
-    let numbers: Vec<u32> = text.split('-').filter_map(|part| part.parse().ok()).collect();
-    let form = text.len() == 10 && text.bytes().enumerate().all(|(i, b)| (b == b'-') == (i == 4 || i == 7));
-    form && matches!(numbers[..], [_, 1..=12, 1..=31])
 }
 
 impl ServiceConfig {

@@ -175,7 +175,7 @@ impl Diagnoses {
     }
 
     /// Leaves word of a job for the next start. A disk that refuses is told and changes nothing now.
-    pub(super) fn note(&self, view: &DiagnosisView) {
+    pub(super) fn note(&self, view: &DiagnosisView) -> tokio::task::JoinHandle<()> {
         let (folder, view) = (self.0.folder.join(&view.id), view.clone());
         tokio::task::spawn_blocking(move || {
             let written = std::fs::create_dir_all(&folder).map_err(|e| e.to_string()).and_then(|()| {
@@ -185,7 +185,7 @@ impl Diagnoses {
             if let Err(error) = written {
                 tracing::warn!(event = "diagnosis_note", "{}: {error}", folder.display());
             }
-        });
+        })
     }
 
     /// `report.html` of a job that is done.
@@ -371,13 +371,13 @@ mod tests {
             let mut done = before.add(vec!["r".into()], vec![]).unwrap();
             (done.state, done.result) =
                 (JobState::Done, Some(serde_json::json!({"verdict": "model_adequate"})));
-            before.note(&done);
+            before.note(&done).await.unwrap();
             clock::sleep(Duration::from_millis(5)); // names order by the millisecond
             let waiting = before.add(vec!["s".into()], vec![]).unwrap();
-            before.note(&waiting);
+            before.note(&waiting).await.unwrap();
             vec![done.id, waiting.id]
         });
-        drop(runtime); // what was handed to it is written
+        drop(runtime);
         let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
         let after = Diagnoses::new(folder.path(), "none".into());
         let (page, more) = runtime.block_on(after.page(String::new(), 1));

@@ -27,7 +27,7 @@ pub(super) struct Job {
     /// Digest of the settings of the turret decision.
     pub(super) turret_settings: u64,
     /// Looks at the turret decision, oldest first.
-    pub(super) pages: Vec<Page>,
+    pub(super) pages: Vec<Arc<Page>>,
 }
 
 /// How it went, for the history.

@@ -445,7 +445,7 @@ async fn prune(
         let oldest = delete(&format!("{free} ORDER BY sequence")).bind(sent).bind(PRUNE_CHUNK);
         removed.oversize = oldest.execute(&mut *connection).await?.rows_affected();
     }
-    if removed.oversize == 0 && used > keep.max_bytes.saturating_add(keep.max_bytes / 4) {
+    if removed.aged + removed.oversize == 0 && used > keep.max_bytes.saturating_add(keep.max_bytes / 4) {
         let oldest = delete("TRUE ORDER BY sequence").bind(PRUNE_CHUNK);
         removed.forced = oldest.execute(&mut *connection).await?.rows_affected();
     }
