@@ -154,13 +154,17 @@ fn operate(browser: &mut Browser) {
     let other = browser.value("document.documentElement.dataset.theme");
     assert!(theme.is_string() && other.is_string() && theme != other, "{theme} {other}");
     browser.value("document.documentElement.dataset.theme = 'dark'");
+    std::thread::sleep(Duration::from_millis(500)); // colours fade
     browser.picture("dark");
     browser.value("document.documentElement.dataset.theme = 'light'");
     let button = |list: &str, word: &str| {
         format!("[...document.querySelectorAll('#{list} button')].find((b) => b.innerText === '{word}')")
     };
     browser.wait_for("an open alarm", "document.getElementById('alarms').innerText === '1 open'");
+    browser.size(1280, 1500);
+    std::thread::sleep(Duration::from_millis(500));
     browser.picture("alarm");
+    browser.size(1280, 800);
     browser.click(&button("open-alarms", "Silence"));
     browser.value("document.getElementById('ask-reason').value = 'known'");
     browser.confirm();
@@ -255,6 +259,9 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     config.http.listen = address;
     let running = stillcut::service::start(config).unwrap();
     browser.wait_for("the return", "document.getElementById('link').innerText === 'live'");
+    if std::env::var_os("STILLCUT_PICTURES").is_some() {
+        std::thread::sleep(Duration::from_secs(4));
+    }
     browser.picture("return");
     drop(lathe);
     running.stop();

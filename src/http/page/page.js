@@ -148,6 +148,8 @@ function showState(now) {
   if (curve && speed && Math.abs(speed - curve.spindle_speed_rpm) > 0.02 * speed && Date.now() - curveAsked > 5000) loadStability();
   $("alarms").hidden = now.open_alarms === 0;
   setText("alarms", `${now.open_alarms} open`);
+  $("alarms-link").hidden = now.open_alarms === 0;
+  setText("alarms-link", `${now.open_alarms} open alarm${now.open_alarms === 1 ? "" : "s"}`);
   const store = now.store.healthy ? "" : ` · history not writable, ${now.store.unpersisted} events wait`;
   const replaced = now.store.replaced ? ` · a damaged history was set aside: ${now.store.replaced}` : "";
   setText("about", `version ${now.version}${store}${replaced}`);
