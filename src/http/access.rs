@@ -45,7 +45,7 @@ impl Role {
 #[derive(Debug, Error)]
 pub enum TokenFileError {
     /// Cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("http.tokens: {}: {source}; `stillcut token --file FILE` makes one", path.display())]
     Read {
         /// File.
         path: PathBuf,
@@ -209,8 +209,8 @@ impl Access {
         !self.loaded.lock().unwrap_or_else(PoisonError::into_inner).tokens.is_empty()
     }
 
-    /// Takes a changed file into use; a damaged one changes nothing and is logged. Reads the disk: not for the
-    /// thread that answers requests.
+    /// Takes a changed file into use; a damaged one changes nothing and is logged. Reads the disk: not for
+    /// the thread that answers requests.
     pub fn refresh(&self) {
         let Some(file) = &self.file else { return };
         let lock = || self.loaded.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,7 +1,8 @@
 //! Fans out what the pipeline thread reports: picture, stream, metrics, history.
 //!
 //! The pipeline thread never waits for any of it: it offers reports to a bounded queue, and this task
-//! takes them to listeners, history and counters at their own pace. It waits for no disk either: see `upkeep`.
+//! takes them to listeners, history and counters at their own pace. It waits for no disk either
+//! (see `upkeep`).
 
 use super::announcer::{Announcer, Then};
 use super::clock;
@@ -108,7 +109,9 @@ impl Hub {
                     Some(report) => self.take(report),
                     None => break,
                 },
-                _ = look.tick() => self.metrics.queue_depth.with_label_values(&["reports"]).set(depth(&reports)),
+                _ = look.tick() => {
+                    self.metrics.queue_depth.with_label_values(&["reports"]).set(depth(&reports));
+                }
             }
         }
     }

@@ -12,7 +12,7 @@ pub const MAX_PAGE: i64 = 1000;
 pub(super) const OPEN_ALARM: &str = "acknowledged_ns IS NULL AND kind IN ('chatter_onset', \
      'command_failed', 'source_lost', 'fault', 'invariant_violation', 'history_replaced', \
      'history_damaged')";
-/// With the index of these alone, whatever the planner thinks of it: refused where the condition does not fit.
+/// With the index of these alone, whatever the planner thinks; refused where the condition does not fit.
 const OPEN_INDEX: &str = " INDEXED BY event_open_alarm";
 /// Open alarms are counted up to here.
 const COUNTED: i64 = 1000;

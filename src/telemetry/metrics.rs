@@ -117,8 +117,8 @@ series! {
     store_errors: IntCounterVec = counters("stillcut_store_errors_total",
         "Failures of the history file by code.", &["code"]);
     history_removed: IntCounterVec = counters("stillcut_history_removed_total",
-        "Events (audit: rows of the audit record) that the retention removed; forced: events that still waited \
-        for a person or the broker.", &["reason"]);
+        "Events (audit: rows of the audit record) that the retention removed; forced: events that \
+        still waited for a person or the broker.", &["reason"]);
     store_bytes: IntGauge = int_gauge("stillcut_store_bytes", "Size of the history file.");
     wal_bytes: IntGauge = int_gauge("stillcut_wal_bytes", "Size of the history file's write-ahead log.");
     last_commit_timestamp_seconds: Gauge = gauge("stillcut_last_commit_timestamp_seconds",

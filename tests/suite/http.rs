@@ -285,11 +285,13 @@ fn recordings_come_in_pages() {
     let place = Place::new("recpage");
     let running = service(&place);
     let folder = place.state().join("recordings");
+    let mut first = None;
     for k in 0..5 {
         let kind = if k == 2 { "fault" } else { "chatter_onset" };
         let path = folder.join(format!("{kind}-{k}.parquet"));
         std::fs::write(&path, "x").unwrap();
-        let time = std::time::UNIX_EPOCH + Duration::from_secs(1_000_000 + k);
+        let time = *first.get_or_insert(std::fs::metadata(&path).unwrap().modified().unwrap());
+        let time = time + Duration::from_millis(k);
         std::fs::File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
     }
     let address = running.handle().address().to_string();

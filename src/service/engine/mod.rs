@@ -241,8 +241,8 @@ impl Engine {
         self.flush();
     }
 
-    /// Ports that stay unreadable are not mended from inside: the thread ends, and whoever started the service
-    /// starts it anew.
+    /// Ports that stay unreadable are not mended from inside: the thread ends, and the service is started
+    /// anew by whoever started it.
     fn notice_ports(&mut self, outcome: Result<usize, TransportError>, now: Instant) {
         let Err(error) = outcome else {
             self.unreadable = None;
