@@ -18,32 +18,7 @@ const ROUNDS: usize = 9;
 const RATE_HZ: f64 = 20_000.0;
 const SECONDS: f64 = 2.0;
 
-const MODEL: &str = r#"
-[machine]
-name = "bench"
-sample_rate_hz = 20000.0
-[axes.x]
-screw_lead_m = 0.005
-rotary_inertia_kg_m2 = 5.2e-5
-movable_mass_kg = 6.6
-torque_constant_nm_a = 0.2
-axial_stiffness_n_m = 4.0e7
-structural_damping_n_s_m = 1.8e3
-rotary_damping_nm_s_rad = 6.5e-3
-translational_damping_n_s_m = 8.2e2
-stage_coulomb_friction_n = 40.0
-motor_coulomb_friction_n = 20.0
-friction_smoothing_m_s = 5.0e-4
-current_loop_bandwidth_rad_s = 6283.0
-amplifier_dead_time_s = 1.0e-4
-motor_encoder_resolution_m = 5.96e-10
-stage_encoder_resolution_m = 2.44e-10
-[axes.x.controller]
-position_gain_1_s = 60.0
-velocity_gain_1_s = 220.0
-velocity_integral_1_s = 20.0
-velocity_filter_rad_s = 3000.0
-"#;
+const MODEL: &str = include_str!("../tests/suite/feed-axis.toml");
 
 fn trial(axis: &AxisModel) -> Trial {
     let samples = (SECONDS * RATE_HZ) as usize;

@@ -3,6 +3,7 @@
 use super::bench::{Accepted, Bench, HypothesisFit, rms};
 use super::corrections::{corrections, known_numbers, material};
 use super::floor::{SideSpectrum, spectrum};
+use super::in_loop::in_loop;
 use super::motion::band_hz;
 use super::problem::{Column, Sides};
 use super::result::*;
@@ -97,8 +98,8 @@ pub(crate) fn assemble(
         noise_floor_n: case.spectra.iter().map(|s| s.floor_rms_n(band_hz(rate))).collect(),
         tried: tried(outcome.rounds.first()),
         detection_limits: detection_limits(bench, outcome.rounds.last()),
+        closed_loop: in_loop((axis, &model), recordings, outcome),
         model,
-        closed_loop: Err(String::new()),
     }
 }
 
@@ -298,19 +299,23 @@ impl Case<'_> {
         let numbers = self.new_accepted().filter(|(_, a)| is_number(a));
         numbers
             .filter_map(|(k, a)| {
-                let (name, nominal) = match a.hypothesis.port {
-                    Port::MotorEncoder => ("motor_encoder_delay_s", p.drive.motor_encoder_delay_s()),
-                    Port::StageEncoder => ("stage_encoder_delay_s", p.drive.stage_encoder_delay_s()),
-                    _ => ("amplifier_dead_time_s", p.drive.amplifier_dead_time_s()),
+                let (name, nominal, sum) = match (&a.hypothesis.shape, a.hypothesis.port) {
+                    (Shape::Smoothing { .. }, _) => {
+                        ("friction_smoothing_m_s", p.mechanics.smoothing_m_s, false)
+                    }
+                    (_, Port::MotorEncoder) => {
+                        ("motor_encoder_delay_s", p.drive.motor_encoder_delay_s(), true)
+                    }
+                    (_, Port::StageEncoder) => {
+                        ("stage_encoder_delay_s", p.drive.stage_encoder_delay_s(), true)
+                    }
+                    _ => ("amplifier_dead_time_s", p.drive.amplifier_dead_time_s(), true),
                 };
                 let e = terms::estimates(p, a, &self.bench.accepted_fit(k)).into_iter().next()?;
-                if matches!(a.hypothesis.shape, Shape::Smoothing { .. }) {
-                    let (name, nominal) = ("friction_smoothing_m_s", p.mechanics.smoothing_m_s);
-                    return Some(Correction { name, nominal, value: e.value, ci95: e.ci95 });
-                }
-                let value = (nominal + e.value).max(0.0);
-                let ends = [nominal + e.ci95[0].min(e.ci95[1]), nominal + e.ci95[0].max(e.ci95[1])];
-                Some(Correction { name, nominal, value, ci95: ends })
+                // A delay's estimate is what it has beyond the stated one.
+                let from = if sum { nominal } else { 0.0 };
+                let ends = [from + e.ci95[0].min(e.ci95[1]), from + e.ci95[0].max(e.ci95[1])];
+                Some(Correction { name, nominal, value: (from + e.value).max(0.0), ci95: ends })
             })
             .collect()
     }

@@ -494,11 +494,6 @@ pub(crate) fn rms(column: &[Sides]) -> f64 {
     (sides.flatten().map(|v| v * v).sum::<f64>() / samples.max(1) as f64).sqrt()
 }
 
-/// Root mean square of a series.
-pub(crate) fn rms_of(x: &[f64]) -> f64 {
-    (x.iter().map(|v| v * v).sum::<f64>() / x.len().max(1) as f64).sqrt()
-}
-
 /// out += factor * column.
 pub(crate) fn add(out: &mut Column, column: &Column, factor: f64) {
     if factor == 0.0 {

@@ -6,28 +6,21 @@
 //! told. Before physics comes the control law: where the stated one does not say the recorded reference, no
 //! simulation proves anything.
 
+use super::motion;
 use super::problem::{Mechanics, Problem};
 use super::result::{ClosedLoop, SimulatedTrial};
 use super::search::Outcome;
 use super::two_cores::on_two_cores;
-use super::{bench::rms_of, motion};
 use crate::plant::drive::{DriveParams, RawDriveParams};
 use crate::plant::machine::{AxisModel, Controller, Machine};
 use crate::sample::Recording;
+use crate::signal::inner_products::rms;
 use crate::simulation::model_axis::{LoopRecord, Replay, Trial, not_simulated, replay, respond};
 
 /// Share of the reference's changes that a control law may leave and still be the one that acted.
 const LAW_SHARE: f64 = 0.02;
 /// First samples that the velocity at the start is taken from.
 const START_SAMPLES: usize = 20;
-
-/// Signals of one recording that the loop is closed over.
-struct Signals {
-    command_m: Vec<f64>,
-    motor_m: Vec<f64>,
-    stage_m: Vec<f64>,
-    reference: Vec<f64>,
-}
 
 /// Runs stated, re-estimated and found model beside the machine. Errors: in a person's words why not.
 pub(super) fn in_loop(
@@ -37,7 +30,7 @@ pub(super) fn in_loop(
 ) -> Result<ClosedLoop, String> {
     let p = &outcome.problem;
     let controller = stated.controller.ok_or("the model states no controller")?;
-    let signals: Vec<Signals> =
+    let signals: Vec<LoopRecord> =
         recordings.iter().map(|r| signals(stated, r)).collect::<Result<Vec<_>, String>>()?;
     let period_s = recordings.first().map_or(1.0, |r| r.sample_rate.period_s());
     let replay = law_of(controller, period_s, &signals)?;
@@ -51,7 +44,7 @@ pub(super) fn in_loop(
     Ok(ClosedLoop { law_share, trials, not_simulated: not_simulated(&axes[2]) })
 }
 
-fn signals(axis: &AxisModel, recording: &Recording) -> Result<Signals, String> {
+fn signals(axis: &AxisModel, recording: &Recording) -> Result<LoopRecord, String> {
     let get = |suffix: &str| {
         let name = format!("{}_{suffix}", axis.name);
         recording.get(&name).map(<[f64]>::to_vec).ok_or_else(|| {
@@ -63,7 +56,7 @@ fn signals(axis: &AxisModel, recording: &Recording) -> Result<Signals, String> {
     };
     let columns = motion::columns(axis, recording).map_err(|e| e.to_string())?;
     let unit = columns.thrust_per_unit;
-    Ok(Signals {
+    Ok(LoopRecord {
         command_m: get("position_cmd_m")?,
         motor_m: columns.motor_m,
         stage_m: columns.stage_m.to_vec(),
@@ -72,17 +65,8 @@ fn signals(axis: &AxisModel, recording: &Recording) -> Result<Signals, String> {
 }
 
 /// The law that acted, or why the stated one did not.
-fn law_of(controller: Controller, period_s: f64, all: &[Signals]) -> Result<Replay, String> {
-    let records: Vec<LoopRecord<'_>> = all
-        .iter()
-        .map(|s| LoopRecord {
-            command_m: &s.command_m,
-            motor_m: &s.motor_m,
-            stage_m: &s.stage_m,
-            reference: &s.reference,
-        })
-        .collect();
-    let replay = replay(controller, period_s, &records).ok_or("no recording has a reference that changes")?;
+fn law_of(controller: Controller, period_s: f64, records: &[LoopRecord]) -> Result<Replay, String> {
+    let replay = replay(controller, period_s, records).ok_or("no recording has a reference that changes")?;
     let best = replay.share.iter().copied().fold(f64::INFINITY, f64::min);
     if best > LAW_SHARE {
         return Err(format!(
@@ -98,7 +82,7 @@ fn law_of(controller: Controller, period_s: f64, all: &[Signals]) -> Result<Repl
 fn trial(
     p: &Problem,
     axes: &[AxisModel],
-    (k, s, replay, period_s): (usize, &Signals, &Replay, f64),
+    (k, s, replay, period_s): (usize, &LoopRecord, &Replay, f64),
 ) -> SimulatedTrial {
     let injected = replay.share[k] > LAW_SHARE;
     let m = &p.motions[k];
@@ -119,14 +103,14 @@ fn trial(
     let off = |a: &[f64], b: &[f64], unit: f64| a.iter().zip(b).map(|(a, b)| (a - b) * unit).collect();
     let thrust: Vec<Vec<f64>> =
         responses.iter().map(|r| thin(off(&s.reference, &r.reference, m.thrust_per_unit))).collect();
-    let stage_rms_m = [0, 1, 2].map(|i| rms_of(&thin(off(&s.stage_m, &responses[i].stage_m, 1.0))));
+    let stage_rms_m = [0, 1, 2].map(|i| rms(&thin(off(&s.stage_m, &responses[i].stage_m, 1.0))));
     let edge = p.thinning.edge();
     let count = thrust.first().map_or(0, Vec::len);
     let first_s = m.time_s(0) - m.offset as f64 * period_s;
     SimulatedTrial {
         recording: k,
         injected,
-        thrust_rms_n: [0, 1, 2].map(|i| rms_of(&thrust[i])),
+        thrust_rms_n: [0, 1, 2].map(|i| rms(&thrust[i])),
         stage_rms_m,
         t_s: (0..count).map(|j| first_s + (edge + j * p.thinning.step) as f64 * period_s).collect(),
         thrust_error_n: thrust,

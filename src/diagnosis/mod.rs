@@ -116,9 +116,8 @@ pub fn diagnose(
         .collect();
     let outcome = search::search(problem, given, progress);
     let bench = bench::Bench::new(&outcome.problem, &outcome.accepted, &outcome.residual);
+    progress(0.95, "writing the model, simulating the loop");
     let mut diagnosis = assemble::assemble(machine, axis, recordings, (&outcome, &bench));
-    progress(0.95, "simulating the loop");
-    diagnosis.closed_loop = in_loop::in_loop((axis, &diagnosis.model), recordings, &outcome);
     if lumped.is_some() {
         diagnosis = triple::unlumped(diagnosis, stated, (&outcome, &bench));
     }

@@ -109,9 +109,9 @@ fn settle(p: &mut Problem, accepted: &mut [Accepted], residual: &mut Column) {
         *residual = Bench::new(p, accepted, residual).residual();
         let mut bench = Bench::new(p, accepted, residual);
         *residual = bench.residual();
-        let flat = Bench::flat(p, accepted, residual);
-        if !accepted.is_empty() && rms(residual) > RUNAWAY * rms(&flat.residual()) {
-            // A mismatch taken for noise loses its weight, grows and is noise all the more: begin again.
+        if !accepted.is_empty()
+            && let Some(flat) = calmed(p, accepted, residual)
+        {
             *residual = flat.residual();
             bench = flat;
         }
@@ -206,12 +206,11 @@ fn join_delays(p: &mut Problem, accepted: &mut Vec<Accepted>, given: usize) {
     accepted.push(Accepted { round, ..Accepted::new(p, whole, vec![1.0]) });
 }
 
-/// Numbers, and what they leave, with all frequencies alike, where the weighted fit leaves far more: a
-/// mismatch taken for noise.
-fn calmed(p: &Problem, accepted: &[Accepted], residual: &Column) -> Option<(Vec<f64>, Column)> {
+/// The bench with all frequencies alike, where the weighted fit leaves far more: a mismatch taken for noise
+/// loses its weight, grows and is noise all the more.
+fn calmed<'a>(p: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Option<Bench<'a>> {
     let flat = Bench::flat(p, accepted, residual);
-    let left = flat.residual();
-    (rms(residual) > RUNAWAY * rms(&left)).then(|| (flat.solution.coefficients.clone(), left))
+    (rms(residual) > RUNAWAY * rms(&flat.residual())).then_some(flat)
 }
 
 /// True where the last passes gained nothing over those before them: constants that trade with each other, or
@@ -266,7 +265,9 @@ pub(crate) fn search(mut p: Problem, given: Vec<Accepted>, progress: super::Prog
             let unnamed = if bench.problem.coarse { None } else { strangers::best(&bench) };
             stranger = unnamed.filter(|s| s.evidence > STRANGER_LEAST_SHARE * bench.folds.total() as f64);
             drop(bench);
-            if let Some((coefficients, left)) = calmed(&p, &accepted, &residual) {
+            let calm = calmed(&p, &accepted, &residual)
+                .map(|flat| (flat.solution.coefficients.clone(), flat.residual()));
+            if let Some((coefficients, left)) = calm {
                 update_mechanics(&mut p, &coefficients);
                 residual = left;
             }

@@ -8,6 +8,7 @@ use super::page::{engineering, page, significant};
 use super::place::place;
 use super::plot::{Axis, Figure, Mark, escape, range_of};
 use crate::diagnosis::{Diagnosis, Finding, RecordingFit, Verdict};
+use crate::signal::inner_products::rms;
 use std::fmt::Write as _;
 
 /// What the page says beside the diagnosis itself.
@@ -113,10 +114,6 @@ fn header(out: &mut String, d: &Diagnosis, context: &ReportContext) {
 pub(super) struct Picked {
     pub(super) recording: usize,
     pub(super) balance: usize,
-}
-
-fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
 /// The recording and balance where before and after differ most; without findings, where most is left.

@@ -17,6 +17,12 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     dot_body::<false>(a, b)
 }
 
+/// Root mean square; 0 of nothing.
+#[must_use]
+pub fn rms(x: &[f64]) -> f64 {
+    (dot(x, x) / x.len().max(1) as f64).sqrt()
+}
+
 /// out[j] = sum_k taps[k] x[first + j step + k]: correlation with `taps` on a thinned grid.
 /// The caller keeps `first + (out.len() - 1) step + taps.len() <= x.len()`.
 pub fn correlate(x: &[f64], taps: &[f64], (first, step): (usize, usize), out: &mut [f64]) {

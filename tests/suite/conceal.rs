@@ -5,34 +5,7 @@ use stillcut::config::machine::machine_from_text;
 use stillcut::plant::machine::Machine;
 use stillcut::simulation::concealed_axis::{Case, CaseSpec, conceal};
 
-const MODEL: &str = r#"
-[machine]
-name = "bench"
-sample_rate_hz = 10000.0
-[axes.x]
-screw_lead_m = 0.005
-rotary_inertia_kg_m2 = 5.2e-5
-movable_mass_kg = 6.6
-torque_constant_nm_a = 0.2
-axial_stiffness_n_m = 4.0e7
-structural_damping_n_s_m = 1.8e3
-rotary_damping_nm_s_rad = 6.5e-3
-translational_damping_n_s_m = 8.2e2
-stage_coulomb_friction_n = 50.0
-motor_coulomb_friction_n = 30.0
-friction_smoothing_m_s = 2.0e-4
-current_loop_bandwidth_rad_s = 5000.0
-amplifier_dead_time_s = 2.0e-4
-motor_encoder_delay_s = 2.0e-4
-stage_encoder_delay_s = 2.0e-4
-motor_encoder_resolution_m = 5.96e-10
-stage_encoder_resolution_m = 2.44e-10
-[axes.x.controller]
-position_gain_1_s = 60.0
-velocity_gain_1_s = 220.0
-velocity_integral_1_s = 20.0
-velocity_filter_rad_s = 3000.0
-"#;
+const MODEL: &str = include_str!("feed-axis.toml");
 
 pub(crate) fn model() -> Machine {
     machine_from_text(Path::new("bench.toml"), MODEL).unwrap()

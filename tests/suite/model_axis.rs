@@ -15,38 +15,22 @@ fn exact(effect: Option<&str>) -> Case {
     conceal(&machine.axes[0], machine.sample_rate, &spec).unwrap()
 }
 
-struct Signals {
-    command_m: Vec<f64>,
-    motor_m: Vec<f64>,
-    stage_m: Vec<f64>,
-    current_a: Vec<f64>,
-}
-
-fn signals(axis: &AxisModel, r: &Recording) -> Signals {
+fn signals(axis: &AxisModel, r: &Recording) -> LoopRecord {
     let get = |suffix: &str| r.get(&format!("x_{suffix}")).unwrap().to_vec();
     let travel = axis.drive.travel_m_rad();
-    Signals {
+    LoopRecord {
         command_m: get("position_cmd_m"),
         motor_m: get("motor_angle_rad").iter().map(|x| x * travel).collect(),
         stage_m: get("stage_position_m"),
-        current_a: get("current_ref_a"),
+        reference: get("current_ref_a"),
     }
 }
 
-fn replayed(axis: &AxisModel, all: &[Signals], period_s: f64) -> Replay {
-    let records: Vec<LoopRecord<'_>> = all
-        .iter()
-        .map(|s| LoopRecord {
-            command_m: &s.command_m,
-            motor_m: &s.motor_m,
-            stage_m: &s.stage_m,
-            reference: &s.current_a,
-        })
-        .collect();
-    replay(axis.controller.unwrap(), period_s, &records).unwrap()
+fn replayed(axis: &AxisModel, records: &[LoopRecord], period_s: f64) -> Replay {
+    replay(axis.controller.unwrap(), period_s, records).unwrap()
 }
 
-fn trial(s: &Signals, replay: &Replay, (k, period_s): (usize, f64)) -> Trial {
+fn trial(s: &LoopRecord, replay: &Replay, (k, period_s): (usize, f64)) -> Trial {
     Trial {
         period_s,
         command_m: s.command_m.clone(),
@@ -67,15 +51,15 @@ fn rms(x: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Share of the recorded current that a response misses.
-fn missed(response: &Response, s: &Signals) -> f64 {
-    rms(response.reference.iter().zip(&s.current_a).map(|(a, b)| a - b)) / rms(s.current_a.iter().copied())
+fn missed(response: &Response, s: &LoopRecord) -> f64 {
+    rms(response.reference.iter().zip(&s.reference).map(|(a, b)| a - b)) / rms(s.reference.iter().copied())
 }
 
 #[test]
 fn the_law_replays_a_recorded_loop_and_shows_what_was_added_to_it() {
     let case = exact(None);
     let axis = &case.model.axes[0];
-    let all: Vec<Signals> = case.recordings.iter().map(|r| signals(axis, r)).collect();
+    let all: Vec<LoopRecord> = case.recordings.iter().map(|r| signals(axis, r)).collect();
     let r = replayed(axis, &all, 1.0e-4);
     let by_name = |name: &str| case.recordings.iter().position(|r| r.experiment == name).unwrap();
     assert!(r.share[by_name("idle")] < 2e-4 && r.share[by_name("moves")] < 2e-4, "{:?}", r.share);
@@ -114,7 +98,7 @@ fn a_model_that_states_everything_repeats_the_recording_in_closed_loop() {
         let bare = case.model.axes[0].clone();
         let mut full = bare.clone();
         full.physics.extend(stated(&case));
-        let all: Vec<Signals> = case.recordings.iter().map(|r| signals(&bare, r)).collect();
+        let all: Vec<LoopRecord> = case.recordings.iter().map(|r| signals(&bare, r)).collect();
         let r = replayed(&bare, &all, 1.0e-4);
         let mut worst = (0.0_f64, 0.0_f64);
         for (k, s) in all.iter().enumerate() {

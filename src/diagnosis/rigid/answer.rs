@@ -1,6 +1,6 @@
 //! From the terms of the search to the answer: names, numbers with intervals, model, series.
 
-use super::fit::{Fit, correlation_rows, rms};
+use super::fit::{Fit, correlation_rows};
 use super::laws::{Law, Slider};
 use super::search::{Found, Origin, Search, Term};
 use crate::diagnosis::terms::SCALE_DEVIATION;
@@ -11,6 +11,7 @@ use crate::diagnosis::{
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
+use crate::signal::inner_products::rms;
 
 const Z95: f64 = 1.96;
 /// The motor side's part of a sum is known as well as a data sheet is, as a deviation.

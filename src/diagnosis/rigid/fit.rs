@@ -1,5 +1,6 @@
 //! Least squares judged on parts it was not fitted to.
 
+use crate::signal::inner_products::rms;
 use nalgebra::{DMatrix, DVector};
 
 /// Folds of the held-out judgement; each is several stretches of time.
@@ -90,11 +91,6 @@ fn solve(gram: &DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
         g[(i, i)] += hair;
     }
     g.cholesky().map_or_else(|| DVector::zeros(p), |c| c.solve(right))
-}
-
-/// Root mean square.
-pub(super) fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
 /// How many rows there are for each one that is independent: 1 + 2 sum of the autocorrelation while it is

@@ -1,10 +1,10 @@
 //! A recording of an axis with one position: thrust, position, velocity, acceleration on a thinned grid.
 
-use super::fit::rms;
 use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
+use crate::signal::inner_products::rms;
 
 /// Share of the sampling rate that the balance looks at: enough for friction, below where encoder steps rule.
 const BAND_SHARE: f64 = 0.1;

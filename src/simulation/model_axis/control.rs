@@ -67,16 +67,16 @@ impl ControlLaw {
 }
 
 /// One recording of a loop.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LoopRecord<'a> {
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoopRecord {
     /// Position command, m.
-    pub command_m: &'a [f64],
+    pub command_m: Vec<f64>,
     /// Motor encoder as travel, m.
-    pub motor_m: &'a [f64],
+    pub motor_m: Vec<f64>,
     /// Stage encoder, m.
-    pub stage_m: &'a [f64],
+    pub stage_m: Vec<f64>,
     /// Reference, in whatever unit.
-    pub reference: &'a [f64],
+    pub reference: Vec<f64>,
 }
 
 /// How well a law says what was recorded.
@@ -99,7 +99,7 @@ pub struct Replay {
 /// moving reference.
 /// Errors: none. Checked by: `model_axis::the_law_replays_a_recorded_loop`.
 #[must_use]
-pub fn replay(controller: Controller, period_s: f64, records: &[LoopRecord<'_>]) -> Option<Replay> {
+pub fn replay(controller: Controller, period_s: f64, records: &[LoopRecord]) -> Option<Replay> {
     let open = [(true, false), (true, true), (false, false), (false, true)];
     let laws = open.map(|(feeds_forward, exact_filter)| ControlLaw {
         controller,
@@ -109,7 +109,7 @@ pub fn replay(controller: Controller, period_s: f64, records: &[LoopRecord<'_>])
     });
     let fits = laws.iter().map(|law| {
         let said: Vec<Vec<f64>> = records.iter().map(|r| law_output(law, period_s, r)).collect();
-        let lines = said.iter().zip(records).map(|(x, r)| Line::fit(x, r.reference, None));
+        let lines = said.iter().zip(records).map(|(x, r)| Line::fit(x, &r.reference, None));
         let best = lines.filter(|l| l.slope > 0.0).min_by(|a, b| a.share.total_cmp(&b.share));
         best.map(|line| (line, *law, said))
     });
@@ -118,7 +118,7 @@ pub fn replay(controller: Controller, period_s: f64, records: &[LoopRecord<'_>])
     let law = ControlLaw { per_accel: slope / controller.velocity_gain_1_s, ..unit };
     let mut out = Replay { law, integral_m: Vec::new(), beyond: Vec::new(), share: Vec::new() };
     for (x, r) in said.iter().zip(records) {
-        let line = Line::fit(x, r.reference, Some(slope));
+        let line = Line::fit(x, &r.reference, Some(slope));
         // What stands constant beyond the law is the integral that was there before the first sample.
         let k_i = controller.velocity_integral_1_s;
         out.integral_m.push(if k_i > 0.0 { line.offset / (slope * k_i) } else { 0.0 });
@@ -129,14 +129,14 @@ pub fn replay(controller: Controller, period_s: f64, records: &[LoopRecord<'_>])
 }
 
 /// e + K_i sum e T from recorded signals.
-fn law_output(law: &ControlLaw, period_s: f64, r: &LoopRecord<'_>) -> Vec<f64> {
+fn law_output(law: &ControlLaw, period_s: f64, r: &LoopRecord) -> Vec<f64> {
     let first = |x: &[f64]| x.first().copied().unwrap_or(0.0);
-    let velocity = r.motor_m.get(1).map_or(0.0, |x| (x - first(r.motor_m)) / period_s);
-    let mut state = LawState::new(first(r.command_m), first(r.motor_m), (velocity, 0.0));
+    let velocity = r.motor_m.get(1).map_or(0.0, |x| (x - first(&r.motor_m)) / period_s);
+    let mut state = LawState::new(first(&r.command_m), first(&r.motor_m), (velocity, 0.0));
     r.command_m
         .iter()
-        .zip(r.motor_m)
-        .zip(r.stage_m)
+        .zip(&r.motor_m)
+        .zip(&r.stage_m)
         .map(|((c, m), s)| law.error_m_s(&mut state, [*c, *m, *s], period_s))
         .collect()
 }
