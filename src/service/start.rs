@@ -93,6 +93,7 @@ const STOP_DEADLINE: Duration = Duration::from_secs(3);
 pub struct Running {
     handle: Handle,
     runtime: tokio::runtime::Runtime,
+    records: tokio::runtime::Runtime,
     engine: JoinHandle<()>,
     recorder: JoinHandle<()>,
     drift: JoinHandle<()>,
@@ -109,13 +110,9 @@ pub struct Running {
 pub fn start(config: ServiceConfig) -> Result<Running, ServiceError> {
     let config = Arc::new(config);
     let lock = lock_state(&config.history.folder)?;
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(1)
-        .thread_name("http")
-        .on_thread_start(super::priority::step_back)
-        .enable_all()
-        .build()
-        .map_err(|source| ServiceError::Files { path: "worker thread".into(), source })?;
+    // What must be on record before a command goes does not stand in line behind requests.
+    let records = worker("records", || {})?;
+    let runtime = worker("http", super::priority::step_back)?;
     let metrics = Arc::new(Metrics::new(&stream_axes(&config), clock::wall_s())?);
     let retention = Retention {
         max_age_ns: config.history.max_age_ns,
@@ -125,9 +122,16 @@ pub fn start(config: ServiceConfig) -> Result<Running, ServiceError> {
     };
     let opening =
         StoreWriter::start(&config.history.folder, retention, Arc::clone(&metrics), clock::wall_ns());
-    let (writer, reader, report) = runtime.block_on(opening)?;
-    let parts = Parts { config, lock, runtime, metrics, writer, reader, report };
+    let (writer, reader, report) = records.block_on(opening)?;
+    let parts = Parts { config, lock, runtime, records, metrics, writer, reader, report };
     parts.start()
+}
+
+/// A runtime with one thread.
+fn worker(name: &str, begins: fn()) -> Result<tokio::runtime::Runtime, ServiceError> {
+    let mut builder = tokio::runtime::Builder::new_multi_thread();
+    let built = builder.worker_threads(1).thread_name(name).on_thread_start(begins).enable_all().build();
+    built.map_err(|source| ServiceError::Files { path: format!("thread {name}").into(), source })
 }
 
 /// Axes that get their series before the first sample.
@@ -152,7 +156,10 @@ fn lock_state(folder: &Path) -> Result<File, ServiceError> {
 struct Parts {
     config: Arc<ServiceConfig>,
     lock: File,
+    /// Requests.
     runtime: tokio::runtime::Runtime,
+    /// Reports of the pipeline and the history.
+    records: tokio::runtime::Runtime,
     metrics: Arc<Metrics>,
     writer: StoreWriter,
     reader: StoreReader,
@@ -197,7 +204,7 @@ impl Parts {
         let unseen = Kept { store: StoreView { healthy: true, ..StoreView::default() }, open_alarms: 0 };
         let (kept, watched_kept) = watch::channel(unseen);
         let hub = Hub::new(outlets, Arc::clone(&self.metrics), watched_kept);
-        let hub = self.runtime.spawn(hub.run(reported));
+        let hub = self.records.spawn(hub.run(reported));
         let upkeep = self.upkeep(announcer.clone(), (recordings.clone(), recording_limits(&config)), kept);
         let upkeep = self.runtime.spawn(upkeep.run());
         let handle = Handle(Arc::new(Inner {
@@ -231,6 +238,7 @@ impl Parts {
         Ok(Running {
             handle,
             runtime: self.runtime,
+            records: self.records,
             engine,
             recorder,
             drift,
@@ -250,7 +258,7 @@ impl Parts {
     }
 
     fn start_announcer(&self, ends: (broadcast::Sender<StreamMessage>, mpsc::Sender<Control>)) -> Announcer {
-        let _inside = self.runtime.enter();
+        let _inside = self.records.enter();
         Announcer::start(self.writer.clone(), Arc::clone(&self.metrics), ends)
     }
 
@@ -469,7 +477,8 @@ impl Running {
     /// Stops in order: no more samples, everything reported is stored, open requests end. What the disk
     /// refuses by now is kept for the next start. Answers how many writes were lost all the same.
     pub fn stop(self) -> usize {
-        let Self { handle, runtime, engine, recorder, drift, hub, upkeep, http, control, writer, .. } = self;
+        let Self { handle, runtime, records, engine, recorder, drift, .. } = self;
+        let Self { hub, upkeep, http, control, writer, .. } = self;
         let stored = async {
             // The thread may have ended already; then nobody listens.
             let _ = control.send(Control::Stop).await;
@@ -494,6 +503,7 @@ impl Running {
         }
         drop((handle, writer));
         runtime.shutdown_timeout(STOP_DEADLINE);
+        records.shutdown_timeout(STOP_DEADLINE);
         waiting + gauges.lost.load(Ordering::Relaxed)
     }
 }
