@@ -15,6 +15,7 @@ use running::{address, binary, lathe, number};
 use std::path::PathBuf;
 use std::process::{Child, ExitCode, Stdio};
 use std::time::{Duration, Instant};
+use stillcut::service::clock;
 
 /// Ready later than this is a loss (the target on an idle machine is 2 s).
 const TOO_LATE: Duration = Duration::from_secs(10);
@@ -89,13 +90,17 @@ struct Pair {
     address: Option<String>,
 }
 
-fn connected(agent: &ureq::Agent, address: &str) -> bool {
-    body(agent, &format!("http://{address}/api/v1/state")).is_ok_and(|s| s.contains("\"connected\":true"))
+/// Samples flow that were taken in after `since_ns`: `connected` alone holds for a second after the last one.
+fn connected(agent: &ureq::Agent, address: &str, since_ns: i64) -> bool {
+    let Ok(text) = body(agent, &format!("http://{address}/api/v1/state")) else { return false };
+    let at = text.split("\"last_sample_at\":\"").nth(1).and_then(|rest| rest.split('"').next());
+    let newest_ns = at.and_then(clock::parse_rfc3339);
+    text.contains("\"connected\":true") && newest_ns.is_some_and(|at| at > since_ns)
 }
 
 /// Starts what is dead and waits until samples flow again; nothing when they do not.
 fn recover(place: &Place, pair: &mut Pair, agent: &ureq::Agent) -> Option<Duration> {
-    let began = Instant::now();
+    let (began, since_ns) = (Instant::now(), clock::wall_ns());
     while began.elapsed() < TOO_LATE {
         if !matches!(pair.lathe.try_wait(), Ok(None)) {
             pair.lathe = place.lathe();
@@ -106,7 +111,7 @@ fn recover(place: &Place, pair: &mut Pair, agent: &ureq::Agent) -> Option<Durati
             pair.service = place.service();
             pair.address = address(&mut pair.service);
         }
-        if pair.address.as_ref().is_some_and(|a| connected(agent, a)) {
+        if pair.address.as_ref().is_some_and(|a| connected(agent, a, since_ns)) {
             return Some(began.elapsed());
         }
         std::thread::sleep(Duration::from_millis(20));

@@ -48,7 +48,7 @@ impl Site {
         let running = start(config).expect("a service");
         let access = Access::load(None, true).expect("no tokens");
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
-        Self { router: router(running.handle().clone(), access, vec![]), runtime, _running: running }
+        Self { router: router(running.handle().clone(), std::sync::Arc::new(access), vec![]), runtime, _running: running }
     }
 
     /// One request: the first byte chooses where to, the second the headers, the rest is body or query.

@@ -46,13 +46,16 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
     let failed = wait_for_the_end(&running, signals);
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
-    running.stop();
-    anyhow::ensure!(!failed, "the pipeline thread ended by itself; see the log");
+    let lost = running.stop();
+    if let Some(part) = failed {
+        anyhow::bail!("{part} ended by itself; see the log");
+    }
+    anyhow::ensure!(lost == 0, "{lost} writes to the history are lost: the disk refused them; see the log");
     Ok(())
 }
 
-/// Feeds the watchdog from the pipeline's progress until a signal comes or the pipeline ends.
-fn wait_for_the_end(running: &Running, mut signals: Signals) -> bool {
+/// Feeds the watchdog from the pipeline's progress until a signal comes or a part ends; answers which.
+fn wait_for_the_end(running: &Running, mut signals: Signals) -> Option<&'static str> {
     let every = sd_notify::watchdog_enabled().map_or(Duration::from_secs(1), |limit| limit / 3);
     let every = every.min(Duration::from_secs(1));
     running.wait(async {
@@ -60,11 +63,12 @@ fn wait_for_the_end(running: &Running, mut signals: Signals) -> bool {
         let mut ended = std::pin::pin!(signals.first());
         loop {
             tokio::select! {
-                () = &mut ended => return false,
+                () = &mut ended => return None,
                 () = tokio::time::sleep(every) => {}
             }
-            if running.has_failed() {
-                return true;
+            if let Some(part) = running.failed_part() {
+                tracing::error!(event = "part_ended", part, "it ended by itself; the service ends with it");
+                return Some(part);
             }
             let now = running.progress();
             if now != last {

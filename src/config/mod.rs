@@ -106,6 +106,13 @@ pub fn parse<T: serde::de::DeserializeOwned>(path: &Path, text: &str) -> Result<
     })
 }
 
+/// Year, month and day with dashes.
+pub(crate) fn is_date(text: &str) -> bool {
+    let numbers: Vec<u32> = text.split('-').filter_map(|part| part.parse().ok()).collect();
+    let form = text.len() == 10 && text.bytes().enumerate().all(|(i, b)| (b == b'-') == (i == 4 || i == 7));
+    form && matches!(numbers[..], [_, 1..=12, 1..=31])
+}
+
 #[cfg(test)]
 mod tests {
     use super::{edits, with_nearest};

@@ -5,7 +5,7 @@
 
 use super::force::{AxisToml, ForceConfig, ForceToml};
 use super::machine::machine_from_text;
-use super::{ConfigError, parse, parse_number, read_text};
+use super::{ConfigError, is_date, parse, parse_number, read_text};
 use crate::avoidance::AvoidanceSettings;
 use crate::avoidance::identified::StatedCut;
 use crate::avoidance::turret::{TurretAxis, TurretKinematics};
@@ -22,6 +22,8 @@ use std::path::{Path, PathBuf};
 
 /// Every setting with its default, unit and meaning.
 pub const DEFAULT_TEXT: &str = include_str!("../../config/stillcut.toml");
+/// Stands where nobody has set the turret's limits yet.
+const NOT_COMMISSIONED: &str = "not commissioned";
 /// Drives of the virtual lathe's turret axes, used where no model is named.
 const BUILT_IN_MODEL: &str = include_str!("../../config/turrets.toml");
 
@@ -93,8 +95,8 @@ section!(TurretToml {
     speed_m_s: [f64; 2] = [2.0e-3; 2],
     largest_pitch_difference_rad: f64 = 0.14,
     command_ttl_s: f64 = 2.5,
-    limits_by: String = "not commissioned".into(),
-    limits_date: String = "not commissioned".into(),
+    limits_by: String = NOT_COMMISSIONED.into(),
+    limits_date: String = NOT_COMMISSIONED.into(),
 });
 section!(TransportToml { prefix: String = "stillcut".into(), root: PathBuf = "/run/stillcut".into() });
 section!(HttpToml {
@@ -125,6 +127,7 @@ section!(FleetToml {
 });
 section!(MtconnectToml {
     listen: Option<String> = None,
+    allow_remote: bool = false,
 });
 
 /// How HTTP is served.
@@ -159,6 +162,8 @@ pub struct TurretConfig {
     pub largest_pitch_difference_rad: f64,
     /// Lifetime of a command, s.
     pub command_ttl_s: f64,
+    /// Who set these limits and on which day; nothing acts without.
+    pub commissioned: Option<(String, String)>,
 }
 
 /// Folder and retention of the history.
@@ -338,12 +343,7 @@ impl Reader<'_> {
                 "json" => true,
                 other => return Err(self.bad("log.format", format!("`{other}` is not one of text, json"))),
             },
-            mtconnect: raw
-                .mtconnect
-                .listen
-                .as_deref()
-                .map(|a| self.address("mtconnect.listen", a))
-                .transpose()?,
+            mtconnect: self.mtconnect(&raw.mtconnect)?,
             fleet: self.fleet(&raw.fleet)?,
             machine,
             model,
@@ -392,7 +392,29 @@ impl Reader<'_> {
             largest_pitch_difference_rad: largest,
             // I7: a dead sender must not hold the turret away from equal pitch for longer.
             command_ttl_s: self.within("turret.command_ttl_s", raw.command_ttl_s, (1.1, 2.5))?,
+            commissioned: self.commissioned(&raw.limits_by, &raw.limits_date)?,
         })
+    }
+
+    fn commissioned(&self, by: &str, date: &str) -> Result<Option<(String, String)>, ConfigError> {
+        let (by, date) = (by.trim(), date.trim());
+        match (by, date) {
+            (NOT_COMMISSIONED, _) | (_, NOT_COMMISSIONED) => Ok(None),
+            ("", _) => Err(self.bad("turret.limits_by", "expected the name of who set the limits")),
+            _ if is_date(date) => Ok(Some((by.to_owned(), date.to_owned()))),
+            _ => Err(self.bad("turret.limits_date", format!("`{date}` is not a date such as 2026-11-21"))),
+        }
+    }
+
+    /// SHDR knows no TLS and no token: who reaches the port reads along.
+    fn mtconnect(&self, raw: &MtconnectToml) -> Result<Option<SocketAddr>, ConfigError> {
+        let Some(listen) = &raw.listen else { return Ok(None) };
+        let address = self.address("mtconnect.listen", listen)?;
+        if !address.ip().is_loopback() && !raw.allow_remote {
+            let what = format!("{address} is reachable by all: needs mtconnect.allow_remote = true");
+            return Err(self.bad("mtconnect.listen", what));
+        }
+        Ok(Some(address))
     }
 
     fn fleet(&self, raw: &FleetToml) -> Result<Option<FleetConfig>, ConfigError> {
@@ -400,6 +422,9 @@ impl Reader<'_> {
         if !cfg!(feature = "nats") {
             let what = "this program was built without NATS; build it with `--features nats`";
             return Err(self.bad("fleet.server", what));
+        }
+        if server.contains('@') {
+            return Err(self.bad("fleet.server", "name and password belong into fleet.credentials"));
         }
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if raw.machine.is_empty() || raw.machine.len() > 60 || !raw.machine.chars().all(plain) {
@@ -527,6 +552,15 @@ mod tests {
             ("[turret]\ncommand_ttl_s = 9.0\n", "turret.command_ttl_s: 9 is not between 1.1 and 2.5"),
             ("[log]\nformat = \"xml\"\n", "log.format: `xml` is not one of text, json"),
             ("[detection]\nband_hz = [700.0, 500.0]\n", "detection.band_hz"),
+            (
+                "[turret]\nlimits_by = \"A. Smith\"\nlimits_date = \"today\"\n",
+                "`today` is not a date such as",
+            ),
+            (
+                "[turret]\nlimits_by = \" \"\nlimits_date = \"2026-11-21\"\n",
+                "turret.limits_by: expected the name",
+            ),
+            ("[mtconnect]\nlisten = \"0.0.0.0:7878\"\n", "needs mtconnect.allow_remote = true"),
             ("[recorder]\nbefore_s = \"long\"\n", "c.toml:2:12: invalid type: string \"long\", expected f64"),
         ];
         for (text, expected) in cases {
@@ -534,6 +568,26 @@ mod tests {
             assert!(message.contains(expected), "{text}: {message}");
             assert_eq!(message.lines().count(), 1, "{message}");
         }
+    }
+
+    #[test]
+    fn limits_are_commissioned_by_somebody_on_some_day() {
+        let read =
+            |text: &str| service_config_from_text(Path::new("c.toml"), text).unwrap().turret.commissioned;
+        assert_eq!(read(""), None);
+        assert_eq!(read("[turret]\nlimits_by = \"A. Smith\"\n"), None, "a name alone is half of it");
+        let both = "[turret]\nlimits_by = \"A. Smith\"\nlimits_date = \"2026-11-21\"\n";
+        assert_eq!(read(both), Some(("A. Smith".into(), "2026-11-21".into())));
+        for bad in ["2026-13-01", "2026-1-01", "21-11-2026", "2026-11-21T", "2026/11/21", ""] {
+            assert!(!is_date(bad), "{bad}");
+        }
+    }
+
+    #[test]
+    #[cfg(feature = "nats")]
+    fn the_brokers_password_does_not_stand_in_the_configuration() {
+        let message = error("[fleet]\nserver = \"nats://user:secret@broker:4222\"\n");
+        assert!(message.contains("fleet.credentials") && !message.contains("secret"), "{message}");
     }
 
     #[test]

@@ -45,7 +45,7 @@ impl Role {
 #[derive(Debug, Error)]
 pub enum TokenFileError {
     /// Cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("http.tokens: {}: {source}; `stillcut token --file FILE` makes one", path.display())]
     Read {
         /// File.
         path: PathBuf,
@@ -95,12 +95,18 @@ struct Token {
     expires_ns: Option<i64>,
 }
 
-fn read_tokens(path: &Path) -> Result<Vec<Token>, TokenFileError> {
+/// Permission bits of a file of secrets that others than its owner may read; nothing where none may.
+/// Errors: it cannot be looked at.
+pub(super) fn open_to_others(path: &Path) -> std::io::Result<Option<u32>> {
     use std::os::unix::fs::PermissionsExt as _;
+    let mode = std::fs::metadata(path)?.permissions().mode() & 0o777;
+    Ok((mode & 0o077 != 0).then_some(mode))
+}
+
+fn read_tokens(path: &Path) -> Result<Vec<Token>, TokenFileError> {
     let read = |source| TokenFileError::Read { path: path.to_owned(), source };
     let content = |message: String| TokenFileError::Content { path: path.to_owned(), message };
-    let mode = std::fs::metadata(path).map_err(read)?.permissions().mode() & 0o777;
-    if mode & 0o077 != 0 {
+    if let Some(mode) = open_to_others(path).map_err(read)? {
         return Err(TokenFileError::Open { path: path.to_owned(), mode });
     }
     let text = std::fs::read_to_string(path).map_err(read)?;
@@ -155,13 +161,9 @@ const GUESS_WINDOW: Duration = Duration::from_secs(60);
 const GUESSES: usize = 5;
 /// Most addresses remembered; beyond it the oldest are forgotten.
 const ADDRESSES: usize = 4096;
-/// How often the token file is looked at for changes.
-const RELOAD: Duration = Duration::from_secs(1);
-
 struct Loaded {
     tokens: Vec<Token>,
     changed: Option<(i64, i64)>,
-    looked: Instant,
 }
 
 /// The tokens and the memory of wrong ones.
@@ -192,7 +194,7 @@ impl Access {
     pub fn load(file: Option<&Path>, trust_loopback: bool) -> Result<Self, TokenFileError> {
         let tokens = file.map(read_tokens).transpose()?.unwrap_or_default();
         let changed = file.and_then(changed);
-        let loaded = Loaded { tokens, changed, looked: crate::service::clock::now() };
+        let loaded = Loaded { tokens, changed };
         Ok(Self {
             file: file.map(Path::to_owned),
             trust_loopback,
@@ -207,19 +209,19 @@ impl Access {
         !self.loaded.lock().unwrap_or_else(PoisonError::into_inner).tokens.is_empty()
     }
 
-    /// Takes a changed file into use; a damaged one changes nothing and is logged.
-    fn refresh(&self, loaded: &mut Loaded, now: Instant) {
+    /// Takes a changed file into use; a damaged one changes nothing and is logged. Reads the disk: not for
+    /// the thread that answers requests.
+    pub fn refresh(&self) {
         let Some(file) = &self.file else { return };
-        if now.duration_since(loaded.looked) < RELOAD {
-            return;
-        }
-        loaded.looked = now;
+        let lock = || self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
         let changed = changed(file);
-        if changed == loaded.changed {
+        if changed == lock().changed {
             return;
         }
+        let read = read_tokens(file);
+        let mut loaded = lock();
         loaded.changed = changed;
-        match read_tokens(file) {
+        match read {
             Ok(tokens) => loaded.tokens = tokens,
             Err(error) => tracing::error!(event = "token_file", "{error}; the tokens in force stay"),
         }
@@ -230,7 +232,7 @@ impl Access {
             return Verdict::Known(self.without_token(address));
         };
         let token = value.to_str().ok().and_then(bearer).unwrap_or_default();
-        if let Some(caller) = self.find(token, wall_ns, now) {
+        if let Some(caller) = self.find(token, wall_ns) {
             return Verdict::Known(caller);
         }
         if self.count_guess(address, now) { Verdict::BadToken } else { Verdict::RateLimited }
@@ -245,10 +247,9 @@ impl Access {
         }
     }
 
-    fn find(&self, text: &str, wall_ns: i64, now: Instant) -> Option<Caller> {
+    fn find(&self, text: &str, wall_ns: i64) -> Option<Caller> {
         let digest: [u8; 32] = Sha256::digest(text.as_bytes()).into();
-        let mut loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
-        self.refresh(&mut loaded, now);
+        let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
         let valid =
             |t: &&Token| t.expires_ns.is_none_or(|e| wall_ns < e) && bool::from(t.digest.ct_eq(&digest));
         let token = loaded.tokens.iter().find(valid)?;
@@ -387,12 +388,12 @@ mod tests {
         let mode = |m| std::fs::set_permissions(file.path(), std::fs::Permissions::from_mode(m)).unwrap();
         // Others can read it: the old ones stay in force until the mode is mended, without any further touch.
         mode(0o644);
-        let soon = now + Duration::from_secs(2);
-        assert!(matches!(access.judge(&with(&one), FAR, 0, soon), Verdict::Known(_)));
+        access.refresh();
+        assert!(matches!(access.judge(&with(&one), FAR, 0, now), Verdict::Known(_)));
         std::thread::sleep(Duration::from_millis(20));
         mode(0o600);
-        let later = now + Duration::from_secs(4);
-        assert!(matches!(access.judge(&with(&two), FAR, 0, later), Verdict::Known(_)));
-        assert_eq!(access.judge(&with(&one), FAR, 0, later), Verdict::BadToken, "revoked");
+        access.refresh();
+        assert!(matches!(access.judge(&with(&two), FAR, 0, now), Verdict::Known(_)));
+        assert_eq!(access.judge(&with(&one), FAR, 0, now), Verdict::BadToken, "revoked");
     }
 }

@@ -107,17 +107,36 @@ fn if_match(headers: &HeaderMap) -> Result<u64, Problem> {
     text.parse().map_err(|_| stale())
 }
 
+/// Why somebody takes the turret back, where there is time for words.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TakeBackBody {
+    /// One sentence for the record; without it the record says that none was given.
+    #[schema(
+        example = "surface looks wrong",
+        min_length = 1,
+        max_length = 500,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
+    #[serde(default = "no_reason")]
+    reason: String,
+}
+
+fn no_reason() -> String {
+    "no reason given".to_owned()
+}
+
 /// Take the turret back: equal pitch and `observe`, within one control cycle. Done and answered also while
 /// the history cannot be written; an `Idempotency-Key` changes nothing.
 #[utoipa::path(post, path = "/api/v1/override", tag = "control",
-    operation_id = "takeBack", request_body = ReasonBody,
+    operation_id = "takeBack", request_body = TakeBackBody,
     security(("token" = [])),
     responses((status = 200, description = "The mode now", body = ModeView),
         Refused))]
 pub(super) async fn take_back(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,
-    body: Result<Body<ReasonBody>, Problem>,
+    body: Result<Body<TakeBackBody>, Problem>,
 ) -> Result<Response, Problem> {
     caller.require(Role::Operator)?;
     let origin = origin(&caller, &body?.0.reason)?;

@@ -1,23 +1,46 @@
 //! Diagnosis jobs over HTTP.
 
-use super::events::origin;
-use super::extract::{Body, Named};
+use super::events::{next_header, origin};
+use super::extract::{Asked, Body, Named};
 use super::problem::{Problem, Refused};
+use super::recordings::page_size;
 use super::{Caller, Role, Site};
 use crate::service::DiagnosisView;
 use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use serde::Deserialize;
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 
-/// All diagnoses since the start, newest first.
+/// Paging.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct DiagnosisQuery {
+    /// `next-cursor` of the page before.
+    cursor: Option<String>,
+    /// Diagnoses a page, 1 to 1000; 1000 when not given.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<usize>,
+}
+
+/// The last hundred diagnoses, newest first. A page that is not the last carries the header `next-cursor`.
 #[utoipa::path(get, path = "/api/v1/diagnoses", tag = "diagnosis", operation_id = "listDiagnoses",
-    responses((status = 200, description = "All jobs", body = Vec<DiagnosisView>),
+    params(DiagnosisQuery),
+    responses((status = 200, description = "One page", body = Vec<DiagnosisView>,
+            headers(("next-cursor" = String, description = "Cursor of the next page, where there is one"))),
         Refused))]
-pub(super) async fn list(State(site): State<Site>) -> Json<Vec<DiagnosisView>> {
-    Json(site.handle.diagnoses().list())
+pub(super) async fn list(
+    State(site): State<Site>,
+    Asked(query): Asked<DiagnosisQuery>,
+) -> Result<Response, Problem> {
+    let limit = page_size(query.limit)?;
+    let before = query.cursor.unwrap_or_default();
+    let (page, more) = site.handle.diagnoses().page(before, limit).await;
+    let last = page.last().filter(|_| more);
+    let next = last.and_then(|view| HeaderValue::from_str(&view.id).ok());
+    Ok((next_header(next), Json(page)).into_response())
 }
 
 /// What to diagnose.
@@ -68,7 +91,7 @@ pub(super) async fn one(
     State(site): State<Site>,
     Named(id): Named<String>,
 ) -> Result<Json<DiagnosisView>, Problem> {
-    let found = site.handle.diagnoses().get(&id);
+    let found = site.handle.diagnoses().whole(&id).await;
     found.map(Json).ok_or_else(|| Problem::not_found("there is no such diagnosis"))
 }
 

@@ -6,7 +6,7 @@ use super::{Caller, Role, Site};
 use crate::service::{AuditRow, EventFilter, MAX_PAGE, Origin, clock};
 use crate::telemetry::{Event, EventKind, Severity};
 use axum::extract::State;
-use axum::http::{HeaderMap, header};
+use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use serde::{Deserialize, Serialize};
@@ -187,29 +187,30 @@ pub(super) async fn list(
     let form = Form::of(&query, &headers);
     let page = site.handle.events(&filter_from(query)?).await?;
     let next = page.next;
+    let cursor = || next_header(next.map(HeaderValue::from));
     let views = || page.events.iter().map(EventView::from).collect::<Vec<_>>();
     Ok(match form {
         Form::Json => Json(EventPageView { events: views(), next }).into_response(),
         Form::Csv => {
             let kind = [(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")];
-            (kind, next_header(next), csv_text(&views())).into_response()
+            (kind, cursor(), csv_text(&views())).into_response()
         }
         Form::Parquet => {
             let bytes = site.handle.events_parquet(page.events).await?;
-            ([(header::CONTENT_TYPE, PARQUET)], next_header(next), bytes).into_response()
+            ([(header::CONTENT_TYPE, PARQUET)], cursor(), bytes).into_response()
         }
     })
 }
 
 /// Where the body has no place for the cursor of the next page.
-fn next_header(next: Option<i64>) -> HeaderMap {
-    let value = next.map(axum::http::HeaderValue::from);
-    value.into_iter().map(|v| (header::HeaderName::from_static("next-cursor"), v)).collect()
+pub(super) fn next_header(next: Option<HeaderValue>) -> HeaderMap {
+    next.into_iter().map(|v| (header::HeaderName::from_static("next-cursor"), v)).collect()
 }
 
 fn csv_text(events: &[EventView]) -> String {
     let mut out = String::from(
-        "sequence,time,kind,severity,axis,t_s,frequency_hz,power_n2,pitch_difference_rad,text\n",
+        "sequence,time,kind,severity,axis,t_s,frequency_hz,power_n2,pitch_difference_rad,text,id,\
+         acknowledged_by,acknowledged_at,silenced_until\n",
     );
     let number = |v: Option<f64>| v.map_or_else(String::new, |v| v.to_string());
     for e in events {
@@ -224,6 +225,10 @@ fn csv_text(events: &[EventView]) -> String {
             number(e.power_n2),
             number(e.pitch_difference_rad),
             csv_field(&e.text),
+            e.id.clone(),
+            csv_field(e.acknowledged_by.as_deref().unwrap_or_default()),
+            e.acknowledged_at.clone().unwrap_or_default(),
+            e.silenced_until.clone().unwrap_or_default(),
         ];
         out.push_str(&fields.join(","));
         out.push('\n');

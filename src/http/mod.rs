@@ -53,7 +53,7 @@ pub(crate) struct PeerAddress(pub(crate) SocketAddr);
 #[derive(Debug)]
 pub struct Shared {
     handle: Handle,
-    access: Access,
+    access: Arc<Access>,
     hosts: Vec<String>,
     streams: Arc<Semaphore>,
     exports: Arc<Semaphore>,
@@ -123,7 +123,7 @@ pub fn description() -> utoipa::openapi::OpenApi {
 }
 
 /// The whole site over a running service. `hosts`: names beside loopback's that `Host` may carry.
-pub fn router(handle: Handle, access: Access, hosts: Vec<String>) -> Router {
+pub fn router(handle: Handle, access: Arc<Access>, hosts: Vec<String>) -> Router {
     let site = Arc::new(Shared {
         handle,
         access,
@@ -173,11 +173,21 @@ async fn gate(State(site): State<Site>, mut request: Request, next: Next) -> Res
         Err(problem) => problem.at(&path).into_response(),
     };
     secure(&path, &mut response);
+    count_refusal(&site, response.status());
     let code = response.status().as_u16().to_string();
     let route = if route.starts_with("/api/{") { "/api" } else { route.as_str() };
     let seconds = begun.elapsed().as_secs_f64();
     site.handle.metrics().http_request_duration_seconds.with_label_values(&[route, &code]).observe(seconds);
     response
+}
+
+fn count_refusal(site: &Shared, status: StatusCode) {
+    let metrics = site.handle.metrics();
+    match status {
+        StatusCode::FORBIDDEN => metrics.security_events.with_label_values(&["forbidden"]).inc(),
+        StatusCode::PAYLOAD_TOO_LARGE => metrics.http_refused.with_label_values(&["body_too_large"]).inc(),
+        _ => {}
+    }
 }
 
 fn address_of(request: &Request) -> IpAddr {

@@ -1,27 +1,66 @@
 //! Black-box recordings over HTTP.
 
-use super::events::{ReasonBody, origin};
-use super::extract::{Body, Named};
+use super::events::{ReasonBody, next_header, origin};
+use super::extract::{Asked, Body, Named};
 use super::problem::{Problem, Refused};
 use super::{Caller, Role, Site};
 use crate::service::{RecordingInfo, ReplayView, TextForm};
 use axum::body::Bytes;
 use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use tokio::io::AsyncReadExt as _;
 use tokio::sync::OwnedSemaphorePermit;
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 
-/// Stored recordings, newest first.
+/// Filters and paging.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct RecordingQuery {
+    /// `next-cursor` of the page before.
+    cursor: Option<i64>,
+    /// Recordings a page, 1 to 1000; 1000 when not given.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<usize>,
+    /// Only those whose name begins with this word, for example `chatter_onset`.
+    kind: Option<String>,
+}
+
+/// Most entries of a page of recordings or diagnoses.
+pub(super) const PAGE: usize = 1000;
+
+/// Entries a page. Errors: none or too many are asked for.
+pub(super) fn page_size(asked: Option<usize>) -> Result<usize, Problem> {
+    match asked.unwrap_or(PAGE) {
+        limit @ 1..=PAGE => Ok(limit),
+        _ => Err(Problem::bad_request("invalid_query", "limit is not what was expected")
+            .with_field("query/limit", "expected 1 to 1000")),
+    }
+}
+
+/// Stored recordings, newest first. A page that is not the last carries the header `next-cursor`.
 #[utoipa::path(get, path = "/api/v1/recordings", tag = "history", operation_id = "listRecordings",
-    responses((status = 200, description = "All recordings", body = Vec<RecordingInfo>),
+    params(RecordingQuery),
+    responses((status = 200, description = "One page", body = Vec<RecordingInfo>,
+            headers(("next-cursor" = i64, description = "Cursor of the next page, where there is one"))),
         Refused))]
-pub(super) async fn list(State(site): State<Site>) -> Result<Json<Vec<RecordingInfo>>, Problem> {
-    Ok(Json(site.handle.recordings()?))
+pub(super) async fn list(
+    State(site): State<Site>,
+    Asked(query): Asked<RecordingQuery>,
+) -> Result<Response, Problem> {
+    let limit = page_size(query.limit)?;
+    let mut found = site.handle.recordings().await?;
+    let word = |r: &RecordingInfo| r.id.split('-').next().map(str::to_owned);
+    found.retain(|r| {
+        query.cursor.is_none_or(|c| r.written_ns < c) && (query.kind.is_none() || word(r) == query.kind)
+    });
+    let next = found.get(limit).and(found.get(limit - 1)).map(|last| HeaderValue::from(last.written_ns));
+    found.truncate(limit);
+    Ok((next_header(next), Json(found)).into_response())
 }
 
 /// Name of a recording that will be there shortly.
@@ -61,7 +100,7 @@ pub(super) async fn download(
     State(site): State<Site>,
     Named(id): Named<String>,
 ) -> Result<Response, Problem> {
-    let path = site.handle.recording_path(&id)?;
+    let path = site.handle.recording_file(&id).await?;
     let seat = take_seat(&site)?;
     let file = tokio::fs::File::open(&path).await.map_err(|_| Problem::not_found("the recording is gone"))?;
     let bytes = file.metadata().await.map_or(0, |m| m.len());
@@ -89,7 +128,7 @@ async fn text_file(site: &Site, id: &str, form: TextForm) -> Result<Response, Pr
         TextForm::Csv => ("text/csv; charset=utf-8; header=present", "csv"),
         TextForm::Json => ("application/json", "json"),
     };
-    site.handle.recording_path(id)?;
+    site.handle.recording_file(id).await?;
     let seat = take_seat(site)?;
     let pieces = site.handle.recording_text(id, form).await?;
     let stream = tokio_stream::wrappers::ReceiverStream::new(pieces);
@@ -138,7 +177,7 @@ pub(super) async fn replay(
     State(site): State<Site>,
     Named(id): Named<String>,
 ) -> Result<Json<ReplayView>, Problem> {
-    site.handle.recording_path(&id)?;
+    site.handle.recording_file(&id).await?;
     let _seat = take_seat(&site)?;
     Ok(Json(site.handle.replay(&id).await?))
 }

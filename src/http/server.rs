@@ -1,6 +1,7 @@
 //! The accept loop: caps, head deadline, TLS, and an end that does not wait for idle listeners.
 
 use super::PeerAddress;
+use super::access::open_to_others;
 use super::seats::{Activity, Prompt, Seats, WRITE_DEADLINE};
 use crate::telemetry::Metrics;
 use axum::Router;
@@ -46,6 +47,14 @@ pub enum TlsError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// Others than the owner may read the key.
+    #[error("http.key: {}: mode {mode:03o} lets others read it; expected 600", path.display())]
+    Open {
+        /// File.
+        path: PathBuf,
+        /// Permission bits.
+        mode: u32,
+    },
     /// The file holds no certificate or key.
     #[error("{}: no {what} in PEM form; expected lines from -----BEGIN on", path.display())]
     Missing {
@@ -74,8 +83,12 @@ pub fn tls_acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, TlsEr
     if chain.is_empty() {
         return Err(TlsError::Missing { path: certificate.to_owned(), what: "certificate" });
     }
+    let unreadable = |source| TlsError::Read { path: key.to_owned(), source };
+    if let Some(mode) = open_to_others(key).map_err(unreadable)? {
+        return Err(TlsError::Open { path: key.to_owned(), mode });
+    }
     let key_der = rustls_pemfile::private_key(&mut open(key)?)
-        .map_err(|source| TlsError::Read { path: key.to_owned(), source })?
+        .map_err(unreadable)?
         .ok_or_else(|| TlsError::Missing { path: key.to_owned(), what: "private key" })?;
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let unusable = |source| TlsError::Unusable { path: certificate.to_owned(), source };

@@ -16,8 +16,10 @@ use tokio_stream::wrappers::ReceiverStream;
 
 /// Messages that may wait for one slow client; beyond it the client is told what it missed.
 const AHEAD: usize = 16;
-/// Most missed events that are sent again on reconnection.
+/// Missed events that are read at once on reconnection.
 const RESUME: i64 = 500;
+/// Rounds of that; who missed more is told how many lie between.
+const ROUNDS: usize = 40;
 
 /// Live data: `state` and `force` ten times a second, `spectrum` columns, and every stored `event` with
 /// its place as id. With `Last-Event-ID` the events in between come first.
@@ -73,15 +75,29 @@ async fn resume(handle: &Handle, place: i64, out: &Out) -> Option<i64> {
     let Ok(page) = handle.events(&newest).await else { return Some(0) };
     // A place beyond the end is of another history: this one was begun anew.
     let place = place.min(page.events.first().map_or(0, |e| e.sequence));
-    let filter =
-        EventFilter { cursor: Some(place), ascending: true, limit: RESUME, ..EventFilter::default() };
+    let newest = page.events.first().map_or(0, |e| e.sequence);
     let mut sent = place;
-    for event in handle.events(&filter).await.map(|p| p.events).unwrap_or_default() {
-        sent = event.sequence;
-        let data = serde_json::to_string(&EventView::from(&event)).unwrap_or_default();
-        out.send(Ok(Sse::default().id(sent.to_string()).event("event").data(data))).await.ok()?;
+    for _ in 0..ROUNDS {
+        let filter =
+            EventFilter { cursor: Some(sent), ascending: true, limit: RESUME, ..EventFilter::default() };
+        let Ok(page) = handle.events(&filter).await else { break };
+        for event in &page.events {
+            sent = event.sequence;
+            let data = serde_json::to_string(&EventView::from(event)).unwrap_or_default();
+            out.send(Ok(Sse::default().id(sent.to_string()).event("event").data(data))).await.ok()?;
+        }
+        if page.next.is_none() {
+            return Some(sent);
+        }
     }
-    Some(sent)
+    if sent < newest {
+        out.send(Ok(lag(newest.abs_diff(sent)))).await.ok()?;
+    }
+    Some(newest)
+}
+
+fn lag(missed: u64) -> Sse {
+    Sse::default().event("lag").data(format!("{{\"missed\":{missed}}}"))
 }
 
 async fn forward(mut live: broadcast::Receiver<StreamMessage>, sent: i64, out: &Out) {
@@ -89,9 +105,7 @@ async fn forward(mut live: broadcast::Receiver<StreamMessage>, sent: i64, out: &
         let message = match live.recv().await {
             Ok(message) if message.id.is_some_and(|id| id <= sent) => continue,
             Ok(message) => sse(&message),
-            Err(broadcast::error::RecvError::Lagged(missed)) => {
-                Sse::default().event("lag").data(format!("{{\"missed\":{missed}}}"))
-            }
+            Err(broadcast::error::RecvError::Lagged(missed)) => lag(missed),
             Err(broadcast::error::RecvError::Closed) => return,
         };
         if out.send(Ok(message)).await.is_err() {

@@ -56,8 +56,13 @@ impl Announcer {
             .begin_store(event)
             .and_then(|stored| self.queue.try_send(Waiting { stored, then }).map_err(|_| StoreError::Closed));
         if queued.is_err() {
-            self.metrics.queue_dropped.with_label_values(&["store", "true"]).inc();
+            self.metrics.queue_dropped.with_label_values(&["store", "false"]).inc();
         }
+    }
+
+    /// True when the task that tells listeners has ended.
+    pub(super) fn has_ended(&self) -> bool {
+        self.queue.is_closed()
     }
 
     /// As [`Self::announce`], and waits until the event is durable.

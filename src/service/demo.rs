@@ -110,6 +110,8 @@ fn service_config(plan: &DemoPlan, folder: &std::path::Path, port: u16) -> Servi
     config.history.folder = folder.join("history");
     config.http.listen.set_port(port);
     config.http.trust_loopback = true;
+    // The virtual lathe's limits are the defaults.
+    config.turret.commissioned = Some(("the demonstration".to_owned(), "2026-11-21".to_owned()));
     config
 }
 

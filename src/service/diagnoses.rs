@@ -3,7 +3,8 @@
 //! A process can be ended, cannot take the pipeline with it, and its memory is its own.
 
 use super::clock;
-use serde::Serialize;
+use crate::recording::write_whole;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -19,7 +20,7 @@ const REMEMBERED: usize = 100;
 const LONGEST: Duration = Duration::from_secs(1800);
 
 /// Where a job stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JobState {
     /// Waits for the one before it.
@@ -33,7 +34,7 @@ pub enum JobState {
 }
 
 /// One diagnosis.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DiagnosisView {
     /// Name.
     pub id: String,
@@ -73,7 +74,10 @@ struct Inner {
     workers: Option<super::fleet::Broker>,
 }
 
-/// All jobs of this start.
+/// What a job leaves beside its result, so that the next start of the service knows it.
+const NOTE: &str = "job.json";
+
+/// The last jobs, also those of earlier starts.
 #[derive(Debug, Clone)]
 pub struct Diagnoses(Arc<Inner>);
 
@@ -82,9 +86,9 @@ impl Diagnoses {
     #[must_use]
     pub fn new(folder: &Path, program: PathBuf) -> Self {
         Self(Arc::new(Inner {
+            jobs: Mutex::new(earlier(folder)),
             folder: folder.to_owned(),
             program,
-            jobs: Mutex::default(),
             wake: tokio::sync::Notify::new(),
             #[cfg(feature = "nats")]
             workers: None,
@@ -95,9 +99,9 @@ impl Diagnoses {
     #[cfg(feature = "nats")]
     pub(super) fn by_workers(folder: &Path, program: PathBuf, broker: super::fleet::Broker) -> Self {
         Self(Arc::new(Inner {
+            jobs: Mutex::new(earlier(folder)),
             folder: folder.to_owned(),
             program,
-            jobs: Mutex::default(),
             wake: tokio::sync::Notify::new(),
             workers: Some(broker),
         }))
@@ -143,16 +147,45 @@ impl Diagnoses {
         added
     }
 
-    /// All jobs, newest first.
-    #[must_use]
-    pub fn list(&self) -> Vec<DiagnosisView> {
-        self.with(|jobs| jobs.iter().rev().map(Job::now).collect())
+    /// Jobs older than the one named `before`, newest first, with their results, and whether there are more.
+    pub async fn page(&self, before: String, limit: usize) -> (Vec<DiagnosisView>, bool) {
+        let mut found: Vec<DiagnosisView> = self.with(|jobs| {
+            let older = jobs.iter().rev().filter(|j| before.is_empty() || j.view.id < before);
+            older.take(limit + 1).map(Job::now).collect()
+        });
+        let more = found.len() > limit;
+        found.truncate(limit);
+        let folder = self.0.folder.clone();
+        let whole = tokio::task::spawn_blocking(move || {
+            found.into_iter().map(|view| with_result(&folder, view)).collect()
+        });
+        (whole.await.unwrap_or_default(), more)
     }
 
-    /// One job.
+    /// One job with its result.
+    pub async fn whole(&self, id: &str) -> Option<DiagnosisView> {
+        let (view, folder) = (self.get(id)?, self.0.folder.clone());
+        tokio::task::spawn_blocking(move || with_result(&folder, view)).await.ok()
+    }
+
+    /// One job; what an earlier start found stands in its file alone.
     #[must_use]
     pub fn get(&self, id: &str) -> Option<DiagnosisView> {
         self.with(|jobs| jobs.iter().find(|j| j.view.id == id).map(Job::now))
+    }
+
+    /// Leaves word of a job for the next start. A disk that refuses is told and changes nothing now.
+    pub(super) fn note(&self, view: &DiagnosisView) -> tokio::task::JoinHandle<()> {
+        let (folder, view) = (self.0.folder.join(&view.id), view.clone());
+        tokio::task::spawn_blocking(move || {
+            let written = std::fs::create_dir_all(&folder).map_err(|e| e.to_string()).and_then(|()| {
+                let bytes = serde_json::to_vec(&view).map_err(|e| e.to_string())?;
+                write_whole(&folder.join(NOTE), &bytes).map_err(|e| e.to_string())
+            });
+            if let Err(error) = written {
+                tracing::warn!(event = "diagnosis_note", "{}: {error}", folder.display());
+            }
+        })
     }
 
     /// `report.html` of a job that is done.
@@ -209,9 +242,41 @@ impl Diagnoses {
                 }
                 Some(job.view.clone())
             });
-            finished.into_iter().for_each(&done);
+            if let Some(view) = finished {
+                self.note(&view);
+                done(view);
+            }
         }
     }
+}
+
+/// Jobs that earlier starts left, oldest first; one that was not done then is not done.
+fn earlier(folder: &Path) -> VecDeque<Job> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut names: Vec<PathBuf> = entries.map(|e| e.path().join(NOTE)).collect();
+    names.sort_unstable();
+    let newest = names.len().saturating_sub(REMEMBERED);
+    names.iter().skip(newest).filter_map(|path| read_note(path)).map(ended).collect()
+}
+
+fn read_note(path: &Path) -> Option<DiagnosisView> {
+    serde_json::from_slice(&std::fs::read(path).ok()?).ok()
+}
+
+fn ended(mut view: DiagnosisView) -> Job {
+    if matches!(view.state, JobState::Queued | JobState::Running) {
+        let what = "the service ended before this was done; ask for it again";
+        (view.state, view.error) = (JobState::Failed, Some(what.to_owned()));
+    }
+    view.result = None; // read again when somebody asks
+    Job { view, files: Vec::new(), began: None }
+}
+
+fn with_result(folder: &Path, view: DiagnosisView) -> DiagnosisView {
+    let there = view.result.is_some() || view.state != JobState::Done;
+    let result =
+        if there { view.result } else { read_note(&folder.join(&view.id).join(NOTE)).and_then(|v| v.result) };
+    DiagnosisView { result, ..view }
 }
 
 impl Job {
@@ -295,7 +360,37 @@ pub(super) fn run_task(
 
 #[cfg(test)]
 mod tests {
-    use super::last_progress;
+    use super::*;
+
+    #[test]
+    fn a_diagnosis_survives_a_restart_with_its_result() {
+        let folder = tempfile::tempdir().unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+        let ids: Vec<String> = runtime.block_on(async {
+            let before = Diagnoses::new(folder.path(), "none".into());
+            let mut done = before.add(vec!["r".into()], vec![]).unwrap();
+            (done.state, done.result) =
+                (JobState::Done, Some(serde_json::json!({"verdict": "model_adequate"})));
+            before.note(&done).await.unwrap();
+            clock::sleep(Duration::from_millis(5)); // names order by the millisecond
+            let waiting = before.add(vec!["s".into()], vec![]).unwrap();
+            before.note(&waiting).await.unwrap();
+            vec![done.id, waiting.id]
+        });
+        drop(runtime);
+        let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+        let after = Diagnoses::new(folder.path(), "none".into());
+        let (page, more) = runtime.block_on(after.page(String::new(), 1));
+        assert_eq!((page.len(), more, &page[0].id), (1, true, &ids[1]));
+        assert!(
+            page[0].state == JobState::Failed && page[0].error.as_ref().unwrap().contains("ask for it again")
+        );
+        let (page, more) = runtime.block_on(after.page(ids[1].clone(), 1));
+        assert_eq!((more, &page[0].id), (false, &ids[0]));
+        assert_eq!(page[0].result.as_ref().unwrap()["verdict"], "model_adequate");
+        assert!(after.report_path(&ids[0]).is_some(), "its report is one click away as before");
+        assert_eq!(runtime.block_on(after.whole(&ids[0])).unwrap().result, page[0].result);
+    }
 
     #[test]
     fn the_last_word_on_progress_counts() {

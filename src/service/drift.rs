@@ -73,15 +73,15 @@ pub(super) fn start(
     config: Arc<ServiceConfig>,
     metrics: Arc<Metrics>,
     found: impl Fn(Mismatch) + Send + 'static,
-) -> std::io::Result<SyncSender<Feed>> {
+) -> std::io::Result<(SyncSender<Feed>, std::thread::JoinHandle<()>)> {
     let (send, feeds) = sync_channel(WAITING);
-    std::thread::Builder::new().name("drift".into()).spawn(move || {
+    let thread = std::thread::Builder::new().name("drift".into()).spawn(move || {
         super::priority::step_back();
         metrics.stage_up.with_label_values(&["drift"]).set(1);
         compare(&feeds, &config, (&metrics, &found));
         metrics.stage_up.with_label_values(&["drift"]).set(0);
     })?;
-    Ok(send)
+    Ok((send, thread))
 }
 
 fn compare(feeds: &Receiver<Feed>, config: &ServiceConfig, (metrics, found): (&Metrics, &impl Fn(Mismatch))) {

@@ -72,7 +72,7 @@ impl Drop for Scratch {
 }
 
 /// Runs blocking work; a panic in it is an answer.
-async fn blocking<T: Send + 'static>(
+pub(super) async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, String> + Send + 'static,
 ) -> Result<T, OperationError> {
     let done = tokio::task::spawn_blocking(work).await;
@@ -98,7 +98,7 @@ impl Handle {
         id: &str,
         form: TextForm,
     ) -> Result<mpsc::Receiver<std::io::Result<Vec<u8>>>, OperationError> {
-        let path = self.recording_path(id)?;
+        let path = self.recording_file(id).await?;
         let recording = blocking(move || read_recording(&path).map_err(|e| e.to_string())).await?;
         let (send, receive) = mpsc::channel(PIECES);
         let runtime = tokio::runtime::Handle::current();
@@ -118,7 +118,7 @@ impl Handle {
     /// A recording through the pipeline again, in a process of its own at low priority, with the
     /// configuration in force. Errors: there is none of that name; one line why it cannot be played.
     pub async fn replay(&self, id: &str) -> Result<ReplayView, OperationError> {
-        let (recording, id) = (self.recording_path(id)?, id.to_owned());
+        let (recording, id) = (self.recording_file(id).await?, id.to_owned());
         let settings = &self.0.settings;
         let (below, config) = (settings.history.folder.clone(), settings.file.clone());
         let program = self.diagnoses().program().to_owned();
@@ -141,6 +141,8 @@ fn write_events(path: &Path, events: &[Event]) -> Result<(), String> {
     let severity = texts(|e| e.kind.severity().word().to_owned());
     let axis = texts(|e| e.axis.clone().unwrap_or_default());
     let text = texts(|e| e.text.clone());
+    let by = texts(|e| e.acknowledged_by.clone().unwrap_or_default());
+    let at = texts(|e| e.acknowledged_ns.map_or_else(String::new, super::clock::rfc3339));
     let (t_s, frequency_hz) = (numbers(|e| e.t_s), numbers(|e| e.frequency_hz));
     let (power_n2, pitch) = (numbers(|e| e.power_n2), numbers(|e| e.pitch_difference_rad));
     let columns = vec![
@@ -155,6 +157,8 @@ fn write_events(path: &Path, events: &[Event]) -> Result<(), String> {
         ("power_n2", TableColumn::OptionalDouble(&power_n2)),
         ("pitch_difference_rad", TableColumn::OptionalDouble(&pitch)),
         ("text", TableColumn::Text(&text)),
+        ("acknowledged_by", TableColumn::Text(&by)),
+        ("acknowledged_at", TableColumn::Text(&at)),
     ];
     let metadata = vec![("format".to_owned(), "stillcut.history/1".to_owned())];
     write_table(path, &Table { columns, metadata }).map_err(|e| e.to_string())

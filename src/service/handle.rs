@@ -237,7 +237,7 @@ impl Handle {
             Ok(Ok(_)) => true,
             Ok(Err(error)) => {
                 tracing::error!(event = "audit_lost", action, actor = origin.actor, outcome, "{error}");
-                self.0.metrics.queue_dropped.with_label_values(&["store", "true"]).inc();
+                self.0.metrics.queue_dropped.with_label_values(&["store", "false"]).inc();
                 false
             }
             Err(_) => false, // it waits in the queue
@@ -347,15 +347,30 @@ impl Handle {
         self.ask(|done| Control::SaveRecording { word: "manual", reason: origin.reason, done }).await
     }
 
-    /// Stored recordings, newest first.
-    pub fn recordings(&self) -> Result<Vec<RecordingInfo>, OperationError> {
-        Ok(self.0.recordings.list()?)
+    /// Stored recordings, newest first. The disk is read on a thread that may wait for it.
+    pub async fn recordings(&self) -> Result<Vec<RecordingInfo>, OperationError> {
+        let recordings = self.0.recordings.clone();
+        let listed = tokio::task::spawn_blocking(move || recordings.list()).await;
+        Ok(listed.map_err(|e| OperationError::Unsuitable(e.to_string()))??)
+    }
+
+    /// [`Self::recording_path`] on a thread that may wait for the disk.
+    pub async fn recording_file(&self, id: &str) -> Result<PathBuf, OperationError> {
+        let (handle, id) = (self.clone(), id.to_owned());
+        let found = tokio::task::spawn_blocking(move || handle.recording_path(&id)).await;
+        found.map_err(|e| OperationError::Unsuitable(e.to_string()))?
     }
 
     /// File of one recording.
     pub fn recording_path(&self, id: &str) -> Result<PathBuf, OperationError> {
         let found = self.0.recordings.path(id);
         found.ok_or_else(|| OperationError::NotFound(format!("there is no recording {id}")))
+    }
+
+    /// Tells an event that arose outside the pipeline; it is stored in its turn.
+    pub(super) fn tell(&self, kind: EventKind, text: String) {
+        let event = Event { id: clock::new_id(), ..Event::new(kind, clock::wall_ns(), text) };
+        self.0.announcer.announce(event, super::announcer::Then::Nothing);
     }
 
     /// Stores an event that arose outside the pipeline.

@@ -1,22 +1,20 @@
 //! Fans out what the pipeline thread reports: picture, stream, metrics, history.
 //!
 //! The pipeline thread never waits for any of it: it offers reports to a bounded queue, and this task
-//! takes them to listeners, disk and counters at their own pace.
+//! takes them to listeners, history and counters at their own pace. It waits for no disk either
+//! (see `upkeep`).
 
 use super::announcer::{Announcer, Then};
 use super::clock;
 use super::handle::StreamMessage;
-use super::live::{LiveState, NOTICE, SpectrumView, StoreView};
-use super::store_watch::StoreWatch;
-use crate::store::{EventFilter, FILE_NAME, StoreReader, StoreWriter};
-use crate::telemetry::{Event, EventKind, Metrics};
+use super::live::{LiveState, NOTICE, SpectrumView};
+use super::upkeep::Kept;
+use crate::telemetry::{Event, Metrics};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
-use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::sync::{broadcast, mpsc, watch};
 
 /// Force of every axis over one report: smallest and largest value of each of its slices.
@@ -84,73 +82,34 @@ pub(super) struct Outlets {
     pub(super) announcer: Announcer,
 }
 
-/// The history and what is known of it.
-pub(super) struct History {
-    pub(super) writer: StoreWriter,
-    pub(super) reader: StoreReader,
-    pub(super) folder: PathBuf,
-    pub(super) replaced: Option<String>,
-}
-
-/// Slow things (file sizes, open alarms, retention) are looked at this often.
-const SLOW: Duration = Duration::from_secs(1);
-const PRUNE_EVERY: u32 = 600;
-
-/// A step of the wall clock that is told, s.
-const STEP_S: f64 = 30.0;
-/// After a step nothing is removed by age for this long: the clock may be set right again.
-const NO_PRUNING: Duration = Duration::from_secs(86_400);
-
 /// The task.
 pub(super) struct Hub {
     outlets: Outlets,
-    history: History,
     metrics: Arc<Metrics>,
-    store_view: StoreView,
-    open_alarms: u64,
-    last_commits: i64,
-    store_watch: StoreWatch,
+    kept: watch::Receiver<Kept>,
     frames: u64,
-    clocks: (Instant, i64),
-    prune_after: Option<Instant>,
 }
 
+/// How often the length of the queue is looked at.
+const LOOK: Duration = Duration::from_secs(1);
+
 impl Hub {
-    pub(super) fn new(
-        outlets: Outlets,
-        history: History,
-        metrics: Arc<Metrics>,
-        store_view: StoreView,
-    ) -> Self {
-        let store_watch = StoreWatch::new(Arc::clone(history.writer.gauges()));
-        Self {
-            outlets,
-            history,
-            metrics,
-            store_view,
-            open_alarms: 0,
-            last_commits: 0,
-            store_watch,
-            frames: 0,
-            clocks: (clock::now(), clock::wall_ns()),
-            prune_after: None,
-        }
+    /// `kept`: what the upkeep says of the history.
+    pub(super) fn new(outlets: Outlets, metrics: Arc<Metrics>, kept: watch::Receiver<Kept>) -> Self {
+        Self { outlets, metrics, kept, frames: 0 }
     }
 
     /// Runs until the pipeline thread has ended and all of its reports are dealt with.
     pub(super) async fn run(mut self, mut reports: mpsc::Receiver<Report>) {
-        let mut slow = tokio::time::interval(SLOW);
-        slow.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-        let mut ticks = 0_u32;
+        let mut look = tokio::time::interval(LOOK);
+        look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             tokio::select! {
                 report = reports.recv() => match report {
                     Some(report) => self.take(report),
                     None => break,
                 },
-                _ = slow.tick() => {
-                    ticks = ticks.wrapping_add(1);
-                    self.look_around(ticks.is_multiple_of(PRUNE_EVERY)).await;
+                _ = look.tick() => {
                     self.metrics.queue_depth.with_label_values(&["reports"]).set(depth(&reports));
                 }
             }
@@ -173,8 +132,8 @@ impl Hub {
         view.state.notice = NOTICE.to_owned();
         view.state.time = clock::rfc3339(wall_ns);
         view.state.time_ns = wall_ns;
-        view.state.store = self.store_view.clone();
-        view.state.open_alarms = self.open_alarms;
+        let kept = self.kept.borrow().clone();
+        (view.state.store, view.state.open_alarms) = (kept.store, kept.open_alarms);
         self.frames += 1;
         if self.outlets.stream.receiver_count() > 0 {
             self.send("force", &view.force);
@@ -192,69 +151,6 @@ impl Hub {
     fn send(&self, kind: &'static str, value: &impl Serialize) {
         let data = serde_json::to_string(value).unwrap_or_default();
         let _ = self.outlets.stream.send(StreamMessage { id: None, kind, data: data.into() });
-    }
-
-    /// A wall clock that jumps makes everything look old or young: nothing is removed by age for a day.
-    fn compare_clocks(&mut self) {
-        let (now, wall_ns) = (clock::now(), clock::wall_ns());
-        let (then, then_ns) = std::mem::replace(&mut self.clocks, (now, wall_ns));
-        let passed_s = now.duration_since(then).as_secs_f64();
-        let step_s = (wall_ns.saturating_sub(then_ns)) as f64 * 1e-9 - passed_s;
-        if step_s.abs() > STEP_S {
-            self.prune_after = Some(now + NO_PRUNING);
-            let text = format!("the wall clock jumped by {step_s:.0} s; nothing is removed by age for a day");
-            let event = Event { id: clock::new_id(), ..Event::new(EventKind::ClockStep, wall_ns, text) };
-            self.outlets.announcer.announce(event, Then::Nothing);
-        }
-    }
-
-    async fn look_around(&mut self, prune: bool) {
-        self.compare_clocks();
-        let prune = prune && self.prune_after.is_none_or(|after| clock::now() >= after);
-        let gauges = self.history.writer.gauges();
-        let waiting = gauges.waiting.load(Ordering::Relaxed) as u64;
-        // A disk that hangs fails no write: nothing gets done either way.
-        let failing = gauges.failures.load(Ordering::Relaxed) > 0 || !self.store_watch.writable(clock::now());
-        let commits = gauges.commits.load(Ordering::Relaxed);
-        let size = |suffix: &str| {
-            let path = self.history.folder.join(format!("{FILE_NAME}{suffix}"));
-            std::fs::metadata(path).map_or(0, |m| m.len())
-        };
-        let (bytes, wal) = (size(""), size("-wal"));
-        self.store_view = StoreView {
-            healthy: !failing,
-            unpersisted: waiting,
-            bytes,
-            replaced: self.history.replaced.clone(),
-        };
-        self.metrics.events_unpersisted.set(i64::try_from(waiting).unwrap_or(i64::MAX));
-        self.metrics
-            .queue_depth
-            .with_label_values(&["store"])
-            .set(i64::try_from(waiting).unwrap_or(i64::MAX));
-        self.metrics.store_bytes.set(i64::try_from(bytes).unwrap_or(i64::MAX));
-        self.metrics.wal_bytes.set(i64::try_from(wal).unwrap_or(i64::MAX));
-        self.metrics.stage_up.with_label_values(&["store"]).set(i64::from(!failing));
-        if commits != self.last_commits {
-            self.last_commits = commits;
-            self.metrics.last_commit_timestamp_seconds.set(clock::wall_s());
-        }
-        if !failing {
-            self.count_alarms().await;
-        }
-        if prune && !failing {
-            let writer = self.history.writer.clone();
-            tokio::spawn(async move { writer.prune(clock::wall_ns()).await });
-        }
-    }
-
-    async fn count_alarms(&mut self) {
-        let filter = EventFilter { unacknowledged_alarms: true, limit: 200, ..EventFilter::default() };
-        let now = clock::wall_ns();
-        if let Ok(page) = self.history.reader.page(&filter).await {
-            let loud = |e: &&Event| e.silenced_until_ns.is_none_or(|until| until < now);
-            self.open_alarms = page.events.iter().filter(loud).count() as u64;
-        }
     }
 }
 

@@ -7,6 +7,7 @@
 
 use crate::avoidance::account::{Look, LookWriter, MOST_BYTES};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Bytes of one page: some four hundred looks.
 const PAGE: usize = 16 * 1024;
@@ -26,11 +27,17 @@ pub(super) struct Page {
     newest_s: Option<f64>,
 }
 
+impl Page {
+    fn fresh() -> Self {
+        Self { state: Vec::with_capacity(STATE), looks: Vec::with_capacity(PAGE), newest_s: None }
+    }
+}
+
 /// What is kept.
 #[derive(Debug)]
 pub(super) struct Ledger {
-    pages: VecDeque<Page>,
-    spare: Vec<Page>,
+    pages: VecDeque<Arc<Page>>,
+    spare: Vec<Arc<Page>>,
     writer: LookWriter,
 }
 
@@ -39,32 +46,33 @@ impl Ledger {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub(super) fn new(seconds: f64) -> Self {
         let count = ((seconds * BYTES_1_S / PAGE as f64).ceil() as usize + 1).clamp(2, 1600);
-        let page =
-            || Page { state: Vec::with_capacity(STATE), looks: Vec::with_capacity(PAGE), ..Page::default() };
         Self {
             pages: VecDeque::with_capacity(count),
-            spare: (0..count).map(|_| page()).collect(),
+            spare: (0..count).map(|_| Arc::new(Page::fresh())).collect(),
             writer: LookWriter::default(),
         }
     }
 
     /// Call before the decision: a page begins where the last is full, with the state that `keep` writes.
     pub(super) fn before(&mut self, keep: impl FnOnce(&mut Vec<u64>)) {
-        if self.pages.back().is_some_and(|p| p.looks.len() + MOST_BYTES <= PAGE) {
+        // A page that is being written to disk is full too: what follows does not touch it.
+        let goes_on = |p: &Arc<Page>| p.looks.len() + MOST_BYTES <= PAGE && Arc::strong_count(p) == 1;
+        if self.pages.back().is_some_and(goes_on) {
             return;
         }
-        let Some(mut page) = self.spare.pop().or_else(|| self.pages.pop_front()) else { return };
+        let Some(next) = self.spare.pop().or_else(|| self.pages.pop_front()) else { return };
+        let mut page = Arc::into_inner(next).unwrap_or_else(Page::fresh);
         page.state.clear();
         page.looks.clear();
         page.newest_s = None;
         keep(&mut page.state);
         self.writer.begin();
-        self.pages.push_back(page);
+        self.pages.push_back(Arc::new(page));
     }
 
     /// Takes the look that was just made.
     pub(super) fn push(&mut self, look: &Look) {
-        let Some(page) = self.pages.back_mut() else { return };
+        let Some(page) = self.pages.back_mut().and_then(Arc::get_mut) else { return };
         self.writer.write(look, &mut page.looks);
         page.newest_s = look.t_s.or(page.newest_s);
     }
@@ -74,14 +82,14 @@ impl Ledger {
         self.spare.extend(self.pages.drain(..));
     }
 
-    /// A copy of everything, oldest first.
-    pub(super) fn snapshot(&self) -> Vec<Page> {
+    /// Everything, oldest first; nothing is copied.
+    pub(super) fn snapshot(&self) -> Vec<Arc<Page>> {
         self.pages.iter().cloned().collect()
     }
 }
 
 /// The pages with looks at samples from `first_s` on.
-pub(super) fn pages_since(pages: &[Page], first_s: f64) -> &[Page] {
+pub(super) fn pages_since(pages: &[Arc<Page>], first_s: f64) -> &[Arc<Page>] {
     let begin = pages.iter().position(|p| p.newest_s.is_some_and(|t| t >= first_s));
     begin.and_then(|i| pages.get(i..)).unwrap_or_default()
 }

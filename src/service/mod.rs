@@ -31,6 +31,7 @@ mod recordings;
 pub mod stability;
 mod start;
 mod store_watch;
+mod upkeep;
 pub mod virtual_lathe;
 
 pub use crate::store::{AuditRow, EventFilter, EventPage, MAX_PAGE};

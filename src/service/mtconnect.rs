@@ -21,6 +21,8 @@ const PATIENCE: Duration = Duration::from_secs(30);
 const LOOK: Duration = Duration::from_millis(100);
 /// Longest line of an agent.
 const LINE: usize = 128;
+/// A picture that does not change for this long is of no machine that runs.
+const OLD: Duration = Duration::from_secs(2);
 /// A value that moved less than this fraction is the same.
 const SAME: f64 = 1e-3;
 
@@ -28,8 +30,8 @@ const SAME: f64 = 1e-3;
 type Item = (&'static str, String);
 
 /// Text of all data items.
-fn items(state: &LiveState) -> Vec<Item> {
-    if !state.source.connected {
+fn items(state: &LiveState, old: bool) -> Vec<Item> {
+    if old || !state.source.connected {
         let words = ["chatter", "chatter_frequency", "pitch", "mode"];
         let mut all: Vec<Item> = words.iter().map(|w| (*w, "UNAVAILABLE".to_owned())).collect();
         all.push(("chatter_condition", "UNAVAILABLE||||".to_owned()));
@@ -99,6 +101,7 @@ async fn agent(handle: Handle, mut stream: TcpStream, address: SocketAddr) -> st
     let mut look = tokio::time::interval(LOOK);
     let (mut sent, mut line, mut byte) = (Vec::new(), Vec::new(), [0; 64]);
     let mut heard = clock::now();
+    let mut picture = (0, heard);
     loop {
         let text = tokio::select! {
             count = read.read(&mut byte) => {
@@ -110,7 +113,11 @@ async fn agent(handle: Handle, mut stream: TcpStream, address: SocketAddr) -> st
                 take(&mut line, &byte[..count])
             }
             _ = look.tick() => {
-                let now = items(&handle.state());
+                let state = handle.state();
+                if state.time_ns != picture.0 {
+                    picture = (state.time_ns, clock::now());
+                }
+                let now = items(&state, clock::now().duration_since(picture.1) > OLD);
                 let text = changes(&sent, &now, &clock::rfc3339(clock::wall_ns()));
                 sent = now;
                 text
@@ -150,13 +157,14 @@ mod tests {
     #[test]
     fn silence_is_unavailable_and_only_changes_are_told() {
         let mut state = LiveState::default();
-        let silent = items(&state);
+        let silent = items(&state, false);
         assert!(silent.iter().all(|(_, value)| value.starts_with("UNAVAILABLE")));
         state.source.connected = true;
         state.chatter.state = "chatter".into();
         state.chatter.frequency_hz = Some(652.4);
         state.pitch.reported_rad = Some(5.52_f64.to_radians());
-        let loud = items(&state);
+        let loud = items(&state, false);
+        assert!(items(&state, true) == silent, "an old picture is no news");
         let text = changes(&silent, &loud, "2026-11-21T08:00:00.000Z");
         assert!(text.contains("2026-11-21T08:00:00.000Z|chatter|ACTIVE\n"), "{text}");
         assert!(text.contains("|chatter_frequency|652\n") && text.contains("|pitch|5.520\n"), "{text}");

@@ -27,7 +27,7 @@ pub(super) struct Job {
     /// Digest of the settings of the turret decision.
     pub(super) turret_settings: u64,
     /// Looks at the turret decision, oldest first.
-    pub(super) pages: Vec<Page>,
+    pub(super) pages: Vec<Arc<Page>>,
 }
 
 /// How it went, for the history.
@@ -71,7 +71,11 @@ fn work(
                     format!("{seconds:.1} s saved as {} ({})", job.id, job.reason),
                 );
             }
-            Err(error) => {
+            Err(Unsaved::TooShort(what)) => {
+                metrics.recordings.with_label_values(&["too_short"]).inc();
+                tracing::info!(event = "recording_too_short", "{what}");
+            }
+            Err(Unsaved::Failed(error)) => {
                 metrics.recordings.with_label_values(&["failed"]).inc();
                 metrics.stage_up.with_label_values(&["recorder"]).set(0);
                 outcome(EventKind::RecordingFailed, error);
@@ -84,14 +88,24 @@ fn work(
     }
 }
 
+/// Why there is no file.
+enum Unsaved {
+    /// There was next to nothing: no fault.
+    TooShort(String),
+    /// The disk refused.
+    Failed(String),
+}
+
 /// Writes one; where the disk is full the oldest recordings go first. Answers its length in s.
-fn save(recordings: &Recordings, job: &Job) -> Result<f64, String> {
+fn save(recordings: &Recordings, job: &Job) -> Result<f64, Unsaved> {
+    let failed = |what: String| Unsaved::Failed(format!("{}: {what}", job.id));
     let chunks = last_unbroken(&job.chunks);
     let samples: Vec<&ServoSample> = chunks.iter().flat_map(|c| &c.samples).collect();
     if samples.len() < SHORTEST {
-        return Err(format!("{}: only {} samples without a gap, nothing to save", job.id, samples.len()));
+        let what = format!("{}: only {} samples without a gap, nothing to save", job.id, samples.len());
+        return Err(Unsaved::TooShort(what));
     }
-    let evidence = evidence(job, chunks).map_err(|e| format!("{}: {e}", job.id))?;
+    let evidence = evidence(job, chunks).map_err(|e| failed(e.to_string()))?;
     let recording = Recording {
         sample_rate: job.sample_rate,
         experiment: job.reason.clone(),
@@ -100,12 +114,12 @@ fn save(recordings: &Recordings, job: &Job) -> Result<f64, String> {
         start_s: samples.first().map_or(0.0, |s| s.t_s),
         metadata: [job.metadata.clone(), evidence.metadata()].concat(),
     };
-    let target = recordings.target(&job.id).ok_or_else(|| format!("{} is not a name", job.id))?;
+    let target = recordings.target(&job.id).ok_or_else(|| failed("is not a name".to_owned()))?;
     loop {
         match write_recording(&target, &recording) {
             Ok(()) => return Ok(recording.len() as f64 / recording.sample_rate.hz()),
             Err(error) if is_full(&error) && recordings.remove_oldest() => {}
-            Err(error) => return Err(error.to_string()),
+            Err(error) => return Err(Unsaved::Failed(error.to_string())),
         }
     }
 }

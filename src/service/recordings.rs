@@ -28,6 +28,8 @@ pub struct RecordingInfo {
     pub bytes: u64,
     /// When it was written, RFC 3339.
     pub written_at: String,
+    /// The same in ns since 1970.
+    pub written_ns: i64,
 }
 
 /// The folder.
@@ -80,17 +82,12 @@ impl Recordings {
             if id.starts_with('.') {
                 continue; // being written
             }
-            found.push((
-                wall_ns_of(&info),
-                RecordingInfo {
-                    id: id.to_owned(),
-                    bytes: info.len(),
-                    written_at: super::clock::rfc3339(wall_ns_of(&info)),
-                },
-            ));
+            let written_ns = wall_ns_of(&info);
+            let written_at = super::clock::rfc3339(written_ns);
+            found.push(RecordingInfo { id: id.to_owned(), bytes: info.len(), written_at, written_ns });
         }
-        found.sort_by(|a, b| b.0.cmp(&a.0).then_with(|| b.1.id.cmp(&a.1.id)));
-        Ok(found.into_iter().map(|(_, info)| info).collect())
+        found.sort_by(|a, b| b.written_ns.cmp(&a.written_ns).then_with(|| b.id.cmp(&a.id)));
+        Ok(found)
     }
 
     /// Removes what the limits say, oldest first; answers how many went.
@@ -101,8 +98,7 @@ impl Recordings {
         let oldest = list.len().saturating_sub(AGED_AT_ONCE);
         for (place, info) in list.iter().enumerate() {
             total = total.saturating_add(info.bytes);
-            let written = super::clock::parse_rfc3339(&info.written_at).unwrap_or(now_ns);
-            let old = now_ns.saturating_sub(written) > limits.max_age_ns && place >= oldest;
+            let old = now_ns.saturating_sub(info.written_ns) > limits.max_age_ns && place >= oldest;
             if (old || total > limits.max_bytes) && self.remove(&info.id) {
                 total = total.saturating_sub(info.bytes);
                 removed += 1;

@@ -4,15 +4,16 @@ use super::announcer::{Announcer, Then};
 use super::control::{Control, Origin};
 use super::diagnoses::{Diagnoses, DiagnosisView, JobState};
 use super::handle::{Handle, Inner, OperationError, ShownConfig, StreamMessage};
-use super::hub::{History, Hub, Outlets};
+use super::hub::{Hub, Outlets};
 use super::live::{LiveState, SpectrumView, StoreView};
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
 use super::stability::CurveCache;
 use super::store_watch::StoreWatch;
+use super::upkeep::{History, Kept, Upkeep};
 use super::{clock, drift, engine, mtconnect, recorder};
-use crate::config::service::ServiceConfig;
+use crate::config::service::{ServiceConfig, TurretConfig};
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
-use crate::store::{OpenReport, Retention, StoreError, StoreReader, StoreWriter};
+use crate::store::{AuditEntry, OpenReport, Retention, StoreError, StoreReader, StoreWriter};
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::{Domain, TransportError};
 use sha2::{Digest as _, Sha256};
@@ -81,6 +82,9 @@ const REPORTS: usize = 256;
 const CONTROLS: usize = 64;
 /// Stream messages a slow listener may be behind: about four seconds.
 const STREAM: usize = 256;
+/// A row of the audit record with a long reason; together they take a quarter of the history at most.
+const AUDIT_ROW_BYTES: u64 = 1000;
+const LEAST_AUDIT_ROWS: u64 = 10_000;
 /// How long stopping may take before what is left is abandoned.
 const STOP_DEADLINE: Duration = Duration::from_secs(3);
 
@@ -89,9 +93,12 @@ const STOP_DEADLINE: Duration = Duration::from_secs(3);
 pub struct Running {
     handle: Handle,
     runtime: tokio::runtime::Runtime,
+    records: tokio::runtime::Runtime,
     engine: JoinHandle<()>,
     recorder: JoinHandle<()>,
+    drift: JoinHandle<()>,
     hub: tokio::task::JoinHandle<()>,
+    upkeep: tokio::task::JoinHandle<()>,
     http: tokio::task::JoinHandle<()>,
     control: mpsc::Sender<Control>,
     writer: StoreWriter,
@@ -103,20 +110,28 @@ pub struct Running {
 pub fn start(config: ServiceConfig) -> Result<Running, ServiceError> {
     let config = Arc::new(config);
     let lock = lock_state(&config.history.folder)?;
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(1)
-        .thread_name("http")
-        .on_thread_start(super::priority::step_back)
-        .enable_all()
-        .build()
-        .map_err(|source| ServiceError::Files { path: "worker thread".into(), source })?;
+    // What must be on record before a command goes does not stand in line behind requests.
+    let records = worker("records", || {})?;
+    let runtime = worker("http", super::priority::step_back)?;
     let metrics = Arc::new(Metrics::new(&stream_axes(&config), clock::wall_s())?);
-    let retention = Retention { max_age_ns: config.history.max_age_ns, max_bytes: config.history.max_bytes };
+    let retention = Retention {
+        max_age_ns: config.history.max_age_ns,
+        max_bytes: config.history.max_bytes,
+        audit_rows: (config.history.max_bytes / (4 * AUDIT_ROW_BYTES)).max(LEAST_AUDIT_ROWS),
+        outbox: config.fleet.is_some(),
+    };
     let opening =
         StoreWriter::start(&config.history.folder, retention, Arc::clone(&metrics), clock::wall_ns());
-    let (writer, reader, report) = runtime.block_on(opening)?;
-    let parts = Parts { config, lock, runtime, metrics, writer, reader, report };
+    let (writer, reader, report) = records.block_on(opening)?;
+    let parts = Parts { config, lock, runtime, records, metrics, writer, reader, report };
     parts.start()
+}
+
+/// A runtime with one thread.
+fn worker(name: &str, begins: fn()) -> Result<tokio::runtime::Runtime, ServiceError> {
+    let mut builder = tokio::runtime::Builder::new_multi_thread();
+    let built = builder.worker_threads(1).thread_name(name).on_thread_start(begins).enable_all().build();
+    built.map_err(|source| ServiceError::Files { path: format!("thread {name}").into(), source })
 }
 
 /// Axes that get their series before the first sample.
@@ -141,7 +156,10 @@ fn lock_state(folder: &Path) -> Result<File, ServiceError> {
 struct Parts {
     config: Arc<ServiceConfig>,
     lock: File,
+    /// Requests.
     runtime: tokio::runtime::Runtime,
+    /// Reports of the pipeline and the history.
+    records: tokio::runtime::Runtime,
     metrics: Arc<Metrics>,
     writer: StoreWriter,
     reader: StoreReader,
@@ -163,6 +181,7 @@ impl Parts {
         let (control, controls) = mpsc::channel(CONTROLS);
         let announcer = self.start_announcer((stream.clone(), control.clone()));
         let (recordings, recorder_queue, recorder) = self.start_recorder(announcer.clone())?;
+        let (drift_feeds, drift) = self.start_drift((announcer.clone(), control.clone()))?;
         let (reports, reported) = mpsc::channel(REPORTS);
         let progress = Arc::new(AtomicU64::new(0));
         let engine = engine::start(engine::Setup {
@@ -173,7 +192,7 @@ impl Parts {
             reports,
             controls,
             recorder: recorder_queue,
-            drift: self.start_drift((announcer.clone(), control.clone()))?,
+            drift: drift_feeds,
             metrics: Arc::clone(&self.metrics),
             progress: Arc::clone(&progress),
             store: StoreWatch::new(Arc::clone(self.writer.gauges())),
@@ -182,7 +201,12 @@ impl Parts {
         let (state, watched_state) = watch::channel(Arc::new(LiveState::default()));
         let (spectrum, watched_spectrum) = watch::channel(Arc::new(SpectrumView::default()));
         let outlets = Outlets { state, spectrum, stream: stream.clone(), announcer: announcer.clone() };
-        let hub = self.runtime.spawn(self.hub(outlets).run(reported));
+        let unseen = Kept { store: StoreView { healthy: true, ..StoreView::default() }, open_alarms: 0 };
+        let (kept, watched_kept) = watch::channel(unseen);
+        let hub = Hub::new(outlets, Arc::clone(&self.metrics), watched_kept);
+        let hub = self.records.spawn(hub.run(reported));
+        let upkeep = self.upkeep(announcer.clone(), (recordings.clone(), recording_limits(&config)), kept);
+        let upkeep = self.runtime.spawn(upkeep.run());
         let handle = Handle(Arc::new(Inner {
             address,
             state: watched_state,
@@ -214,9 +238,12 @@ impl Parts {
         Ok(Running {
             handle,
             runtime: self.runtime,
+            records: self.records,
             engine,
             recorder,
+            drift,
             hub,
+            upkeep,
             http,
             control,
             writer: self.writer,
@@ -231,7 +258,7 @@ impl Parts {
     }
 
     fn start_announcer(&self, ends: (broadcast::Sender<StreamMessage>, mpsc::Sender<Control>)) -> Announcer {
-        let _inside = self.runtime.enter();
+        let _inside = self.records.enter();
         Announcer::start(self.writer.clone(), Arc::clone(&self.metrics), ends)
     }
 
@@ -241,24 +268,26 @@ impl Parts {
         listener: TcpListener,
         (access, tls): (Access, Option<TlsAcceptor>),
     ) -> tokio::task::JoinHandle<()> {
+        let access = Arc::new(access);
+        self.runtime.spawn(refresh_tokens(Arc::clone(&access), handle.stopping()));
         let site = router(handle.clone(), access, self.config.http.hosts.clone());
         self.runtime.spawn(serve(listener, site, tls, (Arc::clone(&self.metrics), handle.stopping())))
     }
 
-    fn hub(&self, outlets: Outlets) -> Hub {
-        let replaced = self.report.damage.as_ref().map(|d| d.moved_to.display().to_string());
+    fn upkeep(
+        &self,
+        announcer: Announcer,
+        recordings: (Recordings, RecordingLimits),
+        kept: watch::Sender<Kept>,
+    ) -> Upkeep {
         let history = History {
             writer: self.writer.clone(),
             reader: self.reader.clone(),
             folder: self.config.history.folder.clone(),
-            replaced,
+            replaced: self.report.damage.as_ref().map(|d| d.moved_to.display().to_string()),
+            unchecked: self.report.unchecked,
         };
-        Hub::new(
-            outlets,
-            history,
-            Arc::clone(&self.metrics),
-            StoreView { healthy: true, ..StoreView::default() },
-        )
+        Upkeep { history, recordings, announcer, metrics: Arc::clone(&self.metrics), kept }
     }
 
     fn start_recorder(
@@ -267,10 +296,7 @@ impl Parts {
     ) -> Result<(Recordings, std::sync::mpsc::SyncSender<recorder::Job>, JoinHandle<()>), ServiceError> {
         let folder = self.config.history.folder.join("recordings");
         let recordings = Recordings::open(&folder)?;
-        let limits = RecordingLimits {
-            max_bytes: self.config.recorder.max_bytes,
-            max_age_ns: self.config.recorder.max_age_ns,
-        };
+        let limits = recording_limits(&self.config);
         let outcome: recorder::Outcome = Box::new(move |kind, text| {
             let event = Event { id: clock::new_id(), ..Event::new(kind, clock::wall_ns(), text) };
             announcer.announce(event, Then::Nothing);
@@ -284,7 +310,7 @@ impl Parts {
     fn start_drift(
         &self,
         (announcer, control): (Announcer, mpsc::Sender<Control>),
-    ) -> Result<std::sync::mpsc::SyncSender<drift::Feed>, ServiceError> {
+    ) -> Result<(std::sync::mpsc::SyncSender<drift::Feed>, JoinHandle<()>), ServiceError> {
         let found = move |mismatch: drift::Mismatch| {
             let (done, saved) = tokio::sync::oneshot::channel();
             let (word, reason) = (EventKind::ModelMismatch.word(), mismatch.sentence());
@@ -313,7 +339,64 @@ impl Parts {
         }
         let text = format!("stillcut {} started, epoch {}", env!("CARGO_PKG_VERSION"), self.report.epoch);
         handle.report(EventKind::ServiceStart, text).await;
+        if let Err(error) = self.tell_settings(handle).await {
+            tracing::error!(event = "settings", "{error}");
+        }
     }
+
+    /// Puts the settings on record where they are others than at the start before: with the turret's limits,
+    /// and who set them when.
+    async fn tell_settings(&self, handle: &Handle) -> Result<(), StoreError> {
+        let (hash, epoch) = (&handle.config().hash, self.report.epoch);
+        let before = self.reader.settings_before(epoch).await?;
+        if before.as_ref() != Some(hash) {
+            let short = |hash: &str| hash.chars().take(12).collect::<String>();
+            let limits = limits_in_words(&self.config.turret);
+            if let Some(before) = &before {
+                let text = format!("the settings were {}, are {}; {limits}", short(before), short(hash));
+                handle.report(EventKind::ConfigChanged, text).await;
+            }
+            let entry = AuditEntry {
+                wall_ns: clock::wall_ns(),
+                actor: "service".into(),
+                role: "service".into(),
+                action: "settings".into(),
+                detail: format!("SHA-256 {hash}; {limits}"),
+            };
+            self.writer.audit(entry).await?;
+        }
+        self.writer.note_settings(epoch, hash).await
+    }
+}
+
+/// How often the token file is looked at for changes.
+const TOKENS: Duration = Duration::from_secs(1);
+
+/// Looks at the token file on a thread that may wait for the disk.
+async fn refresh_tokens(access: Arc<Access>, stop: CancellationToken) {
+    while tokio::time::timeout(TOKENS, stop.cancelled()).await.is_err() {
+        let access = Arc::clone(&access);
+        let _ = tokio::task::spawn_blocking(move || access.refresh()).await;
+    }
+}
+
+fn recording_limits(config: &ServiceConfig) -> RecordingLimits {
+    RecordingLimits { max_bytes: config.recorder.max_bytes, max_age_ns: config.recorder.max_age_ns }
+}
+
+/// The commissioned limits for the record.
+fn limits_in_words(turret: &TurretConfig) -> String {
+    let who = match &turret.commissioned {
+        Some((by, date)) => format!("limits of the turret by {by}, {date}"),
+        None => "limits of the turret not commissioned".to_owned(),
+    };
+    format!(
+        "{who}: pitch {} rad, offsets {:?} to {:?} m, speed {:?} m/s",
+        turret.largest_pitch_difference_rad,
+        turret.lowest_offset_m,
+        turret.highest_offset_m,
+        turret.speed_m_s
+    )
 }
 
 #[cfg(feature = "nats")]
@@ -371,10 +454,19 @@ impl Running {
         self.progress.load(Ordering::Relaxed)
     }
 
-    /// True when the pipeline thread has ended by itself, which it never should.
+    /// A part that has ended by itself, which none ever should: the service is then to be started anew.
     #[must_use]
-    pub fn has_failed(&self) -> bool {
-        self.engine.is_finished()
+    pub fn failed_part(&self) -> Option<&'static str> {
+        let parts = [
+            ("pipeline", self.engine.is_finished()),
+            ("recorder", self.recorder.is_finished()),
+            ("comparison with the model", self.drift.is_finished()),
+            ("hub", self.hub.is_finished()),
+            ("upkeep", self.upkeep.is_finished()),
+            ("HTTP", self.http.is_finished()),
+            ("history", self.writer.has_ended() || self.handle.0.announcer.has_ended()),
+        ];
+        parts.into_iter().find(|(_, ended)| *ended).map(|(name, _)| name)
     }
 
     /// Waits for something on the service's own runtime, for callers without one.
@@ -382,9 +474,11 @@ impl Running {
         self.runtime.block_on(what)
     }
 
-    /// Stops in order: no more samples, everything reported is stored, open requests end.
-    pub fn stop(self) {
-        let Self { handle, runtime, engine, recorder, hub, http, control, writer, .. } = self;
+    /// Stops in order: no more samples, everything reported is stored, open requests end. What the disk
+    /// refuses by now is kept for the next start. Answers how many writes were lost all the same.
+    pub fn stop(self) -> usize {
+        let Self { handle, runtime, records, engine, recorder, drift, .. } = self;
+        let Self { hub, upkeep, http, control, writer, .. } = self;
         let stored = async {
             // The thread may have ended already; then nobody listens.
             let _ = control.send(Control::Stop).await;
@@ -392,17 +486,25 @@ impl Running {
         runtime.block_on(async { drop(tokio::time::timeout(STOP_DEADLINE, stored).await) });
         let _ = engine.join();
         let _ = recorder.join();
-        runtime.block_on(async {
+        let _ = drift.join();
+        let gauges = Arc::clone(writer.gauges());
+        let closed = runtime.block_on(async {
             let _ = tokio::time::timeout(STOP_DEADLINE, hub).await;
-            let said = handle.report(EventKind::ServiceStop, "stopped in good order".to_owned());
-            let _ = tokio::time::timeout(STOP_DEADLINE, said).await;
+            upkeep.abort();
+            handle.tell(EventKind::ServiceStop, "stopped in good order".to_owned());
             handle.request_stop();
             let _ = tokio::time::timeout(STOP_DEADLINE, http).await;
             handle.0.reader.close().await;
-            let _ = tokio::time::timeout(STOP_DEADLINE, writer.close()).await;
+            tokio::time::timeout(STOP_DEADLINE, writer.close()).await.is_ok()
         });
+        let waiting = if closed { 0 } else { gauges.waiting.load(Ordering::Relaxed) };
+        if waiting > 0 {
+            tracing::error!(event = "store_lost", "the disk does not answer: {waiting} writes are lost");
+        }
         drop((handle, writer));
         runtime.shutdown_timeout(STOP_DEADLINE);
+        records.shutdown_timeout(STOP_DEADLINE);
+        waiting + gauges.lost.load(Ordering::Relaxed)
     }
 }
 
@@ -413,13 +515,18 @@ impl Handle {
         names: Vec<String>,
         origin: &Origin,
     ) -> Result<DiagnosisView, OperationError> {
-        let files = names.iter().map(|n| self.recording_path(n)).collect::<Result<Vec<_>, _>>()?;
+        let mut files = Vec::with_capacity(names.len());
+        for name in &names {
+            files.push(self.recording_file(name).await?);
+        }
         if self.model().is_none() {
             let what = "machine.model is not configured: there is no model to start from";
             return Err(OperationError::Unsuitable(what.to_owned()));
         }
         self.audit(origin, "start_diagnosis", &names.join(", ")).await?;
         let added = self.diagnoses().add(names, files);
-        added.ok_or_else(|| OperationError::Busy("eight diagnoses wait already".to_owned()))
+        let added = added.ok_or_else(|| OperationError::Busy("eight diagnoses wait already".to_owned()))?;
+        self.diagnoses().note(&added);
+        Ok(added)
     }
 }

@@ -82,6 +82,58 @@ pub(super) async fn append(
     Ok(sequence)
 }
 
+/// Action of the row that says that older ones were removed.
+const PRUNED: &str = "audit_pruned";
+/// Rows removed at once.
+const PRUNE_ROWS: i64 = 10_000;
+
+/// Last row that was removed and its hash, where the retention removed any.
+async fn chain_begin(connection: &mut SqliteConnection) -> Result<Option<(i64, Vec<u8>)>, sqlx::Error> {
+    let exists = "SELECT count(*) FROM sqlite_master WHERE name = 'audit_begin'";
+    let count: i64 = sqlx::query(exists).fetch_one(&mut *connection).await?.try_get(0)?;
+    if count == 0 {
+        return Ok(None); // a history of an earlier version
+    }
+    let row = sqlx::query("SELECT sequence, hash FROM audit_begin").fetch_optional(connection).await?;
+    row.map(|r| Ok((r.try_get(0)?, r.try_get(1)?))).transpose()
+}
+
+/// Removes the oldest rows beyond `keep`; the chain then begins behind them, and a row of it says so.
+/// Answers how many went.
+pub(super) async fn prune(
+    connection: &mut SqliteConnection,
+    keep: u64,
+    now_ns: i64,
+) -> Result<u64, sqlx::Error> {
+    let ends = "SELECT coalesce(min(sequence), 1), coalesce(max(sequence), 0) FROM audit";
+    let row = sqlx::query(ends).fetch_one(&mut *connection).await?;
+    let (first, last): (i64, i64) = (row.try_get(0)?, row.try_get(1)?);
+    let keep = i64::try_from(keep).unwrap_or(i64::MAX);
+    let surplus = (last - first + 1).saturating_sub(keep);
+    // One row is added for what is removed: a surplus of one would never end.
+    if surplus <= 1 {
+        return Ok(0);
+    }
+    let cut = first + surplus.min(PRUNE_ROWS) - 1;
+    let hash = sqlx::query("SELECT hash FROM audit WHERE sequence = ?").bind(cut);
+    let hash: Vec<u8> = hash.fetch_one(&mut *connection).await?.try_get(0)?;
+    let detail =
+        format!("rows up to {cut} were removed by the retention; the last had the hash {}", hex(&hash));
+    let entry = AuditEntry {
+        wall_ns: now_ns,
+        actor: "service".into(),
+        role: "service".into(),
+        action: PRUNED.into(),
+        detail,
+    };
+    append(connection, &entry).await?;
+    let begin = "INSERT INTO audit_begin (one, sequence, hash) VALUES (1, ?, ?) \
+         ON CONFLICT (one) DO UPDATE SET sequence = excluded.sequence, hash = excluded.hash";
+    sqlx::query(begin).bind(cut).bind(hash).execute(&mut *connection).await?;
+    let removed = sqlx::query("DELETE FROM audit WHERE sequence <= ?").bind(cut).execute(connection).await?;
+    Ok(removed.rows_affected())
+}
+
 fn row(row: &sqlx::sqlite::SqliteRow) -> Result<(AuditRow, Vec<u8>), sqlx::Error> {
     let entry = AuditEntry {
         wall_ns: row.try_get("wall_ns")?,
@@ -104,8 +156,10 @@ pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<Audit
     let connect =
         SqliteConnection::connect_with(&SqliteConnectOptions::new().filename(path).read_only(true)).await;
     let mut connection = connect.map_err(fail)?;
-    let (mut previous, mut last) = (Vec::new(), 0_i64);
-    let mut noted_seen = noted.is_none();
+    let begin = chain_begin(&mut connection).await.map_err(fail)?;
+    let (mut last, mut previous) = begin.clone().unwrap_or_default();
+    // Where older rows were removed, a row of the chain says so.
+    let (mut noted_seen, mut begin_seen) = (noted.is_none(), begin.is_none());
     loop {
         let rows = sqlx::query(SELECT).bind(last).fetch_all(&mut connection).await.map_err(fail)?;
         if rows.is_empty() {
@@ -118,9 +172,15 @@ pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<Audit
             if !follows {
                 return Ok(AuditVerdict::Broken { sequence: found.sequence });
             }
+            begin_seen = begin_seen
+                || found.entry.action == PRUNED
+                    && begin.as_ref().is_some_and(|(_, h)| found.entry.detail.ends_with(&hex(h)));
             noted_seen = noted_seen || noted.is_some_and(|n| n.eq_ignore_ascii_case(&hex(&hash)));
             (last, previous) = (found.sequence, hash);
         }
+    }
+    if !begin_seen {
+        return Ok(AuditVerdict::Broken { sequence: begin.map_or(1, |(sequence, _)| sequence + 1) });
     }
     if !noted_seen {
         return Ok(AuditVerdict::HeadMissing { rows: last });

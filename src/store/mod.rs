@@ -7,12 +7,13 @@
 mod audit;
 mod open;
 mod query;
+mod reserve;
 mod writer;
 
 pub use audit::{AuditEntry, AuditRow, AuditVerdict, verify_audit_file};
 pub use open::{Damage, OpenReport, migrations};
 pub use query::{EventFilter, EventPage, MAX_PAGE};
-pub use writer::{Retention, StoreWriter, WriterGauges};
+pub use writer::{Removed, Retention, StoreWriter, WriterGauges};
 
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,

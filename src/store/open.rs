@@ -23,6 +23,8 @@ pub struct OpenReport {
     pub damage: Option<Damage>,
     /// Set when an older schema was copied before it was changed.
     pub copy: Option<PathBuf>,
+    /// The file is too large to be read whole before the service starts: to be checked behind it.
+    pub unchecked: bool,
 }
 
 /// Every migration, oldest first. A test compares the list with the folder.
@@ -32,6 +34,7 @@ pub fn migrations() -> Vec<(i64, &'static str, &'static str)> {
         (1, "history", include_str!("../../migrations/0001_history.sql")),
         (2, "audit", include_str!("../../migrations/0002_audit.sql")),
         (3, "outbox", include_str!("../../migrations/0003_outbox.sql")),
+        (4, "upkeep", include_str!("../../migrations/0004_upkeep.sql")),
     ]
 }
 
@@ -46,6 +49,7 @@ fn migrator() -> Migrator {
 /// `wall_ns` names files and the start. Errors: no access, disk full, newer schema.
 pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, OpenReport), StoreError> {
     let mut damage = None;
+    let unchecked = !must_be_checked(path);
     let (mut connection, copy) = match try_open(path, wall_ns).await {
         Ok(opened) => opened,
         Err(error) if is_damage(&error) => {
@@ -66,18 +70,50 @@ pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection,
         .fetch_one(&mut connection)
         .await;
     let epoch = row.map_err(fail)?.get(0);
-    Ok((connection, OpenReport { epoch, damage, copy }))
+    let unchecked = unchecked && damage.is_none();
+    Ok((connection, OpenReport { epoch, damage, copy, unchecked }))
+}
+
+/// Largest file that is checked whole at every start: a third of a second.
+const CHECKED_BYTES: u64 = 32 << 20;
+
+fn suffixed(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(suffix);
+    PathBuf::from(name)
+}
+
+/// Stands beside a history in which damage was seen: the next start checks it whole, however large it is.
+fn suspect(path: &Path) -> PathBuf {
+    suffixed(path, ".suspect")
+}
+
+/// Notes that damage was seen. A disk that refuses this too shows it again at the next start.
+pub(super) fn mark_suspect(path: &Path) {
+    if let Err(error) = std::fs::write(suspect(path), "damage was seen; checked whole at the next start\n") {
+        tracing::warn!(event = "suspect", "{}: {error}", suspect(path).display());
+    }
+}
+
+fn must_be_checked(path: &Path) -> bool {
+    let bytes = |suffix: &str| std::fs::metadata(suffixed(path, suffix)).map_or(0, |m| m.len());
+    suspect(path).exists() || bytes("") + bytes("-wal") <= CHECKED_BYTES
+}
+
+/// Reads every page. Errors: damage, or no access.
+pub(super) async fn check_whole(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+    let row = sqlx::query("PRAGMA quick_check(1)").fetch_one(connection).await?;
+    let verdict: String = row.try_get(0)?;
+    if verdict == "ok" { Ok(()) } else { Err(sqlx::Error::Protocol(format!("{QUICK_CHECK}: {verdict}"))) }
 }
 
 async fn try_open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, Option<PathBuf>), StoreError> {
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
     let mut connection =
         SqliteConnection::connect_with(&options(path).create_if_missing(true)).await.map_err(fail)?;
-    let row = sqlx::query("PRAGMA quick_check(1)").fetch_one(&mut connection).await.map_err(fail)?;
-    let verdict: String = row.try_get(0).map_err(fail)?;
-    if verdict != "ok" {
-        drop(connection);
-        return Err(fail(sqlx::Error::Protocol(format!("{QUICK_CHECK}: {verdict}"))));
+    if must_be_checked(path) {
+        check_whole(&mut connection).await.map_err(fail)?;
+        let _ = std::fs::remove_file(suspect(path)); // it was found whole
     }
     let applied = applied_versions(&mut connection).await.map_err(fail)?;
     let known = migrations();
@@ -112,7 +148,7 @@ async fn applied_versions(connection: &mut SqliteConnection) -> Result<Vec<i64>,
 }
 
 /// True for what no retry mends: malformed pages, another format, a schema that was tampered with.
-fn is_damage(error: &StoreError) -> bool {
+pub(super) fn is_damage(error: &StoreError) -> bool {
     match error {
         StoreError::Database { source: sqlx::Error::Protocol(text), .. } => text.starts_with(QUICK_CHECK),
         StoreError::Database { source, .. } => {
@@ -138,13 +174,8 @@ fn is_wrong_schema(error: &sqlx::Error) -> bool {
 
 /// Renames the file with its log and index, so that nothing of it is read again or lost.
 fn set_aside(path: &Path, wall_ns: i64, reason: &str) -> Result<Damage, StoreError> {
-    let suffixed = |base: &Path, suffix: &str| {
-        let mut name = base.as_os_str().to_owned();
-        name.push(suffix);
-        PathBuf::from(name)
-    };
     let moved_to = suffixed(path, &format!(".damaged-{wall_ns}"));
-    for suffix in ["", "-wal", "-shm"] {
+    for suffix in ["", "-wal", "-shm", ".suspect"] {
         let from = suffixed(path, suffix);
         match std::fs::rename(&from, suffixed(&moved_to, suffix)) {
             Ok(()) => {}

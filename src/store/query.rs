@@ -8,6 +8,15 @@ use sqlx::{QueryBuilder, Row as _, Sqlite};
 /// Most events of one page.
 pub const MAX_PAGE: i64 = 1000;
 
+/// An alarm that nobody acknowledged: word for word the condition of the index `event_open_alarm`.
+pub(super) const OPEN_ALARM: &str = "acknowledged_ns IS NULL AND kind IN ('chatter_onset', \
+     'command_failed', 'source_lost', 'fault', 'invariant_violation', 'history_replaced', \
+     'history_damaged')";
+/// With the index of these alone, whatever the planner thinks; refused where the condition does not fit.
+const OPEN_INDEX: &str = " INDEXED BY event_open_alarm";
+/// Open alarms are counted up to here.
+const COUNTED: i64 = 1000;
+
 pub(super) const COLUMNS: &str = "sequence, id, wall_ns, kind, axis, t_s, frequency_hz, power_n2, \
      pitch_difference_rad, text, acknowledged_by, acknowledged_ns, silenced_until_ns";
 
@@ -63,7 +72,11 @@ pub(super) fn event_from_row(row: &SqliteRow) -> Result<Event, sqlx::Error> {
 
 fn page_query(filter: &EventFilter) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new("SELECT ");
-    query.push(COLUMNS).push(" FROM event WHERE 1 = 1");
+    query.push(COLUMNS).push(" FROM event");
+    if filter.unacknowledged_alarms {
+        query.push(OPEN_INDEX);
+    }
+    query.push(" WHERE 1 = 1");
     if let Some(cursor) = filter.cursor {
         query.push(if filter.ascending { " AND sequence > " } else { " AND sequence < " }).push_bind(cursor);
     }
@@ -80,12 +93,7 @@ fn page_query(filter: &EventFilter) -> QueryBuilder<Sqlite> {
         query.push(" AND wall_ns <= ").push_bind(until);
     }
     if filter.unacknowledged_alarms {
-        query.push(" AND acknowledged_ns IS NULL AND kind IN (");
-        let mut words = query.separated(", ");
-        for kind in EventKind::ALL.iter().filter(|k| k.severity() == crate::telemetry::Severity::Alarm) {
-            words.push_bind(kind.word());
-        }
-        query.push(")");
+        query.push(" AND ").push(OPEN_ALARM);
     }
     query.push(if filter.ascending {
         " ORDER BY sequence ASC LIMIT "
@@ -118,6 +126,39 @@ impl StoreReader {
         row.map(|r| event_from_row(&r)).transpose().map_err(|e| self.error(e))
     }
 
+    /// How many alarms are open and not silenced, up to a thousand; reads nothing but these. Errors: the
+    /// database's.
+    pub async fn open_alarms(&self, now_ns: i64) -> Result<u64, StoreError> {
+        let text = format!(
+            "SELECT count(*) FROM (SELECT 1 FROM event{OPEN_INDEX} WHERE {OPEN_ALARM} \
+             AND (silenced_until_ns IS NULL OR silenced_until_ns < ?) LIMIT {COUNTED})"
+        );
+        let query = sqlx::query(sqlx::AssertSqlSafe(text)).bind(now_ns);
+        let row = query.fetch_one(&self.pool).await.map_err(|e| self.error(e))?;
+        let count: i64 = row.try_get(0).map_err(|e| self.error(e))?;
+        Ok(u64::try_from(count).unwrap_or(0))
+    }
+
+    /// SHA-256 of the settings of the last life before `epoch` that noted them. Errors: the database's.
+    pub async fn settings_before(&self, epoch: i64) -> Result<Option<String>, StoreError> {
+        let text = "SELECT settings FROM life WHERE epoch < ? AND settings IS NOT NULL \
+             ORDER BY epoch DESC LIMIT 1";
+        let row =
+            sqlx::query(text).bind(epoch).fetch_optional(&self.pool).await.map_err(|e| self.error(e))?;
+        row.map(|r| r.try_get(0)).transpose().map_err(|e| self.error(e))
+    }
+
+    /// Reads every page of the file; the next start checks it again where this finds damage.
+    /// Errors: damage, or no access.
+    pub async fn check_whole(&self) -> Result<(), StoreError> {
+        let mut connection = self.pool.acquire().await.map_err(|e| self.error(e))?;
+        let checked = super::open::check_whole(&mut connection).await.map_err(|e| self.error(e));
+        if checked.as_ref().is_err_and(super::open::is_damage) {
+            super::open::mark_suspect(&self.path);
+        }
+        checked
+    }
+
     /// How far a sink outside has confirmed, and how many events stand above. Errors: the database's.
     pub async fn outbox(&self, sink: &str) -> Result<(i64, i64), StoreError> {
         let confirmed = "SELECT coalesce((SELECT confirmed FROM outbox WHERE sink = ?), 0)";
@@ -126,5 +167,27 @@ impl StoreReader {
         let waiting = sqlx::query("SELECT count(*) FROM event WHERE sequence > ?").bind(confirmed);
         let row = waiting.fetch_one(&self.pool).await.map_err(|e| self.error(e))?;
         Ok((confirmed, row.try_get(0).map_err(|e| self.error(e))?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::telemetry::Severity;
+
+    #[test]
+    fn the_index_of_open_alarms_names_every_alarm() {
+        let alarms = EventKind::ALL.iter().filter(|k| k.severity() == Severity::Alarm);
+        let words: Vec<String> = alarms.map(|k| format!("'{}'", k.word())).collect();
+        let condition = |text: &str| {
+            let list = text.split("kind IN (").nth(1).unwrap().split(')').next().unwrap();
+            list.split(',').map(|w| w.trim().to_owned()).collect::<Vec<_>>()
+        };
+        let migration = super::super::migrations().into_iter().find(|(v, _, _)| *v == 4).unwrap().2;
+        for text in [OPEN_ALARM, migration] {
+            let (mut found, mut expected) = (condition(text), words.clone());
+            (found.sort(), expected.sort());
+            assert_eq!(found, expected);
+        }
     }
 }

@@ -1,13 +1,15 @@
 //! The one task that writes: whatever waits goes into one transaction, with full sync.
 
 use super::audit::{AuditEntry, append};
-use super::open::{OpenReport, open};
+use super::open::{OpenReport, mark_suspect, open};
+use super::query::OPEN_ALARM;
+use super::reserve::{Kept, Reserve};
 use super::{StoreError, StoreReader, code_of, options};
 use crate::telemetry::{Event, Metrics};
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicI64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicUsize, Ordering};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
@@ -25,6 +27,31 @@ pub struct Retention {
     pub max_age_ns: i64,
     /// The oldest events go while the file is larger.
     pub max_bytes: u64,
+    /// The oldest rows of the audit record go beyond this many.
+    pub audit_rows: u64,
+    /// Events wait for the sink outside before they go.
+    pub outbox: bool,
+}
+
+/// What a look at the retention removed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Removed {
+    /// Events, for their age.
+    pub aged: u64,
+    /// Events, because the file was too large.
+    pub oversize: u64,
+    /// Events that waited for a person or for the sink, because nothing else was left to remove.
+    pub forced: u64,
+    /// Rows of the audit record.
+    pub audit: u64,
+}
+
+impl Removed {
+    /// Whether there was as much as is removed at once: there may be more.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        self.oversize.max(self.forced) >= PRUNE_CHUNK.unsigned_abs()
+    }
 }
 
 enum Write {
@@ -33,7 +60,8 @@ enum Write {
     Silence { sequence: i64, until_ns: i64, done: oneshot::Sender<bool> },
     Audit(AuditEntry, oneshot::Sender<i64>),
     Confirm { sink: &'static str, sequence: i64, done: oneshot::Sender<bool> },
-    Prune { now_ns: i64, done: oneshot::Sender<u64> },
+    Settings { epoch: i64, hash: String, done: oneshot::Sender<bool> },
+    Prune { now_ns: i64, done: oneshot::Sender<Removed> },
     Close(oneshot::Sender<()>),
 }
 
@@ -46,6 +74,10 @@ pub struct WriterGauges {
     pub commits: AtomicI64,
     /// Consecutive failures of the transaction at hand; 0 when healthy.
     pub failures: AtomicI64,
+    /// The service ends: what cannot be stored now is kept beside the history.
+    closing: AtomicBool,
+    /// Writes that at the end could be neither stored nor kept.
+    pub lost: AtomicUsize,
 }
 
 /// Sends writes to the writing task. Clones send to the same task.
@@ -67,6 +99,7 @@ struct Task {
     retention: Retention,
     gauges: Arc<WriterGauges>,
     metrics: Arc<Metrics>,
+    reserve: Reserve,
 }
 
 impl StoreWriter {
@@ -85,7 +118,9 @@ impl StoreWriter {
         let (queue, waiting) = mpsc::channel(QUEUE);
         let gauges = Arc::new(WriterGauges::default());
         let reader = StoreReader::new(&path);
-        let task = Task { connection, path, retention, gauges: Arc::clone(&gauges), metrics };
+        let reserve = Reserve::open(folder);
+        let mut task = Task { connection, path, retention, gauges: Arc::clone(&gauges), metrics, reserve };
+        task.take_kept().await;
         tokio::spawn(task.run(waiting));
         Ok((Self { queue, gauges }, reader, report))
     }
@@ -94,6 +129,12 @@ impl StoreWriter {
     #[must_use]
     pub fn gauges(&self) -> &Arc<WriterGauges> {
         &self.gauges
+    }
+
+    /// True when the writing task has ended.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        self.queue.is_closed()
     }
 
     fn push(&self, write: Write) -> Result<(), StoreError> {
@@ -143,15 +184,24 @@ impl StoreWriter {
         outcome.await.map_err(|_| StoreError::Closed)
     }
 
-    /// Stores what waits, checkpoints and closes the file. Errors: it was closed already.
+    /// Notes the settings of a life. Durable when it returns.
+    pub async fn note_settings(&self, epoch: i64, hash: &str) -> Result<(), StoreError> {
+        let (done, outcome) = oneshot::channel();
+        self.push(Write::Settings { epoch, hash: hash.to_owned(), done })?;
+        outcome.await.map(|_| ()).map_err(|_| StoreError::Closed)
+    }
+
+    /// Stores what waits, checkpoints and closes the file; what a disk refuses by now is kept beside it for
+    /// the next start. Errors: it was closed already.
     pub async fn close(&self) -> Result<(), StoreError> {
+        self.gauges.closing.store(true, Ordering::Relaxed);
         let (done, closed) = oneshot::channel();
         self.push(Write::Close(done))?;
         closed.await.map_err(|_| StoreError::Closed)
     }
 
-    /// Removes what the retention says; answers how many events went.
-    pub async fn prune(&self, now_ns: i64) -> Result<u64, StoreError> {
+    /// Removes what the retention says; answers what went.
+    pub async fn prune(&self, now_ns: i64) -> Result<Removed, StoreError> {
         let (done, outcome) = oneshot::channel();
         self.push(Write::Prune { now_ns, done })?;
         outcome.await.map_err(|_| StoreError::Closed)
@@ -163,8 +213,11 @@ enum Answer {
     Event(Box<Event>),
     Done(bool),
     Sequence(i64),
-    Removed(u64),
+    Removed(Removed),
 }
+
+/// Tries after the end was asked for: a disk that refuses them all is not waited for.
+const LAST_TRIES: u32 = 3;
 
 impl Task {
     async fn run(mut self, mut queue: mpsc::Receiver<Write>) {
@@ -178,18 +231,19 @@ impl Task {
             {
                 batch.push(next);
             }
-            if let Some(place) = batch.iter().position(|w| matches!(w, Write::Close(_))) {
-                closing = Some(batch.remove(place));
-                queue.close();
+            closing = self.take_close(&mut batch, &mut queue);
+            let Some(answers) = self.commit_until_done(&batch).await else {
                 while let Ok(last) = queue.try_recv() {
                     batch.push(last);
                 }
-                self.gauges.waiting.fetch_sub(1, Ordering::Relaxed);
-            }
-            let Some(answers) = self.commit_until_done(&batch, &queue).await else { break };
+                closing = closing.or_else(|| self.take_close(&mut batch, &mut queue));
+                self.keep_beside(&batch);
+                break;
+            };
             self.gauges.waiting.fetch_sub(batch.len(), Ordering::Relaxed);
             answer_all(batch, answers);
         }
+        queue.close();
         let _ = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&mut self.connection).await;
         let _ = self.connection.close().await;
         if let Some(Write::Close(done)) = closing {
@@ -197,12 +251,64 @@ impl Task {
         }
     }
 
+    /// Takes the word to close out of a batch; nothing more is let in then, and what waits joins the batch.
+    fn take_close(&self, batch: &mut Vec<Write>, queue: &mut mpsc::Receiver<Write>) -> Option<Write> {
+        let place = batch.iter().position(|w| matches!(w, Write::Close(_)))?;
+        let closing = batch.remove(place);
+        queue.close();
+        while let Ok(last) = queue.try_recv() {
+            batch.push(last);
+        }
+        self.gauges.waiting.fetch_sub(1, Ordering::Relaxed);
+        Some(closing)
+    }
+
+    /// Stores what the life before kept in the reserve.
+    async fn take_kept(&mut self) {
+        let kept = self.reserve.read();
+        if kept.is_empty() {
+            return;
+        }
+        let count = kept.len();
+        let write = |one: Kept| match one.restore() {
+            Ok(event) => Write::Event(Box::new(event), oneshot::channel().0),
+            Err(entry) => Write::Audit(entry, oneshot::channel().0),
+        };
+        let batch: Vec<Write> = kept.into_iter().map(write).collect();
+        match self.commit(&batch).await {
+            Ok(_) => {
+                self.reserve.clear();
+                tracing::info!(event = "store_kept", "{count} writes of the life before are stored");
+            }
+            Err(error) => tracing::error!(event = "store_kept", "{count} writes wait: {error}"),
+        }
+    }
+
+    /// The end, and the disk refuses: events and rows of the audit record go into the reserve, and what finds
+    /// no room there is told one by one.
+    fn keep_beside(&self, batch: &[Write]) {
+        let line = |write: &Write| match write {
+            Write::Event(event, _) => Some(Kept::event(event)),
+            Write::Audit(entry, _) => Some(Kept::audit(entry)),
+            _ => None, // whoever asked for it is told that it was not done
+        };
+        let mut waiting = self.reserve.read(); // of a life before, where that could not be stored either
+        waiting.extend(batch.iter().filter_map(line));
+        let kept = self.reserve.keep(&waiting);
+        let path = self.reserve.path().display();
+        tracing::error!(event = "store_kept", "{kept} writes wait in {path} for the next start");
+        for lost in waiting.get(kept..).unwrap_or_default() {
+            let text = serde_json::to_string(lost).unwrap_or_default();
+            tracing::error!(event = "store_lost", "{text}");
+        }
+        let lost = waiting.len() - kept;
+        self.gauges.lost.fetch_add(lost, Ordering::Relaxed);
+        self.metrics.queue_dropped.with_label_values(&["store", "false"]).inc_by(lost as u64);
+    }
+
     /// Tries until it works; gives up only when the service is ending and the disk still refuses.
-    async fn commit_until_done(
-        &mut self,
-        batch: &[Write],
-        queue: &mpsc::Receiver<Write>,
-    ) -> Option<Vec<Answer>> {
+    async fn commit_until_done(&mut self, batch: &[Write]) -> Option<Vec<Answer>> {
+        let mut last_tries = 0;
         loop {
             match self.commit(batch).await {
                 Ok(answers) => {
@@ -211,18 +317,25 @@ impl Task {
                     return Some(answers);
                 }
                 Err(error) => {
-                    let code = code_of(&error);
-                    self.metrics.store_errors.with_label_values(&[code]).inc();
-                    if self.gauges.failures.fetch_add(1, Ordering::Relaxed) == 0 {
-                        tracing::error!(event = "store_failed", code, "{}: {error}", self.path.display());
-                    }
-                    if queue.is_closed() {
-                        tracing::error!(event = "store_lost", "{} writes could not be stored", batch.len());
+                    self.count_failure(&error);
+                    last_tries += u32::from(self.gauges.closing.load(Ordering::Relaxed));
+                    if last_tries >= LAST_TRIES {
                         return None;
                     }
                     tokio::time::sleep(RETRY).await;
                     self.reconnect().await;
                 }
+            }
+        }
+    }
+
+    fn count_failure(&self, error: &sqlx::Error) {
+        let code = code_of(error);
+        self.metrics.store_errors.with_label_values(&[code]).inc();
+        if self.gauges.failures.fetch_add(1, Ordering::Relaxed) == 0 {
+            tracing::error!(event = "store_failed", code, "{}: {error}", self.path.display());
+            if matches!(code, "corrupt" | "not_a_database") {
+                mark_suspect(&self.path);
             }
         }
     }
@@ -272,6 +385,10 @@ async fn apply(
             Ok(Answer::Done(true))
         }
         Write::Audit(entry, _) => append(connection, entry).await.map(Answer::Sequence),
+        Write::Settings { epoch, hash, .. } => {
+            let update = sqlx::query("UPDATE life SET settings = ? WHERE epoch = ?").bind(hash).bind(epoch);
+            update.execute(connection).await.map(|_| Answer::Done(true))
+        }
         Write::Close(_) => Ok(Answer::Done(true)), // taken out of the batch before
         Write::Prune { now_ns, .. } => prune(connection, *now_ns, keep).await.map(Answer::Removed),
     }
@@ -296,20 +413,50 @@ const PRUNE_AGED: i64 = 1000;
 /// Events removed at once while the file is too large.
 const PRUNE_CHUNK: i64 = 10_000;
 
-async fn prune(connection: &mut SqliteConnection, now_ns: i64, keep: Retention) -> Result<u64, sqlx::Error> {
-    let aged = "DELETE FROM event WHERE sequence IN \
-         (SELECT sequence FROM event WHERE wall_ns < ? ORDER BY sequence LIMIT ?)";
-    let old = sqlx::query(aged).bind(now_ns.saturating_sub(keep.max_age_ns)).bind(PRUNE_AGED);
-    let mut removed = old.execute(&mut *connection).await?.rows_affected();
-    let size = "SELECT (page_count - freelist_count) * page_size \
-         FROM pragma_page_count, pragma_freelist_count, pragma_page_size";
-    let used: i64 = sqlx::query(size).fetch_one(&mut *connection).await?.try_get(0)?;
-    if u64::try_from(used).unwrap_or(0) > keep.max_bytes {
-        let cut =
-            "DELETE FROM event WHERE sequence IN (SELECT sequence FROM event ORDER BY sequence LIMIT ?)";
-        removed += sqlx::query(cut).bind(PRUNE_CHUNK).execute(&mut *connection).await?.rows_affected();
+/// Removes by age and by size what no person and no sink waits for; beyond a quarter more than the size asked
+/// for, what is oldest.
+async fn prune(
+    connection: &mut SqliteConnection,
+    now_ns: i64,
+    keep: Retention,
+) -> Result<Removed, sqlx::Error> {
+    let mut removed = Removed {
+        audit: super::audit::prune(connection, keep.audit_rows, now_ns).await?,
+        ..Removed::default()
+    };
+    let sent = match keep.outbox {
+        true => {
+            let least = sqlx::query("SELECT coalesce(min(confirmed), 0) FROM outbox");
+            least.fetch_one(&mut *connection).await?.try_get(0)?
+        }
+        false => i64::MAX,
+    };
+    let free = format!("sequence <= ? AND NOT ({OPEN_ALARM})");
+    let delete = |which: &str| {
+        let text =
+            format!("DELETE FROM event WHERE sequence IN (SELECT sequence FROM event WHERE {which} LIMIT ?)");
+        sqlx::query(sqlx::AssertSqlSafe(text))
+    };
+    let aged = delete(&format!("{free} AND wall_ns < ? ORDER BY wall_ns"));
+    let aged = aged.bind(sent).bind(now_ns.saturating_sub(keep.max_age_ns)).bind(PRUNE_AGED);
+    removed.aged = aged.execute(&mut *connection).await?.rows_affected();
+    let used = used_bytes(connection).await?;
+    if used > keep.max_bytes {
+        let oldest = delete(&format!("{free} ORDER BY sequence")).bind(sent).bind(PRUNE_CHUNK);
+        removed.oversize = oldest.execute(&mut *connection).await?.rows_affected();
+    }
+    if removed.aged + removed.oversize == 0 && used > keep.max_bytes.saturating_add(keep.max_bytes / 4) {
+        let oldest = delete("TRUE ORDER BY sequence").bind(PRUNE_CHUNK);
+        removed.forced = oldest.execute(&mut *connection).await?.rows_affected();
     }
     Ok(removed)
+}
+
+async fn used_bytes(connection: &mut SqliteConnection) -> Result<u64, sqlx::Error> {
+    let size = "SELECT (page_count - freelist_count) * page_size \
+         FROM pragma_page_count, pragma_freelist_count, pragma_page_size";
+    let used: i64 = sqlx::query(size).fetch_one(connection).await?.try_get(0)?;
+    Ok(u64::try_from(used).unwrap_or(0))
 }
 
 /// Tells each sender; one that no longer waits is no error.
@@ -320,7 +467,10 @@ fn answer_all(batch: Vec<Write>, answers: Vec<Answer>) {
                 let _ = done.send(*event);
             }
             (
-                Write::Acknowledge { done, .. } | Write::Silence { done, .. } | Write::Confirm { done, .. },
+                Write::Acknowledge { done, .. }
+                | Write::Silence { done, .. }
+                | Write::Confirm { done, .. }
+                | Write::Settings { done, .. },
                 Answer::Done(yes),
             ) => {
                 let _ = done.send(yes);
@@ -328,8 +478,8 @@ fn answer_all(batch: Vec<Write>, answers: Vec<Answer>) {
             (Write::Audit(_, done), Answer::Sequence(sequence)) => {
                 let _ = done.send(sequence);
             }
-            (Write::Prune { done, .. }, Answer::Removed(count)) => {
-                let _ = done.send(count);
+            (Write::Prune { done, .. }, Answer::Removed(what)) => {
+                let _ = done.send(what);
             }
             _ => {}
         }

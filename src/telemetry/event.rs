@@ -84,6 +84,12 @@ event_kinds! {
     ServiceStop = "service_stop", Info;
     /// The history file was damaged; it was set aside and a new one begun.
     HistoryReplaced = "history_replaced", Alarm;
+    /// Damage was seen in the history file; the next start sets it aside.
+    HistoryDamaged = "history_damaged", Alarm;
+    /// The retention removed events that still waited for a person or for the broker.
+    EventsRemoved = "events_removed", Warning;
+    /// The settings are others than at the start before.
+    ConfigChanged = "config_changed", Warning;
     /// A recording around an event was written.
     RecordingSaved = "recording_saved", Info;
     /// A recording could not be written.
@@ -171,11 +177,12 @@ impl Event {
     /// Writes the one log line of this event.
     pub fn log(&self) {
         let (event, axis) = (self.kind.word(), self.axis.as_deref().unwrap_or(""));
-        let (seq, t_s) = (self.sequence, self.t_s.unwrap_or_default());
+        // The place is known once it is stored; the name from the start.
+        let (id, seq, t_s) = (self.id.as_str(), (self.sequence > 0).then_some(self.sequence), self.t_s);
         let text = self.text.as_str();
         match self.kind.severity() {
-            Severity::Info => tracing::info!(event, axis, seq, t_s, "{text}"),
-            Severity::Warning | Severity::Alarm => tracing::warn!(event, axis, seq, t_s, "{text}"),
+            Severity::Info => tracing::info!(event, axis, id, seq, t_s, "{text}"),
+            Severity::Warning | Severity::Alarm => tracing::warn!(event, axis, id, seq, t_s, "{text}"),
         }
     }
 }

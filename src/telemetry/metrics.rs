@@ -10,7 +10,7 @@ use prometheus::{
 };
 
 /// Why a sample was not taken.
-pub const REJECT_REASONS: [&str; 5] = ["not_finite", "duplicate", "out_of_order", "wrong_axes", "wrong_rate"];
+pub const REJECT_REASONS: [&str; 3] = ["not_finite", "duplicate", "out_of_order"];
 
 /// The service's own reasons not to send what was decided, beside the decision's.
 pub const HOLD_REASONS: [&str; 3] = ["store_unavailable", "intent_expired", "stage_failed"];
@@ -116,6 +116,9 @@ series! {
     events_unpersisted: IntGauge = int_gauge("stillcut_events_unpersisted", "Events waiting to be stored.");
     store_errors: IntCounterVec = counters("stillcut_store_errors_total",
         "Failures of the history file by code.", &["code"]);
+    history_removed: IntCounterVec = counters("stillcut_history_removed_total",
+        "Events (audit: rows of the audit record) that the retention removed; forced: events that \
+        still waited for a person or the broker.", &["reason"]);
     store_bytes: IntGauge = int_gauge("stillcut_store_bytes", "Size of the history file.");
     wal_bytes: IntGauge = int_gauge("stillcut_wal_bytes", "Size of the history file's write-ahead log.");
     last_commit_timestamp_seconds: Gauge = gauge("stillcut_last_commit_timestamp_seconds",
@@ -243,17 +246,22 @@ impl Metrics {
         zero(&self.diagnoses, &["done", "failed"]);
         zero(&self.outbox_sent, &["sent", "failed", "dropped"]);
         zero(&self.store_errors, &["full", "io", "corrupt", "not_a_database", "busy", "other"]);
-        zero(&self.recordings, &["saved", "failed", "dropped", "removed"]);
+        zero(&self.history_removed, &["age", "size", "forced", "audit"]);
+        zero(&self.recordings, &["saved", "too_short", "failed", "dropped", "removed"]);
         zero(&self.security_events, &["bad_token", "forbidden", "rate_limited", "bad_host"]);
-        zero(
-            &self.http_refused,
-            &["connections", "idle", "streams", "exports", "body_too_large", "head_timeout"],
-        );
+        zero(&self.http_refused, &["connections", "idle", "streams", "exports", "body_too_large"]);
         let kinds: Vec<&str> = EventKind::ALL.iter().map(|k| k.word()).collect();
         zero(&self.events, &kinds);
-        for queue in ["reports", "recorder", "store", "control", "drift"] {
+        for queue in ["reports", "store"] {
             self.queue_depth.with_label_values(&[queue]);
+        }
+        // Meant to be shed: pictures (the next is 50 ms away) and comparisons with the model.
+        for queue in ["reports", "drift"] {
             self.queue_dropped.with_label_values(&[queue, "true"]);
+        }
+        // Never to be lost: events, recordings, rows of the history.
+        for queue in ["reports", "recorder", "store"] {
+            self.queue_dropped.with_label_values(&[queue, "false"]);
         }
         for mode in ["observe", "advise", "act"] {
             self.mode.with_label_values(&[mode]);

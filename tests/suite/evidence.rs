@@ -86,7 +86,7 @@ fn what_the_black_box_stored_replays_to_the_same_bytes() {
 #[test]
 fn the_decisions_on_the_turret_are_made_again() {
     let place = Place::new("turr");
-    let toml = place.toml("") + "[recorder]\nbefore_s = 3.0\nafter_s = 2.5\n";
+    let toml = place.toml("") + "[recorder]\nbefore_s = 3.0\nafter_s = 4.5\n";
     let path = place.folder.path().join("c.toml");
     std::fs::write(&path, &toml).unwrap();
     let mut config = stillcut::config::service::service_config_from_text(&path, &toml).unwrap();

@@ -237,9 +237,81 @@ fn the_live_stream_resumes_after_the_last_event_seen() {
         text += &String::from_utf8_lossy(&buffer[..count]);
         assert!(count > 0 && text.len() < 1_000_000, "no event came");
     }
+    // Taking the turret back needs no words.
+    let taken = ask(&address, "POST", "/api/v1/override", &[], Some("{}"));
+    assert_eq!(taken.status, 200, "{taken:?}");
     let began = Instant::now();
     running.stop();
     assert!(began.elapsed() < Duration::from_secs(5), "an open stream does not hold up the end");
+}
+
+/// A client that was away for a long time misses nothing.
+#[test]
+fn a_stream_resumes_over_more_than_one_page() {
+    let place = Place::new("long");
+    const MISSED: usize = 1700;
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    runtime.block_on(async {
+        use stillcut::store::{Retention, StoreWriter};
+        use stillcut::telemetry::{Event, EventKind, Metrics};
+        let keep = Retention { max_age_ns: i64::MAX, max_bytes: u64::MAX, audit_rows: 10_000, outbox: false };
+        let metrics = std::sync::Arc::new(Metrics::new(&[], 0.0).unwrap());
+        let (writer, _, _) = StoreWriter::start(&place.state(), keep, metrics, 1).await.unwrap();
+        let event = |k: usize| Event { id: format!("m{k}"), ..Event::new(EventKind::ChatterEnd, 1, "over") };
+        let stored: Vec<_> = (0..MISSED).map(|k| writer.begin_store(event(k)).unwrap()).collect();
+        for one in stored {
+            one.await.unwrap();
+        }
+        writer.close().await.unwrap();
+    });
+    let running = service(&place);
+    let mut stream = TcpStream::connect(running.handle().address()).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+    stream.write_all(b"GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: 1\r\n\r\n").unwrap();
+    let (mut text, mut buffer) = (String::new(), vec![0; 65_536]);
+    while !text.contains(&format!("id: {MISSED}\n")) {
+        let count = stream.read(&mut buffer).unwrap();
+        assert!(count > 0, "the stream ended early");
+        text += &String::from_utf8_lossy(&buffer[..count]);
+    }
+    let ids: Vec<usize> = text.lines().filter_map(|l| l.strip_prefix("id: ")?.parse().ok()).collect();
+    assert_eq!(ids[..MISSED - 1], (2..=MISSED).collect::<Vec<_>>()[..]);
+    assert!(!text.contains("event: lag"));
+    running.stop();
+}
+
+#[test]
+fn recordings_come_in_pages() {
+    let place = Place::new("recpage");
+    let running = service(&place);
+    let folder = place.state().join("recordings");
+    let mut first = None;
+    for k in 0..5 {
+        let kind = if k == 2 { "fault" } else { "chatter_onset" };
+        let path = folder.join(format!("{kind}-{k}.parquet"));
+        std::fs::write(&path, "x").unwrap();
+        let time = *first.get_or_insert(std::fs::metadata(&path).unwrap().modified().unwrap());
+        let time = time + Duration::from_millis(k);
+        std::fs::File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
+    }
+    let address = running.handle().address().to_string();
+    let (mut cursor, mut seen) = (String::new(), Vec::new());
+    loop {
+        let mut answer =
+            ureq::get(format!("http://{address}/api/v1/recordings?limit=2{cursor}")).call().unwrap();
+        let next = answer.headers().get("next-cursor").map(|v| v.to_str().unwrap().to_owned());
+        let page: serde_json::Value =
+            serde_json::from_str(&answer.body_mut().read_to_string().unwrap()).unwrap();
+        seen.extend(page.as_array().unwrap().iter().map(|r| r["id"].as_str().unwrap().to_owned()));
+        let Some(next) = next else { break };
+        cursor = format!("&cursor={next}");
+    }
+    assert_eq!(seen, ["chatter_onset-4", "chatter_onset-3", "fault-2", "chatter_onset-1", "chatter_onset-0"]);
+    let faults = get(&running, "/api/v1/recordings?kind=fault").json();
+    assert_eq!((faults.as_array().unwrap().len(), faults[0]["id"].as_str()), (1, Some("fault-2")));
+    assert_eq!(get(&running, "/api/v1/recordings?limit=0").code(), "invalid_query");
+    assert_eq!(get(&running, "/api/v1/diagnoses?limit=5000").code(), "invalid_query");
+    running.stop();
 }
 
 #[test]
@@ -403,7 +475,8 @@ fn a_post_that_is_sent_again_with_its_key_is_done_once() {
     let other = [("Idempotency-Key", "save-2")];
     ask(&address, "POST", "/api/v1/recordings", &other, Some("{\"reason\":\"x\"}"));
     let rows = get(&running, "/api/v1/audit").json();
-    assert_eq!(rows.as_array().unwrap().len(), 2, "{rows}");
+    let saved = rows.as_array().unwrap().iter().filter(|r| r["action"] == "save_recording").count();
+    assert_eq!(saved, 2, "{rows}");
     running.stop();
 }
 
@@ -434,7 +507,15 @@ fn tls_is_spoken_where_it_is_configured() {
     let made = rcgen::generate_simple_self_signed(vec!["localhost".to_owned()]).unwrap();
     std::fs::write(place.folder.path().join("tls.crt"), made.cert.pem()).unwrap();
     std::fs::write(place.folder.path().join("tls.key"), made.signing_key.serialize_pem()).unwrap();
+    let key = place.folder.path().join("tls.key");
+    let mode = |mode| {
+        std::fs::set_permissions(&key, std::os::unix::fs::PermissionsExt::from_mode(mode)).unwrap();
+    };
+    mode(0o644);
     let http = "certificate = \"tls.crt\"\nkey = \"tls.key\"\ntokens = \"tokens.toml\"";
+    let refused = start(place.config(http)).unwrap_err().to_string();
+    assert!(refused.contains("tls.key: mode 644 lets others read it"), "{refused}");
+    mode(0o600);
     let running = start(place.config(http)).unwrap();
     let address = running.handle().address().to_string();
     let request = "GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";

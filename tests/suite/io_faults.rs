@@ -155,7 +155,8 @@ fn power_loss_at_any_moment_loses_nothing_acknowledged() {
         std::fs::write(folder.path().join("history.sqlite-wal"), &files[1]).unwrap();
         let wanted = acknowledged.iter().filter(|end| **end <= calls[count.max(1) - 1].1).count();
         let (rows, report, verdict) = runtime.block_on(async {
-            let keep = Retention { max_age_ns: i64::MAX, max_bytes: u64::MAX };
+            let keep =
+                Retention { max_age_ns: i64::MAX, max_bytes: u64::MAX, audit_rows: u64::MAX, outbox: false };
             let metrics = Arc::new(Metrics::new(&[], 0.0).unwrap());
             let (writer, reader, report) = StoreWriter::start(folder.path(), keep, metrics, 1).await.unwrap();
             reader.close().await;

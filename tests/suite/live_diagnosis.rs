@@ -50,8 +50,8 @@ fn play(domain: &Domain, recording: &Recording, seconds: f64) {
 /// A service whose machine is `model`.
 fn service_of(place: &Place, model: &str) -> Running {
     std::fs::write(place.folder.path().join("machine.toml"), model).unwrap();
-    let mut toml = place.toml("");
-    toml += "[machine]\nmodel = \"machine.toml\"\nwatch = [\"x\"]\n[turret]\naxes = [\"x\", \"y\"]\n";
+    let mut toml = "turret.axes = [\"x\", \"y\"]\n".to_owned() + &place.toml("");
+    toml += "[machine]\nmodel = \"machine.toml\"\nwatch = [\"x\"]\n";
     toml += "[recorder]\nbefore_s = 10.0\nafter_s = 0.5\n";
     let path = place.folder.path().join("c.toml");
     let mut config = stillcut::config::service::service_config_from_text(&path, &toml).unwrap();

@@ -125,6 +125,72 @@ impl Drop for Browser {
     }
 }
 
+impl Browser {
+    fn click(&mut self, expression: &str) {
+        self.wait_for("something to click", &format!("Boolean({expression})"));
+        self.value(&format!("{expression}.click()"));
+    }
+
+    fn press(&mut self, key: &str) {
+        let event = format!("new KeyboardEvent('keydown', {{key: '{key}', bubbles: true}})");
+        self.value(&format!("document.body.dispatchEvent({event})"));
+    }
+
+    /// Confirms the question that is open.
+    fn confirm(&mut self) {
+        self.wait_for("the question", "document.getElementById('ask').open");
+        self.value("document.getElementById('ask-ok').click()");
+        self.wait_for("its answer", "!document.getElementById('ask').open");
+    }
+}
+
+/// What an operator does: dark mode by key, silence and acknowledge an alarm, raise the mode, take the turret
+/// back with one key.
+fn operate(browser: &mut Browser) {
+    browser.size(1280, 800);
+    browser.press("t");
+    let theme = browser.value("document.documentElement.dataset.theme");
+    browser.press("t");
+    let other = browser.value("document.documentElement.dataset.theme");
+    assert!(theme.is_string() && other.is_string() && theme != other, "{theme} {other}");
+    browser.value("document.documentElement.dataset.theme = 'dark'");
+    std::thread::sleep(Duration::from_millis(500)); // colours fade
+    browser.picture("dark");
+    browser.value("document.documentElement.dataset.theme = 'light'");
+    let button = |list: &str, word: &str| {
+        format!("[...document.querySelectorAll('#{list} button')].find((b) => b.innerText === '{word}')")
+    };
+    browser.wait_for("an open alarm", "document.getElementById('alarms').innerText === '1 open'");
+    browser.size(1280, 1500);
+    std::thread::sleep(Duration::from_millis(500));
+    browser.picture("alarm");
+    browser.size(1280, 800);
+    browser.click(&button("open-alarms", "Silence"));
+    browser.value("document.getElementById('ask-reason').value = 'known'");
+    browser.confirm();
+    browser.wait_for("no alarm stands out", "document.getElementById('open').hidden");
+    browser
+        .wait_for("it is silenced", "document.getElementById('events').innerText.includes('silenced until')");
+    browser.click(&button("events", "Acknowledge"));
+    browser.confirm();
+    browser.wait_for(
+        "it is acknowledged",
+        "document.getElementById('events').innerText.includes('acknowledged by')",
+    );
+    let pressed = |mode: &str| {
+        format!("document.getElementById('mode-{mode}').getAttribute('aria-pressed') === 'true'")
+    };
+    browser.press("2");
+    browser.wait_for("the question", "document.getElementById('ask').open");
+    browser.value("document.getElementById('ask-reason').value = 'second shift'");
+    browser.confirm();
+    browser.wait_for("advise", &pressed("advise"));
+    browser.press("r");
+    browser.wait_for("observe", &pressed("observe"));
+    let note = "document.getElementById('take-back-note').innerText.includes('turret taken back')";
+    browser.wait_for("word of it", note);
+}
+
 #[test]
 fn the_page_comes_alive_in_a_browser_without_a_network() {
     let Some(program) = program() else {
@@ -174,6 +240,7 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     );
     browser.picture("replay");
     browser.value("document.getElementById('replay-close').click()");
+    operate(&mut browser);
     let page = browser.value("document.documentElement.outerHTML");
     let page = page.as_str().unwrap();
     assert!(page.contains("Take the turret back"), "{page:.500}");
@@ -192,6 +259,10 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     config.http.listen = address;
     let running = stillcut::service::start(config).unwrap();
     browser.wait_for("the return", "document.getElementById('link').innerText === 'live'");
+    if std::env::var_os("STILLCUT_PICTURES").is_some() {
+        std::thread::sleep(Duration::from_secs(4));
+    }
+    browser.picture("return");
     drop(lathe);
     running.stop();
 }

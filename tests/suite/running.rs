@@ -18,6 +18,9 @@ pub(crate) struct Place {
     pub(crate) domain: Domain,
 }
 
+/// Whose limits a test's turret has: without them nothing acts.
+const COMMISSIONED: &str = "turret.limits_by = \"the tests\"\nturret.limits_date = \"2026-11-21\"\n";
+
 impl Place {
     pub(crate) fn new(word: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
@@ -33,7 +36,7 @@ impl Place {
     /// TOML of a service in this place, with more lines in its `[http]` table.
     pub(crate) fn toml(&self, http: &str) -> String {
         format!(
-            "[transport]\nprefix = \"{}\"\nroot = \"{}\"\n[http]\nlisten = \"127.0.0.1:0\"\n{http}\n[history]\nfolder = \"{}\"\n",
+            "{COMMISSIONED}[transport]\nprefix = \"{}\"\nroot = \"{}\"\n[http]\nlisten = \"127.0.0.1:0\"\n{http}\n[history]\nfolder = \"{}\"\n",
             self.domain.prefix().trim_end_matches('_'),
             self.domain.root().display(),
             self.state().display(),

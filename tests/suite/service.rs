@@ -122,6 +122,41 @@ fn a_second_service_on_the_same_state_is_refused_in_one_line() {
     running.stop();
 }
 
+/// Limits are commissioned by somebody on some day: without it nothing acts, and each change is on record.
+#[test]
+fn settings_are_on_record_and_nothing_acts_without_commissioned_limits() {
+    let place = Place::new("limits");
+    let records = |running: &Running| {
+        let rows = get(running, "/api/v1/audit").json();
+        let of_settings = rows.as_array().unwrap().iter().filter(|r| r["action"] == "settings");
+        of_settings.map(|r| r["detail"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    let running = service(&place);
+    until("the first settings are on record", 5, || records(&running).len() == 1);
+    assert!(records(&running)[0].contains("limits of the turret by the tests, 2026-11-21"));
+    running.stop();
+    let running = service(&place);
+    assert_eq!(records(&running).len(), 1, "the same settings are no news");
+    assert!(events(&running, "config_changed").is_empty());
+    running.stop();
+    let text =
+        place.toml("").replace("the tests", "not commissioned") + "[turret]\nspeed_m_s = [1e-3, 1e-3]\n";
+    let text =
+        text.replace("turret.limits_by = \"not commissioned\"\nturret.limits_date = \"2026-11-21\"\n", "");
+    let path = place.folder.path().join("c.toml");
+    let mut config = stillcut::config::service::service_config_from_text(&path, &text).unwrap();
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    until("the change is told", 5, || events(&running, "config_changed").len() == 1);
+    until("and on record", 5, || records(&running).len() == 2);
+    assert!(records(&running)[1].contains("not commissioned") && records(&running)[1].contains("0.001"));
+    let refused = set_mode(&running, "act");
+    assert_eq!((refused.status, refused.code().as_str()), (409, "not_ready"), "{refused:?}");
+    assert!(refused.body.contains("turret.limits_by"), "{}", refused.body);
+    assert_eq!(set_mode(&running, "advise").status, 200, "advice needs none");
+    running.stop();
+}
+
 #[test]
 fn a_damaged_history_is_told_in_three_places() {
     let place = Place::new("damage");
@@ -316,9 +351,8 @@ fn bad_configurations_end_with_status_two_and_one_line() {
 
 #[test]
 fn every_example_configuration_is_good() {
-    let folder = project("config");
-    for name in ["stillcut.toml"] {
-        let path = folder.join(name);
+    for name in ["config/stillcut.toml", "deploy/container.toml"] {
+        let path = project(name);
         let (status, said) = run_once(&["run", "--check", "--config", path.to_str().unwrap()]);
         assert_eq!((status, said.as_str()), (0, ""), "{name}");
     }

@@ -37,6 +37,7 @@ const HEAT_TABLE = Array.from({ length: 256 }, (_, i) => {
 
 const COLUMNS = 400; // 20 s at 20 columns a second
 const COLUMN_S = 0.05;
+const BRIDGED = 5; // columns that one picture may stand for
 const RANGE = 120; // half decibels from floor to brightest: 60 dB
 
 class Waterfall {
@@ -48,6 +49,7 @@ class Waterfall {
     this.floor = 60;
     this.grid = null;
     this.band = null;
+    this.last = { t_s: 0, at: Date.now() };
   }
 
   add(frame, trackedHz, band) {
@@ -67,7 +69,14 @@ class Waterfall {
     const quiet = sorted[Math.floor(sorted.length * 0.2)];
     this.floor += 0.02 * (Math.min(quiet, 150) - this.floor);
     const context = this.image.getContext("2d");
-    context.drawImage(this.image, -1, 0);
+    // Time goes on while nothing comes: a dropped picture is bridged, a pause stays dark.
+    const machine = frame.t_s - this.last.t_s, wall = (Date.now() - this.last.at) / 1000;
+    const passed = machine > 0 && machine < 60 ? machine : wall;
+    const steps = Math.max(1, Math.min(COLUMNS, Math.round(passed / COLUMN_S)));
+    this.last = { t_s: frame.t_s, at: Date.now() };
+    context.drawImage(this.image, -steps, 0);
+    context.fillStyle = `rgb(${HEAT_TABLE[0].join(" ")})`;
+    context.fillRect(COLUMNS - steps, 0, steps, levels.length);
     const column = context.createImageData(1, levels.length);
     for (let bin = 0; bin < levels.length; bin++) {
       const shade = Math.max(0, Math.min(255, Math.round((levels[bin] - this.floor) / RANGE * 255)));
@@ -75,9 +84,9 @@ class Waterfall {
       const at = 4 * (levels.length - 1 - bin); // high frequency on top
       column.data[at] = r; column.data[at + 1] = g; column.data[at + 2] = b; column.data[at + 3] = 255;
     }
-    context.putImageData(column, COLUMNS - 1, 0);
-    this.line.push(trackedHz);
-    this.line.shift();
+    for (let back = 1; back <= (steps <= BRIDGED ? steps : 1); back++) context.putImageData(column, COLUMNS - back, 0);
+    for (let k = steps; k > 0; k--) this.line.push(k === 1 || steps <= BRIDGED ? trackedHz : null);
+    this.line.splice(0, steps);
   }
 
   draw() {

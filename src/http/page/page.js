@@ -14,6 +14,7 @@ let lastMessage = 0;
 let lastEventId = null;
 let retryMs = 500;
 let dirty = true;
+let refusal = ""; // why the service does not let this page read
 
 // ---- requests -------------------------------------------------------------------------------------
 
@@ -37,9 +38,17 @@ async function request(method, path, body, extra = {}) {
     const details = answer && answer.errors ? answer.errors.map((e) => e.detail).join("; ") : "";
     const error = new Error([answer ? answer.detail : response.statusText, details].filter(Boolean).join(": "));
     error.status = response.status;
+    if (answer && answer.code === "bad_token") forgetToken();
     throw error;
   }
   return { answer, etag: response.headers.get("ETag") };
+}
+
+// A token that is revoked or out of date is worse than none: reading on the machine itself needs none.
+function forgetToken() {
+  if (!sessionStorage.getItem("token")) return;
+  sessionStorage.removeItem("token");
+  setText("take-back-note", "the access token is no longer valid and was forgotten");
 }
 
 // ---- the live stream ------------------------------------------------------------------------------
@@ -53,8 +62,11 @@ async function listen() {
       lastMessage = Math.max(lastMessage, Date.now() - STALE_MS - 1);
       const extra = lastEventId === null ? {} : { "Last-Event-ID": String(lastEventId) };
       const response = await fetch("/api/v1/stream", { headers: headers(extra), cache: "no-store", signal: giveUp.signal });
-      if (response.status === 401) { showLink("lost", "token needed"); await pause(3000); continue; }
+      if (response.status === 401 && sessionStorage.getItem("token")) { forgetToken(); continue; }
+      if (response.status === 401) { refusal = "token needed"; await pause(3000); continue; }
+      if (response.status === 429) { refusal = "too many wrong tokens, a minute's pause"; await pause(60000); continue; }
       if (!response.ok) throw new Error(String(response.status));
+      refusal = "";
       retryMs = 500;
       refreshLists();
       loadStability();
@@ -130,8 +142,14 @@ function showState(now) {
   showMode(now);
   showPitch(now);
   showAxes(now.axes);
+  if (now.open_alarms !== shownOpen) { shownOpen = now.open_alarms; refreshOpen(); }
+  const speed = now.source.spindle_speed_rpm;
+  const curve = stability.curve;
+  if (curve && speed && Math.abs(speed - curve.spindle_speed_rpm) > 0.02 * speed && Date.now() - curveAsked > 5000) loadStability();
   $("alarms").hidden = now.open_alarms === 0;
   setText("alarms", `${now.open_alarms} open`);
+  $("alarms-link").hidden = now.open_alarms === 0;
+  setText("alarms-link", `${now.open_alarms} open alarm${now.open_alarms === 1 ? "" : "s"}`);
   const store = now.store.healthy ? "" : ` · history not writable, ${now.store.unpersisted} events wait`;
   const replaced = now.store.replaced ? ` · a damaged history was set aside: ${now.store.replaced}` : "";
   setText("about", `version ${now.version}${store}${replaced}`);
@@ -223,8 +241,9 @@ function watchAge() {
   document.body.classList.toggle("stale", Boolean(away || silent));
   note.hidden = !(away || silent) || lastMessage === 0;
   if (away) {
-    showLink("lost", lastMessage ? "service away" : "connecting");
-    note.textContent = `Stale since ${clockText(state ? new Date(state.time) : new Date(lastMessage))}: the service does not answer; trying again`;
+    showLink("lost", refusal || (lastMessage ? "service away" : "connecting"));
+    const why = refusal || "the service does not answer; trying again";
+    note.textContent = `Stale since ${clockText(state ? new Date(state.time) : new Date(lastMessage))}: ${why}`;
   } else if (silent) {
     showLink("lost", "machine silent");
     const since = state.source.last_sample_at ? `since ${clockText(new Date(state.source.last_sample_at))}` : "so far";
@@ -249,6 +268,26 @@ function frame() {
 // ---- lists ----------------------------------------------------------------------------------------
 
 const SHOWN = 60;
+const OPEN = 50;
+let shownOpen = null;
+
+// Alarms that nobody acknowledged, however many other events came after them.
+async function refreshOpen() {
+  try {
+    const { answer } = await request("GET", `/api/v1/events?open_alarms=true&limit=${OPEN}`);
+    const open = answer.events.filter((e) => !(e.silenced_until && new Date(e.silenced_until) > new Date()));
+    $("open").hidden = open.length === 0;
+    $("acknowledge-all").hidden = open.length < 2;
+    $("open-alarms").replaceChildren(...open.map(eventItem));
+  } catch { /* the stream's state says that the service is away */ }
+}
+
+async function acknowledgeAll(given) {
+  for (const item of [...$("open-alarms").children]) {
+    await request("POST", `/api/v1/events/${item.dataset.sequence}/acknowledge`, given);
+  }
+  refreshLists();
+}
 
 function addEvent(event, newest) {
   const list = $("events");
@@ -275,7 +314,7 @@ function eventItem(event) {
   if (event.severity === "alarm" && !event.acknowledged_by) {
     const acknowledge = make("button", "", "Acknowledge");
     acknowledge.addEventListener("click", () => ask({
-      title: "Acknowledge", text: event.text, run: (given) => change(`/api/v1/events/${event.sequence}/acknowledge`, given),
+      title: "Acknowledge", text: event.text, reason: "seen", run: (given) => change(`/api/v1/events/${event.sequence}/acknowledge`, given),
     }));
     const silence = make("button", "", "Silence");
     silence.addEventListener("click", () => ask({
@@ -289,7 +328,8 @@ function eventItem(event) {
 
 async function change(path, given) {
   const { answer } = await request("POST", path, given);
-  addEvent(answer, false);
+  if ($("events").querySelector(`[data-sequence="${answer.sequence}"]`)) addEvent(answer, false);
+  refreshOpen();
 }
 
 async function refreshLists() {
@@ -298,11 +338,12 @@ async function refreshLists() {
     $("events").replaceChildren(...answer.events.map(eventItem));
     // As it is now, also when the history was begun anew.
     if (answer.events.length) lastEventId = answer.events[0].sequence;
-    const recordings = (await request("GET", "/api/v1/recordings")).answer;
-    $("recordings").replaceChildren(...recordings.slice(0, 8).map(recordingItem));
-    const diagnoses = (await request("GET", "/api/v1/diagnoses")).answer;
+    refreshOpen();
+    const recordings = (await request("GET", "/api/v1/recordings?limit=8")).answer;
+    $("recordings").replaceChildren(...recordings.map(recordingItem));
+    const diagnoses = (await request("GET", "/api/v1/diagnoses?limit=5")).answer;
     $("diagnoses-title").hidden = diagnoses.length === 0;
-    $("diagnoses").replaceChildren(...diagnoses.slice(0, 5).map(diagnosisItem));
+    $("diagnoses").replaceChildren(...diagnoses.map(diagnosisItem));
     if (diagnoses.some((d) => d.state === "queued" || d.state === "running")) setTimeout(refreshLists, 2000);
   } catch { /* the stream's state says that the service is away */ }
 }
@@ -362,7 +403,10 @@ function diagnosisItem(diagnosis) {
   return item;
 }
 
+let curveAsked = 0;
+
 async function loadStability() {
+  curveAsked = Date.now();
   try {
     const { answer } = await request("GET", "/api/v1/stability");
     stability.curve = answer;
@@ -374,15 +418,15 @@ async function loadStability() {
 // ---- questions ------------------------------------------------------------------------------------
 
 // One dialog for everything that changes something: says what, asks why, shows what went wrong.
-function ask({ title, text, minutes = false, run }) {
+function ask({ title, text, minutes = false, reason = "", token = false, run }) {
   $("ask-title").textContent = title;
   $("ask-text").textContent = text;
   $("ask-error").hidden = true;
   $("ask-reason-row").hidden = false;
   $("ask-reason").required = true;
-  $("ask-reason").value = "";
+  $("ask-reason").value = reason;
   $("ask-minutes-row").hidden = !minutes;
-  $("ask-token-row").hidden = true;
+  $("ask-token-row").hidden = !token;
   $("ask-token").value = "";
   $("ask").onsubmit = async (submit) => {
     submit.preventDefault();
@@ -400,7 +444,8 @@ function ask({ title, text, minutes = false, run }) {
     } finally { $("ask-ok").disabled = false; }
   };
   $("ask").showModal();
-  $("ask-reason").focus();
+  (token ? $("ask-token") : $("ask-reason")).focus();
+  $("ask-reason").select();
 }
 
 const MODE_TEXT = {
@@ -419,8 +464,20 @@ function askMode(mode) {
   });
 }
 
-function askTakeBack() {
-  ask({ title: "Take the turret back", text: "Equal pitch, mode observe, at once.", run: (given) => request("POST", "/api/v1/override", given) });
+// One action: it is done first; only who has no token is asked for one.
+async function takeBack() {
+  setText("take-back-note", "asking for equal pitch …");
+  const reason = "taken back on the page";
+  const done = () => setText("take-back-note", `turret taken back at ${clockText(new Date())}`);
+  try {
+    await request("POST", "/api/v1/override", { reason });
+    done();
+  } catch (error) {
+    const barred = error.status === 401 || error.status === 403;
+    setText("take-back-note", barred ? "" : `NOT taken back: ${error.message || "the service does not answer"}`);
+    if (barred) ask({ title: "Take the turret back", text: "Equal pitch, mode observe, at once.", reason, token: true,
+      run: async (given) => { await request("POST", "/api/v1/override", given); done(); } });
+  }
 }
 
 function askToken() {
@@ -446,7 +503,10 @@ function toggleTheme() {
 const saved = localStorage.getItem("theme");
 if (saved === "light" || saved === "dark") document.documentElement.dataset.theme = saved;
 for (const button of document.querySelectorAll("[data-mode]")) button.addEventListener("click", () => askMode(button.dataset.mode));
-$("take-back").addEventListener("click", askTakeBack);
+$("take-back").addEventListener("click", takeBack);
+$("acknowledge-all").addEventListener("click", () => ask({
+  title: "Acknowledge all of these", text: `${$("open-alarms").children.length} alarms`, reason: "seen", run: acknowledgeAll,
+}));
 $("clear-fault").addEventListener("click", () => ask({
   title: "Clear the fault", text: state && state.fault ? state.fault : "", run: (given) => request("POST", "/api/v1/fault/clear", given),
 }));
@@ -459,7 +519,7 @@ $("replay-close").addEventListener("click", () => $("replay").close());
 $("ask-cancel").addEventListener("click", () => $("ask").close());
 document.addEventListener("keydown", (key) => {
   if (key.ctrlKey || key.altKey || key.metaKey || $("ask").open || $("replay").open || /INPUT|TEXTAREA/.test(key.target.tagName)) return;
-  const act = { 1: () => askMode("observe"), 2: () => askMode("advise"), 3: () => askMode("act"), r: askTakeBack, t: toggleTheme }[key.key.toLowerCase()];
+  const act = { 1: () => askMode("observe"), 2: () => askMode("advise"), 3: () => askMode("act"), r: takeBack, t: toggleTheme }[key.key.toLowerCase()];
   if (act) { key.preventDefault(); act(); }
 });
 // A plain link sends no token: what it leads to is fetched with it and saved.

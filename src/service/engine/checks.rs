@@ -33,6 +33,12 @@ struct Bench {
     _folder: tempfile::TempDir,
 }
 
+fn config() -> ServiceConfig {
+    let mut config = ServiceConfig::default();
+    config.turret.commissioned = Some(("the tests".into(), "2026-11-21".into()));
+    config
+}
+
 fn bench() -> Bench {
     let folder = tempfile::tempdir().unwrap();
     let (reports, reported) = tokio::sync::mpsc::channel(1);
@@ -41,7 +47,7 @@ fn bench() -> Bench {
     let (drift, feeds) = std::sync::mpsc::sync_channel(4);
     let gauges = Arc::new(WriterGauges::default());
     let engine = Engine::new(Setup {
-        config: Arc::new(ServiceConfig::default()),
+        config: Arc::new(config()),
         config_hash: String::new(),
         domain: Domain::new("checks", folder.path()).unwrap(),
         epoch: 1,
@@ -341,6 +347,23 @@ fn a_history_that_hangs_ends_acting_after_ten_seconds_and_for_that_reason() {
     bench.feed(0.001, |_| {});
     bench.look();
     assert_eq!((bench.intents(), bench.hold()), (1, None));
+}
+
+#[test]
+fn overrides_faults_and_ceased_samples_are_recorded() {
+    for word in ["override", "fault", "source_lost"] {
+        let mut bench = bench();
+        bench.feed(0.5, |_| {});
+        match word {
+            "override" => bench.engine.take_back(&person()),
+            "fault" => bench.engine.latch("test"),
+            _ => {}
+        }
+        bench.wait(1500);
+        bench.look();
+        let saved = bench.jobs.try_recv().unwrap_or_else(|e| panic!("{word}: {e}"));
+        assert!(saved.id.starts_with(word), "{}", saved.id);
+    }
 }
 
 /// Who raises the mode, and from what, is judged where the mode is.

@@ -12,8 +12,10 @@ use prometheus::IntCounter;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Faults of a stream are told at most this often; in between they are counted.
+/// Faults of a stream are told at most this often, and half as often each time while they go on, down to once
+/// in [`LONGEST_PAUSE`]; in between they are counted.
 const TELL_EVERY: Duration = Duration::from_secs(1);
+const LONGEST_PAUSE: Duration = Duration::from_secs(60);
 
 /// Counters of one axis, looked up once.
 struct AxisCounters {
@@ -56,16 +58,21 @@ pub(super) struct Faults {
     gaps: u64,
     rejected: u64,
     t_s: f64,
-    told: Option<Instant>,
+    /// When the last event was, and how long none may follow.
+    told: Option<(Instant, Duration)>,
 }
 
 impl Faults {
     /// One event for everything since the last one, when it is time.
     pub(super) fn event_due(&mut self, now: Instant) -> Option<Event> {
         let quiet = self.lost == 0 && self.rejected == 0;
-        if quiet || self.told.is_some_and(|t| now.duration_since(t) < TELL_EVERY) {
+        if quiet || self.told.is_some_and(|(t, pause)| now.duration_since(t) < pause) {
             return None;
         }
+        let pause = match self.told {
+            Some((t, pause)) if now.duration_since(t) < 2 * pause => (2 * pause).min(LONGEST_PAUSE),
+            _ => TELL_EVERY,
+        };
         let (kind, text) = if self.lost > 0 {
             (EventKind::DataGap, format!("{} samples lost in {} gaps", self.lost, self.gaps))
         } else {
@@ -75,7 +82,7 @@ impl Faults {
             )
         };
         let event = Event { t_s: Some(self.t_s), ..Event::new(kind, clock::wall_ns(), text) };
-        *self = Self { told: Some(now), ..Self::default() };
+        *self = Self { told: Some((now, pause)), ..Self::default() };
         Some(event)
     }
 }
@@ -220,5 +227,32 @@ impl Stream {
 
     pub(super) fn describe(&self) -> String {
         format!("axes {} at {} Hz", self.names.join(", "), self.rate.hz())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_that_go_on_are_told_less_often_and_counted_in_full() {
+        let mut faults = Faults::default();
+        let began = clock::now();
+        let mut told = Vec::new();
+        for tenth in 0..6000_u64 {
+            faults.rejected += 1;
+            if let Some(event) = faults.event_due(began + Duration::from_millis(100 * tenth)) {
+                told.push((tenth, event.text));
+            }
+        }
+        assert_eq!(told[..4].iter().map(|t| t.0).collect::<Vec<_>>(), [0, 10, 30, 70]);
+        assert!(told.len() < 16, "{} events in ten minutes", told.len());
+        assert!(told[1].1.starts_with("10 samples refused"), "{}", told[1].1);
+        // After a quiet time the next fault is told at once, and often again.
+        faults = Faults { told: faults.told, rejected: 1, ..Faults::default() };
+        let later = began + Duration::from_secs(1000);
+        assert!(faults.event_due(later).is_some());
+        faults.rejected = 1;
+        assert!(faults.event_due(later + Duration::from_millis(1100)).is_some());
     }
 }

@@ -47,6 +47,10 @@ const SILENCE: Duration = Duration::from_millis(1000);
 const STORE_PATIENCE: Duration = Duration::from_secs(10);
 /// A status that is older says nothing about interlocks.
 const STATUS_DEADLINE: Duration = Duration::from_millis(500);
+/// Shared memory that cannot be read for this long ends the thread.
+const UNREADABLE: Duration = Duration::from_secs(2);
+/// Samples that cease again and again are recorded once in this time.
+const SILENCE_SAVED: Duration = Duration::from_secs(60);
 /// How long the command port stays after the last word of a service that stops.
 const FAREWELL: Duration = Duration::from_millis(100);
 /// Events that wait while the queue of reports is full.
@@ -120,6 +124,10 @@ pub(super) struct Engine {
     told_speed: bool,
     turret_state: u32,
     stopping: bool,
+    /// Since when shared memory cannot be read.
+    unreadable: Option<Instant>,
+    /// When the last recording of ceased samples was planned.
+    saved_silence: Option<Instant>,
 }
 
 /// Starts the thread; answers once it has joined the domain, or why it could not.
@@ -175,6 +183,8 @@ impl Engine {
             told_speed: false,
             turret_state: 0,
             stopping: false,
+            unreadable: None,
+            saved_silence: None,
         }
     }
 
@@ -221,9 +231,7 @@ impl Engine {
         }
         let outcome_count = *outcome.as_ref().unwrap_or(&0);
         let heard = ports.status.drain(|status| self.take_status(status, began));
-        if let Err(error) = outcome.and(heard) {
-            self.latch(&error.to_string());
-        }
+        self.notice_ports(outcome.and(heard), began);
         self.supervise(began);
         self.decide(clock::now());
         if outcome_count > 0 {
@@ -231,6 +239,21 @@ impl Engine {
             self.setup.metrics.decision_latency_seconds.observe(began.elapsed().as_secs_f64());
         }
         self.flush();
+    }
+
+    /// Ports that stay unreadable are not mended from inside: the thread ends, and the service is started
+    /// anew by whoever started it.
+    fn notice_ports(&mut self, outcome: Result<usize, TransportError>, now: Instant) {
+        let Err(error) = outcome else {
+            self.unreadable = None;
+            return;
+        };
+        self.latch(&error.to_string());
+        let since = *self.unreadable.get_or_insert(now);
+        if now.duration_since(since) > UNREADABLE {
+            tracing::error!(event = "transport_lost", "{error}; the service ends to be started anew");
+            self.stopping = true;
+        }
     }
 
     /// A thread that was stopped knows nothing of the time between: it does not go on acting.
@@ -345,6 +368,10 @@ impl Engine {
             self.source_lost = true;
             let text = if gone { "no samples for one second" } else { "no usable samples for one second" };
             self.report(Event::new(EventKind::SourceLost, clock::wall_ns(), text));
+            if self.saved_silence.is_none_or(|at| now.duration_since(at) > SILENCE_SAVED) {
+                self.saved_silence = Some(now);
+                self.save_around(EventKind::SourceLost.word(), text);
+            }
             if self.mode == Mode::Act {
                 self.latch("the samples ceased while acting");
                 self.decide(now);
@@ -417,6 +444,10 @@ impl Engine {
             return Err(Refusal::WayUp { now: self.mode.word(), asked: mode.word() });
         }
         if mode == Mode::Act {
+            if self.setup.config.turret.commissioned.is_none() {
+                let what = "turret.limits_by and turret.limits_date do not say who set the limits and when";
+                return Err(Refusal::NotReady(what.to_owned()));
+            }
             if let Some(fault) = &self.fault {
                 return Err(Refusal::Faulted(fault.clone()));
             }
@@ -461,7 +492,10 @@ impl Engine {
 
     fn take_back(&mut self, origin: &Origin) {
         let text = format!("{} took the turret back ({})", origin.actor, origin.reason);
-        self.report(Event::new(EventKind::Override, clock::wall_ns(), text));
+        self.report(Event::new(EventKind::Override, clock::wall_ns(), text.clone()));
+        if self.stream.is_some() {
+            self.save_around(EventKind::Override.word(), &text);
+        }
         if self.mode != Mode::Observe {
             self.change_mode(Mode::Observe, &format!("override by {}", origin.actor));
         }
@@ -474,6 +508,9 @@ impl Engine {
         }
         self.fault = Some(what.to_owned());
         self.report(Event::new(EventKind::Fault, clock::wall_ns(), what));
+        if self.stream.is_some() {
+            self.save_around(EventKind::Fault.word(), what);
+        }
         if self.mode == Mode::Act {
             self.change_mode(Mode::Observe, what);
         }
@@ -521,7 +558,7 @@ impl Engine {
         if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.setup.recorder.try_send(job)
         {
             self.setup.metrics.recordings.with_label_values(&["dropped"]).inc();
-            self.setup.metrics.queue_dropped.with_label_values(&["recorder", "true"]).inc();
+            self.setup.metrics.queue_dropped.with_label_values(&["recorder", "false"]).inc();
         }
     }
 
@@ -533,7 +570,7 @@ impl Engine {
 
     fn queue(&mut self, report: Report) {
         if self.backlog.len() >= BACKLOG {
-            self.setup.metrics.queue_dropped.with_label_values(&["reports", "true"]).inc();
+            self.setup.metrics.queue_dropped.with_label_values(&["reports", "false"]).inc();
             return;
         }
         self.backlog.push_back(report);

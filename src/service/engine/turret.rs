@@ -86,6 +86,9 @@ impl Engine {
         let mut event = Event::new(kind, clock::wall_ns(), text);
         event.t_s = Some(status.t_ns as f64 * 1e-9);
         event.pitch_difference_rad = self.acting.as_ref().map(|a| a.pitch_rad(&status.offset_m));
+        if kind == EventKind::CommandFailed && self.stream.is_some() {
+            self.save_around(kind.word(), &event.text);
+        }
         self.report(event);
     }
 
