@@ -31,7 +31,7 @@ const RIVAL_SHARE: f64 = 0.4;
 /// So many of them.
 const RIVALS: usize = 3;
 /// Passes that each of them is fitted in.
-const RIVAL_PASSES: usize = 5;
+const RIVAL_PASSES: usize = 10;
 /// A fit may leave more force with a finding than without it, where the noise is low; not this many times.
 const RUNAWAY: f64 = 1.5;
 /// Least share of a loud rest, all frequencies alike, that makes a hypothesis a rival.

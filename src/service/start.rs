@@ -139,17 +139,30 @@ fn stream_axes(config: &ServiceConfig) -> Vec<String> {
     config.machine.axes.iter().map(|a| a.name.clone()).collect()
 }
 
-/// One service on one folder: the lock is held for life.
+/// How often the lock is asked for again.
+const LOCK_TRIES: usize = 15;
+/// Pause before each time.
+const LOCK_PAUSE: std::time::Duration = std::time::Duration::from_millis(20);
+
+/// One service on one folder: the lock is held for life. A process that another thread is just starting
+/// holds a copy of it until it runs its own program: it is asked for again for a moment.
 fn lock_state(folder: &Path) -> Result<File, ServiceError> {
     let files = |path: &Path, source| ServiceError::Files { path: path.to_owned(), source };
     std::fs::create_dir_all(folder).map_err(|e| files(folder, e))?;
     let path = folder.join("service.lock");
     let file =
         File::options().create(true).truncate(false).write(true).open(&path).map_err(|e| files(&path, e))?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(ServiceError::SecondInstance { path }),
-        Err(TryLockError::Error(source)) => Err(files(&path, source)),
+    let mut tries_left = LOCK_TRIES;
+    loop {
+        match file.try_lock() {
+            Ok(()) => return Ok(file),
+            Err(TryLockError::Error(source)) => return Err(files(&path, source)),
+            Err(TryLockError::WouldBlock) if tries_left == 0 => {
+                return Err(ServiceError::SecondInstance { path });
+            }
+            Err(TryLockError::WouldBlock) => std::thread::sleep(LOCK_PAUSE),
+        }
+        tries_left -= 1;
     }
 }
 
