@@ -326,7 +326,8 @@ fn keep_best_of_kind(scores: &mut Vec<Score>) {
     *scores = kept;
 }
 
-/// Fits the constants; for waves also how many harmonics, for a map how many knots the held-out blocks pay for.
+/// Fits the constants; for waves also how many harmonics, for a map how many knots the held-out blocks pay
+/// for.
 fn refine(bench: &Bench<'_>, score: &Score) -> Score {
     let mut best = bench.refine(score);
     if matches!(best.hypothesis.shape, Shape::Lines { .. }) {
