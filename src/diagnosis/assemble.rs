@@ -1,13 +1,13 @@
 //! From the search to the answer.
 
-use super::bench::{Accepted, Bench, HypothesisFit, rms};
+use super::bench::{Accepted, Bench, HypothesisFit, Score, rms};
 use super::corrections::{corrections, known_numbers, material};
 use super::floor::{SideSpectrum, spectrum};
 use super::in_loop::in_loop;
 use super::motion::band_hz;
 use super::problem::{Column, Sides};
 use super::result::*;
-use super::search::{Outcome, Round, least_evidence, rank};
+use super::search::{Outcome, least_evidence, rank};
 use super::shape::Shape;
 use super::steps::stated_step_m;
 use super::terms;
@@ -96,8 +96,8 @@ pub(crate) fn assemble(
         balances: vec!["motor", "stage"],
         series_rate_hz: p.rate_hz(),
         noise_floor_n: case.spectra.iter().map(|s| s.floor_rms_n(band_hz(rate))).collect(),
-        tried: tried(outcome.rounds.first()),
-        detection_limits: detection_limits(bench, outcome.rounds.last()),
+        tried: tried(outcome.rounds.first().map_or(&[], Vec::as_slice)),
+        detection_limits: detection_limits(bench, outcome.rounds.last().map_or(&[], Vec::as_slice)),
         closed_loop: in_loop((axis, &model), recordings, outcome),
         model,
     }
@@ -113,24 +113,22 @@ fn is_number(a: &Accepted) -> bool {
     }
 }
 
-fn tried(round: Option<&Round>) -> Vec<Tried> {
-    round.map_or_else(Vec::new, |r| {
-        r.scores
-            .iter()
-            .map(|s| Tried {
-                effect: Some(s.hypothesis.effect),
-                port: s.hypothesis.port,
-                evidence: if s.plausible { s.evidence } else { 0.0 },
-            })
-            .collect()
-    })
+fn tried(scores: &[Score]) -> Vec<Tried> {
+    scores
+        .iter()
+        .map(|s| Tried {
+            effect: Some(s.hypothesis.effect),
+            port: s.hypothesis.port,
+            evidence: if s.plausible { s.evidence } else { 0.0 },
+        })
+        .collect()
 }
 
 /// An amplitude a of deviation s brings the evidence (a / s)^2: from the root of the threshold on it is
 /// claimed.
-fn detection_limits(bench: &Bench<'_>, round: Option<&Round>) -> Vec<DetectionLimit> {
+fn detection_limits(bench: &Bench<'_>, scores: &[Score]) -> Vec<DetectionLimit> {
     let deviations = least_evidence(bench).sqrt();
-    let scores = round.into_iter().flat_map(|r| &r.scores).filter(|s| s.unit_rms_n > 0.0);
+    let scores = scores.iter().filter(|s| s.unit_rms_n > 0.0);
     scores
         .map(|s| DetectionLimit {
             effect: s.hypothesis.effect,
@@ -299,21 +297,16 @@ impl Case<'_> {
         let numbers = self.new_accepted().filter(|(_, a)| is_number(a));
         numbers
             .filter_map(|(k, a)| {
-                let (name, nominal, sum) = match (&a.hypothesis.shape, a.hypothesis.port) {
-                    (Shape::Smoothing { .. }, _) => {
-                        ("friction_smoothing_m_s", p.mechanics.smoothing_m_s, false)
-                    }
-                    (_, Port::MotorEncoder) => {
-                        ("motor_encoder_delay_s", p.drive.motor_encoder_delay_s(), true)
-                    }
-                    (_, Port::StageEncoder) => {
-                        ("stage_encoder_delay_s", p.drive.stage_encoder_delay_s(), true)
-                    }
-                    _ => ("amplifier_dead_time_s", p.drive.amplifier_dead_time_s(), true),
+                let smoothing = matches!(a.hypothesis.shape, Shape::Smoothing { .. });
+                let (name, nominal) = match a.hypothesis.port {
+                    _ if smoothing => ("friction_smoothing_m_s", p.mechanics.smoothing_m_s),
+                    Port::MotorEncoder => ("motor_encoder_delay_s", p.drive.motor_encoder_delay_s()),
+                    Port::StageEncoder => ("stage_encoder_delay_s", p.drive.stage_encoder_delay_s()),
+                    _ => ("amplifier_dead_time_s", p.drive.amplifier_dead_time_s()),
                 };
                 let e = terms::estimates(p, a, &self.bench.accepted_fit(k)).into_iter().next()?;
                 // A delay's estimate is what it has beyond the stated one.
-                let from = if sum { nominal } else { 0.0 };
+                let from = if smoothing { 0.0 } else { nominal };
                 let ends = [from + e.ci95[0].min(e.ci95[1]), from + e.ci95[0].max(e.ci95[1])];
                 Some(Correction { name, nominal, value: (from + e.value).max(0.0), ci95: ends })
             })
@@ -445,16 +438,12 @@ impl Case<'_> {
 /// Probability of the best of a round and of the others, from held-out likelihoods.
 ///
 /// exp(gain / 2 / 8): blocks of a residual are not independent; a gain of 16 counts as one step of e.
-fn probabilities(round: &Round) -> (f64, Vec<Alternative>) {
-    let best = round.scores.first().map_or(0.0, rank);
-    let weights: Vec<f64> = round
-        .scores
-        .iter()
-        .map(|s| if s.plausible { ((rank(s) - best) / 16.0).exp() } else { 0.0 })
-        .collect();
+fn probabilities(scores: &[Score]) -> (f64, Vec<Alternative>) {
+    let best = scores.first().map_or(0.0, rank);
+    let weights: Vec<f64> =
+        scores.iter().map(|s| if s.plausible { ((rank(s) - best) / 16.0).exp() } else { 0.0 }).collect();
     let total: f64 = weights.iter().sum::<f64>().max(1e-300);
-    let alternatives = round
-        .scores
+    let alternatives = scores
         .iter()
         .zip(&weights)
         .skip(1)

@@ -43,20 +43,12 @@ const CLEARLY_LESS: f64 = 0.9;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
 
-/// One round of the search.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Round {
-    /// Everything tried, best first; one entry per effect and port.
-    pub(crate) scores: Vec<Score>,
-    /// Index of what was taken into the model.
-    pub(crate) taken: Option<usize>,
-}
-
 /// What the search ends with.
 pub(crate) struct Outcome {
     /// The model in the end.
     pub(crate) state: State,
-    pub(crate) rounds: Vec<Round>,
+    /// Of each round everything that was tried, best first; one entry per effect and port.
+    pub(crate) rounds: Vec<Vec<Score>>,
     /// Residual of the model as stated.
     pub(crate) nominal: Column,
     /// Residual with numbers re-estimated, no finding.
@@ -70,8 +62,8 @@ pub(crate) struct Outcome {
 /// The whole search.
 pub(crate) fn search(problem: Problem, given: Vec<Accepted>, progress: super::Progress<'_>) -> Outcome {
     let nominal = nominal_residual(&problem, &given);
-    let mut state = State::new(problem, given);
-    let mut rounds: Vec<Round> = Vec::new();
+    let mut state = State::new(problem, given, &nominal);
+    let mut rounds = Vec::new();
     let mut before = state.residual.clone();
     let mut recalibrated = state.problem.mechanics;
     let mut stranger = None;
@@ -100,7 +92,7 @@ pub(crate) fn search(problem: Problem, given: Vec<Accepted>, progress: super::Pr
         drop(bench);
         let enough = round < MOST_FINDINGS && !rivals.is_empty();
         let with = enough.then(|| least_left(&state, &mut scores, (rivals, round)));
-        rounds.push(Round { taken: with.as_ref().map(|_| 0), scores });
+        rounds.push(scores);
         let Some(with) = with else { break };
         back = Some(std::mem::replace(&mut state, with));
     }

@@ -29,11 +29,10 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// The model as stated. Wrong numbers are no noise: the first estimate of it is what no choice of them
-    /// absorbs.
-    pub(super) fn new(problem: Problem, given: Vec<Accepted>) -> Self {
-        let nominal = nominal_residual(&problem, &given);
-        let residual = Bench::flat(&problem, &given, &nominal).residual();
+    /// The model as stated, and what it leaves. Wrong numbers are no noise: the first estimate of it is what
+    /// no choice of them absorbs.
+    pub(super) fn new(problem: Problem, given: Vec<Accepted>, nominal: &Column) -> Self {
+        let residual = Bench::flat(&problem, &given, nominal).residual();
         Self { problem, given: given.len(), accepted: given, residual }
     }
 
