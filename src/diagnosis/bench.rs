@@ -1,6 +1,5 @@
 //! The bench on which hypotheses are tried: whitened balance, folds, and what is known already.
 
-use super::floor::noise_n2;
 use super::problem::{Column, Problem, Sides};
 use super::regression::{Folds, Gram, Solution};
 use super::shape::{Hypothesis, Shape};
@@ -112,10 +111,11 @@ impl<'a> Bench<'a> {
         let columns: Vec<&Column> = all_columns(problem, accepted).collect();
         let mut base = on_two_cores(&columns, |c| whitener.whiten(c, &layout));
         let mut target = whitener.whiten(&known_target(problem, accepted), &layout);
-        if let Some(mass) = problem.numbers.iter().position(|n| n.key == Some("movable_mass_kg")) {
-            let stage = noise_of_stage(problem, residual);
-            let noise = whitener.whiten(&stage, &layout);
-            normalise_stage(&noise, (&mut base[mass], &mut target, problem.mechanics.stage_mass_kg));
+        if let Some(spring) = problem.numbers.iter().position(|n| n.key == Some("axial_stiffness_n_m")) {
+            let stage: Column =
+                residual.iter().map(|s| Sides { motor: None, stage: s.stage.clone() }).collect();
+            let left = whitener.whiten(&stage, &layout);
+            normalise_stage(&left, (&mut base[spring], &mut target, problem.mechanics.stiffness_n_m));
         }
         let gram = Gram::new(&base, &target, &folds);
         let mut bench = Self {
@@ -459,24 +459,16 @@ fn known_target(p: &Problem, accepted: &[Accepted]) -> Column {
     target
 }
 
-/// The stage's residual as far as it is noise: a share of it, by its power.
-fn noise_of_stage(p: &Problem, residual: &Column) -> Column {
-    let stage: Column = residual.iter().map(|s| Sides { motor: None, stage: s.stage.clone() }).collect();
-    let share = (noise_n2(p, &stage, true) / rms(&stage).powi(2).max(1e-300)).min(1.0);
-    let mut noise: Column = vec![Sides::default(); stage.len()];
-    add(&mut noise, &stage, share);
-    noise
-}
-
 /// Takes the scale out of the stage balance, which has no known force to hold it.
 ///
-/// Every term of 0 = M_t a_s + ... - K D can shrink together and leave less noise without fitting better: the
-/// noise is that of D and a_s. Minimising r_s / M_t instead, linearised at the present noise r_0 and mass
-/// M_0: the column of the mass becomes a_s + r_0 / M_0 and the target r_0; the residual at M_0 is unchanged.
-/// A force that the model leaves out does not shrink with the mass: counted here it would buy a larger mass.
-fn normalise_stage(noise: &[f64], (mass, target, present): (&mut [f64], &mut [f64], f64)) {
-    for ((m, t), r) in mass.iter_mut().zip(target.iter_mut()).zip(noise) {
-        *m += r / present;
+/// Every term of 0 = M_t a_s + ... - K D can shrink together and leave less without fitting better: the noise
+/// is that of D and a_s. Minimising r_s / K instead, linearised at the present residual r_0 and stiffness
+/// K_0: the column of the stiffness becomes -D + r_0 / K_0 and the target r_0; the residual at K_0 is
+/// unchanged. What a force that the model leaves out would gain by a larger stiffness, the motor's balance,
+/// in which the spring holds against the known thrust, does not grant.
+fn normalise_stage(left: &[f64], (spring, target, present): (&mut [f64], &mut [f64], f64)) {
+    for ((k, t), r) in spring.iter_mut().zip(target.iter_mut()).zip(left) {
+        *k += r / present;
         *t += r;
     }
 }
