@@ -4,7 +4,8 @@ use super::problem::{Column, Problem, Sides};
 use super::regression::{Folds, Gram, Solution};
 use super::shape::{Hypothesis, Shape};
 use super::two_cores::on_two_cores;
-use super::whitening::{Layout, Whitener};
+use super::weights::Weights;
+use super::whitening::Whitener;
 use crate::plant::effects::{EffectKind, Port};
 
 /// A timing error below this share of a sample is how the samples are taken, not a dead time.
@@ -67,10 +68,9 @@ pub(crate) struct Score {
 /// Present state of knowledge about the balance.
 pub(crate) struct Bench<'a> {
     pub(crate) problem: &'a Problem,
-    pub(crate) layout: Layout,
     pub(crate) folds: Folds,
-    pub(crate) whitener: Whitener,
-    /// Whitened: numbers, timing, accepted columns.
+    pub(crate) weights: Weights,
+    /// Weighted: numbers, timing, accepted columns.
     base: Vec<Vec<f64>>,
     target: Vec<f64>,
     gram: Gram,
@@ -89,40 +89,32 @@ pub(crate) fn timing_limit_s(p: &Problem) -> f64 {
 impl<'a> Bench<'a> {
     /// Whitens with the noise that `residual` shows.
     pub(crate) fn new(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Self {
-        let layout = Self::layout(problem);
-        let whitener = Whitener::fit(residual, &layout, problem.rate_hz());
-        Self::with(problem, accepted, residual, whitener)
+        let whitener = Whitener::fit(residual, &problem.layout(), problem.rate_hz());
+        Self::with(problem, accepted, Weights::new((problem, accepted), residual, whitener))
     }
 
     /// Weights all frequencies alike: what it leaves, no choice of the numbers absorbs.
     pub(crate) fn flat(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Self {
-        let whitener = Whitener::flat(residual, &Self::layout(problem));
-        Self::with(problem, accepted, residual, whitener)
+        let whitener = Whitener::flat(residual, &problem.layout());
+        Self::with(problem, accepted, Weights::new((problem, accepted), residual, whitener))
     }
 
-    fn layout(problem: &Problem) -> Layout {
-        Layout { lengths: problem.lengths(), sides: 2 }
-    }
-
-    fn with(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column, whitener: Whitener) -> Self {
-        let layout = Self::layout(problem);
-        let rate = problem.rate_hz();
-        let folds = Folds::new(&layout, rate);
-        let columns: Vec<&Column> = all_columns(problem, accepted).collect();
-        let mut base = on_two_cores(&columns, |c| whitener.whiten(c, &layout));
-        let mut target = whitener.whiten(&known_target(problem, accepted), &layout);
-        if let Some(spring) = problem.numbers.iter().position(|n| n.key == Some("axial_stiffness_n_m")) {
-            let stage: Column =
-                residual.iter().map(|s| Sides { motor: None, stage: s.stage.clone() }).collect();
-            let left = whitener.whiten(&stage, &layout);
-            normalise_stage(&left, (&mut base[spring], &mut target, problem.mechanics.stiffness_n_m));
+    fn with(problem: &'a Problem, accepted: &'a [Accepted], weights: Weights) -> Self {
+        let folds = Folds::new(&weights.layout, problem.rate_hz());
+        let columns: Vec<_> = all_columns(problem, accepted).collect();
+        let base = on_two_cores(&columns, |(c, port)| weights.weigh(c, *port));
+        let mut target = weights.weigh_thrust(&problem.target);
+        for a in accepted.iter().filter(|a| a.hypothesis.shape.unit()) {
+            for column in &a.columns {
+                let known = weights.weigh(column, Some(a.hypothesis.port));
+                target.iter_mut().zip(&known).for_each(|(t, k)| *t -= k);
+            }
         }
         let gram = Gram::new(&base, &target, &folds);
         let mut bench = Self {
             problem,
-            layout,
             folds,
-            whitener,
+            weights,
             base,
             target,
             solution: gram.solve(&[]),
@@ -211,7 +203,8 @@ impl<'a> Bench<'a> {
         let unit_gone = without.filter(|k| self.accepted[*k].hypothesis.shape.unit());
         let gram = match unit_gone {
             Some(k) => {
-                let column = self.whitener.whiten(&self.accepted[k].columns[0], &self.layout);
+                let a = &self.accepted[k];
+                let column = self.weights.weigh(&a.columns[0], Some(a.hypothesis.port));
                 let target: Vec<f64> = self.target.iter().zip(&column).map(|(t, c)| t + c).collect();
                 self.retargeted(&target)
             }
@@ -289,7 +282,7 @@ impl<'a> Bench<'a> {
         let n = self.folds.total() as f64;
         let dropped = if a.hypothesis.shape.unit() {
             let mut target = self.target.clone();
-            let column = self.whitener.whiten(&a.columns[0], &self.layout);
+            let column = self.weights.weigh(&a.columns[0], Some(a.hypothesis.port));
             target.iter_mut().zip(&column).for_each(|(t, c)| *t += c);
             self.solve_for(&self.retargeted(&target), kept)
         } else {
@@ -344,12 +337,12 @@ impl<'a> Bench<'a> {
         let mut more: Vec<Vec<f64>> = Vec::new();
         let mut target = None;
         if unit {
-            let column = self.whitener.whiten(&columns[0], &self.layout);
+            let column = self.weights.weigh(&columns[0], Some(h.port));
             target = Some(self.target.iter().zip(&column).map(|(t, c)| t - c).collect::<Vec<f64>>());
         } else {
-            more.extend(columns.iter().map(|c| self.whitener.whiten(c, &self.layout)));
+            more.extend(columns.iter().map(|c| self.weights.weigh(c, Some(h.port))));
         }
-        more.extend(tangents.iter().map(|c| self.whitener.whiten(c, &self.layout)));
+        more.extend(tangents.iter().map(|c| self.weights.weigh(c, Some(h.port))));
         let gram = match &target {
             Some(t) => self.retargeted(t).with(&self.base, &more, t, &self.folds),
             None => self.gram.with(&self.base, &more, &self.target, &self.folds),
@@ -363,7 +356,7 @@ impl<'a> Bench<'a> {
         if !h.shape.unit() {
             return self.score(h);
         }
-        let column = self.whitener.whiten(&h.columns(self.problem)[0], &self.layout);
+        let column = self.weights.weigh(&h.columns(self.problem)[0], Some(h.port));
         let target: Vec<f64> = self.target.iter().zip(&column).map(|(t, c)| t - c).collect();
         let solution = self.solve(&self.retargeted(&target), !is_delay(h));
         let n = self.folds.total() as f64;
@@ -384,7 +377,8 @@ impl<'a> Bench<'a> {
             return self.score_fitted(hypothesis);
         }
         let raw = hypothesis.columns(self.problem);
-        let columns: Vec<Vec<f64>> = raw.iter().map(|c| self.whitener.whiten(c, &self.layout)).collect();
+        let columns: Vec<Vec<f64>> =
+            raw.iter().map(|c| self.weights.weigh(c, Some(hypothesis.port))).collect();
         let gram = self.gram.with(&self.base, &columns, &self.target, &self.folds);
         let solution = self.solve(&gram, !is_delay(hypothesis));
         let first = self.base.len();
@@ -459,27 +453,14 @@ fn known_target(p: &Problem, accepted: &[Accepted]) -> Column {
     target
 }
 
-/// Takes the scale out of the stage balance, which has no known force to hold it.
-///
-/// Every term of 0 = M_t a_s + ... - K D can shrink together and leave less without fitting better: the noise
-/// is that of D and a_s. Minimising r_s / K instead, linearised at the present residual r_0 and stiffness
-/// K_0: the column of the stiffness becomes -D + r_0 / K_0 and the target r_0; the residual at K_0 is
-/// unchanged. What a force that the model leaves out would gain by a larger stiffness, the motor's balance,
-/// in which the spring holds against the known thrust, does not grant.
-fn normalise_stage(left: &[f64], (spring, target, present): (&mut [f64], &mut [f64], f64)) {
-    for ((k, t), r) in spring.iter_mut().zip(target.iter_mut()).zip(left) {
-        *k += r / present;
-        *t += r;
-    }
-}
-
-/// Columns of the base in order.
-fn all_columns<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = &'b Column> {
-    p.numbers
-        .iter()
-        .map(|n| &n.column)
-        .chain(std::iter::once(&p.timing))
-        .chain(accepted.iter().flat_map(Accepted::fitted))
+/// Columns of the base in order, with where they act.
+fn all_columns<'b>(
+    p: &'b Problem,
+    accepted: &'b [Accepted],
+) -> impl Iterator<Item = (&'b Column, Option<Port>)> {
+    let numbers = p.numbers.iter().map(|n| (&n.column, n.is_spring().then_some(Port::Coupling)));
+    let found = accepted.iter().flat_map(|a| a.fitted().map(|c| (c, Some(a.hypothesis.port))));
+    numbers.chain(std::iter::once((&p.timing, None))).chain(found)
 }
 
 /// target - columns * coefficients.
@@ -492,7 +473,7 @@ pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f6
             Sides { motor, stage: Some(s.stage.clone().unwrap_or_else(|| vec![0.0; n])) }
         })
         .collect();
-    for (column, b) in all_columns(p, accepted).zip(coefficients) {
+    for ((column, _), b) in all_columns(p, accepted).zip(coefficients) {
         add(&mut out, column, -b);
     }
     out

@@ -9,6 +9,7 @@
 
 use super::kernel::{Action, Grid, Kernel};
 use super::motion::{Motion, band_hz};
+use super::whitening::Layout;
 use crate::plant::drive::DriveParams;
 
 /// A series of one side of the balance; `None`: zero.
@@ -35,6 +36,13 @@ pub(crate) struct Number {
     pub(crate) key_per_coefficient: f64,
     /// The column.
     pub(crate) column: Column,
+}
+
+impl Number {
+    /// The stiffness between the sides.
+    pub(crate) fn is_spring(&self) -> bool {
+        self.key == Some("axial_stiffness_n_m")
+    }
 }
 
 /// Low-pass and decimation to the rate of the regression, the same for every series.
@@ -194,6 +202,10 @@ impl Problem {
     /// Length of the thinned series of each recording.
     pub(crate) fn lengths(&self) -> Vec<usize> {
         self.motions.iter().map(|m| self.thinning.grid(m.len()).count).collect()
+    }
+
+    pub(crate) fn layout(&self) -> Layout {
+        Layout { lengths: self.lengths(), sides: 2 }
     }
 
     /// Builds a column from full-rate series.
