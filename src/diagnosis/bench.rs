@@ -1,6 +1,6 @@
 //! The bench on which hypotheses are tried: whitened balance, folds, and what is known already.
 
-use super::problem::{Column, Problem, Sides};
+use super::problem::{Column, Number, Problem, Sides};
 use super::regression::{Folds, Gram, Solution};
 use super::shape::{Hypothesis, Shape};
 use super::two_cores::on_two_cores;
@@ -102,12 +102,13 @@ impl<'a> Bench<'a> {
     fn with(problem: &'a Problem, accepted: &'a [Accepted], weights: Weights) -> Self {
         let folds = Folds::new(&weights.layout, problem.rate_hz());
         let columns: Vec<_> = all_columns(problem, accepted).collect();
-        let base = on_two_cores(&columns, |(c, port)| weights.weigh(c, *port));
+        let mut base = on_two_cores(&columns, |(c, port)| weights.weigh(c, *port));
         let mut target = weights.weigh_thrust(&problem.target);
-        for a in accepted.iter().filter(|a| a.hypothesis.shape.unit()) {
-            for column in &a.columns {
-                let known = weights.weigh(column, Some(a.hypothesis.port));
-                target.iter_mut().zip(&known).for_each(|(t, k)| *t -= k);
+        for (a, tie) in fixed(problem, accepted) {
+            let known = weights.weigh(&a.columns[0], Some(a.hypothesis.port));
+            match tie {
+                Some(tie) => add_series(&mut base[tie.spring], &known, tie.per_stiffness),
+                None => add_series(&mut target, &known, -1.0),
             }
         }
         let gram = Gram::new(&base, &target, &folds);
@@ -155,6 +156,24 @@ impl<'a> Bench<'a> {
         }
     }
 
+    /// The Gram of the base with a column of fixed amplitude, `sign` 1 to put it in, -1 to take it out, and
+    /// with further columns.
+    fn with_fixed(&self, (h, column): (&Hypothesis, &Column), mut more: Vec<Vec<f64>>, sign: f64) -> Gram {
+        let known = self.weights.weigh(column, Some(h.port));
+        if let Some(tie) = tie(self.problem, h) {
+            more.push(known);
+            let gram = self.gram.with(&self.base, &more, &self.target, &self.folds);
+            return gram.tied_to(tie.spring, sign * tie.per_stiffness);
+        }
+        let mut target = self.target.clone();
+        add_series(&mut target, &known, -sign);
+        self.retargeted(&target).with(&self.base, &more, &target, &self.folds)
+    }
+
+    fn without_fixed(&self, a: &Accepted) -> Gram {
+        self.with_fixed((&a.hypothesis, &a.columns[0]), Vec::new(), -1.0)
+    }
+
     fn timing_index(&self) -> usize {
         self.problem.numbers.len()
     }
@@ -200,16 +219,8 @@ impl<'a> Bench<'a> {
     /// asked.
     pub(crate) fn heldout_residual(&self, without: Option<usize>) -> Column {
         let gone = without.map_or(0..0, |k| self.range(k));
-        let unit_gone = without.filter(|k| self.accepted[*k].hypothesis.shape.unit());
-        let gram = match unit_gone {
-            Some(k) => {
-                let a = &self.accepted[k];
-                let column = self.weights.weigh(&a.columns[0], Some(a.hypothesis.port));
-                let target: Vec<f64> = self.target.iter().zip(&column).map(|(t, c)| t + c).collect();
-                self.retargeted(&target)
-            }
-            None => self.gram.clone(),
-        };
+        let fixed_gone = without.map(|k| &self.accepted[k]).filter(|a| a.hypothesis.shape.unit());
+        let gram = fixed_gone.map_or_else(|| self.gram.clone(), |a| self.without_fixed(a));
         let held = self.solution.coefficients[self.timing_index()] == 0.0;
         let used: Vec<usize> = (0..gram.columns())
             .filter(|k| !(gone.contains(k) || held && *k == self.timing_index()))
@@ -218,8 +229,10 @@ impl<'a> Bench<'a> {
         for fold in 0..super::regression::FOLDS {
             let coefficients = gram.solve_without(fold, &used);
             let mut residual = residual_of(self.problem, self.accepted, &coefficients);
-            if let Some(k) = unit_gone {
-                add(&mut residual, &self.accepted[k].columns[0], 1.0);
+            if let Some(a) = fixed_gone {
+                let share = tie(self.problem, &a.hypothesis)
+                    .map_or(1.0, |tie| tie.per_stiffness * coefficients[tie.spring]);
+                add(&mut residual, &a.columns[0], share);
             }
             match &mut out {
                 None => out = Some(residual),
@@ -281,10 +294,7 @@ impl<'a> Bench<'a> {
         let kept = |k: usize| !gone.contains(&k);
         let n = self.folds.total() as f64;
         let dropped = if a.hypothesis.shape.unit() {
-            let mut target = self.target.clone();
-            let column = self.weights.weigh(&a.columns[0], Some(a.hypothesis.port));
-            target.iter_mut().zip(&column).for_each(|(t, c)| *t += c);
-            self.solve_for(&self.retargeted(&target), kept)
+            self.solve_for(&self.without_fixed(a), kept)
         } else {
             self.solve_for(&self.gram, kept)
         };
@@ -333,19 +343,13 @@ impl<'a> Bench<'a> {
 
     /// Amplitudes and constant steps together.
     fn fit(&self, h: &Hypothesis, columns: &[Column], tangents: &[Column]) -> HypothesisFit {
-        let unit = h.shape.unit();
-        let mut more: Vec<Vec<f64>> = Vec::new();
-        let mut target = None;
-        if unit {
-            let column = self.weights.weigh(&columns[0], Some(h.port));
-            target = Some(self.target.iter().zip(&column).map(|(t, c)| t - c).collect::<Vec<f64>>());
+        let weigh = |c: &Column| self.weights.weigh(c, Some(h.port));
+        let mut more: Vec<Vec<f64>> = tangents.iter().map(weigh).collect();
+        let gram = if h.shape.unit() {
+            self.with_fixed((h, &columns[0]), more, 1.0)
         } else {
-            more.extend(columns.iter().map(|c| self.weights.weigh(c, Some(h.port))));
-        }
-        more.extend(tangents.iter().map(|c| self.weights.weigh(c, Some(h.port))));
-        let gram = match &target {
-            Some(t) => self.retargeted(t).with(&self.base, &more, t, &self.folds),
-            None => self.gram.with(&self.base, &more, &self.target, &self.folds),
+            more.splice(0..0, columns.iter().map(weigh));
+            self.gram.with(&self.base, &more, &self.target, &self.folds)
         };
         let solution = self.solve(&gram, !is_delay(h));
         HypothesisFit::of(&h.shape, columns.len(), (&solution, self.base.len()))
@@ -356,9 +360,8 @@ impl<'a> Bench<'a> {
         if !h.shape.unit() {
             return self.score(h);
         }
-        let column = self.weights.weigh(&h.columns(self.problem)[0], Some(h.port));
-        let target: Vec<f64> = self.target.iter().zip(&column).map(|(t, c)| t - c).collect();
-        let solution = self.solve(&self.retargeted(&target), !is_delay(h));
+        let gram = self.with_fixed((h, &h.columns(self.problem)[0]), Vec::new(), 1.0);
+        let solution = self.solve(&gram, !is_delay(h));
         let n = self.folds.total() as f64;
         Score {
             evidence: n * (self.solution.heldout / solution.heldout.max(1e-300)).ln(),
@@ -442,15 +445,25 @@ pub(crate) fn is_delay(h: &Hypothesis) -> bool {
     h.port == Port::Current && matches!(h.shape, Shape::Delay { .. })
 }
 
-/// Measured thrust without the forces whose amplitude is fixed.
-fn known_target(p: &Problem, accepted: &[Accepted]) -> Column {
-    let mut target = p.target.clone();
-    for a in accepted.iter().filter(|a| a.hypothesis.shape.unit()) {
-        for column in &a.columns {
-            add(&mut target, column, -1.0);
-        }
-    }
-    target
+/// How a law between the sides goes with the spring that it bends.
+struct Tie {
+    /// Index of the stiffness among the numbers.
+    spring: usize,
+    /// One over the stiffness that the law's column was made with.
+    per_stiffness: f64,
+}
+
+/// The tie of a law of fixed amplitude: a gap or a second spring in series takes its force from the stiffness, so
+/// that a step of the stiffness carries it along.
+fn tie(p: &Problem, h: &Hypothesis) -> Option<Tie> {
+    let spring = p.numbers.iter().position(Number::is_spring)?;
+    let tied = h.port == Port::Coupling && h.shape.unit() && p.mechanics.stiffness_n_m > 0.0;
+    tied.then_some(Tie { spring, per_stiffness: p.mechanics.stiffness_n_m.recip() })
+}
+
+/// The accepted laws of fixed amplitude, each with its tie.
+fn fixed<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = (&'b Accepted, Option<Tie>)> {
+    accepted.iter().filter(|a| a.hypothesis.shape.unit()).map(|a| (a, tie(p, &a.hypothesis)))
 }
 
 /// Columns of the base in order, with where they act.
@@ -465,7 +478,8 @@ fn all_columns<'b>(
 
 /// target - columns * coefficients.
 pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f64]) -> Column {
-    let mut out: Column = known_target(p, accepted)
+    let mut out: Column = p
+        .target
         .iter()
         .map(|s| {
             let motor = s.motor.clone();
@@ -475,6 +489,10 @@ pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f6
         .collect();
     for ((column, _), b) in all_columns(p, accepted).zip(coefficients) {
         add(&mut out, column, -b);
+    }
+    for (a, tie) in fixed(p, accepted) {
+        let share = tie.map_or(1.0, |tie| tie.per_stiffness * coefficients[tie.spring]);
+        add(&mut out, &a.columns[0], -share);
     }
     out
 }
@@ -496,12 +514,16 @@ pub(crate) fn add(out: &mut Column, column: &Column, factor: f64) {
         for (o, c) in [(&mut o.motor, &c.motor), (&mut o.stage, &c.stage)] {
             if let Some(x) = c {
                 match o {
-                    Some(o) => o.iter_mut().zip(x).for_each(|(o, x)| *o += factor * x),
+                    Some(o) => add_series(o, x, factor),
                     None => *o = Some(x.iter().map(|x| factor * x).collect()),
                 }
             }
         }
     }
+}
+
+fn add_series(out: &mut [f64], x: &[f64], factor: f64) {
+    out.iter_mut().zip(x).for_each(|(o, x)| *o += factor * x);
 }
 
 /// Signs and sizes that the law allows; a fit outside is another cause in disguise.
