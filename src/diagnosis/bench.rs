@@ -90,22 +90,23 @@ impl<'a> Bench<'a> {
     /// Whitens with the noise that `residual` shows.
     pub(crate) fn new(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Self {
         let whitener = Whitener::fit(residual, &problem.layout(), problem.rate_hz());
-        Self::with(problem, accepted, Weights::new((problem, accepted), residual, whitener))
+        Self::with(problem, accepted, Weights::new(problem, residual, whitener))
     }
 
     /// Weights all frequencies alike: what it leaves, no choice of the numbers absorbs.
     pub(crate) fn flat(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Self {
         let whitener = Whitener::flat(residual, &problem.layout());
-        Self::with(problem, accepted, Weights::new((problem, accepted), residual, whitener))
+        Self::with(problem, accepted, Weights::new(problem, residual, whitener))
     }
 
     fn with(problem: &'a Problem, accepted: &'a [Accepted], weights: Weights) -> Self {
         let folds = Folds::new(&weights.layout, problem.rate_hz());
-        let columns: Vec<_> = all_columns(problem, accepted).collect();
-        let mut base = on_two_cores(&columns, |(c, port)| weights.weigh(c, *port));
+        let mut base = on_two_cores(&problem.numbers, |n| weights.weigh_number(n));
+        let further: Vec<&Column> = further_columns(problem, accepted).collect();
+        base.extend(on_two_cores(&further, |c| weights.weigh(c)));
         let mut target = weights.weigh_thrust(&problem.target);
         for (a, tie) in fixed(problem, accepted) {
-            let known = weights.weigh(&a.columns[0], Some(a.hypothesis.port));
+            let known = weights.weigh(&a.columns[0]);
             match tie {
                 Some(tie) => add_series(&mut base[tie.spring], &known, tie.per_stiffness),
                 None => add_series(&mut target, &known, -1.0),
@@ -159,7 +160,7 @@ impl<'a> Bench<'a> {
     /// The Gram of the base with a column of fixed amplitude, `sign` 1 to put it in, -1 to take it out, and
     /// with further columns.
     fn with_fixed(&self, (h, column): (&Hypothesis, &Column), mut more: Vec<Vec<f64>>, sign: f64) -> Gram {
-        let known = self.weights.weigh(column, Some(h.port));
+        let known = self.weights.weigh(column);
         if let Some(tie) = tie(self.problem, h) {
             more.push(known);
             let gram = self.gram.with(&self.base, &more, &self.target, &self.folds);
@@ -343,7 +344,7 @@ impl<'a> Bench<'a> {
 
     /// Amplitudes and constant steps together.
     fn fit(&self, h: &Hypothesis, columns: &[Column], tangents: &[Column]) -> HypothesisFit {
-        let weigh = |c: &Column| self.weights.weigh(c, Some(h.port));
+        let weigh = |c: &Column| self.weights.weigh(c);
         let mut more: Vec<Vec<f64>> = tangents.iter().map(weigh).collect();
         let gram = if h.shape.unit() {
             self.with_fixed((h, &columns[0]), more, 1.0)
@@ -380,8 +381,7 @@ impl<'a> Bench<'a> {
             return self.score_fitted(hypothesis);
         }
         let raw = hypothesis.columns(self.problem);
-        let columns: Vec<Vec<f64>> =
-            raw.iter().map(|c| self.weights.weigh(c, Some(hypothesis.port))).collect();
+        let columns: Vec<Vec<f64>> = raw.iter().map(|c| self.weights.weigh(c)).collect();
         let gram = self.gram.with(&self.base, &columns, &self.target, &self.folds);
         let solution = self.solve(&gram, !is_delay(hypothesis));
         let first = self.base.len();
@@ -466,14 +466,9 @@ fn fixed<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = (
     accepted.iter().filter(|a| a.hypothesis.shape.unit()).map(|a| (a, tie(p, &a.hypothesis)))
 }
 
-/// Columns of the base in order, with where they act.
-fn all_columns<'b>(
-    p: &'b Problem,
-    accepted: &'b [Accepted],
-) -> impl Iterator<Item = (&'b Column, Option<Port>)> {
-    let numbers = p.numbers.iter().map(|n| (&n.column, n.is_spring().then_some(Port::Coupling)));
-    let found = accepted.iter().flat_map(|a| a.fitted().map(|c| (c, Some(a.hypothesis.port))));
-    numbers.chain(std::iter::once((&p.timing, None))).chain(found)
+/// Columns of the base behind those of the numbers, in order.
+fn further_columns<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = &'b Column> {
+    std::iter::once(&p.timing).chain(accepted.iter().flat_map(Accepted::fitted))
 }
 
 /// target - columns * coefficients.
@@ -487,7 +482,8 @@ pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f6
             Sides { motor, stage: Some(s.stage.clone().unwrap_or_else(|| vec![0.0; n])) }
         })
         .collect();
-    for ((column, _), b) in all_columns(p, accepted).zip(coefficients) {
+    let columns = p.numbers.iter().map(|n| &n.column).chain(further_columns(p, accepted));
+    for (column, b) in columns.zip(coefficients) {
         add(&mut out, column, -b);
     }
     for (a, tie) in fixed(p, accepted) {
