@@ -206,12 +206,7 @@ impl<'a> Bench<'a> {
             <= timing_limit_s(self.problem)
     }
 
-    /// Coefficient of the timing in the present solution, s.
-    pub(crate) fn timing_s(&self) -> f64 {
-        self.solution.coefficients[self.timing_index()]
-    }
-
-    /// Residual at a solution over the base columns, thinned, not whitened.
+    /// What the present solution leaves, thinned, not whitened.
     pub(crate) fn residual(&self) -> Column {
         residual_of(self.problem, self.accepted, &self.solution.coefficients)
     }
@@ -271,21 +266,27 @@ impl<'a> Bench<'a> {
         )
     }
 
-    /// Amplitudes of each accepted hypothesis at its present constants.
-    pub(crate) fn amplitudes(&self) -> Vec<Vec<f64>> {
-        let fixed: Vec<std::ops::Range<usize>> = (0..self.accepted.len())
+    /// Coefficients of the base with the constants of what is accepted held as they are.
+    pub(crate) fn at_rest(&self) -> Vec<f64> {
+        let steps: Vec<std::ops::Range<usize>> = (0..self.accepted.len())
             .map(|index| {
                 let range = self.range(index);
                 range.end - self.accepted[index].tangents.len()..range.end
             })
             .collect();
         let timing = self.timing_is_free();
-        let used = |k: usize| (timing || k != self.timing_index()) && !fixed.iter().any(|r| r.contains(&k));
-        let at_rest = self.solve_for(&self.gram, used);
-        let of = |(index, fixed): (usize, &std::ops::Range<usize>)| {
-            at_rest.coefficients[self.range(index).start..fixed.start].to_vec()
-        };
-        fixed.iter().enumerate().map(of).collect()
+        let used = |k: usize| (timing || k != self.timing_index()) && !steps.iter().any(|r| r.contains(&k));
+        self.solve_for(&self.gram, used).coefficients
+    }
+
+    /// Amplitudes of an accepted hypothesis among coefficients of the base.
+    pub(crate) fn amplitudes(&self, index: usize, coefficients: &[f64]) -> Vec<f64> {
+        let a = &self.accepted[index];
+        if a.hypothesis.shape.unit() {
+            return vec![1.0];
+        }
+        let range = self.range(index);
+        coefficients[range.start..range.end - a.tangents.len()].to_vec()
     }
 
     /// Loss of evidence without an accepted hypothesis.
@@ -411,6 +412,11 @@ pub(crate) struct HypothesisFit {
 }
 
 impl HypothesisFit {
+    /// True where no constant steps further than its law is taken to be linear.
+    pub(crate) fn is_whole(&self, shape: &Shape) -> bool {
+        self.steps.iter().all(|s| s.abs() <= shape.trust())
+    }
+
     fn of(shape: &Shape, columns: usize, (solution, first): (&Solution, usize)) -> Self {
         let free = if shape.unit() { 0 } else { columns };
         let constants = shape.constants().len();
