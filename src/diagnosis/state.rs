@@ -87,7 +87,9 @@ impl State {
             (0..self.accepted.len()).map(|k| bench.amplitudes(k, &coefficients)).collect();
         drop(bench);
         self.residual = residual_of(&self.problem, &self.accepted, &coefficients);
-        update_mechanics(&mut self.problem, &coefficients);
+        if self.accepted.len() > self.given || !self.is_loud() {
+            update_mechanics(&mut self.problem, &coefficients);
+        }
         self.problem.shift_timing(coefficients[self.problem.numbers.len()]);
         let p = &self.problem;
         let steps = self.accepted.iter_mut().zip(fits.iter().zip(amplitudes));
