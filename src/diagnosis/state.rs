@@ -87,6 +87,8 @@ impl State {
             (0..self.accepted.len()).map(|k| bench.amplitudes(k, &coefficients)).collect();
         drop(bench);
         self.residual = residual_of(&self.problem, &self.accepted, &coefficients);
+        self.problem.update_free_stretch(&coefficients);
+        // Numbers that were fitted to a mismatch say nothing of the machine: laws keep the stated ones.
         if self.accepted.len() > self.given || !self.is_loud() {
             update_mechanics(&mut self.problem, &coefficients);
         }
@@ -163,7 +165,6 @@ fn update_mechanics(p: &mut Problem, coefficients: &[f64]) {
         }
     }
     p.mechanics = m;
-    p.update_free_stretch(coefficients);
 }
 
 /// What the model as stated leaves.

@@ -29,9 +29,8 @@ struct Stretch {
 impl Weights {
     pub(crate) fn new(problem: &Problem, residual: &Column, whitener: Whitener) -> Self {
         let layout = problem.layout();
-        let stiffness_n_m = problem.mechanics.stiffness_n_m;
-        let has_spring = problem.numbers.iter().any(Number::is_spring) && stiffness_n_m > 0.0;
-        let stretch = has_spring.then(|| {
+        let stiffness_n_m = problem.fitted_stiffness_n_m;
+        let stretch = problem.numbers.iter().any(Number::is_spring).then(|| {
             let stage: Column =
                 residual.iter().map(|s| Sides { motor: None, stage: s.stage.clone() }).collect();
             let mut left_per_stiffness = whitener.whiten(&stage, &layout);
