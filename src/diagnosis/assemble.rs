@@ -284,10 +284,12 @@ impl Case<'_> {
     }
 
     /// Mean square above the floor, all sides and frequencies alike, N2. What stands within twice the floor
-    /// counts as the floor.
+    /// counts as the floor. Constants count nothing: a load takes the mean of anything.
     fn excess_force_n2(&self, residual: &Column) -> f64 {
         let floor_n2: f64 = self.spectra.iter().map(|s| s.floor_rms_n(f64::MAX).powi(2)).sum();
-        let power_n2 = rms(residual).powi(2);
+        let constants: f64 = residual.iter().map(power_of_means).sum();
+        let samples: usize = self.outcome.state.problem.lengths().iter().sum();
+        let power_n2 = (rms(residual).powi(2) - constants / samples.max(1) as f64).max(0.0);
         if power_n2 > 4.0 * floor_n2 { power_n2 - floor_n2 } else { 0.0 }
     }
 
@@ -433,6 +435,12 @@ impl Case<'_> {
             })
             .collect()
     }
+}
+
+/// Sum of squares of the constant part of a recording, N2.
+fn power_of_means(sides: &Sides) -> f64 {
+    let series = [&sides.motor, &sides.stage].into_iter().flatten();
+    series.map(|x| x.iter().sum::<f64>().powi(2) / x.len().max(1) as f64).sum()
 }
 
 /// Probability of the best of a round and of the others, from held-out likelihoods.

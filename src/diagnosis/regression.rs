@@ -281,3 +281,25 @@ fn solve_used(total: &DMatrix<f64>, right: &DVector<f64>, used: &[usize]) -> (DV
     }
     (out, (0..m).map(|i| inverse[(i, i)] * scale[i] * scale[i]).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tied_column_is_the_sum_of_both() {
+        let layout = Layout { lengths: vec![400], sides: 1 };
+        let folds = Folds::new(&layout, 100.0);
+        let wave = |w: f64| (0..400).map(|k| (w * f64::from(k)).sin()).collect::<Vec<f64>>();
+        let (x, y, c, target) = (wave(0.1), wave(0.37), wave(0.9), wave(0.21));
+        let sum: Vec<f64> = y.iter().zip(&c).map(|(y, c)| y - 0.7 * c).collect();
+        let own = [x.clone(), y];
+        let tied = Gram::new(&own, &target, &folds).with(&own, &[c], &target, &folds).tied_to(1, -0.7);
+        let made = Gram::new(&[x, sum], &target, &folds);
+        assert_eq!(tied.columns(), 2);
+        for f in 0..FOLDS {
+            assert!((&tied.inner[f] - &made.inner[f]).amax() < 1e-9);
+            assert!((&tied.target[f] - &made.target[f]).amax() < 1e-9);
+        }
+    }
+}
