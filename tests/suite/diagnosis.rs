@@ -118,8 +118,8 @@ fn a_force_at_the_stage_does_not_pass_for_mass() {
 #[test]
 fn a_random_walk_is_not_given_a_name() {
     let Some(folder) = shared("feed-axis-cases/case-14") else { return };
-    let (machine, recording) = read(&folder, "idle.parquet");
-    let d = ask(&machine, &cut(&recording, 7.0, 13.0));
+    let (machine, recording) = read(&folder, "moves.parquet");
+    let d = ask(&machine, &recording);
     assert_eq!(d.verdict, Verdict::UnexplainedMismatch);
     assert!(d.findings.is_empty());
     assert!(d.location.is_some_and(|l| l.port.name() == "stage" && !l.bands_hz.is_empty()));
