@@ -46,6 +46,8 @@ pub(super) struct Lesson {
     pub(super) most: f64,
 }
 
+/// Noise stands at most this far above the middle of the band.
+const LEVEL: f64 = 4.0;
 /// Neighbours on each side that a filter is believed by.
 const REACH: usize = 4;
 
@@ -72,6 +74,25 @@ impl Baseline {
     ) -> usize {
         bank.powers(state, &mut self.powers);
         among.start + run(Fast::detect(), Largest { values: &self.powers[among] }).0
+    }
+
+    /// Median of the powers of some filters at the last look.
+    pub(super) fn median(&mut self, among: std::ops::Range<usize>) -> f64 {
+        let (ratios, heard) = (&mut self.ratios[among.clone()], &self.powers[among]);
+        ratios.copy_from_slice(heard);
+        let middle = ratios.len() / 2;
+        if ratios.is_empty() { 0.0 } else { *ratios.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    }
+
+    /// Takes what stands far above the rest out of what is known: it was no noise.
+    pub(super) fn level(&mut self) {
+        let middle = self.expected.len() / 2;
+        self.ratios.copy_from_slice(&self.expected);
+        let (_, median, _) = self.ratios.select_nth_unstable_by(middle, f64::total_cmp);
+        let most = LEVEL * *median;
+        for known in self.expected.iter_mut().chain(&mut self.believed) {
+            *known = known.min(most).max(f64::MIN_POSITIVE);
+        }
     }
 
     /// Power of a filter when the bank was looked at last.

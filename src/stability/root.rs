@@ -1,6 +1,8 @@
 //! The rightmost root of the two-delay equation.
 
+use super::lanes::Descend;
 use crate::plant::cutting::TwoDelay;
+use crate::signal::dispatch::{Fast, run};
 use nalgebra::Complex;
 use std::f64::consts::{PI, TAU};
 
@@ -16,11 +18,11 @@ pub struct Root {
 /// The equation over its mass, in the units of the search: 1/s.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scaled {
-    damping: f64,
-    stiffness: f64,
-    cutting: f64,
-    delay_1_s: f64,
-    delay_2_s: f64,
+    pub(super) damping: f64,
+    pub(super) stiffness: f64,
+    pub(super) cutting: f64,
+    pub(super) delay_1_s: f64,
+    pub(super) delay_2_s: f64,
     /// Roots with a smaller imaginary part are not asked for.
     lowest_rad_s: f64,
 }
@@ -64,7 +66,7 @@ impl Scaled {
         (value, slope)
     }
 
-    fn longest_delay_s(&self) -> f64 {
+    pub(super) fn longest_delay_s(&self) -> f64 {
         self.delay_1_s.max(self.delay_2_s)
     }
 
@@ -130,43 +132,94 @@ impl Scaled {
 ///
 /// Searched from seeds a quarter of 1/tau apart over the window that can hold it; the window follows from
 /// the best root found so far. Requires: positive mass and stiffness, delays not negative.
-/// Cost: about 20 us. Source: facts of the two-delay equation; window from the triangle inequality.
+/// Cost: about 3 us. Source: facts of the two-delay equation; window from the triangle inequality.
 /// Checked by: `printed_roots`, `no_root_is_missed`, collocation of the delay operator (tests).
 #[must_use]
 pub fn rightmost_root(equation: &TwoDelay) -> Root {
-    search(&Scaled::new(equation).of_bending())
+    search(&Scaled::new(equation).of_bending(), None, Fast::detect())
 }
 
-fn search(scaled: &Scaled) -> Root {
+/// The same with a guess, such as the root of an equation much like it. The guess is where the search begins, no
+/// more: all of the window is searched.
+pub(super) fn rightmost_root_near(equation: &TwoDelay, guess: Option<Root>, fast: Fast) -> Root {
+    search(&Scaled::new(equation).of_bending(), guess, fast)
+}
+
+/// Seeds that are followed in one go.
+const SEEDS: usize = 64;
+
+/// Roots found so far.
+struct Search<'a> {
+    scaled: &'a Scaled,
+    fast: Fast,
+    best: Option<Complex<f64>>,
+}
+
+impl Search<'_> {
+    fn worth(&self) -> f64 {
+        self.best.map_or(f64::NEG_INFINITY, |best| best.re)
+    }
+
+    /// Follows up to `SEEDS` seeds; what is worth it is polished, the one farthest to the right first: it may
+    /// make the others worthless.
+    fn follow(&mut self, seeds: &[Complex<f64>]) {
+        let (scaled, worth) = (self.scaled, self.worth());
+        let mut led = [Complex::new(0.0, 0.0); SEEDS];
+        let found = run(self.fast, Descend { scaled, seeds, worth, led: &mut led });
+        let led = &mut led[..found];
+        led.sort_unstable_by(|a, b| b.re.total_cmp(&a.re));
+        for near in led {
+            let again =
+                |best: Complex<f64>| (near.re - best.re).abs() + (near.im.abs() - best.im).abs() < 1e-3;
+            if !self.best.is_some_and(again) {
+                self.polish(*near);
+            }
+        }
+    }
+
+    fn polish(&mut self, near: Complex<f64>) {
+        if let Some(root) = self.scaled.polish(near, self.worth())
+            && root.im >= self.scaled.lowest_rad_s
+            && root.re > self.worth()
+        {
+            self.best = Some(root);
+        }
+    }
+}
+
+fn search(scaled: &Scaled, guess: Option<Root>, fast: Fast) -> Root {
     let in_cut = (scaled.stiffness + 2.0 * scaled.cutting).sqrt();
     let tau = scaled.longest_delay_s().max(1e-6);
-    let mut best: Option<Complex<f64>> = None;
-    let try_at = |seed: Complex<f64>, best: &mut Option<Complex<f64>>| {
-        let worth = best.map_or(f64::NEG_INFINITY, |b| b.re);
-        if let Some(root) = scaled.polish(seed, worth)
-            && root.im >= scaled.lowest_rad_s
-            && root.re > worth
-        {
-            *best = Some(root);
-        }
-    };
-    // A first bound: the bar's own root, and roots near the in-cut frequency.
-    try_at(Complex::new(-scaled.damping / 2.0, in_cut), &mut best);
-    for offset in [-1.5, -0.5, 0.5, 1.5] {
-        let w = in_cut + offset * PI / tau;
-        try_at(Complex::new(scaled.likely_growth(w.abs()), w), &mut best);
+    let mut search = Search { scaled, fast, best: None };
+    // A first bound: the guess, or the bar's own root and roots near the in-cut frequency.
+    let own = Complex::new(-scaled.damping / 2.0, in_cut);
+    if let Some(root) = guess {
+        search.polish(Complex::new(root.growth_1_s, TAU * root.frequency_hz));
     }
-    let bound = best.map_or(-scaled.damping / 2.0 - 3.0 / tau, |b| b.re);
+    if search.best.is_none() {
+        let near = |offset: f64| {
+            let w = in_cut + offset * PI / tau;
+            Complex::new(scaled.likely_growth(w.abs()), w)
+        };
+        search.follow(&[own, near(-1.5), near(-0.5), near(0.5), near(1.5)]);
+    }
+    let bound = search.best.map_or(-scaled.damping / 2.0 - 3.0 / tau, |b| b.re);
     let (low, high) = scaled.window_rad_s(bound);
     let low = low.max(scaled.lowest_rad_s);
     // One root about every 2 pi/tau; two seeds for each.
     let step = (PI / tau).min((high - low) / 8.0).max((high - low) / 4000.0).max(1e-3);
-    let mut w = low;
+    let (mut w, mut seeds, mut count) = (low, [own; SEEDS], 0);
     while w <= high + step {
-        try_at(Complex::new(scaled.likely_growth(w), w), &mut best);
+        seeds[count] = Complex::new(scaled.likely_growth(w), w);
+        count += 1;
+        if count == SEEDS {
+            search.follow(&seeds);
+            count = 0;
+        }
         w += step;
     }
-    let root = best.unwrap_or(Complex::new(-scaled.damping / 2.0, in_cut));
+    search.follow(&seeds[..count]);
+    let root = search.best.unwrap_or(own);
     Root { growth_1_s: root.re, frequency_hz: root.im / TAU }
 }
 
@@ -250,7 +303,7 @@ mod tests {
                 delay_1_s: turn_s / 2.0 - shift,
                 delay_2_s: turn_s / 2.0 + shift,
             };
-            let got = search(&Scaled::new(&equation));
+            let got = search(&Scaled::new(&equation), None, Fast::detect());
             let s = Complex::new(got.growth_1_s, TAU * got.frequency_hz);
             assert!(equation.characteristic(s).norm() < 1e-6 * stiffness_n_m, "case {case}: not a root");
             let right = roots_right_of(&equation, got.growth_1_s + 0.01);
