@@ -402,7 +402,7 @@ impl ChatterMonitor {
             let known = state.baselines[i].is_known();
             let standout = if known { standout } else { Standout { contrast: 0.0, ..standout } };
             state.bank_common[i] = if known { standout.common } else { f64::INFINITY };
-            evidence.banks[i] = self.bank_evidence(state, i, standout);
+            evidence.banks[i] = self.bank_evidence(state, i, (standout, (line, growth_1_s)));
         }
         state.bank_evidence = evidence.banks;
         let common = state.bank_common.iter().copied().fold(f64::INFINITY, f64::min);
@@ -455,7 +455,13 @@ impl ChatterMonitor {
         (state.speed_hz - state.earlier_speed_hz).abs() / (SPEED_LAG_S * state.speed_hz.max(1e-9))
     }
 
-    fn bank_evidence(&self, state: &ChatterState, index: usize, standout: Standout) -> BankEvidence {
+    /// What stands out in a bank, whose strongest filter grows as stated.
+    fn bank_evidence(
+        &self,
+        state: &ChatterState,
+        index: usize,
+        (standout, (line, growth_1_s)): (Standout, (usize, f64)),
+    ) -> BankEvidence {
         let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
         let [suspect, confirm] = state.baselines[index].thresholds();
         BankEvidence {
@@ -466,7 +472,11 @@ impl ChatterMonitor {
             power_n2: standout.power_n2,
             noise_n2: state.baselines[index].expected(standout.filter),
             frequency_hz: self.mix.centre_hz() + bank.refined_hz(bank_state, standout.filter),
-            growth_1_s: bank.growth_1_s(bank_state, standout.filter),
+            growth_1_s: if standout.filter == line {
+                growth_1_s
+            } else {
+                bank.growth_1_s(bank_state, standout.filter)
+            },
         }
     }
 
@@ -515,8 +525,12 @@ impl ChatterMonitor {
             _ => 1,
         };
         let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
-        let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
-        let best = state.baselines[index].look(bank, bank_state, among);
+        let best = if STRIDES[index] == 1 {
+            state.baselines[index].strongest()
+        } else {
+            let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
+            state.baselines[index].look(bank, bank_state, among)
+        };
         let power_n2 = state.baselines[index].power(best);
         let phase = state.detector.phase();
         let line = matches!(phase, Phase::Suspected | Phase::Chatter);
