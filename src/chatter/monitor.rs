@@ -16,7 +16,7 @@ use crate::signal::order_lines::{OrderLines, OrderLinesState, OrderSample};
 use crate::units::SampleRate;
 use nalgebra::Complex;
 use thiserror::Error;
-use watch::{DOUBT_S, START_S};
+use watch::{DOUBT_S, START_S, SWELL_S};
 
 /// What to watch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -412,6 +412,7 @@ impl ChatterMonitor {
         self.watch_width(state, t_s);
         let strongest = self.watch_strongest(state, &evidence);
         evidence.stands = evidence.stands.or(strongest);
+        let age_s = state.detector.chatter_age_s(t_s);
         let ended = self.watch_scatter(state, &evidence);
         let event = ended.or_else(|| state.detector.step(&evidence));
         if event.is_some() {
@@ -422,7 +423,10 @@ impl ChatterMonitor {
             state.baselines.iter_mut().for_each(Baseline::level);
         }
         if matches!(event, Some(ChatterEvent::End)) {
-            state.scatter.forget();
+            if age_s.is_some_and(|age_s| age_s < SWELL_S) && !state.scatter.like_a_line() {
+                self.doubt_noise(state, t_s);
+            }
+            state.scatter.forget_line();
             // Another state of the cut; or, after an alarm that was weak, noise that is not yet known well.
             doubt(&mut state.baselines);
             state.relearn_until_s = t_s + RELEARN_S;

@@ -31,8 +31,9 @@ pub(super) const ENOUGH: f64 = 150.0;
 const MEMORY: f64 = 200.0;
 /// A line whose power is less than 1/e of what it was 0.2 s ago fades.
 const FADES: f64 = -1.0;
-/// Looks without a line that stands out after which it is another line: 0.1 s.
+/// Looks without a line that stands out after which it is another line: 0.1 s; and after which noise is another: 1 s.
 const GONE: u32 = 25;
+const FORGOTTEN: u32 = 250;
 /// A line within this is the same line.
 const APART_HZ: f64 = 8.0;
 /// Where there is less than this share of the strongest line for so many looks (40 ms), the line has jumped.
@@ -64,16 +65,20 @@ impl Scatter {
         mean_square: 0.0,
         looks: 0.0,
         away: 0,
-        absent: GONE,
+        absent: FORGOTTEN,
     };
 
     /// Takes where the strongest line is at one decision, and whether it stands out; answers where to take
     /// its
     /// power from: where it was, while there is as much of it as of the strongest.
     pub(super) fn place(&mut self, line_hz: f64, stands_out: bool) -> Option<f64> {
-        self.absent = if stands_out { 0 } else { (self.absent + 1).min(GONE) };
+        self.absent = if stands_out { 0 } else { (self.absent + 1).min(FORGOTTEN) };
         if self.absent >= GONE {
-            *self = Self::NEW;
+            self.filled = 0;
+            self.forget_line();
+            if self.absent == FORGOTTEN {
+                self.forget();
+            }
             return None;
         }
         if self.filled == 0 || self.away >= JUMPED {
@@ -111,6 +116,18 @@ impl Scatter {
     pub(super) fn line_hz(&self, looks: f64) -> Option<f64> {
         let fades = self.log_power[KEPT - 1] - self.log_power[0] < FADES;
         (self.looks >= looks && self.mean_square < LINE && !fades).then_some(self.line_hz)
+    }
+
+    /// Whether it has not fluctuated so far, as far as it was looked at.
+    pub(super) fn like_a_line(&self) -> bool {
+        self.looks > 0.0 && self.mean_square < LINE
+    }
+
+    /// Begins anew unless it fluctuated: a line that ended is not the next one, noise goes on.
+    pub(super) fn forget_line(&mut self) {
+        if self.mean_square < LINE {
+            *self = Self { absent: self.absent, ..Self::NEW };
+        }
     }
 
     /// Begins anew.

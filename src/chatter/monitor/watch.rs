@@ -38,6 +38,8 @@ const SAME_HZ: f64 = 5.0;
 const LOOKED_AT: f64 = 4.0;
 /// The bank whose power tells a line from noise.
 const SCATTER: usize = 1;
+/// What is declared and gone again within this was a swell of noise: chatter stays.
+pub(super) const SWELL_S: f64 = 0.3;
 /// What was told to be noise is learned for so long.
 const NOISE_S: f64 = 1.5;
 
@@ -155,11 +157,16 @@ impl ChatterMonitor {
             return None;
         }
         state.scatter.forget();
-        state.baselines.iter_mut().for_each(|baseline| baseline.doubt(1.0));
-        state.noise_until_s = evidence.t_s + NOISE_S;
-        state.strongest.forget();
-        state.strongest_until_s = evidence.t_s + DOUBTFUL_S;
+        self.doubt_noise(state, evidence.t_s);
         state.detector.dismiss()
+    }
+
+    /// What stood out was noise: it is learned as it is heard for a while, whatever stands out.
+    pub(super) fn doubt_noise(&self, state: &mut ChatterState, t_s: f64) {
+        state.baselines.iter_mut().for_each(|baseline| baseline.doubt(1.0));
+        state.noise_until_s = t_s + NOISE_S;
+        state.strongest.forget();
+        state.strongest_until_s = t_s + DOUBTFUL_S;
     }
 
     /// What stands out is a spindle order that the notches do not know: the cut that makes it is another.
