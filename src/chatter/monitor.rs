@@ -126,6 +126,8 @@ pub struct ChatterState {
     noise_until_s: f64,
     /// Mean power of the band over the last quarter second, and as it was learned, N^2.
     variance_n2: f64,
+    /// The same with the orders in it.
+    whole_variance_n2: f64,
     usual_variance_n2: f64,
     /// Decisions in a row with all of the band louder than learned.
     louder: u32,
@@ -146,7 +148,7 @@ pub struct ChatterState {
 crate::keyframe::keep!(ChatterState {
     samples, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns, newest_speed_hz,
     speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
-    detector, track_hz, watched, hop, scatter, strongest, strongest_until_s, noise_until_s, variance_n2,
+    detector, track_hz, watched, hop, scatter, strongest, strongest_until_s, noise_until_s, variance_n2, whole_variance_n2,
     usual_variance_n2, louder, order_line, wide, wide_until_s,
     held_off_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
@@ -219,6 +221,7 @@ impl ChatterMonitor {
             strongest_until_s: START_S,
             noise_until_s: 0.0,
             variance_n2: 0.0,
+            whole_variance_n2: 0.0,
             usual_variance_n2: 0.0,
             louder: 0,
             order_line: 0,
@@ -325,6 +328,8 @@ impl ChatterMonitor {
         let rate_hz = self.mix.output_rate_hz();
         state.mixer *= Complex::from_polar(1.0, -std::f64::consts::TAU * self.mix.centre_hz() / rate_hz);
         state.mixer *= 1.5 - 0.5 * state.mixer.norm_sqr();
+        let share = 1.0 / (VARIANCE_S * rate_hz);
+        state.whole_variance_n2 += (value.norm_sqr() - state.whole_variance_n2) * share;
         let phase = state.detector.phase();
         let adapt = phase != Phase::Chatter;
         let value = if state.speed_hz > 0.0 {
@@ -347,7 +352,7 @@ impl ChatterMonitor {
         };
         state.fresh[state.fresh_count] = value;
         state.fresh_count += 1;
-        state.variance_n2 += (value.norm_sqr() - state.variance_n2) / (VARIANCE_S * rate_hz);
+        state.variance_n2 += (value.norm_sqr() - state.variance_n2) * share;
         state.until_decision -= 1;
         if state.until_decision == 0 {
             state.until_decision = self.decide_every;

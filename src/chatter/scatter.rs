@@ -1,42 +1,43 @@
-//! Whether a line that stands out is a vibration that feeds itself or the answer of a lightly damped mode to
-//! noise.
+//! Whether a line that stands out is a vibration that feeds itself or the answer of a lightly damped
+//! mode to noise.
 //!
-//! Chatter grows exponentially and then stands: the logarithm of its power is a straight line in time, with
-//! one
-//! bend. The power of noise through a filter, coloured by a mode or not, is exponentially distributed and
-//! forgotten within the filter's length. With y = ln(power) at three instants a lag apart,
+//! Chatter grows exponentially and then stands: the logarithm of its power is a straight line in time,
+//! with one bend. The power of noise through a filter, coloured by a mode or not, is exponentially
+//! distributed and forgotten within the filter's length. With y = ln(power) at three instants a lag
+//! apart,
 //!
 //! d = y(t) - 2 y(t - lag) + y(t - 2 lag)
 //!
-//! is zero for the one, and has the mean square 6 pi^2/6 = 9.9 for the other (the logarithm of an exponential
-//! variable has the variance pi^2/6), whatever its level: no noise needs to be known.
+//! is zero for the one, and has the mean square 6 pi^2/6 = 9.9 for the other (the logarithm of an
+//! exponential variable has the variance pi^2/6), whatever its level: no noise needs to be known.
 
-/// Decisions between two of the three instants: 0.1 s, four lengths of the window that the power is taken
-/// from.
+/// Decisions between two of the three instants: 0.1 s, four lengths of the window that the power is
+/// taken from.
 const LAG: usize = 25;
 /// Looks that are kept.
 const KEPT: usize = 2 * LAG + 1;
-/// No d counts as more: growth at 25 1/s that ends at once bends by this much. Noise has a mean square of
-/// 7.4 then
-/// (6.4 where a mode of 5 Hz colours it), and over `MEMORY` less than 1.8 in one of 3000 looks at the worst.
+/// No d counts as more: growth at 25 1/s that ends at once bends by this much. Noise has a mean square
+/// of 7.4 then (6.4 where a mode of 5 Hz colours it), and over `MEMORY` less than 1.8 in one of 3000
+/// looks at the worst.
 const MOST: f64 = 5.0;
 const NOISE: f64 = 5.5;
 const LINE: f64 = 1.8;
-/// ln(4): looks count while all three powers are so much over what is known there: known noise is so three
-/// times
-/// in a row in e^-12 of the cases.
+/// ln(4): looks count while all three powers are so much over what is known there: known noise is so
+/// three times in a row in e^-12 of the cases.
 const LOUD: f64 = 1.386;
 /// Looks after which the mean says something (0.6 s), and that it is over at most.
 pub(super) const ENOUGH: f64 = 150.0;
 const MEMORY: f64 = 200.0;
 /// A line whose power is less than 1/e of what it was 0.2 s ago fades.
 const FADES: f64 = -1.0;
-/// Looks without a line that stands out after which it is another line: 0.1 s; and after which noise is another: 1 s.
+/// Looks without a line that stands out after which it is another line: 0.1 s; and after which noise is
+/// another: 1 s.
 const GONE: u32 = 25;
 const FORGOTTEN: u32 = 250;
 /// A line within this is the same line.
 const APART_HZ: f64 = 8.0;
-/// Where there is less than this share of the strongest line for so many looks (40 ms), the line has jumped.
+/// Where there is less than this share of the strongest line for so many looks (40 ms), the line has
+/// jumped.
 const LESSER: f64 = 0.02;
 const JUMPED: u32 = 10;
 /// It may drift with speed and tools: of each look in the place of the line, 0.15 s.
@@ -68,9 +69,8 @@ impl Scatter {
         absent: FORGOTTEN,
     };
 
-    /// Takes where the strongest line is at one decision, and whether it stands out; answers where to take
-    /// its
-    /// power from: where it was, while there is as much of it as of the strongest.
+    /// Takes where the strongest line is at one decision, and whether it stands out; answers where to
+    /// take its power from: where it was, while there is as much of it as of the strongest.
     pub(super) fn place(&mut self, line_hz: f64, stands_out: bool) -> Option<f64> {
         self.absent = if stands_out { 0 } else { (self.absent + 1).min(FORGOTTEN) };
         if self.absent >= GONE {
@@ -141,8 +141,8 @@ mod tests {
     use super::*;
     use nalgebra::Complex;
 
-    /// Verdicts (noise, line) over 8 s of the powers of a place, looked at every 4 ms, 100 times over what
-    /// is known.
+    /// Verdicts (noise, line) over 8 s of the powers of a place, looked at every 4 ms, 100 times over
+    /// what is known.
     fn verdicts(power: impl FnMut(u32) -> f64) -> [bool; 2] {
         let mut scatter = Scatter::NEW;
         (0..2000).map(power).fold([false; 2], |[noise, line], power| {

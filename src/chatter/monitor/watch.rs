@@ -1,6 +1,5 @@
-//! What the monitor watches beside the line itself: whether the noise it is held against is still that of
-//! this
-//! cut.
+//! What the monitor watches beside the line itself: whether the noise it is held against is still that
+//! of this cut.
 
 use super::super::ChatterEvent;
 use super::super::Phase;
@@ -9,8 +8,7 @@ use super::super::scatter::ENOUGH;
 use super::{ChatterMonitor, ChatterState, RELEARN_S, YOUNG_TURNS, doubt};
 
 /// All of the band this much louder than learned, for so many decisions (32 ms), is another cut: what is
-/// known of the noise
-/// of the old one says little of the shape of the new.
+/// known of the noise of the old one says little of the shape of the new.
 const LOUDER: f64 = 3.0;
 const LOUDER_LOOKS: u32 = 8;
 /// The same in the short windows alone, for so many decisions (12 ms).
@@ -22,12 +20,13 @@ pub(super) const START_S: f64 = 1.2;
 const DOUBTFUL_S: f64 = 10.0;
 /// It must be so far above the middle of the band.
 const OVER_FLOOR: f64 = 100.0;
-/// At the start so many looks (0.2 s, after as long again) are enough, if its amplitude is this share of the
-/// mean
-/// force.
+/// At the start so many looks (0.2 s, after as long again) are enough, if its amplitude is this share of
+/// the mean force.
 const LEAST_LOOKS: f64 = 50.0;
 const LEAST_SHARE: f64 = 0.15;
 const MOST_SHARE: f64 = 1.5;
+/// And so much of all that is in the band, orders included.
+const LEAST_OF_ALL: f64 = 0.5;
 /// Where the tools cut the mean force stands so far above the noise of the band.
 const CUTS: f64 = 10.0;
 /// For so long after it was learned anew the noise is not trusted.
@@ -45,8 +44,7 @@ const NOISE_S: f64 = 1.5;
 
 impl ChatterMonitor {
     /// All windows agree that the band as a whole is louder than learned: the tools entered, depth or
-    /// material changed.
-    /// Loud chatter raises all of the band too, but stands far above it.
+    /// material changed. Loud chatter raises all of the band too, but stands far above it.
     pub(super) fn watch_level(&self, state: &mut ChatterState, common: f64, clearest: f64) {
         let no_line = state.detector.phase() != Phase::Chatter && clearest < CLEAR_LINE;
         let loud = common > LOUDER && no_line;
@@ -81,11 +79,9 @@ impl ChatterMonitor {
         }
     }
 
-    /// The strongest line, while what is known of the noise may be chatter itself: at the start, and after
-    /// noise
-    /// was told by its scatter. At the start, where a foreign tone stands too, the line must be a share of
-    /// the
-    /// mean force that no stable cut has.
+    /// The strongest line, while what is known of the noise may be chatter itself: at the start, and
+    /// after noise was told by its scatter. At the start, where a foreign tone stands too, the line must
+    /// be a share of the mean force that no stable cut has.
     pub(super) fn watch_strongest(
         &self,
         state: &mut ChatterState,
@@ -117,15 +113,15 @@ impl ChatterMonitor {
         })
     }
 
-    /// Whether there is a mean force that stands far above the noise of the band, and the line is a share of
-    /// it that
-    /// no stable cut has.
+    /// Whether there is a mean force that stands far above the noise of the band, and the line is a
+    /// share of it that no stable cut has.
     fn loud_in_cut(&self, state: &ChatterState, power_n2: f64, floor_n2: f64) -> bool {
         let mean_n = state.level.mean_n().abs();
         // Noise bandwidth of t/tau^2 e^{-t/tau}: 1/(4 tau).
         let noise_n2 = floor_n2 * 2.0 * self.reach_hz * 4.0 * self.banks[PLACED].tau_s();
         let share = (2.0 * power_n2).sqrt() / mean_n.max(f64::MIN_POSITIVE);
-        mean_n > CUTS * noise_n2.sqrt() && (LEAST_SHARE..MOST_SHARE).contains(&share)
+        let alone = power_n2 > LEAST_OF_ALL * state.whole_variance_n2;
+        alone && mean_n > CUTS * noise_n2.sqrt() && (LEAST_SHARE..MOST_SHARE).contains(&share)
     }
 
     /// Power of the bank that tells lines from noise, at the filter nearest to a frequency.
@@ -140,7 +136,8 @@ impl ChatterMonitor {
         ((line_hz - placed.frequency_hz).abs() < SAME_HZ).then_some(placed)
     }
 
-    /// What stands out fluctuates as noise does: it is noise of a cut that was not known, and is learned.
+    /// What stands out fluctuates as noise does: it is noise of a cut that was not known, and is
+    /// learned.
     pub(super) fn watch_scatter(
         &self,
         state: &mut ChatterState,
@@ -169,8 +166,8 @@ impl ChatterMonitor {
         state.strongest_until_s = t_s + DOUBTFUL_S;
     }
 
-    /// What stands out is a spindle order that the notches do not know: the cut that makes it is another.
-    /// They start anew.
+    /// What stands out is a spindle order that the notches do not know: the cut that makes it is
+    /// another. They start anew.
     pub(super) fn watch_orders(&self, state: &mut ChatterState, evidence: &Evidence) {
         let stands_out = evidence.banks[2].contrast > evidence.banks[2].suspect;
         let order = stands_out
