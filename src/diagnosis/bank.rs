@@ -120,7 +120,7 @@ fn encoder_periods(p: &Problem, list: &mut Vec<Hypothesis>) {
 /// Hypotheses read off the residual: wavelengths in position, lines in time.
 fn adaptive(bench: &Bench<'_>) -> Vec<Hypothesis> {
     let p = bench.problem;
-    let q = bench.whitener.adjoint(&bench.whitened_residual(), &bench.layout);
+    let q = bench.weights.whitener.adjoint(&bench.whitened_residual(), &bench.weights.layout);
     let mut list = wavelengths(p, &q);
     list.extend(lines(p, &bench.residual()));
     list

@@ -1,11 +1,11 @@
 //! The bench on which hypotheses are tried: whitened balance, folds, and what is known already.
 
-use super::floor::noise_n2;
-use super::problem::{Column, Problem, Sides};
+use super::problem::{Column, Number, Problem, Sides};
 use super::regression::{Folds, Gram, Solution};
 use super::shape::{Hypothesis, Shape};
 use super::two_cores::on_two_cores;
-use super::whitening::{Layout, Whitener};
+use super::weights::Weights;
+use super::whitening::Whitener;
 use crate::plant::effects::{EffectKind, Port};
 
 /// A timing error below this share of a sample is how the samples are taken, not a dead time.
@@ -68,10 +68,9 @@ pub(crate) struct Score {
 /// Present state of knowledge about the balance.
 pub(crate) struct Bench<'a> {
     pub(crate) problem: &'a Problem,
-    pub(crate) layout: Layout,
     pub(crate) folds: Folds,
-    pub(crate) whitener: Whitener,
-    /// Whitened: numbers, timing, accepted columns.
+    pub(crate) weights: Weights,
+    /// Weighted: numbers, timing, accepted columns.
     base: Vec<Vec<f64>>,
     target: Vec<f64>,
     gram: Gram,
@@ -90,39 +89,34 @@ pub(crate) fn timing_limit_s(p: &Problem) -> f64 {
 impl<'a> Bench<'a> {
     /// Whitens with the noise that `residual` shows.
     pub(crate) fn new(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Self {
-        let layout = Self::layout(problem);
-        let whitener = Whitener::fit(residual, &layout, problem.rate_hz());
-        Self::with(problem, accepted, residual, whitener)
+        let whitener = Whitener::fit(residual, &problem.layout(), problem.rate_hz());
+        Self::with(problem, accepted, Weights::new(problem, residual, whitener))
     }
 
     /// Weights all frequencies alike: what it leaves, no choice of the numbers absorbs.
     pub(crate) fn flat(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column) -> Self {
-        let whitener = Whitener::flat(residual, &Self::layout(problem));
-        Self::with(problem, accepted, residual, whitener)
+        let whitener = Whitener::flat(residual, &problem.layout());
+        Self::with(problem, accepted, Weights::new(problem, residual, whitener))
     }
 
-    fn layout(problem: &Problem) -> Layout {
-        Layout { lengths: problem.lengths(), sides: 2 }
-    }
-
-    fn with(problem: &'a Problem, accepted: &'a [Accepted], residual: &Column, whitener: Whitener) -> Self {
-        let layout = Self::layout(problem);
-        let rate = problem.rate_hz();
-        let folds = Folds::new(&layout, rate);
-        let columns: Vec<&Column> = all_columns(problem, accepted).collect();
-        let mut base = on_two_cores(&columns, |c| whitener.whiten(c, &layout));
-        let mut target = whitener.whiten(&known_target(problem, accepted), &layout);
-        if let Some(mass) = problem.numbers.iter().position(|n| n.key == Some("movable_mass_kg")) {
-            let stage = noise_of_stage(problem, residual);
-            let noise = whitener.whiten(&stage, &layout);
-            normalise_stage(&noise, (&mut base[mass], &mut target, problem.mechanics.stage_mass_kg));
+    fn with(problem: &'a Problem, accepted: &'a [Accepted], weights: Weights) -> Self {
+        let folds = Folds::new(&weights.layout, problem.rate_hz());
+        let mut base = on_two_cores(&problem.numbers, |n| weights.weigh_number(n));
+        let further: Vec<&Column> = further_columns(problem, accepted).collect();
+        base.extend(on_two_cores(&further, |c| weights.weigh(c)));
+        let mut target = weights.weigh_thrust(&problem.target);
+        for (a, tie) in fixed(problem, accepted) {
+            let known = weights.weigh(&a.columns[0]);
+            match tie {
+                Some(tie) => add_series(&mut base[tie.spring], &known, tie.per_stiffness),
+                None => add_series(&mut target, &known, -1.0),
+            }
         }
         let gram = Gram::new(&base, &target, &folds);
         let mut bench = Self {
             problem,
-            layout,
             folds,
-            whitener,
+            weights,
             base,
             target,
             solution: gram.solve(&[]),
@@ -163,6 +157,24 @@ impl<'a> Bench<'a> {
         }
     }
 
+    /// The Gram of the base with a column of fixed amplitude, `sign` 1 to put it in, -1 to take it out, and
+    /// with further columns.
+    fn with_fixed(&self, (h, column): (&Hypothesis, &Column), mut more: Vec<Vec<f64>>, sign: f64) -> Gram {
+        let known = self.weights.weigh(column);
+        if let Some(tie) = tie(self.problem, h) {
+            more.push(known);
+            let gram = self.gram.with(&self.base, &more, &self.target, &self.folds);
+            return gram.tied_to(tie.spring, sign * tie.per_stiffness);
+        }
+        let mut target = self.target.clone();
+        add_series(&mut target, &known, -sign);
+        self.retargeted(&target).with(&self.base, &more, &target, &self.folds)
+    }
+
+    fn without_fixed(&self, a: &Accepted) -> Gram {
+        self.with_fixed((&a.hypothesis, &a.columns[0]), Vec::new(), -1.0)
+    }
+
     fn timing_index(&self) -> usize {
         self.problem.numbers.len()
     }
@@ -194,12 +206,7 @@ impl<'a> Bench<'a> {
             <= timing_limit_s(self.problem)
     }
 
-    /// Coefficient of the timing in the present solution, s.
-    pub(crate) fn timing_s(&self) -> f64 {
-        self.solution.coefficients[self.timing_index()]
-    }
-
-    /// Residual at a solution over the base columns, thinned, not whitened.
+    /// What the present solution leaves, thinned, not whitened.
     pub(crate) fn residual(&self) -> Column {
         residual_of(self.problem, self.accepted, &self.solution.coefficients)
     }
@@ -208,15 +215,8 @@ impl<'a> Bench<'a> {
     /// asked.
     pub(crate) fn heldout_residual(&self, without: Option<usize>) -> Column {
         let gone = without.map_or(0..0, |k| self.range(k));
-        let unit_gone = without.filter(|k| self.accepted[*k].hypothesis.shape.unit());
-        let gram = match unit_gone {
-            Some(k) => {
-                let column = self.whitener.whiten(&self.accepted[k].columns[0], &self.layout);
-                let target: Vec<f64> = self.target.iter().zip(&column).map(|(t, c)| t + c).collect();
-                self.retargeted(&target)
-            }
-            None => self.gram.clone(),
-        };
+        let fixed_gone = without.map(|k| &self.accepted[k]).filter(|a| a.hypothesis.shape.unit());
+        let gram = fixed_gone.map_or_else(|| self.gram.clone(), |a| self.without_fixed(a));
         let held = self.solution.coefficients[self.timing_index()] == 0.0;
         let used: Vec<usize> = (0..gram.columns())
             .filter(|k| !(gone.contains(k) || held && *k == self.timing_index()))
@@ -225,8 +225,10 @@ impl<'a> Bench<'a> {
         for fold in 0..super::regression::FOLDS {
             let coefficients = gram.solve_without(fold, &used);
             let mut residual = residual_of(self.problem, self.accepted, &coefficients);
-            if let Some(k) = unit_gone {
-                add(&mut residual, &self.accepted[k].columns[0], 1.0);
+            if let Some(a) = fixed_gone {
+                let share = tie(self.problem, &a.hypothesis)
+                    .map_or(1.0, |tie| tie.per_stiffness * coefficients[tie.spring]);
+                add(&mut residual, &a.columns[0], share);
             }
             match &mut out {
                 None => out = Some(residual),
@@ -264,21 +266,27 @@ impl<'a> Bench<'a> {
         )
     }
 
-    /// Amplitudes of each accepted hypothesis at its present constants.
-    pub(crate) fn amplitudes(&self) -> Vec<Vec<f64>> {
-        let fixed: Vec<std::ops::Range<usize>> = (0..self.accepted.len())
+    /// Coefficients of the base with the constants of what is accepted held as they are.
+    pub(crate) fn at_rest(&self) -> Vec<f64> {
+        let steps: Vec<std::ops::Range<usize>> = (0..self.accepted.len())
             .map(|index| {
                 let range = self.range(index);
                 range.end - self.accepted[index].tangents.len()..range.end
             })
             .collect();
         let timing = self.timing_is_free();
-        let used = |k: usize| (timing || k != self.timing_index()) && !fixed.iter().any(|r| r.contains(&k));
-        let at_rest = self.solve_for(&self.gram, used);
-        let of = |(index, fixed): (usize, &std::ops::Range<usize>)| {
-            at_rest.coefficients[self.range(index).start..fixed.start].to_vec()
-        };
-        fixed.iter().enumerate().map(of).collect()
+        let used = |k: usize| (timing || k != self.timing_index()) && !steps.iter().any(|r| r.contains(&k));
+        self.solve_for(&self.gram, used).coefficients
+    }
+
+    /// Amplitudes of an accepted hypothesis among coefficients of the base.
+    pub(crate) fn amplitudes(&self, index: usize, coefficients: &[f64]) -> Vec<f64> {
+        let a = &self.accepted[index];
+        if a.hypothesis.shape.unit() {
+            return vec![1.0];
+        }
+        let range = self.range(index);
+        coefficients[range.start..range.end - a.tangents.len()].to_vec()
     }
 
     /// Loss of evidence without an accepted hypothesis.
@@ -288,10 +296,7 @@ impl<'a> Bench<'a> {
         let kept = |k: usize| !gone.contains(&k);
         let n = self.folds.total() as f64;
         let dropped = if a.hypothesis.shape.unit() {
-            let mut target = self.target.clone();
-            let column = self.whitener.whiten(&a.columns[0], &self.layout);
-            target.iter_mut().zip(&column).for_each(|(t, c)| *t += c);
-            self.solve_for(&self.retargeted(&target), kept)
+            self.solve_for(&self.without_fixed(a), kept)
         } else {
             self.solve_for(&self.gram, kept)
         };
@@ -340,19 +345,13 @@ impl<'a> Bench<'a> {
 
     /// Amplitudes and constant steps together.
     fn fit(&self, h: &Hypothesis, columns: &[Column], tangents: &[Column]) -> HypothesisFit {
-        let unit = h.shape.unit();
-        let mut more: Vec<Vec<f64>> = Vec::new();
-        let mut target = None;
-        if unit {
-            let column = self.whitener.whiten(&columns[0], &self.layout);
-            target = Some(self.target.iter().zip(&column).map(|(t, c)| t - c).collect::<Vec<f64>>());
+        let weigh = |c: &Column| self.weights.weigh(c);
+        let mut more: Vec<Vec<f64>> = tangents.iter().map(weigh).collect();
+        let gram = if h.shape.unit() {
+            self.with_fixed((h, &columns[0]), more, 1.0)
         } else {
-            more.extend(columns.iter().map(|c| self.whitener.whiten(c, &self.layout)));
-        }
-        more.extend(tangents.iter().map(|c| self.whitener.whiten(c, &self.layout)));
-        let gram = match &target {
-            Some(t) => self.retargeted(t).with(&self.base, &more, t, &self.folds),
-            None => self.gram.with(&self.base, &more, &self.target, &self.folds),
+            more.splice(0..0, columns.iter().map(weigh));
+            self.gram.with(&self.base, &more, &self.target, &self.folds)
         };
         let solution = self.solve(&gram, !is_delay(h));
         HypothesisFit::of(&h.shape, columns.len(), (&solution, self.base.len()))
@@ -363,9 +362,8 @@ impl<'a> Bench<'a> {
         if !h.shape.unit() {
             return self.score(h);
         }
-        let column = self.whitener.whiten(&h.columns(self.problem)[0], &self.layout);
-        let target: Vec<f64> = self.target.iter().zip(&column).map(|(t, c)| t - c).collect();
-        let solution = self.solve(&self.retargeted(&target), !is_delay(h));
+        let gram = self.with_fixed((h, &h.columns(self.problem)[0]), Vec::new(), 1.0);
+        let solution = self.solve(&gram, !is_delay(h));
         let n = self.folds.total() as f64;
         Score {
             evidence: n * (self.solution.heldout / solution.heldout.max(1e-300)).ln(),
@@ -384,7 +382,7 @@ impl<'a> Bench<'a> {
             return self.score_fitted(hypothesis);
         }
         let raw = hypothesis.columns(self.problem);
-        let columns: Vec<Vec<f64>> = raw.iter().map(|c| self.whitener.whiten(c, &self.layout)).collect();
+        let columns: Vec<Vec<f64>> = raw.iter().map(|c| self.weights.weigh(c)).collect();
         let gram = self.gram.with(&self.base, &columns, &self.target, &self.folds);
         let solution = self.solve(&gram, !is_delay(hypothesis));
         let first = self.base.len();
@@ -414,6 +412,11 @@ pub(crate) struct HypothesisFit {
 }
 
 impl HypothesisFit {
+    /// True where no constant steps further than its law is taken to be linear.
+    pub(crate) fn is_whole(&self, shape: &Shape) -> bool {
+        self.steps.iter().all(|s| s.abs() <= shape.trust())
+    }
+
     fn of(shape: &Shape, columns: usize, (solution, first): (&Solution, usize)) -> Self {
         let free = if shape.unit() { 0 } else { columns };
         let constants = shape.constants().len();
@@ -448,51 +451,36 @@ pub(crate) fn is_delay(h: &Hypothesis) -> bool {
     h.port == Port::Current && matches!(h.shape, Shape::Delay { .. })
 }
 
-/// Measured thrust without the forces whose amplitude is fixed.
-fn known_target(p: &Problem, accepted: &[Accepted]) -> Column {
-    let mut target = p.target.clone();
-    for a in accepted.iter().filter(|a| a.hypothesis.shape.unit()) {
-        for column in &a.columns {
-            add(&mut target, column, -1.0);
-        }
-    }
-    target
+/// How a law between the sides goes with the spring that it bends.
+struct Tie {
+    /// Index of the stiffness among the numbers.
+    spring: usize,
+    /// One over the stiffness that the law's column was made with.
+    per_stiffness: f64,
 }
 
-/// The stage's residual as far as it is noise: a share of it, by its power.
-fn noise_of_stage(p: &Problem, residual: &Column) -> Column {
-    let stage: Column = residual.iter().map(|s| Sides { motor: None, stage: s.stage.clone() }).collect();
-    let share = (noise_n2(p, &stage, true) / rms(&stage).powi(2).max(1e-300)).min(1.0);
-    let mut noise: Column = vec![Sides::default(); stage.len()];
-    add(&mut noise, &stage, share);
-    noise
+/// The tie of a law of fixed amplitude: a gap or a second spring in series takes its force from the stiffness, so
+/// that a step of the stiffness carries it along.
+fn tie(p: &Problem, h: &Hypothesis) -> Option<Tie> {
+    let spring = p.numbers.iter().position(Number::is_spring)?;
+    let tied = h.port == Port::Coupling && h.shape.unit() && p.mechanics.stiffness_n_m > 0.0;
+    tied.then_some(Tie { spring, per_stiffness: p.mechanics.stiffness_n_m.recip() })
 }
 
-/// Takes the scale out of the stage balance, which has no known force to hold it.
-///
-/// Every term of 0 = M_t a_s + ... - K D can shrink together and leave less noise without fitting better: the
-/// noise is that of D and a_s. Minimising r_s / M_t instead, linearised at the present noise r_0 and mass
-/// M_0: the column of the mass becomes a_s + r_0 / M_0 and the target r_0; the residual at M_0 is unchanged.
-/// A force that the model leaves out does not shrink with the mass: counted here it would buy a larger mass.
-fn normalise_stage(noise: &[f64], (mass, target, present): (&mut [f64], &mut [f64], f64)) {
-    for ((m, t), r) in mass.iter_mut().zip(target.iter_mut()).zip(noise) {
-        *m += r / present;
-        *t += r;
-    }
+/// The accepted laws of fixed amplitude, each with its tie.
+fn fixed<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = (&'b Accepted, Option<Tie>)> {
+    accepted.iter().filter(|a| a.hypothesis.shape.unit()).map(|a| (a, tie(p, &a.hypothesis)))
 }
 
-/// Columns of the base in order.
-fn all_columns<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = &'b Column> {
-    p.numbers
-        .iter()
-        .map(|n| &n.column)
-        .chain(std::iter::once(&p.timing))
-        .chain(accepted.iter().flat_map(Accepted::fitted))
+/// Columns of the base behind those of the numbers, in order.
+fn further_columns<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = &'b Column> {
+    std::iter::once(&p.timing).chain(accepted.iter().flat_map(Accepted::fitted))
 }
 
 /// target - columns * coefficients.
 pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f64]) -> Column {
-    let mut out: Column = known_target(p, accepted)
+    let mut out: Column = p
+        .target
         .iter()
         .map(|s| {
             let motor = s.motor.clone();
@@ -500,8 +488,13 @@ pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f6
             Sides { motor, stage: Some(s.stage.clone().unwrap_or_else(|| vec![0.0; n])) }
         })
         .collect();
-    for (column, b) in all_columns(p, accepted).zip(coefficients) {
+    let columns = p.numbers.iter().map(|n| &n.column).chain(further_columns(p, accepted));
+    for (column, b) in columns.zip(coefficients) {
         add(&mut out, column, -b);
+    }
+    for (a, tie) in fixed(p, accepted) {
+        let share = tie.map_or(1.0, |tie| tie.per_stiffness * coefficients[tie.spring]);
+        add(&mut out, &a.columns[0], -share);
     }
     out
 }
@@ -523,12 +516,16 @@ pub(crate) fn add(out: &mut Column, column: &Column, factor: f64) {
         for (o, c) in [(&mut o.motor, &c.motor), (&mut o.stage, &c.stage)] {
             if let Some(x) = c {
                 match o {
-                    Some(o) => o.iter_mut().zip(x).for_each(|(o, x)| *o += factor * x),
+                    Some(o) => add_series(o, x, factor),
                     None => *o = Some(x.iter().map(|x| factor * x).collect()),
                 }
             }
         }
     }
+}
+
+fn add_series(out: &mut [f64], x: &[f64], factor: f64) {
+    out.iter_mut().zip(x).for_each(|(o, x)| *o += factor * x);
 }
 
 /// Signs and sizes that the law allows; a fit outside is another cause in disguise.

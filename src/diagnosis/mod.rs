@@ -22,6 +22,7 @@ mod strangers;
 mod terms;
 mod triple;
 mod two_cores;
+mod weights;
 mod whitening;
 
 pub use result::*;

@@ -9,6 +9,7 @@
 
 use super::kernel::{Action, Grid, Kernel};
 use super::motion::{Motion, band_hz};
+use super::whitening::Layout;
 use crate::plant::drive::DriveParams;
 
 /// A series of one side of the balance; `None`: zero.
@@ -35,6 +36,13 @@ pub(crate) struct Number {
     pub(crate) key_per_coefficient: f64,
     /// The column.
     pub(crate) column: Column,
+}
+
+impl Number {
+    /// The stiffness between the sides.
+    pub(crate) fn is_spring(&self) -> bool {
+        self.key == Some("axial_stiffness_n_m")
+    }
 }
 
 /// Low-pass and decimation to the rate of the regression, the same for every series.
@@ -121,6 +129,8 @@ pub(crate) struct Problem {
     pub(crate) timing_s: f64,
     /// Present estimate of the mechanics, for columns that are not linear in it.
     pub(crate) mechanics: Mechanics,
+    /// Stiffness of the last fit, which left what the noise is taken from.
+    pub(crate) fitted_stiffness_n_m: f64,
     /// Stretch at which the spring is free, per recording, m.
     pub(crate) free_stretch_m: Vec<f64>,
     /// Difference of lead and scale, m/m: the free stretch grows by this along the screw.
@@ -145,6 +155,7 @@ impl Problem {
             timing: Vec::new(),
             timing_s: 0.0,
             mechanics: Mechanics::nominal(drive),
+            fitted_stiffness_n_m: drive.axial_stiffness_n_m(),
             free_stretch_m: vec![0.0; motions.len()],
             lead_error: 0.0,
             steps_m: [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()],
@@ -194,6 +205,10 @@ impl Problem {
     /// Length of the thinned series of each recording.
     pub(crate) fn lengths(&self) -> Vec<usize> {
         self.motions.iter().map(|m| self.thinning.grid(m.len()).count).collect()
+    }
+
+    pub(crate) fn layout(&self) -> Layout {
+        Layout { lengths: self.lengths(), sides: 2 }
     }
 
     /// Builds a column from full-rate series.
@@ -282,13 +297,14 @@ impl Problem {
     /// Takes the free stretch from the forces between the sides that are constant or grow along the screw,
     /// which stand last among the numbers.
     pub(crate) fn update_free_stretch(&mut self, coefficients: &[f64]) {
-        if self.mechanics.stiffness_n_m <= 0.0 {
-            return;
-        }
+        let Some(spring) = self.numbers.iter().position(Number::is_spring) else { return };
+        // A fit on its way may have lost the spring.
+        let stated = self.numbers[spring].nominal;
+        self.fitted_stiffness_n_m = coefficients[spring].clamp(0.2 * stated, 5.0 * stated);
         let first = self.numbers.len() - self.motions.len();
-        self.lead_error = -coefficients[first - 1] / self.mechanics.stiffness_n_m;
+        self.lead_error = -coefficients[first - 1] / self.fitted_stiffness_n_m;
         for (zero, force) in self.free_stretch_m.iter_mut().zip(&coefficients[first..]) {
-            *zero = -force / self.mechanics.stiffness_n_m;
+            *zero = -force / self.fitted_stiffness_n_m;
         }
     }
 }

@@ -5,6 +5,7 @@ use super::two_cores::on_two_cores;
 use super::whitening::Layout;
 use crate::signal::inner_products::dot;
 use nalgebra::{DMatrix, DVector};
+use std::ops::AddAssign;
 
 /// Folds of the held-out judgement.
 pub(crate) const FOLDS: usize = 4;
@@ -167,6 +168,21 @@ impl Gram {
             }
         }
         gram
+    }
+
+    /// This Gram with `factor` times the last column in another one, not by itself.
+    pub(crate) fn tied_to(mut self, column: usize, factor: f64) -> Self {
+        let last = self.columns() - 1;
+        for (inner, target) in self.inner.iter_mut().zip(&mut self.target) {
+            let row = inner.row(last) * factor;
+            inner.row_mut(column).add_assign(&row);
+            let with = inner.column(last) * factor;
+            inner.column_mut(column).add_assign(&with);
+            target[column] += factor * target[last];
+            *inner = inner.clone().resize(last, last, 0.0);
+            *target = target.clone().resize_vertically(last, 0.0);
+        }
+        self
     }
 
     /// This Gram with one coefficient held near a value, as if it had been measured a hundred times better

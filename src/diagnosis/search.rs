@@ -154,11 +154,8 @@ fn least_left(state: &State, scores: &mut Vec<Score>, (rivals, round): (Vec<Scor
     });
     let left_n: Vec<f64> = settled.iter().map(|s| rms(&s.residual)).collect();
     let least_n = left_n.iter().copied().fold(f64::INFINITY, f64::min);
-    let best = if CLEARLY_LESS * left_n[0] <= least_n {
-        0
-    } else {
-        left_n.iter().position(|l| *l == least_n).unwrap_or(0)
-    };
+    // The first that none leaves clearly less than: a free form beats what it imitates by a little.
+    let best = left_n.iter().position(|l| CLEARLY_LESS * l <= least_n).unwrap_or(0);
     if scores.first().is_none_or(|s| s.hypothesis != rivals[best].hypothesis) {
         let most = scores.first().map_or(0.0, |s| s.evidence).max(rivals[best].evidence);
         let total = 2.0 * state.problem.lengths().iter().sum::<usize>() as f64;

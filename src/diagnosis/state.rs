@@ -1,6 +1,6 @@
 //! The model as the search has it at a moment: numbers, timing, what is accepted, and what they leave.
 
-use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay, rms};
+use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay, residual_of, rms};
 use super::floor::noise_n2;
 use super::problem::{Column, Mechanics, Problem};
 use super::shape::{Hypothesis, Shape};
@@ -75,19 +75,27 @@ impl State {
 
     /// One fit of everything in the noise that the last one left; returns the largest step of a constant in
     /// deviations.
+    ///
+    /// A step of a constant that is too long to be taken whole says nothing of the numbers and amplitudes at
+    /// its end: they are then those of the constants as they are.
     fn pass(&mut self) -> f64 {
         let bench = self.bench();
         let fits: Vec<_> = (0..self.accepted.len()).map(|k| bench.accepted_fit(k)).collect();
-        let at_rest = bench.amplitudes();
-        let (coefficients, timing_s) = (bench.solution.coefficients.clone(), bench.timing_s());
-        let residual = bench.residual();
+        let whole = self.accepted.iter().zip(&fits).all(|(a, fit)| fit.is_whole(&a.hypothesis.shape));
+        let coefficients = if whole { bench.solution.coefficients.clone() } else { bench.at_rest() };
+        let amplitudes: Vec<_> =
+            (0..self.accepted.len()).map(|k| bench.amplitudes(k, &coefficients)).collect();
         drop(bench);
-        self.residual = residual;
-        update_mechanics(&mut self.problem, &coefficients);
-        self.problem.shift_timing(timing_s);
+        self.residual = residual_of(&self.problem, &self.accepted, &coefficients);
+        self.problem.update_free_stretch(&coefficients);
+        // Numbers that were fitted to a mismatch say nothing of the machine: laws keep the stated ones.
+        if self.accepted.len() > self.given || !self.is_loud() {
+            update_mechanics(&mut self.problem, &coefficients);
+        }
+        self.problem.shift_timing(coefficients[self.problem.numbers.len()]);
         let p = &self.problem;
-        let steps = self.accepted.iter_mut().zip(fits.iter().zip(at_rest));
-        steps.map(|(a, (fit, at_rest))| move_constants(p, a, (fit, at_rest))).fold(0.0, f64::max)
+        let steps = self.accepted.iter_mut().zip(fits.iter().zip(amplitudes));
+        steps.map(|(a, (fit, amplitudes))| move_constants(p, a, (fit, amplitudes))).fold(0.0, f64::max)
     }
 
     /// Takes a hypothesis into the model.
@@ -157,7 +165,6 @@ fn update_mechanics(p: &mut Problem, coefficients: &[f64]) {
         }
     }
     p.mechanics = m;
-    p.update_free_stretch(coefficients);
 }
 
 /// What the model as stated leaves.
@@ -167,7 +174,7 @@ pub(super) fn nominal_residual(p: &Problem, given: &[Accepted]) -> Column {
     for a in given {
         coefficients.extend(a.stated());
     }
-    super::bench::residual_of(p, given, &coefficients)
+    residual_of(p, given, &coefficients)
 }
 
 /// True where the last passes gained nothing over those before them: constants that trade with each other, or
@@ -180,16 +187,11 @@ fn wanders(left_n: &[f64]) -> bool {
 }
 
 /// Moves the constants of an accepted hypothesis by its fit; returns the largest step in deviations.
-///
-/// `at_rest`: amplitudes with the constants held. A step too long to be taken whole says nothing of the
-/// amplitude at its end.
-fn move_constants(p: &Problem, a: &mut Accepted, (fit, at_rest): (&HypothesisFit, Vec<f64>)) -> f64 {
+fn move_constants(p: &Problem, a: &mut Accepted, (fit, amplitudes): (&HypothesisFit, Vec<f64>)) -> f64 {
     let shape = &a.hypothesis.shape;
     let trust = shape.trust();
     let constants: Vec<f64> =
         shape.constants().iter().zip(&fit.steps).map(|(c, s)| c * s.clamp(-trust, trust).exp()).collect();
-    let whole = fit.steps.iter().all(|s| s.abs() <= trust);
-    let amplitudes = if whole || shape.unit() { fit.amplitudes.clone() } else { at_rest };
     // A step far below what the law is linear in is none, however sharp the data.
     let moved = fit.steps.iter().zip(&fit.step_deviations).map(|(s, d)| s.abs() / d.max(0.01 * trust));
     let moved = moved.fold(0.0, f64::max);

@@ -81,14 +81,22 @@ impl Whitener {
         Self::solve(n, s)
     }
 
-    /// Weights each side by its own size only, all frequencies alike.
+    /// Weights by the covariance of the two sides only, all frequencies alike.
+    ///
+    /// An error of the stretch acts on both sides and not on their sum, a force on its own side: the
+    /// covariance says which of the three is to be trusted.
     pub(crate) fn flat(residual: &Column, layout: &Layout) -> Self {
-        let mut scale = Matrix2::zeros();
-        for side in 0..layout.sides {
-            let power: f64 = residual.iter().filter_map(|r| series(r, side)).flatten().map(|v| v * v).sum();
-            scale[(side, side)] = (layout.total() as f64 / (power + 1e-300)).sqrt();
+        let power = |a: usize, b: usize| -> f64 {
+            let sides = residual.iter().filter_map(|r| Some((series(r, a)?, series(r, b)?)));
+            sides.map(|(x, y)| dot(x, y)).sum::<f64>() / layout.total().max(1) as f64
+        };
+        let mut covariance = Matrix2::identity();
+        for a in 0..layout.sides {
+            for b in 0..layout.sides {
+                covariance[(a, b)] = power(a, b);
+            }
         }
-        Self { lags: Vec::new(), scale, sides: layout.sides }
+        Self { lags: Vec::new(), scale: whitening_root(covariance), sides: layout.sides }
     }
 
     fn solve(mut n: Normal, sides: usize) -> Self {
@@ -112,9 +120,7 @@ impl Whitener {
             let least = 1e-6 * n.power[(a, a)] / count + 1e-300;
             covariance[(a, a)] = covariance[(a, a)].max(least);
         }
-        let scale = covariance.cholesky().and_then(|c| c.l().try_inverse()).unwrap_or_else(|| {
-            Matrix2::new(covariance[(0, 0)].powf(-0.5), 0.0, 0.0, covariance[(1, 1)].powf(-0.5))
-        });
+        let scale = whitening_root(covariance);
         let lags = (0..ORDER)
             .map(|k| {
                 let mut m = Matrix2::zeros();
@@ -179,6 +185,16 @@ impl Whitener {
             })
             .collect()
     }
+}
+
+/// L^-1 of L L' = `covariance`.
+fn whitening_root(mut covariance: Matrix2<f64>) -> Matrix2<f64> {
+    for k in 0..2 {
+        covariance[(k, k)] += 1e-300;
+    }
+    covariance.cholesky().and_then(|c| c.l().try_inverse()).unwrap_or_else(|| {
+        Matrix2::new(covariance[(0, 0)].powf(-0.5), 0.0, 0.0, covariance[(1, 1)].powf(-0.5))
+    })
 }
 
 /// Normal equations of the autoregression; rows and columns count lag by lag, side by side inside a lag.
