@@ -148,7 +148,8 @@ pub struct ChatterState {
 crate::keyframe::keep!(ChatterState {
     samples, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns, newest_speed_hz,
     speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
-    detector, track_hz, watched, hop, scatter, strongest, strongest_until_s, noise_until_s, variance_n2, whole_variance_n2,
+    detector, track_hz, watched, hop, scatter, strongest, strongest_until_s, noise_until_s, variance_n2,
+    whole_variance_n2,
     usual_variance_n2, louder, order_line, wide, wide_until_s,
     held_off_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
@@ -394,22 +395,7 @@ impl ChatterMonitor {
             doubtful: t_s < state.relearn_until_s.max(state.noise_until_s) + DOUBT_S,
         };
         state.decisions += 1;
-        for (i, bank) in self.banks.iter().enumerate() {
-            if !state.decisions.is_multiple_of(STRIDES[i]) {
-                continue;
-            }
-            let (bank_state, baseline) = (&state.banks[i], &mut state.baselines[i]);
-            let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
-            let line = baseline.look(bank, bank_state, among.clone());
-            let growth_1_s = bank.growth_1_s(bank_state, line);
-            let standout = baseline.standout(among, bank.leak(line, growth_1_s, baseline.power(line)));
-            // A window that knows no noise yet says nothing, neither of a line nor of the level.
-            let known = state.baselines[i].is_known();
-            let standout = if known { standout } else { Standout { contrast: 0.0, ..standout } };
-            state.bank_common[i] = if known { standout.common } else { f64::INFINITY };
-            evidence.banks[i] = self.bank_evidence(state, i, (standout, (line, growth_1_s)));
-        }
-        state.bank_evidence = evidence.banks;
+        self.look_at_banks(state, &mut evidence);
         let common = state.bank_common.iter().copied().fold(f64::INFINITY, f64::min);
         let clearest = evidence.banks.iter().map(|b| b.contrast).fold(0.0, f64::max);
         self.watch_level(state, common, clearest);
@@ -417,27 +403,7 @@ impl ChatterMonitor {
         self.watch_width(state, t_s);
         let strongest = self.watch_strongest(state, &evidence);
         evidence.stands = evidence.stands.or(strongest);
-        let age_s = state.detector.chatter_age_s(t_s);
-        let ended = self.watch_scatter(state, &evidence);
-        let event = ended.or_else(|| state.detector.step(&evidence));
-        if event.is_some() {
-            state.latest.event = event;
-        }
-        if strongest.is_some() && matches!(event, Some(ChatterEvent::Onset(_))) {
-            // It was learned as noise.
-            state.baselines.iter_mut().for_each(Baseline::level);
-        }
-        if matches!(event, Some(ChatterEvent::End)) {
-            if age_s.is_some_and(|age_s| age_s < SWELL_S) && !state.scatter.like_a_line() {
-                self.doubt_noise(state, t_s);
-            }
-            state.scatter.forget_line();
-            // Another state of the cut; or, after an alarm that was weak, noise that is not yet known well.
-            doubt(&mut state.baselines);
-            state.relearn_until_s = t_s + RELEARN_S;
-            // With another pitch the spindle makes other lines.
-            self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
-        }
+        self.conclude(state, &evidence, strongest.is_some());
         // What is suspected is not noise: chatter that grows with the entry must not be learned.
         let learns = match state.detector.phase() {
             Phase::Learning => true,
@@ -454,6 +420,53 @@ impl ChatterMonitor {
             self.learn(state, period_s, learns);
         }
         self.report(state, &evidence);
+    }
+
+    /// What each bank shows, as often as its window changes.
+    fn look_at_banks(&self, state: &mut ChatterState, evidence: &mut Evidence) {
+        for (i, bank) in self.banks.iter().enumerate() {
+            if !state.decisions.is_multiple_of(STRIDES[i]) {
+                continue;
+            }
+            let (bank_state, baseline) = (&state.banks[i], &mut state.baselines[i]);
+            let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
+            let line = baseline.look(bank, bank_state, among.clone());
+            let growth_1_s = bank.growth_1_s(bank_state, line);
+            let standout = baseline.standout(among, bank.leak(line, growth_1_s, baseline.power(line)));
+            // A window that knows no noise yet says nothing, neither of a line nor of the level.
+            let known = state.baselines[i].is_known();
+            let standout = if known { standout } else { Standout { contrast: 0.0, ..standout } };
+            state.bank_common[i] = if known { standout.common } else { f64::INFINITY };
+            evidence.banks[i] = self.bank_evidence(state, i, (standout, (line, growth_1_s)));
+        }
+        state.bank_evidence = evidence.banks;
+    }
+
+    /// What began or ended, and what that says of the noise. `learned`: the line that stands was learned
+    /// as noise.
+    fn conclude(&self, state: &mut ChatterState, evidence: &Evidence, learned: bool) {
+        let t_s = evidence.t_s;
+        let age_s = state.detector.chatter_age_s(t_s);
+        let ended = self.watch_scatter(state, evidence);
+        let event = ended.or_else(|| state.detector.step(evidence));
+        if event.is_some() {
+            state.latest.event = event;
+        }
+        if learned && matches!(event, Some(ChatterEvent::Onset(_))) {
+            // It was learned as noise.
+            state.baselines.iter_mut().for_each(Baseline::level);
+        }
+        if matches!(event, Some(ChatterEvent::End)) {
+            if age_s.is_some_and(|age_s| age_s < SWELL_S) && !state.scatter.like_a_line() {
+                self.doubt_noise(state, t_s);
+            }
+            state.scatter.forget_line();
+            // Another state of the cut; or, after an alarm that was weak, noise that is not yet known well.
+            doubt(&mut state.baselines);
+            state.relearn_until_s = t_s + RELEARN_S;
+            // With another pitch the spindle makes other lines.
+            self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
+        }
     }
 
     fn now_s(&self, state: &ChatterState) -> f64 {

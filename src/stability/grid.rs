@@ -181,9 +181,9 @@ impl Grid {
 
     /// Answers of the points `from..to`; parts of a grid may run side by side.
     ///
-    /// Every point is searched over all of its window; its neighbour's root only tells how far left no root is
-    /// worth it. Following it alone would lose the one that takes the lead from far away, and a map would miss
-    /// an island. Errors: as [`Grid::check`].
+    /// Every point is searched over all of its window; its neighbour's root only tells how far left no
+    /// root is worth it. Following it alone would lose the one that takes the lead from far away, and a
+    /// map would miss an island. Errors: as [`Grid::check`].
     pub fn evaluate(&self, from: usize, to: usize) -> Result<Vec<GridPoint>, GridError> {
         let mut answers: Vec<GridPoint> = Vec::with_capacity(to.saturating_sub(from));
         let fast = Fast::detect();

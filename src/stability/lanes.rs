@@ -1,5 +1,5 @@
-//! Newton's method on the two-delay equation from eight places at once: the search spends its time on e^{-s tau},
-//! and one call computes it for all.
+//! Newton's method on the two-delay equation from eight places at once: the search spends its time on
+//! e^{-s tau}, and one call computes it for all.
 //!
 //! What comes out is near a root, not on it: the search polishes what may be the rightmost one by itself.
 
@@ -104,8 +104,8 @@ const ROUND: f64 = 6_755_399_441_055_744.0;
 
 /// a e^{-s tau}: e^{-x tau} (cos(y tau) - j sin(y tau)).
 ///
-/// e^r and sine and cosine by Taylor's series after ln 2 and pi/2 are taken off, 1e-11 of the value: the answer is
-/// polished elsewhere. Below e^-700 and above e^700 the power stays there.
+/// e^r and sine and cosine by Taylor's series after ln 2 and pi/2 are taken off, 1e-11 of the value: the
+/// answer is polished elsewhere. Below e^-700 and above e^700 the power stays there.
 #[inline(always)]
 fn fading_turn<const FUSED: bool>(re: &Lanes, im: &Lanes, tau: f64, a: f64) -> (Lanes, Lanes) {
     use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, LN_2, LOG2_E};

@@ -113,9 +113,9 @@ impl Scaled {
 
     /// Angular frequencies between which every root right of `growth` lies.
     ///
-    /// There |D(s)| <= r = K (e^{-growth tau1} + e^{-growth tau2}) with D = s^2 + c s + k + 2K: both delayed terms
-    /// fall to the right. Of D the imaginary part, w (2 sigma + c), bounds the growth, and takes its share of r;
-    /// what is left for the real part, k + 2K + sigma^2 + c sigma - w^2, bounds w.
+    /// There |D(s)| <= r = K (e^{-growth tau1} + e^{-growth tau2}) with D = s^2 + c s + k + 2K: both
+    /// delayed terms fall to the right. Of D the imaginary part, w (2 sigma + c), bounds the growth, and
+    /// takes its share of r; what is left for the real part, k + 2K + sigma^2 + c sigma - w^2, bounds w.
     fn window_rad_s(&self, growth: f64) -> (f64, f64) {
         let reach = self.cutting * ((-growth * self.delay_1_s).exp() + (-growth * self.delay_2_s).exp());
         let middle = self.stiffness + 2.0 * self.cutting;
@@ -154,8 +154,8 @@ pub fn rightmost_root(equation: &TwoDelay) -> Root {
     search(&Scaled::new(equation).of_bending(), None, Fast::detect())
 }
 
-/// The same with a guess, such as the root of an equation much like it. The guess is where the search begins, no
-/// more: all of the window is searched.
+/// The same with a guess, such as the root of an equation much like it. The guess is where the search
+/// begins, no more: all of the window is searched.
 pub(super) fn rightmost_root_near(equation: &TwoDelay, guess: Option<Root>, fast: Fast) -> Root {
     search(&Scaled::new(equation).of_bending(), guess, fast)
 }
