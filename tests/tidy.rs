@@ -15,7 +15,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("force", &["signal", "plant"]),
     ("chatter", &["signal"]),
     ("avoidance", &["chatter", "stability", "plant"]),
-    ("stability", &["plant", "chatter"]),
+    ("stability", &["plant", "chatter", "signal"]),
     ("pipeline", &["force", "chatter", "avoidance", "plant", "signal"]),
     ("simulation", &["plant", "signal", "pipeline", "avoidance", "chatter"]),
     ("identify", &["plant", "signal", "force", "simulation"]),

@@ -12,6 +12,8 @@ pub(super) struct Baseline {
     believed: Vec<f64>,
     /// Powers when the bank was looked at last.
     powers: Vec<f64>,
+    /// The strongest of them.
+    strongest: usize,
     ratios: Vec<f64>,
     /// Independent looks in the average.
     looks: f64,
@@ -20,7 +22,7 @@ pub(super) struct Baseline {
     confirm: f64,
 }
 
-crate::keyframe::keep!(Baseline { expected, believed, powers, ratios, looks, suspect, confirm });
+crate::keyframe::keep!(Baseline { expected, believed, powers, strongest, ratios, looks, suspect, confirm });
 
 /// The line that stands out most in a bank.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -46,6 +48,8 @@ pub(super) struct Lesson {
     pub(super) most: f64,
 }
 
+/// Noise stands at most this far above the middle of the band.
+const LEVEL: f64 = 4.0;
 /// Neighbours on each side that a filter is believed by.
 const REACH: usize = 4;
 
@@ -56,6 +60,7 @@ impl Baseline {
             expected: zeros.clone(),
             believed: vec![f64::MIN_POSITIVE; filters],
             powers: zeros.clone(),
+            strongest: 0,
             ratios: zeros,
             looks: 0.0,
             suspect: f64::INFINITY,
@@ -71,7 +76,32 @@ impl Baseline {
         among: std::ops::Range<usize>,
     ) -> usize {
         bank.powers(state, &mut self.powers);
-        among.start + run(Fast::detect(), Largest { values: &self.powers[among] }).0
+        self.strongest = among.start + run(Fast::detect(), Largest { values: &self.powers[among] }).0;
+        self.strongest
+    }
+
+    /// The strongest filter of the last look.
+    pub(super) fn strongest(&self) -> usize {
+        self.strongest
+    }
+
+    /// Median of the powers of some filters at the last look.
+    pub(super) fn median(&mut self, among: std::ops::Range<usize>) -> f64 {
+        let (ratios, heard) = (&mut self.ratios[among.clone()], &self.powers[among]);
+        ratios.copy_from_slice(heard);
+        let middle = ratios.len() / 2;
+        if ratios.is_empty() { 0.0 } else { *ratios.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    }
+
+    /// Takes what stands far above the rest out of what is known: it was no noise.
+    pub(super) fn level(&mut self) {
+        let middle = self.expected.len() / 2;
+        self.ratios.copy_from_slice(&self.expected);
+        let (_, median, _) = self.ratios.select_nth_unstable_by(middle, f64::total_cmp);
+        let most = LEVEL * *median;
+        for known in self.expected.iter_mut().chain(&mut self.believed) {
+            *known = known.min(most).max(f64::MIN_POSITIVE);
+        }
     }
 
     /// Power of a filter when the bank was looked at last.
@@ -165,7 +195,11 @@ impl Kernel for Largest<'_> {
             }
         }
         let largest = most.iter().chain(rest).fold(0.0, |a: f64, b| a.max(*b));
-        (self.values.iter().position(|x| *x >= largest).unwrap_or(0), largest)
+        let has = |chunk: &&[f64; LANES]| chunk.iter().fold(false, |has, x| has | (*x >= largest));
+        // A chunk at a time is asked, all of it at once.
+        let before = chunks.iter().take_while(|chunk| !has(chunk)).count() * LANES;
+        let place = self.values[before..].iter().position(|x| *x >= largest);
+        (place.map_or(0, |place| before + place), largest)
     }
 }
 

@@ -56,6 +56,14 @@ crate::keyframe::keep!(CutLevelState {
     started
 });
 
+impl CutLevelState {
+    /// Mean force of the last third of a second.
+    pub(super) fn mean_n(&self) -> f64 {
+        let seen = self.seen.min(LOOKS);
+        self.looks[..seen].iter().sum::<f64>() / seen.max(1) as f64
+    }
+}
+
 impl CutLevel {
     pub(super) fn new(rate: SampleRate) -> Self {
         let period_s = rate.period_s();

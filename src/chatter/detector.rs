@@ -25,6 +25,10 @@ pub(super) struct Evidence {
     pub(super) speed_change_hz_s: f64,
     /// Delay of the band before the windows, s.
     pub(super) delay_s: f64,
+    /// Whether the noise was learned anew a moment ago.
+    pub(super) doubtful: bool,
+    /// The line that has stood, louder than the noise known there, as no noise stands.
+    pub(super) stands: Option<BankEvidence>,
 }
 
 /// What one bank says.
@@ -76,6 +80,8 @@ const LEAVE: f64 = 5.0;
 const HOLD_S: f64 = 0.045;
 /// And its frequency must have stood for this long.
 const STANDS_S: f64 = 0.035;
+/// The same while the noise is hardly known: two lengths of the window that places it.
+const DOUBTFUL_STANDS_S: f64 = 0.08;
 /// A line this far from the orders, in half bandwidths of the filter, is none of them: they are down by 13
 /// dB there.
 const BETWEEN: f64 = 1.8;
@@ -207,6 +213,15 @@ impl Detector {
         }
     }
 
+    /// What stands out is noise; the end of chatter if it was declared.
+    pub(super) fn dismiss(&mut self) -> Option<ChatterEvent> {
+        let event = matches!(self.phase, State::Chatter { .. }).then_some(ChatterEvent::End);
+        if self.phase != State::Learning {
+            self.phase = State::Quiet;
+        }
+        event
+    }
+
     /// Takes the evidence of one instant; gives what began or ended with it.
     pub(super) fn step(&mut self, evidence: &Evidence) -> Option<ChatterEvent> {
         let short = &evidence.banks[0];
@@ -215,10 +230,13 @@ impl Detector {
         let seen = evidence.banks.iter().any(|b| b.contrast > b.suspect);
         self.steadiness.look(evidence.t_s, &evidence.banks, on_an_order(&evidence.banks[2], evidence));
         match self.phase {
-            State::Learning => None,
+            State::Learning => {
+                let line = *standing(evidence).filter(|_| evidence.orders_known)?;
+                Some(self.declare(&line, evidence.t_s))
+            }
             State::Quiet => {
-                if self.steadiness.steady(evidence.t_s) && evidence.orders_known {
-                    return Some(self.declare(&evidence.banks[2], evidence.t_s));
+                if let Some(line) = self.steady_line(evidence) {
+                    return Some(self.declare(&line, evidence.t_s));
                 }
                 if seen {
                     let t_s = evidence.t_s;
@@ -239,7 +257,7 @@ impl Detector {
             }
             State::Chatter { since_s, last_loud_s, peak_n2, assurance, on_order } => {
                 let bank = &evidence.banks[1];
-                let steady = self.steadiness.steady(evidence.t_s);
+                let steady = self.steadiness.steady(evidence.t_s) || standing(evidence).is_some();
                 let there = bank.contrast > LEAVE || steady;
                 // An order is no chatter: what is left of a line that died may stand on one.
                 let there = there && !on_an_order(&evidence.banks[2], evidence);
@@ -281,20 +299,20 @@ impl Detector {
         if placed.is_some_and(|b| on_an_order(b, evidence)) {
             return None;
         }
-        let steady = self.steadiness.steady(evidence.t_s) && evidence.orders_known;
+        let stands_s = if evidence.doubtful { DOUBTFUL_STANDS_S } else { STANDS_S };
         let declares = |(k, b): &(usize, &BankEvidence)| {
             !evidence.held_off
                 && (evidence.orders_known
                     || (!evidence.wide && *k <= PLACED && between_orders(b, evidence.speed_hz)))
-                && self.steadiness.held_s(*k, evidence.t_s) > STANDS_S
+                && self.steadiness.held_s(*k, evidence.t_s) > stands_s
                 && b.growth_1_s > FADING_1_S
                 && b.contrast > b.confirm * if age_s > NOISE_LASTS_S { 1.0 } else { YOUNG }
                 && !on_an_order(b, evidence)
                 && age_s > HOLD_S
                 && self.recent_mean() - evidence.banks[0].noise_n2 > 0.5 * b.power_n2
         };
-        if steady {
-            return Some(self.declare(&evidence.banks[2], evidence.t_s));
+        if let Some(line) = self.steady_line(evidence) {
+            return Some(self.declare(&line, evidence.t_s));
         }
         let (_, bank) = evidence.banks.iter().enumerate().find(declares)?;
         // What has lost 6 dB since it was strongest rings down.
@@ -307,6 +325,12 @@ impl Detector {
         }
         let bank = *bank;
         Some(self.declare(&bank, evidence.t_s))
+    }
+
+    /// The line that has stood for long enough, in power or in the scatter of its logarithm.
+    fn steady_line(&self, evidence: &Evidence) -> Option<BankEvidence> {
+        let steady = self.steadiness.steady(evidence.t_s).then_some(&evidence.banks[PLACED]);
+        steady.or_else(|| standing(evidence)).filter(|_| evidence.orders_known).copied()
     }
 
     fn declare(&mut self, line: &BankEvidence, t_s: f64) -> ChatterEvent {
@@ -366,6 +390,11 @@ pub(super) fn between_orders(line: &BankEvidence, speed_hz: f64) -> bool {
     let order = line.frequency_hz / speed_hz.max(f64::MIN_POSITIVE);
     let apart_hz = (order - order.round()).abs() * speed_hz;
     std::f64::consts::TAU * apart_hz * line.tau_s > BETWEEN
+}
+
+/// The line that stands, unless it is an order.
+fn standing(evidence: &Evidence) -> Option<&BankEvidence> {
+    evidence.stands.as_ref().filter(|line| !on_an_order(line, evidence))
 }
 
 /// How far the best bank is over its threshold; power counts by itself too, because loud chatter raises all

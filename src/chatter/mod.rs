@@ -21,6 +21,7 @@ mod cut_level;
 mod detector;
 mod hop;
 mod monitor;
+mod scatter;
 mod steadiness;
 mod watched;
 

@@ -1,10 +1,13 @@
 //! The monitor of one force stream: signal processing and decision together.
 
+mod watch;
+
 use super::band::{Band, BandError};
 use super::baseline::{Baseline, Lesson, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
-use super::detector::{BANKS, BankEvidence, Detector, Evidence, PLACED, between_orders, on_an_order};
+use super::detector::{BANKS, BankEvidence, Detector, Evidence, PLACED, between_orders};
 use super::hop::HopWatch;
+use super::scatter::Scatter;
 use super::watched::Watched;
 use super::{ChatterEvent, ChatterOutput, Phase};
 use crate::signal::down_mix::{DownMix, DownMixState};
@@ -13,6 +16,7 @@ use crate::signal::order_lines::{OrderLines, OrderLinesState, OrderSample};
 use crate::units::SampleRate;
 use nalgebra::Complex;
 use thiserror::Error;
+use watch::{DOUBT_S, START_S, SWELL_S};
 
 /// What to watch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,15 +62,6 @@ const NOISE_MEMORY_S: f64 = 15.0;
 /// What is known of the noise counts as this many looks after the cut changed. Longer windows see the lobes
 /// of the new cut as lines: they are trusted less.
 const DOUBT_LOOKS: [f64; BANKS] = [10.0, 10.0, 8.0, 6.0];
-/// All of the band this much louder than learned, for so many decisions (32 ms), is another cut: what is
-/// known of the noise
-/// of the old one says little of the shape of the new.
-const LOUDER: f64 = 3.0;
-const LOUDER_LOOKS: u32 = 8;
-/// The same in the short windows alone, for so many decisions (12 ms).
-const WIDE_LOOKS: u32 = 3;
-/// A line that stands this far above the band that rose with it made it rise.
-const CLEAR_LINE: f64 = 150.0;
 /// Most that a power counts over what is known, usually and while the noise is another.
 const USUAL_MOST: f64 = 4.0;
 const LEARNING_MOST: f64 = 8.0;
@@ -123,8 +118,16 @@ pub struct ChatterState {
     track_hz: Option<f64>,
     watched: Watched,
     hop: HopWatch,
+    scatter: Scatter,
+    /// Of the strongest line, while what is known of the noise is not to be trusted.
+    strongest: Scatter,
+    strongest_until_s: f64,
+    /// Until when the noise is learned as it is heard, whatever stands out: it was told by its scatter.
+    noise_until_s: f64,
     /// Mean power of the band over the last quarter second, and as it was learned, N^2.
     variance_n2: f64,
+    /// The same with the orders in it.
+    whole_variance_n2: f64,
     usual_variance_n2: f64,
     /// Decisions in a row with all of the band louder than learned.
     louder: u32,
@@ -145,7 +148,9 @@ pub struct ChatterState {
 crate::keyframe::keep!(ChatterState {
     samples, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns, newest_speed_hz,
     speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
-    detector, track_hz, watched, hop, variance_n2, usual_variance_n2, louder, order_line, wide, wide_until_s,
+    detector, track_hz, watched, hop, scatter, strongest, strongest_until_s, noise_until_s, variance_n2,
+    whole_variance_n2,
+    usual_variance_n2, louder, order_line, wide, wide_until_s,
     held_off_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
 
@@ -212,7 +217,12 @@ impl ChatterMonitor {
             track_hz: None,
             watched: Watched::new(self.settings.band, self.mix.centre_hz(), EDGE),
             hop: HopWatch::default(),
+            scatter: Scatter::NEW,
+            strongest: Scatter::NEW,
+            strongest_until_s: START_S,
+            noise_until_s: 0.0,
             variance_n2: 0.0,
+            whole_variance_n2: 0.0,
             usual_variance_n2: 0.0,
             louder: 0,
             order_line: 0,
@@ -319,6 +329,8 @@ impl ChatterMonitor {
         let rate_hz = self.mix.output_rate_hz();
         state.mixer *= Complex::from_polar(1.0, -std::f64::consts::TAU * self.mix.centre_hz() / rate_hz);
         state.mixer *= 1.5 - 0.5 * state.mixer.norm_sqr();
+        let share = 1.0 / (VARIANCE_S * rate_hz);
+        state.whole_variance_n2 += (value.norm_sqr() - state.whole_variance_n2) * share;
         let phase = state.detector.phase();
         let adapt = phase != Phase::Chatter;
         let value = if state.speed_hz > 0.0 {
@@ -341,7 +353,7 @@ impl ChatterMonitor {
         };
         state.fresh[state.fresh_count] = value;
         state.fresh_count += 1;
-        state.variance_n2 += (value.norm_sqr() - state.variance_n2) / (VARIANCE_S * rate_hz);
+        state.variance_n2 += (value.norm_sqr() - state.variance_n2) * share;
         state.until_decision -= 1;
         if state.until_decision == 0 {
             state.until_decision = self.decide_every;
@@ -379,8 +391,39 @@ impl ChatterMonitor {
             speed_hz: state.speed_hz,
             speed_change_hz_s: (state.speed_hz - state.earlier_speed_hz) / SPEED_LAG_S,
             delay_s: self.mix.delay_s(),
+            stands: self.standing(state),
+            doubtful: t_s < state.relearn_until_s.max(state.noise_until_s) + DOUBT_S,
         };
         state.decisions += 1;
+        self.look_at_banks(state, &mut evidence);
+        let common = state.bank_common.iter().copied().fold(f64::INFINITY, f64::min);
+        let clearest = evidence.banks.iter().map(|b| b.contrast).fold(0.0, f64::max);
+        self.watch_level(state, common, clearest);
+        self.watch_orders(state, &evidence);
+        self.watch_width(state, t_s);
+        let strongest = self.watch_strongest(state, &evidence);
+        evidence.stands = evidence.stands.or(strongest);
+        self.conclude(state, &evidence, strongest.is_some());
+        // What is suspected is not noise: chatter that grows with the entry must not be learned.
+        let learns = match state.detector.phase() {
+            Phase::Learning => true,
+            Phase::Quiet => !state.detector.watches(t_s),
+            Phase::Suspected | Phase::Chatter => false,
+        };
+        if orders_known && learns {
+            self.learn_variance(state, period_s);
+        }
+        // A window that knows nothing yet cannot tell what to suspect: it learns all the same.
+        let first = state.detector.phase() != Phase::Chatter;
+        let learns = learns || first && t_s < state.noise_until_s;
+        if orders_known && first {
+            self.learn(state, period_s, learns);
+        }
+        self.report(state, &evidence);
+    }
+
+    /// What each bank shows, as often as its window changes.
+    fn look_at_banks(&self, state: &mut ChatterState, evidence: &mut Evidence) {
         for (i, bank) in self.banks.iter().enumerate() {
             if !state.decisions.is_multiple_of(STRIDES[i]) {
                 continue;
@@ -394,92 +437,35 @@ impl ChatterMonitor {
             let known = state.baselines[i].is_known();
             let standout = if known { standout } else { Standout { contrast: 0.0, ..standout } };
             state.bank_common[i] = if known { standout.common } else { f64::INFINITY };
-            evidence.banks[i] = self.bank_evidence(state, i, standout);
+            evidence.banks[i] = self.bank_evidence(state, i, (standout, (line, growth_1_s)));
         }
         state.bank_evidence = evidence.banks;
-        let common = state.bank_common.iter().copied().fold(f64::INFINITY, f64::min);
-        let clearest = evidence.banks.iter().map(|b| b.contrast).fold(0.0, f64::max);
-        self.watch_level(state, common, clearest);
-        self.watch_orders(state, &evidence);
-        self.watch_width(state, t_s);
-        let event = state.detector.step(&evidence);
+    }
+
+    /// What began or ended, and what that says of the noise. `learned`: the line that stands was learned
+    /// as noise.
+    fn conclude(&self, state: &mut ChatterState, evidence: &Evidence, learned: bool) {
+        let t_s = evidence.t_s;
+        let age_s = state.detector.chatter_age_s(t_s);
+        let ended = self.watch_scatter(state, evidence);
+        let event = ended.or_else(|| state.detector.step(evidence));
         if event.is_some() {
             state.latest.event = event;
         }
+        if learned && matches!(event, Some(ChatterEvent::Onset(_))) {
+            // It was learned as noise.
+            state.baselines.iter_mut().for_each(Baseline::level);
+        }
         if matches!(event, Some(ChatterEvent::End)) {
+            if age_s.is_some_and(|age_s| age_s < SWELL_S) && !state.scatter.like_a_line() {
+                self.doubt_noise(state, t_s);
+            }
+            state.scatter.forget_line();
             // Another state of the cut; or, after an alarm that was weak, noise that is not yet known well.
             doubt(&mut state.baselines);
             state.relearn_until_s = t_s + RELEARN_S;
             // With another pitch the spindle makes other lines.
             self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
-        }
-        // What is suspected is not noise: chatter that grows with the entry must not be learned.
-        let learns = match state.detector.phase() {
-            Phase::Learning => true,
-            Phase::Quiet => !state.detector.watches(t_s),
-            Phase::Suspected | Phase::Chatter => false,
-        };
-        if orders_known && learns {
-            self.learn_variance(state, period_s);
-        }
-        // A window that knows nothing yet cannot tell what to suspect: it learns all the same.
-        let first = state.detector.phase() != Phase::Chatter;
-        if orders_known && first {
-            self.learn(state, period_s, learns);
-        }
-        self.report(state, &evidence);
-    }
-
-    /// All windows agree that the band as a whole is louder than learned: the tools entered, depth or
-    /// material changed.
-    /// Loud chatter raises all of the band too, but stands far above it.
-    fn watch_level(&self, state: &mut ChatterState, common: f64, clearest: f64) {
-        let no_line = state.detector.phase() != Phase::Chatter && clearest < CLEAR_LINE;
-        let loud = common > LOUDER && no_line;
-        state.louder = if loud { state.louder + 1 } else { 0 };
-        if state.louder >= LOUDER_LOOKS {
-            doubt(&mut state.baselines);
-            state.relearn_until_s = self.now_s(state) + RELEARN_S;
-        }
-    }
-
-    /// The short windows see all of the band louder at once: tools enter or leave, or something is hit.
-    /// Nothing is declared for one turn; where all of the band is still louder then, it is no ring: the
-    /// notches start anew.
-    fn watch_width(&self, state: &mut ChatterState, t_s: f64) {
-        let louder = state.bank_common[0].min(state.bank_common[1]) > LOUDER;
-        let wide = louder && state.detector.phase() != Phase::Chatter;
-        state.wide = if wide { state.wide + 1 } else { 0 };
-        if state.speed_hz <= 0.0 {
-            return;
-        }
-        if state.held_off_s > 0.0 && t_s >= state.held_off_s {
-            state.held_off_s = 0.0;
-            if wide {
-                self.orders
-                    .restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
-                state.detector.forget_suspicion();
-            }
-        }
-        if state.wide >= WIDE_LOOKS && t_s > state.wide_until_s {
-            state.held_off_s = t_s + 1.0 / state.speed_hz;
-            state.wide_until_s = t_s + YOUNG_TURNS / state.speed_hz;
-        }
-    }
-
-    /// What stands out is a spindle order that the notches do not know: the cut that makes it is another.
-    /// They start anew.
-    fn watch_orders(&self, state: &mut ChatterState, evidence: &Evidence) {
-        let stands_out = evidence.banks[2].contrast > evidence.banks[2].suspect;
-        let order = stands_out
-            && state.detector.phase() != Phase::Chatter
-            && on_an_order(&evidence.banks[2], evidence);
-        state.order_line = if order { state.order_line + 1 } else { 0 };
-        if state.order_line >= LOUDER_LOOKS && evidence.t_s > state.orders_new_until_s && state.speed_hz > 0.0
-        {
-            self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
-            state.detector.forget_suspicion();
-            state.orders_new_until_s = evidence.t_s + YOUNG_TURNS / state.speed_hz;
         }
     }
 
@@ -491,7 +477,13 @@ impl ChatterMonitor {
         (state.speed_hz - state.earlier_speed_hz).abs() / (SPEED_LAG_S * state.speed_hz.max(1e-9))
     }
 
-    fn bank_evidence(&self, state: &ChatterState, index: usize, standout: Standout) -> BankEvidence {
+    /// What stands out in a bank, whose strongest filter grows as stated.
+    fn bank_evidence(
+        &self,
+        state: &ChatterState,
+        index: usize,
+        (standout, (line, growth_1_s)): (Standout, (usize, f64)),
+    ) -> BankEvidence {
         let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
         let [suspect, confirm] = state.baselines[index].thresholds();
         BankEvidence {
@@ -502,7 +494,11 @@ impl ChatterMonitor {
             power_n2: standout.power_n2,
             noise_n2: state.baselines[index].expected(standout.filter),
             frequency_hz: self.mix.centre_hz() + bank.refined_hz(bank_state, standout.filter),
-            growth_1_s: bank.growth_1_s(bank_state, standout.filter),
+            growth_1_s: if standout.filter == line {
+                growth_1_s
+            } else {
+                bank.growth_1_s(bank_state, standout.filter)
+            },
         }
     }
 
@@ -519,7 +515,12 @@ impl ChatterMonitor {
         }
         // The lobes of the noise move with the speed: what is older than their move of 3 Hz is no guide.
         let relative_1_s = self.relative_speed_change_1_s(state);
-        let most = if self.now_s(state) < state.relearn_until_s { LEARNING_MOST } else { USUAL_MOST };
+        let now_s = self.now_s(state);
+        let most = match now_s {
+            now_s if now_s < state.noise_until_s => f64::INFINITY,
+            now_s if now_s < state.relearn_until_s => LEARNING_MOST,
+            _ => USUAL_MOST,
+        };
         let memory_s = (3.0 / (self.mix.centre_hz() * relative_1_s).max(1e-9)).clamp(1.5, NOISE_MEMORY_S);
         let parts = self.banks.iter().zip(&mut state.baselines).zip(STRIDES);
         for ((bank, baseline), stride) in parts {
@@ -546,8 +547,12 @@ impl ChatterMonitor {
             _ => 1,
         };
         let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
-        let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
-        let best = state.baselines[index].look(bank, bank_state, among);
+        let best = if STRIDES[index] == 1 {
+            state.baselines[index].strongest()
+        } else {
+            let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
+            state.baselines[index].look(bank, bank_state, among)
+        };
         let power_n2 = state.baselines[index].power(best);
         let phase = state.detector.phase();
         let line = matches!(phase, Phase::Suspected | Phase::Chatter);

@@ -69,6 +69,17 @@ impl LineBank {
         &self.frequencies_hz
     }
 
+    /// The filter nearest to a frequency relative to the band's centre.
+    #[must_use]
+    pub fn nearest(&self, frequency_hz: f64) -> usize {
+        let last = self.frequencies_hz.len().saturating_sub(1);
+        let (low_hz, high_hz) = (self.frequencies_hz[0], self.frequencies_hz[last]);
+        let place = (frequency_hz - low_hz) / (high_hz - low_hz).max(f64::MIN_POSITIVE) * last as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the bank")]
+        let nearest = place.round().clamp(0.0, last as f64) as usize;
+        nearest
+    }
+
     /// Nothing heard yet.
     #[must_use]
     pub fn start(&self) -> LineBankState {

@@ -1,9 +1,10 @@
 //! Growth and frequency over a grid of pitch difference, position, speed and width.
 
-use super::root::{Root, rightmost_root};
+use super::root::{Root, rightmost_root_near};
 use crate::plant::cutting::TwoDelay;
 use crate::plant::scenario::Scenario;
 use crate::plant::workpiece::ScenarioError;
+use crate::signal::dispatch::Fast;
 use thiserror::Error;
 
 /// Values from `low` to `high`, `count` of them, evenly spaced.
@@ -180,13 +181,15 @@ impl Grid {
 
     /// Answers of the points `from..to`; parts of a grid may run side by side.
     ///
-    /// Every point is searched by itself: following the roots of a neighbour loses the one that takes the
-    /// lead from far away, and a map would miss an island. Errors: as [`Grid::check`].
+    /// Every point is searched over all of its window; its neighbour's root only tells how far left no
+    /// root is worth it. Following it alone would lose the one that takes the lead from far away, and a
+    /// map would miss an island. Errors: as [`Grid::check`].
     pub fn evaluate(&self, from: usize, to: usize) -> Result<Vec<GridPoint>, GridError> {
         let mut answers: Vec<GridPoint> = Vec::with_capacity(to.saturating_sub(from));
+        let fast = Fast::detect();
         for point in from..to {
             let (mut at, equation) = self.equation(point)?;
-            at.root = rightmost_root(&equation);
+            at.root = rightmost_root_near(&equation, answers.last().map(|before| before.root), fast);
             answers.push(at);
         }
         Ok(answers)

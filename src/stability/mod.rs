@@ -12,6 +12,7 @@
 
 mod count;
 mod grid;
+mod lanes;
 mod root;
 
 pub use count::roots_right_of;

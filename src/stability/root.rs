@@ -1,6 +1,8 @@
 //! The rightmost root of the two-delay equation.
 
+use super::lanes::Descend;
 use crate::plant::cutting::TwoDelay;
+use crate::signal::dispatch::{Fast, run};
 use nalgebra::Complex;
 use std::f64::consts::{PI, TAU};
 
@@ -16,11 +18,11 @@ pub struct Root {
 /// The equation over its mass, in the units of the search: 1/s.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scaled {
-    damping: f64,
-    stiffness: f64,
-    cutting: f64,
-    delay_1_s: f64,
-    delay_2_s: f64,
+    pub(super) damping: f64,
+    pub(super) stiffness: f64,
+    pub(super) cutting: f64,
+    pub(super) delay_1_s: f64,
+    pub(super) delay_2_s: f64,
     /// Roots with a smaller imaginary part are not asked for.
     lowest_rad_s: f64,
 }
@@ -64,7 +66,7 @@ impl Scaled {
         (value, slope)
     }
 
-    fn longest_delay_s(&self) -> f64 {
+    pub(super) fn longest_delay_s(&self) -> f64 {
         self.delay_1_s.max(self.delay_2_s)
     }
 
@@ -99,28 +101,43 @@ impl Scaled {
     /// Growth at which a root near the angular frequency `w` would lie: there the delayed terms are as large
     /// as the rest, 2 K |cos(w (tau2 - tau1)/2)| e^{-growth tau} = |D(j w)|.
     fn likely_growth(&self, w: f64) -> f64 {
-        let rest = Complex::new(self.stiffness + 2.0 * self.cutting - w * w, w * self.damping).norm();
+        let (re, im) = (self.stiffness + 2.0 * self.cutting - w * w, w * self.damping);
         let mean_s = (self.delay_1_s + self.delay_2_s) / 2.0;
         let beat = (w * (self.delay_2_s - self.delay_1_s) / 2.0).cos().abs().max(0.05);
         // Near resonance D is small and does not stay so off the axis: no more than the cut can drive.
         let most = self.cutting / w.max(1.0);
-        (-(rest / (2.0 * self.cutting * beat)).ln() / mean_s.max(1e-9)).clamp(-3.0 * most - 200.0, most)
+        let driven = 2.0 * self.cutting * beat;
+        let growth = -0.5 * rough_ln((re * re + im * im) / (driven * driven)) / mean_s.max(1e-9);
+        growth.clamp(-3.0 * most - 200.0, most)
     }
 
     /// Angular frequencies between which every root right of `growth` lies.
     ///
-    /// There |s^2 + c s + k + 2K| <= 2 K e^{-growth tau}; its real part alone bounds the imaginary part of s.
+    /// There |D(s)| <= r = K (e^{-growth tau1} + e^{-growth tau2}) with D = s^2 + c s + k + 2K: both
+    /// delayed terms fall to the right. Of D the imaginary part, w (2 sigma + c), bounds the growth, and
+    /// takes its share of r; what is left for the real part, k + 2K + sigma^2 + c sigma - w^2, bounds w.
     fn window_rad_s(&self, growth: f64) -> (f64, f64) {
-        let reach = 2.0 * self.cutting * (-growth * self.longest_delay_s()).exp().max(1.0);
+        let reach = self.cutting * ((-growth * self.delay_1_s).exp() + (-growth * self.delay_2_s).exp());
         let middle = self.stiffness + 2.0 * self.cutting;
         // c s + s^2 for real parts between `growth` and zero; right of zero both only raise it.
         let falls = (-growth).max(0.0) * self.damping;
-        let low = middle - reach - falls;
-        // No root grows faster than this: m s^2 alone would outweigh the cut.
-        let fastest = (2.0 * reach).sqrt();
-        let high = middle + reach + growth.min(0.0).powi(2) + fastest * (fastest + self.damping);
-        (low.max(0.0).sqrt(), high.sqrt())
+        let rises = growth.max(0.0) * (growth + self.damping);
+        let low = (middle + rises - reach - falls).max(0.0).sqrt();
+        let turning = low * (2.0 * growth + self.damping).max(0.0);
+        let left = (reach * reach - turning * turning).max(0.0).sqrt();
+        let low = (middle + rises - left - falls).max(0.0).sqrt().max(low);
+        // No root grows faster than this: m s^2 alone, or the imaginary part, would outweigh the cut.
+        let fastest = (2.0 * reach).sqrt().min(reach / (2.0 * low).max(f64::MIN_POSITIVE));
+        let high = middle + left + growth.min(0.0).powi(2) + fastest * (fastest + self.damping);
+        (low, high.sqrt())
     }
+}
+
+/// Natural logarithm within 0.06 (a straight line between powers of two): good enough for a seed.
+fn rough_ln(x: f64) -> f64 {
+    const PER_OCTAVE: f64 = 4_503_599_627_370_496.0;
+    let octaves = x.max(f64::MIN_POSITIVE).to_bits() as f64 / PER_OCTAVE - 1023.0;
+    (octaves + 0.043) * std::f64::consts::LN_2
 }
 
 /// The root farthest to the right: growth and frequency of small vibration of the bar.
@@ -130,43 +147,94 @@ impl Scaled {
 ///
 /// Searched from seeds a quarter of 1/tau apart over the window that can hold it; the window follows from
 /// the best root found so far. Requires: positive mass and stiffness, delays not negative.
-/// Cost: about 20 us. Source: facts of the two-delay equation; window from the triangle inequality.
+/// Cost: about 4 us. Source: facts of the two-delay equation; window from the triangle inequality.
 /// Checked by: `printed_roots`, `no_root_is_missed`, collocation of the delay operator (tests).
 #[must_use]
 pub fn rightmost_root(equation: &TwoDelay) -> Root {
-    search(&Scaled::new(equation).of_bending())
+    search(&Scaled::new(equation).of_bending(), None, Fast::detect())
 }
 
-fn search(scaled: &Scaled) -> Root {
+/// The same with a guess, such as the root of an equation much like it. The guess is where the search
+/// begins, no more: all of the window is searched.
+pub(super) fn rightmost_root_near(equation: &TwoDelay, guess: Option<Root>, fast: Fast) -> Root {
+    search(&Scaled::new(equation).of_bending(), guess, fast)
+}
+
+/// Seeds that are followed in one go.
+const SEEDS: usize = 64;
+
+/// Roots found so far.
+struct Search<'a> {
+    scaled: &'a Scaled,
+    fast: Fast,
+    best: Option<Complex<f64>>,
+}
+
+impl Search<'_> {
+    fn worth(&self) -> f64 {
+        self.best.map_or(f64::NEG_INFINITY, |best| best.re)
+    }
+
+    /// Follows up to `SEEDS` seeds; what is worth it is polished, the one farthest to the right first: it may
+    /// make the others worthless.
+    fn follow(&mut self, seeds: &[Complex<f64>]) {
+        let (scaled, worth) = (self.scaled, self.worth());
+        let mut led = [Complex::new(0.0, 0.0); SEEDS];
+        let found = run(self.fast, Descend { scaled, seeds, worth, led: &mut led });
+        let led = &mut led[..found];
+        led.sort_unstable_by(|a, b| b.re.total_cmp(&a.re));
+        for near in led {
+            let again =
+                |best: Complex<f64>| (near.re - best.re).abs() + (near.im.abs() - best.im).abs() < 1e-3;
+            if !self.best.is_some_and(again) {
+                self.polish(*near);
+            }
+        }
+    }
+
+    fn polish(&mut self, near: Complex<f64>) {
+        if let Some(root) = self.scaled.polish(near, self.worth())
+            && root.im >= self.scaled.lowest_rad_s
+            && root.re > self.worth()
+        {
+            self.best = Some(root);
+        }
+    }
+}
+
+fn search(scaled: &Scaled, guess: Option<Root>, fast: Fast) -> Root {
     let in_cut = (scaled.stiffness + 2.0 * scaled.cutting).sqrt();
     let tau = scaled.longest_delay_s().max(1e-6);
-    let mut best: Option<Complex<f64>> = None;
-    let try_at = |seed: Complex<f64>, best: &mut Option<Complex<f64>>| {
-        let worth = best.map_or(f64::NEG_INFINITY, |b| b.re);
-        if let Some(root) = scaled.polish(seed, worth)
-            && root.im >= scaled.lowest_rad_s
-            && root.re > worth
-        {
-            *best = Some(root);
-        }
-    };
-    // A first bound: the bar's own root, and roots near the in-cut frequency.
-    try_at(Complex::new(-scaled.damping / 2.0, in_cut), &mut best);
-    for offset in [-1.5, -0.5, 0.5, 1.5] {
-        let w = in_cut + offset * PI / tau;
-        try_at(Complex::new(scaled.likely_growth(w.abs()), w), &mut best);
+    let mut search = Search { scaled, fast, best: None };
+    // A first bound: the guess, or the bar's own root and roots near the in-cut frequency.
+    let own = Complex::new(-scaled.damping / 2.0, in_cut);
+    if let Some(root) = guess {
+        search.polish(Complex::new(root.growth_1_s, TAU * root.frequency_hz));
     }
-    let bound = best.map_or(-scaled.damping / 2.0 - 3.0 / tau, |b| b.re);
+    if search.best.is_none() {
+        let near = |offset: f64| {
+            let w = in_cut + offset * PI / tau;
+            Complex::new(scaled.likely_growth(w.abs()), w)
+        };
+        search.follow(&[own, near(-1.5), near(-0.5), near(0.5), near(1.5)]);
+    }
+    let bound = search.best.map_or(-scaled.damping / 2.0 - 3.0 / tau, |b| b.re);
     let (low, high) = scaled.window_rad_s(bound);
     let low = low.max(scaled.lowest_rad_s);
     // One root about every 2 pi/tau; two seeds for each.
-    let step = (PI / tau).min((high - low) / 8.0).max((high - low) / 4000.0).max(1e-3);
-    let mut w = low;
+    let step = (PI / tau).min((high - low) / 6.0).max((high - low) / 4000.0).max(1e-3);
+    let (mut w, mut seeds, mut count) = (low, [own; SEEDS], 0);
     while w <= high + step {
-        try_at(Complex::new(scaled.likely_growth(w), w), &mut best);
+        seeds[count] = Complex::new(scaled.likely_growth(w), w);
+        count += 1;
+        if count == SEEDS {
+            search.follow(&seeds);
+            count = 0;
+        }
         w += step;
     }
-    let root = best.unwrap_or(Complex::new(-scaled.damping / 2.0, in_cut));
+    search.follow(&seeds[..count]);
+    let root = search.best.unwrap_or(own);
     Root { growth_1_s: root.re, frequency_hz: root.im / TAU }
 }
 
@@ -250,7 +318,7 @@ mod tests {
                 delay_1_s: turn_s / 2.0 - shift,
                 delay_2_s: turn_s / 2.0 + shift,
             };
-            let got = search(&Scaled::new(&equation));
+            let got = search(&Scaled::new(&equation), None, Fast::detect());
             let s = Complex::new(got.growth_1_s, TAU * got.frequency_hz);
             assert!(equation.characteristic(s).norm() < 1e-6 * stiffness_n_m, "case {case}: not a root");
             let right = roots_right_of(&equation, got.growth_1_s + 0.01);

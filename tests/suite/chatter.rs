@@ -22,6 +22,11 @@ impl Noise {
 
 /// Onsets and ends over 12 s: noise, a cut that begins at 1 s with strong spindle orders, and `more`.
 fn listen(more: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
+    listen_from(0.0, more)
+}
+
+/// The same, heard from `start_s` on.
+fn listen_from(start_s: f64, more: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
     let settings = ChatterSettings {
         sample_rate: SampleRate::new(RATE_HZ).unwrap(),
         band: Band::new(500.0, 750.0).unwrap(),
@@ -30,7 +35,7 @@ fn listen(more: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
     let mut state = monitor.start();
     let mut noise = Noise(1);
     let mut found = Vec::new();
-    for n in 0..(12.0 * RATE_HZ) as u32 {
+    for n in (start_s * RATE_HZ) as u32..(12.0 * RATE_HZ) as u32 {
         let t = f64::from(n) / RATE_HZ;
         let engaged = ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0);
         let orders: f64 =
@@ -82,6 +87,43 @@ fn orders_hits_bursts_and_known_lines_are_not_chatter() {
     let burst = (0..(12.0 * RATE_HZ) as usize).map(|_| noise.next()).collect::<Vec<f64>>();
     let found = listen(|t| if (6.0..6.4).contains(&t) { 15.0 * burst[(t * RATE_HZ) as usize] } else { 0.0 });
     assert!(found.is_empty(), "{found:?}");
+}
+
+/// No noise was heard before it, and all that is heard is it.
+#[test]
+fn chatter_that_is_there_from_the_first_sample_is_heard() {
+    let found = listen_from(5.0, |t| 30.0 * line(t, 651.3));
+    let [(onset_s, ChatterEvent::Onset(heard))] = found[..] else { panic!("{found:?}") };
+    assert!(onset_s < 5.8, "{onset_s}");
+    assert!((heard.frequency_hz - 651.3).abs() < 1.0, "{heard:?}");
+    // It goes on to be followed: its end is told too.
+    let found = listen_from(5.0, |t| if t < 9.0 { 30.0 * line(t, 651.3) } else { 0.0 });
+    let [(_, ChatterEvent::Onset(_)), (end_s, ChatterEvent::End)] = found[..] else { panic!("{found:?}") };
+    assert!(end_s > 9.0 && end_s < 9.4, "{end_s}");
+    // A foreign line of a small share of the force, and a bar that rings down, are something else.
+    assert!(listen_from(5.0, |t| 3.0 * line(t, 651.3)).is_empty());
+    assert!(listen_from(5.0, |t| 60.0 * (-12.0 * (t - 5.0)).exp() * line(t, 651.3)).is_empty());
+}
+
+/// A cut that shakes a lightly damped mode, 15 1/s, a thousand times louder than what was heard before.
+#[test]
+fn a_mode_that_noise_excites_is_told_by_its_scatter() {
+    let mut noise = Noise(11);
+    let (w, fade) = (std::f64::consts::TAU * 648.0 / RATE_HZ, (-15.0 / RATE_HZ).exp());
+    let mut before = [0.0; 2];
+    let mode: Vec<f64> = (0..(12.0 * RATE_HZ) as usize)
+        .map(|_| {
+            let now = 2.0 * fade * w.cos() * before[0] - fade * fade * before[1] + 0.5 * noise.next();
+            before = [now, before[0]];
+            now
+        })
+        .collect();
+    let found = listen(|t| if t > 4.0 { mode[(t * RATE_HZ) as usize] } else { 0.0 });
+    let mut alarm_s = 0.0;
+    for (t, event) in &found {
+        alarm_s += if matches!(event, ChatterEvent::End) { *t } else { -*t };
+    }
+    assert!(found.len() <= 2 && (0.0..1.5).contains(&alarm_s), "{alarm_s} {found:?}");
 }
 
 #[test]
