@@ -459,8 +459,8 @@ struct Tie {
     per_stiffness: f64,
 }
 
-/// The tie of a law of fixed amplitude: a gap or a second spring in series takes its force from the stiffness,
-/// so that a step of the stiffness carries it along.
+/// The tie of a law of fixed amplitude: a gap or a second spring in series takes its force from the
+/// stiffness, so that a step of the stiffness carries it along.
 fn tie(p: &Problem, h: &Hypothesis) -> Option<Tie> {
     let spring = p.numbers.iter().position(Number::is_spring)?;
     let tied = h.port == Port::Coupling && h.shape.unit() && p.mechanics.stiffness_n_m > 0.0;
