@@ -5,7 +5,8 @@ use crate::config::accelerometers::read_estimators;
 use crate::config::force::FRF;
 use crate::config::machine::read_machine;
 use crate::force::balance::Method;
-use crate::force::estimator::{AxisSignals, ForceEstimate, LowPass, MotionSample, NotchPlan};
+use crate::force::disagreement::Disagreement;
+use crate::force::estimator::{AxisSignals, ForceEstimate, LowPass, MotionSample, NotchCentre, NotchPlan};
 use crate::force::frf::{AccelSample, FrfEstimator};
 use crate::force::frf_stream::force_of_recording;
 use crate::force::harmonic::Reading;
@@ -19,6 +20,7 @@ use crate::force::validity::Validity;
 use crate::plant::machine::{AxisModel, Machine};
 use crate::recording::{Table, TableColumn, read_recording, write_table};
 use crate::sample::Recording;
+use crate::units::SampleRate;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -61,10 +63,10 @@ pub(super) struct Arguments {
     /// Teeth of the tool: only multiples of the tooth-pass frequency are taken (fitted, spectral).
     #[arg(long)]
     teeth: Option<f64>,
-    /// Where a window is read: middle (least noise) or young (three samples from its young end: shortest
+    /// Where a window is read: middle (least noise; when not given) or young (three samples from its young end: shortest
     /// delay) (fitted, spectral).
-    #[arg(long, default_value = "middle", value_parser = ["middle", "young"])]
-    reading: String,
+    #[arg(long, value_parser = ["middle", "young"])]
+    reading: Option<String>,
     /// Low-pass behind the balance: flat to here, same delay at every frequency.
     #[arg(long, default_value_t = 800.0)]
     pass_hz: f64,
@@ -95,13 +97,16 @@ struct Inputs {
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let choice = method_named("--method", &arguments.method)?;
     let beside = arguments.beside.as_deref().map(|name| method_named("--beside", name)).transpose()?;
+    refuse_idle_options(&arguments, [Some(choice), beside])?;
     let inputs = Inputs::read(arguments, [Some(choice), beside])?;
     let rate_hz = inputs.recording.sample_rate.hz();
     let mut axes = Vec::new();
     for name in inputs.axes(choice)? {
         let mut force = inputs.force(choice, &name)?;
         if let Some(beside) = beside {
-            let apart_n = disagreement_n(&force, &inputs.force(beside, &name)?, rate_hz);
+            let second = inputs.force(beside, &name)?;
+            mark_disagreement(&mut force, &second, inputs.recording.sample_rate);
+            let apart_n = disagreement_n(&force, &second, rate_hz);
             let other = beside.map_or(FRF, Method::name);
             force.notes.push((format!("{name}_disagreement"), format!("{apart_n:.4} N against {other}")));
         }
@@ -117,13 +122,32 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         column.extend_from_slice(&axis.force_n[..axis.force_n.len() - column.len()]);
         forces.push((format!("{}_force_n", axis.name), column));
         if let Some(first) = axis.flags.first() {
-            let mut column = vec![*first; wait.min(axis.flags.len())];
-            column.extend_from_slice(&axis.flags[..axis.flags.len() - column.len()]);
+            let early = std::iter::repeat_n(first, wait.min(axis.flags.len()));
+            let rows = early.chain(&axis.flags).take(axis.flags.len());
+            let column = rows.map(|flags| i64::from(flags.bits())).collect();
             flags.push((format!("{}_force_flags", axis.name), column));
         }
         notes.extend(axis.notes);
     }
     write_forces(&inputs.arguments.out, &inputs.recording, &Forces { forces, flags, delay_s, notes })
+}
+
+/// Options of the windows say nothing where no method has one.
+fn refuse_idle_options(arguments: &Arguments, choices: [Option<Choice>; 2]) -> anyhow::Result<()> {
+    let windowed = |c: &Option<Choice>| matches!(c, Some(Some(Method::Fitted | Method::Spectral)));
+    if choices.iter().any(windowed) {
+        return Ok(());
+    }
+    let given = [
+        ("--turns", arguments.turns.is_some()),
+        ("--harmonics", arguments.harmonics.is_some()),
+        ("--teeth", arguments.teeth.is_some()),
+        ("--reading", arguments.reading.is_some()),
+    ];
+    match given.iter().find(|(_, given)| *given) {
+        Some((option, _)) => Err(bad_input(format!("{option}: expected with --method fitted or spectral"))),
+        None => Ok(()),
+    }
 }
 
 fn method_named(option: &str, name: &str) -> anyhow::Result<Choice> {
@@ -151,16 +175,49 @@ fn disagreement_n(a: &AxisForce, b: &AxisForce, rate_hz: f64) -> f64 {
     (pairs().map(|d| (d - mean).powi(2)).sum::<f64>() / count).sqrt()
 }
 
+/// Flags the rows in which two estimates of one force disagree, as the pipeline does.
+fn mark_disagreement(first: &mut AxisForce, second: &AxisForce, rate: SampleRate) {
+    let floors_n = [first.noise_floor_n, second.noise_floor_n];
+    let mut disagreement = Disagreement::new([first.delay_s, second.delay_s], floors_n, rate);
+    let (mut seen, mut count) = (Validity::VALID, 0.0);
+    for i in 0..first.flags.len().min(second.force_n.len()) {
+        let apart = disagreement.step(first.estimate(i), second.estimate(i));
+        first.flags[i] = first.flags[i] | apart;
+        seen = seen | first.flags[i];
+        count += if apart.is_valid() { 0.0 } else { 1.0 };
+    }
+    if count > 0.0 {
+        let name = first.name.clone();
+        let share = format!("{:.4}", count / first.flags.len() as f64);
+        first.notes.push((format!("{name}_flag_estimators_disagree_share"), share));
+        let key = format!("{name}_flags");
+        first.notes.iter_mut().filter(|(k, _)| *k == key).for_each(|(_, v)| *v = seen.to_string());
+    }
+}
+
 /// Estimate of one axis.
 struct AxisForce {
     name: String,
     force_n: Vec<f64>,
     /// Of each row, for the instant of its estimate; none where the rows are not those of a stream.
-    flags: Vec<i64>,
+    flags: Vec<Validity>,
+    noise_floor_n: f64,
     delay_s: f64,
     /// Samples that the filters need at the start.
     settled: usize,
     notes: Vec<(String, String)>,
+}
+
+impl AxisForce {
+    /// A row; one without a number counts as missing.
+    fn estimate(&self, row: usize) -> ForceEstimate {
+        let stated = self.flags.get(row).copied().unwrap_or(Validity::VALID);
+        let force_n = self.force_n[row];
+        if force_n.is_finite() {
+            return ForceEstimate { force_n, flags: stated };
+        }
+        ForceEstimate { force_n: 0.0, flags: stated | Validity::SIGNAL_MISSING }
+    }
 }
 
 impl Inputs {
@@ -237,8 +294,8 @@ impl Inputs {
             estimates.push(observer.step(sample));
             lags.push((observer.delay_s() * rate.hz()).round() as usize);
         }
+        let lag = if self.arguments.live { 0 } else { wait_for_latest(&mut estimates, &lags) };
         let mut force_n: Vec<f64> = estimates.iter().map(|e| e.force_n).collect();
-        let lag = if self.arguments.live { 0 } else { wait_for_latest(&mut force_n, &lags) };
         let delay_s = observer.delay_s().max(lag as f64 * rate.period_s());
         if force_n.len() <= observer.settling_samples() {
             let (is, least) = (force_n.len(), observer.settling_samples());
@@ -260,11 +317,12 @@ impl Inputs {
         if let Some(ratio) = observer.learned_stiffness_ratio() {
             note("stiffness_over_model_at_end", format!("{ratio:.4}"));
         }
-        let flags = estimates.iter().map(|e| i64::from(e.flags.bits())).collect();
+        let flags = estimates.iter().map(|e| e.flags).collect();
+        let noise_floor_n = observer.noise_floor_n();
         if method == Method::Spectral {
             say_what_is_hidden(name, &estimates, &mut force_n, friction_n)?;
         }
-        Ok(AxisForce { name: name.to_owned(), force_n, flags, delay_s, settled, notes })
+        Ok(AxisForce { name: name.to_owned(), force_n, flags, noise_floor_n, delay_s, settled, notes })
     }
 
     /// An estimator that cannot be made of what the file holds.
@@ -290,6 +348,11 @@ impl Inputs {
             }
             let run =
                 motion_of_recording(idle, &axis.name, &axis.drive).map_err(|e| in_file(e.to_string()))?;
+            if !run.signals.covers(motion.signals) {
+                let (is, expected) = (run.signals.name(), motion.signals.name());
+                let what = format!("axis {}: {is}, expected {expected} as in the recording", axis.name);
+                return Err(in_file(what));
+            }
             idle_runs.push(run.samples);
         }
         let mut plan = ServoPlan::of_axis(axis, method, motion.signals);
@@ -309,6 +372,13 @@ impl Inputs {
                 arguments.pass_hz
             )));
         }
+        // The filter is some four periods long.
+        let least_hz = 4.0 * rate.hz() / self.recording.len() as f64;
+        if arguments.cutoff_hz.is_none() && arguments.pass_hz < least_hz {
+            let what =
+                format!("expected at least {least_hz:.2} Hz, or its filter is as long as the recording");
+            return Err(bad_input(format!("--pass-hz {}: {what}", arguments.pass_hz)));
+        }
         let pass_hz = arguments.pass_hz.min(0.2 * rate.hz());
         plan.settings.low_pass = match arguments.cutoff_hz {
             Some(cutoff_hz) => LowPass::Butterworth { order: 4, cutoff_hz },
@@ -316,20 +386,25 @@ impl Inputs {
         };
         plan.settings.learn_stiffness = arguments.live && !arguments.keep_stiffness;
         plan.motor_cutoff_hz = arguments.motor_cutoff_hz;
-        plan.settings.notches = notches(&arguments.notch)?;
+        plan.settings.notches = notches(&arguments.notch, rate)?;
         if let Some(harmonic) = &mut plan.settings.harmonic {
             let median_rpm = self.median_speed_rpm()?;
             harmonic.spindle_speed_rpm = if arguments.live { harmonic.spindle_speed_rpm } else { median_rpm };
             harmonic.turns = arguments.turns.unwrap_or(harmonic.turns);
             harmonic.harmonics = arguments.harmonics;
-            harmonic.reading = Reading::from_name(&arguments.reading).unwrap_or(harmonic.reading);
+            let reading = arguments.reading.as_deref().and_then(Reading::from_name);
+            harmonic.reading = reading.unwrap_or(harmonic.reading);
             harmonic.lines_per_turn = arguments.teeth.unwrap_or(harmonic.lines_per_turn);
         }
         if !idle_runs.is_empty() {
             plan.settings.idle_map =
                 plan.idle_map(rate, &idle_runs).map_err(|e| self.of_axis(&axis.name, e))?;
             let runs = plan.settings.idle_map.as_ref().map_or(0, IdleMap::runs);
-            note("idle_runs", format!("{runs} of {} taken off by position", idle_runs.len()));
+            let taken = format!("{runs} of {} taken off by position", idle_runs.len());
+            if runs < idle_runs.len() {
+                writeln!(std::io::stdout(), "axis {}: idle runs: {taken}", axis.name)?;
+            }
+            note("idle_runs", taken);
         }
         Ok(plan)
     }
@@ -340,8 +415,8 @@ impl Inputs {
         let mut sorted = speed.to_vec();
         sorted.sort_by(f64::total_cmp);
         let median = sorted[sorted.len() / 2];
-        if median > 0.0 {
-            return Ok(median);
+        if median != 0.0 {
+            return Ok(median.abs());
         }
         let what = format!("column spindle_speed_rpm has a median of {median}, expected a turning spindle");
         Err(self.in_file(what))
@@ -369,7 +444,8 @@ impl Inputs {
         let mut force = AxisForce {
             name: name.to_owned(),
             force_n: estimates.iter().map(|e| e.force_n).collect(),
-            flags: estimates.iter().map(|e| i64::from(e.flags.bits())).collect(),
+            flags: estimates.iter().map(|e| e.flags).collect(),
+            noise_floor_n: observer.noise_floor_n(),
             delay_s: observer.delay_s(),
             settled: observer.settling_samples().min(estimates.len()),
             notes,
@@ -385,20 +461,21 @@ impl Inputs {
 
 /// One lag for the whole file where a window followed the spindle: what was early waits for what was latest.
 /// Answers that lag.
-fn wait_for_latest(force_n: &mut [f64], lags: &[usize]) -> usize {
+fn wait_for_latest(estimates: &mut [ForceEstimate], lags: &[usize]) -> usize {
     let latest = lags.iter().copied().max().unwrap_or(0);
     if lags.iter().all(|lag| *lag == latest) {
         return latest;
     }
-    let early = force_n.to_vec();
+    let early = estimates.to_vec();
     let mut at = 0;
     for (i, lag) in lags.iter().enumerate() {
-        let to = (i + latest - lag).min(force_n.len());
-        // Between two windows the last value stands; it is flagged as settling.
-        let value = early[i];
-        force_n[at.min(to)..to].fill(if i > 0 { early[i - 1] } else { value });
-        if let Some(place) = force_n.get_mut(to) {
-            *place = value;
+        let to = (i + latest - lag).min(estimates.len());
+        // Between two windows the last value stands.
+        let last = early[i.saturating_sub(1)];
+        let between = ForceEstimate { flags: last.flags | Validity::SETTLING, ..last };
+        estimates[at.min(to)..to].fill(between);
+        if let Some(place) = estimates.get_mut(to) {
+            *place = early[i];
         }
         at = to + 1;
     }
@@ -446,10 +523,16 @@ fn say_what_is_hidden(
     Ok(())
 }
 
-fn notches(names: &[String]) -> anyhow::Result<Vec<NotchPlan>> {
+fn notches(names: &[String], rate: SampleRate) -> anyhow::Result<Vec<NotchPlan>> {
+    let below_hz = 0.5 * rate.hz();
     let plan = |name: &String| {
-        let expected = "expected motor_encoder, stage_encoder or a frequency in Hz";
-        NotchPlan::from_name(name).ok_or_else(|| bad_input(format!("--notch {name}: {expected}")))
+        let seen = |plan: &NotchPlan| match plan.centre {
+            NotchCentre::Fixed { hz } => hz < below_hz,
+            _ => true,
+        };
+        let expected = format!("expected motor_encoder, stage_encoder or a frequency below {below_hz} Hz");
+        let plan = NotchPlan::from_name(name).filter(seen);
+        plan.ok_or_else(|| bad_input(format!("--notch {name}: {expected}")))
     };
     names.iter().map(plan).collect()
 }

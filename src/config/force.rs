@@ -124,6 +124,14 @@ impl ForceConfig {
                 let recording = read(path).map_err(|e| e.to_string())?;
                 let motion = motion_of_recording(&recording, name, &model.drive)
                     .map_err(|e| format!("{}: {e}", path.display()))?;
+                // A stream of samples carries both encoders of an axis that has them.
+                if motion.signals == Signals::StageOnly && model.drive.axial_stiffness_n_m() > 0.0 {
+                    let is = motion.signals.name();
+                    return Err(format!(
+                        "{}: axis {name}: {is}, expected its rotary encoder too",
+                        path.display()
+                    ));
+                }
                 axis.idle_runs.push(motion.samples);
             }
         }

@@ -18,6 +18,30 @@ pub enum Signals {
     Three,
 }
 
+impl Signals {
+    /// In words.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::MotorOnly => "the rotary encoder alone",
+            Self::StageOnly => "the linear scale alone",
+            Self::Both => "rotary encoder and linear scale",
+            Self::Three => "rotary encoder, nut and linear scale",
+        }
+    }
+
+    /// True where every position of `other` is measured too.
+    #[must_use]
+    pub fn covers(self, other: Self) -> bool {
+        self == other
+            || match self {
+                Self::Three => true,
+                Self::Both => other != Self::Three,
+                Self::MotorOnly | Self::StageOnly => false,
+            }
+    }
+}
+
 /// What an estimator is made for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisSignals<'a> {

@@ -68,6 +68,10 @@ const OWN_KEYS: [&str; 4] = ["format", "sample_rate_hz", "experiment", "axes"];
 pub fn read_recording(path: &Path) -> Result<Recording, RecordingError> {
     let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
     let raw = if is_csv { csv_file::read(path)? } else { parquet_file::read(path)? };
+    if !is_csv && !raw.metadata.iter().any(|(key, _)| key == "sample_rate_hz") {
+        let message = "no sampling rate: metadata sample_rate_hz is missing".to_owned();
+        return Err(RecordingError::Format { path: path.to_owned(), message });
+    }
     recording_from_raw(path, raw)
 }
 

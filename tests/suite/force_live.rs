@@ -387,3 +387,53 @@ fn below_friction_the_pipeline_holds_and_the_command_has_no_number() {
     let error = read_recording(&folder.path().join("f.parquet")).unwrap_err().to_string();
     assert!(error.contains("x_force_n") && error.contains("NaN"), "{error}");
 }
+
+/// `stillcut force` on r.parquet of a folder.
+fn force(folder: &Path, options: &[&str]) -> std::process::Output {
+    Command::new(env!("CARGO_BIN_EXE_stillcut"))
+        .current_dir(folder)
+        .args(["force", "--model", "m.toml", "--estimator", "e.json", "--recording", "r.parquet"])
+        .args(["--out", "f.parquet"])
+        .args(options)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn the_command_flags_rows_in_which_two_estimators_disagree() {
+    let folder = folder();
+    write_recording(&folder.path().join("r.parquet"), &recording([1200.0, 1200.0])).unwrap();
+    for (beside, apart) in [("rigid_mode", false), ("frf", true)] {
+        let run = force(folder.path(), &["--method", "medob", "--live", "--beside", beside]);
+        assert!(run.status.success(), "{beside}: {}", String::from_utf8_lossy(&run.stderr));
+        let flags = read_recording(&folder.path().join("f.parquet")).unwrap();
+        let last = *flags.require("x_force_flags").unwrap().last().unwrap();
+        let bit = f64::from(Validity::ESTIMATORS_DISAGREE.bits());
+        assert_eq!((last / bit).floor() % 2.0 == 1.0, apart, "{beside}: {last}");
+    }
+}
+
+#[test]
+fn options_that_cannot_be_meant_are_refused_in_one_line() {
+    let folder = folder();
+    let whole = recording([1200.0, 1200.0]);
+    write_recording(&folder.path().join("r.parquet"), &whole).unwrap();
+    let mut lame = whole;
+    lame.columns.retain(|c| c.name != "x_motor_angle_rad");
+    write_recording(&folder.path().join("lame.parquet"), &lame).unwrap();
+    for (options, expected) in [
+        (
+            ["--method", "medob", "--idle", "lame.parquet"],
+            "lame.parquet: axis x: the linear scale alone, expected rotary encoder",
+        ),
+        (["--method", "medob", "--notch", "2500"], "a frequency below 2500 Hz"),
+        (["--method", "medob", "--teeth", "2"], "--teeth: expected with --method fitted or spectral"),
+        (["--method", "medob", "--pass-hz", "0.001"], "--pass-hz 0.001: expected at least"),
+    ] {
+        let run = force(folder.path(), &options);
+        let said = String::from_utf8_lossy(&run.stderr).into_owned();
+        assert_eq!(run.status.code(), Some(2), "{options:?}: {said}");
+        assert!(said.contains(expected) && said.trim_end().lines().count() == 1, "{options:?}: {said}");
+        assert!(!folder.path().join("f.parquet").exists());
+    }
+}

@@ -3,7 +3,7 @@
 use crate::folders::{project, shared};
 use std::path::{Path, PathBuf};
 use stillcut::config::import_map::{import_map_from_text, read_import_map};
-use stillcut::recording::{import, read_recording, write_recording};
+use stillcut::recording::{Table, TableColumn, import, read_recording, write_recording, write_table};
 
 fn temporary(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("import");
@@ -120,4 +120,16 @@ fn every_shipped_map_reads_its_recordings() {
         assert!(recording.columns.iter().flat_map(|c| &c.values).all(|v| v.is_finite()), "{name}");
         assert!(!recording.axes.is_empty(), "{name}");
     }
+}
+
+#[test]
+fn a_parquet_file_without_a_rate_is_refused() {
+    let file = temporary("no-rate.parquet");
+    let (times, values) = ([0.0, 0.001, 0.002], [1.0, 2.0, 3.0]);
+    let columns =
+        vec![("t_s", TableColumn::Double(&times)), ("x_thrust_ref_n", TableColumn::Double(&values))];
+    let format = ("format".to_owned(), "stillcut.recording/1".to_owned());
+    write_table(&file, &Table { columns, metadata: vec![format] }).unwrap();
+    let error = read_recording(&file).unwrap_err().to_string();
+    assert!(error.contains("no-rate.parquet") && error.contains("sample_rate_hz"), "{error}");
 }
