@@ -4,6 +4,8 @@
 //! ```text
 //!  thrust      |u/F - 1| of the closed loop        dob         its error budget on a flexible axis
 //!  spectral    first line to last line             fitted      mean to last line
+//!  sum of both sides (medob, rigid_mode, fitted) behind a low-pass of the drive side: as far as that side's
+//!              share of the force is small above it
 //!  the others  all of the low-pass (a tenth of the rate where there is none)
 //! ```
 //! Checked by: force::each_method_states_the_band_it_is_right_in.
@@ -12,6 +14,9 @@ use super::balance::Method;
 use super::budget::{Budget, Imperfection};
 use super::closed_loop::ClosedLoop;
 use super::estimator::{AxisSignals, ForceSettings};
+use crate::plant::drive::DriveParams;
+use rustfft::num_complex::Complex64;
+use std::f64::consts::TAU;
 
 /// Share of the force by which a method may be wrong inside its band.
 const TOLERATED: f64 = 0.1;
@@ -29,7 +34,12 @@ pub(super) fn usable_band_hz(
     };
     match (method, settings.harmonic, settings.controller) {
         (Method::Spectral, Some(harmonic), _) => last_line(harmonic),
-        (Method::Fitted, Some(harmonic), _) => [0.0, last_line(harmonic)[1]],
+        (Method::Fitted, Some(harmonic), _) => {
+            [0.0, right_up_to(last_line(harmonic)[1], |hz| unheard_drive_share(axis.drive, settings, hz))]
+        }
+        (Method::Medob | Method::RigidMode, _, _) => {
+            [0.0, right_up_to(low_pass_hz, |hz| unheard_drive_share(axis.drive, settings, hz))]
+        }
         (Method::Thrust, _, Some(controller)) => {
             let closed = ClosedLoop::new(axis, controller);
             [0.0, right_up_to(low_pass_hz, |hz| (closed.thrust_per_cutting(hz) - 1.0).norm())]
@@ -41,6 +51,25 @@ pub(super) fn usable_band_hz(
         },
         _ => [0.0, low_pass_hz],
     }
+}
+
+/// Share of the cutting force that the drive side carries and its low-pass H keeps back.
+///
+/// The drive side's balance is the force S in the coupling. With the motor free, Z = K + C s and
+/// Q = Z (M_r s^2 + C_r s) / (M_r s^2 + C_r s + Z): S / F = Q / (M_t s^2 + C_t s + Q), so that
+/// |1 - H e^(s T)| |S / F| is missing, T the time that the stage's side waits. Checked by:
+/// force::behind_the_drive_sides_low_pass_the_band_ends_where_the_motor_moves.
+fn unheard_drive_share(drive: &DriveParams, settings: &ForceSettings, hz: f64) -> f64 {
+    let Some(filter) = settings.drive_filter else { return 0.0 };
+    let w = TAU * hz;
+    let s = Complex64::new(0.0, w);
+    let (gain, phase) = filter.response(hz);
+    let heard = Complex64::from_polar(gain, phase + w * filter.slow_delay_s());
+    let coupling = drive.axial_stiffness_n_m() + s * drive.structural_damping_n_s_m();
+    let motor = s * s * drive.reflected_mass_kg() + s * drive.reflected_damping_n_s_m();
+    let stage = s * s * drive.movable_mass_kg() + s * drive.translational_damping_n_s_m();
+    let through = if coupling.norm() > 0.0 { coupling * motor / (motor + coupling) } else { motor };
+    ((1.0 - heard) * through / (stage + through)).norm()
 }
 
 /// First frequency at which the error passes what is tolerated, in steps of 2 %.

@@ -200,6 +200,20 @@ fn each_method_states_the_band_it_is_right_in() {
     assert!(low == 0.0 && (high - 500.0).abs() < 1e-9, "{low} {high}");
 }
 
+/// What the drive side's low-pass keeps back is missing from the sum of both sides.
+#[test]
+fn behind_the_drive_sides_low_pass_the_band_ends_where_the_motor_moves() {
+    let rate = SampleRate::new(RATE_HZ).unwrap();
+    let drive = test_drive();
+    let high = |cutoff_hz: f64| {
+        let filter = Butterworth::low_pass(2, cutoff_hz, rate).unwrap();
+        let settings = ForceSettings { drive_filter: Some(filter), ..ForceSettings::default() };
+        ForceEstimator::new(Method::Medob, &axis(&drive), settings).unwrap().usable_band_hz()[1]
+    };
+    let ends = [high(150.0), high(600.0), high(2000.0)];
+    assert!(ends[0] < 150.0 && ends[0] < ends[1] && ends[1] < ends[2], "{ends:?}");
+}
+
 /// As the service runs it by default: the drive side through 150 Hz, the stage's side waiting for it.
 #[test]
 fn the_drive_side_low_pass_keeps_the_sides_in_step() {
