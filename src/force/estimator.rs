@@ -386,8 +386,9 @@ impl ForceEstimator {
         if let Some(map) = &self.idle_map {
             let velocity_m_s = self.travel_velocity_m_s(&now.motion);
             let moves = velocity_m_s.abs() >= self.part.law.still_m_s;
-            now.flags |= Validity::when(moves && !map.holds(now.motion.position_m), Validity::EXTRAPOLATED);
-            now.force_n -= map.disturbance_n(now.motion.position_m, velocity_m_s);
+            let known_n = map.disturbance_n(now.motion.position_m, velocity_m_s);
+            now.flags |= Validity::when(moves && known_n.is_none(), Validity::EXTRAPOLATED);
+            now.force_n -= known_n.unwrap_or(0.0);
         }
         now.force_n = self.notch(state, now.force_n, &now.motion);
     }
