@@ -23,13 +23,10 @@ pub(super) fn usable_band_hz(
     settings: &ForceSettings,
     low_pass_hz: f64,
 ) -> [f64; 2] {
-    let last_line = |h: super::harmonic::HarmonicSettings| {
-        let [first_hz, last_hz] = h.lines_hz(axis.rate);
-        [first_hz, last_hz.min(low_pass_hz)]
-    };
     match (method, settings.harmonic, settings.controller) {
-        (Method::Spectral, Some(harmonic), _) => last_line(harmonic),
-        (Method::Fitted, Some(harmonic), _) => [0.0, last_line(harmonic)[1]],
+        (Method::Spectral | Method::Fitted, Some(harmonic), _) => {
+            band_of_lines_hz(method, harmonic.lines_hz(axis.rate), low_pass_hz)
+        }
         (Method::Thrust, _, Some(controller)) => {
             let closed = ClosedLoop::new(axis, controller);
             [0.0, right_up_to(low_pass_hz, |hz| (closed.thrust_per_cutting(hz) - 1.0).norm())]
@@ -41,6 +38,12 @@ pub(super) fn usable_band_hz(
         },
         _ => [0.0, low_pass_hz],
     }
+}
+
+/// The band of a method that knows the spindle, from its first and last line, Hz.
+pub(super) fn band_of_lines_hz(method: Method, [first_hz, last_hz]: [f64; 2], low_pass_hz: f64) -> [f64; 2] {
+    let low_hz = if method == Method::Spectral { first_hz } else { 0.0 };
+    [low_hz, last_hz.min(low_pass_hz)]
 }
 
 /// First frequency at which the error passes what is tolerated, in steps of 2 %.
