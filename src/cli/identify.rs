@@ -14,7 +14,7 @@ use crate::recording::{read_recording, write_whole};
 use crate::report::force_plots::response_svg;
 use crate::sample::Recording;
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Finds mechanical parameters and dead times from a sweep, or makes the accelerometer estimator.
 #[derive(clap::Args)]
@@ -48,6 +48,20 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
 }
 
+/// What the sweeps gave, before anything is written.
+#[derive(Default)]
+struct Found {
+    /// Comments above the model.
+    remarks: String,
+    /// What is printed.
+    text: String,
+    pictures: Vec<(PathBuf, String)>,
+    /// Which recording each axis was fitted to.
+    swept: Vec<(String, PathBuf)>,
+    /// Why an axis keeps its prior.
+    undetermined: Vec<String>,
+}
+
 /// One sweep for each axis that the model and a recording share.
 fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
     let Some(model) = &arguments.model else {
@@ -55,27 +69,15 @@ fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let stated = stated_errors(arguments)?;
     let mut machine = read_machine(model).map_err(bad_input)?;
-    let mut remarks = String::new();
-    let mut text = String::new();
-    let mut pictures = Vec::new();
+    let mut found = Found::default();
     for path in &arguments.recording {
         let recording = read_recording(path).map_err(bad_input)?;
         for axis in machine.axes.iter_mut().filter(|a| has_drive(&recording, &a.name)) {
-            let in_file = |e: String| bad_input(format!("{}: axis {}: {e}", path.display(), axis.name));
-            let motion = motion_of_recording(&recording, &axis.name, &axis.drive)
-                .map_err(|e| in_file(e.to_string()))?;
-            let fit = fit_sweep(&axis.drive, &sweep_of(&recording, &motion), stated)
-                .map_err(|e| in_file(e.to_string()))?;
-            text.push_str(&describe(&axis.name, &fit));
-            let picture = arguments.out.with_extension(format!("{}.svg", axis.name));
-            pictures.push((picture, response_svg(&axis.name, &fit)?));
-            for warning in &fit.warnings {
-                remarks.push_str(&format!("# identify, axis {}: {warning}\n", axis.name));
-            }
-            take(axis, fit);
+            let fit = fit_axis(axis, (path, &recording), stated, &found)?;
+            found.add(axis, (path, fit), &arguments.out)?;
         }
     }
-    if pictures.is_empty() {
+    if found.swept.is_empty() {
         let names: Vec<&str> = machine.axes.iter().map(|a| a.name.as_str()).collect();
         return Err(bad_input(format!(
             "{}: no column <axis>_current_ref_a, <axis>_torque_ref_nm or <axis>_thrust_ref_n for the model's \
@@ -84,13 +86,64 @@ fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
             names.join(", ")
         )));
     }
-    let model = format!("{remarks}{}", machine_to_text(&machine));
-    write_whole(&arguments.out, model.as_bytes()).map_err(bad_input)?;
-    for (path, svg) in pictures {
+    if found.undetermined.len() == found.swept.len() {
+        return Err(bad_input(found.undetermined.join("; ")));
+    }
+    let model = format!("{}{}", found.remarks, machine_to_text(&machine));
+    // The model last: where it stands, its pictures stand beside it.
+    for (path, svg) in found.pictures {
         write_whole(&path, svg.as_bytes()).map_err(bad_input)?;
     }
-    write!(std::io::stdout(), "{text}")?;
+    write_whole(&arguments.out, model.as_bytes()).map_err(bad_input)?;
+    write!(std::io::stdout(), "{}", found.text)?;
     Ok(())
+}
+
+/// Errors: a second sweep of the axis, a recording that cannot be fitted.
+fn fit_axis(
+    axis: &AxisModel,
+    (path, recording): (&Path, &Recording),
+    stated: StatedErrors,
+    found: &Found,
+) -> anyhow::Result<SweepFit> {
+    let in_file = |e: String| bad_input(format!("{}: axis {}: {e}", path.display(), axis.name));
+    if let Some((_, earlier)) = found.swept.iter().find(|(name, _)| *name == axis.name) {
+        let earlier = earlier.display();
+        return Err(in_file(format!("a second sweep beside {earlier}, expected one sweep for each axis")));
+    }
+    let motion =
+        motion_of_recording(recording, &axis.name, &axis.drive).map_err(|e| in_file(e.to_string()))?;
+    fit_sweep(&axis.drive, &sweep_of(recording, &motion), stated).map_err(|e| in_file(e.to_string()))
+}
+
+impl Found {
+    /// Notes a fit and puts what it determines into the axis.
+    fn add(
+        &mut self,
+        axis: &mut AxisModel,
+        (path, fit): (&Path, SweepFit),
+        out: &Path,
+    ) -> anyhow::Result<()> {
+        self.text.push_str(&describe(&axis.name, &fit));
+        let picture = out.with_extension(format!("{}.svg", axis.name));
+        self.pictures.push((picture, response_svg(&axis.name, &fit)?));
+        for warning in &fit.warnings {
+            self.remarks.push_str(&format!("# identify, axis {}: {warning}\n", axis.name));
+        }
+        self.swept.push((axis.name.clone(), path.to_owned()));
+        if fit.determined {
+            take(axis, fit);
+            return Ok(());
+        }
+        self.remarks.push_str(&format!("# identify, axis {}: nothing determined, as it was\n", axis.name));
+        self.undetermined.push(format!(
+            "{}: axis {}: determines no parameter, expected a sweep that the model explains: {}",
+            path.display(),
+            axis.name,
+            fit.warnings.join("; ")
+        ));
+        Ok(())
+    }
 }
 
 fn stated_errors(arguments: &Arguments) -> anyhow::Result<StatedErrors> {

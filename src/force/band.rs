@@ -28,17 +28,13 @@ pub(super) fn usable_band_hz(
     settings: &ForceSettings,
     low_pass_hz: f64,
 ) -> [f64; 2] {
-    let last_line = |h: super::harmonic::HarmonicSettings| {
-        let [first_hz, last_hz] = h.lines_hz(axis.rate);
-        [first_hz, last_hz.min(low_pass_hz)]
-    };
     match (method, settings.harmonic, settings.controller) {
-        (Method::Spectral, Some(harmonic), _) => last_line(harmonic),
-        (Method::Fitted, Some(harmonic), _) => {
-            [0.0, right_up_to(last_line(harmonic)[1], |hz| unheard_drive_share(axis.drive, settings, hz))]
+        (Method::Spectral | Method::Fitted, Some(harmonic), _) => {
+            let reach_hz = heard_up_to_hz(method, axis.drive, settings, low_pass_hz);
+            band_of_lines_hz(method, harmonic.lines_hz(axis.rate), reach_hz)
         }
         (Method::Medob | Method::RigidMode, _, _) => {
-            [0.0, right_up_to(low_pass_hz, |hz| unheard_drive_share(axis.drive, settings, hz))]
+            [0.0, heard_up_to_hz(method, axis.drive, settings, low_pass_hz)]
         }
         (Method::Thrust, _, Some(controller)) => {
             let closed = ClosedLoop::new(axis, controller);
@@ -50,6 +46,21 @@ pub(super) fn usable_band_hz(
             Err(_) => [0.0, 0.0],
         },
         _ => [0.0, low_pass_hz],
+    }
+}
+
+/// How far a sum of both sides is right behind a low-pass of the drive side; `low_pass_hz` for the others.
+pub(super) fn heard_up_to_hz(
+    method: Method,
+    drive: &DriveParams,
+    settings: &ForceSettings,
+    low_pass_hz: f64,
+) -> f64 {
+    match method {
+        Method::Medob | Method::RigidMode | Method::Fitted => {
+            right_up_to(low_pass_hz, |hz| unheard_drive_share(drive, settings, hz))
+        }
+        _ => low_pass_hz,
     }
 }
 
@@ -70,6 +81,12 @@ fn unheard_drive_share(drive: &DriveParams, settings: &ForceSettings, hz: f64) -
     let stage = s * s * drive.movable_mass_kg() + s * drive.translational_damping_n_s_m();
     let through = if coupling.norm() > 0.0 { coupling * motor / (motor + coupling) } else { motor };
     ((1.0 - heard) * through / (stage + through)).norm()
+}
+
+/// The band of a method that knows the spindle, from its first and last line, Hz.
+pub(super) fn band_of_lines_hz(method: Method, [first_hz, last_hz]: [f64; 2], low_pass_hz: f64) -> [f64; 2] {
+    let low_hz = if method == Method::Spectral { first_hz } else { 0.0 };
+    [low_hz, last_hz.min(low_pass_hz)]
 }
 
 /// First frequency at which the error passes what is tolerated, in steps of 2 %.

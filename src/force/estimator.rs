@@ -2,7 +2,7 @@
 
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
-use super::band::usable_band_hz;
+use super::band::{band_of_lines_hz, heard_up_to_hz, usable_band_hz};
 use super::harmonic::{HarmonicEstimator, HarmonicState, harmonic_estimator};
 use super::idle_map::IdleMap;
 use super::lane_part::{LanePart, lane_part};
@@ -78,6 +78,7 @@ pub struct ForceEstimator {
     noise_floor_n: f64,
     friction_bound_n: f64,
     usable_band_hz: [f64; 2],
+    reach_hz: f64,
     encoder_lines_1_m: [f64; 2],
     harmonic: Option<HarmonicEstimator>,
     learner: Option<StiffnessLearner>,
@@ -181,6 +182,7 @@ impl ForceEstimator {
             noise_floor_n: 0.0,
             friction_bound_n: settings.friction_bound_n(drive),
             usable_band_hz: usable_band_hz(method, axis, &settings, band_hz),
+            reach_hz: heard_up_to_hz(method, drive, &settings, band_hz),
             encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
             harmonic,
             learner,
@@ -262,6 +264,7 @@ impl ForceEstimator {
             return Ok(false);
         }
         self.noise_floor_n = harmonic.noise_floor_n();
+        self.usable_band_hz = band_of_lines_hz(self.method, harmonic.lines_hz(), self.reach_hz);
         self.set_settling();
         Ok(true)
     }
@@ -386,8 +389,9 @@ impl ForceEstimator {
         if let Some(map) = &self.idle_map {
             let velocity_m_s = self.travel_velocity_m_s(&now.motion);
             let moves = velocity_m_s.abs() >= self.part.law.still_m_s;
-            now.flags |= Validity::when(moves && !map.holds(now.motion.position_m), Validity::EXTRAPOLATED);
-            now.force_n -= map.disturbance_n(now.motion.position_m, velocity_m_s);
+            let known_n = map.disturbance_n(now.motion.position_m, velocity_m_s);
+            now.flags |= Validity::when(moves && known_n.is_none(), Validity::EXTRAPOLATED);
+            now.force_n -= known_n.unwrap_or(0.0);
         }
         now.force_n = self.notch(state, now.force_n, &now.motion);
     }

@@ -81,6 +81,23 @@ impl HarmonicSettings {
         [first_hz, first_hz * basis.harmonics as f64]
     }
 
+    /// Errors: a quantity that no window can be made of, by its name.
+    fn check(&self, rate: SampleRate) -> Result<(), HarmonicFitError> {
+        let within = |name, value: f64, range: [f64; 2]| {
+            let fits = value >= range[0] && value <= range[1];
+            if fits { Ok(()) } else { Err(HarmonicFitError::OutOfRange { name, value, range }) }
+        };
+        // A turn lasts at least two samples, and fits into the longest window.
+        let slowest_rpm = 60.0 * rate.hz() / LONGEST_WINDOW as f64;
+        within("spindle speed in rpm", self.spindle_speed_rpm, [slowest_rpm, 30.0 * rate.hz()])?;
+        let turn_samples = 60.0 * rate.hz() / self.spindle_speed_rpm;
+        // With constant, ramp, sine and cosine a window has four samples at least.
+        within("turns", self.turns, [4.0 / turn_samples, (LONGEST_WINDOW - 1) as f64 / turn_samples])?;
+        within("teeth (lines per turn)", self.lines_per_turn, [1.0, 0.5 * turn_samples])?;
+        let most = ((LONGEST_WINDOW - 3) / 2) as f64;
+        within("harmonics", self.harmonics.map_or(1.0, |n| n as f64), [1.0, most])
+    }
+
     fn basis(&self, rate: SampleRate) -> HarmonicBasis {
         let line_hz = self.lines_per_turn * self.spindle_speed_rpm / 60.0;
         let below = (self.band_hz.min(0.45 * rate.hz()) / line_hz).floor().clamp(1.0, 40.0);
@@ -388,7 +405,9 @@ impl HarmonicEstimator {
     /// Begins weights for another spindle speed; those of now stay in use until the others are made.
     /// Errors: a window that cannot be fitted.
     pub fn begin_tuning(&mut self, spindle_speed_rpm: f64) -> Result<(), HarmonicFitError> {
-        self.settings.spindle_speed_rpm = spindle_speed_rpm;
+        let settings = HarmonicSettings { spindle_speed_rpm, ..self.settings };
+        settings.check(self.rate)?;
+        self.settings = settings;
         self.design.begin(self.settings.basis(self.rate))?;
         let (reading, rate) = (self.settings.reading, self.rate);
         self.next_lag_samples = match &self.kind {
@@ -494,6 +513,12 @@ impl HarmonicEstimator {
     #[must_use]
     pub fn window_samples(&self) -> usize {
         self.windows.samples
+    }
+
+    /// First and last line of the speed that windows were last made for, Hz.
+    #[must_use]
+    pub(super) fn lines_hz(&self) -> [f64; 2] {
+        self.settings.lines_hz(self.rate)
     }
 
     /// Condition number of the window.

@@ -2,7 +2,7 @@
 //!
 //! What it cannot remove: disturbances that depend on speed, load or time rather than place
 //! (amplifier harmonics, friction that warms), anything where the axis was never idle in that
-//! direction, and what the cut itself changes in the friction.
+//! direction (the map says so), and what the cut itself changes in the friction.
 //!
 //! Source: Yamada, thesis 3.4.
 
@@ -13,18 +13,28 @@ use crate::keyframe::Digest;
 pub struct IdleMap {
     start_m: f64,
     cell_m: f64,
-    forward_n: Vec<f64>,
-    backward_n: Vec<f64>,
+    forward: Cells,
+    backward: Cells,
     slow_m_s: f64,
     runs: usize,
+}
+
+/// The cells that one direction of travel came by.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Cells {
+    /// Index of the first one.
+    first: usize,
+    /// Means, N; empty where the axis never went that way.
+    mean_n: Vec<f64>,
 }
 
 /// A digest instead of a million cells: what tells two settings apart is told apart.
 impl std::fmt::Debug for IdleMap {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let mut digest = Digest::default();
-        let head = [self.start_m, self.cell_m, self.slow_m_s];
-        let all = head.iter().chain(&self.forward_n).chain(&self.backward_n);
+        let firsts = [&self.forward, &self.backward].map(|cells| cells.first as f64);
+        let head = [self.start_m, self.cell_m, self.slow_m_s, firsts[0], firsts[1]];
+        let all = head.iter().chain(&self.forward.mean_n).chain(&self.backward.mean_n);
         all.for_each(|x| digest.word(x.to_bits()));
         f.debug_struct("IdleMap").field("runs", &self.runs).field("digest", &digest.value()).finish()
     }
@@ -82,39 +92,32 @@ impl IdleMap {
         Some(Self {
             start_m: low,
             cell_m,
-            forward_n: average(1.0),
-            backward_n: average(-1.0),
+            forward: average(1.0),
+            backward: average(-1.0),
             slow_m_s,
             runs: runs.len(),
         })
     }
 
-    /// Disturbance at a place in N; zero where the axis was never idle in that direction or stands still.
+    /// Disturbance at a place in N; `None` where the idle runs did not come by in that direction, or moved
+    /// ten times as fast.
     #[inline]
     #[must_use]
-    pub fn disturbance_n(&self, position_m: f64, velocity_m_s: f64) -> f64 {
+    pub fn disturbance_n(&self, position_m: f64, velocity_m_s: f64) -> Option<f64> {
         if velocity_m_s.abs() < self.slow_m_s {
-            return 0.0;
+            return None;
         }
-        let map = if velocity_m_s > 0.0 { &self.forward_n } else { &self.backward_n };
-        let at = (position_m - self.start_m) / self.cell_m - 0.5;
-        let Some(last) = map.len().checked_sub(1) else { return 0.0 };
+        let cells = if velocity_m_s > 0.0 { &self.forward } else { &self.backward };
+        let last = cells.mean_n.len().checked_sub(1)?;
+        let at = (position_m - self.start_m) / self.cell_m - 0.5 - cells.first as f64;
+        // Between the last centre and the end of the way lies half a cell.
         if !(at >= -1.0 && at <= last as f64 + 1.0) {
-            return 0.0;
+            return None;
         }
         let at = at.clamp(0.0, last as f64);
         let index = (at as usize).min(last.saturating_sub(1));
         let share = at - index as f64;
-        map[index] * (1.0 - share) + map[(index + 1).min(last)] * share
-    }
-
-    /// Whether the idle runs came by this place.
-    #[inline]
-    #[must_use]
-    pub fn holds(&self, position_m: f64) -> bool {
-        let cells = self.forward_n.len().max(self.backward_n.len()) as f64;
-        let at = (position_m - self.start_m) / self.cell_m - 0.5;
-        at >= -1.0 && at <= cells
+        Some(cells.mean_n[index] * (1.0 - share) + cells.mean_n[(index + 1).min(last)] * share)
     }
 
     /// How many runs it was made from.
@@ -124,12 +127,9 @@ impl IdleMap {
     }
 }
 
-/// Mean by cell; gaps are bridged by straight lines. Empty when no point fell anywhere.
-fn average_by_cell<'a>(
-    points: impl Iterator<Item = &'a IdlePoint>,
-    grid: (f64, f64),
-    cells: usize,
-) -> Vec<f64> {
+/// Mean by cell, from the first that a point fell into to the last; gaps between are bridged by straight
+/// lines. Empty when no point fell anywhere.
+fn average_by_cell<'a>(points: impl Iterator<Item = &'a IdlePoint>, grid: (f64, f64), cells: usize) -> Cells {
     let (start_m, cell_m) = grid;
     let mut sums = vec![(0.0, 0.0); cells];
     for p in points {
@@ -146,15 +146,43 @@ fn average_by_cell<'a>(
     }
     let filled: Vec<(usize, f64)> =
         sums.iter().enumerate().filter(|(_, s)| s.1 > 1e-6).map(|(i, s)| (i, s.0 / s.1)).collect();
-    let (Some(first), Some(last)) = (filled.first(), filled.last()) else { return Vec::new() };
-    let mut map = vec![0.0; cells];
-    map[..first.0].fill(first.1);
-    map[last.0..].fill(last.1);
+    let (Some(&(first, _)), Some(&(last, last_n))) = (filled.first(), filled.last()) else {
+        return Cells::default();
+    };
+    let mut mean_n = vec![last_n; last - first + 1];
     for pair in filled.windows(2) {
         let ((i, a), (j, b)) = (pair[0], pair[1]);
-        for (k, cell) in map[i..j].iter_mut().enumerate() {
+        for (k, cell) in mean_n[i - first..j - first].iter_mut().enumerate() {
             *cell = a + (b - a) * k as f64 / (j - i) as f64;
         }
     }
-    map
+    Cells { first, mean_n }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Forward over 0 to 10 mm at 3 N, back from 10 to 6 mm at -2 N.
+    fn map(back: bool) -> IdleMap {
+        let point = |position_m, velocity_m_s, force_n| IdlePoint { position_m, velocity_m_s, force_n };
+        let forward = (0..=1000).map(|i| point(f64::from(i) * 1e-5, 0.01, 3.0));
+        let backward = (0..=400).map(|i| point(0.01 - f64::from(i) * 1e-5, -0.01, -2.0));
+        let run = forward.chain(backward.filter(|_| back)).collect();
+        IdleMap::from_runs(&[run]).unwrap()
+    }
+
+    #[test]
+    fn it_holds_only_where_the_axis_went_in_that_direction() {
+        let both = map(true);
+        assert_eq!(both.disturbance_n(0.003, 0.01), Some(3.0));
+        assert_eq!(both.disturbance_n(0.008, -0.01), Some(-2.0));
+        assert_eq!(both.disturbance_n(0.006, -0.01), Some(-2.0), "where it turned");
+        assert_eq!(both.disturbance_n(0.003, -0.01), None, "never went back that far");
+        assert_eq!(both.disturbance_n(0.0105, 0.01), None, "beyond the way");
+        let one_way = map(false);
+        assert_eq!(one_way.disturbance_n(0.003, 0.01), Some(3.0));
+        assert_eq!(one_way.disturbance_n(0.003, -0.01), None, "never went back at all");
+        assert_eq!(one_way.disturbance_n(0.003, 0.0005), None, "friction of another speed");
+    }
 }

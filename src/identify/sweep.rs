@@ -21,6 +21,7 @@ use super::sweep_fit::{Band, Fit};
 use super::sweep_lines::{LEAST_STRETCH_S, LOW_HZ, Lines, steady_stretches};
 use super::sweep_result::with_torsion;
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
+use crate::plant::effects::coupling::Torsion;
 use crate::units::SampleRate;
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -144,7 +145,7 @@ pub struct ResponsePoint {
 /// Outcome of a sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepFit {
-    /// The prior with fitted values in place.
+    /// The prior with fitted values in place; the prior as it was where the sweep determines none.
     pub drive: DriveParams,
     /// What was fitted.
     pub parameters: Vec<FittedParameter>,
@@ -156,6 +157,8 @@ pub struct SweepFit {
     pub band_hz: [f64; 2],
     /// What a user must know.
     pub warnings: Vec<String>,
+    /// Whether the sweep determines anything: the drive is the prior otherwise.
+    pub determined: bool,
 }
 
 /// Fits the drive; `stated`: what no sweep shows. Errors: no steady stretch, no excitation, a missing
@@ -204,8 +207,8 @@ fn not_explained(band: &Band) -> String {
         None => "the model does not explain the whole response".to_owned(),
     };
     format!(
-        "{what}; the model misses the responses below {:.0} Hz by up to {:.0} %: the values are those of a \
-         model that is not this machine and are not to be trusted",
+        "{what}; the model misses the responses below {:.0} Hz by up to {:.0} %: the values would \
+         be those of a model that is not this machine",
         band.high_hz,
         100.0 * band.misfit
     )
@@ -228,11 +231,19 @@ impl Outcome<'_, '_> {
     ) -> Result<SweepFit, SweepError> {
         let points = self.fit.points();
         let (mut raw, mut parameters) = self.fit.result(self.lumped);
-        if let Some(friction) = friction_from_means(&raw, sweep, stretches) {
-            friction.apply(&mut raw, &mut parameters);
-        }
-        let drive = DriveParams::new(raw)?;
-        Ok(SweepFit { drive, parameters, points, mode: self.mode, band_hz: [LOW_HZ, high_hz], warnings })
+        let determined = self.fit.followed;
+        let drive = if determined {
+            let stiffness_n_m = rest_stiffness_n_m(&raw, self.mode.as_ref());
+            let friction = stiffness_n_m.and_then(|k| friction_from_means(&raw, k, sweep, stretches));
+            if let Some(friction) = friction {
+                friction.apply(&mut raw, &mut parameters);
+            }
+            DriveParams::new(raw)?
+        } else {
+            self.fit.prior.clone()
+        };
+        let band_hz = [LOW_HZ, high_hz];
+        Ok(SweepFit { drive, parameters, points, mode: self.mode, band_hz, warnings, determined })
     }
 }
 
@@ -264,10 +275,29 @@ impl Friction {
     }
 }
 
+/// Stiffness between motor and stage under a constant force, N/m: 1/K = 1/K_r + r^2/K_theta, the screw's
+/// wind-up in series with its stretch where there is a torsional spring. `None` on a rigid axis.
+///
+/// Source: rest balance of the chain. Checked by: identify::friction_is_right_behind_a_screw_that_winds_up.
+fn rest_stiffness_n_m(raw: &RawDriveParams, mode: Option<&FittedMode>) -> Option<f64> {
+    let r = raw.screw_lead_m? / TAU;
+    let of_mode = |mode: &FittedMode| {
+        let inertia = raw.rotary_inertia_kg_m2?;
+        let screw = mode.screw_share * inertia;
+        Some(Torsion::stiffness_of(mode.frequency_hz, inertia - screw, screw))
+    };
+    let torsional = mode.and_then(of_mode).or(raw.torsional_stiffness_nm_rad);
+    Some(1.0 / (1.0 / raw.axial_stiffness_n_m? + torsional.map_or(0.0, |k_theta| r * r / k_theta)))
+}
+
 /// (mean over forward - mean over backward)/2 of thrust = C_a v + F_motor + F_stage;
-/// of K_r (x_m - x_t) = C_t v + F_stage. `None` without both directions or a flexible axis.
-fn friction_from_means(raw: &RawDriveParams, sweep: &Sweep, stretches: &[Range<usize>]) -> Option<Friction> {
-    let k = raw.axial_stiffness_n_m?;
+/// of K (x_m - x_t) = C_t v + F_stage with the rest stiffness K. `None` without both directions.
+fn friction_from_means(
+    raw: &RawDriveParams,
+    stiffness_n_m: f64,
+    sweep: &Sweep,
+    stretches: &[Range<usize>],
+) -> Option<Friction> {
     let r = raw.screw_lead_m? / TAU;
     let mut sums = [[0.0; 3]; 2];
     let mut counts = [0.0; 2];
@@ -291,7 +321,7 @@ fn friction_from_means(raw: &RawDriveParams, sweep: &Sweep, stretches: &[Range<u
     let half = [0, 1, 2].map(|i| 0.5 * (sums[1][i] / counts[1] - sums[0][i] / counts[0]));
     let c_t = raw.translational_damping_n_s_m.unwrap_or(0.0);
     let c_r = raw.rotary_damping_nm_s_rad.unwrap_or(0.0) / (r * r);
-    let stage_n = k * half[1] - c_t * half[2];
+    let stage_n = stiffness_n_m * half[1] - c_t * half[2];
     let motor_n = half[0] - (c_t + c_r) * half[2] - stage_n;
     (stage_n >= 0.0 && motor_n >= 0.0).then_some(Friction { motor_n, stage_n })
 }

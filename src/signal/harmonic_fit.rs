@@ -29,7 +29,7 @@ pub const LONGEST_WINDOW: usize = 1 << 14;
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum HarmonicFitError {
     /// More unknowns than samples.
-    #[error("{unknowns} unknowns in a window of {samples} samples")]
+    #[error("{unknowns} unknowns in a window of {samples} samples, expected at most one a sample")]
     TooShort {
         /// Unknowns.
         unknowns: usize,
@@ -37,10 +37,20 @@ pub enum HarmonicFitError {
         samples: usize,
     },
     /// More samples than are kept.
-    #[error("a window of {samples} samples, expected at most {LONGEST_WINDOW}; the spindle turns too slowly")]
+    #[error("a window of {samples} samples, expected at most {LONGEST_WINDOW}")]
     TooLong {
         /// Samples.
         samples: usize,
+    },
+    /// A quantity that no window can be made of.
+    #[error("{name} {value}: expected {:.4} to {:.1}", .range[0], .range[1])]
+    OutOfRange {
+        /// Which.
+        name: &'static str,
+        /// What it is.
+        value: f64,
+        /// What can be.
+        range: [f64; 2],
     },
     /// A harmonic beyond half the rate.
     #[error("harmonic {harmonic} lies at {share:.3} of the sampling rate, expected below 0.5")]
@@ -62,13 +72,13 @@ impl HarmonicBasis {
     /// Samples of the window.
     #[must_use]
     pub fn samples(&self) -> usize {
-        2 * self.half_window + 1
+        self.half_window.saturating_mul(2).saturating_add(1)
     }
 
     /// Constant, ramp, and sine and cosine of each harmonic.
     #[must_use]
     pub fn unknowns(&self) -> usize {
-        2 + 2 * self.harmonics
+        self.harmonics.saturating_mul(2).saturating_add(2)
     }
 
     fn check(&self) -> Result<(), HarmonicFitError> {

@@ -18,6 +18,7 @@ use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use stillcut::plant::machine::Controller;
 use stillcut::signal::butterworth::{Butterworth, zero_phase};
+use stillcut::signal::harmonic_fit::{HarmonicBasis, HarmonicDesign, HarmonicFitError};
 use stillcut::units::SampleRate;
 
 const CONTROLLER: Controller = Controller {
@@ -212,6 +213,62 @@ fn behind_the_drive_sides_low_pass_the_band_ends_where_the_motor_moves() {
     };
     let ends = [high(150.0), high(600.0), high(2000.0)];
     assert!(ends[0] < 150.0 && ends[0] < ends[1] && ends[1] < ends[2], "{ends:?}");
+}
+
+#[test]
+fn a_window_that_cannot_be_is_refused_by_the_name_of_its_quantity() {
+    let drive = test_drive();
+    let refused = |change: fn(&mut HarmonicSettings)| {
+        let mut harmonic = HarmonicSettings::at_speed(3000.0);
+        change(&mut harmonic);
+        let settings = ForceSettings { harmonic: Some(harmonic), ..ForceSettings::default() };
+        ForceEstimator::new(Method::Fitted, &axis(&drive), settings).unwrap_err().to_string()
+    };
+    for (change, quantity) in [
+        ((|h| h.turns = f64::NAN) as fn(&mut HarmonicSettings), "turns NaN: expected 0."),
+        (|h| h.turns = 0.0, "turns 0: expected 0."),
+        (|h| h.turns = 1000.0, "turns 1000: expected 0."),
+        (|h| h.lines_per_turn = 0.0, "teeth (lines per turn) 0: expected 1."),
+        (|h| h.lines_per_turn = f64::INFINITY, "teeth (lines per turn) inf: expected 1."),
+        (|h| h.spindle_speed_rpm = 0.0, "spindle speed in rpm 0: expected "),
+        (|h| h.spindle_speed_rpm = f64::NAN, "spindle speed in rpm NaN: expected "),
+        (|h| h.harmonics = Some(0), "harmonics 0: expected 1."),
+        (|h| h.harmonics = Some(usize::MAX), "harmonics 18446744073709552000: expected 1."),
+        (|h| h.harmonics = Some(400), "802 unknowns in a window of "),
+    ] {
+        let said = refused(change);
+        assert!(said.starts_with(quantity), "{said}");
+    }
+}
+
+#[test]
+fn counts_beyond_any_machine_are_refused() {
+    let begin = |half_window, harmonics| {
+        let basis = HarmonicBasis { half_window, fundamental_rad: 1e-3, harmonics };
+        HarmonicDesign::new(1).begin(basis).unwrap_err()
+    };
+    for harmonics in [22, 1 << 40, usize::MAX] {
+        let refused = begin(21, harmonics);
+        assert!(matches!(refused, HarmonicFitError::TooShort { samples: 43, .. }), "{refused}");
+    }
+    assert!(matches!(begin(usize::MAX, 4), HarmonicFitError::TooLong { .. }));
+}
+
+/// The lines move with the spindle, and the band with the lines.
+#[test]
+fn another_spindle_speed_has_another_band() {
+    let drive = test_drive();
+    // Two lines a turn at 3000 rpm, later at 6000 rpm: every 100 Hz, every 200 Hz.
+    let mut estimator = spectral(&drive, ForceSettings::default());
+    let stated = |e: &ForceEstimator, [low, high]: [f64; 2]| {
+        let band = e.usable_band_hz();
+        assert!((band[0] - low).abs() < 1e-9 && (band[1] - high).abs() < 1e-9, "{band:?}");
+    };
+    stated(&estimator, [100.0, 500.0]);
+    estimator.begin_tuning(6000.0).unwrap();
+    stated(&estimator, [100.0, 500.0]);
+    assert!(estimator.advance_tuning(usize::MAX).unwrap());
+    stated(&estimator, [200.0, 400.0]);
 }
 
 /// As the service runs it by default: the drive side through 150 Hz, the stage's side waiting for it.

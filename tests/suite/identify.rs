@@ -66,6 +66,55 @@ fn a_sweep_gives_back_mass_stiffness_and_dead_times() {
     assert!(outside.len() <= 4, "{outside:?}");
 }
 
+/// Under a constant force the screw stretches and winds up: both stand between the encoders.
+#[test]
+fn friction_is_right_behind_a_screw_that_winds_up() {
+    for case in ["case-07", "case-15", "case-16"] {
+        let Some((fit, truth)) = fitted_case(case) else { return };
+        for (name, key) in [("stage_coulomb_friction_n", "Fc_t"), ("motor_coulomb_friction_n", "Fc_m")] {
+            let (p, expected) = (parameter(&fit, name), truth["actual"][key].as_f64().unwrap());
+            assert!((p.value / expected - 1.0).abs() < 0.02, "{case} {name}: {} {expected}", p.value);
+        }
+    }
+}
+
+/// `stillcut identify` on recordings of case 1 into a folder of its own: exit code, what it said, whether a
+/// model was written.
+fn identified(name: &str, recordings: &[&str]) -> Option<(Option<i32>, String, bool)> {
+    let case = shared("feed-axis-cases/case-01")?;
+    let folder = std::env::temp_dir().join(format!("stillcut-identify-{name}-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let out = folder.join("model.toml");
+    if name == "blocked" {
+        // A folder where the picture is to be.
+        std::fs::create_dir_all(folder.join("model.x.svg/taken")).unwrap();
+    }
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_stillcut"));
+    command.arg("identify").arg("--model").arg(case.join("machine.toml")).arg("--out").arg(&out);
+    for recording in recordings {
+        command.arg("--recording").arg(case.join(recording));
+    }
+    let run = command.output().unwrap();
+    let written = out.exists();
+    std::fs::remove_dir_all(&folder).unwrap();
+    Some((run.status.code(), String::from_utf8(run.stderr).unwrap(), written))
+}
+
+#[test]
+fn a_model_is_written_whole_or_not_at_all() {
+    let Some((code, said, written)) = identified("good", &["sweep.parquet"]) else { return };
+    assert!(code == Some(0) && written, "{said}");
+    for (name, recordings, reason) in [
+        ("idle", vec!["idle.parquet"], "determines no parameter"),
+        ("twice", vec!["sweep.parquet", "sweep.parquet"], "expected one sweep for each axis"),
+        ("blocked", vec!["sweep.parquet"], "model.x.svg"),
+    ] {
+        let (code, said, written) = identified(name, &recordings).unwrap();
+        assert!(code == Some(2) && !written && said.contains(reason), "{name} {code:?} {written}: {said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+    }
+}
+
 /// A torsional mode that two inertias lack is found, told of, and does not go into mass and stiffness.
 #[test]
 fn a_mode_outside_of_the_model_is_fitted_and_warned_of() {
