@@ -182,8 +182,8 @@ fn mark_disagreement(first: &mut AxisForce, second: &AxisForce, rate: SampleRate
     let (mut seen, mut count) = (Validity::VALID, 0.0);
     for i in 0..first.flags.len().min(second.force_n.len()) {
         let apart = disagreement.step(first.estimate(i), second.estimate(i));
-        first.flags[i] = first.flags[i] | apart;
-        seen = seen | first.flags[i];
+        first.flags[i] |= apart;
+        seen |= first.flags[i];
         count += if apart.is_valid() { 0.0 } else { 1.0 };
     }
     if count > 0.0 {
@@ -485,7 +485,9 @@ fn wait_for_latest(estimates: &mut [ForceEstimate], lags: &[usize]) -> usize {
 /// What the estimator says of itself, for the file's metadata.
 fn describe(observer: &Observer, estimates: &[ForceEstimate], note: &mut impl FnMut(&str, String)) {
     note("usable_band_hz", format!("{:?}", observer.usable_band_hz()));
-    note("noise_floor_n", format!("{:.4}", observer.noise_floor_n()));
+    let floor_n = observer.noise_floor_n();
+    let unknown = || "not known: no encoder's step enters".to_owned();
+    note("noise_floor_n", if floor_n > 0.0 { format!("{floor_n:.4}") } else { unknown() });
     if let Some(condition) = observer.condition() {
         note("condition", format!("{condition:.3e}"));
     }
