@@ -63,8 +63,8 @@ pub(super) struct Arguments {
     /// Teeth of the tool: only multiples of the tooth-pass frequency are taken (fitted, spectral).
     #[arg(long)]
     teeth: Option<f64>,
-    /// Where a window is read: middle (least noise; when not given) or young (three samples from its young end: shortest
-    /// delay) (fitted, spectral).
+    /// Where a window is read: middle (least noise; when not given) or young (three samples from its young
+    /// end: shortest delay) (fitted, spectral).
     #[arg(long, value_parser = ["middle", "young"])]
     reading: Option<String>,
     /// Low-pass behind the balance: flat to here, same delay at every frequency.
