@@ -270,8 +270,9 @@ pub(super) struct ReasonBody {
 
 /// The caller and the reason, for events and the audit record. Errors: an empty or endless reason.
 pub(super) fn origin(caller: &Caller, reason: &str) -> Result<Origin, Problem> {
+    let printable = reason.chars().count() <= 500 && !reason.chars().any(char::is_control);
     let reason = reason.trim();
-    if reason.is_empty() || reason.chars().count() > 500 || reason.chars().any(char::is_control) {
+    if reason.is_empty() || !printable {
         let problem = Problem::new(
             axum::http::StatusCode::UNPROCESSABLE_ENTITY,
             "reason_required",
