@@ -307,6 +307,12 @@ impl ChatterMonitor {
         state.earlier_speed_hz += (state.speed_hz - state.earlier_speed_hz) * slow;
     }
 
+    /// The notches on the spindle's orders start anew, at the angle of what leaves the band's filter now.
+    fn restart_orders(&self, state: &mut ChatterState) {
+        let angle_turns = state.angle_turns - state.speed_hz * self.mix.delay_s();
+        self.orders.restart(&mut state.orders, angle_turns);
+    }
+
     #[cold]
     fn follow_level(&self, state: &mut ChatterState, change: Change) {
         if state.detector.phase() == Phase::Chatter {
@@ -315,7 +321,7 @@ impl ChatterMonitor {
         // Until the force has settled, every step starts the notches anew.
         doubt(&mut state.baselines);
         state.relearn_until_s = self.now_s(state) + RELEARN_S;
-        self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
+        self.restart_orders(state);
         if change == Change::Begins {
             state.detector.forget_suspicion();
             state.latest.event = Some(ChatterEvent::CutChanged);
@@ -465,7 +471,7 @@ impl ChatterMonitor {
             doubt(&mut state.baselines);
             state.relearn_until_s = t_s + RELEARN_S;
             // With another pitch the spindle makes other lines.
-            self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
+            self.restart_orders(state);
         }
     }
 

@@ -97,7 +97,7 @@ struct Inputs {
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let choice = method_named("--method", &arguments.method)?;
     let beside = arguments.beside.as_deref().map(|name| method_named("--beside", name)).transpose()?;
-    refuse_idle_options(&arguments, [Some(choice), beside])?;
+    refuse_window_options(&arguments, [Some(choice), beside])?;
     let inputs = Inputs::read(arguments, [Some(choice), beside])?;
     let rate_hz = inputs.recording.sample_rate.hz();
     let mut axes = Vec::new();
@@ -133,7 +133,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
 }
 
 /// Options of the windows say nothing where no method has one.
-fn refuse_idle_options(arguments: &Arguments, choices: [Option<Choice>; 2]) -> anyhow::Result<()> {
+fn refuse_window_options(arguments: &Arguments, choices: [Option<Choice>; 2]) -> anyhow::Result<()> {
     let windowed = |c: &Option<Choice>| matches!(c, Some(Some(Method::Fitted | Method::Spectral)));
     if choices.iter().any(windowed) {
         return Ok(());

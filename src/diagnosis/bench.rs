@@ -226,9 +226,8 @@ impl<'a> Bench<'a> {
             let coefficients = gram.solve_without(fold, &used);
             let mut residual = residual_of(self.problem, self.accepted, &coefficients);
             if let Some(a) = fixed_gone {
-                let share = tie(self.problem, &a.hypothesis)
-                    .map_or(1.0, |tie| tie.per_stiffness * coefficients[tie.spring]);
-                add(&mut residual, &a.columns[0], share);
+                let tie = tie(self.problem, &a.hypothesis);
+                add(&mut residual, &a.columns[0], share(tie, &coefficients));
             }
             match &mut out {
                 None => out = Some(residual),
@@ -467,6 +466,11 @@ fn tie(p: &Problem, h: &Hypothesis) -> Option<Tie> {
     tied.then_some(Tie { spring, per_stiffness: p.mechanics.stiffness_n_m.recip() })
 }
 
+/// How much of its column a law of fixed amplitude adds at these coefficients.
+fn share(tie: Option<Tie>, coefficients: &[f64]) -> f64 {
+    tie.map_or(1.0, |tie| tie.per_stiffness * coefficients[tie.spring])
+}
+
 /// The accepted laws of fixed amplitude, each with its tie.
 fn fixed<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = (&'b Accepted, Option<Tie>)> {
     accepted.iter().filter(|a| a.hypothesis.shape.unit()).map(|a| (a, tie(p, &a.hypothesis)))
@@ -493,8 +497,7 @@ pub(crate) fn residual_of(p: &Problem, accepted: &[Accepted], coefficients: &[f6
         add(&mut out, column, -b);
     }
     for (a, tie) in fixed(p, accepted) {
-        let share = tie.map_or(1.0, |tie| tie.per_stiffness * coefficients[tie.spring]);
-        add(&mut out, &a.columns[0], -share);
+        add(&mut out, &a.columns[0], -share(tie, coefficients));
     }
     out
 }

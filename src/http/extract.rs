@@ -51,19 +51,22 @@ fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
             format!("JSON is nested deeper than {JSON_DEPTH}"),
         ));
     }
-    serde_json::from_slice(bytes).map_err(|error| {
+    let wrong = |text: &str| {
+        let detail = "the body is not what was expected";
+        Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", detail).with_field("", text)
+    };
+    let body = serde_json::from_slice(bytes).map_err(|error| {
         let text = error.to_string();
-        let problem = if error.is_data() {
-            Problem::new(
-                StatusCode::UNPROCESSABLE_ENTITY,
-                "invalid_body",
-                "the body is not what was expected",
-            )
-        } else {
-            Problem::bad_request("malformed_json", "the body is not JSON")
-        };
-        problem.with_field("", &text)
-    })
+        if error.is_data() {
+            return wrong(&text);
+        }
+        Problem::bad_request("malformed_json", "the body is not JSON").with_field("", &text)
+    })?;
+    // A derived reader also takes the fields' values in a row, without their names.
+    match bytes.iter().find(|byte| !byte.is_ascii_whitespace()) {
+        Some(b'{') => Ok(body),
+        _ => Err(wrong("expected a JSON object")),
+    }
 }
 
 /// Deepest nesting of brackets outside strings.
@@ -129,5 +132,19 @@ mod tests {
         assert_eq!(parse::<serde_json::Value>(deep.as_bytes()).unwrap_err().code, "json_too_deep");
         assert_eq!(parse::<serde_json::Value>(b"{").unwrap_err().code, "malformed_json");
         assert_eq!(parse::<u8>(b"\"x\"").unwrap_err().code, "invalid_body");
+    }
+
+    #[test]
+    fn a_body_is_an_object() {
+        #[derive(Debug, serde::Deserialize)]
+        struct Reason {
+            #[serde(default)]
+            reason: Option<String>,
+        }
+        for row in ["[]", " [\"why\"]", "[null]", "\"why\"", "null"] {
+            assert_eq!(parse::<Reason>(row.as_bytes()).unwrap_err().code, "invalid_body", "{row}");
+        }
+        let named = parse::<Reason>(b"\n {\"reason\": \"why\"}").unwrap();
+        assert_eq!(named.reason.as_deref(), Some("why"));
     }
 }

@@ -142,6 +142,9 @@ pub struct ResponsePoint {
     pub coherence: [f64; 2],
 }
 
+/// Relative misfit beyond which a recording is no sweep of this axis: nothing of the fit is kept.
+const NOTHING_LIKE: f64 = 0.5;
+
 /// Outcome of a sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepFit {
@@ -191,14 +194,16 @@ pub fn fit_sweep(prior: &DriveParams, sweep: &Sweep, stated: StatedErrors) -> Re
                 "a mode outside of the model at about {:.0} Hz; fitted as torsion of motor and screw",
                 mode.frequency_hz
             ));
-            let outcome = Outcome { fit: &three, lumped: Some(prior), mode: Some(mode) };
+            let outcome = Outcome { fit: &three, lumped: Some(prior), mode: Some(mode), determined: true };
             return outcome.finish(sweep, &stretches, (lines.highest_hz(), warnings));
         }
     }
     if !fit.explained {
         warnings.push(not_explained(&band));
     }
-    Outcome { fit: &fit, lumped: None, mode: None }.finish(sweep, &stretches, (band.high_hz, warnings))
+    let determined = band.misfit <= NOTHING_LIKE;
+    let outcome = Outcome { fit: &fit, lumped: None, mode: None, determined };
+    outcome.finish(sweep, &stretches, (band.high_hz, warnings))
 }
 
 fn not_explained(band: &Band) -> String {
@@ -207,8 +212,8 @@ fn not_explained(band: &Band) -> String {
         None => "the model does not explain the whole response".to_owned(),
     };
     format!(
-        "{what}; the model misses the responses below {:.0} Hz by up to {:.0} %: the values would \
-         be those of a model that is not this machine",
+        "{what}; the model misses the responses below {:.0} Hz by up to {:.0} %: a fit gives the \
+         values of a model that is not this machine, not to be trusted",
         band.high_hz,
         100.0 * band.misfit
     )
@@ -220,6 +225,7 @@ struct Outcome<'a, 'b> {
     /// The two-inertia drive that a fit of three stands for.
     lumped: Option<&'a DriveParams>,
     mode: Option<FittedMode>,
+    determined: bool,
 }
 
 impl Outcome<'_, '_> {
@@ -231,7 +237,7 @@ impl Outcome<'_, '_> {
     ) -> Result<SweepFit, SweepError> {
         let points = self.fit.points();
         let (mut raw, mut parameters) = self.fit.result(self.lumped);
-        let determined = self.fit.followed;
+        let determined = self.determined;
         let drive = if determined {
             let stiffness_n_m = rest_stiffness_n_m(&raw, self.mode.as_ref());
             let friction = stiffness_n_m.and_then(|k| friction_from_means(&raw, k, sweep, stretches));

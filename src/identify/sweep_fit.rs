@@ -43,8 +43,6 @@ pub(super) struct Fit<'a> {
     bandwidth_trust: f64,
     /// The responses of the whole sweep are explained: the parameters are those of the machine.
     pub(super) explained: bool,
-    /// They are followed at least: parameters with a warning, not noise.
-    pub(super) followed: bool,
 }
 
 /// How far a fit came.
@@ -59,8 +57,6 @@ pub(super) struct Band {
 
 /// Relative misfit up to which the model explains a band.
 const EXPLAINED: f64 = 0.1;
-/// Relative misfit beyond which a recording is no sweep of this axis: nothing of the fit is kept.
-const NOTHING_LIKE: f64 = 0.5;
 /// The stated bandwidth of the current loop is believed to within this share.
 const BANDWIDTH_TRUST: f64 = 0.2;
 /// The same where the band had to be cut below a mode: what is left cannot tell a lag from a delay.
@@ -122,7 +118,6 @@ impl<'a> Fit<'a> {
             count: lines.frequency_hz.len(),
             bandwidth_trust: BANDWIDTH_TRUST,
             explained: false,
-            followed: false,
         };
         fit.start = fit.unknowns.iter().map(|u| fit.prior_value(*u)).collect();
         fit.scale = fit.unknowns.iter().zip(&fit.start).map(|(u, p)| fit.natural_scale(*u, *p)).collect();
@@ -302,7 +297,6 @@ impl<'a> Fit<'a> {
         self.run(end_hz);
         let misfit = self.worst_misfit(end_hz);
         self.explained = misfit <= EXPLAINED;
-        self.followed = misfit <= NOTHING_LIKE;
         misfit
     }
 
@@ -405,7 +399,7 @@ impl<'a> Fit<'a> {
             }
             good = Some(high_hz);
             if high_hz >= end_hz {
-                (self.explained, self.followed) = (true, true);
+                self.explained = true;
                 return Band { high_hz, mode_hz: None, misfit };
             }
             high_hz = (1.25 * high_hz).min(end_hz);
@@ -417,7 +411,6 @@ impl<'a> Fit<'a> {
             self.run(kept_hz);
             misfit = self.worst_misfit(kept_hz);
         }
-        self.followed = misfit <= NOTHING_LIKE;
         Band { high_hz, mode_hz: self.mode_beyond_hz(high_hz), misfit }
     }
 

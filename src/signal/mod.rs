@@ -6,6 +6,7 @@
 pub mod butterworth;
 pub mod dispatch;
 pub mod down_mix;
+pub(crate) mod exponential;
 pub mod finite_difference;
 pub mod harmonic_fit;
 pub mod line_bank;

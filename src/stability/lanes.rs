@@ -5,6 +5,7 @@
 
 use super::root::Scaled;
 use crate::signal::dispatch::{Kernel, multiply_add};
+use crate::signal::exponential::{ROUND, exp};
 use nalgebra::Complex;
 
 /// Places at once.
@@ -99,40 +100,16 @@ fn newton<const FUSED: bool>(scaled: &Scaled, re: &Lanes, im: &Lanes) -> (Lanes,
     (out_re, out_im)
 }
 
-/// Rounds to a whole number when added and taken off again; its lowest bits are that number then.
-const ROUND: f64 = 6_755_399_441_055_744.0;
-
 /// a e^{-s tau}: e^{-x tau} (cos(y tau) - j sin(y tau)).
 ///
-/// e^r and sine and cosine by Taylor's series after ln 2 and pi/2 are taken off, 1e-11 of the value: the
+/// Sine and cosine by Taylor's series after pi/2 is taken off, 1e-11 of the value: the
 /// answer is polished elsewhere. Below e^-700 and above e^700 the power stays there.
 #[inline(always)]
 fn fading_turn<const FUSED: bool>(re: &Lanes, im: &Lanes, tau: f64, a: f64) -> (Lanes, Lanes) {
-    use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, LN_2, LOG2_E};
+    use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
     let (mut out_re, mut out_im) = ([0.0; PLACES], [0.0; PLACES]);
     for k in 0..PLACES {
-        let x = (-re[k] * tau).clamp(-700.0, 700.0);
-        let rounded = multiply_add::<FUSED>(x, LOG2_E, ROUND);
-        let r = multiply_add::<FUSED>(rounded - ROUND, -LN_2, x);
-        let mut e = 1.0 / 39_916_800.0;
-        for term in [
-            1.0 / 3_628_800.0,
-            1.0 / 362_880.0,
-            1.0 / 40_320.0,
-            1.0 / 5_040.0,
-            1.0 / 720.0,
-            1.0 / 120.0,
-            1.0 / 24.0,
-            1.0 / 6.0,
-            0.5,
-            1.0,
-            1.0,
-        ] {
-            e = multiply_add::<FUSED>(e, r, term);
-        }
-        // 2^n: the exponent field starts at bit 52.
-        let power = f64::from_bits(rounded.to_bits().wrapping_add(1023) << 52);
-        let size = a * e * power;
+        let size = a * exp::<FUSED>((-re[k] * tau).clamp(-700.0, 700.0));
         let y = im[k] * tau;
         let turned = multiply_add::<FUSED>(y, FRAC_2_PI, ROUND);
         let q = multiply_add::<FUSED>(turned - ROUND, -FRAC_PI_2, y);

@@ -68,8 +68,7 @@ impl ChatterMonitor {
         if state.held_off_s > 0.0 && t_s >= state.held_off_s {
             state.held_off_s = 0.0;
             if wide {
-                self.orders
-                    .restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
+                self.restart_orders(state);
                 state.detector.forget_suspicion();
             }
         }
@@ -176,7 +175,7 @@ impl ChatterMonitor {
         state.order_line = if order { state.order_line + 1 } else { 0 };
         if state.order_line >= LOUDER_LOOKS && evidence.t_s > state.orders_new_until_s && state.speed_hz > 0.0
         {
-            self.orders.restart(&mut state.orders, state.angle_turns - state.speed_hz * self.mix.delay_s());
+            self.restart_orders(state);
             state.detector.forget_suspicion();
             state.orders_new_until_s = evidence.t_s + YOUNG_TURNS / state.speed_hz;
         }

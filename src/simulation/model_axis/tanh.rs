@@ -1,49 +1,13 @@
 //! The hyperbolic tangent without a branch or a library call, so that lanes stay side by side.
 
-use crate::signal::dispatch::multiply_add;
-
-/// log2 e.
-const LOG2_E: f64 = std::f64::consts::LOG2_E;
-/// ln 2 in two parts; the first has zeros at its end, so that k times it is exact.
-const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
-/// Adding 1.5 * 2^52 rounds to a whole number and leaves it in the low bits.
-const ROUND: f64 = 6_755_399_441_055_744.0;
-/// 1/k! from k = 12 down to 0.
-const TAYLOR: [f64; 13] = [
-    1.0 / 479_001_600.0,
-    1.0 / 39_916_800.0,
-    1.0 / 3_628_800.0,
-    1.0 / 362_880.0,
-    1.0 / 40_320.0,
-    1.0 / 5_040.0,
-    1.0 / 720.0,
-    1.0 / 120.0,
-    1.0 / 24.0,
-    1.0 / 6.0,
-    0.5,
-    1.0,
-    1.0,
-];
-
-/// exp(x) for -700 < x <= 0: 2^k exp(r), |r| < 0.35, a Taylor sum of twelve terms (4e-16).
-#[inline(always)]
-fn exp_of_negative<const FUSED: bool>(x: f64) -> f64 {
-    let shifted = multiply_add::<FUSED>(x, LOG2_E, ROUND);
-    let k = shifted - ROUND;
-    let r = multiply_add::<FUSED>(k, -LN_2[1], multiply_add::<FUSED>(k, -LN_2[0], x));
-    let mut sum = TAYLOR[0];
-    for c in &TAYLOR[1..] {
-        sum = multiply_add::<FUSED>(sum, r, *c);
-    }
-    f64::from_bits(sum.to_bits().wrapping_add(shifted.to_bits() << 52))
-}
+use crate::signal::exponential::exp;
 
 /// tanh(x) = sgn x (1 - exp(-2|x|)) / (1 + exp(-2|x|)); error below 3e-16 of one.
 ///
 /// Checked by: tests::it_is_the_library_s.
 #[inline(always)]
 pub(super) fn tanh<const FUSED: bool>(x: f64) -> f64 {
-    let t = exp_of_negative::<FUSED>(-2.0 * x.abs().min(20.0));
+    let t = exp::<FUSED>(-2.0 * x.abs().min(20.0));
     ((1.0 - t) / (1.0 + t)).copysign(x)
 }
 
