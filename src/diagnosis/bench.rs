@@ -159,20 +159,19 @@ impl<'a> Bench<'a> {
 
     /// The Gram of the base with a column of fixed amplitude, `sign` 1 to put it in, -1 to take it out, and
     /// with further columns.
-    fn with_fixed(&self, (h, column): (&Hypothesis, &Column), mut more: Vec<Vec<f64>>, sign: f64) -> Gram {
-        let known = self.weights.weigh(column);
+    fn with_fixed(&self, (h, known): (&Hypothesis, &[f64]), mut more: Vec<Vec<f64>>, sign: f64) -> Gram {
         if let Some(tie) = tie(self.problem, h) {
-            more.push(known);
+            more.push(known.to_vec());
             let gram = self.gram.with(&self.base, &more, &self.target, &self.folds);
             return gram.tied_to(tie.spring, sign * tie.per_stiffness);
         }
         let mut target = self.target.clone();
-        add_series(&mut target, &known, -sign);
+        add_series(&mut target, known, -sign);
         self.retargeted(&target).with(&self.base, &more, &target, &self.folds)
     }
 
     fn without_fixed(&self, a: &Accepted) -> Gram {
-        self.with_fixed((&a.hypothesis, &a.columns[0]), Vec::new(), -1.0)
+        self.with_fixed((&a.hypothesis, &self.weights.weigh(&a.columns[0])), Vec::new(), -1.0)
     }
 
     fn timing_index(&self) -> usize {
@@ -302,102 +301,119 @@ impl<'a> Bench<'a> {
         n * (dropped.heldout / self.solution.heldout).ln()
     }
 
-    /// Fits amplitudes and constants of one hypothesis on top of the base, by Gauss-Newton on the constants.
+    /// Fits amplitudes and constants of a hypothesis that was scored on this bench, by Gauss-Newton on the
+    /// constants.
     pub(crate) fn refine(&self, score: &Score) -> Score {
-        let mut best = self.score_fitted(&Hypothesis {
-            shape: score.hypothesis.shape.absorb(score.amplitudes[0]),
-            ..score.hypothesis.clone()
-        });
+        let shape = &score.hypothesis.shape;
+        if shape.constants().is_empty() {
+            return score.clone();
+        }
+        let shape = shape.absorb(score.amplitudes[0]);
+        let mut best = self.try_fitted(&Hypothesis { shape, ..score.hypothesis.clone() });
+        let mut fit = self.fit(&best);
         let mut damping = 1.0;
-        let mut from = best.clone();
         for _ in 0..6 {
-            let h = &from.hypothesis;
-            let columns = h.columns(self.problem);
-            let tangents = h.tangents(self.problem, &columns, &from.amplitudes);
-            if tangents.is_empty() {
-                break;
-            }
-            let fit = self.fit(h, &columns, &tangents);
+            let h = &best.score.hypothesis;
             let trust = h.shape.trust() * damping;
-            let moved: Vec<f64> = h
-                .shape
-                .constants()
-                .iter()
-                .zip(&fit.steps)
-                .map(|(c, s)| c * s.clamp(-trust, trust).exp())
-                .collect();
-            let next = self.score_fitted(&h.with_constants(self.problem, &moved));
-            let gain = next.likelihood - best.likelihood;
+            let constants = h.shape.constants();
+            let moved: Vec<f64> =
+                constants.iter().zip(&fit.steps).map(|(c, s)| c * s.clamp(-trust, trust).exp()).collect();
+            let next = self.try_fitted(&h.with_constants(self.problem, &moved));
+            let gain = next.score.likelihood - best.score.likelihood;
             if gain > 0.0 {
-                best = next.clone();
-                from = next;
+                best = next;
                 if gain < 0.5 {
                     break;
                 }
+                fit = self.fit(&best);
             } else {
                 damping *= 0.3;
-                from = best.clone();
             }
         }
-        best
+        best.score
     }
 
     /// Amplitudes and constant steps together.
-    fn fit(&self, h: &Hypothesis, columns: &[Column], tangents: &[Column]) -> HypothesisFit {
-        let weigh = |c: &Column| self.weights.weigh(c);
-        let mut more: Vec<Vec<f64>> = tangents.iter().map(weigh).collect();
+    fn fit(&self, tried: &Tried) -> HypothesisFit {
+        let (h, columns) = (&tried.score.hypothesis, &tried.columns);
+        let tangents = h.tangents(self.problem, columns, &tried.score.amplitudes);
+        let mut more: Vec<Vec<f64>> = tangents.iter().map(|c| self.weights.weigh(c)).collect();
         let gram = if h.shape.unit() {
-            self.with_fixed((h, &columns[0]), more, 1.0)
+            self.with_fixed((h, &tried.weighed[0]), more, 1.0)
         } else {
-            more.splice(0..0, columns.iter().map(weigh));
+            more.splice(0..0, tried.weighed.iter().cloned());
             self.gram.with(&self.base, &more, &self.target, &self.folds)
         };
         let solution = self.solve(&gram, !is_delay(h));
         HypothesisFit::of(&h.shape, columns.len(), (&solution, self.base.len()))
     }
 
-    /// Score with the amplitude held at one where the law says so.
-    fn score_fitted(&self, h: &Hypothesis) -> Score {
-        if !h.shape.unit() {
-            return self.score(h);
+    /// Tries one hypothesis on top of the base.
+    pub(crate) fn score(&self, hypothesis: &Hypothesis) -> Score {
+        // A torsion scales by nothing: its constants say everything from the start.
+        if matches!(hypothesis.shape, Shape::Torsion { .. }) {
+            return self.try_fitted(hypothesis).score;
         }
-        let gram = self.with_fixed((h, &h.columns(self.problem)[0]), Vec::new(), 1.0);
+        self.try_free(hypothesis).score
+    }
+
+    /// Tries one with the amplitude held at one where the law says so.
+    fn try_fitted(&self, h: &Hypothesis) -> Tried {
+        if !h.shape.unit() {
+            return self.try_free(h);
+        }
+        let columns = h.columns(self.problem);
+        let weighed = vec![self.weights.weigh(&columns[0])];
+        let gram = self.with_fixed((h, &weighed[0]), Vec::new(), 1.0);
         let solution = self.solve(&gram, !is_delay(h));
-        let n = self.folds.total() as f64;
-        Score {
-            evidence: n * (self.solution.heldout / solution.heldout.max(1e-300)).ln(),
-            likelihood: n * (self.solution.left / solution.left.max(1e-300)).ln(),
+        let [evidence, likelihood] = self.gains(&solution);
+        let score = Score {
+            evidence,
+            likelihood,
             amplitudes: vec![1.0],
             deviations: vec![0.0],
             unit_rms_n: 0.0,
             plausible: !h.shape.at_limit() && h.shape.constants()[0] > least_timing_s(self.problem, h),
             hypothesis: h.clone(),
-        }
+        };
+        Tried { score, columns, weighed }
     }
 
-    /// Tries one hypothesis on top of the base.
-    pub(crate) fn score(&self, hypothesis: &Hypothesis) -> Score {
-        if matches!(hypothesis.shape, Shape::Torsion { .. }) {
-            return self.score_fitted(hypothesis);
-        }
-        let raw = hypothesis.columns(self.problem);
-        let columns: Vec<Vec<f64>> = raw.iter().map(|c| self.weights.weigh(c)).collect();
-        let gram = self.gram.with(&self.base, &columns, &self.target, &self.folds);
-        let solution = self.solve(&gram, !is_delay(hypothesis));
+    /// Tries one with its amplitudes free.
+    fn try_free(&self, h: &Hypothesis) -> Tried {
+        let columns = h.columns(self.problem);
+        let weighed: Vec<Vec<f64>> = columns.iter().map(|c| self.weights.weigh(c)).collect();
+        let gram = self.gram.with(&self.base, &weighed, &self.target, &self.folds);
+        let solution = self.solve(&gram, !is_delay(h));
         let first = self.base.len();
         let amplitudes = solution.coefficients[first..].to_vec();
-        let n = self.folds.total() as f64;
-        let plausible = plausible(hypothesis, &amplitudes);
-        Score {
-            evidence: n * (self.solution.heldout / solution.heldout.max(1e-300)).ln(),
-            likelihood: n * (self.solution.left / solution.left.max(1e-300)).ln(),
+        let [evidence, likelihood] = self.gains(&solution);
+        let score = Score {
+            evidence,
+            likelihood,
             deviations: solution.deviations[first..].to_vec(),
+            plausible: plausible(h, &amplitudes),
             amplitudes,
-            unit_rms_n: raw.first().map_or(0.0, |c| rms(c)),
-            plausible,
-            hypothesis: hypothesis.clone(),
-        }
+            unit_rms_n: columns.first().map_or(0.0, |c| rms(c)),
+            hypothesis: h.clone(),
+        };
+        Tried { score, columns, weighed }
     }
+
+    /// Twice the gain in log-likelihood over the base, on held-out blocks and on everything.
+    fn gains(&self, with: &Solution) -> [f64; 2] {
+        let n = self.folds.total() as f64;
+        let gain = |before: f64, after: f64| n * (before / after.max(1e-300)).ln();
+        [gain(self.solution.heldout, with.heldout), gain(self.solution.left, with.left)]
+    }
+}
+
+/// A hypothesis that was tried, with what it was tried with.
+struct Tried {
+    score: Score,
+    columns: Vec<Column>,
+    /// The columns as they stand in the regression.
+    weighed: Vec<Vec<f64>>,
 }
 
 /// Fit of one hypothesis.

@@ -82,13 +82,21 @@ impl Folds {
         }
     }
 
-    /// Inner product in each fold.
-    pub(crate) fn dot(&self, a: &[f64], b: &[f64]) -> [f64; FOLDS] {
-        let mut out = [0.0; FOLDS];
+    /// Inner product in each fold, pair by pair.
+    ///
+    /// Block by block over all pairs: a column that stands in many of them is read from memory once.
+    fn dots(&self, pairs: &[(&[f64], &[f64])]) -> Vec<[f64; FOLDS]> {
+        let mut out = vec![[0.0; FOLDS]; pairs.len()];
         for s in &self.segments {
-            out[s.fold] += dot(&a[s.start..s.end], &b[s.start..s.end]);
+            for (sum, (a, b)) in out.iter_mut().zip(pairs) {
+                sum[s.fold] += dot(&a[s.start..s.end], &b[s.start..s.end]);
+            }
         }
         out
+    }
+
+    fn power(&self, a: &[f64]) -> [f64; FOLDS] {
+        self.dots(&[(a, a)])[0]
     }
 }
 
@@ -117,30 +125,55 @@ pub(crate) struct Solution {
     pub(crate) heldout: f64,
 }
 
+/// Rows of the Gram matrix that are summed together: their blocks stay in the cache.
+const ROWS: usize = 8;
+
+/// A row of the lower triangle and of the right-hand side: a column with all up to itself, then the target.
+fn row<'a>(
+    columns: &'a [&'a [f64]],
+    a: usize,
+    target: &'a [f64],
+) -> impl Iterator<Item = (&'a [f64], &'a [f64])> {
+    columns[..=a].iter().copied().chain([target]).map(move |other| (columns[a], other))
+}
+
 impl Gram {
     pub(crate) fn new(columns: &[Vec<f64>], target: &[f64], folds: &Folds) -> Self {
         let n = columns.len();
         let mut gram = Self {
             inner: vec![DMatrix::zeros(n, n); FOLDS],
             target: vec![DVector::zeros(n); FOLDS],
-            power: folds.dot(target, target),
+            power: folds.power(target),
             samples: folds.total(),
         };
+        let all: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
         let rows: Vec<usize> = (0..n).collect();
-        let products = on_two_cores(&rows, |&a| {
-            let with = columns[..=a].iter().map(|c| folds.dot(&columns[a], c));
-            (with.collect::<Vec<_>>(), folds.dot(&columns[a], target))
+        let rows: Vec<&[usize]> = rows.chunks(ROWS).collect();
+        let products = on_two_cores(&rows, |rows| {
+            folds.dots(&rows.iter().flat_map(|&a| row(&all, a, target)).collect::<Vec<_>>())
         });
-        for (a, (row, right)) in products.into_iter().enumerate() {
-            for f in 0..FOLDS {
-                for (b, d) in row.iter().enumerate() {
-                    gram.inner[f][(a, b)] = d[f];
-                    gram.inner[f][(b, a)] = d[f];
-                }
-                gram.target[f][a] = right[f];
-            }
+        for (rows, products) in rows.into_iter().zip(products) {
+            gram.fill(rows, &products);
         }
         gram
+    }
+
+    /// Puts the products of whole rows in their places.
+    fn fill(&mut self, rows: &[usize], products: &[[f64; FOLDS]]) {
+        let mut products = products.iter();
+        for &a in rows {
+            for (b, d) in products.by_ref().take(a + 1).enumerate() {
+                for f in 0..FOLDS {
+                    self.inner[f][(a, b)] = d[f];
+                    self.inner[f][(b, a)] = d[f];
+                }
+            }
+            for d in products.by_ref().take(1) {
+                for f in 0..FOLDS {
+                    self.target[f][a] = d[f];
+                }
+            }
+        }
     }
 
     /// This Gram with further columns behind its own.
@@ -152,20 +185,11 @@ impl Gram {
             power: self.power,
             samples: self.samples,
         };
-        for (k, column) in more.iter().enumerate() {
-            let a = n + k;
-            for b in 0..=a {
-                let other = if b < n { &own[b] } else { &more[b - n] };
-                let d = folds.dot(column, other);
-                for f in 0..FOLDS {
-                    gram.inner[f][(a, b)] = d[f];
-                    gram.inner[f][(b, a)] = d[f];
-                }
-            }
-            let d = folds.dot(column, target);
-            for f in 0..FOLDS {
-                gram.target[f][a] = d[f];
-            }
+        let all: Vec<&[f64]> = own.iter().chain(more).map(Vec::as_slice).collect();
+        let rows: Vec<usize> = (n..n + m).collect();
+        for rows in rows.chunks(ROWS) {
+            let pairs: Vec<_> = rows.iter().flat_map(|&a| row(&all, a, target)).collect();
+            gram.fill(rows, &folds.dots(&pairs));
         }
         gram
     }
@@ -208,9 +232,9 @@ impl Gram {
     /// The same columns with another target.
     pub(crate) fn retarget(&self, columns: &[Vec<f64>], target: &[f64], folds: &Folds) -> Self {
         let mut gram = self.clone();
-        gram.power = folds.dot(target, target);
-        for (a, column) in columns.iter().enumerate() {
-            let d = folds.dot(column, target);
+        gram.power = folds.power(target);
+        let pairs: Vec<(&[f64], &[f64])> = columns.iter().map(|c| (c.as_slice(), target)).collect();
+        for (a, d) in folds.dots(&pairs).into_iter().enumerate() {
             for f in 0..FOLDS {
                 gram.target[f][a] = d[f];
             }

@@ -182,7 +182,8 @@ fn beats_named(state: &State, stranger: &Score) -> bool {
     let full = Bench::new(problem, accepted, residual);
     let bare = Bench::new(problem, &accepted[..*given], residual);
     let named = full.folds.total() as f64 * (bare.solution.heldout / full.solution.heldout).ln();
-    STRANGER_SHARE * bare.refine(stranger).evidence > named
+    let unnamed = bare.refine(&bare.score(&stranger.hypothesis));
+    STRANGER_SHARE * unnamed.evidence > named
 }
 
 /// Root mean square of what an accepted hypothesis adds, over that of the thrust.

@@ -272,7 +272,7 @@ impl Hypothesis {
                 self.periodic(p, *wavelength_m, (*harmonics, *flips))
             }
             Shape::Map { first_m, spacing_m, knots, flips } => {
-                (0..*knots).map(|k| self.map_knot(p, (*first_m, *spacing_m, *knots), (k, *flips))).collect()
+                self.map(p, (*first_m, *spacing_m, *knots), *flips)
             }
             Shape::Saturation => {
                 vec![p.column(|m| {
@@ -295,9 +295,7 @@ impl Hypothesis {
             Shape::Resonance { frequency_hz, damping_ratio } => {
                 vec![self.resonance(p, *frequency_hz, *damping_ratio)]
             }
-            Shape::VelocityMap { largest_m_s, knots } => {
-                (0..*knots).map(|k| self.velocity_knot(p, (*largest_m_s, *knots), k)).collect()
-            }
+            Shape::VelocityMap { largest_m_s, knots } => self.velocity_map(p, *largest_m_s, *knots),
             Shape::PositionTimesVelocity => vec![self.force(p, |m| {
                 let side = self.side(m);
                 side.position_m.iter().zip(&side.velocity_m_s).map(|(x, v)| x * v).collect()
@@ -389,52 +387,62 @@ impl Hypothesis {
         columns
     }
 
-    fn map_knot(
-        &self,
-        p: &Problem,
-        (first, spacing, knots): (f64, f64, usize),
-        (index, flips): (usize, bool),
-    ) -> Column {
+    /// One column per knot over position.
+    fn map(&self, p: &Problem, (first, spacing, knots): (f64, f64, usize), flips: bool) -> Vec<Column> {
         let vs = p.mechanics.smoothing_m_s;
-        let k0 = p.mechanics.stiffness_n_m;
-        let of = |m: &Motion| -> Vec<f64> {
+        let hats = p.motions.iter().map(|m| {
             let side = self.side(m);
-            (0..m.len())
-                .map(|k| {
-                    let (left, share) = knot(side.position_m[k], first, spacing, knots);
-                    let hat = if index == left {
-                        1.0 - share
-                    } else if index == left + 1 {
-                        share
-                    } else {
-                        0.0
-                    };
-                    if flips { hat * sliding_direction(side.velocity_m_s[k], vs) } else { hat }
-                })
-                .collect()
-        };
-        // An error of the scale stretches the spring; of its mass and damper little is seen at these
-        // wavelengths.
-        if self.port == Port::StageEncoder {
-            return p.coupling(|m| of(m).into_iter().map(|e| k0 * e).collect());
-        }
-        self.force(p, of)
+            let places = side.position_m.iter().zip(&side.velocity_m_s).map(|(x, v)| {
+                let (left, share) = knot(*x, first, spacing, knots);
+                (left, share, if flips { sliding_direction(*v, vs) } else { 1.0 })
+            });
+            places.collect()
+        });
+        self.of_hats(p, &hats.collect::<Vec<_>>(), knots)
     }
 
-    fn velocity_knot(&self, p: &Problem, (largest_m_s, knots): (f64, usize), index: usize) -> Column {
+    /// One column per knot over velocity, close together where it is slow.
+    fn velocity_map(&self, p: &Problem, largest_m_s: f64, knots: usize) -> Vec<Column> {
         let scale = 1e-3;
         let reach = (largest_m_s / scale).asinh();
         let spacing = 2.0 * reach / (knots - 1) as f64;
-        self.of_velocity(p, |v| {
-            let (left, share) = knot((v / scale).asinh(), -reach, spacing, knots);
-            if index == left {
-                1.0 - share
-            } else if index == left + 1 {
-                share
-            } else {
-                0.0
-            }
-        })
+        let hats = p.motions.iter().map(|m| {
+            let places = self.side(m).velocity_m_s.iter().map(|v| {
+                let (left, share) = knot((v / scale).asinh(), -reach, spacing, knots);
+                (left, share, 1.0)
+            });
+            places.collect()
+        });
+        self.of_hats(p, &hats.collect::<Vec<_>>(), knots)
+    }
+
+    /// Hat functions: of each sample of each recording the knot before it, its share of the way to the next,
+    /// and the sign.
+    fn of_hats(&self, p: &Problem, hats: &[Vec<(usize, f64, f64)>], knots: usize) -> Vec<Column> {
+        // An error of the scale stretches the spring; of its mass and damper little is seen at these
+        // wavelengths.
+        let stretches = self.port == Port::StageEncoder;
+        let unit = if stretches { p.mechanics.stiffness_n_m } else { 1.0 };
+        let at = |index: usize, (left, share, sign): (usize, f64, f64)| match index {
+            _ if index == left => unit * (1.0 - share) * sign,
+            _ if index == left + 1 => unit * share * sign,
+            _ => 0.0,
+        };
+        let column = |index: usize| {
+            let series = hats.iter().map(|places| {
+                let series: Vec<f64> = places.iter().map(|place| at(index, *place)).collect();
+                let thin = p.thinning.thin(&series);
+                match self.port {
+                    Port::Motor => motor(thin),
+                    _ if stretches => {
+                        Sides { stage: Some(thin.iter().map(|x| -x).collect()), motor: Some(thin) }
+                    }
+                    _ => Sides { motor: None, stage: Some(thin) },
+                }
+            });
+            series.collect()
+        };
+        (0..knots).map(column).collect()
     }
 
     /// Unit gain: what an encoder reads too much is y; a force is y'' times one kilogram.

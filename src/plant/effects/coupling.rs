@@ -65,7 +65,10 @@ impl Torsion {
         let (sin, cos) = (wd * dt_s).sin_cos();
         let decay = (-sigma * dt_s).exp();
         // Relative to the quasi-static path s(t) = f/k - c f'/k^2, e - s rings freely between samples.
-        let mut e = sharp.first().copied().unwrap_or(0.0) / k;
+        let (give, lag_s, per_dt) = (k.recip(), c / k, dt_s.recip());
+        let (from_e, from_v) = (decay * (cos + sigma / wd * sin), decay * sin / wd);
+        let (rate_from_e, rate_from_v) = (decay * w * w / wd * sin, decay * (cos - sigma / wd * sin));
+        let mut e = sharp.first().copied().unwrap_or(0.0) * give;
         let mut v = 0.0;
         let mut out = [
             Vec::with_capacity(load_n.len()),
@@ -77,12 +80,11 @@ impl Torsion {
             out[1].push(v);
             out[2].push(self.accel(e, v, load_n[i]));
             let next = sharp.get(i + 1).copied().unwrap_or(*f);
-            let slope = (next - f) / dt_s;
-            let (a, b) = (e - (f / k - c * slope / (k * k)), v - slope / k);
-            let ring = decay * (a * cos + (b + sigma * a) / wd * sin);
-            let ring_rate = decay * (b * cos - (sigma * b + w * w * a) / wd * sin);
-            e = next / k - c * slope / (k * k) + ring;
-            v = slope / k + ring_rate;
+            // Both over k.
+            let (path, slope) = (f * give, (next - f) * per_dt * give);
+            let (a, b) = (e - (path - lag_s * slope), v - slope);
+            e = next * give - lag_s * slope + (from_e * a + from_v * b);
+            v = slope + (rate_from_v * b - rate_from_e * a);
         }
         out
     }
