@@ -6,6 +6,8 @@
 
 /// Partial sums that are kept side by side: four vectors of four.
 const LANES: usize = 16;
+/// One vector.
+const VECTOR: usize = 4;
 
 /// sum_k a[k] b[k] over the shorter of both.
 #[must_use]
@@ -57,16 +59,24 @@ fn dot_body<const FUSED: bool>(a: &[f64], b: &[f64]) -> f64 {
             sums[k] = multiply_add::<FUSED>(x[k], y[k], sums[k]);
         }
     }
+    let mut vector = [0.0f64; VECTOR];
+    for k in 0..LANES {
+        vector[k % VECTOR] += sums[k];
+    }
     let done = a.len().min(b.len()) / LANES * LANES;
+    let mut xs = a[done..].chunks_exact(VECTOR);
+    let mut ys = b[done..].chunks_exact(VECTOR);
+    for (x, y) in (&mut xs).zip(&mut ys) {
+        for k in 0..VECTOR {
+            vector[k] = multiply_add::<FUSED>(x[k], y[k], vector[k]);
+        }
+    }
+    let done = a.len().min(b.len()) / VECTOR * VECTOR;
     let mut rest = 0.0;
     for (x, y) in a[done..].iter().zip(&b[done..]) {
         rest = multiply_add::<FUSED>(*x, *y, rest);
     }
-    let mut half = [0.0f64; LANES / 4];
-    for k in 0..LANES {
-        half[k % (LANES / 4)] += sums[k];
-    }
-    half.iter().sum::<f64>() + rest
+    vector.iter().sum::<f64>() + rest
 }
 
 #[inline(always)]
