@@ -14,6 +14,9 @@ pub(crate) const SCALE_DEVIATION: f64 = 0.01;
 const DEVIATION_FACTOR: f64 = 3.0;
 /// Where inside a sample the drive takes up a reference is stated nowhere: part of a sample, as a deviation.
 const TAKING_UP_SAMPLES: f64 = 0.03;
+/// What the balance is exact to as a relative deviation of a constant that is no wavelength: series are sampled, and
+/// a law between the samples is interpolated.
+const EXACTNESS: f64 = 5e-4;
 const Z95: f64 = 1.96;
 
 /// Collects estimates with their intervals.
@@ -35,7 +38,12 @@ impl Sheet {
         self.list.push(Estimate { name: name.to_owned(), value, unit, ci95: [value - half, value + half] });
     }
 
-    /// Constants carry the interval of their logarithm.
+    /// A constant of a law that is evaluated between the samples.
+    fn add_constant(&mut self, name: &str, unit: &'static str, value: f64, relative: f64) {
+        self.add_log(name, unit, value, relative.hypot(EXACTNESS / DEVIATION_FACTOR));
+    }
+
+    /// Wavelengths and their like carry the interval of their logarithm.
     fn add_log(&mut self, name: &str, unit: &'static str, value: f64, relative: f64) {
         let half = Z95 * DEVIATION_FACTOR * relative;
         self.list.push(Estimate {
@@ -59,10 +67,10 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
         Shape::Viscous => s.add_force("n_s_m", "N s/m", a(0), d(0)),
         Shape::Stribeck { velocity_m_s } => {
             s.add_force("stribeck_force_n", "N", a(0), d(0));
-            s.add_log("stribeck_velocity_m_s", "m/s", *velocity_m_s, r(0));
+            s.add_constant("stribeck_velocity_m_s", "m/s", *velocity_m_s, r(0));
         }
         Shape::Presliding { stiffness_n_m } => {
-            s.add_log("presliding_stiffness_n_m", "N/m", *stiffness_n_m, r(0).hypot(s.scale));
+            s.add_constant("presliding_stiffness_n_m", "N/m", *stiffness_n_m, r(0).hypot(s.scale));
             s.add("share", "1", a(0), d(0));
         }
         Shape::Asymmetric => s.add_force("force_difference_n", "N", a(0), d(0)),
@@ -73,7 +81,7 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
         Shape::NonlinearViscosity => s.add_force("n_s2_m2", "N s2/m2", a(0), d(0)),
         Shape::Drift { time_constant_s } => {
             s.add("relative_change", "1", a(0), d(0));
-            s.add_log("time_constant_s", "s", *time_constant_s, r(0));
+            s.add_constant("time_constant_s", "s", *time_constant_s, r(0));
         }
         Shape::Periodic { wavelength_m, .. } => {
             let (amplitude, phase) = amplitude_phase(a(0), a(1));
@@ -95,16 +103,16 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
         Shape::Saturation => s.add("per_a2", "1/A2", a(0), d(0)),
         Shape::Lag { extra_s } => {
             let w = lag_bandwidth(p, *extra_s);
-            s.add_log("bandwidth_rad_s", "rad/s", w, r(0) * (w * extra_s).min(1.0));
+            s.add_constant("bandwidth_rad_s", "rad/s", w, r(0) * (w * extra_s).min(1.0));
         }
         Shape::Delay { extra_s } => {
             let rate_hz = p.motions.first().map_or(1.0, |m| m.rate_hz);
             let taking_up = TAKING_UP_SAMPLES / rate_hz / extra_s / DEVIATION_FACTOR;
-            s.add_log("extra_delay_s", "s", *extra_s, r(0).hypot(taking_up));
+            s.add_constant("extra_delay_s", "s", *extra_s, r(0).hypot(taking_up));
         }
-        Shape::Backlash { gap_m } => s.add_log("gap_m", "m", *gap_m, r(0)),
+        Shape::Backlash { gap_m } => s.add_constant("gap_m", "m", *gap_m, r(0)),
         Shape::Smoothing { ratio } => {
-            s.add_log("friction_smoothing_m_s", "m/s", ratio * p.mechanics.smoothing_m_s, r(0));
+            s.add_constant("friction_smoothing_m_s", "m/s", ratio * p.mechanics.smoothing_m_s, r(0));
         }
         Shape::Cubic => s.add_force("cubic_n_m3", "N/m3", a(0), d(0)),
         Shape::StiffnessSlope => {
@@ -113,9 +121,9 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
             s.add("length_m", "m", length, 0.0);
         }
         Shape::Torsion { frequency_hz, screw_share, damping_ratio } => {
-            s.add_log("free_free_frequency_hz", "Hz", *frequency_hz, r(0));
-            s.add_log("screw_inertia_share", "1", *screw_share, r(1));
-            s.add_log("damping_ratio", "1", *damping_ratio, r(2));
+            s.add_constant("free_free_frequency_hz", "Hz", *frequency_hz, r(0));
+            s.add_constant("screw_inertia_share", "1", *screw_share, r(1));
+            s.add_constant("damping_ratio", "1", *damping_ratio, r(2));
         }
         Shape::EncoderError { period_m, .. } => {
             let (amplitude, phase) = amplitude_phase(a(0), a(1));
@@ -127,13 +135,42 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
         Shape::Resonance { .. } | Shape::VelocityMap { .. } | Shape::PositionTimesVelocity => {}
         Shape::Lines { fundamental_hz, harmonics, window_s, .. } => {
             s.add_log("fundamental_hz", "Hz", *fundamental_hz, r(0));
-            let strongest = (0..*harmonics).map(|h| a(2 * h).hypot(a(2 * h + 1))).fold(0.0, f64::max);
-            s.add_force("amplitude_n", "N", strongest, d(0));
+            let (peak_n, deviation_n) = peak_of_cut(*harmonics, &fit.amplitudes, &fit.amplitude_deviations);
+            s.add_force("amplitude_n", "N", peak_n, deviation_n);
             s.add("start_s", "s", window_s[0], 0.01);
             s.add("end_s", "s", window_s[1], 0.01);
         }
     }
     s.list
+}
+
+/// Largest force of a cut over a period, its mean included, with the deviation of the force there.
+///
+/// A tool that cuts part of the time pushes in pulses: their height is what the machine feels, not the
+/// amplitude of one harmonic. `amplitudes`: as [`Hypothesis::columns`] orders them, set by set, then the means.
+fn peak_of_cut(harmonics: usize, amplitudes: &[f64], deviations: &[f64]) -> (f64, f64) {
+    /// Places in a period.
+    const PLACES: usize = 360;
+    let waves_of = 2 * harmonics;
+    let sets = amplitudes.len() / (waves_of + 1);
+    let mut most = (0.0, 0.0);
+    for set in 0..sets {
+        let waves = waves_of * set..waves_of * (set + 1);
+        let mean = waves_of * sets + set;
+        for place in 0..PLACES {
+            let turn = TAU * place as f64 / PLACES as f64;
+            let basis = (1..=harmonics).flat_map(|h| <[f64; 2]>::from((h as f64 * turn).sin_cos()));
+            let (mut force, mut variance) = (amplitudes[mean], deviations[mean].powi(2));
+            for (k, b) in waves.clone().zip(basis) {
+                force += amplitudes[k] * b;
+                variance += (deviations[k] * b).powi(2);
+            }
+            if force.abs() > most.0 {
+                most = (force.abs(), variance.sqrt());
+            }
+        }
+    }
+    most
 }
 
 /// Bandwidth of the slower loop: 1/w' = 1/w + extra.
@@ -304,7 +341,7 @@ pub(crate) fn equation(effect: E) -> &'static str {
         E::CurrentLoopLag => "i' = w (i_ref - i)",
         E::EncoderInterpolationError => "x_read = x + sum_h A_h sin(2 pi h x / p + phase_h)",
         E::EncoderQuantization => "x_read = step round(x / step)",
-        E::CuttingForce => "F = sum_h A_h sin(2 pi h f t + phase_h) from start to end",
+        E::CuttingForce => "F = F_0 + sum_h A_h sin(2 pi h f t + phase_h) from start to end",
         _ => "a force with no known law",
     }
 }
@@ -328,10 +365,14 @@ pub(crate) fn domain(effect: E) -> &'static str {
 
 /// One sentence for a person.
 pub(crate) fn statement(effect: E, port: Port, parameters: &[Estimate]) -> String {
+    let name = |e: &Estimate| match effect {
+        E::CuttingForce if e.name == "amplitude_n" => "peak".to_owned(),
+        _ => quantity(&e.name, e.unit),
+    };
     let numbers: Vec<String> = parameters
         .iter()
         .filter(|e| e.name != "phase_rad" && e.name != "share" && e.name != "length_m")
-        .map(|e| format!("{} {}", quantity(&e.name, e.unit), engineering(e.value, e.unit)))
+        .map(|e| format!("{} {}", name(e), engineering(e.value, e.unit)))
         .collect();
     format!(
         "The model leaves out {} at the {}: {}.",
@@ -367,4 +408,20 @@ pub(crate) fn engineering(value: f64, unit: &str) -> String {
         format!("{x:.3}")
     };
     if unit == "1" { text } else { format!("{text} {prefix}{unit}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::peak_of_cut;
+
+    /// Two sets of two harmonics: 0.5 + sin and 1 - 2 cos 2; the deviation there is that of mean and wave.
+    #[test]
+    fn the_peak_of_a_cut_is_that_of_the_stronger_set() {
+        let amplitudes = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -2.0, 0.5, 1.0];
+        let mut deviations = [0.0; 10];
+        (deviations[7], deviations[9]) = (0.3, 0.4);
+        let (peak, deviation) = peak_of_cut(2, &amplitudes, &deviations);
+        assert!((peak - 3.0).abs() < 1e-12 && (deviation - 0.5).abs() < 1e-12, "{peak} {deviation}");
+        assert_eq!(peak_of_cut(2, &[], &[]), (0.0, 0.0));
+    }
 }

@@ -186,9 +186,10 @@ fn forces(draft: &mut Draft, name: &str, depth: f64, rng: &mut impl Rng) -> Opti
             let start_s = rng.random_range(0.4..2.5);
             let end_s = start_s + rng.random_range(2.0..5.0);
             let fundamental_hz = rng.random_range(20.0..120.0);
-            p.cut = Some(HiddenCut { fundamental_hz, amplitude_n: amplitude, start_s, end_s });
+            let peak_n = amplitude * HiddenCut::PEAK;
+            p.cut = Some(HiddenCut { fundamental_hz, peak_n, start_s, end_s });
             let span = [("start_s", start_s), ("end_s", end_s)];
-            let size = [("fundamental_hz", fundamental_hz), ("amplitude_n", amplitude)];
+            let size = [("fundamental_hz", fundamental_hz), ("amplitude_n", peak_n)];
             (Port::Stage, size.into_iter().chain(span).collect())
         }
         "external_disturbance" => {

@@ -48,13 +48,18 @@ impl Wave {
     }
 }
 
+impl HiddenCut {
+    /// Largest value of 1 + sin p + 0.3 sin(2 p + 0.7).
+    pub(super) const PEAK: f64 = 1.969_686_640_030_7;
+}
+
 /// A cut that nobody mentioned: tooth-pass force between two instants.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HiddenCut {
     /// Tooth-pass frequency, Hz.
     pub fundamental_hz: f64,
-    /// Amplitude of the fundamental, N; the mean is as large, the second harmonic 0.3 of it.
-    pub amplitude_n: f64,
+    /// Largest force, N. The fundamental is as large as the mean, the second harmonic 0.3 of it.
+    pub peak_n: f64,
     /// First instant, s.
     pub start_s: f64,
     /// Last instant, s.
@@ -220,7 +225,8 @@ impl Plant {
             && (cut.start_s..cut.end_s).contains(&t_s)
         {
             let phase = TAU * cut.fundamental_hz * t_s;
-            force += cut.amplitude_n * (1.0 + phase.sin() + 0.3 * (2.0 * phase + 0.7).sin());
+            let wave = 1.0 + phase.sin() + 0.3 * (2.0 * phase + 0.7).sin();
+            force += cut.peak_n / HiddenCut::PEAK * wave;
         }
         force
     }
