@@ -27,11 +27,12 @@ use crate::signal::butterworth::{Butterworth, ButterworthState, Pass};
 use crate::signal::finite_difference::{Stencil, stencils};
 use std::f64::consts::TAU;
 
-const HIGH_PASS_HZ: f64 = 5.0;
+/// Below this neither side is compared.
+pub(super) const HIGH_PASS_HZ: f64 = 5.0;
 /// Below this the estimate keeps the stiffness of the model.
 const MEAN_HZ: f64 = 1.0;
 /// Memory of the mean squares.
-const MEMORY_S: f64 = 2.0;
+pub(super) const MEMORY_S: f64 = 2.0;
 /// Time in which the stiffness in use follows what is seen.
 const FOLLOW_S: f64 = 0.3;
 /// Least time that must have been seen.
@@ -39,7 +40,8 @@ const LEAST_S: f64 = 0.5;
 const LEAST_STRETCH_M: f64 = 12e-9;
 const LEAST_STEPS: f64 = 3.0;
 const LEAST_R_SQUARED: f64 = 0.995;
-const BELIEVED: std::ops::RangeInclusive<f64> = 0.8..=1.25;
+/// Stiffness over the model's that can be.
+pub(super) const BELIEVED: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 
 /// Design; immutable.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,6 +60,8 @@ pub(super) struct StiffnessLearner {
     least_square_n2: f64,
     forget: f64,
     follow: f64,
+    /// Whether what is learned goes into the estimate; it is learned for [`super::two_sides`] all the same.
+    applies: bool,
     /// Samples before which nothing is learned: filters, then enough of a mean.
     warm_up: [u32; 2],
 }
@@ -73,6 +77,8 @@ pub(super) struct LearnedStiffness {
     above_mean: ButterworthState,
     ratio: f64,
     begun: bool,
+    /// Whether any was learned.
+    learned: bool,
     seen: u32,
 }
 
@@ -85,18 +91,19 @@ crate::keyframe::keep!(LearnedStiffness {
     above_mean,
     ratio,
     begun,
+    learned,
     seen
 });
 
 impl StiffnessLearner {
-    /// Ages of both encoders in samples. `None`: not two inertias with both encoders. Errors: a rate too low
-    /// for the band.
+    /// Ages of both encoders in samples; whether what is learned goes into the estimate. `None`: not a
+    /// flexible axis with two encoders. Errors: a rate too low for the band.
     pub(super) fn new(
         axis: &AxisSignals<'_>,
         balance: &ForceBalance,
-        [motor_age, stage_age]: [f64; 2],
+        ([motor_age, stage_age], applies): ([f64; 2], bool),
     ) -> Result<Option<Self>, FilterError> {
-        if axis.signals != Signals::Both || axis.drive.structure() != Structure::DualInertia {
+        if axis.signals != Signals::Both || axis.drive.structure() == Structure::Rigid {
             return Ok(None);
         }
         let (drive, rate) = (axis.drive, axis.rate);
@@ -128,6 +135,7 @@ impl StiffnessLearner {
             least_square_n2: (least_m * drive.axial_stiffness_n_m()).powi(2),
             forget: (-1.0 / samples(MEMORY_S)).exp(),
             follow: 1.0 / samples(FOLLOW_S),
+            applies,
             warm_up,
         }))
     }
@@ -137,8 +145,8 @@ impl StiffnessLearner {
         LearnedStiffness { ratio: 1.0, ..LearnedStiffness::default() }
     }
 
-    /// What the learned stiffness adds to the estimate, N. `apply`: a stencil over the line of the motor (0)
-    /// or the stage (1); `learn`: nothing speaks against the sample.
+    /// What the learned stiffness adds to the estimate, and both sides above 5 Hz, N. `apply`: a stencil
+    /// over the line of the motor (0) or the stage (1); `learn`: nothing speaks against the sample.
     #[inline]
     pub(super) fn step(
         &self,
@@ -146,31 +154,37 @@ impl StiffnessLearner {
         (thrust_n, motor_velocity_m_s): (f64, f64),
         apply: impl Fn(usize, &Stencil) -> f64,
         learn: bool,
-    ) -> f64 {
+    ) -> (f64, [f64; 2]) {
         let friction_n = self.motor_friction_n * (motor_velocity_m_s / self.friction_smoothing_m_s).tanh();
         let sides = [
             thrust_n + apply(0, &self.motor_force) - friction_n,
             apply(0, &self.motor_stretch) + apply(1, &self.stage_stretch),
         ];
-        let [motor_n_m, stage_n_m] = self.position_n_m;
-        let spring_n =
-            motor_n_m * apply(0, &self.motor_position) + stage_n_m * apply(1, &self.stage_position);
-        if !state.begun {
+        let first = !std::mem::replace(&mut state.begun, true);
+        if first {
             // As if it had always been there: a high-pass sees no step.
-            state.begun = true;
-            state.above_mean = self.above_mean.settled(spring_n);
             state.band = sides.map(|value| [self.band[0].settled(value), ButterworthState::default()]);
         }
-        let mut banded = [0.0; 2];
-        for ((value, out), state) in sides.into_iter().zip(&mut banded).zip(&mut state.band) {
-            let above = self.band[0].step(&mut state[0], value);
-            *out = self.band[1].step(&mut state[1], above);
+        let (mut above, mut banded) = ([0.0; 2], [0.0; 2]);
+        for side in 0..2 {
+            let [high, low] = &mut state.band[side];
+            above[side] = self.band[0].step(high, sides[side]);
+            banded[side] = self.band[1].step(low, above[side]);
         }
         state.seen = if learn { state.seen.saturating_add(1) } else { 0 };
         if state.seen > self.warm_up[0] {
             self.learn(state, banded);
         }
-        (state.ratio - 1.0) * self.above_mean.step(&mut state.above_mean, spring_n)
+        if !self.applies {
+            return (0.0, above);
+        }
+        let [motor_n_m, stage_n_m] = self.position_n_m;
+        let spring_n =
+            motor_n_m * apply(0, &self.motor_position) + stage_n_m * apply(1, &self.stage_position);
+        if first {
+            state.above_mean = self.above_mean.settled(spring_n);
+        }
+        ((state.ratio - 1.0) * self.above_mean.step(&mut state.above_mean, spring_n), above)
     }
 
     #[inline]
@@ -189,12 +203,31 @@ impl StiffnessLearner {
             let seen = (state.motor2 / state.stretch2).sqrt();
             if BELIEVED.contains(&seen) {
                 state.ratio += self.follow * (seen - state.ratio);
+                state.learned = true;
             }
         }
     }
 
-    /// Stiffness in use over that of the model.
-    pub(super) fn ratio(state: &LearnedStiffness) -> f64 {
-        state.ratio
+    /// Stiffness in use over that of the model, where what is learned is used.
+    pub(super) fn ratio_in_use(&self, state: &LearnedStiffness) -> Option<f64> {
+        self.applies.then_some(state.ratio)
+    }
+
+    /// Stiffness over that of the model where it was learned.
+    pub(super) fn learned(state: &LearnedStiffness) -> Option<f64> {
+        state.learned.then_some(state.ratio)
+    }
+
+    /// Whether the filters have forgotten their start and nothing spoke against the samples since.
+    pub(super) fn counts(&self, state: &LearnedStiffness) -> bool {
+        state.seen > self.warm_up[0]
+    }
+
+    /// Weights of a - b over the lines of motor and stage.
+    pub(super) fn contradiction(&self) -> [Stencil; 2] {
+        let mut sides = [self.motor_force, self.stage_stretch];
+        let pairs = sides[0].weights.iter_mut().zip(&self.motor_stretch.weights);
+        pairs.for_each(|(force, stretch)| *force -= stretch);
+        sides
     }
 }
