@@ -175,6 +175,19 @@ fn main() {
             table.add(format!("{name}, 6 axes side by side"), together_ns(&mut six(plan), &input));
         }
     }
+    // Of a longer and longer turn: nothing tells the speed, so none is followed.
+    let silent: Vec<MotionSample> =
+        input.iter().map(|s| MotionSample { spindle_speed_rpm: None, ..*s }).collect();
+    for rpm in [4000.0, 1200.0, 300.0, 100.0] {
+        let mut plan = plan(Method::Fitted, &drive);
+        if let ForcePlan::Servo(plan) = &mut plan {
+            plan.settings.harmonic = Some(HarmonicSettings::at_speed(rpm));
+        }
+        let mut alone = [Observer::new(&plan, rate).expect("valid")];
+        for _ in 0..ROUNDS {
+            table.add(format!("fitted at {rpm} rpm, 1 axis"), observers_ns(&mut alone, &silent));
+        }
+    }
     table.print();
     for rpm in [300.0, 1200.0, 4000.0] {
         let made: Vec<f64> = (0..3)

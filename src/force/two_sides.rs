@@ -165,10 +165,12 @@ impl TwoSides {
         if m.weight < self.least_weight {
             return None;
         }
-        let k = known.unwrap_or_else(|| if m.bb > 0.0 { m.ab / m.bb } else { 1.0 });
-        let k = k.clamp(*BELIEVED.start(), *BELIEVED.end());
+        let fitted = if m.bb > 0.0 { m.ab / m.bb } else { 1.0 };
+        let k = known.unwrap_or(fitted).clamp(*BELIEVED.start(), *BELIEVED.end());
+        // Nothing is said of the model's stiffness where nothing tells another.
+        let wrong = known.map_or(0.0, |k| 1.0 - k);
         // The error is c R + d b = c a + (d - c k) b, and F less the error the force from the stretch.
-        let [c, d] = [self.into_estimate[0], self.into_estimate[1] * (1.0 - k)];
+        let [c, d] = [self.into_estimate[0], self.into_estimate[1] * wrong];
         let e = d - c * k;
         let error2 = (c * c * m.aa + 2.0 * c * e * m.ab + e * e * m.bb) / m.weight;
         let with_force = (c * m.fa + e * m.fb) / m.weight;
