@@ -83,8 +83,8 @@ impl ClosedLoop {
         -(on_motor * x.motor_per_cutting + on_stage * x.stage_per_cutting) / one_less_loop
     }
 
-    /// Thrust reference per error of the readings of motor and stage, N/m: what rounding to encoder steps does
-    /// to it.
+    /// Thrust reference per error of the readings of motor and stage, N/m: what rounding to encoder steps
+    /// does to it.
     ///
     ///   u = -(A (x_m + e_m) + B (x_t + e_t)) + g/(s + g) u,  so u/e_m = -A / (1 - loop)
     ///

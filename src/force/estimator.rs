@@ -405,7 +405,8 @@ impl ForceEstimator {
         }
     }
 
-    /// Both sides of the axis: adds what the stiffness learned while cutting makes, flags what they contradict.
+    /// Both sides of the axis: adds what the stiffness learned while cutting makes, flags what they
+    /// contradict.
     #[inline]
     fn compare_sides<const L: usize>(
         &self,

@@ -254,8 +254,8 @@ impl Spectral {
         (basis.half_window as f64 - at) as usize
     }
 
-    /// What rounding to encoder steps makes of a line of the force, as white noise of the thrust would have to
-    /// be, N: the mean over the lines of q^2/12 |u/e|^2 / |u/F|^2, the noise being even across a line.
+    /// What rounding to encoder steps makes of a line of the force, as white noise of the thrust would have
+    /// to be, N: the mean over the lines of q^2/12 |u/e|^2 / |u/F|^2, the noise being even across a line.
     /// Checked by: force_flags::encoder_steps_reach_the_thrust_through_the_loop.
     fn line_noise_n(&self, steps_m: [f64; 2], basis: HarmonicBasis) -> f64 {
         let line_hz = basis.fundamental_rad * self.rate_hz / TAU;

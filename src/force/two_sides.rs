@@ -1,4 +1,4 @@
-//! What the axis itself tells of dynamics that its model leaves out: the force in the coupling is known twice.
+//! What an axis itself tells of dynamics that its model leaves out: the coupling's force is known twice.
 //!
 //! ```text
 //!  a = u - M_r a_m - C_r v_m - friction         from the motor side
@@ -8,10 +8,11 @@
 //! ```
 //! A mode of the motor side that the model lacks (a screw that winds up), a current loop or a dead time that
 //! is not what the model says, make a wrong by R: `medob`, `rigid_mode` and `fitted` err by R, the vibration
-//! mode by (1 + alpha)(1 - k) b - alpha R, without its first part where it uses k (alpha = M_t / M_r). Near the axial resonance the coupling carries many times the cutting
-//! force, so a small error of the motor side is a large one of the estimate. A stiffness that is merely
-//! another one is k and no error. Where nothing below a fifth of the resonance tells k, the k in 0.8 to 1.25
-//! that leaves least of R is taken: what is left then is there at any stiffness.
+//! mode by (1 + alpha)(1 - k) b - alpha R, without its first part where it uses k (alpha = M_t / M_r). Near
+//! the axial resonance the coupling carries many times the cutting force, so a small error of the motor side
+//! is a large one of the estimate. A stiffness that is merely another one is k and no error. Where nothing
+//! below a fifth of the resonance tells k, the k in 0.8 to 1.25 that leaves least of R is taken: what is left
+//! then is there at any stiffness.
 //!
 //! Said is the R that steps of the encoders and idle runs do not explain, over the force from the stretch,
 //! all between 5 Hz and the low-pass, with a memory of 2 s. Not seen: a mode of the stage's side (both a and

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //!  S_0 = sum x[a],  S_1 = sum a x[a],  Z_i = sum x[a] e^{-j i w a},   a counted from an epoch
-//!  a sample comes in:  Z_i += x[a] p_i - x[a - m] p_i e^{j i w m},   p_i = e^{-j i w a} turned on by one step
+//!  a sample comes in:  Z_i += x[a] p_i - x[a - m] p_i e^{j i w m},   p_i = e^{-j i w a}, turned each step
 //!  about the middle c of the window:  sum x cos + j sum x sin = conj(Z_i) e^{-j i w c}
 //! ```
 //! What the sliding difference leaves of rounding would stay for ever. So beside each window that slides a
