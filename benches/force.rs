@@ -163,6 +163,11 @@ fn main() {
         plan.settings.learn_stiffness = true;
     }
     plans.push(("vibration_mode, learning", learning));
+    let mut alone = plan(Method::Medob, &drive);
+    if let ForcePlan::Servo(plan) = &mut alone {
+        plan.settings.compare_sides = false;
+    }
+    plans.push(("medob, sides not compared", alone));
     plans.push(("frf", ForcePlan::Accelerometers(accelerometers())));
     let six =
         |plan: &ForcePlan| Observers::<LANES>::new(vec![AxisObserver::new(plan, rate).expect("valid"); 6]);

@@ -216,7 +216,7 @@ impl<'a> DirectColumn<'a> {
         {
             let known = Validity::describe_bits();
             let is = flags.map_or(0.0, |f| f[row]);
-            return Err(format!("column {name}, row {row}: {is}, expected a sum of {known}"));
+            return Err(format!("column {name}, row {row}: {is:?}, expected a sum of {known}"));
         }
         Ok(Self { values, flags })
     }

@@ -44,10 +44,10 @@ crate::keyframe::keep!(SeenAbove { high, low, end, total_n2, above_n2, weight, b
 
 impl AboveBand {
     /// For a method that is right up to `end_hz` behind a low-pass at `low_pass_hz`; `None` where that is all
-    /// of it. Errors: frequencies that do not fit the rate.
+    /// of it, or hardly anything. Errors: frequencies that do not fit the rate.
     pub(super) fn new(end_hz: f64, low_pass_hz: f64, rate: SampleRate) -> Result<Option<Self>, FilterError> {
         let low_pass_hz = low_pass_hz.min(0.3 * rate.hz());
-        if end_hz >= 0.9 * low_pass_hz {
+        if end_hz >= 0.9 * low_pass_hz || low_pass_hz <= 2.0 * HIGH_PASS_HZ {
             return Ok(None);
         }
         let end_hz = end_hz.max(HIGH_PASS_HZ);

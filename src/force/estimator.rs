@@ -15,7 +15,7 @@ use super::settings::Filter;
 pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
 pub use super::signals::{AxisSignals, Signals};
 use super::signals::{encoder_lines_1_m, measured_balance};
-use super::stiffness_learner::StiffnessLearner;
+use super::stiffness_learner::{Aligned, StiffnessLearner};
 use super::two_sides::{Mismatch, SeenSides, TwoSides, both_sides};
 use super::validity::Validity;
 use crate::plant::drive::DriveParams;
@@ -109,6 +109,8 @@ pub(super) struct Underway {
     pub(super) flags: Validity,
     pub(super) motion: AlignedMotion,
     motor_m: f64,
+    /// Of this instant, also where the estimate is a window's.
+    aligned: Aligned,
 }
 
 impl ForceEstimator {
@@ -134,8 +136,9 @@ impl ForceEstimator {
         let filter = Filter::new(settings.low_pass, rate)?;
         let harmonic = harmonic_estimator(method, axis, &settings)?;
         let band_hz = filter.band_hz(settings.low_pass, rate);
-        let part = lane_part((method, &balance), axis, &settings, (&alignment, &filter));
+        let mut part = lane_part((method, &balance), axis, &settings, (&alignment, &filter));
         let (learner, two_sides) = both_sides((method, &balance), axis, &settings, (&alignment, band_hz))?;
+        part.motor_side = learner.as_ref().map(StiffnessLearner::motor_force);
         let usable_band_hz = usable_band_hz(method, axis, &settings, band_hz);
         // A window has nothing above its last line.
         let above_band = match harmonic {
@@ -336,10 +339,20 @@ impl ForceEstimator {
             position_m: if self.part.by_motor { balance.motor_m[lane] } else { balance.stage_m[lane] },
         };
         let (force_n, flags) = (balance.raw_n[lane], balance.flags[lane]);
-        Underway { force_n, flags, motion, motor_m: balance.motor_m[lane] }
+        let aligned = Aligned {
+            thrust_n: motion.thrust_n,
+            inertia_n: balance.motor_side_n[lane],
+            friction: balance.turned[lane],
+            motor_m: balance.motor_m[lane],
+            motor_velocity_m_s: motion.motor_velocity_m_s,
+            stage_m: balance.stage_m[lane],
+            stage_velocity_m_s: motion.stage_velocity_m_s,
+        };
+        Underway { force_n, flags, motion, motor_m: aligned.motor_m, aligned }
     }
 
     /// Whether anything but balance and Butterworth low-pass makes the estimate.
+    #[inline]
     pub(super) fn has_beyond(&self) -> bool {
         matches!(self.filter, Filter::LinearPhase(_))
             || self.physics.is_some()
@@ -359,8 +372,6 @@ impl ForceEstimator {
         lanes: InLane<'_, L>,
         now: &mut Underway,
     ) {
-        // Of this instant, not of a window's.
-        let told = (now.motion.thrust_n, now.motion.motor_velocity_m_s, now.motor_m);
         match (&self.harmonic, &mut state.harmonic) {
             (Some(harmonic), Some(inner)) => {
                 let windowed = harmonic.step(inner, &self.without_signal_errors(sample));
@@ -375,7 +386,7 @@ impl ForceEstimator {
             }
             _ => now.force_n -= self.physics_n(now),
         }
-        self.compare_sides(state, (told, now), lanes);
+        self.compare_sides(state, now, lanes);
         if let Some(map) = &self.idle_map {
             let velocity_m_s = self.travel_velocity_m_s(&now.motion);
             let moves = velocity_m_s.abs() >= self.part.law.still_m_s;
@@ -411,19 +422,22 @@ impl ForceEstimator {
     fn compare_sides<const L: usize>(
         &self,
         state: &mut Beyond,
-        ((thrust_n, motor_m_s, motor_m), now): ((f64, f64, f64), &mut Underway),
+        now: &mut Underway,
         (lanes, lane): InLane<'_, L>,
     ) {
         let Some(learner) = &self.learner else { return };
-        let known_n = self.physics.as_ref().map_or(0.0, |p| p.motor_n(motor_m, motor_m_s));
-        let told = (thrust_n - known_n, motor_m_s);
-        let apply = |side, stencil: &Stencil| lanes.apply(side, lane, stencil);
-        let (added_n, sides_n) = learner.step(&mut state.learned, told, apply, !lanes.is_missing(lane));
-        now.force_n += added_n;
+        if let Some(physics) = &self.physics {
+            let (motor_m, motor_m_s) = (now.aligned.motor_m, now.aligned.motor_velocity_m_s);
+            now.aligned.thrust_n -= physics.motor_n(motor_m, motor_m_s);
+        }
+        let learned = &mut state.learned;
+        now.force_n += learner.added_n(learned, &now.aligned);
+        let seen_n = learner.step(learned, (&now.aligned, now.force_n), !lanes.is_missing(lane));
         let Some(two_sides) = &self.two_sides else { return };
-        two_sides.step(&mut state.sides, sides_n, now.force_n, learner.counts(&state.learned));
-        let large = self.mismatch(state).is_some_and(Mismatch::is_large);
-        now.flags |= Validity::when(large, Validity::MODE_OUTSIDE_MODEL);
+        if let Some(seen_n) = seen_n.filter(|_| learner.counts(learned)) {
+            two_sides.step(&mut state.sides, seen_n, StiffnessLearner::learned(learned));
+        }
+        now.flags |= Validity::when(state.sides.is_large(), Validity::MODE_OUTSIDE_MODEL);
     }
 
     /// What both sides of the axis say of the estimate; `None` where they are not compared (one encoder, a

@@ -42,5 +42,6 @@ pub mod settings;
 pub mod signals;
 pub mod stiffness;
 mod stiffness_learner;
+mod thinned;
 pub mod two_sides;
 pub mod validity;

@@ -21,6 +21,7 @@ use super::balance::ForceBalance;
 use super::estimator::{AxisSignals, Signals};
 use super::response::Chain;
 use super::stiffness::{motor_side_balance, stretch_balance};
+use super::thinned::{SeenThinned, Thinned};
 use crate::plant::drive::Structure;
 use crate::signal::FilterError;
 use crate::signal::butterworth::{Butterworth, ButterworthState, Pass};
@@ -43,17 +44,31 @@ const LEAST_R_SQUARED: f64 = 0.995;
 /// Stiffness over the model's that can be.
 pub(super) const BELIEVED: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 
+/// Motion of an instant as the comparison needs it, aligned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Aligned {
+    pub(super) thrust_n: f64,
+    /// M_r and C_r parts of the motor side.
+    pub(super) inertia_n: f64,
+    /// Share of the motor's friction at its speed, -1 to 1.
+    pub(super) friction: f64,
+    pub(super) motor_m: f64,
+    pub(super) motor_velocity_m_s: f64,
+    pub(super) stage_m: f64,
+    pub(super) stage_velocity_m_s: f64,
+}
+
 /// Design; immutable.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct StiffnessLearner {
     motor_force: Stencil,
-    motor_stretch: Stencil,
-    stage_stretch: Stencil,
-    motor_position: Stencil,
-    stage_position: Stencil,
     motor_friction_n: f64,
-    friction_smoothing_m_s: f64,
-    band: [Butterworth; 2],
+    /// Stiffness and damping of the coupling, N/m and N s/m.
+    stretch: [f64; 2],
+    /// Weights of a - b over the lines of motor and stage.
+    contradiction: [Stencil; 2],
+    thinned: Thinned,
+    low: Butterworth,
     above_mean: Butterworth,
     /// Position factors of the balance that is corrected, N/m.
     position_n_m: [f64; 2],
@@ -62,14 +77,15 @@ pub(super) struct StiffnessLearner {
     follow: f64,
     /// Whether what is learned goes into the estimate; it is learned for [`super::two_sides`] all the same.
     applies: bool,
-    /// Samples before which nothing is learned: filters, then enough of a mean.
+    /// Thinned samples before which nothing is learned: filters, then enough of a mean.
     warm_up: [u32; 2],
 }
 
 /// What has been learned; a clone is a keyframe.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct LearnedStiffness {
-    band: [[ButterworthState; 2]; 2],
+    thinned: SeenThinned,
+    low: [ButterworthState; 2],
     motor2: f64,
     both: f64,
     stretch2: f64,
@@ -83,7 +99,8 @@ pub(super) struct LearnedStiffness {
 }
 
 crate::keyframe::keep!(LearnedStiffness {
-    band,
+    thinned,
+    low,
     motor2,
     both,
     stretch2,
@@ -96,12 +113,12 @@ crate::keyframe::keep!(LearnedStiffness {
 });
 
 impl StiffnessLearner {
-    /// Ages of both encoders in samples; whether what is learned goes into the estimate. `None`: not a
-    /// flexible axis with two encoders. Errors: a rate too low for the band.
+    /// Ages of both encoders in samples; upper end of the band, Hz; whether what is learned goes into the
+    /// estimate. `None`: not a flexible axis with two encoders. Errors: a rate too low for the band.
     pub(super) fn new(
         axis: &AxisSignals<'_>,
         balance: &ForceBalance,
-        ([motor_age, stage_age], applies): ([f64; 2], bool),
+        ([motor_age, stage_age], band_hz, applies): ([f64; 2], f64, bool),
     ) -> Result<Option<Self>, FilterError> {
         if axis.signals != Signals::Both || axis.drive.structure() == Structure::Rigid {
             return Ok(None);
@@ -110,26 +127,29 @@ impl StiffnessLearner {
         let resonance_hz = Chain::of_drive(drive).modes().frequencies_hz.get(1).copied().unwrap_or(0.0);
         let motor_kg = drive.total_mass_kg() - drive.movable_mass_kg();
         let motor_hz = (drive.axial_stiffness_n_m() / motor_kg).sqrt() / TAU;
-        let top_hz = (0.2 * resonance_hz).min(0.8 * motor_hz).clamp(4.0 * HIGH_PASS_HZ, 0.1 * rate.hz());
+        let thinned = Thinned::new(band_hz, rate)?;
+        let seldom = thinned.rate();
+        let top_hz = (0.2 * resonance_hz).min(0.8 * motor_hz).max(4.0 * HIGH_PASS_HZ);
+        let top_hz = top_hz.min(0.1 * rate.hz()).min(0.25 * seldom.hz());
         let (motor, stage) = (stencils(motor_age, rate.period_s()), stencils(stage_age, rate.period_s()));
         let (motor_side, stretch) = (motor_side_balance(drive), stretch_balance(drive));
-        let samples = |seconds: f64| seconds * rate.hz();
+        let motor_force = Stencil::combined(&motor, motor_side.motor.as_array());
+        let of_stretch = Stencil::combined(&motor, stretch.motor.as_array());
+        let mut difference = motor_force;
+        let pairs = difference.weights.iter_mut().zip(&of_stretch.weights);
+        pairs.for_each(|(force, stretch)| *force -= stretch);
+        let samples = |seconds: f64| seconds * seldom.hz();
         let step_m = drive.motor_encoder_resolution_m().max(drive.stage_encoder_resolution_m());
         let least_m = LEAST_STRETCH_M.max(LEAST_STEPS * step_m);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "seconds of samples")]
         let warm_up = [samples(3.0 / HIGH_PASS_HZ), samples(LEAST_S)].map(|n| n as u32);
         Ok(Some(Self {
-            motor_force: Stencil::combined(&motor, motor_side.motor.as_array()),
-            motor_stretch: Stencil::combined(&motor, stretch.motor.as_array()),
-            stage_stretch: Stencil::combined(&stage, stretch.stage.as_array()),
-            motor_position: motor[0],
-            stage_position: stage[0],
+            motor_force,
             motor_friction_n: motor_side.motor_friction_n,
-            friction_smoothing_m_s: drive.friction_smoothing_m_s(),
-            band: [
-                Butterworth::new(Pass::High, 2, HIGH_PASS_HZ, rate)?,
-                Butterworth::new(Pass::Low, 4, top_hz, rate)?,
-            ],
+            stretch: [stretch.motor.position_n_m, stretch.motor.velocity_n_s_m],
+            contradiction: [difference, Stencil::combined(&stage, stretch.stage.as_array())],
+            thinned,
+            low: Butterworth::new(Pass::Low, 4, top_hz, seldom)?,
             above_mean: Butterworth::new(Pass::High, 2, MEAN_HZ, rate)?,
             position_n_m: [balance.motor.position_n_m, balance.stage.position_n_m],
             least_square_n2: (least_m * drive.axial_stiffness_n_m()).powi(2),
@@ -145,46 +165,45 @@ impl StiffnessLearner {
         LearnedStiffness { ratio: 1.0, ..LearnedStiffness::default() }
     }
 
-    /// What the learned stiffness adds to the estimate, and both sides above 5 Hz, N. `apply`: a stencil
-    /// over the line of the motor (0) or the stage (1); `learn`: nothing speaks against the sample.
+    /// What the learned stiffness adds to the estimate, N. Every sample.
+    #[inline]
+    pub(super) fn added_n(&self, state: &mut LearnedStiffness, now: &Aligned) -> f64 {
+        if !self.applies {
+            return 0.0;
+        }
+        let [motor_n_m, stage_n_m] = self.position_n_m;
+        let spring_n = motor_n_m * now.motor_m + stage_n_m * now.stage_m;
+        if !std::mem::replace(&mut state.begun, true) {
+            state.above_mean = self.above_mean.settled(spring_n);
+        }
+        (state.ratio - 1.0) * self.above_mean.step(&mut state.above_mean, spring_n)
+    }
+
+    /// Learns from an instant; `force_n`: the estimate; `learn`: nothing speaks against the sample. Both
+    /// sides and the estimate between 5 Hz and the low-pass where this one is looked at, N.
     #[inline]
     pub(super) fn step(
         &self,
         state: &mut LearnedStiffness,
-        (thrust_n, motor_velocity_m_s): (f64, f64),
-        apply: impl Fn(usize, &Stencil) -> f64,
+        (now, force_n): (&Aligned, f64),
         learn: bool,
-    ) -> (f64, [f64; 2]) {
-        let friction_n = self.motor_friction_n * (motor_velocity_m_s / self.friction_smoothing_m_s).tanh();
-        let sides = [
-            thrust_n + apply(0, &self.motor_force) - friction_n,
-            apply(0, &self.motor_stretch) + apply(1, &self.stage_stretch),
-        ];
-        let first = !std::mem::replace(&mut state.begun, true);
-        if first {
-            // As if it had always been there: a high-pass sees no step.
-            state.band = sides.map(|value| [self.band[0].settled(value), ButterworthState::default()]);
+    ) -> Option<[f64; 3]> {
+        let [stiffness_n_m, damping_n_s_m] = self.stretch;
+        let motor_n = now.thrust_n + now.inertia_n - self.motor_friction_n * now.friction;
+        let stretch_n = stiffness_n_m * (now.motor_m - now.stage_m)
+            + damping_n_s_m * (now.motor_velocity_m_s - now.stage_velocity_m_s);
+        if !learn {
+            state.seen = 0;
         }
-        let (mut above, mut banded) = ([0.0; 2], [0.0; 2]);
-        for side in 0..2 {
-            let [high, low] = &mut state.band[side];
-            above[side] = self.band[0].step(high, sides[side]);
-            banded[side] = self.band[1].step(low, above[side]);
+        let banded_n = self.thinned.step(&mut state.thinned, motor_n, stretch_n, force_n)?;
+        if learn {
+            state.seen = state.seen.saturating_add(1);
         }
-        state.seen = if learn { state.seen.saturating_add(1) } else { 0 };
-        if state.seen > self.warm_up[0] {
-            self.learn(state, banded);
+        let low_n = [0, 1].map(|side| self.low.step(&mut state.low[side], banded_n[side]));
+        if self.counts(state) {
+            self.learn(state, low_n);
         }
-        if !self.applies {
-            return (0.0, above);
-        }
-        let [motor_n_m, stage_n_m] = self.position_n_m;
-        let spring_n =
-            motor_n_m * apply(0, &self.motor_position) + stage_n_m * apply(1, &self.stage_position);
-        if first {
-            state.above_mean = self.above_mean.settled(spring_n);
-        }
-        ((state.ratio - 1.0) * self.above_mean.step(&mut state.above_mean, spring_n), above)
+        Some(banded_n)
     }
 
     #[inline]
@@ -224,10 +243,17 @@ impl StiffnessLearner {
     }
 
     /// Weights of a - b over the lines of motor and stage.
-    pub(super) fn contradiction(&self) -> [Stencil; 2] {
-        let mut sides = [self.motor_force, self.stage_stretch];
-        let pairs = sides[0].weights.iter_mut().zip(&self.motor_stretch.weights);
-        pairs.for_each(|(force, stretch)| *force -= stretch);
-        sides
+    pub(super) fn contradiction(&self) -> &[Stencil; 2] {
+        &self.contradiction
+    }
+
+    /// Weights of the motor's own inertia and damping over its line.
+    pub(super) fn motor_force(&self) -> Stencil {
+        self.motor_force
+    }
+
+    /// The samples that are looked at.
+    pub(super) fn thinned(&self) -> &Thinned {
+        &self.thinned
     }
 }

@@ -14,6 +14,9 @@
 //! below a fifth of the resonance tells k, the k in 0.8 to 1.25 that leaves least of R is taken: what is left
 //! then is there at any stiffness.
 //!
+//! All of it is looked at once in a few samples, see [`super::thinned`]; the flag is that of the last of eight
+//! such looks.
+//!
 //! Said is the R that steps of the encoders and idle runs do not explain, over the force from the stretch,
 //! all between 5 Hz and the low-pass, with a memory of 2 s. Not seen: a mode of the stage's side (both a and
 //! b are right then, and the estimate is the force at the scale), anything on one encoder.
@@ -27,12 +30,12 @@ use super::settings::{Filter, ForceError, ForceSettings};
 use super::signals::AxisSignals;
 use super::stiffness_learner::{BELIEVED, HIGH_PASS_HZ, MEMORY_S, StiffnessLearner};
 use crate::plant::drive::Structure;
-use crate::signal::FilterError;
-use crate::signal::butterworth::{Butterworth, ButterworthState, Pass};
 use crate::units::SampleRate;
 
 /// Least time that must have been seen, s.
 const LEAST_S: f64 = 0.5;
+/// Samples of those that are looked at between judgements: a few milliseconds of a memory of seconds.
+const JUDGED_EVERY: u32 = 8;
 /// R below this many times what encoder steps make of it says nothing.
 const LEAST_NOISE: f64 = 2.0;
 
@@ -62,8 +65,6 @@ impl Mismatch {
 /// Design; immutable.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TwoSides {
-    high: Butterworth,
-    low: Butterworth,
     /// Share of R in the estimate, and of the stretch's force that the model's stiffness gets wrong.
     into_estimate: [f64; 2],
     /// The estimate has another lag than the two sides (a window).
@@ -90,73 +91,56 @@ struct Products {
 /// What has been seen; a clone is a keyframe.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct SeenSides {
-    high: ButterworthState,
-    low: [ButterworthState; 3],
     mean: Products,
-    begun: bool,
+    /// Thinned samples until the next judgement.
+    left: u32,
+    large: bool,
 }
 
 crate::keyframe::keep!(Products { aa, ab, bb, fa, fb, ff, weight });
-crate::keyframe::keep!(SeenSides { high, low, mean, begun });
+crate::keyframe::keep!(SeenSides { mean, left, large });
 
-/// What an estimate is to the two sides.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Between {
-    /// Upper end of the band, Hz.
-    pub(super) band_hz: f64,
-    /// Share of R in the estimate, and of (1 - k) b.
-    pub(super) into_estimate: [f64; 2],
-    /// The estimate has another lag than the two sides.
-    pub(super) apart: bool,
-    /// R of the idle runs, N rms.
-    pub(super) idle_n: f64,
+impl SeenSides {
+    /// Whether the estimate was wrong by more than a tenth of the force when it was last judged.
+    #[inline]
+    pub(super) fn is_large(&self) -> bool {
+        self.large
+    }
 }
 
 impl TwoSides {
-    /// Errors: a band that does not fit the rate.
-    pub(super) fn new(between: Between, rate: SampleRate) -> Result<Self, FilterError> {
-        Ok(Self {
-            high: Butterworth::new(Pass::High, 2, HIGH_PASS_HZ, rate)?,
-            low: Butterworth::low_pass(4, between.band_hz.min(0.3 * rate.hz()), rate)?,
-            into_estimate: between.into_estimate,
-            apart: between.apart,
+    /// With a memory of the samples that are looked at.
+    fn new(into_estimate: [f64; 2], (apart, idle_n): (bool, f64), rate: SampleRate) -> Self {
+        Self {
+            into_estimate,
+            apart,
             noise_n2: 0.0,
-            idle_n2: between.idle_n * between.idle_n,
+            idle_n2: idle_n * idle_n,
             forget: (-1.0 / (MEMORY_S * rate.hz())).exp(),
             least_weight: LEAST_S * rate.hz(),
-        })
-    }
-
-    /// The low-pass of the band, through which the noise of the encoders goes too.
-    pub(super) fn low_pass(&self) -> &Butterworth {
-        &self.low
+        }
     }
 
     /// With the mean square that steps of the encoders make of R, N^2.
-    pub(super) fn with_noise(self, noise_n2: f64) -> Self {
+    fn with_noise(self, noise_n2: f64) -> Self {
         Self { noise_n2, ..self }
     }
 
-    /// One instant: both sides above 5 Hz, the estimate as it is, and whether it counts. N.
+    /// One instant of those that are looked at: both sides and the estimate between 5 Hz and the low-pass,
+    /// N; the stiffness over the model's where it has been learned.
     #[inline]
-    pub(super) fn step(&self, state: &mut SeenSides, sides_n: [f64; 2], force_n: f64, counts: bool) {
-        if !state.begun {
-            state.begun = true;
-            state.high = self.high.settled(force_n);
-        }
-        let force_n = self.high.step(&mut state.high, force_n);
-        let [a, b, f] = [sides_n[0], sides_n[1], force_n];
-        let [low_a, low_b, low_f] = &mut state.low;
-        let (a, b, f) = (self.low.step(low_a, a), self.low.step(low_b, b), self.low.step(low_f, f));
-        if !counts {
-            return;
-        }
-        let mean = &mut state.mean;
+    pub(super) fn step(&self, state: &mut SeenSides, [a, b, f]: [f64; 3], known: Option<f64>) {
         let now = [a * a, a * b, b * b, f * a, f * b, f * f, 1.0];
-        let Products { aa, ab, bb, fa, fb, ff, weight } = mean;
+        let Products { aa, ab, bb, fa, fb, ff, weight } = &mut state.mean;
         for (old, new) in [aa, ab, bb, fa, fb, ff, weight].into_iter().zip(now) {
             *old = self.forget * *old + new;
         }
+        if state.left > 0 {
+            state.left -= 1;
+            return;
+        }
+        state.left = JUDGED_EVERY - 1;
+        state.large = self.mismatch(state, known).is_some_and(Mismatch::is_large);
     }
 
     /// What is seen now; `known`: the stiffness over the model's where it has been learned. `None` before
@@ -204,15 +188,17 @@ pub(super) fn both_sides(
 ) -> Result<(Option<StiffnessLearner>, Option<TwoSides>), ForceError> {
     let vibration = method == Method::VibrationMode;
     let summed = matches!(method, Method::Medob | Method::RigidMode | Method::Fitted);
-    // Behind a low-pass of the drive side one of the sides lacks what the other has.
-    let compares = (vibration || summed) && settings.compare_sides && settings.drive_filter.is_none();
+    // Behind a low-pass of the drive side one of the sides lacks what the other has; of a slow recording next
+    // to nothing is heard.
+    let heard = settings.drive_filter.is_none() && band_hz.min(0.3 * axis.rate.hz()) > 2.0 * HIGH_PASS_HZ;
+    let compares = (vibration || summed) && settings.compare_sides && heard;
     let dual = axis.drive.structure() == Structure::DualInertia;
     let applies = settings.learn_stiffness && vibration && dual;
     if !(compares || applies) {
         return Ok((None, None));
     }
     let ages = [alignment.motor, alignment.stage];
-    let Some(learner) = StiffnessLearner::new(axis, balance, (ages, applies))? else {
+    let Some(learner) = StiffnessLearner::new(axis, balance, (ages, band_hz, applies))? else {
         return Ok((None, None));
     };
     if !compares {
@@ -223,12 +209,11 @@ pub(super) fn both_sides(
     // The factor of the thrust is that of the motor side, the one of the stretch that of its force.
     let stretch = balance.motor.position_n_m / axis.drive.axial_stiffness_n_m();
     let into_estimate = [balance.thrust, if applies { 0.0 } else { stretch }];
-    let between = Between { band_hz, into_estimate, apart, idle_n };
-    let two_sides = TwoSides::new(between, axis.rate)?;
-    let filter = Filter::Butterworth(*two_sides.low_pass());
-    let [motor, stage] = learner.contradiction();
+    let two_sides = TwoSides::new(into_estimate, (apart, idle_n), learner.thinned().rate());
+    let filter = Filter::Butterworth(*learner.thinned().low_pass());
     let steps_m = [axis.drive.motor_encoder_resolution_m(), axis.drive.stage_encoder_resolution_m()];
-    let noise_n2 = [motor, stage]
+    let noise_n2 = learner
+        .contradiction()
         .iter()
         .zip(steps_m)
         .map(|(stencil, step_m)| step_m * step_m / 12.0 * filter.energy(&stencil.weights, axis.rate))

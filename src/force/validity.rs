@@ -53,6 +53,7 @@ impl Validity {
 
     /// True when no flag is set.
     #[must_use]
+    #[inline]
     pub fn is_valid(self) -> bool {
         self.0 == 0
     }
@@ -60,6 +61,7 @@ impl Validity {
     /// True when nothing stands against acting on the estimate: a flag that warns of a line, a mode, an
     /// unseen mean or another opinion is tolerated, one that makes the number meaningless is not.
     #[must_use]
+    #[inline]
     pub fn may_act(self) -> bool {
         let forbids = Self::SETTLING
             | Self::BELOW_FRICTION
@@ -71,30 +73,35 @@ impl Validity {
 
     /// True when any flag of `other` is set here.
     #[must_use]
+    #[inline]
     pub fn shares(self, other: Validity) -> bool {
         self.0 & other.0 != 0
     }
 
     /// True when every flag of `other` is set here.
     #[must_use]
+    #[inline]
     pub fn contains(self, other: Validity) -> bool {
         self.0 & other.0 == other.0
     }
 
     /// All but these flags.
     #[must_use]
+    #[inline]
     pub fn without(self, these: Validity) -> Validity {
         Validity(self.0 & !these.0)
     }
 
     /// These flags alone.
     #[must_use]
+    #[inline]
     pub fn only(self, these: Validity) -> Validity {
         Validity(self.0 & these.0)
     }
 
     /// `flag` when `condition`, else valid.
     #[must_use]
+    #[inline]
     pub fn when(condition: bool, flag: Validity) -> Validity {
         if condition { flag } else { Self::VALID }
     }
@@ -128,12 +135,14 @@ impl Validity {
 
 impl BitOr for Validity {
     type Output = Validity;
+    #[inline]
     fn bitor(self, other: Validity) -> Validity {
         Validity(self.0 | other.0)
     }
 }
 
 impl BitOrAssign for Validity {
+    #[inline]
     fn bitor_assign(&mut self, other: Validity) {
         self.0 |= other.0;
     }

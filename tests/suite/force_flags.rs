@@ -55,6 +55,10 @@ fn prompt_drive() -> DriveParams {
 /// Steady answer of a chain of masses to lines of cutting force, as its encoders read it; the motor is not
 /// driven.
 fn shaken(chain: &Chain, lines: &[(f64, f64)]) -> (Vec<MotionSample>, Vec<f64>) {
+    shaken_at(RATE_HZ, chain, lines)
+}
+
+fn shaken_at(rate_hz: f64, chain: &Chain, lines: &[(f64, f64)]) -> (Vec<MotionSample>, Vec<f64>) {
     let answers: Vec<_> = lines.iter().map(|(hz, n)| (*hz, *n, chain.receptance(*hz))).collect();
     let step = |x: f64, step_m: f64| (x / step_m).round() * step_m;
     let at = |t: f64| {
@@ -68,7 +72,7 @@ fn shaken(chain: &Chain, lines: &[(f64, f64)]) -> (Vec<MotionSample>, Vec<f64>) 
     };
     (0..30_000)
         .map(|i| {
-            let [force_n, motor_m, stage_m] = at(f64::from(i) / RATE_HZ);
+            let [force_n, motor_m, stage_m] = at(f64::from(i) / rate_hz);
             let sample = MotionSample {
                 motor_travel_m: Some(step(motor_m, 6e-10)),
                 stage_position_m: Some(step(stage_m, 2.4e-10)),
@@ -104,12 +108,12 @@ fn richer_plant(drive: &DriveParams) -> Chain {
 
 /// Error of a method over its force, what it says of it, and whether it is flagged at the end.
 fn said(method: Method, drive: &DriveParams, run: &(Vec<MotionSample>, Vec<f64>)) -> [f64; 3] {
-    said_where((method, true), drive, run)
+    said_where((method, true, RATE_HZ), drive, run)
 }
 
-/// The same where the stiffness is learned or not.
+/// The same where the stiffness is learned or not, and at another rate.
 fn said_where(
-    (method, learn_stiffness): (Method, bool),
+    (method, learn_stiffness, rate_hz): (Method, bool, f64),
     drive: &DriveParams,
     (samples, force_n): &(Vec<MotionSample>, Vec<f64>),
 ) -> [f64; 3] {
@@ -118,9 +122,10 @@ fn said_where(
     let mut plan = ServoPlan::of_axis(&axis, method, Signals::Both);
     plan.settings.learn_stiffness = learn_stiffness;
     plan.settings.low_pass = LowPass::LinearPhase { pass_hz: 800.0, width_hz: 400.0 };
-    let mut observer = Observer::new(&ForcePlan::Servo(plan), rate()).unwrap();
+    let rate = SampleRate::new(rate_hz).unwrap();
+    let mut observer = Observer::new(&ForcePlan::Servo(plan), rate).unwrap();
     let estimates: Vec<_> = samples.iter().map(|s| observer.step(s)).collect();
-    let late = (observer.delay_s() * RATE_HZ).round() as usize;
+    let late = (observer.delay_s() * rate_hz).round() as usize;
     let error: Vec<f64> = (20_000..29_000).map(|i| estimates[i + late].force_n - force_n[i]).collect();
     let expected = observer.mismatch().map_or(f64::NAN, |m| m.share());
     let flagged = estimates[29_999].flags.contains(Validity::MODE_OUTSIDE_MODEL);
@@ -147,9 +152,48 @@ fn a_mode_of_the_motor_side_is_flagged_where_it_carries_force() {
     let [error, expected, flagged] = said(Method::VibrationMode, &drive, &fast);
     assert!(error < 0.1 && expected < 0.1 && flagged == 0.0, "vibration mode: {error} {expected}");
     // With the model's stiffness, which is not that of screw and torsion in series.
-    let [error, expected, flagged] = said_where((Method::VibrationMode, false), &drive, &fast);
+    let [error, expected, flagged] = said_where((Method::VibrationMode, false, RATE_HZ), &drive, &fast);
     assert!(error > 0.12 && flagged == 1.0, "stiffness kept: {error} {expected}");
     assert!((0.7..1.5).contains(&(expected / error)), "stiffness kept: {expected} said, {error} true");
+}
+
+/// The same in rates from the slowest that hears 500 Hz to the fastest.
+#[test]
+fn the_sides_are_compared_at_any_rate() {
+    let drive = prompt_drive();
+    let plant = richer_plant(&drive);
+    for rate_hz in [5000.0, 7000.0, 12_000.0, 20_000.0] {
+        let slow = shaken_at(rate_hz, &plant, &[(20.0, 2.0), (80.0, 10.0), (160.0, 2.0)]);
+        let [error, expected, flagged] = said_where((Method::Medob, true, rate_hz), &drive, &slow);
+        assert!(error < 0.08 && expected < 0.1 && flagged == 0.0, "{rate_hz} Hz: {error} {expected}");
+        let fast = shaken_at(rate_hz, &plant, &[(30.0, 1.0), (167.0, 1.0), (333.0, 8.0), (500.0, 2.0)]);
+        let [error, expected, flagged] = said_where((Method::Medob, true, rate_hz), &drive, &fast);
+        assert!(error > 0.3 && flagged == 1.0, "{rate_hz} Hz: {error} {expected}");
+        assert!((0.7..1.5).contains(&(expected / error)), "{rate_hz} Hz: {expected} said, {error} true");
+    }
+}
+
+/// Rates at which next to nothing is heard: an estimate or one line, nothing is compared.
+#[test]
+fn the_slowest_rates_are_no_fault() {
+    let drive = prompt_drive();
+    for rate_hz in [2.0, 5.0, 9.0, 20.0, 34.0, 100.0, 200.0, 500.0] {
+        let signals =
+            AxisSignals { drive: &drive, rate: SampleRate::new(rate_hz).unwrap(), signals: Signals::Both };
+        for method in [Method::Dob, Method::Medob, Method::RigidMode, Method::VibrationMode] {
+            for learn_stiffness in [false, true] {
+                let low_pass = LowPass::Butterworth { order: 4, cutoff_hz: 0.25 * rate_hz };
+                let settings = ForceSettings { low_pass, learn_stiffness, ..ForceSettings::default() };
+                match ForceEstimator::new(method, &signals, settings) {
+                    Ok(estimator) => {
+                        let run = estimate_run(&estimator, &[MotionSample::default(); 300]);
+                        assert!(run.iter().all(|e| e.force_n == 0.0));
+                    }
+                    Err(error) => assert!(rate_hz <= 10.0 && learn_stiffness, "{rate_hz} Hz: {error}"),
+                }
+            }
+        }
+    }
 }
 
 /// Milling by another program, its force looked at only to judge: in the middle of the cut rows are flagged
