@@ -163,6 +163,11 @@ fn main() {
         plan.settings.learn_stiffness = true;
     }
     plans.push(("vibration_mode, learning", learning));
+    let mut alone = plan(Method::Medob, &drive);
+    if let ForcePlan::Servo(plan) = &mut alone {
+        plan.settings.compare_sides = false;
+    }
+    plans.push(("medob, sides not compared", alone));
     plans.push(("frf", ForcePlan::Accelerometers(accelerometers())));
     let six =
         |plan: &ForcePlan| Observers::<LANES>::new(vec![AxisObserver::new(plan, rate).expect("valid"); 6]);
@@ -173,6 +178,19 @@ fn main() {
             table.add(format!("{name}, 1 axis"), observers_ns(&mut alone[..1], &input));
             table.add(format!("{name}, 6 axes one after the other"), observers_ns(&mut alone, &input));
             table.add(format!("{name}, 6 axes side by side"), together_ns(&mut six(plan), &input));
+        }
+    }
+    // Of a longer and longer turn: nothing tells the speed, so none is followed.
+    let silent: Vec<MotionSample> =
+        input.iter().map(|s| MotionSample { spindle_speed_rpm: None, ..*s }).collect();
+    for rpm in [4000.0, 1200.0, 300.0, 100.0] {
+        let mut plan = plan(Method::Fitted, &drive);
+        if let ForcePlan::Servo(plan) = &mut plan {
+            plan.settings.harmonic = Some(HarmonicSettings::at_speed(rpm));
+        }
+        let mut alone = [Observer::new(&plan, rate).expect("valid")];
+        for _ in 0..ROUNDS {
+            table.add(format!("fitted at {rpm} rpm, 1 axis"), observers_ns(&mut alone, &silent));
         }
     }
     table.print();

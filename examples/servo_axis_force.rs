@@ -17,8 +17,8 @@ use stillcut::force::offline::estimate_run;
 use stillcut::force::physics::physics_of;
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
-use stillcut::recording::read_recording;
-use stillcut::sample::Recording;
+use stillcut::recording::read_columns;
+use stillcut::sample::{Column, Recording};
 use stillcut::signal::butterworth::{Butterworth, zero_phase};
 use stillcut::units::SampleRate;
 
@@ -42,8 +42,8 @@ struct Stroke {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = std::env::args().nth(1).ok_or("usage: servo_axis_force FOLDER")?;
     let folder = Path::new(&folder);
-    let servo = read_recording(&folder.join("servo_log.parquet"))?;
-    let cell = read_recording(&folder.join("load_cell_log.parquet"))?;
+    let servo = log(&folder.join("servo_log.parquet"))?;
+    let cell = log(&folder.join("load_cell_log.parquet"))?;
     let stroke = stroke(&servo, &cell)?;
     println!("{:28} {:>12} {:>12}", "model of the axis", "error, N", "of the force");
     for (name, terms) in
@@ -53,6 +53,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         println!("{name:28} {error_n:12.2} {:11.1} %", 100.0 * share);
     }
     Ok(())
+}
+
+/// A log as it was published: its rate is that of its times, its metadata says none.
+fn log(path: &Path) -> Result<Recording, Box<dyn std::error::Error>> {
+    let columns = read_columns(path)?;
+    let times = columns.iter().find(|(name, _)| name == "t_s").map(|(_, t)| t).ok_or("no column t_s")?;
+    let (Some(first), Some(last)) = (times.first(), times.last()) else { return Err("no rows".into()) };
+    Ok(Recording {
+        sample_rate: SampleRate::new((times.len() - 1) as f64 / (last - first))?,
+        experiment: "stroke".to_owned(),
+        axes: Vec::new(),
+        start_s: *first,
+        columns: columns.into_iter().map(|(name, values)| Column { name, values }).collect(),
+        metadata: Vec::new(),
+    })
 }
 
 fn stroke(servo: &Recording, cell: &Recording) -> Result<Stroke, Box<dyn std::error::Error>> {

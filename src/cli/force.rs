@@ -1,5 +1,8 @@
 //! `stillcut force`.
 
+mod report;
+
+use self::report::{Forces, describe, say_what_is_doubtful, say_what_is_hidden, write_forces};
 use super::bad_input;
 use crate::config::accelerometers::read_estimators;
 use crate::config::force::FRF;
@@ -16,13 +19,14 @@ use crate::force::offline::{standing_zero_n, stiffness_of_runs, with_axial_stiff
 use crate::force::physics::physics_of;
 use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
 use crate::force::stiffness::StiffnessCheck;
+use crate::force::two_sides::Mismatch;
 use crate::force::validity::Validity;
 use crate::plant::machine::{AxisModel, Machine};
-use crate::recording::{Table, TableColumn, read_recording, write_table};
+use crate::recording::read_recording;
 use crate::sample::Recording;
 use crate::units::SampleRate;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Estimates cutting force from servo signals or accelerometers.
 #[derive(clap::Args)]
@@ -199,7 +203,7 @@ fn mark_disagreement(first: &mut AxisForce, second: &AxisForce, rate: SampleRate
 struct AxisForce {
     name: String,
     force_n: Vec<f64>,
-    /// Of each row, for the instant of its estimate; none where the rows are not those of a stream.
+    /// Of each row, for the instant of its estimate.
     flags: Vec<Validity>,
     noise_floor_n: f64,
     delay_s: f64,
@@ -290,8 +294,11 @@ impl Inputs {
         let mut observer = Observer::new(&ForcePlan::Servo(plan), rate).map_err(|e| self.of_axis(name, e))?;
         let mut estimates = Vec::with_capacity(motion.samples.len());
         let mut lags = Vec::with_capacity(motion.samples.len());
+        let mut mismatch = Mismatch::default();
         for sample in &motion.samples {
             estimates.push(observer.step(sample));
+            // Where the force is largest it says most.
+            mismatch = observer.mismatch().filter(|m| m.force_n > mismatch.force_n).unwrap_or(mismatch);
             lags.push((observer.delay_s() * rate.hz()).round() as usize);
         }
         let lag = if self.arguments.live { 0 } else { wait_for_latest(&mut estimates, &lags) };
@@ -314,6 +321,11 @@ impl Inputs {
             }
         }
         describe(&observer, &estimates, &mut note);
+        if mismatch.force_n > 0.0 {
+            note("expected_error_n", format!("{:.4}", mismatch.error_n));
+            note("expected_error_over_force", format!("{:.4}", mismatch.share()));
+        }
+        say_what_is_doubtful((name, method), &estimates, &observer, mismatch)?;
         if let Some(ratio) = observer.learned_stiffness_ratio() {
             note("stiffness_over_model_at_end", format!("{ratio:.4}"));
         }
@@ -438,24 +450,24 @@ impl Inputs {
             spindle_speed_rpm: Some(*speed_rpm),
             ..MotionSample::default()
         };
-        let estimates: Vec<ForceEstimate> =
-            accel.iter().zip(speed).map(|pair| observer.step(&sample(pair))).collect();
+        let (estimates, delay_s, settled) = if self.arguments.live {
+            let live = accel.iter().zip(speed).map(|pair| observer.step(&sample(pair)));
+            let estimates: Vec<ForceEstimate> = live.collect();
+            let settled = observer.settling_samples().min(estimates.len());
+            (estimates, observer.delay_s(), settled)
+        } else {
+            (force_of_recording(estimator, rate, &accel, speed).map_err(bad_input)?, 0.0, 0)
+        };
         describe(&observer, &estimates, &mut note);
-        let mut force = AxisForce {
+        Ok(AxisForce {
             name: name.to_owned(),
             force_n: estimates.iter().map(|e| e.force_n).collect(),
             flags: estimates.iter().map(|e| e.flags).collect(),
             noise_floor_n: observer.noise_floor_n(),
-            delay_s: observer.delay_s(),
-            settled: observer.settling_samples().min(estimates.len()),
+            delay_s,
+            settled,
             notes,
-        };
-        if !self.arguments.live {
-            force.force_n = force_of_recording(estimator, rate, &accel, speed).map_err(bad_input)?;
-            (force.delay_s, force.settled) = (0.0, 0);
-            force.flags.clear();
-        }
-        Ok(force)
+        })
     }
 }
 
@@ -482,49 +494,6 @@ fn wait_for_latest(estimates: &mut [ForceEstimate], lags: &[usize]) -> usize {
     latest
 }
 
-/// What the estimator says of itself, for the file's metadata.
-fn describe(observer: &Observer, estimates: &[ForceEstimate], note: &mut impl FnMut(&str, String)) {
-    note("usable_band_hz", format!("{:?}", observer.usable_band_hz()));
-    let floor_n = observer.noise_floor_n();
-    let unknown = || "not known: no encoder's step enters".to_owned();
-    note("noise_floor_n", if floor_n > 0.0 { format!("{floor_n:.4}") } else { unknown() });
-    if let Some(condition) = observer.condition() {
-        note("condition", format!("{condition:.3e}"));
-    }
-    let seen = estimates.iter().fold(Validity::VALID, |seen, e| seen | e.flags);
-    note("flags", seen.to_string());
-    for name in seen.names() {
-        let count = estimates.iter().filter(|e| e.flags.names().any(|n| n == name)).count();
-        note(&format!("flag_{name}_share"), format!("{:.4}", count as f64 / estimates.len().max(1) as f64));
-    }
-    if let Some(bound_n) = observer.friction_bound_n().filter(|_| seen.contains(Validity::BELOW_FRICTION)) {
-        note("below_friction", format!("not observable, bound {bound_n:.0} N"));
-    }
-}
-
-/// Where friction hides the force there is no number: NaN in the file, a line on the terminal.
-fn say_what_is_hidden(
-    axis: &str,
-    estimates: &[ForceEstimate],
-    force_n: &mut [f64],
-    bound_n: f64,
-) -> anyhow::Result<()> {
-    let mut hidden = 0.0;
-    for (force_n, estimate) in force_n.iter_mut().zip(estimates) {
-        let settled = !estimate.flags.contains(Validity::SETTLING);
-        if settled && estimate.flags.contains(Validity::BELOW_FRICTION) {
-            *force_n = f64::NAN;
-            hidden += 1.0;
-        }
-    }
-    if hidden > 0.0 {
-        let percent = 100.0 * hidden / estimates.len() as f64;
-        let said = format!("below friction, not observable, bound {bound_n:.0} N");
-        writeln!(std::io::stdout(), "axis {axis}: {said} ({percent:.0} % of the recording)")?;
-    }
-    Ok(())
-}
-
 fn notches(names: &[String], rate: SampleRate) -> anyhow::Result<Vec<NotchPlan>> {
     let below_hz = 0.5 * rate.hz();
     let plan = |name: &String| {
@@ -537,34 +506,4 @@ fn notches(names: &[String], rate: SampleRate) -> anyhow::Result<Vec<NotchPlan>>
         plan.ok_or_else(|| bad_input(format!("--notch {name}: {expected}")))
     };
     names.iter().map(plan).collect()
-}
-
-/// What the command writes.
-struct Forces {
-    /// Column name and values.
-    forces: Vec<(String, Vec<f64>)>,
-    /// Column name and flags as bits.
-    flags: Vec<(String, Vec<i64>)>,
-    delay_s: f64,
-    /// Further metadata.
-    notes: Vec<(String, String)>,
-}
-
-fn write_forces(out: &Path, recording: &Recording, forces: &Forces) -> anyhow::Result<()> {
-    let times: Vec<f64> = (0..recording.len()).map(|i| recording.time_s(i)).collect();
-    let mut columns = vec![("t_s", TableColumn::Double(&times))];
-    columns.extend(forces.forces.iter().map(|(name, values)| (name.as_str(), TableColumn::Double(values))));
-    columns.extend(forces.flags.iter().map(|(name, bits)| (name.as_str(), TableColumn::Integer(bits))));
-    let axes: Vec<&str> =
-        forces.forces.iter().filter_map(|(name, _)| name.strip_suffix("_force_n")).collect();
-    let mut metadata = vec![
-        ("format".to_owned(), crate::recording::FORMAT.to_owned()),
-        ("sample_rate_hz".to_owned(), format!("{:?}", recording.sample_rate.hz())),
-        ("experiment".to_owned(), recording.experiment.clone()),
-        ("axes".to_owned(), axes.join(",")),
-        ("delay_s".to_owned(), format!("{:?}", forces.delay_s)),
-        ("flag_bits".to_owned(), Validity::describe_bits()),
-    ];
-    metadata.extend(forces.notes.iter().cloned());
-    write_table(out, &Table { columns, metadata }).map_err(bad_input)
 }

@@ -5,7 +5,9 @@ use crate::avoidance::Avoidance;
 use crate::avoidance::account::{Account, Look, decide_again};
 use crate::chatter::{Band, predicted_band};
 use crate::config::service::{ServiceConfig, read_service_config};
+use crate::force::estimator::ForceEstimate;
 use crate::force::recorded::accelerations;
+use crate::force::validity::Validity;
 use crate::keyframe::Digest;
 use crate::pipeline::{AxisPlan, BandPlan, Pipeline, PipelineSettings, StepOutput};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
@@ -15,6 +17,7 @@ use crate::report::events::{EventLine, events_text, write_events};
 use crate::report::track::{Track, TrackRow};
 use crate::sample::{AxisSample, MAX_AXES, Recording, ServoSample};
 use anyhow::Context as _;
+use std::io::Write as _;
 use std::path::PathBuf;
 
 /// Runs the live pipeline over a recording and writes events.jsonl and track.parquet.
@@ -22,8 +25,8 @@ use std::path::PathBuf;
 /// Of a recording of the service's black box the decisions on the turret are made again too: decisions.jsonl.
 ///
 /// A recording with servo signals goes through the force observer of the configuration's machine; one with
-/// <axis>_force_n and no servo signals enters behind it. Without a configuration the defaults hold, and the
-/// band and workpiece that the recording names.
+/// <axis>_force_n and no servo signals enters behind it, with what <axis>_force_flags say against it. Without
+/// a configuration the defaults hold, and the band and workpiece that the recording names.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Configuration of the service.
@@ -62,6 +65,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     config.force.read_idle_runs(&config.machine, read_recording).map_err(bad_input)?;
     let band = band_of(&arguments, &recording, given.then_some(&config)).map_err(place)?;
     let source = Source::of(&recording, &arguments, &config).map_err(place)?;
+    source.say_what_is_invalid()?;
     let settings = source.settings(&config, band);
     let mut pipeline = Pipeline::new(settings).map_err(|e| place(e.to_string()))?;
     let evidence = Evidence::of(&recording).map_err(|e| place(e.to_string()))?;
@@ -155,7 +159,11 @@ fn replay(
         if let Some((axis, event)) = &output.event {
             let name = source.axes.get(*axis).map_or("", String::as_str);
             let line = EventLine::from_chatter(output.t_s, name, event);
-            events.push(source.speed_rpm(index).map_or(line.clone(), |rpm| line.with_pitch_at(rpm)));
+            // On an estimate that is no ground to act on, no pitch is advised. What a live service kept of
+            // its own events is compared as it stands.
+            let may_act = !source.is_direct() || pipeline.axis_may_act(*axis);
+            let speed_rpm = source.speed_rpm(index).filter(|_| may_act);
+            events.push(speed_rpm.map_or(line.clone(), |rpm| line.with_pitch_at(rpm)));
         }
         if (index + 1) as f64 >= next_row {
             next_row += every;
@@ -186,10 +194,37 @@ struct Source<'a> {
 }
 
 enum Signals<'a> {
-    /// One column an axis, heard as it is.
-    Direct(Vec<&'a [f64]>),
+    /// One column an axis, heard as it is, and what speaks against it where the file says so.
+    Direct(Vec<DirectColumn<'a>>),
     /// Current, motor angle, stage position of each axis; none of an axis that accelerometers alone hear.
     Servo(Vec<Option<ServoColumns<'a>>>),
+}
+
+struct DirectColumn<'a> {
+    values: &'a [f64],
+    flags: Option<&'a [f64]>,
+}
+
+impl<'a> DirectColumn<'a> {
+    /// `<axis>_force_n` with `<axis>_force_flags` beside it, as `stillcut force` writes them.
+    fn of(recording: &'a Recording, (axis, signal): (&str, &str)) -> Result<Self, String> {
+        let values = recording.require(&format!("{axis}_{signal}")).map_err(|e| e.to_string())?;
+        let name = format!("{axis}_force_flags");
+        let flags = recording.get(&name).filter(|_| signal == "force_n");
+        if let Some(row) =
+            flags.and_then(|f| f.iter().position(|bits| Validity::from_number(*bits).is_none()))
+        {
+            let known = Validity::describe_bits();
+            let is = flags.map_or(0.0, |f| f[row]);
+            return Err(format!("column {name}, row {row}: {is:?}, expected a sum of {known}"));
+        }
+        Ok(Self { values, flags })
+    }
+
+    fn estimate(&self, index: usize) -> ForceEstimate {
+        let flags = self.flags.and_then(|f| Validity::from_number(f[index]));
+        ForceEstimate { force_n: self.values[index], flags: flags.unwrap_or(Validity::VALID) }
+    }
 }
 
 struct ServoColumns<'a> {
@@ -214,9 +249,8 @@ impl<'a> Source<'a> {
         let heard: Vec<String> = config.force.accelerometer_axes().filter(other).map(str::to_owned).collect();
         let (axes, signals) = if servo.is_empty() && heard.is_empty() || arguments.signal != "force_n" {
             let axes = with(&arguments.signal);
-            let column = |axis: &String| recording.require(&format!("{axis}_{}", arguments.signal));
-            let columns =
-                axes.iter().map(column).collect::<Result<Vec<_>, _>>().map_err(|e| e.to_string())?;
+            let columns = axes.iter().map(|axis| DirectColumn::of(recording, (axis, &arguments.signal)));
+            let columns = columns.collect::<Result<Vec<_>, _>>()?;
             (axes, Signals::Direct(columns))
         } else {
             let columns = servo.iter().map(|axis| ServoColumns::of(recording, axis).map(Some));
@@ -269,6 +303,29 @@ impl<'a> Source<'a> {
         settings
     }
 
+    /// Whether forces come from the file instead of the observer.
+    fn is_direct(&self) -> bool {
+        matches!(self.signals, Signals::Direct(_))
+    }
+
+    /// Rows of each axis whose flags forbid acting, and the flags seen there.
+    fn say_what_is_invalid(&self) -> anyhow::Result<()> {
+        let Signals::Direct(columns) = &self.signals else { return Ok(()) };
+        for (axis, column) in self.axes.iter().zip(columns) {
+            let flags = (0..column.values.len()).map(|i| column.estimate(i).flags);
+            let (mut seen, mut count) = (Validity::VALID, 0);
+            for flags in flags.filter(|f| !f.may_act()) {
+                seen |= flags;
+                count += 1;
+            }
+            if count > 0 {
+                let rows = format!("{count} of {} rows are no ground to act on", column.values.len());
+                writeln!(std::io::stdout(), "axis {axis}: {rows} ({seen}): no pitch is advised there")?;
+            }
+        }
+        Ok(())
+    }
+
     fn speed_rpm(&self, index: usize) -> Option<f64> {
         self.speed.map(|s| s[index]).or(self.speed_given_rpm)
     }
@@ -282,11 +339,11 @@ impl<'a> Source<'a> {
         let t_s = self.times.map_or(recording.time_s(index), |t| t[index]);
         match &self.signals {
             Signals::Direct(columns) => {
-                let mut forces = [0.0; MAX_AXES];
+                let mut forces = [ForceEstimate { force_n: 0.0, flags: Validity::VALID }; MAX_AXES];
                 for (to, column) in forces.iter_mut().zip(columns) {
-                    *to = column[index];
+                    *to = column.estimate(index);
                 }
-                pipeline.step_forces(t_s, &forces[..columns.len()], self.speed_rpm(index))
+                pipeline.step_estimates(t_s, &forces[..columns.len()], self.speed_rpm(index))
             }
             Signals::Servo(columns) => {
                 let mut axes = [AxisSample::default(); MAX_AXES];

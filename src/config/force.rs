@@ -6,6 +6,7 @@ use crate::force::balance::Method;
 use crate::force::estimator::{LowPass, MotionSample, NotchPlan, Signals};
 use crate::force::frf::FrfEstimator;
 use crate::force::harmonic::Reading;
+use crate::force::idle_map::IdleMap;
 use crate::force::observer::{ForcePlan, ServoPlan};
 use crate::force::recorded::motion_of_recording;
 use crate::plant::machine::{AxisModel, Machine};
@@ -62,7 +63,8 @@ struct AxisForce {
     reading: Option<Reading>,
     notches: Vec<NotchPlan>,
     idle: Vec<PathBuf>,
-    idle_runs: Vec<Vec<MotionSample>>,
+    /// Disturbance by position, for each method that the axis names.
+    idle_maps: Vec<(Method, IdleMap)>,
 }
 
 /// How the force of each axis is estimated, checked.
@@ -96,7 +98,7 @@ impl ForceConfig {
             reading: None,
             notches: Vec::new(),
             idle: Vec::new(),
-            idle_runs: Vec::new(),
+            idle_maps: Vec::new(),
         };
         let mut axes = BTreeMap::new();
         for (name, axis) in raw.axes {
@@ -111,8 +113,9 @@ impl ForceConfig {
         Ok(Self { all, axes, accelerometers })
     }
 
-    /// Reads the air-cutting runs that the tables name. Errors: one line; a run that cannot be read, or that
-    /// lacks the signals of its axis.
+    /// Reads the air-cutting runs that the tables name and makes their maps. Errors: one line; a run that
+    /// cannot be read, that was sampled at another rate than the model states, that lacks the signals of its
+    /// axis, in which the axis does not move, or through which no estimator of the axis can be made.
     pub fn read_idle_runs<E: std::fmt::Display>(
         &mut self,
         machine: &Machine,
@@ -120,8 +123,15 @@ impl ForceConfig {
     ) -> Result<(), String> {
         for (name, axis) in &mut self.axes {
             let Some(model) = machine.axis(name) else { continue };
+            let mut runs = Vec::new();
             for path in &axis.idle {
                 let recording = read(path).map_err(|e| e.to_string())?;
+                let (is, expected) = (recording.sample_rate.hz(), machine.sample_rate.hz());
+                if (is / expected - 1.0).abs() > 1e-6 {
+                    let what =
+                        format!("sampled at {is} Hz, expected {expected} Hz as the machine model says");
+                    return Err(format!("{}: axis {name}: {what}", path.display()));
+                }
                 let motion = motion_of_recording(&recording, name, &model.drive)
                     .map_err(|e| format!("{}: {e}", path.display()))?;
                 // A stream of samples carries both encoders of an axis that has them.
@@ -132,7 +142,11 @@ impl ForceConfig {
                         path.display()
                     ));
                 }
-                axis.idle_runs.push(motion.samples);
+                runs.push(motion.samples);
+            }
+            if !runs.is_empty() {
+                let maps = axis.maps_of(model, &runs, machine.sample_rate);
+                axis.idle_maps = maps.map_err(|what| format!("machine.axes.{name}.idle: {what}"))?;
             }
         }
         Ok(())
@@ -183,11 +197,27 @@ impl AxisForce {
             harmonic.lines_per_turn = self.teeth.unwrap_or(harmonic.lines_per_turn);
             harmonic.reading = self.reading.unwrap_or(harmonic.reading);
         }
-        if !self.idle_runs.is_empty() {
-            // A plan that no estimator can be made of is refused, with its reason, by the pipeline.
-            plan.settings.idle_map = plan.idle_map(rate, &self.idle_runs).ok().flatten();
-        }
+        let map = self.idle_maps.iter().find(|(of, _)| *of == method);
+        plan.settings.idle_map = map.map(|(_, map)| map.clone());
         plan
+    }
+
+    /// Disturbance by position of the air-cutting runs, for each method of servo signals. Errors: why there
+    /// is none.
+    fn maps_of(
+        &self,
+        model: &AxisModel,
+        runs: &[Vec<MotionSample>],
+        rate: SampleRate,
+    ) -> Result<Vec<(Method, IdleMap)>, String> {
+        let methods = [self.method, self.beside.flatten()].into_iter().flatten();
+        let map = |method: Method| {
+            let map = self.servo(model, method, rate).idle_map(rate, runs);
+            let map = map.map_err(|e| format!("no map through {}: {e}", method.name()))?;
+            let still = || "no run moves the axis by more than 50 um: nothing to align them by".to_owned();
+            Ok((method, map.ok_or_else(still)?))
+        };
+        methods.map(map).collect()
     }
 }
 
@@ -276,7 +306,7 @@ impl Reader<'_> {
             reading: reading.transpose()?,
             notches: notches.collect::<Result<_, _>>()?,
             idle: raw.idle.iter().map(|p| self.path.parent().unwrap_or(Path::new("")).join(p)).collect(),
-            idle_runs: Vec::new(),
+            idle_maps: Vec::new(),
         })
     }
 }

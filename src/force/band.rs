@@ -6,6 +6,7 @@
 //!  spectral    first line to last line             fitted      mean to last line
 //!  sum of both sides (medob, rigid_mode, fitted) behind a low-pass of the drive side: as far as that side's
 //!              share of the force is small above it
+//!  three inertias, two encoders: as far as the screw moves with the motor
 //!  the others  all of the low-pass (a tenth of the rate where there is none)
 //! ```
 //! Checked by: force::each_method_states_the_band_it_is_right_in.
@@ -13,13 +14,13 @@
 use super::balance::Method;
 use super::budget::{Budget, Imperfection};
 use super::closed_loop::ClosedLoop;
-use super::estimator::{AxisSignals, ForceSettings};
-use crate::plant::drive::DriveParams;
+use super::estimator::{AxisSignals, ForceSettings, Signals};
+use crate::plant::drive::{DriveParams, Structure};
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 
 /// Share of the force by which a method may be wrong inside its band.
-const TOLERATED: f64 = 0.1;
+pub(super) const TOLERATED: f64 = 0.1;
 
 /// Lower and upper end, Hz; both zero where nothing says that the method is right anywhere.
 pub(super) fn usable_band_hz(
@@ -32,6 +33,14 @@ pub(super) fn usable_band_hz(
         (Method::Spectral | Method::Fitted, Some(harmonic), _) => {
             let reach_hz = heard_up_to_hz(method, axis.drive, settings, low_pass_hz);
             band_of_lines_hz(method, harmonic.lines_hz(axis.rate), reach_hz)
+        }
+        (Method::Medob | Method::RigidMode | Method::VibrationMode, _, _)
+            if axis.drive.structure() == Structure::TripleInertia && axis.signals == Signals::Both =>
+        {
+            // Two encoders take the screw to move with the motor (2-65), which it does not.
+            let budget = Budget::new(method, axis.drive, Imperfection::default());
+            let heard_hz = heard_up_to_hz(method, axis.drive, settings, low_pass_hz);
+            [0.0, budget.map_or(0.0, |budget| right_up_to(heard_hz, |hz| budget.relative_error(hz)))]
         }
         (Method::Medob | Method::RigidMode, _, _) => {
             [0.0, heard_up_to_hz(method, axis.drive, settings, low_pass_hz)]
@@ -74,8 +83,8 @@ fn unheard_drive_share(drive: &DriveParams, settings: &ForceSettings, hz: f64) -
     let Some(filter) = settings.drive_filter else { return 0.0 };
     let w = TAU * hz;
     let s = Complex64::new(0.0, w);
-    let (gain, phase) = filter.response(hz);
-    let heard = Complex64::from_polar(gain, phase + w * filter.slow_delay_s());
+    let (re, im) = filter.response(hz);
+    let heard = Complex64::new(re, im) * Complex64::from_polar(1.0, w * filter.slow_delay_s());
     let coupling = drive.axial_stiffness_n_m() + s * drive.structural_damping_n_s_m();
     let motor = s * s * drive.reflected_mass_kg() + s * drive.reflected_damping_n_s_m();
     let stage = s * s * drive.movable_mass_kg() + s * drive.translational_damping_n_s_m();

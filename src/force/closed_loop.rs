@@ -78,6 +78,25 @@ impl ClosedLoop {
     /// Checked by: force::spectral_gain_is_that_of_the_recorded_loop.
     #[must_use]
     pub fn thrust_per_cutting(&self, frequency_hz: f64) -> Complex64 {
+        let [on_motor, on_stage, one_less_loop] = self.gains(frequency_hz);
+        let x = self.chain.receptance(frequency_hz);
+        -(on_motor * x.motor_per_cutting + on_stage * x.stage_per_cutting) / one_less_loop
+    }
+
+    /// Thrust reference per error of the readings of motor and stage, N/m: what rounding to encoder steps
+    /// does to it.
+    ///
+    ///   u = -(A (x_m + e_m) + B (x_t + e_t)) + g/(s + g) u,  so u/e_m = -A / (1 - loop)
+    ///
+    /// Checked by: force_flags::encoder_steps_reach_the_thrust_through_the_loop.
+    #[must_use]
+    pub fn thrust_per_reading(&self, frequency_hz: f64) -> [Complex64; 2] {
+        let [on_motor, on_stage, one_less_loop] = self.gains(frequency_hz);
+        [-on_motor / one_less_loop, -on_stage / one_less_loop]
+    }
+
+    /// What the loop makes of the readings of motor and stage, and one less the loop itself.
+    fn gains(&self, frequency_hz: f64) -> [Complex64; 3] {
         let s = Complex64::new(0.0, TAU * frequency_hz);
         let c = &self.controller;
         let mass_kg = self.masses_kg[0] + self.masses_kg[1];
@@ -98,8 +117,26 @@ impl ClosedLoop {
         on_stage *= (-s * self.stage_delay_s).exp();
         let x = self.chain.receptance(frequency_hz);
         let drive = self.thrust_per_reference(frequency_hz);
-        -(on_motor * x.motor_per_cutting + on_stage * x.stage_per_cutting)
-            / (1.0 - on_itself + drive * (on_motor * x.motor_per_thrust + on_stage * x.stage_per_thrust))
+        let around = drive * (on_motor * x.motor_per_thrust + on_stage * x.stage_per_thrust);
+        [on_motor, on_stage, 1.0 - on_itself + around]
+    }
+
+    /// Standard deviation that rounding to encoder steps causes in the thrust reference behind a filter, N.
+    ///
+    ///   sigma^2 = sum over both encoders of q^2/12 2/f_s integral of |u/e|^2 |H|^2 df to f_s/2
+    ///
+    /// The error is taken as white, the loop as continuous; midpoints of a 2000th of the rate.
+    #[must_use]
+    pub fn step_noise_n(&self, steps_m: [f64; 2], rate: SampleRate, filter: impl Fn(f64) -> f64) -> f64 {
+        const PARTS: usize = 1000;
+        let mut mean = 0.0;
+        for k in 1..=PARTS {
+            let hz = (k as f64 - 0.5) / PARTS as f64 * rate.hz() / 2.0;
+            let through = self.thrust_per_reading(hz).map(|u| u.norm_sqr());
+            let power = through[0] * steps_m[0].powi(2) + through[1] * steps_m[1].powi(2);
+            mean += power / 12.0 * filter(hz).powi(2) / PARTS as f64;
+        }
+        mean.sqrt()
     }
 
     /// w_cc/(s + w_cc) e^{-s (T_s + T/2)}.

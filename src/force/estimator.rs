@@ -1,9 +1,12 @@
 //! One axis, one method: aligned signals -> force balance -> idle map -> low-pass.
 
+use super::above_band::{AboveBand, SeenAbove};
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
 use super::band::{band_of_lines_hz, heard_up_to_hz, usable_band_hz};
-use super::harmonic::{HarmonicEstimator, HarmonicState, harmonic_estimator};
+use super::beyond::Beyond;
+use super::closed_loop::ClosedLoop;
+use super::harmonic::{HarmonicEstimator, harmonic_estimator};
 use super::idle_map::IdleMap;
 use super::lane_part::{LanePart, lane_part};
 use super::lanes::{LaneDesign, LaneMotion, LaneState};
@@ -12,13 +15,12 @@ use super::settings::Filter;
 pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
 pub use super::signals::{AxisSignals, Signals};
 use super::signals::{encoder_lines_1_m, measured_balance};
-use super::stiffness_learner::{LearnedStiffness, StiffnessLearner};
+use super::stiffness_learner::{Aligned, StiffnessLearner};
+use super::two_sides::{Mismatch, SeenSides, TwoSides, both_sides};
 use super::validity::Validity;
-use crate::keyframe::{Keep, Words};
 use crate::plant::drive::DriveParams;
 use crate::signal::finite_difference::Stencil;
 use crate::signal::harmonic_fit::HarmonicFitError;
-use crate::signal::linear_phase::LinearPhaseState;
 use crate::signal::notch::{Notch, NotchState};
 use crate::units::SampleRate;
 
@@ -82,6 +84,8 @@ pub struct ForceEstimator {
     encoder_lines_1_m: [f64; 2],
     harmonic: Option<HarmonicEstimator>,
     learner: Option<StiffnessLearner>,
+    two_sides: Option<TwoSides>,
+    above_band: Option<AboveBand>,
     notches: Vec<(NotchCentre, Notch)>,
     speed_memory: f64,
     filter_delay_s: f64,
@@ -95,41 +99,6 @@ pub struct ForceState {
     beyond: Beyond,
 }
 
-/// State of what an axis has beyond its balance and a Butterworth low-pass.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Beyond {
-    linear_phase: Option<LinearPhaseState>,
-    harmonic: Option<HarmonicState>,
-    learned: LearnedStiffness,
-    notches: [NotchState; MAX_NOTCHES],
-    /// Speed of the axis, slowed down: what the notches follow.
-    speed_m_s: f64,
-}
-
-impl Keep for Beyond {
-    fn keep(&self, to: &mut Vec<u64>) {
-        let Self { linear_phase, harmonic, learned, notches, speed_m_s } = self;
-        if let Some(linear_phase) = linear_phase {
-            linear_phase.keep(to);
-        }
-        if let Some(harmonic) = harmonic {
-            harmonic.keep(to);
-        }
-        learned.keep(to);
-        notches.keep(to);
-        speed_m_s.keep(to);
-    }
-
-    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { linear_phase, harmonic, learned, notches, speed_m_s } = self;
-        linear_phase.as_mut().map_or(Some(()), |x| x.restore(from))?;
-        harmonic.as_mut().map_or(Some(()), |x| x.restore(from))?;
-        learned.restore(from)?;
-        notches.restore(from)?;
-        speed_m_s.restore(from)
-    }
-}
-
 /// The lane of an axis among its neighbours.
 pub(super) type InLane<'a, const L: usize> = (&'a LaneState<L>, usize);
 
@@ -140,6 +109,8 @@ pub(super) struct Underway {
     pub(super) flags: Validity,
     pub(super) motion: AlignedMotion,
     motor_m: f64,
+    /// Of this instant, also where the estimate is a window's.
+    aligned: Aligned,
 }
 
 impl ForceEstimator {
@@ -164,11 +135,16 @@ impl ForceEstimator {
         let alignment = Alignment::new(drive, rate, late_s)?;
         let filter = Filter::new(settings.low_pass, rate)?;
         let harmonic = harmonic_estimator(method, axis, &settings)?;
-        let learns = settings.learn_stiffness && method == Method::VibrationMode;
-        let ages = [alignment.motor, alignment.stage];
-        let learner = if learns { StiffnessLearner::new(axis, &balance, ages)? } else { None };
         let band_hz = filter.band_hz(settings.low_pass, rate);
-        let part = lane_part((method, &balance), axis, &settings, (&alignment, &filter));
+        let mut part = lane_part((method, &balance), axis, &settings, (&alignment, &filter));
+        let (learner, two_sides) = both_sides((method, &balance), axis, &settings, (&alignment, band_hz))?;
+        part.motor_side = learner.as_ref().map(StiffnessLearner::motor_force);
+        let usable_band_hz = usable_band_hz(method, axis, &settings, band_hz);
+        // A window has nothing above its last line.
+        let above_band = match harmonic {
+            None => AboveBand::new(usable_band_hz[1], band_hz, rate)?,
+            Some(_) => None,
+        };
         let mut estimator = Self {
             method,
             balance,
@@ -181,11 +157,13 @@ impl ForceEstimator {
             signals: axis.signals,
             noise_floor_n: 0.0,
             friction_bound_n: settings.friction_bound_n(drive),
-            usable_band_hz: usable_band_hz(method, axis, &settings, band_hz),
+            usable_band_hz,
             reach_hz: heard_up_to_hz(method, drive, &settings, band_hz),
             encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
             harmonic,
             learner,
+            two_sides,
+            above_band,
             notches: settings.design_notches(rate)?,
             // 20 Hz: fast enough for a feed that ramps, slow enough not to follow chatter.
             speed_memory: (-std::f64::consts::TAU * 20.0 / rate.hz()).exp(),
@@ -193,7 +171,15 @@ impl ForceEstimator {
             filter,
             rate,
         };
-        estimator.noise_floor_n = estimator.quantization_noise_n(drive);
+        estimator.noise_floor_n = match (method, settings.controller) {
+            // Steps reach the thrust through the loop alone.
+            (Method::Thrust, Some(controller)) => {
+                let steps_m = [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()];
+                let through = |hz| estimator.filter.gain(hz, rate);
+                ClosedLoop::new(axis, controller).step_noise_n(steps_m, rate, through)
+            }
+            _ => estimator.quantization_noise_n(drive),
+        };
         estimator.set_settling();
         Ok(estimator)
     }
@@ -223,6 +209,8 @@ impl ForceEstimator {
             linear_phase,
             harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
             learned: StiffnessLearner::settled(),
+            sides: SeenSides::default(),
+            above: SeenAbove::default(),
             notches: [NotchState::default(); MAX_NOTCHES],
             speed_m_s: 0.0,
         }
@@ -245,6 +233,8 @@ impl ForceEstimator {
             harmonic.settle(inner, first);
         }
         state.learned = StiffnessLearner::settled();
+        state.sides = SeenSides::default();
+        state.above = SeenAbove::default();
         state.notches = [NotchState::default(); MAX_NOTCHES];
         state.speed_m_s = 0.0;
     }
@@ -349,15 +339,26 @@ impl ForceEstimator {
             position_m: if self.part.by_motor { balance.motor_m[lane] } else { balance.stage_m[lane] },
         };
         let (force_n, flags) = (balance.raw_n[lane], balance.flags[lane]);
-        Underway { force_n, flags, motion, motor_m: balance.motor_m[lane] }
+        let aligned = Aligned {
+            thrust_n: motion.thrust_n,
+            inertia_n: balance.motor_side_n[lane],
+            friction: balance.turned[lane],
+            motor_m: balance.motor_m[lane],
+            motor_velocity_m_s: motion.motor_velocity_m_s,
+            stage_m: balance.stage_m[lane],
+            stage_velocity_m_s: motion.stage_velocity_m_s,
+        };
+        Underway { force_n, flags, motion, motor_m: aligned.motor_m, aligned }
     }
 
     /// Whether anything but balance and Butterworth low-pass makes the estimate.
+    #[inline]
     pub(super) fn has_beyond(&self) -> bool {
         matches!(self.filter, Filter::LinearPhase(_))
             || self.physics.is_some()
             || self.harmonic.is_some()
             || self.learner.is_some()
+            || self.above_band.is_some()
             || self.idle_map.is_some()
             || !self.notches.is_empty()
     }
@@ -385,13 +386,18 @@ impl ForceEstimator {
             }
             _ => now.force_n -= self.physics_n(now),
         }
-        now.force_n += self.learned_n(state, &now.motion, lanes);
+        self.compare_sides(state, now, lanes);
         if let Some(map) = &self.idle_map {
             let velocity_m_s = self.travel_velocity_m_s(&now.motion);
             let moves = velocity_m_s.abs() >= self.part.law.still_m_s;
             let known_n = map.disturbance_n(now.motion.position_m, velocity_m_s);
             now.flags |= Validity::when(moves && known_n.is_none(), Validity::EXTRAPOLATED);
             now.force_n -= known_n.unwrap_or(0.0);
+        }
+        if let Some(above_band) = &self.above_band {
+            let counts = !now.flags.shares(Validity::SETTLING | Validity::SIGNAL_MISSING);
+            let above = above_band.step(&mut state.above, now.force_n, (self.noise_floor_n, counts));
+            now.flags |= Validity::when(above, Validity::FORCE_ABOVE_BAND);
         }
         now.force_n = self.notch(state, now.force_n, &now.motion);
     }
@@ -410,18 +416,39 @@ impl ForceEstimator {
         }
     }
 
-    /// What the stiffness learned while cutting adds.
+    /// Both sides of the axis: adds what the stiffness learned while cutting makes, flags what they
+    /// contradict.
     #[inline]
-    fn learned_n<const L: usize>(
+    fn compare_sides<const L: usize>(
         &self,
         state: &mut Beyond,
-        motion: &AlignedMotion,
+        now: &mut Underway,
         (lanes, lane): InLane<'_, L>,
-    ) -> f64 {
-        let Some(learner) = &self.learner else { return 0.0 };
-        let told = (motion.thrust_n, motion.motor_velocity_m_s);
-        let apply = |side, stencil: &Stencil| lanes.apply(side, lane, stencil);
-        learner.step(&mut state.learned, told, apply, !lanes.is_missing(lane))
+    ) {
+        let Some(learner) = &self.learner else { return };
+        if let Some(physics) = &self.physics {
+            let (motor_m, motor_m_s) = (now.aligned.motor_m, now.aligned.motor_velocity_m_s);
+            now.aligned.thrust_n -= physics.motor_n(motor_m, motor_m_s);
+        }
+        let learned = &mut state.learned;
+        now.force_n += learner.added_n(learned, &now.aligned);
+        let seen_n = learner.step(learned, (&now.aligned, now.force_n), !lanes.is_missing(lane));
+        let Some(two_sides) = &self.two_sides else { return };
+        if let Some(seen_n) = seen_n.filter(|_| learner.counts(learned)) {
+            two_sides.step(&mut state.sides, seen_n, StiffnessLearner::learned(learned));
+        }
+        now.flags |= Validity::when(state.sides.is_large(), Validity::MODE_OUTSIDE_MODEL);
+    }
+
+    /// What both sides of the axis say of the estimate; `None` where they are not compared (one encoder, a
+    /// rigid axis, a low-pass on one side alone, a method without the motor's motion) or not yet.
+    pub(super) fn mismatch(&self, state: &Beyond) -> Option<Mismatch> {
+        self.two_sides.as_ref()?.mismatch(&state.sides, StiffnessLearner::learned(&state.learned))
+    }
+
+    /// What both sides contradict each other by, whatever the method makes of it, N rms.
+    pub(super) fn contradiction_n(&self, state: &ForceState) -> f64 {
+        self.two_sides.as_ref().map_or(0.0, |sides| sides.contradiction_n(&state.beyond.sides))
     }
 
     /// Stiffness in use over that of the model, where it is learned.
@@ -432,7 +459,7 @@ impl ForceEstimator {
 
     /// The same of a state beyond its lane.
     pub(super) fn learned_ratio(&self, state: &Beyond) -> Option<f64> {
-        self.learner.as_ref().map(|_| StiffnessLearner::ratio(&state.learned))
+        self.learner.as_ref()?.ratio_in_use(&state.learned)
     }
 
     /// The sample as it would be without saturation of the torque and periodic errors of the encoders.

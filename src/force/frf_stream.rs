@@ -255,8 +255,9 @@ impl FrfStream {
     }
 }
 
-/// A whole recording through the stream, without its delay. Before the start and after the end the
-/// signal is continued by whole turns of the spindle, so that the ends do not ring.
+/// A whole recording through the stream, without its delay, each row with the flags of its own instant.
+/// Before the start and after the end the signal is continued by whole turns of the spindle, so that the
+/// ends do not ring and nothing settles.
 ///
 /// Errors: as [`FrfStream::new`].
 pub fn force_of_recording(
@@ -264,7 +265,7 @@ pub fn force_of_recording(
     rate: SampleRate,
     accel: &[AccelSample],
     speed_rpm: &[f64],
-) -> Result<Vec<f64>, FrfError> {
+) -> Result<Vec<ForceEstimate>, FrfError> {
     let mut stream = FrfStream::new(estimator.clone(), rate)?;
     let n = accel.len();
     let (Some(first_rpm), Some(last_rpm)) = (speed_rpm.first(), speed_rpm.last()) else {
@@ -287,10 +288,11 @@ pub fn force_of_recording(
     let first = -2 * (stream.half as isize);
     for i in first..(n + stream.delay_samples() + stream.block) as isize {
         let k = at(i);
-        let f = stream.step(Some(accel[k]), speed_rpm.get(k).copied().unwrap_or(0.0)).force_n;
+        let mut estimate = stream.step(Some(accel[k]), speed_rpm.get(k).copied().unwrap_or(0.0));
         let belongs_to = i - stream.delay_samples() as isize;
         if (0..n as isize).contains(&belongs_to) {
-            force.push(f);
+            estimate.flags = estimate.flags.without(Validity::SETTLING);
+            force.push(estimate);
         }
     }
     Ok(force)

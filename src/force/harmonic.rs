@@ -13,8 +13,9 @@ use super::signals::measured_balance;
 use super::validity::Validity;
 use crate::plant::machine::Controller;
 use crate::signal::harmonic_fit::{
-    HarmonicBasis, HarmonicDesign, HarmonicFitError, LONGEST_WINDOW, LongLine,
+    HarmonicBasis, HarmonicDesign, HarmonicFitError, LONGEST_WINDOW, USUAL_UNKNOWNS,
 };
+use crate::signal::sliding_fit::{SlidingBasis, SlidingFit};
 use crate::units::SampleRate;
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -126,6 +127,8 @@ pub struct HarmonicEstimator {
     /// Weights in the making, and the lag that they will have.
     design: HarmonicDesign,
     next_lag_samples: usize,
+    /// What encoder steps make of the lines through the loop, for those weights, N rms a line (`spectral`).
+    next_line_noise_n: f64,
     friction_smoothing_m_s: f64,
     /// Encoder steps of motor and stage as travel, m.
     steps_m: [f64; 2],
@@ -149,13 +152,21 @@ const LINES: usize = 1;
 /// On the position: the motion of the window as a whole (`spectral`).
 const VELOCITY: usize = 2;
 
-/// Weights for one spindle speed, oldest sample first.
+/// Signals under the window.
+const CURRENT: usize = 0;
+const MOTOR_TRAVEL: usize = 1;
+const STAGE_POSITION: usize = 2;
+
+/// Functionals of the window for one spindle speed, as coefficients of its inner products.
 #[derive(Debug, Clone, PartialEq)]
 struct Windows {
-    weights: [Vec<f64>; FUNCTIONALS],
+    coefficients: [Vec<f64>; FUNCTIONALS],
+    energies: [f64; FUNCTIONALS],
+    basis: SlidingBasis,
     condition: f64,
     lag_samples: usize,
     samples: usize,
+    line_noise_n: f64,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -196,13 +207,15 @@ impl Fitted {
     }
 
     fn step(&self, state: &mut HarmonicState, windows: &Windows, friction_smoothing_m_s: f64) -> Windowed {
-        let side = |line: &LongLine, first: usize| [0, 1, 2].map(|k| line.apply(&windows.weights[first + k]));
-        let [motor_n, motor_m, motor_m_s] = side(&state.motor, MOTOR);
-        let [stage_n, stage_m, stage_m_s] = side(&state.stage, STAGE);
+        let side = |signal: usize, first: usize| {
+            [0, 1, 2].map(|k| state.fit.apply(signal, &windows.coefficients[first + k]))
+        };
+        let [motor_n, motor_m, motor_m_s] = side(MOTOR_TRAVEL, MOTOR);
+        let [stage_n, stage_m, stage_m_s] = side(STAGE_POSITION, STAGE);
         state.presliding = self.presliding.step::<false>(state.presliding, stage_m);
         let share = state.presliding.share;
         let motion = AlignedMotion {
-            thrust_n: state.current.apply(&windows.weights[0]),
+            thrust_n: state.fit.apply(CURRENT, &windows.coefficients[0]),
             motor_velocity_m_s: motor_m_s,
             stage_velocity_m_s: stage_m_s,
             position_m: if self.signals == Signals::MotorOnly { motor_m } else { stage_m },
@@ -241,6 +254,21 @@ impl Spectral {
         (basis.half_window as f64 - at) as usize
     }
 
+    /// What rounding to encoder steps makes of a line of the force, as white noise of the thrust would have
+    /// to be, N: the mean over the lines of q^2/12 |u/e|^2 / |u/F|^2, the noise being even across a line.
+    /// Checked by: force_flags::encoder_steps_reach_the_thrust_through_the_loop.
+    fn line_noise_n(&self, steps_m: [f64; 2], basis: HarmonicBasis) -> f64 {
+        let line_hz = basis.fundamental_rad * self.rate_hz / TAU;
+        let noise_n2 = |i: usize| {
+            let hz = i as f64 * line_hz;
+            let reading = self.closed_loop.thrust_per_reading(hz);
+            let pairs = reading.iter().zip(steps_m);
+            let power: f64 = pairs.map(|(u, step_m)| u.norm_sqr() * step_m * step_m / 12.0).sum();
+            power / self.closed_loop.thrust_per_cutting(hz).norm_sqr()
+        };
+        ((1..=basis.harmonics).map(noise_n2).sum::<f64>() / basis.harmonics as f64).sqrt()
+    }
+
     /// On an axis that stands still the friction holds the force: what shows in the thrust, through the
     /// inverse of the closed loop, is what is beyond friction, u/G = F_cut - F_friction, so friction is added
     /// to that amplitude. Where the guideway does not slide (the axis moves by less than the travel over
@@ -250,13 +278,13 @@ impl Spectral {
     /// of the thrust hold it: flagged.
     /// Checked by: force::a_stopped_axis_adds_friction_to_the_corrected_amplitude.
     fn step(&self, state: &mut HarmonicState, windows: &Windows, still_m_s: f64) -> Windowed {
-        let (weights, half_window) = (&windows.weights, windows.samples / 2);
-        let force_n = state.current.apply(&weights[FORCE]);
+        let (coefficients, half_window) = (&windows.coefficients, windows.samples / 2);
+        let force_n = state.fit.apply(CURRENT, &coefficients[FORCE]);
         let amplitude_n = state.force_peak.step(force_n, half_window);
-        let position = if self.uses_stage { &state.stage } else { &state.motor };
-        let speed_m_s = position.apply(&weights[VELOCITY]).abs();
+        let position = if self.uses_stage { STAGE_POSITION } else { MOTOR_TRAVEL };
+        let speed_m_s = state.fit.apply(position, &coefficients[VELOCITY]).abs();
         let with = |force_n, flags| Windowed { force_n, flags, motion: None };
-        let lines_m = position.apply(&weights[LINES]);
+        let lines_m = state.fit.apply(position, &coefficients[LINES]);
         let travel_m = state.travel_peak.step(lines_m, half_window);
         let vibration_m_s = (lines_m - state.last_lines_m).abs() * self.rate_hz;
         let fastest_m_s = state.speed_peak.step(vibration_m_s, half_window);
@@ -287,9 +315,7 @@ pub struct Windowed {
 /// State of a [`HarmonicEstimator`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct HarmonicState {
-    current: LongLine,
-    motor: LongLine,
-    stage: LongLine,
+    fit: SlidingFit<3>,
     current_n: f64,
     last_ref_n: f64,
     presliding: PreslidingState,
@@ -300,9 +326,7 @@ pub struct HarmonicState {
 }
 
 crate::keyframe::keep!(HarmonicState {
-    current,
-    motor,
-    stage,
+    fit,
     current_n,
     last_ref_n,
     presliding,
@@ -381,19 +405,22 @@ impl HarmonicEstimator {
             Kind::Fitted(_) => FUNCTIONALS,
             Kind::Spectral(_) => 3,
         };
-        let memory = |k: usize| Vec::with_capacity(if k < functionals { LONGEST_WINDOW } else { 0 });
         let mut made = Self {
             kind,
             settings: *settings,
             rate: axis.rate,
             windows: Windows {
-                weights: std::array::from_fn(memory),
+                coefficients: std::array::from_fn(|_| Vec::with_capacity(USUAL_UNKNOWNS)),
+                energies: [0.0; FUNCTIONALS],
+                basis: SlidingBasis::default(),
                 condition: f64::INFINITY,
                 lag_samples: 0,
                 samples: 0,
+                line_noise_n: 0.0,
             },
             design: HarmonicDesign::new(functionals),
             next_lag_samples: 0,
+            next_line_noise_n: 0.0,
             friction_smoothing_m_s: axis.drive.friction_smoothing_m_s(),
             steps_m: [axis.drive.motor_encoder_resolution_m(), axis.drive.stage_encoder_resolution_m()],
         };
@@ -412,7 +439,10 @@ impl HarmonicEstimator {
         let (reading, rate) = (self.settings.reading, self.rate);
         self.next_lag_samples = match &self.kind {
             Kind::Fitted(fitted) => fitted.describe(reading, rate, &mut self.design),
-            Kind::Spectral(spectral) => spectral.describe(reading, rate, &mut self.design),
+            Kind::Spectral(spectral) => {
+                self.next_line_noise_n = spectral.line_noise_n(self.steps_m, self.settings.basis(rate));
+                spectral.describe(reading, rate, &mut self.design)
+            }
         };
         Ok(())
     }
@@ -423,12 +453,17 @@ impl HarmonicEstimator {
         if !self.design.advance(multiplications)? {
             return Ok(false);
         }
-        for (k, weights) in self.windows.weights.iter_mut().enumerate().take(self.design.functionals()) {
-            self.design.exchange(k, weights);
+        for k in 0..self.design.functionals() {
+            let coefficients = &mut self.windows.coefficients[k];
+            coefficients.clear();
+            coefficients.extend_from_slice(self.design.coefficients(k));
+            self.windows.energies[k] = self.design.energy(k);
         }
+        self.windows.basis.begin(self.settings.basis(self.rate));
         self.windows.condition = self.design.condition();
         self.windows.samples = self.design.samples();
         self.windows.lag_samples = self.next_lag_samples;
+        self.windows.line_noise_n = self.next_line_noise_n;
         Ok(true)
     }
 
@@ -445,11 +480,8 @@ impl HarmonicEstimator {
     /// State settled on a first sample, with memory for the longest window.
     #[must_use]
     pub fn settled(&self, first: &MotionSample) -> HarmonicState {
-        let line = || LongLine::roomy(1, 0.0);
         let mut state = HarmonicState {
-            current: line(),
-            motor: line(),
-            stage: line(),
+            fit: SlidingFit::default(),
             current_n: 0.0,
             last_ref_n: 0.0,
             presliding: Presliding::settled(0.0),
@@ -464,11 +496,8 @@ impl HarmonicEstimator {
 
     /// Settles a state anew. No allocation.
     pub fn settle(&self, state: &mut HarmonicState, first: &MotionSample) {
-        let samples = self.windows.samples;
         let (motor_m, stage_m) = (first.motor_travel_m.unwrap_or(0.0), first.stage_position_m.unwrap_or(0.0));
-        state.current.refill(samples, first.thrust_ref_n);
-        state.motor.refill(samples, motor_m);
-        state.stage.refill(samples, stage_m);
+        state.fit.settle(&self.windows.basis, [first.thrust_ref_n, motor_m, stage_m]);
         (state.current_n, state.last_ref_n) = (first.thrust_ref_n, first.thrust_ref_n);
         state.presliding = Presliding::settled(stage_m);
         state.force_peak = PeakHold::default();
@@ -476,7 +505,7 @@ impl HarmonicEstimator {
         state.last_lines_m = 0.0;
     }
 
-    /// One sample. Cost: six weights a sample of the window at most; no allocation.
+    /// One sample. Cost: in proportion to the harmonics, whatever the length of the window; no allocation.
     #[must_use]
     pub fn step(&self, state: &mut HarmonicState, sample: &MotionSample) -> Windowed {
         let memory = match &self.kind {
@@ -489,9 +518,9 @@ impl HarmonicEstimator {
             memory * (state.current_n - state.last_ref_n) + state.last_ref_n
         };
         state.last_ref_n = sample.thrust_ref_n;
-        state.current.push(state.current_n);
-        state.motor.push(sample.motor_travel_m.unwrap_or_else(|| state.motor.last()));
-        state.stage.push(sample.stage_position_m.unwrap_or_else(|| state.stage.last()));
+        let motor_m = sample.motor_travel_m.unwrap_or_else(|| state.fit.last(MOTOR_TRAVEL));
+        let stage_m = sample.stage_position_m.unwrap_or_else(|| state.fit.last(STAGE_POSITION));
+        state.fit.step(&self.windows.basis, [state.current_n, motor_m, stage_m]);
         let ill = Validity::when(self.windows.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
         let windowed = match &self.kind {
             Kind::Fitted(fitted) => fitted.step(state, &self.windows, self.friction_smoothing_m_s),
@@ -527,11 +556,12 @@ impl HarmonicEstimator {
         self.windows.condition
     }
 
-    /// Standard deviation that the encoders' steps cause, N: sigma^2 = sum over sides of q^2/12 w . w.
+    /// Standard deviation that the encoders' steps cause before the low-pass, N: sigma^2 = sum q^2/12 w . w;
+    /// `spectral`: sigma^2 = sigma_line^2 w . w, w the weights of the lines as they are.
     #[must_use]
     pub(super) fn noise_floor_n(&self) -> f64 {
-        let Kind::Fitted(_) = self.kind else { return 0.0 };
-        let norm = |k: usize| self.windows.weights[k].iter().map(|x| x * x).sum::<f64>().sqrt();
+        let norm = |k: usize| self.windows.energies[k].sqrt();
+        let Kind::Fitted(_) = self.kind else { return self.windows.line_noise_n * norm(LINES) };
         (norm(MOTOR) * self.steps_m[0]).hypot(norm(STAGE) * self.steps_m[1]) / 12f64.sqrt()
     }
 }

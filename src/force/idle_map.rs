@@ -17,6 +17,7 @@ pub struct IdleMap {
     backward: Cells,
     slow_m_s: f64,
     runs: usize,
+    contradiction_n: f64,
 }
 
 /// The cells that one direction of travel came by.
@@ -33,7 +34,7 @@ impl std::fmt::Debug for IdleMap {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let mut digest = Digest::default();
         let firsts = [&self.forward, &self.backward].map(|cells| cells.first as f64);
-        let head = [self.start_m, self.cell_m, self.slow_m_s, firsts[0], firsts[1]];
+        let head = [self.start_m, self.cell_m, self.slow_m_s, firsts[0], firsts[1], self.contradiction_n];
         let all = head.iter().chain(&self.forward.mean_n).chain(&self.backward.mean_n);
         all.for_each(|x| digest.word(x.to_bits()));
         f.debug_struct("IdleMap").field("runs", &self.runs).field("digest", &digest.value()).finish()
@@ -96,6 +97,7 @@ impl IdleMap {
             backward: average(-1.0),
             slow_m_s,
             runs: runs.len(),
+            contradiction_n: 0.0,
         })
     }
 
@@ -118,6 +120,19 @@ impl IdleMap {
         let index = (at as usize).min(last.saturating_sub(1));
         let share = at - index as f64;
         Some(cells.mean_n[index] * (1.0 - share) + cells.mean_n[(index + 1).min(last)] * share)
+    }
+
+    /// With what motor side and stretch contradicted each other by in the idle runs, N rms.
+    #[must_use]
+    pub fn with_contradiction(self, contradiction_n: f64) -> Self {
+        Self { contradiction_n, ..self }
+    }
+
+    /// What motor side and stretch contradicted each other by in the idle runs, N rms; see
+    /// [`super::two_sides`].
+    #[must_use]
+    pub fn contradiction_n(&self) -> f64 {
+        self.contradiction_n
     }
 
     /// How many runs it was made from.

@@ -94,11 +94,4 @@ impl<const L: usize> LaneLine<L> {
         }
         sums
     }
-
-    /// Sum of one lane's stencil.
-    #[inline]
-    pub(super) fn apply_lane(&self, lane: usize, stencil: &Stencil) -> f64 {
-        let values = self.values[self.head + stencil.youngest..].iter();
-        stencil.weights.iter().zip(values).map(|(w, x)| w * x[lane]).sum()
-    }
 }

@@ -21,6 +21,8 @@ pub(super) struct LanePart {
     /// Force, velocity, position.
     pub(super) motor: [Stencil; 3],
     pub(super) stage: [Stencil; 3],
+    /// Inertia and damping of the motor alone, where both sides are compared.
+    pub(super) motor_side: Option<Stencil>,
     /// Force, where the balance has a third position.
     pub(super) nut: Option<Stencil>,
     /// Factor of the thrust.
@@ -95,6 +97,7 @@ pub(super) fn lane_part(
         current: stencils(alignment.current, period_s)[0],
         motor: side(alignment.motor, balance.motor.as_array()),
         stage: side(alignment.stage, balance.stage.as_array()),
+        motor_side: None,
         // The screw's encoder is taken to be as late as the stage's.
         nut: balance.needs_nut().then(|| side(alignment.stage, balance.nut.as_array())[0]),
         thrust: balance.thrust,

@@ -94,6 +94,7 @@ pub(super) struct LaneDesign<const L: usize> {
     current: LaneStencils<L, 1>,
     motor: LaneStencils<L, 3>,
     stage: LaneStencils<L, 3>,
+    motor_side: LaneStencils<L, 1>,
     nut: LaneStencils<L, 1>,
     thrust: [f64; L],
     motor_friction_n: [f64; L],
@@ -195,6 +196,10 @@ pub(super) struct LaneMotion<const L: usize> {
     pub(super) motor_m: [f64; L],
     pub(super) stage_velocity_m_s: [f64; L],
     pub(super) stage_m: [f64; L],
+    /// Inertia and damping of the motor, where both sides are compared.
+    pub(super) motor_side_n: [f64; L],
+    /// Share of the motor's friction.
+    pub(super) turned: [f64; L],
     pub(super) flags: [Validity; L],
 }
 
@@ -227,6 +232,7 @@ impl<const L: usize> LaneDesign<L> {
             current: one(&|p| Some(p.current)),
             motor: three(&|p| p.motor),
             stage: three(&|p| p.stage),
+            motor_side: one(&|p| p.motor_side),
             nut: one(&|p| p.nut),
             thrust: of(&|p| p.thrust),
             motor_friction_n: of(&|p| p.motor_friction_n),
@@ -325,13 +331,6 @@ impl<const L: usize> LaneDesign<L> {
 }
 
 impl<const L: usize> LaneState<L> {
-    /// Sum of a stencil's weights times the samples of one lane: motor (0) or stage (1).
-    #[inline]
-    pub(super) fn apply(&self, side: usize, lane: usize, stencil: &Stencil) -> f64 {
-        let line = if side == 0 { &self.motor } else { &self.stage };
-        line.apply_lane(lane, stencil)
-    }
-
     /// Whether a held value rings in the estimate of a lane.
     #[inline]
     pub(super) fn is_missing(&self, lane: usize) -> bool {
@@ -375,6 +374,10 @@ impl<const L: usize> Kernel for Balance<'_, L> {
             s.nut.push(s.input.nut_m);
             [nut_n] = s.nut.apply::<1, FUSED>(&d.nut);
         }
+        let mut motor_side_n = [0.0; L];
+        if !d.motor_side.is_empty() {
+            [motor_side_n] = s.motor.apply::<1, FUSED>(&d.motor_side);
+        }
         let (mut slip_m, mut share) = (s.slip_m, s.share);
         for lane in 0..L {
             let law = Presliding { per_travel_1_m: d.per_travel_1_m[lane], play_m: d.play_m[lane] };
@@ -383,11 +386,12 @@ impl<const L: usize> Kernel for Balance<'_, L> {
             (slip_m[lane], share[lane]) = (slip.position_m, slip.share);
         }
         (s.slip_m, s.share) = (slip_m, share);
-        let mut raw_n = [0.0; L];
+        let (mut raw_n, mut turned) = ([0.0; L], [0.0; L]);
         for lane in 0..L {
-            let turned = rational_tanh::<FUSED>(motor_velocity_m_s[lane] * d.smoothing_s_m[lane]);
+            turned[lane] = rational_tanh::<FUSED>(motor_velocity_m_s[lane] * d.smoothing_s_m[lane]);
             let stage_n = stage_n[lane] - d.stage_friction_n[lane] * share[lane];
-            let sides_n = multiply_add::<FUSED>(-d.motor_friction_n[lane], turned, stage_n + nut_n[lane]);
+            let sides_n =
+                multiply_add::<FUSED>(-d.motor_friction_n[lane], turned[lane], stage_n + nut_n[lane]);
             raw_n[lane] = multiply_add::<FUSED>(d.thrust[lane], thrust_n[lane], motor_n[lane]) + sides_n;
         }
         let (mut seen, mut missing, absent) = (s.seen, s.missing, s.input.absent);
@@ -414,7 +418,17 @@ impl<const L: usize> Kernel for Balance<'_, L> {
                 | Validity::when(missing[lane] > 0.0, Validity::SIGNAL_MISSING)
                 | Validity::when(seen[lane] < d.settling[lane], Validity::SETTLING);
         }
-        LaneMotion { raw_n, thrust_n, motor_velocity_m_s, motor_m, stage_velocity_m_s, stage_m, flags }
+        LaneMotion {
+            raw_n,
+            thrust_n,
+            motor_velocity_m_s,
+            motor_m,
+            stage_velocity_m_s,
+            stage_m,
+            motor_side_n,
+            turned,
+            flags,
+        }
     }
 }
 

@@ -12,9 +12,11 @@
 //!
 //! It does not know what chatter is, and it never reads a simulated truth.
 
+mod above_band;
 pub mod alignment;
 pub mod balance;
 mod band;
+mod beyond;
 pub mod budget;
 pub mod closed_loop;
 pub mod disagreement;
@@ -40,4 +42,6 @@ pub mod settings;
 pub mod signals;
 pub mod stiffness;
 mod stiffness_learner;
+mod thinned;
+pub mod two_sides;
 pub mod validity;

@@ -6,11 +6,13 @@
 //!       `-accelerations--> FrfStream
 //! ```
 
-use super::estimator::{Beyond, ForceError, ForceEstimate, ForceEstimator, MotionSample, Underway};
+use super::beyond::Beyond;
+use super::estimator::{ForceError, ForceEstimate, ForceEstimator, MotionSample, Underway};
 use super::follow::Follow;
 use super::frf_stream::FrfStream;
 use super::lanes::{LaneDesign, LaneMotion, LaneState};
 use super::observer::{ForcePlan, ServoPlan};
+use super::two_sides::Mismatch;
 use super::validity::Validity;
 use crate::keyframe::{Keep, Words};
 use crate::units::SampleRate;
@@ -76,6 +78,13 @@ impl AxisObserver {
     pub fn learned_stiffness_ratio(&self) -> Option<f64> {
         let servo = self.servo()?;
         servo.estimator.learned_ratio(servo.beyond.as_ref()?)
+    }
+
+    /// What both sides of the axis say of the estimate, where they are compared.
+    #[must_use]
+    pub fn mismatch(&self) -> Option<Mismatch> {
+        let servo = self.servo()?;
+        servo.estimator.mismatch(servo.beyond.as_ref()?)
     }
 
     /// Condition number of the window of spindle harmonics, or of the fit behind an estimator of

@@ -22,23 +22,37 @@ pub fn estimate_run(estimator: &ForceEstimator, samples: &[MotionSample]) -> Vec
 /// Each force is put where the axis was when it acted. `None` where no run moves.
 #[must_use]
 pub fn idle_map(bare: &ForceEstimator, runs: &[Vec<MotionSample>]) -> Option<IdleMap> {
-    let points: Vec<Vec<IdlePoint>> = runs.iter().map(|run| idle_points(bare, run)).collect();
-    IdleMap::from_runs(&points)
+    let (points, contradictions): (Vec<_>, Vec<_>) = runs.iter().map(|run| idle_points(bare, run)).unzip();
+    let mut contradictions: Vec<f64> = contradictions.into_iter().flatten().collect();
+    contradictions.sort_by(f64::total_cmp);
+    let median_n = contradictions.get(contradictions.len() / 2).copied().unwrap_or(0.0);
+    Some(IdleMap::from_runs(&points)?.with_contradiction(median_n))
 }
 
-fn idle_points(bare: &ForceEstimator, samples: &[MotionSample]) -> Vec<IdlePoint> {
-    let Some(first) = samples.first() else { return Vec::new() };
+/// Where the disturbance was, and what both sides of the axis contradicted each other by meanwhile, N rms.
+fn idle_points(bare: &ForceEstimator, samples: &[MotionSample]) -> (Vec<IdlePoint>, Vec<f64>) {
+    let Some(first) = samples.first() else { return (Vec::new(), Vec::new()) };
     let mut state = bare.settled(first);
-    let steps: Vec<_> = samples.iter().map(|s| bare.step_with_motion(&mut state, s)).collect();
+    let mut contradictions = Vec::new();
+    let steps: Vec<_> = samples
+        .iter()
+        .map(|sample| {
+            let step = bare.step_with_motion(&mut state, sample);
+            let contradiction_n = bare.contradiction_n(&state);
+            contradictions.extend((contradiction_n > 0.0).then_some(contradiction_n));
+            step
+        })
+        .collect();
     let late = bare.filter_delay_samples();
     let skip = bare.settling_samples();
-    (skip..steps.len().saturating_sub(late))
+    let points = (skip..steps.len().saturating_sub(late))
         .map(|i| IdlePoint {
             position_m: steps[i].1.position_m,
             velocity_m_s: bare.travel_velocity_m_s(&steps[i].1),
             force_n: steps[i + late].0.force_n,
         })
-        .collect()
+        .collect();
+    (points, contradictions)
 }
 
 /// Compares both ways to the axial force below a quarter of the first resonance, idle runs taken off.
@@ -59,7 +73,7 @@ pub fn stiffness_of_runs(
     let low_pass = LowPass::LinearPhase { pass_hz, width_hz: pass_hz / 2.0 };
     let mut sides = Vec::with_capacity(2);
     for balance in [motor_side_balance(axis.drive), stretch_balance(axis.drive)] {
-        let mut settings = ForceSettings { low_pass, ..ForceSettings::default() };
+        let mut settings = ForceSettings { low_pass, compare_sides: false, ..ForceSettings::default() };
         if !idles.is_empty() {
             let bare = ForceEstimator::from_balance(Method::Medob, balance, axis, settings.clone())?;
             settings.idle_map = idle_map(&bare, idles);

@@ -101,6 +101,8 @@ pub struct ForceSettings {
     /// The axial stiffness is learned while the axis cuts (`vibration_mode` of two inertias with both
     /// encoders; the others have no use for it).
     pub learn_stiffness: bool,
+    /// The force in the coupling known from both sides is compared; see [`super::two_sides`].
+    pub compare_sides: bool,
 }
 
 impl ForceSettings {
@@ -133,6 +135,7 @@ impl Default for ForceSettings {
             unmodelled_modes_hz: Vec::new(),
             drive_filter: None,
             learn_stiffness: false,
+            compare_sides: true,
         }
     }
 }
@@ -196,6 +199,18 @@ impl Filter {
                 let length = input.len() + 4 * self.memory_samples(rate);
                 (0..length).map(|i| f.step(&mut state, at(i)).powi(2)).sum()
             }
+        }
+    }
+
+    /// Gain at a frequency.
+    pub(super) fn gain(&self, frequency_hz: f64, rate: SampleRate) -> f64 {
+        match self {
+            Filter::Butterworth(f) => {
+                let (re, im) = f.response(frequency_hz);
+                re.hypot(im)
+            }
+            Filter::LinearPhase(f) => f.gain(frequency_hz, rate),
+            Filter::None => 1.0,
         }
     }
 

@@ -21,17 +21,19 @@ use super::balance::ForceBalance;
 use super::estimator::{AxisSignals, Signals};
 use super::response::Chain;
 use super::stiffness::{motor_side_balance, stretch_balance};
+use super::thinned::{SeenThinned, Thinned};
 use crate::plant::drive::Structure;
 use crate::signal::FilterError;
 use crate::signal::butterworth::{Butterworth, ButterworthState, Pass};
 use crate::signal::finite_difference::{Stencil, stencils};
 use std::f64::consts::TAU;
 
-const HIGH_PASS_HZ: f64 = 5.0;
+/// Below this neither side is compared.
+pub(super) const HIGH_PASS_HZ: f64 = 5.0;
 /// Below this the estimate keeps the stiffness of the model.
 const MEAN_HZ: f64 = 1.0;
 /// Memory of the mean squares.
-const MEMORY_S: f64 = 2.0;
+pub(super) const MEMORY_S: f64 = 2.0;
 /// Time in which the stiffness in use follows what is seen.
 const FOLLOW_S: f64 = 0.3;
 /// Least time that must have been seen.
@@ -39,33 +41,51 @@ const LEAST_S: f64 = 0.5;
 const LEAST_STRETCH_M: f64 = 12e-9;
 const LEAST_STEPS: f64 = 3.0;
 const LEAST_R_SQUARED: f64 = 0.995;
-const BELIEVED: std::ops::RangeInclusive<f64> = 0.8..=1.25;
+/// Stiffness over the model's that can be.
+pub(super) const BELIEVED: std::ops::RangeInclusive<f64> = 0.8..=1.25;
+
+/// Motion of an instant as the comparison needs it, aligned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Aligned {
+    pub(super) thrust_n: f64,
+    /// M_r and C_r parts of the motor side.
+    pub(super) inertia_n: f64,
+    /// Share of the motor's friction at its speed, -1 to 1.
+    pub(super) friction: f64,
+    pub(super) motor_m: f64,
+    pub(super) motor_velocity_m_s: f64,
+    pub(super) stage_m: f64,
+    pub(super) stage_velocity_m_s: f64,
+}
 
 /// Design; immutable.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct StiffnessLearner {
     motor_force: Stencil,
-    motor_stretch: Stencil,
-    stage_stretch: Stencil,
-    motor_position: Stencil,
-    stage_position: Stencil,
     motor_friction_n: f64,
-    friction_smoothing_m_s: f64,
-    band: [Butterworth; 2],
+    /// Stiffness and damping of the coupling, N/m and N s/m.
+    stretch: [f64; 2],
+    /// Weights of a - b over the lines of motor and stage.
+    contradiction: [Stencil; 2],
+    thinned: Thinned,
+    low: Butterworth,
     above_mean: Butterworth,
     /// Position factors of the balance that is corrected, N/m.
     position_n_m: [f64; 2],
     least_square_n2: f64,
     forget: f64,
     follow: f64,
-    /// Samples before which nothing is learned: filters, then enough of a mean.
+    /// Whether what is learned goes into the estimate; it is learned for [`super::two_sides`] all the same.
+    applies: bool,
+    /// Thinned samples before which nothing is learned: filters, then enough of a mean.
     warm_up: [u32; 2],
 }
 
 /// What has been learned; a clone is a keyframe.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct LearnedStiffness {
-    band: [[ButterworthState; 2]; 2],
+    thinned: SeenThinned,
+    low: [ButterworthState; 2],
     motor2: f64,
     both: f64,
     stretch2: f64,
@@ -73,11 +93,14 @@ pub(super) struct LearnedStiffness {
     above_mean: ButterworthState,
     ratio: f64,
     begun: bool,
+    /// Whether any was learned.
+    learned: bool,
     seen: u32,
 }
 
 crate::keyframe::keep!(LearnedStiffness {
-    band,
+    thinned,
+    low,
     motor2,
     both,
     stretch2,
@@ -85,49 +108,54 @@ crate::keyframe::keep!(LearnedStiffness {
     above_mean,
     ratio,
     begun,
+    learned,
     seen
 });
 
 impl StiffnessLearner {
-    /// Ages of both encoders in samples. `None`: not two inertias with both encoders. Errors: a rate too low
-    /// for the band.
+    /// Ages of both encoders in samples; upper end of the band, Hz; whether what is learned goes into the
+    /// estimate. `None`: not a flexible axis with two encoders. Errors: a rate too low for the band.
     pub(super) fn new(
         axis: &AxisSignals<'_>,
         balance: &ForceBalance,
-        [motor_age, stage_age]: [f64; 2],
+        ([motor_age, stage_age], band_hz, applies): ([f64; 2], f64, bool),
     ) -> Result<Option<Self>, FilterError> {
-        if axis.signals != Signals::Both || axis.drive.structure() != Structure::DualInertia {
+        if axis.signals != Signals::Both || axis.drive.structure() == Structure::Rigid {
             return Ok(None);
         }
         let (drive, rate) = (axis.drive, axis.rate);
         let resonance_hz = Chain::of_drive(drive).modes().frequencies_hz.get(1).copied().unwrap_or(0.0);
         let motor_kg = drive.total_mass_kg() - drive.movable_mass_kg();
         let motor_hz = (drive.axial_stiffness_n_m() / motor_kg).sqrt() / TAU;
-        let top_hz = (0.2 * resonance_hz).min(0.8 * motor_hz).clamp(4.0 * HIGH_PASS_HZ, 0.1 * rate.hz());
+        let thinned = Thinned::new(band_hz, rate)?;
+        let seldom = thinned.rate();
+        let top_hz = (0.2 * resonance_hz).min(0.8 * motor_hz).max(4.0 * HIGH_PASS_HZ);
+        let top_hz = top_hz.min(0.1 * rate.hz()).min(0.25 * seldom.hz());
         let (motor, stage) = (stencils(motor_age, rate.period_s()), stencils(stage_age, rate.period_s()));
         let (motor_side, stretch) = (motor_side_balance(drive), stretch_balance(drive));
-        let samples = |seconds: f64| seconds * rate.hz();
+        let motor_force = Stencil::combined(&motor, motor_side.motor.as_array());
+        let of_stretch = Stencil::combined(&motor, stretch.motor.as_array());
+        let mut difference = motor_force;
+        let pairs = difference.weights.iter_mut().zip(&of_stretch.weights);
+        pairs.for_each(|(force, stretch)| *force -= stretch);
+        let samples = |seconds: f64| seconds * seldom.hz();
         let step_m = drive.motor_encoder_resolution_m().max(drive.stage_encoder_resolution_m());
         let least_m = LEAST_STRETCH_M.max(LEAST_STEPS * step_m);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "seconds of samples")]
         let warm_up = [samples(3.0 / HIGH_PASS_HZ), samples(LEAST_S)].map(|n| n as u32);
         Ok(Some(Self {
-            motor_force: Stencil::combined(&motor, motor_side.motor.as_array()),
-            motor_stretch: Stencil::combined(&motor, stretch.motor.as_array()),
-            stage_stretch: Stencil::combined(&stage, stretch.stage.as_array()),
-            motor_position: motor[0],
-            stage_position: stage[0],
+            motor_force,
             motor_friction_n: motor_side.motor_friction_n,
-            friction_smoothing_m_s: drive.friction_smoothing_m_s(),
-            band: [
-                Butterworth::new(Pass::High, 2, HIGH_PASS_HZ, rate)?,
-                Butterworth::new(Pass::Low, 4, top_hz, rate)?,
-            ],
+            stretch: [stretch.motor.position_n_m, stretch.motor.velocity_n_s_m],
+            contradiction: [difference, Stencil::combined(&stage, stretch.stage.as_array())],
+            thinned,
+            low: Butterworth::new(Pass::Low, 4, top_hz, seldom)?,
             above_mean: Butterworth::new(Pass::High, 2, MEAN_HZ, rate)?,
             position_n_m: [balance.motor.position_n_m, balance.stage.position_n_m],
             least_square_n2: (least_m * drive.axial_stiffness_n_m()).powi(2),
             forget: (-1.0 / samples(MEMORY_S)).exp(),
             follow: 1.0 / samples(FOLLOW_S),
+            applies,
             warm_up,
         }))
     }
@@ -137,40 +165,45 @@ impl StiffnessLearner {
         LearnedStiffness { ratio: 1.0, ..LearnedStiffness::default() }
     }
 
-    /// What the learned stiffness adds to the estimate, N. `apply`: a stencil over the line of the motor (0)
-    /// or the stage (1); `learn`: nothing speaks against the sample.
+    /// What the learned stiffness adds to the estimate, N. Every sample.
+    #[inline]
+    pub(super) fn added_n(&self, state: &mut LearnedStiffness, now: &Aligned) -> f64 {
+        if !self.applies {
+            return 0.0;
+        }
+        let [motor_n_m, stage_n_m] = self.position_n_m;
+        let spring_n = motor_n_m * now.motor_m + stage_n_m * now.stage_m;
+        if !std::mem::replace(&mut state.begun, true) {
+            state.above_mean = self.above_mean.settled(spring_n);
+        }
+        (state.ratio - 1.0) * self.above_mean.step(&mut state.above_mean, spring_n)
+    }
+
+    /// Learns from an instant; `force_n`: the estimate; `learn`: nothing speaks against the sample. Both
+    /// sides and the estimate between 5 Hz and the low-pass where this one is looked at, N.
     #[inline]
     pub(super) fn step(
         &self,
         state: &mut LearnedStiffness,
-        (thrust_n, motor_velocity_m_s): (f64, f64),
-        apply: impl Fn(usize, &Stencil) -> f64,
+        (now, force_n): (&Aligned, f64),
         learn: bool,
-    ) -> f64 {
-        let friction_n = self.motor_friction_n * (motor_velocity_m_s / self.friction_smoothing_m_s).tanh();
-        let sides = [
-            thrust_n + apply(0, &self.motor_force) - friction_n,
-            apply(0, &self.motor_stretch) + apply(1, &self.stage_stretch),
-        ];
-        let [motor_n_m, stage_n_m] = self.position_n_m;
-        let spring_n =
-            motor_n_m * apply(0, &self.motor_position) + stage_n_m * apply(1, &self.stage_position);
-        if !state.begun {
-            // As if it had always been there: a high-pass sees no step.
-            state.begun = true;
-            state.above_mean = self.above_mean.settled(spring_n);
-            state.band = sides.map(|value| [self.band[0].settled(value), ButterworthState::default()]);
+    ) -> Option<[f64; 3]> {
+        let [stiffness_n_m, damping_n_s_m] = self.stretch;
+        let motor_n = now.thrust_n + now.inertia_n - self.motor_friction_n * now.friction;
+        let stretch_n = stiffness_n_m * (now.motor_m - now.stage_m)
+            + damping_n_s_m * (now.motor_velocity_m_s - now.stage_velocity_m_s);
+        if !learn {
+            state.seen = 0;
         }
-        let mut banded = [0.0; 2];
-        for ((value, out), state) in sides.into_iter().zip(&mut banded).zip(&mut state.band) {
-            let above = self.band[0].step(&mut state[0], value);
-            *out = self.band[1].step(&mut state[1], above);
+        let banded_n = self.thinned.step(&mut state.thinned, motor_n, stretch_n, force_n)?;
+        if learn {
+            state.seen = state.seen.saturating_add(1);
         }
-        state.seen = if learn { state.seen.saturating_add(1) } else { 0 };
-        if state.seen > self.warm_up[0] {
-            self.learn(state, banded);
+        let low_n = [0, 1].map(|side| self.low.step(&mut state.low[side], banded_n[side]));
+        if self.counts(state) {
+            self.learn(state, low_n);
         }
-        (state.ratio - 1.0) * self.above_mean.step(&mut state.above_mean, spring_n)
+        Some(banded_n)
     }
 
     #[inline]
@@ -189,12 +222,38 @@ impl StiffnessLearner {
             let seen = (state.motor2 / state.stretch2).sqrt();
             if BELIEVED.contains(&seen) {
                 state.ratio += self.follow * (seen - state.ratio);
+                state.learned = true;
             }
         }
     }
 
-    /// Stiffness in use over that of the model.
-    pub(super) fn ratio(state: &LearnedStiffness) -> f64 {
-        state.ratio
+    /// Stiffness in use over that of the model, where what is learned is used.
+    pub(super) fn ratio_in_use(&self, state: &LearnedStiffness) -> Option<f64> {
+        self.applies.then_some(state.ratio)
+    }
+
+    /// Stiffness over that of the model where it was learned.
+    pub(super) fn learned(state: &LearnedStiffness) -> Option<f64> {
+        state.learned.then_some(state.ratio)
+    }
+
+    /// Whether the filters have forgotten their start and nothing spoke against the samples since.
+    pub(super) fn counts(&self, state: &LearnedStiffness) -> bool {
+        state.seen > self.warm_up[0]
+    }
+
+    /// Weights of a - b over the lines of motor and stage.
+    pub(super) fn contradiction(&self) -> &[Stencil; 2] {
+        &self.contradiction
+    }
+
+    /// Weights of the motor's own inertia and damping over its line.
+    pub(super) fn motor_force(&self) -> Stencil {
+        self.motor_force
+    }
+
+    /// The samples that are looked at.
+    pub(super) fn thinned(&self) -> &Thinned {
+        &self.thinned
     }
 }

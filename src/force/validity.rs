@@ -16,7 +16,9 @@ impl Validity {
     pub const BELOW_FRICTION: Validity = Validity(1 << 1);
     /// A line of the encoder's signal period lies inside the usable band at this feed.
     pub const ENCODER_LINE_IN_BAND: Validity = Validity(1 << 2);
-    /// The band reaches a mode that the model does not have.
+    /// The band reaches a mode that the model does not have: stated by it, or seen in the recording, where
+    /// motor side and stretch of the screw contradict each other by more than a tenth of the force (see
+    /// [`super::two_sides`]).
     pub const MODE_OUTSIDE_MODEL: Validity = Validity(1 << 3);
     /// The system of equations behind the estimate is close to singular.
     pub const ILL_CONDITIONED: Validity = Validity(1 << 4);
@@ -32,7 +34,11 @@ impl Validity {
     /// hold: the two see different bands.
     pub const ESTIMATORS_DISAGREE: Validity = Validity(1 << 8);
 
-    const NAMES: [(Validity, &'static str); 9] = [
+    /// A third of the estimate's deviation or more lies above the band in which the method is right within a
+    /// tenth: its size there is not that of the force.
+    pub const FORCE_ABOVE_BAND: Validity = Validity(1 << 9);
+
+    const NAMES: [(Validity, &'static str); 10] = [
         (Self::SETTLING, "settling"),
         (Self::BELOW_FRICTION, "below_friction"),
         (Self::ENCODER_LINE_IN_BAND, "encoder_line_in_band"),
@@ -42,10 +48,12 @@ impl Validity {
         (Self::SIGNAL_MISSING, "signal_missing"),
         (Self::MEAN_NOT_OBSERVABLE, "mean_not_observable"),
         (Self::ESTIMATORS_DISAGREE, "estimators_disagree"),
+        (Self::FORCE_ABOVE_BAND, "force_above_band"),
     ];
 
     /// True when no flag is set.
     #[must_use]
+    #[inline]
     pub fn is_valid(self) -> bool {
         self.0 == 0
     }
@@ -53,6 +61,7 @@ impl Validity {
     /// True when nothing stands against acting on the estimate: a flag that warns of a line, a mode, an
     /// unseen mean or another opinion is tolerated, one that makes the number meaningless is not.
     #[must_use]
+    #[inline]
     pub fn may_act(self) -> bool {
         let forbids = Self::SETTLING
             | Self::BELOW_FRICTION
@@ -64,26 +73,46 @@ impl Validity {
 
     /// True when any flag of `other` is set here.
     #[must_use]
+    #[inline]
     pub fn shares(self, other: Validity) -> bool {
         self.0 & other.0 != 0
     }
 
     /// True when every flag of `other` is set here.
     #[must_use]
+    #[inline]
     pub fn contains(self, other: Validity) -> bool {
         self.0 & other.0 == other.0
     }
 
+    /// All but these flags.
+    #[must_use]
+    #[inline]
+    pub fn without(self, these: Validity) -> Validity {
+        Validity(self.0 & !these.0)
+    }
+
     /// These flags alone.
     #[must_use]
+    #[inline]
     pub fn only(self, these: Validity) -> Validity {
         Validity(self.0 & these.0)
     }
 
     /// `flag` when `condition`, else valid.
     #[must_use]
+    #[inline]
     pub fn when(condition: bool, flag: Validity) -> Validity {
         if condition { flag } else { Self::VALID }
+    }
+
+    /// The flags of a number out of a file; `None`: no whole number, or a bit that has no name.
+    #[must_use]
+    pub fn from_number(bits: f64) -> Option<Validity> {
+        let all = Self::NAMES.iter().fold(0, |all, (flag, _)| all | flag.0);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked below")]
+        let whole = bits as u16;
+        (f64::from(whole) == bits && whole & !all == 0).then_some(Validity(whole))
     }
 
     /// The flags as a number, for files.
@@ -106,12 +135,14 @@ impl Validity {
 
 impl BitOr for Validity {
     type Output = Validity;
+    #[inline]
     fn bitor(self, other: Validity) -> Validity {
         Validity(self.0 | other.0)
     }
 }
 
 impl BitOrAssign for Validity {
+    #[inline]
     fn bitor_assign(&mut self, other: Validity) {
         self.0 |= other.0;
     }

@@ -267,6 +267,20 @@ impl Pipeline {
         self.listen(t_s, forces, spindle_speed_rpm)
     }
 
+    /// The same with what speaks against each of them.
+    pub fn step_estimates(
+        &mut self,
+        t_s: f64,
+        estimates: &[ForceEstimate],
+        spindle_speed_rpm: Option<f64>,
+    ) -> StepOutput {
+        let mut forces = [ForceEstimate { force_n: 0.0, flags: Validity::VALID }; MAX_AXES];
+        for (to, from) in forces.iter_mut().zip(estimates) {
+            *to = *from;
+        }
+        self.listen(t_s, forces, spindle_speed_rpm)
+    }
+
     fn unchanged(&self, t_s: f64, fault: StreamFault) -> StepOutput {
         StepOutput {
             t_s,

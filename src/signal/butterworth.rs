@@ -143,7 +143,7 @@ impl Butterworth {
         &self.sections[..self.count]
     }
 
-    /// Gain and phase (rad, unwrapped only within one section) at a frequency, as (real, imaginary).
+    /// Response at a frequency, as (real, imaginary).
     #[must_use]
     pub fn response(&self, frequency_hz: f64) -> (f64, f64) {
         self.sections().iter().fold((1.0, 0.0), |(re, im), s| {

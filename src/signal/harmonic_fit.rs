@@ -4,8 +4,8 @@
 //!  y(t) = a_0 + a_1 t + sum_i (s_i sin(i w t) + c_i cos(i w t)),   window of 2N + 1 samples
 //! ```
 //! The basis is the same for every position of the window, so value, slope and curvature of the fitted
-//! curve at one instant are weighted sums of the samples. The weights for another spindle speed are made in
-//! small pieces, a few in each sample, in memory that is there from the start.
+//! curve at one instant are weighted sums of the samples. Those for another spindle speed are made in small
+//! pieces, a few in each sample, in memory that is there from the start.
 
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -158,15 +158,16 @@ fn same_parity(j: usize, k: usize) -> bool {
 /// Steps of the power iterations behind the condition number.
 const CONDITION_STEPS: usize = 40;
 /// Most unknowns for which memory is kept from the start.
-const USUAL_UNKNOWNS: usize = 82;
+pub const USUAL_UNKNOWNS: usize = 82;
 
-/// Weights of several functionals of the fitted curve, by QR with columns of unit length (modified
-/// Gram-Schmidt), made piece by piece.
+/// Several functionals of the fitted curve, by QR with columns of unit length (modified Gram-Schmidt), made
+/// piece by piece.
 ///
 /// ```text
-///  A = Q R S (S: lengths of the columns);  c . x = w . y with w = Q z, R^T z = S^-1 c
+///  A = Q R S (S: lengths of the columns);  c . x = w . y with w = Q z = A b, R^T z = S^-1 c, R S b = z
 /// ```
-/// Errors: rounding in the weights grows with the condition number; singular beyond 1e10.
+/// b are the coefficients of the inner products A^T y, which [`super::sliding_fit`] keeps at constant cost.
+/// Errors: rounding in the weights grows with the square of the condition number; singular beyond 1e10.
 /// Source: Hayashi et al., (17)-(23). Deviation: QR instead of normal equations, time from the middle of the
 /// window. Checked by: the_weights_are_those_of_a_householder_qr, the_printed_window_is_ill_conditioned.
 #[derive(Debug, Clone, PartialEq)]
@@ -177,9 +178,10 @@ pub struct HarmonicDesign {
     /// R, row by row.
     triangle: Vec<f64>,
     scale: Vec<f64>,
-    /// For each functional its coefficients, later z.
+    /// For each functional what it makes of the unknowns, later z, at last its coefficients.
     rows: Vec<Vec<f64>>,
-    weights: Vec<Vec<f64>>,
+    /// |w|^2 of each functional.
+    energies: Vec<f64>,
     iterates: [Vec<f64>; 2],
     condition: f64,
     place: Place,
@@ -193,8 +195,8 @@ enum Place {
     Column(usize, usize),
     /// Step of the power iterations.
     Condition(usize),
-    /// Functional, and the column to add.
-    Weights(usize, usize),
+    /// Functional.
+    Coefficients(usize),
     Done,
 }
 
@@ -209,7 +211,7 @@ impl HarmonicDesign {
             triangle: Vec::with_capacity(USUAL_UNKNOWNS * USUAL_UNKNOWNS),
             scale: Vec::with_capacity(USUAL_UNKNOWNS),
             rows: reserve(USUAL_UNKNOWNS),
-            weights: reserve(LONGEST_WINDOW),
+            energies: vec![0.0; functionals],
             iterates: std::array::from_fn(|_| Vec::with_capacity(USUAL_UNKNOWNS)),
             condition: f64::INFINITY,
             place: Place::Done,
@@ -230,7 +232,6 @@ impl HarmonicDesign {
         fill(&mut self.triangle, n * n);
         self.scale.clear();
         self.rows.iter_mut().for_each(|row| fill(row, n));
-        self.weights.iter_mut().for_each(Vec::clear);
         for iterate in &mut self.iterates {
             iterate.clear();
             iterate.extend((0..n).map(|i| 1.0 + (i * i % 97) as f64 / 97.0));
@@ -300,25 +301,18 @@ impl HarmonicDesign {
                 self.place = if step + 1 < CONDITION_STEPS {
                     Place::Condition(step + 1)
                 } else {
-                    Place::Weights(0, 0)
+                    Place::Coefficients(0)
                 };
                 Ok(2 * n * n)
             }
-            Place::Weights(row, k) => {
+            Place::Coefficients(row) => {
                 if row >= self.rows.len() {
                     self.place = Place::Done;
                     return Ok(0);
                 }
-                if k == 0 {
-                    self.solve_row(row);
-                    self.weights[row].resize(m, 0.0);
-                }
-                let z = self.rows[row][k];
-                if z != 0.0 {
-                    add_scaled(&mut self.weights[row], z, &self.columns[k * m..(k + 1) * m]);
-                }
-                self.place = if k + 1 < n { Place::Weights(row, k + 1) } else { Place::Weights(row + 1, 0) };
-                Ok(m)
+                self.solve_row(row);
+                self.place = Place::Coefficients(row + 1);
+                Ok(n * n)
             }
             Place::Done => Ok(0),
         }
@@ -341,11 +335,18 @@ impl HarmonicDesign {
         self.triangle[j * n + k] = share;
     }
 
-    /// z of R^T z = S^-1 c, in place.
+    /// z of R^T z = S^-1 c, then b of R S b = z, in place: w = Q z = A b, |w|^2 = |z|^2.
     fn solve_row(&mut self, row: usize) {
+        let (n, r) = (self.basis.unknowns(), &self.triangle);
         let z = &mut self.rows[row];
         z.iter_mut().zip(&self.scale).for_each(|(c, s)| *c /= s);
-        solve_transposed(&self.triangle, z);
+        solve_transposed(r, z);
+        self.energies[row] = dot(z, z);
+        for j in (0..n).rev() {
+            let rest = dot(&r[j * n + j + 1..(j + 1) * n], &z[j + 1..]);
+            z[j] = (z[j] - rest) / r[j * n + j];
+        }
+        z.iter_mut().zip(&self.scale).for_each(|(b, s)| *b /= s);
     }
 
     /// One step of power iterations on R^T R and on its inverse: root of the product of their largest
@@ -393,15 +394,27 @@ impl HarmonicDesign {
         self.rows.len()
     }
 
-    /// Weights of a functional, oldest sample first; empty before all are made.
+    /// Coefficients of a functional once all are made: it is their sum with the inner products of the window
+    /// with constant, ramp, sine and cosine of each harmonic.
     #[must_use]
-    pub fn weights(&self, index: usize) -> &[f64] {
-        &self.weights[index]
+    pub fn coefficients(&self, index: usize) -> &[f64] {
+        &self.rows[index]
     }
 
-    /// Hands out the weights of a functional for a vector with memory of its own.
-    pub fn exchange(&mut self, index: usize, other: &mut Vec<f64>) {
-        std::mem::swap(&mut self.weights[index], other);
+    /// Sum of the squares of its weights: the variance that white noise of one gets.
+    #[must_use]
+    pub fn energy(&self, index: usize) -> f64 {
+        self.energies[index]
+    }
+
+    /// Its weights, oldest sample first.
+    #[must_use]
+    pub fn weights(&self, index: usize) -> Vec<f64> {
+        let mut weights = vec![0.0; self.basis.samples()];
+        for (k, b) in self.rows[index].iter().enumerate() {
+            weights.iter_mut().zip(self.basis.column(k)).for_each(|(w, a)| *w += b * a);
+        }
+        weights
     }
 }
 
@@ -421,7 +434,7 @@ fn add_scaled(to: &mut [f64], factor: f64, from: &[f64]) {
     to.iter_mut().zip(from).for_each(|(a, b)| *a += factor * b);
 }
 
-/// The last samples of a signal, as many as a window needs; each stored twice.
+/// The last samples of a signal, as many as a window needs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LongLine {
     values: Vec<f64>,
@@ -430,7 +443,7 @@ pub struct LongLine {
 }
 
 crate::keyframe::keep!(LongLine { values, length, next }
-    if |s| s.length == s.values.len() / 2 && s.next < s.length);
+    if |s| s.length == s.values.len() && s.next < s.length);
 
 impl LongLine {
     /// A line of `length` samples that has always held `value`.
@@ -444,7 +457,7 @@ impl LongLine {
     /// The same with memory for [`LONGEST_WINDOW`], touched only as far as used.
     #[must_use]
     pub fn roomy(length: usize, value: f64) -> Self {
-        let mut line = Self { values: Vec::with_capacity(2 * LONGEST_WINDOW), length: 0, next: 0 };
+        let mut line = Self { values: Vec::with_capacity(LONGEST_WINDOW), length: 0, next: 0 };
         line.refill(length, value);
         line
     }
@@ -453,21 +466,20 @@ impl LongLine {
     pub fn refill(&mut self, length: usize, value: f64) {
         (self.length, self.next) = (length.max(1), 0);
         self.values.clear();
-        self.values.resize(2 * self.length, value);
+        self.values.resize(self.length, value);
     }
 
     /// Adds the youngest sample.
     #[inline]
     pub fn push(&mut self, value: f64) {
         self.values[self.next] = value;
-        self.values[self.next + self.length] = value;
-        self.next = (self.next + 1) % self.length;
+        self.next = if self.next + 1 == self.length { 0 } else { self.next + 1 };
     }
 
     /// The youngest sample.
     #[must_use]
     pub fn last(&self) -> f64 {
-        self.values[self.next + self.length - 1]
+        self.values[if self.next == 0 { self.length - 1 } else { self.next - 1 }]
     }
 
     /// The oldest sample.
@@ -482,19 +494,11 @@ impl LongLine {
     pub fn len(&self) -> usize {
         self.length
     }
-
-    /// Sum of weights (oldest first) times the youngest samples; at most as many weights as samples.
-    #[inline]
-    #[must_use]
-    pub fn apply(&self, weights: &[f64]) -> f64 {
-        let end = self.next + self.length;
-        dot(&self.values[end - weights.len().min(self.length)..end], weights)
-    }
 }
 
 /// Sum of products in eight lanes: one after the other they would wait for each addition.
 #[inline]
-fn dot(x: &[f64], w: &[f64]) -> f64 {
+pub(super) fn dot(x: &[f64], w: &[f64]) -> f64 {
     let (a, b) = (x.chunks_exact(8), w.chunks_exact(8));
     let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(x, w)| x * w).sum();
     let mut sums = [0.0; 8];

@@ -72,3 +72,4 @@ pub(crate) fn check_frequency(
 }
 
 pub mod inner_products;
+pub mod sliding_fit;

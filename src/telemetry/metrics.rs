@@ -97,6 +97,10 @@ series! {
         "Power of the strongest line of the band.");
     force_disagreement_newtons: GaugeVec = gauges("stillcut_force_disagreement_newtons",
         "Standard deviation of the difference of an axis' two force estimators, last second.", &["axis"]);
+    force_usable_band_hertz: GaugeVec = gauges("stillcut_force_usable_band_hertz",
+        "Band in which an axis' force estimator is right within a tenth of the force.", &["axis", "end"]);
+    force_noise_floor_newtons: GaugeVec = gauges("stillcut_force_noise_floor_newtons",
+        "Standard deviation that encoder steps alone cause in an axis' force.", &["axis"]);
     predicted_band_hertz: GaugeVec = gauges("stillcut_predicted_band_hertz",
         "Edges of the watched band.", &["edge"]);
     mode: IntGaugeVec = int_gauges("stillcut_mode", "1 for the mode that is on.", &["mode"]);

@@ -65,17 +65,28 @@ pub(crate) fn simulate(
     cutting: impl Fn(f64) -> f64,
     n: usize,
 ) -> Simulated {
+    simulate_at((RATE_HZ, FINE), drive, (thrust, cutting), n)
+}
+
+/// The same at another rate, each sample in so many steps: a whole number of them must be the dead time of the
+/// amplifier.
+pub(crate) fn simulate_at(
+    (rate_hz, fine): (f64, usize),
+    drive: &DriveParams,
+    (thrust, cutting): (impl Fn(usize) -> f64, impl Fn(f64) -> f64),
+    n: usize,
+) -> Simulated {
     let (m_r, m_t) = (drive.reflected_mass_kg(), drive.movable_mass_kg());
     let (c_r, c_t) = (drive.reflected_damping_n_s_m(), drive.translational_damping_n_s_m());
     let (k, c_k) = (drive.axial_stiffness_n_m(), drive.structural_damping_n_s_m());
     let w = drive.current_loop_bandwidth_rad_s().unwrap();
-    let dt = 1.0 / RATE_HZ / FINE as f64;
+    let dt = 1.0 / rate_hz / fine as f64;
     let mut y = [0.0f64; 5]; // x_m, v_m, x_t, v_t, thrust
-    let steps = n * FINE;
+    let steps = n * fine;
     let mut track = Vec::with_capacity(steps + 1);
     track.push([0.0, 0.0]);
     let reference_at = |t: f64| {
-        let told = ((t - drive.amplifier_dead_time_s()) * RATE_HZ + 1e-9).floor();
+        let told = ((t - drive.amplifier_dead_time_s()) * rate_hz + 1e-6).floor();
         if told < 0.0 { 0.0 } else { thrust(told as usize) }
     };
     let slope = |y: &[f64; 5], t: f64, reference: f64| {
@@ -110,7 +121,7 @@ pub(crate) fn simulate(
     };
     let samples = (0..n)
         .map(|i| {
-            let t = i as f64 / RATE_HZ;
+            let t = i as f64 / rate_hz;
             MotionSample {
                 thrust_ref_n: thrust(i),
                 motor_travel_m: Some(read(
@@ -510,7 +521,8 @@ fn the_accelerometer_estimator_meets_the_range_of_unseen_passes() {
     for path in files("cut") {
         let r = read_recording(&path).unwrap();
         let speed = r.require("spindle_speed_rpm").unwrap();
-        let force = force_of_recording(&fit.estimator, r.sample_rate, &accelerations(&r), speed).unwrap();
+        let rows = force_of_recording(&fit.estimator, r.sample_rate, &accelerations(&r), speed).unwrap();
+        let force: Vec<f64> = rows.iter().map(|row| row.force_n).collect();
         let low = Butterworth::low_pass(12, 500.0, r.sample_rate).unwrap();
         let truth = zero_phase(&low, r.require("x_force_n").unwrap());
         let turn = 60.0 / speed[0] * r.sample_rate.hz();

@@ -1,7 +1,7 @@
 //! Identification from a sweep: what it finds, and how far its intervals hold.
 
 use crate::folders::shared;
-use crate::force::{RATE_HZ, simulate, test_drive};
+use crate::force::{RATE_HZ, simulate, simulate_at, test_drive};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
@@ -181,6 +181,37 @@ fn truth_is_inside(seed: u64) -> [bool; 5] {
         let p = parameter(&fit, name);
         (p.value - truth).abs() <= 1.96 * p.noise
     })
+}
+
+/// Dead times that are no whole number of samples come out at every rate: nothing of the hold, of the filters or
+/// of the sampling is in them.
+#[test]
+fn dead_times_are_right_at_any_rate() {
+    let drive = test_drive();
+    for rate_hz in [5000.0, 8000.0, 9000.0] {
+        let chirp = |i: usize| {
+            let (t, rate) = (i as f64 / rate_hz, (1000.0f64 / 8.0).ln() / 1.8);
+            let phase = TAU * 8.0 / rate * (((t - 0.1) * rate).exp() - 1.0);
+            if (0.1..1.9).contains(&t) { 60.0 * phase.sin() } else { 0.0 }
+        };
+        let n = (2.0 * rate_hz) as usize;
+        // 320 us are 40, 64 and 72 steps.
+        let run = simulate_at((rate_hz, 25), &drive, (chirp, |_| 0.0), n);
+        let all = |f: fn(&MotionSample) -> Option<f64>| run.samples.iter().filter_map(f).collect();
+        let sweep = Sweep {
+            rate: SampleRate::new(rate_hz).unwrap(),
+            motor_travel_m: all(|s| s.motor_travel_m),
+            stage_position_m: all(|s| s.stage_position_m),
+            thrust_ref_n: (0..n).map(chirp).collect(),
+        };
+        let fit = fit_sweep(&drive, &sweep, StatedErrors::default()).unwrap().drive;
+        for (name, is_s, true_s) in [
+            ("amplifier", fit.amplifier_dead_time_s(), drive.amplifier_dead_time_s()),
+            ("stage", fit.stage_encoder_delay_s(), drive.stage_encoder_delay_s()),
+        ] {
+            assert!((is_s - true_s).abs() < 0.5e-6, "{rate_hz} Hz, {name}: {is_s} s, {true_s} s true");
+        }
+    }
 }
 
 /// The torque constant and the instants are right here, so that the noise part stands alone: intervals that

@@ -20,6 +20,7 @@ mod faults;
 mod fleet;
 mod force;
 mod force_budget;
+mod force_flags;
 mod force_live;
 mod force_trust;
 #[cfg(feature = "service")]

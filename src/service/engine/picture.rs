@@ -295,6 +295,15 @@ impl Engine {
         for (name, apart_n) in state.axes.iter().filter_map(|a| Some((&a.name, a.disagreement_n?))) {
             metrics.force_disagreement_newtons.with_label_values(&[name]).set(apart_n);
         }
+        for axis in &state.axes {
+            let ends = axis.usable_band_hz.map(|band| ["lower", "upper"].into_iter().zip(band));
+            for (end, hz) in ends.into_iter().flatten() {
+                metrics.force_usable_band_hertz.with_label_values(&[axis.name.as_str(), end]).set(hz);
+            }
+            if let Some(floor_n) = axis.noise_floor_n {
+                metrics.force_noise_floor_newtons.with_label_values(&[axis.name.as_str()]).set(floor_n);
+            }
+        }
         if let Some([low, high]) = chatter.band_hz {
             metrics.predicted_band_hertz.with_label_values(&["lower"]).set(low);
             metrics.predicted_band_hertz.with_label_values(&["upper"]).set(high);
