@@ -14,8 +14,8 @@ pub(crate) const SCALE_DEVIATION: f64 = 0.01;
 const DEVIATION_FACTOR: f64 = 3.0;
 /// Where inside a sample the drive takes up a reference is stated nowhere: part of a sample, as a deviation.
 const TAKING_UP_SAMPLES: f64 = 0.03;
-/// What the balance is exact to as a relative deviation of a constant that is no wavelength: series are sampled, and
-/// a law between the samples is interpolated.
+/// What the balance is exact to, as a relative deviation of a constant that is no wavelength: series are
+/// sampled, and a law between the samples is interpolated.
 const EXACTNESS: f64 = 5e-4;
 const Z95: f64 = 1.96;
 
@@ -147,7 +147,8 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
 /// Largest force of a cut over a period, its mean included, with the deviation of the force there.
 ///
 /// A tool that cuts part of the time pushes in pulses: their height is what the machine feels, not the
-/// amplitude of one harmonic. `amplitudes`: as [`Hypothesis::columns`] orders them, set by set, then the means.
+/// amplitude of one harmonic. `amplitudes`: as [`Hypothesis::columns`] orders them, set by set, then the
+/// means.
 fn peak_of_cut(harmonics: usize, amplitudes: &[f64], deviations: &[f64]) -> (f64, f64) {
     /// Places in a period.
     const PLACES: usize = 360;

@@ -1,7 +1,7 @@
 //! Both sides of an axis and its estimate behind one low-pass, looked at once in a few samples.
 //!
 //! ```text
-//!  [a, b, F] --Butterworth, 4th order, f_b--> every n-th --high-pass, 5 Hz-->    n = rate / (3 f_b), at most 8
+//!  [a, b, F] --Butterworth, 4th order, f_b--> every n-th --high-pass, 5 Hz--> n = rate / (3 f_b), at most 8
 //! ```
 //! Mean squares and products of a signal are those of every n-th of its samples, so nothing is lost that is
 //! asked for; only what a later filter tells apart must not fold, and from above rate/n - f_b = 2 f_b that

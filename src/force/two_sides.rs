@@ -14,8 +14,8 @@
 //! below a fifth of the resonance tells k, the k in 0.8 to 1.25 that leaves least of R is taken: what is left
 //! then is there at any stiffness.
 //!
-//! All of it is looked at once in a few samples, see [`super::thinned`]; the flag is that of the last of eight
-//! such looks.
+//! All of it is looked at once in a few samples, see [`super::thinned`]; the flag is that of the last of
+//! eight such looks.
 //!
 //! Said is the R that steps of the encoders and idle runs do not explain, over the force from the stretch,
 //! all between 5 Hz and the low-pass, with a memory of 2 s. Not seen: a mode of the stage's side (both a and
