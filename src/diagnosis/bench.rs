@@ -159,19 +159,25 @@ impl<'a> Bench<'a> {
 
     /// The Gram of the base with a column of fixed amplitude, `sign` 1 to put it in, -1 to take it out, and
     /// with further columns.
-    fn with_fixed(&self, (h, known): (&Hypothesis, &[f64]), mut more: Vec<Vec<f64>>, sign: f64) -> Gram {
+    fn with_fixed(&self, (h, known): (&Hypothesis, &[f64]), more: &[Vec<f64>], sign: f64) -> Gram {
+        let mut columns = self.and(more);
         if let Some(tie) = tie(self.problem, h) {
-            more.push(known.to_vec());
-            let gram = self.gram.with(&self.base, &more, &self.target, &self.folds);
+            columns.push(known);
+            let gram = self.gram.with(&columns, &self.target, &self.folds);
             return gram.tied_to(tie.spring, sign * tie.per_stiffness);
         }
         let mut target = self.target.clone();
         add_series(&mut target, known, -sign);
-        self.retargeted(&target).with(&self.base, &more, &target, &self.folds)
+        self.retargeted(&target).with(&columns, &target, &self.folds)
     }
 
     fn without_fixed(&self, a: &Accepted) -> Gram {
-        self.with_fixed((&a.hypothesis, &self.weights.weigh(&a.columns[0])), Vec::new(), -1.0)
+        self.with_fixed((&a.hypothesis, &self.weights.weigh(&a.columns[0])), &[], -1.0)
+    }
+
+    /// The columns of the base, then others.
+    fn and<'b>(&'b self, more: &'b [Vec<f64>]) -> Vec<&'b [f64]> {
+        self.base.iter().chain(more).map(Vec::as_slice).collect()
     }
 
     fn timing_index(&self) -> usize {
@@ -337,12 +343,13 @@ impl<'a> Bench<'a> {
     fn fit(&self, tried: &Tried) -> HypothesisFit {
         let (h, columns) = (&tried.score.hypothesis, &tried.columns);
         let tangents = h.tangents(self.problem, columns, &tried.score.amplitudes);
-        let mut more: Vec<Vec<f64>> = tangents.iter().map(|c| self.weights.weigh(c)).collect();
+        let tangents: Vec<Vec<f64>> = tangents.iter().map(|c| self.weights.weigh(c)).collect();
         let gram = if h.shape.unit() {
-            self.with_fixed((h, &tried.weighed[0]), more, 1.0)
+            self.with_fixed((h, &tried.weighed[0]), &tangents, 1.0)
         } else {
-            more.splice(0..0, tried.weighed.iter().cloned());
-            self.gram.with(&self.base, &more, &self.target, &self.folds)
+            let mut columns = self.and(&tried.weighed);
+            columns.extend(tangents.iter().map(Vec::as_slice));
+            tried.gram.with(&columns, &self.target, &self.folds)
         };
         let solution = self.solve(&gram, !is_delay(h));
         HypothesisFit::of(&h.shape, columns.len(), (&solution, self.base.len()))
@@ -364,7 +371,7 @@ impl<'a> Bench<'a> {
         }
         let columns = h.columns(self.problem);
         let weighed = vec![self.weights.weigh(&columns[0])];
-        let gram = self.with_fixed((h, &weighed[0]), Vec::new(), 1.0);
+        let gram = self.with_fixed((h, &weighed[0]), &[], 1.0);
         let solution = self.solve(&gram, !is_delay(h));
         let [evidence, likelihood] = self.gains(&solution);
         let score = Score {
@@ -376,14 +383,14 @@ impl<'a> Bench<'a> {
             plausible: !h.shape.at_limit() && h.shape.constants()[0] > least_timing_s(self.problem, h),
             hypothesis: h.clone(),
         };
-        Tried { score, columns, weighed }
+        Tried { score, columns, weighed, gram }
     }
 
     /// Tries one with its amplitudes free.
     fn try_free(&self, h: &Hypothesis) -> Tried {
         let columns = h.columns(self.problem);
         let weighed: Vec<Vec<f64>> = columns.iter().map(|c| self.weights.weigh(c)).collect();
-        let gram = self.gram.with(&self.base, &weighed, &self.target, &self.folds);
+        let gram = self.gram.with(&self.and(&weighed), &self.target, &self.folds);
         let solution = self.solve(&gram, !is_delay(h));
         let first = self.base.len();
         let amplitudes = solution.coefficients[first..].to_vec();
@@ -397,7 +404,7 @@ impl<'a> Bench<'a> {
             unit_rms_n: columns.first().map_or(0.0, |c| rms(c)),
             hypothesis: h.clone(),
         };
-        Tried { score, columns, weighed }
+        Tried { score, columns, weighed, gram }
     }
 
     /// Twice the gain in log-likelihood over the base, on held-out blocks and on everything.
@@ -414,6 +421,8 @@ struct Tried {
     columns: Vec<Column>,
     /// The columns as they stand in the regression.
     weighed: Vec<Vec<f64>>,
+    /// The regression with them.
+    gram: Gram,
 }
 
 /// Fit of one hypothesis.

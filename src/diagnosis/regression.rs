@@ -168,7 +168,7 @@ impl Gram {
                     self.inner[f][(b, a)] = d[f];
                 }
             }
-            for d in products.by_ref().take(1) {
+            if let Some(d) = products.next() {
                 for f in 0..FOLDS {
                     self.target[f][a] = d[f];
                 }
@@ -176,19 +176,19 @@ impl Gram {
         }
     }
 
-    /// This Gram with further columns behind its own.
-    pub(crate) fn with(&self, own: &[Vec<f64>], more: &[Vec<f64>], target: &[f64], folds: &Folds) -> Self {
-        let (n, m) = (own.len(), more.len());
+    /// This Gram with further columns behind its own. `columns`: its own, then those.
+    pub(crate) fn with(&self, columns: &[&[f64]], target: &[f64], folds: &Folds) -> Self {
+        let n = self.columns();
+        let m = columns.len() - n;
         let mut gram = Self {
             inner: self.inner.iter().map(|g| g.clone().resize(n + m, n + m, 0.0)).collect(),
             target: self.target.iter().map(|t| t.clone().resize_vertically(n + m, 0.0)).collect(),
             power: self.power,
             samples: self.samples,
         };
-        let all: Vec<&[f64]> = own.iter().chain(more).map(Vec::as_slice).collect();
         let rows: Vec<usize> = (n..n + m).collect();
         for rows in rows.chunks(ROWS) {
-            let pairs: Vec<_> = rows.iter().flat_map(|&a| row(&all, a, target)).collect();
+            let pairs: Vec<_> = rows.iter().flat_map(|&a| row(columns, a, target)).collect();
             gram.fill(rows, &folds.dots(&pairs));
         }
         gram
@@ -318,7 +318,8 @@ mod tests {
         let (x, y, c, target) = (wave(0.1), wave(0.37), wave(0.9), wave(0.21));
         let sum: Vec<f64> = y.iter().zip(&c).map(|(y, c)| y - 0.7 * c).collect();
         let own = [x.clone(), y];
-        let tied = Gram::new(&own, &target, &folds).with(&own, &[c], &target, &folds).tied_to(1, -0.7);
+        let tied =
+            Gram::new(&own, &target, &folds).with(&[&own[0], &own[1], &c], &target, &folds).tied_to(1, -0.7);
         let made = Gram::new(&[x, sum], &target, &folds);
         assert_eq!(tied.columns(), 2);
         for f in 0..FOLDS {

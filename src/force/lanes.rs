@@ -13,9 +13,10 @@
 use super::friction::{Presliding, PreslidingState, rational_tanh};
 use super::lane_line::{LaneLine, LaneStencils};
 use super::lane_part::{FlagLaw, LanePart};
+use super::lane_sections::{LaneSection, filter, lane_sections, settle_sections};
 use super::validity::Validity;
 use crate::keyframe::{Keep, Words};
-use crate::signal::butterworth::{Butterworth, Section};
+use crate::signal::butterworth::Butterworth;
 use crate::signal::dispatch::{Fast, Kernel, multiply_add, run};
 use crate::signal::finite_difference::{STENCIL_NODES, Stencil};
 
@@ -24,66 +25,6 @@ pub const LANES: usize = 8;
 
 /// Samples of delay and stencil together that an axis may need.
 pub const LONGEST_AGE: usize = 64;
-
-/// One second-order section a lane: b0, b1, b2, a1, a2.
-type LaneSection<const L: usize> = [[f64; L]; 5];
-
-fn lane_sections<const L: usize>(filters: &[Option<Butterworth>]) -> Vec<LaneSection<L>> {
-    let longest = filters.iter().flatten().map(|f| f.sections().len()).max().unwrap_or(0);
-    let through = [[1.0; L], [0.0; L], [0.0; L], [0.0; L], [0.0; L]];
-    let mut sections = vec![through; longest];
-    for (lane, filter) in filters.iter().enumerate() {
-        for (to, section) in sections.iter_mut().zip(filter.iter().flat_map(Butterworth::sections)) {
-            let [b0, b1, b2] = section.b;
-            let [a1, a2] = section.a;
-            for (to, value) in to.iter_mut().zip([b0, b1, b2, a1, a2]) {
-                to[lane] = value;
-            }
-        }
-    }
-    sections
-}
-
-fn section_of_lane<const L: usize>(section: &LaneSection<L>, lane: usize) -> Section {
-    let [b0, b1, b2, a1, a2] = section.map(|c| c[lane]);
-    Section { b: [b0, b1, b2], a: [a1, a2] }
-}
-
-/// Settles the filter of one lane on `x`.
-fn settle_sections<const L: usize>(
-    sections: &[LaneSection<L>],
-    states: &mut [[[f64; L]; 2]],
-    lane: usize,
-    mut x: f64,
-) {
-    for (section, state) in sections.iter().zip(states) {
-        let section = section_of_lane(section, lane);
-        let [first, second] = section.settled(x);
-        (state[0][lane], state[1][lane]) = (first, second);
-        x *= section.b.iter().sum::<f64>() / (1.0 + section.a[0] + section.a[1]);
-    }
-}
-
-#[inline(always)]
-fn filter<const L: usize, const FUSED: bool>(
-    sections: &[LaneSection<L>],
-    states: &mut [[[f64; L]; 2]],
-    x: &mut [f64; L],
-) {
-    for ([b0, b1, b2, a1, a2], state) in sections.iter().zip(states) {
-        // From copies into a copy: stores to the state must not stand between the lanes.
-        let (input, [first, second]) = (*x, *state);
-        let mut next = [[0.0; L]; 2];
-        for lane in 0..L {
-            let y = multiply_add::<FUSED>(b0[lane], input[lane], first[lane]);
-            let inner = multiply_add::<FUSED>(b1[lane], input[lane], second[lane]);
-            next[0][lane] = multiply_add::<FUSED>(-a1[lane], y, inner);
-            next[1][lane] = multiply_add::<FUSED>(b2[lane], input[lane], -a2[lane] * y);
-            x[lane] = y;
-        }
-        *state = next;
-    }
-}
 
 /// The designed estimators of axes side by side.
 #[derive(Debug, Clone, PartialEq)]

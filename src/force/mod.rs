@@ -30,6 +30,7 @@ pub mod harmonic;
 pub mod idle_map;
 mod lane_line;
 mod lane_part;
+mod lane_sections;
 pub mod lanes;
 pub mod modal;
 pub mod observer;

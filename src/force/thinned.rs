@@ -8,10 +8,11 @@
 //! comes 24 dB down. Samples are gathered and filtered n at a time, the three at once.
 //! Checked by: mean_squares_are_those_of_every_sample.
 
+use super::lane_sections::{LaneSection, filter, lane_sections, settle_sections};
 use super::stiffness_learner::HIGH_PASS_HZ;
 use crate::signal::FilterError;
-use crate::signal::butterworth::{Butterworth, Pass, Section};
-use crate::signal::dispatch::{Fast, Kernel, multiply_add, run};
+use crate::signal::butterworth::{Butterworth, Pass};
+use crate::signal::dispatch::{Fast, Kernel, run};
 use crate::units::SampleRate;
 
 /// Thinned rate over the low-pass.
@@ -25,8 +26,8 @@ const PLACES: usize = 4;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Thinned {
     low: Butterworth,
-    /// Two of the low-pass, one of the high-pass.
-    sections: [Section; 3],
+    /// Those of the low-pass, then the one of the high-pass.
+    sections: Vec<LaneSection<PLACES>>,
     every: u32,
     rate: SampleRate,
     fast: Fast,
@@ -48,15 +49,14 @@ impl Thinned {
     pub(super) fn new(band_hz: f64, rate: SampleRate) -> Result<Self, FilterError> {
         let band_hz = band_hz.min(0.3 * rate.hz());
         let low = Butterworth::low_pass(4, band_hz, rate)?;
-        let [first, second] = [0, 1].map(|k| low.sections()[k]);
         let every = (rate.hz() / (RATE_OVER_BAND * band_hz)).floor().clamp(1.0, MOST as f64);
         let hz = rate.hz() / every;
         let not_positive = |_| FilterError::NotPositive { what: "thinned rate in Hz", value: hz };
         let thinned = SampleRate::new(hz).map_err(not_positive)?;
         let high = Butterworth::new(Pass::High, 2, HIGH_PASS_HZ, thinned)?;
         Ok(Self {
+            sections: [low, high].iter().flat_map(|filter| lane_sections(&[Some(*filter); PLACES])).collect(),
             low,
-            sections: [first, second, high.sections()[0]],
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 8")]
             every: every as u32,
             rate: thinned,
@@ -97,12 +97,8 @@ impl Thinned {
     #[cold]
     fn settle(&self, state: &mut SeenThinned, now_n: [f64; PLACES]) {
         state.begun = true;
-        for (section, inner) in self.sections.iter().zip(&mut state.sections) {
-            for (place, x) in now_n.into_iter().enumerate() {
-                // Each section before the last has gain one at rest.
-                let [first, second] = section.settled(x);
-                (inner[0][place], inner[1][place]) = (first, second);
-            }
+        for (place, x) in now_n.into_iter().enumerate() {
+            settle_sections(&self.sections, &mut state.sections, place, x);
         }
     }
 }
@@ -118,35 +114,17 @@ impl Kernel for Look<'_> {
 
     #[inline(always)]
     fn run<const FUSED: bool>(self) -> [f64; PLACES] {
-        let ([first, second, high], state) = (&self.design.sections, self.state);
-        let [mut of_first, mut of_second, mut of_high] = state.sections;
-        let mut low_n = [0.0; PLACES];
-        for now_n in state.gathered.iter().take(self.design.every as usize) {
-            low_n = section::<FUSED>(first, &mut of_first, *now_n);
-            low_n = section::<FUSED>(second, &mut of_second, low_n);
+        let SeenThinned { gathered, sections, .. } = self.state;
+        let (low, high) = self.design.sections.split_at(self.design.low.sections().len());
+        let (of_low, of_high) = sections.split_at_mut(low.len());
+        let mut now_n = [0.0; PLACES];
+        for gathered_n in gathered.iter().take(self.design.every as usize) {
+            now_n = *gathered_n;
+            filter::<PLACES, FUSED>(low, of_low, &mut now_n);
         }
-        let banded_n = section::<FUSED>(high, &mut of_high, low_n);
-        state.sections = [of_first, of_second, of_high];
-        banded_n
+        filter::<PLACES, FUSED>(high, of_high, &mut now_n);
+        now_n
     }
-}
-
-/// [`Section::step`] of all places.
-#[inline(always)]
-fn section<const FUSED: bool>(
-    Section { b, a }: &Section,
-    state: &mut [[f64; PLACES]; 2],
-    x: [f64; PLACES],
-) -> [f64; PLACES] {
-    let [first, second] = *state;
-    let mut y = [0.0; PLACES];
-    for k in 0..PLACES {
-        y[k] = multiply_add::<FUSED>(b[0], x[k], first[k]);
-        let inner = multiply_add::<FUSED>(b[1], x[k], second[k]);
-        state[0][k] = multiply_add::<FUSED>(-a[0], y[k], inner);
-        state[1][k] = multiply_add::<FUSED>(b[2], x[k], -a[1] * y[k]);
-    }
-    y
 }
 
 #[cfg(test)]

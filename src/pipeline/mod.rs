@@ -7,7 +7,7 @@
 //! ```
 //! The same [`Pipeline`] serves the live service and `stillcut replay`: what it says depends on the
 //! samples alone, so the same bytes in give the same bytes out. A recording that already holds forces
-//! enters after the estimators, through [`Pipeline::step_forces`].
+//! enters after the estimators, through [`Pipeline::step_estimates`].
 //!
 //! After [`Pipeline::new`] a step allocates nothing, unless a gap or, for estimators that are made for a
 //! spindle speed, a new speed makes it start anew.
@@ -258,16 +258,7 @@ impl Pipeline {
         output
     }
 
-    /// One instant of forces that were estimated elsewhere, one per axis, N.
-    pub fn step_forces(&mut self, t_s: f64, forces_n: &[f64], spindle_speed_rpm: Option<f64>) -> StepOutput {
-        let mut forces = [ForceEstimate { force_n: 0.0, flags: Validity::VALID }; MAX_AXES];
-        for (to, from) in forces.iter_mut().zip(forces_n) {
-            to.force_n = *from;
-        }
-        self.listen(t_s, forces, spindle_speed_rpm)
-    }
-
-    /// The same with what speaks against each of them.
+    /// One instant of forces that were estimated elsewhere, one per axis, with what speaks against each.
     pub fn step_estimates(
         &mut self,
         t_s: f64,

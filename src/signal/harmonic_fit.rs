@@ -7,6 +7,7 @@
 //! curve at one instant are weighted sums of the samples. Those for another spindle speed are made in small
 //! pieces, a few in each sample, in memory that is there from the start.
 
+use super::inner_products::dot;
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 use thiserror::Error;
@@ -494,20 +495,6 @@ impl LongLine {
     pub fn len(&self) -> usize {
         self.length
     }
-}
-
-/// Sum of products in eight lanes: one after the other they would wait for each addition.
-#[inline]
-pub(super) fn dot(x: &[f64], w: &[f64]) -> f64 {
-    let (a, b) = (x.chunks_exact(8), w.chunks_exact(8));
-    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(x, w)| x * w).sum();
-    let mut sums = [0.0; 8];
-    for (x, w) in a.zip(b) {
-        for lane in 0..8 {
-            sums[lane] += x[lane] * w[lane];
-        }
-    }
-    rest + sums.iter().sum::<f64>()
 }
 
 #[cfg(test)]

@@ -268,7 +268,7 @@ impl<const N: usize> SlidingFit<N> {
     #[inline]
     #[must_use]
     pub fn apply(&self, signal: usize, coefficients: &[f64]) -> f64 {
-        super::harmonic_fit::dot(&self.products[signal], coefficients)
+        super::inner_products::dot(&self.products[signal], coefficients)
     }
 }
 
