@@ -155,12 +155,23 @@ impl Baseline {
     /// The filter with the greatest ratio of power to learned noise at the last look; the ratio divided by
     /// the band's common level when all of the band is louder than learned (its median over ln 2, the median
     /// of an exponential distribution of mean one). `leak` is what the strongest line puts on each filter:
-    /// that is no noise. Checked by: `a_line_stands_out_and_a_loud_band_does_not`.
-    pub(super) fn standout(&mut self, among: std::ops::Range<usize>, leak: Leak) -> Standout {
+    /// that is no noise. `foreign` are the filters of lines that are known to be something else: what falls off from them
+    /// on both sides is theirs. Checked by:
+    /// `a_line_stands_out_and_a_loud_band_does_not`.
+    pub(super) fn standout(
+        &mut self,
+        among: std::ops::Range<usize>,
+        leak: Leak,
+        foreign: impl Iterator<Item = usize>,
+    ) -> Standout {
         let Self { believed, powers, ratios, .. } = self;
         let (known, heard) = (&believed[among.clone()], &powers[among.clone()]);
         let (ratios, fast) = (&mut ratios[among.clone()], Fast::detect());
         run(fast, Ratios { known, heard, ratios });
+        for line in foreign {
+            let skirt = Skirt { believed, powers, first: among.start };
+            skirt.take_off(ratios, line);
+        }
         let (place, contrast) = run(fast, Largest { values: ratios });
         let quiet = run(fast, Leaked { known, heard, ratios, leak, first: among.start });
         // What is quieter than learned matters to nobody: a median below is not looked for.
@@ -173,6 +184,39 @@ impl Baseline {
         };
         let filter = among.start + place;
         Standout { filter, contrast: contrast / common, power_n2: powers[filter], common }
+    }
+}
+
+/// What a line puts on the filters around it, whatever its shape: one that moves leaves a trail.
+struct Skirt<'a> {
+    believed: &'a [f64],
+    powers: &'a [f64],
+    /// Filter of the first ratio.
+    first: usize,
+}
+
+impl Skirt<'_> {
+    /// Counts as noise what falls off from the hill that `line` stands on, down to the least on the way.
+    fn take_off(&self, ratios: &mut [f64], line: usize) {
+        let powers = self.powers;
+        let mut top = line.min(powers.len() - 1);
+        let higher = |k: usize| {
+            let next = if k > 0 && powers[k - 1] > powers[k] { k - 1 } else { k + 1 };
+            (next < powers.len() && powers[next] > powers[k]).then_some(next)
+        };
+        while let Some(next) = higher(top) {
+            top = next;
+        }
+        let mut count = |k: usize, least: &mut f64| {
+            *least = least.min(powers[k]);
+            if let Some(ratio) = k.checked_sub(self.first).and_then(|k| ratios.get_mut(k)) {
+                *ratio *= self.believed[k] / (self.believed[k] + *least);
+            }
+        };
+        let mut least = f64::INFINITY;
+        (0..=top).rev().for_each(|k| count(k, &mut least));
+        least = powers[top];
+        (top + 1..powers.len()).for_each(|k| count(k, &mut least));
     }
 }
 
@@ -296,15 +340,15 @@ mod tests {
             baseline.learn(LESSON);
         }
         hear(&mut baseline, |k| if k == 15 { 400.0 } else { 1.0 });
-        let line = baseline.standout(0..25, Leak::NONE);
+        let line = baseline.standout(0..25, Leak::NONE, std::iter::empty());
         assert_eq!(line.filter, 15);
         assert!((line.contrast - 100.0).abs() < 1.0);
         hear(&mut baseline, |k| 50.0 * noise(k));
-        assert!(baseline.standout(0..25, Leak::NONE).contrast < 1.0);
+        assert!(baseline.standout(0..25, Leak::NONE, std::iter::empty()).contrast < 1.0);
         // What the line itself puts on its neighbours raises no level.
         let leak = Leak { power: 4e4, line: 15.0, per_filter: 0.1 };
         hear(&mut baseline, |k| if k == 15 { 4e4 } else { 4e4 / leak.below(k as f64) });
-        let leaking = baseline.standout(0..25, leak);
+        let leaking = baseline.standout(0..25, leak, std::iter::empty());
         assert!(leaking.common < 2.0 && leaking.contrast > 5000.0, "{leaking:?}");
     }
 

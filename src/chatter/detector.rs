@@ -213,6 +213,11 @@ impl Detector {
         }
     }
 
+    /// What was declared is something else: as if it had not been, with what was learned since.
+    pub(super) fn refuse(&mut self, before: &Self) {
+        self.phase = before.phase;
+    }
+
     /// What stands out is noise; the end of chatter if it was declared.
     pub(super) fn dismiss(&mut self) -> Option<ChatterEvent> {
         let event = matches!(self.phase, State::Chatter { .. }).then_some(ChatterEvent::End);

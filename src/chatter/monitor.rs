@@ -1,12 +1,15 @@
 //! The monitor of one force stream: signal processing and decision together.
 
+mod trial;
 mod watch;
 
 use super::band::{Band, BandError};
 use super::baseline::{Baseline, Lesson, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
 use super::detector::{BANKS, BankEvidence, Detector, Evidence, PLACED, between_orders};
+use super::foreign::Foreign;
 use super::hop::HopWatch;
+use super::past::Past;
 use super::scatter::Scatter;
 use super::watched::Watched;
 use super::{ChatterEvent, ChatterOutput, Phase};
@@ -73,6 +76,8 @@ const ORDER_DRIFT_HZ: f64 = 3.0;
 const YOUNG_TURNS: f64 = 8.0;
 /// A change of speed is looked for over this time.
 const SPEED_LAG_S: f64 = 1.0;
+/// The bank in which lines that move are followed.
+const FOLLOWED: usize = 1;
 /// Nothing is decided before this much noise was heard.
 const LEARN_S: f64 = 0.4;
 
@@ -118,6 +123,8 @@ pub struct ChatterState {
     track_hz: Option<f64>,
     watched: Watched,
     hop: HopWatch,
+    past: Past,
+    foreign: Foreign,
     scatter: Scatter,
     /// Of the strongest line, while what is known of the noise is not to be trusted.
     strongest: Scatter,
@@ -148,7 +155,7 @@ pub struct ChatterState {
 crate::keyframe::keep!(ChatterState {
     samples, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns, newest_speed_hz,
     speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
-    detector, track_hz, watched, hop, scatter, strongest, strongest_until_s, noise_until_s, variance_n2,
+    detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s, noise_until_s, variance_n2,
     whole_variance_n2,
     usual_variance_n2, louder, order_line, wide, wide_until_s,
     held_off_s, orders_new_until_s, relearn_until_s, latest
@@ -217,6 +224,8 @@ impl ChatterMonitor {
             track_hz: None,
             watched: Watched::new(self.settings.band, self.mix.centre_hz(), EDGE),
             hop: HopWatch::default(),
+            past: Past::new(self.mix.output_rate_hz()),
+            foreign: Foreign::default(),
             scatter: Scatter::NEW,
             strongest: Scatter::NEW,
             strongest_until_s: START_S,
@@ -339,10 +348,10 @@ impl ChatterMonitor {
         state.whole_variance_n2 += (value.norm_sqr() - state.whole_variance_n2) * share;
         let phase = state.detector.phase();
         let adapt = phase != Phase::Chatter;
+        // The band is as old as the mixer's filter is long; so must be the angle that its orders stand at.
+        let angle_turns = state.angle_turns - state.speed_hz * self.mix.delay_s();
+        let whole = value;
         let value = if state.speed_hz > 0.0 {
-            // The band is as old as the mixer's filter is long; so must be the angle that its orders stand
-            // at.
-            let angle_turns = state.angle_turns - state.speed_hz * self.mix.delay_s();
             let (mixer, speed_hz) = (state.mixer, state.speed_hz);
             let drift_hz = self.mix.centre_hz() * self.relative_speed_change_1_s(state);
             let memory_turns = (ORDER_DRIFT_HZ / drift_hz.max(1e-9) * speed_hz).clamp(4.0, 20.0);
@@ -357,6 +366,7 @@ impl ChatterMonitor {
         } else {
             value
         };
+        state.past.push(whole, value, angle_turns);
         state.fresh[state.fresh_count] = value;
         state.fresh_count += 1;
         state.variance_n2 += (value.norm_sqr() - state.variance_n2) * share;
@@ -408,7 +418,11 @@ impl ChatterMonitor {
         self.watch_orders(state, &evidence);
         self.watch_width(state, t_s);
         let strongest = self.watch_strongest(state, &evidence);
-        evidence.stands = evidence.stands.or(strongest);
+        evidence.stands = evidence.stands.or(strongest).and_then(|line| self.not_foreign(state, line));
+        if state.foreign.any() {
+            let (bank, heard) = (&state.banks[FOLLOWED], &state.baselines[FOLLOWED]);
+            state.foreign.follow(&self.banks[FOLLOWED], bank, heard);
+        }
         self.conclude(state, &evidence, strongest.is_some());
         // What is suspected is not noise: chatter that grows with the entry must not be learned.
         let learns = match state.detector.phase() {
@@ -438,7 +452,8 @@ impl ChatterMonitor {
             let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
             let line = baseline.look(bank, bank_state, among.clone());
             let growth_1_s = bank.growth_1_s(bank_state, line);
-            let standout = baseline.standout(among, bank.leak(line, growth_1_s, baseline.power(line)));
+            let leak = bank.leak(line, growth_1_s, baseline.power(line));
+            let standout = baseline.standout(among, leak, state.foreign.filters(bank));
             // A window that knows no noise yet says nothing, neither of a line nor of the level.
             let known = state.baselines[i].is_known();
             let standout = if known { standout } else { Standout { contrast: 0.0, ..standout } };
@@ -454,7 +469,7 @@ impl ChatterMonitor {
         let t_s = evidence.t_s;
         let age_s = state.detector.chatter_age_s(t_s);
         let ended = self.watch_scatter(state, evidence);
-        let event = ended.or_else(|| state.detector.step(evidence));
+        let event = ended.or_else(|| self.try_line(state, evidence));
         if event.is_some() {
             state.latest.event = event;
         }

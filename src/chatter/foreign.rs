@@ -1,0 +1,80 @@
+//! Lines that were seen to move through the band as no chatter does: encoders, gears, whatever a feed drives.
+//! They are followed for as long as they are heard, moving or at rest, and taken for what they are.
+
+use super::baseline::Baseline;
+use crate::signal::line_bank::{LineBank, LineBankState};
+
+/// Lines that are followed at once: a line and its harmonic.
+const LINES: usize = 2;
+/// Filters on each side in which a line is looked for from one decision to the next.
+const NEAR: usize = 1;
+/// It is the same line while its power is within this of what it was, a decision's share of which follows:
+/// 0.2 s.
+const SAME: f64 = 6.0;
+const FOLLOWS: f64 = 0.02;
+/// It is lost after so many decisions (0.1 s) without it.
+const LOST: u32 = 25;
+
+/// One line: frequency relative to the centre, power, decisions without it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Followed {
+    frequency_hz: f64,
+    power_n2: f64,
+    missed: u32,
+}
+
+crate::keyframe::keep!(Followed { frequency_hz, power_n2, missed });
+
+/// The lines that are followed.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Foreign {
+    lines: [Option<Followed>; LINES],
+}
+
+crate::keyframe::keep!(Foreign { lines });
+
+impl Foreign {
+    pub(super) fn any(&self) -> bool {
+        self.lines.iter().any(Option::is_some)
+    }
+
+    /// Follows a line from now on, instead of the weakest if there are enough.
+    pub(super) fn add(&mut self, frequency_hz: f64, power_n2: f64) {
+        let weight = |line: &Option<Followed>| line.map_or(0.0, |line| line.power_n2);
+        let free = self.lines.iter_mut().min_by(|a, b| weight(a).total_cmp(&weight(b)));
+        if let Some(free) = free {
+            *free = Some(Followed { frequency_hz, power_n2, missed: 0 });
+        }
+    }
+
+    /// Follows them to where they are now in a bank whose powers were read.
+    pub(super) fn follow(&mut self, bank: &LineBank, state: &LineBankState, heard: &Baseline) {
+        let last = bank.frequencies_hz().len().saturating_sub(1);
+        for place in &mut self.lines {
+            let Some(line) = place else { continue };
+            let middle = bank.nearest(line.frequency_hz);
+            let around = middle.saturating_sub(NEAR)..=(middle + NEAR).min(last);
+            let best = around.max_by(|a, b| heard.power(*a).total_cmp(&heard.power(*b))).unwrap_or(middle);
+            let power_n2 = heard.power(best);
+            let same = power_n2 < SAME * line.power_n2 && power_n2 * SAME > line.power_n2;
+            if same {
+                line.frequency_hz = bank.refined_hz(state, best);
+                line.power_n2 += FOLLOWS * (power_n2 - line.power_n2);
+            }
+            line.missed = if same { 0 } else { line.missed + 1 };
+            if line.missed > LOST {
+                *place = None;
+            }
+        }
+    }
+
+    /// The filters of a bank that they are nearest to.
+    pub(super) fn filters(&self, bank: &LineBank) -> impl Iterator<Item = usize> {
+        self.lines.iter().flatten().map(|line| bank.nearest(line.frequency_hz))
+    }
+
+    /// Whether a line is one of them.
+    pub(super) fn has(&self, frequency_hz: f64, within_hz: f64) -> bool {
+        self.lines.iter().flatten().any(|line| (line.frequency_hz - frequency_hz).abs() < within_hz)
+    }
+}

@@ -1,0 +1,212 @@
+//! The last part of a second of the band, kept for a second look at a line before it is declared.
+//!
+//! Two things are asked that no window ending now can tell:
+//!
+//! - Does the line repeat with the turn? Spindle orders do, whatever their number and however their
+//!   amplitudes change: over one turn their phase advances by nothing. Regenerative chatter cannot, its
+//!   growth needs sin(pi f/S) away from zero.
+//! - Was the line there before, at another frequency? Chatter grows where it is: its frequency is a mode's,
+//!   within one lobe. What comes through the band at full amplitude is driven by something else that moves.
+
+use nalgebra::Complex;
+use std::f64::consts::TAU;
+
+/// What is kept: the way back of a trace and a window at its far end.
+const KEPT_S: f64 = 0.6;
+/// The window reaches so many tau back: 4 % of its weight is left out.
+const REACH_TAUS: f64 = 5.0;
+/// A line is traced back in steps of this, so far, and over no less than this.
+const STEP_S: f64 = 0.02;
+const STEPS: usize = 20;
+const LEAST_STEPS: usize = 6;
+/// From one step to the next it is looked for within three times this on both sides.
+const APART_HZ: f64 = 4.0;
+/// It is there while it has this share of its present amplitude.
+const THERE: f64 = 0.5;
+/// It moved if that is so much more than it scatters about a steady motion, and at least this.
+const OVER_SCATTER: f64 = 6.0;
+const LEAST_MOVE_HZ: f64 = 4.0;
+
+/// The band and the spindle's angle, newest at `next - 1`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Past {
+    /// With the spindle's orders.
+    whole: Vec<Complex<f64>>,
+    /// Without them.
+    values: Vec<Complex<f64>>,
+    angles_turns: Vec<f64>,
+    next: usize,
+    seen: usize,
+}
+
+crate::keyframe::keep!(Past { whole, values, angles_turns, next, seen }
+    if |s| s.next < s.values.len() && s.seen <= s.values.len());
+
+/// A line as a window sees it: relative to the centre of the band.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sight {
+    pub(super) frequency_hz: f64,
+    pub(super) tau_s: f64,
+}
+
+impl Past {
+    pub(super) fn new(rate_hz: f64) -> Self {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
+        let kept = (KEPT_S * rate_hz).ceil() as usize;
+        let values = vec![Complex::new(0.0, 0.0); kept];
+        Self { whole: values.clone(), values, angles_turns: vec![0.0; kept], next: 0, seen: 0 }
+    }
+
+    #[inline]
+    pub(super) fn push(&mut self, whole: Complex<f64>, value: Complex<f64>, angle_turns: f64) {
+        (self.whole[self.next], self.values[self.next]) = (whole, value);
+        self.angles_turns[self.next] = angle_turns;
+        self.next = if self.next + 1 == self.values.len() { 0 } else { self.next + 1 };
+        self.seen = (self.seen + 1).min(self.values.len());
+    }
+
+    fn place(&self, back: usize) -> usize {
+        let from = self.next + self.values.len() - 1 - back;
+        if from >= self.values.len() { from - self.values.len() } else { from }
+    }
+
+    /// Complex amplitude of a line `back` samples ago; nothing where the window is not filled.
+    fn amplitude(
+        &self,
+        series: &[Complex<f64>],
+        rate_hz: f64,
+        sight: Sight, back: usize) -> Option<Complex<f64>> {
+        let taus = sight.tau_s * rate_hz;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
+        let taps = (REACH_TAUS * taus) as usize;
+        if back + taps > self.seen {
+            return None;
+        }
+        let turn = Complex::from_polar((-1.0 / taus).exp(), TAU * sight.frequency_hz / rate_hz);
+        let (mut sum, mut wave) = (Complex::new(0.0, 0.0), Complex::new(1.0 / (taus * taus), 0.0));
+        for m in 0..taps {
+            sum += series[self.place(back + m)] * wave * (m + 1) as f64;
+            wave *= turn;
+        }
+        Some(sum)
+    }
+
+    /// Turns by which the phase of a line advances over one turn of the spindle, -0.5 to 0.5, and its
+    /// amplitude of then over that of now. Orders, known or not: 0. Checked by:
+    /// `orders_repeat_with_the_turn_and_a_line_between_does_not`.
+    pub(super) fn turn_phase(&self, rate_hz: f64, centre_hz: f64, sight: Sight) -> Option<(f64, f64)> {
+        let now_turns = self.angles_turns[self.place(0)];
+        let back = (1..self.seen).find(|back| now_turns - self.angles_turns[self.place(*back)] >= 1.0)?;
+        // Where between two samples the turn began.
+        let [after, before] =
+            [back - 1, back].map(|k| now_turns - self.angles_turns[self.place(k)]);
+        let turn = (back - 1) as f64 + (1.0 - after) / (before - after).max(f64::MIN_POSITIVE);
+        let (now, then) =
+            (self.amplitude(&self.values, rate_hz, sight, 0)?, self.amplitude(&self.values, rate_hz, sight, back)?);
+        let shift = (centre_hz * turn - sight.frequency_hz * (back as f64 - turn)) / rate_hz;
+        let phase = (now * then.conj()).arg() / TAU + shift;
+        Some((phase - phase.round(), then.norm() / now.norm().max(f64::MIN_POSITIVE)))
+    }
+
+    /// Hz/s by which a line has moved steadily, at an amplitude that it had before; nothing where it stood,
+    /// was not there, or wandered. Checked by: `a_line_that_sweeps_is_traced_and_one_that_grows_is_not`.
+    pub(super) fn moves_hz_s(&self, rate_hz: f64, sight: Sight) -> Option<f64> {
+        // The notches take what crosses an order, the orders hide what is weaker than they are.
+        let trace = |series| self.trace_hz_s(series, rate_hz, sight);
+        trace(&self.values).or_else(|| trace(&self.whole))
+    }
+
+    fn trace_hz_s(&self, series: &[Complex<f64>], rate_hz: f64, sight: Sight) -> Option<f64> {
+        let least = THERE * self.amplitude(series, rate_hz, sight, 0)?.norm();
+        let mut places = [0.0; STEPS];
+        let mut hz = sight.frequency_hz;
+        let mut found = 0;
+        for place in &mut places {
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within what is kept")]
+            let back = (STEP_S * found as f64 * rate_hz) as usize;
+            let size = |k: i32| {
+                let sight = Sight { frequency_hz: hz + APART_HZ * f64::from(k), ..sight };
+                self.amplitude(series, rate_hz, sight, back).map_or(0.0, |a| a.norm())
+            };
+            let sizes: [f64; 7] = std::array::from_fn(|k| size(k as i32 - 3));
+            let best = (1..6).max_by(|a, b| sizes[*a].total_cmp(&sizes[*b])).unwrap_or(3);
+            if sizes[best] < least {
+                break;
+            }
+            let [low, middle, high] = [0, 1, 2].map(|k| sizes[best + k - 1].max(f64::MIN_POSITIVE).ln());
+            let bend = low - 2.0 * middle + high;
+            let between = if bend < 0.0 { (0.5 * (low - high) / bend).clamp(-1.0, 1.0) } else { 0.0 };
+            hz += APART_HZ * (best as f64 - 3.0 + between);
+            *place = hz;
+            found += 1;
+        }
+        let places = &places[..found];
+        (found >= LEAST_STEPS).then(|| steady_motion(places)).flatten()
+    }
+}
+
+/// Hz/s of places that are a step apart, newest first, if they lie on a line that is no level one.
+fn steady_motion(places: &[f64]) -> Option<f64> {
+    let n = places.len() as f64;
+    let (mid, mean) = (0.5 * (n - 1.0), places.iter().sum::<f64>() / n);
+    let square = n * (n * n - 1.0) / 12.0;
+    let slope = places.iter().enumerate().map(|(k, f)| (k as f64 - mid) * (f - mean)).sum::<f64>() / square;
+    let left = places.iter().enumerate().map(|(k, f)| (f - mean - slope * (k as f64 - mid)).powi(2));
+    let scatter = (left.sum::<f64>() / n).sqrt();
+    let moved = slope.abs() * (n - 1.0);
+    (moved > LEAST_MOVE_HZ && moved > OVER_SCATTER * scatter).then_some(-slope / STEP_S)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RATE_HZ: f64 = 1000.0;
+    const CENTRE_HZ: f64 = 650.0;
+
+    /// A second of a force, mixed down, with a spindle of 20 turns a second.
+    fn past(force: impl Fn(f64) -> Complex<f64>) -> Past {
+        let mut past = Past::new(RATE_HZ);
+        for n in 0..1000 {
+            let t = f64::from(n) / RATE_HZ;
+            let value = force(t) * Complex::from_polar(1.0, -TAU * CENTRE_HZ * t);
+            past.push(value, value, 20.13 * t);
+        }
+        past
+    }
+
+    fn wave(turns: f64) -> Complex<f64> {
+        Complex::from_polar(1.0, TAU * turns)
+    }
+
+    fn sight(hz: f64) -> Sight {
+        Sight { frequency_hz: hz - CENTRE_HZ, tau_s: 0.025 }
+    }
+
+    #[test]
+    fn orders_repeat_with_the_turn_and_a_line_between_does_not() {
+        // Three orders that fade; looked at from between two of them.
+        let orders = |t: f64| {
+            [30.0, 31.0, 33.0].iter().map(|o| wave(o * 20.13 * t)).sum::<Complex<f64>>() * (1.4 - t)
+        };
+        let (phase, share) = past(orders).turn_phase(RATE_HZ, CENTRE_HZ, sight(612.0)).unwrap();
+        assert!(phase.abs() < 0.01 && share > 1.0 && share < 1.3, "{phase} {share}");
+        // A line at order 31.3 that grows.
+        let line = |t: f64| wave(31.3 * 20.13 * t) * (10.0 * t).exp();
+        let (phase, share) = past(line).turn_phase(RATE_HZ, CENTRE_HZ, sight(632.0)).unwrap();
+        assert!((phase - 0.3).abs() < 0.01 && (share - (-10.0f64 / 20.13).exp()).abs() < 0.02, "{phase} {share}");
+    }
+
+    #[test]
+    fn a_line_that_sweeps_is_traced_and_one_that_grows_is_not() {
+        let moves = |force: &dyn Fn(f64) -> Complex<f64>, hz| past(force).moves_hz_s(RATE_HZ, sight(hz));
+        for rate in [-300.0, -40.0, 60.0, 250.0] {
+            let sweep = move |t: f64| wave(650.0 * (t - 1.0) + 0.5 * rate * (t - 1.0).powi(2));
+            let found = moves(&sweep, 650.0 - rate * 0.05).unwrap();
+            assert!((found / rate - 1.0).abs() < 0.15, "{rate} {found}");
+        }
+        assert_eq!(moves(&|t| wave(651.3 * t), 651.0), None);
+        // Growth that ends in a drift of 5 Hz/s, and one that begins off its place.
+        assert_eq!(moves(&|t| wave(651.3 * t + 2.5 * t * t) * (20.0 * t).exp().min(1e6), 656.0), None);
+    }
+}
