@@ -1,6 +1,7 @@
 //! What several axes say together: chatter shakes the bar, and every axis of the turret feels it.
 
 use super::{ChatterOutput, Phase};
+use crate::sample::MAX_AXES;
 
 /// Lines of two axes nearer than this are the same line: the short windows place one to a few Hz.
 const SAME_LINE_HZ: f64 = 8.0;
@@ -9,6 +10,8 @@ const TOGETHER_S: f64 = 0.12;
 /// A line that moves further than this between looks is not the same line: noise that a damped mode colours
 /// wanders.
 const STEADY_HZ: f64 = 4.0;
+/// It may drift with speed and tools: of each look in the place of the line, 0.15 s.
+const FOLLOWS: f64 = 0.027;
 /// A line that one axis alone hears must last this long before it counts: hunting of a single drive does not.
 const ALONE_S: f64 = 1.0;
 
@@ -34,21 +37,51 @@ pub struct Agreement {
 
 crate::keyframe::keep!(Agreement {
     phase, leading_axis, frequency_hz, highest_hz, power_n2, growth_1_s, confidence
-} if |s| s.leading_axis < crate::sample::MAX_AXES);
+} if |s| s.leading_axis < MAX_AXES);
 
 /// Variance over the usual from which the moving variance speaks of chatter.
 const LOUD_VARIANCE: f64 = 2.0;
 
-/// Since when one axis has been alone in chatter.
+/// Since when one axis has stood on its line, alone and with another.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct AgreementState {
+struct Clock {
+    line_hz: Option<f64>,
     alone_since_s: Option<f64>,
     together_since_s: Option<f64>,
-    line_hz: Option<f64>,
+}
+
+crate::keyframe::keep!(Clock { line_hz, alone_since_s, together_since_s });
+
+/// What is remembered of the axes.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct AgreementState {
+    clocks: [Clock; MAX_AXES],
     declared: bool,
 }
 
-crate::keyframe::keep!(AgreementState { alone_since_s, together_since_s, line_hz, declared });
+crate::keyframe::keep!(AgreementState { clocks, declared });
+
+impl Clock {
+    /// Takes what its axis says and whether another hears the same line; answers whether that has lasted.
+    fn look(&mut self, t_s: f64, output: &ChatterOutput, heard_by_another: bool) -> bool {
+        // A line that jumps about is the comb of a hunting drive: the clocks start again.
+        let steady = self.line_hz.zip(output.frequency_hz).is_some_and(|(a, b)| (a - b).abs() < STEADY_HZ);
+        if !steady {
+            *self = Self { line_hz: output.frequency_hz, ..Self::default() };
+        }
+        if let Some((line_hz, now_hz)) = self.line_hz.as_mut().zip(output.frequency_hz) {
+            *line_hz += FOLLOWS * (now_hz - *line_hz);
+        }
+        let chatter = output.phase == Phase::Chatter;
+        let since = |clock: &mut Option<f64>, on: bool| {
+            *clock = on.then(|| clock.unwrap_or(t_s));
+            clock.map_or(0.0, |since_s| t_s - since_s)
+        };
+        let alone = since(&mut self.alone_since_s, chatter) >= ALONE_S;
+        let together = since(&mut self.together_since_s, chatter && heard_by_another) >= TOGETHER_S;
+        alone || together
+    }
+}
 
 fn rank(phase: Phase) -> u8 {
     match phase {
@@ -62,16 +95,31 @@ fn rank(phase: Phase) -> u8 {
 /// Brings the outputs of the watched axes (index, output) to one statement at time `t_s`.
 ///
 /// The machine is in chatter when one axis is and another hears the same line, when there is only one
-/// axis, or when one axis has been alone in it for a second; it stays there until no axis is.
-/// Checked by: `suite/pipeline.rs`, `one_axis_alone_must_last`.
+/// axis, or when one axis has been alone in it for a second; it stays there until no axis is. Each axis has
+/// its own clock: what another hears, louder or not, does not stop it. Indices are below `MAX_AXES`.
+/// Checked by: `suite/pipeline.rs`, `one_axis_alone_must_last`,
+/// `another_line_elsewhere_does_not_stop_the_clock`.
 pub fn agree<'a>(
     state: &mut AgreementState,
     t_s: f64,
     watched: impl Iterator<Item = (usize, &'a ChatterOutput)> + Clone,
 ) -> Agreement {
-    let leading = watched
-        .clone()
-        .max_by(|(_, a), (_, b)| rank(a.phase).cmp(&rank(b.phase)).then(a.contrast.total_cmp(&b.contrast)));
+    let same = |a: &ChatterOutput, b: &ChatterOutput| {
+        let lines = a.frequency_hz.zip(b.frequency_hz);
+        lines.is_some_and(|(a, b)| (a - b).abs() < SAME_LINE_HZ)
+    };
+    let hearing = |line: &ChatterOutput| {
+        watched.clone().filter(|(_, other)| rank(other.phase) >= 2 && same(line, other)).count()
+    };
+    let count = watched.clone().count();
+    let mut sure = [false; MAX_AXES];
+    for (axis, output) in watched.clone() {
+        sure[axis] = state.clocks[axis].look(t_s, output, hearing(output) >= 2);
+    }
+    let leading = watched.clone().max_by(|(i, a), (j, b)| {
+        let order = rank(a.phase).cmp(&rank(b.phase)).then(sure[*i].cmp(&sure[*j]));
+        order.then(a.contrast.total_cmp(&b.contrast))
+    });
     let Some((leading_axis, output)) = leading else {
         return Agreement {
             phase: Phase::Learning,
@@ -83,46 +131,24 @@ pub fn agree<'a>(
             confidence: 0.0,
         };
     };
-    let count = watched.clone().count();
-    let same = |o: &ChatterOutput| match (o.frequency_hz, output.frequency_hz) {
-        (Some(a), Some(b)) => (a - b).abs() < SAME_LINE_HZ,
-        _ => false,
+    let believed = state.declared || count == 1 || sure[leading_axis];
+    let phase = match output.phase {
+        Phase::Chatter if !believed => Phase::Suspected,
+        phase => phase,
     };
-    let hearing = watched.clone().filter(|(_, o)| rank(o.phase) >= 2 && same(o)).count();
-    let mut phase = output.phase;
-    // A line that jumps about is the comb of a hunting drive: the clocks start again.
-    let steady = state.line_hz.zip(output.frequency_hz).is_some_and(|(a, b)| (a - b).abs() < STEADY_HZ);
-    if !steady {
-        state.line_hz = output.frequency_hz;
-        state.alone_since_s = None;
-        state.together_since_s = None;
-    }
-    if phase == Phase::Chatter {
-        let since_s = *state.alone_since_s.get_or_insert(t_s);
-        let lasted = t_s - since_s >= ALONE_S;
-        let together = hearing >= 2 && t_s - *state.together_since_s.get_or_insert(t_s) >= TOGETHER_S;
-        if hearing < 2 {
-            state.together_since_s = None;
-        }
-        if !(state.declared || count == 1 || together || lasted) {
-            phase = Phase::Suspected;
-        }
-    } else {
-        state.alone_since_s = None;
-        state.together_since_s = None;
-    }
     state.declared = phase == Phase::Chatter;
     Agreement {
         phase,
         leading_axis,
         frequency_hz: output.frequency_hz,
         highest_hz: watched
+            .clone()
             .filter(|(_, o)| o.phase == Phase::Chatter)
             .filter_map(|(_, o)| o.frequency_hz)
             .reduce(f64::max),
         power_n2: output.power_n2,
         growth_1_s: output.growth_1_s,
-        confidence: hearing as f64 / count as f64
+        confidence: hearing(output) as f64 / count as f64
             * if output.variance_ratio > LOUD_VARIANCE { 1.0 } else { 0.5 },
     }
 }
@@ -164,5 +190,20 @@ mod tests {
         assert_eq!(phase(&mut state, 1.0, &alone), Phase::Chatter);
         // The only axis there is has nobody to ask.
         assert_eq!(phase(&mut AgreementState::default(), 0.0, &alone[..1]), Phase::Chatter);
+    }
+
+    #[test]
+    fn another_line_elsewhere_does_not_stop_the_clock() {
+        // The other axis is louder now and then, each time on another line.
+        let mut state = AgreementState::default();
+        let mut phase_at = |t_s: f64| {
+            let loud = ChatterOutput { contrast: 90.0, ..output(Phase::Chatter, 300.0 + 100.0 * t_s) };
+            let quiet = output(Phase::Quiet, 300.0);
+            let other = if (t_s * 4.0) as u32 % 2 == 0 { loud } else { quiet };
+            agree(&mut state, t_s, [output(Phase::Chatter, 540.0), other].iter().enumerate())
+        };
+        assert_eq!((0..100).find(|k| phase_at(0.01 * f64::from(*k)).phase == Phase::Chatter), None);
+        let now = phase_at(1.0);
+        assert_eq!((now.phase, now.frequency_hz), (Phase::Chatter, Some(540.0)));
     }
 }

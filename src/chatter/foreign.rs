@@ -10,20 +10,21 @@ const LINES: usize = 2;
 const NEAR: usize = 1;
 /// It is the same line while its power is within this of what it was, a decision's share of which follows:
 /// 0.2 s.
-const SAME: f64 = 6.0;
+const SAME: f64 = 4.0;
 const FOLLOWS: f64 = 0.02;
 /// It is lost after so many decisions (0.1 s) without it.
 const LOST: u32 = 25;
 
-/// One line: frequency relative to the centre, power, decisions without it.
+/// One line: frequency relative to the centre, power, decisions without it, whether more stands there now.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Followed {
     frequency_hz: f64,
     power_n2: f64,
     missed: u32,
+    grown: bool,
 }
 
-crate::keyframe::keep!(Followed { frequency_hz, power_n2, missed });
+crate::keyframe::keep!(Followed { frequency_hz, power_n2, missed, grown });
 
 /// The lines that are followed.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -43,7 +44,7 @@ impl Foreign {
         let weight = |line: &Option<Followed>| line.map_or(0.0, |line| line.power_n2);
         let free = self.lines.iter_mut().min_by(|a, b| weight(a).total_cmp(&weight(b)));
         if let Some(free) = free {
-            *free = Some(Followed { frequency_hz, power_n2, missed: 0 });
+            *free = Some(Followed { frequency_hz, power_n2, missed: 0, grown: false });
         }
     }
 
@@ -56,7 +57,8 @@ impl Foreign {
             let around = middle.saturating_sub(NEAR)..=(middle + NEAR).min(last);
             let best = around.max_by(|a, b| heard.power(*a).total_cmp(&heard.power(*b))).unwrap_or(middle);
             let power_n2 = heard.power(best);
-            let same = power_n2 < SAME * line.power_n2 && power_n2 * SAME > line.power_n2;
+            line.grown = power_n2 > SAME * line.power_n2;
+            let same = !line.grown && power_n2 * SAME > line.power_n2;
             if same {
                 line.frequency_hz = bank.refined_hz(state, best);
                 line.power_n2 += FOLLOWS * (power_n2 - line.power_n2);
@@ -68,9 +70,9 @@ impl Foreign {
         }
     }
 
-    /// The filters of a bank that they are nearest to.
+    /// The filters of a bank that they are nearest to. Where one has grown something else grows.
     pub(super) fn filters(&self, bank: &LineBank) -> impl Iterator<Item = usize> {
-        self.lines.iter().flatten().map(|line| bank.nearest(line.frequency_hz))
+        self.lines.iter().flatten().filter(|line| !line.grown).map(|line| bank.nearest(line.frequency_hz))
     }
 
     /// Whether a line is one of them.

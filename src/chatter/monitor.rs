@@ -6,7 +6,7 @@ mod watch;
 use super::band::{Band, BandError};
 use super::baseline::{Baseline, Lesson, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
-use super::detector::{BANKS, BankEvidence, Detector, Evidence, PLACED, between_orders};
+use super::detector::{BANKS, BankEvidence, Detector, Evidence, PLACED, between_orders, on_an_order};
 use super::foreign::Foreign;
 use super::hop::HopWatch;
 use super::past::Past;
@@ -568,16 +568,27 @@ impl ChatterMonitor {
             _ => 1,
         };
         let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
-        let best = if STRIDES[index] == 1 {
-            state.baselines[index].strongest()
+        let heard = &evidence.banks[index];
+        let (frequency_hz, power_n2, growth_1_s) = if state.foreign.any() {
+            // The strongest line may be one that is known to be something else.
+            (heard.frequency_hz, heard.power_n2, heard.growth_1_s)
         } else {
-            let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
-            state.baselines[index].look(bank, bank_state, among)
+            let best = if STRIDES[index] == 1 {
+                state.baselines[index].strongest()
+            } else {
+                let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
+                state.baselines[index].look(bank, bank_state, among)
+            };
+            let frequency_hz = self.mix.centre_hz() + bank.refined_hz(bank_state, best);
+            (frequency_hz, state.baselines[index].power(best), bank.growth_1_s(bank_state, best))
         };
-        let power_n2 = state.baselines[index].power(best);
         let phase = state.detector.phase();
-        let line = matches!(phase, Phase::Suspected | Phase::Chatter);
-        state.track_hz = line.then(|| self.mix.centre_hz() + bank.refined_hz(bank_state, best));
+        let line = match phase {
+            // An order is no line that another axis could confirm.
+            Phase::Suspected => !on_an_order(&BankEvidence { frequency_hz, ..*heard }, evidence),
+            phase => phase == Phase::Chatter,
+        };
+        state.track_hz = line.then_some(frequency_hz);
         let declared = state.track_hz.filter(|_| phase == Phase::Chatter);
         state.watched.follow(declared.map(|hz| hz - self.mix.centre_hz()), self.reach_hz);
         let hop = state.hop.look(declared);
@@ -588,7 +599,7 @@ impl ChatterMonitor {
             frequency_hz: state.track_hz,
             power_n2,
             contrast: evidence.banks.iter().fold(0.0, |m, b| f64::max(m, b.contrast)),
-            growth_1_s: line.then(|| bank.growth_1_s(bank_state, best)),
+            growth_1_s: line.then_some(growth_1_s),
             variance_ratio: state.variance_n2 / state.usual_variance_n2.max(f64::MIN_POSITIVE),
             event,
         };

@@ -38,15 +38,17 @@ fn listen_from(start_s: f64, more: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEven
     for n in (start_s * RATE_HZ) as u32..(12.0 * RATE_HZ) as u32 {
         let t = f64::from(n) / RATE_HZ;
         let engaged = ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0);
-        let orders: f64 =
-            [29.0, 32.0, 33.0].iter().map(|o| 6.0 * (std::f64::consts::TAU * o * TURN_HZ * t).cos()).sum();
-        let force_n = 80.0 * engaged + orders * engaged + 2.0 * noise.next() + more(t);
+        let force_n = (80.0 + orders(t)) * engaged + 2.0 * noise.next() + more(t);
         let event = monitor.step(&mut state, force_n, Some(60.0 * TURN_HZ));
         if let Some(event @ (ChatterEvent::Onset(_) | ChatterEvent::End)) = event {
             found.push((t, event));
         }
     }
     found
+}
+
+fn orders(t: f64) -> f64 {
+    [29.0, 32.0, 33.0].iter().map(|o| 6.0 * (std::f64::consts::TAU * o * TURN_HZ * t).cos()).sum()
 }
 
 fn line(t: f64, frequency_hz: f64) -> f64 {
@@ -124,6 +126,46 @@ fn a_mode_that_noise_excites_is_told_by_its_scatter() {
         alarm_s += if matches!(event, ChatterEvent::End) { *t } else { -*t };
     }
     assert!(found.len() <= 2 && (0.0..1.5).contains(&alarm_s), "{alarm_s} {found:?}");
+}
+
+/// Orders between which a short window sees a line: over a turn they repeat, however fast they change.
+#[test]
+fn orders_that_fade_or_step_are_not_chatter() {
+    let step = |t: f64, from_s: f64, lasts_s: f64| {
+        let u = ((t - from_s) / lasts_s).clamp(0.0, 1.0);
+        u * u * (3.0 - 2.0 * u)
+    };
+    let strong = |t: f64| orders(t) + 12.0 * line(t, 30.0 * TURN_HZ) + 9.0 * line(t, 31.0 * TURN_HZ + 0.01);
+    for lasts_s in [0.15, 0.2, 0.3, 0.5] {
+        // The tools leave.
+        let found = listen(|t| {
+            let left = 1.0 - step(t, 9.0, lasts_s);
+            strong(t) * step(t, 1.0, 0.05) * left - (80.0 + orders(t)) * (1.0 - left)
+        });
+        assert!(found.is_empty(), "{lasts_s} {found:?}");
+        // A workpiece that begins to run out.
+        let found = listen(|t| strong(t) * step(t, 6.0, lasts_s));
+        assert!(found.is_empty(), "{lasts_s} {found:?}");
+    }
+}
+
+/// An encoder line that goes with the feed, through the band or into it, and chatter beside it.
+#[test]
+fn a_line_that_sweeps_is_not_chatter_and_hides_none() {
+    let sweep = |t: f64, rate_hz_s: f64, stops_s: f64| {
+        let (since, beyond) = ((t - 2.0).clamp(0.0, stops_s), (t - 2.0 - stops_s).max(0.0));
+        let turns = 430.0 * (t - 2.0) + rate_hz_s * (0.5 * since * since + stops_s * beyond);
+        3.0 * (std::f64::consts::TAU * turns).sin()
+    };
+    for (rate_hz_s, stops_s) in [(40.0, 9.0), (80.0, 5.0), (200.0, 1.0), (280.0, 0.8), (70.0, 4.6)] {
+        let found = listen(|t| sweep(t, rate_hz_s, stops_s));
+        assert!(found.is_empty(), "{rate_hz_s} {found:?}");
+        let grows = |t: f64| if t > 8.0 { (0.05 * (20.0 * (t - 8.0)).exp()).min(15.0) } else { 0.0 };
+        let found = listen(|t| sweep(t, rate_hz_s, stops_s) + grows(t) * line(t, 611.3));
+        let [(onset_s, ChatterEvent::Onset(heard)), ..] = found[..] else { panic!("{rate_hz_s} {found:?}") };
+        assert!((8.0..8.35).contains(&onset_s), "{rate_hz_s} {onset_s}");
+        assert!((heard.frequency_hz - 611.3).abs() < 3.0, "{rate_hz_s} {heard:?}");
+    }
 }
 
 #[test]

@@ -9,7 +9,7 @@ use crate::chatter::detector::BankEvidence;
 const LOOK_TAU_S: f64 = 0.025;
 /// A line whose phase advances by less of a turn than this from one turn of the spindle to the next is made
 /// of orders.
-const REPEATS: f64 = 0.1;
+const REPEATS: f64 = 0.16;
 /// If it was there a turn ago, with this share of its amplitude: noise has any phase.
 const WAS_THERE: f64 = 0.3;
 /// Share of its frequency by which a line may move in a second: a bar that gets thinner or a tool that
@@ -24,6 +24,8 @@ impl ChatterMonitor {
         let sight = Sight { frequency_hz: line.frequency_hz - self.mix.centre_hz(), tau_s: LOOK_TAU_S };
         if state.speed_hz > 0.0 {
             let turn = state.past.turn_phase(rate_hz, self.mix.centre_hz(), sight);
+                eprintln!("{:.3} {:?} {:?}", self.now_s(state), line, turn);
+            }
             if turn.is_some_and(|(phase, share)| phase.abs() < REPEATS && share > WAS_THERE) {
                 return true;
             }
@@ -57,9 +59,13 @@ impl ChatterMonitor {
         event
     }
 
-    /// A line that is followed as something else stands for nothing.
+    /// A line that is followed as something else stands for nothing, nor does what little it leaves beside it.
     pub(super) fn not_foreign(&self, state: &ChatterState, line: BankEvidence) -> Option<BankEvidence> {
-        let frequency_hz = line.frequency_hz - self.mix.centre_hz();
-        (!state.foreign.has(frequency_hz, 0.25 / line.tau_s)).then_some(line)
+        (!state.foreign.any() || line.contrast > line.suspect && !self.is_foreign(state, &line))
+            .then_some(line)
+    }
+
+    fn is_foreign(&self, state: &ChatterState, line: &BankEvidence) -> bool {
+        state.foreign.has(line.frequency_hz - self.mix.centre_hz(), 0.25 / line.tau_s)
     }
 }
