@@ -155,8 +155,8 @@ impl Baseline {
     /// The filter with the greatest ratio of power to learned noise at the last look; the ratio divided by
     /// the band's common level when all of the band is louder than learned (its median over ln 2, the median
     /// of an exponential distribution of mean one). `leak` is what the strongest line puts on each filter:
-    /// that is no noise. `foreign` are the filters of lines that are known to be something else: what falls off from them
-    /// on both sides is theirs. Checked by:
+    /// that is no noise. `foreign` are the filters of lines that are known to be something else: what falls
+    /// off from them on both sides is theirs. Checked by:
     /// `a_line_stands_out_and_a_loud_band_does_not`.
     pub(super) fn standout(
         &mut self,

@@ -155,9 +155,8 @@ pub struct ChatterState {
 crate::keyframe::keep!(ChatterState {
     samples, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns, newest_speed_hz,
     speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
-    detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s, noise_until_s, variance_n2,
-    whole_variance_n2,
-    usual_variance_n2, louder, order_line, wide, wide_until_s,
+    detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s,
+    noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line, wide, wide_until_s,
     held_off_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
 
@@ -567,28 +566,14 @@ impl ChatterMonitor {
             Some(age_s) if age_s > 0.1 => 2,
             _ => 1,
         };
-        let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
-        let heard = &evidence.banks[index];
-        let (frequency_hz, power_n2, growth_1_s) = if state.foreign.any() {
-            // The strongest line may be one that is known to be something else.
-            (heard.frequency_hz, heard.power_n2, heard.growth_1_s)
-        } else {
-            let best = if STRIDES[index] == 1 {
-                state.baselines[index].strongest()
-            } else {
-                let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
-                state.baselines[index].look(bank, bank_state, among)
-            };
-            let frequency_hz = self.mix.centre_hz() + bank.refined_hz(bank_state, best);
-            (frequency_hz, state.baselines[index].power(best), bank.growth_1_s(bank_state, best))
-        };
+        let heard = self.line_told(state, evidence, index);
         let phase = state.detector.phase();
         let line = match phase {
             // An order is no line that another axis could confirm.
-            Phase::Suspected => !on_an_order(&BankEvidence { frequency_hz, ..*heard }, evidence),
+            Phase::Suspected => !on_an_order(&heard, evidence),
             phase => phase == Phase::Chatter,
         };
-        state.track_hz = line.then_some(frequency_hz);
+        state.track_hz = line.then_some(heard.frequency_hz);
         let declared = state.track_hz.filter(|_| phase == Phase::Chatter);
         state.watched.follow(declared.map(|hz| hz - self.mix.centre_hz()), self.reach_hz);
         let hop = state.hop.look(declared);
@@ -597,9 +582,9 @@ impl ChatterMonitor {
         state.latest = ChatterOutput {
             phase,
             frequency_hz: state.track_hz,
-            power_n2,
+            power_n2: heard.power_n2,
             contrast: evidence.banks.iter().fold(0.0, |m, b| f64::max(m, b.contrast)),
-            growth_1_s: line.then_some(growth_1_s),
+            growth_1_s: line.then_some(heard.growth_1_s),
             variance_ratio: state.variance_n2 / state.usual_variance_n2.max(f64::MIN_POSITIVE),
             event,
         };

@@ -1,9 +1,9 @@
 //! The second look at what is about to be declared: whether it is what chatter can be.
 
+use super::super::detector::{BankEvidence, Evidence};
 use super::super::past::Sight;
 use super::super::{ChatterEvent, Line};
-use super::{ChatterMonitor, ChatterState};
-use crate::chatter::detector::BankEvidence;
+use super::{ChatterMonitor, ChatterState, STRIDES};
 
 /// The window of the second look, s.
 const LOOK_TAU_S: f64 = 0.025;
@@ -24,30 +24,22 @@ impl ChatterMonitor {
         let sight = Sight { frequency_hz: line.frequency_hz - self.mix.centre_hz(), tau_s: LOOK_TAU_S };
         if state.speed_hz > 0.0 {
             let turn = state.past.turn_phase(rate_hz, self.mix.centre_hz(), sight);
-                eprintln!("{:.3} {:?} {:?}", self.now_s(state), line, turn);
-            }
             if turn.is_some_and(|(phase, share)| phase.abs() < REPEATS && share > WAS_THERE) {
                 return true;
             }
         }
         let Some(moves_hz_s) = state.past.moves_hz_s(rate_hz, sight) else { return false };
-        // Within a lobe chatter goes with the speed or stays; one that would cross an order within a second
-        // does neither.
-        let lobe_hz_s = line.frequency_hz * self.relative_speed_change_1_s(state);
-        let free_hz_s = DRIFT_1_S * line.frequency_hz;
-        let moves = moves_hz_s.abs() > free_hz_s + lobe_hz_s;
+        // Within a lobe chatter stays where the mode is, or goes with the speed.
+        let free_1_s = DRIFT_1_S + self.relative_speed_change_1_s(state);
+        let moves = moves_hz_s.abs() > free_1_s * line.frequency_hz;
         if moves {
-            state.foreign.add(sight.frequency_hz, line.power_n2);
+            state.foreign.add(sight.frequency_hz, self.power_near(state, line.frequency_hz));
         }
         moves
     }
 
     /// What the detector concludes, unless the second look refuses it.
-    pub(super) fn try_line(
-        &self,
-        state: &mut ChatterState,
-        evidence: &super::Evidence,
-    ) -> Option<ChatterEvent> {
+    pub(super) fn try_line(&self, state: &mut ChatterState, evidence: &Evidence) -> Option<ChatterEvent> {
         let before = state.detector.clone();
         let event = state.detector.step(evidence);
         if let Some(ChatterEvent::Onset(line)) = event
@@ -59,7 +51,34 @@ impl ChatterMonitor {
         event
     }
 
-    /// A line that is followed as something else stands for nothing, nor does what little it leaves beside it.
+    /// The line that is told: the strongest in a window, or what stands out beside what is something else.
+    pub(super) fn line_told(
+        &self,
+        state: &mut ChatterState,
+        evidence: &Evidence,
+        index: usize,
+    ) -> BankEvidence {
+        let heard = evidence.banks[index];
+        if state.foreign.any() {
+            return heard;
+        }
+        let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
+        let best = if STRIDES[index] == 1 {
+            state.baselines[index].strongest()
+        } else {
+            let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
+            state.baselines[index].look(bank, bank_state, among)
+        };
+        BankEvidence {
+            frequency_hz: self.mix.centre_hz() + bank.refined_hz(bank_state, best),
+            power_n2: state.baselines[index].power(best),
+            growth_1_s: bank.growth_1_s(bank_state, best),
+            ..heard
+        }
+    }
+
+    /// A line that is followed as something else stands for nothing, nor does what little it leaves beside
+    /// it.
     pub(super) fn not_foreign(&self, state: &ChatterState, line: BankEvidence) -> Option<BankEvidence> {
         (!state.foreign.any() || line.contrast > line.suspect && !self.is_foreign(state, &line))
             .then_some(line)

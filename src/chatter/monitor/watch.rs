@@ -124,7 +124,7 @@ impl ChatterMonitor {
     }
 
     /// Power of the bank that tells lines from noise, at the filter nearest to a frequency.
-    fn power_near(&self, state: &ChatterState, frequency_hz: f64) -> f64 {
+    pub(super) fn power_near(&self, state: &ChatterState, frequency_hz: f64) -> f64 {
         state.baselines[SCATTER].power(self.banks[SCATTER].nearest(frequency_hz - self.mix.centre_hz()))
     }
 
