@@ -21,6 +21,8 @@ const STEPS: usize = 20;
 const LEAST_STEPS: usize = 6;
 /// From one step to the next it is looked for within three times this on both sides.
 const APART_HZ: f64 = 4.0;
+/// Time over which the spindle's speed is taken.
+const SPEED_S: f64 = 0.1;
 /// It is there while it has this share of its present amplitude.
 const THERE: f64 = 0.5;
 /// It moved if that is so much more than it scatters about a steady motion, and at least this.
@@ -119,6 +121,18 @@ impl Past {
         trace(&self.values).or_else(|| trace(&self.whole))
     }
 
+    /// Relative change of the spindle's speed over the stretch in which a line is traced, 1/s; 0 where it is
+    /// not known.
+    pub(super) fn speed_change_1_s(&self, rate_hz: f64) -> f64 {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
+        let part = (SPEED_S * rate_hz) as usize;
+        let Some(apart) = self.seen.checked_sub(part + 1).filter(|apart| *apart > part) else { return 0.0 };
+        let turned =
+            |back: usize| self.angles_turns[self.place(back)] - self.angles_turns[self.place(back + part)];
+        let (now, then) = (turned(0), turned(apart));
+        if now + then > 0.0 { 2.0 * (now - then) / (now + then) * rate_hz / apart as f64 } else { 0.0 }
+    }
+
     fn trace_hz_s(&self, series: &[Complex<f64>], rate_hz: f64, sight: Sight) -> Option<f64> {
         let least = THERE * self.amplitude(series, rate_hz, sight, 0)?.norm();
         let mut places = [0.0; STEPS];
@@ -215,6 +229,7 @@ mod tests {
             assert!((found / rate - 1.0).abs() < 0.15, "{rate} {found}");
         }
         assert_eq!(moves(&|t| wave(651.3 * t), 651.0), None);
+        assert!(past(|t| wave(651.3 * t)).speed_change_1_s(RATE_HZ).abs() < 1e-9);
         // Growth that ends in a drift of 5 Hz/s, and one that begins off its place.
         assert_eq!(moves(&|t| wave(651.3 * t + 2.5 * t * t) * (20.0 * t).exp().min(1e6), 656.0), None);
     }

@@ -168,6 +168,33 @@ fn a_line_that_sweeps_is_not_chatter_and_hides_none() {
     }
 }
 
+/// Between two orders it moves as they do: no line that sweeps by itself.
+#[test]
+fn chatter_that_goes_with_the_speed_is_heard() {
+    let band = Band::new(500.0, 750.0).unwrap();
+    let settings = ChatterSettings { sample_rate: SampleRate::new(RATE_HZ).unwrap(), band };
+    let monitor = ChatterMonitor::new(settings).unwrap();
+    for order in [36.4, 37.6] {
+        let (mut state, mut noise, mut turns, mut onset_s) = (monitor.start(), Noise(3), 0.0, None);
+        for n in 0..(7.0 * RATE_HZ) as u32 {
+            let t = f64::from(n) / RATE_HZ;
+            // From 14 to 20 turns a second in two seconds: a line at order 37 moves by 110 Hz/s.
+            let turn_hz = 14.0 + 3.0 * (t - 4.0).clamp(0.0, 2.0);
+            turns += turn_hz / RATE_HZ;
+            let grown = if t > 4.6 { (0.05 * (15.0 * (t - 4.6)).exp()).min(40.0) } else { 0.0 };
+            let force_n = 80.0 * (t - 1.0).clamp(0.0, 1.0)
+                + 3.0 * (std::f64::consts::TAU * 40.0 * turns).cos()
+                + grown * (std::f64::consts::TAU * order * turns).sin()
+                + noise.next();
+            let event = monitor.step(&mut state, force_n, Some(60.0 * turn_hz));
+            if let (None, Some(ChatterEvent::Onset(_))) = (onset_s, event) {
+                onset_s = Some(t);
+            }
+        }
+        assert!(onset_s.is_some_and(|t| (4.65..5.2).contains(&t)), "{order} {onset_s:?}");
+    }
+}
+
 #[test]
 fn the_monitor_repeats_itself() {
     let chatter = |t: f64| if t > 5.0 { 10.0 * line(t, 611.0) } else { 0.0 };

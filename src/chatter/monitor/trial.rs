@@ -15,6 +15,8 @@ const WAS_THERE: f64 = 0.3;
 /// Share of its frequency by which a line may move in a second: a bar that gets thinner or a tool that
 /// travels does less.
 const DRIFT_1_S: f64 = 0.01;
+/// While the speed changes a line may move by so much of what an order at its place moves.
+const WITH_SPEED: f64 = 1.5;
 
 impl ChatterMonitor {
     /// Whether a line that is about to be declared is something else. One that moves is followed from now
@@ -30,7 +32,7 @@ impl ChatterMonitor {
         }
         let Some(moves_hz_s) = state.past.moves_hz_s(rate_hz, sight) else { return false };
         // Within a lobe chatter stays where the mode is, or goes with the speed.
-        let free_1_s = DRIFT_1_S + self.relative_speed_change_1_s(state);
+        let free_1_s = DRIFT_1_S + WITH_SPEED * state.past.speed_change_1_s(rate_hz).abs();
         let moves = moves_hz_s.abs() > free_1_s * line.frequency_hz;
         if moves {
             state.foreign.add(sight.frequency_hz, self.power_near(state, line.frequency_hz));
