@@ -15,6 +15,11 @@ const FOLLOWS: f64 = 0.02;
 /// It is lost after so many decisions (0.1 s) without it.
 const LOST: u32 = 25;
 
+/// What was seen to move must have gone on for so many decisions (0.5 s) by this share of its way: noise
+/// beside a weak line moves it for a moment.
+const PROVES: u32 = 125;
+const GOES_ON: f64 = 0.3;
+
 /// One line: frequency relative to the centre, power, decisions without it, whether more stands there now.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Followed {
@@ -22,9 +27,13 @@ struct Followed {
     power_n2: f64,
     missed: u32,
     grown: bool,
+    /// How far it would come within `PROVES`, where it began, for how long it is followed.
+    way_hz: f64,
+    from_hz: f64,
+    age: u32,
 }
 
-crate::keyframe::keep!(Followed { frequency_hz, power_n2, missed, grown });
+crate::keyframe::keep!(Followed { frequency_hz, power_n2, missed, grown, way_hz, from_hz, age });
 
 /// The lines that are followed.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -39,12 +48,13 @@ impl Foreign {
         self.lines.iter().any(Option::is_some)
     }
 
-    /// Follows a line from now on, instead of the weakest if there are enough.
-    pub(super) fn add(&mut self, frequency_hz: f64, power_n2: f64) {
+    /// Follows a line from now on that comes `way_hz` far in half a second, instead of the weakest if there are enough.
+    pub(super) fn add(&mut self, frequency_hz: f64, way_hz: f64, power_n2: f64) {
         let weight = |line: &Option<Followed>| line.map_or(0.0, |line| line.power_n2);
         let free = self.lines.iter_mut().min_by(|a, b| weight(a).total_cmp(&weight(b)));
         if let Some(free) = free {
-            *free = Some(Followed { frequency_hz, power_n2, missed: 0, grown: false });
+            let from_hz = frequency_hz;
+            *free = Some(Followed { frequency_hz, power_n2, way_hz, from_hz, ..Followed::default() });
         }
     }
 
@@ -64,7 +74,9 @@ impl Foreign {
                 line.power_n2 += FOLLOWS * (power_n2 - line.power_n2);
             }
             line.missed = if same { 0 } else { line.missed + 1 };
-            if line.missed > LOST {
+            line.age = (line.age + 1).min(PROVES + 1);
+            let stands = (line.frequency_hz - line.from_hz).abs() < GOES_ON * line.way_hz;
+            if line.missed > LOST || line.age == PROVES && stands {
                 *place = None;
             }
         }

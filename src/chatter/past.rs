@@ -18,7 +18,7 @@ const REACH_TAUS: f64 = 5.0;
 /// A line is traced back in steps of this, so far, and over no less than this.
 const STEP_S: f64 = 0.02;
 const STEPS: usize = 20;
-const LEAST_STEPS: usize = 6;
+const LEAST_STEPS: usize = 8;
 /// From one step to the next it is looked for within three times this on both sides.
 const APART_HZ: f64 = 4.0;
 /// Time over which the spindle's speed is taken.
@@ -26,7 +26,7 @@ const SPEED_S: f64 = 0.1;
 /// It is there while it has this share of its present amplitude.
 const THERE: f64 = 0.5;
 /// It moved if that is so much more than it scatters about a steady motion, and at least this.
-const OVER_SCATTER: f64 = 6.0;
+const OVER_SCATTER: f64 = 9.0;
 const LEAST_MOVE_HZ: f64 = 4.0;
 
 /// The band and the spindle's angle, newest at `next - 1`.

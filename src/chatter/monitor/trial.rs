@@ -35,7 +35,8 @@ impl ChatterMonitor {
         let free_1_s = DRIFT_1_S + WITH_SPEED * state.past.speed_change_1_s(rate_hz).abs();
         let moves = moves_hz_s.abs() > free_1_s * line.frequency_hz;
         if moves {
-            state.foreign.add(sight.frequency_hz, self.power_near(state, line.frequency_hz));
+            let power_n2 = self.power_near(state, line.frequency_hz);
+            state.foreign.add(sight.frequency_hz, 0.5 * moves_hz_s.abs(), power_n2);
         }
         moves
     }
