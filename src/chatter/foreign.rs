@@ -48,7 +48,8 @@ impl Foreign {
         self.lines.iter().any(Option::is_some)
     }
 
-    /// Follows a line from now on that comes `way_hz` far in half a second, instead of the weakest if there are enough.
+    /// Follows a line from now on that comes `way_hz` far in half a second, instead of the weakest if
+    /// there are enough.
     pub(super) fn add(&mut self, frequency_hz: f64, way_hz: f64, power_n2: f64) {
         let weight = |line: &Option<Followed>| line.map_or(0.0, |line| line.power_n2);
         let free = self.lines.iter_mut().min_by(|a, b| weight(a).total_cmp(&weight(b)));
