@@ -170,7 +170,7 @@ mod tests {
 
     #[test]
     fn a_struct_is_walked_to_its_end_and_not_beyond() {
-        // Fields 1 (i32), 2 (binary), 3 (true), 4 (list of two doubles), 20 (map of bytes to bytes), 21 (struct).
+        // Fields 1 (i32), 2 (binary), 3 (true), 4 (list of two doubles), 20 (map of bytes), 21 (struct).
         let mut whole = vec![0x15, 0x80, 0x01, 0x18, 2, b'a', b'b', 0x11, 0x19, 0x27];
         whole.extend([0; 16]);
         whole.extend([0x0b, 40, 1, 0x33, 7, 7, 0x1c, 0x15, 2, 0, 0]);
@@ -185,8 +185,7 @@ mod tests {
         for element in [1, 2, 3, 5, 7, 8, 12, 13] {
             assert_eq!(walk(&[0x19, 0xf0 | element, 0xff, 0xff, 0xff, 0xff, 0x07, 0, 0, 0]), None);
         }
-        let nested: Vec<u8> =
-            [0x19].into_iter().chain([0xf9, 0xff, 0xff, 0xff, 0xff, 0x07].repeat(100)).collect();
+        let nested = [vec![0x19], [0xf9, 0xff, 0xff, 0xff, 0xff, 0x07].repeat(100)].concat();
         assert_eq!(walk(&nested), None);
     }
 }
