@@ -65,9 +65,11 @@ const KINDS: [&str; 6] = [
     "GET /none/%ff?x=%00 HTTP/1.1\r\nHost: localhost\r\n\r\n",
 ];
 
-/// Offers requests at a rate over one connection after another, reading what comes back.
+/// Offers requests at a rate over one connection after another, reading what comes back. What is sent is put
+/// together once: the generator shares the cores with what it floods.
 fn offer(address: &str, rate: f64, stop: &AtomicBool, (offered, answered): (&AtomicU64, &AtomicU64)) {
-    const TOGETHER: u64 = 20;
+    const TOGETHER: u64 = 24;
+    let many: String = (0..TOGETHER as usize).map(|k| KINDS[k % KINDS.len()]).collect();
     let (began, mut mine) = (Instant::now(), 0_u64);
     while !stop.load(Ordering::Relaxed) {
         let Ok(mut stream) = TcpStream::connect(address) else { continue };
@@ -75,11 +77,11 @@ fn offer(address: &str, rate: f64, stop: &AtomicBool, (offered, answered): (&Ato
         let _ = reader.set_read_timeout(Some(Duration::from_millis(500)));
         let counted = std::thread::scope(|scope| {
             let reading = scope.spawn(move || {
-                let (mut count, mut buffer) = (0_u64, vec![0_u8; 65_536]);
+                let (mut count, mut buffer) = (0_u64, vec![0_u8; 1 << 18]);
                 while let Ok(read) = reader.read(&mut buffer)
                     && read > 0
                 {
-                    count += buffer[..read].windows(9).filter(|w| w == b"HTTP/1.1 ").count() as u64;
+                    count += String::from_utf8_lossy(&buffer[..read]).matches("HTTP/1.1 ").count() as u64;
                 }
                 count
             });
@@ -89,7 +91,6 @@ fn offer(address: &str, rate: f64, stop: &AtomicBool, (offered, answered): (&Ato
                     std::thread::sleep(Duration::from_millis(1));
                     continue;
                 }
-                let many: String = (0..TOGETHER).map(|k| KINDS[((mine + k) % 6) as usize]).collect();
                 (mine, _) = (mine + TOGETHER, offered.fetch_add(TOGETHER, Ordering::Relaxed));
                 if stream.write_all(many.as_bytes()).is_err() || stop.load(Ordering::Relaxed) {
                     break;
@@ -104,7 +105,7 @@ fn offer(address: &str, rate: f64, stop: &AtomicBool, (offered, answered): (&Ato
 
 /// Clients that send a byte a second, or nothing, or ten megabytes; each tries again when it is cut off.
 fn nuisance(address: &str, kind: usize, stop: &AtomicBool) {
-    let body = vec![b'a'; 1 << 20];
+    let body = if kind < 2 { Vec::new() } else { vec![b'a'; 1 << 20] };
     while !stop.load(Ordering::Relaxed) {
         let Ok(mut stream) = TcpStream::connect(address) else {
             std::thread::sleep(Duration::from_millis(100));

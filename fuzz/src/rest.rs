@@ -48,7 +48,11 @@ impl Site {
         let running = start(config).expect("a service");
         let access = Access::load(None, true).expect("no tokens");
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
-        Self { router: router(running.handle().clone(), std::sync::Arc::new(access), vec![]), runtime, _running: running }
+        Self {
+            router: router(running.handle().clone(), std::sync::Arc::new(access), vec![]),
+            runtime,
+            _running: running,
+        }
     }
 
     /// One request: the first byte chooses where to, the second the headers, the rest is body or query.
@@ -81,10 +85,7 @@ impl Site {
         request.extensions_mut().insert(ConnectInfo(SocketAddr::from(([127, 0, 0, 1], 9))));
         let answer = self.runtime.block_on(self.router.clone().oneshot(request)).expect("infallible");
         let status = answer.status();
-        assert!(
-            !status.is_server_error() || status == StatusCode::SERVICE_UNAVAILABLE,
-            "{method}: {status}"
-        );
+        assert!(!status.is_server_error() || status == StatusCode::SERVICE_UNAVAILABLE, "{method}: {status}");
         if status.is_client_error() {
             let kind = answer.headers().get("content-type").and_then(|v| v.to_str().ok()).unwrap_or_default();
             assert!(kind == "application/problem+json", "{method} {status}: {kind}");

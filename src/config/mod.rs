@@ -22,7 +22,7 @@ pub enum ConfigError {
         source: std::io::Error,
     },
     /// The text is not what the format expects.
-    #[error("{}:{line}:{column}: {message}", path.display())]
+    #[error("{}:{line}:{column}: {}", path.display(), in_one_line(message))]
     Syntax {
         /// File.
         path: PathBuf,
@@ -34,7 +34,7 @@ pub enum ConfigError {
         message: String,
     },
     /// The text is well formed, its content is not.
-    #[error("{}: {place}: {message}", path.display())]
+    #[error("{}: {}: {}", path.display(), in_one_line(place), in_one_line(message))]
     Content {
         /// File.
         path: PathBuf,
@@ -43,6 +43,11 @@ pub enum ConfigError {
         /// What is wrong, one line.
         message: String,
     },
+}
+
+/// Names in a file may hold line breaks; what is said of them may not.
+pub(crate) fn in_one_line(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.into() }).collect()
 }
 
 /// Reads a text file. Errors: [`ConfigError::Read`].
@@ -115,7 +120,12 @@ pub(crate) fn is_date(text: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{edits, with_nearest};
+    use super::{edits, in_one_line, with_nearest};
+
+    #[test]
+    fn what_is_said_of_a_file_stays_in_one_line() {
+        assert_eq!(in_one_line("axis a\n\u{1}\\ü"), "axis a\\n\\u{1}\\ü");
+    }
 
     #[test]
     fn the_nearest_key_is_named() {

@@ -172,6 +172,11 @@ async fn gate(State(site): State<Site>, mut request: Request, next: Next) -> Res
         Ok(()) => next.run(request).await,
         Err(problem) => problem.at(&path).into_response(),
     };
+    // The API browser takes every path below its own and refuses those that it does not know with nothing.
+    let bare = !response.headers().contains_key(header::CONTENT_TYPE);
+    if response.status() == StatusCode::NOT_FOUND && bare {
+        response = Problem::not_found("there is nothing at this path").at(&path).into_response();
+    }
     secure(&path, &mut response);
     count_refusal(&site, response.status());
     let code = response.status().as_u16().to_string();

@@ -347,10 +347,20 @@ impl Pipeline {
         self.listen(sample.t_s, forces, Some(sample.spindle_speed_rpm))
     }
 
-    fn listen(&mut self, t_s: f64, forces: [ForceEstimate; MAX_AXES], speed_rpm: Option<f64>) -> StepOutput {
+    fn listen(
+        &mut self,
+        t_s: f64,
+        mut forces: [ForceEstimate; MAX_AXES],
+        speed_rpm: Option<f64>,
+    ) -> StepOutput {
         self.clean_samples += 1;
         let mut heard = None;
         for (index, (channel, state)) in self.channels.iter().zip(&mut self.states).enumerate() {
+            if !forces[index].force_n.is_finite() {
+                // Finite samples lead here only from a keyframe that was damaged: not heard, not acted on.
+                let flags = Validity::SETTLING | Validity::SIGNAL_MISSING;
+                forces[index] = ForceEstimate { force_n: 0.0, flags };
+            }
             self.row[index] = forces[index].force_n;
             state.flags = forces[index].flags;
             if !channel.watch || forces[index].flags.contains(Validity::SETTLING) {

@@ -8,8 +8,10 @@ mod evidence;
 mod foreign;
 mod mat_file;
 mod parquet_file;
+mod parquet_guard;
 mod quiet;
 
+use crate::config::in_one_line;
 use crate::sample::{Column, Recording};
 use crate::units::SampleRate;
 use std::path::{Path, PathBuf};
@@ -31,7 +33,7 @@ pub enum RecordingError {
         source: std::io::Error,
     },
     /// Not a file of this kind, or damaged.
-    #[error("{}: {message}", path.display())]
+    #[error("{}: {}", path.display(), in_one_line(message))]
     Format {
         /// File.
         path: PathBuf,
@@ -39,7 +41,7 @@ pub enum RecordingError {
         message: String,
     },
     /// A value that cannot be used.
-    #[error("{}: column {column}, row {row}: {message}", path.display())]
+    #[error("{}: column {}, row {row}: {}", path.display(), in_one_line(column), in_one_line(message))]
     Value {
         /// File.
         path: PathBuf,

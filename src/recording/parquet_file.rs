@@ -1,5 +1,6 @@
 //! Parquet without Arrow: numeric columns in, numeric columns out.
 
+use super::parquet_guard::Guarded;
 use super::quiet::quietly;
 use super::{RawTable, RecordingError, beside};
 use parquet::basic::{Compression, ConvertedType, Repetition, Type as Physical, ZstdLevel};
@@ -27,7 +28,8 @@ pub(super) fn read(path: &Path) -> Result<RawTable, RecordingError> {
 fn read_unguarded(path: &Path) -> Result<RawTable, RecordingError> {
     let file = File::open(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
     let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
-    let reader = SerializedFileReader::new(file)
+    let reader = Guarded::new(file)
+        .and_then(SerializedFileReader::new)
         .map_err(|e| format_error(format!("not a readable Parquet file: {}", one_line(&e))))?;
     let info = reader.metadata().file_metadata();
     let metadata = info

@@ -7,12 +7,14 @@
 use crate::chatter::ChatterEvent;
 use crate::keyframe::Digest;
 use crate::pipeline::{Pipeline, StepOutput};
-use crate::sample::{MAX_AXES, ServoSample};
+use crate::sample::{AxisSample, MAX_AXES, ServoSample};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Samples of one chunk at 9 kHz: a quarter of a second.
 const CHUNK: usize = 2250;
+/// Chunks beside those that are kept: what fills while a recording is written takes them, two seconds of it.
+const SPARE: usize = 8;
 /// Events of one chunk that find room without asking for memory.
 const HEARD: usize = 16;
 
@@ -25,10 +27,97 @@ pub(super) struct Heard {
     pub(super) spindle_speed_rpm: f64,
 }
 
+/// Words of a sample beside its axes, and of one axis.
+const HEAD_WORDS: usize = 7;
+const AXIS_WORDS: usize = 3;
+
+/// Samples of a stream with a known number of axes, one after the other, without the places that no axis has.
+/// Every signal is finite, so NaN stands for one that was not measured.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Samples {
+    words: Vec<u64>,
+    axes: usize,
+}
+
+impl Samples {
+    fn with_room(count: usize) -> Self {
+        Self { words: Vec::with_capacity(count * (HEAD_WORDS + AXIS_WORDS * MAX_AXES)), axes: 0 }
+    }
+
+    fn stride(&self) -> usize {
+        HEAD_WORDS + AXIS_WORDS * self.axes
+    }
+
+    /// All samples of one run have the same number of axes.
+    fn push(&mut self, sample: &ServoSample, axes: usize) {
+        debug_assert!(self.is_empty() || self.axes == axes);
+        self.axes = axes;
+        let accel = sample.accel_m_s2.unwrap_or([f64::NAN; 3]);
+        let head = [sample.t_s, sample.spindle_angle_rad, sample.spindle_speed_rpm];
+        self.words.push(sample.sequence);
+        self.words.extend(head.iter().chain(&accel).map(|v| v.to_bits()));
+        for axis in sample.axes.iter().take(axes) {
+            let stage_m = axis.stage_position_m.unwrap_or(f64::NAN);
+            self.words.extend([axis.current_ref_a, axis.motor_angle_rad, stage_m].map(f64::to_bits));
+        }
+    }
+
+    fn unpack(words: &[u64]) -> ServoSample {
+        let value = |k: usize| f64::from_bits(words[k]);
+        let measured = |v: f64| (!v.is_nan()).then_some(v);
+        let mut axes = [AxisSample::default(); MAX_AXES];
+        for (axis, place) in axes.iter_mut().zip((HEAD_WORDS..words.len()).step_by(AXIS_WORDS)) {
+            *axis = AxisSample {
+                current_ref_a: value(place),
+                motor_angle_rad: value(place + 1),
+                stage_position_m: measured(value(place + 2)),
+            };
+        }
+        ServoSample {
+            sequence: words[0],
+            t_s: value(1),
+            axes,
+            spindle_angle_rad: value(2),
+            spindle_speed_rpm: value(3),
+            accel_m_s2: measured(value(4)).map(|x| [x, value(5), value(6)]),
+        }
+    }
+
+    /// Oldest first.
+    pub(super) fn iter(&self) -> impl DoubleEndedIterator<Item = ServoSample> + '_ {
+        self.words.chunks_exact(self.stride()).map(Self::unpack)
+    }
+
+    pub(super) fn first(&self) -> Option<ServoSample> {
+        self.iter().next()
+    }
+
+    pub(super) fn last(&self) -> Option<ServoSample> {
+        self.iter().next_back()
+    }
+
+    fn last_sequence(&self) -> Option<u64> {
+        let place = self.words.len().checked_sub(self.stride())?;
+        self.words.get(place).copied()
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.words.len() / self.stride()
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.words.is_empty()
+    }
+
+    fn clear(&mut self) {
+        self.words.clear();
+    }
+}
+
 /// A run of samples without a gap inside.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Chunk {
-    pub(super) samples: Vec<ServoSample>,
+    pub(super) samples: Samples,
     /// State of the pipeline before the first sample.
     pub(super) keyframe: Vec<u64>,
     /// Digest of all that the samples led to.
@@ -39,7 +128,7 @@ pub(super) struct Chunk {
 impl Chunk {
     fn fresh() -> Self {
         Self {
-            samples: Vec::with_capacity(CHUNK),
+            samples: Samples::with_room(CHUNK),
             keyframe: Vec::new(),
             digest: Digest::default(),
             heard: Vec::with_capacity(HEARD),
@@ -82,7 +171,8 @@ impl BlackBox {
     /// Call before the pipeline takes the sample: a chunk begins where the last is full or samples are
     /// missing, and keeps the pipeline's state.
     pub(super) fn before(&mut self, sample: &ServoSample, pipeline: &Pipeline) {
-        let follows = self.filling.samples.last().is_none_or(|l| sample.sequence == l.sequence + 1);
+        let last = self.filling.samples.last_sequence();
+        let follows = last.is_none_or(|l| l.checked_add(1) == Some(sample.sequence));
         if !follows || self.filling.samples.len() >= CHUNK {
             self.turn();
         }
@@ -94,7 +184,7 @@ impl BlackBox {
 
     /// Takes one sample that the pipeline took, and what it led to.
     pub(super) fn push(&mut self, sample: &ServoSample, (output, axes): (&StepOutput, usize)) {
-        self.filling.samples.push(*sample);
+        self.filling.samples.push(sample, axes);
         output.digest(axes, &mut self.filling.digest);
         if let Some((axis, event)) = output.event {
             let spindle_speed_rpm = sample.spindle_speed_rpm;
@@ -114,7 +204,7 @@ impl BlackBox {
         self.full.push_back(done);
         if self.has_surplus()
             && let Some(oldest) = self.full.pop_front()
-            && self.spare.len() <= self.chunks
+            && self.full.len() + self.spare.len() < self.chunks + SPARE
         {
             self.spare.push(oldest); // free once nobody is writing it
         }
@@ -153,7 +243,7 @@ impl BlackBox {
 pub(super) fn last_unbroken(chunks: &[Arc<Chunk>]) -> &[Arc<Chunk>] {
     let follows = |pair: &[Arc<Chunk>]| {
         let ends = (pair[0].samples.last(), pair[1].samples.first());
-        matches!(ends, (Some(a), Some(b)) if b.sequence == a.sequence + 1)
+        matches!(ends, (Some(a), Some(b)) if a.sequence.checked_add(1) == Some(b.sequence))
     };
     let begin = chunks.windows(2).rposition(|pair| !follows(pair)).map_or(0, |i| i + 1);
     chunks.get(begin..).unwrap_or_default()
@@ -162,32 +252,40 @@ pub(super) fn last_unbroken(chunks: &[Arc<Chunk>]) -> &[Arc<Chunk>] {
 /// Name of the signals of an axis that every sample has.
 pub(super) const AXIS_SIGNALS: [&str; 2] = ["current_ref_a", "motor_angle_rad"];
 
+/// Samples of chunks, oldest first.
+pub(super) fn samples(chunks: &[Arc<Chunk>]) -> impl Iterator<Item = ServoSample> + '_ {
+    chunks.iter().flat_map(|c| c.samples.iter())
+}
+
 /// Columns of a recording: name and values.
-pub(super) fn columns(samples: &[&ServoSample], axes: &[String]) -> Vec<crate::sample::Column> {
+pub(super) fn columns(chunks: &[Arc<Chunk>], axes: &[String]) -> Vec<crate::sample::Column> {
+    let count: usize = chunks.iter().map(|c| c.samples.len()).sum();
     let mut out = Vec::new();
     let mut add = |name: String, value: &dyn Fn(&ServoSample) -> f64| {
-        out.push(crate::sample::Column { name, values: samples.iter().map(|s| value(s)).collect() });
+        let mut values = Vec::with_capacity(count);
+        values.extend(samples(chunks).map(|s| value(&s)));
+        out.push(crate::sample::Column { name, values });
     };
     for (index, axis) in axes.iter().enumerate().take(MAX_AXES) {
         add(format!("{axis}_{}", AXIS_SIGNALS[0]), &|s| s.axes[index].current_ref_a);
         add(format!("{axis}_{}", AXIS_SIGNALS[1]), &|s| s.axes[index].motor_angle_rad);
-        let stages = samples.iter().filter(|s| s.axes[index].stage_position_m.is_some()).count();
+        let stages = samples(chunks).filter(|s| s.axes[index].stage_position_m.is_some()).count();
         if stages > 0 {
             add(format!("{axis}_stage_position_m"), &|s| s.axes[index].stage_position_m.unwrap_or_default());
         }
-        if (1..samples.len()).contains(&stages) {
+        if (1..count).contains(&stages) {
             // 0 where the scale was silent: the position beside it means nothing.
             let valid = |s: &ServoSample| f64::from(u8::from(s.axes[index].stage_position_m.is_some()));
             add(format!("{axis}_stage_valid"), &valid);
         }
     }
-    let heard = samples.iter().filter(|s| s.accel_m_s2.is_some()).count();
+    let heard = samples(chunks).filter(|s| s.accel_m_s2.is_some()).count();
     if heard > 0 {
         for (place, axis) in ["x", "y", "z"].into_iter().enumerate() {
             add(format!("{axis}_accel_m_s2"), &|s| s.accel_m_s2.map_or(0.0, |a| a[place]));
         }
     }
-    if (1..samples.len()).contains(&heard) {
+    if (1..count).contains(&heard) {
         add("accel_valid".into(), &|s| f64::from(u8::from(s.accel_m_s2.is_some())));
     }
     add("spindle_angle_rad".into(), &|s| s.spindle_angle_rad);
@@ -199,7 +297,6 @@ pub(super) fn columns(samples: &[&ServoSample], axes: &[String]) -> Vec<crate::s
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::AxisSample;
 
     fn sample(sequence: u64) -> ServoSample {
         ServoSample {
@@ -227,8 +324,8 @@ mod tests {
         }
     }
 
-    fn run(chunks: &[Arc<Chunk>]) -> Vec<&ServoSample> {
-        last_unbroken(chunks).iter().flat_map(|c| &c.samples).collect()
+    fn run(chunks: &[Arc<Chunk>]) -> Vec<ServoSample> {
+        samples(last_unbroken(chunks)).collect()
     }
 
     #[test]
@@ -239,7 +336,7 @@ mod tests {
         let run = run(&chunks);
         assert_eq!(run.last().unwrap().sequence, 49_999);
         assert!((9000..9000 + 2 * CHUNK).contains(&run.len()), "{}", run.len());
-        assert!(kept.full.len() + kept.spare.len() <= 2 * kept.chunks + 2);
+        assert!(kept.full.len() + kept.spare.len() <= kept.chunks + SPARE);
         // A save now and then costs nothing of the time that is kept before the next.
         for k in 0..8 {
             let from = 50_000 + 5000 * k;
@@ -262,7 +359,7 @@ mod tests {
         let mut digest = Digest::default();
         samples.iter().for_each(|s| again.step(s).digest(2, &mut digest));
         assert_eq!(digest, last_unbroken(&chunks)[0].digest);
-        let columns = columns(&samples, &["x1".into()]);
+        let columns = columns(last_unbroken(&chunks), &["x1".into()]);
         let names: Vec<_> = columns.iter().map(|c| c.name.as_str()).collect();
         let expected = [
             "x1_current_ref_a",
@@ -275,10 +372,28 @@ mod tests {
     }
 
     #[test]
+    fn samples_come_back_as_they_went_in() {
+        let mut kept = Samples::with_room(3);
+        let (mut one, mut two) = (sample(u64::MAX), sample(7));
+        one.accel_m_s2 = Some([1.0, -2.0, 3e-300]);
+        one.axes[1] =
+            AxisSample { current_ref_a: -0.0, motor_angle_rad: 1e300, stage_position_m: Some(-0.5) };
+        two.spindle_angle_rad = 2.5;
+        (kept.push(&one, 2), kept.push(&two, 2));
+        assert_eq!(kept.iter().collect::<Vec<_>>(), [one, two]);
+        assert_eq!((kept.first(), kept.last(), kept.len()), (Some(one), Some(two), 2));
+        assert_eq!(kept.last_sequence(), Some(7));
+        kept.clear();
+        assert!(kept.is_empty() && kept.last().is_none() && kept.last_sequence().is_none());
+    }
+
+    #[test]
     fn a_scale_that_falls_silent_is_marked() {
         let mut list = [sample(1), sample(2)];
         list[0].axes[0].stage_position_m = Some(0.5);
-        let columns = columns(&[&list[0], &list[1]], &["x1".into()]);
+        let mut chunk = Chunk::fresh();
+        list.iter().for_each(|s| chunk.samples.push(s, 1));
+        let columns = columns(&[Arc::new(chunk)], &["x1".into()]);
         let of = |name: &str| columns.iter().find(|c| c.name == name).unwrap().values.clone();
         assert_eq!(of("x1_stage_position_m"), [0.5, 0.0]);
         assert_eq!(of("x1_stage_valid"), [1.0, 0.0]);

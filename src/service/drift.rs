@@ -5,7 +5,8 @@
 //! is the residual ratio. Well identified axes show 0.02 to 0.09. The mismatch counts as significant when the
 //! mean of [`RECENT`] windows is above [`LARGE`], or has doubled since the first [`BASELINE`] windows.
 //!
-//! Runs on a thread of its own over chunks that the black box has filled anyway.
+//! Runs on a thread of its own over chunks that the black box has filled anyway; a chunk in which the spindle
+//! never stands costs nothing.
 
 use super::black_box::Chunk;
 use crate::config::service::ServiceConfig;
@@ -95,13 +96,16 @@ fn compare(feeds: &Receiver<Feed>, config: &ServiceConfig, (metrics, found): (&M
         }
         let Some((_, _, watches)) = &mut watched else { continue };
         let first = feed.chunk.samples.first().map(|s| s.sequence);
-        let follows = last.zip(first).is_some_and(|(l, f): (u64, u64)| f == l + 1);
-        last = feed.chunk.samples.last().map(|s| s.sequence);
+        let follows = last.zip(first).is_some_and(|(l, f): (u64, u64)| l.checked_add(1) == Some(f));
+        let stands = feed.chunk.samples.iter().any(|sample| stands(&sample));
+        last = feed.chunk.samples.last().map(|s| s.sequence).filter(|_| stands);
         for watch in watches {
             if !follows {
                 watch.restart();
             }
-            feed.chunk.samples.iter().for_each(|sample| watch.step(sample));
+            if stands {
+                feed.chunk.samples.iter().for_each(|sample| watch.step(&sample));
+            }
             let axis = watch.axis.clone();
             let labels = [axis.as_str()];
             metrics.model_residual_ratio.with_label_values(&labels).set(watch.ratio().unwrap_or_default());
@@ -112,6 +116,11 @@ fn compare(feeds: &Receiver<Feed>, config: &ServiceConfig, (metrics, found): (&M
             }
         }
     }
+}
+
+/// Nothing cuts: only then model and machine can be compared.
+fn stands(sample: &ServoSample) -> bool {
+    sample.spindle_speed_rpm.abs() < STANDING_RPM
 }
 
 /// Sums of one window.
@@ -193,7 +202,7 @@ impl Watch {
         let estimate = self.estimator.step(state, &motion);
         self.look_at_speed(motion.motor_travel_m.unwrap_or_default());
         self.window.samples += 1;
-        if self.moving && estimate.flags.may_act() && sample.spindle_speed_rpm.abs() < STANDING_RPM {
+        if self.moving && estimate.flags.may_act() && stands(sample) {
             self.window.moving += 1;
             self.window.residual_n2 += estimate.force_n * estimate.force_n;
             self.window.thrust_n2 += motion.thrust_ref_n * motion.thrust_ref_n;

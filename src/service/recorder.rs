@@ -1,13 +1,13 @@
 //! Writes black-box recordings on a thread of its own: slow disks are nobody else's problem.
 
-use super::black_box::{Chunk, Heard, columns, last_unbroken};
+use super::black_box::{Chunk, Heard, columns, last_unbroken, samples};
 use super::clock;
 use super::ledger::{Page, pages_since};
 use super::recordings::{RecordingLimits, Recordings};
 use crate::avoidance::account::Account;
 use crate::recording::{Evidence, RecordingError, write_recording};
 use crate::report::events::{EventLine, events_text};
-use crate::sample::{Recording, ServoSample};
+use crate::sample::Recording;
 use crate::telemetry::{EventKind, Metrics};
 use crate::units::SampleRate;
 use std::sync::Arc;
@@ -100,9 +100,9 @@ enum Unsaved {
 fn save(recordings: &Recordings, job: &Job) -> Result<f64, Unsaved> {
     let failed = |what: String| Unsaved::Failed(format!("{}: {what}", job.id));
     let chunks = last_unbroken(&job.chunks);
-    let samples: Vec<&ServoSample> = chunks.iter().flat_map(|c| &c.samples).collect();
-    if samples.len() < SHORTEST {
-        let what = format!("{}: only {} samples without a gap, nothing to save", job.id, samples.len());
+    let count: usize = chunks.iter().map(|c| c.samples.len()).sum();
+    if count < SHORTEST {
+        let what = format!("{}: only {count} samples without a gap, nothing to save", job.id);
         return Err(Unsaved::TooShort(what));
     }
     let evidence = evidence(job, chunks).map_err(|e| failed(e.to_string()))?;
@@ -110,8 +110,8 @@ fn save(recordings: &Recordings, job: &Job) -> Result<f64, Unsaved> {
         sample_rate: job.sample_rate,
         experiment: job.reason.clone(),
         axes: job.axes.clone(),
-        columns: columns(&samples, &job.axes),
-        start_s: samples.first().map_or(0.0, |s| s.t_s),
+        columns: columns(chunks, &job.axes),
+        start_s: samples(chunks).next().map_or(0.0, |s| s.t_s),
         metadata: [job.metadata.clone(), evidence.metadata()].concat(),
     };
     let target = recordings.target(&job.id).ok_or_else(|| failed("is not a name".to_owned()))?;
@@ -134,7 +134,7 @@ fn evidence(job: &Job, chunks: &[Arc<Chunk>]) -> Result<Evidence, serde_json::Er
     Ok(Evidence {
         settings: job.settings,
         keyframe: chunks.first().map(|c| c.keyframe.clone()).unwrap_or_default(),
-        first_sequence: chunks.first().and_then(|c| c.samples.first()).map_or(0, |s| s.sequence),
+        first_sequence: samples(chunks).next().map_or(0, |s| s.sequence),
         stretches: chunks.iter().map(|c| (c.samples.len(), c.digest.value())).collect(),
         decisions: events_text(&events)?,
         account: Some(turret_account(job, chunks)),
@@ -143,7 +143,7 @@ fn evidence(job: &Job, chunks: &[Arc<Chunk>]) -> Result<Evidence, serde_json::Er
 
 /// The looks at the turret decision from the first sample on.
 fn turret_account(job: &Job, chunks: &[Arc<Chunk>]) -> Account {
-    let first_s = chunks.first().and_then(|c| c.samples.first()).map_or(f64::NEG_INFINITY, |s| s.t_s);
+    let first_s = samples(chunks).next().map_or(f64::NEG_INFINITY, |s| s.t_s);
     let pages = pages_since(&job.pages, first_s);
     Account {
         settings: job.turret_settings,

@@ -31,8 +31,8 @@ pub(super) fn append_process_metrics(out: &mut String, start_s: f64) {
         );
         gauge("process_threads", "gauge", "Number of OS threads in the process.", field(17));
     }
-    if let Ok(entries) = std::fs::read_dir("/proc/self/fd") {
-        gauge("process_open_fds", "gauge", "Number of open file descriptors.", entries.count() as f64);
+    if let Some(open) = open_files() {
+        gauge("process_open_fds", "gauge", "Number of open file descriptors.", open);
     }
     if let Some(limit) = open_file_limit() {
         gauge("process_max_fds", "gauge", "Maximum number of open file descriptors.", limit);
@@ -46,6 +46,16 @@ fn stat_fields() -> Option<Vec<f64>> {
     let text = std::fs::read_to_string("/proc/self/stat").ok()?;
     let after_name = text.rsplit_once(')')?.1;
     Some(after_name.split_whitespace().map(|w| w.parse().unwrap_or_default()).collect())
+}
+
+/// The folder's size says it since Linux 6.2; listing hundreds costs more than the rest of the answer.
+fn open_files() -> Option<f64> {
+    let folder = "/proc/self/fd";
+    let told = std::fs::metadata(folder).ok()?.len();
+    if told > 0 {
+        return Some(told as f64);
+    }
+    std::fs::read_dir(folder).ok().map(|entries| entries.count() as f64)
 }
 
 fn open_file_limit() -> Option<f64> {

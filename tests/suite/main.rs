@@ -35,6 +35,7 @@ mod live_diagnosis;
 mod model_axis;
 #[cfg(feature = "service")]
 mod page;
+mod parsers;
 mod pipeline;
 mod real_machines;
 mod report;

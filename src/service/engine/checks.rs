@@ -262,6 +262,15 @@ fn samples_that_cannot_be_used_are_no_fresh_samples() {
     }
 }
 
+/// A producer that counts to the end of its numbers is refused from there on, and does no harm.
+#[test]
+fn the_last_number_there_is_ends_no_thread() {
+    let mut bench = bench();
+    bench.feed(0.1, |_| {});
+    bench.feed(0.01, |p| p.sequence = u64::MAX);
+    assert!(bench.engine.stream.as_ref().unwrap().totals.rejected > 80);
+}
+
 #[test]
 fn one_spoilt_sample_spoils_the_window() {
     let mut bench = bench();

@@ -171,9 +171,13 @@ impl Stream {
         self.totals.samples += 1;
         self.usable += 1;
         self.newest = Some(*point);
-        self.counters.iter().for_each(|c| c.samples.inc());
         black_box.push(&sample, (&output, self.names.len()));
         Some(output)
+    }
+
+    /// Counts what [`Self::step`] took, a batch at a time.
+    pub(super) fn count_taken(&self, samples: u64) {
+        self.counters.iter().for_each(|c| c.samples.inc_by(samples));
     }
 
     /// What is refused is missing from the detector's window, whatever the reason.

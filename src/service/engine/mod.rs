@@ -1,4 +1,4 @@
-//! The pipeline thread: owns every shared memory port, wakes once a millisecond (in `act`; every second
+//! The pipeline thread: owns every shared memory port, wakes once a millisecond (in `act`; every tenth
 //! otherwise), drains, steps, decides.
 //!
 //! It waits for nothing but its own next wake: reports go to a bounded queue that others drain, files
@@ -37,8 +37,9 @@ use tokio::sync::mpsc;
 
 /// How often the thread wakes while it may command.
 const WAKE: Duration = Duration::from_millis(1);
-/// How often it wakes while nothing leaves the process: the same samples are taken in, two batches at once.
-const CALM_WAKE: Duration = Duration::from_millis(2);
+/// How often it wakes while nothing leaves the process: the same samples are taken in, ten batches at once,
+/// while the caches are warm.
+const CALM_WAKE: Duration = Duration::from_millis(10);
 /// How often a picture is reported.
 const PICTURE: Duration = Duration::from_millis(50);
 /// Without samples for this long the source counts as lost.
@@ -96,7 +97,8 @@ struct PendingSave {
 
 pub(super) struct Engine {
     setup: Setup,
-    stream: Option<Stream>,
+    /// In a box: it is taken out for each batch, and it is large.
+    stream: Option<Box<Stream>>,
     source_lost: bool,
     /// When samples came that the pipeline could use, on both clocks.
     last_arrival: Option<(Instant, i64)>,
@@ -238,6 +240,10 @@ impl Engine {
             // The samples came just before the drain: decided within this wake or not at all.
             self.setup.metrics.decision_latency_seconds.observe(began.elapsed().as_secs_f64());
         }
+        if self.picture.is_due(began, PICTURE) {
+            let view = self.view(began);
+            self.offer(view);
+        }
         self.flush();
     }
 
@@ -274,19 +280,20 @@ impl Engine {
         }
         let Some(mut stream) = self.stream.take() else { return };
         self.last_batch = Some(now);
-        let mut taken = false;
+        let mut taken = 0;
         let now_s = self.seconds(now);
         for point in batch.used_points() {
             if let Some(acting) = &mut self.acting {
                 acting.sample_seen(now_s, point, stream.axes().len());
             }
             if let Some(output) = stream.step(point, &mut self.black_box) {
-                taken = true;
+                taken += 1;
                 self.picture.add(&output, stream.axes().len());
                 self.hear(&output, &stream);
             }
         }
-        if taken {
+        if taken > 0 {
+            stream.count_taken(taken);
             self.samples_taken(now, &stream);
         }
         if let Some(chunk) = self.black_box.newest_full() {
@@ -328,7 +335,7 @@ impl Engine {
                 if let Some(acting) = &mut self.acting {
                     acting.stream_begins(stream.sample_rate().hz());
                 }
-                self.stream = Some(stream);
+                self.stream = Some(Box::new(stream));
                 (self.source_lost, self.stream_begun) = (false, Some(now));
             }
             Err(message) => {
@@ -391,10 +398,6 @@ impl Engine {
         }
         if self.save.as_ref().is_some_and(|s| now >= s.at) {
             self.write_recording();
-        }
-        if self.picture.is_due(now, PICTURE) {
-            let view = self.view(now);
-            self.offer(view);
         }
     }
 

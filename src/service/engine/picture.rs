@@ -226,7 +226,7 @@ impl Engine {
         } else {
             state.chatter.state = "learning".to_owned();
         }
-        self.gauge(&state);
+        self.gauge(&state, now);
         self.picture.begin_next();
         View { state, force, spectrum }
     }
@@ -285,8 +285,12 @@ impl Engine {
         }
     }
 
-    fn gauge(&self, state: &LiveState) {
+    fn gauge(&self, state: &LiveState, now: Instant) {
         let metrics = &self.setup.metrics;
+        metrics.stage_up.with_label_values(&["turret"]).set(i64::from(self.fresh_status(now).is_some()));
+        for interlock in &state.interlocks {
+            metrics.interlock_open.with_label_values(&[&interlock.name]).set(i64::from(interlock.open));
+        }
         let chatter = &state.chatter;
         metrics.chatter_active.set(i64::from(chatter.state == "chatter"));
         metrics.chatter_frequency_valid.set(i64::from(chatter.frequency_hz.is_some()));

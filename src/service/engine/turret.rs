@@ -96,11 +96,12 @@ impl Engine {
     pub(super) fn watch_interlocks(&mut self, now: Instant) {
         let fresh = self.fresh_status(now);
         let open = fresh.map_or(u32::MAX, |s| s.interlocks_open);
-        self.setup.metrics.stage_up.with_label_values(&["turret"]).set(i64::from(fresh.is_some()));
         let before = std::mem::replace(&mut self.interlocks_open, open);
+        if before == open {
+            return;
+        }
         for (bit, name) in INTERLOCK_NAMES.iter().enumerate() {
             let (was, is) = (before >> bit & 1 == 1, open >> bit & 1 == 1);
-            self.setup.metrics.interlock_open.with_label_values(&[name]).set(i64::from(is));
             if was != is {
                 let (kind, word) = if is {
                     (EventKind::InterlockOpened, if fresh.is_some() { "opened" } else { "is not heard" })
