@@ -5,6 +5,7 @@ mod bank;
 mod bench;
 mod columns;
 mod corrections;
+mod encoder_noise;
 mod floor;
 mod in_loop;
 mod kernel;
@@ -110,6 +111,8 @@ pub fn diagnose(
     let mut problem = problem::Problem::new(&axis.drive, motions);
     problem.coarse = problem.steps_m.iter().zip(steps_m).any(|(stated, found)| found > *stated);
     problem.steps_m = steps_m;
+    let noise = encoder_noise::EncoderNoise::new(&axis.drive, &problem.motions, problem.thinning.step);
+    problem.encoder_noise = Some(noise);
     let given = axis
         .physics
         .iter()

@@ -1,5 +1,6 @@
 //! Least squares with folds: fitted on some blocks of time, judged on the others.
 
+use super::encoder_noise::NoiseShare;
 use super::problem::Column;
 use super::two_cores::on_two_cores;
 use super::whitening::Layout;
@@ -82,6 +83,18 @@ impl Folds {
         }
     }
 
+    /// Instants in each fold.
+    pub(crate) fn instants(&self) -> [f64; FOLDS] {
+        let mut out = [0.0; FOLDS];
+        for (recording, n) in self.lengths.iter().enumerate() {
+            for k in 0..n.div_ceil(self.block) {
+                let length = ((k + 1) * self.block).min(*n) - k * self.block;
+                out[(self.first_block[recording] + k) % FOLDS] += length as f64;
+            }
+        }
+        out
+    }
+
     /// Inner product in each fold, pair by pair.
     ///
     /// Block by block over all pairs: a column that stands in many of them is read from memory once.
@@ -110,6 +123,34 @@ pub(crate) struct Gram {
     /// Target with itself.
     power: [f64; FOLDS],
     samples: usize,
+    /// What is heeded beside the sums.
+    beside: Beside,
+}
+
+/// What a solution heeds beside the sums: the noise that the columns carry, and what was known before.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Beside {
+    /// What noise adds to the sums in an instant; of the first columns.
+    pub(crate) noise: NoiseShare,
+    /// Instants in each fold.
+    pub(crate) instants: [f64; FOLDS],
+    /// Precision and value of the first coefficients before anything is measured.
+    pub(crate) known: Vec<[f64; 2]>,
+}
+
+impl Beside {
+    /// Subtracts the noise of `instants` and adds what was known. `part`: of the noise.
+    fn apply(&self, part: f64, instants: f64, (inner, target): (&mut DMatrix<f64>, &mut DVector<f64>)) {
+        let n = self.noise.target.len();
+        let mut block = inner.view_mut((0, 0), (n, n));
+        block -= &self.noise.columns * (part * instants);
+        let mut head = target.rows_mut(0, n);
+        head -= &self.noise.target * (part * instants);
+        for (k, [precision, value]) in self.known.iter().enumerate() {
+            inner[(k, k)] += precision;
+            target[k] += precision * value;
+        }
+    }
 }
 
 /// Coefficients with what they leave.
@@ -145,6 +186,7 @@ impl Gram {
             target: vec![DVector::zeros(n); FOLDS],
             power: folds.power(target),
             samples: folds.total(),
+            beside: Beside::default(),
         };
         let all: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
         let rows: Vec<usize> = (0..n).collect();
@@ -156,6 +198,12 @@ impl Gram {
             gram.fill(rows, &products);
         }
         gram
+    }
+
+    /// This Gram with what is heeded beside its sums.
+    pub(crate) fn beside(mut self, beside: Beside) -> Self {
+        self.beside = beside;
+        self
     }
 
     /// Puts the products of whole rows in their places.
@@ -185,6 +233,7 @@ impl Gram {
             target: self.target.iter().map(|t| t.clone().resize_vertically(n + m, 0.0)).collect(),
             power: self.power,
             samples: self.samples,
+            beside: self.beside.clone(),
         };
         let rows: Vec<usize> = (n..n + m).collect();
         for rows in rows.chunks(ROWS) {
@@ -244,20 +293,20 @@ impl Gram {
 
     /// Solves for the columns `used` (all others zero).
     pub(crate) fn solve(&self, used: &[usize]) -> Solution {
-        let n = self.target[0].len();
-        let total = self.inner.iter().fold(DMatrix::zeros(n, n), |s, g| s + g);
-        let right = self.target.iter().fold(DVector::zeros(n), |s, t| s + t);
+        let (total, right, _) = self.sums(None);
         let power: f64 = self.power.iter().sum();
-        let (coefficients, inverse) = solve_used(&total, &right, used);
-        let left = (power - coefficients.dot(&right)).max(0.0);
+        let (coefficients, inverse) = self.solve_sums(None, used);
+        let lost = |b: &DVector<f64>, inner: &DMatrix<f64>, target: &DVector<f64>| {
+            (b.transpose() * inner * b)[(0, 0)] - 2.0 * b.dot(target)
+        };
+        let left = (power + lost(&coefficients, &total, &right)).max(0.0);
         let mut heldout = 0.0;
         for f in 0..FOLDS {
-            let (b, _) = solve_used(&(&total - &self.inner[f]), &(&right - &self.target[f]), used);
-            heldout +=
-                self.power[f] - 2.0 * b.dot(&self.target[f]) + (b.transpose() * &self.inner[f] * &b)[(0, 0)];
+            let (b, _) = self.solve_sums(Some(f), used);
+            heldout += self.power[f] + lost(&b, &self.inner[f], &self.target[f]);
         }
         let variance = left / (self.samples.saturating_sub(used.len()).max(1)) as f64;
-        let mut deviations = vec![0.0; n];
+        let mut deviations = vec![0.0; right.len()];
         for (k, &column) in used.iter().enumerate() {
             deviations[column] = (inverse[k] * variance).max(0.0).sqrt();
         }
@@ -266,14 +315,33 @@ impl Gram {
 
     /// Coefficients fitted to all folds but one.
     pub(crate) fn solve_without(&self, fold: usize, used: &[usize]) -> Vec<f64> {
-        let n = self.target[0].len();
-        let mut total = DMatrix::zeros(n, n);
-        let mut right = DVector::zeros(n);
-        for f in (0..FOLDS).filter(|f| *f != fold) {
-            total += &self.inner[f];
-            right += &self.target[f];
+        self.solve_sums(Some(fold), used).0.iter().copied().collect()
+    }
+
+    /// Sums over all folds but one, and their instants.
+    fn sums(&self, without: Option<usize>) -> (DMatrix<f64>, DVector<f64>, f64) {
+        let n = self.columns();
+        let mut sums = (DMatrix::zeros(n, n), DVector::zeros(n), 0.0);
+        for f in (0..FOLDS).filter(|f| Some(*f) != without) {
+            sums.0 += &self.inner[f];
+            sums.1 += &self.target[f];
+            sums.2 += self.beside.instants[f];
         }
-        solve_used(&total, &right, used).0.iter().copied().collect()
+        sums
+    }
+
+    /// Coefficients (zero where not used) and the diagonal of the inverse over the used columns.
+    fn solve_sums(&self, without: Option<usize>, used: &[usize]) -> (DVector<f64>, Vec<f64>) {
+        let (inner, target, instants) = self.sums(without);
+        // Where the noise is nearly all that a column holds, its estimate may take more than there is.
+        for part in [1.0, 0.9, 0.7, 0.0] {
+            let (mut inner, mut target) = (inner.clone(), target.clone());
+            self.beside.apply(part, instants, (&mut inner, &mut target));
+            if let Some(solution) = solve_used(&inner, &target, used) {
+                return solution;
+            }
+        }
+        (DVector::zeros(target.len()), vec![f64::INFINITY; used.len()])
     }
 
     /// Number of columns.
@@ -282,8 +350,13 @@ impl Gram {
     }
 }
 
-/// Coefficients (zero where not used) and the diagonal of the inverse over the used columns.
-fn solve_used(total: &DMatrix<f64>, right: &DVector<f64>, used: &[usize]) -> (DVector<f64>, Vec<f64>) {
+/// Coefficients (zero where not used) and the diagonal of the inverse over the used columns; `None`: the
+/// matrix is not positive definite.
+fn solve_used(
+    total: &DMatrix<f64>,
+    right: &DVector<f64>,
+    used: &[usize],
+) -> Option<(DVector<f64>, Vec<f64>)> {
     let m = used.len();
     let scale: Vec<f64> = used.iter().map(|&k| total[(k, k)].max(1e-300).sqrt().recip()).collect();
     let mut a = DMatrix::zeros(m, m);
@@ -297,13 +370,13 @@ fn solve_used(total: &DMatrix<f64>, right: &DVector<f64>, used: &[usize]) -> (DV
         y[i] = right[used[i]] * scale[i];
     }
     let mut out = DVector::zeros(right.len());
-    let Some(chol) = a.cholesky() else { return (out, vec![f64::INFINITY; m]) };
+    let chol = a.cholesky()?;
     let b = chol.solve(&y);
     let inverse = chol.inverse();
     for i in 0..m {
         out[used[i]] = b[i] * scale[i];
     }
-    (out, (0..m).map(|i| inverse[(i, i)] * scale[i] * scale[i]).collect())
+    Some((out, (0..m).map(|i| inverse[(i, i)] * scale[i] * scale[i]).collect()))
 }
 
 #[cfg(test)]
