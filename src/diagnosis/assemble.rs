@@ -1,9 +1,10 @@
 //! From the search to the answer.
 
 use super::bench::{Accepted, Bench, HypothesisFit, Score, rms};
-use super::corrections::{corrections, known_numbers, material};
+use super::corrections::{self, corrections, known_numbers, material};
 use super::floor::{SideSpectrum, spectrum};
-use super::in_loop::in_loop;
+use super::in_loop::{Rig, in_loop};
+use super::loop_fit;
 use super::motion::band_hz;
 use super::problem::{Column, Sides};
 use super::result::*;
@@ -15,6 +16,7 @@ use crate::plant::drive::{DriveParams, RawDriveParams};
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
+use crate::simulation::model_axis::not_simulated;
 
 /// Share of the power above the floor that the findings must explain; else they are not the cause.
 const LEAST_EXPLAINED: f64 = 0.6;
@@ -70,6 +72,11 @@ pub(crate) fn assemble(
         findings.extend(case.encoder_steps());
     }
     findings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    let mut model = case.model(&findings, &corrections);
+    let rig = Rig::new(axis, recordings, p);
+    if !unexplained && let Ok(rig) = &rig {
+        corrections = case.fitted_in_loop(rig, (&mut model, &mut findings)).unwrap_or(corrections);
+    }
     for (k, f) in findings.iter_mut().enumerate() {
         f.rank = k + 1;
     }
@@ -82,7 +89,6 @@ pub(crate) fn assemble(
     } else {
         Verdict::ModelAdequate
     };
-    let model = case.model(&findings, &corrections);
     let location = case.location(verdict, &findings);
     let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
     Diagnosis {
@@ -98,7 +104,10 @@ pub(crate) fn assemble(
         noise_floor_n: case.spectra.iter().map(|s| s.floor_rms_n(band_hz(rate))).collect(),
         tried: tried(outcome.rounds.first().map_or(&[], Vec::as_slice)),
         detection_limits: detection_limits(bench, outcome.rounds.last().map_or(&[], Vec::as_slice)),
-        closed_loop: in_loop((axis, &model), recordings, outcome),
+        closed_loop: rig.and_then(|rig| {
+            let found = model.axis(&axis.name).ok_or("the axis is not in the model")?;
+            in_loop(&rig, (axis, found), outcome)
+        }),
         model,
     }
 }
@@ -214,6 +223,33 @@ impl Case<'_> {
 
     fn new_accepted(&self) -> impl Iterator<Item = (usize, &Accepted)> {
         self.outcome.state.accepted.iter().enumerate().skip(self.outcome.state.given)
+    }
+
+    /// The model fitted in closed loop, where all of it can be simulated: its corrections beside those that no
+    /// loop shows. Findings of which the loop shows nothing are taken out.
+    fn fitted_in_loop(
+        &self,
+        rig: &Rig<'_>,
+        (model, findings): (&mut Machine, &mut Vec<Finding>),
+    ) -> Option<Vec<Correction>> {
+        let given = self.axis.physics.len();
+        let found = model.axes.iter_mut().find(|a| a.name == self.axis.name)?;
+        if !not_simulated(found).is_empty() {
+            return None;
+        }
+        let mut fit = loop_fit::fit(rig, self.axis, found)?;
+        if !fit.pointless.is_empty() {
+            for k in fit.pointless.iter().rev() {
+                found.physics.remove(*k);
+                findings.remove(k - given);
+            }
+            fit = loop_fit::fit(rig, self.axis, found)?;
+        }
+        *found = fit.axis;
+        let scaled = corrections::is_scaled(rig.problem());
+        let mut list: Vec<Correction> = corrections::of_loop(self.axis, found, &fit.numbers, scaled);
+        list.extend(self.further_corrections());
+        Some(list)
     }
 
     /// Power that stands above the floor, whitened side by side, in a residual.
@@ -493,21 +529,7 @@ fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
 }
 
 fn set(raw: &mut RawDriveParams, name: &str, value: f64) {
-    let slot = match name {
-        "movable_mass_kg" => &mut raw.movable_mass_kg,
-        "rotary_inertia_kg_m2" => &mut raw.rotary_inertia_kg_m2,
-        "torque_constant_nm_a" => &mut raw.torque_constant_nm_a,
-        "axial_stiffness_n_m" => &mut raw.axial_stiffness_n_m,
-        "structural_damping_n_s_m" => &mut raw.structural_damping_n_s_m,
-        "rotary_damping_nm_s_rad" => &mut raw.rotary_damping_nm_s_rad,
-        "translational_damping_n_s_m" => &mut raw.translational_damping_n_s_m,
-        "stage_coulomb_friction_n" => &mut raw.stage_coulomb_friction_n,
-        "motor_coulomb_friction_n" => &mut raw.motor_coulomb_friction_n,
-        "amplifier_dead_time_s" => &mut raw.amplifier_dead_time_s,
-        "motor_encoder_delay_s" => &mut raw.motor_encoder_delay_s,
-        "stage_encoder_delay_s" => &mut raw.stage_encoder_delay_s,
-        "friction_smoothing_m_s" => &mut raw.friction_smoothing_m_s,
-        _ => return,
-    };
-    *slot = Some(value);
+    if let Some(number) = raw.number_mut(name) {
+        *number = Some(value);
+    }
 }

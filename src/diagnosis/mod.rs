@@ -10,6 +10,7 @@ mod floor;
 mod in_loop;
 mod kernel;
 mod location;
+mod loop_fit;
 mod motion;
 mod problem;
 mod regression;
