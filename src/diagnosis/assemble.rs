@@ -62,9 +62,26 @@ pub(crate) fn assemble(
         least,
     };
     let unexplained = case.unexplained();
+    if std::env::var("SCD").is_ok() {
+        for (k, a) in case.new_accepted() {
+            eprintln!(
+                "accepted {:?} {:?} {:?} {:?}",
+                a.hypothesis.effect,
+                a.hypothesis.port,
+                a.hypothesis.shape,
+                bench.accepted_fit(k).amplitudes
+            );
+        }
+        eprintln!(
+            "unexplained {unexplained} stranger {:?} waves {}",
+            outcome.stranger.as_ref().map(|s| &s.hypothesis.shape),
+            case.waves_of_no_origin()
+        );
+    }
     // Numbers fitted beside an unknown cause are bent by it.
-    let mut corrections = if unexplained { Vec::new() } else { corrections(p, bench) };
-    if !unexplained {
+    let settled = unexplained || outcome.complete;
+    let mut corrections = if settled { Vec::new() } else { corrections(p, bench) };
+    if !settled {
         corrections.extend(case.further_corrections());
     }
     let mut findings = if unexplained { Vec::new() } else { case.findings() };
@@ -74,7 +91,7 @@ pub(crate) fn assemble(
     findings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     let mut model = case.model(&findings, &corrections);
     let rig = Rig::new(axis, recordings, p);
-    if !unexplained && let Ok(rig) = &rig {
+    if !settled && let Ok(rig) = &rig {
         corrections = case.fitted_in_loop(rig, (&mut model, &mut findings)).unwrap_or(corrections);
     }
     for (k, f) in findings.iter_mut().enumerate() {
@@ -273,6 +290,9 @@ impl Case<'_> {
     /// True when what is left after the findings stands above the floor and is not a small rest of what they
     /// explain.
     fn unexplained(&self) -> bool {
+        if self.outcome.complete {
+            return false;
+        }
         if self.outcome.stranger.is_some() || self.waves_of_no_origin() > 1 {
             return true;
         }

@@ -60,6 +60,11 @@ impl EncoderNoise {
         Self { variances_m2, impulses: Box::new(impulses) }
     }
 
+    /// Steps of encoders that would make as much noise by rounding, m.
+    pub(crate) fn steps_m(&self) -> [f64; 2] {
+        self.variances_m2.map(|v| (12.0 * v).sqrt())
+    }
+
     /// What the noise adds to the products of the numbers' columns in an instant, among `columns` in all.
     ///
     /// White noise of variance s^2 through a filter with impulse response h has the variance s^2 sum h^2: the

@@ -6,16 +6,19 @@
 //! told. Before physics comes the control law: where the stated one does not say the recorded reference, no
 //! simulation proves anything.
 
+use super::floor::band_gain;
 use super::motion;
 use super::problem::{Column, Mechanics, Problem, Sides};
 use super::result::{ClosedLoop, SimulatedTrial};
 use super::search::Outcome;
 use super::two_cores::on_two_cores;
+use crate::force::closed_loop;
 use crate::plant::drive::{DriveParams, RawDriveParams};
 use crate::plant::machine::{AxisModel, Controller};
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
 use crate::simulation::model_axis::{LoopRecord, Replay, Response, Trial, not_simulated, replay, respond};
+use crate::units::SampleRate;
 
 /// Share of the reference's changes that a control law may leave and still be the one that acted.
 const LAW_SHARE: f64 = 0.02;
@@ -69,6 +72,50 @@ impl<'a> Rig<'a> {
         let of_recordings: Vec<Vec<Sides>> =
             on_two_cores(&places, of).into_iter().collect::<Option<Vec<_>>>()?;
         Some((0..axes.len()).map(|a| of_recordings.iter().map(|r| r[a].clone()).collect()).collect())
+    }
+
+    /// True where the model as stated says every recording down to its noise: nothing is missing, whatever a
+    /// balance makes of a recording in which little moves.
+    ///
+    /// The noise: a white force on the stage, of the density that its balance shows, and that of the encoders,
+    /// both as the loop answers them. Of the stretch, means over blocks are compared.
+    pub(super) fn says_all(&self, stated: &AxisModel, force_n2_hz: f64) -> bool {
+        /// Over that noise.
+        const AT_NOISE: f64 = 1.8;
+        const PARTS: u32 = 1000;
+        /// Blocks of the stretch, s, and their means over those of white noise.
+        const BLOCK_S: f64 = 0.05;
+        const AT_NOISE_STRETCH: f64 = 3.0;
+        let p = self.p;
+        let (Some(controller), Some(noise)) = (stated.controller, &p.encoder_noise) else { return false };
+        if !not_simulated(stated).is_empty() {
+            return false;
+        }
+        let Some(errors) = self.errors(std::slice::from_ref(stated)) else { return false };
+        let Some(Ok(rate)) = p.motions.first().map(|m| SampleRate::new(m.rate_hz)) else { return false };
+        let band = motion::band_hz(rate.hz());
+        let closed = closed_loop::ClosedLoop::around(&stated.drive, controller, rate);
+        let of_encoders_n = closed.step_noise_n(noise.steps_m(), rate, |f| band_gain(f, band));
+        let step_hz = band / f64::from(PARTS);
+        let places = (1..=PARTS).map(|k| (f64::from(k) - 0.5) * step_hz);
+        let of_forces: f64 = places.map(|f| closed.thrust_per_cutting(f).norm_sqr() * step_hz).sum();
+        let thrust_n = of_encoders_n.hypot((force_n2_hz * of_forces).sqrt());
+        let block = ((BLOCK_S * p.rate_hz()) as usize).max(1);
+        let stretch_n = (force_n2_hz * 0.5 / BLOCK_S).sqrt();
+        let quiet = |s: &Sides| {
+            let (Some(thrust), Some(stretch)) = (&s.motor, &s.stage) else { return false };
+            let means: Vec<f64> =
+                stretch.chunks_exact(block).map(|b| b.iter().sum::<f64>() / b.len() as f64).collect();
+            if std::env::var("SCD").is_ok() {
+                eprintln!(
+                    "thrust {:.4} of {thrust_n:.4}, stretch {:.4} of {stretch_n:.4}",
+                    spread(thrust),
+                    spread(&means)
+                );
+            }
+            spread(thrust) < AT_NOISE * thrust_n && spread(&means) < AT_NOISE_STRETCH * stretch_n
+        };
+        errors[0].iter().all(quiet)
     }
 
     /// The samples of a recording that the balance has, too.
@@ -143,6 +190,17 @@ fn trial(p: &Problem, (k, s, replay, period_s): (usize, &LoopRecord, &Replay, f6
         taken_up_s: motion::TAKEN_UP_SAMPLES * period_s + p.timing_s,
         thrust_per_unit: p.drive.thrust_constant_n_a().is_none().then_some(p.motions[k].thrust_per_unit),
     }
+}
+
+/// Root mean square about the straight line: encoders have no common zero, and lead and scale differ.
+fn spread(x: &[f64]) -> f64 {
+    let n = x.len() as f64;
+    let mean = x.iter().sum::<f64>() / n;
+    let place = |k: usize| k as f64 - 0.5 * (n - 1.0);
+    let slope =
+        x.iter().enumerate().map(|(k, x)| place(k) * (x - mean)).sum::<f64>() * 12.0 / (n * (n * n - 1.0));
+    let line = |(k, x): (usize, &f64)| (x - mean - slope * place(k)).powi(2);
+    (x.iter().enumerate().map(line).sum::<f64>() / n).sqrt()
 }
 
 /// (a - b) `unit`.

@@ -31,8 +31,14 @@ const LEAST_LEFT: f64 = 0.4;
 /// Encoders of the model that is fitted: its steps would hide small changes.
 const FINE_STEP_M: f64 = 1e-14;
 /// Constants of laws that are fitted: all that is neither geometry nor a choice of form.
-const CONSTANTS: &[&str] =
-    &["phase_rad", "wavelength_m", "presliding_stiffness_n_m", "free_free_frequency_hz", "bandwidth_rad_s"];
+const CONSTANTS: &[&str] = &[
+    "phase_rad",
+    "wavelength_m",
+    "presliding_stiffness_n_m",
+    "free_free_frequency_hz",
+    "bandwidth_rad_s",
+    "share",
+];
 /// Constants that the effect of a law is proportional to.
 const AMPLITUDES: &[&str] = &[
     "amplitude_n",

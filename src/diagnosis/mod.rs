@@ -114,13 +114,16 @@ pub fn diagnose(
     problem.steps_m = steps_m;
     let noise = encoder_noise::EncoderNoise::new(&axis.drive, &problem.motions, problem.thinning.step);
     problem.encoder_noise = Some(noise);
-    let given = axis
+    let given: Vec<bench::Accepted> = axis
         .physics
         .iter()
         .filter_map(|term| terms::hypothesis(&problem, term))
         .map(|(h, amplitudes)| bench::Accepted::new(&problem, h, amplitudes))
         .collect();
-    let outcome = search::search(problem, given, progress);
+    let force_n2_hz = search::white_force_n2_hz(&problem, &given);
+    let rig = in_loop::Rig::new(axis, recordings, &problem);
+    let complete = rig.is_ok_and(|rig| rig.says_all(axis, force_n2_hz));
+    let outcome = search::search(problem, given, (complete, progress));
     let bench = outcome.state.bench();
     progress(0.95, "writing the model, simulating the loop");
     let mut diagnosis = assemble::assemble(machine, axis, recordings, (&outcome, &bench));
