@@ -21,6 +21,9 @@ use crate::simulation::model_axis::not_simulated;
 /// Share of the power above the floor that the findings must explain; else they are not the cause.
 const LEAST_EXPLAINED: f64 = 0.6;
 
+/// A found model that leaves this many times what it leaves without its findings is refuted by the loop.
+const REFUTED: f64 = 1.05;
+
 /// No model holds to better than this share of the thrust; what is left below it is no finding.
 const INEXACT_SHARE: f64 = 0.0015;
 
@@ -38,14 +41,15 @@ pub(super) struct Case<'a> {
     least: Vec<SideSpectrum>,
 }
 
-/// Builds the diagnosis. `bench`: everything accepted in its base.
+/// Builds the diagnosis.
 pub(crate) fn assemble(
     machine: &Machine,
     axis: &AxisModel,
     recordings: &[Recording],
-    (outcome, bench): (&Outcome, &Bench<'_>),
+    outcome: &Outcome,
 ) -> Diagnosis {
     let p = &outcome.state.problem;
+    let bench = &outcome.state.bench();
     let after = bench.residual();
     let of = |residual: &Column| [false, true].map(|stage| spectrum(p, residual, stage)).to_vec();
     let spectra: Vec<SideSpectrum> = of(&after);
@@ -61,23 +65,7 @@ pub(crate) fn assemble(
         spectra,
         least,
     };
-    let unexplained = case.unexplained();
-    if std::env::var("SCD").is_ok() {
-        for (k, a) in case.new_accepted() {
-            eprintln!(
-                "accepted {:?} {:?} {:?} {:?}",
-                a.hypothesis.effect,
-                a.hypothesis.port,
-                a.hypothesis.shape,
-                bench.accepted_fit(k).amplitudes
-            );
-        }
-        eprintln!(
-            "unexplained {unexplained} stranger {:?} waves {}",
-            outcome.stranger.as_ref().map(|s| &s.hypothesis.shape),
-            case.waves_of_no_origin()
-        );
-    }
+    let mut unexplained = case.unexplained();
     // Numbers fitted beside an unknown cause are bent by it.
     let settled = unexplained || outcome.complete;
     let mut corrections = if settled { Vec::new() } else { corrections(p, bench) };
@@ -93,6 +81,16 @@ pub(crate) fn assemble(
     let rig = Rig::new(axis, recordings, p);
     if !settled && let Ok(rig) = &rig {
         corrections = case.fitted_in_loop(rig, (&mut model, &mut findings)).unwrap_or(corrections);
+    }
+    let closed_loop = rig.and_then(|rig| {
+        let found = model.axis(&axis.name).ok_or("the axis is not in the model")?;
+        in_loop(&rig, (axis, found), outcome)
+    });
+    let refuted = |c: &ClosedLoop| c.not_simulated.is_empty() && c.left_n(2) > REFUTED * c.left_n(1);
+    if !findings.is_empty() && closed_loop.as_ref().is_ok_and(refuted) {
+        unexplained = true;
+        (findings, corrections) = (Vec::new(), Vec::new());
+        model = case.model(&[], &[]);
     }
     for (k, f) in findings.iter_mut().enumerate() {
         f.rank = k + 1;
@@ -121,10 +119,7 @@ pub(crate) fn assemble(
         noise_floor_n: case.spectra.iter().map(|s| s.floor_rms_n(band_hz(rate))).collect(),
         tried: tried(outcome.rounds.first().map_or(&[], Vec::as_slice)),
         detection_limits: detection_limits(bench, outcome.rounds.last().map_or(&[], Vec::as_slice)),
-        closed_loop: rig.and_then(|rig| {
-            let found = model.axis(&axis.name).ok_or("the axis is not in the model")?;
-            in_loop(&rig, (axis, found), outcome)
-        }),
+        closed_loop,
         model,
     }
 }
@@ -254,19 +249,39 @@ impl Case<'_> {
         if !not_simulated(found).is_empty() {
             return None;
         }
-        let mut fit = loop_fit::fit(rig, self.axis, found)?;
-        if !fit.pointless.is_empty() {
+        let mut fit = loop_fit::fit(rig, (self.axis, &[]), found)?;
+        let held = self.denied(&fit);
+        if !(fit.pointless.is_empty() && held.is_empty()) {
             for k in fit.pointless.iter().rev() {
                 found.physics.remove(*k);
                 findings.remove(k - given);
             }
-            fit = loop_fit::fit(rig, self.axis, found)?;
+            fit = loop_fit::fit(rig, (self.axis, &held), found)?;
         }
         *found = fit.axis;
         let scaled = corrections::is_scaled(rig.problem());
         let mut list: Vec<Correction> = corrections::of_loop(self.axis, found, &fit.numbers, scaled);
         list.extend(self.further_corrections());
         Some(list)
+    }
+
+    /// Numbers that the loop puts elsewhere than stated and the balance does not: two ways of asking that err
+    /// differently. What is wrong with a number, both say.
+    fn denied(&self, fit: &loop_fit::LoopFit) -> Vec<&'static str> {
+        /// Apart, as a share of the change of the logarithm.
+        const APART: f64 = 0.35;
+        let p = &self.outcome.state.problem;
+        let common = corrections::common_scale(p, self.bench);
+        let is_denied = |key: &str, value: f64| {
+            let Some(k) = p.numbers.iter().position(|n| n.key == Some(key)) else { return false };
+            let n = &p.numbers[k];
+            let nominal = n.nominal * n.key_per_coefficient;
+            let [in_loop, in_balance] =
+                [value / nominal, self.bench.solution.coefficients[k] / common / n.nominal].map(f64::ln);
+            corrections::is_material(key, value / nominal)
+                && !((in_balance - in_loop).abs() < APART * in_loop.abs())
+        };
+        fit.numbers.iter().filter(|(key, value, _)| is_denied(key, *value)).map(|(key, ..)| *key).collect()
     }
 
     /// Power that stands above the floor, whitened side by side, in a residual.

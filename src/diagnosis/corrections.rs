@@ -12,17 +12,22 @@ const DEVIATION_FACTOR: f64 = 2.0;
 /// Numbers beyond what their identification is good for: of the structure by 3 %, friction by 8 %, damping by
 /// 15 %.
 pub(super) fn material(c: &Correction) -> bool {
-    let limit = if c.name.contains("damping") {
+    is_material(c.name, c.value / c.nominal)
+}
+
+/// The same of a key and how many times the stated value it has.
+pub(super) fn is_material(key: &str, times: f64) -> bool {
+    let limit = if key.contains("damping") {
         0.15
-    } else if c.name.contains("coulomb") {
+    } else if key.contains("coulomb") {
         0.08
-    } else if c.name.ends_with("_s") {
+    } else if key.ends_with("_s") {
         // A delay is listed only where it is off by more than how a sample is taken.
         return true;
     } else {
         0.03
     };
-    (c.value / c.nominal - 1.0).abs() > limit
+    (times - 1.0).abs() > limit
 }
 
 /// Every number of the model that stands significantly elsewhere, with its interval.
@@ -116,7 +121,7 @@ pub(super) fn known_numbers(p: &Problem, bench: &Bench<'_>) -> Vec<(&'static str
 ///
 /// A balance holds for any common factor on all of its terms; that one torque constant is wrong is likelier
 /// than that three independent numbers are, by the same share. 1: no such factor.
-fn common_scale(p: &Problem, bench: &Bench<'_>) -> f64 {
+pub(super) fn common_scale(p: &Problem, bench: &Bench<'_>) -> f64 {
     if p.motions.iter().all(|m| (m.thrust_per_unit - 1.0).abs() < 1e-12) {
         return 1.0;
     }

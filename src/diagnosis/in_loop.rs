@@ -22,6 +22,8 @@ use crate::units::SampleRate;
 
 /// Share of the reference's changes that a control law may leave and still be the one that acted.
 const LAW_SHARE: f64 = 0.02;
+/// Blocks over which the stretch is averaged before it is compared, s.
+const STRETCH_BLOCK_S: f64 = 0.05;
 /// First samples that the velocity at the start is taken from.
 const START_SAMPLES: usize = 20;
 
@@ -74,48 +76,40 @@ impl<'a> Rig<'a> {
         Some((0..axes.len()).map(|a| of_recordings.iter().map(|r| r[a].clone()).collect()).collect())
     }
 
-    /// True where the model as stated says every recording down to its noise: nothing is missing, whatever a
-    /// balance makes of a recording in which little moves.
-    ///
-    /// The noise: a white force on the stage, of the density that its balance shows, and that of the encoders,
-    /// both as the loop answers them. Of the stretch, means over blocks are compared.
-    pub(super) fn says_all(&self, stated: &AxisModel, force_n2_hz: f64) -> bool {
-        /// Over that noise.
-        const AT_NOISE: f64 = 1.8;
+    /// What noise alone would leave of the thrust, and of block means of the stretch as a force, N: a white
+    /// force on the stage, of the density that its balance shows, and the encoders' own, as the loop answers
+    /// them. `None`: no controller is stated.
+    pub(super) fn noise_n(&self, stated: &AxisModel, force_n2_hz: f64) -> Option<[f64; 2]> {
         const PARTS: u32 = 1000;
-        /// Blocks of the stretch, s, and their means over those of white noise.
-        const BLOCK_S: f64 = 0.05;
-        const AT_NOISE_STRETCH: f64 = 3.0;
-        let p = self.p;
-        let (Some(controller), Some(noise)) = (stated.controller, &p.encoder_noise) else { return false };
-        if !not_simulated(stated).is_empty() {
-            return false;
-        }
-        let Some(errors) = self.errors(std::slice::from_ref(stated)) else { return false };
-        let Some(Ok(rate)) = p.motions.first().map(|m| SampleRate::new(m.rate_hz)) else { return false };
+        let rate = SampleRate::new(self.p.motions.first()?.rate_hz).ok()?;
+        let noise = self.p.encoder_noise.as_ref()?;
         let band = motion::band_hz(rate.hz());
-        let closed = closed_loop::ClosedLoop::around(&stated.drive, controller, rate);
+        let closed = closed_loop::ClosedLoop::around(&stated.drive, stated.controller?, rate);
         let of_encoders_n = closed.step_noise_n(noise.steps_m(), rate, |f| band_gain(f, band));
         let step_hz = band / f64::from(PARTS);
         let places = (1..=PARTS).map(|k| (f64::from(k) - 0.5) * step_hz);
         let of_forces: f64 = places.map(|f| closed.thrust_per_cutting(f).norm_sqr() * step_hz).sum();
         let thrust_n = of_encoders_n.hypot((force_n2_hz * of_forces).sqrt());
-        let block = ((BLOCK_S * p.rate_hz()) as usize).max(1);
-        let stretch_n = (force_n2_hz * 0.5 / BLOCK_S).sqrt();
-        let quiet = |s: &Sides| {
+        Some([thrust_n, (force_n2_hz * 0.5 / STRETCH_BLOCK_S).sqrt()])
+    }
+
+    /// True where the model as stated says every recording down to its noise: nothing is missing, whatever a
+    /// balance makes of a recording in which little moves.
+    pub(super) fn says_all(&self, stated: &AxisModel, force_n2_hz: f64) -> bool {
+        /// Over the noise, which below 10 Hz is more than white.
+        const AT_NOISE: [f64; 2] = [1.8, 3.0];
+        let Some([thrust_n, stretch_n]) = self.noise_n(stated, force_n2_hz) else { return false };
+        if !not_simulated(stated).is_empty() {
+            return false;
+        }
+        let Some(errors) = self.errors(std::slice::from_ref(stated)) else { return false };
+        let block = ((STRETCH_BLOCK_S * self.p.rate_hz()) as usize).max(1);
+        errors[0].iter().all(|s| {
             let (Some(thrust), Some(stretch)) = (&s.motor, &s.stage) else { return false };
             let means: Vec<f64> =
                 stretch.chunks_exact(block).map(|b| b.iter().sum::<f64>() / b.len() as f64).collect();
-            if std::env::var("SCD").is_ok() {
-                eprintln!(
-                    "thrust {:.4} of {thrust_n:.4}, stretch {:.4} of {stretch_n:.4}",
-                    spread(thrust),
-                    spread(&means)
-                );
-            }
-            spread(thrust) < AT_NOISE * thrust_n && spread(&means) < AT_NOISE_STRETCH * stretch_n
-        };
-        errors[0].iter().all(quiet)
+            spread(thrust) < AT_NOISE[0] * thrust_n && spread(&means) < AT_NOISE[1] * stretch_n
+        })
     }
 
     /// The samples of a recording that the balance has, too.

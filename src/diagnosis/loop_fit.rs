@@ -83,10 +83,16 @@ enum Knob {
     Law(usize, usize, Option<f64>),
 }
 
-/// Fits the laws of `start` from there on, the numbers from those of `stated`, whose own terms stay. `None`: a
+/// Fits the laws of `start` from there on, the numbers from those of `stated`, whose own terms stay; `held`:
+/// numbers that stay as well. `None`: a
 /// model ran away.
-pub(super) fn fit(rig: &Rig<'_>, stated: &AxisModel, start: &AxisModel) -> Option<LoopFit> {
-    let knobs = knobs(start, stated.physics.len());
+pub(super) fn fit(
+    rig: &Rig<'_>,
+    (stated, held): (&AxisModel, &[&str]),
+    start: &AxisModel,
+) -> Option<LoopFit> {
+    let mut knobs = knobs(start, stated.physics.len());
+    knobs.retain(|k| !matches!(k, Knob::Number(key) if held.contains(key)));
     let bed = Bed::new(rig.problem());
     let mut next = start.clone();
     for key in NUMBERS {

@@ -83,9 +83,6 @@ pub(crate) fn search(
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
         state.settle(PASSES);
         add_overtones(&mut state);
-        if std::env::var("SCD").is_ok() {
-            eprintln!("round {round} left {:.4} loud {}", rms(&state.residual), state.is_loud());
-        }
         if let Some(back) = back.take_if(|b| rms(&state.residual) > RUNAWAY * rms(&b.residual)) {
             refused.extend(state.accepted.pop().map(|a| a.hypothesis));
             state = back;
@@ -103,14 +100,6 @@ pub(crate) fn search(
         let mut scores = one_round(&bench, &known);
         let rivals = if round < most { rivals(&state, &bench, (&scores, &known)) } else { Vec::new() };
         drop(bench);
-        if std::env::var("SCD").is_ok() {
-            for r in rivals.iter().chain(scores.iter().take(3)) {
-                eprintln!(
-                    "   rival {:?} {:?} {:?} {:.1} {}",
-                    r.hypothesis.effect, r.hypothesis.port, r.hypothesis.shape, r.evidence, r.plausible
-                );
-            }
-        }
         let with = (!rivals.is_empty()).then(|| least_left(&state, &mut scores, (rivals, round)));
         rounds.push(scores);
         let Some(with) = with else { break };
@@ -119,6 +108,23 @@ pub(crate) fn search(
     prune(&mut state);
     let stranger = stranger.filter(|s| beats_named(&state, s));
     Outcome { state, rounds, nominal, before, recalibrated, stranger, complete }
+}
+
+/// The findings of one recording, fitted to all of them.
+pub(crate) fn with_findings_of(problem: Problem, given: Vec<Accepted>, alone: Outcome) -> Outcome {
+    let nominal = nominal_residual(&problem, &given);
+    let mut state = State::new(problem, given, &nominal);
+    state.settle(PASSES);
+    let (before, recalibrated) = (state.residual.clone(), state.problem.mechanics);
+    for a in &alone.state.accepted[alone.state.given..] {
+        let again = Accepted::new(&state.problem, a.hypothesis.clone(), a.amplitudes.clone());
+        state.accepted.push(Accepted { round: a.round, ..again });
+    }
+    state.settle(PASSES);
+    add_overtones(&mut state);
+    prune(&mut state);
+    let Outcome { rounds, .. } = alone;
+    Outcome { state, rounds, nominal, before, recalibrated, stranger: None, complete: false }
 }
 
 /// Waves whose next overtone shows once the rest is explained get it. A wave and its overtones are one cause,
