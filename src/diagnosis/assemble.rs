@@ -1,9 +1,10 @@
 //! From the search to the answer.
 
 use super::bench::{Accepted, Bench, HypothesisFit, Score, rms};
-use super::corrections::{corrections, known_numbers, material};
+use super::corrections::{self, corrections, known_numbers, material};
 use super::floor::{SideSpectrum, spectrum};
-use super::in_loop::in_loop;
+use super::in_loop::{Rig, in_loop};
+use super::loop_fit;
 use super::motion::band_hz;
 use super::problem::{Column, Sides};
 use super::result::*;
@@ -15,9 +16,13 @@ use crate::plant::drive::{DriveParams, RawDriveParams};
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
+use crate::simulation::model_axis::not_simulated;
 
 /// Share of the power above the floor that the findings must explain; else they are not the cause.
 const LEAST_EXPLAINED: f64 = 0.6;
+
+/// A found model that leaves this many times what it leaves without its findings is refuted by the loop.
+const REFUTED: f64 = 1.05;
 
 /// No model holds to better than this share of the thrust; what is left below it is no finding.
 const INEXACT_SHARE: f64 = 0.0015;
@@ -36,14 +41,15 @@ pub(super) struct Case<'a> {
     least: Vec<SideSpectrum>,
 }
 
-/// Builds the diagnosis. `bench`: everything accepted in its base.
+/// Builds the diagnosis.
 pub(crate) fn assemble(
     machine: &Machine,
     axis: &AxisModel,
     recordings: &[Recording],
-    (outcome, bench): (&Outcome, &Bench<'_>),
+    outcome: &Outcome,
 ) -> Diagnosis {
     let p = &outcome.state.problem;
+    let bench = &outcome.state.bench();
     let after = bench.residual();
     let of = |residual: &Column| [false, true].map(|stage| spectrum(p, residual, stage)).to_vec();
     let spectra: Vec<SideSpectrum> = of(&after);
@@ -59,10 +65,11 @@ pub(crate) fn assemble(
         spectra,
         least,
     };
-    let unexplained = case.unexplained();
+    let mut unexplained = case.unexplained();
     // Numbers fitted beside an unknown cause are bent by it.
-    let mut corrections = if unexplained { Vec::new() } else { corrections(p, bench) };
-    if !unexplained {
+    let settled = unexplained || outcome.complete;
+    let mut corrections = if settled { Vec::new() } else { corrections(p, bench) };
+    if !settled {
         corrections.extend(case.further_corrections());
     }
     let mut findings = if unexplained { Vec::new() } else { case.findings() };
@@ -70,6 +77,21 @@ pub(crate) fn assemble(
         findings.extend(case.encoder_steps());
     }
     findings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    let mut model = case.model(&findings, &corrections);
+    let rig = Rig::new(axis, recordings, p);
+    if !settled && let Ok(rig) = &rig {
+        corrections = case.fitted_in_loop(rig, (&mut model, &mut findings)).unwrap_or(corrections);
+    }
+    let closed_loop = rig.and_then(|rig| {
+        let found = model.axis(&axis.name).ok_or("the axis is not in the model")?;
+        in_loop(&rig, (axis, found), outcome)
+    });
+    let refuted = |c: &ClosedLoop| c.not_simulated.is_empty() && c.left_n(2) > REFUTED * c.left_n(1);
+    if !findings.is_empty() && closed_loop.as_ref().is_ok_and(refuted) {
+        unexplained = true;
+        (findings, corrections) = (Vec::new(), Vec::new());
+        model = case.model(&[], &[]);
+    }
     for (k, f) in findings.iter_mut().enumerate() {
         f.rank = k + 1;
     }
@@ -82,7 +104,6 @@ pub(crate) fn assemble(
     } else {
         Verdict::ModelAdequate
     };
-    let model = case.model(&findings, &corrections);
     let location = case.location(verdict, &findings);
     let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
     Diagnosis {
@@ -98,7 +119,7 @@ pub(crate) fn assemble(
         noise_floor_n: case.spectra.iter().map(|s| s.floor_rms_n(band_hz(rate))).collect(),
         tried: tried(outcome.rounds.first().map_or(&[], Vec::as_slice)),
         detection_limits: detection_limits(bench, outcome.rounds.last().map_or(&[], Vec::as_slice)),
-        closed_loop: in_loop((axis, &model), recordings, outcome),
+        closed_loop,
         model,
     }
 }
@@ -216,6 +237,53 @@ impl Case<'_> {
         self.outcome.state.accepted.iter().enumerate().skip(self.outcome.state.given)
     }
 
+    /// The model fitted in closed loop, where all of it can be simulated: its corrections beside those that no
+    /// loop shows. Findings of which the loop shows nothing are taken out.
+    fn fitted_in_loop(
+        &self,
+        rig: &Rig<'_>,
+        (model, findings): (&mut Machine, &mut Vec<Finding>),
+    ) -> Option<Vec<Correction>> {
+        let given = self.axis.physics.len();
+        let found = model.axes.iter_mut().find(|a| a.name == self.axis.name)?;
+        if !not_simulated(found).is_empty() {
+            return None;
+        }
+        let mut fit = loop_fit::fit(rig, (self.axis, &[]), found)?;
+        let held = self.denied(&fit);
+        if !(fit.pointless.is_empty() && held.is_empty()) {
+            for k in fit.pointless.iter().rev() {
+                found.physics.remove(*k);
+                findings.remove(k - given);
+            }
+            fit = loop_fit::fit(rig, (self.axis, &held), found)?;
+        }
+        *found = fit.axis;
+        let scaled = corrections::is_scaled(rig.problem());
+        let mut list: Vec<Correction> = corrections::of_loop(self.axis, found, &fit.numbers, scaled);
+        list.extend(self.further_corrections());
+        Some(list)
+    }
+
+    /// Numbers that the loop puts elsewhere than stated and the balance does not: two ways of asking that err
+    /// differently. What is wrong with a number, both say.
+    fn denied(&self, fit: &loop_fit::LoopFit) -> Vec<&'static str> {
+        /// Apart, as a share of the change of the logarithm.
+        const APART: f64 = 0.35;
+        let p = &self.outcome.state.problem;
+        let common = corrections::common_scale(p, self.bench);
+        let is_denied = |key: &str, value: f64| {
+            let Some(k) = p.numbers.iter().position(|n| n.key == Some(key)) else { return false };
+            let n = &p.numbers[k];
+            let nominal = n.nominal * n.key_per_coefficient;
+            let [in_loop, in_balance] =
+                [value / nominal, self.bench.solution.coefficients[k] / common / n.nominal].map(f64::ln);
+            corrections::is_material(key, value / nominal)
+                && !((in_balance - in_loop).abs() < APART * in_loop.abs())
+        };
+        fit.numbers.iter().filter(|(key, value, _)| is_denied(key, *value)).map(|(key, ..)| *key).collect()
+    }
+
     /// Power that stands above the floor, whitened side by side, in a residual.
     fn excess_power(&self, residual: &Column) -> f64 {
         let p = &self.outcome.state.problem;
@@ -237,6 +305,9 @@ impl Case<'_> {
     /// True when what is left after the findings stands above the floor and is not a small rest of what they
     /// explain.
     fn unexplained(&self) -> bool {
+        if self.outcome.complete {
+            return false;
+        }
         if self.outcome.stranger.is_some() || self.waves_of_no_origin() > 1 {
             return true;
         }
@@ -493,21 +564,7 @@ fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
 }
 
 fn set(raw: &mut RawDriveParams, name: &str, value: f64) {
-    let slot = match name {
-        "movable_mass_kg" => &mut raw.movable_mass_kg,
-        "rotary_inertia_kg_m2" => &mut raw.rotary_inertia_kg_m2,
-        "torque_constant_nm_a" => &mut raw.torque_constant_nm_a,
-        "axial_stiffness_n_m" => &mut raw.axial_stiffness_n_m,
-        "structural_damping_n_s_m" => &mut raw.structural_damping_n_s_m,
-        "rotary_damping_nm_s_rad" => &mut raw.rotary_damping_nm_s_rad,
-        "translational_damping_n_s_m" => &mut raw.translational_damping_n_s_m,
-        "stage_coulomb_friction_n" => &mut raw.stage_coulomb_friction_n,
-        "motor_coulomb_friction_n" => &mut raw.motor_coulomb_friction_n,
-        "amplifier_dead_time_s" => &mut raw.amplifier_dead_time_s,
-        "motor_encoder_delay_s" => &mut raw.motor_encoder_delay_s,
-        "stage_encoder_delay_s" => &mut raw.stage_encoder_delay_s,
-        "friction_smoothing_m_s" => &mut raw.friction_smoothing_m_s,
-        _ => return,
-    };
-    *slot = Some(value);
+    if let Some(number) = raw.number_mut(name) {
+        *number = Some(value);
+    }
 }

@@ -1,7 +1,7 @@
 //! The bench on which hypotheses are tried: whitened balance, folds, and what is known already.
 
 use super::problem::{Column, Number, Problem, Sides};
-use super::regression::{Folds, Gram, Solution};
+use super::regression::{Beside, Folds, Gram, Solution};
 use super::shape::{Hypothesis, Shape};
 use super::two_cores::on_two_cores;
 use super::weights::Weights;
@@ -112,7 +112,8 @@ impl<'a> Bench<'a> {
                 None => add_series(&mut target, &known, -1.0),
             }
         }
-        let gram = Gram::new(&base, &target, &folds);
+        let beside = beside(problem, &weights, &folds);
+        let gram = Gram::new(&base, &target, &folds).beside(beside);
         let mut bench = Self {
             problem,
             folds,
@@ -413,6 +414,16 @@ impl<'a> Bench<'a> {
         let gain = |before: f64, after: f64| n * (before / after.max(1e-300)).ln();
         [gain(self.solution.heldout, with.heldout), gain(self.solution.left, with.left)]
     }
+}
+
+/// How far a stated number may be off before anything is measured, as a share of it.
+const STATED_DEVIATION: f64 = 0.3;
+
+fn beside(problem: &Problem, weights: &Weights, folds: &Folds) -> Beside {
+    let stated = problem.numbers.iter().filter(|n| n.key.is_some());
+    let known: Vec<[f64; 2]> = stated.map(|n| [(STATED_DEVIATION * n.nominal).powi(-2), n.nominal]).collect();
+    let noise = problem.encoder_noise.as_ref().map(|noise| noise.share(problem, weights, known.len()));
+    Beside { noise: noise.unwrap_or_default(), instants: folds.instants(), known }
 }
 
 /// A hypothesis that was tried, with what it was tried with.

@@ -4,6 +4,7 @@ use super::bench::Bench;
 use super::problem::Problem;
 use super::result::Correction;
 use super::terms;
+use crate::plant::machine::AxisModel;
 
 /// Deviations of curvature are widened by this before a correction is claimed.
 const DEVIATION_FACTOR: f64 = 2.0;
@@ -11,40 +12,39 @@ const DEVIATION_FACTOR: f64 = 2.0;
 /// Numbers beyond what their identification is good for: of the structure by 3 %, friction by 8 %, damping by
 /// 15 %.
 pub(super) fn material(c: &Correction) -> bool {
-    let limit = if c.name.contains("damping") {
+    is_material(c.name, c.value / c.nominal)
+}
+
+/// The same of a key and how many times the stated value it has.
+pub(super) fn is_material(key: &str, times: f64) -> bool {
+    let limit = if key.contains("damping") {
         0.15
-    } else if c.name.contains("coulomb") {
+    } else if key.contains("coulomb") {
         0.08
-    } else if c.name.ends_with("_s") {
+    } else if key.ends_with("_s") {
         // A delay is listed only where it is off by more than how a sample is taken.
         return true;
     } else {
         0.03
     };
-    (c.value / c.nominal - 1.0).abs() > limit
+    (times - 1.0).abs() > limit
 }
 
 /// Every number of the model that stands significantly elsewhere, with its interval.
 pub(super) fn corrections(p: &Problem, bench: &Bench<'_>) -> Vec<Correction> {
     let s = &bench.solution;
-    let scaled = p.motions.iter().any(|m| (m.thrust_per_unit - 1.0).abs() > 1e-12);
-    let scale = if scaled { terms::SCALE_DEVIATION } else { 0.0 };
+    let scale = if is_scaled(p) { terms::SCALE_DEVIATION } else { 0.0 };
     let mut list = Vec::new();
     let common = common_scale(p, bench);
     for (k, n) in p.numbers.iter().enumerate() {
         let Some(name) = n.key else { continue };
-        let value = s.coefficients[k] / common;
-        let deviation = DEVIATION_FACTOR * s.deviations[k] / common;
-        let significant =
-            (value - n.nominal).abs() > 4.0 * deviation && (value / n.nominal - 1.0).abs() > 0.005;
-        // A number that the recordings cannot tell runs anywhere.
-        if !significant || !(0.2..5.0).contains(&(value / n.nominal)) {
-            continue;
-        }
-        let half = 1.96 * deviation.hypot(scale * value);
-        let f = n.key_per_coefficient;
-        let (value, nominal) = (value * f, n.nominal * f);
-        list.push(Correction { name, nominal, value, ci95: [value - half * f, value + half * f] });
+        let f = n.key_per_coefficient / common;
+        list.extend(correction(
+            name,
+            n.key_per_coefficient * n.nominal,
+            (f * s.coefficients[k], f * s.deviations[k]),
+            scale,
+        ));
     }
     if let Some(nominal) = p.drive.torque_constant_nm_a().filter(|_| common != 1.0) {
         let value = nominal / common;
@@ -55,6 +55,49 @@ pub(super) fn corrections(p: &Problem, bench: &Bench<'_>) -> Vec<Correction> {
             value,
             ci95: [value - half, value + half],
         });
+    }
+    list
+}
+
+/// True where a torque constant says what the recorded unit is in newtons.
+pub(super) fn is_scaled(p: &Problem) -> bool {
+    p.motions.iter().any(|m| (m.thrust_per_unit - 1.0).abs() > 1e-12)
+}
+
+/// A number with its deviation by curvature, if it stands significantly elsewhere than stated.
+fn correction(
+    name: &'static str,
+    nominal: f64,
+    (value, deviation): (f64, f64),
+    scale: f64,
+) -> Option<Correction> {
+    let deviation = DEVIATION_FACTOR * deviation;
+    let significant = (value - nominal).abs() > 4.0 * deviation && (value / nominal - 1.0).abs() > 0.005;
+    // A number that the recordings cannot tell runs anywhere.
+    let told = significant && (0.2..5.0).contains(&(value / nominal));
+    let half = 1.96 * deviation.hypot(scale * value);
+    told.then_some(Correction { name, nominal, value, ci95: [value - half, value + half] })
+}
+
+/// Corrections of numbers that were fitted in closed loop: key, value, deviation.
+pub(super) fn of_loop(
+    stated: &AxisModel,
+    found: &AxisModel,
+    numbers: &[(&'static str, f64, f64)],
+    scaled: bool,
+) -> Vec<Correction> {
+    let scale = if scaled { terms::SCALE_DEVIATION } else { 0.0 };
+    let of = |axis: &AxisModel, key: &str| *axis.drive.raw().clone().number_mut(key)?;
+    let told = numbers
+        .iter()
+        .filter_map(|(key, value, deviation)| correction(key, of(stated, key)?, (*value, *deviation), scale));
+    let mut list: Vec<Correction> = told.collect();
+    let constant = "torque_constant_nm_a";
+    if let (Some(nominal), Some(value)) = (of(stated, constant), of(found, constant))
+        && value != nominal
+    {
+        let half = 1.96 * 0.015 * value;
+        list.push(Correction { name: constant, nominal, value, ci95: [value - half, value + half] });
     }
     list
 }
@@ -78,7 +121,7 @@ pub(super) fn known_numbers(p: &Problem, bench: &Bench<'_>) -> Vec<(&'static str
 ///
 /// A balance holds for any common factor on all of its terms; that one torque constant is wrong is likelier
 /// than that three independent numbers are, by the same share. 1: no such factor.
-fn common_scale(p: &Problem, bench: &Bench<'_>) -> f64 {
+pub(super) fn common_scale(p: &Problem, bench: &Bench<'_>) -> f64 {
     if p.motions.iter().all(|m| (m.thrust_per_unit - 1.0).abs() < 1e-12) {
         return 1.0;
     }

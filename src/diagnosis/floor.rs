@@ -30,6 +30,11 @@ impl SideSpectrum {
         (self.floor[1..last].iter().sum::<f64>() * self.step_hz).sqrt()
     }
 
+    /// Density of the floor at low frequencies, N2/Hz: of a white force.
+    pub(crate) fn white_n2_hz(&self) -> f64 {
+        self.floor.get(2).copied().unwrap_or(0.0)
+    }
+
     /// Bands in which the residual stands above the floor, with the power that does.
     pub(crate) fn excess(&self, band_hz: f64) -> Vec<([f64; 2], f64)> {
         let mut out: Vec<([f64; 2], f64)> = Vec::new();
@@ -134,7 +139,7 @@ pub(crate) fn noise_n2(p: &Problem, residual: &Column, stage: bool) -> f64 {
 }
 
 /// Gain of one pass of the band's low-pass: a step at the band's edge smoothed by the kernel's Gaussian.
-fn band_gain(f: f64, band: f64) -> f64 {
+pub(crate) fn band_gain(f: f64, band: f64) -> f64 {
     let sigma = band / (TAU * 0.72);
     let z = (f - band) / (sigma * std::f64::consts::SQRT_2);
     0.5 * statrs::function::erf::erfc(z)

@@ -6,41 +6,132 @@
 //! told. Before physics comes the control law: where the stated one does not say the recorded reference, no
 //! simulation proves anything.
 
+use super::floor::band_gain;
 use super::motion;
-use super::problem::{Mechanics, Problem};
+use super::problem::{Column, Mechanics, Problem, Sides};
 use super::result::{ClosedLoop, SimulatedTrial};
 use super::search::Outcome;
 use super::two_cores::on_two_cores;
+use crate::force::closed_loop;
 use crate::plant::drive::{DriveParams, RawDriveParams};
-use crate::plant::machine::{AxisModel, Controller, Machine};
+use crate::plant::machine::{AxisModel, Controller};
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
-use crate::simulation::model_axis::{LoopRecord, Replay, Trial, not_simulated, replay, respond};
+use crate::simulation::model_axis::{LoopRecord, Replay, Response, Trial, not_simulated, replay, respond};
+use crate::units::SampleRate;
 
 /// Share of the reference's changes that a control law may leave and still be the one that acted.
 const LAW_SHARE: f64 = 0.02;
+/// Blocks over which the stretch is averaged before it is compared, s.
+const STRETCH_BLOCK_S: f64 = 0.05;
 /// First samples that the velocity at the start is taken from.
 const START_SAMPLES: usize = 20;
 
-/// Runs stated, re-estimated and found model beside the machine. Errors: in a person's words why not.
+/// The recordings as a loop sees them: what command and law were, and what came of them.
+pub(super) struct Rig<'a> {
+    p: &'a Problem,
+    records: Vec<LoopRecord>,
+    trials: Vec<Trial>,
+    law: Replay,
+}
+
+impl<'a> Rig<'a> {
+    /// Errors: in a person's words why nothing can be simulated.
+    pub(super) fn new(stated: &AxisModel, recordings: &[Recording], p: &'a Problem) -> Result<Self, String> {
+        let controller = stated.controller.ok_or("the model states no controller")?;
+        let records: Vec<LoopRecord> =
+            recordings.iter().map(|r| signals(stated, r)).collect::<Result<Vec<_>, String>>()?;
+        let period_s = recordings.first().map_or(1.0, |r| r.sample_rate.period_s());
+        let law = law_of(controller, period_s, &records)?;
+        let trials = (0..records.len()).map(|k| trial(p, (k, &records[k], &law, period_s))).collect();
+        Ok(Self { p, records, trials, law })
+    }
+
+    /// The balance of the same recordings.
+    pub(super) fn problem(&self) -> &'a Problem {
+        self.p
+    }
+
+    /// What models leave of the recorded thrust reference, and of the stretch as a force of the spring, N;
+    /// thinned, a column a model. `None`: one ran away.
+    pub(super) fn errors(&self, axes: &[AxisModel]) -> Option<Vec<Column>> {
+        let places: Vec<usize> = (0..self.trials.len()).collect();
+        let of = |&k: &usize| -> Option<Vec<Sides>> {
+            let (s, m) = (&self.records[k], &self.p.motions[k]);
+            let stiffness_n_m = self.p.mechanics.stiffness_n_m;
+            let sides = |r: &Response| {
+                let stretch = |motor: &[f64], stage: &[f64]| -> Vec<f64> {
+                    motor.iter().zip(stage).map(|(m, s)| m - s).collect()
+                };
+                let thrust = off(&s.reference, &r.reference, m.thrust_per_unit);
+                let recorded = stretch(&s.motor_m, &s.stage_m);
+                let spring = off(&recorded, &stretch(&r.motor_m, &r.stage_m), stiffness_n_m);
+                let thin = |x: &[f64]| Some(self.p.thinning.thin(&x[self.inside(k)]));
+                (!r.ran_away()).then(|| Sides { motor: thin(&thrust), stage: thin(&spring) })
+            };
+            respond(axes, &self.trials[k]).iter().map(sides).collect()
+        };
+        let of_recordings: Vec<Vec<Sides>> =
+            on_two_cores(&places, of).into_iter().collect::<Option<Vec<_>>>()?;
+        Some((0..axes.len()).map(|a| of_recordings.iter().map(|r| r[a].clone()).collect()).collect())
+    }
+
+    /// What noise alone would leave of the thrust, and of block means of the stretch as a force, N: a white
+    /// force on the stage, of the density that its balance shows, and the encoders' own, as the loop answers
+    /// them. `None`: no controller is stated.
+    pub(super) fn noise_n(&self, stated: &AxisModel, force_n2_hz: f64) -> Option<[f64; 2]> {
+        const PARTS: u32 = 1000;
+        let rate = SampleRate::new(self.p.motions.first()?.rate_hz).ok()?;
+        let noise = self.p.encoder_noise.as_ref()?;
+        let band = motion::band_hz(rate.hz());
+        let closed = closed_loop::ClosedLoop::around(&stated.drive, stated.controller?, rate);
+        let of_encoders_n = closed.step_noise_n(noise.steps_m(), rate, |f| band_gain(f, band));
+        let step_hz = band / f64::from(PARTS);
+        let places = (1..=PARTS).map(|k| (f64::from(k) - 0.5) * step_hz);
+        let of_forces: f64 = places.map(|f| closed.thrust_per_cutting(f).norm_sqr() * step_hz).sum();
+        let thrust_n = of_encoders_n.hypot((force_n2_hz * of_forces).sqrt());
+        Some([thrust_n, (force_n2_hz * 0.5 / STRETCH_BLOCK_S).sqrt()])
+    }
+
+    /// True where the model as stated says every recording down to its noise: nothing is missing, whatever a
+    /// balance makes of a recording in which little moves.
+    pub(super) fn says_all(&self, stated: &AxisModel, force_n2_hz: f64) -> bool {
+        /// Over the noise, which below 10 Hz is more than white.
+        const AT_NOISE: [f64; 2] = [1.8, 3.0];
+        let Some([thrust_n, stretch_n]) = self.noise_n(stated, force_n2_hz) else { return false };
+        if !not_simulated(stated).is_empty() {
+            return false;
+        }
+        let Some(errors) = self.errors(std::slice::from_ref(stated)) else { return false };
+        let block = ((STRETCH_BLOCK_S * self.p.rate_hz()) as usize).max(1);
+        errors[0].iter().all(|s| {
+            let (Some(thrust), Some(stretch)) = (&s.motor, &s.stage) else { return false };
+            let means: Vec<f64> =
+                stretch.chunks_exact(block).map(|b| b.iter().sum::<f64>() / b.len() as f64).collect();
+            spread(thrust) < AT_NOISE[0] * thrust_n && spread(&means) < AT_NOISE[1] * stretch_n
+        })
+    }
+
+    /// The samples of a recording that the balance has, too.
+    fn inside(&self, k: usize) -> std::ops::Range<usize> {
+        let m = &self.p.motions[k];
+        m.offset..m.offset + m.len()
+    }
+}
+
+/// Runs stated, re-estimated and found model beside the machine.
 pub(super) fn in_loop(
-    (stated, found): (&AxisModel, &Machine),
-    recordings: &[Recording],
+    rig: &Rig<'_>,
+    (stated, found): (&AxisModel, &AxisModel),
     outcome: &Outcome,
 ) -> Result<ClosedLoop, String> {
-    let p = &outcome.state.problem;
-    let controller = stated.controller.ok_or("the model states no controller")?;
-    let signals: Vec<LoopRecord> =
-        recordings.iter().map(|r| signals(stated, r)).collect::<Result<Vec<_>, String>>()?;
-    let period_s = recordings.first().map_or(1.0, |r| r.sample_rate.period_s());
-    let replay = law_of(controller, period_s, &signals)?;
-    let numbers = DriveParams::new(raw_with(&p.drive, &outcome.recalibrated)).map_err(|e| e.to_string())?;
+    let numbers =
+        DriveParams::new(raw_with(&rig.p.drive, &outcome.recalibrated)).map_err(|e| e.to_string())?;
     let recalibrated = AxisModel { drive: numbers, ..stated.clone() };
-    let found = found.axis(&stated.name).ok_or("the axis is not in the model")?.clone();
-    let axes = [stated.clone(), recalibrated, found];
-    let places: Vec<usize> = (0..recordings.len()).collect();
-    let trials = on_two_cores(&places, |&k| trial(p, &axes, (k, &signals[k], &replay, period_s)));
-    let law_share = replay.share.iter().copied().fold(f64::INFINITY, f64::min);
+    let axes = [stated.clone(), recalibrated, found.clone()];
+    let places: Vec<usize> = (0..rig.trials.len()).collect();
+    let trials = on_two_cores(&places, |&k| simulated(rig, &axes, k));
+    let law_share = rig.law.share.iter().copied().fold(f64::INFINITY, f64::min);
     Ok(ClosedLoop { law_share, trials, not_simulated: not_simulated(&axes[2]) })
 }
 
@@ -78,16 +169,11 @@ fn law_of(controller: Controller, period_s: f64, records: &[LoopRecord]) -> Resu
     Ok(replay)
 }
 
-/// One recording beside its models.
-fn trial(
-    p: &Problem,
-    axes: &[AxisModel],
-    (k, s, replay, period_s): (usize, &LoopRecord, &Replay, f64),
-) -> SimulatedTrial {
+/// What acted in one recording.
+fn trial(p: &Problem, (k, s, replay, period_s): (usize, &LoopRecord, &Replay, f64)) -> Trial {
     let injected = replay.share[k] > LAW_SHARE;
-    let m = &p.motions[k];
     let early = s.motor_m.get(START_SAMPLES).zip(s.motor_m.first());
-    let trial = Trial {
+    Trial {
         period_s,
         command_m: s.command_m.clone(),
         injected: if injected { replay.beyond[k].clone() } else { Vec::new() },
@@ -96,20 +182,41 @@ fn trial(
         law: replay.law,
         integral_m: replay.integral_m[k],
         taken_up_s: motion::TAKEN_UP_SAMPLES * period_s + p.timing_s,
-        thrust_per_unit: p.drive.thrust_constant_n_a().is_none().then_some(m.thrust_per_unit),
-    };
-    let responses = respond(axes, &trial);
+        thrust_per_unit: p.drive.thrust_constant_n_a().is_none().then_some(p.motions[k].thrust_per_unit),
+    }
+}
+
+/// Root mean square about the straight line: encoders have no common zero, and lead and scale differ.
+fn spread(x: &[f64]) -> f64 {
+    let n = x.len() as f64;
+    let mean = x.iter().sum::<f64>() / n;
+    let place = |k: usize| k as f64 - 0.5 * (n - 1.0);
+    let slope =
+        x.iter().enumerate().map(|(k, x)| place(k) * (x - mean)).sum::<f64>() * 12.0 / (n * (n * n - 1.0));
+    let line = |(k, x): (usize, &f64)| (x - mean - slope * place(k)).powi(2);
+    (x.iter().enumerate().map(line).sum::<f64>() / n).sqrt()
+}
+
+/// (a - b) `unit`.
+fn off(a: &[f64], b: &[f64], unit: f64) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| (a - b) * unit).collect()
+}
+
+/// One recording beside its models.
+fn simulated(rig: &Rig<'_>, axes: &[AxisModel], k: usize) -> SimulatedTrial {
+    let (p, s, m) = (rig.p, &rig.records[k], &rig.p.motions[k]);
+    let responses = respond(axes, &rig.trials[k]);
     let thin = |error: Vec<f64>| p.thinning.thin(&error);
-    let off = |a: &[f64], b: &[f64], unit: f64| a.iter().zip(b).map(|(a, b)| (a - b) * unit).collect();
     let thrust: Vec<Vec<f64>> =
         responses.iter().map(|r| thin(off(&s.reference, &r.reference, m.thrust_per_unit))).collect();
     let stage_rms_m = [0, 1, 2].map(|i| rms(&thin(off(&s.stage_m, &responses[i].stage_m, 1.0))));
     let edge = p.thinning.edge();
     let count = thrust.first().map_or(0, Vec::len);
+    let period_s = rig.trials[k].period_s;
     let first_s = m.time_s(0) - m.offset as f64 * period_s;
     SimulatedTrial {
         recording: k,
-        injected,
+        injected: rig.law.share[k] > LAW_SHARE,
         thrust_rms_n: [0, 1, 2].map(|i| rms(&thrust[i])),
         stage_rms_m,
         t_s: (0..count).map(|j| first_s + (edge + j * p.thinning.step) as f64 * period_s).collect(),

@@ -140,6 +140,28 @@ struct Frame {
     grid: Grid,
 }
 
+/// Positions alone, one of motor and stage, m: a motion without thrust.
+pub(crate) fn of_positions(drive: &DriveParams, rate_hz: f64, [motor_m, stage_m]: [&[f64]; 2]) -> Motion {
+    let band_hz = band_hz(rate_hz);
+    let longest = drive.motor_encoder_delay_s().max(drive.stage_encoder_delay_s());
+    let edge = Kernel::low_pass(band_hz, rate_hz, Action { derivative: 0, advance_s: longest }).half() + 2;
+    let grid = Grid { first: edge, step: 1, count: motor_m.len() - 2 * edge };
+    let frame = Frame { band_hz, rate_hz, grid };
+    Motion {
+        experiment: String::new(),
+        rate_hz,
+        start_s: 0.0,
+        offset: grid.first,
+        thrust_n: vec![0.0; grid.count],
+        raw_reference_n: vec![0.0; grid.count],
+        thrust_per_unit: 1.0,
+        motor: side(motor_m, drive.motor_encoder_delay_s(), &frame),
+        stage: side(stage_m, drive.stage_encoder_delay_s(), &frame),
+        stretch_zero_m: 0.0,
+        centre_m: 0.0,
+    }
+}
+
 /// Aligns and filters one recording.
 pub(crate) fn motion(axis: &AxisModel, recording: &Recording) -> Result<Motion, DiagnoseError> {
     let columns = columns(axis, recording)?;

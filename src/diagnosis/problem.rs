@@ -7,6 +7,7 @@
 //! ```
 //! D = x_m - x_s. The sum r_m + r_s does not know the spring.
 
+use super::encoder_noise::EncoderNoise;
 use super::kernel::{Action, Grid, Kernel};
 use super::motion::{Motion, band_hz};
 use super::whitening::Layout;
@@ -137,6 +138,8 @@ pub(crate) struct Problem {
     pub(crate) lead_error: f64,
     /// Steps of motor and stage encoder as they are, stated or read off the recordings, m.
     pub(crate) steps_m: [f64; 2],
+    /// Noise of the encoders, which bends what is fitted; `None`: positions are exact.
+    pub(crate) encoder_noise: Option<EncoderNoise>,
     /// A step is coarser than the model states: errors follow the motion, and what they imitate needs more
     /// proof.
     pub(crate) coarse: bool,
@@ -159,6 +162,7 @@ impl Problem {
             free_stretch_m: vec![0.0; motions.len()],
             lead_error: 0.0,
             steps_m: [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()],
+            encoder_noise: None,
             coarse: false,
             motions,
             thinning,

@@ -1,5 +1,6 @@
 //! Least squares with folds: fitted on some blocks of time, judged on the others.
 
+use super::encoder_noise::NoiseShare;
 use super::problem::Column;
 use super::two_cores::on_two_cores;
 use super::whitening::Layout;
@@ -11,6 +12,9 @@ use std::ops::AddAssign;
 pub(crate) const FOLDS: usize = 4;
 /// Length of a block that stays together, s.
 const BLOCK_S: f64 = 0.25;
+
+/// Share of itself by which the noise of the encoders may be read wrongly.
+const NOISE_DOUBT: f64 = 0.05;
 
 /// Weight of a held coefficient over what the data say of it.
 const HELD: f64 = 100.0;
@@ -82,6 +86,18 @@ impl Folds {
         }
     }
 
+    /// Instants in each fold.
+    pub(crate) fn instants(&self) -> [f64; FOLDS] {
+        let mut out = [0.0; FOLDS];
+        for (recording, n) in self.lengths.iter().enumerate() {
+            for k in 0..n.div_ceil(self.block) {
+                let length = ((k + 1) * self.block).min(*n) - k * self.block;
+                out[(self.first_block[recording] + k) % FOLDS] += length as f64;
+            }
+        }
+        out
+    }
+
     /// Inner product in each fold, pair by pair.
     ///
     /// Block by block over all pairs: a column that stands in many of them is read from memory once.
@@ -110,6 +126,86 @@ pub(crate) struct Gram {
     /// Target with itself.
     power: [f64; FOLDS],
     samples: usize,
+    /// What is heeded beside the sums.
+    beside: Beside,
+}
+
+/// What a solution heeds beside the sums: the noise that the columns carry, and what was known before.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Beside {
+    /// What noise adds to the sums in an instant; of the first columns.
+    pub(crate) noise: NoiseShare,
+    /// Instants in each fold.
+    pub(crate) instants: [f64; FOLDS],
+    /// Precision and value of the first coefficients before anything is measured.
+    pub(crate) known: Vec<[f64; 2]>,
+}
+
+impl Beside {
+    /// Coefficients of the columns `used` (zero where not) and the diagonal of their covariance, in units of
+    /// the residual's variance.
+    ///
+    /// With noise N in the sums T the equations (T - N) b = y hold in the mean, with an error of covariance
+    /// S = T + d d': that of the residual and that of N itself. Weighed by it beside what was known, P, b_0,
+    ///
+    /// ```text
+    ///   (H + P) b = (T - N) S^-1 y + P b_0,   H = (T - N) S^-1 (T - N)
+    /// ```
+    ///
+    /// Where a column is noise, H vanishes and what was known stands; without noise it is least squares.
+    /// Checked by: tests::{noise_in_a_column_is_taken_out, a_column_of_noise_says_nothing}.
+    fn solve(&self, sums: &Sums, used: &[usize]) -> (DVector<f64>, Vec<f64>) {
+        let m = used.len();
+        let scale: Vec<f64> = used.iter().map(|&k| sums.inner[(k, k)].max(1e-300).sqrt().recip()).collect();
+        let mut total = DMatrix::from_fn(m, m, |i, j| sums.inner[(used[i], used[j])] * scale[i] * scale[j]);
+        // A whisper of ridge: two columns that the data cannot tell apart share, instead of cancelling.
+        (0..m).for_each(|i| total[(i, i)] += 1e-10);
+        let mut target = DVector::from_fn(m, |i, _| sums.target[used[i]] * scale[i]);
+        let nothing = || (DVector::zeros(sums.target.len()), vec![f64::INFINITY; m]);
+        let known = self.known.len();
+        let noisy = self.noise.target.len();
+        if noisy > 0 {
+            let of = |i: usize, j: usize| {
+                let inside = used[i] < noisy && used[j] < noisy;
+                if inside { self.noise.columns[(used[i], used[j])] * scale[i] * scale[j] } else { 0.0 }
+            };
+            let noise = DMatrix::from_fn(m, m, of) * sums.instants;
+            let of_target = |i: usize, _| {
+                if used[i] < noisy { self.noise.target[used[i]] * scale[i] } else { 0.0 }
+            };
+            let shared = DVector::from_fn(m, of_target) * sums.instants;
+            let stated =
+                DVector::from_fn(
+                    m,
+                    |i, _| if used[i] < known { self.known[used[i]][1] / scale[i] } else { 0.0 },
+                );
+            let doubt = (&noise * stated - &shared) * NOISE_DOUBT;
+            let doubts = &doubt * doubt.transpose();
+            let error = total + &doubts;
+            let taken = noise + doubts;
+            target -= shared;
+            let Some(chol) = error.clone().cholesky() else { return nothing() };
+            target -= &taken * chol.solve(&target);
+            total = error - &taken * 2.0 + &taken * chol.solve(&taken);
+        }
+        for i in (0..m).filter(|i| used[*i] < known) {
+            let [precision, value] = self.known[used[i]];
+            total[(i, i)] += precision * scale[i] * scale[i];
+            target[i] += precision * value * scale[i];
+        }
+        let Some(chol) = total.cholesky() else { return nothing() };
+        let (b, inverse) = (chol.solve(&target), chol.inverse());
+        let mut out = DVector::zeros(sums.target.len());
+        (0..m).for_each(|i| out[used[i]] = b[i] * scale[i]);
+        (out, (0..m).map(|i| inverse[(i, i)] * scale[i] * scale[i]).collect())
+    }
+}
+
+/// Sums over some of the folds.
+struct Sums {
+    inner: DMatrix<f64>,
+    target: DVector<f64>,
+    instants: f64,
 }
 
 /// Coefficients with what they leave.
@@ -145,6 +241,7 @@ impl Gram {
             target: vec![DVector::zeros(n); FOLDS],
             power: folds.power(target),
             samples: folds.total(),
+            beside: Beside::default(),
         };
         let all: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
         let rows: Vec<usize> = (0..n).collect();
@@ -156,6 +253,12 @@ impl Gram {
             gram.fill(rows, &products);
         }
         gram
+    }
+
+    /// This Gram with what is heeded beside its sums.
+    pub(crate) fn beside(mut self, beside: Beside) -> Self {
+        self.beside = beside;
+        self
     }
 
     /// Puts the products of whole rows in their places.
@@ -185,6 +288,7 @@ impl Gram {
             target: self.target.iter().map(|t| t.clone().resize_vertically(n + m, 0.0)).collect(),
             power: self.power,
             samples: self.samples,
+            beside: self.beside.clone(),
         };
         let rows: Vec<usize> = (n..n + m).collect();
         for rows in rows.chunks(ROWS) {
@@ -244,20 +348,20 @@ impl Gram {
 
     /// Solves for the columns `used` (all others zero).
     pub(crate) fn solve(&self, used: &[usize]) -> Solution {
-        let n = self.target[0].len();
-        let total = self.inner.iter().fold(DMatrix::zeros(n, n), |s, g| s + g);
-        let right = self.target.iter().fold(DVector::zeros(n), |s, t| s + t);
+        let all = self.sums(None);
+        let (coefficients, inverse) = self.beside.solve(&all, used);
+        let lost = |b: &DVector<f64>, inner: &DMatrix<f64>, target: &DVector<f64>| {
+            (b.transpose() * inner * b)[(0, 0)] - 2.0 * b.dot(target)
+        };
         let power: f64 = self.power.iter().sum();
-        let (coefficients, inverse) = solve_used(&total, &right, used);
-        let left = (power - coefficients.dot(&right)).max(0.0);
+        let left = (power + lost(&coefficients, &all.inner, &all.target)).max(0.0);
         let mut heldout = 0.0;
         for f in 0..FOLDS {
-            let (b, _) = solve_used(&(&total - &self.inner[f]), &(&right - &self.target[f]), used);
-            heldout +=
-                self.power[f] - 2.0 * b.dot(&self.target[f]) + (b.transpose() * &self.inner[f] * &b)[(0, 0)];
+            let (b, _) = self.beside.solve(&self.sums(Some(f)), used);
+            heldout += self.power[f] + lost(&b, &self.inner[f], &self.target[f]);
         }
         let variance = left / (self.samples.saturating_sub(used.len()).max(1)) as f64;
-        let mut deviations = vec![0.0; n];
+        let mut deviations = vec![0.0; self.columns()];
         for (k, &column) in used.iter().enumerate() {
             deviations[column] = (inverse[k] * variance).max(0.0).sqrt();
         }
@@ -266,44 +370,25 @@ impl Gram {
 
     /// Coefficients fitted to all folds but one.
     pub(crate) fn solve_without(&self, fold: usize, used: &[usize]) -> Vec<f64> {
-        let n = self.target[0].len();
-        let mut total = DMatrix::zeros(n, n);
-        let mut right = DVector::zeros(n);
-        for f in (0..FOLDS).filter(|f| *f != fold) {
-            total += &self.inner[f];
-            right += &self.target[f];
+        self.beside.solve(&self.sums(Some(fold)), used).0.iter().copied().collect()
+    }
+
+    /// Sums over all folds but one.
+    fn sums(&self, without: Option<usize>) -> Sums {
+        let n = self.columns();
+        let mut sums = Sums { inner: DMatrix::zeros(n, n), target: DVector::zeros(n), instants: 0.0 };
+        for f in (0..FOLDS).filter(|f| Some(*f) != without) {
+            sums.inner += &self.inner[f];
+            sums.target += &self.target[f];
+            sums.instants += self.beside.instants[f];
         }
-        solve_used(&total, &right, used).0.iter().copied().collect()
+        sums
     }
 
     /// Number of columns.
     pub(crate) fn columns(&self) -> usize {
         self.target[0].len()
     }
-}
-
-/// Coefficients (zero where not used) and the diagonal of the inverse over the used columns.
-fn solve_used(total: &DMatrix<f64>, right: &DVector<f64>, used: &[usize]) -> (DVector<f64>, Vec<f64>) {
-    let m = used.len();
-    let scale: Vec<f64> = used.iter().map(|&k| total[(k, k)].max(1e-300).sqrt().recip()).collect();
-    let mut a = DMatrix::zeros(m, m);
-    let mut y = DVector::zeros(m);
-    for i in 0..m {
-        for j in 0..m {
-            a[(i, j)] = total[(used[i], used[j])] * scale[i] * scale[j];
-        }
-        // A whisper of ridge: two columns that the data cannot tell apart share, instead of cancelling.
-        a[(i, i)] += 1e-10;
-        y[i] = right[used[i]] * scale[i];
-    }
-    let mut out = DVector::zeros(right.len());
-    let Some(chol) = a.cholesky() else { return (out, vec![f64::INFINITY; m]) };
-    let b = chol.solve(&y);
-    let inverse = chol.inverse();
-    for i in 0..m {
-        out[used[i]] = b[i] * scale[i];
-    }
-    (out, (0..m).map(|i| inverse[(i, i)] * scale[i] * scale[i]).collect())
 }
 
 #[cfg(test)]
@@ -326,5 +411,47 @@ mod tests {
             assert!((&tied.inner[f] - &made.inner[f]).amax() < 1e-9);
             assert!((&tied.target[f] - &made.target[f]).amax() < 1e-9);
         }
+    }
+
+    fn noise(seed: &mut u64) -> f64 {
+        let mut sum = 0.0;
+        for _ in 0..12 {
+            *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            sum += (*seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
+        }
+        sum
+    }
+
+    /// One column of amplitude 3 that is measured with noise, one without; `signal`: of the noisy one.
+    fn noisy(signal: f64) -> Solution {
+        let layout = Layout { lengths: vec![8000], sides: 1 };
+        let folds = Folds::new(&layout, 1000.0);
+        let mut seed = 7;
+        let (mut x, mut y, mut target) = (Vec::new(), Vec::new(), Vec::new());
+        for k in 0..8000 {
+            let (a, b) = (signal * (0.37 * f64::from(k)).sin(), (0.11 * f64::from(k)).cos());
+            x.push(a + noise(&mut seed));
+            y.push(b);
+            target.push(3.0 * a + 2.0 * b + 0.1 * noise(&mut seed));
+        }
+        let share =
+            NoiseShare { columns: DMatrix::from_element(1, 1, 1.0), target: DVector::from_element(1, 0.0) };
+        let beside =
+            Beside { noise: share, instants: folds.instants(), known: vec![[(0.3_f64 * 2.7).powi(-2), 2.7]] };
+        Gram::new(&[x, y], &target, &folds).beside(beside).solve(&[0, 1])
+    }
+
+    #[test]
+    fn noise_in_a_column_is_taken_out() {
+        let fit = noisy(2.0);
+        assert!((fit.coefficients[0] - 3.0).abs() < 0.1, "{fit:?}");
+        assert!((fit.coefficients[1] - 2.0).abs() < 0.1, "{fit:?}");
+    }
+
+    #[test]
+    fn a_column_of_noise_says_nothing() {
+        let fit = noisy(0.0);
+        assert!((fit.coefficients[0] - 2.7).abs() < 0.2 && fit.deviations[0] > 0.05, "{fit:?}");
+        assert!((fit.coefficients[1] - 2.0).abs() < 0.1, "{fit:?}");
     }
 }

@@ -262,3 +262,20 @@ pub struct Diagnosis {
     /// The proof in simulation, or in a person's words why there is none.
     pub closed_loop: Result<ClosedLoop, String>,
 }
+
+impl Diagnosis {
+    /// What the found model leaves of the recorded thrust in closed loop, root mean square over the
+    /// recordings, N; `None`: not simulated, or not all of it.
+    #[must_use]
+    pub fn left_in_loop_n(&self) -> Option<f64> {
+        self.closed_loop.as_ref().ok().filter(|c| c.not_simulated.is_empty()).map(|c| c.left_n(2))
+    }
+}
+
+impl ClosedLoop {
+    /// Root mean square over the recordings of what one of the three models leaves, N.
+    pub(crate) fn left_n(&self, model: usize) -> f64 {
+        let squares = self.trials.iter().map(|t| t.thrust_rms_n[model].powi(2));
+        (squares.sum::<f64>() / self.trials.len().max(1) as f64).sqrt()
+    }
+}

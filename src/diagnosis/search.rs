@@ -2,6 +2,7 @@
 
 use super::bank;
 use super::bench::{Accepted, Bench, Score, rms};
+use super::floor::spectrum;
 use super::problem::{Column, Mechanics, Problem, Sides};
 use super::shape::{Hypothesis, Shape};
 use super::state::{PASSES, State, nominal_residual};
@@ -36,8 +37,9 @@ const RIVAL_PASSES: usize = 10;
 const RUNAWAY: f64 = 1.5;
 /// Least share of a loud rest, all frequencies alike, that makes a hypothesis a rival.
 const LOUD_SHARE: f64 = 0.1;
-/// So many of those.
+/// So many of those, of so many that are fitted.
 const LOUDEST: usize = 2;
+const LOUD_CANDIDATES: usize = 6;
 /// What leaves less than this share of what the best one leaves is preferred to it.
 const CLEARLY_LESS: f64 = 0.9;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
@@ -57,10 +59,17 @@ pub(crate) struct Outcome {
     pub(crate) recalibrated: Mechanics,
     /// A free form that explains more than everything named does together.
     pub(crate) stranger: Option<Score>,
+    /// The model as stated says the recordings down to the noise of the encoders.
+    pub(crate) complete: bool,
 }
 
-/// The whole search.
-pub(crate) fn search(problem: Problem, given: Vec<Accepted>, progress: super::Progress<'_>) -> Outcome {
+/// The whole search. `complete`: the model says all there is, and only the numbers are looked at.
+pub(crate) fn search(
+    problem: Problem,
+    given: Vec<Accepted>,
+    (complete, progress): (bool, super::Progress<'_>),
+) -> Outcome {
+    let most = if complete { 0 } else { MOST_FINDINGS };
     let nominal = nominal_residual(&problem, &given);
     let mut state = State::new(problem, given, &nominal);
     let mut rounds = Vec::new();
@@ -73,13 +82,14 @@ pub(crate) fn search(problem: Problem, given: Vec<Accepted>, progress: super::Pr
     for round in 0..=MOST_FINDINGS {
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
         state.settle(PASSES);
+        add_overtones(&mut state);
         if let Some(back) = back.take_if(|b| rms(&state.residual) > RUNAWAY * rms(&b.residual)) {
             refused.extend(state.accepted.pop().map(|a| a.hypothesis));
             state = back;
         }
         if round == 0 {
             progress(0.1, "trying forms outside the vocabulary");
-            stranger = best_stranger(&state);
+            stranger = if complete { None } else { best_stranger(&state) };
             before.clone_from(&state.residual);
             recalibrated = state.problem.mechanics;
         }
@@ -88,17 +98,61 @@ pub(crate) fn search(problem: Problem, given: Vec<Accepted>, progress: super::Pr
         let known: Vec<Hypothesis> =
             state.accepted.iter().map(|a| &a.hypothesis).chain(&refused).cloned().collect();
         let mut scores = one_round(&bench, &known);
-        let rivals = rivals(&state, &bench, (&scores, &known));
+        let rivals = if round < most { rivals(&state, &bench, (&scores, &known)) } else { Vec::new() };
         drop(bench);
-        let enough = round < MOST_FINDINGS && !rivals.is_empty();
-        let with = enough.then(|| least_left(&state, &mut scores, (rivals, round)));
+        let with = (!rivals.is_empty()).then(|| least_left(&state, &mut scores, (rivals, round)));
         rounds.push(scores);
         let Some(with) = with else { break };
         back = Some(std::mem::replace(&mut state, with));
     }
     prune(&mut state);
     let stranger = stranger.filter(|s| beats_named(&state, s));
-    Outcome { state, rounds, nominal, before, recalibrated, stranger }
+    Outcome { state, rounds, nominal, before, recalibrated, stranger, complete }
+}
+
+/// The findings of one recording, fitted to all of them.
+pub(crate) fn with_findings_of(problem: Problem, given: Vec<Accepted>, alone: Outcome) -> Outcome {
+    let nominal = nominal_residual(&problem, &given);
+    let mut state = State::new(problem, given, &nominal);
+    state.settle(PASSES);
+    let (before, recalibrated) = (state.residual.clone(), state.problem.mechanics);
+    for a in &alone.state.accepted[alone.state.given..] {
+        let again = Accepted::new(&state.problem, a.hypothesis.clone(), a.amplitudes.clone());
+        state.accepted.push(Accepted { round: a.round, ..again });
+    }
+    state.settle(PASSES);
+    add_overtones(&mut state);
+    prune(&mut state);
+    let Outcome { rounds, .. } = alone;
+    Outcome { state, rounds, nominal, before, recalibrated, stranger: None, complete: false }
+}
+
+/// Waves whose next overtone shows once the rest is explained get it. A wave and its overtones are one cause,
+/// so no later round would take them up.
+fn add_overtones(state: &mut State) {
+    loop {
+        let grown = {
+            let bench = state.bench();
+            let least = least_evidence(&bench);
+            let accepted = state.accepted.iter().enumerate().skip(state.given);
+            let overtones = accepted.filter_map(|(k, a)| Some((k, a.hypothesis.overtone()?)));
+            let shown = overtones.map(|(k, (whole, alone))| (k, whole, bench.score(&alone)));
+            shown
+                .filter(|(_, _, s)| s.plausible && s.evidence > least)
+                .max_by(|a, b| a.2.evidence.total_cmp(&b.2.evidence))
+        };
+        let Some((k, hypothesis, score)) = grown else { return };
+        let Accepted { amplitudes, round, .. } = &state.accepted[k];
+        let (amplitudes, round) = ([amplitudes.as_slice(), &score.amplitudes].concat(), *round);
+        state.accepted[k] = Accepted { round, ..Accepted::new(&state.problem, hypothesis, amplitudes) };
+        state.settle(PASSES);
+    }
+}
+
+/// Density of the white force that no choice of the numbers takes from the stage's balance, N2/Hz.
+pub(crate) fn white_force_n2_hz(problem: &Problem, given: &[Accepted]) -> f64 {
+    let left = Bench::flat(problem, given, &nominal_residual(problem, given)).residual();
+    spectrum(problem, &left, true).white_n2_hz()
 }
 
 /// The free form that explains more than noise, if there is one.
@@ -133,8 +187,13 @@ fn loudest(state: &State, known: &[Hypothesis]) -> Vec<Score> {
     let mut scores = scored(&bench, known);
     let least = bench.folds.total() as f64 * -(1.0 - LOUD_SHARE).ln();
     scores.retain(|s| s.plausible && s.evidence > least);
-    scores.truncate(LOUDEST);
-    on_two_cores(&scores, |s| refine(&bench, s))
+    scores.truncate(LOUD_CANDIDATES);
+    // A law of fixed amplitude promises with a free one what it does not keep.
+    let mut refined = on_two_cores(&scores, |s| refine(&bench, s));
+    refined.retain(|s| s.plausible && s.evidence > least);
+    sort(&mut refined);
+    refined.truncate(LOUDEST);
+    refined
 }
 
 /// The model with that rival that leaves least once everything is fitted with it; puts it first.

@@ -214,6 +214,29 @@ pub(crate) struct Hypothesis {
 }
 
 impl Hypothesis {
+    /// A wave with its next overtone, and that overtone alone; `None`: no wave, or it has enough of them.
+    pub(crate) fn overtone(&self) -> Option<(Self, Self)> {
+        /// Harmonics that the vocabulary's waves have.
+        const MOST: usize = 3;
+        let (mut whole, mut alone) = (self.clone(), self.clone());
+        match (&mut whole.shape, &mut alone.shape) {
+            (
+                Shape::Periodic { harmonics, .. },
+                Shape::Periodic { wavelength_m: length_m, harmonics: one, .. },
+            )
+            | (
+                Shape::EncoderError { harmonics, .. },
+                Shape::EncoderError { period_m: length_m, harmonics: one, .. },
+            ) if *harmonics < MOST => {
+                *harmonics += 1;
+                *length_m /= *harmonics as f64;
+                *one = 1;
+            }
+            _ => return None,
+        }
+        Some((whole, alone))
+    }
+
     pub(crate) fn new(effect: EffectKind, port: Port, shape: Shape) -> Self {
         Self { effect, port, shape }
     }

@@ -31,13 +31,19 @@ impl Weights {
         let layout = problem.layout();
         let stiffness_n_m = problem.fitted_stiffness_n_m;
         let stretch = problem.numbers.iter().any(Number::is_spring).then(|| {
-            let stage: Column =
-                residual.iter().map(|s| Sides { motor: None, stage: s.stage.clone() }).collect();
-            let mut left_per_stiffness = whitener.whiten(&stage, &layout);
-            left_per_stiffness.iter_mut().for_each(|r| *r /= stiffness_n_m);
+            let left_per_stiffness = left_per_stiffness(residual, (&whitener, &layout), stiffness_n_m);
             Stretch { stiffness_n_m, left_per_stiffness }
         });
         Self { layout, whitener, stretch }
+    }
+
+    /// The same weights for other recordings, which leave `residual`.
+    pub(crate) fn beside(&self, layout: Layout, residual: &Column) -> Self {
+        let stretch = self.stretch.as_ref().map(|s| Stretch {
+            stiffness_n_m: s.stiffness_n_m,
+            left_per_stiffness: left_per_stiffness(residual, (&self.whitener, &layout), s.stiffness_n_m),
+        });
+        Self { layout, whitener: self.whitener.clone(), stretch }
     }
 
     /// Weights a column.
@@ -63,4 +69,16 @@ impl Weights {
         }
         z
     }
+}
+
+/// r_0 / K_0 of the stage, whitened.
+fn left_per_stiffness(
+    residual: &Column,
+    (whitener, layout): (&Whitener, &Layout),
+    stiffness_n_m: f64,
+) -> Vec<f64> {
+    let stage: Column = residual.iter().map(|s| Sides { motor: None, stage: s.stage.clone() }).collect();
+    let mut left = whitener.whiten(&stage, layout);
+    left.iter_mut().for_each(|r| *r /= stiffness_n_m);
+    left
 }

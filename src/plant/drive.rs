@@ -40,6 +40,28 @@ pub struct RawDriveParams {
     pub torsional_damping_nm_s_rad: Option<f64>,
 }
 
+impl RawDriveParams {
+    /// The number of a key that a fit may change; `None`: not one of them.
+    pub fn number_mut(&mut self, key: &str) -> Option<&mut Option<f64>> {
+        Some(match key {
+            "movable_mass_kg" => &mut self.movable_mass_kg,
+            "rotary_inertia_kg_m2" => &mut self.rotary_inertia_kg_m2,
+            "torque_constant_nm_a" => &mut self.torque_constant_nm_a,
+            "axial_stiffness_n_m" => &mut self.axial_stiffness_n_m,
+            "structural_damping_n_s_m" => &mut self.structural_damping_n_s_m,
+            "rotary_damping_nm_s_rad" => &mut self.rotary_damping_nm_s_rad,
+            "translational_damping_n_s_m" => &mut self.translational_damping_n_s_m,
+            "stage_coulomb_friction_n" => &mut self.stage_coulomb_friction_n,
+            "motor_coulomb_friction_n" => &mut self.motor_coulomb_friction_n,
+            "amplifier_dead_time_s" => &mut self.amplifier_dead_time_s,
+            "motor_encoder_delay_s" => &mut self.motor_encoder_delay_s,
+            "stage_encoder_delay_s" => &mut self.stage_encoder_delay_s,
+            "friction_smoothing_m_s" => &mut self.friction_smoothing_m_s,
+            _ => return None,
+        })
+    }
+}
+
 /// Why a set of parameters is not a drive.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ParamError {
