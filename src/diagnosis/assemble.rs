@@ -80,7 +80,10 @@ pub(crate) fn assemble(
     let mut model = case.model(&findings, &corrections);
     let rig = Rig::new(axis, recordings, p);
     if !settled && let Ok(rig) = &rig {
-        corrections = case.fitted_in_loop(rig, (&mut model, &mut findings)).unwrap_or(corrections);
+        corrections = {
+            let fitted = case.fitted_in_loop(rig, (&mut model, &mut findings), &corrections);
+            fitted.unwrap_or(corrections)
+        };
     }
     let closed_loop = rig.and_then(|rig| {
         let found = model.axis(&axis.name).ok_or("the axis is not in the model")?;
@@ -237,16 +240,22 @@ impl Case<'_> {
         self.outcome.state.accepted.iter().enumerate().skip(self.outcome.state.given)
     }
 
-    /// The model fitted in closed loop, where all of it can be simulated: its corrections beside those that no
-    /// loop shows. Findings of which the loop shows nothing are taken out.
+    /// The model fitted in closed loop, where all of it can be simulated: its corrections beside those that
+    /// no loop shows. Findings of which the loop shows nothing are taken out. `None`: the balance's stands;
+    /// the loop is quiet with it and no mass, stiffness or friction is put far from what was stated.
     fn fitted_in_loop(
         &self,
         rig: &Rig<'_>,
         (model, findings): (&mut Machine, &mut Vec<Finding>),
+        balanced: &[Correction],
     ) -> Option<Vec<Correction>> {
         let given = self.axis.physics.len();
         let found = model.axes.iter_mut().find(|a| a.name == self.axis.name)?;
         if !not_simulated(found).is_empty() {
+            return None;
+        }
+        let far = balanced.iter().any(|c| material(c) && !c.name.contains("damping"));
+        if !far && rig.says_all(found, self.least.get(1)?.white_n2_hz()) {
             return None;
         }
         let mut fit = loop_fit::fit(rig, (self.axis, &[]), found)?;

@@ -97,7 +97,7 @@ impl<'a> Rig<'a> {
     /// balance makes of a recording in which little moves.
     pub(super) fn says_all(&self, stated: &AxisModel, force_n2_hz: f64) -> bool {
         /// Over the noise, which below 10 Hz is more than white.
-        const AT_NOISE: [f64; 2] = [1.8, 3.0];
+        const AT_NOISE: [f64; 2] = [2.0, 3.0];
         let Some([thrust_n, stretch_n]) = self.noise_n(stated, force_n2_hz) else { return false };
         if !not_simulated(stated).is_empty() {
             return false;

@@ -1,6 +1,6 @@
 //! Numbers and laws of the found model, fitted in closed loop.
 //!
-//! The balance differentiates what was measured, and what an axis at constant speed hardly does - accelerate -
+//! The balance differentiates what was measured, and what an axis at constant speed hardly does, accelerate,
 //! it takes from the noise and from the moment of starting: a mass comes out at half of itself. Here the
 //! model runs under the recorded command, and its numbers are those with which it says what the drive was
 //! told and how the spring was stretched (output error; Ljung, System Identification, 2nd ed., 1999, 7.2).
@@ -19,7 +19,7 @@ use std::ops::Range;
 /// What an identification is good for, as a share: structure, friction, damping.
 const STATED: [f64; 3] = [0.05, 0.1, 0.2];
 /// Fits one after the other, at most.
-const FITS: usize = 4;
+const FITS: usize = 3;
 /// Length over which errors are loud or quiet, s.
 const BLOCK_S: f64 = 0.1;
 /// Steps below this many deviations are none.
@@ -311,7 +311,8 @@ impl Knob {
     }
 
     fn is_wavelength(&self, axis: &AxisModel) -> bool {
-        matches!(self, Self::Law(term, place, _) if axis.physics[*term].parameters[*place].0 == "wavelength_m")
+        let Self::Law(term, place, _) = self else { return false };
+        axis.physics[*term].parameters[*place].0 == "wavelength_m"
     }
 
     /// Change from which a derivative is taken.
