@@ -23,22 +23,22 @@ fn each_seed(target: &str, mut take: impl FnMut(&[u8])) {
 #[test]
 fn seeds_of_files_are_read_or_refused_in_one_line() {
     let scratch = tempfile::tempdir().unwrap();
-    each_seed("configuration", |bytes| drop(targets::configuration(bytes)));
-    each_seed("model", |bytes| drop(targets::model(bytes)));
+    each_seed("configuration", |bytes| _ = targets::configuration(bytes));
+    each_seed("model", |bytes| _ = targets::model(bytes));
     for ending in ["csv", "parquet"] {
-        each_seed(ending, |bytes| drop(targets::recording(bytes, ending, scratch.path())));
+        each_seed(ending, |bytes| _ = targets::recording(bytes, ending, scratch.path()));
     }
-    each_seed("mat", |bytes| drop(targets::mat(bytes, scratch.path())));
+    each_seed("mat", |bytes| _ = targets::mat(bytes, scratch.path()));
     let mut live = targets::Live::new();
-    each_seed("keyframe", |bytes| drop(live.restore(bytes)));
+    each_seed("keyframe", |bytes| _ = live.restore(bytes));
 }
 
 #[cfg(feature = "service")]
 #[test]
 fn seeds_of_samples_and_requests_are_taken_or_refused() {
     let mut live = targets::Live::new();
-    each_seed("wire", |bytes| drop(targets::wire::batch(bytes, &mut live)));
-    each_seed("shdr", |bytes| drop(targets::wire::shdr(bytes)));
+    each_seed("wire", |bytes| _ = targets::wire::batch(bytes, &mut live));
+    each_seed("shdr", |bytes| _ = targets::wire::shdr(bytes));
     let mut site = rest::Site::new();
-    each_seed("rest", |bytes| drop(site.ask(bytes)));
+    each_seed("rest", |bytes| _ = site.ask(bytes));
 }
