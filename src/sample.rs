@@ -115,6 +115,12 @@ pub struct ServoSample {
     pub accel_m_s2: Option<[f64; 3]>,
 }
 
+/// True where no sample is missing between two sequence numbers.
+#[must_use]
+pub fn follows(before: u64, after: u64) -> bool {
+    before.checked_add(1) == Some(after)
+}
+
 /// Why a servo sample was not taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum SampleError {

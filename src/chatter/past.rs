@@ -8,6 +8,7 @@
 //! - Was the line there before, at another frequency? Chatter grows where it is: its frequency is a mode's,
 //!   within one lobe. What comes through the band at full amplitude is driven by something else that moves.
 
+use crate::signal::straight_line::straight_line;
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -169,11 +170,7 @@ impl Past {
 /// Hz/s of places that are a step apart, newest first, if they lie on a line that is no level one.
 fn steady_motion(places: &[f64]) -> Option<f64> {
     let n = places.len() as f64;
-    let (mid, mean) = (0.5 * (n - 1.0), places.iter().sum::<f64>() / n);
-    let square = n * (n * n - 1.0) / 12.0;
-    let slope = places.iter().enumerate().map(|(k, f)| (k as f64 - mid) * (f - mean)).sum::<f64>() / square;
-    let left = places.iter().enumerate().map(|(k, f)| (f - mean - slope * (k as f64 - mid)).powi(2));
-    let scatter = (left.sum::<f64>() / n).sqrt();
+    let [slope, scatter] = straight_line(places);
     let moved = slope.abs() * (n - 1.0);
     (moved > LEAST_MOVE_HZ && moved > OVER_SCATTER * scatter).then_some(-slope / STEP_S)
 }

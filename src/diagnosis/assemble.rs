@@ -12,7 +12,6 @@ use super::search::{Outcome, least_evidence, rank};
 use super::shape::Shape;
 use super::steps::stated_step_m;
 use super::terms;
-use crate::plant::drive::{DriveParams, RawDriveParams};
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
@@ -79,11 +78,11 @@ pub(crate) fn assemble(
     findings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     let mut model = case.model(&findings, &corrections);
     let rig = Rig::new(axis, recordings, p);
-    if !settled && let Ok(rig) = &rig {
-        corrections = {
-            let fitted = case.fitted_in_loop(rig, (&mut model, &mut findings), &corrections);
-            fitted.unwrap_or(corrections)
-        };
+    if !settled
+        && let Ok(rig) = &rig
+        && let Some(fitted) = case.fitted_in_loop(rig, (&mut model, &mut findings), &corrections)
+    {
+        corrections = fitted;
     }
     let closed_loop = rig.and_then(|rig| {
         let found = model.axis(&axis.name).ok_or("the axis is not in the model")?;
@@ -255,7 +254,7 @@ impl Case<'_> {
             return None;
         }
         let far = balanced.iter().any(|c| material(c) && !c.name.contains("damping"));
-        if !far && rig.says_all(found, self.least.get(1)?.white_n2_hz()) {
+        if !far && rig.says_all(found, rig.noise_n(found, self.least.get(1)?.white_n2_hz())) {
             return None;
         }
         let mut fit = loop_fit::fit(rig, (self.axis, &[]), found)?;
@@ -475,16 +474,10 @@ impl Case<'_> {
     fn model(&self, findings: &[Finding], corrections: &[Correction]) -> Machine {
         let mut machine = self.machine.clone();
         for axis in machine.axes.iter_mut().filter(|a| a.name == self.axis.name) {
-            let mut raw: RawDriveParams = axis.drive.raw().clone();
-            if !(findings.is_empty() && corrections.is_empty()) {
-                for (name, value) in known_numbers(&self.outcome.state.problem, self.bench) {
-                    set(&mut raw, name, value);
-                }
-            }
-            for c in corrections {
-                set(&mut raw, c.name, c.value);
-            }
-            if let Ok(drive) = DriveParams::new(raw) {
+            let changed = !(findings.is_empty() && corrections.is_empty());
+            let known = changed.then(|| known_numbers(&self.outcome.state.problem, self.bench));
+            let corrected = corrections.iter().map(|c| (c.name, c.value));
+            if let Ok(drive) = axis.drive.with_numbers(known.into_iter().flatten().chain(corrected)) {
                 axis.drive = drive;
             }
             axis.physics.extend(findings.iter().map(|f| f.term.clone()));
@@ -570,10 +563,4 @@ fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
         _ => "the same motion twice, without a cut",
     };
     Some(text.to_owned())
-}
-
-fn set(raw: &mut RawDriveParams, name: &str, value: f64) {
-    if let Some(number) = raw.number_mut(name) {
-        *number = Some(value);
-    }
 }

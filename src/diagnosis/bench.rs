@@ -1,7 +1,7 @@
 //! The bench on which hypotheses are tried: whitened balance, folds, and what is known already.
 
 use super::problem::{Column, Number, Problem, Sides};
-use super::regression::{Beside, Folds, Gram, Solution};
+use super::regression::{self, Beside, Folds, Gram, Solution};
 use super::shape::{Hypothesis, Shape};
 use super::two_cores::on_two_cores;
 use super::weights::Weights;
@@ -228,7 +228,7 @@ impl<'a> Bench<'a> {
             .filter(|k| !(gone.contains(k) || held && *k == self.timing_index()))
             .collect();
         let mut out: Option<Column> = None;
-        for fold in 0..super::regression::FOLDS {
+        for fold in 0..regression::FOLDS {
             let coefficients = gram.solve_without(fold, &used);
             let mut residual = residual_of(self.problem, self.accepted, &coefficients);
             if let Some(a) = fixed_gone {
@@ -245,13 +245,7 @@ impl<'a> Bench<'a> {
 
     /// Whitened residual of the base.
     pub(crate) fn whitened_residual(&self) -> Vec<f64> {
-        let mut z = self.target.clone();
-        for (column, b) in self.base.iter().zip(&self.solution.coefficients) {
-            if *b != 0.0 {
-                z.iter_mut().zip(column).for_each(|(z, x)| *z -= b * x);
-            }
-        }
-        z
+        regression::left(self.target.clone(), &self.base, &self.solution.coefficients)
     }
 
     /// Coefficients of an accepted hypothesis in the base: amplitudes (if free), then steps of the constants.

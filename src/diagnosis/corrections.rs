@@ -33,7 +33,7 @@ pub(super) fn is_material(key: &str, times: f64) -> bool {
 /// Every number of the model that stands significantly elsewhere, with its interval.
 pub(super) fn corrections(p: &Problem, bench: &Bench<'_>) -> Vec<Correction> {
     let s = &bench.solution;
-    let scale = if is_scaled(p) { terms::SCALE_DEVIATION } else { 0.0 };
+    let scale = scale_deviation(is_scaled(p));
     let mut list = Vec::new();
     let common = common_scale(p, bench);
     for (k, n) in p.numbers.iter().enumerate() {
@@ -46,17 +46,20 @@ pub(super) fn corrections(p: &Problem, bench: &Bench<'_>) -> Vec<Correction> {
             scale,
         ));
     }
-    if let Some(nominal) = p.drive.torque_constant_nm_a().filter(|_| common != 1.0) {
-        let value = nominal / common;
-        let half = 1.96 * 0.015 * value;
-        list.push(Correction {
-            name: "torque_constant_nm_a",
-            nominal,
-            value,
-            ci95: [value - half, value + half],
-        });
-    }
+    let constant = p.drive.torque_constant_nm_a().filter(|_| common != 1.0);
+    list.extend(constant.map(|nominal| of_torque_constant((nominal, nominal / common))));
     list
+}
+
+/// A torque constant that every force is measured by, known to 1.5 %.
+fn of_torque_constant((nominal, value): (f64, f64)) -> Correction {
+    let half = 1.96 * 0.015 * value;
+    Correction { name: "torque_constant_nm_a", nominal, value, ci95: [value - half, value + half] }
+}
+
+/// What the scale of the recorded unit adds to every number's deviation, as a share.
+fn scale_deviation(scaled: bool) -> f64 {
+    if scaled { terms::SCALE_DEVIATION } else { 0.0 }
 }
 
 /// True where a torque constant says what the recorded unit is in newtons.
@@ -86,19 +89,14 @@ pub(super) fn of_loop(
     numbers: &[(&'static str, f64, f64)],
     scaled: bool,
 ) -> Vec<Correction> {
-    let scale = if scaled { terms::SCALE_DEVIATION } else { 0.0 };
-    let of = |axis: &AxisModel, key: &str| *axis.drive.raw().clone().number_mut(key)?;
+    let scale = scale_deviation(scaled);
+    let of = |axis: &AxisModel, key: &str| axis.drive.number(key);
     let told = numbers
         .iter()
         .filter_map(|(key, value, deviation)| correction(key, of(stated, key)?, (*value, *deviation), scale));
     let mut list: Vec<Correction> = told.collect();
-    let constant = "torque_constant_nm_a";
-    if let (Some(nominal), Some(value)) = (of(stated, constant), of(found, constant))
-        && value != nominal
-    {
-        let half = 1.96 * 0.015 * value;
-        list.push(Correction { name: constant, nominal, value, ci95: [value - half, value + half] });
-    }
+    let constants = stated.drive.torque_constant_nm_a().zip(found.drive.torque_constant_nm_a());
+    list.extend(constants.filter(|(nominal, value)| value != nominal).map(of_torque_constant));
     list
 }
 
@@ -122,7 +120,7 @@ pub(super) fn known_numbers(p: &Problem, bench: &Bench<'_>) -> Vec<(&'static str
 /// A balance holds for any common factor on all of its terms; that one torque constant is wrong is likelier
 /// than that three independent numbers are, by the same share. 1: no such factor.
 pub(super) fn common_scale(p: &Problem, bench: &Bench<'_>) -> f64 {
-    if p.motions.iter().all(|m| (m.thrust_per_unit - 1.0).abs() < 1e-12) {
+    if !is_scaled(p) {
         return 1.0;
     }
     let mut ratios: Vec<f64> = p

@@ -17,6 +17,7 @@ use crate::plant::drive::{DriveParams, RawDriveParams};
 use crate::plant::machine::{AxisModel, Controller};
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
+use crate::signal::straight_line::straight_line;
 use crate::simulation::model_axis::{LoopRecord, Replay, Response, Trial, not_simulated, replay, respond};
 use crate::units::SampleRate;
 
@@ -59,13 +60,10 @@ impl<'a> Rig<'a> {
         let of = |&k: &usize| -> Option<Vec<Sides>> {
             let (s, m) = (&self.records[k], &self.p.motions[k]);
             let stiffness_n_m = self.p.mechanics.stiffness_n_m;
+            let recorded = off(&s.motor_m, &s.stage_m, 1.0);
             let sides = |r: &Response| {
-                let stretch = |motor: &[f64], stage: &[f64]| -> Vec<f64> {
-                    motor.iter().zip(stage).map(|(m, s)| m - s).collect()
-                };
                 let thrust = off(&s.reference, &r.reference, m.thrust_per_unit);
-                let recorded = stretch(&s.motor_m, &s.stage_m);
-                let spring = off(&recorded, &stretch(&r.motor_m, &r.stage_m), stiffness_n_m);
+                let spring = off(&recorded, &off(&r.motor_m, &r.stage_m, 1.0), stiffness_n_m);
                 let thin = |x: &[f64]| Some(self.p.thinning.thin(&x[self.inside(k)]));
                 (!r.ran_away()).then(|| Sides { motor: thin(&thrust), stage: thin(&spring) })
             };
@@ -95,10 +93,10 @@ impl<'a> Rig<'a> {
 
     /// True where the model as stated says every recording down to its noise: nothing is missing, whatever a
     /// balance makes of a recording in which little moves.
-    pub(super) fn says_all(&self, stated: &AxisModel, force_n2_hz: f64) -> bool {
+    pub(super) fn says_all(&self, stated: &AxisModel, noise_n: Option<[f64; 2]>) -> bool {
         /// Over the noise, which below 10 Hz is more than white.
         const AT_NOISE: [f64; 2] = [2.0, 3.0];
-        let Some([thrust_n, stretch_n]) = self.noise_n(stated, force_n2_hz) else { return false };
+        let Some([thrust_n, stretch_n]) = noise_n else { return false };
         if !not_simulated(stated).is_empty() {
             return false;
         }
@@ -188,13 +186,8 @@ fn trial(p: &Problem, (k, s, replay, period_s): (usize, &LoopRecord, &Replay, f6
 
 /// Root mean square about the straight line: encoders have no common zero, and lead and scale differ.
 fn spread(x: &[f64]) -> f64 {
-    let n = x.len() as f64;
-    let mean = x.iter().sum::<f64>() / n;
-    let place = |k: usize| k as f64 - 0.5 * (n - 1.0);
-    let slope =
-        x.iter().enumerate().map(|(k, x)| place(k) * (x - mean)).sum::<f64>() * 12.0 / (n * (n * n - 1.0));
-    let line = |(k, x): (usize, &f64)| (x - mean - slope * place(k)).powi(2);
-    (x.iter().enumerate().map(line).sum::<f64>() / n).sqrt()
+    let [_, scatter] = straight_line(x);
+    scatter
 }
 
 /// (a - b) `unit`.

@@ -8,7 +8,7 @@
 
 use super::in_loop::Rig;
 use super::problem::{Column, Problem, Sides};
-use super::regression::{Beside, Folds, Gram, Solution};
+use super::regression::{self, Beside, Folds, Gram};
 use super::whitening::{Layout, Whitener};
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::{ParameterValue, PhysicsTerm};
@@ -84,8 +84,7 @@ enum Knob {
 }
 
 /// Fits the laws of `start` from there on, the numbers from those of `stated`, whose own terms stay; `held`:
-/// numbers that stay as well. `None`: a
-/// model ran away.
+/// numbers that stay as well. `None`: a model ran away.
 pub(super) fn fit(
     rig: &Rig<'_>,
     (stated, held): (&AxisModel, &[&str]),
@@ -95,11 +94,8 @@ pub(super) fn fit(
     knobs.retain(|k| !matches!(k, Knob::Number(key) if held.contains(key)));
     let bed = Bed::new(rig.problem());
     let mut next = start.clone();
-    for key in NUMBERS {
-        if let Some(value) = number(stated, key) {
-            next.drive = with_number(&next.drive, key, value);
-        }
-    }
+    let numbers = NUMBERS.iter().filter_map(|key| Some((*key, stated.drive.number(key)?)));
+    next.drive = next.drive.with_numbers(numbers).unwrap_or(next.drive);
     let mut best: Option<Fitted> = None;
     let mut fits = 0;
     for _ in 0..2 * FITS {
@@ -130,19 +126,19 @@ pub(super) fn fit(
     let best = best?;
     let numbers = knobs.iter().zip(&best.deviations).filter_map(|(knob, deviation)| match knob {
         Knob::Number(key) => {
-            let value = number(&best.axis, key)?;
+            let value = best.axis.drive.number(key)?;
             Some((*key, value, value * deviation))
         }
         Knob::Law(..) => None,
     });
-    let mut pointless: Vec<usize> = Vec::new();
-    pointless.extend(knobs.iter().zip(&best.deviations).filter_map(|(knob, deviation)| match knob {
+    let lost = knobs.iter().zip(&best.deviations).filter_map(|(knob, deviation)| match knob {
         Knob::Law(term, place, Some(unit)) => {
             let left = value(&best.axis.physics[*term], *place)? / unit;
             (left < LEAST_LEFT.max(LEAST_DEVIATIONS * deviation)).then_some(*term)
         }
         _ => None,
-    }));
+    });
+    let mut pointless: Vec<usize> = lost.collect();
     pointless.dedup();
     Some(LoopFit { numbers: numbers.collect(), pointless, axis: best.axis })
 }
@@ -208,11 +204,8 @@ impl Bed {
         let whitener = Whitener::fit(errors, &self.layout, self.rate_hz);
         let mut noise = Noise { whitener, factors: vec![1.0; self.layout.total()] };
         let (columns, target) = (self.weighed(&noise, &[]), self.weigh(&noise, errors));
-        let free = self.solved(&columns, &target, Vec::new());
-        let mut left = target;
-        for (column, b) in columns.iter().zip(&free.coefficients) {
-            left.iter_mut().zip(column).for_each(|(l, x)| *l -= b * x);
-        }
+        let free = self.gram(&columns, &target, Vec::new()).solve(&all(columns.len()));
+        let left = regression::left(target, &columns, &free.coefficients);
         let block = ((BLOCK_S * self.rate_hz) as usize).max(1);
         let mut blocks = Vec::new();
         for (recording, n) in self.layout.lengths.iter().enumerate() {
@@ -246,15 +239,15 @@ impl Bed {
         columns.iter().chain(&self.free).map(|c| self.weigh(noise, c)).collect()
     }
 
-    fn solved(&self, columns: &[Vec<f64>], target: &[f64], known: Vec<[f64; 2]>) -> Solution {
-        let used: Vec<usize> = (0..columns.len()).collect();
+    fn gram(&self, columns: &[Vec<f64>], target: &[f64], known: Vec<[f64; 2]>) -> Gram {
         let beside = Beside { known, instants: self.folds.instants(), ..Beside::default() };
-        Gram::new(columns, target, &self.folds).beside(beside).solve(&used)
+        Gram::new(columns, target, &self.folds).beside(beside)
     }
 
     /// Sum of squares that errors leave, free stretch apart.
     fn loss(&self, noise: &Noise, errors: &Column) -> f64 {
-        self.solved(&self.weighed(noise, &[]), &self.weigh(noise, errors), Vec::new()).left
+        let columns = self.weighed(noise, &[]);
+        self.gram(&columns, &self.weigh(noise, errors), Vec::new()).solve(&all(columns.len())).left
     }
 
     /// One Gauss-Newton step. `errors`: of the model, then with each knob turned.
@@ -275,8 +268,10 @@ impl Bed {
             })
             .collect();
         let known = knobs.iter().map(|knob| knob.known(stated, &axis)).collect();
-        let solution = self.solved(&self.weighed(&noise, &slopes), &self.weigh(&noise, now), known);
-        let loss = self.loss(&noise, now);
+        let columns = self.weighed(&noise, &slopes);
+        let gram = self.gram(&columns, &self.weigh(&noise, now), known);
+        let used = all(columns.len());
+        let (solution, loss) = (gram.solve(&used), gram.solve(&used[knobs.len()..]).left);
         let steps = knobs.iter().zip(&solution.coefficients).map(|(knob, s)| {
             let trust = knob.trust(&axis);
             s.clamp(-trust, trust)
@@ -293,8 +288,8 @@ impl Knob {
         let mut axis = axis.clone();
         match self {
             Self::Number(key) => {
-                let turned = number(&axis, key).map(|value| value * step.exp());
-                axis.drive = turned.map_or(axis.drive.clone(), |value| with_number(&axis.drive, key, value));
+                let turned = axis.drive.number(key).map(|value| (*key, value * step.exp()));
+                axis.drive = axis.drive.with_numbers(turned).unwrap_or(axis.drive);
             }
             Self::Law(term, place, unit) => {
                 let (name, value) = &mut axis.physics[*term].parameters[*place];
@@ -340,21 +335,13 @@ impl Knob {
         } else {
             structure
         };
-        let apart = number(stated, key).zip(number(axis, key)).map_or(0.0, |(s, a)| (s / a).ln());
+        let apart = stated.drive.number(key).zip(axis.drive.number(key)).map_or(0.0, |(s, a)| (s / a).ln());
         [share.powi(-2), apart]
     }
 }
 
-fn number(axis: &AxisModel, key: &str) -> Option<f64> {
-    *axis.drive.raw().clone().number_mut(key)?
-}
-
-fn with_number(drive: &DriveParams, key: &str, value: f64) -> DriveParams {
-    let mut raw = drive.raw().clone();
-    if let Some(number) = raw.number_mut(key) {
-        *number = Some(value);
-    }
-    DriveParams::new(raw).unwrap_or_else(|_| drive.clone())
+fn all(columns: usize) -> Vec<usize> {
+    (0..columns).collect()
 }
 
 fn value(term: &PhysicsTerm, place: usize) -> Option<f64> {
@@ -365,7 +352,7 @@ fn value(term: &PhysicsTerm, place: usize) -> Option<f64> {
 }
 
 fn knobs(axis: &AxisModel, given: usize) -> Vec<Knob> {
-    let has = |key: &&str| number(axis, key).is_some_and(|x| x > 0.0);
+    let has = |key: &&str| axis.drive.number(key).is_some_and(|x| x > 0.0);
     let mut knobs: Vec<Knob> = NUMBERS.iter().copied().filter(|k| has(k)).map(Knob::Number).collect();
     for (k, term) in axis.physics.iter().enumerate().skip(given) {
         // A form that is said by a list stays as it is.

@@ -107,12 +107,11 @@ pub fn diagnose(
     let lumped = triple::lumped(machine, axis);
     let stated = axis;
     let (machine, axis) = lumped.as_ref().map_or((machine, axis), |(m, a)| (m, a));
-    let (problem, given) = prepared(axis, recordings)?;
-    let force_n2_hz = search::white_force_n2_hz(&problem, &given);
-    let rig = in_loop::Rig::new(axis, recordings, &problem).ok();
-    let complete = rig.as_ref().is_some_and(|rig| rig.says_all(axis, force_n2_hz));
-    let noise_n = rig.as_ref().and_then(|rig| rig.noise_n(axis, force_n2_hz));
-    let mut outcome = search::search(problem.clone(), given.clone(), (complete, progress));
+    let start = start_of(axis, recordings)?;
+    let rig = in_loop::Rig::new(axis, recordings, &start.state.problem).ok();
+    let noise_n = rig.as_ref().and_then(|rig| rig.noise_n(axis, start.white_force_n2_hz()));
+    let complete = rig.as_ref().is_some_and(|rig| rig.says_all(axis, noise_n));
+    let mut outcome = search::search(start.clone(), (complete, progress));
     progress(0.9, "writing the model, simulating the loop");
     let mut diagnosis = assemble::assemble(machine, axis, recordings, &outcome);
     if let Some([noise_n, _]) = noise_n.filter(|_| !complete && recordings.len() > 1)
@@ -120,9 +119,9 @@ pub fn diagnose(
     {
         progress(0.9, "one recording at a time");
         for recording in recordings {
-            let (one, known) = prepared(axis, std::slice::from_ref(recording))?;
-            let alone = search::search(one, known, (false, &|_, _| ()));
-            let other = search::with_findings_of(problem.clone(), given.clone(), alone);
+            let one = start_of(axis, std::slice::from_ref(recording))?;
+            let alone = search::search(one, (false, &|_, _| ()));
+            let other = search::with_findings_of(start.clone(), alone);
             let told = assemble::assemble(machine, axis, recordings, &other);
             let left = told.left_in_loop_n().filter(|left| *left < FAR_FROM_NOISE * noise_n);
             if told.verdict == Verdict::MissingPhysics && left.is_some() {
@@ -143,10 +142,7 @@ pub fn diagnose(
 const FAR_FROM_NOISE: f64 = 3.0;
 
 /// The balance of recordings, and what the model says beyond its structure.
-fn prepared(
-    axis: &AxisModel,
-    recordings: &[Recording],
-) -> Result<(problem::Problem, Vec<bench::Accepted>), DiagnoseError> {
+fn start_of(axis: &AxisModel, recordings: &[Recording]) -> Result<search::Start, DiagnoseError> {
     let motions = recordings.iter().map(|r| motion::motion(axis, r)).collect::<Result<Vec<_>, _>>()?;
     let steps_m = steps::steps_m(axis, &motions);
     let mut problem = problem::Problem::new(&axis.drive, motions);
@@ -156,7 +152,7 @@ fn prepared(
     problem.encoder_noise = Some(noise);
     let laws = axis.physics.iter().filter_map(|term| terms::hypothesis(&problem, term));
     let given = laws.map(|(h, amplitudes)| bench::Accepted::new(&problem, h, amplitudes)).collect();
-    Ok((problem, given))
+    Ok(search::Start::new(problem, given))
 }
 
 fn axis_of<'a>(machine: &'a Machine, recording: &Recording) -> Result<&'a AxisModel, DiagnoseError> {

@@ -233,6 +233,14 @@ fn row<'a>(
     columns[..=a].iter().copied().chain([target]).map(move |other| (columns[a], other))
 }
 
+/// target - columns * coefficients.
+pub(crate) fn left(mut target: Vec<f64>, columns: &[Vec<f64>], coefficients: &[f64]) -> Vec<f64> {
+    for (column, b) in columns.iter().zip(coefficients).filter(|(_, b)| **b != 0.0) {
+        target.iter_mut().zip(column).for_each(|(z, x)| *z -= b * x);
+    }
+    target
+}
+
 impl Gram {
     pub(crate) fn new(columns: &[Vec<f64>], target: &[f64], folds: &Folds) -> Self {
         let n = columns.len();

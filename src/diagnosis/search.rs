@@ -63,15 +63,30 @@ pub(crate) struct Outcome {
     pub(crate) complete: bool,
 }
 
+/// What a search starts from.
+#[derive(Clone)]
+pub(crate) struct Start {
+    pub(super) state: State,
+    /// Residual of the model as stated.
+    nominal: Column,
+}
+
+impl Start {
+    pub(super) fn new(problem: Problem, given: Vec<Accepted>) -> Self {
+        let nominal = nominal_residual(&problem, &given);
+        Self { state: State::new(problem, given, &nominal), nominal }
+    }
+
+    /// Density of the white force that no choice of the numbers takes from the stage's balance, N2/Hz.
+    pub(super) fn white_force_n2_hz(&self) -> f64 {
+        spectrum(&self.state.problem, &self.state.residual, true).white_n2_hz()
+    }
+}
+
 /// The whole search. `complete`: the model says all there is, and only the numbers are looked at.
-pub(crate) fn search(
-    problem: Problem,
-    given: Vec<Accepted>,
-    (complete, progress): (bool, super::Progress<'_>),
-) -> Outcome {
+pub(crate) fn search(start: Start, (complete, progress): (bool, super::Progress<'_>)) -> Outcome {
     let most = if complete { 0 } else { MOST_FINDINGS };
-    let nominal = nominal_residual(&problem, &given);
-    let mut state = State::new(problem, given, &nominal);
+    let Start { mut state, nominal } = start;
     let mut rounds = Vec::new();
     let mut before = state.residual.clone();
     let mut recalibrated = state.problem.mechanics;
@@ -79,7 +94,7 @@ pub(crate) fn search(
     // The model before its last finding, and findings that did harm.
     let mut back: Option<State> = None;
     let mut refused: Vec<Hypothesis> = Vec::new();
-    for round in 0..=MOST_FINDINGS {
+    for round in 0..=most {
         progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
         state.settle(PASSES);
         add_overtones(&mut state);
@@ -111,9 +126,8 @@ pub(crate) fn search(
 }
 
 /// The findings of one recording, fitted to all of them.
-pub(crate) fn with_findings_of(problem: Problem, given: Vec<Accepted>, alone: Outcome) -> Outcome {
-    let nominal = nominal_residual(&problem, &given);
-    let mut state = State::new(problem, given, &nominal);
+pub(crate) fn with_findings_of(start: Start, alone: Outcome) -> Outcome {
+    let Start { mut state, nominal } = start;
     state.settle(PASSES);
     let (before, recalibrated) = (state.residual.clone(), state.problem.mechanics);
     for a in &alone.state.accepted[alone.state.given..] {
@@ -131,12 +145,15 @@ pub(crate) fn with_findings_of(problem: Problem, given: Vec<Accepted>, alone: Ou
 /// so no later round would take them up.
 fn add_overtones(state: &mut State) {
     loop {
+        let accepted = state.accepted.iter().enumerate().skip(state.given);
+        let overtones: Vec<_> = accepted.filter_map(|(k, a)| Some((k, a.hypothesis.overtone()?))).collect();
+        if overtones.is_empty() {
+            return;
+        }
         let grown = {
             let bench = state.bench();
             let least = least_evidence(&bench);
-            let accepted = state.accepted.iter().enumerate().skip(state.given);
-            let overtones = accepted.filter_map(|(k, a)| Some((k, a.hypothesis.overtone()?)));
-            let shown = overtones.map(|(k, (whole, alone))| (k, whole, bench.score(&alone)));
+            let shown = overtones.into_iter().map(|(k, (whole, alone))| (k, whole, bench.score(&alone)));
             shown
                 .filter(|(_, _, s)| s.plausible && s.evidence > least)
                 .max_by(|a, b| a.2.evidence.total_cmp(&b.2.evidence))
@@ -147,12 +164,6 @@ fn add_overtones(state: &mut State) {
         state.accepted[k] = Accepted { round, ..Accepted::new(&state.problem, hypothesis, amplitudes) };
         state.settle(PASSES);
     }
-}
-
-/// Density of the white force that no choice of the numbers takes from the stage's balance, N2/Hz.
-pub(crate) fn white_force_n2_hz(problem: &Problem, given: &[Accepted]) -> f64 {
-    let left = Bench::flat(problem, given, &nominal_residual(problem, given)).residual();
-    spectrum(problem, &left, true).white_n2_hz()
 }
 
 /// The free form that explains more than noise, if there is one.

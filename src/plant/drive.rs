@@ -60,6 +60,15 @@ impl RawDriveParams {
             _ => return None,
         })
     }
+
+    /// Numbers by key put in; keys that are none of those of [`RawDriveParams::number_mut`] change nothing.
+    pub fn set<'k>(&mut self, numbers: impl IntoIterator<Item = (&'k str, f64)>) {
+        for (key, value) in numbers {
+            if let Some(number) = self.number_mut(key) {
+                *number = Some(value);
+            }
+        }
+    }
 }
 
 /// Why a set of parameters is not a drive.
@@ -118,6 +127,23 @@ macro_rules! read {
 }
 
 impl DriveParams {
+    /// The stated number of a key that a fit may change; see [`RawDriveParams::number_mut`].
+    #[must_use]
+    pub fn number(&self, key: &str) -> Option<f64> {
+        *self.raw.clone().number_mut(key)?
+    }
+
+    /// This drive with other numbers.
+    /// Errors: numbers that make no drive, as in [`DriveParams::new`].
+    pub fn with_numbers<'k>(
+        &self,
+        numbers: impl IntoIterator<Item = (&'k str, f64)>,
+    ) -> Result<Self, ParamError> {
+        let mut raw = self.raw.clone();
+        raw.set(numbers);
+        Self::new(raw)
+    }
+
     /// Checks a set of parameters and finds its structure.
     /// Errors: a key missing for its structure, negative or non-finite values, zero mass, lead or stiffness.
     pub fn new(raw: RawDriveParams) -> Result<Self, ParamError> {

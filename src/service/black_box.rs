@@ -7,7 +7,7 @@
 use crate::chatter::ChatterEvent;
 use crate::keyframe::Digest;
 use crate::pipeline::{Pipeline, StepOutput};
-use crate::sample::{AxisSample, MAX_AXES, ServoSample};
+use crate::sample::{AxisSample, MAX_AXES, ServoSample, follows};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -172,7 +172,7 @@ impl BlackBox {
     /// missing, and keeps the pipeline's state.
     pub(super) fn before(&mut self, sample: &ServoSample, pipeline: &Pipeline) {
         let last = self.filling.samples.last_sequence();
-        let follows = last.is_none_or(|l| l.checked_add(1) == Some(sample.sequence));
+        let follows = last.is_none_or(|l| follows(l, sample.sequence));
         if !follows || self.filling.samples.len() >= CHUNK {
             self.turn();
         }
@@ -241,11 +241,11 @@ impl BlackBox {
 
 /// The chunks at the end between which no sample is missing: a recording is uniformly sampled.
 pub(super) fn last_unbroken(chunks: &[Arc<Chunk>]) -> &[Arc<Chunk>] {
-    let follows = |pair: &[Arc<Chunk>]| {
-        let ends = (pair[0].samples.last(), pair[1].samples.first());
-        matches!(ends, (Some(a), Some(b)) if a.sequence.checked_add(1) == Some(b.sequence))
+    let unbroken = |pair: &[Arc<Chunk>]| {
+        let ends = pair[0].samples.last().zip(pair[1].samples.first());
+        ends.is_some_and(|(a, b)| follows(a.sequence, b.sequence))
     };
-    let begin = chunks.windows(2).rposition(|pair| !follows(pair)).map_or(0, |i| i + 1);
+    let begin = chunks.windows(2).rposition(|pair| !unbroken(pair)).map_or(0, |i| i + 1);
     chunks.get(begin..).unwrap_or_default()
 }
 

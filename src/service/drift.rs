@@ -15,7 +15,7 @@ use crate::force::estimator::{
     AxisSignals, ForceEstimator, ForceSettings, ForceState, LowPass, MotionSample, Signals,
 };
 use crate::force::observer::ServoPlan;
-use crate::sample::ServoSample;
+use crate::sample::{ServoSample, follows};
 use crate::telemetry::Metrics;
 use crate::units::SampleRate;
 use std::sync::Arc;
@@ -96,7 +96,7 @@ fn compare(feeds: &Receiver<Feed>, config: &ServiceConfig, (metrics, found): (&M
         }
         let Some((_, _, watches)) = &mut watched else { continue };
         let first = feed.chunk.samples.first().map(|s| s.sequence);
-        let follows = last.zip(first).is_some_and(|(l, f): (u64, u64)| l.checked_add(1) == Some(f));
+        let follows = last.zip(first).is_some_and(|(l, f)| follows(l, f));
         let stands = feed.chunk.samples.iter().any(|sample| stands(&sample));
         last = feed.chunk.samples.last().map(|s| s.sequence).filter(|_| stands);
         for watch in watches {

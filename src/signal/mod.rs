@@ -16,6 +16,7 @@ pub mod notch;
 pub mod order_lines;
 pub mod sliding_dft;
 mod sliding_dft_kernel;
+pub(crate) mod straight_line;
 
 use thiserror::Error;
 

@@ -8,7 +8,6 @@ use crate::diagnosis::{
     Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Location, RecordingFit, Tried,
     Verdict,
 };
-use crate::plant::drive::DriveParams;
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::signal::inner_products::rms;
@@ -383,17 +382,7 @@ impl Context<'_> {
     fn model(&self, findings: &[Finding], corrections: &[Correction]) -> Machine {
         let mut machine = self.machine.clone();
         let Some(axis) = machine.axes.iter_mut().find(|a| a.name == self.axis.name) else { return machine };
-        let mut raw = axis.drive.raw().clone();
-        for c in corrections {
-            match c.name {
-                "movable_mass_kg" => raw.movable_mass_kg = Some(c.value),
-                "translational_damping_n_s_m" => raw.translational_damping_n_s_m = Some(c.value),
-                "stage_coulomb_friction_n" => raw.stage_coulomb_friction_n = Some(c.value),
-                "axial_stiffness_n_m" => raw.axial_stiffness_n_m = Some(c.value),
-                _ => {}
-            }
-        }
-        if let Ok(drive) = DriveParams::new(raw) {
+        if let Ok(drive) = axis.drive.with_numbers(corrections.iter().map(|c| (c.name, c.value))) {
             axis.drive = drive;
         }
         axis.physics.extend(findings.iter().map(|f| f.term.clone()));
