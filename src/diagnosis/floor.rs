@@ -92,8 +92,8 @@ fn pick(sides: &Sides, stage: bool) -> Option<&Vec<f64>> {
 
 /// Spectrum and floor of one side.
 ///
-/// Floor: a white force at the level that most of the band shows, and the encoders' steps q through masses
-/// and springs, S(f) = q^2/12 / (rate/2) |K - M w^2|^2 (own side) + q^2/12 / (rate/2) K^2 (other side), all
+/// Floor: a white force at the level that most of the band shows, and the encoders' noise as that of steps q
+/// through masses and springs, S(f) = q^2/12 / (rate/2) |K - M w^2|^2 (own side) + q^2/12 / (rate/2) K^2 (other side), all
 /// through the squared low-pass of the band.
 pub(crate) fn spectrum(p: &Problem, residual: &Column, stage: bool) -> SideSpectrum {
     let rate_hz = p.rate_hz();
@@ -101,7 +101,7 @@ pub(crate) fn spectrum(p: &Problem, residual: &Column, stage: bool) -> SideSpect
     let density = density(residual, stage, rate_hz);
     let step_hz = rate_hz / SEGMENT as f64;
     let m = &p.mechanics;
-    let [motor_step, stage_step] = p.steps_m;
+    let [motor_step, stage_step] = p.noise_steps_m();
     let (near, far) = if stage { (stage_step, motor_step) } else { (motor_step, stage_step) };
     let mass = if stage { m.stage_mass_kg } else { m.motor_mass_kg };
     let band = super::motion::band_hz(full_rate);

@@ -206,6 +206,13 @@ impl Problem {
         self.motions.first().map_or(1.0, |m| m.rate_hz) / self.thinning.step as f64
     }
 
+    /// Steps that would make the noise that the positions of motor and stage have, m: by rounding, or what is
+    /// read off the recordings where that is more.
+    pub(crate) fn noise_steps_m(&self) -> [f64; 2] {
+        let read = self.encoder_noise.as_ref().map_or([0.0; 2], EncoderNoise::steps_m);
+        [0, 1].map(|side| self.steps_m[side].max(read[side]))
+    }
+
     /// Length of the thinned series of each recording.
     pub(crate) fn lengths(&self) -> Vec<usize> {
         self.motions.iter().map(|m| self.thinning.grid(m.len()).count).collect()

@@ -14,6 +14,7 @@ pub mod linear_phase;
 pub mod moving_variance;
 pub mod notch;
 pub mod order_lines;
+pub(crate) mod sine;
 pub mod sliding_dft;
 mod sliding_dft_kernel;
 pub(crate) mod straight_line;

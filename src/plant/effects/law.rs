@@ -142,6 +142,12 @@ impl EncoderError {
         Some(Self { period_m, harmonics_m: harmonics(term, "harmonics_m", "amplitude_m")? })
     }
 
+    /// Period, and sine and cosine amplitude of each harmonic, m.
+    #[must_use]
+    pub fn wave(&self) -> (f64, &[[f64; 2]]) {
+        (self.period_m, &self.harmonics_m)
+    }
+
     /// What is read too much at a position, m.
     #[must_use]
     pub fn at(&self, position_m: f64) -> f64 {

@@ -149,10 +149,16 @@ impl Constants {
         Some(())
     }
 
-    /// Step at which the fastest motion of the model is followed, s.
-    pub(super) fn longest_step_s(&self) -> f64 {
+    /// Step at which the fastest motion of the model is followed, s. `fastest_m_s`: of the command.
+    pub(super) fn longest_step_s(&self, fastest_m_s: f64) -> f64 {
+        /// A bristle that slides is only to stay stable.
+        const SLIDING: f64 = 0.35;
         let stage_kg = if self.rigid { self.motor_kg } else { self.stage_kg };
-        let slope = |n: usize, kg: f64| (self.coulomb_n[n] / self.smoothing_m_s + self.viscous_n_s_m[n]) / kg;
+        let bristled = usize::from(!self.rigid);
+        let slope = |n: usize, kg: f64| {
+            let smooth = if n == bristled { 1.0 - self.bristle_share } else { 1.0 };
+            (smooth.abs() * self.coulomb_n[n] / self.smoothing_m_s + self.viscous_n_s_m[n]) / kg
+        };
         let near_kg = self.screw_kg.unwrap_or(self.motor_kg);
         let rates = [
             slope(0, self.motor_kg),
@@ -160,6 +166,7 @@ impl Constants {
             ((self.stiffness_n_m + self.torsion_n_m) * (1.0 / near_kg + 1.0 / stage_kg)).sqrt(),
             (self.structural_n_s_m + self.torsion_n_s_m) * (1.0 / near_kg + 1.0 / stage_kg),
             (self.bristle_n_m / stage_kg).sqrt(),
+            SLIDING * self.bristle_n_m * fastest_m_s / self.coulomb_n[bristled].max(1.0e-3),
             self.loop_rad_s.unwrap_or(0.0),
         ];
         STEP_RATES / rates.into_iter().fold(1.0, f64::max)

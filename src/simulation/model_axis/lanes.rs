@@ -9,9 +9,9 @@
 
 use super::constants::Constants;
 use super::control::LawState;
+use super::further::{Further, Waves};
 use super::tanh::tanh;
 use super::{Response, Trial};
-use crate::plant::effects::friction::drift;
 use crate::signal::dispatch::{Kernel, multiply_add};
 
 /// States: motor x, v; stage x, v; screw behind the motor e, e'; current; bristle's force.
@@ -25,7 +25,7 @@ const TWIST_V: usize = 5;
 const CURRENT: usize = 6;
 const BRISTLE: usize = 7;
 
-type Lane<const L: usize> = [f64; L];
+pub(super) type Lane<const L: usize> = [f64; L];
 type State<const L: usize> = [Lane<L>; STATES];
 
 /// Constants of several models, and what few of them have.
@@ -56,8 +56,8 @@ pub(super) struct Lanes<const L: usize> {
     at_once: Lane<L>,
     /// Difference of the two positions at which the spring is free, m.
     free_m: f64,
-    /// Lanes whose sides have further forces.
-    forced: Vec<(usize, usize)>,
+    /// Further forces against the motion of motor and stage.
+    further: [Option<Further<L>>; 2],
 }
 
 impl<const L: usize> Lanes<L> {
@@ -65,10 +65,7 @@ impl<const L: usize> Lanes<L> {
         let models: [Constants; L] = std::array::from_fn(|l| pick(l).clone());
         let of = |f: &dyn Fn(&Constants) -> f64| -> Lane<L> { std::array::from_fn(|l| f(&models[l])) };
         let flag = |b: bool| f64::from(u8::from(b));
-        let forced = (0..L)
-            .flat_map(|l| [(l, 0), (l, 1)])
-            .filter(|&(l, side)| !(models[l].forces[side].is_empty() && models[l].warming[side].is_empty()))
-            .collect();
+        let further = [0, 1].map(|side| Further::of(&models, side));
         Self {
             rigid: models[0].rigid,
             bristled: models.iter().any(|m| m.bristle_n_m > 0.0),
@@ -92,49 +89,46 @@ impl<const L: usize> Lanes<L> {
             loop_rad_s: of(&|m| m.loop_rad_s.unwrap_or(0.0)),
             at_once: of(&|m| flag(m.loop_rad_s.is_none())),
             free_m: start_m[0] - start_m[1],
-            forced,
+            further,
             models,
         }
-    }
-
-    /// Further forces against the motion of motor and stage: few lanes have any.
-    #[inline]
-    fn further(&self, t_s: f64, s: &State<L>) -> [Lane<L>; 2] {
-        let mut out = [[0.0; L]; 2];
-        for &(l, side) in &self.forced {
-            let m = &self.models[l];
-            let (x, v) = (s[2 * side][l], s[2 * side + 1][l]);
-            let laws = m.forces[side].iter().map(|law| law.force_n(x, v, m.smoothing_m_s));
-            let warm = m.warming[side]
-                .iter()
-                .map(|w| w.change_n * drift(t_s, w.time_constant_s) * (v * self.smoothing_1[l]).tanh());
-            out[side][l] = laws.chain(warm).sum();
-        }
-        out
     }
 
     /// Time derivative of the state. `told`: reference that the drive holds now.
     #[inline(always)]
     fn derivative<const FUSED: bool>(&self, t_s: f64, s: &State<L>, told: &Lane<L>) -> State<L> {
         let mut out = [[0.0; L]; STATES];
-        let further = if self.forced.is_empty() { [[0.0; L]; 2] } else { self.further(t_s, s) };
         let mut motor_n = [0.0; L];
         let mut motor_slides = [0.0; L];
+        for l in 0..L {
+            motor_slides[l] = tanh::<FUSED>(s[MOTOR_V][l] * self.smoothing_1[l]);
+        }
+        let further = match &self.further[0] {
+            Some(further) => further.force_n::<FUSED>(t_s, (&s[MOTOR], &s[MOTOR_V]), &motor_slides),
+            None => [0.0; L],
+        };
         for l in 0..L {
             let i = self.at_once[l] * told[l] + (1.0 - self.at_once[l]) * s[CURRENT][l];
             out[CURRENT][l] = self.loop_rad_s[l] * (told[l] - s[CURRENT][l]);
             let thrust = self.thrust_per_unit[l] * i * (1.0 - self.saturation[l] * i * i);
-            motor_slides[l] = tanh::<FUSED>(s[MOTOR_V][l] * self.smoothing_1[l]);
             let friction = multiply_add::<FUSED>(
                 self.viscous[0][l],
                 s[MOTOR_V][l],
                 self.coulomb[0][l] * motor_slides[l],
             );
-            motor_n[l] = thrust - friction - further[0][l];
+            motor_n[l] = thrust - friction - further[l];
         }
         if self.rigid {
             return self.rigid_derivative(s, (&motor_n, &motor_slides), out);
         }
+        let mut stage_slides = [0.0; L];
+        for l in 0..L {
+            stage_slides[l] = tanh::<FUSED>(s[STAGE_V][l] * self.smoothing_1[l]);
+        }
+        let further = match &self.further[1] {
+            Some(further) => further.force_n::<FUSED>(t_s, (&s[STAGE], &s[STAGE_V]), &stage_slides),
+            None => [0.0; L],
+        };
         for l in 0..L {
             let (x, v) = (s[STAGE][l], s[STAGE_V][l]);
             let stretch = s[MOTOR][l] + s[TWIST][l] - x - self.free_m;
@@ -151,13 +145,13 @@ impl<const L: usize> Lanes<L> {
             let apart = 1.0 - self.joined[l];
             let behind = self.joined[l] * spring + apart * torsion;
             let motor_accel = (motor_n[l] - behind) * self.motor_1_kg[l];
-            let sliding = tanh::<FUSED>(v * self.smoothing_1[l]);
+            let sliding = stage_slides[l];
             let friction = multiply_add::<FUSED>(self.viscous[1][l], v, self.coulomb[1][l] * sliding);
             let bristle = self.bristle_share[l] * (s[BRISTLE][l] - self.coulomb[1][l] * sliding);
             out[MOTOR][l] = s[MOTOR_V][l];
             out[MOTOR_V][l] = motor_accel;
             out[STAGE][l] = v;
-            out[STAGE_V][l] = (spring - friction - bristle - further[1][l]) * self.stage_1_kg[l];
+            out[STAGE_V][l] = (spring - friction - bristle - further[l]) * self.stage_1_kg[l];
             out[TWIST][l] = apart * s[TWIST_V][l];
             out[TWIST_V][l] = apart * ((torsion - spring) * self.screw_1_kg[l] - motor_accel);
         }
@@ -323,25 +317,31 @@ impl<const L: usize> Kernel for Run<'_, L> {
             [0, 1].map(|e| (0..length).map(|k| [origin[e] + before(k); L]).collect());
         let mut newest = length - 1;
         let first = trial.command_m.first().copied().unwrap_or(0.0);
-        let exact = models.iter().all(|m| m.errors.iter().all(Vec::is_empty));
-        let read = |side: usize, l: usize, x: f64| {
-            let (m, step) = (&models[l], models[l].step_m[side]);
-            let x = if exact { x } else { x + m.errors[side].iter().map(|e| e.at(x)).sum::<f64>() };
-            if step > 0.0 { whole(x / step) * step } else { x }
+        let errors = [0, 1].map(|side| Waves::of_encoder(models, side));
+        let read = |side: usize, x: Lane<L>| {
+            let mut read = x;
+            for waves in &errors[side] {
+                let error = waves.at::<FUSED>(&x);
+                (0..L).for_each(|l| read[l] += error[l]);
+            }
+            for (read, model) in read.iter_mut().zip(models) {
+                let step = model.step_m[side];
+                *read = if step > 0.0 { whole(*read / step) * step } else { *read };
+            }
+            read
         };
         let gain = trial.law.gain();
-        let began = |l: usize| read(0, l, looks[0].at(&rings[0], newest)[l]);
+        let began = read(0, looks[0].at(&rings[0], newest));
         let mut laws: [LawState; L] =
-            std::array::from_fn(|l| LawState::new(first, began(l), (trial.start_m_s, trial.integral_m)));
+            std::array::from_fn(|l| LawState::new(first, began[l], (trial.start_m_s, trial.integral_m)));
         let samples = trial.command_m.len();
         let mut told: Vec<Lane<L>> = Vec::with_capacity(samples);
         let mut seen: [Vec<Lane<L>>; 2] = [0, 1].map(|_| Vec::with_capacity(samples));
         for (k, command) in trial.command_m.iter().enumerate() {
-            let mut now = [0, 1].map(|e| looks[e].at(&rings[e], newest));
+            let now = [0, 1].map(|e| read(e, looks[e].at(&rings[e], newest)));
             let injected = trial.injected.get(k).copied().unwrap_or(0.0);
             let mut asked = [0.0; L];
             for l in 0..L {
-                (now[0][l], now[1][l]) = (read(0, l, now[0][l]), read(1, l, now[1][l]));
                 let places = [*command, now[0][l], now[1][l]];
                 asked[l] = gain * trial.law.error_m_s(&mut laws[l], places, trial.period_s) + injected;
             }

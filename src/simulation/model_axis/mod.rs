@@ -6,6 +6,7 @@
 
 mod constants;
 mod control;
+mod further;
 mod lanes;
 mod tanh;
 
@@ -85,7 +86,9 @@ pub fn respond(axes: &[AxisModel], trial: &Trial) -> Vec<Response> {
 #[must_use]
 pub fn respond_on(fast: Fast, axes: &[AxisModel], trial: &Trial) -> Vec<Response> {
     let constants: Vec<Constants> = axes.iter().map(|a| Constants::of(a, trial.thrust_per_unit)).collect();
-    let step_s = constants.iter().map(Constants::longest_step_s).fold(f64::INFINITY, f64::min);
+    let moves_m = trial.command_m.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+    let fastest_m_s = moves_m / trial.period_s;
+    let step_s = constants.iter().map(|c| c.longest_step_s(fastest_m_s)).fold(f64::INFINITY, f64::min);
     let steps = (trial.period_s / step_s).ceil().clamp(1.0, 200.0) as usize;
     let mut out = Vec::with_capacity(axes.len());
     let mut rest = constants.as_slice();
