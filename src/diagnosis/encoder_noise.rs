@@ -62,7 +62,7 @@ impl EncoderNoise {
 
     /// Steps of encoders that would make as much noise by rounding, m.
     pub(crate) fn steps_m(&self) -> [f64; 2] {
-        self.variances_m2.map(|v| (12.0 * v).sqrt())
+        self.variances_m2.map(step_m)
     }
 
     /// What the noise adds to the products of the numbers' columns in an instant, among `columns` in all.
@@ -109,6 +109,16 @@ impl EncoderNoise {
         out.iter_mut().for_each(|s| s.motor = None);
         out
     }
+}
+
+/// Step of an encoder that makes noise of a variance by rounding, m.
+fn step_m(variance_m2: f64) -> f64 {
+    (12.0 * variance_m2).sqrt()
+}
+
+/// Step of an encoder that would make the noise of a position by rounding, m.
+pub(super) fn rounding_m(position_m: &[f64], rate_hz: f64) -> f64 {
+    step_m(variance_m2(position_m, rate_hz))
 }
 
 /// Variance of the noise of a position, m2: its tenth differences, the median over blocks.

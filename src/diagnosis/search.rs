@@ -5,7 +5,7 @@ use super::bench::{Accepted, Bench, Score, rms};
 use super::floor::spectrum;
 use super::problem::{Column, Mechanics, Problem, Sides};
 use super::shape::{Hypothesis, Shape};
-use super::state::{PASSES, State, nominal_residual};
+use super::state::{PASSES, RUNAWAY, State, nominal_residual};
 use super::strangers;
 use super::two_cores::on_two_cores;
 use crate::plant::effects::Port;
@@ -33,8 +33,6 @@ const RIVAL_SHARE: f64 = 0.4;
 const RIVALS: usize = 3;
 /// Passes that each of them is fitted in.
 const RIVAL_PASSES: usize = 10;
-/// A fit may leave more force with a finding than without it, where the noise is low; not this many times.
-const RUNAWAY: f64 = 1.5;
 /// Least share of a loud rest, all frequencies alike, that makes a hypothesis a rival.
 const LOUD_SHARE: f64 = 0.1;
 /// So many of those, of so many that are fitted.

@@ -8,6 +8,8 @@ use crate::plant::effects::{EffectKind, Port};
 
 /// Power over that of the floor from which on what is left is a mismatch, not noise.
 const LOUD: f64 = 9.0;
+/// A fit may leave more force than another one, where the noise is low; not this many times.
+pub(super) const RUNAWAY: f64 = 1.5;
 /// Passes in which the noise of a model without findings is found.
 const NOISE_PASSES: usize = 4;
 /// Passes after which nothing is waited for any longer.
@@ -61,15 +63,27 @@ impl State {
     }
 
     /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
+    ///
+    /// The noise is what the last pass left, so passes can run away: what a fit neglects is noise to the next
+    /// one. Then the pass that left least stands.
     pub(super) fn settle(&mut self, passes: usize) {
         let passes = if self.accepted.is_empty() { NOISE_PASSES } else { passes };
-        let mut left_n = Vec::new();
+        let mut left_n: Vec<f64> = Vec::new();
+        let mut best: Option<(f64, Self)> = None;
         for _ in 0..passes {
             let moved = self.pass();
-            left_n.push(rms(&self.residual));
+            let now_n = rms(&self.residual);
+            left_n.push(now_n);
+            if best.as_ref().is_none_or(|(least_n, _)| now_n < *least_n) {
+                best = Some((now_n, self.clone()));
+            }
             if !self.accepted.is_empty() && (moved < 0.3 || wanders(&left_n)) {
                 break;
             }
+        }
+        let now_n = rms(&self.residual);
+        if let Some((_, best)) = best.filter(|(least_n, _)| now_n > RUNAWAY * least_n) {
+            *self = best;
         }
     }
 

@@ -1,7 +1,9 @@
 //! A recording of an axis with one position: thrust, position, velocity, acceleration on a thinned grid.
 
 use crate::diagnosis::DiagnoseError;
+use crate::diagnosis::encoder_noise::rounding_m;
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
+use crate::diagnosis::motion::thrust_delay_s;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
@@ -76,10 +78,10 @@ fn position(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, Diagnos
 
 /// Band in which the inertial force is known better than [`NOISE_SHARE`] of the thrust.
 ///
-/// Steps of q are white with density q^2/12 / (rate/2); the second derivative up to f has the variance
+/// `read_m`: the step whose rounding would make the noise that the position shows. Steps of q are white with density q^2/12 / (rate/2); the second derivative up to f has the variance
 /// q^2/(6 rate) (2 pi)^4 f^5/5.   Checked by: tests::a_coarse_encoder_narrows_the_band.
-fn band_hz(axis: &AxisModel, thrust_rms_n: f64, rate_hz: f64) -> f64 {
-    let (q, mass) = (axis.drive.motor_encoder_resolution_m(), axis.drive.total_mass_kg());
+fn band_hz(axis: &AxisModel, (thrust_rms_n, read_m): (f64, f64), rate_hz: f64) -> f64 {
+    let (q, mass) = (axis.drive.motor_encoder_resolution_m().max(read_m), axis.drive.total_mass_kg());
     let widest = BAND_SHARE * rate_hz;
     if q <= 0.0 || mass <= 0.0 || thrust_rms_n <= 0.0 {
         return widest;
@@ -99,15 +101,17 @@ fn axial_resonance_hz(axis: &AxisModel) -> f64 {
 pub(super) fn series(axis: &AxisModel, recording: &Recording) -> Result<Series, DiagnoseError> {
     let (force, x) = (thrust(axis, recording)?, position(axis, recording)?);
     let rate_hz = recording.sample_rate.hz();
-    let mut band_hz = band_hz(axis, rms(&force), rate_hz);
+    let mut band_hz = band_hz(axis, (rms(&force), rounding_m(&x, rate_hz)), rate_hz);
     if !is_locked(axis, recording) {
         band_hz = band_hz.min(RIGID_SHARE * axial_resonance_hz(axis));
     }
     let step = ((rate_hz / (ROWS_PER_BAND * band_hz)).floor() as usize).max(1);
-    let delay_s = axis.drive.amplifier_dead_time_s() + 0.5 * recording.sample_rate.period_s();
-    let kernel = |derivative, advance_s| Kernel::low_pass(band_hz, rate_hz, Action { derivative, advance_s });
-    let encoder_s = axis.drive.motor_encoder_delay_s();
-    let kernels = [kernel(0, -delay_s), kernel(0, encoder_s), kernel(1, encoder_s), kernel(2, encoder_s)];
+    let (delay_s, loop_rad_s) =
+        (thrust_delay_s(&axis.drive, rate_hz), axis.drive.current_loop_bandwidth_rad_s());
+    let reference = Kernel::of_held_reference(band_hz, rate_hz, -delay_s, loop_rad_s);
+    let advance_s = axis.drive.motor_encoder_delay_s();
+    let kernel = |derivative| Kernel::low_pass(band_hz, rate_hz, Action { derivative, advance_s });
+    let kernels = [reference, kernel(0), kernel(1), kernel(2)];
     let edge = kernels.iter().map(Kernel::half).max().unwrap_or(0);
     let inside = x.len().saturating_sub(2 * edge);
     let needed = 2 * edge + LEAST_ROWS * step;
@@ -169,8 +173,8 @@ mod tests {
                 physics: Vec::new(),
             }
         };
-        assert!((band_hz(&axis(1.0e-9), 50.0, 1000.0) - 100.0).abs() < 1.0e-9);
-        let band = band_hz(&axis(1.0e-5), 50.0, 1000.0);
+        assert!((band_hz(&axis(1.0e-9), (50.0, 0.0), 1000.0) - 100.0).abs() < 1.0e-9);
+        let band = band_hz(&axis(1.0e-5), (50.0, 0.0), 1000.0);
         // The variance that the formula promises, summed over the lines of a spectrum instead of integrated.
         let (density, step) = (1.0e-10 / 12.0 / 500.0, 0.01);
         let lines = (band / step) as usize;
