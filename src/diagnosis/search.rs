@@ -9,9 +9,12 @@ use super::state::{PASSES, RUNAWAY, State, nominal_residual};
 use super::strangers;
 use super::two_cores::on_two_cores;
 use crate::plant::effects::Port;
+use crate::signal::inner_products::dot;
 
 /// More findings than this are a different machine.
 const MOST_FINDINGS: usize = 4;
+/// Rounds in which they are looked for: what a later one makes needless leaves its place to another.
+const MOST_ROUNDS: usize = 6;
 /// Twice the log-likelihood gain a finding needs; see `docs/results.md` for its calibration.
 const LEAST_EVIDENCE: f64 = 60.0;
 /// Least relative drop of the held-out sum of squares.
@@ -83,7 +86,7 @@ impl Start {
 
 /// The whole search. `complete`: the model says all there is, and only the numbers are looked at.
 pub(crate) fn search(start: Start, (complete, progress): (bool, super::Progress<'_>)) -> Outcome {
-    let most = if complete { 0 } else { MOST_FINDINGS };
+    let most = if complete { 0 } else { MOST_ROUNDS };
     let Start { mut state, nominal } = start;
     let mut rounds = Vec::new();
     let mut before = state.residual.clone();
@@ -93,7 +96,7 @@ pub(crate) fn search(start: Start, (complete, progress): (bool, super::Progress<
     let mut back: Option<State> = None;
     let mut refused: Vec<Hypothesis> = Vec::new();
     for round in 0..=most {
-        progress(round as f64 / (MOST_FINDINGS + 1) as f64, "re-estimating the numbers");
+        progress(round as f64 / (MOST_ROUNDS + 1) as f64, "re-estimating the numbers");
         state.settle(PASSES);
         add_overtones(&mut state);
         if let Some(back) = back.take_if(|b| rms(&state.residual) > RUNAWAY * rms(&b.residual)) {
@@ -106,12 +109,19 @@ pub(crate) fn search(start: Start, (complete, progress): (bool, super::Progress<
             before.clone_from(&state.residual);
             recalibrated = state.problem.mechanics;
         }
-        progress(round as f64 / (MOST_FINDINGS + 1) as f64, "trying hypotheses");
+        if state.findings() >= MOST_FINDINGS {
+            let all: Vec<Hypothesis> = state.accepted.iter().map(|a| a.hypothesis.clone()).collect();
+            prune(&mut state);
+            let stays = |h: &Hypothesis| state.accepted.iter().any(|a| same_kind(&a.hypothesis, h));
+            refused.extend(all.into_iter().filter(|h| !stays(h)));
+        }
+        progress(round as f64 / (MOST_ROUNDS + 1) as f64, "trying hypotheses");
         let bench = state.weighted_bench();
         let known: Vec<Hypothesis> =
             state.accepted.iter().map(|a| &a.hypothesis).chain(&refused).cloned().collect();
         let mut scores = one_round(&bench, &known);
-        let rivals = if round < most { rivals(&state, &bench, (&scores, &known)) } else { Vec::new() };
+        let more = round < most && state.findings() < MOST_FINDINGS;
+        let rivals = if more { rivals(&state, &bench, (&scores, &known)) } else { Vec::new() };
         drop(bench);
         let with = (!rivals.is_empty()).then(|| least_left(&state, &mut scores, (rivals, round)));
         rounds.push(scores);
@@ -291,6 +301,40 @@ fn prune(state: &mut State) {
                 state.remove(k);
             }
             _ => break,
+        }
+    }
+    drop_needless(state);
+}
+
+/// Takes out what the others do as well without, once all of them are fitted anew.
+///
+/// A cause taken up early, in another's place, is held by what was fitted beside it: one linear step without
+/// it leaves much, the fit that follows leaves nothing.
+fn drop_needless(state: &mut State) {
+    loop {
+        let places: Vec<usize> = (state.given..state.accepted.len()).collect();
+        if places.len() < 2 {
+            return;
+        }
+        let mut without = on_two_cores(&places, |k| {
+            let mut state = state.clone();
+            state.remove(*k);
+            state
+        });
+        let bench = state.bench();
+        let left = |residual: &Column| {
+            let z = bench.weights.weigh(residual);
+            dot(&z, &z)
+        };
+        let (with, total) = (left(&state.residual), bench.folds.total() as f64);
+        let losses: Vec<f64> = without.iter().map(|w| total * (left(&w.residual) / with).ln()).collect();
+        let strongest = losses.iter().copied().fold(0.0, f64::max);
+        let weakest = losses.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
+        match weakest {
+            Some((k, loss)) if *loss < LEAST_EVIDENCE.max(SECOND_SHARE * strongest) => {
+                *state = without.swap_remove(k);
+            }
+            _ => return,
         }
     }
 }

@@ -38,6 +38,11 @@ impl State {
         Self { problem, given: given.len(), accepted: given, residual }
     }
 
+    /// How many were found here.
+    pub(super) fn findings(&self) -> usize {
+        self.accepted.len() - self.given
+    }
+
     /// True where what is left is a mismatch, not noise.
     ///
     /// Weighted by its own spectrum a mismatch counts nothing where it is loudest: the fit lets it grow, and
