@@ -121,13 +121,17 @@ fn encoder_periods(p: &Problem, list: &mut Vec<Hypothesis>) {
 fn adaptive(bench: &Bench<'_>) -> Vec<Hypothesis> {
     let p = bench.problem;
     let q = bench.weights.whitener.adjoint(&bench.whitened_residual(), &bench.weights.layout);
-    let mut list = wavelengths(p, &q);
-    list.extend(lines(p, &bench.residual()));
+    let residual = bench.residual();
+    let mut list = known_wavelengths(p);
+    // Weighted by the noise; and all frequencies alike: a loud wave is noise to itself.
+    list.extend(wavelengths(p, &q, 5));
+    list.extend(wavelengths(p, &residual, 2));
+    list.extend(lines(p, &residual));
     list
 }
 
-/// Peaks of the residual's correlation with waves in position.
-fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
+/// Waves that read off best, so many a kind.
+fn wavelengths(p: &Problem, q: &[Sides], most: usize) -> Vec<Hypothesis> {
     let mut list = Vec::new();
     let lead = p.drive.screw_lead_m();
     for at_motor in [false, true] {
@@ -137,7 +141,8 @@ fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
             }
             let port = if at_motor { Port::Motor } else { Port::Stage };
             let least_m = lead.map_or(1e-4, |l| if at_motor { l / 150.0 } else { l / 40.0 });
-            for wavelength_m in spatial_peaks(p, q, &Spatial { at_motor, flips, least_m }) {
+            let peaks = spatial_peaks(p, q, &Spatial { at_motor, flips, least_m });
+            for wavelength_m in peaks.into_iter().take(most) {
                 let effect = if at_motor { E::TorqueRipple } else { E::PositionPeriodicForce };
                 list.push(Hypothesis::new(
                     effect,
@@ -147,7 +152,13 @@ fn wavelengths(p: &Problem, q: &[Sides]) -> Vec<Hypothesis> {
             }
         }
     }
-    if let Some(lead) = lead {
+    list
+}
+
+/// Waves of the screw, the motor's poles and slots.
+fn known_wavelengths(p: &Problem) -> Vec<Hypothesis> {
+    let mut list = Vec::new();
+    if let Some(lead) = p.drive.screw_lead_m() {
         for order in [1.0, 2.0, 3.0] {
             for flips in [false, true] {
                 list.push(Hypothesis::new(
@@ -191,7 +202,7 @@ struct Spatial {
     least_m: f64,
 }
 
-/// Bins the whitened correlation by position and looks for peaks of its spectrum.
+/// Peaks of the least-squares spectrum of the whitened correlation over position.
 fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
     let vs = p.mechanics.smoothing_m_s;
     let mut points: Vec<(f64, f64)> = Vec::new();
@@ -215,14 +226,8 @@ fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
     let wanted = 4.0 * span / s.least_m * 2.0;
     let n = (wanted.clamp(256.0, 131_072.0) as usize).next_power_of_two();
     let cell = s.least_m / 4.0;
-    let mut bins = vec![Complex::new(0.0, 0.0); n];
-    for (x, w) in &points {
-        let k = (((x - low) / cell) as usize).min(n - 1);
-        bins[k].re += w;
-    }
-    FftPlanner::new().plan_fft_forward(n).process(&mut bins);
     let length = n as f64 * cell;
-    let power: Vec<f64> = bins[..n / 4].iter().map(|c| c.norm_sqr()).collect();
+    let power = least_squares_spectrum(&points, (low, cell), n);
     let first = ((length / span) * 1.5).ceil() as usize;
     let mut peaks: Vec<(f64, f64)> = (first.max(1)..power.len().saturating_sub(1))
         .filter(|&k| power[k] > power[k - 1] && power[k] >= power[k + 1])
@@ -235,6 +240,44 @@ fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
     peaks.truncate(5);
     peaks.into_iter().map(|a| a.1).collect()
+}
+
+/// What a wave and a constant beside it take of the sum of squares of values at positions, at k cycles in n
+/// cells, k < n / 4. A sweep dwells at one place: a plain spectrum would show the wave and that place
+/// multiplied.
+///
+/// From the sums over position and the counts at the single and the double frequency (generalised
+/// Lomb-Scargle: Zechmeister and Kuerster 2009). Checked by:
+/// tests::a_place_where_the_axis_dwells_hides_no_wave.
+fn least_squares_spectrum(points: &[(f64, f64)], (low, cell): (f64, f64), n: usize) -> Vec<f64> {
+    let mut sums = vec![Complex::new(0.0, 0.0); n];
+    let mut counts = sums.clone();
+    for (x, w) in points {
+        let k = (((x - low) / cell) as usize).min(n - 1);
+        sums[k].re += w;
+        counts[k].re += 1.0;
+    }
+    let fft = FftPlanner::new().plan_fft_forward(n);
+    fft.process(&mut sums);
+    fft.process(&mut counts);
+    (0..n / 4).map(|k| taken(&sums, &counts, k)).collect()
+}
+
+fn taken(sums: &[Complex<f64>], counts: &[Complex<f64>], k: usize) -> f64 {
+    /// Share of the counts below which a sine is not told from the constant.
+    const TOLD: f64 = 1e-3;
+    let total = counts[0].re;
+    let (single, double) = (counts[k], counts[2 * k]);
+    let [c, s] = [single.re, -single.im];
+    let cc = 0.5 * (total + double.re) - c * c / total;
+    let ss = 0.5 * (total - double.re) - s * s / total;
+    let cs = -0.5 * double.im - c * s / total;
+    let [yc, ys] = [sums[k].re - sums[0].re * c / total, -sums[k].im - sums[0].re * s / total];
+    let determinant = cc * ss - cs * cs;
+    if determinant < (TOLD * total).powi(2) {
+        return 0.0;
+    }
+    (yc * yc * ss - 2.0 * yc * ys * cs + ys * ys * cc) / determinant
 }
 
 /// A line of one recording.
@@ -420,4 +463,28 @@ fn when(x: &[f64], rate: f64, frequency_hz: f64) -> Option<(f64, f64)> {
     let last = amplitudes.iter().rposition(|a| *a > 0.5 * most)?;
     let centre = |k: usize| (k * hop) as f64 + 0.5 * window as f64;
     Some((centre(first) / rate, centre(last) / rate))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn a_place_where_the_axis_dwells_hides_no_wave() {
+        let wavelength_m = 4.18e-3;
+        let wave = |x: f64| (TAU * x / wavelength_m + 0.4).sin();
+        let strokes = (0..3000).map(|k| 6.1e-2 * f64::from(k) / 3000.0);
+        let dwell = (0..9000).map(|k| 1.3e-2 + 6e-4 * (f64::from(k) * 0.013).sin());
+        let points: Vec<(f64, f64)> = strokes.chain(dwell).map(|x| (x, wave(x))).collect();
+        let (cell, n) = (6.25e-5, 4096);
+        let power = least_squares_spectrum(&points, (0.0, cell), n);
+        let total: f64 = points.iter().map(|p| p.1 * p.1).sum();
+        let mean = points.iter().map(|p| p.1).sum::<f64>() / points.len() as f64;
+        let about_mean = total - mean * mean * points.len() as f64;
+        let best = (4..power.len()).max_by(|a, b| power[*a].total_cmp(&power[*b])).expect("a peak");
+        let found_m = n as f64 * cell / best as f64;
+        assert!((found_m / wavelength_m - 1.0).abs() < 0.01, "{found_m}");
+        assert!(power[best] > 0.9 * about_mean && power[best] <= about_mean * (1.0 + 1e-9));
+    }
 }

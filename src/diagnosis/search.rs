@@ -36,6 +36,10 @@ const RIVAL_SHARE: f64 = 0.4;
 const RIVALS: usize = 3;
 /// Passes that each of them is fitted in.
 const RIVAL_PASSES: usize = 10;
+/// A map that needs more knots than this is no map but a wave.
+const MOST_KNOTS: usize = 50;
+/// So many times what is left without it, what is left with a finding is more than a fit in another noise.
+const HARM: f64 = 1.02;
 /// Least share of a loud rest, all frequencies alike, that makes a hypothesis a rival.
 const LOUD_SHARE: f64 = 0.1;
 /// So many of those, of so many that are fitted.
@@ -349,7 +353,7 @@ fn drop_harmful(state: &mut State) {
             let with = rms(&bench.heldout_residual(None));
             (state.given..state.accepted.len())
                 .map(|k| (with / rms(&bench.heldout_residual(Some(k))).max(1e-300), k))
-                .filter(|(ratio, _)| *ratio > 1.0)
+                .filter(|(ratio, _)| *ratio > HARM)
                 .max_by(|a, b| a.0.total_cmp(&b.0))
         };
         let Some((_, k)) = worst else { return };
@@ -439,7 +443,7 @@ fn refine(bench: &Bench<'_>, score: &Score) -> Score {
         let mut shape = best.hypothesis.shape.clone();
         match &mut shape {
             Shape::Periodic { harmonics, .. } | Shape::EncoderError { harmonics, .. } => *harmonics = more,
-            Shape::Map { spacing_m, knots, .. } => {
+            Shape::Map { spacing_m, knots, .. } if 2 * *knots <= MOST_KNOTS => {
                 (*spacing_m, *knots) = (0.5 * *spacing_m, 2 * *knots - 1);
             }
             _ => break,
