@@ -14,6 +14,10 @@ const STEADY_HZ: f64 = 4.0;
 const FOLLOWS: f64 = 0.027;
 /// A line that one axis alone hears must last this long before it counts: hunting of a single drive does not.
 const ALONE_S: f64 = 1.0;
+/// Unless its power grows so many times beyond the least since that axis was sure: noise whose colour is not
+/// known exceeds by 6 dB what was already several times its mean in e^-12 of the cases; chatter has not done
+/// growing when it is heard.
+const GROWS_ON: f64 = 4.0;
 
 /// What all watched axes say together.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,9 +52,11 @@ struct Clock {
     line_hz: Option<f64>,
     alone_since_s: Option<f64>,
     together_since_s: Option<f64>,
+    /// Least power of what its axis is sure of, whichever lobe it is on.
+    sure_n2: Option<f64>,
 }
 
-crate::keyframe::keep!(Clock { line_hz, alone_since_s, together_since_s });
+crate::keyframe::keep!(Clock { line_hz, alone_since_s, together_since_s, sure_n2 });
 
 /// What is remembered of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -67,7 +73,7 @@ impl Clock {
         // A line that jumps about is the comb of a hunting drive: the clocks start again.
         let steady = self.line_hz.zip(output.frequency_hz).is_some_and(|(a, b)| (a - b).abs() < STEADY_HZ);
         if !steady {
-            *self = Self { line_hz: output.frequency_hz, ..Self::default() };
+            *self = Self { line_hz: output.frequency_hz, sure_n2: self.sure_n2, ..Self::default() };
         }
         if let Some((line_hz, now_hz)) = self.line_hz.as_mut().zip(output.frequency_hz) {
             *line_hz += FOLLOWS * (now_hz - *line_hz);
@@ -77,9 +83,11 @@ impl Clock {
             *clock = on.then(|| clock.unwrap_or(t_s));
             clock.map_or(0.0, |since_s| t_s - since_s)
         };
-        let alone = since(&mut self.alone_since_s, chatter) >= ALONE_S;
-        let together = since(&mut self.together_since_s, chatter && heard_by_another) >= TOGETHER_S;
-        alone || together
+        self.sure_n2 = chatter.then(|| self.sure_n2.unwrap_or(f64::INFINITY).min(output.power_n2));
+        let grown = self.sure_n2.is_some_and(|sure_n2| output.power_n2 > GROWS_ON * sure_n2);
+        let alone_s = since(&mut self.alone_since_s, chatter);
+        let together_s = since(&mut self.together_since_s, chatter && heard_by_another);
+        alone_s >= if grown { TOGETHER_S } else { ALONE_S } || together_s >= TOGETHER_S
     }
 }
 
@@ -190,6 +198,24 @@ mod tests {
         assert_eq!(phase(&mut state, 1.0, &alone), Phase::Chatter);
         // The only axis there is has nobody to ask.
         assert_eq!(phase(&mut AgreementState::default(), 0.0, &alone[..1]), Phase::Chatter);
+    }
+
+    #[test]
+    fn one_axis_alone_that_goes_on_growing_is_believed_soon() {
+        // 15 1/s, told of two lobes in turn: 6 dB after 46 ms, and then it must have stood for 120 ms.
+        let told = |growth_1_s: f64| {
+            let mut state = AgreementState::default();
+            (0..200).map(|k| 0.005 * f64::from(k)).find(|t_s| {
+                let lobe_hz = if *t_s < 0.1 { 540.0 } else { 570.0 };
+                let grows = ChatterOutput {
+                    power_n2: (2.0 * growth_1_s * t_s).exp().min(50.0),
+                    ..output(Phase::Chatter, lobe_hz)
+                };
+                phase(&mut state, *t_s, &[grows, output(Phase::Suspected, 650.0)]) == Phase::Chatter
+            })
+        };
+        assert!((0.21..0.24).contains(&told(15.0).unwrap()));
+        assert_eq!(told(0.5), None);
     }
 
     #[test]

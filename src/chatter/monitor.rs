@@ -28,6 +28,9 @@ pub struct ChatterSettings {
     pub sample_rate: SampleRate,
     /// Band in which there can be chatter.
     pub band: Band,
+    /// Whether the series is the force of a tool with its mean: a tool pushes and never pulls. Not so for
+    /// acceleration, nor where friction is left in the mean.
+    pub pushes: bool,
 }
 
 /// Why a stream cannot be watched.
@@ -78,6 +81,8 @@ const YOUNG_TURNS: f64 = 8.0;
 const SPEED_LAG_S: f64 = 1.0;
 /// The bank in which lines that move are followed.
 const FOLLOWED: usize = 1;
+/// The mixer's filter has filled after so many of its delays.
+const FILLED_DELAYS: f64 = 3.0;
 /// Nothing is decided before this much noise was heard.
 const LEARN_S: f64 = 0.4;
 
@@ -129,6 +134,10 @@ pub struct ChatterState {
     /// Of the strongest line, while what is known of the noise is not to be trusted.
     strongest: Scatter,
     strongest_until_s: f64,
+    /// Until when no noise of quiet cutting is known.
+    start_until_s: f64,
+    /// Until when what was refused is not asked again.
+    refused_until_s: f64,
     /// Until when the noise is learned as it is heard, whatever stands out: it was told by its scatter.
     noise_until_s: f64,
     /// Mean power of the band over the last quarter second, and as it was learned, N^2.
@@ -156,7 +165,7 @@ crate::keyframe::keep!(ChatterState {
     samples, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns, newest_speed_hz,
     speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
     detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s,
-    noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line, wide, wide_until_s,
+    start_until_s, refused_until_s, noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line, wide, wide_until_s,
     held_off_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
 
@@ -227,7 +236,9 @@ impl ChatterMonitor {
             foreign: Foreign::default(),
             scatter: Scatter::NEW,
             strongest: Scatter::NEW,
-            strongest_until_s: START_S,
+            strongest_until_s: 0.0,
+            start_until_s: START_S,
+            refused_until_s: 0.0,
             noise_until_s: 0.0,
             variance_n2: 0.0,
             whole_variance_n2: 0.0,
@@ -333,6 +344,9 @@ impl ChatterMonitor {
         if change == Change::Begins {
             state.detector.forget_suspicion();
             state.latest.event = Some(ChatterEvent::CutChanged);
+            if state.detector.phase() == Phase::Learning {
+                state.start_until_s = self.now_s(state) + START_S;
+            }
         }
     }
 
@@ -365,7 +379,10 @@ impl ChatterMonitor {
         } else {
             value
         };
-        state.past.push(whole, value, angle_turns);
+        // Not while the filter before it fills: a force that is there from the first sample rings in it.
+        if state.samples as f64 * self.settings.sample_rate.period_s() > FILLED_DELAYS * self.mix.delay_s() {
+            state.past.push(whole, value, angle_turns);
+        }
         state.fresh[state.fresh_count] = value;
         state.fresh_count += 1;
         state.variance_n2 += (value.norm_sqr() - state.variance_n2) * share;
@@ -390,6 +407,7 @@ impl ChatterMonitor {
         }
         state.fresh_count = 0;
         state.bank_evidence = [BankEvidence::default(); BANKS];
+        state.strongest.start_anew();
     }
 
     fn decide(&self, state: &mut ChatterState) {
@@ -455,7 +473,9 @@ impl ChatterMonitor {
             let standout = baseline.standout(among, leak, state.foreign.filters(bank));
             // A window that knows no noise yet says nothing, neither of a line nor of the level.
             let known = state.baselines[i].is_known();
-            let standout = if known { standout } else { Standout { contrast: 0.0, ..standout } };
+            let power_n2 = state.baselines[i].power(line);
+            let loudest = Standout { filter: line, contrast: 0.0, power_n2, ..standout };
+            let standout = if known { standout } else { loudest };
             state.bank_common[i] = if known { standout.common } else { f64::INFINITY };
             evidence.banks[i] = self.bank_evidence(state, i, (standout, (line, growth_1_s)));
         }
