@@ -14,10 +14,9 @@ const STEADY_HZ: f64 = 4.0;
 const FOLLOWS: f64 = 0.027;
 /// A line that one axis alone hears must last this long before it counts: hunting of a single drive does not.
 const ALONE_S: f64 = 1.0;
-/// Unless its power grows so many times beyond the least since that axis was sure: noise whose colour is not
-/// known exceeds by 6 dB what was already several times its mean in e^-12 of the cases; chatter has not done
-/// growing when it is heard.
-const GROWS_ON: f64 = 4.0;
+/// A line so many times over the noise must last no longer than two axes must agree, a weaker one as much
+/// longer as it is weaker: noise of a colour that is not known swells, and is gone before it weighs as much.
+const CLEAR: f64 = 500.0;
 
 /// What all watched axes say together.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,11 +51,12 @@ struct Clock {
     line_hz: Option<f64>,
     alone_since_s: Option<f64>,
     together_since_s: Option<f64>,
-    /// Least power of what its axis is sure of, whichever lobe it is on.
-    sure_n2: Option<f64>,
+    /// Time since then, each moment weighed by how clear the line stands.
+    clear_s: f64,
+    looked_s: f64,
 }
 
-crate::keyframe::keep!(Clock { line_hz, alone_since_s, together_since_s, sure_n2 });
+crate::keyframe::keep!(Clock { line_hz, alone_since_s, together_since_s, clear_s, looked_s });
 
 /// What is remembered of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -73,7 +73,7 @@ impl Clock {
         // A line that jumps about is the comb of a hunting drive: the clocks start again.
         let steady = self.line_hz.zip(output.frequency_hz).is_some_and(|(a, b)| (a - b).abs() < STEADY_HZ);
         if !steady {
-            *self = Self { line_hz: output.frequency_hz, sure_n2: self.sure_n2, ..Self::default() };
+            *self = Self { line_hz: output.frequency_hz, looked_s: self.looked_s, ..Self::default() };
         }
         if let Some((line_hz, now_hz)) = self.line_hz.as_mut().zip(output.frequency_hz) {
             *line_hz += FOLLOWS * (now_hz - *line_hz);
@@ -83,11 +83,12 @@ impl Clock {
             *clock = on.then(|| clock.unwrap_or(t_s));
             clock.map_or(0.0, |since_s| t_s - since_s)
         };
-        self.sure_n2 = chatter.then(|| self.sure_n2.unwrap_or(f64::INFINITY).min(output.power_n2));
-        let grown = self.sure_n2.is_some_and(|sure_n2| output.power_n2 > GROWS_ON * sure_n2);
+        let passed_s = (t_s - std::mem::replace(&mut self.looked_s, t_s)).clamp(0.0, TOGETHER_S);
+        self.clear_s = if chatter { self.clear_s + passed_s * output.contrast / CLEAR } else { 0.0 };
+        let clear = self.clear_s >= TOGETHER_S;
         let alone_s = since(&mut self.alone_since_s, chatter);
         let together_s = since(&mut self.together_since_s, chatter && heard_by_another);
-        alone_s >= if grown { TOGETHER_S } else { ALONE_S } || together_s >= TOGETHER_S
+        alone_s >= if clear { TOGETHER_S } else { ALONE_S } || together_s >= TOGETHER_S
     }
 }
 
@@ -201,21 +202,17 @@ mod tests {
     }
 
     #[test]
-    fn one_axis_alone_that_goes_on_growing_is_believed_soon() {
-        // 15 1/s, told of two lobes in turn: 6 dB after 46 ms, and then it must have stood for 120 ms.
-        let told = |growth_1_s: f64| {
+    fn one_axis_alone_is_believed_the_sooner_the_clearer_it_is() {
+        let told_s = |contrast: f64| {
             let mut state = AgreementState::default();
-            (0..200).map(|k| 0.005 * f64::from(k)).find(|t_s| {
-                let lobe_hz = if *t_s < 0.1 { 540.0 } else { 570.0 };
-                let grows = ChatterOutput {
-                    power_n2: (2.0 * growth_1_s * t_s).exp().min(50.0),
-                    ..output(Phase::Chatter, lobe_hz)
-                };
-                phase(&mut state, *t_s, &[grows, output(Phase::Suspected, 650.0)]) == Phase::Chatter
+            (0..300).map(|k| 0.005 * f64::from(k)).find(|t_s| {
+                let alone = ChatterOutput { contrast, ..output(Phase::Chatter, 540.0) };
+                phase(&mut state, *t_s, &[alone, output(Phase::Suspected, 650.0)]) == Phase::Chatter
             })
         };
-        assert!((0.21..0.24).contains(&told(15.0).unwrap()));
-        assert_eq!(told(0.5), None);
+        for (contrast, after_s) in [(3000.0, 0.12), (500.0, 0.12), (150.0, 0.4), (30.0, 1.0)] {
+            assert!((told_s(contrast).unwrap() - after_s).abs() < 0.011, "{contrast}");
+        }
     }
 
     #[test]

@@ -7,9 +7,6 @@ use super::{ChatterMonitor, ChatterState, STRIDES};
 
 /// The window of the second look, s.
 const LOOK_TAU_S: f64 = 0.025;
-/// What it refused is not asked again before the window is another: of many looks at one doubtful line one
-/// would let it pass.
-const ASK_AGAIN_S: f64 = 2.0 * LOOK_TAU_S;
 /// A line whose phase advances by less of a turn than this from one turn of the spindle to the next is made
 /// of orders.
 const REPEATS: f64 = 0.16;
@@ -70,9 +67,8 @@ impl ChatterMonitor {
         let before = state.detector.clone();
         let event = state.detector.step(evidence);
         if let Some(ChatterEvent::Onset(line)) = event
-            && (evidence.t_s < state.refused_until_s || self.is_refused(state, &line))
+            && self.is_refused(state, &line)
         {
-            state.refused_until_s = state.refused_until_s.max(evidence.t_s + ASK_AGAIN_S);
             state.detector.refuse(&before);
             return None;
         }

@@ -21,7 +21,8 @@ pub(super) const START_S: f64 = 1.2;
 const DOUBTFUL_S: f64 = 10.0;
 /// It must be so far above the middle of the band.
 const OVER_FLOOR: f64 = 100.0;
-/// There it counts after so many (48 ms) if it was seen to rise.
+/// There it counts after so many looks (48 ms) if it was seen to rise; where it stands less clear, after
+/// `LEAST_LOOKS`.
 const GREW_LOOKS: u64 = 12;
 const GREW_OVER_FLOOR: f64 = 50.0;
 /// At the start so many looks (0.2 s, after as long again) are enough, if its amplitude is this share of
@@ -104,13 +105,12 @@ impl ChatterMonitor {
         let power_there_n2 = self.power_near(state, line_hz);
         state.strongest.look(power_there_n2, power_n2, floor_n2);
         let lasts = |looks| state.strongest.line_hz(looks).is_some();
-        let grew = || {
-            state.strongest.followed() >= GREW_LOOKS
-                && state.past.rose(self.mix.output_rate_hz(), line_hz - self.mix.centre_hz())
-        };
+        let rose = || state.past.rose(self.mix.output_rate_hz(), line_hz - self.mix.centre_hz());
         let stands = if start {
-            let loud = power_n2 > OVER_FLOOR * floor_n2 && self.loud_in_cut(state, power_n2, floor_n2);
-            loud && lasts(LEAST_LOOKS) || grew()
+            let clear = power_n2 > OVER_FLOOR * floor_n2;
+            let long = lasts(LEAST_LOOKS);
+            clear && long && self.loud_in_cut(state, power_n2, floor_n2)
+                || (long || clear && state.strongest.followed() >= GREW_LOOKS) && rose()
         } else {
             lasts(ENOUGH)
         };
