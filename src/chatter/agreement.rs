@@ -14,6 +14,9 @@ const STEADY_HZ: f64 = 4.0;
 const FOLLOWS: f64 = 0.027;
 /// A line that one axis alone hears must last this long before it counts: hunting of a single drive does not.
 const ALONE_S: f64 = 1.0;
+/// A line so many times over the noise must last no longer than two axes must agree, a weaker one as much
+/// longer as it is weaker: noise of a colour that is not known swells, and is gone before it weighs as much.
+const CLEAR: f64 = 500.0;
 
 /// What all watched axes say together.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,9 +51,12 @@ struct Clock {
     line_hz: Option<f64>,
     alone_since_s: Option<f64>,
     together_since_s: Option<f64>,
+    /// Time since then, each moment weighed by how clear the line stands.
+    clear_s: f64,
+    looked_s: f64,
 }
 
-crate::keyframe::keep!(Clock { line_hz, alone_since_s, together_since_s });
+crate::keyframe::keep!(Clock { line_hz, alone_since_s, together_since_s, clear_s, looked_s });
 
 /// What is remembered of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -67,7 +73,7 @@ impl Clock {
         // A line that jumps about is the comb of a hunting drive: the clocks start again.
         let steady = self.line_hz.zip(output.frequency_hz).is_some_and(|(a, b)| (a - b).abs() < STEADY_HZ);
         if !steady {
-            *self = Self { line_hz: output.frequency_hz, ..Self::default() };
+            *self = Self { line_hz: output.frequency_hz, looked_s: self.looked_s, ..Self::default() };
         }
         if let Some((line_hz, now_hz)) = self.line_hz.as_mut().zip(output.frequency_hz) {
             *line_hz += FOLLOWS * (now_hz - *line_hz);
@@ -77,9 +83,12 @@ impl Clock {
             *clock = on.then(|| clock.unwrap_or(t_s));
             clock.map_or(0.0, |since_s| t_s - since_s)
         };
-        let alone = since(&mut self.alone_since_s, chatter) >= ALONE_S;
-        let together = since(&mut self.together_since_s, chatter && heard_by_another) >= TOGETHER_S;
-        alone || together
+        let passed_s = (t_s - std::mem::replace(&mut self.looked_s, t_s)).clamp(0.0, TOGETHER_S);
+        self.clear_s = if chatter { self.clear_s + passed_s * output.contrast / CLEAR } else { 0.0 };
+        let clear = self.clear_s >= TOGETHER_S;
+        let alone_s = since(&mut self.alone_since_s, chatter);
+        let together_s = since(&mut self.together_since_s, chatter && heard_by_another);
+        alone_s >= if clear { TOGETHER_S } else { ALONE_S } || together_s >= TOGETHER_S
     }
 }
 
@@ -190,6 +199,20 @@ mod tests {
         assert_eq!(phase(&mut state, 1.0, &alone), Phase::Chatter);
         // The only axis there is has nobody to ask.
         assert_eq!(phase(&mut AgreementState::default(), 0.0, &alone[..1]), Phase::Chatter);
+    }
+
+    #[test]
+    fn one_axis_alone_is_believed_the_sooner_the_clearer_it_is() {
+        let told_s = |contrast: f64| {
+            let mut state = AgreementState::default();
+            (0..300).map(|k| 0.005 * f64::from(k)).find(|t_s| {
+                let alone = ChatterOutput { contrast, ..output(Phase::Chatter, 540.0) };
+                phase(&mut state, *t_s, &[alone, output(Phase::Suspected, 650.0)]) == Phase::Chatter
+            })
+        };
+        for (contrast, after_s) in [(3000.0, 0.12), (500.0, 0.12), (150.0, 0.4), (30.0, 1.0)] {
+            assert!((told_s(contrast).unwrap() - after_s).abs() < 0.011, "{contrast}");
+        }
     }
 
     #[test]

@@ -50,8 +50,15 @@ pub(super) struct Lesson {
 
 /// Noise stands at most this far above the middle of the band.
 const LEVEL: f64 = 4.0;
+/// What the middle of the band says of one filter counts as so many looks at it.
+const LEVEL_LOOKS: f64 = 6.0;
 /// Neighbours on each side that a filter is believed by.
 const REACH: usize = 4;
+/// Share of their mean that it is believed to have at least.
+const FLOOR: f64 = 0.7;
+/// Independent looks in that mean for each look at one filter. Filters k apart (0.12 k / tau) correlate by
+/// r_k = (1 + (0.12 pi k)^2)^-3; nine of them are 81 / (9 + 2 sum (9 - k) r_k).
+const POOLED: f64 = 3.2;
 
 impl Baseline {
     pub(super) fn new(filters: usize) -> Self {
@@ -93,8 +100,16 @@ impl Baseline {
         if ratios.is_empty() { 0.0 } else { *ratios.select_nth_unstable_by(middle, f64::total_cmp).1 }
     }
 
-    /// Takes what stands far above the rest out of what is known: it was no noise.
+    /// Takes what stands far above the rest out of what is known: it was no noise. Where nothing is known the
+    /// middle of the band is.
     pub(super) fn level(&mut self) {
+        if !self.is_known() {
+            let middle = (self.median(0..self.powers.len()) / std::f64::consts::LN_2).max(f64::MIN_POSITIVE);
+            self.expected.fill(middle);
+            self.believed.fill(middle);
+            self.set_looks(LEVEL_LOOKS);
+            return;
+        }
         let middle = self.expected.len() / 2;
         self.ratios.copy_from_slice(&self.expected);
         let (_, median, _) = self.ratios.select_nth_unstable_by(middle, f64::total_cmp);
@@ -142,9 +157,15 @@ impl Baseline {
 
     /// Contrast that noise exceeds with probability e^-`nepers`, when it is known from as many looks as here.
     ///
-    /// n (e^{T/n} - 1): the ratio of one exponential to the mean of n others; T for n without end.
+    /// n (e^{T/n} - 1): the ratio of one exponential to the mean of n others; T for n without end. What is
+    /// believed is at least `FLOOR` of the neighbours' mean, which is of `POOLED` n others.
     fn threshold(&self, nepers: f64) -> f64 {
-        if !self.is_known() { f64::INFINITY } else { self.looks * (nepers / self.looks).exp_m1() }
+        let exceeded = |looks: f64| looks * (nepers / looks).exp_m1();
+        if !self.is_known() {
+            f64::INFINITY
+        } else {
+            exceeded(self.looks).min(exceeded(POOLED * self.looks) / FLOOR)
+        }
     }
 
     /// Learned power at a filter.
@@ -307,7 +328,7 @@ impl Kernel for Learn<'_> {
             let limit = if self.most.is_finite() { self.most * *known } else { f64::INFINITY };
             *known += self.share * (power.min(limit) - *known);
         }
-        let floor = |sum: f64, count: f64| 0.7 * sum / count;
+        let floor = |sum: f64, count: f64| FLOOR * sum / count;
         let around = expected.windows(2 * REACH + 1).map(|w| floor(w.iter().sum(), (2 * REACH + 1) as f64));
         for ((believed, known), floor) in believed.iter_mut().zip(&*expected).skip(REACH).zip(around) {
             *believed = known.max(floor).max(f64::MIN_POSITIVE);
@@ -363,6 +384,27 @@ mod tests {
         assert!((baseline.expected(5) - 0.7 * 8.0).abs() < 1e-9);
         assert!((baseline.expected(0) - 0.7 * 36.0 / 5.0).abs() < 1e-9);
         assert!((baseline.expected(8) - 9.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn few_looks_at_a_filter_are_many_at_its_neighbours() {
+        let mut baseline = Baseline::new(25);
+        let mut confirm = |looks: f64| {
+            baseline.set_looks(looks);
+            baseline.thresholds()[1]
+        };
+        // Alone, six looks ask for 114; long known it is e^-18.
+        assert!((confirm(6.0) - 19.2 * (18.0f64 / 19.2).exp_m1() / 0.7).abs() < 1e-9 && confirm(6.0) < 43.0);
+        assert!((confirm(1e6) - CONFIRM).abs() < 1e-3);
+    }
+
+    #[test]
+    fn where_nothing_is_known_the_middle_of_the_band_is() {
+        let mut baseline = Baseline::new(25);
+        hear(&mut baseline, |k| if k == 15 { 400.0 } else { std::f64::consts::LN_2 });
+        baseline.level();
+        let line = baseline.standout(0..25, Leak::NONE, std::iter::empty());
+        assert!(baseline.is_known() && line.filter == 15 && line.contrast > 300.0, "{line:?}");
     }
 
     #[test]

@@ -8,6 +8,8 @@ const LOOK_S: f64 = 0.005;
 const SMOOTH_S: f64 = 0.012;
 /// Looks that are kept: a third of a second, one turn at 190 rpm.
 const LOOKS: usize = 64;
+/// Looks that are the newest: 0.1 s.
+const NEWEST: usize = 20;
 /// Looks after a change within which another belongs to it: 0.3 s.
 const QUIET_LOOKS: usize = 60;
 /// Share of the force that a change must have: chatter itself moves the mean by less.
@@ -61,6 +63,14 @@ impl CutLevelState {
     pub(super) fn mean_n(&self) -> f64 {
         let seen = self.seen.min(LOOKS);
         self.looks[..seen].iter().sum::<f64>() / seen.max(1) as f64
+    }
+
+    /// Size of the mean force, of the last third of a second or of the newest part of it, whichever is
+    /// greater: the tools may have entered since.
+    pub(super) fn size_n(&self) -> f64 {
+        let newest = &self.looks[..self.seen.clamp(1, NEWEST)];
+        let newest_n = newest.iter().sum::<f64>() / newest.len() as f64;
+        self.mean_n().abs().max(newest_n.abs())
     }
 }
 

@@ -1,10 +1,11 @@
 //! The monitor of one force stream: signal processing and decision together.
 
+mod learning;
 mod trial;
 mod watch;
 
 use super::band::{Band, BandError};
-use super::baseline::{Baseline, Lesson, Standout};
+use super::baseline::{Baseline, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
 use super::detector::{BANKS, BankEvidence, Detector, Evidence, PLACED, between_orders, on_an_order};
 use super::foreign::Foreign;
@@ -28,6 +29,9 @@ pub struct ChatterSettings {
     pub sample_rate: SampleRate,
     /// Band in which there can be chatter.
     pub band: Band,
+    /// Whether the series is the force of a tool with its mean: a tool pushes and never pulls. Not so for
+    /// acceleration, nor where friction is left in the mean.
+    pub pushes: bool,
 }
 
 /// Why a stream cannot be watched.
@@ -60,14 +64,9 @@ const REACH: f64 = 1.4;
 const VARIANCE_S: f64 = 0.25;
 /// Between two decisions.
 const DECISION_S: f64 = 0.004;
-/// Noise is averaged over this long once it is known.
-const NOISE_MEMORY_S: f64 = 15.0;
 /// What is known of the noise counts as this many looks after the cut changed. Longer windows see the lobes
 /// of the new cut as lines: they are trusted less.
 const DOUBT_LOOKS: [f64; BANKS] = [10.0, 10.0, 8.0, 6.0];
-/// Most that a power counts over what is known, usually and while the noise is another.
-const USUAL_MOST: f64 = 4.0;
-const LEARNING_MOST: f64 = 8.0;
 /// The noise of another cut is learned over this long.
 const RELEARN_S: f64 = 0.6;
 /// Orders may move this far within the memory of their notches: the structure answers otherwise elsewhere.
@@ -78,8 +77,8 @@ const YOUNG_TURNS: f64 = 8.0;
 const SPEED_LAG_S: f64 = 1.0;
 /// The bank in which lines that move are followed.
 const FOLLOWED: usize = 1;
-/// Nothing is decided before this much noise was heard.
-const LEARN_S: f64 = 0.4;
+/// The mixer's filter has filled after so many of its delays.
+const FILLED_DELAYS: f64 = 3.0;
 
 /// Watches one force stream for chatter: immutable design.
 #[derive(Debug, Clone, PartialEq)]
@@ -129,6 +128,8 @@ pub struct ChatterState {
     /// Of the strongest line, while what is known of the noise is not to be trusted.
     strongest: Scatter,
     strongest_until_s: f64,
+    /// Until when no noise of quiet cutting is known.
+    start_until_s: f64,
     /// Until when the noise is learned as it is heard, whatever stands out: it was told by its scatter.
     noise_until_s: f64,
     /// Mean power of the band over the last quarter second, and as it was learned, N^2.
@@ -156,8 +157,8 @@ crate::keyframe::keep!(ChatterState {
     samples, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns, newest_speed_hz,
     speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
     detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s,
-    noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line, wide, wide_until_s,
-    held_off_s, orders_new_until_s, relearn_until_s, latest
+    start_until_s, noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line,
+    wide, wide_until_s, held_off_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
 
 impl ChatterMonitor {
@@ -227,7 +228,8 @@ impl ChatterMonitor {
             foreign: Foreign::default(),
             scatter: Scatter::NEW,
             strongest: Scatter::NEW,
-            strongest_until_s: START_S,
+            strongest_until_s: 0.0,
+            start_until_s: START_S,
             noise_until_s: 0.0,
             variance_n2: 0.0,
             whole_variance_n2: 0.0,
@@ -333,6 +335,9 @@ impl ChatterMonitor {
         if change == Change::Begins {
             state.detector.forget_suspicion();
             state.latest.event = Some(ChatterEvent::CutChanged);
+            if state.detector.phase() == Phase::Learning {
+                state.start_until_s = self.now_s(state) + START_S;
+            }
         }
     }
 
@@ -365,7 +370,10 @@ impl ChatterMonitor {
         } else {
             value
         };
-        state.past.push(whole, value, angle_turns);
+        // Not while the filter before it fills: a force that is there from the first sample rings in it.
+        if state.samples as f64 * self.settings.sample_rate.period_s() > FILLED_DELAYS * self.mix.delay_s() {
+            state.past.push(whole, value, angle_turns);
+        }
         state.fresh[state.fresh_count] = value;
         state.fresh_count += 1;
         state.variance_n2 += (value.norm_sqr() - state.variance_n2) * share;
@@ -390,6 +398,9 @@ impl ChatterMonitor {
         }
         state.fresh_count = 0;
         state.bank_evidence = [BankEvidence::default(); BANKS];
+        if self.now_s(state) < state.start_until_s {
+            state.strongest.start_anew();
+        }
     }
 
     fn decide(&self, state: &mut ChatterState) {
@@ -455,7 +466,9 @@ impl ChatterMonitor {
             let standout = baseline.standout(among, leak, state.foreign.filters(bank));
             // A window that knows no noise yet says nothing, neither of a line nor of the level.
             let known = state.baselines[i].is_known();
-            let standout = if known { standout } else { Standout { contrast: 0.0, ..standout } };
+            let power_n2 = state.baselines[i].power(line);
+            let loudest = Standout { filter: line, contrast: 0.0, power_n2, ..standout };
+            let standout = if known { standout } else { loudest };
             state.bank_common[i] = if known { standout.common } else { f64::INFINITY };
             evidence.banks[i] = self.bank_evidence(state, i, (standout, (line, growth_1_s)));
         }
@@ -519,44 +532,6 @@ impl ChatterMonitor {
             } else {
                 bank.growth_1_s(bank_state, standout.filter)
             },
-        }
-    }
-
-    fn learn_variance(&self, state: &mut ChatterState, period_s: f64) {
-        let usual = &mut state.usual_variance_n2;
-        let counted = if *usual > 0.0 { state.variance_n2.min(4.0 * *usual) } else { state.variance_n2 };
-        *usual += (counted - *usual) * (period_s / (state.heard_s + period_s).min(NOISE_MEMORY_S));
-    }
-
-    /// Of every window, or of those alone that know nothing yet.
-    fn learn(&self, state: &mut ChatterState, period_s: f64, every: bool) {
-        if every || state.baselines.iter().any(|b| !b.is_known()) {
-            state.heard_s += period_s;
-        }
-        // The lobes of the noise move with the speed: what is older than their move of 3 Hz is no guide.
-        let relative_1_s = self.relative_speed_change_1_s(state);
-        let now_s = self.now_s(state);
-        let most = match now_s {
-            now_s if now_s < state.noise_until_s => f64::INFINITY,
-            now_s if now_s < state.relearn_until_s => LEARNING_MOST,
-            _ => USUAL_MOST,
-        };
-        let memory_s = (3.0 / (self.mix.centre_hz() * relative_1_s).max(1e-9)).clamp(1.5, NOISE_MEMORY_S);
-        let parts = self.banks.iter().zip(&mut state.baselines).zip(STRIDES);
-        for ((bank, baseline), stride) in parts {
-            if !state.decisions.is_multiple_of(stride) || (!every && baseline.is_known()) {
-                continue;
-            }
-            let period_s = period_s * stride as f64;
-            // Not before the window is full; the window's noise is independent after about 3 tau.
-            if state.heard_s > 6.0 * bank.tau_s() {
-                let looks = period_s / (3.0 * bank.tau_s());
-                let memory_looks = memory_s / (3.0 * bank.tau_s());
-                baseline.learn(Lesson { looks, memory_looks, most });
-            }
-        }
-        if state.heard_s > LEARN_S {
-            state.detector.learned();
         }
     }
 

@@ -29,6 +29,12 @@ const THERE: f64 = 0.5;
 /// It moved if that is so much more than it scatters about a steady motion, and at least this.
 const OVER_SCATTER: f64 = 9.0;
 const LEAST_MOVE_HZ: f64 = 4.0;
+/// The windows in which a line is what it is and was what it was, so many of these in a row, and what its
+/// power was at most of what it is: 10 dB.
+const RISEN_TAU_S: f64 = 0.025;
+const BEFORE_TAU_S: f64 = 0.0125;
+const BEFORE_LOOKS: usize = 3;
+const ROSE: f64 = 0.1;
 
 /// The band and the spindle's angle, newest at `next - 1`.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,6 +56,13 @@ crate::keyframe::keep!(Past { whole, values, angles_turns, next, seen }
 pub(super) struct Sight {
     pub(super) frequency_hz: f64,
     pub(super) tau_s: f64,
+}
+
+/// A steady motion: its rate, and how far it has gone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Motion {
+    pub(super) moves_hz_s: f64,
+    pub(super) moved_hz: f64,
 }
 
 impl Past {
@@ -114,12 +127,30 @@ impl Past {
         Some((phase - phase.round(), then.norm() / now.norm().max(f64::MIN_POSITIVE)))
     }
 
-    /// Hz/s by which a line has moved steadily, at an amplitude that it had before; nothing where it stood,
+    /// How a line has moved steadily, at an amplitude that it had before; nothing where it stood,
     /// was not there, or wandered. Checked by: `a_line_that_sweeps_is_traced_and_one_that_grows_is_not`.
-    pub(super) fn moves_hz_s(&self, rate_hz: f64, sight: Sight) -> Option<f64> {
+    pub(super) fn motion(&self, rate_hz: f64, sight: Sight) -> Option<Motion> {
         // The notches take what crosses an order, the orders hide what is weaker than they are.
-        let trace = |series| self.trace_hz_s(series, rate_hz, sight);
+        let trace = |series| self.trace(series, rate_hz, sight);
         trace(&self.values).or_else(|| trace(&self.whole))
+    }
+
+    /// Whether a line (relative to the centre) has risen by 10 dB within what is kept. Checked by:
+    /// `what_grows_has_risen_and_what_stood_has_not`.
+    pub(super) fn rose(&self, rate_hz: f64, frequency_hz: f64) -> bool {
+        let power = |tau_s: f64, k: usize| {
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
+            let back = (STEP_S * k as f64 * rate_hz) as usize;
+            let sight = Sight { frequency_hz, tau_s };
+            self.amplitude(&self.values, rate_hz, sight, back).map(|a| a.norm_sqr())
+        };
+        let Some(now) = power(RISEN_TAU_S, 0) else { return false };
+        let mut before = [f64::INFINITY; BEFORE_LOOKS];
+        (1..).map_while(|k| power(BEFORE_TAU_S, k)).any(|then| {
+            before.rotate_left(1);
+            before[BEFORE_LOOKS - 1] = then;
+            before.iter().sum::<f64>() < ROSE * now * BEFORE_LOOKS as f64
+        })
     }
 
     /// Relative change of the spindle's speed over the stretch in which a line is traced, 1/s; 0 where it is
@@ -134,7 +165,7 @@ impl Past {
         if now + then > 0.0 { 2.0 * (now - then) / (now + then) * rate_hz / apart as f64 } else { 0.0 }
     }
 
-    fn trace_hz_s(&self, series: &[Complex<f64>], rate_hz: f64, sight: Sight) -> Option<f64> {
+    fn trace(&self, series: &[Complex<f64>], rate_hz: f64, sight: Sight) -> Option<Motion> {
         let least = THERE * self.amplitude(series, rate_hz, sight, 0)?.norm();
         let mut places = [0.0; STEPS];
         let mut hz = sight.frequency_hz;
@@ -167,12 +198,13 @@ impl Past {
     }
 }
 
-/// Hz/s of places that are a step apart, newest first, if they lie on a line that is no level one.
-fn steady_motion(places: &[f64]) -> Option<f64> {
+/// Motion through places that are a step apart, newest first, if they lie on a line that is no level one.
+fn steady_motion(places: &[f64]) -> Option<Motion> {
     let n = places.len() as f64;
     let [slope, scatter] = straight_line(places);
     let moved = slope.abs() * (n - 1.0);
-    (moved > LEAST_MOVE_HZ && moved > OVER_SCATTER * scatter).then_some(-slope / STEP_S)
+    (moved > LEAST_MOVE_HZ && moved > OVER_SCATTER * scatter)
+        .then_some(Motion { moves_hz_s: -slope / STEP_S, moved_hz: moved })
 }
 
 #[cfg(test)]
@@ -218,8 +250,17 @@ mod tests {
     }
 
     #[test]
+    fn what_grows_has_risen_and_what_stood_has_not() {
+        let rose = |force: &dyn Fn(f64) -> Complex<f64>| past(force).rose(RATE_HZ, 1.3);
+        assert!(rose(&|t| wave(651.3 * t) * (15.0 * t).exp().min((15.0f64 * 0.9).exp())));
+        assert!(!rose(&|t| wave(651.3 * t) * (1.0 + 0.3 * (30.0 * t).sin())));
+    }
+
+    #[test]
     fn a_line_that_sweeps_is_traced_and_one_that_grows_is_not() {
-        let moves = |force: &dyn Fn(f64) -> Complex<f64>, hz| past(force).moves_hz_s(RATE_HZ, sight(hz));
+        let moves = |force: &dyn Fn(f64) -> Complex<f64>, hz| {
+            past(force).motion(RATE_HZ, sight(hz)).map(|m| m.moves_hz_s)
+        };
         for rate in [-300.0, -40.0, 60.0, 250.0] {
             let sweep = move |t: f64| wave(650.0 * (t - 1.0) + 0.5 * rate * (t - 1.0).powi(2));
             let found = moves(&sweep, 650.0 - rate * 0.05).unwrap();

@@ -91,6 +91,16 @@ impl Scatter {
         Some(self.line_hz)
     }
 
+    /// The bank was emptied: what it shows begins anew.
+    pub(super) fn start_anew(&mut self) {
+        self.filled = 0;
+    }
+
+    /// Decisions for which it has been looked at without a break.
+    pub(super) fn followed(&self) -> u64 {
+        self.filled
+    }
+
     /// Takes the power there, that of the strongest line, and that of the noise known there.
     pub(super) fn look(&mut self, power: f64, strongest: f64, known: f64) {
         self.away = if power < LESSER * strongest { self.away + 1 } else { 0 };

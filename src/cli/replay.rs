@@ -184,6 +184,8 @@ struct Source<'a> {
     axes: Vec<String>,
     rate: crate::units::SampleRate,
     signals: Signals<'a>,
+    /// Whether they are forces as a dynamometer gives them, with their mean.
+    pushes: bool,
     speed: Option<&'a [f64]>,
     speed_given_rpm: Option<f64>,
     angle: Option<&'a [f64]>,
@@ -264,10 +266,14 @@ impl<'a> Source<'a> {
         if axes.len() > MAX_AXES {
             return Err(format!("{} axes; at most {MAX_AXES} are watched", axes.len()));
         }
+        let measured = |column: &DirectColumn<'_>| column.flags.is_none();
+        let pushes = arguments.signal == "force_n"
+            && matches!(&signals, Signals::Direct(columns) if columns.iter().all(measured));
         Ok(Self {
             axes,
             rate: recording.sample_rate,
             signals,
+            pushes,
             speed: recording.get("spindle_speed_rpm"),
             speed_given_rpm: arguments.spindle_speed_rpm,
             angle: recording.get("spindle_angle_rad"),
@@ -295,6 +301,7 @@ impl<'a> Source<'a> {
                     .collect(),
                 band: config.pipeline_settings(self.rate, &self.axes).band,
                 tools: None,
+                pushes: self.pushes,
             },
         };
         if let Some(band) = band {

@@ -483,6 +483,7 @@ impl ServiceConfig {
                 let index = axes.iter().position(|a| a == axis)?;
                 Some(ToolAxis { index, zero_m: *zero_m, toward_chuck: *toward_chuck })
             }),
+            pushes: false, // friction is left in the mean of an estimate
         }
     }
 

@@ -20,7 +20,8 @@ pub use keyframe::KeyframeError;
 pub use settings::{AxisPlan, BandPlan, PipelineError, PipelineSettings, ToolAxis};
 
 use crate::chatter::{
-    Agreement, AgreementState, ChatterEvent, ChatterMonitor, ChatterOutput, ChatterState, Line, Phase, agree,
+    Agreement, AgreementState, ChatterEvent, ChatterMonitor, ChatterOutput, ChatterSettings, ChatterState,
+    Line, Phase, agree,
 };
 use crate::force::disagreement::Disagreement;
 use crate::force::estimator::{ForceEstimate, MotionSample};
@@ -122,8 +123,11 @@ impl Pipeline {
     pub fn new(settings: PipelineSettings) -> Result<Self, PipelineError> {
         settings.check()?;
         let band = settings.band.band()?;
-        let monitor =
-            ChatterMonitor::new(crate::chatter::ChatterSettings { sample_rate: settings.sample_rate, band })?;
+        let monitor = ChatterMonitor::new(ChatterSettings {
+            sample_rate: settings.sample_rate,
+            band,
+            pushes: settings.pushes,
+        })?;
         let channels = settings.axes.iter().map(|a| settings.channel(a)).collect::<Result<Vec<_>, _>>()?;
         let observers = settings.observers(|axis| axis.force.as_ref())?;
         let beside = settings.axes.iter().any(|axis| axis.beside.is_some());

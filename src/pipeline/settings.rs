@@ -96,6 +96,8 @@ pub struct PipelineSettings {
     pub band: BandPlan,
     /// What tells where along the bar the tools are.
     pub tools: Option<ToolAxis>,
+    /// Whether what is listened to is the force of a tool with its mean, from elsewhere: a tool never pulls.
+    pub pushes: bool,
 }
 
 /// Why there can be no such pipeline.

@@ -27,9 +27,16 @@ fn listen(more: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
 
 /// The same, heard from `start_s` on.
 fn listen_from(start_s: f64, more: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
+    let cut = |t: f64| (80.0 + orders(t)) * ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0);
+    hear(start_s, true, |t| cut(t) + more(t))
+}
+
+/// What is said of a force under noise; `pushes`: its mean is the cut's.
+fn hear(start_s: f64, pushes: bool, force: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
     let settings = ChatterSettings {
         sample_rate: SampleRate::new(RATE_HZ).unwrap(),
         band: Band::new(500.0, 750.0).unwrap(),
+        pushes,
     };
     let monitor = ChatterMonitor::new(settings).unwrap();
     let mut state = monitor.start();
@@ -37,9 +44,7 @@ fn listen_from(start_s: f64, more: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEven
     let mut found = Vec::new();
     for n in (start_s * RATE_HZ) as u32..(12.0 * RATE_HZ) as u32 {
         let t = f64::from(n) / RATE_HZ;
-        let engaged = ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0);
-        let force_n = (80.0 + orders(t)) * engaged + 2.0 * noise.next() + more(t);
-        let event = monitor.step(&mut state, force_n, Some(60.0 * TURN_HZ));
+        let event = monitor.step(&mut state, force(t) + 2.0 * noise.next(), Some(60.0 * TURN_HZ));
         if let Some(event @ (ChatterEvent::Onset(_) | ChatterEvent::End)) = event {
             found.push((t, event));
         }
@@ -107,6 +112,35 @@ fn chatter_that_is_there_from_the_first_sample_is_heard() {
     assert!(listen_from(5.0, |t| 60.0 * (-12.0 * (t - 5.0)).exp() * line(t, 651.3)).is_empty());
 }
 
+/// The recording begins with the cut, and it chatters from the first turn: what is learned then is not it.
+#[test]
+fn chatter_that_grows_before_any_noise_is_known_is_heard() {
+    for (growth_1_s, most_n, from_s) in
+        [(15.0, 17.0, 0.95), (30.0, 27.0, 0.7), (30.0, 5.0, 0.6), (8.0, 17.0, 0.8)]
+    {
+        let grown = |t: f64| (0.3 * (growth_1_s * (t - 1.05)).exp()).min(most_n);
+        let found = listen_from(from_s, |t| if t > 1.05 { grown(t) * line(t, 651.3) } else { 0.0 });
+        let [(onset_s, ChatterEvent::Onset(heard))] = found[..] else { panic!("{growth_1_s} {found:?}") };
+        // 2 N is what rises above the orders that are not known yet.
+        let loud_s = 1.05 + (2.0f64 / 0.3).ln() / growth_1_s;
+        assert!((0.0..0.3).contains(&(onset_s - loud_s)), "{growth_1_s} {onset_s} {loud_s}");
+        assert!((heard.frequency_hz - 651.3).abs() < 3.0, "{growth_1_s} {heard:?}");
+    }
+}
+
+/// A tool only pushes: where it does not, a line is not its.
+#[test]
+fn a_line_without_a_cutting_force_is_not_chatter() {
+    let tone = |t: f64| if t > 4.0 { 4.0 * line(t, 651.3) } else { 0.0 };
+    assert!(hear(0.0, true, tone).is_empty());
+    // The zero drifts by as much as the noise.
+    assert!(hear(0.0, true, |t| 1.5 * line(t, 0.3) + tone(t)).is_empty());
+    // Of an acceleration nothing of the kind is known.
+    assert_eq!(hear(0.0, false, tone).len(), 1);
+    // And in the cut it is one.
+    assert_eq!(listen(tone).len(), 1);
+}
+
 /// A cut that shakes a lightly damped mode, 15 1/s, a thousand times louder than what was heard before.
 #[test]
 fn a_mode_that_noise_excites_is_told_by_its_scatter() {
@@ -168,11 +202,22 @@ fn a_line_that_sweeps_is_not_chatter_and_hides_none() {
     }
 }
 
+/// An encoder line comes into the band with a step of the feed and rests there: it has come too far.
+#[test]
+fn a_weak_line_that_came_from_elsewhere_and_rests_is_not_chatter() {
+    let line = |t: f64| {
+        let (since, beyond) = ((t - 6.0).clamp(0.0, 0.25), (t - 6.25).max(0.0));
+        let turns = 455.0 * (t - 6.0) + 150.0 * (0.5 * since * since + 0.25 * beyond);
+        if t > 5.95 { 1.2 * (std::f64::consts::TAU * turns).sin() } else { 0.0 }
+    };
+    assert!(listen(line).is_empty(), "{:?}", listen(line));
+}
+
 /// Between two orders it moves as they do: no line that sweeps by itself.
 #[test]
 fn chatter_that_goes_with_the_speed_is_heard() {
     let band = Band::new(500.0, 750.0).unwrap();
-    let settings = ChatterSettings { sample_rate: SampleRate::new(RATE_HZ).unwrap(), band };
+    let settings = ChatterSettings { sample_rate: SampleRate::new(RATE_HZ).unwrap(), band, pushes: true };
     let monitor = ChatterMonitor::new(settings).unwrap();
     for order in [36.4, 37.6] {
         let (mut state, mut noise, mut turns, mut onset_s) = (monitor.start(), Noise(3), 0.0, None);

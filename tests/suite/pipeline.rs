@@ -36,6 +36,7 @@ pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
         axes: ["x1", "y1", "x2", "y2"].map(plan).to_vec(),
         band: BandPlan::Workpiece(scenario.workpiece),
         tools: None,
+        pushes: false,
     }
 }
 

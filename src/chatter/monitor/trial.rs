@@ -1,7 +1,7 @@
 //! The second look at what is about to be declared: whether it is what chatter can be.
 
 use super::super::detector::{BankEvidence, Evidence};
-use super::super::past::Sight;
+use super::super::past::{Motion, Sight};
 use super::super::{ChatterEvent, Line};
 use super::{ChatterMonitor, ChatterState, STRIDES};
 
@@ -15,8 +15,15 @@ const WAS_THERE: f64 = 0.3;
 /// Share of its frequency by which a line may move in a second: a bar that gets thinner or a tool that
 /// travels does less.
 const DRIFT_1_S: f64 = 0.01;
+/// Noise beside a weak line leads its trace no farther: the width of its window, 1 / (pi tau).
+const FAR_HZ: f64 = 13.0;
 /// While the speed changes a line may move by so much of what an order at its place moves.
 const WITH_SPEED: f64 = 1.5;
+/// Amplitude of a line over the mean force: a tool that only pushes makes less than 2 (|2 c_1| <= 2 c_0), and
+/// less than 1 until it leaves the cut.
+pub(super) const MOST_SHARE: f64 = 1.5;
+/// A tool that stays in the cut pushes through the noise of the band; less is the drift of a zero.
+const OVER_NOISE: f64 = 2.0;
 
 impl ChatterMonitor {
     /// Whether a line that is about to be declared is something else. One that moves is followed from now
@@ -24,21 +31,35 @@ impl ChatterMonitor {
     pub(super) fn is_refused(&self, state: &mut ChatterState, line: &Line) -> bool {
         let rate_hz = self.mix.output_rate_hz();
         let sight = Sight { frequency_hz: line.frequency_hz - self.mix.centre_hz(), tau_s: LOOK_TAU_S };
+        if self.settings.pushes && !self.cuts(state, line.power_n2) {
+            let power_n2 = self.power_near(state, line.frequency_hz);
+            state.foreign.add(sight.frequency_hz, 0.0, power_n2);
+            return true;
+        }
         if state.speed_hz > 0.0 {
             let turn = state.past.turn_phase(rate_hz, self.mix.centre_hz(), sight);
             if turn.is_some_and(|(phase, share)| phase.abs() < REPEATS && share > WAS_THERE) {
                 return true;
             }
         }
-        let Some(moves_hz_s) = state.past.moves_hz_s(rate_hz, sight) else { return false };
+        let Some(Motion { moves_hz_s, moved_hz }) = state.past.motion(rate_hz, sight) else { return false };
         // Within a lobe chatter stays where the mode is, or goes with the speed.
         let free_1_s = DRIFT_1_S + WITH_SPEED * state.past.speed_change_1_s(rate_hz).abs();
         let moves = moves_hz_s.abs() > free_1_s * line.frequency_hz;
         if moves {
             let power_n2 = self.power_near(state, line.frequency_hz);
-            state.foreign.add(sight.frequency_hz, 0.5 * moves_hz_s.abs(), power_n2);
+            // What has come so far already has proven it, though it rests now.
+            let way_hz = if moved_hz > FAR_HZ { 0.0 } else { 0.5 * moves_hz_s.abs() };
+            state.foreign.add(sight.frequency_hz, way_hz, power_n2);
         }
         moves
+    }
+
+    /// Whether the mean force is one in which a line of this power can be chatter.
+    fn cuts(&self, state: &ChatterState, power_n2: f64) -> bool {
+        let force_n = state.level.size_n();
+        let noise_n = (state.variance_n2 - power_n2).max(0.0).sqrt();
+        (2.0 * power_n2).sqrt() < MOST_SHARE * force_n && noise_n * OVER_NOISE < force_n
     }
 
     /// What the detector concludes, unless the second look refuses it.

@@ -5,6 +5,7 @@ use super::super::ChatterEvent;
 use super::super::Phase;
 use super::super::detector::{BankEvidence, Evidence, PLACED, on_an_order};
 use super::super::scatter::ENOUGH;
+use super::trial::MOST_SHARE;
 use super::{ChatterMonitor, ChatterState, RELEARN_S, YOUNG_TURNS, doubt};
 
 /// All of the band this much louder than learned, for so many decisions (32 ms), is another cut: what is
@@ -20,11 +21,14 @@ pub(super) const START_S: f64 = 1.2;
 const DOUBTFUL_S: f64 = 10.0;
 /// It must be so far above the middle of the band.
 const OVER_FLOOR: f64 = 100.0;
+/// There it counts after so many looks (48 ms) if it was seen to rise; where it stands less clear, after
+/// `LEAST_LOOKS`.
+const GREW_LOOKS: u64 = 12;
+const GREW_OVER_FLOOR: f64 = 50.0;
 /// At the start so many looks (0.2 s, after as long again) are enough, if its amplitude is this share of
 /// the mean force.
 const LEAST_LOOKS: f64 = 50.0;
 const LEAST_SHARE: f64 = 0.15;
-const MOST_SHARE: f64 = 1.5;
 /// And so much of all that is in the band, orders included.
 const LEAST_OF_ALL: f64 = 0.5;
 /// Where the tools cut the mean force stands so far above the noise of the band.
@@ -86,7 +90,8 @@ impl ChatterMonitor {
         state: &mut ChatterState,
         evidence: &Evidence,
     ) -> Option<BankEvidence> {
-        if evidence.t_s > state.strongest_until_s || state.detector.phase() == Phase::Chatter {
+        let start = evidence.t_s <= state.start_until_s;
+        if !start && evidence.t_s > state.strongest_until_s || state.detector.phase() == Phase::Chatter {
             return None;
         }
         let bank = &self.banks[PLACED];
@@ -95,13 +100,21 @@ impl ChatterMonitor {
         let strongest = state.baselines[PLACED].look(bank, &state.banks[PLACED], among);
         let power_n2 = state.baselines[PLACED].power(strongest);
         let frequency_hz = self.mix.centre_hz() + bank.refined_hz(&state.banks[PLACED], strongest);
-        let line_hz = state.strongest.place(frequency_hz, power_n2 > OVER_FLOOR * floor_n2)?;
+        let over_floor = if start { GREW_OVER_FLOOR } else { OVER_FLOOR };
+        let line_hz = state.strongest.place(frequency_hz, power_n2 > over_floor * floor_n2)?;
         let power_there_n2 = self.power_near(state, line_hz);
         state.strongest.look(power_there_n2, power_n2, floor_n2);
-        let start = state.strongest_until_s <= START_S;
-        let looks = if start { LEAST_LOOKS } else { ENOUGH };
-        let there = state.strongest.line_hz(looks).is_some() && (line_hz - frequency_hz).abs() < SAME_HZ;
-        (there && (!start || self.loud_in_cut(state, power_n2, floor_n2))).then(|| BankEvidence {
+        let lasts = |looks| state.strongest.line_hz(looks).is_some();
+        let rose = || state.past.rose(self.mix.output_rate_hz(), line_hz - self.mix.centre_hz());
+        let stands = if start {
+            let clear = power_n2 > OVER_FLOOR * floor_n2;
+            let long = lasts(LEAST_LOOKS);
+            clear && long && self.loud_in_cut(state, power_n2, floor_n2)
+                || (long || clear && state.strongest.followed() >= GREW_LOOKS) && rose()
+        } else {
+            lasts(ENOUGH)
+        };
+        (stands && (line_hz - frequency_hz).abs() < SAME_HZ).then(|| BankEvidence {
             tau_s: bank.tau_s(),
             contrast: power_n2 / floor_n2,
             power_n2,
