@@ -8,7 +8,7 @@ use super::loop_fit;
 use super::motion::band_hz;
 use super::problem::{Column, Sides};
 use super::result::*;
-use super::search::{Outcome, least_evidence, rank};
+use super::search::{Complete, Outcome, least_evidence, rank};
 use super::shape::Shape;
 use super::steps::stated_step_m;
 use super::terms;
@@ -66,7 +66,7 @@ pub(crate) fn assemble(
     };
     let mut unexplained = case.unexplained();
     // Numbers fitted beside an unknown cause are bent by it.
-    let settled = unexplained || outcome.complete;
+    let settled = unexplained || outcome.complete == Complete::Stated;
     let mut corrections = if settled { Vec::new() } else { corrections(p, bench) };
     if !settled {
         corrections.extend(case.further_corrections());
@@ -89,7 +89,9 @@ pub(crate) fn assemble(
         in_loop(&rig, (axis, found), outcome)
     });
     let refuted = |c: &ClosedLoop| c.not_simulated.is_empty() && c.left_n(2) > REFUTED * c.left_n(1);
-    if !findings.is_empty() && closed_loop.as_ref().is_ok_and(refuted) {
+    // Where a coarse step rounds is chance: no loop repeats it.
+    let told = !findings.is_empty() && findings.iter().all(|f| f.effect != EffectKind::EncoderQuantization);
+    if told && closed_loop.as_ref().is_ok_and(refuted) {
         unexplained = true;
         (findings, corrections) = (Vec::new(), Vec::new());
         model = case.model(&[], &[]);
@@ -313,7 +315,7 @@ impl Case<'_> {
     /// True when what is left after the findings stands above the floor and is not a small rest of what they
     /// explain.
     fn unexplained(&self) -> bool {
-        if self.outcome.complete {
+        if self.outcome.complete != Complete::No {
             return false;
         }
         if self.outcome.stranger.is_some() || self.waves_of_no_origin() > 1 {

@@ -117,15 +117,20 @@ impl<'a> Rig<'a> {
     }
 }
 
+/// The model with its numbers re-estimated. Errors: numbers that make no drive.
+pub(super) fn recalibrated(stated: &AxisModel, outcome: &Outcome) -> Result<AxisModel, String> {
+    let raw = raw_with(&stated.drive, &outcome.recalibrated);
+    let drive = DriveParams::new(raw).map_err(|e| e.to_string())?;
+    Ok(AxisModel { drive, ..stated.clone() })
+}
+
 /// Runs stated, re-estimated and found model beside the machine.
 pub(super) fn in_loop(
     rig: &Rig<'_>,
     (stated, found): (&AxisModel, &AxisModel),
     outcome: &Outcome,
 ) -> Result<ClosedLoop, String> {
-    let numbers =
-        DriveParams::new(raw_with(&rig.p.drive, &outcome.recalibrated)).map_err(|e| e.to_string())?;
-    let recalibrated = AxisModel { drive: numbers, ..stated.clone() };
+    let recalibrated = recalibrated(stated, outcome)?;
     let axes = [stated.clone(), recalibrated, found.clone()];
     let places: Vec<usize> = (0..rig.trials.len()).collect();
     let trials = on_two_cores(&places, |&k| simulated(rig, &axes, k));

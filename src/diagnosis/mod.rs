@@ -31,6 +31,7 @@ pub use result::*;
 
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
+use search::Complete;
 use thiserror::Error;
 
 /// Why a diagnosis is not possible.
@@ -110,17 +111,32 @@ pub fn diagnose(
     let start = start_of(axis, recordings)?;
     let rig = in_loop::Rig::new(axis, recordings, &start.state.problem).ok();
     let noise_n = rig.as_ref().and_then(|rig| rig.noise_n(axis, start.white_force_n2_hz()));
-    let complete = std::env::var("CC").is_ok() && rig.as_ref().is_some_and(|rig| rig.says_all(axis, noise_n));
-    let mut outcome = search::search(start.clone(), (complete, progress));
+    let mut outcome = search::search(start.clone(), (Complete::No, progress));
     progress(0.9, "writing the model, simulating the loop");
     let mut diagnosis = assemble::assemble(machine, axis, recordings, &outcome);
-    if let Some([noise_n, _]) = noise_n.filter(|_| !complete && recordings.len() > 1)
+    let complete = match &rig {
+        Some(rig) if diagnosis.verdict == Verdict::UnexplainedMismatch => {
+            let says_all = |axis: &AxisModel| rig.says_all(axis, noise_n);
+            if says_all(axis) {
+                Complete::Stated
+            } else if in_loop::recalibrated(axis, &outcome).is_ok_and(|axis| says_all(&axis)) {
+                Complete::Numbers
+            } else {
+                Complete::No
+            }
+        }
+        _ => Complete::No,
+    };
+    if complete != Complete::No {
+        outcome = search::search(start, (complete, &|_, _| ()));
+        diagnosis = assemble::assemble(machine, axis, recordings, &outcome);
+    } else if let Some([noise_n, _]) = noise_n.filter(|_| recordings.len() > 1)
         && diagnosis.left_in_loop_n().is_some_and(|left| left > FAR_FROM_NOISE * noise_n)
     {
         progress(0.9, "one recording at a time");
         for recording in recordings {
             let one = start_of(axis, std::slice::from_ref(recording))?;
-            let alone = search::search(one, (false, &|_, _| ()));
+            let alone = search::search(one, (Complete::No, &|_, _| ()));
             let other = search::with_findings_of(start.clone(), alone);
             let told = assemble::assemble(machine, axis, recordings, &other);
             let left = told.left_in_loop_n().filter(|left| *left < FAR_FROM_NOISE * noise_n);

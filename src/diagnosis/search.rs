@@ -50,6 +50,17 @@ const CLEARLY_LESS: f64 = 0.9;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
 
+/// What says the recordings down to their noise in the loop, whatever a balance makes of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Complete {
+    /// Neither of the two.
+    No,
+    /// The model with its numbers re-estimated.
+    Numbers,
+    /// The model as stated.
+    Stated,
+}
+
 /// What the search ends with.
 pub(crate) struct Outcome {
     /// The model in the end.
@@ -64,8 +75,8 @@ pub(crate) struct Outcome {
     pub(crate) recalibrated: Mechanics,
     /// A free form that explains more than everything named does together.
     pub(crate) stranger: Option<Score>,
-    /// The model as stated says the recordings down to the noise of the encoders.
-    pub(crate) complete: bool,
+    /// What the loop says of the model without findings.
+    pub(crate) complete: Complete,
 }
 
 /// What a search starts from.
@@ -88,9 +99,9 @@ impl Start {
     }
 }
 
-/// The whole search. `complete`: the model says all there is, and only the numbers are looked at.
-pub(crate) fn search(start: Start, (complete, progress): (bool, super::Progress<'_>)) -> Outcome {
-    let most = if complete { 0 } else { MOST_ROUNDS };
+/// The whole search. Of a complete model only the numbers are looked at.
+pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progress<'_>)) -> Outcome {
+    let most = if complete == Complete::No { MOST_ROUNDS } else { 0 };
     let Start { mut state, nominal } = start;
     let mut rounds = Vec::new();
     let mut before = state.residual.clone();
@@ -109,7 +120,7 @@ pub(crate) fn search(start: Start, (complete, progress): (bool, super::Progress<
         }
         if round == 0 {
             progress(0.1, "trying forms outside the vocabulary");
-            stranger = if complete { None } else { best_stranger(&state) };
+            stranger = if most == 0 { None } else { best_stranger(&state) };
             before.clone_from(&state.residual);
             recalibrated = state.problem.mechanics;
         }
@@ -150,7 +161,7 @@ pub(crate) fn with_findings_of(start: Start, alone: Outcome) -> Outcome {
     add_overtones(&mut state);
     prune(&mut state);
     let Outcome { rounds, .. } = alone;
-    Outcome { state, rounds, nominal, before, recalibrated, stranger: None, complete: false }
+    Outcome { state, rounds, nominal, before, recalibrated, stranger: None, complete: Complete::No }
 }
 
 /// Waves whose next overtone shows once the rest is explained get it. A wave and its overtones are one cause,
