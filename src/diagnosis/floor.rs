@@ -93,8 +93,8 @@ fn pick(sides: &Sides, stage: bool) -> Option<&Vec<f64>> {
 /// Spectrum and floor of one side.
 ///
 /// Floor: a white force at the level that most of the band shows, and the encoders' noise as that of steps q
-/// through masses and springs, S(f) = q^2/12 / (rate/2) |K - M w^2|^2 (own side) + q^2/12 / (rate/2) K^2 (other side), all
-/// through the squared low-pass of the band.
+/// through masses and springs, S(f) = q^2/12 / (rate/2) |K - M w^2|^2 (own side) + q^2/12 / (rate/2) K^2
+/// (other side), all through the squared low-pass of the band.
 pub(crate) fn spectrum(p: &Problem, residual: &Column, stage: bool) -> SideSpectrum {
     let rate_hz = p.rate_hz();
     let full_rate = p.motions.first().map_or(1.0, |m| m.rate_hz);

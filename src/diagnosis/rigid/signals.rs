@@ -78,8 +78,9 @@ fn position(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, Diagnos
 
 /// Band in which the inertial force is known better than [`NOISE_SHARE`] of the thrust.
 ///
-/// `read_m`: the step whose rounding would make the noise that the position shows. Steps of q are white with density q^2/12 / (rate/2); the second derivative up to f has the variance
-/// q^2/(6 rate) (2 pi)^4 f^5/5.   Checked by: tests::a_coarse_encoder_narrows_the_band.
+/// `read_m`: the step whose rounding would make the noise that the position shows. Steps of q are white with
+/// density q^2/12 / (rate/2); the second derivative up to f has the variance q^2/(6 rate) (2 pi)^4 f^5/5.
+/// Checked by: tests::a_coarse_encoder_narrows_the_band.
 fn band_hz(axis: &AxisModel, (thrust_rms_n, read_m): (f64, f64), rate_hz: f64) -> f64 {
     let (q, mass) = (axis.drive.motor_encoder_resolution_m().max(read_m), axis.drive.total_mass_kg());
     let widest = BAND_SHARE * rate_hz;
