@@ -15,7 +15,7 @@ use crate::force::frf_stream::force_of_recording;
 use crate::force::harmonic::Reading;
 use crate::force::idle_map::IdleMap;
 use crate::force::observer::{ForcePlan, Observer, ServoPlan};
-use crate::force::offline::{standing_zero_n, stiffness_of_runs, with_axial_stiffness};
+use crate::force::offline::{standing_zero_n, stiffness_of_runs};
 use crate::force::physics::physics_of;
 use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
 use crate::force::stiffness::StiffnessCheck;
@@ -375,7 +375,8 @@ impl Inputs {
                 let stiffness_n_m = check.ratio * plan.drive.axial_stiffness_n_m();
                 note("axial_stiffness_n_m", format!("{stiffness_n_m:.6e}"));
                 note("stiffness_over_model", format!("{:.4}", check.ratio));
-                plan.drive = with_axial_stiffness(&plan.drive, stiffness_n_m).map_err(bad_input)?;
+                plan.drive =
+                    plan.drive.with_numbers([("axial_stiffness_n_m", stiffness_n_m)]).map_err(bad_input)?;
             }
         }
         if !(arguments.pass_hz > 0.0) {

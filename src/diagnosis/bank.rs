@@ -141,8 +141,7 @@ fn wavelengths(p: &Problem, q: &[Sides], most: usize) -> Vec<Hypothesis> {
             }
             let port = if at_motor { Port::Motor } else { Port::Stage };
             let least_m = lead.map_or(1e-4, |l| if at_motor { l / 150.0 } else { l / 40.0 });
-            let peaks = spatial_peaks(p, q, &Spatial { at_motor, flips, least_m });
-            for wavelength_m in peaks.into_iter().take(most) {
+            for wavelength_m in spatial_peaks(p, q, &Spatial { at_motor, flips, least_m, most }) {
                 let effect = if at_motor { E::TorqueRipple } else { E::PositionPeriodicForce };
                 list.push(Hypothesis::new(
                     effect,
@@ -200,9 +199,10 @@ struct Spatial {
     at_motor: bool,
     flips: bool,
     least_m: f64,
+    most: usize,
 }
 
-/// Peaks of the least-squares spectrum of the whitened correlation over position.
+/// Wavelengths at the highest peaks of the least-squares spectrum of `q` over position, m.
 fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
     let vs = p.mechanics.smoothing_m_s;
     let mut points: Vec<(f64, f64)> = Vec::new();
@@ -238,7 +238,7 @@ fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
         })
         .collect();
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
-    peaks.truncate(5);
+    peaks.truncate(s.most);
     peaks.into_iter().map(|a| a.1).collect()
 }
 
@@ -263,6 +263,7 @@ fn least_squares_spectrum(points: &[(f64, f64)], (low, cell): (f64, f64), n: usi
     (0..n / 4).map(|k| taken(&sums, &counts, k)).collect()
 }
 
+/// What the wave at bin `k` and a constant take; zero where positions cannot tell the two apart.
 fn taken(sums: &[Complex<f64>], counts: &[Complex<f64>], k: usize) -> f64 {
     /// Share of the counts below which a sine is not told from the constant.
     const TOLD: f64 = 1e-3;

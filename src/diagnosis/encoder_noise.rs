@@ -51,12 +51,12 @@ impl EncoderNoise {
         let motions = [[&pulses, &still], [&still, &pulses]]
             .map(|[motor_m, stage_m]| motion::of_positions(drive, rate_hz, [motor_m, stage_m]));
         let mut impulses = Problem::new(drive, motions.to_vec());
-        for number in &mut impulses.numbers {
+        let silenced = impulses.numbers.iter().cloned().map(|number| {
             // Bounded, and of noise far below the speed at which it turns: nothing.
-            if number.key.is_some_and(|key| key.contains("coulomb")) {
-                number.column = vec![Sides::default(); 2];
-            }
-        }
+            let coulomb = number.key.is_some_and(|key| key.contains("coulomb"));
+            if coulomb { Number { column: vec![Sides::default(); 2], ..number } } else { number }
+        });
+        impulses.numbers = silenced.collect();
         Self { variances_m2, impulses: Box::new(impulses) }
     }
 
@@ -96,7 +96,7 @@ impl EncoderNoise {
     fn stage_residual(&self, problem: &Problem) -> Vec<Sides> {
         let m = &problem.mechanics;
         let mut out = vec![Sides::default(); 2];
-        for Number { key, column, .. } in &self.impulses.numbers {
+        for Number { key, column, .. } in self.impulses.numbers.iter() {
             let b = match key {
                 Some("axial_stiffness_n_m") => problem.fitted_stiffness_n_m,
                 Some("structural_damping_n_s_m") => m.structural_damping_n_s_m,

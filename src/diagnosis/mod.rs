@@ -114,18 +114,15 @@ pub fn diagnose(
     let mut outcome = search::search(start.clone(), (Complete::No, progress));
     progress(0.9, "writing the model, simulating the loop");
     let mut diagnosis = assemble::assemble(machine, axis, recordings, &outcome);
-    let complete = match &rig {
-        Some(rig) if diagnosis.verdict == Verdict::UnexplainedMismatch => {
-            let says_all = |axis: &AxisModel| rig.says_all(axis, noise_n);
-            if says_all(axis) {
-                Complete::Stated
-            } else if in_loop::recalibrated(axis, &outcome).is_ok_and(|axis| says_all(&axis)) {
-                Complete::Numbers
-            } else {
-                Complete::No
-            }
-        }
-        _ => Complete::No,
+    let says_all = |axis: &AxisModel| rig.as_ref().is_some_and(|rig| rig.says_all(axis, noise_n));
+    let complete = if diagnosis.verdict != Verdict::UnexplainedMismatch {
+        Complete::No
+    } else if says_all(axis) {
+        Complete::Stated
+    } else if in_loop::recalibrated(axis, &outcome).is_ok_and(|axis| says_all(&axis)) {
+        Complete::Numbers
+    } else {
+        Complete::No
     };
     if complete != Complete::No {
         outcome = search::search(start, (complete, &|_, _| ()));

@@ -5,6 +5,7 @@ use super::kernel::{Action, Grid, Kernel};
 use crate::plant::drive::{DriveParams, Structure};
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
+use std::sync::Arc;
 
 /// Where inside a sample period the drive takes up a reference is stated nowhere; the middle of what drives
 /// and their simulations do is a little before its end.
@@ -42,9 +43,9 @@ pub(crate) struct Motion {
     /// N per A where a current is recorded, else 1.
     pub(crate) thrust_per_unit: f64,
     /// Motor side.
-    pub(crate) motor: Side,
+    pub(crate) motor: Arc<Side>,
     /// Stage side.
-    pub(crate) stage: Side,
+    pub(crate) stage: Arc<Side>,
     /// Mean difference of the two encoders' positions: they do not share a zero. m.
     pub(crate) stretch_zero_m: f64,
     /// Mean position of the stage, m.
@@ -155,8 +156,8 @@ pub(crate) fn of_positions(drive: &DriveParams, rate_hz: f64, [motor_m, stage_m]
         thrust_n: vec![0.0; grid.count],
         raw_reference_n: vec![0.0; grid.count],
         thrust_per_unit: 1.0,
-        motor: side(motor_m, drive.motor_encoder_delay_s(), &frame),
-        stage: side(stage_m, drive.stage_encoder_delay_s(), &frame),
+        motor: Arc::new(side(motor_m, drive.motor_encoder_delay_s(), &frame)),
+        stage: Arc::new(side(stage_m, drive.stage_encoder_delay_s(), &frame)),
         stretch_zero_m: 0.0,
         centre_m: 0.0,
     }
@@ -196,8 +197,8 @@ pub(crate) fn motion(axis: &AxisModel, recording: &Recording) -> Result<Motion, 
         thrust_n: thrust,
         raw_reference_n: columns.reference_n[grid.first..end].to_vec(),
         thrust_per_unit: columns.thrust_per_unit,
-        motor,
-        stage,
+        motor: Arc::new(motor),
+        stage: Arc::new(stage),
         stretch_zero_m,
         centre_m,
     })

@@ -12,6 +12,7 @@ use super::kernel::{Action, Grid, Kernel};
 use super::motion::{Motion, band_hz};
 use super::whitening::Layout;
 use crate::plant::drive::DriveParams;
+use std::sync::Arc;
 
 /// A series of one side of the balance; `None`: zero.
 pub(crate) type Series = Option<Vec<f64>>;
@@ -123,7 +124,7 @@ pub(crate) struct Problem {
     /// Measured thrust (motor side), thinned.
     pub(crate) target: Column,
     /// Numbers of the model.
-    pub(crate) numbers: Vec<Number>,
+    pub(crate) numbers: Arc<[Number]>,
     /// Column of the timing inside a sample: thrust derivative. Coefficient: delay in s.
     pub(crate) timing: Column,
     /// Timing inside a sample that is already taken into the thrust, s.
@@ -154,7 +155,7 @@ impl Problem {
         let mut problem = Self {
             drive: drive.clone(),
             target,
-            numbers: Vec::new(),
+            numbers: Arc::default(),
             timing: Vec::new(),
             timing_s: 0.0,
             mechanics: Mechanics::nominal(drive),
@@ -167,7 +168,7 @@ impl Problem {
             motions,
             thinning,
         };
-        problem.numbers = problem.all_numbers();
+        problem.numbers = problem.all_numbers().into();
         problem.timing =
             problem.column(|m| Sides { motor: Some(derivative(&m.thrust_n, m.rate_hz)), stage: None });
         problem
@@ -194,7 +195,7 @@ impl Problem {
     pub(crate) fn unthinned(&self) -> Self {
         Self {
             thinning: Thinning { kernel: Kernel::unit(), step: 1 },
-            numbers: Vec::new(),
+            numbers: Arc::default(),
             timing: Vec::new(),
             target: Vec::new(),
             ..self.clone()

@@ -110,6 +110,7 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
     // The model before its last finding, and findings that did harm.
     let mut back: Option<State> = None;
     let mut refused: Vec<Hypothesis> = Vec::new();
+    let mut pruned = false;
     for round in 0..=most {
         progress(round as f64 / (MOST_ROUNDS + 1) as f64, "re-estimating the numbers");
         state.settle(PASSES);
@@ -127,6 +128,7 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
         if state.findings() >= MOST_FINDINGS {
             let all: Vec<Hypothesis> = state.accepted.iter().map(|a| a.hypothesis.clone()).collect();
             prune(&mut state);
+            pruned = true;
             let stays = |h: &Hypothesis| state.accepted.iter().any(|a| same_kind(&a.hypothesis, h));
             refused.extend(all.into_iter().filter(|h| !stays(h)));
         }
@@ -142,8 +144,11 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
         rounds.push(scores);
         let Some(with) = with else { break };
         back = Some(std::mem::replace(&mut state, with));
+        pruned = false;
     }
-    prune(&mut state);
+    if !pruned {
+        prune(&mut state);
+    }
     let stranger = stranger.filter(|s| beats_named(&state, s));
     Outcome { state, rounds, nominal, before, recalibrated, stranger, complete }
 }
@@ -304,21 +309,22 @@ fn prune(state: &mut State) {
         }
     }
     loop {
-        let (weakest, strongest) = {
+        let losses: Vec<f64> = {
             let bench = state.bench();
-            let losses: Vec<(f64, usize)> =
-                (state.given..state.accepted.len()).map(|k| (bench.drop_one(k), k)).collect();
-            let strongest = losses.iter().map(|l| l.0).fold(0.0, f64::max);
-            (losses.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)), strongest)
+            (state.given..state.accepted.len()).map(|k| bench.drop_one(k)).collect()
         };
-        match weakest {
-            Some((evidence, k)) if evidence < LEAST_EVIDENCE.max(SECOND_SHARE * strongest) => {
-                state.remove(k);
-            }
-            _ => break,
-        }
+        let Some(k) = needless(&losses) else { break };
+        state.remove(state.given + k);
     }
     drop_needless(state);
+}
+
+/// The weakest of the evidences that would be lost, where it is no more than noise or the rest of the
+/// strongest.
+fn needless(losses: &[f64]) -> Option<usize> {
+    let strongest = losses.iter().copied().fold(0.0, f64::max);
+    let (k, least) = losses.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1))?;
+    (*least < LEAST_EVIDENCE.max(SECOND_SHARE * strongest)).then_some(k)
 }
 
 /// Takes out what the others do as well without, once all of them are fitted anew.
@@ -343,14 +349,9 @@ fn drop_needless(state: &mut State) {
         };
         let (with, total) = (left(&state.residual), bench.folds.total() as f64);
         let losses: Vec<f64> = without.iter().map(|w| total * (left(&w.residual) / with).ln()).collect();
-        let strongest = losses.iter().copied().fold(0.0, f64::max);
-        let weakest = losses.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
-        match weakest {
-            Some((k, loss)) if *loss < LEAST_EVIDENCE.max(SECOND_SHARE * strongest) => {
-                *state = without.swap_remove(k);
-            }
-            _ => return,
-        }
+        let Some(k) = needless(&losses) else { return };
+        drop(bench);
+        *state = without.swap_remove(k);
     }
 }
 

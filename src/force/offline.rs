@@ -7,7 +7,7 @@ use super::estimator::{
 use super::idle_map::{IdleMap, IdlePoint};
 use super::response::Chain;
 use super::stiffness::{StiffnessCheck, motor_side_balance, stiffness_check, stretch_balance};
-use crate::plant::drive::{DriveParams, ParamError, Structure};
+use crate::plant::drive::Structure;
 
 /// Every estimate of a run; the filters start settled on its first sample.
 #[must_use]
@@ -86,11 +86,6 @@ pub fn stiffness_of_runs(
         sides.push(forces.get(skip..end).unwrap_or(&[]).iter().map(|f| f.force_n).collect::<Vec<f64>>());
     }
     Ok(stiffness_check(&sides[0], &sides[1]))
-}
-
-/// The drive with another axial stiffness. Errors: a stiffness that is not positive.
-pub fn with_axial_stiffness(drive: &DriveParams, stiffness_n_m: f64) -> Result<DriveParams, ParamError> {
-    drive.with_numbers([("axial_stiffness_n_m", stiffness_n_m)])
 }
 
 /// Mean of the first stretch of an axis that stands still throughout, where that stretch is quiet

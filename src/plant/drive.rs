@@ -60,15 +60,6 @@ impl RawDriveParams {
             _ => return None,
         })
     }
-
-    /// Numbers by key put in; keys that are none of those of [`RawDriveParams::number_mut`] change nothing.
-    pub fn set<'k>(&mut self, numbers: impl IntoIterator<Item = (&'k str, f64)>) {
-        for (key, value) in numbers {
-            if let Some(number) = self.number_mut(key) {
-                *number = Some(value);
-            }
-        }
-    }
 }
 
 /// Why a set of parameters is not a drive.
@@ -133,14 +124,19 @@ impl DriveParams {
         *self.raw.clone().number_mut(key)?
     }
 
-    /// This drive with other numbers.
+    /// This drive with other numbers; keys that are none of those of [`RawDriveParams::number_mut`] change
+    /// nothing.
     /// Errors: numbers that make no drive, as in [`DriveParams::new`].
     pub fn with_numbers<'k>(
         &self,
         numbers: impl IntoIterator<Item = (&'k str, f64)>,
     ) -> Result<Self, ParamError> {
         let mut raw = self.raw.clone();
-        raw.set(numbers);
+        for (key, value) in numbers {
+            if let Some(number) = raw.number_mut(key) {
+                *number = Some(value);
+            }
+        }
         Self::new(raw)
     }
 

@@ -11,7 +11,7 @@ use stillcut::force::estimator::{
 };
 use stillcut::force::frf_stream::force_of_recording;
 use stillcut::force::harmonic::{HarmonicSettings, Reading};
-use stillcut::force::offline::{estimate_run, idle_map, stiffness_of_runs, with_axial_stiffness};
+use stillcut::force::offline::{estimate_run, idle_map, stiffness_of_runs};
 use stillcut::force::recorded::motion_of_recording;
 use stillcut::force::validity::Validity;
 use stillcut::identify::frf::{FrfRun, FrfSettings, fit_frf};
@@ -261,7 +261,8 @@ fn milling_error(case: &Milling, method: Method) -> (f64, f64) {
     if method == Method::VibrationMode {
         let check = stiffness_of_runs(&axis(&drive), &cut, &idles).unwrap().unwrap();
         assert!(check.is_conclusive(), "{check:?}");
-        drive = with_axial_stiffness(&drive, check.ratio * drive.axial_stiffness_n_m()).unwrap();
+        drive =
+            drive.with_numbers([("axial_stiffness_n_m", check.ratio * drive.axial_stiffness_n_m())]).unwrap();
     }
     let low_pass = LowPass::LinearPhase { pass_hz: 800.0, width_hz: 400.0 };
     let mut settings = ForceSettings { low_pass, ..ForceSettings::default() };

@@ -18,7 +18,7 @@ use stillcut::force::frf::FrfEstimator;
 use stillcut::force::frf_stream::force_of_recording;
 use stillcut::force::harmonic::HarmonicSettings;
 use stillcut::force::observer::{ForcePlan, Observer, ServoPlan};
-use stillcut::force::offline::{estimate_run, with_axial_stiffness};
+use stillcut::force::offline::estimate_run;
 use stillcut::force::recorded::motion_of_recording;
 use stillcut::force::response::{Chain, ChainLink};
 use stillcut::force::validity::Validity;
@@ -232,7 +232,7 @@ fn milling_is_flagged_where_the_sum_of_both_sides_is_wrong() {
 #[test]
 fn another_stiffness_is_not_taken_for_a_mode() {
     let truth = prompt_drive();
-    let stated = with_axial_stiffness(&truth, truth.axial_stiffness_n_m() / 0.88).unwrap();
+    let stated = truth.with_numbers([("axial_stiffness_n_m", truth.axial_stiffness_n_m() / 0.88)]).unwrap();
     for lines in [&[(20.0, 5.0), (100.0, 5.0), (333.0, 5.0)][..], &[(333.0, 8.0), (500.0, 3.0)][..]] {
         let run = shaken(&Chain::of_drive(&truth), lines);
         let [error, expected, flagged] = said(Method::Medob, &stated, &run);

@@ -9,7 +9,7 @@ use stillcut::force::estimator::{
 };
 use stillcut::force::harmonic::HarmonicSettings;
 use stillcut::force::observer::{ForcePlan, Observer, ServoPlan};
-use stillcut::force::offline::{estimate_run, with_axial_stiffness};
+use stillcut::force::offline::estimate_run;
 use stillcut::force::physics::physics_of;
 use stillcut::force::recorded::motion_of_recording;
 use stillcut::force::validity::Validity;
@@ -356,7 +356,8 @@ fn vibration_mode_learns_the_stiffness_while_it_cuts() {
     let cutting = |t: f64| 12.0 * (TAU * 35.0 * t).sin() + 6.0 * (TAU * 70.0 * t).sin();
     let run = simulate(&truth, |_| 0.0, cutting, 40_000);
     for stated in [1.0, 1.0 / 0.92] {
-        let drive = with_axial_stiffness(&truth, stated * truth.axial_stiffness_n_m()).unwrap();
+        let drive =
+            truth.with_numbers([("axial_stiffness_n_m", stated * truth.axial_stiffness_n_m())]).unwrap();
         let error = |learn_stiffness: bool| {
             let settings = ForceSettings { learn_stiffness, ..ForceSettings::default() };
             let estimator = ForceEstimator::new(Method::VibrationMode, &axis(&drive), settings).unwrap();

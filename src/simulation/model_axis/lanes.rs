@@ -99,14 +99,7 @@ impl<const L: usize> Lanes<L> {
     fn derivative<const FUSED: bool>(&self, t_s: f64, s: &State<L>, told: &Lane<L>) -> State<L> {
         let mut out = [[0.0; L]; STATES];
         let mut motor_n = [0.0; L];
-        let mut motor_slides = [0.0; L];
-        for l in 0..L {
-            motor_slides[l] = tanh::<FUSED>(s[MOTOR_V][l] * self.smoothing_1[l]);
-        }
-        let further = match &self.further[0] {
-            Some(further) => further.force_n::<FUSED>(t_s, (&s[MOTOR], &s[MOTOR_V]), &motor_slides),
-            None => [0.0; L],
-        };
+        let (motor_slides, further) = self.sliding::<FUSED>(0, t_s, s);
         for l in 0..L {
             let i = self.at_once[l] * told[l] + (1.0 - self.at_once[l]) * s[CURRENT][l];
             out[CURRENT][l] = self.loop_rad_s[l] * (told[l] - s[CURRENT][l]);
@@ -121,14 +114,7 @@ impl<const L: usize> Lanes<L> {
         if self.rigid {
             return self.rigid_derivative(s, (&motor_n, &motor_slides), out);
         }
-        let mut stage_slides = [0.0; L];
-        for l in 0..L {
-            stage_slides[l] = tanh::<FUSED>(s[STAGE_V][l] * self.smoothing_1[l]);
-        }
-        let further = match &self.further[1] {
-            Some(further) => further.force_n::<FUSED>(t_s, (&s[STAGE], &s[STAGE_V]), &stage_slides),
-            None => [0.0; L],
-        };
+        let (stage_slides, further) = self.sliding::<FUSED>(1, t_s, s);
         for l in 0..L {
             let (x, v) = (s[STAGE][l], s[STAGE_V][l]);
             let stretch = s[MOTOR][l] + s[TWIST][l] - x - self.free_m;
@@ -159,6 +145,21 @@ impl<const L: usize> Lanes<L> {
             self.bristle_rates(1, s, &mut out);
         }
         out
+    }
+
+    /// Direction of sliding of motor (0) or stage (1), and the further forces against its motion.
+    #[inline(always)]
+    fn sliding<const FUSED: bool>(&self, side: usize, t_s: f64, s: &State<L>) -> (Lane<L>, Lane<L>) {
+        let (x, v) = (&s[2 * side], &s[2 * side + 1]);
+        let mut slides = [0.0; L];
+        for l in 0..L {
+            slides[l] = tanh::<FUSED>(v[l] * self.smoothing_1[l]);
+        }
+        let further = match &self.further[side] {
+            Some(further) => further.force_n::<FUSED>(t_s, (x, v), &slides),
+            None => [0.0; L],
+        };
+        (slides, further)
     }
 
     #[inline(always)]
