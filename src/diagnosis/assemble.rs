@@ -28,9 +28,9 @@ const INEXACT_SHARE: f64 = 0.0015;
 
 /// Everything that the parts of an answer are made of.
 pub(super) struct Case<'a> {
-    machine: &'a Machine,
-    axis: &'a AxisModel,
-    recordings: &'a [Recording],
+    pub(super) machine: &'a Machine,
+    pub(super) axis: &'a AxisModel,
+    pub(super) recordings: &'a [Recording],
     pub(super) outcome: &'a Outcome,
     bench: &'a Bench<'a>,
     nominal: Column,
@@ -38,6 +38,15 @@ pub(super) struct Case<'a> {
     pub(super) spectra: Vec<SideSpectrum>,
     /// Spectra of what no choice of the numbers absorbs.
     least: Vec<SideSpectrum>,
+}
+
+/// What is said of the model, and the proof.
+pub(super) struct Answer {
+    pub(super) unexplained: bool,
+    pub(super) findings: Vec<Finding>,
+    pub(super) corrections: Vec<Correction>,
+    pub(super) model: Machine,
+    pub(super) closed_loop: Result<ClosedLoop, String>,
 }
 
 /// Builds the diagnosis.
@@ -64,38 +73,10 @@ pub(crate) fn assemble(
         spectra,
         least,
     };
-    let mut unexplained = case.unexplained();
-    // Numbers fitted beside an unknown cause are bent by it.
-    let settled = unexplained || outcome.complete == Complete::Stated;
-    let mut corrections = if settled { Vec::new() } else { corrections(p, bench) };
-    if !settled {
-        corrections.extend(case.further_corrections());
-    }
-    let mut findings = if unexplained { Vec::new() } else { case.findings() };
-    if !unexplained {
-        findings.extend(case.encoder_steps());
-    }
-    findings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-    let mut model = case.model(&findings, &corrections);
-    let rig = Rig::new(axis, recordings, p);
-    if !settled
-        && let Ok(rig) = &rig
-        && let Some(fitted) = case.fitted_in_loop(rig, (&mut model, &mut findings), &corrections)
-    {
-        corrections = fitted;
-    }
-    let closed_loop = rig.and_then(|rig| {
-        let found = model.axis(&axis.name).ok_or("the axis is not in the model")?;
-        in_loop(&rig, (axis, found), outcome)
-    });
-    let refuted = |c: &ClosedLoop| c.not_simulated.is_empty() && c.left_n(2) > REFUTED * c.left_n(1);
-    // Where a coarse step rounds is chance: no loop repeats it.
-    let told = !findings.is_empty() && findings.iter().all(|f| f.effect != EffectKind::EncoderQuantization);
-    if told && closed_loop.as_ref().is_ok_and(refuted) {
-        unexplained = true;
-        (findings, corrections) = (Vec::new(), Vec::new());
-        model = case.model(&[], &[]);
-    }
+    let Answer { unexplained, mut findings, corrections, model, closed_loop } = match &outcome.told {
+        Some(told) => case.of_loop(told),
+        None => case.of_balance(),
+    };
     for (k, f) in findings.iter_mut().enumerate() {
         f.rank = k + 1;
     }
@@ -164,6 +145,45 @@ fn detection_limits(bench: &Bench<'_>, scores: &[Score]) -> Vec<DetectionLimit> 
 }
 
 impl Case<'_> {
+    /// What the force balance says, its numbers fitted in closed loop where it may err.
+    fn of_balance(&self) -> Answer {
+        let (p, outcome) = (&self.outcome.state.problem, self.outcome);
+        let mut unexplained = self.unexplained();
+        // Numbers fitted beside an unknown cause are bent by it.
+        let settled = unexplained || outcome.complete == Complete::Stated;
+        let mut corrections = if settled { Vec::new() } else { corrections(p, self.bench) };
+        if !settled {
+            corrections.extend(self.further_corrections());
+        }
+        let mut findings = if unexplained { Vec::new() } else { self.findings() };
+        if !unexplained {
+            findings.extend(self.encoder_steps());
+        }
+        findings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let mut model = self.model(&findings, &corrections);
+        let rig = Rig::new(self.axis, self.recordings, p);
+        if !settled
+            && let Ok(rig) = &rig
+            && let Some(fitted) = self.fitted_in_loop(rig, (&mut model, &mut findings), &corrections)
+        {
+            corrections = fitted;
+        }
+        let closed_loop = rig.and_then(|rig| {
+            let found = model.axis(&self.axis.name).ok_or("the axis is not in the model")?;
+            in_loop(&rig, (self.axis, found), outcome)
+        });
+        let refuted = |c: &ClosedLoop| c.not_simulated.is_empty() && c.left_n(2) > REFUTED * c.left_n(1);
+        // Where a coarse step rounds is chance: no loop repeats it.
+        let told =
+            !findings.is_empty() && findings.iter().all(|f| f.effect != EffectKind::EncoderQuantization);
+        if told && closed_loop.as_ref().is_ok_and(refuted) {
+            unexplained = true;
+            (findings, corrections) = (Vec::new(), Vec::new());
+            model = self.model(&[], &[]);
+        }
+        Answer { unexplained, findings, corrections, model, closed_loop }
+    }
+
     /// Encoders whose steps are coarser than the model states.
     fn encoder_steps(&self) -> Vec<Finding> {
         let p = &self.outcome.state.problem;
@@ -259,14 +279,15 @@ impl Case<'_> {
         if !far && rig.says_all(found, rig.noise_n(found, self.least.get(1)?.white_n2_hz())) {
             return None;
         }
-        let mut fit = loop_fit::fit(rig, (self.axis, &[]), found)?;
+        let from_stated = |axis: &AxisModel| loop_fit::with_stated_numbers(self.axis, axis);
+        let mut fit = loop_fit::fit(rig, (self.axis, &[]), &from_stated(found), None)?;
         let held = self.denied(&fit);
         if !(fit.pointless.is_empty() && held.is_empty()) {
             for k in fit.pointless.iter().rev() {
                 found.physics.remove(*k);
                 findings.remove(k - given);
             }
-            fit = loop_fit::fit(rig, (self.axis, &held), found)?;
+            fit = loop_fit::fit(rig, (self.axis, &held), &from_stated(found), None)?;
         }
         *found = fit.axis;
         let scaled = corrections::is_scaled(rig.problem());
@@ -387,7 +408,7 @@ impl Case<'_> {
                     Port::StageEncoder => ("stage_encoder_delay_s", p.drive.stage_encoder_delay_s()),
                     _ => ("amplifier_dead_time_s", p.drive.amplifier_dead_time_s()),
                 };
-                let e = terms::estimates(p, a, &self.bench.accepted_fit(k)).into_iter().next()?;
+                let e = terms::estimates(p, &a.hypothesis, &self.bench.accepted_fit(k)).into_iter().next()?;
                 // A delay's estimate is what it has beyond the stated one.
                 let from = if smoothing { 0.0 } else { nominal };
                 let ends = [from + e.ci95[0].min(e.ci95[1]), from + e.ci95[0].max(e.ci95[1])];
@@ -403,7 +424,7 @@ impl Case<'_> {
     fn finding(&self, index: usize, accepted: &Accepted) -> Finding {
         let p = &self.outcome.state.problem;
         let fit = self.bench.accepted_fit(index);
-        let parameters = terms::estimates(p, accepted, &fit);
+        let parameters = terms::estimates(p, &accepted.hypothesis, &fit);
         let round = &self.outcome.rounds[accepted.round];
         let (probability, alternatives) = probabilities(round);
         let (effect, port) = (accepted.hypothesis.effect, accepted.hypothesis.port);
@@ -425,14 +446,14 @@ impl Case<'_> {
             next_experiment: next_experiment(&alternatives),
             alternatives,
             contribution: self.contribution(accepted, &fit),
-            term: terms::term(p, accepted, &fit),
+            term: terms::term(p, &accepted.hypothesis, &fit),
             evidence: self.bench.drop_one(index),
         }
     }
 
     /// What the finding adds, sample by sample of each recording; at the edges, where filters have no data,
     /// held.
-    fn contribution(&self, accepted: &Accepted, fit: &HypothesisFit) -> Vec<Contribution> {
+    pub(super) fn contribution(&self, accepted: &Accepted, fit: &HypothesisFit) -> Vec<Contribution> {
         let full = self.outcome.state.problem.unthinned();
         let encoder = matches!(accepted.hypothesis.port, Port::MotorEncoder | Port::StageEncoder);
         let series: Vec<Vec<f64>> = if encoder {
@@ -521,7 +542,7 @@ fn power_of_means(sides: &Sides) -> f64 {
 /// Probability of the best of a round and of the others, from held-out likelihoods.
 ///
 /// exp(gain / 2 / 8): blocks of a residual are not independent; a gain of 16 counts as one step of e.
-fn probabilities(scores: &[Score]) -> (f64, Vec<Alternative>) {
+pub(super) fn probabilities(scores: &[Score]) -> (f64, Vec<Alternative>) {
     let best = scores.first().map_or(0.0, rank);
     let weights: Vec<f64> =
         scores.iter().map(|s| if s.plausible { ((rank(s) - best) / 16.0).exp() } else { 0.0 }).collect();
@@ -540,7 +561,7 @@ fn probabilities(scores: &[Score]) -> (f64, Vec<Alternative>) {
     (weights.first().map_or(0.0, |w| w / total), alternatives)
 }
 
-fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
+pub(super) fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
     use EffectKind as E;
     let strongest = alternatives.first().filter(|a| a.probability > 0.05)?;
     let text = match strongest.effect {

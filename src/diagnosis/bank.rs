@@ -131,7 +131,7 @@ fn adaptive(bench: &Bench<'_>) -> Vec<Hypothesis> {
 }
 
 /// Waves that read off best, so many a kind.
-fn wavelengths(p: &Problem, q: &[Sides], most: usize) -> Vec<Hypothesis> {
+pub(super) fn wavelengths(p: &Problem, q: &[Sides], most: usize) -> Vec<Hypothesis> {
     let mut list = Vec::new();
     let lead = p.drive.screw_lead_m();
     for at_motor in [false, true] {

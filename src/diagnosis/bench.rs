@@ -446,6 +446,13 @@ impl HypothesisFit {
         self.steps.iter().all(|s| s.abs() <= shape.trust())
     }
 
+    /// Amplitudes and constants that are as they are.
+    pub(crate) fn exact(h: &Hypothesis, amplitudes: Vec<f64>) -> Self {
+        let still = vec![0.0; h.shape.constants().len()];
+        let amplitude_deviations = vec![0.0; amplitudes.len()];
+        Self { amplitudes, amplitude_deviations, steps: still.clone(), step_deviations: still }
+    }
+
     fn of(shape: &Shape, columns: usize, (solution, first): (&Solution, usize)) -> Self {
         let free = if shape.unit() { 0 } else { columns };
         let constants = shape.constants().len();
@@ -562,7 +569,7 @@ fn add_series(out: &mut [f64], x: &[f64], factor: f64) {
 }
 
 /// Signs and sizes that the law allows; a fit outside is another cause in disguise.
-fn plausible(h: &Hypothesis, a: &[f64]) -> bool {
+pub(super) fn plausible(h: &Hypothesis, a: &[f64]) -> bool {
     let near_one = |x: f64| (0.4..2.2).contains(&x);
     match (&h.shape, h.effect) {
         (Shape::Stribeck { .. } | Shape::Coulomb | Shape::Viscous, _) => a[0] > 0.0,

@@ -110,6 +110,23 @@ impl<'a> Rig<'a> {
         })
     }
 
+    /// True where the command asks for next to no force of inertia: what a balance weighs is then its noise.
+    pub(super) fn hardly_accelerates(&self) -> bool {
+        /// Of the force of inertia, as a share of the thrust; the time over which it is taken, s.
+        const SHARE: f64 = 0.1;
+        const STEP_S: f64 = 5e-3;
+        let m = &self.p.mechanics;
+        let mass_kg = m.motor_mass_kg + m.stage_mass_kg;
+        self.trials.iter().zip(&self.p.motions).all(|(trial, motion)| {
+            let step = ((STEP_S / trial.period_s) as usize).max(1);
+            let places: Vec<f64> = trial.command_m.iter().step_by(step).copied().collect();
+            let per_s2 = (step as f64 * trial.period_s).powi(-2);
+            let inertia: Vec<f64> =
+                places.windows(3).map(|x| mass_kg * (x[0] - 2.0 * x[1] + x[2]) * per_s2).collect();
+            rms(&inertia) < SHARE * rms(&motion.thrust_n)
+        })
+    }
+
     /// The samples of a recording that the balance has, too.
     fn inside(&self, k: usize) -> std::ops::Range<usize> {
         let m = &self.p.motions[k];

@@ -14,6 +14,7 @@ use crate::plant::drive::DriveParams;
 use crate::plant::effects::{ParameterValue, PhysicsTerm};
 use crate::plant::machine::AxisModel;
 use crate::signal::inner_products::dot;
+use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// What an identification is good for, as a share: structure, friction, damping.
@@ -34,6 +35,7 @@ const FINE_STEP_M: f64 = 1e-14;
 const CONSTANTS: &[&str] = &[
     "phase_rad",
     "wavelength_m",
+    "order_per_rev",
     "presliding_stiffness_n_m",
     "free_free_frequency_hz",
     "bandwidth_rad_s",
@@ -67,6 +69,7 @@ const NUMBERS: &[&str] = &[
 ];
 
 /// A model fitted in closed loop.
+#[derive(Clone)]
 pub(super) struct LoopFit {
     /// The model.
     pub(super) axis: AxisModel,
@@ -77,25 +80,34 @@ pub(super) struct LoopFit {
 }
 
 /// What is fitted.
-enum Knob {
+pub(super) enum Knob {
     Number(&'static str),
     /// Index of the term, place of the parameter, and the value of an amplitude at the start: its unit.
     Law(usize, usize, Option<f64>),
+    /// Index of the term, place of the parameter and of the entry in its list, and the unit.
+    Entry(usize, [usize; 2], f64),
 }
 
-/// Fits the laws of `start` from there on, the numbers from those of `stated`, whose own terms stay; `held`:
-/// numbers that stay as well. `None`: a model ran away.
+/// The model with its numbers as they were stated.
+pub(super) fn with_stated_numbers(stated: &AxisModel, axis: &AxisModel) -> AxisModel {
+    let numbers = NUMBERS.iter().filter_map(|key| Some((*key, stated.drive.number(key)?)));
+    let drive = axis.drive.with_numbers(numbers).unwrap_or_else(|_| axis.drive.clone());
+    AxisModel { drive, ..axis.clone() }
+}
+
+/// Fits numbers and laws of `start` from there on; the terms of `stated` stay; `held`:
+/// numbers that stay as well; `noise`: weights, or as each
+/// model's errors ask for. `None`: a model ran away.
 pub(super) fn fit(
     rig: &Rig<'_>,
     (stated, held): (&AxisModel, &[&str]),
     start: &AxisModel,
+    noise: Option<&Noise>,
 ) -> Option<LoopFit> {
     let mut knobs = knobs(start, stated.physics.len());
     knobs.retain(|k| !matches!(k, Knob::Number(key) if held.contains(key)));
     let bed = Bed::new(rig.problem());
     let mut next = start.clone();
-    let numbers = NUMBERS.iter().filter_map(|key| Some((*key, stated.drive.number(key)?)));
-    next.drive = next.drive.with_numbers(numbers).unwrap_or(next.drive);
     let mut best: Option<Fitted> = None;
     let mut fits = 0;
     for _ in 0..2 * FITS {
@@ -118,7 +130,7 @@ pub(super) fn fit(
             }
             break;
         }
-        let fitted = bed.fit(&knobs, (next, stated), &errors);
+        let fitted = bed.fit(&knobs, (next, stated), &errors, noise);
         fits += 1;
         next = fitted.moved(&knobs);
         best = Some(fitted);
@@ -129,7 +141,7 @@ pub(super) fn fit(
             let value = best.axis.drive.number(key)?;
             Some((*key, value, value * deviation))
         }
-        Knob::Law(..) => None,
+        _ => None,
     });
     let lost = knobs.iter().zip(&best.deviations).filter_map(|(knob, deviation)| match knob {
         Knob::Law(term, place, Some(unit)) => {
@@ -166,23 +178,33 @@ impl Fitted {
 /// How errors are weighted: whitened by the quiet half of the time, and where they are louder than that,
 /// by how loud they are. A start from rest is said less well than noise would allow, and what hangs on it
 /// alone is less sure.
-struct Noise {
+#[derive(Clone)]
+pub(super) struct Noise {
     whitener: Whitener,
     /// Factor of each whitened value.
     factors: Vec<f64>,
 }
 
+impl Noise {
+    /// Weights thrust and stretch by one over a scale each.
+    pub(super) fn of_scales(bed: &Bed, scales: [f64; 2]) -> Self {
+        Self { whitener: Whitener::of_scales(scales), factors: vec![1.0; bed.layout.total()] }
+    }
+}
+
 /// What stays the same from fit to fit.
-struct Bed {
+pub(super) struct Bed {
     layout: Layout,
     folds: Folds,
     rate_hz: f64,
     /// Stretch at which the spring is free: the encoders have no common zero, lead and scale differ.
     free: Vec<Column>,
+    /// Travel of the recordings, m.
+    span_m: f64,
 }
 
 impl Bed {
-    fn new(p: &Problem) -> Self {
+    pub(super) fn new(p: &Problem) -> Self {
         let lengths = p.lengths();
         let layout = p.layout();
         let of = |at: usize| -> Column {
@@ -197,7 +219,22 @@ impl Bed {
             motor: None,
             stage: Some(m.stage.position_m.iter().map(|x| (x - m.centre_m) * 1e3).collect()),
         }));
-        Self { folds: Folds::new(&layout, p.rate_hz()), rate_hz: p.rate_hz(), layout, free }
+        let folds = Folds::new(&layout, p.rate_hz());
+        Self { folds, rate_hz: p.rate_hz(), layout, free, span_m: super::terms::travel_m(p) }
+    }
+
+    pub(super) fn folds(&self) -> &Folds {
+        &self.folds
+    }
+
+    /// Travel of the recordings, m.
+    pub(super) fn span_m(&self) -> f64 {
+        self.span_m
+    }
+
+    /// Values of both sides in all recordings.
+    pub(super) fn samples(&self) -> usize {
+        self.layout.total()
     }
 
     fn noise(&self, errors: &Column) -> Noise {
@@ -228,52 +265,46 @@ impl Bed {
         noise
     }
 
-    fn weigh(&self, noise: &Noise, column: &Column) -> Vec<f64> {
+    pub(super) fn weigh(&self, noise: &Noise, column: &Column) -> Vec<f64> {
         let mut z = noise.whitener.whiten(column, &self.layout);
         z.iter_mut().zip(&noise.factors).for_each(|(z, f)| *z *= f);
         z
     }
 
     /// Columns and those of the free stretch.
-    fn weighed(&self, noise: &Noise, columns: &[Column]) -> Vec<Vec<f64>> {
+    pub(super) fn weighed(&self, noise: &Noise, columns: &[Column]) -> Vec<Vec<f64>> {
         columns.iter().chain(&self.free).map(|c| self.weigh(noise, c)).collect()
     }
 
-    fn gram(&self, columns: &[Vec<f64>], target: &[f64], known: Vec<[f64; 2]>) -> Gram {
+    pub(super) fn gram(&self, columns: &[Vec<f64>], target: &[f64], known: Vec<[f64; 2]>) -> Gram {
         let beside = Beside { known, instants: self.folds.instants(), ..Beside::default() };
         Gram::new(columns, target, &self.folds).beside(beside)
     }
 
     /// Sum of squares that errors leave, free stretch apart.
-    fn loss(&self, noise: &Noise, errors: &Column) -> f64 {
+    pub(super) fn loss(&self, noise: &Noise, errors: &Column) -> f64 {
         let columns = self.weighed(noise, &[]);
         self.gram(&columns, &self.weigh(noise, errors), Vec::new()).solve(&all(columns.len())).left
     }
 
     /// One Gauss-Newton step. `errors`: of the model, then with each knob turned.
-    fn fit(&self, knobs: &[Knob], (axis, stated): (AxisModel, &AxisModel), errors: &[Column]) -> Fitted {
-        let (now, turned) = (&errors[0], &errors[1..]);
-        let noise = self.noise(now);
-        let slopes: Vec<Column> = turned
-            .iter()
-            .zip(knobs)
-            .map(|(t, knob)| {
-                let change = knob.change(&axis);
-                let mut slope = now.clone();
-                super::bench::add(&mut slope, t, -1.0);
-                for s in slope.iter_mut().flat_map(|s| [&mut s.motor, &mut s.stage]).flatten() {
-                    s.iter_mut().for_each(|x| *x /= change);
-                }
-                slope
-            })
-            .collect();
+    fn fit(
+        &self,
+        knobs: &[Knob],
+        (axis, stated): (AxisModel, &AxisModel),
+        errors: &[Column],
+        noise: Option<&Noise>,
+    ) -> Fitted {
+        let now = &errors[0];
+        let noise = noise.cloned().unwrap_or_else(|| self.noise(now));
+        let slopes = slopes(knobs, &axis, errors);
         let known = knobs.iter().map(|knob| knob.known(stated, &axis)).collect();
         let columns = self.weighed(&noise, &slopes);
         let gram = self.gram(&columns, &self.weigh(&noise, now), known);
         let used = all(columns.len());
         let (solution, loss) = (gram.solve(&used), gram.solve(&used[knobs.len()..]).left);
         let steps = knobs.iter().zip(&solution.coefficients).map(|(knob, s)| {
-            let trust = knob.trust(&axis);
+            let trust = knob.trust(&axis, self.span_m);
             s.clamp(-trust, trust)
         });
         let steps = steps.collect();
@@ -281,10 +312,25 @@ impl Bed {
     }
 }
 
+/// What each knob changes of the errors. `errors`: of the model, then with each knob turned.
+pub(super) fn slopes(knobs: &[Knob], axis: &AxisModel, errors: &[Column]) -> Vec<Column> {
+    let (now, turned) = (&errors[0], &errors[1..]);
+    let of = |(turned, knob): (&Column, &Knob)| {
+        let change = knob.change(axis);
+        let mut slope = now.clone();
+        super::bench::add(&mut slope, turned, -1.0);
+        for s in slope.iter_mut().flat_map(|s| [&mut s.motor, &mut s.stage]).flatten() {
+            s.iter_mut().for_each(|x| *x /= change);
+        }
+        slope
+    };
+    turned.iter().zip(knobs).map(of).collect()
+}
+
 impl Knob {
     /// The model with this one turned: a factor exp(step); a phase by the step, an amplitude by so much of
     /// its unit.
-    fn turned(&self, axis: &AxisModel, step: f64) -> AxisModel {
+    pub(super) fn turned(&self, axis: &AxisModel, step: f64) -> AxisModel {
         let mut axis = axis.clone();
         match self {
             Self::Number(key) => {
@@ -301,31 +347,42 @@ impl Knob {
                     };
                 }
             }
+            Self::Entry(term, [place, entry], unit) => {
+                if let ParameterValue::List(list) = &mut axis.physics[*term].parameters[*place].1 {
+                    list[*entry] += step * unit;
+                }
+            }
         }
         axis
     }
 
-    fn is_wavelength(&self, axis: &AxisModel) -> bool {
-        let Self::Law(term, place, _) = self else { return false };
-        axis.physics[*term].parameters[*place].0 == "wavelength_m"
+    /// Length of the wave whose length or order this is, m.
+    fn wavelength_m(&self, axis: &AxisModel) -> Option<f64> {
+        let Self::Law(term, place, _) = self else { return None };
+        let x = value(&axis.physics[*term], *place)?;
+        match axis.physics[*term].parameters[*place].0.as_str() {
+            "wavelength_m" => Some(x),
+            "order_per_rev" => Some(axis.drive.screw_lead_m()? / x),
+            _ => None,
+        }
     }
 
     /// Change from which a derivative is taken.
-    fn change(&self, axis: &AxisModel) -> f64 {
-        if self.is_wavelength(axis) { 1e-4 } else { 5e-3 }
+    pub(super) fn change(&self, axis: &AxisModel) -> f64 {
+        if self.wavelength_m(axis).is_some() { 1e-4 } else { 5e-3 }
     }
 
-    /// Longest step.
-    fn trust(&self, axis: &AxisModel) -> f64 {
-        match self {
-            Self::Law(_, _, Some(_)) => 1.0,
-            _ if self.is_wavelength(axis) => 2e-3,
+    /// Longest step: of a wave's length so much that it moves by a radian over the travel.
+    pub(super) fn trust(&self, axis: &AxisModel, span_m: f64) -> f64 {
+        match (self, self.wavelength_m(axis)) {
+            (Self::Law(_, _, Some(_)) | Self::Entry(..), _) => 1.0,
+            (_, Some(length_m)) => (length_m / (TAU * span_m)).min(0.05),
             _ => 0.2,
         }
     }
 
     /// Precision and value of the step before anything is measured.
-    fn known(&self, stated: &AxisModel, axis: &AxisModel) -> [f64; 2] {
+    pub(super) fn known(&self, stated: &AxisModel, axis: &AxisModel) -> [f64; 2] {
         let Self::Number(key) = self else { return [1.0, 0.0] };
         let [structure, friction, damping] = STATED;
         let share = if key.contains("damping") {
@@ -351,15 +408,20 @@ fn value(term: &PhysicsTerm, place: usize) -> Option<f64> {
     }
 }
 
-fn knobs(axis: &AxisModel, given: usize) -> Vec<Knob> {
+pub(super) fn knobs(axis: &AxisModel, given: usize) -> Vec<Knob> {
     let has = |key: &&str| axis.drive.number(key).is_some_and(|x| x > 0.0);
     let mut knobs: Vec<Knob> = NUMBERS.iter().copied().filter(|k| has(k)).map(Knob::Number).collect();
     for (k, term) in axis.physics.iter().enumerate().skip(given) {
-        // A form that is said by a list stays as it is.
-        if term.parameters.iter().any(|(_, v)| matches!(v, ParameterValue::List(_))) {
-            continue;
-        }
-        for (j, (name, _)) in term.parameters.iter().enumerate() {
+        // Where a list says the form, the amplitude and the phase beside it are only read.
+        let listed = term.parameters.iter().any(|(_, v)| matches!(v, ParameterValue::List(_)));
+        for (j, (name, value_or_list)) in term.parameters.iter().enumerate() {
+            if let ParameterValue::List(list) = value_or_list {
+                let unit = list.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+                knobs.extend((0..list.len()).map(|entry| Knob::Entry(k, [j, entry], unit)));
+            }
+            if listed && matches!(name.as_str(), "amplitude_n" | "amplitude_m" | "phase_rad") {
+                continue;
+            }
             let Some(x) = value(term, j).filter(|x| *x != 0.0) else { continue };
             if AMPLITUDES.contains(&name.as_str()) {
                 knobs.push(Knob::Law(k, j, Some(x)));
@@ -372,7 +434,7 @@ fn knobs(axis: &AxisModel, given: usize) -> Vec<Knob> {
 }
 
 /// The axis with encoders that count finely.
-fn finely_counted(axis: &AxisModel) -> AxisModel {
+pub(super) fn finely_counted(axis: &AxisModel) -> AxisModel {
     let mut axis = axis.clone();
     let mut raw = axis.drive.raw().clone();
     raw.motor_encoder_resolution_m = Some(FINE_STEP_M);

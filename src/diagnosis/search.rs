@@ -3,6 +3,7 @@
 use super::bank;
 use super::bench::{Accepted, Bench, Score, rms};
 use super::floor::spectrum;
+use super::loop_search::Told;
 use super::problem::{Column, Mechanics, Problem, Sides};
 use super::shape::{Hypothesis, Shape};
 use super::state::{PASSES, RUNAWAY, State, nominal_residual};
@@ -77,6 +78,8 @@ pub(crate) struct Outcome {
     pub(crate) stranger: Option<Score>,
     /// What the loop says of the model without findings.
     pub(crate) complete: Complete,
+    /// What the loop found, where it contradicts the balance.
+    pub(crate) told: Option<Told>,
 }
 
 /// What a search starts from.
@@ -150,7 +153,7 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
         prune(&mut state);
     }
     let stranger = stranger.filter(|s| beats_named(&state, s));
-    Outcome { state, rounds, nominal, before, recalibrated, stranger, complete }
+    Outcome { state, rounds, nominal, before, recalibrated, stranger, complete, told: None }
 }
 
 /// The findings of one recording, fitted to all of them.
@@ -166,7 +169,24 @@ pub(crate) fn with_findings_of(start: Start, alone: Outcome) -> Outcome {
     add_overtones(&mut state);
     prune(&mut state);
     let Outcome { rounds, .. } = alone;
-    Outcome { state, rounds, nominal, before, recalibrated, stranger: None, complete: Complete::No }
+    let (stranger, complete) = (None, Complete::No);
+    Outcome { state, rounds, nominal, before, recalibrated, stranger, complete, told: None }
+}
+
+/// What the loop found. The balance says beside it what it leaves of its forces.
+pub(crate) fn as_told(start: Start, told: Told) -> Outcome {
+    let Start { mut state, nominal } = start;
+    state.settle(PASSES);
+    let (before, recalibrated) = (state.residual.clone(), state.problem.mechanics);
+    state.problem.mechanics = Mechanics::nominal(&told.axis.drive);
+    for f in &told.findings {
+        let law = Accepted::new(&state.problem, f.hypothesis.clone(), f.amplitudes.clone());
+        state.accepted.push(law);
+    }
+    state.residual = state.flat_bench().residual();
+    let rounds = told.findings.iter().map(|f| f.scores.clone()).collect();
+    let (stranger, complete) = (None, Complete::No);
+    Outcome { state, rounds, nominal, before, recalibrated, stranger, complete, told: Some(told) }
 }
 
 /// Waves whose next overtone shows once the rest is explained get it. A wave and its overtones are one cause,
@@ -379,6 +399,11 @@ pub(crate) fn least_evidence(bench: &Bench<'_>) -> f64 {
     LEAST_EVIDENCE.max(share * bench.folds.total() as f64)
 }
 
+/// The same of so many samples that count their steps as stated.
+pub(super) fn least_evidence_of(samples: usize) -> f64 {
+    LEAST_EVIDENCE.max(LEAST_SHARE * samples as f64)
+}
+
 /// Scores the bank and refines the leaders of each effect; best first.
 fn one_round(bench: &Bench<'_>, known: &[Hypothesis]) -> Vec<Score> {
     let mut scores = scored(bench, known);
@@ -399,7 +424,7 @@ fn scored(bench: &Bench<'_>, known: &[Hypothesis]) -> Vec<Score> {
 }
 
 /// True when two hypotheses are the same physics, so that one in the model makes the other pointless.
-fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
+pub(super) fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
     if a.effect != b.effect || a.port != b.port {
         return false;
     }
@@ -433,7 +458,7 @@ fn sort(scores: &mut [Score]) {
 }
 
 /// Of each kind the best stays; best first.
-fn keep_best_of_kind(scores: &mut Vec<Score>) {
+pub(super) fn keep_best_of_kind(scores: &mut Vec<Score>) {
     sort(scores);
     let mut kept: Vec<Score> = Vec::new();
     for s in scores.drain(..) {

@@ -1,6 +1,6 @@
 //! Between hypotheses and what leaves the diagnosis: named parameters, terms of a model, sentences.
 
-use super::bench::{Accepted, HypothesisFit};
+use super::bench::HypothesisFit;
 use super::problem::Problem;
 use super::result::Estimate;
 use super::shape::{Hypothesis, Shape};
@@ -19,6 +19,11 @@ const TAKING_UP_SAMPLES: f64 = 0.03;
 const EXACTNESS: f64 = 5e-4;
 const Z95: f64 = 1.96;
 
+/// Half of a 95 % interval of something of this deviation.
+pub(crate) fn half_width(deviation: f64) -> f64 {
+    Z95 * DEVIATION_FACTOR * deviation
+}
+
 /// Collects estimates with their intervals.
 struct Sheet {
     list: Vec<Estimate>,
@@ -27,7 +32,7 @@ struct Sheet {
 
 impl Sheet {
     fn add(&mut self, name: &str, unit: &'static str, value: f64, deviation: f64) {
-        let half = Z95 * DEVIATION_FACTOR * deviation;
+        let half = half_width(deviation);
         self.list.push(Estimate { name: name.to_owned(), value, unit, ci95: [value - half, value + half] });
     }
 
@@ -45,7 +50,7 @@ impl Sheet {
 
     /// Wavelengths and their like carry the interval of their logarithm.
     fn add_log(&mut self, name: &str, unit: &'static str, value: f64, relative: f64) {
-        let half = Z95 * DEVIATION_FACTOR * relative;
+        let half = half_width(relative);
         self.list.push(Estimate {
             name: name.to_owned(),
             value,
@@ -56,13 +61,13 @@ impl Sheet {
 }
 
 /// Numbers of an accepted finding.
-pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -> Vec<Estimate> {
+pub(crate) fn estimates(p: &Problem, h: &Hypothesis, fit: &HypothesisFit) -> Vec<Estimate> {
     let scaled = p.motions.iter().any(|m| (m.thrust_per_unit - 1.0).abs() > 1e-12);
     let mut s = Sheet { list: Vec::new(), scale: if scaled { SCALE_DEVIATION } else { 0.0 } };
     let a = |k: usize| fit.amplitudes.get(k).copied().unwrap_or(0.0);
     let d = |k: usize| fit.amplitude_deviations.get(k).copied().unwrap_or(0.0);
     let r = |k: usize| fit.step_deviations.get(k).copied().unwrap_or(0.0);
-    match &accepted.hypothesis.shape {
+    match &h.shape {
         Shape::Coulomb | Shape::Constant => s.add_force("force_n", "N", a(0), d(0)),
         Shape::Viscous => s.add_force("n_s_m", "N s/m", a(0), d(0)),
         Shape::Stribeck { velocity_m_s } => {
@@ -86,7 +91,7 @@ pub(crate) fn estimates(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -
         Shape::Periodic { wavelength_m, .. } => {
             let (amplitude, phase) = amplitude_phase(a(0), a(1));
             let deviation = d(0).max(d(1));
-            if accepted.hypothesis.effect == E::TorqueRipple {
+            if h.effect == E::TorqueRipple {
                 let lead = p.drive.screw_lead_m().unwrap_or(TAU);
                 s.add_log("order_per_rev", "1", lead / wavelength_m, r(0));
             } else {
@@ -190,12 +195,12 @@ pub(crate) fn travel_m(p: &Problem) -> f64 {
 }
 
 /// The finding as a term of a model, from which [`hypothesis`] rebuilds it.
-pub(crate) fn term(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -> PhysicsTerm {
+pub(crate) fn term(p: &Problem, h: &Hypothesis, fit: &HypothesisFit) -> PhysicsTerm {
     let mut parameters: Vec<(String, ParameterValue)> =
-        estimates(p, accepted, fit).into_iter().map(|e| (e.name, ParameterValue::Number(e.value))).collect();
+        estimates(p, h, fit).into_iter().map(|e| (e.name, ParameterValue::Number(e.value))).collect();
     let mut list =
         |name: &str, values: Vec<f64>| parameters.push((name.to_owned(), ParameterValue::List(values)));
-    match &accepted.hypothesis.shape {
+    match &h.shape {
         Shape::Periodic { harmonics, flips, .. } => {
             if *harmonics > 1 {
                 list("harmonics_n", fit.amplitudes.clone());
@@ -217,7 +222,7 @@ pub(crate) fn term(p: &Problem, accepted: &Accepted, fit: &HypothesisFit) -> Phy
         }
         _ => {}
     }
-    PhysicsTerm { effect: accepted.hypothesis.effect, port: accepted.hypothesis.port, parameters }
+    PhysicsTerm { effect: h.effect, port: h.port, parameters }
 }
 
 /// The hypothesis that a term of a model states, with its amplitudes; `None`: not a law of this bank.

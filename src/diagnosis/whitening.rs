@@ -99,6 +99,12 @@ impl Whitener {
         Self { lags: Vec::new(), scale: whitening_root(covariance), sides: layout.sides }
     }
 
+    /// Weights each of two sides by one over its scale.
+    pub(crate) fn of_scales(scales: [f64; 2]) -> Self {
+        let scale = Matrix2::from_diagonal(&scales.map(f64::recip).into());
+        Self { lags: Vec::new(), scale, sides: 2 }
+    }
+
     fn solve(mut n: Normal, sides: usize) -> Self {
         // A floor of 1e-3 of the power: the band above the low-pass holds no noise and must not be amplified
         // without end.
