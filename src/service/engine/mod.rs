@@ -298,7 +298,7 @@ impl Engine {
         }
         if let Some(chunk) = self.black_box.newest_full() {
             let feed = Feed { chunk, axes: stream.shared_axes(), rate: stream.sample_rate() };
-            // A comparison that lags misses a quarter of a second; nothing rests on it.
+            // A comparison that lags misses a second; nothing rests on it.
             if self.setup.drift.try_send(feed).is_err() {
                 self.setup.metrics.queue_dropped.with_label_values(&["drift", "true"]).inc();
             }
