@@ -25,6 +25,9 @@ impl Drop for Process {
     }
 }
 
+/// Settings of the system's memory allocator, as in the unit (`deploy/systemd`).
+const ALLOCATOR: [(&str, &str); 2] = [("MALLOC_MMAP_THRESHOLD_", "131072"), ("MALLOC_ARENA_MAX", "2")];
+
 /// Starts the service in a folder, with keys added to those of its history; answers its address.
 pub(crate) fn service(folder: &Path, prefix: &str, more: &str) -> (Process, String) {
     let config = folder.join("c.toml");
@@ -36,6 +39,7 @@ pub(crate) fn service(folder: &Path, prefix: &str, more: &str) -> (Process, Stri
     std::fs::write(&config, text).expect("a folder for temporary files");
     let mut command = binary();
     command.args(["run", "--config"]).arg(&config).stdout(Stdio::null()).stderr(Stdio::piped());
+    command.envs(ALLOCATOR);
     let mut child = command.spawn().expect("cargo build --release made the binary");
     let address = address(&mut child).expect("it says where it listens");
     (Process(child), address)

@@ -5,6 +5,7 @@
 mod audit;
 mod budget;
 mod campaign;
+mod completions;
 mod conceal;
 #[cfg(feature = "service")]
 mod demo;
@@ -14,6 +15,7 @@ mod identify;
 mod import;
 #[cfg(feature = "service")]
 mod lathe;
+mod man;
 mod pitch;
 mod print_config;
 mod replay;
@@ -61,6 +63,8 @@ enum Command {
     Conceal(conceal::Arguments),
     Campaign(campaign::Arguments),
     PrintConfig(print_config::Arguments),
+    Completions(completions::Arguments),
+    Man(man::Arguments),
     #[cfg(feature = "service")]
     Token(token::Arguments),
     #[cfg(feature = "service")]
@@ -169,6 +173,8 @@ fn dispatch(command: Command) -> anyhow::Result<()> {
         Command::Conceal(a) => conceal::run(a),
         Command::Campaign(a) => campaign::run(a),
         Command::PrintConfig(a) => print_config::run(a),
+        Command::Completions(a) => completions::run(a),
+        Command::Man(a) => man::run(a),
         #[cfg(feature = "service")]
         Command::Token(a) => token::run(a),
         #[cfg(feature = "service")]

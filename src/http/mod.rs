@@ -13,6 +13,7 @@ mod page;
 mod problem;
 mod read;
 mod recordings;
+mod refusals;
 mod seats;
 mod server;
 mod stream;

@@ -2,6 +2,7 @@
 
 use super::PeerAddress;
 use super::access::open_to_others;
+use super::refusals::Worded;
 use super::seats::{Activity, Prompt, Seats, WRITE_DEADLINE};
 use crate::telemetry::Metrics;
 use axum::Router;
@@ -191,7 +192,7 @@ async fn requests(
         .max_headers(HEADERS)
         .max_buf_size(HEAD_BYTES)
         .keep_alive(true)
-        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(service));
+        .serve_connection(TokioIo::new(Worded::new(stream)), TowerToHyperService::new(service));
     // What a client does wrong on its connection ends that connection, nothing else.
     let _ = watcher.watch(connection).await;
 }

@@ -199,17 +199,50 @@ fn stem(path: &Path) -> String {
 
 /// Writes a recording as Parquet, whole or not at all.
 pub fn write_recording(path: &Path, recording: &Recording) -> Result<(), RecordingError> {
-    let times: Vec<f64> = (0..recording.len()).map(|i| recording.time_s(i)).collect();
+    let head = Head {
+        sample_rate: recording.sample_rate,
+        experiment: &recording.experiment,
+        axes: &recording.axes,
+        start_s: recording.start_s,
+        rows: recording.len(),
+    };
+    let names: Vec<String> = recording.columns.iter().map(|c| c.name.clone()).collect();
+    let fill = &mut |index: usize, out: &mut Vec<f64>| {
+        out.extend_from_slice(recording.columns.get(index).map_or(&[], |c| &c.values));
+    };
+    write_by_column(path, &head, (names, recording.metadata.clone()), fill)
+}
+
+/// What a recording says beside its columns.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Head<'a> {
+    pub(crate) sample_rate: SampleRate,
+    pub(crate) experiment: &'a str,
+    pub(crate) axes: &'a [String],
+    pub(crate) start_s: f64,
+    pub(crate) rows: usize,
+}
+
+/// Writes a recording as Parquet, whole or not at all, with one column in memory at a time: `fill` appends
+/// the values of the column with that index to an empty list.
+pub(crate) fn write_by_column(
+    path: &Path,
+    head: &Head<'_>,
+    (mut names, own): (Vec<String>, Vec<(String, String)>),
+    fill: &mut dyn FnMut(usize, &mut Vec<f64>),
+) -> Result<(), RecordingError> {
     let mut metadata = vec![
         ("format".to_owned(), FORMAT.to_owned()),
-        ("sample_rate_hz".to_owned(), format!("{:?}", recording.sample_rate.hz())),
-        ("experiment".to_owned(), recording.experiment.clone()),
-        ("axes".to_owned(), recording.axes.join(",")),
+        ("sample_rate_hz".to_owned(), format!("{:?}", head.sample_rate.hz())),
+        ("experiment".to_owned(), head.experiment.to_owned()),
+        ("axes".to_owned(), head.axes.join(",")),
     ];
-    metadata.extend(recording.metadata.iter().cloned());
-    let mut columns = vec![("t_s", TableColumn::Double(&times))];
-    columns.extend(recording.columns.iter().map(|c| (c.name.as_str(), TableColumn::Double(&c.values))));
-    write_table(path, &Table { columns, metadata })
+    metadata.extend(own);
+    names.insert(0, "t_s".to_owned());
+    parquet_file::write_doubles(path, (&names, metadata), &mut |index, out| match index {
+        0 => out.extend((0..head.rows).map(|i| head.start_s + i as f64 / head.sample_rate.hz())),
+        _ => fill(index - 1, out),
+    })
 }
 
 /// Writes `bytes` beside `path` and renames: the file is there whole or not at all.

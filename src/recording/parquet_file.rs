@@ -139,8 +139,36 @@ pub struct Table<'a> {
 
 /// Writes a table as Parquet (zstd), whole or not at all.
 pub fn write_table(path: &Path, table: &Table<'_>) -> Result<(), RecordingError> {
+    write_beside(path, |part| write_to(part, table))
+}
+
+/// Writes columns of 64-bit numbers as Parquet (zstd), whole or not at all. One column is in memory at a
+/// time: `fill` appends the values of the column with that index to an empty list.
+pub(super) fn write_doubles(
+    path: &Path,
+    (names, metadata): (&[String], Vec<(String, String)>),
+    fill: &mut dyn FnMut(usize, &mut Vec<f64>),
+) -> Result<(), RecordingError> {
+    write_beside(path, |part| {
+        let mut values = Vec::new();
+        let fields = names.iter().map(|name| field(name, TableColumn::Double(&[])));
+        write_groups(part, (fields.collect(), metadata), |group| {
+            for index in 0..names.len() {
+                values.clear();
+                fill(index, &mut values);
+                write_column(group, TableColumn::Double(&values))?;
+            }
+            Ok(())
+        })
+    })
+}
+
+fn write_beside(
+    path: &Path,
+    write: impl FnOnce(&Path) -> Result<(), RecordingError>,
+) -> Result<(), RecordingError> {
     let part = beside(path);
-    let outcome = write_to(&part, table);
+    let outcome = write(&part);
     let finished = outcome.and_then(|()| {
         std::fs::rename(&part, path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })
     });
@@ -151,13 +179,25 @@ pub fn write_table(path: &Path, table: &Table<'_>) -> Result<(), RecordingError>
 }
 
 fn write_to(path: &Path, table: &Table<'_>) -> Result<(), RecordingError> {
+    let fields = table.columns.iter().map(|(name, column)| field(name, *column));
+    write_groups(path, (fields.collect(), table.metadata.clone()), |group| {
+        table.columns.iter().try_for_each(|(_, column)| write_column(group, *column))
+    })
+}
+
+type Fields = Result<Vec<Arc<Type>>, ParquetError>;
+
+/// A file with one row group, whose columns `write` writes.
+fn write_groups(
+    path: &Path,
+    (fields, metadata): (Fields, Vec<(String, String)>),
+    write: impl FnOnce(&mut SerializedRowGroupWriter<'_, File>) -> Result<(), ParquetError>,
+) -> Result<(), RecordingError> {
     let format_error =
         |e: ParquetError| RecordingError::Format { path: path.to_owned(), message: one_line(&e) };
-    let fields =
-        table.columns.iter().map(|(name, column)| field(name, *column)).collect::<Result<Vec<_>, _>>();
     let fields = fields.map_err(format_error)?;
     let schema = Type::group_type_builder("schema").with_fields(fields).build().map_err(format_error)?;
-    let metadata = table.metadata.iter().map(|(k, v)| KeyValue::new(k.clone(), v.clone())).collect();
+    let metadata = metadata.into_iter().map(|(k, v)| KeyValue::new(k, v)).collect();
     let properties = WriterProperties::builder()
         .set_compression(Compression::ZSTD(ZstdLevel::default()))
         .set_key_value_metadata(Some(metadata))
@@ -166,9 +206,7 @@ fn write_to(path: &Path, table: &Table<'_>) -> Result<(), RecordingError> {
     let mut writer =
         SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).map_err(format_error)?;
     let mut group = writer.next_row_group().map_err(format_error)?;
-    for (_, column) in &table.columns {
-        write_column(&mut group, *column).map_err(format_error)?;
-    }
+    write(&mut group).map_err(format_error)?;
     group.close().map_err(format_error)?;
     writer.close().map_err(format_error)?;
     Ok(())

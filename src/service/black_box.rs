@@ -1,6 +1,6 @@
 //! The black box: the last seconds of samples, kept in memory, saved around every event.
 //!
-//! Samples fill chunks of a quarter of a second. Each begins with a keyframe of the pipeline and carries what
+//! Samples fill chunks of a second. Each begins with a keyframe of the pipeline and carries what
 //! the pipeline decided, so that a saved recording can be replayed to the same bytes. A full chunk is shared,
 //! not copied: saving hands out references, so the pipeline thread pays the same whether anything is saved.
 
@@ -11,10 +11,11 @@ use crate::sample::{AxisSample, MAX_AXES, ServoSample, follows};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Samples of one chunk at 9 kHz: a quarter of a second.
-const CHUNK: usize = 2250;
-/// Chunks beside those that are kept: what fills while a recording is written takes them, two seconds of it.
-const SPARE: usize = 8;
+/// Samples of one chunk at 9 kHz: a second. Shorter ones would need more memory for their keyframes (270 KB).
+const CHUNK: usize = 9000;
+/// Chunks beside those that are kept: what fills while a recording is written takes them, and what saves cut
+/// short.
+const SPARE: usize = 3;
 /// Events of one chunk that find room without asking for memory.
 const HEARD: usize = 16;
 
@@ -198,6 +199,7 @@ impl BlackBox {
             self.spare.iter().position(|c| Arc::strong_count(c) == 1).map(|i| self.spare.swap_remove(i));
         let mut next = empty.and_then(Arc::into_inner).unwrap_or_else(Chunk::fresh);
         next.clear();
+        next.keyframe.reserve_exact(self.filling.keyframe.len());
         let done = std::mem::replace(&mut self.filling, next);
         let done = Arc::new(done);
         self.turned = Some(Arc::clone(&done));
@@ -213,7 +215,7 @@ impl BlackBox {
     /// Whether the oldest chunk may go: the others hold the time asked for, or there are too many short ones.
     fn has_surplus(&self) -> bool {
         let later: usize = self.full.iter().skip(1).map(|c| c.samples.len()).sum();
-        later >= self.chunks * CHUNK || self.full.len() > self.chunks + 2
+        later >= self.chunks * CHUNK || self.full.len() > self.chunks + SPARE
     }
 
     /// The chunk that was filled since the last call.
@@ -257,40 +259,70 @@ pub(super) fn samples(chunks: &[Arc<Chunk>]) -> impl Iterator<Item = ServoSample
     chunks.iter().flat_map(|c| c.samples.iter())
 }
 
-/// Columns of a recording: name and values.
-pub(super) fn columns(chunks: &[Arc<Chunk>], axes: &[String]) -> Vec<crate::sample::Column> {
+/// A column of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Signal {
+    CurrentRef(usize),
+    MotorAngle(usize),
+    StagePosition(usize),
+    /// 0 where the scale was silent: the position beside it means nothing.
+    StageValid(usize),
+    Accel(usize),
+    AccelValid,
+    SpindleAngle,
+    SpindleSpeed,
+    /// As the machine's clock said, to the last bit.
+    SourceTime,
+}
+
+impl Signal {
+    fn of(self, sample: &ServoSample) -> f64 {
+        let axis = |index: usize| &sample.axes[index];
+        match self {
+            Self::CurrentRef(index) => axis(index).current_ref_a,
+            Self::MotorAngle(index) => axis(index).motor_angle_rad,
+            Self::StagePosition(index) => axis(index).stage_position_m.unwrap_or_default(),
+            Self::StageValid(index) => f64::from(u8::from(axis(index).stage_position_m.is_some())),
+            Self::Accel(place) => sample.accel_m_s2.map_or(0.0, |a| a[place]),
+            Self::AccelValid => f64::from(u8::from(sample.accel_m_s2.is_some())),
+            Self::SpindleAngle => sample.spindle_angle_rad,
+            Self::SpindleSpeed => sample.spindle_speed_rpm,
+            Self::SourceTime => sample.t_s,
+        }
+    }
+
+    /// Appends the values of this column.
+    pub(super) fn fill(self, chunks: &[Arc<Chunk>], out: &mut Vec<f64>) {
+        out.extend(samples(chunks).map(|s| self.of(&s)));
+    }
+}
+
+/// Columns of a recording, by name.
+pub(super) fn signals(chunks: &[Arc<Chunk>], axes: &[String]) -> Vec<(String, Signal)> {
     let count: usize = chunks.iter().map(|c| c.samples.len()).sum();
     let mut out = Vec::new();
-    let mut add = |name: String, value: &dyn Fn(&ServoSample) -> f64| {
-        let mut values = Vec::with_capacity(count);
-        values.extend(samples(chunks).map(|s| value(&s)));
-        out.push(crate::sample::Column { name, values });
-    };
     for (index, axis) in axes.iter().enumerate().take(MAX_AXES) {
-        add(format!("{axis}_{}", AXIS_SIGNALS[0]), &|s| s.axes[index].current_ref_a);
-        add(format!("{axis}_{}", AXIS_SIGNALS[1]), &|s| s.axes[index].motor_angle_rad);
+        out.push((format!("{axis}_{}", AXIS_SIGNALS[0]), Signal::CurrentRef(index)));
+        out.push((format!("{axis}_{}", AXIS_SIGNALS[1]), Signal::MotorAngle(index)));
         let stages = samples(chunks).filter(|s| s.axes[index].stage_position_m.is_some()).count();
         if stages > 0 {
-            add(format!("{axis}_stage_position_m"), &|s| s.axes[index].stage_position_m.unwrap_or_default());
+            out.push((format!("{axis}_stage_position_m"), Signal::StagePosition(index)));
         }
         if (1..count).contains(&stages) {
-            // 0 where the scale was silent: the position beside it means nothing.
-            let valid = |s: &ServoSample| f64::from(u8::from(s.axes[index].stage_position_m.is_some()));
-            add(format!("{axis}_stage_valid"), &valid);
+            out.push((format!("{axis}_stage_valid"), Signal::StageValid(index)));
         }
     }
     let heard = samples(chunks).filter(|s| s.accel_m_s2.is_some()).count();
     if heard > 0 {
-        for (place, axis) in ["x", "y", "z"].into_iter().enumerate() {
-            add(format!("{axis}_accel_m_s2"), &|s| s.accel_m_s2.map_or(0.0, |a| a[place]));
-        }
+        let accels = ["x", "y", "z"].into_iter().enumerate();
+        out.extend(accels.map(|(place, axis)| (format!("{axis}_accel_m_s2"), Signal::Accel(place))));
     }
     if (1..count).contains(&heard) {
-        add("accel_valid".into(), &|s| f64::from(u8::from(s.accel_m_s2.is_some())));
+        out.push(("accel_valid".into(), Signal::AccelValid));
     }
-    add("spindle_angle_rad".into(), &|s| s.spindle_angle_rad);
-    add("spindle_speed_rpm".into(), &|s| s.spindle_speed_rpm);
-    add("source_t_s".into(), &|s| s.t_s); // as the machine's clock said, to the last bit
+    out.push(("spindle_angle_rad".into(), Signal::SpindleAngle));
+    out.push(("spindle_speed_rpm".into(), Signal::SpindleSpeed));
+    out.push(("source_t_s".into(), Signal::SourceTime));
     out
 }
 
@@ -342,7 +374,7 @@ mod tests {
             let from = 50_000 + 5000 * k;
             feed(&mut kept, &mut pipeline(), from..from + 5000);
             let length = kept.snapshot().iter().map(|c| c.samples.len()).sum::<usize>();
-            assert!(length >= 9000 && kept.full.len() <= kept.chunks + 2, "{length}");
+            assert!(length >= 9000 && kept.full.len() <= kept.chunks + SPARE, "{length}");
         }
     }
 
@@ -359,8 +391,8 @@ mod tests {
         let mut digest = Digest::default();
         samples.iter().for_each(|s| again.step(s).digest(2, &mut digest));
         assert_eq!(digest, last_unbroken(&chunks)[0].digest);
-        let columns = columns(last_unbroken(&chunks), &["x1".into()]);
-        let names: Vec<_> = columns.iter().map(|c| c.name.as_str()).collect();
+        let signals = signals(last_unbroken(&chunks), &["x1".into()]);
+        let names: Vec<_> = signals.iter().map(|(name, _)| name.as_str()).collect();
         let expected = [
             "x1_current_ref_a",
             "x1_motor_angle_rad",
@@ -393,8 +425,13 @@ mod tests {
         list[0].axes[0].stage_position_m = Some(0.5);
         let mut chunk = Chunk::fresh();
         list.iter().for_each(|s| chunk.samples.push(s, 1));
-        let columns = columns(&[Arc::new(chunk)], &["x1".into()]);
-        let of = |name: &str| columns.iter().find(|c| c.name == name).unwrap().values.clone();
+        let chunks = [Arc::new(chunk)];
+        let signals = signals(&chunks, &["x1".into()]);
+        let of = |name: &str| {
+            let mut values = Vec::new();
+            signals.iter().find(|(n, _)| n == name).unwrap().1.fill(&chunks, &mut values);
+            values
+        };
         assert_eq!(of("x1_stage_position_m"), [0.5, 0.0]);
         assert_eq!(of("x1_stage_valid"), [1.0, 0.0]);
     }

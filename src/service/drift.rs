@@ -39,7 +39,7 @@ const STANDING_RPM: f64 = 1.0;
 /// Residuals are looked at below this: slow physics, little encoder noise.
 const CUTOFF_HZ: f64 = 100.0;
 /// Chunks that may wait.
-const WAITING: usize = 8;
+const WAITING: usize = 3;
 
 /// Samples for the comparison.
 #[derive(Debug)]

@@ -1,13 +1,12 @@
 //! Writes black-box recordings on a thread of its own: slow disks are nobody else's problem.
 
-use super::black_box::{Chunk, Heard, columns, last_unbroken, samples};
+use super::black_box::{Chunk, Heard, last_unbroken, samples, signals};
 use super::clock;
 use super::ledger::{Page, pages_since};
 use super::recordings::{RecordingLimits, Recordings};
 use crate::avoidance::account::Account;
-use crate::recording::{Evidence, RecordingError, write_recording};
+use crate::recording::{Evidence, Head, RecordingError, write_by_column};
 use crate::report::events::{EventLine, events_text};
-use crate::sample::Recording;
 use crate::telemetry::{EventKind, Metrics};
 use crate::units::SampleRate;
 use std::sync::Arc;
@@ -106,18 +105,24 @@ fn save(recordings: &Recordings, job: &Job) -> Result<f64, Unsaved> {
         return Err(Unsaved::TooShort(what));
     }
     let evidence = evidence(job, chunks).map_err(|e| failed(e.to_string()))?;
-    let recording = Recording {
+    let head = Head {
         sample_rate: job.sample_rate,
-        experiment: job.reason.clone(),
-        axes: job.axes.clone(),
-        columns: columns(chunks, &job.axes),
+        experiment: &job.reason,
+        axes: &job.axes,
         start_s: samples(chunks).next().map_or(0.0, |s| s.t_s),
-        metadata: [job.metadata.clone(), evidence.metadata()].concat(),
+        rows: count,
     };
+    let metadata = [job.metadata.clone(), evidence.metadata()].concat();
+    let (names, signals): (Vec<_>, Vec<_>) = signals(chunks, &job.axes).into_iter().unzip();
     let target = recordings.target(&job.id).ok_or_else(|| failed("is not a name".to_owned()))?;
     loop {
-        match write_recording(&target, &recording) {
-            Ok(()) => return Ok(recording.len() as f64 / recording.sample_rate.hz()),
+        let mut fill = |index: usize, out: &mut Vec<f64>| {
+            if let Some(signal) = signals.get(index) {
+                signal.fill(chunks, out);
+            }
+        };
+        match write_by_column(&target, &head, (names.clone(), metadata.clone()), &mut fill) {
+            Ok(()) => return Ok(count as f64 / job.sample_rate.hz()),
             Err(error) if is_full(&error) && recordings.remove_oldest() => {}
             Err(error) => return Err(Unsaved::Failed(error.to_string())),
         }

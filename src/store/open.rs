@@ -122,9 +122,11 @@ async fn try_open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, Option
     }
     let copy = if !applied.is_empty() && applied.len() < known.len() {
         let name = format!("history.before-{}-{wall_ns}.sqlite", known.len());
-        let target = path.with_file_name(name);
-        let text = target.to_string_lossy().into_owned();
+        // Whole or not at all: a process that is killed meanwhile leaves no half copy under that name.
+        let (part, target) = (path.with_file_name(format!(".{name}.part")), path.with_file_name(name));
+        let text = part.to_string_lossy().into_owned();
         sqlx::query("VACUUM INTO ?").bind(text).execute(&mut connection).await.map_err(fail)?;
+        std::fs::rename(&part, &target).map_err(|source| StoreError::Files { path: part, source })?;
         Some(target)
     } else {
         None

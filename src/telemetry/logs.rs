@@ -1,6 +1,9 @@
 //! Log lines to standard error, where the service manager takes them from.
 
-use tracing_subscriber::EnvFilter;
+use tracing::Level;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 /// How log lines look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -11,15 +14,42 @@ pub enum LogFormat {
     Json,
 }
 
+/// What is logged without a word in `RUST_LOG`: iceoryx2 reports every look at a dead node; only its errors
+/// matter here.
+const USUAL: &str = "info,iceoryx2=error,sqlx=warn";
+
+/// Levels by part of the program (`warn,stillcut=debug`), as far as they can be read.
+fn levels(asked: Option<&str>) -> Targets {
+    let asked = asked.filter(|text| !text.is_empty()).and_then(|text| text.parse().ok());
+    asked.or_else(|| USUAL.parse().ok()).unwrap_or_else(|| Targets::new().with_default(Level::INFO))
+}
+
 /// Starts the log, filtered by `RUST_LOG` or `info`. A second call does nothing.
 pub fn start_logs(format: LogFormat) {
-    // iceoryx2 reports every look at a dead node; only its errors matter here.
-    let filter =
-        EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info,iceoryx2=error,sqlx=warn"));
-    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let levels = levels(std::env::var("RUST_LOG").ok().as_deref());
+    let builder = tracing_subscriber::fmt().with_max_level(Level::TRACE).with_writer(std::io::stderr);
     let outcome = match format {
-        LogFormat::Text => builder.with_ansi(false).try_init(),
-        LogFormat::Json => builder.json().flatten_event(true).try_init(),
+        LogFormat::Text => builder.with_ansi(false).finish().with(levels).try_init(),
+        LogFormat::Json => builder.json().flatten_event(true).finish().with(levels).try_init(),
     };
     drop(outcome); // already started: the first one stays
+}
+
+#[cfg(test)]
+mod tests {
+    use super::levels;
+    use tracing::Level;
+
+    #[test]
+    fn levels_are_asked_for_by_part_and_nonsense_is_the_usual() {
+        for usual in [levels(None), levels(Some("")), levels(Some("stillcut=loud"))] {
+            assert!(usual.would_enable("stillcut::service", &Level::INFO));
+            assert!(!usual.would_enable("stillcut::service", &Level::DEBUG));
+            assert!(!usual.would_enable("iceoryx2::node", &Level::WARN));
+        }
+        let asked = levels(Some("warn,stillcut=debug"));
+        assert!(
+            asked.would_enable("stillcut::http", &Level::DEBUG) && !asked.would_enable("sqlx", &Level::INFO)
+        );
+    }
 }

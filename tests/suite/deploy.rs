@@ -120,3 +120,28 @@ fn what_the_package_holds_exists() {
     }
     assert!(root.join(deb["maintainer-scripts"].as_str().unwrap()).join("postinst").is_file());
 }
+
+/// Manual page and completions of the package are those of the program; `worker` is in no default build.
+#[test]
+fn manual_and_completions_are_those_of_the_program() {
+    if cfg!(feature = "nats") {
+        eprintln!("skipped: a build with the fleet has one command more");
+        return;
+    }
+    for (arguments, file) in [
+        (&["man"][..], "man/stillcut.1"),
+        (&["completions", "bash"], "completions/stillcut.bash"),
+        (&["completions", "zsh"], "completions/_stillcut"),
+        (&["completions", "fish"], "completions/stillcut.fish"),
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_stillcut")).args(arguments).output().unwrap();
+        assert!(output.status.success(), "{}", said(&output));
+        let shipped = std::fs::read_to_string(deploy(file)).unwrap();
+        let same = String::from_utf8_lossy(&output.stdout) == shipped;
+        assert!(same, "stillcut {} > deploy/{file}", arguments.join(" "));
+    }
+    let page = std::fs::read_to_string(deploy("man/stillcut.1")).unwrap();
+    for part in [".SH \"STILLCUT RUN\"", ".SS OPTIONS", ".SH \"EXIT STATUS\""] {
+        assert!(page.contains(part), "{part}");
+    }
+}

@@ -343,6 +343,46 @@ fn bodies_that_are_too_large_too_slow_or_no_json_are_refused() {
     running.stop();
 }
 
+/// What is refused before a route is looked for is a problem too.
+#[test]
+fn a_head_that_cannot_be_read_is_a_problem() {
+    let place = Place::new("head");
+    let running = service(&place);
+    let address = running.handle().address().to_string();
+    let many = format!("GET / HTTP/1.1\r\nHost: localhost\r\n{}\r\n", "X-A: b\r\n".repeat(80));
+    let large = format!("GET / HTTP/1.1\r\nHost: localhost\r\nX-A: {}\r\n\r\n", "b".repeat(40_000));
+    let long = format!("GET /{} HTTP/1.1\r\nHost: localhost\r\n\r\n", "a".repeat(70_000));
+    let good = "GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    let cases = [
+        ("nonsense\r\n\r\n".to_owned(), vec![(400, "malformed_request")]),
+        ("GET / HTTP/9.9\r\n\r\n".to_owned(), vec![(400, "malformed_request")]),
+        ("GET / HTTP/1.1\r\nHost localhost\r\n\r\n".to_owned(), vec![(400, "malformed_request")]),
+        (many, vec![(431, "head_too_large")]),
+        (large, vec![(431, "head_too_large")]),
+        (long, vec![(414, "uri_too_long"), (431, "head_too_large")]),
+        (format!("{good}nonsense\r\n\r\n"), vec![(400, "malformed_request")]),
+    ];
+    for (request, expected) in cases {
+        let mut stream = TcpStream::connect(&address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        let asked = &request[..request.len().min(60)];
+        let _ = stream.write_all(request.as_bytes()); // may be refused before it has gone whole
+        let (mut said, mut piece) = (Vec::new(), [0; 4096]);
+        while let Ok(count @ 1..) = stream.read(&mut piece) {
+            said.extend_from_slice(&piece[..count]);
+        }
+        let said = String::from_utf8_lossy(&said);
+        let last = said.rfind("HTTP/1.1 ").map_or("", |at| &said[at..]);
+        let (head, body) = last.split_once("\r\n\r\n").unwrap_or_else(|| panic!("{asked}: {said}"));
+        assert!(head.contains("content-type: application/problem+json"), "{asked}: {head}");
+        let body: serde_json::Value =
+            serde_json::from_str(body).unwrap_or_else(|e| panic!("{asked}: {e}: {body}"));
+        let found = (body["status"].as_u64().unwrap(), body["code"].as_str().unwrap());
+        assert!(expected.contains(&found), "{asked}: {found:?}");
+    }
+    running.stop();
+}
+
 /// Clients that ask for much and take nothing hold every place: for five seconds, not for ever.
 #[test]
 fn clients_that_never_read_do_not_lock_others_out() {

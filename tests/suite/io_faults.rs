@@ -16,7 +16,7 @@ use stillcut::store::{AuditVerdict, FILE_NAME, Retention, StoreWriter, verify_au
 use stillcut::telemetry::Metrics;
 
 /// The library, compiled. Nothing where there is no compiler.
-fn shim(folder: &Path) -> Option<PathBuf> {
+pub(crate) fn shim(folder: &Path) -> Option<PathBuf> {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/shim/io_faults.c");
     let library = folder.join("io_faults.so");
     let mut command = Command::new("cc");

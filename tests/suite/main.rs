@@ -31,6 +31,8 @@ mod import;
 #[cfg(feature = "service")]
 mod io_faults;
 #[cfg(feature = "service")]
+mod kill_points;
+#[cfg(feature = "service")]
 mod live_diagnosis;
 mod model_axis;
 #[cfg(feature = "service")]

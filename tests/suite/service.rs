@@ -222,7 +222,10 @@ impl Process {
         let mut child = command.spawn().unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
         let address = loop {
-            let line = lines.next().expect("it says where it listens").unwrap();
+            let Some(Ok(line)) = lines.next() else {
+                let _ = child.wait();
+                return Err("it ended without a word".to_owned());
+            };
             let Ok(value) = serde_json::from_str::<serde_json::Value>(&line) else {
                 let _ = child.wait();
                 return Err(line); // the last line of a process that ends is for people

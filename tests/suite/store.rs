@@ -92,6 +92,23 @@ fn what_is_acknowledged_is_there_and_an_id_is_stored_once() {
     }
 }
 
+/// A history as the version that knew so many migrations left it, with three events.
+pub(crate) async fn older_history(path: &Path, versions: usize) {
+    std::fs::write(path, "").unwrap();
+    let mut connection = connect(path).await;
+    let one = |(version, name, sql): &(i64, &'static str, &'static str)| {
+        let (name, sql) = ((*name).into(), sqlx::SqlSafeStr::into_sql_str(*sql));
+        Migration::new(*version, name, MigrationType::Simple, sql, false)
+    };
+    let migrator = Migrator::with_migrations(migrations()[..versions].iter().map(one).collect());
+    migrator.run_direct(None, &mut connection, false).await.unwrap();
+    for k in 0..3 {
+        let insert = "INSERT INTO event (id, wall_ns, kind, text) VALUES (?, ?, 'chatter_onset', 't')";
+        sqlx::query(insert).bind(format!("e{k}")).bind(k).execute(&mut connection).await.unwrap();
+    }
+    connection.close().await.unwrap();
+}
+
 /// The file as each earlier version left it.
 #[test]
 fn an_older_schema_is_copied_then_brought_up_to_date() {
@@ -99,21 +116,8 @@ fn an_older_schema_is_copied_then_brought_up_to_date() {
     for versions in 1..all.len() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(FILE_NAME);
-        std::fs::write(&path, "").unwrap();
         runtime().block_on(async {
-            let mut connection = connect(&path).await;
-            let one = |(version, name, sql): &(i64, &'static str, &'static str)| {
-                let (name, sql) = ((*name).into(), sqlx::SqlSafeStr::into_sql_str(*sql));
-                Migration::new(*version, name, MigrationType::Simple, sql, false)
-            };
-            let migrator = Migrator::with_migrations(all[..versions].iter().map(one).collect());
-            migrator.run_direct(None, &mut connection, false).await.unwrap();
-            for k in 0..3 {
-                let insert =
-                    "INSERT INTO event (id, wall_ns, kind, text) VALUES (?, ?, 'chatter_onset', 't')";
-                sqlx::query(insert).bind(format!("e{k}")).bind(k).execute(&mut connection).await.unwrap();
-            }
-            connection.close().await.unwrap();
+            older_history(&path, versions).await;
             let (writer, reader, report) =
                 StoreWriter::start(folder.path(), KEEP, metrics(), 77).await.unwrap();
             let copy = report.copy.unwrap_or_else(|| panic!("version {versions}: a copy is made first"));

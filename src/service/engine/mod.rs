@@ -1,4 +1,4 @@
-//! The pipeline thread: owns every shared memory port, wakes once a millisecond (in `act`; every tenth
+//! The pipeline thread: owns every shared memory port, wakes once a millisecond (in `act`; every twentieth
 //! otherwise), drains, steps, decides.
 //!
 //! It waits for nothing but its own next wake: reports go to a bounded queue that others drain, files
@@ -37,9 +37,9 @@ use tokio::sync::mpsc;
 
 /// How often the thread wakes while it may command.
 const WAKE: Duration = Duration::from_millis(1);
-/// How often it wakes while nothing leaves the process: the same samples are taken in, ten batches at once,
-/// while the caches are warm.
-const CALM_WAKE: Duration = Duration::from_millis(10);
+/// How often it wakes while nothing leaves the process: the same samples are taken in, twenty batches at
+/// once, while the caches are warm.
+const CALM_WAKE: Duration = Duration::from_millis(20);
 /// How often a picture is reported.
 const PICTURE: Duration = Duration::from_millis(50);
 /// Without samples for this long the source counts as lost.
@@ -298,7 +298,7 @@ impl Engine {
         }
         if let Some(chunk) = self.black_box.newest_full() {
             let feed = Feed { chunk, axes: stream.shared_axes(), rate: stream.sample_rate() };
-            // A comparison that lags misses a quarter of a second; nothing rests on it.
+            // A comparison that lags misses a second; nothing rests on it.
             if self.setup.drift.try_send(feed).is_err() {
                 self.setup.metrics.queue_dropped.with_label_values(&["drift", "true"]).inc();
             }
