@@ -491,3 +491,37 @@ fn widen(e: &mut Estimate, deviation: f64) {
     let half = (e.ci95[1] - e.value).hypot(more);
     e.ci95 = [e.value - half, e.value + half];
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::problem::Sides;
+    use super::*;
+
+    #[test]
+    fn a_slow_error_is_no_noise() {
+        let mut seed = 11_u64;
+        let mut noise = || {
+            let mut sum = 0.0;
+            for _ in 0..12 {
+                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                sum += (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
+            }
+            sum
+        };
+        let series: Vec<f64> =
+            (0..20_000).map(|k| 9.0 * (0.01 * f64::from(k)).sin() + 0.3 * noise()).collect();
+        let quiet = series.iter().map(|x| 0.1 * x).collect();
+        let [thrust_n, stretch_n] = noise_scales(&vec![Sides { motor: Some(series), stage: Some(quiet) }]);
+        // The wave's own differences add (9 * 0.01)^2 / 4 to 0.3^2.
+        let expected_n = (0.09_f64 + 0.25 * 0.09 * 0.09).sqrt();
+        assert!((thrust_n / expected_n - 1.0).abs() < 0.02, "{thrust_n} N");
+        assert!((stretch_n / thrust_n - 0.1).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_deviation_widens_an_interval_by_its_share() {
+        let mut e = Estimate { name: "force_n".to_owned(), value: 5.0, unit: "N", ci95: [4.7, 5.3] };
+        widen(&mut e, 0.4 / terms::half_width(1.0));
+        assert!((e.ci95[0] - 4.5).abs() < 1e-12 && (e.ci95[1] - 5.5).abs() < 1e-12, "{e:?}");
+    }
+}
