@@ -280,14 +280,14 @@ impl Case<'_> {
             return None;
         }
         let from_stated = |axis: &AxisModel| loop_fit::with_stated_numbers(self.axis, axis);
-        let mut fit = loop_fit::fit(rig, (self.axis, &[]), &from_stated(found), None)?;
+        let mut fit = loop_fit::fit(rig, (self.axis, &[]), &from_stated(found), loop_fit::NEAR)?;
         let held = self.denied(&fit);
         if !(fit.pointless.is_empty() && held.is_empty()) {
             for k in fit.pointless.iter().rev() {
                 found.physics.remove(*k);
                 findings.remove(k - given);
             }
-            fit = loop_fit::fit(rig, (self.axis, &held), &from_stated(found), None)?;
+            fit = loop_fit::fit(rig, (self.axis, &held), &from_stated(found), loop_fit::NEAR)?;
         }
         *found = fit.axis;
         let scaled = corrections::is_scaled(rig.problem());

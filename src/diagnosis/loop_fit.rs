@@ -35,7 +35,6 @@ const FINE_STEP_M: f64 = 1e-14;
 const CONSTANTS: &[&str] = &[
     "phase_rad",
     "wavelength_m",
-    "order_per_rev",
     "presliding_stiffness_n_m",
     "free_free_frequency_hz",
     "bandwidth_rad_s",
@@ -95,18 +94,30 @@ pub(super) fn with_stated_numbers(stated: &AxisModel, axis: &AxisModel) -> AxisM
     AxisModel { drive, ..axis.clone() }
 }
 
-/// Fits numbers and laws of `start` from there on; the terms of `stated` stay; `held`:
-/// numbers that stay as well; `noise`: weights, or as each
-/// model's errors ask for. `None`: a model ran away.
+/// How a model is fitted.
+#[derive(Clone, Copy)]
+pub(super) struct How<'a> {
+    /// Weights; `None`: as the errors of the model ask for.
+    pub(super) noise: Option<&'a Noise>,
+    /// Laws that may be far from their place: orders and lists are fitted as well, and a wave's length moves
+    /// as far as the travel lets it be told.
+    pub(super) far: bool,
+}
+
+/// Laws that stand where a balance put them.
+pub(super) const NEAR: How<'static> = How { noise: None, far: false };
+
+/// Fits numbers and laws of `start` from there on; the terms of `stated` stay; `held`: numbers that stay as
+/// well. `None`: a model ran away.
 pub(super) fn fit(
     rig: &Rig<'_>,
     (stated, held): (&AxisModel, &[&str]),
     start: &AxisModel,
-    noise: Option<&Noise>,
+    how: How<'_>,
 ) -> Option<LoopFit> {
-    let mut knobs = knobs(start, stated.physics.len());
+    let mut knobs = knobs(start, stated.physics.len(), how.far);
     knobs.retain(|k| !matches!(k, Knob::Number(key) if held.contains(key)));
-    let bed = Bed::new(rig.problem());
+    let bed = Bed::new(rig.problem(), how.far);
     let mut next = start.clone();
     let mut best: Option<Fitted> = None;
     let mut fits = 0;
@@ -130,7 +141,7 @@ pub(super) fn fit(
             }
             break;
         }
-        let fitted = bed.fit(&knobs, (next, stated), &errors, noise);
+        let fitted = bed.fit(&knobs, (next, stated), &errors, how.noise);
         fits += 1;
         next = fitted.moved(&knobs);
         best = Some(fitted);
@@ -199,12 +210,12 @@ pub(super) struct Bed {
     rate_hz: f64,
     /// Stretch at which the spring is free: the encoders have no common zero, lead and scale differ.
     free: Vec<Column>,
-    /// Travel of the recordings, m.
-    span_m: f64,
+    /// Travel of the recordings, m, where laws may be far from their place.
+    span_m: Option<f64>,
 }
 
 impl Bed {
-    pub(super) fn new(p: &Problem) -> Self {
+    pub(super) fn new(p: &Problem, far: bool) -> Self {
         let lengths = p.lengths();
         let layout = p.layout();
         let of = |at: usize| -> Column {
@@ -220,16 +231,11 @@ impl Bed {
             stage: Some(m.stage.position_m.iter().map(|x| (x - m.centre_m) * 1e3).collect()),
         }));
         let folds = Folds::new(&layout, p.rate_hz());
-        Self { folds, rate_hz: p.rate_hz(), layout, free, span_m: super::terms::travel_m(p) }
+        Self { folds, rate_hz: p.rate_hz(), layout, free, span_m: far.then(|| super::terms::travel_m(p)) }
     }
 
     pub(super) fn folds(&self) -> &Folds {
         &self.folds
-    }
-
-    /// Travel of the recordings, m.
-    pub(super) fn span_m(&self) -> f64 {
-        self.span_m
     }
 
     /// Values of both sides in all recordings.
@@ -304,7 +310,7 @@ impl Bed {
         let used = all(columns.len());
         let (solution, loss) = (gram.solve(&used), gram.solve(&used[knobs.len()..]).left);
         let steps = knobs.iter().zip(&solution.coefficients).map(|(knob, s)| {
-            let trust = knob.trust(&axis, self.span_m);
+            let trust = knob.trust(&axis, self);
             s.clamp(-trust, trust)
         });
         let steps = steps.collect();
@@ -373,10 +379,10 @@ impl Knob {
     }
 
     /// Longest step: of a wave's length so much that it moves by a radian over the travel.
-    pub(super) fn trust(&self, axis: &AxisModel, span_m: f64) -> f64 {
+    pub(super) fn trust(&self, axis: &AxisModel, bed: &Bed) -> f64 {
         match (self, self.wavelength_m(axis)) {
             (Self::Law(_, _, Some(_)) | Self::Entry(..), _) => 1.0,
-            (_, Some(length_m)) => (length_m / (TAU * span_m)).min(0.05),
+            (_, Some(length_m)) => bed.span_m.map_or(2e-3, |span_m| (length_m / (TAU * span_m)).min(0.05)),
             _ => 0.2,
         }
     }
@@ -408,10 +414,14 @@ fn value(term: &PhysicsTerm, place: usize) -> Option<f64> {
     }
 }
 
-pub(super) fn knobs(axis: &AxisModel, given: usize) -> Vec<Knob> {
+/// What of a model is fitted; `far`: as in [`How`].
+pub(super) fn knobs(axis: &AxisModel, given: usize, far: bool) -> Vec<Knob> {
     let has = |key: &&str| axis.drive.number(key).is_some_and(|x| x > 0.0);
     let mut knobs: Vec<Knob> = NUMBERS.iter().copied().filter(|k| has(k)).map(Knob::Number).collect();
     for (k, term) in axis.physics.iter().enumerate().skip(given) {
+        if !far && term.parameters.iter().any(|(_, v)| matches!(v, ParameterValue::List(_))) {
+            continue;
+        }
         // Where a list says the form, the amplitude and the phase beside it are only read.
         let listed = term.parameters.iter().any(|(_, v)| matches!(v, ParameterValue::List(_)));
         for (j, (name, value_or_list)) in term.parameters.iter().enumerate() {
@@ -425,7 +435,7 @@ pub(super) fn knobs(axis: &AxisModel, given: usize) -> Vec<Knob> {
             let Some(x) = value(term, j).filter(|x| *x != 0.0) else { continue };
             if AMPLITUDES.contains(&name.as_str()) {
                 knobs.push(Knob::Law(k, j, Some(x)));
-            } else if CONSTANTS.contains(&name.as_str()) {
+            } else if CONSTANTS.contains(&name.as_str()) || (far && name == "order_per_rev") {
                 knobs.push(Knob::Law(k, j, None));
             }
         }

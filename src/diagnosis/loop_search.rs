@@ -10,7 +10,7 @@
 use super::bank;
 use super::bench::{Bench, HypothesisFit, Score, plausible, rms};
 use super::in_loop::Rig;
-use super::loop_fit::{self, Bed, Knob, LoopFit, Noise};
+use super::loop_fit::{self, Bed, How, Knob, LoopFit, Noise};
 use super::problem::Column;
 use super::regression::{Gram, Solution};
 use super::result::Estimate;
@@ -38,7 +38,7 @@ const MAP_LEAVES: f64 = 0.6;
 /// A wave that turns with the direction is one that does not where the axis goes one way.
 const TURNS: f64 = 0.95;
 /// Times that a mass or stiffness can be off.
-const MOST_OFF: f64 = 1.6;
+const MOST_OFF: f64 = 1.3;
 /// Waves read off what is left, of each kind, and how often one must be passed to be a wave.
 const WAVES: usize = 4;
 const PASSED: f64 = 3.0;
@@ -100,7 +100,7 @@ pub(super) fn search(
     (balance, found, laws): (&Bench<'_>, &AxisModel, Vec<Vec<Score>>),
     noise_n: [f64; 2],
 ) -> Option<Told> {
-    let bed = Bed::new(rig.problem());
+    let bed = Bed::new(rig.problem(), true);
     let errors = rig.errors(&[loop_fit::finely_counted(stated)])?;
     let scales = noise_scales(errors.first()?);
     let noise = Noise::of_scales(&bed, scales);
@@ -173,7 +173,7 @@ impl Eye<'_> {
         }
         // Weighted as its own errors ask for, a fit heeds a start from rest less, and a loud law, too.
         let fits = [None, Some(&self.noise)].map(|noise| {
-            let fit = loop_fit::fit(self.rig, (self.stated, &[]), axis, noise)?;
+            let fit = loop_fit::fit(self.rig, (self.stated, &[]), axis, How { noise, far: true })?;
             let errors = self.rig.errors(&[loop_fit::finely_counted(&fit.axis)])?;
             Some((self.bed.loss(&self.noise, errors.first()?), fit))
         });
@@ -229,7 +229,7 @@ impl Eye<'_> {
     }
 
     fn left(&self, axis: &AxisModel) -> Option<Left> {
-        let knobs = loop_fit::knobs(axis, self.stated.physics.len());
+        let knobs = loop_fit::knobs(axis, self.stated.physics.len(), true);
         let mut axes = vec![axis.clone()];
         axes.extend(knobs.iter().map(|k| k.turned(axis, k.change(axis))));
         let axes: Vec<AxisModel> = axes.iter().map(loop_fit::finely_counted).collect();
@@ -352,7 +352,7 @@ impl Eye<'_> {
         let solution = gram.solve(&(0..all.len()).collect::<Vec<_>>());
         let steps = left.knobs.iter().zip(&solution.coefficients);
         steps.fold(axis.clone(), |axis, (knob, step)| {
-            let trust = knob.trust(&axis, self.bed.span_m());
+            let trust = knob.trust(&axis, self.bed);
             knob.turned(&axis, step.clamp(-trust, trust))
         })
     }
