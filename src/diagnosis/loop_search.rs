@@ -38,7 +38,7 @@ const MAP_LEAVES: f64 = 0.6;
 /// A wave that turns with the direction is one that does not where the axis goes one way.
 const TURNS: f64 = 0.95;
 /// Times that a mass or stiffness can be off.
-const MOST_OFF: f64 = 1.3;
+const MOST_OFF: f64 = 1.6;
 /// Waves read off what is left, of each kind, and how often one must be passed to be a wave.
 const WAVES: usize = 4;
 const PASSED: f64 = 3.0;
