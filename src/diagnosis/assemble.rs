@@ -424,10 +424,24 @@ impl Case<'_> {
     fn finding(&self, index: usize, accepted: &Accepted) -> Finding {
         let p = &self.outcome.state.problem;
         let fit = self.bench.accepted_fit(index);
-        let parameters = terms::estimates(p, &accepted.hypothesis, &fit);
-        let round = &self.outcome.rounds[accepted.round];
-        let (probability, alternatives) = probabilities(round);
-        let (effect, port) = (accepted.hypothesis.effect, accepted.hypothesis.port);
+        let law =
+            (terms::term(p, &accepted.hypothesis, &fit), terms::estimates(p, &accepted.hypothesis, &fit));
+        let left_n = [Some(index), None].map(|without| rms(&self.bench.heldout_residual(without)));
+        let tried = &self.outcome.rounds[accepted.round];
+        let contribution = self.contribution(accepted, &fit);
+        Finding { evidence: self.bench.drop_one(index), ..self.named(law, (tried, left_n), contribution) }
+    }
+
+    /// A finding in words. `tried`: everything beside it, best first; `left_n`: what is left without and with
+    /// it.
+    pub(super) fn named(
+        &self,
+        (term, parameters): (PhysicsTerm, Vec<Estimate>),
+        (tried, [before_n, after_n]): (&[Score], [f64; 2]),
+        contribution: Vec<Contribution>,
+    ) -> Finding {
+        let (probability, alternatives) = probabilities(tried);
+        let PhysicsTerm { effect, port, .. } = term;
         let floor: f64 = self.spectra.iter().map(|s| s.floor_rms_n(f64::MAX).powi(2)).sum::<f64>().sqrt();
         Finding {
             rank: 0,
@@ -437,17 +451,13 @@ impl Case<'_> {
             equation: terms::equation(effect),
             parameters,
             maps: Vec::new(),
-            fit: Fit {
-                heldout_rms_before_n: rms(&self.bench.heldout_residual(Some(index))),
-                heldout_rms_after_n: rms(&self.bench.heldout_residual(None)),
-                noise_floor_n: floor,
-            },
+            fit: Fit { heldout_rms_before_n: before_n, heldout_rms_after_n: after_n, noise_floor_n: floor },
             probability,
             next_experiment: next_experiment(&alternatives),
             alternatives,
-            contribution: self.contribution(accepted, &fit),
-            term: terms::term(p, &accepted.hypothesis, &fit),
-            evidence: self.bench.drop_one(index),
+            contribution,
+            term,
+            evidence: tried.first().map_or(0.0, |s| s.evidence),
         }
     }
 
@@ -542,7 +552,7 @@ fn power_of_means(sides: &Sides) -> f64 {
 /// Probability of the best of a round and of the others, from held-out likelihoods.
 ///
 /// exp(gain / 2 / 8): blocks of a residual are not independent; a gain of 16 counts as one step of e.
-pub(super) fn probabilities(scores: &[Score]) -> (f64, Vec<Alternative>) {
+fn probabilities(scores: &[Score]) -> (f64, Vec<Alternative>) {
     let best = scores.first().map_or(0.0, rank);
     let weights: Vec<f64> =
         scores.iter().map(|s| if s.plausible { ((rank(s) - best) / 16.0).exp() } else { 0.0 }).collect();
@@ -561,7 +571,7 @@ pub(super) fn probabilities(scores: &[Score]) -> (f64, Vec<Alternative>) {
     (weights.first().map_or(0.0, |w| w / total), alternatives)
 }
 
-pub(super) fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
+fn next_experiment(alternatives: &[Alternative]) -> Option<String> {
     use EffectKind as E;
     let strongest = alternatives.first().filter(|a| a.probability > 0.05)?;
     let text = match strongest.effect {

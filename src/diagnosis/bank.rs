@@ -3,9 +3,15 @@
 
 use super::bench::Bench;
 use super::problem::{Problem, Sides};
-use super::shape::{Hypothesis, Shape};
+use super::shape::{Hypothesis, Shape, least_stribeck_m_s};
 use crate::plant::effects::{EffectKind as E, Port};
 use rustfft::{FftPlanner, num_complex::Complex};
+
+/// Frequencies from which a torsional mode is looked for, Hz; a fit moves on from there.
+const TORSIONAL_HZ: [f64; 15] = [
+    110.0, 135.0, 165.0, 200.0, 245.0, 295.0, 350.0, 500.0, 650.0, 780.0, 900.0, 1050.0, 1250.0, 1500.0,
+    2000.0,
+];
 
 /// Everything that is tried on a bench.
 pub(crate) fn of(bench: &Bench<'_>) -> Vec<Hypothesis> {
@@ -19,7 +25,8 @@ fn fixed(p: &Problem) -> Vec<Hypothesis> {
     let h = Hypothesis::new;
     let mut list = Vec::new();
     for port in [Port::Stage, Port::Motor] {
-        for velocity_m_s in [5e-4, 1e-3, 2e-3, 3.5e-3, 6e-3, 1e-2, 1.6e-2, 2.5e-2] {
+        let speeds = [5e-4, 1e-3, 2e-3, 3.5e-3, 6e-3, 1e-2, 1.6e-2, 2.5e-2];
+        for velocity_m_s in speeds.into_iter().filter(|v| *v >= least_stribeck_m_s(p)) {
             list.push(h(E::StribeckFriction, port, Shape::Stribeck { velocity_m_s }));
         }
         for stiffness_n_m in [1e5, 3e5, 1e6, 2e6, 4e6, 8e6, 1.6e7, 3.2e7, 1e8] {
@@ -32,8 +39,10 @@ fn fixed(p: &Problem) -> Vec<Hypothesis> {
         if coulomb == 0.0 {
             list.push(h(E::CoulombFriction, port, Shape::Coulomb));
         } else {
-            let drifts = [0.5, 1.5, 5.0, 15.0, 60.0].map(|time_constant_s| Shape::Drift { time_constant_s });
-            list.extend(drifts.map(|shape| h(E::FrictionDrift, port, shape)));
+            for time_constant_s in [0.5, 1.5, 5.0, 15.0, 60.0] {
+                let drift = |viscous| h(E::FrictionDrift, port, Shape::Drift { time_constant_s, viscous });
+                list.extend([false, true].map(drift));
+            }
         }
         let viscous = if port == Port::Motor {
             p.mechanics.motor_damping_n_s_m
@@ -96,7 +105,7 @@ fn couplings(list: &mut Vec<Hypothesis>) {
     }
     list.push(h(E::NonlinearStiffness, Port::Coupling, Shape::Cubic));
     list.push(h(E::PositionDependentStiffness, Port::Coupling, Shape::StiffnessSlope));
-    for frequency_hz in [350.0, 500.0, 650.0, 780.0, 900.0, 1050.0, 1250.0, 1500.0, 2000.0] {
+    for frequency_hz in TORSIONAL_HZ {
         for screw_share in [0.3, 0.5, 0.7] {
             list.push(h(
                 E::TorsionalMode,
@@ -401,7 +410,7 @@ pub(crate) fn best_window(
 }
 
 /// The strongest narrow peaks over the neighbourhood's median.
-fn strongest_lines(x: &[f64], rate: f64) -> Vec<(f64, f64)> {
+pub(super) fn strongest_lines(x: &[f64], rate: f64) -> Vec<(f64, f64)> {
     let n = x.len().next_power_of_two() * 2;
     let mut bins: Vec<Complex<f64>> =
         (0..n).map(|k| Complex::new(x.get(k).copied().unwrap_or(0.0), 0.0)).collect();
@@ -438,7 +447,7 @@ fn strongest_lines(x: &[f64], rate: f64) -> Vec<(f64, f64)> {
 }
 
 /// When a line stands: the span in which its demodulated amplitude exceeds half of its largest.
-fn when(x: &[f64], rate: f64, frequency_hz: f64) -> Option<(f64, f64)> {
+pub(super) fn when(x: &[f64], rate: f64, frequency_hz: f64) -> Option<(f64, f64)> {
     if !frequency_hz.is_finite() || frequency_hz < 1.0 {
         return None;
     }

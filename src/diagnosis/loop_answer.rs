@@ -1,12 +1,11 @@
 //! What the loop found, as an answer.
 
-use super::assemble::{Answer, Case, next_experiment, probabilities};
+use super::assemble::{Answer, Case};
 use super::bench::{Accepted, HypothesisFit};
 use super::corrections;
 use super::in_loop::{Rig, in_loop};
 use super::loop_search::{self, Told};
-use super::result::{Finding, Fit};
-use super::terms;
+use super::result::Finding;
 
 impl Case<'_> {
     /// What the loop says.
@@ -28,26 +27,8 @@ impl Case<'_> {
 
     /// A finding of the loop; `accepted`: its law in the balance.
     fn told(&self, found: &loop_search::Finding, accepted: &Accepted) -> Finding {
-        let (probability, alternatives) = probabilities(&found.scores);
-        let (effect, port) = (found.hypothesis.effect, found.hypothesis.port);
-        let floor: f64 = self.spectra.iter().map(|s| s.floor_rms_n(f64::MAX).powi(2)).sum::<f64>().sqrt();
-        let [before_n, after_n] = found.left_n;
         let fit = HypothesisFit::exact(&found.hypothesis, found.amplitudes.clone());
-        Finding {
-            rank: 0,
-            effect,
-            port,
-            statement: terms::statement(effect, port, &found.parameters),
-            equation: terms::equation(effect),
-            parameters: found.parameters.clone(),
-            maps: Vec::new(),
-            fit: Fit { heldout_rms_before_n: before_n, heldout_rms_after_n: after_n, noise_floor_n: floor },
-            probability,
-            next_experiment: next_experiment(&alternatives),
-            alternatives,
-            contribution: self.contribution(accepted, &fit),
-            term: found.term.clone(),
-            evidence: found.scores.first().map_or(0.0, |s| s.evidence),
-        }
+        let law = (found.term.clone(), found.parameters.clone());
+        self.named(law, (&found.scores, found.left_n), self.contribution(accepted, &fit))
     }
 }

@@ -14,7 +14,7 @@ use super::loop_fit::{self, Bed, How, Knob, LoopFit, Noise};
 use super::problem::Column;
 use super::regression::{Gram, Solution};
 use super::result::Estimate;
-use super::search::{keep_best_of_kind, least_evidence_of, same_kind};
+use super::search::{MOST_FINDINGS, RIVAL_SHARE, RIVALS, keep_best_of_kind, least_evidence_of, same_kind};
 use super::shape::{Hypothesis, Shape};
 use super::terms;
 use super::two_cores::on_two_cores;
@@ -22,11 +22,6 @@ use crate::plant::effects::{ParameterValue, PhysicsTerm};
 use crate::plant::machine::AxisModel;
 use crate::simulation::model_axis::{LANES, not_simulated};
 
-/// More findings than this are a different machine.
-const MOST_FINDINGS: usize = 4;
-/// Hypotheses that are fitted in a round, of those with this share of the best one's evidence.
-const RIVALS: usize = 3;
-const RIVAL_SHARE: f64 = 0.4;
 /// What leaves less than this share of what the best one leaves is preferred to it.
 const CLEARLY_LESS: f64 = 0.95;
 /// Share of what is left that a finding must take to be one.
@@ -249,7 +244,7 @@ impl Eye<'_> {
         let axis = &model.fit.axis;
         let left = self.left(axis)?;
         let scores = self.scores(axis, &left, (&model.laws, from));
-        let least = least_evidence_of(self.bed.samples());
+        let least = least_evidence_of(self.bed.samples(), false);
         let most = scores.first().filter(|s| s.plausible).map_or(0.0, |s| s.evidence);
         let near = |s: &&Score| s.plausible && s.evidence > least.max(RIVAL_SHARE * most);
         let rivals: Vec<Score> = scores.iter().filter(near).take(RIVALS).cloned().collect();
@@ -347,9 +342,7 @@ impl Eye<'_> {
     /// The model with its numbers and laws where they are best beside a further law.
     fn moved(&self, axis: &AxisModel, left: &Left, h: &Hypothesis) -> AxisModel {
         let (_, columns) = self.columns(axis, &left.errors, std::slice::from_ref(h));
-        let all: Vec<&[f64]> = left.columns.iter().chain(&columns[0]).map(Vec::as_slice).collect();
-        let gram = left.gram.with(&all, &left.target, self.bed.folds());
-        let solution = gram.solve(&(0..all.len()).collect::<Vec<_>>());
+        let solution = left.beside(&columns[0], self.bed);
         let steps = left.knobs.iter().zip(&solution.coefficients);
         steps.fold(axis.clone(), |axis, (knob, step)| {
             let trust = knob.trust(&axis, self.bed);
@@ -383,9 +376,7 @@ impl Eye<'_> {
 
     fn score(&self, left: &Left, h: &Hypothesis, (sizes, columns): (&[f64], &[Vec<f64>])) -> Score {
         let known = left.columns.len();
-        let all: Vec<&[f64]> = left.columns.iter().chain(columns).map(Vec::as_slice).collect();
-        let gram = left.gram.with(&all, &left.target, self.bed.folds());
-        let solution = gram.solve(&(0..all.len()).collect::<Vec<_>>());
+        let solution = left.beside(columns, self.bed);
         let n = self.bed.samples() as f64;
         let gain = |before: f64, after: f64| n * (before / after.max(1e-300)).ln();
         let of =
@@ -470,6 +461,13 @@ impl Eye<'_> {
 }
 
 impl Left {
+    /// The fit with further columns, whose amplitudes stand last.
+    fn beside(&self, columns: &[Vec<f64>], bed: &Bed) -> Solution {
+        let all: Vec<&[f64]> = self.columns.iter().chain(columns).map(Vec::as_slice).collect();
+        let gram = self.gram.with(&all, &self.target, bed.folds());
+        gram.solve(&(0..all.len()).collect::<Vec<_>>())
+    }
+
     /// Deviation of a parameter of a term; zero where it was not fitted.
     fn deviation(&self, axis: &AxisModel, (term, name): (usize, &str)) -> f64 {
         let of = |(knob, deviation): (&Knob, &f64)| match knob {

@@ -13,7 +13,7 @@ use crate::plant::effects::Port;
 use crate::signal::inner_products::dot;
 
 /// More findings than this are a different machine.
-const MOST_FINDINGS: usize = 4;
+pub(super) const MOST_FINDINGS: usize = 4;
 /// Rounds in which they are looked for: what a later one makes needless leaves its place to another.
 const MOST_ROUNDS: usize = 6;
 /// Twice the log-likelihood gain a finding needs; see `docs/results.md` for its calibration.
@@ -32,9 +32,9 @@ const SECOND_SHARE: f64 = 0.005;
 /// Least size of a finding beside the thrust, both as root mean squares.
 const LEAST_WEIGHT: f64 = 5e-4;
 /// Hypotheses with this share of the best one's evidence are told apart by what they leave when fitted.
-const RIVAL_SHARE: f64 = 0.4;
+pub(super) const RIVAL_SHARE: f64 = 0.4;
 /// So many of them.
-const RIVALS: usize = 3;
+pub(super) const RIVALS: usize = 3;
 /// Passes that each of them is fitted in.
 const RIVAL_PASSES: usize = 10;
 /// A map that needs more knots than this is no map but a wave.
@@ -88,6 +88,18 @@ pub(crate) struct Start {
     pub(super) state: State,
     /// Residual of the model as stated.
     nominal: Column,
+}
+
+impl Outcome {
+    /// What a search says where neither a free form nor the loop has a word.
+    fn new(
+        state: State,
+        rounds: Vec<Vec<Score>>,
+        (nominal, before, recalibrated): (Column, Column, Mechanics),
+    ) -> Self {
+        let (stranger, complete, told) = (None, Complete::No, None);
+        Self { state, rounds, nominal, before, recalibrated, stranger, complete, told }
+    }
 }
 
 impl Start {
@@ -153,7 +165,7 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
         prune(&mut state);
     }
     let stranger = stranger.filter(|s| beats_named(&state, s));
-    Outcome { state, rounds, nominal, before, recalibrated, stranger, complete, told: None }
+    Outcome { stranger, complete, ..Outcome::new(state, rounds, (nominal, before, recalibrated)) }
 }
 
 /// The findings of one recording, fitted to all of them.
@@ -168,9 +180,7 @@ pub(crate) fn with_findings_of(start: Start, alone: Outcome) -> Outcome {
     state.settle(PASSES);
     add_overtones(&mut state);
     prune(&mut state);
-    let Outcome { rounds, .. } = alone;
-    let (stranger, complete) = (None, Complete::No);
-    Outcome { state, rounds, nominal, before, recalibrated, stranger, complete, told: None }
+    Outcome::new(state, alone.rounds, (nominal, before, recalibrated))
 }
 
 /// What the loop found. The balance says beside it what it leaves of its forces.
@@ -185,8 +195,7 @@ pub(crate) fn as_told(start: Start, told: Told) -> Outcome {
     }
     state.residual = state.flat_bench().residual();
     let rounds = told.findings.iter().map(|f| f.scores.clone()).collect();
-    let (stranger, complete) = (None, Complete::No);
-    Outcome { state, rounds, nominal, before, recalibrated, stranger, complete, told: Some(told) }
+    Outcome { told: Some(told), ..Outcome::new(state, rounds, (nominal, before, recalibrated)) }
 }
 
 /// Waves whose next overtone shows once the rest is explained get it. A wave and its overtones are one cause,
@@ -395,13 +404,13 @@ fn drop_harmful(state: &mut State) {
 
 /// Evidence from which on a finding is claimed.
 pub(crate) fn least_evidence(bench: &Bench<'_>) -> f64 {
-    let share = if bench.problem.coarse { LEAST_SHARE_COARSE } else { LEAST_SHARE };
-    LEAST_EVIDENCE.max(share * bench.folds.total() as f64)
+    least_evidence_of(bench.folds.total(), bench.problem.coarse)
 }
 
-/// The same of so many samples that count their steps as stated.
-pub(super) fn least_evidence_of(samples: usize) -> f64 {
-    LEAST_EVIDENCE.max(LEAST_SHARE * samples as f64)
+/// The same of so many samples; `coarse`: steps are coarser than stated.
+pub(super) fn least_evidence_of(samples: usize, coarse: bool) -> f64 {
+    let share = if coarse { LEAST_SHARE_COARSE } else { LEAST_SHARE };
+    LEAST_EVIDENCE.max(share * samples as f64)
 }
 
 /// Scores the bank and refines the leaders of each effect; best first.

@@ -22,6 +22,9 @@ const WATCHED: f64 = 3.0;
 const SOONEST_S: f64 = 0.3;
 /// A Stribeck velocity is below this share of the highest speed.
 const SPEEDS_RUN: f64 = 0.3;
+/// Least speed of a Stribeck bump, in those over which dry friction turns: below, the two are one law, and
+/// what a noisy velocity takes off the turn looks like a bump.
+const SMOOTHINGS: f64 = 2.0;
 
 /// The law of a hypothesis with its nonlinear constants; amplitudes are the regression's.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,8 +40,10 @@ pub(crate) enum Shape {
     Asymmetric,
     AsymmetricViscous,
     NonlinearViscosity,
+    /// Of dry friction; `viscous`: of all friction.
     Drift {
         time_constant_s: f64,
+        viscous: bool,
     },
     Constant,
     /// Sine and cosine in position; `flips`: times the direction.
@@ -102,13 +107,18 @@ pub(crate) enum Shape {
     },
 }
 
+/// Least speed over which a Stribeck bump falls off, m/s.
+pub(super) fn least_stribeck_m_s(p: &Problem) -> f64 {
+    SMOOTHINGS * p.mechanics.smoothing_m_s
+}
+
 impl Shape {
     /// Nonlinear constants, all positive.
     pub(crate) fn constants(&self) -> Vec<f64> {
         match self {
             Shape::Stribeck { velocity_m_s: x }
             | Shape::Presliding { stiffness_n_m: x }
-            | Shape::Drift { time_constant_s: x }
+            | Shape::Drift { time_constant_s: x, .. }
             | Shape::Lag { extra_s: x }
             | Shape::Backlash { gap_m: x }
             | Shape::Periodic { wavelength_m: x, .. }
@@ -129,7 +139,7 @@ impl Shape {
         match &mut shape {
             Shape::Stribeck { velocity_m_s: x }
             | Shape::Presliding { stiffness_n_m: x }
-            | Shape::Drift { time_constant_s: x }
+            | Shape::Drift { time_constant_s: x, .. }
             | Shape::Lag { extra_s: x }
             | Shape::Backlash { gap_m: x }
             | Shape::Periodic { wavelength_m: x, .. }
@@ -247,11 +257,12 @@ impl Hypothesis {
     pub(crate) fn with_constants(&self, p: &Problem, constants: &[f64]) -> Self {
         let mut shape = self.shape.with_constants(constants);
         match &mut shape {
-            Shape::Drift { time_constant_s } => {
+            Shape::Drift { time_constant_s, .. } => {
                 let longest_s = p.motions.iter().map(|m| m.len() as f64 / m.rate_hz).fold(0.0, f64::max);
                 *time_constant_s = time_constant_s.min(WATCHED * longest_s).max(SOONEST_S);
             }
             Shape::Stribeck { velocity_m_s } => {
+                *velocity_m_s = velocity_m_s.max(least_stribeck_m_s(p));
                 let speeds = p.motions.iter().flat_map(|m| &self.side(m).velocity_m_s);
                 let fastest_m_s = speeds.fold(0.0, |most: f64, v| most.max(v.abs()));
                 *velocity_m_s = velocity_m_s.min(SPEEDS_RUN * fastest_m_s);
@@ -274,18 +285,21 @@ impl Hypothesis {
                 vec![self.of_velocity(p, |v| asymmetric(v, vs)), self.of_velocity(p, |v| 0.5 * v.abs())]
             }
             Shape::NonlinearViscosity => vec![self.of_velocity(p, nonlinear_viscosity)],
-            Shape::Drift { time_constant_s } => {
-                let c = if self.port == Port::Motor {
-                    p.mechanics.motor_coulomb_n
+            Shape::Drift { time_constant_s, viscous } => {
+                let m = &p.mechanics;
+                let (c, d) = if self.port == Port::Motor {
+                    (m.motor_coulomb_n, m.motor_damping_n_s_m)
                 } else {
-                    p.mechanics.stage_coulomb_n
+                    (m.stage_coulomb_n, m.stage_damping_n_s_m)
                 };
-                let c = if c > 0.0 { c } else { p.mechanics.motor_coulomb_n };
+                let c = if c > 0.0 { c } else { m.motor_coulomb_n };
+                let d = if *viscous { d } else { 0.0 };
                 vec![self.force(p, |m| {
                     let v = &self.side(m).velocity_m_s;
                     (0..m.len())
                         .map(|k| {
-                            c * sliding_direction(v[k], vs) * drift(m.time_s(k) - m.start_s, *time_constant_s)
+                            (c * sliding_direction(v[k], vs) + d * v[k])
+                                * drift(m.time_s(k) - m.start_s, *time_constant_s)
                         })
                         .collect()
                 })]

@@ -84,7 +84,7 @@ pub(crate) fn estimates(p: &Problem, h: &Hypothesis, fit: &HypothesisFit) -> Vec
             s.add_force("viscous_difference_n_s_m", "N s/m", a(1), d(1));
         }
         Shape::NonlinearViscosity => s.add_force("n_s2_m2", "N s2/m2", a(0), d(0)),
-        Shape::Drift { time_constant_s } => {
+        Shape::Drift { time_constant_s, .. } => {
             s.add("relative_change", "1", a(0), d(0));
             s.add_constant("time_constant_s", "s", *time_constant_s, r(0));
         }
@@ -154,7 +154,7 @@ pub(crate) fn estimates(p: &Problem, h: &Hypothesis, fit: &HypothesisFit) -> Vec
 /// A tool that cuts part of the time pushes in pulses: their height is what the machine feels, not the
 /// amplitude of one harmonic. `amplitudes`: as [`Hypothesis::columns`] orders them, set by set, then the
 /// means.
-fn peak_of_cut(harmonics: usize, amplitudes: &[f64], deviations: &[f64]) -> (f64, f64) {
+pub(super) fn peak_of_cut(harmonics: usize, amplitudes: &[f64], deviations: &[f64]) -> (f64, f64) {
     /// Places in a period.
     const PLACES: usize = 360;
     let waves_of = 2 * harmonics;
@@ -209,6 +209,9 @@ pub(crate) fn term(p: &Problem, h: &Hypothesis, fit: &HypothesisFit) -> PhysicsT
                 parameters.push(("with_direction".to_owned(), ParameterValue::Number(1.0)));
             }
         }
+        Shape::Drift { viscous: true, .. } => {
+            parameters.push(("with_viscous".to_owned(), ParameterValue::Number(1.0)));
+        }
         Shape::EncoderError { harmonics, .. } if *harmonics > 1 => {
             list("harmonics_m", fit.amplitudes.clone())
         }
@@ -249,7 +252,9 @@ pub(crate) fn hypothesis(p: &Problem, term: &PhysicsTerm) -> Option<(Hypothesis,
         },
         E::NonlinearViscosity => (Shape::NonlinearViscosity, vec![get("n_s2_m2")?]),
         E::FrictionDrift => {
-            (Shape::Drift { time_constant_s: get("time_constant_s")? }, vec![get("relative_change")?])
+            let viscous = get("with_viscous").is_some_and(|x| x != 0.0);
+            let time_constant_s = get("time_constant_s")?;
+            (Shape::Drift { time_constant_s, viscous }, vec![get("relative_change")?])
         }
         E::PositionPeriodicForce | E::TorqueRipple => {
             let wavelength_m = match get("wavelength_m") {
@@ -333,7 +338,7 @@ pub(crate) fn equation(effect: E) -> &'static str {
         E::PreslidingFriction => "F = s_0 z, dz/dt = v - |v| s_0 z / F_c",
         E::AsymmetricFriction => "F = (d / 2) |tanh(v / v_s)|",
         E::NonlinearViscosity => "F = c v |v|",
-        E::FrictionDrift => "F = F_c tanh(v / v_s) r (1 - exp(-t / tau))",
+        E::FrictionDrift => "F = (F_c tanh(v / v_s) [+ C v]) r (1 - exp(-t / tau))",
         E::PositionPeriodicForce => "F = sum_h A_h sin(2 pi h x / wavelength + phase_h)",
         E::PositionDependentForce => "F = F(x), linear between knots",
         E::TorqueRipple => "F = sum_h A_h sin(h order theta + phase_h)",

@@ -331,3 +331,35 @@ fn a_rigid_axis_tells_a_late_drive_from_a_saturated_one() {
         assert!((value / (late_s + per_a2) - 1.0).abs() < 0.05, "{effect}: {value}");
     }
 }
+
+/// What a rigid axis feels besides, added to the force that its recording asks for.
+fn with_force(force_n: impl Fn(f64, f64) -> f64) -> Recording {
+    let mut recording = rigid_recording(0.0, 0.0);
+    let position = recording.columns[1].values.clone();
+    let thrust_n_a = 0.7 * std::f64::consts::TAU / 0.01;
+    for (k, (i, x)) in recording.columns[0].values.iter_mut().zip(position).enumerate() {
+        // The reference is half a sample early.
+        *i += force_n((k as f64 + 0.5) * 1e-3, x) / thrust_n_a;
+    }
+    recording
+}
+
+#[test]
+fn a_rigid_axis_tells_a_cut_from_a_hill() {
+    let machine = machine_from_text(Path::new("machine.toml"), RIGID).unwrap();
+    let cut = |t: f64, _: f64| if (5.0..12.0).contains(&t) { 25.0 * (232.5 * t).sin() } else { 0.0 };
+    let d = ask(&machine, &with_force(cut));
+    let said: Vec<_> = d.findings.iter().map(|f| (f.effect.name(), f.port.name())).collect();
+    assert_eq!(said, [("cutting_force", "stage")]);
+    let value = |name: &str| d.findings[0].parameters.iter().find(|e| e.name == name).unwrap().value;
+    assert!((value("fundamental_hz") - 232.5 / std::f64::consts::TAU).abs() < 0.02);
+    assert!((value("amplitude_n") / 25.0 - 1.0).abs() < 0.1, "{} N", value("amplitude_n"));
+    assert!((value("start_s") - 5.0).abs() < 0.1 && (value("end_s") - 12.0).abs() < 0.1);
+
+    let hill = |_: f64, x: f64| 40.0 * (-((x - 0.01) / 0.012).powi(2)).exp();
+    let d = ask(&machine, &with_force(hill));
+    let said: Vec<_> = d.findings.iter().map(|f| (f.effect.name(), f.port.name())).collect();
+    assert_eq!(said, [("position_dependent_force", "stage")]);
+    let again = diagnose(&d.model, &[with_force(hill)], &|_, _| {}).unwrap();
+    assert_eq!(again.verdict, Verdict::ModelAdequate, "with the map in the model");
+}

@@ -3,7 +3,8 @@
 use super::fit::{Fit, correlation_rows};
 use super::laws::{Law, Slider};
 use super::search::{Found, Origin, Search, Term};
-use crate::diagnosis::terms::SCALE_DEVIATION;
+use super::words::{next, words};
+use crate::diagnosis::terms::{SCALE_DEVIATION, peak_of_cut};
 use crate::diagnosis::{
     Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Location, RecordingFit, Tried,
     Verdict,
@@ -11,6 +12,7 @@ use crate::diagnosis::{
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::signal::inner_products::rms;
+use std::f64::consts::TAU;
 
 const Z95: f64 = 1.96;
 /// The motor side's part of a sum is known as well as a data sheet is, as a deviation.
@@ -34,6 +36,8 @@ struct Context<'a> {
     before: Fit,
     after: Fit,
     floor_n: f64,
+    /// The model says that there is dry friction.
+    friction_stated: bool,
     fitted: Vec<Fitted<'a>>,
 }
 
@@ -57,14 +61,25 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
         })
         .collect();
     let floor_n = floor(&after.residual);
-    let c = Context { machine, axis, search, before, after, floor_n, fitted };
+    let friction_stated = start.iter().any(|t| matches!(t.law, Law::Friction(_)));
+    let c = Context { machine, axis, search, before, after, floor_n, friction_stated, fitted };
     let mut findings = c.findings();
+    let unexplained = c.is_unexplained(!findings.is_empty());
+    // Numbers fitted beside an unknown cause are bent by it.
+    let parameter_corrections = if unexplained { Vec::new() } else { c.corrections() };
+    if unexplained {
+        findings.clear();
+    }
     findings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     for (k, f) in findings.iter_mut().enumerate() {
         f.rank = k + 1;
     }
-    let parameter_corrections = c.corrections();
-    let verdict = c.verdict(&findings, &parameter_corrections);
+    let verdict = match (unexplained, findings.is_empty(), parameter_corrections.is_empty()) {
+        (true, ..) => Verdict::UnexplainedMismatch,
+        (_, false, _) => Verdict::MissingPhysics,
+        (_, _, false) => Verdict::ParameterError,
+        _ => Verdict::ModelAdequate,
+    };
     let first = search.series.first();
     Diagnosis {
         axis: axis.name.clone(),
@@ -96,21 +111,24 @@ fn floor(residual: &[f64]) -> f64 {
 }
 
 impl Context<'_> {
-    fn verdict(&self, findings: &[Finding], corrections: &[Correction]) -> Verdict {
+    /// True where more is left than noise, and what was found is not the cause of it.
+    fn is_unexplained(&self, found: bool) -> bool {
         /// A residual this many times its fast part is not noise.
         const STRUCTURED: f64 = 3.0;
         /// And this share of the thrust is worth a word.
-        const WORTH: f64 = 0.02;
+        const WORTH: f64 = 0.01;
+        /// Share of the power above the floor that findings must explain.
+        const LEAST_EXPLAINED: f64 = 0.5;
+        let (before_n, left_n) = (self.before.heldout_rms, self.after.heldout_rms);
+        if left_n < STRUCTURED * self.floor_n {
+            return false;
+        }
+        let above = |rms_n: f64| rms_n.powi(2) - self.floor_n.powi(2);
         let thrust: Vec<f64> = self.search.series.iter().flat_map(|s| s.thrust_n.iter().copied()).collect();
-        let left = self.after.heldout_rms;
-        if !findings.is_empty() {
-            Verdict::MissingPhysics
-        } else if left > STRUCTURED * self.floor_n && left > WORTH * rms(&thrust) {
-            Verdict::UnexplainedMismatch
-        } else if corrections.is_empty() {
-            Verdict::ModelAdequate
+        if found {
+            above(left_n) > (1.0 - LEAST_EXPLAINED) * above(before_n)
         } else {
-            Verdict::ParameterError
+            left_n > WORTH * rms(&thrust)
         }
     }
 
@@ -119,11 +137,16 @@ impl Context<'_> {
         let domain = match findings.first().map(|f| f.effect) {
             Some(EffectKind::GravityLoad | EffectKind::AsymmetricFriction) => "direction",
             Some(EffectKind::PreslidingFriction | EffectKind::Backlash) => "history",
-            Some(EffectKind::PositionPeriodicForce | EffectKind::NonlinearStiffness) => "position",
+            Some(
+                EffectKind::PositionPeriodicForce
+                | EffectKind::PositionDependentForce
+                | EffectKind::EncoderInterpolationError
+                | EffectKind::NonlinearStiffness,
+            ) => "position",
             Some(EffectKind::TorqueRipple) => "motor_angle",
-            Some(EffectKind::DeadTime) => "frequency",
+            Some(EffectKind::DeadTime | EffectKind::CurrentLoopLag) => "frequency",
             Some(EffectKind::TorqueConstantSaturation) => "current",
-            Some(EffectKind::FrictionDrift) | None => "time",
+            Some(EffectKind::FrictionDrift | EffectKind::CuttingForce) | None => "time",
             Some(_) => "velocity",
         };
         let missing = matches!(verdict, Verdict::MissingPhysics | Verdict::UnexplainedMismatch);
@@ -140,6 +163,13 @@ impl Context<'_> {
         let mut list = Vec::new();
         for f in &self.fitted {
             let Origin::Found(found) = &f.term.origin else { continue };
+            if let Law::Friction(s) = f.term.law
+                && s.yield_m > 0.0
+                && !self.friction_stated
+            {
+                // How much there is, and over which distance it turns.
+                list.push(self.finding(f, found, Law::Friction(Slider::STEP)));
+            }
             if let Law::Friction(s) = f.term.law
                 && s.gap_m > 0.0
             {
@@ -185,7 +215,7 @@ impl Context<'_> {
             .collect::<Vec<_>>();
         let probability = found.probability - twins.iter().map(|t| t.probability).sum::<f64>();
         let next_experiment = (!alternatives.is_empty()).then(|| next(effect).to_owned());
-        let term = PhysicsTerm {
+        let mut term = PhysicsTerm {
             effect,
             port,
             parameters: parameters
@@ -197,6 +227,19 @@ impl Context<'_> {
                 })
                 .collect(),
         };
+        let mut further = |name: &str, value| term.parameters.push((name.to_owned(), value));
+        match law {
+            Law::Map { first_m, spacing_m, .. } => {
+                further("force_n", ParameterValue::List(f.amplitudes.clone()));
+                further("first_m", ParameterValue::Number(first_m));
+                further("spacing_m", ParameterValue::Number(spacing_m));
+            }
+            Law::Friction(s) if s.yield_m > 0.0 && s.gap_m <= 0.0 => {
+                further("gradual", ParameterValue::Number(f64::from(u8::from(s.gradual))));
+            }
+            Law::Cut { harmonics, .. } => further("harmonics", ParameterValue::Number(harmonics as f64)),
+            _ => {}
+        }
         Finding {
             rank: 0,
             effect,
@@ -212,16 +255,27 @@ impl Context<'_> {
             probability,
             alternatives,
             next_experiment,
-            contribution: self.contribution(f),
+            contribution: self.contribution(f, law),
             term,
             evidence: found.evidence,
             parameters,
         }
     }
 
-    fn contribution(&self, f: &Fitted<'_>) -> Vec<Contribution> {
+    fn contribution(&self, f: &Fitted<'_>, law: Law) -> Vec<Contribution> {
         let each = |(recording, s): (usize, &super::Series)| {
-            let columns = f.term.law.columns(s, &self.search.scales);
+            let of = |law: Law| law.columns(s, &self.search.scales);
+            let columns = match law {
+                // What an encoder reads too much is a length.
+                Law::Interpolation { period_m } => of(Law::Wave { wavelength_m: period_m }),
+                // The turn; how much there is has its own line.
+                Law::Friction(slider) if slider.yield_m > 0.0 && slider.gap_m <= 0.0 => {
+                    let step = of(Law::Friction(Slider::STEP));
+                    let turn = of(law)[0].iter().zip(&step[0]).map(|(soft, step)| soft - step).collect();
+                    vec![turn]
+                }
+                law => of(law),
+            };
             let at = |k: usize| columns.iter().zip(&f.amplitudes).map(|(c, a)| a * c[k]).sum();
             Contribution { recording, t_s: s.t_s.clone(), value: (0..s.t_s.len()).map(at).collect() }
         };
@@ -234,6 +288,18 @@ impl Context<'_> {
         let linear = |name: &str, unit, factor: f64| {
             let ends = [factor * a - factor.abs() * half, factor * a + factor.abs() * half];
             Estimate { name: name.to_owned(), value: factor * a, unit, ci95: ends }
+        };
+        let plain = |name: &str, unit, value: f64, half: f64| Estimate {
+            name: name.to_owned(),
+            value,
+            unit,
+            ci95: [value - half, value + half],
+        };
+        let wave = |name: &str, unit, half: f64| {
+            let b = f.amplitudes.get(1).copied().unwrap_or(0.0);
+            let size = a.hypot(b);
+            let phase = plain("phase_rad", "rad", b.atan2(a), half / size.max(1.0e-300));
+            vec![plain(name, unit, size, half), phase]
         };
         let inner = |name: &str, unit, at: f64, make: &dyn Fn(f64) -> Law| Estimate {
             name: name.to_owned(),
@@ -276,18 +342,31 @@ impl Context<'_> {
                 ]
             }
             Law::Wave { wavelength_m } => {
-                let b = f.amplitudes.get(1).copied().unwrap_or(0.0);
-                let size = a.hypot(b);
-                let estimate = |name: &str, unit, value: f64, half: f64| Estimate {
-                    name: name.to_owned(),
-                    value,
-                    unit,
-                    ci95: [value - half, value + half],
-                };
+                let length =
+                    inner("wavelength_m", "m", wavelength_m, &|wavelength_m| Law::Wave { wavelength_m });
+                [vec![length], wave("amplitude_n", "N", half)].concat()
+            }
+            Law::Interpolation { period_m } => {
+                let period = plain("signal_period_m", "m", period_m, 0.0);
+                [vec![period], wave("amplitude_m", "m", Z95 * f.deviations[0])].concat()
+            }
+            Law::Map { .. } => {
+                let mean = f.amplitudes.iter().sum::<f64>() / f.amplitudes.len().max(1) as f64;
+                let largest = f.amplitudes.iter().map(|x| (x - mean).abs()).fold(0.0, f64::max);
+                vec![plain("amplitude_n", "N", largest, half)]
+            }
+            Law::Cut { fundamental_hz, harmonics, window_s, .. } => {
+                let (peak_n, deviation_n) = peak_of_cut(harmonics, &f.amplitudes, &f.deviations);
+                // Of a wave with amplitude A over T: deviation of the frequency root 12 s_A / (2 pi A T).
+                let wave_n = f.amplitudes[0].hypot(f.amplitudes[1]).max(1.0e-300);
+                let turns = 12.0_f64.sqrt() * f.deviations[0] / (TAU * wave_n);
+                let half_hz = Z95 * turns / (window_s[1] - window_s[0]);
+                let half_s = 0.5 / fundamental_hz;
                 vec![
-                    inner("wavelength_m", "m", wavelength_m, &|wavelength_m| Law::Wave { wavelength_m }),
-                    estimate("amplitude_n", "N", size, half),
-                    estimate("phase_rad", "rad", b.atan2(a), half / size.max(1.0e-300)),
+                    plain("fundamental_hz", "Hz", fundamental_hz, half_hz),
+                    plain("amplitude_n", "N", peak_n, Z95 * deviation_n.hypot(self.scale() * peak_n)),
+                    plain("start_s", "s", window_s[0], half_s),
+                    plain("end_s", "s", window_s[1], half_s),
                 ]
             }
             Law::Spring { centre_m, gap_m } => {
@@ -298,6 +377,12 @@ impl Context<'_> {
             }
             Law::Cubic { .. } => vec![linear("cubic_n_m3", "N/m3", 1.0)],
             Law::Saturation => vec![linear("per_a2", "1/A2", 1.0)],
+            Law::Slow { extra_s } => {
+                let e = inner("bandwidth_rad_s", "rad/s", extra_s, &|extra_s| Law::Slow { extra_s });
+                let bandwidth = |extra_s: f64| 1.0 / (self.search.scales.loop_s + a * extra_s);
+                let ci95 = [bandwidth(e.ci95[1]), bandwidth(e.ci95[0])];
+                vec![Estimate { value: bandwidth(extra_s), ci95, ..e }]
+            }
             Law::Late { delay_s } => {
                 // Delay and amplitude trade: to first order their product is what the force is late by.
                 let e = inner("extra_delay_s", "s", delay_s, &|delay_s| Law::Late { delay_s });
@@ -453,144 +538,4 @@ fn cogging_order(poles: f64, slots: f64) -> f64 {
         (a, b) = (b, a % b);
     }
     product.checked_div(a).unwrap_or(0) as f64
-}
-
-/// One sentence for a person and the law in symbols.
-fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static str) {
-    let n = |name: &str, unit: &str| spelled(value(name), unit);
-    match law {
-        Law::Inertia | Law::Viscous => {
-            (format!("A force of {} acts against the motion.", n("n_s_m", "N per m/s")), "F = C v")
-        }
-        Law::Constant => (
-            format!(
-                "A force of {} acts whatever the motion: weight, or an offset of the drive.",
-                n("force_n", "N")
-            ),
-            "F = F_0",
-        ),
-        Law::Friction(s) if s.gap_m > 0.0 => (
-            format!(
-                "At each reversal {} pass before force builds up again: play in what transmits it.",
-                n("gap_m", "m")
-            ),
-            "F = F_c dz(D, gap/2)/yield, D = clamp(D + dx, +-(gap/2 + yield))",
-        ),
-        Law::Friction(s) if s.yield_m > 0.0 => (
-            format!(
-                "Friction of {} turns over with the distance after a reversal, not with the speed: a \
-                 stiffness of {}.",
-                n("force_n", "N"),
-                n("presliding_stiffness_n_m", "N/m")
-            ),
-            "F = F_c D/yield, D = clamp(D + dx, +-yield), stiffness = F_c/yield",
-        ),
-        Law::Friction(_) => (
-            format!("A force of {} acts against the direction of motion.", n("force_n", "N")),
-            "F = F_c sgn v",
-        ),
-        Law::DirectionalDry(_) => (
-            format!("Friction differs by {} between the directions.", n("force_difference_n", "N")),
-            "F = (F_difference/2) |sgn v|",
-        ),
-        Law::DirectionalViscous => (
-            format!(
-                "Viscous friction differs by {} between the directions, {} at the mean speed.",
-                n("viscous_difference_n_s_m", "N s/m"),
-                n("force_difference_n", "N")
-            ),
-            "F = (C_difference/2) |v|",
-        ),
-        Law::Square => {
-            (format!("A force of {} acts against the motion.", n("n_s2_m2", "N per (m/s)^2")), "F = c v |v|")
-        }
-        Law::Stribeck { .. } => (
-            format!(
-                "At creep speeds friction is {} higher; it falls off over {}.",
-                n("stribeck_force_n", "N"),
-                n("stribeck_velocity_m_s", "m/s")
-            ),
-            "F = F_s exp(-(v/v_s)^2) sgn v",
-        ),
-        Law::Drift { .. } => (
-            format!(
-                "Friction changes by {} of itself with a time constant of {}.",
-                n("relative_change", ""),
-                n("time_constant_s", "s")
-            ),
-            "F = F_c change (1 - exp(-t/tau)) sgn v",
-        ),
-        Law::Wave { .. } => (
-            format!("A force of {} repeats every {}.", n("amplitude_n", "N"), n("wavelength_m", "m")),
-            "F = A sin(2 pi x/lambda + phase)",
-        ),
-        Law::Late { .. } => (
-            format!("The drive acts {} later than the model says.", n("extra_delay_s", "s")),
-            "F(t) -> F(t - T)",
-        ),
-        Law::Saturation => (
-            format!("Torque falls behind large currents by {}.", n("per_a2", "per A2")),
-            "T = K_t i (1 - b i^2)",
-        ),
-        Law::Spring { .. } => (
-            format!(
-                "The drive turns {} (rad where one metre is one radian) before the output pushes back.",
-                n("gap_m", "m")
-            ),
-            "F = K dz(x - x_0, gap/2)",
-        ),
-        Law::Cubic { .. } => ("The stiffness changes with the load.".to_owned(), "F = K_3 (x - x_0)^3"),
-    }
-}
-
-/// Four significant digits with the prefix of a shop floor: `4.929 mm`, `10.41 kN`.
-fn spelled(value: f64, unit: &str) -> String {
-    const PREFIXES: [(f64, &str); 6] =
-        [(1.0e6, "M"), (1.0e3, "k"), (1.0, ""), (1.0e-3, "m"), (1.0e-6, "u"), (1.0e-9, "n")];
-    let scaled = matches!(unit, "N" | "m" | "m/s" | "N/m");
-    let fitting = PREFIXES.iter().find(|(p, _)| value.abs() >= 0.99995 * p);
-    let large_length = unit.starts_with('m') && value.abs() >= 1.0;
-    let (scale, prefix) =
-        if scaled && !large_length { fitting.copied().unwrap_or((1.0, "")) } else { (1.0, "") };
-    let x = value / scale;
-    let order = if x == 0.0 { 0 } else { x.abs().log10().floor() as i32 };
-    if !(-5..7).contains(&order) {
-        return format!("{x:.3e} {prefix}{unit}");
-    }
-    format!("{x:.*} {prefix}{unit}", (3 - order).max(0) as usize).trim_end().to_owned()
-}
-
-/// What tells the alternatives of an effect apart.
-fn next(effect: EffectKind) -> &'static str {
-    match effect {
-        EffectKind::GravityLoad | EffectKind::AsymmetricFriction => {
-            "Rest for a second at several places with the drive on, between slow strokes in both directions: \
-             a weight holds at rest, a difference of friction does not."
-        }
-        EffectKind::CoulombFriction | EffectKind::PreslidingFriction | EffectKind::Backlash => {
-            "Reversals of 10 um to 1 mm at less than 1 mm/s, both under load from one side and from the \
-             other."
-        }
-        EffectKind::ViscousFriction | EffectKind::NonlinearViscosity | EffectKind::StribeckFriction => {
-            "Strokes at constant speed, at least six speeds from creep to traverse, both directions, same \
-             path."
-        }
-        EffectKind::FrictionDrift => {
-            "The same stroke once a minute from cold until nothing changes any more."
-        }
-        _ => "The same path at two speeds and in both directions.",
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_person_reads_millimetres_and_kilonewtons() {
-        assert_eq!(spelled(0.004_929, "m"), "4.929 mm");
-        assert_eq!(spelled(10_412.0, "N"), "10.41 kN");
-        assert_eq!(spelled(-78.72, "N s/m"), "-78.72 N s/m");
-        assert_eq!(spelled(0.0, "N"), "0.000 N");
-    }
 }

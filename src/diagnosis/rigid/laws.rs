@@ -1,9 +1,17 @@
 //! Laws of force that one position can carry, as columns of a regression.
 
 use super::signals::Series;
-use crate::diagnosis::columns::difference;
+use crate::diagnosis::columns::{difference, waves};
+use crate::diagnosis::floor::band_gain;
+use crate::plant::effects::periodic::knot;
 use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
 use std::f64::consts::TAU;
+
+/// Knots of a map, and the travel from which on there is one, m.
+const KNOTS: usize = 24;
+const LEAST_MAP_M: f64 = 1.0e-3;
+/// Distances over which the friction of guides and bearings turns over, m.
+const YIELD_M: [f64; 2] = [2.0e-6, 2.0e-4];
 
 /// A law with its inner constants; its amplitudes are what the regression finds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,8 +36,17 @@ pub(super) enum Law {
     Drift { time_s: f64, slider: Slider },
     /// A sin + B cos of 2 pi x / lambda.
     Wave { wavelength_m: f64 },
+    /// A force for every place: straight lines between knots.
+    Map { first_m: f64, spacing_m: f64, knots: usize },
+    /// Harmonics of a cut and its mean while it lasts, in one recording or in all.
+    Cut { fundamental_hz: f64, harmonics: usize, window_s: [f64; 2], recording: Option<usize> },
     /// F(t) - F(t - T): the drive acts later than it is told.
     Late { delay_s: f64 },
+    /// F(t) less F behind a current loop that is slower by a time constant.
+    Slow { extra_s: f64 },
+    /// What an encoder reads too much, A sin + B cos of 2 pi x / period, as the force that its acceleration
+    /// asks for.
+    Interpolation { period_m: f64 },
     /// F i^2: torque that falls behind a large current.
     Saturation,
     /// K (x - x0), silent inside the gap; only where the output is locked.
@@ -40,24 +57,46 @@ pub(super) enum Law {
 
 /// A slider that a spring pulls over a gap: at `yield_m` beyond the gap it slides.
 ///
-/// D <- clamp(D + dx, +-(gap/2 + yield)); state = dz(D, gap/2) / yield. yield = 0: tanh(v / v_s).
+/// D <- clamp(D + dx, +-(gap/2 + yield)); state = dz(D, gap/2) / yield. yield = 0: tanh(v / v_s). Gradual
+/// (Dahl 1968), without a gap: d state = (sgn dx - state) |dx| / yield.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Slider {
     pub(super) yield_m: f64,
     pub(super) gap_m: f64,
+    pub(super) gradual: bool,
 }
 
 impl Slider {
     /// Friction that follows the sign of the velocity at once.
-    pub(super) const STEP: Slider = Slider { yield_m: 0.0, gap_m: 0.0 };
+    pub(super) const STEP: Slider = Slider { yield_m: 0.0, gap_m: 0.0, gradual: false };
+
+    /// Friction behind a spring, without a gap.
+    pub(super) fn soft(yield_m: f64, gradual: bool) -> Self {
+        Slider { yield_m, gap_m: 0.0, gradual }
+    }
+
+    /// The same behind a gap.
+    pub(super) fn behind_gap(yield_m: f64, gap_m: f64) -> Self {
+        Slider { yield_m, gap_m, gradual: false }
+    }
 
     fn state(self, s: &Series, smoothing_m_s: f64) -> Vec<f64> {
         if self.yield_m <= 0.0 {
             return s.velocity_m_s.iter().map(|v| (v / smoothing_m_s).tanh()).collect();
         }
+        let mut last = s.position_m.first().copied().unwrap_or(0.0);
+        if self.gradual {
+            let mut state: f64 = 0.0;
+            let step = |x: &f64| {
+                let (way, dx) = ((x - last).signum(), (x - last).abs());
+                state = way + (state - way) * (-dx / self.yield_m).exp();
+                last = *x;
+                state
+            };
+            return s.position_m.iter().map(step).collect();
+        }
         let (half, reach) = (0.5 * self.gap_m, 0.5 * self.gap_m + self.yield_m);
         let mut d: f64 = 0.0;
-        let mut last = s.position_m.first().copied().unwrap_or(0.0);
         let step = |x: &f64| {
             d = (d + x - last).clamp(-reach, reach);
             last = *x;
@@ -73,7 +112,15 @@ pub(super) struct Scales {
     pub(super) smoothing_m_s: f64,
     pub(super) fastest_m_s: f64,
     pub(super) stroke_m: f64,
+    /// Lowest place.
+    pub(super) lowest_m: f64,
     pub(super) resolution_m: f64,
+    /// All that moves, kg.
+    pub(super) mass_kg: f64,
+    /// Time constant of the current loop as stated, s.
+    pub(super) loop_s: f64,
+    /// Period of the motor encoder's signals, as travel.
+    pub(super) signal_m: Option<f64>,
     /// Travel per turn of the motor, where there is a screw.
     pub(super) lead_m: Option<f64>,
     /// Time between samples of the recording, s.
@@ -108,7 +155,28 @@ impl Law {
             Law::Wave { wavelength_m } => {
                 vec![place(&|x| (TAU * x / wavelength_m).sin()), place(&|x| (TAU * x / wavelength_m).cos())]
             }
+            Law::Map { first_m, spacing_m, knots } => hats(&s.position_m, (first_m, spacing_m), knots),
+            Law::Cut { fundamental_hz, harmonics, window_s, recording } => {
+                let mut columns = waves(&s.t_s, 1.0 / fundamental_hz, harmonics);
+                columns.push(vec![1.0; s.t_s.len()]);
+                let here = recording.is_none_or(|only| only == s.recording);
+                for column in &mut columns {
+                    let cut = |t: f64| here && (window_s[0]..window_s[1]).contains(&t);
+                    column.iter_mut().zip(&s.t_s).filter(|(_, t)| !cut(**t)).for_each(|(x, _)| *x = 0.0);
+                }
+                columns
+            }
             Law::Late { delay_s } => vec![difference(&s.thrust_n, -delay_s * s.rate_hz)],
+            Law::Slow { extra_s } => {
+                let slower_s = scales.loop_s + extra_s;
+                let mut left = vec![0.0; s.thrust_n.len()];
+                for (node, weight) in LAGUERRE {
+                    let late = difference(&s.thrust_n, -node * slower_s * s.rate_hz);
+                    left.iter_mut().zip(late).for_each(|(l, x)| *l += weight * extra_s / slower_s * x);
+                }
+                vec![left]
+            }
+            Law::Interpolation { period_m } => interpolation(s, scales.mass_kg, TAU / period_m),
             Law::Saturation => {
                 let per_ampere = s.thrust_n_a.unwrap_or(f64::INFINITY);
                 vec![s.thrust_n.iter().map(|f| f * (f / per_ampere).powi(2)).collect()]
@@ -120,10 +188,24 @@ impl Law {
         }
     }
 
+    /// Columns that the law has.
+    pub(super) fn width(self) -> usize {
+        match self {
+            Law::Wave { .. } | Law::Interpolation { .. } => 2,
+            Law::Map { knots, .. } => knots,
+            Law::Cut { harmonics, .. } => 2 * harmonics + 1,
+            _ => 1,
+        }
+    }
+
     /// Factors of the columns as a model states them; nothing where it does not. `friction_n`: level that a
     /// relative change refers to. Inverse of what the answer writes.
     pub(super) fn stated_amplitudes(self, term: &PhysicsTerm, friction_n: f64) -> Option<Vec<f64>> {
         let get = |name: &str| term.number(name);
+        let wave = |amplitude: f64| {
+            let (sin, cos) = get("phase_rad").unwrap_or(0.0).sin_cos();
+            vec![amplitude * cos, amplitude * sin]
+        };
         let one = match self {
             Law::Viscous | Law::Inertia => get("n_s_m")?,
             Law::Constant | Law::Friction(_) => get("force_n")?,
@@ -132,14 +214,12 @@ impl Law {
             Law::Square => get("n_s2_m2")?,
             Law::Stribeck { .. } => get("stribeck_force_n")?,
             Law::Drift { .. } => get("relative_change")? * friction_n,
-            Law::Late { .. } => 1.0,
+            Law::Late { .. } | Law::Slow { .. } => 1.0,
+            Law::Interpolation { .. } => return Some(wave(get("amplitude_m")?)),
             Law::Saturation => get("per_a2")?,
-            Law::Wave { .. } => {
-                let (sin, cos) = get("phase_rad").unwrap_or(0.0).sin_cos();
-                let amplitude = get("amplitude_n")?;
-                return Some(vec![amplitude * cos, amplitude * sin]);
-            }
-            Law::Spring { .. } | Law::Cubic { .. } => return None,
+            Law::Wave { .. } => return Some(wave(get("amplitude_n")?)),
+            Law::Map { .. } => return term.list("force_n").map(<[f64]>::to_vec),
+            Law::Spring { .. } | Law::Cubic { .. } | Law::Cut { .. } => return None,
         };
         Some(vec![one])
     }
@@ -158,7 +238,11 @@ impl Law {
             Law::Stribeck { .. } => (E::StribeckFriction, Port::Stage),
             Law::Drift { .. } => (E::FrictionDrift, Port::Stage),
             Law::Wave { .. } => (E::PositionPeriodicForce, Port::Stage),
+            Law::Map { .. } => (E::PositionDependentForce, Port::Stage),
+            Law::Cut { .. } => (E::CuttingForce, Port::Stage),
             Law::Late { .. } => (E::DeadTime, Port::Current),
+            Law::Slow { .. } => (E::CurrentLoopLag, Port::Current),
+            Law::Interpolation { .. } => (E::EncoderInterpolationError, Port::MotorEncoder),
             Law::Saturation => (E::TorqueConstantSaturation, Port::Current),
             Law::Spring { .. } => (E::Backlash, Port::Coupling),
             Law::Cubic { .. } => (E::NonlinearStiffness, Port::Coupling),
@@ -173,7 +257,7 @@ impl Law {
             }
             Law::Saturation => amplitudes[0] > 0.0,
             // The delay is in the law; its amplitude only says how well the law holds.
-            Law::Late { .. } => (0.7..1.4).contains(&amplitudes[0]),
+            Law::Late { .. } | Law::Slow { .. } => (0.7..1.4).contains(&amplitudes[0]),
             _ => true,
         }
     }
@@ -193,6 +277,9 @@ impl Law {
     pub(super) fn neighbours(self, by: f64) -> Vec<Law> {
         let both = |value: f64| [value * (1.0 + by), value / (1.0 + by)];
         match self {
+            Law::Friction(s) if s.gradual => {
+                both(s.yield_m).map(|yield_m| Law::Friction(Slider { yield_m, ..s })).to_vec()
+            }
             Law::Friction(s) if s.yield_m > 0.0 => {
                 let y = both(s.yield_m).map(|yield_m| Law::Friction(Slider { yield_m, ..s }));
                 let g = both(s.gap_m).map(|gap_m| Law::Friction(Slider { gap_m, ..s }));
@@ -211,6 +298,24 @@ impl Law {
                     .map(|wavelength_m| Law::Wave { wavelength_m })
                     .to_vec()
             }
+            Law::Cut { fundamental_hz, harmonics, window_s: [from, to], recording } => {
+                // A line is sharp in its frequency: a fraction of a turn over the cut.
+                let (apart_hz, apart_s) = (by / (to - from), 0.1 * by * (to - from));
+                let moved = |hz: f64, ends: [f64; 2]| {
+                    let window_s = [from + ends[0] * apart_s, to + ends[1] * apart_s];
+                    Law::Cut {
+                        fundamental_hz: fundamental_hz + hz * apart_hz,
+                        harmonics,
+                        window_s,
+                        recording,
+                    }
+                };
+                [1.0, -1.0]
+                    .into_iter()
+                    .flat_map(|x| [moved(x, [0.0; 2]), moved(0.0, [x, 0.0]), moved(0.0, [0.0, x])])
+                    .collect()
+            }
+            Law::Slow { extra_s } => both(extra_s).map(|extra_s| Law::Slow { extra_s }).to_vec(),
             Law::Late { delay_s } => both(delay_s).map(|delay_s| Law::Late { delay_s }).to_vec(),
             Law::Spring { centre_m, gap_m } if gap_m > 0.0 => {
                 let g = both(gap_m).map(|gap_m| Law::Spring { centre_m, gap_m });
@@ -223,6 +328,29 @@ impl Law {
     }
 }
 
+/// Nodes and weights of Gauss and Laguerre: the integral of exp(-u) f(u) from zero on.
+const LAGUERRE: [(f64, f64); 5] = [
+    (0.263_560_319_718, 0.521_755_610_583),
+    (1.413_403_059_107, 0.398_666_811_083),
+    (3.596_425_771_041, 0.075_942_449_681_7),
+    (7.085_810_005_859, 0.003_611_758_679_92),
+    (12.640_800_844_276, 0.000_023_369_972_385_8),
+];
+
+/// Sine and cosine of `per_m` x as readings that are too large: what they add to M a and is not there, in the
+/// band in which a is known.
+fn interpolation(s: &Series, mass_kg: f64, per_m: f64) -> Vec<Vec<f64>> {
+    let mut columns = vec![Vec::with_capacity(s.t_s.len()); 2];
+    for ((x, v), a) in s.position_m.iter().zip(&s.velocity_m_s).zip(&s.accel_m_s2) {
+        let (sin, cos) = (per_m * x).sin_cos();
+        let (slope, curve) = (per_m * a, (per_m * v).powi(2));
+        let seen = -mass_kg * band_gain((per_m * v).abs() / TAU, s.band_hz);
+        columns[0].push(seen * (slope * cos - curve * sin));
+        columns[1].push(seen * (-slope * sin - curve * cos));
+    }
+    columns
+}
+
 /// `count` values from `low` to `high`, evenly in their logarithm.
 pub(super) fn geometric(low: f64, high: f64, count: usize) -> Vec<f64> {
     let (low, high) = (low.max(1.0e-12), high.max(1.0e-12));
@@ -230,12 +358,27 @@ pub(super) fn geometric(low: f64, high: f64, count: usize) -> Vec<f64> {
     (0..count).map(|k| low * (ratio * k as f64).exp()).collect()
 }
 
+/// Straight lines between knots: of each knot how much a place has of it.
+fn hats(position_m: &[f64], (first_m, spacing_m): (f64, f64), knots: usize) -> Vec<Vec<f64>> {
+    let mut columns = vec![vec![0.0; position_m.len()]; knots];
+    for (k, x) in position_m.iter().enumerate() {
+        let (left, share) = knot(*x, first_m, spacing_m, knots);
+        columns[left][k] = 1.0 - share;
+        columns[left + 1][k] = share;
+    }
+    columns
+}
+
 /// Every law that is tried, with its inner constants on a grid. `slider`: the friction state accepted so far.
 pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m: f64) -> Vec<Law> {
     let smallest = (3.0 * scales.resolution_m).max(1.0e-3 * scales.stroke_m);
     let yields = geometric(smallest, 0.15 * scales.stroke_m, 12);
+    // A bearing's friction turns over within micrometres, however long the stroke is.
+    let soonest = smallest.min(YIELD_M[0].max(10.0 * scales.resolution_m));
+    let short = geometric(soonest, YIELD_M[1].min(smallest), 8);
     let mut list = vec![Law::Constant, Law::Friction(Slider::STEP)];
-    list.extend(yields.iter().map(|&y| Law::Friction(Slider { yield_m: y, gap_m: 0.0 })));
+    let soft = yields.iter().chain(&short);
+    list.extend(soft.flat_map(|&y| [false, true].map(|gradual| Law::Friction(Slider::soft(y, gradual)))));
     if locked {
         let stroke = scales.stroke_m;
         list.extend(gaps(stroke, centre_m));
@@ -248,6 +391,10 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     list.extend(
         geometric(scales.period_s, 40.0 * scales.period_s, 14).into_iter().map(|t| Law::Late { delay_s: t }),
     );
+    list.extend(
+        geometric(scales.period_s, 40.0 * scales.period_s, 14).into_iter().map(|t| Law::Slow { extra_s: t }),
+    );
+    list.extend(scales.signal_m.map(|period_m| Law::Interpolation { period_m }));
     if scales.current {
         list.push(Law::Saturation);
     }
@@ -257,13 +404,17 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
             .map(|v| Law::Stribeck { velocity_m_s: v }),
     );
     for gap in geometric(smallest, 0.5 * scales.stroke_m, 12) {
-        list.extend(yields.iter().map(|&y| Law::Friction(Slider { yield_m: y, gap_m: gap })));
+        list.extend(yields.iter().map(|&y| Law::Friction(Slider::behind_gap(y, gap))));
     }
     let finest = (scales.stroke_m / 300.0).max(20.0 * scales.resolution_m);
     let waves = (2.0 * scales.stroke_m / finest).clamp(8.0, 600.0) as usize;
     list.extend((3..waves).map(|k| Law::Wave { wavelength_m: 2.0 * scales.stroke_m / k as f64 }));
     // Turns of the motor and its first harmonics, however long the stroke is.
     let turns = scales.lead_m.into_iter().flat_map(|lead| (1..=12).map(move |k| lead / f64::from(k)));
+    if scales.stroke_m > LEAST_MAP_M {
+        let spacing_m = scales.stroke_m / (KNOTS - 1) as f64;
+        list.push(Law::Map { first_m: scales.lowest_m, spacing_m, knots: KNOTS });
+    }
     list.extend(turns.filter(|w| *w < scales.stroke_m).map(|wavelength_m| Law::Wave { wavelength_m }));
     list
 }
@@ -302,6 +453,7 @@ mod tests {
             .collect();
         Series {
             experiment: "t".into(),
+            recording: 0,
             rate_hz: 100.0,
             band_hz: 30.0,
             t_s: (0..400).map(|k| f64::from(k) * 0.01).collect(),
@@ -317,7 +469,7 @@ mod tests {
     fn a_slider_is_silent_in_its_gap_and_slides_beyond_its_yield() {
         // From +1 after a reversal: yields over 1 mm to zero, silent over the gap of 2 mm, then rises over 1
         // mm to -1.
-        let state = Slider { yield_m: 1.0e-3, gap_m: 2.0e-3 }.state(&triangle(), 1.0e-4);
+        let state = Slider::behind_gap(1.0e-3, 2.0e-3).state(&triangle(), 1.0e-4);
         assert!((state[99] - 1.0).abs() < 1.0e-9);
         assert!((state[100 + 5] - 0.5).abs() < 0.02, "half unloaded after 0.5 mm: {}", state[105]);
         assert!(state[120].abs() < 1.0e-9, "inside the gap");
@@ -331,10 +483,76 @@ mod tests {
         assert!(Slider::STEP.state(&s, 1.0e-3).iter().all(|z| (z + 1.0).abs() < 1.0e-12));
     }
 
+    /// Closed form: from rest over d to 1 - exp(-d/y); after a reversal at s, -1 + (1 + s) exp(-d/y).
+    #[test]
+    fn a_gradual_slider_forgets_with_the_distance() {
+        let state = Slider::soft(1.0e-3, true).state(&triangle(), 1.0e-4);
+        let top = 1.0 - (-9.9_f64).exp();
+        assert!((state[99] - top).abs() < 1.0e-9);
+        for k in [101, 105, 130] {
+            let d = f64::from(k as u8 - 100) * 0.1;
+            let expected = -1.0 + (1.0 + state[100]) * (-d).exp();
+            assert!((state[k] - expected).abs() < 1.0e-9, "{k}: {} for {expected}", state[k]);
+        }
+    }
+
+    fn scales(loop_s: f64) -> Scales {
+        Scales {
+            smoothing_m_s: 1.0e-4,
+            fastest_m_s: 1.0,
+            stroke_m: 1.0,
+            lowest_m: 0.0,
+            resolution_m: 1.0e-9,
+            mass_kg: 60.0,
+            loop_s,
+            signal_m: None,
+            lead_m: None,
+            period_s: 1.0e-3,
+            current: true,
+        }
+    }
+
+    /// Closed form: a loop of t0 that is slower by T takes 1 - (1 + jw t0) / (1 + jw (t0 + T)) of a wave.
+    #[test]
+    fn a_slower_loop_takes_what_its_response_says() {
+        let (w, loop_s, extra_s) = (TAU * 8.0, 4.0e-3, 6.0e-3);
+        let mut s = triangle();
+        s.thrust_n = s.t_s.iter().map(|t| (w * t).cos()).collect();
+        let column = &Law::Slow { extra_s }.columns(&s, &scales(loop_s))[0];
+        let (a, b) = (w * loop_s, w * (loop_s + extra_s));
+        // 1 - (1 + ja)/(1 + jb) = (b^2 - ab + j (b - a)) / (1 + b^2)
+        let [re, im] = [b * b - a * b, b - a].map(|x| x / (1.0 + b * b));
+        for k in 60..340 {
+            let (sin, cos) = (w * s.t_s[k]).sin_cos();
+            let expected = re * cos - im * sin;
+            assert!((column[k] - expected).abs() < 2.0e-3, "{k}: {} for {expected}", column[k]);
+        }
+    }
+
+    /// The force that an error of a reading asks for, against second differences of the reading.
+    #[test]
+    fn an_error_of_an_encoder_is_its_acceleration_times_the_mass() {
+        let (period_m, step_s) = (2.0e-3, 1.0e-2);
+        let x = |t: f64| 5.0e-3 * (0.9 * t).sin();
+        let mut s = triangle();
+        s.position_m = s.t_s.iter().map(|t| x(*t)).collect();
+        s.velocity_m_s = s.t_s.iter().map(|t| 4.5e-3 * (0.9 * t).cos()).collect();
+        s.accel_m_s2 = s.t_s.iter().map(|t| -4.05e-3 * (0.9 * t).sin()).collect();
+        let columns = Law::Interpolation { period_m }.columns(&s, &scales(0.0));
+        let read = |t: f64| [(TAU * x(t) / period_m).sin(), (TAU * x(t) / period_m).cos()];
+        for (k, t) in s.t_s.iter().enumerate() {
+            let [before, now, after] = [t - step_s / 10.0, *t, t + step_s / 10.0].map(read);
+            for wave in 0..2 {
+                let accel = (before[wave] - 2.0 * now[wave] + after[wave]) / (step_s / 10.0).powi(2);
+                let largest_n = 60.0 * (TAU * 4.5e-3 / period_m).powi(2);
+                assert!((columns[wave][k] + 60.0 * accel).abs() < 1.0e-3 * largest_n, "{k}, {wave}");
+            }
+        }
+    }
+
     #[test]
     fn the_richer_slider_takes_the_place_of_the_poorer() {
-        let (step, soft, play) =
-            (Slider::STEP, Slider { yield_m: 1.0, gap_m: 0.0 }, Slider { yield_m: 1.0, gap_m: 1.0 });
+        let (step, soft, play) = (Slider::STEP, Slider::soft(1.0, false), Slider::behind_gap(1.0, 1.0));
         assert!(Law::Friction(soft).replaces(Law::Friction(step)));
         assert!(Law::Friction(play).replaces(Law::Friction(soft)));
         assert!(!Law::Friction(step).replaces(Law::Friction(soft)));

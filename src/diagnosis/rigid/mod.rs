@@ -13,6 +13,7 @@ mod fit;
 mod laws;
 mod search;
 mod signals;
+mod words;
 
 use super::motion::is_flexible;
 use super::{DiagnoseError, Diagnosis, Progress};
@@ -45,7 +46,7 @@ pub(super) fn diagnose(
     progress: Progress<'_>,
 ) -> Result<Diagnosis, DiagnoseError> {
     let locked = axis.drive.structure() != Structure::Rigid && recordings.iter().all(|r| is_locked(axis, r));
-    let series = recordings.iter().map(|r| series(axis, r)).collect::<Result<Vec<_>, _>>()?;
+    let series = recordings.iter().enumerate().map(|r| series(axis, r)).collect::<Result<Vec<_>, _>>()?;
     progress(0.1, "signals aligned");
     let scales = scales(axis, recordings, &series);
     let mut terms = base_terms(axis, &series, locked);
@@ -89,11 +90,20 @@ fn scales(axis: &AxisModel, recordings: &[Recording], series: &[Series]) -> Scal
         smoothing_m_s: stated.unwrap_or(2.0e-3 * fastest).max(1.0e-12),
         fastest_m_s: fastest,
         stroke_m: (high - low).max(1.0e-12),
+        lowest_m: low,
         resolution_m: axis.drive.motor_encoder_resolution_m(),
+        mass_kg: axis.drive.total_mass_kg(),
+        loop_s: axis.drive.current_loop_bandwidth_rad_s().map_or(0.0, |w| 1.0 / w),
+        signal_m: signal_m(axis),
         lead_m: axis.drive.screw_lead_m(),
         period_s: recordings.first().map_or(0.0, |r| r.sample_rate.period_s()),
         current: series.iter().all(|s| s.thrust_n_a.is_some()),
     }
+}
+
+/// Period of the motor encoder's signals as travel, m.
+fn signal_m(axis: &AxisModel) -> Option<f64> {
+    Some(axis.drive.screw_lead_m()? / axis.drive.raw().motor_encoder_signals_per_rev?)
 }
 
 /// Numbers that the model states for the structure.
@@ -130,6 +140,8 @@ fn given(term: &PhysicsTerm, axis: &AxisModel) -> Option<Term> {
     };
     let law = match term.effect {
         EffectKind::ViscousFriction => Law::Viscous,
+        // Beside presliding it is the force of that slider.
+        EffectKind::CoulombFriction if friction("force_n").is_some() => return None,
         EffectKind::CoulombFriction => Law::Friction(Slider::STEP),
         EffectKind::GravityLoad => Law::Constant,
         EffectKind::NonlinearViscosity => Law::Square,
@@ -143,7 +155,9 @@ fn given(term: &PhysicsTerm, axis: &AxisModel) -> Option<Term> {
         EffectKind::PreslidingFriction => {
             let yield_m = term.number("force_n")? / term.number("presliding_stiffness_n_m")?;
             let gap_m = all.iter().find(|t| t.effect == EffectKind::Backlash).and_then(|t| t.number("gap_m"));
-            Law::Friction(Slider { yield_m, gap_m: gap_m.unwrap_or(0.0) })
+            // Without a gap the law of the simulation, unless the table says otherwise.
+            let gradual = gap_m.is_none() && term.number("gradual").is_none_or(|x| x != 0.0);
+            Law::Friction(Slider { yield_m, gap_m: gap_m.unwrap_or(0.0), gradual })
         }
         EffectKind::Backlash => {
             // Beside presliding the gap is part of the slider; alone it belongs to a locked output.
@@ -156,9 +170,21 @@ fn given(term: &PhysicsTerm, axis: &AxisModel) -> Option<Term> {
             Law::Drift { time_s: term.number("time_constant_s")?, slider: Slider::STEP }
         }
         EffectKind::PositionPeriodicForce => Law::Wave { wavelength_m: term.number("wavelength_m")? },
+        EffectKind::PositionDependentForce => Law::Map {
+            first_m: term.number("first_m")?,
+            spacing_m: term.number("spacing_m")?,
+            knots: term.list("force_n").map(<[f64]>::len).filter(|n| *n > 1)?,
+        },
         EffectKind::TorqueRipple => Law::Wave { wavelength_m: lead_m? / term.number("order_per_rev")? },
         EffectKind::DeadTime if term.port == Port::Current => {
             Law::Late { delay_s: term.number("extra_delay_s")? }
+        }
+        EffectKind::CurrentLoopLag => {
+            let stated_s = axis.drive.current_loop_bandwidth_rad_s().map_or(0.0, |w| 1.0 / w);
+            Law::Slow { extra_s: (1.0 / term.number("bandwidth_rad_s")? - stated_s).max(1e-7) }
+        }
+        EffectKind::EncoderInterpolationError if term.port == Port::MotorEncoder => {
+            Law::Interpolation { period_m: term.number("signal_period_m")? }
         }
         EffectKind::TorqueConstantSaturation => Law::Saturation,
         _ => return None,

@@ -1,8 +1,10 @@
 //! Forward selection over the laws of one position, judged on stretches that were not fitted.
 
-use super::fit::{Fit, Rows, correlation_rows};
+use super::fit::{Fit, Judged, Rows, Sums, correlation_rows};
 use super::laws::{Law, Scales, Slider, candidates, drifts, gaps};
 use super::signals::Series;
+use crate::diagnosis::bank::{strongest_lines, when};
+use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::{EffectKind, Port};
 
 /// Findings of one diagnosis.
@@ -12,6 +14,12 @@ const MOST_FINDINGS: usize = 7;
 const CHANCE: f64 = 1.0e-3;
 /// Share by which the held-out residual must fall.
 const LEAST_SHARE: f64 = 0.01;
+
+/// Columns of the terms in the model, with their products.
+struct Beside {
+    columns: Vec<Vec<f64>>,
+    sums: Sums,
+}
 
 /// A law in the model with where it comes from.
 #[derive(Debug, Clone, PartialEq)]
@@ -100,11 +108,26 @@ impl Search {
         fit
     }
 
+    /// Columns of terms with their products, beside which a law is tried.
+    fn beside(&self, terms: &[Term]) -> Beside {
+        let columns = self.all_columns(terms);
+        Beside { sums: self.rows.sums(&self.rows.target, &columns), columns }
+    }
+
+    /// The fit of the terms with a law, whose coefficients stand last.
+    fn judged(&self, beside: &Beside, law: Law) -> Judged {
+        if self.locked || self.terms.iter().any(|t| law.replaces(t.law)) {
+            let Fit { coefficients, heldout_rms, rms, .. } = self.fit(&self.with(law));
+            return Judged { coefficients, heldout_rms, rms };
+        }
+        let new = self.columns(law);
+        self.rows.more(&beside.sums, &self.rows.target, (&beside.columns, &new)).judged()
+    }
+
     /// Amplitudes of term `index` inside a fit of `terms`.
     pub(super) fn amplitudes(&self, terms: &[Term], values: &[f64], index: usize) -> Vec<f64> {
-        let width = |t: &Term| if matches!(t.law, Law::Wave { .. }) { 2 } else { 1 };
-        let start: usize = terms[..index].iter().map(width).sum();
-        values[start..start + width(&terms[index])].to_vec()
+        let start: usize = terms[..index].iter().map(|t| t.law.width()).sum();
+        values[start..start + terms[index].law.width()].to_vec()
     }
 
     fn slider(&self) -> Slider {
@@ -138,8 +161,8 @@ impl Search {
     fn count_independent(&mut self) {
         let (fast, stroke) = (self.scales.fastest_m_s, self.scales.stroke_m);
         let mut laws = vec![Law::Constant, Law::Friction(Slider::STEP)];
-        laws.extend([0.01, 0.03, 0.1].map(|y| Law::Friction(Slider { yield_m: y * stroke, gap_m: 0.0 })));
-        laws.extend([0.1, 0.2].map(|g| Law::Friction(Slider { yield_m: 0.05 * stroke, gap_m: g * stroke })));
+        laws.extend([0.01, 0.03, 0.1].map(|y| Law::Friction(Slider::soft(y * stroke, false))));
+        laws.extend([0.1, 0.2].map(|g| Law::Friction(Slider::behind_gap(0.05 * stroke, g * stroke))));
         if self.locked {
             laws.push(Law::Cubic { centre_m: self.centre() });
             laws.extend((1..=6).map(|k| Law::Wave { wavelength_m: 2.0 * stroke / f64::from(k) }));
@@ -180,27 +203,25 @@ impl Search {
     fn round(&mut self, first: bool) -> bool {
         let before = self.fit(&self.terms);
         let centre = self.centre();
-        let mut scored: Vec<(Law, Fit)> = Vec::new();
         let mut laws = candidates(&self.scales, self.slider(), self.locked, centre);
         if !self.locked && self.terms.iter().any(|t| matches!(t.law, Law::Friction(_))) {
             laws.extend(drifts(self.slider()));
         }
-        self.least_evidence = 2.0 * (laws.len() as f64 / CHANCE).ln();
-        for law in laws {
-            if self.terms.iter().any(|t| t.law == law || poorer(law, t.law)) {
-                continue;
-            }
-            let terms = self.with(law);
-            let fit = self.fit(&terms);
-            if law.plausible(&self.amplitudes(&terms, &fit.coefficients, terms.len() - 1)) {
-                scored.push((law, fit));
-            }
+        if !self.locked {
+            laws.extend(self.cuts(&before.residual));
         }
-        scored.sort_by(|a, b| a.1.heldout_rms.total_cmp(&b.1.heldout_rms));
+        self.least_evidence = 2.0 * (laws.len() as f64 / CHANCE).ln();
+        laws.retain(|law| !self.terms.iter().any(|t| t.law == *law || poorer(*law, t.law)));
+        let beside = self.beside(&self.terms);
+        let fits = on_two_cores(&laws, |law| self.judged(&beside, *law));
+        let mut scored: Vec<(Law, Judged)> = laws.into_iter().zip(fits).collect();
+        scored.retain(|(law, fit)| law.plausible(&fit.coefficients[fit.coefficients.len() - law.width()..]));
+        let left = |(law, fit): &(Law, Judged)| (fit.heldout_rms / before.heldout_rms).powf(credit(*law));
+        scored.sort_by(|a, b| left(a).total_cmp(&left(b)));
         let Some((best, fit)) = scored.first() else { return self.pair(&before) };
         let independent = self.independent;
-        let evidence = |f: &Fit| 2.0 * independent * (before.heldout_rms / f.heldout_rms).ln();
-        let ranking = by_effect(scored.iter().map(|(law, f)| (law.effect(), evidence(f))));
+        let evidence = |f: &Judged| 2.0 * independent * (before.heldout_rms / f.heldout_rms).ln();
+        let ranking = by_effect(scored.iter().map(|(law, f)| (law.effect(), credit(*law) * evidence(f))));
         if first {
             self.tried = ranking.iter().map(|((e, p), v)| (*e, *p, v.max(0.0))).collect();
         }
@@ -222,6 +243,33 @@ impl Search {
         self.keep_history(&mut terms);
         self.terms = terms;
         true
+    }
+
+    /// Cuts whose lines stand in a residual.
+    fn cuts(&self, residual: &[f64]) -> Vec<Law> {
+        /// A line throughout a recording is not told from what is wrong about its own motion.
+        const MOST_OF_IT: f64 = 0.9;
+        /// Harmonics that are tried.
+        const HARMONICS: [usize; 2] = [1, 4];
+        let mut start = 0;
+        let mut list = Vec::new();
+        for s in &self.series {
+            let part = &residual[start..start + s.t_s.len()];
+            start += part.len();
+            for (_, fundamental_hz) in strongest_lines(part, s.rate_hz) {
+                let Some((from, to)) = when(part, s.rate_hz, fundamental_hz) else { continue };
+                let whole_s = s.t_s.len() as f64 / s.rate_hz;
+                if to - from > MOST_OF_IT * whole_s {
+                    continue;
+                }
+                let window_s = [s.t_s[0] + from, s.t_s[0] + to];
+                for harmonics in HARMONICS.into_iter().filter(|h| *h as f64 * fundamental_hz < s.band_hz) {
+                    let of = |recording| Law::Cut { fundamental_hz, harmonics, window_s, recording };
+                    list.extend([of(Some(s.recording)), of(None)]);
+                }
+            }
+        }
+        list
     }
 
     /// Two plain laws at once, where neither alone shows: friction that is there in one direction only.
@@ -299,14 +347,15 @@ impl Search {
 
     /// Inner constants moved in shrinking steps while the fit improves.
     fn refined(&self, law: Law) -> Law {
-        let mut best = (law, self.fit(&self.with(law)).rms);
+        let beside = self.beside(&self.terms);
+        let mut best = (law, self.judged(&beside, law).rms);
         for by in [0.4, 0.2, 0.1, 0.05, 0.02] {
             for _ in 0..6 {
                 let better = best
                     .0
                     .neighbours(by)
                     .into_iter()
-                    .map(|n| (n, self.fit(&self.with(n)).rms))
+                    .map(|n| (n, self.judged(&beside, n).rms))
                     .filter(|(_, r)| *r < best.1)
                     .min_by(|a, b| a.1.total_cmp(&b.1));
                 let Some(found) = better else { break };
@@ -374,6 +423,11 @@ impl Search {
     }
 }
 
+/// Share of its evidence that counts: a map can imitate a constant, a wave and more.
+fn credit(law: Law) -> f64 {
+    if matches!(law, Law::Map { .. }) { 0.8 } else { 1.0 }
+}
+
 /// A law that is tried.
 fn found(law: Law) -> Term {
     let found = Found { evidence: 0.0, heldout_before_n: 0.0, probability: 1.0, alternatives: Vec::new() };
@@ -386,7 +440,12 @@ fn poorer(law: Law, present: Law) -> bool {
         (Law::Friction(a), Law::Friction(b)) => b.gap_m > 0.0 || (b.yield_m > 0.0 && a.gap_m <= 0.0),
         (Law::Spring { .. }, Law::Spring { gap_m, .. }) => gap_m > 0.0,
         (Law::Stribeck { .. }, Law::Stribeck { .. }) | (Law::Drift { .. }, Law::Drift { .. }) => true,
-        (Law::DirectionalDry(_), Law::DirectionalDry(_)) => true,
+        (Law::Interpolation { .. }, Law::Interpolation { .. }) => true,
+        (Law::Slow { .. } | Law::Late { .. }, Law::Slow { .. } | Law::Late { .. }) => true,
+        (Law::DirectionalDry(_), Law::DirectionalDry(_)) | (Law::Map { .. }, Law::Map { .. }) => true,
+        (Law::Cut { fundamental_hz: a, .. }, Law::Cut { fundamental_hz: b, .. }) => {
+            (a / b - 1.0).abs() < 0.02
+        }
         (Law::Wave { wavelength_m: a }, Law::Wave { wavelength_m: b }) => (a / b - 1.0).abs() < 0.02,
         _ => false,
     }
@@ -415,8 +474,12 @@ fn shares(ranking: &[Scored], chosen: (EffectKind, Port)) -> (f64, Vec<(EffectKi
     let share = |v: f64| weight(v) / sum.max(1.0e-300);
     let own = ranking.iter().find(|r| r.0 == chosen).map_or(1.0, |r| share(r.1));
     // A weight and a difference between the directions are told apart by little: the other is always named.
-    let twins = [EffectKind::GravityLoad, EffectKind::AsymmetricFriction];
-    let twin = |e: EffectKind| twins.contains(&e) && twins.contains(&chosen.0);
+    // So are a delay and a lag.
+    let pairs = [
+        [EffectKind::GravityLoad, EffectKind::AsymmetricFriction],
+        [EffectKind::DeadTime, EffectKind::CurrentLoopLag],
+    ];
+    let twin = |e: EffectKind| pairs.iter().any(|pair| pair.contains(&e) && pair.contains(&chosen.0));
     let others = ranking.iter().filter(|r| r.0 != chosen && (share(r.1) > 0.02 || twin(r.0.0)));
     (own, others.map(|r| (r.0.0, r.0.1, share(r.1))).collect())
 }

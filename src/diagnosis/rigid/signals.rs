@@ -24,6 +24,8 @@ const LEAST_ROWS: usize = 64;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Series {
     pub(super) experiment: String,
+    /// Its place among the recordings.
+    pub(super) recording: usize,
     pub(super) rate_hz: f64,
     pub(super) band_hz: f64,
     pub(super) t_s: Vec<f64>,
@@ -99,7 +101,10 @@ fn axial_resonance_hz(axis: &AxisModel) -> f64 {
 }
 
 /// Filters and thins one recording; thrust and motion pass the same low-pass.
-pub(super) fn series(axis: &AxisModel, recording: &Recording) -> Result<Series, DiagnoseError> {
+pub(super) fn series(
+    axis: &AxisModel,
+    (place, recording): (usize, &Recording),
+) -> Result<Series, DiagnoseError> {
     let (force, x) = (thrust(axis, recording)?, position(axis, recording)?);
     let rate_hz = recording.sample_rate.hz();
     let mut band_hz = band_hz(axis, (rms(&force), rounding_m(&x, rate_hz)), rate_hz);
@@ -128,6 +133,7 @@ pub(super) fn series(axis: &AxisModel, recording: &Recording) -> Result<Series, 
     let local: Vec<f64> = x.iter().map(|v| v - origin).collect();
     Ok(Series {
         experiment: recording.experiment.clone(),
+        recording: place,
         rate_hz: rate_hz / step as f64,
         band_hz,
         t_s: (0..grid.count).map(|k| recording.time_s(edge + k * step)).collect(),

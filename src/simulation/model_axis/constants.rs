@@ -10,10 +10,12 @@ use crate::plant::machine::AxisModel;
 /// 1e-4 here.
 const STEP_RATES: f64 = 0.7;
 
-/// Friction that changes as the machine warms: share of the Coulomb friction at its port, time constant.
+/// Friction that changes as the machine warms: by how much dry and viscous friction at its port change, time
+/// constant.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Warming {
     pub(super) change_n: f64,
+    pub(super) change_n_s_m: f64,
     pub(super) time_constant_s: f64,
 }
 
@@ -120,10 +122,15 @@ impl Constants {
             E::EncoderQuantization => {
                 self.step_m[encoder] = self.step_m[encoder].max(get("step_m")?);
             }
-            E::FrictionDrift => self.warming[side].push(Warming {
-                change_n: get("relative_change")? * self.coulomb_n[side],
-                time_constant_s: get("time_constant_s")?,
-            }),
+            E::FrictionDrift => {
+                let change = get("relative_change")?;
+                let viscous = get("with_viscous").is_some_and(|x| x != 0.0);
+                self.warming[side].push(Warming {
+                    change_n: change * self.coulomb_n[side],
+                    change_n_s_m: if viscous { change * self.viscous_n_s_m[side] } else { 0.0 },
+                    time_constant_s: get("time_constant_s")?,
+                });
+            }
             E::PreslidingFriction if at_stage || self.rigid => {
                 self.bristle_n_m = get("presliding_stiffness_n_m")?;
                 self.bristle_share = get("share").unwrap_or(1.0);

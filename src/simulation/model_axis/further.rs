@@ -87,8 +87,10 @@ pub(super) struct Further<const L: usize> {
     waves: Vec<Waves<L>>,
     /// Force and one over the velocity of Stribeck's bump.
     bumps: Vec<Fading<L>>,
-    /// Change of friction and one over its time constant.
+    /// Change of dry friction and one over its time constant.
     warming: Vec<Fading<L>>,
+    /// Change of viscous friction, beside each of those.
+    warming_n_s_m: Vec<Lane<L>>,
     /// Tables, each of one lane.
     maps: Vec<(usize, ForceLaw)>,
 }
@@ -109,6 +111,7 @@ impl<const L: usize> Further<L> {
                 waves: Vec::new(),
                 bumps: Vec::new(),
                 warming: Vec::new(),
+                warming_n_s_m: Vec::new(),
                 maps: Vec::new(),
             };
             for (l, model) in models.iter().enumerate() {
@@ -144,6 +147,8 @@ impl<const L: usize> Further<L> {
         }
         for (k, w) in model.warming[side].iter().enumerate() {
             place(&mut self.warming, (k, l), [w.change_n, 1.0 / w.time_constant_s]);
+            self.warming_n_s_m.resize(self.warming.len(), [0.0; L]);
+            self.warming_n_s_m[k][l] = w.change_n_s_m;
         }
     }
 
@@ -163,9 +168,11 @@ impl<const L: usize> Further<L> {
                 friction[l] += force[l] * exp::<FUSED>((-speed * speed).max(LEAST_EXPONENT));
             }
         }
-        for [change, per_s] in &self.warming {
+        for ([change, per_s], change_n_s_m) in self.warming.iter().zip(&self.warming_n_s_m) {
             for l in 0..L {
-                friction[l] += change[l] * (1.0 - exp::<FUSED>((-t_s * per_s[l]).max(LEAST_EXPONENT)));
+                let warm = 1.0 - exp::<FUSED>((-t_s * per_s[l]).max(LEAST_EXPONENT));
+                friction[l] += change[l] * warm;
+                sum[l] += change_n_s_m[l] * warm * v[l];
             }
         }
         for waves in &self.waves {
