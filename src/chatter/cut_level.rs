@@ -41,6 +41,10 @@ pub(super) struct CutLevelState {
     seen: usize,
     since_look_s: f64,
     ripple_n: f64,
+    /// The mean force nearest to zero so far, in thirds of a second: no tool cuts there, as far as is known.
+    rest_n: f64,
+    /// Whether it has ever changed at once, as where tools enter or leave.
+    moved: bool,
     changing: bool,
     /// Until this look a change is the same change.
     quiet_until: usize,
@@ -53,6 +57,8 @@ crate::keyframe::keep!(CutLevelState {
     seen,
     since_look_s,
     ripple_n,
+    rest_n,
+    moved,
     changing,
     quiet_until,
     started
@@ -68,9 +74,19 @@ impl CutLevelState {
     /// Size of the mean force, of the last third of a second or of the newest part of it, whichever is
     /// greater: the tools may have entered since.
     pub(super) fn size_n(&self) -> f64 {
+        self.farthest_from_n(0.0)
+    }
+
+    /// The same over what it was at rest: nothing, where it has not changed at once since the first sample:
+    /// a zero drifts. Checked by: `a_zero_that_is_off_is_no_cut`.
+    pub(super) fn over_rest_n(&self) -> f64 {
+        if self.moved && self.rest_n.is_finite() { self.farthest_from_n(self.rest_n) } else { 0.0 }
+    }
+
+    fn farthest_from_n(&self, zero_n: f64) -> f64 {
         let newest = &self.looks[..self.seen.clamp(1, NEWEST)];
         let newest_n = newest.iter().sum::<f64>() / newest.len() as f64;
-        self.mean_n().abs().max(newest_n.abs())
+        (self.mean_n() - zero_n).abs().max((newest_n - zero_n).abs())
     }
 }
 
@@ -87,6 +103,8 @@ impl CutLevel {
             seen: 0,
             since_look_s: 0.0,
             ripple_n: 0.0,
+            rest_n: f64::INFINITY,
+            moved: false,
             changing: false,
             quiet_until: 0,
             started: false,
@@ -115,6 +133,10 @@ impl CutLevel {
         state.looks.rotate_right(1);
         state.looks[0] = state.level_n;
         state.seen = (state.seen + 1).min(1_000_000);
+        let mean_n = state.mean_n();
+        if state.seen >= LOOKS && mean_n.abs() < state.rest_n.abs() {
+            state.rest_n = mean_n;
+        }
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let back = ((turn_s / LOOK_S).round().max(1.0) as usize).min(LOOKS - 1);
         if state.seen <= back + 4 {
@@ -126,7 +148,7 @@ impl CutLevel {
         let large = SHARE * state.level_n.abs().max(before.abs());
         if state.seen > 60 && apart > large && apart > OVER_RIPPLE * state.ripple_n {
             let begins = !state.changing && state.seen > state.quiet_until;
-            state.changing = true;
+            (state.changing, state.moved) = (true, true);
             state.quiet_until = state.seen + QUIET_LOOKS;
             return if begins { Change::Begins } else { Change::GoesOn };
         }
@@ -152,6 +174,22 @@ mod tests {
             }
         }
         found
+    }
+
+    #[test]
+    fn a_zero_that_is_off_is_no_cut() {
+        let level = CutLevel::new(SampleRate::new(9000.0).unwrap());
+        let over_rest = |force: &dyn Fn(f64) -> f64| {
+            let mut state = level.start();
+            (0..36000).for_each(|n| {
+                let _ = level.step(&mut state, force(f64::from(n) / 9000.0), 20.0);
+            });
+            (state.size_n(), state.over_rest_n())
+        };
+        let (size_n, cut_n) = over_rest(&|t| 6.0 + t + 0.2 * (t * 600.0).sin());
+        assert!(size_n > 5.9 && cut_n < 0.1, "{size_n} {cut_n}");
+        let (size_n, cut_n) = over_rest(&|t| 6.0 - if t > 2.0 { 20.0 } else { 0.0 });
+        assert!((size_n - 14.0).abs() < 0.1 && (cut_n - 14.0).abs() < 6.1, "{size_n} {cut_n}");
     }
 
     #[test]

@@ -543,13 +543,10 @@ impl ChatterMonitor {
         };
         let heard = self.line_told(state, evidence, index);
         let phase = state.detector.phase();
-        let line = match phase {
-            // An order is no line that another axis could confirm.
-            Phase::Suspected => !on_an_order(&heard, evidence),
-            phase => phase == Phase::Chatter,
-        };
+        // An order is no line that another axis could confirm, nor that proves itself by lasting.
+        let line = matches!(phase, Phase::Suspected | Phase::Chatter) && !on_an_order(&heard, evidence);
         state.track_hz = line.then_some(heard.frequency_hz);
-        let declared = state.track_hz.filter(|_| phase == Phase::Chatter);
+        let declared = (phase == Phase::Chatter).then_some(heard.frequency_hz);
         state.watched.follow(declared.map(|hz| hz - self.mix.centre_hz()), self.reach_hz);
         let hop = state.hop.look(declared);
         let hop = hop.map(|(from_hz, to_hz)| ChatterEvent::Hop { from_hz, to_hz });

@@ -6,14 +6,18 @@
 //!   amplitudes change: over one turn their phase advances by nothing. Regenerative chatter cannot, its
 //!   growth needs sin(pi f/S) away from zero.
 //! - Was the line there before, at another frequency? Chatter grows where it is: its frequency is a mode's,
-//!   within one lobe. What comes through the band at full amplitude is driven by something else that moves.
+//!   within one lobe. What comes through the band at full amplitude is driven by something else that moves,
+//!   whether it still does, rests by now, or was known to rest elsewhere and is gone from there.
 
 use crate::signal::straight_line::straight_line;
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
-/// What is kept: the way back of a trace and a window at its far end.
-const KEPT_S: f64 = 0.6;
+/// What is kept: the half second in which a feed changes, the time in which the line is heard after it, and
+/// a window.
+const KEPT_S: f64 = 0.8;
+/// The way back of a trace and a window at its far end.
+const TRACED_S: f64 = 0.6;
 /// The window reaches so many tau back: 4 % of its weight is left out.
 const REACH_TAUS: f64 = 5.0;
 /// A line is traced back in steps of this, so far, and over no less than this.
@@ -29,6 +33,8 @@ const THERE: f64 = 0.5;
 /// It moved if that is so much more than it scatters about a steady motion, and at least this.
 const OVER_SCATTER: f64 = 9.0;
 const LEAST_MOVE_HZ: f64 = 4.0;
+/// Noise beside a weak line leads its trace no farther: the width of its window, 1 / (pi tau).
+pub(super) const FAR_HZ: f64 = 13.0;
 /// The windows in which a line is what it is and was what it was, so many of these in a row, and what its
 /// power was at most of what it is: 10 dB.
 const RISEN_TAU_S: f64 = 0.025;
@@ -109,6 +115,14 @@ impl Past {
         Some(sum)
     }
 
+    /// Power of a line the longest time ago that the window still fits into what is kept, N^2.
+    pub(super) fn first_power(&self, rate_hz: f64, sight: Sight) -> Option<f64> {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
+        let taps = (REACH_TAUS * sight.tau_s * rate_hz) as usize;
+        let back = self.seen.checked_sub(taps)?;
+        self.amplitude(&self.values, rate_hz, sight, back).map(|a| a.norm_sqr())
+    }
+
     /// Turns by which the phase of a line advances over one turn of the spindle, -0.5 to 0.5, and its
     /// amplitude of then over that of now. Orders, known or not: 0. Checked by:
     /// `orders_repeat_with_the_turn_and_a_line_between_does_not`.
@@ -146,7 +160,9 @@ impl Past {
         };
         let Some(now) = power(RISEN_TAU_S, 0) else { return false };
         let mut before = [f64::INFINITY; BEFORE_LOOKS];
-        (1..).map_while(|k| power(BEFORE_TAU_S, k)).any(|then| {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
+        let looks = ((TRACED_S - REACH_TAUS * BEFORE_TAU_S) / STEP_S) as usize;
+        (1..=looks).map_while(|k| power(BEFORE_TAU_S, k)).any(|then| {
             before.rotate_left(1);
             before[BEFORE_LOOKS - 1] = then;
             before.iter().sum::<f64>() < ROSE * now * BEFORE_LOOKS as f64
@@ -158,7 +174,9 @@ impl Past {
     pub(super) fn speed_change_1_s(&self, rate_hz: f64) -> f64 {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
         let part = (SPEED_S * rate_hz) as usize;
-        let Some(apart) = self.seen.checked_sub(part + 1).filter(|apart| *apart > part) else { return 0.0 };
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
+        let seen = self.seen.min((TRACED_S * rate_hz).ceil() as usize);
+        let Some(apart) = seen.checked_sub(part + 1).filter(|apart| *apart > part) else { return 0.0 };
         let turned =
             |back: usize| self.angles_turns[self.place(back)] - self.angles_turns[self.place(back + part)];
         let (now, then) = (turned(0), turned(apart));
@@ -193,9 +211,19 @@ impl Past {
             *place = hz;
             found += 1;
         }
-        let places = &places[..found];
-        (found >= LEAST_STEPS).then(|| steady_motion(places)).flatten()
+        moved(&places[..found])
     }
+}
+
+/// Motion over all of the places that are a step apart, newest first; or, farther than noise beside a weak
+/// line leads a trace, over those before it came to rest or after it left its rest.
+fn moved(places: &[f64]) -> Option<Motion> {
+    let far = |places: &[f64]| steady_motion(places).filter(|motion| motion.moved_hz > FAR_HZ);
+    let parts = |least| (least..places.len()).rev();
+    (places.len() >= LEAST_STEPS).then(|| steady_motion(places)).flatten().or_else(|| {
+        let left = parts(LEAST_STEPS).find_map(|n| far(&places[..n]));
+        left.or_else(|| parts(LEAST_STEPS).find_map(|n| far(&places[places.len() - n..])))
+    })
 }
 
 /// Motion through places that are a step apart, newest first, if they lie on a line that is no level one.
@@ -254,6 +282,22 @@ mod tests {
         let rose = |force: &dyn Fn(f64) -> Complex<f64>| past(force).rose(RATE_HZ, 1.3);
         assert!(rose(&|t| wave(651.3 * t) * (15.0 * t).exp().min((15.0f64 * 0.9).exp())));
         assert!(!rose(&|t| wave(651.3 * t) * (1.0 + 0.3 * (30.0 * t).sin())));
+    }
+
+    #[test]
+    fn a_line_that_came_to_rest_has_moved_and_one_that_wanders_has_not() {
+        let places = |from: i32, to: i32| {
+            let step = move |k: i32| 2.0 * f64::from(k.clamp(from, to));
+            std::array::from_fn::<f64, STEPS, _>(|k| step(k as i32))
+        };
+        // Newest first: at rest for eight steps after a fall, and leaving its rest ten steps ago.
+        for (from, to) in [(8, 20), (0, 10)] {
+            let motion = moved(&places(from, to)).unwrap();
+            assert!((-105.0..-60.0).contains(&motion.moves_hz_s) && motion.moved_hz > FAR_HZ, "{motion:?}");
+        }
+        // Noise leads a trace by six hertz, and to and fro.
+        assert_eq!(moved(&places(0, 3)), None);
+        assert_eq!(moved(&std::array::from_fn::<f64, STEPS, _>(|k| 9.0 * (k as f64 * 0.8).sin())), None);
     }
 
     #[test]

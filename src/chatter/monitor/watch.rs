@@ -129,11 +129,17 @@ impl ChatterMonitor {
     /// share of it that no stable cut has.
     fn loud_in_cut(&self, state: &ChatterState, power_n2: f64, floor_n2: f64) -> bool {
         let mean_n = state.level.mean_n().abs();
-        // Noise bandwidth of t/tau^2 e^{-t/tau}: 1/(4 tau).
-        let noise_n2 = floor_n2 * 2.0 * self.reach_hz * 4.0 * self.banks[PLACED].tau_s();
         let share = (2.0 * power_n2).sqrt() / mean_n.max(f64::MIN_POSITIVE);
         let alone = power_n2 > LEAST_OF_ALL * state.whole_variance_n2;
-        alone && mean_n > CUTS * noise_n2.sqrt() && (LEAST_SHARE..MOST_SHARE).contains(&share)
+        alone && self.over_noise(mean_n, floor_n2) && (LEAST_SHARE..MOST_SHARE).contains(&share)
+    }
+
+    /// Whether a mean force stands as far above the noise of the band as where the tools cut. `floor_n2`: of
+    /// the noise in one filter of the bank that places lines.
+    pub(super) fn over_noise(&self, mean_n: f64, floor_n2: f64) -> bool {
+        // Noise bandwidth of t/tau^2 e^{-t/tau}: 1/(4 tau).
+        let noise_n2 = floor_n2 * 2.0 * self.reach_hz * 4.0 * self.banks[PLACED].tau_s();
+        mean_n > CUTS * noise_n2.sqrt()
     }
 
     /// Power of the bank that tells lines from noise, at the filter nearest to a frequency.
