@@ -18,7 +18,7 @@ pub(super) fn material(c: &Correction) -> bool {
 /// The same of a key and how many times the stated value it has.
 pub(super) fn is_material(key: &str, times: f64) -> bool {
     let limit = if key.contains("damping") {
-        0.15
+        0.12
     } else if key.contains("coulomb") {
         0.08
     } else if key.ends_with("_s") {

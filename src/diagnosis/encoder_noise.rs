@@ -125,7 +125,7 @@ pub(super) fn rounding_m(position_m: &[f64], rate_hz: f64) -> f64 {
 ///
 /// The gain of the n-th difference for white noise is the binomial (2 n over n); of a motion below a tenth of
 /// the rate it leaves less than 1e-4. Checked by: tests::noise_is_read_off_beside_any_motion.
-fn variance_m2(position_m: &[f64], rate_hz: f64) -> f64 {
+pub(super) fn variance_m2(position_m: &[f64], rate_hz: f64) -> f64 {
     let origin = position_m.first().copied().unwrap_or(0.0);
     let mut x: Vec<f64> = position_m.iter().map(|x| x - origin).collect();
     let mut gain = 1.0;

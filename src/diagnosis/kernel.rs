@@ -161,6 +161,11 @@ impl Kernel {
         Self { taps: self.taps.iter().map(|t| t * factor).collect(), half: self.half }
     }
 
+    /// Variance that it makes of white noise of variance one.
+    pub(crate) fn power(&self) -> f64 {
+        self.taps.iter().map(|t| t * t).sum()
+    }
+
     /// Samples needed on either side.
     pub(crate) fn half(&self) -> usize {
         self.half

@@ -1,6 +1,7 @@
 //! From a recording to aligned signals of one axis: thrust, positions, velocities, accelerations.
 
 use super::DiagnoseError;
+use super::encoder_noise::variance_m2;
 use super::kernel::{Action, Grid, Kernel};
 use crate::plant::drive::{DriveParams, Structure};
 use crate::plant::machine::AxisModel;
@@ -22,6 +23,8 @@ pub(crate) struct Side {
     pub(crate) position_m: Vec<f64>,
     pub(crate) velocity_m_s: Vec<f64>,
     pub(crate) accel_m_s2: Vec<f64>,
+    /// What the encoder's noise makes of the velocity, root mean square, m/s.
+    pub(crate) velocity_noise_m_s: f64,
     /// As recorded, same samples, not filtered and not aligned.
     pub(crate) raw_m: Vec<f64>,
     /// As recorded, before the first of these samples: what a force with a memory has seen.
@@ -120,16 +123,16 @@ pub(crate) fn is_flexible(axis: &AxisModel, recording: &Recording) -> bool {
 fn side(raw: &[f64], delay_s: f64, frame: &Frame) -> Side {
     let origin = raw.first().copied().unwrap_or(0.0);
     let local: Vec<f64> = raw.iter().map(|x| x - origin).collect();
-    let filtered = |derivative| {
-        let kernel =
-            Kernel::low_pass(frame.band_hz, frame.rate_hz, Action { derivative, advance_s: delay_s });
-        kernel.apply(&local, frame.grid)
+    let kernel = |derivative| {
+        Kernel::low_pass(frame.band_hz, frame.rate_hz, Action { derivative, advance_s: delay_s })
     };
+    let filtered = |derivative| kernel(derivative).apply(&local, frame.grid);
     let end = frame.grid.first + frame.grid.count;
     Side {
         position_m: filtered(0).iter().map(|x| x + origin).collect(),
         velocity_m_s: filtered(1),
         accel_m_s2: filtered(2),
+        velocity_noise_m_s: (variance_m2(raw, frame.rate_hz) * kernel(1).power()).sqrt(),
         raw_m: raw[frame.grid.first..end].to_vec(),
         before_m: raw[..frame.grid.first].to_vec(),
     }

@@ -9,7 +9,7 @@
 
 use super::encoder_noise::EncoderNoise;
 use super::kernel::{Action, Grid, Kernel};
-use super::motion::{Motion, band_hz};
+use super::motion::{Motion, Side, band_hz};
 use super::whitening::Layout;
 use crate::plant::drive::DriveParams;
 use std::sync::Arc;
@@ -269,7 +269,7 @@ impl Problem {
             self.motor_only(|m| m.motor.velocity_m_s.clone())
         });
         add("motor_coulomb_friction_n", d.motor_coulomb_friction_n(), 1.0, &|| {
-            self.motor_only(|m| sliding(&m.motor.velocity_m_s, vs))
+            self.motor_only(|m| sliding(&m.motor, vs))
         });
         add("axial_stiffness_n_m", d.axial_stiffness_n_m(), 1.0, &|| self.coupling(stretch));
         add("structural_damping_n_s_m", d.structural_damping_n_s_m(), 1.0, &|| self.coupling(stretch_rate));
@@ -278,7 +278,7 @@ impl Problem {
             self.stage_only(|m| m.stage.velocity_m_s.clone())
         });
         add("stage_coulomb_friction_n", d.stage_coulomb_friction_n(), 1.0, &|| {
-            self.stage_only(|m| sliding(&m.stage.velocity_m_s, vs))
+            self.stage_only(|m| sliding(&m.stage, vs))
         });
         // A screw's lead is good to some 10 um/m, and so is a scale: what they differ by stretches the
         // spring.
@@ -322,8 +322,18 @@ impl Problem {
 }
 
 /// tanh(v / v_s): direction of sliding, smooth through zero.
-pub(crate) fn sliding(velocity_m_s: &[f64], smoothing_m_s: f64) -> Vec<f64> {
-    velocity_m_s.iter().map(|v| (v / smoothing_m_s).tanh()).collect()
+///
+/// Of a velocity with noise s the mean is tanh + s^2/2 tanh'': that is taken out, or what is missing at creep
+/// would look like a Stribeck bump. Checked by: tests::noise_takes_nothing_off_the_direction.
+fn sliding(side: &Side, smoothing_m_s: f64) -> Vec<f64> {
+    /// Square of noise over smoothing to which second order is enough.
+    const MOST: f64 = 0.25;
+    let noise = (side.velocity_noise_m_s / smoothing_m_s).powi(2).min(MOST);
+    let direction = |v: &f64| {
+        let z = (v / smoothing_m_s).tanh();
+        z + noise * z * (1.0 - z * z)
+    };
+    side.velocity_m_s.iter().map(direction).collect()
 }
 
 /// D = x_m - x_s, less its mean over the recording.
@@ -344,4 +354,34 @@ pub(crate) fn derivative(x: &[f64], rate_hz: f64) -> Vec<f64> {
     (0..n as isize)
         .map(|i| (8.0 * (at(i + 1) - at(i - 1)) - (at(i + 2) - at(i - 2))) * rate_hz / 12.0)
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_takes_nothing_off_the_direction() {
+        // Noise of two values, +-s: its second moment is s^2, and tanh of both averages to what noise leaves.
+        let (smoothing_m_s, noise_m_s) = (3.6e-4, 9.0e-5);
+        let at = |v: f64, velocity_noise_m_s: f64| {
+            let side = Side {
+                position_m: vec![0.0],
+                velocity_m_s: vec![v],
+                accel_m_s2: vec![0.0],
+                velocity_noise_m_s,
+                raw_m: vec![0.0],
+                before_m: Vec::new(),
+            };
+            sliding(&side, smoothing_m_s)[0]
+        };
+        for k in 1..30 {
+            let v = f64::from(k) * 5e-5;
+            let mean = |noise: f64| 0.5 * (at(v - noise_m_s, noise) + at(v + noise_m_s, noise));
+            let truth = (v / smoothing_m_s).tanh();
+            let [plain, corrected] = [0.0, noise_m_s].map(|noise| (mean(noise) - truth).abs());
+            assert!(corrected < 0.004, "{v} m/s: off by {corrected}");
+            assert!(corrected < 0.3 * plain + 1e-3, "{v} m/s: {corrected}, without {plain}");
+        }
+    }
 }

@@ -443,7 +443,7 @@ impl Context<'_> {
             let (nominal, other, limit) = match name {
                 "movable_mass_kg" => (d.movable_mass_kg(), d.total_mass_kg() - d.movable_mass_kg(), 0.02),
                 "translational_damping_n_s_m" => {
-                    (d.translational_damping_n_s_m(), d.reflected_damping_n_s_m(), 0.15)
+                    (d.translational_damping_n_s_m(), d.reflected_damping_n_s_m(), 0.12)
                 }
                 "stage_coulomb_friction_n" => {
                     (d.stage_coulomb_friction_n(), d.motor_coulomb_friction_n(), 0.08)
