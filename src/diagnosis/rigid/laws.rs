@@ -129,6 +129,13 @@ pub(super) struct Scales {
     pub(super) current: bool,
 }
 
+impl Scales {
+    /// Least distance over which friction can be seen to turn, m.
+    pub(super) fn least_yield_m(&self) -> f64 {
+        YIELD_M[0].max(10.0 * self.resolution_m)
+    }
+}
+
 impl Law {
     /// Columns of the law over one recording.
     pub(super) fn columns(self, s: &Series, scales: &Scales) -> Vec<Vec<f64>> {
@@ -374,7 +381,7 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     let smallest = (3.0 * scales.resolution_m).max(1.0e-3 * scales.stroke_m);
     let yields = geometric(smallest, 0.15 * scales.stroke_m, 12);
     // A bearing's friction turns over within micrometres, however long the stroke is.
-    let soonest = smallest.min(YIELD_M[0].max(10.0 * scales.resolution_m));
+    let soonest = smallest.min(scales.least_yield_m());
     let short = geometric(soonest, YIELD_M[1].min(smallest), 8);
     let mut list = vec![Law::Constant, Law::Friction(Slider::STEP)];
     let soft = yields.iter().chain(&short);
@@ -391,12 +398,11 @@ pub(super) fn candidates(scales: &Scales, slider: Slider, locked: bool, centre_m
     list.extend(
         geometric(scales.period_s, 40.0 * scales.period_s, 14).into_iter().map(|t| Law::Late { delay_s: t }),
     );
-    list.extend(
-        geometric(scales.period_s, 40.0 * scales.period_s, 14).into_iter().map(|t| Law::Slow { extra_s: t }),
-    );
     list.extend(scales.signal_m.map(|period_m| Law::Interpolation { period_m }));
     if scales.current {
         list.push(Law::Saturation);
+        let extra = geometric(scales.period_s, 40.0 * scales.period_s, 14);
+        list.extend(extra.into_iter().map(|extra_s| Law::Slow { extra_s }));
     }
     list.extend(
         geometric(5.0 * scales.smoothing_m_s, 0.5 * scales.fastest_m_s, 12)

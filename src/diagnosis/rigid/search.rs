@@ -216,6 +216,14 @@ impl Search {
         let fits = on_two_cores(&laws, |law| self.judged(&beside, *law));
         let mut scored: Vec<(Law, Judged)> = laws.into_iter().zip(fits).collect();
         scored.retain(|(law, fit)| law.plausible(&fit.coefficients[fit.coefficients.len() - law.width()..]));
+        // Friction that turns at once is no presliding, however much sharper it is than the stated speed of the
+        // turn.
+        let at_once = Law::Friction(Slider::soft(0.01 * self.scales.least_yield_m(), true));
+        let at_once_n = self.judged(&beside, at_once).heldout_rms;
+        scored.retain(|(law, fit)| {
+            !matches!(law, Law::Friction(s) if s.yield_m > 0.0 && s.gap_m <= 0.0)
+                || fit.heldout_rms < (1.0 - LEAST_SHARE) * at_once_n
+        });
         let left = |(law, fit): &(Law, Judged)| (fit.heldout_rms / before.heldout_rms).powf(credit(*law));
         scored.sort_by(|a, b| left(a).total_cmp(&left(b)));
         let Some((best, fit)) = scored.first() else { return self.pair(&before) };
