@@ -216,8 +216,7 @@ impl Search {
         let fits = on_two_cores(&laws, |law| self.judged(&beside, *law));
         let mut scored: Vec<(Law, Judged)> = laws.into_iter().zip(fits).collect();
         scored.retain(|(law, fit)| law.plausible(&fit.coefficients[fit.coefficients.len() - law.width()..]));
-        // Friction that turns at once is no presliding, however much sharper it is than the stated speed of the
-        // turn.
+        // Friction that turns at once is no presliding, however much sharper that is than the stated turn.
         let at_once = Law::Friction(Slider::soft(0.01 * self.scales.least_yield_m(), true));
         let at_once_n = self.judged(&beside, at_once).heldout_rms;
         scored.retain(|(law, fit)| {
