@@ -347,7 +347,7 @@ const LAGUERRE: [(f64, f64); 5] = [
 /// Sine and cosine of `per_m` x as readings that are too large: what they add to M a and is not there, in the
 /// band in which a is known.
 fn interpolation(s: &Series, mass_kg: f64, per_m: f64) -> Vec<Vec<f64>> {
-    let mut columns = vec![Vec::with_capacity(s.t_s.len()); 2];
+    let mut columns = vec![Vec::new(); 2];
     for ((x, v), a) in s.position_m.iter().zip(&s.velocity_m_s).zip(&s.accel_m_s2) {
         let (sin, cos) = (per_m * x).sin_cos();
         let (slope, curve) = (per_m * a, (per_m * v).powi(2));
