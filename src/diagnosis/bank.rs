@@ -118,7 +118,7 @@ fn couplings(list: &mut Vec<Hypothesis>) {
 
 fn encoder_periods(p: &Problem, list: &mut Vec<Hypothesis>) {
     let raw = p.drive.raw();
-    let angle = raw.screw_lead_m.zip(raw.motor_encoder_signals_per_rev).map(|(lead, n)| lead / n);
+    let angle = p.drive.motor_encoder_signal_m();
     let periods = [(Port::MotorEncoder, angle), (Port::StageEncoder, raw.stage_encoder_signal_period_m)];
     list.extend(periods.into_iter().filter_map(|(port, period)| {
         let shape = Shape::EncoderError { period_m: period?, harmonics: 1 };
@@ -195,7 +195,8 @@ fn known_wavelengths(p: &Problem) -> Vec<Hypothesis> {
     list
 }
 
-fn lcm(a: f64, b: f64) -> f64 {
+/// Periods of the cogging torque in a turn: the least common multiple of poles and slots.
+pub(super) fn lcm(a: f64, b: f64) -> f64 {
     let (x, y) = (a.round() as u64, b.round() as u64);
     let (mut u, mut v) = (x, y);
     while v != 0 {

@@ -4,6 +4,7 @@
 use super::kernel::{Action, Kernel};
 use super::motion::{band_hz, thrust_delay_s};
 use super::problem::{Column, Problem, Sides, stretch, stretch_rate};
+use super::terms::lag_bandwidth;
 use crate::plant::effects::Port;
 use crate::plant::effects::coupling::{Torsion, after_backlash};
 use crate::plant::effects::friction::sliding_direction;
@@ -117,7 +118,7 @@ pub(super) fn apply_inside(kernel: &Kernel, x: &[f64], grid: super::kernel::Grid
 }
 
 pub(super) fn lag(p: &Problem, extra_s: f64) -> Column {
-    let slower = p.drive.current_loop_bandwidth_rad_s().map_or(1.0 / extra_s, |w| 1.0 / (1.0 / w + extra_s));
+    let slower = lag_bandwidth(p, extra_s);
     let rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
     let advance_s = -(thrust_delay_s(&p.drive, rate) + p.timing_s);
     let kernel =

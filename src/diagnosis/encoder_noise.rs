@@ -146,11 +146,7 @@ mod tests {
 
     #[test]
     fn noise_is_read_off_beside_any_motion() {
-        let mut seed = 1u64;
-        let mut uniform = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-        };
+        let mut uniform = super::super::chance::uniform(1);
         let noisy: Vec<f64> = (0..200_000)
             .map(|k| 1e-2 * (k as f64 * 1e-3).sin() + 1e-6 * (k as f64 * 0.2).sin() + 1e-9 * uniform())
             .collect();

@@ -497,15 +497,7 @@ mod tests {
 
     #[test]
     fn a_slow_error_is_no_noise() {
-        let mut seed = 11_u64;
-        let mut noise = || {
-            let mut sum = 0.0;
-            for _ in 0..12 {
-                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                sum += (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
-            }
-            sum
-        };
+        let mut noise = super::super::chance::normal(11);
         let series: Vec<f64> =
             (0..20_000).map(|k| 9.0 * (0.01 * f64::from(k)).sin() + 0.3 * noise()).collect();
         let quiet = series.iter().map(|x| 0.1 * x).collect();

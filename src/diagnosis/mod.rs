@@ -3,6 +3,8 @@
 mod assemble;
 mod bank;
 mod bench;
+#[cfg(test)]
+mod chance;
 mod columns;
 mod corrections;
 mod encoder_noise;

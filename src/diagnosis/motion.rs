@@ -126,13 +126,14 @@ fn side(raw: &[f64], delay_s: f64, frame: &Frame) -> Side {
     let kernel = |derivative| {
         Kernel::low_pass(frame.band_hz, frame.rate_hz, Action { derivative, advance_s: delay_s })
     };
-    let filtered = |derivative| kernel(derivative).apply(&local, frame.grid);
+    let filtered = |kernel: &Kernel| kernel.apply(&local, frame.grid);
+    let velocity = kernel(1);
     let end = frame.grid.first + frame.grid.count;
     Side {
-        position_m: filtered(0).iter().map(|x| x + origin).collect(),
-        velocity_m_s: filtered(1),
-        accel_m_s2: filtered(2),
-        velocity_noise_m_s: (variance_m2(raw, frame.rate_hz) * kernel(1).power()).sqrt(),
+        position_m: filtered(&kernel(0)).iter().map(|x| x + origin).collect(),
+        velocity_m_s: filtered(&velocity),
+        accel_m_s2: filtered(&kernel(2)),
+        velocity_noise_m_s: (variance_m2(raw, frame.rate_hz) * velocity.power()).sqrt(),
         raw_m: raw[frame.grid.first..end].to_vec(),
         before_m: raw[..frame.grid.first].to_vec(),
     }

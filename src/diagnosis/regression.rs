@@ -421,26 +421,17 @@ mod tests {
         }
     }
 
-    fn noise(seed: &mut u64) -> f64 {
-        let mut sum = 0.0;
-        for _ in 0..12 {
-            *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            sum += (*seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
-        }
-        sum
-    }
-
     /// One column of amplitude 3 that is measured with noise, one without; `signal`: of the noisy one.
     fn noisy(signal: f64) -> Solution {
         let layout = Layout { lengths: vec![8000], sides: 1 };
         let folds = Folds::new(&layout, 1000.0);
-        let mut seed = 7;
+        let mut noise = super::super::chance::normal(7);
         let (mut x, mut y, mut target) = (Vec::new(), Vec::new(), Vec::new());
         for k in 0..8000 {
             let (a, b) = (signal * (0.37 * f64::from(k)).sin(), (0.11 * f64::from(k)).cos());
-            x.push(a + noise(&mut seed));
+            x.push(a + noise());
             y.push(b);
-            target.push(3.0 * a + 2.0 * b + 0.1 * noise(&mut seed));
+            target.push(3.0 * a + 2.0 * b + 0.1 * noise());
         }
         let share =
             NoiseShare { columns: DMatrix::from_element(1, 1, 1.0), target: DVector::from_element(1, 0.0) };

@@ -48,6 +48,9 @@ const LOUDEST: usize = 2;
 const LOUD_CANDIDATES: usize = 6;
 /// What leaves less than this share of what the best one leaves is preferred to it.
 const CLEARLY_LESS: f64 = 0.9;
+/// Share of its evidence that counts of a map: it can imitate a constant, a wave and more, and must beat them
+/// by a quarter.
+pub(super) const MAP_CREDIT: f64 = 0.8;
 /// A free form can imitate what has a name: it must beat everything named by a quarter.
 const STRANGER_SHARE: f64 = 0.8;
 
@@ -454,11 +457,10 @@ pub(super) fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
     }
 }
 
-/// What a hypothesis is ranked by. A free map can imitate a constant, a wave and more: it must beat them by a
-/// quarter.
+/// What a hypothesis is ranked by.
 pub(crate) fn rank(s: &Score) -> f64 {
-    let evidence =
-        if matches!(s.hypothesis.shape, Shape::Map { .. }) { 0.8 * s.evidence } else { s.evidence };
+    let is_map = matches!(s.hypothesis.shape, Shape::Map { .. });
+    let evidence = if is_map { MAP_CREDIT * s.evidence } else { s.evidence };
     if s.plausible { evidence } else { evidence.min(0.0) - 1.0 }
 }
 

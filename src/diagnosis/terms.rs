@@ -101,9 +101,7 @@ pub(crate) fn estimates(p: &Problem, h: &Hypothesis, fit: &HypothesisFit) -> Vec
             s.add("phase_rad", "rad", phase, deviation / amplitude.max(1e-300));
         }
         Shape::Map { .. } => {
-            let mean = fit.amplitudes.iter().sum::<f64>() / fit.amplitudes.len().max(1) as f64;
-            let largest = fit.amplitudes.iter().map(|f| (f - mean).abs()).fold(0.0, f64::max);
-            s.add_force("amplitude_n", "N", largest, d(0));
+            s.add_force("amplitude_n", "N", peak_of_map(&fit.amplitudes), d(0));
         }
         Shape::Saturation => s.add("per_a2", "1/A2", a(0), d(0)),
         Shape::Lag { extra_s } => {
@@ -149,6 +147,12 @@ pub(crate) fn estimates(p: &Problem, h: &Hypothesis, fit: &HypothesisFit) -> Vec
     s.list
 }
 
+/// Largest force of a map about its mean.
+pub(super) fn peak_of_map(knots: &[f64]) -> f64 {
+    let mean = knots.iter().sum::<f64>() / knots.len().max(1) as f64;
+    knots.iter().map(|f| (f - mean).abs()).fold(0.0, f64::max)
+}
+
 /// Largest force of a cut over a period, its mean included, with the deviation of the force there.
 ///
 /// A tool that cuts part of the time pushes in pulses: their height is what the machine feels, not the
@@ -180,8 +184,8 @@ pub(super) fn peak_of_cut(harmonics: usize, amplitudes: &[f64], deviations: &[f6
 }
 
 /// Bandwidth of the slower loop: 1/w' = 1/w + extra.
-fn lag_bandwidth(p: &Problem, extra_s: f64) -> f64 {
-    p.drive.current_loop_bandwidth_rad_s().map_or(1.0 / extra_s, |w| 1.0 / (1.0 / w + extra_s))
+pub(super) fn lag_bandwidth(p: &Problem, extra_s: f64) -> f64 {
+    1.0 / (p.drive.current_loop_s() + extra_s)
 }
 
 /// Travel that the recordings cover, m.
@@ -296,7 +300,7 @@ pub(crate) fn hypothesis(p: &Problem, term: &PhysicsTerm) -> Option<(Hypothesis,
         E::DeadTime => (Shape::Delay { extra_s: get("extra_delay_s")? }, vec![1.0]),
         E::CurrentLoopLag => {
             let slow = 1.0 / get("bandwidth_rad_s")?;
-            let stated = p.drive.current_loop_bandwidth_rad_s().map_or(0.0, |w| 1.0 / w);
+            let stated = p.drive.current_loop_s();
             (Shape::Lag { extra_s: (slow - stated).max(1e-7) }, vec![1.0])
         }
         E::EncoderInterpolationError => {

@@ -326,6 +326,18 @@ impl DriveParams {
     pub fn current_loop_bandwidth_rad_s(&self) -> Option<f64> {
         self.raw.current_loop_bandwidth_rad_s
     }
+
+    /// Time constant of the current loop, s; ideal: zero.
+    #[must_use]
+    pub fn current_loop_s(&self) -> f64 {
+        self.raw.current_loop_bandwidth_rad_s.map_or(0.0, f64::recip)
+    }
+
+    /// Period of the motor encoder's signals as travel, m; `None`: not stated.
+    #[must_use]
+    pub fn motor_encoder_signal_m(&self) -> Option<f64> {
+        Some(self.raw.screw_lead_m? / self.raw.motor_encoder_signals_per_rev?)
+    }
 }
 
 #[cfg(test)]

@@ -4,11 +4,13 @@ use super::fit::{Fit, correlation_rows};
 use super::laws::{Law, Slider};
 use super::search::{Found, Origin, Search, Term};
 use super::words::{next, words};
-use crate::diagnosis::terms::{SCALE_DEVIATION, peak_of_cut};
+use crate::diagnosis::bank::lcm;
+use crate::diagnosis::terms::{SCALE_DEVIATION, peak_of_cut, peak_of_map};
 use crate::diagnosis::{
     Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Location, RecordingFit, Tried,
     Verdict,
 };
+use crate::plant::effects::periodic::amplitude_phase;
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::signal::inner_products::rms;
@@ -297,9 +299,8 @@ impl Context<'_> {
         };
         let wave = |name: &str, unit, half: f64| {
             let b = f.amplitudes.get(1).copied().unwrap_or(0.0);
-            let size = a.hypot(b);
-            let phase = plain("phase_rad", "rad", b.atan2(a), half / size.max(1.0e-300));
-            vec![plain(name, unit, size, half), phase]
+            let (size, phase) = amplitude_phase(a, b);
+            vec![plain(name, unit, size, half), plain("phase_rad", "rad", phase, half / size.max(1.0e-300))]
         };
         let inner = |name: &str, unit, at: f64, make: &dyn Fn(f64) -> Law| Estimate {
             name: name.to_owned(),
@@ -351,9 +352,7 @@ impl Context<'_> {
                 [vec![period], wave("amplitude_m", "m", Z95 * f.deviations[0])].concat()
             }
             Law::Map { .. } => {
-                let mean = f.amplitudes.iter().sum::<f64>() / f.amplitudes.len().max(1) as f64;
-                let largest = f.amplitudes.iter().map(|x| (x - mean).abs()).fold(0.0, f64::max);
-                vec![plain("amplitude_n", "N", largest, half)]
+                vec![plain("amplitude_n", "N", peak_of_map(&f.amplitudes), half)]
             }
             Law::Cut { fundamental_hz, harmonics, window_s, .. } => {
                 let (peak_n, deviation_n) = peak_of_cut(harmonics, &f.amplitudes, &f.deviations);
@@ -403,12 +402,8 @@ impl Context<'_> {
         let order = self.axis.drive.screw_lead_m()? / wavelength_m;
         let (poles, slots) = (raw.motor_pole_count?, raw.motor_slot_count.unwrap_or(0.0));
         let near = |of: f64| of > 1.0 && (order / of - 1.0).abs() < 0.01;
-        (near(0.5 * poles)
-            || near(poles)
-            || near(3.0 * poles)
-            || near(slots)
-            || near(cogging_order(poles, slots)))
-        .then_some(order)
+        (near(0.5 * poles) || near(poles) || near(3.0 * poles) || near(slots) || near(lcm(poles, slots)))
+            .then_some(order)
     }
 
     /// A viscous difference as what it makes at the mean speed, and as a slope.
@@ -528,14 +523,4 @@ impl Context<'_> {
         }
         left
     }
-}
-
-/// Periods of the cogging torque in a turn: the least common multiple of poles and slots.
-fn cogging_order(poles: f64, slots: f64) -> f64 {
-    let (mut a, mut b) = (poles.round() as u64, slots.round() as u64);
-    let product = a * b;
-    while b != 0 {
-        (a, b) = (b, a % b);
-    }
-    product.checked_div(a).unwrap_or(0) as f64
 }

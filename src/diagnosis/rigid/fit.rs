@@ -208,11 +208,7 @@ mod tests {
 
     #[test]
     fn a_column_of_chance_does_not_help_on_what_was_held_out() {
-        let mut state = 3_u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-        };
+        let mut random = crate::diagnosis::chance::uniform(3);
         let y: Vec<f64> = (0..400).map(|_| random()).collect();
         let chance: Vec<Vec<f64>> = (0..6).map(|_| (0..400).map(|_| random()).collect()).collect();
         let rows = Rows::new(y, &[400]);

@@ -93,17 +93,12 @@ fn scales(axis: &AxisModel, recordings: &[Recording], series: &[Series]) -> Scal
         lowest_m: low,
         resolution_m: axis.drive.motor_encoder_resolution_m(),
         mass_kg: axis.drive.total_mass_kg(),
-        loop_s: axis.drive.current_loop_bandwidth_rad_s().map_or(0.0, |w| 1.0 / w),
-        signal_m: signal_m(axis),
+        loop_s: axis.drive.current_loop_s(),
+        signal_m: axis.drive.motor_encoder_signal_m(),
         lead_m: axis.drive.screw_lead_m(),
         period_s: recordings.first().map_or(0.0, |r| r.sample_rate.period_s()),
         current: series.iter().all(|s| s.thrust_n_a.is_some()),
     }
-}
-
-/// Period of the motor encoder's signals as travel, m.
-fn signal_m(axis: &AxisModel) -> Option<f64> {
-    Some(axis.drive.screw_lead_m()? / axis.drive.raw().motor_encoder_signals_per_rev?)
 }
 
 /// Numbers that the model states for the structure.
@@ -180,8 +175,8 @@ fn given(term: &PhysicsTerm, axis: &AxisModel) -> Option<Term> {
             Law::Late { delay_s: term.number("extra_delay_s")? }
         }
         EffectKind::CurrentLoopLag => {
-            let stated_s = axis.drive.current_loop_bandwidth_rad_s().map_or(0.0, |w| 1.0 / w);
-            Law::Slow { extra_s: (1.0 / term.number("bandwidth_rad_s")? - stated_s).max(1e-7) }
+            let slower_s = 1.0 / term.number("bandwidth_rad_s")?;
+            Law::Slow { extra_s: (slower_s - axis.drive.current_loop_s()).max(1e-7) }
         }
         EffectKind::EncoderInterpolationError if term.port == Port::MotorEncoder => {
             Law::Interpolation { period_m: term.number("signal_period_m")? }

@@ -4,6 +4,7 @@ use super::fit::{Fit, Judged, Rows, Sums, correlation_rows};
 use super::laws::{Law, Scales, Slider, candidates, drifts, gaps};
 use super::signals::Series;
 use crate::diagnosis::bank::{strongest_lines, when};
+use crate::diagnosis::search::MAP_CREDIT;
 use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::{EffectKind, Port};
 
@@ -430,9 +431,9 @@ impl Search {
     }
 }
 
-/// Share of its evidence that counts: a map can imitate a constant, a wave and more.
+/// Share of its evidence that counts.
 fn credit(law: Law) -> f64 {
-    if matches!(law, Law::Map { .. }) { 0.8 } else { 1.0 }
+    if matches!(law, Law::Map { .. }) { MAP_CREDIT } else { 1.0 }
 }
 
 /// A law that is tried.
