@@ -3,8 +3,9 @@
 //! ```sh
 //! cargo build --release && cargo run --release --example flood -- --seconds 30 --rate 10000
 //! ```
-//! Starts the real service and the virtual lathe. First a quiet stretch, then the flood; prints for both: latency
-//! of decisions from the service's own histogram, samples lost, `/healthz`, memory, processor time.
+//! Starts the real service and the virtual lathe. First a quiet stretch in `observe` and one in `act`, then the flood
+//! in `act`; prints for each: latency of decisions from the service's own histogram (in `observe` a decision takes
+//! in twenty batches, in `act` one), samples lost, `/healthz`, memory, processor time, mode at the end.
 
 mod running;
 
@@ -15,6 +16,9 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
+
+/// Limits that somebody answers for: without them nothing acts.
+const COMMISSIONED: &str = "[turret]\nlimits_by = \"flood\"\nlimits_date = \"2026-11-23\"\n";
 
 fn get(address: &str, path: &str) -> String {
     let config = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(10)));
@@ -134,8 +138,28 @@ fn nuisance(address: &str, kind: usize, stop: &AtomicBool) {
     }
 }
 
+/// Switches to `act`; what the service answers.
+fn act(address: &str, token: &str) -> String {
+    let agent: ureq::Agent = ureq::Agent::config_builder().http_status_as_error(false).build().into();
+    let url = format!("http://{address}/api/v1/mode");
+    let tag = agent.get(&url).call().ok();
+    let tag = tag.and_then(|a| a.headers().get("etag")?.to_str().ok().map(str::to_owned)).unwrap_or_default();
+    let put = agent.put(&url).header("If-Match", tag).header("Content-Type", "application/json");
+    let put = put.header("Authorization", format!("Bearer {token}"));
+    let answer = put.send("{\"mode\":\"act\",\"reason\":\"flood\"}");
+    answer.map_or_else(|e| e.to_string(), |mut a| a.body_mut().read_to_string().unwrap_or_default())
+}
+
+/// The mode that the service is in.
+fn mode(address: &str) -> String {
+    let text = get(address, "/api/v1/mode");
+    let rest = text.split("\"mode\":\"").nth(1).unwrap_or("?");
+    rest.split('"').next().unwrap_or("?").to_owned()
+}
+
 struct Stretch {
     name: &'static str,
+    mode: String,
     p999_us: f64,
     p50_us: f64,
     lost: u64,
@@ -161,6 +185,7 @@ fn watch(name: &'static str, (address, id): (&str, u32), seconds: f64) -> Stretc
     let (after, lost) = counters(address);
     Stretch {
         name,
+        mode: mode(address),
         p999_us: 1e6 * quantile(&before, &after, 0.999),
         p50_us: 1e6 * quantile(&before, &after, 0.5),
         lost: lost - lost_before,
@@ -176,11 +201,18 @@ fn main() -> ExitCode {
     let folder = std::env::temp_dir().join(format!("stillcut-flood-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder for temporary files");
     let prefix = format!("flood{}", std::process::id());
-    let (process, address) = service(&folder, &prefix, "");
+    let token = running::configure(&folder, &prefix, "engineer", COMMISSIONED);
+    let (process, address) = service(&folder);
     let lathe = Process(lathe(&folder, &prefix));
     let id = process.0.id();
     std::thread::sleep(Duration::from_secs(17)); // until the black box is full
     let mut rows = vec![watch("quiet", (&address, id), seconds)];
+    let answer = act(&address, &token);
+    if mode(&address) != "act" {
+        eprintln!("`act` was refused: {answer}");
+        return ExitCode::FAILURE;
+    }
+    rows.push(watch("acting", (&address, id), seconds));
     let (stop, offered, answered) =
         (AtomicBool::new(false), Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
     std::thread::scope(|scope| {
@@ -198,13 +230,13 @@ fn main() -> ExitCode {
         stop.store(true, Ordering::Relaxed);
     });
     println!(
-        "| stretch | decisions | p50 us | p99.9 us | samples lost | slowest /healthz ms | RSS MB | cores |"
+        "| stretch | mode at its end | decisions | p50 us | p99.9 us | samples lost | slowest /healthz ms | RSS MB | cores |"
     );
-    println!("|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|");
     for r in &rows {
         println!(
-            "| {} | {} | {:.0} | {:.0} | {} | {:.0} | {:.1} | {:.3} |",
-            r.name, r.count, r.p50_us, r.p999_us, r.lost, r.health_ms, r.rss_mb, r.cpu
+            "| {} | {} | {} | {:.0} | {:.0} | {} | {:.0} | {:.1} | {:.3} |",
+            r.name, r.mode, r.count, r.p50_us, r.p999_us, r.lost, r.health_ms, r.rss_mb, r.cpu
         );
     }
     let (offered, answered) = (offered.load(Ordering::Relaxed), answered.load(Ordering::Relaxed));

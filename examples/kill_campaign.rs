@@ -66,21 +66,11 @@ struct Row {
     worst: Duration,
 }
 
-fn prepare(seed: u64) -> (Place, String) {
-    use std::os::unix::fs::PermissionsExt as _;
+fn prepare() -> (Place, String) {
     let folder = std::env::temp_dir().join(format!("stillcut-campaign-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
-    let (token, digest) = stillcut::http::new_token([seed.to_le_bytes()[0]; 32]);
-    let tokens = folder.join("tokens.toml");
-    std::fs::write(&tokens, format!("[[token]]\nname = \"c\"\nrole = \"operator\"\nsha256 = \"{digest}\"\n"))
-        .expect("tokens");
-    std::fs::set_permissions(&tokens, std::fs::Permissions::from_mode(0o600)).expect("tokens");
     let prefix = format!("camp{}", std::process::id());
-    let config = format!(
-        "[transport]\nprefix = \"{prefix}\"\nroot = \"{0}/iox\"\n[http]\nlisten = \"127.0.0.1:0\"\ntokens = \"tokens.toml\"\n[history]\nfolder = \"{0}/state\"\n",
-        folder.display()
-    );
-    std::fs::write(folder.join("c.toml"), config).expect("a configuration");
+    let token = running::configure(&folder, &prefix, "operator", "");
     (Place { folder, prefix }, token)
 }
 
@@ -141,7 +131,7 @@ fn rows(agent: &ureq::Agent, address: &str) -> Result<usize, String> {
 fn main() -> ExitCode {
     let (kills, seed) = (number("--kills", 40.0) as u64, number("--seed", 1.0) as u64);
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let (place, token) = prepare(seed);
+    let (place, token) = prepare();
     let agent = agent();
     let mut pair = Pair { service: place.service(), lathe: place.lathe(), address: None };
     pair.address = address(&mut pair.service);

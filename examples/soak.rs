@@ -36,7 +36,8 @@ struct Service {
 impl Service {
     fn start(folder: &Path, prefix: &str) -> Self {
         let limits = "max_bytes = 20000000\n[recorder]\nmax_bytes = 100000000\n";
-        let (process, address) = running::service(folder, prefix, limits);
+        running::configure(folder, prefix, "operator", limits);
+        let (process, address) = running::service(folder);
         Self { process, address }
     }
 

@@ -28,17 +28,27 @@ impl Drop for Process {
 /// Settings of the system's memory allocator, as in the unit (`deploy/systemd`).
 const ALLOCATOR: [(&str, &str); 2] = [("MALLOC_MMAP_THRESHOLD_", "131072"), ("MALLOC_ARENA_MAX", "2")];
 
-/// Starts the service in a folder, with keys added to those of its history; answers its address.
-pub(crate) fn service(folder: &Path, prefix: &str, more: &str) -> (Process, String) {
-    let config = folder.join("c.toml");
+/// Writes the configuration of a service with one token, and keys added to those of its history; answers the token.
+pub(crate) fn configure(folder: &Path, prefix: &str, role: &str, more: &str) -> String {
+    use std::os::unix::fs::PermissionsExt as _;
+    let (token, digest) = stillcut::http::new_token([7; 32]);
+    let tokens = folder.join("tokens.toml");
+    let text = format!("[[token]]\nname = \"c\"\nrole = \"{role}\"\nsha256 = \"{digest}\"\n");
+    std::fs::write(&tokens, text).expect("a folder for temporary files");
+    std::fs::set_permissions(&tokens, std::fs::Permissions::from_mode(0o600)).expect("the file is ours");
     let text = format!(
         "[transport]\nprefix = \"{prefix}\"\nroot = \"{0}/iox\"\n[http]\nlisten = \"127.0.0.1:0\"\n\
-         [history]\nfolder = \"{0}/state\"\n{more}",
+         tokens = \"tokens.toml\"\n[history]\nfolder = \"{0}/state\"\n{more}",
         folder.display()
     );
-    std::fs::write(&config, text).expect("a folder for temporary files");
+    std::fs::write(folder.join("c.toml"), text).expect("a folder for temporary files");
+    token
+}
+
+/// Starts the service in a folder that is configured; answers its address.
+pub(crate) fn service(folder: &Path) -> (Process, String) {
     let mut command = binary();
-    command.args(["run", "--config"]).arg(&config).stdout(Stdio::null()).stderr(Stdio::piped());
+    command.args(["run", "--config"]).arg(folder.join("c.toml")).stdout(Stdio::null()).stderr(Stdio::piped());
     command.envs(ALLOCATOR);
     let mut child = command.spawn().expect("cargo build --release made the binary");
     let address = address(&mut child).expect("it says where it listens");

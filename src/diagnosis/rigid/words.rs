@@ -31,7 +31,11 @@ pub(super) fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static 
                 n("force_n", "N"),
                 n("presliding_stiffness_n_m", "N/m")
             ),
-            "F = F_c D/yield, D = clamp(D + dx, +-yield), stiffness = F_c/yield",
+            if s.gradual {
+                "F = F_c z, dz = (sgn dx - z) |dx|/yield, stiffness = F_c/yield"
+            } else {
+                "F = F_c D/yield, D = clamp(D + dx, +-yield), stiffness = F_c/yield"
+            },
         ),
         Law::Friction(_) => (
             format!("A force of {} acts against the direction of motion.", n("force_n", "N")),
