@@ -1,6 +1,6 @@
 //! Chance for tests: the same on every machine.
 
-/// Values from -1/2 to 1/2, all alike likely (linear congruence: Knuth, The Art of Computer Programming, 3.3).
+/// Values from -1/2 to 1/2, all alike likely (linear congruence: Knuth, volume 2, section 3.3).
 pub(crate) fn uniform(mut seed: u64) -> impl FnMut() -> f64 {
     move || {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

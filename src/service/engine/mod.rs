@@ -1,4 +1,4 @@
-//! The pipeline thread: owns every shared memory port, wakes once a millisecond (in `act`; every twentieth
+//! The pipeline thread: owns every shared memory port, wakes once a millisecond (in `act`; every fiftieth
 //! otherwise), drains, steps, decides.
 //!
 //! It waits for nothing but its own next wake: reports go to a bounded queue that others drain, files
@@ -37,9 +37,9 @@ use tokio::sync::mpsc;
 
 /// How often the thread wakes while it may command.
 const WAKE: Duration = Duration::from_millis(1);
-/// How often it wakes while nothing leaves the process: the same samples are taken in, twenty batches at
-/// once, while the caches are warm.
-const CALM_WAKE: Duration = Duration::from_millis(20);
+/// How often it wakes while nothing leaves the process: as often as a picture is reported. The same samples are
+/// taken in, fifty batches at once, while the caches are warm.
+const CALM_WAKE: Duration = PICTURE;
 /// How often a picture is reported.
 const PICTURE: Duration = Duration::from_millis(50);
 /// Without samples for this long the source counts as lost.
