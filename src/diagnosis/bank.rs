@@ -205,8 +205,8 @@ pub(super) fn lcm(a: f64, b: f64) -> f64 {
     x.checked_div(u).map_or(0.0, |part| (part * y) as f64)
 }
 
-/// A force is known to repeat once it has done so as often over the travel; what is longer (and no part of the
-/// screw's lead) is a map.
+/// A force is known to repeat once it has done so as often over the travel; what is longer (and no part of
+/// the screw's lead) is a map.
 const LEAST_PERIODS: f64 = 4.0;
 
 struct Spatial {

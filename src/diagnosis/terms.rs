@@ -12,8 +12,8 @@ use std::f64::consts::TAU;
 pub(crate) const SCALE_DEVIATION: f64 = 0.01;
 /// Curvature intervals are widened: neighbouring samples of a residual are not quite independent.
 const DEVIATION_FACTOR: f64 = 3.0;
-/// Where inside a sample the drive takes up a reference is stated nowhere: part of a sample, as a deviation. An
-/// eighth lies between the two simulations that were met.
+/// Where inside a sample the drive takes up a reference is stated nowhere: part of a sample, as a deviation.
+/// An eighth lies between the two simulations that were met.
 const TAKING_UP_SAMPLES: f64 = 0.07;
 /// What the balance is exact to, as a relative deviation of a constant that is no wavelength: series are
 /// sampled, and a law between the samples is interpolated.

@@ -22,8 +22,8 @@ pub fn ripple(position_m: f64, wavelength_m: f64, phase_rad: f64) -> f64 {
 
 /// Of a table on equidistant knots: the first of the knots that a position has a part of, and their parts.
 ///
-/// Cubic convolution (Keys, IEEE Trans. ASSP 29, 1981, a = -1/2): the table's values at the knots, smooth slopes,
-/// exact for straight lines, and inside for parabolas. Beyond the ends the last value holds.
+/// Cubic convolution (Keys, IEEE Trans. ASSP 29, 1981, a = -1/2): the table's values at the knots, smooth
+/// slopes, exact for straight lines, and inside for parabolas. Beyond the ends the last value holds.
 #[must_use]
 pub fn knots_at(position: f64, first: f64, spacing: f64, knots: usize) -> (usize, [f64; 4]) {
     if knots < 2 {

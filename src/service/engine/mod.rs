@@ -37,8 +37,8 @@ use tokio::sync::mpsc;
 
 /// How often the thread wakes while it may command.
 const WAKE: Duration = Duration::from_millis(1);
-/// How often it wakes while nothing leaves the process: as often as a picture is reported. The same samples are
-/// taken in, fifty batches at once, while the caches are warm.
+/// How often it wakes while nothing leaves the process: as often as a picture is reported. The same samples
+/// are taken in, fifty batches at once, while the caches are warm.
 const CALM_WAKE: Duration = PICTURE;
 /// How often a picture is reported.
 const PICTURE: Duration = Duration::from_millis(50);
