@@ -205,10 +205,6 @@ pub(super) fn lcm(a: f64, b: f64) -> f64 {
     x.checked_div(u).map_or(0.0, |part| (part * y) as f64)
 }
 
-/// A force is known to repeat once it has done so as often over the travel; what is longer (and no part of
-/// the screw's lead) is a map.
-const LEAST_PERIODS: f64 = 4.0;
-
 struct Spatial {
     at_motor: bool,
     flips: bool,
@@ -242,7 +238,7 @@ fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
     let cell = s.least_m / 4.0;
     let length = n as f64 * cell;
     let power = least_squares_spectrum(&points, (low, cell), n);
-    let first = (length / span * LEAST_PERIODS).ceil() as usize;
+    let first = ((length / span) * 1.5).ceil() as usize;
     let mut peaks: Vec<(f64, f64)> = (first.max(1)..power.len().saturating_sub(1))
         .filter(|&k| power[k] > power[k - 1] && power[k] >= power[k + 1])
         .map(|k| {

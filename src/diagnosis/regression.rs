@@ -10,9 +10,6 @@ use std::ops::AddAssign;
 
 /// Folds of the held-out judgement.
 pub(crate) const FOLDS: usize = 4;
-/// Share of a column's power that the other folds hold, from which on they measure it (it is three quarters
-/// where the column is spread evenly).
-const LEAST_TRAINED: f64 = 0.5;
 /// Length of a block that stays together, s.
 const BLOCK_S: f64 = 0.25;
 
@@ -366,13 +363,12 @@ impl Gram {
         };
         let power: f64 = self.power.iter().sum();
         let left = (power + lost(&coefficients, &all.inner, &all.target)).max(0.0);
-        let variance = left / (self.samples.saturating_sub(used.len()).max(1)) as f64;
         let mut heldout = 0.0;
         for f in 0..FOLDS {
-            let trained = self.trained(f, &all, (&coefficients, variance));
-            let (b, _) = self.beside.solve(&trained, used);
+            let (b, _) = self.beside.solve(&self.sums(Some(f)), used);
             heldout += self.power[f] + lost(&b, &self.inner[f], &self.target[f]);
         }
+        let variance = left / (self.samples.saturating_sub(used.len()).max(1)) as f64;
         let mut deviations = vec![0.0; self.columns()];
         for (k, &column) in used.iter().enumerate() {
             deviations[column] = (inverse[k] * variance).max(0.0).sqrt();
@@ -382,25 +378,7 @@ impl Gram {
 
     /// Coefficients fitted to all folds but one.
     pub(crate) fn solve_without(&self, fold: usize, used: &[usize]) -> Vec<f64> {
-        let all = self.sums(None);
-        let (b, _) = self.beside.solve(&all, used);
-        let power: f64 = self.power.iter().sum();
-        let left = power + (b.transpose() * &all.inner * &b)[(0, 0)] - 2.0 * b.dot(&all.target);
-        let variance = left.max(0.0) / (self.samples.saturating_sub(used.len()).max(1)) as f64;
-        self.beside.solve(&self.trained(fold, &all, (&b, variance)), used).0.iter().copied().collect()
-    }
-
-    /// Sums over all folds but one. A column that has most of its power in that fold (the knot of a map at a
-    /// place that was passed then) is hardly measured by the others: its coefficient is expected to be no
-    /// larger than it is in the whole (normally distributed about zero), or noise beside it would set it.
-    fn trained(&self, fold: usize, all: &Sums, (whole, variance): (&DVector<f64>, f64)) -> Sums {
-        let mut sums = self.sums(Some(fold));
-        for k in 0..self.columns() {
-            if sums.inner[(k, k)] < LEAST_TRAINED * all.inner[(k, k)] && whole[k] != 0.0 {
-                sums.inner[(k, k)] += variance / whole[k].powi(2);
-            }
-        }
-        sums
+        self.beside.solve(&self.sums(Some(fold)), used).0.iter().copied().collect()
     }
 
     /// Sums over all folds but one.

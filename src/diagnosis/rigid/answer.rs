@@ -115,8 +115,8 @@ fn floor(residual: &[f64]) -> f64 {
 impl Context<'_> {
     /// True where more is left than noise, and what was found is not the cause of it.
     fn is_unexplained(&self, found: bool) -> bool {
-        /// A residual this many times its fast part is not noise: beside findings that should have explained it,
-        /// and where nothing was found.
+        /// A residual this many times its fast part is not noise: beside findings that should have explained
+        /// it, and where nothing was found.
         const STRUCTURED: [f64; 2] = [2.0, 3.0];
         /// And this share of the thrust is worth a word.
         const WORTH: f64 = 0.01;
