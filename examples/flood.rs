@@ -5,7 +5,7 @@
 //! ```
 //! Starts the real service and the virtual lathe. First a quiet stretch in `observe` and one in `act`, then the flood
 //! in `act`; prints for each: latency of decisions from the service's own histogram (in `observe` a decision takes
-//! in twenty batches, in `act` one), samples lost, `/healthz`, memory, processor time, mode at the end.
+//! in fifty batches, in `act` one), samples lost, `/healthz`, memory, processor time, mode at the end.
 
 mod running;
 

@@ -115,23 +115,23 @@ fn floor(residual: &[f64]) -> f64 {
 impl Context<'_> {
     /// True where more is left than noise, and what was found is not the cause of it.
     fn is_unexplained(&self, found: bool) -> bool {
-        /// A residual this many times its fast part is not noise: beside findings that should have explained
-        /// it, and where nothing was found.
-        const STRUCTURED: [f64; 2] = [2.0, 3.0];
+        /// Beside findings that should have explained it, a residual so many times its fast part is no noise.
+        const BESIDE_FINDINGS: f64 = 2.0;
+        /// The same where nothing was found.
+        const ALONE: f64 = 3.0;
         /// And this share of the thrust is worth a word.
         const WORTH: f64 = 0.01;
         /// Share of the power above the floor that findings must explain.
         const LEAST_EXPLAINED: f64 = 0.5;
         let (before_n, left_n) = (self.before.heldout_rms, self.after.heldout_rms);
-        if left_n < STRUCTURED[usize::from(!found)] * self.floor_n {
-            return false;
-        }
-        let above = |rms_n: f64| rms_n.powi(2) - self.floor_n.powi(2);
-        let thrust: Vec<f64> = self.search.series.iter().flat_map(|s| s.thrust_n.iter().copied()).collect();
         if found {
-            above(left_n) > (1.0 - LEAST_EXPLAINED) * above(before_n)
+            let above = |rms_n: f64| rms_n.powi(2) - self.floor_n.powi(2);
+            left_n >= BESIDE_FINDINGS * self.floor_n
+                && above(left_n) > (1.0 - LEAST_EXPLAINED) * above(before_n)
         } else {
-            left_n > WORTH * rms(&thrust)
+            let thrust: Vec<f64> =
+                self.search.series.iter().flat_map(|s| s.thrust_n.iter().copied()).collect();
+            left_n >= ALONE * self.floor_n && left_n > WORTH * rms(&thrust)
         }
     }
 
