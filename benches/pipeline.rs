@@ -48,6 +48,7 @@ fn pipeline(axes: usize, rate_hz: f64, drive: &DriveParams) -> Pipeline {
         axes: (0..axes).map(plan).collect(),
         band: BandPlan::Stated(Band::new(500.0, 700.0).expect("a band")),
         tools: None,
+        infeed: None,
         pushes: false,
     };
     Pipeline::new(settings).expect("valid settings")

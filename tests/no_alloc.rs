@@ -60,6 +60,7 @@ fn a_step_of_the_pipeline_allocates_nothing() {
         axes: ["x1", "y1", "x2", "y2"].map(plan).to_vec(),
         band: BandPlan::Workpiece(scenario.workpiece),
         tools: None,
+        infeed: None,
         pushes: false,
     })
     .unwrap();
@@ -120,6 +121,7 @@ fn a_new_spindle_speed_allocates_nothing() {
         ],
         band: BandPlan::Workpiece(Scenario::default().workpiece),
         tools: None,
+        infeed: None,
         pushes: false,
     })
     .unwrap();

@@ -196,6 +196,7 @@ mod tests {
             lowest_m: -1e-3,
             highest_m: 1e-3,
             speed_m_s: 2e-3,
+            acceleration_m_s2: 50.0e-3,
         };
         Avoidance::new(AvoidanceSettings {
             turret: TurretKinematics::new([axis(0, 0.0), axis(1, 0.8)]).unwrap(),

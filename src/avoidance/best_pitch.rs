@@ -46,6 +46,8 @@ pub struct PitchQuestion<'a> {
 
 /// Phase over pi of the highest line between which m = 0 is searched.
 const PHASE_RANGE: [f64; 2] = [0.6, 1.19];
+/// And where the envelope ends before that.
+const SMALL_PHASE_RANGE: [f64; 2] = [0.3, 0.6];
 /// Steps of the search within it.
 const STEPS: usize = 20;
 /// The cut becomes so much weaker or stronger while a pitch is kept.
@@ -82,8 +84,10 @@ pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
     // After a try that did not help, what goes on at that pitch is what must be opposed.
     let newest_hz = question.lines.first().map_or(highest_hz, |l| l.frequency_hz);
     let opposed_hz = if question.fruitless_rad.is_empty() { highest_hz } else { newest_hz };
-    let search = |lobe: f64| best_of_lobe(question, &cuts, (opposed_hz, lobe));
-    let Some(mut best) = search(0.0) else { return PitchAdvice::NotIdentified };
+    let search = |lobe: f64| best_of_lobe(question, &cuts, (opposed_hz, lobe), PHASE_RANGE);
+    let small = || best_of_lobe(question, &cuts, (opposed_hz, 0.0), SMALL_PHASE_RANGE);
+    let nothing = || PitchAdvice::NoStablePitch { nearest_speed_rpm: nearest_speed(question, &cuts) };
+    let Some(mut best) = search(0.0).or_else(small) else { return nothing() };
     if best.growth_1_s > -COMFORTABLE_1_S {
         for lobe in [1.0, 2.0] {
             if let Some(other) = search(lobe)
@@ -97,7 +101,7 @@ pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
     let unstable = |c: &&Cut| c.candidate.growth_1_s(turn_s, best.pitch_rad, 1.0) > 0.0;
     let doubt: f64 = cuts.iter().filter(unstable).map(|c| c.candidate.weight).sum();
     if doubt > SURE && best.growth_1_s > 0.0 {
-        return PitchAdvice::NoStablePitch { nearest_speed_rpm: nearest_speed(question, &cuts) };
+        return nothing();
     }
     PitchAdvice::Pitch { pitch_rad: best.pitch_rad, growth_1_s: best.growth_1_s }
 }
@@ -119,12 +123,17 @@ struct Best {
     growth_1_s: f64,
 }
 
-fn best_of_lobe(question: &PitchQuestion<'_>, cuts: &[Cut], (highest_hz, lobe): (f64, f64)) -> Option<Best> {
+fn best_of_lobe(
+    question: &PitchQuestion<'_>,
+    cuts: &[Cut],
+    (highest_hz, lobe): (f64, f64),
+    range: [f64; 2],
+) -> Option<Best> {
     let per_pi = PI / wave_phase_difference_rad(question.spindle, highest_hz, 1.0);
     let mut scores: Vec<(Best, f64)> = Vec::with_capacity(STEPS + 1);
     for step in 0..=STEPS {
         let share = step as f64 / STEPS as f64;
-        let phase = 2.0 * lobe + PHASE_RANGE[0] + (PHASE_RANGE[1] - PHASE_RANGE[0]) * share;
+        let phase = 2.0 * lobe + range[0] + (range[1] - range[0]) * share;
         let pitch_rad = phase * per_pi;
         let tried = question.fruitless_rad.iter().any(|p| (p - pitch_rad).abs() < SAME_PITCH * per_pi);
         if pitch_rad > question.largest_pitch_rad || tried {
@@ -234,7 +243,20 @@ mod tests {
         raw.workpiece.damping_ratio = 0.004;
         raw.cutting.process_damping_n = 10.0;
         raw.cutting.width_m = 0.35e-3;
-        let (advice, _) = ask(&raw, 0.065);
-        assert!(matches!(advice, PitchAdvice::NoStablePitch { .. }), "{advice:?}");
+        for largest_rad in [0.065, 0.055, 0.01] {
+            let (advice, _) = ask(&raw, largest_rad);
+            assert!(matches!(advice, PitchAdvice::NoStablePitch { .. }), "{largest_rad}: {advice:?}");
+        }
+    }
+
+    /// A fast spindle needs a larger pitch than the envelope has to oppose the waves: less of it can do.
+    #[test]
+    fn a_small_envelope_is_used_as_far_as_it_goes() {
+        let mut raw = RawScenario { speed_rpm: 3000.0, ..RawScenario::default() };
+        raw.cutting.width_m = 0.04e-3;
+        let (advice, scenario) = ask(&raw, 0.14);
+        let PitchAdvice::Pitch { pitch_rad, .. } = advice else { panic!("{advice:?}") };
+        let phase = wave_phase_difference_rad(scenario.spindle, 600.0, pitch_rad) / PI;
+        assert!(phase < 0.6 && growth(&scenario, 0.0) > 5.0 && growth(&scenario, pitch_rad) < -5.0);
     }
 }

@@ -4,7 +4,7 @@ use super::best_pitch::{PitchAdvice, PitchQuestion, best_pitch};
 use super::choice::{GrowthMeter, TrackedLines, pitch_for_attempt_rad, plausible_speed};
 use super::identified::HeardLine;
 use super::pitch::{pitch_of_shift_rad, tool_shift};
-use super::state::{ATTEMPTS, AvoidanceState, Latched, REVERSALS, Target, Trial};
+use super::state::{ATTEMPTS, AvoidanceState, JUDGE_INTERVALS, Latched, REVERSALS, Target, Trial};
 use super::{
     AvoidanceSettings, Command, CommandKind, Decision, HoldReason, Mode, SettingsError, Situation,
     TurretMotion,
@@ -19,8 +19,10 @@ const LONGEST_TTL_S: f64 = 2.5;
 const SHORTEST_INTERVAL_S: f64 = 1.0;
 /// Silence of the samples after which the turret goes back (invariant I8).
 const STALE_RETURN_S: f64 = 1.0;
-/// Intervals after which a new pitch is judged.
-const JUDGE_INTERVALS: u32 = 2;
+/// Targets without 3 dB less chatter before a person is asked (invariant I12).
+const MOST_MOVES_IN_VAIN: u32 = 5;
+/// A report of a refusal that stood before a command is one of it only this long after.
+const REFUSAL_HEARD_S: f64 = 0.25;
 /// Intervals off the target before the turret counts as stuck (invariant I11).
 const STUCK_INTERVALS: u32 = 3;
 /// Longest wait after refusals (invariant I11).
@@ -32,8 +34,10 @@ const KEEP_LINES_S: f64 = 60.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Avoidance {
     settings: AvoidanceSettings,
-    /// Largest pitch that limits and axes allow.
+    /// Largest pitch that limits and axes allow, on the side on which it is larger.
     reach_rad: f64,
+    /// That side: the sign of the pitch. The waves cancel alike on both.
+    side: f64,
 }
 
 impl Avoidance {
@@ -57,12 +61,15 @@ impl Avoidance {
         let deadline = s.report_deadline_s;
         check("report_deadline_s", deadline, deadline > 0.0 && deadline <= 1.0, "at most 1 s")?;
         check("reached_m", s.reached_m, s.reached_m > 0.0, "a number above zero")?;
-        let reaches = |pitch_rad: &f64| {
-            tool_shift(s.diameter_m, *pitch_rad).is_ok_and(|w| s.turret.reaches(&s.turret.offsets_m(w)))
+        let reaches = |pitch_rad: f64| {
+            tool_shift(s.diameter_m, pitch_rad).is_ok_and(|w| s.turret.reaches(&s.turret.offsets_m(w)))
         };
-        let pitches = (1..=400).map(|k| s.largest_pitch_rad * f64::from(k) / 400.0);
-        let reach_rad = pitches.take_while(reaches).last().unwrap_or(0.0);
-        Ok(Self { settings, reach_rad })
+        let reach_rad = |side: f64| {
+            let pitches = (1..=400).map(|k| s.largest_pitch_rad * f64::from(k) / 400.0);
+            pitches.take_while(|pitch| reaches(side * pitch)).last().unwrap_or(0.0)
+        };
+        let side = if reach_rad(-1.0) > reach_rad(1.0) { -1.0 } else { 1.0 };
+        Ok(Self { settings, reach_rad: reach_rad(side), side })
     }
 
     /// Limits and times.
@@ -91,10 +98,12 @@ impl Avoidance {
             latched: None,
             off_target: 0,
             refusals: 0,
+            refused: None,
+            refusing: false,
             refused_until_s: f64::NEG_INFINITY,
             reversals_s: [f64::NEG_INFINITY; REVERSALS],
             last_step_rad: 0.0,
-            fruitless: 0,
+            moves_in_vain: 0,
             mode: Mode::Observe,
         }
     }
@@ -129,6 +138,7 @@ impl Avoidance {
             trial.power_before_n2 = trial.power_before_n2.max(now.heard.power_n2);
         }
         self.watch_silence(state, now);
+        self.watch_motion(state, now);
         let left_act = state.mode == Mode::Act && now.mode != Mode::Act;
         state.mode = now.mode;
         if left_act && state.target.take().is_some() {
@@ -179,8 +189,7 @@ impl Avoidance {
 
     /// The mode was left: nothing more is asked of the turret but to go back.
     fn leave_act(&self, state: &mut AvoidanceState, now: &Situation) -> Decision {
-        state.trial = None;
-        state.latched = None;
+        (state.trial, state.latched, state.moves_in_vain) = (None, None, 0);
         state.next_due_s = now.now_s + self.settings.interval_s;
         Decision::Command(self.back(state, now))
     }
@@ -193,7 +202,6 @@ impl Avoidance {
         if let Some(reason) = self.obstacle(now) {
             return Decision::Hold(reason);
         }
-        self.watch_refusals(state, now);
         if let Some(latched) = &mut state.latched {
             let reason = latched.reason;
             if !latched.returned && now.mode == Mode::Act && state.target.is_some() {
@@ -205,6 +213,9 @@ impl Avoidance {
         }
         if now.now_s < state.refused_until_s {
             return Decision::Hold(HoldReason::TurretRefused);
+        }
+        if now.operator_hold {
+            return self.stay(state, now);
         }
         self.judge(state, now);
         if state.latched.is_some() {
@@ -253,31 +264,43 @@ impl Avoidance {
         if stale {
             return Some(HoldReason::StaleSamples);
         }
-        if now.operator_hold {
-            return Some(HoldReason::OperatorHold);
-        }
         if !now.window_full {
             return Some(HoldReason::WindowNotFull);
         }
         None
     }
 
-    /// Refusals, each of which makes the next wait longer.
-    fn watch_refusals(&self, state: &mut AvoidanceState, now: &Situation) {
-        let (Some(turret), Some(_)) = (now.turret, state.target) else { return };
-        if turret.motion != TurretMotion::Refused {
-            state.refusals = 0;
+    /// What the turret did with the last command; looked at on every call: a controller may report a refusal
+    /// once only, or until it takes a command.
+    fn watch_motion(&self, state: &mut AvoidanceState, now: &Situation) {
+        let (Some(turret), Some(target)) = (now.turret, state.target) else { return };
+        let since_s = turret.heard_s - state.last_command_s;
+        if !(since_s > 0.0) {
             return;
         }
-        state.refusals = (state.refusals + 1).min(16);
-        let wait_s = f64::from(1u32 << (state.refusals - 1).min(6)).min(LONGEST_BACKOFF_S);
-        state.refused_until_s = now.now_s + wait_s;
+        let refused_before = std::mem::replace(&mut state.refusing, turret.motion == TurretMotion::Refused);
+        match turret.motion {
+            TurretMotion::Refused if state.refused != Some(target.sequence) => {
+                let of_this = turret.acknowledged == Some((state.epoch, target.sequence));
+                if !refused_before || of_this || since_s > REFUSAL_HEARD_S {
+                    state.refused = Some(target.sequence);
+                    state.refusals = (state.refusals + 1).min(16);
+                    let wait_s = f64::from(1u32 << (state.refusals - 1).min(6)).min(LONGEST_BACKOFF_S);
+                    state.refused_until_s = now.now_s + wait_s;
+                }
+            }
+            TurretMotion::Refused => {}
+            TurretMotion::Expired if since_s > REFUSAL_HEARD_S => state.expire(),
+            _ if since_s > REFUSAL_HEARD_S && state.refused != Some(target.sequence) => state.refusals = 0,
+            _ => {}
+        }
     }
 
     /// A target that is not reached, counted once an interval whatever else forbids a command.
     fn watch_target(&self, state: &mut AvoidanceState, now: &Situation) {
         let (Some(turret), Some(target), s) = (now.turret, state.target, &self.settings) else { return };
-        if !(0.0..=s.report_deadline_s).contains(&(now.now_s - turret.heard_s)) {
+        let heard = (0.0..=s.report_deadline_s).contains(&(now.now_s - turret.heard_s));
+        if !heard || state.refused == Some(target.sequence) {
             return;
         }
         let apart_m = |i: usize| (turret.offsets_m[i] - target.offsets_m[i]).abs();
@@ -289,35 +312,54 @@ impl Avoidance {
         }
     }
 
-    /// Two intervals after a new pitch: did it help?
+    /// True where the turret stands at the pitch that was wanted, not only where one interval takes it.
+    fn arrived(&self, state: &AvoidanceState, now: &Situation) -> bool {
+        let (Some(turret), Some(target), s) = (now.turret, state.target, &self.settings) else {
+            return false;
+        };
+        let Ok(shift) = tool_shift(s.diameter_m, target.requested_rad) else { return false };
+        let wanted_m = s.turret.offsets_m(shift);
+        let near = |i: usize| (turret.offsets_m[i] - wanted_m[i]).abs() <= s.reached_m;
+        s.turret.axes().iter().all(|a| near(a.index))
+    }
+
+    /// Two intervals at a new pitch: did it help?
     fn judge(&self, state: &mut AvoidanceState, now: &Situation) {
-        let Some(trial) = &mut state.trial else { return };
-        trial.intervals += 1;
-        if trial.intervals < JUDGE_INTERVALS {
+        let arrived = self.arrived(state, now);
+        let Some(trial) = state.trial.as_mut().filter(|t| !t.to_choose) else { return };
+        if arrived {
+            trial.intervals += 1;
+        }
+        if trial.intervals < trial.judged_at {
             return;
         }
-        if now.heard.phase != Phase::Chatter {
-            state.trial = None;
-            state.fruitless = 0;
-            return;
+        match now.heard.phase {
+            Phase::Chatter => {}
+            Phase::Quiet => {
+                (state.trial, state.moves_in_vain) = (None, 0);
+                return;
+            }
+            // Neither over nor declared.
+            Phase::Learning | Phase::Suspected => return,
         }
         // 3 dB less: it helps, more time.
         if now.heard.power_n2 < 0.5 * trial.power_before_n2 {
-            trial.intervals = 0;
+            trial.judged_at = trial.intervals + JUDGE_INTERVALS;
             trial.power_before_n2 = now.heard.power_n2;
+            state.moves_in_vain = 0;
             return;
         }
-        state.fruitless += 1;
         let tried = state.target.map(|t| t.requested_rad);
         if let Some(place) = trial.fruitless_rad.iter_mut().find(|p| p.is_none()) {
             *place = tried;
         }
         let next = trial.attempt + 1;
-        if next >= ATTEMPTS {
+        if next >= ATTEMPTS || state.moves_in_vain >= MOST_MOVES_IN_VAIN {
             state.trial = None;
             state.latched = Some(Latched { reason: HoldReason::HandedOver, returned: false });
         } else {
-            *trial = Trial { attempt: next, intervals: 0, power_before_n2: now.heard.power_n2, ..*trial };
+            let fruitless_rad = trial.fruitless_rad;
+            *trial = Trial { attempt: next, fruitless_rad, ..Trial::new(now.heard.power_n2) };
         }
     }
 
@@ -335,10 +377,13 @@ impl Avoidance {
         if !now.estimate_valid {
             return self.renew_or(state, now, HoldReason::EstimateNotValid);
         }
-        if let Some(trial) = state.trial
-            && trial.intervals > 0
-        {
+        if state.trial.is_some_and(|t| !t.to_choose) {
             return self.renew_or(state, now, HoldReason::NoChatter);
+        }
+        if state.moves_in_vain >= MOST_MOVES_IN_VAIN {
+            state.trial = None;
+            state.latched = Some(Latched { reason: HoldReason::HandedOver, returned: false });
+            return self.decide_latched(state, now);
         }
         let Some(highest_hz) = state.lines.highest_hz() else {
             return self.renew_or(state, now, HoldReason::NoChatter);
@@ -350,10 +395,10 @@ impl Avoidance {
         if wanted_rad > self.settings.largest_pitch_rad {
             return self.renew_or(state, now, HoldReason::OutsideLimits);
         }
-        self.move_to(state, now, wanted_rad)
+        self.move_to(state, now, self.side * wanted_rad)
     }
 
-    /// Pitch by the identified two-delay model; by eq. (6-10) where the cut cannot be identified.
+    /// Size of the pitch by the identified two-delay model; by eq. (6-10) where the cut cannot be identified.
     fn choose(
         &self,
         state: &mut AvoidanceState,
@@ -363,7 +408,7 @@ impl Avoidance {
         state.advised_speed_rpm = None;
         if let Some(stated) = &self.settings.stated {
             let fruitless: Vec<f64> =
-                state.trial.iter().flat_map(|t| t.fruitless_rad.into_iter().flatten()).collect();
+                state.trial.iter().flat_map(|t| t.fruitless_rad).flatten().map(f64::abs).collect();
             let advice = best_pitch(&PitchQuestion {
                 stated,
                 lines: &state.lines.newest_first(),
@@ -403,14 +448,8 @@ impl Avoidance {
         if step_rad != 0.0 {
             state.last_step_rad = step_rad;
         }
-        if state.trial.is_none() {
-            state.trial = Some(Trial {
-                attempt: 0,
-                intervals: 0,
-                power_before_n2: now.heard.power_n2,
-                fruitless_rad: [None; ATTEMPTS as usize],
-            });
-        }
+        let trial = state.trial.unwrap_or(Trial::new(now.heard.power_n2));
+        state.trial = Some(Trial { to_choose: false, ..trial });
         let target =
             Target { sequence: 0, pitch_rad, requested_rad: wanted_rad, offsets_m, issued_s: now.now_s };
         self.issue(state, now, target, CommandKind::Move)
@@ -428,7 +467,7 @@ impl Avoidance {
         // All axes the same share of their way, so that the tool stays on its path.
         let share = s.turret.axes().iter().fold(1.0f64, |share, axis| {
             let way_m = (wanted_m[axis.index] - actual_m[axis.index]).abs();
-            let possible_m = axis.speed_m_s * s.interval_s;
+            let possible_m = axis.way_m(s.interval_s);
             if way_m > possible_m { share.min(possible_m / way_m) } else { share }
         });
         let mut offsets_m = [0.0; MAX_AXES];
@@ -443,6 +482,19 @@ impl Avoidance {
         }
         let pitch_rad = pitch_of_shift_rad(s.diameter_m, s.turret.shift(&offsets_m));
         (pitch_rad.abs() <= s.largest_pitch_rad).then_some((offsets_m, pitch_rad))
+    }
+
+    /// The operator holds the turret: what stands is said again so that it does not expire, nothing else.
+    fn stay(&self, state: &mut AvoidanceState, now: &Situation) -> Decision {
+        let (Some(target), Some(turret)) = (state.target, now.turret) else {
+            return Decision::Hold(HoldReason::OperatorHold);
+        };
+        let way_m = |i: usize| (target.offsets_m[i] - turret.offsets_m[i]).abs();
+        let axes = self.settings.turret.axes();
+        if axes.iter().any(|a| way_m(a.index) > a.way_m(self.settings.interval_s)) {
+            return Decision::Hold(HoldReason::OperatorHold);
+        }
+        self.issue(state, now, target, CommandKind::Renew)
     }
 
     /// Keeps the turret where it is told to be; without a target: hold. A target that is on record is renewed
@@ -485,6 +537,7 @@ impl Avoidance {
             state.trial = None;
             return Decision::Advice(command);
         }
+        state.moves_in_vain += u32::from(kind == CommandKind::Move);
         state.sequence += 1;
         state.last_command_s = now.now_s;
         state.before = state.target.replace(Target { sequence: command.sequence, ..target });

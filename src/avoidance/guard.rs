@@ -13,6 +13,12 @@ pub struct Guard {
     pub highest_m: [f64; MAX_AXES],
     /// Fastest motion of each axis.
     pub speed_m_s: [f64; MAX_AXES],
+    /// Largest acceleration of each axis.
+    pub acceleration_m_s2: [f64; MAX_AXES],
+    /// Direction of each axis from "toward the bar".
+    pub direction_rad: [f64; MAX_AXES],
+    /// Diameter at the tools.
+    pub diameter_m: f64,
     /// Largest pitch difference either way.
     pub largest_pitch_rad: f64,
 }
@@ -42,13 +48,13 @@ pub struct GuardState {
 pub enum Refusal {
     /// A number that is none.
     NotFinite,
-    /// Outside the commissioned limits (I1).
+    /// Outside the commissioned limits, or another pitch than the offsets make (I1).
     Envelope,
     /// An interlock open or unheard for 0.2 s (I2).
     Interlock,
     /// Not in act (I3).
     Mode,
-    /// Faster than the axis may move (I4).
+    /// Farther than the axis may go since the last (I4).
     Rate,
     /// Sooner than a second after the last (I5).
     Interval,
@@ -62,8 +68,9 @@ pub enum Refusal {
 
 /// A report of the interlocks older than this is none.
 const INTERLOCK_HEARD_S: f64 = 0.2;
-/// Rounding allowed on lengths: a tenth of a nanometre.
+/// Rounding allowed: a tenth of a nanometre, a microradian.
 const ROUNDING_M: f64 = 1e-10;
+const ROUNDING_RAD: f64 = 1e-6;
 
 impl Guard {
     /// Errors: the first rule that the command breaks. A command that passes counts as sent.
@@ -116,21 +123,28 @@ impl Guard {
     }
 
     fn check_motion(&self, command: &Command, facts: &Facts, elapsed_s: f64) -> Result<(), Refusal> {
-        if command.pitch_difference_rad.abs() > self.largest_pitch_rad {
-            return Err(Refusal::Envelope);
-        }
+        let (mut toward_m, mut around_m) = (0.0, 0.0);
         for axis in 0..MAX_AXES {
             let offset_m = command.offsets_m[axis];
             if !(self.lowest_m[axis]..=self.highest_m[axis]).contains(&offset_m) {
                 return Err(Refusal::Envelope);
             }
+            toward_m += offset_m * self.direction_rad[axis].cos();
+            around_m += offset_m * self.direction_rad[axis].sin();
+            let (speed, acceleration) = (self.speed_m_s[axis], self.acceleration_m_s2[axis]);
+            // From rest to rest.
+            let longest_m = match speed / acceleration {
+                up_s if elapsed_s < 2.0 * up_s => acceleration * (0.5 * elapsed_s).powi(2),
+                up_s => speed * (elapsed_s - up_s),
+            };
             let way_m = (offset_m - facts.actual_m[axis]).abs();
-            if self.lowest_m[axis] < self.highest_m[axis]
-                && way_m > self.speed_m_s[axis] * elapsed_s + ROUNDING_M
-            {
+            if self.lowest_m[axis] < self.highest_m[axis] && way_m > longest_m + ROUNDING_M {
                 return Err(Refusal::Rate);
             }
         }
-        Ok(())
+        let pitch_rad = command.pitch_difference_rad;
+        let made_rad = 2.0 * around_m.atan2(0.5 * self.diameter_m - toward_m);
+        let good = pitch_rad.abs() <= self.largest_pitch_rad && (made_rad - pitch_rad).abs() <= ROUNDING_RAD;
+        if good { Ok(()) } else { Err(Refusal::Envelope) }
     }
 }

@@ -9,9 +9,8 @@ use crate::sample::MAX_AXES;
 /// Commissioned limits as the watcher was told them, independently of the decision's settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Commissioned {
-    /// The two axes of turret 1: place in the stream, direction in rad, lowest, highest offset in m, speed in
-    /// m/s.
-    pub axes: [(usize, f64, f64, f64, f64); 2],
+    /// The two axes of turret 1.
+    pub axes: [CommissionedAxis; 2],
     /// Diameter at the tools.
     pub diameter_m: f64,
     /// Largest pitch difference.
@@ -20,6 +19,34 @@ pub struct Commissioned {
     pub report_deadline_s: f64,
     /// Distance that counts as reached.
     pub reached_m: f64,
+}
+
+/// One axis of turret 1 as the watcher was told of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CommissionedAxis {
+    /// Place in the stream.
+    pub index: usize,
+    /// Direction from "toward the bar", rad.
+    pub direction_rad: f64,
+    /// Least and greatest offset, m.
+    pub range_m: [f64; 2],
+    /// Fastest motion, m/s.
+    pub speed_m_s: f64,
+    /// Largest acceleration, m/s2.
+    pub acceleration_m_s2: f64,
+}
+
+impl CommissionedAxis {
+    /// True where it can go so far and stand again in a time: the time of the fastest such motion is shorter.
+    fn can_go(&self, way_m: f64, time_s: f64) -> bool {
+        let full_speed_m = self.speed_m_s * self.speed_m_s / self.acceleration_m_s2;
+        let needs_s = if way_m > full_speed_m {
+            (way_m + full_speed_m) / self.speed_m_s
+        } else {
+            2.0 * (way_m / self.acceleration_m_s2).sqrt()
+        };
+        needs_s <= time_s + 1e-6
+    }
 }
 
 /// Which rule was broken. Numbers are those of the project's list of command invariants.
@@ -49,7 +76,7 @@ pub enum Violation {
     Record,
     /// I11: commanded though the turret refuses or does not follow.
     Reached,
-    /// I12: too many reversals.
+    /// I12: too many reversals, or targets that do not help.
     Hunting,
     /// I15: an interval without a decision.
     Silence,
@@ -123,8 +150,13 @@ pub struct InvariantMonitor {
     was_acting: bool,
     heard_hz: [(f64, f64); 64],
     off_since: u32,
-    refusals: u32,
+    refusals: i32,
+    refused: Option<(u64, u64)>,
+    reports_refusal: bool,
     refused_until_s: f64,
+    /// Targets since chatter was silent or 3 dB less than `loud_n2`.
+    targets: u32,
+    loud_n2: f64,
     turns_s: [f64; 7],
     last_step_rad: f64,
 }
@@ -148,7 +180,11 @@ impl InvariantMonitor {
             heard_hz: [(f64::NEG_INFINITY, 0.0); 64],
             off_since: 0,
             refusals: 0,
+            refused: None,
+            reports_refusal: false,
             refused_until_s: f64::NEG_INFINITY,
+            targets: 0,
+            loud_n2: 0.0,
             turns_s: [f64::NEG_INFINITY; 7],
             last_step_rad: 0.0,
         }
@@ -207,16 +243,52 @@ impl InvariantMonitor {
         }
         if self.standing.is_some_and(|s| Some(s.sequence) == seen.withheld) {
             self.standing = self.stood_before.take();
-            self.off_since = 0;
+            (self.off_since, self.targets) = (0, self.targets.saturating_sub(1));
         }
         if seen.operator_acknowledge {
-            (self.must_return, self.off_since) = (false, 0);
+            (self.must_return, self.off_since, self.targets) = (false, 0, 0);
         }
+        self.hear_turret(seen);
+        self.hear_power(seen);
         let age = |newest: Option<f64>| newest.map_or(f64::INFINITY, |t| seen.now_s - t);
         let own = self.samples.map_or(0.0, |s| age(s.newest.map(|n| n.0)));
         // Not a number counts as silence.
         if self.standing.is_some() && !(age(seen.newest_sample_s) <= 1.0 && own <= 1.0) {
             self.must_return = true;
+        }
+    }
+
+    /// Refusals count once for each command, whether they are reported once or until another one is taken.
+    fn hear_turret(&mut self, seen: &Situation) {
+        let (Some(turret), Some(standing)) = (&seen.turret, &self.standing) else { return };
+        let after_s = turret.heard_s - self.last_command_s;
+        if !(after_s > 0.0) {
+            return;
+        }
+        let (id, refuses) = ((standing.epoch, standing.sequence), turret.motion == TurretMotion::Refused);
+        let begins = refuses && !self.reports_refusal;
+        self.reports_refusal = refuses;
+        let long_after = after_s > 0.25;
+        if refuses && self.refused != Some(id) && (begins || long_after || turret.acknowledged == Some(id)) {
+            self.refused = Some(id);
+            let wait_s = 2.0f64.powi(self.refusals).min(60.0);
+            (self.refusals, self.refused_until_s) = ((self.refusals + 1).min(10), seen.now_s + wait_s);
+        } else if !refuses && long_after && self.refused != Some(id) {
+            self.refusals = 0;
+        }
+        if turret.motion == TurretMotion::Expired && long_after {
+            (self.standing, self.stood_before, self.off_since) = (None, None, 0);
+        }
+    }
+
+    /// What the next targets must have helped against.
+    fn hear_power(&mut self, seen: &Situation) {
+        let power_n2 = seen.heard.power_n2;
+        match seen.heard.phase {
+            Phase::Quiet => self.targets = 0,
+            Phase::Chatter if power_n2 < 0.5 * self.loud_n2 => (self.targets, self.loud_n2) = (0, power_n2),
+            Phase::Chatter => self.loud_n2 = self.loud_n2.max(power_n2),
+            Phase::Learning | Phase::Suspected => {}
         }
     }
 
@@ -250,8 +322,11 @@ impl InvariantMonitor {
         if !(0.0..=self.limits.report_deadline_s).contains(&heard) {
             return;
         }
-        let far = |a: &(usize, f64, f64, f64, f64)| {
-            (turret.offsets_m[a.0] - standing.offsets_m[a.0]).abs() > self.limits.reached_m
+        if self.refused == Some((standing.epoch, standing.sequence)) {
+            return;
+        }
+        let far = |a: &CommissionedAxis| {
+            (turret.offsets_m[a.index] - standing.offsets_m[a.index]).abs() > self.limits.reached_m
         };
         let off = self.limits.axes.iter().any(far) && seen.now_s - standing.issued_s > 0.999;
         self.off_since = if off { self.off_since + 1 } else { 0 };
@@ -270,7 +345,10 @@ impl InvariantMonitor {
         if command.kind == CommandKind::Return {
             return self.check_return(seen, command);
         }
-        if seen.mode != Mode::Act || seen.operator_hold {
+        // The operator holds the turret: what stands may be said again, nothing else.
+        let same = self.standing.is_some_and(|s| s.offsets_m == command.offsets_m);
+        let again = same && command.kind == CommandKind::Renew;
+        if seen.mode != Mode::Act || seen.operator_hold && !again {
             return Err(Violation::Mode);
         }
         self.check_evidence(seen, command)?;
@@ -299,7 +377,7 @@ impl InvariantMonitor {
         }
         (self.standing, self.stood_before) = (None, None);
         self.must_return = false;
-        self.off_since = 0;
+        (self.off_since, self.targets) = (0, 0);
         self.last_step_rad = 0.0;
         self.returned_s = seen.now_s;
         self.last_command_s = seen.now_s;
@@ -341,12 +419,12 @@ impl InvariantMonitor {
         let (mut toward, mut around) = (0.0, 0.0);
         for index in 0..MAX_AXES {
             let offset = command.offsets_m[index];
-            match self.limits.axes.iter().find(|a| a.0 == index) {
+            match self.limits.axes.iter().find(|a| a.index == index) {
                 None if offset == 0.0 => {}
-                Some((_, direction, low, high, speed)) if offset >= *low && offset <= *high => {
-                    toward += offset * direction.cos();
-                    around += offset * direction.sin();
-                    if (offset - turret.offsets_m[index]).abs() > speed * elapsed_s + 1e-9 {
+                Some(axis) if offset >= axis.range_m[0] && offset <= axis.range_m[1] => {
+                    toward += offset * axis.direction_rad.cos();
+                    around += offset * axis.direction_rad.sin();
+                    if !axis.can_go((offset - turret.offsets_m[index]).abs(), elapsed_s) {
                         return Err(Violation::Rate);
                     }
                 }
@@ -360,16 +438,16 @@ impl InvariantMonitor {
         self.check_purpose(seen, command)
     }
 
-    /// A new target must bring some line heard in the last minute between 0.6 pi and 1.2 pi, whole waves
-    /// aside.
+    /// A new target must bring some line heard in the last minute between 0.3 pi and 1.2 pi, or with whole
+    /// waves between 0.6 pi and 1.2 pi.
     fn check_purpose(&self, seen: &Situation, command: &Command) -> Result<(), Violation> {
         if command.kind != CommandKind::Move {
             return Ok(());
         }
         let Some(rpm) = seen.spindle_speed_rpm else { return Err(Violation::Purpose) };
         let serves = |(t, f): &(f64, f64)| {
-            let phase = 60.0 * f * command.requested_pitch_rad / rpm / std::f64::consts::PI;
-            seen.now_s - t < 60.5 && (0.6..=1.2).contains(&phase) || (0.6..=1.2).contains(&(phase % 2.0))
+            let phase = 60.0 * f * command.requested_pitch_rad.abs() / rpm / std::f64::consts::PI;
+            seen.now_s - t < 60.5 && ((0.3..=1.2).contains(&phase) || (0.6..=1.2).contains(&(phase % 2.0)))
         };
         if self.heard_hz.iter().any(serves) { Ok(()) } else { Err(Violation::Purpose) }
     }
@@ -379,16 +457,22 @@ impl InvariantMonitor {
             if !(seen.now_s - turret.heard_s <= self.limits.report_deadline_s) {
                 return Err(Violation::Freshness);
             }
-            if self.standing.is_some() && turret.motion == TurretMotion::Refused {
-                self.refusals = (self.refusals + 1).min(12);
-                // Acting on the very report of a refusal is acting faster than the back-off.
+            if seen.now_s < self.refused_until_s {
                 return Err(Violation::Reached);
             }
-            self.refusals = 0;
         }
         self.interval_passed(seen);
         if self.off_since >= 3 {
             return Err(Violation::Reached);
+        }
+        if command.kind == CommandKind::Move {
+            if self.targets == 0 {
+                self.loud_n2 = seen.heard.power_n2;
+            }
+            self.targets += 1;
+            if self.targets > 5 {
+                return Err(Violation::Hunting);
+            }
         }
         let step = command.pitch_difference_rad - self.standing.map_or(0.0, |s| s.pitch_difference_rad);
         if command.kind == CommandKind::Move && step.abs() > 1e-6 {

@@ -7,6 +7,8 @@ use crate::sample::MAX_AXES;
 
 /// Pitches tried before a person is asked.
 pub(super) const ATTEMPTS: u32 = 2;
+/// Intervals at a pitch after which it is judged.
+pub(super) const JUDGE_INTERVALS: u32 = 2;
 /// Reversals of direction a minute (invariant I12).
 pub(super) const REVERSALS: usize = 6;
 
@@ -30,11 +32,15 @@ pub struct AvoidanceState {
     pub(super) trial: Option<Trial>,
     pub(super) latched: Option<Latched>,
     pub(super) off_target: u32,
+    /// Refusals in a row, the command refused last, and whether the latest report is one of a refusal.
     pub(super) refusals: u32,
+    pub(super) refused: Option<u64>,
+    pub(super) refusing: bool,
     pub(super) refused_until_s: f64,
     pub(super) reversals_s: [f64; REVERSALS],
     pub(super) last_step_rad: f64,
-    pub(super) fruitless: u32,
+    /// Targets since chatter last fell by 3 dB or fell silent.
+    pub(super) moves_in_vain: u32,
     pub(super) mode: Mode,
 }
 
@@ -51,10 +57,22 @@ pub(super) struct Target {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Trial {
     pub(super) attempt: u32,
+    /// No pitch has been asked for in this attempt yet.
+    pub(super) to_choose: bool,
+    /// Intervals for which the turret has stood where it was asked to.
     pub(super) intervals: u32,
+    /// And after how many of them it is judged.
+    pub(super) judged_at: u32,
     pub(super) power_before_n2: f64,
     /// Pitches that did not help.
     pub(super) fruitless_rad: [Option<f64>; ATTEMPTS as usize],
+}
+
+impl Trial {
+    pub(super) fn new(power_before_n2: f64) -> Self {
+        let judged_at = JUDGE_INTERVALS;
+        Self { to_choose: true, judged_at, power_before_n2, ..Self::default() }
+    }
 }
 
 /// A state that a person must clear.
@@ -72,7 +90,7 @@ impl Default for Latched {
 }
 
 keep!(Target { sequence, pitch_rad, requested_rad, offsets_m, issued_s });
-keep!(Trial { attempt, intervals, power_before_n2, fruitless_rad });
+keep!(Trial { attempt, to_choose, intervals, judged_at, power_before_n2, fruitless_rad });
 keep!(Latched { reason, returned });
 keep!(AvoidanceState {
     epoch,
@@ -91,10 +109,12 @@ keep!(AvoidanceState {
     latched,
     off_target,
     refusals,
+    refused,
+    refusing,
     refused_until_s,
     reversals_s,
     last_step_rad,
-    fruitless,
+    moves_in_vain,
     mode
 });
 
@@ -108,11 +128,24 @@ impl AvoidanceState {
         if self.target.is_some_and(|t| t.requested_rad == target.requested_rad) {
             return; // a renewal: its pitch is under trial already
         }
-        self.trial = self.trial.filter(|t| t.attempt > 0).map(|t| Trial { intervals: 0, ..t });
+        self.moves_in_vain = self.moves_in_vain.saturating_sub(1);
+        self.choose_anew();
+    }
+
+    /// What was asked for does not stand: the attempt begins again.
+    pub(super) fn choose_anew(&mut self) {
+        let begun = self.trial.filter(|t| t.attempt > 0);
+        self.trial = begun.map(|t| Trial { to_choose: true, intervals: 0, judged_at: JUDGE_INTERVALS, ..t });
+    }
+
+    /// The turret went back to equal pitch by itself: its command expired while nothing could be renewed.
+    pub(super) fn expire(&mut self) {
+        (self.target, self.before, self.off_target) = (None, None, 0);
+        self.choose_anew();
     }
 
     /// A person has looked: everything latched is open again. What still is so latches again.
     pub(super) fn acknowledge(&mut self) {
-        (self.latched, self.trial, self.fruitless, self.off_target) = (None, None, 0, 0);
+        (self.latched, self.trial, self.moves_in_vain, self.off_target) = (None, None, 0, 0);
     }
 }

@@ -27,6 +27,18 @@ pub struct TurretAxis {
     pub highest_m: f64,
     /// Fastest motion of the offset.
     pub speed_m_s: f64,
+    /// Largest acceleration of the offset.
+    pub acceleration_m_s2: f64,
+}
+
+impl TurretAxis {
+    /// Longest way from rest to rest within a time: half of it speeding up where that stays below the largest
+    /// speed, else with a stretch at that speed between.
+    #[must_use]
+    pub fn way_m(&self, time_s: f64) -> f64 {
+        let (v, a) = (self.speed_m_s, self.acceleration_m_s2);
+        if a * time_s < 2.0 * v { 0.25 * a * time_s * time_s } else { v * (time_s - v / a) }
+    }
 }
 
 /// The two axes that move tool 1 across the bar.
@@ -50,9 +62,10 @@ pub enum TurretError {
         /// Direction of the second.
         second_rad: f64,
     },
-    /// An axis has no place in the stream, no range or no speed.
+    /// An axis has no place in the stream, no direction, range, speed or acceleration.
     #[error(
-        "turret axis {index}: expected a place below {MAX_AXES}, a range around zero and a speed above zero"
+        "turret axis {index}: expected a place below {MAX_AXES}, a direction that is a number, a range around \
+         zero, speed and acceleration above zero"
     )]
     Axis {
         /// Place given.
@@ -61,7 +74,7 @@ pub enum TurretError {
 }
 
 impl TurretKinematics {
-    /// Errors: parallel axes, an axis without range around zero or without speed.
+    /// Errors: parallel axes, an axis without range around zero, speed or acceleration.
     pub fn new(axes: [TurretAxis; 2]) -> Result<Self, TurretError> {
         for axis in &axes {
             let good = axis.index < MAX_AXES
@@ -70,8 +83,7 @@ impl TurretKinematics {
                 && axis.highest_m.is_finite()
                 && axis.lowest_m <= 0.0
                 && axis.highest_m >= 0.0
-                && axis.speed_m_s.is_finite()
-                && axis.speed_m_s > 0.0;
+                && [axis.speed_m_s, axis.acceleration_m_s2].iter().all(|x| x.is_finite() && *x > 0.0);
             if !good || axes[0].index == axes[1].index {
                 return Err(TurretError::Axis { index: axis.index });
             }
@@ -135,6 +147,7 @@ mod tests {
             lowest_m: -2e-3,
             highest_m: 2e-3,
             speed_m_s: 1e-3,
+            acceleration_m_s2: 0.05,
         };
         TurretKinematics::new([axis(0, first_rad), axis(1, second_rad)])
     }
@@ -159,6 +172,21 @@ mod tests {
         assert!((offsets[1] - shift.around_m * std::f64::consts::SQRT_2).abs() < 1e-12);
         assert!((offsets[0] - (shift.toward_m - shift.around_m)).abs() < 1e-12);
         assert!(turret.reaches(&offsets));
+    }
+
+    #[test]
+    fn the_longest_way_is_that_of_a_trapezoid() {
+        let axis = |speed_m_s, acceleration_m_s2| TurretAxis {
+            speed_m_s,
+            acceleration_m_s2,
+            ..turret(0.0, 1.0).unwrap().axes[0]
+        };
+        // 0.2 s to 2 mm/s, 0.6 s at it, 0.2 s to rest.
+        assert!((axis(2e-3, 0.01).way_m(1.0) - 1.6e-3).abs() < 1e-15);
+        // Never at full speed: up for half a second, down for half a second.
+        assert!((axis(2e-3, 1e-3).way_m(1.0) - 0.25e-3).abs() < 1e-15);
+        let (a, b) = (axis(2e-3, 4e-3).way_m(1.0 - 1e-9), axis(2e-3, 4e-3).way_m(1.0 + 1e-9));
+        assert!((a - b).abs() < 1e-11);
     }
 
     #[test]

@@ -253,18 +253,15 @@ impl ChatterMonitor {
         }
     }
 
-    /// Lets the watched band follow the bar: diameter, projection length or tool position changed. Lines
-    /// count in
-    /// the new band at once. False when it reaches beyond what this monitor was designed for: it needs a
-    /// new one.
-    #[must_use]
-    pub fn follow(&self, state: &mut ChatterState, band: Band) -> bool {
-        let watched = Watched::new(band, self.mix.centre_hz(), 1.0);
-        let inside = watched.low_hz >= -self.reach_hz && watched.high_hz <= self.reach_hz;
-        if inside {
+    /// Lets the watched band follow the bar: diameter or tool position changed. Lines count in the new band at
+    /// once, as far as it lies within what this monitor was designed for.
+    pub fn follow(&self, state: &mut ChatterState, band: Band) {
+        let mut watched = Watched::new(band, self.mix.centre_hz(), 1.0);
+        watched.low_hz = watched.low_hz.max(-self.reach_hz);
+        watched.high_hz = watched.high_hz.min(self.reach_hz);
+        if watched.low_hz < watched.high_hz {
             state.watched = state.watched.moved_to(watched);
         }
-        inside
     }
 
     /// Band in which a line counts now, Hz.

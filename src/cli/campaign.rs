@@ -9,7 +9,7 @@ use crate::plant::cutting::{Cutting, RawCutting, TwoDelay};
 use crate::plant::scenario::{RawScenario, Scenario};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::recording::write_whole;
-use crate::simulation::closed_loop::{ClosedLoop, LoopEvent};
+use crate::simulation::closed_loop::{ClosedLoop, LARGEST_PITCH_RAD, LoopEvent};
 use crate::simulation::lathe::{AXES, LatheSettings};
 use crate::stability::{Root, rightmost_root};
 use crate::units::SampleRate;
@@ -55,8 +55,10 @@ const MARGIN_1_S: f64 = 5.0;
 const MARK_M: f64 = 8e-6;
 /// The tools enter the cut after this long in air.
 const ENTRY_S: f64 = 2.0;
-/// Pitches tried for "can be made stable", up to this.
-const LARGEST_PITCH_RAD: f64 = 0.15;
+/// Chatter is heard late where it has left marks for so long before, s.
+const LATE_S: f64 = 1.0;
+/// A cut ends stable where what is left at the end is no more than noise ever makes, m.
+const STABLE_M: f64 = 10e-6;
 
 struct Case {
     seed: u64,
@@ -79,6 +81,10 @@ struct Outcome {
     hold: Option<HoldReason>,
     /// Time with vibration above what noise makes, s.
     marked_s: f64,
+    /// The part of it before chatter was first heard, s.
+    unheard_s: f64,
+    /// Decisions that broke a command invariant.
+    violations: u32,
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
@@ -208,6 +214,9 @@ fn cut(case: &Case, arguments: &Arguments) -> anyhow::Result<Outcome> {
         envelope_m = vibration_m.max(envelope_m * 0.998);
         if envelope_m > MARK_M {
             outcome.marked_s += period_s;
+            if outcome.onsets == 0 {
+                outcome.unheard_s += period_s;
+            }
         }
         if truth.t_s > duration_s - 2.0 {
             outcome.last_m = outcome.last_m.max(vibration_m);
@@ -228,13 +237,13 @@ fn cut(case: &Case, arguments: &Arguments) -> anyhow::Result<Outcome> {
             Some(LoopEvent::End) | None => {}
         }
     }
-    outcome.hold = cut.hold();
+    (outcome.hold, outcome.violations) = (cut.hold(), cut.violations());
     Ok(outcome)
 }
 
-/// Chatter left at the end: a quarter of the loudest and more than noise ever makes.
+/// No chatter is left at the end.
 fn ends_stable(outcome: &Outcome) -> bool {
-    outcome.last_m < 5e-6 || outcome.last_m < 0.15 * outcome.loudest_m
+    outcome.last_m < STABLE_M
 }
 
 fn table(cases: &[Case], outcomes: &[Outcome]) -> String {
@@ -294,6 +303,8 @@ fn print(cases: &[Case], outcomes: &[Outcome]) -> anyhow::Result<()> {
         unstable().filter(|(_, o)| o.onsets == 0).count()
     )?;
     writeln!(out, "  worst vibration before it was cured  {:.1} um", worst * 1e6)?;
+    let late = unstable().filter(|(_, o)| o.onsets > 0 && o.unheard_s > LATE_S);
+    writeln!(out, "  heard after {LATE_S:.0} s of marks           {}", late.count())?;
     let mut marked: Vec<f64> = curable().map(|(_, o)| o.marked_s).collect();
     marked.sort_by(f64::total_cmp);
     let median = marked.get(marked.len() / 2).copied().unwrap_or(0.0);
@@ -309,6 +320,11 @@ fn print(cases: &[Case], outcomes: &[Outcome]) -> anyhow::Result<()> {
         out,
         "commands refused by the last guard     {}",
         outcomes.iter().map(|o| o.refused).sum::<u32>()
+    )?;
+    writeln!(
+        out,
+        "decisions that broke an invariant      {}",
+        outcomes.iter().map(|o| o.violations).sum::<u32>()
     )?;
     Ok(())
 }

@@ -77,6 +77,7 @@ fn machine_of_the_thesis() -> Result<TurretKinematics, crate::avoidance::turret:
         lowest_m: -1.0,
         highest_m: 1.0,
         speed_m_s: 1.0,
+        acceleration_m_s2: 1.0,
     };
     TurretKinematics::new([axis(0, 0.0), axis(1, FRAC_PI_4)])
 }

@@ -301,6 +301,7 @@ impl<'a> Source<'a> {
                     .collect(),
                 band: config.pipeline_settings(self.rate, &self.axes).band,
                 tools: None,
+                infeed: None,
                 pushes: self.pushes,
             },
         };

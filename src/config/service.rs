@@ -86,6 +86,9 @@ section!(DetectionToml {
     tool_axis: Option<String> = None,
     tool_axis_zero_m: f64 = 0.0,
     tool_axis_toward_chuck: bool = false,
+    infeed_axis: Option<String> = None,
+    infeed_axis_zero_m: f64 = 0.0,
+    infeed_axis_toward_bar: bool = true,
 });
 section!(TurretToml {
     axes: [String; 2] = ["x1".into(), "y1".into()],
@@ -93,6 +96,7 @@ section!(TurretToml {
     lowest_offset_m: [f64; 2] = [-1.0e-3; 2],
     highest_offset_m: [f64; 2] = [1.0e-3; 2],
     speed_m_s: [f64; 2] = [2.0e-3; 2],
+    acceleration_m_s2: [f64; 2] = [50.0e-3; 2],
     largest_pitch_difference_rad: f64 = 0.14,
     command_ttl_s: f64 = 2.5,
     limits_by: String = NOT_COMMISSIONED.into(),
@@ -158,6 +162,8 @@ pub struct TurretConfig {
     pub highest_offset_m: [f64; 2],
     /// Fastest motion of the offsets, m/s.
     pub speed_m_s: [f64; 2],
+    /// Largest acceleration of the offsets, m/s2.
+    pub acceleration_m_s2: [f64; 2],
     /// Largest pitch angle difference, rad.
     pub largest_pitch_difference_rad: f64,
     /// Lifetime of a command, s.
@@ -227,6 +233,8 @@ pub struct ServiceConfig {
     pub band: Option<Band>,
     /// Axis that moves the tools along the bar, with its place at the chuck and its direction.
     pub tools: Option<(String, f64, bool)>,
+    /// Axis that tells the radius at the tools, the same of it.
+    pub infeed: Option<(String, f64, bool)>,
     /// Turret.
     pub turret: TurretConfig,
     /// Prefix and folder of the shared memory domain.
@@ -291,6 +299,11 @@ impl Reader<'_> {
         Ok(raw.tool_axis.clone().map(|axis| (axis, zero_m, raw.tool_axis_toward_chuck)))
     }
 
+    fn infeed(&self, raw: &DetectionToml) -> Result<Option<(String, f64, bool)>, ConfigError> {
+        let zero_m = self.within("detection.infeed_axis_zero_m", raw.infeed_axis_zero_m, (-10.0, 10.0))?;
+        Ok(raw.infeed_axis.clone().map(|axis| (axis, zero_m, raw.infeed_axis_toward_bar)))
+    }
+
     fn config(&self, raw: ServiceToml) -> Result<ServiceConfig, ConfigError> {
         let text = toml::to_string(&raw).map_err(|e| self.bad("configuration", e.to_string()))?;
         let model = raw.machine.model.as_deref().map(|p| self.resolve(p));
@@ -324,6 +337,7 @@ impl Reader<'_> {
             cutting: self.cutting(&raw.cutting)?,
             band: band.map_err(|e| self.bad("detection.band_hz", e.to_string()))?,
             tools: self.tools(&raw.detection)?,
+            infeed: self.infeed(&raw.detection)?,
             turret: self.turret(&raw.turret)?,
             transport: (raw.transport.prefix.clone(), raw.transport.root.clone()),
             http: self.http(&raw.http)?,
@@ -383,12 +397,16 @@ impl Reader<'_> {
         for speed in raw.speed_m_s {
             self.within("turret.speed_m_s", speed, (1e-6, 0.1))?;
         }
+        for acceleration in raw.acceleration_m_s2 {
+            self.within("turret.acceleration_m_s2", acceleration, (1e-6, 10.0))?;
+        }
         Ok(TurretConfig {
             axes: raw.axes.clone(),
             direction_rad: raw.direction_rad,
             lowest_offset_m: raw.lowest_offset_m,
             highest_offset_m: raw.highest_offset_m,
             speed_m_s: raw.speed_m_s,
+            acceleration_m_s2: raw.acceleration_m_s2,
             largest_pitch_difference_rad: largest,
             // I7: a dead sender must not hold the turret away from equal pitch for longer.
             command_ttl_s: self.within("turret.command_ttl_s", raw.command_ttl_s, (1.1, 2.5))?,
@@ -475,14 +493,17 @@ impl ServiceConfig {
             let nut = self.force.nut(name).and_then(|nut| axes.iter().position(|a| a == nut));
             AxisPlan { name: name.clone(), force, beside, nut, watch: self.watch.contains(name) }
         };
+        let tool_axis = |stated: &Option<(String, f64, bool)>| {
+            let (axis, zero_m, toward) = stated.as_ref()?;
+            let index = axes.iter().position(|a| a == axis)?;
+            Some(ToolAxis { index, zero_m: *zero_m, toward: *toward })
+        };
         PipelineSettings {
             sample_rate,
             axes: axes.iter().map(plan).collect(),
             band: self.band.map_or(BandPlan::Cut(self.workpiece, self.cutting), BandPlan::Stated),
-            tools: self.tools.as_ref().and_then(|(axis, zero_m, toward_chuck)| {
-                let index = axes.iter().position(|a| a == axis)?;
-                Some(ToolAxis { index, zero_m: *zero_m, toward_chuck: *toward_chuck })
-            }),
+            tools: tool_axis(&self.tools),
+            infeed: tool_axis(&self.infeed),
             pushes: false, // friction is left in the mean of an estimate
         }
     }
@@ -500,6 +521,7 @@ impl ServiceConfig {
                 lowest_m: turret.lowest_offset_m[i],
                 highest_m: turret.highest_offset_m[i],
                 speed_m_s: turret.speed_m_s[i],
+                acceleration_m_s2: turret.acceleration_m_s2[i],
             })
         };
         Ok(AvoidanceSettings {

@@ -143,6 +143,41 @@ pub(super) async fn take_back(
     Ok(changed(site.handle.take_back(origin).await?))
 }
 
+/// Whether the turret is to stay where it is.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct HoldBody {
+    /// True: leave it where it is; false: let it go.
+    #[schema(example = true)]
+    hold: bool,
+    /// One sentence for the record.
+    #[schema(
+        example = "measuring the surface",
+        min_length = 1,
+        max_length = 500,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
+    reason: String,
+}
+
+/// Leave the turret where it is, or let it go: what stands is kept, nothing else is asked of it. Ends by itself
+/// when the mode changes.
+#[utoipa::path(put, path = "/api/v1/hold", tag = "control",
+    operation_id = "holdTurret", request_body = HoldBody,
+    security(("token" = [])),
+    responses((status = 200, description = "The mode now", body = ModeView),
+        Refused))]
+pub(super) async fn hold(
+    State(site): State<Site>,
+    Extension(caller): Extension<Caller>,
+    body: Result<Body<HoldBody>, Problem>,
+) -> Result<Response, Problem> {
+    caller.require(Role::Operator)?;
+    let body = body?.0;
+    let origin = origin(&caller, &body.reason)?;
+    Ok(changed(site.handle.hold(body.hold, origin).await?))
+}
+
 /// Clear a latched fault, after its cause is gone.
 #[utoipa::path(post, path = "/api/v1/fault/clear", tag = "control",
     operation_id = "clearFault", request_body = ReasonBody,

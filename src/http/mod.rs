@@ -96,6 +96,7 @@ fn routes() -> OpenApiRouter<Site> {
         .routes(routes!(events::silence))
         .routes(routes!(control::get_mode, control::put_mode))
         .routes(routes!(control::take_back))
+        .routes(routes!(control::hold))
         .routes(routes!(control::clear_fault))
         .routes(routes!(recordings::list, recordings::save))
         .routes(routes!(recordings::download))

@@ -183,20 +183,23 @@ impl Pipeline {
             .unwrap_or([band.low_hz(), band.high_hz()])
     }
 
-    /// Lets the band follow the tools along the bar, four times a second, while no chatter is heard. It
-    /// stays inside of
-    /// what the monitors were designed for.
+    /// Lets the band follow the tools along the bar and the diameter, four times a second, while no chatter is
+    /// heard. It stays inside of what the monitors were designed for.
     fn follow_tools(&mut self, sample: &ServoSample) {
-        let Some(tools) = &self.settings.tools else { return };
+        let PipelineSettings { tools, infeed, .. } = &self.settings;
+        if tools.is_none() && infeed.is_none() {
+            return;
+        }
         let due = self.clean_samples.is_multiple_of(self.spectrum.settings().window_samples as u64 / 4);
         if !due || self.agreement.phase == Phase::Chatter {
             return;
         }
-        let band = tools.position_m(sample).and_then(|z| self.settings.band.band_at(z).ok());
-        if let Some(band) = band {
+        let position_m = tools.and_then(|axis| axis.distance_m(sample));
+        let diameter_m = infeed.and_then(|axis| axis.distance_m(sample)).map(|radius_m| 2.0 * radius_m);
+        if let Ok(band) = self.settings.band.band_at(position_m, diameter_m) {
             let monitor = &self.monitor;
             for state in &mut self.states {
-                let _inside = monitor.follow(&mut state.monitor, band);
+                monitor.follow(&mut state.monitor, band);
             }
         }
     }

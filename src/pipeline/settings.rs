@@ -54,34 +54,36 @@ impl BandPlan {
         }
     }
 
-    /// The same with the tools at `position_m` from the chuck: the nearer they are to it the less the cut
-    /// holds the bar.
-    /// Never beyond [`Self::band`]. Errors: as [`Self::band`].
-    pub fn band_at(&self, position_m: f64) -> Result<Band, BandError> {
-        let BandPlan::Cut(workpiece, cutting) = self else { return self.band() };
+    /// The same with the tools at `position_m` from the chuck, the nearer to it the less the cut holds the bar,
+    /// and the bar turned down to `diameter_m`; as stated where one of them is not known.
+    /// Errors: as [`Self::band`].
+    pub fn band_at(&self, position_m: Option<f64>, diameter_m: Option<f64>) -> Result<Band, BandError> {
+        let BandPlan::Cut(stated, cutting) = self else { return self.band() };
+        let known = diameter_m.filter(|d| (0.5..1.5).contains(&(d / stated.diameter_m())));
+        let workpiece = known.and_then(|d| stated.with_diameter_m(d).ok()).unwrap_or(*stated);
         let held = cutting.stiffness_n_m() / workpiece.modal_stiffness_n_m();
-        let shape = workpiece.mode_shape(position_m);
+        let shape = position_m.map_or(1.0, |z| workpiece.mode_shape(z));
         predicted_band_in_cut(workpiece.bending_frequency_hz(), held * shape * shape)
     }
 }
 
-/// The axis of the stream that moves the tools along the bar.
+/// An axis of the stream that tells how far the tools are from the chuck, or from the bar's axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToolAxis {
     /// Place in the stream.
     pub index: usize,
-    /// Distance of the tools from the chuck where the axis stands at zero.
+    /// Distance where the axis stands at zero.
     pub zero_m: f64,
-    /// Whether the axis counts toward the chuck.
-    pub toward_chuck: bool,
+    /// Whether the distance shrinks as the axis counts up.
+    pub toward: bool,
 }
 
 impl ToolAxis {
-    /// Distance of the tools from the chuck; nothing while the axis has no linear scale.
+    /// The distance; nothing while the axis has no linear scale.
     #[must_use]
-    pub fn position_m(&self, sample: &ServoSample) -> Option<f64> {
+    pub fn distance_m(&self, sample: &ServoSample) -> Option<f64> {
         let stage_m = sample.axes.get(self.index)?.stage_position_m?;
-        Some(if self.toward_chuck { self.zero_m - stage_m } else { self.zero_m + stage_m })
+        Some(if self.toward { self.zero_m - stage_m } else { self.zero_m + stage_m })
     }
 }
 
@@ -96,6 +98,8 @@ pub struct PipelineSettings {
     pub band: BandPlan,
     /// What tells where along the bar the tools are.
     pub tools: Option<ToolAxis>,
+    /// What tells the radius at the tools.
+    pub infeed: Option<ToolAxis>,
     /// Whether what is listened to is the force of a tool with its mean, from elsewhere: a tool never pulls.
     pub pushes: bool,
 }

@@ -69,6 +69,11 @@ pub(crate) enum Control {
         origin: Origin,
         done: oneshot::Sender<Result<ModeNow, Refusal>>,
     },
+    Hold {
+        on: bool,
+        origin: Origin,
+        done: oneshot::Sender<Result<ModeNow, Refusal>>,
+    },
     ClearFault {
         origin: Origin,
         done: oneshot::Sender<Result<ModeNow, Refusal>>,

@@ -304,6 +304,13 @@ impl Handle {
         self.changed((&origin, "override", "equal pitch, mode observe"), outcome).await
     }
 
+    /// Holds the turret where it is, or lets it go; ends by itself with the mode.
+    pub async fn hold(&self, on: bool, origin: Origin) -> Result<Changed, OperationError> {
+        let asked = origin.clone();
+        let outcome = self.ask(|done| Control::Hold { on, origin: asked, done }).await;
+        self.changed((&origin, "hold", if on { "turret held" } else { "turret let go" }), outcome).await
+    }
+
     /// Clears a latched fault.
     pub async fn clear_fault(&self, origin: Origin) -> Result<Changed, OperationError> {
         self.audit(&origin, "clear_fault_asked", "latched fault").await?;

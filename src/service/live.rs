@@ -162,6 +162,8 @@ pub struct LiveState {
     pub mode_reason: String,
     /// A latched fault that a person must clear before `act`.
     pub fault: Option<String>,
+    /// A person asked to leave the turret where it is; ends with the mode.
+    pub turret_held: bool,
     /// Whether samples come.
     pub source: SourceView,
     /// Axes in the order of the stream.

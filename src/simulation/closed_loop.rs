@@ -7,6 +7,7 @@ use super::lathe::turret::{TurretOrder, TurretState};
 use super::lathe::{Lathe, LatheSettings};
 use crate::avoidance::guard::{Facts, Guard, GuardState};
 use crate::avoidance::identified::StatedCut;
+use crate::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor};
 use crate::avoidance::turret::{TurretAxis, TurretError, TurretKinematics};
 use crate::avoidance::{
     Avoidance, AvoidanceSettings, AvoidanceState, Command, Decision, Heard, HoldReason, Interlock, Mode,
@@ -45,6 +46,9 @@ pub enum LoopEvent {
     Refused,
 }
 
+/// Largest pitch difference of the loop, rad: wide enough for the bars and speeds of the campaign.
+pub const LARGEST_PITCH_RAD: f64 = 0.2;
+
 /// Turret of the virtual lathe: X1 toward the bar, Y1 at 45 degrees, 1.9 mm either way at 2 mm/s.
 pub fn turret_kinematics() -> Result<TurretKinematics, TurretError> {
     let axis = |index, direction_rad| TurretAxis {
@@ -53,6 +57,7 @@ pub fn turret_kinematics() -> Result<TurretKinematics, TurretError> {
         lowest_m: -1.9e-3,
         highest_m: 1.9e-3,
         speed_m_s: 2.0e-3,
+        acceleration_m_s2: 50.0e-3,
     };
     TurretKinematics::new([axis(0, 0.0), axis(1, FRAC_PI_4)])
 }
@@ -66,6 +71,8 @@ pub struct ClosedLoop {
     state: AvoidanceState,
     guard: Guard,
     guard_state: GuardState,
+    watch: InvariantMonitor,
+    violations: u32,
     mode: Mode,
     clean: bool,
     hold: Option<HoldReason>,
@@ -89,29 +96,43 @@ impl ClosedLoop {
         (mode, stated): (Mode, Option<StatedCut>),
     ) -> Result<Self, LoopError> {
         let turret = turret_kinematics()?;
-        let largest_pitch_rad = 0.2;
+        let diameter_m = lathe.scenario.workpiece.diameter_m();
+        let (largest_pitch_rad, report_deadline_s, reached_m) = (LARGEST_PITCH_RAD, 0.2, 20e-6);
         let avoidance = Avoidance::new(AvoidanceSettings {
             turret,
-            diameter_m: lathe.scenario.workpiece.diameter_m(),
+            diameter_m,
             largest_pitch_rad,
             interval_s: 1.0,
             ttl_s: 2.5,
             freshness_s: 0.05,
-            report_deadline_s: 0.2,
-            reached_m: 20e-6,
+            report_deadline_s,
+            reached_m,
             stated,
         })?;
         let mut guard = Guard {
             lowest_m: [0.0; MAX_AXES],
             highest_m: [0.0; MAX_AXES],
             speed_m_s: [0.0; MAX_AXES],
+            acceleration_m_s2: [0.0; MAX_AXES],
+            direction_rad: [0.0; MAX_AXES],
+            diameter_m,
             largest_pitch_rad,
         };
         for axis in turret.axes() {
             guard.lowest_m[axis.index] = axis.lowest_m;
             guard.highest_m[axis.index] = axis.highest_m;
             guard.speed_m_s[axis.index] = axis.speed_m_s;
+            guard.acceleration_m_s2[axis.index] = axis.acceleration_m_s2;
+            guard.direction_rad[axis.index] = axis.direction_rad;
         }
+        let axes = turret.axes().map(|axis| CommissionedAxis {
+            index: axis.index,
+            direction_rad: axis.direction_rad,
+            range_m: [axis.lowest_m, axis.highest_m],
+            speed_m_s: axis.speed_m_s,
+            acceleration_m_s2: axis.acceleration_m_s2,
+        });
+        let limits = Commissioned { axes, diameter_m, largest_pitch_rad, report_deadline_s, reached_m };
         Ok(Self {
             state: avoidance.start(1, 0.0),
             lathe: Lathe::new(lathe),
@@ -119,6 +140,8 @@ impl ClosedLoop {
             avoidance,
             guard,
             guard_state: GuardState::default(),
+            watch: InvariantMonitor::new(limits, 0.0),
+            violations: 0,
             mode,
             clean: false,
             hold: None,
@@ -144,6 +167,12 @@ impl ClosedLoop {
         self.hold
     }
 
+    /// Decisions that broke a command invariant, as the independent monitor saw them.
+    #[must_use]
+    pub fn violations(&self) -> u32 {
+        self.violations
+    }
+
     /// One sample through everything.
     pub fn step(&mut self) -> Option<LoopEvent> {
         let sample = self.lathe.step();
@@ -155,7 +184,9 @@ impl ClosedLoop {
             _ => None,
         };
         let situation = self.situation(sample.t_s, sample.spindle_speed_rpm);
-        let decided = match self.avoidance.decide(&mut self.state, &situation) {
+        let decision = self.avoidance.decide(&mut self.state, &situation);
+        self.violations += u32::from(self.watch.watch(&situation, &decision).is_err());
+        let decided = match decision {
             Decision::Command(command) => Some(self.send(&command, &situation)),
             Decision::Hold(reason) => {
                 self.hold = Some(reason);

@@ -68,6 +68,8 @@ event_kinds! {
     ModeChange = "mode_change", Warning;
     /// A person took the turret back.
     Override = "override", Warning;
+    /// A person asked to leave the turret where it is, or let it go again.
+    OperatorHold = "operator_hold", Warning;
     /// A latched fault stopped acting.
     Fault = "fault", Alarm;
     /// The independent monitor found a decision that breaks a rule; nothing was sent.

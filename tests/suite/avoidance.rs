@@ -2,27 +2,32 @@
 
 use proptest::prelude::*;
 use stillcut::avoidance::guard::{Facts, Guard, GuardState};
-use stillcut::avoidance::invariants::{Commissioned, InvariantMonitor, Violation};
+use stillcut::avoidance::identified::StatedCut;
+use stillcut::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor, Violation};
 use stillcut::avoidance::turret::{TurretAxis, TurretKinematics};
 use stillcut::avoidance::{
     Avoidance, AvoidanceSettings, Command, CommandKind, Decision, Heard, HoldReason, Interlock, Mode,
     Situation, TurretMotion, TurretReport,
 };
 use stillcut::chatter::Phase;
+use stillcut::plant::scenario::Scenario;
 use stillcut::sample::MAX_AXES;
 
 const DIAMETER_M: f64 = 0.0234;
 const REACH_M: f64 = 1.2e-3;
 const SPEED_M_S: f64 = 0.6e-3;
+const ACCELERATION_M_S2: f64 = 0.02;
 const DIRECTIONS: [f64; 2] = [0.0, std::f64::consts::FRAC_PI_4];
 
-fn settings() -> AvoidanceSettings {
+/// `identified`: the pitch is chosen as in production, by the identified cut; else by eq. (6-10).
+fn settings(identified: bool) -> AvoidanceSettings {
     let axis = |index: usize| TurretAxis {
         index,
         direction_rad: DIRECTIONS[index],
         lowest_m: -REACH_M,
         highest_m: REACH_M,
         speed_m_s: SPEED_M_S,
+        acceleration_m_s2: ACCELERATION_M_S2,
     };
     AvoidanceSettings {
         turret: TurretKinematics::new([axis(0), axis(1)]).unwrap(),
@@ -33,13 +38,22 @@ fn settings() -> AvoidanceSettings {
         freshness_s: 0.05,
         report_deadline_s: 0.2,
         reached_m: 20e-6,
-        stated: None,
+        stated: identified.then(|| {
+            let Scenario { workpiece, cutting, .. } = Scenario::default();
+            StatedCut { workpiece, cutting }
+        }),
     }
 }
 
 fn watcher() -> InvariantMonitor {
     let limits = Commissioned {
-        axes: [0, 1].map(|i: usize| (i, DIRECTIONS[i], -REACH_M, REACH_M, SPEED_M_S)),
+        axes: [0, 1].map(|index: usize| CommissionedAxis {
+            index,
+            direction_rad: DIRECTIONS[index],
+            range_m: [-REACH_M, REACH_M],
+            speed_m_s: SPEED_M_S,
+            acceleration_m_s2: ACCELERATION_M_S2,
+        }),
         diameter_m: DIAMETER_M,
         largest_pitch_rad: 0.15,
         report_deadline_s: 0.2,
@@ -74,7 +88,10 @@ struct Step {
 enum TurretFault {
     Good,
     Stuck,
+    /// Refuses what it is told now, and reports it once.
     Refuses,
+    /// The same, and reports it until it takes a command.
+    RefusesAndSaysSo,
     Overshoots,
     WrongSign,
     NotANumber,
@@ -94,7 +111,7 @@ fn step() -> impl Strategy<Value = Step> {
     let age = |bad: u32| prop_oneof![40 => (0.0f64..0.01).prop_map(Some), bad => (0.0f64..3.0).prop_map(Some), 1 => Just(None)];
     let phase = prop_oneof![6 => Just(Phase::Chatter), 3 => Just(Phase::Quiet), 1 => Just(Phase::Suspected), 1 => Just(Phase::Learning)];
     let turret = prop_oneof![
-        40 => Just(TurretFault::Good), 2 => Just(TurretFault::Stuck), 1 => Just(TurretFault::Refuses),
+        40 => Just(TurretFault::Good), 2 => Just(TurretFault::Stuck), 1 => Just(TurretFault::Refuses), 1 => Just(TurretFault::RefusesAndSaysSo),
         1 => Just(TurretFault::Overshoots), 1 => Just(TurretFault::WrongSign), 1 => Just(TurretFault::NotANumber),
     ];
     let mode = prop_oneof![40 => Just(Mode::Act), 1 => Just(Mode::Advise), 1 => Just(Mode::Observe)];
@@ -142,27 +159,70 @@ struct World {
     actual_m: [f64; MAX_AXES],
     target_m: [f64; MAX_AXES],
     withheld: Option<u64>,
+    refused: Option<TurretFault>,
+    taken: Option<(u64, u64)>,
+    expires_s: f64,
 }
 
 impl World {
+    fn new() -> Self {
+        Self {
+            now_s: 100.0,
+            latest_s: 100.0,
+            actual_m: [0.0; MAX_AXES],
+            target_m: [0.0; MAX_AXES],
+            withheld: None,
+            refused: None,
+            taken: None,
+            expires_s: f64::INFINITY,
+        }
+    }
+
+    /// A command goes out, and the turret takes it or not.
+    fn obey(&mut self, step: &Step, command: &Command) {
+        if step.withheld && command.kind != CommandKind::Return {
+            self.withheld = Some(command.sequence);
+        } else if matches!(step.turret, TurretFault::Refuses | TurretFault::RefusesAndSaysSo) {
+            self.refused = Some(step.turret);
+        } else {
+            (self.target_m, self.refused) = (command.offsets_m, None);
+            self.taken = Some((command.epoch, command.sequence));
+            self.expires_s = command.based_on_s + command.ttl_s;
+        }
+    }
+
+    fn motion(&mut self) -> TurretMotion {
+        let refused = self.refused.take_if(|r| *r == TurretFault::Refuses).or(self.refused);
+        match refused {
+            Some(_) => TurretMotion::Refused,
+            None if self.expires_s == f64::NEG_INFINITY => TurretMotion::Expired,
+            None => TurretMotion::Reached,
+        }
+    }
+
     fn go_on(&mut self, step: &Step) -> Situation {
         self.now_s = self.latest_s + step.dt_s;
         self.latest_s = self.latest_s.max(self.now_s);
+        if self.latest_s > self.expires_s {
+            (self.target_m, self.expires_s) = ([0.0; MAX_AXES], f64::NEG_INFINITY);
+        }
         for axis in 0..2 {
             let way = (self.target_m[axis] - self.actual_m[axis]).clamp(-1e-3, 1e-3);
             self.actual_m[axis] += match step.turret {
-                TurretFault::Stuck | TurretFault::Refuses => 0.0,
+                TurretFault::Stuck => 0.0,
                 TurretFault::WrongSign => -way,
                 TurretFault::Overshoots => 1.2 * way,
-                TurretFault::Good | TurretFault::NotANumber => way,
+                TurretFault::Good
+                | TurretFault::NotANumber
+                | TurretFault::Refuses
+                | TurretFault::RefusesAndSaysSo => way,
             };
         }
         let mut offsets_m = self.actual_m;
         if step.turret == TurretFault::NotANumber {
             offsets_m[1] = f64::NAN;
         }
-        let motion =
-            if step.turret == TurretFault::Refuses { TurretMotion::Refused } else { TurretMotion::Reached };
+        let motion = self.motion();
         let now_s = self.now_s;
         Situation {
             now_s,
@@ -180,7 +240,7 @@ impl World {
                 heard_s: now_s - a,
                 offsets_m,
                 motion,
-                acknowledged: None,
+                acknowledged: self.taken,
             }),
             interlock: step.interlock.map(|(a, open)| Interlock { heard_s: now_s - a, open }),
             mode: step.mode,
@@ -210,11 +270,14 @@ struct Outcome {
 
 /// Runs a sequence; `tamper` changes what the decision believes, `spoil` what it says.
 fn run(steps: &[Step], tamper: Tamper, spoil: Spoil) -> Outcome {
-    let avoidance = Avoidance::new(settings()).unwrap();
+    run_with(settings(false), steps, (tamper, spoil))
+}
+
+fn run_with(settings: AvoidanceSettings, steps: &[Step], (tamper, spoil): (Tamper, Spoil)) -> Outcome {
+    let avoidance = Avoidance::new(settings).unwrap();
     let mut state = avoidance.start(1, 100.0);
     let mut watch = watcher();
-    let mut world =
-        World { now_s: 100.0, latest_s: 100.0, actual_m: [0.0; 6], target_m: [0.0; 6], withheld: None };
+    let mut world = World::new();
     let mut spoiler = Spoiler::default();
     let mut outcome = Outcome { violations: Vec::new(), commands: Vec::new(), holds: 0 };
     for step in steps {
@@ -231,11 +294,7 @@ fn run(steps: &[Step], tamper: Tamper, spoil: Spoil) -> Outcome {
         }
         match decision {
             Decision::Command(command) => {
-                if step.withheld && command.kind != CommandKind::Return {
-                    world.withheld = Some(command.sequence);
-                } else {
-                    world.target_m = command.offsets_m;
-                }
+                world.obey(step, &command);
                 outcome.commands.push(command);
             }
             Decision::Hold(_) | Decision::Advice(_) => outcome.holds += 1,
@@ -259,6 +318,12 @@ proptest! {
     #[test]
     fn no_sequence_breaks_an_invariant(steps in prop::collection::vec(step(), 1..150)) {
         let outcome = run(&steps, HONEST, FAITHFUL);
+        prop_assert!(outcome.violations.is_empty(), "{:?}", outcome.violations);
+    }
+
+    #[test]
+    fn nor_where_the_cut_is_identified(steps in prop::collection::vec(step(), 1..40)) {
+        let outcome = run_with(settings(true), &steps, (HONEST, FAITHFUL));
         prop_assert!(outcome.violations.is_empty(), "{:?}", outcome.violations);
     }
 
@@ -409,20 +474,15 @@ fn good_second() -> Step {
 
 /// Decisions of one sequence and what the monitor says of each.
 fn decisions(steps: &[Step]) -> Vec<Decision> {
-    let avoidance = Avoidance::new(settings()).unwrap();
+    let avoidance = Avoidance::new(settings(false)).unwrap();
     let (mut state, mut watch) = (avoidance.start(1, 100.0), watcher());
-    let mut world =
-        World { now_s: 100.0, latest_s: 100.0, actual_m: [0.0; 6], target_m: [0.0; 6], withheld: None };
+    let mut world = World::new();
     let mut decide = |step: &Step| {
         let seen = world.go_on(step);
         let decision = avoidance.decide(&mut state, &seen);
         assert_eq!(watch.watch(&seen, &decision), Ok(()), "{seen:?} {decision:?}");
         if let Decision::Command(command) = decision {
-            if step.withheld && command.kind != CommandKind::Return {
-                world.withheld = Some(command.sequence);
-            } else {
-                world.target_m = command.offsets_m;
-            }
+            world.obey(step, &command);
         }
         decision
     };
@@ -473,14 +533,108 @@ fn without_a_record_what_stands_is_renewed_and_nothing_else() {
     assert_eq!(none, [Decision::Hold(HoldReason::StoreNotWritable)]);
 }
 
+fn is_move(decision: &Decision) -> bool {
+    matches!(decision, Decision::Command(c) if c.kind == CommandKind::Move)
+}
+
+fn is_renewal(decision: &Decision) -> bool {
+    matches!(decision, Decision::Command(c) if c.kind == CommandKind::Renew)
+}
+
+/// Whether the controller tells a refusal once or until it takes a command: it is one refusal, and the waits
+/// grow.
+#[test]
+fn refusals_are_counted_once_each_and_waited_for_longer_each_time() {
+    for turret in [TurretFault::Refuses, TurretFault::RefusesAndSaysSo] {
+        let look = |turret| Step { dt_s: 0.1, turret, ..good_second() };
+        let decided = decisions(&vec![look(turret); 170]);
+        let times: Vec<usize> =
+            (0..decided.len()).filter(|k| matches!(decided[*k], Decision::Command(_))).collect();
+        let waits: Vec<usize> = times.windows(2).map(|t| t[1] - t[0]).collect();
+        assert!(waits.len() >= 3, "{turret:?} {times:?}");
+        for (wait, expected) in waits.iter().zip([10, 20, 40, 80]) {
+            assert!((expected..expected + 15).contains(wait), "{turret:?} {waits:?}");
+        }
+        assert!(!decided.contains(&Decision::Hold(HoldReason::TurretNotReached)), "{turret:?}");
+    }
+}
+
+/// A line that is now declared, now only suspected, at the same power all the time.
+#[test]
+fn five_targets_in_vain_call_a_person() {
+    let suspected = Step { phase: Phase::Suspected, ..good_second() };
+    let steps: Vec<Step> =
+        (0..40).map(|k| if k % 3 == 2 { suspected.clone() } else { good_second() }).collect();
+    let decided = decisions(&steps);
+    assert!(decided.iter().filter(|d| is_move(d)).count() <= 5);
+    assert_eq!(decided.last(), Some(&Decision::Hold(HoldReason::HandedOver)));
+}
+
+/// The way to the pitch takes longer than one interval: it is judged where the turret stands, not before.
+#[test]
+fn a_slow_turret_is_judged_when_it_has_arrived() {
+    let decided = decisions(&vec![good_second(); 6]);
+    assert!(is_move(&decided[0]) && is_renewal(&decided[1]) && is_renewal(&decided[2]), "{decided:?}");
+    let target = |k: usize| match decided[k] {
+        Decision::Command(c) => c.offsets_m,
+        _ => panic!("{decided:?}"),
+    };
+    assert!(target(0) != target(1) && target(1) == target(2), "on the way, then there");
+    assert!(is_move(&decided[3]), "two intervals there did not help: {decided:?}");
+}
+
+#[test]
+fn a_held_turret_stays_where_it_is_and_is_moved_once_it_is_let_go() {
+    let held = Step { operator_hold: true, ..good_second() };
+    let none = decisions(&vec![held.clone(); 3]);
+    assert_eq!(none, vec![Decision::Hold(HoldReason::OperatorHold); 3]);
+    let mut steps = vec![good_second(); 3];
+    steps.extend(vec![held; 5]);
+    steps.extend(vec![good_second(); 2]);
+    let decided = decisions(&steps);
+    assert!(decided[3..8].iter().all(is_renewal), "{decided:?}");
+    let target = |d: &Decision| if let Decision::Command(c) = d { c.offsets_m } else { [f64::NAN; MAX_AXES] };
+    assert!(decided[3..8].iter().all(|d| target(d) == target(&decided[2])));
+    assert!(decided[8..].iter().any(is_move), "{decided:?}");
+}
+
+/// No sample for three seconds of a window that is not full: the command expires, the turret goes back by
+/// itself, and that is no turret that is stuck.
+#[test]
+fn an_expired_command_is_no_stuck_turret() {
+    let mut steps = vec![good_second(); 2];
+    steps.extend(vec![Step { window_full: false, phase: Phase::Learning, ..good_second() }; 6]);
+    steps.extend(vec![good_second(); 3]);
+    let decided = decisions(&steps);
+    assert!(is_move(&decided[8]), "{decided:?}");
+    assert!(!decided.contains(&Decision::Hold(HoldReason::TurretNotReached)));
+}
+
+/// Axes that reach to the other side only: the pitch is as large, and negative.
+#[test]
+fn the_pitch_goes_to_the_side_that_the_axes_reach() {
+    let mut there = settings(false);
+    let axes = there.turret.axes().map(|a| TurretAxis {
+        lowest_m: -1.2e-3,
+        highest_m: if a.index == 1 { 0.0 } else { 1.2e-3 },
+        ..a
+    });
+    there.turret = TurretKinematics::new(axes).unwrap();
+    let avoidance = Avoidance::new(there).unwrap();
+    let (mut state, mut watch, mut world) = (avoidance.start(1, 100.0), watcher(), World::new());
+    let seen = world.go_on(&good_second());
+    let decision = avoidance.decide(&mut state, &seen);
+    assert_eq!(watch.watch(&seen, &decision), Ok(()));
+    assert!(matches!(decision, Decision::Command(c) if c.requested_pitch_rad < -0.08), "{decision:?}");
+}
+
 /// The monitor believes its own eyes: what the situation says of the samples does not count.
 #[test]
 fn the_monitor_counts_the_samples_itself() {
     let decide = |samples: &[(f64, u64, bool)]| {
-        let avoidance = Avoidance::new(settings()).unwrap();
+        let avoidance = Avoidance::new(settings(false)).unwrap();
         let (mut state, mut watch) = (avoidance.start(1, 100.0), watcher());
-        let mut world =
-            World { now_s: 100.0, latest_s: 100.0, actual_m: [0.0; 6], target_m: [0.0; 6], withheld: None };
+        let mut world = World::new();
         watch.stream_begins(1000.0);
         samples.iter().for_each(|(t, n, good)| watch.sample(*t, *n, *good));
         let seen = world.go_on(&good_second());
@@ -508,6 +662,9 @@ fn the_guard_lets_good_commands_through_and_stops_each_kind_of_bad_one() {
         lowest_m: [-REACH_M, -REACH_M, 0.0, 0.0, 0.0, 0.0],
         highest_m: [REACH_M, REACH_M, 0.0, 0.0, 0.0, 0.0],
         speed_m_s: [SPEED_M_S; MAX_AXES],
+        acceleration_m_s2: [ACCELERATION_M_S2; MAX_AXES],
+        direction_rad: [DIRECTIONS[0], DIRECTIONS[1], 0.0, 0.0, 0.0, 0.0],
+        diameter_m: DIAMETER_M,
         largest_pitch_rad: 0.15,
     };
     let facts =
@@ -519,7 +676,7 @@ fn the_guard_lets_good_commands_through_and_stops_each_kind_of_bad_one() {
         based_on_s: 9.99,
         ttl_s: 2.5,
         kind: CommandKind::Move,
-        pitch_difference_rad: 0.05,
+        pitch_difference_rad: 0.048_269_010_5,
         requested_pitch_rad: 0.05,
         offsets_m: [-0.3e-3, 0.4e-3, 0.0, 0.0, 0.0, 0.0],
     };
@@ -533,6 +690,8 @@ fn the_guard_lets_good_commands_through_and_stops_each_kind_of_bad_one() {
         Command { offsets_m: [f64::NAN; MAX_AXES], ..good },
         Command { offsets_m: [0.0, 0.0, 1e-6, 0.0, 0.0, 0.0], ..good },
         Command { pitch_difference_rad: 0.2, ..good },
+        Command { pitch_difference_rad: 0.0, ..good },
+        Command { offsets_m: [0.2e-3, 0.7e-3, 0.0, 0.0, 0.0, 0.0], ..good },
         Command { ttl_s: 3.0, ..good },
         Command { ttl_s: 0.0, ..good },
         Command { based_on_s: 9.9, ..good },
@@ -559,7 +718,8 @@ fn the_guard_lets_good_commands_through_and_stops_each_kind_of_bad_one() {
         pitch_difference_rad: 0.0,
         ..good
     };
-    assert!(guard.pass(&mut state, &back, &soon).is_ok(), "going back waits for nothing");
+    let open = Facts { interlock_closed_s: None, mode: Mode::Observe, ..soon };
+    assert!(guard.pass(&mut state, &back, &open).is_ok(), "going back waits for nothing");
 }
 
 #[test]

@@ -32,6 +32,7 @@ const ROUTES: &[(&str, &str, Option<&str>, usize)] = &[
     ("POST", "/api/v1/events/1/silence", Some(r#"{"reason":"test","minutes":1}"#), 2),
     ("PUT", "/api/v1/mode", Some(r#"{"mode":"observe","reason":"test"}"#), 2),
     ("POST", "/api/v1/override", Some(r#"{"reason":"test"}"#), 2),
+    ("PUT", "/api/v1/hold", Some(r#"{"hold":true,"reason":"test"}"#), 2),
     ("POST", "/api/v1/fault/clear", Some(r#"{"reason":"test"}"#), 3),
     ("POST", "/api/v1/recordings", Some(r#"{"reason":"test"}"#), 2),
     ("POST", "/api/v1/diagnoses", Some(r#"{"reason":"test","recordings":["none"]}"#), 3),

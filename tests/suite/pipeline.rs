@@ -36,6 +36,7 @@ pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
         axes: ["x1", "y1", "x2", "y2"].map(plan).to_vec(),
         band: BandPlan::Workpiece(scenario.workpiece),
         tools: None,
+        infeed: None,
         pushes: false,
     }
 }
@@ -113,7 +114,7 @@ fn the_band_follows_the_tools() {
     let length_m = raw.workpiece.projection_length_m;
     let mut settings = settings(&scenario);
     settings.band = BandPlan::Cut(scenario.workpiece, scenario.cutting);
-    settings.tools = Some(ToolAxis { index: 4, zero_m: length_m, toward_chuck: true });
+    settings.tools = Some(ToolAxis { index: 4, zero_m: length_m, toward: true });
     settings.axes.push(AxisPlan { name: "z1".into(), force: None, beside: None, nut: None, watch: false });
     let mut stream = samples(scenario, 2, 8); // two seconds of air
     let count = stream.len() as f64;
@@ -133,7 +134,8 @@ fn the_band_follows_the_tools() {
     }
     assert!(edges.windows(2).skip(2300).all(|w| w[1] <= w[0]), "it only narrows");
     assert!(edges[17_999] < 0.9 * designed[1], "{designed:?} to {}", edges[17_999]);
-    let expected = settings.band.band_at(0.2 * length_m + 0.8 * length_m * 0.125 / 2.0).unwrap();
+    let position_m = 0.2 * length_m + 0.8 * length_m * 0.125 / 2.0;
+    let expected = settings.band.band_at(Some(position_m), None).unwrap();
     assert!((edges[17_999] / expected.high_hz() - 1.0).abs() < 0.02);
     let mut again = Pipeline::new(settings).unwrap();
     again.restore(&words).unwrap();
@@ -142,6 +144,26 @@ fn the_band_follows_the_tools() {
         assert_eq!(again.band_hz()[1].to_bits(), edge.to_bits());
     }
     assert_eq!(again.settings_digest(), live.settings_digest());
+}
+
+/// The tool moves in and turns the bar down by a tenth: what is left bends a tenth more slowly.
+#[test]
+fn the_band_follows_the_diameter() {
+    let scenario = scenario(0.0);
+    let radius_m = 0.5 * scenario.workpiece.diameter_m();
+    let mut settings = settings(&scenario);
+    settings.band = BandPlan::Cut(scenario.workpiece, scenario.cutting);
+    settings.infeed = Some(ToolAxis { index: 0, zero_m: radius_m, toward: true });
+    let mut live = Pipeline::new(settings).unwrap();
+    let designed = live.band_hz();
+    let mut stream = samples(scenario, 2, 8);
+    for sample in &mut stream {
+        sample.axes[0].stage_position_m = Some(0.1 * radius_m);
+        live.step(sample);
+    }
+    let now = live.band_hz();
+    assert!((now[0] / (0.9 * designed[0]) - 1.0).abs() < 0.01, "{designed:?} {now:?}");
+    assert!((now[1] / (0.9 * designed[1]) - 1.0).abs() < 0.05, "{designed:?} {now:?}");
 }
 
 #[test]

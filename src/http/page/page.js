@@ -169,6 +169,8 @@ function showMode(now) {
     button.setAttribute("aria-pressed", String(button.dataset.mode === now.mode));
   }
   setText("mode-reason", now.mode_reason);
+  $("hold").setAttribute("aria-pressed", String(now.turret_held));
+  setText("hold", now.turret_held ? "Held: let the turret go" : "Hold the turret");
   $("fault").hidden = !now.fault;
   $("clear-fault").hidden = !now.fault;
   setText("fault", now.fault ? `Latched fault: ${now.fault}` : "");
@@ -480,6 +482,15 @@ async function takeBack() {
   }
 }
 
+function askHold() {
+  const hold = $("hold").getAttribute("aria-pressed") !== "true";
+  ask({
+    title: hold ? "Hold the turret" : "Let the turret go",
+    text: hold ? "It stays where it is until it is let go or the mode changes." : "Commands may move it again.",
+    run: (given) => request("PUT", "/api/v1/hold", { ...given, hold }),
+  });
+}
+
 function askToken() {
   ask({ title: "Access token", text: "Kept until this tab is closed. Empty forgets it.", run: async () => {
     if (!$("ask-token").value) sessionStorage.removeItem("token");
@@ -504,6 +515,7 @@ const saved = localStorage.getItem("theme");
 if (saved === "light" || saved === "dark") document.documentElement.dataset.theme = saved;
 for (const button of document.querySelectorAll("[data-mode]")) button.addEventListener("click", () => askMode(button.dataset.mode));
 $("take-back").addEventListener("click", takeBack);
+$("hold").addEventListener("click", askHold);
 $("acknowledge-all").addEventListener("click", () => ask({
   title: "Acknowledge all of these", text: `${$("open-alarms").children.length} alarms`, reason: "seen", run: acknowledgeAll,
 }));

@@ -5,7 +5,7 @@
 use super::super::control::Refusal;
 use crate::avoidance::account::{Look, settings_digest};
 use crate::avoidance::guard::{Facts, Guard, GuardState};
-use crate::avoidance::invariants::{Commissioned, InvariantMonitor, Violation};
+use crate::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor, Violation};
 use crate::avoidance::pitch::pitch_of_shift_rad;
 use crate::avoidance::{
     Avoidance, AvoidanceState, Command, CommandKind, Decision, HoldReason, Mode as ActMode, Situation,
@@ -92,12 +92,17 @@ impl Acting {
             lowest_m: [0.0; MAX_AXES],
             highest_m: [0.0; MAX_AXES],
             speed_m_s: [0.0; MAX_AXES],
+            acceleration_m_s2: [0.0; MAX_AXES],
+            direction_rad: [0.0; MAX_AXES],
+            diameter_m: config.workpiece.diameter_m(),
             largest_pitch_rad: turret.largest_pitch_difference_rad,
         };
         for (i, index) in axes.into_iter().enumerate() {
             guard.lowest_m[index] = turret.lowest_offset_m[i];
             guard.highest_m[index] = turret.highest_offset_m[i];
             guard.speed_m_s[index] = turret.speed_m_s[i];
+            guard.acceleration_m_s2[index] = turret.acceleration_m_s2[i];
+            guard.direction_rad[index] = turret.direction_rad[i];
         }
         Ok(Self {
             monitor: InvariantMonitor::new(commissioned(config, axes), now_s),
@@ -268,9 +273,12 @@ impl Acting {
 /// The limits as the monitor is told them: from the configuration, past the decision's settings.
 pub(super) fn commissioned(config: &ServiceConfig, axes: [usize; 2]) -> Commissioned {
     let turret = &config.turret;
-    let axis = |i: usize| {
-        let reach = (turret.lowest_offset_m[i], turret.highest_offset_m[i]);
-        (axes[i], turret.direction_rad[i], reach.0, reach.1, turret.speed_m_s[i])
+    let axis = |i: usize| CommissionedAxis {
+        index: axes[i],
+        direction_rad: turret.direction_rad[i],
+        range_m: [turret.lowest_offset_m[i], turret.highest_offset_m[i]],
+        speed_m_s: turret.speed_m_s[i],
+        acceleration_m_s2: turret.acceleration_m_s2[i],
     };
     Commissioned {
         axes: [axis(0), axis(1)],

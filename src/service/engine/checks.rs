@@ -2,6 +2,7 @@
 
 use super::acting::commissioned;
 use super::{Engine, Ports, Setup};
+use crate::avoidance::invariants::{Commissioned, CommissionedAxis};
 use crate::config::service::ServiceConfig;
 use crate::plant::scenario::Scenario;
 use crate::service::clock;
@@ -146,8 +147,8 @@ fn a_decision_that_breaks_a_rule_is_not_sent_and_ends_acting() {
     let mut bench = bench();
     bench.feed(3.5, |_| {});
     let narrow = commissioned(&ServiceConfig::default(), [0, 1]);
-    let narrow = crate::avoidance::invariants::Commissioned {
-        axes: narrow.axes.map(|(index, direction, ..)| (index, direction, -1e-6, 1e-6, 1.0)),
+    let narrow = Commissioned {
+        axes: narrow.axes.map(|axis| CommissionedAxis { range_m: [-1e-6, 1e-6], ..axis }),
         ..narrow
     };
     bench.engine.acting.as_mut().unwrap().mislead(narrow, 0.0);

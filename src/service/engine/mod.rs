@@ -122,6 +122,8 @@ pub(super) struct Engine {
     began: Instant,
     last_wake: Instant,
     acknowledge: bool,
+    /// A person wants the turret left where it is.
+    held: bool,
     told_rad: Option<f64>,
     told_speed: bool,
     turret_state: u32,
@@ -181,6 +183,7 @@ impl Engine {
             began: clock::now(),
             last_wake: clock::now(),
             acknowledge: false,
+            held: false,
             told_rad: None,
             told_speed: false,
             turret_state: 0,
@@ -411,6 +414,13 @@ impl Engine {
                 self.take_back(&origin);
                 let _ = done.send(Ok(self.mode_now()));
             }
+            Control::Hold { on, origin, done } => {
+                self.held = on;
+                let words = if on { "holds the turret where it is" } else { "lets the turret go" };
+                let text = format!("{} {words} ({})", origin.actor, origin.reason);
+                self.report(Event::new(EventKind::OperatorHold, clock::wall_ns(), text));
+                let _ = done.send(Ok(self.mode_now()));
+            }
             Control::ClearFault { origin, done } => {
                 self.acknowledge = self.acting.is_some();
                 if let Some(fault) = self.fault.take() {
@@ -480,6 +490,7 @@ impl Engine {
 
     fn change_mode(&mut self, mode: Mode, reason: &str) {
         let before = std::mem::replace(&mut self.mode, mode);
+        self.held &= before == mode;
         self.mode_revision += 1;
         reason.clone_into(&mut self.mode_reason);
         self.show_mode();

@@ -190,6 +190,7 @@ impl Engine {
             mode_revision: self.mode_revision,
             mode_reason: self.mode_reason.clone(),
             fault: self.fault.clone(),
+            turret_held: self.held,
             source: self.source_view(now),
             interlocks: self.interlock_views(),
             pitch: self.pitch_view(now),

@@ -154,7 +154,7 @@ impl Engine {
                 open: status.interlocks_open != 0,
             }),
             mode: self.decided_mode(),
-            operator_hold: false,
+            operator_hold: self.held,
             operator_acknowledge: self.acknowledge,
             store_writable,
             withheld: self.acting.as_ref().and_then(|a| a.withheld),
