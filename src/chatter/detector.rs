@@ -255,10 +255,8 @@ impl Detector {
                 // A jump of 6 dB between two looks is a hit, no growth: the line must last from there.
                 let struck = short.power_n2 > 4.0 * strongest_n2;
                 let since_s = if struck { evidence.t_s } else { since_s };
-                // Forgotten over 0.1 s: what was struck may go on to chatter. Not where the tools have just gone
-                // in: what rings then is declared by nothing but its own growth.
-                let keep = if evidence.orders_young { 1.0 } else { STRONGEST_KEEP };
-                let strongest_n2 = (strongest_n2 * keep).max(short.power_n2);
+                // Forgotten over 0.1 s: what was struck may go on to chatter.
+                let strongest_n2 = (strongest_n2 * STRONGEST_KEEP).max(short.power_n2);
                 self.phase = State::Suspected { since_s, last_seen_s, strongest_n2 };
                 self.judge(evidence)
             }

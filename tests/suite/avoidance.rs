@@ -397,6 +397,7 @@ fn planted() -> Vec<(&'static str, Tamper, Spoil)> {
                 c.offsets_m[0] = 1e-4
             }
         }),
+        spoil("every renewal a new target", |d, _| on_command(d, |c| c.kind = CommandKind::Move)),
         spoil("pitch for twice the speed", |d, _| {
             on_command(d, |c| {
                 c.requested_pitch_rad *= 2.0;
