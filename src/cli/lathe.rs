@@ -14,9 +14,8 @@ use std::path::PathBuf;
 ///
 /// It stands where a motion controller stands. Stop it with Ctrl-C.
 #[derive(clap::Args)]
-#[command(
-    after_help = "Example: stillcut lathe --config config/lathe.toml & stillcut run --config config/stillcut.toml"
-)]
+#[command(after_help = "Example: stillcut lathe --config config/lathe.toml & \
+                  stillcut run --config config/stillcut.toml")]
 pub(super) struct Arguments {
     /// Scenario (lathe.toml); without it, the bar and cut of the README's example.
     #[arg(long, value_name = "FILE")]
