@@ -46,7 +46,7 @@ complete -c stillcut -n "__fish_stillcut_needs_command" -f -a "man" -d 'Prints t
 complete -c stillcut -n "__fish_stillcut_needs_command" -f -a "token" -d 'Makes an access token: prints it once, and adds its SHA-256 to the file of tokens'
 complete -c stillcut -n "__fish_stillcut_needs_command" -f -a "audit" -d 'Checks the audit record: every row\'s hash covers the row before it'
 complete -c stillcut -n "__fish_stillcut_needs_command" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
-complete -c stillcut -n "__fish_stillcut_using_subcommand demo" -l duration-s -d 'Machine time to run for, in s' -r
+complete -c stillcut -n "__fish_stillcut_using_subcommand demo" -l duration-s -d 'Machine time to run for, in s; Ctrl-C ends it earlier' -r
 complete -c stillcut -n "__fish_stillcut_using_subcommand demo" -l mode -d 'How far the service goes: observe, advise or act' -r -f -a "observe\t''
 advise\t''
 act\t''"
@@ -56,7 +56,7 @@ complete -c stillcut -n "__fish_stillcut_using_subcommand demo" -l json -d 'Prin
 complete -c stillcut -n "__fish_stillcut_using_subcommand demo" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c stillcut -n "__fish_stillcut_using_subcommand demo" -s V -l version -d 'Print version'
 complete -c stillcut -n "__fish_stillcut_using_subcommand run" -l config -d 'Configuration; without it every setting has the default that `print-config` shows' -r -F
-complete -c stillcut -n "__fish_stillcut_using_subcommand run" -l check -d 'Only read the configuration and say whether it is good'
+complete -c stillcut -n "__fish_stillcut_using_subcommand run" -l check -d 'Only read the configuration and the files that it names, and say whether they are good'
 complete -c stillcut -n "__fish_stillcut_using_subcommand run" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c stillcut -n "__fish_stillcut_using_subcommand run" -s V -l version -d 'Print version'
 complete -c stillcut -n "__fish_stillcut_using_subcommand lathe" -l config -d 'Scenario (lathe.toml); without it, the bar and cut of the README\'s example' -r -F
@@ -177,7 +177,7 @@ complete -c stillcut -n "__fish_stillcut_using_subcommand man" -s V -l version -
 complete -c stillcut -n "__fish_stillcut_using_subcommand token" -l file -d 'File of tokens, as `http.tokens` names it; made with mode 600 where it is not there' -r -F
 complete -c stillcut -n "__fish_stillcut_using_subcommand token" -l name -d 'Whose token it is: letters, digits, `.`, `-`, `_`' -r
 complete -c stillcut -n "__fish_stillcut_using_subcommand token" -l role -d 'viewer, operator or engineer' -r
-complete -c stillcut -n "__fish_stillcut_using_subcommand token" -l days -d 'Days until it expires' -r
+complete -c stillcut -n "__fish_stillcut_using_subcommand token" -l days -d 'Days until it expires, 1 to 3650' -r
 complete -c stillcut -n "__fish_stillcut_using_subcommand token" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c stillcut -n "__fish_stillcut_using_subcommand token" -s V -l version -d 'Print version'
 complete -c stillcut -n "__fish_stillcut_using_subcommand audit; and not __fish_seen_subcommand_from verify help" -s h -l help -d 'Print help'

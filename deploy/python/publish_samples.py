@@ -11,6 +11,7 @@ It stands where a motion controller's own producer would; the layout is that of 
 import argparse
 import ctypes
 import math
+import sys
 import time
 
 import iceoryx2 as iox2
@@ -52,6 +53,23 @@ class ServoBatch(ctypes.Structure):
         return "stillcut.ServoBatch.v2"
 
 
+def open_service(node):
+    """The servo service, tried for ever: Stillcut creates it and with it every limit, a producer only opens it."""
+    pause_s = 0.01
+    while True:
+        try:
+            name = iox2.ServiceName.new("Stillcut/Servo")
+            return node.service_builder(name).publish_subscribe(ServoBatch).open()
+        except iox2.PublishSubscribeOpenError as error:
+            # Not there yet, or just being made or removed; all else is for a person.
+            if not any(word in str(error) for word in ("DoesNotExist", "HangsInCreation", "IsMarkedForDestruction")):
+                raise
+        if pause_s == 0.01:
+            print("waiting for Stillcut to create its service", file=sys.stderr)
+        time.sleep(pause_s)
+        pause_s = min(2.0 * pause_s, 0.25)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--prefix", default="stillcut")
@@ -69,8 +87,7 @@ def main() -> None:
         .signal_handling_mode(iox2.SignalHandlingMode.Disabled)
         .create(iox2.ServiceType.Ipc)
     )
-    # Stillcut creates the service and with it every limit; a producer only opens it.
-    service = node.service_builder(iox2.ServiceName.new("Stillcut/Servo")).publish_subscribe(ServoBatch).open()
+    service = open_service(node)
     publisher = service.publisher_builder().create()
 
     batch = ServoBatch(stream=time.time_ns(), sample_rate_hz=RATE_HZ, sample_count=BATCH, axis_count=2)

@@ -1,6 +1,7 @@
 //! `stillcut demo`: the whole system on a virtual lathe.
 
 use super::bad_input;
+use super::signals::stop_flag;
 use crate::config::scenario::read_scenario;
 use crate::plant::scenario::{RawScenario, Scenario};
 use crate::service::demo::{DemoPlan, Summary, run_demo};
@@ -15,7 +16,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  stillcut demo\n  stillcut demo --mode observe --duration-s 12 --json")]
 pub(super) struct Arguments {
-    /// Machine time to run for, in s.
+    /// Machine time to run for, in s; Ctrl-C ends it earlier.
     #[arg(long, value_name = "SECONDS", default_value_t = 30.0)]
     duration_s: f64,
     /// How far the service goes: observe, advise or act.
@@ -48,7 +49,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         port: 8620,
     };
     let quiet = arguments.json;
-    let summary = run_demo(&plan, |line| {
+    let summary = run_demo(&plan, stop_flag()?, |line| {
         if !quiet {
             let _ = writeln!(std::io::stdout(), "{line}");
         }

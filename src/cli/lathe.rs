@@ -1,6 +1,7 @@
 //! `stillcut lathe`: the virtual lathe alone, in real time over shared memory.
 
 use super::bad_input;
+use super::signals::stop_flag;
 use crate::config::scenario::read_scenario;
 use crate::plant::scenario::{RawScenario, Scenario};
 use crate::service::virtual_lathe::VirtualLathe;
@@ -8,16 +9,13 @@ use crate::simulation::lathe::{Lathe, LatheSettings};
 use crate::transport::Domain;
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Runs the virtual lathe alone, in real time: servo samples at 9 kHz out, turret commands in.
 ///
 /// It stands where a motion controller stands. Stop it with Ctrl-C.
 #[derive(clap::Args)]
-#[command(
-    after_help = "Example: stillcut lathe --config config/lathe.toml & stillcut run --config config/demo.toml"
-)]
+#[command(after_help = "Example: stillcut lathe --config config/lathe.toml & \
+                  stillcut run --config config/stillcut.toml")]
 pub(super) struct Arguments {
     /// Scenario (lathe.toml); without it, the bar and cut of the README's example.
     #[arg(long, value_name = "FILE")]
@@ -53,8 +51,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let domain = Domain::new(&arguments.prefix, &arguments.root).map_err(bad_input)?;
     let settings =
         LatheSettings { entry_s: arguments.entry_s, ..LatheSettings::realistic(scenario, arguments.seed) };
-    let stop = Arc::new(AtomicBool::new(false));
-    stop_on_signal(Arc::clone(&stop))?;
+    let stop = stop_flag()?;
     let mut lathe = VirtualLathe::join(settings, &domain)?;
     let terminal = std::io::stderr().is_terminal();
     let mut next_s = 0.0;
@@ -80,21 +77,4 @@ fn show(lathe: &Lathe) {
         truth.tool_position_m * 1e3,
         truth.pitch_difference_rad.to_degrees(),
     );
-}
-
-/// Sets the flag at SIGINT or SIGTERM, on a thread of its own.
-fn stop_on_signal(stop: Arc<AtomicBool>) -> anyhow::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    std::thread::Builder::new().name("signals".into()).spawn(move || {
-        runtime.block_on(async {
-            use tokio::signal::unix::{SignalKind, signal};
-            let Ok(mut terminate) = signal(SignalKind::terminate()) else { return };
-            tokio::select! {
-                _ = tokio::signal::ctrl_c() => {}
-                _ = terminate.recv() => {}
-            }
-        });
-        stop.store(true, Ordering::Relaxed);
-    })?;
-    Ok(())
 }

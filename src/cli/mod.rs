@@ -22,6 +22,8 @@ mod replay;
 mod resolution;
 #[cfg(feature = "service")]
 mod run;
+#[cfg(feature = "service")]
+mod signals;
 mod simulate;
 mod stability;
 #[cfg(feature = "service")]

@@ -1,23 +1,24 @@
 //! `stillcut run`.
 
 use super::bad_input;
+use super::signals::Signals;
 use crate::config::service::{ServiceConfig, read_service_config};
-use crate::service::{Running, ServiceError, clock, start};
+use crate::service::{Running, ServiceError, check, clock, start};
+use crate::store::StoreError;
 use crate::telemetry::{LogFormat, start_logs};
-use crate::transport::TransportError;
 use std::path::PathBuf;
 use std::time::Duration;
-use tokio::signal::unix::{Signal, SignalKind, signal};
 
 /// Runs the service until it is told to stop.
 ///
-/// It starts in mode observe. Example: stillcut run --config /etc/stillcut/stillcut.toml
+/// It starts in mode observe; SIGINT, SIGTERM and SIGHUP end it in good order.
+/// Example: stillcut run --config /etc/stillcut/stillcut.toml
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Configuration; without it every setting has the default that `print-config` shows.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Only read the configuration and say whether it is good.
+    /// Only read the configuration and the files that it names, and say whether they are good.
     #[arg(long)]
     check: bool,
 }
@@ -28,15 +29,14 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         None => ServiceConfig::default(),
     };
     config.force.read_idle_runs(&config.machine, crate::recording::read_recording).map_err(bad_input)?;
+    check(&config).map_err(bad_input)?;
     if arguments.check {
         return Ok(());
     }
     start_logs(if config.log_json { LogFormat::Json } else { LogFormat::Text });
     let running = start(config).map_err(|error| match error {
-        // What stands in files that a person must mend: trying again does not help.
-        ServiceError::Tokens(_)
-        | ServiceError::Tls(_)
-        | ServiceError::Transport(TransportError::Domain(_)) => bad_input(error),
+        // A person must go back or forward: trying again does not help.
+        ServiceError::Store(StoreError::NewerSchema { .. }) => bad_input(error),
         // A full disk, a port that is taken, shared memory of another user: may be over at the next start.
         _ => anyhow::Error::new(error),
     })?;
@@ -79,25 +79,4 @@ fn wait_for_the_end(running: &Running, mut signals: Signals) -> Option<&'static 
             }
         }
     })
-}
-
-/// SIGINT and SIGTERM.
-struct Signals {
-    interrupt: Signal,
-    terminate: Signal,
-}
-
-impl Signals {
-    /// Takes both over from the system's default, which ends the process. Call on the runtime.
-    fn listen() -> std::io::Result<Self> {
-        Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
-    }
-
-    /// Resolves at the first of them.
-    async fn first(&mut self) {
-        tokio::select! {
-            _ = self.interrupt.recv() => {}
-            _ = self.terminate.recv() => {}
-        }
-    }
 }

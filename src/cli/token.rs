@@ -1,7 +1,7 @@
 //! `stillcut token`.
 
 use super::bad_input;
-use crate::http::{Role, new_token};
+use crate::http::{Role, new_token, token_names};
 use crate::service::clock;
 use anyhow::Context as _;
 use std::fs::File;
@@ -25,8 +25,8 @@ pub(super) struct Arguments {
     /// viewer, operator or engineer.
     #[arg(long)]
     role: String,
-    /// Days until it expires.
-    #[arg(long, default_value_t = 365)]
+    /// Days until it expires, 1 to 3650.
+    #[arg(long, default_value_t = 365, value_parser = clap::value_parser!(u32).range(1..=3650))]
     days: u32,
 }
 
@@ -42,17 +42,23 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let role = roles.into_iter().find(|r| r.word() == arguments.role).ok_or_else(|| {
         bad_input(format!("--role `{}` is not one of viewer, operator, engineer", arguments.role))
     })?;
+    let names = token_names(&arguments.file).map_err(bad_input)?;
+    let place = arguments.file.display();
+    if names.contains(&arguments.name) {
+        let what = "is there already; delete its entry first or choose another name";
+        return Err(bad_input(format!("{place}: a token named `{}` {what}", arguments.name)));
+    }
     let mut random = [0; 32];
     File::open("/dev/urandom").and_then(|mut f| f.read_exact(&mut random)).context("/dev/urandom")?;
     let (text, digest) = new_token(random);
     let expires =
         clock::rfc3339(clock::wall_ns().saturating_add(i64::from(arguments.days) * 86_400_000_000_000));
     let entry = format!(
-        "[[token]]\nname = \"{}\"\nrole = \"{}\"\nsha256 = \"{digest}\"\nexpires = \"{expires}\"\n",
+        "{}[[token]]\nname = \"{}\"\nrole = \"{}\"\nsha256 = \"{digest}\"\nexpires = \"{expires}\"\n",
+        if names.is_empty() { "" } else { "\n" },
         arguments.name,
         role.word()
     );
-    let place = arguments.file.display();
     let opened = File::options().create(true).append(true).mode(0o600).open(&arguments.file);
     let mut file = opened.map_err(|e| bad_input(format!("{place}: {e}")))?;
     file.write_all(entry.as_bytes()).and_then(|()| file.sync_all()).with_context(|| place.to_string())?;

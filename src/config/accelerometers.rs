@@ -54,7 +54,7 @@ pub fn read_estimators(path: &Path) -> Result<Vec<FrfEstimator>, ConfigError> {
         place: place.to_owned(),
         message,
     };
-    let text = super::read_text(path)?;
+    let text = super::read_text(path, "accelerometer estimator")?;
     let file: FileDto = serde_json::from_str(&text).map_err(|e| ConfigError::Syntax {
         path: path.to_owned(),
         line: e.line(),

@@ -237,7 +237,7 @@ fn unit(name: &str) -> Option<(&'static str, f64)> {
 
 /// Reads a map. Errors: one line with file, place and what was expected.
 pub fn read_import_map(path: &Path) -> Result<ImportMap, ConfigError> {
-    import_map_from_text(path, &read_text(path)?)
+    import_map_from_text(path, &read_text(path, "import map")?)
 }
 
 /// Parses a map; `path` only names the source in errors.

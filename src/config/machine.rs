@@ -76,7 +76,7 @@ drive_keys!(
 
 /// Reads a machine model. Errors: one line with file, place and what was expected.
 pub fn read_machine(path: &Path) -> Result<Machine, ConfigError> {
-    machine_from_text(path, &read_text(path)?)
+    machine_from_text(path, &read_text(path, "machine model")?)
 }
 
 /// Parses a machine model; `path` only names the source in errors.

@@ -14,8 +14,10 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum ConfigError {
     /// The file cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("{what} {}: {source}", path.display())]
     Read {
+        /// What the file was to hold.
+        what: &'static str,
         /// File.
         path: PathBuf,
         /// What the system said.
@@ -50,9 +52,10 @@ pub(crate) fn in_one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.into() }).collect()
 }
 
-/// Reads a text file. Errors: [`ConfigError::Read`].
-pub fn read_text(path: &Path) -> Result<String, ConfigError> {
-    std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
+/// Reads a text file that is to hold `what`. Errors: [`ConfigError::Read`].
+pub fn read_text(path: &Path, what: &'static str) -> Result<String, ConfigError> {
+    let text = std::fs::read_to_string(path);
+    text.map_err(|source| ConfigError::Read { what, path: path.to_owned(), source })
 }
 
 /// A number within a range. Errors: one line with its place.
@@ -111,11 +114,18 @@ pub fn parse<T: serde::de::DeserializeOwned>(path: &Path, text: &str) -> Result<
     })
 }
 
-/// Year, month and day with dashes.
+/// Year, month and day with dashes, a day that the calendar has.
 pub(crate) fn is_date(text: &str) -> bool {
     let numbers: Vec<u32> = text.split('-').filter_map(|part| part.parse().ok()).collect();
     let form = text.len() == 10 && text.bytes().enumerate().all(|(i, b)| (b == b'-') == (i == 4 || i == 7));
-    form && matches!(numbers[..], [_, 1..=12, 1..=31])
+    let leap = |year: u32| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
+    let last = |year, month| match month {
+        2 if leap(year) => 29,
+        2 => 28,
+        4 | 6 | 9 | 11 => 30,
+        _ => 31,
+    };
+    form && matches!(numbers[..], [year, month @ 1..=12, day] if (1..=last(year, month)).contains(&day))
 }
 
 #[cfg(test)]

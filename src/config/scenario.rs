@@ -53,7 +53,7 @@ struct ToolsToml {
 
 /// Reads a scenario. Errors: one line with file, place and what was expected.
 pub fn read_scenario(path: &Path) -> Result<Scenario, ConfigError> {
-    scenario_from_text(path, &read_text(path)?)
+    scenario_from_text(path, &read_text(path, "scenario")?)
 }
 
 /// Parses a scenario; `path` only names the source in errors.

@@ -17,7 +17,8 @@ use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::units::SampleRate;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::net::SocketAddr;
+use std::f64::consts::TAU;
+use std::net::{Ipv6Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 
 /// Every setting with its default, unit and meaning.
@@ -25,7 +26,7 @@ pub const DEFAULT_TEXT: &str = include_str!("../../config/stillcut.toml");
 /// Stands where nobody has set the turret's limits yet.
 const NOT_COMMISSIONED: &str = "not commissioned";
 /// Drives of the virtual lathe's turret axes, used where no model is named.
-const BUILT_IN_MODEL: &str = include_str!("../../config/turrets.toml");
+pub const BUILT_IN_MODEL: &str = include_str!("../../config/turrets.toml");
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
@@ -143,7 +144,7 @@ pub struct HttpConfig {
     pub tls: Option<(PathBuf, PathBuf)>,
     /// File of tokens.
     pub tokens: Option<PathBuf>,
-    /// Names that `Host` may carry beside loopback's.
+    /// Names that `Host` may carry beside loopback's, without ports.
     pub hosts: Vec<String>,
     /// Loopback may write without a token: for the demonstration only, never from a file.
     pub trust_loopback: bool,
@@ -259,7 +260,7 @@ const DAY_NS: i64 = 86_400_000_000_000;
 
 /// Reads the configuration of the service. Errors: one line with file, place and what was expected.
 pub fn read_service_config(path: &Path) -> Result<ServiceConfig, ConfigError> {
-    service_config_from_text(path, &read_text(path)?)
+    service_config_from_text(path, &read_text(path, "configuration")?)
 }
 
 /// Parses a configuration; paths in it are relative to the folder of `path`.
@@ -322,10 +323,21 @@ impl Reader<'_> {
         };
         let force = ForceConfig::new(self.path, &force, &machine)?;
         let known = |a: &String| machine.axis(a).is_some() || force.accelerometer_axes().any(|b| b == a);
-        if let Some(axis) = raw.machine.watch.iter().find(|a| !known(a)) {
+        let unknown = |place: &str, axes: &[String]| {
+            let axis = axes.iter().find(|a| !known(a))?;
             let names: Vec<&str> = machine.axes.iter().map(|a| a.name.as_str()).collect();
             let what = format!("the model has no axis {axis}; it has {}", names.join(", "));
-            return Err(self.bad("machine.watch", what));
+            Some(self.bad(place, what))
+        };
+        if raw.machine.watch.is_empty() {
+            return Err(self.bad("machine.watch", "[]: expected the name of one axis or more"));
+        }
+        let turret = self.turret(&raw.turret)?;
+        // A turret that nothing moves may have axes of any name.
+        let moved = model.is_some() && turret.commissioned.is_some();
+        let of_turret = || unknown("turret.axes", &turret.axes).filter(|_| moved);
+        if let Some(error) = unknown("machine.watch", &raw.machine.watch).or_else(of_turret) {
+            return Err(error);
         }
         let band = raw.detection.band_hz.map(|[low, high]| Band::new(low, high)).transpose();
         Ok(ServiceConfig {
@@ -338,19 +350,19 @@ impl Reader<'_> {
             band: band.map_err(|e| self.bad("detection.band_hz", e.to_string()))?,
             tools: self.tools(&raw.detection)?,
             infeed: self.infeed(&raw.detection)?,
-            turret: self.turret(&raw.turret)?,
+            turret,
             transport: (raw.transport.prefix.clone(), raw.transport.root.clone()),
             http: self.http(&raw.http)?,
             history: HistoryConfig {
                 folder: self.resolve(&raw.history.folder),
-                max_age_ns: i64::from(raw.history.max_age_days.max(1)).saturating_mul(DAY_NS),
-                max_bytes: raw.history.max_bytes,
+                max_age_ns: self.days("history.max_age_days", raw.history.max_age_days)?,
+                max_bytes: self.bytes("history.max_bytes", raw.history.max_bytes)?,
             },
             recorder: RecorderConfig {
                 before_s: self.within("recorder.before_s", raw.recorder.before_s, (0.5, 60.0))?,
                 after_s: self.within("recorder.after_s", raw.recorder.after_s, (0.0, 30.0))?,
-                max_age_ns: i64::from(raw.recorder.max_age_days.max(1)).saturating_mul(DAY_NS),
-                max_bytes: raw.recorder.max_bytes,
+                max_age_ns: self.days("recorder.max_age_days", raw.recorder.max_age_days)?,
+                max_bytes: self.bytes("recorder.max_bytes", raw.recorder.max_bytes)?,
             },
             log_json: match raw.log.format.as_str() {
                 "text" => false,
@@ -387,9 +399,29 @@ impl Reader<'_> {
         Cutting::new(raw).map_err(|e| self.bad("cutting", e.to_string()))
     }
 
+    fn days(&self, place: &str, days: u32) -> Result<i64, ConfigError> {
+        self.within(place, days.into(), (1.0, 36_500.0))?;
+        Ok(i64::from(days) * DAY_NS)
+    }
+
+    /// Less would hold no history and no recording.
+    fn bytes(&self, place: &str, bytes: u64) -> Result<u64, ConfigError> {
+        match bytes {
+            1_000_000.. => Ok(bytes),
+            _ => Err(self.bad(place, format!("{bytes} is not 1000000 or more"))),
+        }
+    }
+
     fn turret(&self, raw: &TurretToml) -> Result<TurretConfig, ConfigError> {
+        let limits = (1e-3, 1.0);
         let largest =
-            self.within("turret.largest_pitch_difference_rad", raw.largest_pitch_difference_rad, (0.0, 1.0))?;
+            self.within("turret.largest_pitch_difference_rad", raw.largest_pitch_difference_rad, limits)?;
+        if raw.axes[0] == raw.axes[1] {
+            return Err(self.bad("turret.axes", format!("{} twice: expected two axes", raw.axes[0])));
+        }
+        for direction_rad in raw.direction_rad {
+            self.within("turret.direction_rad", direction_rad, (-TAU, TAU))?;
+        }
         for (low, high) in raw.lowest_offset_m.iter().zip(&raw.highest_offset_m) {
             self.within("turret.lowest_offset_m", *low, (-0.01, 0.0))?;
             self.within("turret.highest_offset_m", *high, (0.0, 0.01))?;
@@ -400,6 +432,16 @@ impl Reader<'_> {
         for acceleration in raw.acceleration_m_s2 {
             self.within("turret.acceleration_m_s2", acceleration, (1e-6, 10.0))?;
         }
+        let axis = |index: usize| TurretAxis {
+            index,
+            direction_rad: raw.direction_rad[index],
+            lowest_m: raw.lowest_offset_m[index],
+            highest_m: raw.highest_offset_m[index],
+            speed_m_s: raw.speed_m_s[index],
+            acceleration_m_s2: raw.acceleration_m_s2[index],
+        };
+        TurretKinematics::new([axis(0), axis(1)])
+            .map_err(|e| self.bad("turret.direction_rad", e.to_string()))?;
         Ok(TurretConfig {
             axes: raw.axes.clone(),
             direction_rad: raw.direction_rad,
@@ -462,6 +504,22 @@ impl Reader<'_> {
             .map_err(|_| self.bad(place, format!("`{text}` is not an address such as 127.0.0.1:8620")))
     }
 
+    /// The name in `host` or `host:port`: whatever port stands in front of the service, the name decides.
+    fn host(&self, text: &str) -> Result<String, ConfigError> {
+        let (name, port) = match text.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+            Some((address, rest)) => (address, rest.strip_prefix(':').or(rest.is_empty().then_some("0"))),
+            None => text.split_once(':').map_or((text, Some("0")), |(name, port)| (name, Some(port))),
+        };
+        let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        let labels = || name.split('.').all(|label| !label.is_empty() && label.chars().all(plain));
+        let good = if text.starts_with('[') { name.parse::<Ipv6Addr>().is_ok() } else { labels() };
+        if good && port.is_some_and(|p| p.parse::<u16>().is_ok()) {
+            return Ok(name.to_owned());
+        }
+        let what = format!("`{text}` is not a host name such as lathe.example or lathe.example:8620");
+        Err(self.bad("http.hosts", what))
+    }
+
     fn http(&self, raw: &HttpToml) -> Result<HttpConfig, ConfigError> {
         let listen = self.address("http.listen", &raw.listen)?;
         let tls = match (&raw.certificate, &raw.key) {
@@ -478,7 +536,7 @@ impl Reader<'_> {
             listen,
             tls,
             tokens: raw.tokens.as_deref().map(|p| self.resolve(p)),
-            hosts: raw.hosts.clone(),
+            hosts: raw.hosts.iter().map(|h| self.host(h)).collect::<Result<_, _>>()?,
             trust_loopback: false,
         })
     }
@@ -572,6 +630,29 @@ mod tests {
             ("[machine.axes.x1]\nencoders = \"no\"\n", "`no` is not one of both, motor, stage"),
             ("[machine.axes.x1]\nspeed = 1\n", "unknown field `speed`"),
             ("[machine]\nwatch = [\"q\"]\n", "machine.watch: the model has no axis q"),
+            ("[machine]\nwatch = []\n", "machine.watch: []: expected the name of one axis"),
+            ("[turret]\ndirection_rad = [0.0, nan]\n", "turret.direction_rad: NaN is not between"),
+            (
+                "[turret]\ndirection_rad = [0.7, 0.72]\n",
+                "turret.direction_rad: turret axes at 0.7 and 0.72 rad",
+            ),
+            ("[turret]\naxes = [\"x1\", \"x1\"]\n", "turret.axes: x1 twice"),
+            (
+                "[turret]\nlargest_pitch_difference_rad = 0\n",
+                "pitch_difference_rad: 0 is not between 0.001 and 1",
+            ),
+            ("[history]\nmax_bytes = 0\n", "history.max_bytes: 0 is not 1000000 or more"),
+            ("[recorder]\nmax_bytes = 0\n", "recorder.max_bytes: 0 is not 1000000 or more"),
+            ("[recorder]\nmax_age_days = 0\n", "recorder.max_age_days: 0 is not between 1 and 36500"),
+            ("[http]\nhosts = [\"https://lathe\"]\n", "http.hosts: `https://lathe` is not a host name"),
+            ("[http]\nhosts = [\"lathe:port\"]\n", "http.hosts: `lathe:port` is not"),
+            ("[http]\nhosts = [\"*\"]\n", "http.hosts: `*` is not"),
+            ("[http]\nhosts = [\"\"]\n", "http.hosts: `` is not"),
+            ("[http]\nhosts = [\"[::1]x\"]\n", "http.hosts: `[::1]x` is not"),
+            (
+                "[turret]\nlimits_by = \"A. Smith\"\nlimits_date = \"2026-02-31\"\n",
+                "turret.limits_date: `2026-02-31` is not a date such as",
+            ),
             ("[turret]\ncommand_ttl_s = 9.0\n", "turret.command_ttl_s: 9 is not between 1.1 and 2.5"),
             ("[log]\nformat = \"xml\"\n", "log.format: `xml` is not one of text, json"),
             ("[detection]\nband_hz = [700.0, 500.0]\n", "detection.band_hz"),
@@ -601,9 +682,40 @@ mod tests {
         assert_eq!(read("[turret]\nlimits_by = \"A. Smith\"\n"), None, "a name alone is half of it");
         let both = "[turret]\nlimits_by = \"A. Smith\"\nlimits_date = \"2026-11-21\"\n";
         assert_eq!(read(both), Some(("A. Smith".into(), "2026-11-21".into())));
-        for bad in ["2026-13-01", "2026-1-01", "21-11-2026", "2026-11-21T", "2026/11/21", ""] {
+        assert!(is_date("2028-02-29") && is_date("2026-04-30"));
+        for bad in [
+            "2026-02-29",
+            "2026-02-31",
+            "2026-04-31",
+            "2026-00-01",
+            "2026-13-01",
+            "2026-1-01",
+            "21-11-2026",
+            "2026-11-21T",
+            "2026/11/21",
+            "",
+        ] {
             assert!(!is_date(bad), "{bad}");
         }
+    }
+
+    #[test]
+    fn hosts_are_names_with_or_without_a_port() {
+        let text = "[http]\nhosts = [\"lathe-7.example\", \"lathe:443\", \"10.0.0.7\", \"[fd00::7]:8620\"]\n";
+        let config = service_config_from_text(Path::new("c.toml"), text).unwrap();
+        assert_eq!(config.http.hosts, ["lathe-7.example", "lathe", "10.0.0.7", "fd00::7"]);
+    }
+
+    #[test]
+    fn the_axes_of_a_commissioned_turret_are_in_the_model() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("m.toml"), BUILT_IN_MODEL).unwrap();
+        let model = "[machine]\nmodel = \"m.toml\"\n[turret]\naxes = [\"x1\", \"q\"]\n";
+        let limits = "limits_by = \"A. Smith\"\nlimits_date = \"2026-11-21\"\n";
+        let read = |text: &str| service_config_from_text(&folder.path().join("c.toml"), text);
+        assert!(read(model).is_ok(), "nothing moves this turret");
+        let error = read(&format!("{model}{limits}")).unwrap_err().to_string();
+        assert!(error.contains("turret.axes: the model has no axis q; it has x1, y1"), "{error}");
     }
 
     #[test]

@@ -115,6 +115,14 @@ fn read_tokens(path: &Path) -> Result<Vec<Token>, TokenFileError> {
     file.token.into_iter().map(|t| token_from_toml(t).map_err(content)).collect()
 }
 
+/// Names in a file of tokens; none where there is no file yet. Errors: it is no such file.
+pub fn token_names(path: &Path) -> Result<Vec<String>, TokenFileError> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    Ok(read_tokens(path)?.into_iter().map(|token| token.name).collect())
+}
+
 fn token_from_toml(raw: TokenToml) -> Result<Token, String> {
     let digest = digest_from_hex(&raw.sha256)
         .ok_or_else(|| format!("token {}: sha256 is not 64 hexadecimal digits", raw.name))?;

@@ -100,9 +100,19 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Asked<T> {
             Ok(Query(value)) => Ok(Self(value)),
             Err(rejection) => {
                 let problem = Problem::bad_request("invalid_query", "the query is not what was expected");
-                Err(problem.with_field("query", &rejection.body_text()))
+                let (pointer, detail) = of_query(&rejection.body_text());
+                Err(problem.with_field(&pointer, &detail))
             }
         }
+    }
+}
+
+/// Which parameter the library means, and what it says of it.
+fn of_query(said: &str) -> (String, String) {
+    let said = said.strip_prefix("Failed to deserialize query string: ").unwrap_or(said);
+    match said.split_once(": ") {
+        Some((name, detail)) => (format!("query/{name}"), detail.to_owned()),
+        None => ("query".to_owned(), said.to_owned()),
     }
 }
 

@@ -18,7 +18,7 @@ mod seats;
 mod server;
 mod stream;
 
-pub use access::{Access, Caller, Role, TokenFileError, new_token};
+pub use access::{Access, Caller, Role, TokenFileError, new_token, token_names};
 pub use events::EventView;
 pub use problem::{FieldError, Problem};
 pub use server::{TlsError, serve, tls_acceptor};
@@ -150,13 +150,13 @@ pub fn router(handle: Handle, access: Arc<Access>, hosts: Vec<String>) -> Router
         .with_state(site)
 }
 
-async fn not_found(request: Request) -> Problem {
-    Problem::not_found("there is nothing at this path").at(request.uri().path())
+async fn not_found() -> Problem {
+    Problem::not_found("there is nothing at this path")
 }
 
 async fn method_not_allowed(request: Request) -> Problem {
     let detail = format!("{} is not possible here", request.method());
-    Problem::new(StatusCode::METHOD_NOT_ALLOWED, "method_not_allowed", detail).at(request.uri().path())
+    Problem::new(StatusCode::METHOD_NOT_ALLOWED, "method_not_allowed", detail)
 }
 
 fn panicked(_: Box<dyn std::any::Any + Send + 'static>) -> Response {
@@ -170,14 +170,20 @@ async fn gate(State(site): State<Site>, mut request: Request, next: Next) -> Res
     let address = address_of(&request);
     let path = request.uri().path().to_owned();
     let route = request.extensions().get::<MatchedPath>().map_or("other", MatchedPath::as_str).to_owned();
+    // A length beside it was ignored: what follows on the connection is not taken for a request.
+    let chunked = request.headers().contains_key(header::TRANSFER_ENCODING);
     let mut response = match admit(&site, &mut request, address) {
         Ok(()) => next.run(request).await,
-        Err(problem) => problem.at(&path).into_response(),
+        Err(problem) => problem.into_response(),
     };
     // The API browser takes every path below its own and refuses those that it does not know with nothing.
     let bare = !response.headers().contains_key(header::CONTENT_TYPE);
     if response.status() == StatusCode::NOT_FOUND && bare {
-        response = Problem::not_found("there is nothing at this path").at(&path).into_response();
+        response = Problem::not_found("there is nothing at this path").into_response();
+    }
+    Problem::place(&mut response, &path);
+    if chunked {
+        response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
     }
     secure(&path, &mut response);
     count_refusal(&site, response.status());
@@ -205,8 +211,11 @@ fn address_of(request: &Request) -> IpAddr {
 
 fn admit(site: &Shared, request: &mut Request, address: IpAddr) -> Result<(), Problem> {
     let security = &site.handle.metrics().security_events;
-    let host = request.headers().get(header::HOST).and_then(|v| v.to_str().ok());
-    let host = host.or_else(|| request.uri().host()).unwrap_or_default();
+    let Some(host) = only_host(request) else {
+        security.with_label_values(&["bad_host"]).inc();
+        let detail = "the request names more than one host";
+        return Err(Problem::bad_request("ambiguous_host", detail));
+    };
     if !host_is_ours(host, &site.hosts) {
         security.with_label_values(&["bad_host"]).inc();
         let detail = "this host name is not served here; add it to http.hosts";
@@ -236,6 +245,15 @@ fn admit(site: &Shared, request: &mut Request, address: IpAddr) -> Result<(), Pr
 /// The page itself and liveness tell nothing about the machine.
 fn needs_reader(path: &str) -> bool {
     path.starts_with("/api/v1/") || path == "/metrics" || path == "/readyz"
+}
+
+/// The host that a request is for: the header's, or that of the address line. `None`: two that differ.
+fn only_host(request: &Request) -> Option<&str> {
+    let mut headers = request.headers().get_all(header::HOST).iter();
+    let named = headers.next().map(|v| v.to_str().unwrap_or_default());
+    let line = request.uri().authority().map(|a| a.as_str());
+    let differ = named.zip(line).is_some_and(|(a, b)| !a.eq_ignore_ascii_case(b));
+    (!differ && headers.next().is_none()).then(|| named.or(line).unwrap_or_default())
 }
 
 /// True for loopback's own names and the configured ones, with any port.

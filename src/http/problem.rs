@@ -82,9 +82,12 @@ impl Problem {
         self
     }
 
-    pub(crate) fn at(mut self, path: &str) -> Self {
-        self.instance = Some(path.to_owned());
-        self
+    /// Writes the path that was asked for into an answer, where that is a problem.
+    pub(crate) fn place(response: &mut Response, path: &str) {
+        let Some(problem) = response.extensions_mut().remove::<Self>() else { return };
+        let placed = Self { instance: Some(path.to_owned()), ..problem };
+        response.headers_mut().remove(header::CONTENT_LENGTH);
+        *response.body_mut() = placed.into_response().into_body();
     }
 }
 
@@ -106,8 +109,12 @@ impl IntoResponse for Problem {
         let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         let body = serde_json::to_vec(&self).unwrap_or_default();
         let mut response = (status, [(header::CONTENT_TYPE, PROBLEM_JSON)], body).into_response();
+        let retry_after_s = self.retry_after_s;
+        if self.instance.is_none() {
+            response.extensions_mut().insert(self); // the outermost layer knows the path
+        }
         let headers = response.headers_mut();
-        if let Some(seconds) = self.retry_after_s {
+        if let Some(seconds) = retry_after_s {
             headers.insert(header::RETRY_AFTER, HeaderValue::from(seconds));
         }
         if status == StatusCode::UNAUTHORIZED {

@@ -51,6 +51,8 @@ pub(super) struct ConfigView {
     text: String,
     /// SHA-256 of the text; also the ETag.
     hash: String,
+    /// Whether diagnoses can be asked for: `machine.model` names a model to start from.
+    can_diagnose: bool,
 }
 
 /// The configuration in force.
@@ -68,7 +70,8 @@ pub(super) async fn config(State(site): State<Site>, headers: HeaderMap) -> Resp
     if same {
         return (StatusCode::NOT_MODIFIED, [(header::ETAG, tag)]).into_response();
     }
-    let view = ConfigView { text: config.text.clone(), hash: config.hash.clone() };
+    let can_diagnose = site.handle.model().is_some();
+    let view = ConfigView { text: config.text.clone(), hash: config.hash.clone(), can_diagnose };
     ([(header::ETAG, tag)], Json(view)).into_response()
 }
 

@@ -25,7 +25,7 @@ pub use parquet_file::{Table, TableColumn, write_table};
 #[derive(Debug, Error)]
 pub enum RecordingError {
     /// The system refused.
-    #[error("{}: {source}", path.display())]
+    #[error("recording {}: {source}", path.display())]
     Io {
         /// File.
         path: PathBuf,

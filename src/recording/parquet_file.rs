@@ -63,8 +63,10 @@ fn read_unguarded(path: &Path) -> Result<RawTable, RecordingError> {
     Ok(RawTable { columns, metadata })
 }
 
+/// What the library says, without saying again that it is no Parquet.
 fn one_line(error: &ParquetError) -> String {
-    error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+    let text = error.to_string().replace("Parquet error: ", "").replace("Invalid Parquet file. ", "");
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 /// Appends `rows` values; a null becomes NaN, which the caller refuses with its row.

@@ -3,15 +3,18 @@
 
 use super::virtual_lathe::VirtualLathe;
 use super::{EventFilter, Handle, MAX_PAGE, Origin, Running, ServiceError, live, start};
-use crate::config::service::ServiceConfig;
+use crate::config::service::{BUILT_IN_MODEL, ServiceConfig};
 use crate::simulation::lathe::LatheSettings;
 use crate::telemetry::{Event, EventKind};
 use crate::transport::{Domain, TransportError};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
+
+/// File of the virtual lathe's drives, where diagnoses start from.
+const MODEL: &str = "machine.toml";
 
 /// What to show.
 #[derive(Debug, Clone)]
@@ -89,23 +92,29 @@ struct Look {
     line_power_n2: f64,
 }
 
-/// Runs the demonstration. `tell` gets a line whenever something happened, with its machine time.
+/// Runs the demonstration until its time is over or `stop` is set. `tell` gets a line whenever something
+/// happened, with its machine time.
 ///
 /// Errors: shared memory, ports or the temporary folder cannot be used.
-pub fn run_demo(plan: &DemoPlan, tell: impl FnMut(&str)) -> Result<Summary, DemoError> {
+pub fn run_demo(
+    plan: &DemoPlan,
+    stop: Arc<AtomicBool>,
+    tell: impl FnMut(&str),
+) -> Result<Summary, DemoError> {
     let folder = std::env::temp_dir().join(format!("stillcut-demo-{}", std::process::id()));
     std::fs::create_dir_all(&folder).map_err(|source| DemoError::Folder { path: folder.clone(), source })?;
     let domain = Domain::new(&format!("demo{}", std::process::id()), &folder.join("domain"))?;
-    let outcome = run_in(plan, &folder, &domain, tell);
+    let outcome = run_in(plan, (&folder, &domain), stop, tell);
     domain.remove();
     // The run is over and told; what cannot be removed is the system's temporary folder's affair.
     let _ = std::fs::remove_dir_all(&folder);
     outcome
 }
 
-fn service_config(plan: &DemoPlan, folder: &std::path::Path, port: u16) -> ServiceConfig {
+fn service_config(plan: &DemoPlan, folder: &Path, port: u16) -> ServiceConfig {
     let mut config = ServiceConfig { workpiece: plan.lathe.scenario.workpiece, ..ServiceConfig::default() };
     config.cutting = plan.lathe.scenario.cutting;
+    config.model = Some(folder.join(MODEL));
     config.transport = (format!("demo{}", std::process::id()), folder.join("domain"));
     config.history.folder = folder.join("history");
     config.http.listen.set_port(port);
@@ -117,25 +126,30 @@ fn service_config(plan: &DemoPlan, folder: &std::path::Path, port: u16) -> Servi
 
 fn run_in(
     plan: &DemoPlan,
-    folder: &std::path::Path,
-    domain: &Domain,
+    (folder, domain): (&Path, &Domain),
+    stop: Arc<AtomicBool>,
     tell: impl FnMut(&str),
 ) -> Result<Summary, DemoError> {
+    let model = folder.join(MODEL);
+    std::fs::write(&model, BUILT_IN_MODEL).map_err(|source| DemoError::Folder { path: model, source })?;
     let running = match start(service_config(plan, folder, plan.port)) {
         Err(ServiceError::Listen { .. }) => start(service_config(plan, folder, 0))?,
         other => other?,
     };
-    let stop = Arc::new(AtomicBool::new(false));
     let latest = Arc::new(Mutex::new(Look::default()));
     let lathe = spawn_lathe(plan, domain.clone(), Arc::clone(&stop), Arc::clone(&latest))?;
     let looks = running.wait(follow(plan, running.handle(), &lathe, &latest, tell));
-    stop.store(true, Ordering::Relaxed);
+    let ended_early = stop.swap(true, Ordering::Relaxed);
     let ended = lathe.join().map_err(|_| DemoError::Lathe("its thread panicked".into()))?;
     let lost_samples = running.handle().state().source.lost;
     let events = running.wait(events(&running));
     running.stop();
     ended.map_err(|e| DemoError::Lathe(e.to_string()))?;
-    Ok(summary(plan, &looks, &events, lost_samples))
+    let mut plan = plan.clone();
+    if ended_early {
+        plan.duration_s = looks.last().map_or(0.0, |l| l.t_s);
+    }
+    Ok(summary(&plan, &looks, &events, lost_samples))
 }
 
 type LatheThread = std::thread::JoinHandle<Result<(), TransportError>>;
@@ -174,6 +188,7 @@ async fn follow(
 ) -> Vec<Look> {
     tell(&format!("page      http://{}/", handle.address()));
     tell(&format!("mode      {}", plan.mode.word()));
+    tell(&format!("ends      after {} s or with Ctrl-C; --duration-s sets another time", plan.duration_s));
     let mut looks = Vec::new();
     let mut cursor = 0;
     while !lathe.is_finished() {

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use utoipa::ToSchema;
@@ -69,6 +70,8 @@ struct Inner {
     program: PathBuf,
     jobs: Mutex<VecDeque<Job>>,
     wake: tokio::sync::Notify,
+    /// The service stops: what runs is ended.
+    ended: AtomicBool,
     /// Diagnoses go to the fleet's workers.
     #[cfg(feature = "nats")]
     workers: Option<super::fleet::Broker>,
@@ -90,6 +93,7 @@ impl Diagnoses {
             folder: folder.to_owned(),
             program,
             wake: tokio::sync::Notify::new(),
+            ended: AtomicBool::new(false),
             #[cfg(feature = "nats")]
             workers: None,
         }))
@@ -103,6 +107,7 @@ impl Diagnoses {
             folder: folder.to_owned(),
             program,
             wake: tokio::sync::Notify::new(),
+            ended: AtomicBool::new(false),
             workers: Some(broker),
         }))
     }
@@ -205,9 +210,16 @@ impl Diagnoses {
         }
         let inner = Arc::clone(&self.0);
         let ran = tokio::task::spawn_blocking(move || {
-            run_task(&inner.program, &task, |share, what| inner.note_progress(&task.id, (share, what)))
+            let go_on = || !inner.ended.load(Ordering::Relaxed);
+            let progress = |share, what| inner.note_progress(&task.id, (share, what));
+            run_task(&inner.program, &task, go_on, progress)
         });
         ran.await.unwrap_or_else(|e| Err(e.to_string()))
+    }
+
+    /// Ends what runs; the next start says so.
+    pub(super) fn end(&self) {
+        self.0.ended.store(true, Ordering::Relaxed);
     }
 
     /// Works through the queue for ever. `model`: where every diagnosis starts from.
@@ -312,10 +324,12 @@ pub(super) struct Task {
     pub(super) out: PathBuf,
 }
 
-/// Runs `program diagnose` as a process of its own, at low priority; blocks. Errors: its last line.
+/// Runs `program diagnose` as a process of its own, at low priority; blocks, and ends it when it is not to
+/// go on. Errors: its last line.
 pub(super) fn run_task(
     program: &Path,
     task: &Task,
+    go_on: impl Fn() -> bool,
     mut progress: impl FnMut(f64, String),
 ) -> Result<serde_json::Value, String> {
     let out = &task.out;
@@ -335,10 +349,12 @@ pub(super) fn run_task(
     let status = loop {
         match child.try_wait().map_err(|e| e.to_string())? {
             Some(status) => break status,
-            None if began.elapsed() > LONGEST => {
+            None if began.elapsed() > LONGEST || !go_on() => {
                 let _ = child.kill();
                 let _ = child.wait();
-                return Err("ended after half an hour without a result".to_owned());
+                return Err(
+                    "ended before there was a result: half an hour is over or the service stops".into()
+                );
             }
             None => clock::sleep(Duration::from_millis(200)),
         }

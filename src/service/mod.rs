@@ -40,4 +40,4 @@ pub use diagnoses::{Diagnoses, DiagnosisView, JobState};
 pub use exports::{ReplayView, TextForm, TrackView};
 pub use handle::{Changed, Check, Handle, OperationError, ShownConfig, StreamMessage};
 pub use recordings::{RecordingInfo, RecordingLimits, Recordings, RecordingsError};
-pub use start::{Running, ServiceError, start};
+pub use start::{Running, ServiceError, check, start};

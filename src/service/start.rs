@@ -106,6 +106,15 @@ pub struct Running {
     _lock: File,
 }
 
+/// Whether what the configuration names can be used: tokens, certificate and key, shared memory domain.
+/// Changes nothing. Errors: what `start` would refuse, too.
+pub fn check(config: &ServiceConfig) -> Result<(), ServiceError> {
+    Access::load(config.http.tokens.as_deref(), false)?;
+    config.http.tls.as_ref().map(|(c, k)| tls_acceptor(c, k)).transpose()?;
+    Domain::new(&config.transport.0, &config.transport.1)?;
+    Ok(())
+}
+
 /// Starts everything. When it returns, HTTP answers and samples are taken in.
 pub fn start(config: ServiceConfig) -> Result<Running, ServiceError> {
     let config = Arc::new(config);
@@ -443,8 +452,8 @@ async fn run_diagnoses(handle: Handle) {
     };
     let stop = handle.stopping();
     tokio::select! {
-        () = jobs.run(model, done) => {}
-        () = stop.cancelled() => {}
+        () = jobs.clone().run(model, done) => {}
+        () = stop.cancelled() => jobs.end(),
     }
 }
 

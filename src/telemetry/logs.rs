@@ -27,7 +27,9 @@ fn levels(asked: Option<&str>) -> Targets {
 /// Starts the log, filtered by `RUST_LOG` or `info`. A second call does nothing.
 pub fn start_logs(format: LogFormat) {
     let levels = levels(std::env::var("RUST_LOG").ok().as_deref());
-    let builder = tracing_subscriber::fmt().with_max_level(Level::TRACE).with_writer(std::io::stderr);
+    // A terminal that is gone takes no complaint about itself either.
+    let builder = tracing_subscriber::fmt().log_internal_errors(false).with_max_level(Level::TRACE);
+    let builder = builder.with_writer(std::io::stderr);
     let outcome = match format {
         LogFormat::Text => builder.with_ansi(false).finish().with(levels).try_init(),
         LogFormat::Json => builder.json().flatten_event(true).finish().with(levels).try_init(),

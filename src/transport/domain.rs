@@ -33,18 +33,20 @@ impl Domain {
         let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit();
         if prefix.is_empty() || prefix.len() > 24 || !prefix.chars().all(plain) {
             return Err(TransportError::Domain(format!(
-                "prefix `{prefix}` is not 1 to 24 lower-case letters and digits"
+                "transport.prefix `{prefix}` is not 1 to 24 lower-case letters and digits"
             )));
         }
         let text = root.to_str().unwrap_or_default();
         if !root.is_absolute() || text.len() > 128 {
             return Err(TransportError::Domain(format!(
-                "root `{}` is not an absolute path of at most 128 bytes",
+                "transport.root `{}` is not an absolute path of at most 128 bytes",
                 root.display()
             )));
         }
         // The underscore ends the prefix, so no domain's names can start another's.
-        Ok(Self { prefix: format!("{prefix}_"), root: root.to_owned() })
+        let domain = Self { prefix: format!("{prefix}_"), root: root.to_owned() };
+        domain.config()?;
+        Ok(domain)
     }
 
     /// Folder of the domain's files.
@@ -60,7 +62,7 @@ impl Domain {
     }
 
     fn config(&self) -> Result<Config, TransportError> {
-        let bad = |what: &str| TransportError::Domain(format!("{what} of the domain is not a valid name"));
+        let bad = |what: &str| TransportError::Domain(format!("transport.{what}: not a valid name"));
         let mut config = Config::default();
         config.global.prefix = FileName::new(self.prefix.as_bytes()).map_err(|_| bad("prefix"))?;
         let root = self.root.to_str().unwrap_or_default();

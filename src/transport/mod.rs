@@ -26,7 +26,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum TransportError {
     /// The domain's name or folder is not usable.
-    #[error("transport: {0}")]
+    #[error("{0}")]
     Domain(String),
     /// The domain's folder or lock cannot be used.
     #[error("{}: {source}; expected a folder that this user may write", path.display())]

@@ -6,7 +6,7 @@
 use super::TransportError;
 use super::domain::Participant;
 use super::wire::{ServoBatch, TurretCommand, TurretStatus};
-use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::{BackpressureStrategy, ServiceName, ZeroCopySend, ipc};
@@ -69,7 +69,13 @@ where
     let fail = |e: String| TransportError::Port { service: quality.name, message: e };
     let factory = service::<T>(who, quality)?;
     let builder = factory.publisher_builder().backpressure_strategy(BackpressureStrategy::DiscardData);
-    let port = builder.create().map_err(|e| fail(format!("{e:?}")))?;
+    let port = builder.create().map_err(|e| match e {
+        PublisherCreateError::ExceedsMaxSupportedPublishers => {
+            let who = if quality.name == COMMAND_SERVICE { "service" } else { "producer" };
+            fail(format!("another {who} runs in this domain; stop it first"))
+        }
+        e => fail(format!("{e:?}")),
+    })?;
     port.update_connections().map_err(|e| fail(format!("{e:?}")))?;
     Ok(port)
 }

@@ -67,6 +67,7 @@ fn every_route_asks_for_its_role_and_no_other() {
             let answer = ask(&address, method, path, &[("Authorization", &format!("Bearer {token}"))], *body);
             let expected = rank + 1 < *least;
             assert_eq!(answer.status == 403, expected, "{method} {path} as rank {}: {answer:?}", rank + 1);
+            assert!(!expected || answer.json()["instance"] == *path, "{answer:?}");
             assert!(answer.status != 401 && answer.status < 500 || answer.status == 503, "{answer:?}");
         }
     }
@@ -153,6 +154,12 @@ fn every_refusal_is_a_problem_with_a_code() {
         assert_eq!((answer.status, answer.code().as_str()), (*status, *code), "{method} {path}: {answer:?}");
         assert_eq!(answer.kind, "application/problem+json", "{method} {path}");
         assert!(answer.json()["detail"].as_str().is_some_and(|d| !d.is_empty()));
+        assert_eq!(answer.json()["instance"], path.split('?').next().unwrap(), "{method} {path}");
+    }
+    for (query, name) in [("cursor=x", "cursor"), ("color=red", "color"), ("limit=0", "limit")] {
+        let errors = get(&running, &format!("/api/v1/events?{query}")).json()["errors"].clone();
+        assert_eq!(errors[0]["pointer"], format!("query/{name}"), "{query}: {errors}");
+        assert!(!errors.to_string().contains("deserialize"), "{errors}");
     }
     let stale = [("If-Match", "\"99\"")];
     let answer = ask(&address, "PUT", "/api/v1/mode", &stale, Some("{\"mode\":\"advise\",\"reason\":\"x\"}"));
@@ -185,6 +192,52 @@ fn a_browser_that_was_led_here_under_another_name_gets_nothing() {
         "x-frame-options: deny",
     ] {
         assert!(head.contains(header), "{header} in {head}");
+    }
+    running.stop();
+}
+
+/// Two names for one host, two lengths for one body: what a proxy in front might read in another way.
+#[test]
+fn requests_that_can_be_read_in_two_ways_are_not_obeyed() {
+    let place = Place::new("ways");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    let say = |request: String| {
+        let mut stream = TcpStream::connect(&address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        stream.write_all(request.as_bytes()).unwrap();
+        let (mut said, mut piece) = (String::new(), [0; 4096]);
+        while let Ok(count @ 1..) = stream.read(&mut piece) {
+            said += &String::from_utf8_lossy(&piece[..count]);
+        }
+        said
+    };
+    let post = "POST /api/v1/override HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n";
+    let (good, evil) = ("Host: localhost\r\n", "Host: evil.example\r\n");
+    let end = "Connection: close\r\n\r\n";
+    for (request, code) in [
+        (format!("GET /healthz HTTP/1.1\r\n{good}{evil}{end}"), "ambiguous_host"),
+        (format!("GET /healthz HTTP/1.1\r\n{evil}{good}{end}"), "ambiguous_host"),
+        (format!("GET http://evil.example/healthz HTTP/1.1\r\n{good}{end}"), "ambiguous_host"),
+        (format!("{post}Content-Length: 2\r\nContent-Length: 3\r\n\r\n{{}}x"), "malformed_request"),
+        (format!("{post}Content-Length: 2, 3\r\n\r\n{{}}x"), "malformed_request"),
+    ] {
+        let said = say(request.clone());
+        let (head, body) = said.split_once("\r\n\r\n").unwrap_or_else(|| panic!("{request}: {said}"));
+        assert!(head.starts_with("HTTP/1.1 400 ") && head.contains("problem+json"), "{request}: {said}");
+        assert_eq!(serde_json::from_str::<serde_json::Value>(body).unwrap()["code"], code, "{request}");
+    }
+    let same = format!("GET http://localhost/healthz HTTP/1.1\r\n{good}{end}");
+    assert!(say(same).starts_with("HTTP/1.1 200 "), "one host, named twice");
+    // Chunks count, the length does not, and nothing behind them is taken for a request.
+    let hidden = format!("GET /healthz HTTP/1.1\r\n{good}\r\n");
+    let (length, chunked) = ("Content-Length: 4\r\n", "Transfer-Encoding: chunked\r\n");
+    for fields in [format!("{length}{chunked}"), format!("{chunked}{length}")] {
+        let said = say(format!("{post}{fields}\r\n2\r\n{{}}\r\n0\r\n\r\n{hidden}"));
+        assert_eq!(said.matches("HTTP/1.1 ").count(), 1, "{fields}: {said}");
+        assert!(said.starts_with("HTTP/1.1 200 ") && said.contains("connection: close"), "{fields}: {said}");
     }
     running.stop();
 }
@@ -439,6 +492,7 @@ fn the_configuration_has_an_etag_and_no_secrets() {
     let first = get(&running, "/api/v1/config");
     assert_eq!(first.status, 200);
     let address = running.handle().address().to_string();
+    assert_eq!(first.json()["can_diagnose"], false, "there is no model");
     let again = ask(&address, "GET", "/api/v1/config", &[("If-None-Match", &first.etag)], None);
     assert_eq!(again.status, 304);
     running.stop();

@@ -240,6 +240,9 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     );
     browser.picture("replay");
     browser.value("document.getElementById('replay-close').click()");
+    let diagnose = button.replace("Replay", "Diagnose");
+    let without_model = format!("{diagnose}.disabled && {diagnose}.title.includes('machine.model')");
+    assert_eq!(browser.value(&without_model), true, "without a model there is no diagnosis");
     operate(&mut browser);
     let page = browser.value("document.documentElement.outerHTML");
     let page = page.as_str().unwrap();
@@ -257,8 +260,10 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     assert!(browser.value("document.body.innerText.length").as_u64().unwrap() > 300, "never a blank page");
     let mut config = place.config("");
     config.http.listen = address;
+    config.model = Some("machine.toml".into());
     let running = stillcut::service::start(config).unwrap();
     browser.wait_for("the return", "document.getElementById('link').innerText === 'live'");
+    browser.wait_for("the diagnosis, now that there is a model", &format!("!{diagnose}.disabled"));
     if std::env::var_os("STILLCUT_PICTURES").is_some() {
         std::thread::sleep(Duration::from_secs(4));
     }

@@ -299,19 +299,90 @@ fn killed_again_and_again_nothing_acknowledged_is_lost() {
     assert!(rows >= acknowledged && rows <= acknowledged + 12, "{rows} rows, {acknowledged} acknowledged");
 }
 
+fn send(signal: &str, child: &Child) {
+    assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+}
+
 #[test]
-fn sigterm_ends_in_good_order() {
+fn a_signal_ends_it_in_good_order() {
     let place = Place::new("term");
-    let mut process = Process::start(&place, "");
-    let killed = Command::new("kill").args(["-TERM", &process.child.id().to_string()]).status().unwrap();
-    assert!(killed.success());
-    let began = Instant::now();
-    let status = process.child.wait().unwrap();
-    assert!(status.success(), "{status}");
-    assert!(began.elapsed() < Duration::from_secs(5));
+    for signal in ["-TERM", "-HUP"] {
+        let mut process = Process::start(&place, "");
+        send(signal, &process.child);
+        let began = Instant::now();
+        let status = process.child.wait().unwrap();
+        assert!(status.success(), "{signal}: {status}");
+        assert!(began.elapsed() < Duration::from_secs(5));
+    }
     let running = service(&place);
-    assert_eq!(events(&running, "service_stop").len(), 1);
+    assert_eq!(events(&running, "service_stop").len(), 2);
     running.stop();
+}
+
+/// The demonstration has a model: a diagnosis of what was just recorded begins.
+fn begin_diagnosis(address: &str) {
+    let post = |path: &str, body: &str| ask(address, "POST", path, &[], Some(body));
+    until("samples come", 20, || ask(address, "GET", "/readyz", &[], None).status == 200);
+    let saved = post("/api/v1/recordings", "{\"reason\":\"test\"}");
+    assert_eq!(saved.status, 202, "{saved:?}");
+    let mut recordings = serde_json::Value::Null;
+    until("the recording is stored", 20, || {
+        recordings = ask(address, "GET", "/api/v1/recordings", &[], None).json();
+        !recordings[0].is_null()
+    });
+    let body = format!("{{\"reason\":\"test\",\"recordings\":[{}]}}", recordings[0]["id"]);
+    assert_eq!(post("/api/v1/diagnoses", &body).status, 202);
+    until("the diagnosis runs", 20, || {
+        let view = ask(address, "GET", "/api/v1/diagnoses", &[], None).json();
+        assert_ne!(view[0]["state"], "failed", "{view}");
+        view[0]["step"].is_string() || view[0]["state"] == "done"
+    });
+}
+
+#[test]
+fn the_demonstration_leaves_nothing_behind() {
+    for signal in ["-INT", "-HUP"] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_stillcut"));
+        let mut child = command.args(["demo"]).stdout(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let page = lines.next().unwrap().unwrap();
+        let folder = std::env::temp_dir().join(format!("stillcut-demo-{}", child.id()));
+        let prefix = format!("demo{}_", child.id());
+        let memory = || {
+            let files = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+            files.filter(|f| f.file_name().to_string_lossy().starts_with(&prefix)).count()
+        };
+        assert!(page.starts_with("page ") && folder.is_dir() && memory() > 0, "{page}");
+        if signal == "-INT" {
+            let address = page.split("http://").nth(1).unwrap().trim_end_matches('/');
+            begin_diagnosis(address);
+        }
+        send(signal, &child);
+        let said: Vec<String> = lines.map_while(Result::ok).collect();
+        assert!(child.wait().unwrap().success() && said.iter().any(|l| l.starts_with("summary")), "{said:?}");
+        assert!(!folder.exists() && memory() == 0, "{signal}: {}", folder.display());
+    }
+}
+
+/// A person must go forward again: the unit does not start it for ever.
+#[test]
+fn a_newer_history_ends_with_status_two() {
+    let place = Place::new("newer");
+    service(&place).stop();
+    let config = place.folder.path().join("c.toml");
+    std::fs::write(&config, place.toml("")).unwrap();
+    let newer = "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) \
+         VALUES (99, 'later', 1, x'00', 0)";
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        use sqlx::Connection as _;
+        let url = format!("sqlite://{}", place.state().join(stillcut::store::FILE_NAME).display());
+        let mut history = sqlx::SqliteConnection::connect(&url).await.unwrap();
+        sqlx::query(newer).execute(&mut history).await.unwrap();
+        history.close().await.unwrap();
+    });
+    let (status, said) = run_once(&["run", "--config", config.to_str().unwrap()]);
+    assert!(status == 2 && said.contains("schema 99 is newer"), "{said}");
 }
 
 fn run_once(arguments: &[&str]) -> (i32, String) {
@@ -350,6 +421,49 @@ fn bad_configurations_end_with_status_two_and_one_line() {
     }
     let (status, said) = run_once(&["run", "--config", "/nowhere/c.toml"]);
     assert!(status == 2 && said.contains("/nowhere/c.toml"), "{said}");
+}
+
+/// What `--check` passes, a start does not refuse for what stands in files.
+#[test]
+fn check_opens_what_the_configuration_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("c.toml");
+    let tls = "[http]\ncertificate = \"no.crt\"\nkey = \"no.key\"\n";
+    for (text, expected) in [
+        ("[http]\ntokens = \"none.toml\"\n", "http.tokens: "),
+        (tls, "no.crt: No such file"),
+        ("[transport]\nroot = \"here\"\n", "transport.root `here` is not an absolute path"),
+        ("[transport]\nprefix = \"\"\n", "transport.prefix `` is not 1 to 24"),
+        ("[machine]\nwatch = []\n", "machine.watch: []: expected"),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        let (status, said) = run_once(&["run", "--check", "--config", path.to_str().unwrap()]);
+        assert!(status == 2 && said.contains(expected) && said.lines().count() == 1, "{text}: {said}");
+    }
+}
+
+#[test]
+fn a_token_is_added_to_a_file_of_tokens_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("tokens.toml");
+    let make = |name: &str, days: &str| {
+        let file = file.to_str().unwrap();
+        run_once(&["token", "--file", file, "--name", name, "--role", "viewer", "--days", days])
+    };
+    for days in ["0", "3651", "99999999"] {
+        let (status, said) = make("anna", days);
+        assert!(status == 2 && said.contains("1..=3650") && said.lines().count() == 1, "{days}: {said}");
+    }
+    assert!(!file.exists(), "nothing was begun");
+    assert_eq!(make("anna", "3650"), (0, String::new()));
+    assert_eq!(make("ben", "1"), (0, String::new()));
+    assert_eq!(stillcut::http::token_names(&file).unwrap(), ["anna", "ben"]);
+    let (status, said) = make("anna", "1");
+    assert!(status == 2 && said.contains("`anna` is there already"), "{said}");
+    std::fs::write(&file, "junk").unwrap();
+    let (status, said) = make("carl", "1");
+    assert!(status == 2 && said.contains("tokens.toml: "), "{said}");
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "junk", "left as it was");
 }
 
 #[test]

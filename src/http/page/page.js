@@ -341,8 +341,9 @@ async function refreshLists() {
     // As it is now, also when the history was begun anew.
     if (answer.events.length) lastEventId = answer.events[0].sequence;
     refreshOpen();
+    const { can_diagnose } = (await request("GET", "/api/v1/config")).answer;
     const recordings = (await request("GET", "/api/v1/recordings?limit=8")).answer;
-    $("recordings").replaceChildren(...recordings.map(recordingItem));
+    $("recordings").replaceChildren(...recordings.map((recording) => recordingItem(recording, can_diagnose)));
     const diagnoses = (await request("GET", "/api/v1/diagnoses?limit=5")).answer;
     $("diagnoses-title").hidden = diagnoses.length === 0;
     $("diagnoses").replaceChildren(...diagnoses.map(diagnosisItem));
@@ -350,12 +351,14 @@ async function refreshLists() {
   } catch { /* the stream's state says that the service is away */ }
 }
 
-function recordingItem(recording) {
+function recordingItem(recording, canDiagnose) {
   const item = make("li");
   const link = make("a", "", "Parquet");
   link.href = `/api/v1/recordings/${recording.id}/file.parquet`;
   link.download = `${recording.id}.parquet`;
   const diagnose = make("button", "", "Diagnose");
+  diagnose.disabled = !canDiagnose;
+  if (!canDiagnose) diagnose.title = "machine.model is not configured: there is no model to start from";
   diagnose.addEventListener("click", () => ask({
     title: "Diagnose this recording",
     text: `What physics does the machine model leave out? Looks at ${recording.id}.`,

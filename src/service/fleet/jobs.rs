@@ -237,9 +237,14 @@ impl Worker<'_> {
         let (program, out) = (self.program.to_owned(), task.out.clone());
         let (tell, mut told) = tokio::sync::mpsc::unbounded_channel();
         let running = tokio::task::spawn_blocking(move || {
-            run_task(&program, &task, |share, what| {
-                let _ = tell.send(format!("progress {share:.3} {what}"));
-            })
+            run_task(
+                &program,
+                &task,
+                || true,
+                |share, what| {
+                    let _ = tell.send(format!("progress {share:.3} {what}"));
+                },
+            )
         });
         tokio::pin!(running);
         let mut alive = tokio::time::interval(ALIVE);
