@@ -43,8 +43,6 @@ pub(super) struct CutLevelState {
     ripple_n: f64,
     /// The mean force nearest to zero so far, in thirds of a second: no tool cuts there, as far as is known.
     rest_n: f64,
-    /// Largest distance from it, forgotten over a minute.
-    deepest_n: f64,
     /// Whether it has ever changed at once, as where tools enter or leave.
     moved: bool,
     changing: bool,
@@ -60,7 +58,6 @@ crate::keyframe::keep!(CutLevelState {
     since_look_s,
     ripple_n,
     rest_n,
-    deepest_n,
     moved,
     changing,
     quiet_until,
@@ -86,12 +83,6 @@ impl CutLevelState {
         if self.moved && self.rest_n.is_finite() { self.farthest_from_n(self.rest_n) } else { 0.0 }
     }
 
-    /// Whether there is still a share of the cut, as far as is known.
-    pub(super) fn in_cut(&self) -> bool {
-        let over_n = self.over_rest_n();
-        over_n > 0.0 && over_n > 0.1 * self.deepest_n
-    }
-
     fn farthest_from_n(&self, zero_n: f64) -> f64 {
         let newest = &self.looks[..self.seen.clamp(1, NEWEST)];
         let newest_n = newest.iter().sum::<f64>() / newest.len() as f64;
@@ -113,7 +104,6 @@ impl CutLevel {
             since_look_s: 0.0,
             ripple_n: 0.0,
             rest_n: f64::INFINITY,
-            deepest_n: 0.0,
             moved: false,
             changing: false,
             quiet_until: 0,
@@ -147,7 +137,6 @@ impl CutLevel {
         if state.seen >= LOOKS && mean_n.abs() < state.rest_n.abs() {
             state.rest_n = mean_n;
         }
-        state.deepest_n = (state.deepest_n * (1.0 - LOOK_S / 60.0)).max(state.over_rest_n());
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let back = ((turn_s / LOOK_S).round().max(1.0) as usize).min(LOOKS - 1);
         if state.seen <= back + 4 {

@@ -145,8 +145,6 @@ pub struct ChatterState {
     /// event.
     wide: u32,
     wide_until_s: f64,
-    /// For how long the tools have left the cut at every wave.
-    leaving_s: f64,
     /// Until when nothing is declared for it; 0: nothing is held off.
     held_off_s: f64,
     orders_new_until_s: f64,
@@ -160,7 +158,7 @@ crate::keyframe::keep!(ChatterState {
     speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
     detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s,
     start_until_s, noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line,
-    wide, wide_until_s, leaving_s, held_off_s, orders_new_until_s, relearn_until_s, latest
+    wide, wide_until_s, held_off_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
 
 impl ChatterMonitor {
@@ -240,7 +238,6 @@ impl ChatterMonitor {
             order_line: 0,
             wide: 0,
             wide_until_s: 0.0,
-            leaving_s: 0.0,
             held_off_s: 0.0,
             orders_new_until_s: 0.0,
             relearn_until_s: 0.0,
@@ -428,14 +425,12 @@ impl ChatterMonitor {
         self.watch_orders(state, &evidence);
         self.watch_width(state, t_s);
         let strongest = self.watch_strongest(state, &evidence);
-        let leaving = self.leaving_cut(state, &evidence);
-        let stands = evidence.stands.or(strongest).and_then(|line| self.not_foreign(state, line));
-        evidence.stands = leaving.or(stands);
+        evidence.stands = evidence.stands.or(strongest).and_then(|line| self.not_foreign(state, line));
         if state.foreign.any() {
             let (bank, heard) = (&state.banks[FOLLOWED], &state.baselines[FOLLOWED]);
             state.foreign.follow(&self.banks[FOLLOWED], bank, heard);
         }
-        self.conclude(state, &evidence, [leaving.is_some(), strongest.is_some()]);
+        self.conclude(state, &evidence, strongest.is_some());
         // What is suspected is not noise: chatter that grows with the entry must not be learned.
         let learns = match state.detector.phase() {
             Phase::Learning => true,
@@ -477,17 +472,17 @@ impl ChatterMonitor {
         state.bank_evidence = evidence.banks;
     }
 
-    /// What began or ended, and what that says of the noise. `leaving`: the tools leave the cut, which no noise
-    /// makes them; `strongest`: the line that stands was learned as noise.
-    fn conclude(&self, state: &mut ChatterState, evidence: &Evidence, [leaving, strongest]: [bool; 2]) {
+    /// What began or ended, and what that says of the noise. `learned`: the line that stands was learned
+    /// as noise.
+    fn conclude(&self, state: &mut ChatterState, evidence: &Evidence, learned: bool) {
         let t_s = evidence.t_s;
         let age_s = state.detector.chatter_age_s(t_s);
-        let ended = if leaving { None } else { self.watch_scatter(state, evidence) };
-        let event = ended.or_else(|| self.try_line(state, evidence, leaving));
+        let ended = self.watch_scatter(state, evidence);
+        let event = ended.or_else(|| self.try_line(state, evidence));
         if event.is_some() {
             state.latest.event = event;
         }
-        if (leaving || strongest) && matches!(event, Some(ChatterEvent::Onset(_))) {
+        if learned && matches!(event, Some(ChatterEvent::Onset(_))) {
             // It was learned as noise.
             state.baselines.iter_mut().for_each(Baseline::level);
         }

@@ -90,18 +90,11 @@ impl ChatterMonitor {
         (2.0 * power_n2).sqrt() < MOST_SHARE * force_n && (came || self.over_noise(force_n, floor_n2))
     }
 
-    /// What the detector concludes, unless the second look refuses it; where the tools leave the cut there is
-    /// none.
-    pub(super) fn try_line(
-        &self,
-        state: &mut ChatterState,
-        evidence: &Evidence,
-        leaving: bool,
-    ) -> Option<ChatterEvent> {
+    /// What the detector concludes, unless the second look refuses it.
+    pub(super) fn try_line(&self, state: &mut ChatterState, evidence: &Evidence) -> Option<ChatterEvent> {
         let before = state.detector.clone();
         let event = state.detector.step(evidence);
         if let Some(ChatterEvent::Onset(line)) = event
-            && !leaving
             && self.is_refused(state, &line, &evidence.banks)
         {
             state.detector.refuse(&before);

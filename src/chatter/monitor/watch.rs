@@ -16,11 +16,6 @@ const LOUDER_LOOKS: u32 = 8;
 const WIDE_LOOKS: u32 = 3;
 /// A line that stands this far above the band that rose with it made it rise.
 const CLEAR_LINE: f64 = 150.0;
-/// Band without orders over the force of the cut from which on, up to what a force with a mean has, and for how
-/// long, the tools leave the cut at every wave: no noise of a stable cut does that, and a hit is over sooner.
-const LEAVES_CUT: f64 = 0.5;
-const LEFT_CUT: f64 = 3.0;
-const LEAVES_S: f64 = 0.25;
 /// At the start the strongest line is watched for so long, and after noise was told by its scatter.
 pub(super) const START_S: f64 = 1.2;
 const DOUBTFUL_S: f64 = 10.0;
@@ -126,27 +121,6 @@ impl ChatterMonitor {
             noise_n2: floor_n2,
             frequency_hz,
             growth_1_s: bank.growth_1_s(&state.banks[PLACED], strongest),
-            ..evidence.banks[PLACED]
-        })
-    }
-
-    /// The loudest line where the force swings by as much as there is of it: chatter that has grown until the
-    /// tools leave the cut, however much it scatters, and though it was there from the entry on.
-    pub(super) fn leaving_cut(&self, state: &mut ChatterState, evidence: &Evidence) -> Option<BankEvidence> {
-        let share = state.variance_n2.sqrt() / state.level.over_rest_n().max(f64::MIN_POSITIVE);
-        let orders_known = state.speed_hz > 0.0 && evidence.orders_known && !evidence.orders_young;
-        let loud = state.level.in_cut() && (LEAVES_CUT..LEFT_CUT).contains(&share);
-        let period_s = self.decide_every as f64 / self.mix.output_rate_hz();
-        // Where the tools come and go the mean force itself swings: now and then it looks otherwise.
-        let on = if orders_known && loud { period_s } else { -period_s };
-        state.leaving_s = (state.leaving_s + on).clamp(0.0, 2.0 * LEAVES_S);
-        let bank = &self.banks[PLACED];
-        let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
-        let line = state.baselines[PLACED].look(bank, &state.banks[PLACED], among);
-        (state.leaving_s > LEAVES_S).then(|| BankEvidence {
-            power_n2: state.baselines[PLACED].power(line),
-            frequency_hz: self.mix.centre_hz() + bank.refined_hz(&state.banks[PLACED], line),
-            growth_1_s: bank.growth_1_s(&state.banks[PLACED], line),
             ..evidence.banks[PLACED]
         })
     }
