@@ -549,13 +549,19 @@ fn power_of_means(sides: &Sides) -> f64 {
     series.map(|x| x.iter().sum::<f64>().powi(2) / x.len().max(1) as f64).sum()
 }
 
-/// Probability of the best of a round and of the others, from held-out likelihoods.
+/// Probability of what a round took up, the first of it, and of the others, from held-out likelihoods.
 ///
-/// exp(gain / 2 / 8): blocks of a residual are not independent; a gain of 16 counts as one step of e.
+/// exp(gain / 2 / 8): blocks of a residual are not independent; a gain of 16 counts as one step of e. Nothing
+/// is likelier than what was taken up once all of them were fitted.
 fn probabilities(scores: &[Score]) -> (f64, Vec<Alternative>) {
-    let best = scores.first().map_or(0.0, rank);
-    let weights: Vec<f64> =
-        scores.iter().map(|s| if s.plausible { ((rank(s) - best) / 16.0).exp() } else { 0.0 }).collect();
+    let best = scores.first().map_or(0.0, |s| rank(s).max(s.evidence));
+    let behind = |s: &Score| ((rank(s) - best) / 16.0).min(0.0).exp();
+    let weight = |(k, s): (usize, &Score)| match k {
+        0 => 1.0,
+        _ if s.plausible => behind(s),
+        _ => 0.0,
+    };
+    let weights: Vec<f64> = scores.iter().enumerate().map(weight).collect();
     let total: f64 = weights.iter().sum::<f64>().max(1e-300);
     let alternatives = scores
         .iter()

@@ -345,7 +345,7 @@ pub(crate) fn equation(effect: E) -> &'static str {
         E::NonlinearViscosity => "F = c v |v|",
         E::FrictionDrift => "F = (F_c tanh(v / v_s) [+ C v]) r (1 - exp(-t / tau))",
         E::PositionPeriodicForce => "F = sum_h A_h sin(2 pi h x / wavelength + phase_h)",
-        E::PositionDependentForce => "F = F(x), linear between knots",
+        E::PositionDependentForce => "F = F(x), cubic between knots",
         E::TorqueRipple => "F = sum_h A_h sin(h order theta + phase_h)",
         E::TorqueConstantSaturation => "T = K_t i (1 - b i^2)",
         E::GravityLoad => "F = constant",
