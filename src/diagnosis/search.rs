@@ -126,7 +126,7 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
     let Start { mut state, nominal } = start;
     let mut rounds = Vec::new();
     let mut before = state.residual.clone();
-    let mut recalibrated = state.problem.mechanics;
+    let mut recalibrated = state.fitted;
     let mut stranger = None;
     // The model before its last finding, and findings that did harm.
     let mut back: Option<State> = None;
@@ -145,7 +145,7 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
             progress(0.1, "trying forms outside the vocabulary");
             stranger = if most == 0 { None } else { best_stranger(&state) };
             before.clone_from(&state.residual);
-            recalibrated = state.problem.mechanics;
+            recalibrated = state.fitted;
         }
         if state.findings() >= MOST_FINDINGS {
             let all: Vec<Hypothesis> = state.accepted.iter().map(|a| a.hypothesis.clone()).collect();
@@ -179,7 +179,7 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
 pub(crate) fn with_findings_of(start: Start, alone: Outcome) -> Outcome {
     let Start { mut state, nominal } = start;
     state.settle(PASSES);
-    let (before, recalibrated) = (state.residual.clone(), state.problem.mechanics);
+    let (before, recalibrated) = (state.residual.clone(), state.fitted);
     for a in &alone.state.accepted[alone.state.given..] {
         let again = Accepted::new(&state.problem, a.hypothesis.clone(), a.amplitudes.clone());
         state.accepted.push(Accepted { round: a.round, ..again });
@@ -195,7 +195,7 @@ pub(crate) fn with_findings_of(start: Start, alone: Outcome) -> Outcome {
 pub(crate) fn as_told(start: Start, told: Told) -> Outcome {
     let Start { mut state, nominal } = start;
     state.settle(PASSES);
-    let (before, recalibrated) = (state.residual.clone(), state.problem.mechanics);
+    let (before, recalibrated) = (state.residual.clone(), state.fitted);
     state.problem.mechanics = Mechanics::nominal(&told.axis.drive);
     for f in &told.findings {
         let law = Accepted::new(&state.problem, f.hypothesis.clone(), f.amplitudes.clone());
@@ -353,7 +353,7 @@ fn least_left(state: &State, scores: &mut Vec<Score>, (rivals, round): (Vec<Scor
 /// In the first round a loud cause is itself the noise that everything is measured in, and what it moves
 /// follows it.
 fn beats_named(state: &State, stranger: &Score) -> bool {
-    let State { problem, accepted, given, residual } = state;
+    let State { problem, accepted, given, residual, .. } = state;
     if accepted.len() == *given {
         return true;
     }
@@ -448,7 +448,7 @@ fn drop_harmful(state: &mut State) {
 /// The first finding that does harm beside those before it. What comes later can make the earlier ones look
 /// harmful: a wave and a map that both follow the same place leave a stretch that neither was fitted to.
 fn first_harmful(state: &State) -> Option<usize> {
-    let State { problem, accepted, given, residual } = state;
+    let State { problem, accepted, given, residual, .. } = state;
     let bench = |count: usize| Bench::new(problem, &accepted[..count], residual);
     let heldout = |count| rms(&bench(count).heldout_residual(None));
     let left: Vec<f64> = (*given..=accepted.len()).map(heldout).collect();
