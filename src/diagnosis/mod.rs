@@ -88,9 +88,9 @@ pub enum DiagnoseError {
     },
     /// Thrust and motion have opposite signs.
     #[error(
-        "recording {recording}, axis {axis}: the current (or thrust) has the opposite sign of what moves the \
-         axis: turned, the stated mass and friction explain {percent:.0} % of it; expected is plus for a push \
-         towards plus"
+        "recording {recording}, axis {axis}: the current (or thrust) has the opposite sign of what moves \
+         the axis: turned, the stated mass and friction explain {percent:.0} % of it; expected is plus for a \
+         push towards plus"
     )]
     OppositeSign {
         /// Experiment of the recording.

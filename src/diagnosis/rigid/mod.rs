@@ -89,8 +89,8 @@ fn without_stage(axis: &AxisModel, recordings: &[Recording]) -> Option<String> {
     let told = axis.drive.structure() != Structure::Rigid && !without.is_empty();
     told.then(|| {
         format!(
-            "The stage's position ({column}) is absent from {}: the answer is of one force balance of the whole \
-             axis, below {:.0} % of its resonance, and cannot tell the motor's side from the stage's.",
+            "The stage's position ({column}) is absent from {}: the answer is of one force balance of the \
+             whole axis, below {:.0} % of its resonance, and cannot tell the motor's side from the stage's.",
             without.join(", "),
             100.0 * signals::RIGID_SHARE
         )
