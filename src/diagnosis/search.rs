@@ -441,18 +441,8 @@ fn drop_harmful(state: &mut State) {
                 .max_by(|a, b| a.0.total_cmp(&b.0))
         };
         let Some((_, k)) = worst else { return };
-        state.remove(first_harmful(state).unwrap_or(k));
+        state.remove(k);
     }
-}
-
-/// The first finding that does harm beside those before it. What comes later can make the earlier ones look
-/// harmful: a wave and a map that both follow the same place leave a stretch that neither was fitted to.
-fn first_harmful(state: &State) -> Option<usize> {
-    let State { problem, accepted, given, residual, .. } = state;
-    let bench = |count: usize| Bench::new(problem, &accepted[..count], residual);
-    let heldout = |count| rms(&bench(count).heldout_residual(None));
-    let left: Vec<f64> = (*given..=accepted.len()).map(heldout).collect();
-    left.windows(2).position(|pair| pair[1] > HARM * pair[0]).map(|k| given + k)
 }
 
 /// Evidence from which on a finding is claimed.
