@@ -45,9 +45,21 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             let _ = writeln!(std::io::stderr(), "progress {share:.3} {what}");
         }
     };
-    let diagnosis = crate::diagnosis::diagnose(&machine, &recordings, &progress).map_err(bad_input)?;
-    bar.finish_and_clear();
     let files: Vec<String> = arguments.recordings.iter().map(|p| name(p)).collect();
+    let diagnosis = crate::diagnosis::diagnose(&machine, &recordings, &progress).map_err(|error| {
+        let concerned = files.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));
+        let concerned: Vec<&str> = concerned.map(|(file, _)| file.as_str()).collect();
+        bad_input(if concerned.is_empty() {
+            error.to_string()
+        } else {
+            format!("{}: {error}", concerned.join(", "))
+        })
+    })?;
+    bar.finish_and_clear();
+    for note in &diagnosis.notes {
+        // Whoever reads standard error may have gone; the files are written all the same.
+        let _ = writeln!(std::io::stderr(), "note: {note}");
+    }
     write(&arguments.out, &diagnosis, &files)?;
     let context = ReportContext { machine: machine.name.clone(), files };
     write_whole(&arguments.out.join("report.html"), diagnosis_page(&diagnosis, &context).as_bytes())?;

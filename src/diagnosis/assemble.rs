@@ -12,7 +12,7 @@ use super::search::{Complete, Outcome, least_evidence, rank};
 use super::shape::Shape;
 use super::steps::stated_step_m;
 use super::terms;
-use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
+use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 use crate::simulation::model_axis::not_simulated;
@@ -32,7 +32,7 @@ pub(super) struct Case<'a> {
     pub(super) axis: &'a AxisModel,
     pub(super) recordings: &'a [Recording],
     pub(super) outcome: &'a Outcome,
-    bench: &'a Bench<'a>,
+    pub(super) bench: &'a Bench<'a>,
     nominal: Column,
     after: Column,
     pub(super) spectra: Vec<SideSpectrum>,
@@ -105,6 +105,7 @@ pub(crate) fn assemble(
         tried: tried(outcome.rounds.first().map_or(&[], Vec::as_slice)),
         detection_limits: detection_limits(bench, outcome.rounds.last().map_or(&[], Vec::as_slice)),
         closed_loop,
+        notes: Vec::new(),
         model,
     }
 }
@@ -172,7 +173,9 @@ impl Case<'_> {
             let found = model.axis(&self.axis.name).ok_or("the axis is not in the model")?;
             in_loop(&rig, (self.axis, found), outcome)
         });
-        let refuted = |c: &ClosedLoop| c.not_simulated.is_empty() && c.left_n(2) > REFUTED * c.left_n(1);
+        let refuted = |c: &ClosedLoop| {
+            c.not_simulated.is_empty() && c.left_n(2) > REFUTED * c.left_n(0).min(c.left_n(1))
+        };
         // Where a coarse step rounds is chance: no loop repeats it.
         let told =
             !findings.is_empty() && findings.iter().all(|f| f.effect != EffectKind::EncoderQuantization);
@@ -182,79 +185,6 @@ impl Case<'_> {
             model = self.model(&[], &[]);
         }
         Answer { unexplained, findings, corrections, model, closed_loop }
-    }
-
-    /// Encoders whose steps are coarser than the model states.
-    fn encoder_steps(&self) -> Vec<Finding> {
-        let p = &self.outcome.state.problem;
-        [Port::MotorEncoder, Port::StageEncoder]
-            .into_iter()
-            .zip(p.steps_m)
-            .filter(|(port, step)| *step > stated_step_m(self.axis, *port))
-            .map(|(port, step)| self.step_finding(port, step))
-            .collect()
-    }
-
-    fn step_finding(&self, port: Port, step: f64) -> Finding {
-        let p = &self.outcome.state.problem;
-        let effect = EffectKind::EncoderQuantization;
-        let parameters = vec![Estimate {
-            name: "step_m".to_owned(),
-            value: step,
-            unit: "m",
-            ci95: [0.99 * step, 1.01 * step],
-        }];
-        let rms_after = rms(&self.bench.heldout_residual(None));
-        let contribution = p
-            .motions
-            .iter()
-            .zip(self.recordings)
-            .enumerate()
-            .map(|(r, (m, recording))| {
-                let side = if port == Port::MotorEncoder { &m.motor } else { &m.stage };
-                let delay = if port == Port::MotorEncoder {
-                    p.drive.motor_encoder_delay_s()
-                } else {
-                    p.drive.stage_encoder_delay_s()
-                };
-                let shift = (delay * m.rate_hz).round() as usize;
-                // What was read, less the low-passed position at that instant.
-                let error: Vec<f64> =
-                    (0..m.len()).map(|k| side.raw_m[k] - side.position_m[k.saturating_sub(shift)]).collect();
-                let value = (0..recording.len())
-                    .map(|k| error[k.saturating_sub(m.offset).min(error.len() - 1)])
-                    .collect();
-                Contribution {
-                    recording: r,
-                    t_s: (0..recording.len()).map(|k| recording.time_s(k)).collect(),
-                    value,
-                }
-            })
-            .collect();
-        Finding {
-            rank: 0,
-            effect,
-            port,
-            statement: terms::statement(effect, port, &parameters),
-            equation: terms::equation(effect),
-            term: PhysicsTerm {
-                effect,
-                port,
-                parameters: vec![("step_m".to_owned(), ParameterValue::Number(step))],
-            },
-            parameters,
-            maps: Vec::new(),
-            fit: Fit {
-                heldout_rms_before_n: rms_after,
-                heldout_rms_after_n: rms_after,
-                noise_floor_n: rms_after,
-            },
-            probability: 1.0,
-            alternatives: Vec::new(),
-            next_experiment: None,
-            contribution,
-            evidence: 1e4,
-        }
     }
 
     fn new_accepted(&self) -> impl Iterator<Item = (usize, &Accepted)> {
@@ -549,13 +479,19 @@ fn power_of_means(sides: &Sides) -> f64 {
     series.map(|x| x.iter().sum::<f64>().powi(2) / x.len().max(1) as f64).sum()
 }
 
-/// Probability of the best of a round and of the others, from held-out likelihoods.
+/// Probability of what a round took up, the first of it, and of the others, from held-out likelihoods.
 ///
-/// exp(gain / 2 / 8): blocks of a residual are not independent; a gain of 16 counts as one step of e.
+/// exp(gain / 2 / 8): blocks of a residual are not independent; a gain of 16 counts as one step of e. Nothing
+/// is likelier than what was taken up once all of them were fitted.
 fn probabilities(scores: &[Score]) -> (f64, Vec<Alternative>) {
-    let best = scores.first().map_or(0.0, rank);
-    let weights: Vec<f64> =
-        scores.iter().map(|s| if s.plausible { ((rank(s) - best) / 16.0).exp() } else { 0.0 }).collect();
+    let best = scores.first().map_or(0.0, |s| rank(s).max(s.evidence));
+    let behind = |s: &Score| ((rank(s) - best) / 16.0).min(0.0).exp();
+    let weight = |(k, s): (usize, &Score)| match k {
+        0 => 1.0,
+        _ if s.plausible => behind(s),
+        _ => 0.0,
+    };
+    let weights: Vec<f64> = scores.iter().enumerate().map(weight).collect();
     let total: f64 = weights.iter().sum::<f64>().max(1e-300);
     let alternatives = scores
         .iter()

@@ -205,6 +205,12 @@ pub(super) fn lcm(a: f64, b: f64) -> f64 {
     x.checked_div(u).map_or(0.0, |part| (part * y) as f64)
 }
 
+/// Nothing in a screw drive repeats more slowly than the screw turns: a longer wave is known to be one, and no
+/// map, once it has repeated so often over the travel.
+const LEAST_PERIODS: f64 = 4.0;
+/// The same of shorter ones, and where the lead is not known.
+const LEAST_PERIODS_OF_SCREW: f64 = 1.5;
+
 struct Spatial {
     at_motor: bool,
     flips: bool,
@@ -238,7 +244,9 @@ fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
     let cell = s.least_m / 4.0;
     let length = n as f64 * cell;
     let power = least_squares_spectrum(&points, (low, cell), n);
-    let first = ((length / span) * 1.5).ceil() as usize;
+    let of_lead = |lead: f64| (span / LEAST_PERIODS).max(2.0 * lead);
+    let longest_m = p.drive.screw_lead_m().map_or(span, of_lead).min(span / LEAST_PERIODS_OF_SCREW);
+    let first = (length / longest_m).ceil() as usize;
     let mut peaks: Vec<(f64, f64)> = (first.max(1)..power.len().saturating_sub(1))
         .filter(|&k| power[k] > power[k - 1] && power[k] >= power[k + 1])
         .map(|k| {

@@ -125,6 +125,10 @@ impl<'a> Bench<'a> {
             accepted,
             held: None,
         };
+        for (k, a) in accepted.iter().enumerate().filter(|(_, a)| is_map(&a.hypothesis)) {
+            let first = bench.range(k).start;
+            bench.gram = bench.gram.knots(first..first + a.columns.len());
+        }
         bench.solution = bench.solve(&bench.gram, true);
         bench.hold_scale();
         bench
@@ -385,9 +389,12 @@ impl<'a> Bench<'a> {
     fn try_free(&self, h: &Hypothesis) -> Tried {
         let columns = h.columns(self.problem);
         let weighed: Vec<Vec<f64>> = columns.iter().map(|c| self.weights.weigh(c)).collect();
-        let gram = self.gram.with(&self.and(&weighed), &self.target, &self.folds);
-        let solution = self.solve(&gram, !is_delay(h));
         let first = self.base.len();
+        let mut gram = self.gram.with(&self.and(&weighed), &self.target, &self.folds);
+        if is_map(h) {
+            gram = gram.knots(first..gram.columns());
+        }
+        let solution = self.solve(&gram, !is_delay(h));
         let amplitudes = solution.coefficients[first..].to_vec();
         let [evidence, likelihood] = self.gains(&solution);
         let score = Score {
@@ -417,7 +424,7 @@ fn beside(problem: &Problem, weights: &Weights, folds: &Folds) -> Beside {
     let stated = problem.numbers.iter().filter(|n| n.key.is_some());
     let known: Vec<[f64; 2]> = stated.map(|n| [(STATED_DEVIATION * n.nominal).powi(-2), n.nominal]).collect();
     let noise = problem.encoder_noise.as_ref().map(|noise| noise.share(problem, weights, known.len()));
-    Beside { noise: noise.unwrap_or_default(), instants: folds.instants(), known }
+    Beside { noise: noise.unwrap_or_default(), instants: folds.instants(), known, knots: Vec::new() }
 }
 
 /// A hypothesis that was tried, with what it was tried with.
@@ -511,6 +518,11 @@ fn share(tie: Option<Tie>, coefficients: &[f64]) -> f64 {
 /// The accepted laws of fixed amplitude, each with its tie.
 fn fixed<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = (&'b Accepted, Option<Tie>)> {
     accepted.iter().filter(|a| a.hypothesis.shape.unit()).map(|a| (a, tie(p, &a.hypothesis)))
+}
+
+/// True for a force for every place.
+fn is_map(h: &Hypothesis) -> bool {
+    matches!(h.shape, Shape::Map { .. })
 }
 
 /// Columns of the base behind those of the numbers, in order.

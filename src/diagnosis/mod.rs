@@ -5,9 +5,11 @@ mod bank;
 mod bench;
 #[cfg(test)]
 mod chance;
+mod coarse_steps;
 mod columns;
 mod corrections;
 mod encoder_noise;
+mod first_look;
 mod floor;
 mod in_loop;
 mod kernel;
@@ -76,6 +78,43 @@ pub enum DiagnoseError {
         /// Rate of the first recording, Hz.
         first_hz: f64,
     },
+    /// Nothing moves in any recording.
+    #[error("axis {axis} stands still in {recordings}; nothing can be told of it")]
+    Standing {
+        /// Axis.
+        axis: String,
+        /// Experiments of the recordings.
+        recordings: String,
+    },
+    /// Thrust and motion have opposite signs.
+    #[error(
+        "recording {recording}, axis {axis}: the current (or thrust) has the opposite sign of what moves \
+         the axis: turned, the stated mass and friction explain {percent:.0} % of it; expected is plus for a \
+         push towards plus"
+    )]
+    OppositeSign {
+        /// Experiment of the recording.
+        recording: String,
+        /// Axis.
+        axis: String,
+        /// Share of the thrust's power that the model explains once it is turned, per cent.
+        percent: f64,
+    },
+    /// Motor and stage disagree about the travel.
+    #[error(
+        "recording {recording}, axis {axis}: by its encoder and screw_lead_m the motor travels {ratio:.4} \
+         times as far as the stage, expected is 1: {hint}"
+    )]
+    TravelRatio {
+        /// Experiment of the recording.
+        recording: String,
+        /// Axis.
+        axis: String,
+        /// Travel of the motor over that of the stage.
+        ratio: f64,
+        /// What such a ratio looks like.
+        hint: &'static str,
+    },
     /// Too short for the filters.
     #[error("recording {recording}: {samples} samples, at least {needed} are needed")]
     TooShort {
@@ -88,12 +127,30 @@ pub enum DiagnoseError {
     },
 }
 
+impl DiagnoseError {
+    /// True where the error speaks of a recording with this experiment.
+    #[must_use]
+    pub fn concerns(&self, experiment: &str) -> bool {
+        match self {
+            Self::NoRecording | Self::NoTorqueConstant { .. } => false,
+            Self::Standing { .. } => true,
+            Self::NoAxis { recording, .. }
+            | Self::MissingColumn { recording, .. }
+            | Self::MixedRates { recording, .. }
+            | Self::OppositeSign { recording, .. }
+            | Self::TravelRatio { recording, .. }
+            | Self::TooShort { recording, .. } => recording == experiment,
+        }
+    }
+}
+
 /// Progress of a diagnosis: a share from 0 to 1 and what is being done.
 pub type Progress<'a> = &'a (dyn Fn(f64, &str) + Sync);
 
 /// Says what `machine` leaves out, from recordings of it. Deterministic.
 ///
-/// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters.
+/// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters, an axis
+/// that stands still, a sign or a unit that is not the stated one.
 pub fn diagnose(
     machine: &Machine,
     recordings: &[Recording],
@@ -101,6 +158,7 @@ pub fn diagnose(
 ) -> Result<Diagnosis, DiagnoseError> {
     let first = recordings.first().ok_or(DiagnoseError::NoRecording)?;
     let axis = axis_of(machine, first)?;
+    first_look::check(axis, recordings)?;
     if rigid::applies(axis, recordings) {
         return rigid::diagnose(machine, axis, recordings, progress);
     }

@@ -10,6 +10,9 @@ use std::ops::AddAssign;
 
 /// Folds of the held-out judgement.
 pub(crate) const FOLDS: usize = 4;
+/// Share of a column's power that the other folds hold, from which on they measure it (it is three quarters
+/// where the column is spread evenly).
+const LEAST_TRAINED: f64 = 0.5;
 /// Length of a block that stays together, s.
 const BLOCK_S: f64 = 0.25;
 
@@ -139,6 +142,8 @@ pub(crate) struct Beside {
     pub(crate) instants: [f64; FOLDS],
     /// Precision and value of the first coefficients before anything is measured.
     pub(crate) known: Vec<[f64; 2]>,
+    /// Columns that are knots of maps: held-out folds expect nothing of those that the others hardly measure.
+    pub(crate) knots: Vec<usize>,
 }
 
 impl Beside {
@@ -306,6 +311,13 @@ impl Gram {
         gram
     }
 
+    /// This Gram with columns that are knots of a map.
+    pub(crate) fn knots(&self, columns: std::ops::Range<usize>) -> Self {
+        let mut gram = self.clone();
+        gram.beside.knots.extend(columns);
+        gram
+    }
+
     /// This Gram with `factor` times the last column in another one, not by itself.
     pub(crate) fn tied_to(mut self, column: usize, factor: f64) -> Self {
         let last = self.columns() - 1;
@@ -363,12 +375,13 @@ impl Gram {
         };
         let power: f64 = self.power.iter().sum();
         let left = (power + lost(&coefficients, &all.inner, &all.target)).max(0.0);
+        let variance = left / (self.samples.saturating_sub(used.len()).max(1)) as f64;
         let mut heldout = 0.0;
         for f in 0..FOLDS {
-            let (b, _) = self.beside.solve(&self.sums(Some(f)), used);
+            let trained = self.trained(f, &all, (&coefficients, variance));
+            let (b, _) = self.beside.solve(&trained, used);
             heldout += self.power[f] + lost(&b, &self.inner[f], &self.target[f]);
         }
-        let variance = left / (self.samples.saturating_sub(used.len()).max(1)) as f64;
         let mut deviations = vec![0.0; self.columns()];
         for (k, &column) in used.iter().enumerate() {
             deviations[column] = (inverse[k] * variance).max(0.0).sqrt();
@@ -378,7 +391,25 @@ impl Gram {
 
     /// Coefficients fitted to all folds but one.
     pub(crate) fn solve_without(&self, fold: usize, used: &[usize]) -> Vec<f64> {
-        self.beside.solve(&self.sums(Some(fold)), used).0.iter().copied().collect()
+        let all = self.sums(None);
+        let (b, _) = self.beside.solve(&all, used);
+        let power: f64 = self.power.iter().sum();
+        let left = power + (b.transpose() * &all.inner * &b)[(0, 0)] - 2.0 * b.dot(&all.target);
+        let variance = left.max(0.0) / (self.samples.saturating_sub(used.len()).max(1)) as f64;
+        self.beside.solve(&self.trained(fold, &all, (&b, variance)), used).0.iter().copied().collect()
+    }
+
+    /// Sums over all folds but one. The knot of a map at a place that was passed in that fold is hardly measured
+    /// by the others: it is expected to be no larger than it is in the whole (normally distributed about zero),
+    /// or noise beside it would set it.
+    fn trained(&self, fold: usize, all: &Sums, (whole, variance): (&DVector<f64>, f64)) -> Sums {
+        let mut sums = self.sums(Some(fold));
+        for &k in &self.beside.knots {
+            if sums.inner[(k, k)] < LEAST_TRAINED * all.inner[(k, k)] && whole[k] != 0.0 {
+                sums.inner[(k, k)] += variance / whole[k].powi(2);
+            }
+        }
+        sums
     }
 
     /// Sums over all folds but one.
@@ -435,8 +466,12 @@ mod tests {
         }
         let share =
             NoiseShare { columns: DMatrix::from_element(1, 1, 1.0), target: DVector::from_element(1, 0.0) };
-        let beside =
-            Beside { noise: share, instants: folds.instants(), known: vec![[(0.3_f64 * 2.7).powi(-2), 2.7]] };
+        let beside = Beside {
+            noise: share,
+            instants: folds.instants(),
+            known: vec![[(0.3_f64 * 2.7).powi(-2), 2.7]],
+            knots: Vec::new(),
+        };
         Gram::new(&[x, y], &target, &folds).beside(beside).solve(&[0, 1])
     }
 

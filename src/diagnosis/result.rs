@@ -259,6 +259,8 @@ pub struct Diagnosis {
     pub detection_limits: Vec<DetectionLimit>,
     /// The model with findings and corrections in it.
     pub model: Machine,
+    /// What a reader must know of how the answer came about, in sentences.
+    pub notes: Vec<String>,
     /// The proof in simulation, or in a person's words why there is none.
     pub closed_loop: Result<ClosedLoop, String>,
 }

@@ -10,6 +10,7 @@ use super::state::{PASSES, RUNAWAY, State, nominal_residual};
 use super::strangers;
 use super::two_cores::on_two_cores;
 use crate::plant::effects::Port;
+use crate::plant::effects::periodic::knots_at;
 use crate::signal::inner_products::dot;
 
 /// More findings than this are a different machine.
@@ -39,6 +40,8 @@ pub(super) const RIVALS: usize = 3;
 const RIVAL_PASSES: usize = 10;
 /// A map that needs more knots than this is no map but a wave.
 const MOST_KNOTS: usize = 50;
+/// Once it is taken up it may have more.
+const FINEST_KNOTS: usize = 200;
 /// So many times what is left without it, what is left with a finding is more than a fit in another noise.
 const HARM: f64 = 1.02;
 /// Least share of a loud rest, all frequencies alike, that makes a hypothesis a rival.
@@ -123,7 +126,7 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
     let Start { mut state, nominal } = start;
     let mut rounds = Vec::new();
     let mut before = state.residual.clone();
-    let mut recalibrated = state.problem.mechanics;
+    let mut recalibrated = state.fitted;
     let mut stranger = None;
     // The model before its last finding, and findings that did harm.
     let mut back: Option<State> = None;
@@ -133,6 +136,7 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
         progress(round as f64 / (MOST_ROUNDS + 1) as f64, "re-estimating the numbers");
         state.settle(PASSES);
         add_overtones(&mut state);
+        add_knots(&mut state);
         if let Some(back) = back.take_if(|b| rms(&state.residual) > RUNAWAY * rms(&b.residual)) {
             refused.extend(state.accepted.pop().map(|a| a.hypothesis));
             state = back;
@@ -141,7 +145,7 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
             progress(0.1, "trying forms outside the vocabulary");
             stranger = if most == 0 { None } else { best_stranger(&state) };
             before.clone_from(&state.residual);
-            recalibrated = state.problem.mechanics;
+            recalibrated = state.fitted;
         }
         if state.findings() >= MOST_FINDINGS {
             let all: Vec<Hypothesis> = state.accepted.iter().map(|a| a.hypothesis.clone()).collect();
@@ -175,13 +179,14 @@ pub(crate) fn search(start: Start, (complete, progress): (Complete, super::Progr
 pub(crate) fn with_findings_of(start: Start, alone: Outcome) -> Outcome {
     let Start { mut state, nominal } = start;
     state.settle(PASSES);
-    let (before, recalibrated) = (state.residual.clone(), state.problem.mechanics);
+    let (before, recalibrated) = (state.residual.clone(), state.fitted);
     for a in &alone.state.accepted[alone.state.given..] {
         let again = Accepted::new(&state.problem, a.hypothesis.clone(), a.amplitudes.clone());
         state.accepted.push(Accepted { round: a.round, ..again });
     }
     state.settle(PASSES);
     add_overtones(&mut state);
+    add_knots(&mut state);
     prune(&mut state);
     Outcome::new(state, alone.rounds, (nominal, before, recalibrated))
 }
@@ -190,7 +195,7 @@ pub(crate) fn with_findings_of(start: Start, alone: Outcome) -> Outcome {
 pub(crate) fn as_told(start: Start, told: Told) -> Outcome {
     let Start { mut state, nominal } = start;
     state.settle(PASSES);
-    let (before, recalibrated) = (state.residual.clone(), state.problem.mechanics);
+    let (before, recalibrated) = (state.residual.clone(), state.fitted);
     state.problem.mechanics = Mechanics::nominal(&told.axis.drive);
     for f in &told.findings {
         let law = Accepted::new(&state.problem, f.hypothesis.clone(), f.amplitudes.clone());
@@ -224,6 +229,49 @@ fn add_overtones(state: &mut State) {
         state.accepted[k] = Accepted { round, ..Accepted::new(&state.problem, hypothesis, amplitudes) };
         state.settle(PASSES);
     }
+}
+
+/// A map whose knots lie too far apart to follow what shows once it is explained gets twice as many.
+///
+/// When it is taken up the whole mismatch is the noise, and what lies between its knots counts nothing.
+fn add_knots(state: &mut State) {
+    for k in state.given..state.accepted.len() {
+        while let Some((finer, amplitudes)) = finer_map(&state.accepted[k]) {
+            let mut fine = state.clone();
+            let round = state.accepted[k].round;
+            fine.accepted[k] = Accepted { round, ..Accepted::new(&state.problem, finer, amplitudes) };
+            fine.settle(PASSES);
+            let gain = losses(&fine, std::slice::from_ref(state))[0];
+            if gain < least_evidence_of(state.problem.lengths().iter().sum(), state.problem.coarse) {
+                break;
+            }
+            *state = fine;
+        }
+    }
+}
+
+/// The same map with a knot more in each interval.
+fn finer_map(map: &Accepted) -> Option<(Hypothesis, Vec<f64>)> {
+    let Shape::Map { first_m, spacing_m, knots, flips } = map.hypothesis.shape else { return None };
+    let more = 2 * knots - 1;
+    let at = |k: usize| {
+        let (first, parts) = knots_at(0.5 * k as f64, 0.0, 1.0, knots);
+        map.amplitudes[first..].iter().zip(parts).map(|(f, part)| f * part).sum()
+    };
+    let shape = Shape::Map { first_m, spacing_m: 0.5 * spacing_m, knots: more, flips };
+    let hypothesis = Hypothesis { shape, ..map.hypothesis.clone() };
+    (more <= FINEST_KNOTS).then(|| (hypothesis, (0..more).map(at).collect()))
+}
+
+/// Evidence that would be lost with each of the others in the place of `best`, in the noise that it leaves.
+fn losses(best: &State, others: &[State]) -> Vec<f64> {
+    let bench = best.bench();
+    let left = |residual: &Column| {
+        let z = bench.weights.weigh(residual);
+        dot(&z, &z)
+    };
+    let (least, total) = (left(&best.residual), bench.folds.total() as f64);
+    others.iter().map(|other| total * (left(&other.residual) / least).ln()).collect()
 }
 
 /// The free form that explains more than noise, if there is one.
@@ -305,7 +353,7 @@ fn least_left(state: &State, scores: &mut Vec<Score>, (rivals, round): (Vec<Scor
 /// In the first round a loud cause is itself the noise that everything is measured in, and what it moves
 /// follows it.
 fn beats_named(state: &State, stranger: &Score) -> bool {
-    let State { problem, accepted, given, residual } = state;
+    let State { problem, accepted, given, residual, .. } = state;
     if accepted.len() == *given {
         return true;
     }
@@ -374,15 +422,7 @@ fn drop_needless(state: &mut State) {
             state.remove(*k);
             state
         });
-        let bench = state.bench();
-        let left = |residual: &Column| {
-            let z = bench.weights.weigh(residual);
-            dot(&z, &z)
-        };
-        let (with, total) = (left(&state.residual), bench.folds.total() as f64);
-        let losses: Vec<f64> = without.iter().map(|w| total * (left(&w.residual) / with).ln()).collect();
-        let Some(k) = needless(&losses) else { return };
-        drop(bench);
+        let Some(k) = needless(&losses(state, &without)) else { return };
         *state = without.swap_remove(k);
     }
 }

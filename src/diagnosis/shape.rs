@@ -10,7 +10,7 @@ use crate::plant::effects::coupling::{Torsion, cubic};
 use crate::plant::effects::friction::{
     Presliding, asymmetric, drift, nonlinear_viscosity, sliding_direction, stribeck,
 };
-use crate::plant::effects::periodic::{knot, wave};
+use crate::plant::effects::periodic::{knots_at, wave};
 use crate::plant::effects::{EffectKind, Port};
 use std::f64::consts::TAU;
 
@@ -427,15 +427,16 @@ impl Hypothesis {
     /// One column per knot over position.
     fn map(&self, p: &Problem, (first, spacing, knots): (f64, f64, usize), flips: bool) -> Vec<Column> {
         let vs = p.mechanics.smoothing_m_s;
-        let hats = p.motions.iter().map(|m| {
+        let places = p.motions.iter().map(|m| {
             let side = self.side(m);
             let places = side.position_m.iter().zip(&side.velocity_m_s).map(|(x, v)| {
-                let (left, share) = knot(*x, first, spacing, knots);
-                (left, share, if flips { sliding_direction(*v, vs) } else { 1.0 })
+                let (first, parts) = knots_at(*x, first, spacing, knots);
+                let sign = if flips { sliding_direction(*v, vs) } else { 1.0 };
+                (first, parts.map(|part| sign * part))
             });
             places.collect()
         });
-        self.of_hats(p, &hats.collect::<Vec<_>>(), knots)
+        self.of_table(p, &places.collect::<Vec<_>>(), knots)
     }
 
     /// One column per knot over velocity, close together where it is slow.
@@ -443,31 +444,26 @@ impl Hypothesis {
         let scale = 1e-3;
         let reach = (largest_m_s / scale).asinh();
         let spacing = 2.0 * reach / (knots - 1) as f64;
-        let hats = p.motions.iter().map(|m| {
-            let places = self.side(m).velocity_m_s.iter().map(|v| {
-                let (left, share) = knot((v / scale).asinh(), -reach, spacing, knots);
-                (left, share, 1.0)
-            });
-            places.collect()
+        let places = p.motions.iter().map(|m| {
+            let speeds = self.side(m).velocity_m_s.iter();
+            speeds.map(|v| knots_at((v / scale).asinh(), -reach, spacing, knots)).collect()
         });
-        self.of_hats(p, &hats.collect::<Vec<_>>(), knots)
+        self.of_table(p, &places.collect::<Vec<_>>(), knots)
     }
 
-    /// Hat functions: of each sample of each recording the knot before it, its share of the way to the next,
-    /// and the sign.
-    fn of_hats(&self, p: &Problem, hats: &[Vec<(usize, f64, f64)>], knots: usize) -> Vec<Column> {
+    /// One column per knot: of each sample of each recording the knots that it has a part of.
+    fn of_table(&self, p: &Problem, places: &[Vec<(usize, [f64; 4])>], knots: usize) -> Vec<Column> {
         // An error of the scale stretches the spring; of its mass and damper little is seen at these
         // wavelengths.
         let stretches = self.port == Port::StageEncoder;
         let unit = if stretches { p.mechanics.stiffness_n_m } else { 1.0 };
-        let at = |index: usize, (left, share, sign): (usize, f64, f64)| match index {
-            _ if index == left => unit * (1.0 - share) * sign,
-            _ if index == left + 1 => unit * share * sign,
-            _ => 0.0,
+        let at = |index: usize, (first, parts): &(usize, [f64; 4])| {
+            let part = index.checked_sub(*first).and_then(|k| parts.get(k));
+            part.map_or(0.0, |part| unit * part)
         };
         let column = |index: usize| {
-            let series = hats.iter().map(|places| {
-                let series: Vec<f64> = places.iter().map(|place| at(index, *place)).collect();
+            let series = places.iter().map(|places| {
+                let series: Vec<f64> = places.iter().map(|place| at(index, place)).collect();
                 let thin = p.thinning.thin(&series);
                 match self.port {
                     Port::Motor => motor(thin),

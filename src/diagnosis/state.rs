@@ -28,6 +28,8 @@ pub(crate) struct State {
     pub(crate) given: usize,
     /// What is left, from which the noise is taken.
     pub(crate) residual: Column,
+    /// The numbers that leave it, whether they say something of the machine or not.
+    pub(crate) fitted: Mechanics,
 }
 
 impl State {
@@ -35,7 +37,8 @@ impl State {
     /// no choice of them absorbs.
     pub(super) fn new(problem: Problem, given: Vec<Accepted>, nominal: &Column) -> Self {
         let residual = Bench::flat(&problem, &given, nominal).residual();
-        Self { problem, given: given.len(), accepted: given, residual }
+        let fitted = problem.mechanics;
+        Self { problem, given: given.len(), accepted: given, residual, fitted }
     }
 
     /// How many were found here.
@@ -107,9 +110,10 @@ impl State {
         drop(bench);
         self.residual = residual_of(&self.problem, &self.accepted, &coefficients);
         self.problem.update_free_stretch(&coefficients);
+        self.fitted = mechanics_of(&self.problem, &coefficients);
         // Numbers that were fitted to a mismatch say nothing of the machine: laws keep the stated ones.
         if self.accepted.len() > self.given || !self.is_loud() {
-            update_mechanics(&mut self.problem, &coefficients);
+            self.problem.mechanics = self.fitted;
         }
         self.problem.shift_timing(coefficients[self.problem.numbers.len()]);
         let p = &self.problem;
@@ -166,7 +170,7 @@ impl State {
 }
 
 /// Numbers of the problem from the coefficients of the bench.
-fn update_mechanics(p: &mut Problem, coefficients: &[f64]) {
+fn mechanics_of(p: &Problem, coefficients: &[f64]) -> Mechanics {
     let mut m = Mechanics::nominal(&p.drive);
     for (number, &b) in p.numbers.iter().zip(coefficients) {
         // A number that the recording cannot tell stays nominal.
@@ -183,7 +187,7 @@ fn update_mechanics(p: &mut Problem, coefficients: &[f64]) {
             _ => {}
         }
     }
-    p.mechanics = m;
+    m
 }
 
 /// What the model as stated leaves.

@@ -18,11 +18,13 @@ const TAKING_UP_SAMPLES: f64 = 0.07;
 /// What the balance is exact to, as a relative deviation of a constant that is no wavelength: series are
 /// sampled, and a law between the samples is interpolated.
 const EXACTNESS: f64 = 5e-4;
+/// Where the data say nothing of a constant its interval ends at a thousandth and a thousand times it.
+const MOST_DOUBT: f64 = 6.9;
 const Z95: f64 = 1.96;
 
 /// Half of a 95 % interval of something of this deviation.
 pub(crate) fn half_width(deviation: f64) -> f64 {
-    Z95 * DEVIATION_FACTOR * deviation
+    (Z95 * DEVIATION_FACTOR * deviation).min(f64::MAX)
 }
 
 /// Collects estimates with their intervals.
@@ -40,7 +42,7 @@ impl Sheet {
     /// A number that is measured in newtons: the torque constant's own error adds.
     fn add_force(&mut self, name: &str, unit: &'static str, value: f64, deviation: f64) {
         let total = (DEVIATION_FACTOR * deviation).hypot(self.scale * value);
-        let half = Z95 * total;
+        let half = (Z95 * total).min(f64::MAX);
         self.list.push(Estimate { name: name.to_owned(), value, unit, ci95: [value - half, value + half] });
     }
 
@@ -51,7 +53,7 @@ impl Sheet {
 
     /// Wavelengths and their like carry the interval of their logarithm.
     fn add_log(&mut self, name: &str, unit: &'static str, value: f64, relative: f64) {
-        let half = half_width(relative);
+        let half = half_width(relative).min(MOST_DOUBT);
         self.list.push(Estimate {
             name: name.to_owned(),
             value,
@@ -345,7 +347,7 @@ pub(crate) fn equation(effect: E) -> &'static str {
         E::NonlinearViscosity => "F = c v |v|",
         E::FrictionDrift => "F = (F_c tanh(v / v_s) [+ C v]) r (1 - exp(-t / tau))",
         E::PositionPeriodicForce => "F = sum_h A_h sin(2 pi h x / wavelength + phase_h)",
-        E::PositionDependentForce => "F = F(x), linear between knots",
+        E::PositionDependentForce => "F = F(x), cubic between knots",
         E::TorqueRipple => "F = sum_h A_h sin(h order theta + phase_h)",
         E::TorqueConstantSaturation => "T = K_t i (1 - b i^2)",
         E::GravityLoad => "F = constant",

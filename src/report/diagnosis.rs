@@ -42,6 +42,7 @@ pub fn to_json(diagnosis: &Diagnosis, files: &[String]) -> Value {
             "experiment": r.experiment, "rms_before_n": r.rms_before_n, "rms_after_n": r.rms_after_n,
         })).collect::<Vec<_>>(),
         "closed_loop": closed_loop(diagnosis, files),
+        "notes": diagnosis.notes,
     })
 }
 

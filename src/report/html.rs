@@ -7,6 +7,7 @@ use super::in_loop::in_loop;
 use super::page::{engineering, page, significant};
 use super::place::place;
 use super::plot::{Axis, Figure, Mark, escape, range_of};
+use super::words::{headline, next_step, phrase, place_of, sentence};
 use crate::diagnosis::{Diagnosis, Finding, RecordingFit, Verdict};
 use crate::signal::inner_products::rms;
 use std::fmt::Write as _;
@@ -25,6 +26,9 @@ pub struct ReportContext {
 pub fn diagnosis_page(diagnosis: &Diagnosis, context: &ReportContext) -> String {
     let mut body = String::new();
     header(&mut body, diagnosis, context);
+    if let Some(next) = next_step(diagnosis) {
+        let _ = write!(body, "<h2>What to do next</h2><div class=\"next\">{}</div>", escape(next));
+    }
     let picked = telling(diagnosis);
     if let Some(picked) = picked {
         hero(&mut body, diagnosis, picked);
@@ -32,7 +36,7 @@ pub fn diagnosis_page(diagnosis: &Diagnosis, context: &ReportContext) -> String 
     }
     in_loop(&mut body, diagnosis);
     for finding in &diagnosis.findings {
-        finding_card(&mut body, finding);
+        finding_card(&mut body, diagnosis, finding);
     }
     corrections(&mut body, diagnosis);
     tried(&mut body, diagnosis);
@@ -48,46 +52,6 @@ pub fn spoken(name: &str) -> String {
     name.replace('_', " ")
 }
 
-fn headline(d: &Diagnosis) -> String {
-    match d.verdict {
-        Verdict::MissingPhysics => {
-            let port = |f: &Finding| {
-                let same = d.findings.iter().all(|g| g.port == f.port);
-                if same && d.findings.len() > 1 {
-                    String::new()
-                } else {
-                    format!(" ({})", spoken(f.port.name()))
-                }
-            };
-            let names: Vec<String> =
-                d.findings.iter().map(|f| format!("{}{}", spoken(f.effect.name()), port(f))).collect();
-            format!("The model leaves out {}.", listed(&names))
-        }
-        Verdict::ParameterError => {
-            let names: Vec<String> = d.parameter_corrections.iter().map(|c| spoken(c.name)).collect();
-            format!("Nothing is missing; wrong in the model: {}.", names.join(", "))
-        }
-        Verdict::ModelAdequate => {
-            "Nothing is missing: the model explains these recordings down to their noise.".into()
-        }
-        Verdict::UnexplainedMismatch => {
-            let place = d.location.as_ref().map_or(String::new(), |l| {
-                format!(", at the {}, over {}", spoken(l.port.name()), spoken(l.domain))
-            });
-            format!("Something is missing that no known effect explains{place}.")
-        }
-    }
-}
-
-/// `a, b and c`.
-fn listed(names: &[String]) -> String {
-    match names {
-        [] => String::new(),
-        [one] => one.clone(),
-        [first @ .., last] => format!("{} and {last}", first.join(", ")),
-    }
-}
-
 fn header(out: &mut String, d: &Diagnosis, context: &ReportContext) {
     let _ = write!(
         out,
@@ -100,6 +64,9 @@ fn header(out: &mut String, d: &Diagnosis, context: &ReportContext) {
     );
     for finding in &d.findings {
         let _ = write!(out, "<p>{}</p>", escape(&finding.statement));
+    }
+    for note in &d.notes {
+        let _ = write!(out, "<p class=\"next\">{}</p>", escape(note));
     }
     if d.findings.is_empty() && d.verdict == Verdict::UnexplainedMismatch {
         out.push_str(
@@ -117,14 +84,13 @@ pub(super) struct Picked {
 }
 
 /// The recording and balance where before and after differ most; without findings, where most is left.
-fn telling(d: &Diagnosis) -> Option<Picked> {
+pub(super) fn telling(d: &Diagnosis) -> Option<Picked> {
     let mut best: Option<(f64, Picked)> = None;
     for (recording, fit) in d.recordings.iter().enumerate() {
-        for (balance, before) in fit.residual_before_n.iter().enumerate() {
+        for balance in 0..fit.residual_before_n.len() {
             let Some(after) = fit.residual_after_n.get(balance).filter(|a| !a.is_empty()) else { continue };
             let floor = d.noise_floor_n.get(balance).copied().unwrap_or(1.0).max(1.0e-9);
-            let shown =
-                if d.verdict == Verdict::ParameterError { &fit.residual_nominal_n[balance] } else { before };
+            let shown = before(d, fit, balance);
             let gain = (rms(shown).powi(2) - rms(after).powi(2)) / floor + 1.0e-3 * rms(shown) / floor;
             if best.is_none_or(|(g, _)| gain > g) {
                 best = Some((gain, Picked { recording, balance }));
@@ -157,7 +123,10 @@ fn hero(out: &mut String, d: &Diagnosis, p: Picked) {
     let fit = &d.recordings[p.recording];
     let (b, a) = (before(d, fit, p.balance), after(fit, p.balance));
     let floor = d.noise_floor_n.get(p.balance).copied().unwrap_or(0.0);
-    let side = d.balances.get(p.balance).copied().unwrap_or("axis");
+    let side = match d.balances.get(p.balance) {
+        Some(side) if d.balances.len() > 1 => format!("{side} side"),
+        _ => "force of the whole axis".to_owned(),
+    };
     let mut both: Vec<f64> = b.to_vec();
     let y = Axis::linear("force not explained, N", range_of(&mut both, true));
     let whole = [fit.t_s.first().copied().unwrap_or(0.0), fit.t_s.last().copied().unwrap_or(1.0)];
@@ -180,8 +149,8 @@ fn hero(out: &mut String, d: &Diagnosis, p: Picked) {
     };
     let _ = write!(
         out,
-        "<h2>Before and after: {} side, recording \u{201c}{}\u{201d}</h2><div class=\"hero\"><div class=\"card\">{}{}{}{}{}</div>",
-        escape(side),
+        "<h2>Before and after: {}, recording \u{201c}{}\u{201d}</h2><div class=\"hero\"><div class=\"card\">{}{}{}{}{}</div>",
+        escape(&side),
         escape(&fit.experiment),
         key("before", word_before),
         key("after", word_after),
@@ -231,14 +200,19 @@ fn densest(fit: &RecordingFit, values: &[f64]) -> [f64; 2] {
     [fit.t_s[start], fit.t_s[start + width - 1]]
 }
 
-fn finding_card(out: &mut String, f: &Finding) {
+fn finding_card(out: &mut String, d: &Diagnosis, f: &Finding) {
     let _ = write!(
         out,
-        "<h2>Finding {}: {} at the {}</h2><div class=\"card\"><div class=\"equation\">{}</div><table><tr><th>number</th>\
-         <th class=\"n\">value</th><th class=\"n\">95 % interval</th><th></th></tr>",
+        "<h2>Finding {}: {} {}</h2><div class=\"card\"><h3>{}</h3><p class=\"small\"><span class=\"before\">Without it <b>{}</b></span> \
+         stay unexplained, <span class=\"after\">with it <b>{}</b></span>; noise floor {}.</p><div class=\"equation\">{}</div>\
+         <table><tr><th>number</th><th class=\"n\">value</th><th class=\"n\">95 % interval</th><th></th></tr>",
         f.rank,
         escape(&spoken(f.effect.name())),
-        escape(&spoken(f.port.name())),
+        escape(&place_of(f.port, d)),
+        escape(&sentence(&phrase(f, d))),
+        engineering(f.fit.heldout_rms_before_n, "N", 3),
+        engineering(f.fit.heldout_rms_after_n, "N", 3),
+        engineering(f.fit.noise_floor_n, "N", 3),
         escape(f.equation)
     );
     for e in &f.parameters {
@@ -255,10 +229,7 @@ fn finding_card(out: &mut String, f: &Finding) {
     }
     let _ = write!(
         out,
-        "</table><p class=\"small soft\">Held out: {} before, {} after, floor {}. Twice the gain in log-likelihood: {}.</p></div>",
-        engineering(f.fit.heldout_rms_before_n, "N", 3),
-        engineering(f.fit.heldout_rms_after_n, "N", 3),
-        engineering(f.fit.noise_floor_n, "N", 3),
+        "</table><p class=\"small soft\">Root mean squares on parts nothing was fitted to. Twice the gain in log-likelihood: {}.</p></div>",
         significant(f.evidence, 3)
     );
     alternatives(out, f);
@@ -294,27 +265,28 @@ fn interval_bar(value: f64, ci95: [f64; 2]) -> String {
     )
 }
 
+/// What else it could be, where there is anything above one per cent, and what would tell.
 fn alternatives(out: &mut String, f: &Finding) {
-    let _ = write!(out, "<h2>What else it could be</h2><div class=\"card\"><table>");
-    let own = (f.effect, f.port, f.probability, "after");
-    let others = f.alternatives.iter().map(|a| (a.effect, a.port, a.probability, "floor"));
-    for (effect, port, probability, class) in std::iter::once(own).chain(others) {
-        let share = 100.0 * probability.clamp(0.0, 1.0);
+    const LEAST: f64 = 0.01;
+    let others: Vec<_> = f.alternatives.iter().filter(|a| a.probability > LEAST).collect();
+    if !others.is_empty() {
         let _ = write!(
             out,
-            "<tr><td>{} <span class=\"soft\">at the {}</span></td><td style=\"width:45%\"><div class=\"track\">\
-             <div class=\"bar {class}\" style=\"width:{share:.1}%\"></div></div></td><td class=\"n\">{share:.1} %</td></tr>",
-            escape(&spoken(effect.name())),
-            escape(&spoken(port.name())),
+            "<h2>What else it could be</h2><div class=\"card\"><p class=\"small soft\">{} %: as said above. Else:</p><table>",
+            significant(100.0 * f.probability, 3)
         );
+        for a in others {
+            let share = 100.0 * a.probability.clamp(0.0, 1.0);
+            let _ = write!(
+                out,
+                "<tr><td>{} <span class=\"soft\">at the {}</span></td><td style=\"width:45%\"><div class=\"track\">\
+                 <div class=\"bar floor\" style=\"width:{share:.1}%\"></div></div></td><td class=\"n\">{share:.1} %</td></tr>",
+                escape(&spoken(a.effect.name())),
+                escape(&spoken(a.port.name())),
+            );
+        }
+        out.push_str("</table></div>");
     }
-    out.push_str("</table>");
-    if f.alternatives.is_empty() {
-        out.push_str(
-            "<p class=\"soft small\">Every other hypothesis was tried and left more unexplained.</p>",
-        );
-    }
-    out.push_str("</div>");
     if let Some(next) = &f.next_experiment {
         let _ = write!(out, "<h2>What to record next</h2><div class=\"next\">{}</div>", escape(next));
     }

@@ -14,3 +14,4 @@ pub mod plot;
 pub mod stability_picture;
 pub mod study;
 pub mod track;
+mod words;

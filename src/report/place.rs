@@ -4,6 +4,7 @@ use super::html::{Picked, after, before, spoken};
 use super::maps::{Bin, amplitude_density, binned, since_reversal};
 use super::page::{engineering, significant};
 use super::plot::{Axis, Figure, Mark, escape, range_of};
+use super::words::{in_frequency, place_of};
 use crate::diagnosis::{Diagnosis, RecordingFit};
 use std::fmt::Write as _;
 
@@ -50,12 +51,17 @@ pub(super) fn place(out: &mut String, d: &Diagnosis, p: Picked) {
             .collect();
         let _ = write!(
             out,
-            "<p>Enters at the <b>{}</b>, seen over <b>{}</b>{}. {}</p>",
-            spoken(l.port.name()),
+            "<p>Enters <b>{}</b>, seen over <b>{}</b>{}. {}</p>",
+            escape(&place_of(l.port, d)),
             spoken(l.domain),
             if bands.is_empty() { String::new() } else { format!(", strongest in {}", bands.join(", ")) },
             sides(d, l.shares)
         );
+    }
+    for f in &d.findings {
+        if let Some(told) = in_frequency(f) {
+            let _ = write!(out, "<p>{}</p>", escape(&told));
+        }
     }
     out.push_str("<div class=\"row\">");
     for map in maps {

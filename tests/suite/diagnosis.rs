@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
 use std::path::Path;
 use stillcut::config::machine::{machine_from_text, machine_to_text, read_machine};
-use stillcut::diagnosis::{Diagnosis, Verdict, diagnose};
+use stillcut::diagnosis::{DiagnoseError, Diagnosis, Verdict, diagnose};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::machine::Machine;
 use stillcut::recording::read_recording;
@@ -43,6 +43,20 @@ fn a_healthy_axis_has_no_finding() {
     assert!(d.findings.is_empty(), "{:?}", d.findings.iter().map(|f| &f.statement).collect::<Vec<_>>());
     assert_eq!(d.verdict, Verdict::ModelAdequate);
     assert!(d.recordings[0].rms_after_n < 0.02 * d.recordings[0].rms_before_n);
+}
+
+#[test]
+fn a_turned_current_and_an_angle_in_degrees_are_refused_before_anything_is_found() {
+    let Some(folder) = shared("feed-axis-cases/case-04") else { return };
+    let (machine, recording) = read(&folder, "idle.parquet");
+    let scaled = |column: &str, by: f64| {
+        let mut piece = cut(&recording, 0.0, 6.0);
+        let values = piece.columns.iter_mut().filter(|c| c.name == column).flat_map(|c| &mut c.values);
+        values.for_each(|v| *v *= by);
+        diagnose(&machine, &[piece], &|_, _| {})
+    };
+    assert!(matches!(scaled("x_current_ref_a", -1.0), Err(DiagnoseError::OppositeSign { .. })));
+    assert!(matches!(scaled("x_motor_angle_rad", 57.296), Err(DiagnoseError::TravelRatio { .. })));
 }
 
 #[test]

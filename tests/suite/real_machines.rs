@@ -52,6 +52,20 @@ fn the_bare_emps_model_gets_its_friction_back_below_the_published_error() {
     assert!(error < 0.0311, "relative force error {error}, published 0.0311");
 }
 
+/// What the model that was found leaves is what the search left: no mismatch that had not been one before.
+#[test]
+fn a_found_model_of_one_position_lacks_nothing_on_its_own_recording() {
+    let emps = real("emps/machine-bare.toml").zip(real("emps/axis.parquet")).map(|(model, file)| {
+        let recording = read_recording(&file).unwrap();
+        (model, recording)
+    });
+    let Some((model, recording)) = emps else { return };
+    let found = said(&model, std::slice::from_ref(&recording));
+    let again = diagnose(&found.model, &[recording], &|_, _| {}).unwrap();
+    assert_eq!(again.verdict, Verdict::ModelAdequate);
+    assert!(again.findings.is_empty());
+}
+
 /// The publishers' control law around the found model, at the rate of the recording: the force it needs.
 fn emps_in_closed_loop(d: &Diagnosis, recording: &Recording) -> Vec<f64> {
     const GAIN_N_V: f64 = 35.150_651_88;

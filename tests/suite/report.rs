@@ -122,6 +122,7 @@ fn diagnosis() -> Diagnosis {
             port: Port::Coupling,
             force_rms_n: 0.042,
         }],
+        notes: Vec::new(),
         model: model(),
         closed_loop: Ok(ClosedLoop {
             law_share: 2.0e-5,
@@ -148,7 +149,9 @@ fn the_page_says_the_sentence_and_the_numbers() {
     assert!(page.contains("What would have been seen") && page.contains("0.042"));
     assert!(page.contains("In simulation") && page.contains("5.60 N") && page.contains("44.0 nm"));
     for expected in [
-        "The model leaves out stribeck friction (stage).",
+        "The model leaves out friction that is 9.97 N higher at creep speed",
+        "Without it <b>5.62 N</b>",
+        "93.0 %: as said above",
         "9.97 N",
         "4.93 mm/s",
         "5.62 N",

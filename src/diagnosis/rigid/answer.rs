@@ -37,6 +37,8 @@ struct Context<'a> {
     search: &'a Search,
     before: Fit,
     after: Fit,
+    /// Left by the structure alone, without physics that the model states.
+    structure_n: f64,
     floor_n: f64,
     /// The model says that there is dry friction.
     friction_stated: bool,
@@ -64,9 +66,11 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
         .collect();
     let floor_n = floor(&after.residual);
     let friction_stated = start.iter().any(|t| matches!(t.law, Law::Friction(_)));
-    let c = Context { machine, axis, search, before, after, floor_n, friction_stated, fitted };
+    let structure: Vec<Term> = start.iter().filter(|t| t.origin != Origin::Given).cloned().collect();
+    let structure_n = search.fit(&structure).heldout_rms;
+    let c = Context { machine, axis, search, before, after, structure_n, floor_n, friction_stated, fitted };
     let mut findings = c.findings();
-    let unexplained = c.is_unexplained(!findings.is_empty());
+    let unexplained = c.is_unexplained();
     // Numbers fitted beside an unknown cause are bent by it.
     let parameter_corrections = if unexplained { Vec::new() } else { c.corrections() };
     if unexplained {
@@ -101,6 +105,7 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
             .map(|(e, p, v)| Tried { effect: Some(*e), port: *p, evidence: *v })
             .collect(),
         detection_limits: Vec::new(),
+        notes: Vec::new(),
         closed_loop: Err("the loop of an axis with one position is not simulated".to_owned()),
     }
 }
@@ -112,27 +117,32 @@ fn floor(residual: &[f64]) -> f64 {
     (rms(&second) / 6.0_f64.sqrt()).min(rms(residual))
 }
 
+/// What a law is made of, the poorest first: how much friction there is, over which distance it turns, and
+/// the gap before it.
+fn parts_of(law: Law, friction_stated: bool) -> Vec<Law> {
+    let Law::Friction(s) = law else { return vec![law] };
+    let step = (s.yield_m > 0.0 && !friction_stated).then_some(Slider::STEP);
+    let soft = (s.gap_m > 0.0).then_some(Slider { gap_m: 0.0, ..s });
+    step.into_iter().chain(soft).chain([s]).map(Law::Friction).collect()
+}
+
 impl Context<'_> {
-    /// True where more is left than noise, and what was found is not the cause of it.
-    fn is_unexplained(&self, found: bool) -> bool {
-        /// Beside findings that should have explained it, a residual so many times its fast part is no noise.
-        const BESIDE_FINDINGS: f64 = 2.0;
-        /// The same where nothing was found.
-        const ALONE: f64 = 3.0;
-        /// And this share of the thrust is worth a word.
+    /// True where more is left than noise, and neither what was found nor what the model states beyond its
+    /// structure explains most of what is there without both: a model that was found once is judged as it
+    /// was when it was found.
+    fn is_unexplained(&self) -> bool {
+        /// A residual so many times its fast part is no noise.
+        const LOUD: f64 = 2.0;
+        /// This share of the thrust is worth a word.
         const WORTH: f64 = 0.01;
-        /// Share of the power above the floor that findings must explain.
+        /// Share of the power above the floor that must be explained.
         const LEAST_EXPLAINED: f64 = 0.5;
-        let (before_n, left_n) = (self.before.heldout_rms, self.after.heldout_rms);
-        if found {
-            let above = |rms_n: f64| rms_n.powi(2) - self.floor_n.powi(2);
-            left_n >= BESIDE_FINDINGS * self.floor_n
-                && above(left_n) > (1.0 - LEAST_EXPLAINED) * above(before_n)
-        } else {
-            let thrust: Vec<f64> =
-                self.search.series.iter().flat_map(|s| s.thrust_n.iter().copied()).collect();
-            left_n >= ALONE * self.floor_n && left_n > WORTH * rms(&thrust)
-        }
+        let left_n = self.after.heldout_rms;
+        let thrust: Vec<f64> = self.search.series.iter().flat_map(|s| s.thrust_n.iter().copied()).collect();
+        let above = |rms_n: f64| rms_n.powi(2) - self.floor_n.powi(2);
+        left_n >= LOUD * self.floor_n
+            && left_n > WORTH * rms(&thrust)
+            && above(left_n) > (1.0 - LEAST_EXPLAINED) * above(self.structure_n)
     }
 
     fn location(&self, verdict: Verdict, findings: &[Finding]) -> Option<Location> {
@@ -166,23 +176,23 @@ impl Context<'_> {
         let mut list = Vec::new();
         for f in &self.fitted {
             let Origin::Found(found) = &f.term.origin else { continue };
-            if let Law::Friction(s) = f.term.law
-                && s.yield_m > 0.0
-                && !self.friction_stated
-            {
-                // How much there is, and over which distance it turns.
-                list.push(self.finding(f, found, Law::Friction(Slider::STEP)));
+            let mut poorer = None;
+            for law in parts_of(f.term.law, self.friction_stated) {
+                let own = poorer.map_or_else(|| found.clone(), |poorer| self.beside(f, found, poorer));
+                list.push(self.finding(f, &own, law));
+                poorer = Some(law);
             }
-            if let Law::Friction(s) = f.term.law
-                && s.gap_m > 0.0
-            {
-                // One slider, two things that the model left out: its spring and its gap.
-                let soft = Law::Friction(Slider { gap_m: 0.0, ..s });
-                list.push(self.finding(f, found, soft));
-            }
-            list.push(self.finding(f, found, f.term.law));
         }
         list
+    }
+
+    /// How a law was found beside a poorer form of itself, which keeps what it explains.
+    fn beside(&self, f: &Fitted<'_>, found: &Found, poorer: Law) -> Found {
+        let mut terms = self.search.terms.clone();
+        terms[f.index].law = poorer;
+        let before_n = self.search.fit(&terms).heldout_rms;
+        let evidence = 2.0 * self.search.independent * (before_n / self.after.heldout_rms).ln();
+        Found { evidence: evidence.max(0.0), heldout_before_n: before_n, ..found.clone() }
     }
 
     fn finding(&self, f: &Fitted<'_>, found: &Found, law: Law) -> Finding {

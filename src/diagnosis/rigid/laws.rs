@@ -3,7 +3,7 @@
 use super::signals::Series;
 use crate::diagnosis::columns::{difference, waves};
 use crate::diagnosis::floor::band_gain;
-use crate::plant::effects::periodic::knot;
+use crate::plant::effects::periodic::knots_at;
 use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
 use std::f64::consts::TAU;
 
@@ -36,7 +36,7 @@ pub(super) enum Law {
     Drift { time_s: f64, slider: Slider },
     /// A sin + B cos of 2 pi x / lambda.
     Wave { wavelength_m: f64 },
-    /// A force for every place: straight lines between knots.
+    /// A force for every place: cubic between knots.
     Map { first_m: f64, spacing_m: f64, knots: usize },
     /// Harmonics of a cut and its mean while it lasts, in one recording or in all.
     Cut { fundamental_hz: f64, harmonics: usize, window_s: [f64; 2], recording: Option<usize> },
@@ -162,7 +162,7 @@ impl Law {
             Law::Wave { wavelength_m } => {
                 vec![place(&|x| (TAU * x / wavelength_m).sin()), place(&|x| (TAU * x / wavelength_m).cos())]
             }
-            Law::Map { first_m, spacing_m, knots } => hats(&s.position_m, (first_m, spacing_m), knots),
+            Law::Map { first_m, spacing_m, knots } => parts(&s.position_m, (first_m, spacing_m), knots),
             Law::Cut { fundamental_hz, harmonics, window_s, recording } => {
                 let mut columns = waves(&s.t_s, 1.0 / fundamental_hz, harmonics);
                 columns.push(vec![1.0; s.t_s.len()]);
@@ -365,13 +365,14 @@ pub(super) fn geometric(low: f64, high: f64, count: usize) -> Vec<f64> {
     (0..count).map(|k| low * (ratio * k as f64).exp()).collect()
 }
 
-/// Straight lines between knots: of each knot how much a place has of it.
-fn hats(position_m: &[f64], (first_m, spacing_m): (f64, f64), knots: usize) -> Vec<Vec<f64>> {
+/// Of each knot of a table how much a place has of it.
+fn parts(position_m: &[f64], (first_m, spacing_m): (f64, f64), knots: usize) -> Vec<Vec<f64>> {
     let mut columns = vec![vec![0.0; position_m.len()]; knots];
     for (k, x) in position_m.iter().enumerate() {
-        let (left, share) = knot(*x, first_m, spacing_m, knots);
-        columns[left][k] = 1.0 - share;
-        columns[left + 1][k] = share;
+        let (first, parts) = knots_at(*x, first_m, spacing_m, knots);
+        for (column, part) in columns[first..].iter_mut().zip(parts) {
+            column[k] = part;
+        }
     }
     columns
 }

@@ -25,7 +25,8 @@ use crate::signal::inner_products::rms;
 use fit::Rows;
 use laws::{Law, Scales, Slider};
 use search::{Origin, Search, Term};
-use signals::{Series, is_locked, series};
+use signals::{Series, series};
+pub(super) use signals::{is_locked, position, thrust};
 
 /// Inertia below this share of the thrust carries no news about the mass: it is taken as stated.
 const LEAST_INERTIA_SHARE: f64 = 0.02;
@@ -74,9 +75,26 @@ pub(super) fn diagnose(
     let start = search.terms.clone();
     search.run();
     progress(0.8, "laws found");
-    let answer = answer::answer((machine, axis), &search, &start);
+    let mut answer = answer::answer((machine, axis), &search, &start);
+    answer.notes.extend(without_stage(axis, recordings).filter(|_| !locked));
     progress(1.0, "done");
     Ok(answer)
+}
+
+/// A sentence where the model is of two sides and no recording shows the second one.
+fn without_stage(axis: &AxisModel, recordings: &[Recording]) -> Option<String> {
+    let column = format!("{}_stage_position_m", axis.name);
+    let lacks = |r: &&Recording| r.get(&column).is_none();
+    let without: Vec<&str> = recordings.iter().filter(lacks).map(|r| r.experiment.as_str()).collect();
+    let told = axis.drive.structure() != Structure::Rigid && !without.is_empty();
+    told.then(|| {
+        format!(
+            "The stage's position ({column}) is absent from {}: the answer is of one force balance of the \
+             whole axis, below {:.0} % of its resonance, and cannot tell the motor's side from the stage's.",
+            without.join(", "),
+            100.0 * signals::RIGID_SHARE
+        )
+    })
 }
 
 fn scales(axis: &AxisModel, recordings: &[Recording], series: &[Series]) -> Scales {

@@ -482,10 +482,11 @@ fn shares(ranking: &[Scored], chosen: (EffectKind, Port)) -> (f64, Vec<(EffectKi
     let share = |v: f64| weight(v) / sum.max(1.0e-300);
     let own = ranking.iter().find(|r| r.0 == chosen).map_or(1.0, |r| share(r.1));
     // A weight and a difference between the directions are told apart by little: the other is always named.
-    // So are a delay and a lag.
+    // So are a delay and a lag, a wave and a map.
     let pairs = [
         [EffectKind::GravityLoad, EffectKind::AsymmetricFriction],
         [EffectKind::DeadTime, EffectKind::CurrentLoopLag],
+        [EffectKind::PositionPeriodicForce, EffectKind::PositionDependentForce],
     ];
     let twin = |e: EffectKind| pairs.iter().any(|pair| pair.contains(&e) && pair.contains(&chosen.0));
     let others = ranking.iter().filter(|r| r.0 != chosen && (share(r.1) > 0.02 || twin(r.0.0)));

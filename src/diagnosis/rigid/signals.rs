@@ -14,7 +14,7 @@ const BAND_SHARE: f64 = 0.1;
 const NOISE_SHARE: f64 = 0.02;
 /// Share of the axial resonance up to which a flexible axis with one encoder moves as one mass: there its
 /// stage lags by 2 % of its inertia.
-const RIGID_SHARE: f64 = 0.15;
+pub(super) const RIGID_SHARE: f64 = 0.15;
 /// Rows per band: the residual is barely oversampled.
 const ROWS_PER_BAND: f64 = 3.2;
 /// Fewest rows that a diagnosis can be fitted to and judged on.
@@ -38,7 +38,10 @@ pub(super) struct Series {
 }
 
 /// Thrust in N from whichever reference is recorded.
-fn thrust(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, DiagnoseError> {
+pub(in crate::diagnosis) fn thrust(
+    axis: &AxisModel,
+    recording: &Recording,
+) -> Result<Vec<f64>, DiagnoseError> {
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
     let scaled = |values: &[f64], factor: f64| values.iter().map(|v| v * factor).collect();
     if let Some(force) = recording.get(&name("thrust_ref_n")) {
@@ -66,7 +69,10 @@ fn thrust_per_ampere(axis: &AxisModel, recording: &Recording) -> Option<f64> {
 }
 
 /// Position in m from the motor encoder, else from the scale.
-fn position(axis: &AxisModel, recording: &Recording) -> Result<Vec<f64>, DiagnoseError> {
+pub(in crate::diagnosis) fn position(
+    axis: &AxisModel,
+    recording: &Recording,
+) -> Result<Vec<f64>, DiagnoseError> {
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
     let travel = axis.drive.travel_m_rad();
     let angle = recording.get(&name("motor_angle_rad")).map(|a| a.iter().map(|v| v * travel).collect());
@@ -146,7 +152,7 @@ pub(super) fn series(
 }
 
 /// True where the output of a flexible axis is held: the motor turns, the stage stays where it is.
-pub(super) fn is_locked(axis: &AxisModel, recording: &Recording) -> bool {
+pub(in crate::diagnosis) fn is_locked(axis: &AxisModel, recording: &Recording) -> bool {
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
     let (Some(stage), Ok(motor)) = (recording.get(&name("stage_position_m")), position(axis, recording))
     else {

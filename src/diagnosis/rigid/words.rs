@@ -78,7 +78,7 @@ pub(super) fn words(law: Law, value: &dyn Fn(&str) -> f64) -> (String, &'static 
         ),
         Law::Map { .. } => (
             format!("A force of up to {} hangs on the place.", n("amplitude_n", "N")),
-            "F = F(x), straight lines between knots",
+            "F = F(x), cubic between knots",
         ),
         Law::Cut { .. } => (
             format!(

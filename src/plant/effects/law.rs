@@ -1,7 +1,7 @@
 //! Terms of a model as laws that can be evaluated: forces against the motion, periodic errors of encoders.
 
 use super::friction::{asymmetric, nonlinear_viscosity, sliding_direction, stribeck};
-use super::periodic::{knot, wave};
+use super::periodic::{knots_at, wave};
 use super::{EffectKind, PhysicsTerm};
 
 /// A force against positive motion that depends on position and velocity alone, N.
@@ -50,7 +50,7 @@ pub enum ForceLaw {
         /// True where the force turns with the direction.
         flips: bool,
     },
-    /// A table over position, linear between its knots.
+    /// A table over position, cubic between its knots.
     Map {
         /// Position of the first knot, m.
         first_m: f64,
@@ -116,9 +116,8 @@ impl ForceLaw {
                 sign * wave_sum(position_m, *wavelength_m, harmonics_n)
             }
             Self::Map { first_m, spacing_m, force_n } => {
-                let (left, share) = knot(position_m, *first_m, *spacing_m, force_n.len());
-                let right = force_n.get(left + 1).or(force_n.get(left)).copied().unwrap_or(0.0);
-                force_n.get(left).copied().unwrap_or(0.0) * (1.0 - share) + share * right
+                let (first, parts) = knots_at(position_m, *first_m, *spacing_m, force_n.len());
+                force_n[first..].iter().zip(parts).map(|(f, part)| f * part).sum()
             }
         }
     }

@@ -20,12 +20,36 @@ pub fn ripple(position_m: f64, wavelength_m: f64, phase_rad: f64) -> f64 {
     (TAU * (position_m / wavelength_m).fract() + phase_rad).sin()
 }
 
-/// Hat functions on equidistant knots: the two knots beside `position_m` and the share of the right one.
+/// Of a table on equidistant knots: the first of the knots that a position has a part of, and their parts.
+///
+/// Cubic convolution (Keys, IEEE Trans. ASSP 29, 1981, a = -1/2): the table's values at the knots, smooth
+/// slopes, exact for straight lines, and inside for parabolas. Beyond the ends the last value holds.
 #[must_use]
-pub fn knot(position_m: f64, first_m: f64, spacing_m: f64, knots: usize) -> (usize, f64) {
-    let place = ((position_m - first_m) / spacing_m).clamp(0.0, knots.saturating_sub(1) as f64);
-    let left = (place as usize).min(knots.saturating_sub(2));
-    (left, place - left as f64)
+pub fn knots_at(position: f64, first: f64, spacing: f64, knots: usize) -> (usize, [f64; 4]) {
+    if knots < 2 {
+        return (0, [1.0, 0.0, 0.0, 0.0]);
+    }
+    let place = ((position - first) / spacing).clamp(0.0, (knots - 1) as f64);
+    let left = (place as usize).min(knots - 2);
+    let t = place - left as f64;
+    let mut parts = [
+        0.5 * t * (t * (2.0 - t) - 1.0),
+        0.5 * (t * t * (3.0 * t - 5.0) + 2.0),
+        0.5 * t * (t * (4.0 - 3.0 * t) + 1.0),
+        0.5 * t * t * (t - 1.0),
+    ];
+    // Beyond the table its ends go on as straight lines.
+    if left + 2 == knots {
+        parts[2] += 2.0 * parts[3];
+        parts[1] -= parts[3];
+        parts[3] = 0.0;
+    }
+    if left == 0 {
+        parts[1] += 2.0 * parts[0];
+        parts[2] -= parts[0];
+        return (0, [parts[1], parts[2], parts[3], 0.0]);
+    }
+    (left - 1, parts)
 }
 
 #[cfg(test)]
@@ -42,11 +66,28 @@ mod tests {
         }
     }
 
+    fn table(f: impl Fn(f64) -> f64, x: f64, knots: usize) -> f64 {
+        let (first, parts) = knots_at(x, -0.02, 0.005, knots);
+        (0..4).map(|k| parts[k] * f(-0.02 + 0.005 * (first + k) as f64)).sum()
+    }
+
     #[test]
-    fn a_knot_map_is_linear_between_knots() {
-        let (left, share) = knot(0.0125, 0.0, 0.005, 4);
-        assert_eq!(left, 2);
-        assert!((share - 0.5).abs() < 1e-12);
-        assert_eq!(knot(1.0, 0.0, 0.005, 4), (2, 1.0));
+    fn a_table_has_its_values_at_the_knots_and_is_exact_for_lines_and_inside_for_parabolas() {
+        for k in 0..9 {
+            let x = -0.02 + 0.005 * f64::from(k);
+            assert!((table(f64::cos, x, 9) - x.cos()).abs() < 1e-14);
+        }
+        for k in 0..=100 {
+            let x = -0.02 + 0.0004 * f64::from(k);
+            for knots in [2, 3, 4, 9] {
+                let inside = x.min(-0.02 + 0.005 * (knots - 1) as f64);
+                assert!((table(|x| 3.0 - 7.0 * x, x, knots) - (3.0 - 7.0 * inside)).abs() < 1e-14);
+            }
+            if (-0.015..=0.015).contains(&x) {
+                assert!((table(|x| x * x, x, 9) - x * x).abs() < 1e-17, "{x}");
+            }
+        }
+        assert_eq!(knots_at(1.0, 0.0, 0.005, 4), (1, [0.0, 0.0, 1.0, 0.0]));
+        assert_eq!(knots_at(-1.0, 0.0, 0.005, 1), (0, [1.0, 0.0, 0.0, 0.0]));
     }
 }

@@ -1,0 +1,229 @@
+//! What makes a recording useless before any physics is asked for: nothing moves, a sign, a unit.
+//!
+//! Seen on means over blocks of 10 ms: slow enough that neither an encoder's steps nor a resonance count.
+
+use super::DiagnoseError;
+use super::rigid::{is_locked, position, thrust};
+use crate::plant::machine::AxisModel;
+use crate::sample::Recording;
+use crate::signal::inner_products::dot;
+
+/// Blocks that are averaged, s.
+const BLOCK_S: f64 = 0.01;
+/// Fewest blocks that say something.
+const LEAST_BLOCKS: usize = 16;
+/// A motion of fewer steps is none.
+const STEPS: f64 = 3.0;
+
+/// Refuses recordings of which nothing can be told. A recording without the columns has its own error later.
+pub(super) fn check(axis: &AxisModel, recordings: &[Recording]) -> Result<(), DiagnoseError> {
+    let looks: Vec<Look<'_>> = recordings.iter().filter_map(|r| Look::new(axis, r)).collect();
+    if looks.len() == recordings.len() && looks.iter().all(Look::stands) {
+        let recordings: Vec<&str> = recordings.iter().map(|r| r.experiment.as_str()).collect();
+        return Err(DiagnoseError::Standing { axis: axis.name.clone(), recordings: recordings.join(", ") });
+    }
+    looks.iter().filter(|l| l.motor_m.len() >= LEAST_BLOCKS).try_for_each(|look| {
+        look.check_travel()?;
+        look.check_sign()
+    })
+}
+
+/// One recording in blocks, each series about its mean.
+struct Look<'a> {
+    axis: &'a AxisModel,
+    recording: &'a Recording,
+    block_s: f64,
+    thrust_n: Vec<f64>,
+    motor_m: Vec<f64>,
+    stage_m: Option<Vec<f64>>,
+}
+
+impl<'a> Look<'a> {
+    fn new(axis: &'a AxisModel, recording: &'a Recording) -> Option<Self> {
+        let (force, x) = (thrust(axis, recording).ok()?, position(axis, recording).ok()?);
+        let rate_hz = recording.sample_rate.hz();
+        let block = ((BLOCK_S * rate_hz).round() as usize).max(1);
+        let stage = recording.get(&format!("{}_stage_position_m", axis.name));
+        Some(Self {
+            axis,
+            recording,
+            block_s: block as f64 / rate_hz,
+            thrust_n: blocks(&force, block),
+            motor_m: blocks(&x, block),
+            stage_m: stage.map(|x| blocks(x, block)),
+        })
+    }
+
+    fn stands(&self) -> bool {
+        let still = |x: &[f64], step_m: f64| span(x) <= STEPS * step_m;
+        let d = &self.axis.drive;
+        still(&self.motor_m, d.motor_encoder_resolution_m())
+            && self.stage_m.as_ref().is_none_or(|x| still(x, d.stage_encoder_resolution_m()))
+    }
+
+    /// Both encoders see one travel: another unit, a wrong lead or a turned sign shows in their ratio.
+    fn check_travel(&self) -> Result<(), DiagnoseError> {
+        /// What a lead, a scale or a long screw may be off by.
+        const ALLOWED: f64 = 0.05;
+        /// The two are one travel where they agree in form to this share of their power.
+        const ALIKE: f64 = 0.98;
+        /// Least travel, m, and least times the stretch of the screw and the step of the encoder.
+        const LEAST_M: f64 = 1e-3;
+        const LEAST_TIMES: f64 = 20.0;
+        let Some(stage_m) = &self.stage_m else { return Ok(()) };
+        let d = &self.axis.drive;
+        let stretch_m =
+            if d.axial_stiffness_n_m() > 0.0 { span(&self.thrust_n) / d.axial_stiffness_n_m() } else { 0.0 };
+        let least_m = LEAST_M.max(LEAST_TIMES * stretch_m.max(STEPS * d.motor_encoder_resolution_m()));
+        if span(&self.motor_m) < least_m && span(stage_m) < least_m || is_locked(self.axis, self.recording) {
+            return Ok(());
+        }
+        let [both, motor, stage] =
+            [(&self.motor_m, stage_m), (&self.motor_m, &self.motor_m), (stage_m, stage_m)]
+                .map(|(a, b)| dot(a, b));
+        let ratio = both / stage;
+        if both * both < ALIKE * motor * stage || (ratio - 1.0).abs() <= ALLOWED {
+            return Ok(());
+        }
+        Err(DiagnoseError::TravelRatio {
+            recording: self.recording.experiment.clone(),
+            axis: self.axis.name.clone(),
+            ratio,
+            hint: hint(ratio),
+        })
+    }
+
+    /// Thrust and motion belong together by the stated mass and friction; with the sign of one of them turned
+    /// they do so, too, and everything that is found then makes up for it.
+    fn check_sign(&self) -> Result<(), DiagnoseError> {
+        /// Least share of the thrust's power that the model explains once it is turned.
+        const EXPLAINED: f64 = 0.3;
+        /// Share of the thrust's power below which inertia or friction have no say of their own.
+        const SILENT: f64 = 0.01;
+        if is_locked(self.axis, self.recording) {
+            return Ok(());
+        }
+        let d = &self.axis.drive;
+        let smoothing_m_s = d.raw().friction_smoothing_m_s.unwrap_or(1e-4);
+        let dry_n = d.stage_coulomb_friction_n() + d.motor_coulomb_friction_n();
+        let wet_n_s_m = d.translational_damping_n_s_m() + d.reflected_damping_n_s_m();
+        let x = &self.motor_m;
+        let velocity: Vec<f64> = x.windows(3).map(|w| (w[2] - w[0]) / (2.0 * self.block_s)).collect();
+        let inertia: Vec<f64> = x
+            .windows(3)
+            .map(|w| d.total_mass_kg() * (w[0] - 2.0 * w[1] + w[2]) / self.block_s.powi(2))
+            .collect();
+        let friction = velocity.iter().map(|v| wet_n_s_m * v + dry_n * (v / smoothing_m_s).tanh()).collect();
+        // The second difference of means is the acceleration under a triangle of two blocks.
+        let thrust = self.thrust_n.windows(3).map(|w| (w[0] + 4.0 * w[1] + w[2]) / 6.0).collect();
+        let [f, i, r] = [thrust, inertia, friction].map(about_mean);
+        let (ff, ii, rr) = (dot(&f, &f), dot(&i, &i), dot(&r, &r));
+        let (fi, fr, ir) = (dot(&f, &i), dot(&f, &r), dot(&i, &r));
+        let explained = -(2.0 * (fi + fr) + ii + rr + 2.0 * ir) / ff.max(1e-300);
+        // Inertia and friction, fitted beside each other, each against the motion.
+        let against = |own: f64, other: f64, power: f64, beside: f64| {
+            power < SILENT * ff || own * beside - other * ir < 0.0
+        };
+        if explained < EXPLAINED || !against(fi, fr, ii, rr) || !against(fr, fi, rr, ii) {
+            return Ok(());
+        }
+        Err(DiagnoseError::OppositeSign {
+            recording: self.recording.experiment.clone(),
+            axis: self.axis.name.clone(),
+            percent: 100.0 * explained,
+        })
+    }
+}
+
+/// Means of consecutive blocks, about their own mean.
+fn blocks(x: &[f64], block: usize) -> Vec<f64> {
+    let origin = x.first().copied().unwrap_or(0.0);
+    let mean = |b: &[f64]| b.iter().map(|v| v - origin).sum::<f64>() / b.len() as f64;
+    about_mean(x.chunks_exact(block).map(mean).collect())
+}
+
+fn about_mean(x: Vec<f64>) -> Vec<f64> {
+    let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
+    x.iter().map(|v| v - mean).collect()
+}
+
+fn span(x: &[f64]) -> f64 {
+    let [low, high] = x.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |e, v| [e[0].min(*v), e[1].max(*v)]);
+    (high - low).max(0.0)
+}
+
+/// What a ratio of travels looks like.
+fn hint(ratio: f64) -> &'static str {
+    let near = |of: f64| (ratio.abs() / of - 1.0).abs() < 0.05;
+    let degrees = 180.0 / std::f64::consts::PI;
+    if ratio < 0.0 {
+        "one of the two counts in the other direction"
+    } else if near(degrees) {
+        "is the motor's angle in degrees instead of rad?"
+    } else if near(1.0 / std::f64::consts::TAU) {
+        "is the motor's angle in turns instead of rad?"
+    } else if near(1e-3) {
+        "is the stage's position in mm instead of m?"
+    } else if near(1e3) {
+        "is the motor's position in mm instead of m?"
+    } else {
+        "check screw_lead_m and the units of both columns"
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plant::drive::{DriveParams, RawDriveParams};
+    use crate::sample::Column;
+    use crate::units::SampleRate;
+
+    /// An axis of 10 kg with 5 N of friction that swings by 20 mm, its current and motor scaled.
+    fn seen(thrust_times: f64, motor_times: f64, swing_m: f64) -> Result<(), DiagnoseError> {
+        let raw = RawDriveParams {
+            rotary_inertia_kg_m2: Some(1e-6),
+            screw_lead_m: Some(5e-3),
+            movable_mass_kg: Some(10.0),
+            axial_stiffness_n_m: Some(1e7),
+            stage_coulomb_friction_n: Some(5.0),
+            ..Default::default()
+        };
+        let axis = AxisModel {
+            name: "x".into(),
+            drive: DriveParams::new(raw).unwrap(),
+            controller: None,
+            physics: Vec::new(),
+        };
+        let w = 6.0;
+        let series = |f: &dyn Fn(f64) -> f64| (0..4000).map(|k| f(f64::from(k) * 1e-3)).collect::<Vec<f64>>();
+        let mass_kg = axis.drive.total_mass_kg();
+        let thrust = |t: f64| {
+            let (v, a) = (swing_m * w * (w * t).cos(), -swing_m * w * w * (w * t).sin());
+            thrust_times * (mass_kg * a + 5.0 * (v / 1e-4).tanh() + 30.0)
+        };
+        let column = |name: &str, values| Column { name: name.into(), values };
+        let recording = Recording {
+            sample_rate: SampleRate::new(1000.0).unwrap(),
+            experiment: "swing".into(),
+            axes: vec!["x".into()],
+            columns: vec![
+                column("x_thrust_ref_n", series(&thrust)),
+                column("x_motor_position_m", series(&|t| motor_times * swing_m * (w * t).sin())),
+                column("x_stage_position_m", series(&|t| swing_m * (w * t).sin())),
+            ],
+            start_s: 0.0,
+            metadata: Vec::new(),
+        };
+        check(&axis, &[recording])
+    }
+
+    #[test]
+    fn a_turned_sign_a_unit_and_an_axis_at_rest_are_refused() {
+        assert_eq!(seen(1.0, 1.0, 0.02), Ok(()));
+        assert_eq!(seen(1.3, 1.03, 0.02), Ok(()), "numbers may be off");
+        assert!(matches!(seen(-1.0, 1.0, 0.02), Err(DiagnoseError::OppositeSign { .. })));
+        let degrees = seen(1.0, 180.0 / std::f64::consts::PI, 0.02);
+        assert!(matches!(degrees, Err(DiagnoseError::TravelRatio { hint, .. }) if hint.contains("degrees")));
+        assert!(matches!(seen(1.0, 1.0, 0.0), Err(DiagnoseError::Standing { .. })));
+    }
+}
