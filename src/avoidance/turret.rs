@@ -64,8 +64,8 @@ pub enum TurretError {
     },
     /// An axis has no place in the stream, no direction, range, speed or acceleration.
     #[error(
-        "turret axis {index}: expected a place below {MAX_AXES}, a direction that is a number, a range around \
-         zero, speed and acceleration above zero"
+        "turret axis {index}: expected a place below {MAX_AXES}, a direction that is a number, a range \
+         around zero, speed and acceleration above zero"
     )]
     Axis {
         /// Place given.

@@ -253,8 +253,8 @@ impl ChatterMonitor {
         }
     }
 
-    /// Lets the watched band follow the bar: diameter or tool position changed. Lines count in the new band at
-    /// once, as far as it lies within what this monitor was designed for.
+    /// Lets the watched band follow the bar: diameter or tool position changed. Lines count in the new band
+    /// at once, as far as it lies within what this monitor was designed for.
     pub fn follow(&self, state: &mut ChatterState, band: Band) {
         let mut watched = Watched::new(band, self.mix.centre_hz(), 1.0);
         watched.low_hz = watched.low_hz.max(-self.reach_hz);

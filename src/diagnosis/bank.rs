@@ -205,8 +205,8 @@ pub(super) fn lcm(a: f64, b: f64) -> f64 {
     x.checked_div(u).map_or(0.0, |part| (part * y) as f64)
 }
 
-/// Nothing in a screw drive repeats more slowly than the screw turns: a longer wave is known to be one, and no
-/// map, once it has repeated so often over the travel.
+/// Nothing in a screw drive repeats more slowly than the screw turns: a longer wave is known to be one, and
+/// no map, once it has repeated so often over the travel.
 const LEAST_PERIODS: f64 = 4.0;
 /// The same of shorter ones, and where the lead is not known.
 const LEAST_PERIODS_OF_SCREW: f64 = 1.5;

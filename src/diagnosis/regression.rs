@@ -399,9 +399,9 @@ impl Gram {
         self.beside.solve(&self.trained(fold, &all, (&b, variance)), used).0.iter().copied().collect()
     }
 
-    /// Sums over all folds but one. The knot of a map at a place that was passed in that fold is hardly measured
-    /// by the others: it is expected to be no larger than it is in the whole (normally distributed about zero),
-    /// or noise beside it would set it.
+    /// Sums over all folds but one. The knot of a map at a place that was passed in that fold is hardly
+    /// measured by the others: it is expected to be no larger than it is in the whole (normally distributed
+    /// about zero), or noise beside it would set it.
     fn trained(&self, fold: usize, all: &Sums, (whole, variance): (&DVector<f64>, f64)) -> Sums {
         let mut sums = self.sums(Some(fold));
         for &k in &self.beside.knots {

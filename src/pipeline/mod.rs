@@ -183,8 +183,8 @@ impl Pipeline {
             .unwrap_or([band.low_hz(), band.high_hz()])
     }
 
-    /// Lets the band follow the tools along the bar and the diameter, four times a second, while no chatter is
-    /// heard. It stays inside of what the monitors were designed for.
+    /// Lets the band follow the tools along the bar and the diameter, four times a second, while no chatter
+    /// is heard. It stays inside of what the monitors were designed for.
     fn follow_tools(&mut self, sample: &ServoSample) {
         let PipelineSettings { tools, infeed, .. } = &self.settings;
         if tools.is_none() && infeed.is_none() {

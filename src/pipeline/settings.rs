@@ -54,8 +54,8 @@ impl BandPlan {
         }
     }
 
-    /// The same with the tools at `position_m` from the chuck, the nearer to it the less the cut holds the bar,
-    /// and the bar turned down to `diameter_m`; as stated where one of them is not known.
+    /// The same with the tools at `position_m` from the chuck, the nearer to it the less the cut holds the
+    /// bar, and the bar turned down to `diameter_m`; as stated where one of them is not known.
     /// Errors: as [`Self::band`].
     pub fn band_at(&self, position_m: Option<f64>, diameter_m: Option<f64>) -> Result<Band, BandError> {
         let BandPlan::Cut(stated, cutting) = self else { return self.band() };
