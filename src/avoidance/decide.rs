@@ -91,6 +91,7 @@ impl Avoidance {
             growth: GrowthMeter::default(),
             in_chatter: false,
             last_command_s: f64::NEG_INFINITY,
+            no_stable_pitch: false,
             advised_speed_rpm: None,
             target: None,
             before: None,
@@ -181,10 +182,11 @@ impl Avoidance {
         state.in_chatter && !before
     }
 
-    /// Spindle speed at which the identified cut has a stable pitch, when it has none now.
+    /// True where the identified cut had no stable pitch when one was chosen last, and the nearest spindle
+    /// speed at which it has one.
     #[must_use]
-    pub fn advised_speed_rpm(&self, state: &AvoidanceState) -> Option<f64> {
-        state.advised_speed_rpm
+    pub fn advised_speed_rpm(&self, state: &AvoidanceState) -> (bool, Option<f64>) {
+        (state.no_stable_pitch, state.advised_speed_rpm)
     }
 
     /// The mode was left: nothing more is asked of the turret but to go back.
@@ -372,7 +374,10 @@ impl Avoidance {
             Phase::Chatter => {}
             Phase::Learning => return self.renew_or(state, now, HoldReason::Learning),
             Phase::Suspected => return self.renew_or(state, now, HoldReason::Suspected),
-            Phase::Quiet => return self.renew_or(state, now, HoldReason::NoChatter),
+            Phase::Quiet => {
+                state.no_stable_pitch = false;
+                return self.renew_or(state, now, HoldReason::NoChatter);
+            }
         }
         if !now.estimate_valid {
             return self.renew_or(state, now, HoldReason::EstimateNotValid);
@@ -405,7 +410,7 @@ impl Avoidance {
         spindle: SpindleSpeed,
         highest_hz: f64,
     ) -> Result<f64, HoldReason> {
-        state.advised_speed_rpm = None;
+        (state.no_stable_pitch, state.advised_speed_rpm) = (false, None);
         if let Some(stated) = &self.settings.stated {
             let fruitless: Vec<f64> =
                 state.trial.iter().flat_map(|t| t.fruitless_rad).flatten().map(f64::abs).collect();
@@ -419,7 +424,7 @@ impl Avoidance {
             match advice {
                 PitchAdvice::Pitch { pitch_rad, .. } => return Ok(pitch_rad),
                 PitchAdvice::NoStablePitch { nearest_speed_rpm } => {
-                    state.advised_speed_rpm = nearest_speed_rpm;
+                    (state.no_stable_pitch, state.advised_speed_rpm) = (true, nearest_speed_rpm);
                     return Err(HoldReason::NoStablePitch);
                 }
                 PitchAdvice::NotIdentified => {}

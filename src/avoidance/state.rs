@@ -24,6 +24,8 @@ pub struct AvoidanceState {
     pub(super) growth: GrowthMeter,
     pub(super) in_chatter: bool,
     pub(super) last_command_s: f64,
+    /// No pitch was stable when one was chosen last, and the nearest speed at which one is.
+    pub(super) no_stable_pitch: bool,
     pub(super) advised_speed_rpm: Option<f64>,
     /// What the turret was last told.
     pub(super) target: Option<Target>,
@@ -102,6 +104,7 @@ keep!(AvoidanceState {
     growth,
     in_chatter,
     last_command_s,
+    no_stable_pitch,
     advised_speed_rpm,
     target,
     before,

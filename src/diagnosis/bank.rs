@@ -244,7 +244,7 @@ fn spatial_peaks(p: &Problem, q: &[Sides], s: &Spatial) -> Vec<f64> {
     let cell = s.least_m / 4.0;
     let length = n as f64 * cell;
     let power = least_squares_spectrum(&points, (low, cell), n);
-    let of_lead = |lead: f64| (span / LEAST_PERIODS).max(2.0 * lead);
+    let of_lead = |lead: f64| (span / LEAST_PERIODS).max(1.01 * lead);
     let longest_m = p.drive.screw_lead_m().map_or(span, of_lead).min(span / LEAST_PERIODS_OF_SCREW);
     let first = (length / longest_m).ceil() as usize;
     let mut peaks: Vec<(f64, f64)> = (first.max(1)..power.len().saturating_sub(1))

@@ -127,8 +127,8 @@ impl Acting {
         settings_digest(self.avoidance.settings())
     }
 
-    /// Spindle speed at which the cut has a stable pitch, when it has none now.
-    pub(super) fn advised_speed_rpm(&self) -> Option<f64> {
+    /// Whether the cut has no stable pitch, and the spindle speed at which it has one.
+    pub(super) fn advised_speed_rpm(&self) -> (bool, Option<f64>) {
         self.avoidance.advised_speed_rpm(&self.state)
     }
 

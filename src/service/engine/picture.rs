@@ -1,7 +1,6 @@
 //! What the pipeline thread shows twenty times a second.
 
 use super::Engine;
-use super::acting::Acting;
 use crate::chatter::{ChatterEvent, Line, NotChatter, Phase};
 use crate::force::observers::AxisObserver;
 use crate::pipeline::StepOutput;
@@ -267,12 +266,13 @@ impl Engine {
             reported_rad: acting.zip(status).map(|(a, s)| a.pitch_rad(&s.offset_m)),
             optimum_rad: latest.map(|c| c.requested_pitch_rad),
             limit_rad: self.setup.config.turret.largest_pitch_difference_rad,
-            limited: latest.is_some_and(|c| c.pitch_difference_rad < 0.999 * c.requested_pitch_rad),
+            limited: latest
+                .is_some_and(|c| c.pitch_difference_rad.abs() < 0.999 * c.requested_pitch_rad.abs()),
             turret: turret_word(status.map(|s| s.state)).to_owned(),
             unavailable: self.no_pitch.clone(),
             hold_reason: acting.and_then(|a| a.hold).map(str::to_owned),
             advised_speed_rpm: acting
-                .and_then(Acting::advised_speed_rpm)
+                .and_then(|a| a.advised_speed_rpm().1)
                 .filter(|_| self.mode != Mode::Observe),
         }
     }

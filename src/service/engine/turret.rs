@@ -198,11 +198,13 @@ impl Engine {
         if let Err(violation) = verdict {
             self.distrust(violation);
         }
+        if decision != Decision::NotDue {
+            self.advise_speed();
+        }
         match decision {
             Decision::NotDue => {}
             Decision::Hold(reason) => {
                 self.setup.metrics.holds.with_label_values(&[reason.name()]).inc();
-                self.advise_speed(reason);
                 if self.mode == Mode::Act && needs_a_person(reason) {
                     self.latch(&format!("stopped acting: {}", reason.name().replace('_', " ")));
                     self.decide(now);
@@ -220,12 +222,11 @@ impl Engine {
     }
 
     /// Tells once that no pitch is stable, and the nearest spindle speed at which one is.
-    fn advise_speed(&mut self, reason: HoldReason) {
-        let told = std::mem::replace(&mut self.told_speed, reason == HoldReason::NoStablePitch);
-        if told || reason != HoldReason::NoStablePitch {
+    fn advise_speed(&mut self) {
+        let (none, speed) = self.acting.as_ref().map_or((false, None), Acting::advised_speed_rpm);
+        if std::mem::replace(&mut self.told_speed, none) || !none {
             return;
         }
-        let speed = self.acting.as_ref().and_then(Acting::advised_speed_rpm);
         let text = match speed {
             Some(rpm) => format!("no pitch is predicted to be stable at this speed; one is at {rpm:.0} rpm"),
             None => "no pitch is predicted to be stable, here or at a speed within 40 %".to_owned(),
