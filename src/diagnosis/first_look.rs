@@ -99,7 +99,7 @@ impl<'a> Look<'a> {
         /// Least share of the thrust's power that the model explains once it is turned.
         const EXPLAINED: f64 = 0.3;
         /// Least travel, m: what moves less may be moved by a cut, and then the drive pushes against it.
-        const LEAST_M: f64 = 4e-3;
+        const LEAST_M: f64 = 2.5e-3;
         /// Share of the thrust's power below which inertia or friction have no say of their own.
         const SILENT: f64 = 0.01;
         if span(&self.motor_m) < LEAST_M || is_locked(self.axis, self.recording) {
