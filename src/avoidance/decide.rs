@@ -357,8 +357,7 @@ impl Avoidance {
         }
         let next = trial.attempt + 1;
         if next >= ATTEMPTS || state.moves_in_vain >= MOST_MOVES_IN_VAIN {
-            state.trial = None;
-            state.latched = Some(Latched { reason: HoldReason::HandedOver, returned: false });
+            state.hand_over();
         } else {
             let fruitless_rad = trial.fruitless_rad;
             *trial = Trial { attempt: next, fruitless_rad, ..Trial::new(now.heard.power_n2) };
@@ -386,8 +385,7 @@ impl Avoidance {
             return self.renew_or(state, now, HoldReason::NoChatter);
         }
         if state.moves_in_vain >= MOST_MOVES_IN_VAIN {
-            state.trial = None;
-            state.latched = Some(Latched { reason: HoldReason::HandedOver, returned: false });
+            state.hand_over();
             return self.decide_latched(state, now);
         }
         let Some(highest_hz) = state.lines.highest_hz() else {

@@ -4,8 +4,8 @@
 use super::{Command, CommandKind, Mode};
 use crate::sample::MAX_AXES;
 
-/// Commissioned limits, in the units of the wire.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Commissioned limits, in the units of the wire; by default no motion is inside of them.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Guard {
     /// Least offset of each axis.
     pub lowest_m: [f64; MAX_AXES],

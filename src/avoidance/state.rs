@@ -147,6 +147,12 @@ impl AvoidanceState {
         self.choose_anew();
     }
 
+    /// The pitches that were tried did not help: a person must look.
+    pub(super) fn hand_over(&mut self) {
+        self.trial = None;
+        self.latched = Some(Latched { reason: HoldReason::HandedOver, returned: false });
+    }
+
     /// A person has looked: everything latched is open again. What still is so latches again.
     pub(super) fn acknowledge(&mut self) {
         (self.latched, self.trial, self.moves_in_vain, self.off_target) = (None, None, 0, 0);

@@ -8,7 +8,7 @@ use super::machine::machine_from_text;
 use super::{ConfigError, is_date, parse, parse_number, read_text};
 use crate::avoidance::AvoidanceSettings;
 use crate::avoidance::identified::StatedCut;
-use crate::avoidance::turret::{TurretAxis, TurretKinematics};
+use crate::avoidance::turret::{TurretAxis, TurretError, TurretKinematics};
 use crate::chatter::Band;
 use crate::pipeline::{AxisPlan, BandPlan, PipelineSettings, ToolAxis};
 use crate::plant::cutting::{Cutting, RawCutting};
@@ -173,6 +173,21 @@ pub struct TurretConfig {
     pub commissioned: Option<(String, String)>,
 }
 
+impl TurretConfig {
+    /// Its axes at these places of the stream. Errors: axes that move no tool around a bar.
+    fn kinematics(&self, places: [usize; 2]) -> Result<TurretKinematics, TurretError> {
+        let axis = |i: usize| TurretAxis {
+            index: places[i],
+            direction_rad: self.direction_rad[i],
+            lowest_m: self.lowest_offset_m[i],
+            highest_m: self.highest_offset_m[i],
+            speed_m_s: self.speed_m_s[i],
+            acceleration_m_s2: self.acceleration_m_s2[i],
+        };
+        TurretKinematics::new([axis(0), axis(1)])
+    }
+}
+
 /// Folder and retention of the history.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HistoryConfig {
@@ -295,14 +310,14 @@ impl Reader<'_> {
         if path.is_absolute() { path.to_owned() } else { self.folder.join(path) }
     }
 
-    fn tools(&self, raw: &DetectionToml) -> Result<Option<(String, f64, bool)>, ConfigError> {
-        let zero_m = self.within("detection.tool_axis_zero_m", raw.tool_axis_zero_m, (-10.0, 10.0))?;
-        Ok(raw.tool_axis.clone().map(|axis| (axis, zero_m, raw.tool_axis_toward_chuck)))
-    }
-
-    fn infeed(&self, raw: &DetectionToml) -> Result<Option<(String, f64, bool)>, ConfigError> {
-        let zero_m = self.within("detection.infeed_axis_zero_m", raw.infeed_axis_zero_m, (-10.0, 10.0))?;
-        Ok(raw.infeed_axis.clone().map(|axis| (axis, zero_m, raw.infeed_axis_toward_bar)))
+    /// An axis that tells a distance: its name, the distance where it stands at zero, whether that shrinks.
+    fn tool_axis(
+        &self,
+        key: &str,
+        (axis, zero_m, toward): (&Option<String>, f64, bool),
+    ) -> Result<Option<(String, f64, bool)>, ConfigError> {
+        let zero_m = self.within(&format!("detection.{key}_zero_m"), zero_m, (-10.0, 10.0))?;
+        Ok(axis.clone().map(|axis| (axis, zero_m, toward)))
     }
 
     fn config(&self, raw: ServiceToml) -> Result<ServiceConfig, ConfigError> {
@@ -339,7 +354,8 @@ impl Reader<'_> {
         if let Some(error) = unknown("machine.watch", &raw.machine.watch).or_else(of_turret) {
             return Err(error);
         }
-        let band = raw.detection.band_hz.map(|[low, high]| Band::new(low, high)).transpose();
+        let d = &raw.detection;
+        let band = d.band_hz.map(|[low, high]| Band::new(low, high)).transpose();
         Ok(ServiceConfig {
             program: None,
             file: self.path.is_file().then(|| self.path.to_owned()),
@@ -348,8 +364,10 @@ impl Reader<'_> {
             workpiece: self.workpiece(&raw.workpiece)?,
             cutting: self.cutting(&raw.cutting)?,
             band: band.map_err(|e| self.bad("detection.band_hz", e.to_string()))?,
-            tools: self.tools(&raw.detection)?,
-            infeed: self.infeed(&raw.detection)?,
+            tools: self
+                .tool_axis("tool_axis", (&d.tool_axis, d.tool_axis_zero_m, d.tool_axis_toward_chuck))?,
+            infeed: self
+                .tool_axis("infeed_axis", (&d.infeed_axis, d.infeed_axis_zero_m, d.infeed_axis_toward_bar))?,
             turret,
             transport: (raw.transport.prefix.clone(), raw.transport.root.clone()),
             http: self.http(&raw.http)?,
@@ -413,9 +431,8 @@ impl Reader<'_> {
     }
 
     fn turret(&self, raw: &TurretToml) -> Result<TurretConfig, ConfigError> {
-        let limits = (1e-3, 1.0);
-        let largest =
-            self.within("turret.largest_pitch_difference_rad", raw.largest_pitch_difference_rad, limits)?;
+        let (place, limits) = ("turret.largest_pitch_difference_rad", (1e-3, 1.0));
+        let largest = self.within(place, raw.largest_pitch_difference_rad, limits)?;
         if raw.axes[0] == raw.axes[1] {
             return Err(self.bad("turret.axes", format!("{} twice: expected two axes", raw.axes[0])));
         }
@@ -432,17 +449,7 @@ impl Reader<'_> {
         for acceleration in raw.acceleration_m_s2 {
             self.within("turret.acceleration_m_s2", acceleration, (1e-6, 10.0))?;
         }
-        let axis = |index: usize| TurretAxis {
-            index,
-            direction_rad: raw.direction_rad[index],
-            lowest_m: raw.lowest_offset_m[index],
-            highest_m: raw.highest_offset_m[index],
-            speed_m_s: raw.speed_m_s[index],
-            acceleration_m_s2: raw.acceleration_m_s2[index],
-        };
-        TurretKinematics::new([axis(0), axis(1)])
-            .map_err(|e| self.bad("turret.direction_rad", e.to_string()))?;
-        Ok(TurretConfig {
+        let turret = TurretConfig {
             axes: raw.axes.clone(),
             direction_rad: raw.direction_rad,
             lowest_offset_m: raw.lowest_offset_m,
@@ -453,7 +460,9 @@ impl Reader<'_> {
             // I7: a dead sender must not hold the turret away from equal pitch for longer.
             command_ttl_s: self.within("turret.command_ttl_s", raw.command_ttl_s, (1.1, 2.5))?,
             commissioned: self.commissioned(&raw.limits_by, &raw.limits_date)?,
-        })
+        };
+        turret.kinematics([0, 1]).map_err(|e| self.bad("turret.direction_rad", e.to_string()))?;
+        Ok(turret)
     }
 
     fn commissioned(&self, by: &str, date: &str) -> Result<Option<(String, String)>, ConfigError> {
@@ -570,20 +579,13 @@ impl ServiceConfig {
     /// Errors: one line which setting does not fit.
     pub fn avoidance_settings(&self, axes: &[String]) -> Result<AvoidanceSettings, String> {
         let turret = &self.turret;
-        let axis = |i: usize| {
-            let name = &turret.axes[i];
+        let place = |name: &String| {
             let index = axes.iter().position(|n| n == name);
-            Ok::<_, String>(TurretAxis {
-                index: index.ok_or_else(|| format!("turret.axes: the stream has no axis {name}"))?,
-                direction_rad: turret.direction_rad[i],
-                lowest_m: turret.lowest_offset_m[i],
-                highest_m: turret.highest_offset_m[i],
-                speed_m_s: turret.speed_m_s[i],
-                acceleration_m_s2: turret.acceleration_m_s2[i],
-            })
+            index.ok_or_else(|| format!("turret.axes: the stream has no axis {name}"))
         };
+        let places = [place(&turret.axes[0])?, place(&turret.axes[1])?];
         Ok(AvoidanceSettings {
-            turret: TurretKinematics::new([axis(0)?, axis(1)?]).map_err(|e| e.to_string())?,
+            turret: turret.kinematics(places).map_err(|e| e.to_string())?,
             diameter_m: self.workpiece.diameter_m(),
             largest_pitch_rad: turret.largest_pitch_difference_rad,
             interval_s: 1.0,

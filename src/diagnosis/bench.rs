@@ -125,9 +125,9 @@ impl<'a> Bench<'a> {
             accepted,
             held: None,
         };
-        for (k, a) in accepted.iter().enumerate().filter(|(_, a)| is_map(&a.hypothesis)) {
+        for (k, a) in accepted.iter().enumerate().filter(|(_, a)| a.hypothesis.is_map()) {
             let first = bench.range(k).start;
-            bench.gram = bench.gram.knots(first..first + a.columns.len());
+            bench.gram.mark_knots(first..first + a.columns.len());
         }
         bench.solution = bench.solve(&bench.gram, true);
         bench.hold_scale();
@@ -391,8 +391,8 @@ impl<'a> Bench<'a> {
         let weighed: Vec<Vec<f64>> = columns.iter().map(|c| self.weights.weigh(c)).collect();
         let first = self.base.len();
         let mut gram = self.gram.with(&self.and(&weighed), &self.target, &self.folds);
-        if is_map(h) {
-            gram = gram.knots(first..gram.columns());
+        if h.is_map() {
+            gram.mark_knots(first..gram.columns());
         }
         let solution = self.solve(&gram, !is_delay(h));
         let amplitudes = solution.coefficients[first..].to_vec();
@@ -518,11 +518,6 @@ fn share(tie: Option<Tie>, coefficients: &[f64]) -> f64 {
 /// The accepted laws of fixed amplitude, each with its tie.
 fn fixed<'b>(p: &'b Problem, accepted: &'b [Accepted]) -> impl Iterator<Item = (&'b Accepted, Option<Tie>)> {
     accepted.iter().filter(|a| a.hypothesis.shape.unit()).map(|a| (a, tie(p, &a.hypothesis)))
-}
-
-/// True for a force for every place.
-fn is_map(h: &Hypothesis) -> bool {
-    matches!(h.shape, Shape::Map { .. })
 }
 
 /// Columns of the base behind those of the numbers, in order.

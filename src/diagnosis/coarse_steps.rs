@@ -5,10 +5,8 @@ use super::bench::rms;
 use super::motion::{Motion, Side};
 use super::result::{Contribution, Estimate, Finding, Fit};
 use super::steps::stated_step_m;
-use super::terms;
+use super::terms::Z95;
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
-
-const Z95: f64 = 1.96;
 
 impl Case<'_> {
     /// Encoders whose steps are coarser than the model states.
@@ -24,7 +22,6 @@ impl Case<'_> {
 
     fn step_finding(&self, port: Port, step: f64) -> Finding {
         let p = &self.outcome.state.problem;
-        let effect = EffectKind::EncoderQuantization;
         let (evidence, deviation_m) = certainty(&p.motions, port, [step, stated_step_m(self.axis, port)]);
         let parameters = vec![Estimate {
             name: "step_m".to_owned(),
@@ -59,29 +56,20 @@ impl Case<'_> {
                 }
             })
             .collect();
-        Finding {
-            rank: 0,
-            effect,
+        let term = PhysicsTerm {
+            effect: EffectKind::EncoderQuantization,
             port,
-            statement: terms::statement(effect, port, &parameters),
-            equation: terms::equation(effect),
-            term: PhysicsTerm {
-                effect,
-                port,
-                parameters: vec![("step_m".to_owned(), ParameterValue::Number(step))],
-            },
-            parameters,
-            maps: Vec::new(),
+            parameters: vec![("step_m".to_owned(), ParameterValue::Number(step))],
+        };
+        Finding {
             fit: Fit {
                 heldout_rms_before_n: rms_after,
                 heldout_rms_after_n: rms_after,
                 noise_floor_n: rms_after,
             },
             probability: 1.0 / (1.0 + (-0.5 * evidence).exp()),
-            alternatives: Vec::new(),
-            next_experiment: None,
-            contribution,
             evidence,
+            ..self.named((term, parameters), (&[], [rms_after; 2]), contribution)
         }
     }
 }

@@ -156,7 +156,7 @@ struct Left {
 
 impl Model {
     fn ends_in_map(&self) -> bool {
-        matches!(self.laws.last().map(|l| &l.hypothesis.shape), Some(Shape::Map { .. }))
+        self.laws.last().is_some_and(|l| l.hypothesis.is_map())
     }
 }
 

@@ -311,11 +311,9 @@ impl Gram {
         gram
     }
 
-    /// This Gram with columns that are knots of a map.
-    pub(crate) fn knots(&self, columns: std::ops::Range<usize>) -> Self {
-        let mut gram = self.clone();
-        gram.beside.knots.extend(columns);
-        gram
+    /// These columns are knots of a map.
+    pub(crate) fn mark_knots(&mut self, columns: std::ops::Range<usize>) {
+        self.beside.knots.extend(columns);
     }
 
     /// This Gram with `factor` times the last column in another one, not by itself.

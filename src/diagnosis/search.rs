@@ -499,8 +499,7 @@ pub(super) fn same_kind(a: &Hypothesis, b: &Hypothesis) -> bool {
 
 /// What a hypothesis is ranked by.
 pub(crate) fn rank(s: &Score) -> f64 {
-    let is_map = matches!(s.hypothesis.shape, Shape::Map { .. });
-    let evidence = if is_map { MAP_CREDIT * s.evidence } else { s.evidence };
+    let evidence = if s.hypothesis.is_map() { MAP_CREDIT * s.evidence } else { s.evidence };
     if s.plausible { evidence } else { evidence.min(0.0) - 1.0 }
 }
 

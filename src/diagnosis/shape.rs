@@ -224,6 +224,11 @@ pub(crate) struct Hypothesis {
 }
 
 impl Hypothesis {
+    /// True for a force for every place.
+    pub(crate) fn is_map(&self) -> bool {
+        matches!(self.shape, Shape::Map { .. })
+    }
+
     /// A wave with its next overtone, and that overtone alone; `None`: no wave, or it has enough of them.
     pub(crate) fn overtone(&self) -> Option<(Self, Self)> {
         /// Harmonics that the vocabulary's waves have.

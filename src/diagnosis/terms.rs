@@ -20,7 +20,7 @@ const TAKING_UP_SAMPLES: f64 = 0.07;
 const EXACTNESS: f64 = 5e-4;
 /// Where the data say nothing of a constant its interval ends at a thousandth and a thousand times it.
 const MOST_DOUBT: f64 = 6.9;
-const Z95: f64 = 1.96;
+pub(super) const Z95: f64 = 1.96;
 
 /// Half of a 95 % interval of something of this deviation.
 pub(crate) fn half_width(deviation: f64) -> f64 {

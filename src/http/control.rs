@@ -58,7 +58,6 @@ pub(super) struct ModeBody {
     mode: Mode,
     /// One sentence for the record.
     #[schema(
-        example = "commissioned today, limits checked",
         min_length = 1,
         max_length = 500,
         pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
@@ -113,7 +112,6 @@ fn if_match(headers: &HeaderMap) -> Result<u64, Problem> {
 pub(super) struct TakeBackBody {
     /// One sentence for the record; without it the record says that none was given.
     #[schema(
-        example = "surface looks wrong",
         min_length = 1,
         max_length = 500,
         pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
@@ -148,11 +146,9 @@ pub(super) async fn take_back(
 #[serde(deny_unknown_fields)]
 pub(super) struct HoldBody {
     /// True: leave it where it is; false: let it go.
-    #[schema(example = true)]
     hold: bool,
     /// One sentence for the record.
     #[schema(
-        example = "measuring the surface",
         min_length = 1,
         max_length = 500,
         pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"

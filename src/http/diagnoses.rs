@@ -52,7 +52,6 @@ pub(super) struct DiagnosisBody {
     recordings: Vec<String>,
     /// One sentence for the record.
     #[schema(
-        example = "force does not fit since the ball screw was changed",
         min_length = 1,
         max_length = 500,
         pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"

@@ -2,6 +2,7 @@
 
 use super::extract::{Asked, Body, Named};
 use super::problem::{Problem, Refused};
+use super::recordings::page_size;
 use super::{Caller, Role, Site};
 use crate::service::{AuditRow, EventFilter, MAX_PAGE, Origin, clock};
 use crate::telemetry::{Event, EventKind, Severity};
@@ -16,13 +17,10 @@ use utoipa::{IntoParams, ToSchema};
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct EventView {
     /// Place in the history; order is by this.
-    #[schema(example = 42)]
     sequence: i64,
     /// Unique name.
-    #[schema(example = "01JD3Z1V8Q5N4B6XG2W0S7KFTM")]
     id: String,
     /// RFC 3339 UTC.
-    #[schema(example = "2026-11-21T08:15:30.123Z")]
     time: String,
     /// The same in ns since 1970.
     time_ns: i64,
@@ -35,7 +33,6 @@ pub struct EventView {
     /// Machine's clock, s.
     t_s: Option<f64>,
     /// Chatter frequency, Hz.
-    #[schema(example = 652.0)]
     frequency_hz: Option<f64>,
     /// Power of the strongest line, N2.
     power_n2: Option<f64>,
@@ -260,7 +257,6 @@ pub(super) async fn one(
 pub(super) struct ReasonBody {
     /// One sentence for the record, 1 to 500 characters.
     #[schema(
-        example = "looked at the insert, it is fine",
         min_length = 1,
         max_length = 500,
         pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
@@ -307,11 +303,10 @@ pub(super) async fn acknowledge(
 #[serde(deny_unknown_fields)]
 pub(super) struct SilenceBody {
     /// Minutes, 1 to 480.
-    #[schema(value_type = u32, example = 30, minimum = 1, maximum = 480)]
+    #[schema(value_type = u32, minimum = 1, maximum = 480)]
     minutes: f64,
     /// One sentence for the record.
     #[schema(
-        example = "known, tool change at 14:00",
         min_length = 1,
         max_length = 500,
         pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
@@ -352,8 +347,11 @@ pub(super) async fn silence(
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct AuditQuery {
-    /// Rows after this place.
+    /// Rows after this place; `next-cursor` of the page before.
     after: Option<i64>,
+    /// Rows a page, 1 to 1000; 1000 when not given.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<usize>,
 }
 
 /// One write that somebody made.
@@ -386,16 +384,20 @@ impl From<AuditRow> for AuditView {
     }
 }
 
-/// The audit record, oldest first, at most 1000 rows.
+/// The audit record, oldest first. A full page carries the header `next-cursor`.
 #[utoipa::path(get, path = "/api/v1/audit", tag = "history", operation_id = "listAudit", params(AuditQuery),
-    responses((status = 200, description = "Rows after the given place", body = Vec<AuditView>),
+    responses((status = 200, description = "Rows after the given place", body = Vec<AuditView>,
+            headers(("next-cursor" = i64, description = "Cursor of the next page, where this one is full"))),
         Refused))]
 pub(super) async fn audit(
     State(site): State<Site>,
     Asked(query): Asked<AuditQuery>,
-) -> Result<Json<Vec<AuditView>>, Problem> {
+) -> Result<Response, Problem> {
+    let limit = page_size(query.limit)?;
     let rows = site.handle.audit_rows(query.after.unwrap_or(0)).await?;
-    Ok(Json(rows.into_iter().map(AuditView::from).collect()))
+    let page: Vec<AuditView> = rows.into_iter().take(limit).map(AuditView::from).collect();
+    let next = page.get(limit - 1).map(|last| HeaderValue::from(last.sequence));
+    Ok((next_header(next), Json(page)).into_response())
 }
 
 #[cfg(test)]

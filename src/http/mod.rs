@@ -36,6 +36,7 @@ use tokio::sync::Semaphore;
 use tower_http::catch_panic::CatchPanicLayer;
 use utoipa::OpenApi;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
+use utoipa::openapi::{RefOr, Schema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -112,15 +113,23 @@ fn routes() -> OpenApiRouter<Site> {
         .routes(routes!(read::metrics))
 }
 
+/// One example of every object that goes over the wire, by the name of its schema.
+fn examples() -> serde_json::Map<String, serde_json::Value> {
+    serde_json::from_str(include_str!("examples.json")).unwrap_or_default() // its form is tested
+}
+
 /// The description of the API, as `/openapi.json` gives it.
 #[must_use]
 pub fn description() -> utoipa::openapi::OpenApi {
     let mut api = routes().split_for_parts().1;
     let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).bearer_format("256 random bits").build();
     let components = api.components.get_or_insert_default();
-    components
-        .security_schemes
-        .insert("token".to_owned(), utoipa::openapi::RefOr::T(SecurityScheme::Http(bearer)));
+    for (name, example) in examples() {
+        if let Some(RefOr::T(Schema::Object(object))) = components.schemas.get_mut(&name) {
+            object.examples = vec![example];
+        }
+    }
+    components.security_schemes.insert("token".to_owned(), RefOr::T(SecurityScheme::Http(bearer)));
     api
 }
 
@@ -294,7 +303,55 @@ fn secure(path: &str, response: &mut Response) {
 
 #[cfg(test)]
 mod tests {
-    use super::host_is_ours;
+    use super::{description, examples, host_is_ours};
+    use serde_json::Value;
+
+    /// Every object of the description has an example, which holds what the object must hold and nothing else.
+    #[test]
+    fn every_object_has_an_example_of_its_form() {
+        let api = serde_json::to_value(description()).expect("JSON");
+        let examples = examples();
+        let schemas = api["components"]["schemas"].as_object().expect("schemas");
+        let objects: Vec<_> = schemas.iter().filter(|(_, s)| s["type"] == "object").collect();
+        assert_eq!(objects.len(), examples.len(), "an example without an object, or an object without one");
+        for (name, schema) in objects {
+            agrees(name, schema, &schema["examples"][0], schemas);
+        }
+    }
+
+    fn agrees(place: &str, schema: &Value, value: &Value, schemas: &serde_json::Map<String, Value>) {
+        if let Some(name) = schema["$ref"].as_str().and_then(|r| r.rsplit('/').next()) {
+            return agrees(place, &schemas[name], value, schemas);
+        }
+        if let Some(words) = schema["enum"].as_array() {
+            assert!(words.contains(value), "{place}: {value}");
+        }
+        let kinds = match &schema["type"] {
+            Value::Array(kinds) => kinds.clone(),
+            Value::Null => return,
+            one => vec![one.clone()],
+        };
+        let kind = match value {
+            Value::Null => "null",
+            Value::Bool(_) => "boolean",
+            Value::Number(n) if n.is_f64() => "number",
+            Value::Number(_) => "integer",
+            Value::String(_) => "string",
+            Value::Array(_) => "array",
+            Value::Object(_) => "object",
+        };
+        assert!(kinds.contains(&kind.into()), "{place}: {kind} where the description has {kinds:?}");
+        for item in value.as_array().into_iter().flatten() {
+            agrees(place, &schema["items"], item, schemas);
+        }
+        let Some((fields, known)) = value.as_object().zip(schema["properties"].as_object()) else { return };
+        for needed in schema["required"].as_array().into_iter().flatten() {
+            assert!(fields.contains_key(needed.as_str().expect("a name")), "{place}: lacks {needed}");
+        }
+        for (field, value) in fields {
+            agrees(&format!("{place}.{field}"), known.get(field).expect(field), value, schemas);
+        }
+    }
 
     #[test]
     fn only_own_names_are_served() {

@@ -15,7 +15,6 @@ pub(crate) const PROBLEM_JSON: &str = "application/problem+json";
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct FieldError {
     /// JSON pointer into the body, or `query/<name>`.
-    #[schema(example = "/reason")]
     pub pointer: String,
     /// What was expected.
     pub detail: String,
@@ -26,13 +25,10 @@ pub struct FieldError {
 pub struct Problem {
     /// Page that explains the code.
     #[serde(rename = "type")]
-    #[schema(example = "/docs/problems#token_required")]
     pub kind: String,
     /// The status in words.
-    #[schema(example = "Unauthorized")]
     pub title: String,
     /// HTTP status.
-    #[schema(example = 401)]
     pub status: u16,
     /// What happened and what to do.
     pub detail: String,
@@ -40,7 +36,6 @@ pub struct Problem {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
     /// Stable code for programs.
-    #[schema(example = "token_required")]
     pub code: String,
     /// Single faults of the input.
     #[serde(skip_serializing_if = "Vec::is_empty")]

@@ -22,7 +22,6 @@ pub enum RecordingsError {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct RecordingInfo {
     /// Name, also of its file without `.parquet`.
-    #[schema(example = "chatter_onset-01JD3Z1V8Q5N4B6XG2W0S7KFTM")]
     pub id: String,
     /// Size, bytes.
     pub bytes: u64,

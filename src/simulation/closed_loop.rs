@@ -109,15 +109,7 @@ impl ClosedLoop {
             reached_m,
             stated,
         })?;
-        let mut guard = Guard {
-            lowest_m: [0.0; MAX_AXES],
-            highest_m: [0.0; MAX_AXES],
-            speed_m_s: [0.0; MAX_AXES],
-            acceleration_m_s2: [0.0; MAX_AXES],
-            direction_rad: [0.0; MAX_AXES],
-            diameter_m,
-            largest_pitch_rad,
-        };
+        let mut guard = Guard { diameter_m, largest_pitch_rad, ..Guard::default() };
         for axis in turret.axes() {
             guard.lowest_m[axis.index] = axis.lowest_m;
             guard.highest_m[axis.index] = axis.highest_m;

@@ -239,6 +239,31 @@ fn requests_that_can_be_read_in_two_ways_are_not_obeyed() {
         assert_eq!(said.matches("HTTP/1.1 ").count(), 1, "{fields}: {said}");
         assert!(said.starts_with("HTTP/1.1 200 ") && said.contains("connection: close"), "{fields}: {said}");
     }
+    // Lengths that only some would understand: whoever reads the body as empty finds a request in it.
+    for field in [
+        "Transfer-Encoding: xchunked",
+        "Transfer-Encoding: identity",
+        "Transfer-Encoding : chunked",
+        "Transfer-Encoding: chunked, identity",
+        "Transfer-Encoding: \x0bchunked",
+        "Transfer-Encoding: chunked\r\nTransfer-Encoding: identity",
+        "X: y\r\n Transfer-Encoding: chunked",
+        "X: y\rTransfer-Encoding: chunked",
+        "Transfer-Encoding\0: chunked",
+        "Content-Length: +0",
+        "Content-Length: -1",
+        "Content-Length: 0x0",
+        "Content-Length: 0 0",
+        "Content-Length : 0",
+        "Content-Length: 99999999999999999999",
+    ] {
+        let said = say(format!("{post}{field}\r\n\r\n{hidden}"));
+        assert!(said.matches("HTTP/1.1 ").count() <= 1 && !said.contains("alive"), "{field:?}: {said}");
+    }
+    for chunk in ["0x2", "2 2", "-2", "fffffffffffffffff", "2;\n", ""] {
+        let said = say(format!("{post}{chunked}\r\n{chunk}\r\n{{}}\r\n0\r\n\r\n{hidden}"));
+        assert!(!said.contains("alive") || said.starts_with("HTTP/1.1 200 "), "{chunk:?}: {said}");
+    }
     running.stop();
 }
 
@@ -542,6 +567,19 @@ fn a_post_that_is_sent_again_with_its_key_is_done_once() {
     let rows = get(&running, "/api/v1/audit").json();
     let saved = rows.as_array().unwrap().iter().filter(|r| r["action"] == "save_recording").count();
     assert_eq!(saved, 2, "{rows}");
+    // The same rows, two a page.
+    let (mut after, mut seen) = ("0".to_owned(), Vec::new());
+    loop {
+        let path = format!("http://{address}/api/v1/audit?limit=2&after={after}");
+        let mut page = ureq::get(path).call().unwrap();
+        let next = page.headers().get("next-cursor").map(|v| v.to_str().unwrap().to_owned());
+        let text = page.body_mut().read_to_string().unwrap();
+        seen.extend(serde_json::from_str::<Vec<serde_json::Value>>(&text).unwrap());
+        let Some(next) = next else { break };
+        after = next;
+    }
+    assert_eq!(&seen, rows.as_array().unwrap());
+    assert_eq!(get(&running, "/api/v1/audit?limit=0").code(), "invalid_query");
     running.stop();
 }
 

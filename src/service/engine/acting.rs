@@ -89,13 +89,9 @@ impl Acting {
         let avoidance = Avoidance::new(settings).map_err(|e| format!("turret: {e}"))?;
         let turret = &config.turret;
         let mut guard = Guard {
-            lowest_m: [0.0; MAX_AXES],
-            highest_m: [0.0; MAX_AXES],
-            speed_m_s: [0.0; MAX_AXES],
-            acceleration_m_s2: [0.0; MAX_AXES],
-            direction_rad: [0.0; MAX_AXES],
             diameter_m: config.workpiece.diameter_m(),
             largest_pitch_rad: turret.largest_pitch_difference_rad,
+            ..Guard::default()
         };
         for (i, index) in axes.into_iter().enumerate() {
             guard.lowest_m[index] = turret.lowest_offset_m[i];
