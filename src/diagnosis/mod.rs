@@ -177,14 +177,14 @@ pub fn diagnose(
     progress(0.9, "writing the model, simulating the loop");
     let mut diagnosis = assemble::assemble(machine, axis, recordings, &outcome);
     let says_all = |axis: &AxisModel| rig.as_ref().is_some_and(|rig| rig.says_all(axis, noise_n));
-    let complete = if diagnosis.verdict != Verdict::UnexplainedMismatch {
-        Complete::No
-    } else if says_all(axis) {
-        Complete::Stated
-    } else if in_loop::recalibrated(axis, &outcome).is_ok_and(|axis| says_all(&axis)) {
-        Complete::Numbers
-    } else {
-        Complete::No
+    let numbers_say_all =
+        || in_loop::recalibrated(axis, &outcome).is_ok_and(|recalibrated| says_all(&recalibrated));
+    let complete = match diagnosis.verdict {
+        Verdict::UnexplainedMismatch if says_all(axis) => Complete::Stated,
+        Verdict::UnexplainedMismatch if numbers_say_all() => Complete::Numbers,
+        // A law that changes nothing in the loop is one of the balance's own errors.
+        Verdict::MissingPhysics if !diagnosis.earned_in_loop() && numbers_say_all() => Complete::Numbers,
+        _ => Complete::No,
     };
     if complete != Complete::No {
         outcome = search::search(start, (complete, &|_, _| ()));

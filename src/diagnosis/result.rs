@@ -272,6 +272,14 @@ impl Diagnosis {
     pub fn left_in_loop_n(&self) -> Option<f64> {
         self.closed_loop.as_ref().ok().filter(|c| c.not_simulated.is_empty()).map(|c| c.left_n(2))
     }
+
+    /// False where the model runs in the loop no better with the findings than without them. Where a coarse
+    /// step rounds is chance, which no loop repeats: such findings are not asked.
+    pub(crate) fn earned_in_loop(&self) -> bool {
+        let coarse = self.findings.iter().any(|f| f.effect == EffectKind::EncoderQuantization);
+        let simulated = self.closed_loop.as_ref().ok().filter(|c| c.not_simulated.is_empty() && !coarse);
+        simulated.is_none_or(|c| c.left_n(2) < c.left_n(1))
+    }
 }
 
 impl ClosedLoop {

@@ -306,7 +306,7 @@ mod tests {
     use super::{description, examples, host_is_ours};
     use serde_json::Value;
 
-    /// Every object of the description has an example, which holds what the object must hold and nothing else.
+    /// Every object of the description has an example: it holds what the object must hold and nothing else.
     #[test]
     fn every_object_has_an_example_of_its_form() {
         let api = serde_json::to_value(description()).expect("JSON");

@@ -190,17 +190,18 @@ impl<const L: usize> Lanes<L> {
         }
     }
 
+    /// One step of the classical Runge-Kutta method. A loop, not four copies of the derivative: the code of
+    /// four does not fit the cache of instructions.
     #[inline(always)]
     fn advance<const FUSED: bool>(&self, t_s: f64, s: &State<L>, (told, h): (&Lane<L>, f64)) -> State<L> {
-        let k1 = self.derivative::<FUSED>(t_s, s, told);
-        let k2 = self.derivative::<FUSED>(t_s + 0.5 * h, &moved(s, &k1, 0.5 * h), told);
-        let k3 = self.derivative::<FUSED>(t_s + 0.5 * h, &moved(s, &k2, 0.5 * h), told);
-        let k4 = self.derivative::<FUSED>(t_s + h, &moved(s, &k3, h), told);
+        /// Where in the step each derivative is taken, and its share of the step.
+        const STAGES: [(f64, f64); 4] =
+            [(0.0, 1.0 / 6.0), (0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0)];
+        let mut rate = [[0.0; L]; STATES];
         let mut out = *s;
-        for i in 0..STATES {
-            for l in 0..L {
-                out[i][l] += h / 6.0 * (k1[i][l] + 2.0 * (k2[i][l] + k3[i][l]) + k4[i][l]);
-            }
+        for (place, share) in STAGES {
+            rate = self.derivative::<FUSED>(t_s + place * h, &moved(s, &rate, place * h), told);
+            out = moved(&out, &rate, share * h);
         }
         out
     }
@@ -273,13 +274,14 @@ impl<const L: usize> Held<L> {
         }
     }
 
+    /// `told`: a ring whose length is a power of two; `newest`: the sample that was told last.
     #[inline(always)]
-    fn mean(&self, told: &[Lane<L>]) -> Lane<L> {
-        let newest = told.len().saturating_sub(1);
+    fn mean(&self, told: &[Lane<L>], newest: usize) -> Lane<L> {
+        let mask = told.len() - 1;
         let mut out = [0.0; L];
         for l in 0..L {
-            let old = told[newest.saturating_sub(self.ago[l])][l];
-            let new = told[newest.saturating_sub(self.ago[l].saturating_sub(1))][l];
+            let old = told[newest.wrapping_sub(self.ago[l]) & mask][l];
+            let new = told[newest.wrapping_sub(self.ago[l].saturating_sub(1)) & mask][l];
             out[l] = new + self.older[l] * (old - new);
         }
         out
@@ -336,37 +338,38 @@ impl<const L: usize> Kernel for Run<'_, L> {
         let mut laws: [LawState; L] =
             std::array::from_fn(|l| LawState::new(first, began[l], (trial.start_m_s, trial.integral_m)));
         let samples = trial.command_m.len();
-        let mut told: Vec<Lane<L>> = Vec::with_capacity(samples);
-        let mut seen: [Vec<Lane<L>>; 2] = [0, 1].map(|_| Vec::with_capacity(samples));
+        let longest = held.iter().flat_map(|h| h.ago).max().unwrap_or(0) + 1;
+        let mut told = vec![[0.0; L]; longest.next_power_of_two()];
+        let empty = || Vec::with_capacity(samples);
+        let mut responses: Vec<Response> =
+            (0..L).map(|_| Response { reference: empty(), motor_m: empty(), stage_m: empty() }).collect();
         for (k, command) in trial.command_m.iter().enumerate() {
             let now = [0, 1].map(|e| read(e, looks[e].at(&rings[e], newest)));
             let injected = trial.injected.get(k).copied().unwrap_or(0.0);
             let mut asked = [0.0; L];
-            for l in 0..L {
+            for (l, response) in responses.iter_mut().enumerate() {
                 let places = [*command, now[0][l], now[1][l]];
                 asked[l] = gain * trial.law.error_m_s(&mut laws[l], places, trial.period_s) + injected;
+                response.reference.push(asked[l]);
+                response.motor_m.push(now[0][l]);
+                response.stage_m.push(now[1][l]);
             }
-            seen[0].push(now[0]);
-            seen[1].push(now[1]);
-            told.push(asked);
+            if k == 0 {
+                told.fill(asked);
+            }
+            let latest = k & (told.len() - 1);
+            told[latest] = asked;
             if k == 0 {
                 state[CURRENT] = asked;
             }
             for (j, held) in held.iter().enumerate() {
                 let t_s = k as f64 * trial.period_s + j as f64 * h;
-                state = self.lanes.advance::<FUSED>(t_s, &state, (&held.mean(&told), h));
+                state = self.lanes.advance::<FUSED>(t_s, &state, (&held.mean(&told, k), h));
                 newest += 1;
                 rings[0][newest & (length - 1)] = state[MOTOR];
                 rings[1][newest & (length - 1)] = state[STAGE];
             }
         }
-        let lane = |values: &[Lane<L>], l: usize| values.iter().map(|v| v[l]).collect();
-        (0..L)
-            .map(|l| Response {
-                reference: lane(&told, l),
-                motor_m: lane(&seen[0], l),
-                stage_m: lane(&seen[1], l),
-            })
-            .collect()
+        responses
     }
 }
