@@ -146,7 +146,13 @@ impl CutLevel {
         let before = state.looks[if state.changing { back.div_ceil(2) } else { back }];
         let apart = (state.level_n - before).abs();
         let large = SHARE * state.level_n.abs().max(before.abs());
-        if state.seen > 60 && apart > large && apart > OVER_RIPPLE * state.ripple_n {
+        // While the ripple is hardly known only what comes from next to nothing, far above it.
+        let over_ripple = match state.seen {
+            20..=60 if before.abs() < SHARE * state.level_n.abs() => 3.0 * OVER_RIPPLE,
+            0..=60 => f64::INFINITY,
+            _ => OVER_RIPPLE,
+        };
+        if apart > large && apart > over_ripple * state.ripple_n {
             let begins = !state.changing && state.seen > state.quiet_until;
             (state.changing, state.moved) = (true, true);
             state.quiet_until = state.seen + QUIET_LOOKS;

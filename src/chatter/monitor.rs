@@ -73,6 +73,10 @@ const RELEARN_S: f64 = 0.6;
 const ORDER_DRIFT_HZ: f64 = 3.0;
 /// The orders build up for so many turns after the tools enter.
 const YOUNG_TURNS: f64 = 8.0;
+/// For so many turns after an entry, or so long, nothing is declared: the first passes find no wave that was
+/// left by the cut, and vibrate more than it will.
+const ENTRY_TURNS: f64 = 4.0;
+const ENTRY_S: f64 = 0.25;
 /// A change of speed is looked for over this time.
 const SPEED_LAG_S: f64 = 1.0;
 /// The bank in which lines that move are followed.
@@ -147,6 +151,8 @@ pub struct ChatterState {
     wide_until_s: f64,
     /// Until when nothing is declared for it; 0: nothing is held off.
     held_off_s: f64,
+    /// When the cut changed last; the first sample is a change.
+    changed_s: f64,
     orders_new_until_s: f64,
     /// Until when the noise is learned fast, in seconds heard.
     relearn_until_s: f64,
@@ -158,7 +164,7 @@ crate::keyframe::keep!(ChatterState {
     speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
     detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s,
     start_until_s, noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line,
-    wide, wide_until_s, held_off_s, orders_new_until_s, relearn_until_s, latest
+    wide, wide_until_s, held_off_s, changed_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
 
 impl ChatterMonitor {
@@ -239,6 +245,7 @@ impl ChatterMonitor {
             wide: 0,
             wide_until_s: 0.0,
             held_off_s: 0.0,
+            changed_s: 0.0,
             orders_new_until_s: 0.0,
             relearn_until_s: 0.0,
             latest: ChatterOutput {
@@ -332,6 +339,8 @@ impl ChatterMonitor {
         if change == Change::Begins {
             state.detector.forget_suspicion();
             state.latest.event = Some(ChatterEvent::CutChanged);
+            state.changed_s = self.now_s(state);
+            state.strongest.forget();
             if state.detector.phase() == Phase::Learning {
                 state.start_until_s = self.now_s(state) + START_S;
             }
@@ -404,12 +413,13 @@ impl ChatterMonitor {
         let period_s = self.decide_every as f64 / self.mix.output_rate_hz();
         let orders_known = state.speed_hz <= 0.0 || self.orders.turns_known(&state.orders) >= 1.0;
         let t_s = self.now_s(state);
+        let first_turns_s = if state.speed_hz > 0.0 { ENTRY_TURNS / state.speed_hz } else { 0.0 };
         let mut evidence = Evidence {
             t_s,
             banks: state.bank_evidence,
             orders_known,
             wide: t_s < state.wide_until_s,
-            held_off: t_s < state.held_off_s,
+            held_off: t_s < state.held_off_s.max(state.changed_s + first_turns_s.min(ENTRY_S)),
             orders_young: state.speed_hz > 0.0 && self.orders.turns_known(&state.orders) < YOUNG_TURNS,
             speed_hz: state.speed_hz,
             speed_change_hz_s: (state.speed_hz - state.earlier_speed_hz) / SPEED_LAG_S,

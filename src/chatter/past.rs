@@ -123,6 +123,18 @@ impl Past {
         self.amplitude(&self.values, rate_hz, sight, back).map(|a| a.norm_sqr())
     }
 
+    /// Power of a line over the most that it had within what is kept. Checked by:
+    /// `what_rings_down_has_fallen_and_what_stands_has_not`.
+    pub(super) fn share_of_most(&self, rate_hz: f64, sight: Sight) -> f64 {
+        let power = |k: usize| {
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
+            let back = (STEP_S * k as f64 * rate_hz) as usize;
+            self.amplitude(&self.values, rate_hz, sight, back).map(|a| a.norm_sqr())
+        };
+        let most = (0..).map_while(power).fold(f64::MIN_POSITIVE, f64::max);
+        power(0).map_or(1.0, |now| now / most)
+    }
+
     /// Turns by which the phase of a line advances over one turn of the spindle, -0.5 to 0.5, and its
     /// amplitude of then over that of now. Orders, known or not: 0. Checked by:
     /// `orders_repeat_with_the_turn_and_a_line_between_does_not`.
@@ -282,6 +294,14 @@ mod tests {
         let rose = |force: &dyn Fn(f64) -> Complex<f64>| past(force).rose(RATE_HZ, 1.3);
         assert!(rose(&|t| wave(651.3 * t) * (15.0 * t).exp().min((15.0f64 * 0.9).exp())));
         assert!(!rose(&|t| wave(651.3 * t) * (1.0 + 0.3 * (30.0 * t).sin())));
+    }
+
+    #[test]
+    fn what_rings_down_has_fallen_and_what_stands_has_not() {
+        let share = |force: &dyn Fn(f64) -> Complex<f64>| past(force).share_of_most(RATE_HZ, sight(651.3));
+        assert!(share(&|t| wave(651.3 * t) * (-8.0 * (t - 0.8).max(0.0)).exp()) < 0.5);
+        assert!(share(&|t| wave(651.3 * t) * (1.0 + 0.1 * (30.0 * t).sin())) > 0.5);
+        assert!(share(&|t| wave(651.3 * t) * (5.0 * t).exp()) > 0.99);
     }
 
     #[test]

@@ -112,6 +112,19 @@ fn chatter_that_is_there_from_the_first_sample_is_heard() {
     assert!(listen_from(5.0, |t| 60.0 * (-12.0 * (t - 5.0)).exp() * line(t, 651.3)).is_empty());
 }
 
+/// What an entry strikes swells over the first turns and rings down at 9 1/s.
+#[test]
+fn what_the_first_turns_of_a_stable_cut_leave_is_not_chatter() {
+    for start_s in [0.0, 0.5, 0.7, 0.9] {
+        for most_n in [4.0, 8.0] {
+            let swell =
+                |u: f64| most_n * (1.0 - (-15.0 * u.min(0.15)).exp()) * (-9.0 * (u - 0.15).max(0.0)).exp();
+            let found = listen_from(start_s, |t| if t > 1.0 { swell(t - 1.0) * line(t, 651.3) } else { 0.0 });
+            assert!(found.is_empty(), "from {start_s} s, {most_n} N: {found:?}");
+        }
+    }
+}
+
 /// The recording begins with the cut, and it chatters from the first turn: what is learned then is not it.
 #[test]
 fn chatter_that_grows_before_any_noise_is_known_is_heard() {

@@ -18,6 +18,10 @@ const WAS_THERE: f64 = 0.3;
 const DRIFT_1_S: f64 = 0.01;
 /// Powers within this of each other, as windows that a line fills in part tell them, may be of one line.
 const ALIKE: f64 = 4.0;
+/// For so long after the cut changed a line must have this share of the most power that it had since: what
+/// the entry struck rings down, at 10 1/s and less where the cut is nearly unstable; chatter stays or grows.
+const RINGS_S: f64 = 0.8;
+const RANG: f64 = 0.5;
 /// While the speed changes a line may move by so much of what an order at its place moves.
 const WITH_SPEED: f64 = 1.5;
 /// Amplitude of a line over the mean force: a tool that only pushes makes less than 2 (|2 c_1| <= 2 c_0), and
@@ -45,6 +49,10 @@ impl ChatterMonitor {
             if turn.is_some_and(|(phase, share)| phase.abs() < REPEATS && share > WAS_THERE) {
                 return true;
             }
+        }
+        let rings = self.now_s(state) < state.changed_s + RINGS_S;
+        if rings && state.past.share_of_most(rate_hz, sight) < RANG {
+            return true;
         }
         if self.came_from_elsewhere(state, line) {
             let power_n2 = self.power_near(state, line.frequency_hz);

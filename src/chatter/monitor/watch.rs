@@ -82,16 +82,18 @@ impl ChatterMonitor {
         }
     }
 
-    /// The strongest line, while what is known of the noise may be chatter itself: at the start, and
-    /// after noise was told by its scatter. At the start, where a foreign tone stands too, the line must
-    /// be a share of the mean force that no stable cut has.
+    /// The strongest line, while what is known of the noise may be chatter itself: at the start, after an
+    /// entry, and after noise was told by its scatter. At the start and after an entry, where a foreign tone
+    /// stands too, the line must be a share of the mean force that no stable cut has.
     pub(super) fn watch_strongest(
         &self,
         state: &mut ChatterState,
         evidence: &Evidence,
     ) -> Option<BankEvidence> {
         let start = evidence.t_s <= state.start_until_s;
-        if !start && evidence.t_s > state.strongest_until_s || state.detector.phase() == Phase::Chatter {
+        let doubtful = evidence.t_s <= state.strongest_until_s;
+        let entered = evidence.t_s <= state.changed_s + START_S;
+        if !(start || doubtful || entered) || state.detector.phase() == Phase::Chatter {
             return None;
         }
         let bank = &self.banks[PLACED];
@@ -101,19 +103,16 @@ impl ChatterMonitor {
         let power_n2 = state.baselines[PLACED].power(strongest);
         let frequency_hz = self.mix.centre_hz() + bank.refined_hz(&state.banks[PLACED], strongest);
         let over_floor = if start { GREW_OVER_FLOOR } else { OVER_FLOOR };
+        let clear = power_n2 > OVER_FLOOR * floor_n2;
         let line_hz = state.strongest.place(frequency_hz, power_n2 > over_floor * floor_n2)?;
         let power_there_n2 = self.power_near(state, line_hz);
         state.strongest.look(power_there_n2, power_n2, floor_n2);
         let lasts = |looks| state.strongest.line_hz(looks).is_some();
         let rose = || state.past.rose(self.mix.output_rate_hz(), line_hz - self.mix.centre_hz());
-        let stands = if start {
-            let clear = power_n2 > OVER_FLOOR * floor_n2;
-            let long = lasts(LEAST_LOOKS);
-            clear && long && self.loud_in_cut(state, power_n2, floor_n2)
-                || (long || clear && state.strongest.followed() >= GREW_LOOKS) && rose()
-        } else {
-            lasts(ENOUGH)
-        };
+        let long = lasts(LEAST_LOOKS);
+        let loud = || clear && long && self.loud_in_cut(state, power_n2, floor_n2);
+        let grew = || (long || clear && state.strongest.followed() >= GREW_LOOKS) && rose();
+        let stands = doubtful && !start && lasts(ENOUGH) || loud() || start && grew();
         (stands && (line_hz - frequency_hz).abs() < SAME_HZ).then(|| BankEvidence {
             tau_s: bank.tau_s(),
             contrast: power_n2 / floor_n2,
