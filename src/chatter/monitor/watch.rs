@@ -112,7 +112,7 @@ impl ChatterMonitor {
         let long = lasts(LEAST_LOOKS);
         let loud = || clear && long && self.loud_in_cut(state, power_n2, floor_n2);
         let grew = || (long || clear && state.strongest.followed() >= GREW_LOOKS) && rose();
-        let stands = doubtful && !start && lasts(ENOUGH) || loud() || start && grew();
+        let stands = if start { loud() || grew() } else { entered && loud() || doubtful && lasts(ENOUGH) };
         (stands && (line_hz - frequency_hz).abs() < SAME_HZ).then(|| BankEvidence {
             tau_s: bank.tau_s(),
             contrast: power_n2 / floor_n2,
