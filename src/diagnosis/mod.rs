@@ -201,8 +201,7 @@ pub fn diagnose(
                 let alone = search::search(one, (Complete::No, &|_, _| ()));
                 let other = search::with_findings_of(start.clone(), alone);
                 let said = assemble::assemble(machine, axis, recordings, &other);
-                let left = said.left_in_loop_n().filter(|left| *left < FAR_FROM_NOISE * noise_n[0]);
-                if said.verdict == Verdict::MissingPhysics && left.is_some() {
+                if said.verdict == Verdict::MissingPhysics && said.is_quiet_in_loop(noise_n[0]) {
                     told = Some((other, said));
                     break;
                 }
@@ -239,15 +238,10 @@ fn by_loop(
     let told = loop_search::search(rig, axis, (&start.state.weighted_bench(), found, tried), noise_n)?;
     let other = search::as_told(start.clone(), told);
     let told = assemble::assemble(machine, axis, recordings, &other);
-    let stated_n = told.closed_loop.as_ref().ok()?.left_n(0);
-    let left_n = told.left_in_loop_n()?;
-    (left_n < diagnosis.left_in_loop_n()?
-        && left_n < (FAR_FROM_NOISE * noise_n[0]).max(SAYS_IT_ALL * stated_n))
-    .then_some((other, told))
+    (told.left_in_loop_n()? < diagnosis.left_in_loop_n()? && told.is_quiet_in_loop(noise_n[0]))
+        .then_some((other, told))
 }
 
-/// Share of what the model as stated leaves in the loop: what leaves less has said what was missing.
-const SAYS_IT_ALL: f64 = 0.1;
 /// Over the noise of the loop: what a model leaves that is beside the cause. Then what one recording alone
 /// says is tried on all of them, and stands only if the loop is quiet with it.
 const FAR_FROM_NOISE: f64 = 3.0;

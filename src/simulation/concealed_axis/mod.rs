@@ -68,7 +68,8 @@ pub struct Case {
     pub hidden: Vec<HiddenEffect>,
     /// True constants; for the judge.
     pub truth: TrueDrive,
-    /// Force beyond the structure in N for each recording: at the motor, in the spring, at the stage.
+    /// Force beyond the structure in N for each recording: what it adds to the thrust needed at the motor, to
+    /// the force of the spring, and to the thrust needed at the stage.
     pub hidden_force_n: Vec<[Vec<f64>; 3]>,
 }
 

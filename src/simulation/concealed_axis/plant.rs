@@ -279,15 +279,15 @@ impl Plant {
         Self { drive: self.drive.clone(), physics, texture: self.texture.clone() }
     }
 
-    /// What the physics beyond the structure adds at this instant, N: at the motor, in the spring, at the
-    /// stage.
+    /// What the physics beyond the structure adds at this instant, N: to the thrust that the motion needs at
+    /// the motor, to the force of the spring, and to the thrust that it needs at the stage.
     pub(super) fn hidden_forces(&self, bare: &Self, (t_s, s, u): (f64, &State, &Drivers)) -> [f64; 3] {
         let (mut a, mut b) = ([0.0; STATES], [0.0; STATES]);
-        let stage = bare.stage_force(t_s, s, &mut b) - self.stage_force(t_s, s, &mut a);
+        let stage = self.stage_force(t_s, s, &mut a) - bare.stage_force(t_s, s, &mut b);
         let current =
             if self.drive.current_loop_bandwidth_rad_s.is_some() { s[at::CURRENT] } else { u.current_a };
-        let motor = self.physics.motor_waves.iter().map(|w| w.at(s[at::MOTOR])).sum::<f64>()
-            - self.drive.thrust_constant_n_a * self.physics.saturation_per_a2 * current.powi(3);
+        let motor = self.drive.thrust_constant_n_a * self.physics.saturation_per_a2 * current.powi(3)
+            - self.physics.motor_waves.iter().map(|w| w.at(s[at::MOTOR])).sum::<f64>();
         let end =
             if self.physics.torsion.is_some() { (at::SCREW, at::SCREW_V) } else { (at::MOTOR, at::MOTOR_V) };
         let (x, v) = (s[at::STAGE], s[at::STAGE_V]);
