@@ -262,7 +262,7 @@ fn requests_that_can_be_read_in_two_ways_are_not_obeyed() {
     }
     for chunk in ["0x2", "2 2", "-2", "fffffffffffffffff", "2;\n", ""] {
         let said = say(format!("{post}{chunked}\r\n{chunk}\r\n{{}}\r\n0\r\n\r\n{hidden}"));
-        assert!(!said.contains("alive") || said.starts_with("HTTP/1.1 200 "), "{chunk:?}: {said}");
+        assert!(!said.contains("alive"), "{chunk:?}: {said}");
     }
     running.stop();
 }
