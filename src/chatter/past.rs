@@ -126,13 +126,16 @@ impl Past {
     /// Power of a line over the most that it had within what is kept. Checked by:
     /// `what_rings_down_has_fallen_and_what_stands_has_not`.
     pub(super) fn share_of_most(&self, rate_hz: f64, sight: Sight) -> f64 {
-        let power = |k: usize| {
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
-            let back = (STEP_S * k as f64 * rate_hz) as usize;
-            self.amplitude(&self.values, rate_hz, sight, back).map(|a| a.norm_sqr())
-        };
-        let most = (0..).map_while(power).fold(f64::MIN_POSITIVE, f64::max);
-        power(0).map_or(1.0, |now| now / most)
+        let power = |k| self.power(rate_hz, sight, k);
+        let Some(now) = power(0) else { return 1.0 };
+        now / (1..).map_while(power).fold(now.max(f64::MIN_POSITIVE), f64::max)
+    }
+
+    /// Power of a line so many steps ago; nothing where the window is not filled.
+    fn power(&self, rate_hz: f64, sight: Sight, steps: usize) -> Option<f64> {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
+        let back = (STEP_S * steps as f64 * rate_hz) as usize;
+        self.amplitude(&self.values, rate_hz, sight, back).map(|a| a.norm_sqr())
     }
 
     /// Turns by which the phase of a line advances over one turn of the spindle, -0.5 to 0.5, and its
@@ -164,12 +167,7 @@ impl Past {
     /// Whether a line (relative to the centre) has risen by 10 dB within what is kept. Checked by:
     /// `what_grows_has_risen_and_what_stood_has_not`.
     pub(super) fn rose(&self, rate_hz: f64, frequency_hz: f64) -> bool {
-        let power = |tau_s: f64, k: usize| {
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]
-            let back = (STEP_S * k as f64 * rate_hz) as usize;
-            let sight = Sight { frequency_hz, tau_s };
-            self.amplitude(&self.values, rate_hz, sight, back).map(|a| a.norm_sqr())
-        };
+        let power = |tau_s: f64, k: usize| self.power(rate_hz, Sight { frequency_hz, tau_s }, k);
         let Some(now) = power(RISEN_TAU_S, 0) else { return false };
         let mut before = [f64::INFINITY; BEFORE_LOOKS];
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and small")]

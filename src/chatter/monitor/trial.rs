@@ -18,7 +18,7 @@ const WAS_THERE: f64 = 0.3;
 const DRIFT_1_S: f64 = 0.01;
 /// Powers within this of each other, as windows that a line fills in part tell them, may be of one line.
 const ALIKE: f64 = 4.0;
-/// For so long after the cut changed a line must have this share of the most power that it had since: what
+/// For so long after the cut changed a line must have this share of the most power that is kept of it: what
 /// the entry struck rings down, at 10 1/s and less where the cut is nearly unstable; chatter stays or grows.
 const RINGS_S: f64 = 0.8;
 const RANG: f64 = 0.5;
