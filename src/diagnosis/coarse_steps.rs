@@ -81,11 +81,14 @@ fn read_by(m: &Motion, port: Port) -> &Side {
 /// Twice the log-likelihood of a step before the stated one, and its deviation, m.
 ///
 /// A reading that changes by whole steps of q does so on the stated grid q0 by chance of q0/q: ln(q/q0) a
-/// change. The deviation is that of d = n q fitted to the changes d with their counts n.
+/// change. The deviation is that of d = n q fitted to the changes d with their counts n, and of one change
+/// at least what its readings are rounded to.
 fn certainty(motions: &[Motion], port: Port, [step_m, stated_m]: [f64; 2]) -> (f64, f64) {
     let (mut changes, mut squares, mut counts) = (0.0_f64, 0.0, 0.0);
+    let mut rounding_m = 0.0_f64;
     for m in motions {
         for w in read_by(m, port).raw_m.windows(2) {
+            rounding_m = rounding_m.max(w[0].abs() * f64::EPSILON);
             let change = (w[1] - w[0]).abs();
             let count = (change / step_m).round();
             if count >= 1.0 {
@@ -95,6 +98,6 @@ fn certainty(motions: &[Motion], port: Port, [step_m, stated_m]: [f64; 2]) -> (f
             }
         }
     }
-    let deviation_m = (squares / changes.max(1.0) / counts.max(1.0)).sqrt();
+    let deviation_m = (squares / changes.max(1.0) / counts.max(1.0)).sqrt().max(rounding_m);
     (2.0 * changes * (step_m / stated_m).ln(), deviation_m)
 }

@@ -106,7 +106,7 @@ pub(crate) fn estimates(p: &Problem, h: &Hypothesis, fit: &HypothesisFit) -> Vec
         Shape::Map { .. } => {
             s.add_force("amplitude_n", "N", peak_of_map(&fit.amplitudes), d(0));
         }
-        Shape::Saturation => s.add("per_a2", "1/A2", a(0), d(0)),
+        Shape::Saturation => s.add("per_a2", "1/A2", a(0), d(0).hypot(a(0) * EXACTNESS / DEVIATION_FACTOR)),
         Shape::Lag { extra_s } => {
             let w = lag_bandwidth(p, *extra_s);
             s.add_constant("bandwidth_rad_s", "rad/s", w, r(0) * (w * extra_s).min(1.0));
@@ -122,6 +122,7 @@ pub(crate) fn estimates(p: &Problem, h: &Hypothesis, fit: &HypothesisFit) -> Vec
         }
         Shape::Cubic => s.add_force("cubic_n_m3", "N/m3", a(0), d(0)),
         Shape::StiffnessSlope => {
+            // The slope is what the recordings tell; the length is where they went.
             let length = travel_m(p);
             s.add("relative_variation", "1", a(0) * length, d(0) * length);
             s.add("length_m", "m", length, 0.0);

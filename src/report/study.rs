@@ -40,14 +40,33 @@ pub struct Outcome {
     pub noticed: bool,
     /// The first port is right.
     pub port_right: bool,
-    /// Intervals that hold the truth.
-    pub covered: usize,
-    /// Intervals reported for true parameters.
-    pub intervals: usize,
-    /// Squared correlation of contribution and concealed force.
+    /// Each reported 95 % interval of a hidden parameter.
+    pub intervals: Vec<JudgedInterval>,
+    /// Share of the concealed force that the contribution explains, mean square.
     pub agreement: Option<f64>,
     /// Held-out residual over noise floor after the first finding.
     pub heldout_over_floor: Option<f64>,
+}
+
+/// An interval that was reported, and the value that was hidden.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JudgedInterval {
+    /// Key of the parameter.
+    pub name: String,
+    /// Estimate, SI.
+    pub value: f64,
+    /// 95 % interval, SI.
+    pub ci95: [f64; 2],
+    /// Simulated value, SI.
+    pub truth: f64,
+}
+
+impl JudgedInterval {
+    /// Whether the interval holds the simulated value.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        (self.ci95[0]..=self.ci95[1]).contains(&self.truth)
+    }
 }
 
 /// All of them.
@@ -222,8 +241,11 @@ fn overall(out: &mut String, study: &Study) {
             100.0 * high
         );
     }
-    let (covered, intervals) =
-        study.outcomes.iter().fold((0, 0), |(c, n), o| (c + o.covered, n + o.intervals));
+    let (covered, intervals) = study
+        .outcomes
+        .iter()
+        .flat_map(|o| &o.intervals)
+        .fold((0, 0), |(c, n), i| (c + usize::from(i.holds()), n + 1));
     if intervals > 0 {
         let _ = write!(
             out,
@@ -355,8 +377,12 @@ mod tests {
             named,
             noticed: named,
             port_right: named,
-            covered: 1,
-            intervals: 1,
+            intervals: vec![JudgedInterval {
+                name: "gap_m".into(),
+                value: 1.0,
+                ci95: [0.9, 1.1],
+                truth: 1.05,
+            }],
             agreement: Some(0.97),
             heldout_over_floor: Some(1.02),
         }

@@ -90,6 +90,8 @@ pub(super) struct Inner {
     pub(super) spectrum: watch::Receiver<Arc<SpectrumView>>,
     pub(super) stream: broadcast::Sender<StreamMessage>,
     pub(super) control: mpsc::Sender<Control>,
+    /// Woken by what a person asks.
+    pub(super) pipeline: std::thread::Thread,
     pub(super) announcer: Announcer,
     pub(super) writer: StoreWriter,
     pub(super) reader: StoreReader,
@@ -274,6 +276,7 @@ impl Handle {
         let (done, answer) = oneshot::channel();
         let asked = async {
             self.0.control.send(make(done)).await.map_err(|_| Refusal::NoAnswer)?;
+            self.0.pipeline.unpark();
             answer.await.map_err(|_| Refusal::NoAnswer)?
         };
         let answered = tokio::time::timeout(ANSWER_DEADLINE, asked).await;

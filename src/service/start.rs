@@ -235,6 +235,7 @@ impl Parts {
             spectrum: watched_spectrum,
             stream,
             control: control.clone(),
+            pipeline: engine.thread().clone(),
             announcer,
             writer: self.writer.clone(),
             reader: self.reader.clone(),

@@ -3,7 +3,7 @@
 use super::Trial;
 use crate::diagnosis::{Diagnosis, Finding, Verdict, diagnose};
 use crate::plant::effects::Port;
-use crate::report::study::{Outcome, Study, Truth};
+use crate::report::study::{JudgedInterval, Outcome, Study, Truth};
 use crate::simulation::concealed_axis::{Case, HiddenEffect};
 use serde_json::{Value, json};
 
@@ -17,7 +17,6 @@ pub(super) fn judge(trial: &Trial, case: &Case) -> anyhow::Result<Outcome> {
     let diagnosis = diagnose(&case.model, &case.recordings, &|_, _| {})?;
     let said: Vec<(String, String)> =
         diagnosis.findings.iter().map(|f| (f.effect.name().to_owned(), f.port.name().to_owned())).collect();
-    let (covered, intervals) = coverage(&diagnosis, case);
     Ok(Outcome {
         label: trial.label.clone(),
         depth: trial.spec.depth,
@@ -28,8 +27,7 @@ pub(super) fn judge(trial: &Trial, case: &Case) -> anyhow::Result<Outcome> {
         named: named(&diagnosis, case),
         noticed: noticed(&diagnosis, case),
         port_right: port_right(&diagnosis, case),
-        covered,
-        intervals,
+        intervals: judged_intervals(&diagnosis, case),
         agreement: agreement(&diagnosis, case),
         heldout_over_floor: diagnosis
             .findings
@@ -105,18 +103,31 @@ fn port_right(d: &Diagnosis, case: &Case) -> bool {
     first.is_some_and(|p| case.hidden.iter().any(|h| h.port == p)) || first == Some(hidden.port)
 }
 
-/// How many of the reported 95 % intervals hold the simulated value, and how many there are.
-fn coverage(d: &Diagnosis, case: &Case) -> (usize, usize) {
-    let mut counts = (0, 0);
+/// The reported intervals of the parameters of what was hidden and found. A stiffness that changes over the
+/// travel tells its slope only: the variation is held against that over the length which the answer states.
+fn judged_intervals(d: &Diagnosis, case: &Case) -> Vec<JudgedInterval> {
+    let mut judged = Vec::new();
     for hidden in &case.hidden {
         let Some(finding) = d.findings.iter().find(|f| same(f, hidden)) else { continue };
         for (key, truth) in &hidden.parameters {
             let Some(estimate) = finding.parameters.iter().find(|e| e.name == *key) else { continue };
-            counts.1 += 1;
-            counts.0 += usize::from((estimate.ci95[0]..=estimate.ci95[1]).contains(truth));
+            let truth = match (*key, stiffness_lengths(finding, hidden)) {
+                ("length_m", _) => continue,
+                ("relative_variation", Some([stated_m, true_m])) => truth * stated_m / true_m,
+                _ => *truth,
+            };
+            let (name, value, ci95) = (estimate.name.clone(), estimate.value, estimate.ci95);
+            judged.push(JudgedInterval { name, value, ci95, truth });
         }
     }
-    counts
+    judged
+}
+
+/// Over which length the answer states a change of the stiffness, and the length of the hidden one, m.
+fn stiffness_lengths(finding: &Finding, hidden: &HiddenEffect) -> Option<[f64; 2]> {
+    let stated = finding.parameters.iter().find(|e| e.name == "length_m")?.value;
+    let (_, hidden_m) = hidden.parameters.iter().find(|(key, _)| *key == "length_m")?;
+    Some([stated, *hidden_m])
 }
 
 /// Share of the concealed force, mean square, that the contribution of the first right finding explains.
@@ -158,11 +169,14 @@ pub(super) fn study_json(study: &Study) -> Value {
         .iter()
         .map(|o| {
             let said: Vec<Value> = o.said.iter().map(|(e, p)| json!({"effect": e, "port": p})).collect();
+            let interval = |i: &JudgedInterval| json!({"name": i.name, "value": i.value, "ci95": i.ci95, "truth": i.truth});
+            let intervals: Vec<Value> = o.intervals.iter().map(interval).collect();
             json!({
                 "hidden": o.label, "depth": o.depth, "seed": o.seed, "verdict": o.verdict.name(),
                 "findings": said,
                 "noticed": o.noticed, "right": o.named, "port_right": o.port_right,
-                "intervals": o.intervals, "intervals_holding_truth": o.covered,
+                "intervals": intervals,
+                "intervals_holding_truth": o.intervals.iter().filter(|i| i.holds()).count(),
                 "contribution_r2": o.agreement, "heldout_over_floor": o.heldout_over_floor,
             })
         })

@@ -204,10 +204,13 @@ impl Engine {
             self.setup.progress.fetch_add(1, Ordering::Relaxed);
             let now = clock::now();
             if next > now {
-                clock::sleep(next - now);
+                std::thread::park_timeout(next - now); // what a person asks ends it
             }
-            // After a stall the thread goes on from now; it does not hurry after lost milliseconds.
-            next = (next + if self.mode == Mode::Act { WAKE } else { CALM_WAKE }).max(now);
+            let woken = clock::now();
+            if woken >= next {
+                // After a stall the thread goes on from now; it does not hurry after lost milliseconds.
+                next = (next + if self.mode == Mode::Act { WAKE } else { CALM_WAKE }).max(now);
+            }
         }
         self.write_recording();
         if self.mode != Mode::Observe {
