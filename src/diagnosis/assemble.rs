@@ -1,7 +1,7 @@
 //! From the search to the answer.
 
 use super::bench::{Accepted, Bench, HypothesisFit, Score, rms};
-use super::corrections::{self, corrections, known_numbers, material};
+use super::corrections::{self, OtherSize, corrections, known_numbers, material};
 use super::floor::{SideSpectrum, spectrum};
 use super::in_loop::{Rig, in_loop};
 use super::loop_fit;
@@ -98,7 +98,7 @@ pub(crate) fn assemble(
         findings,
         residual_band_hz: [0.0, band_hz(rate)],
         parameter_corrections: corrections,
-        recordings: case.recording_fits(),
+        recordings: case.recording_fits(verdict == Verdict::UnexplainedMismatch),
         balances: vec!["motor", "stage"],
         series_rate_hz: p.rate_hz(),
         noise_floor_n: case.spectra.iter().map(|s| s.floor_rms_n(band_hz(rate))).collect(),
@@ -161,7 +161,8 @@ impl Case<'_> {
             findings.extend(self.encoder_steps());
         }
         findings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-        let mut model = self.model(&findings, &corrections);
+        let laws = if settled { Vec::new() } else { self.laws_of_other_size() };
+        let mut model = self.model(&findings, &corrections, &laws);
         let rig = Rig::new(self.axis, self.recordings, p);
         if !settled
             && let Ok(rig) = &rig
@@ -169,6 +170,7 @@ impl Case<'_> {
         {
             corrections = fitted;
         }
+        corrections.extend(laws.into_iter().flat_map(|law| law.corrections));
         let closed_loop = rig.and_then(|rig| {
             let found = model.axis(&self.axis.name).ok_or("the axis is not in the model")?;
             in_loop(&rig, (self.axis, found), outcome)
@@ -182,7 +184,7 @@ impl Case<'_> {
         if told && closed_loop.as_ref().is_ok_and(refuted) {
             unexplained = true;
             (findings, corrections) = (Vec::new(), Vec::new());
-            model = self.model(&[], &[]);
+            model = self.model(&[], &[], &[]);
         }
         Answer { unexplained, findings, corrections, model, closed_loop }
     }
@@ -269,10 +271,12 @@ impl Case<'_> {
         if self.outcome.complete != Complete::No {
             return false;
         }
-        if self.outcome.stranger.is_some() || self.waves_of_no_origin() > 1 {
+        let band = self.outcome.state.problem.motions.first().map_or(1.0, |m| band_hz(m.rate_hz));
+        // A form that describes what does not stand above the floor describes the rest of a law.
+        let stands = self.least.iter().any(|s| !s.excess(band).is_empty());
+        if self.outcome.stranger.is_some() && stands || self.waves_of_no_origin() > 1 {
             return true;
         }
-        let band = self.outcome.state.problem.motions.first().map_or(1.0, |m| band_hz(m.rate_hz));
         let target = &self.outcome.state.problem.target;
         let inexact_n = INEXACT_SHARE * rms(target);
         // Half a coarse step is a force of its own, and near rest it is not white.
@@ -318,11 +322,16 @@ impl Case<'_> {
     /// Mean square above the floor, all sides and frequencies alike, N2. What stands within twice the floor
     /// counts as the floor. Constants count nothing: a load takes the mean of anything.
     fn excess_force_n2(&self, residual: &Column) -> f64 {
-        let floor_n2: f64 = self.spectra.iter().map(|s| s.floor_rms_n(f64::MAX).powi(2)).sum();
+        let floor_n2 = self.floor_rms_n().powi(2);
         let constants: f64 = residual.iter().map(power_of_means).sum();
         let samples: usize = self.outcome.state.problem.lengths().iter().sum();
         let power_n2 = (rms(residual).powi(2) - constants / samples.max(1) as f64).max(0.0);
         if power_n2 > 4.0 * floor_n2 { power_n2 - floor_n2 } else { 0.0 }
+    }
+
+    /// Floor of all sides together, N.
+    pub(super) fn floor_rms_n(&self) -> f64 {
+        self.spectra.iter().map(|s| s.floor_rms_n(f64::MAX).powi(2)).sum::<f64>().sqrt()
     }
 
     /// Numbers that are not linear in the balance.
@@ -342,7 +351,8 @@ impl Case<'_> {
                 // A delay's estimate is what it has beyond the stated one.
                 let from = if smoothing { 0.0 } else { nominal };
                 let ends = [from + e.ci95[0].min(e.ci95[1]), from + e.ci95[0].max(e.ci95[1])];
-                Some(Correction { name, nominal, value: (from + e.value).max(0.0), ci95: ends })
+                let (name, value) = (name.into(), (from + e.value).max(0.0));
+                Some(Correction { name, nominal, value, ci95: ends })
             })
             .collect()
     }
@@ -372,7 +382,7 @@ impl Case<'_> {
     ) -> Finding {
         let (probability, alternatives) = probabilities(tried);
         let PhysicsTerm { effect, port, .. } = term;
-        let floor: f64 = self.spectra.iter().map(|s| s.floor_rms_n(f64::MAX).powi(2)).sum::<f64>().sqrt();
+        let floor = self.floor_rms_n();
         Finding {
             rank: 0,
             effect,
@@ -434,22 +444,27 @@ impl Case<'_> {
             .collect()
     }
 
-    fn model(&self, findings: &[Finding], corrections: &[Correction]) -> Machine {
+    fn model(&self, findings: &[Finding], corrections: &[Correction], laws: &[OtherSize]) -> Machine {
         let mut machine = self.machine.clone();
         for axis in machine.axes.iter_mut().filter(|a| a.name == self.axis.name) {
-            let changed = !(findings.is_empty() && corrections.is_empty());
+            let changed = !(findings.is_empty() && corrections.is_empty() && laws.is_empty());
             let known = changed.then(|| known_numbers(&self.outcome.state.problem, self.bench));
-            let corrected = corrections.iter().map(|c| (c.name, c.value));
+            let corrected = corrections.iter().map(|c| (&*c.name, c.value));
             if let Ok(drive) = axis.drive.with_numbers(known.into_iter().flatten().chain(corrected)) {
                 axis.drive = drive;
             }
+            laws.iter().for_each(|law| axis.physics[law.index] = law.term.clone());
             axis.physics.extend(findings.iter().map(|f| f.term.clone()));
         }
         machine
     }
 
-    fn recording_fits(&self) -> Vec<RecordingFit> {
+    /// Laws that are not named leave nothing smaller: without a cause the model stays as it was stated.
+    fn recording_fits(&self, unexplained: bool) -> Vec<RecordingFit> {
         let p = &self.outcome.state.problem;
+        let heldout = (!unexplained).then(|| self.bench.heldout_residual(None));
+        let after = heldout.as_ref().unwrap_or(&self.outcome.before);
+        let written = heldout.as_ref().unwrap_or(&self.nominal);
         let sides =
             |c: &Sides| -> Vec<Vec<f64>> { [&c.motor, &c.stage].into_iter().flatten().cloned().collect() };
         (0..p.motions.len())
@@ -460,13 +475,13 @@ impl Case<'_> {
                 RecordingFit {
                     experiment: m.experiment.clone(),
                     rms_before_n: rms(&self.nominal[r..=r]),
-                    rms_after_n: rms(&self.after[r..=r]),
+                    rms_after_n: rms(&written[r..=r]),
                     t_s: (0..n).map(|k| m.time_s(edge + k * p.thinning.step)).collect(),
                     position_m: p.thinning.pick(&m.stage.position_m),
                     velocity_m_s: p.thinning.pick(&m.stage.velocity_m_s),
                     residual_nominal_n: sides(&self.nominal[r]),
                     residual_before_n: sides(&self.outcome.before[r]),
-                    residual_after_n: sides(&self.after[r]),
+                    residual_after_n: sides(&after[r]),
                 }
             })
             .collect()

@@ -4,15 +4,31 @@ use super::bench::Bench;
 use super::problem::Problem;
 use super::result::Correction;
 use super::terms;
+use crate::plant::effects::PhysicsTerm;
 use crate::plant::machine::AxisModel;
+
+/// A law of the stated model whose size the recordings contradict.
+pub(super) struct OtherSize {
+    /// Its place among the physics of the axis.
+    pub(super) index: usize,
+    /// The law as the recordings have it.
+    pub(super) term: PhysicsTerm,
+    /// Its numbers.
+    pub(super) corrections: Vec<Correction>,
+}
 
 /// Deviations of curvature are widened by this before a correction is claimed.
 const DEVIATION_FACTOR: f64 = 2.0;
 
 /// Numbers beyond what their identification is good for: of the structure by 3 %, friction by 8 %, damping by
-/// 15 %.
+/// 12 %.
 pub(super) fn material(c: &Correction) -> bool {
-    is_material(c.name, c.value / c.nominal)
+    is_law(&c.name) || is_material(&c.name, c.value / c.nominal)
+}
+
+/// True for a number of a law that the model states; others are keys of the drive.
+fn is_law(name: &str) -> bool {
+    name.contains('.')
 }
 
 /// The same of a key and how many times the stated value it has.
@@ -54,7 +70,7 @@ pub(super) fn corrections(p: &Problem, bench: &Bench<'_>) -> Vec<Correction> {
 /// A torque constant that every force is measured by, known to 1.5 %.
 fn of_torque_constant((nominal, value): (f64, f64)) -> Correction {
     let half = 1.96 * 0.015 * value;
-    Correction { name: "torque_constant_nm_a", nominal, value, ci95: [value - half, value + half] }
+    Correction { name: "torque_constant_nm_a".into(), nominal, value, ci95: [value - half, value + half] }
 }
 
 /// What the scale of the recorded unit adds to every number's deviation, as a share.
@@ -75,11 +91,12 @@ fn correction(
     scale: f64,
 ) -> Option<Correction> {
     let deviation = DEVIATION_FACTOR * deviation;
-    let significant = (value - nominal).abs() > 4.0 * deviation && (value / nominal - 1.0).abs() > 0.005;
+    let apart = (value - nominal).abs();
+    let half = 1.96 * deviation.hypot(scale * value);
+    let significant = apart > (4.0 * deviation).max(half) && apart > 0.005 * nominal.abs();
     // A number that the recordings cannot tell runs anywhere.
     let told = significant && (0.2..5.0).contains(&(value / nominal));
-    let half = 1.96 * deviation.hypot(scale * value);
-    told.then_some(Correction { name, nominal, value, ci95: [value - half, value + half] })
+    told.then_some(Correction { name: name.into(), nominal, value, ci95: [value - half, value + half] })
 }
 
 /// Corrections of numbers that were fitted in closed loop: key, value, deviation.

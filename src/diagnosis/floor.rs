@@ -5,8 +5,8 @@ use super::problem::{Column, Problem, Sides};
 use rustfft::{FftPlanner, num_complex::Complex};
 use std::f64::consts::{PI, TAU};
 
-/// Samples of one segment of the averaged spectrum.
-const SEGMENT: usize = 1024;
+/// Most and fewest samples of one segment of the averaged spectrum.
+const SEGMENT: [usize; 2] = [1024, 64];
 /// Length over which a residual is loud or quiet, s.
 const QUIET_BLOCK_S: f64 = 0.1;
 /// Power above the floor that noise of any smooth shape does not reach.
@@ -15,7 +15,7 @@ const EXCESS: f64 = 5.0;
 /// Spectrum of one side of the balance.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SideSpectrum {
-    /// Power density, N2/Hz, at `k rate / SEGMENT`.
+    /// Power density, N2/Hz, at `k step_hz`.
     pub(crate) density: Vec<f64>,
     /// Floor in the same units.
     pub(crate) floor: Vec<f64>,
@@ -60,19 +60,28 @@ impl SideSpectrum {
     }
 }
 
+/// Length of a segment: two of them fit into the longest recording.
+fn segment(residual: &Column, stage: bool) -> usize {
+    let longest = residual.iter().filter_map(|s| pick(s, stage)).map(Vec::len).max().unwrap_or(0);
+    let [most, least] = SEGMENT;
+    std::iter::successors(Some(most), |n| Some(n / 2))
+        .find(|n| 2 * n <= longest || *n <= least)
+        .unwrap_or(least)
+}
+
 /// Averaged spectrum (Hann, half overlapping) of one side over all recordings.
-fn density(residual: &Column, stage: bool, rate_hz: f64) -> Vec<f64> {
-    let window: Vec<f64> = (0..SEGMENT).map(|k| (PI * k as f64 / SEGMENT as f64).sin().powi(2)).collect();
+fn density(residual: &Column, stage: bool, (segment, rate_hz): (usize, f64)) -> Vec<f64> {
+    let window: Vec<f64> = (0..segment).map(|k| (PI * k as f64 / segment as f64).sin().powi(2)).collect();
     let gain: f64 = window.iter().map(|w| w * w).sum::<f64>() * rate_hz;
-    let fft = FftPlanner::new().plan_fft_forward(SEGMENT);
-    let mut sum = vec![0.0; SEGMENT / 2];
+    let fft = FftPlanner::new().plan_fft_forward(segment);
+    let mut sum = vec![0.0; segment / 2];
     let mut count = 0.0;
     for sides in residual {
         let Some(x) = pick(sides, stage) else { continue };
         let mut start = 0;
-        while start + SEGMENT <= x.len() {
-            let piece = &x[start..start + SEGMENT];
-            let mean = piece.iter().sum::<f64>() / SEGMENT as f64;
+        while start + segment <= x.len() {
+            let piece = &x[start..start + segment];
+            let mean = piece.iter().sum::<f64>() / segment as f64;
             let mut bins: Vec<Complex<f64>> =
                 piece.iter().zip(&window).map(|(v, w)| Complex::new((v - mean) * w, 0.0)).collect();
             fft.process(&mut bins);
@@ -80,7 +89,7 @@ fn density(residual: &Column, stage: bool, rate_hz: f64) -> Vec<f64> {
                 *s += 2.0 * b.norm_sqr() / gain;
             }
             count += 1.0;
-            start += SEGMENT / 2;
+            start += segment / 2;
         }
     }
     sum.iter().map(|s| s / f64::max(count, 1.0)).collect()
@@ -98,8 +107,9 @@ fn pick(sides: &Sides, stage: bool) -> Option<&Vec<f64>> {
 pub(crate) fn spectrum(p: &Problem, residual: &Column, stage: bool) -> SideSpectrum {
     let rate_hz = p.rate_hz();
     let full_rate = p.motions.first().map_or(1.0, |m| m.rate_hz);
-    let density = density(residual, stage, rate_hz);
-    let step_hz = rate_hz / SEGMENT as f64;
+    let segment = segment(residual, stage);
+    let density = density(residual, stage, (segment, rate_hz));
+    let step_hz = rate_hz / segment as f64;
     let m = &p.mechanics;
     let [motor_step, stage_step] = p.noise_steps_m();
     let (near, far) = if stage { (stage_step, motor_step) } else { (motor_step, stage_step) };

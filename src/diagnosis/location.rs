@@ -3,7 +3,7 @@
 use super::assemble::Case;
 use super::bench::rms;
 use super::floor::{SideSpectrum, spectrum};
-use super::motion::band_hz;
+use super::motion::{Motion, band_hz};
 use super::problem::{Column, Sides};
 use super::result::*;
 use super::shape::Shape;
@@ -19,6 +19,28 @@ const CURVE_SHARE: f64 = 0.3;
 
 /// What a residual may be a curve over, from position and velocity.
 type Abscissa<'a> = &'a dyn Fn(f64, f64) -> f64;
+
+/// Blocks of a quarter second whose power is above a quarter of the loudest's. `powers`: time of the first
+/// sample and power of each, recording by recording.
+pub(super) fn loud_times(powers: &[(f64, Vec<f64>)], rate_hz: f64) -> Vec<TimeSpans> {
+    let block = (0.25 * rate_hz).max(1.0) as usize;
+    let block_s = block as f64 / rate_hz;
+    let sums: Vec<Vec<f64>> =
+        powers.iter().map(|(_, x)| x.chunks_exact(block).map(|b| b.iter().sum()).collect()).collect();
+    let most = sums.iter().flatten().fold(0.0_f64, |a, b| a.max(*b));
+    let spans = |(recording, (sums, (start_s, _))): (usize, (&Vec<f64>, &(f64, Vec<f64>)))| {
+        let mut spans_s: Vec<[f64; 2]> = Vec::new();
+        for (k, _) in sums.iter().enumerate().filter(|(_, power)| **power > 0.25 * most) {
+            let span = [start_s + k as f64 * block_s, start_s + (k + 1) as f64 * block_s];
+            match spans_s.last_mut() {
+                Some(last) if (last[1] - span[0]).abs() < 1e-9 => last[1] = span[1],
+                _ => spans_s.push(span),
+            }
+        }
+        TimeSpans { recording, spans_s }
+    };
+    sums.iter().zip(powers).enumerate().map(spans).collect()
+}
 
 impl Case<'_> {
     pub(super) fn location(&self, verdict: Verdict, findings: &[Finding]) -> Option<Location> {
@@ -73,36 +95,19 @@ impl Case<'_> {
         })
     }
 
-    /// When the mismatch is: blocks of a quarter second whose power is above a quarter of the loudest's.
+    /// When the mismatch is.
     fn times(&self) -> Vec<TimeSpans> {
         let p = &self.outcome.state.problem;
-        let block = (0.25 * p.rate_hz()).max(1.0) as usize;
-        let power = |r: usize, k: usize| -> f64 {
-            let at = |s: &Option<Vec<f64>>| {
-                s.as_ref()
-                    .map_or(0.0, |x| x[k * block..((k + 1) * block).min(x.len())].iter().map(|v| v * v).sum())
-            };
-            at(&self.outcome.before[r].motor) + at(&self.outcome.before[r].stage)
+        let power = |(sides, m): (&Sides, &Motion)| {
+            let mut sum: Vec<f64> = Vec::new();
+            for x in [&sides.motor, &sides.stage].into_iter().flatten() {
+                sum.resize(x.len(), 0.0);
+                sum.iter_mut().zip(x).for_each(|(s, v)| *s += v * v);
+            }
+            (m.time_s(p.thinning.edge()), sum)
         };
-        let blocks: Vec<usize> = p.lengths().iter().map(|n| n / block).collect();
-        let most = (0..blocks.len())
-            .flat_map(|r| (0..blocks[r]).map(move |k| (r, k)))
-            .map(|(r, k)| power(r, k))
-            .fold(0.0, f64::max);
-        (0..blocks.len())
-            .map(|r| {
-                let start = p.motions[r].time_s(p.thinning.edge());
-                let mut spans: Vec<[f64; 2]> = Vec::new();
-                for k in (0..blocks[r]).filter(|&k| power(r, k) > 0.25 * most) {
-                    let span = [start + k as f64 * 0.25, start + (k + 1) as f64 * 0.25];
-                    match spans.last_mut() {
-                        Some(last) if (last[1] - span[0]).abs() < 1e-9 => last[1] = span[1],
-                        _ => spans.push(span),
-                    }
-                }
-                TimeSpans { recording: r, spans_s: spans }
-            })
-            .collect()
+        let powers: Vec<_> = self.outcome.before.iter().zip(&p.motions).map(power).collect();
+        loud_times(&powers, p.rate_hz())
     }
 
     /// What the residual is a curve over: position, velocity or the motor's angle; else time.

@@ -25,6 +25,7 @@ mod rigid;
 mod search;
 mod shape;
 mod state;
+mod stated_laws;
 mod steps;
 mod strangers;
 mod terms;
@@ -35,6 +36,7 @@ mod whitening;
 
 pub use result::*;
 
+use crate::plant::effects::{EffectKind, PhysicsTerm};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 use search::Complete;
@@ -156,12 +158,15 @@ pub fn diagnose(
     recordings: &[Recording],
     progress: Progress<'_>,
 ) -> Result<Diagnosis, DiagnoseError> {
-    let first = recordings.first().ok_or(DiagnoseError::NoRecording)?;
-    let axis = axis_of(machine, first)?;
+    let (axis, others) = axis_of(machine, recordings)?;
     first_look::check(axis, recordings)?;
     if rigid::applies(axis, recordings) {
-        return rigid::diagnose(machine, axis, recordings, progress);
+        let mut diagnosis = rigid::diagnose(machine, axis, recordings, progress)?;
+        diagnosis.notes.extend(left_aside(axis, &others, |term| rigid::knows(term, axis)));
+        diagnosis.notes.extend(first_look::frozen(axis, recordings));
+        return Ok(diagnosis);
     }
+    let first = &recordings[0];
     let first_hz = first.sample_rate.hz();
     if let Some(other) = recordings.iter().find(|r| (r.sample_rate.hz() / first_hz - 1.0).abs() > 1e-6) {
         let (recording, rate_hz) = (other.experiment.clone(), other.sample_rate.hz());
@@ -215,6 +220,12 @@ pub fn diagnose(
             (outcome, diagnosis) = told;
         }
     }
+    let p = &outcome.state.problem;
+    let notes = left_aside(stated, &others, |term| {
+        term.effect == EffectKind::EncoderQuantization || terms::hypothesis(p, term).is_some()
+    });
+    diagnosis.notes.extend(notes);
+    diagnosis.notes.extend(first_look::frozen(axis, recordings));
     if lumped.is_some() {
         diagnosis = triple::unlumped(diagnosis, stated, (&outcome, &outcome.state.bench()));
     }
@@ -260,11 +271,37 @@ fn start_of(axis: &AxisModel, recordings: &[Recording]) -> Result<search::Start,
     Ok(search::Start::new(problem, given))
 }
 
-fn axis_of<'a>(machine: &'a Machine, recording: &Recording) -> Result<&'a AxisModel, DiagnoseError> {
+/// The first axis of the model that is recorded and moves, and the names of the other recorded ones; where all
+/// stand, the first.
+fn axis_of<'a>(
+    machine: &'a Machine,
+    recordings: &[Recording],
+) -> Result<(&'a AxisModel, Vec<&'a str>), DiagnoseError> {
+    let first = recordings.first().ok_or(DiagnoseError::NoRecording)?;
     let has =
-        |axis: &AxisModel| recording.columns.iter().any(|c| c.name.starts_with(&format!("{}_", axis.name)));
-    machine.axes.iter().find(|a| has(a)).ok_or_else(|| DiagnoseError::NoAxis {
-        recording: recording.experiment.clone(),
+        |axis: &&AxisModel| first.columns.iter().any(|c| c.name.starts_with(&format!("{}_", axis.name)));
+    let recorded: Vec<&AxisModel> = machine.axes.iter().filter(has).collect();
+    let moving = recorded.iter().find(|a| first_look::moves(a, recordings));
+    let axis = *moving.or(recorded.first()).ok_or_else(|| DiagnoseError::NoAxis {
+        recording: first.experiment.clone(),
         axes: machine.axes.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join(", "),
-    })
+    })?;
+    Ok((axis, recorded.iter().map(|a| a.name.as_str()).filter(|name| *name != axis.name).collect()))
+}
+
+/// What is in the model or in the recordings and was not looked at.
+fn left_aside(axis: &AxisModel, others: &[&str], known: impl Fn(&PhysicsTerm) -> bool) -> Vec<String> {
+    let mut notes = Vec::new();
+    if !others.is_empty() {
+        notes.push(format!(
+            "This is of axis {}. Also recorded and not looked at: {}; a model with that axis alone answers for it.",
+            axis.name,
+            others.join(", ")
+        ));
+    }
+    for term in axis.physics.iter().filter(|term| !known(term)) {
+        let (effect, port) = (term.effect.name(), term.port.name());
+        notes.push(format!("{effect} at {port} stands in the model and is not heeded by this diagnosis."));
+    }
+    notes
 }

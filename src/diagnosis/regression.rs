@@ -42,7 +42,9 @@ pub(crate) struct Folds {
 
 impl Folds {
     pub(crate) fn new(layout: &Layout, rate_hz: f64) -> Self {
-        let block = ((BLOCK_S * rate_hz) as usize).max(1);
+        // Short recordings have shorter blocks: every fold gets two.
+        let most = layout.lengths.iter().sum::<usize>() / (2 * FOLDS);
+        let block = ((BLOCK_S * rate_hz) as usize).min(most).max(1);
         let mut segments = Vec::new();
         let mut first = 0;
         let mut first_block = Vec::new();

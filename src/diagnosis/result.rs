@@ -2,6 +2,7 @@
 
 use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
 use crate::plant::machine::Machine;
+use std::borrow::Cow;
 
 /// The answer to "is anything missing?".
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -145,8 +146,8 @@ pub struct Finding {
 /// A number of the model that the recordings contradict.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Correction {
-    /// Key of the model.
-    pub name: &'static str,
+    /// Key of the model; of a law that the model states `effect.parameter`.
+    pub name: Cow<'static, str>,
     /// What the model says.
     pub nominal: f64,
     /// What the recordings say.

@@ -326,7 +326,7 @@ fn least_left(state: &State, scores: &mut Vec<Score>, (rivals, round): (Vec<Scor
         let mut state = state.clone();
         state.take(score.clone(), round);
         if !alone {
-            state.settle(RIVAL_PASSES);
+            state.settle_as(RIVAL_PASSES, false);
         }
         state
     });

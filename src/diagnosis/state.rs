@@ -8,6 +8,9 @@ use crate::plant::effects::{EffectKind, Port};
 
 /// Power over that of the floor from which on what is left is a mismatch, not noise.
 const LOUD: f64 = 9.0;
+/// The same from which on a fit may stand beside its place, and what one at its place leaves at most.
+const UNEASY: f64 = 1.5;
+const LESS: f64 = 0.95;
 /// A fit may leave more force than another one, where the noise is low; not this many times.
 pub(super) const RUNAWAY: f64 = 1.5;
 /// Passes in which the noise of a model without findings is found.
@@ -51,8 +54,11 @@ impl State {
     /// Weighted by its own spectrum a mismatch counts nothing where it is loudest: the fit lets it grow, and
     /// it is noise all the more. Then all frequencies count alike.
     pub(super) fn is_loud(&self) -> bool {
-        let noise_n2 = |stage| noise_n2(&self.problem, &self.residual, stage);
-        rms(&self.residual).powi(2) > LOUD * (noise_n2(false) + noise_n2(true))
+        rms(&self.residual).powi(2) > LOUD * self.noise_n2()
+    }
+
+    fn noise_n2(&self) -> f64 {
+        [false, true].map(|stage| noise_n2(&self.problem, &self.residual, stage)).iter().sum()
     }
 
     /// The balance weighted by the noise that is left.
@@ -72,14 +78,29 @@ impl State {
 
     /// Numbers, noise and the constants of what is accepted, fitted together until they stand still.
     ///
-    /// The noise is what the last pass left, so passes can run away: what a fit neglects is noise to the next
-    /// one. Then the pass that left least stands.
+    /// What a fit leaves is noise to the next one, so it can come to rest beside its place: a delay that is
+    /// still too short rings at the resonance, and there nothing counts any longer. Passes in which all
+    /// frequencies count alike lead out of there, where there is something to find.
     pub(super) fn settle(&mut self, passes: usize) {
+        self.settle_as(passes, false);
+        if self.findings() == 0 || rms(&self.residual).powi(2) < UNEASY * self.noise_n2() {
+            return;
+        }
+        let mut other = self.clone();
+        other.settle_as(passes, true);
+        other.settle_as(passes, false);
+        if rms(&other.residual) < LESS * rms(&self.residual) {
+            *self = other;
+        }
+    }
+
+    /// Passes can run away: then the one that left least stands. `flat`: all frequencies count alike.
+    pub(super) fn settle_as(&mut self, passes: usize, flat: bool) {
         let passes = if self.accepted.is_empty() { NOISE_PASSES } else { passes };
         let mut left_n: Vec<f64> = Vec::new();
         let mut best: Option<(f64, Self)> = None;
         for _ in 0..passes {
-            let moved = self.pass();
+            let moved = self.pass(flat);
             let now_n = rms(&self.residual);
             left_n.push(now_n);
             if best.as_ref().is_none_or(|(least_n, _)| now_n < *least_n) {
@@ -100,8 +121,8 @@ impl State {
     ///
     /// A step of a constant that is too long to be taken whole says nothing of the numbers and amplitudes at
     /// its end: they are then those of the constants as they are.
-    fn pass(&mut self) -> f64 {
-        let bench = self.bench();
+    fn pass(&mut self, flat: bool) -> f64 {
+        let bench = if flat { self.flat_bench() } else { self.bench() };
         let fits: Vec<_> = (0..self.accepted.len()).map(|k| bench.accepted_fit(k)).collect();
         let whole = self.accepted.iter().zip(&fits).all(|(a, fit)| fit.is_whole(&a.hypothesis.shape));
         let coefficients = if whole { bench.solution.coefficients.clone() } else { bench.at_rest() };

@@ -69,6 +69,8 @@ pub(super) fn unlumped(
         c.value -= screw;
         c.ci95 = c.ci95.map(|end| end - screw);
     }
+    // The mode stands as a law of the lumped axis; its stiffness is what the model states.
+    diagnosis.parameter_corrections.retain(|c| !c.name.starts_with("torsional_mode."));
     let spring = torsional_spring(stated, (outcome, bench));
     diagnosis.parameter_corrections.extend(spring.clone());
     for axis in diagnosis.model.axes.iter_mut().filter(|a| a.name == stated.name) {
@@ -104,7 +106,7 @@ fn torsional_spring(stated: &AxisModel, (outcome, bench): (&Outcome, &Bench<'_>)
     let apart = (value - nominal).abs();
     let half = 1.96 * deviation;
     (apart > 4.0 * deviation && apart > LEAST_CHANGE * nominal).then_some(Correction {
-        name: "torsional_stiffness_nm_rad",
+        name: "torsional_stiffness_nm_rad".into(),
         nominal,
         value,
         ci95: [value - half, value + half],

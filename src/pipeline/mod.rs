@@ -361,13 +361,12 @@ impl Pipeline {
         speed_rpm: Option<f64>,
     ) -> StepOutput {
         self.clean_samples += 1;
+        for force in forces.iter_mut().filter(|f| !f.force_n.is_finite()) {
+            // Finite samples lead here only from a keyframe that was damaged: not heard, not acted on.
+            *force = ForceEstimate { force_n: 0.0, flags: Validity::SETTLING | Validity::SIGNAL_MISSING };
+        }
         let mut heard = None;
         for (index, (channel, state)) in self.channels.iter().zip(&mut self.states).enumerate() {
-            if !forces[index].force_n.is_finite() {
-                // Finite samples lead here only from a keyframe that was damaged: not heard, not acted on.
-                let flags = Validity::SETTLING | Validity::SIGNAL_MISSING;
-                forces[index] = ForceEstimate { force_n: 0.0, flags };
-            }
             self.row[index] = forces[index].force_n;
             state.flags = forces[index].flags;
             if !channel.watch || forces[index].flags.contains(Validity::SETTLING) {

@@ -9,6 +9,7 @@ use super::place::place;
 use super::plot::{Axis, Figure, Mark, escape, range_of};
 use super::words::{headline, next_step, phrase, place_of, sentence};
 use crate::diagnosis::{Diagnosis, Finding, RecordingFit, Verdict};
+use crate::plant::effects::Port;
 use crate::signal::inner_products::rms;
 use std::fmt::Write as _;
 
@@ -83,11 +84,17 @@ pub(super) struct Picked {
     pub(super) balance: usize,
 }
 
-/// The recording and balance where before and after differ most; without findings, where most is left.
+/// The recording and balance where before and after differ most; without findings, where most is left, on the
+/// side where it was located.
 pub(super) fn telling(d: &Diagnosis) -> Option<Picked> {
+    let side = match (d.verdict, d.location.as_ref().map(|l| l.port)) {
+        (Verdict::UnexplainedMismatch, Some(Port::Motor)) => Some(0),
+        (Verdict::UnexplainedMismatch, Some(Port::Stage)) => Some(d.balances.len().saturating_sub(1)),
+        _ => None,
+    };
     let mut best: Option<(f64, Picked)> = None;
     for (recording, fit) in d.recordings.iter().enumerate() {
-        for balance in 0..fit.residual_before_n.len() {
+        for balance in (0..fit.residual_before_n.len()).filter(|b| side.is_none_or(|s| s == *b)) {
             let Some(after) = fit.residual_after_n.get(balance).filter(|a| !a.is_empty()) else { continue };
             let floor = d.noise_floor_n.get(balance).copied().unwrap_or(1.0).max(1.0e-9);
             let shown = before(d, fit, balance);
@@ -100,9 +107,9 @@ pub(super) fn telling(d: &Diagnosis) -> Option<Picked> {
     best.map(|(_, p)| p)
 }
 
-/// What "before" is: with nothing missing, the model as it was stated; else with its numbers re-estimated.
+/// What "before" is: with a finding, the stated model with its numbers re-estimated; else as it was stated.
 pub(super) fn before<'a>(d: &Diagnosis, fit: &'a RecordingFit, balance: usize) -> &'a [f64] {
-    let stated = matches!(d.verdict, Verdict::ParameterError | Verdict::ModelAdequate);
+    let stated = d.verdict != Verdict::MissingPhysics;
     let series = if stated { &fit.residual_nominal_n } else { &fit.residual_before_n };
     series.get(balance).map_or(&[], Vec::as_slice)
 }
@@ -145,7 +152,8 @@ fn hero(out: &mut String, d: &Diagnosis, p: Picked) {
     let (word_before, word_after) = match d.verdict {
         Verdict::ParameterError => ("stated model", "numbers corrected"),
         Verdict::ModelAdequate => ("stated model", "numbers re-estimated"),
-        _ => ("without the finding, numbers re-estimated", "with the finding"),
+        Verdict::UnexplainedMismatch => ("stated model", "what stays with any numbers: no effect is added"),
+        Verdict::MissingPhysics => ("without the finding, numbers re-estimated", "with the finding"),
     };
     let _ = write!(
         out,
@@ -158,16 +166,17 @@ fn hero(out: &mut String, d: &Diagnosis, p: Picked) {
         figure(whole, [760.0, 250.0], "force not explained over the whole recording").svg(),
         figure(zoom, [760.0, 200.0], "the same, a short stretch").svg(),
     );
+    let word_left = if d.verdict == Verdict::UnexplainedMismatch { "stays" } else { "after" };
     let (left, right, floor) = match d.findings.first() {
         Some(f) => (f.fit.heldout_rms_before_n, f.fit.heldout_rms_after_n, f.fit.noise_floor_n),
         None => (rms(b), rms(a), floor),
     };
-    let held = if d.findings.is_empty() { "in this recording" } else { "on parts nothing was fitted to" };
+    let held = if d.findings.is_empty() { "in this recording" } else { "in all recordings" };
     let _ = write!(
         out,
         "<div class=\"card numbers\"><div class=\"before\"><div class=\"big\">{}</div>unexplained before</div>\
-         <div class=\"after\"><div class=\"big\">{}</div>after</div><div class=\"floor\"><div class=\"big\">{}</div>\
-         noise floor</div><div class=\"soft small\">Root mean square of the force balance, {} to {} Hz, {held}.</div></div></div>",
+         <div class=\"after\"><div class=\"big\">{}</div>{word_left}</div><div class=\"floor\"><div class=\"big\">{}</div>\
+         noise floor</div><div class=\"soft small\">Root mean square of the force balance, {} to {} Hz, {held}, on parts nothing was fitted to.</div></div></div>",
         engineering(left, "N", 3),
         engineering(right, "N", 3),
         engineering(floor, "N", 3),
@@ -236,12 +245,28 @@ fn finding_card(out: &mut String, d: &Diagnosis, f: &Finding) {
 }
 
 /// `stribeck_force_n` as `stribeck force`: the unit stands beside the value.
-fn without_unit(name: &str) -> String {
-    const UNITS: [&str; 13] = [
-        "_n_s2_m2", "_n_s_m", "_n_m3", "_n_m", "_rad_s", "_m_s", "_per_rev", "_rad", "_hz", "_n", "_m", "_s",
+pub(super) fn without_unit(name: &str) -> String {
+    const UNITS: [&str; 17] = [
+        "_n_s2_m2",
+        "_nm_s_rad",
+        "_kg_m2",
+        "_kg",
+        "_nm_a",
+        "_n_s_m",
+        "_n_m3",
+        "_n_m",
+        "_rad_s",
+        "_m_s",
+        "_per_rev",
+        "_rad",
+        "_hz",
+        "_n",
+        "_m",
+        "_s",
         "_a",
     ];
-    let bare = UNITS.iter().find_map(|u| name.strip_suffix(u)).filter(|b| !b.is_empty()).unwrap_or(name);
+    let name = name.split_once('.').map_or_else(|| name.to_owned(), |(law, key)| format!("{law}_{key}"));
+    let bare = UNITS.iter().find_map(|u| name.strip_suffix(u)).filter(|b| !b.is_empty()).unwrap_or(&name);
     spoken(bare)
 }
 
@@ -311,7 +336,7 @@ fn corrections(out: &mut String, d: &Diagnosis) {
             out,
             "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\"><b>{}</b></td><td class=\"n\">{} \u{2026} {}</td>\
              <td class=\"n\">{}</td></tr>",
-            escape(c.name),
+            escape(&c.name),
             significant(c.nominal, digits.max(4)),
             significant(c.value, digits),
             significant(c.ci95[0], digits),

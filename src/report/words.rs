@@ -1,31 +1,31 @@
 //! A diagnosis in the words of someone who builds the machine: one phrase an effect, one sentence a verdict.
 
-use super::html::{after, before, spoken, telling};
+use super::html::{after, before, spoken, telling, without_unit};
 use super::page::{engineering, significant};
-use crate::diagnosis::{Diagnosis, Finding, Verdict};
+use crate::diagnosis::{Correction, Diagnosis, Finding, Verdict};
 use crate::plant::effects::{EffectKind as E, Port};
 use crate::signal::inner_products::rms;
 use std::f64::consts::TAU;
 
 /// Over the floor: what is more than this is not "down to the noise".
 const AT_NOISE: f64 = 1.5;
+/// Findings and numbers that the first sentence names.
+const SAID: usize = 2;
 
 /// The first sentence of the page.
 pub(super) fn headline(d: &Diagnosis) -> String {
     match d.verdict {
         Verdict::MissingPhysics => {
-            let phrases: Vec<String> = d.findings.iter().map(|f| phrase(f, d)).collect();
-            format!("The model leaves out {}.", phrases.join("; and "))
+            let phrases: Vec<String> = d.findings.iter().take(SAID).map(|f| phrase(f, d)).collect();
+            let more = match d.findings.len().saturating_sub(SAID) {
+                0 => String::new(),
+                1 => "; and one effect more".to_owned(),
+                n => format!("; and {n} effects more"),
+            };
+            format!("The model leaves out {}{more}.", phrases.join("; and "))
         }
         Verdict::ParameterError => {
-            let names: Vec<String> =
-                d.parameter_corrections.iter().map(|c| spoken_change(c.name, c.nominal, c.value)).collect();
-            format!(
-                "Structure complete; wrong in the model: {}{}.{}",
-                names.join(", "),
-                with_answer(d),
-                rest(d)
-            )
+            format!("Structure complete; wrong in the model: {}{}.{}", wrong(d), with_answer(d), rest(d))
         }
         Verdict::ModelAdequate => adequate(d),
         Verdict::UnexplainedMismatch => {
@@ -35,6 +35,20 @@ pub(super) fn headline(d: &Diagnosis) -> String {
                 .map_or(String::new(), |l| format!(", {}, over {}", place_of(l.port, d), spoken(l.domain)));
             format!("Something is missing that no known effect explains{place}.")
         }
+    }
+}
+
+/// The numbers that are off most, worst first.
+fn wrong(d: &Diagnosis) -> String {
+    let off =
+        |c: &Correction| if c.nominal == 0.0 { f64::INFINITY } else { (c.value / c.nominal).ln().abs() };
+    let mut worst: Vec<&Correction> = d.parameter_corrections.iter().collect();
+    worst.sort_by(|a, b| off(b).total_cmp(&off(a)));
+    let said = worst.iter().take(SAID).map(|c| spoken_change(&c.name, c.nominal, c.value));
+    let names = said.collect::<Vec<String>>().join(", ");
+    match worst.len().saturating_sub(SAID) {
+        0 => names,
+        n => format!("{names}, and {n} more that are off by less"),
     }
 }
 
@@ -108,9 +122,9 @@ pub(super) fn next_step(d: &Diagnosis) -> Option<&'static str> {
 
 fn spoken_change(name: &str, nominal: f64, value: f64) -> String {
     if nominal == 0.0 {
-        return spoken(name);
+        return without_unit(name);
     }
-    format!("{} ({:+.0} %)", spoken(name), 100.0 * (value / nominal - 1.0)).replace('-', "\u{2212}")
+    format!("{} ({:+.0} %)", without_unit(name), 100.0 * (value / nominal - 1.0)).replace('-', "\u{2212}")
 }
 
 /// Where a port is, for someone who stands before the machine.

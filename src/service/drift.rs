@@ -248,10 +248,11 @@ impl Watch {
     fn news(&mut self) -> Option<Mismatch> {
         let ratio = self.ratio().filter(|_| self.recent.len() >= RECENT)?;
         let baseline = mean(&self.baseline);
-        let grown = self.baseline.len() >= BASELINE && ratio > (GROWTH * baseline).max(SMALL);
-        let significant = (ratio > LARGE || grown) && self.residual_n > 3.0 * self.noise_n;
+        let known = self.baseline.len() >= BASELINE;
+        let limit = if known { LARGE.min((GROWTH * baseline).max(SMALL)) } else { LARGE };
+        let significant = ratio > limit && self.residual_n > 3.0 * self.noise_n;
         let news = significant && !self.told;
-        self.told = if self.told { ratio > 0.7 * LARGE.min(GROWTH * baseline) } else { significant };
+        self.told = if self.told { ratio > 0.7 * limit } else { significant };
         news.then(|| Mismatch { axis: self.axis.clone(), ratio, baseline })
     }
 }

@@ -8,6 +8,7 @@ use std::path::Path;
 use stillcut::config::machine::{machine_from_text, machine_to_text, read_machine};
 use stillcut::diagnosis::{DiagnoseError, Diagnosis, Verdict, diagnose};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
+use stillcut::plant::effects::ParameterValue;
 use stillcut::plant::machine::Machine;
 use stillcut::recording::read_recording;
 use stillcut::sample::{Column, Recording};
@@ -74,6 +75,25 @@ fn a_backlash_is_found_with_its_gap_and_the_written_model_invents_nothing_elsewh
     let other = ask(&model, &sweep);
     assert!(other.findings.is_empty(), "{:?}", other.findings);
     assert_eq!(other.verdict, Verdict::ModelAdequate);
+}
+
+/// What the model says beyond its structure is held against the recordings like any of its numbers.
+#[test]
+fn a_stated_law_of_another_size_is_a_wrong_number() {
+    let Some(folder) = shared("feed-axis-cases/case-04") else { return };
+    let (machine, moves) = read(&folder, "moves.parquet");
+    let found = ask(&machine, &moves);
+    let wave = &found.findings[0].term;
+    let size = wave.number("amplitude_n").unwrap();
+    let mut wrong = found.model.clone();
+    wrong.axes[0].physics[0] = wave.clone().with_number("amplitude_n", 3.0 * size);
+    wrong.axes[0].physics[0].parameters.retain(|(name, _)| name != "harmonics_n");
+    let d = ask(&wrong, &moves);
+    assert_eq!((d.verdict, d.findings.len()), (Verdict::ParameterError, 0));
+    let c = d.parameter_corrections.iter().find(|c| c.name == "position_periodic_force.amplitude_n").unwrap();
+    assert!((c.value / size - 1.0).abs() < 0.03 && c.ci95[1] < 1.2 * size, "{c:?}");
+    let again = ask(&d.model, &moves);
+    assert_eq!(again.verdict, Verdict::ModelAdequate, "{:?}", again.parameter_corrections);
 }
 
 fn concealed(effects: &[&str], seed: u64) -> (Machine, Vec<Recording>) {
@@ -376,4 +396,41 @@ fn a_rigid_axis_tells_a_cut_from_a_hill() {
     assert_eq!(said, [("position_dependent_force", "stage")]);
     let again = diagnose(&d.model, &[with_force(hill)], &|_, _| {}).unwrap();
     assert_eq!(again.verdict, Verdict::ModelAdequate, "with the map in the model");
+
+    // A map of three times the size is a wrong number of the model, not an adequate one.
+    let mut wrong = d.model.clone();
+    for (name, value) in &mut wrong.axes[0].physics[0].parameters {
+        if let ("force_n", ParameterValue::List(knots)) = (name.as_str(), value) {
+            knots.iter_mut().for_each(|f| *f *= 3.0);
+        }
+    }
+    let d = diagnose(&wrong, &[with_force(hill)], &|_, _| {}).unwrap();
+    assert_eq!((d.verdict, d.findings.len()), (Verdict::ParameterError, 0));
+    let c = &d.parameter_corrections[0];
+    assert_eq!(c.name, "position_dependent_force.amplitude_n");
+    assert!((c.nominal / c.value / 3.0 - 1.0).abs() < 0.1, "{c:?}");
+    let again = diagnose(&d.model, &[with_force(hill)], &|_, _| {}).unwrap();
+    assert_eq!(again.verdict, Verdict::ModelAdequate, "with its size corrected");
+}
+
+/// The drift of friction begins with the recording, whatever the clock says.
+#[test]
+fn a_rigid_axis_warms_up_by_the_time_since_its_recording_began() {
+    let machine = machine_from_text(Path::new("machine.toml"), RIGID).unwrap();
+    let mut recording = rigid_recording(0.0, 0.0);
+    let (position, thrust_n_a) = (recording.columns[1].values.clone(), 0.7 * std::f64::consts::TAU / 0.01);
+    let less = |(k, w): (usize, &[f64])| {
+        let warm = 1.0 - (-(k as f64 + 0.5) * 1e-3 / 5.0).exp();
+        -30.0 * warm * ((w[1] - w[0]) / 1e-3 / 2e-2).tanh() / thrust_n_a
+    };
+    let less: Vec<f64> = position.windows(2).enumerate().map(less).collect();
+    recording.columns[0].values.iter_mut().zip(&less).for_each(|(i, l)| *i += l);
+    let mut said = Vec::new();
+    for start_s in [0.0, 1000.0] {
+        recording.start_s = start_s;
+        let d = ask(&machine, &recording);
+        said.push(d.findings.iter().map(|f| (f.effect.name(), f.parameters[0].value)).collect::<Vec<_>>());
+    }
+    assert_eq!(said[0].first().map(|f| f.0), Some("friction_drift"), "{said:?}");
+    assert_eq!(said[0], said[1]);
 }

@@ -104,7 +104,7 @@ fn diagnosis() -> Diagnosis {
         findings: vec![finding],
         residual_band_hz: [0.0, 300.0],
         parameter_corrections: vec![Correction {
-            name: "movable_mass_kg",
+            name: "movable_mass_kg".into(),
             nominal: 6.6,
             value: 7.92,
             ci95: [7.9, 7.94],

@@ -5,6 +5,7 @@ use super::laws::{Law, Slider};
 use super::search::{Found, Origin, Search, Term};
 use super::words::{next, words};
 use crate::diagnosis::bank::lcm;
+use crate::diagnosis::location::loud_times;
 use crate::diagnosis::terms::{SCALE_DEVIATION, peak_of_cut, peak_of_map};
 use crate::diagnosis::{
     Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Location, RecordingFit, Tried,
@@ -16,33 +17,31 @@ use crate::plant::machine::{AxisModel, Machine};
 use crate::signal::inner_products::rms;
 use std::f64::consts::TAU;
 
-const Z95: f64 = 1.96;
-/// The motor side's part of a sum is known as well as a data sheet is, as a deviation.
-const STATED_SHARE: f64 = 0.02;
+pub(super) const Z95: f64 = 1.96;
 /// Of a wave with a motor's order, what is left to a force of the screw with the same period.
 const TWIN_SHARE: f64 = 0.3;
 
 /// A law of the final model with its amplitudes.
-struct Fitted<'a> {
-    index: usize,
-    term: &'a Term,
-    amplitudes: Vec<f64>,
+pub(super) struct Fitted<'a> {
+    pub(super) index: usize,
+    pub(super) term: &'a Term,
+    pub(super) amplitudes: Vec<f64>,
     /// Standard deviations, neighbouring rows counted for what they are worth.
-    deviations: Vec<f64>,
+    pub(super) deviations: Vec<f64>,
 }
 
-struct Context<'a> {
+pub(super) struct Context<'a> {
     machine: &'a Machine,
-    axis: &'a AxisModel,
-    search: &'a Search,
+    pub(super) axis: &'a AxisModel,
+    pub(super) search: &'a Search,
     before: Fit,
     after: Fit,
     /// Left by the structure alone, without physics that the model states.
     structure_n: f64,
-    floor_n: f64,
+    pub(super) floor_n: f64,
     /// The model says that there is dry friction.
     friction_stated: bool,
-    fitted: Vec<Fitted<'a>>,
+    pub(super) fitted: Vec<Fitted<'a>>,
 }
 
 /// Builds the answer. `start`: the terms before anything was found.
@@ -66,13 +65,15 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
         .collect();
     let floor_n = floor(&after.residual);
     let friction_stated = start.iter().any(|t| matches!(t.law, Law::Friction(_)));
-    let structure: Vec<Term> = start.iter().filter(|t| t.origin != Origin::Given).cloned().collect();
+    let structure: Vec<Term> =
+        start.iter().filter(|t| !matches!(t.origin, Origin::Given(_))).cloned().collect();
     let structure_n = search.fit(&structure).heldout_rms;
     let c = Context { machine, axis, search, before, after, structure_n, floor_n, friction_stated, fitted };
     let mut findings = c.findings();
     let unexplained = c.is_unexplained();
     // Numbers fitted beside an unknown cause are bent by it.
-    let parameter_corrections = if unexplained { Vec::new() } else { c.corrections() };
+    let mut parameter_corrections = if unexplained { Vec::new() } else { c.corrections() };
+    let laws = if unexplained { Vec::new() } else { c.laws_of_other_size() };
     if unexplained {
         findings.clear();
     }
@@ -80,6 +81,20 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
     for (k, f) in findings.iter_mut().enumerate() {
         f.rank = k + 1;
     }
+    let mut model = c.model(&findings, &parameter_corrections);
+    for axis in model.axes.iter_mut().filter(|a| a.name == axis.name) {
+        for law in &laws {
+            axis.physics[law.index] = law.term.clone();
+            // The force of a slider stands in its own table too.
+            let force_n =
+                law.term.number("force_n").filter(|_| law.term.effect == EffectKind::PreslidingFriction);
+            for dry in axis.physics.iter_mut().filter(|t| t.effect == EffectKind::CoulombFriction) {
+                *dry = force_n
+                    .map_or_else(|| dry.clone(), |force_n| dry.clone().with_number("force_n", force_n));
+            }
+        }
+    }
+    parameter_corrections.extend(laws.into_iter().flat_map(|law| law.corrections));
     let verdict = match (unexplained, findings.is_empty(), parameter_corrections.is_empty()) {
         (true, ..) => Verdict::UnexplainedMismatch,
         (_, false, _) => Verdict::MissingPhysics,
@@ -91,11 +106,11 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
         axis: axis.name.clone(),
         verdict,
         location: c.location(verdict, &findings),
-        model: c.model(&findings, &parameter_corrections),
+        model,
         findings,
         residual_band_hz: [0.0, first.map_or(0.0, |s| s.band_hz)],
         parameter_corrections,
-        recordings: c.recordings(),
+        recordings: c.recordings(unexplained),
         balances: vec!["axis"],
         series_rate_hz: first.map_or(1.0, |s| s.rate_hz),
         noise_floor_n: vec![floor_n],
@@ -138,10 +153,9 @@ impl Context<'_> {
         /// Share of the power above the floor that must be explained.
         const LEAST_EXPLAINED: f64 = 0.5;
         let left_n = self.after.heldout_rms;
-        let thrust: Vec<f64> = self.search.series.iter().flat_map(|s| s.thrust_n.iter().copied()).collect();
         let above = |rms_n: f64| rms_n.powi(2) - self.floor_n.powi(2);
         left_n >= LOUD * self.floor_n
-            && left_n > WORTH * rms(&thrust)
+            && left_n > WORTH * self.thrust_rms_n()
             && above(left_n) > (1.0 - LEAST_EXPLAINED) * above(self.structure_n)
     }
 
@@ -167,9 +181,20 @@ impl Context<'_> {
             port: findings.first().map_or(Port::Stage, |f| f.port),
             domain,
             bands_hz: vec![[0.0, band]],
-            time: Vec::new(),
+            time: loud_times(&self.powers(), self.search.series.first().map_or(1.0, |s| s.rate_hz)),
             shares: [0.0, 1.0, 1.0],
         })
+    }
+
+    /// Squares of what the stated structure leaves, recording by recording, with the time of the first.
+    fn powers(&self) -> Vec<(f64, Vec<f64>)> {
+        let mut rest = self.before.residual.as_slice();
+        let part = |s: &super::Series| {
+            let (own, others) = rest.split_at(s.t_s.len());
+            rest = others;
+            (s.t_s.first().copied().unwrap_or(0.0), own.iter().map(|r| r * r).collect())
+        };
+        self.search.series.iter().map(part).collect()
     }
 
     fn findings(&self) -> Vec<Finding> {
@@ -289,7 +314,12 @@ impl Context<'_> {
                 }
                 law => of(law),
             };
-            let at = |k: usize| columns.iter().zip(&f.amplitudes).map(|(c, a)| a * c[k]).sum();
+            // At the current the drive misses what the balance has too much.
+            let unit = match (law.effect().1, s.thrust_n_a) {
+                (Port::Current, Some(per_ampere)) => -1.0 / per_ampere,
+                _ => 1.0,
+            };
+            let at = |k: usize| unit * columns.iter().zip(&f.amplitudes).map(|(c, a)| a * c[k]).sum::<f64>();
             Contribution { recording, t_s: s.t_s.clone(), value: (0..s.t_s.len()).map(at).collect() }
         };
         self.search.series.iter().enumerate().map(each).collect()
@@ -401,9 +431,13 @@ impl Context<'_> {
         }
     }
 
+    pub(super) fn thrust_rms_n(&self) -> f64 {
+        rms(&self.search.series.iter().flat_map(|s| s.thrust_n.iter().copied()).collect::<Vec<f64>>())
+    }
+
     /// Relative deviation of every force: that of the torque constant, where forces are measured by a
     /// current.
-    fn scale(&self) -> f64 {
+    pub(super) fn scale(&self) -> f64 {
         if self.search.scales.current { SCALE_DEVIATION } else { 0.0 }
     }
 
@@ -432,57 +466,30 @@ impl Context<'_> {
         vec![make("force_difference_n", "N", 2.0 * mean), make("viscous_difference_n_s_m", "N s/m", 2.0)]
     }
 
-    fn friction_level(&self) -> f64 {
+    pub(super) fn friction_level(&self) -> f64 {
         self.fitted
             .iter()
             .find(|f| matches!(f.term.law, Law::Friction(_)))
             .map_or(0.0, |f| f.amplitudes[0].abs())
     }
 
-    /// Numbers of the drive that differ by more than four standard deviations and more than they are known
-    /// to.
-    fn corrections(&self) -> Vec<Correction> {
-        let d = &self.axis.drive;
-        let mut list = Vec::new();
-        for f in &self.fitted {
-            let Origin::Number(name) = f.term.origin else { continue };
-            let (nominal, other, limit) = match name {
-                "movable_mass_kg" => (d.movable_mass_kg(), d.total_mass_kg() - d.movable_mass_kg(), 0.02),
-                "translational_damping_n_s_m" => {
-                    (d.translational_damping_n_s_m(), d.reflected_damping_n_s_m(), 0.12)
-                }
-                "stage_coulomb_friction_n" => {
-                    (d.stage_coulomb_friction_n(), d.motor_coulomb_friction_n(), 0.08)
-                }
-                _ => (d.axial_stiffness_n_m(), 0.0, 0.03),
-            };
-            // The balance holds the sum of both sides; what is off is off from the sum.
-            let (value, total) = (f.amplitudes[0] - other, nominal + other);
-            let sure = f.deviations[0].hypot(self.scale() * f.amplitudes[0]);
-            // Which side it is off on, the balance does not say: that widens the number, not the doubt.
-            let half = Z95 * sure.hypot(STATED_SHARE * other);
-            let apart = (value - nominal).abs();
-            if nominal > 0.0 && value > 0.0 && apart > 3.0 * sure && apart > limit * total {
-                list.push(Correction { name, nominal, value, ci95: [value - half, value + half] });
-            }
-        }
-        list
-    }
-
     /// The model with corrections and findings in it.
     fn model(&self, findings: &[Finding], corrections: &[Correction]) -> Machine {
         let mut machine = self.machine.clone();
         let Some(axis) = machine.axes.iter_mut().find(|a| a.name == self.axis.name) else { return machine };
-        if let Ok(drive) = axis.drive.with_numbers(corrections.iter().map(|c| (c.name, c.value))) {
+        if let Ok(drive) = axis.drive.with_numbers(corrections.iter().map(|c| (&*c.name, c.value))) {
             axis.drive = drive;
         }
         axis.physics.extend(findings.iter().map(|f| f.term.clone()));
         machine
     }
 
-    fn recordings(&self) -> Vec<RecordingFit> {
+    /// Laws that are not named leave nothing smaller: without a cause the model stays as it was stated.
+    fn recordings(&self, unexplained: bool) -> Vec<RecordingFit> {
         let mut start = 0;
         let nominal = self.nominal_residual();
+        let after = if unexplained { &self.before.heldout } else { &self.after.heldout };
+        let written = if unexplained { &nominal } else { after };
         let fit = |s: &super::Series| {
             let range = start..start + s.t_s.len();
             start = range.end;
@@ -490,13 +497,13 @@ impl Context<'_> {
             RecordingFit {
                 experiment: s.experiment.clone(),
                 rms_before_n: rms(&nominal[range.clone()]),
-                rms_after_n: rms(&self.after.residual[range.clone()]),
+                rms_after_n: rms(&written[range.clone()]),
                 t_s: s.t_s.clone(),
                 position_m: s.position_m.clone(),
                 velocity_m_s: s.velocity_m_s.clone(),
                 residual_nominal_n: vec![part(&nominal)],
-                residual_before_n: vec![part(&self.before.residual)],
-                residual_after_n: vec![part(&self.after.residual)],
+                residual_before_n: vec![part(&self.before.heldout)],
+                residual_after_n: vec![part(after)],
             }
         };
         self.search.series.iter().map(fit).collect()
@@ -528,7 +535,7 @@ impl Context<'_> {
             }
         }
         for p in &self.axis.physics {
-            let Some(law) = super::given(p, self.axis).map(|term| term.law) else { continue };
+            let Some(law) = super::given(p, self.axis) else { continue };
             let Some(amplitudes) = law.stated_amplitudes(p, self.friction_level()) else { continue };
             take(law, &amplitudes);
         }

@@ -27,6 +27,8 @@ pub(super) struct Fit {
     pub(super) rms: f64,
     /// What is left, fitted to everything.
     pub(super) residual: Vec<f64>,
+    /// What is left of each stretch by a fit to the others.
+    pub(super) heldout: Vec<f64>,
     /// Standard deviations of the coefficients, for independent rows.
     pub(super) deviations: Vec<f64>,
 }
@@ -112,7 +114,14 @@ impl Rows {
         }
         let left = rms(&residual);
         let deviations = sums.deviations(left);
-        Fit { coefficients, heldout_rms, rms: left, residual, deviations }
+        let without: Vec<Vec<f64>> = (0..FOLDS).map(|fold| sums.without(fold)).collect();
+        let mut heldout = target.to_vec();
+        for (range, fold) in &self.stretches {
+            for (column, b) in columns.iter().zip(&without[*fold]) {
+                heldout[range.clone()].iter_mut().zip(&column[range.clone()]).for_each(|(r, c)| *r -= b * c);
+            }
+        }
+        Fit { coefficients, heldout_rms, rms: left, residual, heldout, deviations }
     }
 }
 
@@ -149,6 +158,15 @@ impl Sums {
             rms: per_row(left(self.powers.iter().sum(), (&all, &right), &whole)),
             coefficients: whole.component_div(&scales).as_slice().to_vec(),
         }
+    }
+
+    /// Coefficients of all rows but those of one fold.
+    fn without(&self, fold: usize) -> Vec<f64> {
+        let scales = self.scales();
+        let (grams, rights) = self.scaled(&scales);
+        let (all, right): (DMatrix<f64>, DVector<f64>) = (grams.iter().sum(), rights.iter().sum());
+        let b = solve(&(all - &grams[fold]), &(right - &rights[fold]));
+        b.component_div(&scales).as_slice().to_vec()
     }
 
     /// Standard deviations of the coefficients where independent rows leave `rms`.

@@ -3,8 +3,9 @@
 use super::signals::Series;
 use crate::diagnosis::columns::{difference, waves};
 use crate::diagnosis::floor::band_gain;
+use crate::diagnosis::terms::peak_of_map;
 use crate::plant::effects::periodic::knots_at;
-use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
+use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use std::f64::consts::TAU;
 
 /// Knots of a map, and the travel from which on there is one, m.
@@ -157,7 +158,13 @@ impl Law {
             }
             Law::Drift { time_s, slider } => {
                 let state = slider.state(s, scales.smoothing_m_s);
-                vec![state.iter().zip(&s.t_s).map(|(z, t)| z * (1.0 - (-t / time_s).exp())).collect()]
+                vec![
+                    state
+                        .iter()
+                        .zip(&s.t_s)
+                        .map(|(z, t)| z * (1.0 - (-(t - s.start_s) / time_s).exp()))
+                        .collect(),
+                ]
             }
             Law::Wave { wavelength_m } => {
                 vec![place(&|x| (TAU * x / wavelength_m).sin()), place(&|x| (TAU * x / wavelength_m).cos())]
@@ -208,27 +215,73 @@ impl Law {
     /// Factors of the columns as a model states them; nothing where it does not. `friction_n`: level that a
     /// relative change refers to. Inverse of what the answer writes.
     pub(super) fn stated_amplitudes(self, term: &PhysicsTerm, friction_n: f64) -> Option<Vec<f64>> {
-        let get = |name: &str| term.number(name);
-        let wave = |amplitude: f64| {
-            let (sin, cos) = get("phase_rad").unwrap_or(0.0).sin_cos();
-            vec![amplitude * cos, amplitude * sin]
-        };
-        let one = match self {
-            Law::Viscous | Law::Inertia => get("n_s_m")?,
-            Law::Constant | Law::Friction(_) => get("force_n")?,
-            Law::DirectionalDry(_) => 0.5 * get("force_difference_n")?,
-            Law::DirectionalViscous => 0.5 * get("viscous_difference_n_s_m")?,
-            Law::Square => get("n_s2_m2")?,
-            Law::Stribeck { .. } => get("stribeck_force_n")?,
-            Law::Drift { .. } => get("relative_change")? * friction_n,
-            Law::Late { .. } | Law::Slow { .. } => 1.0,
-            Law::Interpolation { .. } => return Some(wave(get("amplitude_m")?)),
-            Law::Saturation => get("per_a2")?,
-            Law::Wave { .. } => return Some(wave(get("amplitude_n")?)),
-            Law::Map { .. } => return term.list("force_n").map(<[f64]>::to_vec),
-            Law::Spring { .. } | Law::Cubic { .. } | Law::Cut { .. } => return None,
-        };
-        Some(vec![one])
+        match self {
+            Law::Late { .. } | Law::Slow { .. } => Some(vec![1.0]),
+            Law::Map { .. } => term.list("force_n").map(<[f64]>::to_vec),
+            law => {
+                let (key, unit) = law.amplitude_key(friction_n)?;
+                let size = term.number(key)? / unit;
+                let (sin, cos) = term.number("phase_rad").unwrap_or(0.0).sin_cos();
+                Some(if law.width() == 2 { vec![size * cos, size * sin] } else { vec![size] })
+            }
+        }
+    }
+
+    /// Key under which a model states the size of the law, and its value for a size of 1.
+    pub(super) fn amplitude_key(self, friction_n: f64) -> Option<(&'static str, f64)> {
+        Some(match self {
+            Law::Viscous | Law::Inertia => ("n_s_m", 1.0),
+            Law::Constant | Law::Friction(_) => ("force_n", 1.0),
+            Law::DirectionalDry(_) => ("force_difference_n", 2.0),
+            Law::DirectionalViscous => ("viscous_difference_n_s_m", 2.0),
+            Law::Square => ("n_s2_m2", 1.0),
+            Law::Stribeck { .. } => ("stribeck_force_n", 1.0),
+            Law::Drift { .. } => ("relative_change", 1.0 / friction_n.max(f64::MIN_POSITIVE)),
+            Law::Interpolation { .. } => ("amplitude_m", 1.0),
+            Law::Saturation => ("per_a2", 1.0),
+            Law::Wave { .. } | Law::Map { .. } => ("amplitude_n", 1.0),
+            Law::Late { .. }
+            | Law::Slow { .. }
+            | Law::Spring { .. }
+            | Law::Cubic { .. }
+            | Law::Cut { .. } => {
+                return None;
+            }
+        })
+    }
+
+    /// How large the law is with these factors.
+    pub(super) fn size(self, amplitudes: &[f64]) -> f64 {
+        match (self, amplitudes) {
+            (Law::Map { .. }, _) => peak_of_map(amplitudes),
+            (_, [one]) => *one,
+            _ => amplitudes.iter().map(|a| a * a).sum::<f64>().sqrt(),
+        }
+    }
+
+    /// The term with these factors, its other numbers as they are. Inverse of [`Law::stated_amplitudes`].
+    pub(super) fn with_amplitudes(
+        self,
+        term: PhysicsTerm,
+        amplitudes: &[f64],
+        friction_n: f64,
+    ) -> PhysicsTerm {
+        let Some((key, unit)) = self.amplitude_key(friction_n) else { return term };
+        let size = self.size(amplitudes) * unit;
+        // A slider yields after the same way as before.
+        let stiffness = term.number("presliding_stiffness_n_m").zip(term.number(key));
+        let mut term = term.with_number(key, size);
+        if let Some((stiffness, force)) = stiffness.filter(|(_, force)| *force != 0.0) {
+            term = term.with_number("presliding_stiffness_n_m", stiffness * size / force);
+        }
+        if let (2, [sin, cos]) = (self.width(), amplitudes) {
+            term = term.with_number("phase_rad", cos.atan2(*sin));
+        }
+        let list = term.parameters.iter_mut().find(|(name, _)| name == "force_n");
+        if let (Law::Map { .. }, Some((_, ParameterValue::List(list)))) = (self, list) {
+            list.copy_from_slice(amplitudes);
+        }
+        term
     }
 
     /// Name in the vocabulary, and where it enters.
@@ -463,6 +516,7 @@ mod tests {
             recording: 0,
             rate_hz: 100.0,
             band_hz: 30.0,
+            start_s: 0.0,
             t_s: (0..400).map(|k| f64::from(k) * 0.01).collect(),
             velocity_m_s: vec![0.0; 400],
             accel_m_s2: vec![0.0; 400],

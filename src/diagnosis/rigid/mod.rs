@@ -11,6 +11,7 @@
 mod answer;
 mod fit;
 mod laws;
+mod numbers;
 mod search;
 mod signals;
 mod words;
@@ -25,8 +26,8 @@ use crate::signal::inner_products::rms;
 use fit::Rows;
 use laws::{Law, Scales, Slider};
 use search::{Origin, Search, Term};
-use signals::{Series, series};
-pub(super) use signals::{is_locked, position, thrust};
+use signals::{Encoder, Series, series};
+pub(super) use signals::{is_locked, motor_position, position, thrust};
 
 /// Inertia below this share of the thrust carries no news about the mass: it is taken as stated.
 const LEAST_INERTIA_SHARE: f64 = 0.02;
@@ -59,7 +60,8 @@ pub(super) fn diagnose(
         .map(|(f, a)| if carried { f - inertia * a } else { *f })
         .collect();
     let lengths: Vec<usize> = series.iter().map(|s| s.t_s.len()).collect();
-    terms.extend(axis.physics.iter().filter_map(|p| given(p, axis)));
+    let stated = axis.physics.iter().enumerate();
+    terms.extend(stated.filter_map(|(k, p)| Some(Term { law: given(p, axis)?, origin: Origin::Given(k) })));
     let rows = Rows::new(target, &lengths);
     let mut search = Search {
         rows,
@@ -76,25 +78,36 @@ pub(super) fn diagnose(
     search.run();
     progress(0.8, "laws found");
     let mut answer = answer::answer((machine, axis), &search, &start);
-    answer.notes.extend(without_stage(axis, recordings).filter(|_| !locked));
+    answer.notes.extend(one_side(axis, recordings).into_iter().filter(|_| !locked));
     progress(1.0, "done");
     Ok(answer)
 }
 
-/// A sentence where the model is of two sides and no recording shows the second one.
-fn without_stage(axis: &AxisModel, recordings: &[Recording]) -> Option<String> {
-    let column = format!("{}_stage_position_m", axis.name);
-    let lacks = |r: &&Recording| r.get(&column).is_none();
-    let without: Vec<&str> = recordings.iter().filter(lacks).map(|r| r.experiment.as_str()).collect();
-    let told = axis.drive.structure() != Structure::Rigid && !without.is_empty();
-    told.then(|| {
-        format!(
-            "The stage's position ({column}) is absent from {}: the answer is of one force balance of the \
-             whole axis, below {:.0} % of its resonance, and cannot tell the motor's side from the stage's.",
-            without.join(", "),
-            100.0 * signals::RIGID_SHARE
-        )
-    })
+/// Sentences where the model is of two sides and recordings show one of them only.
+fn one_side(axis: &AxisModel, recordings: &[Recording]) -> Vec<String> {
+    if axis.drive.structure() == Structure::Rigid {
+        return Vec::new();
+    }
+    let stage = format!("{}_stage_position_m", axis.name);
+    let lacks_stage = |r: &Recording| r.get(&stage).is_none();
+    let lacks_motor = |r: &Recording| signals::motor_position(axis, r).is_none();
+    let motor = format!("{}_motor_angle_rad", axis.name);
+    let sides: [(&str, &str, &dyn Fn(&Recording) -> bool); 2] =
+        [("stage's position", &stage, &lacks_stage), ("motor's angle", &motor, &lacks_motor)];
+    let mut notes = Vec::new();
+    for (what, column, lacks) in sides {
+        let without: Vec<&str> =
+            recordings.iter().filter(|r| lacks(r)).map(|r| r.experiment.as_str()).collect();
+        if !without.is_empty() {
+            notes.push(format!(
+                "The {what} ({column}) is absent from {}: the answer is of one force balance of the whole axis, \
+                 below {:.0} % of its resonance, and cannot tell the motor's side from the stage's.",
+                without.join(", "),
+                100.0 * signals::RIGID_SHARE
+            ));
+        }
+    }
+    notes
 }
 
 fn scales(axis: &AxisModel, recordings: &[Recording], series: &[Series]) -> Scales {
@@ -104,15 +117,16 @@ fn scales(axis: &AxisModel, recordings: &[Recording], series: &[Series]) -> Scal
         .flat_map(|s| &s.position_m)
         .fold([f64::INFINITY, f64::NEG_INFINITY], |e, x| [e[0].min(*x), e[1].max(*x)]);
     let stated = axis.drive.raw().friction_smoothing_m_s;
+    let read = recordings.first().map(|r| Encoder::of(axis, r));
     Scales {
         smoothing_m_s: stated.unwrap_or(2.0e-3 * fastest).max(1.0e-12),
         fastest_m_s: fastest,
         stroke_m: (high - low).max(1.0e-12),
         lowest_m: low,
-        resolution_m: axis.drive.motor_encoder_resolution_m(),
+        resolution_m: read.map_or(0.0, |e| e.resolution_m),
         mass_kg: axis.drive.total_mass_kg(),
         loop_s: axis.drive.current_loop_s(),
-        signal_m: axis.drive.motor_encoder_signal_m(),
+        signal_m: read.and_then(|e| e.signal_m),
         lead_m: axis.drive.screw_lead_m(),
         period_s: recordings.first().map_or(0.0, |r| r.sample_rate.period_s()),
         current: series.iter().all(|s| s.thrust_n_a.is_some()),
@@ -144,14 +158,22 @@ fn base_terms(axis: &AxisModel, series: &[Series], locked: bool) -> Vec<Term> {
     terms
 }
 
-/// A physics table of the model as a term; its amplitude is re-estimated like any number.
-fn given(term: &PhysicsTerm, axis: &AxisModel) -> Option<Term> {
+/// True where a law of the model is heeded here.
+pub(super) fn knows(term: &PhysicsTerm, axis: &AxisModel) -> bool {
+    // Friction and gap of a slider are parts of one law.
+    let part = matches!(term.effect, EffectKind::CoulombFriction | EffectKind::Backlash);
+    given(term, axis).is_some()
+        || part && axis.physics.iter().any(|t| t.effect == EffectKind::PreslidingFriction)
+}
+
+/// A physics table of the model as a law; its amplitude is re-estimated like any number.
+fn given(term: &PhysicsTerm, axis: &AxisModel) -> Option<Law> {
     let (all, lead_m) = (&axis.physics, axis.drive.screw_lead_m());
     let friction = |key: &str| {
         let one = |e: EffectKind| all.iter().find(|t| t.effect == e);
         one(EffectKind::PreslidingFriction).and_then(|t| t.number(key))
     };
-    let law = match term.effect {
+    Some(match term.effect {
         EffectKind::ViscousFriction => Law::Viscous,
         // Beside presliding it is the force of that slider.
         EffectKind::CoulombFriction if friction("force_n").is_some() => return None,
@@ -201,6 +223,5 @@ fn given(term: &PhysicsTerm, axis: &AxisModel) -> Option<Term> {
         }
         EffectKind::TorqueConstantSaturation => Law::Saturation,
         _ => return None,
-    };
-    Some(Term { law, origin: Origin::Given })
+    })
 }

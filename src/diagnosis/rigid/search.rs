@@ -15,6 +15,9 @@ const MOST_FINDINGS: usize = 7;
 const CHANCE: f64 = 1.0e-3;
 /// Share by which the held-out residual must fall.
 const LEAST_SHARE: f64 = 0.01;
+/// The same where an axis of two sides is seen from one: the other side's own motion stands in the residual,
+/// and what imitates a part of it is no finding.
+const LEAST_SHARE_LUMPED: f64 = 0.1;
 
 /// Columns of the terms in the model, with their products.
 struct Beside {
@@ -34,8 +37,8 @@ pub(super) struct Term {
 pub(super) enum Origin {
     /// A number of the drive.
     Number(&'static str),
-    /// A physics table of the model.
-    Given,
+    /// A physics table of the model, by its place.
+    Given(usize),
     /// Something that every balance has and nobody asks about.
     Nuisance,
     /// Found here.
@@ -233,7 +236,9 @@ impl Search {
         if first {
             self.tried = ranking.iter().map(|((e, p), v)| (*e, *p, v.max(0.0))).collect();
         }
-        if evidence(fit) < self.least_evidence || fit.heldout_rms > (1.0 - LEAST_SHARE) * before.heldout_rms {
+        if evidence(fit) < self.least_evidence
+            || fit.heldout_rms > (1.0 - self.least_share()) * before.heldout_rms
+        {
             return self.pair(&before);
         }
         let law = self.refined(*best);
@@ -251,6 +256,10 @@ impl Search {
         self.keep_history(&mut terms);
         self.terms = terms;
         true
+    }
+
+    fn least_share(&self) -> f64 {
+        if self.stiffness_n_m > 0.0 && !self.locked { LEAST_SHARE_LUMPED } else { LEAST_SHARE }
     }
 
     /// Cuts whose lines stand in a residual.
@@ -311,7 +320,7 @@ impl Search {
         let Some(([a, b], fit)) = scored.first() else { return false };
         let evidence = |f: &Fit| 2.0 * self.independent * (before.heldout_rms / f.heldout_rms).ln();
         let least = 2.0 * (plain.len() as f64 * plain.len() as f64 / CHANCE).ln();
-        if evidence(fit) < least || fit.heldout_rms > (1.0 - LEAST_SHARE) * before.heldout_rms {
+        if evidence(fit) < least || fit.heldout_rms > (1.0 - self.least_share()) * before.heldout_rms {
             return false;
         }
         let top = evidence(fit);

@@ -4,6 +4,7 @@ use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::encoder_noise::rounding_m;
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::diagnosis::motion::thrust_delay_s;
+use crate::plant::drive::Structure;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
@@ -28,6 +29,8 @@ pub(super) struct Series {
     pub(super) recording: usize,
     pub(super) rate_hz: f64,
     pub(super) band_hz: f64,
+    /// Time of the recording's first sample.
+    pub(super) start_s: f64,
     pub(super) t_s: Vec<f64>,
     pub(super) position_m: Vec<f64>,
     pub(super) velocity_m_s: Vec<f64>,
@@ -68,17 +71,45 @@ fn thrust_per_ampere(axis: &AxisModel, recording: &Recording) -> Option<f64> {
     if direct { None } else { axis.drive.thrust_constant_n_a() }
 }
 
+/// The encoder that the position is read from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Encoder {
+    pub(super) delay_s: f64,
+    pub(super) resolution_m: f64,
+    /// Period of its signals, as travel.
+    pub(super) signal_m: Option<f64>,
+}
+
+impl Encoder {
+    /// The motor's where it is recorded, else the scale.
+    pub(super) fn of(axis: &AxisModel, recording: &Recording) -> Self {
+        let d = &axis.drive;
+        if motor_position(axis, recording).is_some() || d.structure() == Structure::Rigid {
+            let (delay_s, resolution_m) = (d.motor_encoder_delay_s(), d.motor_encoder_resolution_m());
+            Self { delay_s, resolution_m, signal_m: d.motor_encoder_signal_m() }
+        } else {
+            let (delay_s, resolution_m) = (d.stage_encoder_delay_s(), d.stage_encoder_resolution_m());
+            Self { delay_s, resolution_m, signal_m: d.raw().stage_encoder_signal_period_m }
+        }
+    }
+}
+
+/// Position in m from the motor encoder.
+pub(in crate::diagnosis) fn motor_position(axis: &AxisModel, recording: &Recording) -> Option<Vec<f64>> {
+    let name = |suffix: &str| format!("{}_{suffix}", axis.name);
+    let travel = axis.drive.travel_m_rad();
+    let angle = recording.get(&name("motor_angle_rad")).map(|a| a.iter().map(|v| v * travel).collect());
+    angle.or_else(|| recording.get(&name("motor_position_m")).map(<[f64]>::to_vec))
+}
+
 /// Position in m from the motor encoder, else from the scale.
 pub(in crate::diagnosis) fn position(
     axis: &AxisModel,
     recording: &Recording,
 ) -> Result<Vec<f64>, DiagnoseError> {
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
-    let travel = axis.drive.travel_m_rad();
-    let angle = recording.get(&name("motor_angle_rad")).map(|a| a.iter().map(|v| v * travel).collect());
-    let plain =
-        || recording.get(&name("motor_position_m")).or_else(|| recording.get(&name("stage_position_m")));
-    angle.or_else(|| plain().map(<[f64]>::to_vec)).ok_or_else(|| {
+    let stage = || recording.get(&name("stage_position_m")).map(<[f64]>::to_vec);
+    motor_position(axis, recording).or_else(stage).ok_or_else(|| {
         let expected = name("motor_angle_rad, _motor_position_m or _stage_position_m");
         DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected }
     })
@@ -86,11 +117,10 @@ pub(in crate::diagnosis) fn position(
 
 /// Band in which the inertial force is known better than [`NOISE_SHARE`] of the thrust.
 ///
-/// `read_m`: the step whose rounding would make the noise that the position shows. Steps of q are white with
+/// `q`: the encoder's step, or the one whose rounding would make the noise that the position shows. Steps of q are white with
 /// density q^2/12 / (rate/2); the second derivative up to f has the variance q^2/(6 rate) (2 pi)^4 f^5/5.
 /// Checked by: tests::a_coarse_encoder_narrows_the_band.
-fn band_hz(axis: &AxisModel, (thrust_rms_n, read_m): (f64, f64), rate_hz: f64) -> f64 {
-    let (q, mass) = (axis.drive.motor_encoder_resolution_m().max(read_m), axis.drive.total_mass_kg());
+fn band_hz(mass: f64, (thrust_rms_n, q): (f64, f64), rate_hz: f64) -> f64 {
     let widest = BAND_SHARE * rate_hz;
     if q <= 0.0 || mass <= 0.0 || thrust_rms_n <= 0.0 {
         return widest;
@@ -113,7 +143,9 @@ pub(super) fn series(
 ) -> Result<Series, DiagnoseError> {
     let (force, x) = (thrust(axis, recording)?, position(axis, recording)?);
     let rate_hz = recording.sample_rate.hz();
-    let mut band_hz = band_hz(axis, (rms(&force), rounding_m(&x, rate_hz)), rate_hz);
+    let encoder = Encoder::of(axis, recording);
+    let step_m = encoder.resolution_m.max(rounding_m(&x, rate_hz));
+    let mut band_hz = band_hz(axis.drive.total_mass_kg(), (rms(&force), step_m), rate_hz);
     if !is_locked(axis, recording) {
         band_hz = band_hz.min(RIGID_SHARE * axial_resonance_hz(axis));
     }
@@ -121,7 +153,7 @@ pub(super) fn series(
     let (delay_s, loop_rad_s) =
         (thrust_delay_s(&axis.drive, rate_hz), axis.drive.current_loop_bandwidth_rad_s());
     let reference = Kernel::of_held_reference(band_hz, rate_hz, -delay_s, loop_rad_s);
-    let advance_s = axis.drive.motor_encoder_delay_s();
+    let advance_s = encoder.delay_s;
     let kernel = |derivative| Kernel::low_pass(band_hz, rate_hz, Action { derivative, advance_s });
     let kernels = [reference, kernel(0), kernel(1), kernel(2)];
     let edge = kernels.iter().map(Kernel::half).max().unwrap_or(0);
@@ -142,6 +174,7 @@ pub(super) fn series(
         recording: place,
         rate_hz: rate_hz / step as f64,
         band_hz,
+        start_s: recording.start_s,
         t_s: (0..grid.count).map(|k| recording.time_s(edge + k * step)).collect(),
         thrust_n: kernels[0].apply(&force, grid),
         thrust_n_a: thrust_per_ampere(axis, recording),
@@ -169,25 +202,11 @@ pub(in crate::diagnosis) fn is_locked(axis: &AxisModel, recording: &Recording) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plant::drive::{DriveParams, RawDriveParams};
 
     #[test]
     fn a_coarse_encoder_narrows_the_band() {
-        let axis = |q: f64| {
-            let raw = RawDriveParams {
-                movable_mass_kg: Some(100.0),
-                motor_encoder_resolution_m: Some(q),
-                ..Default::default()
-            };
-            AxisModel {
-                name: "x".into(),
-                drive: DriveParams::new(raw).unwrap(),
-                controller: None,
-                physics: Vec::new(),
-            }
-        };
-        assert!((band_hz(&axis(1.0e-9), (50.0, 0.0), 1000.0) - 100.0).abs() < 1.0e-9);
-        let band = band_hz(&axis(1.0e-5), (50.0, 0.0), 1000.0);
+        assert!((band_hz(100.0, (50.0, 1.0e-9), 1000.0) - 100.0).abs() < 1.0e-9);
+        let band = band_hz(100.0, (50.0, 1.0e-5), 1000.0);
         // The variance that the formula promises, summed over the lines of a spectrum instead of integrated.
         let (density, step) = (1.0e-10 / 12.0 / 500.0, 0.01);
         let lines = (band / step) as usize;
