@@ -171,12 +171,16 @@ fn hero(out: &mut String, d: &Diagnosis, p: Picked) {
         Some(f) => (f.fit.heldout_rms_before_n, f.fit.heldout_rms_after_n, f.fit.noise_floor_n),
         None => (rms(b), rms(a), floor),
     };
-    let held = if d.findings.is_empty() { "in this recording" } else { "in all recordings" };
+    let held = match (d.verdict, d.findings.is_empty()) {
+        (Verdict::UnexplainedMismatch, _) => "in this recording",
+        (_, true) => "in this recording, on parts nothing was fitted to",
+        (_, false) => "in all recordings, on parts nothing was fitted to",
+    };
     let _ = write!(
         out,
         "<div class=\"card numbers\"><div class=\"before\"><div class=\"big\">{}</div>unexplained before</div>\
          <div class=\"after\"><div class=\"big\">{}</div>{word_left}</div><div class=\"floor\"><div class=\"big\">{}</div>\
-         noise floor</div><div class=\"soft small\">Root mean square of the force balance, {} to {} Hz, {held}, on parts nothing was fitted to.</div></div></div>",
+         noise floor</div><div class=\"soft small\">Root mean square of the force balance, {} to {} Hz, {held}.</div></div></div>",
         engineering(left, "N", 3),
         engineering(right, "N", 3),
         engineering(floor, "N", 3),

@@ -86,8 +86,13 @@ fn a_stated_law_of_another_size_is_a_wrong_number() {
     let wave = &found.findings[0].term;
     let size = wave.number("amplitude_n").unwrap();
     let mut wrong = found.model.clone();
-    wrong.axes[0].physics[0] = wave.clone().with_number("amplitude_n", 3.0 * size);
-    wrong.axes[0].physics[0].parameters.retain(|(name, _)| name != "harmonics_n");
+    for (name, value) in &mut wrong.axes[0].physics[0].parameters {
+        match value {
+            ParameterValue::Number(x) if name == "amplitude_n" => *x *= 3.0,
+            ParameterValue::List(x) if name == "harmonics_n" => x.iter_mut().for_each(|a| *a *= 3.0),
+            _ => {}
+        }
+    }
     let d = ask(&wrong, &moves);
     assert_eq!((d.verdict, d.findings.len()), (Verdict::ParameterError, 0));
     let c = d.parameter_corrections.iter().find(|c| c.name == "position_periodic_force.amplitude_n").unwrap();
