@@ -1,8 +1,9 @@
 //! From the search to the answer.
 
-use super::bench::{Accepted, Bench, HypothesisFit, Score, rms};
+use super::bench::{Accepted, Bench, Score, rms};
 use super::corrections::{self, OtherSize, corrections, known_numbers, material};
 use super::floor::{SideSpectrum, spectrum};
+use super::hypothesis_fit::HypothesisFit;
 use super::in_loop::{Rig, in_loop};
 use super::loop_fit;
 use super::motion::band_hz;

@@ -1,5 +1,6 @@
 //! The bench on which hypotheses are tried: whitened balance, folds, and what is known already.
 
+use super::hypothesis_fit::HypothesisFit;
 use super::problem::{Column, Number, Problem, Sides};
 use super::regression::{self, Beside, Folds, Gram, Solution};
 use super::shape::{Hypothesis, Shape};
@@ -222,14 +223,27 @@ impl<'a> Bench<'a> {
     }
 
     /// Residual in which each block is left by a fit to the other blocks; without one accepted hypothesis, if
-    /// asked.
+    /// asked. Constants of laws are fitted with it unless the other blocks cannot tell them: then they stay.
     pub(crate) fn heldout_residual(&self, without: Option<usize>) -> Column {
+        /// Over what the fit to everything leaves: constants that nobody knows.
+        const UNKNOWN: f64 = 2.0;
+        let moving = self.heldout(without, false);
+        if without.is_some() || rms(&moving) < UNKNOWN * rms(&self.residual()) {
+            return moving;
+        }
+        self.heldout(without, true)
+    }
+
+    fn heldout(&self, without: Option<usize>, still: bool) -> Column {
         let gone = without.map_or(0..0, |k| self.range(k));
         let fixed_gone = without.map(|k| &self.accepted[k]).filter(|a| a.hypothesis.shape.unit());
         let gram = fixed_gone.map_or_else(|| self.gram.clone(), |a| self.without_fixed(a));
         let held = self.solution.coefficients[self.timing_index()] == 0.0;
+        let constants: Vec<std::ops::Range<usize>> =
+            if still { self.constants().collect() } else { Vec::new() };
         let used: Vec<usize> = (0..gram.columns())
             .filter(|k| !(gone.contains(k) || held && *k == self.timing_index()))
+            .filter(|k| !constants.iter().any(|r| r.contains(k)))
             .collect();
         let mut out: Option<Column> = None;
         for fold in 0..regression::FOLDS {
@@ -269,14 +283,17 @@ impl<'a> Bench<'a> {
         )
     }
 
+    /// Columns of the constants of each accepted hypothesis.
+    fn constants(&self) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
+        (0..self.accepted.len()).map(|index| {
+            let range = self.range(index);
+            range.end - self.accepted[index].tangents.len()..range.end
+        })
+    }
+
     /// Coefficients of the base with the constants of what is accepted held as they are.
     pub(crate) fn at_rest(&self) -> Vec<f64> {
-        let steps: Vec<std::ops::Range<usize>> = (0..self.accepted.len())
-            .map(|index| {
-                let range = self.range(index);
-                range.end - self.accepted[index].tangents.len()..range.end
-            })
-            .collect();
+        let steps: Vec<std::ops::Range<usize>> = self.constants().collect();
         let timing = self.timing_is_free();
         let used = |k: usize| (timing || k != self.timing_index()) && !steps.iter().any(|r| r.contains(&k));
         self.solve_for(&self.gram, used).coefficients
@@ -435,42 +452,6 @@ struct Tried {
     weighed: Vec<Vec<f64>>,
     /// The regression with them.
     gram: Gram,
-}
-
-/// Fit of one hypothesis.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct HypothesisFit {
-    pub(crate) amplitudes: Vec<f64>,
-    pub(crate) amplitude_deviations: Vec<f64>,
-    /// Steps of the logarithms of the constants.
-    pub(crate) steps: Vec<f64>,
-    pub(crate) step_deviations: Vec<f64>,
-}
-
-impl HypothesisFit {
-    /// True where no constant steps further than its law is taken to be linear.
-    pub(crate) fn is_whole(&self, shape: &Shape) -> bool {
-        self.steps.iter().all(|s| s.abs() <= shape.trust())
-    }
-
-    /// Amplitudes and constants that are as they are.
-    pub(crate) fn exact(h: &Hypothesis, amplitudes: Vec<f64>) -> Self {
-        let still = vec![0.0; h.shape.constants().len()];
-        let amplitude_deviations = vec![0.0; amplitudes.len()];
-        Self { amplitudes, amplitude_deviations, steps: still.clone(), step_deviations: still }
-    }
-
-    fn of(shape: &Shape, columns: usize, (solution, first): (&Solution, usize)) -> Self {
-        let free = if shape.unit() { 0 } else { columns };
-        let constants = shape.constants().len();
-        let (b, d) = (&solution.coefficients, &solution.deviations);
-        Self {
-            amplitudes: if shape.unit() { vec![1.0] } else { b[first..first + free].to_vec() },
-            amplitude_deviations: if shape.unit() { vec![0.0] } else { d[first..first + free].to_vec() },
-            steps: b[first + free..first + free + constants].to_vec(),
-            step_deviations: d[first + free..first + free + constants].to_vec(),
-        }
-    }
 }
 
 /// What a delay or lag must exceed to be more than how samples are taken, s.

@@ -1,8 +1,9 @@
 //! What the loop found, as an answer.
 
 use super::assemble::{Answer, Case};
-use super::bench::{Accepted, HypothesisFit};
+use super::bench::Accepted;
 use super::corrections;
+use super::hypothesis_fit::HypothesisFit;
 use super::in_loop::{Rig, in_loop};
 use super::loop_search::{self, Told};
 use super::result::Finding;

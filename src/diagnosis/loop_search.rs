@@ -8,7 +8,8 @@
 //! the loop contradicts the balance.
 
 use super::bank;
-use super::bench::{Bench, HypothesisFit, Score, plausible, rms};
+use super::bench::{Bench, Score, plausible, rms};
+use super::hypothesis_fit::HypothesisFit;
 use super::in_loop::Rig;
 use super::loop_fit::{self, Bed, How, Knob, LoopFit, Noise};
 use super::problem::Column;

@@ -11,6 +11,7 @@ mod corrections;
 mod encoder_noise;
 mod first_look;
 mod floor;
+mod hypothesis_fit;
 mod in_loop;
 mod kernel;
 mod location;

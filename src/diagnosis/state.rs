@@ -1,7 +1,8 @@
 //! The model as the search has it at a moment: numbers, timing, what is accepted, and what they leave.
 
-use super::bench::{Accepted, Bench, HypothesisFit, Score, is_delay, residual_of, rms};
+use super::bench::{Accepted, Bench, Score, is_delay, residual_of, rms};
 use super::floor::noise_n2;
+use super::hypothesis_fit::HypothesisFit;
 use super::problem::{Column, Mechanics, Problem};
 use super::shape::{Hypothesis, Shape};
 use crate::plant::effects::{EffectKind, Port};

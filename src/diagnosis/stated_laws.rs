@@ -4,8 +4,9 @@
 //! elsewhere is a wrong number of the model, as a mass would be.
 
 use super::assemble::Case;
-use super::bench::{Accepted, HypothesisFit, add, rms};
+use super::bench::{Accepted, add, rms};
 use super::corrections::OtherSize;
+use super::hypothesis_fit::HypothesisFit;
 use super::problem::Column;
 use super::result::{Correction, Estimate};
 use super::terms;

@@ -1,6 +1,6 @@
 //! Between hypotheses and what leaves the diagnosis: named parameters, terms of a model, sentences.
 
-use super::bench::HypothesisFit;
+use super::hypothesis_fit::HypothesisFit;
 use super::problem::Problem;
 use super::result::Estimate;
 use super::shape::{Hypothesis, Shape};
