@@ -130,12 +130,8 @@ async fn text_file(site: &Site, id: &str, form: TextForm) -> Result<Response, Pr
     };
     site.handle.recording_file(id).await?;
     let seat = take_seat(site)?;
-    let pieces = site.handle.recording_text(id, form).await?;
+    let pieces = site.handle.recording_text(id, form, seat).await?;
     let stream = tokio_stream::wrappers::ReceiverStream::new(pieces);
-    let stream = tokio_stream::StreamExt::map(stream, move |piece| {
-        let _seat = &seat; // given back when the stream ends
-        piece
-    });
     let name = format!("attachment; filename=\"{id}.{ending}\"");
     let headers = [(header::CONTENT_TYPE, kind.to_owned()), (header::CONTENT_DISPOSITION, name)];
     Ok((headers, axum::body::Body::from_stream(stream)).into_response())
@@ -178,8 +174,8 @@ pub(super) async fn replay(
     Named(id): Named<String>,
 ) -> Result<Json<ReplayView>, Problem> {
     site.handle.recording_file(&id).await?;
-    let _seat = take_seat(&site)?;
-    Ok(Json(site.handle.replay(&id).await?))
+    let seat = take_seat(&site)?;
+    Ok(Json(site.handle.replay(&id, seat).await?))
 }
 
 fn futures_of(

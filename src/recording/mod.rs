@@ -10,6 +10,7 @@ mod mat_file;
 mod parquet_file;
 mod parquet_guard;
 mod quiet;
+mod streamed;
 
 use crate::config::in_one_line;
 use crate::sample::{Column, Recording};
@@ -20,6 +21,7 @@ use thiserror::Error;
 pub use evidence::{Evidence, EvidenceError};
 pub use foreign::import;
 pub use parquet_file::{Table, TableColumn, write_table};
+pub use streamed::StreamedRecording;
 
 /// Why a recording cannot be read or written. One line: file, column, first bad row.
 #[derive(Debug, Error)]
@@ -85,23 +87,8 @@ pub fn read_columns(path: &Path) -> Result<Vec<(String, Vec<f64>)>, RecordingErr
 
 fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, RecordingError> {
     let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
-    let meta = |key: &str| raw.metadata.iter().find(|(k, _)| k == key).map(|(_, v)| v.clone());
-    if let Some(format) = meta("format")
-        && format != FORMAT
-    {
-        let found = format.escape_debug();
-        return Err(format_error(format!("metadata format is `{found}`, expected `{FORMAT}`")));
-    }
-    let stated = match meta("sample_rate_hz") {
-        Some(text) => {
-            let parsed = text.trim().parse::<f64>().ok().and_then(|hz| SampleRate::new(hz).ok());
-            Some(parsed.ok_or_else(|| {
-                let found = text.escape_debug();
-                format_error(format!("metadata sample_rate_hz is `{found}`, expected a number above zero"))
-            })?)
-        }
-        None => None,
-    };
+    let meta = |key: &str| meta_of(&raw.metadata, key);
+    let stated = stated_rate(path, &raw.metadata)?;
     if let Some((name, _)) = raw.columns.iter().find(|(n, _)| n.contains(char::is_control)) {
         return Err(format_error(format!("column name `{}` holds control characters", name.escape_debug())));
     }
@@ -138,6 +125,28 @@ fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, Recording
         columns,
         metadata: raw.metadata.into_iter().filter(|(k, _)| !OWN_KEYS.contains(&k.as_str())).collect(),
     })
+}
+
+fn meta_of(metadata: &[(String, String)], key: &str) -> Option<String> {
+    metadata.iter().find(|(k, _)| k == key).map(|(_, v)| v.clone())
+}
+
+/// The sampling rate that the metadata state. Errors: another format, or a rate that is none.
+fn stated_rate(path: &Path, metadata: &[(String, String)]) -> Result<Option<SampleRate>, RecordingError> {
+    let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
+    if let Some(format) = meta_of(metadata, "format")
+        && format != FORMAT
+    {
+        let found = format.escape_debug();
+        return Err(format_error(format!("metadata format is `{found}`, expected `{FORMAT}`")));
+    }
+    let Some(text) = meta_of(metadata, "sample_rate_hz") else { return Ok(None) };
+    let parsed = text.trim().parse::<f64>().ok().and_then(|hz| SampleRate::new(hz).ok());
+    let wrong = || {
+        let found = text.escape_debug();
+        format_error(format!("metadata sample_rate_hz is `{found}`, expected a number above zero"))
+    };
+    parsed.map(Some).ok_or_else(wrong)
 }
 
 /// Times must grow, and evenly: the largest deviation from a uniform grid is half a sample.

@@ -50,8 +50,8 @@ fn read_unguarded(path: &Path) -> Result<RawTable, RecordingError> {
         for group in 0..reader.num_row_groups() {
             let group_reader = reader.get_row_group(group).map_err(|e| format_error(one_line(&e)))?;
             let rows = usize::try_from(group_reader.metadata().num_rows()).unwrap_or(0);
-            let chunk = group_reader.get_column_reader(index).map_err(|e| format_error(one_line(&e)))?;
-            read_chunk(chunk, rows, column.max_def_level(), &mut values)
+            let mut chunk = group_reader.get_column_reader(index).map_err(|e| format_error(one_line(&e)))?;
+            read_chunk(&mut chunk, rows, column.max_def_level(), &mut values)
                 .map_err(|e| format_error(format!("column {name}: {}", one_line(&e))))?;
         }
         columns.push((name, values));
@@ -64,21 +64,21 @@ fn read_unguarded(path: &Path) -> Result<RawTable, RecordingError> {
 }
 
 /// What the library says, without saying again that it is no Parquet.
-fn one_line(error: &ParquetError) -> String {
+pub(super) fn one_line(error: &ParquetError) -> String {
     let text = error.to_string().replace("Parquet error: ", "").replace("Invalid Parquet file. ", "");
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Appends `rows` values; a null becomes NaN, which the caller refuses with its row.
-fn read_chunk(
-    reader: ColumnReader,
+/// Appends the next `rows` values; a null becomes NaN, which the caller refuses with its row.
+pub(super) fn read_chunk(
+    reader: &mut ColumnReader,
     rows: usize,
     nullable: i16,
     out: &mut Vec<f64>,
 ) -> Result<(), ParquetError> {
     macro_rules! typed {
         ($reader:expr, $convert:expr) => {{
-            let mut reader = $reader;
+            let reader = $reader;
             let (mut values, mut levels) = (Vec::new(), Vec::new());
             let mut left = rows;
             while left > 0 {

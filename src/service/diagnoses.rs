@@ -344,6 +344,7 @@ pub(super) fn run_task(
     let errors = out.join("stderr.txt");
     let log = std::fs::File::create(&errors).map_err(|e| format!("{}: {e}", errors.display()))?;
     let mut child = command.stderr(log).spawn().map_err(|e| format!("cannot start the diagnosis: {e}"))?;
+    super::priority::first_to_go(&child);
     let began = clock::now();
     let mut told = None;
     let status = loop {

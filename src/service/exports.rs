@@ -2,14 +2,14 @@
 //! own, never for the one that answers.
 
 use super::handle::{Handle, OperationError};
-use crate::recording::{Table, TableColumn, read_columns, read_recording, write_table};
+use crate::recording::{RecordingError, StreamedRecording, Table, TableColumn, read_columns, write_table};
 use crate::telemetry::Event;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use tokio::sync::mpsc;
+use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
 use utoipa::ToSchema;
 
 /// Rows of a text export that travel at once.
@@ -92,39 +92,60 @@ impl Handle {
         .await
     }
 
-    /// A recording as text, piece by piece. Errors: there is none of that name, or it cannot be read.
+    /// A recording as text, piece by piece. `seat` is given back when the work ends, whether or not somebody
+    /// still listens. Errors: there is none of that name, or it cannot be read.
     pub async fn recording_text(
         &self,
         id: &str,
         form: TextForm,
+        seat: OwnedSemaphorePermit,
     ) -> Result<mpsc::Receiver<std::io::Result<Vec<u8>>>, OperationError> {
         let path = self.recording_file(id).await?;
-        let recording = blocking(move || read_recording(&path).map_err(|e| e.to_string())).await?;
         let (send, receive) = mpsc::channel(PIECES);
+        let (opened, told) = oneshot::channel();
         let runtime = tokio::runtime::Handle::current();
         tokio::task::spawn_blocking(move || {
-            let put = |text: String| {
-                let sent = async { tokio::time::timeout(PATIENCE, send.send(Ok(text.into_bytes()))).await };
+            let _seat = seat;
+            let recording = match StreamedRecording::open(&path) {
+                Ok(recording) => recording,
+                Err(error) => return drop(opened.send(Err(error.to_string()))),
+            };
+            if opened.send(Ok(())).is_err() {
+                return; // the asker is gone
+            }
+            let put = |piece: std::io::Result<Vec<u8>>| {
+                let sent = async { tokio::time::timeout(PATIENCE, send.send(piece)).await };
                 matches!(runtime.block_on(sent), Ok(Ok(())))
             };
-            match form {
-                TextForm::Csv => csv_pieces(&recording, put),
-                TextForm::Json => json_pieces(&recording, put),
+            let text = |text: String| put(Ok(text.into_bytes()));
+            let outcome = match form {
+                TextForm::Csv => csv_pieces(&recording, text),
+                TextForm::Json => json_pieces(&recording, text),
+            };
+            if let Err(error) = outcome {
+                tracing::warn!(event = "export_broke_off", "{error}");
+                put(Err(std::io::Error::other(error.to_string())));
             }
         });
-        Ok(receive)
+        let told = told.await.unwrap_or_else(|e| Err(e.to_string()));
+        told.map(|()| receive).map_err(OperationError::Unsuitable)
     }
 
     /// A recording through the pipeline again, in a process of its own at low priority, with the
-    /// configuration in force. Errors: there is none of that name; one line why it cannot be played.
-    pub async fn replay(&self, id: &str) -> Result<ReplayView, OperationError> {
+    /// configuration in force. The process ends with the asker and with the service; `seat` is given back
+    /// after it. Errors: there is none of that name; one line why it cannot be played.
+    pub async fn replay(&self, id: &str, seat: OwnedSemaphorePermit) -> Result<ReplayView, OperationError> {
         let (recording, id) = (self.recording_file(id).await?, id.to_owned());
         let settings = &self.0.settings;
         let (below, config) = (settings.history.folder.clone(), settings.file.clone());
         let program = self.diagnoses().program().to_owned();
+        let ended = self.stopping().child_token();
+        let _asker = ended.clone().drop_guard();
         blocking(move || {
+            let _seat = seat;
             let scratch = Scratch::new(&below).map_err(|e| format!("{}: {e}", below.display()))?;
-            run_replay((&program, config.as_deref()), &recording, &scratch.0)?;
+            let go_on = || !ended.is_cancelled();
+            run_replay((&program, config.as_deref()), &recording, &scratch.0, go_on)?;
             read_replay(id, &scratch.0)
         })
         .await
@@ -165,52 +186,71 @@ fn write_events(path: &Path, events: &[Event]) -> Result<(), String> {
 }
 
 /// The recording as CSV, which every command reads as it reads Parquet.
-fn csv_pieces(recording: &crate::sample::Recording, mut put: impl FnMut(String) -> bool) {
-    let names: Vec<&str> = recording.columns.iter().map(|c| c.name.as_str()).collect();
+fn csv_pieces(
+    recording: &StreamedRecording,
+    mut put: impl FnMut(String) -> bool,
+) -> Result<(), RecordingError> {
+    let head = recording.head();
+    let names: Vec<&str> = head.columns.iter().map(|c| c.name.as_str()).collect();
     let mut text = format!("t_s,{}\n", names.join(","));
-    let rate_hz = recording.sample_rate.hz();
-    for row in 0..recording.len() {
-        let _ = write!(text, "{}", recording.start_s + row as f64 / rate_hz);
-        for column in &recording.columns {
-            let _ = write!(text, ",{}", column.values[row]);
+    let rate_hz = head.sample_rate.hz();
+    recording.rows(ROWS, &mut |first, columns| {
+        for row in 0..columns.first().map_or(0, Vec::len) {
+            let _ = write!(text, "{}", head.start_s + (first + row) as f64 / rate_hz);
+            for values in columns {
+                let _ = write!(text, ",{}", values[row]);
+            }
+            text.push('\n');
         }
-        text.push('\n');
-        if row % ROWS == ROWS - 1 && !put(std::mem::take(&mut text)) {
-            return;
-        }
-    }
-    put(text);
+        put(std::mem::take(&mut text))
+    })
 }
 
-fn json_pieces(recording: &crate::sample::Recording, mut put: impl FnMut(String) -> bool) {
+fn json_pieces(
+    recording: &StreamedRecording,
+    mut put: impl FnMut(String) -> bool,
+) -> Result<(), RecordingError> {
     // What makes a replay repeatable is for replays; a reader of JSON wants signals.
-    let plain = recording.metadata.iter().filter(|(_, value)| value.len() < 1000);
+    let told = recording.head();
+    let plain = told.metadata.iter().filter(|(_, value)| value.len() < 1000);
     let metadata: serde_json::Map<String, serde_json::Value> =
         plain.map(|(k, v)| (k.clone(), v.as_str().into())).collect();
     let head = serde_json::json!({
-        "sample_rate_hz": recording.sample_rate.hz(), "start_s": recording.start_s,
-        "experiment": recording.experiment, "axes": recording.axes, "metadata": metadata,
+        "sample_rate_hz": told.sample_rate.hz(), "start_s": told.start_s,
+        "experiment": told.experiment, "axes": told.axes, "metadata": metadata,
     });
     let mut text = head.to_string();
     text.pop();
     text.push_str(",\"columns\":{");
-    for (index, column) in recording.columns.iter().enumerate() {
+    for (index, column) in told.columns.iter().enumerate() {
         let comma = if index == 0 { "" } else { "," };
         let _ = write!(text, "{comma}{}:[", serde_json::Value::from(column.name.as_str()));
-        for (row, value) in column.values.iter().enumerate() {
-            let comma = if row == 0 { "" } else { "," };
-            let _ = write!(text, "{comma}{value:?}");
-            if row % (16 * ROWS) == 16 * ROWS - 1 && !put(std::mem::take(&mut text)) {
-                return;
+        let mut wanted = true;
+        recording.column(index, 16 * ROWS, &mut |first, values| {
+            for (row, value) in values.iter().enumerate() {
+                let comma = if first + row == 0 { "" } else { "," };
+                let _ = write!(text, "{comma}{value:?}");
             }
+            wanted = put(std::mem::take(&mut text));
+            wanted
+        })?;
+        if !wanted {
+            return Ok(());
         }
         text.push(']');
     }
     text.push_str("}}\n");
     put(text);
+    Ok(())
 }
 
-fn run_replay((program, config): (&Path, Option<&Path>), recording: &Path, out: &Path) -> Result<(), String> {
+/// Blocks until the replay has ended, or ends it when it is not to go on. Errors: its last line.
+fn run_replay(
+    (program, config): (&Path, Option<&Path>),
+    recording: &Path,
+    out: &Path,
+    go_on: impl Fn() -> bool,
+) -> Result<(), String> {
     let mut command = Command::new("nice");
     command.arg("-n").arg("5").arg(program).arg("replay").arg("--recording").arg(recording);
     command.arg("--out").arg(out).stdin(Stdio::null()).stdout(Stdio::null());
@@ -220,14 +260,17 @@ fn run_replay((program, config): (&Path, Option<&Path>), recording: &Path, out: 
     let errors = out.join("stderr.txt");
     let log = std::fs::File::create(&errors).map_err(|e| format!("{}: {e}", errors.display()))?;
     let mut child = command.stderr(log).spawn().map_err(|e| format!("cannot start the replay: {e}"))?;
+    super::priority::first_to_go(&child);
     let began = super::clock::now();
     let status = loop {
         match child.try_wait().map_err(|e| e.to_string())? {
             Some(status) => break status,
-            None if began.elapsed() > LONGEST_REPLAY => {
+            None if began.elapsed() > LONGEST_REPLAY || !go_on() => {
                 let _ = child.kill();
                 let _ = child.wait();
-                return Err("the replay took longer than a minute and was ended".to_owned());
+                let what =
+                    "the replay was ended: a minute is over, nobody waits for it, or the service stops";
+                return Err(what.to_owned());
             }
             None => super::clock::sleep(Duration::from_millis(20)),
         }
@@ -261,54 +304,89 @@ fn read_replay(id: String, folder: &Path) -> Result<ReplayView, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::{read_recording, write_recording};
     use crate::sample::{Column, Recording};
     use crate::telemetry::EventKind;
     use crate::units::SampleRate;
 
-    fn recording() -> Recording {
-        let values = (0..2000).map(|k| f64::from(k) * 0.125).collect();
-        Recording {
+    /// A recording in a file of that folder.
+    fn stored(folder: &Path) -> (Recording, StreamedRecording) {
+        let values = (0..20_000).map(|k| f64::from(k) * 0.125).collect();
+        let recording = Recording {
             sample_rate: SampleRate::new(1000.0).unwrap(),
             experiment: "e".into(),
             axes: vec!["x".into()],
             columns: vec![Column { name: "x_force_n".into(), values }],
             start_s: 3.0,
             metadata: vec![("analysis_band_hz".into(), "1,2".into()), ("long".into(), "x".repeat(2000))],
-        }
+        };
+        let path = folder.join("stored.parquet");
+        write_recording(&path, &recording).unwrap();
+        (recording, StreamedRecording::open(&path).unwrap())
     }
 
     #[test]
     fn text_forms_give_every_value_back() {
-        let (recording, folder) = (recording(), tempfile::tempdir().unwrap());
-        let mut text = String::new();
-        csv_pieces(&recording, |piece| {
+        let folder = tempfile::tempdir().unwrap();
+        let (recording, streamed) = stored(folder.path());
+        let (mut text, mut longest) = (String::new(), 0);
+        csv_pieces(&streamed, |piece| {
+            longest = longest.max(piece.len());
             text += &piece;
             true
-        });
+        })
+        .unwrap();
+        assert!(longest < 64 * ROWS, "{longest} bytes at once");
         let path = folder.path().join("r.csv");
         std::fs::write(&path, &text).unwrap();
         let back = read_recording(&path).unwrap();
         assert_eq!(back.columns, recording.columns);
         assert!((back.start_s - 3.0).abs() < 1e-12);
         let mut text = String::new();
-        json_pieces(&recording, |piece| {
+        json_pieces(&streamed, |piece| {
             text += &piece;
             true
-        });
+        })
+        .unwrap();
         let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-        assert_eq!(json["columns"]["x_force_n"].as_array().unwrap().len(), 2000);
+        assert_eq!(json["columns"]["x_force_n"].as_array().unwrap().len(), 20_000);
         assert_eq!(json["columns"]["x_force_n"][1999], 249.875);
         assert_eq!(json["metadata"].as_object().unwrap().len(), 1, "what only replays need stays out");
     }
 
     #[test]
     fn a_client_that_is_gone_ends_the_export() {
+        let folder = tempfile::tempdir().unwrap();
+        let (_, streamed) = stored(folder.path());
         let mut pieces = 0;
-        csv_pieces(&recording(), |_| {
+        let mut gone = |_: String| {
             pieces += 1;
             false
-        });
-        assert_eq!(pieces, 1);
+        };
+        csv_pieces(&streamed, &mut gone).unwrap();
+        json_pieces(&streamed, &mut gone).unwrap();
+        assert_eq!(pieces, 2);
+    }
+
+    #[test]
+    fn a_damaged_recording_breaks_off_or_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        stored(folder.path());
+        let whole = std::fs::read(folder.path().join("stored.parquet")).unwrap();
+        let path = folder.path().join("damaged.parquet");
+        for place in (4..whole.len() / 2).step_by(whole.len() / 60) {
+            let mut bytes = whole.clone();
+            bytes[place..place + 3].fill(0xa5);
+            std::fs::write(&path, &bytes).unwrap();
+            // What is read is complete, or an error says that it is not.
+            let Ok(streamed) = StreamedRecording::open(&path) else { continue };
+            let mut lines = 0;
+            let outcome = csv_pieces(&streamed, |piece| {
+                lines += piece.lines().count();
+                true
+            });
+            assert!(outcome.is_err() || lines == 20_001, "byte {place}: {lines} lines");
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Who goes first: everything but the pipeline thread steps back.
 
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 /// By how much, in the system's steps of priority: about a third of the share under contention.
 const STEPS: &str = "5";
@@ -21,6 +21,12 @@ pub(super) fn step_back() {
     let _ = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).status();
 }
 
+/// Where memory runs out a child goes before the service. Allowed to everybody; where it fails all the same,
+/// the child stands like any process.
+pub(super) fn first_to_go(child: &Child) {
+    let _ = std::fs::write(format!("/proc/{}/oom_score_adj", child.id()), "500");
+}
+
 /// Whether this thread goes after the others already.
 fn stepped_back() -> bool {
     let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap_or_default();
@@ -31,7 +37,7 @@ fn stepped_back() -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{step_back, stepped_back};
+    use super::{first_to_go, step_back, stepped_back};
 
     #[test]
     fn a_thread_steps_back_and_its_children_with_it_and_nobody_else() {
@@ -43,5 +49,16 @@ mod tests {
         if std::path::Path::new("/usr/bin/renice").exists() {
             assert_eq!(outcome, (true, true));
         }
+    }
+
+    #[test]
+    fn a_child_goes_first_where_memory_runs_out() {
+        let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        first_to_go(&child);
+        let place = format!("/proc/{}/oom_score_adj", child.id());
+        let score = std::fs::read_to_string(place).unwrap();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert!(score.trim().parse::<i32>().unwrap() >= 500, "{score}");
     }
 }

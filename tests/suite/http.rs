@@ -510,6 +510,69 @@ fn a_recording_is_given_as_parquet_csv_and_json_and_played_again() {
     running.stop();
 }
 
+/// Whoever hangs up leaves no work behind, and no place that looks free while its work goes on.
+#[test]
+fn work_ends_with_the_asker_and_its_seat_with_the_work() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let place = Place::new("hangup");
+    let (pids, program) = (place.folder.path().join("pids"), place.folder.path().join("slow"));
+    let script = format!("#!/bin/sh\necho $$ >> {}\nexec sleep 50\n", pids.display());
+    std::fs::write(&program, script).unwrap();
+    std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let mut config = place.config("");
+    config.program = Some(program);
+    let running = start(config).unwrap();
+    let values = (0..400_000).map(f64::from).collect();
+    let recording = stillcut::sample::Recording {
+        sample_rate: stillcut::units::SampleRate::new(9000.0).unwrap(),
+        experiment: "long".into(),
+        axes: vec!["x1".into()],
+        columns: vec![stillcut::sample::Column { name: "x1_force_n".into(), values }],
+        start_s: 0.0,
+        metadata: vec![],
+    };
+    let path = place.state().join("recordings/long.parquet");
+    stillcut::recording::write_recording(&path, &recording).unwrap();
+    let say = |form: &str| {
+        let mut stream = TcpStream::connect(running.handle().address()).unwrap();
+        let request = format!("GET /api/v1/recordings/long/{form} HTTP/1.1\r\nHost: localhost\r\n\r\n");
+        stream.write_all(request.as_bytes()).unwrap();
+        stream
+    };
+    let begun = || std::fs::read_to_string(&pids).unwrap_or_default().lines().map(str::to_owned).collect();
+    let pids_begun: &dyn Fn() -> Vec<String> = &begun;
+    let mut asked = 0;
+    for _ in 0..2 {
+        let listeners = [say("replay"), say("replay")];
+        asked += 2;
+        until("both replays run", 10, || pids_begun().len() == asked);
+        assert_eq!(get(&running, "/api/v1/recordings/long/replay").code(), "busy");
+        drop(listeners);
+        until("no process is left", 10, || {
+            pids_begun().iter().all(|pid| !std::path::Path::new(&format!("/proc/{pid}")).exists())
+        });
+        until("the seats are free", 10, || {
+            let mut listener = say("file.csv");
+            let mut head = [0; 12];
+            assert!(read_some(&mut listener, &mut head) == 12);
+            head.ends_with(b"200")
+        });
+    }
+    // A reader that takes nothing keeps its seat; one that is gone does not.
+    let mut readers: Vec<TcpStream> = Vec::new();
+    until("two downloads run", 10, || {
+        readers = vec![say("file.json"), say("file.csv")];
+        readers.iter_mut().all(|reader| {
+            let mut head = [0; 12];
+            read_some(reader, &mut head) == 12 && head.ends_with(b"200")
+        })
+    });
+    assert_eq!(get(&running, "/api/v1/recordings/long/file.csv").code(), "busy");
+    drop(readers);
+    until("a download is given", 10, || get(&running, "/api/v1/recordings/long/file.csv").status == 200);
+    running.stop();
+}
+
 #[test]
 fn the_configuration_has_an_etag_and_no_secrets() {
     let place = Place::new("etag");
