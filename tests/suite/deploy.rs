@@ -79,6 +79,15 @@ fn the_unit_is_hardened() {
     assert!(score <= 1.5, "{text}");
 }
 
+/// Status 2 ends the tries, but only that of `ExecStart`; a child that takes too much memory ends alone.
+#[test]
+fn a_wrong_configuration_is_not_tried_again_and_again() {
+    let unit = std::fs::read_to_string(deploy("systemd/stillcut.service")).unwrap();
+    let has = |line: &str| unit.lines().any(|l| l == line);
+    assert!(has("Restart=always") && has("RestartPreventExitStatus=2") && has("OOMPolicy=continue"));
+    assert!(!unit.lines().any(|l| l.starts_with("ExecStartPre=")), "its status would prevent nothing");
+}
+
 /// The diagnosis and all threads but the pipeline's go last by `nice` and `renice`, which the unit must let them do.
 #[test]
 fn the_unit_lets_the_service_step_back() {
