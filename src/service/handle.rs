@@ -44,6 +44,12 @@ pub enum OperationError {
     /// What must be on record first could not be put there in time; nothing was done.
     #[error("the audit record did not confirm within {} s; nothing was done", ANSWER_DEADLINE.as_secs())]
     NotRecorded,
+    /// The disk is late: what was asked for and its row in the audit record are queued together.
+    #[error(
+        "the history did not confirm within {} s; it may be done later, with its row in the audit record",
+        ANSWER_DEADLINE.as_secs()
+    )]
+    NotConfirmed,
     /// The recordings cannot be read.
     #[error(transparent)]
     Recordings(#[from] RecordingsError),
@@ -112,6 +118,25 @@ impl std::fmt::Debug for Handle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Handle").field("address", &self.0.address).finish_non_exhaustive()
     }
+}
+
+/// A row of the audit record, now.
+fn entry(origin: &Origin, action: &str, detail: &str) -> AuditEntry {
+    AuditEntry {
+        wall_ns: clock::wall_ns(),
+        actor: origin.actor.clone(),
+        role: origin.role.clone(),
+        action: action.to_owned(),
+        detail: format!("{detail}; reason: {}", origin.reason),
+    }
+}
+
+/// A write, when the disk confirms it in time.
+async fn confirmed<T>(
+    write: impl Future<Output = Result<T, StoreError>> + Send,
+) -> Result<T, OperationError> {
+    let written = tokio::time::timeout(ANSWER_DEADLINE, write).await;
+    Ok(written.map_err(|_| OperationError::NotConfirmed)??)
 }
 
 const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
@@ -221,19 +246,12 @@ impl Handle {
     }
 
     async fn write_audit(&self, origin: &Origin, action: &str, detail: &str) -> Result<i64, StoreError> {
-        let entry = AuditEntry {
-            wall_ns: clock::wall_ns(),
-            actor: origin.actor.clone(),
-            role: origin.role.clone(),
-            action: action.to_owned(),
-            detail: format!("{detail}; reason: {}", origin.reason),
-        };
-        self.0.writer.audit(entry).await
+        self.0.writer.audit(entry(origin, action, detail)).await
     }
 
     /// Puts on record what became of a request. The row is queued before this first waits; what was done is
     /// done, so the caller is only told whether the row is durable yet.
-    async fn record_outcome(&self, origin: &Origin, action: &str, outcome: &str) -> bool {
+    pub(super) async fn record_outcome(&self, origin: &Origin, action: &str, outcome: &str) -> bool {
         let written = self.write_audit(origin, action, outcome);
         match tokio::time::timeout(RECORD_PATIENCE, written).await {
             Ok(Ok(_)) => true,
@@ -246,15 +264,15 @@ impl Handle {
         }
     }
 
-    /// Acknowledges an event; doing it again changes nothing.
+    /// Acknowledges an event; doing it again changes nothing. Change and row are durable together.
     pub async fn acknowledge(&self, sequence: i64, origin: &Origin) -> Result<Event, OperationError> {
         self.event(sequence).await?;
-        self.audit(origin, "acknowledge", &format!("event {sequence}")).await?;
-        self.0.writer.acknowledge(sequence, &origin.actor, clock::wall_ns()).await?;
+        let entry = entry(origin, "acknowledge", &format!("event {sequence}"));
+        confirmed(self.0.writer.acknowledge(sequence, entry)).await?;
         self.event(sequence).await
     }
 
-    /// Silences an event for some minutes.
+    /// Silences an event for some minutes. Change and row are durable together.
     pub async fn silence(
         &self,
         sequence: i64,
@@ -262,10 +280,10 @@ impl Handle {
         origin: &Origin,
     ) -> Result<Event, OperationError> {
         self.event(sequence).await?;
-        self.audit(origin, "silence", &format!("event {sequence} for {minutes} min")).await?;
+        let entry = entry(origin, "silence", &format!("event {sequence} for {minutes} min"));
         #[expect(clippy::cast_possible_truncation, reason = "a few hours in nanoseconds")]
         let until = clock::wall_ns().saturating_add((minutes * 60e9) as i64);
-        self.0.writer.silence(sequence, until).await?;
+        confirmed(self.0.writer.silence(sequence, until, entry)).await?;
         self.event(sequence).await
     }
 
@@ -353,8 +371,15 @@ impl Handle {
 
     /// Saves what the black box holds now; answers the recording's name.
     pub async fn save_recording(&self, origin: Origin) -> Result<String, OperationError> {
-        self.audit(&origin, "save_recording", "black box").await?;
-        self.ask(|done| Control::SaveRecording { word: "manual", reason: origin.reason, done }).await
+        self.audit(&origin, "save_recording_asked", "black box").await?;
+        let reason = origin.reason.clone();
+        let outcome = self.ask(|done| Control::SaveRecording { word: "manual", reason, done }).await;
+        let detail = match &outcome {
+            Ok(id) => format!("recording {id}: begun"),
+            Err(error) => format!("black box: refused, {error}"),
+        };
+        self.record_outcome(&origin, "save_recording", &detail).await;
+        outcome
     }
 
     /// Stored recordings, newest first. The disk is read on a thread that may wait for it.

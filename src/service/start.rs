@@ -546,10 +546,15 @@ impl Handle {
             let what = "machine.model is not configured: there is no model to start from";
             return Err(OperationError::Unsuitable(what.to_owned()));
         }
-        self.audit(origin, "start_diagnosis", &names.join(", ")).await?;
-        let added = self.diagnoses().add(names, files);
-        let added = added.ok_or_else(|| OperationError::Busy("eight diagnoses wait already".to_owned()))?;
+        let what = names.join(", ");
+        self.audit(origin, "start_diagnosis_asked", &what).await?;
+        let Some(added) = self.diagnoses().add(names, files) else {
+            let busy = OperationError::Busy("eight diagnoses wait already".to_owned());
+            self.record_outcome(origin, "start_diagnosis", &format!("{what}: refused, {busy}")).await;
+            return Err(busy);
+        };
         self.diagnoses().note(&added);
+        self.record_outcome(origin, "start_diagnosis", &format!("{what}: queued as {}", added.id)).await;
         Ok(added)
     }
 }

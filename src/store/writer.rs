@@ -56,8 +56,8 @@ impl Removed {
 
 enum Write {
     Event(Box<Event>, oneshot::Sender<Event>),
-    Acknowledge { sequence: i64, by: String, wall_ns: i64, done: oneshot::Sender<bool> },
-    Silence { sequence: i64, until_ns: i64, done: oneshot::Sender<bool> },
+    Acknowledge { sequence: i64, entry: AuditEntry, done: oneshot::Sender<bool> },
+    Silence { sequence: i64, until_ns: i64, entry: AuditEntry, done: oneshot::Sender<bool> },
     Audit(AuditEntry, oneshot::Sender<i64>),
     Confirm { sink: &'static str, sequence: i64, done: oneshot::Sender<bool> },
     Settings { epoch: i64, hash: String, done: oneshot::Sender<bool> },
@@ -156,17 +156,19 @@ impl StoreWriter {
         self.begin_store(event)?.await.map_err(|_| StoreError::Closed)
     }
 
-    /// Marks an event as acknowledged. Answers false where there is none or it already was.
-    pub async fn acknowledge(&self, sequence: i64, by: &str, wall_ns: i64) -> Result<bool, StoreError> {
+    /// Marks an event as acknowledged by the actor of `entry`, in one transaction with that row of the audit
+    /// record. Answers false where there is no such event: then there is no row either.
+    pub async fn acknowledge(&self, sequence: i64, entry: AuditEntry) -> Result<bool, StoreError> {
         let (done, outcome) = oneshot::channel();
-        self.push(Write::Acknowledge { sequence, by: by.to_owned(), wall_ns, done })?;
+        self.push(Write::Acknowledge { sequence, entry, done })?;
         outcome.await.map_err(|_| StoreError::Closed)
     }
 
-    /// Silences an event until a time. Answers false where there is none.
-    pub async fn silence(&self, sequence: i64, until_ns: i64) -> Result<bool, StoreError> {
+    /// Silences an event until a time, in one transaction with that row of the audit record. Answers false
+    /// where there is no such event: then there is no row either.
+    pub async fn silence(&self, sequence: i64, until_ns: i64, entry: AuditEntry) -> Result<bool, StoreError> {
         let (done, outcome) = oneshot::channel();
-        self.push(Write::Silence { sequence, until_ns, done })?;
+        self.push(Write::Silence { sequence, until_ns, entry, done })?;
         outcome.await.map_err(|_| StoreError::Closed)
     }
 
@@ -367,16 +369,19 @@ async fn apply(
 ) -> Result<Answer, sqlx::Error> {
     match write {
         Write::Event(event, _) => insert_event(connection, event).await.map(Answer::Event),
-        Write::Acknowledge { sequence, by, wall_ns, .. } => {
-            let update = "UPDATE event SET acknowledged_by = ?, acknowledged_ns = ? \
-                 WHERE sequence = ? AND acknowledged_ns IS NULL";
-            let done = sqlx::query(update).bind(by).bind(wall_ns).bind(sequence).execute(connection).await?;
-            Ok(Answer::Done(done.rows_affected() > 0))
+        Write::Acknowledge { sequence, entry, .. } => {
+            // The first acknowledgement stays; another one is on record all the same.
+            let update = "UPDATE event SET acknowledged_by = coalesce(acknowledged_by, ?), \
+                 acknowledged_ns = coalesce(acknowledged_ns, ?) WHERE sequence = ?";
+            let query = sqlx::query(update).bind(&entry.actor).bind(entry.wall_ns).bind(sequence);
+            let done = query.execute(&mut *connection).await?;
+            on_record(connection, entry, done.rows_affected() > 0).await
         }
-        Write::Silence { sequence, until_ns, .. } => {
+        Write::Silence { sequence, until_ns, entry, .. } => {
             let update = "UPDATE event SET silenced_until_ns = ? WHERE sequence = ?";
-            let done = sqlx::query(update).bind(until_ns).bind(sequence).execute(connection).await?;
-            Ok(Answer::Done(done.rows_affected() > 0))
+            let query = sqlx::query(update).bind(until_ns).bind(sequence);
+            let done = query.execute(&mut *connection).await?;
+            on_record(connection, entry, done.rows_affected() > 0).await
         }
         Write::Confirm { sink, sequence, .. } => {
             let upsert = "INSERT INTO outbox (sink, confirmed) VALUES (?, ?) \
@@ -392,6 +397,18 @@ async fn apply(
         Write::Close(_) => Ok(Answer::Done(true)), // taken out of the batch before
         Write::Prune { now_ns, .. } => prune(connection, *now_ns, keep).await.map(Answer::Removed),
     }
+}
+
+/// Puts on record what was done; nothing where nothing was.
+async fn on_record(
+    connection: &mut SqliteConnection,
+    entry: &AuditEntry,
+    done: bool,
+) -> Result<Answer, sqlx::Error> {
+    if done {
+        append(connection, entry).await?;
+    }
+    Ok(Answer::Done(done))
 }
 
 /// Inserts once: an id that is there already (a retry) answers the row that is there.

@@ -74,8 +74,14 @@ fn what_is_acknowledged_is_there_and_an_id_is_stored_once() {
         assert_eq!(first.sequence, second.sequence);
         let page = reader.page(&EventFilter { limit: 10, ..EventFilter::default() }).await.unwrap();
         assert_eq!(page.events, [first.clone()]);
-        assert!(writer.acknowledge(first.sequence, "anna", 9).await.unwrap());
-        assert!(!writer.acknowledge(first.sequence, "bert", 10).await.unwrap(), "once");
+        let by = |actor: &str, wall_ns| AuditEntry { actor: actor.into(), ..entry(wall_ns, "d".into()) };
+        assert!(writer.acknowledge(first.sequence, by("anna", 9)).await.unwrap());
+        assert!(writer.acknowledge(first.sequence, by("bert", 10)).await.unwrap());
+        assert!(!writer.acknowledge(999, by("carl", 11)).await.unwrap(), "there is no such event");
+        assert!(!writer.silence(999, 50, by("carl", 11)).await.unwrap());
+        let rows = reader.audit(0).await.unwrap();
+        let actors: Vec<&str> = rows.iter().map(|r| r.entry.actor.as_str()).collect();
+        assert_eq!(actors, ["anna", "bert"], "a row for what was done, none for what was not");
         let seen = reader.event(first.sequence).await.unwrap().unwrap();
         assert_eq!((seen.acknowledged_by.as_deref(), seen.acknowledged_ns), (Some("anna"), Some(9)));
     });
@@ -305,13 +311,13 @@ fn retention_spares_open_alarms_and_what_the_broker_has_not_taken() {
             let all = EventFilter { limit: 1000, ascending: true, ..EventFilter::default() };
             reader.page(&all).await.unwrap().events
         };
-        writer.acknowledge(1, "anna", 5).await.unwrap();
+        writer.acknowledge(1, entry(5, "d".into())).await.unwrap();
         writer.confirm("nats", 4).await.unwrap();
         // Sent: 1 to 4. Of these 3 is an alarm that nobody acknowledged.
         assert_eq!(writer.prune(1000).await.unwrap(), Removed { aged: 3, ..Removed::default() });
         assert_eq!(left().await.iter().map(|e| e.sequence).collect::<Vec<_>>()[..2], [3, 5]);
         assert_eq!(reader.open_alarms(1000).await.unwrap(), 9);
-        writer.silence(3, 2000).await.unwrap();
+        writer.silence(3, 2000, entry(5, "d".into())).await.unwrap();
         assert_eq!(reader.open_alarms(1000).await.unwrap(), 8, "silenced");
         // Nothing is free to go and the file is far too large: the oldest go, and it is told.
         assert_eq!(writer.prune(1000).await.unwrap(), Removed { forced: 17, ..Removed::default() });
