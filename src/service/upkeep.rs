@@ -90,13 +90,15 @@ impl Upkeep {
         let mut look = tokio::time::interval(LOOK);
         look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let mut until_prune = PRUNE_EVERY;
+        let mut told = false;
         if self.history.unchecked {
-            tokio::spawn(check_whole(self.history.reader.clone(), self.announcer.clone()));
+            tokio::spawn(check_whole(self.history.reader.clone()));
         }
         for ticks in 0_u32.. {
             look.tick().await;
             self.compare(&mut clocks);
             let healthy = self.look(&mut store, &mut last_commits).await;
+            self.tell_damage(&mut told);
             if ticks.is_multiple_of(TIDY_EVERY) {
                 self.tidy(clocks.may_prune(clock::now()));
             }
@@ -110,6 +112,14 @@ impl Upkeep {
     fn tell(&self, kind: EventKind, text: String) {
         let event = Event { id: clock::new_id(), ..Event::new(kind, clock::wall_ns(), text) };
         self.announcer.announce(event, Then::Nothing);
+    }
+
+    /// Told once; the next start deals with it.
+    fn tell_damage(&self, told: &mut bool) {
+        let Some(damage) = self.history.reader.damage().filter(|_| !*told) else { return };
+        *told = true;
+        let text = format!("the history is damaged ({damage}); restart the service to have it set aside");
+        self.tell(EventKind::HistoryDamaged, text);
     }
 
     fn compare(&self, clocks: &mut Clocks) {
@@ -141,15 +151,16 @@ impl Upkeep {
         if let Some((_, log)) = sizes {
             self.metrics.wal_bytes.set(gauge(log));
         }
-        self.metrics.stage_up.with_label_values(&["store"]).set(i64::from(!failing));
+        let healthy = !failing && self.history.reader.damage().is_none();
+        self.metrics.stage_up.with_label_values(&["store"]).set(i64::from(healthy));
         let counted = match failing {
             true => None,
             false => self.history.reader.open_alarms(clock::wall_ns()).await.ok(),
         };
         let replaced = self.history.replaced.clone();
-        let store = StoreView { healthy: !failing, unpersisted: waiting, bytes, replaced };
+        let store = StoreView { healthy, unpersisted: waiting, bytes, replaced };
         self.kept.send_replace(Kept { store, open_alarms: counted.unwrap_or(kept.open_alarms) });
-        !failing
+        healthy
     }
 
     /// Answers whether there may be more to remove.
@@ -191,13 +202,11 @@ fn sizes(folder: &Path) -> (u64, u64) {
     (size(""), size("-wal"))
 }
 
-async fn check_whole(reader: StoreReader, announcer: Announcer) {
+/// What it finds, the reader remembers.
+async fn check_whole(reader: StoreReader) {
     tokio::time::sleep(CHECK_AFTER).await;
     if let Err(error) = reader.check_whole().await {
-        let text = format!("the history was checked: {error}; restart the service to have it set aside");
-        let event =
-            Event { id: clock::new_id(), ..Event::new(EventKind::HistoryDamaged, clock::wall_ns(), text) };
-        announcer.announce(event, Then::Nothing);
+        tracing::warn!(event = "history_checked", "{error}");
     }
 }
 

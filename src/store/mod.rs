@@ -15,10 +15,12 @@ pub use open::{Damage, OpenReport, migrations};
 pub use query::{EventFilter, EventPage, MAX_PAGE};
 pub use writer::{Removed, Retention, StoreWriter, WriterGauges};
 
+use crate::telemetry::Metrics;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
 };
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use thiserror::Error;
 
@@ -70,6 +72,7 @@ impl StoreError {
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
+            _ if open::is_whole_check(self) => "corrupt",
             Self::Database { source, .. } => code_of(source),
             Self::Migrate { source: sqlx::migrate::MigrateError::Execute(e), .. } => code_of(e),
             _ => "other",
@@ -106,20 +109,36 @@ fn options(path: &Path) -> SqliteConnectOptions {
 pub struct StoreReader {
     pool: SqlitePool,
     path: PathBuf,
+    metrics: Arc<Metrics>,
+    /// The first damage that a reader met.
+    damage: Arc<OnceLock<String>>,
 }
 
 impl StoreReader {
-    pub(crate) fn new(path: &Path) -> Self {
+    pub(crate) fn new(path: &Path, metrics: Arc<Metrics>) -> Self {
         let pool = SqlitePoolOptions::new()
             .max_connections(3)
             .acquire_timeout(Duration::from_secs(5))
             .idle_timeout(Duration::from_secs(30))
             .connect_lazy_with(options(path).read_only(true));
-        Self { pool, path: path.to_owned() }
+        Self { pool, path: path.to_owned(), metrics, damage: Arc::default() }
+    }
+
+    /// What readers met that no retry mends; the next start checks the file whole.
+    #[must_use]
+    pub fn damage(&self) -> Option<&str> {
+        self.damage.get().map(String::as_str)
     }
 
     fn error(&self, source: sqlx::Error) -> StoreError {
-        StoreError::Database { path: self.path.clone(), source }
+        let error = StoreError::Database { path: self.path.clone(), source };
+        if open::is_malformed(&error) {
+            self.metrics.store_errors.with_label_values(&[error.code()]).inc();
+            if self.damage.set(error.to_string()).is_ok() {
+                open::mark_suspect(&self.path);
+            }
+        }
+        error
     }
 
     /// Closes the readers, so that the last checkpoint can end.

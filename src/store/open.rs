@@ -149,13 +149,22 @@ async fn applied_versions(connection: &mut SqliteConnection) -> Result<Vec<i64>,
     rows.iter().map(|r| r.try_get(0)).collect()
 }
 
+/// True where the check of the whole file found damage.
+pub(super) fn is_whole_check(error: &StoreError) -> bool {
+    matches!(error, StoreError::Database { source: sqlx::Error::Protocol(text), .. }
+        if text.starts_with(QUICK_CHECK))
+}
+
+/// True for pages that are no longer what SQLite wrote.
+pub(super) fn is_malformed(error: &StoreError) -> bool {
+    let of_sqlite = |source| matches!(code_of(source), "corrupt" | "not_a_database");
+    is_whole_check(error) || matches!(error, StoreError::Database { source, .. } if of_sqlite(source))
+}
+
 /// True for what no retry mends: malformed pages, another format, a schema that was tampered with.
 pub(super) fn is_damage(error: &StoreError) -> bool {
     match error {
-        StoreError::Database { source: sqlx::Error::Protocol(text), .. } => text.starts_with(QUICK_CHECK),
-        StoreError::Database { source, .. } => {
-            matches!(code_of(source), "corrupt" | "not_a_database") || is_wrong_schema(source)
-        }
+        StoreError::Database { source, .. } => is_malformed(error) || is_wrong_schema(source),
         StoreError::Migrate { source, .. } => match source {
             sqlx::migrate::MigrateError::Execute(e) | sqlx::migrate::MigrateError::ExecuteMigration(e, _) => {
                 matches!(code_of(e), "corrupt" | "not_a_database") || is_wrong_schema(e)

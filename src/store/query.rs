@@ -152,11 +152,7 @@ impl StoreReader {
     /// Errors: damage, or no access.
     pub async fn check_whole(&self) -> Result<(), StoreError> {
         let mut connection = self.pool.acquire().await.map_err(|e| self.error(e))?;
-        let checked = super::open::check_whole(&mut connection).await.map_err(|e| self.error(e));
-        if checked.as_ref().is_err_and(super::open::is_damage) {
-            super::open::mark_suspect(&self.path);
-        }
-        checked
+        super::open::check_whole(&mut connection).await.map_err(|e| self.error(e))
     }
 
     /// How far a sink outside has confirmed, and how many events stand above. Errors: the database's.

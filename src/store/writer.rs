@@ -117,7 +117,7 @@ impl StoreWriter {
         let (connection, report) = open(&path, wall_ns).await?;
         let (queue, waiting) = mpsc::channel(QUEUE);
         let gauges = Arc::new(WriterGauges::default());
-        let reader = StoreReader::new(&path);
+        let reader = StoreReader::new(&path, Arc::clone(&metrics));
         let reserve = Reserve::open(folder);
         let mut task = Task { connection, path, retention, gauges: Arc::clone(&gauges), metrics, reserve };
         task.take_kept().await;

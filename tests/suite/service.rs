@@ -173,6 +173,32 @@ fn a_damaged_history_is_told_in_three_places() {
     running.stop();
 }
 
+/// Damage under the running service is told as soon as somebody reads: health, metrics, one alarm.
+#[test]
+fn damage_that_readers_meet_is_told() {
+    let place = Place::new("torn");
+    service(&place).stop();
+    let path = place.state().join(stillcut::store::FILE_NAME);
+    let running = service(&place);
+    std::fs::File::options().write(true).open(&path).unwrap().set_len(4096).unwrap();
+    until("the alarm is told", 10, || {
+        let _ = get(&running, "/api/v1/events?limit=1000");
+        get(&running, "/metrics").body.contains("stillcut_events_total{kind=\"history_damaged\"} 1")
+    });
+    std::thread::sleep(Duration::from_millis(2500));
+    let metrics = get(&running, "/metrics").body;
+    assert!(metrics.contains("stillcut_events_total{kind=\"history_damaged\"} 1"), "told once");
+    assert!(metrics.contains("stillcut_stage_up{stage=\"store\"} 0"));
+    assert!(!metrics.contains("stillcut_store_errors_total{code=\"corrupt\"} 0"), "{metrics}");
+    let ready = get(&running, "/readyz");
+    assert!(ready.status == 503 && ready.body.contains("store"), "{ready:?}");
+    running.stop();
+    assert!(path.with_extension("sqlite.suspect").exists(), "the next start looks at every page");
+    let running = service(&place);
+    assert_eq!(events(&running, "history_replaced").len(), 1);
+    running.stop();
+}
+
 #[test]
 fn promtool_finds_nothing_to_complain_about() {
     let place = Place::new("prom");
