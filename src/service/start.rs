@@ -9,7 +9,7 @@ use super::live::{LiveState, SpectrumView, StoreView};
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
 use super::stability::CurveCache;
 use super::store_watch::StoreWatch;
-use super::upkeep::{History, Kept, Upkeep};
+use super::upkeep::{History, Kept, Upkeep, file_id};
 use super::{clock, drift, engine, mtconnect, recorder};
 use crate::config::service::{ServiceConfig, TurretConfig};
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
@@ -309,6 +309,7 @@ impl Parts {
             folder: self.config.history.folder.clone(),
             replaced: self.report.damage.as_ref().map(|d| d.moved_to.display().to_string()),
             unchecked: self.report.unchecked,
+            file: file_id(&self.config.history.folder.join(crate::store::FILE_NAME)),
         };
         Upkeep { history, recordings, announcer, metrics: Arc::clone(&self.metrics), kept }
     }

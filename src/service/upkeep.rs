@@ -34,6 +34,17 @@ pub(super) struct History {
     pub(super) replaced: Option<String>,
     /// It was too large to be read whole at the start.
     pub(super) unchecked: bool,
+    /// Which file it is.
+    pub(super) file: Option<FileId>,
+}
+
+/// Device and number of a file: the same path may lead to another.
+pub(super) type FileId = (u64, u64);
+
+/// Which file stands at that path.
+pub(super) fn file_id(path: &Path) -> Option<FileId> {
+    use std::os::unix::fs::MetadataExt as _;
+    std::fs::metadata(path).ok().map(|m| (m.dev(), m.ino()))
 }
 
 /// What the picture shows of it.
@@ -116,9 +127,20 @@ impl Upkeep {
 
     /// Told once; the next start deals with it.
     fn tell_damage(&self, told: &mut bool) {
-        let Some(damage) = self.history.reader.damage().filter(|_| !*told) else { return };
+        let gone = self.history.writer.gauges().gone.load(Ordering::Relaxed);
+        let text = match self.history.reader.damage() {
+            _ if *told => return,
+            _ if gone => {
+                let path = self.history.folder.join(FILE_NAME);
+                let what = "is no longer the file that was opened: nothing is kept; put it back and restart";
+                format!("{} {what} the service", path.display())
+            }
+            Some(damage) => {
+                format!("the history is damaged ({damage}); restart the service to have it set aside")
+            }
+            None => return,
+        };
         *told = true;
-        let text = format!("the history is damaged ({damage}); restart the service to have it set aside");
         self.tell(EventKind::HistoryDamaged, text);
     }
 
@@ -141,8 +163,13 @@ impl Upkeep {
         let kept = self.kept.borrow().clone();
         let folder = self.history.folder.clone();
         // What hangs here hangs on a thread of its own; the health above is told all the same.
-        let sizes =
-            if failing { None } else { tokio::task::spawn_blocking(move || sizes(&folder)).await.ok() };
+        let look = move || (sizes(&folder), file_id(&folder.join(FILE_NAME)));
+        let seen = if failing { None } else { tokio::task::spawn_blocking(look).await.ok() };
+        let sizes = seen.map(|(sizes, _)| sizes);
+        if seen.is_some_and(|(_, file)| file != self.history.file) {
+            gauges.gone.store(true, Ordering::Relaxed);
+        }
+        let gone = gauges.gone.load(Ordering::Relaxed);
         let bytes = sizes.map_or(kept.store.bytes, |(bytes, _)| bytes);
         let gauge = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
         self.metrics.events_unpersisted.set(gauge(waiting));
@@ -151,7 +178,7 @@ impl Upkeep {
         if let Some((_, log)) = sizes {
             self.metrics.wal_bytes.set(gauge(log));
         }
-        let healthy = !failing && self.history.reader.damage().is_none();
+        let healthy = !failing && !gone && self.history.reader.damage().is_none();
         self.metrics.stage_up.with_label_values(&["store"]).set(i64::from(healthy));
         let counted = match failing {
             true => None,

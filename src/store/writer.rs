@@ -74,6 +74,8 @@ pub struct WriterGauges {
     pub commits: AtomicI64,
     /// Consecutive failures of the transaction at hand; 0 when healthy.
     pub failures: AtomicI64,
+    /// The file is no longer where it was opened: what is committed is lost with the process.
+    pub gone: AtomicBool,
     /// The service ends: what cannot be stored now is kept beside the history.
     closing: AtomicBool,
     /// Writes that at the end could be neither stored nor kept.

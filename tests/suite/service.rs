@@ -200,6 +200,24 @@ fn damage_that_readers_meet_is_told() {
 }
 
 #[test]
+fn a_history_that_was_moved_away_is_told() {
+    let place = Place::new("moved");
+    let running = service(&place);
+    until("the history is healthy", 5, || state(&running)["store"]["healthy"] == true);
+    for suffix in ["", "-wal", "-shm"] {
+        let path = place.state().join(format!("{}{suffix}", stillcut::store::FILE_NAME));
+        std::fs::rename(&path, path.with_extension(format!("away{suffix}"))).unwrap();
+    }
+    until("readiness says so", 10, || {
+        get(&running, "/readyz").body.contains("\"name\":\"store\",\"ok\":false")
+    });
+    until("the alarm is told", 5, || {
+        get(&running, "/metrics").body.contains("stillcut_events_total{kind=\"history_damaged\"} 1")
+    });
+    running.stop();
+}
+
+#[test]
 fn promtool_finds_nothing_to_complain_about() {
     let place = Place::new("prom");
     let running = service(&place);
