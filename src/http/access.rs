@@ -217,21 +217,34 @@ impl Access {
         !self.loaded.lock().unwrap_or_else(PoisonError::into_inner).tokens.is_empty()
     }
 
-    /// Takes a changed file into use; a damaged one changes nothing and is logged. Reads the disk: not for
-    /// the thread that answers requests.
-    pub fn refresh(&self) {
-        let Some(file) = &self.file else { return };
+    /// Takes a changed file into use. One that is gone, cannot be read or that others may read leaves no token
+    /// in force: answers true where that is news. One whose content is no list of tokens changes nothing: it
+    /// may be half written. Reads the disk: not for the thread that answers requests.
+    pub fn refresh(&self) -> bool {
+        let Some(file) = &self.file else { return false };
         let lock = || self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
         let changed = changed(file);
         if changed == lock().changed {
-            return;
+            return false;
         }
         let read = read_tokens(file);
         let mut loaded = lock();
         loaded.changed = changed;
         match read {
-            Ok(tokens) => loaded.tokens = tokens,
-            Err(error) => tracing::error!(event = "token_file", "{error}; the tokens in force stay"),
+            Ok(tokens) => {
+                tracing::info!(event = "token_file", tokens = tokens.len(), "taken into use");
+                loaded.tokens = tokens;
+                false
+            }
+            Err(error @ TokenFileError::Content { .. }) => {
+                tracing::error!(event = "token_file", "{error}; the tokens in force stay");
+                false
+            }
+            Err(error) => {
+                tracing::error!(event = "token_file", "{error}; no token is in force until it is mended");
+                loaded.tokens.clear();
+                true
+            }
         }
     }
 
@@ -394,14 +407,35 @@ mod tests {
         assert!(matches!(access.judge(&with(&one), FAR, 0, now), Verdict::Known(_)));
         std::fs::write(file.path(), entry(&two_hash)).unwrap();
         let mode = |m| std::fs::set_permissions(file.path(), std::fs::Permissions::from_mode(m)).unwrap();
-        // Others can read it: the old ones stay in force until the mode is mended, without any further touch.
+        // Others can read it: no token is in force until the mode is mended, without any further touch.
         mode(0o644);
-        access.refresh();
-        assert!(matches!(access.judge(&with(&one), FAR, 0, now), Verdict::Known(_)));
+        assert!(access.refresh() && !access.refresh(), "told once");
+        assert_eq!(access.judge(&with(&one), FAR, 0, now), Verdict::BadToken);
         std::thread::sleep(Duration::from_millis(20));
         mode(0o600);
-        access.refresh();
+        assert!(!access.refresh());
         assert!(matches!(access.judge(&with(&two), FAR, 0, now), Verdict::Known(_)));
         assert_eq!(access.judge(&with(&one), FAR, 0, now), Verdict::BadToken, "revoked");
+        // Half written: what is in force stays.
+        std::thread::sleep(Duration::from_millis(20));
+        std::fs::write(file.path(), "[[token]]\nname = ").unwrap();
+        assert!(!access.refresh());
+        assert!(matches!(access.judge(&with(&two), FAR, 0, now), Verdict::Known(_)));
+        std::fs::remove_file(file.path()).unwrap();
+        assert!(access.refresh() && !access.refresh(), "told once");
+        assert_eq!(access.judge(&with(&two), NEAR, 0, now), Verdict::BadToken, "the file is gone");
+    }
+
+    #[test]
+    fn a_file_that_is_blanked_revokes_every_token() {
+        let (one, hash) = new_token([1; 32]);
+        let file = file(&format!("[[token]]\nname = \"n\"\nrole = \"viewer\"\nsha256 = \"{hash}\"\n"));
+        let access = Access::load(Some(file.path()), false).unwrap();
+        let now = Instant::now();
+        assert!(matches!(access.judge(&with(&one), FAR, 0, now), Verdict::Known(_)));
+        std::thread::sleep(Duration::from_millis(20));
+        std::fs::write(file.path(), "").unwrap();
+        access.refresh();
+        assert_eq!(access.judge(&with(&one), FAR, 0, now), Verdict::BadToken);
     }
 }

@@ -292,7 +292,8 @@ impl Parts {
         (access, tls): (Access, Option<TlsAcceptor>),
     ) -> tokio::task::JoinHandle<()> {
         let access = Arc::new(access);
-        self.runtime.spawn(refresh_tokens(Arc::clone(&access), handle.stopping()));
+        let metrics = Arc::clone(&self.metrics);
+        self.runtime.spawn(refresh_tokens(Arc::clone(&access), metrics, handle.stopping()));
         let site = router(handle.clone(), access, self.config.http.hosts.clone());
         self.runtime.spawn(serve(listener, site, tls, (Arc::clone(&self.metrics), handle.stopping())))
     }
@@ -397,10 +398,12 @@ impl Parts {
 const TOKENS: Duration = Duration::from_secs(1);
 
 /// Looks at the token file on a thread that may wait for the disk.
-async fn refresh_tokens(access: Arc<Access>, stop: CancellationToken) {
+async fn refresh_tokens(access: Arc<Access>, metrics: Arc<Metrics>, stop: CancellationToken) {
     while tokio::time::timeout(TOKENS, stop.cancelled()).await.is_err() {
         let access = Arc::clone(&access);
-        let _ = tokio::task::spawn_blocking(move || access.refresh()).await;
+        if tokio::task::spawn_blocking(move || access.refresh()).await.unwrap_or(false) {
+            metrics.security_events.with_label_values(&["token_file"]).inc();
+        }
     }
 }
 

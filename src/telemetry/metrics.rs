@@ -252,7 +252,7 @@ impl Metrics {
         zero(&self.store_errors, &["full", "io", "corrupt", "not_a_database", "busy", "other"]);
         zero(&self.history_removed, &["age", "size", "forced", "audit"]);
         zero(&self.recordings, &["saved", "too_short", "failed", "dropped", "removed"]);
-        zero(&self.security_events, &["bad_token", "forbidden", "rate_limited", "bad_host"]);
+        zero(&self.security_events, &["bad_token", "forbidden", "rate_limited", "bad_host", "token_file"]);
         zero(&self.http_refused, &["connections", "idle", "streams", "exports", "body_too_large"]);
         let kinds: Vec<&str> = EventKind::ALL.iter().map(|k| k.word()).collect();
         zero(&self.events, &kinds);
