@@ -17,6 +17,7 @@ mod refusals;
 mod seats;
 mod server;
 mod stream;
+mod watchful;
 
 pub use access::{Access, Caller, Role, TokenFileError, new_token, token_names};
 pub use events::EventView;
@@ -39,6 +40,7 @@ use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
 use utoipa::openapi::{RefOr, Schema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
+use watchful::Where;
 
 /// Largest body of a request.
 const BODY_BYTES: usize = 64 * 1024;
@@ -60,6 +62,7 @@ pub struct Shared {
     streams: Arc<Semaphore>,
     exports: Arc<Semaphore>,
     answers: idempotency::Answers,
+    refusals: watchful::Refusals,
 }
 
 type Site = Arc<Shared>;
@@ -142,6 +145,7 @@ pub fn router(handle: Handle, access: Arc<Access>, hosts: Vec<String>) -> Router
         streams: Arc::new(Semaphore::new(STREAMS)),
         exports: Arc::new(Semaphore::new(EXPORTS)),
         answers: idempotency::Answers::default(),
+        refusals: watchful::Refusals::default(),
     });
     let (api, _) = routes().split_for_parts();
     let swagger = utoipa_swagger_ui::SwaggerUi::new("/api").url("/openapi.json", description());
@@ -181,7 +185,9 @@ async fn gate(State(site): State<Site>, mut request: Request, next: Next) -> Res
     let route = request.extensions().get::<MatchedPath>().map_or("other", MatchedPath::as_str).to_owned();
     // A length beside it was ignored: what follows on the connection is not taken for a request.
     let chunked = request.headers().contains_key(header::TRANSFER_ENCODING);
-    let mut response = match admit(&site, &mut request, address) {
+    let admitted = admit(&site, &mut request, address);
+    let caller = request.extensions().get::<Caller>().map_or_else(String::new, |c| c.name.clone());
+    let mut response = match admitted {
         Ok(()) => next.run(request).await,
         Err(problem) => problem.into_response(),
     };
@@ -194,7 +200,7 @@ async fn gate(State(site): State<Site>, mut request: Request, next: Next) -> Res
         response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
     }
     secure(&path, &mut response);
-    count_refusal(&site, response.status());
+    count_refusal(&site, response.status(), Where { address, path: &path, caller: &caller });
     let code = response.status().as_u16().to_string();
     let route = if route.starts_with("/api/{") { "/api" } else { route.as_str() };
     let seconds = begun.elapsed().as_secs_f64();
@@ -202,10 +208,10 @@ async fn gate(State(site): State<Site>, mut request: Request, next: Next) -> Res
     response
 }
 
-fn count_refusal(site: &Shared, status: StatusCode) {
+fn count_refusal(site: &Shared, status: StatusCode, place: Where<'_>) {
     let metrics = site.handle.metrics();
     match status {
-        StatusCode::FORBIDDEN => metrics.security_events.with_label_values(&["forbidden"]).inc(),
+        StatusCode::FORBIDDEN => site.refusals.tell(metrics, "forbidden", place, clock::now()),
         StatusCode::PAYLOAD_TOO_LARGE => metrics.http_refused.with_label_values(&["body_too_large"]).inc(),
         _ => {}
     }
@@ -218,32 +224,34 @@ fn address_of(request: &Request) -> IpAddr {
 }
 
 fn admit(site: &Shared, request: &mut Request, address: IpAddr) -> Result<(), Problem> {
-    let security = &site.handle.metrics().security_events;
+    let (metrics, path) = (site.handle.metrics(), request.uri().path().to_owned());
+    let refuse = |kind| {
+        site.refusals.tell(metrics, kind, Where { address, path: &path, caller: "" }, clock::now());
+    };
     let Some(host) = only_host(request) else {
-        security.with_label_values(&["bad_host"]).inc();
+        refuse("bad_host");
         let detail = "the request names more than one host";
         return Err(Problem::bad_request("ambiguous_host", detail));
     };
     if !host_is_ours(host, &site.hosts) {
-        security.with_label_values(&["bad_host"]).inc();
+        refuse("bad_host");
         let detail = "this host name is not served here; add it to http.hosts";
         return Err(Problem::new(StatusCode::MISDIRECTED_REQUEST, "unknown_host", detail));
     }
     match site.access.judge(request.headers(), address, clock::wall_ns(), clock::now()) {
         Verdict::Known(caller) => {
-            if needs_reader(request.uri().path()) {
+            if needs_reader(&path) {
                 caller.require(Role::Viewer)?;
             }
             request.extensions_mut().insert(caller);
             Ok(())
         }
         Verdict::BadToken => {
-            security.with_label_values(&["bad_token"]).inc();
-            tracing::warn!(event = "bad_token", %address, "a token that is not valid was presented");
+            refuse("bad_token");
             Err(Problem::new(StatusCode::UNAUTHORIZED, "bad_token", "this token is not valid"))
         }
         Verdict::RateLimited => {
-            security.with_label_values(&["rate_limited"]).inc();
+            refuse("rate_limited");
             let detail = "too many wrong tokens from this address; wait a minute";
             Err(Problem::new(StatusCode::TOO_MANY_REQUESTS, "too_many_bad_tokens", detail).retry_after(60))
         }
