@@ -104,7 +104,10 @@ fn must_be_checked(path: &Path) -> bool {
 pub(super) async fn check_whole(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
     let row = sqlx::query("PRAGMA quick_check(1)").fetch_one(connection).await?;
     let verdict: String = row.try_get(0)?;
-    if verdict == "ok" { Ok(()) } else { Err(sqlx::Error::Protocol(format!("{QUICK_CHECK}: {verdict}"))) }
+    if verdict == "ok" {
+        return Ok(());
+    }
+    Err(sqlx::Error::Protocol(format!("{QUICK_CHECK}: {}", verdict.replace('\n', "; "))))
 }
 
 async fn try_open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, Option<PathBuf>), StoreError> {

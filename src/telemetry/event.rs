@@ -155,8 +155,18 @@ pub struct Event {
     pub silenced_until_ns: Option<i64>,
 }
 
+/// What a library or a file says may hold line breaks; a log line and a row of a table may not.
+fn in_one_line(text: String) -> String {
+    if !text.contains(char::is_control) {
+        return text;
+    }
+    let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.into() };
+    text.chars().map(escaped).collect()
+}
+
 impl Event {
-    /// An event with nothing but its kind and sentence.
+    /// An event with nothing but its kind and sentence; line breaks and other control characters that the
+    /// sentence quotes from elsewhere are escaped here.
     #[must_use]
     pub fn new(kind: EventKind, wall_ns: i64, text: impl Into<String>) -> Self {
         Self {
@@ -169,7 +179,7 @@ impl Event {
             frequency_hz: None,
             power_n2: None,
             pitch_difference_rad: None,
-            text: text.into(),
+            text: in_one_line(text.into()),
             acknowledged_by: None,
             acknowledged_ns: None,
             silenced_until_ns: None,
@@ -191,7 +201,15 @@ impl Event {
 
 #[cfg(test)]
 mod tests {
-    use super::EventKind;
+    use super::{Event, EventKind};
+
+    #[test]
+    fn the_sentence_of_an_event_is_one_line() {
+        let said = "damaged: *** in database main ***\nTree 5 page 7\u{1b}[31m";
+        let text = Event::new(EventKind::HistoryDamaged, 0, said).text;
+        assert_eq!(text, "damaged: *** in database main ***\\nTree 5 page 7\\u{1b}[31m");
+        assert_eq!(Event::new(EventKind::Fault, 0, "Größe").text, "Größe");
+    }
 
     #[test]
     fn every_word_leads_back_to_its_kind() {
