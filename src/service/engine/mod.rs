@@ -243,7 +243,7 @@ impl Engine {
         self.supervise(began);
         self.decide(clock::now());
         if outcome_count > 0 {
-            // The samples came just before the drain: decided within this wake or not at all.
+            // From the wake on: what the samples waited before it nobody here can tell.
             self.setup.metrics.decision_latency_seconds.observe(began.elapsed().as_secs_f64());
         }
         if self.picture.is_due(began, PICTURE) {
