@@ -201,11 +201,38 @@ async fn gate(State(site): State<Site>, mut request: Request, next: Next) -> Res
     }
     secure(&path, &mut response);
     count_refusal(&site, response.status(), Where { address, path: &path, caller: &caller });
-    let code = response.status().as_u16().to_string();
-    let route = if route.starts_with("/api/{") { "/api" } else { route.as_str() };
-    let seconds = begun.elapsed().as_secs_f64();
-    site.handle.metrics().http_request_duration_seconds.with_label_values(&[route, &code]).observe(seconds);
+    let code = class_of(response.status());
+    let metrics = site.handle.metrics();
+    metrics.http_requests.with_label_values(&[part_of(&route), code]).inc();
+    metrics.http_request_duration_seconds.with_label_values(&[code]).observe(begun.elapsed().as_secs_f64());
     response
+}
+
+/// One of [`crate::telemetry::HTTP_ROUTES`].
+fn part_of(route: &str) -> &'static str {
+    let Some(inner) = route.strip_prefix("/api/v1/") else {
+        return match route {
+            "/healthz" | "/readyz" | "/metrics" => "operation",
+            "other" => "other",
+            _ => "page",
+        };
+    };
+    match inner.split('/').next().unwrap_or_default() {
+        "state" | "axes" | "spectrum" | "stability" | "stream" => "live",
+        "events" | "recordings" | "audit" => "history",
+        "diagnoses" => "diagnosis",
+        "config" => "operation",
+        _ => "control",
+    }
+}
+
+/// One of [`crate::telemetry::HTTP_CODES`].
+fn class_of(status: StatusCode) -> &'static str {
+    match status.as_u16() {
+        500.. => "5xx",
+        400.. => "4xx",
+        _ => "2xx",
+    }
 }
 
 fn count_refusal(site: &Shared, status: StatusCode, place: Where<'_>) {
@@ -310,7 +337,7 @@ fn secure(path: &str, response: &mut Response) {
 
 #[cfg(test)]
 mod tests {
-    use super::{description, examples, host_is_ours};
+    use super::{StatusCode, class_of, description, examples, host_is_ours, part_of};
     use serde_json::Value;
 
     /// Every object of the description has an example: it holds what the object must hold and nothing else.
@@ -324,6 +351,18 @@ mod tests {
         for (name, schema) in objects {
             agrees(name, schema, &schema["examples"][0], schemas);
         }
+    }
+
+    #[test]
+    fn every_route_is_counted_in_a_part_that_exists() {
+        use crate::telemetry::{HTTP_CODES, HTTP_ROUTES};
+        let paths = description().paths.paths;
+        let mut parts: Vec<&str> = paths.keys().map(|p| part_of(p)).chain([part_of("/")]).collect();
+        parts.push(part_of("other"));
+        assert!(parts.iter().all(|p| HTTP_ROUTES.contains(p)), "{parts:?}");
+        assert!(HTTP_ROUTES.iter().all(|r| parts.contains(r)), "{parts:?}");
+        let codes = [200_u16, 304, 404, 503].map(|c| class_of(StatusCode::from_u16(c).unwrap()));
+        assert!(codes == ["2xx", "2xx", "4xx", "5xx"] && codes.iter().all(|c| HTTP_CODES.contains(c)));
     }
 
     fn agrees(place: &str, schema: &Value, value: &Value, schemas: &serde_json::Map<String, Value>) {

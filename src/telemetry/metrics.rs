@@ -18,11 +18,16 @@ pub const HOLD_REASONS: [&str; 3] = ["store_unavailable", "intent_expired", "sta
 pub const COMMAND_OUTCOMES: [&str; 8] =
     ["sent", "renewed", "returned", "advised", "reached", "refused", "limited", "expired"];
 
-/// Upper bounds of the latency histograms: 10 us times powers of two.
+/// Upper bounds of the decision latency: 10 us times powers of two.
 pub const DECISION_BUCKETS_S: [f64; 12] =
     [1e-5, 2e-5, 4e-5, 8e-5, 1.6e-4, 3.2e-4, 6.4e-4, 1.28e-3, 2.56e-3, 5.12e-3, 1.024e-2, 2.048e-2];
 
-const HTTP_BUCKETS_S: [f64; 8] = [1e-4, 5e-4, 2e-3, 1e-2, 5e-2, 0.2, 1.0, 5.0];
+const HTTP_BUCKETS_S: [f64; 4] = [1e-3, 1e-2, 0.1, 1.0];
+const STEP_BUCKETS_S: [f64; 6] = [4e-5, 1.6e-4, 6.4e-4, 2.56e-3, 1.024e-2, 4.096e-2];
+/// Parts of the API and classes of answers that requests are counted by: few series, whatever is asked.
+pub const HTTP_ROUTES: [&str; 7] = ["live", "history", "control", "diagnosis", "operation", "page", "other"];
+/// Classes of status codes; all below 400 is `2xx`.
+pub const HTTP_CODES: [&str; 3] = ["2xx", "4xx", "5xx"];
 
 /// What the binary is.
 #[derive(Debug, Clone, Copy)]
@@ -82,10 +87,12 @@ series! {
     decision_latency_seconds: Histogram = histogram("stillcut_decision_latency_seconds",
         "Time from the wake that took in the newest samples to the end of its decision, in seconds. What they \
         waited before it is not in it: up to 1 ms in act, 50 ms else.");
-    step_duration_seconds: Histogram = histogram("stillcut_step_duration_seconds",
+    step_duration_seconds: Histogram = step_histogram("stillcut_step_duration_seconds",
         "Time of the pipeline for what one wake took in, in seconds.");
     http_request_duration_seconds: HistogramVec = http_histogram("stillcut_http_request_duration_seconds",
-        "Time from the request's head to the response's head, in seconds.", &["route", "code"]);
+        "Time from the request's head to the response's head, in seconds.", &["code"]);
+    http_requests: IntCounterVec = counters("stillcut_http_requests_total",
+        "Requests by part of the API and class of the answer.", &["route", "code"]);
     http_connections: IntGauge = int_gauge("stillcut_http_connections", "Open HTTP connections.");
     http_refused: IntCounterVec = counters("stillcut_http_refused_total",
         "Requests or connections refused.", &["reason"]);
@@ -188,6 +195,11 @@ impl Maker {
 
     fn histogram(&self, name: &str, help: &str) -> prometheus::Result<Histogram> {
         let options = HistogramOpts::new(name, help).buckets(DECISION_BUCKETS_S.to_vec());
+        self.put(Histogram::with_opts(options))
+    }
+
+    fn step_histogram(&self, name: &str, help: &str) -> prometheus::Result<Histogram> {
+        let options = HistogramOpts::new(name, help).buckets(STEP_BUCKETS_S.to_vec());
         self.put(Histogram::with_opts(options))
     }
 }
@@ -309,7 +321,14 @@ mod tests {
 
     #[test]
     fn every_counter_exists_at_zero_and_names_follow_the_convention() {
-        let metrics = Metrics::new(&["x1".into(), "y1".into()], 5.0).unwrap();
+        let axes = ["x1", "y1", "x2", "y2"].map(str::to_owned);
+        let metrics = Metrics::new(&axes, 5.0).unwrap();
+        for code in HTTP_CODES {
+            metrics.http_request_duration_seconds.with_label_values(&[code]).observe(0.1);
+            for route in HTTP_ROUTES {
+                metrics.http_requests.with_label_values(&[route, code]).inc();
+            }
+        }
         let text = metrics.text().unwrap();
         assert!(text.contains("stillcut_samples_lost_total{axis=\"y1\"} 0"));
         assert!(text.contains("stillcut_events_total{kind=\"chatter_onset\"} 0"));

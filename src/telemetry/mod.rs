@@ -7,4 +7,7 @@ mod process;
 
 pub use event::{Event, EventKind, Severity};
 pub use logs::{LogFormat, start_logs};
-pub use metrics::{BuildInfo, COMMAND_OUTCOMES, DECISION_BUCKETS_S, HOLD_REASONS, Metrics, REJECT_REASONS};
+pub use metrics::{
+    BuildInfo, COMMAND_OUTCOMES, DECISION_BUCKETS_S, HOLD_REASONS, HTTP_CODES, HTTP_ROUTES, Metrics,
+    REJECT_REASONS,
+};

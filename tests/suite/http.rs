@@ -71,6 +71,9 @@ fn every_route_asks_for_its_role_and_no_other() {
             assert!(answer.status != 401 && answer.status < 500 || answer.status == 503, "{answer:?}");
         }
     }
+    let scrape = get(&running, "/metrics").body;
+    let series = scrape.lines().filter(|l| !l.starts_with('#')).count();
+    assert!(series < 300, "{series} series after every route was asked");
     // A token that nobody knows or that has expired is refused everywhere, at first by name, then by its number.
     let (old, digest) = stillcut::http::new_token([9; 32]);
     let file = place.folder.path().join("tokens.toml");
