@@ -161,17 +161,21 @@ impl Upkeep {
             self.metrics.last_commit_timestamp_seconds.set(clock::wall_s());
         }
         let kept = self.kept.borrow().clone();
+        let gauge = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
         let folder = self.history.folder.clone();
         // What hangs here hangs on a thread of its own; the health above is told all the same.
-        let look = move || (sizes(&folder), file_id(&folder.join(FILE_NAME)));
+        let look = move || (sizes(&folder), file_id(&folder.join(FILE_NAME)), space(&folder));
         let seen = if failing { None } else { tokio::task::spawn_blocking(look).await.ok() };
-        let sizes = seen.map(|(sizes, _)| sizes);
-        if seen.is_some_and(|(_, file)| file != self.history.file) {
+        let sizes = seen.map(|(sizes, ..)| sizes);
+        if let Some((available, size)) = seen.and_then(|(.., space)| space) {
+            self.metrics.store_filesystem_available_bytes.set(gauge(available));
+            self.metrics.store_filesystem_size_bytes.set(gauge(size));
+        }
+        if seen.is_some_and(|(_, file, _)| file != self.history.file) {
             gauges.gone.store(true, Ordering::Relaxed);
         }
         let gone = gauges.gone.load(Ordering::Relaxed);
         let bytes = sizes.map_or(kept.store.bytes, |(bytes, _)| bytes);
-        let gauge = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
         self.metrics.events_unpersisted.set(gauge(waiting));
         self.metrics.queue_depth.with_label_values(&["store"]).set(gauge(waiting));
         self.metrics.store_bytes.set(gauge(bytes));
@@ -227,6 +231,13 @@ fn sizes(folder: &Path) -> (u64, u64) {
     let size =
         |suffix: &str| std::fs::metadata(folder.join(format!("{FILE_NAME}{suffix}"))).map_or(0, |m| m.len());
     (size(""), size("-wal"))
+}
+
+/// Bytes that this user may still write on the file system of a folder, and its size.
+fn space(folder: &Path) -> Option<(u64, u64)> {
+    let told = rustix::fs::statvfs(folder).ok()?;
+    let bytes = |blocks: u64| blocks.saturating_mul(told.f_frsize);
+    Some((bytes(told.f_bavail), bytes(told.f_blocks)))
 }
 
 /// What it finds, the reader remembers.
@@ -304,6 +315,13 @@ mod tests {
         assert!(!clocks.may_prune(after(601)) && !clocks.may_prune(after(80_000)));
         assert!(clocks.may_prune(after(601 + 86_400)));
         assert!(clocks.step_s(after(602), wall_ns(1622)).is_some_and(|s| s < -3e8), "back again");
+    }
+
+    #[test]
+    fn the_file_system_has_a_size_and_room() {
+        let (available, size) = space(Path::new("/tmp")).unwrap();
+        assert!(available <= size && size > 1_000_000, "{available} of {size}");
+        assert_eq!(space(Path::new("/tmp/there/is/nothing")), None);
     }
 
     #[test]

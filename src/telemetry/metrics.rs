@@ -133,6 +133,10 @@ series! {
         still waited for a person or the broker.", &["reason"]);
     store_bytes: IntGauge = int_gauge("stillcut_store_bytes", "Size of the history file.");
     wal_bytes: IntGauge = int_gauge("stillcut_wal_bytes", "Size of the history file's write-ahead log.");
+    store_filesystem_available_bytes: IntGauge = int_gauge("stillcut_store_filesystem_available_bytes",
+        "Free bytes for this user on the file system of the history and the recordings.");
+    store_filesystem_size_bytes: IntGauge = int_gauge("stillcut_store_filesystem_size_bytes",
+        "Size of the file system of the history and the recordings; 0 before the first look.");
     last_commit_timestamp_seconds: Gauge = gauge("stillcut_last_commit_timestamp_seconds",
         "Wall clock of the last durable commit.");
     recordings: IntCounterVec = counters("stillcut_recordings_total",
