@@ -156,8 +156,8 @@ pub(super) struct HoldBody {
     reason: String,
 }
 
-/// Leave the turret where it is, or let it go: what stands is kept, nothing else is asked of it. Ends by
-/// itself when the mode changes.
+/// Leave the turret where it is, or let it go: what stands is kept, nothing else is asked of it. Possible in
+/// `act` only, else 409 `not_acting`; ends by itself when the mode changes.
 #[utoipa::path(put, path = "/api/v1/hold", tag = "control",
     operation_id = "holdTurret", request_body = HoldBody,
     security(("token" = [])),

@@ -131,6 +131,9 @@ impl From<OperationError> for Problem {
             OperationError::Refused(Refusal::NotReady(_)) => {
                 Self::new(StatusCode::CONFLICT, "not_ready", text)
             }
+            OperationError::Refused(Refusal::NotActing(_)) => {
+                Self::new(StatusCode::CONFLICT, "not_acting", text)
+            }
             OperationError::Refused(Refusal::NoAnswer) => {
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "pipeline_unavailable", text).retry_after(1)
             }

@@ -39,6 +39,9 @@ pub enum Refusal {
     /// `act` needs fresh samples and closed interlocks.
     #[error("acting is not possible: {0}")]
     NotReady(String),
+    /// What was asked for exists only while acting.
+    #[error("{0}")]
+    NotActing(String),
     /// The pipeline thread has ended or is too far behind.
     #[error("the pipeline does not answer")]
     NoAnswer,

@@ -149,6 +149,7 @@ fn every_refusal_is_a_problem_with_a_code() {
         ("POST", "/api/v1/override", Some(&big), 413, "body_too_large"),
         ("POST", "/api/v1/override", None, 415, "unsupported_media_type"),
         ("PUT", "/api/v1/mode", Some("{\"mode\":\"act\",\"reason\":\"x\"}"), 428, "if_match_required"),
+        ("PUT", "/api/v1/hold", Some("{\"hold\":true,\"reason\":\"x\"}"), 409, "not_acting"),
         ("PUT", "/api/v1/mode", Some("{\"mode\":\"fly\",\"reason\":\"x\"}"), 422, "invalid_body"),
         ("GET", "/api/v1/recordings/..%2f..%2fhistory/file.parquet", None, 404, "not_found"),
     ];

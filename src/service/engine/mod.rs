@@ -417,6 +417,10 @@ impl Engine {
                 self.take_back(&origin);
                 let _ = done.send(Ok(self.mode_now()));
             }
+            Control::Hold { on: true, done, .. } if self.mode != Mode::Act => {
+                let what = "the turret is held in mode act only";
+                let _ = done.send(Err(Refusal::NotActing(what.to_owned())));
+            }
             Control::Hold { on, origin, done } => {
                 self.held = on;
                 let words = if on { "holds the turret where it is" } else { "lets the turret go" };
