@@ -115,6 +115,7 @@ fn save(recordings: &Recordings, job: &Job) -> Result<f64, Unsaved> {
     let metadata = [job.metadata.clone(), evidence.metadata()].concat();
     let (names, signals): (Vec<_>, Vec<_>) = signals(chunks, &job.axes).into_iter().unzip();
     let target = recordings.target(&job.id).ok_or_else(|| failed("is not a name".to_owned()))?;
+    recordings.restore();
     loop {
         let mut fill = |index: usize, out: &mut Vec<f64>| {
             if let Some(signal) = signals.get(index) {

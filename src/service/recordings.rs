@@ -57,6 +57,11 @@ impl Recordings {
         Ok(Self { folder: folder.to_owned() })
     }
 
+    /// Makes the folder anew where somebody removed it. A disk that refuses shows it at the write itself.
+    pub fn restore(&self) {
+        let _ = std::fs::create_dir_all(&self.folder);
+    }
+
     /// Where a recording of that name stands or would stand. `None`: not a name of ours.
     #[must_use]
     pub fn target(&self, id: &str) -> Option<PathBuf> {
@@ -134,6 +139,16 @@ mod tests {
             assert_eq!(recordings.target(bad), None, "{bad:?}");
         }
         assert!(recordings.target("chatter_onset-01JD").is_some());
+    }
+
+    #[test]
+    fn a_folder_that_was_removed_is_made_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let recordings = Recordings::open(&folder.path().join("recordings")).unwrap();
+        std::fs::remove_dir(folder.path().join("recordings")).unwrap();
+        assert!(recordings.list().is_err());
+        recordings.restore();
+        assert!(recordings.list().unwrap().is_empty());
     }
 
     #[test]
