@@ -137,13 +137,15 @@ async fn digested(request: Request) -> Result<(Request, [u8; 32]), Problem> {
 
 /// The layer: only POST with the header is looked at.
 pub(super) async fn layer(State(site): State<Site>, request: Request, next: Next) -> Response {
-    let key = request.headers().get("idempotency-key").and_then(|v| v.to_str().ok()).map(str::to_owned);
+    // What is not printable ASCII is refused below, like a key that is empty.
+    let text = |v: &HeaderValue| v.to_str().unwrap_or_default().to_owned();
+    let key = request.headers().get("idempotency-key").map(text);
     let (Some(key), Method::POST) = (key, request.method().clone()) else { return next.run(request).await };
     if request.uri().path() == ALWAYS_DONE {
         return next.run(request).await;
     }
     if key.is_empty() || key.len() > LONGEST_KEY {
-        let detail = "Idempotency-Key must have 1 to 128 characters";
+        let detail = "Idempotency-Key must have 1 to 128 printable ASCII characters";
         return Problem::bad_request("invalid_idempotency_key", detail).into_response();
     }
     let caller = request.extensions().get::<Caller>().map_or_else(String::new, |c| c.name.clone());

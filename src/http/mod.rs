@@ -22,6 +22,7 @@ mod watchful;
 pub use access::{Access, Caller, Role, TokenFileError, new_token, token_names};
 pub use events::EventView;
 pub use problem::{FieldError, Problem};
+pub use read::CheckView;
 pub use server::{TlsError, serve, tls_acceptor};
 
 use crate::service::{Handle, clock};

@@ -1,5 +1,6 @@
 //! Every refusal leaves as `application/problem+json` (RFC 9457) with a stable code.
 
+use super::read::CheckView;
 use crate::service::{OperationError, Refusal};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -40,6 +41,9 @@ pub struct Problem {
     /// Single faults of the input.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub errors: Vec<FieldError>,
+    /// Of `unready`: each condition of readiness.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub checks: Vec<CheckView>,
     #[serde(skip)]
     #[schema(ignore)]
     retry_after_s: Option<u32>,
@@ -55,6 +59,7 @@ impl Problem {
             instance: None,
             code: code.to_owned(),
             errors: Vec::new(),
+            checks: Vec::new(),
             retry_after_s: None,
         }
     }
@@ -69,6 +74,11 @@ impl Problem {
 
     pub(crate) fn with_field(mut self, pointer: &str, detail: &str) -> Self {
         self.errors.push(FieldError { pointer: pointer.to_owned(), detail: detail.to_owned() });
+        self
+    }
+
+    pub(crate) fn with_checks(mut self, checks: Vec<CheckView>) -> Self {
+        self.checks = checks;
         self
     }
 

@@ -84,17 +84,17 @@ pub(super) async fn healthz() -> &'static str {
 }
 
 /// One condition of readiness.
-#[derive(Debug, Serialize, ToSchema)]
-pub(super) struct CheckView {
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct CheckView {
     /// `samples`, `store` or `pipeline`.
-    name: String,
+    pub name: String,
     /// As it should be.
-    ok: bool,
+    pub ok: bool,
     /// What is seen.
-    detail: String,
+    pub detail: String,
 }
 
-/// Readiness with its reasons.
+/// All is as it should be.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Readiness {
     /// All conditions hold.
@@ -112,13 +112,19 @@ impl From<Check> for CheckView {
 /// Ready: samples are fresh, the history can be written, the pipeline runs.
 #[utoipa::path(get, path = "/readyz", tag = "operation", operation_id = "getReadiness",
     responses((status = 200, description = "Ready", body = Readiness),
-        (status = 503, description = "Not ready, with the reasons", body = Readiness),
+        (status = 503, description = "Not ready; `checks` has the reasons", body = Problem,
+            content_type = "application/problem+json"),
         Refused))]
 pub(super) async fn readyz(State(site): State<Site>) -> Response {
     let checks: Vec<CheckView> = site.handle.checks().into_iter().map(CheckView::from).collect();
     let ready = checks.iter().all(|c| c.ok);
-    let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-    (status, Json(Readiness { ready, checks })).into_response()
+    if ready {
+        return Json(Readiness { ready, checks }).into_response();
+    }
+    let failing = checks.iter().filter(|c| !c.ok);
+    let detail = failing.map(|c| format!("{}: {}", c.name, c.detail)).collect::<Vec<_>>().join("; ");
+    let problem = Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unready", detail);
+    problem.with_checks(checks).retry_after(1).into_response()
 }
 
 /// Metrics in the Prometheus text format.

@@ -79,7 +79,9 @@ fn chatter_is_heard_recorded_and_suppressed_in_act_only() {
     assert!(recording.len() > 9000 && recording.get("x1_stage_position_m").is_some());
     drop(lathe);
     until("the silence is noticed", 5, || state(&running)["source"]["connected"] == false);
-    assert_eq!(get(&running, "/readyz").status, 503);
+    let ready = get(&running, "/readyz");
+    assert_eq!((ready.status, ready.kind.as_str()), (503, "application/problem+json"));
+    assert_eq!((ready.code().as_str(), ready.json()["checks"][0]["ok"].as_bool()), ("unready", Some(false)));
     running.stop();
 }
 
