@@ -32,6 +32,11 @@ enum What {
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let What::Verify { config, history, head } = arguments.what;
+    if let Some(head) = head.as_ref().filter(|h| h.len() != 64 || !h.bytes().all(|b| b.is_ascii_hexdigit())) {
+        let what = "expected the 64 hexadecimal digits that an earlier `audit verify` printed";
+        return Err(bad_input(format!("--head `{}`: {what}", head.escape_debug())));
+    }
+    let head = head.map(|h| h.to_ascii_lowercase());
     let path = match (history, config) {
         (Some(path), _) => path,
         (None, Some(config)) => {

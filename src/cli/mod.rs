@@ -31,7 +31,7 @@ mod token;
 #[cfg(feature = "nats")]
 mod worker;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use std::io::Write as _;
 use std::process::ExitCode;
 
@@ -112,7 +112,10 @@ fn in_one_line(error: &anyhow::Error) -> String {
 /// Runs the command named by the process's arguments.
 #[must_use]
 pub fn main() -> ExitCode {
-    let arguments = match Arguments::try_parse() {
+    // A negative number is a value out of range, not an option that nobody knows.
+    let command = Arguments::command().mut_subcommands(|c| c.allow_negative_numbers(true));
+    let parsed = command.try_get_matches().and_then(|m| Arguments::from_arg_matches(&m));
+    let arguments = match parsed {
         Ok(arguments) => arguments,
         Err(error) => {
             let status = if error.use_stderr() { 2 } else { 0 };
@@ -130,7 +133,9 @@ pub fn main() -> ExitCode {
                 use clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand as NoCommand;
                 let line = match error.kind() {
                     NoCommand => {
-                        "error: a command is missing, such as `stillcut demo`; --help lists all".to_owned()
+                        let audit = std::env::args().any(|a| a == "audit");
+                        let example = if audit { "stillcut audit verify" } else { "stillcut demo" };
+                        format!("error: a command is missing, such as `{example}`; --help lists all")
                     }
                     _ => line.join(" "),
                 };

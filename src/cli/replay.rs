@@ -57,6 +57,9 @@ pub(super) struct Arguments {
 const TRACK_HZ: f64 = 100.0;
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    if arguments.out.exists() && !arguments.out.is_dir() {
+        return Err(bad_input(format!("--out {}: is a file; expected a folder", arguments.out.display())));
+    }
     let recording = read_recording(&arguments.recording).map_err(bad_input)?;
     let config = arguments.config.as_deref().map(read_service_config).transpose().map_err(bad_input)?;
     let place = |error: String| bad_input(format!("{}: {error}", arguments.recording.display()));

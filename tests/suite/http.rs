@@ -479,6 +479,11 @@ fn a_key_is_good_for_one_request_and_the_turret_is_always_taken_back() {
     let first = post("/api/v1/recordings", "a");
     assert_eq!((first.status, &post("/api/v1/recordings", "a").body), (202, &first.body));
     assert_eq!(post("/api/v1/recordings", "b").code(), "idempotency_key_reused");
+    for key in ["sch\u{fc}ssel", ""] {
+        let body = Some("{\"reason\":\"x\"}");
+        let refused = ask(&address, "POST", "/api/v1/recordings", &[("Idempotency-Key", key)], body);
+        assert_eq!((refused.status, refused.code().as_str()), (400, "invalid_idempotency_key"), "{key}");
+    }
     running.stop();
 }
 
