@@ -51,22 +51,48 @@ fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
             format!("JSON is nested deeper than {JSON_DEPTH}"),
         ));
     }
-    let wrong = |text: &str| {
+    let wrong = |pointer: &str, text: &str| {
         let detail = "the body is not what was expected";
-        Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", detail).with_field("", text)
+        Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", detail).with_field(pointer, text)
     };
-    let body = serde_json::from_slice(bytes).map_err(|error| {
+    let mut reader = serde_json::Deserializer::from_slice(bytes);
+    let read = serde_path_to_error::deserialize(&mut reader);
+    let body = read.map_err(|error| (pointer_of(&error), error.into_inner()));
+    let body = body.and_then(|body| reader.end().map(|()| body).map_err(|e| (String::new(), e)));
+    let body = body.map_err(|(pointer, error)| {
         let text = error.to_string();
         if error.is_data() {
-            return wrong(&text);
+            return wrong(&pointer, &text);
         }
         Problem::bad_request("malformed_json", "the body is not JSON").with_field("", &text)
     })?;
     // A derived reader also takes the fields' values in a row, without their names.
     match bytes.iter().find(|byte| !byte.is_ascii_whitespace()) {
         Some(b'{') => Ok(body),
-        _ => Err(wrong("expected a JSON object")),
+        _ => Err(wrong("", "expected a JSON object")),
     }
+}
+
+/// JSON pointer to what an error is about. A field that is missing or that nobody knows belongs to the object
+/// around it, where the library points.
+fn pointer_of(error: &serde_path_to_error::Error<serde_json::Error>) -> String {
+    use serde_path_to_error::Segment;
+    let said = error.inner().to_string();
+    let named = said.strip_prefix("missing field `").or(said.strip_prefix("unknown field `"));
+    let named = named.and_then(|rest| rest.split('`').next());
+    let mut steps: Vec<String> = error
+        .path()
+        .iter()
+        .filter_map(|segment| match segment {
+            Segment::Seq { index } => Some(index.to_string()),
+            Segment::Map { key } | Segment::Enum { variant: key } => Some(key.clone()),
+            Segment::Unknown => None,
+        })
+        .collect();
+    if let Some(name) = named.filter(|name| steps.last().is_none_or(|last| last != name)) {
+        steps.push(name.to_owned());
+    }
+    steps.iter().map(|step| format!("/{}", step.replace('~', "~0").replace('/', "~1"))).collect()
 }
 
 /// Deepest nesting of brackets outside strings.
@@ -111,9 +137,21 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Asked<T> {
 fn of_query(said: &str) -> (String, String) {
     let said = said.strip_prefix("Failed to deserialize query string: ").unwrap_or(said);
     match said.split_once(": ") {
-        Some((name, detail)) => (format!("query/{name}"), detail.to_owned()),
+        Some((name, detail)) => (format!("query/{name}"), in_plain_words(detail)),
         None => ("query".to_owned(), said.to_owned()),
     }
+}
+
+/// What was expected, where the library speaks of its own types.
+fn in_plain_words(detail: &str) -> String {
+    let integer = ["invalid digit found", "cannot parse integer", "number too"];
+    if integer.iter().any(|words| detail.starts_with(words)) {
+        return "expected an integer".to_owned();
+    }
+    if detail.starts_with("provided string was not `true` or `false`") {
+        return "expected true or false".to_owned();
+    }
+    detail.to_owned()
 }
 
 /// A path parameter; what does not parse names nothing.
@@ -132,7 +170,7 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Named<T
 
 #[cfg(test)]
 mod tests {
-    use super::{depth, parse};
+    use super::{depth, of_query, parse};
 
     #[test]
     fn nesting_is_counted_outside_strings() {
@@ -142,6 +180,36 @@ mod tests {
         assert_eq!(parse::<serde_json::Value>(deep.as_bytes()).unwrap_err().code, "json_too_deep");
         assert_eq!(parse::<serde_json::Value>(b"{").unwrap_err().code, "malformed_json");
         assert_eq!(parse::<u8>(b"\"x\"").unwrap_err().code, "invalid_body");
+    }
+
+    #[test]
+    fn a_wrong_field_is_pointed_at() {
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        #[allow(dead_code)]
+        struct Asked {
+            reason: String,
+            #[serde(default)]
+            recordings: Vec<String>,
+        }
+        for (body, pointer) in [
+            ("{\"reason\":7}", "/reason"),
+            ("{}", "/reason"),
+            ("{\"reason\":\"x\",\"more\":1}", "/more"),
+            ("{\"reason\":\"x\",\"a/b~\":1}", "/a~1b~0"),
+            ("{\"reason\":\"x\",\"recordings\":[\"a\",3]}", "/recordings/1"),
+        ] {
+            let problem = parse::<Asked>(body.as_bytes()).unwrap_err();
+            assert_eq!(
+                (problem.code.as_str(), problem.errors[0].pointer.as_str()),
+                ("invalid_body", pointer)
+            );
+        }
+        let behind = parse::<Asked>(b"{\"reason\":\"x\"} {}").unwrap_err();
+        assert_eq!(behind.code, "malformed_json");
+        let words = |said: &str| of_query(&format!("Failed to deserialize query string: {said}"));
+        let told = words("limit: invalid digit found in string");
+        assert_eq!(told, ("query/limit".to_owned(), "expected an integer".to_owned()));
     }
 
     #[test]
