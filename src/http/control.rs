@@ -101,7 +101,8 @@ fn if_match(headers: &HeaderMap) -> Result<u64, Problem> {
     };
     let text = value.to_str().unwrap_or_default().trim().trim_matches('"');
     let stale = || {
-        Problem::new(StatusCode::PRECONDITION_FAILED, "stale_revision", "If-Match is not an ETag of the mode")
+        let detail = "If-Match is not an ETag of the mode; it must name the one that was seen";
+        Problem::new(StatusCode::PRECONDITION_FAILED, "stale_revision", detail)
     };
     text.parse().map_err(|_| stale())
 }

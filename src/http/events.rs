@@ -122,14 +122,29 @@ pub(super) enum Form {
 const PARQUET: &str = "application/vnd.apache.parquet";
 
 impl Form {
-    /// What is asked for by name, else the first that `Accept` begins with.
+    /// What is asked for by name, else what `Accept` likes best of the three; JSON where it names none.
     fn of(query: &EventQuery, headers: &HeaderMap) -> Self {
-        let accept = headers.get(header::ACCEPT).and_then(|v| v.to_str().ok()).unwrap_or_default();
-        query.format.unwrap_or(match accept {
-            a if a.starts_with("text/csv") => Self::Csv,
-            a if a.starts_with(PARQUET) => Self::Parquet,
-            _ => Self::Json,
-        })
+        let lists = headers.get_all(header::ACCEPT).iter().filter_map(|v| v.to_str().ok());
+        query.format.unwrap_or_else(|| Self::liked_best(lists.flat_map(|list| list.split(','))))
+    }
+
+    fn liked_best<'a>(ranges: impl Iterator<Item = &'a str>) -> Self {
+        let mut best = (0.0, Self::Json);
+        for range in ranges {
+            let mut parts = range.split(';').map(str::trim);
+            let form = match parts.next().unwrap_or_default().to_ascii_lowercase().as_str() {
+                "application/json" | "application/*" | "*/*" => Self::Json,
+                "text/csv" | "text/*" => Self::Csv,
+                PARQUET => Self::Parquet,
+                _ => continue,
+            };
+            let liked = parts.find_map(|p| p.strip_prefix("q=").or(p.strip_prefix("Q=")));
+            let liked = liked.map_or(1.0, |q| q.parse().unwrap_or(0.0));
+            if liked > best.0 {
+                best = (liked, form);
+            }
+        }
+        best.1
     }
 }
 
@@ -402,7 +417,22 @@ pub(super) async fn audit(
 
 #[cfg(test)]
 mod tests {
-    use super::csv_field;
+    use super::{Form, csv_field};
+
+    #[test]
+    fn the_form_is_the_one_that_is_liked_best() {
+        for (accept, form) in [
+            ("text/html, text/csv", Form::Csv),
+            ("TEXT/CSV;q=0.5, application/vnd.apache.parquet", Form::Parquet),
+            ("application/json, text/csv", Form::Json),
+            ("text/csv;q=0, */*;q=0.1", Form::Json),
+            ("text/html", Form::Json),
+            ("text/csvx", Form::Json),
+            ("", Form::Json),
+        ] {
+            assert_eq!(Form::liked_best(accept.split(',')), form, "{accept}");
+        }
+    }
 
     #[test]
     fn spreadsheets_are_not_given_formulas() {
