@@ -3,6 +3,8 @@
 //! `config/stillcut.toml` states every key with its default, unit and meaning; `print-config` prints
 //! it, and a test holds it equal to the defaults here.
 
+mod network;
+
 use super::force::{AxisToml, ForceConfig, ForceToml};
 use super::machine::machine_from_text;
 use super::{ConfigError, is_date, parse, parse_number, read_text};
@@ -18,7 +20,7 @@ use crate::units::SampleRate;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
-use std::net::{Ipv6Addr, SocketAddr};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 /// Every setting with its default, unit and meaning.
@@ -354,8 +356,13 @@ impl Reader<'_> {
         if let Some(error) = unknown("machine.watch", &raw.machine.watch).or_else(of_turret) {
             return Err(error);
         }
+        let watch = &raw.machine.watch;
+        if let Some(axis) = watch.iter().enumerate().find_map(|(i, a)| watch[..i].contains(a).then_some(a)) {
+            return Err(self.bad("machine.watch", format!("{axis} twice: expected each axis once")));
+        }
         let d = &raw.detection;
-        let band = d.band_hz.map(|[low, high]| Band::new(low, high)).transpose();
+        let band = d.band_hz.map(|stated| self.band(stated, machine.sample_rate)).transpose()?;
+        let http = self.http(&raw.http)?;
         Ok(ServiceConfig {
             program: None,
             file: self.path.is_file().then(|| self.path.to_owned()),
@@ -363,16 +370,17 @@ impl Reader<'_> {
             watch: raw.machine.watch.clone(),
             workpiece: self.workpiece(&raw.workpiece)?,
             cutting: self.cutting(&raw.cutting)?,
-            band: band.map_err(|e| self.bad("detection.band_hz", e.to_string()))?,
+            band,
             tools: self
                 .tool_axis("tool_axis", (&d.tool_axis, d.tool_axis_zero_m, d.tool_axis_toward_chuck))?,
             infeed: self
                 .tool_axis("infeed_axis", (&d.infeed_axis, d.infeed_axis_zero_m, d.infeed_axis_toward_bar))?,
             turret,
             transport: (raw.transport.prefix.clone(), raw.transport.root.clone()),
-            http: self.http(&raw.http)?,
+            mtconnect: self.mtconnect(&raw.mtconnect, http.listen)?,
+            http,
             history: HistoryConfig {
-                folder: self.resolve(&raw.history.folder),
+                folder: self.resolve(self.named("history.folder", &raw.history.folder)?),
                 max_age_ns: self.days("history.max_age_days", raw.history.max_age_days)?,
                 max_bytes: self.bytes("history.max_bytes", raw.history.max_bytes)?,
             },
@@ -387,12 +395,31 @@ impl Reader<'_> {
                 "json" => true,
                 other => return Err(self.bad("log.format", format!("`{other}` is not one of text, json"))),
             },
-            mtconnect: self.mtconnect(&raw.mtconnect)?,
             fleet: self.fleet(&raw.fleet)?,
             machine,
             model,
             text,
         })
+    }
+
+    /// The watched band: above half of the sampling rate nothing can be heard.
+    fn band(&self, [low, high]: [f64; 2], rate: SampleRate) -> Result<Band, ConfigError> {
+        let place = "detection.band_hz";
+        let band = Band::new(low, high).map_err(|e| self.bad(place, e.to_string()))?;
+        let half = 0.5 * rate.hz();
+        if high >= half {
+            let what = format!("{high} Hz is not below {half} Hz, half of the machine's sampling rate");
+            return Err(self.bad(place, what));
+        }
+        Ok(band)
+    }
+
+    /// A path that names something.
+    fn named<'a>(&self, place: &str, path: &'a Path) -> Result<&'a Path, ConfigError> {
+        if path.as_os_str().is_empty() {
+            return Err(self.bad(place, "expected a path, found an empty text"));
+        }
+        Ok(path)
     }
 
     fn workpiece(&self, raw: &WorkpieceToml) -> Result<Workpiece, ConfigError> {
@@ -473,81 +500,6 @@ impl Reader<'_> {
             _ if is_date(date) => Ok(Some((by.to_owned(), date.to_owned()))),
             _ => Err(self.bad("turret.limits_date", format!("`{date}` is not a date such as 2026-11-21"))),
         }
-    }
-
-    /// SHDR knows no TLS and no token: who reaches the port reads along.
-    fn mtconnect(&self, raw: &MtconnectToml) -> Result<Option<SocketAddr>, ConfigError> {
-        let Some(listen) = &raw.listen else { return Ok(None) };
-        let address = self.address("mtconnect.listen", listen)?;
-        if !address.ip().is_loopback() && !raw.allow_remote {
-            let what = format!("{address} is reachable by all: needs mtconnect.allow_remote = true");
-            return Err(self.bad("mtconnect.listen", what));
-        }
-        Ok(Some(address))
-    }
-
-    fn fleet(&self, raw: &FleetToml) -> Result<Option<FleetConfig>, ConfigError> {
-        let Some(server) = &raw.server else { return Ok(None) };
-        if !cfg!(feature = "nats") {
-            let what = "this program was built without NATS; build it with `--features nats`";
-            return Err(self.bad("fleet.server", what));
-        }
-        if server.contains('@') {
-            return Err(self.bad("fleet.server", "name and password belong into fleet.credentials"));
-        }
-        let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        if raw.machine.is_empty() || raw.machine.len() > 60 || !raw.machine.chars().all(plain) {
-            let what = format!("`{}`: expected 1 to 60 letters, digits, - and _", raw.machine);
-            return Err(self.bad("fleet.machine", what));
-        }
-        Ok(Some(FleetConfig {
-            server: server.clone(),
-            credentials: raw.credentials.as_deref().map(|p| self.resolve(p)),
-            machine: raw.machine.clone(),
-            diagnose: raw.diagnose,
-        }))
-    }
-
-    fn address(&self, place: &str, text: &str) -> Result<SocketAddr, ConfigError> {
-        text.parse()
-            .map_err(|_| self.bad(place, format!("`{text}` is not an address such as 127.0.0.1:8620")))
-    }
-
-    /// The name in `host` or `host:port`: whatever port stands in front of the service, the name decides.
-    fn host(&self, text: &str) -> Result<String, ConfigError> {
-        let (name, port) = match text.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
-            Some((address, rest)) => (address, rest.strip_prefix(':').or(rest.is_empty().then_some("0"))),
-            None => text.split_once(':').map_or((text, Some("0")), |(name, port)| (name, Some(port))),
-        };
-        let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        let labels = || name.split('.').all(|label| !label.is_empty() && label.chars().all(plain));
-        let good = if text.starts_with('[') { name.parse::<Ipv6Addr>().is_ok() } else { labels() };
-        if good && port.is_some_and(|p| p.parse::<u16>().is_ok()) {
-            return Ok(name.to_owned());
-        }
-        let what = format!("`{text}` is not a host name such as lathe.example or lathe.example:8620");
-        Err(self.bad("http.hosts", what))
-    }
-
-    fn http(&self, raw: &HttpToml) -> Result<HttpConfig, ConfigError> {
-        let listen = self.address("http.listen", &raw.listen)?;
-        let tls = match (&raw.certificate, &raw.key) {
-            (Some(certificate), Some(key)) => Some((self.resolve(certificate), self.resolve(key))),
-            (None, None) => None,
-            _ => return Err(self.bad("http", "certificate and key are needed together")),
-        };
-        let safe = listen.ip().is_loopback() || (tls.is_some() && raw.tokens.is_some());
-        if !safe && !raw.allow_remote_without_tls {
-            let what = "needs http.certificate, http.key and http.tokens, or allow_remote_without_tls = true";
-            return Err(self.bad("http.listen", format!("{listen} is reachable from other machines: {what}")));
-        }
-        Ok(HttpConfig {
-            listen,
-            tls,
-            tokens: raw.tokens.as_deref().map(|p| self.resolve(p)),
-            hosts: raw.hosts.iter().map(|h| self.host(h)).collect::<Result<_, _>>()?,
-            trust_loopback: false,
-        })
     }
 }
 
@@ -633,6 +585,13 @@ mod tests {
             ("[machine.axes.x1]\nspeed = 1\n", "unknown field `speed`"),
             ("[machine]\nwatch = [\"q\"]\n", "machine.watch: the model has no axis q"),
             ("[machine]\nwatch = []\n", "machine.watch: []: expected the name of one axis"),
+            ("[machine]\nwatch = [\"x1\", \"x1\"]\n", "machine.watch: x1 twice"),
+            ("[detection]\nband_hz = [500.0, 4500.0]\n", "detection.band_hz: 4500 Hz is not below 4500 Hz"),
+            ("[history]\nfolder = \"\"\n", "history.folder: expected a path"),
+            (
+                "[mtconnect]\nlisten = \"127.0.0.1:8620\"\n",
+                "mtconnect.listen: 127.0.0.1:8620 is the port of http.listen",
+            ),
             ("[turret]\ndirection_rad = [0.0, nan]\n", "turret.direction_rad: NaN is not between"),
             (
                 "[turret]\ndirection_rad = [0.7, 0.72]\n",

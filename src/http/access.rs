@@ -60,6 +60,16 @@ pub enum TokenFileError {
         /// Permission bits.
         mode: u32,
     },
+    /// Nobody could come from another machine.
+    #[error(
+        "http.tokens: {}: no token that is good now, and the service listens for other machines; \
+         `stillcut token --file FILE` makes one",
+        path.display()
+    )]
+    NoneGood {
+        /// File.
+        path: PathBuf,
+    },
     /// Its content is not a list of tokens.
     #[error("{}: {message}", path.display())]
     Content {
@@ -211,10 +221,14 @@ impl Access {
         })
     }
 
-    /// True when there is a token that could authorise a write.
-    #[must_use]
-    pub fn has_tokens(&self) -> bool {
-        !self.loaded.lock().unwrap_or_else(PoisonError::into_inner).tokens.is_empty()
+    /// Errors: there is a file of tokens, and none in it is good at this time.
+    pub fn needs_a_good_token(&self, wall_ns: i64) -> Result<(), TokenFileError> {
+        let Some(path) = &self.file else { return Ok(()) };
+        let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
+        match loaded.tokens.iter().any(|t| t.expires_ns.is_none_or(|e| wall_ns < e)) {
+            true => Ok(()),
+            false => Err(TokenFileError::NoneGood { path: path.clone() }),
+        }
     }
 
     /// Takes a changed file into use. One that is gone, cannot be read or that others may read leaves no token
@@ -371,6 +385,23 @@ mod tests {
         assert_eq!(near.require(Role::Operator).unwrap_err().status, 401);
         let Verdict::Known(far) = access.judge(&HeaderMap::new(), FAR, wall, now) else { panic!("known") };
         assert_eq!(far.require(Role::Viewer).unwrap_err().status, 401);
+    }
+
+    #[test]
+    fn a_file_without_a_good_token_is_told() {
+        let hash = new_token([1; 32]).1;
+        let entry = |h: &str| {
+            format!(
+                "[[token]]\nname = \"n\"\nrole = \"viewer\"\nsha256 = \"{h}\"\n\
+                 expires = \"2026-01-01T00:00:00Z\"\n"
+            )
+        };
+        let expiry = crate::service::clock::parse_rfc3339("2026-01-01T00:00:00Z").unwrap();
+        let (empty, old) = (file(""), file(&entry(&hash)));
+        let load = |f: &tempfile::NamedTempFile| Access::load(Some(f.path()), false).unwrap();
+        assert!(load(&empty).needs_a_good_token(expiry).is_err());
+        assert!(load(&old).needs_a_good_token(expiry).is_err());
+        assert!(load(&old).needs_a_good_token(expiry - 1).is_ok());
     }
 
     #[test]

@@ -109,10 +109,19 @@ pub struct Running {
 /// Whether what the configuration names can be used: tokens, certificate and key, shared memory domain.
 /// Changes nothing. Errors: what `start` would refuse, too.
 pub fn check(config: &ServiceConfig) -> Result<(), ServiceError> {
-    Access::load(config.http.tokens.as_deref(), false)?;
+    access(config)?;
     config.http.tls.as_ref().map(|(c, k)| tls_acceptor(c, k)).transpose()?;
     Domain::new(&config.transport.0, &config.transport.1)?;
     Ok(())
+}
+
+/// Tokens, of which one is good where others than this machine's users are let in.
+fn access(config: &ServiceConfig) -> Result<Access, ServiceError> {
+    let access = Access::load(config.http.tokens.as_deref(), config.http.trust_loopback)?;
+    if !config.http.listen.ip().is_loopback() {
+        access.needs_a_good_token(clock::wall_ns())?;
+    }
+    Ok(access)
 }
 
 /// Starts everything. When it returns, HTTP answers and samples are taken in.
@@ -193,7 +202,7 @@ impl Parts {
         let config = Arc::clone(&self.config);
         let shown = shown_config(&config);
         self.metrics.set_config_hash(&shown.hash)?;
-        let access = Access::load(config.http.tokens.as_deref(), config.http.trust_loopback)?;
+        let access = access(&config)?;
         let tls = config.http.tls.as_ref().map(|(c, k)| tls_acceptor(c, k)).transpose()?;
         let listener = self.listen("http.listen", config.http.listen)?;
         let bound = listener.local_addr();
