@@ -28,8 +28,12 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         Some(path) => read_service_config(path).map_err(bad_input)?,
         None => ServiceConfig::default(),
     };
-    config.force.read_idle_runs(&config.machine, crate::recording::read_recording).map_err(bad_input)?;
-    check(&config).map_err(bad_input)?;
+    let place = |error: String| match &arguments.config {
+        Some(path) => bad_input(format!("{}: {error}", path.display())),
+        None => bad_input(error),
+    };
+    config.force.read_idle_runs(&config.machine, crate::recording::read_recording).map_err(place)?;
+    check(&config).map_err(|e| place(e.to_string()))?;
     if arguments.check {
         return Ok(());
     }

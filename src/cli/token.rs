@@ -60,7 +60,10 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         role.word()
     );
     let opened = File::options().create(true).append(true).mode(0o600).open(&arguments.file);
-    let mut file = opened.map_err(|e| bad_input(format!("{place}: {e}")))?;
+    let mut file = opened.map_err(|e| match e.kind() {
+        std::io::ErrorKind::NotFound => bad_input(format!("--file {place}: its folder is not there")),
+        _ => bad_input(format!("--file {place}: {e}")),
+    })?;
     file.write_all(entry.as_bytes()).and_then(|()| file.sync_all()).with_context(|| place.to_string())?;
     writeln!(std::io::stdout(), "{text}")?;
     Ok(())

@@ -125,22 +125,21 @@ impl ForceConfig {
             let Some(model) = machine.axis(name) else { continue };
             let mut runs = Vec::new();
             for path in &axis.idle {
-                let recording = read(path).map_err(|e| e.to_string())?;
+                let place = |e: String| format!("machine.axes.{name}.idle: {e}");
+                let recording = read(path).map_err(|e| place(e.to_string()))?;
                 let (is, expected) = (recording.sample_rate.hz(), machine.sample_rate.hz());
                 if (is / expected - 1.0).abs() > 1e-6 {
                     let what =
                         format!("sampled at {is} Hz, expected {expected} Hz as the machine model says");
-                    return Err(format!("{}: axis {name}: {what}", path.display()));
+                    return Err(place(format!("{}: axis {name}: {what}", path.display())));
                 }
                 let motion = motion_of_recording(&recording, name, &model.drive)
-                    .map_err(|e| format!("{}: {e}", path.display()))?;
+                    .map_err(|e| place(format!("{}: {e}", path.display())))?;
                 // A stream of samples carries both encoders of an axis that has them.
                 if motion.signals == Signals::StageOnly && model.drive.axial_stiffness_n_m() > 0.0 {
                     let is = motion.signals.name();
-                    return Err(format!(
-                        "{}: axis {name}: {is}, expected its rotary encoder too",
-                        path.display()
-                    ));
+                    let what = "expected its rotary encoder too";
+                    return Err(place(format!("{}: axis {name}: {is}, {what}", path.display())));
                 }
                 runs.push(motion.samples);
             }

@@ -54,7 +54,10 @@ pub(crate) fn in_one_line(text: &str) -> String {
 
 /// Reads a text file that is to hold `what`. Errors: [`ConfigError::Read`].
 pub fn read_text(path: &Path, what: &'static str) -> Result<String, ConfigError> {
-    let text = std::fs::read_to_string(path);
+    let text = std::fs::read_to_string(path).map_err(|e| match e.kind() {
+        std::io::ErrorKind::InvalidData => std::io::Error::new(e.kind(), "not text; expected TOML in UTF-8"),
+        _ => e,
+    });
     text.map_err(|source| ConfigError::Read { what, path: path.to_owned(), source })
 }
 

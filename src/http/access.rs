@@ -53,7 +53,7 @@ pub enum TokenFileError {
         source: std::io::Error,
     },
     /// Others than the owner may read it.
-    #[error("{}: mode {mode:03o} lets others read it; expected 600", path.display())]
+    #[error("http.tokens: {}: mode {mode:03o} lets others read it; expected 600", path.display())]
     Open {
         /// File.
         path: PathBuf,

@@ -57,7 +57,10 @@ pub enum TlsError {
         mode: u32,
     },
     /// The file holds no certificate or key.
-    #[error("{}: no {what} in PEM form; expected lines from -----BEGIN on", path.display())]
+    #[error(
+        "http.certificate and http.key: {}: no {what} in PEM form; expected lines from -----BEGIN on",
+        path.display()
+    )]
     Missing {
         /// File.
         path: PathBuf,
@@ -65,10 +68,16 @@ pub enum TlsError {
         what: &'static str,
     },
     /// Certificate and key do not work together.
-    #[error("{}: {source}", path.display())]
+    #[error(
+        "http.certificate and http.key: {} with {}: {source}; expected the key of this certificate",
+        path.display(),
+        key.display()
+    )]
     Unusable {
         /// Certificate file.
         path: PathBuf,
+        /// Key file.
+        key: PathBuf,
         /// What rustls said.
         source: rustls::Error,
     },
@@ -92,7 +101,7 @@ pub fn tls_acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, TlsEr
         .map_err(unreadable)?
         .ok_or_else(|| TlsError::Missing { path: key.to_owned(), what: "private key" })?;
     let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let unusable = |source| TlsError::Unusable { path: certificate.to_owned(), source };
+    let unusable = |source| TlsError::Unusable { path: certificate.to_owned(), key: key.to_owned(), source };
     let mut config = rustls::ServerConfig::builder_with_provider(provider)
         .with_safe_default_protocol_versions()
         .map_err(unusable)?

@@ -170,7 +170,12 @@ fn write_beside(
     write: impl FnOnce(&Path) -> Result<(), RecordingError>,
 ) -> Result<(), RecordingError> {
     let part = beside(path);
-    let outcome = write(&part);
+    // Nobody knows the name beside: what is told is the one that was asked for.
+    let outcome = write(&part).map_err(|error| match error {
+        RecordingError::Io { source, .. } => RecordingError::Io { path: path.to_owned(), source },
+        RecordingError::Format { message, .. } => RecordingError::Format { path: path.to_owned(), message },
+        other => other,
+    });
     let finished = outcome.and_then(|()| {
         std::fs::rename(&part, path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })
     });

@@ -52,8 +52,12 @@ const AGED_AT_ONCE: usize = 4;
 impl Recordings {
     /// The folder, made where it is not there.
     pub fn open(folder: &Path) -> Result<Self, RecordingsError> {
-        std::fs::create_dir_all(folder)
-            .map_err(|source| RecordingsError::Io { path: folder.to_owned(), source })?;
+        std::fs::create_dir_all(folder).map_err(|source| {
+            let is_file = folder.is_file();
+            let told = || std::io::Error::new(source.kind(), "is a file; expected a folder, or nothing");
+            let source = if is_file { told() } else { source };
+            RecordingsError::Io { path: folder.to_owned(), source }
+        })?;
         Ok(Self { folder: folder.to_owned() })
     }
 
@@ -139,6 +143,10 @@ mod tests {
             assert_eq!(recordings.target(bad), None, "{bad:?}");
         }
         assert!(recordings.target("chatter_onset-01JD").is_some());
+        let file = folder.path().join("recordings");
+        std::fs::write(&file, "").unwrap();
+        let told = Recordings::open(&file).unwrap_err().to_string();
+        assert!(told.ends_with("recordings: is a file; expected a folder, or nothing"), "{told}");
     }
 
     #[test]

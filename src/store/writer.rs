@@ -116,6 +116,10 @@ impl StoreWriter {
         std::fs::create_dir_all(folder)
             .map_err(|source| StoreError::Files { path: folder.to_owned(), source })?;
         let path = folder.join(super::FILE_NAME);
+        if path.is_dir() {
+            let source = std::io::Error::other("is a folder; expected the history file, or nothing");
+            return Err(StoreError::Files { path, source });
+        }
         let (connection, report) = open(&path, wall_ns).await?;
         let (queue, waiting) = mpsc::channel(QUEUE);
         let gauges = Arc::new(WriterGauges::default());

@@ -690,6 +690,11 @@ fn tls_is_spoken_where_it_is_configured() {
     let refused = start(place.config(http)).unwrap_err().to_string();
     assert!(refused.contains("tls.key: mode 644 lets others read it"), "{refused}");
     mode(0o600);
+    let other = rcgen::generate_simple_self_signed(vec!["localhost".to_owned()]).unwrap();
+    std::fs::write(&key, other.signing_key.serialize_pem()).unwrap();
+    let refused = start(place.config(http)).unwrap_err().to_string();
+    assert!(refused.contains("http.key: ") && refused.contains("tls.key: "), "{refused}");
+    std::fs::write(&key, made.signing_key.serialize_pem()).unwrap();
     let running = start(place.config(http)).unwrap();
     let address = running.handle().address().to_string();
     let request = "GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";

@@ -481,11 +481,50 @@ fn check_opens_what_the_configuration_names() {
         ("[transport]\nroot = \"here\"\n", "transport.root `here` is not an absolute path"),
         ("[transport]\nprefix = \"\"\n", "transport.prefix `` is not 1 to 24"),
         ("[machine]\nwatch = []\n", "machine.watch: []: expected"),
+        ("[machine.axes.x1]\nidle = [\"nope.parquet\"]\n", "machine.axes.x1.idle: "),
     ] {
         std::fs::write(&path, text).unwrap();
         let (status, said) = run_once(&["run", "--check", "--config", path.to_str().unwrap()]);
         assert!(status == 2 && said.contains(expected) && said.lines().count() == 1, "{text}: {said}");
+        assert!(said.contains("c.toml: "), "{said}");
     }
+    std::fs::write(&path, [0xff, 0xfe, 0]).unwrap();
+    let (status, said) = run_once(&["run", "--check", "--config", path.to_str().unwrap()]);
+    assert!(status == 2 && said.contains("c.toml: not text; expected TOML in UTF-8"), "{said}");
+}
+
+/// What is wrong on a command line is told by the name that was given, with status 2.
+#[test]
+fn command_lines_that_cannot_work_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    std::fs::write(path("s.toml"), "").unwrap();
+    std::fs::write(path("taken"), "").unwrap();
+    std::fs::create_dir_all(path("state/history.sqlite")).unwrap();
+    std::fs::write(path("c.toml"), "[history]\nfolder = \"state\"\n[http]\nlisten = \"127.0.0.1:0\"\n")
+        .unwrap();
+    let (scenario, out) = (path("s.toml"), path("r.parquet"));
+    let (nowhere, taken) = (path("nowhere/r.parquet"), path("taken"));
+    let tokens = path("nowhere/tokens.toml");
+    let simulate = ["simulate", "--scenario", &scenario, "--out"];
+    for (arguments, expected) in [
+        (vec!["audit"], "such as `stillcut audit verify`"),
+        (vec!["audit", "verify", "--head", "abc"], "--head `abc`: expected the 64 hexadecimal digits"),
+        ([&simulate[..], &[&out, "--duration-s", "-1"]].concat(), "--duration-s -1: expected 0.001 to 86400"),
+        ([&simulate[..], &[&out, "--seed", "-1"]].concat(), "invalid value '-1' for '--seed <SEED>'"),
+        ([&simulate[..], &[&nowhere, "--duration-s", "0.1"]].concat(), "nowhere/r.parquet: No such file"),
+        (vec!["replay", "--recording", &out, "--out", &taken], "taken: is a file; expected a folder"),
+        (
+            vec!["token", "--file", &tokens, "--name", "anna", "--role", "viewer"],
+            "nowhere/tokens.toml: its folder is not there",
+        ),
+    ] {
+        let (status, said) = run_once(&arguments);
+        assert!(status == 2 && said.contains(expected) && said.lines().count() == 1, "{arguments:?}: {said}");
+        assert!(!said.contains(".part"), "{said}");
+    }
+    let (status, said) = run_once(&["run", "--config", &path("c.toml")]);
+    assert!(status == 1 && said.contains("history.sqlite: is a folder; expected the history file"), "{said}");
 }
 
 #[test]
