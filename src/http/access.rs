@@ -231,9 +231,9 @@ impl Access {
         }
     }
 
-    /// Takes a changed file into use. One that is gone, cannot be read or that others may read leaves no token
-    /// in force: answers true where that is news. One whose content is no list of tokens changes nothing: it
-    /// may be half written. Reads the disk: not for the thread that answers requests.
+    /// Takes a changed file into use. One that is gone, cannot be read or that others may read leaves no
+    /// token in force: answers true where that is news. One whose content is no list of tokens changes
+    /// nothing: it may be half written. Reads the disk: not for the thread that answers requests.
     pub fn refresh(&self) -> bool {
         let Some(file) = &self.file else { return false };
         let lock = || self.loaded.lock().unwrap_or_else(PoisonError::into_inner);

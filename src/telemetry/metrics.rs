@@ -85,8 +85,8 @@ series! {
     queue_dropped: IntCounterVec = counters("stillcut_queue_dropped_total",
         "Entries dropped from a queue.", &["queue", "intentional"]);
     decision_latency_seconds: Histogram = histogram("stillcut_decision_latency_seconds",
-        "Time from the wake that took in the newest samples to the end of its decision, in seconds. What they \
-        waited before it is not in it: up to 1 ms in act, 50 ms else.");
+        "Time from the wake that took in the newest samples to the end of its decision, in seconds. What \
+        they waited before it is not in it: up to 1 ms in act, 50 ms else.");
     step_duration_seconds: Histogram = step_histogram("stillcut_step_duration_seconds",
         "Time of the pipeline for what one wake took in, in seconds.");
     http_request_duration_seconds: HistogramVec = http_histogram("stillcut_http_request_duration_seconds",
