@@ -27,6 +27,9 @@ const REFUTED: f64 = 1.05;
 /// No model holds to better than this share of the thrust; what is left below it is no finding.
 const INEXACT_SHARE: f64 = 0.0015;
 
+/// What held-out blocks may have left, over what a fit to everything leaves.
+const UNTOLD: f64 = 3.0;
+
 /// Everything that the parts of an answer are made of.
 pub(super) struct Case<'a> {
     pub(super) machine: &'a Machine,
@@ -464,6 +467,9 @@ impl Case<'_> {
     fn recording_fits(&self, unexplained: bool) -> Vec<RecordingFit> {
         let p = &self.outcome.state.problem;
         let heldout = (!unexplained).then(|| self.bench.heldout_residual(None));
+        // Blocks that cannot tell a number say nothing of the others: then the fit to all of them stands.
+        let heldout =
+            heldout.map(|h| if rms(&h) < UNTOLD * rms(&self.after) { h } else { self.after.clone() });
         let after = heldout.as_ref().unwrap_or(&self.outcome.before);
         let written = heldout.as_ref().unwrap_or(&self.nominal);
         let sides =

@@ -223,27 +223,14 @@ impl<'a> Bench<'a> {
     }
 
     /// Residual in which each block is left by a fit to the other blocks; without one accepted hypothesis, if
-    /// asked. Constants of laws are fitted with it unless the other blocks cannot tell them: then they stay.
+    /// asked.
     pub(crate) fn heldout_residual(&self, without: Option<usize>) -> Column {
-        /// Over what the fit to everything leaves: constants that nobody knows.
-        const UNKNOWN: f64 = 2.0;
-        let moving = self.heldout(without, false);
-        if without.is_some() || rms(&moving) < UNKNOWN * rms(&self.residual()) {
-            return moving;
-        }
-        self.heldout(without, true)
-    }
-
-    fn heldout(&self, without: Option<usize>, still: bool) -> Column {
         let gone = without.map_or(0..0, |k| self.range(k));
         let fixed_gone = without.map(|k| &self.accepted[k]).filter(|a| a.hypothesis.shape.unit());
         let gram = fixed_gone.map_or_else(|| self.gram.clone(), |a| self.without_fixed(a));
         let held = self.solution.coefficients[self.timing_index()] == 0.0;
-        let constants: Vec<std::ops::Range<usize>> =
-            if still { self.constants().collect() } else { Vec::new() };
         let used: Vec<usize> = (0..gram.columns())
             .filter(|k| !(gone.contains(k) || held && *k == self.timing_index()))
-            .filter(|k| !constants.iter().any(|r| r.contains(k)))
             .collect();
         let mut out: Option<Column> = None;
         for fold in 0..regression::FOLDS {
@@ -283,17 +270,14 @@ impl<'a> Bench<'a> {
         )
     }
 
-    /// Columns of the constants of each accepted hypothesis.
-    fn constants(&self) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
-        (0..self.accepted.len()).map(|index| {
-            let range = self.range(index);
-            range.end - self.accepted[index].tangents.len()..range.end
-        })
-    }
-
     /// Coefficients of the base with the constants of what is accepted held as they are.
     pub(crate) fn at_rest(&self) -> Vec<f64> {
-        let steps: Vec<std::ops::Range<usize>> = self.constants().collect();
+        let steps: Vec<std::ops::Range<usize>> = (0..self.accepted.len())
+            .map(|index| {
+                let range = self.range(index);
+                range.end - self.accepted[index].tangents.len()..range.end
+            })
+            .collect();
         let timing = self.timing_is_free();
         let used = |k: usize| (timing || k != self.timing_index()) && !steps.iter().any(|r| r.contains(&k));
         self.solve_for(&self.gram, used).coefficients
