@@ -5,10 +5,12 @@ use crate::config::scenario::read_scenario;
 use crate::recording::{Table, TableColumn, write_table, write_whole};
 use crate::report::stability_picture;
 use crate::stability::{Grid, GridPoint, GridRange};
-use anyhow::Context as _;
 use std::path::PathBuf;
 
 /// Maps where two opposed tools chatter: growth and frequency over pitch difference, position, speed, width.
+///
+/// Of the bar's bending: roots below half its natural frequency, at which surface marks only fade, are left
+/// out.
 ///
 /// Example: stillcut stability --scenario lathe.toml --pitch-rad 0:0.4:200 --speed-rpm 800:2400:200 --out map
 #[derive(clap::Args)]
@@ -23,13 +25,13 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "A:B:N", allow_hyphen_values = true)]
     pitch_rad: Option<String>,
     /// Tools from the chuck, from:to:count.
-    #[arg(long, value_name = "A:B:N")]
+    #[arg(long, value_name = "A:B:N", allow_hyphen_values = true)]
     position_m: Option<String>,
     /// Spindle speed, from:to:count.
-    #[arg(long, value_name = "A:B:N")]
+    #[arg(long, value_name = "A:B:N", allow_hyphen_values = true)]
     speed_rpm: Option<String>,
     /// Width of cut, from:to:count.
-    #[arg(long, value_name = "A:B:N")]
+    #[arg(long, value_name = "A:B:N", allow_hyphen_values = true)]
     width_m: Option<String>,
 }
 
@@ -49,7 +51,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
     grid.check().map_err(bad_input)?;
     let points = evaluate(&grid)?;
-    std::fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
+    let folder = &arguments.out;
+    std::fs::create_dir_all(folder).map_err(|e| bad_input(format!("{}: {e}", folder.display())))?;
     write_points(&arguments.out.join("stability.parquet"), &points)?;
     let picture = stability_picture::draw(&grid, &points)?;
     write_whole(&arguments.out.join("stability.svg"), picture.as_bytes())?;

@@ -92,6 +92,12 @@ pub struct TwoDelay {
 }
 
 impl TwoDelay {
+    /// K/k: how stiff the cut is over the bar.
+    #[must_use]
+    pub fn cutting_over_stiffness(&self) -> f64 {
+        self.cutting_stiffness_n_m / self.stiffness_n_m
+    }
+
     /// The equation of a scenario as it stands.
     #[must_use]
     pub fn from_scenario(scenario: &Scenario) -> Self {

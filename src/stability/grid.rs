@@ -17,6 +17,11 @@ pub struct GridRange {
 
 /// Most points of a grid.
 const MOST_POINTS: usize = 10_000_000;
+/// Slowest and fastest spindle: the number of roots to be looked at grows with the length of a turn.
+const LEAST_RPM: f64 = 1.0;
+const MOST_RPM: f64 = 1e6;
+/// Stiffest cut over the bar. Steel at the bar's middle is some hundredths, a parting tool in a slim bar ten.
+const MOST_RATIO: f64 = 1e3;
 
 /// Why there is no grid.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -36,6 +41,19 @@ pub enum GridError {
     TooMany {
         /// Points asked for.
         points: usize,
+    },
+    /// A corner that no bar, lathe or tool comes near; the search for roots would not end.
+    #[error(
+        "{speed_rpm} rpm, {width_m} m wide: expected {LEAST_RPM} to {MOST_RPM} rpm and a cut at most \
+         {MOST_RATIO} times as stiff as the bar, here {ratio:.3e}"
+    )]
+    FarOff {
+        /// Speed.
+        speed_rpm: f64,
+        /// Width.
+        width_m: f64,
+        /// K/k.
+        ratio: f64,
     },
     /// A value of the grid is not physical.
     #[error(transparent)]
@@ -157,7 +175,7 @@ impl Grid {
         Ok((at, TwoDelay::from_scenario(&scenario)))
     }
 
-    /// Errors: too many points, a corner that is not physical.
+    /// Errors: too many points, a corner that is not physical or far from every lathe.
     pub fn check(&self) -> Result<(), GridError> {
         let points = self.points();
         if points > MOST_POINTS {
@@ -174,7 +192,13 @@ impl Grid {
             ];
             let point =
                 ((a * self.position_m.count() + b) * self.speed_rpm.count() + c) * self.width_m.count() + d;
-            self.equation(point)?;
+            let (at, equation) = self.equation(point)?;
+            let ratio = equation.cutting_over_stiffness();
+            let good = (LEAST_RPM..=MOST_RPM).contains(&at.speed_rpm) && ratio <= MOST_RATIO;
+            if !good {
+                let GridPoint { speed_rpm, width_m, .. } = at;
+                return Err(GridError::FarOff { speed_rpm, width_m, ratio });
+            }
         }
         Ok(())
     }
@@ -221,5 +245,14 @@ mod tests {
         let mut grid = Grid::of(Scenario::default());
         grid.speed_rpm = GridRange::new(-100.0, 1200.0, 5).unwrap();
         assert!(grid.check().is_err());
+        let of = |speed_rpm, width_m| Grid { speed_rpm, width_m, ..Grid::of(Scenario::default()) };
+        let usual = (GridRange::only(1200.0), GridRange::only(1e-4));
+        assert!(of(usual.0, usual.1).check().is_ok());
+        for (speed_rpm, width_m) in [(1e-30, 1e-4), (0.5, 1e-4), (1200.0, 1e30), (1200.0, 1e300)] {
+            let grid = of(GridRange::only(speed_rpm), GridRange::only(width_m));
+            assert!(grid.check().is_err(), "{speed_rpm} {width_m}");
+        }
+        let wide = GridRange::new(0.0, 1e300, 3).unwrap();
+        assert!(of(usual.0, wide).check().is_err());
     }
 }
