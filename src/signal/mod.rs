@@ -11,7 +11,6 @@ pub mod finite_difference;
 pub mod harmonic_fit;
 pub mod line_bank;
 pub mod linear_phase;
-pub mod moving_variance;
 pub mod notch;
 pub mod order_lines;
 pub(crate) mod sine;
