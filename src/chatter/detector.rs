@@ -1,5 +1,6 @@
 //! From lines that stand out to a decision: `Learning -> Quiet -> Suspected -> Chatter -> Quiet`.
 
+use super::growth::Growth;
 use super::steadiness::Steadiness;
 use super::{ChatterEvent, Line, NotChatter, Phase};
 use crate::keyframe::{Keep, Words};
@@ -27,6 +28,8 @@ pub(super) struct Evidence {
     pub(super) delay_s: f64,
     /// Whether the noise was learned anew a moment ago.
     pub(super) doubtful: bool,
+    /// Whether the vibration is as loud as that of no stable cut.
+    pub(super) loud: bool,
     /// The line that has stood, louder than the noise known there, as no noise stands.
     pub(super) stands: Option<BankEvidence>,
 }
@@ -75,7 +78,7 @@ pub(super) const SUSPECT: f64 = 12.0;
 /// Contrast at which a line that has lasted is declared: exp(-18) * 1600 /s is one in eleven hours of noise.
 pub(super) const CONFIRM: f64 = 18.0;
 /// Contrast under which a declared line is gone.
-const LEAVE: f64 = 5.0;
+pub(super) const LEAVE: f64 = 5.0;
 /// A line must last this long: longer than the shortest window's answer to a hit (4 tau = 50 ms).
 const HOLD_S: f64 = 0.045;
 /// And its frequency must have stood for this long.
@@ -119,9 +122,10 @@ pub(super) struct Detector {
     /// Latest powers of the shortest bank, newest last: (t_s, power over noise).
     recent: [(f64, f64); HISTORY],
     steadiness: Steadiness,
+    growth: Growth,
 }
 
-crate::keyframe::keep!(Detector { phase, recent, steadiness });
+crate::keyframe::keep!(Detector { phase, recent, steadiness, growth });
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum State {
@@ -174,6 +178,7 @@ impl Detector {
             phase: State::Learning,
             recent: [(f64::NEG_INFINITY, 0.0); HISTORY],
             steadiness: Steadiness::NEW,
+            growth: Growth::NEW,
         }
     }
 
@@ -233,6 +238,8 @@ impl Detector {
         self.recent.rotate_left(1);
         self.recent[HISTORY - 1] = (evidence.t_s, short.power_n2);
         let seen = evidence.banks.iter().any(|b| b.contrast > b.suspect);
+        let [_, grown, ..] = &evidence.banks;
+        self.growth.look(evidence.t_s, grown.power_n2, grown.noise_n2);
         self.steadiness.look(evidence.t_s, &evidence.banks, on_an_order(&evidence.banks[2], evidence));
         match self.phase {
             State::Learning => {
@@ -266,11 +273,12 @@ impl Detector {
                 let there = bank.contrast > LEAVE || steady;
                 // An order is no chatter: what is left of a line that died may stand on one.
                 let there = there && !on_an_order(&evidence.banks[2], evidence);
-                let loud = there && bank.power_n2 > FADED * peak_n2;
+                // While it is so loud it goes on, however its lines beat and hop.
+                let loud = there && bank.power_n2 > FADED * peak_n2 || evidence.loud;
                 let last_loud_s = if loud { evidence.t_s } else { last_loud_s };
                 // The peak is forgotten over seconds: chatter that got weaker is still chatter.
                 let peak_n2 = (peak_n2 * 0.999).max(bank.power_n2);
-                let now = if steady { MOST_ASSURANCE } else { assurance_of(evidence) };
+                let now = if steady || evidence.loud { MOST_ASSURANCE } else { assurance_of(evidence) };
                 let assurance = assurance + (now - assurance) * ASSURANCE_SHARE;
                 let order = if on_an_order(&evidence.banks[2], evidence) { 1.0 } else { 0.0 };
                 let on_order = on_order + (order - on_order) * ASSURANCE_SHARE;
@@ -349,7 +357,7 @@ impl Detector {
         ChatterEvent::Onset(Line {
             frequency_hz: line.frequency_hz,
             power_n2: line.power_n2,
-            growth_1_s: line.growth_1_s,
+            growth_1_s: self.growth.slope_1_s().unwrap_or(line.growth_1_s),
             contrast: line.contrast,
         })
     }

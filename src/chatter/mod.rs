@@ -20,12 +20,15 @@ mod baseline;
 mod cut_level;
 mod detector;
 mod foreign;
+mod growth;
 mod hop;
+mod loudness;
 mod monitor;
 mod past;
 mod scatter;
 mod steadiness;
 mod watched;
+mod wild;
 
 pub use agreement::{Agreement, AgreementState, agree};
 pub use band::{Band, BandError, predicted_band, predicted_band_in_cut};

@@ -1,18 +1,21 @@
 //! The monitor of one force stream: signal processing and decision together.
 
 mod learning;
+mod speed;
 mod trial;
 mod watch;
 
 use super::band::{Band, BandError};
 use super::baseline::{Baseline, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
-use super::detector::{BANKS, BankEvidence, Detector, Evidence, PLACED, between_orders, on_an_order};
+use super::detector::{BANKS, BankEvidence, Detector, Evidence, LEAVE, PLACED, between_orders, on_an_order};
 use super::foreign::Foreign;
 use super::hop::HopWatch;
+use super::loudness::Loudness;
 use super::past::Past;
 use super::scatter::Scatter;
 use super::watched::Watched;
+use super::wild::Wild;
 use super::{ChatterEvent, ChatterOutput, Phase};
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::signal::line_bank::{LineBank, LineBankState};
@@ -102,6 +105,8 @@ pub struct ChatterMonitor {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChatterState {
     samples: u64,
+    wild: Wild,
+    loudness: Loudness,
     mix: DownMixState,
     mixer: Complex<f64>,
     orders: OrderLinesState,
@@ -160,8 +165,8 @@ pub struct ChatterState {
 }
 
 crate::keyframe::keep!(ChatterState {
-    samples, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns, newest_speed_hz,
-    speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
+    samples, wild, loudness, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns,
+    newest_speed_hz, speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common, heard_s, level,
     detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s,
     start_until_s, noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line,
     wide, wide_until_s, held_off_s, changed_s, orders_new_until_s, relearn_until_s, latest
@@ -209,6 +214,8 @@ impl ChatterMonitor {
     pub fn start(&self) -> ChatterState {
         ChatterState {
             samples: 0,
+            wild: Wild::default(),
+            loudness: Loudness::NEW,
             mix: self.mix.start(),
             mixer: Complex::new(1.0, 0.0),
             orders: self.orders.start(),
@@ -261,14 +268,16 @@ impl ChatterMonitor {
     }
 
     /// Lets the watched band follow the bar: diameter or tool position changed. Lines count in the new band
-    /// at once, as far as it lies within what this monitor was designed for.
-    pub fn follow(&self, state: &mut ChatterState, band: Band) {
+    /// at once, as far as it lies within what this monitor was designed for; false where none of it does.
+    pub fn follow(&self, state: &mut ChatterState, band: Band) -> bool {
         let mut watched = Watched::new(band, self.mix.centre_hz(), 1.0);
         watched.low_hz = watched.low_hz.max(-self.reach_hz);
         watched.high_hz = watched.high_hz.min(self.reach_hz);
-        if watched.low_hz < watched.high_hz {
+        let within = watched.low_hz < watched.high_hz;
+        if within {
             state.watched = state.watched.moved_to(watched);
         }
+        within
     }
 
     /// Band in which a line counts now, Hz.
@@ -278,7 +287,7 @@ impl ChatterMonitor {
     }
 
     /// Takes one sample; answers what began or ended with it. Without a speed nothing is known of spindle
-    /// orders, and they may look like chatter.
+    /// orders, and they may look like chatter. The orders are the same whichever way the spindle turns.
     ///
     /// Requires: finite force (a gap is a restart with [`ChatterMonitor::start`]). Cost: no allocation.
     /// Checked by: `suite/chatter.rs`.
@@ -292,7 +301,8 @@ impl ChatterMonitor {
         debug_assert!(force_n.is_finite());
         state.latest.event = None;
         state.samples += 1;
-        if let Some(rpm) = spindle_speed_rpm {
+        let force_n = state.wild.bound(force_n, self.settings.sample_rate.period_s());
+        if let Some(rpm) = spindle_speed_rpm.map(f64::abs) {
             state.angle_turns += rpm * self.turns_per_rpm;
             state.newest_speed_hz = rpm * (1.0 / 60.0);
         }
@@ -310,15 +320,6 @@ impl ChatterMonitor {
     #[must_use]
     pub fn output<'a>(&self, state: &'a ChatterState) -> &'a ChatterOutput {
         &state.latest
-    }
-
-    /// The speed only places the notches: 20 ms of smoothing; and what it was about a second ago.
-    fn follow_speed(&self, state: &mut ChatterState) {
-        let period_s = 1.0 / self.mix.output_rate_hz();
-        let first = state.samples <= self.mix.decimation() as u64;
-        let [fast, slow] = if first { [1.0; 2] } else { [period_s / 0.02, period_s / SPEED_LAG_S] };
-        state.speed_hz += (state.newest_speed_hz - state.speed_hz) * fast.min(1.0);
-        state.earlier_speed_hz += (state.speed_hz - state.earlier_speed_hz) * slow;
     }
 
     /// The notches on the spindle's orders start anew, at the angle of what leaves the band's filter now.
@@ -383,6 +384,7 @@ impl ChatterMonitor {
         state.fresh[state.fresh_count] = value;
         state.fresh_count += 1;
         state.variance_n2 += (value.norm_sqr() - state.variance_n2) * share;
+        state.loudness.hear(value.norm_sqr(), 1.0 / rate_hz);
         state.until_decision -= 1;
         if state.until_decision == 0 {
             state.until_decision = self.decide_every;
@@ -424,10 +426,13 @@ impl ChatterMonitor {
             speed_hz: state.speed_hz,
             speed_change_hz_s: (state.speed_hz - state.earlier_speed_hz) / SPEED_LAG_S,
             delay_s: self.mix.delay_s(),
+            loud: state.loudness.is_loud(),
             stands: self.standing(state),
             doubtful: t_s < state.relearn_until_s.max(state.noise_until_s) + DOUBT_S,
         };
         state.decisions += 1;
+        let mean_n = if state.speed_hz > 0.0 && orders_known { state.level.size_n() } else { f64::NAN };
+        state.loudness.look(mean_n, state.detector.phase() == Phase::Chatter);
         self.look_at_banks(state, &mut evidence);
         let common = state.bank_common.iter().copied().fold(f64::INFINITY, f64::min);
         let clearest = evidence.banks.iter().map(|b| b.contrast).fold(0.0, f64::max);
@@ -435,7 +440,9 @@ impl ChatterMonitor {
         self.watch_orders(state, &evidence);
         self.watch_width(state, t_s);
         let strongest = self.watch_strongest(state, &evidence);
-        evidence.stands = evidence.stands.or(strongest).and_then(|line| self.not_foreign(state, line));
+        let loud = state.loudness.lasts().then_some(evidence.banks[PLACED]);
+        evidence.stands =
+            evidence.stands.or(strongest).or(loud).and_then(|line| self.not_foreign(state, line));
         if state.foreign.any() {
             let (bank, heard) = (&state.banks[FOLLOWED], &state.baselines[FOLLOWED]);
             state.foreign.follow(&self.banks[FOLLOWED], bank, heard);
@@ -444,7 +451,7 @@ impl ChatterMonitor {
         // What is suspected is not noise: chatter that grows with the entry must not be learned.
         let learns = match state.detector.phase() {
             Phase::Learning => true,
-            Phase::Quiet => !state.detector.watches(t_s),
+            Phase::Quiet => !state.detector.watches(t_s) && !state.loudness.is_loud(),
             Phase::Suspected | Phase::Chatter => false,
         };
         if orders_known && learns {
@@ -513,10 +520,6 @@ impl ChatterMonitor {
         state.samples as f64 * self.settings.sample_rate.period_s()
     }
 
-    fn relative_speed_change_1_s(&self, state: &ChatterState) -> f64 {
-        (state.speed_hz - state.earlier_speed_hz).abs() / (SPEED_LAG_S * state.speed_hz.max(1e-9))
-    }
-
     /// What stands out in a bank, whose strongest filter grows as stated.
     fn bank_evidence(
         &self,
@@ -555,7 +558,9 @@ impl ChatterMonitor {
         state.track_hz = line.then_some(heard.frequency_hz);
         let declared = (phase == Phase::Chatter).then_some(heard.frequency_hz);
         state.watched.follow(declared.map(|hz| hz - self.mix.centre_hz()), self.reach_hz);
-        let hop = state.hop.look(declared);
+        // What is left of a line that has gone is no new one.
+        let told = declared.is_none() || heard.contrast > LEAVE;
+        let hop = if told { state.hop.look(declared) } else { None };
         let hop = hop.map(|(from_hz, to_hz)| ChatterEvent::Hop { from_hz, to_hz });
         let event = state.latest.event.or(hop);
         state.latest = ChatterOutput {

@@ -33,6 +33,15 @@ fn listen_from(start_s: f64, more: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEven
 
 /// What is said of a force under noise; `pushes`: its mean is the cut's.
 fn hear(start_s: f64, pushes: bool, force: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
+    hear_at(60.0 * TURN_HZ, (start_s, pushes), force)
+}
+
+/// The same where the speed is told as `speed_rpm`.
+fn hear_at(
+    speed_rpm: f64,
+    (start_s, pushes): (f64, bool),
+    force: impl Fn(f64) -> f64,
+) -> Vec<(f64, ChatterEvent)> {
     let settings = ChatterSettings {
         sample_rate: SampleRate::new(RATE_HZ).unwrap(),
         band: Band::new(500.0, 750.0).unwrap(),
@@ -44,7 +53,7 @@ fn hear(start_s: f64, pushes: bool, force: impl Fn(f64) -> f64) -> Vec<(f64, Cha
     let mut found = Vec::new();
     for n in (start_s * RATE_HZ) as u32..(12.0 * RATE_HZ) as u32 {
         let t = f64::from(n) / RATE_HZ;
-        let event = monitor.step(&mut state, force(t) + 2.0 * noise.next(), Some(60.0 * TURN_HZ));
+        let event = monitor.step(&mut state, force(t) + 2.0 * noise.next(), Some(speed_rpm));
         if let Some(event @ (ChatterEvent::Onset(_) | ChatterEvent::End)) = event {
             found.push((t, event));
         }
@@ -78,6 +87,68 @@ fn a_growing_line_is_heard_early_and_its_end_too() {
     assert!(onset_s > 5.0 && onset_s < 5.22, "{onset_s}");
     assert!((heard.frequency_hz - 651.3).abs() < 3.0 && heard.growth_1_s > 5.0);
     assert!(end_s > 9.0 && end_s < 9.4, "{end_s}");
+}
+
+/// Grown chatter on two lobes that beat, near the mean force: it scatters as noise does and is none.
+#[test]
+fn two_lobes_that_beat_go_on_as_one_alarm() {
+    let beat = |t: f64| {
+        let grown = |from_s: f64| (0.05 * (30.0 * (t - from_s)).exp()).min(35.0);
+        let other = if t > 5.5 { grown(5.5) * line(t, 647.9) } else { 0.0 };
+        if (5.0..10.0).contains(&t) { grown(5.0) * line(t, 651.3) + other } else { 0.0 }
+    };
+    let found = listen(beat);
+    let [(onset_s, ChatterEvent::Onset(_)), (end_s, ChatterEvent::End)] = found[..] else {
+        panic!("{found:?}")
+    };
+    assert!((5.0..5.3).contains(&onset_s) && (10.0..10.6).contains(&end_s), "{onset_s} {end_s}");
+}
+
+/// A fault of a sensor for one sample rings in every filter.
+#[test]
+fn one_wild_sample_is_no_chatter() {
+    for wild_n in [500.0, -3e3, 1e30] {
+        for at in [1.22, 1.4, 3.0] {
+            let n = (at * RATE_HZ) as u32;
+            let found = listen(|t| if (t * RATE_HZ).round() as u32 == n { wild_n } else { 0.0 });
+            assert!(found.is_empty(), "{wild_n} N at {at} s: {found:?}");
+        }
+    }
+}
+
+/// Growth as told at the onset, for exponentials that a turn or more shows.
+#[test]
+fn the_growth_is_told_within_a_factor_of_two() {
+    for growth_1_s in [5.0, 10.0, 20.0, 35.0] {
+        let chatter = |t: f64| {
+            let grown = |t: f64| (0.05 * (growth_1_s * (t - 4.0)).exp()).min(40.0);
+            if t > 4.0 { grown(t) * line(t, 651.3) } else { 0.0 }
+        };
+        let found = listen(chatter);
+        let Some((_, ChatterEvent::Onset(heard))) = found.first() else { panic!("{found:?}") };
+        let ratio = heard.growth_1_s / growth_1_s;
+        assert!((0.5..2.0).contains(&ratio), "{growth_1_s} told as {}", heard.growth_1_s);
+    }
+}
+
+/// Which way the spindle turns is nothing to the orders; a speed that no spindle cuts at tells nothing.
+#[test]
+fn a_speed_of_either_sign_or_none_that_can_be_is_borne() {
+    let chatter = |t: f64| {
+        let grown = (0.05 * (30.0 * (t - 5.0)).exp()).min(40.0);
+        if (5.0..9.0).contains(&t) { grown * line(t, 651.3) } else { 0.0 }
+    };
+    let cut = |t: f64, orders_n: f64| (80.0 + orders_n) * ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0);
+    let forward = listen(chatter);
+    let backward = hear_at(-60.0 * TURN_HZ, (0.0, true), |t| cut(t, orders(t)) + chatter(t));
+    assert_eq!(forward, backward);
+    for speed_rpm in [0.0, 1e-3, 2.0, 5.0, 60.0] {
+        let found = hear_at(speed_rpm, (0.0, true), |t| cut(t, 0.0) + chatter(t));
+        let [(onset_s, ChatterEvent::Onset(_)), (_, ChatterEvent::End)] = found[..] else {
+            panic!("{speed_rpm} rpm: {found:?}")
+        };
+        assert!((5.0..5.3).contains(&onset_s), "{speed_rpm} rpm: {onset_s}");
+    }
 }
 
 #[test]

@@ -91,7 +91,8 @@ impl ChatterMonitor {
     /// that is off. A tool's force stands far above the noise, or came since the first sample.
     fn cuts(&self, state: &mut ChatterState, power_n2: f64) -> bool {
         let force_n = state.level.size_n();
-        let noise_n = (state.variance_n2 - power_n2).max(0.0).sqrt();
+        // Chatter with many lines is no noise: what the band held at rest is.
+        let noise_n = (state.variance_n2 - power_n2).max(0.0).min(state.loudness.rest_n2()).sqrt();
         let filters = state.watched.filters(self.banks[PLACED].frequencies_hz().len(), self.reach_hz);
         let floor_n2 = state.baselines[PLACED].median(filters) / std::f64::consts::LN_2;
         let came = noise_n * OVER_NOISE < state.level.over_rest_n();

@@ -153,8 +153,8 @@ impl ChatterMonitor {
         ((line_hz - placed.frequency_hz).abs() < SAME_HZ).then_some(placed)
     }
 
-    /// What stands out fluctuates as noise does: it is noise of a cut that was not known, and is
-    /// learned.
+    /// What stands out fluctuates as noise does: it is noise of a cut that was not known, and is learned.
+    /// Not where it is louder than in any stable cut: two lobes that beat fluctuate so, too.
     pub(super) fn watch_scatter(
         &self,
         state: &mut ChatterState,
@@ -171,6 +171,9 @@ impl ChatterMonitor {
             return None;
         }
         state.scatter.forget();
+        if state.loudness.is_loud() {
+            return None;
+        }
         self.doubt_noise(state, evidence.t_s);
         state.detector.dismiss()
     }

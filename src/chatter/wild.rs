@@ -1,0 +1,67 @@
+//! A sample that no force can be: a spike of one or a few samples far outside of what the force does. A
+//! tool, a bar or a hit moves the force over a millisecond and more; a fault of sensor, cable or converter
+//! does not.
+
+/// Distance from the running level over its running mean square root from which a sample is wild: a line
+/// reaches 1.4, noise 6 once in a day, the impacts of interrupted cutting 8.
+const WILD: f64 = 12.0;
+/// What goes on for more samples than this is no spike.
+const FEW: u32 = 3;
+/// Memory of level and distance.
+const MEMORY_S: f64 = 0.05;
+/// For so long nothing is known.
+const FIRST_S: f64 = 0.05;
+
+/// The level and how far samples usually are from it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Wild {
+    seen: u64,
+    level_n: f64,
+    square_n2: f64,
+    run: u32,
+}
+
+crate::keyframe::keep!(Wild { seen, level_n, square_n2, run });
+
+impl Wild {
+    /// The sample, or the level where it is wild. Checked by: `spikes_are_left_out_and_steps_pass`.
+    #[inline]
+    pub(super) fn bound(&mut self, force_n: f64, period_s: f64) -> f64 {
+        let apart_n = force_n - self.level_n;
+        let known = self.seen as f64 * period_s > FIRST_S;
+        if known && self.run < FEW && apart_n * apart_n > WILD * WILD * self.square_n2 {
+            self.run += 1;
+            return self.level_n;
+        }
+        self.run = 0;
+        self.seen += 1;
+        let share = (period_s / MEMORY_S).max(1.0 / self.seen as f64);
+        self.level_n += apart_n * share;
+        self.square_n2 += (apart_n * apart_n - self.square_n2) * share;
+        force_n
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spikes_are_left_out_and_steps_pass() {
+        let mut wild = Wild::default();
+        let force = |k: u32| match k {
+            0..3000 => 0.1 * (f64::from(k) * 0.7).sin(),
+            3000..6000 => 80.0 + 5.0 * (f64::from(k) * 0.4).sin(),
+            _ => 80.0 + (5.0 + 0.01 * f64::from(k - 6000)) * (f64::from(k) * 0.4).sin(),
+        };
+        for k in 0..9000 {
+            for spike in [500.0, -3e4, 1e30] {
+                let mut struck = wild;
+                let quiet = k > 1000 && !(2990..4000).contains(&k);
+                assert!(!quiet || struck.bound(spike, 1.0 / 9000.0).abs() < 120.0, "{k} {spike}");
+            }
+            let passed = wild.bound(force(k), 1.0 / 9000.0) == force(k);
+            assert!(passed || (3000..3004).contains(&k), "{k}");
+        }
+    }
+}
