@@ -27,6 +27,8 @@ impl Pipeline {
         self.agreement_state.keep(to);
         self.agreement.keep(to);
         self.declared.keep(to);
+        self.since_restart.keep(to);
+        self.out_of_reach.keep(to);
         self.observers.keep(to);
         if let Some(beside) = &self.beside {
             beside.keep(to);
@@ -60,6 +62,8 @@ impl Pipeline {
         self.agreement_state.restore(from)?;
         self.agreement.restore(from)?;
         self.declared.restore(from)?;
+        self.since_restart.restore(from)?;
+        self.out_of_reach.restore(from)?;
         self.observers.restore(from)?;
         if let Some(beside) = &mut self.beside {
             beside.restore(from)?;

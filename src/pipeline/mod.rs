@@ -34,6 +34,8 @@ use crate::units::SampleRate;
 
 /// Lost samples up to this many are bridged by straight lines; after more, everything starts anew.
 pub const LARGEST_BRIDGE: u64 = 9;
+/// Chatter that goes on after a start is heard within this: the monitors watch the strongest line for 1.2 s.
+const UNKNOWN_S: f64 = 1.5;
 
 /// What went wrong with the stream at a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -116,6 +118,10 @@ pub struct Pipeline {
     agreement_state: AgreementState,
     agreement: Agreement,
     declared: bool,
+    /// Samples since everything began anew.
+    since_restart: u64,
+    /// The band of the tools' place lies outside of what the monitors were designed for.
+    out_of_reach: bool,
 }
 
 impl Pipeline {
@@ -162,6 +168,8 @@ impl Pipeline {
             agreement_state: AgreementState::default(),
             agreement: agree(&mut AgreementState::default(), 0.0, std::iter::empty()),
             declared: false,
+            since_restart: 0,
+            out_of_reach: false,
         })
     }
 
@@ -198,10 +206,23 @@ impl Pipeline {
         let diameter_m = infeed.and_then(|axis| axis.distance_m(sample)).map(|radius_m| 2.0 * radius_m);
         if let Ok(band) = self.settings.band.band_at(position_m, diameter_m) {
             let monitor = &self.monitor;
-            for state in &mut self.states {
-                monitor.follow(&mut state.monitor, band);
-            }
+            let followed = |state: &mut ChannelState| monitor.follow(&mut state.monitor, band);
+            // What cannot be heard is not acted on.
+            self.out_of_reach = !self.states.iter_mut().map(followed).fold(true, |all, one| all && one);
         }
+    }
+
+    /// Diameter at the tools by the newest sample, m, where an axis tells the infeed.
+    #[must_use]
+    pub fn measured_diameter_m(&self) -> Option<f64> {
+        let (infeed, sample) = (self.settings.infeed.as_ref()?, self.last.as_ref()?);
+        infeed.distance_m(sample).map(|radius_m| 2.0 * radius_m)
+    }
+
+    /// Whether the tools are where the bar's band cannot be heard as planned: nothing is acted on.
+    #[must_use]
+    pub fn band_out_of_reach(&self) -> bool {
+        self.out_of_reach
     }
 
     /// Samples since the last gap or restart.
@@ -314,8 +335,10 @@ impl Pipeline {
         event
     }
 
-    /// Forgets everything but the settings.
+    /// Forgets everything but the settings, and that chatter was told: whether it goes on is not known before
+    /// it can be heard again.
     pub fn restart(&mut self) {
+        (self.since_restart, self.out_of_reach) = (0, false);
         self.observers.restart();
         if let Some(beside) = &mut self.beside {
             beside.restart();
@@ -365,6 +388,7 @@ impl Pipeline {
             // Finite samples lead here only from a keyframe that was damaged: not heard, not acted on.
             *force = ForceEstimate { force_n: 0.0, flags: Validity::SETTLING | Validity::SIGNAL_MISSING };
         }
+        self.since_restart += 1;
         let mut heard = None;
         for (index, (channel, state)) in self.channels.iter().zip(&mut self.states).enumerate() {
             self.row[index] = forces[index].force_n;
@@ -407,7 +431,8 @@ impl Pipeline {
                 _ => Some((now.leading_axis, ChatterEvent::Onset(line))),
             };
         }
-        if !chatter && self.declared {
+        let known_again = self.since_restart as f64 > UNKNOWN_S * self.settings.sample_rate.hz();
+        if !chatter && self.declared && known_again {
             self.declared = false;
             return Some((now.leading_axis, ChatterEvent::End));
         }
@@ -443,17 +468,19 @@ impl Pipeline {
         self.states.get(axis).map_or(Validity::SIGNAL_MISSING, |state| state.flags)
     }
 
-    /// Whether no flag of the newest force estimate of one axis forbids acting on it.
+    /// Whether no flag of the newest force estimate of one axis forbids acting on it, and the band in which
+    /// the bar can chatter is one that is heard.
     #[must_use]
     pub fn axis_may_act(&self, axis: usize) -> bool {
-        self.states.get(axis).is_some_and(|state| state.flags.may_act())
+        !self.out_of_reach && self.states.get(axis).is_some_and(|state| state.flags.may_act())
     }
 
     /// Whether no flag forbids acting on any watched axis.
     #[must_use]
     pub fn may_act(&self) -> bool {
         let pairs = self.channels.iter().zip(&self.states);
-        pairs.filter(|(channel, _)| channel.watch).all(|(_, state)| state.flags.may_act())
+        !self.out_of_reach
+            && pairs.filter(|(channel, _)| channel.watch).all(|(_, state)| state.flags.may_act())
     }
 
     fn ask_all(&mut self, t_s: f64) -> Agreement {

@@ -183,8 +183,47 @@ fn damaged_samples_are_reported_and_do_no_lasting_harm() {
     // A long gap starts anew; chatter is heard all the same.
     let after = outputs(&mut pipeline, &stream[10_000..]);
     assert_eq!(after[0].fault, Some(StreamFault::Gap { lost: 998 }));
-    assert!(after.iter().any(|o| matches!(o.event, Some((_, ChatterEvent::Onset(_))))));
+    assert!(after.iter().any(|o| o.chatter.phase == Phase::Chatter));
     assert!(after.iter().all(|o| o.forces.iter().all(|f| f.force_n.is_finite())));
+}
+
+/// Samples that are missing end no chatter: that it goes on is known a moment later.
+#[test]
+fn a_gap_within_chatter_is_not_told_as_its_end() {
+    let scenario = scenario(0.0);
+    let mut stream = samples(scenario, 7, 6);
+    let mut pipeline = Pipeline::new(settings(&scenario)).unwrap();
+    stream.drain(36_000..36_200);
+    let told: Vec<_> =
+        outputs(&mut pipeline, &stream).iter().filter_map(|o| Some((o.t_s, o.event?.1))).collect();
+    let is = |t: f64, end: bool| {
+        let kind = |e: &ChatterEvent| matches!(e, ChatterEvent::End) && end;
+        told.iter()
+            .filter(|(t_s, e)| *t_s > t && (kind(e) || !end && matches!(e, ChatterEvent::Onset(_))))
+            .count()
+    };
+    assert_eq!((is(0.0, false), is(0.0, true)), (1, 0), "{told:?}");
+    assert_eq!(pipeline.agreement().phase, Phase::Chatter);
+}
+
+/// A bar turned down to half bends where this pipeline was not made to hear: nothing is acted on.
+#[test]
+fn a_band_out_of_reach_forbids_acting() {
+    let scenario = scenario(0.0);
+    let radius_m = 0.5 * scenario.workpiece.diameter_m();
+    let mut settings = settings(&scenario);
+    settings.band = BandPlan::Cut(scenario.workpiece, scenario.cutting);
+    settings.infeed = Some(ToolAxis { index: 0, zero_m: radius_m, toward: true });
+    let mut live = Pipeline::new(settings).unwrap();
+    let stream = samples(scenario, 3, 8);
+    for (k, (share, heard)) in [(0.0, true), (0.6, false), (0.0, true)].into_iter().enumerate() {
+        for sample in &stream[k * 9000..(k + 1) * 9000] {
+            let mut sample = *sample;
+            sample.axes[0].stage_position_m = Some(share * radius_m);
+            live.step(&sample);
+        }
+        assert_eq!(live.band_out_of_reach(), !heard, "{share}");
+    }
 }
 
 /// A keyframe at any moment (learning, quiet, right after a bridged gap, inside chatter) and the samples from
