@@ -147,9 +147,10 @@ pub fn pitch_for_attempt_rad(
     Ok(if attempt == 0 { opposed } else { 0.85 * opposed })
 }
 
-/// A speed that a lathe's spindle can have while it cuts: 10 to 100 000 rpm.
+/// A speed that a lathe's spindle can have while it cuts: 10 to 100 000 rpm, either way round.
 #[must_use]
 pub fn plausible_speed(rpm: f64) -> Option<SpindleSpeed> {
+    let rpm = rpm.abs();
     if (10.0..=100_000.0).contains(&rpm) { SpindleSpeed::from_rpm(rpm).ok() } else { None }
 }
 

@@ -21,6 +21,11 @@ const SHORTEST_INTERVAL_S: f64 = 1.0;
 const STALE_RETURN_S: f64 = 1.0;
 /// Targets without 3 dB less chatter before a person is asked (invariant I12).
 const MOST_MOVES_IN_VAIN: u32 = 5;
+/// Power over that before at which a pitch has helped: 3 dB less (invariant I12).
+const HELPED: f64 = 0.5;
+/// Share by which the measured diameter may differ from the stated one, by which offsets and pitch are
+/// made of each other.
+const DIAMETER_OFF: f64 = 0.05;
 /// A report of a refusal that stood before a command is one of it only this long after.
 const REFUSAL_HEARD_S: f64 = 0.25;
 /// Intervals off the target before the turret counts as stuck (invariant I11).
@@ -149,7 +154,7 @@ impl Avoidance {
         // old.
         let at_once =
             begins && state.trial.is_none() && now.now_s - state.last_command_s >= self.settings.interval_s;
-        if now.now_s < state.next_due_s && !at_once {
+        if now.too_soon || now.now_s < state.next_due_s && !at_once {
             return Decision::NotDue;
         }
         // Never a burst: after a stall the next one is a whole interval away.
@@ -201,7 +206,12 @@ impl Avoidance {
             return Decision::Hold(HoldReason::Observing);
         }
         self.watch_target(state, now);
-        if let Some(reason) = self.obstacle(now) {
+        let obstacle = self.obstacle(now);
+        // Silence of the samples is why the turret goes back, not why it may not.
+        let deaf = matches!(obstacle, Some(HoldReason::StaleSamples | HoldReason::WindowNotFull));
+        if let Some(reason) = obstacle
+            && !(deaf && state.must_go_back())
+        {
             return Decision::Hold(reason);
         }
         if let Some(latched) = &mut state.latched {
@@ -336,16 +346,17 @@ impl Avoidance {
             return;
         }
         match now.heard.phase {
-            Phase::Chatter => {}
-            Phase::Quiet => {
+            Phase::Quiet if now.heard.power_n2 < HELPED * trial.power_before_n2 => {
                 (state.trial, state.moves_in_vain) = (None, 0);
                 return;
             }
+            // A detector that fell silent over a vibration that is as loud as before proves nothing.
+            Phase::Chatter | Phase::Quiet => {}
             // Neither over nor declared.
             Phase::Learning | Phase::Suspected => return,
         }
-        // 3 dB less: it helps, more time.
-        if now.heard.power_n2 < 0.5 * trial.power_before_n2 {
+        // It helps: more time.
+        if now.heard.power_n2 < HELPED * trial.power_before_n2 {
             trial.judged_at = trial.intervals + JUDGE_INTERVALS;
             trial.power_before_n2 = now.heard.power_n2;
             state.moves_in_vain = 0;
@@ -436,6 +447,10 @@ impl Avoidance {
         let Some(turret) = now.turret else { return Decision::Hold(HoldReason::TurretSilent) };
         if !now.store_writable {
             return self.renew_or(state, now, HoldReason::StoreNotWritable);
+        }
+        let stated_m = self.settings.diameter_m;
+        if now.diameter_m.is_some_and(|d| !((d - stated_m).abs() <= DIAMETER_OFF * stated_m)) {
+            return self.renew_or(state, now, HoldReason::OutsideLimits);
         }
         let Some((offsets_m, pitch_rad)) = self.reachable(&turret.offsets_m, wanted_rad) else {
             return self.renew_or(state, now, HoldReason::OutsideLimits);

@@ -144,6 +144,8 @@ pub struct InvariantMonitor {
     stood_before: Option<Command>,
     samples: Option<SamplesSeen>,
     must_return: bool,
+    /// Since when that stands while nothing forbids a return.
+    must_since_s: Option<f64>,
     returned_s: f64,
     last_decision_s: Option<f64>,
     last_now_s: f64,
@@ -173,6 +175,7 @@ impl InvariantMonitor {
             stood_before: None,
             samples: None,
             must_return: false,
+            must_since_s: None,
             returned_s: f64::NEG_INFINITY,
             last_decision_s: None,
             last_now_s: now_s,
@@ -219,6 +222,7 @@ impl InvariantMonitor {
         if !seen.now_s.is_finite() || seen.now_s < self.last_now_s {
             // A clock that runs backwards: nothing may be commanded on it.
             self.last_decision_s = Some(self.last_now_s);
+            self.must_since_s = None;
             return if matches!(decision, Decision::Command(_)) { Err(Violation::Interval) } else { Ok(()) };
         }
         self.last_now_s = seen.now_s;
@@ -229,7 +233,22 @@ impl InvariantMonitor {
             Decision::Hold(_) | Decision::Advice(_) => self.no_command(seen),
         };
         self.was_acting = seen.mode == Mode::Act;
-        verdict
+        verdict.and_then(|()| self.goes_back(seen))
+    }
+
+    /// What must go back is told so within a second and the interval that a command may have begun.
+    fn goes_back(&mut self, seen: &Situation) -> Result<(), Violation> {
+        let heard = |t: f64| (0.0..=self.limits.report_deadline_s).contains(&(seen.now_s - t));
+        let closed = seen.interlock.is_some_and(|i| !i.open && heard(i.heard_s));
+        let turret =
+            seen.turret.is_some_and(|t| heard(t.heard_s) && t.offsets_m.iter().all(|o| o.is_finite()));
+        let must = self.must_return && self.standing.is_some() && seen.mode == Mode::Act;
+        if !(must && closed && turret && !seen.too_soon) {
+            self.must_since_s = None;
+            return Ok(());
+        }
+        let since_s = *self.must_since_s.get_or_insert(seen.now_s);
+        if seen.now_s - since_s > 1.0 + 1e-6 { Err(Violation::Return) } else { Ok(()) }
     }
 
     fn remember(&mut self, seen: &Situation) {
@@ -285,10 +304,10 @@ impl InvariantMonitor {
     fn hear_power(&mut self, seen: &Situation) {
         let power_n2 = seen.heard.power_n2;
         match seen.heard.phase {
-            Phase::Quiet => self.targets = 0,
-            Phase::Chatter if power_n2 < 0.5 * self.loud_n2 => (self.targets, self.loud_n2) = (0, power_n2),
-            Phase::Chatter => self.loud_n2 = self.loud_n2.max(power_n2),
-            Phase::Learning | Phase::Suspected => {}
+            Phase::Quiet | Phase::Chatter if power_n2 < 0.5 * self.loud_n2 => {
+                (self.targets, self.loud_n2) = (0, power_n2);
+            }
+            _ => self.loud_n2 = self.loud_n2.max(power_n2),
         }
     }
 
@@ -300,8 +319,10 @@ impl InvariantMonitor {
         if self.left_act(seen) {
             return Err(Violation::Return);
         }
+        // A command that waited for its record keeps the next one off for as long.
+        let most_s = if seen.too_soon { 2.0 } else { 1.0 };
         match self.last_decision_s {
-            Some(t) if seen.now_s - t > 1.0 + 1e-6 => Err(Violation::Silence),
+            Some(t) if seen.now_s - t > most_s + 1e-6 => Err(Violation::Silence),
             _ => Ok(()),
         }
     }
@@ -446,7 +467,7 @@ impl InvariantMonitor {
         }
         let Some(rpm) = seen.spindle_speed_rpm else { return Err(Violation::Purpose) };
         let serves = |(t, f): &(f64, f64)| {
-            let phase = 60.0 * f * command.requested_pitch_rad.abs() / rpm / std::f64::consts::PI;
+            let phase = 60.0 * f * command.requested_pitch_rad.abs() / rpm.abs() / std::f64::consts::PI;
             seen.now_s - t < 60.5 && ((0.3..=1.2).contains(&phase) || (0.6..=1.2).contains(&(phase % 2.0)))
         };
         if self.heard_hz.iter().any(serves) { Ok(()) } else { Err(Violation::Purpose) }

@@ -113,6 +113,11 @@ pub struct Situation {
     pub store_writable: bool,
     /// Number of the latest command that did not go out: held back by guard, record or port.
     pub withheld: Option<u64>,
+    /// The last command went out less than an interval ago, later than it was decided: all is looked at,
+    /// nothing is decided.
+    pub too_soon: bool,
+    /// Diameter at the tools, where an axis tells it.
+    pub diameter_m: Option<f64>,
 }
 
 /// What the detector says, reduced to what a decision needs.
@@ -307,7 +312,9 @@ keep!(Situation {
     operator_hold,
     operator_acknowledge,
     store_writable,
-    withheld
+    withheld,
+    too_soon,
+    diameter_m
 });
 keep!(Command {
     epoch,

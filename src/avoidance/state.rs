@@ -147,6 +147,11 @@ impl AvoidanceState {
         self.choose_anew();
     }
 
+    /// The turret must go back to equal pitch and was not told so yet.
+    pub(super) fn must_go_back(&self) -> bool {
+        self.mode == Mode::Act && self.target.is_some() && self.latched.is_some_and(|l| !l.returned)
+    }
+
     /// The pitches that were tried did not help: a person must look.
     pub(super) fn hand_over(&mut self) {
         self.trial = None;

@@ -226,6 +226,8 @@ impl ClosedLoop {
             operator_acknowledge: false,
             store_writable: true,
             withheld: None,
+            too_soon: false,
+            diameter_m: self.pipeline.measured_diameter_m(),
         }
     }
 

@@ -248,6 +248,7 @@ impl World {
             operator_acknowledge: step.acknowledge,
             store_writable: step.store_writable,
             withheld: self.withheld,
+            ..Situation::default()
         }
     }
 }
@@ -405,6 +406,9 @@ fn planted() -> Vec<(&'static str, Tamper, Spoil)> {
         }),
         tamper("interlock believed closed", |s| {
             s.interlock = Some(Interlock { heard_s: s.now_s, open: false });
+        }),
+        tamper("long silence believed short", |s| {
+            s.newest_sample_s = s.newest_sample_s.map(|t| t.max(s.now_s - 0.5));
         }),
         tamper("mode believed act", |s| s.mode = Mode::Act),
         tamper("samples believed fresh", |s| s.newest_sample_s = Some(s.now_s)),
@@ -569,6 +573,103 @@ fn five_targets_in_vain_call_a_person() {
     let decided = decisions(&steps);
     assert!(decided.iter().filter(|d| is_move(d)).count() <= 5);
     assert_eq!(decided.last(), Some(&Decision::Hold(HoldReason::HandedOver)));
+}
+
+/// A detector that falls silent over a vibration that is as loud as before has cured nothing.
+#[test]
+fn silence_at_the_same_power_is_no_success() {
+    let deaf = Step { phase: Phase::Quiet, ..good_second() };
+    let moves = |quiet: Step| {
+        let mut steps = vec![good_second(); 3];
+        steps.extend(vec![quiet; 2]);
+        steps.extend(vec![good_second(); 5]);
+        let decided = decisions(&steps);
+        (decided.iter().filter(|d| is_move(d)).count(), decided.last().copied())
+    };
+    assert_eq!(moves(deaf.clone()), (2, Some(Decision::Hold(HoldReason::HandedOver))));
+    // Where it was silenced the next chatter is another.
+    let (_, last) = moves(Step { power_n2: 1.0, ..deaf });
+    assert_ne!(last, Some(Decision::Hold(HoldReason::HandedOver)));
+}
+
+/// Samples that stay away: the turret is told to go back, and a decision that only holds is noticed.
+#[test]
+fn stale_samples_take_the_turret_back_and_a_missing_return_is_noticed() {
+    let mut steps = vec![good_second(); 3];
+    steps.extend(vec![Step { sample_age_s: Some(2.0), dt_s: 0.1, ..good_second() }; 30]);
+    let back = |d: &Decision| matches!(d, Decision::Command(c) if c.kind == CommandKind::Return);
+    let decided = decisions(&steps);
+    assert_eq!(decided.iter().filter(|d| back(d)).count(), 1, "{decided:?}");
+    assert!(decided[3..15].iter().any(back));
+    let never: Spoil = |d, _| {
+        if matches!(d, Decision::Command(c) if c.kind == CommandKind::Return) {
+            *d = Decision::Hold(HoldReason::StaleSamples);
+        }
+    };
+    assert_eq!(run(&steps, HONEST, never).violations.first(), Some(&Violation::Return));
+}
+
+/// While a command is on its way nothing is decided, but what the turret says is heard.
+#[test]
+fn a_refusal_told_while_nothing_may_be_decided_is_heard() {
+    let avoidance = Avoidance::new(settings(false)).unwrap();
+    let (mut state, mut watch, mut world) = (avoidance.start(1, 100.0), watcher(), World::new());
+    let mut look = |step: &Step, (too_soon, motion)| {
+        let mut seen = Situation { too_soon, ..world.go_on(step) };
+        seen.turret = seen.turret.map(|t| TurretReport { motion, ..t });
+        let decision = avoidance.decide(&mut state, &seen);
+        assert_eq!(watch.watch(&seen, &decision), Ok(()), "{seen:?} {decision:?}");
+        decision
+    };
+    let (second, soon) = (good_second(), Step { dt_s: 0.3, ..good_second() });
+    assert!(is_move(&look(&second, (false, TurretMotion::Reached))));
+    assert_eq!(look(&soon, (true, TurretMotion::Refused)), Decision::NotDue);
+    assert_eq!(look(&soon, (true, TurretMotion::Reached)), Decision::NotDue);
+    assert_eq!(look(&soon, (true, TurretMotion::Reached)), Decision::NotDue);
+    let late = look(&Step { dt_s: 0.2, ..second }, (false, TurretMotion::Reached));
+    assert_eq!(late, Decision::Hold(HoldReason::TurretRefused));
+}
+
+/// The offsets are made for a diameter: on another one they make another pitch.
+#[test]
+fn another_diameter_than_the_stated_one_is_not_acted_on() {
+    let avoidance = Avoidance::new(settings(false)).unwrap();
+    for (share, moves) in [(0.97, true), (0.93, false), (f64::NAN, false)] {
+        let mut state = avoidance.start(1, 100.0);
+        let seen = Situation { diameter_m: Some(share * DIAMETER_M), ..World::new().go_on(&good_second()) };
+        let decision = avoidance.decide(&mut state, &seen);
+        assert_eq!(is_move(&decision), moves, "{share} {decision:?}");
+        assert!(moves || decision == Decision::Hold(HoldReason::OutsideLimits));
+    }
+}
+
+/// Which way the spindle turns changes neither the waves nor the pitch.
+#[test]
+fn a_spindle_that_turns_the_other_way_is_acted_on_alike() {
+    let decided = decisions(&vec![Step { speed_rpm: Some(-1200.0), ..good_second() }; 2]);
+    assert_eq!(decided, decisions(&vec![good_second(); 2]));
+    assert!(is_move(&decided[0]));
+}
+
+/// I15: commands and holds together are the intervals that passed.
+#[test]
+fn every_interval_ends_in_one_decision() {
+    let phases = [Phase::Quiet, Phase::Suspected, Phase::Learning];
+    let steps: Vec<Step> = (0..3000_usize)
+        .map(|k| Step { dt_s: 0.01, phase: phases[k / 400 % 3], power_n2: 1.0, ..good_second() })
+        .collect();
+    for chatter in [false, true] {
+        let mut steps = steps.clone();
+        if chatter {
+            // From the first look on, so that no onset comes between two intervals.
+            steps.iter_mut().for_each(|s| (s.phase, s.power_n2) = (Phase::Chatter, 100.0));
+        }
+        let counted = run(&steps, HONEST, FAITHFUL);
+        let decided = counted.commands.len() as u64 + counted.holds;
+        // 30 s in looks of 10 ms: an interval ends with the first look after it. Chatter at once is one more.
+        assert!((29..=31).contains(&decided), "{decided}");
+        assert!(counted.violations.is_empty());
+    }
 }
 
 /// The way to the pitch takes longer than one interval: it is judged where the turret stands, not before.

@@ -183,9 +183,8 @@ impl Acting {
         if situation.mode != ActMode::Act {
             self.pending = None;
         }
-        if self.too_soon(situation) {
-            return (Decision::NotDue, Ok(()));
-        }
+        // All is looked at: a controller may tell a refusal once.
+        let situation = &Situation { too_soon: self.too_soon(situation), ..*situation };
         ledger.before(|words| self.state.keep(words));
         let decision = self.avoidance.decide(&mut self.state, situation);
         ledger.push(&Look { t_s, situation: *situation, decision });
@@ -210,6 +209,12 @@ impl Acting {
     #[cfg(test)]
     pub(super) fn mislead(&mut self, limits: Commissioned, now_s: f64) {
         self.monitor = InvariantMonitor::new(limits, now_s);
+    }
+
+    /// As if a command had gone out then.
+    #[cfg(test)]
+    pub(super) fn sent_at(&mut self, now_s: f64) {
+        self.sent_s = Some(now_s);
     }
 
     /// Whether a command must be on record before it goes: every one that moves something.

@@ -14,7 +14,9 @@ use crate::simulation::lathe::{Lathe, LatheSettings};
 use crate::store::WriterGauges;
 use crate::telemetry::{EventKind, Metrics};
 use crate::transport::Domain;
-use crate::transport::wire::{ServoBatch, ServoPoint, TURRET_REACHED, TurretStatus, axis_name_bytes};
+use crate::transport::wire::{
+    ServoBatch, ServoPoint, TURRET_REACHED, TURRET_REFUSED, TurretStatus, axis_name_bytes,
+};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -100,8 +102,15 @@ impl Bench {
 
     /// A look at the decision with the turret at equal pitch and every interlock closed.
     fn look(&mut self) {
-        let status =
-            TurretStatus { stream: 1, axis_count: 4, state: TURRET_REACHED, ..TurretStatus::default() };
+        self.look_at(TURRET_REACHED);
+    }
+
+    fn look_at(&mut self, state: u32) {
+        self.hear(&TurretStatus { state, ..TurretStatus::default() });
+    }
+
+    fn hear(&mut self, status: &TurretStatus) {
+        let status = TurretStatus { stream: 1, axis_count: 4, ..*status };
         self.engine.take_status(&status, self.at);
         self.engine.supervise(self.at);
         self.engine.decide(self.at);
@@ -161,6 +170,55 @@ fn a_decision_that_breaks_a_rule_is_not_sent_and_ends_acting() {
     let counted = Metrics::total(&bench.engine.setup.metrics.invariant_violations, &["envelope"]);
     assert_eq!((counted, bench.hold()), (1, Some("guarded")));
     assert!(bench.engine.save.is_some(), "the samples behind it are kept");
+}
+
+/// A controller may tell a refusal once, and that within the second after the command.
+#[test]
+fn a_refusal_told_once_right_after_the_command_is_heard() {
+    let mut bench = bench();
+    bench.feed(3.5, |_| {});
+    bench.decide_in_act();
+    assert_eq!(bench.intents(), 1);
+    let sent_s = bench.engine.seconds(bench.at);
+    bench.engine.acting.as_mut().unwrap().sent_at(sent_s);
+    bench.feed(0.02, |_| {});
+    bench.look_at(TURRET_REFUSED);
+    for _ in 0..50 {
+        bench.feed(0.02, |_| {});
+        bench.look();
+    }
+    assert_eq!((bench.intents(), bench.hold()), (1, Some("turret_refused")));
+}
+
+/// An interlock that opens, or a turret that is not heard any more, ends acting; it never resumes by itself.
+#[test]
+fn a_condition_that_is_lost_ends_acting() {
+    for (why, open) in [("interlock open", Some(1)), ("interlock unheard", None)] {
+        let mut bench = bench();
+        bench.feed(3.5, |_| {});
+        bench.decide_in_act();
+        assert_eq!(bench.engine.mode, Mode::Act);
+        for _ in 0..11 {
+            bench.feed(0.1, |_| {});
+            if let Some(interlocks_open) = open {
+                bench.hear(&TurretStatus {
+                    interlocks_open,
+                    state: TURRET_REACHED,
+                    ..TurretStatus::default()
+                });
+            } else {
+                bench.engine.supervise(bench.at);
+                bench.engine.decide(bench.at);
+            }
+        }
+        assert_eq!(bench.engine.mode, Mode::Observe, "{why}");
+        assert!(bench.engine.fault.as_deref().unwrap().contains(why));
+        for _ in 0..15 {
+            bench.feed(0.1, |_| {});
+            bench.look();
+        }
+        assert_eq!(bench.engine.mode, Mode::Observe, "{why}: it is heard and closed again");
+    }
 }
 
 #[test]

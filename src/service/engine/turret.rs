@@ -33,9 +33,18 @@ fn motion_of(state: u32) -> TurretMotion {
     }
 }
 
-/// Reasons that stop acting until a person has looked.
+/// Reasons that stop acting until a person has looked. Acting needs its conditions without a break:
+/// interlocks closed and heard, a turret that reports. Losing any one ends it; it never resumes by itself.
 fn needs_a_person(reason: HoldReason) -> bool {
-    matches!(reason, HoldReason::TurretNotReached | HoldReason::HandedOver | HoldReason::Returned)
+    matches!(
+        reason,
+        HoldReason::TurretNotReached
+            | HoldReason::HandedOver
+            | HoldReason::Returned
+            | HoldReason::InterlockOpen
+            | HoldReason::InterlockUnheard
+            | HoldReason::TurretSilent
+    )
 }
 
 impl Engine {
@@ -158,6 +167,8 @@ impl Engine {
             operator_acknowledge: self.acknowledge,
             store_writable,
             withheld: self.acting.as_ref().and_then(|a| a.withheld),
+            too_soon: false, // `Acting` knows
+            diameter_m: self.stream.as_ref().and_then(|s| s.pipeline().measured_diameter_m()),
         }
     }
 
@@ -191,7 +202,7 @@ impl Engine {
         }
         let overdue = acting.overdue(situation.now_s);
         let (decision, verdict) = acting.decide(&situation, (t_s, &mut self.ledger));
-        self.acknowledge &= acting.too_soon(&situation); // unless that was no look at all
+        self.acknowledge = false;
         if let Some(outcome) = overdue {
             self.settle(outcome);
         }
