@@ -4,6 +4,7 @@ use super::bad_input;
 use crate::avoidance::identified::StatedCut;
 use crate::avoidance::pitch::optimum_pitch_rad;
 use crate::avoidance::{CommandKind, HoldReason, Mode};
+use crate::chatter::Phase;
 use crate::config::service::ServiceConfig;
 use crate::plant::cutting::{Cutting, RawCutting, TwoDelay};
 use crate::plant::scenario::{RawScenario, Scenario};
@@ -57,6 +58,8 @@ const MARK_M: f64 = 8e-6;
 const ENTRY_S: f64 = 2.0;
 /// Chatter is heard late where it has left marks for so long before, s.
 const LATE_S: f64 = 1.0;
+/// Marks without an alarm count from here on, s: chatter grows and decays over some tenths of a second.
+const GROWS_S: f64 = 0.3;
 /// A cut ends stable where what is left at the end is no more than noise ever makes, m.
 const STABLE_M: f64 = 10e-6;
 
@@ -83,6 +86,8 @@ struct Outcome {
     marked_s: f64,
     /// The part of it before chatter was first heard, s.
     unheard_s: f64,
+    /// The part of it after that without an alarm, s: up to `GROWS_S` at a time are its growth and decay.
+    deaf_s: f64,
     /// Decisions that broke a command invariant.
     violations: u32,
 }
@@ -202,7 +207,7 @@ fn cut(case: &Case, arguments: &Arguments) -> anyhow::Result<Outcome> {
     let stated = (arguments.rule == "model").then_some(stated);
     let mut cut = ClosedLoop::with_stated(lathe, settings, (Mode::Act, stated))?;
     let mut outcome = Outcome::default();
-    let (mut rest_m, mut envelope_m) = (0.0, 0.0f64);
+    let (mut rest_m, mut envelope_m, mut silent_s) = (0.0, 0.0f64, 0.0);
     let period_s = 1.0 / cut.lathe().settings().sample_rate_hz;
     while cut.lathe().truth().t_s < duration_s {
         let event = cut.step();
@@ -212,6 +217,11 @@ fn cut(case: &Case, arguments: &Arguments) -> anyhow::Result<Outcome> {
         let vibration_m = (truth.workpiece_displacement_m - rest_m).abs();
         outcome.loudest_m = outcome.loudest_m.max(vibration_m);
         envelope_m = vibration_m.max(envelope_m * 0.998);
+        let silent = envelope_m > MARK_M && cut.pipeline().agreement().phase != Phase::Chatter;
+        silent_s = if silent { silent_s + period_s } else { 0.0 };
+        if silent_s > GROWS_S && outcome.onsets > 0 {
+            outcome.deaf_s += period_s;
+        }
         if envelope_m > MARK_M {
             outcome.marked_s += period_s;
             if outcome.onsets == 0 {
@@ -249,14 +259,14 @@ fn ends_stable(outcome: &Outcome) -> bool {
 fn table(cases: &[Case], outcomes: &[Outcome]) -> String {
     let mut text = String::from(
         "seed,natural_hz,speed_rpm,width_m,noise,equal_growth_1_s,equal_hz,best_growth_1_s,eq_6_10_rad,\
-         onsets,first_onset_s,commands,moves,first_pitch_rad,refused,loudest_m,last_m,marked_s,\
+         onsets,first_onset_s,commands,moves,first_pitch_rad,refused,loudest_m,last_m,marked_s,deaf_s,\
          last_hold,ends_stable\n",
     );
     for (c, o) in cases.iter().zip(outcomes) {
         let pitch = optimum_pitch_rad(c.scenario.spindle, c.equal.frequency_hz, 0).unwrap_or(0.0);
         text += &format!(
             "{},{:.2},{:.1},{:.6},{:.3},{:.2},{:.2},{:.2},{:.5},{},{:.3},{},{},{:.5},{},\
-             {:.3e},{:.3e},{:.3},{},{}\n",
+             {:.3e},{:.3e},{:.3},{:.3},{},{}\n",
             c.seed,
             c.scenario.workpiece.bending_frequency_hz(),
             c.scenario.spindle.rpm(),
@@ -275,6 +285,7 @@ fn table(cases: &[Case], outcomes: &[Outcome]) -> String {
             o.loudest_m,
             o.last_m,
             o.marked_s,
+            o.deaf_s,
             o.hold.map_or("", HoldReason::name),
             ends_stable(o),
         );
@@ -309,6 +320,9 @@ fn print(cases: &[Case], outcomes: &[Outcome]) -> anyhow::Result<()> {
     marked.sort_by(f64::total_cmp);
     let median = marked.get(marked.len() / 2).copied().unwrap_or(0.0);
     writeln!(out, "  time above {:.0} um, median of these    {median:.2} s", MARK_M * 1e6)?;
+    let deaf: f64 = unstable().map(|(_, o)| o.deaf_s).sum();
+    let cuts = unstable().filter(|(_, o)| o.deaf_s > LATE_S).count();
+    writeln!(out, "  marks without an alarm, heard before {deaf:.1} s, over {LATE_S:.0} s in {cuts}")?;
     writeln!(out, "stable at equal pitch (model)          {}", stable().count())?;
     writeln!(out, "  alarms in them                       {}", stable().map(|(_, o)| o.onsets).sum::<u32>())?;
     writeln!(
