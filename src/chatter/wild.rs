@@ -33,11 +33,15 @@ impl Wild {
             self.run += 1;
             return self.level_n;
         }
-        self.run = 0;
+        let believed = std::mem::take(&mut self.run) >= FEW;
         self.seen += 1;
         let share = (period_s / MEMORY_S).max(1.0 / self.seen as f64);
         self.level_n += apart_n * share;
         self.square_n2 += (apart_n * apart_n - self.square_n2) * share;
+        if believed {
+            // It goes on: the force is elsewhere now.
+            self.square_n2 = self.square_n2.max(apart_n * apart_n);
+        }
         force_n
     }
 }
@@ -57,7 +61,7 @@ mod tests {
         for k in 0..9000 {
             for spike in [500.0, -3e4, 1e30] {
                 let mut struck = wild;
-                let quiet = k > 1000 && !(2990..4000).contains(&k);
+                let quiet = k > 1000 && !(2990..4500).contains(&k);
                 assert!(!quiet || struck.bound(spike, 1.0 / 9000.0).abs() < 120.0, "{k} {spike}");
             }
             let passed = wild.bound(force(k), 1.0 / 9000.0) == force(k);

@@ -181,10 +181,11 @@ fn a_refusal_told_once_right_after_the_command_is_heard() {
     assert_eq!(bench.intents(), 1);
     let sent_s = bench.engine.seconds(bench.at);
     bench.engine.acting.as_mut().unwrap().sent_at(sent_s);
-    bench.feed(0.02, |_| {});
+    // Not in step with the second that is waited for.
+    bench.feed(0.017, |_| {});
     bench.look_at(TURRET_REFUSED);
-    for _ in 0..50 {
-        bench.feed(0.02, |_| {});
+    for _ in 0..62 {
+        bench.feed(0.017, |_| {});
         bench.look();
     }
     assert_eq!((bench.intents(), bench.hold()), (1, Some("turret_refused")));
