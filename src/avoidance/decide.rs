@@ -467,7 +467,8 @@ impl Avoidance {
             state.last_step_rad = step_rad;
         }
         let trial = state.trial.unwrap_or(Trial::new(now.heard.power_n2));
-        state.trial = Some(Trial { to_choose: false, ..trial });
+        // What the pitch is judged against is how loud it is now, not when the one before was given up.
+        state.trial = Some(Trial { to_choose: false, power_before_n2: now.heard.power_n2, ..trial });
         let target =
             Target { sequence: 0, pitch_rad, requested_rad: wanted_rad, offsets_m, issued_s: now.now_s };
         self.issue(state, now, target, CommandKind::Move)
