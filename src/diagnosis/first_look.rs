@@ -159,8 +159,8 @@ pub(super) fn frozen(axis: &AxisModel, recordings: &[Recording]) -> Vec<String> 
             let moved_m = span(&moving[first..=last]);
             (moved_m > least_m).then(|| {
                 format!(
-                    "{}: the {still}'s encoder repeats one value from {:.4} s to {:.4} s while the {other} moves \
-                     by {:.3} mm; no screw is stretched so far: these samples are not measured.",
+                    "{}: the {still}'s encoder repeats one value from {:.4} s to {:.4} s while the {other} \
+                     moves by {:.3} mm; no screw is stretched so far: these samples are not measured.",
                     recording.experiment,
                     recording.time_s(first),
                     recording.time_s(last),

@@ -272,8 +272,8 @@ fn start_of(axis: &AxisModel, recordings: &[Recording]) -> Result<search::Start,
     Ok(search::Start::new(problem, given))
 }
 
-/// The first axis of the model that is recorded and moves, and the names of the other recorded ones; where all
-/// stand, the first.
+/// The first axis of the model that is recorded and moves, and the names of the other recorded ones; where
+/// all stand, the first.
 fn axis_of<'a>(
     machine: &'a Machine,
     recordings: &[Recording],
@@ -295,7 +295,8 @@ fn left_aside(axis: &AxisModel, others: &[&str], known: impl Fn(&PhysicsTerm) ->
     let mut notes = Vec::new();
     if !others.is_empty() {
         notes.push(format!(
-            "This is of axis {}. Also recorded and not looked at: {}; a model with that axis alone answers for it.",
+            "This is of axis {}. Also recorded and not looked at: {}; a model with that axis alone answers \
+             for it.",
             axis.name,
             others.join(", ")
         ));

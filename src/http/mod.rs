@@ -192,7 +192,7 @@ async fn gate(State(site): State<Site>, mut request: Request, next: Next) -> Res
         Ok(()) => next.run(request).await,
         Err(problem) => problem.into_response(),
     };
-    // The API browser takes every path below its own and refuses those that it does not know in its own words.
+    // The API browser takes every path below its own and refuses what it does not know in its own words.
     if response.status().is_client_error() && route.starts_with("/api/{") {
         response = Problem::not_found("there is nothing at this path").into_response();
     }

@@ -90,7 +90,8 @@ series! {
     step_duration_seconds: Histogram = step_histogram("stillcut_step_duration_seconds",
         "Time of the pipeline for what one wake took in, in seconds.");
     http_request_duration_seconds: HistogramVec = http_histogram("stillcut_http_request_duration_seconds",
-        "Time from the request's head to the response's head, in seconds, by part of the API and class of the answer.",
+        "Time from the request's head to the response's head, in seconds, by part of the API and class of \
+        the answer.",
         &["route", "code"]);
     http_connections: IntGauge = int_gauge("stillcut_http_connections", "Open HTTP connections.");
     http_refused: IntCounterVec = counters("stillcut_http_refused_total",

@@ -162,6 +162,10 @@ fn agreement(d: &Diagnosis, case: &Case) -> Option<f64> {
     (whole > 0.0).then(|| 1.0 - left / whole)
 }
 
+fn interval_json(i: &JudgedInterval) -> Value {
+    json!({"name": i.name, "value": i.value, "ci95": i.ci95, "truth": i.truth})
+}
+
 /// `conceal.json`.
 pub(super) fn study_json(study: &Study) -> Value {
     let trials: Vec<Value> = study
@@ -169,8 +173,7 @@ pub(super) fn study_json(study: &Study) -> Value {
         .iter()
         .map(|o| {
             let said: Vec<Value> = o.said.iter().map(|(e, p)| json!({"effect": e, "port": p})).collect();
-            let interval = |i: &JudgedInterval| json!({"name": i.name, "value": i.value, "ci95": i.ci95, "truth": i.truth});
-            let intervals: Vec<Value> = o.intervals.iter().map(interval).collect();
+            let intervals: Vec<Value> = o.intervals.iter().map(interval_json).collect();
             json!({
                 "hidden": o.label, "depth": o.depth, "seed": o.seed, "verdict": o.verdict.name(),
                 "findings": said,

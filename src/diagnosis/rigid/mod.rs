@@ -100,8 +100,8 @@ fn one_side(axis: &AxisModel, recordings: &[Recording]) -> Vec<String> {
             recordings.iter().filter(|r| lacks(r)).map(|r| r.experiment.as_str()).collect();
         if !without.is_empty() {
             notes.push(format!(
-                "The {what} ({column}) is absent from {}: the answer is of one force balance of the whole axis, \
-                 below {:.0} % of its resonance, and cannot tell the motor's side from the stage's.",
+                "The {what} ({column}) is absent from {}: the answer is of one force balance of the whole \
+                 axis, below {:.0} % of its resonance, and cannot tell the motor's side from the stage's.",
                 without.join(", "),
                 100.0 * signals::RIGID_SHARE
             ));

@@ -117,8 +117,9 @@ pub(in crate::diagnosis) fn position(
 
 /// Band in which the inertial force is known better than [`NOISE_SHARE`] of the thrust.
 ///
-/// `q`: the encoder's step, or the one whose rounding would make the noise that the position shows. Steps of q are white with
-/// density q^2/12 / (rate/2); the second derivative up to f has the variance q^2/(6 rate) (2 pi)^4 f^5/5.
+/// `q`: the encoder's step, or the one whose rounding would make the noise that the position shows. Steps
+/// of q are white with density q^2/12 / (rate/2); the second derivative up to f has the variance
+/// q^2/(6 rate) (2 pi)^4 f^5/5.
 /// Checked by: tests::a_coarse_encoder_narrows_the_band.
 fn band_hz(mass: f64, (thrust_rms_n, q): (f64, f64), rate_hz: f64) -> f64 {
     let widest = BAND_SHARE * rate_hz;
