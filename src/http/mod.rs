@@ -214,14 +214,12 @@ fn part_of(route: &str) -> &'static str {
     let Some(inner) = route.strip_prefix("/api/v1/") else {
         return match route {
             "/healthz" | "/readyz" | "/metrics" => "operation",
-            "other" => "other",
             _ => "page",
         };
     };
     match inner.split('/').next().unwrap_or_default() {
         "state" | "axes" | "spectrum" | "stability" | "stream" => "live",
-        "events" | "recordings" | "audit" => "history",
-        "diagnoses" => "diagnosis",
+        "events" | "recordings" | "audit" | "diagnoses" => "history",
         "config" => "operation",
         _ => "control",
     }

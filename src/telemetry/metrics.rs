@@ -22,10 +22,10 @@ pub const COMMAND_OUTCOMES: [&str; 8] =
 pub const DECISION_BUCKETS_S: [f64; 12] =
     [1e-5, 2e-5, 4e-5, 8e-5, 1.6e-4, 3.2e-4, 6.4e-4, 1.28e-3, 2.56e-3, 5.12e-3, 1.024e-2, 2.048e-2];
 
-const HTTP_BUCKETS_S: [f64; 3] = [0.01, 0.1, 1.0];
+const HTTP_BUCKETS_S: [f64; 2] = [0.05, 0.5];
 const STEP_BUCKETS_S: [f64; 6] = [4e-5, 1.6e-4, 6.4e-4, 2.56e-3, 1.024e-2, 4.096e-2];
 /// Parts of the API and classes of answers that requests are counted by: few series, whatever is asked.
-pub const HTTP_ROUTES: [&str; 7] = ["live", "history", "control", "diagnosis", "operation", "page", "other"];
+pub const HTTP_ROUTES: [&str; 5] = ["live", "history", "control", "operation", "page"];
 /// Classes of status codes; all below 400 is `2xx`.
 pub const HTTP_CODES: [&str; 3] = ["2xx", "4xx", "5xx"];
 
