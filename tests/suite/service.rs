@@ -100,6 +100,8 @@ fn a_machine_that_comes_back_is_heard_within_two_seconds_and_acting_does_not_res
         drop(lathe);
         until("acting ends", 5, || state(&running)["mode"] == "observe");
         assert!(state(&running)["fault"].is_string(), "a fault is latched");
+        // The turret falls silent before the samples count as lost: acting ends with the first of them.
+        until("the loss is told", 5, || events(&running, "source_lost").len() == life + 1);
         assert_eq!(set_mode(&running, "act").code(), "faulted");
         let address = running.handle().address().to_string();
         let cleared = ask(&address, "POST", "/api/v1/fault/clear", &[], Some("{\"reason\":\"test\"}"));
