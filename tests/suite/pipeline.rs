@@ -8,6 +8,7 @@ use stillcut::force::estimator::{ForceSettings, Signals};
 use stillcut::pipeline::{
     AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, ServoPlan, StepOutput, StreamFault, ToolAxis,
 };
+use stillcut::plant::cutting::{Cutting, RawCutting};
 use stillcut::plant::scenario::{RawScenario, Scenario};
 use stillcut::sample::ServoSample;
 use stillcut::simulation::lathe::{Lathe, LatheSettings};
@@ -206,17 +207,19 @@ fn a_gap_within_chatter_is_not_told_as_its_end() {
     assert_eq!(pipeline.agreement().phase, Phase::Chatter);
 }
 
-/// A bar turned down to half bends where this pipeline was not made to hear: nothing is acted on.
+/// A light cut on a bar turned down to half: it bends where this pipeline was not made to hear, and nothing is
+/// acted on.
 #[test]
 fn a_band_out_of_reach_forbids_acting() {
     let scenario = scenario(0.0);
     let radius_m = 0.5 * scenario.workpiece.diameter_m();
     let mut settings = settings(&scenario);
-    settings.band = BandPlan::Cut(scenario.workpiece, scenario.cutting);
+    let light = Cutting::new(RawCutting { width_m: 1e-6, ..RawCutting::default() }).unwrap();
+    settings.band = BandPlan::Cut(scenario.workpiece, light);
     settings.infeed = Some(ToolAxis { index: 0, zero_m: radius_m, toward: true });
     let mut live = Pipeline::new(settings).unwrap();
     let stream = samples(scenario, 3, 8);
-    for (k, (share, heard)) in [(0.0, true), (0.49, false), (0.0, true)].into_iter().enumerate() {
+    for (k, (share, heard)) in [(0.0, true), (0.45, false), (0.0, true)].into_iter().enumerate() {
         for sample in &stream[k * 9000..(k + 1) * 9000] {
             let mut sample = *sample;
             sample.axes[0].stage_position_m = Some(share * radius_m);
