@@ -28,7 +28,8 @@ pub(super) fn loud_times(powers: &[(f64, Vec<f64>)], rate_hz: f64) -> Vec<TimeSp
     let sums: Vec<Vec<f64>> =
         powers.iter().map(|(_, x)| x.chunks_exact(block).map(|b| b.iter().sum()).collect()).collect();
     let most = sums.iter().flatten().fold(0.0_f64, |a, b| a.max(*b));
-    let spans = |(recording, (sums, (start_s, _))): (usize, (&Vec<f64>, &(f64, Vec<f64>)))| {
+    let mut times = Vec::new();
+    for (recording, (sums, (start_s, _))) in sums.iter().zip(powers).enumerate() {
         let mut spans_s: Vec<[f64; 2]> = Vec::new();
         for (k, _) in sums.iter().enumerate().filter(|(_, power)| **power > 0.25 * most) {
             let span = [start_s + k as f64 * block_s, start_s + (k + 1) as f64 * block_s];
@@ -37,9 +38,9 @@ pub(super) fn loud_times(powers: &[(f64, Vec<f64>)], rate_hz: f64) -> Vec<TimeSp
                 _ => spans_s.push(span),
             }
         }
-        TimeSpans { recording, spans_s }
-    };
-    sums.iter().zip(powers).enumerate().map(spans).collect()
+        times.push(TimeSpans { recording, spans_s });
+    }
+    times
 }
 
 impl Case<'_> {

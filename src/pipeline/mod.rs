@@ -206,9 +206,11 @@ impl Pipeline {
         let diameter_m = infeed.and_then(|axis| axis.distance_m(sample)).map(|radius_m| 2.0 * radius_m);
         if let Ok(band) = self.settings.band.band_at(position_m, diameter_m) {
             let monitor = &self.monitor;
-            let followed = |state: &mut ChannelState| monitor.follow(&mut state.monitor, band);
-            // What cannot be heard is not acted on.
-            self.out_of_reach = !self.states.iter_mut().map(followed).fold(true, |all, one| all && one);
+            self.out_of_reach = false;
+            for state in &mut self.states {
+                // What cannot be heard is not acted on.
+                self.out_of_reach |= !monitor.follow(&mut state.monitor, band);
+            }
         }
     }
 

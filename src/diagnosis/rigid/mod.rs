@@ -88,16 +88,15 @@ fn one_side(axis: &AxisModel, recordings: &[Recording]) -> Vec<String> {
     if axis.drive.structure() == Structure::Rigid {
         return Vec::new();
     }
-    let stage = format!("{}_stage_position_m", axis.name);
-    let lacks_stage = |r: &Recording| r.get(&stage).is_none();
-    let lacks_motor = |r: &Recording| signals::motor_position(axis, r).is_none();
-    let motor = format!("{}_motor_angle_rad", axis.name);
-    let sides: [(&str, &str, &dyn Fn(&Recording) -> bool); 2] =
-        [("stage's position", &stage, &lacks_stage), ("motor's angle", &motor, &lacks_motor)];
+    let name = |suffix: &str| format!("{}_{suffix}", axis.name);
+    let [stage, motor] = ["stage_position_m", "motor_angle_rad"].map(name);
     let mut notes = Vec::new();
-    for (what, column, lacks) in sides {
-        let without: Vec<&str> =
-            recordings.iter().filter(|r| lacks(r)).map(|r| r.experiment.as_str()).collect();
+    for (what, column) in [("stage's position", stage), ("motor's angle", motor)] {
+        let lacks = |r: &&Recording| match what {
+            "motor's angle" => signals::motor_position(axis, r).is_none(),
+            _ => r.get(&column).is_none(),
+        };
+        let without: Vec<&str> = recordings.iter().filter(lacks).map(|r| r.experiment.as_str()).collect();
         if !without.is_empty() {
             notes.push(format!(
                 "The {what} ({column}) is absent from {}: the answer is of one force balance of the whole \
