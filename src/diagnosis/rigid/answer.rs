@@ -34,6 +34,8 @@ pub(super) struct Context<'a> {
     machine: &'a Machine,
     pub(super) axis: &'a AxisModel,
     pub(super) search: &'a Search,
+    /// The terms before anything was found.
+    start: &'a [Term],
     before: Fit,
     after: Fit,
     /// Left by the structure alone, without physics that the model states.
@@ -68,7 +70,7 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
     let structure: Vec<Term> =
         start.iter().filter(|t| !matches!(t.origin, Origin::Given(_))).cloned().collect();
     let structure_n = search.fit(&structure).heldout_rms;
-    let c = Context { machine, axis, search, before, after, structure_n, floor_n, friction_stated, fitted };
+    let c = Context { machine, axis, search, start, before, after, structure_n, floor_n, friction_stated, fitted };
     let mut findings = c.findings();
     let unexplained = c.is_unexplained();
     // Numbers fitted beside an unknown cause are bent by it.
@@ -488,8 +490,9 @@ impl Context<'_> {
     fn recordings(&self, unexplained: bool) -> Vec<RecordingFit> {
         let mut start = 0;
         let nominal = self.nominal_residual();
-        let after = if unexplained { &self.before.heldout } else { &self.after.heldout };
-        let written = if unexplained { &nominal } else { after };
+        let before = self.search.heldout(self.start);
+        let after = if unexplained { before.clone() } else { self.search.heldout(&self.search.terms) };
+        let written = if unexplained { &nominal } else { &after };
         let fit = |s: &super::Series| {
             let range = start..start + s.t_s.len();
             start = range.end;
@@ -502,8 +505,8 @@ impl Context<'_> {
                 position_m: s.position_m.clone(),
                 velocity_m_s: s.velocity_m_s.clone(),
                 residual_nominal_n: vec![part(&nominal)],
-                residual_before_n: vec![part(&self.before.heldout)],
-                residual_after_n: vec![part(after)],
+                residual_before_n: vec![part(&before)],
+                residual_after_n: vec![part(&after)],
             }
         };
         self.search.series.iter().map(fit).collect()

@@ -27,8 +27,6 @@ pub(super) struct Fit {
     pub(super) rms: f64,
     /// What is left, fitted to everything.
     pub(super) residual: Vec<f64>,
-    /// What is left of each stretch by a fit to the others.
-    pub(super) heldout: Vec<f64>,
     /// Standard deviations of the coefficients, for independent rows.
     pub(super) deviations: Vec<f64>,
 }
@@ -99,12 +97,7 @@ impl Rows {
         out
     }
 
-    /// Fits the columns, all and with each fold left out.
-    pub(super) fn fit(&self, columns: &[Vec<f64>]) -> Fit {
-        self.fit_to(&self.target, columns)
-    }
-
-    /// The same for another target of the same rows.
+    /// Fits columns to a target of these rows, all and with each fold left out.
     pub(super) fn fit_to(&self, target: &[f64], columns: &[Vec<f64>]) -> Fit {
         let sums = self.sums(target, columns);
         let Judged { coefficients, heldout_rms, .. } = sums.judged();
@@ -114,6 +107,12 @@ impl Rows {
         }
         let left = rms(&residual);
         let deviations = sums.deviations(left);
+        Fit { coefficients, heldout_rms, rms: left, residual, deviations }
+    }
+
+    /// What is left of each stretch by a fit to the others.
+    pub(super) fn heldout(&self, target: &[f64], columns: &[Vec<f64>]) -> Vec<f64> {
+        let sums = self.sums(target, columns);
         let without: Vec<Vec<f64>> = (0..FOLDS).map(|fold| sums.without(fold)).collect();
         let mut heldout = target.to_vec();
         for (range, fold) in &self.stretches {
@@ -121,7 +120,7 @@ impl Rows {
                 heldout[range.clone()].iter_mut().zip(&column[range.clone()]).for_each(|(r, c)| *r -= b * c);
             }
         }
-        Fit { coefficients, heldout_rms, rms: left, residual, heldout, deviations }
+        heldout
     }
 }
 
@@ -219,7 +218,7 @@ mod tests {
         let x: Vec<f64> = (0..500).map(|k| (f64::from(k) * 0.7).sin()).collect();
         let z: Vec<f64> = (0..500).map(|k| (f64::from(k) * 0.11).cos()).collect();
         let y: Vec<f64> = x.iter().zip(&z).map(|(x, z)| 3.0 * x - 0.25 * z).collect();
-        let fit = Rows::new(y, &[500]).fit(&[x, z]);
+        let fit = Rows::new(y.clone(), &[500]).fit_to(&y, &[x, z]);
         assert!((fit.coefficients[0] - 3.0).abs() < 1.0e-6 && (fit.coefficients[1] + 0.25).abs() < 1.0e-6);
         assert!(fit.heldout_rms < 1.0e-6);
     }
@@ -230,7 +229,7 @@ mod tests {
         let y: Vec<f64> = (0..400).map(|_| random()).collect();
         let chance: Vec<Vec<f64>> = (0..6).map(|_| (0..400).map(|_| random()).collect()).collect();
         let rows = Rows::new(y, &[400]);
-        let with = rows.fit(&chance);
+        let with = rows.fit_to(&rows.target, &chance);
         assert!(with.rms < rms(&rows.target), "fitted, it always helps");
         assert!(with.heldout_rms > 0.99 * rms(&rows.target), "held out, it does not");
     }
@@ -256,7 +255,8 @@ mod tests {
         }
         let expected = (left / 600.0).sqrt();
         assert!((sums.judged().heldout_rms / expected - 1.0).abs() < 1.0e-8);
-        assert!((rows.fit(&all).heldout_rms / expected - 1.0).abs() < 1.0e-8);
+        assert!((rows.fit_to(&y, &all).heldout_rms / expected - 1.0).abs() < 1.0e-8);
+        assert!((rms(&rows.heldout(&y, &all)) / expected - 1.0).abs() < 1.0e-8);
     }
 
     #[test]

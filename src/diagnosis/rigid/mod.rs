@@ -88,15 +88,16 @@ fn one_side(axis: &AxisModel, recordings: &[Recording]) -> Vec<String> {
     if axis.drive.structure() == Structure::Rigid {
         return Vec::new();
     }
-    let name = |suffix: &str| format!("{}_{suffix}", axis.name);
-    let [stage, motor] = ["stage_position_m", "motor_angle_rad"].map(name);
+    let [stage, motor] =
+        ["stage_position_m", "motor_angle_rad"].map(|suffix| format!("{}_{suffix}", axis.name));
+    let without_motor = |r: &Recording| signals::motor_position(axis, r).is_none();
+    let without_stage = |r: &Recording| r.get(&stage).is_none();
+    let sides: [(&str, &str, &dyn Fn(&Recording) -> bool); 2] =
+        [("stage's position", &stage, &without_stage), ("motor's angle", &motor, &without_motor)];
     let mut notes = Vec::new();
-    for (what, column) in [("stage's position", stage), ("motor's angle", motor)] {
-        let lacks = |r: &&Recording| match what {
-            "motor's angle" => signals::motor_position(axis, r).is_none(),
-            _ => r.get(&column).is_none(),
-        };
-        let without: Vec<&str> = recordings.iter().filter(lacks).map(|r| r.experiment.as_str()).collect();
+    for (what, column, lacks) in sides {
+        let lacking = recordings.iter().filter(|r| lacks(r));
+        let without: Vec<&str> = lacking.map(|r| r.experiment.as_str()).collect();
         if !without.is_empty() {
             notes.push(format!(
                 "The {what} ({column}) is absent from {}: the answer is of one force balance of the whole \

@@ -7,6 +7,7 @@ use crate::diagnosis::bank::{strongest_lines, when};
 use crate::diagnosis::search::MAP_CREDIT;
 use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::{EffectKind, Port};
+use std::borrow::Cow;
 
 /// Findings of one diagnosis.
 const MOST_FINDINGS: usize = 7;
@@ -91,25 +92,40 @@ impl Search {
         terms.iter().flat_map(|t| self.columns(t.law)).collect()
     }
 
-    /// Fit of a set of terms.
+    /// Target and free columns of a set of terms, and the place of a spring that is not free.
     ///
     /// Where the output is locked, the spring keeps the stiffness that the model states: left free, a spring
     /// twenty times too soft would stand in for play.
-    pub(super) fn fit(&self, terms: &[Term]) -> Fit {
+    fn free(&self, terms: &[Term]) -> (Cow<'_, [f64]>, Vec<Vec<f64>>, Option<usize>) {
         let spring = terms.iter().position(|t| matches!(t.law, Law::Spring { .. })).filter(|_| self.locked);
-        let Some(index) = spring else { return self.rows.fit(&self.all_columns(terms)) };
-        let force: Vec<f64> = self
-            .columns(terms[index].law)
-            .first()
-            .map_or_else(Vec::new, |c| c.iter().map(|x| x * self.stiffness_n_m).collect());
-        let target: Vec<f64> = self.rows.target.iter().zip(&force).map(|(y, f)| y - f).collect();
+        let Some(index) = spring else {
+            return (Cow::Borrowed(&self.rows.target), self.all_columns(terms), None);
+        };
+        let mut target = self.rows.target.clone();
+        for column in self.columns(terms[index].law).iter().take(1) {
+            target.iter_mut().zip(column).for_each(|(y, x)| *y -= x * self.stiffness_n_m);
+        }
         let mut others = terms.to_vec();
         others.remove(index);
-        let mut fit = self.rows.fit_to(&target, &self.all_columns(&others));
-        // Terms before the spring have one column each but for waves, which a locked output does not have.
-        fit.coefficients.insert(index, self.stiffness_n_m);
-        fit.deviations.insert(index, 0.0);
+        (Cow::Owned(target), self.all_columns(&others), spring)
+    }
+
+    /// Fit of a set of terms.
+    pub(super) fn fit(&self, terms: &[Term]) -> Fit {
+        let (target, columns, spring) = self.free(terms);
+        let mut fit = self.rows.fit_to(&target, &columns);
+        if let Some(index) = spring {
+            // Terms before the spring have one column each but for waves, which a locked output does not have.
+            fit.coefficients.insert(index, self.stiffness_n_m);
+            fit.deviations.insert(index, 0.0);
+        }
         fit
+    }
+
+    /// What is left of each stretch by a fit of the terms to the others.
+    pub(super) fn heldout(&self, terms: &[Term]) -> Vec<f64> {
+        let (target, columns, _) = self.free(terms);
+        self.rows.heldout(&target, &columns)
     }
 
     /// Columns of terms with their products, beside which a law is tried.
