@@ -215,15 +215,25 @@ impl Case<'_> {
         if !far && rig.says_all(found, rig.noise_n(found, self.least.get(1)?.white_n2_hz())) {
             return None;
         }
-        let from_stated = |axis: &AxisModel| loop_fit::with_stated_numbers(self.axis, axis);
-        let mut fit = loop_fit::fit(rig, (self.axis, &[]), &from_stated(found), loop_fit::NEAR)?;
+        let fit_from = |start: &AxisModel, as_stated: &[&str], held: &[&str]| {
+            let start = loop_fit::with_stated_numbers(self.axis, start, as_stated);
+            loop_fit::fit(rig, (self.axis, held), &start, loop_fit::NEAR)
+        };
+        let mut fit = fit_from(found, loop_fit::NUMBERS, &[])?;
+        let left_n = rig.errors(&[fit.axis.clone(), found.clone()])?;
+        // From the stated numbers the stage may stand whole signal periods beside its place, and the error of
+        // an encoder with it: too far for a fit.
+        let too_far = rms(&left_n[0]) > REFUTED * rms(&left_n[1]);
+        if too_far {
+            fit = fit_from(found, &[], &[])?;
+        }
         let held = self.denied(&fit);
         if !(fit.pointless.is_empty() && held.is_empty()) {
             for k in fit.pointless.iter().rev() {
                 found.physics.remove(*k);
                 findings.remove(k - given);
             }
-            fit = loop_fit::fit(rig, (self.axis, &held), &from_stated(found), loop_fit::NEAR)?;
+            fit = fit_from(found, if too_far { &held } else { loop_fit::NUMBERS }, &held)?;
         }
         *found = fit.axis;
         let scaled = corrections::is_scaled(rig.problem());

@@ -56,7 +56,8 @@ const AMPLITUDES: &[&str] = &[
     "cubic_n_m3",
     "relative_change",
 ];
-const NUMBERS: &[&str] = &[
+/// Numbers of the structure that are fitted.
+pub(super) const NUMBERS: &[&str] = &[
     "rotary_inertia_kg_m2",
     "movable_mass_kg",
     "axial_stiffness_n_m",
@@ -87,9 +88,9 @@ pub(super) enum Knob {
     Entry(usize, [usize; 2], f64),
 }
 
-/// The model with its numbers as they were stated.
-pub(super) fn with_stated_numbers(stated: &AxisModel, axis: &AxisModel) -> AxisModel {
-    let numbers = NUMBERS.iter().filter_map(|key| Some((*key, stated.drive.number(key)?)));
+/// The model with some of its numbers as they were stated.
+pub(super) fn with_stated_numbers(stated: &AxisModel, axis: &AxisModel, numbers: &[&str]) -> AxisModel {
+    let numbers = numbers.iter().filter_map(|key| Some((*key, stated.drive.number(key)?)));
     let drive = axis.drive.with_numbers(numbers).unwrap_or_else(|_| axis.drive.clone());
     AxisModel { drive, ..axis.clone() }
 }

@@ -26,11 +26,11 @@ impl StoreWatch {
     /// How long writes have been waiting without a commit.
     pub(super) fn lag(&mut self, now: Instant) -> Duration {
         let commits = self.gauges.commits.load(Ordering::Relaxed);
-        // What goes into a file that is gone waits for ever.
-        let gone = self.gauges.gone.load(Ordering::Relaxed);
-        if self.gauges.waiting.load(Ordering::Relaxed) == 0 && !gone {
+        // What goes into a file that is gone or damaged waits for ever.
+        let broken = self.gauges.broken.load(Ordering::Relaxed);
+        if self.gauges.waiting.load(Ordering::Relaxed) == 0 && !broken {
             self.waiting_since = None;
-        } else if commits != self.commits && !gone || self.waiting_since.is_none() {
+        } else if commits != self.commits && !broken || self.waiting_since.is_none() {
             self.waiting_since = Some(now);
         }
         self.commits = commits;
@@ -63,7 +63,7 @@ mod tests {
         assert!(watch.writable(after(71_100)), "a commit went through, others wait");
         gauges.waiting.store(0, Ordering::Relaxed);
         assert_eq!(watch.lag(after(80_000)), Duration::ZERO);
-        gauges.gone.store(true, Ordering::Relaxed);
+        gauges.broken.store(true, Ordering::Relaxed);
         assert!(watch.writable(after(80_100)));
         gauges.commits.store(2, Ordering::Relaxed);
         assert!(!watch.writable(after(80_700)), "commits into a file that is gone count for nothing");

@@ -127,16 +127,16 @@ impl Upkeep {
 
     /// Told once; the next start deals with it.
     fn tell_damage(&self, told: &mut bool) {
-        let gone = self.history.writer.gauges().gone.load(Ordering::Relaxed);
+        let broken = self.history.writer.gauges().broken.load(Ordering::Relaxed);
         let text = match self.history.reader.damage() {
             _ if *told => return,
-            _ if gone => {
+            Some(damage) => {
+                format!("the history is damaged ({damage}); restart the service to have it set aside")
+            }
+            None if broken => {
                 let path = self.history.folder.join(FILE_NAME);
                 let what = "is no longer the file that was opened: nothing is kept; put it back and restart";
                 format!("{} {what} the service", path.display())
-            }
-            Some(damage) => {
-                format!("the history is damaged ({damage}); restart the service to have it set aside")
             }
             None => return,
         };
@@ -171,10 +171,11 @@ impl Upkeep {
             self.metrics.store_filesystem_available_bytes.set(gauge(available));
             self.metrics.store_filesystem_size_bytes.set(gauge(size));
         }
-        if seen.is_some_and(|(_, file, _)| file != self.history.file) {
-            gauges.gone.store(true, Ordering::Relaxed);
+        let moved = seen.is_some_and(|(_, file, _)| file != self.history.file);
+        if moved || self.history.reader.damage().is_some() {
+            gauges.broken.store(true, Ordering::Relaxed);
         }
-        let gone = gauges.gone.load(Ordering::Relaxed);
+        let broken = gauges.broken.load(Ordering::Relaxed);
         let bytes = sizes.map_or(kept.store.bytes, |(bytes, _)| bytes);
         self.metrics.events_unpersisted.set(gauge(waiting));
         self.metrics.queue_depth.with_label_values(&["store"]).set(gauge(waiting));
@@ -182,7 +183,7 @@ impl Upkeep {
         if let Some((_, log)) = sizes {
             self.metrics.wal_bytes.set(gauge(log));
         }
-        let healthy = !failing && !gone && self.history.reader.damage().is_none();
+        let healthy = !failing && !broken;
         self.metrics.stage_up.with_label_values(&["store"]).set(i64::from(healthy));
         let counted = match failing {
             true => None,

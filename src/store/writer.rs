@@ -74,8 +74,8 @@ pub struct WriterGauges {
     pub commits: AtomicI64,
     /// Consecutive failures of the transaction at hand; 0 when healthy.
     pub failures: AtomicI64,
-    /// The file is no longer where it was opened: what is committed is lost with the process.
-    pub gone: AtomicBool,
+    /// What is committed is not kept: the file is no longer where it was opened, or it is damaged.
+    pub broken: AtomicBool,
     /// The service ends: what cannot be stored now is kept beside the history.
     closing: AtomicBool,
     /// Writes that at the end could be neither stored nor kept.

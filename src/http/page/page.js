@@ -169,6 +169,8 @@ function showMode(now) {
     button.setAttribute("aria-pressed", String(button.dataset.mode === now.mode));
   }
   setText("mode-reason", now.mode_reason);
+  // Elsewhere nothing moves the turret, and the service refuses.
+  $("hold").hidden = now.mode !== "act" && !now.turret_held;
   $("hold").setAttribute("aria-pressed", String(now.turret_held));
   setText("hold", now.turret_held ? "Held: let the turret go" : "Hold the turret");
   $("fault").hidden = !now.fault;
