@@ -282,8 +282,8 @@ impl Case<'_> {
     /// True when what is left after the findings stands above the floor and is not a small rest of what they
     /// explain.
     fn unexplained(&self) -> bool {
-        if self.outcome.complete != Complete::No {
-            return false;
+        if self.outcome.complete != Complete::No || self.outcome.no_law {
+            return self.outcome.no_law;
         }
         let band = self.outcome.state.problem.motions.first().map_or(1.0, |m| band_hz(m.rate_hz));
         // A form that describes what does not stand above the floor describes the rest of a law.

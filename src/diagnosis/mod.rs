@@ -219,6 +219,9 @@ pub fn diagnose(
         }
         if let Some(told) = told {
             (outcome, diagnosis) = told;
+        } else if outcome.withdrew_all() {
+            outcome.no_law = true;
+            diagnosis = assemble::assemble(machine, axis, recordings, &outcome);
         }
     }
     let p = &outcome.state.problem;

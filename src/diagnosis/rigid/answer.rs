@@ -70,7 +70,18 @@ pub(super) fn answer((machine, axis): (&Machine, &AxisModel), search: &Search, s
     let structure: Vec<Term> =
         start.iter().filter(|t| !matches!(t.origin, Origin::Given(_))).cloned().collect();
     let structure_n = search.fit(&structure).heldout_rms;
-    let c = Context { machine, axis, search, start, before, after, structure_n, floor_n, friction_stated, fitted };
+    let c = Context {
+        machine,
+        axis,
+        search,
+        start,
+        before,
+        after,
+        structure_n,
+        floor_n,
+        friction_stated,
+        fitted,
+    };
     let mut findings = c.findings();
     let unexplained = c.is_unexplained();
     // Numbers fitted beside an unknown cause are bent by it.
