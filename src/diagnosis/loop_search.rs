@@ -12,7 +12,7 @@ use super::bench::{Bench, Score, plausible, rms};
 use super::hypothesis_fit::HypothesisFit;
 use super::in_loop::Rig;
 use super::loop_fit::{self, Bed, How, Knob, LoopFit, Noise};
-use super::problem::Column;
+use super::problem::{Column, Proof};
 use super::regression::{Gram, Solution};
 use super::result::Estimate;
 use super::search::{MOST_FINDINGS, RIVAL_SHARE, RIVALS, keep_best_of_kind, least_evidence_of, same_kind};
@@ -245,7 +245,7 @@ impl Eye<'_> {
         let axis = &model.fit.axis;
         let left = self.left(axis)?;
         let scores = self.scores(axis, &left, (&model.laws, from));
-        let least = least_evidence_of(self.bed.samples(), false);
+        let least = least_evidence_of(self.bed.samples(), Proof::Usual);
         let most = scores.first().filter(|s| s.plausible).map_or(0.0, |s| s.evidence);
         let near = |s: &&Score| s.plausible && s.evidence > least.max(RIVAL_SHARE * most);
         let rivals: Vec<Score> = scores.iter().filter(near).take(RIVALS).cloned().collect();

@@ -199,24 +199,8 @@ pub fn diagnose(
         && let Some(noise_n) = noise_n
         && diagnosis.left_in_loop_n().is_some_and(|left| left > FAR_FROM_NOISE * noise_n[0])
     {
-        let mut told = None;
-        if recordings.len() > 1 {
-            progress(0.9, "one recording at a time");
-            for recording in recordings {
-                let one = start_of(axis, std::slice::from_ref(recording))?;
-                let alone = search::search(one, (Complete::No, &|_, _| ()));
-                let other = search::with_findings_of(start.clone(), alone);
-                let said = assemble::assemble(machine, axis, recordings, &other);
-                if said.verdict == Verdict::MissingPhysics && said.is_quiet_in_loop(noise_n[0]) {
-                    told = Some((other, said));
-                    break;
-                }
-            }
-        }
-        if told.is_none() && rig.hardly_accelerates() {
-            progress(0.9, "running hypotheses in the loop");
-            told = by_loop((machine, axis, recordings), (rig, &start, noise_n), (&outcome, &diagnosis));
-        }
+        let case = (machine, axis, recordings);
+        let told = second_look(case, (rig, &start, noise_n), (&outcome, &diagnosis), progress)?;
         if let Some(told) = told {
             (outcome, diagnosis) = told;
         } else if outcome.withdrew_all() {
@@ -235,6 +219,47 @@ pub fn diagnose(
     }
     progress(1.0, "done");
     Ok(diagnosis)
+}
+
+/// What else can be said where the loop is far from its noise; `None`: nothing that the loop confirms.
+fn second_look(
+    (machine, axis, recordings): (&Machine, &AxisModel, &[Recording]),
+    (rig, start, noise_n): (&in_loop::Rig<'_>, &search::Start, [f64; 2]),
+    first: (&search::Outcome, &Diagnosis),
+    progress: Progress<'_>,
+) -> Result<Option<(search::Outcome, Diagnosis)>, DiagnoseError> {
+    let silent = (Complete::No, &(|_: f64, _: &str| ()) as Progress<'_>);
+    let assembled = |other: search::Outcome| {
+        let said = assemble::assemble(machine, axis, recordings, &other);
+        (said.verdict == Verdict::MissingPhysics).then_some((other, said))
+    };
+    progress(0.9, "asking the loop about weak findings");
+    let weak = start.asking_the_loop().and_then(|start| assembled(search::search(start, silent)));
+    let left_n = first.1.left_in_loop_n();
+    let confirmed = |(_, said): &(search::Outcome, Diagnosis)| {
+        said.left_in_loop_n().zip(left_n).is_some_and(|(with_n, without_n)| {
+            with_n < CONFIRMED_SHARE * without_n && with_n < FAR_FROM_NOISE * noise_n[0]
+        })
+    };
+    if let Some(weak) = weak.filter(confirmed) {
+        return Ok(Some(weak));
+    }
+    if recordings.len() > 1 {
+        progress(0.9, "one recording at a time");
+        for recording in recordings {
+            let one = start_of(axis, std::slice::from_ref(recording))?;
+            let alone = search::search(one, silent);
+            let other = assembled(search::with_findings_of(start.clone(), alone));
+            if let Some(other) = other.filter(|(_, said)| said.is_quiet_in_loop(noise_n[0])) {
+                return Ok(Some(other));
+            }
+        }
+    }
+    if !rig.hardly_accelerates() {
+        return Ok(None);
+    }
+    progress(0.9, "running hypotheses in the loop");
+    Ok(by_loop((machine, axis, recordings), (rig, start, noise_n), first))
 }
 
 /// What the loop says where it contradicts the balance; `None`: it does not know either.
@@ -257,6 +282,8 @@ fn by_loop(
         .then_some((other, told))
 }
 
+/// Share of what the loop leaves that it may leave with a finding that is weak in the balance.
+const CONFIRMED_SHARE: f64 = 0.5;
 /// Over the noise of the loop: what a model leaves that is beside the cause. Then what one recording alone
 /// says is tried on all of them, and stands only if the loop is quiet with it.
 const FAR_FROM_NOISE: f64 = 3.0;
@@ -266,7 +293,9 @@ fn start_of(axis: &AxisModel, recordings: &[Recording]) -> Result<search::Start,
     let motions = recordings.iter().map(|r| motion::motion(axis, r)).collect::<Result<Vec<_>, _>>()?;
     let steps_m = steps::steps_m(axis, &motions);
     let mut problem = problem::Problem::new(&axis.drive, motions);
-    problem.coarse = problem.steps_m.iter().zip(steps_m).any(|(stated, found)| found > *stated);
+    if problem.steps_m.iter().zip(steps_m).any(|(stated, found)| found > *stated) {
+        problem.proof = problem::Proof::Coarse;
+    }
     problem.steps_m = steps_m;
     let noise = encoder_noise::EncoderNoise::new(&axis.drive, &problem.motions, problem.thinning.step);
     problem.encoder_noise = Some(noise);

@@ -141,9 +141,19 @@ pub(crate) struct Problem {
     pub(crate) steps_m: [f64; 2],
     /// Noise of the encoders, which bends what is fitted; `None`: positions are exact.
     pub(crate) encoder_noise: Option<EncoderNoise>,
-    /// A step is coarser than the model states: errors follow the motion, and what they imitate needs more
-    /// proof.
-    pub(crate) coarse: bool,
+    /// What a finding needs.
+    pub(crate) proof: Proof,
+}
+
+/// How much a finding must explain.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Proof {
+    /// More than the inexactness of any model does.
+    Usual,
+    /// A step is coarser than the model states: errors follow the motion, and what they imitate needs more.
+    Coarse,
+    /// More than noise does: the loop is asked afterwards.
+    LoopDecides,
 }
 
 impl Problem {
@@ -164,7 +174,7 @@ impl Problem {
             lead_error: 0.0,
             steps_m: [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()],
             encoder_noise: None,
-            coarse: false,
+            proof: Proof::Usual,
             motions,
             thinning,
         };

@@ -4,7 +4,7 @@ use super::bank;
 use super::bench::{Accepted, Bench, Score, rms};
 use super::floor::spectrum;
 use super::loop_search::Told;
-use super::problem::{Column, Mechanics, Problem, Sides};
+use super::problem::{Column, Mechanics, Problem, Proof, Sides};
 use super::shape::{Hypothesis, Shape};
 use super::state::{PASSES, RUNAWAY, State, nominal_residual};
 use super::strangers;
@@ -120,6 +120,14 @@ impl Start {
     pub(super) fn new(problem: Problem, given: Vec<Accepted>) -> Self {
         let nominal = nominal_residual(&problem, &given);
         Self { state: State::new(problem, given, &nominal), nominal }
+    }
+
+    /// The same where the loop has the last word on what is found; `None`: steps are coarse, and where they
+    /// round is chance, which no loop repeats.
+    pub(super) fn asking_the_loop(&self) -> Option<Self> {
+        let mut start = self.clone();
+        let usual = std::mem::replace(&mut start.state.problem.proof, Proof::LoopDecides) == Proof::Usual;
+        usual.then_some(start)
     }
 
     /// Density of the white force that no choice of the numbers takes from the stage's balance, N2/Hz.
@@ -250,7 +258,7 @@ fn add_knots(state: &mut State) {
             fine.accepted[k] = Accepted { round, ..Accepted::new(&state.problem, finer, amplitudes) };
             fine.settle(PASSES);
             let gain = losses(&fine, std::slice::from_ref(state))[0];
-            if gain < least_evidence_of(state.problem.lengths().iter().sum(), state.problem.coarse) {
+            if gain < least_evidence_of(state.problem.lengths().iter().sum(), state.problem.proof) {
                 break;
             }
             *state = fine;
@@ -285,7 +293,7 @@ fn losses(best: &State, others: &[State]) -> Vec<f64> {
 /// The free form that explains more than noise, if there is one.
 fn best_stranger(state: &State) -> Option<Score> {
     let bench = state.weighted_bench();
-    let unnamed = if bench.problem.coarse { None } else { strangers::best(&bench) };
+    let unnamed = if bench.problem.proof == Proof::Usual { strangers::best(&bench) } else { None };
     unnamed.filter(|s| s.evidence > STRANGER_LEAST_SHARE * bench.folds.total() as f64)
 }
 
@@ -455,12 +463,16 @@ fn drop_harmful(state: &mut State) {
 
 /// Evidence from which on a finding is claimed.
 pub(crate) fn least_evidence(bench: &Bench<'_>) -> f64 {
-    least_evidence_of(bench.folds.total(), bench.problem.coarse)
+    least_evidence_of(bench.folds.total(), bench.problem.proof)
 }
 
-/// The same of so many samples; `coarse`: steps are coarser than stated.
-pub(super) fn least_evidence_of(samples: usize, coarse: bool) -> f64 {
-    let share = if coarse { LEAST_SHARE_COARSE } else { LEAST_SHARE };
+/// The same of so many samples.
+pub(super) fn least_evidence_of(samples: usize, proof: Proof) -> f64 {
+    let share = match proof {
+        Proof::Usual => LEAST_SHARE,
+        Proof::Coarse => LEAST_SHARE_COARSE,
+        Proof::LoopDecides => 0.0,
+    };
     LEAST_EVIDENCE.max(share * samples as f64)
 }
 

@@ -115,7 +115,7 @@ impl Search {
         let (target, columns, spring) = self.free(terms);
         let mut fit = self.rows.fit_to(&target, &columns);
         if let Some(index) = spring {
-            // Terms before the spring have one column each but for waves, which a locked output does not have.
+            // Terms before the spring have one column each; waves, which have two, a locked output has not.
             fit.coefficients.insert(index, self.stiffness_n_m);
             fit.deviations.insert(index, 0.0);
         }
