@@ -12,7 +12,7 @@ use super::result::*;
 use super::search::{Complete, Outcome, least_evidence, rank};
 use super::shape::Shape;
 use super::steps::stated_step_m;
-use super::terms;
+use super::terms::{self, INEXACT_SHARE};
 use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
@@ -23,9 +23,6 @@ const LEAST_EXPLAINED: f64 = 0.6;
 
 /// A found model that leaves this many times what it leaves without its findings is refuted by the loop.
 const REFUTED: f64 = 1.05;
-
-/// No model holds to better than this share of the thrust; what is left below it is no finding.
-const INEXACT_SHARE: f64 = 0.0015;
 
 /// What held-out blocks may have left, over what a fit to everything leaves.
 const UNTOLD: f64 = 3.0;

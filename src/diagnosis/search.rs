@@ -8,6 +8,7 @@ use super::problem::{Column, Mechanics, Problem, Proof, Sides};
 use super::shape::{Hypothesis, Shape};
 use super::state::{PASSES, RUNAWAY, State, nominal_residual};
 use super::strangers;
+use super::terms::INEXACT_SHARE;
 use super::two_cores::on_two_cores;
 use crate::plant::effects::Port;
 use crate::plant::effects::periodic::knots_at;
@@ -32,6 +33,8 @@ const STRANGER_LEAST_SHARE: f64 = 0.1;
 const SECOND_SHARE: f64 = 0.005;
 /// Least size of a finding beside the thrust, both as root mean squares.
 const LEAST_WEIGHT: f64 = 5e-4;
+/// The same of a gap, which is crossed where friction turns: three times what no model of that holds to.
+const LEAST_WEIGHT_OF_GAP: f64 = 3.0 * INEXACT_SHARE;
 /// Hypotheses with this share of the best one's evidence are told apart by what they leave when fitted.
 pub(super) const RIVAL_SHARE: f64 = 0.4;
 /// So many of them.
@@ -396,9 +399,11 @@ fn prune(state: &mut State) {
     let mut index = state.given;
     while index < state.accepted.len() {
         // An encoder's error has the period of its own signal: no inexactness of the mechanics imitates that.
-        let port = state.accepted[index].hypothesis.port;
+        let Hypothesis { port, shape, .. } = &state.accepted[index].hypothesis;
         let encoder = matches!(port, Port::MotorEncoder | Port::StageEncoder);
-        if !encoder && weight(&state.problem, &state.accepted[index]) < LEAST_WEIGHT {
+        let gap = matches!(shape, Shape::Backlash { .. });
+        let least = if gap { LEAST_WEIGHT_OF_GAP } else { LEAST_WEIGHT };
+        if !encoder && weight(&state.problem, &state.accepted[index]) < least {
             state.remove(index);
         } else {
             index += 1;

@@ -1,5 +1,6 @@
 //! Between hypotheses and what leaves the diagnosis: named parameters, terms of a model, sentences.
 
+use super::bench::rms;
 use super::hypothesis_fit::HypothesisFit;
 use super::problem::Problem;
 use super::result::Estimate;
@@ -18,6 +19,8 @@ const TAKING_UP_SAMPLES: f64 = 0.07;
 /// What the balance is exact to, as a relative deviation of a constant that is no wavelength: series are
 /// sampled, and a law between the samples is interpolated.
 const EXACTNESS: f64 = 5e-4;
+/// No model holds to better than this share of the thrust; what is left below it is no finding.
+pub(super) const INEXACT_SHARE: f64 = 0.0015;
 /// Where the data say nothing of a constant its interval ends at a thousandth and a thousand times it.
 const MOST_DOUBT: f64 = 6.9;
 pub(super) const Z95: f64 = 1.96;
@@ -116,7 +119,11 @@ pub(crate) fn estimates(p: &Problem, h: &Hypothesis, fit: &HypothesisFit) -> Vec
             let taking_up = TAKING_UP_SAMPLES / rate_hz / extra_s / DEVIATION_FACTOR;
             s.add_constant("extra_delay_s", "s", *extra_s, r(0).hypot(taking_up));
         }
-        Shape::Backlash { gap_m } => s.add_constant("gap_m", "m", *gap_m, r(0)),
+        Shape::Backlash { gap_m } => {
+            // The gap is crossed where friction turns, and what no model of that holds to is told as a gap.
+            let inexact_m = INEXACT_SHARE * rms(&p.target) / p.mechanics.stiffness_n_m;
+            s.add_constant("gap_m", "m", *gap_m, r(0).hypot(inexact_m / gap_m / DEVIATION_FACTOR));
+        }
         Shape::Smoothing { ratio } => {
             s.add_constant("friction_smoothing_m_s", "m/s", ratio * p.mechanics.smoothing_m_s, r(0));
         }
