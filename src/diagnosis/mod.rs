@@ -233,16 +233,19 @@ fn second_look(
         let said = assemble::assemble(machine, axis, recordings, &other);
         (said.verdict == Verdict::MissingPhysics).then_some((other, said))
     };
-    progress(0.9, "asking the loop about weak findings");
-    let weak = start.asking_the_loop().and_then(|start| assembled(search::search(start, silent)));
-    let left_n = first.1.left_in_loop_n();
-    let confirmed = |(_, said): &(search::Outcome, Diagnosis)| {
-        said.left_in_loop_n().zip(left_n).is_some_and(|(with_n, without_n)| {
-            with_n < CONFIRMED_SHARE * without_n && with_n < FAR_FROM_NOISE * noise_n[0]
-        })
-    };
-    if let Some(weak) = weak.filter(confirmed) {
-        return Ok(Some(weak));
+    // What is loud and has no name is no weak finding.
+    if first.1.verdict != Verdict::UnexplainedMismatch
+        && let Some(weak) = start.asking_the_loop()
+    {
+        progress(0.9, "asking the loop about weak findings");
+        let confirmed = |(_, said): &(search::Outcome, Diagnosis)| {
+            said.left_in_loop_n().zip(first.1.left_in_loop_n()).is_some_and(|(with_n, without_n)| {
+                with_n < CONFIRMED_SHARE * without_n && with_n < FAR_FROM_NOISE * noise_n[0]
+            })
+        };
+        if let Some(weak) = assembled(search::search(weak, silent)).filter(confirmed) {
+            return Ok(Some(weak));
+        }
     }
     if recordings.len() > 1 {
         progress(0.9, "one recording at a time");
