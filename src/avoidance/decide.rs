@@ -345,8 +345,9 @@ impl Avoidance {
         if trial.intervals < trial.judged_at {
             return;
         }
+        let helped = now.heard.power_n2 < HELPED * trial.power_before_n2;
         match now.heard.phase {
-            Phase::Quiet if now.heard.power_n2 < HELPED * trial.power_before_n2 => {
+            Phase::Quiet if helped => {
                 (state.trial, state.moves_in_vain) = (None, 0);
                 return;
             }
@@ -355,8 +356,8 @@ impl Avoidance {
             // Neither over nor declared.
             Phase::Learning | Phase::Suspected => return,
         }
-        // It helps: more time.
-        if now.heard.power_n2 < HELPED * trial.power_before_n2 {
+        // More time.
+        if helped {
             trial.judged_at = trial.intervals + JUDGE_INTERVALS;
             trial.power_before_n2 = now.heard.power_n2;
             state.moves_in_vain = 0;

@@ -166,9 +166,8 @@ pub struct ChatterState {
 
 crate::keyframe::keep!(ChatterState {
     samples, wild, loudness, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns,
-    newest_speed_hz, speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence,
-        bank_common, heard_s, level,
-    detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s,
+    newest_speed_hz, speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common,
+    heard_s, level, detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s,
     start_until_s, noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line,
     wide, wide_until_s, held_off_s, changed_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());

@@ -50,12 +50,11 @@ impl Case<'_> {
 /// What a law does to the balance; without amplitudes those that it states.
 fn force(law: &Accepted, amplitudes: &[f64]) -> Column {
     let amplitudes = if amplitudes.is_empty() { &law.amplitudes } else { amplitudes };
-    let mut sum: Option<Column> = None;
-    for (column, a) in law.columns.iter().zip(amplitudes) {
-        let sum = sum.get_or_insert_with(|| scaled(column, 0.0));
-        add(sum, column, *a);
-    }
-    sum.unwrap_or_default()
+    let mut parts = law.columns.iter().zip(amplitudes);
+    let Some((first, amplitude)) = parts.next() else { return Column::default() };
+    let mut sum = scaled(first, *amplitude);
+    parts.for_each(|(column, amplitude)| add(&mut sum, column, *amplitude));
+    sum
 }
 
 fn scaled(column: &Column, factor: f64) -> Column {

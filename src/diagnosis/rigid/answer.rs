@@ -16,6 +16,7 @@ use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::signal::inner_products::rms;
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 pub(super) const Z95: f64 = 1.96;
 /// Of a wave with a motor's order, what is left to a force of the screw with the same period.
@@ -201,13 +202,20 @@ impl Context<'_> {
 
     /// Squares of what the stated structure leaves, recording by recording, with the time of the first.
     fn powers(&self) -> Vec<(f64, Vec<f64>)> {
-        let mut rest = self.before.residual.as_slice();
-        let part = |s: &super::Series| {
-            let (own, others) = rest.split_at(s.t_s.len());
-            rest = others;
-            (s.t_s.first().copied().unwrap_or(0.0), own.iter().map(|r| r * r).collect())
-        };
-        self.search.series.iter().map(part).collect()
+        let parts = self.ranges().map(|(s, range)| {
+            let squares = self.before.residual[range].iter().map(|r| r * r).collect();
+            (s.t_s.first().copied().unwrap_or(0.0), squares)
+        });
+        parts.collect()
+    }
+
+    /// The recordings, and which rows are theirs.
+    fn ranges(&self) -> impl Iterator<Item = (&super::Series, Range<usize>)> {
+        self.search.series.iter().scan(0, |start, s| {
+            let range = *start..*start + s.t_s.len();
+            *start = range.end;
+            Some((s, range))
+        })
     }
 
     fn findings(&self) -> Vec<Finding> {
@@ -499,14 +507,11 @@ impl Context<'_> {
 
     /// Laws that are not named leave nothing smaller: without a cause the model stays as it was stated.
     fn recordings(&self, unexplained: bool) -> Vec<RecordingFit> {
-        let mut start = 0;
         let nominal = self.nominal_residual();
         let before = self.search.heldout(self.start);
         let after = if unexplained { before.clone() } else { self.search.heldout(&self.search.terms) };
         let written = if unexplained { &nominal } else { &after };
-        let fit = |s: &super::Series| {
-            let range = start..start + s.t_s.len();
-            start = range.end;
+        let fit = |(s, range): (&super::Series, Range<usize>)| {
             let part = |v: &[f64]| v[range.clone()].to_vec();
             RecordingFit {
                 experiment: s.experiment.clone(),
@@ -520,7 +525,7 @@ impl Context<'_> {
                 residual_after_n: vec![part(&after)],
             }
         };
-        self.search.series.iter().map(fit).collect()
+        self.ranges().map(fit).collect()
     }
 
     /// Thrust minus what the stated numbers need; given physics with the amplitudes that the model states.
