@@ -8,7 +8,6 @@ use super::problem::{Column, Mechanics, Problem, Proof, Sides};
 use super::shape::{Hypothesis, Shape};
 use super::state::{PASSES, RUNAWAY, State, nominal_residual};
 use super::strangers;
-use super::terms::INEXACT_SHARE;
 use super::two_cores::on_two_cores;
 use crate::plant::effects::Port;
 use crate::plant::effects::periodic::knots_at;
@@ -33,8 +32,9 @@ const STRANGER_LEAST_SHARE: f64 = 0.1;
 const SECOND_SHARE: f64 = 0.005;
 /// Least size of a finding beside the thrust, both as root mean squares.
 const LEAST_WEIGHT: f64 = 5e-4;
-/// The same of a gap, which is crossed where friction turns: three times what no model of that holds to.
-const LEAST_WEIGHT_OF_GAP: f64 = 3.0 * INEXACT_SHARE;
+/// A gap is crossed where the stage's friction turns. What the spring would take up in it must be more than
+/// this share of that friction: no model of the turn is better.
+const LEAST_GAP_OF_FRICTION: f64 = 0.04;
 /// Hypotheses with this share of the best one's evidence are told apart by what they leave when fitted.
 pub(super) const RIVAL_SHARE: f64 = 0.4;
 /// So many of them.
@@ -401,9 +401,12 @@ fn prune(state: &mut State) {
         // An encoder's error has the period of its own signal: no inexactness of the mechanics imitates that.
         let Hypothesis { port, shape, .. } = &state.accepted[index].hypothesis;
         let encoder = matches!(port, Port::MotorEncoder | Port::StageEncoder);
-        let gap = matches!(shape, Shape::Backlash { .. });
-        let least = if gap { LEAST_WEIGHT_OF_GAP } else { LEAST_WEIGHT };
-        if !encoder && weight(&state.problem, &state.accepted[index]) < least {
+        let Mechanics { stiffness_n_m, stage_coulomb_n, .. } = state.problem.mechanics;
+        let too_small = match shape {
+            Shape::Backlash { gap_m } => stiffness_n_m * gap_m < LEAST_GAP_OF_FRICTION * stage_coulomb_n,
+            _ => weight(&state.problem, &state.accepted[index]) < LEAST_WEIGHT,
+        };
+        if !encoder && too_small {
             state.remove(index);
         } else {
             index += 1;

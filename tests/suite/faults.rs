@@ -189,6 +189,7 @@ fn a_wall_clock_that_jumps_ten_years_neither_stops_nor_prunes_anything() {
         let path = format!("/api/v1/events?limit=1000&kind={kind}");
         ask(&process.address, "GET", &path, &[], None).json()["events"].as_array().unwrap().len()
     };
+    until("what came is stored", 10, || events("source_found") == 1);
     let before = events("service_start") + events("source_found");
     for jump in ["+10y", "-10y", "+1h", "+0"] {
         std::fs::write(&offset, jump).unwrap();
