@@ -225,7 +225,7 @@ pub fn diagnose(
 fn second_look(
     (machine, axis, recordings): (&Machine, &AxisModel, &[Recording]),
     (rig, start, noise_n): (&in_loop::Rig<'_>, &search::Start, [f64; 2]),
-    first: (&search::Outcome, &Diagnosis),
+    (outcome, answer): (&search::Outcome, &Diagnosis),
     progress: Progress<'_>,
 ) -> Result<Option<(search::Outcome, Diagnosis)>, DiagnoseError> {
     let silent = (Complete::No, &(|_: f64, _: &str| ()) as Progress<'_>);
@@ -234,12 +234,12 @@ fn second_look(
         (said.verdict == Verdict::MissingPhysics).then_some((other, said))
     };
     // What is loud and has no name is no weak finding.
-    if first.1.verdict != Verdict::UnexplainedMismatch
+    if answer.verdict != Verdict::UnexplainedMismatch
         && let Some(weak) = start.asking_the_loop()
     {
         progress(0.9, "asking the loop about weak findings");
         let confirmed = |(_, said): &(search::Outcome, Diagnosis)| {
-            said.left_in_loop_n().zip(first.1.left_in_loop_n()).is_some_and(|(with_n, without_n)| {
+            said.left_in_loop_n().zip(answer.left_in_loop_n()).is_some_and(|(with_n, without_n)| {
                 with_n < CONFIRMED_SHARE * without_n && with_n < FAR_FROM_NOISE * noise_n[0]
             })
         };
@@ -262,7 +262,7 @@ fn second_look(
         return Ok(None);
     }
     progress(0.9, "running hypotheses in the loop");
-    Ok(by_loop((machine, axis, recordings), (rig, start, noise_n), first))
+    Ok(by_loop((machine, axis, recordings), (rig, start, noise_n), (outcome, answer)))
 }
 
 /// What the loop says where it contradicts the balance; `None`: it does not know either.

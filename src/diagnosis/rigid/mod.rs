@@ -88,26 +88,23 @@ fn one_side(axis: &AxisModel, recordings: &[Recording]) -> Vec<String> {
     if axis.drive.structure() == Structure::Rigid {
         return Vec::new();
     }
-    let [stage, motor] =
-        ["stage_position_m", "motor_angle_rad"].map(|suffix| format!("{}_{suffix}", axis.name));
-    let without_motor = |r: &Recording| signals::motor_position(axis, r).is_none();
-    let without_stage = |r: &Recording| r.get(&stage).is_none();
-    let sides: [(&str, &str, &dyn Fn(&Recording) -> bool); 2] =
-        [("stage's position", &stage, &without_stage), ("motor's angle", &motor, &without_motor)];
-    let mut notes = Vec::new();
-    for (what, column, lacks) in sides {
+    let note = |what: &str, column: &str, lacks: &dyn Fn(&Recording) -> bool| {
         let lacking = recordings.iter().filter(|r| lacks(r));
         let without: Vec<&str> = lacking.map(|r| r.experiment.as_str()).collect();
-        if !without.is_empty() {
-            notes.push(format!(
+        (!without.is_empty()).then(|| {
+            format!(
                 "The {what} ({column}) is absent from {}: the answer is of one force balance of the whole \
                  axis, below {:.0} % of its resonance, and cannot tell the motor's side from the stage's.",
                 without.join(", "),
                 100.0 * signals::RIGID_SHARE
-            ));
-        }
-    }
-    notes
+            )
+        })
+    };
+    let [stage, motor] =
+        ["stage_position_m", "motor_angle_rad"].map(|suffix| format!("{}_{suffix}", axis.name));
+    let no_stage = note("stage's position", &stage, &|r| r.get(&stage).is_none());
+    let no_motor = note("motor's angle", &motor, &|r| signals::motor_position(axis, r).is_none());
+    no_stage.into_iter().chain(no_motor).collect()
 }
 
 fn scales(axis: &AxisModel, recordings: &[Recording], series: &[Series]) -> Scales {
