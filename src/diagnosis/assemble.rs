@@ -24,6 +24,12 @@ const LEAST_EXPLAINED: f64 = 0.6;
 /// A found model that leaves this many times what it leaves without its findings is refuted by the loop.
 const REFUTED: f64 = 1.05;
 
+/// A fit in the loop that leaves this many times what its start by the balance leaves has lost its way.
+const TOO_FAR: f64 = 3.0;
+
+/// Numbers that a balance of slow motion puts far from where they are.
+const MASSES: &[&str] = &["rotary_inertia_kg_m2", "movable_mass_kg"];
+
 /// What held-out blocks may have left, over what a fit to everything leaves.
 const UNTOLD: f64 = 3.0;
 
@@ -220,9 +226,9 @@ impl Case<'_> {
         let left_n = rig.errors(&[fit.axis.clone(), found.clone()])?;
         // From the stated numbers the stage may stand whole signal periods beside its place, and the error of
         // an encoder with it: too far for a fit.
-        let too_far = rms(&left_n[0]) > REFUTED * rms(&left_n[1]);
+        let too_far = rms(&left_n[0]) > TOO_FAR * rms(&left_n[1]);
         if too_far {
-            fit = fit_from(found, &[], &[])?;
+            fit = fit_from(found, MASSES, &[])?;
         }
         let held = self.denied(&fit);
         if !(fit.pointless.is_empty() && held.is_empty()) {
@@ -230,7 +236,8 @@ impl Case<'_> {
                 found.physics.remove(*k);
                 findings.remove(k - given);
             }
-            fit = fit_from(found, if too_far { &held } else { loop_fit::NUMBERS }, &held)?;
+            let as_stated = if too_far { &[MASSES, &held].concat() } else { loop_fit::NUMBERS };
+            fit = fit_from(found, as_stated, &held)?;
         }
         *found = fit.axis;
         let scaled = corrections::is_scaled(rig.problem());
@@ -279,8 +286,8 @@ impl Case<'_> {
     /// True when what is left after the findings stands above the floor and is not a small rest of what they
     /// explain.
     fn unexplained(&self) -> bool {
-        if self.outcome.complete != Complete::No || self.outcome.no_law {
-            return self.outcome.no_law;
+        if self.outcome.complete != Complete::No {
+            return false;
         }
         let band = self.outcome.state.problem.motions.first().map_or(1.0, |m| band_hz(m.rate_hz));
         // A form that describes what does not stand above the floor describes the rest of a law.

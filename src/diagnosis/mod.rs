@@ -203,9 +203,6 @@ pub fn diagnose(
         let told = second_look(case, (rig, &start, noise_n), (&outcome, &diagnosis), progress)?;
         if let Some(told) = told {
             (outcome, diagnosis) = told;
-        } else if outcome.withdrew_all() {
-            outcome.no_law = true;
-            diagnosis = assemble::assemble(machine, axis, recordings, &outcome);
         }
     }
     let p = &outcome.state.problem;

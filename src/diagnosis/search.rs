@@ -89,8 +89,6 @@ pub(crate) struct Outcome {
     pub(crate) complete: Complete,
     /// What the loop found, where it contradicts the balance.
     pub(crate) told: Option<Told>,
-    /// The loop leaves far more than noise, and nothing that was taken up for it has stood.
-    pub(crate) no_law: bool,
 }
 
 /// What a search starts from.
@@ -108,14 +106,8 @@ impl Outcome {
         rounds: Vec<Vec<Score>>,
         (nominal, before, recalibrated): (Column, Column, Mechanics),
     ) -> Self {
-        let (stranger, complete, told, no_law) = (None, Complete::No, None, false);
-        Self { state, rounds, nominal, before, recalibrated, stranger, complete, told, no_law }
-    }
-
-    /// Whether laws were taken up and none of them stood.
-    pub(crate) fn withdrew_all(&self) -> bool {
-        // Each that is taken up leads to another round.
-        self.complete == Complete::No && self.rounds.len() > 1 && self.state.findings() == 0
+        let (stranger, complete, told) = (None, Complete::No, None);
+        Self { state, rounds, nominal, before, recalibrated, stranger, complete, told }
     }
 }
 
