@@ -50,11 +50,13 @@ fn main() {
     let axis = &AxisModel { drive: DriveParams::new(raw).expect("a drive"), ..stated.clone() };
     let trial = trial(axis);
     let crowd = vec![axis.clone(); LANES];
-    let cases: [(&str, Fast, &[AxisModel]); 4] = [
+    let cases: [(&str, Fast, &[AxisModel]); 6] = [
         ("one, plain", Fast::off(), &crowd[..1]),
         ("one, AVX2", Fast::detect(), &crowd[..1]),
+        ("one, widest", Fast::detect_wide(), &crowd[..1]),
         ("eight, plain", Fast::off(), &crowd),
         ("eight, AVX2", Fast::detect(), &crowd),
+        ("eight, widest", Fast::detect_wide(), &crowd),
     ];
     let mut times = vec![Vec::new(); cases.len()];
     for _ in 0..ROUNDS {

@@ -55,6 +55,7 @@ fn seeds(target: &str, live: &targets::Live, scratch: &Path) -> Vec<Vec<u8>> {
             vec![bytes]
         }
         "keyframe" => vec![live.keyframe()],
+        "evidence" => vec![b"\x003:4,5".to_vec(), b"\x01\x05\xff".to_vec(), b"\x02\x0b\x07".to_vec()],
         "shdr" => vec![b"* PING\r\n* PI".to_vec()],
         "rest" => [
             "{\"mode\":\"advise\",\"reason\":\"test\"}",
@@ -216,6 +217,7 @@ impl Rest {
 /// What one campaign holds.
 struct Bench {
     live: targets::Live,
+    decisions: targets::Decisions,
     rest: Option<Rest>,
     scratch: PathBuf,
 }
@@ -229,6 +231,7 @@ impl Bench {
             "mat" => targets::mat(bytes, &self.scratch),
             "shdr" => targets::wire::shdr(bytes),
             "keyframe" => self.live.restore(bytes),
+            "evidence" => self.decisions.read(bytes),
             "wire" => targets::wire::batch(bytes, &mut self.live),
             _ => {
                 let scratch = self.scratch.clone();
@@ -257,8 +260,10 @@ fn main() -> ExitCode {
     let (seconds, seed) = (number("--seconds", 60), number("--seed", 1));
     let memory = Path::new("/dev/shm");
     let scratch = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
-    let mut bench = Bench { live: targets::Live::new(), rest: None, scratch: scratch.clone() };
-    let all = ["configuration", "model", "csv", "parquet", "mat", "keyframe", "wire", "shdr", "rest"];
+    let (live, decisions) = (targets::Live::new(), targets::Decisions::new());
+    let mut bench = Bench { live, decisions, rest: None, scratch: scratch.clone() };
+    let all =
+        ["configuration", "model", "csv", "parquet", "mat", "keyframe", "evidence", "wire", "shdr", "rest"];
     let only = argument("--target");
     let mut findings = 0;
     println!("| target | inputs | accepted | slowest | findings |\n|---|---|---|---|---|");

@@ -4,10 +4,13 @@
 //! Each takes any bytes and may answer anything but a panic; what it accepts must hold what it promises.
 
 use std::path::Path;
+use stillcut::avoidance::Avoidance;
+use stillcut::avoidance::account::{Account, Look, LookWriter, decide_again, settings_digest};
 use stillcut::config::import_map::import_map_from_text;
 use stillcut::config::machine::{machine_from_text, machine_to_text};
 use stillcut::config::scenario::scenario_from_text;
 use stillcut::config::service::service_config_from_text;
+use stillcut::keyframe::Keep as _;
 use stillcut::pipeline::Pipeline;
 use stillcut::recording::{Evidence, import, read_recording};
 use stillcut::sample::Recording;
@@ -136,19 +139,9 @@ impl Live {
         }
         let taken = self.fresh.restore(&words).is_ok();
         if taken {
-            let mut recording = Recording {
-                sample_rate: SampleRate::new(RATE_HZ).expect("a rate"),
-                experiment: String::new(),
-                axes: vec![],
-                columns: vec![],
-                start_s: 0.0,
-                metadata: vec![],
-            };
-            recording.metadata = Evidence { keyframe: words, ..Evidence::default() }.metadata();
-            let _ = Evidence::of(&recording);
             // The first ones follow the good keyframe without a gap, the others whatever was restored.
-            for k in 0..128_u64 {
-                let sequence = if k < 64 { 3000 + k } else { u64::MAX - 200 + k };
+            for k in 0..64_u64 {
+                let sequence = if k < 32 { 3000 + k } else { u64::MAX - 200 + k };
                 let sample = stillcut::sample::ServoSample { sequence, ..plain_sample(k) };
                 let output = self.fresh.step(&sample);
                 assert!(output.forces.iter().all(|f| f.force_n.is_finite()));
@@ -161,6 +154,103 @@ impl Live {
 impl Default for Live {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// What a recording carries beside its samples, and the decisions on the turret that are made again from it.
+pub(crate) struct Decisions {
+    avoidance: Avoidance,
+    good: Evidence,
+}
+
+impl Decisions {
+    /// The turret of the defaults, and a short account of it.
+    #[must_use]
+    pub(crate) fn new() -> Self {
+        let axes = ["x1", "y1"].map(str::to_owned);
+        let config = service_config_from_text(Path::new("c.toml"), "").expect("defaults");
+        let settings = config.avoidance_settings(&axes).expect("a turret");
+        let avoidance = Avoidance::new(settings).expect("a turret that moves");
+        let mut state = avoidance.start(7, 9.5);
+        let mut account = Account { settings: settings_digest(avoidance.settings()), ..Account::default() };
+        state.keep(&mut account.state);
+        let (mut writer, mut looks) = (LookWriter::default(), Vec::new());
+        for k in 0..20 {
+            let now_s = 10.0 + 1e-3 * f64::from(k);
+            let situation = stillcut::avoidance::Situation {
+                now_s,
+                newest_sample_s: Some(now_s),
+                window_full: true,
+                ..Default::default()
+            };
+            let decision = avoidance.decide(&mut state, &situation);
+            writer.write(&Look { t_s: Some(now_s), situation, decision }, &mut looks);
+        }
+        account.stretches.push(looks);
+        let good = Evidence {
+            settings: 1,
+            keyframe: vec![1, 2, 3],
+            first_sequence: 7,
+            stretches: vec![(3, 5), (4, 6)],
+            decisions: String::new(),
+            account: Some(account),
+        };
+        Self { avoidance, good }
+    }
+
+    /// The first byte says what the rest is: metadata (place and text, line by line), the state of the decision, or
+    /// looks at it. What is read must be what is written again; damage is told in one line.
+    pub(crate) fn read(&self, bytes: &[u8]) -> bool {
+        let [kind, rest @ ..] = bytes else { return false };
+        if kind % 4 == 0 {
+            return self.metadata(rest);
+        }
+        let mut account = self.good.account.clone().unwrap_or_default();
+        if kind % 4 == 1 {
+            // Place and value: a byte and a word.
+            for change in rest.chunks_exact(9) {
+                let place = usize::from(change[0]) % account.state.len();
+                account.state[place] = change[1..].iter().fold(0, |word, b| word << 8 | u64::from(*b));
+            }
+        } else {
+            account.stretches[0] = rest.to_vec();
+        }
+        let again = decide_again(&self.avoidance, &account);
+        if let Err(error) = &again {
+            let text = error.to_string();
+            assert!(text.lines().count() == 1, "more than one line: {text:?}");
+        }
+        again.is_ok()
+    }
+
+    fn metadata(&self, bytes: &[u8]) -> bool {
+        let mut recording = Recording {
+            sample_rate: SampleRate::new(RATE_HZ).expect("a rate"),
+            experiment: String::new(),
+            axes: vec![],
+            columns: vec![],
+            start_s: 0.0,
+            metadata: self.good.metadata(),
+        };
+        let count = recording.metadata.len();
+        for line in bytes.split(|b| *b == b'\n') {
+            if let [place, text @ ..] = line {
+                recording.metadata[usize::from(*place) % count].1 =
+                    String::from_utf8_lossy(text).into_owned();
+            }
+        }
+        match Evidence::of(&recording) {
+            Ok(read) => {
+                let read = read.expect("a keyframe stands there");
+                recording.metadata = read.metadata();
+                assert_eq!(Evidence::of(&recording), Ok(Some(read)));
+                true
+            }
+            Err(error) => {
+                assert!(error.to_string().lines().count() == 1, "more than one line: {error}");
+                false
+            }
+        }
     }
 }
 

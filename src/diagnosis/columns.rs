@@ -12,17 +12,24 @@ use crate::plant::effects::periodic::wave;
 
 /// Sine and cosine of each harmonic: sin, cos, sin 2, cos 2, ... from one evaluation by complex powers.
 pub(super) fn waves(position_m: &[f64], wavelength_m: f64, harmonics: usize) -> Vec<Vec<f64>> {
-    let mut parts = vec![Vec::with_capacity(position_m.len()); 2 * harmonics];
-    for x in position_m {
-        let (s1, c1) = wave(*x, wavelength_m);
-        let (mut s, mut c) = (s1, c1);
-        for pair in parts.chunks_exact_mut(2) {
-            pair[0].push(s);
-            pair[1].push(c);
-            (s, c) = (s * c1 + c * s1, c * c1 - s * s1);
-        }
+    let first: (Vec<f64>, Vec<f64>) = position_m.iter().map(|x| wave(*x, wavelength_m)).unzip();
+    let mut parts: Vec<Vec<f64>> = Vec::with_capacity(2 * harmonics);
+    for order in 0..harmonics {
+        let (s, c) = match order {
+            0 => first.clone(),
+            _ => next_harmonic((&parts[2 * order - 2], &parts[2 * order - 1]), (&first.0, &first.1)),
+        };
+        parts.extend([s, c]);
     }
     parts
+}
+
+/// Sine and cosine of the sum of two angles.
+fn next_harmonic((s, c): (&[f64], &[f64]), (s1, c1): (&[f64], &[f64])) -> (Vec<f64>, Vec<f64>) {
+    let four = || s.iter().zip(c).zip(s1.iter().zip(c1));
+    let sines = four().map(|((s, c), (s1, c1))| s * c1 + c * s1).collect();
+    let cosines = four().map(|((s, c), (s1, c1))| c * c1 - s * s1).collect();
+    (sines, cosines)
 }
 
 pub(super) fn motor(x: Vec<f64>) -> Sides {

@@ -390,15 +390,15 @@ fn prune(state: &mut State) {
     drop_harmful(state);
     let mut index = state.given;
     while index < state.accepted.len() {
-        // An encoder's error has the period of its own signal: no inexactness of the mechanics imitates that.
-        let Hypothesis { port, shape, .. } = &state.accepted[index].hypothesis;
-        let encoder = matches!(port, Port::MotorEncoder | Port::StageEncoder);
         let Mechanics { stiffness_n_m, stage_coulomb_n, .. } = state.problem.mechanics;
-        let too_small = match shape {
-            Shape::Backlash { gap_m } => stiffness_n_m * gap_m < LEAST_GAP_OF_FRICTION * stage_coulomb_n,
+        let Hypothesis { port, shape, .. } = &state.accepted[index].hypothesis;
+        let too_small = match (port, shape) {
+            // An encoder's error has the period of its own signal, which no inexactness of the mechanics imitates.
+            (Port::MotorEncoder | Port::StageEncoder, _) => false,
+            (_, Shape::Backlash { gap_m }) => stiffness_n_m * gap_m < LEAST_GAP_OF_FRICTION * stage_coulomb_n,
             _ => weight(&state.problem, &state.accepted[index]) < LEAST_WEIGHT,
         };
-        if !encoder && too_small {
+        if too_small {
             state.remove(index);
         } else {
             index += 1;

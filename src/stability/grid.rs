@@ -210,7 +210,7 @@ impl Grid {
     /// map would miss an island. Errors: as [`Grid::check`].
     pub fn evaluate(&self, from: usize, to: usize) -> Result<Vec<GridPoint>, GridError> {
         let mut answers: Vec<GridPoint> = Vec::with_capacity(to.saturating_sub(from));
-        let fast = Fast::detect();
+        let fast = Fast::detect_wide();
         for point in from..to {
             let (mut at, equation) = self.equation(point)?;
             at.root = rightmost_root_near(&equation, answers.last().map(|before| before.root), fast);

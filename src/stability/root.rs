@@ -151,7 +151,7 @@ fn rough_ln(x: f64) -> f64 {
 /// Checked by: `printed_roots`, `no_root_is_missed`, collocation of the delay operator (tests).
 #[must_use]
 pub fn rightmost_root(equation: &TwoDelay) -> Root {
-    search(&Scaled::new(equation).of_bending(), None, Fast::detect())
+    search(&Scaled::new(equation).of_bending(), None, Fast::detect_wide())
 }
 
 /// The same with a guess, such as the root of an equation much like it. The guess is where the search
@@ -318,7 +318,7 @@ mod tests {
                 delay_1_s: turn_s / 2.0 - shift,
                 delay_2_s: turn_s / 2.0 + shift,
             };
-            let got = search(&Scaled::new(&equation), None, Fast::detect());
+            let got = search(&Scaled::new(&equation), None, Fast::detect_wide());
             let s = Complex::new(got.growth_1_s, TAU * got.frequency_hz);
             assert!(equation.characteristic(s).norm() < 1e-6 * stiffness_n_m, "case {case}: not a root");
             let right = roots_right_of(&equation, got.growth_1_s + 0.01);

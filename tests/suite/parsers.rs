@@ -31,6 +31,8 @@ fn seeds_of_files_are_read_or_refused_in_one_line() {
     each_seed("mat", |bytes| _ = targets::mat(bytes, scratch.path()));
     let mut live = targets::Live::new();
     each_seed("keyframe", |bytes| _ = live.restore(bytes));
+    let decisions = targets::Decisions::new();
+    each_seed("evidence", |bytes| _ = decisions.read(bytes));
 }
 
 #[cfg(feature = "service")]

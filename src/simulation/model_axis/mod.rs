@@ -79,7 +79,7 @@ pub fn not_simulated(axis: &AxisModel) -> Vec<EffectKind> {
 /// Checked by: `model_axis::*`, against equations that share no line with these.
 #[must_use]
 pub fn respond(axes: &[AxisModel], trial: &Trial) -> Vec<Response> {
-    respond_on(Fast::detect(), axes, trial)
+    respond_on(Fast::detect_wide(), axes, trial)
 }
 
 /// [`respond`] with or without vector instructions, for comparison.
