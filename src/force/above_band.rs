@@ -8,9 +8,12 @@
 //! both sides behind a low-pass of the drive side. What encoder steps make of it is taken off.
 //! Checked by: force_flags::a_force_above_the_usable_band_is_flagged.
 
+use super::lane_sections::{LaneSection, filter, lane_sections, settle_sections};
 use super::stiffness_learner::{HIGH_PASS_HZ, MEMORY_S};
+use super::validity::Validity;
+use crate::keyframe::{Keep, Words};
 use crate::signal::FilterError;
-use crate::signal::butterworth::{Butterworth, ButterworthState, Pass};
+use crate::signal::butterworth::{Butterworth, Pass};
 use crate::units::SampleRate;
 
 /// Share of the deviation from which on it is said.
@@ -18,29 +21,17 @@ const LEAST_SHARE: f64 = 1.0 / 3.0;
 /// Seen for so long at least, s.
 const LEAST_S: f64 = 0.5;
 
-/// Design; immutable.
-#[derive(Debug, Clone, PartialEq)]
+/// What one axis puts into its lane.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct AboveBand {
     high: Butterworth,
     low: Butterworth,
     end: Butterworth,
     forget: f64,
     least_weight: f64,
+    /// What encoder steps make of the estimate, N.
+    pub(super) noise_n: f64,
 }
-
-/// What has been seen; a clone is a keyframe.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct SeenAbove {
-    high: ButterworthState,
-    low: ButterworthState,
-    end: ButterworthState,
-    total_n2: f64,
-    above_n2: f64,
-    weight: f64,
-    begun: bool,
-}
-
-crate::keyframe::keep!(SeenAbove { high, low, end, total_n2, above_n2, weight, begun });
 
 impl AboveBand {
     /// For a method that is right up to `end_hz` behind a low-pass at `low_pass_hz`; `None` where that is all
@@ -57,28 +48,127 @@ impl AboveBand {
             end: Butterworth::new(Pass::High, 4, end_hz, rate)?,
             forget: (-1.0 / (MEMORY_S * rate.hz())).exp(),
             least_weight: LEAST_S * rate.hz(),
+            noise_n: 0.0,
         }))
     }
+}
 
-    /// One estimate before its low-pass, N; `noise_n`: what encoder steps make of it. True where too much of
-    /// it lies above the band.
-    #[inline]
-    pub(super) fn step(&self, state: &mut SeenAbove, force_n: f64, (noise_n, counts): (f64, bool)) -> bool {
-        if !std::mem::replace(&mut state.begun, true) {
-            state.high = self.high.settled(force_n);
+/// Those of axes side by side; immutable.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct LanesAbove<const L: usize> {
+    high: Vec<LaneSection<L>>,
+    low: Vec<LaneSection<L>>,
+    end: Vec<LaneSection<L>>,
+    forget: [f64; L],
+    least_weight: [f64; L],
+    noise_n2: [f64; L],
+}
+
+/// What has been seen; a clone is a keyframe.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct SeenAbove<const L: usize> {
+    high: Vec<[[f64; L]; 2]>,
+    low: Vec<[[f64; L]; 2]>,
+    end: Vec<[[f64; L]; 2]>,
+    total_n2: [f64; L],
+    above_n2: [f64; L],
+    weight: [f64; L],
+    /// Lanes that begin with the next estimate, a bit each.
+    fresh: u32,
+}
+
+impl<const L: usize> Keep for SeenAbove<L> {
+    fn keep(&self, to: &mut Vec<u64>) {
+        let Self { high, low, end, total_n2, above_n2, weight, fresh } = self;
+        [high, low, end].into_iter().for_each(|x| x.keep(to));
+        [total_n2, above_n2, weight].into_iter().for_each(|x| x.keep(to));
+        fresh.keep(to);
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        let Self { high, low, end, total_n2, above_n2, weight, fresh } = self;
+        [high, low, end].into_iter().try_for_each(|x| x.restore(from))?;
+        [total_n2, above_n2, weight].into_iter().try_for_each(|x| x.restore(from))?;
+        fresh.restore(from)
+    }
+}
+
+impl<const L: usize> LanesAbove<L> {
+    /// Puts them side by side; `None` where no axis has one.
+    pub(super) fn new(axes: &[Option<AboveBand>]) -> Option<Self> {
+        axes.iter().any(Option::is_some).then(|| {
+            let sections = |pick: fn(&AboveBand) -> Butterworth| {
+                lane_sections(&axes.iter().map(|a| a.as_ref().map(pick)).collect::<Vec<_>>())
+            };
+            let of = |none: f64, pick: fn(&AboveBand) -> f64| {
+                std::array::from_fn(|lane| axes.get(lane).and_then(Option::as_ref).map_or(none, pick))
+            };
+            Self {
+                high: sections(|a| a.high),
+                low: sections(|a| a.low),
+                end: sections(|a| a.end),
+                forget: of(0.0, |a| a.forget),
+                least_weight: of(f64::INFINITY, |a| a.least_weight),
+                noise_n2: of(0.0, |a| a.noise_n * a.noise_n),
+            }
+        })
+    }
+
+    /// Nothing seen.
+    pub(super) fn start(&self) -> SeenAbove<L> {
+        let zeros = |sections: &Vec<LaneSection<L>>| vec![[[0.0; L]; 2]; sections.len()];
+        SeenAbove {
+            high: zeros(&self.high),
+            low: zeros(&self.low),
+            end: zeros(&self.end),
+            total_n2: [0.0; L],
+            above_n2: [0.0; L],
+            weight: [0.0; L],
+            fresh: u32::MAX,
         }
-        let total_n = self.low.step(&mut state.low, self.high.step(&mut state.high, force_n));
-        let above_n = self.end.step(&mut state.end, total_n);
-        if counts {
-            let mean = |old: f64, new: f64| self.forget * old + new;
-            state.total_n2 = mean(state.total_n2, total_n * total_n);
-            state.above_n2 = mean(state.above_n2, above_n * above_n);
-            state.weight = mean(state.weight, 1.0);
+    }
+
+    /// Forgets what one lane has seen. No allocation.
+    pub(super) fn settle(&self, state: &mut SeenAbove<L>, lane: usize) {
+        let SeenAbove { low, end, total_n2, above_n2, weight, fresh, .. } = state;
+        low.iter_mut().chain(end).flatten().for_each(|row| row[lane] = 0.0);
+        [total_n2, above_n2, weight].into_iter().for_each(|x| x[lane] = 0.0);
+        *fresh |= 1 << lane;
+    }
+
+    /// One estimate of each lane before its low-pass, N. Adds a flag where too much of it lies above the band.
+    #[inline(always)]
+    pub(super) fn step<const FUSED: bool>(
+        &self,
+        state: &mut SeenAbove<L>,
+        force_n: &[f64; L],
+        flags: &mut [Validity; L],
+    ) {
+        if state.fresh != 0 {
+            for lane in (0..L).filter(|lane| state.fresh >> lane & 1 == 1) {
+                settle_sections(&self.high, &mut state.high, lane, force_n[lane]);
+            }
+            state.fresh = 0;
         }
-        let noise_n2 = noise_n * noise_n * state.weight;
-        // Below three times the noise nothing is a force.
-        state.weight > self.least_weight
-            && state.above_n2 > 9.0 * noise_n2
-            && state.above_n2 - noise_n2 > LEAST_SHARE * LEAST_SHARE * (state.total_n2 - noise_n2)
+        let mut total_n = *force_n;
+        filter::<L, FUSED>(&self.high, &mut state.high, &mut total_n);
+        filter::<L, FUSED>(&self.low, &mut state.low, &mut total_n);
+        let mut above_n = total_n;
+        filter::<L, FUSED>(&self.end, &mut state.end, &mut above_n);
+        let (mut total_n2, mut above_n2, mut weight) = (state.total_n2, state.above_n2, state.weight);
+        for lane in 0..L {
+            let counts = !flags[lane].shares(Validity::SETTLING | Validity::SIGNAL_MISSING);
+            let mean = |old: f64, new: f64| if counts { self.forget[lane] * old + new } else { old };
+            total_n2[lane] = mean(total_n2[lane], total_n[lane] * total_n[lane]);
+            above_n2[lane] = mean(above_n2[lane], above_n[lane] * above_n[lane]);
+            weight[lane] = mean(weight[lane], 1.0);
+            let noise_n2 = self.noise_n2[lane] * weight[lane];
+            // Below three times the noise nothing is a force.
+            let above = (weight[lane] > self.least_weight[lane])
+                & (above_n2[lane] > 9.0 * noise_n2)
+                & (above_n2[lane] - noise_n2 > LEAST_SHARE * LEAST_SHARE * (total_n2[lane] - noise_n2));
+            flags[lane] |= Validity::when(above, Validity::FORCE_ABOVE_BAND);
+        }
+        (state.total_n2, state.above_n2, state.weight) = (total_n2, above_n2, weight);
     }
 }

@@ -1,6 +1,5 @@
 //! State of what an axis has beyond its lane.
 
-use super::above_band::SeenAbove;
 use super::harmonic::HarmonicState;
 use super::settings::MAX_NOTCHES;
 use super::stiffness_learner::LearnedStiffness;
@@ -16,7 +15,6 @@ pub(super) struct Beyond {
     pub(super) harmonic: Option<HarmonicState>,
     pub(super) learned: LearnedStiffness,
     pub(super) sides: SeenSides,
-    pub(super) above: SeenAbove,
     pub(super) notches: [NotchState; MAX_NOTCHES],
     /// Speed of the axis, slowed down: what the notches follow.
     pub(super) speed_m_s: f64,
@@ -24,7 +22,7 @@ pub(super) struct Beyond {
 
 impl Keep for Beyond {
     fn keep(&self, to: &mut Vec<u64>) {
-        let Self { linear_phase, harmonic, learned, sides, above, notches, speed_m_s } = self;
+        let Self { linear_phase, harmonic, learned, sides, notches, speed_m_s } = self;
         if let Some(linear_phase) = linear_phase {
             linear_phase.keep(to);
         }
@@ -33,18 +31,16 @@ impl Keep for Beyond {
         }
         learned.keep(to);
         sides.keep(to);
-        above.keep(to);
         notches.keep(to);
         speed_m_s.keep(to);
     }
 
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { linear_phase, harmonic, learned, sides, above, notches, speed_m_s } = self;
+        let Self { linear_phase, harmonic, learned, sides, notches, speed_m_s } = self;
         linear_phase.as_mut().map_or(Some(()), |x| x.restore(from))?;
         harmonic.as_mut().map_or(Some(()), |x| x.restore(from))?;
         learned.restore(from)?;
         sides.restore(from)?;
-        above.restore(from)?;
         notches.restore(from)?;
         speed_m_s.restore(from)
     }

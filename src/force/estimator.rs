@@ -1,6 +1,6 @@
 //! One axis, one method: aligned signals -> force balance -> idle map -> low-pass.
 
-use super::above_band::{AboveBand, SeenAbove};
+use super::above_band::AboveBand;
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
 use super::band::{band_of_lines_hz, heard_up_to_hz, usable_band_hz};
@@ -85,7 +85,6 @@ pub struct ForceEstimator {
     harmonic: Option<HarmonicEstimator>,
     learner: Option<StiffnessLearner>,
     two_sides: Option<TwoSides>,
-    above_band: Option<AboveBand>,
     notches: Vec<(NotchCentre, Notch)>,
     speed_memory: f64,
     filter_delay_s: f64,
@@ -141,7 +140,7 @@ impl ForceEstimator {
         part.motor_side = learner.as_ref().map(StiffnessLearner::motor_force);
         let usable_band_hz = usable_band_hz(method, axis, &settings, band_hz);
         // A window has nothing above its last line.
-        let above_band = match harmonic {
+        part.above = match harmonic {
             None => AboveBand::new(usable_band_hz[1], band_hz, rate)?,
             Some(_) => None,
         };
@@ -163,7 +162,6 @@ impl ForceEstimator {
             harmonic,
             learner,
             two_sides,
-            above_band,
             notches: settings.design_notches(rate)?,
             // 20 Hz: fast enough for a feed that ramps, slow enough not to follow chatter.
             speed_memory: (-std::f64::consts::TAU * 20.0 / rate.hz()).exp(),
@@ -180,6 +178,10 @@ impl ForceEstimator {
             }
             _ => estimator.quantization_noise_n(drive),
         };
+        if let Some(above) = &mut estimator.part.above {
+            above.noise_n = estimator.noise_floor_n;
+            estimator.alone = LaneDesign::new(vec![Some(estimator.part)]);
+        }
         estimator.set_settling();
         Ok(estimator)
     }
@@ -210,7 +212,6 @@ impl ForceEstimator {
             harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
             learned: StiffnessLearner::settled(),
             sides: SeenSides::default(),
-            above: SeenAbove::default(),
             notches: [NotchState::default(); MAX_NOTCHES],
             speed_m_s: 0.0,
         }
@@ -234,7 +235,6 @@ impl ForceEstimator {
         }
         state.learned = StiffnessLearner::settled();
         state.sides = SeenSides::default();
-        state.above = SeenAbove::default();
         state.notches = [NotchState::default(); MAX_NOTCHES];
         state.speed_m_s = 0.0;
     }
@@ -301,9 +301,10 @@ impl ForceEstimator {
         if self.has_beyond() {
             self.go_beyond(&mut state.beyond, sample, (&state.lanes, 0), &mut now);
         }
-        let [low_n] = self.alone.low_pass(&mut state.lanes, [now.force_n]);
+        let mut flags = [now.flags];
+        let [low_n] = self.alone.low_pass(&mut state.lanes, [now.force_n], &mut flags);
         let force_n = self.linear_phase(&mut state.beyond, low_n);
-        (ForceEstimate { force_n, flags: now.flags }, now.motion)
+        (ForceEstimate { force_n, flags: flags[0] }, now.motion)
     }
 
     /// Puts a sample into the input of a lane; what is absent keeps its last value and is marked.
@@ -358,7 +359,6 @@ impl ForceEstimator {
             || self.physics.is_some()
             || self.harmonic.is_some()
             || self.learner.is_some()
-            || self.above_band.is_some()
             || self.idle_map.is_some()
             || !self.notches.is_empty()
     }
@@ -393,11 +393,6 @@ impl ForceEstimator {
             let known_n = map.disturbance_n(now.motion.position_m, velocity_m_s);
             now.flags |= Validity::when(moves && known_n.is_none(), Validity::EXTRAPOLATED);
             now.force_n -= known_n.unwrap_or(0.0);
-        }
-        if let Some(above_band) = &self.above_band {
-            let counts = !now.flags.shares(Validity::SETTLING | Validity::SIGNAL_MISSING);
-            let above = above_band.step(&mut state.above, now.force_n, (self.noise_floor_n, counts));
-            now.flags |= Validity::when(above, Validity::FORCE_ABOVE_BAND);
         }
         now.force_n = self.notch(state, now.force_n, &now.motion);
     }

@@ -1,5 +1,6 @@
 //! What one axis puts into its lane: delays, factors and filters as numbers.
 
+use super::above_band::AboveBand;
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
 use super::friction::Presliding;
@@ -36,6 +37,8 @@ pub(super) struct LanePart {
     /// The axis travels as its motor does: there is no scale.
     pub(super) by_motor: bool,
     pub(super) low_pass: Option<Butterworth>,
+    /// Where the method's band ends before the low-pass does.
+    pub(super) above: Option<AboveBand>,
     pub(super) law: FlagLaw,
     /// Samples until the filters have forgotten their start.
     pub(super) settling: usize,
@@ -108,6 +111,7 @@ pub(super) fn lane_part(
         presliding: Presliding::new(settings.presliding_travel_m, drive.stage_encoder_resolution_m()),
         by_motor: axis.signals == Signals::MotorOnly,
         low_pass,
+        above: None,
         law: flag_law((method, balance), axis, settings, filter.band_hz(settings.low_pass, axis.rate)),
         settling: 0,
     }

@@ -10,6 +10,7 @@
 //! (`L = 1`, [`super::estimator::ForceEstimator`]) and the same axis among others have the same bits.
 //! Checked by: lanes_give_the_bits_of_single_axes.
 
+use super::above_band::{LanesAbove, SeenAbove};
 use super::friction::{Presliding, PreslidingState, rational_tanh};
 use super::lane_line::{LaneLine, LaneStencils};
 use super::lane_part::{FlagLaw, LanePart};
@@ -52,6 +53,7 @@ pub(super) struct LaneDesign<const L: usize> {
     friction_n: [f64; L],
     settling: [f64; L],
     low_pass: Vec<LaneSection<L>>,
+    above: Option<LanesAbove<L>>,
     /// Samples that a line holds.
     line: usize,
     fast: Fast,
@@ -102,29 +104,34 @@ pub(super) struct LaneState<const L: usize> {
     /// Samples for which a value that was not there still rings on.
     missing: [f64; L],
     low_pass: Vec<[[f64; L]; 2]>,
+    above: Option<SeenAbove<L>>,
 }
 
 impl<const L: usize> Keep for LaneState<L> {
     fn keep(&self, to: &mut Vec<u64>) {
         let Self { input, drive_filter, current_n, last_ref_n, current, motor, stage, nut, .. } = self;
-        let Self { slip_m, share, seen, missing, low_pass, .. } = self;
+        let Self { slip_m, share, seen, missing, low_pass, above, .. } = self;
         input.keep(to);
         drive_filter.keep(to);
         [current_n, last_ref_n, slip_m, share].into_iter().for_each(|x| x.keep(to));
         [current, motor, stage, nut].into_iter().for_each(|x| x.keep(to));
         [seen, missing].into_iter().for_each(|x| x.keep(to));
         low_pass.keep(to);
+        if let Some(above) = above {
+            above.keep(to);
+        }
     }
 
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
         let Self { input, drive_filter, current_n, last_ref_n, current, motor, stage, nut, .. } = self;
         input.restore(from)?;
         drive_filter.restore(from)?;
-        let Self { slip_m, share, seen, missing, low_pass, .. } = self;
+        let Self { slip_m, share, seen, missing, low_pass, above, .. } = self;
         [current_n, last_ref_n, slip_m, share].into_iter().try_for_each(|x| x.restore(from))?;
         [current, motor, stage, nut].into_iter().try_for_each(|x| x.restore(from))?;
         [seen, missing].into_iter().try_for_each(|x| x.restore(from))?;
-        low_pass.restore(from)
+        low_pass.restore(from)?;
+        above.as_mut().map_or(Some(()), |above| above.restore(from))
     }
 }
 
@@ -190,6 +197,7 @@ impl<const L: usize> LaneDesign<L> {
             friction_n: of(&|p| p.law.friction_n),
             settling: of(&|p| p.settling as f64),
             low_pass: filters(&|p| p.low_pass),
+            above: LanesAbove::new(&parts.iter().map(|p| p.as_ref()?.above).collect::<Vec<_>>()),
             line: 0,
             fast: Fast::detect(),
             parts,
@@ -235,6 +243,7 @@ impl<const L: usize> LaneDesign<L> {
             seen: zeros,
             missing: zeros,
             low_pass: vec![[zeros; 2]; self.low_pass.len()],
+            above: self.above.as_ref().map(LanesAbove::start),
         }
     }
 
@@ -256,6 +265,9 @@ impl<const L: usize> LaneDesign<L> {
         let at_rest = part.rest.iter().zip([thrust_n, motor_m, nut_m, stage_m]);
         let rest_n = at_rest.map(|(factor, x)| factor * x).sum();
         settle_sections(&self.low_pass, &mut state.low_pass, lane, rest_n);
+        if let (Some(design), Some(above)) = (&self.above, &mut state.above) {
+            design.settle(above, lane);
+        }
     }
 
     /// The balance of the sample that the state's input holds. No allocation.
@@ -264,10 +276,15 @@ impl<const L: usize> LaneDesign<L> {
         run(self.fast, Balance { design: self, state })
     }
 
-    /// The low-pass behind it. No allocation.
+    /// The low-pass behind it; adds what speaks against the share above the band. No allocation.
     #[inline]
-    pub(super) fn low_pass(&self, state: &mut LaneState<L>, force_n: [f64; L]) -> [f64; L] {
-        run(self.fast, LowPass { design: self, state, force_n })
+    pub(super) fn low_pass(
+        &self,
+        state: &mut LaneState<L>,
+        force_n: [f64; L],
+        flags: &mut [Validity; L],
+    ) -> [f64; L] {
+        run(self.fast, LowPass { design: self, state, force_n, flags })
     }
 }
 
@@ -377,6 +394,7 @@ struct LowPass<'a, const L: usize> {
     design: &'a LaneDesign<L>,
     state: &'a mut LaneState<L>,
     force_n: [f64; L],
+    flags: &'a mut [Validity; L],
 }
 
 impl<const L: usize> Kernel for LowPass<'_, L> {
@@ -384,6 +402,9 @@ impl<const L: usize> Kernel for LowPass<'_, L> {
 
     #[inline(always)]
     fn run<const FUSED: bool>(mut self) -> [f64; L] {
+        if let (Some(design), Some(above)) = (&self.design.above, &mut self.state.above) {
+            design.step::<FUSED>(above, &self.force_n, self.flags);
+        }
         filter::<L, FUSED>(&self.design.low_pass, &mut self.state.low_pass, &mut self.force_n);
         self.force_n
     }
@@ -453,8 +474,8 @@ mod tests {
                     lanes.settle(&mut state, k);
                 }
             }
-            let balance = lanes.balance(&mut state);
-            let together_n = lanes.low_pass(&mut state, balance.raw_n);
+            let mut balance = lanes.balance(&mut state);
+            let together_n = lanes.low_pass(&mut state, balance.raw_n, &mut balance.flags);
             for k in 0..6 {
                 let alone = singles[k].step(&mut states[k], &sample(k, i));
                 assert!(close(alone.force_n, together_n[k]), "lane {k}, {i}: {alone:?} {}", together_n[k]);

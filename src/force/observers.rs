@@ -197,7 +197,7 @@ impl<const L: usize> Observers<L> {
                 (balance.raw_n[lane], balance.flags[lane]) = (now.force_n, now.flags);
             }
         }
-        let mut force_n = lanes.low_pass(state, balance.raw_n);
+        let mut force_n = lanes.low_pass(state, balance.raw_n, &mut balance.flags);
         if self.beyond {
             for (axis, force_n) in self.axes.iter_mut().zip(&mut force_n) {
                 let Kind::Servo(servo) = &mut axis.0 else { continue };
