@@ -38,17 +38,6 @@ pub trait Keep {
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()>;
 }
 
-impl Keep for u64 {
-    fn keep(&self, to: &mut Vec<u64>) {
-        to.push(*self);
-    }
-
-    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        *self = from.next_word()?;
-        Some(())
-    }
-}
-
 impl Keep for f64 {
     fn keep(&self, to: &mut Vec<u64>) {
         to.push(self.to_bits());
@@ -75,7 +64,9 @@ impl Keep for bool {
     }
 }
 
-macro_rules! keep_integers {
+/// Integers of a state count: one in the upper half of its range, which no count reaches, is refused, because
+/// what counts on from there would overflow. Numbers that come from outside travel as plain words.
+macro_rules! keep_counts {
     ($($kind:ty),*) => {$(
         impl Keep for $kind {
             fn keep(&self, to: &mut Vec<u64>) {
@@ -83,13 +74,13 @@ macro_rules! keep_integers {
             }
 
             fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-                *self = <$kind>::try_from(from.next_word()?).ok()?;
+                *self = <$kind>::try_from(from.next_word()?).ok().filter(|n| *n <= <$kind>::MAX / 2)?;
                 Some(())
             }
         }
     )*};
 }
-keep_integers!(u16, u32, usize);
+keep_counts!(u16, u32, u64, usize);
 
 impl<T: Keep> Keep for Complex<T> {
     fn keep(&self, to: &mut Vec<u64>) {

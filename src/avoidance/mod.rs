@@ -297,8 +297,31 @@ keep_list!(Mode { Observe, Advise, Act });
 keep_list!(TurretMotion { Reached, Moving, Refused, Limited, Expired });
 keep_list!(CommandKind { Move, Renew, Return });
 keep!(Heard { phase, frequency_hz, power_n2, growth_1_s });
-keep!(TurretReport { heard_s, offsets_m, motion, acknowledged });
 keep!(Interlock { heard_s, open });
+
+impl Keep for TurretReport {
+    fn keep(&self, to: &mut Vec<u64>) {
+        let Self { heard_s, offsets_m, motion, acknowledged } = self;
+        heard_s.keep(to);
+        offsets_m.keep(to);
+        motion.keep(to);
+        acknowledged.is_some().keep(to);
+        // Whatever the turret says.
+        acknowledged.iter().for_each(|(epoch, sequence)| to.extend([*epoch, *sequence]));
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        let Self { heard_s, offsets_m, motion, acknowledged } = self;
+        heard_s.restore(from)?;
+        offsets_m.restore(from)?;
+        motion.restore(from)?;
+        let mut there = false;
+        there.restore(from)?;
+        *acknowledged = if there { Some((from.next_word()?, from.next_word()?)) } else { None };
+        Some(())
+    }
+}
+
 keep!(Situation {
     now_s,
     newest_sample_s,

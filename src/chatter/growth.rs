@@ -17,7 +17,7 @@ pub(super) struct Growth {
     seen: u64,
 }
 
-crate::keyframe::keep!(Growth { t_s, ln_amplitude, seen });
+crate::keyframe::keep!(Growth { t_s, ln_amplitude, seen } if |g| g.seen <= KEPT as u64);
 
 impl Growth {
     pub(super) const NEW: Self = Self { t_s: [0.0; KEPT], ln_amplitude: [0.0; KEPT], seen: 0 };

@@ -56,7 +56,8 @@ pub(super) struct Scatter {
     absent: u32,
 }
 
-crate::keyframe::keep!(Scatter { line_hz, log_power, filled, mean_square, looks, away, absent });
+crate::keyframe::keep!(Scatter { line_hz, log_power, filled, mean_square, looks, away, absent }
+    if |s| s.filled <= KEPT as u64);
 
 impl Scatter {
     pub(super) const NEW: Self = Self {

@@ -21,7 +21,7 @@ pub(super) struct Wild {
     run: u32,
 }
 
-crate::keyframe::keep!(Wild { seen, level_n, square_n2, run });
+crate::keyframe::keep!(Wild { seen, level_n, square_n2, run } if |w| w.run <= FEW);
 
 impl Wild {
     /// The sample, or the level where it is wild. Checked by: `spikes_are_left_out_and_steps_pass`.

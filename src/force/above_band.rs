@@ -124,7 +124,7 @@ impl<const L: usize> LanesAbove<L> {
             total_n2: [0.0; L],
             above_n2: [0.0; L],
             weight: [0.0; L],
-            fresh: u32::MAX,
+            fresh: (1 << L) - 1,
         }
     }
 

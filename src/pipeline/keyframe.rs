@@ -61,6 +61,9 @@ impl Pipeline {
         self.clean_samples.restore(from)?;
         self.agreement_state.restore(from)?;
         self.agreement.restore(from)?;
+        if self.agreement.leading_axis >= self.states.len().max(1) {
+            return None;
+        }
         self.declared.restore(from)?;
         self.since_restart.restore(from)?;
         self.out_of_reach.restore(from)?;
@@ -118,7 +121,7 @@ impl StepOutput {
 fn keep_sample(sample: Option<&ServoSample>, to: &mut Vec<u64>) {
     sample.is_some().keep(to);
     let Some(sample) = sample else { return };
-    sample.sequence.keep(to);
+    to.push(sample.sequence);
     [sample.t_s, sample.spindle_angle_rad, sample.spindle_speed_rpm].keep(to);
     for axis in &sample.axes {
         [axis.current_ref_a, axis.motor_angle_rad].keep(to);
@@ -130,12 +133,12 @@ fn keep_sample(sample: Option<&ServoSample>, to: &mut Vec<u64>) {
 /// Nothing: not a sample. `Some(None)`: none had come.
 #[allow(clippy::option_option)]
 fn restore_sample(from: &mut Words<'_>) -> Option<Option<ServoSample>> {
-    let (mut there, mut sequence, mut head) = (false, 0_u64, [0.0; 3]);
+    let (mut there, mut head) = (false, [0.0; 3]);
     there.restore(from)?;
     if !there {
         return Some(None);
     }
-    sequence.restore(from)?;
+    let sequence = from.next_word()?;
     head.restore(from)?;
     let mut axes = [AxisSample::default(); MAX_AXES];
     for axis in &mut axes {
