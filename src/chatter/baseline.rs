@@ -96,6 +96,11 @@ impl Baseline {
         self.strongest
     }
 
+    /// Sum of the powers of some filters at the last look.
+    pub(super) fn sum(&self, among: std::ops::Range<usize>) -> f64 {
+        self.powers[among].iter().sum()
+    }
+
     /// Median of the powers of some filters at the last look.
     pub(super) fn median(&mut self, among: std::ops::Range<usize>) -> f64 {
         let (ratios, heard) = (&mut self.ratios[among.clone()], &self.powers[among]);

@@ -19,12 +19,16 @@ const LOST: u32 = 25;
 /// beside a weak line moves it for a moment.
 const PROVES: u32 = 125;
 const GOES_ON: f64 = 0.3;
+/// What has this much of the power that it was taken up with grows where it stands: 10 dB.
+const GROWN: f64 = 10.0;
 
 /// One line: frequency relative to the centre, power, decisions without it, whether more stands there now.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Followed {
     frequency_hz: f64,
     power_n2: f64,
+    /// When it was taken up.
+    first_n2: f64,
     missed: u32,
     grown: bool,
     /// How far it would come within `PROVES`, where it began, for how long it is followed.
@@ -33,7 +37,7 @@ struct Followed {
     age: u32,
 }
 
-crate::keyframe::keep!(Followed { frequency_hz, power_n2, missed, grown, way_hz, from_hz, age });
+crate::keyframe::keep!(Followed { frequency_hz, power_n2, first_n2, missed, grown, way_hz, from_hz, age });
 
 /// The lines that are followed.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -54,8 +58,9 @@ impl Foreign {
         let weight = |line: &Option<Followed>| line.map_or(0.0, |line| line.power_n2);
         let free = self.lines.iter_mut().min_by(|a, b| weight(a).total_cmp(&weight(b)));
         if let Some(free) = free {
-            let from_hz = frequency_hz;
-            *free = Some(Followed { frequency_hz, power_n2, way_hz, from_hz, ..Followed::default() });
+            let (from_hz, first_n2) = (frequency_hz, power_n2);
+            let line = Followed { frequency_hz, power_n2, first_n2, way_hz, from_hz, ..Followed::default() };
+            *free = Some(line);
         }
     }
 
@@ -77,7 +82,8 @@ impl Foreign {
             line.missed = if same { 0 } else { line.missed + 1 };
             line.age = (line.age + 1).min(PROVES + 1);
             let stands = (line.frequency_hz - line.from_hz).abs() < GOES_ON * line.way_hz;
-            if line.missed > LOST || line.age == PROVES && stands {
+            let grows = line.power_n2 > GROWN * line.first_n2;
+            if line.missed > LOST || line.age == PROVES && stands || grows {
                 *place = None;
             }
         }

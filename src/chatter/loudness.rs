@@ -25,17 +25,26 @@ const LASTS: u32 = 125;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Loudness {
     heard_s: f64,
+    /// Of all that the mixer lets through.
     band_n2: f64,
     rest_n2: f64,
+    /// Of the watched band.
+    within_n2: f64,
     loudest_n2: f64,
     lasts: u32,
 }
 
-crate::keyframe::keep!(Loudness { heard_s, band_n2, rest_n2, loudest_n2, lasts });
+crate::keyframe::keep!(Loudness { heard_s, band_n2, rest_n2, within_n2, loudest_n2, lasts });
 
 impl Loudness {
-    pub(super) const NEW: Self =
-        Self { heard_s: 0.0, band_n2: 0.0, rest_n2: f64::INFINITY, loudest_n2: 0.0, lasts: 0 };
+    pub(super) const NEW: Self = Self {
+        heard_s: 0.0,
+        band_n2: 0.0,
+        rest_n2: f64::INFINITY,
+        within_n2: 0.0,
+        loudest_n2: 0.0,
+        lasts: 0,
+    };
 
     /// Takes the power of one sample of the band without the orders.
     #[inline]
@@ -44,18 +53,20 @@ impl Loudness {
         self.band_n2 += (power_n2 - self.band_n2) * (period_s / SMOOTH_S);
     }
 
-    /// Takes the mean force at one decision, `NAN` where the orders are not known, and whether chatter stands
-    /// declared: then it is loud whatever the band was before.
-    pub(super) fn look(&mut self, mean_n: f64, declared: bool) {
+    /// Takes the power of the watched band and the mean force at one decision, `NAN` where the orders are not
+    /// known, and whether chatter stands declared: then it is loud whatever the band was before.
+    pub(super) fn look(&mut self, (within_n2, period_s): (f64, f64), mean_n: f64, declared: bool) {
         if self.heard_s > 5.0 * SMOOTH_S {
             self.rest_n2 = self.rest_n2.min(self.band_n2);
         }
-        self.loudest_n2 = (self.loudest_n2 * KEPT).max(self.band_n2);
-        let share = (2.0 * self.band_n2).sqrt() / mean_n.abs().max(f64::MIN_POSITIVE);
-        let came = mean_n.abs() > CUTS * self.rest_n2.sqrt() && self.band_n2 > OVER_REST * self.rest_n2;
+        // What is loud beside the band is no chatter of this bar.
+        self.within_n2 += (within_n2 - self.within_n2) * (period_s / SMOOTH_S);
+        self.loudest_n2 = (self.loudest_n2 * KEPT).max(self.within_n2);
+        let share = (2.0 * self.within_n2).sqrt() / mean_n.abs().max(f64::MIN_POSITIVE);
+        let came = mean_n.abs() > CUTS * self.rest_n2.sqrt() && self.within_n2 > OVER_REST * self.rest_n2;
         let loud = (SHARE..MOST_SHARE).contains(&share)
             && (came || declared)
-            && self.band_n2 > GONE * self.loudest_n2;
+            && self.within_n2 > GONE * self.loudest_n2;
         self.lasts = if loud { (self.lasts + 1).min(LASTS) } else { 0 };
     }
 
@@ -86,8 +97,9 @@ mod tests {
         for k in 0..2000u32 {
             let mean_n = if k < 500 { 0.01 } else { 20.0 };
             let amplitude_n = if (1000..1500).contains(&k) { share * 20.0 } else { 0.03 * mean_n };
-            (0..4).for_each(|_| loudness.hear(0.5 * amplitude_n * amplitude_n, 0.001));
-            loudness.look(mean_n, false);
+            let power_n2 = 0.5 * amplitude_n * amplitude_n;
+            (0..4).for_each(|_| loudness.hear(power_n2, 0.001));
+            loudness.look((power_n2, 0.004), mean_n, false);
             at[0] += u32::from(loudness.is_loud());
             at[1] += u32::from(loudness.lasts());
         }

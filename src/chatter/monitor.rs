@@ -156,6 +156,9 @@ pub struct ChatterState {
     wide_until_s: f64,
     /// Until when nothing is declared for it; 0: nothing is held off.
     held_off_s: f64,
+    /// The loudest of the last alarm, N^2, and when it stood last.
+    alarm_n2: f64,
+    alarm_s: f64,
     /// When the cut changed last; the first sample is a change.
     changed_s: f64,
     orders_new_until_s: f64,
@@ -169,7 +172,7 @@ crate::keyframe::keep!(ChatterState {
     newest_speed_hz, speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common,
     heard_s, level, detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s,
     start_until_s, noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line,
-    wide, wide_until_s, held_off_s, changed_s, orders_new_until_s, relearn_until_s, latest
+    wide, wide_until_s, held_off_s, alarm_n2, alarm_s, changed_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
 
 impl ChatterMonitor {
@@ -252,6 +255,8 @@ impl ChatterMonitor {
             wide: 0,
             wide_until_s: 0.0,
             held_off_s: 0.0,
+            alarm_n2: 0.0,
+            alarm_s: 0.0,
             changed_s: 0.0,
             orders_new_until_s: 0.0,
             relearn_until_s: 0.0,
@@ -432,8 +437,9 @@ impl ChatterMonitor {
         };
         state.decisions += 1;
         let mean_n = if state.speed_hz > 0.0 && orders_known { state.level.size_n() } else { f64::NAN };
-        state.loudness.look(mean_n, state.detector.phase() == Phase::Chatter);
         self.look_at_banks(state, &mut evidence);
+        let within_n2 = self.watched_power(state);
+        state.loudness.look((within_n2, period_s), mean_n, state.detector.phase() == Phase::Chatter);
         let common = state.bank_common.iter().copied().fold(f64::INFINITY, f64::min);
         let clearest = evidence.banks.iter().map(|b| b.contrast).fold(0.0, f64::max);
         self.watch_level(state, common, clearest);
@@ -464,6 +470,13 @@ impl ChatterMonitor {
             self.learn(state, period_s, learns);
         }
         self.report(state, &evidence);
+    }
+
+    /// Power of the watched band without the orders, N^2.
+    fn watched_power(&self, state: &ChatterState) -> f64 {
+        let bank = &self.banks[FOLLOWED];
+        let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
+        state.baselines[FOLLOWED].sum(among) / bank.overlap()
     }
 
     /// What each bank shows, as often as its window changes.
@@ -498,6 +511,9 @@ impl ChatterMonitor {
         let event = ended.or_else(|| self.try_line(state, evidence));
         if event.is_some() {
             state.latest.event = event;
+        }
+        if matches!(event, Some(ChatterEvent::Onset(_))) {
+            state.alarm_n2 = 0.0;
         }
         if learned && matches!(event, Some(ChatterEvent::Onset(_))) {
             // It was learned as noise.
@@ -557,6 +573,9 @@ impl ChatterMonitor {
         let line = matches!(phase, Phase::Suspected | Phase::Chatter) && !on_an_order(&heard, evidence);
         state.track_hz = line.then_some(heard.frequency_hz);
         let declared = (phase == Phase::Chatter).then_some(heard.frequency_hz);
+        if declared.is_some() {
+            (state.alarm_n2, state.alarm_s) = (state.alarm_n2.max(heard.power_n2), evidence.t_s);
+        }
         state.watched.follow(declared.map(|hz| hz - self.mix.centre_hz()), self.reach_hz);
         // What is left of a line that has gone is no new one.
         let told = declared.is_none() || heard.contrast > LEAVE;

@@ -158,10 +158,11 @@ impl Past {
 
     /// How a line has moved steadily, at an amplitude that it had before; nothing where it stood,
     /// was not there, or wandered. Checked by: `a_line_that_sweeps_is_traced_and_one_that_grows_is_not`.
-    pub(super) fn motion(&self, rate_hz: f64, sight: Sight) -> Option<Motion> {
-        // The notches take what crosses an order, the orders hide what is weaker than they are.
+    pub(super) fn motion(&self, rate_hz: f64, sight: Sight, speed_hz: f64) -> Option<Motion> {
+        // The notches take what crosses an order, the orders hide what is weaker than they are; where they
+        // stand closer than a window tells them apart, a trace walks from one to the next.
         let trace = |series| self.trace(series, rate_hz, sight);
-        trace(&self.values).or_else(|| trace(&self.whole))
+        trace(&self.values).or_else(|| (speed_hz > FAR_HZ).then(|| trace(&self.whole)).flatten())
     }
 
     /// Whether a line (relative to the centre) has risen by 10 dB within what is kept. Checked by:
@@ -321,7 +322,7 @@ mod tests {
     #[test]
     fn a_line_that_sweeps_is_traced_and_one_that_grows_is_not() {
         let moves = |force: &dyn Fn(f64) -> Complex<f64>, hz| {
-            past(force).motion(RATE_HZ, sight(hz)).map(|m| m.moves_hz_s)
+            past(force).motion(RATE_HZ, sight(hz), 20.0).map(|m| m.moves_hz_s)
         };
         for rate in [-300.0, -40.0, 60.0, 250.0] {
             let sweep = move |t: f64| wave(650.0 * (t - 1.0) + 0.5 * rate * (t - 1.0).powi(2));

@@ -133,6 +133,13 @@ impl LineBank {
         Leak { power, line: line as f64, per_filter: TAU * apart_hz * self.tau_s / slowed }
     }
 
+    /// Sum of the powers of all filters over that of what they hear, line or noise: the integral of
+    /// 1/(1 + (w tau)^2)^2 over their distance. Checked by: `the_filters_together_hear_the_power_once`.
+    #[must_use]
+    pub fn overlap(&self) -> f64 {
+        std::f64::consts::FRAC_PI_2 / self.leak(0, 0.0, 1.0).per_filter.max(f64::MIN_POSITIVE)
+    }
+
     /// Frequency of the line that filter `k` hears, relative to the band's centre.
     ///
     /// In the steady state of a line off by dw the two poles' outputs stand in the ratio
@@ -252,6 +259,19 @@ mod tests {
         assert!(powers[best] > 6.8 && powers[best] < 9.1);
         assert!((bank.refined_hz(&state, best) - 41.3).abs() < 1e-6);
         assert!(bank.growth_1_s(&state, best).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_filters_together_hear_the_power_once() {
+        let bank = LineBank::new(1000.0, 150.0, 0.025);
+        for line_hz in [0.0, 41.3, -77.7] {
+            let mut state = bank.start();
+            for n in 0..1000 {
+                bank.step(&mut state, &[Complex::from_polar(3.0, TAU * line_hz * f64::from(n) / 1000.0)]);
+            }
+            let sum: f64 = (0..bank.frequencies_hz().len()).map(|k| bank.power(&state, k)).sum();
+            assert!((sum / bank.overlap() / 9.0 - 1.0).abs() < 0.05, "{line_hz}: {sum}");
+        }
     }
 
     #[test]

@@ -298,6 +298,50 @@ fn a_weak_line_that_came_from_elsewhere_and_rests_is_not_chatter() {
 }
 
 /// Between two orders it moves as they do: no line that sweeps by itself.
+/// Orders that no window tells apart are no way that a line has come.
+#[test]
+fn chatter_between_close_orders_is_heard() {
+    let (turn_hz, first, last) = (11.0, 40, 80);
+    let comb =
+        |t: f64| (first..last).map(|j| line(t + f64::from(j * j), turn_hz * f64::from(j))).sum::<f64>();
+    for order in [47.45, 52.45, 60.4] {
+        let grown = |t: f64| (0.05 * (8.0 * (t - 5.0)).exp()).min(8.0) * line(t, order * turn_hz);
+        let force = |t: f64| {
+            let cut = ((t - 1.0) * turn_hz).clamp(0.0, 1.0);
+            cut * (40.0 + comb(t)) + if t > 5.0 { grown(t) } else { 0.0 }
+        };
+        let found = hear_at(60.0 * turn_hz, (0.0, true), force);
+        let [(onset_s, ChatterEvent::Onset(_))] = found[..] else { panic!("{order}: {found:?}") };
+        assert!((5.0..5.8).contains(&onset_s), "{order}: {found:?}");
+    }
+}
+
+/// However loud it is.
+#[test]
+fn a_force_beside_the_band_is_no_chatter() {
+    for frequency_hz in [380.0, 860.0, 900.0] {
+        let cut = |t: f64| ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0);
+        let found = hear(0.0, true, |t| cut(t) * (19.0 + 12.0 * line(t, frequency_hz + 0.37)));
+        assert!(found.is_empty(), "{frequency_hz}: {found:?}");
+    }
+}
+
+/// Its band rings on and the noise was not learned meanwhile.
+#[test]
+fn what_is_left_after_an_alarm_is_no_new_one() {
+    let chatter = |t: f64| match t {
+        3.0..7.0 => (0.05 * (30.0 * (t - 3.0)).exp()).min(30.0) * line(t, 651.3),
+        7.0..12.0 => {
+            (30.0 * (-20.0 * (t - 7.0)).exp() * line(t, 651.3))
+                + 1.5 * line(t, 560.0) * (1.0 - (-9.0 * (t - 7.0)).exp())
+        }
+        _ => 0.0,
+    };
+    let found = hear(0.0, true, |t| 40.0 * ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0) + chatter(t));
+    let soon = found.iter().filter(|(t, e)| matches!(e, ChatterEvent::Onset(_)) && (7.0..8.5).contains(t));
+    assert!(soon.count() == 0, "{found:?}");
+}
+
 #[test]
 fn chatter_that_goes_with_the_speed_is_heard() {
     let band = Band::new(500.0, 750.0).unwrap();

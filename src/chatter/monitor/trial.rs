@@ -22,6 +22,10 @@ const ALIKE: f64 = 4.0;
 /// the entry struck rings down, at 10 1/s and less where the cut is nearly unstable; chatter stays or grows.
 const RINGS_S: f64 = 0.8;
 const RANG: f64 = 0.5;
+/// For so long after an alarm a line must have this share of what was loudest in it: less is what is left of
+/// it, or noise that was not learned meanwhile.
+const AFTER_S: f64 = 1.5;
+const LEFT: f64 = 0.01;
 /// While the speed changes a line may move by so much of what an order at its place moves.
 const WITH_SPEED: f64 = 1.5;
 /// Amplitude of a line over the mean force: a tool that only pushes makes less than 2 (|2 c_1| <= 2 c_0), and
@@ -36,6 +40,9 @@ impl ChatterMonitor {
     pub(super) fn is_refused(&self, state: &mut ChatterState, line: &Line, banks: &[BankEvidence]) -> bool {
         let rate_hz = self.mix.output_rate_hz();
         let sight = Sight { frequency_hz: line.frequency_hz - self.mix.centre_hz(), tau_s: LOOK_TAU_S };
+        if self.now_s(state) < state.alarm_s + AFTER_S && line.power_n2 < LEFT * state.alarm_n2 {
+            return true;
+        }
         if self.settings.pushes && !self.cuts(state, line.power_n2) {
             let power_n2 = self.power_near(state, line.frequency_hz);
             state.foreign.add(sight.frequency_hz, 0.0, power_n2);
@@ -59,7 +66,9 @@ impl ChatterMonitor {
             state.foreign.add(sight.frequency_hz, 0.0, power_n2);
             return true;
         }
-        let Some(Motion { moves_hz_s, moved_hz }) = state.past.motion(rate_hz, sight) else { return false };
+        let Some(Motion { moves_hz_s, moved_hz }) = state.past.motion(rate_hz, sight, state.speed_hz) else {
+            return false;
+        };
         // Within a lobe chatter stays where the mode is, or goes with the speed.
         let free_1_s = DRIFT_1_S + WITH_SPEED * state.past.speed_change_1_s(rate_hz).abs();
         let moves = moves_hz_s.abs() > free_1_s * line.frequency_hz;
