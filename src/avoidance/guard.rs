@@ -66,6 +66,27 @@ pub enum Refusal {
     Identity,
 }
 
+impl Refusal {
+    /// Every name, for those who count them.
+    pub const NAMES: [&str; 9] = [
+        "guard_not_finite",
+        "guard_envelope",
+        "guard_interlock",
+        "guard_mode",
+        "guard_rate",
+        "guard_interval",
+        "guard_stale",
+        "guard_lifetime",
+        "guard_identity",
+    ];
+
+    /// As it is counted and recorded.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::NAMES[self as usize]
+    }
+}
+
 /// A report of the interlocks older than this is none.
 const INTERLOCK_HEARD_S: f64 = 0.2;
 /// Rounding allowed: a tenth of a nanometre, a microradian.
@@ -82,15 +103,9 @@ impl Guard {
     }
 
     fn check(&self, state: &GuardState, command: &Command, facts: &Facts) -> Result<(), Refusal> {
-        let numbers = [
-            command.pitch_difference_rad,
-            command.ttl_s,
-            command.based_on_s,
-            facts.now_s,
-            facts.interlock_closed_s.unwrap_or(0.0),
-        ];
         let finite = |list: &[f64]| list.iter().all(|x| x.is_finite());
-        if !(finite(&numbers) && finite(&command.offsets_m) && finite(&facts.actual_m)) {
+        let numbers = [command.pitch_difference_rad, command.ttl_s, facts.now_s];
+        if !(finite(&numbers) && finite(&command.offsets_m)) {
             return Err(Refusal::NotFinite);
         }
         if state.last.is_some_and(|last| (command.epoch, command.sequence) <= last) {
@@ -100,9 +115,13 @@ impl Guard {
             return Err(Refusal::Lifetime);
         }
         if command.kind == CommandKind::Return {
-            // Equal pitch may be asked for at any time, and nothing else under that name.
+            // Equal pitch may be asked for at any time, whatever is known, and nothing else under that name.
             let zero = command.offsets_m.iter().all(|o| *o == 0.0) && command.pitch_difference_rad == 0.0;
             return if zero { Ok(()) } else { Err(Refusal::Envelope) };
+        }
+        let known = [command.based_on_s, facts.interlock_closed_s.unwrap_or(0.0)];
+        if !(finite(&known) && finite(&facts.actual_m)) {
+            return Err(Refusal::NotFinite);
         }
         if facts.mode != Mode::Act {
             return Err(Refusal::Mode);
@@ -138,7 +157,7 @@ impl Guard {
                 up_s => speed * (elapsed_s - up_s),
             };
             let way_m = (offset_m - facts.actual_m[axis]).abs();
-            if self.lowest_m[axis] < self.highest_m[axis] && way_m > longest_m + ROUNDING_M {
+            if self.lowest_m[axis] < self.highest_m[axis] && !(way_m <= longest_m + ROUNDING_M) {
                 return Err(Refusal::Rate);
             }
         }

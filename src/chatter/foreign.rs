@@ -99,3 +99,36 @@ impl Foreign {
         self.lines.iter().flatten().any(|line| (line.frequency_hz - frequency_hz).abs() < within_hz)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Complex;
+
+    /// Whether a line at 41.3 Hz that was taken up with 1 N^2 is still followed after two seconds.
+    fn followed(growth_1_s: f64) -> bool {
+        let bank = LineBank::new(1000.0, 150.0, 0.025);
+        let filters = bank.frequencies_hz().len();
+        let (mut state, mut heard) = (bank.start(), Baseline::new(filters));
+        let mut foreign = Foreign::default();
+        for look in 0..500 {
+            let value = |k: u32| {
+                let t = f64::from(4 * look + k) / 1000.0;
+                Complex::from_polar((growth_1_s * t).exp(), std::f64::consts::TAU * 41.3 * t)
+            };
+            bank.step(&mut state, &[0, 1, 2, 3].map(value));
+            heard.look(&bank, &state, 0..filters);
+            if look == 50 {
+                foreign.add(41.3, 0.0, heard.power(bank.nearest(41.3)));
+            }
+            foreign.follow(&bank, &state, &heard);
+        }
+        foreign.any()
+    }
+
+    #[test]
+    fn what_grows_where_it_stands_is_let_go() {
+        assert!(followed(0.0));
+        assert!(!followed(1.5), "10 dB in 0.77 s");
+    }
+}

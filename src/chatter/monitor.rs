@@ -509,9 +509,7 @@ impl ChatterMonitor {
         let age_s = state.detector.chatter_age_s(t_s);
         let ended = self.watch_scatter(state, evidence);
         let event = ended.or_else(|| self.try_line(state, evidence));
-        if event.is_some() {
-            state.latest.event = event;
-        }
+        state.latest.event = event.or(state.latest.event);
         if matches!(event, Some(ChatterEvent::Onset(_))) {
             state.alarm_n2 = 0.0;
         }

@@ -85,7 +85,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let first_sequence = begun.as_ref().map_or(0, |e| e.first_sequence);
     let mut stretches = Stretches::of(begun.as_ref());
     let (events, track) = replay(&recording, (&source, first_sequence), (&mut pipeline, &mut stretches));
-    std::fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
+    let folder = |e| bad_input(format!("--out {}: {e}", arguments.out.display()));
+    std::fs::create_dir_all(&arguments.out).map_err(folder)?;
     track.write(&arguments.out.join("track.parquet"))?;
     write_events(&arguments.out.join("events.jsonl"), &events)?;
     let turret = account.map(|account| turret_decisions(&config, &source.axes, &account));

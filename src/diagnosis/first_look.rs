@@ -12,8 +12,10 @@ use crate::signal::inner_products::dot;
 const BLOCK_S: f64 = 0.01;
 /// Fewest blocks that say something.
 const LEAST_BLOCKS: usize = 16;
-/// A motion of fewer steps is none.
+/// A motion of fewer steps is none, nor is one in which no guide slides, m: what a cut moves an axis by that
+/// is told to stand has no friction, inertia or screw to tell of.
 const STEPS: f64 = 3.0;
+const SLIDES_M: f64 = 1e-6;
 
 /// Refuses recordings of which nothing can be told. A recording without the columns has its own error later.
 pub(super) fn check(axis: &AxisModel, recordings: &[Recording]) -> Result<(), DiagnoseError> {
@@ -60,7 +62,7 @@ impl<'a> Look<'a> {
     }
 
     fn stands(&self) -> bool {
-        let still = |x: &[f64], step_m: f64| span(x) <= STEPS * step_m;
+        let still = |x: &[f64], step_m: f64| span(x) <= SLIDES_M.max(STEPS * step_m);
         let d = &self.axis.drive;
         still(&self.motor_m, d.motor_encoder_resolution_m())
             && self.stage_m.as_ref().is_none_or(|x| still(x, d.stage_encoder_resolution_m()))
@@ -315,5 +317,6 @@ mod tests {
         let degrees = seen(1.0, 180.0 / std::f64::consts::PI, 0.02);
         assert!(matches!(degrees, Err(DiagnoseError::TravelRatio { hint, .. }) if hint.contains("degrees")));
         assert!(matches!(seen(1.0, 1.0, 0.0), Err(DiagnoseError::Standing { .. })));
+        assert!(matches!(seen(1.0, 1.0, 0.3e-6), Err(DiagnoseError::Standing { .. })), "what a cut deflects");
     }
 }

@@ -3,6 +3,7 @@
 use super::event::EventKind;
 use super::process::append_process_metrics;
 use crate::avoidance::HoldReason;
+use crate::avoidance::guard::Refusal;
 use crate::avoidance::invariants::Violation;
 use prometheus::{
     Encoder as _, Gauge, GaugeVec, Histogram, HistogramOpts, HistogramVec, IntCounter, IntCounterVec,
@@ -13,7 +14,8 @@ use prometheus::{
 pub const REJECT_REASONS: [&str; 3] = ["not_finite", "duplicate", "out_of_order"];
 
 /// The service's own reasons not to send what was decided, beside the decision's.
-pub const HOLD_REASONS: [&str; 3] = ["store_unavailable", "intent_expired", "stage_failed"];
+pub const HOLD_REASONS: [&str; 5] =
+    ["store_unavailable", "intent_expired", "mode_left", "no_port", "stage_failed"];
 /// What becomes of a command.
 pub const COMMAND_OUTCOMES: [&str; 8] =
     ["sent", "renewed", "returned", "advised", "reached", "refused", "limited", "expired"];
@@ -260,6 +262,7 @@ impl Metrics {
         };
         zero(&self.commands, &COMMAND_OUTCOMES);
         zero(&self.holds, &HOLD_REASONS);
+        zero(&self.holds, &Refusal::NAMES);
         let decided: Vec<&str> = HoldReason::ALL.iter().map(|r| r.name()).collect();
         zero(&self.holds, &decided);
         let rules = Violation::ALL.map(Violation::name);

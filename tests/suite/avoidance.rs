@@ -1,7 +1,7 @@
 //! The command invariants under arbitrary sequences, and under deliberately planted faults.
 
 use proptest::prelude::*;
-use stillcut::avoidance::guard::{Facts, Guard, GuardState};
+use stillcut::avoidance::guard::{Facts, Guard, GuardState, Refusal};
 use stillcut::avoidance::identified::StatedCut;
 use stillcut::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor, Violation};
 use stillcut::avoidance::turret::{TurretAxis, TurretKinematics};
@@ -820,8 +820,13 @@ fn the_guard_lets_good_commands_through_and_stops_each_kind_of_bad_one() {
         pitch_difference_rad: 0.0,
         ..good
     };
-    let open = Facts { interlock_closed_s: None, mode: Mode::Observe, ..soon };
+    let lost = [f64::NAN; MAX_AXES];
+    let open = Facts { interlock_closed_s: None, mode: Mode::Observe, actual_m: lost, ..soon };
     assert!(guard.pass(&mut state, &back, &open).is_ok(), "going back waits for nothing");
+    let unlimited = Guard { speed_m_s: [0.0; MAX_AXES], acceleration_m_s2: [0.0; MAX_AXES], ..guard };
+    let still = Facts { actual_m: lost, ..facts };
+    assert_eq!(guard.pass(&mut GuardState::default(), &good, &still), Err(Refusal::NotFinite));
+    assert_eq!(unlimited.pass(&mut GuardState::default(), &good, &facts), Err(Refusal::Rate));
 }
 
 #[test]

@@ -4,7 +4,7 @@
 
 use super::super::control::Refusal;
 use crate::avoidance::account::{Look, settings_digest};
-use crate::avoidance::guard::{Facts, Guard, GuardState};
+use crate::avoidance::guard::{self, Facts, Guard, GuardState};
 use crate::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor, Violation};
 use crate::avoidance::pitch::pitch_of_shift_rad;
 use crate::avoidance::{
@@ -17,7 +17,7 @@ use crate::service::ledger::Ledger;
 use crate::service::live::Mode;
 use crate::service::store_watch::SLOW_RECORD;
 use crate::transport::wire::{COMMAND_OFFSET, COMMAND_RETURN, ServoPoint, TurretCommand};
-use crate::transport::{CommandPublisher, Participant, TransportError};
+use crate::transport::{CommandPublisher, Participant};
 
 /// A record that takes longer than this makes the command too old to send.
 const INTENT_DEADLINE_S: f64 = SLOW_RECORD.as_millis() as f64 * 1e-3;
@@ -59,6 +59,8 @@ pub(super) struct Acting {
     port: Option<CommandPublisher>,
     port_closes_s: Option<f64>,
     pending: Option<Pending>,
+    /// Equal pitch was decided and did not go out.
+    unreturned: Option<Pending>,
     recorded_m: Option<[f64; MAX_AXES]>,
     sent_s: Option<f64>,
     /// Number of the latest command that did not go out.
@@ -109,6 +111,7 @@ impl Acting {
             port: None,
             port_closes_s: None,
             pending: None,
+            unreturned: None,
             recorded_m: None,
             sent_s: None,
             withheld: None,
@@ -180,9 +183,6 @@ impl Acting {
         if self.port_closes_s.is_some_and(|t| situation.now_s >= t) {
             (self.port, self.port_closes_s) = (None, None);
         }
-        if situation.mode != ActMode::Act {
-            self.pending = None;
-        }
         // All is looked at: a controller may tell a refusal once.
         let situation = &Situation { too_soon: self.too_soon(situation), ..*situation };
         ledger.before(|words| self.state.keep(words));
@@ -238,10 +238,18 @@ impl Acting {
         Some(self.send(&pending.command, pending.origin, facts))
     }
 
-    /// A command that waited too long for its record.
-    pub(super) fn overdue(&mut self, now_s: f64) -> Option<Outcome> {
-        let late = self.pending.take_if(|p| now_s - p.command.issued_s > INTENT_DEADLINE_S)?;
-        Some(self.held(late.command.sequence, "store_unavailable"))
+    /// A command whose record nobody waits for any more: it waited too long, or `act` was left.
+    pub(super) fn overdue(&mut self, now_s: f64, mode: ActMode) -> Option<Outcome> {
+        let left = mode != ActMode::Act;
+        let late = self.pending.take_if(|p| left || now_s - p.command.issued_s > INTENT_DEADLINE_S)?;
+        Some(self.held(late.command.sequence, if left { "mode_left" } else { "store_unavailable" }))
+    }
+
+    /// Tries equal pitch again, where it did not go out, until it does.
+    pub(super) fn return_again(&mut self, facts: &Facts) -> Option<Outcome> {
+        let Pending { command, origin } = self.unreturned?;
+        self.put(&command, origin, facts).ok()?;
+        Some(Outcome::Sent(command))
     }
 
     /// The decision is told with the next look, so that it does not wait for what was never asked.
@@ -252,22 +260,28 @@ impl Acting {
 
     /// Guard, then wire.
     pub(super) fn send(&mut self, command: &Command, origin: SampleOrigin, facts: &Facts) -> Outcome {
-        let number = command.sequence;
-        let Some(port) = &self.port else { return self.held(number, "guarded") };
-        if self.guard.pass(&mut self.guard_state, command, facts).is_err() {
-            return self.held(number, "guarded");
-        }
-        match port.send(&wire_command(command, origin)) {
-            Ok(_) => {
-                self.latest = Some(*command);
-                self.sent_s = Some(facts.now_s);
-                if command.kind == CommandKind::Return {
-                    self.recorded_m = None;
-                }
-                Outcome::Sent(*command)
+        match self.put(command, origin, facts) {
+            Ok(()) => Outcome::Sent(*command),
+            Err(reason) => {
+                let returns = command.kind == CommandKind::Return;
+                self.unreturned = returns.then_some(Pending { command: *command, origin });
+                self.held(command.sequence, reason)
             }
-            Err(TransportError::Port { .. } | _) => self.held(number, "stage_failed"),
         }
+    }
+
+    fn put(&mut self, command: &Command, origin: SampleOrigin, facts: &Facts) -> Result<(), &'static str> {
+        let port = self.port.as_ref().ok_or("no_port")?;
+        let mut guard_state = self.guard_state;
+        self.guard.pass(&mut guard_state, command, facts).map_err(guard::Refusal::name)?;
+        // What did not go out may be tried again under its number.
+        port.send(&wire_command(command, origin)).map_err(|_| "stage_failed")?;
+        (self.guard_state, self.unreturned) = (guard_state, None);
+        (self.latest, self.sent_s) = (Some(*command), Some(facts.now_s));
+        if command.kind == CommandKind::Return {
+            self.recorded_m = None;
+        }
+        Ok(())
     }
 }
 

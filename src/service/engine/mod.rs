@@ -125,6 +125,8 @@ pub(super) struct Engine {
     /// A person wants the turret left where it is.
     held: bool,
     told_rad: Option<f64>,
+    /// Why a command was not sent, as told last.
+    told_held: Option<&'static str>,
     told_speed: bool,
     turret_state: u32,
     stopping: bool,
@@ -185,6 +187,7 @@ impl Engine {
             acknowledge: false,
             held: false,
             told_rad: None,
+            told_held: None,
             told_speed: false,
             turret_state: 0,
             stopping: false,

@@ -200,7 +200,7 @@ impl Engine {
         if self.mode != Mode::Act {
             acting.close_port_later(situation.now_s);
         }
-        let overdue = acting.overdue(situation.now_s);
+        let overdue = acting.overdue(situation.now_s, situation.mode).or_else(|| acting.return_again(&facts));
         let (decision, verdict) = acting.decide(&situation, (t_s, &mut self.ledger));
         self.acknowledge = false;
         if let Some(outcome) = overdue {
@@ -276,13 +276,6 @@ impl Engine {
             return;
         }
         let outcome = acting.send(&command, origin, facts);
-        if command.kind == CommandKind::Return {
-            self.told_rad = None;
-            let text = "asked the turret back to equal pitch";
-            let mut event = Event::new(EventKind::PitchReturn, clock::wall_ns(), text);
-            event.pitch_difference_rad = Some(0.0);
-            self.report(event);
-        }
         self.settle(outcome);
     }
 
@@ -304,8 +297,23 @@ impl Engine {
                     CommandKind::Return => "returned",
                 };
                 self.setup.metrics.commands.with_label_values(&[word]).inc();
+                self.told_held = None;
+                if command.kind == CommandKind::Return {
+                    self.told_rad = None;
+                    let text = "asked the turret back to equal pitch";
+                    let mut event = Event::new(EventKind::PitchReturn, clock::wall_ns(), text);
+                    event.pitch_difference_rad = Some(0.0);
+                    self.report(event);
+                }
             }
-            Outcome::Held(_, reason) => self.setup.metrics.holds.with_label_values(&[reason]).inc(),
+            Outcome::Held(number, reason) => {
+                self.setup.metrics.holds.with_label_values(&[reason]).inc();
+                // Once for each reason: a renewal may be refused every second.
+                if self.told_held.replace(reason) != Some(reason) {
+                    let text = format!("command {number} was not sent: {}", reason.replace('_', " "));
+                    self.report(Event::new(EventKind::PitchCommand, clock::wall_ns(), text));
+                }
+            }
         }
     }
 
