@@ -264,7 +264,7 @@ fn admit(site: &Shared, request: &mut Request, address: IpAddr) -> Result<(), Pr
         let detail = "this host name is not served here; add it to http.hosts";
         return Err(Problem::new(StatusCode::MISDIRECTED_REQUEST, "unknown_host", detail));
     }
-    match site.access.judge(request.headers(), address, clock::wall_ns(), clock::now()) {
+    match site.access.judge(request.headers(), address, clock::now()) {
         Verdict::Known(caller) => {
             if needs_reader(&path) {
                 caller.require(Role::Viewer)?;

@@ -10,7 +10,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
-use stillcut::service::start;
+use stillcut::service::{clock, start};
 
 /// A small file system in memory, gone at the end. Nothing where mounting is not allowed.
 pub(crate) struct SmallDisk(PathBuf);
@@ -214,6 +214,11 @@ fn a_wall_clock_that_jumps_ten_years_neither_stops_nor_prunes_anything() {
     }
     let place = Place::new("clock");
     let [_, operator, _] = tokens(&place);
+    let file = place.folder.path().join("tokens.toml");
+    let tomorrow = clock::rfc3339(clock::wall_ns() + 86_400_000_000_000);
+    let role = "role = \"operator\"\n";
+    let text = std::fs::read_to_string(&file).unwrap();
+    std::fs::write(&file, text.replace(role, &format!("{role}expires = \"{tomorrow}\"\n"))).unwrap();
     let offset = place.folder.path().join("offset");
     std::fs::write(&offset, "+0").unwrap();
     let environment = [
