@@ -131,6 +131,7 @@ fn every_refusal_is_a_problem_with_a_code() {
     let address = running.handle().address().to_string();
     let big = format!("{{\"reason\":\"{}\"}}", "x".repeat(70_000));
     let deep = "[".repeat(60);
+    let twice = "{\"reason\":\"x\",\"recordings\":[\"a\",\"b\",\"a\"]}";
     let cases: &[(&str, &str, Option<&str>, u16, &str)] = &[
         ("GET", "/nothing/here", None, 404, "not_found"),
         ("GET", "/api/v1/events/abc", None, 404, "not_found"),
@@ -148,6 +149,7 @@ fn every_refusal_is_a_problem_with_a_code() {
         ("POST", "/api/v1/override", Some("{\"reason\":\"  \"}"), 422, "reason_required"),
         ("POST", "/api/v1/override", Some(&big), 413, "body_too_large"),
         ("POST", "/api/v1/override", None, 415, "unsupported_media_type"),
+        ("POST", "/api/v1/diagnoses", Some(twice), 422, "invalid_body"),
         ("PUT", "/api/v1/mode", Some("{\"mode\":\"act\",\"reason\":\"x\"}"), 428, "if_match_required"),
         ("PUT", "/api/v1/hold", Some("{\"hold\":true,\"reason\":\"x\"}"), 409, "not_acting"),
         ("PUT", "/api/v1/mode", Some("{\"mode\":\"fly\",\"reason\":\"x\"}"), 422, "invalid_body"),
