@@ -6,6 +6,7 @@ use crate::config::service::{ServiceConfig, read_service_config};
 use crate::service::{Running, ServiceError, check, clock, start};
 use crate::store::StoreError;
 use crate::telemetry::{LogFormat, start_logs};
+use std::io::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 use tokio_util::sync::CancellationToken;
@@ -36,6 +37,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     config.force.read_idle_runs(&config.machine, crate::recording::read_recording).map_err(place)?;
     check(&config).map_err(|e| place(e.to_string()))?;
     if arguments.check {
+        let name = arguments.config.as_deref().map_or("defaults".into(), |path| path.to_string_lossy());
+        writeln!(std::io::stdout(), "{name}: the configuration is good")?;
         return Ok(());
     }
     start_logs(if config.log_json { LogFormat::Json } else { LogFormat::Text });
