@@ -25,7 +25,7 @@ const ROUNDS: usize = 40;
 /// How often a listener's token is looked at again.
 const JUDGED_EVERY: Duration = Duration::from_secs(1);
 
-/// Live data: `state` and `force` twenty times a second, `spectrum` columns, and every stored `event` with
+/// Live data: `state` ten times a second, `force` and `spectrum` twenty times, and every stored `event` with
 /// its place as id. With `Last-Event-ID` the events in between come first. Ends when the token does.
 #[utoipa::path(get, path = "/api/v1/stream", tag = "live", operation_id = "stream",
     params(("Last-Event-ID" = Option<String>, Header,
