@@ -1,13 +1,15 @@
 //! `stillcut run`.
 
 use super::bad_input;
-use super::signals::Signals;
+use super::signals::stop_token;
 use crate::config::service::{ServiceConfig, read_service_config};
 use crate::service::{Running, ServiceError, check, clock, start};
 use crate::store::StoreError;
 use crate::telemetry::{LogFormat, start_logs};
+use std::io::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
+use tokio_util::sync::CancellationToken;
 
 /// Runs the service until it is told to stop.
 ///
@@ -35,20 +37,22 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     config.force.read_idle_runs(&config.machine, crate::recording::read_recording).map_err(place)?;
     check(&config).map_err(|e| place(e.to_string()))?;
     if arguments.check {
+        let name = arguments.config.as_deref().map_or("defaults".into(), |path| path.to_string_lossy());
+        writeln!(std::io::stdout(), "{name}: the configuration is good")?;
         return Ok(());
     }
     start_logs(if config.log_json { LogFormat::Json } else { LogFormat::Text });
+    // Heard from here on; a start that is under way is ended in good order when it is done.
+    let signals = stop_token()?;
     let running = start(config).map_err(|error| match error {
         // A person must go back or forward: trying again does not help.
         ServiceError::Store(StoreError::NewerSchema { .. }) => bad_input(error),
         // A full disk, a port that is taken, shared memory of another user: may be over at the next start.
         _ => anyhow::Error::new(error),
     })?;
-    // Heard from here on; before, the process may simply end.
-    let signals = running.wait(async { Signals::listen() })?;
     tracing::info!(event = "listening", address = %running.handle().address(), "the page is served");
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
-    let failed = wait_for_the_end(&running, signals);
+    let failed = wait_for_the_end(&running, &signals);
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
     let lost = running.stop();
     if let Some(part) = failed {
@@ -59,12 +63,12 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
 }
 
 /// Feeds the watchdog from the pipeline's progress until a signal comes or a part ends; answers which.
-fn wait_for_the_end(running: &Running, mut signals: Signals) -> Option<&'static str> {
+fn wait_for_the_end(running: &Running, signals: &CancellationToken) -> Option<&'static str> {
     let every = sd_notify::watchdog_enabled().map_or(Duration::from_secs(1), |limit| limit / 3);
     let every = every.min(Duration::from_secs(1));
     running.wait(async {
         let mut last = running.progress();
-        let mut ended = std::pin::pin!(signals.first());
+        let mut ended = std::pin::pin!(signals.cancelled());
         loop {
             tokio::select! {
                 () = &mut ended => return None,

@@ -495,7 +495,9 @@ impl Reader<'_> {
     fn commissioned(&self, by: &str, date: &str) -> Result<Option<(String, String)>, ConfigError> {
         let (by, date) = (by.trim(), date.trim());
         match (by, date) {
-            (NOT_COMMISSIONED, _) | (_, NOT_COMMISSIONED) => Ok(None),
+            (NOT_COMMISSIONED, NOT_COMMISSIONED) => Ok(None),
+            (NOT_COMMISSIONED, _) => Err(self.bad("turret.limits_by", "missing beside turret.limits_date")),
+            (_, NOT_COMMISSIONED) => Err(self.bad("turret.limits_date", "missing beside turret.limits_by")),
             ("", _) => Err(self.bad("turret.limits_by", "expected the name of who set the limits")),
             _ if is_date(date) => Ok(Some((by.to_owned(), date.to_owned()))),
             _ => Err(self.bad("turret.limits_date", format!("`{date}` is not a date such as 2026-11-21"))),
@@ -614,6 +616,8 @@ mod tests {
                 "[turret]\nlimits_by = \"A. Smith\"\nlimits_date = \"2026-02-31\"\n",
                 "turret.limits_date: `2026-02-31` is not a date such as",
             ),
+            ("[turret]\nlimits_by = \"A. Smith\"\n", "turret.limits_date: missing beside turret.limits_by"),
+            ("[turret]\nlimits_date = \"2026-11-21\"\n", "turret.limits_by: missing beside"),
             ("[turret]\ncommand_ttl_s = 9.0\n", "turret.command_ttl_s: 9 is not between 1.1 and 2.5"),
             ("[log]\nformat = \"xml\"\n", "log.format: `xml` is not one of text, json"),
             ("[detection]\nband_hz = [700.0, 500.0]\n", "detection.band_hz"),
@@ -640,7 +644,6 @@ mod tests {
         let read =
             |text: &str| service_config_from_text(Path::new("c.toml"), text).unwrap().turret.commissioned;
         assert_eq!(read(""), None);
-        assert_eq!(read("[turret]\nlimits_by = \"A. Smith\"\n"), None, "a name alone is half of it");
         let both = "[turret]\nlimits_by = \"A. Smith\"\nlimits_date = \"2026-11-21\"\n";
         assert_eq!(read(both), Some(("A. Smith".into(), "2026-11-21".into())));
         assert!(is_date("2028-02-29") && is_date("2026-04-30"));

@@ -4,6 +4,7 @@
 //! open on loopback. A right token is never held up by other people's wrong ones.
 
 use super::problem::Problem;
+use crate::service::clock;
 use axum::http::{HeaderMap, StatusCode, header};
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
@@ -138,7 +139,7 @@ fn token_from_toml(raw: TokenToml) -> Result<Token, String> {
         .ok_or_else(|| format!("token {}: sha256 is not 64 hexadecimal digits", raw.name))?;
     let expires_ns = match raw.expires {
         Some(text) => Some(
-            crate::service::clock::parse_rfc3339(&text)
+            clock::parse_rfc3339(&text)
                 .ok_or_else(|| format!("token {}: expires is not an RFC 3339 time", raw.name))?,
         ),
         None => None,
@@ -179,9 +180,26 @@ const GUESS_WINDOW: Duration = Duration::from_secs(60);
 const GUESSES: usize = 5;
 /// Most addresses remembered; beyond it the oldest are forgotten.
 const ADDRESSES: usize = 4096;
+
+/// An instant of the monotonic clock, and the wall clock then.
+type Clocks = (Instant, i64);
+
 struct Loaded {
     tokens: Vec<Token>,
     changed: Option<(i64, i64)>,
+    /// When the tokens were read.
+    read: Clocks,
+}
+
+impl Loaded {
+    /// Whether a token has not expired, by the wall clock when it was read and the time since: a wall clock that
+    /// jumps neither ends nor revives it.
+    fn is_good(&self, token: &Token, now: Instant) -> bool {
+        let (read, wall_ns) = self.read;
+        let passed_ns = now.saturating_duration_since(read).as_nanos();
+        let now_ns = wall_ns.saturating_add(i64::try_from(passed_ns).unwrap_or(i64::MAX));
+        token.expires_ns.is_none_or(|e| now_ns < e)
+    }
 }
 
 /// The tokens and the memory of wrong ones.
@@ -210,9 +228,13 @@ impl Access {
     /// Reads the token file, where there is one. `trust_loopback`: loopback needs no token at all (demo).
     /// Errors: the file is not what it should be.
     pub fn load(file: Option<&Path>, trust_loopback: bool) -> Result<Self, TokenFileError> {
+        Self::load_at(file, trust_loopback, (clock::now(), clock::wall_ns()))
+    }
+
+    fn load_at(file: Option<&Path>, trust_loopback: bool, read: Clocks) -> Result<Self, TokenFileError> {
         let tokens = file.map(read_tokens).transpose()?.unwrap_or_default();
         let changed = file.and_then(changed);
-        let loaded = Loaded { tokens, changed };
+        let loaded = Loaded { tokens, changed, read };
         Ok(Self {
             file: file.map(Path::to_owned),
             trust_loopback,
@@ -222,10 +244,10 @@ impl Access {
     }
 
     /// Errors: there is a file of tokens, and none in it is good at this time.
-    pub fn needs_a_good_token(&self, wall_ns: i64) -> Result<(), TokenFileError> {
+    pub fn needs_a_good_token(&self, now: Instant) -> Result<(), TokenFileError> {
         let Some(path) = &self.file else { return Ok(()) };
         let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
-        match loaded.tokens.iter().any(|t| t.expires_ns.is_none_or(|e| wall_ns < e)) {
+        match loaded.tokens.iter().any(|t| loaded.is_good(t, now)) {
             true => Ok(()),
             false => Err(TokenFileError::NoneGood { path: path.clone() }),
         }
@@ -248,6 +270,7 @@ impl Access {
             Ok(tokens) => {
                 tracing::info!(event = "token_file", tokens = tokens.len(), "taken into use");
                 loaded.tokens = tokens;
+                loaded.read = (clock::now(), clock::wall_ns());
                 false
             }
             Err(error @ TokenFileError::Content { .. }) => {
@@ -262,15 +285,20 @@ impl Access {
         }
     }
 
-    pub(crate) fn judge(&self, headers: &HeaderMap, address: IpAddr, wall_ns: i64, now: Instant) -> Verdict {
-        let Some(value) = headers.get(header::AUTHORIZATION) else {
-            return Verdict::Known(self.without_token(address));
-        };
-        let token = value.to_str().ok().and_then(bearer).unwrap_or_default();
-        if let Some(caller) = self.find(token, wall_ns) {
-            return Verdict::Known(caller);
+    pub(crate) fn judge(&self, headers: &HeaderMap, address: IpAddr, now: Instant) -> Verdict {
+        match self.caller(headers, address, now) {
+            Some(caller) => Verdict::Known(caller),
+            None if self.count_guess(address, now) => Verdict::BadToken,
+            None => Verdict::RateLimited,
         }
-        if self.count_guess(address, now) { Verdict::BadToken } else { Verdict::RateLimited }
+    }
+
+    /// Who it is now, where the token is good or none is needed. Counts no guess.
+    pub(crate) fn caller(&self, headers: &HeaderMap, address: IpAddr, now: Instant) -> Option<Caller> {
+        let Some(value) = headers.get(header::AUTHORIZATION) else {
+            return Some(self.without_token(address));
+        };
+        self.find(value.to_str().ok().and_then(bearer).unwrap_or_default(), now)
     }
 
     fn without_token(&self, address: IpAddr) -> Caller {
@@ -282,11 +310,10 @@ impl Access {
         }
     }
 
-    fn find(&self, text: &str, wall_ns: i64) -> Option<Caller> {
+    fn find(&self, text: &str, now: Instant) -> Option<Caller> {
         let digest: [u8; 32] = Sha256::digest(text.as_bytes()).into();
         let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
-        let valid =
-            |t: &&Token| t.expires_ns.is_none_or(|e| wall_ns < e) && bool::from(t.digest.ct_eq(&digest));
+        let valid = |t: &&Token| loaded.is_good(t, now) && bool::from(t.digest.ct_eq(&digest));
         let token = loaded.tokens.iter().find(valid)?;
         Some(Caller { name: token.name.clone(), role: Some(token.role) })
     }
@@ -373,17 +400,17 @@ mod tests {
              expires = \"2026-01-01T00:00:00Z\"\n"
         );
         let file = file(&text);
-        let access = Access::load(Some(file.path()), false).unwrap();
         let now = Instant::now();
-        let wall = crate::service::clock::parse_rfc3339("2026-06-01T00:00:00Z").unwrap();
-        let Verdict::Known(caller) = access.judge(&with(&anna), FAR, wall, now) else { panic!("known") };
+        let wall = clock::parse_rfc3339("2026-06-01T00:00:00Z").unwrap();
+        let access = Access::load_at(Some(file.path()), false, (now, wall)).unwrap();
+        let Verdict::Known(caller) = access.judge(&with(&anna), FAR, now) else { panic!("known") };
         assert!(caller.require(Role::Operator).is_ok());
         assert_eq!(caller.require(Role::Engineer).unwrap_err().status, 403);
-        assert_eq!(access.judge(&with(&old), FAR, wall, now), Verdict::BadToken, "expired");
-        let Verdict::Known(near) = access.judge(&HeaderMap::new(), NEAR, wall, now) else { panic!("known") };
+        assert_eq!(access.judge(&with(&old), FAR, now), Verdict::BadToken, "expired");
+        let Verdict::Known(near) = access.judge(&HeaderMap::new(), NEAR, now) else { panic!("known") };
         assert!(near.require(Role::Viewer).is_ok());
         assert_eq!(near.require(Role::Operator).unwrap_err().status, 401);
-        let Verdict::Known(far) = access.judge(&HeaderMap::new(), FAR, wall, now) else { panic!("known") };
+        let Verdict::Known(far) = access.judge(&HeaderMap::new(), FAR, now) else { panic!("known") };
         assert_eq!(far.require(Role::Viewer).unwrap_err().status, 401);
     }
 
@@ -396,12 +423,18 @@ mod tests {
                  expires = \"2026-01-01T00:00:00Z\"\n"
             )
         };
-        let expiry = crate::service::clock::parse_rfc3339("2026-01-01T00:00:00Z").unwrap();
-        let (empty, old) = (file(""), file(&entry(&hash)));
-        let load = |f: &tempfile::NamedTempFile| Access::load(Some(f.path()), false).unwrap();
-        assert!(load(&empty).needs_a_good_token(expiry).is_err());
-        assert!(load(&old).needs_a_good_token(expiry).is_err());
-        assert!(load(&old).needs_a_good_token(expiry - 1).is_ok());
+        let expiry = clock::parse_rfc3339("2026-01-01T00:00:00Z").unwrap();
+        let (empty, old, now) = (file(""), file(&entry(&hash)), Instant::now());
+        let load = |f: &tempfile::NamedTempFile, wall_ns| {
+            Access::load_at(Some(f.path()), false, (now, wall_ns)).unwrap()
+        };
+        assert!(load(&empty, expiry).needs_a_good_token(now).is_err());
+        assert!(load(&old, expiry).needs_a_good_token(now).is_err());
+        assert!(load(&old, expiry - 1).needs_a_good_token(now).is_ok());
+        // What counts is the time since the file was read, whatever the wall clock says by now.
+        let access = load(&old, expiry - 10_000_000_000);
+        assert!(access.needs_a_good_token(now + Duration::from_secs(9)).is_ok());
+        assert!(access.needs_a_good_token(now + Duration::from_secs(10)).is_err());
     }
 
     #[test]
@@ -411,12 +444,12 @@ mod tests {
         let access = Access::load(Some(file.path()), false).unwrap();
         let now = Instant::now();
         for _ in 0..5 {
-            assert_eq!(access.judge(&with("guess"), FAR, 0, now), Verdict::BadToken);
+            assert_eq!(access.judge(&with("guess"), FAR, now), Verdict::BadToken);
         }
-        assert_eq!(access.judge(&with("guess"), FAR, 0, now), Verdict::RateLimited);
-        assert!(matches!(access.judge(&with(&anna), FAR, 0, now), Verdict::Known(_)));
+        assert_eq!(access.judge(&with("guess"), FAR, now), Verdict::RateLimited);
+        assert!(matches!(access.judge(&with(&anna), FAR, now), Verdict::Known(_)));
         let later = now + Duration::from_secs(61);
-        assert_eq!(access.judge(&with("guess"), FAR, 0, later), Verdict::BadToken);
+        assert_eq!(access.judge(&with("guess"), FAR, later), Verdict::BadToken);
     }
 
     #[test]
@@ -435,26 +468,26 @@ mod tests {
         let file = file(&entry(&one_hash));
         let access = Access::load(Some(file.path()), false).unwrap();
         let now = Instant::now();
-        assert!(matches!(access.judge(&with(&one), FAR, 0, now), Verdict::Known(_)));
+        assert!(matches!(access.judge(&with(&one), FAR, now), Verdict::Known(_)));
         std::fs::write(file.path(), entry(&two_hash)).unwrap();
         let mode = |m| std::fs::set_permissions(file.path(), std::fs::Permissions::from_mode(m)).unwrap();
         // Others can read it: no token is in force until the mode is mended, without any further touch.
         mode(0o644);
         assert!(access.refresh() && !access.refresh(), "told once");
-        assert_eq!(access.judge(&with(&one), FAR, 0, now), Verdict::BadToken);
+        assert_eq!(access.judge(&with(&one), FAR, now), Verdict::BadToken);
         std::thread::sleep(Duration::from_millis(20));
         mode(0o600);
         assert!(!access.refresh());
-        assert!(matches!(access.judge(&with(&two), FAR, 0, now), Verdict::Known(_)));
-        assert_eq!(access.judge(&with(&one), FAR, 0, now), Verdict::BadToken, "revoked");
+        assert!(matches!(access.judge(&with(&two), FAR, now), Verdict::Known(_)));
+        assert_eq!(access.judge(&with(&one), FAR, now), Verdict::BadToken, "revoked");
         // Half written: what is in force stays.
         std::thread::sleep(Duration::from_millis(20));
         std::fs::write(file.path(), "[[token]]\nname = ").unwrap();
         assert!(!access.refresh());
-        assert!(matches!(access.judge(&with(&two), FAR, 0, now), Verdict::Known(_)));
+        assert!(matches!(access.judge(&with(&two), FAR, now), Verdict::Known(_)));
         std::fs::remove_file(file.path()).unwrap();
         assert!(access.refresh() && !access.refresh(), "told once");
-        assert_eq!(access.judge(&with(&two), NEAR, 0, now), Verdict::BadToken, "the file is gone");
+        assert_eq!(access.judge(&with(&two), NEAR, now), Verdict::BadToken, "the file is gone");
     }
 
     #[test]
@@ -463,10 +496,10 @@ mod tests {
         let file = file(&format!("[[token]]\nname = \"n\"\nrole = \"viewer\"\nsha256 = \"{hash}\"\n"));
         let access = Access::load(Some(file.path()), false).unwrap();
         let now = Instant::now();
-        assert!(matches!(access.judge(&with(&one), FAR, 0, now), Verdict::Known(_)));
+        assert!(matches!(access.judge(&with(&one), FAR, now), Verdict::Known(_)));
         std::thread::sleep(Duration::from_millis(20));
         std::fs::write(file.path(), "").unwrap();
         access.refresh();
-        assert_eq!(access.judge(&with(&one), FAR, 0, now), Verdict::BadToken);
+        assert_eq!(access.judge(&with(&one), FAR, now), Verdict::BadToken);
     }
 }

@@ -47,7 +47,7 @@ pub(super) async fn list(
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DiagnosisBody {
-    /// Names of recordings, 1 to 16.
+    /// Names of recordings, 1 to 16, each once.
     #[schema(min_items = 1, max_items = 16)]
     recordings: Vec<String>,
     /// One sentence for the record.
@@ -76,6 +76,12 @@ pub(super) async fn start(
         let problem =
             Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "1 to 16 recordings are needed");
         return Err(problem.with_field("/recordings", "expected names from GET /api/v1/recordings"));
+    }
+    let names = &body.recordings;
+    if let Some(twice) = names.iter().enumerate().find_map(|(i, n)| names[..i].contains(n).then_some(i)) {
+        let problem =
+            Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "a recording is named twice");
+        return Err(problem.with_field(&format!("/recordings/{twice}"), "expected each recording once"));
     }
     let view = site.handle.start_diagnosis(body.recordings, &origin).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))

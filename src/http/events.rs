@@ -189,7 +189,9 @@ fn filter_from(query: EventQuery) -> Result<EventFilter, Problem> {
 #[utoipa::path(get, path = "/api/v1/events", tag = "history", operation_id = "listEvents", params(EventQuery),
     responses((status = 200,
         description = "One page", content((EventPageView = "application/json"),
-            (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),
+            (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet")),
+            headers(("next-cursor" = String,
+                description = "Of CSV and Parquet: cursor of the next page, where there is one"))),
         Refused))]
 pub(super) async fn list(
     State(site): State<Site>,

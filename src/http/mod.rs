@@ -133,7 +133,16 @@ pub fn description() -> utoipa::openapi::OpenApi {
             object.examples = vec![example];
         }
     }
+    if let Some(RefOr::T(Schema::Object(problem))) = components.schemas.get_mut("Problem")
+        && let Some(RefOr::T(Schema::Object(code))) = problem.properties.get_mut("code")
+    {
+        code.enum_values = Some(problem::CODES.map(Into::into).into());
+    }
     components.security_schemes.insert("token".to_owned(), RefOr::T(SecurityScheme::Http(bearer)));
+    let writes = api.paths.paths.iter_mut().filter(|(path, _)| *path != idempotency::ALWAYS_DONE);
+    for operation in writes.filter_map(|(_, item)| item.post.as_mut()) {
+        operation.parameters.get_or_insert_default().push(RefOr::T(idempotency::parameter()));
+    }
     api
 }
 
@@ -264,7 +273,7 @@ fn admit(site: &Shared, request: &mut Request, address: IpAddr) -> Result<(), Pr
         let detail = "this host name is not served here; add it to http.hosts";
         return Err(Problem::new(StatusCode::MISDIRECTED_REQUEST, "unknown_host", detail));
     }
-    match site.access.judge(request.headers(), address, clock::wall_ns(), clock::now()) {
+    match site.access.judge(request.headers(), address, clock::now()) {
         Verdict::Known(caller) => {
             if needs_reader(&path) {
                 caller.require(Role::Viewer)?;
@@ -350,6 +359,21 @@ mod tests {
         for (name, schema) in objects {
             agrees(name, schema, &schema["examples"][0], schemas);
         }
+    }
+
+    #[test]
+    fn the_codes_are_those_that_the_page_explains() {
+        let page = include_str!("page/problems.html");
+        let explained: Vec<&str> =
+            page.split("<dt id=\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+        assert_eq!(explained, super::problem::CODES);
+        let api = serde_json::to_value(description()).expect("JSON");
+        let code = &api["components"]["schemas"]["Problem"]["properties"]["code"];
+        assert_eq!(code["enum"], serde_json::json!(explained));
+        let named =
+            |path: &str| api["paths"][path]["post"]["parameters"].to_string().contains("Idempotency-Key");
+        assert!(named("/api/v1/diagnoses") && named("/api/v1/events/{sequence}/silence"));
+        assert!(!named("/api/v1/override"), "always done");
     }
 
     #[test]

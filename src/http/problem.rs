@@ -12,6 +12,46 @@ use utoipa::openapi::{self, RefOr};
 /// Media type of a problem.
 pub(crate) const PROBLEM_JSON: &str = "application/problem+json";
 
+/// Every code, as the page of problems explains them.
+pub(super) const CODES: [&str; 36] = [
+    "bad_token",
+    "token_required",
+    "role_too_low",
+    "too_many_bad_tokens",
+    "unknown_host",
+    "ambiguous_host",
+    "not_found",
+    "method_not_allowed",
+    "invalid_query",
+    "malformed_request",
+    "uri_too_long",
+    "head_too_large",
+    "malformed_json",
+    "json_too_deep",
+    "invalid_body",
+    "reason_required",
+    "unsupported_media_type",
+    "body_too_large",
+    "body_timeout",
+    "body_unreadable",
+    "invalid_idempotency_key",
+    "if_match_required",
+    "idempotency_key_reused",
+    "request_under_way",
+    "stale_revision",
+    "not_ready",
+    "not_acting",
+    "faulted",
+    "busy",
+    "unsuitable",
+    "too_many_streams",
+    "pipeline_unavailable",
+    "store_unavailable",
+    "recordings_unavailable",
+    "unready",
+    "internal",
+];
+
 /// One thing that is wrong with what was sent.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct FieldError {
@@ -51,6 +91,7 @@ pub struct Problem {
 
 impl Problem {
     pub(crate) fn new(status: StatusCode, code: &str, detail: impl Into<String>) -> Self {
+        debug_assert!(CODES.contains(&code), "{code} is not in the list of codes");
         Self {
             kind: format!("/docs/problems#{code}"),
             title: status.canonical_reason().unwrap_or("Error").to_owned(),

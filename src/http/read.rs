@@ -65,14 +65,20 @@ pub(super) struct ConfigView {
 pub(super) async fn config(State(site): State<Site>, headers: HeaderMap) -> Response {
     let config = site.handle.config();
     let etag = format!("\"{}\"", config.hash);
-    let same = headers.get(header::IF_NONE_MATCH).is_some_and(|v| v.as_bytes() == etag.as_bytes());
     let tag = HeaderValue::from_str(&etag).unwrap_or_else(|_| HeaderValue::from_static("\"\""));
-    if same {
+    if is_at_hand(&headers, &etag) {
         return (StatusCode::NOT_MODIFIED, [(header::ETAG, tag)]).into_response();
     }
     let can_diagnose = site.handle.model().is_some();
     let view = ConfigView { text: config.text.clone(), hash: config.hash.clone(), can_diagnose };
     ([(header::ETAG, tag)], Json(view)).into_response()
+}
+
+/// Whether `If-None-Match` names this ETag: one of a list, also a weak one, or `*` for any (RFC 9110, 13.1.2).
+fn is_at_hand(headers: &HeaderMap, etag: &str) -> bool {
+    let fields = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|v| v.to_str().ok());
+    let mut tags = fields.flat_map(|field| field.split(',')).map(str::trim);
+    tags.any(|tag| tag == "*" || tag.strip_prefix("W/").unwrap_or(tag) == etag)
 }
 
 /// Alive: answers as long as the process can.
@@ -142,5 +148,22 @@ pub(super) async fn metrics(State(site): State<Site>, _: Extension<Caller>) -> R
             let detail = "the metrics could not be put together";
             Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", detail).into_response()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_etag_is_found_in_a_list_weak_or_by_the_star() {
+        let found = |fields: &[&'static str]| {
+            let field = |v: &&'static str| (header::IF_NONE_MATCH, HeaderValue::from_static(v));
+            let headers: HeaderMap = fields.iter().map(field).collect();
+            is_at_hand(&headers, "\"ab\"")
+        };
+        assert!(found(&["\"ab\""]) && found(&["W/\"ab\""]) && found(&["*"]));
+        assert!(found(&["\"x\", W/\"y\" ,\"ab\""]) && found(&["\"x\"", "\"ab\""]));
+        assert!(!found(&[]) && !found(&["\"x\", \"abc\""]) && !found(&["ab"]) && !found(&["w/\"ab\""]));
     }
 }

@@ -1,14 +1,15 @@
 //! The live stream: server-sent events that a client can resume.
 
-use super::Site;
 use super::events::EventView;
 use super::problem::{Problem, Refused};
-use crate::service::{EventFilter, Handle, StreamMessage};
-use axum::extract::State;
+use super::{Role, Site, address_of};
+use crate::service::{EventFilter, Handle, StreamMessage, clock};
+use axum::extract::{Request, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event as Sse, KeepAlive};
 use axum::response::{IntoResponse, Response};
 use std::convert::Infallible;
+use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{broadcast, mpsc};
@@ -21,15 +22,19 @@ const RESUME: i64 = 500;
 /// Rounds of that; who missed more is told how many lie between.
 const ROUNDS: usize = 40;
 
-/// Live data: `state` and `force` ten times a second, `spectrum` columns, and every stored `event` with
-/// its place as id. With `Last-Event-ID` the events in between come first.
+/// How often a listener's token is looked at again.
+const JUDGED_EVERY: Duration = Duration::from_secs(1);
+
+/// Live data: `state` ten times a second, `force` and `spectrum` twenty times, and every stored `event` with
+/// its place as id. With `Last-Event-ID` the events in between come first. Ends when the token does.
 #[utoipa::path(get, path = "/api/v1/stream", tag = "live", operation_id = "stream",
     params(("Last-Event-ID" = Option<String>, Header,
         description = "Place of the last event that the client saw")),
     responses((status = 200,
         description = "Server-sent events", body = String, content_type = "text/event-stream"),
         Refused))]
-pub(super) async fn stream(State(site): State<Site>, headers: HeaderMap) -> Result<Response, Problem> {
+pub(super) async fn stream(State(site): State<Site>, request: Request) -> Result<Response, Problem> {
+    let (address, headers) = (address_of(&request), request.into_parts().0.headers);
     let Ok(seat) = Arc::clone(&site.streams).try_acquire_owned() else {
         site.handle.metrics().http_refused.with_label_values(&["streams"]).inc();
         let detail = "too many listeners; close one";
@@ -39,11 +44,25 @@ pub(super) async fn stream(State(site): State<Site>, headers: HeaderMap) -> Resu
     let (send, receive) = mpsc::channel(AHEAD);
     let handle = site.handle.clone();
     tokio::spawn(async move {
-        feed(handle, last, send).await;
+        tokio::select! {
+            () = feed(handle, last, send) => {}
+            () = revoked(site, headers, address) => {}
+        }
         drop(seat);
     });
     let sse = axum::response::Sse::new(ReceiverStream::new(receive));
     Ok(sse.keep_alive(KeepAlive::new().interval(Duration::from_secs(5))).into_response())
+}
+
+/// Resolves when the caller may no longer read: the token was taken away or has expired.
+async fn revoked(site: Site, headers: HeaderMap, address: IpAddr) {
+    let may_read = || {
+        let caller = site.access.caller(&headers, address, clock::now());
+        caller.is_some_and(|c| c.require(Role::Viewer).is_ok())
+    };
+    while may_read() {
+        tokio::time::sleep(JUDGED_EVERY).await;
+    }
 }
 
 type Out = mpsc::Sender<Result<Sse, Infallible>>;

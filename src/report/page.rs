@@ -73,7 +73,8 @@ p{margin:0 0 8px;max-width:66em}.soft{color:var(--soft)}.small{font-size:13px}
 padding:3px 10px;border-radius:99px;border:1px solid currentColor}
 .missing_physics{color:var(--before)}.parameter_error{color:var(--warn)}.model_adequate{color:var(--good)}
 .unexplained_mismatch{color:var(--accent)}
-.card{background:var(--card);border:1px solid var(--rule);border-radius:10px;padding:14px 16px;margin:0 0 14px}
+.card{background:var(--card);border:1px solid var(--rule);border-radius:10px;padding:14px 16px;margin:0 0 14px;
+min-width:0;overflow-x:auto}
 .row{display:grid;gap:14px;grid-template-columns:repeat(auto-fit,minmax(300px,1fr))}
 .hero{display:grid;gap:14px;grid-template-columns:minmax(0,3fr) minmax(210px,1fr);align-items:stretch}
 @media (max-width:800px){.hero{grid-template-columns:1fr}}

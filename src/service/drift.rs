@@ -108,7 +108,7 @@ fn compare(feeds: &Receiver<Feed>, config: &ServiceConfig, (metrics, found): (&M
             }
             let axis = watch.axis.clone();
             let labels = [axis.as_str()];
-            metrics.model_residual_ratio.with_label_values(&labels).set(watch.ratio().unwrap_or_default());
+            Metrics::show(&metrics.model_residual_ratio, &labels, watch.ratio());
             metrics.model_windows.with_label_values(&labels).inc_by(std::mem::take(&mut watch.fresh));
             if let Some(mismatch) = watch.news() {
                 metrics.model_mismatches.with_label_values(&labels).inc();

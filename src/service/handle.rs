@@ -108,6 +108,8 @@ pub(super) struct Inner {
     pub(super) stop: CancellationToken,
     pub(super) settings: Arc<ServiceConfig>,
     pub(super) curves: CurveCache,
+    /// Done once the settings are on record.
+    pub(super) settled: CancellationToken,
 }
 
 /// A cheap copy of the way into the running service.
@@ -302,8 +304,8 @@ impl Handle {
     }
 
     /// Changes the mode. `revision`: the one that somebody saw who may raise it; without it the way leads
-    /// down only, and the pipeline thread judges which way it is. What may lead up is put on record first;
-    /// the way down waits for nothing. What became of it is on record afterwards, also a refusal.
+    /// down only, and the pipeline thread judges which way it is. What may lead up is put on record first, after
+    /// the settings of this start; the way down waits for nothing. What became of it is on record afterwards, also a refusal.
     pub async fn set_mode(
         &self,
         mode: Mode,
@@ -311,6 +313,8 @@ impl Handle {
         origin: Origin,
     ) -> Result<Changed, OperationError> {
         if revision.is_some() && mode != Mode::Observe {
+            let settled = tokio::time::timeout(ANSWER_DEADLINE, self.0.settled.cancelled()).await;
+            settled.map_err(|_| OperationError::NotRecorded)?;
             self.audit(&origin, "set_mode_asked", &format!("mode {}", mode.word())).await?;
         }
         let asked = origin.clone();

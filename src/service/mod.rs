@@ -17,6 +17,7 @@ mod diagnoses;
 mod drift;
 mod engine;
 mod exports;
+mod first_entries;
 #[cfg(feature = "nats")]
 pub mod fleet;
 mod handle;

@@ -3,6 +3,7 @@
 use super::announcer::{Announcer, Then};
 use super::control::{Control, Origin};
 use super::diagnoses::{Diagnoses, DiagnosisView, JobState};
+use super::first_entries::FirstEntries;
 use super::handle::{Handle, Inner, OperationError, ShownConfig, StreamMessage};
 use super::hub::{Hub, Outlets};
 use super::live::{LiveState, SpectrumView, StoreView};
@@ -11,9 +12,9 @@ use super::stability::CurveCache;
 use super::store_watch::StoreWatch;
 use super::upkeep::{History, Kept, Upkeep, file_id};
 use super::{clock, drift, engine, mtconnect, recorder};
-use crate::config::service::{ServiceConfig, TurretConfig};
+use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
-use crate::store::{AuditEntry, OpenReport, Retention, StoreError, StoreReader, StoreWriter};
+use crate::store::{OpenReport, Retention, StoreError, StoreReader, StoreWriter};
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::{Domain, TransportError};
 use sha2::{Digest as _, Sha256};
@@ -87,6 +88,8 @@ const AUDIT_ROW_BYTES: u64 = 1000;
 const LEAST_AUDIT_ROWS: u64 = 10_000;
 /// How long stopping may take before what is left is abandoned.
 const STOP_DEADLINE: Duration = Duration::from_secs(3);
+/// How long the start waits for its own record.
+const FIRST_ENTRIES: Duration = Duration::from_secs(2);
 
 /// A service that runs in this process.
 #[derive(Debug)]
@@ -119,12 +122,13 @@ pub fn check(config: &ServiceConfig) -> Result<(), ServiceError> {
 fn access(config: &ServiceConfig) -> Result<Access, ServiceError> {
     let access = Access::load(config.http.tokens.as_deref(), config.http.trust_loopback)?;
     if !config.http.listen.ip().is_loopback() {
-        access.needs_a_good_token(clock::wall_ns())?;
+        access.needs_a_good_token(clock::now())?;
     }
     Ok(access)
 }
 
-/// Starts everything. When it returns, HTTP answers and samples are taken in.
+/// Starts everything. When it returns, HTTP answers and samples are taken in; the start is on record where the
+/// disk lets it.
 pub fn start(config: ServiceConfig) -> Result<Running, ServiceError> {
     let config = Arc::new(config);
     let lock = lock_state(&config.history.folder)?;
@@ -255,6 +259,7 @@ impl Parts {
             stop: CancellationToken::new(),
             settings: Arc::clone(&config),
             curves: CurveCache::default(),
+            settled: CancellationToken::new(),
         }));
         self.runtime.spawn(run_diagnoses(handle.clone()));
         #[cfg(feature = "nats")]
@@ -266,7 +271,9 @@ impl Parts {
             self.runtime.spawn(mtconnect::serve(handle.clone(), listener));
         }
         let http = self.serve(&handle, listener, (access, tls));
-        self.runtime.block_on(self.tell_start(&handle));
+        let told = self.runtime.spawn(self.first_entries().tell(handle.clone()));
+        // A disk that refuses is no reason not to run: what waits for it is told and kept like everything else.
+        drop(self.runtime.block_on(async { tokio::time::timeout(FIRST_ENTRIES, told).await }));
         Ok(Running {
             handle,
             runtime: self.runtime,
@@ -282,6 +289,11 @@ impl Parts {
             progress,
             _lock: self.lock,
         })
+    }
+
+    fn first_entries(&self) -> FirstEntries {
+        let (writer, reader) = (self.writer.clone(), self.reader.clone());
+        FirstEntries { config: Arc::clone(&self.config), writer, reader, report: self.report.clone() }
     }
 
     fn listen(&self, what: &'static str, address: SocketAddr) -> Result<TcpListener, ServiceError> {
@@ -361,46 +373,6 @@ impl Parts {
         drift::start(Arc::clone(&self.config), Arc::clone(&self.metrics), found)
             .map_err(|source| ServiceError::Files { path: "drift thread".into(), source })
     }
-
-    async fn tell_start(&self, handle: &Handle) {
-        if let Some(damage) = &self.report.damage {
-            let moved = damage.moved_to.display();
-            let text = format!(
-                "the history was damaged ({}); it is now {moved} and a new one was begun",
-                damage.reason
-            );
-            handle.report(EventKind::HistoryReplaced, text).await;
-        }
-        let text = format!("stillcut {} started, epoch {}", env!("CARGO_PKG_VERSION"), self.report.epoch);
-        handle.report(EventKind::ServiceStart, text).await;
-        if let Err(error) = self.tell_settings(handle).await {
-            tracing::error!(event = "settings", "{error}");
-        }
-    }
-
-    /// Puts the settings on record where they are others than at the start before: with the turret's limits,
-    /// and who set them when.
-    async fn tell_settings(&self, handle: &Handle) -> Result<(), StoreError> {
-        let (hash, epoch) = (&handle.config().hash, self.report.epoch);
-        let before = self.reader.settings_before(epoch).await?;
-        if before.as_ref() != Some(hash) {
-            let short = |hash: &str| hash.chars().take(12).collect::<String>();
-            let limits = limits_in_words(&self.config.turret);
-            if let Some(before) = &before {
-                let text = format!("the settings were {}, are {}; {limits}", short(before), short(hash));
-                handle.report(EventKind::ConfigChanged, text).await;
-            }
-            let entry = AuditEntry {
-                wall_ns: clock::wall_ns(),
-                actor: "service".into(),
-                role: "service".into(),
-                action: "settings".into(),
-                detail: format!("SHA-256 {hash}; {limits}"),
-            };
-            self.writer.audit(entry).await?;
-        }
-        self.writer.note_settings(epoch, hash).await
-    }
 }
 
 /// How often the token file is looked at for changes.
@@ -418,21 +390,6 @@ async fn refresh_tokens(access: Arc<Access>, metrics: Arc<Metrics>, stop: Cancel
 
 fn recording_limits(config: &ServiceConfig) -> RecordingLimits {
     RecordingLimits { max_bytes: config.recorder.max_bytes, max_age_ns: config.recorder.max_age_ns }
-}
-
-/// The commissioned limits for the record.
-fn limits_in_words(turret: &TurretConfig) -> String {
-    let who = match &turret.commissioned {
-        Some((by, date)) => format!("limits of the turret by {by}, {date}"),
-        None => "limits of the turret not commissioned".to_owned(),
-    };
-    format!(
-        "{who}: pitch {} rad, offsets {:?} to {:?} m, speed {:?} m/s",
-        turret.largest_pitch_difference_rad,
-        turret.lowest_offset_m,
-        turret.highest_offset_m,
-        turret.speed_m_s
-    )
 }
 
 #[cfg(feature = "nats")]

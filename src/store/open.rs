@@ -1,5 +1,6 @@
 //! Opening the history: damage is set aside, the schema is brought up to date, a copy is kept first.
 
+use super::query::COLUMNS;
 use super::{StoreError, code_of, options};
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::{Connection as _, Row as _, SqlSafeStr as _, SqliteConnection};
@@ -49,6 +50,9 @@ fn migrator() -> Migrator {
 /// `wall_ns` names files and the start. Errors: no access, disk full, newer schema.
 pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, OpenReport), StoreError> {
     let mut damage = None;
+    if is_emptied(path) {
+        damage = Some(set_aside(path, wall_ns, "empty, and an earlier life left its traces beside it")?);
+    }
     let unchecked = !must_be_checked(path);
     let (mut connection, copy) = match try_open(path, wall_ns).await {
         Ok(opened) => opened,
@@ -110,15 +114,42 @@ pub(super) async fn check_whole(connection: &mut SqliteConnection) -> Result<(),
     Err(sqlx::Error::Protocol(format!("{QUICK_CHECK}: {}", verdict.replace('\n', "; "))))
 }
 
+/// Whether the file is empty and was not always: its log, a reserve or recordings tell of an earlier life.
+fn is_emptied(path: &Path) -> bool {
+    let length = |path: &Path| std::fs::metadata(path).map_or(0, |m| m.len());
+    let recordings = std::fs::read_dir(path.with_file_name("recordings"));
+    path.metadata().is_ok_and(|m| m.len() == 0)
+        && (length(&suffixed(path, "-wal")) > 0
+            || path.with_file_name(super::reserve::FILE_NAME).exists()
+            || recordings.is_ok_and(|mut files| files.next().is_some()))
+}
+
 async fn try_open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, Option<PathBuf>), StoreError> {
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
     let mut connection =
         SqliteConnection::connect_with(&options(path).create_if_missing(true)).await.map_err(fail)?;
+    match bring_up(&mut connection, path, wall_ns).await {
+        Ok(copy) => Ok((connection, copy)),
+        Err(error) => {
+            // Closing removes the log by its name: not when another file has that name.
+            let _ = connection.close().await;
+            Err(error)
+        }
+    }
+}
+
+/// Checks the file and brings its schema up to date; answers the copy made before.
+async fn bring_up(
+    connection: &mut SqliteConnection,
+    path: &Path,
+    wall_ns: i64,
+) -> Result<Option<PathBuf>, StoreError> {
+    let fail = |source| StoreError::Database { path: path.to_owned(), source };
     if must_be_checked(path) {
-        check_whole(&mut connection).await.map_err(fail)?;
+        check_whole(connection).await.map_err(fail)?;
         let _ = std::fs::remove_file(suspect(path)); // it was found whole
     }
-    let applied = applied_versions(&mut connection).await.map_err(fail)?;
+    let applied = applied_versions(connection).await.map_err(fail)?;
     let known = migrations();
     if let Some(found) = applied.iter().find(|v| !known.iter().any(|(k, _, _)| k == *v)) {
         return Err(StoreError::NewerSchema { path: path.to_owned(), found: *found });
@@ -128,16 +159,30 @@ async fn try_open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, Option
         // Whole or not at all: a process that is killed meanwhile leaves no half copy under that name.
         let (part, target) = (path.with_file_name(format!(".{name}.part")), path.with_file_name(name));
         let text = part.to_string_lossy().into_owned();
-        sqlx::query("VACUUM INTO ?").bind(text).execute(&mut connection).await.map_err(fail)?;
+        sqlx::query("VACUUM INTO ?").bind(text).execute(&mut *connection).await.map_err(fail)?;
         std::fs::rename(&part, &target).map_err(|source| StoreError::Files { path: part, source })?;
         Some(target)
     } else {
         None
     };
-    let outcome = migrator().run_direct(None, &mut connection, false).await;
+    let outcome = migrator().run_direct(None, &mut *connection, false).await;
     outcome.map_err(|source| StoreError::Migrate { path: path.to_owned(), source })?;
-    Ok((connection, copy))
+    for (columns, table) in USED {
+        let select = sqlx::AssertSqlSafe(format!("SELECT {columns} FROM {table} LIMIT 0"));
+        sqlx::query(select).fetch_all(&mut *connection).await.map_err(fail)?;
+    }
+    Ok(copy)
 }
+
+/// What the program uses of every table. That a migration was applied says nothing of what somebody did to
+/// its tables since.
+const USED: [(&str, &str); 5] = [
+    (COLUMNS, "event"),
+    ("epoch, started_ns, version, settings", "life"),
+    ("sequence, wall_ns, actor, role, action, detail, hash", "audit"),
+    ("sink, confirmed", "outbox"),
+    ("one, sequence, hash", "audit_begin"),
+];
 
 const QUICK_CHECK: &str = "quick_check";
 

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// Room for about a thousand events.
 const BYTES: usize = 256 * 1024;
 /// Name of the file beside the history.
-const FILE_NAME: &str = "history.reserve";
+pub(super) const FILE_NAME: &str = "history.reserve";
 
 /// One write that waits for the next start.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

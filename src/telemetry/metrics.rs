@@ -81,8 +81,8 @@ series! {
         "Samples refused.", &["axis", "reason"]);
     sample_gaps: IntCounterVec = counters("stillcut_sample_gaps_total",
         "Interruptions of the sample stream.", &["axis"]);
-    last_sample_timestamp_seconds: Gauge = gauge("stillcut_last_sample_timestamp_seconds",
-        "Wall clock when the newest sample was taken in.");
+    last_sample_timestamp_seconds: GaugeVec = gauges("stillcut_last_sample_timestamp_seconds",
+        "Wall clock when the newest sample was taken in; absent before the first.", &[]);
     queue_depth: IntGaugeVec = int_gauges("stillcut_queue_depth", "Entries waiting in a queue.", &["queue"]);
     queue_dropped: IntCounterVec = counters("stillcut_queue_dropped_total",
         "Entries dropped from a queue.", &["queue", "intentional"]);
@@ -99,8 +99,8 @@ series! {
     http_refused: IntCounterVec = counters("stillcut_http_refused_total",
         "Requests or connections refused.", &["reason"]);
     chatter_active: IntGauge = int_gauge("stillcut_chatter_active", "1 while chatter is detected.");
-    chatter_frequency_hertz: Gauge = gauge("stillcut_chatter_frequency_hertz",
-        "Tracked line; 0 while stillcut_chatter_frequency_valid is 0.");
+    chatter_frequency_hertz: GaugeVec = gauges("stillcut_chatter_frequency_hertz",
+        "Tracked line; absent while stillcut_chatter_frequency_valid is 0.", &[]);
     chatter_frequency_valid: IntGauge = int_gauge("stillcut_chatter_frequency_valid",
         "1 while a line is tracked.");
     chatter_power_newtons_squared: Gauge = gauge("stillcut_chatter_power_newtons_squared",
@@ -149,8 +149,8 @@ series! {
     invariant_violations: IntCounterVec = counters("stillcut_invariant_violations_total",
         "Decisions that broke a rule of the independent monitor; none was sent.", &["rule"]);
     model_residual_ratio: GaugeVec = gauges("stillcut_model_residual_ratio",
-        "Part of the thrust that the model leaves open while an axis moves and the spindle stands; 0 \
-        before the first window.", &["axis"]);
+        "Part of the thrust that the model leaves open while an axis moves and the spindle stands; \
+        absent before the first window.", &["axis"]);
     model_windows: IntCounterVec = counters("stillcut_model_windows_total",
         "Seconds in which model and machine could be compared.", &["axis"]);
     model_mismatches: IntCounterVec = counters("stillcut_model_mismatches_total",
@@ -250,7 +250,6 @@ impl Metrics {
             for family in [&self.model_windows, &self.model_mismatches] {
                 family.with_label_values(&[axis]);
             }
-            self.model_residual_ratio.with_label_values(&[axis]);
             for reason in REJECT_REASONS {
                 self.samples_rejected.with_label_values(&[axis, reason]);
             }
@@ -314,6 +313,14 @@ impl Metrics {
         Ok(text)
     }
 
+    /// Shows a value where it is known; what is not known has no series, and not the value 0.
+    pub fn show(family: &GaugeVec, labels: &[&str], value: Option<f64>) {
+        match value {
+            Some(value) => family.with_label_values(labels).set(value),
+            None => drop(family.remove_label_values(labels)), // it may not be there
+        }
+    }
+
     /// A counter's reader for tests and the status view.
     #[must_use]
     pub fn total(family: &IntCounterVec, labels: &[&str]) -> u64 {
@@ -345,5 +352,14 @@ mod tests {
             assert!(line.contains("_total "), "{line}");
         }
         assert!(!text.contains("NaN"));
+        // What is not known is not 0.
+        let (line, name) = (&metrics.chatter_frequency_hertz, "\nstillcut_chatter_frequency_hertz ");
+        for known in [None, Some(652.0), None] {
+            Metrics::show(line, &[], known);
+            assert_eq!(metrics.text().unwrap().contains(name), known.is_some());
+        }
+        for name in ["stillcut_last_sample_timestamp_seconds", "stillcut_model_residual_ratio"] {
+            assert!(!text.contains(name), "{name}");
+        }
     }
 }

@@ -50,6 +50,9 @@ fn rules_and_dashboard_ask_for_metrics_that_exist() {
     let metrics = Metrics::new(&["x1".into()], 0.0).unwrap();
     metrics.set_config_hash("0").unwrap();
     metrics.http_request_duration_seconds.with_label_values(&["live", "2xx"]).observe(0.0);
+    for family in [&metrics.last_sample_timestamp_seconds, &metrics.chatter_frequency_hertz] {
+        Metrics::show(family, &[], Some(0.0));
+    }
     let exported = metric_names(&metrics.text().unwrap());
     for file in ["prometheus/stillcut.rules.yml", "grafana/stillcut.json"] {
         let asked = metric_names(&std::fs::read_to_string(deploy(file)).unwrap());

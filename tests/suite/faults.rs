@@ -10,7 +10,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
-use stillcut::service::start;
+use stillcut::service::{clock, start};
 
 /// A small file system in memory, gone at the end. Nothing where mounting is not allowed.
 pub(crate) struct SmallDisk(PathBuf);
@@ -149,6 +149,50 @@ fn a_stop_with_a_full_disk_keeps_what_waits_for_the_next_start() {
     running.stop();
 }
 
+/// The disk is full at a start after a crash: the service is ready all the same, hears the signal to end, and
+/// keeps what was asked of it.
+#[test]
+fn a_start_with_a_full_disk_is_ready_and_ends_in_good_order() {
+    let place = Place::new("fullstart");
+    let Some(disk) = SmallDisk::mount(&place.state(), "size=3m") else {
+        eprintln!("skipped: mounting a small file system is not allowed here");
+        return;
+    };
+    let [_, operator, engineer] = tokens(&place);
+    let begin = || Process::start(&place, "tokens = \"tokens.toml\"");
+    let mut process = begin();
+    process.child.kill().unwrap();
+    process.child.wait().unwrap();
+    let ballast = disk.fill();
+    let began = Instant::now();
+    let mut process = begin();
+    assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
+    for k in 0..3 {
+        let body = format!("{{\"reason\":\"{k}\"}}");
+        let taken = process.ask("POST", "/api/v1/override", &operator, Some(&body));
+        assert_eq!((taken.status, &taken.json()["recorded"]), (200, &false.into()), "the fault happened");
+    }
+    let (etag, bearer) = ("\"1\"", format!("Bearer {engineer}"));
+    let headers = [("If-Match", etag), ("Authorization", &bearer)];
+    let body = Some("{\"mode\":\"advise\",\"reason\":\"test\"}");
+    let raised = ask(&process.address, "PUT", "/api/v1/mode", &headers, body);
+    assert_eq!(raised.status, 503, "the settings are not on record: {raised:?}");
+    let end = |process: &mut Process| {
+        let signal = Command::new("kill").args(["-TERM", &process.child.id().to_string()]).status();
+        assert!(signal.unwrap().success());
+        assert_eq!(process.child.wait().unwrap().code(), Some(0), "in good order");
+    };
+    end(&mut process);
+    std::fs::remove_file(ballast).unwrap();
+    let mut process = begin();
+    let page = process.ask("GET", "/api/v1/events?kind=override", &operator, None).json();
+    assert_eq!(page["events"].as_array().unwrap().len(), 3);
+    let rows = process.ask("GET", "/api/v1/audit", &operator, None).json();
+    let count = |action: &str| rows.as_array().unwrap().iter().filter(|r| r["action"] == action).count();
+    assert_eq!((count("override"), count("settings")), (3, 1));
+    end(&mut process);
+}
+
 #[test]
 fn a_read_only_disk_is_one_line_and_status_two() {
     let place = Place::new("rofs");
@@ -170,6 +214,11 @@ fn a_wall_clock_that_jumps_ten_years_neither_stops_nor_prunes_anything() {
     }
     let place = Place::new("clock");
     let [_, operator, _] = tokens(&place);
+    let file = place.folder.path().join("tokens.toml");
+    let tomorrow = clock::rfc3339(clock::wall_ns() + 86_400_000_000_000);
+    let role = "role = \"operator\"\n";
+    let text = std::fs::read_to_string(&file).unwrap();
+    std::fs::write(&file, text.replace(role, &format!("{role}expires = \"{tomorrow}\"\n"))).unwrap();
     let offset = place.folder.path().join("offset");
     std::fs::write(&offset, "+0").unwrap();
     let environment = [

@@ -131,6 +131,7 @@ fn every_refusal_is_a_problem_with_a_code() {
     let address = running.handle().address().to_string();
     let big = format!("{{\"reason\":\"{}\"}}", "x".repeat(70_000));
     let deep = "[".repeat(60);
+    let twice = "{\"reason\":\"x\",\"recordings\":[\"a\",\"b\",\"a\"]}";
     let cases: &[(&str, &str, Option<&str>, u16, &str)] = &[
         ("GET", "/nothing/here", None, 404, "not_found"),
         ("GET", "/api/v1/events/abc", None, 404, "not_found"),
@@ -148,6 +149,7 @@ fn every_refusal_is_a_problem_with_a_code() {
         ("POST", "/api/v1/override", Some("{\"reason\":\"  \"}"), 422, "reason_required"),
         ("POST", "/api/v1/override", Some(&big), 413, "body_too_large"),
         ("POST", "/api/v1/override", None, 415, "unsupported_media_type"),
+        ("POST", "/api/v1/diagnoses", Some(twice), 422, "invalid_body"),
         ("PUT", "/api/v1/mode", Some("{\"mode\":\"act\",\"reason\":\"x\"}"), 428, "if_match_required"),
         ("PUT", "/api/v1/hold", Some("{\"hold\":true,\"reason\":\"x\"}"), 409, "not_acting"),
         ("PUT", "/api/v1/mode", Some("{\"mode\":\"fly\",\"reason\":\"x\"}"), 422, "invalid_body"),
@@ -336,6 +338,35 @@ fn the_live_stream_resumes_after_the_last_event_seen() {
     let began = Instant::now();
     running.stop();
     assert!(began.elapsed() < Duration::from_secs(5), "an open stream does not hold up the end");
+}
+
+#[test]
+fn a_stream_ends_with_its_token() {
+    let place = Place::new("revoked");
+    let [viewer, ..] = tokens(&place);
+    let running = start(place.config("tokens = \"tokens.toml\"")).unwrap();
+    let mut stream = TcpStream::connect(running.handle().address()).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    let ask =
+        format!("GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {viewer}\r\n\r\n");
+    stream.write_all(ask.as_bytes()).unwrap();
+    let mut buffer = [0; 65_536];
+    let mut listen = |time: Duration| {
+        let until = Instant::now() + time;
+        while Instant::now() < until {
+            let count = read_some(&mut stream, &mut buffer);
+            if count == 0 || buffer[..count].ends_with(b"0\r\n\r\n") {
+                return false;
+            }
+        }
+        true
+    };
+    assert!(listen(Duration::from_secs(3)), "a good token is heard all the time");
+    std::fs::remove_file(place.folder.path().join("tokens.toml")).unwrap();
+    assert!(!listen(Duration::from_secs(5)), "it ends when the token is gone");
+    let metrics = get(&running, "/metrics").body;
+    assert!(metrics.contains("stillcut_security_events_total{kind=\"bad_token\"} 0"), "no guess");
+    running.stop();
 }
 
 /// A client that was away for a long time misses nothing.

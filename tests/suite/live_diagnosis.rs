@@ -63,8 +63,8 @@ fn service_of(place: &Place, model: &str) -> Running {
 
 fn residual(running: &Running) -> f64 {
     let text = get(running, "/metrics").body;
-    let line = text.lines().find(|l| l.starts_with("stillcut_model_residual_ratio{axis=\"x\"}")).unwrap();
-    line.rsplit(' ').next().unwrap().parse().unwrap()
+    let line = text.lines().find(|l| l.starts_with("stillcut_model_residual_ratio{axis=\"x\"}"));
+    line.map_or(0.0, |l| l.rsplit(' ').next().unwrap().parse().unwrap())
 }
 
 fn diagnose(running: &Running, recording: &str) -> serde_json::Value {

@@ -257,6 +257,11 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     let address = running.handle().address();
     running.stop();
     browser.wait_for("the loss", "document.body.innerText.includes('service away')");
+    let verdict = "document.getElementById('verdict')";
+    let nothing =
+        format!("{verdict}.className.trim() === 'verdict' && {verdict}.innerText.includes('No data')");
+    assert_eq!(browser.value(&nothing), true, "what was said last is not said any more");
+    browser.picture("away");
     assert!(browser.value("document.body.innerText.length").as_u64().unwrap() > 300, "never a blank page");
     let mut config = place.config("");
     config.http.listen = address;

@@ -274,6 +274,54 @@ fn an_empty_file_is_a_fresh_history() {
 }
 
 #[test]
+fn an_empty_file_with_an_earlier_life_is_set_aside() {
+    type Trace = fn(&Path);
+    let traces: [(&str, Trace); 3] = [
+        ("reserve", |f| std::fs::write(f.join("history.reserve"), [0; 10]).unwrap()),
+        ("log", |f| std::fs::write(f.join(format!("{FILE_NAME}-wal")), "log").unwrap()),
+        ("recordings", |f| {
+            std::fs::create_dir(f.join("recordings")).unwrap();
+            std::fs::write(f.join("recordings/r.parquet"), "r").unwrap();
+        }),
+    ];
+    for (name, trace) in traces {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(FILE_NAME), b"").unwrap();
+        trace(folder.path());
+        runtime().block_on(async {
+            let (_, _, report) = StoreWriter::start(folder.path(), KEEP, metrics(), 1).await.unwrap();
+            let found = report.damage.unwrap_or_else(|| panic!("{name}: not noticed"));
+            assert!(found.reason.starts_with("empty") && found.moved_to.is_file(), "{name}: {found:?}");
+        });
+    }
+}
+
+#[test]
+fn a_schema_that_was_changed_is_set_aside() {
+    for change in [
+        "ALTER TABLE event RENAME COLUMN text TO txt",
+        "DROP TABLE event",
+        "DROP TABLE audit",
+        "DROP TABLE outbox",
+        "ALTER TABLE life DROP COLUMN settings",
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        runtime().block_on(async {
+            fill(folder.path(), 3).await;
+            let mut c = connect(&folder.path().join(FILE_NAME)).await;
+            sqlx::query(change).execute(&mut c).await.unwrap();
+            c.close().await.unwrap();
+            let (writer, reader, report) =
+                StoreWriter::start(folder.path(), KEEP, metrics(), 7).await.unwrap();
+            let found = report.damage.unwrap_or_else(|| panic!("{change}: not noticed"));
+            assert!(found.moved_to.is_file(), "{change}");
+            let stored = writer.store_durably(event("after", 1)).await.unwrap();
+            assert!(reader.event(stored.sequence).await.unwrap().is_some(), "{change}");
+        });
+    }
+}
+
+#[test]
 fn retention_by_age_and_size_removes_the_oldest() {
     let folder = tempfile::tempdir().unwrap();
     runtime().block_on(async {

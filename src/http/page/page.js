@@ -124,15 +124,19 @@ const VERDICTS = {
   learning: ["…", "Learning", "the noise of this cut is being learned"],
 };
 
-function showState(now) {
-  state = now;
-  const connected = now.source.connected;
-  const verdict = connected ? now.chatter.state : "learning";
-  const [sign, word, detail] = connected ? VERDICTS[verdict] || VERDICTS.learning : ["–", "No samples", "the machine sends nothing"];
-  $("verdict").className = `verdict ${connected ? verdict : ""}`;
+function showVerdict(className, [sign, word, detail]) {
+  $("verdict").className = `verdict ${className}`;
   setText("verdict-sign", sign);
   setText("verdict-word", word);
   setText("verdict-detail", detail);
+}
+
+function showState(now) {
+  state = now;
+  const connected = now.source.connected;
+  const verdict = now.chatter.state;
+  if (connected) showVerdict(verdict, VERDICTS[verdict] || VERDICTS.learning);
+  else showVerdict("", ["–", "No samples", "the machine sends nothing"]);
   setText("frequency", now.chatter.frequency_hz ? `${now.chatter.frequency_hz.toFixed(1)} Hz` : "–");
   setText("power", connected && now.chatter.power_n2 !== null ? `${powerText(now.chatter.power_n2)} N²` : "–");
   setText("lost", String(now.source.lost));
@@ -245,6 +249,7 @@ function watchAge() {
   document.body.classList.toggle("stale", Boolean(away || silent));
   note.hidden = !(away || silent) || lastMessage === 0;
   if (away) {
+    if (state) showVerdict("", ["–", "No data", "nothing comes from the service"]);
     showLink("lost", refusal || (lastMessage ? "service away" : "connecting"));
     const why = refusal || "the service does not answer; trying again";
     note.textContent = `Stale since ${clockText(state ? new Date(state.time) : new Date(lastMessage))}: ${why}`;

@@ -10,7 +10,7 @@ use crate::service::hub::{ForceFrame, View};
 use crate::service::live::{
     AxisView, ChatterView, InterlockView, LiveState, Mode, PitchView, SourceView, SpectrumView,
 };
-use crate::telemetry::EventKind;
+use crate::telemetry::{EventKind, Metrics};
 use crate::transport::wire::{
     INTERLOCK_NAMES, TURRET_EXPIRED, TURRET_LIMITED, TURRET_MOVING, TURRET_REACHED, TURRET_REFUSED,
 };
@@ -295,7 +295,7 @@ impl Engine {
         let chatter = &state.chatter;
         metrics.chatter_active.set(i64::from(chatter.state == "chatter"));
         metrics.chatter_frequency_valid.set(i64::from(chatter.frequency_hz.is_some()));
-        metrics.chatter_frequency_hertz.set(chatter.frequency_hz.unwrap_or_default());
+        Metrics::show(&metrics.chatter_frequency_hertz, &[], chatter.frequency_hz);
         metrics.chatter_power_newtons_squared.set(chatter.power_n2.unwrap_or_default());
         for (name, apart_n) in state.axes.iter().filter_map(|a| Some((&a.name, a.disagreement_n?))) {
             metrics.force_disagreement_newtons.with_label_values(&[name]).set(apart_n);
@@ -323,8 +323,7 @@ impl Engine {
         metrics.limit_active.with_label_values(&["rate"]).set(i64::from(pitch.limited));
         let outside = pitch.hold_reason.as_deref() == Some("outside_limits");
         metrics.limit_active.with_label_values(&["pitch"]).set(i64::from(outside));
-        if let Some((_, wall_ns)) = self.last_arrival {
-            metrics.last_sample_timestamp_seconds.set(wall_ns as f64 * 1e-9);
-        }
+        let arrived_s = self.last_arrival.map(|(_, wall_ns)| wall_ns as f64 * 1e-9);
+        Metrics::show(&metrics.last_sample_timestamp_seconds, &[], arrived_s);
     }
 }
