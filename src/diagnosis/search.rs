@@ -393,7 +393,7 @@ fn prune(state: &mut State) {
         let Mechanics { stiffness_n_m, stage_coulomb_n, .. } = state.problem.mechanics;
         let Hypothesis { port, shape, .. } = &state.accepted[index].hypothesis;
         let too_small = match (port, shape) {
-            // An encoder's error has the period of its own signal, which no inexactness of the mechanics imitates.
+            // An encoder's error has the period of its own signal: no inexactness of the mechanics has that.
             (Port::MotorEncoder | Port::StageEncoder, _) => false,
             (_, Shape::Backlash { gap_m }) => stiffness_n_m * gap_m < LEAST_GAP_OF_FRICTION * stage_coulomb_n,
             _ => weight(&state.problem, &state.accepted[index]) < LEAST_WEIGHT,

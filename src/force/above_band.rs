@@ -136,7 +136,7 @@ impl<const L: usize> LanesAbove<L> {
         *fresh |= 1 << lane;
     }
 
-    /// One estimate of each lane before its low-pass, N. Adds a flag where too much of it lies above the band.
+    /// One estimate of each lane before its low-pass, N. Flags where too much of it lies above the band.
     #[inline(always)]
     pub(super) fn step<const FUSED: bool>(
         &self,
