@@ -192,8 +192,8 @@ struct Loaded {
 }
 
 impl Loaded {
-    /// Whether a token has not expired, by the wall clock when it was read and the time since: a wall clock that
-    /// jumps neither ends nor revives it.
+    /// Whether a token has not expired, by the wall clock when it was read and the time since: a wall clock
+    /// that jumps neither ends nor revives it.
     fn is_good(&self, token: &Token, now: Instant) -> bool {
         let (read, wall_ns) = self.read;
         let passed_ns = now.saturating_duration_since(read).as_nanos();

@@ -304,8 +304,9 @@ impl Handle {
     }
 
     /// Changes the mode. `revision`: the one that somebody saw who may raise it; without it the way leads
-    /// down only, and the pipeline thread judges which way it is. What may lead up is put on record first, after
-    /// the settings of this start; the way down waits for nothing. What became of it is on record afterwards, also a refusal.
+    /// down only, and the pipeline thread judges which way it is. What may lead up is put on record first,
+    /// after the settings of this start; the way down waits for nothing. What became of it is on record
+    /// afterwards, also a refusal.
     pub async fn set_mode(
         &self,
         mode: Mode,

@@ -127,8 +127,8 @@ fn access(config: &ServiceConfig) -> Result<Access, ServiceError> {
     Ok(access)
 }
 
-/// Starts everything. When it returns, HTTP answers and samples are taken in; the start is on record where the
-/// disk lets it.
+/// Starts everything. When it returns, HTTP answers and samples are taken in; the start is on record where
+/// the disk lets it.
 pub fn start(config: ServiceConfig) -> Result<Running, ServiceError> {
     let config = Arc::new(config);
     let lock = lock_state(&config.history.folder)?;
@@ -272,7 +272,7 @@ impl Parts {
         }
         let http = self.serve(&handle, listener, (access, tls));
         let told = self.runtime.spawn(self.first_entries().tell(handle.clone()));
-        // A disk that refuses is no reason not to run: what waits for it is told and kept like everything else.
+        // A disk that refuses is no reason not to run: what waits for it is kept like everything else.
         drop(self.runtime.block_on(async { tokio::time::timeout(FIRST_ENTRIES, told).await }));
         Ok(Running {
             handle,
