@@ -495,8 +495,7 @@ impl Reader<'_> {
     fn commissioned(&self, by: &str, date: &str) -> Result<Option<(String, String)>, ConfigError> {
         let (by, date) = (by.trim(), date.trim());
         match (by, date) {
-            (NOT_COMMISSIONED, NOT_COMMISSIONED) => Ok(None),
-            (NOT_COMMISSIONED, _) => Err(self.bad("turret.limits_by", "missing beside turret.limits_date")),
+            (NOT_COMMISSIONED, _) => Ok(None),
             (_, NOT_COMMISSIONED) => Err(self.bad("turret.limits_date", "missing beside turret.limits_by")),
             ("", _) => Err(self.bad("turret.limits_by", "expected the name of who set the limits")),
             _ if is_date(date) => Ok(Some((by.to_owned(), date.to_owned()))),
@@ -617,7 +616,6 @@ mod tests {
                 "turret.limits_date: `2026-02-31` is not a date such as",
             ),
             ("[turret]\nlimits_by = \"A. Smith\"\n", "turret.limits_date: missing beside turret.limits_by"),
-            ("[turret]\nlimits_date = \"2026-11-21\"\n", "turret.limits_by: missing beside"),
             ("[turret]\ncommand_ttl_s = 9.0\n", "turret.command_ttl_s: 9 is not between 1.1 and 2.5"),
             ("[log]\nformat = \"xml\"\n", "log.format: `xml` is not one of text, json"),
             ("[detection]\nband_hz = [700.0, 500.0]\n", "detection.band_hz"),

@@ -74,7 +74,7 @@ pub(super) async fn config(State(site): State<Site>, headers: HeaderMap) -> Resp
     ([(header::ETAG, tag)], Json(view)).into_response()
 }
 
-/// Whether `If-None-Match` names this ETag: one of a list, also a weak one, or `*` (RFC 9110, 13.1.2).
+/// Whether `If-None-Match` names this ETag: one of a list, also a weak one, or `*` for any (RFC 9110).
 fn is_at_hand(headers: &HeaderMap, etag: &str) -> bool {
     let fields = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|v| v.to_str().ok());
     let mut tags = fields.flat_map(|field| field.split(',')).map(str::trim);

@@ -272,7 +272,7 @@ impl Parts {
         }
         let http = self.serve(&handle, listener, (access, tls));
         let told = self.runtime.spawn(self.first_entries().tell(handle.clone()));
-        // A disk that refuses is no reason not to run: what waits for it is told and kept like all else.
+        // A disk that refuses is no reason not to run: what waits for it is kept like everything else.
         drop(self.runtime.block_on(async { tokio::time::timeout(FIRST_ENTRIES, told).await }));
         Ok(Running {
             handle,
