@@ -82,7 +82,10 @@ pub enum DiagnoseError {
         first_hz: f64,
     },
     /// Nothing moves in any recording.
-    #[error("axis {axis} stands still in {recordings}; nothing can be told of it")]
+    #[error(
+        "axis {axis} stands still in {recordings}: it moves by less than a micrometre, and nothing can be told \
+         of it; expected is a recording while it feeds"
+    )]
     Standing {
         /// Axis.
         axis: String,
