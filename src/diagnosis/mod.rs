@@ -83,8 +83,8 @@ pub enum DiagnoseError {
     },
     /// Nothing moves in any recording.
     #[error(
-        "axis {axis} stands still in {recordings}: it moves by less than a micrometre, and nothing can be told \
-         of it; expected is a recording while it feeds"
+        "axis {axis} stands still in {recordings}: it moves by less than a micrometre, and nothing can be \
+         told of it; expected is a recording while it feeds"
     )]
     Standing {
         /// Axis.
