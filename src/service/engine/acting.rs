@@ -181,7 +181,7 @@ impl Acting {
         (t_s, ledger): (Option<f64>, &mut Ledger),
     ) -> (Decision, Result<(), Violation>) {
         if self.port_closes_s.is_some_and(|t| situation.now_s >= t) {
-            (self.port, self.port_closes_s) = (None, None);
+            (self.port, self.port_closes_s, self.unreturned) = (None, None, None);
         }
         // All is looked at: a controller may tell a refusal once.
         let situation = &Situation { too_soon: self.too_soon(situation), ..*situation };
