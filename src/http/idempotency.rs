@@ -18,12 +18,9 @@ use sha2::{Digest as _, Sha256};
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use utoipa::openapi::Required;
-use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
-use utoipa::openapi::schema::{ObjectBuilder, Type};
 
 /// What is never answered from memory.
-pub(super) const ALWAYS_DONE: &str = "/api/v1/override";
+const ALWAYS_DONE: &str = "/api/v1/override";
 const KEPT: Duration = Duration::from_secs(600);
 /// Most answers kept; beyond it the oldest goes.
 const ANSWERS: usize = 256;
@@ -57,15 +54,6 @@ enum Known {
     UnderWay,
     OtherBody,
     Answered(Answer),
-}
-
-/// The header, as the description of the API has it.
-pub(super) fn parameter() -> Parameter {
-    let text = ObjectBuilder::new().schema_type(Type::String).min_length(Some(1));
-    let text = text.max_length(Some(LONGEST_KEY)).pattern(Some("^[\\x20-\\x7e]+$"));
-    let what = "Sent again within ten minutes with the same key, the request gets the first answer again";
-    let named = ParameterBuilder::new().name("Idempotency-Key").parameter_in(ParameterIn::Header);
-    named.required(Required::False).description(Some(what)).schema(Some(text)).build()
 }
 
 /// Answers by caller, path and key.

@@ -138,11 +138,12 @@ pub fn description() -> utoipa::openapi::OpenApi {
     {
         code.enum_values = Some(problem::CODES.map(Into::into).into());
     }
-    components.security_schemes.insert("token".to_owned(), RefOr::T(SecurityScheme::Http(bearer)));
-    let writes = api.paths.paths.iter_mut().filter(|(path, _)| *path != idempotency::ALWAYS_DONE);
-    for operation in writes.filter_map(|(_, item)| item.post.as_mut()) {
-        operation.parameters.get_or_insert_default().push(RefOr::T(idempotency::parameter()));
+    if let Some(RefOr::T(Schema::Object(body))) = components.schemas.get_mut("DiagnosisBody")
+        && let Some(RefOr::T(Schema::Array(names))) = body.properties.get_mut("recordings")
+    {
+        names.unique_items = true;
     }
+    components.security_schemes.insert("token".to_owned(), RefOr::T(SecurityScheme::Http(bearer)));
     api
 }
 
@@ -370,10 +371,8 @@ mod tests {
         let api = serde_json::to_value(description()).expect("JSON");
         let code = &api["components"]["schemas"]["Problem"]["properties"]["code"];
         assert_eq!(code["enum"], serde_json::json!(explained));
-        let named =
-            |path: &str| api["paths"][path]["post"]["parameters"].to_string().contains("Idempotency-Key");
-        assert!(named("/api/v1/diagnoses") && named("/api/v1/events/{sequence}/silence"));
-        assert!(!named("/api/v1/override"), "always done");
+        let names = &api["components"]["schemas"]["DiagnosisBody"]["properties"]["recordings"];
+        assert_eq!(names["uniqueItems"], true);
     }
 
     #[test]
