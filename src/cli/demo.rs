@@ -6,7 +6,7 @@ use crate::config::scenario::read_scenario;
 use crate::plant::scenario::{RawScenario, Scenario};
 use crate::service::demo::{DemoPlan, Summary, run_demo};
 use crate::service::live::Mode;
-use crate::simulation::lathe::LatheSettings;
+use crate::simulation::lathe::{LatheSettings, PAUSE_S};
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -43,7 +43,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         None => Scenario::new(&RawScenario { travel_m_s: -3.0e-3, ..RawScenario::default() })?,
     };
     let plan = DemoPlan {
-        lathe: LatheSettings::realistic(scenario, arguments.seed),
+        lathe: LatheSettings { pause_s: Some(PAUSE_S), ..LatheSettings::realistic(scenario, arguments.seed) },
         duration_s,
         mode: Mode::ALL.into_iter().find(|m| m.word() == arguments.mode).unwrap_or_default(),
         port: 8620,

@@ -5,14 +5,15 @@ use super::signals::stop_flag;
 use crate::config::scenario::read_scenario;
 use crate::plant::scenario::{RawScenario, Scenario};
 use crate::service::virtual_lathe::VirtualLathe;
-use crate::simulation::lathe::{Lathe, LatheSettings};
+use crate::simulation::lathe::{Lathe, LatheSettings, PAUSE_S};
 use crate::transport::Domain;
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
 
 /// Runs the virtual lathe alone, in real time: servo samples at 9 kHz out, turret commands in.
 ///
-/// It stands where a motion controller stands. Stop it with Ctrl-C.
+/// It stands where a motion controller stands. Where the tools travel, they cut pass after pass. Stop it
+/// with Ctrl-C.
 #[derive(clap::Args)]
 #[command(after_help = "Example: stillcut lathe --config config/lathe.toml & \
                   stillcut run --config config/stillcut.toml")]
@@ -49,8 +50,11 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         return Err(bad_input(format!("--duration-s {duration}: expected a number above zero")));
     }
     let domain = Domain::new(&arguments.prefix, &arguments.root).map_err(bad_input)?;
-    let settings =
-        LatheSettings { entry_s: arguments.entry_s, ..LatheSettings::realistic(scenario, arguments.seed) };
+    let settings = LatheSettings {
+        entry_s: arguments.entry_s,
+        pause_s: Some(PAUSE_S),
+        ..LatheSettings::realistic(scenario, arguments.seed)
+    };
     let stop = stop_flag()?;
     let mut lathe = VirtualLathe::join(settings, &domain)?;
     let terminal = std::io::stderr().is_terminal();

@@ -409,18 +409,22 @@ fn band_of(
 ) -> Result<Option<Band>, String> {
     let in_recording = if config.is_some() { None } else { recording.metadata("analysis_band_hz") };
     if let Some(text) = arguments.band_hz.as_deref().or(in_recording) {
-        let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
-        let [low_hz, high_hz] = numbers[..] else {
-            return Err(format!("band `{text}`, expected two frequencies `low,high`"));
+        let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+        let Some([low_hz, high_hz]) = numbers.and_then(|n| <[f64; 2]>::try_from(n).ok()) else {
+            return Err(format!("band `{}`, expected two frequencies `low,high`", text.escape_debug()));
         };
         return Band::new(low_hz, high_hz).map(Some).map_err(|e| e.to_string());
     }
     if config.is_some() {
         return Ok(None);
     }
-    let number = |key: &str| recording.metadata(key).and_then(|t| t.trim().parse::<f64>().ok());
+    let number = |key: &str| {
+        let Some(text) = recording.metadata(key) else { return Ok(None) };
+        let wrong = || format!("metadata {key} is `{}`, expected a number of metres", text.escape_debug());
+        text.trim().parse::<f64>().map(Some).map_err(|_| wrong())
+    };
     let (Some(diameter_m), Some(projection_length_m)) =
-        (number("workpiece_diameter_m"), number("workpiece_projection_length_m"))
+        (number("workpiece_diameter_m")?, number("workpiece_projection_length_m")?)
     else {
         return Ok(None);
     };

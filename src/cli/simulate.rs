@@ -58,9 +58,37 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
     let settings =
         LatheSettings { seed: arguments.seed, force_noise_ratio: noise, entry_s: arguments.entry_s, ..base };
+    for note in notes(&settings, duration_s) {
+        eprintln!("note: {note}");
+    }
     let recording = record(settings, duration_s).map_err(bad_input)?;
     write_recording(&arguments.out, &recording).map_err(bad_input)?;
     Ok(())
+}
+
+/// What whoever asked for this may not expect.
+fn notes(settings: &LatheSettings, duration_s: f64) -> Vec<String> {
+    let tools = &settings.scenario.tools;
+    let lathe = Lathe::new(*settings);
+    let end_s = settings.entry_s + lathe.pass_s();
+    let mut notes = Vec::new();
+    if settings.entry_s >= duration_s {
+        let entry_s = settings.entry_s;
+        notes.push(format!(
+            "nothing is cut: the tools enter after {entry_s} s, the recording ends after {duration_s} s"
+        ));
+    }
+    if tools.travel_m_s() > 0.0 && lathe.travel_m_s() < 0.0 {
+        notes.push(
+            "tools.travel_m_s leads off the free end of the bar: they travel toward the chuck".to_owned(),
+        );
+    }
+    if end_s < duration_s {
+        notes.push(format!(
+            "the tools are at the end of the bar after {end_s:.1} s and stay there in the cut"
+        ));
+    }
+    notes
 }
 
 /// Lets the lathe run and keeps what it showed.

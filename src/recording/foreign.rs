@@ -174,7 +174,7 @@ impl Importer<'_> {
             .zip(table.signals)
             .map(|(s, values)| Column { name: s.to.clone(), values })
             .collect();
-        let axes = super::axes_from_columns(&columns);
+        let axes = super::axes_of(&[], &columns);
         let mut metadata = map.metadata.clone();
         let name = self.path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         metadata.push(("imported_from".to_owned(), name));

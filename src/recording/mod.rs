@@ -15,6 +15,7 @@ mod streamed;
 use crate::config::in_one_line;
 use crate::sample::{Column, Recording};
 use crate::units::SampleRate;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -92,6 +93,7 @@ fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, Recording
     if let Some((name, _)) = raw.columns.iter().find(|(n, _)| n.contains(char::is_control)) {
         return Err(format_error(format!("column name `{}` holds control characters", name.escape_debug())));
     }
+    no_name_twice(path, raw.columns.iter().map(|(name, _)| name.as_str()))?;
     let mut columns = Vec::new();
     let mut times = None;
     for (name, values) in raw.columns {
@@ -113,14 +115,10 @@ fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, Recording
         return Err(format_error(format!("{} rows; at least 2 are needed", times.len())));
     }
     let sample_rate = check_times(path, &times, stated)?;
-    let axes = meta("axes").map_or_else(
-        || axes_from_columns(&columns),
-        |text| text.split(',').map(|a| a.trim().to_owned()).filter(|a| !a.is_empty()).collect(),
-    );
     Ok(Recording {
         sample_rate,
         experiment: meta("experiment").unwrap_or_else(|| stem(path)),
-        axes,
+        axes: axes_of(&raw.metadata, &columns),
         start_s: times[0],
         columns,
         metadata: raw.metadata.into_iter().filter(|(k, _)| !OWN_KEYS.contains(&k.as_str())).collect(),
@@ -179,7 +177,23 @@ fn check_times(path: &Path, times: &[f64], stated: Option<SampleRate>) -> Result
     Ok(rate)
 }
 
-fn axes_from_columns(columns: &[Column]) -> Vec<String> {
+/// Columns are found by their names.
+fn no_name_twice<'a>(path: &Path, names: impl Iterator<Item = &'a str>) -> Result<(), RecordingError> {
+    let mut seen = BTreeSet::new();
+    for name in names {
+        if !seen.insert(name) {
+            let message = format!("column `{}` is there twice", name.escape_debug());
+            return Err(RecordingError::Format { path: path.to_owned(), message });
+        }
+    }
+    Ok(())
+}
+
+/// The axes that the metadata name, or else those that the columns belong to.
+fn axes_of(metadata: &[(String, String)], columns: &[Column]) -> Vec<String> {
+    if let Some(text) = meta_of(metadata, "axes") {
+        return text.split(',').map(|a| a.trim().to_owned()).filter(|a| !a.is_empty()).collect();
+    }
     const SUFFIXES: [&str; 9] = [
         "_current_ref_a",
         "_torque_ref_nm",

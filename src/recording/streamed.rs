@@ -3,7 +3,7 @@
 use super::parquet_file::{one_line, read_chunk};
 use super::parquet_guard::Guarded;
 use super::quiet::quietly;
-use super::{OWN_KEYS, RecordingError, axes_from_columns, meta_of, stated_rate, stem};
+use super::{OWN_KEYS, RecordingError, axes_of, meta_of, no_name_twice, stated_rate, stem};
 use crate::sample::{Column, Recording};
 use parquet::basic::Type as Physical;
 use parquet::errors::ParquetError;
@@ -69,10 +69,8 @@ impl StreamedRecording {
         if columns.is_empty() {
             return Err(format_error("there is no signal beside t_s".into()));
         }
-        let axes = meta_of(&metadata, "axes").map_or_else(
-            || axes_from_columns(&columns),
-            |text| text.split(',').map(|a| a.trim().to_owned()).filter(|a| !a.is_empty()).collect(),
-        );
+        no_name_twice(path, columns.iter().map(|c| c.name.as_str()))?;
+        let axes = axes_of(&metadata, &columns);
         let experiment = meta_of(&metadata, "experiment").unwrap_or_else(|| stem(path));
         let metadata = metadata.into_iter().filter(|(k, _)| !OWN_KEYS.contains(&k.as_str())).collect();
         let head = Recording { sample_rate, experiment, axes, columns, start_s: 0.0, metadata };

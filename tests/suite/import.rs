@@ -56,6 +56,14 @@ fn what_is_wrong_is_said_with_file_column_and_row() {
 }
 
 #[test]
+fn a_column_that_is_there_twice_is_refused() {
+    let file = temporary("twice.csv");
+    std::fs::write(&file, "t_s,x_force_n,x_force_n\n0,1,2\n0.1,1,2\n").unwrap();
+    let error = read_recording(&file).unwrap_err().to_string();
+    assert!(error.contains("twice.csv: column `x_force_n` is there twice"), "{error}");
+}
+
+#[test]
 fn a_rate_that_is_not_the_stated_one_is_refused() {
     let file = temporary("rate.csv");
     std::fs::write(&file, "time,force,pos\n0,1,1\n2,1,1\n4,1,1\n").unwrap();

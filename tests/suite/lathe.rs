@@ -201,3 +201,30 @@ fn chatter_hops_down_lobe_by_lobe_as_the_tools_travel() {
     assert!(steps.len() >= 2, "at least two hops: {levels:?}");
     assert!(steps.iter().all(|s| (25.0..=45.0).contains(s)), "hops down by a lobe: {steps:?}");
 }
+
+/// Tools that travel cut pass after pass: in at the start, out at the chuck, air, in again.
+#[test]
+fn a_pass_that_ends_at_the_chuck_is_followed_by_the_next() {
+    let scenario = scenario(|s| (s.position_m, s.travel_m_s) = (Some(3.0e-3), -3.0e-3));
+    let settings = LatheSettings { entry_s: 0.5, pause_s: Some(1.0), ..LatheSettings::ideal(scenario) };
+    let mut lathe = Lathe::new(settings);
+    let mut cutting = Vec::new();
+    for _ in 0..9000 * 5 {
+        lathe.step();
+        let truth = lathe.truth();
+        let in_cut = truth.radial_force_n[0] > 0.0;
+        if cutting.last().is_none_or(|(was, _, _)| *was != in_cut) {
+            cutting.push((in_cut, truth.t_s, truth.tool_position_m));
+        }
+    }
+    // Air to 0.5 s, a pass to 1.5 s, air to 2.5 s, a pass to 3.5 s, air to 4.5 s, a pass.
+    assert_eq!(cutting.len(), 6, "{cutting:?}");
+    for ((in_cut, t_s, position_m), (index, due_s)) in
+        cutting.iter().zip([0.0, 0.5, 1.5, 2.5, 3.5, 4.5].iter().enumerate())
+    {
+        assert_eq!(*in_cut, index % 2 == 1);
+        assert!((t_s - due_s).abs() < 0.01, "{cutting:?}");
+        assert!(!in_cut || (position_m - 3.0e-3).abs() < 1.0e-4, "{cutting:?}");
+    }
+    assert!((lathe.pass_s() - 1.0).abs() < 1.0e-12);
+}

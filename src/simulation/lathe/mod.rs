@@ -29,6 +29,8 @@ use turret_axis::{AxisReport, AxisSettings, TurretAxis};
 pub const AXES: [&str; 4] = ["x1", "y1", "x2", "y2"];
 /// Steps of the cutting process per sample: 9.3 us at 9 kHz.
 const SUBSTEPS: usize = 12;
+/// Air between two passes where they repeat, s.
+pub const PAUSE_S: f64 = 2.0;
 /// Samples between two looks at how far the tools have travelled.
 const MODE_UPDATE: u64 = 90;
 
@@ -43,6 +45,9 @@ pub struct LatheSettings {
     pub seed: u64,
     /// When the tools enter the cut, s; before, they turn in air. 0: in the cut from the start.
     pub entry_s: f64,
+    /// Air between two passes, s: where the tools travel, they enter again at the place they started from
+    /// once they have come to the end of the bar. `None`: one pass, and they stay in the cut at its end.
+    pub pause_s: Option<f64>,
     /// Random part of the cutting force over the force, standard deviation.
     pub force_noise_ratio: f64,
     /// Velocity with which the bar is struck at the start, m/s: a seed for growth where there is no noise.
@@ -73,6 +78,7 @@ impl LatheSettings {
             sample_rate_hz: 9000.0,
             seed: 1,
             entry_s: 0.0,
+            pause_s: None,
             force_noise_ratio: 0.0,
             strike_m_s: 1.0e-11,
             tangential_ratio: 1.5,
@@ -243,18 +249,56 @@ impl Lathe {
         self.sample()
     }
 
-    /// Moves the tools along the bar once they are in the cut.
+    /// Speed of the tools along the bar, away from the chuck, m/s. At the free end there is only one way to
+    /// feed.
+    #[must_use]
+    pub fn travel_m_s(&self) -> f64 {
+        let (tools, length) = (&self.settings.scenario.tools, self.length_m());
+        let at_end = tools.position_m() >= length * (1.0 - 1e-9);
+        if at_end { -tools.travel_m_s().abs() } else { tools.travel_m_s() }
+    }
+
+    fn length_m(&self) -> f64 {
+        self.settings.scenario.workpiece.projection_length_m()
+    }
+
+    /// How long the tools take to the end of the bar that they travel to, s; without end where they do not
+    /// travel.
+    #[must_use]
+    pub fn pass_s(&self) -> f64 {
+        let (from, speed) = (self.settings.scenario.tools.position_m(), self.travel_m_s());
+        if is_zero(speed) {
+            f64::INFINITY
+        } else if speed < 0.0 {
+            from / -speed
+        } else {
+            (self.length_m() - from) / speed
+        }
+    }
+
+    /// How long the tools have been in this pass, and how long they are still in it, s: out of the cut before
+    /// the one or after the other.
+    fn in_pass_s(&self) -> [f64; 2] {
+        let since_s = self.truth.t_s - self.settings.entry_s;
+        let pass_s = self.pass_s();
+        match self.settings.pause_s.filter(|_| since_s > 0.0 && pass_s.is_finite()) {
+            Some(pause_s) => {
+                let since_s = since_s.rem_euclid(pass_s + pause_s);
+                [since_s, pass_s - since_s]
+            }
+            None => [since_s, f64::INFINITY],
+        }
+    }
+
+    /// Moves the tools along the bar while they are in the cut, and back while they are not.
     fn travel(&mut self) {
-        let tools = &self.settings.scenario.tools;
-        let cutting_s = self.truth.t_s - self.settings.entry_s;
-        if is_zero(tools.travel_m_s()) || cutting_s < 0.0 {
+        let (speed, [since_s, left_s]) = (self.travel_m_s(), self.in_pass_s());
+        if is_zero(speed) || since_s < 0.0 {
             return;
         }
-        let length = self.settings.scenario.workpiece.projection_length_m();
-        // At the free end there is only one way to feed.
-        let at_end = tools.position_m() >= length * (1.0 - 1e-9);
-        let speed = if at_end { -tools.travel_m_s().abs() } else { tools.travel_m_s() };
-        self.truth.tool_position_m = (tools.position_m() + speed * cutting_s).clamp(0.0, length);
+        let cutting_s = if left_s > 0.0 { since_s } else { 0.0 };
+        let from = self.settings.scenario.tools.position_m();
+        self.truth.tool_position_m = (from + speed * cutting_s).clamp(0.0, self.length_m());
         if self.samples.is_multiple_of(MODE_UPDATE) {
             self.process.set_modes(&self.bar.modes_at(self.truth.tool_position_m));
         }
@@ -275,8 +319,11 @@ impl Lathe {
             let [u2, w2] = [self.axes[2].stage_position_m(), self.axes[3].stage_position_m()];
             self.tips.retraction_m[1] = -(u2 + w2 * FRAC_1_SQRT_2);
         }
-        let turns = (self.truth.t_s - self.settings.entry_s) * scenario.spindle.hz();
-        self.tips.engagement = if self.settings.entry_s > 0.0 { turns.clamp(0.0, 1.0) } else { 1.0 };
+        let [since_s, left_s] = self.in_pass_s();
+        // Without air before it, the first pass begins in the cut.
+        let no_entry = self.settings.entry_s <= 0.0 && since_s >= self.truth.t_s;
+        let turns = if no_entry { left_s } else { since_s.min(left_s) } * scenario.spindle.hz();
+        self.tips.engagement = turns.clamp(0.0, 1.0);
     }
 
     /// Forces on the axes: what each drive has to hold is the force along its own direction.
