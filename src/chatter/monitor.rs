@@ -411,6 +411,7 @@ impl ChatterMonitor {
         }
         state.fresh_count = 0;
         state.bank_evidence = [BankEvidence::default(); BANKS];
+        state.scatter.start_anew();
         if self.now_s(state) < state.start_until_s {
             state.strongest.start_anew();
         }
