@@ -79,6 +79,26 @@ fn chatter_on_the_lathe_is_heard_on_its_servo_signals() {
     assert!((loudest_hz - frequency).abs() < 2.0, "{loudest_hz} Hz against {frequency} Hz");
 }
 
+/// At a slow spindle the lobes of chatter stand as close as the orders, and it grows with the entry itself.
+#[test]
+fn chatter_of_a_slow_spindle_is_heard_once_and_stays() {
+    let cutting = RawCutting { width_m: 0.16e-3, ..RawCutting::default() };
+    let scenario = RawScenario { speed_rpm: 620.0, cutting, ..RawScenario::default() };
+    let scenario = Scenario::new(&scenario).unwrap();
+    for seed in [1, 3, 5] {
+        let mut pipeline = Pipeline::new(settings(&scenario)).unwrap();
+        let heard = outputs(&mut pipeline, &samples(scenario, 8, seed));
+        let events = heard.iter().filter_map(|o| o.event.map(|(_, event)| (o.t_s, event)));
+        let told: Vec<_> = events
+            .filter(|(_, event)| matches!(event, ChatterEvent::Onset(_) | ChatterEvent::End))
+            .collect();
+        assert!(
+            matches!(told[..], [(t_s, ChatterEvent::Onset(_))] if t_s < 4.0),
+            "seed {seed}, entry at 2 s: {told:?}"
+        );
+    }
+}
+
 #[test]
 fn a_stable_cut_raises_no_alarm() {
     let scenario = scenario(2.0 * 0.0482);

@@ -4,9 +4,10 @@
 use super::super::ChatterEvent;
 use super::super::Phase;
 use super::super::detector::{BankEvidence, Evidence, PLACED, on_an_order};
+use super::super::past::FAR_HZ;
 use super::super::scatter::ENOUGH;
 use super::trial::MOST_SHARE;
-use super::{ChatterMonitor, ChatterState, RELEARN_S, YOUNG_TURNS, doubt};
+use super::{ChatterMonitor, ChatterState, RELEARN_S, STRIDES, YOUNG_TURNS, doubt};
 
 /// All of the band this much louder than learned, for so many decisions (32 ms), is another cut: what is
 /// known of the noise of the old one says little of the shape of the new.
@@ -160,13 +161,18 @@ impl ChatterMonitor {
         state: &mut ChatterState,
         evidence: &Evidence,
     ) -> Option<ChatterEvent> {
+        // Where lobes stand closer than the window tells apart they beat in it: the next longer one, at its pace.
+        let close = state.speed_hz > 0.0 && state.speed_hz < FAR_HZ;
+        let bank = if close { PLACED } else { SCATTER };
+        if close && !state.decisions.is_multiple_of(STRIDES[PLACED]) {
+            return None;
+        }
         let placed = &evidence.banks[PLACED];
         let stands_out = placed.contrast > LOOKED_AT && !on_an_order(placed, evidence);
         let line_hz = state.scatter.place(placed.frequency_hz, stands_out)?;
-        let power_n2 = self.power_near(state, line_hz);
-        let filter = self.banks[SCATTER].nearest(line_hz - self.mix.centre_hz());
-        let noise_n2 = state.baselines[SCATTER].expected(filter);
-        state.scatter.look(power_n2, evidence.banks[SCATTER].power_n2, noise_n2);
+        let filter = self.banks[bank].nearest(line_hz - self.mix.centre_hz());
+        let (power_n2, noise_n2) = (state.baselines[bank].power(filter), state.baselines[bank].expected(filter));
+        state.scatter.look(power_n2, evidence.banks[bank].power_n2, noise_n2);
         if !state.scatter.noise() {
             return None;
         }
