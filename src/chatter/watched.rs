@@ -21,7 +21,7 @@ pub(super) struct Watched {
     reached_hz: [f64; 2],
 }
 
-crate::keyframe::keep!(Watched { low_hz, high_hz, half_width_hz, seen, reached_hz });
+crate::keyframe::keep!(Watched { low_hz, high_hz, half_width_hz, seen, reached_hz } if |s| s.low_hz <= s.high_hz);
 
 impl Watched {
     /// The stated band, a little wider so that a line at its edge is seen whole.
@@ -64,7 +64,7 @@ impl Watched {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the bank")]
         let (first, last) =
             ((place(self.low_hz) - 0.01).ceil() as usize, (place(self.high_hz) + 0.01).floor() as usize);
-        first..(last + 1).min(count)
+        first..(last + 1).min(count).max(first)
     }
 }
 
