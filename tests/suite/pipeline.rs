@@ -89,9 +89,8 @@ fn chatter_of_a_slow_spindle_is_heard_once_and_stays() {
         let mut pipeline = Pipeline::new(settings(&scenario)).unwrap();
         let heard = outputs(&mut pipeline, &samples(scenario, 8, seed));
         let events = heard.iter().filter_map(|o| o.event.map(|(_, event)| (o.t_s, event)));
-        let told: Vec<_> = events
-            .filter(|(_, event)| matches!(event, ChatterEvent::Onset(_) | ChatterEvent::End))
-            .collect();
+        let told: Vec<_> =
+            events.filter(|(_, event)| matches!(event, ChatterEvent::Onset(_) | ChatterEvent::End)).collect();
         assert!(
             matches!(told[..], [(t_s, ChatterEvent::Onset(_))] if t_s < 4.0),
             "seed {seed}, entry at 2 s: {told:?}"

@@ -171,7 +171,8 @@ impl ChatterMonitor {
         let stands_out = placed.contrast > LOOKED_AT && !on_an_order(placed, evidence);
         let line_hz = state.scatter.place(placed.frequency_hz, stands_out)?;
         let filter = self.banks[bank].nearest(line_hz - self.mix.centre_hz());
-        let (power_n2, noise_n2) = (state.baselines[bank].power(filter), state.baselines[bank].expected(filter));
+        let (power_n2, noise_n2) =
+            (state.baselines[bank].power(filter), state.baselines[bank].expected(filter));
         state.scatter.look(power_n2, evidence.banks[bank].power_n2, noise_n2);
         if !state.scatter.noise() {
             return None;
