@@ -19,6 +19,7 @@ mod band;
 mod baseline;
 mod cut_level;
 mod detector;
+mod drift;
 mod foreign;
 mod growth;
 mod hop;

@@ -1,6 +1,7 @@
 //! The monitor of one force stream: signal processing and decision together.
 
 mod learning;
+mod report;
 mod speed;
 mod trial;
 mod watch;
@@ -8,7 +9,8 @@ mod watch;
 use super::band::{Band, BandError};
 use super::baseline::{Baseline, Standout};
 use super::cut_level::{Change, CutLevel, CutLevelState};
-use super::detector::{BANKS, BankEvidence, Detector, Evidence, LEAVE, PLACED, between_orders, on_an_order};
+use super::detector::{BANKS, BankEvidence, Detector, Evidence, PLACED, between_orders};
+use super::drift::Drift;
 use super::foreign::Foreign;
 use super::hop::HopWatch;
 use super::loudness::Loudness;
@@ -131,6 +133,7 @@ pub struct ChatterState {
     track_hz: Option<f64>,
     watched: Watched,
     hop: HopWatch,
+    drift: Drift,
     past: Past,
     foreign: Foreign,
     scatter: Scatter,
@@ -170,7 +173,7 @@ pub struct ChatterState {
 crate::keyframe::keep!(ChatterState {
     samples, wild, loudness, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns,
     newest_speed_hz, speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common,
-    heard_s, level, detector, track_hz, watched, hop, past, foreign, scatter, strongest, strongest_until_s,
+    heard_s, level, detector, track_hz, watched, hop, drift, past, foreign, scatter, strongest, strongest_until_s,
     start_until_s, noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line,
     wide, wide_until_s, held_off_s, alarm_n2, alarm_s, changed_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
@@ -240,6 +243,7 @@ impl ChatterMonitor {
             track_hz: None,
             watched: Watched::new(self.settings.band, self.mix.centre_hz(), EDGE),
             hop: HopWatch::default(),
+            drift: Drift::default(),
             past: Past::new(self.mix.output_rate_hz()),
             foreign: Foreign::default(),
             scatter: Scatter::NEW,
@@ -558,38 +562,6 @@ impl ChatterMonitor {
                 bank.growth_1_s(bank_state, standout.filter)
             },
         }
-    }
-
-    fn report(&self, state: &mut ChatterState, evidence: &Evidence) {
-        // The longest window that the chatter has filled gives the frequency, up to 50 ms of tau.
-        let index = match state.detector.chatter_age_s(evidence.t_s) {
-            Some(age_s) if age_s > 0.1 => 2,
-            _ => 1,
-        };
-        let heard = self.line_told(state, evidence, index);
-        let phase = state.detector.phase();
-        // An order is no line that another axis could confirm, nor that proves itself by lasting.
-        let line = matches!(phase, Phase::Suspected | Phase::Chatter) && !on_an_order(&heard, evidence);
-        state.track_hz = line.then_some(heard.frequency_hz);
-        let declared = (phase == Phase::Chatter).then_some(heard.frequency_hz);
-        if declared.is_some() {
-            (state.alarm_n2, state.alarm_s) = (state.alarm_n2.max(heard.power_n2), evidence.t_s);
-        }
-        state.watched.follow(declared.map(|hz| hz - self.mix.centre_hz()), self.reach_hz);
-        // What is left of a line that has gone is no new one.
-        let told = declared.is_none() || heard.contrast > LEAVE;
-        let hop = if told { state.hop.look(declared) } else { None };
-        let hop = hop.map(|(from_hz, to_hz)| ChatterEvent::Hop { from_hz, to_hz });
-        let event = state.latest.event.or(hop);
-        state.latest = ChatterOutput {
-            phase,
-            frequency_hz: state.track_hz,
-            power_n2: heard.power_n2,
-            contrast: evidence.banks.iter().fold(0.0, |m, b| f64::max(m, b.contrast)),
-            growth_1_s: line.then_some(heard.growth_1_s),
-            variance_ratio: state.variance_n2 / state.usual_variance_n2.max(f64::MIN_POSITIVE),
-            event,
-        };
     }
 }
 

@@ -373,3 +373,36 @@ fn the_monitor_repeats_itself() {
     let chatter = |t: f64| if t > 5.0 { 10.0 * line(t, 611.0) } else { 0.0 };
     assert_eq!(listen(chatter), listen(chatter));
 }
+
+/// A window hears what was: chatter that goes with the spindle's speed is told for now.
+#[test]
+fn the_frequency_is_that_of_now_while_the_speed_changes() {
+    for rpm_s in [-40.0, 0.0, 40.0] {
+        let settings = ChatterSettings {
+            sample_rate: SampleRate::new(RATE_HZ).unwrap(),
+            band: Band::new(500.0, 800.0).unwrap(),
+            pushes: true,
+        };
+        let monitor = ChatterMonitor::new(settings).unwrap();
+        let (mut state, mut noise, mut turns) = (monitor.start(), Noise(3), 0.0);
+        let mut errors_hz = Vec::new();
+        for n in 0..(9.0 * RATE_HZ) as u32 {
+            let t = f64::from(n) / RATE_HZ;
+            let speed_hz = TURN_HZ + rpm_s / 60.0 * (t - 4.0).max(0.0);
+            turns += speed_hz / RATE_HZ;
+            let order = |o: f64| (std::f64::consts::TAU * o * turns).sin();
+            let chatter =
+                if t > 5.0 { (0.05 * (30.0 * (t - 5.0)).exp()).min(40.0) * order(32.4) } else { 0.0 };
+            let cut = if t > 1.0 { 80.0 + 6.0 * order(29.0) + 6.0 * order(33.0) } else { 0.0 };
+            monitor.step(&mut state, cut + chatter + 2.0 * noise.next(), Some(60.0 * speed_hz));
+            if t > 5.8 {
+                let told = monitor.output(&state).frequency_hz;
+                errors_hz.push((told.expect("it is heard") - 32.4 * speed_hz).abs());
+            }
+        }
+        errors_hz.sort_by(f64::total_cmp);
+        let [median_hz, most_hz] = [errors_hz[errors_hz.len() / 2], errors_hz[errors_hz.len() - 1]];
+        println!("{rpm_s} rpm/s: median {median_hz:.2}, most {most_hz:.2} Hz");
+        assert!(median_hz < 0.4 && most_hz < 1.0, "{rpm_s} rpm/s: {median_hz} {most_hz}");
+    }
+}

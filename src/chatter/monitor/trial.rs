@@ -3,7 +3,7 @@
 use super::super::detector::{BankEvidence, Evidence, PLACED};
 use super::super::past::{FAR_HZ, Motion, Sight};
 use super::super::{ChatterEvent, Line};
-use super::{ChatterMonitor, ChatterState, STRIDES};
+use super::{ChatterMonitor, ChatterState};
 
 /// The window of the second look, s, and the bank that has it.
 const LOOK_TAU_S: f64 = 0.025;
@@ -119,32 +119,6 @@ impl ChatterMonitor {
             return None;
         }
         event
-    }
-
-    /// The line that is told: the strongest in a window, or what stands out beside what is something else.
-    pub(super) fn line_told(
-        &self,
-        state: &mut ChatterState,
-        evidence: &Evidence,
-        index: usize,
-    ) -> BankEvidence {
-        let heard = evidence.banks[index];
-        if state.foreign.any() {
-            return heard;
-        }
-        let (bank, bank_state) = (&self.banks[index], &state.banks[index]);
-        let best = if STRIDES[index] == 1 {
-            state.baselines[index].strongest()
-        } else {
-            let among = state.watched.filters(bank.frequencies_hz().len(), self.reach_hz);
-            state.baselines[index].look(bank, bank_state, among)
-        };
-        BankEvidence {
-            frequency_hz: self.mix.centre_hz() + bank.refined_hz(bank_state, best),
-            power_n2: state.baselines[index].power(best),
-            growth_1_s: bank.growth_1_s(bank_state, best),
-            ..heard
-        }
     }
 
     /// A line that is followed as something else stands for nothing, nor does what little it leaves beside
