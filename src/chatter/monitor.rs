@@ -176,7 +176,7 @@ crate::keyframe::keep!(ChatterState {
     heard_s, level, detector, track_hz, watched, hop, drift, past, foreign, scatter, strongest, strongest_until_s,
     start_until_s, noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line,
     wide, wide_until_s, held_off_s, alarm_n2, alarm_s, changed_s, orders_new_until_s, relearn_until_s, latest
-} if |s| s.until_decision > 0 && s.fresh_count < s.fresh.len());
+} if |s| s.until_decision > 0 && s.fresh_count + s.until_decision <= s.fresh.len());
 
 impl ChatterMonitor {
     /// Errors: a band that reaches too close to half the sample rate.
