@@ -137,6 +137,8 @@ pub struct ChatterState {
     past: Past,
     foreign: Foreign,
     scatter: Scatter,
+    /// The same in the window that places lines, at half the pace.
+    long_scatter: Scatter,
     /// Of the strongest line, while what is known of the noise is not to be trusted.
     strongest: Scatter,
     strongest_until_s: f64,
@@ -173,7 +175,8 @@ pub struct ChatterState {
 crate::keyframe::keep!(ChatterState {
     samples, wild, loudness, mix, mixer, orders, banks, fresh, fresh_count, baselines, angle_turns,
     newest_speed_hz, speed_hz, earlier_speed_hz, until_decision, decisions, bank_evidence, bank_common,
-    heard_s, level, detector, track_hz, watched, hop, drift, past, foreign, scatter, strongest, strongest_until_s,
+    heard_s, level, detector, track_hz, watched, hop, drift, past, foreign, scatter, long_scatter, strongest,
+    strongest_until_s,
     start_until_s, noise_until_s, variance_n2, whole_variance_n2, usual_variance_n2, louder, order_line,
     wide, wide_until_s, held_off_s, alarm_n2, alarm_s, changed_s, orders_new_until_s, relearn_until_s, latest
 } if |s| s.until_decision > 0 && s.fresh_count + s.until_decision <= s.fresh.len());
@@ -247,6 +250,7 @@ impl ChatterMonitor {
             past: Past::new(self.mix.output_rate_hz()),
             foreign: Foreign::default(),
             scatter: Scatter::NEW,
+            long_scatter: Scatter::NEW,
             strongest: Scatter::NEW,
             strongest_until_s: 0.0,
             start_until_s: START_S,
@@ -416,6 +420,7 @@ impl ChatterMonitor {
         state.fresh_count = 0;
         state.bank_evidence = [BankEvidence::default(); BANKS];
         state.scatter.start_anew();
+        state.long_scatter.start_anew();
         if self.now_s(state) < state.start_until_s {
             state.strongest.start_anew();
         }
@@ -527,6 +532,7 @@ impl ChatterMonitor {
                 self.doubt_noise(state, t_s);
             }
             state.scatter.forget_line();
+            state.long_scatter.forget_line();
             // Another state of the cut; or, after an alarm that was weak, noise that is not yet known well.
             doubt(&mut state.baselines);
             state.relearn_until_s = t_s + RELEARN_S;

@@ -3,9 +3,10 @@
 
 use super::super::ChatterEvent;
 use super::super::Phase;
+use super::super::baseline::Baseline;
 use super::super::detector::{BankEvidence, Evidence, PLACED, on_an_order};
 use super::super::past::FAR_HZ;
-use super::super::scatter::ENOUGH;
+use super::super::scatter::{ENOUGH, Scatter};
 use super::trial::MOST_SHARE;
 use super::{ChatterMonitor, ChatterState, RELEARN_S, STRIDES, YOUNG_TURNS, doubt};
 
@@ -161,22 +162,25 @@ impl ChatterMonitor {
         state: &mut ChatterState,
         evidence: &Evidence,
     ) -> Option<ChatterEvent> {
-        // Where lobes stand closer than the window tells apart they beat in it: the next longer one, at its pace.
-        let close = state.speed_hz > 0.0 && state.speed_hz < FAR_HZ;
-        let bank = if close { PLACED } else { SCATTER };
-        if close && !state.decisions.is_multiple_of(STRIDES[PLACED]) {
-            return None;
-        }
         let placed = &evidence.banks[PLACED];
         let stands_out = placed.contrast > LOOKED_AT && !on_an_order(placed, evidence);
-        let line_hz = state.scatter.place(placed.frequency_hz, stands_out)?;
-        let filter = self.banks[bank].nearest(line_hz - self.mix.centre_hz());
-        let (power_n2, noise_n2) =
-            (state.baselines[bank].power(filter), state.baselines[bank].expected(filter));
-        state.scatter.look(power_n2, evidence.banks[bank].power_n2, noise_n2);
-        if !state.scatter.noise() {
+        let look = |scatter: &mut Scatter, baselines: &[Baseline], bank: usize| {
+            let line_hz = scatter.place(placed.frequency_hz, stands_out)?;
+            let filter = self.banks[bank].nearest(line_hz - self.mix.centre_hz());
+            let (power_n2, noise_n2) = (baselines[bank].power(filter), baselines[bank].expected(filter));
+            scatter.look(power_n2, evidence.banks[bank].power_n2, noise_n2);
+            Some(())
+        };
+        if state.decisions.is_multiple_of(STRIDES[PLACED]) {
+            look(&mut state.long_scatter, &state.baselines, PLACED);
+        }
+        look(&mut state.scatter, &state.baselines, SCATTER)?;
+        // Where lobes stand closer than the shorter window tells apart they beat in it.
+        let close = state.speed_hz > 0.0 && state.speed_hz < FAR_HZ;
+        if !state.scatter.noise() || close && state.long_scatter.like_a_line() {
             return None;
         }
+        state.long_scatter.forget();
         state.scatter.forget();
         if state.loudness.is_loud() {
             return None;
