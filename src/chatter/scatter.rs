@@ -134,6 +134,11 @@ impl Scatter {
         self.looks > 0.0 && self.mean_square < LINE
     }
 
+    /// Whether it was looked at for so many looks and has fluctuated.
+    pub(super) fn fluctuated(&self, looks: f64) -> bool {
+        self.looks >= looks && self.mean_square >= LINE
+    }
+
     /// Begins anew unless it fluctuated: a line that ended is not the next one, noise goes on.
     pub(super) fn forget_line(&mut self) {
         if self.mean_square < LINE {

@@ -175,9 +175,11 @@ impl ChatterMonitor {
             look(&mut state.long_scatter, &state.baselines, PLACED);
         }
         look(&mut state.scatter, &state.baselines, SCATTER)?;
-        // Where lobes stand closer than the shorter window tells apart they beat in it.
+        // Where lobes stand closer than the shorter window tells apart they beat in it: the longer one must have
+        // seen them scatter for as long.
         let close = state.speed_hz > 0.0 && state.speed_hz < FAR_HZ;
-        if !state.scatter.noise() || close && state.long_scatter.like_a_line() {
+        let longer = || state.long_scatter.fluctuated(ENOUGH / STRIDES[PLACED] as f64);
+        if !state.scatter.noise() || close && !longer() {
             return None;
         }
         state.long_scatter.forget();
