@@ -21,7 +21,8 @@ pub(super) struct Watched {
     reached_hz: [f64; 2],
 }
 
-crate::keyframe::keep!(Watched { low_hz, high_hz, half_width_hz, seen, reached_hz } if |s| s.low_hz <= s.high_hz);
+crate::keyframe::keep!(Watched { low_hz, high_hz, half_width_hz, seen, reached_hz }
+    if |s| s.low_hz <= s.high_hz);
 
 impl Watched {
     /// The stated band, a little wider so that a line at its edge is seen whole.

@@ -175,8 +175,8 @@ impl ChatterMonitor {
             look(&mut state.long_scatter, &state.baselines, PLACED);
         }
         look(&mut state.scatter, &state.baselines, SCATTER)?;
-        // Where lobes stand closer than the shorter window tells apart they beat in it: the longer one must have
-        // seen them scatter for as long.
+        // Where lobes stand closer than the shorter window tells apart they beat in it: the longer one must
+        // have seen them scatter for as long.
         let close = state.speed_hz > 0.0 && state.speed_hz < FAR_HZ;
         let longer = || state.long_scatter.fluctuated(ENOUGH / STRIDES[PLACED] as f64);
         if !state.scatter.noise() || close && !longer() {
