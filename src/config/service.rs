@@ -4,6 +4,7 @@
 //! it, and a test holds it equal to the defaults here.
 
 mod network;
+mod pair;
 
 use super::force::{AxisToml, ForceConfig, ForceToml};
 use super::machine::machine_from_text;
@@ -17,6 +18,7 @@ use crate::plant::cutting::{Cutting, RawCutting};
 use crate::plant::machine::Machine;
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::units::SampleRate;
+use pair::Pair;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -85,7 +87,7 @@ section!(CuttingToml {
     process_damping_n: f64 = 60.0,
 });
 section!(DetectionToml {
-    band_hz: Option<[f64; 2]> = None,
+    band_hz: Option<Pair<f64>> = None,
     tool_axis: Option<String> = None,
     tool_axis_zero_m: f64 = 0.0,
     tool_axis_toward_chuck: bool = false,
@@ -94,12 +96,12 @@ section!(DetectionToml {
     infeed_axis_toward_bar: bool = true,
 });
 section!(TurretToml {
-    axes: [String; 2] = ["x1".into(), "y1".into()],
-    direction_rad: [f64; 2] = [0.0, std::f64::consts::FRAC_PI_4],
-    lowest_offset_m: [f64; 2] = [-1.0e-3; 2],
-    highest_offset_m: [f64; 2] = [1.0e-3; 2],
-    speed_m_s: [f64; 2] = [2.0e-3; 2],
-    acceleration_m_s2: [f64; 2] = [50.0e-3; 2],
+    axes: Pair<String> = Pair(["x1".into(), "y1".into()]),
+    direction_rad: Pair<f64> = Pair([0.0, std::f64::consts::FRAC_PI_4]),
+    lowest_offset_m: Pair<f64> = Pair([-1.0e-3; 2]),
+    highest_offset_m: Pair<f64> = Pair([1.0e-3; 2]),
+    speed_m_s: Pair<f64> = Pair([2.0e-3; 2]),
+    acceleration_m_s2: Pair<f64> = Pair([50.0e-3; 2]),
     largest_pitch_difference_rad: f64 = 0.14,
     command_ttl_s: f64 = 2.5,
     limits_by: String = NOT_COMMISSIONED.into(),
@@ -361,14 +363,22 @@ impl Reader<'_> {
             return Err(self.bad("machine.watch", format!("{axis} twice: expected each axis once")));
         }
         let d = &raw.detection;
-        let band = d.band_hz.map(|stated| self.band(stated, machine.sample_rate)).transpose()?;
+        let workpiece = self.workpiece(&raw.workpiece)?;
+        // The band that is predicted from it must be one that can be heard.
+        let (bends_hz, most_hz) = (workpiece.bending_frequency_hz(), 0.35 * machine.sample_rate.hz());
+        if d.band_hz.is_none() && !(20.0..most_hz).contains(&bends_hz) {
+            let what =
+                format!("the bar bends at {bends_hz:.1} Hz, expected 20 to {most_hz} Hz; lengths in m");
+            return Err(self.bad("workpiece", what));
+        }
+        let band = d.band_hz.map(|stated| self.band(stated.0, machine.sample_rate)).transpose()?;
         let http = self.http(&raw.http)?;
         Ok(ServiceConfig {
             program: None,
             file: self.path.is_file().then(|| self.path.to_owned()),
             force,
             watch: raw.machine.watch.clone(),
-            workpiece: self.workpiece(&raw.workpiece)?,
+            workpiece,
             cutting: self.cutting(&raw.cutting)?,
             band,
             tools: self
@@ -423,6 +433,11 @@ impl Reader<'_> {
     }
 
     fn workpiece(&self, raw: &WorkpieceToml) -> Result<Workpiece, ConfigError> {
+        self.within("workpiece.diameter_m", raw.diameter_m, (1e-3, 2.0))?;
+        self.within("workpiece.projection_length_m", raw.projection_length_m, (1e-3, 10.0))?;
+        self.within("workpiece.elastic_modulus_pa", raw.elastic_modulus_pa, (1e8, 2e12))?;
+        self.within("workpiece.density_kg_m3", raw.density_kg_m3, (100.0, 30e3))?;
+        self.within("workpiece.clamp_factor", raw.clamp_factor, (0.1, 2.0))?;
         let raw = RawWorkpiece {
             diameter_m: raw.diameter_m,
             projection_length_m: raw.projection_length_m,
@@ -435,6 +450,8 @@ impl Reader<'_> {
     }
 
     fn cutting(&self, raw: &CuttingToml) -> Result<Cutting, ConfigError> {
+        self.within("cutting.width_m", raw.width_m, (1e-7, 0.05))?;
+        self.within("cutting.feed_m_rev", raw.feed_m_rev, (1e-7, 0.02))?;
         let raw = RawCutting {
             radial_stiffness_pa: raw.radial_stiffness_pa,
             width_m: raw.width_m,
@@ -460,29 +477,29 @@ impl Reader<'_> {
     fn turret(&self, raw: &TurretToml) -> Result<TurretConfig, ConfigError> {
         let (place, limits) = ("turret.largest_pitch_difference_rad", (1e-3, 1.0));
         let largest = self.within(place, raw.largest_pitch_difference_rad, limits)?;
-        if raw.axes[0] == raw.axes[1] {
-            return Err(self.bad("turret.axes", format!("{} twice: expected two axes", raw.axes[0])));
+        if raw.axes.0[0] == raw.axes.0[1] {
+            return Err(self.bad("turret.axes", format!("{} twice: expected two axes", raw.axes.0[0])));
         }
-        for direction_rad in raw.direction_rad {
+        for direction_rad in raw.direction_rad.0 {
             self.within("turret.direction_rad", direction_rad, (-TAU, TAU))?;
         }
-        for (low, high) in raw.lowest_offset_m.iter().zip(&raw.highest_offset_m) {
+        for (low, high) in raw.lowest_offset_m.0.iter().zip(&raw.highest_offset_m.0) {
             self.within("turret.lowest_offset_m", *low, (-0.01, 0.0))?;
             self.within("turret.highest_offset_m", *high, (0.0, 0.01))?;
         }
-        for speed in raw.speed_m_s {
+        for speed in raw.speed_m_s.0 {
             self.within("turret.speed_m_s", speed, (1e-6, 0.1))?;
         }
-        for acceleration in raw.acceleration_m_s2 {
+        for acceleration in raw.acceleration_m_s2.0 {
             self.within("turret.acceleration_m_s2", acceleration, (1e-6, 10.0))?;
         }
         let turret = TurretConfig {
-            axes: raw.axes.clone(),
-            direction_rad: raw.direction_rad,
-            lowest_offset_m: raw.lowest_offset_m,
-            highest_offset_m: raw.highest_offset_m,
-            speed_m_s: raw.speed_m_s,
-            acceleration_m_s2: raw.acceleration_m_s2,
+            axes: raw.axes.0.clone(),
+            direction_rad: raw.direction_rad.0,
+            lowest_offset_m: raw.lowest_offset_m.0,
+            highest_offset_m: raw.highest_offset_m.0,
+            speed_m_s: raw.speed_m_s.0,
+            acceleration_m_s2: raw.acceleration_m_s2.0,
             largest_pitch_difference_rad: largest,
             // I7: a dead sender must not hold the turret away from equal pitch for longer.
             command_ttl_s: self.within("turret.command_ttl_s", raw.command_ttl_s, (1.1, 2.5))?,
@@ -576,7 +593,7 @@ mod tests {
             ("[http]\nkey = \"k\"\n", "certificate and key are needed together"),
             ("[htpt]\n", "c.toml:1:2: unknown field `htpt`"),
             ("[http]\nlisen = 1\n", "c.toml:2:1: unknown field `lisen`"),
-            ("[workpiece]\ndiameter_m = -1.0\n", "workpiece: diameter_m = -1 is not physical"),
+            ("[workpiece]\ndiameter_m = -1.0\n", "workpiece.diameter_m: -1 is not between"),
             ("[machine]\nmethod = \"magic\"\n", "machine.method: `magic` is not one of thrust, dob"),
             ("[machine]\nmethod = \"frf\"\n", "machine.method: `frf` needs machine.accelerometers"),
             ("[machine.axes.q]\n", "machine.axes.q: the model has no axis q"),
@@ -599,6 +616,14 @@ mod tests {
                 "turret.direction_rad: turret axes at 0.7 and 0.72 rad",
             ),
             ("[turret]\naxes = [\"x1\", \"x1\"]\n", "turret.axes: x1 twice"),
+            ("[turret]\naxes = [\"x1\", \"y1\", \"z1\"]\n", "3 values, expected two"),
+            ("[turret]\nlowest_offset_m = [-1e-3, -1e-3, 5.0]\n", "3 values, expected two"),
+            ("[detection]\nband_hz = [500.0, 700.0, 9.0]\n", "3 values, expected two"),
+            ("[workpiece]\ndiameter_m = 24.9\n", "workpiece.diameter_m: 24.9 is not between 0.001 and 2"),
+            ("[workpiece]\nprojection_length_m = 180.0\n", "workpiece.projection_length_m: 180 is not"),
+            ("[workpiece]\nprojection_length_m = 9.0\n", "bends at 0.2 Hz, expected 20 to 3150 Hz"),
+            ("[workpiece]\ndensity_kg_m3 = 7.85\n", "workpiece.density_kg_m3: 7.85 is not between"),
+            ("[cutting]\nwidth_m = 0.2\n", "cutting.width_m: 0.2 is not between"),
             (
                 "[turret]\nlargest_pitch_difference_rad = 0\n",
                 "pitch_difference_rad: 0 is not between 0.001 and 1",

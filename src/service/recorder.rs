@@ -80,6 +80,8 @@ fn work(
                 outcome(EventKind::RecordingFailed, error);
             }
         }
+        // Here for their size alone: whether the wall clock can be believed is known to the upkeep.
+        let limits = RecordingLimits { max_age_ns: i64::MAX, ..limits };
         match recordings.prune(limits, clock::wall_ns()) {
             Ok(removed) => metrics.recordings.with_label_values(&["removed"]).inc_by(removed as u64),
             Err(error) => tracing::warn!(event = "recordings_prune", "{error}"),

@@ -25,6 +25,8 @@ const CHECK_AFTER: Duration = Duration::from_secs(30);
 const STEP_S: f64 = 30.0;
 /// After a step nothing is removed by age for this long: the clock may be set right again.
 const NO_PRUNING: Duration = Duration::from_secs(86_400);
+/// Nor for this long after the start: a clock that is wrong then is set right within minutes.
+const FIRST: Duration = Duration::from_secs(3600);
 
 /// The history and what is known of it.
 pub(super) struct History {
@@ -63,7 +65,7 @@ struct Clocks {
 
 impl Clocks {
     fn new(now: Instant, wall_ns: i64) -> Self {
-        Self { then: (now, wall_ns), prune_after: None }
+        Self { then: (now, wall_ns), prune_after: Some(now + FIRST) }
     }
 
     /// The step since the last look, where there was one; nothing is removed for a day then.
@@ -311,7 +313,8 @@ mod tests {
         let wall_ns = |s: i64| s * 1_000_000_000;
         let mut clocks = Clocks::new(began, wall_ns(1000));
         assert_eq!(clocks.step_s(after(600), wall_ns(1620)), None, "20 s are no step");
-        assert!(clocks.may_prune(after(600)));
+        assert!(!clocks.may_prune(after(600)), "the clock may still be set");
+        assert!(clocks.may_prune(after(3600)));
         assert_eq!(clocks.step_s(after(601), wall_ns(315_360_000)).map(|s| s > 3e8), Some(true));
         assert!(!clocks.may_prune(after(601)) && !clocks.may_prune(after(80_000)));
         assert!(clocks.may_prune(after(601 + 86_400)));

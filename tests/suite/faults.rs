@@ -227,6 +227,8 @@ fn a_wall_clock_that_jumps_ten_years_neither_stops_nor_prunes_anything() {
         ("FAKETIME_NO_CACHE", "1"),
         ("FAKETIME_DONT_FAKE_MONOTONIC", "1"),
         ("FAKETIME_DONT_RESET", "1"),
+        // Files keep their true times: what was recorded before a jump looks ten years old after it.
+        ("NO_FAKE_STAT", "1"),
     ];
     let process = Process::start_with(&place, "tokens = \"tokens.toml\"", &environment);
     let lathe = LatheThread::start(&place.domain);
@@ -240,10 +242,17 @@ fn a_wall_clock_that_jumps_ten_years_neither_stops_nor_prunes_anything() {
     };
     until("what came is stored", 10, || events("source_found") == 1);
     let before = events("service_start") + events("source_found");
+    let recordings =
+        || ask(&process.address, "GET", "/api/v1/recordings", &[], None).json().as_array().unwrap().len();
+    until("the onset is recorded", 30, || recordings() > 0);
     for jump in ["+10y", "-10y", "+1h", "+0"] {
         std::fs::write(&offset, jump).unwrap();
         if jump.ends_with('y') {
             until("the jump is seen", 5, || (year(&state()) - this_year).abs() >= 9);
+            let saved = recordings();
+            let asked = process.ask("POST", "/api/v1/recordings", &operator, Some("{\"reason\":\"test\"}"));
+            assert!(asked.status < 300, "{jump}: {asked:?}");
+            until("it is saved and the others stay", 20, || recordings() > saved);
         }
         let asked =
             process.ask("POST", "/api/v1/events/1/acknowledge", &operator, Some("{\"reason\":\"test\"}"));

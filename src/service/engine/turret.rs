@@ -83,8 +83,10 @@ impl Engine {
             _ => return,
         };
         let commanded = self.acting.as_ref().is_some_and(|a| a.latest.is_some()) && self.mode == Mode::Act;
-        if !commanded && outcome == "reached" {
-            return; // it stands where it stood before we came
+        let pitch_rad = self.acting.as_ref().map_or(0.0, |a| a.pitch_rad(&status.offset_m));
+        let nothing_left = outcome == "expired" && pitch_rad.abs() < SAME_PITCH_RAD;
+        if !commanded && outcome == "reached" || nothing_left {
+            return; // it stands where it stood before we came, or at equal pitch
         }
         self.setup.metrics.commands.with_label_values(&[outcome]).inc();
         let (kind, text) = match outcome {
