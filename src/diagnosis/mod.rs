@@ -24,6 +24,8 @@ mod regression;
 mod result;
 mod rigid;
 mod search;
+#[expect(dead_code, reason = "the selection that drive and cut are moved to")]
+mod selection;
 mod shape;
 mod state;
 mod stated_laws;

@@ -1,0 +1,255 @@
+//! The one selection: ask every hypothesis, fit the best, take what exceeds the level, ask again.
+//!
+//! It knows neither drive nor cut. A [`Subject`] (the force balance of a drive, the cuts of a lathe) says which
+//! hypotheses there are, screens them cheaply, fits one with every number of the model free beside it, and
+//! says what level chance reaches. Work is counted in evaluations, never in seconds: a busy machine answers
+//! later, not differently.
+
+use crate::plant::effects::{EffectKind, Port};
+
+/// Evaluations that may still be made.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Work {
+    limit: u64,
+    spent: u64,
+}
+
+impl Work {
+    /// A budget of that many evaluations.
+    pub(crate) fn new(limit: u64) -> Self {
+        Self { limit, spent: 0 }
+    }
+
+    /// Takes `evaluations` off the budget; false where they are not there: then nothing may be computed.
+    pub(crate) fn take(&mut self, evaluations: u64) -> bool {
+        let there = self.spent.saturating_add(evaluations) <= self.limit;
+        if there {
+            self.spent += evaluations;
+        }
+        there
+    }
+
+    /// Share of the budget that is spent, 0 to 1.
+    pub(crate) fn share(&self) -> f64 {
+        self.spent as f64 / self.limit.max(1) as f64
+    }
+}
+
+/// A hypothesis with what its screening promises.
+#[derive(Debug, Clone)]
+pub(crate) struct Screened<H> {
+    /// What is asked.
+    pub(crate) hypothesis: H,
+    /// Gain in log-likelihood less its price, nats.
+    pub(crate) promise_nats: f64,
+}
+
+/// A hypothesis fitted with every number of the model free beside it.
+#[derive(Debug, Clone)]
+pub(crate) struct Fitted<H, M> {
+    /// What was asked, its shape as fitted.
+    pub(crate) hypothesis: H,
+    /// The model with it.
+    pub(crate) model: M,
+    /// The one statistic, nats: the worst of the gain less its price and of the held-out gains.
+    pub(crate) evidence_nats: f64,
+    /// What chance reaches in these recordings, nats.
+    pub(crate) level_nats: f64,
+    /// A parameter ended at a bound, or has a sign that physics does not allow.
+    pub(crate) at_bound: bool,
+}
+
+impl<H, M> Fitted<H, M> {
+    /// True where it may be asserted.
+    pub(crate) fn qualifies(&self) -> bool {
+        !self.at_bound && self.evidence_nats > self.level_nats
+    }
+}
+
+/// What is diagnosed: recordings of one machine beside its model.
+pub(crate) trait Subject {
+    /// A model: numbers, and what was taken up.
+    type Model: Clone;
+    /// One law with its shape.
+    type Hypothesis: Clone;
+
+    /// Effect and port of a hypothesis.
+    fn name(&self, hypothesis: &Self::Hypothesis) -> (EffectKind, Port);
+
+    /// Every hypothesis that the model leaves open, best promise first. `None`: the budget is spent.
+    fn screen(&self, model: &Self::Model, work: &mut Work) -> Option<Vec<Screened<Self::Hypothesis>>>;
+
+    /// One hypothesis fitted to the end. `None`: the budget is spent, or no such model exists.
+    fn fit(
+        &self,
+        model: &Self::Model,
+        hypothesis: &Self::Hypothesis,
+        work: &mut Work,
+    ) -> Option<Fitted<Self::Hypothesis, Self::Model>>;
+
+    /// The model after something was taken up: numbers moved, shapes refined again.
+    fn settle(&self, model: Self::Model, work: &mut Work) -> Self::Model;
+}
+
+/// How far the selection goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Reach {
+    /// Effects that are taken up at most: more are a different machine.
+    pub(crate) most_findings: usize,
+    /// Screened hypotheses that are fitted in a round; of one effect and port the best only.
+    pub(crate) fitted: usize,
+}
+
+/// One round: what was fitted, best first, and whether its first was taken up.
+#[derive(Debug, Clone)]
+pub(crate) struct Round<H, M> {
+    /// Fitted, those that qualify first, then by evidence.
+    pub(crate) fitted: Vec<Fitted<H, M>>,
+    /// Screened, best promise first; one an effect and port.
+    pub(crate) screened: Vec<Screened<H>>,
+    /// The first of `fitted` is in the model now.
+    pub(crate) accepted: bool,
+}
+
+/// Where the selection ended.
+#[derive(Debug, Clone)]
+pub(crate) struct Selected<H, M> {
+    /// The model in the end.
+    pub(crate) model: M,
+    /// What happened, in order.
+    pub(crate) rounds: Vec<Round<H, M>>,
+    /// The budget ended before the question did.
+    pub(crate) out_of_budget: bool,
+}
+
+/// Forward selection until nothing qualifies, the reach is used up or the budget is spent.
+///
+/// Errors: none. Deterministic. Cost: one screening and `reach.fitted` fits a round.
+/// Checked by: `selection::tests`.
+pub(crate) fn select<S: Subject>(
+    subject: &S,
+    start: S::Model,
+    reach: Reach,
+    work: &mut Work,
+    progress: &dyn Fn(f64, &str),
+) -> Selected<S::Hypothesis, S::Model> {
+    let mut out = Selected { model: start, rounds: Vec::new(), out_of_budget: false };
+    for taken in 0..=reach.most_findings {
+        progress(work.share(), "screening hypotheses");
+        let Some(screened) = subject.screen(&out.model, work) else {
+            out.out_of_budget = true;
+            break;
+        };
+        let screened = one_each(subject, screened);
+        let mut fitted = Vec::new();
+        for candidate in screened.iter().take(reach.fitted) {
+            progress(work.share(), subject.name(&candidate.hypothesis).0.name());
+            fitted.extend(subject.fit(&out.model, &candidate.hypothesis, work));
+        }
+        fitted.sort_by(|a, b| {
+            b.qualifies().cmp(&a.qualifies()).then(b.evidence_nats.total_cmp(&a.evidence_nats))
+        });
+        let accepted = taken < reach.most_findings && fitted.first().is_some_and(Fitted::qualifies);
+        if let Some(best) = fitted.first().filter(|_| accepted) {
+            out.model = subject.settle(best.model.clone(), work);
+        }
+        out.rounds.push(Round { fitted, screened, accepted });
+        if !accepted {
+            break;
+        }
+    }
+    out
+}
+
+/// Of each effect and port the shape that promises most.
+fn one_each<S: Subject>(
+    subject: &S,
+    mut screened: Vec<Screened<S::Hypothesis>>,
+) -> Vec<Screened<S::Hypothesis>> {
+    screened.sort_by(|a, b| b.promise_nats.total_cmp(&a.promise_nats));
+    let mut seen = Vec::new();
+    screened.retain(|s| {
+        let name = subject.name(&s.hypothesis);
+        let new = !seen.contains(&name);
+        seen.push(name);
+        new
+    });
+    screened
+}
+
+/// Probabilities of hypotheses of these evidences, nats, "nothing of these" with `none_nats` among them; they
+/// sum to one with what "nothing" has. `temper`: whitened chi-square of the fit, 1 for an exact likelihood.
+///
+/// p_i = exp(T_i / temper) / sum: equal prior odds; the price is in the evidence already.
+pub(crate) fn probabilities(evidence_nats: &[f64], none_nats: f64, temper: f64) -> Vec<f64> {
+    let top = evidence_nats.iter().copied().fold(none_nats, f64::max);
+    let weight = |t: f64| ((t - top) / temper.max(1.0)).exp();
+    let total: f64 = evidence_nats.iter().map(|t| weight(*t)).sum::<f64>() + weight(none_nats);
+    evidence_nats.iter().map(|t| weight(*t) / total).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Columns of known gain; each may be taken once.
+    struct Toy;
+
+    impl Subject for Toy {
+        type Model = Vec<usize>;
+        type Hypothesis = usize;
+
+        fn name(&self, h: &usize) -> (EffectKind, Port) {
+            (EffectKind::ALL[*h], Port::Stage)
+        }
+
+        fn screen(&self, model: &Vec<usize>, work: &mut Work) -> Option<Vec<Screened<usize>>> {
+            work.take(4).then(|| {
+                let open = (0..4).filter(|h| !model.contains(h));
+                open.map(|h| Screened { hypothesis: h, promise_nats: 100.0 * h as f64 }).collect()
+            })
+        }
+
+        fn fit(&self, model: &Vec<usize>, h: &usize, work: &mut Work) -> Option<Fitted<usize, Vec<usize>>> {
+            let model = model.iter().copied().chain([*h]).collect();
+            let evidence_nats = 100.0 * *h as f64;
+            let at_bound = *h == 3;
+            work.take(1).then_some(Fitted {
+                hypothesis: *h,
+                model,
+                evidence_nats,
+                level_nats: 150.0,
+                at_bound,
+            })
+        }
+
+        fn settle(&self, model: Vec<usize>, _: &mut Work) -> Vec<usize> {
+            model
+        }
+    }
+
+    const REACH: Reach = Reach { most_findings: 4, fitted: 5 };
+
+    #[test]
+    fn only_what_exceeds_the_level_and_ends_at_no_bound_is_taken_up() {
+        let out = select(&Toy, Vec::new(), REACH, &mut Work::new(1000), &|_, _| {});
+        assert_eq!(out.model, [2]);
+        assert_eq!(out.rounds.iter().map(|r| r.accepted).collect::<Vec<_>>(), [true, false]);
+        assert!(!out.out_of_budget);
+    }
+
+    #[test]
+    fn a_spent_budget_keeps_what_was_found() {
+        let out = select(&Toy, Vec::new(), REACH, &mut Work::new(9), &|_, _| {});
+        assert_eq!(out.model, [2]);
+        assert!(out.out_of_budget);
+    }
+
+    #[test]
+    fn probabilities_leave_room_for_nothing() {
+        let p = probabilities(&[20.0, 20.0], 20.0, 1.0);
+        assert!((p[0] - 1.0 / 3.0).abs() < 1e-12 && (p[1] - p[0]).abs() < 1e-12);
+        let [one, other] = probabilities(&[40.0, 20.0], 0.0, 1.0)[..] else { panic!("two") };
+        assert!(one > 0.999_999 && other < 1e-8);
+    }
+}
