@@ -8,8 +8,10 @@ mod lathe;
 mod acting;
 mod avoidance;
 mod chatter;
+mod chatter_judge;
 mod closed_loop;
 mod conceal;
+mod cut_streams;
 #[cfg(feature = "service")]
 mod deploy;
 #[cfg(feature = "service")]
