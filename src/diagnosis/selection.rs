@@ -1,9 +1,9 @@
 //! The one selection: ask every hypothesis, fit the best, take what exceeds the level, ask again.
 //!
-//! It knows neither drive nor cut. A [`Subject`] (the force balance of a drive, the cuts of a lathe) says which
-//! hypotheses there are, screens them cheaply, fits one with every number of the model free beside it, and
-//! says what level chance reaches. Work is counted in evaluations, never in seconds: a busy machine answers
-//! later, not differently.
+//! It knows neither drive nor cut. A [`Subject`] (the force balance of a drive, the cuts of a lathe) says
+//! which hypotheses there are, screens them cheaply, fits one with every number of the model free beside it,
+//! and says what level chance reaches. Work is counted in evaluations, never in seconds: a busy machine
+//! answers later, not differently.
 
 use crate::plant::effects::{EffectKind, Port};
 

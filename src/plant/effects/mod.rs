@@ -26,12 +26,18 @@ pub enum Port {
     StageEncoder,
     /// The cutting process.
     Process,
-    /// The workpiece.
+    /// The bar and its support.
     Workpiece,
+    /// The holder of tool 2.
+    Turret,
+    /// The spindle's rotation.
+    Spindle,
+    /// What the force signal shows of the force.
+    ForceSensor,
 }
 
 impl Port {
-    const NAMES: [(Port, &'static str); 8] = [
+    const NAMES: [(Port, &'static str); 11] = [
         (Port::Current, "current"),
         (Port::Motor, "motor"),
         (Port::Coupling, "coupling"),
@@ -40,6 +46,9 @@ impl Port {
         (Port::StageEncoder, "stage_encoder"),
         (Port::Process, "process"),
         (Port::Workpiece, "workpiece"),
+        (Port::Turret, "turret"),
+        (Port::Spindle, "spindle"),
+        (Port::ForceSensor, "force_sensor"),
     ];
 
     /// Name in files.
@@ -153,6 +162,28 @@ effects! {
     SpeedDependentDynamics = "speed_dependent_dynamics",
     /// Force that grows as the tool wears.
     ToolWear = "tool_wear",
+    /// Radial share of the force by the round corner of the tool.
+    NoseRadius = "nose_radius",
+    /// Cutting pressure that falls with speed.
+    SpeedDependentForce = "speed_dependent_force",
+    /// Bending in a second plane.
+    SecondPlane = "second_plane",
+    /// Mode that moves with the tools' position.
+    PositionDependentMode = "position_dependent_mode",
+    /// Chuck that rocks.
+    SupportCompliance = "support_compliance",
+    /// Tools that do not cut alike.
+    ToolDifference = "tool_difference",
+    /// Holder of tool 2 that gives way.
+    TurretCompliance = "turret_compliance",
+    /// Rotation that is not uniform.
+    SpindleSpeedVariation = "spindle_speed_variation",
+    /// Stock that is harder or thicker in a sector.
+    StockVariation = "stock_variation",
+    /// Force that follows its law late.
+    ForceLag = "force_lag",
+    /// Force signal later and narrower than stated.
+    ForceSensorLag = "force_sensor_lag",
 }
 
 impl fmt::Display for EffectKind {
