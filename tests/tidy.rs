@@ -35,7 +35,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "simulation",
         ],
     ),
-    ("recording", &["plant", "force", "chatter", "avoidance", "pipeline", "config"]),
+    ("recording", &["plant", "force", "chatter", "avoidance", "pipeline", "config", "diagnosis"]),
     (
         "report",
         &[

@@ -8,6 +8,7 @@ mod chance;
 mod coarse_steps;
 mod columns;
 mod corrections;
+pub mod cut;
 mod encoder_noise;
 mod first_look;
 mod floor;

@@ -1,11 +1,33 @@
 //! CSV with a header line: columns of numbers, the rate from `t_s`.
 
+use super::cuts::{CellTable, Cells};
 use super::{RawTable, RecordingError};
 use crate::config::import_map::Source;
 use std::path::Path;
 
 pub(super) fn read(path: &Path) -> Result<RawTable, RecordingError> {
     read_with(path, &Source::default())
+}
+
+/// Reads a CSV whose first line holds the names, every cell as text.
+pub(super) fn read_cells(path: &Path) -> Result<CellTable, RecordingError> {
+    let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
+    let file =
+        std::fs::File::open(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
+    let mut reader =
+        csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(std::io::BufReader::new(file));
+    let head = reader.headers().map_err(|e| format_error(e.to_string()))?;
+    // The first name may carry a byte-order mark.
+    let mut columns: Vec<(String, Vec<String>)> =
+        head.iter().map(|name| (name.trim_start_matches('\u{feff}').to_owned(), Vec::new())).collect();
+    for record in reader.records() {
+        let record = record.map_err(|e| format_error(e.to_string()))?;
+        for ((_, values), text) in columns.iter_mut().zip(record.iter()) {
+            values.push(text.to_owned());
+        }
+    }
+    let columns = columns.into_iter().map(|(name, values)| (name, Cells::Text(values))).collect();
+    Ok(CellTable { columns, metadata: Vec::new() })
 }
 
 /// Reads a CSV of a stated shape: separator, line of the names, first line of numbers.

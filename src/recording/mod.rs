@@ -4,6 +4,7 @@
 //! numbers. Writing goes beside the target and is renamed: a file is there whole or not at all.
 
 mod csv_file;
+mod cuts;
 mod evidence;
 mod foreign;
 mod mat_file;
@@ -19,6 +20,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+pub use cuts::{CUTS_FORMAT, read_cuts};
 pub use evidence::{Evidence, EvidenceError};
 pub use foreign::import;
 pub use parquet_file::{Table, TableColumn, write_table};

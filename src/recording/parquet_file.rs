@@ -1,5 +1,6 @@
 //! Parquet without Arrow: numeric columns in, numeric columns out.
 
+use super::cuts::{CellTable, Cells};
 use super::parquet_guard::Guarded;
 use super::quiet::quietly;
 use super::{RawTable, RecordingError, beside};
@@ -19,13 +20,36 @@ use std::sync::Arc;
 /// Reads a table. The library behind it panics on some damaged files (negative offsets, a dictionary page
 /// that is missing): that too is a damaged file, and no fault of ours.
 pub(super) fn read(path: &Path) -> Result<RawTable, RecordingError> {
-    quietly(|| read_unguarded(path)).unwrap_or_else(|| {
-        let message = "damaged: its pages are not where its index says".to_owned();
-        Err(RecordingError::Format { path: path.to_owned(), message })
-    })
+    quietly(|| read_unguarded(path)).unwrap_or_else(|| Err(damaged(path)))
+}
+
+/// Reads a table with its text columns.
+pub(super) fn read_cells(path: &Path) -> Result<CellTable, RecordingError> {
+    quietly(|| read_columns_unguarded(path, Texts::Read)).unwrap_or_else(|| Err(damaged(path)))
+}
+
+fn damaged(path: &Path) -> RecordingError {
+    let message = "damaged: its pages are not where its index says".to_owned();
+    RecordingError::Format { path: path.to_owned(), message }
 }
 
 fn read_unguarded(path: &Path) -> Result<RawTable, RecordingError> {
+    let table = read_columns_unguarded(path, Texts::Skip)?;
+    let numbers = table.columns.into_iter().filter_map(|(name, cells)| match cells {
+        Cells::Numbers(values) => Some((name, values)),
+        Cells::Text(_) => None,
+    });
+    Ok(RawTable { columns: numbers.collect(), metadata: table.metadata })
+}
+
+/// Whether columns of text are read: in a recording they carry no signal.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Texts {
+    Read,
+    Skip,
+}
+
+fn read_columns_unguarded(path: &Path, texts: Texts) -> Result<CellTable, RecordingError> {
     let file = File::open(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
     let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
     let reader = Guarded::new(file)
@@ -36,31 +60,65 @@ fn read_unguarded(path: &Path) -> Result<RawTable, RecordingError> {
         .key_value_metadata()
         .map(|list| list.iter().filter_map(|kv| Some((kv.key.clone(), kv.value.clone()?))).collect())
         .unwrap_or_default();
-    let mut columns: Vec<(String, Vec<f64>)> = Vec::new();
+    let mut columns: Vec<(String, Cells)> = Vec::new();
     let descriptions = info.schema_descr();
     for (index, column) in descriptions.columns().iter().enumerate() {
         let name = column.path().string();
-        if matches!(
-            column.physical_type(),
-            Physical::BYTE_ARRAY | Physical::FIXED_LEN_BYTE_ARRAY | Physical::INT96
-        ) {
-            continue; // text carries no signal
-        }
-        let mut values = Vec::new();
+        let mut cells = match (column.physical_type(), texts) {
+            (Physical::BYTE_ARRAY, Texts::Read) => Cells::Text(Vec::new()),
+            (Physical::BYTE_ARRAY | Physical::FIXED_LEN_BYTE_ARRAY | Physical::INT96, _) => continue,
+            _ => Cells::Numbers(Vec::new()),
+        };
         for group in 0..reader.num_row_groups() {
             let group_reader = reader.get_row_group(group).map_err(|e| format_error(one_line(&e)))?;
             let rows = usize::try_from(group_reader.metadata().num_rows()).unwrap_or(0);
             let mut chunk = group_reader.get_column_reader(index).map_err(|e| format_error(one_line(&e)))?;
-            read_chunk(&mut chunk, rows, column.max_def_level(), &mut values)
-                .map_err(|e| format_error(format!("column {name}: {}", one_line(&e))))?;
+            let nullable = column.max_def_level();
+            match &mut cells {
+                Cells::Numbers(values) => read_chunk(&mut chunk, rows, nullable, values),
+                Cells::Text(values) => read_text(&mut chunk, rows, nullable, values),
+            }
+            .map_err(|e| format_error(format!("column {name}: {}", one_line(&e))))?;
         }
-        columns.push((name, values));
+        columns.push((name, cells));
     }
-    let rows = columns.first().map_or(0, |(_, v)| v.len());
-    if let Some((name, values)) = columns.iter().find(|(_, v)| v.len() != rows) {
-        return Err(format_error(format!("column {name} has {} rows, the first has {rows}", values.len())));
+    let rows = columns.first().map_or(0, |(_, cells)| cells.len());
+    if let Some((name, cells)) = columns.iter().find(|(_, cells)| cells.len() != rows) {
+        return Err(format_error(format!("column {name} has {} rows, the first has {rows}", cells.len())));
     }
-    Ok(RawTable { columns, metadata })
+    Ok(CellTable { columns, metadata })
+}
+
+/// Appends the next `rows` texts; a null, or bytes that are no text, become nothing.
+fn read_text(
+    reader: &mut ColumnReader,
+    rows: usize,
+    nullable: i16,
+    out: &mut Vec<String>,
+) -> Result<(), ParquetError> {
+    let ColumnReader::ByteArrayColumnReader(reader) = reader else { return Ok(()) };
+    let (mut values, mut levels) = (Vec::new(), Vec::new());
+    let mut left = rows;
+    while left > 0 {
+        values.clear();
+        levels.clear();
+        let (read, _, _) = reader.read_records(left, Some(&mut levels), None, &mut values)?;
+        if read == 0 {
+            break;
+        }
+        left -= read;
+        let text = |bytes: &ByteArray| bytes.as_utf8().map_or_else(|_| String::new(), str::to_owned);
+        if nullable == 0 {
+            out.extend(values.iter().map(text));
+        } else {
+            let mut present = values.iter();
+            let of = |level: &i16| {
+                if *level == nullable { present.next().map_or_else(String::new, text) } else { String::new() }
+            };
+            out.extend(levels.iter().map(of));
+        }
+    }
+    Ok(())
 }
 
 /// What the library says, without saying again that it is no Parquet.

@@ -1,0 +1,419 @@
+//! What a diagnosis of the cut looks at: recordings of cuts and tables of cuts (contracts, section 6).
+//!
+//! A [`CutRecording`] is a [`Recording`] with the columns of a cut found and the scenario's numbers in place
+//! of those that are not recorded; each such column is told, with what cannot be seen without it. A
+//! [`CutTable`] is one row a cut of constant condition; what a row does not say is `None`.
+
+use crate::plant::scenario::Scenario;
+use crate::sample::Recording;
+use crate::units::SampleRate;
+use thiserror::Error;
+
+/// What a tool is called in columns: `tool1_radial_force_n`.
+const FORCE_COLUMNS: [&str; 2] = ["tool1_radial_force_n", "tool2_radial_force_n"];
+
+/// How the force signal shows the true force: `delay_s` late, through a Butterworth low-pass of fourth order.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForceSignal {
+    /// Corner of the low-pass; `None`: not stated, none within the recording's band.
+    pub bandwidth_hz: Option<f64>,
+    /// Delay.
+    pub delay_s: f64,
+}
+
+/// A column that a recording of a cut has not, with what stands in for it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MissingColumn {
+    /// Name.
+    pub name: &'static str,
+    /// What is taken instead.
+    pub instead: &'static str,
+    /// What cannot be seen without it.
+    pub hides: &'static str,
+}
+
+/// One recording of a cut. Every series has one value a sample and is finite.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CutRecording {
+    /// Free word of the recording.
+    pub experiment: String,
+    /// Samples per second.
+    pub sample_rate: SampleRate,
+    /// Time of the first sample, s.
+    pub start_s: f64,
+    /// Radial force of tool 1 and of tool 2, away from the work positive, as the signal shows it, N.
+    pub forces_n: [Option<Vec<f64>>; 2],
+    /// How the signal shows the force.
+    pub signal: ForceSignal,
+    /// Spindle angle as measured, not wrapped, rad.
+    pub spindle_angle_rad: Option<Vec<f64>>,
+    /// Commanded speed, rpm.
+    pub spindle_speed_rpm: Vec<f64>,
+    /// Tools from the chuck, m.
+    pub tool_position_m: Vec<f64>,
+    /// theta_2 - theta_1 as commanded, rad.
+    pub pitch_difference_rad: Vec<f64>,
+    /// Feed per turn, m.
+    pub feed_m_rev: Vec<f64>,
+    /// Width of cut of each tool, m; 0 is out of the cut.
+    pub width_m: Vec<f64>,
+    /// Bar at the tools toward tool 1, where there is a probe, m.
+    pub displacement_m: Option<Vec<f64>>,
+    /// Diameter of the work that the recording states, m.
+    pub workpiece_diameter_m: Option<f64>,
+    /// What is not in the recording.
+    pub missing: Vec<MissingColumn>,
+}
+
+/// Why a recording is none of a cut.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum CutInputError {
+    /// No force of a tool.
+    #[error(
+        "recording {recording}: no column tool1_radial_force_n or tool2_radial_force_n; it has {present}"
+    )]
+    NoForce {
+        /// Experiment of the recording.
+        recording: String,
+        /// Its columns.
+        present: String,
+    },
+    /// No speed.
+    #[error("recording {recording}: no column spindle_speed_rpm; it has {present}")]
+    NoSpeed {
+        /// Experiment of the recording.
+        recording: String,
+        /// Its columns.
+        present: String,
+    },
+    /// A value that no cut has.
+    #[error("recording {recording}: column {column}, row {row}: {value}; expected {expected}")]
+    NotPhysical {
+        /// Experiment of the recording.
+        recording: String,
+        /// Column.
+        column: &'static str,
+        /// First such row, from 0.
+        row: usize,
+        /// What stands there.
+        value: f64,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// A piece of metadata that cannot be used.
+    #[error("recording {recording}: metadata {key} is `{found}`; expected {expected}")]
+    Metadata {
+        /// Experiment of the recording.
+        recording: String,
+        /// Key.
+        key: &'static str,
+        /// What stands there.
+        found: String,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// Neither a recording nor a table with a cut in it.
+    #[error("no cut to diagnose: expected a recording, or a table with at least one row")]
+    NoCut,
+}
+
+impl CutRecording {
+    /// The cut that a recording shows; what it does not say is the scenario's.
+    ///
+    /// Errors: no force, no speed, a value that no cut has, metadata that are no number.
+    pub fn new(recording: &Recording, scenario: &Scenario) -> Result<Self, CutInputError> {
+        let mut found = Columns { recording, missing: Vec::new() };
+        let forces_n = FORCE_COLUMNS.map(|name| recording.get(name).map(<[f64]>::to_vec));
+        if forces_n.iter().all(Option::is_none) {
+            return Err(CutInputError::NoForce {
+                recording: recording.experiment.clone(),
+                present: found.present(),
+            });
+        }
+        let spindle_speed_rpm = recording.get("spindle_speed_rpm").map(<[f64]>::to_vec);
+        let spindle_speed_rpm = spindle_speed_rpm.ok_or_else(|| CutInputError::NoSpeed {
+            recording: recording.experiment.clone(),
+            present: found.present(),
+        })?;
+        let cutting = scenario.cutting.raw();
+        let tools = scenario.tools;
+        let bandwidth_hz = found.number("force_bandwidth_hz", Sign::Positive)?;
+        let delay_s = found.number("force_delay_s", Sign::NotNegative)?.unwrap_or(0.0);
+        let cut = Self {
+            tool_position_m: found.or_stated("tool_position_m", tools.position_m()),
+            pitch_difference_rad: found.or_stated("pitch_difference_rad", tools.pitch_difference_rad()),
+            feed_m_rev: found.or_stated("feed_m_rev", cutting.feed_m_rev),
+            width_m: found.or_stated("width_m", cutting.width_m),
+            spindle_angle_rad: found.optional("spindle_angle_rad"),
+            displacement_m: found.optional("workpiece_displacement_m"),
+            workpiece_diameter_m: found.number("workpiece_diameter_m", Sign::Positive)?,
+            signal: ForceSignal { bandwidth_hz, delay_s },
+            experiment: recording.experiment.clone(),
+            sample_rate: recording.sample_rate,
+            start_s: recording.start_s,
+            forces_n,
+            spindle_speed_rpm,
+            missing: found.missing,
+        };
+        cut.check()?;
+        Ok(cut)
+    }
+
+    /// Number of samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.spindle_speed_rpm.len()
+    }
+
+    /// True when there is no sample.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.spindle_speed_rpm.is_empty()
+    }
+
+    /// Time of sample `index`, s.
+    #[must_use]
+    pub fn time_s(&self, index: usize) -> f64 {
+        self.start_s + index as f64 / self.sample_rate.hz()
+    }
+
+    fn check(&self) -> Result<(), CutInputError> {
+        let above_zero = |x: f64| x > 0.0;
+        let not_negative = |x: f64| x >= 0.0;
+        self.check_column("spindle_speed_rpm", &self.spindle_speed_rpm, (above_zero, "a number above zero"))?;
+        let zero_or_above = "zero or a number above";
+        self.check_column("width_m", &self.width_m, (not_negative, zero_or_above))?;
+        self.check_column("feed_m_rev", &self.feed_m_rev, (not_negative, zero_or_above))?;
+        self.check_column("tool_position_m", &self.tool_position_m, (not_negative, zero_or_above))?;
+        let below_turn = |x: f64| x.abs() < std::f64::consts::TAU;
+        let pitch = (below_turn, "less than a turn either way");
+        self.check_column("pitch_difference_rad", &self.pitch_difference_rad, pitch)
+    }
+
+    fn check_column(
+        &self,
+        column: &'static str,
+        values: &[f64],
+        (good, expected): (impl Fn(f64) -> bool, &'static str),
+    ) -> Result<(), CutInputError> {
+        values.iter().position(|v| !good(*v)).map_or(Ok(()), |row| {
+            let recording = self.experiment.clone();
+            Err(CutInputError::NotPhysical { recording, column, row, value: values[row], expected })
+        })
+    }
+}
+
+/// Which numbers of the metadata are good.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sign {
+    Positive,
+    NotNegative,
+}
+
+/// Columns of a recording, and those that were looked for in vain.
+struct Columns<'a> {
+    recording: &'a Recording,
+    missing: Vec<MissingColumn>,
+}
+
+/// What stands in for a column that is missing, and what hides with it.
+const REPLACED: [MissingColumn; 6] = [
+    MissingColumn {
+        name: "tool_position_m",
+        instead: "the scenario's position",
+        hides: "whatever changes along the bar",
+    },
+    MissingColumn {
+        name: "pitch_difference_rad",
+        instead: "the scenario's pitch difference",
+        hides: "the delays of the two tools apart",
+    },
+    MissingColumn {
+        name: "feed_m_rev",
+        instead: "the scenario's feed",
+        hides: "edge force and exponent: what changes with the feed",
+    },
+    MissingColumn {
+        name: "width_m",
+        instead: "the scenario's width, all through the recording",
+        hides: "nose radius: what changes with the width; entry and exit",
+    },
+    MissingColumn {
+        name: "spindle_angle_rad",
+        instead: "the angle of uniform rotation",
+        hides: "speed variation, and the phase of what turns with the work",
+    },
+    MissingColumn {
+        name: "workpiece_displacement_m",
+        instead: "nothing: there is no probe",
+        hides: "a force signal that is later or narrower than stated",
+    },
+];
+
+impl Columns<'_> {
+    fn present(&self) -> String {
+        self.recording.columns.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ")
+    }
+
+    fn optional(&mut self, name: &str) -> Option<Vec<f64>> {
+        let values = self.recording.get(name).map(<[f64]>::to_vec);
+        if values.is_none() {
+            self.missing.extend(REPLACED.iter().filter(|m| m.name == name));
+        }
+        values
+    }
+
+    fn or_stated(&mut self, name: &str, stated: f64) -> Vec<f64> {
+        self.optional(name).unwrap_or_else(|| vec![stated; self.recording.len()])
+    }
+
+    fn number(&self, key: &'static str, sign: Sign) -> Result<Option<f64>, CutInputError> {
+        let Some(text) = self.recording.metadata(key) else { return Ok(None) };
+        let good = |x: &f64| x.is_finite() && (*x > 0.0 || (sign == Sign::NotNegative && *x >= 0.0));
+        let value = text.trim().parse().ok().filter(good);
+        let wrong = || CutInputError::Metadata {
+            recording: self.recording.experiment.clone(),
+            key,
+            found: text.escape_debug().to_string(),
+            expected: if sign == Sign::Positive { "a number above zero" } else { "zero or a number above" },
+        };
+        value.map(Some).ok_or_else(wrong)
+    }
+}
+
+/// How a cut ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CutOutcome {
+    /// Small vibration died out.
+    Stable,
+    /// It grew.
+    Chatter,
+}
+
+impl CutOutcome {
+    /// Name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            CutOutcome::Stable => "stable",
+            CutOutcome::Chatter => "chatter",
+        }
+    }
+
+    /// The outcome of that name; any other word is a cut that nobody judged.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        [CutOutcome::Stable, CutOutcome::Chatter].into_iter().find(|o| o.name() == name)
+    }
+}
+
+/// One cut of constant condition. `None`: not known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CutRow {
+    /// Its name.
+    pub cut: String,
+    /// Speed, rpm.
+    pub spindle_speed_rpm: f64,
+    /// Width of cut of each tool, m.
+    pub width_m: f64,
+    /// How it ended; `None`: not judged.
+    pub outcome: Option<CutOutcome>,
+    /// The word that stands in the table.
+    pub outcome_word: String,
+    /// What else is known of it.
+    pub known: KnownOfCut,
+}
+
+/// The optional columns of a table of cuts.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct KnownOfCut {
+    /// Feed per turn, m.
+    pub feed_m_rev: Option<f64>,
+    /// Tools from the chuck, m.
+    pub tool_position_m: Option<f64>,
+    /// theta_2 - theta_1, rad.
+    pub pitch_difference_rad: Option<f64>,
+    /// Diameter of the work, m.
+    pub workpiece_diameter_m: Option<f64>,
+    /// Strongest line, at chatter its frequency, Hz.
+    pub line_hz: Option<f64>,
+    /// Growth of the vibration, 1/s.
+    pub growth_1_s: Option<f64>,
+    /// Standard error of the growth, 1/s.
+    pub growth_se_1_s: Option<f64>,
+    /// Mean radial force of tool 1, N.
+    pub tool1_radial_force_n: Option<f64>,
+    /// Mean radial force of tool 2, N.
+    pub tool2_radial_force_n: Option<f64>,
+    /// Mean tangential force, N.
+    pub cutting_force_n: Option<f64>,
+    /// Mean force along the feed, N.
+    pub feed_force_n: Option<f64>,
+    /// When it began, on the clock of the table, s.
+    pub started_s: Option<f64>,
+}
+
+/// A table of cuts, in the order of the file.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CutTable {
+    /// One a cut.
+    pub rows: Vec<CutRow>,
+    /// Columns of the file that a diagnosis does not know.
+    pub ignored_columns: Vec<String>,
+}
+
+/// What a diagnosis of the cut is asked with: recordings, a table, or both.
+#[derive(Debug, Clone, Copy)]
+pub struct CutEvidence<'a> {
+    /// Recordings of cuts.
+    pub recordings: &'a [CutRecording],
+    /// A table of cuts.
+    pub table: Option<&'a CutTable>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::Column;
+
+    fn recording(names: &[&str], metadata: &[(&str, &str)]) -> Recording {
+        let column = |name: &&str| Column { name: (*name).to_owned(), values: vec![0.1, 0.1, 0.1] };
+        Recording {
+            sample_rate: SampleRate::new(9000.0).unwrap(),
+            experiment: "entry".to_owned(),
+            axes: Vec::new(),
+            columns: names.iter().map(column).collect(),
+            start_s: 0.0,
+            metadata: metadata.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect(),
+        }
+    }
+
+    #[test]
+    fn force_and_speed_are_enough_and_what_is_missing_is_told() {
+        let scenario = Scenario::default();
+        let least = recording(&["tool1_radial_force_n", "spindle_speed_rpm"], &[]);
+        let cut = CutRecording::new(&least, &scenario).unwrap();
+        assert_eq!(cut.missing.len(), REPLACED.len());
+        assert_eq!(cut.width_m, [scenario.cutting.raw().width_m; 3]);
+        assert!(cut.forces_n[1].is_none() && cut.displacement_m.is_none());
+        let probe = ["tool2_radial_force_n", "spindle_speed_rpm", "workpiece_displacement_m", "width_m"];
+        let cut = CutRecording::new(&recording(&probe, &[("force_delay_s", "5e-4")]), &scenario).unwrap();
+        assert!(cut.missing.iter().all(|m| m.name != "width_m" && m.name != "workpiece_displacement_m"));
+        assert!((cut.signal.delay_s - 5e-4).abs() < 1e-18 && cut.signal.bandwidth_hz.is_none());
+    }
+
+    #[test]
+    fn what_is_no_cut_is_refused_by_name() {
+        let refused = |names: &[&str], metadata: &[(&str, &str)]| {
+            CutRecording::new(&recording(names, metadata), &Scenario::default()).unwrap_err().to_string()
+        };
+        assert!(refused(&["spindle_speed_rpm"], &[]).contains("tool1_radial_force_n"));
+        assert!(refused(&["tool1_radial_force_n"], &[]).contains("spindle_speed_rpm"));
+        let good = ["tool1_radial_force_n", "spindle_speed_rpm"];
+        assert!(refused(&good, &[("force_bandwidth_hz", "0")]).contains("force_bandwidth_hz is `0`"));
+        let mut negative = recording(&[&good[..], &["width_m"]].concat(), &[]);
+        negative.columns[2].values[1] = -0.1;
+        let error = CutRecording::new(&negative, &Scenario::default()).unwrap_err().to_string();
+        assert!(error.contains("column width_m, row 1: -0.1"), "{error}");
+    }
+}
