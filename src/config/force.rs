@@ -3,6 +3,7 @@
 use super::accelerometers::read_estimators;
 use super::{ConfigError, parse_number};
 use crate::force::balance::Method;
+use crate::force::budget::drive_side_cutoff_hz;
 use crate::force::estimator::{LowPass, MotionSample, NotchPlan, Signals};
 use crate::force::frf::FrfEstimator;
 use crate::force::harmonic::Reading;
@@ -38,7 +39,7 @@ pub(super) struct AxisToml {
 pub(super) struct ForceToml<'a> {
     pub(super) method: &'a str,
     pub(super) force_cutoff_hz: f64,
-    pub(super) motor_cutoff_hz: f64,
+    pub(super) motor_cutoff_hz: Option<f64>,
     pub(super) accelerometers: Option<PathBuf>,
     pub(super) axes: &'a BTreeMap<String, AxisToml>,
 }
@@ -54,7 +55,8 @@ struct AxisForce {
     method: Choice,
     beside: Option<Choice>,
     force_cutoff_hz: f64,
-    motor_cutoff_hz: f64,
+    /// `None`: where the steps of the rotary encoder end what the drive side tells.
+    motor_cutoff_hz: Option<f64>,
     signals: Signals,
     nut: Option<String>,
     turns: Option<f64>,
@@ -89,7 +91,10 @@ impl ForceConfig {
             method: reader.method("machine.method", raw.method)?,
             beside: None,
             force_cutoff_hz: reader.cutoff("machine.force_cutoff_hz", raw.force_cutoff_hz)?,
-            motor_cutoff_hz: reader.cutoff("machine.motor_cutoff_hz", raw.motor_cutoff_hz)?,
+            motor_cutoff_hz: raw
+                .motor_cutoff_hz
+                .map(|hz| reader.cutoff("machine.motor_cutoff_hz", hz))
+                .transpose()?,
             signals: Signals::Both,
             nut: None,
             turns: None,
@@ -189,7 +194,10 @@ impl AxisForce {
         plan.settings.learn_stiffness = true;
         plan.settings.low_pass = LowPass::Butterworth { order: 4, cutoff_hz: self.force_cutoff_hz };
         // At half the rate and above there is nothing to take away.
-        plan.motor_cutoff_hz = Some(self.motor_cutoff_hz).filter(|hz| *hz < rate.hz() / 2.0);
+        plan.motor_cutoff_hz = match self.motor_cutoff_hz {
+            Some(hz) => Some(hz).filter(|hz| *hz < rate.hz() / 2.0),
+            None => drive_side_cutoff_hz(&model.drive, rate),
+        };
         if let Some(harmonic) = &mut plan.settings.harmonic {
             harmonic.turns = self.turns.unwrap_or(harmonic.turns);
             harmonic.harmonics = self.harmonics;
@@ -296,7 +304,7 @@ impl Reader<'_> {
             method: chosen,
             beside,
             force_cutoff_hz: cutoffs[0].unwrap_or(all.force_cutoff_hz),
-            motor_cutoff_hz: cutoffs[1].unwrap_or(all.motor_cutoff_hz),
+            motor_cutoff_hz: cutoffs[1].or(all.motor_cutoff_hz),
             signals,
             nut: raw.nut.clone(),
             turns: number("turns", raw.turns, (0.1, 10.0))?,

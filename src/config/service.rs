@@ -67,7 +67,7 @@ section!(MachineToml {
     model: Option<PathBuf> = None,
     method: String = "medob".into(),
     force_cutoff_hz: f64 = 1000.0,
-    motor_cutoff_hz: f64 = 150.0,
+    motor_cutoff_hz: Option<f64> = None,
     watch: Vec<String> = vec!["x1".into(), "y1".into()],
     accelerometers: Option<PathBuf> = None,
     axes: BTreeMap<String, AxisToml> = BTreeMap::new(),

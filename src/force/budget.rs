@@ -11,6 +11,7 @@
 use super::balance::{ForceBalance, Method};
 use super::response::Chain;
 use crate::plant::drive::{DriveParams, ParamError, RawDriveParams};
+use crate::units::SampleRate;
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 
@@ -91,5 +92,71 @@ impl Budget {
         let size = |f: [f64; 3], step_m: f64| (f[0] + s * (f[1] + s * f[2])).norm() * step_m / 12f64.sqrt();
         let motor_n = size(self.balance.motor.as_array(), motor_step_m);
         motor_n.hypot(size(self.balance.stage.as_array(), stage_step_m))
+    }
+}
+
+/// The weakest line that a detector is asked to find, N, in a band as wide as it rises from (both: contracts,
+/// chatter streams).
+const WEAKEST_LINE_N: f64 = 1.0;
+const LINE_BAND_HZ: f64 = 25.0;
+/// Where the step of the rotary encoder is not stated: second-order corner that suits 2^17 counts a turn on a
+/// lead of 5 to 10 mm before slides of 100 kg and more, Hz.
+const UNSTATED_CUTOFF_HZ: f64 = 150.0;
+/// The search goes up by twelfths of an octave from here, Hz.
+const LOWEST_CUTOFF_HZ: f64 = 10.0;
+
+/// Where the drive side of a rigid-body balance stops to tell: the lowest frequency at which the steps of the
+/// rotary encoder hide what the motor's motion carries of the weakest line. `None`: nowhere below half the
+/// rate.
+///
+///   |m(s)| q sqrt(2 B / f_s) / sqrt(12)  >  |m(s) x_m / F_cut| F_least
+///
+/// Units: Hz. Source: quantization noise q^2/12 spread evenly to f_s/2 (thesis 4.2), receptance of the drive.
+/// Checked by: `steps_of_a_rotary_encoder_end_what_the_drive_side_tells`.
+#[must_use]
+pub fn drive_side_cutoff_hz(drive: &DriveParams, rate: SampleRate) -> Option<f64> {
+    let step_m = drive.motor_encoder_resolution_m();
+    let half_rate_hz = 0.5 * rate.hz();
+    if step_m <= 0.0 {
+        return Some(UNSTATED_CUTOFF_HZ).filter(|hz| *hz < half_rate_hz);
+    }
+    let chain = Chain::of_drive(drive);
+    // The factor m(s) stands on both sides of the comparison.
+    let noise_m = step_m / 12f64.sqrt() * (2.0 * LINE_BAND_HZ / rate.hz()).sqrt();
+    let hidden = |hz: f64| noise_m > chain.receptance(hz).motor_per_cutting.norm() * WEAKEST_LINE_N;
+    let steps = (0..).map(|k| LOWEST_CUTOFF_HZ * 2f64.powf(f64::from(k) / 12.0));
+    steps.take_while(|hz| *hz < half_rate_hz).find(|hz| hidden(*hz))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn drive(step_m: Option<f64>) -> DriveParams {
+        DriveParams::new(RawDriveParams {
+            movable_mass_kg: Some(150.0),
+            screw_lead_m: Some(6.0e-3),
+            rotary_inertia_kg_m2: Some(1.4e-3),
+            axial_stiffness_n_m: Some(1.3e8),
+            structural_damping_n_s_m: Some(9.0e3),
+            motor_encoder_resolution_m: step_m,
+            ..RawDriveParams::default()
+        })
+        .unwrap()
+    }
+
+    /// Above the resonance the motor answers F/(M_r w^2) and less: at the cutoff the two sides are equal.
+    #[test]
+    fn steps_of_a_rotary_encoder_end_what_the_drive_side_tells() {
+        let rate = SampleRate::new(9000.0).unwrap();
+        let coarse = drive_side_cutoff_hz(&drive(Some(37.5e-9)), rate).unwrap();
+        assert!((100.0..250.0).contains(&coarse), "{coarse} Hz");
+        let fine = drive_side_cutoff_hz(&drive(Some(37.5e-12)), rate).unwrap();
+        assert!(fine > 3.0 * coarse, "{fine} Hz");
+        assert_eq!(drive_side_cutoff_hz(&drive(Some(1e-18)), rate), None);
+        assert_eq!(drive_side_cutoff_hz(&drive(None), rate), Some(UNSTATED_CUTOFF_HZ));
+        // A rate twice as high spreads the same steps over twice the band.
+        let faster = drive_side_cutoff_hz(&drive(Some(37.5e-9)), SampleRate::new(18_000.0).unwrap()).unwrap();
+        assert!(faster >= coarse);
     }
 }
