@@ -153,6 +153,7 @@ fn draw(seed: u64, arguments: &Arguments) -> Result<Case, crate::plant::workpiec
             width_m: between([0.1e-3, 0.25e-3], [0.08e-3, 0.4e-3]),
             feed_m_rev: between([0.1e-3, 0.2e-3], [0.05e-3, 0.25e-3]),
             process_damping_n: between([30.0, 90.0], [0.0, 90.0]),
+            ..RawCutting::default()
         },
         speed_rpm: between([900.0, 1800.0], [600.0, 2600.0]),
         travel_m_s: 0.0,

@@ -445,6 +445,7 @@ impl Reader<'_> {
             density_kg_m3: raw.density_kg_m3,
             damping_ratio: raw.damping_ratio,
             clamp_factor: raw.clamp_factor,
+            tap_test: None,
         };
         Workpiece::new(raw).map_err(|e| self.bad("workpiece", e.to_string()))
     }
@@ -457,6 +458,7 @@ impl Reader<'_> {
             width_m: raw.width_m,
             feed_m_rev: raw.feed_m_rev,
             process_damping_n: raw.process_damping_n,
+            ..RawCutting::default()
         };
         Cutting::new(raw).map_err(|e| self.bad("cutting", e.to_string()))
     }

@@ -5,7 +5,8 @@
 //! toward tool 1 moves away from tool 2, so the delayed terms carry **plus** signs. A model of tools on
 //! one side, or of flexible tools, has minus signs and other stable windows.
 //!
-//! What it leaves out: loss of contact, the flank that stops growing chatter, runout.
+//! What it leaves out: loss of contact, the flank that stops growing chatter, and whatever a scenario states
+//! beyond the structure; [`super::cut_loop`] is the linear equation with all of it.
 
 use super::scenario::Scenario;
 use super::workpiece::{Rule, ScenarioError, checked};
@@ -23,11 +24,34 @@ pub struct RawCutting {
     pub feed_m_rev: f64,
     /// C_i: radial force per unit slope of the cut surface.
     pub process_damping_n: f64,
+    /// False: each tool cuts the nominal chip plus its own movement, no memory of the surface.
+    pub regeneration: bool,
+    /// gamma: beyond the slope tan(gamma) the flank pushes back.
+    pub clearance_rad: f64,
+    /// C_f: force per unit slope beyond the clearance, per tool.
+    pub flank_force_n: f64,
+    /// Tangential over radial force.
+    pub tangential_ratio: f64,
+    /// F_e: force of the edge, whatever the chip, per tool.
+    pub edge_force_n: f64,
+    /// p: the force grows with this power of the chip; 1 is in proportion.
+    pub exponent: f64,
 }
 
 impl Default for RawCutting {
     fn default() -> Self {
-        Self { radial_stiffness_pa: 2500e6, width_m: 0.2e-3, feed_m_rev: 0.15e-3, process_damping_n: 60.0 }
+        Self {
+            radial_stiffness_pa: 2500e6,
+            width_m: 0.2e-3,
+            feed_m_rev: 0.15e-3,
+            process_damping_n: 60.0,
+            regeneration: true,
+            clearance_rad: 0.122,
+            flank_force_n: 3000.0,
+            tangential_ratio: 2.0,
+            edge_force_n: 0.0,
+            exponent: 1.0,
+        }
     }
 }
 
@@ -44,6 +68,11 @@ impl Cutting {
         checked("width_m", raw.width_m, Rule::NotNegative)?;
         checked("feed_m_rev", raw.feed_m_rev, Rule::NotNegative)?;
         checked("process_damping_n", raw.process_damping_n, Rule::NotNegative)?;
+        checked("clearance_rad", raw.clearance_rad, Rule::Angle)?;
+        checked("flank_force_n", raw.flank_force_n, Rule::NotNegative)?;
+        checked("tangential_ratio", raw.tangential_ratio, Rule::NotNegative)?;
+        checked("edge_force_n", raw.edge_force_n, Rule::NotNegative)?;
+        checked("exponent", raw.exponent, Rule::Power)?;
         Ok(Self { raw })
     }
 

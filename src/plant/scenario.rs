@@ -1,14 +1,27 @@
 //! One parallel turning cut: bar, cut, spindle, tools (contracts, section 3). The virtual lathe, the
 //! stability map and the tests all start from it.
 
+use super::cut_effects::{Physics, PhysicsError};
 use super::cutting::{Cutting, RawCutting};
+use super::effects::EffectKind;
 use super::workpiece::{RawWorkpiece, Rule, ScenarioError, Workpiece, checked};
 use crate::units::SpindleSpeed;
 use std::f64::consts::PI;
 
+/// How many tools cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ToolCount {
+    /// Ordinary turning: one delay of a whole turn.
+    One,
+    /// Two opposed tools.
+    #[default]
+    Two,
+}
+
 /// Where the tools stand and how they move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tools {
+    count: ToolCount,
     position_m: f64,
     travel_m_s: f64,
     pitch_difference_rad: f64,
@@ -29,7 +42,13 @@ impl Tools {
                 expected: "less than a turn either way",
             });
         }
-        Ok(Self { position_m, travel_m_s, pitch_difference_rad })
+        Ok(Self { count: ToolCount::Two, position_m, travel_m_s, pitch_difference_rad })
+    }
+
+    /// One tool or two.
+    #[must_use]
+    pub fn count(&self) -> ToolCount {
+        self.count
     }
 
     /// z, from the chuck, at the start.
@@ -62,6 +81,8 @@ pub struct Scenario {
     pub spindle: SpindleSpeed,
     /// Tools.
     pub tools: Tools,
+    /// What the cut has beyond the structure.
+    pub physics: Physics,
 }
 
 /// A scenario before it is checked: plain numbers, every one with a default.
@@ -73,12 +94,16 @@ pub struct RawScenario {
     pub cutting: RawCutting,
     /// S.
     pub speed_rpm: f64,
+    /// One tool or two.
+    pub tool_count: ToolCount,
     /// Tools from the chuck; `None`: at the free end.
     pub position_m: Option<f64>,
     /// Speed of the tools away from the chuck.
     pub travel_m_s: f64,
     /// theta_2 - theta_1.
     pub pitch_difference_rad: f64,
+    /// What the cut has beyond the structure.
+    pub physics: Physics,
 }
 
 impl Default for RawScenario {
@@ -87,20 +112,23 @@ impl Default for RawScenario {
             workpiece: RawWorkpiece::default(),
             cutting: RawCutting::default(),
             speed_rpm: 1200.0,
+            tool_count: ToolCount::Two,
             position_m: None,
             travel_m_s: 0.0,
             pitch_difference_rad: 0.0,
+            physics: Physics::default(),
         }
     }
 }
 
 impl Scenario {
-    /// Errors: the first value that is not physical, by name. A tool position beyond the free end is one.
+    /// Errors: the first value that is not physical, by name. A tool position beyond the free end is one; so is
+    /// an effect of what the structure states already.
     pub fn new(raw: &RawScenario) -> Result<Self, ScenarioError> {
         let workpiece = Workpiece::new(raw.workpiece)?;
         let length_m = workpiece.projection_length_m();
         let position_m = raw.position_m.unwrap_or(length_m);
-        if position_m > length_m * (1.0 + 1e-9) {
+        if position_m > length_m * (1.0 + 1e-9) && !workpiece.is_tapped() {
             return Err(ScenarioError::NotPhysical {
                 name: "position_m",
                 value: position_m,
@@ -112,8 +140,11 @@ impl Scenario {
             value: raw.speed_rpm,
             expected: "a finite number above zero",
         })?;
-        let tools = Tools::new(position_m, raw.travel_m_s, raw.pitch_difference_rad)?;
-        Ok(Self { workpiece, cutting: Cutting::new(raw.cutting)?, spindle, tools })
+        let mut tools = Tools::new(position_m, raw.travel_m_s, raw.pitch_difference_rad)?;
+        tools.count = raw.tool_count;
+        let cutting = Cutting::new(raw.cutting)?;
+        not_stated(&raw.cutting, &raw.physics)?;
+        Ok(Self { workpiece, cutting, spindle, tools, physics: raw.physics })
     }
 
     /// The plain numbers; `Scenario::new` makes the same scenario of them.
@@ -123,11 +154,31 @@ impl Scenario {
             workpiece: *self.workpiece.raw(),
             cutting: *self.cutting.raw(),
             speed_rpm: self.spindle.rpm(),
+            tool_count: self.tools.count,
             position_m: Some(self.tools.position_m),
             travel_m_s: self.tools.travel_m_s,
             pitch_difference_rad: self.tools.pitch_difference_rad,
+            physics: self.physics,
         }
     }
+}
+
+/// Effects of which the structure has its own number are there only where that number says nothing.
+fn not_stated(cutting: &RawCutting, physics: &Physics) -> Result<(), PhysicsError> {
+    let regenerates = cutting.regeneration.then_some("regeneration = false");
+    let damps = (cutting.process_damping_n > 0.0).then_some("process_damping_n = 0");
+    let bends = ((cutting.exponent - 1.0).abs() > 0.0).then_some("exponent = 1");
+    let stated = [
+        (EffectKind::RegenerativeEffect, regenerates),
+        (EffectKind::ProcessDamping, damps),
+        (EffectKind::NonlinearCuttingForce, bends),
+    ];
+    for (effect, expected) in stated {
+        if let (Some(expected), Some(_)) = (expected, physics.get(effect)) {
+            return Err(PhysicsError::Stated { effect, expected });
+        }
+    }
+    Ok(())
 }
 
 impl Default for Scenario {

@@ -7,6 +7,7 @@
 //!
 //! It knows its mass, stiffness, damping and mode shape; it does not know that anything cuts it.
 
+use super::cut_effects::PhysicsError;
 use std::f64::consts::PI;
 use thiserror::Error;
 
@@ -26,6 +27,9 @@ pub enum ScenarioError {
         /// What was expected.
         expected: &'static str,
     },
+    /// An effect that is not physical, or contradicts what the scenario states.
+    #[error(transparent)]
+    Physics(#[from] PhysicsError),
 }
 
 /// Refuses a value outside `(low, high]` (or `[low, high]` with `low_included`).
@@ -34,6 +38,8 @@ pub(super) fn checked(name: &'static str, value: f64, rule: Rule) -> Result<f64,
         Rule::Positive => (value > 0.0, "a finite number above zero"),
         Rule::NotNegative => (value >= 0.0, "zero or a finite number above"),
         Rule::Fraction => ((0.0..1.0).contains(&value), "zero or above and below one"),
+        Rule::Angle => ((0.0..1.5).contains(&value), "zero or above and below 1.5"),
+        Rule::Power => ((0.2..=2.0).contains(&value), "a number from 0.2 to 2"),
         Rule::Finite => (true, "a finite number"),
     };
     if value.is_finite() && good {
@@ -48,6 +54,8 @@ pub(super) enum Rule {
     Positive,
     NotNegative,
     Fraction,
+    Angle,
+    Power,
     Finite,
 }
 
@@ -66,6 +74,17 @@ pub struct RawWorkpiece {
     pub damping_ratio: f64,
     /// Natural frequency divided by that of a rigid clamp.
     pub clamp_factor: f64,
+    /// A tap test of whatever gives way; it replaces length, modulus, density and clamp.
+    pub tap_test: Option<TapTest>,
+}
+
+/// Frequency and stiffness of the compliant part as they were measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TapTest {
+    /// f_n.
+    pub natural_frequency_hz: f64,
+    /// k.
+    pub modal_stiffness_n_m: f64,
 }
 
 impl Default for RawWorkpiece {
@@ -77,7 +96,24 @@ impl Default for RawWorkpiece {
             density_kg_m3: 7850.0,
             damping_ratio: 0.01,
             clamp_factor: 0.975,
+            tap_test: None,
         }
+    }
+}
+
+impl RawWorkpiece {
+    /// Another natural frequency with the same modal mass: `clamp_factor`, or the tap test's frequency, times
+    /// `factor`; what moves f_n leaves mass and damping ratio.
+    #[must_use]
+    pub fn with_frequency_factor(mut self, factor: f64) -> Self {
+        match &mut self.tap_test {
+            Some(tap) => {
+                tap.natural_frequency_hz *= factor;
+                tap.modal_stiffness_n_m *= factor * factor;
+            }
+            None => self.clamp_factor *= factor,
+        }
+        self
     }
 }
 
@@ -96,6 +132,10 @@ impl Workpiece {
         checked("density_kg_m3", raw.density_kg_m3, Rule::Positive)?;
         checked("damping_ratio", raw.damping_ratio, Rule::Fraction)?;
         checked("clamp_factor", raw.clamp_factor, Rule::Positive)?;
+        if let Some(tap) = raw.tap_test {
+            checked("natural_frequency_hz", tap.natural_frequency_hz, Rule::Positive)?;
+            checked("modal_stiffness_n_m", tap.modal_stiffness_n_m, Rule::Positive)?;
+        }
         Ok(Self { raw })
     }
 
@@ -122,7 +162,13 @@ impl Workpiece {
         self.raw.projection_length_m
     }
 
-    /// Frequency of the first bending mode.
+    /// True where a tap test states the compliance: its shape is 1 everywhere.
+    #[must_use]
+    pub fn is_tapped(&self) -> bool {
+        self.raw.tap_test.is_some()
+    }
+
+    /// Frequency of the first bending mode; that of the tap test where there is one.
     ///
     /// f_n = clamp * 1.8751^2 / (2 pi L^2) * sqrt(E I / (A rho)),  I = pi d^4/64, A = pi d^2/4      (6-11)
     ///
@@ -133,6 +179,9 @@ impl Workpiece {
     #[must_use]
     pub fn bending_frequency_hz(&self) -> f64 {
         let raw = &self.raw;
+        if let Some(tap) = raw.tap_test {
+            return tap.natural_frequency_hz;
+        }
         // sqrt(I/A) = d/4 for a round bar.
         let wave_speed_m_s = (raw.elastic_modulus_pa / raw.density_kg_m3).sqrt();
         let l = raw.projection_length_m;
@@ -146,6 +195,9 @@ impl Workpiece {
     #[must_use]
     pub fn modal_mass_kg(&self) -> f64 {
         let raw = &self.raw;
+        if let Some(tap) = raw.tap_test {
+            return tap.modal_stiffness_n_m / (2.0 * PI * tap.natural_frequency_hz).powi(2);
+        }
         raw.density_kg_m3 * PI * raw.diameter_m.powi(2) / 4.0 * raw.projection_length_m / 4.0
     }
 
@@ -170,10 +222,19 @@ impl Workpiece {
     /// Checked by: `modal_mass_is_the_integral`, `mode_shape_at_its_ends`.
     #[must_use]
     pub fn mode_shape(&self, position_m: f64) -> f64 {
+        if self.is_tapped() {
+            return 1.0;
+        }
         let r = FIRST_MODE_ROOT;
         let s = (r.cosh() + r.cos()) / (r.sinh() + r.sin());
         let x = r * (position_m / self.raw.projection_length_m).clamp(0.0, 1.0);
         (x.cosh() - x.cos() - s * (x.sinh() - x.sin())) / 2.0
+    }
+
+    /// z/L of a bar that stays straight and rocks at the chuck; 1 everywhere for a tap test.
+    #[must_use]
+    pub fn straight_shape(&self, position_m: f64) -> f64 {
+        if self.is_tapped() { 1.0 } else { (position_m / self.raw.projection_length_m).clamp(0.0, 1.0) }
     }
 }
 

@@ -6,15 +6,18 @@
 //!  m s^2 + c s + k + K (2 + e^{-s tau1} + e^{-s tau2}) = 0        s = growth + j 2 pi frequency
 //! ```
 //!
+//! [`rightmost_cut_root`] is the same question to a cut with effects beyond this structure, or with one tool.
 //! [`rightmost_root`] finds it by Newton's method from every place in which it can lie, and [`Grid`] walks a
 //! map. [`roots_right_of`] counts roots by the argument principle and shares nothing with the search.
 //! The linear model does not know loss of contact: it says whether chatter starts, not how large it gets.
 
 mod count;
+mod cut_root;
 mod grid;
 mod lanes;
 mod root;
 
-pub use count::roots_right_of;
+pub use count::{cut_roots_right_of, roots_right_of};
+pub use cut_root::{cut_root_near, rightmost_cut_root, scenario_root};
 pub use grid::{Grid, GridError, GridPoint, GridRange};
 pub use root::{Root, rightmost_root};
