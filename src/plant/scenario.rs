@@ -122,8 +122,8 @@ impl Default for RawScenario {
 }
 
 impl Scenario {
-    /// Errors: the first value that is not physical, by name. A tool position beyond the free end is one; so is
-    /// an effect of what the structure states already.
+    /// Errors: the first value that is not physical, by name. A tool position beyond the free end is one; so
+    /// is an effect of what the structure states already.
     pub fn new(raw: &RawScenario) -> Result<Self, ScenarioError> {
         let workpiece = Workpiece::new(raw.workpiece)?;
         let length_m = workpiece.projection_length_m();
