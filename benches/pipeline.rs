@@ -49,6 +49,7 @@ fn pipeline(axes: usize, rate_hz: f64, drive: &DriveParams) -> Pipeline {
         band: BandPlan::Stated(Band::new(500.0, 700.0).expect("a band")),
         tools: None,
         infeed: None,
+        margin: None,
         pushes: false,
     };
     Pipeline::new(settings).expect("valid settings")

@@ -61,6 +61,7 @@ fn a_step_of_the_pipeline_allocates_nothing() {
         band: BandPlan::Workpiece(scenario.workpiece),
         tools: None,
         infeed: None,
+        margin: None,
         pushes: false,
     })
     .unwrap();
@@ -122,6 +123,7 @@ fn a_new_spindle_speed_allocates_nothing() {
         band: BandPlan::Workpiece(Scenario::default().workpiece),
         tools: None,
         infeed: None,
+        margin: None,
         pushes: false,
     })
     .unwrap();

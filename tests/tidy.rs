@@ -16,7 +16,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("chatter", &["signal"]),
     ("avoidance", &["chatter", "stability", "plant"]),
     ("stability", &["plant", "chatter", "signal"]),
-    ("pipeline", &["force", "chatter", "avoidance", "plant", "signal"]),
+    ("pipeline", &["force", "chatter", "avoidance", "stability", "plant", "signal"]),
     ("simulation", &["plant", "signal", "pipeline", "avoidance", "chatter"]),
     ("identify", &["plant", "signal", "force", "simulation"]),
     ("diagnosis", &["plant", "signal", "force", "simulation", "identify"]),

@@ -9,7 +9,10 @@ use crate::force::estimator::ForceEstimate;
 use crate::force::recorded::accelerations;
 use crate::force::validity::Validity;
 use crate::keyframe::Digest;
-use crate::pipeline::{AxisPlan, BandPlan, Pipeline, PipelineSettings, StepOutput};
+use crate::pipeline::{
+    AxisPlan, BandPlan, CutConditions, CutPrior, MarginPlan, MarginWarning, Pipeline, PipelineSettings,
+    StepOutput,
+};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::recording::{Evidence, read_recording};
 use crate::report::decisions::write_decisions;
@@ -69,7 +72,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let band = band_of(&arguments, &recording, given.then_some(&config)).map_err(place)?;
     let source = Source::of(&recording, &arguments, &config).map_err(place)?;
     source.say_what_is_invalid()?;
-    let settings = source.settings(&config, band);
+    let mut settings = source.settings(&config, band);
+    settings.margin = margin_of(&recording, given.then_some(&config)).map_err(place)?;
     let mut pipeline = Pipeline::new(settings).map_err(|e| place(e.to_string()))?;
     let evidence = Evidence::of(&recording).map_err(|e| place(e.to_string()))?;
     let account = evidence.as_ref().and_then(|e| e.account.clone());
@@ -160,6 +164,10 @@ fn replay(
         let sequence = first_sequence + index as u64;
         let output = source.step(pipeline, recording, (index, sequence));
         stretches.take(&output, source.axes.len());
+        if let Some(MarginWarning { axis, margin }) = output.margin_warning {
+            let name = source.axes.get(axis).map_or("", String::as_str);
+            events.push(EventLine::from_margin(output.t_s, name, &margin));
+        }
         if let Some((axis, event)) = &output.event {
             let name = source.axes.get(*axis).map_or("", String::as_str);
             let line = EventLine::from_chatter(output.t_s, name, event);
@@ -177,6 +185,7 @@ fn replay(
                 frequency_hz: chatter.frequency_hz,
                 power_n2: chatter.power_n2,
                 chatter: chatter.phase == crate::chatter::Phase::Chatter,
+                margin: pipeline.margin().copied(),
             });
         }
     }
@@ -197,6 +206,26 @@ struct Source<'a> {
     accel_valid: Option<&'a [f64]>,
     /// The machine's own times, where a black box kept them.
     times: Option<&'a [f64]>,
+    cut: CutColumns<'a>,
+}
+
+/// Conditions of the cut, as far as the recording has them (contracts, section 4).
+struct CutColumns<'a> {
+    pitch_rad: Option<&'a [f64]>,
+    position_m: Option<&'a [f64]>,
+    feed_m_rev: Option<&'a [f64]>,
+    width_m: Option<&'a [f64]>,
+}
+
+impl<'a> CutColumns<'a> {
+    fn of(recording: &'a Recording) -> Self {
+        Self {
+            pitch_rad: recording.get("pitch_difference_rad"),
+            position_m: recording.get("tool_position_m"),
+            feed_m_rev: recording.get("feed_m_rev"),
+            width_m: recording.get("width_m"),
+        }
+    }
 }
 
 enum Signals<'a> {
@@ -284,6 +313,7 @@ impl<'a> Source<'a> {
             accel,
             accel_valid: recording.get("accel_valid"),
             times: recording.get("source_t_s"),
+            cut: CutColumns::of(recording),
         })
     }
 
@@ -306,6 +336,7 @@ impl<'a> Source<'a> {
                 band: config.pipeline_settings(self.rate, &self.axes).band,
                 tools: None,
                 infeed: None,
+                margin: None,
                 pushes: self.pushes,
             },
         };
@@ -342,6 +373,17 @@ impl<'a> Source<'a> {
         self.speed.map(|s| s[index]).or(self.speed_given_rpm)
     }
 
+    /// What the recording tells of the cut at a row.
+    fn conditions(&self, index: usize) -> CutConditions {
+        CutConditions {
+            spindle_speed_rpm: self.speed_rpm(index),
+            pitch_difference_rad: self.cut.pitch_rad.map(|c| c[index]),
+            tool_position_m: self.cut.position_m.map(|c| c[index]),
+            feed_m_rev: self.cut.feed_m_rev.map(|c| c[index]),
+            width_m: self.cut.width_m.map(|c| c[index]),
+        }
+    }
+
     fn step(
         &self,
         pipeline: &mut Pipeline,
@@ -355,7 +397,7 @@ impl<'a> Source<'a> {
                 for (to, column) in forces.iter_mut().zip(columns) {
                     *to = column.estimate(index);
                 }
-                pipeline.step_estimates(t_s, &forces[..columns.len()], self.speed_rpm(index))
+                pipeline.step_estimates(t_s, &forces[..columns.len()], &self.conditions(index))
             }
             Signals::Servo(columns) => {
                 let mut axes = [AxisSample::default(); MAX_AXES];
@@ -418,17 +460,31 @@ fn band_of(
     if config.is_some() {
         return Ok(None);
     }
+    let Some([diameter_m, projection_length_m]) = bar_of(recording)? else { return Ok(None) };
+    let raw = RawWorkpiece { diameter_m, projection_length_m, clamp_factor: 1.0, ..RawWorkpiece::default() };
+    let workpiece = Workpiece::new(raw).map_err(|e| e.to_string())?;
+    predicted_band(workpiece.bending_frequency_hz()).map(Some).map_err(|e| e.to_string())
+}
+
+/// Diameter and length of the bar that the recording names, m.
+fn bar_of(recording: &Recording) -> Result<Option<[f64; 2]>, String> {
     let number = |key: &str| {
         let Some(text) = recording.metadata(key) else { return Ok(None) };
         let wrong = || format!("metadata {key} is `{}`, expected a number of metres", text.escape_debug());
         text.trim().parse::<f64>().map(Some).map_err(|_| wrong())
     };
-    let (Some(diameter_m), Some(projection_length_m)) =
-        (number("workpiece_diameter_m")?, number("workpiece_projection_length_m")?)
-    else {
-        return Ok(None);
-    };
-    let raw = RawWorkpiece { diameter_m, projection_length_m, clamp_factor: 1.0, ..RawWorkpiece::default() };
-    let workpiece = Workpiece::new(raw).map_err(|e| e.to_string())?;
-    predicted_band(workpiece.bending_frequency_hz()).map(Some).map_err(|e| e.to_string())
+    let diameter_m = number("workpiece_diameter_m")?;
+    let length_m = number("workpiece_projection_length_m")?;
+    Ok(diameter_m.zip(length_m).map(|(diameter_m, length_m)| [diameter_m, length_m]))
+}
+
+/// What the margin rests on: the configuration's cut, or the bar that the recording names, cut as such bars
+/// are.
+fn margin_of(recording: &Recording, config: Option<&ServiceConfig>) -> Result<Option<MarginPlan>, String> {
+    if let Some(config) = config {
+        return Ok(Some(config.margin_plan()));
+    }
+    let Some([diameter_m, length_m]) = bar_of(recording)? else { return Ok(None) };
+    let prior = CutPrior::usual(diameter_m, length_m).map_err(|e| e.to_string())?;
+    Ok(Some(MarginPlan { prior, force_hz: MarginPlan::FORCE_HZ }))
 }

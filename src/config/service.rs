@@ -13,7 +13,7 @@ use crate::avoidance::AvoidanceSettings;
 use crate::avoidance::identified::StatedCut;
 use crate::avoidance::turret::{TurretAxis, TurretError, TurretKinematics};
 use crate::chatter::Band;
-use crate::pipeline::{AxisPlan, BandPlan, PipelineSettings, ToolAxis};
+use crate::pipeline::{AxisPlan, BandPlan, CutPrior, MarginPlan, PipelineSettings, ToolAxis};
 use crate::plant::cutting::{Cutting, RawCutting};
 use crate::plant::machine::Machine;
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
@@ -543,7 +543,22 @@ impl ServiceConfig {
             band: self.band.map_or(BandPlan::Cut(self.workpiece, self.cutting), BandPlan::Stated),
             tools: tool_axis(&self.tools),
             infeed: tool_axis(&self.infeed),
+            margin: Some(self.margin_plan()),
             pushes: false, // friction is left in the mean of an estimate
+        }
+    }
+
+    /// What the stability margin rests on.
+    #[must_use]
+    pub fn margin_plan(&self) -> MarginPlan {
+        MarginPlan {
+            prior: CutPrior {
+                workpiece: self.workpiece,
+                cutting: self.cutting,
+                position_m: self.workpiece.projection_length_m(),
+                pitch_difference_rad: 0.0,
+            },
+            force_hz: MarginPlan::FORCE_HZ,
         }
     }
 

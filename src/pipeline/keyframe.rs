@@ -40,6 +40,9 @@ impl Pipeline {
             }
             state.monitor.keep(to);
         }
+        if let Some(margins) = &self.margins {
+            margins.keep(to);
+        }
     }
 
     /// Takes a state back that [`Pipeline::keep`] of a pipeline of the same settings wrote: from here on both
@@ -74,6 +77,9 @@ impl Pipeline {
         for axis in 0..self.states.len() {
             self.restore_axis(axis, from)?;
         }
+        if let Some(margins) = &mut self.margins {
+            margins.restore(from)?;
+        }
         Some(())
     }
 
@@ -96,8 +102,11 @@ impl Pipeline {
     #[must_use]
     pub fn settings_digest(&self) -> u64 {
         let mut digest = Digest::default();
-        let text =
-            format!("{:?} {:?} {:?}", self.settings.sample_rate, self.settings.axes, self.settings.tools);
+        let Self { settings, .. } = self;
+        let text = format!(
+            "{:?} {:?} {:?} {:?}",
+            settings.sample_rate, settings.axes, settings.tools, settings.margin
+        );
         digest.bytes(env!("CARGO_PKG_VERSION").as_bytes());
         digest.bytes(text.as_bytes());
         // As planned: what the monitors made of it since then is state.
@@ -115,6 +124,8 @@ impl StepOutput {
         let frequency = chatter.frequency_hz.map_or(u64::MAX, f64::to_bits);
         to.word(frequency ^ (chatter.phase as u64));
         to.word(chatter.power_n2.to_bits());
+        let warned = self.margin_warning.map_or(u64::MAX, |w| w.margin.margin_1_s.to_bits());
+        to.word(warned);
     }
 }
 

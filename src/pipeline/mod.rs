@@ -3,6 +3,7 @@
 //! ```text
 //! ServoSample --check, gaps--> force estimator --> chatter monitor --> agreement of the axes --> StepOutput
 //!                              of each axis        of each axis
+//!                                    |--> stability margin of each axis (what is left before chatter)
 //!                                    \--> sliding DFT of the band (what the page shows)
 //! ```
 //! The same [`Pipeline`] serves the live service and `stillcut replay`: what it says depends on the
@@ -13,10 +14,12 @@
 //! spindle speed, a new speed makes it start anew.
 
 mod keyframe;
+mod margin;
 mod settings;
 
 pub use crate::force::observer::{ForcePlan, ServoPlan};
 pub use keyframe::KeyframeError;
+pub use margin::{CutConditions, CutPrior, DeafReason, Margin, MarginPlan, MarginReading, MarginWarning};
 pub use settings::{AxisPlan, BandPlan, PipelineError, PipelineSettings, ToolAxis};
 
 use crate::chatter::{
@@ -31,6 +34,7 @@ use crate::force::validity::Validity;
 use crate::sample::{AxisSample, MAX_AXES, SampleError, ServoSample};
 use crate::signal::sliding_dft::{SlidingDft, SlidingDftSettings, SlidingDftState};
 use crate::units::SampleRate;
+use margin::Margins;
 
 /// Lost samples up to this many are bridged by straight lines; after more, everything starts anew.
 pub const LARGEST_BRIDGE: u64 = 9;
@@ -62,6 +66,8 @@ pub struct StepOutput {
     pub chatter: Agreement,
     /// What began or ended, on which axis.
     pub event: Option<(usize, ChatterEvent)>,
+    /// The axis whose margin begins to run out with this sample.
+    pub margin_warning: Option<MarginWarning>,
     /// What was wrong with the stream.
     pub fault: Option<StreamFault>,
     /// True when the spectra were brought up to date with this sample.
@@ -107,6 +113,7 @@ pub struct Pipeline {
     /// Second estimators of axes that have one.
     beside: Option<Observers<LANES>>,
     monitor: ChatterMonitor,
+    margins: Option<Margins>,
     /// What the page shows: single precision errs by 5e-6 of the strongest line and does not drift. What is
     /// tracked and decided is computed in double precision by the monitors.
     spectrum: SlidingDft<f32>,
@@ -153,7 +160,9 @@ impl Pipeline {
             .collect();
         let spectrum_state = spectrum.start();
         let row = vec![0.0; channels.len()];
+        let margins = Margins::new(&settings, [band.low_hz(), band.high_hz()]);
         Ok(Self {
+            margins,
             settings,
             channels,
             observers,
@@ -288,18 +297,19 @@ impl Pipeline {
         output
     }
 
-    /// One instant of forces that were estimated elsewhere, one per axis, with what speaks against each.
+    /// One instant of forces that were estimated elsewhere, one per axis, with what speaks against each and
+    /// what is known of the cut.
     pub fn step_estimates(
         &mut self,
         t_s: f64,
         estimates: &[ForceEstimate],
-        spindle_speed_rpm: Option<f64>,
+        conditions: &CutConditions,
     ) -> StepOutput {
         let mut forces = [ForceEstimate { force_n: 0.0, flags: Validity::VALID }; MAX_AXES];
         for (to, from) in forces.iter_mut().zip(estimates) {
             *to = *from;
         }
-        self.listen(t_s, forces, spindle_speed_rpm)
+        self.listen(t_s, forces, conditions)
     }
 
     fn unchanged(&self, t_s: f64, fault: StreamFault) -> StepOutput {
@@ -308,6 +318,7 @@ impl Pipeline {
             forces: [ForceEstimate { force_n: 0.0, flags: Validity::SIGNAL_MISSING }; MAX_AXES],
             chatter: self.agreement,
             event: None,
+            margin_warning: None,
             fault: Some(fault),
             spectrum_updated: false,
         }
@@ -350,6 +361,9 @@ impl Pipeline {
             state.monitor = self.monitor.start();
             state.flags = Validity::SETTLING;
         }
+        if let Some(margins) = &mut self.margins {
+            margins.restart();
+        }
         self.spectrum_state = self.spectrum.start();
         self.clean_samples = 0;
         self.agreement_state = AgreementState::default();
@@ -376,14 +390,15 @@ impl Pipeline {
                 force.flags |= apart.step(*force, others[axis]);
             }
         }
-        self.listen(sample.t_s, forces, Some(sample.spindle_speed_rpm))
+        let conditions = self.conditions(sample);
+        self.listen(sample.t_s, forces, &conditions)
     }
 
     fn listen(
         &mut self,
         t_s: f64,
         mut forces: [ForceEstimate; MAX_AXES],
-        speed_rpm: Option<f64>,
+        conditions: &CutConditions,
     ) -> StepOutput {
         self.clean_samples += 1;
         for force in forces.iter_mut().filter(|f| !f.force_n.is_finite()) {
@@ -398,8 +413,12 @@ impl Pipeline {
             if !channel.watch || forces[index].flags.contains(Validity::SETTLING) {
                 continue;
             }
-            if let Some(event) = self.monitor.step(&mut state.monitor, forces[index].force_n, speed_rpm) {
+            let (force_n, speed_rpm) = (forces[index].force_n, conditions.spindle_speed_rpm);
+            if let Some(event) = self.monitor.step(&mut state.monitor, force_n, speed_rpm) {
                 heard = Some((index, event));
+            }
+            if let Some(margins) = &mut self.margins {
+                margins.step(index, force_n, conditions);
             }
         }
         let spectrum_updated = self.spectrum.step(&mut self.spectrum_state, &self.row);
@@ -410,7 +429,8 @@ impl Pipeline {
         }
         let chatter = self.agreement;
         let event = self.machine_event(&chatter, heard);
-        StepOutput { t_s, forces, chatter, event, fault: None, spectrum_updated }
+        let margin_warning = self.margins.as_mut().and_then(Margins::take_warning);
+        StepOutput { t_s, forces, chatter, event, margin_warning, fault: None, spectrum_updated }
     }
 
     /// Onset when the first axis is sure, end when the last has fallen quiet; the rest as it comes.

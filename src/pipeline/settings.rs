@@ -1,6 +1,6 @@
 //! What a pipeline is made from, checked.
 
-use super::Channel;
+use super::{Channel, MarginPlan};
 use crate::chatter::{Band, BandError, ChatterError, predicted_band, predicted_band_in_cut};
 use crate::force::estimator::ForceError;
 use crate::force::lanes::LANES;
@@ -100,6 +100,8 @@ pub struct PipelineSettings {
     pub tools: Option<ToolAxis>,
     /// What tells the radius at the tools.
     pub infeed: Option<ToolAxis>,
+    /// What the stability margin rests on; nothing: no margin is estimated.
+    pub margin: Option<MarginPlan>,
     /// Whether what is listened to is the force of a tool with its mean, from elsewhere: a tool never pulls.
     pub pushes: bool,
 }

@@ -2,6 +2,7 @@
 
 use crate::avoidance::pitch::optimum_pitch_rad;
 use crate::chatter::{ChatterEvent, NotChatter};
+use crate::pipeline::Margin;
 use crate::recording::{RecordingError, write_whole};
 use crate::units::SpindleSpeed;
 use serde::Serialize;
@@ -37,15 +38,22 @@ pub struct EventLine {
     /// What a dismissed line was.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<&'static str>,
+    /// Stability margin, and the ends of its 95 % interval.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stability_margin_1_s: Option<f64>,
+    /// Lower end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stability_margin_lo_1_s: Option<f64>,
+    /// Upper end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stability_margin_hi_1_s: Option<f64>,
 }
 
 impl EventLine {
-    /// The line of an event of a monitor.
-    #[must_use]
-    pub fn from_chatter(t_s: f64, axis: &str, event: &ChatterEvent) -> Self {
-        let mut line = Self {
+    fn new(t_s: f64, axis: &str, kind: &'static str) -> Self {
+        Self {
             t_s,
-            kind: "",
+            kind,
             axis: Some(axis.to_owned()),
             frequency_hz: None,
             power_n2: None,
@@ -54,7 +62,28 @@ impl EventLine {
             from_hz: None,
             pitch_difference_rad: None,
             reason: None,
-        };
+            stability_margin_1_s: None,
+            stability_margin_lo_1_s: None,
+            stability_margin_hi_1_s: None,
+        }
+    }
+
+    /// The margin of an axis begins to run out.
+    #[must_use]
+    pub fn from_margin(t_s: f64, axis: &str, margin: &Margin) -> Self {
+        Self {
+            frequency_hz: Some(margin.frequency_hz),
+            stability_margin_1_s: Some(margin.margin_1_s),
+            stability_margin_lo_1_s: Some(margin.lo_1_s),
+            stability_margin_hi_1_s: Some(margin.hi_1_s),
+            ..Self::new(t_s, axis, "margin_warning")
+        }
+    }
+
+    /// The line of an event of a monitor.
+    #[must_use]
+    pub fn from_chatter(t_s: f64, axis: &str, event: &ChatterEvent) -> Self {
+        let mut line = Self::new(t_s, axis, "");
         match event {
             ChatterEvent::Onset(heard) => {
                 line.kind = "chatter_onset";

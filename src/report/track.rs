@@ -1,5 +1,6 @@
 //! `track.parquet`: frequency, power and state over time (contracts, section 4).
 
+use crate::pipeline::Margin;
 use crate::recording::{RecordingError, Table, TableColumn, write_table};
 use std::path::Path;
 
@@ -14,6 +15,8 @@ pub struct TrackRow {
     pub power_n2: f64,
     /// Whether chatter is declared.
     pub chatter: bool,
+    /// Smallest stability margin of the axes, while one is known.
+    pub margin: Option<Margin>,
 }
 
 /// Rows of `track.parquet`.
@@ -23,6 +26,9 @@ pub struct Track {
     frequency_hz: Vec<Option<f64>>,
     power_n2: Vec<f64>,
     chatter: Vec<bool>,
+    margin_1_s: Vec<Option<f64>>,
+    margin_lo_1_s: Vec<Option<f64>>,
+    margin_hi_1_s: Vec<Option<f64>>,
 }
 
 impl Track {
@@ -32,6 +38,9 @@ impl Track {
         self.frequency_hz.push(row.frequency_hz);
         self.power_n2.push(row.power_n2);
         self.chatter.push(row.chatter);
+        self.margin_1_s.push(row.margin.map(|m| m.margin_1_s));
+        self.margin_lo_1_s.push(row.margin.map(|m| m.lo_1_s));
+        self.margin_hi_1_s.push(row.margin.map(|m| m.hi_1_s));
     }
 
     /// Writes the file, whole or not at all.
@@ -41,6 +50,9 @@ impl Track {
             ("frequency_hz", TableColumn::OptionalDouble(&self.frequency_hz)),
             ("power_n2", TableColumn::Double(&self.power_n2)),
             ("chatter", TableColumn::Bool(&self.chatter)),
+            ("stability_margin_1_s", TableColumn::OptionalDouble(&self.margin_1_s)),
+            ("stability_margin_lo_1_s", TableColumn::OptionalDouble(&self.margin_lo_1_s)),
+            ("stability_margin_hi_1_s", TableColumn::OptionalDouble(&self.margin_hi_1_s)),
         ];
         write_table(path, &Table { columns, metadata: vec![("format".into(), "stillcut.track/1".into())] })
     }

@@ -15,6 +15,7 @@ mod count;
 mod cut_root;
 mod grid;
 mod lanes;
+pub mod margin;
 mod root;
 
 pub use count::{cut_roots_right_of, roots_right_of};

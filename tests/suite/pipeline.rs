@@ -38,6 +38,7 @@ pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
         band: BandPlan::Workpiece(scenario.workpiece),
         tools: None,
         infeed: None,
+        margin: None,
         pushes: false,
     }
 }

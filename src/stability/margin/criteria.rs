@@ -1,0 +1,90 @@
+//! Every number of the margin that is no number of a machine, with where it comes from.
+
+use super::model::PARAMETERS;
+
+/// Lengths, uncertainties, drifts and levels of the margin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Criteria {
+    /// Length of a block, s. A mode of 6 1/s is 1.9 Hz wide: bins of 0.5 Hz resolve it, and the spectrum is
+    /// smeared by the window as the periodogram is, so that narrower ones are not mistaken.
+    pub(super) block_s: f64,
+    /// After contact, before the first block, s: the wave of one turn at 600 rpm, and the first passes.
+    pub(super) entry_s: f64,
+    /// Blocks that are fitted together after an entry; from then on the posterior is carried forward. Ten
+    /// blocks of one second: the spread of the margin is below its drift from there on.
+    pub(super) joint_blocks: usize,
+    /// Blocks up to which several starts are tried: the spectrum of two seconds may have two maxima.
+    pub(super) searched_blocks: usize,
+    /// Share of a bin in the likelihood: neighbours of a Hann window correlate by 4/9 and 1/36 in power,
+    /// blocks that overlap by a half by 1/36: 1/(1 + 2 (4/9 + 1/36))/(1 + 2/36).
+    pub(super) bin_share: f64,
+    /// Largest change of phase of the delayed wave inside of a block, rad: cos 0.3 = 0.96.
+    pub(super) phase_in_block_rad: f64,
+    /// Largest change of the cut's stiffness or of the bar's gain inside of a block, as a ratio less one:
+    /// its frequency moves by less than a bin.
+    pub(super) change_in_block: f64,
+    /// Force that swings by this share of its mean is no longer linear: contact is lost at 1 (the diagnosis
+    /// of cuts uses the same share).
+    pub(super) linear_swing: f64,
+    /// Bins that stand this far over their neighbours at an order of the spindle are the order, not the
+    /// cut: exp(-12) is one bin in 160 000. In units of the neighbours' mean.
+    pub(super) order_over_neighbours: f64,
+    /// Of one number over one second of cutting, by random walk; in the order of the parameters.
+    pub(super) drift: [f64; PARAMETERS],
+    /// What is known of one number before anything is heard, in the same order.
+    pub(super) known: [f64; PARAMETERS],
+    /// What replaces it where a column is missing: pitch (rad), position (of phi squared), width.
+    pub(super) unknown_pitch_rad: f64,
+    /// Of ln phi squared.
+    pub(super) unknown_position: f64,
+    /// Of the stiffness.
+    pub(super) unknown_width: f64,
+    /// Of the level of the random force where no mean force tells it.
+    pub(super) unknown_level: f64,
+    /// The noise of the mean force of half a second, relative.
+    pub(super) mean_force: f64,
+    /// The line must be at least as high as the measurement noise, or the cut is not heard.
+    pub(super) line_over_noise: f64,
+    /// An interval wider than this many times the margin (or `coarse_1_s`) says nothing.
+    pub(super) widest_interval: f64,
+    /// Below this a margin need not be told to a share of it, 1/s.
+    pub(super) coarse_1_s: f64,
+    /// The margin runs out when all of its interval lies below this, 1/s: the contract's 12 1/s less the
+    /// error of a reading there, 2 1/s.
+    pub(super) warning_1_s: f64,
+    /// It has recovered above this, 1/s: the contract's.
+    pub(super) recovered_1_s: f64,
+}
+
+impl Criteria {
+    /// As they stand.
+    ///
+    /// `known`: stated numbers are right to 15 to 20 % (stiffness), 30 % (damping), 2 % (frequency), a factor
+    /// of 2 (process damping); random force of 2 to 5 % of the mean; noise in the cut is only loosely that in
+    /// air, because the random force above half the rate folds onto it. `drift`: wear doubles the process
+    /// damping in minutes; a bar warms by 30 K in ten minutes (0.6 % of its frequency); the mean force tells
+    /// the stiffness but for 1 % a second.
+    pub(super) const DEFAULT: Self = Self {
+        block_s: 2.0,
+        entry_s: 0.1,
+        joint_blocks: 10,
+        searched_blocks: 3,
+        bin_share: 0.4875,
+        phase_in_block_rad: 0.3,
+        change_in_block: 0.1,
+        linear_swing: 0.75,
+        order_over_neighbours: 12.0,
+        drift: [0.01, 0.002, 0.0003, 0.03, 0.0, 0.0, 0.01, 0.05, 0.01],
+        known: [0.14, 0.22, 0.0095, 0.42, 1e-4, 1e-4, 0.28, 1.5, 0.1],
+        unknown_pitch_rad: 0.05,
+        unknown_position: 0.3,
+        unknown_width: 0.5,
+        unknown_level: 1.5,
+        mean_force: 0.005,
+        line_over_noise: 1.0,
+        widest_interval: 2.0,
+        coarse_1_s: 8.0,
+        warning_1_s: 10.0,
+        recovered_1_s: 12.0,
+    };
+}

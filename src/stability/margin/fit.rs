@@ -1,0 +1,291 @@
+//! The most likely numbers of the cut given the periodograms of its blocks, a few bins a sample.
+
+use super::criteria::Criteria;
+use super::model::{Condition, Cut, Density, PARAMETERS, Parameters, place};
+use super::spectrum::{BandBlocks, REACH};
+use crate::keyframe::{Keep, Words, keep, keep_list};
+use nalgebra::SMatrix;
+
+/// Square of the parameters.
+pub(super) type Information = SMatrix<f64, PARAMETERS, PARAMETERS>;
+
+impl<const R: usize, const C: usize> Keep for SMatrix<f64, R, C> {
+    fn keep(&self, to: &mut Vec<u64>) {
+        self.as_slice().keep(to);
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        self.as_mut_slice().restore(from)
+    }
+}
+
+/// Normal distribution of the parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Gaussian {
+    pub(super) mean: Parameters,
+    /// Inverse of the covariance.
+    pub(super) information: Information,
+}
+
+keep!(Gaussian { mean, information });
+
+impl Default for Gaussian {
+    fn default() -> Self {
+        Self { mean: Parameters::zeros(), information: Information::identity() }
+    }
+}
+
+impl Gaussian {
+    /// Independent numbers with these standard deviations, none of them zero.
+    pub(super) fn independent(mean: Parameters, deviation: &[f64; PARAMETERS]) -> Self {
+        let weights = Parameters::from(deviation.map(|sd| 1.0 / (sd * sd)));
+        Self { mean, information: Information::from_diagonal(&weights) }
+    }
+
+    /// Covariance; nothing where the information is not positive.
+    pub(super) fn covariance(&self) -> Option<Information> {
+        self.information.cholesky().map(|c| c.inverse())
+    }
+
+    /// The same `seconds` later, each number having walked by `drift` in a second.
+    pub(super) fn later(&self, seconds: f64, drift: &[f64; PARAMETERS]) -> Option<Self> {
+        let walked = Parameters::from(drift.map(|sd| sd * sd * seconds));
+        let covariance = self.covariance()? + Information::from_diagonal(&walked);
+        Some(Self { mean: self.mean, information: covariance.cholesky()?.inverse() })
+    }
+}
+
+/// Periodogram of a block and the conditions under which it was cut.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Block {
+    pub(super) condition: Condition,
+    /// N^2/Hz, one a bin.
+    pub(super) power: Vec<f64>,
+    /// False where an order of the spindle stands.
+    pub(super) used: Vec<bool>,
+}
+
+keep!(Block { condition, power, used });
+
+/// What a fit does now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Stage {
+    /// Nothing.
+    #[default]
+    Idle,
+    /// Tries its starts.
+    Search,
+    /// Goes on from the best.
+    Refine,
+}
+
+keep_list!(Stage { Idle, Search, Refine });
+
+/// Starts of a search: three natural frequencies, two process dampings.
+const STARTS: usize = 6;
+const SEARCH_STEPS: usize = 4;
+const REFINE_STEPS: usize = 6;
+/// From the posterior of a second before, the step is short.
+const FOLLOW_STEPS: usize = 3;
+/// Longest step in prior standard deviations: beyond, the expected curvature is not the curvature.
+const LONGEST_STEP: f64 = 0.7;
+/// A step below this share of every standard deviation ends the fit.
+const SETTLED: f64 = 0.03;
+const WINDOW: usize = 2 * REACH + 1;
+
+/// Fisher's scoring of Whittle's likelihood with a Gaussian prior.
+///
+/// -ln L = share sum_f [I/S + ln S] + 1/2 (x-m)' P^-1 (x-m),  S the model smeared as the window smears
+/// information = P^-1 + share sum R R',  gradient = share sum R (I/S - 1) - P^-1 (x-m),  R = d ln S/dx
+///
+/// Source: Whittle 1953; Kay, Statistical Signal Processing I, 3.11; the cut-method note, section 3.
+/// Checked by: `the_fit_finds_the_numbers_of_a_spectrum`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Fit {
+    pub(super) stage: Stage,
+    prior: Gaussian,
+    longest: Parameters,
+    at: Parameters,
+    best: Parameters,
+    best_likelihood: f64,
+    start: usize,
+    step: usize,
+    steps: usize,
+    block: usize,
+    bin: usize,
+    cut: Cut,
+    information: Information,
+    gradient: Parameters,
+    likelihood: f64,
+    window: [Density; WINDOW],
+}
+
+keep!(Density { total, cut, by });
+keep!(Fit {
+    stage,
+    prior,
+    longest,
+    at,
+    best,
+    best_likelihood,
+    start,
+    step,
+    steps,
+    block,
+    bin,
+    cut,
+    information,
+    gradient,
+    likelihood,
+    window
+});
+
+impl Default for Fit {
+    fn default() -> Self {
+        Self {
+            stage: Stage::Idle,
+            prior: Gaussian::default(),
+            longest: Parameters::zeros(),
+            at: Parameters::zeros(),
+            best: Parameters::zeros(),
+            best_likelihood: 0.0,
+            start: 0,
+            step: 0,
+            steps: 0,
+            block: 0,
+            bin: 0,
+            cut: Cut::default(),
+            information: Information::zeros(),
+            gradient: Parameters::zeros(),
+            likelihood: 0.0,
+            window: [Density::default(); WINDOW],
+        }
+    }
+}
+
+impl Fit {
+    /// Begins from several starts around the prior's mean.
+    pub(super) fn search(&mut self, prior: &Gaussian, longest: &Parameters) {
+        self.begin(prior, longest);
+        (self.stage, self.steps, self.start) = (Stage::Search, SEARCH_STEPS, 0);
+        self.best_likelihood = f64::NEG_INFINITY;
+        self.at = self.starting_point();
+        self.clear();
+    }
+
+    /// Begins from one point.
+    pub(super) fn follow(&mut self, prior: &Gaussian, longest: &Parameters, from: &Parameters) {
+        self.begin(prior, longest);
+        (self.stage, self.steps, self.at) = (Stage::Refine, FOLLOW_STEPS, *from);
+        self.clear();
+    }
+
+    /// Bins that the whole fit takes at most.
+    pub(super) fn work(&self, blocks: usize, bins: usize) -> usize {
+        let steps = match self.stage {
+            Stage::Search => STARTS * SEARCH_STEPS + REFINE_STEPS,
+            Stage::Refine | Stage::Idle => FOLLOW_STEPS,
+        };
+        steps * blocks * (bins + REACH)
+    }
+
+    fn begin(&mut self, prior: &Gaussian, longest: &Parameters) {
+        self.prior = *prior;
+        self.longest = longest * LONGEST_STEP;
+        self.step = 0;
+    }
+
+    fn starting_point(&self) -> Parameters {
+        let mut at = self.prior.mean;
+        at[place::CLAMP] += self.longest[place::CLAMP] / LONGEST_STEP * ((self.start % 3) as f64 - 1.0);
+        let side = if self.start < 3 { -1.0 } else { 1.0 };
+        at[place::PROCESS] += self.longest[place::PROCESS] / LONGEST_STEP * side;
+        at
+    }
+
+    fn clear(&mut self) {
+        (self.block, self.bin) = (0, 0);
+        self.information = self.prior.information;
+        let off = self.at - self.prior.mean;
+        self.gradient = -(self.prior.information * off);
+        self.likelihood = 0.5 * off.dot(&self.gradient);
+    }
+
+    /// Works on one bin; the posterior when all is done.
+    pub(super) fn advance(&mut self, blocks: &[Block], band: &BandBlocks) -> Option<Gaussian> {
+        let Some(block) = blocks.get(self.block) else {
+            return self.end_step();
+        };
+        if self.bin == 0 {
+            self.cut = Cut::new(&block.condition, &self.at);
+            for half in 0..WINDOW {
+                self.window[half] = self.cut.density(band.half_bin_hz(half as i64 - REACH as i64));
+            }
+        } else {
+            self.window.rotate_left(2);
+            for half in WINDOW - 2..WINDOW {
+                let from = (2 * self.bin + half) as i64 - REACH as i64;
+                self.window[half] = self.cut.density(band.half_bin_hz(from));
+            }
+        }
+        if block.used[self.bin] {
+            self.take(block.power[self.bin], band.leakage());
+        }
+        self.bin += 1;
+        if self.bin == band.bins {
+            (self.bin, self.block) = (0, self.block + 1);
+        }
+        None
+    }
+
+    /// One bin's part of information, gradient and likelihood.
+    fn take(&mut self, power: f64, leakage: &[f64; REACH + 1]) {
+        let (mut total, mut by) = (0.0, Parameters::zeros());
+        for (i, density) in self.window.iter().enumerate() {
+            let weight = leakage[i.abs_diff(REACH)];
+            total += weight * density.total;
+            by += density.by * weight;
+        }
+        let share = Criteria::DEFAULT.bin_share;
+        let relative = by / total;
+        let over = power / total;
+        self.gradient += relative * (share * (over - 1.0));
+        self.information.ger(share, &relative, &relative, 1.0);
+        self.likelihood -= share * (over + total.ln());
+    }
+
+    fn end_step(&mut self) -> Option<Gaussian> {
+        if self.likelihood > self.best_likelihood || self.stage == Stage::Refine {
+            (self.best, self.best_likelihood) = (self.at, self.likelihood);
+        }
+        self.step += 1;
+        let solved = self.information.cholesky().map(|c| (c.solve(&self.gradient), c.inverse()));
+        let settled = if let Some((mut step, covariance)) = solved {
+            let excess = step.component_div(&self.longest).amax();
+            if excess > 1.0 {
+                step /= excess;
+            }
+            self.at += step;
+            (0..PARAMETERS).all(|k| step[k] * step[k] < SETTLED * SETTLED * covariance[(k, k)])
+        } else {
+            true
+        };
+        if self.step < self.steps && !settled {
+            self.clear();
+            return None;
+        }
+        if self.stage == Stage::Search {
+            self.start += 1;
+            self.step = 0;
+            if self.start < STARTS {
+                self.at = self.starting_point();
+            } else {
+                (self.stage, self.steps, self.at) = (Stage::Refine, REFINE_STEPS, self.best);
+            }
+            self.clear();
+            return None;
+        }
+        self.stage = Stage::Idle;
+        Some(Gaussian { mean: self.at, information: self.information })
+    }
+}

@@ -1,0 +1,165 @@
+//! What is said of the margin: a value with its interval, or why there is none; and when it runs out.
+
+use super::criteria::Criteria;
+use crate::keyframe::{Keep, Words, keep, keep_list};
+
+/// A margin with its interval.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Margin {
+    /// Minus the real part of the rightmost root, 1/s: positive dies out.
+    pub margin_1_s: f64,
+    /// Lower end of its 95 % interval.
+    pub lo_1_s: f64,
+    /// Upper end.
+    pub hi_1_s: f64,
+    /// Frequency of the root.
+    pub frequency_hz: f64,
+}
+
+keep!(Margin { margin_1_s, lo_1_s, hi_1_s, frequency_hz });
+
+/// Why a cut is not heard.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DeafReason {
+    /// Without the speed the delays are not known.
+    SpeedUnknown,
+    /// Nothing tells whether the tools are in the cut.
+    CutUnknown,
+    /// The measurement noise is higher than the line.
+    NoiseOverLine,
+    /// The interval is so wide that it says nothing.
+    IntervalTooWide,
+    /// No root lies in the analysis band.
+    NoRootInBand,
+}
+
+keep_list!(DeafReason { SpeedUnknown, CutUnknown, NoiseOverLine, IntervalTooWide, NoRootInBand });
+
+impl DeafReason {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::SpeedUnknown,
+        Self::CutUnknown,
+        Self::NoiseOverLine,
+        Self::IntervalTooWide,
+        Self::NoRootInBand,
+    ];
+
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SpeedUnknown => "speed_unknown",
+            Self::CutUnknown => "cut_unknown",
+            Self::NoiseOverLine => "noise_over_line",
+            Self::IntervalTooWide => "interval_too_wide",
+            Self::NoRootInBand => "no_root_in_band",
+        }
+    }
+}
+
+/// What is said of the margin of one axis.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum MarginReading {
+    /// Out of the cut.
+    #[default]
+    Air,
+    /// In the cut, not enough heard yet.
+    Settling,
+    /// The cut cannot be heard.
+    Deaf(DeafReason),
+    /// A value.
+    Known(Margin),
+}
+
+impl MarginReading {
+    /// The value, where there is one.
+    #[must_use]
+    pub fn margin(&self) -> Option<&Margin> {
+        match self {
+            Self::Known(margin) => Some(margin),
+            Self::Air | Self::Settling | Self::Deaf(_) => None,
+        }
+    }
+
+    /// Why the cut is not heard, where it is not.
+    #[must_use]
+    pub fn deaf(&self) -> Option<DeafReason> {
+        match self {
+            Self::Deaf(reason) => Some(*reason),
+            Self::Air | Self::Settling | Self::Known(_) => None,
+        }
+    }
+}
+
+impl Keep for MarginReading {
+    fn keep(&self, to: &mut Vec<u64>) {
+        match self {
+            Self::Air => to.push(0),
+            Self::Settling => to.push(1),
+            Self::Deaf(reason) => {
+                to.push(2);
+                reason.keep(to);
+            }
+            Self::Known(margin) => {
+                to.push(3);
+                margin.keep(to);
+            }
+        }
+    }
+
+    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
+        *self = match from.next_word()? {
+            0 => Self::Air,
+            1 => Self::Settling,
+            2 => {
+                let mut reason = DeafReason::SpeedUnknown;
+                reason.restore(from)?;
+                Self::Deaf(reason)
+            }
+            3 => {
+                let mut margin = Margin::default();
+                margin.restore(from)?;
+                Self::Known(margin)
+            }
+            _ => return None,
+        };
+        Some(())
+    }
+}
+
+/// The reading of an estimate: what is not worth saying is not said.
+pub(super) fn read(margin: Margin, line_over_noise: f64, criteria: &Criteria) -> MarginReading {
+    let width = margin.hi_1_s - margin.lo_1_s;
+    if line_over_noise < criteria.line_over_noise {
+        MarginReading::Deaf(DeafReason::NoiseOverLine)
+    } else if width > criteria.widest_interval * margin.margin_1_s.max(criteria.coarse_1_s) {
+        MarginReading::Deaf(DeafReason::IntervalTooWide)
+    } else {
+        MarginReading::Known(margin)
+    }
+}
+
+/// Whether the margin has been reported as running out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Warning {
+    given: bool,
+}
+
+keep!(Warning { given });
+
+impl Warning {
+    /// True once when the margin begins to run out; again only after it has recovered.
+    pub(super) fn begins(&mut self, reading: &MarginReading, criteria: &Criteria) -> bool {
+        let Some(margin) = reading.margin() else {
+            self.given &= *reading != MarginReading::Air;
+            return false;
+        };
+        if self.given {
+            self.given = margin.margin_1_s < criteria.recovered_1_s;
+            return false;
+        }
+        self.given = margin.hi_1_s < criteria.warning_1_s;
+        self.given && margin.margin_1_s > 0.0
+    }
+}
