@@ -43,14 +43,15 @@ pub(super) struct Criteria {
     pub(super) unknown_level: f64,
     /// The noise of the mean force of half a second, relative.
     pub(super) mean_force: f64,
-    /// The line must be at least as high as the measurement noise, or the cut is not heard.
+    /// The line must be this many times the measurement noise (3 dB): below, more than a third of what is
+    /// heard at the line is not the cut.
     pub(super) line_over_noise: f64,
     /// An interval wider than this many times the margin (or `coarse_1_s`) says nothing.
     pub(super) widest_interval: f64,
     /// Below this a margin need not be told to a share of it, 1/s.
     pub(super) coarse_1_s: f64,
-    /// The margin runs out when all of its interval lies below this, 1/s: the contract's 12 1/s less the
-    /// error of a reading there, 2 1/s.
+    /// The margin runs out when all of its interval lies below this, 1/s: 12 1/s, above which nobody is to be
+    /// warned, less one for the many times that it is asked.
     pub(super) warning_1_s: f64,
     /// It has recovered above this, 1/s: the contract's.
     pub(super) recovered_1_s: f64,
@@ -81,10 +82,10 @@ impl Criteria {
         unknown_width: 0.5,
         unknown_level: 1.5,
         mean_force: 0.005,
-        line_over_noise: 1.0,
+        line_over_noise: 2.0,
         widest_interval: 2.0,
         coarse_1_s: 8.0,
-        warning_1_s: 10.0,
+        warning_1_s: 11.0,
         recovered_1_s: 12.0,
     };
 }

@@ -58,7 +58,7 @@ impl Transform {
         }
         self.fft.process_with_scratch(&mut work.buffer[..length], &mut work.scratch);
         for (k, to) in (first..).zip(to) {
-            #[expect(clippy::cast_sign_loss, reason = "0 to length")]
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
             let place = k.rem_euclid(signed) as usize;
             *to = work.buffer[place].norm_sqr() * self.scale;
         }
