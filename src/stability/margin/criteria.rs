@@ -43,8 +43,8 @@ pub(super) struct Criteria {
     pub(super) unknown_level: f64,
     /// The noise of the mean force of half a second, relative.
     pub(super) mean_force: f64,
-    /// The line must be this many times the measurement noise (3 dB): below, more than a third of what is
-    /// heard at the line is not the cut.
+    /// The line must be this many times the measurement noise (5 dB): below, more than a quarter of what
+    /// is heard at the line is not the cut.
     pub(super) line_over_noise: f64,
     /// An interval wider than this many times the margin (or `coarse_1_s`) says nothing.
     pub(super) widest_interval: f64,
@@ -82,7 +82,7 @@ impl Criteria {
         unknown_width: 0.5,
         unknown_level: 1.5,
         mean_force: 0.005,
-        line_over_noise: 2.0,
+        line_over_noise: 3.0,
         widest_interval: 2.0,
         coarse_1_s: 8.0,
         warning_1_s: 11.0,

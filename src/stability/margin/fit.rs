@@ -81,9 +81,13 @@ pub(super) enum Stage {
 
 keep_list!(Stage { Idle, Search, Refine });
 
-/// Starts of a search: three natural frequencies, two process dampings.
-const STARTS: usize = 6;
-const SEARCH_STEPS: usize = 4;
+/// Starts of a search: three natural frequencies, a standard deviation apart.
+const STARTS: usize = 3;
+/// All of them with process damping this many standard deviations up: there the cut is stable. A root and its
+/// mirror image have one spectrum, and at the axis between them it has no bound: from the stable side the
+/// fit stays there, from the other side it would end at the mirror image.
+const DAMPED_START: f64 = 2.0;
+const SEARCH_STEPS: usize = 8;
 const REFINE_STEPS: usize = 6;
 /// From the posterior of a second before, the step is short.
 const FOLLOW_STEPS: usize = 3;
@@ -197,9 +201,9 @@ impl Fit {
 
     fn starting_point(&self) -> Parameters {
         let mut at = self.prior.mean;
-        at[place::CLAMP] += self.longest[place::CLAMP] / LONGEST_STEP * ((self.start % 3) as f64 - 1.0);
-        let side = if self.start < 3 { -1.0 } else { 1.0 };
-        at[place::PROCESS] += self.longest[place::PROCESS] / LONGEST_STEP * side;
+        let deviation = self.longest / LONGEST_STEP;
+        at[place::CLAMP] += deviation[place::CLAMP] * (self.start as f64 - 1.0);
+        at[place::PROCESS] += deviation[place::PROCESS] * DAMPED_START;
         at
     }
 
