@@ -2,6 +2,7 @@
 
 use super::bad_input;
 use crate::config::machine::read_machine;
+use crate::diagnosis::{DiagnoseOptions, diagnose_with};
 use crate::recording::{read_recording, write_whole};
 use crate::report::diagnosis::write;
 use crate::report::html::{ReportContext, diagnosis_page};
@@ -21,12 +22,20 @@ pub(super) struct Arguments {
     /// Folder for diagnosis.json, report.html, model.toml and the contributions.
     #[arg(long)]
     out: PathBuf,
+    /// Seconds within which the answer stands: work is counted, so a busy machine answers later, not
+    /// differently.
+    #[arg(long, default_value_t = 60.0)]
+    budget_s: f64,
     /// Write lines `progress SHARE WHAT` to standard error, for programs that watch.
     #[arg(long)]
     progress: bool,
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    if !(arguments.budget_s.is_finite() && arguments.budget_s > 0.0) {
+        let given = arguments.budget_s;
+        return Err(bad_input(format!("--budget-s {given}: expected is a number of seconds above zero")));
+    }
     let machine = read_machine(&arguments.model).map_err(bad_input)?;
     let recordings = arguments
         .recordings
@@ -46,7 +55,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         }
     };
     let files: Vec<String> = arguments.recordings.iter().map(|p| name(p)).collect();
-    let diagnosis = crate::diagnosis::diagnose(&machine, &recordings, &progress).map_err(|error| {
+    let options = DiagnoseOptions { budget_s: arguments.budget_s, ..Default::default() };
+    let diagnosis = diagnose_with(&machine, &recordings, &options, &progress).map_err(|error| {
         let concerned = files.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));
         let concerned: Vec<&str> = concerned.map(|(file, _)| file.as_str()).collect();
         bad_input(if concerned.is_empty() {

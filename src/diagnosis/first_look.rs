@@ -3,7 +3,7 @@
 //! Seen on means over blocks of 10 ms: slow enough that neither an encoder's steps nor a resonance count.
 
 use super::DiagnoseError;
-use super::rigid::{is_locked, motor_position, position, thrust};
+use super::drive::recorded::{is_locked, motor_position, position, span, thrust};
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use crate::signal::inner_products::dot;
@@ -47,7 +47,7 @@ struct Look<'a> {
 
 impl<'a> Look<'a> {
     fn new(axis: &'a AxisModel, recording: &'a Recording) -> Option<Self> {
-        let (force, x) = (thrust(axis, recording).ok()?, position(axis, recording).ok()?);
+        let (force, x) = (thrust(axis, recording).ok()?.reference_n, position(axis, recording).ok()?);
         let rate_hz = recording.sample_rate.hz();
         let block = ((BLOCK_S * rate_hz).round() as usize).max(1);
         let stage = recording.get(&format!("{}_stage_position_m", axis.name));
@@ -149,7 +149,7 @@ pub(super) fn frozen(axis: &AxisModel, recordings: &[Recording]) -> Vec<String> 
     let d = &axis.drive;
     let of = |recording: &Recording| {
         let stage_m = recording.get(&format!("{}_stage_position_m", axis.name))?;
-        let (motor_m, thrust_n) = (motor_position(axis, recording)?, thrust(axis, recording).ok()?);
+        let (motor_m, thrust_n) = (motor_position(axis, recording)?, thrust(axis, recording).ok()?.reference_n);
         if d.axial_stiffness_n_m() <= 0.0 || is_locked(axis, recording) {
             return None;
         }
@@ -199,11 +199,6 @@ fn blocks(x: &[f64], block: usize) -> Vec<f64> {
 fn about_mean(x: Vec<f64>) -> Vec<f64> {
     let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
     x.iter().map(|v| v - mean).collect()
-}
-
-fn span(x: &[f64]) -> f64 {
-    let [low, high] = x.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |e, v| [e[0].min(*v), e[1].max(*v)]);
-    (high - low).max(0.0)
 }
 
 /// What a ratio of travels looks like.

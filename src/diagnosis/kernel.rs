@@ -127,43 +127,18 @@ impl Kernel {
         Self { taps, half }
     }
 
-    /// Leaves a signal as it is.
-    pub(crate) fn unit() -> Self {
-        Self { taps: vec![1.0], half: 0 }
-    }
-
-    /// Both kernels one after the other.
-    pub(crate) fn then(&self, other: &Kernel) -> Self {
-        let mut taps = vec![0.0; self.taps.len() + other.taps.len() - 1];
-        for (i, a) in self.taps.iter().enumerate() {
-            for (j, b) in other.taps.iter().enumerate() {
-                taps[i + j] += a * b;
-            }
+    /// The same without what lies further out than `half` samples, its sum kept.
+    pub(crate) fn cut_to(self, half: usize) -> Self {
+        if self.half <= half {
+            return self;
         }
-        Self { taps, half: self.half + other.half }
-    }
-
-    /// Sum of this kernel and `factor` times another.
-    pub(crate) fn plus(&self, factor: f64, other: &Kernel) -> Self {
-        let half = self.half.max(other.half);
-        let mut taps = vec![0.0; 2 * half + 1];
-        for (i, a) in self.taps.iter().enumerate() {
-            taps[half - self.half + i] += a;
-        }
-        for (i, b) in other.taps.iter().enumerate() {
-            taps[half - other.half + i] += factor * b;
+        let total: f64 = self.taps.iter().sum();
+        let mut taps = self.taps[self.half - half..=self.half + half].to_vec();
+        let kept: f64 = taps.iter().sum();
+        if kept != 0.0 {
+            taps.iter_mut().for_each(|t| *t *= total / kept);
         }
         Self { taps, half }
-    }
-
-    /// All taps times a factor.
-    pub(crate) fn times(&self, factor: f64) -> Self {
-        Self { taps: self.taps.iter().map(|t| t * factor).collect(), half: self.half }
-    }
-
-    /// Variance that it makes of white noise of variance one.
-    pub(crate) fn power(&self) -> f64 {
-        self.taps.iter().map(|t| t * t).sum()
     }
 
     /// Samples needed on either side.

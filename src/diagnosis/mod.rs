@@ -1,49 +1,37 @@
 //! What physics does a machine model leave out? Locate the mismatch, name it, model it, prove it.
+//!
+//! ```text
+//! recordings, model
+//!   first_look   sign, units, something moves               drive/recorded, drive/signals
+//!   balance      thrust = numbers + laws, per position      drive/state, drive/columns
+//!   inner        products per recording, band, fold         drive/spectra, drive/gram
+//!   likelihood   numbers and noise spectrum free            drive/likelihood
+//!   bank         every law of the vocabulary, its shape     drive/bank, drive/shape
+//!   T and level  worst of gain, folds, recordings;          drive/evidence
+//!                artefacts and knockoffs
+//!   selection    ask all, fit some, take one, ask again     selection, drive/subject
+//!   rest         what stands above the floor, its port      drive/rest
+//!   answer       findings, corrections, model, proof        drive/answer, drive/closed_loop
+//! ```
+//! The method with its figures: `docs/method-diagnosis.md`.
 
-mod assemble;
-mod bank;
-mod bench;
-#[cfg(test)]
-mod chance;
-mod coarse_steps;
-mod columns;
-mod corrections;
 pub mod cut;
+mod drive;
 mod encoder_noise;
 mod first_look;
-mod floor;
-mod hypothesis_fit;
-mod in_loop;
 mod kernel;
-mod location;
-mod loop_answer;
-mod loop_fit;
-mod loop_search;
-mod motion;
-mod problem;
-mod regression;
 mod result;
-mod rigid;
-mod search;
-#[expect(dead_code, reason = "the selection that drive and cut are moved to")]
 mod selection;
-mod shape;
-mod state;
-mod stated_laws;
 mod steps;
-mod strangers;
-mod terms;
-mod triple;
 mod two_cores;
-mod weights;
-mod whitening;
+
+#[cfg(test)]
+mod chance;
 
 pub use result::*;
 
-use crate::plant::effects::{EffectKind, PhysicsTerm};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
-use search::Complete;
 use thiserror::Error;
 
 /// Why a diagnosis is not possible.
@@ -156,158 +144,63 @@ impl DiagnoseError {
 /// Progress of a diagnosis: a share from 0 to 1 and what is being done.
 pub type Progress<'a> = &'a (dyn Fn(f64, &str) + Sync);
 
+/// What an answer may cost, and what of the recordings counts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DiagnoseOptions {
+    /// Seconds within which the answer stands on a slow machine. Work is counted, not time: a busy machine
+    /// answers later, not differently.
+    pub budget_s: f64,
+    /// Per recording, rows that were not measured: they enter no fit. The caller has bridged them. Empty:
+    /// all were measured.
+    pub masked: Vec<Vec<bool>>,
+}
+
+impl Default for DiagnoseOptions {
+    fn default() -> Self {
+        Self { budget_s: 60.0, masked: Vec::new() }
+    }
+}
+
 /// Says what `machine` leaves out, from recordings of it. Deterministic.
 ///
-/// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters, an axis
-/// that stands still, a sign or a unit that is not the stated one.
+/// Errors: as [`diagnose_with`].
 pub fn diagnose(
     machine: &Machine,
     recordings: &[Recording],
     progress: Progress<'_>,
 ) -> Result<Diagnosis, DiagnoseError> {
+    diagnose_with(machine, recordings, &DiagnoseOptions::default(), progress)
+}
+
+/// [`diagnose`] within a budget, with rows that were not measured.
+///
+/// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters, an axis
+/// that stands still, a sign or a unit that is not the stated one.
+pub fn diagnose_with(
+    machine: &Machine,
+    recordings: &[Recording],
+    options: &DiagnoseOptions,
+    progress: Progress<'_>,
+) -> Result<Diagnosis, DiagnoseError> {
     let (axis, others) = axis_of(machine, recordings)?;
     first_look::check(axis, recordings)?;
-    if rigid::applies(axis, recordings) {
-        let mut diagnosis = rigid::diagnose(machine, axis, recordings, progress)?;
-        diagnosis.notes.extend(left_aside(axis, &others, |term| rigid::knows(term, axis)));
-        diagnosis.notes.extend(first_look::frozen(axis, recordings));
-        return Ok(diagnosis);
-    }
-    let first = &recordings[0];
-    let first_hz = first.sample_rate.hz();
+    let first_hz = recordings[0].sample_rate.hz();
     if let Some(other) = recordings.iter().find(|r| (r.sample_rate.hz() / first_hz - 1.0).abs() > 1e-6) {
         let (recording, rate_hz) = (other.experiment.clone(), other.sample_rate.hz());
         return Err(DiagnoseError::MixedRates { recording, rate_hz, first_hz });
     }
-    let lumped = triple::lumped(machine, axis);
-    let stated = axis;
-    let (machine, axis) = lumped.as_ref().map_or((machine, axis), |(m, a)| (m, a));
-    let start = start_of(axis, recordings)?;
-    let rig = in_loop::Rig::new(axis, recordings, &start.state.problem).ok();
-    let noise_n = rig.as_ref().and_then(|rig| rig.noise_n(axis, start.white_force_n2_hz()));
-    let mut outcome = search::search(start.clone(), (Complete::No, progress));
-    progress(0.9, "writing the model, simulating the loop");
-    let mut diagnosis = assemble::assemble(machine, axis, recordings, &outcome);
-    let says_all = |axis: &AxisModel| rig.as_ref().is_some_and(|rig| rig.says_all(axis, noise_n));
-    let numbers_say_all =
-        || in_loop::recalibrated(axis, &outcome).is_ok_and(|recalibrated| says_all(&recalibrated));
-    let complete = match diagnosis.verdict {
-        Verdict::UnexplainedMismatch if says_all(axis) => Complete::Stated,
-        Verdict::UnexplainedMismatch if numbers_say_all() => Complete::Numbers,
-        // A law that changes nothing in the loop is one of the balance's own errors.
-        Verdict::MissingPhysics if !diagnosis.earned_in_loop() && numbers_say_all() => Complete::Numbers,
-        _ => Complete::No,
-    };
-    if complete != Complete::No {
-        outcome = search::search(start, (complete, &|_, _| ()));
-        diagnosis = assemble::assemble(machine, axis, recordings, &outcome);
-    } else if let Some(rig) = &rig
-        && let Some(noise_n) = noise_n
-        && diagnosis.left_in_loop_n().is_some_and(|left| left > FAR_FROM_NOISE * noise_n[0])
-    {
-        let case = (machine, axis, recordings);
-        let told = second_look(case, (rig, &start, noise_n), (&outcome, &diagnosis), progress)?;
-        if let Some(told) = told {
-            (outcome, diagnosis) = told;
-        }
+    let beside = drive::Beside { masks: &options.masked, budget_s: options.budget_s };
+    let mut diagnosis = drive::diagnose(machine, axis, recordings, (beside, progress))?;
+    if !others.is_empty() {
+        diagnosis.notes.push(format!(
+            "This is of axis {}. Also recorded and not looked at: {}; a model with that axis alone answers \
+             for it.",
+            axis.name,
+            others.join(", ")
+        ));
     }
-    let p = &outcome.state.problem;
-    let notes = left_aside(stated, &others, |term| {
-        term.effect == EffectKind::EncoderQuantization || terms::hypothesis(p, term).is_some()
-    });
-    diagnosis.notes.extend(notes);
     diagnosis.notes.extend(first_look::frozen(axis, recordings));
-    if lumped.is_some() {
-        diagnosis = triple::unlumped(diagnosis, stated, (&outcome, &outcome.state.bench()));
-    }
-    progress(1.0, "done");
     Ok(diagnosis)
-}
-
-/// What else can be said where the loop is far from its noise; `None`: nothing that the loop confirms.
-fn second_look(
-    (machine, axis, recordings): (&Machine, &AxisModel, &[Recording]),
-    (rig, start, noise_n): (&in_loop::Rig<'_>, &search::Start, [f64; 2]),
-    (outcome, answer): (&search::Outcome, &Diagnosis),
-    progress: Progress<'_>,
-) -> Result<Option<(search::Outcome, Diagnosis)>, DiagnoseError> {
-    let silent = (Complete::No, &(|_: f64, _: &str| ()) as Progress<'_>);
-    let assembled = |other: search::Outcome| {
-        let said = assemble::assemble(machine, axis, recordings, &other);
-        (said.verdict == Verdict::MissingPhysics).then_some((other, said))
-    };
-    // What is loud and has no name is no weak finding.
-    if answer.verdict != Verdict::UnexplainedMismatch
-        && let Some(weak) = start.asking_the_loop()
-    {
-        progress(0.9, "asking the loop about weak findings");
-        let confirmed = |(_, said): &(search::Outcome, Diagnosis)| {
-            said.left_in_loop_n().zip(answer.left_in_loop_n()).is_some_and(|(with_n, without_n)| {
-                with_n < CONFIRMED_SHARE * without_n && with_n < FAR_FROM_NOISE * noise_n[0]
-            })
-        };
-        if let Some(weak) = assembled(search::search(weak, silent)).filter(confirmed) {
-            return Ok(Some(weak));
-        }
-    }
-    if recordings.len() > 1 {
-        progress(0.9, "one recording at a time");
-        for recording in recordings {
-            let one = start_of(axis, std::slice::from_ref(recording))?;
-            let alone = search::search(one, silent);
-            let other = assembled(search::with_findings_of(start.clone(), alone));
-            if let Some(other) = other.filter(|(_, said)| said.is_quiet_in_loop(noise_n[0])) {
-                return Ok(Some(other));
-            }
-        }
-    }
-    if !rig.hardly_accelerates() {
-        return Ok(None);
-    }
-    progress(0.9, "running hypotheses in the loop");
-    Ok(by_loop((machine, axis, recordings), (rig, start, noise_n), (outcome, answer)))
-}
-
-/// What the loop says where it contradicts the balance; `None`: it does not know either.
-fn by_loop(
-    (machine, axis, recordings): (&Machine, &AxisModel, &[Recording]),
-    (rig, start, noise_n): (&in_loop::Rig<'_>, &search::Start, [f64; 2]),
-    (outcome, diagnosis): (&search::Outcome, &Diagnosis),
-) -> Option<(search::Outcome, Diagnosis)> {
-    let accepted = &outcome.state.accepted[outcome.state.given..];
-    let tried = |f: &Finding| {
-        let law = accepted.iter().find(|a| a.hypothesis.effect == f.effect && a.hypothesis.port == f.port);
-        law.map(|law| outcome.rounds[law.round].clone())
-    };
-    let tried: Vec<_> = diagnosis.findings.iter().filter_map(tried).collect();
-    let found = diagnosis.model.axis(&axis.name)?;
-    let told = loop_search::search(rig, axis, (&start.state.weighted_bench(), found, tried), noise_n)?;
-    let other = search::as_told(start.clone(), told);
-    let told = assemble::assemble(machine, axis, recordings, &other);
-    (told.left_in_loop_n()? < diagnosis.left_in_loop_n()? && told.is_quiet_in_loop(noise_n[0]))
-        .then_some((other, told))
-}
-
-/// Share of what the loop leaves that it may leave with a finding that is weak in the balance.
-const CONFIRMED_SHARE: f64 = 0.5;
-/// Over the noise of the loop: what a model leaves that is beside the cause. Then what one recording alone
-/// says is tried on all of them, and stands only if the loop is quiet with it.
-const FAR_FROM_NOISE: f64 = 3.0;
-
-/// The balance of recordings, and what the model says beyond its structure.
-fn start_of(axis: &AxisModel, recordings: &[Recording]) -> Result<search::Start, DiagnoseError> {
-    let motions = recordings.iter().map(|r| motion::motion(axis, r)).collect::<Result<Vec<_>, _>>()?;
-    let steps_m = steps::steps_m(axis, &motions);
-    let mut problem = problem::Problem::new(&axis.drive, motions);
-    if problem.steps_m.iter().zip(steps_m).any(|(stated, found)| found > *stated) {
-        problem.proof = problem::Proof::Coarse;
-    }
-    problem.steps_m = steps_m;
-    let noise = encoder_noise::EncoderNoise::new(&axis.drive, &problem.motions, problem.thinning.step);
-    problem.encoder_noise = Some(noise);
-    let laws = axis.physics.iter().filter_map(|term| terms::hypothesis(&problem, term));
-    let given = laws.map(|(h, amplitudes)| bench::Accepted::new(&problem, h, amplitudes)).collect();
-    Ok(search::Start::new(problem, given))
 }
 
 /// The first axis of the model that is recorded and moves, and the names of the other recorded ones; where
@@ -326,22 +219,4 @@ fn axis_of<'a>(
         axes: machine.axes.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join(", "),
     })?;
     Ok((axis, recorded.iter().map(|a| a.name.as_str()).filter(|name| *name != axis.name).collect()))
-}
-
-/// What is in the model or in the recordings and was not looked at.
-fn left_aside(axis: &AxisModel, others: &[&str], known: impl Fn(&PhysicsTerm) -> bool) -> Vec<String> {
-    let mut notes = Vec::new();
-    if !others.is_empty() {
-        notes.push(format!(
-            "This is of axis {}. Also recorded and not looked at: {}; a model with that axis alone answers \
-             for it.",
-            axis.name,
-            others.join(", ")
-        ));
-    }
-    for term in axis.physics.iter().filter(|term| !known(term)) {
-        let (effect, port) = (term.effect.name(), term.port.name());
-        notes.push(format!("{effect} at {port} stands in the model and is not heeded by this diagnosis."));
-    }
-    notes
 }

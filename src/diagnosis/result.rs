@@ -273,23 +273,6 @@ impl Diagnosis {
     pub fn left_in_loop_n(&self) -> Option<f64> {
         self.closed_loop.as_ref().ok().filter(|c| c.not_simulated.is_empty()).map(|c| c.left_n(2))
     }
-
-    /// Whether the found model leaves little in the loop: a few times what noise alone leaves, or a tenth of
-    /// what the model as stated leaves, which has said what was missing.
-    pub(crate) fn is_quiet_in_loop(&self, noise_n: f64) -> bool {
-        const SAYS_IT_ALL: f64 = 0.1;
-        let Ok(closed_loop) = &self.closed_loop else { return false };
-        let most_n = (super::FAR_FROM_NOISE * noise_n).max(SAYS_IT_ALL * closed_loop.left_n(0));
-        self.left_in_loop_n().is_some_and(|left_n| left_n < most_n)
-    }
-
-    /// False where the model runs in the loop no better with the findings than without them. Where a coarse
-    /// step rounds is chance, which no loop repeats: such findings are not asked.
-    pub(crate) fn earned_in_loop(&self) -> bool {
-        let coarse = self.findings.iter().any(|f| f.effect == EffectKind::EncoderQuantization);
-        let simulated = self.closed_loop.as_ref().ok().filter(|c| c.not_simulated.is_empty() && !coarse);
-        simulated.is_none_or(|c| c.left_n(2) < c.left_n(1))
-    }
 }
 
 impl ClosedLoop {

@@ -1,7 +1,6 @@
 //! Steps of an encoder, read off the recording itself: every difference of two samples is a whole number of
 //! steps.
 
-use super::motion::Motion;
 use crate::plant::effects::{EffectKind, Port};
 use crate::plant::machine::AxisModel;
 
@@ -26,20 +25,6 @@ pub(crate) fn stated_step_m(axis: &AxisModel, port: Port) -> f64 {
         .filter(|t| t.effect == EffectKind::EncoderQuantization && t.port == port)
         .filter_map(|t| t.number("step_m"))
         .fold(stated, f64::max)
-}
-
-/// Steps of motor and stage encoder: as stated, or coarser where every recording says so.
-pub(crate) fn steps_m(axis: &AxisModel, motions: &[Motion]) -> [f64; 2] {
-    [Port::MotorEncoder, Port::StageEncoder].map(|port| {
-        let stated = stated_step_m(axis, port);
-        let found: Vec<f64> = motions
-            .iter()
-            .map(|m| if port == Port::MotorEncoder { &m.motor.raw_m } else { &m.stage.raw_m })
-            .filter_map(|raw| coarser_step(raw, stated))
-            .collect();
-        let all = !found.is_empty() && found.len() == motions.len();
-        if all { found.iter().sum::<f64>() / found.len() as f64 } else { stated }
-    })
 }
 
 /// The step of a recorded position where it is coarser than `stated_m`; `None`: as stated, or no grid to be

@@ -1,0 +1,655 @@
+//! From the selection to what is said: verdict, findings, corrections, the model, the proof.
+
+use super::closed_loop::closed_loop;
+use super::criteria::Criteria;
+use super::gram::Part;
+use super::numbers::{Absent, Doubt, absent, beside, corrections, doubt, without};
+use super::rest::{Rest, rest, rest_of, spans_s};
+use super::series::{Residuals, contribution, contribution_of_number, residuals};
+use super::shape::{Hypothesis, Shape};
+use super::state::{Accepted, Balance, Number, State};
+use super::words::{Z95, domain, equation, estimates, next_experiment, scale_deviation, statement, term};
+use crate::diagnosis::result::{
+    Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Fit, Location, MapEstimate, RecordingFit,
+    TimeSpans, Tried, Verdict,
+};
+use crate::diagnosis::selection::{Round, probabilities};
+use crate::diagnosis::steps::{coarser_step, stated_step_m};
+use crate::plant::drive::DriveParams;
+use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
+use crate::plant::machine::{AxisModel, Machine};
+use crate::sample::Recording;
+use crate::signal::inner_products::rms;
+
+/// Deviation of the logarithm of a constant from which on the recordings do not determine it.
+const UNDETERMINED: f64 = 0.5;
+/// Evidence that halves the odds is this part of the level: chance is known no better.
+const TEMPER_SHARE: f64 = 0.1;
+/// A step of an encoder is coarser than stated from here on.
+const COARSER: f64 = 2.0;
+
+/// Everything an answer is made of.
+pub(super) struct Case<'a> {
+    pub(super) machine: &'a Machine,
+    /// As stated, and with its terms folded into keys.
+    pub(super) stated: &'a AxisModel,
+    pub(super) axis: &'a AxisModel,
+    pub(super) recordings: &'a [Recording],
+    pub(super) balance: &'a Balance,
+    /// Before anything was found.
+    pub(super) start: &'a State,
+    pub(super) rounds: &'a [Round<Hypothesis, State>],
+    pub(super) stated_rest_n: f64,
+    pub(super) notes: Vec<String>,
+    pub(super) out_of_budget: bool,
+}
+
+/// What was found, before it is asserted.
+struct Found {
+    effect: EffectKind,
+    port: Port,
+    estimates: Vec<Estimate>,
+    term: PhysicsTerm,
+    evidence_nats: f64,
+    level_nats: f64,
+    contribution: Vec<Contribution>,
+    /// Held-out residual without it, N.
+    without_n: f64,
+}
+
+/// Drops laws that the recordings do not determine; what is left is built anew.
+pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, Rest) {
+    loop {
+        let left = rest(balance, &state);
+        let doubt = doubt(balance, &state, &left);
+        let vague = state.accepted.iter().zip(&doubt.laws).position(|(a, d)| {
+            a.given.is_none()
+                && !matches!(a.hypothesis.shape, Shape::Torsion { .. })
+                && d.constants.iter().any(|c| *c > UNDETERMINED)
+        });
+        match vague {
+            Some(k) => {
+                state.accepted.remove(k);
+                state = state.rebuilt(balance);
+            }
+            None => return (state, doubt, left),
+        }
+    }
+}
+
+impl Case<'_> {
+    /// The answer for a state.
+    pub(super) fn answer(self, state: State) -> Diagnosis {
+        let balance = self.balance;
+        let (state, doubt, left) = determined(balance, state);
+        let level = self.rounds.last().and_then(|r| r.fitted.first()).map_or(
+            Criteria::STANDARD.artefact_nats,
+            |f| f.level_nats,
+        );
+        let absent = absent(balance, &state, &doubt, level);
+        let mut found = self.found(&state, &doubt, &absent, level);
+        found.extend(self.encoder_steps());
+        let before = self.rest_before(&absent);
+        let is_left = left.is_left(self.stated_rest_n);
+        let share = 1.0 - (left.force_n / before.force_n.max(1e-300)).powi(2);
+        let named = !found.is_empty() && (!is_left || share > Criteria::STANDARD.named_share);
+        let unexplained = is_left && !named;
+        let corrections = if unexplained { Vec::new() } else { self.all_corrections(&state, &doubt) };
+        let verdict = if unexplained {
+            Verdict::UnexplainedMismatch
+        } else if !found.is_empty() {
+            Verdict::MissingPhysics
+        } else if corrections.is_empty() {
+            Verdict::ModelAdequate
+        } else {
+            Verdict::ParameterError
+        };
+        let mut notes = self.notes.clone();
+        if self.out_of_budget {
+            notes.push("The budget was spent before every hypothesis was asked.".to_owned());
+        }
+        if unexplained && !found.is_empty() {
+            let names: Vec<String> =
+                found.iter().map(|f| format!("{} at {}", f.effect.name(), f.port.name())).collect();
+            notes.push(format!(
+                "Candidates that take part of it and are not asserted: {}.",
+                names.join(", ")
+            ));
+        }
+        if is_left {
+            notes.push(format!(
+                "{:.2} N stay above a floor of {:.2} N, at the {}, up to {:.1} Hz.",
+                left.force_n,
+                left.floor_n,
+                left.port.name(),
+                left.band_hz[1]
+            ));
+        }
+        let heldout_n = self.heldout_n(&state, None);
+        let findings: Vec<Finding> = if unexplained { Vec::new() } else { self.findings(found, &left, heldout_n) };
+        let model = self.model(verdict, &state, &doubt, &findings, (&left, is_left));
+        let series = residuals(balance, self.start, &state, &self.stated_beta());
+        let axes = [
+            self.stated.clone(),
+            self.recalibrated(&state, &doubt),
+            model.axis(&self.stated.name).unwrap_or(self.stated).clone(),
+        ];
+        let closed_loop = closed_loop(&balance.signals, &axes, self.recordings, &state);
+        let location = self.location(verdict, &findings, &left, &state);
+        let floors = left.floors_n;
+        let two = balance.signals.sides() == 2;
+        Diagnosis {
+            axis: self.stated.name.clone(),
+            verdict,
+            location,
+            findings,
+            residual_band_hz: [0.0, balance.signals.top_hz()],
+            parameter_corrections: corrections,
+            recordings: self.recording_fits(&series, unexplained),
+            balances: if two { vec!["motor", "stage"] } else { vec!["axis"] },
+            series_rate_hz: balance.signals.thin_rate_hz(),
+            noise_floor_n: if two { floors.to_vec() } else { vec![floors[0]] },
+            tried: self.tried(),
+            detection_limits: Vec::new(),
+            model,
+            notes,
+            closed_loop,
+        }
+    }
+
+    /// What was left before anything was found: numbers estimated, those that the model leaves out left out.
+    fn rest_before(&self, absent: &[Absent]) -> Rest {
+        let numbers: Vec<Number> = absent.iter().map(|a| a.number).collect();
+        if numbers.is_empty() {
+            return rest(self.balance, self.start);
+        }
+        let (design, beta) = without(self.start, &numbers);
+        let all = &self.start.base.all;
+        let fit = design.fit(all, beta.clone(), design.weights(all, &beta));
+        rest_of(self.balance, self.start, (&design, &fit.beta))
+    }
+
+    /// Root mean square on parts that nothing was fitted to, N; `without`: one law's coefficients taken out.
+    fn heldout_n(&self, state: &State, without_law: Option<usize>) -> f64 {
+        let base = &state.base;
+        let mut design = base.design.clone();
+        let mut start = base.fit.beta.clone();
+        if let Some(k) = without_law {
+            let first: usize =
+                base.numbers.len() + state.accepted[..k].iter().map(Accepted::coefficients).sum::<usize>();
+            let n = state.accepted[k].coefficients();
+            design.columns.drain(first..first + n);
+            design.bounds.drain(first..first + n);
+            start.drain(first..first + n);
+        }
+        let mut sum = 0.0;
+        for part in base.held_out.iter().filter(|p| matches!(p.judged, Part::Fold(_))) {
+            let bands = base.gram.sum(&self.balance.plan, part.trained);
+            let fit = design.fit(&bands, start.clone(), design.weights(&bands, &start));
+            for band in base.gram.sum(&self.balance.plan, part.judged) {
+                let s = design.spread(&band, &fit.beta);
+                sum += (s[0] + s[2]) * band.values;
+            }
+        }
+        (sum / self.samples()).sqrt()
+    }
+
+    fn samples(&self) -> f64 {
+        self.balance.signals.lengths().iter().sum::<usize>().max(1) as f64
+    }
+
+    fn found(&self, state: &State, doubt: &Doubt, absent: &[Absent], level: f64) -> Vec<Found> {
+        let balance = self.balance;
+        let mut list = Vec::new();
+        for (k, law) in state.accepted.iter().enumerate().filter(|(_, a)| a.given.is_none()) {
+            let h = &law.hypothesis;
+            let estimates = estimates(balance, state, law, &doubt.laws[k]);
+            let (evidence_nats, level_nats) = self.evidence_of(h.effect, h.port);
+            list.push(Found {
+                effect: h.effect,
+                port: h.port,
+                term: term(balance, law, &estimates),
+                estimates,
+                evidence_nats,
+                level_nats,
+                contribution: contribution(balance, state, law, self.recordings),
+                without_n: self.heldout_n(state, Some(k)),
+            });
+        }
+        list.extend(self.found_in_path(state, doubt));
+        let scale = scale_deviation(balance);
+        for a in absent {
+            let name = if a.effect == EffectKind::CoulombFriction { "force_n" } else { "n_s_m" };
+            let unit = if a.effect == EffectKind::CoulombFriction { "N" } else { "N s/m" };
+            let half = Z95 * a.deviation.hypot(scale * a.value);
+            let estimate = Estimate {
+                name: name.to_owned(),
+                value: a.value,
+                unit,
+                ci95: [a.value - half, a.value + half],
+            };
+            let value = ParameterValue::Number(a.value);
+            list.push(Found {
+                effect: a.effect,
+                port: a.port,
+                estimates: vec![estimate],
+                term: PhysicsTerm { effect: a.effect, port: a.port, parameters: vec![(name.to_owned(), value)] },
+                evidence_nats: a.evidence_nats,
+                level_nats: level,
+                contribution: contribution_of_number(balance, state, (a.number, a.value), self.recordings),
+                without_n: self.without_number_n(state, a.number),
+            });
+        }
+        list.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
+        list
+    }
+
+    fn without_number_n(&self, state: &State, number: Number) -> f64 {
+        let (design, start) = without(state, &[number]);
+        let all = &state.base.all;
+        let fit = design.fit(all, start.clone(), design.weights(all, &start));
+        let of = |b: &super::gram::BandGram| {
+            let s = design.spread(b, &fit.beta);
+            (s[0] + s[2]) * b.values
+        };
+        (all.iter().map(of).sum::<f64>() / self.samples()).sqrt()
+    }
+
+    /// A dead time longer than stated, a current loop slower than stated.
+    fn found_in_path(&self, state: &State, doubt: &Doubt) -> Vec<Found> {
+        let balance = self.balance;
+        let mut shapes = Vec::new();
+        let extra_s = state.path.delay_s - balance.drive.amplifier_dead_time_s();
+        if state.found_delay && extra_s > 0.0 {
+            shapes.push((Shape::Delay { extra_s, early: false }, EffectKind::DeadTime, doubt.path[0] / extra_s));
+        }
+        if let Some(rad_s) = state.path.loop_rad_s.filter(|_| state.found_loop) {
+            shapes.push((Shape::Loop { rad_s }, EffectKind::CurrentLoopLag, doubt.path[1]));
+        }
+        let mut list = Vec::new();
+        for (shape, effect, deviation) in shapes {
+            let law = Accepted::found(Hypothesis::named(effect, Port::Current, shape), vec![1.0]);
+            let sd = super::words::Deviations { amplitudes: vec![0.0], constants: vec![deviation] };
+            let estimates = estimates(balance, state, &law, &sd);
+            let (evidence_nats, level_nats) = self.evidence_of(effect, Port::Current);
+            list.push(Found {
+                effect,
+                port: Port::Current,
+                term: term(balance, &law, &estimates),
+                estimates,
+                evidence_nats,
+                level_nats,
+                contribution: contribution(balance, self.start, &law, self.recordings),
+                without_n: self.heldout_n(self.start, None),
+            });
+        }
+        list
+    }
+
+    /// Evidence and level with which a law was taken up.
+    fn evidence_of(&self, effect: EffectKind, port: Port) -> (f64, f64) {
+        let of = |r: &&Round<Hypothesis, State>| {
+            r.accepted && r.fitted[0].hypothesis.effect == effect && r.fitted[0].hypothesis.port == port
+        };
+        let round = self.rounds.iter().find(of);
+        round.map_or((0.0, 1.0), |r| (r.fitted[0].evidence_nats, r.fitted[0].level_nats))
+    }
+
+    fn findings(&self, found: Vec<Found>, left: &Rest, heldout_n: f64) -> Vec<Finding> {
+        let floor = left.floors_n[0].hypot(left.floors_n[1]);
+        let of = |(k, f): (usize, Found)| {
+            let (probability, alternatives) = self.probabilities(&f);
+            let next = alternatives.first().filter(|a: &&Alternative| a.probability > 0.05);
+            let maps = f.term.parameters.iter().filter_map(|(name, value)| match value {
+                ParameterValue::List(values) => {
+                    Some(MapEstimate { name: name.clone(), values: values.clone() })
+                }
+                ParameterValue::Number(_) => None,
+            });
+            Finding {
+                rank: k + 1,
+                effect: f.effect,
+                port: f.port,
+                statement: statement(f.effect, f.port, &f.estimates),
+                equation: equation(f.effect),
+                maps: maps.collect(),
+                fit: Fit {
+                    heldout_rms_before_n: f.without_n,
+                    heldout_rms_after_n: heldout_n,
+                    noise_floor_n: floor,
+                },
+                probability,
+                next_experiment: next.map(|a| next_experiment(a.effect).to_owned()),
+                alternatives,
+                contribution: f.contribution,
+                parameters: f.estimates,
+                term: f.term,
+                evidence: 2.0 * f.evidence_nats,
+            }
+        };
+        found.into_iter().enumerate().map(of).collect()
+    }
+
+    /// Of a finding and of what else was fitted in its round; "nothing" has the level.
+    fn probabilities(&self, f: &Found) -> (f64, Vec<Alternative>) {
+        let round = self.rounds.iter().find(|r| {
+            r.accepted && r.fitted[0].hypothesis.effect == f.effect && r.fitted[0].hypothesis.port == f.port
+        });
+        let others: Vec<_> = round
+            .map_or(&[][..], |r| &r.fitted[1..])
+            .iter()
+            .filter(|o| !o.at_bound && o.evidence_nats > 0.0)
+            .collect();
+        let mut evidence = vec![f.evidence_nats];
+        evidence.extend(others.iter().map(|o| o.evidence_nats.min(f.evidence_nats)));
+        let temper = TEMPER_SHARE * f.level_nats;
+        let p = probabilities(&evidence, f.level_nats, temper);
+        let alternatives = others.iter().zip(&p[1..]).map(|(o, p)| Alternative {
+            effect: o.hypothesis.effect,
+            port: o.hypothesis.port,
+            probability: *p,
+        });
+        (p[0], alternatives.filter(|a| a.probability > 1e-3).collect())
+    }
+
+    /// Steps of encoders that are coarser than stated.
+    fn encoder_steps(&self) -> Vec<Found> {
+        let axis = self.axis;
+        let side = |port: Port, recording: &Recording| match port {
+            Port::MotorEncoder => super::recorded::motor_position(axis, recording),
+            _ => super::recorded::stage_position(axis, recording).map(<[f64]>::to_vec),
+        };
+        let of = |port: Port| -> Option<Found> {
+            let stated = stated_step_m(axis, port);
+            let steps: Vec<f64> = self
+                .recordings
+                .iter()
+                .filter_map(|r| coarser_step(&side(port, r)?, stated))
+                .collect();
+            let step = steps.iter().sum::<f64>() / steps.len().max(1) as f64;
+            if steps.len() < self.recordings.len() || step < COARSER * stated {
+                return None;
+            }
+            let ci95 = [0.98 * step, 1.02 * step];
+            let estimate = Estimate { name: "step_m".to_owned(), value: step, unit: "m", ci95 };
+            let contribution = self.recordings.iter().enumerate().filter_map(|(k, r)| {
+                let x = side(port, r)?;
+                // The step's own part: the read value less the line between its neighbours' middles.
+                let value = x.iter().map(|v| v - (v / step).round() * step).collect();
+                Some(Contribution { recording: k, t_s: (0..r.len()).map(|j| r.time_s(j)).collect(), value })
+            });
+            Some(Found {
+                effect: EffectKind::EncoderQuantization,
+                port,
+                estimates: vec![estimate],
+                term: PhysicsTerm {
+                    effect: EffectKind::EncoderQuantization,
+                    port,
+                    parameters: vec![("step_m".to_owned(), ParameterValue::Number(step))],
+                },
+                evidence_nats: 10.0 * Criteria::STANDARD.artefact_nats,
+                level_nats: Criteria::STANDARD.artefact_nats,
+                contribution: contribution.collect(),
+                without_n: 0.0,
+            })
+        };
+        [Port::MotorEncoder, Port::StageEncoder].into_iter().filter_map(of).collect()
+    }
+
+    /// Numbers of the structure and of stated laws that stand elsewhere.
+    fn all_corrections(&self, state: &State, doubt: &Doubt) -> Vec<Correction> {
+        let mut list = corrections(self.balance, self.stated, state, doubt);
+        for (law, sd) in state.accepted.iter().zip(&doubt.laws) {
+            let Some(index) = law.given else { continue };
+            if let Some((key, nominal)) = self.size_of(index)
+                && is_other_size(law.scale, sd.amplitudes.first().copied().unwrap_or(0.0))
+            {
+                let effect = self.axis.physics[index].effect.name();
+                let (value, half) = (nominal * law.scale, Z95 * nominal.abs() * sd.amplitudes[0]);
+                let name = format!("{effect}.{key}").into();
+                list.push(Correction { name, nominal, value, ci95: [value - half, value + half] });
+            }
+        }
+        list
+    }
+
+    /// The key of a stated law that its size is in.
+    fn size_of(&self, index: usize) -> Option<(&'static str, f64)> {
+        const SIZES: [&str; 9] = [
+            "amplitude_n",
+            "amplitude_m",
+            "force_n",
+            "stribeck_force_n",
+            "force_difference_n",
+            "n_s2_m2",
+            "cubic_n_m3",
+            "relative_change",
+            "relative_variation",
+        ];
+        let term = &self.axis.physics[index];
+        SIZES.iter().find_map(|key| term.number(key).map(|value| (*key, value)))
+    }
+
+    /// The stated numbers in the order of the balance.
+    fn stated_beta(&self) -> Vec<f64> {
+        let d = &self.balance.drive;
+        let two = self.balance.signals.sides() == 2;
+        let sum = |motor: f64, stage: f64| if two { stage } else { motor + stage };
+        let base = &self.start.base;
+        let number = |(k, n): (usize, &Number)| match n {
+            Number::MotorMass => d.reflected_mass_kg(),
+            Number::MotorDamping => d.reflected_damping_n_s_m(),
+            Number::MotorCoulomb => d.motor_coulomb_friction_n(),
+            Number::Stiffness => d.axial_stiffness_n_m(),
+            Number::StructuralDamping => d.structural_damping_n_s_m(),
+            Number::StageMass => sum(d.reflected_mass_kg(), d.movable_mass_kg()),
+            Number::StageDamping => sum(d.reflected_damping_n_s_m(), d.translational_damping_n_s_m()),
+            Number::StageCoulomb => sum(d.motor_coulomb_friction_n(), d.stage_coulomb_friction_n()),
+            Number::Timing => 0.0,
+            Number::Zero | Number::Scale => base.fit.beta[k],
+        };
+        let mut beta: Vec<f64> = base.numbers.iter().enumerate().map(number).collect();
+        beta.extend(self.start.accepted.iter().map(|_| 1.0));
+        beta
+    }
+
+    /// The stated drive with numbers that the recordings tell; `all`: those that were never stated, too.
+    fn drive(&self, state: &State, doubt: &Doubt) -> DriveParams {
+        /// Share of itself that a number's deviation may be.
+        const KNOWN: f64 = 0.05;
+        let d = &self.balance.drive;
+        let common = super::numbers::common_scale(self.balance, &beside(self.balance, state, doubt));
+        let list = corrections(self.balance, self.stated, state, doubt);
+        let constant = list.iter().find(|c| c.name == "torque_constant_nm_a");
+        let off = if constant.is_some() { (-common).exp() } else { 1.0 };
+        let told = beside(self.balance, state, doubt);
+        let known = told
+            .iter()
+            .filter(|n| n.value > 0.0 && n.deviation < KNOWN * n.value)
+            .map(|n| (n.key, off * n.value));
+        let further = list
+            .iter()
+            .filter(|c| !told.iter().any(|n| n.key == c.name))
+            .map(|c| (&*c.name, c.value));
+        d.with_numbers(known.chain(further)).unwrap_or_else(|_| d.clone())
+    }
+
+    fn recalibrated(&self, state: &State, doubt: &Doubt) -> AxisModel {
+        AxisModel { drive: self.drive(state, doubt), ..self.axis.clone() }
+    }
+
+    /// The model with everything that is said in it.
+    fn model(
+        &self,
+        verdict: Verdict,
+        state: &State,
+        doubt: &Doubt,
+        findings: &[Finding],
+        (left, is_left): (&Rest, bool),
+    ) -> Machine {
+        let mut machine = self.machine.clone();
+        if verdict == Verdict::UnexplainedMismatch || verdict == Verdict::ModelAdequate {
+            return machine;
+        }
+        let mut axis = self.recalibrated(state, doubt);
+        for law in state.accepted.iter() {
+            if let Some(index) = law.given
+                && is_other_size(law.scale, 0.0)
+            {
+                scale_term(&mut axis.physics[index], law.scale);
+            }
+        }
+        let mut raw = axis.drive.raw().clone();
+        let r2 = self.balance.drive.travel_m_rad().powi(2);
+        for f in findings {
+            let number = |name: &str| f.term.number(name);
+            match (f.effect, f.port) {
+                (EffectKind::DeadTime, Port::Current) => raw.amplifier_dead_time_s = Some(state.path.delay_s),
+                (EffectKind::CurrentLoopLag, _) => raw.current_loop_bandwidth_rad_s = state.path.loop_rad_s,
+                (EffectKind::CoulombFriction, Port::Motor) => raw.motor_coulomb_friction_n = number("force_n"),
+                (EffectKind::CoulombFriction, _) => raw.stage_coulomb_friction_n = number("force_n"),
+                (EffectKind::ViscousFriction, Port::Motor) => {
+                    raw.rotary_damping_nm_s_rad = number("n_s_m").map(|c| c * r2);
+                }
+                (EffectKind::ViscousFriction, _) => raw.translational_damping_n_s_m = number("n_s_m"),
+                (EffectKind::EncoderQuantization, Port::MotorEncoder) => {
+                    raw.motor_encoder_resolution_m = number("step_m");
+                }
+                (EffectKind::EncoderQuantization, _) => raw.stage_encoder_resolution_m = number("step_m"),
+                _ => axis.physics.push(f.term.clone()),
+            }
+        }
+        if state.found_smoothing {
+            raw.friction_smoothing_m_s = Some(state.smoothing_m_s);
+        }
+        axis.drive = DriveParams::new(raw).unwrap_or(axis.drive);
+        if is_left {
+            axis.physics.retain(|t| t.effect != EffectKind::ExternalDisturbance);
+            axis.physics.push(PhysicsTerm {
+                effect: EffectKind::ExternalDisturbance,
+                port: left.port,
+                parameters: vec![
+                    ("force_rms_n".to_owned(), ParameterValue::Number(left.force_n)),
+                    ("up_to_hz".to_owned(), ParameterValue::Number(left.band_hz[1])),
+                ],
+            });
+        }
+        restored(self.stated, &mut axis);
+        for a in machine.axes.iter_mut().filter(|a| a.name == self.stated.name) {
+            *a = axis.clone();
+        }
+        machine
+    }
+
+    fn location(&self, verdict: Verdict, findings: &[Finding], left: &Rest, state: &State) -> Option<Location> {
+        if matches!(verdict, Verdict::ModelAdequate | Verdict::ParameterError) {
+            return None;
+        }
+        let before = rest(self.balance, self.start);
+        let first = findings.first();
+        let (shown, of) = if first.is_some() { (&before, self.start) } else { (left, state) };
+        let time = (0..self.recordings.len())
+            .map(|r| TimeSpans { recording: r, spans_s: spans_s(self.balance, of, r, shown.band_hz) })
+            .collect();
+        let port = first.map_or(left.port, |f| f.port);
+        let shares = match shown.port {
+            Port::Motor => [1.0, 0.0, 1.0],
+            Port::Coupling => [0.5, 0.5, 0.0],
+            _ => [0.0, 1.0, 1.0],
+        };
+        Some(Location {
+            port,
+            domain: first.map_or("time", |f| domain(f.effect)),
+            bands_hz: vec![shown.band_hz],
+            time,
+            shares,
+        })
+    }
+
+    fn recording_fits(&self, series: &Residuals, unexplained: bool) -> Vec<RecordingFit> {
+        let s = &self.balance.signals;
+        let power = |sides: &[Vec<f64>]| {
+            (sides.iter().map(|x| rms(x).powi(2)).sum::<f64>() / sides.len().max(1) as f64).sqrt()
+        };
+        let of = |(r, track): (usize, &super::signals::Track)| {
+            let after = if unexplained { &series.before[r] } else { &series.after[r] };
+            let written = if unexplained { &series.nominal[r] } else { &series.after[r] };
+            RecordingFit {
+                experiment: track.experiment.clone(),
+                rms_before_n: power(&series.nominal[r]),
+                rms_after_n: power(written),
+                t_s: (0..track.thin_count()).map(|j| track.start_s + track.thin_s(j, s.step)).collect(),
+                position_m: track.thin.position.clone(),
+                velocity_m_s: track.thin.velocity[s.sides() - 1].clone(),
+                residual_nominal_n: series.nominal[r].clone(),
+                residual_before_n: series.before[r].clone(),
+                residual_after_n: after.clone(),
+            }
+        };
+        s.tracks.iter().enumerate().map(of).collect()
+    }
+
+    fn tried(&self) -> Vec<Tried> {
+        let Some(round) = self.rounds.first() else { return Vec::new() };
+        let fitted = round.fitted.iter().map(|f| (f.hypothesis, f.evidence_nats));
+        let screened = round.screened.iter().map(|s| (s.hypothesis, s.promise_nats));
+        let mut list: Vec<Tried> = Vec::new();
+        for (h, nats) in fitted.chain(screened) {
+            if !h.is_number() && !list.iter().any(|t| t.effect == Some(h.effect) && t.port == h.port) {
+                list.push(Tried { effect: Some(h.effect), port: h.port, evidence: (2.0 * nats).max(0.0) });
+            }
+        }
+        list.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        list
+    }
+}
+
+/// True where a stated law has another size.
+fn is_other_size(scale: f64, deviation: f64) -> bool {
+    /// As a share of the stated size: six times what a mass is stated to.
+    const APART: f64 = 0.2;
+    (scale - 1.0).abs() > APART.max(Criteria::STANDARD.correction_deviations * deviation)
+}
+
+/// A stated law times a factor.
+fn scale_term(term: &mut PhysicsTerm, scale: f64) {
+    const LINEAR: [&str; 12] = [
+        "amplitude_n",
+        "amplitude_m",
+        "harmonics_n",
+        "harmonics_m",
+        "force_n",
+        "stribeck_force_n",
+        "force_difference_n",
+        "viscous_difference_n_s_m",
+        "n_s2_m2",
+        "cubic_n_m3",
+        "relative_change",
+        "relative_variation",
+    ];
+    for (name, value) in &mut term.parameters {
+        if LINEAR.contains(&name.as_str()) {
+            match value {
+                ParameterValue::Number(x) => *x *= scale,
+                ParameterValue::List(list) => list.iter_mut().for_each(|x| *x *= scale),
+            }
+        }
+    }
+}
+
+/// A third inertia that was stated stands in the drive again.
+fn restored(stated: &AxisModel, axis: &mut AxisModel) {
+    let given = stated.drive.raw();
+    let Some(screw) = given.screw_inertia_kg_m2.filter(|_| given.torsional_stiffness_nm_rad.is_some()) else {
+        return;
+    };
+    let mut raw = axis.drive.raw().clone();
+    raw.rotary_inertia_kg_m2 = raw.rotary_inertia_kg_m2.map(|total| (total - screw).max(1e-12));
+    raw.screw_inertia_kg_m2 = Some(screw);
+    raw.torsional_stiffness_nm_rad = given.torsional_stiffness_nm_rad;
+    raw.torsional_damping_nm_s_rad = given.torsional_damping_nm_s_rad;
+    if let Ok(drive) = DriveParams::new(raw) {
+        axis.drive = drive;
+        axis.physics.retain(|t| t.effect != EffectKind::TorsionalMode);
+    }
+}

@@ -1,0 +1,392 @@
+//! Which hypotheses there are for a state: shapes on a grid that the recordings scale, wavelengths and lines
+//! where what is left has peaks.
+
+use super::shape::{Hypothesis, Shape};
+use super::signals::Layout;
+use super::state::{Balance, State, residual};
+use crate::plant::effects::{EffectKind as E, Port};
+use crate::signal::inner_products::rms;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+use std::f64::consts::TAU;
+
+/// Peaks of a search that are asked about.
+const PEAKS: usize = 3;
+/// Places of a wave's phase on the grid that its transform is taken from.
+const PLACES: f64 = 16.0;
+/// Shortest wavelength of a force over position, in travels, and highest order of a torque ripple.
+const SHORTEST: f64 = 1.0 / 160.0;
+const HIGHEST_ORDER: f64 = 130.0;
+/// Harmonics whose sum a cut is searched by.
+const SEARCHED_HARMONICS: usize = 4;
+/// Splines of a map when it is first asked about, and then.
+pub(super) const PIECES: [usize; 4] = [20, 40, 60, 90];
+
+/// Everything that may be asked of a state.
+pub(super) fn candidates(balance: &Balance, state: &State) -> Vec<Hypothesis> {
+    let mut list = frictions(balance, state);
+    list.extend(thrust(balance, state));
+    list.extend(positions(balance, state));
+    match balance.signals.layout {
+        Layout::TwoPositions => list.extend(springs(balance, true)),
+        Layout::Locked => list.extend(springs(balance, false)),
+        Layout::OnePosition => {}
+    }
+    let taken = |h: &Hypothesis| {
+        state.accepted.iter().any(|a| {
+            let other = &a.hypothesis;
+            let cut = matches!(h.shape, Shape::Cut { .. });
+            other.effect == h.effect && other.port == h.port && !cut && other.is_number() == h.is_number()
+        })
+    };
+    let mut seen: Vec<Hypothesis> = Vec::new();
+    list.retain(|h| {
+        let new = !taken(h) && !seen.contains(h);
+        seen.push(*h);
+        new
+    });
+    list
+}
+
+/// A factor grid from one size to another.
+fn grid(from: f64, to: f64, count: usize) -> impl Iterator<Item = f64> {
+    let step = (to / from).max(1.0).powf(1.0 / (count.max(2) - 1) as f64);
+    (0..count).map(move |k| from * step.powi(k as i32))
+}
+
+fn frictions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
+    let s = &balance.signals;
+    let one = s.layout != Layout::TwoPositions;
+    let at = |effect, shape| Hypothesis::named(effect, Port::Stage, shape);
+    let last = usize::from(!one);
+    let speeds = s.tracks.iter().flat_map(|t| &t.thin.velocity[last]);
+    let fastest = speeds.fold(0.0_f64, |m, v| m.max(v.abs()));
+    let longest_s = s.tracks.iter().map(|t| t.samples as f64 / t.rate_hz).fold(0.0, f64::max);
+    let [low, high] = s.travel_m();
+    let vs = state.smoothing_m_s;
+    let mut list = Vec::new();
+    let top = (0.3 * fastest).clamp(5.0 * vs, 80.0 * vs);
+    list.extend(grid(2.5 * vs, top, 6).map(|v| at(E::StribeckFriction, Shape::Stribeck { speed_m_s: v })));
+    let least_m = 1e-6_f64.max(4.0 * s.steps_m[last]).min(0.1 * (high - low));
+    let (most_m, count) = if one { (0.25 * (high - low), 10) } else { (32.0 * least_m, 6) };
+    list.extend(
+        grid(least_m, most_m.max(2.0 * least_m), count)
+            .map(|x| at(E::PreslidingFriction, Shape::Presliding { yield_m: x })),
+    );
+    list.push(at(E::AsymmetricFriction, Shape::Asymmetric));
+    list.push(at(E::AsymmetricFriction, Shape::AsymmetricViscous));
+    list.push(at(E::GravityLoad, Shape::Gravity));
+    list.push(at(E::NonlinearViscosity, Shape::NonlinearViscosity));
+    list.extend(
+        grid(0.04 * longest_s, 0.6 * longest_s, 5).map(|t| at(E::FrictionDrift, Shape::Drift { tau_s: t })),
+    );
+    list.extend(
+        [0.4, 2.5].map(|r| at(E::CoulombFriction, Shape::Smoothing { speed_m_s: r * vs })),
+    );
+    list
+}
+
+fn thrust(balance: &Balance, state: &State) -> Vec<Hypothesis> {
+    let s = &balance.signals;
+    let at = |effect, shape| Hypothesis::named(effect, Port::Current, shape);
+    let mut list = Vec::new();
+    let period_s = 1.0 / s.rate_hz;
+    for samples in [0.3, 0.8, 1.6, 3.0, 5.0] {
+        list.push(at(E::DeadTime, Shape::Delay { extra_s: samples * period_s, early: false }));
+    }
+    for samples in [0.5, 1.5] {
+        list.push(at(E::DeadTime, Shape::Delay { extra_s: samples * period_s, early: true }));
+    }
+    match state.path.loop_rad_s {
+        Some(w) => {
+            for share in [0.25, 0.4, 0.6, 0.85] {
+                list.push(at(E::CurrentLoopLag, Shape::Loop { rad_s: share * w }));
+            }
+        }
+        None => {
+            for share in [0.1, 0.2, 0.5, 1.2, 3.0] {
+                list.push(at(E::CurrentLoopLag, Shape::Loop { rad_s: share * s.rate_hz }));
+            }
+        }
+    }
+    if s.tracks.iter().all(|t| t.reference.is_current) {
+        let amperes = |t: &super::signals::Track| {
+            t.reference.reference_n.iter().fold(0.0_f64, |m, f| m.max((f / t.reference.per_unit).abs()))
+        };
+        let most = s.tracks.iter().map(amperes).fold(1e-9, f64::max);
+        for bent in [0.02, 0.07, 0.25, 0.8] {
+            let per_a2 = bent / (most * most);
+            list.push(at(E::TorqueConstantSaturation, Shape::Saturation { per_a2 }));
+        }
+    }
+    list
+}
+
+fn springs(balance: &Balance, two: bool) -> Vec<Hypothesis> {
+    let s = &balance.signals;
+    let at = |effect, shape| Hypothesis::named(effect, Port::Coupling, shape);
+    let stretch: Vec<f64> = s.tracks.iter().map(|t| rms(&t.thin.stretch)).collect();
+    let size_m = rms(&stretch);
+    let [low, high] = s.travel_m();
+    let mut list = vec![at(E::NonlinearStiffness, Shape::Cubic)];
+    for share in [0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0] {
+        list.push(at(E::Backlash, Shape::Backlash { gap_m: share * size_m }));
+    }
+    if !two {
+        return list;
+    }
+    for lengths in [1.0, 1.5, 2.5, 4.0, 7.0] {
+        let length_m = lengths * (high - low);
+        list.push(at(E::PositionDependentStiffness, Shape::StiffnessWave { length_m }));
+    }
+    for factor in [0.75, 0.95, 1.2, 1.6, 2.2, 3.2, 4.5] {
+        let frequency_hz = factor * s.band_hz;
+        list.push(at(E::TorsionalMode, Shape::Torsion { frequency_hz, share: 0.5, damping: 0.02 }));
+    }
+    list
+}
+
+fn positions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
+    let s = &balance.signals;
+    let two = s.layout == Layout::TwoPositions;
+    let [low, high] = s.travel_m();
+    let travel_m = high - low;
+    let left = residual(balance, &state.base.gram, &state.base.design, &state.base.fit.beta);
+    let mut list = Vec::new();
+    if s.layout != Layout::Locked {
+        let whitened = whitened(balance, state, &left);
+        let last = usize::from(two);
+        let longest = 0.5 * travel_m;
+        let shortest = travel_m * SHORTEST;
+        let plain = |side: usize| {
+            left.sides[side].as_ref().map_or_else(Vec::new, |x| balance.plan.series(x, &s.lengths()))
+        };
+        let lead_m = balance.drive.screw_lead_m();
+        // Waves of the screw itself, then peaks of what is left, with and without the weights of its bands: a
+        // slow wave has made its own band worthless.
+        let of_screw = lead_m.into_iter().flat_map(|l| [l, 0.5 * l]).filter(|l| (shortest..longest).contains(l));
+        let found = [&whitened[last], &plain(last)].map(|x| peaks(balance, x, [shortest, longest]));
+        for wavelength_m in of_screw.chain(found.into_iter().flatten()) {
+            list.push(Hypothesis::named(E::PositionPeriodicForce, Port::Stage, Shape::Wave { wavelength_m }));
+        }
+        if let Some(lead) = lead_m.filter(|_| two) {
+            let range = [lead / HIGHEST_ORDER, longest];
+            let found = [&whitened[0], &plain(0)].map(|x| peaks(balance, x, range));
+            for wavelength_m in of_motor(balance, lead).chain(found.into_iter().flatten()) {
+                list.push(Hypothesis::named(E::TorqueRipple, Port::Motor, Shape::Wave { wavelength_m }));
+            }
+        }
+        list.extend(cuts(balance, &left));
+        for flips in [false, true] {
+            let shape = Shape::Map { pieces: PIECES[0], flips };
+            list.push(Hypothesis::named(E::PositionDependentForce, Port::Stage, shape));
+        }
+    }
+    let errors = [
+        (Port::MotorEncoder, balance.drive.motor_encoder_signal_m()),
+        (Port::StageEncoder, balance.drive.raw().stage_encoder_signal_period_m.filter(|_| two)),
+    ];
+    for (port, period) in errors {
+        if let Some(period_m) = period {
+            let shape = Shape::EncoderError { period_m, sine_m: 0.0, cosine_m: 0.0 };
+            list.push(Hypothesis::named(E::EncoderInterpolationError, port, shape));
+        }
+        if two {
+            let shape = Shape::EncoderDelay { extra_s: 0.5 / s.rate_hz };
+            list.push(Hypothesis::named(E::DeadTime, port, shape));
+        }
+    }
+    list
+}
+
+/// Wavelengths of the motor's poles and slots, where they are stated.
+fn of_motor(balance: &Balance, lead_m: f64) -> impl Iterator<Item = f64> + use<> {
+    let raw = balance.drive.raw();
+    let poles = raw.motor_pole_count.into_iter().flat_map(|n| [0.5 * n, n]);
+    poles.chain(raw.motor_slot_count).map(move |order| lead_m / order)
+}
+
+/// What is left, through the weights of its bands, in time.
+fn whitened(
+    balance: &Balance,
+    state: &State,
+    left: &super::gram::Column,
+) -> [super::spectra::Series; 2] {
+    let base = &state.base;
+    let lengths = balance.signals.lengths();
+    std::array::from_fn(|side| {
+        if side >= balance.signals.sides() {
+            return Vec::new();
+        }
+        let zero = vec![0.0; left.sides[side].as_ref().map_or(0, |s| s.len())];
+        let mut out = zero;
+        for cell in &balance.plan.cells {
+            let Some(k) =
+                base.all.iter().position(|b| {
+                    b.recording == cell.recording && (balance.plan.white || b.band == cell.band)
+                })
+            else {
+                continue;
+            };
+            let w = base.weights[k];
+            let row = if side == 0 { [w[0], w[1]] } else { [w[1], w[2]] };
+            for (other, factor) in row.iter().enumerate() {
+                if let Some(spectrum) = &left.sides[other] {
+                    let into = cell.of_mut(&mut out);
+                    into.iter_mut().zip(cell.of(spectrum)).for_each(|(o, v)| *o += factor * v);
+                }
+            }
+        }
+        balance.plan.series(&out, &lengths)
+    })
+}
+
+/// Wavelengths at which a whitened residual has its strongest waves over position, strongest first.
+fn peaks(balance: &Balance, whitened: &[Vec<f64>], [shortest, longest]: [f64; 2]) -> Vec<f64> {
+    let [low, high] = balance.signals.travel_m();
+    let spacing = shortest / PLACES;
+    let places = (((high - low) / spacing) as usize + 2).min(1 << 21);
+    let n = (4 * places).next_power_of_two();
+    let mut line = vec![Complex::new(0.0, 0.0); n];
+    for (track, x) in balance.signals.tracks.iter().zip(whitened) {
+        for (value, position) in x.iter().zip(&track.thin.position) {
+            let place = ((position - low) / spacing).clamp(0.0, (places - 2) as f64);
+            let (k, part) = (place as usize, place.fract());
+            line[k].re += value * (1.0 - part);
+            line[k + 1].re += value * part;
+        }
+    }
+    FftPlanner::new().plan_fft_forward(n).process(&mut line);
+    let length = n as f64 * spacing;
+    let [from, to] = [longest, shortest].map(|l| ((length / l) as usize).clamp(1, n / 2 - 1));
+    let power: Vec<f64> = line[..=to].iter().map(|v| v.norm_sqr()).collect();
+    let mut tops: Vec<usize> =
+        (from.max(2)..to).filter(|k| power[*k] >= power[k - 1] && power[*k] > power[k + 1]).collect();
+    tops.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
+    // Side lobes of a peak are four zero-padded places wide.
+    let mut kept: Vec<usize> = Vec::new();
+    for k in tops {
+        if kept.iter().all(|o| o.abs_diff(k) > 8) {
+            kept.push(k);
+        }
+        if kept.len() == PEAKS {
+            break;
+        }
+    }
+    let refined = |k: usize| {
+        let [a, b, c] = [power[k - 1], power[k], power[k + 1]].map(|p| p.max(1e-300).ln());
+        let shift = 0.5 * (a - c) / (a - 2.0 * b + c).min(-1e-12);
+        length / (k as f64 + shift)
+    };
+    kept.into_iter().map(refined).collect()
+}
+
+/// Lines that stand out of the unwhitened stage balance with their harmonics, for a while.
+fn cuts(balance: &Balance, left: &super::gram::Column) -> Vec<Hypothesis> {
+    let s = &balance.signals;
+    let side = usize::from(s.sides() == 2);
+    let Some(spectrum) = &left.sides[side] else { return Vec::new() };
+    let bin_hz = balance.plan.bin_hz;
+    let series = balance.plan.series(spectrum, &s.lengths());
+    let mut best: Vec<(f64, f64, usize)> = Vec::new();
+    for r in 0..s.tracks.len() {
+        let blocks = balance.plan.powers(spectrum, r);
+        let bins = blocks.first().map_or(0, |b| b.1.len());
+        if bins < 32 {
+            continue;
+        }
+        let mut sums = vec![0.0; bins];
+        for (_, power) in &blocks {
+            let floor = running_median(power, 12);
+            let ratios: Vec<f64> = power.iter().zip(&floor).map(|(p, f)| p / f.max(1e-300)).collect();
+            for k in 3..bins {
+                let of = |h: usize| ratios.get(h * k).map_or(0.0, |r| (r - 1.0).clamp(0.0, 200.0));
+                sums[k] += (1..=SEARCHED_HARMONICS).map(of).sum::<f64>() / blocks.len() as f64;
+            }
+        }
+        let mut order: Vec<usize> = (4..bins - 1).collect();
+        order.sort_by(|a, b| sums[*b].total_cmp(&sums[*a]));
+        best.extend(order.into_iter().take(2).map(|k| (sums[k], k as f64 * bin_hz, r)));
+    }
+    best.sort_by(|a, b| b.0.total_cmp(&a.0));
+    best.truncate(2);
+    best.into_iter().filter_map(|(_, hz, r)| cut_at(balance, &series[r], (hz, r))).collect()
+}
+
+/// The line near `hz` in one recording, where its envelope is above half of its plateau.
+fn cut_at(balance: &Balance, x: &[f64], (hz, recording): (f64, usize)) -> Option<Hypothesis> {
+    let s = &balance.signals;
+    let track = &s.tracks[recording];
+    let rate_hz = s.thin_rate_hz();
+    let step_s = 1.0 / rate_hz;
+    let first_s = track.thin_s(0, s.step);
+    let length = ((0.1_f64.max(3.0 / hz) * rate_hz) as usize).clamp(4, x.len() / 4);
+    // Sums of short stretches first; then every fine frequency over them.
+    let demodulated: Vec<Complex<f64>> = x
+        .chunks(length)
+        .enumerate()
+        .map(|(c, chunk)| {
+            chunk
+                .iter()
+                .enumerate()
+                .map(|(j, v)| {
+                    let t = first_s + (c * length + j) as f64 * step_s;
+                    Complex::from_polar(*v, -TAU * hz * t)
+                })
+                .sum()
+        })
+        .collect();
+    let chunk_s = length as f64 * step_s;
+    let power_at = |off_hz: f64| {
+        let turned = |(c, v): (usize, &Complex<f64>)| {
+            v * Complex::from_polar(1.0, -TAU * off_hz * (first_s + (c as f64 + 0.5) * chunk_s))
+        };
+        demodulated.iter().enumerate().map(turned).sum::<Complex<f64>>().norm_sqr()
+    };
+    let total_s = x.len() as f64 * step_s;
+    let reach = balance.plan.bin_hz.min(0.45 / chunk_s);
+    let fine = 0.2 / total_s;
+    let steps = (reach / fine) as i32;
+    let off = (-steps..=steps)
+        .map(|k| f64::from(k) * fine)
+        .max_by(|a, b| power_at(*a).total_cmp(&power_at(*b)))?;
+    let sizes: Vec<f64> = demodulated.iter().map(|v| v.norm()).collect();
+    let mut sorted = sizes.clone();
+    sorted.sort_by(f64::total_cmp);
+    let plateau = sorted[sorted.len() * 9 / 10];
+    let above: Vec<bool> = sizes.iter().map(|v| *v > 0.5 * plateau).collect();
+    let (from, to) = longest_run(&above)?;
+    let edge = |c: usize| first_s + c as f64 * chunk_s;
+    let shape = Shape::Cut { hz: hz + off, start_s: edge(from), end_s: edge(to) };
+    Some(Hypothesis::named(E::CuttingForce, Port::Stage, shape))
+}
+
+/// Begin and end of the longest stretch of true, single gaps bridged.
+fn longest_run(flags: &[bool]) -> Option<(usize, usize)> {
+    let bridged: Vec<bool> = (0..flags.len())
+        .map(|k| flags[k] || (k > 0 && k + 1 < flags.len() && flags[k - 1] && flags[k + 1]))
+        .collect();
+    let (mut best, mut from) = ((0, 0), None);
+    for (k, flag) in bridged.iter().chain([&false]).enumerate() {
+        match (flag, from) {
+            (true, None) => from = Some(k),
+            (false, Some(f)) => {
+                if k - f > best.1 - best.0 {
+                    best = (f, k);
+                }
+                from = None;
+            }
+            _ => {}
+        }
+    }
+    (best.1 > best.0).then_some(best)
+}
+
+fn running_median(x: &[f64], reach: usize) -> Vec<f64> {
+    let of = |k: usize| {
+        let mut window = x[k.saturating_sub(reach)..(k + reach + 1).min(x.len())].to_vec();
+        let middle = window.len() / 2;
+        *window.select_nth_unstable_by(middle, f64::total_cmp).1
+    };
+    (0..x.len()).map(of).collect()
+}

@@ -1,0 +1,120 @@
+//! The proof in simulation: model and machine given the same command, each in its own closed loop.
+//!
+//! Nothing measured is differentiated or fitted here. Before physics comes the control law: where the stated
+//! one does not say the recorded reference, no simulation proves anything.
+
+use super::recorded::{position, stage_position, thrust};
+use super::signals::{Signals, Track};
+use super::state::State;
+use crate::diagnosis::result::{ClosedLoop, SimulatedTrial};
+use crate::diagnosis::two_cores::on_two_cores;
+use crate::plant::machine::{AxisModel, Controller};
+use crate::sample::Recording;
+use crate::signal::inner_products::rms;
+use crate::simulation::model_axis::{LoopRecord, Replay, Trial, not_simulated, replay, respond};
+
+/// Share of the reference's changes that a control law may leave and still be the one that acted.
+const LAW_SHARE: f64 = 0.02;
+/// First samples that the velocity at the start is taken from.
+const START_SAMPLES: usize = 20;
+
+/// Runs stated, re-estimated and found model beside the machine. Errors: in a person's words why not.
+pub(super) fn closed_loop(
+    signals: &Signals,
+    axes: &[AxisModel; 3],
+    recordings: &[Recording],
+    state: &State,
+) -> Result<ClosedLoop, String> {
+    let stated = &axes[0];
+    let controller = stated.controller.ok_or("the model states no controller")?;
+    let records: Vec<LoopRecord> =
+        recordings.iter().map(|r| record(stated, r)).collect::<Result<Vec<_>, String>>()?;
+    let period_s = 1.0 / signals.rate_hz;
+    let law = law_of(controller, period_s, &records)?;
+    let places: Vec<usize> = (0..records.len()).collect();
+    let trials = on_two_cores(&places, |&k| {
+        let trial = trial((k, &records[k], &law), stated, &signals.tracks[k], (period_s, state.timing_s));
+        simulated(signals, axes, (k, &records[k], &trial), law.share[k] > LAW_SHARE)
+    });
+    let law_share = law.share.iter().copied().fold(f64::INFINITY, f64::min);
+    Ok(ClosedLoop { law_share, trials, not_simulated: not_simulated(&axes[2]) })
+}
+
+fn record(axis: &AxisModel, recording: &Recording) -> Result<LoopRecord, String> {
+    let name = format!("{}_position_cmd_m", axis.name);
+    let command_m = recording.get(&name).map(<[f64]>::to_vec).ok_or_else(|| {
+        format!("recording {}: column {name} is missing, so the loop has no command", recording.experiment)
+    })?;
+    let motor_m = position(axis, recording).map_err(|e| e.to_string())?;
+    let reference = thrust(axis, recording).map_err(|e| e.to_string())?;
+    let stage_m = stage_position(axis, recording).map_or_else(|| motor_m.clone(), <[f64]>::to_vec);
+    let unit = reference.per_unit;
+    Ok(LoopRecord {
+        command_m,
+        motor_m,
+        stage_m,
+        reference: reference.reference_n.iter().map(|f| f / unit).collect(),
+    })
+}
+
+/// The law that acted, or why the stated one did not.
+fn law_of(controller: Controller, period_s: f64, records: &[LoopRecord]) -> Result<Replay, String> {
+    let replay = replay(controller, period_s, records).ok_or("no recording has a reference that changes")?;
+    let best = replay.share.iter().copied().fold(f64::INFINITY, f64::min);
+    if best > LAW_SHARE {
+        return Err(format!(
+            "the stated control law leaves {:.0} % of the recorded reference unsaid: gains, filter, order of \
+             samples or a further feed-forward differ",
+            100.0 * best
+        ));
+    }
+    Ok(replay)
+}
+
+/// What acted in one recording.
+fn trial(
+    (k, s, law): (usize, &LoopRecord, &Replay),
+    stated: &AxisModel,
+    track: &Track,
+    (period_s, timing_s): (f64, f64),
+) -> Trial {
+    let injected = law.share[k] > LAW_SHARE;
+    let early = s.motor_m.get(START_SAMPLES).zip(s.motor_m.first());
+    Trial {
+        period_s,
+        command_m: s.command_m.clone(),
+        injected: if injected { law.beyond[k].clone() } else { Vec::new() },
+        start_m: [s.motor_m[0], s.stage_m[0]],
+        start_m_s: early.map_or(0.0, |(b, a)| (b - a) / (START_SAMPLES as f64 * period_s)),
+        law: law.law,
+        integral_m: law.integral_m[k],
+        taken_up_s: timing_s,
+        thrust_per_unit: stated.drive.thrust_constant_n_a().is_none().then_some(track.reference.per_unit),
+    }
+}
+
+/// One recording beside its models.
+fn simulated(
+    signals: &Signals,
+    axes: &[AxisModel; 3],
+    (k, s, trial): (usize, &LoopRecord, &Trial),
+    injected: bool,
+) -> SimulatedTrial {
+    let track = &signals.tracks[k];
+    let responses = respond(axes, trial);
+    let unit = track.reference.per_unit;
+    let off = |a: &[f64], b: &[f64], unit: f64| {
+        let error: Vec<f64> = a.iter().zip(b).map(|(a, b)| (a - b) * unit).collect();
+        signals.thinned(track, &error)
+    };
+    let thrust: Vec<Vec<f64>> = responses.iter().map(|r| off(&s.reference, &r.reference, unit)).collect();
+    let stage_rms_m = [0, 1, 2].map(|i| rms(&off(&s.stage_m, &responses[i].stage_m, 1.0)));
+    SimulatedTrial {
+        recording: k,
+        injected,
+        thrust_rms_n: [0, 1, 2].map(|i| rms(&thrust[i])),
+        stage_rms_m,
+        t_s: (0..track.thin_count()).map(|j| track.start_s + track.thin_s(j, signals.step)).collect(),
+        thrust_error_n: thrust,
+    }
+}

@@ -1,0 +1,493 @@
+//! What each hypothesis adds to the balance, column by column.
+//!
+//! The balance is `thrust = model(beta)` at the motor and `0 = model(beta)` at the stage; a column is a force
+//! that the model needs more. Laws that are not linear are taken at the full rate and then pass the low-pass
+//! of the balance; none is a first Taylor term.
+
+use super::shape::{CUT_HARMONICS, Hypothesis, Shape};
+use super::signals::{Layout, Path, Signals, Track};
+use super::spectra::Series;
+use crate::plant::effects::Port;
+use crate::plant::effects::coupling::{Torsion, after_backlash, cubic};
+use crate::plant::effects::law::ForceLaw;
+use crate::plant::effects::friction::{
+    Presliding, asymmetric, drift, nonlinear_viscosity, sliding_direction, stribeck,
+};
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+use std::f64::consts::TAU;
+
+/// Numbers of the axis that laws are evaluated with, on the screw axis, SI.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Mechanics {
+    pub(super) motor_mass_kg: f64,
+    pub(super) motor_damping_n_s_m: f64,
+    pub(super) motor_coulomb_n: f64,
+    pub(super) stiffness_n_m: f64,
+    pub(super) structural_damping_n_s_m: f64,
+    pub(super) stage_mass_kg: f64,
+    pub(super) stage_damping_n_s_m: f64,
+    pub(super) stage_coulomb_n: f64,
+    /// Force of the spring where the stretch is at its mean, N.
+    pub(super) spring_zero_n: f64,
+}
+
+/// What laws are evaluated on.
+#[derive(Clone, Copy)]
+pub(super) struct Ground<'a> {
+    pub(super) signals: &'a Signals,
+    pub(super) mechanics: Mechanics,
+    pub(super) smoothing_m_s: f64,
+    pub(super) path: Path,
+}
+
+/// One column in time, thinned: at the motor, at the stage.
+#[derive(Debug, Clone, Default)]
+pub(super) struct TimeColumn {
+    pub(super) sides: [Option<Series>; 2],
+}
+
+impl TimeColumn {
+    /// Columns times amplitudes, added.
+    pub(super) fn sum(columns: &[TimeColumn], amplitudes: &[f64]) -> Self {
+        let mut out = Self::default();
+        for (column, amplitude) in columns.iter().zip(amplitudes) {
+            for (sum, side) in out.sides.iter_mut().zip(&column.sides) {
+                let Some(side) = side else { continue };
+                let sum = sum.get_or_insert_with(|| side.iter().map(|x| vec![0.0; x.len()]).collect());
+                for (s, x) in sum.iter_mut().zip(side) {
+                    s.iter_mut().zip(x).for_each(|(s, x)| *s += amplitude * x);
+                }
+            }
+        }
+        out
+    }
+}
+
+/// A law at the full rate of one recording, with its sign at motor and stage.
+struct Full {
+    series: Vec<f64>,
+    signs: [f64; 2],
+}
+
+impl Ground<'_> {
+    /// The columns of a hypothesis.
+    pub(super) fn columns(&self, h: &Hypothesis) -> Vec<TimeColumn> {
+        match h.shape {
+            Shape::Cut { hz, start_s, end_s } => self.cut(hz, [start_s, end_s]),
+            Shape::Map { pieces, flips } => self.map(pieces, flips),
+            Shape::Torsion { frequency_hz, share, damping } => {
+                vec![self.torsion(frequency_hz, share, damping)]
+            }
+            Shape::Delay { extra_s, early } => {
+                let by = if early { -extra_s } else { extra_s };
+                vec![self.path_change(Path { delay_s: self.path.delay_s + by, ..self.path })]
+            }
+            Shape::Loop { rad_s } => vec![self.path_change(Path { loop_rad_s: Some(rad_s), ..self.path })],
+            Shape::EncoderError { .. } | Shape::EncoderDelay { .. } => self.encoder(h),
+            Shape::Smoothing { speed_m_s } => self.turning(speed_m_s),
+            _ => self.forces(h),
+        }
+    }
+
+    /// What the law is in the recording, one value per full-rate sample, for a contribution: a force at its
+    /// port in N, or an error of its encoder in m. `None`: it has only thinned columns.
+    pub(super) fn law(&self, h: &Hypothesis, track: &Track) -> Option<Vec<Vec<f64>>> {
+        match h.shape {
+            Shape::EncoderError { .. } | Shape::EncoderDelay { .. } => {
+                Some(self.encoder_errors(h, track))
+            }
+            Shape::Cut { .. }
+            | Shape::Map { .. }
+            | Shape::Torsion { .. }
+            | Shape::Delay { .. }
+            | Shape::Smoothing { .. }
+            | Shape::Loop { .. } => None,
+            _ => Some(self.full(h, track).into_iter().map(|f| f.series).collect()),
+        }
+    }
+
+    fn forces(&self, h: &Hypothesis) -> Vec<TimeColumn> {
+        let mut out: Vec<TimeColumn> = Vec::new();
+        for (r, track) in self.signals.tracks.iter().enumerate() {
+            for (k, full) in self.full(h, track).into_iter().enumerate() {
+                if r == 0 {
+                    out.push(TimeColumn::default());
+                }
+                let thin = self.signals.filtered(track, &full.series, 0);
+                for side in 0..2 {
+                    if full.signs[side] != 0.0 {
+                        let signed = thin.iter().map(|v| full.signs[side] * v).collect();
+                        out[k].sides[side].get_or_insert_with(Vec::new).push(signed);
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// A force as a model states it.
+    pub(super) fn stated(&self, law: &ForceLaw, port: Port) -> TimeColumn {
+        let side = self.side(port);
+        let of = |track: &Track| {
+            let s = &track.sides[side];
+            let force = s.x_m.iter().zip(&s.v_m_s).map(|(x, v)| law.force_n(*x, *v, self.smoothing_m_s));
+            self.signals.filtered(track, &force.collect::<Vec<f64>>(), 0)
+        };
+        let mut out = TimeColumn::default();
+        out.sides[side] = Some(self.signals.each(of));
+        out
+    }
+
+    /// Signs of a force at a port: at motor and stage.
+    fn signs(&self, port: Port) -> [f64; 2] {
+        let two = self.signals.layout == Layout::TwoPositions;
+        match port {
+            Port::Coupling if two => [1.0, -1.0],
+            Port::Stage if two => [0.0, 1.0],
+            _ => [1.0, 0.0],
+        }
+    }
+
+    /// Side whose position and velocity a force at a port is a law of.
+    fn side(&self, port: Port) -> usize {
+        usize::from(self.signals.layout == Layout::TwoPositions && port != Port::Motor)
+    }
+
+    fn full(&self, h: &Hypothesis, track: &Track) -> Vec<Full> {
+        let signs = self.signs(h.port);
+        let side = &track.sides[self.side(h.port)];
+        let (x, v) = (&side.x_m, &side.v_m_s);
+        let vs = self.smoothing_m_s;
+        let one = |series: Vec<f64>| vec![Full { series, signs }];
+        let of_v = |f: &dyn Fn(f64) -> f64| v.iter().map(|v| f(*v)).collect::<Vec<f64>>();
+        let slide = |v: f64| sliding_direction(v, vs);
+        match h.shape {
+            Shape::Stribeck { speed_m_s } => one(of_v(&|v| stribeck(v, speed_m_s, vs))),
+            Shape::Asymmetric => one(of_v(&|v| asymmetric(v, vs))),
+            Shape::AsymmetricViscous => [of_v(&|v| asymmetric(v, vs)), of_v(&|v| 0.5 * v.abs())]
+                .into_iter()
+                .flat_map(one)
+                .collect(),
+            Shape::Gravity => one(vec![1.0; v.len()]),
+            Shape::NonlinearViscosity => one(of_v(&nonlinear_viscosity)),
+            Shape::Drift { tau_s } => {
+                one(v.iter().enumerate().map(|(k, v)| drift(track.full_s(k), tau_s) * slide(*v)).collect())
+            }
+            Shape::Presliding { yield_m } => bristle(v, yield_m, track.rate_hz).into_iter().flat_map(one).collect(),
+            Shape::Wave { wavelength_m } => waves(x, wavelength_m).into_iter().flat_map(one).collect(),
+            Shape::Saturation { per_a2 } => {
+                let thrust = self.signals.thrust_full(track, self.path);
+                let per_unit = track.reference.per_unit;
+                let lost = |f: &f64| {
+                    let bent = per_a2 * (f / per_unit).powi(2);
+                    f * bent / (1.0 + bent)
+                };
+                one(thrust.iter().map(lost).collect())
+            }
+            Shape::Backlash { gap_m } => {
+                let k = self.mechanics.stiffness_n_m;
+                let zero = self.zero_m();
+                let give = |d: &f64| k * (after_backlash(d + zero, gap_m) - (d + zero));
+                one(track.stretch_m.iter().map(give).collect())
+            }
+            Shape::Cubic => {
+                let zero = self.zero_m();
+                one(track.stretch_m.iter().map(|d| cubic(d + zero)).collect())
+            }
+            Shape::StiffnessWave { length_m } => {
+                let k = self.mechanics.stiffness_n_m;
+                let d = &track.stretch_m;
+                let zero = self.zero_m();
+                let of = |f: fn(f64) -> f64| {
+                    d.iter().zip(x).map(|(d, x)| k * (d + zero) * f(TAU * x / length_m)).collect::<Vec<f64>>()
+                };
+                [of(f64::sin), of(f64::cos)].into_iter().flat_map(one).collect()
+            }
+            Shape::Cut { .. }
+            | Shape::Map { .. }
+            | Shape::Torsion { .. }
+            | Shape::Delay { .. }
+            | Shape::Loop { .. }
+            | Shape::Smoothing { .. }
+            | Shape::EncoderError { .. }
+            | Shape::EncoderDelay { .. } => Vec::new(),
+        }
+    }
+
+    /// Stretch of the spring at the mean of the recordings, m.
+    fn zero_m(&self) -> f64 {
+        self.mechanics.spring_zero_n / self.mechanics.stiffness_n_m.max(1e-300)
+    }
+
+    /// Dry friction of each side that turns over another speed: it takes the place of that of the numbers.
+    fn turning(&self, speed_m_s: f64) -> Vec<TimeColumn> {
+        (0..self.signals.sides())
+            .map(|side| {
+                let of = |track: &Track| {
+                    let v = &track.sides[side].v_m_s;
+                    let slides: Vec<f64> = v.iter().map(|v| sliding_direction(*v, speed_m_s)).collect();
+                    self.signals.filtered(track, &slides, 0)
+                };
+                let mut column = TimeColumn::default();
+                column.sides[side] = Some(self.signals.each(of));
+                column
+            })
+            .collect()
+    }
+
+    fn path_change(&self, to: Path) -> TimeColumn {
+        let of = |track: &Track| {
+            let (now, then) = (self.signals.thrust(track, self.path), self.signals.thrust(track, to));
+            now.iter().zip(&then).map(|(a, b)| a - b).collect::<Vec<f64>>()
+        };
+        TimeColumn { sides: [Some(self.signals.each(of)), None] }
+    }
+
+    /// What an encoder reads too much, m.
+    fn encoder_errors(&self, h: &Hypothesis, track: &Track) -> Vec<Vec<f64>> {
+        let two = self.signals.layout == Layout::TwoPositions;
+        let x = &track.sides[usize::from(two && h.port == Port::StageEncoder)].x_m;
+        match h.shape {
+            Shape::EncoderError { period_m, sine_m, cosine_m } => {
+                if sine_m == 0.0 && cosine_m == 0.0 {
+                    return waves(x, period_m);
+                }
+                let first = waves(x, period_m);
+                let error: Vec<f64> =
+                    first[0].iter().zip(&first[1]).map(|(s, c)| sine_m * s + cosine_m * c).collect();
+                let read = self.signals.low_passed(&error);
+                waves(&x.iter().zip(&read).map(|(x, e)| x - e).collect::<Vec<f64>>(), period_m)
+            }
+            Shape::EncoderDelay { extra_s } => {
+                let samples = extra_s * track.rate_hz;
+                vec![x.iter().zip(later(x, samples)).map(|(now, then)| now - then).collect()]
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// An error of an encoder goes through everything that is made of its position.
+    fn encoder(&self, h: &Hypothesis) -> Vec<TimeColumn> {
+        let m = &self.mechanics;
+        let two = self.signals.layout == Layout::TwoPositions;
+        let at_stage = two && h.port == Port::StageEncoder;
+        let spring = if self.signals.layout == Layout::OnePosition { 0.0 } else { m.stiffness_n_m };
+        let damper = if two { m.structural_damping_n_s_m } else { 0.0 };
+        let (mass, damping) = if at_stage || !two {
+            (m.stage_mass_kg, m.stage_damping_n_s_m)
+        } else {
+            (m.motor_mass_kg, m.motor_damping_n_s_m)
+        };
+        let mut out: Vec<TimeColumn> = Vec::new();
+        for (r, track) in self.signals.tracks.iter().enumerate() {
+            for (k, e) in self.encoder_errors(h, track).iter().enumerate() {
+                if r == 0 {
+                    out.push(TimeColumn::default());
+                }
+                let [e0, e1, e2] = [0, 1, 2].map(|d| self.signals.filtered(track, e, d));
+                let coupled: Vec<f64> = e0.iter().zip(&e1).map(|(e, d)| spring * e + damper * d).collect();
+                let own: Vec<f64> = e1
+                    .iter()
+                    .zip(&e2)
+                    .zip(&coupled)
+                    .map(|((d, dd), c)| -(mass * dd + damping * d + c))
+                    .collect();
+                let [own_side, other] = if at_stage { [1, 0] } else { [0, 1] };
+                out[k].sides[own_side].get_or_insert_with(Vec::new).push(own);
+                if two {
+                    out[k].sides[other].get_or_insert_with(Vec::new).push(coupled);
+                }
+            }
+        }
+        out
+    }
+
+    /// Third inertia: the coupling force less what the twist takes off it, and the motor's share of inertia.
+    fn torsion(&self, frequency_hz: f64, share: f64, damping: f64) -> TimeColumn {
+        let m = &self.mechanics;
+        let screw_kg = share * m.motor_mass_kg;
+        let motor_kg = m.motor_mass_kg - screw_kg;
+        let k = Torsion::stiffness_of(frequency_hz, motor_kg, screw_kg);
+        let c = 2.0 * damping * (k * screw_kg).sqrt();
+        let mut out = TimeColumn { sides: [Some(Vec::new()), Some(Vec::new())] };
+        let mut planner = FftPlanner::new();
+        let rate_hz = self.signals.thin_rate_hz();
+        for track in &self.signals.tracks {
+            let t = &track.thin;
+            let load: Vec<f64> = (0..t.stretch.len())
+                .map(|j| {
+                    screw_kg * t.accel[0][j]
+                        + m.structural_damping_n_s_m * t.stretch_rate[j]
+                        + m.stiffness_n_m * t.stretch[j]
+                })
+                .collect();
+            let n = (load.len() + 512).next_power_of_two();
+            let mean = load.iter().sum::<f64>() / load.len().max(1) as f64;
+            let mut spectrum: Vec<Complex<f64>> = load.iter().map(|v| Complex::new(v - mean, 0.0)).collect();
+            spectrum.resize(n, Complex::new(0.0, 0.0));
+            planner.plan_fft_forward(n).process(&mut spectrum);
+            // Twist and its rate in one transform: real and imaginary part.
+            for (i, value) in spectrum.iter_mut().enumerate() {
+                let signed = if 2 * i <= n { i as f64 } else { i as f64 - n as f64 };
+                let w = TAU * signed * rate_hz / n as f64;
+                let dynamic = Complex::new(
+                    k + m.stiffness_n_m - screw_kg * w * w,
+                    w * (c + m.structural_damping_n_s_m),
+                );
+                let twist = *value / dynamic;
+                *value = twist + Complex::new(0.0, 1.0) * (Complex::new(0.0, w) * twist);
+            }
+            planner.plan_fft_inverse(n).process(&mut spectrum);
+            let still = mean / (k + m.stiffness_n_m);
+            let (mut motor, mut stage) = (Vec::with_capacity(load.len()), Vec::with_capacity(load.len()));
+            for (j, value) in spectrum.iter().take(load.len()).enumerate() {
+                let (twist, rate) = (value.re / n as f64 + still, value.im / n as f64);
+                motor.push(k * twist + c * rate - load[j]);
+                stage.push(m.stiffness_n_m * twist + m.structural_damping_n_s_m * rate);
+            }
+            out.sides[0].get_or_insert_with(Vec::new).push(motor);
+            out.sides[1].get_or_insert_with(Vec::new).push(stage);
+        }
+        out
+    }
+
+    /// Harmonics and mean in a window; every recording has columns of its own.
+    fn cut(&self, hz: f64, window_s: [f64; 2]) -> Vec<TimeColumn> {
+        let side = usize::from(self.signals.sides() == 2);
+        let empty = self.signals.each(|t| vec![0.0; t.thin_count()]);
+        let mut out = Vec::new();
+        for (r, track) in self.signals.tracks.iter().enumerate() {
+            let inside = |j: usize| {
+                let t = track.thin_s(j, self.signals.step);
+                (t >= window_s[0] && t < window_s[1]).then_some(t)
+            };
+            if !(0..track.thin_count()).any(|j| inside(j).is_some()) {
+                continue;
+            }
+            let mut push = |f: &dyn Fn(f64) -> f64| {
+                let mut series = empty.clone();
+                series[r].iter_mut().enumerate().for_each(|(j, v)| *v = inside(j).map_or(0.0, f));
+                let mut column = TimeColumn::default();
+                column.sides[side] = Some(series);
+                out.push(column);
+            };
+            let heard = (self.signals.top_hz() / hz) as usize;
+            for h in 1..=CUT_HARMONICS.min(heard.max(1)) {
+                let w = TAU * hz * h as f64;
+                push(&|t| (w * t).sin());
+                push(&|t| (w * t).cos());
+            }
+            push(&|_| 1.0);
+        }
+        out
+    }
+
+    /// Splines over the travel.
+    fn map(&self, pieces: usize, flips: bool) -> Vec<TimeColumn> {
+        let side = usize::from(self.signals.sides() == 2);
+        let [low, high] = self.signals.travel_m();
+        let spacing = (high - low).max(1e-300) / pieces as f64;
+        // The direction as the friction of the balance has it; a spline is slow beside it.
+        let direction = self.signals.each(|track| {
+            let slide = |v: &f64| sliding_direction(*v, self.smoothing_m_s);
+            if flips {
+                let slides: Vec<f64> = track.sides[side].v_m_s.iter().map(slide).collect();
+                self.signals.filtered(track, &slides, 0)
+            } else {
+                vec![1.0; track.thin_count()]
+            }
+        });
+        // The sum of all splines is a constant, which the numbers hold with the direction.
+        let first = usize::from(flips);
+        (first..pieces + 3)
+            .map(|k| {
+                let of = |(track, direction): (&Track, &Vec<f64>)| {
+                    let place = |x: &f64| (x - low) / spacing - k as f64 + 3.0;
+                    track.thin.position.iter().zip(direction).map(|(x, d)| spline(place(x)) * d).collect()
+                };
+                let mut column = TimeColumn::default();
+                column.sides[side] = Some(self.signals.tracks.iter().zip(&direction).map(of).collect());
+                column
+            })
+            .collect()
+    }
+}
+
+/// Uniform cubic B-spline on [0, 4].
+pub(super) fn spline(t: f64) -> f64 {
+    match t {
+        t if (0.0..1.0).contains(&t) => t * t * t / 6.0,
+        t if (1.0..2.0).contains(&t) => {
+            let u = t - 1.0;
+            (1.0 + 3.0 * u + 3.0 * u * u - 3.0 * u * u * u) / 6.0
+        }
+        t if (2.0..3.0).contains(&t) => {
+            let u = t - 2.0;
+            (4.0 - 6.0 * u * u + 3.0 * u * u * u) / 6.0
+        }
+        t if (3.0..4.0).contains(&t) => (4.0 - t).powi(3) / 6.0,
+        _ => 0.0,
+    }
+}
+
+/// Dahl's bristle of unit force, and its rate times a second of the speed at which it is half yielded.
+fn bristle(v: &[f64], yield_m: f64, rate_hz: f64) -> Vec<Vec<f64>> {
+    let law = Presliding { stiffness_n_m: 1.0 / yield_m, coulomb_n: 1.0 };
+    let dt = 1.0 / rate_hz;
+    let (mut z, mut out) = (0.0, Vec::with_capacity(v.len()));
+    for v in v {
+        z = law.step(z, *v, dt);
+        out.push(z);
+    }
+    let rate = out
+        .iter()
+        .enumerate()
+        .map(|(k, z)| (z - out[k.saturating_sub(1)]) * rate_hz * 1e-3)
+        .collect();
+    vec![out, rate]
+}
+
+/// Sine and cosine of one and two turns per wavelength.
+fn waves(x: &[f64], wavelength_m: f64) -> Vec<Vec<f64>> {
+    let mut out = vec![Vec::with_capacity(x.len()); 4];
+    for x in x {
+        let (s, c) = (TAU * (x / wavelength_m).fract()).sin_cos();
+        out[0].push(s);
+        out[1].push(c);
+        out[2].push(2.0 * s * c);
+        out[3].push(c * c - s * s);
+    }
+    out
+}
+
+/// The series that many samples later, by cubic interpolation.
+fn later(x: &[f64], samples: f64) -> Vec<f64> {
+    let whole = samples.floor();
+    let t = samples - whole;
+    let weights = [
+        -t * (t - 1.0) * (t - 2.0) / 6.0,
+        (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+        -(t + 1.0) * t * (t - 2.0) / 2.0,
+        (t + 1.0) * t * (t - 1.0) / 6.0,
+    ];
+    let at = |k: usize, j: usize| x[(k + whole as usize + j).saturating_sub(1).min(x.len() - 1)];
+    (0..x.len()).map(|k| (0..4).map(|j| weights[j] * at(k, j)).sum()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn splines_add_to_one_and_a_shift_is_exact_for_cubics() {
+        for k in 0..100 {
+            let t = 3.0 + 0.01 * f64::from(k);
+            let sum: f64 = (0..7).map(|j| spline(t - f64::from(j))).sum();
+            assert!((sum - 1.0).abs() < 1e-12, "{t} {sum}");
+        }
+        let x: Vec<f64> = (0..50).map(|k| (0.1 * f64::from(k)).powi(3)).collect();
+        let y = later(&x, 2.3);
+        assert!((y[10] - 1.23_f64.powi(3)).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,74 @@
+//! Every threshold of the diagnosis of a drive, with where it comes from.
+
+/// Thresholds, in nats, shares, floors or deviations. One set for every machine, effect and recording.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::diagnosis) struct Criteria {
+    /// Least evidence of a finding, nats. What a balance does wrong by itself on a healthy axis in closed
+    /// loop (tanh of a noisy velocity): 112, 125 and 156 nats in three simulations, with T below zero.
+    pub(super) artefact_nats: f64,
+    /// Evidence over that of the knockoffs: their largest of three turns is a sample of chance, not its end.
+    pub(super) knockoff_factor: f64,
+    /// A fit has converged when the likelihood gains less than this, nats.
+    pub(super) converged_nats: f64,
+    /// Amplitude of a law whose shape carries its size (a gap, a mode), from below and above: 1 if it is true.
+    pub(super) dose: [f64; 2],
+    /// When a reference acts beside what the dead time says, samples: drives take it up within one.
+    pub(super) timing_samples: [f64; 2],
+    /// Where in those they mostly do, and by how much that differs between drives, as a deviation.
+    pub(super) timing_usual: f64,
+    pub(super) timing_deviation: f64,
+    /// What is left is told where it stands above this many floors.
+    pub(super) rest_floors: f64,
+    /// Findings that take this share of the power above the floor are the cause; the rest is told beside it.
+    pub(super) named_share: f64,
+    /// A number is wrong beyond this many of its statement's own tolerances ...
+    pub(super) correction_tolerances: f64,
+    /// ... and of its deviations.
+    pub(super) correction_deviations: f64,
+    /// Tolerance of stated masses and stiffness, as a share: what an identification by a sweep repeats to.
+    pub(super) mass_tolerance: f64,
+    /// The same of dry friction.
+    pub(super) coulomb_tolerance: f64,
+    /// The same of dampings.
+    pub(super) damping_tolerance: f64,
+    /// The same of the torque constant: winding and magnet at room temperature.
+    pub(super) torque_constant_tolerance: f64,
+    /// Steps of an encoder over the deflection of the screw from which on the axis is one mass: beyond, the
+    /// stiffness is estimated wrong by errors in variables.
+    pub(super) unresolved_deflection: f64,
+    /// Speed that a step of the encoder makes in the band of the velocity, over the friction's smoothing speed.
+    pub(super) velocity_noise: f64,
+    /// Speed of the axis below which a linear spectrum is flat: two bands of the floor, share of the band.
+    pub(super) floor_band: [f64; 2],
+    /// What a law evaluated between samples is exact to, as a share.
+    pub(super) exactness: f64,
+    /// What a model of a linear axis leaves of its thrust at best, as a share of its rms, where a statement
+    /// of what is left stands in the model: twice that may be left on another day.
+    pub(super) repeat_factor: f64,
+}
+
+impl Criteria {
+    /// The one set.
+    pub(in crate::diagnosis) const STANDARD: Self = Self {
+        artefact_nats: 100.0,
+        knockoff_factor: 2.0,
+        converged_nats: 0.05,
+        dose: [0.6, 1.6],
+        timing_samples: [-0.25, 0.1],
+        timing_usual: -0.15,
+        timing_deviation: 0.05,
+        rest_floors: 1.0,
+        named_share: 0.9,
+        correction_tolerances: 3.0,
+        correction_deviations: 4.0,
+        mass_tolerance: 0.02,
+        coulomb_tolerance: 0.033,
+        damping_tolerance: 0.05,
+        torque_constant_tolerance: 0.01,
+        unresolved_deflection: 0.1,
+        velocity_noise: 0.1,
+        floor_band: [0.168, 0.337],
+        exactness: 5e-4,
+        repeat_factor: 2.0,
+    };
+}

@@ -1,0 +1,119 @@
+//! The one statistic of a hypothesis: the worst of its gain, of the held-out quarters and of the held-out
+//! recordings; and what chance reaches in the same recordings.
+
+use super::criteria::Criteria;
+use super::gram::{Gram, Part};
+use super::likelihood::{Design, Fit, values};
+use super::shape::{Hypothesis, Shape};
+use super::state::{Balance, Number, State, amplitude_bounds, knockoff_design};
+
+/// A hypothesis beside a state, fitted.
+pub(super) struct Asked {
+    pub(super) gram: Gram,
+    pub(super) design: Design,
+    pub(super) fit: Fit,
+    /// Gain less the price, nats.
+    pub(super) score: f64,
+    /// Largest score against the knockoffs.
+    pub(super) chance: f64,
+    /// Place of its first amplitude.
+    pub(super) first: usize,
+}
+
+impl Asked {
+    /// Its amplitudes.
+    pub(super) fn amplitudes(&self) -> &[f64] {
+        &self.fit.beta[self.first..]
+    }
+
+    /// True where its first amplitude is at a bound.
+    pub(super) fn held(&self) -> bool {
+        self.fit.held.get(self.first).copied().unwrap_or(false)
+    }
+}
+
+/// Price of k constants, nats.
+pub(super) fn price(constants: usize, count: f64) -> f64 {
+    0.5 * constants as f64 * (2.0 * count).ln()
+}
+
+/// Fits a hypothesis beside a state. `chance`: against the knockoffs, too.
+pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool) -> Asked {
+    let base = &state.base;
+    let time = state.ground(balance).columns(h);
+    let columns: Vec<_> = time.iter().map(|t| balance.column(t)).collect();
+    let added = columns.len();
+    let old = base.gram.len();
+    let gram = base.gram.with(&balance.plan, columns);
+    let bands = gram.sum(&balance.plan, Part::All);
+    let mut design = base.design.clone();
+    design.columns.extend(old..old + added);
+    design.bounds.extend(amplitude_bounds(h, added));
+    let first = base.fit.beta.len();
+    let mut start = base.fit.beta.clone();
+    start.extend(std::iter::repeat_n(0.0, added));
+    if h.has_dose() {
+        start[first] = 1.0;
+    }
+    if matches!(h.shape, Shape::Torsion { .. }) && !chance {
+        design.bounds[first] = [1.0, 1.0];
+    }
+    if let Shape::Smoothing { .. } = h.shape {
+        // One friction takes the place of the other.
+        let dry = |n: &Number| matches!(n, Number::MotorCoulomb | Number::StageCoulomb);
+        let places = base.numbers.iter().enumerate().filter(|(_, n)| dry(n)).map(|(k, _)| k);
+        for (new, old) in (first..first + added).zip(places) {
+            start[new] = std::mem::replace(&mut start[old], 0.0);
+            design.bounds[old] = [0.0, 0.0];
+        }
+    }
+    let fit = balance.fit(&design, &bands, &start, &base.weights);
+    let cost = price(added + h.constants().len(), values(&bands));
+    let score = base.fit.nats - fit.nats - cost;
+    let mut most = f64::NEG_INFINITY;
+    if chance {
+        for (k, null) in base.knockoff_fits.iter().enumerate() {
+            let mut of = knockoff_design(&base.design, &base.fit.beta, base.knockoffs + k);
+            of.columns.extend(old..old + added);
+            // The turned residual holds no law: an amplitude of any size is one of chance.
+            let bounds = amplitude_bounds(h, added);
+            of.bounds.extend(if h.has_dose() { vec![super::likelihood::FREE; added] } else { bounds });
+            let mut start = null.beta.clone();
+            start.extend(std::iter::repeat_n(0.0, added));
+            let weights = of.weights(&bands, &start);
+            let chance = of.fit(&bands, start, weights);
+            most = most.max(null.nats - chance.nats - cost);
+        }
+    }
+    Asked { gram, design, fit, score, chance: most, first }
+}
+
+/// T, nats: the worst of score, sum over folds and sum over recordings.
+pub(super) fn statistic(balance: &Balance, state: &State, h: &Hypothesis, asked: &Asked) -> f64 {
+    let (mut folds, mut recordings, mut several) = (0.0, 0.0, false);
+    for part in &state.base.held_out {
+        let of_recording = matches!(part.judged, Part::Recording(_));
+        if of_recording && h.is_of_one_recording() {
+            continue;
+        }
+        let bands = asked.gram.sum(&balance.plan, part.trained);
+        let weights = asked.design.weights(&bands, &asked.fit.beta);
+        let fit = asked.design.fit(&bands, asked.fit.beta.clone(), weights);
+        let with = asked.design.nats(&asked.gram.sum(&balance.plan, part.judged), &fit.beta);
+        let gain = part.nats - with;
+        if of_recording {
+            several = true;
+            recordings += gain;
+        } else {
+            folds += gain;
+        }
+    }
+    let worst = asked.score.min(folds);
+    if several { worst.min(recordings) } else { worst }
+}
+
+/// What a finding must exceed, nats.
+pub(super) fn level(chance_nats: f64) -> f64 {
+    let c = &Criteria::STANDARD;
+    c.artefact_nats.max(c.knockoff_factor * chance_nats)
+}

@@ -1,0 +1,143 @@
+//! Inner products of columns per recording, fold and band. Fits never touch samples again.
+
+use super::spectra::{Plan, Spectrum};
+use crate::signal::inner_products::dot;
+
+/// A column of the balance: what it is at the motor and at the stage. An axis with one position has its
+/// one balance in the first place.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Column {
+    pub(super) sides: [Option<Spectrum>; 2],
+}
+
+/// Inner products of one cell: motor with motor, motor with stage, stage with stage; row-major.
+#[derive(Debug, Clone)]
+struct CellGram {
+    products: [Vec<f64>; 3],
+}
+
+/// Inner products of a set of columns.
+#[derive(Debug, Clone)]
+pub(super) struct Gram {
+    columns: Vec<Column>,
+    cells: Vec<CellGram>,
+}
+
+/// Cells of the same recording and band, added up.
+#[derive(Debug, Clone)]
+pub(super) struct BandGram {
+    pub(super) recording: usize,
+    pub(super) band: usize,
+    /// Complex values.
+    pub(super) values: f64,
+    pub(super) products: [Vec<f64>; 3],
+}
+
+/// What takes part in a fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Part {
+    All,
+    Fold(usize),
+    WithoutFold(usize),
+    Recording(usize),
+    WithoutRecording(usize),
+}
+
+impl Part {
+    fn has(self, recording: usize, fold: usize) -> bool {
+        match self {
+            Part::All => true,
+            Part::Fold(f) => fold == f,
+            Part::WithoutFold(f) => fold != f,
+            Part::Recording(r) => recording == r,
+            Part::WithoutRecording(r) => recording != r,
+        }
+    }
+}
+
+impl Gram {
+    /// Inner products of columns, each with each.
+    pub(super) fn new(plan: &Plan, columns: Vec<Column>) -> Self {
+        let empty = Self {
+            columns: Vec::new(),
+            cells: vec![CellGram { products: [Vec::new(), Vec::new(), Vec::new()] }; plan.cells.len()],
+        };
+        empty.with(plan, columns)
+    }
+
+    /// The same with more columns. Cost: new times all columns.
+    pub(super) fn with(&self, plan: &Plan, more: Vec<Column>) -> Self {
+        let (before, n) = (self.columns.len(), self.columns.len() + more.len());
+        let columns: Vec<Column> = self.columns.iter().cloned().chain(more).collect();
+        let cell_gram = |(cell, old): (&super::spectra::Cell, &CellGram)| {
+            let product = |a: &Option<Spectrum>, b: &Option<Spectrum>| match (a, b) {
+                (Some(a), Some(b)) => dot(cell.of(a), cell.of(b)),
+                _ => 0.0,
+            };
+            let products = std::array::from_fn(|kind| {
+                let (a, b) = [(0, 0), (0, 1), (1, 1)][kind];
+                let mut m = vec![0.0; n * n];
+                for i in 0..before {
+                    m[i * n..i * n + before].copy_from_slice(&old.products[kind][i * before..(i + 1) * before]);
+                }
+                for i in 0..n {
+                    let from = if i < before { before } else { 0 };
+                    for j in from..n {
+                        let done = a == b && j >= before && i > j;
+                        m[i * n + j] =
+                            if done { m[j * n + i] } else { product(&columns[i].sides[a], &columns[j].sides[b]) };
+                    }
+                }
+                m
+            });
+            CellGram { products }
+        };
+        let cells = plan.cells.iter().zip(&self.cells).map(cell_gram).collect();
+        Self { columns, cells }
+    }
+
+    /// Number of columns.
+    pub(super) fn len(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// The column at a place.
+    pub(super) fn column(&self, index: usize) -> &Column {
+        &self.columns[index]
+    }
+
+    /// Added up over the folds that take part, by what has one noise level.
+    pub(super) fn sum(&self, plan: &Plan, part: Part) -> Vec<BandGram> {
+        self.added(plan, part, |band| if plan.white { 0 } else { band })
+    }
+
+    /// The same by bands.
+    pub(super) fn sum_by_band(&self, plan: &Plan) -> Vec<BandGram> {
+        self.added(plan, Part::All, |band| band)
+    }
+
+    fn added(&self, plan: &Plan, part: Part, level: impl Fn(usize) -> usize) -> Vec<BandGram> {
+        let mut out: Vec<BandGram> = Vec::new();
+        for (cell, gram) in plan.cells.iter().zip(&self.cells) {
+            if !part.has(cell.recording, cell.fold) {
+                continue;
+            }
+            let values = cell.values as f64;
+            match out.iter_mut().find(|b| b.recording == cell.recording && b.band == level(cell.band)) {
+                Some(band) => {
+                    band.values += values;
+                    for (sum, products) in band.products.iter_mut().zip(&gram.products) {
+                        sum.iter_mut().zip(products).for_each(|(s, p)| *s += p);
+                    }
+                }
+                None => out.push(BandGram {
+                    recording: cell.recording,
+                    band: level(cell.band),
+                    values,
+                    products: gram.products.clone(),
+                }),
+            }
+        }
+        out
+    }
+}

@@ -1,0 +1,264 @@
+//! Profile likelihood of a balance: noise spectrum free and constant within a band, numbers free, with the
+//! Jacobian of the force balance.
+//!
+//! ```text
+//! L(beta) = sum_rb N_rb log det S_rb(beta) - 2 N sum log M,   S_rb = mean of r r^T over the band
+//! ```
+//! What is left unexplained raises S and so lowers the evidence of everything in its band. The mass term makes
+//! it the likelihood of accelerations: without it an equation whose thrust is filtered away becomes zero by
+//! making its masses zero.
+
+use super::gram::BandGram;
+use nalgebra::{DMatrix, DVector};
+
+/// Iterations of the reweighted fit at most.
+const ITERATIONS: usize = 60;
+/// Share of a band's own power below which no residual is told from rounding.
+const ROUNDING: f64 = 1e-11;
+/// A mass changes by no more than this factor in a step.
+const MASS_STEP: f64 = 0.4;
+
+/// What is fitted: places in the Gram matrices.
+#[derive(Debug, Clone)]
+pub(super) struct Design {
+    pub(super) target: usize,
+    pub(super) columns: Vec<usize>,
+    /// Bounds of each coefficient.
+    pub(super) bounds: Vec<[f64; 2]>,
+    /// Columns that are masses, by place in `columns`, with what the target holds of them already.
+    pub(super) masses: Vec<(usize, f64)>,
+    /// 1 or 2.
+    pub(super) sides: usize,
+}
+
+/// A coefficient without bounds.
+pub(super) const FREE: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+
+/// Symmetric 2x2: motor, both, stage.
+pub(super) type Spread = [f64; 3];
+
+/// Coefficients at the least L.
+#[derive(Debug, Clone)]
+pub(super) struct Fit {
+    pub(super) beta: Vec<f64>,
+    /// L, nats.
+    pub(super) nats: f64,
+    /// True where a coefficient is held at a bound.
+    pub(super) held: Vec<bool>,
+    /// Half the curvature of L: the inverse covariance.
+    pub(super) information: DMatrix<f64>,
+}
+
+impl Design {
+    fn coefficients(&self, beta: &[f64], n: usize) -> Vec<f64> {
+        let mut c = vec![0.0; n];
+        c[self.target] = 1.0;
+        self.columns.iter().zip(beta).for_each(|(k, b)| c[*k] -= b);
+        c
+    }
+
+    /// Mean square residual of a band, N2 per value.
+    pub(super) fn spread(&self, band: &BandGram, beta: &[f64]) -> Spread {
+        let n = order(band);
+        let c = self.coefficients(beta, n);
+        let used: Vec<usize> = (0..n).filter(|k| c[*k] != 0.0).collect();
+        let quadratic = |kind: usize| {
+            let m = &band.products[kind];
+            used.iter().map(|i| c[*i] * used.iter().map(|j| m[i * n + j] * c[*j]).sum::<f64>()).sum::<f64>()
+        };
+        let scale = |kind: usize| {
+            used.iter().map(|i| c[*i].powi(2) * band.products[kind][i * n + i]).sum::<f64>() * ROUNDING
+        };
+        let kinds = [0, 1, 2].map(|k| if self.sides == 2 || k == 0 { quadratic(k) } else { 0.0 });
+        let floor = [scale(0), if self.sides == 2 { scale(2) } else { 0.0 }];
+        [
+            (kinds[0].max(0.0) + floor[0]).max(1e-300) / band.values,
+            kinds[1] / band.values,
+            (kinds[2].max(0.0) + floor[1]).max(1e-300) / band.values,
+        ]
+    }
+
+    fn log_det(&self, s: Spread) -> f64 {
+        if self.sides == 1 { s[0].ln() } else { determinant(s).ln() }
+    }
+
+    /// L of these coefficients, nats.
+    pub(super) fn nats(&self, bands: &[BandGram], beta: &[f64]) -> f64 {
+        let spectra: f64 =
+            bands.iter().map(|b| 0.5 * b.values * self.log_det(self.spread(b, beta))).sum();
+        spectra - 2.0 * values(bands) * self.log_masses(beta)
+    }
+
+    fn log_masses(&self, beta: &[f64]) -> f64 {
+        self.masses.iter().map(|(k, held)| (held + beta[*k]).max(1e-12).ln()).sum()
+    }
+
+    /// Inverse of a spread; a single side has the first alone.
+    pub(super) fn weight(&self, s: Spread) -> Spread {
+        if self.sides == 1 {
+            return [1.0 / s[0], 0.0, 0.0];
+        }
+        let det = determinant(s);
+        [s[2] / det, -s[1] / det, s[0] / det]
+    }
+
+    /// Weights that the residuals of these coefficients give.
+    pub(super) fn weights(&self, bands: &[BandGram], beta: &[f64]) -> Vec<Spread> {
+        bands.iter().map(|b| self.weight(self.spread(b, beta))).collect()
+    }
+
+    /// Fits from `beta`; the first step is taken with `weights`.
+    pub(super) fn fit(&self, bands: &[BandGram], beta: Vec<f64>, mut weights: Vec<Spread>) -> Fit {
+        let mut beta = beta;
+        let mut nats = f64::INFINITY;
+        let mut held = vec![false; beta.len()];
+        let mut information = DMatrix::zeros(0, 0);
+        for _ in 0..ITERATIONS {
+            let (a, b) = self.normal(bands, &weights);
+            let (next, bound, curved) = self.step(bands, (&a, &b), &beta);
+            let gained = nats;
+            let now = self.nats(bands, &next);
+            if !now.is_finite() {
+                break;
+            }
+            (beta, held, information, nats) = (next, bound, curved, now);
+            if (gained - now).abs() < super::criteria::Criteria::STANDARD.converged_nats {
+                break;
+            }
+            weights = self.weights(bands, &beta);
+        }
+        Fit { beta, nats, held, information }
+    }
+
+    /// Normal equations under weights.
+    fn normal(&self, bands: &[BandGram], weights: &[Spread]) -> (DMatrix<f64>, DVector<f64>) {
+        let p = self.columns.len();
+        let (mut a, mut b) = (DMatrix::zeros(p, p), DVector::zeros(p));
+        for (band, w) in bands.iter().zip(weights) {
+            let n = order(band);
+            let [mm, ms, ss] = &band.products;
+            let both = self.sides == 2;
+            let at = |i: usize, j: usize| {
+                let first = w[0] * mm[i * n + j];
+                if both {
+                    first + w[2] * ss[i * n + j] + w[1] * (ms[i * n + j] + ms[j * n + i])
+                } else {
+                    first
+                }
+            };
+            // N_rb over the values of the mean: a half, since blocks overlap by half.
+            for (k, i) in self.columns.iter().enumerate() {
+                for (l, j) in self.columns.iter().enumerate().take(k + 1) {
+                    a[(k, l)] += 0.5 * at(*i, *j);
+                }
+                b[k] += 0.5 * at(*i, self.target);
+            }
+        }
+        for k in 0..p {
+            for l in 0..k {
+                a[(l, k)] = a[(k, l)];
+            }
+        }
+        (a, b)
+    }
+
+    /// One Newton step of the weighted squares and the mass term, bounds held.
+    fn step(
+        &self,
+        bands: &[BandGram],
+        (a, b): (&DMatrix<f64>, &DVector<f64>),
+        beta: &[f64],
+    ) -> (Vec<f64>, Vec<bool>, DMatrix<f64>) {
+        let p = self.columns.len();
+        let total = values(bands);
+        let mut curved = a.clone();
+        let mut pull = b.clone();
+        for (k, offset) in &self.masses {
+            // -2 N log M against 2 A in half units: gradient N / M, curvature N / M2.
+            let m = (offset + beta[*k]).max(1e-12);
+            let c = total / (m * m);
+            curved[(*k, *k)] += c;
+            pull[*k] += total / m + c * beta[*k];
+        }
+        let mut held: Vec<Option<f64>> = vec![None; p];
+        let mut next = beta.to_vec();
+        for _ in 0..=p {
+            next = solve(&curved, &pull, &held);
+            let outside = (0..p).filter(|k| held[*k].is_none()).find_map(|k| {
+                let [low, high] = self.bounds[k];
+                let bound = if next[k] < low { low } else { high };
+                (next[k] < low || next[k] > high).then_some((k, bound))
+            });
+            match outside {
+                Some((k, bound)) => held[k] = Some(bound),
+                None => break,
+            }
+        }
+        for (k, offset) in &self.masses {
+            let m = (offset + beta[*k]).max(1e-12);
+            next[*k] = (offset + next[*k]).clamp(MASS_STEP * m, m / MASS_STEP) - offset;
+        }
+        (next, held.iter().map(Option::is_some).collect(), curved)
+    }
+}
+
+/// Complex values in all bands, halved for the overlap.
+pub(super) fn values(bands: &[BandGram]) -> f64 {
+    0.5 * bands.iter().map(|b| b.values).sum::<f64>()
+}
+
+fn order(band: &BandGram) -> usize {
+    (band.products[0].len() as f64).sqrt().round() as usize
+}
+
+fn determinant(s: Spread) -> f64 {
+    (s[0] * s[2] - s[1] * s[1]).max(1e-12 * s[0] * s[2])
+}
+
+/// Solves with columns scaled to one; held coefficients keep their value.
+fn solve(a: &DMatrix<f64>, b: &DVector<f64>, held: &[Option<f64>]) -> Vec<f64> {
+    let free: Vec<usize> = (0..held.len()).filter(|k| held[*k].is_none()).collect();
+    let mut beta: Vec<f64> = held.iter().map(|h| h.unwrap_or(0.0)).collect();
+    let scale: Vec<f64> = free.iter().map(|k| a[(*k, *k)].max(1e-300).sqrt().recip()).collect();
+    let q = free.len();
+    let m = DMatrix::from_fn(q, q, |i, j| {
+        let ridge = if i == j { 1e-13 } else { 0.0 };
+        a[(free[i], free[j])] * scale[i] * scale[j] + ridge
+    });
+    let v = DVector::from_fn(q, |i, _| {
+        let fixed: f64 =
+            held.iter().enumerate().filter_map(|(k, h)| h.map(|h| a[(free[i], k)] * h)).sum();
+        (b[free[i]] - fixed) * scale[i]
+    });
+    let solution = match m.clone().cholesky() {
+        Some(c) => Some(c.solve(&v)),
+        None => m.lu().solve(&v),
+    };
+    if let Some(x) = solution {
+        free.iter().enumerate().for_each(|(i, k)| beta[*k] = x[i] * scale[i]);
+    }
+    beta
+}
+
+impl Fit {
+    /// Variances of the coefficients by the curvature of L; held ones have none of their own.
+    pub(super) fn covariance(&self) -> DMatrix<f64> {
+        let p = self.beta.len();
+        let free: Vec<usize> = (0..p).filter(|k| !self.held[*k]).collect();
+        let scale: Vec<f64> =
+            free.iter().map(|k| self.information[(*k, *k)].max(1e-300).sqrt().recip()).collect();
+        let m = DMatrix::from_fn(free.len(), free.len(), |i, j| {
+            let ridge = if i == j { 1e-13 } else { 0.0 };
+            self.information[(free[i], free[j])] * scale[i] * scale[j] + ridge
+        });
+        let inverse = m.try_inverse().unwrap_or_else(|| DMatrix::identity(free.len(), free.len()) * 1e12);
+        let mut out = DMatrix::zeros(p, p);
+        for (i, k) in free.iter().enumerate() {
+            for (j, l) in free.iter().enumerate() {
+                // L has twice this as its second derivative, and exp(-L) is the likelihood.
+                out[(*k, *l)] = 0.5 * inverse[(i, j)] * scale[i] * scale[j];
+            }
+        }
+        out
+    }
+}

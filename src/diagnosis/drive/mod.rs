@@ -1,0 +1,89 @@
+//! The drive: one balance of one or two positions, one bank, one statistic, one verdict.
+
+mod answer;
+mod bank;
+mod closed_loop;
+mod columns;
+mod criteria;
+mod evidence;
+mod given;
+mod gram;
+mod likelihood;
+mod numbers;
+pub(in crate::diagnosis) mod recorded;
+mod rest;
+mod series;
+mod shape;
+mod signals;
+mod spectra;
+mod state;
+mod subject;
+mod words;
+
+pub(in crate::diagnosis) use signals::Mask;
+
+use super::selection::{Reach, Work, select};
+use super::{DiagnoseError, Diagnosis, Progress};
+use crate::plant::machine::{AxisModel, Machine};
+use crate::sample::Recording;
+
+/// Effects that are taken up at most, and fits a round.
+const REACH: Reach = Reach { most_findings: 4, fitted: 5 };
+/// Passes in which numbers and the balance follow one another before anything is asked.
+const PASSES: usize = 2;
+/// Samples times evaluations that one thread of a slow office machine makes in a second.
+const SAMPLES_PER_S: f64 = 6.0e6;
+/// Part of the budget that screening and fits may take; the rest is for the answer.
+const SEARCH_SHARE: f64 = 0.6;
+
+/// What is known beside model and recordings.
+#[derive(Debug, Clone, Default)]
+pub(in crate::diagnosis) struct Beside<'a> {
+    /// Rows of each recording that were not measured.
+    pub(in crate::diagnosis) masks: &'a [Mask],
+    /// Seconds that an answer may take on a slow machine; work is counted, not time.
+    pub(in crate::diagnosis) budget_s: f64,
+}
+
+/// Diagnoses one axis.
+pub(in crate::diagnosis) fn diagnose(
+    machine: &Machine,
+    stated: &AxisModel,
+    recordings: &[Recording],
+    (beside, progress): (Beside<'_>, Progress<'_>),
+) -> Result<Diagnosis, DiagnoseError> {
+    progress(0.0, "aligning signals");
+    let axis = given::folded(stated);
+    let signals = signals::Signals::new(&axis, recordings, beside.masks)?;
+    let samples: usize = recordings.iter().map(Recording::len).sum();
+    let evaluations = SEARCH_SHARE * beside.budget_s * SAMPLES_PER_S / samples.max(1) as f64;
+    let balance = state::Balance::new(axis.drive.clone(), signals);
+    let mut start = state::State::new(&balance, Vec::new());
+    let (laws, notes) = given::given(&axis, &balance.signals, &start.stated_mechanics(&balance));
+    if !laws.is_empty() {
+        start = state::State::new(&balance, laws);
+    }
+    for _ in 0..PASSES {
+        start = start.rebuilt(&balance);
+    }
+    let drive = subject::Drive::new(&balance);
+    let mut work = Work::new(evaluations as u64);
+    let search = |share: f64, what: &str| progress(0.05 + 0.85 * share, what);
+    let selected = select(&drive, start.clone(), REACH, &mut work, &search);
+    progress(0.9, "writing the model, simulating the loop");
+    let case = answer::Case {
+        machine,
+        stated,
+        axis: &axis,
+        recordings,
+        balance: &balance,
+        start: &start,
+        rounds: &selected.rounds,
+        stated_rest_n: given::stated_rest_n(&axis),
+        notes,
+        out_of_budget: selected.out_of_budget,
+    };
+    let diagnosis = case.answer(selected.model);
+    progress(1.0, "done");
+    Ok(diagnosis)
+}

@@ -1,0 +1,287 @@
+//! Numbers of the model beside the recordings: deviations, corrections, numbers that the model leaves out.
+
+use super::columns::TimeColumn;
+use super::criteria::Criteria;
+use super::evidence::price;
+use super::gram::Part;
+use super::likelihood::{Design, FREE, values};
+use super::rest::Rest;
+use super::shape::{Hypothesis, Shape};
+use super::signals::Layout;
+use super::state::{Balance, Number, State};
+use super::subject::slopes;
+use super::words::{Deviations, Z95, scale_deviation};
+use crate::diagnosis::result::Correction;
+use crate::plant::effects::{EffectKind, Port};
+use crate::plant::machine::AxisModel;
+
+/// Deviations of everything that was fitted.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Doubt {
+    /// Of each number, in the order of the balance.
+    pub(super) numbers: Vec<f64>,
+    /// Of each law.
+    pub(super) laws: Vec<Deviations>,
+    /// Of the delay, s, and of the logarithm of the bandwidth.
+    pub(super) path: [f64; 2],
+}
+
+/// Deviations by the curvature of L with all shapes free at once, wider by what is left above the floor.
+pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
+    let base = &state.base;
+    let plan = &balance.plan;
+    let mut columns: Vec<TimeColumn> = Vec::new();
+    for a in state.accepted.iter().filter(|a| !a.is_one_column()) {
+        columns.extend(slopes(balance, state, &a.hypothesis, &a.amplitudes));
+    }
+    let shapes = columns.len();
+    let by_s = 0.05 / balance.signals.rate_hz;
+    let mut path = vec![Shape::Delay { extra_s: by_s, early: false }];
+    path.extend(state.path.loop_rad_s.map(|w| Shape::Loop { rad_s: 0.98 * w }));
+    let found = state.found_path();
+    let ground = state.ground(balance);
+    if found[0] || found[1] {
+        for (shape, found) in path.iter().zip(found) {
+            let h = Hypothesis::named(EffectKind::DeadTime, Port::Current, *shape);
+            columns.extend(ground.columns(&h).into_iter().filter(|_| found));
+        }
+    }
+    let (old, count) = (base.gram.len(), columns.len());
+    let gram = base.gram.with(plan, columns.iter().map(|c| balance.column(c)).collect());
+    let bands = gram.sum(plan, Part::All);
+    let mut design = base.design.clone();
+    design.columns.extend(old..old + count);
+    design.bounds.extend(vec![FREE; count]);
+    let mut start = base.fit.beta.clone();
+    start.extend(vec![0.0; count]);
+    let weights = design.weights(&bands, &start);
+    let fit = design.fit(&bands, start, weights);
+    let wider = 1.0_f64.hypot(rest.force_n / rest.floor_n.max(1e-300)) * SERIAL;
+    let covariance = fit.covariance();
+    let sd = |k: usize| wider * covariance[(k, k)].max(0.0).sqrt();
+    let numbers = (0..base.numbers.len()).map(sd).collect();
+    let (mut place, mut slope) = (base.numbers.len(), base.fit.beta.len());
+    let mut laws = Vec::new();
+    for a in &state.accepted {
+        let n = a.coefficients();
+        let amplitudes = if a.is_one_column() {
+            a.amplitudes.iter().map(|x| x.abs() * sd(place)).collect()
+        } else {
+            (place..place + n).map(sd).collect()
+        };
+        let constants = if a.is_one_column() { 0 } else { a.hypothesis.constants().len() };
+        laws.push(Deviations { amplitudes, constants: (slope..slope + constants).map(sd).collect() });
+        (place, slope) = (place + n, slope + constants);
+    }
+    let mut next = base.fit.beta.len() + shapes;
+    let mut of_path = [0.0; 2];
+    for k in [0, 1] {
+        if found[k] && next < base.fit.beta.len() + count {
+            of_path[k] = sd(next) * if k == 0 { by_s } else { -(0.98_f64.ln()) };
+            next += 1;
+        }
+    }
+    Doubt { numbers, laws, path: of_path }
+}
+
+/// Half-overlapping blocks, leakage between bins, noise that is not flat within a band.
+const SERIAL: f64 = 1.5;
+
+/// A number of the structure that the model leaves out or states as nothing, with its evidence.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Absent {
+    pub(super) number: Number,
+    pub(super) effect: EffectKind,
+    pub(super) port: Port,
+    pub(super) value: f64,
+    pub(super) deviation: f64,
+    /// T of its column, nats.
+    pub(super) evidence_nats: f64,
+}
+
+/// Numbers that a model may leave out and that are effects of the vocabulary.
+fn may_be_absent(balance: &Balance) -> Vec<(Number, EffectKind, Port, f64)> {
+    use EffectKind::{CoulombFriction as C, ViscousFriction as V};
+    let d = &balance.drive;
+    if balance.signals.layout == Layout::TwoPositions {
+        return vec![
+            (Number::MotorCoulomb, C, Port::Motor, d.motor_coulomb_friction_n()),
+            (Number::MotorDamping, V, Port::Motor, d.rotary_damping_nm_s_rad()),
+            (Number::StageCoulomb, C, Port::Stage, d.stage_coulomb_friction_n()),
+            (Number::StageDamping, V, Port::Stage, d.translational_damping_n_s_m()),
+        ];
+    }
+    let dry = d.motor_coulomb_friction_n() + d.stage_coulomb_friction_n();
+    let wet = d.rotary_damping_nm_s_rad() + d.translational_damping_n_s_m();
+    vec![(Number::StageCoulomb, C, Port::Stage, dry), (Number::StageDamping, V, Port::Stage, wet)]
+}
+
+/// The design without some numbers' columns.
+pub(super) fn without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
+    let base = &state.base;
+    let kept = |k: &usize| base.numbers.get(*k).is_none_or(|n| !numbers.contains(n));
+    let places: Vec<usize> = (0..base.design.columns.len()).filter(kept).collect();
+    let design = Design {
+        columns: places.iter().map(|k| base.design.columns[*k]).collect(),
+        bounds: places.iter().map(|k| base.design.bounds[*k]).collect(),
+        masses: base
+            .design
+            .masses
+            .iter()
+            .filter_map(|(k, held)| places.iter().position(|p| p == k).map(|p| (p, *held)))
+            .collect(),
+        ..base.design.clone()
+    };
+    let beta = places.iter().map(|k| base.fit.beta[*k]).collect();
+    (design, beta)
+}
+
+/// Numbers that the model leaves out and the recordings have, strongest first; `level`: what chance reaches.
+pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64) -> Vec<Absent> {
+    let base = &state.base;
+    let mut list = Vec::new();
+    for (number, effect, port, stated) in may_be_absent(balance) {
+        let Some(k) = base.numbers.iter().position(|n| *n == number).filter(|_| stated == 0.0) else { continue };
+        let (design, start) = without(state, &[number]);
+        let fit = design.fit(&base.all, start.clone(), design.weights(&base.all, &start));
+        let score = fit.nats - base.fit.nats - price(1, values(&base.all));
+        let (mut folds, mut recordings, mut several) = (0.0, 0.0, false);
+        for part in &base.held_out {
+            let bands = base.gram.sum(&balance.plan, part.trained);
+            let trained = design.fit(&bands, fit.beta.clone(), design.weights(&bands, &fit.beta));
+            let nats = design.nats(&base.gram.sum(&balance.plan, part.judged), &trained.beta);
+            let gain = nats - part.nats;
+            if matches!(part.judged, Part::Recording(_)) {
+                several = true;
+                recordings += gain;
+            } else {
+                folds += gain;
+            }
+        }
+        let worst: f64 = score.min(folds);
+        let evidence_nats = if several { worst.min(recordings) } else { worst };
+        let value = if number == Number::StageCoulomb { state.coulomb_n() } else { base.fit.beta[k] };
+        if value > 0.0 && evidence_nats > level {
+            list.push(Absent { number, effect, port, value, deviation: doubt.numbers[k], evidence_nats });
+        }
+    }
+    list.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
+    list
+}
+
+/// A number of the drive beside its estimate.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Beside {
+    pub(super) key: &'static str,
+    pub(super) nominal: f64,
+    pub(super) value: f64,
+    pub(super) deviation: f64,
+    tolerance: f64,
+}
+
+/// Every number of the drive that the balance has, in the key's unit.
+pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Beside> {
+    let d = &balance.drive;
+    let c = &Criteria::STANDARD;
+    let r2 = d.travel_m_rad().powi(2);
+    let two = balance.signals.layout == Layout::TwoPositions;
+    let rest = |of_motor: f64| if two { 0.0 } else { of_motor };
+    let of = |number: Number| -> Option<Beside> {
+        let k = state.base.numbers.iter().position(|n| *n == number)?;
+        let estimate =
+            if number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[k] };
+        let (key, unit, nominal, other, tolerance) = match number {
+            Number::MotorMass => ("rotary_inertia_kg_m2", r2, d.rotary_inertia_kg_m2(), 0.0, c.mass_tolerance),
+            Number::StageMass => {
+                ("movable_mass_kg", 1.0, d.movable_mass_kg(), rest(d.reflected_mass_kg()), c.mass_tolerance)
+            }
+            Number::Stiffness => ("axial_stiffness_n_m", 1.0, d.axial_stiffness_n_m(), 0.0, c.mass_tolerance),
+            Number::StructuralDamping => {
+                ("structural_damping_n_s_m", 1.0, d.structural_damping_n_s_m(), 0.0, c.damping_tolerance)
+            }
+            Number::MotorDamping => {
+                ("rotary_damping_nm_s_rad", r2, d.rotary_damping_nm_s_rad(), 0.0, c.damping_tolerance)
+            }
+            Number::StageDamping => {
+                let other = rest(d.reflected_damping_n_s_m());
+                let key = "translational_damping_n_s_m";
+                (key, 1.0, d.translational_damping_n_s_m(), other, c.damping_tolerance)
+            }
+            Number::MotorCoulomb => {
+                let key = "motor_coulomb_friction_n";
+                (key, 1.0, d.motor_coulomb_friction_n(), 0.0, c.coulomb_tolerance)
+            }
+            Number::StageCoulomb => {
+                let other = rest(d.motor_coulomb_friction_n());
+                ("stage_coulomb_friction_n", 1.0, d.stage_coulomb_friction_n(), other, c.coulomb_tolerance)
+            }
+            Number::Timing | Number::Zero | Number::Scale => return None,
+        };
+        let (value, deviation) = (unit * estimate - other, unit * doubt.numbers[k]);
+        Some(Beside { key, nominal, value, deviation, tolerance })
+    };
+    state.base.numbers.iter().filter_map(|n| of(*n)).collect()
+}
+
+/// The factor by which all forces are off: the weighted median of the logarithms, that of the torque constant
+/// itself among them. 0: none, or nothing that tells.
+pub(super) fn common_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
+    let c = &Criteria::STANDARD;
+    if scale_deviation(balance) == 0.0 || balance.signals.layout != Layout::TwoPositions {
+        return 0.0;
+    }
+    let told = numbers.iter().filter(|n| n.nominal > 0.0 && n.value > 0.0);
+    let mut list: Vec<(f64, f64)> = told
+        .map(|n| ((n.value / n.nominal).ln(), 1.0 / n.tolerance.hypot(n.deviation / n.value)))
+        .chain([(0.0, 1.0 / c.torque_constant_tolerance)])
+        .collect();
+    list.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * list.iter().map(|l| l.1).sum::<f64>();
+    let mut sum = 0.0;
+    let middle = list.iter().find(|l| {
+        sum += l.1;
+        sum >= half
+    });
+    middle.map_or(0.0, |m| m.0)
+}
+
+/// Numbers that the recordings contradict.
+pub(super) fn corrections(balance: &Balance, axis: &AxisModel, state: &State, doubt: &Doubt) -> Vec<Correction> {
+    let c = &Criteria::STANDARD;
+    let all = beside(balance, state, doubt);
+    let scale = scale_deviation(balance);
+    let common = common_scale(balance, &all);
+    let of_constant = common.abs() > c.correction_tolerances * c.mass_tolerance;
+    let off = if of_constant { common } else { 0.0 };
+    let mut list = Vec::new();
+    for n in all.iter().filter(|n| n.nominal > 0.0 && n.value > 0.0) {
+        let value = n.value * (-off).exp();
+        let apart = (value / n.nominal).ln().abs();
+        let sure = (n.deviation / n.value).hypot(scale);
+        if apart > c.correction_tolerances * n.tolerance && apart > c.correction_deviations * n.deviation / n.value {
+            let half = Z95 * sure * value;
+            let ci95 = [value - half, value + half];
+            list.push(Correction { name: n.key.into(), nominal: n.nominal, value, ci95 });
+        }
+    }
+    if let Some(nominal) = balance.drive.torque_constant_nm_a().filter(|_| of_constant) {
+        let value = nominal * (-off).exp();
+        let half = Z95 * c.torque_constant_tolerance * value;
+        let ci95 = [value - half, value + half];
+        list.push(Correction { name: "torque_constant_nm_a".into(), nominal, value, ci95 });
+    }
+    let stated_s = balance.drive.amplifier_dead_time_s();
+    if state.found_delay && state.path.delay_s < stated_s {
+        let half = Z95 * doubt.path[0].hypot(c.timing_deviation / balance.signals.rate_hz);
+        let value = state.path.delay_s.max(0.0);
+        let ci95 = [value - half, value + half];
+        list.push(Correction { name: "amplifier_dead_time_s".into(), nominal: stated_s, value, ci95 });
+    }
+    if state.found_smoothing && axis.drive.raw().friction_smoothing_m_s.is_some() {
+        let value = state.smoothing_m_s;
+        let nominal = balance.signals.smoothing_m_s;
+        let ci95 = [0.9 * value, 1.1 * value];
+        list.push(Correction { name: "friction_smoothing_m_s".into(), nominal, value, ci95 });
+    }
+    list
+}

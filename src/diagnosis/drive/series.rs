@@ -1,0 +1,159 @@
+//! Series for people: what is left in time, and what a finding adds sample by sample.
+
+use super::columns::TimeColumn;
+use super::shape::Shape;
+use super::signals::{Layout, Path, Signals};
+use super::state::{Balance, Number, State};
+use super::state::Accepted;
+use crate::diagnosis::result::Contribution;
+use crate::plant::effects::Port;
+use crate::sample::Recording;
+
+/// What is left: per recording, per balance.
+pub(super) struct Residuals {
+    /// Of the stated model.
+    pub(super) nominal: Vec<Vec<Vec<f64>>>,
+    /// With its numbers estimated.
+    pub(super) before: Vec<Vec<Vec<f64>>>,
+    /// With everything.
+    pub(super) after: Vec<Vec<Vec<f64>>>,
+}
+
+/// The residuals of the stated numbers, of the first state and of the last.
+pub(super) fn residuals(balance: &Balance, start: &State, end: &State, stated: &[f64]) -> Residuals {
+    let path = Path {
+        delay_s: balance.drive.amplifier_dead_time_s(),
+        loop_rad_s: balance.drive.current_loop_bandwidth_rad_s(),
+    };
+    Residuals {
+        nominal: of(balance, start, stated, path),
+        before: of(balance, start, &start.base.fit.beta, start.ground(balance).path),
+        after: of(balance, end, &end.base.fit.beta, end.ground(balance).path),
+    }
+}
+
+fn of(balance: &Balance, state: &State, beta: &[f64], path: Path) -> Vec<Vec<Vec<f64>>> {
+    let ground = state.ground(balance);
+    let mut columns: Vec<TimeColumn> = state
+        .base
+        .numbers
+        .iter()
+        .map(|n| match n {
+            // The path has it already.
+            Number::Timing => TimeColumn::default(),
+            _ => balance.number_column(*n, &ground),
+        })
+        .collect();
+    columns.extend(state.accepted.iter().flat_map(|a| a.columns(&ground)));
+    let model = TimeColumn::sum(&columns, beta);
+    let target = balance.target(path);
+    let lengths = balance.signals.lengths();
+    (0..lengths.len())
+        .map(|r| {
+            (0..balance.signals.sides())
+                .map(|side| {
+                    let mut left = vec![0.0; lengths[r]];
+                    for (column, sign) in [(&target, 1.0), (&model, -1.0)] {
+                        if let Some(series) = &column.sides[side] {
+                            left.iter_mut().zip(&series[r]).for_each(|(l, v)| *l += sign * v);
+                        }
+                    }
+                    left
+                })
+                .collect()
+        })
+        .collect()
+}
+
+/// What a law adds, in N at a force port, in m at an encoder, in A at the current.
+pub(super) fn contribution(
+    balance: &Balance,
+    state: &State,
+    law: &Accepted,
+    recordings: &[Recording],
+) -> Vec<Contribution> {
+    let ground = state.ground(balance);
+    let h = &law.hypothesis;
+    let amplitudes: Vec<f64> = law.amplitudes.iter().map(|a| law.scale * a).collect();
+    let thin = balance.signals.tracks.first().and_then(|t| ground.law(h, t)).is_none();
+    let columns = if thin { ground.columns(h) } else { Vec::new() };
+    let sum = TimeColumn::sum(&columns, &amplitudes);
+    let side = usize::from(h.port == Port::Stage && balance.signals.layout == Layout::TwoPositions);
+    balance
+        .signals
+        .tracks
+        .iter()
+        .enumerate()
+        .map(|(r, track)| {
+            let unit = match h.shape {
+                Shape::Saturation { .. } | Shape::Delay { .. } | Shape::Loop { .. } => {
+                    -1.0 / track.reference.per_unit
+                }
+                _ => 1.0,
+            };
+            let value = match ground.law(h, track) {
+                Some(columns) => {
+                    let mut full = vec![0.0; columns.first().map_or(0, Vec::len)];
+                    for (column, a) in columns.iter().zip(&amplitudes) {
+                        full.iter_mut().zip(column).for_each(|(f, c)| *f += unit * a * c);
+                    }
+                    spread(&full, (track.full_first, 1), track.samples)
+                }
+                None => {
+                    let series = sum.sides[side].as_ref().map_or_else(Vec::new, |s| s[r].clone());
+                    let scaled: Vec<f64> = series.iter().map(|v| unit * v).collect();
+                    spread(&scaled, (track.thin_first, balance.signals.step), track.samples)
+                }
+            };
+            of_recording(r, &recordings[r], value)
+        })
+        .collect()
+}
+
+/// What a number of the structure adds.
+pub(super) fn contribution_of_number(
+    balance: &Balance,
+    state: &State,
+    (number, value): (Number, f64),
+    recordings: &[Recording],
+) -> Vec<Contribution> {
+    let s: &Signals = &balance.signals;
+    let at_stage = matches!(number, Number::StageCoulomb | Number::StageDamping);
+    let side = usize::from(at_stage && s.layout == Layout::TwoPositions);
+    let dry = matches!(number, Number::StageCoulomb | Number::MotorCoulomb);
+    let of = |v: &f64| value * if dry { (v / state.smoothing_m_s).tanh() } else { *v };
+    s.tracks
+        .iter()
+        .enumerate()
+        .map(|(r, track)| {
+            let full: Vec<f64> = track.sides[side].v_m_s.iter().map(of).collect();
+            of_recording(r, &recordings[r], spread(&full, (track.full_first, 1), track.samples))
+        })
+        .collect()
+}
+
+fn of_recording(recording: usize, of: &Recording, value: Vec<f64>) -> Contribution {
+    Contribution { recording, t_s: (0..of.len()).map(|k| of.time_s(k)).collect(), value }
+}
+
+/// A series on every `step`-th sample from `first`, straight between them; its ends held.
+fn spread(series: &[f64], (first, step): (usize, usize), samples: usize) -> Vec<f64> {
+    let Some(last) = series.len().checked_sub(1) else { return vec![0.0; samples] };
+    let at = |k: usize| {
+        let place = k.saturating_sub(first) as f64 / step as f64;
+        let left = (place as usize).min(last);
+        let part = (place - left as f64).clamp(0.0, 1.0);
+        series[left] + part * (series[(left + 1).min(last)] - series[left])
+    };
+    (0..samples).map(at).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::spread;
+
+    #[test]
+    fn a_thinned_series_is_straight_between_its_samples_and_held_at_its_ends() {
+        assert_eq!(spread(&[1.0, 3.0], (2, 2), 7), [1.0, 1.0, 1.0, 2.0, 3.0, 3.0, 3.0]);
+    }
+}

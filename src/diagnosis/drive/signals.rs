@@ -1,0 +1,396 @@
+//! From recordings to aligned, low-passed signals of one axis: at the full rate for laws that are not linear,
+//! thinned for the balance.
+
+use super::criteria::Criteria;
+use super::recorded::{Thrust, is_locked, motor_position, position, stage_position, thrust};
+use super::spectra::Series;
+use crate::diagnosis::DiagnoseError;
+use crate::diagnosis::encoder_noise::rounding_m;
+use crate::diagnosis::kernel::{Action, Grid, Kernel};
+use crate::diagnosis::steps::coarser_step;
+use crate::plant::drive::Structure;
+use crate::plant::machine::AxisModel;
+use crate::sample::Recording;
+use crate::signal::inner_products::rms;
+use std::f64::consts::TAU;
+
+/// Pass band of the balance, as a share of the rate, and at most, Hz.
+const BAND_SHARE: f64 = 0.08;
+const BAND_HZ: f64 = 800.0;
+/// A balance of one position has no resonance in it and may look higher.
+const BAND_SHARE_RIGID: f64 = 0.1;
+/// Samples kept per band.
+const THINNED_PER_BAND: f64 = 3.125;
+/// Highest frequency looked at over the pass band: what a kernel that is half there still tells.
+const TOP: f64 = 1.1875;
+/// Share of the axial resonance up to which an axis with one position moves as one mass: its stage lags by
+/// 2 % of its inertia there.
+const RIGID_SHARE: f64 = 0.15;
+/// Narrowest band of a velocity, as a share of the rate.
+const VELOCITY_BAND_SHARE: f64 = 0.05;
+/// Smoothing speed of friction where the model states none, m/s.
+const SMOOTHING_M_S: f64 = 2e-4;
+/// Part of a recording that a slow thrust filter may take at either end.
+const PATH_PARTS: usize = 12;
+/// Thinned samples that a recording has at least.
+const LEAST_SAMPLES: usize = 48;
+
+/// How many balances there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::diagnosis) enum Layout {
+    /// Motor and stage, both positions.
+    TwoPositions,
+    /// One mass, one position.
+    OnePosition,
+    /// One position against a stage that is held: one mass on the axial spring.
+    Locked,
+}
+
+/// Position and speed of one side at the full rate.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Side {
+    pub(super) x_m: Vec<f64>,
+    /// For laws that are not linear: in a band that the encoder's steps leave clean.
+    pub(super) v_m_s: Vec<f64>,
+}
+
+/// One recording of one axis.
+#[derive(Debug, Clone)]
+pub(super) struct Track {
+    pub(super) experiment: String,
+    pub(super) start_s: f64,
+    pub(super) rate_hz: f64,
+    /// Sample of the recording at which the full-rate series begin.
+    pub(super) full_first: usize,
+    /// The same of the thinned ones.
+    pub(super) thin_first: usize,
+    pub(super) samples: usize,
+    pub(super) reference: Thrust,
+    /// Motor and stage; on an axis with one position the second is empty.
+    pub(super) sides: [Side; 2],
+    /// x_m - x_t about its mean, full rate.
+    pub(super) stretch_m: Vec<f64>,
+    pub(super) thin: Thin,
+    /// Thinned samples that were not measured.
+    pub(super) masked: Vec<bool>,
+}
+
+/// Thinned linear signals.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Thin {
+    pub(super) accel: [Vec<f64>; 2],
+    pub(super) velocity: [Vec<f64>; 2],
+    pub(super) position: Vec<f64>,
+    pub(super) stretch: Vec<f64>,
+    pub(super) stretch_rate: Vec<f64>,
+}
+
+/// All recordings, and the filters that made them.
+pub(super) struct Signals {
+    pub(super) layout: Layout,
+    pub(super) rate_hz: f64,
+    pub(super) band_hz: f64,
+    pub(super) step: usize,
+    /// Step of motor and stage encoder as found, m.
+    pub(super) steps_m: [f64; 2],
+    /// Speed over which friction turns, m/s.
+    pub(super) smoothing_m_s: f64,
+    pub(super) tracks: Vec<Track>,
+    /// Kernels without a shift: signal, first and second derivative.
+    kernels: [Kernel; 3],
+}
+
+/// Rows of a recording that were not measured; empty: all were.
+pub(in crate::diagnosis) type Mask = Vec<bool>;
+
+/// How this axis is balanced.
+pub(in crate::diagnosis) fn layout(axis: &AxisModel, recordings: &[Recording]) -> Layout {
+    let flexible = axis.drive.structure() != Structure::Rigid;
+    let both = |r: &Recording| motor_position(axis, r).is_some() && stage_position(axis, r).is_some();
+    if !flexible || !recordings.iter().all(both) {
+        return Layout::OnePosition;
+    }
+    if recordings.iter().all(|r| is_locked(axis, r)) {
+        return Layout::Locked;
+    }
+    let resolved = recordings.iter().all(|r| {
+        let steps = found_steps_m(axis, r);
+        thrust(axis, r).is_ok_and(|t| {
+            let deflection_m = rms(&t.reference_n) / axis.drive.axial_stiffness_n_m();
+            steps[0].max(steps[1]) < Criteria::STANDARD.unresolved_deflection * deflection_m
+        })
+    });
+    if resolved { Layout::TwoPositions } else { Layout::OnePosition }
+}
+
+/// Steps of motor and stage encoder, m: as stated or as the recording has them.
+fn found_steps_m(axis: &AxisModel, recording: &Recording) -> [f64; 2] {
+    let rate_hz = recording.sample_rate.hz();
+    let stated = [axis.drive.motor_encoder_resolution_m(), axis.drive.stage_encoder_resolution_m()];
+    let raw = [motor_position(axis, recording), stage_position(axis, recording).map(<[f64]>::to_vec)];
+    std::array::from_fn(|k| {
+        let found = |x: &Vec<f64>| {
+            coarser_step(x, stated[k].max(1e-12)).unwrap_or(0.0).max(rounding_m(x, rate_hz))
+        };
+        raw[k].as_ref().map_or(stated[k], |x| stated[k].max(found(x)))
+    })
+}
+
+impl Signals {
+    /// Reads, aligns and filters. `masks`: per recording, rows that were not measured (the caller has bridged
+    /// them); empty: none.
+    /// Errors: a missing column, no torque constant, a recording shorter than the filters.
+    pub(super) fn new(
+        axis: &AxisModel,
+        recordings: &[Recording],
+        masks: &[Mask],
+    ) -> Result<Self, DiagnoseError> {
+        let layout = layout(axis, recordings);
+        let rate_hz = recordings.first().map_or(1.0, |r| r.sample_rate.hz());
+        let steps_m = recordings.iter().map(|r| found_steps_m(axis, r)).fold([0.0_f64; 2], |a, b| {
+            [a[0].max(b[0]), a[1].max(b[1])]
+        });
+        let band_hz = band_hz(axis, layout, rate_hz);
+        let used = if layout == Layout::TwoPositions { steps_m[0].max(steps_m[1]) } else { steps_m[0] };
+        let c = Criteria::STANDARD.velocity_noise;
+        let least_hz = VELOCITY_BAND_SHARE * rate_hz;
+        let speed_of_step = TAU * used / c;
+        let stated = axis.drive.raw().friction_smoothing_m_s;
+        let smoothing_m_s = stated.unwrap_or_else(|| SMOOTHING_M_S.max(speed_of_step * least_hz));
+        let velocity_hz = (smoothing_m_s / speed_of_step.max(1e-300)).min(band_hz).max(0.15 * least_hz);
+        let low_pass = |derivative| Kernel::low_pass(band_hz, rate_hz, Action { derivative, advance_s: 0.0 });
+        let mut signals = Self {
+            layout,
+            rate_hz,
+            band_hz,
+            step: ((rate_hz / (THINNED_PER_BAND * band_hz)) as usize).max(1),
+            steps_m,
+            smoothing_m_s,
+            tracks: Vec::new(),
+            kernels: [low_pass(0), low_pass(1), low_pass(2)],
+        };
+        for (k, recording) in recordings.iter().enumerate() {
+            let mask = masks.get(k).map_or(&[][..], Vec::as_slice);
+            let track = signals.track(axis, recording, (velocity_hz, mask))?;
+            signals.tracks.push(track);
+        }
+        let count: usize = signals.tracks.iter().map(|t| t.stretch_m.len()).sum();
+        let mean = signals.tracks.iter().flat_map(|t| &t.stretch_m).sum::<f64>() / count.max(1) as f64;
+        for track in &mut signals.tracks {
+            track.stretch_m.iter_mut().for_each(|d| *d -= mean);
+            track.thin.stretch.iter_mut().for_each(|d| *d -= mean);
+        }
+        Ok(signals)
+    }
+
+    fn track(
+        &self,
+        axis: &AxisModel,
+        recording: &Recording,
+        (velocity_hz, mask): (f64, &[bool]),
+    ) -> Result<Track, DiagnoseError> {
+        let reference = thrust(axis, recording)?;
+        let two = self.layout == Layout::TwoPositions;
+        let d = &axis.drive;
+        let of_motor = motor_position(axis, recording).is_some();
+        let delay = |k: usize| if k == 0 { d.motor_encoder_delay_s() } else { d.stage_encoder_delay_s() };
+        let mut raw = vec![(position(axis, recording)?, delay(usize::from(!of_motor)))];
+        if two && let Some(stage) = stage_position(axis, recording) {
+            raw.push((stage.to_vec(), delay(1)));
+        }
+        let kernel = |hz: f64, derivative, advance_s| {
+            Kernel::low_pass(hz, self.rate_hz, Action { derivative, advance_s })
+        };
+        let longest = raw.iter().map(|r| r.1).fold(0.0, f64::max);
+        let samples = recording.len();
+        let path_half = self.path_half(axis).min(samples / PATH_PARTS);
+        let full_first = kernel(velocity_hz, 1, longest).half().max(path_half) + 1;
+        let thin_first = full_first + self.kernels.iter().map(Kernel::half).max().unwrap_or(0) + 1;
+        let needed = 2 * thin_first + LEAST_SAMPLES * self.step;
+        if samples < needed {
+            return Err(DiagnoseError::TooShort { recording: recording.experiment.clone(), samples, needed });
+        }
+        let full = Grid { first: full_first, step: 1, count: samples - 2 * full_first };
+        let inside = samples - 2 * thin_first;
+        let thin = Grid { first: thin_first, step: self.step, count: inside.div_ceil(self.step) };
+        let mut sides: [Side; 2] = Default::default();
+        let mut out = Thin::default();
+        for (k, (x, advance_s)) in raw.iter().enumerate() {
+            let origin = x[0];
+            let local: Vec<f64> = x.iter().map(|v| v - origin).collect();
+            let of = |hz, derivative, grid| kernel(hz, derivative, *advance_s).apply(&local, grid);
+            let back = |x: Vec<f64>| x.iter().map(|v| v + origin).collect::<Vec<f64>>();
+            sides[k].x_m = back(of(self.band_hz, 0, full));
+            sides[k].v_m_s = of(velocity_hz, 1, full);
+            out.velocity[k] = of(self.band_hz, 1, thin);
+            out.accel[k] = of(self.band_hz, 2, thin);
+            if k == 0 {
+                out.position = back(of(self.band_hz, 0, thin));
+            }
+        }
+        let stretch_m = match self.layout {
+            Layout::TwoPositions => difference(&sides[0].x_m, &sides[1].x_m),
+            Layout::Locked => sides[0].x_m.clone(),
+            Layout::OnePosition => Vec::new(),
+        };
+        if !stretch_m.is_empty() {
+            // Directly from the thinned signals: the full-rate series has passed the low-pass once as well.
+            out.stretch_rate = match self.layout {
+                Layout::TwoPositions => difference(&out.velocity[0], &out.velocity[1]),
+                _ => out.velocity[0].clone(),
+            };
+            out.stretch = (0..thin.count).map(|j| stretch_m[thin_first - full_first + j * self.step]).collect();
+        }
+        let masked = (0..thin.count)
+            .map(|j| {
+                let centre = thin_first + j * self.step;
+                let reach = thin_first - full_first;
+                mask.get(centre.saturating_sub(reach)..(centre + reach).min(mask.len()))
+                    .is_some_and(|part| part.iter().any(|m| *m))
+            })
+            .collect();
+        Ok(Track {
+            experiment: recording.experiment.clone(),
+            start_s: recording.start_s,
+            rate_hz: self.rate_hz,
+            full_first,
+            thin_first,
+            samples,
+            reference,
+            sides,
+            stretch_m,
+            thin: out,
+            masked,
+        })
+    }
+
+    /// Samples that the longest thrust filter needs on either side.
+    fn path_half(&self, axis: &AxisModel) -> usize {
+        /// The slowest current loop that is asked about, rad/s per Hz of the rate, and delays beyond the stated.
+        const SLOWEST: f64 = 0.1;
+        const LATER_SAMPLES: f64 = 8.0;
+        let delay = axis.drive.amplifier_dead_time_s() + LATER_SAMPLES / self.rate_hz;
+        Kernel::of_held_reference(self.band_hz, self.rate_hz, -delay, Some(SLOWEST * self.rate_hz)).half()
+    }
+
+    /// Rate of the thinned series, Hz.
+    pub(super) fn thin_rate_hz(&self) -> f64 {
+        self.rate_hz / self.step as f64
+    }
+
+    /// Highest frequency looked at, Hz.
+    pub(super) fn top_hz(&self) -> f64 {
+        (TOP * self.band_hz).min(0.45 * self.thin_rate_hz())
+    }
+
+    /// Number of balances.
+    pub(super) fn sides(&self) -> usize {
+        if self.layout == Layout::TwoPositions { 2 } else { 1 }
+    }
+
+    /// Thinned grid in the full-rate series of a recording.
+    fn grid(&self, track: &Track) -> Grid {
+        Grid { first: track.thin_first - track.full_first, step: self.step, count: track.thin_count() }
+    }
+
+    /// A full-rate series, filtered and thinned; derivative 0, 1 or 2.
+    pub(super) fn filtered(&self, track: &Track, full: &[f64], derivative: usize) -> Vec<f64> {
+        self.kernels[derivative].apply(full, self.grid(track))
+    }
+
+    /// A full-rate series through the low-pass, its ends as they are.
+    pub(super) fn low_passed(&self, full: &[f64]) -> Vec<f64> {
+        let half = self.kernels[0].half();
+        let mut out = full.to_vec();
+        if full.len() > 2 * half {
+            let grid = Grid { first: half, step: 1, count: full.len() - 2 * half };
+            out[half..full.len() - half].copy_from_slice(&self.kernels[0].apply(full, grid));
+        }
+        out
+    }
+
+    /// A series of all samples of a recording, filtered and thinned.
+    pub(super) fn thinned(&self, track: &Track, raw: &[f64]) -> Vec<f64> {
+        let grid = Grid { first: track.thin_first, step: self.step, count: track.thin_count() };
+        self.kernels[0].apply(raw, grid)
+    }
+
+    /// Thrust that has come through dead time and current loop, thinned, N.
+    pub(super) fn thrust(&self, track: &Track, path: Path) -> Vec<f64> {
+        let grid = Grid { first: track.thin_first, step: self.step, count: track.thin_count() };
+        self.path_kernel(path).apply(&track.reference.reference_n, grid)
+    }
+
+    /// The same at the full rate.
+    pub(super) fn thrust_full(&self, track: &Track, path: Path) -> Vec<f64> {
+        let grid = Grid { first: track.full_first, step: 1, count: track.stretch_or_position().len() };
+        self.path_kernel(path).apply(&track.reference.reference_n, grid)
+    }
+
+    fn path_kernel(&self, path: Path) -> Kernel {
+        let kernel = Kernel::of_held_reference(self.band_hz, self.rate_hz, -path.delay_s, path.loop_rad_s);
+        let most = self.tracks.iter().map(|t| t.full_first).min().unwrap_or(usize::MAX);
+        kernel.cut_to(most)
+    }
+
+    /// Travel of the stage, m: least and most position.
+    pub(super) fn travel_m(&self) -> [f64; 2] {
+        let x = self.tracks.iter().flat_map(|t| &t.thin.position);
+        x.fold([f64::INFINITY, f64::NEG_INFINITY], |e, v| [e[0].min(*v), e[1].max(*v)])
+    }
+
+    /// Lengths of the thinned series.
+    pub(super) fn lengths(&self) -> Vec<usize> {
+        self.tracks.iter().map(Track::thin_count).collect()
+    }
+
+    /// A series of every recording.
+    pub(super) fn each(&self, of: impl Fn(&Track) -> Vec<f64>) -> Series {
+        self.tracks.iter().map(of).collect()
+    }
+}
+
+/// How a reference becomes thrust.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Path {
+    pub(super) delay_s: f64,
+    /// `None`: at once.
+    pub(super) loop_rad_s: Option<f64>,
+}
+
+impl Track {
+    /// Number of thinned samples.
+    pub(super) fn thin_count(&self) -> usize {
+        self.thin.position.len()
+    }
+
+    fn stretch_or_position(&self) -> &[f64] {
+        &self.sides[0].x_m
+    }
+
+    /// Time since the recording began of a full-rate sample, s.
+    pub(super) fn full_s(&self, k: usize) -> f64 {
+        (self.full_first + k) as f64 / self.rate_hz
+    }
+
+    /// The same of a thinned sample.
+    pub(super) fn thin_s(&self, j: usize, step: usize) -> f64 {
+        (self.thin_first + j * step) as f64 / self.rate_hz
+    }
+}
+
+fn band_hz(axis: &AxisModel, layout: Layout, rate_hz: f64) -> f64 {
+    if layout == Layout::TwoPositions {
+        return (BAND_SHARE * rate_hz).min(BAND_HZ);
+    }
+    let widest = (BAND_SHARE_RIGID * rate_hz).min(BAND_HZ);
+    let (k, mass) = (axis.drive.axial_stiffness_n_m(), axis.drive.movable_mass_kg());
+    if layout == Layout::OnePosition && k > 0.0 {
+        return widest.min(RIGID_SHARE * (k / mass).sqrt() / TAU);
+    }
+    widest
+}
+
+fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
+}

@@ -1,0 +1,290 @@
+//! Block spectra of thinned series, ordered so that every inner product of a cell is one pass over memory.
+//!
+//! ```text
+//! recording | fold (a quarter of its time) | band | block | bins (re, im)
+//! ```
+//! Blocks overlap by half under a sine window, whose squares add to one: sums of squares over all bins are
+//! sums of squares over time.
+
+use realfft::num_complex::Complex;
+use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+/// Edges of the bands, as shares of the highest frequency looked at: octaves, then what a screw's resonance
+/// and an encoder's noise need.
+const EDGES: [f64; 12] = [0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 500.0, 700.0, 950.0];
+/// Parts of a recording that are held out in turn.
+pub(super) const FOLDS: usize = 4;
+/// Blocks that all recordings together are cut into, at least; longest and shortest block.
+const LEAST_BLOCKS: usize = 24;
+const BLOCK: [usize; 2] = [32, 2048];
+/// Bins that a band has at least.
+const LEAST_BINS: usize = 2;
+
+/// All spectra of one series, see the module.
+pub(super) type Spectrum = Arc<Vec<f64>>;
+
+/// A series of every recording, thinned.
+pub(super) type Series = Vec<Vec<f64>>;
+
+/// One recording, fold and band.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Cell {
+    pub(super) recording: usize,
+    pub(super) fold: usize,
+    pub(super) band: usize,
+    start: usize,
+    end: usize,
+    /// Complex values in it.
+    pub(super) values: usize,
+}
+
+/// Where the values of each block and band lie.
+pub(super) struct Plan {
+    block: usize,
+    window: Vec<f64>,
+    /// Bins of each band, from and to.
+    bands: Vec<[usize; 2]>,
+    /// Width of a bin, Hz.
+    pub(super) bin_hz: f64,
+    /// One noise level over all bands instead of one a band.
+    pub(super) white: bool,
+    pub(super) cells: Vec<Cell>,
+    /// First value of `[recording][block][band]`.
+    starts: Vec<Vec<Vec<usize>>>,
+    /// Samples at which the blocks of a recording begin; those that a mask touches are left out.
+    begins: Vec<Vec<usize>>,
+    forward: Arc<dyn RealToComplex<f64>>,
+    inverse: Arc<dyn ComplexToReal<f64>>,
+    total: usize,
+}
+
+impl Plan {
+    /// `masked`: per recording and thinned sample, what was not measured; `top_hz`: highest frequency;
+    /// `white`: fits see one noise level a recording.
+    pub(super) fn new(masked: &[Vec<bool>], rate_hz: f64, (top_hz, white): (f64, bool)) -> Self {
+        let total: usize = masked.iter().map(Vec::len).sum();
+        let shortest = masked.iter().map(Vec::len).min().unwrap_or(0);
+        let most = (total / LEAST_BLOCKS).min(shortest).clamp(BLOCK[0], BLOCK[1]);
+        let block = if most.is_power_of_two() { most } else { most.next_power_of_two() / 2 };
+        let bin_hz = rate_hz / block as f64;
+        let begins: Vec<Vec<usize>> = masked.iter().map(|m| whole_blocks(m, block)).collect();
+        let bands = bands(bin_hz, top_hz, block);
+        let (mut cells, mut start) = (Vec::new(), 0);
+        let mut starts: Vec<Vec<Vec<usize>>> =
+            begins.iter().map(|b| vec![vec![0; bands.len()]; b.len()]).collect();
+        for (recording, begins) in begins.iter().enumerate() {
+            for fold in 0..FOLDS {
+                for (band, [from, to]) in bands.iter().enumerate() {
+                    let first = start;
+                    for k in (0..begins.len()).filter(|k| FOLDS * k / begins.len() == fold) {
+                        starts[recording][k][band] = start;
+                        start += 2 * (to - from);
+                    }
+                    if start > first {
+                        let values = (start - first) / 2;
+                        cells.push(Cell { recording, fold, band, start: first, end: start, values });
+                    }
+                }
+            }
+        }
+        let mut planner = RealFftPlanner::new();
+        Self {
+            block,
+            window: (0..block).map(|k| (PI * (k as f64 + 0.5) / block as f64).sin()).collect(),
+            bands,
+            bin_hz,
+            white,
+            cells,
+            starts,
+            begins,
+            forward: planner.plan_fft_forward(block),
+            inverse: planner.plan_fft_inverse(block),
+            total: start,
+        }
+    }
+
+    /// Number of bands.
+    pub(super) fn bands(&self) -> usize {
+        self.bands.len()
+    }
+
+    /// A band in Hz.
+    pub(super) fn band_hz(&self, band: usize) -> [f64; 2] {
+        self.bands[band].map(|k| (k as f64 - 0.5).max(0.0) * self.bin_hz)
+    }
+
+    /// Number of recordings.
+    pub(super) fn recordings(&self) -> usize {
+        self.begins.len()
+    }
+
+    /// The spectra of a series.
+    pub(super) fn transform(&self, series: &[Vec<f64>]) -> Spectrum {
+        let mut out = vec![0.0; self.total];
+        let mut bins = self.forward.make_output_vec();
+        let mut input = vec![0.0; self.block];
+        for (r, x) in series.iter().enumerate() {
+            for (k, begin) in self.begins[r].iter().enumerate() {
+                let part = &x[*begin..(*begin + self.block).min(x.len())];
+                if part.iter().all(|v| *v == 0.0) {
+                    continue;
+                }
+                input.fill(0.0);
+                part.iter().zip(&self.window).zip(&mut input).for_each(|((x, w), i)| *i = x * w);
+                if self.forward.process(&mut input, &mut bins).is_err() {
+                    continue; // lengths are the plan's own
+                }
+                for (band, [from, to]) in self.bands.iter().enumerate() {
+                    let start = self.starts[r][k][band];
+                    for (j, bin) in (*from..*to).enumerate() {
+                        let scale = (if bin == 0 { 1.0 } else { 2.0 } / self.block as f64).sqrt();
+                        out[start + 2 * j] = scale * bins[bin].re;
+                        out[start + 2 * j + 1] = scale * bins[bin].im;
+                    }
+                }
+            }
+        }
+        Arc::new(out)
+    }
+
+    /// The series of spectra: blocks under the window again, overlapped and added; zero outside the bands.
+    pub(super) fn series(&self, spectrum: &[f64], lengths: &[usize]) -> Series {
+        let mut bins = self.inverse.make_input_vec();
+        let mut block = self.inverse.make_output_vec();
+        let mut out = Vec::new();
+        for (r, length) in lengths.iter().enumerate() {
+            let mut x = vec![0.0; *length];
+            for (k, begin) in self.begins[r].iter().enumerate() {
+                bins.fill(Complex::new(0.0, 0.0));
+                for (band, [from, to]) in self.bands.iter().enumerate() {
+                    let start = self.starts[r][k][band];
+                    for (j, bin) in (*from..*to).enumerate() {
+                        let scale = (if bin == 0 { 1.0 } else { 2.0 } * self.block as f64).sqrt().recip();
+                        let im = if bin == 0 { 0.0 } else { spectrum[start + 2 * j + 1] };
+                        bins[bin] = scale * Complex::new(spectrum[start + 2 * j], im);
+                    }
+                }
+                if self.inverse.process(&mut bins, &mut block).is_ok() {
+                    let into = &mut x[*begin..(*begin + self.block).min(*length)];
+                    into.iter_mut().zip(&block).zip(&self.window).for_each(|((x, b), w)| *x += w * b);
+                }
+            }
+            out.push(x);
+        }
+        out
+    }
+
+    /// Spectra turned in time by a share of each recording, the later half of its blocks negated: what they
+    /// keep is the spectrum and the character of what is left, no law can be true of them.
+    pub(super) fn turned(&self, spectrum: &[f64], share: f64) -> Spectrum {
+        let mut out = vec![0.0; self.total];
+        for starts in &self.starts {
+            let blocks = starts.len();
+            let by = (share * blocks as f64) as usize;
+            for k in 0..blocks {
+                let sign = if 2 * k < blocks { 1.0 } else { -1.0 };
+                let from = &starts[(k + by) % blocks.max(1)];
+                for (band, [low, high]) in self.bands.iter().enumerate() {
+                    let length = 2 * (high - low);
+                    let source = &spectrum[from[band]..from[band] + length];
+                    let target = &mut out[starts[k][band]..starts[k][band] + length];
+                    target.iter_mut().zip(source).for_each(|(t, s)| *t = sign * s);
+                }
+            }
+        }
+        Arc::new(out)
+    }
+
+    /// Power of every bin of every block of a recording, with the middle of the block in samples.
+    pub(super) fn powers(&self, spectrum: &[f64], recording: usize) -> Vec<(usize, Vec<f64>)> {
+        let of = |(k, begin): (usize, &usize)| {
+            let last = self.bands.last().map_or(0, |b| b[1]);
+            let mut power = vec![0.0; last];
+            for (band, [from, to]) in self.bands.iter().enumerate() {
+                let start = self.starts[recording][k][band];
+                for (j, bin) in (*from..*to).enumerate() {
+                    power[bin] = spectrum[start + 2 * j].powi(2) + spectrum[start + 2 * j + 1].powi(2);
+                }
+            }
+            (begin + self.block / 2, power)
+        };
+        self.begins[recording].iter().enumerate().map(of).collect()
+    }
+}
+
+impl Cell {
+    /// The cell's part of a spectrum.
+    pub(super) fn of(self, spectrum: &[f64]) -> &[f64] {
+        &spectrum[self.start..self.end]
+    }
+
+    /// The same to be written.
+    pub(super) fn of_mut(self, spectrum: &mut [f64]) -> &mut [f64] {
+        &mut spectrum[self.start..self.end]
+    }
+}
+
+/// Begins of half-overlapping blocks without a masked sample; all of them where a mask leaves too few.
+fn whole_blocks(masked: &[bool], block: usize) -> Vec<usize> {
+    let all: Vec<usize> =
+        (0..).map(|k| k * (block / 2)).take_while(|b| *b == 0 || b + block <= masked.len()).collect();
+    let clean = |b: &&usize| !masked[**b..(**b + block).min(masked.len())].iter().any(|m| *m);
+    let whole: Vec<usize> = all.iter().filter(clean).copied().collect();
+    if whole.len() >= FOLDS { whole } else { all }
+}
+
+fn bands(bin_hz: f64, top_hz: f64, block: usize) -> Vec<[usize; 2]> {
+    let scale = top_hz / EDGES[EDGES.len() - 1];
+    let mut list: Vec<[usize; 2]> = Vec::new();
+    let mut from = 0;
+    for edge in &EDGES[1..] {
+        let to = (((edge * scale / bin_hz) + 0.5) as usize).min(block / 2);
+        if to >= from + LEAST_BINS {
+            list.push([from, to]);
+            from = to;
+        }
+    }
+    list
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(n: usize) -> Vec<f64> {
+        let mut next = crate::diagnosis::chance::normal(5);
+        (0..n).map(|_| next()).collect()
+    }
+
+    /// What is in the band comes back, sums of squares are kept, and turning twice by a half is no change but
+    /// for the sign.
+    #[test]
+    fn spectra_keep_power_and_come_back() {
+        let n = 4096;
+        let low: Vec<f64> = (0..n).map(|k| (0.21 * k as f64).sin() + (0.05 * k as f64).cos()).collect();
+        let plan = Plan::new(&[vec![false; n]], 1000.0, (400.0, false));
+        let spectrum = plan.transform(&[low.clone()]);
+        let back = plan.series(&spectrum, &[n]);
+        for k in 300..n - 300 {
+            assert!((back[0][k] - low[k]).abs() < 1e-3, "{k}: {} {}", back[0][k], low[k]);
+        }
+        let power: f64 = spectrum.iter().map(|v| v * v).sum();
+        assert!((power / low.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < 0.05);
+        let cells: usize = plan.cells.iter().map(|c| c.values).sum();
+        assert_eq!(2 * cells, spectrum.len());
+    }
+
+    #[test]
+    fn a_masked_stretch_enters_no_block() {
+        let n = 8192;
+        let mut masked = vec![false; n];
+        masked[4000..4010].fill(true);
+        let plan = Plan::new(&[masked], 1000.0, (400.0, false));
+        let mut x = noise(n);
+        let clean = plan.transform(&[x.clone()]);
+        x[4005] = 1e6;
+        assert_eq!(*clean, *plan.transform(&[x]));
+    }
+}

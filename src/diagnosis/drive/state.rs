@@ -1,0 +1,548 @@
+//! The balance of one axis with what has been taken up so far: columns, inner products, the present fit.
+
+use super::columns::{Ground, Mechanics, TimeColumn};
+use super::criteria::Criteria;
+use super::gram::{BandGram, Column, Gram, Part};
+use super::likelihood::{Design, FREE, Fit, Spread};
+use super::shape::{Hypothesis, Shape};
+use super::signals::{Layout, Path, Signals};
+use super::spectra::{FOLDS, Plan};
+use crate::plant::drive::DriveParams;
+use crate::plant::effects::law::ForceLaw;
+use std::sync::Arc;
+
+/// Turns of the knockoffs, as shares of a recording.
+const TURNS: [f64; 3] = [0.25, 0.5, 0.75];
+/// A central difference of the thrust over its time of arrival, samples.
+const TIMING_STEP: f64 = 0.1;
+
+/// A number of the structure, and the two constants that encoders without a common zero and scale leave free.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::diagnosis) enum Number {
+    MotorMass,
+    MotorDamping,
+    MotorCoulomb,
+    Stiffness,
+    StructuralDamping,
+    /// All of the mass where there is one position.
+    StageMass,
+    StageDamping,
+    StageCoulomb,
+    /// When a reference acts.
+    Timing,
+    /// Zero of the stretch.
+    Zero,
+    /// Travel of the motor over that of the scale.
+    Scale,
+}
+
+use Number as N;
+
+/// The axis as recorded, and how it is looked at.
+pub(super) struct Balance {
+    pub(super) drive: DriveParams,
+    pub(super) signals: Signals,
+    pub(super) plan: Plan,
+    /// Columns that never change, by number.
+    fixed: Vec<(Number, Column)>,
+}
+
+/// A law in the model.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Accepted {
+    pub(super) hypothesis: Hypothesis,
+    /// Its amplitudes.
+    pub(super) amplitudes: Vec<f64>,
+    /// Its place among the physics that the model states; `None`: found.
+    pub(super) given: Option<usize>,
+    /// A force that the model states, evaluated as it stands there.
+    pub(super) stated: Option<ForceLaw>,
+    /// Part of itself that the last fit has it at, for a law that enters as one column.
+    pub(super) scale: f64,
+}
+
+/// Amplitudes from which on a law enters further fits as one column, its form kept.
+const MOST_FREE: usize = 8;
+
+impl Accepted {
+    /// What was found.
+    pub(super) fn found(hypothesis: Hypothesis, amplitudes: Vec<f64>) -> Self {
+        Self { hypothesis, amplitudes, given: None, stated: None, scale: 1.0 }
+    }
+
+    /// True where it enters as one column.
+    pub(super) fn is_one_column(&self) -> bool {
+        self.given.is_some() || self.amplitudes.len() > MOST_FREE
+    }
+
+    /// Coefficients that it has in a fit.
+    pub(super) fn coefficients(&self) -> usize {
+        if self.is_one_column() { 1 } else { self.amplitudes.len() }
+    }
+
+    /// Its columns in a fit.
+    pub(super) fn columns(&self, ground: &Ground<'_>) -> Vec<TimeColumn> {
+        let all = match &self.stated {
+            Some(law) => vec![ground.stated(law, self.hypothesis.port)],
+            None => ground.columns(&self.hypothesis),
+        };
+        if self.is_one_column() { vec![TimeColumn::sum(&all, &self.amplitudes)] } else { all }
+    }
+}
+
+/// Numbers and laws, and the fit of all of them.
+#[derive(Clone)]
+pub(super) struct State {
+    pub(super) path: Path,
+    pub(super) timing_s: f64,
+    pub(super) smoothing_m_s: f64,
+    pub(super) mechanics: Mechanics,
+    pub(super) accepted: Vec<Accepted>,
+    /// A dead time, a current loop, a smoothing speed other than stated were found.
+    pub(super) found_delay: bool,
+    pub(super) found_loop: bool,
+    pub(super) found_smoothing: bool,
+    pub(super) base: Arc<Base>,
+}
+
+/// What fits are made of.
+pub(super) struct Base {
+    pub(super) numbers: Vec<Number>,
+    /// Target, numbers, accepted laws, knockoffs.
+    pub(super) gram: Gram,
+    pub(super) all: Vec<BandGram>,
+    pub(super) design: Design,
+    pub(super) fit: Fit,
+    pub(super) weights: Vec<Spread>,
+    /// First of the knockoffs' columns.
+    pub(super) knockoffs: usize,
+    /// Fits of the knockoffs with numbers and laws alone.
+    pub(super) knockoff_fits: Vec<Fit>,
+    /// What is fitted, what is judged, the fit.
+    pub(super) held_out: Vec<HeldOut>,
+}
+
+/// A part that is left out of a fit and judged by it.
+#[derive(Clone)]
+pub(super) struct HeldOut {
+    pub(super) trained: Part,
+    pub(super) judged: Part,
+    /// L of the judged part.
+    pub(super) nats: f64,
+}
+
+impl Balance {
+    /// Columns of the numbers that are linear in signals alone.
+    pub(super) fn new(drive: DriveParams, signals: Signals) -> Self {
+        let masked: Vec<Vec<bool>> = signals.tracks.iter().map(|t| t.masked.clone()).collect();
+        // One position tells friction at the lowest frequencies, where every real axis leaves most: weights by band
+        // would give those few bins away for the many of the noise.
+        let white = signals.layout != Layout::TwoPositions;
+        let plan = Plan::new(&masked, signals.thin_rate_hz(), (signals.top_hz(), white));
+        let mut out = Self { drive, signals, plan, fixed: Vec::new() };
+        let changing = |n: &Number| matches!(n, N::MotorCoulomb | N::StageCoulomb | N::Timing);
+        out.fixed = out
+            .numbers()
+            .into_iter()
+            .filter(|n| !changing(n))
+            .map(|n| (n, out.column(&out.linear(n))))
+            .collect();
+        out
+    }
+
+    /// The numbers that this balance has.
+    pub(super) fn numbers(&self) -> Vec<Number> {
+        match self.signals.layout {
+            Layout::TwoPositions => vec![
+                N::MotorMass,
+                N::MotorDamping,
+                N::MotorCoulomb,
+                N::Stiffness,
+                N::StructuralDamping,
+                N::StageMass,
+                N::StageDamping,
+                N::StageCoulomb,
+                N::Timing,
+                N::Zero,
+                N::Scale,
+            ],
+            Layout::OnePosition => vec![N::StageMass, N::StageDamping, N::StageCoulomb, N::Timing],
+            Layout::Locked => {
+                vec![N::StageMass, N::StageDamping, N::StageCoulomb, N::Timing, N::Stiffness, N::Zero]
+            }
+        }
+    }
+
+    fn linear(&self, number: Number) -> TimeColumn {
+        let two = self.signals.layout == Layout::TwoPositions;
+        let each = |of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| self.signals.each(|t| of(&t.thin));
+        let negative = |x: &[f64]| x.iter().map(|v| -v).collect::<Vec<f64>>();
+        let coupled = |of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| TimeColumn {
+            sides: [Some(each(of)), two.then(|| each(&|t| negative(&of(t))))],
+        };
+        let own = |side: usize, of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| {
+            let mut column = TimeColumn::default();
+            column.sides[if two { side } else { 0 }] = Some(each(of));
+            column
+        };
+        let last = usize::from(two);
+        match number {
+            N::MotorMass => own(0, &|t| t.accel[0].clone()),
+            N::MotorDamping => own(0, &|t| t.velocity[0].clone()),
+            N::Stiffness => coupled(&|t| t.stretch.clone()),
+            N::StructuralDamping => coupled(&|t| t.stretch_rate.clone()),
+            N::StageMass => own(1, &|t| t.accel[last].clone()),
+            N::StageDamping => own(1, &|t| t.velocity[last].clone()),
+            N::Zero => coupled(&|t| vec![1.0; t.position.len()]),
+            N::Scale => coupled(&|t| {
+                let middle = 0.5 * self.signals.travel_m().iter().sum::<f64>();
+                t.position.iter().map(|x| x - middle).collect()
+            }),
+            N::MotorCoulomb | N::StageCoulomb | N::Timing => TimeColumn::default(),
+        }
+    }
+
+    /// A number's column in time.
+    pub(super) fn number_column(&self, number: Number, state: &Ground<'_>) -> TimeColumn {
+        match number {
+            N::MotorCoulomb | N::StageCoulomb => {
+                let two = self.signals.layout == Layout::TwoPositions;
+                let side = usize::from(two && number == N::StageCoulomb);
+                let of = |t: &super::signals::Track| {
+                    let v = &t.sides[side].v_m_s;
+                    let slides: Vec<f64> = v.iter().map(|v| (v / state.smoothing_m_s).tanh()).collect();
+                    self.signals.filtered(t, &slides, 0)
+                };
+                let mut column = TimeColumn::default();
+                column.sides[side] = Some(self.signals.each(of));
+                column
+            }
+            N::Timing => {
+                let by = TIMING_STEP / self.signals.rate_hz;
+                let at = |delay_s: f64| {
+                    let path = Path { delay_s: state.path.delay_s + delay_s, ..state.path };
+                    self.signals.each(|t| self.signals.thrust(t, path))
+                };
+                // Later by a second: thrust less its rate; the model needs the rate more.
+                let rate = at(-by)
+                    .iter()
+                    .zip(&at(by))
+                    .map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b) / (2.0 * by)).collect())
+                    .collect();
+                TimeColumn { sides: [Some(rate), None] }
+            }
+            _ => self.linear(number),
+        }
+    }
+
+    /// A column's spectra.
+    pub(super) fn column(&self, time: &TimeColumn) -> Column {
+        Column { sides: [0, 1].map(|k| time.sides[k].as_ref().map(|s| self.plan.transform(s))) }
+    }
+
+    /// What is fitted to: the thrust at the motor, nothing at the stage.
+    pub(super) fn target(&self, path: Path) -> TimeColumn {
+        let thrust = self.signals.each(|t| self.signals.thrust(t, path));
+        TimeColumn { sides: [Some(thrust), None] }
+    }
+
+    /// Parts that are held out in turn: quarters, and recordings where there are several.
+    pub(super) fn parts(&self) -> Vec<(Part, Part)> {
+        let folds = (0..FOLDS).map(|f| (Part::WithoutFold(f), Part::Fold(f)));
+        let several = self.plan.recordings() > 1;
+        let recordings = (0..self.plan.recordings()).filter(|_| several);
+        folds.chain(recordings.map(|r| (Part::WithoutRecording(r), Part::Recording(r)))).collect()
+    }
+
+    /// Weights of a floor that is flat below the bands it is read off in.
+    fn flat_weights(&self, design: &Design, bands: &[BandGram], beta: &[f64]) -> Vec<Spread> {
+        let share = Criteria::STANDARD.floor_band;
+        let [low, high] = share.map(|s| s * self.signals.top_hz());
+        let spreads: Vec<Spread> = bands.iter().map(|b| design.spread(b, beta)).collect();
+        let middle = |b: &BandGram| 0.5 * self.plan.band_hz(b.band).iter().sum::<f64>();
+        let flat = |b: &BandGram, s: &Spread| {
+            let reference = bands.iter().position(|o| {
+                o.recording == b.recording && (low..high).contains(&middle(o))
+            });
+            reference.filter(|_| middle(b) < low).map_or(*s, |k| spreads[k])
+        };
+        bands.iter().zip(&spreads).map(|(b, s)| design.weight(flat(b, s))).collect()
+    }
+
+    /// The better of two fits: from the weights of the present residuals, and from a flat floor.
+    pub(super) fn fit(&self, design: &Design, bands: &[BandGram], beta: &[f64], weights: &[Spread]) -> Fit {
+        let one = design.fit(bands, beta.to_vec(), weights.to_vec());
+        let flat = self.flat_weights(design, bands, beta);
+        let other = design.fit(bands, beta.to_vec(), flat);
+        if other.nats < one.nats { other } else { one }
+    }
+}
+
+impl State {
+    /// The state of a model: its numbers, its laws, nothing found.
+    pub(super) fn new(balance: &Balance, given: Vec<Accepted>) -> Self {
+        let d = &balance.drive;
+        let mechanics = stated_mechanics(balance);
+        let path =
+            Path { delay_s: d.amplifier_dead_time_s(), loop_rad_s: d.current_loop_bandwidth_rad_s() };
+        let smoothing_m_s = balance.signals.smoothing_m_s;
+        let laws = Laws { path, timing_s: 0.0, smoothing_m_s, mechanics, timing_free: true };
+        let mut state = Self {
+            path,
+            timing_s: 0.0,
+            smoothing_m_s,
+            mechanics,
+            found_delay: false,
+            found_loop: false,
+            found_smoothing: false,
+            base: Arc::new(base(balance, laws, &given)),
+            accepted: given,
+        };
+        state.take_over();
+        state
+    }
+
+    /// The stated numbers on the screw axis.
+    pub(super) fn stated_mechanics(&self, balance: &Balance) -> Mechanics {
+        stated_mechanics(balance)
+    }
+
+    /// What laws are evaluated on.
+    pub(super) fn ground<'a>(&self, balance: &'a Balance) -> Ground<'a> {
+        Ground {
+            signals: &balance.signals,
+            mechanics: self.mechanics,
+            smoothing_m_s: self.smoothing_m_s,
+            path: Path { delay_s: self.path.delay_s + self.timing_s, ..self.path },
+        }
+    }
+
+    /// The balance built again from the numbers and laws as they are.
+    pub(super) fn rebuilt(mut self, balance: &Balance) -> Self {
+        let laws = Laws {
+            path: self.path,
+            timing_s: self.timing_s,
+            smoothing_m_s: self.smoothing_m_s,
+            mechanics: self.mechanics,
+            timing_free: !self.found_delay,
+        };
+        self.base = Arc::new(base(balance, laws, &self.accepted));
+        self.take_over();
+        self
+    }
+
+    /// Numbers of a fit beside this state.
+    pub(super) fn with_numbers(&self, beta: &[f64]) -> Self {
+        let mut out = self.clone();
+        out.take_numbers(beta);
+        out.timing_s = self.timing_s;
+        out
+    }
+
+    fn take_numbers(&mut self, beta: &[f64]) {
+        let base = self.base.clone();
+        for (number, value) in base.numbers.iter().zip(beta) {
+            let m = &mut self.mechanics;
+            let kept = value.max(0.0);
+            match number {
+                N::MotorMass => m.motor_mass_kg = kept,
+                N::MotorDamping => m.motor_damping_n_s_m = kept,
+                N::MotorCoulomb => m.motor_coulomb_n = kept,
+                N::Stiffness => m.stiffness_n_m = kept,
+                N::StructuralDamping => m.structural_damping_n_s_m = kept,
+                N::StageMass => m.stage_mass_kg = kept,
+                N::StageDamping => m.stage_damping_n_s_m = kept,
+                N::StageCoulomb => m.stage_coulomb_n = kept,
+                N::Timing => self.timing_s += value,
+                N::Zero => m.spring_zero_n = *value,
+                N::Scale => {}
+            }
+        }
+    }
+
+    /// Numbers and amplitudes from the fit.
+    fn take_over(&mut self) {
+        let base = self.base.clone();
+        self.take_numbers(&base.fit.beta);
+        let mut place = base.numbers.len();
+        for a in &mut self.accepted {
+            let n = a.coefficients();
+            let beta = &base.fit.beta[place..place + n];
+            if a.given.is_some() {
+                a.scale = beta[0];
+            } else if a.is_one_column() {
+                a.amplitudes.iter_mut().for_each(|x| *x *= beta[0]);
+            } else {
+                a.amplitudes.copy_from_slice(beta);
+            }
+            place += n;
+        }
+    }
+
+    /// Dry friction of the stage (of the axis, with one position), its bristle included, N.
+    pub(super) fn coulomb_n(&self) -> f64 {
+        let bristles = self.accepted.iter().filter(|a| matches!(a.hypothesis.shape, Shape::Presliding { .. }));
+        self.mechanics.stage_coulomb_n + bristles.map(|a| a.scale * a.amplitudes[0]).sum::<f64>()
+    }
+}
+
+/// The stated numbers on the screw axis.
+fn stated_mechanics(balance: &Balance) -> Mechanics {
+    let d = &balance.drive;
+    let total = balance.signals.layout != Layout::TwoPositions;
+    let sum = |motor: f64, stage: f64| if total { motor + stage } else { stage };
+    Mechanics {
+        motor_mass_kg: d.reflected_mass_kg(),
+        motor_damping_n_s_m: d.reflected_damping_n_s_m(),
+        motor_coulomb_n: d.motor_coulomb_friction_n(),
+        stiffness_n_m: d.axial_stiffness_n_m(),
+        structural_damping_n_s_m: d.structural_damping_n_s_m(),
+        stage_mass_kg: sum(d.reflected_mass_kg(), d.movable_mass_kg()),
+        stage_damping_n_s_m: sum(d.reflected_damping_n_s_m(), d.translational_damping_n_s_m()),
+        stage_coulomb_n: sum(d.motor_coulomb_friction_n(), d.stage_coulomb_friction_n()),
+        spring_zero_n: 0.0,
+    }
+}
+
+/// What the columns depend on.
+struct Laws {
+    path: Path,
+    timing_s: f64,
+    smoothing_m_s: f64,
+    mechanics: Mechanics,
+    /// False where a dead time was found: it and the timing inside a sample are one number.
+    timing_free: bool,
+}
+
+/// Bounds of the amplitudes of a hypothesis.
+pub(super) fn amplitude_bounds(h: &Hypothesis, count: usize) -> Vec<[f64; 2]> {
+    let mut bounds = vec![FREE; count];
+    if let Some(first) = bounds.first_mut() {
+        if h.has_dose() {
+            *first = Criteria::STANDARD.dose;
+        } else if h.is_positive() {
+            *first = [0.0, f64::INFINITY];
+        }
+    }
+    bounds
+}
+
+fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
+    let ground = Ground {
+        signals: &balance.signals,
+        mechanics: laws.mechanics,
+        smoothing_m_s: laws.smoothing_m_s,
+        path: Path { delay_s: laws.path.delay_s + laws.timing_s, ..laws.path },
+    };
+    let numbers = balance.numbers();
+    let mut columns = vec![balance.column(&balance.target(ground.path))];
+    let mut bounds = Vec::new();
+    let mut start = Vec::new();
+    let m = laws.mechanics;
+    for number in &numbers {
+        let fixed = balance.fixed.iter().find(|(n, _)| n == number).map(|(_, c)| c.clone());
+        columns.push(fixed.unwrap_or_else(|| balance.column(&balance.number_column(*number, &ground))));
+        bounds.push(match number {
+            N::Timing if !laws.timing_free => [0.0, 0.0],
+            N::Timing => {
+                Criteria::STANDARD.timing_samples.map(|s| s / balance.signals.rate_hz - laws.timing_s)
+            }
+            _ => FREE,
+        });
+        start.push(match number {
+            N::MotorMass => m.motor_mass_kg,
+            N::StageMass => m.stage_mass_kg,
+            N::MotorDamping => m.motor_damping_n_s_m,
+            N::MotorCoulomb => m.motor_coulomb_n,
+            N::Stiffness => m.stiffness_n_m,
+            N::StructuralDamping => m.structural_damping_n_s_m,
+            N::StageDamping => m.stage_damping_n_s_m,
+            N::StageCoulomb => m.stage_coulomb_n,
+            N::Zero => m.spring_zero_n,
+            N::Timing | N::Scale => 0.0,
+        });
+    }
+    for a in accepted {
+        let time = a.columns(&ground);
+        let one = a.is_one_column();
+        bounds.extend(match a.hypothesis.shape {
+            // Numbers have moved beside it: what is not one now is not the law.
+            Shape::Torsion { .. } if a.given.is_none() => vec![[1.0, 1.0]],
+            _ if one => vec![FREE],
+            _ => amplitude_bounds(&a.hypothesis, time.len()),
+        });
+        start.extend(if one { vec![if a.given.is_some() { a.scale } else { 1.0 }] } else { a.amplitudes.clone() });
+        columns.extend(time.iter().map(|t| balance.column(t)));
+    }
+    let knockoffs = columns.len();
+    let is_mass = |n: &Number| matches!(n, N::MotorMass | N::StageMass);
+    let design = Design {
+        target: 0,
+        columns: (1..columns.len()).collect(),
+        bounds,
+        masses: numbers.iter().enumerate().filter(|(_, n)| is_mass(n)).map(|(k, _)| (k, 0.0)).collect(),
+        sides: balance.signals.sides(),
+    };
+    let plan = &balance.plan;
+    let gram = Gram::new(plan, columns);
+    let all = gram.sum(plan, Part::All);
+    let weights = design.weights(&all, &start);
+    let fit = balance.fit(&design, &all, &start, &weights);
+    let weights = design.weights(&all, &fit.beta);
+    // What is left, turned.
+    let left = residual(balance, &gram, &design, &fit.beta);
+    let turned = TURNS.map(|share| Column {
+        sides: [0, 1].map(|k| left.sides[k].as_ref().map(|s| plan.turned(s, share))),
+    });
+    let gram = gram.with(plan, turned.to_vec());
+    let all = gram.sum(plan, Part::All);
+    let null = |k: usize| {
+        let design = knockoff_design(&design, &fit.beta, knockoffs + k);
+        design.fit(&all, vec![0.0; design.columns.len()], weights.clone())
+    };
+    let knockoff_fits = (0..TURNS.len()).map(null).collect();
+    let held_out = balance
+        .parts()
+        .into_iter()
+        .map(|(trained, judged)| {
+            let bands = gram.sum(plan, trained);
+            let fit = design.fit(&bands, fit.beta.clone(), design.weights(&bands, &fit.beta));
+            let nats = design.nats(&gram.sum(plan, judged), &fit.beta);
+            HeldOut { trained, judged, nats }
+        })
+        .collect();
+    Base { numbers, gram, all, design, fit, weights, knockoffs, knockoff_fits, held_out }
+}
+
+/// The design of a knockoff: its target beside the present fit.
+pub(super) fn knockoff_design(design: &Design, beta: &[f64], target: usize) -> Design {
+    Design {
+        target,
+        bounds: design.bounds.iter().zip(beta).map(|(b, x)| [b[0] - x, b[1] - x]).collect(),
+        masses: design.masses.iter().map(|(k, held)| (*k, held + beta[*k])).collect(),
+        ..design.clone()
+    }
+}
+
+/// Spectra of what is left.
+pub(super) fn residual(balance: &Balance, gram: &Gram, design: &Design, beta: &[f64]) -> Column {
+    let sides = balance.signals.sides();
+    let of = |side: usize| {
+        let mut out: Option<Vec<f64>> = None;
+        let mut add = |factor: f64, index: usize| {
+            if let Some(spectrum) = &gram.column(index).sides[side] {
+                let sum = out.get_or_insert_with(|| vec![0.0; spectrum.len()]);
+                sum.iter_mut().zip(spectrum.iter()).for_each(|(s, v)| *s += factor * v);
+            }
+        };
+        add(1.0, design.target);
+        design.columns.iter().zip(beta).for_each(|(k, b)| add(-b, *k));
+        out.filter(|_| side < sides).map(Arc::new)
+    };
+    Column { sides: [of(0), of(1)] }
+}
+
+/// True for a shape that moves a number of the path instead of adding a law.
+pub(super) fn is_of_path(h: &Hypothesis) -> bool {
+    matches!(h.shape, Shape::Delay { .. } | Shape::Loop { .. })
+}
