@@ -149,7 +149,8 @@ pub(super) fn frozen(axis: &AxisModel, recordings: &[Recording]) -> Vec<String> 
     let d = &axis.drive;
     let of = |recording: &Recording| {
         let stage_m = recording.get(&format!("{}_stage_position_m", axis.name))?;
-        let (motor_m, thrust_n) = (motor_position(axis, recording)?, thrust(axis, recording).ok()?.reference_n);
+        let (motor_m, thrust_n) =
+            (motor_position(axis, recording)?, thrust(axis, recording).ok()?.reference_n);
         if d.axial_stiffness_n_m() <= 0.0 || is_locked(axis, recording) {
             return None;
         }

@@ -3,19 +3,19 @@
 use super::closed_loop::closed_loop;
 use super::criteria::Criteria;
 use super::gram::Part;
-use super::numbers::{Absent, Doubt, absent, beside, corrections, doubt, without};
+use super::model::is_other_size;
+use super::numbers::{Absent, Doubt, absent, corrections, doubt, without};
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Accepted, Balance, Number, State};
 use super::words::{Z95, domain, equation, estimates, next_experiment, scale_deviation, statement, term};
 use crate::diagnosis::result::{
-    Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Fit, Location, MapEstimate, RecordingFit,
-    TimeSpans, Tried, Verdict,
+    Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Fit, Location, MapEstimate,
+    RecordingFit, TimeSpans, Tried, Verdict,
 };
 use crate::diagnosis::selection::{Round, probabilities};
 use crate::diagnosis::steps::{coarser_step, stated_step_m};
-use crate::plant::drive::DriveParams;
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
@@ -82,10 +82,11 @@ impl Case<'_> {
     pub(super) fn answer(self, state: State) -> Diagnosis {
         let balance = self.balance;
         let (state, doubt, left) = determined(balance, state);
-        let level = self.rounds.last().and_then(|r| r.fitted.first()).map_or(
-            Criteria::STANDARD.artefact_nats,
-            |f| f.level_nats,
-        );
+        let level = self
+            .rounds
+            .last()
+            .and_then(|r| r.fitted.first())
+            .map_or(Criteria::STANDARD.artefact_nats, |f| f.level_nats);
         let absent = absent(balance, &state, &doubt, level);
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.encoder_steps());
@@ -111,10 +112,8 @@ impl Case<'_> {
         if unexplained && !found.is_empty() {
             let names: Vec<String> =
                 found.iter().map(|f| format!("{} at {}", f.effect.name(), f.port.name())).collect();
-            notes.push(format!(
-                "Candidates that take part of it and are not asserted: {}.",
-                names.join(", ")
-            ));
+            notes
+                .push(format!("Candidates that take part of it and are not asserted: {}.", names.join(", ")));
         }
         if is_left {
             notes.push(format!(
@@ -126,7 +125,8 @@ impl Case<'_> {
             ));
         }
         let heldout_n = self.heldout_n(&state, None);
-        let findings: Vec<Finding> = if unexplained { Vec::new() } else { self.findings(found, &left, heldout_n) };
+        let findings: Vec<Finding> =
+            if unexplained { Vec::new() } else { self.findings(found, &left, heldout_n) };
         let model = self.model(verdict, &state, &doubt, &findings, (&left, is_left));
         let series = residuals(balance, self.start, &state, &self.stated_beta());
         let axes = [
@@ -233,7 +233,11 @@ impl Case<'_> {
                 effect: a.effect,
                 port: a.port,
                 estimates: vec![estimate],
-                term: PhysicsTerm { effect: a.effect, port: a.port, parameters: vec![(name.to_owned(), value)] },
+                term: PhysicsTerm {
+                    effect: a.effect,
+                    port: a.port,
+                    parameters: vec![(name.to_owned(), value)],
+                },
                 evidence_nats: a.evidence_nats,
                 level_nats: level,
                 contribution: contribution_of_number(balance, state, (a.number, a.value), self.recordings),
@@ -261,7 +265,11 @@ impl Case<'_> {
         let mut shapes = Vec::new();
         let extra_s = state.path.delay_s - balance.drive.amplifier_dead_time_s();
         if state.found_delay && extra_s > 0.0 {
-            shapes.push((Shape::Delay { extra_s, early: false }, EffectKind::DeadTime, doubt.path[0] / extra_s));
+            shapes.push((
+                Shape::Delay { extra_s, early: false },
+                EffectKind::DeadTime,
+                doubt.path[0] / extra_s,
+            ));
         }
         if let Some(rad_s) = state.path.loop_rad_s.filter(|_| state.found_loop) {
             shapes.push((Shape::Loop { rad_s }, EffectKind::CurrentLoopLag, doubt.path[1]));
@@ -361,11 +369,8 @@ impl Case<'_> {
         };
         let of = |port: Port| -> Option<Found> {
             let stated = stated_step_m(axis, port);
-            let steps: Vec<f64> = self
-                .recordings
-                .iter()
-                .filter_map(|r| coarser_step(&side(port, r)?, stated))
-                .collect();
+            let steps: Vec<f64> =
+                self.recordings.iter().filter_map(|r| coarser_step(&side(port, r)?, stated)).collect();
             let step = steps.iter().sum::<f64>() / steps.len().max(1) as f64;
             if steps.len() < self.recordings.len() || step < COARSER * stated {
                 return None;
@@ -453,95 +458,13 @@ impl Case<'_> {
         beta
     }
 
-    /// The stated drive with numbers that the recordings tell; `all`: those that were never stated, too.
-    fn drive(&self, state: &State, doubt: &Doubt) -> DriveParams {
-        /// Share of itself that a number's deviation may be.
-        const KNOWN: f64 = 0.05;
-        let d = &self.balance.drive;
-        let common = super::numbers::common_scale(self.balance, &beside(self.balance, state, doubt));
-        let list = corrections(self.balance, self.stated, state, doubt);
-        let constant = list.iter().find(|c| c.name == "torque_constant_nm_a");
-        let off = if constant.is_some() { (-common).exp() } else { 1.0 };
-        let told = beside(self.balance, state, doubt);
-        let known = told
-            .iter()
-            .filter(|n| n.value > 0.0 && n.deviation < KNOWN * n.value)
-            .map(|n| (n.key, off * n.value));
-        let further = list
-            .iter()
-            .filter(|c| !told.iter().any(|n| n.key == c.name))
-            .map(|c| (&*c.name, c.value));
-        d.with_numbers(known.chain(further)).unwrap_or_else(|_| d.clone())
-    }
-
-    fn recalibrated(&self, state: &State, doubt: &Doubt) -> AxisModel {
-        AxisModel { drive: self.drive(state, doubt), ..self.axis.clone() }
-    }
-
-    /// The model with everything that is said in it.
-    fn model(
+    fn location(
         &self,
         verdict: Verdict,
-        state: &State,
-        doubt: &Doubt,
         findings: &[Finding],
-        (left, is_left): (&Rest, bool),
-    ) -> Machine {
-        let mut machine = self.machine.clone();
-        if verdict == Verdict::UnexplainedMismatch || verdict == Verdict::ModelAdequate {
-            return machine;
-        }
-        let mut axis = self.recalibrated(state, doubt);
-        for law in state.accepted.iter() {
-            if let Some(index) = law.given
-                && is_other_size(law.scale, 0.0)
-            {
-                scale_term(&mut axis.physics[index], law.scale);
-            }
-        }
-        let mut raw = axis.drive.raw().clone();
-        let r2 = self.balance.drive.travel_m_rad().powi(2);
-        for f in findings {
-            let number = |name: &str| f.term.number(name);
-            match (f.effect, f.port) {
-                (EffectKind::DeadTime, Port::Current) => raw.amplifier_dead_time_s = Some(state.path.delay_s),
-                (EffectKind::CurrentLoopLag, _) => raw.current_loop_bandwidth_rad_s = state.path.loop_rad_s,
-                (EffectKind::CoulombFriction, Port::Motor) => raw.motor_coulomb_friction_n = number("force_n"),
-                (EffectKind::CoulombFriction, _) => raw.stage_coulomb_friction_n = number("force_n"),
-                (EffectKind::ViscousFriction, Port::Motor) => {
-                    raw.rotary_damping_nm_s_rad = number("n_s_m").map(|c| c * r2);
-                }
-                (EffectKind::ViscousFriction, _) => raw.translational_damping_n_s_m = number("n_s_m"),
-                (EffectKind::EncoderQuantization, Port::MotorEncoder) => {
-                    raw.motor_encoder_resolution_m = number("step_m");
-                }
-                (EffectKind::EncoderQuantization, _) => raw.stage_encoder_resolution_m = number("step_m"),
-                _ => axis.physics.push(f.term.clone()),
-            }
-        }
-        if state.found_smoothing {
-            raw.friction_smoothing_m_s = Some(state.smoothing_m_s);
-        }
-        axis.drive = DriveParams::new(raw).unwrap_or(axis.drive);
-        if is_left {
-            axis.physics.retain(|t| t.effect != EffectKind::ExternalDisturbance);
-            axis.physics.push(PhysicsTerm {
-                effect: EffectKind::ExternalDisturbance,
-                port: left.port,
-                parameters: vec![
-                    ("force_rms_n".to_owned(), ParameterValue::Number(left.force_n)),
-                    ("up_to_hz".to_owned(), ParameterValue::Number(left.band_hz[1])),
-                ],
-            });
-        }
-        restored(self.stated, &mut axis);
-        for a in machine.axes.iter_mut().filter(|a| a.name == self.stated.name) {
-            *a = axis.clone();
-        }
-        machine
-    }
-
-    fn location(&self, verdict: Verdict, findings: &[Finding], left: &Rest, state: &State) -> Option<Location> {
+        left: &Rest,
+        state: &State,
+    ) -> Option<Location> {
         if matches!(verdict, Verdict::ModelAdequate | Verdict::ParameterError) {
             return None;
         }
@@ -601,55 +524,5 @@ impl Case<'_> {
         }
         list.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         list
-    }
-}
-
-/// True where a stated law has another size.
-fn is_other_size(scale: f64, deviation: f64) -> bool {
-    /// As a share of the stated size: six times what a mass is stated to.
-    const APART: f64 = 0.2;
-    (scale - 1.0).abs() > APART.max(Criteria::STANDARD.correction_deviations * deviation)
-}
-
-/// A stated law times a factor.
-fn scale_term(term: &mut PhysicsTerm, scale: f64) {
-    const LINEAR: [&str; 12] = [
-        "amplitude_n",
-        "amplitude_m",
-        "harmonics_n",
-        "harmonics_m",
-        "force_n",
-        "stribeck_force_n",
-        "force_difference_n",
-        "viscous_difference_n_s_m",
-        "n_s2_m2",
-        "cubic_n_m3",
-        "relative_change",
-        "relative_variation",
-    ];
-    for (name, value) in &mut term.parameters {
-        if LINEAR.contains(&name.as_str()) {
-            match value {
-                ParameterValue::Number(x) => *x *= scale,
-                ParameterValue::List(list) => list.iter_mut().for_each(|x| *x *= scale),
-            }
-        }
-    }
-}
-
-/// A third inertia that was stated stands in the drive again.
-fn restored(stated: &AxisModel, axis: &mut AxisModel) {
-    let given = stated.drive.raw();
-    let Some(screw) = given.screw_inertia_kg_m2.filter(|_| given.torsional_stiffness_nm_rad.is_some()) else {
-        return;
-    };
-    let mut raw = axis.drive.raw().clone();
-    raw.rotary_inertia_kg_m2 = raw.rotary_inertia_kg_m2.map(|total| (total - screw).max(1e-12));
-    raw.screw_inertia_kg_m2 = Some(screw);
-    raw.torsional_stiffness_nm_rad = given.torsional_stiffness_nm_rad;
-    raw.torsional_damping_nm_s_rad = given.torsional_damping_nm_s_rad;
-    if let Ok(drive) = DriveParams::new(raw) {
-        axis.drive = drive;
-        axis.physics.retain(|t| t.effect != EffectKind::TorsionalMode);
     }
 }

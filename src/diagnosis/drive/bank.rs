@@ -80,9 +80,7 @@ fn frictions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     list.extend(
         grid(0.04 * longest_s, 0.6 * longest_s, 5).map(|t| at(E::FrictionDrift, Shape::Drift { tau_s: t })),
     );
-    list.extend(
-        [0.4, 2.5].map(|r| at(E::CoulombFriction, Shape::Smoothing { speed_m_s: r * vs })),
-    );
+    list.extend([0.4, 2.5].map(|r| at(E::CoulombFriction, Shape::Smoothing { speed_m_s: r * vs })));
     list
 }
 
@@ -164,7 +162,8 @@ fn positions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
         let lead_m = balance.drive.screw_lead_m();
         // Waves of the screw itself, then peaks of what is left, with and without the weights of its bands: a
         // slow wave has made its own band worthless.
-        let of_screw = lead_m.into_iter().flat_map(|l| [l, 0.5 * l]).filter(|l| (shortest..longest).contains(l));
+        let of_screw =
+            lead_m.into_iter().flat_map(|l| [l, 0.5 * l]).filter(|l| (shortest..longest).contains(l));
         let found = [&whitened[last], &plain(last)].map(|x| peaks(balance, x, [shortest, longest]));
         for wavelength_m in of_screw.chain(found.into_iter().flatten()) {
             list.push(Hypothesis::named(E::PositionPeriodicForce, Port::Stage, Shape::Wave { wavelength_m }));
@@ -207,11 +206,7 @@ fn of_motor(balance: &Balance, lead_m: f64) -> impl Iterator<Item = f64> + use<>
 }
 
 /// What is left, through the weights of its bands, in time.
-fn whitened(
-    balance: &Balance,
-    state: &State,
-    left: &super::gram::Column,
-) -> [super::spectra::Series; 2] {
+fn whitened(balance: &Balance, state: &State, left: &super::gram::Column) -> [super::spectra::Series; 2] {
     let base = &state.base;
     let lengths = balance.signals.lengths();
     std::array::from_fn(|side| {
@@ -221,10 +216,10 @@ fn whitened(
         let zero = vec![0.0; left.sides[side].as_ref().map_or(0, |s| s.len())];
         let mut out = zero;
         for cell in &balance.plan.cells {
-            let Some(k) =
-                base.all.iter().position(|b| {
-                    b.recording == cell.recording && (balance.plan.white || b.band == cell.band)
-                })
+            let Some(k) = base
+                .all
+                .iter()
+                .position(|b| b.recording == cell.recording && (balance.plan.white || b.band == cell.band))
             else {
                 continue;
             };
@@ -347,9 +342,8 @@ fn cut_at(balance: &Balance, x: &[f64], (hz, recording): (f64, usize)) -> Option
     let reach = balance.plan.bin_hz.min(0.45 / chunk_s);
     let fine = 0.2 / total_s;
     let steps = (reach / fine) as i32;
-    let off = (-steps..=steps)
-        .map(|k| f64::from(k) * fine)
-        .max_by(|a, b| power_at(*a).total_cmp(&power_at(*b)))?;
+    let off =
+        (-steps..=steps).map(|k| f64::from(k) * fine).max_by(|a, b| power_at(*a).total_cmp(&power_at(*b)))?;
     let sizes: Vec<f64> = demodulated.iter().map(|v| v.norm()).collect();
     let mut sorted = sizes.clone();
     sorted.sort_by(f64::total_cmp);

@@ -9,10 +9,10 @@ use super::signals::{Layout, Path, Signals, Track};
 use super::spectra::Series;
 use crate::plant::effects::Port;
 use crate::plant::effects::coupling::{Torsion, after_backlash, cubic};
-use crate::plant::effects::law::ForceLaw;
 use crate::plant::effects::friction::{
     Presliding, asymmetric, drift, nonlinear_viscosity, sliding_direction, stribeck,
 };
+use crate::plant::effects::law::ForceLaw;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
@@ -64,6 +64,13 @@ impl TimeColumn {
     }
 }
 
+/// What a map is a function of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Over {
+    Position,
+    Speed,
+}
+
 /// A law at the full rate of one recording, with its sign at motor and stage.
 struct Full {
     series: Vec<f64>,
@@ -75,7 +82,8 @@ impl Ground<'_> {
     pub(super) fn columns(&self, h: &Hypothesis) -> Vec<TimeColumn> {
         match h.shape {
             Shape::Cut { hz, start_s, end_s } => self.cut(hz, [start_s, end_s]),
-            Shape::Map { pieces, flips } => self.map(pieces, flips),
+            Shape::Map { pieces, flips } => self.map((pieces, flips), Over::Position),
+            Shape::SpeedMap { pieces, flips } => self.map((pieces, flips), Over::Speed),
             Shape::Torsion { frequency_hz, share, damping } => {
                 vec![self.torsion(frequency_hz, share, damping)]
             }
@@ -94,11 +102,10 @@ impl Ground<'_> {
     /// port in N, or an error of its encoder in m. `None`: it has only thinned columns.
     pub(super) fn law(&self, h: &Hypothesis, track: &Track) -> Option<Vec<Vec<f64>>> {
         match h.shape {
-            Shape::EncoderError { .. } | Shape::EncoderDelay { .. } => {
-                Some(self.encoder_errors(h, track))
-            }
+            Shape::EncoderError { .. } | Shape::EncoderDelay { .. } => Some(self.encoder_errors(h, track)),
             Shape::Cut { .. }
             | Shape::Map { .. }
+            | Shape::SpeedMap { .. }
             | Shape::Torsion { .. }
             | Shape::Delay { .. }
             | Shape::Smoothing { .. }
@@ -165,16 +172,17 @@ impl Ground<'_> {
         match h.shape {
             Shape::Stribeck { speed_m_s } => one(of_v(&|v| stribeck(v, speed_m_s, vs))),
             Shape::Asymmetric => one(of_v(&|v| asymmetric(v, vs))),
-            Shape::AsymmetricViscous => [of_v(&|v| asymmetric(v, vs)), of_v(&|v| 0.5 * v.abs())]
-                .into_iter()
-                .flat_map(one)
-                .collect(),
+            Shape::AsymmetricViscous => {
+                [of_v(&|v| asymmetric(v, vs)), of_v(&|v| 0.5 * v.abs())].into_iter().flat_map(one).collect()
+            }
             Shape::Gravity => one(vec![1.0; v.len()]),
             Shape::NonlinearViscosity => one(of_v(&nonlinear_viscosity)),
             Shape::Drift { tau_s } => {
                 one(v.iter().enumerate().map(|(k, v)| drift(track.full_s(k), tau_s) * slide(*v)).collect())
             }
-            Shape::Presliding { yield_m } => bristle(v, yield_m, track.rate_hz).into_iter().flat_map(one).collect(),
+            Shape::Presliding { yield_m } => {
+                bristle(v, yield_m, track.rate_hz).into_iter().flat_map(one).collect()
+            }
             Shape::Wave { wavelength_m } => waves(x, wavelength_m).into_iter().flat_map(one).collect(),
             Shape::Saturation { per_a2 } => {
                 let thrust = self.signals.thrust_full(track, self.path);
@@ -206,6 +214,7 @@ impl Ground<'_> {
             }
             Shape::Cut { .. }
             | Shape::Map { .. }
+            | Shape::SpeedMap { .. }
             | Shape::Torsion { .. }
             | Shape::Delay { .. }
             | Shape::Loop { .. }
@@ -384,9 +393,14 @@ impl Ground<'_> {
     }
 
     /// Splines over the travel.
-    fn map(&self, pieces: usize, flips: bool) -> Vec<TimeColumn> {
+    fn map(&self, (pieces, flips): (usize, bool), over: Over) -> Vec<TimeColumn> {
         let side = usize::from(self.signals.sides() == 2);
-        let [low, high] = self.signals.travel_m();
+        let abscissa = self.signals.each(|t| match over {
+            Over::Position => t.thin.position.clone(),
+            Over::Speed => t.thin.velocity[side].iter().map(|v| v.abs()).collect(),
+        });
+        let ends = |e: [f64; 2], v: &f64| [e[0].min(*v), e[1].max(*v)];
+        let [low, high] = abscissa.iter().flatten().fold([f64::INFINITY, f64::NEG_INFINITY], ends);
         let spacing = (high - low).max(1e-300) / pieces as f64;
         // The direction as the friction of the balance has it; a spline is slow beside it.
         let direction = self.signals.each(|track| {
@@ -398,16 +412,14 @@ impl Ground<'_> {
                 vec![1.0; track.thin_count()]
             }
         });
-        // The sum of all splines is a constant, which the numbers hold with the direction.
-        let first = usize::from(flips);
-        (first..pieces + 3)
+        (0..pieces + 3)
             .map(|k| {
-                let of = |(track, direction): (&Track, &Vec<f64>)| {
+                let of = |(x, direction): (&Vec<f64>, &Vec<f64>)| {
                     let place = |x: &f64| (x - low) / spacing - k as f64 + 3.0;
-                    track.thin.position.iter().zip(direction).map(|(x, d)| spline(place(x)) * d).collect()
+                    x.iter().zip(direction).map(|(x, d)| spline(place(x)) * d).collect()
                 };
                 let mut column = TimeColumn::default();
-                column.sides[side] = Some(self.signals.tracks.iter().zip(&direction).map(of).collect());
+                column.sides[side] = Some(abscissa.iter().zip(&direction).map(of).collect());
                 column
             })
             .collect()
@@ -440,11 +452,7 @@ fn bristle(v: &[f64], yield_m: f64, rate_hz: f64) -> Vec<Vec<f64>> {
         z = law.step(z, *v, dt);
         out.push(z);
     }
-    let rate = out
-        .iter()
-        .enumerate()
-        .map(|(k, z)| (z - out[k.saturating_sub(1)]) * rate_hz * 1e-3)
-        .collect();
+    let rate = out.iter().enumerate().map(|(k, z)| (z - out[k.saturating_sub(1)]) * rate_hz * 1e-3).collect();
     vec![out, rate]
 }
 

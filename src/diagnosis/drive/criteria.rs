@@ -10,7 +10,7 @@ pub(in crate::diagnosis) struct Criteria {
     pub(super) knockoff_factor: f64,
     /// A fit has converged when the likelihood gains less than this, nats.
     pub(super) converged_nats: f64,
-    /// Amplitude of a law whose shape carries its size (a gap, a mode), from below and above: 1 if it is true.
+    /// Amplitude of a law whose shape carries its size (a gap, a mode), least and most: 1 if it is true.
     pub(super) dose: [f64; 2],
     /// When a reference acts beside what the dead time says, samples: drives take it up within one.
     pub(super) timing_samples: [f64; 2],
@@ -36,7 +36,7 @@ pub(in crate::diagnosis) struct Criteria {
     /// Steps of an encoder over the deflection of the screw from which on the axis is one mass: beyond, the
     /// stiffness is estimated wrong by errors in variables.
     pub(super) unresolved_deflection: f64,
-    /// Speed that a step of the encoder makes in the band of the velocity, over the friction's smoothing speed.
+    /// Speed that a step of the encoder makes in the band of the velocity, over friction's smoothing speed.
     pub(super) velocity_noise: f64,
     /// Speed of the axis below which a linear spectrum is flat: two bands of the floor, share of the band.
     pub(super) floor_band: [f64; 2],

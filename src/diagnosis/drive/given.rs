@@ -29,8 +29,12 @@ fn into_keys(term: &PhysicsTerm, raw: &mut RawDriveParams) -> Option<()> {
     let r2 = raw.screw_lead_m.map_or(1.0, |l| (l / TAU).powi(2));
     let at_motor = term.port == Port::Motor;
     match (term.effect, term.port) {
-        (E::DeadTime, Port::MotorEncoder) => add(&mut raw.motor_encoder_delay_s, term.number("extra_delay_s")?),
-        (E::DeadTime, Port::StageEncoder) => add(&mut raw.stage_encoder_delay_s, term.number("extra_delay_s")?),
+        (E::DeadTime, Port::MotorEncoder) => {
+            add(&mut raw.motor_encoder_delay_s, term.number("extra_delay_s")?)
+        }
+        (E::DeadTime, Port::StageEncoder) => {
+            add(&mut raw.stage_encoder_delay_s, term.number("extra_delay_s")?)
+        }
         (E::DeadTime, _) => add(&mut raw.amplifier_dead_time_s, term.number("extra_delay_s")?),
         (E::CurrentLoopLag, _) => raw.current_loop_bandwidth_rad_s = Some(term.number("bandwidth_rad_s")?),
         (E::CoulombFriction, _) if at_motor => {
@@ -51,7 +55,8 @@ fn lumped(drive: &DriveParams, raw: &mut RawDriveParams) -> PhysicsTerm {
     let (motor, screw) = (drive.rotary_inertia_kg_m2(), drive.screw_inertia_kg_m2());
     let k = drive.torsional_stiffness_nm_rad();
     raw.rotary_inertia_kg_m2 = Some(motor + screw);
-    (raw.screw_inertia_kg_m2, raw.torsional_stiffness_nm_rad, raw.torsional_damping_nm_s_rad) = (None, None, None);
+    (raw.screw_inertia_kg_m2, raw.torsional_stiffness_nm_rad, raw.torsional_damping_nm_s_rad) =
+        (None, None, None);
     let frequency_hz = (k * (motor + screw) / (motor * screw)).sqrt() / TAU;
     let damping = drive.torsional_damping_nm_s_rad() / (2.0 * (k * screw).sqrt());
     let number = |name: &str, value| (name.to_owned(), ParameterValue::Number(value));

@@ -78,14 +78,18 @@ impl Gram {
                 let (a, b) = [(0, 0), (0, 1), (1, 1)][kind];
                 let mut m = vec![0.0; n * n];
                 for i in 0..before {
-                    m[i * n..i * n + before].copy_from_slice(&old.products[kind][i * before..(i + 1) * before]);
+                    m[i * n..i * n + before]
+                        .copy_from_slice(&old.products[kind][i * before..(i + 1) * before]);
                 }
                 for i in 0..n {
                     let from = if i < before { before } else { 0 };
                     for j in from..n {
                         let done = a == b && j >= before && i > j;
-                        m[i * n + j] =
-                            if done { m[j * n + i] } else { product(&columns[i].sides[a], &columns[j].sides[b]) };
+                        m[i * n + j] = if done {
+                            m[j * n + i]
+                        } else {
+                            product(&columns[i].sides[a], &columns[j].sides[b])
+                        };
                     }
                 }
                 m

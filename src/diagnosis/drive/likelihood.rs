@@ -4,8 +4,8 @@
 //! ```text
 //! L(beta) = sum_rb N_rb log det S_rb(beta) - 2 N sum log M,   S_rb = mean of r r^T over the band
 //! ```
-//! What is left unexplained raises S and so lowers the evidence of everything in its band. The mass term makes
-//! it the likelihood of accelerations: without it an equation whose thrust is filtered away becomes zero by
+//! What is left unexplained raises S and so lowers the evidence of everything in its band. The mass term
+//! makes it the likelihood of accelerations: without it an equation whose thrust is filtered away becomes zero by
 //! making its masses zero.
 
 use super::gram::BandGram;
@@ -84,8 +84,7 @@ impl Design {
 
     /// L of these coefficients, nats.
     pub(super) fn nats(&self, bands: &[BandGram], beta: &[f64]) -> f64 {
-        let spectra: f64 =
-            bands.iter().map(|b| 0.5 * b.values * self.log_det(self.spread(b, beta))).sum();
+        let spectra: f64 = bands.iter().map(|b| 0.5 * b.values * self.log_det(self.spread(b, beta))).sum();
         spectra - 2.0 * values(bands) * self.log_masses(beta)
     }
 
@@ -226,8 +225,7 @@ fn solve(a: &DMatrix<f64>, b: &DVector<f64>, held: &[Option<f64>]) -> Vec<f64> {
         a[(free[i], free[j])] * scale[i] * scale[j] + ridge
     });
     let v = DVector::from_fn(q, |i, _| {
-        let fixed: f64 =
-            held.iter().enumerate().filter_map(|(k, h)| h.map(|h| a[(free[i], k)] * h)).sum();
+        let fixed: f64 = held.iter().enumerate().filter_map(|(k, h)| h.map(|h| a[(free[i], k)] * h)).sum();
         (b[free[i]] - fixed) * scale[i]
     });
     let solution = match m.clone().cholesky() {

@@ -9,6 +9,7 @@ mod evidence;
 mod given;
 mod gram;
 mod likelihood;
+mod model;
 mod numbers;
 pub(in crate::diagnosis) mod recorded;
 mod rest;

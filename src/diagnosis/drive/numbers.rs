@@ -141,7 +141,9 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
     let base = &state.base;
     let mut list = Vec::new();
     for (number, effect, port, stated) in may_be_absent(balance) {
-        let Some(k) = base.numbers.iter().position(|n| *n == number).filter(|_| stated == 0.0) else { continue };
+        let Some(k) = base.numbers.iter().position(|n| *n == number).filter(|_| stated == 0.0) else {
+            continue;
+        };
         let (design, start) = without(state, &[number]);
         let fit = design.fit(&base.all, start.clone(), design.weights(&base.all, &start));
         let score = fit.nats - base.fit.nats - price(1, values(&base.all));
@@ -191,7 +193,9 @@ pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Bes
         let estimate =
             if number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[k] };
         let (key, unit, nominal, other, tolerance) = match number {
-            Number::MotorMass => ("rotary_inertia_kg_m2", r2, d.rotary_inertia_kg_m2(), 0.0, c.mass_tolerance),
+            Number::MotorMass => {
+                ("rotary_inertia_kg_m2", r2, d.rotary_inertia_kg_m2(), 0.0, c.mass_tolerance)
+            }
             Number::StageMass => {
                 ("movable_mass_kg", 1.0, d.movable_mass_kg(), rest(d.reflected_mass_kg()), c.mass_tolerance)
             }
@@ -246,7 +250,12 @@ pub(super) fn common_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
 }
 
 /// Numbers that the recordings contradict.
-pub(super) fn corrections(balance: &Balance, axis: &AxisModel, state: &State, doubt: &Doubt) -> Vec<Correction> {
+pub(super) fn corrections(
+    balance: &Balance,
+    axis: &AxisModel,
+    state: &State,
+    doubt: &Doubt,
+) -> Vec<Correction> {
     let c = &Criteria::STANDARD;
     let all = beside(balance, state, doubt);
     let scale = scale_deviation(balance);
@@ -258,7 +267,9 @@ pub(super) fn corrections(balance: &Balance, axis: &AxisModel, state: &State, do
         let value = n.value * (-off).exp();
         let apart = (value / n.nominal).ln().abs();
         let sure = (n.deviation / n.value).hypot(scale);
-        if apart > c.correction_tolerances * n.tolerance && apart > c.correction_deviations * n.deviation / n.value {
+        if apart > c.correction_tolerances * n.tolerance
+            && apart > c.correction_deviations * n.deviation / n.value
+        {
             let half = Z95 * sure * value;
             let ci95 = [value - half, value + half];
             list.push(Correction { name: n.key.into(), nominal: n.nominal, value, ci95 });

@@ -46,7 +46,10 @@ pub(in crate::diagnosis) fn motor_position(axis: &AxisModel, recording: &Recordi
 }
 
 /// Position in m of the linear scale.
-pub(in crate::diagnosis) fn stage_position<'a>(axis: &AxisModel, recording: &'a Recording) -> Option<&'a [f64]> {
+pub(in crate::diagnosis) fn stage_position<'a>(
+    axis: &AxisModel,
+    recording: &'a Recording,
+) -> Option<&'a [f64]> {
     recording.get(&format!("{}_stage_position_m", axis.name))
 }
 

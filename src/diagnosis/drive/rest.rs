@@ -111,7 +111,12 @@ fn port_of(layout: Layout, direction: [f64; 2]) -> Port {
 }
 
 /// When the low bands of a recording stand above their own median, s.
-pub(super) fn spans_s(balance: &Balance, state: &State, recording: usize, band_hz: [f64; 2]) -> Vec<[f64; 2]> {
+pub(super) fn spans_s(
+    balance: &Balance,
+    state: &State,
+    recording: usize,
+    band_hz: [f64; 2],
+) -> Vec<[f64; 2]> {
     /// Over the median of the blocks.
     const LOUD: f64 = 3.0;
     let base = &state.base;

@@ -3,8 +3,8 @@
 use super::columns::TimeColumn;
 use super::shape::Shape;
 use super::signals::{Layout, Path, Signals};
-use super::state::{Balance, Number, State};
 use super::state::Accepted;
+use super::state::{Balance, Number, State};
 use crate::diagnosis::result::Contribution;
 use crate::plant::effects::Port;
 use crate::sample::Recording;

@@ -44,6 +44,8 @@ pub(super) enum Shape {
     Cut { hz: f64, start_s: f64, end_s: f64 },
     /// Cubic B-splines over the travel, with the direction or without.
     Map { pieces: usize, flips: bool },
+    /// The same over the speed: no finding, but what a map over position must explain more than.
+    SpeedMap { pieces: usize, flips: bool },
     /// Friction that turns over another speed: a wrong number.
     Smoothing { speed_m_s: f64 },
 }
@@ -87,10 +89,7 @@ impl Hypothesis {
 
     /// True where physics allows no negative amplitude.
     pub(super) fn is_positive(&self) -> bool {
-        matches!(
-            self.shape,
-            Shape::Stribeck { .. } | Shape::Presliding { .. } | Shape::NonlinearViscosity
-        )
+        matches!(self.shape, Shape::Stribeck { .. } | Shape::Presliding { .. } | Shape::NonlinearViscosity)
     }
 
     /// True where each recording has columns of its own: nothing carries over to another recording.
@@ -122,7 +121,8 @@ impl Hypothesis {
             | Shape::NonlinearViscosity
             | Shape::Cubic
             | Shape::EncoderError { .. }
-            | Shape::Map { .. } => Vec::new(),
+            | Shape::Map { .. }
+            | Shape::SpeedMap { .. } => Vec::new(),
         }
     }
 

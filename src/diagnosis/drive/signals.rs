@@ -129,9 +129,8 @@ fn found_steps_m(axis: &AxisModel, recording: &Recording) -> [f64; 2] {
     let stated = [axis.drive.motor_encoder_resolution_m(), axis.drive.stage_encoder_resolution_m()];
     let raw = [motor_position(axis, recording), stage_position(axis, recording).map(<[f64]>::to_vec)];
     std::array::from_fn(|k| {
-        let found = |x: &Vec<f64>| {
-            coarser_step(x, stated[k].max(1e-12)).unwrap_or(0.0).max(rounding_m(x, rate_hz))
-        };
+        let found =
+            |x: &Vec<f64>| coarser_step(x, stated[k].max(1e-12)).unwrap_or(0.0).max(rounding_m(x, rate_hz));
         raw[k].as_ref().map_or(stated[k], |x| stated[k].max(found(x)))
     })
 }
@@ -147,9 +146,10 @@ impl Signals {
     ) -> Result<Self, DiagnoseError> {
         let layout = layout(axis, recordings);
         let rate_hz = recordings.first().map_or(1.0, |r| r.sample_rate.hz());
-        let steps_m = recordings.iter().map(|r| found_steps_m(axis, r)).fold([0.0_f64; 2], |a, b| {
-            [a[0].max(b[0]), a[1].max(b[1])]
-        });
+        let steps_m = recordings
+            .iter()
+            .map(|r| found_steps_m(axis, r))
+            .fold([0.0_f64; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
         let band_hz = band_hz(axis, layout, rate_hz);
         let used = if layout == Layout::TwoPositions { steps_m[0].max(steps_m[1]) } else { steps_m[0] };
         let c = Criteria::STANDARD.velocity_noise;
@@ -239,7 +239,8 @@ impl Signals {
                 Layout::TwoPositions => difference(&out.velocity[0], &out.velocity[1]),
                 _ => out.velocity[0].clone(),
             };
-            out.stretch = (0..thin.count).map(|j| stretch_m[thin_first - full_first + j * self.step]).collect();
+            out.stretch =
+                (0..thin.count).map(|j| stretch_m[thin_first - full_first + j * self.step]).collect();
         }
         let masked = (0..thin.count)
             .map(|j| {
@@ -266,7 +267,7 @@ impl Signals {
 
     /// Samples that the longest thrust filter needs on either side.
     fn path_half(&self, axis: &AxisModel) -> usize {
-        /// The slowest current loop that is asked about, rad/s per Hz of the rate, and delays beyond the stated.
+        /// The slowest current loop that is asked about, rad/s per Hz of the rate, and delays beyond it.
         const SLOWEST: f64 = 0.1;
         const LATER_SAMPLES: f64 = 8.0;
         let delay = axis.drive.amplifier_dead_time_s() + LATER_SAMPLES / self.rate_hz;

@@ -135,8 +135,8 @@ impl Balance {
     /// Columns of the numbers that are linear in signals alone.
     pub(super) fn new(drive: DriveParams, signals: Signals) -> Self {
         let masked: Vec<Vec<bool>> = signals.tracks.iter().map(|t| t.masked.clone()).collect();
-        // One position tells friction at the lowest frequencies, where every real axis leaves most: weights by band
-        // would give those few bins away for the many of the noise.
+        // One position tells friction at the lowest frequencies, where every real axis leaves most: weights
+        // by band would give those few bins away for the many of the noise.
         let white = signals.layout != Layout::TwoPositions;
         let plan = Plan::new(&masked, signals.thin_rate_hz(), (signals.top_hz(), white));
         let mut out = Self { drive, signals, plan, fixed: Vec::new() };
@@ -261,9 +261,8 @@ impl Balance {
         let spreads: Vec<Spread> = bands.iter().map(|b| design.spread(b, beta)).collect();
         let middle = |b: &BandGram| 0.5 * self.plan.band_hz(b.band).iter().sum::<f64>();
         let flat = |b: &BandGram, s: &Spread| {
-            let reference = bands.iter().position(|o| {
-                o.recording == b.recording && (low..high).contains(&middle(o))
-            });
+            let reference =
+                bands.iter().position(|o| o.recording == b.recording && (low..high).contains(&middle(o)));
             reference.filter(|_| middle(b) < low).map_or(*s, |k| spreads[k])
         };
         bands.iter().zip(&spreads).map(|(b, s)| design.weight(flat(b, s))).collect()
@@ -283,8 +282,7 @@ impl State {
     pub(super) fn new(balance: &Balance, given: Vec<Accepted>) -> Self {
         let d = &balance.drive;
         let mechanics = stated_mechanics(balance);
-        let path =
-            Path { delay_s: d.amplifier_dead_time_s(), loop_rad_s: d.current_loop_bandwidth_rad_s() };
+        let path = Path { delay_s: d.amplifier_dead_time_s(), loop_rad_s: d.current_loop_bandwidth_rad_s() };
         let smoothing_m_s = balance.signals.smoothing_m_s;
         let laws = Laws { path, timing_s: 0.0, smoothing_m_s, mechanics, timing_free: true };
         let mut state = Self {
@@ -381,7 +379,8 @@ impl State {
 
     /// Dry friction of the stage (of the axis, with one position), its bristle included, N.
     pub(super) fn coulomb_n(&self) -> f64 {
-        let bristles = self.accepted.iter().filter(|a| matches!(a.hypothesis.shape, Shape::Presliding { .. }));
+        let bristles =
+            self.accepted.iter().filter(|a| matches!(a.hypothesis.shape, Shape::Presliding { .. }));
         self.mechanics.stage_coulomb_n + bristles.map(|a| a.scale * a.amplitudes[0]).sum::<f64>()
     }
 }
@@ -471,7 +470,11 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
             _ if one => vec![FREE],
             _ => amplitude_bounds(&a.hypothesis, time.len()),
         });
-        start.extend(if one { vec![if a.given.is_some() { a.scale } else { 1.0 }] } else { a.amplitudes.clone() });
+        start.extend(if one {
+            vec![if a.given.is_some() { a.scale } else { 1.0 }]
+        } else {
+            a.amplitudes.clone()
+        });
         columns.extend(time.iter().map(|t| balance.column(t)));
     }
     let knockoffs = columns.len();
@@ -491,9 +494,8 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
     let weights = design.weights(&all, &fit.beta);
     // What is left, turned.
     let left = residual(balance, &gram, &design, &fit.beta);
-    let turned = TURNS.map(|share| Column {
-        sides: [0, 1].map(|k| left.sides[k].as_ref().map(|s| plan.turned(s, share))),
-    });
+    let turned = TURNS
+        .map(|share| Column { sides: [0, 1].map(|k| left.sides[k].as_ref().map(|s| plan.turned(s, share))) });
     let gram = gram.with(plan, turned.to_vec());
     let all = gram.sum(plan, Part::All);
     let null = |k: usize| {

@@ -109,7 +109,13 @@ impl<'a> Drive<'a> {
     }
 
     /// How a third inertia may be split off: its frequency and its share trade along a valley with two ends.
-    fn splits(&self, state: &State, mut h: Hypothesis, mut asked: Asked, work: &mut Work) -> (Hypothesis, Asked) {
+    fn splits(
+        &self,
+        state: &State,
+        mut h: Hypothesis,
+        mut asked: Asked,
+        work: &mut Work,
+    ) -> (Hypothesis, Asked) {
         let Shape::Torsion { frequency_hz, .. } = h.shape else { return (h, asked) };
         for share in [0.2, 0.35, 0.5] {
             for factor in [0.85, 0.92, 1.0, 1.08] {
@@ -134,7 +140,13 @@ impl<'a> Drive<'a> {
     }
 
     /// Begin and end of a cut by halving steps.
-    fn edges(&self, state: &State, mut h: Hypothesis, mut asked: Asked, work: &mut Work) -> (Hypothesis, Asked) {
+    fn edges(
+        &self,
+        state: &State,
+        mut h: Hypothesis,
+        mut asked: Asked,
+        work: &mut Work,
+    ) -> (Hypothesis, Asked) {
         for by in [0.1, 0.04, 0.015] {
             for which in [0, 1] {
                 for sign in [-1.0, 1.0] {
@@ -156,6 +168,17 @@ impl<'a> Drive<'a> {
         (h, asked)
     }
 
+    /// What a free function of the speed explains where a map over position is asked about, nats: in
+    /// strokes that repeat, speed is a function of position, and nothing tells which of the two it is.
+    fn as_of_speed(&self, state: &State, flips: bool, work: &mut Work) -> f64 {
+        if !work.take(1) {
+            return 0.0;
+        }
+        let shape = Shape::SpeedMap { pieces: PIECES[0], flips };
+        let h = Hypothesis::named(EffectKind::PositionDependentForce, Port::Stage, shape);
+        ask(self.balance, state, &h, false).score.max(0.0)
+    }
+
     /// A Gauss-Newton step of the logarithms of the constants.
     fn shape_step(&self, state: &State, h: &Hypothesis, asked: &Asked) -> Option<Vec<f64>> {
         let amplitudes = asked.amplitudes().to_vec();
@@ -174,8 +197,7 @@ impl<'a> Drive<'a> {
         let weights = design.weights(&bands, &start);
         let fit = design.fit(&bands, start, weights);
         let from = fit.beta.len() - count;
-        let step: Vec<f64> =
-            fit.beta[from..].iter().map(|s| s.clamp(-LONGEST_STEP, LONGEST_STEP)).collect();
+        let step: Vec<f64> = fit.beta[from..].iter().map(|s| s.clamp(-LONGEST_STEP, LONGEST_STEP)).collect();
         step.iter().all(|s| s.is_finite()).then_some(step)
     }
 
@@ -308,8 +330,8 @@ pub(super) fn slopes(
                 for ((a, b), amplitude) in here.iter().zip(&there).zip(amplitudes) {
                     let (Some(a), Some(b)) = (&a.sides[side], &b.sides[side]) else { continue };
                     let factor = amplitude / DIFFERENCE;
-                    let sum = out.sides[side]
-                        .get_or_insert_with(|| a.iter().map(|x| vec![0.0; x.len()]).collect());
+                    let sum =
+                        out.sides[side].get_or_insert_with(|| a.iter().map(|x| vec![0.0; x.len()]).collect());
                     for ((s, a), b) in sum.iter_mut().zip(a).zip(b) {
                         s.iter_mut().zip(a).zip(b).for_each(|((s, a), b)| *s += factor * (b - a));
                     }
@@ -340,14 +362,6 @@ impl Subject for Drive<'_> {
         if let Ok(mut chance) = self.chance.lock() {
             *chance = asked.iter().map(|a| a.1).fold(0.0, f64::max);
         }
-        if std::env::var_os("STILLCUT_TRACE").is_some() {
-            eprintln!("L0 {:.1}, chance {:.1}", state.base.fit.nats, self.chance_nats());
-            let mut order: Vec<_> = list.iter().zip(&asked).collect();
-            order.sort_by(|a, b| b.1.0.total_cmp(&a.1.0));
-            for (h, a) in order.iter().take(14) {
-                eprintln!("  {:9.1} {:9.1} {:?} {:?} {:?}", a.0, a.1, h.effect, h.port, h.shape);
-            }
-        }
         let screened = list.iter().zip(asked);
         Some(screened.map(|(h, a)| Screened { hypothesis: *h, promise_nats: a.0 }).collect())
     }
@@ -358,20 +372,23 @@ impl Subject for Drive<'_> {
         if !work.take(parts / 2) {
             return None;
         }
-        let evidence_nats = statistic(self.balance, state, &h, &asked);
-        let amplitudes = asked.amplitudes().to_vec();
+        let mut evidence_nats = statistic(self.balance, state, &h, &asked);
+        let mut amplitudes = asked.amplitudes().to_vec();
+        if let Shape::Map { flips, .. } = h.shape {
+            evidence_nats -= self.as_of_speed(state, flips, work);
+            if flips {
+                // Its mean is dry friction, which the numbers hold.
+                let mean = amplitudes.iter().sum::<f64>() / amplitudes.len().max(1) as f64;
+                amplitudes.iter_mut().for_each(|a| *a -= mean);
+            }
+        }
         let near = |c: &super::shape::Constant| {
             c.value < c.bounds[0] * (1.0 + NEAR_BOUND) || c.value > c.bounds[1] * (1.0 - NEAR_BOUND)
         };
-        let at_bound = asked.held() && !matches!(h.shape, Shape::Torsion { .. }) || h.constants().iter().any(near);
+        let at_bound =
+            asked.held() && !matches!(h.shape, Shape::Torsion { .. }) || h.constants().iter().any(near);
         let mut model = state.with_numbers(&asked.fit.beta);
         model.take_up(self.balance, Accepted::found(h, amplitudes));
-        if std::env::var_os("STILLCUT_TRACE").is_some() {
-            eprintln!(
-                "  fit {:?} {:?} {:?}: score {:.1} T {:.1} bound {at_bound} amp {:.4?}",
-                h.effect, h.port, h.shape, asked.score, evidence_nats, &model.accepted.last().map(|a| a.amplitudes.iter().take(4).copied().collect::<Vec<_>>())
-            );
-        }
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: level(self.chance_nats()), at_bound })
     }
 

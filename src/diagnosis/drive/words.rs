@@ -93,7 +93,13 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
             s.force("amplitude_n", "N", amplitude, deviation);
             s.add("phase_rad", "rad", phase, deviation / amplitude.max(1e-300));
         }
-        Shape::Map { .. } => s.force("amplitude_n", "N", peak(&table(balance, law).force_n), d(0)),
+        Shape::Map { .. } | Shape::SpeedMap { .. } => {
+            // The form is kept, its size is what the last fit tells.
+            let relative =
+                (0..law.amplitudes.len()).map(|k| d(k) / a(k).abs().max(1e-300)).fold(0.0, f64::max);
+            let peak_n = peak(&table(balance, law).force_n);
+            s.force("amplitude_n", "N", peak_n, relative * peak_n);
+        }
         Shape::Saturation { per_a2 } => s.constant("per_a2", "1/A2", per_a2, r(0)),
         Shape::Backlash { gap_m } => s.constant("gap_m", "m", gap_m, r(0)),
         Shape::Cubic => s.force("cubic_n_m3", "N/m3", a(0), d(0)),
@@ -140,13 +146,12 @@ pub(super) struct TableOf {
 
 /// The table of a map's splines, two places a piece.
 pub(super) fn table(balance: &Balance, law: &Accepted) -> TableOf {
-    let Shape::Map { pieces, flips } = law.hypothesis.shape else {
+    let Shape::Map { pieces, .. } = law.hypothesis.shape else {
         return TableOf { first_m: 0.0, spacing_m: 1.0, force_n: Vec::new() };
     };
     let [low, high] = balance.signals.travel_m();
-    let first = usize::from(flips);
     let at = |place: f64| -> f64 {
-        let of = |(k, a): (usize, &f64)| a * spline(place - (k + first) as f64 + 3.0);
+        let of = |(k, a): (usize, &f64)| a * spline(place - k as f64 + 3.0);
         law.amplitudes.iter().enumerate().map(of).sum()
     };
     TableOf {
@@ -171,8 +176,7 @@ fn peak_of_cut(amplitudes: &[f64], deviation: f64) -> (f64, f64) {
     const PLACES: usize = 360;
     let sets = (1..=8).filter(|n| amplitudes.len() % n == 0);
     let lengths: Vec<usize> = sets.map(|n| amplitudes.len() / n).collect();
-    let length =
-        lengths.iter().copied().find(|l| l % 2 == 1 && *l <= 2 * CUT_HARMONICS + 1).unwrap_or(1);
+    let length = lengths.iter().copied().find(|l| l % 2 == 1 && *l <= 2 * CUT_HARMONICS + 1).unwrap_or(1);
     let mut most = 0.0_f64;
     for set in amplitudes.chunks_exact(length.max(1)) {
         for place in 0..PLACES {
