@@ -57,6 +57,11 @@ struct Found {
     without_n: f64,
 }
 
+/// Deviations of a state.
+fn doubt_of(balance: &Balance, state: &State) -> Doubt {
+    doubt(balance, state, &rest(balance, state))
+}
+
 /// Drops laws that the recordings do not determine; what is left is built anew.
 pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, Rest) {
     loop {
@@ -90,12 +95,19 @@ impl Case<'_> {
         let absent = absent(balance, &state, &doubt, level);
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.encoder_steps());
+        // The model says how much it leaves, and no more is left.
+        let as_stated = self.stated_rest_n > 0.0 && !rest(balance, self.start).is_left(self.stated_rest_n);
+        if as_stated {
+            found.clear();
+        }
         let before = self.rest_before(&absent);
         let is_left = left.is_left(self.stated_rest_n);
         let share = 1.0 - (left.force_n / before.force_n.max(1e-300)).powi(2);
         let named = !found.is_empty() && (!is_left || share > Criteria::STANDARD.named_share);
         let unexplained = is_left && !named;
-        let corrections = if unexplained { Vec::new() } else { self.all_corrections(&state, &doubt) };
+        let of = if as_stated { self.start } else { &state };
+        let settled = if as_stated { doubt_of(balance, self.start) } else { doubt.clone() };
+        let corrections = if unexplained { Vec::new() } else { self.all_corrections(of, &settled) };
         let verdict = if unexplained {
             Verdict::UnexplainedMismatch
         } else if !found.is_empty() {

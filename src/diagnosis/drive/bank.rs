@@ -89,6 +89,9 @@ fn thrust(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     let at = |effect, shape| Hypothesis::named(effect, Port::Current, shape);
     let mut list = Vec::new();
     let period_s = 1.0 / s.rate_hz;
+    if !state.inertial {
+        return list;
+    }
     for samples in [0.3, 0.8, 1.6, 3.0, 5.0] {
         list.push(at(E::DeadTime, Shape::Delay { extra_s: samples * period_s, early: false }));
     }

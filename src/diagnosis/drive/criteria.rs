@@ -19,7 +19,8 @@ pub(in crate::diagnosis) struct Criteria {
     pub(super) timing_deviation: f64,
     /// What is left is told where it stands above this many floors.
     pub(super) rest_floors: f64,
-    /// Findings that take this share of the power above the floor are the cause; the rest is told beside it.
+    /// Findings that take the greater part of the power above the floor are the cause; the rest is told
+    /// beside them.
     pub(super) named_share: f64,
     /// A number is wrong beyond this many of its statement's own tolerances ...
     pub(super) correction_tolerances: f64,
@@ -58,7 +59,7 @@ impl Criteria {
         timing_usual: -0.15,
         timing_deviation: 0.05,
         rest_floors: 1.0,
-        named_share: 0.9,
+        named_share: 0.5,
         correction_tolerances: 3.0,
         correction_deviations: 4.0,
         mass_tolerance: 0.02,

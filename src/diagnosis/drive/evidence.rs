@@ -3,7 +3,7 @@
 
 use super::criteria::Criteria;
 use super::gram::{Gram, Part};
-use super::likelihood::{Design, Fit, values};
+use super::likelihood::{Design, FREE, Fit, values};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Balance, Number, State, amplitude_bounds, knockoff_design};
 
@@ -48,7 +48,9 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
     let bands = gram.sum(&balance.plan, Part::All);
     let mut design = base.design.clone();
     design.columns.extend(old..old + added);
-    design.bounds.extend(amplitude_bounds(h, added));
+    // On the grid neither shape nor numbers are where they belong, and the amplitude makes up for both.
+    let bounds = amplitude_bounds(h, added);
+    design.bounds.extend(if chance && h.has_dose() { vec![FREE; added] } else { bounds });
     let first = base.fit.beta.len();
     let mut start = base.fit.beta.clone();
     start.extend(std::iter::repeat_n(0.0, added));
@@ -77,7 +79,7 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
             of.columns.extend(old..old + added);
             // The turned residual holds no law: an amplitude of any size is one of chance.
             let bounds = amplitude_bounds(h, added);
-            of.bounds.extend(if h.has_dose() { vec![super::likelihood::FREE; added] } else { bounds });
+            of.bounds.extend(if h.has_dose() { vec![FREE; added] } else { bounds });
             let mut start = null.beta.clone();
             start.extend(std::iter::repeat_n(0.0, added));
             let weights = of.weights(&bands, &start);

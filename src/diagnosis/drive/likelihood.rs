@@ -5,8 +5,8 @@
 //! L(beta) = sum_rb N_rb log det S_rb(beta) - 2 N sum log M,   S_rb = mean of r r^T over the band
 //! ```
 //! What is left unexplained raises S and so lowers the evidence of everything in its band. The mass term
-//! makes it the likelihood of accelerations: without it an equation whose thrust is filtered away becomes zero by
-//! making its masses zero.
+//! makes it the likelihood of accelerations: without it an equation whose thrust is filtered away becomes
+//! zero by making its masses zero.
 
 use super::gram::BandGram;
 use nalgebra::{DMatrix, DVector};

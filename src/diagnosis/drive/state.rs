@@ -98,6 +98,9 @@ pub(super) struct State {
     pub(super) smoothing_m_s: f64,
     pub(super) mechanics: Mechanics,
     pub(super) accepted: Vec<Accepted>,
+    /// The recordings tell the inertia: thrust is what accelerates. Else it is a force beside a motion, and
+    /// nothing says when it came.
+    pub(super) inertial: bool,
     /// A dead time, a current loop, a smoothing speed other than stated were found.
     pub(super) found_delay: bool,
     pub(super) found_loop: bool,
@@ -280,16 +283,38 @@ impl Balance {
 impl State {
     /// The state of a model: its numbers, its laws, nothing found.
     pub(super) fn new(balance: &Balance, given: Vec<Accepted>) -> Self {
+        if balance.signals.layout == Layout::TwoPositions {
+            return Self::of(balance, given, true);
+        }
+        let plain = Self::of(balance, given.clone(), false);
+        if plain.tells_inertia() { Self::of(balance, given, true) } else { plain }
+    }
+
+    /// True where the force of inertia stands above what is left.
+    fn tells_inertia(&self) -> bool {
+        let base = &self.base;
+        let Some(k) = base.numbers.iter().position(|n| *n == N::StageMass) else { return false };
+        let (mut inertia, mut left) = (0.0, 0.0);
+        for band in &base.all {
+            let n = base.gram.len();
+            inertia += base.fit.beta[k].powi(2) * band.products[0][(k + 1) * n + k + 1];
+            left += base.design.spread(band, &base.fit.beta)[0] * band.values;
+        }
+        base.fit.beta[k] > 0.0 && inertia > left
+    }
+
+    fn of(balance: &Balance, given: Vec<Accepted>, inertial: bool) -> Self {
         let d = &balance.drive;
         let mechanics = stated_mechanics(balance);
         let path = Path { delay_s: d.amplifier_dead_time_s(), loop_rad_s: d.current_loop_bandwidth_rad_s() };
         let smoothing_m_s = balance.signals.smoothing_m_s;
-        let laws = Laws { path, timing_s: 0.0, smoothing_m_s, mechanics, timing_free: true };
+        let laws = Laws { path, timing_s: 0.0, smoothing_m_s, mechanics, timing_free: true, inertial };
         let mut state = Self {
             path,
             timing_s: 0.0,
             smoothing_m_s,
             mechanics,
+            inertial,
             found_delay: false,
             found_loop: false,
             found_smoothing: false,
@@ -323,6 +348,7 @@ impl State {
             smoothing_m_s: self.smoothing_m_s,
             mechanics: self.mechanics,
             timing_free: !self.found_delay,
+            inertial: self.inertial,
         };
         self.base = Arc::new(base(balance, laws, &self.accepted));
         self.take_over();
@@ -411,6 +437,8 @@ struct Laws {
     mechanics: Mechanics,
     /// False where a dead time was found: it and the timing inside a sample are one number.
     timing_free: bool,
+    /// See [`State`].
+    inertial: bool,
 }
 
 /// Bounds of the amplitudes of a hypothesis.
@@ -483,7 +511,12 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
         target: 0,
         columns: (1..columns.len()).collect(),
         bounds,
-        masses: numbers.iter().enumerate().filter(|(_, n)| is_mass(n)).map(|(k, _)| (k, 0.0)).collect(),
+        masses: numbers
+            .iter()
+            .enumerate()
+            .filter(|(_, n)| is_mass(n) && laws.inertial)
+            .map(|(k, _)| (k, 0.0))
+            .collect(),
         sides: balance.signals.sides(),
     };
     let plan = &balance.plan;
