@@ -19,7 +19,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("pipeline", &["force", "chatter", "avoidance", "stability", "plant", "signal"]),
     ("simulation", &["plant", "signal", "pipeline", "avoidance", "chatter"]),
     ("identify", &["plant", "signal", "force", "simulation"]),
-    ("diagnosis", &["plant", "signal", "force", "simulation", "identify"]),
+    ("diagnosis", &["plant", "signal", "force", "stability", "simulation", "identify"]),
     (
         "config",
         &[

@@ -2,7 +2,7 @@
 
 use super::bad_input;
 use crate::config::machine::read_machine;
-use crate::diagnosis::{DiagnoseOptions, diagnose_with};
+use crate::diagnosis::{DiagnoseOptions, Progress, diagnose_with};
 use crate::recording::{read_recording, write_whole};
 use crate::report::diagnosis::write;
 use crate::report::html::{ReportContext, diagnosis_page};
@@ -10,25 +10,36 @@ use indicatif::{ProgressBar, ProgressStyle};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Says what physics a machine model leaves out.
+/// Says what physics a machine model, or the scenario of a cut, leaves out.
+///
+/// Example: stillcut diagnose --scenario lathe.toml --recording entry.parquet --cuts cuts.csv --out answer
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// The machine's model.
+    /// The machine's model: what does the drive leave out?
+    #[arg(long, conflicts_with = "scenario", required_unless_present = "scenario")]
+    model: Option<PathBuf>,
+    /// The scenario of a cut: what does the cut leave out?
     #[arg(long)]
-    model: PathBuf,
+    scenario: Option<PathBuf>,
     /// A recording of the machine; may be given several times.
-    #[arg(long = "recording", required = true)]
-    recordings: Vec<PathBuf>,
-    /// Folder for diagnosis.json, report.html, model.toml and the contributions.
+    #[arg(long = "recording")]
+    pub(super) recordings: Vec<PathBuf>,
+    /// A table of cuts (stillcut.cuts/1, Parquet or CSV), beside the recordings or instead of them.
+    #[arg(long, requires = "scenario")]
+    pub(super) cuts: Option<PathBuf>,
+    /// Folder for diagnosis.json, report.html, model.toml (scenario.toml) and the contributions.
     #[arg(long)]
-    out: PathBuf,
+    pub(super) out: PathBuf,
     /// Seconds within which the answer stands: work is counted, so a busy machine answers later, not
     /// differently.
-    #[arg(long, default_value_t = 60.0)]
-    budget_s: f64,
+    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    pub(super) budget_s: f64,
+    /// Print the smallest set of cuts that would tell the alternatives apart.
+    #[arg(long, requires = "scenario")]
+    pub(super) plan: bool,
     /// Write lines `progress SHARE WHAT` to standard error, for programs that watch.
     #[arg(long)]
-    progress: bool,
+    pub(super) progress: bool,
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
@@ -36,12 +47,15 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         let given = arguments.budget_s;
         return Err(bad_input(format!("--budget-s {given}: expected is a number of seconds above zero")));
     }
-    let machine = read_machine(&arguments.model).map_err(bad_input)?;
-    let recordings = arguments
-        .recordings
-        .iter()
-        .map(|p| read_recording(p).map_err(bad_input))
-        .collect::<Result<Vec<_>, _>>()?;
+    match (&arguments.model, &arguments.scenario) {
+        (_, Some(scenario)) => super::diagnose_cut::run(&arguments, scenario),
+        (Some(model), None) => run_drive(&arguments, model),
+        (None, None) => Err(bad_input("expected --model or --scenario")),
+    }
+}
+
+/// Runs `work` with a bar on a terminal, and lines for a program that watches.
+pub(super) fn with_progress<T>(lines: bool, work: impl FnOnce(Progress<'_>) -> T) -> T {
     let bar = ProgressBar::new(100); // drawn on a terminal only
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} % {msg}") {
         bar.set_style(style);
@@ -49,14 +63,30 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let progress = |share: f64, what: &str| {
         bar.set_position((100.0 * share) as u64);
         bar.set_message(what.to_owned());
-        if arguments.progress {
+        if lines {
             // Whoever watched may have gone; the diagnosis goes on.
             let _ = writeln!(std::io::stderr(), "progress {share:.3} {what}");
         }
     };
+    let out = work(&progress);
+    bar.finish_and_clear();
+    out
+}
+
+fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
+    if arguments.recordings.is_empty() {
+        return Err(bad_input("--model needs at least one --recording"));
+    }
+    let machine = read_machine(model).map_err(bad_input)?;
+    let recordings = arguments
+        .recordings
+        .iter()
+        .map(|p| read_recording(p).map_err(bad_input))
+        .collect::<Result<Vec<_>, _>>()?;
     let files: Vec<String> = arguments.recordings.iter().map(|p| name(p)).collect();
     let options = DiagnoseOptions { budget_s: arguments.budget_s, ..Default::default() };
-    let diagnosis = diagnose_with(&machine, &recordings, &options, &progress).map_err(|error| {
+    let work = |progress: Progress<'_>| diagnose_with(&machine, &recordings, &options, progress);
+    let diagnosis = with_progress(arguments.progress, work).map_err(|error| {
         let concerned = files.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));
         let concerned: Vec<&str> = concerned.map(|(file, _)| file.as_str()).collect();
         bad_input(if concerned.is_empty() {
@@ -65,7 +95,6 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             format!("{}: {error}", concerned.join(", "))
         })
     })?;
-    bar.finish_and_clear();
     for note in &diagnosis.notes {
         // Whoever reads standard error may have gone; the files are written all the same.
         let _ = writeln!(std::io::stderr(), "note: {note}");
@@ -76,6 +105,6 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn name(path: &Path) -> String {
+pub(super) fn name(path: &Path) -> String {
     path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }

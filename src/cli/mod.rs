@@ -10,6 +10,7 @@ mod conceal;
 #[cfg(feature = "service")]
 mod demo;
 mod diagnose;
+mod diagnose_cut;
 mod force;
 mod identify;
 mod import;

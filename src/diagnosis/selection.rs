@@ -87,6 +87,10 @@ pub(crate) trait Subject {
         work: &mut Work,
     ) -> Option<Fitted<Self::Hypothesis, Self::Model>>;
 
+    /// A round is complete: evidence against the best that "nothing more" came to in it. A fit that found
+    /// better numbers for the model itself lowers what every other one has gained.
+    fn compare(&self, _model: &Self::Model, _fitted: &mut [Fitted<Self::Hypothesis, Self::Model>]) {}
+
     /// The model after something was taken up: numbers moved, shapes refined again.
     fn settle(&self, model: Self::Model, work: &mut Work) -> Self::Model;
 }
@@ -146,6 +150,7 @@ pub(crate) fn select<S: Subject>(
             progress(work.share(), subject.name(&candidate.hypothesis).0.name());
             fitted.extend(subject.fit(&out.model, &candidate.hypothesis, work));
         }
+        subject.compare(&out.model, &mut fitted);
         fitted.sort_by(|a, b| {
             b.qualifies().cmp(&a.qualifies()).then(b.evidence_nats.total_cmp(&a.evidence_nats))
         });

@@ -1,6 +1,8 @@
 //! What leaves the process as files: events, the track, maps, estimators, diagnosis, models, pages for
 //! people.
 
+pub mod cut_files;
+pub mod cut_page;
 pub mod decisions;
 pub mod diagnosis;
 pub mod events;

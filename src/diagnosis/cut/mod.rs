@@ -1,5 +1,28 @@
 //! What physics of the cut does a scenario leave out? The same question as for a drive, with the lathe as
 //! plant: recordings of cuts, or a table of cuts, beside the two-delay model.
 
+mod adequacy;
+mod along;
+mod answer;
+mod criteria;
+mod diagnose;
+mod fit;
+mod followed;
+mod foretold;
 pub mod input;
+mod laws;
+mod machine;
+mod observable;
+mod observe;
+mod plan;
+mod recorded;
 pub mod result;
+mod rows;
+mod search;
+mod spectra;
+mod stretches;
+#[cfg(test)]
+mod synthetic;
+mod table;
+
+pub use diagnose::diagnose;

@@ -1,0 +1,91 @@
+//! `stillcut diagnose --scenario`: what physics of the cut the scenario leaves out.
+
+use super::bad_input;
+use super::diagnose::{Arguments, name, with_progress};
+use crate::config::scenario::read_scenario;
+use crate::diagnosis::cut::input::{CutEvidence, CutRecording, CutTable};
+use crate::diagnosis::cut::result::{CutDiagnosis, PlannedCut};
+use crate::plant::scenario::Scenario;
+use crate::recording::{read_cuts, read_recording, write_whole};
+use crate::report::cut_files::{CutFiles, write};
+use crate::report::cut_page::cut_page;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+pub(super) fn run(arguments: &Arguments, scenario_file: &Path) -> anyhow::Result<()> {
+    let scenario = read_scenario(scenario_file).map_err(bad_input)?;
+    let recordings = arguments
+        .recordings
+        .iter()
+        .map(|path| cut_recording(path, &scenario))
+        .collect::<anyhow::Result<Vec<_>>>()?;
+    let table = arguments.cuts.as_deref().map(read_cuts).transpose().map_err(bad_input)?;
+    if recordings.is_empty() && table.is_none() {
+        return Err(bad_input("--scenario needs cuts: expected --recording or --cuts"));
+    }
+    let evidence = CutEvidence { recordings: &recordings, table: table.as_ref() };
+    let diagnosis = with_progress(arguments.progress, |progress| {
+        crate::diagnosis::cut::diagnose(&scenario, evidence, arguments.budget_s, progress)
+    })
+    .map_err(bad_input)?;
+    told(&diagnosis, &recordings, table.as_ref());
+    let files = CutFiles {
+        scenario: name(scenario_file),
+        recordings: arguments.recordings.iter().map(|p| name(p)).collect(),
+        table: table.as_ref(),
+    };
+    let out: &PathBuf = &arguments.out;
+    write(out, &diagnosis, &files)?;
+    write_whole(&out.join("report.html"), cut_page(&diagnosis, &files).as_bytes())?;
+    if arguments.plan {
+        print_plan(&diagnosis.plan)?;
+    }
+    Ok(())
+}
+
+fn cut_recording(path: &Path, scenario: &Scenario) -> anyhow::Result<CutRecording> {
+    let recording = read_recording(path).map_err(bad_input)?;
+    CutRecording::new(&recording, scenario).map_err(|e| bad_input(format!("{}: {e}", path.display())))
+}
+
+/// What a reader must know, on standard error.
+fn told(diagnosis: &CutDiagnosis, recordings: &[CutRecording], table: Option<&CutTable>) {
+    let mut lines: Vec<String> = diagnosis.notes.clone();
+    for recording in recordings {
+        lines.extend(recording.missing.iter().map(|m| {
+            let experiment = &recording.experiment;
+            format!("{experiment}: no column {}: taken is {}; hidden is {}", m.name, m.instead, m.hides)
+        }));
+    }
+    if let Some(table) = table.filter(|t| !t.ignored_columns.is_empty()) {
+        lines.push(format!("columns of the table that are not used: {}", table.ignored_columns.join(", ")));
+    }
+    for line in lines {
+        // Whoever reads standard error may have gone; the files are written all the same.
+        let _ = writeln!(std::io::stderr(), "note: {line}");
+    }
+}
+
+/// One line a cut: what to set, and what it tells.
+fn print_plan(plan: &[PlannedCut]) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    if plan.is_empty() {
+        writeln!(out, "no cut to add: what could be told apart is told apart")?;
+    }
+    for (k, cut) in plan.iter().enumerate() {
+        writeln!(
+            out,
+            "{}. {:.0} rpm, feed {:.3} mm, width {:.3} mm, {:.1} mm from the chuck, pitch difference \
+             {:.4} rad, {:.0} s: {}",
+            k + 1,
+            cut.spindle_speed_rpm,
+            1e3 * cut.feed_m_rev,
+            1e3 * cut.width_m,
+            1e3 * cut.tool_position_m,
+            cut.pitch_difference_rad,
+            cut.duration_s,
+            cut.tells
+        )?;
+    }
+    Ok(())
+}

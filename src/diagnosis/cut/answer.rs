@@ -1,0 +1,261 @@
+//! What a selection says: findings with intervals, corrections, alternatives, what could not have been seen.
+
+use super::super::result::{Alternative, Correction, Estimate, Verdict};
+use super::super::selection::{Fitted, Round, Selected, probabilities};
+use super::adequacy::whitened_power;
+use super::criteria::CRITERIA;
+use super::fit::{Effort, Problem};
+use super::laws::{Law, Term};
+use super::machine::{Number, Point};
+use super::result::{CutDiagnosis, CutFinding, CutFit, CutLocation, CutTried, NotIdentifiable};
+use super::search::{Asked, Model, visibility};
+use crate::plant::cut_effects::{CutEffect, Specification};
+use crate::plant::cut_terms::CutReferences;
+use crate::plant::effects::Port;
+use nalgebra::{DMatrix, DVector};
+use std::borrow::Cow;
+
+/// 95 % of a normal distribution, standard deviations.
+const NORMAL_95: f64 = 1.96;
+
+/// A finished selection with what it was made from.
+pub(crate) struct Fitting<'a> {
+    /// Observed, stated and free.
+    pub(crate) problem: &'a Problem<'a>,
+    /// Laws that were open.
+    pub(crate) laws: &'a [Law],
+    /// The stated structure, refitted.
+    pub(crate) start: &'a Model,
+    /// What happened.
+    pub(crate) selected: &'a Selected<Asked, Model>,
+}
+
+/// Point with the covariance of its coordinates.
+pub(crate) struct Posterior {
+    /// Where.
+    pub(crate) point: Point,
+    /// Inverse of the information; of coordinates at a bound nothing.
+    pub(crate) covariance: DMatrix<f64>,
+    bounds: Vec<[f64; 2]>,
+}
+
+impl Posterior {
+    /// The curvature at a point. `None`: no such machine.
+    pub(crate) fn new(problem: &Problem<'_>, point: &Point) -> Option<Self> {
+        let q = problem.quadratic(point, &Effort::FULL)?;
+        let ridge = DMatrix::identity(q.information.nrows(), q.information.ncols()) * 1e-9;
+        let inflated = whitened_power(problem, point);
+        let covariance = (q.information + ridge).cholesky()?.inverse() * inflated;
+        Some(Self { point: point.clone(), covariance, bounds: problem.frame.bounds(point) })
+    }
+
+    /// 95 % interval of a function of the coordinates: its values where the ellipsoid of 95 % is highest and
+    /// lowest in it, so that what is the inverse of a coordinate gets no symmetric interval.
+    fn interval(&self, of: &dyn Fn(&[f64]) -> Option<f64>) -> Option<[f64; 2]> {
+        let here = self.point.coordinates();
+        let value = of(&here)?;
+        let slope = DVector::from_iterator(
+            here.len(),
+            (0..here.len()).map(|i| {
+                let mut moved = here.clone();
+                moved[i] += STEP;
+                of(&moved).map_or(0.0, |v| (v - value) / STEP)
+            }),
+        );
+        let along = &self.covariance * &slope;
+        let sd = slope.dot(&along).max(0.0).sqrt();
+        if sd <= 0.0 {
+            return Some([value; 2]);
+        }
+        let end = |sign: f64| {
+            let to = here.iter().zip(along.iter()).zip(&self.bounds);
+            let to: Vec<f64> =
+                to.map(|((x, d), [low, high])| (x + sign * NORMAL_95 * d / sd).clamp(*low, *high)).collect();
+            of(&to)
+        };
+        let ends = [end(-1.0).unwrap_or(value), end(1.0).unwrap_or(value)];
+        Some([ends[0].min(ends[1]).min(value), ends[0].max(ends[1]).max(value)])
+    }
+}
+
+/// Step of the slopes of parameters over coordinates.
+const STEP: f64 = 1e-4;
+
+/// Everything but what is foretold and what recordings alone can say.
+pub(crate) fn diagnosis(fitting: &Fitting<'_>) -> CutDiagnosis {
+    let frame = fitting.problem.frame;
+    let model = &fitting.selected.model;
+    let posterior = Posterior::new(fitting.problem, &model.point);
+    let findings = findings(fitting, posterior.as_ref());
+    let parameter_corrections = posterior.as_ref().map_or_else(Vec::new, |p| corrections(fitting, p));
+    let verdict = if !findings.is_empty() {
+        Verdict::MissingPhysics
+    } else if parameter_corrections.is_empty() {
+        Verdict::ModelAdequate
+    } else {
+        Verdict::ParameterError
+    };
+    let scenario = frame.machine(&model.point).map_or(frame.stated, |m| m.scenario);
+    CutDiagnosis {
+        verdict,
+        location: findings.first().map(location),
+        parameter_corrections,
+        residual_band_hz: None,
+        noise_floor_n: None,
+        recordings: Vec::new(),
+        rows: Vec::new(),
+        table: None,
+        not_identifiable: not_identifiable(fitting),
+        plan: Vec::new(),
+        tried: tried(fitting),
+        mapped: Vec::new(),
+        stated: frame.stated,
+        scenario,
+        notes: Vec::new(),
+        findings,
+    }
+}
+
+fn location(first: &CutFinding) -> CutLocation {
+    CutLocation { port: first.port, domain: "outcome", bands_hz: Vec::new(), time: Vec::new() }
+}
+
+/// The effects that were taken up, in the order of what they gained.
+fn findings(fitting: &Fitting<'_>, posterior: Option<&Posterior>) -> Vec<CutFinding> {
+    let rounds = fitting.selected.rounds.iter().filter(|r| r.accepted);
+    let point = &fitting.selected.model.point;
+    let of_round = |(k, round): (usize, &Round<Asked, Model>)| {
+        let best = round.fitted.first()?;
+        let index = point.terms.iter().position(|t| t.law == best.hypothesis.law)?;
+        let specification = Specification::of(best.hypothesis.law.kind())?;
+        let p = shares(&round.fitted);
+        let alternatives = alternatives(&round.fitted, &p);
+        let rival = alternatives.first().filter(|a| a.probability > CRITERIA.alive);
+        Some(CutFinding {
+            rank: k + 1,
+            effect: specification.kind,
+            port: specification.port,
+            statement: specification.statement.split_whitespace().collect::<Vec<_>>().join(" "),
+            equation: specification.equation.to_owned(),
+            parameters: parameters(fitting, posterior, index),
+            fit: CutFit::default(),
+            probability: p[0],
+            next_experiment: rival.map(|rival| next_experiment(specification, rival)),
+            alternatives,
+            contribution: Vec::new(),
+            evidence_nats: best.evidence_nats,
+        })
+    };
+    rounds.enumerate().filter_map(of_round).collect()
+}
+
+/// Probabilities of the fitted hypotheses; "nothing" has what is left.
+fn shares(fitted: &[Fitted<Asked, Model>]) -> Vec<f64> {
+    let evidence: Vec<f64> = fitted.iter().map(|f| f.evidence_nats).collect();
+    probabilities(&evidence, 0.0, 1.0)
+}
+
+fn alternatives(fitted: &[Fitted<Asked, Model>], p: &[f64]) -> Vec<Alternative> {
+    let of = |(f, p): (&Fitted<Asked, Model>, &f64)| {
+        let specification = Specification::of(f.hypothesis.law.kind())?;
+        Some(Alternative { effect: specification.kind, port: specification.port, probability: *p })
+    };
+    let mut out: Vec<Alternative> = fitted.iter().zip(p).skip(1).filter_map(of).collect();
+    out.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    out
+}
+
+fn next_experiment(found: &Specification, rival: &Alternative) -> String {
+    let told = |s: &Specification| s.told_apart_by.split_whitespace().collect::<Vec<_>>().join(" ");
+    let other = Specification::of(rival.effect).map_or_else(String::new, |s| format!("; or {}", told(s)));
+    format!("{}{other}.", told(found))
+}
+
+/// Numbers of an effect with their intervals, the key first.
+fn parameters(fitting: &Fitting<'_>, posterior: Option<&Posterior>, index: usize) -> Vec<Estimate> {
+    let frame = fitting.problem.frame;
+    let point = &fitting.selected.model.point;
+    let effect = |term: &Term| term.effect(&frame.scales);
+    let Some(found) = point.terms.get(index).and_then(effect) else { return Vec::new() };
+    let reference = frame
+        .machine(point)
+        .map_or_else(|| CutReferences::of(&frame.stated), |machine| CutReferences::of(&machine.scenario));
+    let named = |effect: CutEffect, name: &str| {
+        effect.named_values(&reference).into_iter().find(|(n, _)| *n == name).map(|(_, v)| v)
+    };
+    let estimate = |(name, value): (&'static str, f64)| {
+        let of = |at: &[f64]| named(effect(&point.with(at).terms[index])?, name);
+        let ci95 = posterior.and_then(|p| p.interval(&of)).unwrap_or([value; 2]);
+        Estimate { name: name.to_owned(), value, unit: unit(found.specification(), name), ci95 }
+    };
+    found.named_values(&reference).into_iter().map(estimate).collect()
+}
+
+fn unit(specification: &Specification, name: &str) -> &'static str {
+    let own = specification.parameter(name).map(|p| p.unit);
+    let same = specification.equivalents.iter().find(|e| e.name == name).map(|e| e.unit);
+    own.or(same).unwrap_or("")
+}
+
+/// Stated numbers that lie further off than their interval and than anybody would overlook.
+fn corrections(fitting: &Fitting<'_>, posterior: &Posterior) -> Vec<Correction> {
+    let frame = fitting.problem.frame;
+    let off = |(k, number): (usize, &Number)| {
+        let p = posterior.point.numbers[k];
+        let sd = posterior.covariance[(k, k)].max(0.0).sqrt();
+        if p.abs() < CRITERIA.correction_sd * sd {
+            return None;
+        }
+        let (name, nominal) = number.stated(&frame.stated)?;
+        let at = |p: f64| nominal * (p * number.log_sd()).exp();
+        let ci95 = [at(p - NORMAL_95 * sd), at(p + NORMAL_95 * sd)];
+        Some(Correction { name: Cow::Borrowed(name), nominal, value: at(p), ci95 })
+    };
+    frame.numbers.iter().enumerate().filter_map(off).collect()
+}
+
+/// What was fitted in the first round, and the stated structure.
+fn tried(fitting: &Fitting<'_>) -> Vec<CutTried> {
+    let Some(round) = fitting.selected.rounds.first() else { return Vec::new() };
+    let of = |f: &Fitted<Asked, Model>| {
+        let specification = Specification::of(f.hypothesis.law.kind())?;
+        Some(CutTried {
+            effect: Some(specification.kind),
+            port: specification.port,
+            evidence_nats: f.evidence_nats,
+        })
+    };
+    let none = CutTried { effect: None, port: Port::Process, evidence_nats: 0.0 };
+    let mut out: Vec<CutTried> = round.fitted.iter().filter_map(of).chain([none]).collect();
+    out.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
+    out
+}
+
+/// Laws whose size, at three times a typical one, stays below five of its standard deviations.
+fn not_identifiable(fitting: &Fitting<'_>) -> Vec<NotIdentifiable> {
+    let model = &fitting.selected.model;
+    let taken = |law: &Law| model.point.terms.iter().any(|t| t.law == *law);
+    let mut out: Vec<NotIdentifiable> = Vec::new();
+    let open: Vec<Law> = fitting.laws.iter().copied().filter(|l| !taken(l)).collect();
+    for seen in visibility(fitting.problem, model, &open) {
+        let law = seen.law;
+        let Some(specification) = Specification::of(law.kind()) else { continue };
+        let largest = CRITERIA.largest_size * seen.of_a_size;
+        let known = out.iter().any(|n| n.effect == specification.kind);
+        if largest >= CRITERIA.visible_sd || known {
+            continue;
+        }
+        let told = specification.told_apart_by.split_whitespace().collect::<Vec<_>>().join(" ");
+        let why = if seen.alone < CRITERIA.visible_sd {
+            format!("it changes nothing that was recorded here; what would show it: {told}")
+        } else {
+            format!(
+                "what it changes here the free numbers of the scenario change as well: {:.1} standard \
+                 deviations are left of a large one, {:.0} are needed; what would show it: {told}",
+                largest, CRITERIA.visible_sd
+            )
+        };
+        out.push(NotIdentifiable { effect: specification.kind, port: specification.port, why });
+    }
+    out
+}

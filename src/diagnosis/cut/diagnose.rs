@@ -1,0 +1,107 @@
+//! From cuts to an answer: what is observed, the one selection, and what it says.
+
+use super::super::result::Verdict;
+use super::super::selection::{Reach, Selected, Work, select};
+use super::super::{Progress, cut::input::CutInputError};
+use super::answer::{self, Fitting};
+use super::criteria::CRITERIA;
+use super::fit::Problem;
+use super::foretold;
+use super::input::CutEvidence;
+use super::laws::Law;
+use super::machine::Frame;
+use super::observable::Observable;
+use super::observe::observe;
+use super::result::{CutDiagnosis, CutFit, MappedCut};
+use super::search::{Asked, Cut, Model};
+use super::stretches::{Stretches, divide};
+use super::table::{TableRows, row_condition};
+use super::{plan, recorded};
+use crate::plant::scenario::Scenario;
+
+/// Effects that are taken up at most, and hypotheses that are fitted in a round.
+const REACH: Reach = Reach { most_findings: 3, fitted: 9 };
+
+/// Says what `scenario` leaves out, from recordings of cuts, a table of cuts, or both. Deterministic.
+///
+/// `budget_s`: work that may be done, in seconds of an ordinary computer; counted in evaluations.
+/// Errors: no cut at all.
+pub fn diagnose(
+    scenario: &Scenario,
+    evidence: CutEvidence<'_>,
+    budget_s: f64,
+    progress: Progress<'_>,
+) -> Result<CutDiagnosis, CutInputError> {
+    let table = evidence.table.filter(|t| !t.rows.is_empty());
+    if evidence.recordings.is_empty() && table.is_none() {
+        return Err(CutInputError::NoCut);
+    }
+    let mut observables: Vec<Box<dyn Observable>> = Vec::new();
+    let mut stretches = Stretches::default();
+    if !evidence.recordings.is_empty() {
+        progress(0.02, "dividing the recordings");
+        stretches = divide(evidence.recordings, scenario);
+        observables = observe(evidence.recordings, &stretches, scenario);
+    }
+    let frame = Frame::of(scenario, &evidence);
+    if let Some(table) = table {
+        observables.push(Box::new(TableRows::new(table, scenario, |_| true)));
+    }
+    let problem = Problem { frame: &frame, observables: &observables };
+    let laws = Law::open(scenario, frame.probe());
+    let cut = Cut::new(&problem, laws.clone());
+    let mut work = Work::new(evaluations(budget_s, &evidence));
+    let Some(start) = cut.start(&frame.origin(), &mut work) else {
+        return Err(CutInputError::NoCut);
+    };
+    let selected = select(&cut, start.clone(), REACH, &mut work, &|share, what| progress(0.8 * share, what));
+    progress(0.85, "what these cuts tell");
+    let fitting = Fitting { problem: &problem, laws: &laws, start: &start, selected: &selected };
+    let mut diagnosis = answer::diagnosis(&fitting);
+    if !evidence.recordings.is_empty() {
+        progress(0.87, "what the recordings show of it");
+        recorded::complete(&fitting, evidence.recordings, &stretches, &mut diagnosis);
+    }
+    if let Some(table) = table {
+        progress(0.9, "foretelling each speed from the others");
+        let said = foretold::rows(&frame, table, &fitting);
+        diagnosis.rows = said.rows;
+        diagnosis.table = Some(said.fit);
+        for finding in &mut diagnosis.findings {
+            finding.fit = CutFit { table: Some(said.fit), ..finding.fit };
+        }
+        diagnosis.mapped.extend(table.rows.iter().map(|row| {
+            let at = row_condition(row, scenario);
+            MappedCut {
+                name: row.cut.clone(),
+                spindle_speed_rpm: at.speed_rpm,
+                width_m: at.width_m,
+                pitch_difference_rad: at.pitch_difference_rad,
+                tool_position_m: at.position_m,
+                chatter: row.outcome.map(|o| o == super::input::CutOutcome::Chatter),
+            }
+        }));
+    }
+    diagnosis.plan = plan::plan(&fitting);
+    note_budget(&selected, &mut diagnosis);
+    progress(1.0, "done");
+    Ok(diagnosis)
+}
+
+/// Evaluations that fit into a budget: measured on one core of 3 GHz, half of it for what follows the search.
+fn evaluations(budget_s: f64, evidence: &CutEvidence<'_>) -> u64 {
+    let seconds: f64 =
+        evidence.recordings.iter().map(|r| r.len() as f64 / r.sample_rate.hz()).sum::<f64>().max(0.1);
+    let rows = evidence.table.map_or(0, |t| t.rows.len()) as f64;
+    let evaluation_s = CRITERIA.evaluation_s_per_s * seconds + CRITERIA.evaluation_s_per_row * rows;
+    (0.5 * budget_s.max(0.0) / evaluation_s) as u64
+}
+
+fn note_budget(selected: &Selected<Asked, Model>, diagnosis: &mut CutDiagnosis) {
+    if selected.out_of_budget {
+        diagnosis.notes.push("The budget ended before every hypothesis was asked.".to_owned());
+        if diagnosis.findings.is_empty() && diagnosis.verdict == Verdict::ModelAdequate {
+            diagnosis.notes.push("Nothing found is therefore no proof that nothing is missing.".to_owned());
+        }
+    }
+}

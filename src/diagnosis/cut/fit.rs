@@ -1,0 +1,480 @@
+//! Fisher scoring of the likelihood: spectra by their whitened derivatives, residuals by their Jacobian.
+//!
+//! H = 0.95 sum [ tr(S^-1 S_i S^-1 S_k) + 2 Re x_i^H S^-1 x_k ] + J'J + priors, differences of 2e-3 of a
+//! coordinate, Levenberg's damping, steps clipped, coordinates held at their bounds.
+
+use super::super::two_cores::on_two_cores;
+use super::criteria::CRITERIA;
+use super::machine::{Frame, Point};
+use super::observable::{Bin, CHANNELS, Every, Matrix, Observable, Part, ZERO};
+use nalgebra::{Complex, DMatrix, DVector};
+
+/// Step of the difference quotients, in units of a coordinate.
+const STEP: f64 = 2e-3;
+/// A step of the fit is no longer than this in any coordinate.
+const LONGEST_STEP: f64 = 2.5;
+
+/// Everything observed, and what is free.
+pub(crate) struct Problem<'a> {
+    /// What is stated and free.
+    pub(crate) frame: &'a Frame,
+    /// What was observed.
+    pub(crate) observables: &'a [Box<dyn Observable + 'a>],
+}
+
+/// How a fit is run.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Effort {
+    /// Steps at most.
+    pub(crate) steps: usize,
+    /// Bins that are looked at.
+    pub(crate) every: Every,
+    /// Both cores for the derivatives of one fit (not where fits run beside each other).
+    pub(crate) two_cores: bool,
+}
+
+impl Effort {
+    /// To the end on all bins.
+    pub(crate) const FULL: Effort = Effort { steps: 25, every: Every(1), two_cores: true };
+}
+
+/// Value, gradient and Fisher information at a point.
+#[derive(Debug, Clone)]
+pub(crate) struct Quadratic {
+    /// -ln L with priors.
+    pub(crate) value: f64,
+    /// Its gradient.
+    pub(crate) gradient: DVector<f64>,
+    /// Fisher information.
+    pub(crate) information: DMatrix<f64>,
+}
+
+/// Where a fit ended.
+#[derive(Debug, Clone)]
+pub(crate) struct Ended {
+    /// Point.
+    pub(crate) point: Point,
+    /// -ln L there.
+    pub(crate) value: f64,
+    /// Evaluations used.
+    pub(crate) evaluations: u64,
+}
+
+/// rho(r) = r^2 to `outlying_sd`, from there on 2 c |r| - c^2.
+fn rho(r: f64) -> f64 {
+    let c = CRITERIA.outlying_sd;
+    if r.abs() <= c { r * r } else { 2.0 * c * r.abs() - c * c }
+}
+
+/// Weight of a residual in gradient and information: rho'(r)/(2 r).
+fn influence(r: f64) -> f64 {
+    (CRITERIA.outlying_sd / r.abs()).min(1.0)
+}
+
+/// Outlying power of a bin of `n` channels; its mean is n, its logarithm falls by one a unit.
+fn outlying_power(channels: usize) -> f64 {
+    CRITERIA.outlying_sd.powi(2) + channels as f64
+}
+
+/// Lower triangle L of S = L L^H; `None`: not positive.
+pub(crate) fn cholesky(s: &Matrix, n: usize) -> Option<Matrix> {
+    let mut l = [[ZERO; CHANNELS]; CHANNELS];
+    for i in 0..n {
+        for j in 0..=i {
+            let mut sum = s[i][j];
+            for k in 0..j {
+                sum -= l[i][k] * l[j][k].conj();
+            }
+            if i == j {
+                if !(sum.re > 0.0) {
+                    return None;
+                }
+                l[i][i] = Complex::new(sum.re.sqrt(), 0.0);
+            } else {
+                l[i][j] = sum / l[j][j].re;
+            }
+        }
+    }
+    Some(l)
+}
+
+/// L^-1 x.
+pub(crate) fn forward(l: &Matrix, x: &[Complex<f64>; CHANNELS], n: usize) -> [Complex<f64>; CHANNELS] {
+    let mut u = [ZERO; CHANNELS];
+    for i in 0..n {
+        let mut sum = x[i];
+        for k in 0..i {
+            sum -= l[i][k] * u[k];
+        }
+        u[i] = sum / l[i][i].re;
+    }
+    u
+}
+
+/// L^-1 S L^-H.
+fn whitened(l: &Matrix, s: &Matrix, n: usize) -> Matrix {
+    let mut half = [[ZERO; CHANNELS]; CHANNELS];
+    for c in 0..n {
+        let column = forward(l, &[s[0][c], s[1][c], s[2][c]], n);
+        for r in 0..n {
+            half[r][c] = column[r];
+        }
+    }
+    let mut out = [[ZERO; CHANNELS]; CHANNELS];
+    for r in 0..n {
+        let row = forward(l, &half[r].map(|z| z.conj()), n);
+        for c in 0..n {
+            out[r][c] = row[c].conj();
+        }
+    }
+    out
+}
+
+/// -ln L of a part and of its bins alone, without priors. Infinite: not to be had.
+pub(crate) fn part_value(part: &Part) -> f64 {
+    match part {
+        Part::Rows(rows) => 0.5 * rows.iter().map(|r| rho(*r)).sum::<f64>(),
+        Part::Bins { channels, bins } => {
+            let n = *channels;
+            let c = outlying_power(n);
+            let of_bin = |bin: &Bin| {
+                let Some(l) = cholesky(&bin.s, n) else { return f64::INFINITY };
+                let u = forward(&l, &bin.x, n);
+                let power: f64 = u[..n].iter().map(Complex::norm_sqr).sum();
+                let log_det: f64 = (0..n).map(|i| 2.0 * l[i][i].re.ln()).sum::<f64>() - bin.log_jacobian;
+                (if power <= c { power } else { 2.0 * (c * power).sqrt() - c }) + log_det
+            };
+            CRITERIA.bin_weight * bins.iter().map(of_bin).sum::<f64>()
+        }
+    }
+}
+
+/// Gradient and information of one part from its neighbours, one a coordinate.
+fn accumulate(base: &Part, moved: &[&Part], steps: &[f64], into: &mut Quadratic) {
+    let p = moved.len();
+    match base {
+        Part::Rows(rows) => {
+            for (k, r) in rows.iter().enumerate() {
+                let slope: Vec<f64> = (0..p)
+                    .map(|i| match moved[i] {
+                        Part::Rows(other) => (other[k] - r) / steps[i],
+                        Part::Bins { .. } => 0.0,
+                    })
+                    .collect();
+                let weight = influence(*r);
+                for i in 0..p {
+                    into.gradient[i] += weight * r * slope[i];
+                    for j in 0..=i {
+                        into.information[(i, j)] += weight * slope[i] * slope[j];
+                    }
+                }
+            }
+        }
+        Part::Bins { channels, bins } => {
+            let n = *channels;
+            let c = outlying_power(n);
+            let others: Vec<&Vec<Bin>> = moved
+                .iter()
+                .filter_map(|m| match m {
+                    Part::Bins { bins, .. } => Some(bins),
+                    Part::Rows(_) => None,
+                })
+                .collect();
+            let mut b = vec![[[ZERO; CHANNELS]; CHANNELS]; p];
+            let mut v = vec![[ZERO; CHANNELS]; p];
+            for (k, bin) in bins.iter().enumerate() {
+                let Some(l) = cholesky(&bin.s, n) else { continue };
+                let u = forward(&l, &bin.x, n);
+                let power: f64 = u[..n].iter().map(Complex::norm_sqr).sum();
+                let weight = (c / power).sqrt().min(1.0);
+                for i in 0..p {
+                    let other = &others[i][k];
+                    let mut ds = [[ZERO; CHANNELS]; CHANNELS];
+                    let mut dx = [ZERO; CHANNELS];
+                    for r in 0..n {
+                        dx[r] = (other.x[r] - bin.x[r]) / steps[i];
+                        for q in 0..n {
+                            ds[r][q] = (other.s[r][q] - bin.s[r][q]) / steps[i];
+                        }
+                    }
+                    b[i] = whitened(&l, &ds, n);
+                    v[i] = forward(&l, &dx, n);
+                }
+                for i in 0..p {
+                    let mut slope = (bin.log_jacobian - others[i][k].log_jacobian) / steps[i];
+                    for r in 0..n {
+                        slope += b[i][r][r].re + 2.0 * weight * (v[i][r].conj() * u[r]).re;
+                        for q in 0..n {
+                            slope -= weight * (u[r].conj() * b[i][r][q] * u[q]).re;
+                        }
+                    }
+                    into.gradient[i] += CRITERIA.bin_weight * slope;
+                    for j in 0..=i {
+                        let mut both = 0.0;
+                        for r in 0..n {
+                            both += 2.0 * weight * (v[i][r].conj() * v[j][r]).re;
+                            for q in 0..n {
+                                both += (b[i][r][q].conj() * b[j][r][q]).re;
+                            }
+                        }
+                        into.information[(i, j)] += CRITERIA.bin_weight * both;
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Problem<'_> {
+    /// What the machine of a point says of everything; `None`: there is no such machine.
+    pub(crate) fn parts(&self, point: &Point, every: Every) -> Option<Vec<Part>> {
+        let machine = self.frame.machine(point)?;
+        Some(self.observables.iter().map(|o| o.part(&machine, every)).collect())
+    }
+
+    /// Priors of a point, nats.
+    fn prior(&self, point: &Point) -> f64 {
+        let values = point.coordinates();
+        let priors = self.frame.priors(point);
+        let numbers = point.numbers.len();
+        let rho = |(i, (x, [mid, sd])): (usize, (&f64, &[f64; 2]))| Prior::of(i, numbers).rho((x - mid) / sd);
+        0.5 * values.iter().zip(&priors).enumerate().map(rho).sum::<f64>()
+    }
+
+    /// -ln L with priors.
+    pub(crate) fn value(&self, point: &Point, every: Every) -> f64 {
+        let Some(parts) = self.parts(point, every) else { return f64::INFINITY };
+        parts.iter().map(part_value).sum::<f64>() + self.prior(point)
+    }
+
+    /// Steps of the difference quotients, and the parts at a point and at its neighbours, one a coordinate.
+    pub(crate) fn jacobian(&self, point: &Point, effort: &Effort) -> Option<(Vec<f64>, Vec<Vec<Part>>)> {
+        let values = point.coordinates();
+        let bounds = self.frame.bounds(point);
+        let steps: Vec<f64> =
+            values.iter().zip(&bounds).map(|(x, b)| if x + STEP > b[1] { -STEP } else { STEP }).collect();
+        let places: Vec<Option<usize>> = std::iter::once(None).chain((0..values.len()).map(Some)).collect();
+        let evaluate = |moved: &Option<usize>| {
+            let mut at = values.clone();
+            if let Some(i) = moved {
+                at[*i] += steps[*i];
+            }
+            self.parts(&point.with(&at), effort.every)
+        };
+        let all: Option<Vec<Vec<Part>>> = if effort.two_cores {
+            on_two_cores(&places, evaluate).into_iter().collect()
+        } else {
+            places.iter().map(evaluate).collect()
+        };
+        all.map(|all| (steps, all))
+    }
+
+    /// Value, gradient and information; `None`: no such machine.
+    ///
+    /// Cost: one evaluation and one a coordinate.
+    pub(crate) fn quadratic(&self, point: &Point, effort: &Effort) -> Option<Quadratic> {
+        let (steps, all) = self.jacobian(point, effort)?;
+        let sum = self.gathered(&all[0], [&all[1..], &[]], &steps, point, effort.two_cores);
+        sum.value.is_finite().then_some(sum)
+    }
+
+    /// The same from parts that are there: at the point, at neighbours in two lists, with their steps.
+    pub(crate) fn quadratic_of(
+        &self,
+        base: &[Part],
+        own: &[Vec<Part>],
+        further: &[Vec<Part>],
+        steps: &[f64],
+        point: &Point,
+    ) -> Quadratic {
+        self.gathered(base, [own, further], steps, point, false)
+    }
+
+    fn gathered(
+        &self,
+        base: &[Part],
+        moved: [&[Vec<Part>]; 2],
+        steps: &[f64],
+        point: &Point,
+        two_cores: bool,
+    ) -> Quadratic {
+        let p = steps.len();
+        let empty =
+            || Quadratic { value: 0.0, gradient: DVector::zeros(p), information: DMatrix::zeros(p, p) };
+        let of_observable = |o: &usize| {
+            let mut out = empty();
+            out.value = part_value(&base[*o]);
+            let moved: Vec<&Part> = moved.iter().flat_map(|m| m.iter()).map(|parts| &parts[*o]).collect();
+            accumulate(&base[*o], &moved, steps, &mut out);
+            out
+        };
+        let indices: Vec<usize> = (0..self.observables.len()).collect();
+        let each: Vec<Quadratic> = if two_cores {
+            on_two_cores(&indices, of_observable)
+        } else {
+            indices.iter().map(of_observable).collect()
+        };
+        let mut sum = each.into_iter().fold(empty(), |mut sum, q| {
+            sum.value += q.value;
+            sum.gradient += q.gradient;
+            sum.information += q.information;
+            sum
+        });
+        sum.value += self.prior(point);
+        let values = point.coordinates();
+        for (i, (x, [mid, sd])) in values.iter().zip(self.frame.priors(point)).take(p).enumerate() {
+            let r = (x - mid) / sd;
+            let weight = Prior::of(i, point.numbers.len()).influence(r);
+            sum.gradient[i] += weight * r / sd;
+            sum.information[(i, i)] += weight / (sd * sd);
+            for j in 0..i {
+                sum.information[(j, i)] = sum.information[(i, j)];
+            }
+        }
+        sum
+    }
+
+    /// From a point downhill.
+    pub(crate) fn fit(&self, start: &Point, effort: &Effort) -> Option<Ended> {
+        let bounds = self.frame.bounds(start);
+        let mut point = start.clone();
+        let p = bounds.len();
+        let (mut damping, mut evaluations) = (1e-3, 0);
+        let mut value = f64::INFINITY;
+        for _ in 0..effort.steps {
+            let q = self.quadratic(&point, effort)?;
+            evaluations += 1 + p as u64;
+            value = q.value;
+            let here = point.coordinates();
+            let mut better = None;
+            for _ in 0..6 {
+                let Some(step) = damped_step(&q, &here, &bounds, damping) else { break };
+                let to: Vec<f64> =
+                    (0..p).map(|i| (here[i] + step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
+                let next = point.with(&to);
+                let there = self.value(&next, effort.every);
+                evaluations += 1;
+                if there < value {
+                    damping = (damping / 8.0).max(1e-6);
+                    better = Some((next, there));
+                    break;
+                }
+                damping = (damping * 6.0).max(1e-3);
+            }
+            let Some((next, there)) = better else { break };
+            let gained = value - there;
+            point = next;
+            value = there;
+            // A twentieth of a nat decides nothing.
+            if gained < 0.05 {
+                break;
+            }
+        }
+        value.is_finite().then_some(Ended { point, value, evaluations })
+    }
+}
+
+/// What a coordinate is: its prior is that of a stated number or of an effect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Prior {
+    /// Student's t with three degrees of freedom: how well a number is stated is itself a statement, and one
+    /// that is wrong by a factor is no reason to look for physics.
+    Number,
+    /// Normal to two standard deviations, then as the root: larger is rare.
+    Effect,
+}
+
+impl Prior {
+    fn of(index: usize, numbers: usize) -> Self {
+        if index < numbers { Prior::Number } else { Prior::Effect }
+    }
+
+    /// Twice the price, nats.
+    fn rho(self, r: f64) -> f64 {
+        let c = 2.0;
+        match self {
+            Prior::Number => 4.0 * (r * r / 3.0).ln_1p(),
+            Prior::Effect if r.abs() <= c => r * r,
+            Prior::Effect => 2.0 * c * r.abs() - c * c,
+        }
+    }
+
+    /// rho'(r)/(2 r).
+    fn influence(self, r: f64) -> f64 {
+        match self {
+            Prior::Number => 4.0 / (3.0 + r * r),
+            Prior::Effect => (2.0 / r.abs()).min(1.0),
+        }
+    }
+}
+
+/// Solution of (H + damping diag H) step = -g with coordinates at a bound held; clipped.
+fn damped_step(q: &Quadratic, here: &[f64], bounds: &[[f64; 2]], damping: f64) -> Option<Vec<f64>> {
+    let p = here.len();
+    let mut held: Vec<bool> = (0..p)
+        .map(|i| {
+            (here[i] <= bounds[i][0] && q.gradient[i] > 0.0)
+                || (here[i] >= bounds[i][1] && q.gradient[i] < 0.0)
+        })
+        .collect();
+    // A step may run into a bound that the others lean on: hold it and solve again, at most once each.
+    for _ in 0..=p {
+        let free: Vec<usize> = (0..p).filter(|i| !held[*i]).collect();
+        let h = DMatrix::from_fn(free.len(), free.len(), |a, b| {
+            let x = q.information[(free[a], free[b])];
+            if a == b { x * (1.0 + damping) + 1e-9 } else { x }
+        });
+        let g = DVector::from_fn(free.len(), |a, _| -q.gradient[free[a]]);
+        let solved = h.cholesky()?.solve(&g);
+        let mut step = vec![0.0; p];
+        for (a, i) in free.iter().enumerate() {
+            step[*i] = solved[a].clamp(-LONGEST_STEP, LONGEST_STEP);
+        }
+        let into = (0..p).find(|i| {
+            !held[*i]
+                && ((here[*i] <= bounds[*i][0] && step[*i] < 0.0)
+                    || (here[*i] >= bounds[*i][1] && step[*i] > 0.0))
+        });
+        match into {
+            Some(i) => held[i] = true,
+            None => return Some(step),
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The gradient of the spectra is the slope of their likelihood.
+    #[test]
+    fn the_gradient_is_the_slope() {
+        let z = |re: f64, im: f64| Complex::new(re, im);
+        let part = |p: f64| {
+            let s = [
+                [z(2.0 + p, 0.0), z(0.3, 0.2 * p), ZERO],
+                [z(0.3, -0.2 * p), z(1.0 + 0.5 * p * p, 0.0), ZERO],
+                [ZERO; CHANNELS],
+            ];
+            let x = [z(1.0 + p, 0.5), z(-0.7, 0.4 * p), ZERO];
+            Part::Bins {
+                channels: 2,
+                bins: vec![Bin { x, frequency_hz: 100.0, log_jacobian: 0.3 * p * p, s }],
+            }
+        };
+        let (at, step) = (0.3, 1e-6);
+        let slope = (part_value(&part(at + step)) - part_value(&part(at - step))) / (2.0 * step);
+        let mut q = Quadratic { value: 0.0, gradient: DVector::zeros(1), information: DMatrix::zeros(1, 1) };
+        accumulate(&part(at), &[&part(at + step)], &[step], &mut q);
+        assert!((q.gradient[0] - slope).abs() < 1e-4 * slope.abs().max(1.0), "{} {slope}", q.gradient[0]);
+        assert!(q.information[(0, 0)] > 0.0);
+    }
+
+    #[test]
+    fn a_residual_beyond_four_deviations_counts_as_its_root() {
+        assert!((rho(4.0) - 16.0).abs() < 1e-12 && (rho(10.0) - 64.0).abs() < 1e-12);
+        let slope = (rho(10.0 + 1e-6) - rho(10.0)) / 1e-6;
+        assert!((slope - 2.0 * influence(10.0) * 10.0).abs() < 1e-4);
+    }
+}

@@ -1,0 +1,254 @@
+//! A machine as a point of the fit: numbers of the scenario that may be wrong, noise, and effects.
+
+use super::input::{CutEvidence, CutRow};
+use super::laws::{Scales, Term};
+use crate::plant::cut_effects::Physics;
+use crate::plant::scenario::Scenario;
+
+/// Noise of the cut and of its signals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Noise {
+    /// nu: random part of the force over its mean.
+    pub(crate) random_share: f64,
+    /// e1: noise of the force signal at low frequency, in sqrt(1e-3 N^2/Hz).
+    pub(crate) sensor: f64,
+    /// e2: how it rises by 1 kHz, (1 + e2 (f/1 kHz)^2).
+    pub(crate) sensor_rise: f64,
+    /// Noise of the probe, rms, m.
+    pub(crate) probe_m: f64,
+    /// How far the growth of a whole cut lies from that of its nominal condition, rms, 1/s.
+    pub(crate) growth_spread_1_s: f64,
+    /// How far the line of a whole cut lies from that of its nominal condition, rms, Hz.
+    pub(crate) line_spread_hz: f64,
+    /// Scatter of mean forces from cut to cut, share.
+    pub(crate) force_scatter: f64,
+    /// Tangential over radial force, over what is stated.
+    pub(crate) cutting_gain: f64,
+}
+
+impl Noise {
+    /// Spectrum of the force signal's own noise before its filter, one-sided, N^2/Hz.
+    pub(crate) fn sensor_n2_hz(&self, frequency_hz: f64) -> f64 {
+        let rise = 1.0 + self.sensor_rise * (frequency_hz / 1e3).powi(2);
+        1e-3 * (self.sensor * rise).powi(2)
+    }
+}
+
+/// A machine of the cut.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Machine {
+    /// Scenario with these numbers and effects.
+    pub(crate) scenario: Scenario,
+    /// Noise.
+    pub(crate) noise: Noise,
+}
+
+/// A number beside the effects that is free in every fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Number {
+    /// K_r.
+    RadialStiffness,
+    /// zeta.
+    DampingRatio,
+    /// f_n.
+    Frequency,
+    /// C_i, where it is stated.
+    ProcessDamping,
+    /// nu.
+    RandomShare,
+    /// e1.
+    Sensor,
+    /// e2.
+    SensorRise,
+    /// Noise of the probe.
+    Probe,
+    /// Spread of the growth of whole cuts.
+    GrowthSpread,
+    /// Spread of the lines of whole cuts.
+    LineSpread,
+    /// Scatter of mean forces.
+    ForceScatter,
+    /// Tangential over radial force.
+    CuttingGain,
+}
+
+impl Number {
+    /// Standard deviation of its logarithm: the stated bound over sqrt 3, a little widened; 1.5 for noise.
+    pub(crate) fn log_sd(self) -> f64 {
+        match self {
+            Number::RadialStiffness => 0.10,
+            Number::DampingRatio => 0.20,
+            Number::Frequency => 0.0125,
+            Number::ProcessDamping => 0.13,
+            Number::RandomShare | Number::Sensor | Number::SensorRise | Number::Probe => 1.5,
+            Number::GrowthSpread | Number::LineSpread | Number::ForceScatter => 1.0,
+            // Of the tools and materials of handbooks: 1.4 to 3.
+            Number::CuttingGain => 0.3,
+        }
+    }
+
+    /// Key of the scenario and what it says; `None`: no number of the scenario.
+    pub(crate) fn stated(self, scenario: &Scenario) -> Option<(&'static str, f64)> {
+        let (bar, cutting) = (scenario.workpiece.raw(), scenario.cutting.raw());
+        match self {
+            Number::RadialStiffness => Some(("radial_stiffness_pa", cutting.radial_stiffness_pa)),
+            Number::DampingRatio => Some(("damping_ratio", bar.damping_ratio)),
+            Number::Frequency => Some(match bar.tap_test {
+                Some(tap) => ("natural_frequency_hz", tap.natural_frequency_hz),
+                None => ("clamp_factor", bar.clamp_factor),
+            }),
+            Number::ProcessDamping => Some(("process_damping_n", cutting.process_damping_n)),
+            _ => None,
+        }
+    }
+
+    /// True for a number of the scenario.
+    pub(crate) fn is_stated(self) -> bool {
+        matches!(
+            self,
+            Number::RadialStiffness | Number::DampingRatio | Number::Frequency | Number::ProcessDamping
+        )
+    }
+}
+
+/// What is stated, and what is free in every fit.
+#[derive(Debug, Clone)]
+pub(crate) struct Frame {
+    /// The scenario as stated.
+    pub(crate) stated: Scenario,
+    /// Free numbers.
+    pub(crate) numbers: Vec<Number>,
+    /// Sizes to which the coordinates of the effects are referred.
+    pub(crate) scales: Scales,
+}
+
+/// A point of the fit: coordinates of the free numbers, and effects with theirs.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Point {
+    /// ln(number/stated)/sd, one a number of the frame.
+    pub(crate) numbers: Vec<f64>,
+    /// Effects.
+    pub(crate) terms: Vec<Term>,
+}
+
+impl Point {
+    /// All coordinates in a row: numbers, then those of each effect.
+    pub(crate) fn coordinates(&self) -> Vec<f64> {
+        let terms = self.terms.iter().flat_map(|t| t.values.iter());
+        self.numbers.iter().chain(terms).copied().collect()
+    }
+
+    /// The same point with other coordinates.
+    pub(crate) fn with(&self, coordinates: &[f64]) -> Self {
+        let mut out = self.clone();
+        let mut next = coordinates.iter().copied();
+        let terms = out.terms.iter_mut().flat_map(|t| t.values.iter_mut());
+        for (slot, value) in out.numbers.iter_mut().chain(terms).zip(&mut next) {
+            *slot = value;
+        }
+        out
+    }
+}
+
+impl Frame {
+    /// Frame of a scenario and what is handed in with it.
+    pub(crate) fn of(stated: &Scenario, evidence: &CutEvidence<'_>) -> Self {
+        let mut numbers = vec![Number::RadialStiffness, Number::DampingRatio, Number::Frequency];
+        if stated.cutting.raw().process_damping_n > 0.0 {
+            numbers.push(Number::ProcessDamping);
+        }
+        if !evidence.recordings.is_empty() {
+            numbers.extend([Number::RandomShare, Number::Sensor, Number::SensorRise]);
+        }
+        if evidence.recordings.iter().any(|r| r.displacement_m.is_some()) {
+            numbers.push(Number::Probe);
+        }
+        let mut scales = Scales::of(stated);
+        if let Some(bandwidth_hz) = evidence.recordings.iter().find_map(|r| r.signal.bandwidth_hz) {
+            scales.bandwidth_hz = bandwidth_hz;
+        }
+        if let Some(table) = evidence.table {
+            let any = |of: fn(&CutRow) -> bool| table.rows.iter().any(of);
+            if any(|r| r.outcome.is_some() || r.known.growth_1_s.is_some()) {
+                numbers.push(Number::GrowthSpread);
+            }
+            if any(|r| r.known.line_hz.is_some()) {
+                numbers.push(Number::LineSpread);
+            }
+            let radial = any(|r| r.known.tool1_radial_force_n.or(r.known.tool2_radial_force_n).is_some());
+            let cutting = any(|r| r.known.cutting_force_n.is_some());
+            if radial || cutting {
+                numbers.push(Number::ForceScatter);
+            }
+            if cutting {
+                numbers.push(Number::CuttingGain);
+            }
+            let last_s = table.rows.iter().filter_map(|r| r.known.started_s).fold(0.0, f64::max);
+            scales.duration_s = scales.duration_s.max(last_s);
+        }
+        Self { stated: *stated, numbers, scales }
+    }
+
+    /// True where there is a probe on the bar.
+    pub(crate) fn probe(&self) -> bool {
+        self.numbers.contains(&Number::Probe)
+    }
+
+    /// The stated structure with its stated numbers.
+    pub(crate) fn origin(&self) -> Point {
+        Point { numbers: vec![0.0; self.numbers.len()], terms: Vec::new() }
+    }
+
+    /// Bounds of every coordinate of a point.
+    pub(crate) fn bounds(&self, point: &Point) -> Vec<[f64; 2]> {
+        // A factor of ten of a stated number, e^9 of a noise: further is another machine.
+        let numbers = self.numbers.iter().map(|n| {
+            let furthest = if n.is_stated() { std::f64::consts::LN_10 / n.log_sd() } else { 6.0 };
+            [-furthest, furthest]
+        });
+        numbers.chain(point.terms.iter().flat_map(|t| t.law.coordinates().iter().map(|c| c.bounds))).collect()
+    }
+
+    /// Centres and standard deviations of the priors of every coordinate.
+    pub(crate) fn priors(&self, point: &Point) -> Vec<[f64; 2]> {
+        let numbers = self.numbers.iter().map(|_| [0.0, 1.0]);
+        numbers.chain(point.terms.iter().flat_map(|t| t.law.coordinates().iter().map(|c| c.prior))).collect()
+    }
+
+    /// The machine of a point; `None`: there is none such.
+    pub(crate) fn machine(&self, point: &Point) -> Option<Machine> {
+        let mut raw = self.stated.raw();
+        // Whole cuts are set to 1.5 1/s and 2 %. Else typical values: a random part of 3 %, 0.5 and 1 of the
+        // sensor, 0.2 um of a probe.
+        let mut noise = Noise {
+            random_share: 0.03,
+            sensor: 0.5,
+            sensor_rise: 1.0,
+            probe_m: 0.2e-6,
+            growth_spread_1_s: 1.5,
+            line_spread_hz: 0.5,
+            force_scatter: 0.02,
+            cutting_gain: 1.0,
+        };
+        for (number, p) in self.numbers.iter().zip(&point.numbers) {
+            let factor = (p * number.log_sd()).exp();
+            match number {
+                Number::RadialStiffness => raw.cutting.radial_stiffness_pa *= factor,
+                Number::DampingRatio => raw.workpiece.damping_ratio *= factor,
+                Number::Frequency => raw.workpiece = raw.workpiece.with_frequency_factor(factor),
+                Number::ProcessDamping => raw.cutting.process_damping_n *= factor,
+                Number::RandomShare => noise.random_share *= factor,
+                Number::Sensor => noise.sensor *= factor,
+                Number::SensorRise => noise.sensor_rise *= factor,
+                Number::Probe => noise.probe_m *= factor,
+                Number::GrowthSpread => noise.growth_spread_1_s *= factor,
+                Number::LineSpread => noise.line_spread_hz *= factor,
+                Number::ForceScatter => noise.force_scatter *= factor,
+                Number::CuttingGain => noise.cutting_gain *= factor,
+            }
+        }
+        let effects = point.terms.iter().filter_map(|t| t.effect(&self.scales));
+        raw.physics = effects.into_iter().try_fold(raw.physics, Physics::with).ok()?;
+        Scenario::new(&raw).ok().map(|scenario| Machine { scenario, noise })
+    }
+}

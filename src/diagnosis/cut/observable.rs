@@ -1,0 +1,112 @@
+//! What enters the likelihood: an observable says, for a machine, its residuals or its spectra.
+//!
+//! -ln L = 0.95 sum_f [ x^H S^-1 x + ln det S ] + 1/2 sum rho(r)^2 + 1/2 sum p^2
+//!
+//! Recordings give both kinds; a row of a table gives residuals (an outcome as its deviance residual).
+
+use super::machine::Machine;
+use nalgebra::Complex;
+
+/// Channels of one bin: force of tool 1, of tool 2, probe.
+pub(crate) const CHANNELS: usize = 3;
+
+/// Three by three; of fewer channels the first.
+pub(crate) type Matrix = [[Complex<f64>; CHANNELS]; CHANNELS];
+
+/// Nought.
+pub(crate) const ZERO: Complex<f64> = Complex::new(0.0, 0.0);
+
+/// One bin of a spectrum: what is left unexplained, and the spectrum that it should have.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Bin {
+    /// Complex amplitudes, root of the one-sided spectrum.
+    pub(crate) x: [Complex<f64>; CHANNELS],
+    /// Its frequency.
+    pub(crate) frequency_hz: f64,
+    /// ln |d x/d recorded|^2: what is computed from the recorded forces with the machine's own numbers is no
+    /// smaller for that; 0 where x is what was recorded.
+    pub(crate) log_jacobian: f64,
+    /// Their spectra and cross-spectra.
+    pub(crate) s: Matrix,
+}
+
+/// What a machine says of an observable.
+#[derive(Debug, Clone)]
+pub(crate) enum Part {
+    /// Residuals over their standard deviations.
+    Rows(Vec<f64>),
+    /// Bins of `channels` channels.
+    Bins {
+        /// Channels in use, the first of each bin.
+        channels: usize,
+        /// The bins.
+        bins: Vec<Bin>,
+    },
+}
+
+/// How much of the bins is looked at: every `n`th.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Every(pub(crate) usize);
+
+/// Something observed of a machine.
+pub(crate) trait Observable: Sync {
+    /// What this machine says of it. The number of values must not depend on the machine.
+    fn part(&self, machine: &Machine, every: Every) -> Part;
+
+    /// Where it is from, for the search of what is left.
+    fn origin(&self) -> Origin;
+
+    /// Bins that no fit looks at, below its band: what is left there is slow.
+    fn slow(&self, _: &Machine) -> Option<Part> {
+        None
+    }
+
+    /// Forces less what the law foretells from all that was recorded before, squared, N^2; `None`: no forces.
+    fn left_over(&self, _: &Machine) -> Option<LeftOver> {
+        None
+    }
+}
+
+/// Mean square of the forces less what is foretold, of one tool, N^2.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct LeftOver {
+    /// As recorded.
+    pub(crate) recorded_n2: f64,
+    /// What random force and sensor leave at best.
+    pub(crate) floor_n2: f64,
+}
+
+impl std::ops::Mul<f64> for LeftOver {
+    type Output = Self;
+    fn mul(self, factor: f64) -> Self {
+        Self { recorded_n2: self.recorded_n2 * factor, floor_n2: self.floor_n2 * factor }
+    }
+}
+
+/// Where an observable is from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Origin {
+    /// Kind.
+    pub(crate) kind: OriginKind,
+    /// Index of the recording; `None`: a table.
+    pub(crate) recording: Option<usize>,
+    /// Begin and end, s.
+    pub(crate) span_s: [f64; 2],
+}
+
+/// Kinds of observables.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum OriginKind {
+    /// Spectra of a calm stretch.
+    Calm,
+    /// Innovations of a followed stretch.
+    Followed,
+    /// Mean forces.
+    Means,
+    /// Lines of the spindle.
+    Orders,
+    /// Spindle angle.
+    Angle,
+    /// Rows of a table.
+    Table,
+}

@@ -1,0 +1,43 @@
+//! Everything that recordings of cuts show, as observables of the fit.
+
+use super::criteria::CRITERIA;
+use super::followed::FollowedSpectra;
+use super::input::CutRecording;
+use super::observable::Observable;
+use super::rows::{MeanForces, OrderLines, SpindleAngle};
+use super::spectra::CalmSpectra;
+use super::stretches::Stretches;
+use crate::plant::scenario::Scenario;
+
+/// The observables of recordings that are divided into these stretches.
+pub(crate) fn observe(
+    recordings: &[CutRecording],
+    stretches: &Stretches,
+    scenario: &Scenario,
+) -> Vec<Box<dyn Observable>> {
+    let mut out: Vec<Box<dyn Observable>> = Vec::new();
+    let (mut power, mut count) = (0.0, 0.0);
+    for stretch in &stretches.calm {
+        let recording = &recordings[stretch.recording];
+        out.push(Box::new(CalmSpectra::new(recording, stretch, scenario)));
+        out.push(Box::new(MeanForces::new(recording, stretch, scenario)));
+        let orders = OrderLines::new(recording, stretch, scenario);
+        let [sum, of] = orders.power();
+        (power, count) = (power + sum, count + of);
+        out.push(Box::new(orders));
+    }
+    // Chi-square of noise is `count`, give or take some sqrt(2 count).
+    let lines = power > count + CRITERIA.outlying_sd * (2.0 * count).sqrt();
+    for stretch in &stretches.followed {
+        let recording = &recordings[stretch.recording];
+        if let Some(followed) = FollowedSpectra::new(recording, stretch, scenario, lines) {
+            out.push(Box::new(followed));
+        }
+    }
+    for (index, recording) in recordings.iter().enumerate() {
+        if let Some(angle) = SpindleAngle::new(recording, index) {
+            out.push(Box::new(angle));
+        }
+    }
+    out
+}

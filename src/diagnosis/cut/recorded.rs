@@ -1,0 +1,244 @@
+//! What recordings alone can say: forces before and after on stretches that nothing was fitted to, what each
+//! finding adds in time, what is left, and the cuts for the map.
+
+use super::super::result::{Fit, Verdict};
+use super::adequacy::{Left, left};
+use super::along::{Motion, added, law_forces, true_forces};
+use super::answer::Fitting;
+use super::criteria::CRITERIA;
+use super::fit::{Effort, Problem};
+use super::input::CutRecording;
+use super::machine::{Machine, Point};
+use super::observable::{Every, LeftOver, Observable, Origin, Part};
+use super::result::{CutContribution, CutDiagnosis, CutFit, CutRecordingFit, CutSeries, MappedCut};
+use super::stretches::{Stretch, Stretches, condition};
+use crate::plant::cut_effects::CutEffect;
+use crate::plant::effects::EffectKind;
+use crate::plant::scenario::Scenario;
+
+/// Of three stretches one is held out of the fits that show a finding.
+const HELD_OUT: usize = 3;
+/// Steps of those fits: they begin where the fit to all ended.
+const HELD_OUT_FIT: Effort = Effort { steps: 6, every: Every(2), two_cores: true };
+/// Points of a series for a picture.
+const DRAWN: usize = 1500;
+
+/// Completes a diagnosis by what only recordings can say.
+pub(crate) fn complete(
+    fitting: &Fitting<'_>,
+    recordings: &[CutRecording],
+    stretches: &Stretches,
+    diagnosis: &mut CutDiagnosis,
+) {
+    let problem = fitting.problem;
+    let point = &fitting.selected.model.point;
+    diagnosis.residual_band_hz = Some(CRITERIA.band_hz);
+    let held_out = held_out_fit(fitting);
+    diagnosis.noise_floor_n = held_out.map(|f| f.noise_floor_n);
+    for finding in &mut diagnosis.findings {
+        finding.fit = CutFit { forces: held_out, ..finding.fit };
+    }
+    // The key says which, where an effect may stand twice.
+    let effects: Vec<CutEffect> = diagnosis.scenario.physics.iter().collect();
+    for finding in &mut diagnosis.findings {
+        let key = finding.parameters.first().map_or(f64::NAN, |p| p.value);
+        let same = |e: &&CutEffect| e.kind() == finding.effect && (e.values()[0] - key).abs() <= 0.0;
+        let Some(effect) = effects.iter().find(same) else { continue };
+        finding.contribution = contribution(recordings, &diagnosis.scenario, effect);
+    }
+    let stated = problem.frame.machine(&problem.frame.origin());
+    let after = problem.frame.machine(point);
+    if let (Some(stated), Some(after)) = (stated, after) {
+        // The noise is that of the recordings, whatever is stated of the cut.
+        let before = Machine { scenario: stated.scenario, noise: after.noise };
+        diagnosis.recordings = (0..recordings.len())
+            .map(|k| recording_fit(problem, &recordings[k], k, [&before, &after]))
+            .collect();
+    }
+    if let (Some(location), Some(first)) = (&mut diagnosis.location, diagnosis.findings.first()) {
+        location.domain = domain(first.effect);
+    }
+    diagnosis.mapped.extend(mapped(recordings, stretches, &diagnosis.stated));
+    judge(left(problem, point), diagnosis);
+}
+
+/// In what an effect shows first.
+fn domain(effect: EffectKind) -> &'static str {
+    match effect {
+        EffectKind::EdgeForce
+        | EffectKind::NonlinearCuttingForce
+        | EffectKind::NoseRadius
+        | EffectKind::SpeedDependentForce
+        | EffectKind::ToolDifference => "mean",
+        EffectKind::Runout | EffectKind::StockVariation | EffectKind::SpindleSpeedVariation => "order",
+        EffectKind::ModeDrift | EffectKind::ToolWear => "time",
+        _ => "frequency",
+    }
+}
+
+/// What is left decides whether what was found is the answer.
+fn judge(left: Option<Left>, diagnosis: &mut CutDiagnosis) {
+    let Some(left) = left else { return };
+    let found: f64 = diagnosis.findings.iter().map(|f| f.evidence_nats).sum();
+    // A law that explains less than it leaves has bent to something that is none of the vocabulary.
+    if found < left.excess_nats {
+        diagnosis.findings.clear();
+        diagnosis.verdict = Verdict::UnexplainedMismatch;
+        diagnosis.scenario.physics = diagnosis.stated.physics;
+        diagnosis.location = Some(left.location);
+    } else {
+        let note = format!(
+            "Something is left beside the findings: at {} in {}.",
+            left.location.port.name(),
+            left.location.domain
+        );
+        diagnosis.notes.push(note);
+    }
+}
+
+fn contribution(recordings: &[CutRecording], with: &Scenario, effect: &CutEffect) -> Vec<CutContribution> {
+    let of = |(index, recording): (usize, &CutRecording)| {
+        let added = added(recording, with, effect);
+        CutContribution {
+            recording: index,
+            t_s: (0..recording.len()).map(|k| recording.time_s(k)).collect(),
+            value: added.value,
+            value_2: added.value_2,
+        }
+    };
+    recordings.iter().enumerate().map(of).collect()
+}
+
+/// An observable that is lent to a fit of some of them.
+struct Lent<'a>(&'a dyn Observable);
+
+impl Observable for Lent<'_> {
+    fn part(&self, machine: &Machine, every: Every) -> Part {
+        self.0.part(machine, every)
+    }
+
+    fn origin(&self) -> Origin {
+        self.0.origin()
+    }
+}
+
+/// Mean of what is left over observables: those of one stretch add, stretches count by their length.
+fn left_over<'a>(observables: impl Iterator<Item = &'a dyn Observable>, machine: &Machine) -> LeftOver {
+    let mut spans: Vec<(Option<usize>, [f64; 2])> = Vec::new();
+    let (mut sum, mut seconds) = (LeftOver::default(), 0.0);
+    for observable in observables {
+        let Some(left) = observable.left_over(machine) else { continue };
+        let origin = observable.origin();
+        let length = origin.span_s[1] - origin.span_s[0];
+        sum.recorded_n2 += left.recorded_n2 * length;
+        sum.floor_n2 += left.floor_n2 * length;
+        let key = (origin.recording, origin.span_s);
+        if !spans.contains(&key) {
+            spans.push(key);
+            seconds += length;
+        }
+    }
+    sum * (1.0 / f64::max(seconds, 1e-9))
+}
+
+/// Forces before and after on stretches that no number was fitted to.
+fn held_out_fit(fitting: &Fitting<'_>) -> Option<Fit> {
+    let problem = fitting.problem;
+    let mut spans: Vec<(Option<usize>, [f64; 2])> = Vec::new();
+    let mut group = |origin: &Origin| {
+        let key = (origin.recording, origin.span_s);
+        let known = spans.iter().position(|s| *s == key);
+        known.unwrap_or_else(|| {
+            spans.push(key);
+            spans.len() - 1
+        })
+    };
+    let out: Vec<bool> =
+        problem.observables.iter().map(|o| group(&o.origin()) % HELD_OUT == HELD_OUT - 1).collect();
+    let lent: Vec<Box<dyn Observable + '_>> = problem
+        .observables
+        .iter()
+        .zip(&out)
+        .filter(|(_, out)| !**out)
+        .map(|(o, _)| Box::new(Lent(o.as_ref())) as Box<dyn Observable + '_>)
+        .collect();
+    let part = Problem { frame: problem.frame, observables: &lent };
+    let of = |start: &Point| {
+        let ended = part.fit(start, &HELD_OUT_FIT)?;
+        let machine = problem.frame.machine(&ended.point)?;
+        let held = problem.observables.iter().zip(&out).filter(|(_, out)| **out);
+        Some(left_over(held.map(|(o, _)| o.as_ref() as &dyn Observable), &machine))
+    };
+    let before = of(&fitting.start.point)?;
+    let after = of(&fitting.selected.model.point)?;
+    Some(Fit {
+        heldout_rms_before_n: before.recorded_n2.sqrt(),
+        heldout_rms_after_n: after.recorded_n2.sqrt(),
+        noise_floor_n: after.floor_n2.sqrt(),
+    })
+}
+
+/// One recording before and after, with the series to draw.
+fn recording_fit(
+    problem: &Problem<'_>,
+    recording: &CutRecording,
+    index: usize,
+    [before, after]: [&Machine; 2],
+) -> CutRecordingFit {
+    let own = || {
+        let own = problem.observables.iter().filter(|o| o.origin().recording == Some(index));
+        own.map(|o| o.as_ref() as &dyn Observable)
+    };
+    let forces = true_forces(recording);
+    let error = |machine: &Machine| -> Vec<f64> {
+        let motion = Motion::under(recording, &machine.scenario, &forces);
+        let [law, _] = law_forces(recording, &machine.scenario, &motion);
+        forces[0].iter().zip(&law).map(|(f, l)| f - l).collect()
+    };
+    let step = recording.len().div_ceil(DRAWN).max(1);
+    let thin = |x: &[f64]| x.iter().step_by(step).copied().collect::<Vec<f64>>();
+    CutRecordingFit {
+        experiment: recording.experiment.clone(),
+        rms_before_n: left_over(own(), before).recorded_n2.sqrt(),
+        rms_after_n: left_over(own(), after).recorded_n2.sqrt(),
+        series: CutSeries {
+            t_s: (0..recording.len()).step_by(step).map(|k| recording.time_s(k)).collect(),
+            force_n: thin(&forces[0]),
+            error_before_n: thin(&error(before)),
+            error_after_n: thin(&error(after)),
+        },
+    }
+}
+
+/// The stretches as cuts of a map: what swells chatters.
+fn mapped(recordings: &[CutRecording], stretches: &Stretches, scenario: &Scenario) -> Vec<MappedCut> {
+    let one = |stretch: &Stretch, chatter: Option<bool>| {
+        let recording = &recordings[stretch.recording];
+        let middle = usize::midpoint(stretch.samples.start, stretch.samples.end);
+        let at = condition(recording, middle, scenario);
+        MappedCut {
+            name: format!("{} {:.1} s", recording.experiment, at.time_s),
+            spindle_speed_rpm: at.speed_rpm,
+            width_m: at.width_m,
+            pitch_difference_rad: at.pitch_difference_rad,
+            tool_position_m: at.position_m,
+            chatter,
+        }
+    };
+    let calm = stretches.calm.iter().map(|s| one(s, Some(false)));
+    let followed = stretches.followed.iter().map(|s| {
+        let force = recordings[s.recording].forces_n.iter().flatten().next();
+        let swells = force.is_some_and(|f| {
+            let middle = usize::midpoint(s.samples.start, s.samples.end);
+            scatter(&f[middle..s.samples.end]) > scatter(&f[s.samples.start..middle])
+        });
+        one(s, Some(swells))
+    });
+    calm.chain(followed).collect()
+}
+
+fn scatter(x: &[f64]) -> f64 {
+    let n = x.len().max(1) as f64;
+    let mean = x.iter().sum::<f64>() / n;
+    x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n
+}

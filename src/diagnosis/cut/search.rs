@@ -1,0 +1,313 @@
+//! The cut as a subject of the one selection: screening by projected gain, fits with every number free.
+//!
+//! To first order, with N the whitened derivatives by the free numbers, j those of an effect's sizes and r
+//! what the model leaves,
+//!
+//! gain = g' C^-1 g/2,  C = H_cc - H_cn H_nn^-1 H_nc,  g = g_c - H_cn H_nn^-1 g_n
+//!
+//! One Jacobian of the model serves all effects; only what an effect's own columns add is computed for each.
+
+use super::super::selection::{Fitted, Screened, Subject, Work};
+use super::super::two_cores::on_two_cores;
+use super::criteria::CRITERIA;
+use super::fit::{Effort, Ended, Problem};
+use super::laws::{Law, Term};
+use super::machine::Point;
+use super::observable::Every;
+use crate::plant::cut_effects::Specification;
+use crate::plant::effects::{EffectKind, Port};
+use nalgebra::{DMatrix, DVector};
+use std::cell::RefCell;
+
+/// A model: a point of the fit with what it is worth.
+#[derive(Debug, Clone)]
+pub(crate) struct Model {
+    /// Numbers and effects.
+    pub(crate) point: Point,
+    /// -ln L with priors, nats.
+    pub(crate) value: f64,
+}
+
+/// A law with the coordinates from which it is to be fitted, best first.
+#[derive(Debug, Clone)]
+pub(crate) struct Asked {
+    /// Law.
+    pub(crate) law: Law,
+    /// Coordinates; once fitted those of the fit alone.
+    pub(crate) starts: Vec<Vec<f64>>,
+}
+
+/// What every fit of a round is compared with: the model before it, refitted from wherever a hypothesis led.
+struct Before {
+    point: Point,
+    value: f64,
+}
+
+/// The cut as a subject of selection.
+pub(crate) struct Cut<'a> {
+    problem: &'a Problem<'a>,
+    laws: Vec<Law>,
+    before: RefCell<Vec<Before>>,
+}
+
+/// Screening looks at every third bin.
+const SCREENED: Every = Every(3);
+/// A first look: a few steps on every fourth bin from each start.
+const LOOK: Effort = Effort { steps: 4, every: Every(4), two_cores: true };
+/// The stated structure again, from the numbers that a hypothesis found.
+const AGAIN: Effort = Effort { steps: 5, every: Every(1), two_cores: true };
+/// Starts that are looked at of a law with several shapes.
+const STARTS: usize = 3;
+
+impl<'a> Cut<'a> {
+    /// `laws`: those that are open.
+    pub(crate) fn new(problem: &'a Problem<'a>, laws: Vec<Law>) -> Self {
+        Self { problem, laws, before: RefCell::new(Vec::new()) }
+    }
+
+    /// The best that is known of the structure of a point: its value and where.
+    fn before(&self, structure: &Point) -> Model {
+        let laws = |p: &Point| p.terms.iter().map(|t| t.law).collect::<Vec<Law>>();
+        let same = laws(structure);
+        let known = self.before.borrow();
+        let best = known.iter().filter(|b| laws(&b.point) == same).min_by(|a, b| a.value.total_cmp(&b.value));
+        best.map_or_else(
+            || Model { point: structure.clone(), value: f64::INFINITY },
+            |b| Model { point: b.point.clone(), value: b.value },
+        )
+    }
+
+    fn note(&self, model: &Model) {
+        self.before.borrow_mut().push(Before { point: model.point.clone(), value: model.value });
+    }
+
+    /// The stated structure fitted: where the selection begins.
+    pub(crate) fn start(&self, point: &Point, work: &mut Work) -> Option<Model> {
+        let rough = self.problem.fit(point, &Effort { steps: 12, ..LOOK })?;
+        let ended = self.problem.fit(&rough.point, &Effort::FULL)?;
+        let _ = work.take(rough.evaluations / 4 + ended.evaluations);
+        let model = Model { point: ended.point, value: ended.value };
+        self.note(&model);
+        Some(model)
+    }
+
+    /// Price of a law, nats: of each coordinate, and of every further shape that was looked at.
+    pub(crate) fn price_nats(law: Law) -> f64 {
+        CRITERIA.price_nats * law.coordinates().len() as f64 + (law.feet().len() as f64).ln()
+    }
+
+    /// The better of a few starts, then to the end.
+    fn fit_law(&self, model: &Model, asked: &Asked, work: &mut Work) -> Option<Ended> {
+        let mut best: Option<Ended> = None;
+        let from = self.before(&model.point).point;
+        let with = |values: &[f64]| {
+            let mut point = from.clone();
+            point.terms.push(Term { law: asked.law, values: values.to_vec() });
+            point
+        };
+        for start in asked.starts.iter().take(STARTS) {
+            let Some(looked) = self.problem.fit(&with(start), &LOOK) else { continue };
+            let _ = work.take(looked.evaluations / LOOK.every.0 as u64);
+            if best.as_ref().is_none_or(|b| looked.value < b.value) {
+                best = Some(looked);
+            }
+        }
+        let ended = self.problem.fit(&best?.point, &Effort::FULL)?;
+        work.take(ended.evaluations).then_some(ended)
+    }
+}
+
+/// Projected gain of a law from one foot, with the sizes that it promises.
+fn promise(problem: &Problem, model: &Model, base: &Screening, law: Law, foot: &[f64]) -> Option<Promise> {
+    let sizes = law.sizes();
+    let term = Term { law, values: foot.to_vec() };
+    let mut with = model.point.clone();
+    with.terms.push(term);
+    let quadratic = base.extended(problem, &with, sizes)?;
+    let n = base.columns();
+    let h = |r: std::ops::Range<usize>, c: std::ops::Range<usize>| {
+        quadratic.information.view((r.start, c.start), (r.len(), c.len())).into_owned()
+    };
+    let g = |r: std::ops::Range<usize>| quadratic.gradient.rows(r.start, r.len()).into_owned();
+    let own = h(0..n, 0..n).cholesky()?;
+    let cross = h(0..n, n..n + sizes);
+    let c: DMatrix<f64> = h(n..n + sizes, n..n + sizes) - cross.transpose() * own.solve(&cross);
+    let force: DVector<f64> = g(n..n + sizes) - cross.transpose() * own.solve(&g(0..n));
+    let solved = (c + DMatrix::identity(sizes, sizes) * 1e-9).cholesky()?.solve(&(-&force));
+    let mut values = foot.to_vec();
+    let mut gain = 0.0;
+    for i in 0..sizes {
+        let [low, high] = law.coordinates()[i].bounds;
+        // A start of a whole size at most: the promise is of first order.
+        let size = (foot[i] + solved[i]).clamp(low, high).clamp(-1.0, 1.0);
+        let allowed = foot[i] + solved[i] >= low && foot[i] + solved[i] <= high.max(1e9);
+        gain -= if allowed { 0.5 * solved[i] * force[i] } else { 0.0 };
+        values[i] = if size.abs() < 0.05 { 0.05_f64.copysign(size).clamp(low, high) } else { size };
+    }
+    Some(Promise { law, values, nats: gain * SCREENED.0 as f64 })
+}
+
+struct Promise {
+    law: Law,
+    values: Vec<f64>,
+    nats: f64,
+}
+
+/// The Jacobian of a model, kept for all effects.
+struct Screening {
+    every: Every,
+    steps: Vec<f64>,
+    parts: Vec<Vec<super::observable::Part>>,
+}
+
+impl Screening {
+    fn new(problem: &Problem, point: &Point, every: Every) -> Option<Self> {
+        let effort = Effort { steps: 1, every, two_cores: true };
+        let (steps, parts) = problem.jacobian(point, &effort)?;
+        Some(Self { every, steps, parts })
+    }
+
+    fn columns(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// Gradient and information with the sizes of the last term of `with` beside the model's own columns.
+    fn extended(&self, problem: &Problem, with: &Point, sizes: usize) -> Option<super::fit::Quadratic> {
+        let at = with.coordinates();
+        let n = self.columns();
+        let mut moved: Vec<Vec<super::observable::Part>> = Vec::with_capacity(sizes);
+        let foot = problem.parts(with, self.every)?;
+        let mut steps = self.steps.clone();
+        for i in 0..sizes {
+            let mut there = at.clone();
+            // A hundredth of a size: larger than what is lost to the foot's own rounding.
+            there[n + i] += SIZE_STEP;
+            moved.push(problem.parts(&with.with(&there), self.every)?);
+            steps.push(SIZE_STEP);
+        }
+        Some(problem.quadratic_of(&foot, &self.parts[1..], &moved, &steps, with))
+    }
+}
+
+/// Step of a size in the screening.
+const SIZE_STEP: f64 = 0.01;
+
+impl Subject for Cut<'_> {
+    type Model = Model;
+    type Hypothesis = Asked;
+
+    fn name(&self, hypothesis: &Asked) -> (EffectKind, Port) {
+        let kind = hypothesis.law.kind();
+        (kind, Specification::of(kind).map_or(Port::Process, |s| s.port))
+    }
+
+    fn screen(&self, model: &Model, work: &mut Work) -> Option<Vec<Screened<Asked>>> {
+        let base = Screening::new(self.problem, &model.point, SCREENED)?;
+        let taken: Vec<Law> = model.point.terms.iter().map(|t| t.law).collect();
+        let asked: Vec<(Law, Vec<f64>)> = self
+            .laws
+            .iter()
+            .filter(|l| !taken.contains(l))
+            .flat_map(|l| l.feet().into_iter().map(|f| (*l, f)))
+            .collect();
+        // Foot and sizes of each, every third bin.
+        let evaluations =
+            asked.iter().map(|(l, _)| 1 + l.sizes() as u64).sum::<u64>() + base.columns() as u64;
+        work.take(evaluations / SCREENED.0 as u64).then_some(())?;
+        let problem = self.problem;
+        let promises = on_two_cores(&asked, |(law, foot)| promise(problem, model, &base, *law, foot));
+        let mut out: Vec<Screened<Asked>> = Vec::new();
+        let mut promises: Vec<Promise> = promises.into_iter().flatten().collect();
+        promises.sort_by(|a, b| b.nats.total_cmp(&a.nats));
+        for promise in promises {
+            match out.iter_mut().find(|s| s.hypothesis.law == promise.law) {
+                Some(known) => known.hypothesis.starts.push(promise.values),
+                None => out.push(Screened {
+                    promise_nats: promise.nats - Self::price_nats(promise.law),
+                    hypothesis: Asked { law: promise.law, starts: vec![promise.values] },
+                }),
+            }
+        }
+        Some(out)
+    }
+
+    fn fit(&self, model: &Model, asked: &Asked, work: &mut Work) -> Option<Fitted<Asked, Model>> {
+        let ended = self.fit_law(model, asked, work)?;
+        // The model without it from the numbers that it found: "nothing" must not sit in a poorer minimum.
+        let mut without = ended.point.clone();
+        without.terms.pop();
+        if ended.value < self.before(&without).value - CRITERIA.price_nats
+            && let Some(again) = self.problem.fit(&without, &AGAIN)
+        {
+            let _ = work.take(again.evaluations);
+            self.note(&Model { point: again.point, value: again.value });
+        }
+        let before = self.before(&without).value;
+        let term = ended.point.terms.last()?.clone();
+        let at_bound = vanished(&term);
+        let evidence_nats = before - ended.value - Self::price_nats(asked.law);
+        let fitted = Model { point: ended.point, value: ended.value };
+        self.note(&fitted);
+        Some(Fitted {
+            hypothesis: Asked { law: asked.law, starts: vec![term.values] },
+            model: fitted,
+            evidence_nats,
+            level_nats: CRITERIA.level_nats,
+            at_bound,
+        })
+    }
+
+    fn compare(&self, model: &Model, fitted: &mut [Fitted<Asked, Model>]) {
+        let before = self.before(&model.point).value;
+        for fit in fitted {
+            fit.evidence_nats = before - fit.model.value - Self::price_nats(fit.hypothesis.law);
+        }
+    }
+
+    fn settle(&self, model: Model, work: &mut Work) -> Model {
+        let best = self.before(&model.point);
+        let Some(ended) = self.problem.fit(&best.point, &Effort::FULL) else { return best };
+        let _ = work.take(ended.evaluations);
+        let model = Model { point: ended.point, value: ended.value };
+        self.note(&model);
+        model
+    }
+}
+
+/// True where every size of a term is nothing.
+fn vanished(term: &Term) -> bool {
+    term.values.iter().zip(term.law.coordinates()).all(|(v, c)| !c.is_size || v.abs() < 1e-6)
+}
+
+/// How an effect shows, in standard deviations of its first size: |dperp| of one typical size.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Seen {
+    /// Law.
+    pub(crate) law: Law,
+    /// With every free number of the model moved against it.
+    pub(crate) of_a_size: f64,
+    /// With the model's numbers known.
+    pub(crate) alone: f64,
+}
+
+/// How each law would show in these cuts, best of its feet; no evaluation of data that is not there.
+pub(crate) fn visibility(problem: &Problem, model: &Model, laws: &[Law]) -> Vec<Seen> {
+    let Some(base) = Screening::new(problem, &model.point, Every(1)) else { return Vec::new() };
+    let of_foot = |law: Law, foot: &[f64]| -> Option<Seen> {
+        let mut with = model.point.clone();
+        with.terms.push(Term { law, values: foot.to_vec() });
+        let q = base.extended(problem, &with, law.sizes())?;
+        let (n, all) = (base.columns(), q.information.nrows());
+        let own = q.information.view((0, 0), (n, n)).into_owned().cholesky()?;
+        let cross = q.information.view((0, n), (n, all - n)).into_owned();
+        let bare = q.information.view((n, n), (all - n, all - n)).into_owned();
+        let left = &bare - cross.transpose() * own.solve(&cross);
+        Some(Seen { law, of_a_size: left[(0, 0)].max(0.0).sqrt(), alone: bare[(0, 0)].max(0.0).sqrt() })
+    };
+    let of_law = |law: &Law| {
+        let feet = law.feet();
+        let seen = feet.iter().filter_map(|foot| of_foot(*law, foot));
+        seen.max_by(|a, b| a.of_a_size.total_cmp(&b.of_a_size))
+    };
+    on_two_cores(laws, of_law).into_iter().flatten().collect()
+}

@@ -1,0 +1,278 @@
+//! Where the condition of a cut stands still: calm stretches, whose noise is stationary, and stretches that
+//! are followed in time because something swells or fades in them while the cut stays linear.
+//!
+//! ```text
+//! loudness   ______/~~~~~~~~\________      condition constant throughout
+//!            followed   |    |followed, then calm
+//!            (linear)   +-- contact may be lost: left out
+//! ```
+
+use super::criteria::CRITERIA;
+use super::input::CutRecording;
+use crate::plant::cut_loop::CutLoop;
+use crate::plant::cut_terms::{CutCondition, CutTerms};
+use crate::plant::scenario::{Scenario, ToolCount};
+use crate::signal::butterworth::Butterworth;
+use nalgebra::Complex;
+use rustfft::FftPlanner;
+use std::f64::consts::TAU;
+use std::ops::Range;
+
+/// Samples of one recording under one condition.
+#[derive(Debug, Clone)]
+pub(crate) struct Stretch {
+    /// Index of the recording.
+    pub(crate) recording: usize,
+    /// Samples.
+    pub(crate) samples: Range<usize>,
+}
+
+/// The stretches of all recordings.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Stretches {
+    /// Stationary.
+    pub(crate) calm: Vec<Stretch>,
+    /// Linear, with vibration that swells or fades.
+    pub(crate) followed: Vec<Stretch>,
+}
+
+/// Condition of a recording at a sample.
+pub(crate) fn condition(recording: &CutRecording, at: usize, scenario: &Scenario) -> CutCondition {
+    let time_s = at as f64 / recording.sample_rate.hz();
+    CutCondition {
+        speed_rpm: recording.spindle_speed_rpm[at],
+        feed_m_rev: recording.feed_m_rev[at],
+        width_m: recording.width_m[at],
+        position_m: recording.tool_position_m[at],
+        pitch_difference_rad: recording.pitch_difference_rad[at],
+        diameter_m: recording.workpiece_diameter_m.unwrap_or(scenario.workpiece.diameter_m()),
+        time_s,
+        edge_age_s: time_s,
+    }
+}
+
+/// E(f): the force signal over the force, as stated.
+pub(crate) fn signal_response(filter: Option<&Butterworth>, delay_s: f64, frequency_hz: f64) -> Complex<f64> {
+    let late = Complex::from_polar(1.0, -TAU * frequency_hz * delay_s);
+    filter.map_or(late, |f| {
+        let (re, im) = f.response(frequency_hz);
+        Complex::new(re, im) * late
+    })
+}
+
+/// The low-pass of a recording's force signal, as stated.
+pub(crate) fn stated_filter(recording: &CutRecording) -> Option<Butterworth> {
+    let corner = recording.signal.bandwidth_hz?;
+    Butterworth::low_pass(4, corner, recording.sample_rate).ok()
+}
+
+/// Ranges of samples in which speed, pitch, feed and width stand still and the tools cut.
+pub(crate) fn constant(recording: &CutRecording, shortest: usize) -> Vec<Range<usize>> {
+    let (speed, pitch) = (&recording.spindle_speed_rpm, &recording.pitch_difference_rad);
+    let (feed, width) = (&recording.feed_m_rev, &recording.width_m);
+    // 1e-4 of itself, or 1e-4 rad: what single precision and the end of a smooth move leave.
+    let near = |x: &[f64], a: usize, b: usize| (x[a] - x[b]).abs() <= 1e-4 * x[a].abs();
+    let step = 2.0 * width.iter().copied().fold(0.0, f64::max).max(1e-6);
+    let same = |a: usize, b: usize| {
+        near(speed, a, b)
+            && near(feed, a, b)
+            && near(width, a, b)
+            && (pitch[a] - pitch[b]).abs() <= 1e-4
+            // A tool that jumps along the bar was out of the cut.
+            && (recording.tool_position_m[b] - recording.tool_position_m[b.max(1) - 1]).abs() < step
+    };
+    let (mut out, mut begin) = (Vec::new(), 0);
+    while begin < recording.len() {
+        let end = (begin + 1..recording.len()).find(|b| !same(begin, *b)).unwrap_or(recording.len());
+        if end - begin >= shortest && width[begin] > 0.0 {
+            out.push(begin..end);
+        }
+        begin = end;
+    }
+    out
+}
+
+/// Forces of a recording in a band, and the bar's motion that they drive.
+struct Banded {
+    /// Force of each tool, without the signal's filter and delay.
+    forces_n: [Vec<f64>; 2],
+    /// |F1|^2 + |F2|^2 summed over pieces, its root: loudness.
+    loudness_n: Vec<f64>,
+    /// Speed of the bar at the tools over surface speed: slope of the surface.
+    slope: Vec<f64>,
+}
+
+/// Samples of a piece of loudness: a tenth of a turn, some periods of the bar.
+const PIECE: usize = 60;
+
+impl Banded {
+    fn new(recording: &CutRecording, scenario: &Scenario) -> Self {
+        let n = recording.len();
+        let rate = recording.sample_rate.hz();
+        let natural = scenario.workpiece.bending_frequency_hz();
+        // Around the bar's first bending in the cut: K lifts it by up to two thirds.
+        let band = [0.75 * natural, (1.7 * natural).min(CRITERIA.band_hz[1])];
+        let filter = stated_filter(recording);
+        let mut planner = FftPlanner::new();
+        let (forward, inverse) = (planner.plan_fft_forward(n), planner.plan_fft_inverse(n));
+        let zero = Complex::new(0.0, 0.0);
+        let mid = condition(recording, n / 2, scenario);
+        let bar = CutLoop::new(&CutTerms::of(scenario, &mid));
+        let mut motion = vec![zero; n];
+        let forces_n = [0, 1].map(|tool| {
+            let mut x: Vec<Complex<f64>> = match &recording.forces_n[tool] {
+                Some(force) => force.iter().map(|v| Complex::new(*v, 0.0)).collect(),
+                None => vec![zero; n],
+            };
+            forward.process(&mut x);
+            for k in 0..n {
+                let f = k as f64 * rate / n as f64;
+                if f >= band[0] && f <= band[1] && 2 * k < n {
+                    let e = signal_response(filter.as_ref(), recording.signal.delay_s, f);
+                    // One-sided, doubled: the real part of the inverse is the signal.
+                    x[k] *= e.finv() * (2.0 / n as f64);
+                    let s = Complex::new(0.0, TAU * f);
+                    let sign = if tool == 0 { -1.0 } else { 1.0 };
+                    motion[k] += bar.bar_response(s) * s * x[k] * sign;
+                } else {
+                    x[k] = zero;
+                }
+            }
+            inverse.process(&mut x);
+            x.iter().map(|v| v.re).collect::<Vec<f64>>()
+        });
+        inverse.process(&mut motion);
+        let surface = |k: usize| condition(recording, k, scenario).surface_speed_m_s();
+        let slope = motion.iter().enumerate().map(|(k, v)| v.re / surface(k)).collect();
+        let loudness_n = (0..n.div_ceil(PIECE))
+            .map(|p| {
+                let piece = p * PIECE..((p + 1) * PIECE).min(n);
+                let power: f64 = piece.clone().map(|k| forces_n[0][k].powi(2) + forces_n[1][k].powi(2)).sum();
+                (power / piece.len() as f64).sqrt()
+            })
+            .collect();
+        Self { forces_n, loudness_n, slope }
+    }
+
+    /// Loudness of the pieces inside of a range.
+    fn loudness(&self, range: &Range<usize>) -> &[f64] {
+        let last = (range.end / PIECE).min(self.loudness_n.len());
+        &self.loudness_n[range.start.div_ceil(PIECE).min(last)..last]
+    }
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
+}
+
+/// Divides the recordings.
+///
+/// Errors: none; a recording in which nothing stands still has no stretch.
+/// Cost: three transforms of each recording.
+pub(crate) fn divide(recordings: &[CutRecording], scenario: &Scenario) -> Stretches {
+    let banded: Vec<Banded> = recordings.iter().map(|r| Banded::new(r, scenario)).collect();
+    let mut blocks = Vec::new();
+    for (index, recording) in recordings.iter().enumerate() {
+        let rate = recording.sample_rate.hz();
+        let left_out = ((CRITERIA.settling_s + recording.signal.delay_s) * rate).ceil() as usize;
+        let shortest = left_out + (CRITERIA.shortest_followed_s * rate) as usize;
+        for range in constant(recording, shortest) {
+            blocks.push(Stretch { recording: index, samples: range.start + left_out..range.end });
+        }
+    }
+    // The floor grows with the force: loudness over the mean force, the quietest fifth of the stretches.
+    let mean_n = |s: &Stretch| {
+        let all = recordings[s.recording].forces_n.iter().flatten();
+        all.map(|f| median(&f[s.samples.clone()]).abs()).sum::<f64>().max(1e-6)
+    };
+    let mut floors: Vec<f64> = blocks
+        .iter()
+        .map(|s| median(banded[s.recording].loudness(&s.samples)) / mean_n(s))
+        .filter(|f| f.is_finite() && *f > 0.0)
+        .collect();
+    floors.sort_by(f64::total_cmp);
+    let floor = floors.get(floors.len() / 5).copied().unwrap_or(0.0);
+    let mut out = Stretches::default();
+    for block in blocks {
+        let loud_n = CRITERIA.loud_floors * floor * mean_n(&block);
+        split(&block, &recordings[block.recording], &banded[block.recording], (loud_n, scenario), &mut out);
+    }
+    out
+}
+
+/// The calm end of a block, and what of the rest is linear.
+fn split(
+    block: &Stretch,
+    recording: &CutRecording,
+    banded: &Banded,
+    (loud_n, scenario): (f64, &Scenario),
+    out: &mut Stretches,
+) {
+    let rate = recording.sample_rate.hz();
+    let range = block.samples.clone();
+    let loud = |p: &usize| banded.loudness_n[*p] > loud_n;
+    let pieces = range.start.div_ceil(PIECE)..(range.end / PIECE).min(banded.loudness_n.len());
+    let after_loud =
+        pieces.rev().find(loud).map_or(range.start, |p| (p + 1) * PIECE + (0.02 * rate) as usize);
+    let mut rest = range.clone();
+    let tail = after_loud.min(range.end)..range.end;
+    if tail.len() as f64 >= CRITERIA.shortest_calm_s * rate && !swells(banded.loudness(&tail)) {
+        rest.end = tail.start;
+        out.calm.push(Stretch { recording: block.recording, samples: tail });
+    }
+    if rest.is_empty() {
+        return;
+    }
+    for linear in linear(&rest, recording, banded, scenario) {
+        let long = linear.len() as f64 >= CRITERIA.shortest_followed_s * rate;
+        if long && banded.loudness(&linear).iter().any(|l| *l > loud_n) {
+            out.followed.push(Stretch { recording: block.recording, samples: linear });
+        }
+    }
+}
+
+fn swells(loudness: &[f64]) -> bool {
+    let third = loudness.len() / 3;
+    let (first, last) = (rms(&loudness[..third]), rms(&loudness[loudness.len() - third..]));
+    third > 0 && !(last < CRITERIA.swelling * first && first < CRITERIA.swelling * last)
+}
+
+/// Parts of a range in which, and for a turn before, no contact is lost and no flank rubs.
+fn linear(
+    range: &Range<usize>,
+    recording: &CutRecording,
+    banded: &Banded,
+    scenario: &Scenario,
+) -> Vec<Range<usize>> {
+    let at = condition(recording, range.start, scenario);
+    let turn = (at.turn_s() * recording.sample_rate.hz()).ceil() as usize;
+    let means = CutLoop::new(&CutTerms::of(scenario, &at)).means().force_n;
+    let tools = if scenario.tools.count() == ToolCount::Two { 2 } else { 1 };
+    let steep = CRITERIA.largest_slope * scenario.cutting.raw().clearance_rad.tan();
+    let good = |k: usize| {
+        let swing = |j: usize| banded.forces_n[j][k].abs() < CRITERIA.largest_swing * means[j];
+        (0..tools).all(swing) && banded.slope[k].abs() < steep
+    };
+    let (mut out, mut begin) = (Vec::new(), range.start);
+    let mut since = range.start.saturating_sub(turn);
+    for k in since..range.end {
+        if !good(k) {
+            if since + turn < k {
+                out.push((since + turn).max(begin)..k);
+            }
+            since = k + 1;
+            begin = k + 1;
+        }
+    }
+    if since + turn < range.end {
+        out.push((since + turn).max(begin)..range.end);
+    }
+    out.retain(|r| !r.is_empty());
+    out
+}
