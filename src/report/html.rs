@@ -275,7 +275,7 @@ pub(super) fn without_unit(name: &str) -> String {
 }
 
 /// Enough digits to show the interval's half width with two.
-fn digits_for(value: f64, ci95: [f64; 2]) -> usize {
+pub(super) fn digits_for(value: f64, ci95: [f64; 2]) -> usize {
     let half = 0.5 * (ci95[1] - ci95[0]).abs();
     if !(half > 0.0 && value.abs() > 0.0) {
         return 4;
@@ -284,7 +284,7 @@ fn digits_for(value: f64, ci95: [f64; 2]) -> usize {
 }
 
 /// The interval as a small picture; its width is the share of the value that is uncertain.
-fn interval_bar(value: f64, ci95: [f64; 2]) -> String {
+pub(super) fn interval_bar(value: f64, ci95: [f64; 2]) -> String {
     let share = if value == 0.0 { 1.0 } else { 0.5 * (ci95[1] - ci95[0]).abs() / value.abs() };
     let width = (100.0 * share).clamp(2.0, 100.0);
     format!(

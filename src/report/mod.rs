@@ -2,7 +2,9 @@
 //! people.
 
 pub mod cut_files;
+mod cut_map;
 pub mod cut_page;
+mod cut_words;
 pub mod decisions;
 pub mod diagnosis;
 pub mod events;

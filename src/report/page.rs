@@ -85,7 +85,7 @@ min-width:0;overflow-x:auto}
 .grid{stroke:var(--grid);stroke-width:1}.grid.zero{stroke:var(--rule);stroke-width:1.5}
 .line{fill:none;stroke-width:1.6;stroke-linejoin:round}.envelope{fill:none;stroke-width:1.15}
 .thin{stroke-width:1;opacity:.75}.dash{stroke-dasharray:5 3}
-.before{color:var(--before)}.after{color:var(--after)}.floor{color:var(--floor)}.accent{color:var(--accent)}
+.before{color:var(--before)}.after{color:var(--after)}.floor{color:var(--floor)}.shade{color:var(--warn)}.accent{color:var(--accent)}
 .line,.envelope{stroke:currentColor}.area{fill:currentColor;opacity:.2}.dot{fill:currentColor}
 .key{display:inline-flex;align-items:center;gap:6px;margin-right:16px;font-size:13px;color:var(--soft)}
 .key i{width:16px;height:3px;border-radius:2px;background:currentColor;display:inline-block}

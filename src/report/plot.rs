@@ -97,6 +97,13 @@ pub enum Mark {
         /// Lower and upper end.
         y: [f64; 2],
     },
+    /// Filled rectangles.
+    Cells {
+        /// CSS class.
+        class: &'static str,
+        /// Lower and upper x, lower and upper y.
+        cells: Vec<[f64; 4]>,
+    },
     /// Points as small discs.
     Dots {
         /// CSS class.
@@ -213,6 +220,14 @@ impl Figure {
                     out,
                     "<rect class=\"area {class}\" x=\"0\" y=\"{top:.1}\" width=\"100%\" height=\"{height:.1}\"/>"
                 );
+            }
+            Mark::Cells { class, cells } => {
+                let mut d = String::new();
+                for [x1, x2, y1, y2] in cells {
+                    let ([left, low], [right, top]) = (self.place([*x1, *y1]), self.place([*x2, *y2]));
+                    let _ = write!(d, "M{left:.1} {low:.1}H{right:.1}V{top:.1}H{left:.1}Z");
+                }
+                let _ = write!(out, "<path class=\"area {class}\" d=\"{d}\"/>");
             }
             Mark::Dots { class, points } => {
                 for p in points.iter().filter(|p| p[0].is_finite() && p[1].is_finite()) {

@@ -1,0 +1,227 @@
+//! A diagnosis of the cut in the words of someone who turns: one phrase an effect, two sentences a verdict.
+
+use super::html::without_unit;
+use super::page::{engineering, significant};
+use crate::diagnosis::cut::result::{CutDiagnosis, CutFinding, TableFit};
+use crate::diagnosis::{Correction, Verdict};
+use crate::plant::effects::{EffectKind as E, Port};
+
+/// Findings and numbers that the first sentence names.
+const SAID: usize = 2;
+
+/// What is wrong with the model of the cut, in one sentence.
+pub(super) fn headline(d: &CutDiagnosis) -> String {
+    match d.verdict {
+        Verdict::MissingPhysics => {
+            let phrases: Vec<String> = d.findings.iter().take(SAID).map(phrase).collect();
+            let more = match d.findings.len().saturating_sub(SAID) {
+                0 => String::new(),
+                1 => "; and one effect more".to_owned(),
+                n => format!("; and {n} effects more"),
+            };
+            format!("The model of the cut leaves out {}{more}.", phrases.join("; and "))
+        }
+        Verdict::ParameterError => {
+            let numbers: Vec<String> = d.parameter_corrections.iter().map(change).collect();
+            let what = if numbers.len() == 1 { "one number is" } else { "numbers are" };
+            format!("The model of the cut is complete, but {what} off: {}.", numbers.join(", "))
+        }
+        Verdict::ModelAdequate => {
+            "The model explains these cuts: nothing is missing that they could show.".into()
+        }
+        Verdict::UnexplainedMismatch => {
+            let place =
+                d.location.as_ref().map_or(String::new(), |l| format!(" It shows {}.", place(l.port)));
+            format!("Something is missing in the model of the cut that no known effect explains.{place}")
+        }
+    }
+}
+
+/// What the answer is worth, in one sentence.
+pub(super) fn worth(d: &CutDiagnosis) -> String {
+    let forces = d.findings.first().and_then(|f| f.fit.forces);
+    if let Some(fit) = forces {
+        return format!(
+            "On stretches that nothing was fitted to, what the model cannot foretell of the forces falls from {} to {}; \
+             {} is the noise of the signal.",
+            engineering(fit.heldout_rms_before_n, "N", 3),
+            engineering(fit.heldout_rms_after_n, "N", 3),
+            engineering(fit.noise_floor_n, "N", 3)
+        );
+    }
+    match (&d.table, d.findings.is_empty()) {
+        (Some(t), false) => foretold(t, "without the finding"),
+        (Some(t), true) if t.heldout_cuts > 0 => format!(
+            "Fitted to the other speeds each time, it foretells {} of {} cuts.",
+            t.heldout_right_after, t.heldout_cuts
+        ),
+        _ => String::new(),
+    }
+}
+
+fn foretold(t: &TableFit, without: &str) -> String {
+    if t.heldout_cuts == 0 {
+        return "No cut of the table is judged stable or chattering: the finding rests on forces and lines."
+            .into();
+    }
+    format!(
+        "Fitted to the other speeds each time, the model foretells {} of {} cuts with it, {} {without}.",
+        t.heldout_right_after, t.heldout_cuts, t.heldout_right_before
+    )
+}
+
+fn change(c: &Correction) -> String {
+    if c.nominal == 0.0 {
+        return without_unit(&c.name);
+    }
+    let share = format!("{:+.1} %", 100.0 * (c.value / c.nominal - 1.0)).replace('-', "\u{2212}");
+    format!("{} {share}", number_name(&c.name))
+}
+
+/// A number of the scenario as a person calls it.
+pub(super) fn number_name(name: &str) -> String {
+    match name {
+        "radial_stiffness_pa" => "cutting pressure K_r".to_owned(),
+        "damping_ratio" => "damping ratio of the bar".to_owned(),
+        "clamp_factor" => "clamp factor (natural frequency)".to_owned(),
+        "natural_frequency_hz" => "natural frequency".to_owned(),
+        "process_damping_n" => "process damping C_i".to_owned(),
+        "pitch_difference_rad" => "pitch difference".to_owned(),
+        other => without_unit(other),
+    }
+}
+
+/// Where a port is, for someone who stands before the lathe.
+pub(super) fn place(port: Port) -> &'static str {
+    match port {
+        Port::Workpiece => "at the bar and its support",
+        Port::Turret => "at the holder of tool 2",
+        Port::Spindle => "in the rotation of the spindle",
+        Port::ForceSensor => "in the force signal",
+        _ => "between tool and work",
+    }
+}
+
+/// A finding as one phrase with its numbers.
+pub(super) fn phrase(f: &CutFinding) -> String {
+    let value = |name: &str| f.parameters.iter().find(|e| e.name == name).map(|e| e.value);
+    let n = |name: &str, unit: &str| {
+        value(name).map_or_else(|| "an unknown amount".to_owned(), |v| engineering(v, unit, 3))
+    };
+    let share = |name: &str, neutral: f64| {
+        let off = 100.0 * (value(name).unwrap_or(neutral) - neutral);
+        format!("{} %", significant(off.abs(), 2))
+    };
+    let plain = |name: &str| significant(value(name).unwrap_or(0.0), 3);
+    let way = |name: &str, up: &'static str, down: &'static str| {
+        if value(name).unwrap_or(0.0) < 0.0 { down } else { up }
+    };
+    match f.effect {
+        E::RegenerativeEffect => format!(
+            "that each tool cuts the wave which the last pass has left (overlap {})",
+            plain("overlap")
+        ),
+        E::ProcessDamping => {
+            format!(
+                "that the flank rubs on the wavy surface and damps, {} per unit slope",
+                n("process_damping_n", "N")
+            )
+        }
+        E::EdgeForce => format!("a force of the edge of {}, however thin the chip", n("force_n", "N")),
+        E::NonlinearCuttingForce => {
+            format!("that the force grows with the power {} of the chip thickness", plain("exponent"))
+        }
+        E::NoseRadius => {
+            format!("the round corner of the tool, radius {}: narrow cuts push harder", n("radius_m", "m"))
+        }
+        E::SpeedDependentForce => format!(
+            "that the cutting pressure {} with the speed, exponent {}",
+            way("exponent", "falls", "rises"),
+            plain("exponent")
+        ),
+        E::Runout => runout(f, &n),
+        E::SecondMode => format!("a second mode of the bar at {}", n("frequency_hz", "Hz")),
+        E::SecondPlane => {
+            format!("that the bar has another frequency across the tool line, {}", n("frequency_hz", "Hz"))
+        }
+        E::ModeDrift => format!("that the natural frequency drifts by {} each second", n("hz_per_s", "Hz")),
+        E::PositionDependentMode => {
+            let per_100_mm = engineering(0.1 * value("hz_per_m").unwrap_or(0.0), "Hz", 3);
+            format!("that the natural frequency moves by {per_100_mm} per 100 mm along the bar")
+        }
+        E::SupportCompliance => format!("a chuck that rocks, {}", n("n_m", "N/m")),
+        E::ContactStiffness => format!("a spring of the contact, {} per tool", n("n_m", "N/m")),
+        E::SpeedDependentDynamics => {
+            let per_1000 = engineering(1e3 * value("hz_per_rpm").unwrap_or(0.0), "Hz", 3);
+            format!("that the natural frequency moves by {per_1000} per 1000 rpm")
+        }
+        E::ToolWear => {
+            format!("wear: the cutting pressure grows by {} a second", share("relative_per_s", 0.0))
+        }
+        E::ToolDifference => format!("that tool 2 cuts {} differently from tool 1", share("ratio", 1.0)),
+        E::TurretCompliance => {
+            format!("a holder of tool 2 that gives way at {} ({})", n("frequency_hz", "Hz"), n("n_m", "N/m"))
+        }
+        E::SpindleSpeedVariation => {
+            format!("a speed that varies by {} within a turn", share("relative", 0.0))
+        }
+        E::StockVariation => {
+            format!("a sector of the stock that cuts {} differently", share("relative_change", 0.0))
+        }
+        E::ForceLag => format!("that the force follows the chip {} late", n("time_constant_s", "s")),
+        E::ForceSensorLag => {
+            format!("that the force signal comes {} later than stated", n("extra_delay_s", "s"))
+        }
+        other => super::html::spoken(other.name()),
+    }
+}
+
+fn runout(f: &CutFinding, n: &dyn Fn(&str, &str) -> String) -> String {
+    let order = f.parameters.iter().find(|e| e.name == "order").map_or(1.0, |e| e.value).round();
+    let amplitude = n("amplitude_m", "m");
+    if order < 0.5 {
+        format!("that tool 2 stands {amplitude} ahead of tool 1")
+    } else if order < 1.5 {
+        format!("that the work runs {amplitude} out of centre")
+    } else if order < 2.5 {
+        format!("that the stock is oval by {amplitude}")
+    } else {
+        format!("that the stock is out of round by {amplitude}, {order:.0} times a turn")
+    }
+}
+
+/// What to do with the answer where no finding says it.
+pub(super) fn next_step(d: &CutDiagnosis) -> Option<String> {
+    let asked = d.findings.iter().find_map(|f| f.next_experiment.clone());
+    let planned = d.plan.first().map(|cut| {
+        format!(
+            "Cut once more at {:.0} rpm, feed {:.3} mm, width {:.3} mm, {:.0} mm from the chuck, pitch difference \
+             {:.3} rad, for {:.0} s: {}",
+            cut.spindle_speed_rpm,
+            1e3 * cut.feed_m_rev,
+            1e3 * cut.width_m,
+            1e3 * cut.tool_position_m,
+            cut.pitch_difference_rad,
+            cut.duration_s,
+            cut.tells
+        )
+    });
+    planned.or(asked).or_else(|| {
+        Some(
+            match d.verdict {
+                Verdict::MissingPhysics | Verdict::ParameterError => {
+                    "Take scenario.toml in the place of the scenario, cut at a speed and a width that are not among these, and \
+                     diagnose that with it: the answer must be that nothing is missing."
+                }
+                Verdict::ModelAdequate => {
+                    "Nothing now. What these cuts could not have shown is listed below, with the cut that would show it."
+                }
+                Verdict::UnexplainedMismatch => {
+                    "The same cut twice, then at half the speed, and once with a probe on the bar: what differs between the first \
+                     two is not of the machine; what stays at its frequency is of the structure, what follows the speed is of the cut."
+                }
+            }
+            .to_owned(),
+        )
+    })
+}
