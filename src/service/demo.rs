@@ -3,7 +3,7 @@
 
 use super::virtual_lathe::VirtualLathe;
 use super::{EventFilter, Handle, MAX_PAGE, Origin, Running, ServiceError, live, start};
-use crate::config::service::{BUILT_IN_MODEL, ServiceConfig};
+use crate::config::service::{BUILT_IN_MODEL, COMMISSIONING_ITEMS, ServiceConfig};
 use crate::simulation::lathe::LatheSettings;
 use crate::telemetry::{Event, EventKind};
 use crate::transport::{Domain, TransportError};
@@ -121,6 +121,8 @@ fn service_config(plan: &DemoPlan, folder: &Path, port: u16) -> ServiceConfig {
     config.http.trust_loopback = true;
     // The virtual lathe's limits are the defaults.
     config.turret.commissioned = Some(("the demonstration".to_owned(), "2026-11-21".to_owned()));
+    config.turret.accept = COMMISSIONING_ITEMS.map(str::to_owned).to_vec();
+    config.turret.accept.push("estimators_disagree".to_owned());
     config
 }
 

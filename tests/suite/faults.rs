@@ -19,7 +19,9 @@ impl SmallDisk {
     pub(crate) fn mount(folder: &Path, options: &str) -> Option<Self> {
         std::fs::create_dir_all(folder).unwrap();
         let mut command = Command::new("mount");
-        command.args(["-t", "tmpfs", "-o", options, "tmpfs"]).arg(folder).stderr(Stdio::null());
+        // The root of a tmpfs is everybody's unless it is said.
+        let options = format!("{options},mode=755");
+        command.args(["-t", "tmpfs", "-o", &options, "tmpfs"]).arg(folder).stderr(Stdio::null());
         let mounted = command.status().is_ok_and(|s| s.success());
         mounted.then(|| Self(folder.to_owned()))
     }
@@ -105,6 +107,42 @@ fn a_full_disk_loses_no_event_and_no_sample_and_heals_by_itself() {
     assert!(page["events"].as_array().unwrap().len() as f64 >= counted, "{counted} counted");
     assert!(lost(&address) == 0.0, "no sample is lost");
     drop(lathe);
+    running.stop();
+}
+
+/// Recordings are worth less than the history: they go at the moment that the history meets the full disk.
+#[test]
+fn on_a_full_disk_recordings_go_before_a_single_acknowledgement_fails() {
+    let place = Place::new("fullroom");
+    let Some(disk) = SmallDisk::mount(&place.state(), "size=24m") else {
+        eprintln!("skipped: mounting a small file system is not allowed here");
+        return;
+    };
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    let recordings = place.state().join("recordings");
+    for k in 0..3 {
+        std::fs::write(recordings.join(format!("manual-{k}.parquet")), vec![k; 2 << 20]).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let _ballast = disk.fill();
+    let reason = "x".repeat(450);
+    for k in 0..150 {
+        let body = format!("{{\"reason\":\"{k} {reason}\"}}");
+        let answer = ask(&address, "POST", "/api/v1/events/1/acknowledge", &[], Some(&body));
+        assert_eq!(answer.status, 200, "{k}: {answer:?}");
+    }
+    let removed = |text: &str| metric(text, "stillcut_recordings_total{outcome=\"removed\"}");
+    until("it is counted and told", 5, || {
+        let told = get(&running, "/api/v1/events?kind=recordings_removed").json();
+        removed(&get(&running, "/metrics").body) > 0.0 && !told["events"].as_array().unwrap().is_empty()
+    });
+    let text = get(&running, "/metrics").body;
+    assert!(metric(&text, "stillcut_store_errors_total{code=\"full\"}") > 0.0, "the fault happened");
+    assert!(!recordings.join("manual-0.parquet").exists(), "the oldest first");
+    assert!(removed(&text) < 3.0, "no more than needed");
     running.stop();
 }
 

@@ -143,6 +143,7 @@ function showState(now) {
   setText("spindle", now.source.spindle_speed_rpm ? `${Math.round(now.source.spindle_speed_rpm)} rpm` : "–");
   const band = now.chatter.band_hz;
   setText("spectrum-note", band ? `watched band ${Math.round(band[0])} to ${Math.round(band[1])} Hz` : "");
+  setText("now", `${now.mode.toUpperCase()}${connected ? ` · ${verdict}` : ""}`);
   showMode(now);
   showPitch(now);
   showAxes(now.axes);
@@ -455,9 +456,15 @@ function ask({ title, text, minutes = false, reason = "", token = false, run }) 
       $("ask-token-row").hidden = !(error.status === 401 || error.status === 403);
     } finally { $("ask-ok").disabled = false; }
   };
+  closeDialogs();
   $("ask").showModal();
-  (token ? $("ask-token") : $("ask-reason")).focus();
-  $("ask-reason").select();
+  // A token that is pasted must not land where it can be read.
+  if (token) $("ask-token").focus();
+  else $("ask-reason").select();
+}
+
+function closeDialogs() {
+  for (const dialog of document.querySelectorAll("dialog[open]")) dialog.close();
 }
 
 const MODE_TEXT = {
@@ -483,6 +490,7 @@ async function takeBack() {
   const done = () => setText("take-back-note", `turret taken back at ${clockText(new Date())}`);
   try {
     await request("POST", "/api/v1/override", { reason });
+    closeDialogs();
     done();
   } catch (error) {
     const barred = error.status === 401 || error.status === 403;
@@ -524,7 +532,7 @@ function toggleTheme() {
 const saved = localStorage.getItem("theme");
 if (saved === "light" || saved === "dark") document.documentElement.dataset.theme = saved;
 for (const button of document.querySelectorAll("[data-mode]")) button.addEventListener("click", () => askMode(button.dataset.mode));
-$("take-back").addEventListener("click", takeBack);
+for (const button of document.querySelectorAll("#take-back, [data-take-back]")) button.addEventListener("click", takeBack);
 $("hold").addEventListener("click", askHold);
 $("acknowledge-all").addEventListener("click", () => ask({
   title: "Acknowledge all of these", text: `${$("open-alarms").children.length} alarms`, reason: "seen", run: acknowledgeAll,
@@ -540,8 +548,15 @@ $("theme").addEventListener("click", toggleTheme);
 $("replay-close").addEventListener("click", () => $("replay").close());
 $("ask-cancel").addEventListener("click", () => $("ask").close());
 document.addEventListener("keydown", (key) => {
-  if (key.ctrlKey || key.altKey || key.metaKey || $("ask").open || $("replay").open || /INPUT|TEXTAREA/.test(key.target.tagName)) return;
-  const act = { 1: () => askMode("observe"), 2: () => askMode("advise"), 3: () => askMode("act"), r: takeBack, t: toggleTheme }[key.key.toLowerCase()];
+  // The way back works from everywhere; where somebody writes, with Alt.
+  const writes = /INPUT|TEXTAREA/.test(key.target.tagName);
+  if (key.code === "KeyR" && !key.ctrlKey && !key.metaKey && (key.altKey || !writes)) {
+    key.preventDefault();
+    takeBack();
+    return;
+  }
+  if (key.ctrlKey || key.altKey || key.metaKey || writes || document.querySelector("dialog[open]")) return;
+  const act = { 1: () => askMode("observe"), 2: () => askMode("advise"), 3: () => askMode("act"), t: toggleTheme }[key.key.toLowerCase()];
   if (act) { key.preventDefault(); act(); }
 });
 // A plain link sends no token: what it leads to is fetched with it and saved.
