@@ -192,18 +192,19 @@ async fn follow(
     tell(&format!("mode      {}", plan.mode.word()));
     tell(&format!("ends      after {} s or with Ctrl-C; --duration-s sets another time", plan.duration_s));
     let mut looks = Vec::new();
-    let mut cursor = 0;
+    let (mut cursor, mut raised) = (0, false);
     while !lathe.is_finished() {
         tokio::time::sleep(Duration::from_millis(50)).await;
         let state = handle.state();
-        if state.mode != plan.mode && state.source.connected {
+        // Once: a person who takes the turret back on the page keeps it.
+        if !raised && state.mode != plan.mode && state.source.connected {
             let origin = Origin {
                 actor: "demo".into(),
                 role: "engineer".into(),
                 reason: "the demonstration asks for it".into(),
             };
             // Refused until samples and turret are heard: asked again at the next look.
-            let _ = handle.set_mode(plan.mode, Some(state.mode_revision), origin).await;
+            raised = handle.set_mode(plan.mode, Some(state.mode_revision), origin).await.is_ok();
         }
         let strongest = handle.spectrum().amplitude_n.iter().copied().fold(0.0, f64::max);
         looks.push(Look { line_power_n2: strongest * strongest / 2.0, ..take_look(latest) });
