@@ -376,8 +376,8 @@ impl Handle {
         Ok(mode)
     }
 
-    /// Puts on record that the turret was taken back, or was to be. What is done is done: neither the disk nor
-    /// the next picture is waited for longer than a person would.
+    /// Puts on record that the turret was taken back, or was to be. What is done is done: neither the disk
+    /// nor the next picture is waited for longer than a person would.
     pub async fn record_override(
         &self,
         origin: &Origin,

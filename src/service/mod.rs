@@ -15,6 +15,7 @@ mod commissioning;
 mod control;
 pub mod demo;
 mod diagnoses;
+mod diagnosis_jobs;
 mod drift;
 mod engine;
 mod exports;

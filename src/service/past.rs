@@ -1,4 +1,4 @@
-//! What the page was not open for: spectra and forces of the last seconds, and of the last hours by the second.
+//! What the page was not open for: spectra and forces of the last seconds, and of hours by the second.
 
 use super::clock;
 use super::hub::level;

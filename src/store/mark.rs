@@ -52,8 +52,8 @@ impl Missing {
         let other =
             if *audit_rows == 0 && *events == 0 { "; the rows are not those that were noted" } else { "" };
         format!(
-            "{events} events and {audit_rows} rows of the audit record that were durable are missing: it ended \
-             at row {row} with hash {head}, now at row {found}{other}"
+            "{events} events and {audit_rows} rows of the audit record that were durable are missing: it \
+             ended at row {row} with hash {head}, now at row {found}{other}"
         )
     }
 }

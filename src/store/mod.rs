@@ -10,6 +10,7 @@ mod mark;
 mod open;
 mod query;
 mod reserve;
+mod retention;
 mod writer;
 
 pub use audit::{AuditEntry, AuditRow, AuditVerdict, verify_audit_file};
@@ -17,7 +18,8 @@ pub use evidence::{Judged, Observation, Observer};
 pub use mark::Missing;
 pub use open::{Damage, OpenReport, migrations};
 pub use query::{EventFilter, EventPage, MAX_PAGE};
-pub use writer::{MakeRoom, Removed, Retention, StoreWriter, WriterGauges};
+pub use retention::{Removed, Retention};
+pub use writer::{MakeRoom, StoreWriter, WriterGauges};
 
 use crate::telemetry::Metrics;
 use sqlx::sqlite::{

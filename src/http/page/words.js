@@ -5,7 +5,6 @@ const LANGUAGES = ["en", "de", "ja"];
 const WORDS = {
   "API": ["API", "API"],
   "API documentation": ["API-Beschreibung", "API 文書"],
-  "Light / dark": ["Hell / dunkel", "明 / 暗"],
   "Token": ["Zugang", "トークン"],
   "Keys": ["Tasten", "キー"],
   "Take the turret back": ["Revolver zurückholen", "刃物台を戻す"],
