@@ -69,7 +69,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let given = arguments.config.is_some();
     let mut config = config.unwrap_or_default();
     config.force.read_idle_runs(&config.machine, read_recording).map_err(bad_input)?;
-    let asked = arguments.band_hz.as_deref().map(|text| stated_band(text));
+    let asked = arguments.band_hz.as_deref().map(stated_band);
     let asked = asked.transpose().map_err(|error| bad_input(format!("--band-hz: {error}")))?;
     let band = match asked {
         Some(band) => Some(band),
