@@ -584,7 +584,7 @@ function toggleTheme() {
 // ---- language, units, keys --------------------------------------------------------------------------
 
 let inch = localStorage.getItem("unit") === "inch";
-const lengthText = (m) => (inch ? `${(m / 0.0254).toFixed(4)} in` : `${(m * 1000).toFixed(3)} mm`);
+const lengthText = (m) => (inch ? `${(m / 0.0254).toFixed(4)} in` : `${(m * 1000).toFixed(3)} mm`).replace(/^-(0\.0+ )/, "$1");
 
 function toggleUnit() {
   inch = !inch;
