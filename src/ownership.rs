@@ -1,5 +1,5 @@
-//! Whose a file or folder is: what another user of the machine may change, or lead elsewhere by a link, is not
-//! used, and is named.
+//! Whose a file or folder is: what another user of the machine may change, or lead elsewhere by a link, is
+//! not used, and is named.
 
 use std::io::{Error, ErrorKind};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};

@@ -83,7 +83,8 @@ impl StoreReader {
     pub async fn observed_before(&self, observer: &Observer) -> Result<(Observation, Judged), StoreError> {
         let sums = "SELECT coalesce(sum(observed_s), 0.0), coalesce(sum(cuts), 0), \
              coalesce(sum(advised), 0), coalesce(max(largest_pitch_rad), 0.0), \
-             coalesce(sum(compared), 0), coalesce(sum(mismatches), 0), coalesce(min(started_ns), ?) FROM observation WHERE machine = ? AND epoch < ?";
+             coalesce(sum(compared), 0), coalesce(sum(mismatches), 0), \
+             coalesce(min(started_ns), ?) FROM observation WHERE machine = ? AND epoch < ?";
         let query = sqlx::query(sums).bind(observer.started_ns).bind(&observer.machine).bind(observer.epoch);
         let row = query.fetch_one(&self.pool).await.map_err(|e| self.error(e))?;
         let read = || -> Result<(Observation, i64), sqlx::Error> {
