@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// Limits that somebody answers for: without them nothing acts.
-const COMMISSIONED: &str = "[turret]\nlimits_by = \"flood\"\nlimits_date = \"2026-11-23\"\n";
+const COMMISSIONED: &str = "[turret]\nlimits_by = \"flood\"\nlimits_date = \"2026-11-23\"\naccept = [\"hours_observed\", \"cuts_heard\", \"alarms_reviewed\", \"commands_advised\", \"model_drift\", \"estimators_disagree\"]\n";
 
 fn get(address: &str, path: &str) -> String {
     let config = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(10)));

@@ -54,8 +54,9 @@ const MAY_USE: &[(&str, &[&str])] = &[
         ],
     ),
     ("telemetry", &["plant", "force", "chatter", "avoidance", "pipeline"]),
-    ("transport", &["avoidance", "telemetry", "pipeline"]),
-    ("store", &["avoidance", "chatter", "pipeline", "telemetry", "recording"]),
+    ("ownership", &[]),
+    ("transport", &["avoidance", "telemetry", "pipeline", "ownership"]),
+    ("store", &["avoidance", "chatter", "pipeline", "telemetry", "recording", "ownership"]),
     (
         "http",
         &[

@@ -51,10 +51,18 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let report = runtime.block_on(verify_audit_file(&path, head.as_deref())).map_err(bad_input)?;
     match report {
-        AuditVerdict::Intact { rows, head } => {
+        AuditVerdict::Intact { rows, head, cuts } if cuts.is_empty() => {
             writeln!(std::io::stdout(), "intact: {rows} rows, head {head}")?;
             Ok(())
         }
+        AuditVerdict::Intact { rows, cuts, .. } => {
+            anyhow::bail!(
+                "{}: the {rows} rows follow from one another, but not all are there; {}",
+                path.display(),
+                cuts.join("; ")
+            )
+        }
+        AuditVerdict::Cut(missing) => anyhow::bail!("{}: {}", path.display(), missing.sentence()),
         AuditVerdict::Broken { sequence } => {
             anyhow::bail!("{}: the audit record is broken at row {sequence}", path.display())
         }

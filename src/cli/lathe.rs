@@ -55,6 +55,13 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         pause_s: Some(PAUSE_S),
         ..LatheSettings::realistic(scenario, arguments.seed)
     };
+    let _ = writeln!(
+        std::io::stderr(),
+        "virtual lathe: {} Hz, prefix {}, root {}; Ctrl-C ends it",
+        settings.sample_rate_hz,
+        arguments.prefix,
+        arguments.root.display()
+    );
     let stop = stop_flag()?;
     let mut lathe = VirtualLathe::join(settings, &domain)?;
     let terminal = std::io::stderr().is_terminal();

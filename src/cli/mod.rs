@@ -138,6 +138,10 @@ pub fn main() -> ExitCode {
                         let example = if audit { "stillcut audit verify" } else { "stillcut demo" };
                         format!("error: a command is missing, such as `{example}`; --help lists all")
                     }
+                    _ if !cfg!(feature = "nats") && std::env::args().nth(1).as_deref() == Some("worker") => {
+                        "error: worker: this build is without it; expected one with `--features nats`"
+                            .to_owned()
+                    }
                     _ => line.join(" "),
                 };
                 let _ = writeln!(std::io::stderr(), "{line}");

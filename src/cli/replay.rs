@@ -69,7 +69,12 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let given = arguments.config.is_some();
     let mut config = config.unwrap_or_default();
     config.force.read_idle_runs(&config.machine, read_recording).map_err(bad_input)?;
-    let band = band_of(&arguments, &recording, given.then_some(&config)).map_err(place)?;
+    let asked = arguments.band_hz.as_deref().map(stated_band);
+    let asked = asked.transpose().map_err(|error| bad_input(format!("--band-hz: {error}")))?;
+    let band = match asked {
+        Some(band) => Some(band),
+        None => band_of(&recording, given.then_some(&config)).map_err(place)?,
+    };
     let source = Source::of(&recording, &arguments, &config).map_err(place)?;
     source.say_what_is_invalid()?;
     let mut settings = source.settings(&config, band);
@@ -99,11 +104,30 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
     if let (true, Some(evidence)) = (arguments.verify, &begun) {
         stretches.compare(evidence)?;
-        let same = events_text(&events)? == evidence.decisions;
-        anyhow::ensure!(same, "the replay's events differ from the live ones");
-        turret.context("it carries no looks at the decision on the turret")??;
+        let here = events_text(&events)?;
+        anyhow::ensure!(here == evidence.decisions, "{}", first_difference(&here, &evidence.decisions));
+        let looks = turret.context("it carries no looks at the decision on the turret")??;
+        let (samples, events, looks) = (recording.len(), events.len(), looks.len());
+        let said = format!("the same: {samples} samples, {events} events, {looks} looks at the turret");
+        writeln!(std::io::stdout(), "{said}")?;
     }
     Ok(())
+}
+
+/// The first event that is not the same in both.
+fn first_difference(here: &str, live: &str) -> String {
+    let (mut here, mut live) = (here.lines(), live.lines());
+    for number in 1_usize.. {
+        match (here.next(), live.next()) {
+            (Some(a), Some(b)) if a == b => {}
+            (None, None) => break,
+            (a, b) => {
+                let [a, b] = [a, b].map(|line| line.unwrap_or("nothing"));
+                return format!("event {number} differs: {a} here, {b} live");
+            }
+        }
+    }
+    "the events differ".to_owned()
 }
 
 /// Every decision on the turret made again, compared bit for bit.
@@ -442,20 +466,21 @@ impl<'a> ServoColumns<'a> {
     }
 }
 
-/// Option, configuration, recording's band, recording's workpiece, in this order; `None`: the
+/// A band as it is written: `low,high`.
+fn stated_band(text: &str) -> Result<Band, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    let Some([low_hz, high_hz]) = numbers.and_then(|n| <[f64; 2]>::try_from(n).ok()) else {
+        return Err(format!("band `{}`, expected two frequencies `low,high`", text.escape_debug()));
+    };
+    Band::new(low_hz, high_hz).map_err(|e| e.to_string())
+}
+
+/// Configuration, recording's band, recording's workpiece, in this order; `None`: the
 /// configuration's.
-fn band_of(
-    arguments: &Arguments,
-    recording: &Recording,
-    config: Option<&ServiceConfig>,
-) -> Result<Option<Band>, String> {
+fn band_of(recording: &Recording, config: Option<&ServiceConfig>) -> Result<Option<Band>, String> {
     let in_recording = if config.is_some() { None } else { recording.metadata("analysis_band_hz") };
-    if let Some(text) = arguments.band_hz.as_deref().or(in_recording) {
-        let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
-        let Some([low_hz, high_hz]) = numbers.and_then(|n| <[f64; 2]>::try_from(n).ok()) else {
-            return Err(format!("band `{}`, expected two frequencies `low,high`", text.escape_debug()));
-        };
-        return Band::new(low_hz, high_hz).map(Some).map_err(|e| e.to_string());
+    if let Some(text) = in_recording {
+        return stated_band(text).map(Some);
     }
     if config.is_some() {
         return Ok(None);

@@ -1,7 +1,7 @@
 //! `stillcut token`.
 
 use super::bad_input;
-use crate::http::{Role, new_token, token_names};
+use crate::http::{Role, holds_token, new_token, token_names};
 use crate::service::clock;
 use anyhow::Context as _;
 use std::fs::File;
@@ -37,6 +37,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             "--name `{}` is not 1 to 64 letters, digits, `.`, `-`, `_`",
             arguments.name
         )));
+    }
+    if holds_token(&arguments.name) {
+        return Err(bad_input("--name is a token itself; expected whose token it is: names go on record"));
     }
     let roles = [Role::Viewer, Role::Operator, Role::Engineer];
     let role = roles.into_iter().find(|r| r.word() == arguments.role).ok_or_else(|| {

@@ -90,6 +90,25 @@ fn with_nearest(message: String) -> String {
     }
 }
 
+/// Names the key of the line that an error is about, where the parser does not; a key without a value is
+/// pointed at behind its sign, and not into the remark that follows.
+fn with_key(line: &str, column: usize, message: String) -> (usize, String) {
+    let Some((key, rest)) = line.split_once('=') else { return (column, message) };
+    let key = key.trim();
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-.\"".contains(c);
+    if key.is_empty() || !key.chars().all(plain) {
+        return (column, message);
+    }
+    if rest.trim_start().is_empty() || rest.trim_start().starts_with('#') {
+        let behind = line.chars().take_while(|c| *c != '=').count() + 2;
+        return (behind, format!("`{key}` has no value"));
+    }
+    if message.contains(&format!("`{key}`")) {
+        return (column, message);
+    }
+    (column, format!("`{key}`: {message}"))
+}
+
 /// How many letters must be changed, put in or left out to make one word of the other (Levenshtein).
 fn edits(a: &str, b: &str) -> usize {
     let mut row: Vec<usize> = (0..=b.len()).collect();
@@ -113,6 +132,8 @@ pub fn parse<T: serde::de::DeserializeOwned>(path: &Path, text: &str) -> Result<
         let column = before.rsplit('\n').next().map_or(0, |l| l.chars().count()) + 1;
         let message = e.message().split_whitespace().collect::<Vec<_>>().join(" ");
         let message = with_nearest(message);
+        let line_text = text.lines().nth(line - 1).unwrap_or_default();
+        let (column, message) = with_key(line_text, column, message);
         ConfigError::Syntax { path: path.to_owned(), line, column, message }
     })
 }
@@ -133,11 +154,27 @@ pub(crate) fn is_date(text: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{edits, in_one_line, with_nearest};
+    use super::{edits, in_one_line, parse, with_nearest};
 
     #[test]
     fn what_is_said_of_a_file_stays_in_one_line() {
         assert_eq!(in_one_line("axis a\n\u{1}\\ü"), "axis a\\n\\u{1}\\ü");
+    }
+
+    #[test]
+    fn the_key_at_fault_is_named_and_pointed_at() {
+        let said = |text: &str| {
+            let parsed = parse::<toml::Table>(std::path::Path::new("c.toml"), text);
+            parsed.unwrap_err().to_string()
+        };
+        assert_eq!(said("[a]\nbefore_s =   # s kept before\n"), "c.toml:2:11: `before_s` has no value");
+        assert_eq!(said("[a]\nbefore_s =\nx = 1\n"), "c.toml:2:11: `before_s` has no value");
+        let twice = said("[a]\nx = 1\nx = 2\n");
+        assert!(
+            twice.starts_with("c.toml:3:1: ") && twice.contains("`x`") && twice.contains("duplicate"),
+            "{twice}"
+        );
+        assert!(said("x = yes\n").contains("`x`"), "{}", said("x = yes\n"));
     }
 
     #[test]

@@ -5,13 +5,13 @@
 
 mod network;
 mod pair;
+mod turret;
 
 use super::force::{AxisToml, ForceConfig, ForceToml};
 use super::machine::machine_from_text;
-use super::{ConfigError, is_date, parse, parse_number, read_text};
+use super::{ConfigError, parse, parse_number, read_text};
 use crate::avoidance::AvoidanceSettings;
 use crate::avoidance::identified::StatedCut;
-use crate::avoidance::turret::{TurretAxis, TurretError, TurretKinematics};
 use crate::chatter::Band;
 use crate::pipeline::{AxisPlan, BandPlan, CutPrior, MarginPlan, PipelineSettings, ToolAxis};
 use crate::plant::cutting::{Cutting, RawCutting};
@@ -21,9 +21,9 @@ use crate::units::SampleRate;
 use pair::Pair;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::f64::consts::TAU;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+pub use turret::{COMMISSIONING_ITEMS, TurretConfig};
 
 /// Every setting with its default, unit and meaning.
 pub const DEFAULT_TEXT: &str = include_str!("../../config/stillcut.toml");
@@ -106,6 +106,7 @@ section!(TurretToml {
     command_ttl_s: f64 = 2.5,
     limits_by: String = NOT_COMMISSIONED.into(),
     limits_date: String = NOT_COMMISSIONED.into(),
+    accept: Vec<String> = vec![],
 });
 section!(TransportToml { prefix: String = "stillcut".into(), root: PathBuf = "/run/stillcut".into() });
 section!(HttpToml {
@@ -152,44 +153,6 @@ pub struct HttpConfig {
     pub hosts: Vec<String>,
     /// Loopback may write without a token: for the demonstration only, never from a file.
     pub trust_loopback: bool,
-}
-
-/// The turret that carries tool 1, and what it may do.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TurretConfig {
-    /// Names of its two axes.
-    pub axes: [String; 2],
-    /// Directions from "toward the bar", rad.
-    pub direction_rad: [f64; 2],
-    /// Least offsets, m.
-    pub lowest_offset_m: [f64; 2],
-    /// Greatest offsets, m.
-    pub highest_offset_m: [f64; 2],
-    /// Fastest motion of the offsets, m/s.
-    pub speed_m_s: [f64; 2],
-    /// Largest acceleration of the offsets, m/s2.
-    pub acceleration_m_s2: [f64; 2],
-    /// Largest pitch angle difference, rad.
-    pub largest_pitch_difference_rad: f64,
-    /// Lifetime of a command, s.
-    pub command_ttl_s: f64,
-    /// Who set these limits and on which day; nothing acts without.
-    pub commissioned: Option<(String, String)>,
-}
-
-impl TurretConfig {
-    /// Its axes at these places of the stream. Errors: axes that move no tool around a bar.
-    fn kinematics(&self, places: [usize; 2]) -> Result<TurretKinematics, TurretError> {
-        let axis = |i: usize| TurretAxis {
-            index: places[i],
-            direction_rad: self.direction_rad[i],
-            lowest_m: self.lowest_offset_m[i],
-            highest_m: self.highest_offset_m[i],
-            speed_m_s: self.speed_m_s[i],
-            acceleration_m_s2: self.acceleration_m_s2[i],
-        };
-        TurretKinematics::new([axis(0), axis(1)])
-    }
 }
 
 /// Folder and retention of the history.
@@ -475,52 +438,6 @@ impl Reader<'_> {
             _ => Err(self.bad(place, format!("{bytes} is not 1000000 or more"))),
         }
     }
-
-    fn turret(&self, raw: &TurretToml) -> Result<TurretConfig, ConfigError> {
-        let (place, limits) = ("turret.largest_pitch_difference_rad", (1e-3, 1.0));
-        let largest = self.within(place, raw.largest_pitch_difference_rad, limits)?;
-        if raw.axes.0[0] == raw.axes.0[1] {
-            return Err(self.bad("turret.axes", format!("{} twice: expected two axes", raw.axes.0[0])));
-        }
-        for direction_rad in raw.direction_rad.0 {
-            self.within("turret.direction_rad", direction_rad, (-TAU, TAU))?;
-        }
-        for (low, high) in raw.lowest_offset_m.0.iter().zip(&raw.highest_offset_m.0) {
-            self.within("turret.lowest_offset_m", *low, (-0.01, 0.0))?;
-            self.within("turret.highest_offset_m", *high, (0.0, 0.01))?;
-        }
-        for speed in raw.speed_m_s.0 {
-            self.within("turret.speed_m_s", speed, (1e-6, 0.1))?;
-        }
-        for acceleration in raw.acceleration_m_s2.0 {
-            self.within("turret.acceleration_m_s2", acceleration, (1e-6, 10.0))?;
-        }
-        let turret = TurretConfig {
-            axes: raw.axes.0.clone(),
-            direction_rad: raw.direction_rad.0,
-            lowest_offset_m: raw.lowest_offset_m.0,
-            highest_offset_m: raw.highest_offset_m.0,
-            speed_m_s: raw.speed_m_s.0,
-            acceleration_m_s2: raw.acceleration_m_s2.0,
-            largest_pitch_difference_rad: largest,
-            // I7: a dead sender must not hold the turret away from equal pitch for longer.
-            command_ttl_s: self.within("turret.command_ttl_s", raw.command_ttl_s, (1.1, 2.5))?,
-            commissioned: self.commissioned(&raw.limits_by, &raw.limits_date)?,
-        };
-        turret.kinematics([0, 1]).map_err(|e| self.bad("turret.direction_rad", e.to_string()))?;
-        Ok(turret)
-    }
-
-    fn commissioned(&self, by: &str, date: &str) -> Result<Option<(String, String)>, ConfigError> {
-        let (by, date) = (by.trim(), date.trim());
-        match (by, date) {
-            (NOT_COMMISSIONED, _) => Ok(None),
-            (_, NOT_COMMISSIONED) => Err(self.bad("turret.limits_date", "missing beside turret.limits_by")),
-            ("", _) => Err(self.bad("turret.limits_by", "expected the name of who set the limits")),
-            _ if is_date(date) => Ok(Some((by.to_owned(), date.to_owned()))),
-            _ => Err(self.bad("turret.limits_date", format!("`{date}` is not a date such as 2026-11-21"))),
-        }
-    }
 }
 
 impl ServiceConfig {
@@ -588,6 +505,7 @@ impl ServiceConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::is_date;
 
     fn error(text: &str) -> String {
         service_config_from_text(Path::new("c.toml"), text).unwrap_err().to_string()

@@ -38,6 +38,14 @@ impl Validity {
     /// tenth: its size there is not that of the force.
     pub const FORCE_ABOVE_BAND: Validity = Validity(1 << 9);
 
+    /// Flags that make a force unfit to act on unless somebody who knows the machine accepts them by name.
+    pub const HOLDING_BY_DEFAULT: Validity = Validity(
+        Self::ENCODER_LINE_IN_BAND.0
+            | Self::MODE_OUTSIDE_MODEL.0
+            | Self::ESTIMATORS_DISAGREE.0
+            | Self::FORCE_ABOVE_BAND.0,
+    );
+
     const NAMES: [(Validity, &'static str); 10] = [
         (Self::SETTLING, "settling"),
         (Self::BELOW_FRICTION, "below_friction"),
@@ -69,6 +77,12 @@ impl Validity {
             | Self::EXTRAPOLATED
             | Self::SIGNAL_MISSING;
         !self.shares(forbids)
+    }
+
+    /// The flag of that name; none set where there is none.
+    #[must_use]
+    pub fn named(name: &str) -> Validity {
+        Self::NAMES.into_iter().find(|(_, n)| *n == name).map_or(Self::VALID, |(flag, _)| flag)
     }
 
     /// True when any flag of `other` is set here.

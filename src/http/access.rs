@@ -4,6 +4,7 @@
 //! open on loopback. A right token is never held up by other people's wrong ones.
 
 use super::problem::Problem;
+use super::secrets::{PREFIX, holds_token, holds_token_of};
 use crate::service::clock;
 use axum::http::{HeaderMap, StatusCode, header};
 use base64::Engine as _;
@@ -71,6 +72,9 @@ pub enum TokenFileError {
         /// File.
         path: PathBuf,
     },
+    /// A setting that goes on record holds a token.
+    #[error("{0}: holds an access token; the record is open to more people than the token")]
+    InSetting(&'static str),
     /// Its content is not a list of tokens.
     #[error("{}: {message}", path.display())]
     Content {
@@ -135,6 +139,9 @@ pub fn token_names(path: &Path) -> Result<Vec<String>, TokenFileError> {
 }
 
 fn token_from_toml(raw: TokenToml) -> Result<Token, String> {
+    if holds_token(&raw.name) {
+        return Err("a name holds a token; names go on record".to_owned());
+    }
     let digest = digest_from_hex(&raw.sha256)
         .ok_or_else(|| format!("token {}: sha256 is not 64 hexadecimal digits", raw.name))?;
     let expires_ns = match raw.expires {
@@ -161,7 +168,7 @@ fn digest_from_hex(text: &str) -> Option<[u8; 32]> {
 /// A new token: its text, which nobody stores, and the SHA-256 that the file holds.
 #[must_use]
 pub fn new_token(random: [u8; 32]) -> (String, String) {
-    let text = format!("stillcut_{}", URL_SAFE_NO_PAD.encode(random));
+    let text = format!("{PREFIX}{}", URL_SAFE_NO_PAD.encode(random));
     let digest = Sha256::digest(text.as_bytes());
     (text, digest.iter().map(|b| format!("{b:02x}")).collect())
 }
@@ -178,6 +185,8 @@ pub struct Caller {
 /// Tokens that are not good within this time count against an address.
 const GUESS_WINDOW: Duration = Duration::from_secs(60);
 const GUESSES: usize = 5;
+/// Between two looks at the file for the sake of unknown tokens.
+const LOOK_AGAIN: Duration = Duration::from_millis(100);
 /// Most addresses remembered; beyond it the oldest are forgotten.
 const ADDRESSES: usize = 4096;
 
@@ -187,6 +196,8 @@ type Clocks = (Instant, i64);
 struct Loaded {
     tokens: Vec<Token>,
     changed: Option<(i64, i64)>,
+    /// Why no token of the file is in force.
+    refused: Option<String>,
     /// When the tokens were read.
     read: Clocks,
 }
@@ -207,6 +218,8 @@ pub struct Access {
     file: Option<PathBuf>,
     trust_loopback: bool,
     loaded: Mutex<Loaded>,
+    /// When the file was looked at for the sake of an unknown token.
+    asked_again: Mutex<Option<Instant>>,
     guesses: Mutex<HashMap<IpAddr, Vec<Instant>>>,
 }
 
@@ -234,11 +247,12 @@ impl Access {
     fn load_at(file: Option<&Path>, trust_loopback: bool, read: Clocks) -> Result<Self, TokenFileError> {
         let tokens = file.map(read_tokens).transpose()?.unwrap_or_default();
         let changed = file.and_then(changed);
-        let loaded = Loaded { tokens, changed, read };
+        let loaded = Loaded { tokens, changed, refused: None, read };
         Ok(Self {
             file: file.map(Path::to_owned),
             trust_loopback,
             loaded: Mutex::new(loaded),
+            asked_again: Mutex::default(),
             guesses: Mutex::default(),
         })
     }
@@ -254,14 +268,14 @@ impl Access {
     }
 
     /// Takes a changed file into use. One that is gone, cannot be read or that others may read leaves no
-    /// token in force: answers true where that is news. One whose content is no list of tokens changes
-    /// nothing: it may be half written. Reads the disk: not for the thread that answers requests.
-    pub fn refresh(&self) -> bool {
-        let Some(file) = &self.file else { return false };
+    /// token in force. One whose content is no list of tokens changes nothing: it may be half written.
+    /// Reads the disk: not for the thread that answers requests.
+    pub fn refresh(&self) {
+        let Some(file) = &self.file else { return };
         let lock = || self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
         let changed = changed(file);
         if changed == lock().changed {
-            return false;
+            return;
         }
         let read = read_tokens(file);
         let mut loaded = lock();
@@ -270,19 +284,64 @@ impl Access {
             Ok(tokens) => {
                 tracing::info!(event = "token_file", tokens = tokens.len(), "taken into use");
                 loaded.tokens = tokens;
+                loaded.refused = None;
                 loaded.read = (clock::now(), clock::wall_ns());
-                false
             }
             Err(error @ TokenFileError::Content { .. }) => {
                 tracing::error!(event = "token_file", "{error}; the tokens in force stay");
-                false
             }
             Err(error) => {
                 tracing::error!(event = "token_file", "{error}; no token is in force until it is mended");
                 loaded.tokens.clear();
-                true
+                loaded.refused = Some(error.to_string());
             }
         }
+    }
+
+    /// Whether a token is in force that may take the turret back; where loopback is trusted, none is needed.
+    pub fn way_back(&self, now: Instant) -> bool {
+        let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
+        self.trust_loopback
+            || loaded.tokens.iter().any(|t| t.role >= Role::Operator && loaded.is_good(t, now))
+    }
+
+    /// What is wrong with the tokens: the file cannot be used, or nobody may take the turret back any more.
+    /// One line; nothing where no file was asked for, or where it never named an operator.
+    pub fn trouble(&self, now: Instant) -> Option<String> {
+        let path = self.file.as_ref()?.display();
+        let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
+        let operators = || loaded.tokens.iter().filter(|t| t.role >= Role::Operator);
+        let expired = operators().next().is_some() && !operators().any(|t| loaded.is_good(t, now));
+        let told = match &loaded.refused {
+            Some(refused) => Some(refused.clone()),
+            None if loaded.tokens.is_empty() => Some(format!("http.tokens: {path}: holds no token")),
+            None if expired => Some(format!("http.tokens: {path}: every token of an operator has expired")),
+            None => None,
+        };
+        told.map(|what| format!("{what}; no token is in force that may take the turret back"))
+    }
+
+    /// Whether a text holds a token, by its form or by its hash.
+    pub(crate) fn is_in(&self, text: &str) -> bool {
+        let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
+        holds_token(text) || holds_token_of(text, |d| loaded.tokens.iter().any(|t| t.digest == *d))
+    }
+
+    /// Whether any of these settings holds a token.
+    #[must_use]
+    pub fn holds_secret(&self, texts: &[&String]) -> bool {
+        texts.iter().any(|text| self.is_in(text))
+    }
+
+    /// Whether it is time to look at the file because somebody came with a token that is not known: it may
+    /// have been added a moment ago. Whoever guesses makes no more looks than this.
+    pub(crate) fn looks_again(&self, now: Instant) -> bool {
+        let mut asked = self.asked_again.lock().unwrap_or_else(PoisonError::into_inner);
+        let due = asked.is_none_or(|t| now.duration_since(t) >= LOOK_AGAIN);
+        if due {
+            *asked = Some(now);
+        }
+        due && self.file.is_some()
     }
 
     pub(crate) fn judge(&self, headers: &HeaderMap, address: IpAddr, now: Instant) -> Verdict {
@@ -473,20 +532,23 @@ mod tests {
         let mode = |m| std::fs::set_permissions(file.path(), std::fs::Permissions::from_mode(m)).unwrap();
         // Others can read it: no token is in force until the mode is mended, without any further touch.
         mode(0o644);
-        assert!(access.refresh() && !access.refresh(), "told once");
+        access.refresh();
+        assert!(access.trouble(now).is_some_and(|t| t.contains("mode 644")));
         assert_eq!(access.judge(&with(&one), FAR, now), Verdict::BadToken);
         std::thread::sleep(Duration::from_millis(20));
         mode(0o600);
-        assert!(!access.refresh());
+        access.refresh();
+        assert_eq!(access.trouble(now), None);
         assert!(matches!(access.judge(&with(&two), FAR, now), Verdict::Known(_)));
         assert_eq!(access.judge(&with(&one), FAR, now), Verdict::BadToken, "revoked");
         // Half written: what is in force stays.
         std::thread::sleep(Duration::from_millis(20));
         std::fs::write(file.path(), "[[token]]\nname = ").unwrap();
-        assert!(!access.refresh());
+        access.refresh();
         assert!(matches!(access.judge(&with(&two), FAR, now), Verdict::Known(_)));
         std::fs::remove_file(file.path()).unwrap();
-        assert!(access.refresh() && !access.refresh(), "told once");
+        access.refresh();
+        assert!(access.trouble(now).is_some());
         assert_eq!(access.judge(&with(&two), NEAR, now), Verdict::BadToken, "the file is gone");
     }
 
@@ -501,5 +563,29 @@ mod tests {
         std::fs::write(file.path(), "").unwrap();
         access.refresh();
         assert_eq!(access.judge(&with(&one), FAR, now), Verdict::BadToken);
+        assert!(access.trouble(now).is_some_and(|t| t.contains("holds no token")));
+    }
+
+    #[test]
+    fn the_way_back_ends_with_the_last_operators_token() {
+        let (_, hash) = new_token([1; 32]);
+        let entry = |role: &str, expires: &str| {
+            format!("[[token]]\nname = \"n\"\nrole = \"{role}\"\nsha256 = \"{hash}\"\n{expires}")
+        };
+        let expiry = clock::parse_rfc3339("2026-01-01T00:00:00Z").unwrap();
+        let expires = "expires = \"2026-01-01T00:00:00Z\"\n";
+        let now = Instant::now();
+        let load =
+            |text: &str| Access::load_at(Some(file(text).path()), false, (now, expiry - 1_000_000_000));
+        let later = now + Duration::from_secs(1);
+        let operator = load(&entry("operator", expires)).unwrap();
+        assert!(operator.way_back(now) && operator.trouble(now).is_none());
+        assert!(!operator.way_back(later) && operator.trouble(later).is_some_and(|t| t.contains("expired")));
+        let engineer = load(&(entry("operator", expires) + &entry("engineer", ""))).unwrap();
+        assert!(engineer.way_back(later) && engineer.trouble(later).is_none());
+        let viewer = load(&entry("viewer", "")).unwrap();
+        assert!(!viewer.way_back(now) && viewer.trouble(now).is_none(), "nobody was ever to act");
+        assert!(Access::load(None, true).unwrap().way_back(now));
+        assert!(!Access::load(None, false).unwrap().way_back(now));
     }
 }

@@ -5,8 +5,8 @@ use super::extract::Body;
 use super::problem::{Problem, Refused};
 use super::{Caller, Role, Site};
 use crate::service::live::Mode;
-use crate::service::{Changed, ModeNow};
-use axum::extract::State;
+use crate::service::{Changed, ModeNow, Origin};
+use axum::extract::{FromRequest as _, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
@@ -26,17 +26,21 @@ pub(super) struct ModeView {
     /// the disk.
     #[serde(skip_serializing_if = "Option::is_none")]
     recorded: Option<bool>,
+    /// Answers of an override: what was wrong with the body, where the reason in it was not taken.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason_refused: Option<String>,
 }
 
-fn mode_response(now: ModeNow, recorded: Option<bool>) -> Response {
-    let view = ModeView { mode: now.mode, revision: now.revision, reason: now.reason, recorded };
+fn mode_response(now: ModeNow, recorded: Option<bool>, reason_refused: Option<String>) -> Response {
+    let ModeNow { mode, revision, reason } = now;
+    let view = ModeView { mode, revision, reason, recorded, reason_refused };
     let tag = HeaderValue::from_str(&format!("\"{}\"", view.revision))
         .unwrap_or_else(|_| HeaderValue::from_static("\"\""));
     ([(header::ETAG, tag)], Json(view)).into_response()
 }
 
 fn changed(change: Changed) -> Response {
-    mode_response(change.mode, Some(change.recorded))
+    mode_response(change.mode, Some(change.recorded), None)
 }
 
 /// The mode, with its ETag.
@@ -45,9 +49,7 @@ fn changed(change: Changed) -> Response {
             headers(("ETag" = String, description = "Revision of the mode"))),
         Refused))]
 pub(super) async fn get_mode(State(site): State<Site>) -> Response {
-    let state = site.handle.state();
-    let (mode, revision) = (state.mode, state.mode_revision);
-    mode_response(ModeNow { mode, revision, reason: state.mode_reason.clone() }, None)
+    mode_response(site.handle.mode(), None, None)
 }
 
 /// A change of mode.
@@ -81,10 +83,10 @@ pub(super) async fn put_mode(
 ) -> Result<Response, Problem> {
     caller.require(Role::Operator)?;
     let Body(body) = body?;
-    let origin = origin(&caller, &body.reason)?;
+    let origin = origin(&site, &caller, &body.reason)?;
     // The picture decides only which refusal is told; whether this is the way up, and whether it is free, the
     // pipeline thread judges by the mode itself.
-    let up = body.mode as u8 > site.handle.state().mode as u8;
+    let up = body.mode as u8 > site.handle.mode().mode as u8;
     let revision = if up {
         caller.require(Role::Engineer)?;
         Some(if_match(&headers)?)
@@ -111,7 +113,7 @@ fn if_match(headers: &HeaderMap) -> Result<u64, Problem> {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TakeBackBody {
-    /// One sentence for the record; without it the record says that none was given.
+    /// One sentence for the record; without a good one the record says that none was given.
     #[schema(
         min_length = 1,
         max_length = 500,
@@ -125,8 +127,9 @@ fn no_reason() -> String {
     "no reason given".to_owned()
 }
 
-/// Take the turret back: equal pitch and `observe`, within one control cycle. Done and answered also while
-/// the history cannot be written; an `Idempotency-Key` changes nothing.
+/// Take the turret back: equal pitch and `observe`, within one control cycle, before the body is read: a body
+/// that is missing or wrong is told as `reason_refused`. Done and answered also while the history cannot be
+/// written; an `Idempotency-Key` changes nothing.
 #[utoipa::path(post, path = "/api/v1/override", tag = "control",
     operation_id = "takeBack", request_body = TakeBackBody,
     security(("token" = [])),
@@ -135,11 +138,26 @@ fn no_reason() -> String {
 pub(super) async fn take_back(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,
-    body: Result<Body<TakeBackBody>, Problem>,
+    request: Request,
 ) -> Result<Response, Problem> {
     caller.require(Role::Operator)?;
-    let origin = origin(&caller, &body?.0.reason)?;
-    Ok(changed(site.handle.take_back(origin).await?))
+    // Whoever hangs up meanwhile has still asked for it.
+    let deed = tokio::spawn(async move {
+        let outcome = site.handle.take_back(&caller.name).await;
+        let said = Body::<TakeBackBody>::from_request(request, &()).await;
+        let reason = said.and_then(|body| Ok(origin(&site, &caller, &body.0.reason)?.reason));
+        let (reason, refused) = match reason {
+            Ok(reason) => (reason, None),
+            Err(problem) => (no_reason(), Some(problem.in_one_line())),
+        };
+        let role = caller.role.map_or("none", Role::word).to_owned();
+        let origin = Origin { actor: caller.name.clone(), role, reason };
+        site.handle.record_override(&origin, outcome).await.map(|done| (done, refused))
+    });
+    let lost =
+        |_| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", "a fault of ours; see the log");
+    let (done, refused) = deed.await.map_err(lost)??;
+    Ok(mode_response(done.mode, Some(done.recorded), refused))
 }
 
 /// Whether the turret is to stay where it is.
@@ -171,7 +189,7 @@ pub(super) async fn hold(
 ) -> Result<Response, Problem> {
     caller.require(Role::Operator)?;
     let body = body?.0;
-    let origin = origin(&caller, &body.reason)?;
+    let origin = origin(&site, &caller, &body.reason)?;
     Ok(changed(site.handle.hold(body.hold, origin).await?))
 }
 
@@ -187,6 +205,6 @@ pub(super) async fn clear_fault(
     body: Result<Body<ReasonBody>, Problem>,
 ) -> Result<Response, Problem> {
     caller.require(Role::Engineer)?;
-    let origin = origin(&caller, &body?.0.reason)?;
+    let origin = origin(&site, &caller, &body?.0.reason)?;
     Ok(changed(site.handle.clear_fault(origin).await?))
 }

@@ -1,11 +1,11 @@
 //! Diagnosis jobs over HTTP.
 
-use super::events::{next_header, origin};
+use super::events::{ReasonBody, next_header, origin};
 use super::extract::{Asked, Body, Named};
 use super::problem::{Problem, Refused};
 use super::recordings::page_size;
 use super::{Caller, Role, Site};
-use crate::service::DiagnosisView;
+use crate::service::{BUDGET_S, BUDGETS_S, DiagnosisView};
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -50,6 +50,10 @@ pub(super) struct DiagnosisBody {
     /// Names of recordings, 1 to 16, each once.
     #[schema(min_items = 1, max_items = 16)]
     recordings: Vec<String>,
+    /// What it may take, s, 10 to 1800; 300 when not given.
+    #[schema(minimum = 10, maximum = 1800)]
+    #[serde(default = "budget")]
+    budget_s: u32,
     /// One sentence for the record.
     #[schema(
         min_length = 1,
@@ -57,6 +61,10 @@ pub(super) struct DiagnosisBody {
         pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
     )]
     reason: String,
+}
+
+fn budget() -> u32 {
+    BUDGET_S
 }
 
 /// Start a diagnosis of stored recordings against the configured model.
@@ -71,7 +79,7 @@ pub(super) async fn start(
 ) -> Result<(StatusCode, Json<DiagnosisView>), Problem> {
     caller.require(Role::Engineer)?;
     let Body(body) = body?;
-    let origin = origin(&caller, &body.reason)?;
+    let origin = origin(&site, &caller, &body.reason)?;
     if !(1..=16).contains(&body.recordings.len()) {
         let problem =
             Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "1 to 16 recordings are needed");
@@ -83,7 +91,31 @@ pub(super) async fn start(
             Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "a recording is named twice");
         return Err(problem.with_field(&format!("/recordings/{twice}"), "expected each recording once"));
     }
-    let view = site.handle.start_diagnosis(body.recordings, &origin).await?;
+    if !BUDGETS_S.contains(&body.budget_s) {
+        let detail = "the budget is out of range";
+        let problem = Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", detail);
+        return Err(problem.with_field("/budget_s", "expected 10 to 1800 s"));
+    }
+    let view = site.handle.start_diagnosis(body.recordings, body.budget_s, &origin).await?;
+    Ok((StatusCode::ACCEPTED, Json(view)))
+}
+
+/// End a diagnosis that waits or runs; it stays in the list as `cancelled`.
+#[utoipa::path(post, path = "/api/v1/diagnoses/{id}/cancel", tag = "diagnosis",
+    operation_id = "cancelDiagnosis", request_body = ReasonBody,
+    params(("id" = String, Path, description = "Name of the job")),
+    security(("token" = [])),
+    responses((status = 202, description = "It is being ended", body = DiagnosisView),
+        Refused))]
+pub(super) async fn cancel(
+    State(site): State<Site>,
+    Extension(caller): Extension<Caller>,
+    Named(id): Named<String>,
+    body: Result<Body<ReasonBody>, Problem>,
+) -> Result<(StatusCode, Json<DiagnosisView>), Problem> {
+    caller.require(Role::Operator)?;
+    let origin = origin(&site, &caller, &body?.0.reason)?;
+    let view = site.handle.cancel_diagnosis(&id, &origin).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 

@@ -46,6 +46,8 @@ pub struct EventView {
     acknowledged_at: Option<String>,
     /// Silenced until, RFC 3339 UTC.
     silenced_until: Option<String>,
+    /// What a person says of an alarm: that it was right, or false; absent before anybody says.
+    judged_right: Option<bool>,
 }
 
 impl From<&Event> for EventView {
@@ -66,6 +68,7 @@ impl From<&Event> for EventView {
             acknowledged_by: event.acknowledged_by.clone(),
             acknowledged_at: event.acknowledged_ns.map(clock::rfc3339),
             silenced_until: event.silenced_until_ns.map(clock::rfc3339),
+            judged_right: event.judged_right,
         }
     }
 }
@@ -282,7 +285,9 @@ pub(super) struct ReasonBody {
 }
 
 /// The caller and the reason, for events and the audit record. Errors: an empty or endless reason.
-pub(super) fn origin(caller: &Caller, reason: &str) -> Result<Origin, Problem> {
+///
+/// A reason that holds a token is refused, too: the record is open to more people than the token.
+pub(super) fn origin(site: &Site, caller: &Caller, reason: &str) -> Result<Origin, Problem> {
     let printable = reason.chars().count() <= 500 && !reason.chars().any(char::is_control);
     let reason = reason.trim();
     if reason.is_empty() || !printable {
@@ -293,14 +298,35 @@ pub(super) fn origin(caller: &Caller, reason: &str) -> Result<Origin, Problem> {
         );
         return Err(problem.with_field("/reason", "expected one sentence"));
     }
+    if site.access.is_in(reason) {
+        let detail = "the reason holds an access token; nothing of it was kept: consider a new token";
+        let problem = Problem::new(axum::http::StatusCode::UNPROCESSABLE_ENTITY, "secret_in_text", detail);
+        return Err(problem.with_field("/reason", "expected a sentence without a token"));
+    }
     let role = caller.role.map_or("none", Role::word);
     Ok(Origin { actor: caller.name.clone(), role: role.to_owned(), reason: reason.to_owned() })
 }
 
-/// Acknowledge an event.
+/// Why an event is acknowledged, and what it was.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AcknowledgeBody {
+    /// One sentence for the record, 1 to 500 characters.
+    #[schema(
+        min_length = 1,
+        max_length = 500,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
+    reason: String,
+    /// Whether the alarm was right or false, where the person knows: commissioning counts it.
+    #[serde(default)]
+    right: Option<bool>,
+}
+
+/// Acknowledge an event, and say whether its alarm was right.
 #[utoipa::path(post, path = "/api/v1/events/{sequence}/acknowledge", tag = "control",
     operation_id = "acknowledgeEvent",
-    params(("sequence" = i64, Path, description = "Place in the history")), request_body = ReasonBody,
+    params(("sequence" = i64, Path, description = "Place in the history")), request_body = AcknowledgeBody,
     security(("token" = [])),
     responses((status = 200, description = "The event as it is now", body = EventView),
         Refused))]
@@ -308,11 +334,12 @@ pub(super) async fn acknowledge(
     State(site): State<Site>,
     Extension(caller): Extension<Caller>,
     Named(sequence): Named<i64>,
-    body: Result<Body<ReasonBody>, Problem>,
+    body: Result<Body<AcknowledgeBody>, Problem>,
 ) -> Result<Json<EventView>, Problem> {
     caller.require(Role::Operator)?;
-    let origin = origin(&caller, &body?.0.reason)?;
-    Ok(Json(EventView::from(&site.handle.acknowledge(sequence, &origin).await?)))
+    let Body(body) = body?;
+    let origin = origin(&site, &caller, &body.reason)?;
+    Ok(Json(EventView::from(&site.handle.acknowledge(sequence, body.right, &origin).await?)))
 }
 
 /// How long an event is not to be shown as an alarm.
@@ -355,7 +382,7 @@ pub(super) async fn silence(
         );
         return Err(problem.with_field("/minutes", "expected 1 to 480"));
     }
-    let origin = origin(&caller, &body.reason)?;
+    let origin = origin(&site, &caller, &body.reason)?;
     Ok(Json(EventView::from(&site.handle.silence(sequence, body.minutes, &origin).await?)))
 }
 

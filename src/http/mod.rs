@@ -15,6 +15,7 @@ mod read;
 mod recordings;
 mod refusals;
 mod seats;
+mod secrets;
 mod server;
 mod stream;
 mod watchful;
@@ -23,6 +24,7 @@ pub use access::{Access, Caller, Role, TokenFileError, new_token, token_names};
 pub use events::EventView;
 pub use problem::{FieldError, Problem};
 pub use read::CheckView;
+pub use secrets::holds_token;
 pub use server::{TlsError, serve, tls_acceptor};
 
 use crate::service::{Handle, clock};
@@ -49,6 +51,9 @@ const BODY_BYTES: usize = 64 * 1024;
 const STREAMS: usize = 64;
 /// Most downloads at once.
 const EXPORTS: usize = 2;
+
+/// How long the disk may take to show a token that was added a moment ago.
+const FRESH_TOKENS: std::time::Duration = std::time::Duration::from_millis(500);
 
 /// Address of the other end of a connection.
 #[derive(Debug, Clone, Copy)]
@@ -93,7 +98,9 @@ fn routes() -> OpenApiRouter<Site> {
         .routes(routes!(read::axes))
         .routes(routes!(read::spectrum))
         .routes(routes!(read::stability))
+        .routes(routes!(read::past))
         .routes(routes!(read::config))
+        .routes(routes!(read::commissioning))
         .routes(routes!(stream::stream))
         .routes(routes!(events::list))
         .routes(routes!(events::one))
@@ -110,6 +117,7 @@ fn routes() -> OpenApiRouter<Site> {
         .routes(routes!(recordings::replay))
         .routes(routes!(diagnoses::list, diagnoses::start))
         .routes(routes!(diagnoses::one))
+        .routes(routes!(diagnoses::cancel))
         .routes(routes!(diagnoses::report))
         .routes(routes!(events::audit))
         .routes(routes!(read::healthz))
@@ -196,7 +204,7 @@ async fn gate(State(site): State<Site>, mut request: Request, next: Next) -> Res
     let route = request.extensions().get::<MatchedPath>().map_or("other", MatchedPath::as_str).to_owned();
     // A length beside it was ignored: what follows on the connection is not taken for a request.
     let chunked = request.headers().contains_key(header::TRANSFER_ENCODING);
-    let admitted = admit(&site, &mut request, address);
+    let admitted = admit(&site, &mut request, address).await;
     let caller = request.extensions().get::<Caller>().map_or_else(String::new, |c| c.name.clone());
     let mut response = match admitted {
         Ok(()) => next.run(request).await,
@@ -228,9 +236,9 @@ fn part_of(route: &str) -> &'static str {
         };
     };
     match inner.split('/').next().unwrap_or_default() {
-        "state" | "axes" | "spectrum" | "stability" | "stream" => "live",
+        "state" | "axes" | "spectrum" | "stability" | "past" | "stream" => "live",
         "events" | "recordings" | "audit" | "diagnoses" => "history",
-        "config" => "operation",
+        "config" | "commissioning" => "operation",
         _ => "control",
     }
 }
@@ -259,7 +267,7 @@ fn address_of(request: &Request) -> IpAddr {
     peer.or_else(tested).unwrap_or(IpAddr::V4(std::net::Ipv4Addr::UNSPECIFIED))
 }
 
-fn admit(site: &Shared, request: &mut Request, address: IpAddr) -> Result<(), Problem> {
+async fn admit(site: &Site, request: &mut Request, address: IpAddr) -> Result<(), Problem> {
     let (metrics, path) = (site.handle.metrics(), request.uri().path().to_owned());
     let refuse = |kind| {
         site.refusals.tell(metrics, kind, Where { address, path: &path, caller: "" }, clock::now());
@@ -273,6 +281,11 @@ fn admit(site: &Shared, request: &mut Request, address: IpAddr) -> Result<(), Pr
         refuse("bad_host");
         let detail = "this host name is not served here; add it to http.hosts";
         return Err(Problem::new(StatusCode::MISDIRECTED_REQUEST, "unknown_host", detail));
+    }
+    let known = site.access.caller(request.headers(), address, clock::now());
+    if known.is_none() && site.access.looks_again(clock::now()) {
+        let access = Arc::clone(&site.access);
+        drop(tokio::time::timeout(FRESH_TOKENS, tokio::task::spawn_blocking(move || access.refresh())).await);
     }
     match site.access.judge(request.headers(), address, clock::now()) {
         Verdict::Known(caller) => {

@@ -1,4 +1,4 @@
-//! The operator page: three files inside the binary, nothing loaded from elsewhere.
+//! The operator page: a few files inside the binary, nothing loaded from elsewhere.
 
 use super::Site;
 use axum::Router;
@@ -10,6 +10,7 @@ const HTML: &str = include_str!("page/index.html");
 const CSS: &str = include_str!("page/page.css");
 const JS: &str = include_str!("page/page.js");
 const CHARTS: &str = include_str!("page/charts.js");
+const WORDS: &str = include_str!("page/words.js");
 const ICON: &str = include_str!("page/icon.svg");
 const PROBLEMS: &str = include_str!("page/problems.html");
 
@@ -23,6 +24,7 @@ pub(super) fn routes() -> Router<Site> {
         .route("/", get(|| async { file("text/html; charset=utf-8", HTML) }))
         .route("/page.css", get(|| async { file("text/css; charset=utf-8", CSS) }))
         .route("/page.js", get(|| async { file("text/javascript; charset=utf-8", JS) }))
+        .route("/words.js", get(|| async { file("text/javascript; charset=utf-8", WORDS) }))
         .route("/charts.js", get(|| async { file("text/javascript; charset=utf-8", CHARTS) }))
         .route("/favicon.ico", get(|| async { file("image/svg+xml", ICON) }))
         .route("/icon.svg", get(|| async { file("image/svg+xml", ICON) }))

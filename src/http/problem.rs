@@ -13,7 +13,7 @@ use utoipa::openapi::{self, RefOr};
 pub(crate) const PROBLEM_JSON: &str = "application/problem+json";
 
 /// Every code, as the page of problems explains them.
-pub(super) const CODES: [&str; 36] = [
+pub(super) const CODES: [&str; 37] = [
     "bad_token",
     "token_required",
     "role_too_low",
@@ -30,6 +30,7 @@ pub(super) const CODES: [&str; 36] = [
     "json_too_deep",
     "invalid_body",
     "reason_required",
+    "secret_in_text",
     "unsupported_media_type",
     "body_too_large",
     "body_timeout",
@@ -90,6 +91,12 @@ pub struct Problem {
 }
 
 impl Problem {
+    /// What is wrong, in one line.
+    pub(super) fn in_one_line(&self) -> String {
+        let details = self.errors.iter().map(|e| format!("{} {}", e.pointer, e.detail));
+        std::iter::once(self.detail.clone()).chain(details).collect::<Vec<_>>().join(": ")
+    }
+
     pub(crate) fn new(status: StatusCode, code: &str, detail: impl Into<String>) -> Self {
         debug_assert!(CODES.contains(&code), "{code} is not in the list of codes");
         Self {

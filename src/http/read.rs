@@ -1,15 +1,16 @@
 //! What is happening now, the configuration, health and metrics.
 
+use super::extract::Asked;
 use super::problem::{Problem, Refused};
 use super::{Site, access::Caller};
 use crate::service::live::{AxisView, LiveState, SpectrumView};
-use crate::service::{Check, stability};
+use crate::service::{Check, CommissioningView, LONGEST_S, PastView, stability};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use serde::Serialize;
-use utoipa::ToSchema;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
 
 /// The whole picture.
 #[utoipa::path(get, path = "/api/v1/state", tag = "live", operation_id = "getState",
@@ -42,6 +43,41 @@ pub(super) async fn spectrum(State(site): State<Site>) -> Json<SpectrumView> {
         Refused))]
 pub(super) async fn stability(State(site): State<Site>) -> Result<Json<stability::StabilityCurve>, Problem> {
     Ok(Json(site.handle.stability().await?))
+}
+
+/// How far back.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct PastQuery {
+    /// Seconds, 10 to 28800; 20 when not given.
+    #[param(minimum = 10, maximum = 28800)]
+    seconds: Option<u32>,
+}
+
+/// Spectra and forces of the last seconds or hours, from the service's memory: a restart forgets them. Up to
+/// 20 s as they were shown, beyond that the largest values of each second.
+#[utoipa::path(get, path = "/api/v1/past", tag = "live", operation_id = "getPast", params(PastQuery),
+    responses((status = 200, description = "At most 600 columns, oldest first", body = PastView), Refused))]
+pub(super) async fn past(
+    State(site): State<Site>,
+    Asked(query): Asked<PastQuery>,
+) -> Result<Json<PastView>, Problem> {
+    let seconds = query.seconds.unwrap_or(20);
+    if !(10..=LONGEST_S).contains(&seconds) {
+        let problem = Problem::bad_request("invalid_query", "the query is not what was expected");
+        return Err(problem.with_field("query/seconds", "expected 10 to 28800"));
+    }
+    Ok(Json(site.handle.past(seconds).await))
+}
+
+/// Where commissioning stands: what was observed, what is needed before `act`, what is accepted as missing.
+#[utoipa::path(get, path = "/api/v1/commissioning", tag = "operation", operation_id = "getCommissioning",
+    responses((status = 200, description = "Every item, with what there is and what is needed",
+            body = CommissioningView),
+        Refused))]
+pub(super) async fn commissioning(State(site): State<Site>) -> Json<CommissioningView> {
+    Json(site.handle.commissioning().as_ref().clone())
 }
 
 /// The configuration in force, without secrets.

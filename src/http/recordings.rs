@@ -82,7 +82,7 @@ pub(super) async fn save(
     body: Result<Body<ReasonBody>, Problem>,
 ) -> Result<(StatusCode, Json<SavedView>), Problem> {
     caller.require(Role::Operator)?;
-    let origin = origin(&caller, &body?.0.reason)?;
+    let origin = origin(&site, &caller, &body?.0.reason)?;
     let id = site.handle.save_recording(origin).await?;
     Ok((StatusCode::ACCEPTED, Json(SavedView { id })))
 }

@@ -1,5 +1,6 @@
 //! Security refusals in the log, each kind once in a while: whoever is refused again and again fills no log.
 
+use super::secrets::without_tokens;
 use crate::telemetry::Metrics;
 use std::collections::HashMap;
 use std::net::IpAddr;
@@ -30,7 +31,7 @@ impl Refusals {
         metrics.security_events.with_label_values(&[kind]).inc();
         let Some(untold) = self.due(kind, now) else { return };
         let Where { address, caller, .. } = place;
-        let path: String = place.path.chars().take(LONGEST_PATH).collect();
+        let path: String = without_tokens(place.path).chars().take(LONGEST_PATH).collect();
         tracing::warn!(event = kind, %address, path, caller, untold, "a request was refused");
     }
 

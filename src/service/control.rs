@@ -69,7 +69,7 @@ pub(crate) enum Control {
         done: oneshot::Sender<Result<ModeNow, Refusal>>,
     },
     Override {
-        origin: Origin,
+        actor: String,
         done: oneshot::Sender<Result<ModeNow, Refusal>>,
     },
     Hold {

@@ -3,7 +3,7 @@
 
 use super::virtual_lathe::VirtualLathe;
 use super::{EventFilter, Handle, MAX_PAGE, Origin, Running, ServiceError, live, start};
-use crate::config::service::{BUILT_IN_MODEL, ServiceConfig};
+use crate::config::service::{BUILT_IN_MODEL, COMMISSIONING_ITEMS, ServiceConfig};
 use crate::simulation::lathe::LatheSettings;
 use crate::telemetry::{Event, EventKind};
 use crate::transport::{Domain, TransportError};
@@ -121,6 +121,8 @@ fn service_config(plan: &DemoPlan, folder: &Path, port: u16) -> ServiceConfig {
     config.http.trust_loopback = true;
     // The virtual lathe's limits are the defaults.
     config.turret.commissioned = Some(("the demonstration".to_owned(), "2026-11-21".to_owned()));
+    config.turret.accept = COMMISSIONING_ITEMS.map(str::to_owned).to_vec();
+    config.turret.accept.push("estimators_disagree".to_owned());
     config
 }
 
@@ -190,18 +192,19 @@ async fn follow(
     tell(&format!("mode      {}", plan.mode.word()));
     tell(&format!("ends      after {} s or with Ctrl-C; --duration-s sets another time", plan.duration_s));
     let mut looks = Vec::new();
-    let mut cursor = 0;
+    let (mut cursor, mut raised) = (0, false);
     while !lathe.is_finished() {
         tokio::time::sleep(Duration::from_millis(50)).await;
         let state = handle.state();
-        if state.mode != plan.mode && state.source.connected {
+        // Once: a person who takes the turret back on the page keeps it.
+        if !raised && state.mode != plan.mode && state.source.connected {
             let origin = Origin {
                 actor: "demo".into(),
                 role: "engineer".into(),
                 reason: "the demonstration asks for it".into(),
             };
             // Refused until samples and turret are heard: asked again at the next look.
-            let _ = handle.set_mode(plan.mode, Some(state.mode_revision), origin).await;
+            raised = handle.set_mode(plan.mode, Some(state.mode_revision), origin).await.is_ok();
         }
         let strongest = handle.spectrum().amplitude_n.iter().copied().fold(0.0, f64::max);
         looks.push(Look { line_power_n2: strongest * strongest / 2.0, ..take_look(latest) });

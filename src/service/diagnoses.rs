@@ -11,14 +11,20 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use tokio_util::sync::CancellationToken;
 use utoipa::ToSchema;
 
 /// Jobs that may wait.
 const WAITING: usize = 8;
 /// Finished jobs that are remembered.
 const REMEMBERED: usize = 100;
-/// A job that takes longer is ended.
-const LONGEST: Duration = Duration::from_secs(1800);
+/// Budget of a job that names none, s.
+pub const BUDGET_S: u32 = 300;
+/// Budgets that may be asked for, s.
+pub const BUDGETS_S: std::ops::RangeInclusive<u32> = 10..=1800;
+/// A job that is not done this long after its budget is ended: the budget counts work, and the machine may be
+/// busy with other things.
+const GRACE: Duration = Duration::from_secs(60);
 
 /// Where a job stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -32,6 +38,8 @@ pub enum JobState {
     Done,
     /// Ended without one.
     Failed,
+    /// A person ended it.
+    Cancelled,
 }
 
 /// One diagnosis.
@@ -55,6 +63,12 @@ pub struct DiagnosisView {
     pub result: Option<serde_json::Value>,
     /// Why there is no result.
     pub error: Option<String>,
+    /// What it may take, s.
+    #[serde(default)]
+    pub budget_s: u32,
+    /// Axes of the model that the result says nothing of.
+    #[serde(default)]
+    pub axes_not_looked_at: Vec<String>,
 }
 
 #[derive(Debug)]
@@ -62,6 +76,7 @@ struct Job {
     view: DiagnosisView,
     files: Vec<PathBuf>,
     began: Option<std::time::Instant>,
+    cancel: CancellationToken,
 }
 
 #[derive(Debug)]
@@ -124,7 +139,7 @@ impl Diagnoses {
 
     /// Adds a job. Nothing when too many wait.
     #[must_use]
-    pub fn add(&self, recordings: Vec<String>, files: Vec<PathBuf>) -> Option<DiagnosisView> {
+    pub fn add(&self, recordings: Vec<String>, files: Vec<PathBuf>, budget_s: u32) -> Option<DiagnosisView> {
         let view = DiagnosisView {
             id: clock::new_id(),
             recordings,
@@ -135,21 +150,37 @@ impl Diagnoses {
             step: None,
             result: None,
             error: None,
+            budget_s,
+            axes_not_looked_at: Vec::new(),
         };
         let added = self.with(|jobs| {
             if jobs.iter().filter(|j| j.view.state == JobState::Queued).count() >= WAITING {
                 return None;
             }
             while jobs.len() >= REMEMBERED
-                && matches!(jobs.front()?.view.state, JobState::Done | JobState::Failed)
+                && !matches!(jobs.front()?.view.state, JobState::Queued | JobState::Running)
             {
                 jobs.pop_front();
             }
-            jobs.push_back(Job { view: view.clone(), files, began: None });
+            let cancel = CancellationToken::new();
+            jobs.push_back(Job { view: view.clone(), files, began: None, cancel });
             Some(view)
         });
         self.0.wake.notify_one();
         added
+    }
+
+    /// Ends a job that waits or runs; answers how it stands. Nothing where there is none of that name.
+    #[must_use]
+    pub fn cancel(&self, id: &str) -> Option<DiagnosisView> {
+        self.with(|jobs| {
+            let job = jobs.iter_mut().find(|j| j.view.id == id)?;
+            job.cancel.cancel();
+            if job.view.state == JobState::Queued {
+                job.view.state = JobState::Cancelled;
+            }
+            Some(job.now())
+        })
     }
 
     /// Jobs older than the one named `before`, newest first, with their results, and whether there are more.
@@ -202,15 +233,19 @@ impl Diagnoses {
     }
 
     /// Here, or by a worker of the fleet.
-    async fn do_task(&self, task: Task) -> Result<serde_json::Value, String> {
+    async fn do_task(&self, task: Task, cancel: CancellationToken) -> Result<serde_json::Value, String> {
         #[cfg(feature = "nats")]
         if let Some(broker) = &self.0.workers {
             let note = |share, what| self.0.note_progress(&task.id, (share, what));
-            return super::fleet::diagnose(broker, &task, note).await;
+            // A worker that has begun goes on; nobody waits for it.
+            return tokio::select! {
+                outcome = super::fleet::diagnose(broker, &task, note) => outcome,
+                () = cancel.cancelled() => Err("cancelled".to_owned()),
+            };
         }
         let inner = Arc::clone(&self.0);
         let ran = tokio::task::spawn_blocking(move || {
-            let go_on = || !inner.ended.load(Ordering::Relaxed);
+            let go_on = || !inner.ended.load(Ordering::Relaxed) && !cancel.is_cancelled();
             let progress = |share, what| inner.note_progress(&task.id, (share, what));
             run_task(&inner.program, &task, go_on, progress)
         });
@@ -223,22 +258,27 @@ impl Diagnoses {
     }
 
     /// Works through the queue for ever. `model`: where every diagnosis starts from.
-    pub(super) async fn run(self, model: Option<PathBuf>, done: impl Fn(DiagnosisView)) {
+    pub(super) async fn run(
+        self,
+        (model, axes): (Option<PathBuf>, Vec<String>),
+        done: impl Fn(DiagnosisView),
+    ) {
         loop {
             let next = self.with(|jobs| {
                 let job = jobs.iter_mut().find(|j| j.view.state == JobState::Queued)?;
                 job.view.state = JobState::Running;
                 job.began = Some(clock::now());
-                Some((job.view.id.clone(), job.files.clone()))
+                Some((job.view.id.clone(), job.files.clone(), (job.view.budget_s, job.cancel.clone())))
             });
-            let Some((id, files)) = next else {
+            let Some((id, files, (budget_s, cancel))) = next else {
                 self.0.wake.notified().await;
                 continue;
             };
             let outcome = match &model {
                 Some(model) => {
                     let out = self.0.folder.join(&id);
-                    self.do_task(Task { id: id.clone(), model: model.clone(), files, out }).await
+                    let task = Task { id: id.clone(), model: model.clone(), files, out, budget_s };
+                    self.do_task(task, cancel.clone()).await
                 }
                 None => Err("machine.model is not configured: there is no model to start from".to_owned()),
             };
@@ -249,7 +289,11 @@ impl Diagnoses {
                 job.view.step = None;
                 job.view.progress = 1.0;
                 match outcome {
-                    Ok(result) => (job.view.state, job.view.result) = (JobState::Done, Some(result)),
+                    Ok(result) => {
+                        job.view.axes_not_looked_at = not_looked_at(&axes, &result);
+                        (job.view.state, job.view.result) = (JobState::Done, Some(result));
+                    }
+                    Err(_) if cancel.is_cancelled() => job.view.state = JobState::Cancelled,
                     Err(error) => (job.view.state, job.view.error) = (JobState::Failed, Some(error)),
                 }
                 Some(job.view.clone())
@@ -260,6 +304,16 @@ impl Diagnoses {
             }
         }
     }
+}
+
+/// Axes of the model that a result does not name.
+fn not_looked_at(axes: &[String], result: &serde_json::Value) -> Vec<String> {
+    let named = |axis: &String| {
+        let one =
+            |v: &serde_json::Value| v.as_str() == Some(axis) || v.get("axis").is_some_and(|a| a == axis);
+        one(&result["axis"]) || result["axes"].as_array().is_some_and(|all| all.iter().any(one))
+    };
+    axes.iter().filter(|axis| !named(axis)).cloned().collect()
 }
 
 /// Jobs that earlier starts left, oldest first; one that was not done then is not done.
@@ -281,7 +335,7 @@ fn ended(mut view: DiagnosisView) -> Job {
         (view.state, view.error) = (JobState::Failed, Some(what.to_owned()));
     }
     view.result = None; // read again when somebody asks
-    Job { view, files: Vec::new(), began: None }
+    Job { view, files: Vec::new(), began: None, cancel: CancellationToken::new() }
 }
 
 fn with_result(folder: &Path, view: DiagnosisView) -> DiagnosisView {
@@ -322,6 +376,13 @@ pub(super) struct Task {
     pub(super) model: PathBuf,
     pub(super) files: Vec<PathBuf>,
     pub(super) out: PathBuf,
+    pub(super) budget_s: u32,
+}
+
+/// Whether a program's `diagnose` takes a budget: a worker may be of an earlier version.
+fn takes_budget(program: &Path) -> bool {
+    let asked = Command::new(program).args(["diagnose", "--help"]).stdin(Stdio::null()).output();
+    asked.is_ok_and(|said| String::from_utf8_lossy(&said.stdout).contains("--budget-s"))
 }
 
 /// Runs `program diagnose` as a process of its own, at low priority; blocks, and ends it when it is not to
@@ -340,6 +401,10 @@ pub(super) fn run_task(
     for file in &task.files {
         command.arg("--recording").arg(file);
     }
+    if takes_budget(program) {
+        command.arg("--budget-s").arg(task.budget_s.to_string());
+    }
+    let longest = Duration::from_secs(task.budget_s.into()) + GRACE;
     command.arg("--out").arg(out).stdin(Stdio::null()).stdout(Stdio::null());
     let errors = out.join("stderr.txt");
     let log = std::fs::File::create(&errors).map_err(|e| format!("{}: {e}", errors.display()))?;
@@ -350,12 +415,12 @@ pub(super) fn run_task(
     let status = loop {
         match child.try_wait().map_err(|e| e.to_string())? {
             Some(status) => break status,
-            None if began.elapsed() > LONGEST || !go_on() => {
+            None if began.elapsed() > longest || !go_on() => {
                 let _ = child.kill();
                 let _ = child.wait();
-                return Err(
-                    "ended before there was a result: half an hour is over or the service stops".into()
-                );
+                let why =
+                    if go_on() { "its budget is over" } else { "it was cancelled, or the service stops" };
+                return Err(format!("ended before there was a result: {why}"));
             }
             None => clock::sleep(Duration::from_millis(200)),
         }
@@ -385,12 +450,12 @@ mod tests {
         let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
         let ids: Vec<String> = runtime.block_on(async {
             let before = Diagnoses::new(folder.path(), "none".into());
-            let mut done = before.add(vec!["r".into()], vec![]).unwrap();
+            let mut done = before.add(vec!["r".into()], vec![], BUDGET_S).unwrap();
             (done.state, done.result) =
                 (JobState::Done, Some(serde_json::json!({"verdict": "model_adequate"})));
             before.note(&done).await.unwrap();
             clock::sleep(Duration::from_millis(5)); // names order by the millisecond
-            let waiting = before.add(vec!["s".into()], vec![]).unwrap();
+            let waiting = before.add(vec!["s".into()], vec![], BUDGET_S).unwrap();
             before.note(&waiting).await.unwrap();
             vec![done.id, waiting.id]
         });

@@ -24,7 +24,10 @@ impl FirstEntries {
                 "the history was damaged ({}); it is now {moved} and a new one was begun",
                 damage.reason
             );
-            handle.report(EventKind::HistoryReplaced, text).await;
+            let lost = self.report.missing.as_ref().map(|m| format!("; {}", m.sentence()));
+            handle.report(EventKind::HistoryReplaced, text + &lost.unwrap_or_default()).await;
+        } else if let Some(missing) = &self.report.missing {
+            handle.report(EventKind::HistoryCut, missing.sentence()).await;
         }
         let text = format!("stillcut {} started, epoch {}", env!("CARGO_PKG_VERSION"), self.report.epoch);
         handle.report(EventKind::ServiceStart, text).await;

@@ -2,17 +2,20 @@
 
 use super::announcer::Announcer;
 use super::clock;
+use super::commissioning::{Commissioning, CommissioningView};
 use super::control::{Control, ModeNow, Origin, Refusal};
 use super::diagnoses::Diagnoses;
 use super::live::{LiveState, Mode, SpectrumView};
+use super::past::Past;
 use super::recordings::{RecordingInfo, Recordings, RecordingsError};
 use super::stability::CurveCache;
+use super::way_back::WayBack;
 use crate::config::service::ServiceConfig;
 use crate::store::{AuditEntry, AuditRow, EventFilter, EventPage, StoreError, StoreReader, StoreWriter};
 use crate::telemetry::{Event, EventKind, Metrics};
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
@@ -73,7 +76,7 @@ pub struct Changed {
 /// One thing that readiness depends on.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Check {
-    /// `samples`, `store`, `pipeline`.
+    /// `samples`, `store`, `pipeline`, `access`.
     pub name: &'static str,
     /// Whether it is as it should be.
     pub ok: bool,
@@ -108,6 +111,13 @@ pub(super) struct Inner {
     pub(super) stop: CancellationToken,
     pub(super) settings: Arc<ServiceConfig>,
     pub(super) curves: CurveCache,
+    /// Whether somebody could take the turret back.
+    pub(super) way_back: Arc<WayBack>,
+    pub(super) commissioning: Arc<Commissioning>,
+    /// The newest mode that somebody was answered: the picture may be a moment older.
+    pub(super) answered: Mutex<Option<ModeNow>>,
+    /// What pages that are opened later see.
+    pub(super) past: Arc<Mutex<Past>>,
     /// Done once the settings are on record.
     pub(super) settled: CancellationToken,
 }
@@ -144,6 +154,8 @@ async fn confirmed<T>(
 const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
 /// What is done already does not wait longer for its record than this.
 const RECORD_PATIENCE: Duration = Duration::from_millis(500);
+/// Whoever takes the turret back is answered within a quarter of a second.
+const OVERRIDE_PATIENCE: Duration = Duration::from_millis(150);
 
 impl Handle {
     /// Where HTTP listens.
@@ -156,6 +168,31 @@ impl Handle {
     #[must_use]
     pub fn state(&self) -> Arc<LiveState> {
         Arc::clone(&self.0.state.borrow())
+    }
+
+    /// Where commissioning stands.
+    #[must_use]
+    pub fn commissioning(&self) -> Arc<CommissioningView> {
+        self.0.commissioning.view()
+    }
+
+    /// The mode, not older than what anybody was answered.
+    #[must_use]
+    pub fn mode(&self) -> ModeNow {
+        let state = self.state();
+        let answered = self.0.answered.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        answered.filter(|mode| mode.revision > state.mode_revision).unwrap_or_else(|| ModeNow {
+            mode: state.mode,
+            revision: state.mode_revision,
+            reason: state.mode_reason.clone(),
+        })
+    }
+
+    fn note_mode(&self, mode: &ModeNow) {
+        let mut answered = self.0.answered.lock().unwrap_or_else(PoisonError::into_inner);
+        if answered.as_ref().is_none_or(|known| known.revision < mode.revision) {
+            *answered = Some(mode.clone());
+        }
     }
 
     /// Follows the picture.
@@ -267,10 +304,17 @@ impl Handle {
     }
 
     /// Acknowledges an event; doing it again changes nothing. Change and row are durable together.
-    pub async fn acknowledge(&self, sequence: i64, origin: &Origin) -> Result<Event, OperationError> {
+    /// `right`: whether its alarm was right, where the person says.
+    pub async fn acknowledge(
+        &self,
+        sequence: i64,
+        right: Option<bool>,
+        origin: &Origin,
+    ) -> Result<Event, OperationError> {
         self.event(sequence).await?;
-        let entry = entry(origin, "acknowledge", &format!("event {sequence}"));
-        confirmed(self.0.writer.acknowledge(sequence, entry)).await?;
+        let judged = right.map_or("", |right| if right { ", a right alarm" } else { ", a false alarm" });
+        let entry = entry(origin, "acknowledge", &format!("event {sequence}{judged}"));
+        confirmed(self.0.writer.acknowledge(sequence, right, entry)).await?;
         self.event(sequence).await
     }
 
@@ -323,11 +367,29 @@ impl Handle {
         self.changed((&origin, "set_mode", &format!("mode {}", mode.word())), outcome).await
     }
 
-    /// Takes the turret back: equal pitch and `observe`, at once. Done and answered whatever the disk does.
-    pub async fn take_back(&self, origin: Origin) -> Result<Changed, OperationError> {
-        let asked = origin.clone();
-        let outcome = self.ask(|done| Control::Override { origin: asked, done }).await;
-        self.changed((&origin, "override", "equal pitch, mode observe"), outcome).await
+    /// Takes the turret back: equal pitch and `observe`, at once. What comes back goes to
+    /// [`Self::record_override`] with the reason, once that is known.
+    pub async fn take_back(&self, actor: &str) -> Result<ModeNow, OperationError> {
+        let actor = actor.to_owned();
+        let mode = self.ask(|done| Control::Override { actor, done }).await?;
+        self.note_mode(&mode);
+        Ok(mode)
+    }
+
+    /// Puts on record that the turret was taken back, or was to be. What is done is done: neither the disk
+    /// nor the next picture is waited for longer than a person would.
+    pub async fn record_override(
+        &self,
+        origin: &Origin,
+        outcome: Result<ModeNow, OperationError>,
+    ) -> Result<Changed, OperationError> {
+        if outcome.is_ok() {
+            let text = format!("{} took the turret back ({})", origin.actor, origin.reason);
+            self.tell(EventKind::Override, text);
+        }
+        let recorded = self.record_change((origin, "override", "equal pitch, mode observe"), &outcome);
+        let recorded = tokio::time::timeout(OVERRIDE_PATIENCE, recorded).await.unwrap_or(false);
+        Ok(Changed { mode: outcome?, recorded })
     }
 
     /// Holds the turret where it is, or lets it go; ends by itself with the mode.
@@ -351,27 +413,28 @@ impl Handle {
         (origin, action, what): (&Origin, &str, &str),
         outcome: Result<ModeNow, OperationError>,
     ) -> Result<Changed, OperationError> {
-        let detail = match &outcome {
+        let recorded = self.record_change((origin, action, what), &outcome).await;
+        let mode = outcome?;
+        self.note_mode(&mode);
+        let mut picture = self.watch();
+        let shown = picture.wait_for(|state| state.mode_revision >= mode.revision);
+        // A picture that is late is late; the answer itself is true.
+        drop(tokio::time::timeout(Duration::from_millis(500), shown).await);
+        Ok(Changed { mode, recorded })
+    }
+
+    /// Puts on record what became of a change; the row is queued before this first waits.
+    fn record_change<'a>(
+        &'a self,
+        (origin, action, what): (&'a Origin, &'a str, &str),
+        outcome: &Result<ModeNow, OperationError>,
+    ) -> impl Future<Output = bool> + Send + 'a {
+        let detail = match outcome {
             Ok(mode) => format!("{what}: done, revision {}", mode.revision),
             Err(OperationError::Refused(Refusal::NoAnswer)) => format!("{what}: no answer in time"),
             Err(error) => format!("{what}: refused, {error}"),
         };
-        let recorded = self.record_outcome(origin, action, &detail);
-        let mode = match outcome {
-            Ok(mode) => mode,
-            Err(error) => {
-                recorded.await;
-                return Err(error);
-            }
-        };
-        let shown = async {
-            let mut picture = self.watch();
-            let shown = picture.wait_for(|state| state.mode_revision >= mode.revision);
-            // A picture that is late is late; the answer itself is true.
-            drop(tokio::time::timeout(Duration::from_millis(500), shown).await);
-        };
-        let (recorded, ()) = tokio::join!(recorded, shown);
-        Ok(Changed { mode, recorded })
+        async move { self.record_outcome(origin, action, &detail).await }
     }
 
     /// Saves what the black box holds now; answers the recording's name.
@@ -429,6 +492,7 @@ impl Handle {
             (false, Some(at)) => format!("no samples since {at}"),
             (false, None) => "no samples yet".to_owned(),
         };
+        let trouble = self.0.way_back.trouble();
         vec![
             Check { name: "samples", ok: state.source.connected, detail: samples },
             Check {
@@ -440,6 +504,11 @@ impl Handle {
                 name: "pipeline",
                 ok: behind_s.abs() < 2.0,
                 detail: format!("picture is {behind_s:.1} s old"),
+            },
+            Check {
+                name: "access",
+                ok: trouble.is_none(),
+                detail: trouble.unwrap_or_else(|| "the tokens can be used".to_owned()),
             },
         ]
     }

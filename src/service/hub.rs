@@ -8,12 +8,13 @@ use super::announcer::{Announcer, Then};
 use super::clock;
 use super::handle::StreamMessage;
 use super::live::{LiveState, NOTICE, SpectrumView};
+use super::past::{Past, Seen};
 use super::upkeep::Kept;
 use crate::telemetry::{Event, Metrics};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::{broadcast, mpsc, watch};
 
@@ -59,7 +60,7 @@ struct SpectrumFrame {
 
 /// The level byte of an amplitude: half decibels above -80 dB re 1 N.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn level(amplitude_n: f64) -> u8 {
+pub(super) fn level(amplitude_n: f64) -> u8 {
     let decibel = 20.0 * amplitude_n.max(1e-9).log10();
     (2.0 * (decibel + 80.0)).clamp(0.0, 255.0) as u8
 }
@@ -80,6 +81,7 @@ pub(super) struct Outlets {
     pub(super) spectrum: watch::Sender<Arc<SpectrumView>>,
     pub(super) stream: broadcast::Sender<StreamMessage>,
     pub(super) announcer: Announcer,
+    pub(super) past: Arc<Mutex<Past>>,
 }
 
 /// The task.
@@ -134,6 +136,7 @@ impl Hub {
         view.state.time_ns = wall_ns;
         let kept = self.kept.borrow().clone();
         (view.state.store, view.state.open_alarms) = (kept.store, kept.open_alarms);
+        self.remember(&view, wall_ns);
         self.frames += 1;
         if self.outlets.stream.receiver_count() > 0 {
             self.send("force", &view.force);
@@ -146,6 +149,23 @@ impl Hub {
         }
         self.outlets.spectrum.send_replace(Arc::new(view.spectrum));
         self.outlets.state.send_replace(Arc::new(view.state));
+    }
+
+    /// For pages that are opened later.
+    fn remember(&self, view: &View, wall_ns: i64) {
+        if view.spectrum.amplitude_n.is_empty() {
+            return;
+        }
+        let seen = Seen {
+            wall_ns,
+            grid_hz: [view.spectrum.first_hz, view.spectrum.step_hz],
+            amplitude_n: &view.spectrum.amplitude_n,
+            force: &view.force.axes,
+            axes: view.state.axes.iter().map(|a| a.name.clone()).collect(),
+            line_hz: view.state.chatter.frequency_hz,
+            chatter: view.state.chatter.state == "chatter",
+        };
+        self.outlets.past.lock().unwrap_or_else(PoisonError::into_inner).add(seen);
     }
 
     fn send(&self, kind: &'static str, value: &impl Serialize) {

@@ -57,13 +57,15 @@ pub struct SourceView {
 pub struct AxisView {
     /// Name.
     pub name: String,
-    /// Mean of the cutting force over the last 50 ms, N.
-    pub force_mean_n: f64,
-    /// Standard deviation of it, N.
-    pub force_deviation_n: f64,
-    /// Largest deviation from the mean, N.
-    pub force_peak_n: f64,
-    /// What speaks against the newest estimate: `valid`, or the names of its flags.
+    /// Whether its force is estimated and listened to.
+    pub watched: bool,
+    /// Mean of the cutting force over the last 50 ms, N; absent where it is not watched or not observable.
+    pub force_mean_n: Option<f64>,
+    /// Standard deviation of it, N; absent where it is not watched.
+    pub force_deviation_n: Option<f64>,
+    /// Largest deviation from the mean, N; absent where it is not watched.
+    pub force_peak_n: Option<f64>,
+    /// What speaks against the newest estimate: `valid`, the names of its flags, or `not_watched`.
     pub force_flags: String,
     /// What encoder steps (of accelerometers: their noise) alone cause, standard deviation, N; absent
     /// without an estimator.

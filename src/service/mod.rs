@@ -11,9 +11,11 @@
 mod announcer;
 mod black_box;
 pub mod clock;
+mod commissioning;
 mod control;
 pub mod demo;
 mod diagnoses;
+mod diagnosis_jobs;
 mod drift;
 mod engine;
 mod exports;
@@ -26,6 +28,7 @@ mod ledger;
 pub mod live;
 #[doc(hidden)]
 pub mod mtconnect;
+mod past;
 mod priority;
 mod recorder;
 mod recordings;
@@ -34,11 +37,14 @@ mod start;
 mod store_watch;
 mod upkeep;
 pub mod virtual_lathe;
+mod way_back;
 
 pub use crate::store::{AuditRow, EventFilter, EventPage, MAX_PAGE};
+pub use commissioning::{CommissioningItem, CommissioningView};
 pub use control::{ModeNow, Origin, Refusal};
-pub use diagnoses::{Diagnoses, DiagnosisView, JobState};
+pub use diagnoses::{BUDGET_S, BUDGETS_S, Diagnoses, DiagnosisView, JobState};
 pub use exports::{ReplayView, TextForm, TrackView};
 pub use handle::{Changed, Check, Handle, OperationError, ShownConfig, StreamMessage};
+pub use past::{LONGEST_S, PastView};
 pub use recordings::{RecordingInfo, RecordingLimits, Recordings, RecordingsError};
 pub use start::{Running, ServiceError, check, start};

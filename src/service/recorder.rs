@@ -126,7 +126,7 @@ fn save(recordings: &Recordings, job: &Job) -> Result<f64, Unsaved> {
         };
         match write_by_column(&target, &head, (names.clone(), metadata.clone()), &mut fill) {
             Ok(()) => return Ok(count as f64 / job.sample_rate.hz()),
-            Err(error) if is_full(&error) && recordings.remove_oldest() => {}
+            Err(error) if is_full(&error) && recordings.make_room() => {}
             Err(error) => return Err(Unsaved::Failed(error.to_string())),
         }
     }

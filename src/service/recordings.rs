@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
 use utoipa::ToSchema;
 
@@ -35,6 +36,8 @@ pub struct RecordingInfo {
 #[derive(Debug, Clone)]
 pub struct Recordings {
     folder: PathBuf,
+    /// What went to make room on a full disk and was not told yet.
+    gone: Arc<Mutex<Vec<String>>>,
 }
 
 /// How much the folder may hold.
@@ -58,7 +61,7 @@ impl Recordings {
             let source = if is_file { told() } else { source };
             RecordingsError::Io { path: folder.to_owned(), source }
         })?;
-        Ok(Self { folder: folder.to_owned() })
+        Ok(Self { folder: folder.to_owned(), gone: Arc::default() })
     }
 
     /// Makes the folder anew where somebody removed it. A disk that refuses shows it at the write itself.
@@ -115,10 +118,20 @@ impl Recordings {
         Ok(removed)
     }
 
-    /// Removes the oldest, to make room. Answers false when there is none.
+    /// Removes the oldest where the disk is full; [`Self::take_gone`] tells it. Answers false when there is
+    /// none.
     #[must_use]
-    pub fn remove_oldest(&self) -> bool {
-        self.list().ok().and_then(|l| l.last().map(|i| self.remove(&i.id))).unwrap_or(false)
+    pub fn make_room(&self) -> bool {
+        let oldest = self.list().ok().and_then(|l| l.last().map(|i| i.id.clone()));
+        let Some(id) = oldest.filter(|id| self.remove(id)) else { return false };
+        self.gone.lock().unwrap_or_else(PoisonError::into_inner).push(id);
+        true
+    }
+
+    /// Names of what went to make room since the last time this was asked.
+    #[must_use]
+    pub fn take_gone(&self) -> Vec<String> {
+        std::mem::take(&mut *self.gone.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     fn remove(&self, id: &str) -> bool {
@@ -175,6 +188,7 @@ mod tests {
         assert_eq!(left, ["new", "middle"]);
         let limits = RecordingLimits { max_bytes: u64::MAX, max_age_ns: 150_000_000_000 };
         assert_eq!(recordings.prune(limits, 1_000_000_000_000_000).unwrap(), 1);
-        assert!(recordings.remove_oldest() && !recordings.remove_oldest());
+        assert!(recordings.make_room() && !recordings.make_room());
+        assert_eq!((recordings.take_gone(), recordings.take_gone()), (vec!["new".to_owned()], Vec::new()));
     }
 }

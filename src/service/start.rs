@@ -1,28 +1,34 @@
 //! Starting and stopping: every part is up before the first request, and goes in the reverse order.
 
 use super::announcer::{Announcer, Then};
-use super::control::{Control, Origin};
-use super::diagnoses::{Diagnoses, DiagnosisView, JobState};
+use super::commissioning::{Commissioning, state_of};
+use super::control::Control;
+use super::diagnosis_jobs::{diagnoses_of, run_diagnoses};
 use super::first_entries::FirstEntries;
-use super::handle::{Handle, Inner, OperationError, ShownConfig, StreamMessage};
+use super::handle::{Handle, Inner, ShownConfig, StreamMessage};
 use super::hub::{Hub, Outlets};
 use super::live::{LiveState, SpectrumView, StoreView};
+use super::past::Past;
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
 use super::stability::CurveCache;
 use super::store_watch::StoreWatch;
-use super::upkeep::{History, Kept, Upkeep, file_id};
+use super::upkeep::{CommissioningUpkeep, History, Kept, Upkeep, file_id};
+use super::way_back::WayBack;
 use super::{clock, drift, engine, mtconnect, recorder};
 use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
-use crate::store::{OpenReport, Retention, StoreError, StoreReader, StoreWriter};
+use crate::ownership::own_folder;
+use crate::store::{
+    Judged, Observation, Observer, OpenReport, Retention, StoreError, StoreReader, StoreWriter,
+};
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::{Domain, TransportError};
 use sha2::{Digest as _, Sha256};
 use std::fs::{File, TryLockError};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use thiserror::Error;
@@ -121,6 +127,9 @@ pub fn check(config: &ServiceConfig) -> Result<(), ServiceError> {
 /// Tokens, of which one is good where others than this machine's users are let in.
 fn access(config: &ServiceConfig) -> Result<Access, ServiceError> {
     let access = Access::load(config.http.tokens.as_deref(), config.http.trust_loopback)?;
+    if config.turret.commissioned.as_ref().is_some_and(|(by, date)| access.holds_secret(&[by, date])) {
+        return Err(TokenFileError::InSetting("turret.limits_by").into());
+    }
     if !config.http.listen.ip().is_loopback() {
         access.needs_a_good_token(clock::now())?;
     }
@@ -157,7 +166,7 @@ fn worker(name: &str, begins: fn()) -> Result<tokio::runtime::Runtime, ServiceEr
 }
 
 /// Axes that get their series before the first sample.
-fn stream_axes(config: &ServiceConfig) -> Vec<String> {
+pub(super) fn stream_axes(config: &ServiceConfig) -> Vec<String> {
     config.machine.axes.iter().map(|a| a.name.clone()).collect()
 }
 
@@ -170,7 +179,7 @@ const LOCK_PAUSE: std::time::Duration = std::time::Duration::from_millis(20);
 /// holds a copy of it until it runs its own program: it is asked for again for a moment.
 fn lock_state(folder: &Path) -> Result<File, ServiceError> {
     let files = |path: &Path, source| ServiceError::Files { path: path.to_owned(), source };
-    std::fs::create_dir_all(folder).map_err(|e| files(folder, e))?;
+    own_folder(folder, 0o750).map_err(|e| files(folder, e))?;
     let path = folder.join("service.lock");
     let file =
         File::options().create(true).truncate(false).write(true).open(&path).map_err(|e| files(&path, e))?;
@@ -219,6 +228,8 @@ impl Parts {
         let (drift_feeds, drift) = self.start_drift((announcer.clone(), control.clone()))?;
         let (reports, reported) = mpsc::channel(REPORTS);
         let progress = Arc::new(AtomicU64::new(0));
+        let way_back = Arc::new(WayBack::new());
+        let commissioning = self.commissioning();
         let engine = engine::start(engine::Setup {
             config: Arc::clone(&config),
             config_hash: shown.hash.clone(),
@@ -231,16 +242,27 @@ impl Parts {
             metrics: Arc::clone(&self.metrics),
             progress: Arc::clone(&progress),
             store: StoreWatch::new(Arc::clone(self.writer.gauges())),
+            way_back: Arc::clone(&way_back),
+            commissioning: Arc::clone(&commissioning),
         })?;
 
         let (state, watched_state) = watch::channel(Arc::new(LiveState::default()));
         let (spectrum, watched_spectrum) = watch::channel(Arc::new(SpectrumView::default()));
-        let outlets = Outlets { state, spectrum, stream: stream.clone(), announcer: announcer.clone() };
+        let past = Arc::new(Mutex::new(Past::default()));
+        let announces = announcer.clone();
+        let outlets = Outlets {
+            state,
+            spectrum,
+            stream: stream.clone(),
+            announcer: announces,
+            past: Arc::clone(&past),
+        };
         let unseen = Kept { store: StoreView { healthy: true, ..StoreView::default() }, open_alarms: 0 };
         let (kept, watched_kept) = watch::channel(unseen);
         let hub = Hub::new(outlets, Arc::clone(&self.metrics), watched_kept);
         let hub = self.records.spawn(hub.run(reported));
-        let upkeep = self.upkeep(announcer.clone(), (recordings.clone(), recording_limits(&config)), kept);
+        let watched = (recordings.clone(), recording_limits(&config));
+        let upkeep = self.upkeep(announcer.clone(), watched, (kept, &commissioning));
         let upkeep = self.runtime.spawn(upkeep.run());
         let handle = Handle(Arc::new(Inner {
             address,
@@ -259,6 +281,10 @@ impl Parts {
             stop: CancellationToken::new(),
             settings: Arc::clone(&config),
             curves: CurveCache::default(),
+            way_back,
+            commissioning: Arc::clone(&commissioning),
+            answered: Mutex::default(),
+            past,
             settled: CancellationToken::new(),
         }));
         self.runtime.spawn(run_diagnoses(handle.clone()));
@@ -313,8 +339,7 @@ impl Parts {
         (access, tls): (Access, Option<TlsAcceptor>),
     ) -> tokio::task::JoinHandle<()> {
         let access = Arc::new(access);
-        let metrics = Arc::clone(&self.metrics);
-        self.runtime.spawn(refresh_tokens(Arc::clone(&access), metrics, handle.stopping()));
+        self.runtime.spawn(refresh_tokens(Arc::clone(&access), handle.clone()));
         let site = router(handle.clone(), access, self.config.http.hosts.clone());
         self.runtime.spawn(serve(listener, site, tls, (Arc::clone(&self.metrics), handle.stopping())))
     }
@@ -323,7 +348,7 @@ impl Parts {
         &self,
         announcer: Announcer,
         recordings: (Recordings, RecordingLimits),
-        kept: watch::Sender<Kept>,
+        (kept, commissioning): (watch::Sender<Kept>, &Arc<Commissioning>),
     ) -> Upkeep {
         let history = History {
             writer: self.writer.clone(),
@@ -333,7 +358,29 @@ impl Parts {
             unchecked: self.report.unchecked,
             file: file_id(&self.config.history.folder.join(crate::store::FILE_NAME)),
         };
-        Upkeep { history, recordings, announcer, metrics: Arc::clone(&self.metrics), kept }
+        let commissioning = CommissioningUpkeep {
+            shown: Arc::clone(commissioning),
+            observer: self.observer(),
+            turret: self.config.turret.clone(),
+            axes: stream_axes(&self.config),
+        };
+        let metrics = Arc::clone(&self.metrics);
+        Upkeep { history, recordings, announcer, metrics, kept, commissioning }
+    }
+
+    fn observer(&self) -> Observer {
+        Observer {
+            epoch: self.report.epoch,
+            machine: machine_hash(&self.config),
+            started_ns: clock::wall_ns(),
+        }
+    }
+
+    /// Nothing is known of earlier lives before the first look at the history.
+    fn commissioning(&self) -> Arc<Commissioning> {
+        let shown = Commissioning::default();
+        shown.show(state_of(&self.config.turret, &Observation::default(), Judged::default()));
+        Arc::new(shown)
     }
 
     fn start_recorder(
@@ -342,6 +389,8 @@ impl Parts {
     ) -> Result<(Recordings, std::sync::mpsc::SyncSender<recorder::Job>, JoinHandle<()>), ServiceError> {
         let folder = self.config.history.folder.join("recordings");
         let recordings = Recordings::open(&folder)?;
+        let room = recordings.clone();
+        self.writer.may_remove(Box::new(move || room.make_room()));
         let limits = recording_limits(&self.config);
         let outcome: recorder::Outcome = Box::new(move |kind, text| {
             let event = Event { id: clock::new_id(), ..Event::new(kind, clock::wall_ns(), text) };
@@ -378,12 +427,24 @@ impl Parts {
 /// How often the token file is looked at for changes.
 const TOKENS: Duration = Duration::from_secs(1);
 
-/// Looks at the token file on a thread that may wait for the disk.
-async fn refresh_tokens(access: Arc<Access>, metrics: Arc<Metrics>, stop: CancellationToken) {
-    while tokio::time::timeout(TOKENS, stop.cancelled()).await.is_err() {
-        let access = Arc::clone(&access);
-        if tokio::task::spawn_blocking(move || access.refresh()).await.unwrap_or(false) {
-            metrics.security_events.with_label_values(&["token_file"]).inc();
+/// Looks at the token file on a thread that may wait for the disk, and confirms meanwhile, from what was read
+/// last, that somebody could take the turret back.
+async fn refresh_tokens(access: Arc<Access>, handle: Handle) {
+    let (stop, way_back) = (handle.stopping(), Arc::clone(&handle.0.way_back));
+    let mut look: Option<tokio::task::JoinHandle<()>> = None;
+    loop {
+        let now = clock::now();
+        way_back.confirm(access.way_back(now), now);
+        if let Some(trouble) = way_back.note(access.trouble(now)) {
+            handle.metrics().security_events.with_label_values(&["token_file"]).inc();
+            handle.tell(EventKind::AccessLost, trouble);
+        }
+        if look.as_ref().is_none_or(tokio::task::JoinHandle::is_finished) {
+            let access = Arc::clone(&access);
+            look = Some(tokio::task::spawn_blocking(move || access.refresh()));
+        }
+        if tokio::time::timeout(TOKENS, stop.cancelled()).await.is_ok() {
+            return;
         }
     }
 }
@@ -393,39 +454,25 @@ fn recording_limits(config: &ServiceConfig) -> RecordingLimits {
 }
 
 #[cfg(feature = "nats")]
-fn broker_of(fleet: &crate::config::service::FleetConfig) -> super::fleet::Broker {
+pub(super) fn broker_of(fleet: &crate::config::service::FleetConfig) -> super::fleet::Broker {
     super::fleet::Broker { server: fleet.server.clone(), credentials: fleet.credentials.clone() }
 }
 
-fn diagnoses_of(config: &ServiceConfig) -> Diagnoses {
-    let own = || std::env::current_exe().unwrap_or_else(|_| "stillcut".into());
-    let program = config.program.clone().unwrap_or_else(own);
-    let folder = config.history.folder.join("diagnoses");
-    #[cfg(feature = "nats")]
-    if let Some(fleet) = config.fleet.as_ref().filter(|f| f.diagnose) {
-        return Diagnoses::by_workers(&folder, program, broker_of(fleet));
+/// SHA-256 of what evidence is gathered with: the model, the method, the detection and the turret, but not
+/// who set its limits and what was accepted.
+fn machine_hash(config: &ServiceConfig) -> String {
+    let mut table: toml::Table = config.text.parse().unwrap_or_default();
+    if let Some(toml::Value::Table(turret)) = table.get_mut("turret") {
+        turret.retain(|key, _| !["limits_by", "limits_date", "accept"].contains(&key));
     }
-    Diagnoses::new(&folder, program)
-}
-
-async fn run_diagnoses(handle: Handle) {
-    let (jobs, model, told) = (handle.diagnoses().clone(), handle.model().cloned(), handle.clone());
-    let done = move |view: DiagnosisView| {
-        let outcome = if view.state == JobState::Done { "done" } else { "failed" };
-        told.metrics().diagnoses.with_label_values(&[outcome]).inc();
-        let verdict = view.result.as_ref().and_then(|r| r.get("verdict")).and_then(|v| v.as_str());
-        let text = match view.state {
-            JobState::Done => format!("diagnosis {}: {}", view.id, verdict.unwrap_or("no verdict")),
-            _ => format!("diagnosis {} failed: {}", view.id, view.error.unwrap_or_default()),
-        };
-        let handle = told.clone();
-        tokio::spawn(async move { handle.report(EventKind::DiagnosisDone, text).await });
-    };
-    let stop = handle.stopping();
-    tokio::select! {
-        () = jobs.clone().run(model, done) => {}
-        () = stop.cancelled() => jobs.end(),
+    let mut hash = Sha256::new();
+    for section in ["machine", "detection", "turret"] {
+        hash.update(table.get(section).map(ToString::to_string).unwrap_or_default());
     }
+    // A model that cannot be read now was read a moment ago: its path stands for it.
+    let model = config.model.as_ref().and_then(|path| std::fs::read(path).ok());
+    hash.update(model.unwrap_or_default());
+    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
 }
 
 fn shown_config(config: &ServiceConfig) -> ShownConfig {
@@ -498,33 +545,5 @@ impl Running {
         runtime.shutdown_timeout(STOP_DEADLINE);
         records.shutdown_timeout(STOP_DEADLINE);
         waiting + gauges.lost.load(Ordering::Relaxed)
-    }
-}
-
-impl Handle {
-    /// Queues a diagnosis of stored recordings.
-    pub async fn start_diagnosis(
-        &self,
-        names: Vec<String>,
-        origin: &Origin,
-    ) -> Result<DiagnosisView, OperationError> {
-        let mut files = Vec::with_capacity(names.len());
-        for name in &names {
-            files.push(self.recording_file(name).await?);
-        }
-        if self.model().is_none() {
-            let what = "machine.model is not configured: there is no model to start from";
-            return Err(OperationError::Unsuitable(what.to_owned()));
-        }
-        let what = names.join(", ");
-        self.audit(origin, "start_diagnosis_asked", &what).await?;
-        let Some(added) = self.diagnoses().add(names, files) else {
-            let busy = OperationError::Busy("eight diagnoses wait already".to_owned());
-            self.record_outcome(origin, "start_diagnosis", &format!("{what}: refused, {busy}")).await;
-            return Err(busy);
-        };
-        self.diagnoses().note(&added);
-        self.record_outcome(origin, "start_diagnosis", &format!("{what}: queued as {}", added.id)).await;
-        Ok(added)
     }
 }

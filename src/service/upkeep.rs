@@ -3,10 +3,12 @@
 
 use super::announcer::{Announcer, Then};
 use super::clock;
+use super::commissioning::{Commissioning, state_of};
 use super::live::StoreView;
 use super::recordings::{RecordingLimits, Recordings};
 use super::store_watch::StoreWatch;
-use crate::store::{FILE_NAME, Removed, StoreReader, StoreWriter};
+use crate::config::service::TurretConfig;
+use crate::store::{FILE_NAME, Observer, Removed, StoreReader, StoreWriter};
 use crate::telemetry::{Event, EventKind, Metrics};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,6 +19,8 @@ use tokio::sync::watch;
 const LOOK: Duration = Duration::from_secs(1);
 /// Looks between two removals.
 const PRUNE_EVERY: u32 = 600;
+/// Looks between two of commissioning; what was observed is noted with each.
+const COMMISSION_EVERY: u32 = 10;
 /// Looks between two rounds through the folders.
 const TIDY_EVERY: u32 = 3600;
 /// A large history is checked whole this long after the start.
@@ -92,6 +96,15 @@ pub(super) struct Upkeep {
     pub(super) announcer: Announcer,
     pub(super) metrics: Arc<Metrics>,
     pub(super) kept: watch::Sender<Kept>,
+    pub(super) commissioning: CommissioningUpkeep,
+}
+
+/// What commissioning is computed from.
+pub(super) struct CommissioningUpkeep {
+    pub(super) shown: Arc<Commissioning>,
+    pub(super) observer: Observer,
+    pub(super) turret: TurretConfig,
+    pub(super) axes: Vec<String>,
 }
 
 impl Upkeep {
@@ -112,6 +125,10 @@ impl Upkeep {
             self.compare(&mut clocks);
             let healthy = self.look(&mut store, &mut last_commits).await;
             self.tell_damage(&mut told);
+            self.tell_room();
+            if ticks.is_multiple_of(COMMISSION_EVERY) {
+                self.commission(ticks > 0 && healthy).await;
+            }
             if ticks.is_multiple_of(TIDY_EVERY) {
                 self.tidy(clocks.may_prune(clock::now()));
             }
@@ -144,6 +161,19 @@ impl Upkeep {
         };
         *told = true;
         self.tell(EventKind::HistoryDamaged, text);
+    }
+
+    /// Recordings that went because the disk is full.
+    fn tell_room(&self) {
+        let gone = self.recordings.0.take_gone();
+        if gone.is_empty() {
+            return;
+        }
+        self.metrics.recordings.with_label_values(&["removed"]).inc_by(gone.len() as u64);
+        let (count, first) = (gone.len(), gone.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", "));
+        let more = if count > NAMED { ", .." } else { "" };
+        let text = format!("the disk is full: {count} of the oldest recordings were removed: {first}{more}");
+        self.tell(EventKind::RecordingsRemoved, text);
     }
 
     fn compare(&self, clocks: &mut Clocks) {
@@ -197,6 +227,21 @@ impl Upkeep {
         healthy
     }
 
+    /// Where commissioning stands; `note`: what this life has observed goes into the history.
+    async fn commission(&self, note: bool) {
+        let CommissioningUpkeep { shown, observer, turret, axes } = &self.commissioning;
+        let total = |family| axes.iter().map(|axis| Metrics::total(family, &[axis])).sum();
+        let counted = (total(&self.metrics.model_windows), total(&self.metrics.model_mismatches));
+        let now = shown.evidence.so_far(counted);
+        if note {
+            // What is not stored now is stored with the next.
+            let _ = self.history.writer.note_observed(observer, now.clone()).await;
+        }
+        if let Ok((before, judged)) = self.history.reader.observed_before(observer).await {
+            shown.show(state_of(turret, &before.with(&now), judged));
+        }
+    }
+
     /// Answers whether there may be more to remove.
     async fn prune(&self) -> bool {
         let Ok(removed) = self.history.writer.prune(clock::wall_ns()).await else { return false };
@@ -228,6 +273,9 @@ impl Upkeep {
         });
     }
 }
+
+/// Names in one sentence.
+const NAMED: usize = 5;
 
 /// Bytes of the history file and of its log.
 fn sizes(folder: &Path) -> (u64, u64) {

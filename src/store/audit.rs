@@ -1,6 +1,7 @@
 //! The audit chain: each row's hash covers the row before it.
 
 use super::StoreError;
+use super::mark::{Mark, Missing};
 use sha2::{Digest as _, Sha256};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Connection as _, Row as _, SqliteConnection};
@@ -39,6 +40,8 @@ pub enum AuditVerdict {
         rows: i64,
         /// Hash of the last row, hexadecimal; keep it elsewhere to notice a cut tail.
         head: String,
+        /// What rows of the chain say of rows that went missing before them.
+        cuts: Vec<String>,
     },
     /// The first row that does not follow from the one before it.
     Broken {
@@ -50,6 +53,8 @@ pub enum AuditVerdict {
         /// Number of rows.
         rows: i64,
     },
+    /// All rows follow from one another, but the service had noted more, or others, outside of the file.
+    Cut(Missing),
 }
 
 /// SHA-256 over the previous hash and each field with its length, so that no two rows read the same.
@@ -82,6 +87,26 @@ pub(super) async fn append(
     Ok(sequence)
 }
 
+/// Place and hash of the last row; where there is none, of the last one that the retention removed.
+pub(super) async fn chain_end(connection: &mut SqliteConnection) -> Result<(i64, Vec<u8>), sqlx::Error> {
+    let last = sqlx::query("SELECT sequence, hash FROM audit ORDER BY sequence DESC LIMIT 1");
+    match last.fetch_optional(&mut *connection).await? {
+        Some(row) => Ok((row.try_get(0)?, row.try_get(1)?)),
+        None => Ok(chain_begin(connection).await?.unwrap_or_default()),
+    }
+}
+
+/// Hash of one row, where it is there.
+pub(super) async fn hash_at(
+    connection: &mut SqliteConnection,
+    sequence: i64,
+) -> Result<Option<Vec<u8>>, sqlx::Error> {
+    let row = sqlx::query("SELECT hash FROM audit WHERE sequence = ?").bind(sequence);
+    row.fetch_optional(connection).await?.map(|r| r.try_get(0)).transpose()
+}
+
+/// Action of the row that says that durable ones are missing.
+pub(super) const CUT: &str = "history_cut";
 /// Action of the row that says that older ones were removed.
 const PRUNED: &str = "audit_pruned";
 /// Rows removed at once.
@@ -149,10 +174,12 @@ const SELECT: &str = "SELECT sequence, wall_ns, actor, role, action, detail, has
      WHERE sequence > ? ORDER BY sequence LIMIT 1000";
 
 /// Reads the whole chain of a history file and says where it breaks, if it does. `noted`: a head of
-/// earlier, which must be among the rows: a chain whose end was cut off is intact in itself.
+/// earlier, which must be among the rows: a chain whose end was cut off is intact in itself. The mark beside
+/// the file is compared, too.
 /// Errors: the file cannot be read.
 pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<AuditVerdict, StoreError> {
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
+    let mark = Mark::read(path); // before the rows: the service may be writing
     let connect =
         SqliteConnection::connect_with(&SqliteConnectOptions::new().filename(path).read_only(true)).await;
     let mut connection = connect.map_err(fail)?;
@@ -160,6 +187,7 @@ pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<Audit
     let (mut last, mut previous) = begin.clone().unwrap_or_default();
     // Where older rows were removed, a row of the chain says so.
     let (mut noted_seen, mut begin_seen) = (noted.is_none(), begin.is_none());
+    let mut cuts = Vec::new();
     loop {
         let rows = sqlx::query(SELECT).bind(last).fetch_all(&mut connection).await.map_err(fail)?;
         if rows.is_empty() {
@@ -176,6 +204,9 @@ pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<Audit
                 || found.entry.action == PRUNED
                     && begin.as_ref().is_some_and(|(_, h)| found.entry.detail.ends_with(&hex(h)));
             noted_seen = noted_seen || noted.is_some_and(|n| n.eq_ignore_ascii_case(&hex(&hash)));
+            if found.entry.action == CUT {
+                cuts.push(format!("row {}: {}", found.sequence, found.entry.detail));
+            }
             (last, previous) = (found.sequence, hash);
         }
     }
@@ -185,10 +216,15 @@ pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<Audit
     if !noted_seen {
         return Ok(AuditVerdict::HeadMissing { rows: last });
     }
-    Ok(AuditVerdict::Intact { rows: last, head: hex(&previous) })
+    if let Some(mark) = mark
+        && let Some(missing) = mark.missing(&mut connection).await.map_err(fail)?
+    {
+        return Ok(AuditVerdict::Cut(missing));
+    }
+    Ok(AuditVerdict::Intact { rows: last, head: hex(&previous), cuts })
 }
 
-fn hex(bytes: &[u8]) -> String {
+pub(super) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 

@@ -5,15 +5,21 @@
 //! key, so that no reader keeps the write-ahead log from being checkpointed.
 
 mod audit;
+mod evidence;
+mod mark;
 mod open;
 mod query;
 mod reserve;
+mod retention;
 mod writer;
 
 pub use audit::{AuditEntry, AuditRow, AuditVerdict, verify_audit_file};
+pub use evidence::{Judged, Observation, Observer};
+pub use mark::Missing;
 pub use open::{Damage, OpenReport, migrations};
 pub use query::{EventFilter, EventPage, MAX_PAGE};
-pub use writer::{Removed, Retention, StoreWriter, WriterGauges};
+pub use retention::{Removed, Retention};
+pub use writer::{MakeRoom, StoreWriter, WriterGauges};
 
 use crate::telemetry::Metrics;
 use sqlx::sqlite::{

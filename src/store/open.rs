@@ -1,7 +1,9 @@
 //! Opening the history: damage is set aside, the schema is brought up to date, a copy is kept first.
 
+use super::mark::{Mark, Missing};
 use super::query::COLUMNS;
 use super::{StoreError, code_of, options};
+use crate::ownership::{existing_file, own_file};
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::{Connection as _, Row as _, SqlSafeStr as _, SqliteConnection};
 use std::path::{Path, PathBuf};
@@ -26,6 +28,10 @@ pub struct OpenReport {
     pub copy: Option<PathBuf>,
     /// The file is too large to be read whole before the service starts: to be checked behind it.
     pub unchecked: bool,
+    /// What was durable in an earlier life and is not there.
+    pub missing: Option<Missing>,
+    /// Number of the last mark that stood beside it.
+    pub(super) marked: u64,
 }
 
 /// Every migration, oldest first. A test compares the list with the folder.
@@ -36,6 +42,8 @@ pub fn migrations() -> Vec<(i64, &'static str, &'static str)> {
         (2, "audit", include_str!("../../migrations/0002_audit.sql")),
         (3, "outbox", include_str!("../../migrations/0003_outbox.sql")),
         (4, "upkeep", include_str!("../../migrations/0004_upkeep.sql")),
+        (5, "missing", include_str!("../../migrations/0005_missing.sql")),
+        (6, "commissioning", include_str!("../../migrations/0006_commissioning.sql")),
     ]
 }
 
@@ -49,15 +57,18 @@ fn migrator() -> Migrator {
 /// Opens the writing connection, replacing a damaged file and migrating an older one.
 /// `wall_ns` names files and the start. Errors: no access, disk full, newer schema.
 pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, OpenReport), StoreError> {
+    let mark = Mark::read(path);
     let mut damage = None;
     if is_emptied(path) {
         damage = Some(set_aside(path, wall_ns, "empty, and an earlier life left its traces beside it")?);
     }
     let unchecked = !must_be_checked(path);
+    own_files(path)?;
     let (mut connection, copy) = match try_open(path, wall_ns).await {
         Ok(opened) => opened,
         Err(error) if is_damage(&error) => {
             damage = Some(set_aside(path, wall_ns, &error.to_string())?);
+            own_files(path)?;
             try_open(path, wall_ns).await?
         }
         Err(error) => return Err(error),
@@ -75,11 +86,34 @@ pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection,
         .await;
     let epoch = row.map_err(fail)?.get(0);
     let unchecked = unchecked && damage.is_none();
-    Ok((connection, OpenReport { epoch, damage, copy, unchecked }))
+    let missing = match &mark {
+        Some(mark) => mark.missing(&mut connection).await.map_err(fail)?,
+        None => None,
+    };
+    let marked = mark.map_or(0, |m| m.number());
+    Ok((connection, OpenReport { epoch, damage, copy, unchecked, missing, marked }))
+}
+
+/// Moves what stands in the log into the main file: what the log alone holds, its damage takes away.
+/// A disk that refuses is met again by the next write.
+pub(super) async fn checkpoint(connection: &mut SqliteConnection) {
+    if let Err(error) = sqlx::query("PRAGMA wal_checkpoint(PASSIVE)").execute(connection).await {
+        tracing::warn!(event = "checkpoint", "{error}");
+    }
 }
 
 /// Largest file that is checked whole at every start: a third of a second.
 const CHECKED_BYTES: u64 = 32 << 20;
+
+/// The history and its log are this user's own, and others cannot read them: SQLite gives the log the main
+/// file's mode. Errors: a symbolic link, another user's, writable by everybody.
+fn own_files(path: &Path) -> Result<(), StoreError> {
+    for suffix in ["-wal", "-shm"] {
+        let path = suffixed(path, suffix);
+        existing_file(&path).map_err(|source| StoreError::Files { path, source })?;
+    }
+    own_file(path).map_err(|source| StoreError::Files { path: path.to_owned(), source })
+}
 
 fn suffixed(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
@@ -176,12 +210,13 @@ async fn bring_up(
 
 /// What the program uses of every table. That a migration was applied says nothing of what somebody did to
 /// its tables since.
-const USED: [(&str, &str); 5] = [
+const USED: [(&str, &str); 6] = [
     (COLUMNS, "event"),
     ("epoch, started_ns, version, settings", "life"),
     ("sequence, wall_ns, actor, role, action, detail, hash", "audit"),
     ("sink, confirmed", "outbox"),
     ("one, sequence, hash", "audit_begin"),
+    ("epoch, machine, started_ns, observed_s, cuts, advised, compared, mismatches", "observation"),
 ];
 
 const QUICK_CHECK: &str = "quick_check";

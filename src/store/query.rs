@@ -1,5 +1,6 @@
 //! Reading events back, page by page.
 
+use super::evidence::RIGHT;
 use super::{StoreError, StoreReader};
 use crate::telemetry::{Event, EventKind};
 use sqlx::sqlite::SqliteRow;
@@ -11,14 +12,14 @@ pub const MAX_PAGE: i64 = 1000;
 /// An alarm that nobody acknowledged: word for word the condition of the index `event_open_alarm`.
 pub(super) const OPEN_ALARM: &str = "acknowledged_ns IS NULL AND kind IN ('chatter_onset', \
      'command_failed', 'source_lost', 'fault', 'invariant_violation', 'history_replaced', \
-     'history_damaged')";
+     'history_damaged', 'history_cut')";
 /// With the index of these alone, whatever the planner thinks; refused where the condition does not fit.
 const OPEN_INDEX: &str = " INDEXED BY event_open_alarm";
 /// Open alarms are counted up to here.
 const COUNTED: i64 = 1000;
 
 pub(super) const COLUMNS: &str = "sequence, id, wall_ns, kind, axis, t_s, frequency_hz, power_n2, \
-     pitch_difference_rad, text, acknowledged_by, acknowledged_ns, silenced_until_ns";
+     pitch_difference_rad, text, acknowledged_by, acknowledged_ns, silenced_until_ns, judged";
 
 /// Which events to read.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -67,6 +68,7 @@ pub(super) fn event_from_row(row: &SqliteRow) -> Result<Event, sqlx::Error> {
         acknowledged_by: row.try_get("acknowledged_by")?,
         acknowledged_ns: row.try_get("acknowledged_ns")?,
         silenced_until_ns: row.try_get("silenced_until_ns")?,
+        judged_right: row.try_get::<Option<String>, _>("judged")?.map(|word| word == RIGHT),
     })
 }
 
@@ -179,7 +181,7 @@ mod tests {
             let list = text.split("kind IN (").nth(1).unwrap().split(')').next().unwrap();
             list.split(',').map(|w| w.trim().to_owned()).collect::<Vec<_>>()
         };
-        let migration = super::super::migrations().into_iter().find(|(v, _, _)| *v == 4).unwrap().2;
+        let migration = super::super::migrations().into_iter().find(|(v, _, _)| *v == 5).unwrap().2;
         for text in [OPEN_ALARM, migration] {
             let (mut found, mut expected) = (condition(text), words.clone());
             (found.sort(), expected.sort());

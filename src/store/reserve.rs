@@ -1,14 +1,16 @@
 //! Room that was taken while there was room: what a full disk does not let into the history when the service
 //! ends is written over these bytes, which needs no new ones, and stored at the next start.
 
-use super::AuditEntry;
+use super::{AuditEntry, StoreError, mark};
+use crate::ownership::own_file;
 use crate::telemetry::{Event, EventKind};
 use serde::{Deserialize, Serialize};
-use std::io::{Read as _, Seek as _, Write as _};
+use std::io::{ErrorKind, Read as _, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Room for about a thousand events.
+/// Room for about a thousand events and, at the end, for the mark.
 const BYTES: usize = 256 * 1024;
+const KEPT: usize = BYTES - mark::BYTES as usize;
 /// Name of the file beside the history.
 pub(super) const FILE_NAME: &str = "history.reserve";
 
@@ -84,13 +86,18 @@ pub(super) struct Reserve {
 
 impl Reserve {
     /// Takes the room, where it is not taken yet. A disk without room leaves the reserve empty for now.
-    pub(super) fn open(folder: &Path) -> Self {
+    /// Errors: the file is a symbolic link, another user's, or writable by everybody.
+    pub(super) fn open(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(FILE_NAME);
+        match own_file(&path) {
+            Err(source) if !is_of_the_disk(&source) => return Err(StoreError::Files { path, source }),
+            _ => {}
+        }
         let taken = std::fs::metadata(&path).is_ok_and(|m| m.len() == BYTES as u64);
         if !taken && let Err(error) = fill(&path) {
             tracing::warn!(event = "reserve", "{}: {error}", path.display());
         }
-        Self { path }
+        Ok(Self { path })
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -100,7 +107,7 @@ impl Reserve {
     /// What an earlier life left. A line that cannot be read ends the list and is told.
     pub(super) fn read(&self) -> Vec<Kept> {
         let mut bytes = Vec::new();
-        let read = std::fs::File::open(&self.path).and_then(|f| f.take(BYTES as u64).read_to_end(&mut bytes));
+        let read = std::fs::File::open(&self.path).and_then(|f| f.take(KEPT as u64).read_to_end(&mut bytes));
         if let Err(error) = read {
             tracing::warn!(event = "reserve", "{}: {error}", self.path.display());
         }
@@ -123,7 +130,7 @@ impl Reserve {
         let (mut bytes, mut count) = (Vec::new(), 0);
         for write in writes {
             let Ok(line) = serde_json::to_vec(write) else { break };
-            if bytes.len() + line.len() + 2 > BYTES {
+            if bytes.len() + line.len() + 2 > KEPT {
                 break;
             }
             bytes.extend(line);
@@ -156,6 +163,14 @@ impl Reserve {
     }
 }
 
+/// A full or failing disk, not a file that is somebody else's.
+fn is_of_the_disk(error: &std::io::Error) -> bool {
+    !matches!(
+        error.kind(),
+        ErrorKind::PermissionDenied | ErrorKind::InvalidInput | ErrorKind::ReadOnlyFilesystem
+    )
+}
+
 fn fill(path: &Path) -> std::io::Result<()> {
     let mut file = std::fs::File::options().create(true).append(true).open(path)?;
     let length = usize::try_from(file.metadata()?.len()).unwrap_or(BYTES);
@@ -170,7 +185,7 @@ mod tests {
     #[test]
     fn what_is_kept_comes_back_and_takes_no_more_room() {
         let folder = tempfile::tempdir().unwrap();
-        let reserve = Reserve::open(folder.path());
+        let reserve = Reserve::open(folder.path()).unwrap();
         assert!(reserve.read().is_empty());
         let event = Event { id: "e".into(), ..Event::new(EventKind::Fault, 5, "two\nlines \u{fc}") };
         let entry = AuditEntry {
@@ -182,12 +197,12 @@ mod tests {
         };
         let writes = [Kept::event(&event), Kept::audit(&entry)];
         assert_eq!(reserve.keep(&writes), 2);
-        let back = Reserve::open(folder.path()).read();
+        let back = Reserve::open(folder.path()).unwrap().read();
         assert_eq!(back[0].clone().restore(), Ok(event));
         assert_eq!(back[1].clone().restore(), Err(entry));
         assert_eq!(std::fs::metadata(reserve.path()).unwrap().len(), BYTES as u64);
         reserve.clear();
-        assert!(Reserve::open(folder.path()).read().is_empty());
+        assert!(Reserve::open(folder.path()).unwrap().read().is_empty());
         let many = vec![writes[0].clone(); 10_000];
         let kept = reserve.keep(&many);
         assert!(kept > 500 && kept < 10_000 && reserve.read().len() == kept, "{kept}");

@@ -1,17 +1,21 @@
 //! The one task that writes: whatever waits goes into one transaction, with full sync.
 
-use super::audit::{AuditEntry, append};
-use super::open::{OpenReport, mark_suspect, open};
-use super::query::OPEN_ALARM;
+use super::audit::{AuditEntry, CUT, append};
+use super::evidence::{FALSE, Observation, Observer, RIGHT};
+use super::mark::{Marker, Missing};
+use super::open::{OpenReport, checkpoint, mark_suspect, open};
 use super::reserve::{Kept, Reserve};
+use super::retention::{Removed, Retention, prune};
 use super::{StoreError, StoreReader, code_of, options};
+use crate::ownership::own_folder;
 use crate::telemetry::{Event, Metrics};
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
+use tokio::time::Instant;
 
 /// Most writes of one transaction.
 const BATCH: usize = 256;
@@ -19,48 +23,22 @@ const BATCH: usize = 256;
 const QUEUE: usize = 8192;
 /// Pause before a failed transaction is tried again.
 const RETRY: Duration = Duration::from_millis(500);
+/// What is committed stands in the log alone no longer than this: a damaged log takes no more away.
+const CHECKPOINT: Duration = Duration::from_secs(2);
+/// On a slow disk longer: moving the log takes at most this part of the time, since writes wait for it.
+const CHECKPOINT_PART: u32 = 20;
 
-/// What the history keeps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Retention {
-    /// Events older than this go.
-    pub max_age_ns: i64,
-    /// The oldest events go while the file is larger.
-    pub max_bytes: u64,
-    /// The oldest rows of the audit record go beyond this many.
-    pub audit_rows: u64,
-    /// Events wait for the sink outside before they go.
-    pub outbox: bool,
-}
-
-/// What a look at the retention removed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Removed {
-    /// Events, for their age.
-    pub aged: u64,
-    /// Events, because the file was too large.
-    pub oversize: u64,
-    /// Events that waited for a person or for the sink, because nothing else was left to remove.
-    pub forced: u64,
-    /// Rows of the audit record.
-    pub audit: u64,
-}
-
-impl Removed {
-    /// Whether there was as much as is removed at once: there may be more.
-    #[must_use]
-    pub fn is_full(&self) -> bool {
-        self.oversize.max(self.forced) >= PRUNE_CHUNK.unsigned_abs()
-    }
-}
+/// Removes something that is worth less than the history; answers false where there is nothing.
+pub type MakeRoom = Box<dyn Fn() -> bool + Send + Sync>;
 
 enum Write {
     Event(Box<Event>, oneshot::Sender<Event>),
-    Acknowledge { sequence: i64, entry: AuditEntry, done: oneshot::Sender<bool> },
+    Acknowledge { sequence: i64, right: Option<bool>, entry: AuditEntry, done: oneshot::Sender<bool> },
     Silence { sequence: i64, until_ns: i64, entry: AuditEntry, done: oneshot::Sender<bool> },
     Audit(AuditEntry, oneshot::Sender<i64>),
     Confirm { sink: &'static str, sequence: i64, done: oneshot::Sender<bool> },
     Settings { epoch: i64, hash: String, done: oneshot::Sender<bool> },
+    Observed { observer: Observer, seen: Observation, done: oneshot::Sender<bool> },
     Prune { now_ns: i64, done: oneshot::Sender<Removed> },
     Close(oneshot::Sender<()>),
 }
@@ -87,6 +65,17 @@ pub struct WriterGauges {
 pub struct StoreWriter {
     queue: mpsc::Sender<Write>,
     gauges: Arc<WriterGauges>,
+    room: Room,
+}
+
+/// What makes room on a full disk, once it is known.
+#[derive(Clone, Default)]
+struct Room(Arc<OnceLock<MakeRoom>>);
+
+impl std::fmt::Debug for Room {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Room")
+    }
 }
 
 impl std::fmt::Debug for Write {
@@ -102,6 +91,11 @@ struct Task {
     gauges: Arc<WriterGauges>,
     metrics: Arc<Metrics>,
     reserve: Reserve,
+    marker: Marker,
+    room: Room,
+    /// Since when the log holds what the main file does not.
+    in_log: Option<Instant>,
+    checkpoint_every: Duration,
 }
 
 impl StoreWriter {
@@ -113,8 +107,7 @@ impl StoreWriter {
         metrics: Arc<Metrics>,
         wall_ns: i64,
     ) -> Result<(Self, StoreReader, OpenReport), StoreError> {
-        std::fs::create_dir_all(folder)
-            .map_err(|source| StoreError::Files { path: folder.to_owned(), source })?;
+        own_folder(folder, 0o750).map_err(|source| StoreError::Files { path: folder.to_owned(), source })?;
         let path = folder.join(super::FILE_NAME);
         if path.is_dir() {
             let source = std::io::Error::other("is a folder; expected the history file, or nothing");
@@ -124,11 +117,32 @@ impl StoreWriter {
         let (queue, waiting) = mpsc::channel(QUEUE);
         let gauges = Arc::new(WriterGauges::default());
         let reader = StoreReader::new(&path, Arc::clone(&metrics));
-        let reserve = Reserve::open(folder);
-        let mut task = Task { connection, path, retention, gauges: Arc::clone(&gauges), metrics, reserve };
+        let reserve = Reserve::open(folder)?;
+        let room = Room::default();
+        let mut task = Task {
+            connection,
+            path,
+            retention,
+            gauges: Arc::clone(&gauges),
+            metrics,
+            marker: Marker::new(reserve.path(), report.marked),
+            reserve,
+            room: room.clone(),
+            in_log: None,
+            checkpoint_every: CHECKPOINT,
+        };
+        task.checkpoint().await; // the main file is never empty for long
+        if let Some(missing) = &report.missing {
+            task.tell_missing(missing, wall_ns).await;
+        }
         task.take_kept().await;
         tokio::spawn(task.run(waiting));
-        Ok((Self { queue, gauges }, reader, report))
+        Ok((Self { queue, gauges, room }, reader, report))
+    }
+
+    /// Says what may go where the disk is full. Once; a second time changes nothing.
+    pub fn may_remove(&self, room: MakeRoom) {
+        let _ = self.room.0.set(room);
     }
 
     /// State of the writer.
@@ -164,9 +178,14 @@ impl StoreWriter {
 
     /// Marks an event as acknowledged by the actor of `entry`, in one transaction with that row of the audit
     /// record. Answers false where there is no such event: then there is no row either.
-    pub async fn acknowledge(&self, sequence: i64, entry: AuditEntry) -> Result<bool, StoreError> {
+    pub async fn acknowledge(
+        &self,
+        sequence: i64,
+        right: Option<bool>,
+        entry: AuditEntry,
+    ) -> Result<bool, StoreError> {
         let (done, outcome) = oneshot::channel();
-        self.push(Write::Acknowledge { sequence, entry, done })?;
+        self.push(Write::Acknowledge { sequence, right, entry, done })?;
         outcome.await.map_err(|_| StoreError::Closed)
     }
 
@@ -196,6 +215,13 @@ impl StoreWriter {
     pub async fn note_settings(&self, epoch: i64, hash: &str) -> Result<(), StoreError> {
         let (done, outcome) = oneshot::channel();
         self.push(Write::Settings { epoch, hash: hash.to_owned(), done })?;
+        outcome.await.map(|_| ()).map_err(|_| StoreError::Closed)
+    }
+
+    /// Notes what this life has observed so far. Durable when it returns.
+    pub async fn note_observed(&self, observer: &Observer, seen: Observation) -> Result<(), StoreError> {
+        let (done, outcome) = oneshot::channel();
+        self.push(Write::Observed { observer: observer.clone(), seen, done })?;
         outcome.await.map(|_| ()).map_err(|_| StoreError::Closed)
     }
 
@@ -231,7 +257,7 @@ impl Task {
     async fn run(mut self, mut queue: mpsc::Receiver<Write>) {
         let mut closing = None;
         while closing.is_none()
-            && let Some(first) = queue.recv().await
+            && let Some(first) = self.next(&mut queue).await
         {
             let mut batch = vec![first];
             while batch.len() < BATCH
@@ -250,12 +276,55 @@ impl Task {
             };
             self.gauges.waiting.fetch_sub(batch.len(), Ordering::Relaxed);
             answer_all(batch, answers);
+            if self.in_log.get_or_insert_with(Instant::now).elapsed() >= self.checkpoint_every {
+                self.checkpoint().await;
+            }
         }
         queue.close();
         let _ = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&mut self.connection).await;
         let _ = self.connection.close().await;
         if let Some(Write::Close(done)) = closing {
             let _ = done.send(());
+        }
+    }
+
+    /// What comes next; a log that has stood for a while is moved into the main file meanwhile.
+    async fn next(&mut self, queue: &mut mpsc::Receiver<Write>) -> Option<Write> {
+        if let Some(since) = self.in_log {
+            let left = self.checkpoint_every.saturating_sub(since.elapsed());
+            if let Ok(next) = tokio::time::timeout(left, queue.recv()).await {
+                return next;
+            }
+            self.checkpoint().await;
+        }
+        queue.recv().await
+    }
+
+    async fn checkpoint(&mut self) {
+        let began = Instant::now();
+        checkpoint(&mut self.connection).await;
+        self.in_log = None;
+        self.checkpoint_every = CHECKPOINT.max(CHECKPOINT_PART * began.elapsed());
+    }
+
+    /// Puts on record what an earlier life had made durable and this one does not find.
+    async fn tell_missing(&mut self, missing: &Missing, wall_ns: i64) {
+        let lost = |table: &str, count: i64| {
+            let count = u64::try_from(count).unwrap_or(0);
+            self.metrics.history_lost.with_label_values(&[table]).inc_by(count);
+        };
+        lost("event", missing.events);
+        lost("audit", missing.audit_rows);
+        let entry = AuditEntry {
+            wall_ns,
+            actor: "service".into(),
+            role: "service".into(),
+            action: CUT.into(),
+            detail: missing.sentence(),
+        };
+        // Not stored, the mark stays as it is, and the next start tells it again.
+        if let Err(error) = self.commit(&[Write::Audit(entry, oneshot::channel().0)]).await {
+            tracing::error!(event = "history_cut", "{}: {error}", missing.sentence());
         }
     }
 
@@ -324,6 +393,11 @@ impl Task {
                     self.gauges.commits.fetch_add(1, Ordering::Relaxed);
                     return Some(answers);
                 }
+                Err(error) if self.make_room(&error).await => {
+                    let code = code_of(&error);
+                    self.metrics.store_errors.with_label_values(&[code]).inc();
+                    self.reconnect().await;
+                }
                 Err(error) => {
                     self.count_failure(&error);
                     last_tries += u32::from(self.gauges.closing.load(Ordering::Relaxed));
@@ -335,6 +409,16 @@ impl Task {
                 }
             }
         }
+    }
+
+    /// Where the disk is full: whether something went that is worth less than what is to be stored.
+    async fn make_room(&self, error: &sqlx::Error) -> bool {
+        if code_of(error) != "full" {
+            return false;
+        }
+        let room = self.room.clone();
+        let made = tokio::task::spawn_blocking(move || room.0.get().is_some_and(|room| room()));
+        made.await.unwrap_or(false)
     }
 
     fn count_failure(&self, error: &sqlx::Error) {
@@ -364,6 +448,8 @@ impl Task {
             answers.push(apply(&mut transaction, write, self.retention).await?);
         }
         transaction.commit().await?;
+        // What a mark that cannot be written does not cover is durable all the same; it was told.
+        let _ = self.marker.note(&mut self.connection).await;
         Ok(answers)
     }
 }
@@ -375,11 +461,14 @@ async fn apply(
 ) -> Result<Answer, sqlx::Error> {
     match write {
         Write::Event(event, _) => insert_event(connection, event).await.map(Answer::Event),
-        Write::Acknowledge { sequence, entry, .. } => {
+        Write::Acknowledge { sequence, right, entry, .. } => {
             // The first acknowledgement stays; another one is on record all the same.
             let update = "UPDATE event SET acknowledged_by = coalesce(acknowledged_by, ?), \
-                 acknowledged_ns = coalesce(acknowledged_ns, ?) WHERE sequence = ?";
-            let query = sqlx::query(update).bind(&entry.actor).bind(entry.wall_ns).bind(sequence);
+                 acknowledged_ns = coalesce(acknowledged_ns, ?), judged = coalesce(?, judged) \
+                 WHERE sequence = ?";
+            let judged = right.map(|right| if right { RIGHT } else { FALSE });
+            let query =
+                sqlx::query(update).bind(&entry.actor).bind(entry.wall_ns).bind(judged).bind(sequence);
             let done = query.execute(&mut *connection).await?;
             on_record(connection, entry, done.rows_affected() > 0).await
         }
@@ -399,6 +488,9 @@ async fn apply(
         Write::Settings { epoch, hash, .. } => {
             let update = sqlx::query("UPDATE life SET settings = ? WHERE epoch = ?").bind(hash).bind(epoch);
             update.execute(connection).await.map(|_| Answer::Done(true))
+        }
+        Write::Observed { observer, seen, .. } => {
+            super::evidence::note(connection, observer, seen).await.map(|()| Answer::Done(true))
         }
         Write::Close(_) => Ok(Answer::Done(true)), // taken out of the batch before
         Write::Prune { now_ns, .. } => prune(connection, *now_ns, keep).await.map(Answer::Removed),
@@ -430,58 +522,6 @@ async fn insert_event(connection: &mut SqliteConnection, event: &Event) -> Resul
     Ok(Box::new(Event { sequence: row.try_get(0)?, ..event.clone() }))
 }
 
-/// Events removed for their age at once: a clock that is wrong at the start costs little until it is set
-/// right.
-const PRUNE_AGED: i64 = 1000;
-/// Events removed at once while the file is too large.
-const PRUNE_CHUNK: i64 = 10_000;
-
-/// Removes by age and by size what no person and no sink waits for; beyond a quarter more than the size asked
-/// for, what is oldest.
-async fn prune(
-    connection: &mut SqliteConnection,
-    now_ns: i64,
-    keep: Retention,
-) -> Result<Removed, sqlx::Error> {
-    let mut removed = Removed {
-        audit: super::audit::prune(connection, keep.audit_rows, now_ns).await?,
-        ..Removed::default()
-    };
-    let sent = match keep.outbox {
-        true => {
-            let least = sqlx::query("SELECT coalesce(min(confirmed), 0) FROM outbox");
-            least.fetch_one(&mut *connection).await?.try_get(0)?
-        }
-        false => i64::MAX,
-    };
-    let free = format!("sequence <= ? AND NOT ({OPEN_ALARM})");
-    let delete = |which: &str| {
-        let text =
-            format!("DELETE FROM event WHERE sequence IN (SELECT sequence FROM event WHERE {which} LIMIT ?)");
-        sqlx::query(sqlx::AssertSqlSafe(text))
-    };
-    let aged = delete(&format!("{free} AND wall_ns < ? ORDER BY wall_ns"));
-    let aged = aged.bind(sent).bind(now_ns.saturating_sub(keep.max_age_ns)).bind(PRUNE_AGED);
-    removed.aged = aged.execute(&mut *connection).await?.rows_affected();
-    let used = used_bytes(connection).await?;
-    if used > keep.max_bytes {
-        let oldest = delete(&format!("{free} ORDER BY sequence")).bind(sent).bind(PRUNE_CHUNK);
-        removed.oversize = oldest.execute(&mut *connection).await?.rows_affected();
-    }
-    if removed.aged + removed.oversize == 0 && used > keep.max_bytes.saturating_add(keep.max_bytes / 4) {
-        let oldest = delete("TRUE ORDER BY sequence").bind(PRUNE_CHUNK);
-        removed.forced = oldest.execute(&mut *connection).await?.rows_affected();
-    }
-    Ok(removed)
-}
-
-async fn used_bytes(connection: &mut SqliteConnection) -> Result<u64, sqlx::Error> {
-    let size = "SELECT (page_count - freelist_count) * page_size \
-         FROM pragma_page_count, pragma_freelist_count, pragma_page_size";
-    let used: i64 = sqlx::query(size).fetch_one(connection).await?.try_get(0)?;
-    Ok(u64::try_from(used).unwrap_or(0))
-}
-
 /// Tells each sender; one that no longer waits is no error.
 fn answer_all(batch: Vec<Write>, answers: Vec<Answer>) {
     for (write, answer) in batch.into_iter().zip(answers) {
@@ -493,7 +533,8 @@ fn answer_all(batch: Vec<Write>, answers: Vec<Answer>) {
                 Write::Acknowledge { done, .. }
                 | Write::Silence { done, .. }
                 | Write::Confirm { done, .. }
-                | Write::Settings { done, .. },
+                | Write::Settings { done, .. }
+                | Write::Observed { done, .. },
                 Answer::Done(yes),
             ) => {
                 let _ = done.send(yes);

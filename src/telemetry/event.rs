@@ -80,6 +80,8 @@ event_kinds! {
     FaultCleared = "fault_cleared", Info;
     /// The wall clock jumped; order is kept by the place in the history.
     ClockStep = "clock_step", Warning;
+    /// The token file cannot be used, or names nobody any more who may take the turret back.
+    AccessLost = "access_lost", Warning;
     /// The service started.
     ServiceStart = "service_start", Info;
     /// The service ended in good order.
@@ -88,6 +90,10 @@ event_kinds! {
     HistoryReplaced = "history_replaced", Alarm;
     /// Damage was seen in the history file; the next start sets it aside.
     HistoryDamaged = "history_damaged", Alarm;
+    /// Rows that were durable in an earlier life are missing.
+    HistoryCut = "history_cut", Alarm;
+    /// The disk is full: the oldest recordings went so that the history could go on.
+    RecordingsRemoved = "recordings_removed", Warning;
     /// The retention removed events that still waited for a person or for the broker.
     EventsRemoved = "events_removed", Warning;
     /// The settings are others than at the start before.
@@ -153,6 +159,8 @@ pub struct Event {
     pub acknowledged_ns: Option<i64>,
     /// Not to be shown as an alarm before this.
     pub silenced_until_ns: Option<i64>,
+    /// What a person says of an alarm: that it was right, or false.
+    pub judged_right: Option<bool>,
 }
 
 /// What a library or a file says may hold line breaks; a log line and a row of a table may not.
@@ -183,6 +191,7 @@ impl Event {
             acknowledged_by: None,
             acknowledged_ns: None,
             silenced_until_ns: None,
+            judged_right: None,
         }
     }
 

@@ -12,6 +12,8 @@ use prometheus::{
 
 /// Why a sample was not taken.
 pub const REJECT_REASONS: [&str; 3] = ["not_finite", "duplicate", "out_of_order"];
+/// Why samples were not taken on any axis; counted with the axis `all`.
+const STREAM_REJECT_REASONS: [&str; 2] = ["implausible_stamp", "bad_count"];
 
 /// The service's own reasons not to send what was decided, beside the decision's.
 pub const HOLD_REASONS: [&str; 5] =
@@ -133,6 +135,8 @@ series! {
     history_removed: IntCounterVec = counters("stillcut_history_removed_total",
         "Events (audit: rows of the audit record) that the retention removed; forced: events that \
         still waited for a person or the broker.", &["reason"]);
+    history_lost: IntCounterVec = counters("stillcut_history_lost_total",
+        "Rows that were durable in an earlier life and that this start did not find.", &["table"]);
     store_bytes: IntGauge = int_gauge("stillcut_store_bytes", "Size of the history file.");
     wal_bytes: IntGauge = int_gauge("stillcut_wal_bytes", "Size of the history file's write-ahead log.");
     store_filesystem_available_bytes: IntGauge = int_gauge("stillcut_store_filesystem_available_bytes",
@@ -254,6 +258,9 @@ impl Metrics {
                 self.samples_rejected.with_label_values(&[axis, reason]);
             }
         }
+        for reason in STREAM_REJECT_REASONS {
+            self.samples_rejected.with_label_values(&["all", reason]);
+        }
         let zero = |family: &IntCounterVec, words: &[&str]| {
             for word in words {
                 family.with_label_values(&[*word]);
@@ -266,10 +273,11 @@ impl Metrics {
         zero(&self.holds, &decided);
         let rules = Violation::ALL.map(Violation::name);
         zero(&self.invariant_violations, &rules);
-        zero(&self.diagnoses, &["done", "failed"]);
+        zero(&self.diagnoses, &["done", "failed", "cancelled"]);
         zero(&self.outbox_sent, &["sent", "failed", "dropped"]);
         zero(&self.store_errors, &["full", "io", "corrupt", "not_a_database", "busy", "other"]);
         zero(&self.history_removed, &["age", "size", "forced", "audit"]);
+        zero(&self.history_lost, &["event", "audit"]);
         zero(&self.recordings, &["saved", "too_short", "failed", "dropped", "removed"]);
         zero(&self.security_events, &["bad_token", "forbidden", "rate_limited", "bad_host", "token_file"]);
         zero(&self.http_refused, &["connections", "idle", "streams", "exports", "body_too_large"]);

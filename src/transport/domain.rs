@@ -5,11 +5,13 @@
 //! Who gets it exclusively at start is alone, and removes what was left before it joins.
 
 use super::TransportError;
+use crate::ownership::{own_folder, own_user};
 use iceoryx2::prelude::{
     CallbackProgression, Config, FileName, Node, NodeBuilder, NodeName, NodeState, Path as IoxPath,
     SemanticString as _, SignalHandlingMode, ipc,
 };
-use std::fs::{File, TryLockError};
+use std::fs::{File, Permissions, TryLockError};
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::Duration;
@@ -79,6 +81,7 @@ impl Domain {
         let lock = self.enter()?;
         self.probe(name)?;
         let node = create_node(&self.config()?, name)?;
+        self.tighten();
         Ok(Participant { node, _lock: lock })
     }
 
@@ -88,7 +91,8 @@ impl Domain {
             let path = path.to_owned();
             move |source| TransportError::Files { path, source }
         };
-        std::fs::create_dir_all(&self.root).map_err(io(&self.root))?;
+        own_folder(&self.root, 0o700).map_err(io(&self.root))?;
+        self.refuse_foreign()?;
         let path = self.root.join("domain.lock");
         let open = File::options().create(true).truncate(false).read(true).write(true).open(&path);
         let file = open.map_err(io(&path))?;
@@ -120,12 +124,41 @@ impl Domain {
         Ok(())
     }
 
+    /// Files of the domain in shared memory.
+    fn shared_files(&self) -> impl Iterator<Item = PathBuf> {
+        let ours = |p: &PathBuf| p.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&self.prefix));
+        entries(Path::new(SHARED_MEMORY)).into_iter().filter(ours)
+    }
+
+    /// Errors: another user made a file of this name in shared memory, where everybody may make files; it
+    /// cannot be removed by this one and keeps everybody out.
+    fn refuse_foreign(&self) -> Result<(), TransportError> {
+        for path in self.shared_files() {
+            // One that has gone meanwhile is nobody's.
+            let owner = std::fs::symlink_metadata(&path).ok().map(|m| m.uid());
+            if let Some(owner) = owner.filter(|owner| ![own_user(), 0].contains(owner)) {
+                return Err(TransportError::Foreign { path, owner, own: own_user() });
+            }
+        }
+        Ok(())
+    }
+
+    /// The library lets every user write its management segment, whatever the mask; the domain is one user's.
+    fn tighten(&self) {
+        for path in self.shared_files() {
+            let Ok(found) = std::fs::symlink_metadata(&path) else { continue };
+            let mode = found.permissions().mode() & 0o777;
+            if found.uid() == own_user() && found.is_file() && mode & 0o077 != 0 {
+                let outcome = std::fs::set_permissions(&path, Permissions::from_mode(mode & 0o700));
+                drop(outcome); // it may have gone meanwhile
+            }
+        }
+    }
+
     /// Removes every file of the domain but the lock. What cannot be removed shows when joining.
     fn remove_files(&self) {
-        for entry in entries(Path::new(SHARED_MEMORY)) {
-            if entry.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&self.prefix)) {
-                let _ = std::fs::remove_file(entry);
-            }
+        for path in self.shared_files() {
+            let _ = std::fs::remove_file(path);
         }
         for folder in ["services", "nodes"] {
             for entry in entries(&self.root.join(folder)) {

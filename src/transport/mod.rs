@@ -36,6 +36,20 @@ pub enum TransportError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// Another user holds a name of this domain in shared memory.
+    #[error(
+        "{}: belongs to user {owner}, not to this one ({own}); remove it as that user or root, or choose \
+         another transport.prefix",
+        path.display()
+    )]
+    Foreign {
+        /// File.
+        path: PathBuf,
+        /// Its owner.
+        owner: u32,
+        /// The user of this process.
+        own: u32,
+    },
     /// No node could be made.
     #[error("transport: cannot join the domain: {0}; all participants must run as the same user")]
     Join(String),

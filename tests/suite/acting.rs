@@ -1,7 +1,7 @@
 //! Who may let the service act and take the turret back, asked of the running service while colleagues, disks
 //! and keys are in the way.
 
-use crate::faults::SmallDisk;
+use crate::faults::{SmallDisk, exhaust};
 use crate::running::{Answer, LatheThread, Place, ask, get, tokens, until};
 use std::time::{Duration, Instant};
 use stillcut::service::{Running, start};
@@ -115,6 +115,7 @@ fn an_override_is_done_and_answered_while_the_disk_is_full() {
     let lathe = LatheThread::start(&place.domain);
     until("acting is possible", 20, || bench.raise_to_act().status == 200);
     let ballast = disk.fill();
+    exhaust(&bench.address, &[("Authorization", &format!("Bearer {}", bench.operator))]);
     let began = Instant::now();
     let taken = bench.take_back();
     assert!(began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
@@ -152,5 +153,119 @@ fn one_key_is_one_deed_also_at_once() {
     assert_eq!(post().status, 202, "afterwards the answer is kept");
     assert_eq!(bench.audit("save_recording").len(), 1);
     drop(lathe);
+    bench.running.stop();
+}
+
+/// The way back is open whatever is wrong with the words: done first, told afterwards.
+#[test]
+fn an_override_is_done_whatever_its_body() {
+    let place = Place::new("anybody");
+    let bench = Bench::start(&place);
+    let lathe = LatheThread::start(&place.domain);
+    until("acting is possible", 20, || bench.raise_to_act().status == 200);
+    let bearer = format!("Bearer {}", bench.operator);
+    let headers = [("Authorization", bearer.as_str())];
+    let long = format!("{{\"reason\":\"{}\"}}", "x".repeat(501));
+    let large = format!("{{\"reason\":\"{}\"}}", "x".repeat(70_000));
+    let secret = format!("{{\"reason\":\"pasted {}\"}}", bench.operator);
+    let bodies: [(Option<&str>, &str); 9] = [
+        (None, "application/json"),
+        (Some(""), "not JSON"),
+        (Some("{\"reason\":\"\"}"), "1 to 500"),
+        (Some("{\"reason\":\"two\\nlines\"}"), "1 to 500"),
+        (Some(&long), "1 to 500"),
+        (Some("{\"reason\":\"x\",\"more\":1}"), "more"),
+        (Some("[\"x\"]"), "object"),
+        (Some(&large), "64 KiB"),
+        (Some(&secret), "token"),
+    ];
+    for (body, told) in bodies {
+        until("act again", 20, || bench.raise_to_act().status == 200);
+        let taken = ask(&bench.address, "POST", "/api/v1/override", &headers, body);
+        assert_eq!((taken.status, &taken.json()["mode"]), (200, &"observe".into()), "{told}: {taken:?}");
+        let said = taken.json()["reason_refused"].as_str().unwrap_or_default().to_owned();
+        assert!(said.contains(told), "{told}: {said}");
+    }
+    let good = bench.take_back();
+    assert!(good.json()["reason_refused"].is_null(), "{good:?}");
+    let rows = bench.audit("override");
+    assert_eq!(rows.iter().filter(|r| r.ends_with("reason: no reason given")).count(), bodies.len());
+    drop(lathe);
+    bench.running.stop();
+}
+
+/// Nobody could take the turret back any more: acting ends by itself, visibly.
+#[test]
+fn acting_ends_where_no_token_is_in_force_that_could_end_it() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let place = Place::new("noway");
+    let bench = Bench::start(&place);
+    let lathe = LatheThread::start(&place.domain);
+    let file = place.folder.path().join("tokens.toml");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let mode = |bits| std::fs::set_permissions(&file, std::fs::Permissions::from_mode(bits)).unwrap();
+    let spoil: [(&str, &dyn Fn()); 3] = [
+        ("readable by others", &|| mode(0o644)),
+        ("empty", &|| std::fs::write(&file, "").unwrap()),
+        ("gone", &|| std::fs::remove_file(&file).unwrap()),
+    ];
+    for (what, spoil) in spoil {
+        until("acting is possible", 20, || bench.raise_to_act().status == 200);
+        spoil();
+        until(what, 4, || bench.mode()["mode"] == "observe");
+        let state = get(&bench.running, "/api/v1/state").json();
+        assert!(state["fault"].as_str().is_some_and(|f| f.contains("token")), "{what}: {state}");
+        until("it is told", 5, || {
+            let ready = get(&bench.running, "/readyz");
+            let warned = get(&bench.running, "/api/v1/events?kind=access_lost").json();
+            let alarmed = get(&bench.running, "/api/v1/events?kind=fault&open_alarms=true").json();
+            ready.status == 503
+                && ready.body.contains("access")
+                && !warned["events"].as_array().unwrap().is_empty()
+                && !alarmed["events"].as_array().unwrap().is_empty()
+        });
+        std::fs::write(&file, &text).unwrap();
+        mode(0o600);
+        let clear = ("POST", "/api/v1/fault/clear");
+        until("it is mended", 5, || {
+            bench.ask(&bench.engineer, clear, &[], "{\"reason\":\"mended\"}").status == 200
+        });
+        assert_eq!(bench.mode()["mode"], "observe", "it does not resume by itself");
+    }
+    drop(lathe);
+    bench.running.stop();
+}
+
+/// A token in a reason is refused and kept nowhere; one that was made a moment ago is good at once.
+#[test]
+fn tokens_reach_no_record_and_a_fresh_one_is_good_at_once() {
+    let place = Place::new("secret");
+    let bench = Bench::start(&place);
+    let file = place.folder.path().join("tokens.toml");
+    for k in 20..26 {
+        let (fresh, digest) = stillcut::http::new_token([k; 32]);
+        let entry = format!("[[token]]\nname = \"n{k}\"\nrole = \"operator\"\nsha256 = \"{digest}\"\n");
+        std::fs::write(&file, std::fs::read_to_string(&file).unwrap() + &entry).unwrap();
+        let answer = bench.ask(&fresh, ("POST", "/api/v1/events/1/acknowledge"), &[], "{\"reason\":\"x\"}");
+        assert_eq!(answer.status, 200, "{answer:?}");
+        std::thread::sleep(Duration::from_millis(150));
+    }
+    for token in [bench.operator.as_str(), bench.engineer.as_str(), &stillcut::http::new_token([99; 32]).0] {
+        for (method, path, body) in [
+            ("POST", "/api/v1/events/1/acknowledge", format!("{{\"reason\":\"{token}\"}}")),
+            ("POST", "/api/v1/events/1/silence", format!("{{\"reason\":\"a {token}.\",\"minutes\":1}}")),
+            ("PUT", "/api/v1/mode", format!("{{\"reason\":\"({token})\",\"mode\":\"observe\"}}")),
+            ("POST", "/api/v1/recordings", format!("{{\"reason\":\"{token}\"}}")),
+        ] {
+            let refused = bench.ask(&bench.engineer, (method, path), &[], &body);
+            assert_eq!(refused.code(), "secret_in_text", "{path}: {refused:?}");
+        }
+        let body = format!("{{\"reason\":\"{token}\"}}");
+        assert_eq!(bench.ask(&bench.operator, ("POST", "/api/v1/override"), &[], &body).status, 200);
+    }
+    for page in ["/api/v1/audit", "/api/v1/events", "/api/v1/state", "/metrics"] {
+        let told = get(&bench.running, page).body;
+        assert!(!told.contains(&bench.operator) && !told.contains(&bench.engineer), "{page}");
+    }
     bench.running.stop();
 }

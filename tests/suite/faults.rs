@@ -19,7 +19,9 @@ impl SmallDisk {
     pub(crate) fn mount(folder: &Path, options: &str) -> Option<Self> {
         std::fs::create_dir_all(folder).unwrap();
         let mut command = Command::new("mount");
-        command.args(["-t", "tmpfs", "-o", options, "tmpfs"]).arg(folder).stderr(Stdio::null());
+        // The root of a tmpfs is everybody's unless it is said.
+        let options = format!("{options},mode=755");
+        command.args(["-t", "tmpfs", "-o", &options, "tmpfs"]).arg(folder).stderr(Stdio::null());
         let mounted = command.status().is_ok_and(|s| s.success());
         mounted.then(|| Self(folder.to_owned()))
     }
@@ -54,6 +56,20 @@ fn lost(address: &str) -> f64 {
         .sum()
 }
 
+/// Writes until a full disk refuses: the history's log has some room of its own, which is used again and again.
+/// Answers how many writes there were, the last of them not recorded.
+pub(crate) fn exhaust(address: &str, headers: &[(&str, &str)]) -> usize {
+    let body = format!("{{\"reason\":\"{}\"}}", "x".repeat(490));
+    for count in 1..2000 {
+        let taken = ask(address, "POST", "/api/v1/override", headers, Some(&body));
+        assert_eq!(taken.status, 200, "done whatever the disk does: {taken:?}");
+        if taken.json()["recorded"] == false {
+            return count;
+        }
+    }
+    panic!("the disk never refused");
+}
+
 #[test]
 fn a_full_disk_loses_no_event_and_no_sample_and_heals_by_itself() {
     let place = Place::new("full");
@@ -68,6 +84,7 @@ fn a_full_disk_loses_no_event_and_no_sample_and_heals_by_itself() {
     let lathe = LatheThread::start(&place.domain);
     until("samples come", 10, || get(&running, "/readyz").status == 200);
     let ballast = disk.fill();
+    exhaust(&address, &[]);
     let set_mode = |mode: &str| {
         let etag = ask(&address, "GET", "/api/v1/mode", &[], None).etag;
         let body = format!("{{\"mode\":\"{mode}\",\"reason\":\"test\"}}");
@@ -105,6 +122,42 @@ fn a_full_disk_loses_no_event_and_no_sample_and_heals_by_itself() {
     assert!(page["events"].as_array().unwrap().len() as f64 >= counted, "{counted} counted");
     assert!(lost(&address) == 0.0, "no sample is lost");
     drop(lathe);
+    running.stop();
+}
+
+/// Recordings are worth less than the history: they go at the moment that the history meets the full disk.
+#[test]
+fn on_a_full_disk_recordings_go_before_a_single_acknowledgement_fails() {
+    let place = Place::new("fullroom");
+    let Some(disk) = SmallDisk::mount(&place.state(), "size=24m") else {
+        eprintln!("skipped: mounting a small file system is not allowed here");
+        return;
+    };
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    let recordings = place.state().join("recordings");
+    for k in 0..3 {
+        std::fs::write(recordings.join(format!("manual-{k}.parquet")), vec![k; 2 << 20]).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let _ballast = disk.fill();
+    let reason = "x".repeat(450);
+    for k in 0..150 {
+        let body = format!("{{\"reason\":\"{k} {reason}\"}}");
+        let answer = ask(&address, "POST", "/api/v1/events/1/acknowledge", &[], Some(&body));
+        assert_eq!(answer.status, 200, "{k}: {answer:?}");
+    }
+    let removed = |text: &str| metric(text, "stillcut_recordings_total{outcome=\"removed\"}");
+    until("it is counted and told", 5, || {
+        let told = get(&running, "/api/v1/events?kind=recordings_removed").json();
+        removed(&get(&running, "/metrics").body) > 0.0 && !told["events"].as_array().unwrap().is_empty()
+    });
+    let text = get(&running, "/metrics").body;
+    assert!(metric(&text, "stillcut_store_errors_total{code=\"full\"}") > 0.0, "the fault happened");
+    assert!(!recordings.join("manual-0.parquet").exists(), "the oldest first");
+    assert!(removed(&text) < 3.0, "no more than needed");
     running.stop();
 }
 
@@ -167,16 +220,13 @@ fn a_start_with_a_full_disk_is_ready_and_ends_in_good_order() {
     let began = Instant::now();
     let mut process = begin();
     assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
-    for k in 0..3 {
-        let body = format!("{{\"reason\":\"{k}\"}}");
-        let taken = process.ask("POST", "/api/v1/override", &operator, Some(&body));
-        assert_eq!((taken.status, &taken.json()["recorded"]), (200, &false.into()), "the fault happened");
-    }
+    let operators = format!("Bearer {operator}");
+    let writes = exhaust(&process.address, &[("Authorization", &operators)]);
     let (etag, bearer) = ("\"1\"", format!("Bearer {engineer}"));
     let headers = [("If-Match", etag), ("Authorization", &bearer)];
     let body = Some("{\"mode\":\"advise\",\"reason\":\"test\"}");
     let raised = ask(&process.address, "PUT", "/api/v1/mode", &headers, body);
-    assert_eq!(raised.status, 503, "the settings are not on record: {raised:?}");
+    assert_eq!(raised.status, 503, "without a record there is no way up: {raised:?}");
     let end = |process: &mut Process| {
         let signal = Command::new("kill").args(["-TERM", &process.child.id().to_string()]).status();
         assert!(signal.unwrap().success());
@@ -185,11 +235,11 @@ fn a_start_with_a_full_disk_is_ready_and_ends_in_good_order() {
     end(&mut process);
     std::fs::remove_file(ballast).unwrap();
     let mut process = begin();
-    let page = process.ask("GET", "/api/v1/events?kind=override", &operator, None).json();
-    assert_eq!(page["events"].as_array().unwrap().len(), 3);
+    let page = process.ask("GET", "/api/v1/events?kind=override&limit=1000", &operator, None).json();
+    assert_eq!(page["events"].as_array().unwrap().len(), writes);
     let rows = process.ask("GET", "/api/v1/audit", &operator, None).json();
     let count = |action: &str| rows.as_array().unwrap().iter().filter(|r| r["action"] == action).count();
-    assert_eq!((count("override"), count("settings")), (3, 1));
+    assert_eq!((count("override"), count("settings")), (writes, 1));
     end(&mut process);
 }
 

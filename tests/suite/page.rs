@@ -185,8 +185,31 @@ fn operate(browser: &mut Browser) {
     browser.value("document.getElementById('ask-reason').value = 'second shift'");
     browser.confirm();
     browser.wait_for("advise", &pressed("advise"));
+    // The way back works from a dialog, by its button and by its key.
+    browser.press("?");
+    browser.wait_for("the keys", "document.getElementById('keys-list').open");
     browser.press("r");
     browser.wait_for("observe", &pressed("observe"));
+    assert_eq!(browser.value("document.querySelector('dialog[open]')"), serde_json::Value::Null);
+    browser.press("2");
+    browser.wait_for("the question", "document.getElementById('ask').open");
+    browser.click("document.querySelector('#ask [data-take-back]')");
+    browser.wait_for("the question is gone", "!document.getElementById('ask').open");
+    // It stays in sight wherever the page is scrolled to, and works there.
+    browser.size(390, 844);
+    browser.value("window.scrollTo(0, document.body.scrollHeight)");
+    let seen = "(() => { const b = document.getElementById('take-back').getBoundingClientRect(); \
+        return b.top >= 0 && b.bottom <= innerHeight && b.height > 30; })()";
+    assert_eq!(browser.value(seen), true, "the way back stays in sight");
+    browser.picture("scrolled");
+    browser.size(1280, 800);
+    browser.value("speak('ja')");
+    browser.picture("japanese");
+    browser.value("speak('de')");
+    assert_eq!(browser.value("document.getElementById('take-back').innerText"), "Revolver zurückholen");
+    browser.picture("german");
+    browser.value("speak('en')");
+    browser.press("r");
     let note = "document.getElementById('take-back-note').innerText.includes('turret taken back')";
     browser.wait_for("word of it", note);
 }
@@ -205,6 +228,7 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     let running = stillcut::service::start(config).unwrap();
     let lathe = LatheThread::start(&place.domain);
     until("samples come", 10, || get(&running, "/readyz").status == 200);
+    std::thread::sleep(Duration::from_secs(4));
     let mut browser = Browser::open(program, place.folder.path());
     browser.size(1280, 800);
     let url = format!("http://{}/", running.handle().address());
@@ -212,6 +236,12 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     browser.wait_for("the stream", "document.getElementById('link')?.innerText === 'live'");
     browser.wait_for("the speed", "document.body.innerText.includes('1200 rpm')");
     browser.wait_for("the band", "document.body.innerText.includes('watched band')");
+    // The charts open with what was before the page: more than came since.
+    let past = "waterfall.columns.filter(Boolean).length";
+    browser.wait_for("the past", &format!("{past} > 40 && force.slices.length > 40"));
+    browser.value("document.getElementById('range').value = '60'; loadPast()");
+    browser.wait_for("the last minute", &format!("waterfall.rangeS === 60 && {past} > 10"));
+    browser.value("document.getElementById('range').value = '20'; loadPast()");
     let fits = "document.documentElement.scrollWidth <= window.innerWidth";
     assert_eq!(browser.value(fits), true, "nothing sticks out at 1280 pixels");
     std::thread::sleep(Duration::from_secs(if std::env::var_os("STILLCUT_PICTURES").is_some() {

@@ -19,7 +19,7 @@ pub(crate) struct Place {
 }
 
 /// Whose limits a test's turret has: without them nothing acts.
-const COMMISSIONED: &str = "turret.limits_by = \"the tests\"\nturret.limits_date = \"2026-11-21\"\n";
+const COMMISSIONED: &str = "turret.limits_by = \"the tests\"\nturret.limits_date = \"2026-11-21\"\nturret.accept = [\"hours_observed\", \"cuts_heard\", \"alarms_reviewed\", \"commands_advised\", \"model_drift\", \"estimators_disagree\"]\n";
 
 impl Place {
     pub(crate) fn new(word: &str) -> Self {

@@ -75,9 +75,9 @@ fn what_is_acknowledged_is_there_and_an_id_is_stored_once() {
         let page = reader.page(&EventFilter { limit: 10, ..EventFilter::default() }).await.unwrap();
         assert_eq!(page.events, [first.clone()]);
         let by = |actor: &str, wall_ns| AuditEntry { actor: actor.into(), ..entry(wall_ns, "d".into()) };
-        assert!(writer.acknowledge(first.sequence, by("anna", 9)).await.unwrap());
-        assert!(writer.acknowledge(first.sequence, by("bert", 10)).await.unwrap());
-        assert!(!writer.acknowledge(999, by("carl", 11)).await.unwrap(), "there is no such event");
+        assert!(writer.acknowledge(first.sequence, Some(false), by("anna", 9)).await.unwrap());
+        assert!(writer.acknowledge(first.sequence, None, by("bert", 10)).await.unwrap());
+        assert!(!writer.acknowledge(999, None, by("carl", 11)).await.unwrap(), "there is no such event");
         assert!(!writer.silence(999, 50, by("carl", 11)).await.unwrap());
         let rows = reader.audit(0).await.unwrap();
         let actors: Vec<&str> = rows.iter().map(|r| r.entry.actor.as_str()).collect();
@@ -359,7 +359,7 @@ fn retention_spares_open_alarms_and_what_the_broker_has_not_taken() {
             let all = EventFilter { limit: 1000, ascending: true, ..EventFilter::default() };
             reader.page(&all).await.unwrap().events
         };
-        writer.acknowledge(1, entry(5, "d".into())).await.unwrap();
+        writer.acknowledge(1, None, entry(5, "d".into())).await.unwrap();
         writer.confirm("nats", 4).await.unwrap();
         // Sent: 1 to 4. Of these 3 is an alarm that nobody acknowledged.
         assert_eq!(writer.prune(1000).await.unwrap(), Removed { aged: 3, ..Removed::default() });
@@ -471,7 +471,7 @@ fn tampering_with_the_audit_record_is_found() {
         }
         reader.close().await;
         match verify_audit_file(&path, None).await.unwrap() {
-            AuditVerdict::Intact { rows, head } => {
+            AuditVerdict::Intact { rows, head, .. } => {
                 assert_eq!(rows, ROWS);
                 head
             }
@@ -510,8 +510,149 @@ fn tampering_with_the_audit_record_is_found() {
                 AuditVerdict::HeadMissing { rows } => {
                     assert_eq!((rows, expected), (ROWS - 10, -1), "{statement}")
                 }
-                AuditVerdict::Intact { .. } => panic!("not found: {statement}"),
+                other => panic!("not found: {statement}: {other:?}"),
             }
         });
     }
+}
+
+/// A process that is killed leaves the log as it is; what a damaged, cut or deleted log took away is told at
+/// the next start, on record, and before that start by whoever verifies the record.
+#[test]
+fn what_was_durable_and_is_missing_is_told() {
+    type Damage = (&'static str, fn(&Path));
+    let kinds: [Damage; 5] = [
+        ("nothing", |_| {}),
+        ("four bytes", |f| {
+            let path = f.join(format!("{FILE_NAME}-wal"));
+            let mut bytes = std::fs::read(&path).unwrap();
+            let middle = bytes.len() / 2;
+            bytes[middle..middle + 4].fill(0xa5);
+            std::fs::write(path, bytes).unwrap();
+        }),
+        ("cut", |f| {
+            let path = f.join(format!("{FILE_NAME}-wal"));
+            let length = std::fs::metadata(&path).unwrap().len();
+            std::fs::File::options().write(true).open(path).unwrap().set_len(length / 3).unwrap();
+        }),
+        ("deleted", |f| std::fs::remove_file(f.join(format!("{FILE_NAME}-wal"))).unwrap()),
+        ("all deleted", |f| {
+            for part in ["", "-wal", "-shm"] {
+                std::fs::remove_file(f.join(format!("{FILE_NAME}{part}"))).unwrap();
+            }
+        }),
+    ];
+    let source = tempfile::tempdir().unwrap();
+    let runtime = runtime();
+    let writer = runtime.block_on(async {
+        let (writer, _, _) = StoreWriter::start(source.path(), KEEP, metrics(), 1).await.unwrap();
+        for k in 0..60 {
+            let event = writer.store_durably(event(&format!("e{k}"), k)).await.unwrap();
+            assert!(writer.acknowledge(event.sequence, None, entry(k, format!("event {k}"))).await.unwrap());
+        }
+        writer
+    });
+    for (name, damage) in kinds {
+        let folder = tempfile::tempdir().unwrap();
+        for file in std::fs::read_dir(source.path()).unwrap().flatten() {
+            std::fs::copy(file.path(), folder.path().join(file.file_name())).unwrap();
+        }
+        damage(folder.path());
+        let path = folder.path().join(FILE_NAME);
+        runtime.block_on(async {
+            if path.exists() {
+                let verdict = verify_audit_file(&path, None).await.unwrap();
+                let cut = matches!(&verdict, AuditVerdict::Cut(missing) if missing.audit_rows > 0);
+                assert_eq!(cut, name != "nothing", "{name}: {verdict:?}");
+            }
+            let metrics = metrics();
+            let (writer, _, report) =
+                StoreWriter::start(folder.path(), KEEP, Arc::clone(&metrics), 1).await.unwrap();
+            let counted = |table| Metrics::total(&metrics.history_lost, &[table]);
+            match report.missing {
+                None => assert_eq!((name, counted("audit")), ("nothing", 0)),
+                Some(missing) => {
+                    assert_ne!(name, "nothing");
+                    assert!(missing.audit_rows > 0 && missing.events > 0, "{name}: {missing:?}");
+                    assert_eq!(missing.noted.0, 60, "{name}");
+                    assert_eq!(missing.found, 60 - missing.audit_rows, "{name}");
+                    assert_eq!(counted("audit"), missing.audit_rows as u64);
+                    assert_eq!(counted("event"), missing.events as u64);
+                }
+            }
+            writer.store_durably(event("after", 1)).await.unwrap();
+            writer.close().await.unwrap();
+            // From now on the record itself says that rows are missing, once.
+            for life in 0..2 {
+                match verify_audit_file(&path, None).await.unwrap() {
+                    AuditVerdict::Intact { cuts, .. } => {
+                        assert_eq!(cuts.len(), usize::from(name != "nothing"), "{name}, {life}: {cuts:?}");
+                    }
+                    other => panic!("{name}: {other:?}"),
+                }
+                let (writer, _, again) =
+                    StoreWriter::start(folder.path(), KEEP, self::metrics(), 2).await.unwrap();
+                assert_eq!(again.missing, None, "{name}: told once");
+                writer.close().await.unwrap();
+            }
+        });
+    }
+    drop(writer);
+}
+
+/// What is committed does not stand in the log alone for long: its damage takes no more away.
+#[test]
+fn the_main_file_follows_within_seconds() {
+    let folder = tempfile::tempdir().unwrap();
+    let runtime = runtime();
+    let writer = runtime.block_on(async {
+        let (writer, _, _) = StoreWriter::start(folder.path(), KEEP, metrics(), 1).await.unwrap();
+        writer.store_durably(event("e", 1)).await.unwrap();
+        tokio::time::sleep(std::time::Duration::from_millis(2500)).await;
+        writer
+    });
+    let copy = tempfile::tempdir().unwrap();
+    std::fs::copy(folder.path().join(FILE_NAME), copy.path().join(FILE_NAME)).unwrap();
+    runtime.block_on(async {
+        let mut main = connect(&copy.path().join(FILE_NAME)).await;
+        let row = sqlx::query("SELECT count(*) FROM event").fetch_one(&mut main).await.unwrap();
+        assert_eq!(row.get::<i64, _>(0), 1);
+    });
+    drop(writer);
+}
+
+/// A history that leads elsewhere, or that others can write, is not used, and is named; a new one is nobody
+/// else's to read.
+#[test]
+fn places_that_others_can_change_are_refused_by_name() {
+    use std::os::unix::fs::{PermissionsExt as _, symlink};
+    let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    let set =
+        |path: &Path, bits| std::fs::set_permissions(path, std::fs::Permissions::from_mode(bits)).unwrap();
+    let place = tempfile::tempdir().unwrap();
+    let good = place.path().join("good");
+    runtime().block_on(fill(&good, 1));
+    assert_eq!((mode(&good), mode(&good.join(FILE_NAME)) & 0o027), (0o750, 0));
+    assert_eq!(mode(&good.join("history.reserve")) & 0o027, 0);
+    set(&good.join(FILE_NAME), 0o644);
+    runtime().block_on(fill(&good, 2));
+    assert_eq!(mode(&good.join(FILE_NAME)), 0o640, "one that was made by hand");
+    let target = place.path().join("target");
+    std::fs::write(&target, "mine").unwrap();
+    let refused = |folder: &Path, word: &str| {
+        let started = runtime().block_on(StoreWriter::start(folder, KEEP, metrics(), 1));
+        let said = started.err().unwrap_or_else(|| panic!("{word} is refused")).to_string();
+        assert!(said.contains(word), "{said}");
+    };
+    symlink(&good, place.path().join("link")).unwrap();
+    refused(&place.path().join("link"), "link: is a symbolic link");
+    for name in ["history.reserve", FILE_NAME] {
+        let folder = place.path().join(name.replace('.', "-"));
+        std::fs::create_dir(&folder).unwrap();
+        symlink(&target, folder.join(name)).unwrap();
+        refused(&folder, &format!("{name}: is a symbolic link"));
+        assert_eq!(std::fs::read(&target).unwrap(), b"mine", "nothing is written over");
+    }
+    set(&good, 0o777);
+    refused(&good, "good: mode 777 lets every user write");
 }

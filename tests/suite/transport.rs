@@ -183,3 +183,34 @@ fn files_in_shared_memory(domain: &Domain, ending: &str) -> Vec<PathBuf> {
     };
     entries.filter(ours).collect()
 }
+
+/// The domain is one user's: nobody else may write to its segments, whatever the library's own modes.
+#[test]
+fn nobody_else_may_write_to_the_domain() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let test = TestDomain::new("own");
+    let _service = test.domain.join("service").unwrap();
+    let mode = |path: &std::path::Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    let found = files_in_shared_memory(&test.domain, "");
+    assert!(!found.is_empty());
+    for path in found {
+        assert_eq!(mode(&path) & 0o077, 0, "{}: {:o}", path.display(), mode(&path));
+    }
+    assert_eq!(mode(test.domain.root()) & 0o077, 0);
+}
+
+/// A file that another user made under a name of the domain is named, instead of an endless wait for it.
+#[test]
+fn a_foreign_file_in_shared_memory_is_named() {
+    let test = TestDomain::new("foreign");
+    let path = PathBuf::from(format!("/dev/shm/{}squatted", test.domain.prefix()));
+    std::fs::write(&path, "").unwrap();
+    if std::os::unix::fs::chown(&path, Some(12_345), None).is_err() {
+        eprintln!("skipped: only an administrator can make another user's file");
+        std::fs::remove_file(path).unwrap();
+        return;
+    }
+    let refused = test.domain.join("service").unwrap_err().to_string();
+    std::fs::remove_file(&path).unwrap();
+    assert!(refused.contains("squatted") && refused.contains("12345"), "{refused}");
+}

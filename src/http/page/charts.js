@@ -35,63 +35,134 @@ const HEAT_TABLE = Array.from({ length: 256 }, (_, i) => {
   return HEAT[k].map((v, c) => Math.round(v + f * (HEAT[k + 1][c] - v)));
 });
 
-const COLUMNS = 400; // 20 s at 20 columns a second
-const COLUMN_S = 0.05;
+const COLUMNS = 400;
 const BRIDGED = 5; // columns that one picture may stand for
 const RANGE = 120; // half decibels from floor to brightest: 60 dB
+const LIVE_S = 20; // longer ranges are asked for again instead of drawn as they come
+
+const newtons = (level) => 10 ** ((level / 2 - 80) / 20);
+const inNewtons = (n) => `${n >= 100 ? n.toFixed(0) : n.toPrecision(2).replace(/e.*/, "")} N`;
+const agoText = (s) => (s < 0.05 ? "now" : s < 100 ? `-${+s.toFixed(1)} s` : s < 6000 ? `-${Math.round(s / 60)} min` : `-${+(s / 3600).toFixed(1)} h`);
+const shades = (levels, floor) => levels.map((l) => Math.max(0, Math.min(255, Math.round((l - floor) / RANGE * 255))));
+
+// A line under the pointer and what stands there; `read` answers the words for an age and a height.
+function pointer(canvas, note, read) {
+  canvas.addEventListener("pointermove", (move) => {
+    const box = canvas.getBoundingClientRect();
+    note.textContent = read((move.clientX - box.left) / box.width * canvas.clientWidth, move.clientY - box.top) || "";
+  });
+  canvas.addEventListener("pointerleave", () => { note.textContent = ""; });
+}
 
 class Waterfall {
   constructor(canvas) {
     this.canvas = canvas;
     this.image = document.createElement("canvas");
     this.image.width = COLUMNS;
-    this.line = new Array(COLUMNS).fill(null);
+    this.rangeS = LIVE_S;
     this.floor = 60;
     this.grid = null;
     this.band = null;
     this.last = { t_s: 0, at: Date.now() };
+    this.clear();
+  }
+
+  clear() {
+    this.line = new Array(COLUMNS).fill(null);
+    this.columns = new Array(COLUMNS).fill(null);
+    if (!this.grid) return;
+    const fresh = this.image.getContext("2d");
+    fresh.fillStyle = `rgb(${HEAT_TABLE[0].join(" ")})`;
+    fresh.fillRect(0, 0, COLUMNS, this.grid.count);
+  }
+
+  use(first, step, count) {
+    if (this.grid && this.grid.count === count && this.grid.first === first) return;
+    this.grid = { first, step, count };
+    this.image.height = count;
+    this.clear();
+  }
+
+  // What the page was not open for; `past` as the service gives it.
+  load(past, band) {
+    this.rangeS = past.seconds;
+    if (past.bins === 0) { this.clear(); return; }
+    this.band = band || this.band;
+    this.use(past.first_hz, past.step_hz, past.bins);
+    this.clear();
+    const levels = Uint8Array.from(atob(past.levels), (c) => c.charCodeAt(0));
+    const sorted = Uint8Array.from(levels).sort();
+    this.floor = Math.min(sorted[Math.floor(sorted.length * 0.2)], 150);
+    const place = past.age_s.map((age) => COLUMNS - 1 - Math.floor(age / this.rangeS * COLUMNS));
+    place.forEach((x, k) => {
+      // A column stands until the next one, where that is not far: a pause stays dark.
+      const next = k + 1 < place.length ? place[k + 1] : x + 1;
+      const last = next - x <= BRIDGED ? Math.max(next, x + 1) : x + 1;
+      const column = levels.subarray(k * past.bins, (k + 1) * past.bins);
+      for (let at = Math.max(x, 0); at < Math.min(last, COLUMNS); at++) this.put(at, column, past.line_hz[k]);
+    });
+    this.last = { t_s: 0, at: Date.now() };
+  }
+
+  put(x, levels, hz) {
+    const context = this.image.getContext("2d");
+    const column = context.createImageData(1, levels.length);
+    const shade = shades(Array.from(levels), this.floor);
+    for (let bin = 0; bin < levels.length; bin++) {
+      const [r, g, b] = HEAT_TABLE[shade[bin]];
+      const at = 4 * (levels.length - 1 - bin); // high frequency on top
+      column.data[at] = r; column.data[at + 1] = g; column.data[at + 2] = b; column.data[at + 3] = 255;
+    }
+    context.putImageData(column, x, 0);
+    this.columns[x] = levels;
+    this.line[x] = hz ?? null;
   }
 
   add(frame, trackedHz, band) {
     const levels = Uint8Array.from(atob(frame.levels), (c) => c.charCodeAt(0));
     if (levels.length === 0) return;
     this.band = band;
-    if (!this.grid || this.grid.count !== levels.length || this.grid.first !== frame.first_hz) {
-      this.grid = { first: frame.first_hz, step: frame.step_hz, count: levels.length };
-      this.image.height = levels.length;
-      this.line.fill(null);
-      const fresh = this.image.getContext("2d");
-      fresh.fillStyle = `rgb(${HEAT_TABLE[0].join(" ")})`;
-      fresh.fillRect(0, 0, COLUMNS, levels.length);
-    }
+    if (this.rangeS > LIVE_S) return; // asked for again now and then
+    this.use(frame.first_hz, frame.step_hz, levels.length);
     // The quiet floor follows slowly, so that a rise shows as a rise.
     const sorted = Uint8Array.from(levels).sort();
     const quiet = sorted[Math.floor(sorted.length * 0.2)];
     this.floor += 0.02 * (Math.min(quiet, 150) - this.floor);
-    const context = this.image.getContext("2d");
     // Time goes on while nothing comes: a dropped picture is bridged, a pause stays dark.
     const machine = frame.t_s - this.last.t_s, wall = (Date.now() - this.last.at) / 1000;
-    const passed = machine > 0 && machine < 60 ? machine : wall;
-    const steps = Math.max(1, Math.min(COLUMNS, Math.round(passed / COLUMN_S)));
+    const passed = machine > 0 && machine < 60 && this.last.t_s > 0 ? machine : wall;
+    const steps = Math.max(1, Math.min(COLUMNS, Math.round(passed / (this.rangeS / COLUMNS))));
     this.last = { t_s: frame.t_s, at: Date.now() };
+    const context = this.image.getContext("2d");
     context.drawImage(this.image, -steps, 0);
     context.fillStyle = `rgb(${HEAT_TABLE[0].join(" ")})`;
     context.fillRect(COLUMNS - steps, 0, steps, levels.length);
-    const column = context.createImageData(1, levels.length);
-    for (let bin = 0; bin < levels.length; bin++) {
-      const shade = Math.max(0, Math.min(255, Math.round((levels[bin] - this.floor) / RANGE * 255)));
-      const [r, g, b] = HEAT_TABLE[shade];
-      const at = 4 * (levels.length - 1 - bin); // high frequency on top
-      column.data[at] = r; column.data[at + 1] = g; column.data[at + 2] = b; column.data[at + 3] = 255;
-    }
-    for (let back = 1; back <= (steps <= BRIDGED ? steps : 1); back++) context.putImageData(column, COLUMNS - back, 0);
-    for (let k = steps; k > 0; k--) this.line.push(k === 1 || steps <= BRIDGED ? trackedHz : null);
+    for (let k = 0; k < steps; k++) { this.line.push(null); this.columns.push(null); }
     this.line.splice(0, steps);
+    this.columns.splice(0, steps);
+    for (let back = 1; back <= (steps <= BRIDGED ? steps : 1); back++) this.put(COLUMNS - back, levels, trackedHz);
+  }
+
+  layout(width, height) {
+    const left = 52, right = 58, bottom = 20;
+    return { left, right, plotWidth: width - left - right, plotHeight: height - bottom - 4 };
+  }
+
+  // What stands under the pointer.
+  read(px, py) {
+    if (!this.grid) return "";
+    const { left, plotWidth, plotHeight } = this.layout(this.canvas.clientWidth, this.canvas.clientHeight);
+    const x = Math.floor((px - left) / plotWidth * COLUMNS), y = 1 - (py - 2) / plotHeight;
+    const column = this.columns[x];
+    const bin = Math.round(y * (this.grid.count - 1));
+    if (!column || bin < 0 || bin >= this.grid.count) return "";
+    const age = (COLUMNS - 1 - x) / COLUMNS * this.rangeS;
+    return `${agoText(age)} · ${(this.grid.first + bin * this.grid.step).toFixed(0)} Hz · ${inNewtons(newtons(column[bin]))}`;
   }
 
   draw() {
     const { context, width, height } = prepare(this.canvas);
-    const left = 52, bottom = 20, plotWidth = width - left - 4, plotHeight = height - bottom - 4;
+    const { left, plotWidth, plotHeight } = this.layout(width, height);
     context.fillStyle = resolved("--soft");
     if (!this.grid) {
       context.fillText("no spectrum yet", left, height / 2);
@@ -106,10 +177,11 @@ class Waterfall {
       context.fillText(`${hz} Hz`, left - 5, Math.min(Math.max(y(hz) + 4, 12), plotHeight));
     }
     context.textAlign = "center";
-    for (let s = 20; s >= 0; s -= 5) {
-      const x = left + plotWidth * (1 - s / (COLUMNS * COLUMN_S));
-      context.fillText(s === 0 ? "now" : `-${s} s`, Math.min(Math.max(x, left + 14), width - 16), height - 5);
+    for (let k = 4; k >= 0; k--) {
+      const x = left + plotWidth * (1 - k / 4);
+      context.fillText(agoText(this.rangeS * k / 4), Math.min(Math.max(x, left + 14), width - 40), height - 5);
     }
+    this.scale(context, left + plotWidth + 8, plotHeight);
     if (this.band) {
       context.strokeStyle = "rgb(255 255 255 / .75)";
       context.setLineDash([6, 5]);
@@ -124,9 +196,23 @@ class Waterfall {
       context.fillRect(left + plotWidth * i / COLUMNS, y(hz) - 1.5, Math.max(plotWidth / COLUMNS, 1.5), 3);
     });
   }
+
+  // What the colours mean, in newtons of amplitude.
+  scale(context, x, plotHeight) {
+    const fill = context.createLinearGradient(0, 2 + plotHeight, 0, 2);
+    HEAT.forEach((c, i) => fill.addColorStop(i / (HEAT.length - 1), `rgb(${c.join(" ")})`));
+    context.fillStyle = fill;
+    context.fillRect(x, 2, 8, plotHeight);
+    context.fillStyle = resolved("--soft");
+    context.textAlign = "left";
+    for (let k = 0; k <= 3; k++) {
+      const at = 2 + plotHeight * (1 - k / 3);
+      context.fillText(inNewtons(newtons(this.floor + RANGE * k / 3)), x + 11, Math.min(Math.max(at + 4, 11), plotHeight));
+    }
+    context.textAlign = "center";
+  }
 }
 
-const TRACE_S = 10;
 const TRACE_COLOURS = ["--accent", "--warn", "--good", "--bad", "--soft", "--ink"];
 
 class ForceTrace {
@@ -135,15 +221,36 @@ class ForceTrace {
     this.slices = []; // {t, values: [[min, max], ...]}
     this.show = [];
     this.scale = 10;
+    this.rangeS = LIVE_S;
+    this.wide = 0.005; // s that a slice stands for
+  }
+
+  // What the page was not open for: times are ages before `newest_t_s` of the machine's clock.
+  load(past, newest_t_s) {
+    this.rangeS = past.seconds;
+    this.wide = past.age_s.length > 1 ? (past.age_s[0] - past.age_s[past.age_s.length - 1]) / (past.age_s.length - 1) : 1;
+    this.slices = past.age_s.map((age, k) => ({ t: newest_t_s - age, values: past.force_n.map((axis) => axis[k]) }));
+  }
+
+  // What stands under the pointer.
+  read(px) {
+    const left = 52, plotWidth = this.canvas.clientWidth - left - 4;
+    const age = (1 - (px - left) / plotWidth) * this.rangeS;
+    if (age < 0 || age > this.rangeS || !this.slices.length) return "";
+    const t = this.slices[this.slices.length - 1].t - age;
+    const near = this.slices.reduce((best, s) => (Math.abs(s.t - t) < Math.abs(best.t - t) ? s : best));
+    const values = this.show.map((axis) => near.values[axis]).filter(Boolean).map((v) => `${v[0].toFixed(0)} … ${v[1].toFixed(0)} N`);
+    return `${agoText(age)} · ${values.join(" · ")}`;
   }
 
   add(frame) {
+    if (this.rangeS > LIVE_S) return; // asked for again now and then
     const count = frame.axes.length ? frame.axes[0].length : 0;
     if (this.slices.length && frame.t_s < this.slices[this.slices.length - 1].t) this.slices = [];
     for (let k = 0; k < count; k++) {
       this.slices.push({ t: frame.t_s - (count - 1 - k) * frame.slice_s, values: frame.axes.map((a) => a[k]) });
     }
-    const oldest = frame.t_s - TRACE_S;
+    const oldest = frame.t_s - this.rangeS;
     let drop = 0;
     while (drop < this.slices.length && this.slices[drop].t < oldest) drop++;
     if (drop) this.slices.splice(0, drop);
@@ -172,9 +279,9 @@ class ForceTrace {
       if (y(n) > 8 && y(n) < plotHeight) context.fillText(`${Math.round(n)} N`, left - 5, y(n) + 4);
     }
     context.textAlign = "center";
-    for (let s = 10; s >= 0; s -= 2) {
-      const x = left + plotWidth * (1 - s / TRACE_S);
-      context.fillText(s === 0 ? "now" : `-${s} s`, Math.min(Math.max(x, left + 14), width - 16), height - 5);
+    for (let k = 4; k >= 0; k--) {
+      const x = left + plotWidth * (1 - k / 4);
+      context.fillText(agoText(this.rangeS * k / 4), Math.min(Math.max(x, left + 14), width - 16), height - 5);
     }
     for (const axis of this.show) {
       context.fillStyle = resolved(TRACE_COLOURS[axis % TRACE_COLOURS.length]);
@@ -182,8 +289,8 @@ class ForceTrace {
       for (const slice of this.slices) {
         const v = slice.values[axis];
         if (!v) continue;
-        const x = left + plotWidth * (1 - (newest - slice.t) / TRACE_S);
-        context.fillRect(x, y(v[1]), Math.max(plotWidth / 2000, 1), Math.max(y(v[0]) - y(v[1]), 1));
+        const x = left + plotWidth * (1 - (newest - slice.t) / this.rangeS);
+        context.fillRect(x, y(v[1]), Math.max(plotWidth * Math.min(this.wide, 1.5 * this.rangeS / 400) / this.rangeS, 1), Math.max(y(v[0]) - y(v[1]), 1));
       }
       context.globalAlpha = 1;
     }
@@ -210,7 +317,7 @@ class StabilityChart {
       context.fillText("no stability curve", 10, height / 2);
       return;
     }
-    const left = 40, bottom = 20, plotWidth = width - left - 6, plotHeight = height - bottom - 6;
+    const left = 56, bottom = 20, plotWidth = width - left - 6, plotHeight = height - bottom - 6;
     const pitch = this.curve.pitch_rad, growth = this.curve.growth_1_s;
     const far = pitch[pitch.length - 1];
     const most = Math.max(10, ...growth) * 1.15, least = Math.min(-10, Math.max(-60, Math.min(...growth))) * 1.1;
@@ -218,14 +325,19 @@ class StabilityChart {
     const y = (g) => 4 + plotHeight * (most - Math.max(least, Math.min(most, g))) / (most - least);
     context.fillStyle = resolved("--bad-ground");
     context.fillRect(left, 4, plotWidth, y(0) - 4);
-    context.fillStyle = resolved("--good-ground");
+    context.fillStyle = resolved("--ground");
     context.fillRect(left, y(0), plotWidth, 4 + plotHeight - y(0));
+    context.fillStyle = resolved("--soft"); context.textAlign = "right";
+    const tick = niceStep((most - least) / 2);
+    for (let g = Math.ceil(least / tick) * tick; g <= most; g += tick) {
+      if (y(g) > 10 && y(g) < plotHeight) context.fillText(`${Math.round(g)} 1/s`, left - 4, y(g) + 4);
+    }
     context.strokeStyle = resolved("--soft");
     context.beginPath(); context.moveTo(left, y(0)); context.lineTo(left + plotWidth, y(0)); context.stroke();
     context.fillStyle = resolved("--bad"); context.textAlign = "center";
     context.fillText("grows", left + plotWidth / 2, 18);
     context.textAlign = "left";
-    context.fillStyle = resolved("--good");
+    context.fillStyle = resolved("--soft");
     context.fillText("dies out", left + 4, plotHeight);
     context.strokeStyle = resolved("--ink"); context.lineWidth = 2;
     context.beginPath();

@@ -70,6 +70,7 @@ async function listen() {
       retryMs = 500;
       refreshLists();
       loadStability();
+      loadPast();
       await readStream(response.body.getReader());
     } catch { /* the service is away; the note on the page says so */ } finally { clearInterval(guard); }
     await pause(retryMs);
@@ -115,6 +116,31 @@ function dispatch(block) {
   else if (kind === "lag") refreshLists(); // some were missed
 }
 
+// ---- the past -------------------------------------------------------------------------------------
+
+let pastAsked = 0;
+
+// Both charts filled from the service's memory: at the start, after a pause, and for long ranges now and then.
+async function loadPast() {
+  pastAsked = Date.now();
+  const seconds = Number($("range").value);
+  try {
+    const { answer } = await request("GET", `/api/v1/past?seconds=${seconds}`);
+    if (seconds !== Number($("range").value)) return; // another one was chosen meanwhile
+    answer.seconds = seconds;
+    waterfall.load(answer, state ? state.chatter.band_hz : null);
+    const newest = state && state.source.last_sample_t_s !== null ? state.source.last_sample_t_s : 0;
+    force.load(answer, newest);
+    dirty = true;
+  } catch { /* what comes from now on is drawn all the same */ }
+}
+
+// A column of a long range is renewed when the next begins.
+function renewPast() {
+  const seconds = Number($("range").value);
+  if (seconds > LIVE_S && Date.now() - pastAsked > Math.max(2000, seconds / COLUMNS * 1000)) loadPast();
+}
+
 // ---- the picture ----------------------------------------------------------------------------------
 
 const VERDICTS = {
@@ -143,6 +169,8 @@ function showState(now) {
   setText("spindle", now.source.spindle_speed_rpm ? `${Math.round(now.source.spindle_speed_rpm)} rpm` : "–");
   const band = now.chatter.band_hz;
   setText("spectrum-note", band ? `watched band ${Math.round(band[0])} to ${Math.round(band[1])} Hz` : "");
+  const verdictNow = connected ? (VERDICTS[verdict] || VERDICTS.learning)[1] : "No samples";
+  setText("now", `${say(now.mode === "act" ? "Act" : now.mode === "advise" ? "Advise" : "Observe")} · ${say(verdictNow)}`);
   showMode(now);
   showPitch(now);
   showAxes(now.axes);
@@ -163,9 +191,11 @@ function showState(now) {
 const powerText = (n2) => (n2 >= 100 ? n2.toFixed(0) : n2 >= 1 ? n2.toFixed(1) : n2.toPrecision(2));
 
 // Touches the page only when the text changes: screen readers are told of changes.
-function setText(id, text) {
-  const element = $(id);
-  if (element.textContent !== text) element.textContent = text;
+function setText(id, english) {
+  const element = $(id), text = say(english);
+  if (element.textContent === text) return;
+  element.textContent = text;
+  if (element.firstChild) element.firstChild.english = english;
 }
 
 function showMode(now) {
@@ -203,7 +233,7 @@ function showPitch(now) {
 }
 
 function showAxes(axes) {
-  force.show = axes.map((_, i) => i).filter((i) => axes[i].force_deviation_n > 0 || axes[i].force_mean_n !== 0);
+  force.show = axes.map((_, i) => i).filter((i) => axes[i].watched);
   axes = axes.map((axis, i) => ({ ...axis, place: i })).filter((axis) => force.show.includes(axis.place));
   const list = $("legend");
   const names = axes.map((axis) => axis.name).join(" ");
@@ -222,7 +252,11 @@ function showAxes(axes) {
     }));
   }
   axes.forEach((axis, i) => {
-    const text = `${axis.name} ${axis.force_mean_n.toFixed(0)} N ± ${axis.force_deviation_n.toFixed(1)}`;
+    // A mean that cannot be observed is not a number, nor is anything of an axis that is silent.
+    const mean = axis.force_mean_n === null ? "" : `${axis.force_mean_n.toFixed(0)} N `;
+    const force = axis.force_deviation_n === null ? "–" : `${mean}± ${axis.force_deviation_n.toFixed(1)} N`;
+    const offset = axis.offset_reported_m === null ? "" : ` · ${lengthText(axis.offset_reported_m)}`;
+    const text = `${axis.name} ${force}${offset}`;
     const span = list.children[i].lastChild;
     if (span.textContent !== text) span.textContent = text;
   });
@@ -321,11 +355,11 @@ function eventItem(event) {
   else if (silenced) words.append(make("div", "by", `silenced until ${clockText(new Date(event.silenced_until))}`));
   const actions = make("div", "actions");
   if (event.severity === "alarm" && !event.acknowledged_by) {
-    const acknowledge = make("button", "", "Acknowledge");
+    const acknowledge = make("button", "", say("Acknowledge"));
     acknowledge.addEventListener("click", () => ask({
-      title: "Acknowledge", text: event.text, reason: "seen", run: (given) => change(`/api/v1/events/${event.sequence}/acknowledge`, given),
+      title: "Acknowledge", text: event.text, reason: "seen", judge: event.kind === "chatter_onset", run: (given) => change(`/api/v1/events/${event.sequence}/acknowledge`, given),
     }));
-    const silence = make("button", "", "Silence");
+    const silence = make("button", "", say("Silence"));
     silence.addEventListener("click", () => ask({
       title: "Silence", text: event.text, minutes: true, run: (given) => change(`/api/v1/events/${event.sequence}/silence`, given),
     }));
@@ -348,6 +382,7 @@ async function refreshLists() {
     // As it is now, also when the history was begun anew.
     if (answer.events.length) lastEventId = answer.events[0].sequence;
     refreshOpen();
+    showCommissioning((await request("GET", "/api/v1/commissioning")).answer);
     const { can_diagnose } = (await request("GET", "/api/v1/config")).answer;
     const recordings = (await request("GET", "/api/v1/recordings?limit=8")).answer;
     $("recordings").replaceChildren(...recordings.map((recording) => recordingItem(recording, can_diagnose)));
@@ -358,12 +393,19 @@ async function refreshLists() {
   } catch { /* the stream's state says that the service is away */ }
 }
 
+// What stands between this machine and mode act.
+function showCommissioning(now) {
+  const missing = now.items.filter((item) => !item.met && !item.accepted);
+  $("commissioning").hidden = missing.length === 0;
+  $("missing").replaceChildren(...missing.map((item) => make("li", "", `${item.name.replaceAll("_", " ")}: ${item.found} (${item.needed})`)));
+}
+
 function recordingItem(recording, canDiagnose) {
   const item = make("li");
   const link = make("a", "", "Parquet");
   link.href = `/api/v1/recordings/${recording.id}/file.parquet`;
   link.download = `${recording.id}.parquet`;
-  const diagnose = make("button", "", "Diagnose");
+  const diagnose = make("button", "", say("Diagnose"));
   diagnose.disabled = !canDiagnose;
   if (!canDiagnose) diagnose.title = "machine.model is not configured: there is no model to start from";
   diagnose.addEventListener("click", () => ask({
@@ -371,7 +413,7 @@ function recordingItem(recording, canDiagnose) {
     text: `What physics does the machine model leave out? Looks at ${recording.id}.`,
     run: async (given) => { await request("POST", "/api/v1/diagnoses", { ...given, recordings: [recording.id] }); refreshLists(); },
   }));
-  const replay = make("button", "", "Replay");
+  const replay = make("button", "", say("Replay"));
   replay.addEventListener("click", () => showReplay(recording.id));
   const kind = recording.id.split("-")[0].replaceAll("_", " ");
   item.append(make("span", "", `${kind} ${clockText(new Date(recording.written_at))} (${(recording.bytes / 1e6).toFixed(1)} MB)`), link, replay, diagnose);
@@ -398,6 +440,14 @@ function diagnosisItem(diagnosis) {
   const item = make("li");
   const verdict = diagnosis.result ? diagnosis.result.verdict.replaceAll("_", " ") : diagnosis.error || `${diagnosis.state} ${diagnosis.elapsed_s.toFixed(0)} s`;
   item.append(make("span", "", verdict));
+  if (diagnosis.axes_not_looked_at.length) item.append(make("span", "by", `not looked at: ${diagnosis.axes_not_looked_at.join(", ")}`));
+  if (diagnosis.state === "running" || diagnosis.state === "queued") {
+    const cancel = make("button", "", say("Cancel"));
+    cancel.addEventListener("click", () => ask({
+      title: "Cancel", text: `diagnosis ${diagnosis.id}`, run: async (given) => { await request("POST", `/api/v1/diagnoses/${diagnosis.id}/cancel`, given); refreshLists(); },
+    }));
+    item.append(cancel);
+  }
   if (diagnosis.state === "running") {
     const bar = make("progress");
     bar.value = diagnosis.progress;
@@ -406,7 +456,7 @@ function diagnosisItem(diagnosis) {
     item.append(bar, make("span", "by", diagnosis.step || ""));
   }
   if (diagnosis.state === "done") {
-    const link = make("a", "", "Report");
+    const link = make("a", "", say("Report"));
     link.href = `/api/v1/diagnoses/${diagnosis.id}/report.html`;
     link.target = "_blank";
     link.rel = "noopener";
@@ -430,14 +480,16 @@ async function loadStability() {
 // ---- questions ------------------------------------------------------------------------------------
 
 // One dialog for everything that changes something: says what, asks why, shows what went wrong.
-function ask({ title, text, minutes = false, reason = "", token = false, run }) {
-  $("ask-title").textContent = title;
+function ask({ title, text, minutes = false, reason = "", token = false, judge = false, run }) {
+  $("ask-title").textContent = say(title);
   $("ask-text").textContent = text;
   $("ask-error").hidden = true;
   $("ask-reason-row").hidden = false;
   $("ask-reason").required = true;
   $("ask-reason").value = reason;
   $("ask-minutes-row").hidden = !minutes;
+  $("ask-right-row").hidden = !judge;
+  $("ask-right").value = "";
   $("ask-token-row").hidden = !token;
   $("ask-token").value = "";
   $("ask").onsubmit = async (submit) => {
@@ -445,6 +497,7 @@ function ask({ title, text, minutes = false, reason = "", token = false, run }) 
     if ($("ask-token").value) sessionStorage.setItem("token", $("ask-token").value.trim());
     const given = { reason: $("ask-reason").value };
     if (minutes) given.minutes = Number($("ask-minutes").value);
+    if (judge && $("ask-right").value) given.right = $("ask-right").value === "true";
     $("ask-ok").disabled = true;
     try {
       await run(given);
@@ -455,9 +508,15 @@ function ask({ title, text, minutes = false, reason = "", token = false, run }) 
       $("ask-token-row").hidden = !(error.status === 401 || error.status === 403);
     } finally { $("ask-ok").disabled = false; }
   };
+  closeDialogs();
   $("ask").showModal();
-  (token ? $("ask-token") : $("ask-reason")).focus();
-  $("ask-reason").select();
+  // A token that is pasted must not land where it can be read.
+  if (token) $("ask-token").focus();
+  else $("ask-reason").select();
+}
+
+function closeDialogs() {
+  for (const dialog of document.querySelectorAll("dialog[open]")) dialog.close();
 }
 
 const MODE_TEXT = {
@@ -483,6 +542,7 @@ async function takeBack() {
   const done = () => setText("take-back-note", `turret taken back at ${clockText(new Date())}`);
   try {
     await request("POST", "/api/v1/override", { reason });
+    closeDialogs();
     done();
   } catch (error) {
     const barred = error.status === 401 || error.status === 403;
@@ -521,10 +581,46 @@ function toggleTheme() {
   dirty = true;
 }
 
+// ---- language, units, keys --------------------------------------------------------------------------
+
+let inch = localStorage.getItem("unit") === "inch";
+const lengthText = (m) => (inch ? `${(m / 0.0254).toFixed(4)} in` : `${(m * 1000).toFixed(3)} mm`).replace(/^-(0\.0+ )/, "$1");
+
+function toggleUnit() {
+  inch = !inch;
+  localStorage.setItem("unit", inch ? "inch" : "mm");
+  $("unit").textContent = inch ? "inch" : "mm";
+  if (state) showState(state);
+}
+
+function showKeys() {
+  closeDialogs();
+  $("keys-list").showModal();
+}
+
+function speak(chosen) {
+  language = chosen;
+  localStorage.setItem("language", chosen);
+  sayAll();
+  if (state) showState(state);
+  refreshLists();
+}
+
+$("language").value = language;
+$("language").addEventListener("change", () => speak($("language").value));
+$("unit").textContent = inch ? "inch" : "mm";
+$("unit").addEventListener("click", toggleUnit);
+$("keys").addEventListener("click", showKeys);
+$("keys-close").addEventListener("click", closeDialogs);
+$("range").addEventListener("change", loadPast);
+pointer($("waterfall"), $("spectrum-cursor"), (x, y) => waterfall.read(x, y));
+pointer($("force"), $("force-note"), (x) => force.read(x));
+sayAll();
+
 const saved = localStorage.getItem("theme");
 if (saved === "light" || saved === "dark") document.documentElement.dataset.theme = saved;
 for (const button of document.querySelectorAll("[data-mode]")) button.addEventListener("click", () => askMode(button.dataset.mode));
-$("take-back").addEventListener("click", takeBack);
+for (const button of document.querySelectorAll("#take-back, [data-take-back]")) button.addEventListener("click", takeBack);
 $("hold").addEventListener("click", askHold);
 $("acknowledge-all").addEventListener("click", () => ask({
   title: "Acknowledge all of these", text: `${$("open-alarms").children.length} alarms`, reason: "seen", run: acknowledgeAll,
@@ -540,8 +636,15 @@ $("theme").addEventListener("click", toggleTheme);
 $("replay-close").addEventListener("click", () => $("replay").close());
 $("ask-cancel").addEventListener("click", () => $("ask").close());
 document.addEventListener("keydown", (key) => {
-  if (key.ctrlKey || key.altKey || key.metaKey || $("ask").open || $("replay").open || /INPUT|TEXTAREA/.test(key.target.tagName)) return;
-  const act = { 1: () => askMode("observe"), 2: () => askMode("advise"), 3: () => askMode("act"), r: takeBack, t: toggleTheme }[key.key.toLowerCase()];
+  // The way back works from everywhere; where somebody writes, with Alt.
+  const writes = /INPUT|TEXTAREA/.test(key.target.tagName);
+  if ((key.code === "KeyR" || key.key.toLowerCase() === "r") && !key.ctrlKey && !key.metaKey && (key.altKey || !writes)) {
+    key.preventDefault();
+    takeBack();
+    return;
+  }
+  if (key.ctrlKey || key.altKey || key.metaKey || writes || document.querySelector("dialog[open]")) return;
+  const act = { 1: () => askMode("observe"), 2: () => askMode("advise"), 3: () => askMode("act"), t: toggleTheme, u: toggleUnit, "?": showKeys }[key.key.toLowerCase()];
   if (act) { key.preventDefault(); act(); }
 });
 // A plain link sends no token: what it leads to is fetched with it and saved.
@@ -563,5 +666,6 @@ document.addEventListener("click", async (click) => {
 window.addEventListener("resize", () => { dirty = true; });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty = true; });
 setInterval(watchAge, 500);
+setInterval(renewPast, 1000);
 requestAnimationFrame(frame);
 listen();

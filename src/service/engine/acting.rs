@@ -159,13 +159,13 @@ impl Acting {
         self.monitor.stream_begins(rate_hz);
     }
 
-    /// Shows the monitor a sample as it travelled, before anybody judged it.
-    pub(super) fn sample_seen(&mut self, now_s: f64, point: &ServoPoint, axes: usize) {
+    /// Shows the monitor a sample as it travelled; one whose stamp nobody believes is none.
+    pub(super) fn sample_seen(&mut self, now_s: f64, (point, believed): (&ServoPoint, bool), axes: usize) {
         let here = |i: usize| point.valid >> (3 * i) & 0b011 == 0b011; // current and motor angle are measured
         let mut signals = point.axes.iter().take(axes).enumerate();
         let usable =
             signals.all(|(i, a)| here(i) && a.current_ref_a.is_finite() && a.motor_angle_rad.is_finite());
-        self.monitor.sample(now_s, point.sequence, usable);
+        self.monitor.sample(now_s, point.sequence, usable && believed);
     }
 
     /// A command that waited for its record went out late; the next one keeps its distance.

@@ -10,6 +10,7 @@ use crate::service::control::{Control, Origin, Refusal};
 use crate::service::hub::Report;
 use crate::service::live::Mode;
 use crate::service::store_watch::StoreWatch;
+use crate::service::way_back::WayBack;
 use crate::simulation::lathe::{Lathe, LatheSettings};
 use crate::store::WriterGauges;
 use crate::telemetry::{EventKind, Metrics};
@@ -30,6 +31,8 @@ struct Bench {
     at: Instant,
     lathe: Lathe,
     names: [&'static str; 4],
+    /// Whether a token is in force that may take the turret back.
+    operators: bool,
     jobs: std::sync::mpsc::Receiver<crate::service::recorder::Job>,
     // Kept open for the engine.
     _ends: Box<dyn std::any::Any>,
@@ -39,6 +42,7 @@ struct Bench {
 fn config() -> ServiceConfig {
     let mut config = ServiceConfig::default();
     config.turret.commissioned = Some(("the tests".into(), "2026-11-21".into()));
+    config.turret.accept = vec!["estimators_disagree".into()];
     config
 }
 
@@ -61,11 +65,13 @@ fn bench() -> Bench {
         metrics: Arc::new(Metrics::new(&[], 0.0).unwrap()),
         progress: Arc::default(),
         store: StoreWatch::new(Arc::clone(&gauges)),
+        way_back: Arc::new(WayBack::new()),
+        commissioning: Arc::default(),
     });
     let ends = Box::new((reported, control, feeds));
     let lathe = Lathe::new(LatheSettings::realistic(Scenario::default(), 1));
     let at = clock::now() + Duration::from_secs(3600);
-    Bench { engine, gauges, at, lathe, names: AXES, jobs, _ends: ends, _folder: folder }
+    Bench { engine, gauges, at, lathe, names: AXES, operators: true, jobs, _ends: ends, _folder: folder }
 }
 
 impl Bench {
@@ -88,7 +94,7 @@ impl Bench {
                 *point = ServoPoint::from_sample(&sample, (sample.t_s * 1e9) as u64, AXES.len());
                 change(point);
             }
-            self.at += Duration::from_millis(1);
+            self.wait(1);
             self.engine.take_batch(&batch, self.at);
         }
     }
@@ -119,6 +125,7 @@ impl Bench {
     /// Time without samples.
     fn wait(&mut self, ms: u64) {
         self.at += Duration::from_millis(ms);
+        self.engine.setup.way_back.confirm(self.operators, self.at);
     }
 
     /// Numbers of the commands that wait for their record, taken out.
@@ -222,6 +229,27 @@ fn a_condition_that_is_lost_ends_acting() {
     }
 }
 
+/// Nobody could take the turret back any more: acting ends with an alarm, and nobody raises it again.
+#[test]
+fn acting_ends_with_the_last_operators_token() {
+    let mut bench = bench();
+    let ports = Ports::open(&bench.engine.setup.domain).unwrap();
+    bench.feed(3.5, |_| {});
+    bench.decide_in_act();
+    assert_eq!(bench.engine.mode, Mode::Act);
+    bench.operators = false;
+    bench.feed(0.1, |_| {});
+    bench.look();
+    assert_eq!(bench.engine.mode, Mode::Observe);
+    assert_eq!(bench.told(EventKind::Fault), 1);
+    assert!(bench.engine.fault.take().unwrap().contains("token"));
+    let (done, mut answer) = tokio::sync::oneshot::channel();
+    let revision = Some(bench.engine.mode_revision);
+    bench.engine.obey(Control::SetMode { mode: Mode::Act, revision, origin: person(), done }, &ports);
+    let refused = answer.try_recv().unwrap().unwrap_err().to_string();
+    assert!(refused.contains("token"), "{refused}");
+}
+
 #[test]
 fn an_estimate_that_forbids_acting_is_a_refusal_with_its_reason() {
     let mut bench = bench();
@@ -319,6 +347,84 @@ fn samples_that_cannot_be_used_are_no_fresh_samples() {
         assert_eq!(bench.told(EventKind::SourceLost), 1, "{kind}");
         assert_eq!((bench.intents(), bench.engine.mode), (0, Mode::Observe), "{kind}");
         assert!(bench.engine.fault.is_some(), "{kind}: a person must look");
+    }
+}
+
+/// In act: one sample with an impossible number or time is one sample less, and neither a loss nor silence.
+#[test]
+fn one_wild_stamp_is_one_sample_less() {
+    let wild: [fn(&mut ServoPoint); 4] = [
+        |p| p.sequence = 1_000_000_000,
+        |p| p.sequence = u64::MAX,
+        |p| p.t_ns = 9_000_000_000_000_000_000,
+        |p| p.t_ns = 0,
+    ];
+    for spoil in wild {
+        let mut bench = bench();
+        bench.feed(3.5, |_| {});
+        let once = std::cell::Cell::new(true);
+        bench.feed(0.001, |p| {
+            if once.replace(false) {
+                spoil(p);
+            }
+        });
+        bench.feed(1.1, |_| {});
+        let totals = bench.engine.stream.as_ref().unwrap().totals;
+        assert_eq!((totals.lost, totals.rejected), (0, 1));
+        let metrics = &bench.engine.setup.metrics;
+        let counted = |axis, reason| Metrics::total(&metrics.samples_rejected, &[axis, reason]);
+        assert_eq!(counted("all", "implausible_stamp") + counted("x1", "out_of_order"), 1);
+        assert_eq!(Metrics::total(&metrics.samples_lost, &["x1"]), 0);
+        let newest = bench.engine.stream.as_ref().unwrap().newest.unwrap();
+        assert!(newest.t_ns < 10_000_000_000 && newest.t_ns > 4_000_000_000);
+        bench.decide_in_act();
+        assert_eq!((bench.intents(), bench.hold()), (1, None), "it acts on");
+        assert_eq!(bench.told(EventKind::InvariantViolation), 0);
+    }
+}
+
+/// A producer whose counter starts again without a new stream is heard again within 50 ms, as a new stream.
+#[test]
+fn a_counter_that_starts_again_begins_a_new_stream() {
+    let mut bench = bench();
+    bench.feed(3.5, |_| {});
+    bench.engine.mode = Mode::Act;
+    bench.engine.backlog.clear();
+    bench.feed(0.05, |p| {
+        p.sequence -= 30_000;
+        p.t_ns -= 3_000_000_000;
+    });
+    let stream = bench.engine.stream.as_ref().expect("it is heard again");
+    assert!(stream.totals.samples > 0 && stream.totals.lost == 0);
+    assert_eq!(bench.engine.mode, Mode::Observe, "nothing acts on from another time");
+    assert_eq!(bench.told(EventKind::DataRejected), 1);
+}
+
+/// A batch that does not say how many samples it holds is a wrong producer, not a slow network.
+#[test]
+fn an_impossible_count_has_its_own_name() {
+    for sample_count in [0, 33, u32::MAX] {
+        let mut bench = bench();
+        bench.feed(0.5, |_| {});
+        let mut batch = ServoBatch {
+            stream: 1,
+            sample_rate_hz: 9000.0,
+            sample_count,
+            axis_count: AXES.len() as u32,
+            ..ServoBatch::default()
+        };
+        for (to, name) in batch.axis_names.iter_mut().zip(AXES) {
+            *to = axis_name_bytes(name);
+        }
+        (0..9).for_each(|_| _ = bench.lathe.step());
+        bench.engine.take_batch(&batch, bench.at);
+        bench.feed(0.1, |_| {});
+        let metrics = &bench.engine.setup.metrics;
+        assert_eq!(Metrics::total(&metrics.samples_lost, &["x1"]), 0);
+        assert!(Metrics::total(&metrics.samples_rejected, &["all", "bad_count"]) >= 9);
+        bench.engine.backlog.clear();
+        bench.engine.supervise(bench.at);
+        assert_eq!((bench.told(EventKind::DataGap), bench.told(EventKind::DataRejected)), (0, 1));
     }
 }
 
@@ -424,7 +530,7 @@ fn overrides_faults_and_ceased_samples_are_recorded() {
         let mut bench = bench();
         bench.feed(0.5, |_| {});
         match word {
-            "override" => bench.engine.take_back(&person()),
+            "override" => bench.engine.take_back("anna"),
             "fault" => bench.engine.latch("test"),
             _ => {}
         }
@@ -451,7 +557,7 @@ fn only_the_revision_of_now_leads_up() {
     let up = ask(&mut bench, Mode::Act, Some(seen)).unwrap();
     assert_eq!((up.mode, up.revision), (Mode::Act, seen + 1));
     let (done, mut answer) = tokio::sync::oneshot::channel();
-    bench.engine.obey(Control::Override { origin: person(), done }, &ports);
+    bench.engine.obey(Control::Override { actor: "anna".into(), done }, &ports);
     assert_eq!(answer.try_recv().unwrap().unwrap().mode, Mode::Observe);
     // Pictures still show `act`: for them this is no way up.
     assert!(matches!(ask(&mut bench, Mode::Act, None), Err(Refusal::WayUp { .. })));

@@ -1,5 +1,6 @@
 //! One stream of samples: from wire to pipeline, with every loss and refusal counted.
 
+use super::stamps::{Judged, Reject, Stamps};
 use crate::config::service::ServiceConfig;
 use crate::pipeline::{Pipeline, StepOutput, StreamFault};
 use crate::sample::{MAX_AXES, SampleError};
@@ -22,9 +23,8 @@ struct AxisCounters {
     samples: IntCounter,
     lost: IntCounter,
     gaps: IntCounter,
-    not_finite: IntCounter,
-    repeated: IntCounter,
-    out_of_order: IntCounter,
+    /// In the order of [`Reject::OF_AN_AXIS`].
+    rejected: [IntCounter; Reject::OF_AN_AXIS.len()],
 }
 
 /// A stream whose layout is known.
@@ -41,6 +41,15 @@ pub(super) struct Stream {
     pub(super) newest: Option<ServoPoint>,
     /// Samples taken since the last one that was refused.
     usable: u64,
+    stamps: Stamps,
+    /// In the order of [`Reject::OF_THE_STREAM`].
+    rejected: [IntCounter; Reject::OF_THE_STREAM.len()],
+    /// Refused since the last one that was taken: they leave a gap, and are not lost.
+    refused_here: u64,
+    /// A batch that did not say how many it holds: what the next gap lacks was in it.
+    uncounted: bool,
+    /// The producer's counter or clock went back: everything is to begin anew.
+    pub(super) ended: bool,
 }
 
 /// Counts since the stream began.
@@ -56,7 +65,8 @@ pub(super) struct Totals {
 pub(super) struct Faults {
     lost: u64,
     gaps: u64,
-    rejected: u64,
+    /// In the order of [`Reject::ALL`].
+    rejected: [u64; Reject::ALL.len()],
     t_s: f64,
     /// When the last event was, and how long none may follow.
     told: Option<(Instant, Duration)>,
@@ -65,7 +75,8 @@ pub(super) struct Faults {
 impl Faults {
     /// One event for everything since the last one, when it is time.
     pub(super) fn event_due(&mut self, now: Instant) -> Option<Event> {
-        let quiet = self.lost == 0 && self.rejected == 0;
+        let rejected: u64 = self.rejected.iter().sum();
+        let quiet = self.lost == 0 && rejected == 0;
         if quiet || self.told.is_some_and(|(t, pause)| now.duration_since(t) < pause) {
             return None;
         }
@@ -76,10 +87,10 @@ impl Faults {
         let (kind, text) = if self.lost > 0 {
             (EventKind::DataGap, format!("{} samples lost in {} gaps", self.lost, self.gaps))
         } else {
-            (
-                EventKind::DataRejected,
-                format!("{} samples refused: repeated, out of order or no numbers", self.rejected),
-            )
+            let why = Reject::ALL.iter().zip(self.rejected).filter(|(_, count)| *count > 0);
+            let why: Vec<String> =
+                why.map(|(r, count)| format!("{count} {}", r.name().replace('_', " "))).collect();
+            (EventKind::DataRejected, format!("{rejected} samples refused: {}", why.join(", ")))
         };
         let event = Event { t_s: Some(self.t_s), ..Event::new(kind, clock::wall_ns(), text) };
         *self = Self { told: Some((now, pause)), ..Self::default() };
@@ -103,11 +114,11 @@ impl Stream {
             samples: metrics.samples.with_label_values(&[axis]),
             lost: metrics.samples_lost.with_label_values(&[axis]),
             gaps: metrics.sample_gaps.with_label_values(&[axis]),
-            not_finite: metrics.samples_rejected.with_label_values(&[axis.as_str(), "not_finite"]),
-            repeated: metrics.samples_rejected.with_label_values(&[axis.as_str(), "duplicate"]),
-            out_of_order: metrics.samples_rejected.with_label_values(&[axis.as_str(), "out_of_order"]),
+            rejected: Reject::OF_AN_AXIS
+                .map(|r| metrics.samples_rejected.with_label_values(&[axis.as_str(), r.name()])),
         });
         let counters = counters.collect();
+        let whole = |r: Reject| metrics.samples_rejected.with_label_values(&["all", r.name()]);
         Ok(Self {
             id: batch.stream,
             names: names.into(),
@@ -119,6 +130,11 @@ impl Stream {
             totals: Totals::default(),
             newest: None,
             usable: 0,
+            stamps: Stamps::new(rate),
+            rejected: Reject::OF_THE_STREAM.map(whole),
+            refused_here: 0,
+            uncounted: false,
+            ended: false,
         })
     }
 
@@ -129,18 +145,33 @@ impl Stream {
         batch.stream == self.id && same_axes && batch.sample_rate_hz.to_bits() == self.rate.hz().to_bits()
     }
 
-    /// One sample. Nothing when it could not even be read.
-    pub(super) fn step(&mut self, point: &ServoPoint, black_box: &mut BlackBox) -> Option<StepOutput> {
-        // Newer by its number and older by its time.
-        if self.newest.is_some_and(|n| point.sequence > n.sequence && point.t_ns < n.t_ns) {
-            self.count_refused(point.t_ns as f64 * 1e-9);
-            self.counters.iter().for_each(|c| c.out_of_order.inc());
-            return None;
+    /// Whether a sample's stamp goes on from those before; what does not is counted by its name.
+    pub(super) fn believes(&mut self, point: &ServoPoint) -> bool {
+        match self.stamps.judge(point) {
+            Judged::Good => true,
+            Judged::Refused(why) => {
+                self.refuse(why, None, point.t_ns);
+                false
+            }
+            Judged::Anew => {
+                self.ended = true;
+                false
+            }
         }
+    }
+
+    /// A batch that says that it holds no sample, or more than fit.
+    pub(super) fn refuse_batch(&mut self, batch: &ServoBatch) {
+        self.uncounted = true;
+        self.refuse(Reject::BadCount, None, batch.points[0].t_ns);
+    }
+
+    /// One sample whose stamp is believed. Nothing when it could not be read.
+    pub(super) fn step(&mut self, point: &ServoPoint, black_box: &mut BlackBox) -> Option<StepOutput> {
         let sample = match point.to_sample(self.names.len()) {
             Ok(sample) => sample,
             Err(error) => {
-                self.refuse(error, point);
+                self.refuse(Reject::NotFinite, axis_of(error), point.t_ns);
                 return None;
             }
         };
@@ -148,31 +179,47 @@ impl Stream {
         let output = self.pipeline.step(&sample);
         match output.fault {
             Some(StreamFault::Repeated) => {
-                self.count_refused(output.t_s);
-                self.counters.iter().for_each(|c| c.repeated.inc());
+                self.refuse(Reject::Duplicate, None, point.t_ns);
                 return None;
             }
             Some(StreamFault::NotFinite(error)) => {
-                self.refuse(error, point);
+                self.refuse(Reject::NotFinite, axis_of(error), point.t_ns);
                 return None;
             }
-            Some(StreamFault::Gap { lost }) => {
-                self.totals.lost += lost;
-                self.faults.lost += lost;
-                self.faults.gaps += 1;
-                self.faults.t_s = output.t_s;
-                for counter in &self.counters {
-                    counter.lost.inc_by(lost);
-                    counter.gaps.inc();
-                }
-            }
+            Some(StreamFault::Gap { lost }) => self.count_gap(lost, point),
             None => {}
         }
         self.totals.samples += 1;
         self.usable += 1;
+        self.refused_here = 0;
         self.newest = Some(*point);
         black_box.push(&sample, (&output, self.names.len()));
         Some(output)
+    }
+
+    /// What never came: not more than there was time for, and not what came and was refused.
+    fn count_gap(&mut self, lost: u64, point: &ServoPoint) {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let by_time = |before: ServoPoint| {
+            let passed_s = point.t_ns.saturating_sub(before.t_ns) as f64 * 1e-9;
+            (passed_s * self.rate.hz()).round() as u64
+        };
+        let lost = lost.min(self.newest.map_or(lost, by_time)).saturating_sub(self.refused_here);
+        if std::mem::take(&mut self.uncounted) {
+            self.count_refused(Reject::BadCount, lost);
+            return;
+        }
+        if lost == 0 {
+            return;
+        }
+        self.totals.lost += lost;
+        self.faults.lost += lost;
+        self.faults.gaps += 1;
+        self.faults.t_s = point.t_ns as f64 * 1e-9;
+        for counter in &self.counters {
+            counter.lost.inc_by(lost);
+            counter.gaps.inc();
+        }
     }
 
     /// Counts what [`Self::step`] took, a batch at a time.
@@ -180,29 +227,47 @@ impl Stream {
         self.counters.iter().for_each(|c| c.samples.inc_by(samples));
     }
 
-    /// What is refused is missing from the detector's window, whatever the reason.
-    fn count_refused(&mut self, t_s: f64) {
+    /// What is refused is missing from the detector's window, whatever the reason. `axis`: the one at fault.
+    fn refuse(&mut self, why: Reject, axis: Option<usize>, t_ns: u64) {
         self.usable = 0;
         self.totals.rejected += 1;
-        self.faults.rejected += 1;
-        self.faults.t_s = t_s;
+        // A sample that came twice leaves no gap.
+        self.refused_here += u64::from(why != Reject::Duplicate);
+        self.faults.t_s = t_ns as f64 * 1e-9;
+        if let Some(count) = self.faults.rejected.get_mut(why as usize) {
+            *count += 1;
+        }
+        if let Some(counter) = self.of_the_stream(why) {
+            counter.inc();
+            return;
+        }
+        let concerned = |index: &usize| axis.is_none_or(|axis| axis == *index);
+        for (_, counter) in self.counters.iter().enumerate().filter(|(index, _)| concerned(index)) {
+            if let Some(rejected) = counter.rejected.get(why as usize) {
+                rejected.inc();
+            }
+        }
+    }
+
+    /// The counter of a reason that concerns no axis alone.
+    fn of_the_stream(&self, why: Reject) -> Option<&IntCounter> {
+        let place = Reject::OF_THE_STREAM.iter().position(|r| *r == why)?;
+        self.rejected.get(place)
+    }
+
+    fn count_refused(&mut self, why: Reject, count: u64) {
+        self.totals.rejected += count;
+        if let Some(told) = self.faults.rejected.get_mut(why as usize) {
+            *told += count;
+        }
+        if let Some(counter) = self.of_the_stream(why) {
+            counter.inc_by(count);
+        }
     }
 
     /// Samples in a row without one lost or refused.
     pub(super) fn usable_run(&self) -> u64 {
         self.usable.min(self.pipeline.clean_samples())
-    }
-
-    fn refuse(&mut self, error: SampleError, point: &ServoPoint) {
-        self.count_refused(point.t_ns as f64 * 1e-9);
-        match error {
-            SampleError::AxisNotFinite { axis } => {
-                if let Some(counter) = self.counters.get(axis) {
-                    counter.not_finite.inc();
-                }
-            }
-            SampleError::HeadNotFinite => self.counters.iter().for_each(|c| c.not_finite.inc()),
-        }
     }
 
     pub(super) fn id(&self) -> u64 {
@@ -234,6 +299,14 @@ impl Stream {
     }
 }
 
+/// The axis whose signal is no number; nothing where it is not one axis'.
+fn axis_of(error: SampleError) -> Option<usize> {
+    match error {
+        SampleError::AxisNotFinite { axis } => Some(axis),
+        SampleError::HeadNotFinite => None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -244,7 +317,7 @@ mod tests {
         let began = clock::now();
         let mut told = Vec::new();
         for tenth in 0..6000_u64 {
-            faults.rejected += 1;
+            faults.rejected[1] += 1;
             if let Some(event) = faults.event_due(began + Duration::from_millis(100 * tenth)) {
                 told.push((tenth, event.text));
             }
@@ -253,10 +326,10 @@ mod tests {
         assert!(told.len() < 16, "{} events in ten minutes", told.len());
         assert!(told[1].1.starts_with("10 samples refused"), "{}", told[1].1);
         // After a quiet time the next fault is told at once, and often again.
-        faults = Faults { told: faults.told, rejected: 1, ..Faults::default() };
+        faults = Faults { told: faults.told, rejected: [1, 0, 0, 0, 0], ..Faults::default() };
         let later = began + Duration::from_secs(1000);
         assert!(faults.event_due(later).is_some());
-        faults.rejected = 1;
+        faults.rejected[0] = 1;
         assert!(faults.event_due(later + Duration::from_millis(1100)).is_some());
     }
 }

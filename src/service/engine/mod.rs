@@ -9,18 +9,23 @@ mod acting;
 #[cfg(test)]
 mod checks;
 mod intake;
+mod mode;
 mod picture;
+mod stamps;
 mod turret;
 
 use super::black_box::BlackBox;
 use super::clock;
-use super::control::{Control, ModeNow, Origin, Refusal};
+use super::commissioning::Commissioning;
+use super::control::Control;
 use super::drift::Feed;
 use super::hub::{Report, View};
 use super::ledger::Ledger;
 use super::live::Mode;
 use super::recorder::Job;
 use super::store_watch::StoreWatch;
+use super::way_back::WayBack;
+use crate::chatter::Phase;
 use crate::config::service::ServiceConfig;
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::wire::{ServoBatch, TurretStatus};
@@ -73,6 +78,10 @@ pub(super) struct Setup {
     pub(super) progress: Arc<AtomicU64>,
     /// Whether intents can be recorded.
     pub(super) store: StoreWatch,
+    /// Whether somebody could take the turret back.
+    pub(super) way_back: Arc<WayBack>,
+    /// What is observed, and whether it is enough to act.
+    pub(super) commissioning: Arc<Commissioning>,
 }
 
 struct Ports {
@@ -130,6 +139,11 @@ pub(super) struct Engine {
     told_speed: bool,
     turret_state: u32,
     stopping: bool,
+    /// The mode changed: the picture shows it at once.
+    picture_now: bool,
+    /// Observed and not counted yet, s; whether the noise of a cut was being learned.
+    observed_s: f64,
+    learning: bool,
     /// Since when shared memory cannot be read.
     unreadable: Option<Instant>,
     /// When the last recording of ceased samples was planned.
@@ -191,6 +205,9 @@ impl Engine {
             told_speed: false,
             turret_state: 0,
             stopping: false,
+            picture_now: false,
+            observed_s: 0.0,
+            learning: false,
             unreadable: None,
             saved_silence: None,
         }
@@ -249,7 +266,7 @@ impl Engine {
             // From the wake on: what the samples waited before it nobody here can tell.
             self.setup.metrics.decision_latency_seconds.observe(began.elapsed().as_secs_f64());
         }
-        if self.picture.is_due(began, PICTURE) {
+        if std::mem::take(&mut self.picture_now) || self.picture.is_due(began, PICTURE) {
             let view = self.view(began);
             self.offer(view);
         }
@@ -291,9 +308,16 @@ impl Engine {
         self.last_batch = Some(now);
         let mut taken = 0;
         let now_s = self.seconds(now);
+        if batch.used_points().is_empty() {
+            stream.refuse_batch(batch);
+        }
         for point in batch.used_points() {
+            let believed = stream.believes(point);
             if let Some(acting) = &mut self.acting {
-                acting.sample_seen(now_s, point, stream.axes().len());
+                acting.sample_seen(now_s, (point, believed), stream.axes().len());
+            }
+            if !believed {
+                continue;
             }
             if let Some(output) = stream.step(point, &mut self.black_box) {
                 taken += 1;
@@ -302,6 +326,7 @@ impl Engine {
             }
         }
         if taken > 0 {
+            self.observe(taken, &stream);
             stream.count_taken(taken);
             self.samples_taken(now, &stream);
         }
@@ -312,7 +337,27 @@ impl Engine {
                 self.setup.metrics.queue_dropped.with_label_values(&["drift", "true"]).inc();
             }
         }
+        if stream.ended {
+            let text = "the producer's counter or clock went back; its stream begins anew";
+            self.report(Event::new(EventKind::DataRejected, clock::wall_ns(), text));
+            self.write_recording();
+            return; // the next batch begins it
+        }
         self.stream = Some(stream);
+    }
+
+    /// What commissioning counts: time with samples, and cuts whose noise was learned.
+    fn observe(&mut self, taken: u64, stream: &Stream) {
+        let evidence = &self.setup.commissioning.evidence;
+        self.observed_s += taken as f64 / stream.sample_rate().hz();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let whole_ms = (self.observed_s * 1e3) as u64;
+        evidence.observe_ms(whole_ms);
+        self.observed_s -= whole_ms as f64 * 1e-3;
+        let learns = stream.pipeline().agreement().phase == Phase::Learning;
+        if std::mem::replace(&mut self.learning, learns) && !learns {
+            evidence.hear_cut();
+        }
     }
 
     /// Fresh is what the pipeline could use: batches that are empty, repeated or no numbers are silence.
@@ -398,6 +443,10 @@ impl Engine {
             self.stream = None;
             self.picture.forget();
         }
+        if self.mode == Mode::Act && !self.setup.way_back.is_open(now) {
+            self.latch("no operator's token is in force: nobody could take the turret back");
+            self.decide(now);
+        }
         if self.mode == Mode::Act && self.setup.store.lag(now) >= STORE_PATIENCE {
             self.change_mode(Mode::Advise, "the history could not be written for 10 s");
         }
@@ -407,136 +456,6 @@ impl Engine {
         }
         if self.save.as_ref().is_some_and(|s| now >= s.at) {
             self.write_recording();
-        }
-    }
-
-    fn obey(&mut self, control: Control, ports: &Ports) {
-        match control {
-            Control::SetMode { mode, revision, origin, done } => {
-                let outcome = self.set_mode(mode, revision, (&origin, ports));
-                let _ = done.send(outcome);
-            }
-            Control::Override { origin, done } => {
-                self.take_back(&origin);
-                let _ = done.send(Ok(self.mode_now()));
-            }
-            Control::Hold { on: true, done, .. } if self.mode != Mode::Act => {
-                let what = "the turret is held in mode act only";
-                let _ = done.send(Err(Refusal::NotActing(what.to_owned())));
-            }
-            Control::Hold { on, origin, done } => {
-                self.held = on;
-                let words = if on { "holds the turret where it is" } else { "lets the turret go" };
-                let text = format!("{} {words} ({})", origin.actor, origin.reason);
-                self.report(Event::new(EventKind::OperatorHold, clock::wall_ns(), text));
-                let _ = done.send(Ok(self.mode_now()));
-            }
-            Control::ClearFault { origin, done } => {
-                self.acknowledge = self.acting.is_some();
-                if let Some(fault) = self.fault.take() {
-                    self.mode_revision += 1;
-                    let text = format!("{} cleared: {fault} ({})", origin.actor, origin.reason);
-                    self.report(Event::new(EventKind::FaultCleared, clock::wall_ns(), text));
-                }
-                let _ = done.send(Ok(self.mode_now()));
-            }
-            Control::SaveRecording { word, reason, done } => {
-                let id = self.save_around(word, &reason);
-                let _ = done.send(Ok(id));
-            }
-            Control::Committed { sequence } => self.intent_recorded(sequence),
-            Control::Stop => {
-                self.stopping = true;
-            }
-        }
-    }
-
-    fn set_mode(
-        &mut self,
-        mode: Mode,
-        revision: Option<u64>,
-        (origin, ports): (&Origin, &Ports),
-    ) -> Result<ModeNow, Refusal> {
-        if let Some(asked) = revision
-            && asked != self.mode_revision
-        {
-            return Err(Refusal::Revision { now: self.mode_revision, asked });
-        }
-        // Decided here, where the mode is: the picture that the asker saw may be 50 ms old.
-        if revision.is_none() && mode as u8 > self.mode as u8 {
-            return Err(Refusal::WayUp { now: self.mode.word(), asked: mode.word() });
-        }
-        if mode == Mode::Act {
-            if self.setup.config.turret.commissioned.is_none() {
-                let what = "turret.limits_by and turret.limits_date do not say who set the limits and when";
-                return Err(Refusal::NotReady(what.to_owned()));
-            }
-            if let Some(fault) = &self.fault {
-                return Err(Refusal::Faulted(fault.clone()));
-            }
-            if self.stream.is_none() {
-                return Err(Refusal::NotReady("no samples come".to_owned()));
-            }
-            if let Some(why) = &self.no_pitch {
-                return Err(Refusal::NotReady(format!("no pitch control: {why}")));
-            }
-            if self.interlocks_open != 0 {
-                return Err(Refusal::NotReady("an interlock is open or not heard".to_owned()));
-            }
-            match &mut self.acting {
-                Some(acting) => acting.open_port(&ports.who)?,
-                None => return Err(Refusal::NotReady("no samples came yet".to_owned())),
-            }
-        }
-        if mode != self.mode {
-            self.change_mode(mode, &format!("{}: {}", origin.actor, origin.reason));
-        }
-        Ok(self.mode_now())
-    }
-
-    fn mode_now(&self) -> ModeNow {
-        ModeNow { mode: self.mode, revision: self.mode_revision, reason: self.mode_reason.clone() }
-    }
-
-    fn change_mode(&mut self, mode: Mode, reason: &str) {
-        let before = std::mem::replace(&mut self.mode, mode);
-        self.held &= before == mode;
-        self.mode_revision += 1;
-        reason.clone_into(&mut self.mode_reason);
-        self.show_mode();
-        let text = format!("mode {} to {} ({reason})", before.word(), mode.word());
-        self.report(Event::new(EventKind::ModeChange, clock::wall_ns(), text));
-    }
-
-    fn show_mode(&self) {
-        for mode in Mode::ALL {
-            self.setup.metrics.mode.with_label_values(&[mode.word()]).set(i64::from(mode == self.mode));
-        }
-    }
-
-    fn take_back(&mut self, origin: &Origin) {
-        let text = format!("{} took the turret back ({})", origin.actor, origin.reason);
-        self.report(Event::new(EventKind::Override, clock::wall_ns(), text.clone()));
-        if self.stream.is_some() {
-            self.save_around(EventKind::Override.word(), &text);
-        }
-        if self.mode != Mode::Observe {
-            self.change_mode(Mode::Observe, &format!("override by {}", origin.actor));
-        }
-    }
-
-    /// A fault stops acting until a person clears it.
-    fn latch(&mut self, what: &str) {
-        if self.fault.as_deref() == Some(what) {
-            return;
-        }
-        self.fault = Some(what.to_owned());
-        self.report(Event::new(EventKind::Fault, clock::wall_ns(), what));
-        if self.stream.is_some() {
-            self.save_around(EventKind::Fault.word(), what);
-        }
-        if self.mode == Mode::Act {
-            self.change_mode(Mode::Observe, what);
         }
     }
 

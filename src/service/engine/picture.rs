@@ -3,6 +3,7 @@
 use super::Engine;
 use crate::chatter::{ChatterEvent, Line, NotChatter, Phase};
 use crate::force::observers::AxisObserver;
+use crate::force::validity::Validity;
 use crate::pipeline::StepOutput;
 use crate::sample::MAX_AXES;
 use crate::service::clock;
@@ -122,9 +123,9 @@ impl Picture {
         });
         AxisView {
             name: name.to_owned(),
-            force_mean_n: mean,
-            force_deviation_n: (gathered.squares / n - mean * mean).max(0.0).sqrt(),
-            force_peak_n: peak,
+            force_mean_n: Some(mean),
+            force_deviation_n: Some((gathered.squares / n - mean * mean).max(0.0).sqrt()),
+            force_peak_n: Some(peak),
             ..AxisView::default()
         }
     }
@@ -207,7 +208,17 @@ impl Engine {
                 axis.noise_floor_n = observer.map(AxisObserver::noise_floor_n);
                 axis.force_delay_s = observer.map(AxisObserver::delay_s);
                 axis.usable_band_hz = observer.map(AxisObserver::usable_band_hz);
-                axis.force_flags = stream.pipeline().force_flags(index).to_string();
+                let flags = stream.pipeline().force_flags(index);
+                axis.force_flags = flags.to_string();
+                axis.watched = self.setup.config.watch.contains(&axis.name);
+                // What nobody estimates is not 0, and what cannot be observed is no number.
+                if !axis.watched {
+                    axis.force_flags = "not_watched".to_owned();
+                    (axis.force_deviation_n, axis.force_peak_n) = (None, None);
+                }
+                if !axis.watched || flags.shares(Validity::MEAN_NOT_OBSERVABLE | Validity::BELOW_FRICTION) {
+                    axis.force_mean_n = None;
+                }
                 axis.disagreement_n = stream.pipeline().disagreement_n(index);
             }
             self.offsets(now, &mut state.axes);

@@ -141,7 +141,8 @@ impl Engine {
                 growth_1_s: chatter.growth_1_s,
             });
             speed = stream.newest.as_ref().map(|p| p.spindle_speed_rpm);
-            estimate_valid = stream.pipeline().axis_may_act(chatter.leading_axis);
+            let held = self.setup.config.turret.holding(stream.pipeline().force_flags(chatter.leading_axis));
+            estimate_valid = stream.pipeline().axis_may_act(chatter.leading_axis) && held.is_valid();
             window_full = stream.usable_run() as f64 >= stream.sample_rate().hz();
         }
         let silent = Heard { phase: Phase::Learning, frequency_hz: None, power_n2: 0.0, growth_1_s: None };
@@ -224,6 +225,7 @@ impl Engine {
                 }
             }
             Decision::Advice(command) => {
+                self.setup.commissioning.evidence.advise(command.pitch_difference_rad);
                 self.setup.metrics.commands.with_label_values(&["advised"]).inc();
                 if self.is_news(command.pitch_difference_rad) {
                     let event = self.command_event(&command, "advised");

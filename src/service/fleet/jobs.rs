@@ -1,7 +1,7 @@
 //! Diagnoses by workers: files through the broker's object store, jobs through a work queue.
 
 use super::{Broker, BrokerError, FILES, JOB_SUBJECT, files, jobs_stream, refused};
-use crate::service::diagnoses::{Task, run_task};
+use crate::service::diagnoses::{BUDGET_S, Task, run_task};
 use async_nats::jetstream::consumer::{AckPolicy, pull};
 use async_nats::jetstream::message::PublishMessage;
 use async_nats::jetstream::object_store::ObjectStore;
@@ -31,6 +31,9 @@ const MOST_RECORDINGS: usize = 16;
 struct Job {
     id: String,
     recordings: Vec<String>,
+    /// Left out where it is the usual one: workers of earlier versions know none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    budget_s: Option<u32>,
 }
 
 /// What came of it.
@@ -82,7 +85,11 @@ pub(in crate::service) async fn diagnose(
         put(&bucket, &format!("{id}/{name}"), path).await?;
         recordings.push(name);
     }
-    let body = serde_json::to_vec(&Job { id: id.to_owned(), recordings: recordings.clone() });
+    let body = serde_json::to_vec(&Job {
+        id: id.to_owned(),
+        recordings: recordings.clone(),
+        budget_s: Some(task.budget_s).filter(|s| *s != BUDGET_S),
+    });
     let message = PublishMessage::build().payload(body.map_err(|e| e.to_string())?.into()).message_id(id);
     let sent = context.send_publish(JOB_SUBJECT, message).await.map_err(|e| e.to_string())?;
     sent.await.map_err(|e| e.to_string())?;
@@ -233,7 +240,9 @@ impl Worker<'_> {
         for name in &job.recordings {
             recordings.push(fetch(name).await?);
         }
-        let task = Task { id: job.id.clone(), model, files: recordings, out: folder.join("out") };
+        let out = folder.join("out");
+        let budget_s = job.budget_s.unwrap_or(BUDGET_S);
+        let task = Task { id: job.id.clone(), model, files: recordings, out, budget_s };
         let (program, out) = (self.program.to_owned(), task.out.clone());
         let (tell, mut told) = tokio::sync::mpsc::unbounded_channel();
         let running = tokio::task::spawn_blocking(move || {

@@ -1,0 +1,114 @@
+//! Whose a file or folder is: what another user of the machine may change, or lead elsewhere by a link, is
+//! not used, and is named.
+
+use std::io::{Error, ErrorKind};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
+use std::path::Path;
+
+/// Permission bit: every user of the machine may write.
+const WORLD_WRITABLE: u32 = 0o002;
+/// The administrator may read and change everything anyhow.
+const ROOT: u32 = 0;
+
+/// The user that this process acts as.
+#[must_use]
+pub fn own_user() -> u32 {
+    rustix::process::geteuid().as_raw()
+}
+
+fn refused(what: String) -> Error {
+    Error::new(ErrorKind::PermissionDenied, what)
+}
+
+/// What stands at a path, where it is this user's (or root's) and nobody else may write to it. Nothing where
+/// nothing stands there. Errors: a symbolic link, another user's, writable by everybody, or the system's.
+fn inspected(path: &Path) -> Result<Option<std::fs::Metadata>, Error> {
+    let found = match std::fs::symlink_metadata(path) {
+        Ok(found) => found,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(error),
+    };
+    if found.file_type().is_symlink() {
+        return Err(refused("is a symbolic link; expected the place itself".to_owned()));
+    }
+    if ![own_user(), ROOT].contains(&found.uid()) {
+        return Err(refused(format!("belongs to user {}, not to this one ({})", found.uid(), own_user())));
+    }
+    let mode = found.permissions().mode() & 0o7777;
+    if mode & WORLD_WRITABLE != 0 {
+        return Err(refused(format!("mode {mode:03o} lets every user write")));
+    }
+    Ok(Some(found))
+}
+
+/// A folder of this user's own; made with `mode`, and what leads to it, where it is not there.
+/// Errors: it is no folder, a symbolic link, another user's, or writable by everybody.
+pub fn own_folder(path: &Path, mode: u32) -> Result<(), Error> {
+    if inspected(path)?.is_none() {
+        std::fs::DirBuilder::new().recursive(true).mode(mode).create(path)?;
+    }
+    match inspected(path)? {
+        Some(found) if found.is_dir() => Ok(()),
+        _ => Err(Error::new(ErrorKind::NotADirectory, "is no folder")),
+    }
+}
+
+/// A file of this user's own that others than its group cannot read; made empty where it is not there.
+/// Errors: it is no file, a symbolic link, another user's, or writable by everybody.
+pub fn own_file(path: &Path) -> Result<(), Error> {
+    if inspected(path)?.is_none() {
+        let mut options = std::fs::File::options();
+        options.write(true).create_new(true).mode(0o640).open(path)?;
+        return Ok(());
+    }
+    existing_file(path)
+}
+
+/// As [`own_file`], where the file is there; nothing is made.
+pub fn existing_file(path: &Path) -> Result<(), Error> {
+    let Some(found) = inspected(path)? else { return Ok(()) };
+    if !found.is_file() {
+        return Err(Error::new(ErrorKind::InvalidInput, "is no file"));
+    }
+    let mode = found.permissions().mode() & 0o7777;
+    if mode & 0o007 != 0 && found.uid() == own_user() {
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode & !0o007))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_others_can_change_is_refused_by_what_it_is() {
+        let place = tempfile::tempdir().unwrap();
+        let at = |name: &str| place.path().join(name);
+        let mode = |name: &str| std::fs::metadata(at(name)).unwrap().permissions().mode() & 0o7777;
+        own_folder(&at("deep/made"), 0o750).unwrap();
+        assert_eq!(mode("deep/made") & 0o007, 0);
+        own_folder(&at("deep/made"), 0o750).unwrap();
+        std::os::unix::fs::symlink(at("deep/made"), at("link")).unwrap();
+        let link = own_folder(&at("link"), 0o750).unwrap_err().to_string();
+        assert!(link.contains("symbolic link"), "{link}");
+        std::fs::set_permissions(at("deep"), std::fs::Permissions::from_mode(0o777)).unwrap();
+        let open = own_folder(&at("deep"), 0o750).unwrap_err().to_string();
+        assert!(open.contains("777"), "{open}");
+        own_file(&at("file")).unwrap();
+        assert_eq!(mode("file") & 0o027, 0);
+        assert!(own_folder(&at("file"), 0o750).is_err() && own_file(&at("deep/made")).is_err());
+        std::fs::set_permissions(at("file"), std::fs::Permissions::from_mode(0o644)).unwrap();
+        existing_file(&at("file")).unwrap();
+        assert_eq!(mode("file"), 0o640, "others could read it");
+        std::os::unix::fs::symlink(at("file"), at("file-link")).unwrap();
+        assert!(own_file(&at("file-link")).is_err());
+        existing_file(&at("nothing")).unwrap();
+        // Another user's: only an administrator can make one.
+        if own_user() == ROOT {
+            std::os::unix::fs::chown(at("file"), Some(12_345), None).unwrap();
+            let foreign = own_file(&at("file")).unwrap_err().to_string();
+            assert!(foreign.contains("user 12345"), "{foreign}");
+        }
+    }
+}

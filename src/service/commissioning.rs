@@ -1,0 +1,242 @@
+//! Whether the turret may be moved: a state computed from what was observed, not a sentence.
+//!
+//! Every item says what there is and what is needed. One that is missing keeps `act` away unless the
+//! configuration accepts it by name, beside the name of who does.
+
+use crate::config::service::{COMMISSIONING_ITEMS, TurretConfig};
+use crate::store::{Judged, Observation};
+use serde::Serialize;
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use utoipa::ToSchema;
+
+/// What is needed, with the reason of each number.
+struct Criteria;
+
+impl Criteria {
+    /// One shift: everything that a machine does between switching on and off.
+    const OBSERVED_S: f64 = 8.0 * 3600.0;
+    /// What happens in one cut of seven is seen among twenty with 95 % (1 - (6/7)^20 = 0.954).
+    const CUTS: i64 = 20;
+    /// Sign test: more right alarms than false ones, at this level.
+    const SIGNIFICANCE: f64 = 0.05;
+    /// One command seen in `advise` before the first that is sent.
+    const ADVISED: i64 = 1;
+}
+
+/// One item.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct CommissioningItem {
+    /// `limits_stated`, `hours_observed`, `cuts_heard`, `alarms_reviewed`, `commands_advised` or
+    /// `model_drift`.
+    pub name: String,
+    /// What there is.
+    pub found: String,
+    /// What is needed.
+    pub needed: String,
+    /// Whether it is there.
+    pub met: bool,
+    /// Missing, and accepted by name in the configuration.
+    pub accepted: bool,
+}
+
+/// Where commissioning stands.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
+pub struct CommissioningView {
+    /// Every item is met or accepted.
+    pub complete: bool,
+    /// Who set the limits.
+    pub limits_by: Option<String>,
+    /// On which day.
+    pub limits_date: Option<String>,
+    /// Items.
+    pub items: Vec<CommissioningItem>,
+    /// Flags of the force estimate that the configuration accepts in `act`.
+    pub accepted_flags: Vec<String>,
+}
+
+impl CommissioningView {
+    /// What is missing, in one line; nothing where all is there or accepted.
+    #[must_use]
+    pub fn missing(&self) -> Option<String> {
+        let missing = self.items.iter().filter(|i| !i.met && !i.accepted);
+        let told: Vec<String> =
+            missing.map(|i| format!("{} ({}, needed {})", i.name, i.found, i.needed)).collect();
+        (!told.is_empty()).then(|| told.join("; "))
+    }
+}
+
+/// Chance of at least `right` heads in `right + wrong` throws of a fair coin.
+fn sign_test(judged: Judged) -> f64 {
+    let total = judged.right + judged.wrong;
+    let (mut ways, mut sum) = (1.0_f64, 0.0);
+    for heads in (judged.right..=total).rev() {
+        sum += ways;
+        ways *= heads as f64 / (total - heads + 1) as f64;
+    }
+    let throws = i32::try_from(total).unwrap_or(i32::MAX);
+    sum * 0.5_f64.powi(throws)
+}
+
+/// Where commissioning stands with what was observed.
+pub(super) fn state_of(turret: &TurretConfig, seen: &Observation, judged: Judged) -> CommissioningView {
+    let item = |name: &str, met: bool, found: String, needed: &str| CommissioningItem {
+        name: name.to_owned(),
+        found,
+        needed: needed.to_owned(),
+        met,
+        accepted: !met && turret.accept.iter().any(|a| a == name),
+    };
+    let [hours, cuts, reviewed, advised, drift] = COMMISSIONING_ITEMS;
+    let (by, date) = turret.commissioned.clone().unzip();
+    let stated = by.clone().zip(date.clone()).map(|(by, date)| format!("{by}, {date}"));
+    let (h, needed_h) = (seen.observed_s / 3600.0, Criteria::OBSERVED_S / 3600.0);
+    let chance = sign_test(judged);
+    let Judged { right, wrong } = judged;
+    let items = vec![
+        item(
+            "limits_stated",
+            stated.is_some(),
+            stated.unwrap_or_else(|| "nobody".to_owned()),
+            "turret.limits_by and turret.limits_date",
+        ),
+        item(hours, h >= needed_h, format!("{h:.1} h"), &format!("{needed_h:.0} h with samples")),
+        item(cuts, seen.cuts >= Criteria::CUTS, seen.cuts.to_string(), &format!("{}", Criteria::CUTS)),
+        item(
+            reviewed,
+            chance <= Criteria::SIGNIFICANCE,
+            format!("{right} right, {wrong} false"),
+            "significantly more right than false, such as 5 and 0",
+        ),
+        item(
+            advised,
+            seen.advised >= Criteria::ADVISED,
+            format!("{}, up to {:.2} degrees", seen.advised, seen.largest_pitch_rad.to_degrees()),
+            "one or more in mode advise",
+        ),
+        item(
+            drift,
+            seen.compared > 0 && seen.mismatches == 0,
+            format!("{} differences in {} comparisons", seen.mismatches, seen.compared),
+            "compared, and no significant difference",
+        ),
+    ];
+    let flags = turret.accept.iter().filter(|a| !COMMISSIONING_ITEMS.contains(&a.as_str()));
+    CommissioningView {
+        complete: items.iter().all(|i| i.met || i.accepted),
+        limits_by: by,
+        limits_date: date,
+        items,
+        accepted_flags: flags.cloned().collect(),
+    }
+}
+
+/// What this life has observed so far, counted by the pipeline thread.
+#[derive(Debug, Default)]
+pub(super) struct Evidence {
+    observed_ms: AtomicU64,
+    cuts: AtomicI64,
+    advised: AtomicI64,
+    largest_microrad: AtomicU64,
+}
+
+impl Evidence {
+    pub(super) fn observe_ms(&self, ms: u64) {
+        self.observed_ms.fetch_add(ms, Ordering::Relaxed);
+    }
+
+    pub(super) fn hear_cut(&self) {
+        self.cuts.fetch_add(1, Ordering::Relaxed);
+    }
+
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub(super) fn advise(&self, pitch_rad: f64) {
+        self.advised.fetch_add(1, Ordering::Relaxed);
+        self.largest_microrad.fetch_max((pitch_rad.abs() * 1e6) as u64, Ordering::Relaxed);
+    }
+
+    /// So far; `compared` and `mismatches` are counted elsewhere.
+    pub(super) fn so_far(&self, (compared, mismatches): (u64, u64)) -> Observation {
+        let whole = |count: u64| i64::try_from(count).unwrap_or(i64::MAX);
+        Observation {
+            observed_s: self.observed_ms.load(Ordering::Relaxed) as f64 * 1e-3,
+            cuts: self.cuts.load(Ordering::Relaxed),
+            advised: self.advised.load(Ordering::Relaxed),
+            largest_pitch_rad: self.largest_microrad.load(Ordering::Relaxed) as f64 * 1e-6,
+            compared: whole(compared),
+            mismatches: whole(mismatches),
+        }
+    }
+}
+
+/// The state that everybody reads.
+#[derive(Debug, Default)]
+pub(super) struct Commissioning {
+    pub(super) evidence: Evidence,
+    view: Mutex<Arc<CommissioningView>>,
+}
+
+impl Commissioning {
+    pub(super) fn show(&self, view: CommissioningView) {
+        *self.view.lock().unwrap_or_else(PoisonError::into_inner) = Arc::new(view);
+    }
+
+    pub(super) fn view(&self) -> Arc<CommissioningView> {
+        Arc::clone(&self.view.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::service::ServiceConfig;
+
+    fn turret(accept: &[&str]) -> TurretConfig {
+        let mut turret = ServiceConfig::default().turret;
+        turret.commissioned = Some(("anna".into(), "2026-11-21".into()));
+        turret.accept = accept.iter().map(|a| (*a).to_owned()).collect();
+        turret
+    }
+
+    fn enough() -> (Observation, Judged) {
+        let seen = Observation {
+            observed_s: 9.0 * 3600.0,
+            cuts: 25,
+            advised: 3,
+            largest_pitch_rad: 0.1,
+            compared: 12,
+            mismatches: 0,
+        };
+        (seen, Judged { right: 6, wrong: 0 })
+    }
+
+    #[test]
+    fn the_sign_test_is_the_binomial_tail() {
+        let p = |right, wrong| sign_test(Judged { right, wrong });
+        assert!((p(5, 0) - 1.0 / 32.0).abs() < 1e-12);
+        assert!((p(4, 0) - 1.0 / 16.0).abs() < 1e-12);
+        assert!((p(8, 2) - 56.0 / 1024.0).abs() < 1e-12, "{}", p(8, 2));
+        assert!((p(0, 0) - 1.0).abs() < 1e-12 && (p(0, 7) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn every_item_that_is_missing_keeps_act_away_until_it_is_accepted_by_name() {
+        let (seen, judged) = enough();
+        assert!(state_of(&turret(&[]), &seen, judged).complete);
+        let lacks: [(&str, Observation, Judged); 5] = [
+            ("hours_observed", Observation { observed_s: 100.0, ..seen.clone() }, judged),
+            ("cuts_heard", Observation { cuts: 19, ..seen.clone() }, judged),
+            ("alarms_reviewed", seen.clone(), Judged { right: 4, wrong: 0 }),
+            ("commands_advised", Observation { advised: 0, ..seen.clone() }, judged),
+            ("model_drift", Observation { mismatches: 1, ..seen.clone() }, judged),
+        ];
+        for (name, seen, judged) in &lacks {
+            let view = state_of(&turret(&[]), seen, *judged);
+            assert!(!view.complete && view.missing().is_some_and(|m| m.starts_with(name)), "{view:?}");
+            assert!(state_of(&turret(&[name]), seen, *judged).complete, "{name} accepted");
+        }
+        let nobody = TurretConfig { commissioned: None, ..turret(&COMMISSIONING_ITEMS) };
+        assert!(!state_of(&nobody, &seen, judged).complete, "who set the limits is never done without");
+        assert!(!state_of(&turret(&[]), &Observation::default(), Judged::default()).complete);
+    }
+}

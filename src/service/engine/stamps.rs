@@ -1,0 +1,200 @@
+//! Which stamps of a stream to believe: number and time of every sample must agree with what came before.
+//!
+//! A stamp far from the others is one wrong sample, not a new time: it is refused by its name and nothing
+//! follows from it. Only where the samples of half a window agree with each other and none with what came
+//! before has the producer's counter or clock really jumped.
+
+use crate::transport::wire::ServoPoint;
+use crate::units::SampleRate;
+
+/// Number and time of a sample may disagree by the jitter of a producer that stamps in software: a time slice
+/// of an ordinary scheduler (4 ms), and the sample beside it.
+const JITTER_S: f64 = 5e-3;
+/// A quartz is right to 1e-4; a gap's length is believed with a hundred times that.
+const RATE_ERROR: f64 = 1e-2;
+/// Resynchronised within 50 ms by a majority of its samples.
+const MAJORITY_S: f64 = 25e-3;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Stamp {
+    sequence: u64,
+    t_ns: u64,
+}
+
+impl Stamp {
+    fn of(point: &ServoPoint) -> Self {
+        Self { sequence: point.sequence, t_ns: point.t_ns }
+    }
+}
+
+/// Why a sample was not taken; the words are those of `stillcut_samples_rejected_total`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Reject {
+    /// A signal is no number.
+    NotFinite,
+    /// Its number came already.
+    Duplicate,
+    /// Newer by its number and older by its time.
+    OutOfOrder,
+    /// Number and time disagree with the samples around it.
+    ImplausibleStamp,
+    /// The batch says that it holds none, or more than fit.
+    BadCount,
+}
+
+impl Reject {
+    pub(super) const ALL: [Self; 5] =
+        [Self::NotFinite, Self::Duplicate, Self::OutOfOrder, Self::ImplausibleStamp, Self::BadCount];
+
+    /// Counted by axis.
+    pub(super) const OF_AN_AXIS: [Self; 3] = [Self::NotFinite, Self::Duplicate, Self::OutOfOrder];
+    /// Counted for the stream.
+    pub(super) const OF_THE_STREAM: [Self; 2] = [Self::ImplausibleStamp, Self::BadCount];
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::NotFinite => "not_finite",
+            Self::Duplicate => "duplicate",
+            Self::OutOfOrder => "out_of_order",
+            Self::ImplausibleStamp => "implausible_stamp",
+            Self::BadCount => "bad_count",
+        }
+    }
+}
+
+/// What a stamp is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Judged {
+    /// It goes on from what came before, or the majority has moved ahead of it.
+    Good,
+    /// Not to be believed.
+    Refused(Reject),
+    /// The majority has moved back: everything begins anew.
+    Anew,
+}
+
+/// The newest stamp that is believed, and the run of those that are not.
+#[derive(Debug)]
+pub(super) struct Stamps {
+    rate_hz: f64,
+    believed: Option<Stamp>,
+    suspect: Option<Stamp>,
+    run: u64,
+}
+
+impl Stamps {
+    pub(super) fn new(rate: SampleRate) -> Self {
+        Self { rate_hz: rate.hz(), believed: None, suspect: None, run: 0 }
+    }
+
+    /// Samples between two stamps, by number and by time.
+    fn steps(&self, from: Stamp, to: Stamp) -> [f64; 2] {
+        let numbers = to.sequence as f64 - from.sequence as f64;
+        let seconds = (to.t_ns as f64 - from.t_ns as f64) * 1e-9;
+        [numbers, seconds * self.rate_hz]
+    }
+
+    fn goes_on(&self, from: Stamp, to: Stamp) -> bool {
+        let [numbers, times] = self.steps(from, to);
+        let tolerance = JITTER_S * self.rate_hz + RATE_ERROR * numbers.max(0.0);
+        to.sequence > from.sequence && to.t_ns >= from.t_ns && (times - numbers).abs() <= tolerance
+    }
+
+    /// The very next sample; a clock that stands is none.
+    fn is_next(&self, from: Stamp, to: Stamp) -> bool {
+        let [numbers, times] = self.steps(from, to);
+        numbers == 1.0 && times >= 0.5 && self.goes_on(from, to)
+    }
+
+    pub(super) fn judge(&mut self, point: &ServoPoint) -> Judged {
+        let now = Stamp::of(point);
+        let Some(believed) = self.believed.filter(|b| !self.goes_on(*b, now)) else {
+            (self.believed, self.suspect, self.run) = (Some(now), None, 0);
+            return Judged::Good;
+        };
+        let goes_on = self.suspect.is_some_and(|s| self.is_next(s, now));
+        self.run = if goes_on { self.run + 1 } else { 1 };
+        self.suspect = Some(now);
+        let ahead = now.sequence > believed.sequence && now.t_ns >= believed.t_ns;
+        if self.run as f64 >= MAJORITY_S * self.rate_hz {
+            (self.believed, self.suspect, self.run) = (Some(now), None, 0);
+            return if ahead { Judged::Good } else { Judged::Anew };
+        }
+        Judged::Refused(match now {
+            _ if ahead => Reject::ImplausibleStamp,
+            _ if now.sequence <= believed.sequence => Reject::Duplicate,
+            _ => Reject::OutOfOrder,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RATE: f64 = 9000.0;
+
+    fn stamps() -> Stamps {
+        Stamps::new(SampleRate::new(RATE).unwrap())
+    }
+
+    fn point(sequence: u64, at: u64) -> ServoPoint {
+        ServoPoint { sequence, t_ns: (at as f64 / RATE * 1e9) as u64, ..ServoPoint::default() }
+    }
+
+    #[test]
+    fn one_wrong_stamp_spoils_one_sample() {
+        for wrong in [
+            ServoPoint { sequence: 1_000_000_000, ..point(500, 500) },
+            ServoPoint { sequence: u64::MAX, ..point(500, 500) },
+            ServoPoint { t_ns: 9_000_000_000_000_000_000, ..point(500, 500) },
+            ServoPoint { t_ns: 0, ..point(500, 500) },
+            point(3, 500),
+        ] {
+            let mut stamps = stamps();
+            let refused = |j: &Judged| matches!(j, Judged::Refused(_));
+            let judged: Vec<Judged> = (0..2000)
+                .map(|k| if k == 500 { wrong } else { point(k, k) })
+                .map(|p| stamps.judge(&p))
+                .collect();
+            assert_eq!(judged.iter().filter(|j| refused(j)).count(), 1, "{wrong:?}");
+            assert!(refused(&judged[500]) && !judged.contains(&Judged::Anew));
+        }
+    }
+
+    #[test]
+    fn losses_jitter_and_a_slow_quartz_are_believed() {
+        let mut stamps = stamps();
+        // Every second one lost, then ten seconds, then stamps that are late by up to 3 ms.
+        let lossy = (0..1000).map(|k| point(2 * k, 2 * k));
+        let after = (0..1000).map(|k| point(92_000 + k, 92_000 + k));
+        let late = (0..1000).map(|k| point(93_000 + k, 93_000 + k + 9 * (k % 3)));
+        let slow = (0..90_000).map(|k| point(94_100 + k, 94_100 + k + k / 1000));
+        for p in lossy.chain(after).chain(late).chain(slow) {
+            let judged = stamps.judge(&p);
+            let back = matches!(judged, Judged::Refused(Reject::OutOfOrder));
+            assert!(judged == Judged::Good || back && p.sequence > 93_000, "{judged:?} at {}", p.sequence);
+        }
+    }
+
+    #[test]
+    fn the_majority_moves_ahead_or_back_within_50_ms() {
+        for (shift, expected) in [(1_000_000_u64, Judged::Good), (0, Judged::Anew)] {
+            let mut stamps = stamps();
+            for k in 0..2000 {
+                stamps.judge(&point(k + 5000, k + 5000));
+            }
+            // The counter is another one from here on, the clock goes on (ahead) or is another one, too.
+            let of = |k: u64| if shift > 0 { point(shift + k, 7000 + k) } else { point(k, k) };
+            let found = (0..450).position(|k| stamps.judge(&of(k)) == expected).expect("within 50 ms");
+            assert!(found >= 200, "a few wrong ones in a row are no majority: {found}");
+            assert!((found as u64 + 1..1000).all(|k| stamps.judge(&of(k)) == Judged::Good));
+        }
+        // A producer that repeats an old batch again and again is no majority.
+        let mut stamps = stamps();
+        for k in 0..2000 {
+            stamps.judge(&point(k, k));
+        }
+        assert!((0..5000).all(|k| stamps.judge(&point(100 + k % 32, 100 + k % 32)) != Judged::Anew));
+    }
+}
