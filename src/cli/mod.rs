@@ -11,6 +11,7 @@ mod conceal;
 mod demo;
 mod diagnose;
 mod force;
+mod gated;
 mod identify;
 mod import;
 #[cfg(feature = "service")]

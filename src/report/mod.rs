@@ -4,6 +4,7 @@
 pub mod decisions;
 pub mod diagnosis;
 pub mod events;
+pub mod faults;
 pub mod force_plots;
 pub mod html;
 mod in_loop;

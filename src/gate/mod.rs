@@ -1,0 +1,174 @@
+//! The recording first: what is wrong with it, before any physics is asked.
+//!
+//! A recording is a measurement by a logger that nobody checked, and whoever trusts it invents physics.
+//!
+//! ```text
+//!  Logged --> time --> rate --> rows --> limits, holds, outliers --> sign, scale, clock --> rest --> Gated
+//!  (rows and  even     true     none      masked and bridged         refused or corrected    masked
+//!   stamps)   grid     rate     missing
+//! ```
+//!
+//! Each step works on what the one before has mended, so that one fault is told once. A step knows columns by
+//! what their names say ([`columns`]) and no machine: numbers of a model have no part in it.
+
+mod clipping;
+mod clock;
+mod columns;
+mod criteria;
+mod fault;
+mod held;
+mod motion;
+mod outliers;
+mod rate;
+mod rest;
+mod rounding;
+mod rows;
+mod scaling;
+mod signs;
+mod spectrum;
+mod statistics;
+mod timing;
+mod work;
+
+pub use criteria::Criteria;
+pub use fault::{Action, Fault, FaultKind};
+
+use crate::sample::Recording;
+use columns::{AxisColumns, Role};
+use std::ops::Range;
+use work::Work;
+
+/// A recording with the time stamps of its rows, as a logger wrote them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Logged {
+    /// Rows in the order of the file; its rate is the stated one, or that of the mean step.
+    pub recording: Recording,
+    /// Time stamp of each row, s, none before the one above.
+    pub times_s: Vec<f64>,
+}
+
+impl Logged {
+    /// A recording whose rows are even.
+    #[must_use]
+    pub fn even(recording: Recording) -> Self {
+        let times_s = (0..recording.len()).map(|i| recording.time_s(i)).collect();
+        Self { recording, times_s }
+    }
+}
+
+/// A recording behind the gate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Gated {
+    /// At its true rate, with the clocks and signs of its columns put right; masked rows are bridged by
+    /// straight lines.
+    pub recording: Recording,
+    /// One a row: whether it may enter a fit.
+    pub usable: Vec<bool>,
+    /// What is wrong, in the order of the columns of the file.
+    pub faults: Vec<Fault>,
+}
+
+impl Gated {
+    /// A recording of which nothing is said.
+    #[must_use]
+    pub fn sound(recording: Recording) -> Self {
+        Self { usable: vec![true; recording.len()], recording, faults: Vec::new() }
+    }
+
+    /// Why nothing can be judged from it, if so.
+    #[must_use]
+    pub fn refusal(&self) -> Option<&Fault> {
+        self.faults.iter().find(|f| f.action == Action::Refuse)
+    }
+
+    /// Share of the rows that may enter a fit.
+    #[must_use]
+    pub fn usable_share(&self) -> f64 {
+        self.usable.iter().filter(|u| **u).count() as f64 / self.usable.len().max(1) as f64
+    }
+
+    /// Stretches of rows that may enter a fit, each without the `halo` rows that a filter smears into it from
+    /// its ends, and at least `least` rows long.
+    #[must_use]
+    pub fn stretches(&self, halo: usize, least: usize) -> Vec<Range<usize>> {
+        let mut out = Vec::new();
+        let mut first = 0;
+        let n = self.usable.len();
+        for i in 0..=n {
+            if i < n && self.usable[i] {
+                continue;
+            }
+            let from = if first == 0 { 0 } else { first + halo };
+            let to = if i == n { n } else { i.saturating_sub(halo) };
+            if to > from && to - from >= least.max(1) {
+                out.push(from..to);
+            }
+            first = i + 1;
+        }
+        out
+    }
+
+    /// The rows of a range as a recording of their own.
+    #[must_use]
+    pub fn piece(&self, rows: Range<usize>) -> Recording {
+        let mut piece = self.recording.clone();
+        piece.start_s = self.recording.time_s(rows.start);
+        for column in &mut piece.columns {
+            column.values = column.values[rows.clone()].to_vec();
+        }
+        piece
+    }
+}
+
+/// Checks the columns of `axes` and mends what can be mended. Deterministic.
+///
+/// A fault that refuses ends the check of that axis: what follows would be read into a wrong column.
+#[must_use]
+pub fn check(logged: &Logged, axes: &[String], criteria: &Criteria) -> Gated {
+    let of = |axis: &String| AxisColumns::of(&logged.recording, axis);
+    let axes: Vec<AxisColumns> = axes.iter().map(of).collect();
+    let mut work = Work::new(logged, &axes, criteria);
+    timing::even(&mut work, logged);
+    for axis in &axes {
+        rest::empty(&mut work, axis);
+    }
+    rate::true_rate(&mut work, &axes);
+    // An axis that is refused says nothing more: what follows would be read into a wrong column.
+    let mut judged = Vec::new();
+    for axis in &axes {
+        work.next_axis();
+        signs::rectified(&mut work, axis);
+        signs::swapped(&mut work, axis);
+        if !work.refused() && says_something(&work, axis) {
+            judged.push(axis);
+        }
+    }
+    for axis in &judged {
+        rows::whole(&mut work, axis);
+    }
+    for axis in judged {
+        check_axis(&mut work, axis);
+    }
+    work.done()
+}
+
+/// False where neither drive nor position nor sensor was recorded.
+fn says_something(work: &Work<'_>, axis: &AxisColumns) -> bool {
+    [Role::Drive, Role::Position, Role::Sensor]
+        .into_iter()
+        .any(|role| axis.with(role).any(|i| !work.silent[i]))
+}
+
+fn check_axis(work: &mut Work<'_>, axis: &AxisColumns) {
+    clipping::clipped(work, axis);
+    held::held(work, axis);
+    rows::jumps(work, axis);
+    outliers::outliers(work, axis);
+    rounding::rounded(work, axis);
+    signs::wrong_sign(work, axis);
+    scaling::wrong_scale(work, axis);
+    spectrum::smoothed(work, axis);
+    clock::offsets(work, axis);
+    spectrum::mains_line(work, axis);
+    rest::long_rest(work, axis);
+}
