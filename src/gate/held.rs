@@ -183,7 +183,7 @@ fn moves(work: &Work<'_>, (axis, motion): (&AxisColumns, Option<&Motion>), toget
         })
 }
 
-/// True where the logged speed of that position is none while it stands: then it stands, and rows are missing.
+/// True where the logged speed of that position is none while it stands: then rows are missing behind it.
 fn speed_rests(work: &Work<'_>, axis: &AxisColumns, together: &[Hold], position: &Hold) -> bool {
     let held = |i: usize| together.iter().any(|h| h.column.index == i);
     let own = |i: &usize| !work.silent[*i] && !held(*i) && same_unit(work, position.column.index, *i);

@@ -44,7 +44,8 @@ pub(super) fn rounded(work: &mut Work<'_>, axis: &AxisColumns) {
                 format!("{name} has a step of {q:.3e}: most of its changes are less than that.")
             }
             None => format!(
-                "{name} has a step of {q:.3e}: rounding is {:.0} % of the power of its changes within {:.1} ms.",
+                "{name} has a step of {q:.3e}: rounding is {:.0} % of the power of its changes \
+                 within {:.1} ms.",
                 100.0 * share.min(1.0),
                 1e3 * reach as f64 * work.period_s()
             ),

@@ -154,7 +154,8 @@ pub(super) fn jumps(work: &mut Work<'_>, axis: &AxisColumns) {
     let allowed = dt * v[worst].abs().max(v[worst + 1].abs());
     let name = work.name(position);
     let statement = format!(
-        "{name}: rows are missing at {} places; it jumps by up to {:.3e} where its velocity allows {allowed:.3e}.",
+        "{name}: rows are missing at {} places; it jumps by up to {:.3e} where its velocity \
+         allows {allowed:.3e}.",
         found.len(),
         (x[worst + 1] - x[worst]).abs()
     );

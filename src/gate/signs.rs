@@ -84,7 +84,8 @@ pub(super) fn swapped(work: &mut Work<'_>, axis: &AxisColumns) {
         }
         let (name, other) = (work.name(drive), work.name(position));
         let statement = format!(
-            "{name} and {other} look swapped: {other} changes {:.0} times as roughly as the force that should make it.",
+            "{name} and {other} look swapped: {other} changes {:.0} times as roughly as the force that \
+             should make it.",
             own / rough(work.values(drive)).max(f64::MIN_POSITIVE)
         );
         work.tell(Told {
@@ -139,7 +140,8 @@ pub(super) fn wrong_sign(work: &mut Work<'_>, axis: &AxisColumns) {
         }
         let name = work.name(column);
         let statement = format!(
-            "{name} drives against the motion: {:.0} % of its power is taken from the axis; its sign was turned.",
+            "{name} drives against the motion: {:.0} % of its power is taken from the axis; its sign was \
+             turned.",
             50.0 * (1.0 - net / all)
         );
         work.tell(Told {

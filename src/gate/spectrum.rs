@@ -106,7 +106,8 @@ pub(super) fn mains_line(work: &mut Work<'_>, axis: &AxisColumns) {
         };
         let name = work.name(column);
         let statement = format!(
-            "{name} carries a line at {frequency_hz} Hz, {:.1} % of its spread: the mains, or something that turns.",
+            "{name} carries a line at {frequency_hz} Hz, {:.1} % of its spread: the mains, or something \
+             that turns.",
             100.0 * rms / spread
         );
         work.tell(Told {

@@ -41,7 +41,8 @@ pub(super) fn even(work: &mut Work<'_>, logged: &Logged) {
         action,
         rows: &rows,
         statement: format!(
-            "t_s is uneven: {:.2} % of its steps are off the median of {middle:.4e} s, by up to {:.0} %; {what}.",
+            "t_s is uneven: {:.2} % of its steps are off the median of {middle:.4e} s, by up to \
+             {:.0} %; {what}.",
             100.0 * jitter,
             100.0 * worst
         ),

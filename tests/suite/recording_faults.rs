@@ -136,14 +136,31 @@ fn put(kind: FaultKind, size: usize, logged: &mut Logged) {
             let step = [5e-4, 1e-3, 1e-2][size];
             values(logged, POSITION).iter_mut().for_each(|x| *x = (*x / step).round() * step);
         }
+        FaultKind::Outlier => {
+            let off = [15.0, 40.0, 120.0][size];
+            draw(5).into_iter().for_each(|i| values(logged, THRUST)[i] += off);
+        }
+        FaultKind::LongRest => {
+            let rest = n * [2, 3, 6][size];
+            for name in [THRUST, POSITION, SPEED] {
+                let x = values(logged, name);
+                let last = if name == POSITION { x[n - 1] } else { 0.0 };
+                x.extend((0..rest).map(|_| last + if name == THRUST { 0.3 * noise.normal() } else { 0.0 }));
+            }
+            even_times(logged);
+        }
+        other => put_values(other, size, logged),
+    }
+}
+
+/// Faults of the values of one column, wherever they are.
+fn put_values(kind: FaultKind, size: usize, logged: &mut Logged) {
+    let n = logged.recording.len();
+    match kind {
         FaultKind::Clipped => {
             let x = values(logged, THRUST);
             let most = [0.8, 0.7, 0.5][size] * x.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
             x.iter_mut().for_each(|v| *v = v.clamp(-most, most));
-        }
-        FaultKind::Outlier => {
-            let off = [15.0, 40.0, 120.0][size];
-            draw(5).into_iter().for_each(|i| values(logged, THRUST)[i] += off);
         }
         FaultKind::Rectified => {
             let offset = [0.0, 3.0, 8.0][size];
@@ -174,16 +191,8 @@ fn put(kind: FaultKind, size: usize, logged: &mut Logged) {
             let x = values(logged, THRUST);
             (0..n).for_each(|i| x[i] += high * (std::f64::consts::TAU * 50.0 * i as f64 / RATE_HZ).sin());
         }
-        FaultKind::LongRest => {
-            let rest = n * [2, 3, 6][size];
-            for name in [THRUST, POSITION, SPEED] {
-                let x = values(logged, name);
-                let last = if name == POSITION { x[n - 1] } else { 0.0 };
-                x.extend((0..rest).map(|_| last + if name == THRUST { 0.3 * noise.normal() } else { 0.0 }));
-            }
-            even_times(logged);
-        }
         FaultKind::Empty => values(logged, THRUST).fill([0.0, 1.5, -7.0][size]),
+        other => unreachable!("{} changes rows", other.name()),
     }
 }
 
