@@ -1,14 +1,16 @@
 //! `stillcut diagnose`.
 
 use super::bad_input;
+use super::gated::{Checked, read_checked};
 use crate::config::machine::read_machine;
 use crate::diagnosis::{DiagnoseOptions, diagnose_with};
-use crate::recording::{read_recording, write_whole};
+use crate::gate::Gated;
+use crate::recording::write_whole;
 use crate::report::diagnosis::write;
 use crate::report::html::{ReportContext, diagnosis_page};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Says what physics a machine model leaves out.
 #[derive(clap::Args)]
@@ -37,11 +39,11 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         return Err(bad_input(format!("--budget-s {given}: expected is a number of seconds above zero")));
     }
     let machine = read_machine(&arguments.model).map_err(bad_input)?;
-    let recordings = arguments
-        .recordings
-        .iter()
-        .map(|p| read_recording(p).map_err(bad_input))
-        .collect::<Result<Vec<_>, _>>()?;
+    let axes: Vec<String> = machine.axes.iter().map(|a| a.name.clone()).collect();
+    let paths = arguments.recordings.iter().map(PathBuf::as_path);
+    let Checked { gated, files, faults } = read_checked(paths, &axes)?;
+    let masked = gated.iter().map(Gated::masked).collect();
+    let recordings: Vec<_> = gated.into_iter().map(|g| g.recording).collect();
     let bar = ProgressBar::new(100); // drawn on a terminal only
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} % {msg}") {
         bar.set_style(style);
@@ -54,8 +56,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             let _ = writeln!(std::io::stderr(), "progress {share:.3} {what}");
         }
     };
-    let files: Vec<String> = arguments.recordings.iter().map(|p| name(p)).collect();
-    let options = DiagnoseOptions { budget_s: arguments.budget_s, ..Default::default() };
+    let options = DiagnoseOptions { budget_s: arguments.budget_s, masked };
     let diagnosis = diagnose_with(&machine, &recordings, &options, &progress).map_err(|error| {
         let concerned = files.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));
         let concerned: Vec<&str> = concerned.map(|(file, _)| file.as_str()).collect();
@@ -70,12 +71,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         // Whoever reads standard error may have gone; the files are written all the same.
         let _ = writeln!(std::io::stderr(), "note: {note}");
     }
-    write(&arguments.out, &diagnosis, &files)?;
-    let context = ReportContext { machine: machine.name.clone(), files };
+    write(&arguments.out, &diagnosis, &files, &faults)?;
+    let context = ReportContext { machine: machine.name.clone(), files, faults };
     write_whole(&arguments.out.join("report.html"), diagnosis_page(&diagnosis, &context).as_bytes())?;
     Ok(())
-}
-
-fn name(path: &Path) -> String {
-    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }

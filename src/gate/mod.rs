@@ -35,7 +35,6 @@ pub use fault::{Action, Fault, FaultKind};
 
 use crate::sample::Recording;
 use columns::{AxisColumns, Role};
-use std::ops::Range;
 use work::Work;
 
 /// A recording with the time stamps of its rows, as a logger wrote them.
@@ -69,54 +68,21 @@ pub struct Gated {
 }
 
 impl Gated {
-    /// A recording of which nothing is said.
-    #[must_use]
-    pub fn sound(recording: Recording) -> Self {
-        Self { usable: vec![true; recording.len()], recording, faults: Vec::new() }
-    }
-
     /// Why nothing can be judged from it, if so.
     #[must_use]
     pub fn refusal(&self) -> Option<&Fault> {
         self.faults.iter().find(|f| f.action == Action::Refuse)
     }
 
-    /// Share of the rows that may enter a fit.
+    /// One a row: whether it lies in a stretch that a fit must leave out. A row or two that were bridged bend
+    /// nothing, and a fit that goes by blocks would lose much more with them.
     #[must_use]
-    pub fn usable_share(&self) -> f64 {
-        self.usable.iter().filter(|u| **u).count() as f64 / self.usable.len().max(1) as f64
-    }
-
-    /// Stretches of rows that may enter a fit, each without the `halo` rows that a filter smears into it from
-    /// its ends, and at least `least` rows long.
-    #[must_use]
-    pub fn stretches(&self, halo: usize, least: usize) -> Vec<Range<usize>> {
-        let mut out = Vec::new();
-        let mut first = 0;
-        let n = self.usable.len();
-        for i in 0..=n {
-            if i < n && self.usable[i] {
-                continue;
-            }
-            let from = if first == 0 { 0 } else { first + halo };
-            let to = if i == n { n } else { i.saturating_sub(halo) };
-            if to > from && to - from >= least.max(1) {
-                out.push(from..to);
-            }
-            first = i + 1;
-        }
-        out
-    }
-
-    /// The rows of a range as a recording of their own.
-    #[must_use]
-    pub fn piece(&self, rows: Range<usize>) -> Recording {
-        let mut piece = self.recording.clone();
-        piece.start_s = self.recording.time_s(rows.start);
-        for column in &mut piece.columns {
-            column.values = column.values[rows.clone()].to_vec();
-        }
-        piece
+    pub fn masked(&self) -> Vec<bool> {
+        const BRIDGED: usize = 2;
+        let mut masked: Vec<bool> = self.usable.iter().map(|u| !u).collect();
+        let bad = work::stretches(&masked, 0);
+        bad.into_iter().filter(|rows| rows.len() <= BRIDGED).for_each(|rows| masked[rows].fill(false));
+        masked
     }
 }
 

@@ -2,7 +2,7 @@
 //! project: told by name and column, and the numbers of the model as of the recording without it.
 
 use crate::folders::shared;
-use stillcut::diagnosis::{Diagnosis, diagnose_gated};
+use stillcut::diagnosis::{DiagnoseOptions, Diagnosis, diagnose_with};
 use stillcut::gate::{Action, Criteria, Fault, FaultKind, Gated, Logged, check};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::machine::{AxisModel, Machine};
@@ -292,7 +292,8 @@ fn bare(mass_kg: f64) -> Machine {
 }
 
 fn diagnosed(gated: Gated, mass_kg: f64) -> Diagnosis {
-    diagnose_gated(&bare(mass_kg), &[gated], &|_, _| ()).unwrap()
+    let options = DiagnoseOptions { masked: vec![gated.masked()], ..Default::default() };
+    diagnose_with(&bare(mass_kg), &[gated.recording], &options, &|_, _| ()).unwrap()
 }
 
 /// A number of the laws that every such drive has.
