@@ -79,6 +79,16 @@ pub struct AxisView {
     pub disagreement_n: Option<f64>,
     /// Strongest line of the band, Hz; absent while none stands out.
     pub line_hz: Option<f64>,
+    /// Damping left before chatter, 1/s: small vibration dies out as exp(-margin t). Absent while it is not
+    /// known.
+    pub stability_margin_1_s: Option<f64>,
+    /// Lower end of its 95 % interval.
+    pub stability_margin_lo_1_s: Option<f64>,
+    /// Upper end.
+    pub stability_margin_hi_1_s: Option<f64>,
+    /// `known`; `air`, `settling`; `off` where the axis is not watched for it; or why the cut cannot be
+    /// heard: `speed_unknown`, `cut_unknown`, `noise_over_line`, `interval_too_wide`, `no_root_in_band`.
+    pub stability_margin_state: String,
     /// Offset that is commanded, m.
     pub offset_commanded_m: f64,
     /// Offset that the controller reports, m.

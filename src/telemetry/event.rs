@@ -42,6 +42,8 @@ event_kinds! {
     ChatterOnset = "chatter_onset", Alarm;
     /// Chatter ended.
     ChatterEnd = "chatter_end", Info;
+    /// The stability margin runs out: no chatter yet.
+    MarginWarning = "margin_warning", Warning;
     /// A pitch command was decided (and, in `act`, sent).
     PitchCommand = "pitch_command", Info;
     /// The turret reached what was commanded.

@@ -107,6 +107,13 @@ series! {
         "1 while a line is tracked.");
     chatter_power_newtons_squared: Gauge = gauge("stillcut_chatter_power_newtons_squared",
         "Power of the strongest line of the band.");
+    stability_margin_per_second: GaugeVec = gauges("stillcut_stability_margin_per_second",
+        "Damping left before chatter, and its 95 % interval; absent while it is not known.",
+        &["axis", "bound"]);
+    stability_margin_known: IntGaugeVec = int_gauges("stillcut_stability_margin_known",
+        "1 while the margin of an axis is known.", &["axis"]);
+    stability_margin_deaf: IntGaugeVec = int_gauges("stillcut_stability_margin_deaf",
+        "1 while the cut cannot be heard for this reason.", &["axis", "reason"]);
     force_disagreement_newtons: GaugeVec = gauges("stillcut_force_disagreement_newtons",
         "Standard deviation of the difference of an axis' two force estimators, last second.", &["axis"]);
     force_usable_band_hertz: GaugeVec = gauges("stillcut_force_usable_band_hertz",

@@ -36,6 +36,7 @@ mod io_faults;
 mod kill_points;
 #[cfg(feature = "service")]
 mod live_diagnosis;
+mod margin;
 mod model_axis;
 #[cfg(feature = "service")]
 mod page;

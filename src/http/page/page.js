@@ -165,6 +165,7 @@ function showState(now) {
   else showVerdict("", ["–", "No samples", "the machine sends nothing"]);
   setText("frequency", now.chatter.frequency_hz ? `${now.chatter.frequency_hz.toFixed(1)} Hz` : "–");
   setText("power", connected && now.chatter.power_n2 !== null ? `${powerText(now.chatter.power_n2)} N²` : "–");
+  setText("margin", marginText(connected ? now.axes : []));
   setText("lost", String(now.source.lost));
   setText("spindle", now.source.spindle_speed_rpm ? `${Math.round(now.source.spindle_speed_rpm)} rpm` : "–");
   const band = now.chatter.band_hz;
@@ -186,6 +187,19 @@ function showState(now) {
   const replaced = now.store.replaced ? ` · a damaged history was set aside: ${now.store.replaced}` : "";
   setText("about", `version ${now.version}${store}${replaced}`);
   dirty = true;
+}
+
+// The smallest margin of the axes with its interval; without one, why the cut is not heard.
+const DEAF = {
+  speed_unknown: "speed not known", cut_unknown: "cut not known", noise_over_line: "noise hides the cut",
+  interval_too_wide: "too uncertain", no_root_in_band: "no line in the band", settling: "settling",
+};
+function marginText(axes) {
+  const known = axes.filter((axis) => typeof axis.stability_margin_1_s === "number");
+  if (known.length === 0) return axes.map((axis) => DEAF[axis.stability_margin_state]).find(Boolean) || "–";
+  const least = known.reduce((a, b) => (b.stability_margin_1_s < a.stability_margin_1_s ? b : a));
+  const ends = [least.stability_margin_lo_1_s, least.stability_margin_hi_1_s].map((x) => x.toFixed(0));
+  return `${least.stability_margin_1_s.toFixed(1)} 1/s (${ends[0]} to ${ends[1]})`;
 }
 
 const powerText = (n2) => (n2 >= 100 ? n2.toFixed(0) : n2 >= 1 ? n2.toFixed(1) : n2.toPrecision(2));

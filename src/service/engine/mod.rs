@@ -404,6 +404,9 @@ impl Engine {
 
     /// Turns what a sample led to into events.
     fn hear(&mut self, output: &crate::pipeline::StepOutput, stream: &Stream) {
+        if let Some(warning) = &output.margin_warning {
+            self.report(picture::margin_event(warning, stream.axes().get(warning.axis), output.t_s));
+        }
         let Some((kind, text)) = picture::event_of(output) else { return };
         let line = output.event.map(|(axis, event)| (axis, picture::line_of(&event)));
         let mut event = Event::new(kind, clock::wall_ns(), text);

@@ -4,14 +4,14 @@ use super::Engine;
 use crate::chatter::{ChatterEvent, Line, NotChatter, Phase};
 use crate::force::observers::AxisObserver;
 use crate::force::validity::Validity;
-use crate::pipeline::StepOutput;
+use crate::pipeline::{DeafReason, Margin, MarginReading, MarginWarning, StepOutput};
 use crate::sample::MAX_AXES;
 use crate::service::clock;
 use crate::service::hub::{ForceFrame, View};
 use crate::service::live::{
     AxisView, ChatterView, InterlockView, LiveState, Mode, PitchView, SourceView, SpectrumView,
 };
-use crate::telemetry::{EventKind, Metrics};
+use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::wire::{
     INTERLOCK_NAMES, TURRET_EXPIRED, TURRET_LIMITED, TURRET_MOVING, TURRET_REACHED, TURRET_REFUSED,
 };
@@ -182,6 +182,27 @@ pub(super) fn event_of(output: &StepOutput) -> Option<(EventKind, String)> {
     }
 }
 
+/// Puts the margin of an axis in its view.
+fn show_margin(axis: &mut AxisView, reading: Option<&MarginReading>) {
+    let margin = reading.and_then(MarginReading::margin);
+    axis.stability_margin_1_s = margin.map(|m| m.margin_1_s);
+    axis.stability_margin_lo_1_s = margin.map(|m| m.lo_1_s);
+    axis.stability_margin_hi_1_s = margin.map(|m| m.hi_1_s);
+    reading.map_or("off", |r| r.word()).clone_into(&mut axis.stability_margin_state);
+}
+
+/// The event of a margin that begins to run out.
+pub(super) fn margin_event(warning: &MarginWarning, axis: Option<&String>, t_s: f64) -> Event {
+    let Margin { margin_1_s, lo_1_s, hi_1_s, frequency_hz } = warning.margin;
+    let text = format!(
+        "the stability margin runs out: {margin_1_s:.1} 1/s ({lo_1_s:.1} to {hi_1_s:.1}) at \
+         {frequency_hz:.1} Hz"
+    );
+    let mut event = Event::new(EventKind::MarginWarning, clock::wall_ns(), text);
+    (event.t_s, event.axis, event.frequency_hz) = (Some(t_s), axis.cloned(), Some(frequency_hz));
+    event
+}
+
 impl Engine {
     /// The picture now.
     pub(super) fn view(&mut self, now: Instant) -> View {
@@ -204,6 +225,7 @@ impl Engine {
             for (index, axis) in state.axes.iter_mut().enumerate() {
                 let heard = stream.pipeline().axis_output(index);
                 axis.line_hz = heard.and_then(|o| o.frequency_hz);
+                show_margin(axis, stream.pipeline().margin_reading(index));
                 let observer = stream.pipeline().observer(index);
                 axis.noise_floor_n = observer.map(AxisObserver::noise_floor_n);
                 axis.force_delay_s = observer.map(AxisObserver::delay_s);
@@ -320,6 +342,7 @@ impl Engine {
                 metrics.force_noise_floor_newtons.with_label_values(&[axis.name.as_str()]).set(floor_n);
             }
         }
+        self.gauge_margins(state);
         if let Some([low, high]) = chatter.band_hz {
             metrics.predicted_band_hertz.with_label_values(&["lower"]).set(low);
             metrics.predicted_band_hertz.with_label_values(&["upper"]).set(high);
@@ -336,5 +359,26 @@ impl Engine {
         metrics.limit_active.with_label_values(&["pitch"]).set(i64::from(outside));
         let arrived_s = self.last_arrival.map(|(_, wall_ns)| wall_ns as f64 * 1e-9);
         Metrics::show(&metrics.last_sample_timestamp_seconds, &[], arrived_s);
+    }
+
+    fn gauge_margins(&self, state: &LiveState) {
+        let metrics = &self.setup.metrics;
+        for axis in &state.axes {
+            let name = axis.name.as_str();
+            let bounds = [
+                ("estimate", axis.stability_margin_1_s),
+                ("lower", axis.stability_margin_lo_1_s),
+                ("upper", axis.stability_margin_hi_1_s),
+            ];
+            for (bound, value) in bounds {
+                Metrics::show(&metrics.stability_margin_per_second, &[name, bound], value);
+            }
+            let known = i64::from(axis.stability_margin_1_s.is_some());
+            metrics.stability_margin_known.with_label_values(&[name]).set(known);
+            for reason in DeafReason::ALL.map(DeafReason::name) {
+                let deaf = i64::from(axis.stability_margin_state == reason);
+                metrics.stability_margin_deaf.with_label_values(&[name, reason]).set(deaf);
+            }
+        }
     }
 }

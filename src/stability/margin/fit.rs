@@ -193,6 +193,11 @@ impl Fit {
         steps * blocks * (bins + REACH)
     }
 
+    /// Whether a fit that was taken back from a keyframe stands inside of its bins.
+    pub(super) fn fits(&self, bins: usize) -> bool {
+        self.bin < bins
+    }
+
     fn begin(&mut self, prior: &Gaussian, longest: &Parameters) {
         self.prior = *prior;
         self.longest = longest * LONGEST_STEP;

@@ -82,6 +82,17 @@ impl MarginReading {
         }
     }
 
+    /// Its name: `air`, `settling`, `known`, or that of the reason.
+    #[must_use]
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Air => "air",
+            Self::Settling => "settling",
+            Self::Known(_) => "known",
+            Self::Deaf(reason) => reason.name(),
+        }
+    }
+
     /// Why the cut is not heard, where it is not.
     #[must_use]
     pub fn deaf(&self) -> Option<DeafReason> {

@@ -151,7 +151,13 @@ impl Keep for MarginState {
         self.line.restore(from)?;
         self.reading.restore(from)?;
         self.warning.restore(from)?;
-        (self.found <= self.margins.len()).then_some(())
+        self.fit.fits(self.band_bins()).then_some(())
+    }
+}
+
+impl MarginState {
+    fn band_bins(&self) -> usize {
+        self.blocks.first().map_or(0, |block| block.power.len())
     }
 }
 
@@ -470,8 +476,9 @@ impl MarginMonitor {
         if let Some(point) = self.points.get(state.number) {
             let at = state.posterior.mean + state.spread * point;
             let cut = Cut::new(&state.now, &at);
-            if let Some(margin) = margin_near(&cut, &state.roots) {
-                state.margins[state.found] = margin;
+            let place = state.margins.get_mut(state.found);
+            if let (Some(margin), Some(place)) = (margin_near(&cut, &state.roots), place) {
+                *place = margin;
                 state.found += 1;
             }
             self.look_at_line(state);
@@ -480,7 +487,8 @@ impl MarginMonitor {
         }
         state.cloud = Cloud::Idle;
         let Some(root) = state.roots.first() else { return false };
-        let margins = &mut state.margins[..state.found];
+        let found = state.found.min(state.margins.len());
+        let margins = &mut state.margins[..found];
         margins.sort_unstable_by(f64::total_cmp);
         if margins.is_empty() {
             return false;
