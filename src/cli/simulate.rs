@@ -2,9 +2,11 @@
 
 use super::bad_input;
 use crate::config::scenario::read_scenario;
+use crate::plant::scenario::ToolCount;
 use crate::recording::write_recording;
 use crate::sample::{Column, Recording};
-use crate::simulation::lathe::{AXES, Lathe, LatheSettings};
+use crate::simulation::force_signal::ShownForce;
+use crate::simulation::lathe::{AXES, Lathe, LatheSettings, Truth};
 use crate::units::SampleRate;
 use std::path::PathBuf;
 
@@ -36,6 +38,12 @@ pub(super) struct Arguments {
     /// Seed of everything random.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Show the forces through a low-pass of this corner, in Hz, and state it (default: none).
+    #[arg(long, value_name = "HZ")]
+    force_bandwidth_hz: Option<f64>,
+    /// Show the forces so late, in s, and state it.
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    force_delay_s: f64,
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
@@ -56,12 +64,18 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     if !(arguments.entry_s.is_finite() && arguments.entry_s >= 0.0) {
         return Err(bad_input(format!("--entry-s {}: expected zero or more", arguments.entry_s)));
     }
+    let signal = ShownForce { bandwidth_hz: arguments.force_bandwidth_hz, delay_s: arguments.force_delay_s };
+    let good = signal.bandwidth_hz.is_none_or(|hz| hz.is_finite() && hz > 0.0);
+    if !(good && (0.0..=1.0).contains(&signal.delay_s)) {
+        let expected = "expected --force-bandwidth-hz above zero and --force-delay-s from 0 to 1";
+        return Err(bad_input(expected.to_owned()));
+    }
     let settings =
         LatheSettings { seed: arguments.seed, force_noise_ratio: noise, entry_s: arguments.entry_s, ..base };
     for note in notes(&settings, duration_s) {
         eprintln!("note: {note}");
     }
-    let recording = record(settings, duration_s).map_err(bad_input)?;
+    let recording = record(settings, signal, duration_s).map_err(bad_input)?;
     write_recording(&arguments.out, &recording).map_err(bad_input)?;
     Ok(())
 }
@@ -92,7 +106,7 @@ fn notes(settings: &LatheSettings, duration_s: f64) -> Vec<String> {
 }
 
 /// Lets the lathe run and keeps what it showed.
-fn record(settings: LatheSettings, duration_s: f64) -> anyhow::Result<Recording> {
+fn record(settings: LatheSettings, signal: ShownForce, duration_s: f64) -> anyhow::Result<Recording> {
     let mut lathe = Lathe::new(settings);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded by the caller")]
     let rows = (duration_s * settings.sample_rate_hz).round().max(2.0) as usize;
@@ -110,14 +124,9 @@ fn record(settings: LatheSettings, duration_s: f64) -> anyhow::Result<Recording>
         }
     }
     progress.finish_and_clear();
+    let rate = SampleRate::new(settings.sample_rate_hz)?;
+    let mut columns = cut_columns(&settings, signal, &truth, rate);
     let column = |name: &str, values: Vec<f64>| Column { name: name.to_owned(), values };
-    let mut columns = vec![
-        column("workpiece_displacement_m", truth.iter().map(|t| t.workpiece_displacement_m).collect()),
-        column("tool1_radial_force_n", truth.iter().map(|t| t.radial_force_n[0]).collect()),
-        column("tool2_radial_force_n", truth.iter().map(|t| t.radial_force_n[1]).collect()),
-        column("tool_position_m", truth.iter().map(|t| t.tool_position_m).collect()),
-        column("pitch_difference_rad", truth.iter().map(|t| t.pitch_difference_rad).collect()),
-    ];
     for (index, axis) in AXES.iter().enumerate().take(if settings.with_servo { AXES.len() } else { 0 }) {
         columns.push(column(
             &format!("{axis}_current_ref_a"),
@@ -132,22 +141,57 @@ fn record(settings: LatheSettings, duration_s: f64) -> anyhow::Result<Recording>
             columns.push(column(&format!("{axis}_stage_position_m"), positions));
         }
     }
-    if settings.with_servo {
-        columns.push(column("spindle_angle_rad", servo.iter().map(|s| s.spindle_angle_rad).collect()));
-    }
-    let speed = settings.scenario.spindle.rpm();
-    columns.push(column("spindle_speed_rpm", vec![speed; rows]));
-    let workpiece = &settings.scenario.workpiece;
     Ok(Recording {
-        sample_rate: SampleRate::new(settings.sample_rate_hz)?,
+        sample_rate: rate,
         experiment: "simulate".to_owned(),
         axes: if settings.with_servo { AXES.map(str::to_owned).to_vec() } else { Vec::new() },
         start_s: 1.0 / settings.sample_rate_hz,
         columns,
-        metadata: vec![
-            ("workpiece_diameter_m".to_owned(), format!("{:?}", workpiece.diameter_m())),
-            ("workpiece_projection_length_m".to_owned(), format!("{:?}", workpiece.projection_length_m())),
-            ("seed".to_owned(), settings.seed.to_string()),
-        ],
+        metadata: metadata(&settings, signal),
     })
+}
+
+/// The columns of a recording of a cut (contracts, section 6).
+fn cut_columns(
+    settings: &LatheSettings,
+    signal: ShownForce,
+    truth: &[Truth],
+    rate: SampleRate,
+) -> Vec<Column> {
+    let scenario = &settings.scenario;
+    let series = |value: fn(&Truth) -> f64| truth.iter().map(value).collect::<Vec<f64>>();
+    let column = |name: &str, values: Vec<f64>| Column { name: name.to_owned(), values };
+    let shown = |force: Vec<f64>| signal.with_physics(scenario).of(&force, rate);
+    let mut columns = vec![
+        column("workpiece_displacement_m", series(|t| t.workpiece_displacement_m)),
+        column("tool1_radial_force_n", shown(series(|t| t.radial_force_n[0]))),
+    ];
+    if scenario.tools.count() == ToolCount::Two {
+        columns.push(column("tool2_radial_force_n", shown(series(|t| t.radial_force_n[1]))));
+    }
+    columns.extend([
+        column("tool_position_m", series(|t| t.tool_position_m)),
+        column("pitch_difference_rad", series(|t| t.pitch_difference_rad)),
+        column("feed_m_rev", vec![scenario.cutting.raw().feed_m_rev; truth.len()]),
+        column("width_m", series(|t| t.width_m)),
+        column("spindle_angle_rad", series(|t| t.spindle_angle_rad)),
+        column("spindle_speed_rpm", vec![scenario.spindle.rpm(); truth.len()]),
+    ]);
+    columns
+}
+
+fn metadata(settings: &LatheSettings, signal: ShownForce) -> Vec<(String, String)> {
+    let workpiece = &settings.scenario.workpiece;
+    let mut metadata = vec![("workpiece_diameter_m".to_owned(), format!("{:?}", workpiece.diameter_m()))];
+    if !workpiece.is_tapped() {
+        let length = format!("{:?}", workpiece.projection_length_m());
+        metadata.push(("workpiece_projection_length_m".to_owned(), length));
+    }
+    metadata.push(("seed".to_owned(), settings.seed.to_string()));
+    // As stated: what the scenario says that the signal has beyond it is what a diagnosis is to find.
+    if let Some(hz) = signal.bandwidth_hz {
+        metadata.push(("force_bandwidth_hz".to_owned(), format!("{hz:?}")));
+    }
+    metadata.push(("force_delay_s".to_owned(), format!("{:?}", signal.delay_s)));
+    metadata
 }

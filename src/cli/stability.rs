@@ -2,10 +2,16 @@
 
 use super::bad_input;
 use crate::config::scenario::read_scenario;
-use crate::recording::{Table, TableColumn, write_table, write_whole};
+use crate::diagnosis::cut::input::{CutOutcome, CutRow};
+use crate::plant::cut_terms::CutCondition;
+use crate::plant::scenario::Scenario;
+use crate::recording::{Table, TableColumn, read_cuts, write_table, write_whole};
 use crate::report::stability_picture;
-use crate::stability::{Grid, GridPoint, GridRange};
-use std::path::PathBuf;
+use crate::stability::{Foretold, Grid, GridPoint, GridRange, foretell};
+use std::path::{Path, PathBuf};
+
+/// Options that span a grid.
+const GRID: [&str; 4] = ["pitch_rad", "position_m", "speed_rpm", "width_m"];
 
 /// Maps where two opposed tools chatter: growth and frequency over pitch difference, position, speed, width.
 ///
@@ -21,6 +27,9 @@ pub(super) struct Arguments {
     /// Folder to write stability.parquet and stability.svg into.
     #[arg(long)]
     out: PathBuf,
+    /// Table of cuts: cuts.parquet is written instead, with what the scenario foretells of each row.
+    #[arg(long, value_name = "FILE", conflicts_with_all = GRID)]
+    cuts: Option<PathBuf>,
     /// Pitch angle difference, from:to:count.
     #[arg(long, value_name = "A:B:N", allow_hyphen_values = true)]
     pitch_rad: Option<String>,
@@ -37,6 +46,9 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let scenario = read_scenario(&arguments.scenario).map_err(bad_input)?;
+    if let Some(cuts) = &arguments.cuts {
+        return foretell_cuts(&scenario, cuts, &arguments.out);
+    }
     let mut grid = Grid::of(scenario);
     let options = [
         ("--pitch-rad", &arguments.pitch_rad, &mut grid.pitch_rad),
@@ -57,6 +69,48 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let picture = stability_picture::draw(&grid, &points)?;
     write_whole(&arguments.out.join("stability.svg"), picture.as_bytes())?;
     Ok(())
+}
+
+/// Writes what a scenario foretells of every row of a table.
+fn foretell_cuts(scenario: &Scenario, cuts: &Path, folder: &Path) -> anyhow::Result<()> {
+    let table = read_cuts(cuts).map_err(bad_input)?;
+    let rows: Vec<Foretold> =
+        table.rows.iter().map(|row| foretell(scenario, &condition_of(row, scenario))).collect();
+    std::fs::create_dir_all(folder).map_err(|e| bad_input(format!("{}: {e}", folder.display())))?;
+    let column = |value: fn(&Foretold) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
+    let numbers = [
+        ("growth_1_s", column(|f| f.root.growth_1_s)),
+        ("frequency_hz", column(|f| f.root.frequency_hz)),
+        ("chatter_probability", column(Foretold::chatter_probability)),
+    ];
+    let names: Vec<String> = table.rows.iter().map(|row| row.cut.clone()).collect();
+    let outcome = |f: &Foretold| {
+        let grows = f.root.growth_1_s > 0.0;
+        (if grows { CutOutcome::Chatter } else { CutOutcome::Stable }).name().to_owned()
+    };
+    let outcomes: Vec<String> = rows.iter().map(outcome).collect();
+    let mut columns = vec![("cut", TableColumn::Text(&names))];
+    columns.extend(numbers.iter().map(|(name, values)| (*name, TableColumn::Double(values))));
+    columns.insert(3, ("outcome", TableColumn::Text(&outcomes)));
+    let metadata = vec![("format".into(), "stillcut.foretold/1".into())];
+    write_table(&folder.join("cuts.parquet"), &Table { columns, metadata })?;
+    Ok(())
+}
+
+/// The condition of a row; what it does not say is the scenario's. Its bar is cold, its edges as old as the
+/// table's clock.
+fn condition_of(row: &CutRow, scenario: &Scenario) -> CutCondition {
+    let (own, known) = (CutCondition::of(scenario), &row.known);
+    CutCondition {
+        speed_rpm: row.spindle_speed_rpm,
+        width_m: row.width_m,
+        feed_m_rev: known.feed_m_rev.unwrap_or(own.feed_m_rev),
+        position_m: known.tool_position_m.unwrap_or(own.position_m),
+        pitch_difference_rad: known.pitch_difference_rad.unwrap_or(own.pitch_difference_rad),
+        diameter_m: known.workpiece_diameter_m.unwrap_or(own.diameter_m),
+        time_s: 0.0,
+        edge_age_s: known.started_s.unwrap_or(0.0),
+    }
 }
 
 fn range_from(text: &str) -> Result<GridRange, String> {

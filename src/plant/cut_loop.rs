@@ -290,14 +290,11 @@ impl CutLoop {
 
 /// Planes and second mode of the bar at the tools.
 ///
-/// Two planes: c_a = 1 - r2 at the stated frequency, c_b = r2 at the other, r2 = sin a (sin a + mu cos a).
+/// Two planes: c_a = 1 - r2 at the stated frequency, c_b = r2 at the other.
 fn bar_of(terms: &CutTerms) -> [Resonance; 3] {
     let bar = terms.bar_at_tools();
     let whole = bar.shape * bar.shape / bar.mass_kg;
-    let share = terms.second_plane.map_or(0.0, |plane| {
-        let (sin, cos) = plane.orientation_rad.sin_cos();
-        sin * (sin + terms.tangential_ratio * cos)
-    });
+    let share = terms.other_plane_share();
     let other_hz = terms.second_plane.map_or(bar.frequency_hz, |p| p.frequency_hz + terms.frequency_shift_hz);
     let plane = |share: f64, hz: f64| Resonance {
         gain_1_kg: share * whole,

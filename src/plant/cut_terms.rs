@@ -230,6 +230,15 @@ impl CutTerms {
         [per_turn * delay_2_s, per_turn * delay_1_s]
     }
 
+    /// r2 = sin a (sin a + mu cos a): share of the other plane in the bar's motion along the tool line.
+    #[must_use]
+    pub fn other_plane_share(&self) -> f64 {
+        self.second_plane.map_or(0.0, |plane| {
+            let (sin, cos) = plane.orientation_rad.sin_cos();
+            sin * (sin + self.tangential_ratio * cos)
+        })
+    }
+
     /// Shape of the bar at the tools and modal mass, with the chuck as it gives way.
     ///
     /// shape = (1-s) phi + s z/L, s = k/(k + n_m);  mass = rho A integral of shape^2

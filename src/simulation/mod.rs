@@ -4,5 +4,6 @@
 
 pub mod closed_loop;
 pub mod concealed_axis;
+pub mod force_signal;
 pub mod lathe;
 pub mod model_axis;

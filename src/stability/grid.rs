@@ -1,7 +1,9 @@
 //! Growth and frequency over a grid of pitch difference, position, speed and width.
 
+use super::cut_root::rightmost_cut_root;
 use super::root::{Root, rightmost_root_near};
-use crate::plant::cutting::TwoDelay;
+use crate::plant::cut_loop::{CutLoop, Resonance};
+use crate::plant::cut_terms::{CutCondition, CutTerms};
 use crate::plant::scenario::Scenario;
 use crate::plant::workpiece::ScenarioError;
 use crate::signal::dispatch::Fast;
@@ -156,15 +158,24 @@ impl Grid {
         [pitch, position, speed, width]
     }
 
-    /// Equation of a point. Errors: a value that is not physical.
-    fn equation(&self, point: usize) -> Result<(GridPoint, TwoDelay), GridError> {
+    /// Loop of a point. Errors: a value that is not physical.
+    ///
+    /// The effects are referred to the scenario as it stands, not to the point.
+    fn cut(&self, point: usize) -> Result<(GridPoint, CutLoop), GridError> {
         let [pitch, position, speed, width] = self.indices(point);
         let mut raw = self.scenario.raw();
         raw.pitch_difference_rad = self.pitch_rad.value(pitch);
         raw.position_m = Some(self.position_m.value(position));
         raw.speed_rpm = self.speed_rpm.value(speed);
         raw.cutting.width_m = self.width_m.value(width);
-        let scenario = Scenario::new(&raw)?;
+        Scenario::new(&raw)?;
+        let condition = CutCondition {
+            speed_rpm: raw.speed_rpm,
+            width_m: raw.cutting.width_m,
+            position_m: self.position_m.value(position),
+            pitch_difference_rad: raw.pitch_difference_rad,
+            ..CutCondition::of(&self.scenario)
+        };
         let at = GridPoint {
             pitch_rad: raw.pitch_difference_rad,
             position_m: self.position_m.value(position),
@@ -172,7 +183,7 @@ impl Grid {
             width_m: raw.cutting.width_m,
             root: Root { growth_1_s: 0.0, frequency_hz: 0.0 },
         };
-        Ok((at, TwoDelay::from_scenario(&scenario)))
+        Ok((at, CutLoop::new(&CutTerms::of(&self.scenario, &condition))))
     }
 
     /// Errors: too many points, a corner that is not physical or far from every lathe.
@@ -192,8 +203,9 @@ impl Grid {
             ];
             let point =
                 ((a * self.position_m.count() + b) * self.speed_rpm.count() + c) * self.width_m.count() + d;
-            let (at, equation) = self.equation(point)?;
-            let ratio = equation.cutting_over_stiffness();
+            let (at, cut) = self.cut(point)?;
+            let ratio =
+                cut.slope_n_m[0] * cut.resonances().map(|r: Resonance| r.compliance_m_n().abs()).sum::<f64>();
             let good = (LEAST_RPM..=MOST_RPM).contains(&at.speed_rpm) && ratio <= MOST_RATIO;
             if !good {
                 let GridPoint { speed_rpm, width_m, .. } = at;
@@ -212,8 +224,11 @@ impl Grid {
         let mut answers: Vec<GridPoint> = Vec::with_capacity(to.saturating_sub(from));
         let fast = Fast::detect_wide();
         for point in from..to {
-            let (mut at, equation) = self.equation(point)?;
-            at.root = rightmost_root_near(&equation, answers.last().map(|before| before.root), fast);
+            let (mut at, cut) = self.cut(point)?;
+            at.root = match cut.two_delay() {
+                Some(plain) => rightmost_root_near(&plain, answers.last().map(|before| before.root), fast),
+                None => rightmost_cut_root(&cut),
+            };
             answers.push(at);
         }
         Ok(answers)
@@ -222,7 +237,6 @@ impl Grid {
 
 #[cfg(test)]
 mod tests {
-    use super::super::rightmost_root;
     use super::*;
 
     #[test]
@@ -233,8 +247,8 @@ mod tests {
         let answers = grid.evaluate(0, grid.points()).unwrap();
         assert_eq!(answers.len(), 23 * 61);
         for (point, answer) in answers.iter().enumerate() {
-            let (_, equation) = grid.equation(point).unwrap();
-            let alone = rightmost_root(&equation);
+            let (_, cut) = grid.cut(point).unwrap();
+            let alone = rightmost_cut_root(&cut);
             assert!((answer.root.growth_1_s - alone.growth_1_s).abs() < 1e-3, "{answer:?} {alone:?}");
         }
     }

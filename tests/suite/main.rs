@@ -11,6 +11,7 @@ mod chatter;
 mod chatter_judge;
 mod closed_loop;
 mod conceal;
+mod cut_in_time;
 mod cut_streams;
 #[cfg(feature = "service")]
 mod deploy;

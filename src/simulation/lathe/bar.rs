@@ -1,6 +1,8 @@
 //! The bar's bending modes while the tools travel along it and turn it down behind them.
 
-use super::process::ModeAt;
+use super::mode::ModeAt;
+use super::process::ModesAt;
+use crate::plant::cut_terms::CutTerms;
 use crate::plant::workpiece::{FIRST_MODE_ROOT, Workpiece};
 use std::f64::consts::TAU;
 
@@ -54,53 +56,85 @@ impl Bar {
         Self { workpiece, removed_m, with_second_mode, beyond }
     }
 
-    /// Modes with the tools at `position_m` from the chuck and everything beyond turned down.
+    /// Modes with the tools where `terms` has them and everything beyond turned down, with what the effects
+    /// do to the bar.
     ///
     /// First mode by Rayleigh's quotient with the unworn shape: area falls with d^2, moment of area with
     /// d^4, weighted by phi^2 and phi''^2 of the turned part. Checked by:
     /// `turning_down_the_end_raises_the_frequency`.
     #[must_use]
-    pub fn modes_at(&self, position_m: f64) -> Vec<ModeAt> {
-        let share = (position_m / self.workpiece.projection_length_m()).clamp(0.0, 1.0);
+    pub fn modes_at(&self, terms: &CutTerms) -> ModesAt {
+        let share = (terms.at.position_m / self.workpiece.projection_length_m()).clamp(0.0, 1.0);
         let place = share * POINTS as f64;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 <= place <= POINTS")]
         let index = (place.floor() as usize).min(POINTS - 1);
         let part = place - index as f64;
         let beyond = |k: usize| self.beyond[index][k] * (1.0 - part) + self.beyond[index + 1][k] * part;
         let ratio = 1.0 - 2.0 * self.removed_m / self.workpiece.diameter_m();
-        let mass_kg = self.workpiece.modal_mass_kg() * (1.0 - (1.0 - ratio.powi(2)) * beyond(0));
-        let stiffness = self.workpiece.modal_stiffness_n_m() * (1.0 - (1.0 - ratio.powi(4)) * beyond(1));
-        let frequency_hz = (stiffness / mass_kg).sqrt() / TAU;
-        let damping_ratio = self.workpiece.raw().damping_ratio;
-        let mut modes =
-            vec![ModeAt { mass_kg, frequency_hz, damping_ratio, shape: shape(FIRST_MODE_ROOT, share) }];
-        if self.with_second_mode {
+        let lighter = 1.0 - (1.0 - ratio.powi(2)) * beyond(0);
+        let softer = 1.0 - (1.0 - ratio.powi(4)) * beyond(1);
+        let bar = terms.bar_at_tools();
+        let raised = (softer / lighter).sqrt();
+        let plane = |share: f64, frequency_hz: f64| ModeAt {
+            mass_kg: bar.mass_kg * lighter,
+            frequency_hz: frequency_hz * raised,
+            damping_ratio: bar.damping_ratio,
+            shape: bar.shape * share.abs().sqrt(),
+            output: bar.shape * share.abs().sqrt() * share.signum(),
+        };
+        let other = terms.other_plane_share();
+        let mut modes = vec![plane(1.0 - other, bar.frequency_hz)];
+        if let Some(second) = terms.second_plane {
+            modes.push(plane(other, second.frequency_hz + terms.frequency_shift_hz));
+        }
+        let of_stiffness = |stiffness_n_m: f64, hz: f64, damping_ratio: f64, shape: f64| ModeAt {
+            mass_kg: stiffness_n_m / (TAU * hz).powi(2),
+            frequency_hz: hz,
+            damping_ratio,
+            shape,
+            output: shape,
+        };
+        if let Some(second) = terms.second_mode {
+            let shape = bar.straight_shape;
+            modes.push(of_stiffness(second.stiffness_n_m, second.frequency_hz, second.damping_ratio, shape));
+        }
+        if self.with_second_mode && !self.workpiece.is_tapped() {
+            let shape = shape(SECOND_MODE_ROOT, share);
             modes.push(ModeAt {
-                mass_kg,
-                frequency_hz: frequency_hz * SECOND_OVER_FIRST,
-                damping_ratio,
-                shape: shape(SECOND_MODE_ROOT, share),
+                mass_kg: bar.mass_kg * lighter,
+                frequency_hz: bar.frequency_hz * raised * SECOND_OVER_FIRST,
+                damping_ratio: bar.damping_ratio,
+                shape,
+                output: shape,
             });
         }
-        modes
+        let holder =
+            terms.turret.map(|t| of_stiffness(t.stiffness_n_m, t.frequency_hz, t.damping_ratio, 1.0));
+        ModesAt { bar: modes, holder }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plant::cut_terms::CutCondition;
+    use crate::plant::scenario::Scenario;
 
     #[test]
     fn turning_down_the_end_raises_the_frequency() {
-        let workpiece = *crate::plant::scenario::Scenario::default().workpiece.raw();
-        let workpiece = Workpiece::new(workpiece).unwrap();
+        let scenario = Scenario::default();
+        let workpiece = scenario.workpiece;
         let bar = Bar::new(workpiece, 0.2e-3, true);
-        let fresh = bar.modes_at(0.180)[0].frequency_hz;
+        let first = |position_m| {
+            let at = CutCondition { position_m, ..CutCondition::of(&scenario) };
+            bar.modes_at(&CutTerms::of(&scenario, &at)).bar[0].frequency_hz
+        };
+        let fresh = first(0.180);
         assert!((fresh - workpiece.bending_frequency_hz()).abs() < 1e-6);
-        let half = bar.modes_at(0.090)[0].frequency_hz;
+        let half = first(0.090);
         assert!(half > fresh * 1.005, "{half} against {fresh}");
         // All of it turned down is a thinner bar: f falls with d.
-        let all = bar.modes_at(0.0)[0].frequency_hz;
+        let all = first(0.0);
         let thinner = workpiece.with_diameter_m(0.0249 - 0.4e-3).unwrap().bending_frequency_hz();
         assert!((all / thinner - 1.0).abs() < 1e-9, "{all} against {thinner}");
     }

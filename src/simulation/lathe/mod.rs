@@ -10,14 +10,18 @@
 //! sense in which a positive shift moves tool 1 around the bar. Turret 2 mirrors turret 1.
 
 pub mod bar;
+pub mod law;
+pub mod mode;
 pub mod process;
 pub mod turret;
 pub mod turret_axis;
 
-use crate::plant::scenario::Scenario;
+use crate::plant::cut_terms::{CutCondition, CutTerms};
+use crate::plant::scenario::{Scenario, ToolCount};
 use crate::sample::{AxisSample, MAX_AXES, ServoSample};
 use bar::Bar;
-use process::{CutSettings, CuttingProcess, ToolTips};
+use law::CutSettings;
+use process::{CuttingProcess, ToolTips};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -52,12 +56,6 @@ pub struct LatheSettings {
     pub force_noise_ratio: f64,
     /// Velocity with which the bar is struck at the start, m/s: a seed for growth where there is no noise.
     pub strike_m_s: f64,
-    /// Tangential over radial force.
-    pub tangential_ratio: f64,
-    /// Clearance angle of the tools, rad: what limits chatter.
-    pub clearance_rad: f64,
-    /// Force per unit slope beyond the clearance, N.
-    pub flank_force_n: f64,
     /// Whether the bar has its second bending mode.
     pub with_second_mode: bool,
     /// Whether the turrets are servo axes; otherwise they are rigid and the samples carry none.
@@ -81,9 +79,6 @@ impl LatheSettings {
             pause_s: None,
             force_noise_ratio: 0.0,
             strike_m_s: 1.0e-11,
-            tangential_ratio: 1.5,
-            clearance_rad: 5.0_f64.to_radians(),
-            flank_force_n: 1500.0,
             with_second_mode: false,
             with_servo: false,
             turret: TurretSettings::default(),
@@ -118,6 +113,10 @@ pub struct Truth {
     pub tool_position_m: f64,
     /// Actual pitch difference, rad.
     pub pitch_difference_rad: f64,
+    /// Spindle angle since the start, not wrapped, rad.
+    pub spindle_angle_rad: f64,
+    /// Width of cut of each tool; 0 out of the cut, m.
+    pub width_m: f64,
 }
 
 /// The lathe in motion.
@@ -140,21 +139,12 @@ impl Lathe {
     #[must_use]
     pub fn new(settings: LatheSettings) -> Self {
         let scenario = &settings.scenario;
-        let raw = scenario.cutting.raw();
-        let cut = CutSettings {
-            cutting_stiffness_n_m: scenario.cutting.stiffness_n_m(),
-            process_damping_n: raw.process_damping_n,
-            diameter_m: scenario.workpiece.diameter_m(),
-            feed_m_rev: raw.feed_m_rev,
-            clearance_slope: settings.clearance_rad.tan(),
-            flank_force_n: settings.flank_force_n,
-            force_noise_ratio: settings.force_noise_ratio,
-            tangential_ratio: settings.tangential_ratio,
-        };
-        let removed = if is_zero(scenario.tools.travel_m_s()) { 0.0 } else { raw.width_m };
+        let terms = CutTerms::of(scenario, &CutCondition::of(scenario));
+        let cut = CutSettings::of(&terms, scenario.physics, settings.force_noise_ratio);
+        let removed = if is_zero(scenario.tools.travel_m_s()) { 0.0 } else { cut.width_m };
         let bar = Bar::new(scenario.workpiece, removed, settings.with_second_mode);
         let step_s = 1.0 / (settings.sample_rate_hz * SUBSTEPS as f64);
-        let modes = bar.modes_at(scenario.tools.position_m());
+        let modes = bar.modes_at(&terms);
         let mut process = CuttingProcess::new(cut, &modes, step_s, scenario.spindle.hz());
         let tips = ToolTips {
             shift_rad: scenario.tools.pitch_difference_rad() / 2.0,
@@ -171,6 +161,8 @@ impl Lathe {
             radial_force_n: process.radial_force_n(),
             tool_position_m: scenario.tools.position_m(),
             pitch_difference_rad: scenario.tools.pitch_difference_rad(),
+            spindle_angle_rad: 0.0,
+            width_m: cut.width_m * tips.engagement,
         };
         Self {
             bar,
@@ -224,13 +216,14 @@ impl Lathe {
         &self.settings
     }
 
-    /// One sample period. Allocates only when the tools have travelled.
+    /// One sample period. Allocates only when bar or cut have changed.
     pub fn step(&mut self) -> ServoSample {
         let dt = 1.0 / self.settings.sample_rate_hz;
         self.samples += 1;
         self.turret.step(dt);
         self.travel();
         self.place_tips();
+        self.change();
         let turns_per_s = self.settings.scenario.spindle.hz();
         let noise: [f64; 2] = std::array::from_fn(|_| StandardNormal.sample(&mut self.random));
         for _ in 0..SUBSTEPS {
@@ -245,6 +238,8 @@ impl Lathe {
             radial_force_n: self.process.radial_force_n(),
             tool_position_m: self.truth.tool_position_m,
             pitch_difference_rad: 2.0 * self.tips.shift_rad,
+            spindle_angle_rad: TAU * self.process.spindle_turns(),
+            width_m: self.settings.scenario.cutting.raw().width_m * self.tips.engagement,
         };
         self.sample()
     }
@@ -299,9 +294,24 @@ impl Lathe {
         let cutting_s = if left_s > 0.0 { since_s } else { 0.0 };
         let from = self.settings.scenario.tools.position_m();
         self.truth.tool_position_m = (from + speed * cutting_s).clamp(0.0, self.length_m());
-        if self.samples.is_multiple_of(MODE_UPDATE) {
-            self.process.set_modes(&self.bar.modes_at(self.truth.tool_position_m));
+    }
+
+    /// Bar and cut as position and time have changed them.
+    fn change(&mut self) {
+        let scenario = &self.settings.scenario;
+        let still = is_zero(self.travel_m_s()) && scenario.physics.is_empty();
+        if still || !self.samples.is_multiple_of(MODE_UPDATE) {
+            return;
         }
+        let at = CutCondition {
+            position_m: self.truth.tool_position_m,
+            time_s: self.truth.t_s,
+            edge_age_s: self.truth.t_s,
+            ..CutCondition::of(scenario)
+        };
+        let terms = CutTerms::of(scenario, &at);
+        let cut = CutSettings::of(&terms, scenario.physics, self.settings.force_noise_ratio);
+        self.process.change(cut, &self.bar.modes_at(&terms));
     }
 
     /// Where the tips are: order and scenario around the bar, entry over one turn.
@@ -315,7 +325,8 @@ impl Lathe {
         let scenario = &self.settings.scenario;
         self.tips.shift_rad = scenario.tools.pitch_difference_rad() / 2.0 + shift;
         self.tips.retraction_m = [around.hypot(radius - toward) - radius, 0.0];
-        if self.settings.with_servo {
+        let two = scenario.tools.count() == ToolCount::Two;
+        if two && self.settings.with_servo {
             let [u2, w2] = [self.axes[2].stage_position_m(), self.axes[3].stage_position_m()];
             self.tips.retraction_m[1] = -(u2 + w2 * FRAC_1_SQRT_2);
         }

@@ -14,47 +14,20 @@
 //! Limiter: the flank. When the bar comes at a tool faster than the clearance angle allows,
 //! x'/v > tan(clearance), the flank rubs with `flank_force_n` per unit of excess slope. Loss of
 //! contact alone does not bound chatter of two opposed tools.
+//!
+//! A holder of tool 2 that gives way, a lag of the force, unequal tools, one tool alone and what follows the
+//! angle of the work are part of the same step; the force law stands in [`super::law`].
 
+use super::law::{CutSettings, ToolNow};
+use super::mode::{ModeAt, ModeState, Motion};
+use crate::plant::cut_effects::AtAngle;
+use crate::plant::scenario::ToolCount;
 use std::f64::consts::{PI, TAU};
-
-/// Bending mode of the bar at one position of the tools.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ModeAt {
-    /// Modal mass referred to the free end, kg.
-    pub mass_kg: f64,
-    /// Natural frequency, Hz.
-    pub frequency_hz: f64,
-    /// Damping ratio.
-    pub damping_ratio: f64,
-    /// Mode shape at the tools, 1 at the free end.
-    pub shape: f64,
-}
-
-/// Constants of the cut. SI units.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CutSettings {
-    /// K = K_r b: radial force per chip thickness of one tool, N/m.
-    pub cutting_stiffness_n_m: f64,
-    /// C_i: radial force per unit slope of the surface, N.
-    pub process_damping_n: f64,
-    /// Diameter that sets the cutting speed, m.
-    pub diameter_m: f64,
-    /// Feed per turn shared by the tools, m.
-    pub feed_m_rev: f64,
-    /// tan of the clearance angle.
-    pub clearance_slope: f64,
-    /// Force per unit slope beyond the clearance, N.
-    pub flank_force_n: f64,
-    /// Random part of the radial force over the force, standard deviation.
-    pub force_noise_ratio: f64,
-    /// Tangential over radial force.
-    pub tangential_ratio: f64,
-}
 
 /// Where the two tool tips are, now.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ToolTips {
-    /// Angle by which tool 1 is shifted against the turn, half the pitch difference, rad.
+    /// Angle by which tool 1 is shifted with the turn, half the pitch difference, rad.
     pub shift_rad: f64,
     /// Radial retraction of tool 1 and tool 2 from the programmed radius, m.
     pub retraction_m: [f64; 2],
@@ -62,71 +35,25 @@ pub struct ToolTips {
     pub engagement: f64,
 }
 
+/// Modes of bar and holder as the tools see them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModesAt {
+    /// Of the bar.
+    pub bar: Vec<ModeAt>,
+    /// Of the holder of tool 2, where it gives way.
+    pub holder: Option<ModeAt>,
+}
+
+/// Where a tool stands around the work, turns in the sense of the turn: alpha_1 = d/2, alpha_2 = pi.
+fn lab_turns(tool: usize, tips: &ToolTips) -> f64 {
+    if tool == 0 { tips.shift_rad / TAU } else { 0.5 }
+}
+
 /// Points of the stored surface per turn at the nominal speed and step: a step passes about 1.5.
 const CELLS_PER_STEP: f64 = 1.5;
 /// Cells between a tool and the surface it writes, so that the cubic read sees the old surface.
 const WRITE_LAG: f64 = 2.5;
 const HISTORY: usize = 16;
-
-/// One mode's motion with its exact propagation over one step (force linear within the step).
-#[derive(Debug, Clone, PartialEq)]
-struct ModeState {
-    at: ModeAt,
-    displacement_m: f64,
-    velocity_m_s: f64,
-    transition: [[f64; 2]; 2],
-    hold: [f64; 2],
-    ramp: [f64; 2],
-}
-
-impl ModeState {
-    fn new(at: ModeAt, step_s: f64) -> Self {
-        let mut state = Self {
-            at,
-            displacement_m: 0.0,
-            velocity_m_s: 0.0,
-            transition: [[0.0; 2]; 2],
-            hold: [0.0; 2],
-            ramp: [0.0; 2],
-        };
-        state.set(at, step_s);
-        state
-    }
-
-    /// Exact response of m q'' + c q' + k q = F0 + (F1 - F0) t/h over one step h, in closed form.
-    fn set(&mut self, at: ModeAt, step_s: f64) {
-        self.at = at;
-        let omega = TAU * at.frequency_hz;
-        let sigma = at.damping_ratio * omega;
-        let damped = omega * (1.0 - at.damping_ratio * at.damping_ratio).max(1e-12).sqrt();
-        let decay = (-sigma * step_s).exp();
-        let (sin, cos) = (damped * step_s).sin_cos();
-        let a11 = decay * (cos + sigma / damped * sin);
-        let a12 = decay * sin / damped;
-        let a21 = -omega * omega * a12;
-        let a22 = decay * (cos - sigma / damped * sin);
-        self.transition = [[a11, a12], [a21, a22]];
-        // Particular solution for F = F0 + r t: q = F0/k - c r/k^2 + r t/k.
-        let k = at.mass_kg * omega * omega;
-        let c = 2.0 * sigma * at.mass_kg;
-        let step_response = [(1.0 - a11) / k, -a21 / k];
-        // r = 1/h: q_p = -c/(k^2 h) + t/(k h), starting from rest.
-        let (q0, v0) = (-c / (k * k * step_s), 1.0 / (k * step_s));
-        let ramp = [q0 + 1.0 / k - (a11 * q0 + a12 * v0), v0 - (a21 * q0 + a22 * v0)];
-        self.hold = [step_response[0] - ramp[0], step_response[1] - ramp[1]];
-        self.ramp = ramp;
-    }
-
-    fn propagated(&self, force_before_n: f64, force_after_n: f64) -> (f64, f64) {
-        let (f0, f1) = (force_before_n * self.at.shape, force_after_n * self.at.shape);
-        let [[a11, a12], [a21, a22]] = self.transition;
-        let (q, v) = (self.displacement_m, self.velocity_m_s);
-        (
-            a11 * q + a12 * v + self.hold[0] * f0 + self.ramp[0] * f1,
-            a21 * q + a22 * v + self.hold[1] * f0 + self.ramp[1] * f1,
-        )
-    }
-}
 
 /// The last places of one tool's tip, from which the surface is written.
 #[derive(Debug, Clone, PartialEq)]
@@ -143,12 +70,23 @@ pub struct CuttingProcess {
     cut: CutSettings,
     step_s: f64,
     modes: Vec<ModeState>,
+    holder: Option<ModeState>,
     surface_m: Vec<f64>,
     traces: [Trace; 2],
     spindle_turns: f64,
-    force_on_bar_n: f64,
+    /// Where the commanded speed would have turned the spindle to.
+    commanded_turns: f64,
     radial_force_n: [f64; 2],
+    /// What the law says, before the lag of the force.
+    law_n: [f64; 2],
     slope_speed_m_s: f64,
+}
+
+/// Where the edges are and how fast they go, into the work.
+#[derive(Debug, Clone, Copy, Default)]
+struct Edges {
+    into_m: [f64; 2],
+    into_m_s: [f64; 2],
 }
 
 impl CuttingProcess {
@@ -157,14 +95,15 @@ impl CuttingProcess {
     /// `step_s` is the step of integration; `turns_per_s` the nominal spindle speed, which sets how
     /// finely the surface is stored.
     #[must_use]
-    pub fn new(cut: CutSettings, modes: &[ModeAt], step_s: f64, turns_per_s: f64) -> Self {
+    pub fn new(cut: CutSettings, modes: &ModesAt, step_s: f64, turns_per_s: f64) -> Self {
         let cells = (CELLS_PER_STEP / (turns_per_s * step_s)).ceil().clamp(256.0, 65_536.0);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped above")]
         let cells = cells as usize;
         let mut process = Self {
             cut,
             step_s,
-            modes: modes.iter().map(|m| ModeState::new(*m, step_s)).collect(),
+            modes: modes.bar.iter().map(|m| ModeState::new(*m, step_s)).collect(),
+            holder: modes.holder.map(|m| ModeState::new(m, step_s)),
             surface_m: vec![0.0; cells],
             traces: std::array::from_fn(|_| Trace {
                 place: [0.0; HISTORY],
@@ -173,8 +112,9 @@ impl CuttingProcess {
                 written: 0.0,
             }),
             spindle_turns: 0.0,
-            force_on_bar_n: 0.0,
+            commanded_turns: 0.0,
             radial_force_n: [0.0; 2],
+            law_n: [0.0; 2],
             slope_speed_m_s: PI * cut.diameter_m * turns_per_s,
         };
         process.settle(&ToolTips::default());
@@ -183,31 +123,48 @@ impl CuttingProcess {
 
     /// Cell coordinate of a tool: grows as the bar turns.
     fn place(&self, tool: usize, tips: &ToolTips) -> f64 {
-        // Tool 2 stands at lab angle 0, tool 1 at pi - shift, ahead of it in the sense of the turn.
-        let lab_turns = if tool == 0 { 0.5 - tips.shift_rad / TAU } else { 0.0 };
-        (self.spindle_turns - lab_turns) * self.surface_m.len() as f64
+        (self.spindle_turns - lab_turns(tool, tips)) * self.surface_m.len() as f64
+    }
+
+    /// Advance of a tool since the surface that it cuts was left, m.
+    fn advance_m(&self, tool: usize, tips: &ToolTips) -> f64 {
+        // From tool 2 on to tool 1 the work turns by theta_2 = pi + d/2.
+        let share = match (self.cut.tools, tool) {
+            (ToolCount::One, _) => 1.0,
+            (ToolCount::Two, 0) => 0.5 + tips.shift_rad / TAU,
+            (ToolCount::Two, _) => 0.5 - tips.shift_rad / TAU,
+        };
+        self.cut.feed_m_rev * share
     }
 
     /// Puts surface and bar into the steady state of these tips: what long stable cutting leaves.
     pub fn settle(&mut self, tips: &ToolTips) {
-        let lead = 0.5 - tips.shift_rad / TAU; // share of a turn from tool 2 to tool 1
-        let h0 = [self.cut.feed_m_rev * lead, self.cut.feed_m_rev * (1.0 - lead)];
-        let stiffness = self.cut.cutting_stiffness_n_m * tips.engagement;
-        // Static balance: k_at_tool x = K (h2 - h1), h1 = h01 + 2x, h2 = h02 - 2x.
-        let compliance: f64 = self
-            .modes
-            .iter()
-            .map(|m| m.at.shape.powi(2) / (m.at.mass_kg * (TAU * m.at.frequency_hz).powi(2)))
-            .sum();
-        let x = compliance * stiffness * (h0[1] - h0[0]) / (1.0 + 4.0 * stiffness * compliance);
-        let force = stiffness * ((h0[1] - 2.0 * x) - (h0[0] + 2.0 * x));
-        for mode in &mut self.modes {
-            mode.displacement_m =
-                force * mode.at.shape / (mode.at.mass_kg * (TAU * mode.at.frequency_hz).powi(2));
-            mode.velocity_m_s = 0.0;
+        let bar: f64 = self.modes.iter().map(|m| m.at.compliance_m_n()).sum();
+        let holder = self.holder.as_ref().map_or(0.0, |m| m.at.compliance_m_n());
+        let (mut x, mut w, mut force) = (0.0, 0.0, [0.0; 2]);
+        // Fixed point, damped by a half: force law and statics of bar and holder.
+        for _ in 0..100 {
+            let into_m = [x, w + self.cut.tool2_ahead_m - x];
+            let own = if self.cut.tools == ToolCount::One { into_m[0] } else { into_m[1] };
+            let past = [own, into_m[0]].map(|u| self.cut.overlap * u);
+            force = std::array::from_fn(|tool| {
+                let chip_m = self.advance_m(tool, tips) + into_m[tool] - past[tool];
+                let at_angle = AtAngle::default();
+                let now = ToolNow { chip_m, into_m: into_m[tool], slope: 0.0, noise: 0.0, at_angle };
+                if self.cuts(tool) { tips.engagement * self.cut.force_n(tool, &now) } else { 0.0 }
+            });
+            x += (bar * (force[1] - force[0]) - x) / 2.0;
+            w += (-holder * force[1] - w) / 2.0;
         }
-        self.force_on_bar_n = force;
-        self.radial_force_n = [stiffness * (h0[0] + 2.0 * x), stiffness * (h0[1] - 2.0 * x)];
+        for mode in &mut self.modes {
+            mode.rest_under(force[1] - force[0]);
+        }
+        if let Some(holder) = &mut self.holder {
+            holder.rest_under(-force[1]);
+        }
+        self.radial_force_n = force;
+        self.law_n = force;
+        let into_m = [x, w + self.cut.tool2_ahead_m - x];
         let radius = -self.cut.feed_m_rev * self.spindle_turns;
         let cells = self.surface_m.len();
         let places = [self.place(0, tips), self.place(1, tips)];
@@ -219,15 +176,12 @@ impl CuttingProcess {
                 let behind = (written - cell as f64).rem_euclid(cells as f64);
                 (behind + places[tool] - written) / cells as f64
             };
-            let (s1, s2) = (since(0), since(1));
-            self.surface_m[cell] = if s1 < s2 {
-                radius + self.cut.feed_m_rev * s1 - x + tips.retraction_m[0]
-            } else {
-                radius + self.cut.feed_m_rev * s2 + x + tips.retraction_m[1]
-            };
+            let last = if self.cuts(1) && since(1) <= since(0) { 1 } else { 0 };
+            self.surface_m[cell] =
+                radius + self.cut.feed_m_rev * since(last) - into_m[last] + tips.retraction_m[last];
         }
         for (tool, place) in places.into_iter().enumerate() {
-            let tip = radius + if tool == 0 { -x } else { x } + tips.retraction_m[tool];
+            let tip = radius - into_m[tool] + tips.retraction_m[tool];
             let trace = &mut self.traces[tool];
             let back = self.cut.feed_m_rev / cells as f64;
             for i in 0..HISTORY {
@@ -240,12 +194,21 @@ impl CuttingProcess {
         }
     }
 
-    /// Changes the bar under the tools (they travel, material goes).
-    pub fn set_modes(&mut self, modes: &[ModeAt]) {
+    /// Changes bar and cut under the tools (they travel, material goes, edges wear).
+    pub fn change(&mut self, cut: CutSettings, modes: &ModesAt) {
         let step_s = self.step_s;
-        for (state, at) in self.modes.iter_mut().zip(modes) {
+        self.cut = cut;
+        for (state, at) in self.modes.iter_mut().zip(&modes.bar) {
             state.set(*at, step_s);
         }
+        if let (Some(state), Some(at)) = (&mut self.holder, modes.holder) {
+            state.set(at, step_s);
+        }
+    }
+
+    /// True for a tool that is there.
+    fn cuts(&self, tool: usize) -> bool {
+        tool == 0 || self.cut.tools == ToolCount::Two
     }
 
     /// Strikes the bar: adds a velocity to its first mode.
@@ -258,7 +221,7 @@ impl CuttingProcess {
     /// Displacement of the bar at the tools, toward tool 1, m.
     #[must_use]
     pub fn displacement_m(&self) -> f64 {
-        self.modes.iter().map(|m| m.at.shape * m.displacement_m).sum()
+        self.modes.iter().map(|m| m.at.output * m.displacement_m).sum()
     }
 
     /// Radial force on tool 1 and tool 2, positive away from the bar, N.
@@ -294,60 +257,105 @@ impl CuttingProcess {
         p1 + 0.5 * t * (p2 - p0 + t * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + t * (3.0 * (p1 - p2) + p3 - p0)))
     }
 
-    /// Radial force of one tool: chip, process damping, flank. Zero without contact.
-    fn tool_force_n(&self, chip_m: f64, approach_m_s: f64, engagement: f64, noise: f64) -> f64 {
-        if chip_m <= 0.0 {
-            return 0.0;
+    /// Bar and edges at the end of a step in which the forces go from `self.radial_force_n` to `after_n`.
+    fn edges(&self, after_n: [f64; 2]) -> Edges {
+        let before = self.radial_force_n;
+        let bar = self.modes.iter().fold(Motion::default(), |sum, mode| {
+            let to = mode.propagated(before[1] - before[0], after_n[1] - after_n[0]);
+            Motion { m: sum.m + mode.at.output * to.m, m_s: sum.m_s + mode.at.output * to.m_s }
+        });
+        let holder =
+            self.holder.as_ref().map_or(Motion::default(), |m| m.propagated(-before[1], -after_n[1]));
+        Edges {
+            into_m: [bar.m, holder.m + self.cut.tool2_ahead_m - bar.m],
+            into_m_s: [bar.m_s, holder.m_s - bar.m_s],
         }
-        let slope = approach_m_s / self.slope_speed_m_s;
-        let flank = self.cut.flank_force_n * (slope - self.cut.clearance_slope).max(0.0);
-        let chip = self.cut.cutting_stiffness_n_m * chip_m * (1.0 + self.cut.force_noise_ratio * noise);
-        engagement * (chip + self.cut.process_damping_n * slope + flank)
+    }
+
+    /// Chip of a tool: what stands above its tip, of which the memory of the surface is a share.
+    fn chip_m(&self, tool: usize, above_tip_m: f64, into_m: f64, tips: &ToolTips) -> f64 {
+        let overlap = self.cut.overlap;
+        if (overlap - 1.0).abs() <= 0.0 {
+            return above_tip_m;
+        }
+        let nominal = self.advance_m(tool, tips) + into_m - tips.retraction_m[tool];
+        overlap * above_tip_m + (1.0 - overlap) * nominal
+    }
+
+    /// Force of the law through its lag (trapezoidal rule).
+    fn lagged(&self, tool: usize, law_n: f64) -> f64 {
+        let (lag_s, half_s) = (self.cut.force_lag_s, self.step_s / 2.0);
+        if lag_s <= 0.0 {
+            return law_n;
+        }
+        ((lag_s - half_s) * self.radial_force_n[tool] + half_s * (law_n + self.law_n[tool]))
+            / (lag_s + half_s)
+    }
+
+    /// True turns over a step at that commanded speed.
+    fn turned(&mut self, turns_per_s: f64) -> f64 {
+        let half = turns_per_s * self.step_s / 2.0;
+        let angle = TAU * (self.commanded_turns + half);
+        self.commanded_turns += 2.0 * half;
+        let factor: f64 = self.cut.physics.iter().map(|e| e.speed_factor(angle)).product();
+        2.0 * half * factor
+    }
+
+    /// What the effects do to each tool at the angle that the work has now.
+    fn at_angle(&self, tips: &ToolTips) -> [AtAngle; 2] {
+        let mut now = [AtAngle::default(); 2];
+        for effect in self.cut.physics.iter() {
+            for (tool, now) in now.iter_mut().enumerate() {
+                effect.modulate(TAU * (self.spindle_turns - lab_turns(tool, tips)), now);
+            }
+        }
+        now
     }
 
     /// One step of integration. `noise` is one standard normal number a tool.
     pub fn step(&mut self, turns_per_s: f64, tips: &ToolTips, noise: [f64; 2]) {
-        self.spindle_turns += turns_per_s * self.step_s;
-        self.slope_speed_m_s = (PI * self.cut.diameter_m * turns_per_s).max(1e-6);
+        let turned = self.turned(turns_per_s);
+        self.spindle_turns += turned;
+        self.slope_speed_m_s = (PI * self.cut.diameter_m * turned / self.step_s).max(1e-6);
         let radius = -self.cut.feed_m_rev * self.spindle_turns;
         let places = [self.place(0, tips), self.place(1, tips)];
         let surface = [self.surface_at(places[0]), self.surface_at(places[1])];
-        let before = self.force_on_bar_n;
-        let mut after = before;
-        let mut moved = (0.0, 0.0);
+        let at_angle = self.at_angle(tips);
+        let (mut after, mut law) = (self.radial_force_n, self.law_n);
+        let mut edges = Edges::default();
         // Predict with the old force, correct once: the chip depends on the motion within the step.
         for _ in 0..2 {
-            moved = self.modes.iter().fold((0.0, 0.0), |(x, v), m| {
-                let (q, dq) = m.propagated(before, after);
-                (x + m.at.shape * q, v + m.at.shape * dq)
-            });
-            let (x, v) = moved;
-            let tip = [radius - x + tips.retraction_m[0], radius + x + tips.retraction_m[1]];
-            let force = [
-                self.tool_force_n(surface[0] - tip[0], v, tips.engagement, noise[0]),
-                self.tool_force_n(surface[1] - tip[1], -v, tips.engagement, noise[1]),
-            ];
-            self.radial_force_n = force;
-            after = force[1] - force[0];
+            edges = self.edges(after);
+            for tool in 0..if self.cuts(1) { 2 } else { 1 } {
+                let tip = radius - edges.into_m[tool] + tips.retraction_m[tool];
+                let now = ToolNow {
+                    chip_m: self.chip_m(tool, surface[tool] - tip, edges.into_m[tool], tips),
+                    into_m: edges.into_m[tool],
+                    slope: edges.into_m_s[tool] / self.slope_speed_m_s,
+                    noise: noise[tool],
+                    at_angle: at_angle[tool],
+                };
+                law[tool] = tips.engagement * self.cut.force_n(tool, &now);
+                after[tool] = self.lagged(tool, law[tool]);
+            }
         }
+        let before = self.radial_force_n;
         for mode in &mut self.modes {
-            (mode.displacement_m, mode.velocity_m_s) = mode.propagated(before, after);
+            mode.take(before[1] - before[0], after[1] - after[0]);
         }
-        self.force_on_bar_n = after;
-        if tips.engagement > 0.0 {
-            self.leave(0, places[0], radius - moved.0 + tips.retraction_m[0]);
-            self.leave(1, places[1], radius + moved.0 + tips.retraction_m[1]);
+        if let Some(holder) = &mut self.holder {
+            holder.take(-before[1], -after[1]);
+        }
+        (self.radial_force_n, self.law_n) = (after, law);
+        // Out of the cut the surface waits as the next entry will find it: smooth.
+        let into_m = if tips.engagement > 0.0 {
+            edges.into_m
         } else {
-            self.settle_surface_only(places, radius, tips);
-        }
-    }
-
-    /// Out of the cut the surface waits as the next entry will find it: smooth.
-    fn settle_surface_only(&mut self, places: [f64; 2], radius: f64, tips: &ToolTips) {
-        let x = self.displacement_m();
-        for (tool, place) in places.into_iter().enumerate() {
-            let tip = radius + if tool == 0 { -x } else { x } + tips.retraction_m[tool];
-            self.leave(tool, place, tip);
+            let x = self.displacement_m();
+            [x, self.cut.tool2_ahead_m - x]
+        };
+        for tool in 0..if self.cuts(1) { 2 } else { 1 } {
+            self.leave(tool, places[tool], radius - into_m[tool] + tips.retraction_m[tool]);
         }
     }
 
