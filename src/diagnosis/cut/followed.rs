@@ -52,7 +52,7 @@ pub(crate) struct FollowedSpectra {
 fn smooth_below(n: usize) -> usize {
     let smooth = |mut m: usize| {
         for p in [2, 3, 5] {
-            while m % p == 0 {
+            while m.is_multiple_of(p) {
                 m /= p;
             }
         }

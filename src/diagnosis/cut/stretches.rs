@@ -260,8 +260,9 @@ fn linear(
         (0..tools).all(swing) && banded.slope[k].abs() < steep
     };
     let (mut out, mut begin) = (Vec::new(), range.start);
-    let mut since = range.start.saturating_sub(turn);
-    for k in since..range.end {
+    let first = range.start.saturating_sub(turn);
+    let mut since = first;
+    for k in first..range.end {
         if !good(k) {
             if since + turn < k {
                 out.push((since + turn).max(begin)..k);

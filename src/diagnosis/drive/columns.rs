@@ -464,7 +464,7 @@ fn bristle(v: &[f64], yield_m: f64, rate_hz: f64) -> Vec<Vec<f64>> {
 
 /// Sine and cosine of one and two turns per wavelength.
 fn waves(x: &[f64], wavelength_m: f64) -> Vec<Vec<f64>> {
-    let mut out = vec![Vec::with_capacity(x.len()); 4];
+    let mut out: Vec<Vec<f64>> = (0..4).map(|_| Vec::with_capacity(x.len())).collect();
     for x in x {
         let (s, c) = (TAU * (x / wavelength_m).fract()).sin_cos();
         out[0].push(s);

@@ -52,7 +52,7 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
         let own = || all.iter().zip(&spreads).filter(move |(b, _)| b.recording == recording);
         if two {
             let reference = own().find(|(b, _)| (low_hz..high_hz).contains(&middle(b.band)));
-            return reference.or(own().last()).map_or([0.0; 3], |(_, s)| *s);
+            return reference.or(own().next_back()).map_or([0.0; 3], |(_, s)| *s);
         }
         let from_hz = QUIET_FROM * balance.signals.top_hz();
         let quiet = own().filter(|(b, _)| middle(b.band) > from_hz);

@@ -174,7 +174,7 @@ fn peak(knots: &[f64]) -> f64 {
 fn peak_of_cut(amplitudes: &[f64], deviation: f64) -> (f64, f64) {
     /// Places in a period.
     const PLACES: usize = 360;
-    let sets = (1..=8).filter(|n| amplitudes.len() % n == 0);
+    let sets = (1..=8).filter(|n| amplitudes.len().is_multiple_of(*n));
     let lengths: Vec<usize> = sets.map(|n| amplitudes.len() / n).collect();
     let length = lengths.iter().copied().find(|l| l % 2 == 1 && *l <= 2 * CUT_HARMONICS + 1).unwrap_or(1);
     let mut most = 0.0_f64;
