@@ -57,6 +57,12 @@ struct Found {
     without_n: f64,
 }
 
+/// True where the 95 % interval of a law's size does not hold zero. Sizes that stand in a shape do not.
+fn is_other_than_zero(law: &Accepted, deviations: &[f64]) -> bool {
+    let sized = |(a, d): (&f64, &f64)| a.abs() > Z95 * d;
+    law.hypothesis.has_dose() || law.amplitudes.iter().zip(deviations).any(sized)
+}
+
 /// Deviations of a state.
 fn doubt_of(balance: &Balance, state: &State) -> Doubt {
     doubt(balance, state, &rest(balance, state))
@@ -70,7 +76,7 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
         let vague = state.accepted.iter().zip(&doubt.laws).position(|(a, d)| {
             a.given.is_none()
                 && !matches!(a.hypothesis.shape, Shape::Torsion { .. })
-                && d.constants.iter().any(|c| *c > UNDETERMINED)
+                && (d.constants.iter().any(|c| *c > UNDETERMINED) || !is_other_than_zero(a, &d.amplitudes))
         });
         match vague {
             Some(k) => {

@@ -15,7 +15,7 @@ use crate::plant::effects::friction::{
 use crate::plant::effects::law::ForceLaw;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Numbers of the axis that laws are evaluated with, on the screw axis, SI.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -334,7 +334,13 @@ impl Ground<'_> {
             let n = (load.len() + 512).next_power_of_two();
             let mean = load.iter().sum::<f64>() / load.len().max(1) as f64;
             let mut spectrum: Vec<Complex<f64>> = load.iter().map(|v| Complex::new(v - mean, 0.0)).collect();
-            spectrum.resize(n, Complex::new(0.0, 0.0));
+            // Beyond the end on a half cosine back to the beginning: no step rings into the recording.
+            let ends = [spectrum.last(), spectrum.first()].map(|e| e.map_or(0.0, |v| v.re));
+            let beyond = n - load.len();
+            spectrum.extend((0..beyond).map(|j| {
+                let part = 0.5 - 0.5 * (PI * (j as f64 + 0.5) / beyond as f64).cos();
+                Complex::new(ends[0] + part * (ends[1] - ends[0]), 0.0)
+            }));
             planner.plan_fft_forward(n).process(&mut spectrum);
             // Twist and its rate in one transform: real and imaginary part.
             for (i, value) in spectrum.iter_mut().enumerate() {

@@ -103,7 +103,10 @@ fn law(axis: &AxisModel, term: &PhysicsTerm, signals: &Signals, m: &Mechanics) -
         E::PreslidingFriction => {
             let total_n = m.stage_coulomb_n;
             let yield_m = total_n / get("presliding_stiffness_n_m")?;
-            of(Shape::Presliding { yield_m }, vec![get("share").unwrap_or(1.0) * total_n, 0.0])
+            of(
+                Shape::Presliding { yield_m },
+                vec![get("share").unwrap_or(1.0) * total_n, get("bristle_rate_n").unwrap_or(0.0)],
+            )
         }
         E::FrictionDrift => {
             let change_n = get("relative_change")? * m.stage_coulomb_n;

@@ -213,6 +213,10 @@ pub(super) fn term(balance: &Balance, law: &Accepted, estimates: &[Estimate]) ->
                 number("with_direction", 1.0);
             }
         }
+        Shape::Presliding { .. } => {
+            let rate_n = law.amplitudes.get(1).copied().unwrap_or(0.0);
+            parameters.push(("bristle_rate_n".to_owned(), ParameterValue::Number(rate_n)));
+        }
         Shape::Cut { .. } => {
             parameters.push(("harmonics".to_owned(), ParameterValue::Number(CUT_HARMONICS as f64)));
         }
