@@ -190,6 +190,9 @@ pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Bes
     let rest = |of_motor: f64| if two { 0.0 } else { of_motor };
     let of = |number: Number| -> Option<Beside> {
         let k = state.base.numbers.iter().position(|n| *n == number)?;
+        if number == Number::StageMass && !state.inertial {
+            return None; // what does not accelerate tells no mass
+        }
         let estimate =
             if number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[k] };
         let (key, unit, nominal, other, tolerance) = match number {
