@@ -23,6 +23,7 @@ pub mod avoidance;
 pub mod chatter;
 pub mod diagnosis;
 pub mod force;
+pub mod gate;
 pub mod identify;
 pub mod pipeline;
 pub mod plant;

@@ -12,6 +12,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("sample", &[]),
     ("signal", &[]),
     ("plant", &[]),
+    ("gate", &["signal"]),
     ("force", &["signal", "plant"]),
     ("chatter", &["signal"]),
     ("avoidance", &["chatter", "stability", "plant"]),
@@ -19,7 +20,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("pipeline", &["force", "chatter", "avoidance", "stability", "plant", "signal"]),
     ("simulation", &["plant", "signal", "pipeline", "avoidance", "chatter"]),
     ("identify", &["plant", "signal", "force", "simulation"]),
-    ("diagnosis", &["plant", "signal", "force", "stability", "simulation", "identify"]),
+    ("diagnosis", &["plant", "signal", "force", "stability", "simulation", "identify", "gate"]),
     (
         "config",
         &[
@@ -35,7 +36,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "simulation",
         ],
     ),
-    ("recording", &["plant", "force", "chatter", "avoidance", "pipeline", "config", "diagnosis"]),
+    ("recording", &["gate", "plant", "force", "chatter", "avoidance", "pipeline", "config", "diagnosis"]),
     (
         "report",
         &[
@@ -46,6 +47,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "stability",
             "pipeline",
             "diagnosis",
+            "gate",
             "identify",
             "recording",
             "config",
@@ -81,6 +83,7 @@ const CORE: &[&str] = &[
     "sample",
     "signal",
     "plant",
+    "gate",
     "force",
     "chatter",
     "avoidance",

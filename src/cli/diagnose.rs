@@ -1,9 +1,11 @@
 //! `stillcut diagnose`.
 
 use super::bad_input;
+use super::gated::{Checked, read_checked};
 use crate::config::machine::read_machine;
 use crate::diagnosis::{DiagnoseOptions, Progress, diagnose_with};
-use crate::recording::{read_recording, write_whole};
+use crate::gate::Gated;
+use crate::recording::write_whole;
 use crate::report::diagnosis::write;
 use crate::report::html::{ReportContext, diagnosis_page};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -78,13 +80,12 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
         return Err(bad_input("--model needs at least one --recording"));
     }
     let machine = read_machine(model).map_err(bad_input)?;
-    let recordings = arguments
-        .recordings
-        .iter()
-        .map(|p| read_recording(p).map_err(bad_input))
-        .collect::<Result<Vec<_>, _>>()?;
-    let files: Vec<String> = arguments.recordings.iter().map(|p| name(p)).collect();
-    let options = DiagnoseOptions { budget_s: arguments.budget_s, ..Default::default() };
+    let axes: Vec<String> = machine.axes.iter().map(|a| a.name.clone()).collect();
+    let paths = arguments.recordings.iter().map(PathBuf::as_path);
+    let Checked { gated, files, faults } = read_checked(paths, &axes)?;
+    let masked = gated.iter().map(Gated::masked).collect();
+    let recordings: Vec<_> = gated.into_iter().map(|g| g.recording).collect();
+    let options = DiagnoseOptions { budget_s: arguments.budget_s, masked };
     let work = |progress: Progress<'_>| diagnose_with(&machine, &recordings, &options, progress);
     let diagnosis = with_progress(arguments.progress, work).map_err(|error| {
         let concerned = files.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));
@@ -99,8 +100,8 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
         // Whoever reads standard error may have gone; the files are written all the same.
         let _ = writeln!(std::io::stderr(), "note: {note}");
     }
-    write(&arguments.out, &diagnosis, &files)?;
-    let context = ReportContext { machine: machine.name.clone(), files };
+    write(&arguments.out, &diagnosis, &files, &faults)?;
+    let context = ReportContext { machine: machine.name.clone(), files, faults };
     write_whole(&arguments.out.join("report.html"), diagnosis_page(&diagnosis, &context).as_bytes())?;
     Ok(())
 }

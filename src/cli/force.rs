@@ -4,6 +4,7 @@ mod report;
 
 use self::report::{Forces, describe, say_what_is_doubtful, say_what_is_hidden, write_forces};
 use super::bad_input;
+use super::gated::read_told;
 use crate::config::accelerometers::read_estimators;
 use crate::config::force::FRF;
 use crate::config::machine::read_machine;
@@ -22,7 +23,6 @@ use crate::force::stiffness::StiffnessCheck;
 use crate::force::two_sides::Mismatch;
 use crate::force::validity::Validity;
 use crate::plant::machine::{AxisModel, Machine};
-use crate::recording::read_recording;
 use crate::sample::Recording;
 use crate::units::SampleRate;
 use std::io::Write as _;
@@ -226,30 +226,29 @@ impl AxisForce {
 
 impl Inputs {
     fn read(arguments: Arguments, choices: [Option<Choice>; 2]) -> anyhow::Result<Self> {
-        let mut inputs = Self {
-            machine: None,
-            estimators: Vec::new(),
-            recording: read_recording(&arguments.recording).map_err(bad_input)?,
-            idles: Vec::new(),
-            arguments,
-        };
+        let (mut machine, mut estimators) = (None, Vec::new());
         for choice in choices.into_iter().flatten() {
             match choice {
                 Some(method) => {
                     let missing = || bad_input(format!("--method {} needs --model", method.name()));
-                    let path = inputs.arguments.model.as_ref().ok_or_else(missing)?;
-                    inputs.machine = Some(read_machine(path).map_err(bad_input)?);
+                    let path = arguments.model.as_ref().ok_or_else(missing)?;
+                    machine = Some(read_machine(path).map_err(bad_input)?);
                 }
                 None => {
                     let missing = || bad_input(format!("--method {FRF} needs --estimator"));
-                    let path = inputs.arguments.estimator.as_ref().ok_or_else(missing)?;
-                    inputs.estimators = read_estimators(path).map_err(bad_input)?;
+                    let path = arguments.estimator.as_ref().ok_or_else(missing)?;
+                    estimators = read_estimators(path).map_err(bad_input)?;
                 }
             }
         }
-        let idles = inputs.arguments.idle.iter().map(|p| read_recording(p).map_err(bad_input));
-        inputs.idles = idles.collect::<Result<_, _>>()?;
-        Ok(inputs)
+        let axes: Vec<String> =
+            machine.iter().flat_map(|m: &Machine| &m.axes).map(|a| a.name.clone()).collect();
+        // What the live pipeline is given nobody has mended.
+        let mended = !arguments.live;
+        let read = |path: &PathBuf| read_told(path, &axes, mended);
+        let idles = arguments.idle.iter().map(read).collect::<Result<_, _>>()?;
+        let recording = read(&arguments.recording)?;
+        Ok(Self { machine, estimators, recording, idles, arguments })
     }
 
     fn in_file(&self, error: impl std::fmt::Display) -> anyhow::Error {

@@ -1,6 +1,7 @@
 //! `stillcut identify`.
 
 use super::bad_input;
+use super::gated::read_told;
 use crate::config::accelerometers::estimators_to_text;
 use crate::config::machine::{machine_to_text, read_machine};
 use crate::force::estimator::MotionSample;
@@ -71,7 +72,8 @@ fn run_sweep(arguments: &Arguments) -> anyhow::Result<()> {
     let mut machine = read_machine(model).map_err(bad_input)?;
     let mut found = Found::default();
     for path in &arguments.recording {
-        let recording = read_recording(path).map_err(bad_input)?;
+        let axes: Vec<String> = machine.axes.iter().map(|a| a.name.clone()).collect();
+        let recording = read_told(path, &axes, true)?;
         for axis in machine.axes.iter_mut().filter(|a| has_drive(&recording, &a.name)) {
             let fit = fit_axis(axis, (path, &recording), stated, &found)?;
             found.add(axis, (path, fit), &arguments.out)?;

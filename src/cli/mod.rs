@@ -12,6 +12,7 @@ mod demo;
 mod diagnose;
 mod diagnose_cut;
 mod force;
+mod gated;
 mod identify;
 mod import;
 #[cfg(feature = "service")]
@@ -19,6 +20,7 @@ mod lathe;
 mod man;
 mod pitch;
 mod print_config;
+mod print_model;
 mod replay;
 mod resolution;
 #[cfg(feature = "service")]
@@ -66,6 +68,7 @@ enum Command {
     Conceal(conceal::Arguments),
     Campaign(campaign::Arguments),
     PrintConfig(print_config::Arguments),
+    PrintModel(print_model::Arguments),
     Completions(completions::Arguments),
     Man(man::Arguments),
     #[cfg(feature = "service")]
@@ -181,6 +184,7 @@ fn dispatch(command: Command) -> anyhow::Result<()> {
         Command::Conceal(a) => conceal::run(a),
         Command::Campaign(a) => campaign::run(a),
         Command::PrintConfig(a) => print_config::run(a),
+        Command::PrintModel(a) => print_model::run(a),
         Command::Completions(a) => completions::run(a),
         Command::Man(a) => man::run(a),
         #[cfg(feature = "service")]

@@ -1,6 +1,7 @@
 //! `stillcut replay`: the live pipeline over a recording.
 
 use super::bad_input;
+use super::gated::tell_of;
 use crate::avoidance::Avoidance;
 use crate::avoidance::account::{Account, Look, decide_again};
 use crate::chatter::{Band, predicted_band};
@@ -64,6 +65,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         return Err(bad_input(format!("--out {}: is a file; expected a folder", arguments.out.display())));
     }
     let recording = read_recording(&arguments.recording).map_err(bad_input)?;
+    tell_of(&arguments.recording, &recording)?;
     let config = arguments.config.as_deref().map(read_service_config).transpose().map_err(bad_input)?;
     let place = |error: String| bad_input(format!("{}: {error}", arguments.recording.display()));
     let given = arguments.config.is_some();

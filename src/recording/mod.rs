@@ -14,6 +14,7 @@ mod quiet;
 mod streamed;
 
 use crate::config::in_one_line;
+use crate::gate::Logged;
 use crate::sample::{Column, Recording};
 use crate::units::SampleRate;
 use std::collections::BTreeSet;
@@ -70,16 +71,24 @@ pub const FORMAT: &str = "stillcut.recording/1";
 
 const OWN_KEYS: [&str; 4] = ["format", "sample_rate_hz", "experiment", "axes"];
 
-/// Reads a recording, Parquet or CSV by its extension.
-/// Errors: unreadable file, no time or rate, a value that is not finite, a time that runs backwards.
+/// Reads a recording, Parquet or CSV by its extension, for whoever needs even rows.
+/// Errors: as of [`read_logged`], and rows that are not uniformly sampled.
 pub fn read_recording(path: &Path) -> Result<Recording, RecordingError> {
+    let logged = read_logged(path)?;
+    check_even(path, &logged)?;
+    Ok(logged.recording)
+}
+
+/// Reads a recording with the time stamps of its rows, for the gate ([`crate::gate`]).
+/// Errors: unreadable file, no time or rate, a value that is not finite, a time that does not grow.
+pub fn read_logged(path: &Path) -> Result<Logged, RecordingError> {
     let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
     let raw = if is_csv { csv_file::read(path)? } else { parquet_file::read(path)? };
     if !is_csv && !raw.metadata.iter().any(|(key, _)| key == "sample_rate_hz") {
         let message = "no sampling rate: metadata sample_rate_hz is missing".to_owned();
         return Err(RecordingError::Format { path: path.to_owned(), message });
     }
-    recording_from_raw(path, raw)
+    logged_from_raw(path, raw)
 }
 
 /// Names and values of the numeric columns of any Parquet table; what is missing is NaN.
@@ -88,7 +97,7 @@ pub fn read_columns(path: &Path) -> Result<Vec<(String, Vec<f64>)>, RecordingErr
     parquet_file::read(path).map(|raw| raw.columns)
 }
 
-fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, RecordingError> {
+fn logged_from_raw(path: &Path, raw: RawTable) -> Result<Logged, RecordingError> {
     let format_error = |message: String| RecordingError::Format { path: path.to_owned(), message };
     let meta = |key: &str| meta_of(&raw.metadata, key);
     let stated = stated_rate(path, &raw.metadata)?;
@@ -117,14 +126,15 @@ fn recording_from_raw(path: &Path, raw: RawTable) -> Result<Recording, Recording
         return Err(format_error(format!("{} rows; at least 2 are needed", times.len())));
     }
     let sample_rate = check_times(path, &times, stated)?;
-    Ok(Recording {
+    let recording = Recording {
         sample_rate,
         experiment: meta("experiment").unwrap_or_else(|| stem(path)),
         axes: axes_of(&raw.metadata, &columns),
         start_s: times[0],
         columns,
         metadata: raw.metadata.into_iter().filter(|(k, _)| !OWN_KEYS.contains(&k.as_str())).collect(),
-    })
+    };
+    Ok(Logged { recording, times_s: times })
 }
 
 fn meta_of(metadata: &[(String, String)], key: &str) -> Option<String> {
@@ -149,34 +159,55 @@ fn stated_rate(path: &Path, metadata: &[(String, String)]) -> Result<Option<Samp
     parsed.map(Some).ok_or_else(wrong)
 }
 
-/// Times must grow, and evenly: the largest deviation from a uniform grid is half a sample.
+/// Times must grow, by the stated period in the median. The rate: the stated one, else that of the steps
+/// without gaps.
 fn check_times(path: &Path, times: &[f64], stated: Option<SampleRate>) -> Result<SampleRate, RecordingError> {
-    let bad = |row: usize, message: String| RecordingError::Value {
-        path: path.to_owned(),
-        column: "t_s".into(),
-        row,
-        message,
-    };
+    /// Steps of more medians are gaps and say nothing of the rate.
+    const GAP: f64 = 1.5;
     if let Some(row) = times.windows(2).position(|w| w[1] <= w[0]) {
         let (before, after) = (times[row], times[row + 1]);
-        return Err(bad(row + 1, format!("time runs from {before} to {after} s, expected to grow")));
-    }
-    let span = times[times.len() - 1] - times[0];
-    let rate = match stated {
-        Some(rate) => rate,
-        None => SampleRate::new((times.len() - 1) as f64 / span)
-            .map_err(|e| RecordingError::Format { path: path.to_owned(), message: e.to_string() })?,
-    };
-    let period = rate.period_s();
-    // Neighbours may jitter; a hole of more than half a sample is not uniform sampling.
-    if let Some(row) = times.windows(2).position(|w| ((w[1] - w[0]) / period - 1.0).abs() > 0.5) {
-        let gap = times[row + 1] - times[row];
-        return Err(bad(
+        return Err(bad_time(
+            path,
             row + 1,
-            format!("step of {gap:.6e} s where {period:.6e} s were expected: not uniformly sampled"),
+            format!("time runs from {before} to {after} s, expected to grow"),
         ));
     }
+    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+    let middle = steps.len() / 2;
+    let usual_s = *steps.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let Some(rate) = stated else {
+        steps.retain(|s| *s <= GAP * usual_s);
+        return SampleRate::new(steps.len() as f64 / steps.iter().sum::<f64>())
+            .map_err(|e| RecordingError::Format { path: path.to_owned(), message: e.to_string() });
+    };
+    if (usual_s / rate.period_s() - 1.0).abs() > OFF_GRID {
+        let period_s = rate.period_s();
+        let row = times.windows(2).position(|w| off_grid(w, period_s)).unwrap_or(0);
+        return Err(bad_time(path, row + 1, not_uniform(times[row + 1] - times[row], period_s)));
+    }
     Ok(rate)
+}
+
+/// Neighbours may jitter; a hole of more than half a sample is not uniform sampling.
+const OFF_GRID: f64 = 0.5;
+
+fn off_grid(times: &[f64], period_s: f64) -> bool {
+    ((times[1] - times[0]) / period_s - 1.0).abs() > OFF_GRID
+}
+
+fn not_uniform(step_s: f64, period_s: f64) -> String {
+    format!("step of {step_s:.6e} s where {period_s:.6e} s were expected: not uniformly sampled")
+}
+
+fn bad_time(path: &Path, row: usize, message: String) -> RecordingError {
+    RecordingError::Value { path: path.to_owned(), column: "t_s".into(), row, message }
+}
+
+/// The largest deviation of a step from the period is half a sample.
+fn check_even(path: &Path, logged: &Logged) -> Result<(), RecordingError> {
+    let (times, period_s) = (&logged.times_s, logged.recording.sample_rate.period_s());
+    let Some(row) = times.windows(2).position(|w| off_grid(w, period_s)) else { return Ok(()) };
+    Err(bad_time(path, row + 1, not_uniform(times[row + 1] - times[row], period_s)))
 }
 
 /// Columns are found by their names.

@@ -1,28 +1,34 @@
 //! `diagnosis.json`, `contribution-N.parquet` and `model.toml` (contracts, section 4).
 
+use super::faults::{FaultOf, faults_json};
 use crate::diagnosis::{Alternative, Diagnosis, Estimate, Finding, Location, SimulatedTrial};
 use crate::recording::{RecordingError, Table, TableColumn, write_table, write_whole};
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// Writes everything but the page for a person. `files`: names of the recordings, `experiments`: their free
-/// words.
+/// Writes everything but the page for a person. `files`: names of the recordings that were judged, `faults`: what
+/// is wrong with these and the others.
 ///
 /// Errors: the folder cannot be made or a file not written.
-pub fn write(out: &Path, diagnosis: &Diagnosis, files: &[String]) -> Result<(), RecordingError> {
+pub fn write(
+    out: &Path,
+    diagnosis: &Diagnosis,
+    files: &[String],
+    faults: &[FaultOf],
+) -> Result<(), RecordingError> {
     std::fs::create_dir_all(out).map_err(|source| RecordingError::Io { path: out.to_owned(), source })?;
     for finding in &diagnosis.findings {
         write_contribution(out, diagnosis, finding)?;
     }
     let model = crate::config::machine::machine_to_text(&diagnosis.model);
     write_whole(&out.join("model.toml"), model.as_bytes())?;
-    let text = serde_json::to_string_pretty(&to_json(diagnosis, files)).unwrap_or_default();
+    let text = serde_json::to_string_pretty(&to_json(diagnosis, files, faults)).unwrap_or_default();
     write_whole(&out.join("diagnosis.json"), (text + "\n").as_bytes())
 }
 
 /// The machine-readable answer.
 #[must_use]
-pub fn to_json(diagnosis: &Diagnosis, files: &[String]) -> Value {
+pub fn to_json(diagnosis: &Diagnosis, files: &[String], faults: &[FaultOf]) -> Value {
     json!({
         "schema": "stillcut.diagnosis/1",
         "axis": diagnosis.axis,
@@ -41,6 +47,7 @@ pub fn to_json(diagnosis: &Diagnosis, files: &[String]) -> Value {
             "file": files.get(k).cloned().unwrap_or_default(),
             "experiment": r.experiment, "rms_before_n": r.rms_before_n, "rms_after_n": r.rms_after_n,
         })).collect::<Vec<_>>(),
+        "recording_faults": faults_json(faults),
         "closed_loop": closed_loop(diagnosis, files),
         "notes": diagnosis.notes,
     })

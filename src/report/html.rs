@@ -3,6 +3,7 @@
 //! One sentence; one picture before and after; where it sits; the numbers with their intervals; what
 //! else it could be; what to record next. The page stands alone and everything in it is escaped.
 
+use super::faults::{FaultOf, faults_box};
 use super::in_loop::in_loop;
 use super::page::{engineering, page, significant};
 use super::place::place;
@@ -20,6 +21,8 @@ pub struct ReportContext {
     pub machine: String,
     /// File of each recording, in the order they were handed in.
     pub files: Vec<String>,
+    /// What is wrong with the recordings.
+    pub faults: Vec<FaultOf>,
 }
 
 /// The page.
@@ -27,6 +30,7 @@ pub struct ReportContext {
 pub fn diagnosis_page(diagnosis: &Diagnosis, context: &ReportContext) -> String {
     let mut body = String::new();
     header(&mut body, diagnosis, context);
+    faults_box(&mut body, &context.faults);
     if let Some(next) = next_step(diagnosis) {
         let _ = write!(body, "<h2>What to do next</h2><div class=\"next\">{}</div>", escape(next));
     }

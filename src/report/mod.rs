@@ -8,6 +8,7 @@ mod cut_words;
 pub mod decisions;
 pub mod diagnosis;
 pub mod events;
+pub mod faults;
 pub mod force_plots;
 pub mod html;
 mod in_loop;

@@ -2,6 +2,7 @@
 //! and keys are in the way.
 
 use crate::faults::SmallDisk;
+use crate::folders::not_run;
 use crate::running::{Answer, LatheThread, Place, ask, get, tokens, until};
 use std::time::{Duration, Instant};
 use stillcut::service::{Running, start};
@@ -108,7 +109,7 @@ fn the_record_tells_refusals_from_deeds() {
 fn an_override_is_done_and_answered_while_the_disk_is_full() {
     let place = Place::new("fulltake");
     let Some(disk) = SmallDisk::mount(&place.state(), "size=4m") else {
-        eprintln!("skipped: mounting a small file system is not allowed here");
+        not_run("mounting a small file system is not allowed here");
         return;
     };
     let bench = Bench::start(&place);

@@ -1,6 +1,6 @@
 //! What is shipped beside the binary: alert rules, dashboard, unit, header, package.
 
-use crate::folders::project;
+use crate::folders::{not_run, project};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use stillcut::telemetry::Metrics;
@@ -13,7 +13,7 @@ fn deploy(path: &str) -> PathBuf {
 fn tool(program: &str, arguments: &[&str], folder: &Path) -> Option<Output> {
     let output = Command::new(program).args(arguments).current_dir(folder).output();
     if output.is_err() {
-        eprintln!("skipped: {program} is not installed");
+        not_run(&format!("{program} is not installed"));
     }
     output.ok()
 }
@@ -75,7 +75,7 @@ fn the_unit_is_hardened() {
     let Some(output) = tool("systemd-analyze", &arguments, &deploy("systemd")) else { return };
     let text = said(&output);
     let Some(score) = text.split("exposure level for stillcut.service: ").nth(1) else {
-        eprintln!("skipped: this systemd-analyze cannot read units offline");
+        not_run("this systemd-analyze cannot read units offline");
         return;
     };
     let score: f64 = score.split_whitespace().next().unwrap().parse().unwrap();
@@ -137,7 +137,7 @@ fn what_the_package_holds_exists() {
 #[test]
 fn manual_and_completions_are_those_of_the_program() {
     if cfg!(feature = "nats") {
-        eprintln!("skipped: a build with the fleet has one command more");
+        not_run("a build with the fleet has one command more");
         return;
     }
     for (arguments, file) in [

@@ -1,6 +1,7 @@
 //! Faults injected into the running service: full disk, read-only disk, wall clock that jumps, floods and
 //! slow clients, processes that are stopped. Each test checks that its fault really happened.
 
+use crate::folders::not_run;
 use crate::running::{Answer, LatheThread, Place, ask, get, service, tokens, until};
 use crate::service::Process;
 use std::io::{Read as _, Write as _};
@@ -58,7 +59,7 @@ fn lost(address: &str) -> f64 {
 fn a_full_disk_loses_no_event_and_no_sample_and_heals_by_itself() {
     let place = Place::new("full");
     let Some(disk) = SmallDisk::mount(&place.state(), "size=4m") else {
-        eprintln!("skipped: mounting a small file system is not allowed here");
+        not_run("mounting a small file system is not allowed here");
         return;
     };
     let mut config = place.config("");
@@ -114,7 +115,7 @@ fn a_full_disk_loses_no_event_and_no_sample_and_heals_by_itself() {
 fn a_stop_with_a_full_disk_keeps_what_waits_for_the_next_start() {
     let place = Place::new("fullstop");
     let Some(disk) = SmallDisk::mount(&place.state(), "size=4m") else {
-        eprintln!("skipped: mounting a small file system is not allowed here");
+        not_run("mounting a small file system is not allowed here");
         return;
     };
     let trusted = || {
@@ -155,7 +156,7 @@ fn a_stop_with_a_full_disk_keeps_what_waits_for_the_next_start() {
 fn a_start_with_a_full_disk_is_ready_and_ends_in_good_order() {
     let place = Place::new("fullstart");
     let Some(disk) = SmallDisk::mount(&place.state(), "size=3m") else {
-        eprintln!("skipped: mounting a small file system is not allowed here");
+        not_run("mounting a small file system is not allowed here");
         return;
     };
     let [_, operator, engineer] = tokens(&place);
@@ -197,7 +198,7 @@ fn a_start_with_a_full_disk_is_ready_and_ends_in_good_order() {
 fn a_read_only_disk_is_one_line_and_status_two() {
     let place = Place::new("rofs");
     let Some(_disk) = SmallDisk::mount(&place.state(), "size=4m,ro") else {
-        eprintln!("skipped: mounting a read-only file system is not allowed here");
+        not_run("mounting a read-only file system is not allowed here");
         return;
     };
     let error = start(place.config("")).unwrap_err().to_string();
@@ -209,7 +210,7 @@ fn a_read_only_disk_is_one_line_and_status_two() {
 fn a_wall_clock_that_jumps_ten_years_neither_stops_nor_prunes_anything() {
     let library = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
     if !Path::new(library).exists() {
-        eprintln!("skipped: libfaketime is not installed");
+        not_run("libfaketime is not installed");
         return;
     }
     let place = Place::new("clock");

@@ -1,6 +1,6 @@
 //! Events and diagnoses over a real NATS server, which comes and goes.
 
-use crate::folders::shared;
+use crate::folders::{not_run, shared};
 use crate::running::{Place, ask, get, until};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -113,7 +113,7 @@ fn make_events(running: &Running, count: usize) {
 
 fn skip(server: Option<Server>) -> Option<Server> {
     if server.is_none() {
-        eprintln!("skipped: nats-server is not installed");
+        not_run("nats-server is not installed");
     }
     server
 }

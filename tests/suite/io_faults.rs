@@ -3,6 +3,7 @@
 //! A small library (tests/shim/io_faults.c) is preloaded into the real binary and records, delays or refuses the
 //! writes and syncs of the history file. Skipped where there is no C compiler.
 
+use crate::folders::not_run;
 use crate::running::{LatheThread, Place, ask, tokens, until};
 use crate::service::Process;
 use rand::{RngExt as _, SeedableRng as _};
@@ -23,7 +24,7 @@ pub(crate) fn shim(folder: &Path) -> Option<PathBuf> {
     command.args(["-shared", "-fPIC", "-O2", "-o"]).arg(&library).arg(source).arg("-ldl");
     let made = command.stderr(Stdio::null()).status().is_ok_and(|s| s.success());
     if !made {
-        eprintln!("skipped: no C compiler is installed");
+        not_run("no C compiler is installed");
     }
     made.then_some(library)
 }

@@ -42,6 +42,7 @@ mod page;
 mod parsers;
 mod pipeline;
 mod real_machines;
+mod recording_faults;
 mod report;
 #[cfg(feature = "service")]
 mod running;

@@ -1,6 +1,7 @@
 //! The operator page in a real browser, without a network. The browser is driven over its debugging
 //! pipe, so that the test waits for what the page shows and not for a time.
 
+use crate::folders::not_run;
 use crate::running::{LatheThread, Place, get, until};
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader, Write as _};
@@ -194,7 +195,7 @@ fn operate(browser: &mut Browser) {
 #[test]
 fn the_page_comes_alive_in_a_browser_without_a_network() {
     let Some(program) = program() else {
-        eprintln!("skipped: no chromium is installed");
+        not_run("no chromium is installed");
         return;
     };
     let place = Place::new("page");

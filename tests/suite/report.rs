@@ -140,7 +140,11 @@ fn diagnosis() -> Diagnosis {
 }
 
 fn context() -> ReportContext {
-    ReportContext { machine: "bench & <script>alert(1)</script>".into(), files: vec!["idle.parquet".into()] }
+    ReportContext {
+        machine: "bench & <script>alert(1)</script>".into(),
+        files: vec!["idle.parquet".into()],
+        faults: Vec::new(),
+    }
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The whole service: in this process with the virtual lathe, and as the real binary that is killed.
 
-use crate::folders::project;
+use crate::folders::{not_run, project};
 use crate::running::{Answer, LatheThread, Place, ask, get, service, tokens, until};
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Child, Command, Stdio};
@@ -234,7 +234,7 @@ fn promtool_finds_nothing_to_complain_about() {
         .stderr(Stdio::piped())
         .spawn();
     let Ok(mut promtool) = spawned else {
-        eprintln!("skipped: promtool is not installed");
+        not_run("promtool is not installed");
         return;
     };
     use std::io::Write as _;

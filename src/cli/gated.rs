@@ -1,0 +1,96 @@
+//! Recordings behind the gate, for every command that reads one of an axis.
+
+use super::bad_input;
+use crate::gate::{Criteria, Fault, Gated, Logged, check};
+use crate::recording::{read_logged, read_recording};
+use crate::report::faults::FaultOf;
+use crate::sample::Recording;
+use std::io::Write as _;
+use std::path::Path;
+
+/// Reads a recording and checks the columns of `axes`.
+pub(super) fn read_gated(path: &Path, axes: &[String]) -> anyhow::Result<Gated> {
+    let logged = read_logged(path).map_err(bad_input)?;
+    Ok(check(&logged, axes, &Criteria::default()))
+}
+
+/// Several recordings of one machine: those that can be judged, with what is wrong with all of them.
+pub(super) struct Checked {
+    pub(super) gated: Vec<Gated>,
+    /// Files of those that can be judged.
+    pub(super) files: Vec<String>,
+    pub(super) faults: Vec<FaultOf>,
+}
+
+/// Reads and checks recordings. Errors: unreadable ones; all of them are refused.
+pub(super) fn read_checked<'a>(
+    paths: impl Iterator<Item = &'a Path>,
+    axes: &[String],
+) -> anyhow::Result<Checked> {
+    let mut checked = Checked { gated: Vec::new(), files: Vec::new(), faults: Vec::new() };
+    let mut refusal = None;
+    for path in paths {
+        let gated = read_gated(path, axes)?;
+        let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        let faults =
+            gated.faults.iter().map(|fault| FaultOf { recording: file.clone(), fault: fault.clone() });
+        checked.faults.extend(faults);
+        if let Some(fault) = gated.refusal() {
+            refusal.get_or_insert_with(|| refused(path, fault));
+            continue;
+        }
+        checked.files.push(file);
+        checked.gated.push(gated);
+    }
+    match refusal {
+        Some(refusal) if checked.gated.is_empty() => Err(refusal),
+        _ => Ok(checked),
+    }
+}
+
+/// One line with file, column and fault.
+fn refused(path: &Path, fault: &Fault) -> anyhow::Error {
+    let (file, column, kind) = (path.display(), &fault.column, fault.kind.name());
+    bad_input(format!("{file}: column {column}: {kind}: {}", fault.statement.trim_end_matches('.')))
+}
+
+/// A recording for an answer of one row a row: what changes no rows is mended where `mended`, all is told on
+/// standard error.
+/// Errors: unreadable, refused, or rows that are not even.
+pub(super) fn read_told(path: &Path, axes: &[String], mended: bool) -> anyhow::Result<Recording> {
+    let logged = read_logged(path).map_err(bad_input)?;
+    let rows = logged.recording.len();
+    let gated = check(&logged, axes, &Criteria::default());
+    tell(path, &gated)?;
+    if mended && gated.recording.len() == rows {
+        return Ok(gated.recording);
+    }
+    read_recording(path).map_err(bad_input)
+}
+
+/// Tells what is wrong with a recording that is taken as it is. Errors: refused.
+pub(super) fn tell_of(path: &Path, recording: &Recording) -> anyhow::Result<()> {
+    /// Rows of a long recording that are looked at: a quarter of an hour at 1 kHz.
+    const MOST_ROWS: usize = 1 << 20;
+    let mut head = recording.clone();
+    head.columns.iter_mut().for_each(|c| c.values.truncate(MOST_ROWS));
+    let axes = head.axes.clone();
+    tell(path, &check(&Logged::even(head), &axes, &Criteria::default()))
+}
+
+fn tell(path: &Path, gated: &Gated) -> anyhow::Result<()> {
+    if let Some(fault) = gated.refusal() {
+        return Err(refused(path, fault));
+    }
+    for fault in &gated.faults {
+        // Whoever reads standard error may have gone; the answer is written all the same.
+        let _ = writeln!(
+            std::io::stderr(),
+            "note: {}: {}: {}",
+            path.display(),
+            fault.kind.name(),
+            fault.statement
+        );
+    }
+    Ok(())
+}

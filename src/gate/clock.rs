@@ -1,0 +1,230 @@
+//! Columns whose clocks differ: a force or a speed earlier or later than the motion.
+
+use super::columns::{AxisColumns, Role};
+use super::fault::{Action, FaultKind};
+use super::motion::{Motion, travel};
+use super::rows::same_unit;
+use super::statistics::{mean, smooth};
+use super::work::{Told, Work};
+
+/// Rows between -3 dB of [`smooth`] and the rate: 0.26 / f_c.
+const SMOOTH_ROWS: f64 = 0.26;
+
+/// Tells delays of speeds, and moves a drive column that no physics delays so.
+pub(super) fn offsets(work: &mut Work<'_>, axis: &AxisColumns) {
+    // A moving average is late by itself, and that is told.
+    let judged = |i: &usize| !work.silent[*i] && !work.has(*i, FaultKind::Smoothed);
+    let speeds: Vec<usize> = axis.with(Role::Speed).filter(judged).collect();
+    for speed in speeds {
+        speed_offset(work, axis, speed);
+    }
+    let drives: Vec<usize> = axis.with(Role::Drive).filter(|i| !work.silent[*i]).collect();
+    for drive in drives {
+        if let Some(rows) = drive_offset(work, axis, drive) {
+            move_by(work, drive, rows);
+        }
+    }
+}
+
+/// Delay of a logged speed against the travel: b(t) = k a(t - tau), by least squares of b on a and a'.
+fn speed_offset(work: &mut Work<'_>, axis: &AxisColumns, speed: usize) {
+    let position = axis.with(Role::Position).find(|p| !work.silent[*p] && same_unit(work, *p, speed));
+    let Some(position) = position else { return };
+    let half = half_width(work);
+    let a = smooth(&travel(work.values(position), 1, work.period_s()), half);
+    let b = smooth(work.values(speed), half);
+    let rows: Vec<usize> =
+        (2 * half + 2..a.len().saturating_sub(2 * half + 2)).filter(|i| work.usable[*i]).collect();
+    let slope = |i: usize| 0.5 * (a[i + 1] - a[i - 1]);
+    let (mut aa, mut ad, mut dd, mut ba, mut bd, mut bb) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for &i in &rows {
+        let d = slope(i);
+        aa += a[i] * a[i];
+        ad += a[i] * d;
+        dd += d * d;
+        ba += b[i] * a[i];
+        bd += b[i] * d;
+        bb += b[i] * b[i];
+    }
+    let determinant = aa * dd - ad * ad;
+    if determinant <= 0.0 || bb <= 0.0 {
+        return;
+    }
+    let (k, s) = ((ba * dd - bd * ad) / determinant, (bd * aa - ba * ad) / determinant);
+    let delay = -s / k;
+    let (left, before) = (bb - k * ba - s * bd, bb - ba * ba / aa);
+    let c = work.criteria;
+    let seen = left < (1.0 - c.delay_gain) * before && ba * ba > c.scale_correlation.powi(2) * aa * bb;
+    let most = c.delay_span_s / work.period_s();
+    if !seen || delay.abs() <= c.speed_delay_rows || delay.abs() > most.max(3.0) {
+        return;
+    }
+    let name = work.name(speed);
+    let statement = format!(
+        "{name} is {:.2} ms {} than the travel of {} ({:.1} rows).",
+        1e3 * delay.abs() * work.period_s(),
+        if delay > 0.0 { "later" } else { "earlier" },
+        work.name(position),
+        delay.abs()
+    );
+    work.tell(Told {
+        column: &name,
+        kind: FaultKind::ClockOffset,
+        action: Action::Tell,
+        rows: &[],
+        statement,
+    });
+}
+
+/// Half width of the smoothing that leaves the slow band, rows.
+fn half_width(work: &Work<'_>) -> usize {
+    let rate_hz = work.recording.sample_rate.hz();
+    // Of a slow recording what its rate allows.
+    let cutoff_hz = work.criteria.slow_hz.min(0.1 * rate_hz);
+    (0.5 * (SMOOTH_ROWS * rate_hz / cutoff_hz - 1.0)).round().max(1.0) as usize
+}
+
+/// The drive against (a, v, sgn v, 1) of the motion, both in the slow band, at rows that move.
+struct Balance {
+    /// Orthonormal columns, one row each place.
+    basis: Vec<[f64; 4]>,
+    places: Vec<usize>,
+    /// Drive, smoothed.
+    drive: Vec<f64>,
+    /// Places that are independent.
+    independent: f64,
+}
+
+impl Balance {
+    fn new(work: &Work<'_>, motion: &Motion, drive: usize, span: usize) -> Option<Self> {
+        let half = half_width(work);
+        let dt = work.period_s();
+        let x = smooth(work.values(motion.position), half);
+        let v = travel(&x, 1, dt);
+        let a = travel(&v, 1, dt);
+        let edge = span + 3 * half + 2;
+        let apart = half.max(1);
+        let places: Vec<usize> = (edge..x.len().saturating_sub(edge))
+            .step_by(apart)
+            .filter(|i| !motion.rests(*i) && work.usable[i - half..i + half].iter().all(|u| *u))
+            .collect();
+        let mut columns: [Vec<f64>; 4] = [
+            places.iter().map(|_| 1.0).collect(),
+            places.iter().map(|i| v[*i].signum()).collect(),
+            places.iter().map(|i| v[*i]).collect(),
+            places.iter().map(|i| a[*i]).collect(),
+        ];
+        orthonormal(&mut columns);
+        let basis = (0..places.len()).map(|k| [0, 1, 2, 3].map(|c| columns[c][k])).collect();
+        let time_s = (places.len() * apart) as f64 * dt;
+        let cutoff_hz = work.criteria.slow_hz.min(0.1 / dt);
+        let independent = 2.0 * cutoff_hz * time_s;
+        (independent > 40.0).then(|| Self {
+            basis,
+            places,
+            drive: smooth(work.values(drive), half),
+            independent,
+        })
+    }
+
+    /// Power of the drive, of it that inertia explains, and that nothing does, moved by `rows`.
+    fn powers(&self, rows: isize) -> Powers {
+        let u: Vec<f64> = self.places.iter().map(|i| self.drive[i.saturating_add_signed(rows)]).collect();
+        let middle = mean(&u);
+        let mut on = [0.0; 4];
+        let mut all = 0.0;
+        for (u, basis) in u.iter().zip(&self.basis) {
+            let u = u - middle;
+            all += u * u;
+            for (sum, b) in on.iter_mut().zip(basis) {
+                *sum += u * b;
+            }
+        }
+        let explained: f64 = on.iter().map(|c| c * c).sum();
+        // A mass is positive: what a spring does has the other sign.
+        Powers { all, inertia: on[3].max(0.0).powi(2), left: (all - explained).max(0.0) }
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Powers {
+    all: f64,
+    inertia: f64,
+    left: f64,
+}
+
+/// Gram-Schmidt, in place; a column that depends on the ones before becomes zero.
+fn orthonormal(columns: &mut [Vec<f64>; 4]) {
+    for k in 0..4 {
+        let (done, rest) = columns.split_at_mut(k);
+        let own = &mut rest[0];
+        let size: f64 = own.iter().map(|v| v * v).sum();
+        for before in done.iter() {
+            let on: f64 = own.iter().zip(before).map(|(a, b)| a * b).sum();
+            own.iter_mut().zip(before).for_each(|(a, b)| *a -= on * b);
+        }
+        let left: f64 = own.iter().map(|v| v * v).sum();
+        let times = if left > 1e-9 * size { left.sqrt().recip() } else { 0.0 };
+        own.iter_mut().for_each(|v| *v *= times);
+    }
+}
+
+/// Rows by which the drive is late (earlier: below 0), if no physics makes it so; told.
+fn drive_offset(work: &mut Work<'_>, axis: &AxisColumns, drive: usize) -> Option<f64> {
+    let motion = Motion::of(work, axis)?;
+    let c = *work.criteria;
+    let dt = work.period_s();
+    let stride = work.rows_in(5e-4);
+    let count = (c.delay_span_s / (stride as f64 * dt)).floor().max(3.0) as isize;
+    let span = count as usize * stride;
+    let balance = Balance::new(work, &motion, drive, span)?;
+    let at = |k: isize| balance.powers(k * stride as isize);
+    let all: Vec<Powers> = (-count..=count).map(at).collect();
+    let best = (0..all.len()).min_by(|a, b| all[*a].left.total_cmp(&all[*b].left))?;
+    let now = all[count as usize];
+    if best == 0 || best + 1 == all.len() {
+        return None;
+    }
+    let [l, m, r] = [all[best - 1].left, all[best].left, all[best + 1].left];
+    let bend = l - 2.0 * m + r;
+    let part = if bend > 0.0 { (0.5 * (l - r) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+    let rows = (best as f64 - count as f64 + part) * stride as f64;
+    let late_s = rows * dt;
+    // Interval of the delay: where F of one number is below its quantile; zero must lie outside.
+    let outside = now.left > m * (1.0 + c.delay_f / balance.independent);
+    let seen = now.left - m > c.delay_gain * now.left && outside;
+    let has_inertia = all[best].inertia >= c.delay_inertia * all[best].all;
+    let physics = if late_s > 0.0 { late_s <= c.late_s || rows <= c.late_rows } else { -late_s <= c.early_s };
+    if !seen || !has_inertia || physics {
+        return None;
+    }
+    let name = work.name(drive);
+    let statement = format!(
+        "{name} is {:.2} ms {} than the motion it makes; it was moved in time.",
+        1e3 * late_s.abs(),
+        if late_s > 0.0 { "later" } else { "earlier" }
+    );
+    work.tell(Told {
+        column: &name,
+        kind: FaultKind::ClockOffset,
+        action: Action::Correct,
+        rows: &[],
+        statement,
+    });
+    Some(rows)
+}
+
+/// u(t) becomes u(t + rows), between rows by a straight line; what the file does not hold is masked.
+fn move_by(work: &mut Work<'_>, column: usize, rows: f64) {
+    let n = work.rows();
+    let x = work.values(column).to_vec();
+    let last = (n - 1) as f64;
+    let at = |i: usize| {
+        let place = (i as f64 + rows).clamp(0.0, last);
+        let k = (place.floor() as usize).min(n.saturating_sub(2));
+        x[k] + (place - k as f64) * (x[k + 1] - x[k])
+    };
+    work.recording.columns[column].values = (0..n).map(at).collect();
+    let lost = rows.abs().ceil() as usize;
+    if rows > 0.0 { work.mask(n.saturating_sub(lost)..n) } else { work.mask(0..lost) }
+}

@@ -1,0 +1,212 @@
+//! Values that are repeated while the axis moves.
+
+use super::columns::{AxisColumn, AxisColumns, Role};
+use super::fault::{Action, FaultKind};
+use super::motion::Motion;
+use super::rows::same_unit;
+use super::statistics::{Run, median, percentile, runs};
+use super::work::{Told, Work, times};
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// A run of equal values of one column, and what it says.
+#[derive(Debug, Clone, Copy)]
+struct Hold {
+    column: AxisColumn,
+    run: Run,
+    /// Decades of improbability, were the column alive.
+    surprise: f64,
+    /// A position that jumps behind it as far as was due.
+    jumps: bool,
+}
+
+/// Masks what is held and draws a straight line over it.
+pub(super) fn held(work: &mut Work<'_>, axis: &AxisColumns) {
+    let mut holds: Vec<Hold> = Vec::new();
+    for column in axis.measured().filter(|c| !work.silent[c.index]) {
+        match column.role {
+            Role::Position => holds.extend(of_position(work, column)),
+            _ => holds.extend(of_noisy(work, column)),
+        }
+    }
+    let motion = Motion::of(work, axis);
+    let mut by_column: BTreeMap<usize, Vec<Run>> = BTreeMap::new();
+    for together in groups(holds) {
+        let surprise: f64 = together.iter().map(|h| h.surprise).sum();
+        if surprise >= work.surprise() && moves(work, (axis, motion.as_ref()), &together) {
+            together.iter().for_each(|h| by_column.entry(h.column.index).or_default().push(h.run));
+        }
+    }
+    for (column, runs) in by_column {
+        // The first of the equal values was measured.
+        let rows: Vec<Range<usize>> = runs.iter().map(|r| r.first + 1..r.end()).collect();
+        for r in &rows {
+            work.mask(r.clone());
+            work.bridge(column, r.clone());
+        }
+        let longest = runs.iter().map(|r| r.rows).max().unwrap_or(0);
+        let name = work.name(column);
+        let statement = format!(
+            "{name} repeats its last value {} while the axis moves, for up to {:.4} s.",
+            times(runs.len()),
+            longest as f64 * work.period_s()
+        );
+        work.tell(Told {
+            column: &name,
+            kind: FaultKind::Held,
+            action: Action::Mask,
+            rows: &rows,
+            statement,
+        });
+    }
+}
+
+/// Holds of the same rows, give or take one: a logger that stands holds all of its columns.
+fn groups(mut holds: Vec<Hold>) -> Vec<Vec<Hold>> {
+    holds.sort_by_key(|h| (h.run.first, h.run.rows, h.column.index));
+    let mut out: Vec<Vec<Hold>> = Vec::new();
+    for hold in holds {
+        let same = |g: &&mut Vec<Hold>| {
+            let first = g[0].run;
+            hold.run.first.abs_diff(first.first) <= 1
+                && hold.run.end().abs_diff(first.end()) <= 1
+                && g.iter().all(|h| h.column.index != hold.column.index)
+        };
+        match out.iter_mut().rev().take(8).find(same) {
+            Some(group) => group.push(hold),
+            None => out.push(vec![hold]),
+        }
+    }
+    out
+}
+
+/// Runs of a position: so many steps were due while it stood.
+///
+/// S = (L - 1) min(|v_b|, |v_a|) / q / ln 10 (Poisson)
+fn of_position(work: &Work<'_>, column: AxisColumn) -> Vec<Hold> {
+    const AROUND: usize = 5;
+    let c = work.criteria;
+    let x = work.values(column.index);
+    let q = work.resolution(column.index);
+    let mut out = Vec::new();
+    for run in runs(x, c.hold_rows) {
+        let (first, end) = (run.first, run.end());
+        if first < AROUND || end + AROUND >= x.len() {
+            continue;
+        }
+        let of = |rows: Range<usize>| rows.map(|i| x[i + 1] - x[i]).collect::<Vec<f64>>();
+        let (before, after) = (of(first - AROUND..first), of(end..end + AROUND));
+        let (v_b, v_a) = (median(&before), median(&after));
+        // Of a motion that is no steady one the slower part: a vibration stands at its ends.
+        let quarter = |d: &[f64]| percentile(&d.iter().map(|d| d.abs()).collect::<Vec<_>>(), 0.25);
+        let slow = quarter(&before).min(quarter(&after));
+        if slow <= 0.0 || q <= 0.0 {
+            continue;
+        }
+        let rows = (run.rows - 1) as f64;
+        let jump = (x[end] - x[end - 1]).abs();
+        let jumps = if v_b * v_a > 0.0 {
+            jump >= c.jump_share * rows * slow
+        } else {
+            let neighbour = before.iter().chain(&after).fold(0.0_f64, |m, d| m.max(d.abs()));
+            jump > c.jump_over_neighbours * neighbour
+        };
+        out.push(Hold { column, run, surprise: rows * slow / q / std::f64::consts::LN_10, jumps });
+    }
+    out
+}
+
+/// Runs of a force or a speed: it repeats itself as often as it does beside them.
+///
+/// S = (L - 1) (-log10 p)
+fn of_noisy(work: &Work<'_>, column: AxisColumn) -> Vec<Hold> {
+    let c = work.criteria;
+    let x = work.values(column.index);
+    let all = runs(x, 1);
+    let long: Vec<usize> =
+        (0..all.len()).filter(|k| all[*k].rows >= c.hold_rows.max(2 * work.updates[column.index])).collect();
+    let hold = |k: usize| {
+        let run = all[k];
+        // At a limit it stands for another reason.
+        if !work.usable[run.first] {
+            return None;
+        }
+        let near = |other: &Run| {
+            other.end() + c.hold_neighbours > run.first && other.first < run.end() + c.hold_neighbours
+        };
+        let before = all[..k].iter().rev().take_while(|r| near(r));
+        let beside: Vec<Run> = before.chain(all[k + 1..].iter().take_while(|r| near(r))).copied().collect();
+        let rows: usize = beside.iter().map(|r| r.rows).sum();
+        let longest = beside.iter().map(|r| r.rows).max().unwrap_or(0);
+        if run.rows as f64 - 1.0 <= c.hold_over_others * longest as f64 {
+            return None;
+        }
+        let repeats = rows - beside.len().min(rows);
+        let p = (repeats as f64 + 1.0) / (rows as f64 + 2.0);
+        Some(Hold { column, run, surprise: (run.rows - 1) as f64 * -p.log10(), jumps: false })
+    };
+    long.into_iter().filter_map(hold).collect()
+}
+
+/// Proof that the axis moved meanwhile; without it, it rested.
+fn moves(work: &Work<'_>, (axis, motion): (&AxisColumns, Option<&Motion>), together: &[Hold]) -> bool {
+    let c = work.criteria;
+    let run = together[0].run;
+    if together.iter().any(|h| h.jumps && !speed_rests(work, axis, together, h)) {
+        return true;
+    }
+    let held = |i: usize| together.iter().any(|h| h.column.index == i);
+    let speeds = |i: usize| together.iter().any(|h| h.column.index == i && h.column.role == Role::Speed);
+    if together.len() == 1 && together[0].column.role != Role::Position && run.rows < c.lone_hold_rows {
+        return false;
+    }
+    let live = |role| axis.with(role).filter(|i| !work.silent[*i] && !held(*i));
+    let travels = live(Role::Position).any(|i| {
+        let x = work.values(i);
+        let end = run.end().min(x.len() - 1);
+        let own = Motion::of_position(work, i);
+        (x[end] - x[run.first]).abs() > c.update_steps * work.step(i)
+            && (run.first..end).all(|row| !own.rests(row))
+    });
+    if travels {
+        // A coarse speed that the travel confirms is alive.
+        let coarse = |h: &Hold| h.column.role == Role::Speed && confirmed(work, motion, h);
+        return !together.iter().all(coarse);
+    }
+    // A position that stands under a speed that does not.
+    together.iter().any(|h| h.column.role == Role::Position)
+        && live(Role::Speed).filter(|i| !speeds(*i)).any(|i| {
+            let v = work.values(i);
+            let sizes: Vec<f64> = v[run.first..run.end()].iter().map(|v| v.abs()).collect();
+            let all: Vec<f64> = v.iter().map(|v| v.abs()).collect();
+            median(&sizes) > 0.1 * percentile(&all, 0.99)
+        })
+}
+
+/// True where the logged speed of that position is none while it stands: then rows are missing behind it.
+fn speed_rests(work: &Work<'_>, axis: &AxisColumns, together: &[Hold], position: &Hold) -> bool {
+    let held = |i: usize| together.iter().any(|h| h.column.index == i);
+    let own = |i: &usize| !work.silent[*i] && !held(*i) && same_unit(work, position.column.index, *i);
+    axis.with(Role::Speed).filter(own).any(|i| {
+        let v: Vec<f64> = work.values(i).iter().map(|v| v.abs()).collect();
+        let run = position.run;
+        median(&v[run.first..run.end()]) <= work.criteria.rest_speed * percentile(&v, 0.99)
+    })
+}
+
+/// True where the travel stays as it was before, to a step of the speed.
+fn confirmed(work: &Work<'_>, motion: Option<&Motion>, hold: &Hold) -> bool {
+    let Some(motion) = motion else { return false };
+    let speed = &motion.speed[hold.run.first..hold.run.end()];
+    let [low, high] =
+        speed.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |e, v| [e[0].min(*v), e[1].max(*v)]);
+    let v = work.values(hold.column.index);
+    // In units of the speed's own column, whatever its scale.
+    let (mut top, mut bottom) = (0.0, 0.0);
+    for (a, b) in v.iter().zip(&motion.speed) {
+        top += a * b;
+        bottom += b * b;
+    }
+    let times = if bottom > 0.0 { top / bottom } else { return false };
+    (high - low) * times.abs() <= 2.0 * work.step(hold.column.index)
+}

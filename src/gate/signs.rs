@@ -1,0 +1,155 @@
+//! Magnitudes in place of signed values, a force that drives against its motion, columns in each other's
+//! place.
+
+use super::columns::{AxisColumns, Role};
+use super::fault::{Action, FaultKind};
+use super::motion::Motion;
+use super::statistics::{changes, deviation, median, percentile};
+use super::work::{Told, Work, stretches};
+
+/// A drive column without one of the signs that folds at zero while the axis moves both ways.
+///
+/// What was folded meets zero in the form of a V. A pull that cannot push stays flat at zero, and a weight
+/// never comes near it.
+pub(super) fn rectified(work: &mut Work<'_>, axis: &AxisColumns) {
+    let Some(motion) = Motion::of(work, axis) else { return };
+    if motion.both_ways().iter().any(|share| *share < work.criteria.both_ways) {
+        return;
+    }
+    for column in drives(work, axis) {
+        if !is_folded(work, column) {
+            continue;
+        }
+        let name = work.name(column);
+        let statement = format!(
+            "{name} is a magnitude, not a signed value: it folds at zero while the axis moves both ways."
+        );
+        let alone = axis.with(Role::Drive).filter(|i| !work.silent[*i]).count() == 1;
+        let named = ["current_ref_a", "torque_ref_nm", "thrust_ref_n"].iter().any(|n| name.ends_with(n));
+        let action = if alone || named { Action::Refuse } else { Action::Tell };
+        work.tell(Told { column: &name, kind: FaultKind::Rectified, action, rows: &[], statement });
+    }
+}
+
+fn drives(work: &Work<'_>, axis: &AxisColumns) -> Vec<usize> {
+    axis.with(Role::Drive).filter(|i| !work.silent[*i]).collect()
+}
+
+fn is_folded(work: &Work<'_>, column: usize) -> bool {
+    /// Rows beside a touch whose slope says how long it should be.
+    const BESIDE: usize = 3;
+    let c = work.criteria;
+    let x = work.values(column);
+    let (mut up, mut down) = (0_usize, 0_usize);
+    x.iter().for_each(|v| {
+        if *v > 0.0 {
+            up += 1
+        } else if *v < 0.0 {
+            down += 1
+        }
+    });
+    if up.min(down) as f64 > c.other_sign * x.len() as f64 {
+        return false;
+    }
+    let u: Vec<f64> = x.iter().map(|v| v.abs()).collect();
+    let full = percentile(&u, 0.99);
+    let [near, close] = c.touch.map(|t| t * full);
+    let low: Vec<bool> = u.iter().map(|v| *v < near).collect();
+    let touches: Vec<_> =
+        stretches(&low, 0).into_iter().filter(|t| t.start > BESIDE && t.end + BESIDE < u.len()).collect();
+    let pointed = touches.iter().filter(|t| {
+        // The slopes of both sides, taken from where it is well above the touch.
+        let falls = (u[t.start - BESIDE] - u[t.start]) / BESIDE as f64;
+        let rises = (u[t.end - 1 + BESIDE] - u[t.end - 1]) / BESIDE as f64;
+        if falls <= 0.0 || rises <= 0.0 {
+            return false;
+        }
+        let due = near / falls + near / rises;
+        t.len() as f64 <= (c.touch_rows * due).max(1.0)
+    });
+    let pointed: Vec<_> = pointed.collect();
+    let reaches = |t: &&&std::ops::Range<usize>| u[(**t).clone()].iter().any(|v| *v <= close);
+    let enough = pointed.len() >= 3 || pointed.iter().any(|t| reaches(&t));
+    enough && pointed.len() as f64 >= c.touch_share * touches.len() as f64
+}
+
+/// A position is smoother than the force that makes it.
+pub(super) fn swapped(work: &mut Work<'_>, axis: &AxisColumns) {
+    let Some(position) = axis.position(&work.recording).filter(|p| !work.silent[*p]) else { return };
+    let rough = |x: &[f64]| deviation(&changes(x)) / deviation(x).max(f64::MIN_POSITIVE);
+    let own = rough(work.values(position));
+    for drive in drives(work, axis) {
+        if own <= work.criteria.roughness * rough(work.values(drive)) || !goes_anywhere(work, position) {
+            continue;
+        }
+        let (name, other) = (work.name(drive), work.name(position));
+        let statement = format!(
+            "{name} and {other} look swapped: {other} changes {:.0} times as roughly as the force that \
+             should make it.",
+            own / rough(work.values(drive)).max(f64::MIN_POSITIVE)
+        );
+        work.tell(Told {
+            column: &name,
+            kind: FaultKind::Swapped,
+            action: Action::Refuse,
+            rows: &[],
+            statement,
+        });
+    }
+}
+
+/// False for an axis that is held still and shows its noise: that is rough, too.
+fn goes_anywhere(work: &Work<'_>, position: usize) -> bool {
+    const STEPS: f64 = 100.0;
+    let x = work.values(position);
+    super::statistics::range(x) > STEPS * work.step(position)
+}
+
+/// An axis with friction takes power and gives none.
+///
+/// b = sum (u - u_0) v / sum |(u - u_0) v|, u_0: mean of the medians of both directions
+pub(super) fn wrong_sign(work: &mut Work<'_>, axis: &AxisColumns) {
+    let Some(motion) = Motion::of(work, axis) else { return };
+    if motion.both_ways().iter().any(|share| *share < work.criteria.sign_both_ways) {
+        return;
+    }
+    for column in drives(work, axis) {
+        if work.has(column, FaultKind::Rectified) {
+            continue;
+        }
+        let u = work.values(column);
+        let of = |up: bool| {
+            let rows = u
+                .iter()
+                .zip(&motion.speed)
+                .filter(|(_, v)| if up { **v > motion.rest } else { **v < -motion.rest });
+            median(&rows.map(|(u, _)| *u).collect::<Vec<_>>())
+        };
+        let offset = 0.5 * (of(true) + of(false));
+        let (mut net, mut all) = (0.0, 0.0);
+        for (u, v) in u.iter().zip(&motion.speed) {
+            let power = (u - offset) * v;
+            net += power;
+            all += power.abs();
+        }
+        if net >= work.criteria.against_motion * all {
+            continue;
+        }
+        for v in &mut work.recording.columns[column].values {
+            *v = -*v;
+        }
+        let name = work.name(column);
+        let statement = format!(
+            "{name} drives against the motion: {:.0} % of its power is taken from the axis; its sign was \
+             turned.",
+            50.0 * (1.0 - net / all)
+        );
+        work.tell(Told {
+            column: &name,
+            kind: FaultKind::WrongSign,
+            action: Action::Correct,
+            rows: &[],
+            statement,
+        });
+    }
+}

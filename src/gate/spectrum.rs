@@ -1,0 +1,169 @@
+//! What a spectrum shows: the notches of a moving average, lines of the mains.
+
+use super::columns::{AxisColumns, Role};
+use super::fault::{Action, FaultKind};
+use super::statistics::{changes, deviation, mean};
+use super::work::{Told, Work};
+use rustfft::{FftPlanner, num_complex::Complex64};
+use std::f64::consts::{PI, TAU};
+
+/// Rows of a window of the spectrum.
+const WINDOW: usize = 2048;
+
+/// Tells a moving average over 5 to 32 rows: every multiple of fs / n is a notch.
+pub(super) fn smoothed(work: &mut Work<'_>, axis: &AxisColumns) {
+    let columns: Vec<usize> = axis
+        .measured()
+        // Not of columns with a lower rate: repeating a value k times is an average over k rows, too.
+        .filter(|c| {
+            c.role != Role::Position && !work.silent[c.index] && !work.has(c.index, FaultKind::LowerRate)
+        })
+        .map(|c| c.index)
+        .collect();
+    for column in columns {
+        let Some(spectrum) = spectrum(work.values(column)) else { continue };
+        let c = work.criteria;
+        let Some(n) = (5..=32).rev().find(|n| has_notches(&spectrum, *n, c.notch_db)) else { continue };
+        let name = work.name(column);
+        let statement = format!(
+            "{name} is a moving average over {n} rows: unless it is centred it is {:.2} ms late.",
+            0.5e3 * (n - 1) as f64 * work.period_s()
+        );
+        work.tell(Told {
+            column: &name,
+            kind: FaultKind::Smoothed,
+            action: Action::Tell,
+            rows: &[],
+            statement,
+        });
+    }
+}
+
+/// Mean power of the changes in windows of [`WINDOW`] rows, over that of a difference; `None`: too short.
+fn spectrum(x: &[f64]) -> Option<Vec<f64>> {
+    if x.len() < WINDOW {
+        return None;
+    }
+    let d = changes(x);
+    let fft = FftPlanner::new().plan_fft_forward(WINDOW);
+    let hann: Vec<f64> = (0..WINDOW).map(|i| (PI * (i as f64 + 0.5) / WINDOW as f64).sin().powi(2)).collect();
+    let mut power = vec![0.0; WINDOW / 2];
+    let step = (WINDOW / 2).max((d.len() - WINDOW + 1) / 64);
+    for start in (0..=d.len().saturating_sub(WINDOW)).step_by(step).filter(|s| s + WINDOW <= d.len()) {
+        let part = &d[start..start + WINDOW];
+        let mut z: Vec<Complex64> = part.iter().zip(&hann).map(|(v, w)| Complex64::new(v * w, 0.0)).collect();
+        fft.process(&mut z);
+        power.iter_mut().zip(&z).for_each(|(p, z)| *p += z.norm_sqr());
+    }
+    for (k, p) in power.iter_mut().enumerate() {
+        *p /= (PI * k.max(1) as f64 / WINDOW as f64).sin().powi(2);
+    }
+    Some(power)
+}
+
+/// Each multiple of fs / n below its neighbours at +- 0.35 fs / n.
+fn has_notches(power: &[f64], n: usize, [each_db, mean_db]: [f64; 2]) -> bool {
+    const ASIDE: f64 = 0.35;
+    let spacing = WINDOW as f64 / n as f64;
+    let around = |centre: f64, half: usize| {
+        let k = centre.round() as usize;
+        let part = &power[k.saturating_sub(half)..(k + half + 1).min(power.len())];
+        part.iter().sum::<f64>() / part.len().max(1) as f64
+    };
+    let count = ((0.5 * n as f64 - ASIDE).floor() as usize).min(power.len());
+    let depth_db = |m: usize| {
+        let centre = m as f64 * spacing;
+        let db = |power: f64| 10.0 * power.max(f64::MIN_POSITIVE).log10();
+        // In decibels: a spectrum that only falls has no notch.
+        let beside = db(around(centre - ASIDE * spacing, 3)) + db(around(centre + ASIDE * spacing, 3));
+        0.5 * beside - db(around(centre, 1))
+    };
+    let depths: Vec<f64> = (1..=count).map(depth_db).collect();
+    depths.len() >= 2 && depths.iter().all(|d| *d >= each_db) && mean(&depths) >= mean_db
+}
+
+/// Tells a line of the mains, or of a multiple, in a drive column.
+pub(super) fn mains_line(work: &mut Work<'_>, axis: &AxisColumns) {
+    let drives: Vec<usize> = axis.with(Role::Drive).filter(|i| !work.silent[*i]).collect();
+    let spindle_hz = spindle_hz(work);
+    for column in drives {
+        let x = work.values(column);
+        let rate_hz = work.recording.sample_rate.hz();
+        let spread = deviation(x);
+        let lines = [50.0, 60.0].into_iter().flat_map(|f| [1.0, 2.0, 3.0, 6.0].map(|k| f * k));
+        let c = work.criteria;
+        let found: Vec<(f64, f64)> = lines
+            .filter(|f| !of_spindle(spindle_hz, *f))
+            .filter_map(|f| {
+                let line = line(x, f, rate_hz)?;
+                let is_one =
+                    line.rms > c.line_over_neighbours * line.beside && line.rms > c.line_share * spread;
+                is_one.then_some((f, line.rms))
+            })
+            .collect();
+        let Some((frequency_hz, rms)) = found.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)) else {
+            continue;
+        };
+        let name = work.name(column);
+        let statement = format!(
+            "{name} carries a line at {frequency_hz} Hz, {:.1} % of its spread: the mains, or something \
+             that turns.",
+            100.0 * rms / spread
+        );
+        work.tell(Told {
+            column: &name,
+            kind: FaultKind::MainsLine,
+            action: Action::Tell,
+            rows: &[],
+            statement,
+        });
+    }
+}
+
+/// Mean turns of the spindle a second, where it is recorded and turns.
+fn spindle_hz(work: &Work<'_>) -> Option<f64> {
+    let turns = mean(work.recording.get("spindle_speed_rpm")?) / 60.0;
+    (turns > 0.1).then_some(turns)
+}
+
+/// True where the spindle or its teeth make that line.
+fn of_spindle(spindle_hz: Option<f64>, frequency_hz: f64) -> bool {
+    const NEAR_HZ: f64 = 0.5;
+    spindle_hz.is_some_and(|s| (frequency_hz / s - (frequency_hz / s).round()).abs() * s < NEAR_HZ)
+}
+
+struct Line {
+    rms: f64,
+    beside: f64,
+}
+
+/// The largest line near a frequency, and what lies within 4 Hz of it; `None`: too short, or too slow.
+fn line(x: &[f64], frequency_hz: f64, rate_hz: f64) -> Option<Line> {
+    const NEAR_HZ: f64 = 4.0;
+    const LEAST_BINS: f64 = 8.0;
+    let n = x.len();
+    let bin_hz = 1.0 / (n as f64 / rate_hz);
+    if frequency_hz > 0.45 * rate_hz || NEAR_HZ < LEAST_BINS * bin_hz {
+        return None;
+    }
+    let middle = mean(x);
+    let size = |f: f64| {
+        // Goertzel with a Hann window: of a sine of root mean square 1 it is 1.
+        let turn = Complex64::from_polar(1.0, -TAU * f / rate_hz);
+        let slow = Complex64::from_polar(1.0, TAU / n as f64);
+        let (mut phase, mut window, mut sum) =
+            (Complex64::new(1.0, 0.0), Complex64::new(1.0, 0.0), Complex64::new(0.0, 0.0));
+        for v in x {
+            sum += phase * ((v - middle) * (1.0 - window.re));
+            phase *= turn;
+            window *= slow;
+        }
+        std::f64::consts::SQRT_2 * sum.norm() / n as f64
+    };
+    let at = |k: f64| size(frequency_hz + k * bin_hz);
+    let rms = [-1.0, -0.5, 0.0, 0.5, 1.0].map(at).into_iter().fold(0.0, f64::max);
+    let far = NEAR_HZ / bin_hz;
+    let beside: Vec<f64> =
+        (0..10).map(|k| 4.0 + (far - 4.0) * f64::from(k) / 9.0).flat_map(|k| [at(k), at(-k)]).collect();
+    Some(Line { rms, beside: (beside.iter().map(|b| b * b).sum::<f64>() / beside.len() as f64).sqrt() })
+}

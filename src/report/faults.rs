@@ -1,0 +1,76 @@
+//! What is wrong with the recordings: `recording_faults` of `diagnosis.json`, and the first screen of a page.
+
+use super::plot::escape;
+use crate::gate::{Action, Fault};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+
+/// A fault and the file that has it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FaultOf {
+    /// File as it was given, without its folder.
+    pub recording: String,
+    /// What is wrong.
+    pub fault: Fault,
+}
+
+/// Value of `recording_faults`: always a list.
+#[must_use]
+pub fn faults_json(faults: &[FaultOf]) -> Value {
+    let one = |f: &FaultOf| {
+        json!({
+            "recording": f.recording,
+            "column": f.fault.column,
+            "fault": f.fault.kind.name(),
+            "time_s": f.fault.time_s,
+            "share": f.fault.share,
+            "action": f.fault.action.name(),
+            "statement": f.fault.statement,
+        })
+    };
+    faults.iter().map(one).collect()
+}
+
+/// A box for the first screen of a report; nothing where nothing is wrong.
+pub fn faults_box(out: &mut String, faults: &[FaultOf]) {
+    /// Lines that a first screen can bear.
+    const MOST: usize = 8;
+    if faults.is_empty() {
+        return;
+    }
+    out.push_str("<h2>What is wrong with the recordings</h2><div class=\"card\"><table>");
+    let mut sorted: Vec<&FaultOf> = faults.iter().collect();
+    sorted.sort_by_key(|f| weight(f.fault.action));
+    for f in sorted.iter().take(MOST) {
+        let _ = write!(
+            out,
+            "<tr><td>{}</td><td>{}</td><td class=\"soft\">{}</td></tr>",
+            escape(&f.recording),
+            escape(&f.fault.statement),
+            done(f.fault.action)
+        );
+    }
+    if sorted.len() > MOST {
+        let _ =
+            write!(out, "<tr><td></td><td>{} more in diagnosis.json</td><td></td></tr>", sorted.len() - MOST);
+    }
+    out.push_str("</table></div>");
+}
+
+fn weight(action: Action) -> usize {
+    match action {
+        Action::Refuse => 0,
+        Action::Mask => 1,
+        Action::Correct => 2,
+        Action::Tell => 3,
+    }
+}
+
+fn done(action: Action) -> &'static str {
+    match action {
+        Action::Refuse => "not used",
+        Action::Mask => "these rows left out",
+        Action::Correct => "put right",
+        Action::Tell => "left as it is",
+    }
+}

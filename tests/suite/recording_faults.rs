@@ -1,0 +1,351 @@
+//! Each fault put into a recording of a drive that is written down here, and into the measured one beside the
+//! project: told by name and column, and the numbers of the model as of the recording without it.
+
+use crate::folders::shared;
+use stillcut::diagnosis::{DiagnoseOptions, Diagnosis, diagnose_with};
+use stillcut::gate::{Action, Criteria, Fault, FaultKind, Gated, Logged, check};
+use stillcut::plant::drive::{DriveParams, RawDriveParams};
+use stillcut::plant::machine::{AxisModel, Machine};
+use stillcut::sample::{Column, Recording};
+use stillcut::units::SampleRate;
+
+const RATE_HZ: f64 = 1000.0;
+const MASS_KG: f64 = 90.0;
+const VISCOUS_N_S_M: f64 = 200.0;
+const COULOMB_N: f64 = 20.0;
+const STEP_M: f64 = 1e-7;
+const THRUST: &str = "x_thrust_ref_n";
+const POSITION: &str = "x_motor_position_m";
+const SPEED: &str = "x_motor_velocity_m_s";
+
+/// Deterministic noise of a normal law, near enough: twelve uniform numbers.
+struct Noise(u64);
+
+impl Noise {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+    }
+
+    fn row(&mut self, from: usize, to: usize) -> usize {
+        from + (self.uniform() * (to - from) as f64) as usize
+    }
+}
+
+/// A drive that goes to and fro by moves of minimum jerk: x = d (10 s^3 - 15 s^4 + 6 s^5), s = t / T.
+fn drive() -> Logged {
+    let mut noise = Noise(11);
+    let (mut thrust, mut position, mut speed) = (Vec::new(), Vec::new(), Vec::new());
+    let moves = [0.2, 0.7, 0.35, 1.0, 0.5, 0.8, 0.3, 0.9, 0.6, 0.4];
+    let mut from = 0.0;
+    for (k, part) in moves.iter().cycle().take(20).enumerate() {
+        let d = 0.12 * part * if k % 2 == 0 { 1.0 } else { -1.0 } * if k % 4 < 2 { 1.0 } else { -0.9 };
+        let rows = (500.0 + 700.0 * part) as usize;
+        let length_s = rows as f64 / RATE_HZ;
+        for i in 0..rows + 60 {
+            let s = (i as f64 / rows as f64).min(1.0);
+            let x = from + d * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s);
+            let v = d / length_s * 30.0 * (s * (1.0 - s)).powi(2);
+            let a = d / length_s.powi(2) * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s);
+            let force = MASS_KG * a + VISCOUS_N_S_M * v + COULOMB_N * (v / 1e-3).tanh();
+            thrust.push(force + 0.4 * noise.normal());
+            position.push((x / STEP_M).round() * STEP_M);
+            speed.push(v + 2e-5 * noise.normal());
+        }
+        from += d;
+    }
+    let column = |name: &str, values| Column { name: name.into(), values };
+    Logged::even(Recording {
+        sample_rate: SampleRate::new(RATE_HZ).unwrap(),
+        experiment: "moves".into(),
+        axes: vec!["x".into()],
+        columns: vec![column(THRUST, thrust), column(POSITION, position), column(SPEED, speed)],
+        start_s: 0.0,
+        metadata: Vec::new(),
+    })
+}
+
+fn gate(logged: &Logged) -> Gated {
+    check(logged, &["x".to_owned()], &Criteria::default())
+}
+
+fn values<'a>(logged: &'a mut Logged, name: &str) -> &'a mut Vec<f64> {
+    &mut logged.recording.columns.iter_mut().find(|c| c.name == name).unwrap().values
+}
+
+/// Rows at which the drive of [`drive`] moves.
+fn moving(logged: &Logged) -> Vec<usize> {
+    let v = logged.recording.get(SPEED).unwrap();
+    (500..v.len() - 500).filter(|i| v[*i].abs() > 0.03).collect()
+}
+
+fn even_times(logged: &mut Logged) {
+    logged.times_s = (0..logged.recording.len()).map(|i| i as f64 / RATE_HZ).collect();
+}
+
+/// Rows put in (again) or taken out, with time counted as if nothing had happened.
+fn with_rows(logged: &mut Logged, rows: impl Fn(usize) -> usize) {
+    for column in &mut logged.recording.columns {
+        let x = std::mem::take(&mut column.values);
+        column.values = x.iter().enumerate().flat_map(|(i, v)| std::iter::repeat_n(*v, rows(i))).collect();
+    }
+    even_times(logged);
+}
+
+/// A fault in three sizes. `None`: there is no such size.
+fn put(kind: FaultKind, size: usize, logged: &mut Logged) {
+    let mut noise = Noise(100 + size as u64);
+    let moving = moving(logged);
+    let mut draw = |count: usize| -> Vec<usize> {
+        (0..count)
+            .map(|k| moving[noise.row(k * moving.len() / count, (k + 1) * moving.len() / count)])
+            .collect()
+    };
+    let n = logged.recording.len();
+    match kind {
+        FaultKind::Held => {
+            let rows = [6, 20, 100][size];
+            for start in draw(5) {
+                for name in [THRUST, POSITION, SPEED] {
+                    let x = values(logged, name);
+                    let held = x[start];
+                    x[start..start + rows].fill(held);
+                }
+            }
+        }
+        FaultKind::LowerRate => {
+            let k = [2, 5, 20][size];
+            let x = values(logged, THRUST);
+            (0..n).for_each(|i| x[i] = x[i / k * k]);
+        }
+        FaultKind::Doubled | FaultKind::Dropped => {
+            let places = draw([1, 5, 20][size]);
+            let there = if kind == FaultKind::Doubled { 2 } else { 0 };
+            with_rows(logged, |i| if places.contains(&i) { there } else { 1 });
+        }
+        FaultKind::IrregularTime => {
+            let jitter = [0.04, 0.1, 0.4][size] / RATE_HZ;
+            let mut noise = Noise(5);
+            logged.times_s.iter_mut().for_each(|t| *t += jitter * (noise.uniform() - 0.5));
+        }
+        FaultKind::Rounded => {
+            let step = [5e-4, 1e-3, 1e-2][size];
+            values(logged, POSITION).iter_mut().for_each(|x| *x = (*x / step).round() * step);
+        }
+        FaultKind::Outlier => {
+            let off = [15.0, 40.0, 120.0][size];
+            draw(5).into_iter().for_each(|i| values(logged, THRUST)[i] += off);
+        }
+        FaultKind::LongRest => {
+            let rest = n * [2, 3, 6][size];
+            for name in [THRUST, POSITION, SPEED] {
+                let x = values(logged, name);
+                let last = if name == POSITION { x[n - 1] } else { 0.0 };
+                x.extend((0..rest).map(|_| last + if name == THRUST { 0.3 * noise.normal() } else { 0.0 }));
+            }
+            even_times(logged);
+        }
+        other => put_values(other, size, logged),
+    }
+}
+
+/// Faults of the values of one column, wherever they are.
+fn put_values(kind: FaultKind, size: usize, logged: &mut Logged) {
+    let n = logged.recording.len();
+    match kind {
+        FaultKind::Clipped => {
+            let x = values(logged, THRUST);
+            let most = [0.8, 0.7, 0.5][size] * x.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            x.iter_mut().for_each(|v| *v = v.clamp(-most, most));
+        }
+        FaultKind::Rectified => {
+            let offset = [0.0, 3.0, 8.0][size];
+            values(logged, THRUST).iter_mut().for_each(|v| *v = (*v + offset).abs());
+        }
+        FaultKind::WrongSign => values(logged, THRUST).iter_mut().for_each(|v| *v = -*v),
+        FaultKind::Swapped => {
+            let x = std::mem::take(values(logged, THRUST));
+            let x = std::mem::replace(values(logged, POSITION), x);
+            *values(logged, THRUST) = x;
+        }
+        FaultKind::WrongScale => {
+            let times = [1.03, 1.2, 60.0][size];
+            values(logged, SPEED).iter_mut().for_each(|v| *v *= times);
+        }
+        FaultKind::ClockOffset => {
+            let late = [4, 8, 20][size];
+            values(logged, THRUST).rotate_right(late);
+        }
+        FaultKind::Smoothed => {
+            let k = [5, 9, 20][size];
+            let x = values(logged, SPEED);
+            let mean = |i: usize| x[(i + 1).saturating_sub(k)..=i].iter().sum::<f64>() / k.min(i + 1) as f64;
+            *x = (0..n).map(mean).collect();
+        }
+        FaultKind::MainsLine => {
+            let high = [1.0, 2.0, 6.0][size];
+            let x = values(logged, THRUST);
+            (0..n).for_each(|i| x[i] += high * (std::f64::consts::TAU * 50.0 * i as f64 / RATE_HZ).sin());
+        }
+        FaultKind::Empty => values(logged, THRUST).fill([0.0, 1.5, -7.0][size]),
+        other => unreachable!("{} changes rows", other.name()),
+    }
+}
+
+/// Column that has the fault.
+fn column_of(kind: FaultKind) -> &'static str {
+    use FaultKind::*;
+    match kind {
+        Held | LowerRate | Clipped | Outlier | Rectified | WrongSign | Swapped | ClockOffset | MainsLine
+        | Empty => THRUST,
+        Doubled | Dropped | Rounded | LongRest => POSITION,
+        WrongScale | Smoothed => SPEED,
+        IrregularTime => "t_s",
+    }
+}
+
+fn named(faults: &[Fault]) -> Vec<(&'static str, &str)> {
+    faults.iter().map(|f| (f.kind.name(), f.column.as_str())).collect()
+}
+
+#[test]
+fn a_sound_recording_has_no_fault() {
+    let logged = drive();
+    let gated = gate(&logged);
+    assert_eq!(named(&gated.faults), vec![]);
+    assert_eq!(gated.recording, logged.recording, "and is left as it was");
+    assert!(gated.usable.iter().all(|u| *u));
+}
+
+#[test]
+fn each_fault_is_told_in_three_sizes_by_name_and_column() {
+    let mut complaints = Vec::new();
+    for kind in FaultKind::ALL {
+        for size in 0..3 {
+            let mut logged = drive();
+            put(kind, size, &mut logged);
+            let gated = gate(&logged);
+            let told = named(&gated.faults);
+            if !told.contains(&(kind.name(), column_of(kind))) {
+                complaints.push(format!("{} {size}: {told:?}", kind.name()));
+            }
+            for fault in &gated.faults {
+                assert!((0.0..=1.0).contains(&fault.share) && fault.share > 0.0, "{fault:?}");
+                assert!(fault.time_s.iter().all(|[a, b]| a <= b), "{fault:?}");
+            }
+        }
+    }
+    assert!(complaints.is_empty(), "{complaints:#?}");
+}
+
+#[test]
+fn what_cannot_be_judged_is_refused_and_the_rest_is_not() {
+    for kind in FaultKind::ALL {
+        let mut logged = drive();
+        put(kind, 1, &mut logged);
+        let refused = gate(&logged).refusal().is_some();
+        let expected = matches!(kind, FaultKind::Rectified | FaultKind::Swapped | FaultKind::Empty);
+        assert_eq!(refused, expected, "{}", kind.name());
+    }
+}
+
+#[test]
+fn a_clock_and_a_sign_are_put_right() {
+    let sound = drive().recording;
+    let truth = sound.get(THRUST).unwrap();
+    for kind in [FaultKind::ClockOffset, FaultKind::WrongSign] {
+        let mut logged = drive();
+        put(kind, 1, &mut logged);
+        let gated = gate(&logged);
+        assert!(gated.faults.iter().any(|f| f.kind == kind && f.action == Action::Correct));
+        let mended = gated.recording.get(THRUST).unwrap();
+        let off = (100..truth.len() - 100).map(|i| (mended[i] - truth[i]).powi(2)).sum::<f64>();
+        let rms = (off / (truth.len() - 200) as f64).sqrt();
+        assert!(rms < 2.0, "{}: {rms} N off", kind.name());
+    }
+}
+
+#[test]
+fn missing_and_doubled_rows_leave_the_motion_as_it_was() {
+    let sound = drive().recording;
+    let truth = sound.get(POSITION).unwrap();
+    for kind in [FaultKind::Doubled, FaultKind::Dropped] {
+        let mut logged = drive();
+        put(kind, 2, &mut logged);
+        let gated = gate(&logged);
+        let mended = gated.recording.get(POSITION).unwrap();
+        assert_eq!(mended.len(), truth.len(), "{}", kind.name());
+        let worst = mended.iter().zip(truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(worst < 1e-5, "{}: {worst} m off", kind.name());
+    }
+}
+
+fn bare(mass_kg: f64) -> Machine {
+    let raw = RawDriveParams { movable_mass_kg: Some(mass_kg), ..Default::default() };
+    let drive = DriveParams::new(raw).unwrap();
+    let axis = AxisModel { name: "x".into(), drive, controller: None, physics: Vec::new() };
+    Machine { name: "bare".into(), sample_rate: SampleRate::new(RATE_HZ).unwrap(), axes: vec![axis] }
+}
+
+fn diagnosed(gated: Gated, mass_kg: f64) -> Diagnosis {
+    let options = DiagnoseOptions { masked: vec![gated.masked()], ..Default::default() };
+    diagnose_with(&bare(mass_kg), &[gated.recording], &options, &|_, _| ()).unwrap()
+}
+
+/// A number of the laws that every such drive has.
+fn number(diagnosis: &Diagnosis, name: &str) -> f64 {
+    let of = diagnosis.findings.iter().flat_map(|f| &f.parameters);
+    of.clone().find(|p| p.name == name).map_or(f64::NAN, |p| p.value)
+}
+
+#[test]
+fn the_laws_are_those_of_the_sound_recording() {
+    let sound = diagnosed(gate(&drive()), MASS_KG);
+    for kind in
+        [FaultKind::Held, FaultKind::Dropped, FaultKind::Outlier, FaultKind::WrongSign, FaultKind::LongRest]
+    {
+        let mut logged = drive();
+        put(kind, 2, &mut logged);
+        let found = diagnosed(gate(&logged), MASS_KG);
+        assert_eq!(found.recordings.len(), 1, "one entry a recording");
+        for name in ["force_n", "n_s_m"] {
+            let (a, b) = (number(&sound, name), number(&found, name));
+            assert!((b / a - 1.0).abs() < 0.1, "{}: {name} {b}, sound {a}", kind.name());
+        }
+    }
+}
+
+#[test]
+fn the_measured_axis_is_sound_and_a_hold_in_it_changes_no_law() {
+    let Some(path) = shared("recordings/emps/axis.parquet") else { return };
+    let logged = stillcut::recording::read_logged(&path).unwrap();
+    let sound = gate(&logged);
+    assert_eq!(named(&sound.faults), vec![]);
+    let mut held = logged;
+    for start in [2000, 7300, 12_500, 17_000, 21_200] {
+        for column in &mut held.recording.columns {
+            let value = column.values[start];
+            column.values[start..start + 100].fill(value);
+        }
+    }
+    let (a, b) = (diagnosed(sound, 95.1), diagnosed(gate(&held), 95.1));
+    for name in ["force_n", "n_s_m"] {
+        let (a, b) = (number(&a, name), number(&b, name));
+        assert!((b / a - 1.0).abs() < 0.05, "{name} {b}, without the holds {a}");
+    }
+}
+
+#[test]
+fn simulated_axes_beside_the_project_have_no_fault() {
+    let Some(folder) = shared("feed-axis-cases") else { return };
+    for case in ["case-01", "case-06", "case-13"] {
+        for file in ["moves.parquet", "idle.parquet"] {
+            let logged = stillcut::recording::read_logged(&folder.join(case).join(file)).unwrap();
+            assert_eq!(named(&gate(&logged).faults), vec![], "{case} {file}");
+        }
+    }
+}
