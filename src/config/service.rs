@@ -588,7 +588,7 @@ mod tests {
                 "turret.limits_by: expected the name",
             ),
             ("[mtconnect]\nlisten = \"0.0.0.0:7878\"\n", "needs mtconnect.allow_remote = true"),
-            ("[recorder]\nbefore_s = \"long\"\n", "c.toml:2:12: invalid type: string \"long\", expected f64"),
+            ("[recorder]\nbefore_s = \"long\"\n", "c.toml:2:12: `before_s`: invalid type: string \"long\""),
         ];
         for (text, expected) in cases {
             let message = error(text);

@@ -2,6 +2,7 @@
 
 use super::pipeline::settings;
 use stillcut::avoidance::{CommandKind, Mode};
+use stillcut::plant::cutting::RawCutting;
 use stillcut::plant::scenario::{RawScenario, Scenario};
 use stillcut::simulation::closed_loop::{ClosedLoop, LoopEvent};
 use stillcut::simulation::lathe::LatheSettings;
@@ -23,7 +24,15 @@ fn power_n2(cut: &mut ClosedLoop, seconds: f64, log: &mut Vec<(f64, LoopEvent)>)
 }
 
 fn cut(mode: Mode) -> ClosedLoop {
-    let scenario = Scenario::new(&RawScenario { travel_m_s: -3.0e-3, ..RawScenario::default() }).unwrap();
+    // A blunt limit: chatter grows large before the flank holds it.
+    let limits = RawCutting {
+        clearance_rad: 5.0_f64.to_radians(),
+        flank_force_n: 1500.0,
+        tangential_ratio: 1.5,
+        ..RawCutting::default()
+    };
+    let raw = RawScenario { cutting: limits, travel_m_s: -3.0e-3, ..RawScenario::default() };
+    let scenario = Scenario::new(&raw).unwrap();
     ClosedLoop::new(LatheSettings::realistic(scenario, 11), settings(&scenario), mode).unwrap()
 }
 

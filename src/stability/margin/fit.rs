@@ -103,7 +103,7 @@ const WINDOW: usize = 2 * REACH + 1;
 /// information = P^-1 + share sum R R',  gradient = share sum R (I/S - 1) - P^-1 (x-m),  R = d ln S/dx
 ///
 /// Source: Whittle 1953; Kay, Statistical Signal Processing I, 3.11; the cut-method note, section 3.
-/// Checked by: `the_fit_finds_the_numbers_of_a_spectrum`.
+/// Checked by: `the_margin_is_the_decay_of_the_vibration`, `a_cut_under_noise_is_not_heard` (suite).
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Fit {
     pub(super) stage: Stage,

@@ -104,7 +104,7 @@ impl Default for Density {
 ///
 /// n_j = nu F_j times first-order noise of unit variance, independent in the two tools.
 /// Source: the cut-method note, section 1, for the healthy cut. Checked by: `derivatives_are_differences`,
-/// `roots_are_those_of_the_two_delay_equation`, `the_spectrum_is_that_of_a_simulated_cut`.
+/// `roots_are_those_of_the_two_delay_equation`, `the_margin_is_the_decay_of_the_vibration` (suite).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Cut {
     /// m/phi^2.
@@ -195,7 +195,7 @@ impl Cut {
             by(ring + 2.0 * spring, none, none),
             by(none, c, c),
             by(-p, none, none),
-            by(none, -(e2 * turned), e1 * turned),
+            by(none, -(e2 * turned), e1 * turned) + over * a1.norm_sqr() * self.share_by_pitch(),
             2.0 * cut,
             floor,
             floor * offset,
@@ -216,6 +216,11 @@ impl Cut {
         let slope =
             (s * 2.0 + ring) * self.inertia + 2.0 * self.process - e1 * self.delay_1_s - e2 * self.delay_2_s;
         [value, slope]
+    }
+
+    /// d (theta1/theta2)^2 / d d: d theta1 = -d/2, d theta2 = +d/2, theta1 + theta2 = 2 pi.
+    fn share_by_pitch(&self) -> f64 {
+        -self.share_2 * self.turn_s().powi(2) / (2.0 * PI * self.delay_1_s * self.delay_2_s)
     }
 
     /// T.
