@@ -99,17 +99,22 @@ impl<'a> Cut<'a> {
     /// The better of a few starts, then to the end.
     fn fit_law(&self, model: &Model, asked: &Asked, work: &mut Work) -> Option<Ended> {
         let mut best: Option<Ended> = None;
-        let from = self.before(&model.point).point;
-        let with = |values: &[f64]| {
-            let mut point = from.clone();
-            point.terms.push(Term { law: asked.law, values: values.to_vec() });
-            point
-        };
-        for start in asked.starts.iter().take(STARTS) {
-            let Some(looked) = self.problem.fit(&with(start), &LOOK) else { continue };
-            let _ = work.take(looked.evaluations / LOOK.every.0 as u64);
-            if best.as_ref().is_none_or(|b| looked.value < b.value) {
-                best = Some(looked);
+        // A likelihood with several hills (few cuts of a shop) is climbed from the model as it was handed in
+        // and from the best point that any hypothesis has led to: the order of the laws must not decide.
+        let mut bases = vec![model.point.clone()];
+        let known = self.before(&model.point).point;
+        if known != model.point {
+            bases.push(known);
+        }
+        for base in &bases {
+            for start in asked.starts.iter().take(STARTS) {
+                let mut point = base.clone();
+                point.terms.push(Term { law: asked.law, values: start.clone() });
+                let Some(looked) = self.problem.fit(&point, &LOOK) else { continue };
+                let _ = work.take(looked.evaluations / LOOK.every.0 as u64);
+                if best.as_ref().is_none_or(|b| looked.value < b.value) {
+                    best = Some(looked);
+                }
             }
         }
         let ended = self.problem.fit(&best?.point, &Effort::FULL)?;
