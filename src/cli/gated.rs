@@ -56,32 +56,31 @@ fn refused(path: &Path, fault: &Fault) -> anyhow::Error {
 
 /// A recording for an answer of one row a row: what changes no rows is mended where `mended`, all is told on
 /// standard error.
-/// Errors: unreadable, refused, or rows that are not even.
+/// Errors: unreadable, or rows that are not even.
 pub(super) fn read_told(path: &Path, axes: &[String], mended: bool) -> anyhow::Result<Recording> {
     let logged = read_logged(path).map_err(bad_input)?;
     let rows = logged.recording.len();
     let gated = check(&logged, axes, &Criteria::default());
-    tell(path, &gated)?;
+    tell(path, &gated);
     if mended && gated.recording.len() == rows {
         return Ok(gated.recording);
     }
     read_recording(path).map_err(bad_input)
 }
 
-/// Tells what is wrong with a recording that is taken as it is. Errors: refused.
-pub(super) fn tell_of(path: &Path, recording: &Recording) -> anyhow::Result<()> {
+/// Tells what is wrong with a recording that is taken as it is.
+pub(super) fn tell_of(path: &Path, recording: &Recording) {
     /// Rows of a long recording that are looked at: a quarter of an hour at 1 kHz.
     const MOST_ROWS: usize = 1 << 20;
     let mut head = recording.clone();
     head.columns.iter_mut().for_each(|c| c.values.truncate(MOST_ROWS));
     let axes = head.axes.clone();
-    tell(path, &check(&Logged::even(head), &axes, &Criteria::default()))
+    tell(path, &check(&Logged::even(head), &axes, &Criteria::default()));
 }
 
-fn tell(path: &Path, gated: &Gated) -> anyhow::Result<()> {
-    if let Some(fault) = gated.refusal() {
-        return Err(refused(path, fault));
-    }
+/// Everything that is wrong, on standard error. Whoever wants a force or the live decisions again gets them
+/// from the rows as they are: only a diagnosis draws conclusions that such a fault would falsify.
+fn tell(path: &Path, gated: &Gated) {
     for fault in &gated.faults {
         // Whoever reads standard error may have gone; the answer is written all the same.
         let _ = writeln!(
@@ -92,5 +91,4 @@ fn tell(path: &Path, gated: &Gated) -> anyhow::Result<()> {
             fault.statement
         );
     }
-    Ok(())
 }

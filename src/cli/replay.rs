@@ -65,7 +65,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         return Err(bad_input(format!("--out {}: is a file; expected a folder", arguments.out.display())));
     }
     let recording = read_recording(&arguments.recording).map_err(bad_input)?;
-    tell_of(&arguments.recording, &recording)?;
+    tell_of(&arguments.recording, &recording);
     let config = arguments.config.as_deref().map(read_service_config).transpose().map_err(bad_input)?;
     let place = |error: String| bad_input(format!("{}: {error}", arguments.recording.display()));
     let given = arguments.config.is_some();

@@ -48,7 +48,8 @@ fn chatter_is_heard_and_silenced() {
         println!("{t:.3} s {event:?}");
     }
     println!("power {loud:.1} N2, then {quiet:.4} N2: {:.1} dB", 10.0 * (loud / quiet).log10());
-    assert!(loud / quiet > 100.0, "{loud} N2 became {quiet} N2");
+    // What is left is the random part of the force, 3 % of some 40 N, and the bar that it shakes.
+    assert!(loud / quiet > 50.0 && quiet < 2.0, "{loud} N2 became {quiet} N2");
     let moves = log.iter().filter(|(_, e)| matches!(e, LoopEvent::Sent(c) if c.kind == CommandKind::Move));
     assert!((1..=2).contains(&moves.count()));
     assert!(!log.iter().any(|(_, e)| matches!(e, LoopEvent::Refused)));
