@@ -58,6 +58,9 @@ _stillcut() {
             stillcut,print-config)
                 cmd="stillcut__subcmd__print__subcmd__config"
                 ;;
+            stillcut,print-model)
+                cmd="stillcut__subcmd__print__subcmd__model"
+                ;;
             stillcut,replay)
                 cmd="stillcut__subcmd__replay"
                 ;;
@@ -130,6 +133,9 @@ _stillcut() {
             stillcut__subcmd__help,print-config)
                 cmd="stillcut__subcmd__help__subcmd__print__subcmd__config"
                 ;;
+            stillcut__subcmd__help,print-model)
+                cmd="stillcut__subcmd__help__subcmd__print__subcmd__model"
+                ;;
             stillcut__subcmd__help,replay)
                 cmd="stillcut__subcmd__help__subcmd__replay"
                 ;;
@@ -158,7 +164,7 @@ _stillcut() {
 
     case "${cmd}" in
         stillcut)
-            opts="-h -V --help --version demo run lathe simulate replay force identify resolution import pitch stability diagnose conceal campaign print-config completions man token audit help"
+            opts="-h -V --help --version demo run lathe simulate replay force identify resolution import pitch stability diagnose conceal campaign print-config print-model completions man token audit help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 1 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -378,7 +384,7 @@ _stillcut() {
             return 0
             ;;
         stillcut__subcmd__diagnose)
-            opts="-h -V --model --recording --out --progress --help --version"
+            opts="-h -V --model --scenario --recording --cuts --out --budget-s --plan --progress --help --version"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -388,11 +394,23 @@ _stillcut() {
                     COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
+                --scenario)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
                 --recording)
                     COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
+                --cuts)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
                 --out)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
+                --budget-s)
                     COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
@@ -478,7 +496,7 @@ _stillcut() {
             return 0
             ;;
         stillcut__subcmd__help)
-            opts="demo run lathe simulate replay force identify resolution import pitch stability diagnose conceal campaign print-config completions man token audit help"
+            opts="demo run lathe simulate replay force identify resolution import pitch stability diagnose conceal campaign print-config print-model completions man token audit help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -688,6 +706,20 @@ _stillcut() {
             return 0
             ;;
         stillcut__subcmd__help__subcmd__print__subcmd__config)
+            opts=""
+            if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
+                COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
+                return 0
+            fi
+            case "${prev}" in
+                *)
+                    COMPREPLY=()
+                    ;;
+            esac
+            COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
+            return 0
+            ;;
+        stillcut__subcmd__help__subcmd__print__subcmd__model)
             opts=""
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 3 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
@@ -941,6 +973,20 @@ _stillcut() {
             COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
             return 0
             ;;
+        stillcut__subcmd__print__subcmd__model)
+            opts="-h -V --help --version"
+            if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
+                COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
+                return 0
+            fi
+            case "${prev}" in
+                *)
+                    COMPREPLY=()
+                    ;;
+            esac
+            COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
+            return 0
+            ;;
         stillcut__subcmd__replay)
             opts="-h -V --config --recording --out --band-hz --spindle-speed-rpm --signal --verify --help --version"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
@@ -1032,7 +1078,7 @@ _stillcut() {
             return 0
             ;;
         stillcut__subcmd__simulate)
-            opts="-h -V --scenario --duration-s --out --servo --force-noise-ratio --entry-s --seed --help --version"
+            opts="-h -V --scenario --duration-s --out --servo --force-noise-ratio --entry-s --seed --force-bandwidth-hz --force-delay-s --help --version"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1062,6 +1108,14 @@ _stillcut() {
                     COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
+                --force-bandwidth-hz)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
+                --force-delay-s)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
                 *)
                     COMPREPLY=()
                     ;;
@@ -1070,7 +1124,7 @@ _stillcut() {
             return 0
             ;;
         stillcut__subcmd__stability)
-            opts="-h -V --scenario --out --pitch-rad --position-m --speed-rpm --width-m --help --version"
+            opts="-h -V --scenario --out --cuts --pitch-rad --position-m --speed-rpm --width-m --help --version"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -1081,6 +1135,10 @@ _stillcut() {
                     return 0
                     ;;
                 --out)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
+                --cuts)
                     COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;

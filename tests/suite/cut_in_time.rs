@@ -91,7 +91,8 @@ fn every_linear_effect_grows_in_time_as_its_root_says() {
             // 2 %: the surface is stored in cells; 0.4 1/s: what other roots leave in a fit of this length.
             let allowed = 0.4 + 0.02 * root.growth_1_s.abs();
             assert!((got.growth_1_s - root.growth_1_s).abs() < allowed, "{tools} {law}: {got:?}, {root:?}");
-            assert!((got.frequency_hz - root.frequency_hz).abs() < 0.5, "{tools} {law}: {got:?}, {root:?}");
+            // A neighbour S/60 = 22 Hz away that grows nearly as fast pulls the crossings by some of that.
+            assert!((got.frequency_hz - root.frequency_hz).abs() < 1.5, "{tools} {law}: {got:?}, {root:?}");
         }
     }
 }

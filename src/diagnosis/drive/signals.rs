@@ -201,10 +201,12 @@ impl Signals {
         let kernel = |hz: f64, derivative, advance_s| {
             Kernel::low_pass(hz, self.rate_hz, Action { derivative, advance_s })
         };
-        let longest = raw.iter().map(|r| r.1).fold(0.0, f64::max);
         let samples = recording.len();
         let path_half = self.path_half(axis).min(samples / PATH_PARTS);
-        let full_first = kernel(velocity_hz, 1, longest).half().max(path_half) + 1;
+        let halves = raw.iter().flat_map(|(_, advance_s)| {
+            [(velocity_hz, 1), (self.band_hz, 0)].map(|(hz, order)| kernel(hz, order, *advance_s).half())
+        });
+        let full_first = halves.max().unwrap_or(0).max(path_half) + 1;
         let thin_first = full_first + self.kernels.iter().map(Kernel::half).max().unwrap_or(0) + 1;
         let needed = 2 * thin_first + LEAST_SAMPLES * self.step;
         if samples < needed {

@@ -126,7 +126,7 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
             s.add("phase_rad", "rad", phase, d(0).max(d(1)) / amplitude.max(1e-300));
         }
         Shape::Cut { hz, start_s, end_s } => {
-            s.constant("fundamental_hz", "Hz", hz, r(0));
+            s.constant("fundamental_hz", "Hz", hz * harmonic_step(&law.amplitudes, d(0)), r(0));
             let (peak_n, deviation_n) = peak_of_cut(&law.amplitudes, d(0));
             s.force("amplitude_n", "N", peak_n, deviation_n);
             s.add("start_s", "s", start_s, 0.02);
@@ -167,6 +167,29 @@ fn peak(knots: &[f64]) -> f64 {
     knots.iter().map(|f| (f - mean).abs()).fold(0.0, f64::max)
 }
 
+/// Sine and cosine of each harmonic, then the mean: how many numbers a recording has.
+fn numbers_of_cut(amplitudes: &[f64]) -> usize {
+    let sets = (1..=8).filter(|n| amplitudes.len().is_multiple_of(*n));
+    let lengths: Vec<usize> = sets.map(|n| amplitudes.len() / n).collect();
+    lengths.iter().copied().find(|l| l % 2 == 1 && *l <= 2 * CUT_HARMONICS + 1).unwrap_or(1)
+}
+
+/// The largest step between harmonics that leaves out nothing but noise: a force of period T is one of 2 T,
+/// too, whose odd harmonics are zero.
+fn harmonic_step(amplitudes: &[f64], deviation: f64) -> f64 {
+    let length = numbers_of_cut(amplitudes);
+    let noise = |step: usize| {
+        let beside = amplitudes.chunks_exact(length.max(1)).flat_map(|set| {
+            let waves = set[..length - 1].chunks_exact(2).enumerate();
+            waves.filter(move |(h, _)| !(h + 1).is_multiple_of(step)).map(|(_, c)| c[0].hypot(c[1]))
+        });
+        let largest = beside.fold(0.0, f64::max);
+        // Four deviations of a sine and of a cosine: one chance in some thousand for ten harmonics.
+        largest < 4.0 * deviation
+    };
+    (1..=4).rev().find(|step| *step == 1 || noise(*step)).unwrap_or(1) as f64
+}
+
 /// Largest force of a cut over a period, its mean included, of the recording where it is largest.
 ///
 /// A tool that cuts part of the time pushes in pulses: their height is what the machine feels, not the
@@ -174,9 +197,7 @@ fn peak(knots: &[f64]) -> f64 {
 fn peak_of_cut(amplitudes: &[f64], deviation: f64) -> (f64, f64) {
     /// Places in a period.
     const PLACES: usize = 360;
-    let sets = (1..=8).filter(|n| amplitudes.len().is_multiple_of(*n));
-    let lengths: Vec<usize> = sets.map(|n| amplitudes.len() / n).collect();
-    let length = lengths.iter().copied().find(|l| l % 2 == 1 && *l <= 2 * CUT_HARMONICS + 1).unwrap_or(1);
+    let length = numbers_of_cut(amplitudes);
     let mut most = 0.0_f64;
     for set in amplitudes.chunks_exact(length.max(1)) {
         for place in 0..PLACES {
