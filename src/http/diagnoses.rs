@@ -52,7 +52,7 @@ pub(super) struct DiagnosisBody {
     recordings: Vec<String>,
     /// What it may take, s, 10 to 1800; 300 when not given.
     #[schema(minimum = 10, maximum = 1800)]
-    #[serde(default = "budget")]
+    #[serde(default = "budget", deserialize_with = "whole")]
     budget_s: u32,
     /// One sentence for the record.
     #[schema(
@@ -65,6 +65,17 @@ pub(super) struct DiagnosisBody {
 
 fn budget() -> u32 {
     BUDGET_S
+}
+
+/// A whole number of seconds; JSON tells 426 and 426.0 not apart.
+fn whole<'de, D: serde::Deserializer<'de>>(from: D) -> Result<u32, D::Error> {
+    use serde::de::Error as _;
+    let number = f64::deserialize(from)?;
+    if number.fract() != 0.0 || !(0.0..=f64::from(u32::MAX)).contains(&number) {
+        return Err(D::Error::custom("expected a whole number of seconds"));
+    }
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole and in range")]
+    Ok(number as u32)
 }
 
 /// Start a diagnosis of stored recordings against the configured model.

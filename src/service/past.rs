@@ -86,8 +86,8 @@ pub struct PastView {
     pub chatter: Vec<bool>,
     /// Names of the axes.
     pub axes: Vec<String>,
-    /// Axis by axis: smallest and largest force of each column, N.
-    pub force_n: Vec<Vec<[f32; 2]>>,
+    /// Axis by axis: smallest and largest force of each column, N; null where none was estimated.
+    pub force_n: Vec<Vec<[Option<f32>; 2]>>,
 }
 
 fn extremes(slices: &[[f32; 2]]) -> [f32; 2] {
@@ -126,7 +126,9 @@ impl Past {
         let together = within.len().div_ceil(COLUMNS).max(1);
         let columns: Vec<Column> = within.chunks(together).filter_map(merged).collect();
         let levels: Vec<u8> = columns.iter().flat_map(|c| c.levels.iter().copied()).collect();
-        let axis = |i: usize| columns.iter().map(|c| c.force.get(i).copied().unwrap_or_default()).collect();
+        let known = |pair: [f32; 2]| pair.map(|f| Some(f).filter(|f| f.is_finite()));
+        let axis =
+            |i: usize| columns.iter().map(|c| known(c.force.get(i).copied().unwrap_or_default())).collect();
         PastView {
             first_hz: self.grid_hz[0],
             step_hz: self.grid_hz[1],
@@ -206,11 +208,11 @@ mod tests {
         let long = past.view(3 * 3600, now);
         assert!(long.age_s.len() <= COLUMNS && long.age_s.windows(2).all(|w| w[0] > w[1]));
         let place = long.chatter.iter().position(|c| *c).expect("the loud one is seen");
-        assert_eq!((long.line_hz[place], long.force_n[0][place]), (Some(402.0), [-50.0, 60.0]));
+        assert_eq!((long.line_hz[place], long.force_n[0][place]), (Some(402.0), [Some(-50.0), Some(60.0)]));
         let levels = STANDARD.decode(&long.levels).unwrap();
         assert_eq!(levels.len(), long.bins * long.age_s.len());
         assert_eq!(levels[place * 2 + 1], level(10.0));
-        assert_eq!(short.force_n[0][0], [-2.0, 1.0]);
+        assert_eq!(short.force_n[0][0], [Some(-2.0), Some(1.0)]);
     }
 
     #[test]
