@@ -4,6 +4,7 @@
 
 pub mod closed_loop;
 pub mod concealed_axis;
+pub mod concealed_cut;
 pub mod force_signal;
 pub mod lathe;
 pub mod model_axis;

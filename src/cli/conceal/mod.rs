@@ -1,6 +1,8 @@
 //! `stillcut conceal`: machines that hide something, and the diagnosis judged blind on them.
 
 mod cases;
+mod cut;
+mod cut_judge;
 mod judge;
 
 use super::bad_input;
@@ -10,19 +12,22 @@ use crate::recording::write_whole;
 use crate::report::study::{Study, study_page};
 use crate::simulation::concealed_axis::{Case, CaseError, CaseSpec, OUTSIDE, conceal, feed_drive_effects};
 use indicatif::{ProgressBar, ProgressStyle};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::sync_channel;
 
 /// Judges the diagnosis blind on simulated machines with a hidden effect.
 ///
-/// Draws machines around a model, hides effects in them at each depth, records three experiments of
-/// each with a plant richer than any model, runs the diagnosis blind and reports how often it noticed
-/// and how often it named the cause.
+/// Draws machines around a model (or lathes around a scenario), hides effects in them at each depth,
+/// records three experiments (five cuts) of each with a plant richer than any model, runs the diagnosis
+/// blind and reports how often it noticed and how often it named the cause.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Model to draw machines around: an axis of two inertias.
+    #[arg(long, required_unless_present = "scenario", conflicts_with = "scenario")]
+    model: Option<PathBuf>,
+    /// Scenario to draw machines around: the diagnosis of the cut is judged, on five recordings a machine.
     #[arg(long)]
-    model: PathBuf,
+    scenario: Option<PathBuf>,
     /// Effects to hide, comma separated; `a+b` hides two at once; `healthy` hides nothing.
     #[arg(long, value_delimiter = ',', default_value = "all")]
     effects: Vec<String>,
@@ -57,7 +62,13 @@ struct Trial {
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
-    let machine = read_machine(&arguments.model).map_err(bad_input)?;
+    if let Some(scenario) = &arguments.scenario {
+        return cut::run(&arguments, scenario);
+    }
+    let Some(model) = &arguments.model else {
+        return Err(bad_input("expected --model or --scenario"));
+    };
+    let machine = read_machine(model).map_err(bad_input)?;
     let trials = plan(&arguments);
     if trials.is_empty() {
         return Err(bad_input("nothing to do: no effect, depth or seed is given"));
@@ -66,10 +77,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     check_names(&trials)?;
     std::fs::create_dir_all(&arguments.out)
         .map_err(|e| bad_input(format!("{}: {e}", arguments.out.display())))?;
-    let bar = ProgressBar::new(trials.len() as u64);
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {elapsed}<{eta} {msg}") {
-        bar.set_style(style);
-    }
+    let bar = progress_bar(trials.len());
     if arguments.cases_only {
         for trial in &trials {
             bar.set_message(trial.label.clone());
@@ -81,9 +89,22 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
     let study = judge_all(&machine, &trials, &bar)?;
     bar.finish_and_clear();
-    let text = serde_json::to_string_pretty(&judge::study_json(&study))?;
-    write_whole(&arguments.out.join("conceal.json"), text.as_bytes())?;
-    write_whole(&arguments.out.join("report.html"), study_page(&study).as_bytes())?;
+    write_study(&study, &arguments.out)
+}
+
+fn progress_bar(trials: usize) -> ProgressBar {
+    let bar = ProgressBar::new(trials as u64);
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {elapsed}<{eta} {msg}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// `conceal.json` and `report.html`.
+fn write_study(study: &Study, out: &Path) -> anyhow::Result<()> {
+    let text = serde_json::to_string_pretty(&judge::study_json(study))?;
+    write_whole(&out.join("conceal.json"), text.as_bytes())?;
+    write_whole(&out.join("report.html"), study_page(study).as_bytes())?;
     Ok(())
 }
 

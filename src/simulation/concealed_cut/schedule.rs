@@ -1,0 +1,300 @@
+//! Which cuts are made: five recordings from calm to just beyond the border, found by cutting, not by a root.
+
+use super::bench::{Run, SUBSTEPS, Shown, steps_in};
+use super::machine::{Moment, TrueCut};
+use super::{RATE_HZ, signal};
+use crate::sample::Recording;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use std::f64::consts::{PI, TAU};
+
+/// Growth aimed at beyond the border and before it, 1/s.
+const BEYOND_1_S: f64 = 12.0;
+const BEFORE_1_S: f64 = -8.0;
+/// Growth of the loud end that is accepted, 1/s.
+const LOUD_1_S: [f64; 2] = [15.0, 45.0];
+/// Samples between two looks at what the bar is like.
+const REFRESH: usize = 45;
+/// Corner of the random part of the force, Hz.
+const RANDOM_CORNER_HZ: f64 = 2000.0;
+/// How long a change of the pitch takes, s.
+const PITCH_RAMP_S: f64 = 0.08;
+
+/// Part of the way from the calm cut (0) to the loud one (1).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Extremes {
+    calm_pitch_rad: f64,
+    calm_width: f64,
+    before: f64,
+    beyond: f64,
+}
+
+impl Extremes {
+    /// Looks for a loud and a calm cut, and changes the width until the loud one grows as it should.
+    pub(super) fn find(cut: &mut TrueCut) -> Self {
+        for _ in 0..10 {
+            let growth = growth_1_s(cut, &moment(cut, 0.0, 1.0));
+            if growth < LOUD_1_S[0] {
+                cut.width_m *= 1.2;
+            } else if growth > LOUD_1_S[1] {
+                cut.width_m *= 0.85;
+            } else {
+                break;
+            }
+        }
+        let own = Self { calm_pitch_rad: 0.0, calm_width: 0.5, before: 0.4, beyond: 1.0 };
+        let found = if cut.two_tools { own.calmed_by_pitch(cut) } else { own };
+        found.with_border(cut)
+    }
+
+    /// The pitch that calms best: the waves of the two tools against each other.
+    fn calmed_by_pitch(mut self, cut: &TrueCut) -> Self {
+        let line_hz = 1.15 * cut.stiffness_and_hz()[1];
+        let per_pi = PI * cut.speed_rpm / 60.0 / line_hz;
+        let pitches = [0.7, 0.8, 0.9, 1.0, 1.1].map(|phase| phase * per_pi);
+        let calm = pitches.map(|pitch| growth_1_s(cut, &moment(cut, pitch, 1.0)));
+        let best = (0..pitches.len()).min_by(|a, b| calm[*a].total_cmp(&calm[*b])).unwrap_or(0);
+        (self.calm_pitch_rad, self.calm_width) = (pitches[best], if calm[best] > -10.0 { 0.7 } else { 1.0 });
+        self
+    }
+
+    /// Bisects for the shares at which it grows as aimed.
+    fn with_border(mut self, cut: &TrueCut) -> Self {
+        let share_of = |aim: f64| {
+            let (mut low, mut high) = (0.0, 1.0);
+            for _ in 0..6 {
+                let middle = (low + high) / 2.0;
+                if growth_1_s(cut, &self.at(cut, middle)) < aim { low = middle } else { high = middle }
+            }
+            (low + high) / 2.0
+        };
+        (self.before, self.beyond) = (share_of(BEFORE_1_S), share_of(BEYOND_1_S));
+        self
+    }
+
+    fn at(&self, cut: &TrueCut, share: f64) -> Moment {
+        let width = self.calm_width + (1.0 - self.calm_width) * share;
+        moment(cut, self.calm_pitch_rad * (1.0 - share), width)
+    }
+}
+
+fn moment(cut: &TrueCut, pitch_rad: f64, width: f64) -> Moment {
+    Moment {
+        t_s: 0.0,
+        speed_rpm: cut.speed_rpm,
+        feed_m_rev: cut.feed_m_rev,
+        width_m: width * cut.width_m,
+        position_m: cut.position_m,
+        pitch_rad,
+    }
+}
+
+/// Growth of a tap: slope of the logarithm of the bar's bending between 0.12 s and 0.36 s.
+pub(super) fn growth_1_s(cut: &TrueCut, at: &Moment) -> f64 {
+    let quiet = TrueCut { random_ratio: 0.0, ..*cut };
+    let step_s = 1.0 / (RATE_HZ * SUBSTEPS as f64);
+    let steps = steps_in(0.36, step_s);
+    let mut run = Run::new(&quiet, at, steps, step_s);
+    run.strike(1e-7);
+    let mut bar = Vec::with_capacity(steps);
+    for k in 0..steps {
+        let now = Moment { t_s: k as f64 * step_s, ..*at };
+        let commanded = TAU * at.speed_rpm / 60.0 * now.t_s;
+        bar.push(run.step(&now, commanded, [0.0; 2], 0.0).bar_m);
+    }
+    // Every eighth step, bent twice: the rest position is gone.
+    let loud = |from_s: f64, to_s: f64| {
+        let power: f64 = (steps_in(from_s, step_s).max(16)..steps_in(to_s, step_s))
+            .map(|k| (bar[k] - 2.0 * bar[k - 8] + bar[k - 16]).powi(2))
+            .sum();
+        0.5 * power.max(1e-60).ln()
+    };
+    (loud(0.26, 0.36) - loud(0.14, 0.24)) / 0.12
+}
+
+/// A stretch of constant condition.
+#[derive(Debug, Clone, Copy)]
+struct Stretch {
+    seconds: f64,
+    at: Moment,
+}
+
+/// The five recordings.
+pub(super) fn recordings(
+    cut: &TrueCut,
+    extremes: &Extremes,
+    probe: bool,
+    random: &mut ChaCha8Rng,
+) -> Vec<Recording> {
+    let plan = plan(cut, extremes);
+    plan.iter().map(|(name, stretches)| record(name, cut, stretches, probe, random)).collect()
+}
+
+fn plan(cut: &TrueCut, extremes: &Extremes) -> Vec<(&'static str, Vec<Stretch>)> {
+    let at = |share: f64| extremes.at(cut, share);
+    let stretch = |seconds: f64, at: Moment| Stretch { seconds, at };
+    let air = Moment { width_m: 0.0, ..at(1.0) };
+    // The calm share of the waves stays where it is: the pitch goes with the speed.
+    let turned = |speed: f64, share: f64| {
+        let one = at(share);
+        Moment { speed_rpm: speed * cut.speed_rpm, pitch_rad: speed * one.pitch_rad, ..one }
+    };
+    let sized = |feed: f64, width: f64| {
+        let calm = at(0.0);
+        Moment { feed_m_rev: feed * cut.feed_m_rev, width_m: width * calm.width_m, ..calm }
+    };
+    let along = |place: f64, share: f64| Moment { position_m: place * cut.position_m, ..at(share) };
+    let shares = [extremes.before, extremes.beyond];
+    vec![
+        ("entry", vec![stretch(0.4, air), stretch(0.7, at(1.0)), stretch(2.4, at(0.0))]),
+        (
+            "pitch",
+            vec![
+                stretch(1.0, at(0.0)),
+                stretch(0.45, at(1.0)),
+                stretch(1.2, at(0.0)),
+                stretch(1.2, at(shares[0])),
+                stretch(0.8, at(shares[1])),
+            ],
+        ),
+        (
+            "speed",
+            vec![
+                stretch(1.3, turned(1.0, 0.0)),
+                stretch(1.3, turned(0.8, 0.0)),
+                stretch(1.3, turned(1.25, 0.0)),
+                stretch(0.9, turned(0.9, shares[1])),
+            ],
+        ),
+        (
+            "feed_width",
+            [(1.0, 1.0), (0.6, 1.0), (1.6, 0.8), (1.0, 0.5), (0.75, 0.7)]
+                .map(|(feed, width)| stretch(1.1, sized(feed, width)))
+                .to_vec(),
+        ),
+        (
+            "travel",
+            [1.0, 0.85, 0.72]
+                .iter()
+                .flat_map(|place| {
+                    [stretch(1.0, along(*place, 0.0)), stretch(0.6, along(*place, shares[1]))]
+                })
+                .collect(),
+        ),
+    ]
+}
+
+fn record(
+    name: &str,
+    cut: &TrueCut,
+    stretches: &[Stretch],
+    probe: bool,
+    random: &mut ChaCha8Rng,
+) -> Recording {
+    let step_s = 1.0 / (RATE_HZ * SUBSTEPS as f64);
+    let steps: usize = stretches.iter().map(|s| steps_in(s.seconds, 1.0 / RATE_HZ) * SUBSTEPS).sum();
+    let mut run = Run::new(cut, &stretches[0].at, steps, step_s);
+    let (mut moments, mut shows) = (Vec::with_capacity(steps), Vec::with_capacity(steps));
+    let keep = (-TAU * RANDOM_CORNER_HZ * step_s).exp();
+    let mut noise = [0.0f64; 2];
+    let (mut tangle, mut commanded, mut pitch) = (0.0, 0.0, stretches[0].at.pitch_rad);
+    for stretch in stretches {
+        let mut position_m = stretch.at.position_m;
+        for _ in 0..steps_in(stretch.seconds, 1.0 / RATE_HZ) * SUBSTEPS {
+            let k = moments.len();
+            let normal: [f64; 3] = std::array::from_fn(|_| StandardNormal.sample(random));
+            for tool in 0..2 {
+                noise[tool] = keep * noise[tool] + (1.0 - keep * keep).sqrt() * normal[tool];
+            }
+            tangle = tangled(tangle, normal[2], k, step_s, cut.hidden.tangle_n);
+            let most = step_s / PITCH_RAMP_S * 0.3;
+            pitch += (stretch.at.pitch_rad - pitch).clamp(-most, most);
+            position_m -= stretch.at.feed_m_rev * stretch.at.speed_rpm / 60.0 * step_s;
+            let now = Moment { t_s: k as f64 * step_s, pitch_rad: pitch, position_m, ..stretch.at };
+            if k.is_multiple_of(REFRESH * SUBSTEPS) {
+                run.refresh(&now);
+            }
+            shows.push(run.step(&now, commanded, noise, tangle));
+            commanded += TAU * now.speed_rpm / 60.0 * step_s;
+            moments.push(now);
+        }
+    }
+    let shows: &[Shown] = &shows;
+    signal::recording(name, cut, (&moments, shows), probe, random)
+}
+
+/// Tangled chips pull for 30 ms and let go; a pull begins by chance, every 0.3 s or so.
+fn tangled(now_n: f64, normal: f64, step: usize, step_s: f64, size_n: f64) -> f64 {
+    let every = steps_in(0.03, step_s);
+    if size_n <= 0.0 || !step.is_multiple_of(every) {
+        return now_n;
+    }
+    // 1.28 standard deviations: one chance in ten.
+    if normal.abs() > 1.28 { size_n * normal } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::drawn;
+    use super::*;
+    use crate::plant::cut_terms::CutCondition;
+    use crate::plant::cutting::RawCutting;
+    use crate::plant::scenario::{RawScenario, Scenario};
+    use crate::plant::workpiece::RawWorkpiece;
+    use rand::SeedableRng;
+
+    /// Growth by cutting against the two-delay equation of another module, which shares nothing with it.
+    #[test]
+    fn a_tap_grows_as_the_two_delay_equation_says() {
+        for seed in 0..4 {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            let cut = drawn(&Scenario::default(), &mut random);
+            let raw = RawScenario {
+                workpiece: RawWorkpiece {
+                    diameter_m: cut.diameter_m,
+                    projection_length_m: cut.length_m,
+                    damping_ratio: cut.damping_ratio,
+                    clamp_factor: cut.clamp_factor,
+                    ..RawWorkpiece::default()
+                },
+                cutting: RawCutting {
+                    radial_stiffness_pa: cut.pressure_pa,
+                    width_m: cut.width_m,
+                    feed_m_rev: cut.feed_m_rev,
+                    process_damping_n: cut.flank_damping_n,
+                    ..RawCutting::default()
+                },
+                speed_rpm: cut.speed_rpm,
+                position_m: Some(cut.position_m),
+                ..RawScenario::default()
+            };
+            let scenario = Scenario::new(&raw).unwrap();
+            let loops = crate::plant::cut_terms::CutTerms::of(&scenario, &CutCondition::of(&scenario));
+            let plain = crate::plant::cut_loop::CutLoop::new(&loops).two_delay().unwrap();
+            let found = growth_1_s(&cut, &moment(&cut, 0.0, 1.0));
+            // The equation at s = found + j w must have a root: scan w for the least of it.
+            let least = (0..4000)
+                .map(|k| {
+                    let w = TAU * (450.0 + 0.1 * f64::from(k));
+                    plain.characteristic(nalgebra::Complex::new(found, w)).norm()
+                })
+                .fold(f64::INFINITY, f64::min);
+            let a_unit_off = 2.0 * plain.mass_kg * TAU * 600.0 + plain.cutting_stiffness_n_m * 0.05;
+            assert!(least < 1.0 * a_unit_off, "seed {seed}: {found} 1/s, {}", least / a_unit_off);
+        }
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_case() {
+        let spec = super::super::CutCaseSpec {
+            effects: vec!["turret_compliance".into()],
+            depth: 1.0,
+            seed: 3,
+            probe: false,
+        };
+        let [a, b] = [0, 1].map(|_| super::super::conceal_cut(&Scenario::default(), &spec).unwrap());
+        assert_eq!(a.recordings, b.recordings);
+        assert_eq!(a.recordings.len(), 5);
+        assert!(a.recordings.iter().all(|r| r.columns.iter().all(|c| c.values.iter().all(|v| v.is_finite()))));
+    }
+}
