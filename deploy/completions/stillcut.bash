@@ -308,13 +308,17 @@ _stillcut() {
             return 0
             ;;
         stillcut__subcmd__conceal)
-            opts="-h -V --model --effects --depths --seeds --first-seed --model-error --background --cases-only --out --help --version"
+            opts="-h -V --model --scenario --effects --depths --seeds --first-seed --model-error --background --cases-only --out --help --version"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
             fi
             case "${prev}" in
                 --model)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
+                --scenario)
                     COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;

@@ -157,6 +157,7 @@ complete -c stillcut -n "__fish_stillcut_using_subcommand diagnose" -l progress 
 complete -c stillcut -n "__fish_stillcut_using_subcommand diagnose" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c stillcut -n "__fish_stillcut_using_subcommand diagnose" -s V -l version -d 'Print version'
 complete -c stillcut -n "__fish_stillcut_using_subcommand conceal" -l model -d 'Model to draw machines around: an axis of two inertias' -r -F
+complete -c stillcut -n "__fish_stillcut_using_subcommand conceal" -l scenario -d 'Scenario to draw machines around: the diagnosis of the cut is judged, on five recordings a machine' -r -F
 complete -c stillcut -n "__fish_stillcut_using_subcommand conceal" -l effects -d 'Effects to hide, comma separated; `a+b` hides two at once; `healthy` hides nothing' -r
 complete -c stillcut -n "__fish_stillcut_using_subcommand conceal" -l depths -d 'Depths: 1 is a plain effect, 0.1 a tenth of it' -r
 complete -c stillcut -n "__fish_stillcut_using_subcommand conceal" -l seeds -d 'Machines per effect and depth' -r

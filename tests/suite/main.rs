@@ -11,6 +11,7 @@ mod chatter;
 mod chatter_judge;
 mod closed_loop;
 mod conceal;
+mod concealed_cut;
 mod cut_in_time;
 mod cut_streams;
 #[cfg(feature = "service")]

@@ -62,11 +62,7 @@ fn judge(trial: &CutTrial, case: &CutCase) -> anyhow::Result<Outcome> {
         seed: trial.spec.seed,
         truth,
         verdict: said.verdict,
-        said: said
-            .findings
-            .iter()
-            .map(|f| (f.effect.name().to_owned(), f.port.name().to_owned()))
-            .collect(),
+        said: said.findings.iter().map(|f| (f.effect.name().to_owned(), f.port.name().to_owned())).collect(),
         named: named(&said, case),
         noticed: match truth {
             Truth::WrongNumber => said.verdict != Verdict::ModelAdequate,

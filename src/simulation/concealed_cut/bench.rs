@@ -1,8 +1,9 @@
 //! Runs a concealed cut: Runge and Kutta's fourth-order steps, and the surface as the history of both tools.
 //!
-//! The work's angle psi meets a tool at alpha_1 = d/2 and alpha_2 = pi. What stands before a tool is the least
-//! material that any pass before it has left there: depth(t') = feed up to t' + motion of that tool into the
-//! work at t', looked up where the same psi met a tool before. Whatever lies before the start is a quiet cut.
+//! The work's angle psi meets a tool at alpha_1 = d/2 and alpha_2 = pi. What stands before a tool is the
+//! least material that any pass before it has left there: depth(t') = feed up to t' + motion of that tool
+//! into the work at t', looked up where the same psi met a tool before. What lies before the start is a
+//! quiet cut.
 
 use super::machine::{Bending, Contact, Moment, TrueCut};
 use std::f64::consts::{PI, TAU};
@@ -147,8 +148,8 @@ impl<'a> Run<'a> {
         let into = &self.into_m[tool];
         // Newton's cubic through four steps.
         let [a, b, c, d] = [into[k - 1], into[k], into[k + 1], into[k + 2]];
-        let cubic = b
-            + t * ((c - b)
+        let cubic = b + t
+            * ((c - b)
                 + (t - 1.0) * ((c - 2.0 * b + a) / 2.0 + (t + 1.0) * (d - 3.0 * c + 3.0 * b - a) / 6.0));
         let fed = self.fed_m[k] + t * (self.fed_m[k + 1] - self.fed_m[k]);
         fed + self.cut.memory * cubic
@@ -248,23 +249,20 @@ impl<'a> Run<'a> {
         (self.noise, self.tangle_n) = (noise, tangle_n);
         let h = self.step_s;
         let angle = self.angle_rad.last().copied().unwrap_or(0.0);
-        let rates = [0.0, 0.5, 1.0].map(|part: f64| {
-            self.rate_rad_s(at, commanded_rad + part * h * TAU * at.speed_rpm / 60.0)
-        });
+        let rates = [0.0, 0.5, 1.0]
+            .map(|part: f64| self.rate_rad_s(at, commanded_rad + part * h * TAU * at.speed_rpm / 60.0));
         let turned = [0.0, h * (rates[0] + rates[1]) / 4.0, h * (rates[0] + 4.0 * rates[1] + rates[2]) / 6.0];
         let at_part = |part: usize| Moment { t_s: at.t_s + 0.5 * h * part as f64, ..*at };
-        let moved = |by: &State, part: f64| -> State {
-            std::array::from_fn(|k| self.state[k] + part * h * by[k])
-        };
+        let moved =
+            |by: &State, part: f64| -> State { std::array::from_fn(|k| self.state[k] + part * h * by[k]) };
         let k1 = self.slope(&self.state, &at_part(0), [angle, rates[0]]);
         let middle = [angle + turned[1], rates[1]];
         let k2 = self.slope(&moved(&k1, 0.5), &at_part(1), middle);
         let k3 = self.slope(&moved(&k2, 0.5), &at_part(1), middle);
         let end = [angle + turned[2], rates[2]];
         let k4 = self.slope(&moved(&k3, 1.0), &at_part(2), end);
-        self.state = std::array::from_fn(|k| {
-            self.state[k] + h / 6.0 * (k1[k] + 2.0 * k2[k] + 2.0 * k3[k] + k4[k])
-        });
+        self.state =
+            std::array::from_fn(|k| self.state[k] + h / 6.0 * (k1[k] + 2.0 * k2[k] + 2.0 * k3[k] + k4[k]));
         let law = self.law(&self.state, at, end);
         let lagged = self.cut.hidden.force_lag_s > 0.0;
         let force_n = if lagged { [self.state[8], self.state[9]] } else { law };

@@ -1,7 +1,7 @@
 //! The true machine of a concealed case: numbers, and physics that its scenario does not state.
 //!
-//! Its laws are written here from the contract alone; nothing of `plant::cut_effects`, of the linear cut or of
-//! the diagnosis is used.
+//! Its laws are written here from the contract alone; nothing of `plant::cut_effects`, of the linear cut or
+//! of the diagnosis is used.
 
 use std::f64::consts::{PI, TAU};
 
@@ -206,10 +206,10 @@ impl TrueCut {
     /// Force per chip area of a tool at a moment, Pa.
     fn pressure_pa(&self, tool: usize, at: &Moment) -> f64 {
         let h = &self.hidden;
-        let corner = h.nose_radius_m.map_or(1.0, |r| {
-            Self::corner(r, at.width_m) / Self::corner(r, self.width_m)
-        });
-        let speed = (self.surface_m_s(at.speed_rpm) / self.surface_m_s(self.speed_rpm)).powf(-h.speed_exponent);
+        let corner =
+            h.nose_radius_m.map_or(1.0, |r| Self::corner(r, at.width_m) / Self::corner(r, self.width_m));
+        let speed =
+            (self.surface_m_s(at.speed_rpm) / self.surface_m_s(self.speed_rpm)).powf(-h.speed_exponent);
         let tool = if tool == 1 { h.tool2_ratio } else { 1.0 };
         self.pressure_pa * corner * speed * tool * (1.0 + h.wear_1_s * at.t_s)
     }

@@ -12,6 +12,7 @@ mod signal;
 
 pub use draw::{CUT_EFFECTS, CUT_OUTSIDE, HiddenCut};
 pub use machine::{Hidden, Mode, Moment, TrueCut};
+pub use schedule::growth_1_s;
 
 use crate::plant::cutting::RawCutting;
 use crate::plant::scenario::{RawScenario, Scenario, ToolCount};
@@ -83,24 +84,45 @@ fn known_names() -> String {
     [CUT_EFFECTS.as_slice(), CUT_OUTSIDE.as_slice()].concat().join(", ")
 }
 
+/// A machine that hides something, not cut with yet.
+#[derive(Debug, Clone)]
+pub struct ConcealedMachine {
+    /// Its true numbers.
+    pub truth: TrueCut,
+    /// What its scenario will leave out.
+    pub hidden: Vec<HiddenCut>,
+    unsaid: Unsaid,
+    random: ChaCha8Rng,
+}
+
+impl ConcealedMachine {
+    /// Draws a machine around `around` and hides in it what `spec` says.
+    ///
+    /// Errors: an unknown effect, a depth of zero or less, a scenario that is a tap test or has physics.
+    pub fn draw(around: &Scenario, spec: &CutCaseSpec) -> Result<Self, CutCaseError> {
+        if !(spec.depth.is_finite() && spec.depth > 0.0) {
+            return Err(CutCaseError::Depth { depth: spec.depth });
+        }
+        if around.workpiece.is_tapped() || !around.physics.is_empty() {
+            return Err(CutCaseError::Structure);
+        }
+        let mut random = ChaCha8Rng::seed_from_u64(spec.seed);
+        let mut truth = drawn(around, &mut random);
+        let mut unsaid = Unsaid { pressure_factor: 1.0, damping_factor: 1.0, ..Unsaid::default() };
+        let mut hidden = Vec::new();
+        for name in &spec.effects {
+            hidden.push(hide(name, spec.depth, (&mut truth, &mut unsaid), &mut random)?);
+        }
+        Ok(Self { truth, hidden, unsaid, random })
+    }
+}
+
 /// Draws a machine around `around`, hides what `spec` says and cuts five recordings with it.
 ///
-/// Errors: an unknown effect, a depth of zero or less, a scenario that is a tap test or has physics.
-/// Cost: some seconds. Checked by: `concealed_cut::*`.
+/// Errors: as [`ConcealedMachine::draw`]. Cost: some seconds.
+/// Checked by: `concealed_cut::a_tap_on_a_concealed_machine_grows_as_the_linear_cut_says`.
 pub fn conceal_cut(around: &Scenario, spec: &CutCaseSpec) -> Result<CutCase, CutCaseError> {
-    if !(spec.depth.is_finite() && spec.depth > 0.0) {
-        return Err(CutCaseError::Depth { depth: spec.depth });
-    }
-    if around.workpiece.is_tapped() || !around.physics.is_empty() {
-        return Err(CutCaseError::Structure);
-    }
-    let mut random = ChaCha8Rng::seed_from_u64(spec.seed);
-    let mut truth = drawn(around, &mut random);
-    let mut unsaid = Unsaid { pressure_factor: 1.0, damping_factor: 1.0, ..Unsaid::default() };
-    let mut hidden = Vec::new();
-    for name in &spec.effects {
-        hidden.push(hide(name, spec.depth, (&mut truth, &mut unsaid), &mut random)?);
-    }
+    let ConcealedMachine { mut truth, hidden, unsaid, mut random } = ConcealedMachine::draw(around, spec)?;
     let extremes = Extremes::find(&mut truth);
     let scenario = stated(&truth, &unsaid, &mut random)?;
     let probe = spec.probe || truth.hidden.signal_delay_s > 0.0;

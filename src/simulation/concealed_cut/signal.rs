@@ -1,4 +1,4 @@
-//! What the recording shows of a run: forces late and through a low-pass, with noise; angle, probe, conditions.
+//! What the recording shows of a run: forces late and low-passed, with noise; angle, probe, conditions.
 
 use super::bench::{SUBSTEPS, Shown};
 use super::machine::{Moment, TrueCut};
@@ -78,7 +78,8 @@ pub(super) fn recording(
         scale * x
     };
     let column = |name: &str, values: Vec<f64>| Column { name: name.to_owned(), values };
-    let by_row = |f: &dyn Fn(&Moment) -> f64| (0..rows).map(|r| f(&moments[r * SUBSTEPS])).collect::<Vec<_>>();
+    let by_row =
+        |f: &dyn Fn(&Moment) -> f64| (0..rows).map(|r| f(&moments[r * SUBSTEPS])).collect::<Vec<_>>();
     let mut columns = Vec::new();
     for tool in 0..if cut.two_tools { 2 } else { 1 } {
         let mut force = shown(&|k: usize| shows[k].force_n[tool], moments.len(), cut);

@@ -1,0 +1,124 @@
+//! The generator of concealed cuts against the linear cut: they share no equation, and must agree.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use stillcut::config::scenario::scenario_from_text;
+use stillcut::diagnosis::Verdict;
+use stillcut::diagnosis::cut::diagnose;
+use stillcut::diagnosis::cut::input::{CutEvidence, CutRecording};
+use stillcut::plant::cut_terms::CutCondition;
+use stillcut::plant::scenario::Scenario;
+use stillcut::simulation::concealed_cut::{ConcealedMachine, CutCaseSpec, Moment, conceal_cut, growth_1_s};
+use stillcut::stability::scenario_root;
+
+/// What the linear cut holds whole; what varies over a turn enters it with its mean alone.
+const LINEAR: [&str; 15] = [
+    "process_damping",
+    "edge_force",
+    "nonlinear_cutting_force",
+    "nose_radius",
+    "speed_dependent_force",
+    "second_mode",
+    "second_plane",
+    "position_dependent_mode",
+    "support_compliance",
+    "contact_stiffness",
+    "speed_dependent_dynamics",
+    "tool_wear",
+    "tool_difference",
+    "turret_compliance",
+    "force_lag",
+];
+
+fn concealed(effect: &str, seed: u64) -> ConcealedMachine {
+    let spec = CutCaseSpec { effects: vec![effect.to_owned()], depth: 1.0, seed, probe: false };
+    ConcealedMachine::draw(&Scenario::default(), &spec).unwrap()
+}
+
+/// The scenario that states all of the truth.
+fn whole_truth(case: &ConcealedMachine) -> Scenario {
+    let t = &case.truth;
+    let mut text = format!(
+        "[workpiece]\ndiameter_m = {}\nprojection_length_m = {}\nelastic_modulus_pa = {}\ndensity_kg_m3 = {}\n\
+         damping_ratio = {}\nclamp_factor = {}\n[cutting]\nradial_stiffness_pa = {}\nwidth_m = {}\n\
+         feed_m_rev = {}\nprocess_damping_n = {}\ntangential_ratio = {}\n[spindle]\nspeed_rpm = {}\n\
+         [tools]\nposition_m = {}\n",
+        t.diameter_m,
+        t.length_m,
+        t.modulus_pa,
+        t.density_kg_m3,
+        t.damping_ratio,
+        t.clamp_factor,
+        t.pressure_pa,
+        t.width_m,
+        t.feed_m_rev,
+        t.flank_damping_n,
+        t.tangential_ratio,
+        t.speed_rpm,
+        t.position_m,
+    );
+    for hidden in case.hidden.iter().filter(|h| h.name != "process_damping") {
+        let (effect, port) = (hidden.name.split('/').next().unwrap(), hidden.port.name());
+        writeln!(text, "[[physics]]\neffect = \"{effect}\"\nport = \"{port}\"").unwrap();
+        for (name, value) in &hidden.parameters {
+            writeln!(text, "{name} = {value}").unwrap();
+        }
+    }
+    scenario_from_text(Path::new("truth.toml"), &text).unwrap()
+}
+
+#[test]
+fn a_tap_on_a_concealed_machine_grows_as_the_linear_cut_says() {
+    for (k, effect) in LINEAR.into_iter().enumerate() {
+        let case = concealed(effect, 40 + k as u64);
+        let (t, scenario) = (&case.truth, whole_truth(&case));
+        for (speed, width, place, pitch_rad) in [(1.0, 1.0, 1.0, 0.0), (1.15, 0.8, 0.85, 0.06)] {
+            let at = Moment {
+                t_s: 0.0,
+                speed_rpm: speed * t.speed_rpm,
+                feed_m_rev: t.feed_m_rev,
+                width_m: width * t.width_m,
+                position_m: place * t.position_m,
+                pitch_rad,
+            };
+            let stated = CutCondition {
+                speed_rpm: at.speed_rpm,
+                width_m: at.width_m,
+                position_m: at.position_m,
+                pitch_difference_rad: pitch_rad,
+                ..CutCondition::of(&scenario)
+            };
+            let (found, root) = (growth_1_s(t, &at), scenario_root(&scenario, &stated).growth_1_s);
+            // A quarter of a second after the tap the next root may still beat with the first.
+            let off = (found - root).abs();
+            assert!(off < 3.0, "{effect}: cut {found:.2} 1/s, root {root:.2} 1/s");
+        }
+    }
+}
+
+/// The scenario and the recordings of a shop, and the verdict with the names of the findings.
+fn diagnosed(effects: &[&str], seed: u64) -> (Verdict, Vec<String>) {
+    let effects = effects.iter().map(|name| (*name).to_owned()).collect();
+    let spec = CutCaseSpec { effects, depth: 1.0, seed, probe: false };
+    let case = conceal_cut(&Scenario::default(), &spec).unwrap();
+    let recordings: Vec<CutRecording> =
+        case.recordings.iter().map(|r| CutRecording::new(r, &case.scenario).unwrap()).collect();
+    let evidence = CutEvidence { recordings: &recordings, table: None };
+    let said = diagnose(&case.scenario, evidence, 60.0, &|_, _| {}).unwrap();
+    (said.verdict, said.findings.iter().map(|f| f.effect.name().to_owned()).collect())
+}
+
+#[test]
+fn a_cut_that_hides_nothing_is_given_nothing_and_wear_is_named() {
+    let (verdict, names) = diagnosed(&[], 7);
+    assert!(matches!(verdict, Verdict::ModelAdequate | Verdict::ParameterError), "{verdict:?} {names:?}");
+    assert!(names.is_empty(), "{names:?}");
+    let (verdict, names) = diagnosed(&["tool_wear"], 8);
+    assert_eq!((verdict, names), (Verdict::MissingPhysics, vec!["tool_wear".to_owned()]));
+}
+
+#[test]
+fn chips_that_tangle_are_in_no_vocabulary_and_left_unexplained() {
+    let (verdict, names) = diagnosed(&["unknown/chip_tangle"], 9);
+    assert_eq!(verdict, Verdict::UnexplainedMismatch, "{names:?}");
+}
