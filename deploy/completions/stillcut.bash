@@ -260,7 +260,7 @@ _stillcut() {
             return 0
             ;;
         stillcut__subcmd__campaign)
-            opts="-h -V --cuts --seed --duration-s --rule --wide --out --help --version"
+            opts="-h -V --cuts --seed --duration-s --rule --wide --conceal --told --out --help --version"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -280,6 +280,14 @@ _stillcut() {
                     ;;
                 --rule)
                     COMPREPLY=($(compgen -W "model opposed" -- "${cur}"))
+                    return 0
+                    ;;
+                --conceal)
+                    COMPREPLY=($(compgen -f "${cur}"))
+                    return 0
+                    ;;
+                --told)
+                    COMPREPLY=($(compgen -W "stated repaired" -- "${cur}"))
                     return 0
                     ;;
                 --out)

@@ -4,9 +4,10 @@
 //! over the tracked lines and their likely drift (the tools move on, the bar gets lighter: the cut holds the
 //! bar more or less firmly than now) and averaged over what the cut may be. m = 0 unless more pays.
 
-use super::identified::{Candidate, HeardLine, StatedCut, identify, weigh};
+use super::identified::{Candidate, HeardLine, identify, weigh};
 use super::pitch::wave_phase_difference_rad;
-use crate::plant::cutting::TwoDelay;
+use super::structure::{StructuredCut, structured_cuts};
+use crate::plant::scenario::Scenario;
 use crate::units::SpindleSpeed;
 use std::f64::consts::PI;
 
@@ -33,7 +34,7 @@ pub enum PitchAdvice {
 #[derive(Debug, Clone, PartialEq)]
 pub struct PitchQuestion<'a> {
     /// Bar and cut as stated.
-    pub stated: &'a StatedCut,
+    pub stated: &'a Scenario,
     /// Lines of this cut, the newest first; those heard at another pitch weigh the candidates.
     pub lines: &'a [HeardLine],
     /// Speed now.
@@ -72,14 +73,13 @@ const SAME_PITCH: f64 = 0.08;
 /// `stillcut campaign`.
 #[must_use]
 pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
-    let candidates = candidates(question);
     let Some(highest_hz) = question.lines.iter().map(|l| l.frequency_hz).max_by(f64::total_cmp) else {
         return PitchAdvice::NotIdentified;
     };
-    if candidates.is_empty() {
+    let cuts = possible_cuts(question);
+    if cuts.is_empty() {
         return PitchAdvice::NotIdentified;
     }
-    let cuts: Vec<Cut> = candidates.iter().map(|c| Cut::new(*c, question.lines)).collect();
     let turn_s = question.spindle.period_s();
     // After a try that did not help, what goes on at that pitch is what must be opposed.
     let newest_hz = question.lines.first().map_or(highest_hz, |l| l.frequency_hz);
@@ -98,15 +98,27 @@ pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
         }
     }
     // A pitch that holds now is worth trying, even where it will not hold over all of the drift.
-    let unstable = |c: &&Cut| c.candidate.growth_1_s(turn_s, best.pitch_rad, 1.0) > 0.0;
-    let doubt: f64 = cuts.iter().filter(unstable).map(|c| c.candidate.weight).sum();
+    let unstable = |c: &&Cut| c.growth_1_s(turn_s, best.pitch_rad, 1.0) > 0.0;
+    let doubt: f64 = cuts.iter().filter(unstable).map(Cut::weight).sum();
     if doubt > SURE && best.growth_1_s > 0.0 {
         return nothing();
     }
     PitchAdvice::Pitch { pitch_rad: best.pitch_rad, growth_1_s: best.growth_1_s }
 }
 
-/// What the lines allow the cut to be.
+/// What the lines allow the cut to be: the stated scenario where it has physics that two delays do not hold
+/// and agrees with what is heard; else the two-delay equation, identified.
+fn possible_cuts(question: &PitchQuestion<'_>) -> Vec<Cut> {
+    if !question.stated.physics.is_empty() {
+        let structured = structured_cuts(question.stated, question.lines);
+        if !structured.is_empty() {
+            return structured.into_iter().map(Cut::structured).collect();
+        }
+    }
+    candidates(question).iter().map(|c| Cut::new(*c, question.lines)).collect()
+}
+
+/// What the lines allow a cut of two delays to be.
 fn candidates(question: &PitchQuestion<'_>) -> Vec<Candidate> {
     // A line that was seen to grow at equal pitch says most; the newest of them the most of now.
     let source = question.lines.iter().find(|l| l.pitch_rad.abs() < 0.01).or(question.lines.first());
@@ -141,7 +153,7 @@ fn best_of_lobe(
         }
         let turn_s = question.spindle.period_s();
         let mean = |f: &dyn Fn(f64) -> f64| {
-            cuts.iter().map(|c| c.candidate.weight * f(c.worst_growth_1_s(turn_s, pitch_rad))).sum::<f64>()
+            cuts.iter().map(|c| c.weight() * f(c.worst_growth_1_s(turn_s, pitch_rad))).sum::<f64>()
         };
         let growth_1_s = mean(&|g| g.max(-MOST_MARGIN_1_S));
         let off = (phase - 2.0 * lobe - 1.0) / 0.1;
@@ -150,10 +162,15 @@ fn best_of_lobe(
     scores.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)).map(|s| s.0)
 }
 
-/// A candidate with the strengths of the cut that must be endured.
+/// A possible cut with the strengths of it that must be endured.
 struct Cut {
-    candidate: Candidate,
+    possible: Possible,
     shares: [f64; 3],
+}
+
+enum Possible {
+    TwoDelay(Candidate),
+    Structured(StructuredCut),
 }
 
 impl Cut {
@@ -163,27 +180,52 @@ impl Cut {
             least = least.min(share.max(0.3));
             most = most.max(share.min(1.5));
         }
-        Self { candidate, shares: [least * DRIFT[0], 1.0, most * DRIFT[1]] }
+        Self { possible: Possible::TwoDelay(candidate), shares: [least * DRIFT[0], 1.0, most * DRIFT[1]] }
+    }
+
+    fn structured(cut: StructuredCut) -> Self {
+        Self { possible: Possible::Structured(cut), shares: [DRIFT[0], 1.0, DRIFT[1]] }
+    }
+
+    fn weight(&self) -> f64 {
+        match &self.possible {
+            Possible::TwoDelay(candidate) => candidate.weight,
+            Possible::Structured(cut) => cut.weight,
+        }
+    }
+
+    fn growth_1_s(&self, turn_s: f64, pitch_rad: f64, share: f64) -> f64 {
+        match &self.possible {
+            Possible::TwoDelay(candidate) => candidate.growth_1_s(turn_s, pitch_rad, share),
+            Possible::Structured(cut) => cut.growth_1_s(turn_s, pitch_rad, share),
+        }
+    }
+
+    /// Where this cut vibrates while it is cut, Hz.
+    fn in_cut_hz(&self, turn_s: f64, heard_hz: f64) -> f64 {
+        match &self.possible {
+            Possible::TwoDelay(candidate) => candidate.equation(turn_s, 0.0, 1.0).in_cut_frequency_hz(),
+            Possible::Structured(_) => heard_hz,
+        }
     }
 
     fn worst_growth_1_s(&self, turn_s: f64, pitch_rad: f64) -> f64 {
         self.shares
             .iter()
-            .map(|share| self.candidate.growth_1_s(turn_s, pitch_rad, *share))
+            .map(|share| self.growth_1_s(turn_s, pitch_rad, *share))
             .fold(f64::NEG_INFINITY, f64::max)
     }
 }
 
 /// Nearest speed, up to 40 % away, at which equal pitch or the opposed pitch holds with some margin.
 fn nearest_speed(question: &PitchQuestion<'_>, cuts: &[Cut]) -> Option<f64> {
-    let cut = cuts.first()?;
+    let (cut, heard_hz) = (cuts.first()?, question.lines.first()?.frequency_hz);
     let turn_s = question.spindle.period_s();
     for step in 1..=20 {
         for sign in [-1.0, 1.0] {
             let ratio = 1.0 + sign * 0.02 * f64::from(step);
             let turn_s = turn_s / ratio;
-            let equation: TwoDelay = cut.candidate.equation(turn_s, 0.0, 1.0);
-            let opposed_rad = PI / (equation.in_cut_frequency_hz() * turn_s);
+            let opposed_rad = PI / (cut.in_cut_hz(turn_s, heard_hz) * turn_s);
             let stable = |pitch_rad: f64| {
                 pitch_rad <= question.largest_pitch_rad
                     && cut.worst_growth_1_s(turn_s, pitch_rad) < -COMFORTABLE_1_S
@@ -199,8 +241,12 @@ fn nearest_speed(question: &PitchQuestion<'_>, cuts: &[Cut]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plant::scenario::{RawScenario, Scenario};
-    use crate::stability::rightmost_root;
+    use crate::plant::cut_effects::CutEffect;
+    use crate::plant::cut_terms::CutCondition;
+    use crate::plant::cutting::TwoDelay;
+    use crate::plant::effects::EffectKind;
+    use crate::plant::scenario::RawScenario;
+    use crate::stability::{rightmost_root, scenario_root};
 
     fn ask(raw: &RawScenario, largest_pitch_rad: f64) -> (PitchAdvice, Scenario) {
         let scenario = Scenario::new(raw).unwrap();
@@ -211,9 +257,8 @@ mod tests {
             turn_s: scenario.spindle.period_s(),
             pitch_rad: 0.0,
         };
-        let stated = StatedCut { workpiece: scenario.workpiece, cutting: scenario.cutting };
         let question = PitchQuestion {
-            stated: &stated,
+            stated: &scenario,
             lines: &[line],
             spindle: scenario.spindle,
             largest_pitch_rad,
@@ -246,6 +291,47 @@ mod tests {
         for largest_rad in [0.065, 0.055, 0.01] {
             let (advice, _) = ask(&raw, largest_rad);
             assert!(matches!(advice, PitchAdvice::NoStablePitch { .. }), "{largest_rad}: {advice:?}");
+        }
+    }
+
+    /// A holder of the second tool as compliant as the bar shifts the line and what calms it: with the
+    /// scenario that knows it the pitch is one that the whole cut stays stable at.
+    #[test]
+    fn a_holder_that_gives_is_in_the_choice() {
+        let holder = |hz: f64| CutEffect::new(EffectKind::TurretCompliance, [hz, 8e6, 0.03]).unwrap();
+        for hz in [620.0, 700.0, 800.0] {
+            let physics = crate::plant::cut_effects::Physics::new(&[holder(hz)]).unwrap();
+            let raw = RawScenario { physics, ..RawScenario::default() };
+            let whole = Scenario::new(&raw).unwrap();
+            let growth = |pitch_difference_rad: f64| {
+                let at = CutCondition { pitch_difference_rad, ..CutCondition::of(&whole) };
+                scenario_root(&whole, &at)
+            };
+            let heard = growth(0.0);
+            assert!(heard.growth_1_s > 0.0, "{heard:?}");
+            let line = HeardLine {
+                frequency_hz: heard.frequency_hz,
+                growth_1_s: Some(heard.growth_1_s),
+                turn_s: whole.spindle.period_s(),
+                pitch_rad: 0.0,
+            };
+            let cuts = structured_cuts(&whole, &[line]);
+            assert!(
+                cuts.iter().any(|c| (c.growth_1_s(line.turn_s, 0.0, 1.0) - heard.growth_1_s).abs() < 1.0)
+            );
+            let question = PitchQuestion {
+                stated: &whole,
+                lines: &[line],
+                spindle: whole.spindle,
+                largest_pitch_rad: 0.14,
+                fruitless_rad: &[],
+            };
+            let advice = best_pitch(&question);
+            let PitchAdvice::Pitch { pitch_rad, .. } = advice else { panic!("{hz}: {advice:?}") };
+            let calmest =
+                (0..=70).map(|k| growth(0.002 * f64::from(k)).growth_1_s).fold(f64::INFINITY, f64::min);
+            let got = growth(pitch_rad).growth_1_s;
+            assert!(got < 0.0 && got < 0.4 * calmest, "{hz}: {got} at {pitch_rad}, {calmest} at best");
         }
     }
 

@@ -10,20 +10,11 @@
 //! workpiece to a few percent, so a handful of values are tried and each answer is weighed by how well it
 //! agrees with what was stated. When no answer is plausible there is no identification: say so.
 
-use crate::plant::cutting::{Cutting, TwoDelay, delays_s};
-use crate::plant::workpiece::Workpiece;
+use crate::plant::cutting::{TwoDelay, delays_s};
+use crate::plant::scenario::Scenario;
 use crate::stability::rightmost_root;
 use nalgebra::Complex;
 use std::f64::consts::{PI, TAU};
-
-/// Bar and cut as stated by the operator: nominal values.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StatedCut {
-    /// Bar in the chuck.
-    pub workpiece: Workpiece,
-    /// What each tool does.
-    pub cutting: Cutting,
-}
 
 /// One chatter line with what held while it was heard.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -142,7 +133,7 @@ fn normal(x: f64) -> f64 {
 ///
 /// Cost: 21 searches for a root, about half a millisecond. Checked by: `the_cut_is_found_from_its_line`.
 #[must_use]
-pub fn identify(stated: &StatedCut, line: &HeardLine) -> Vec<Candidate> {
+pub fn identify(stated: &Scenario, line: &HeardLine) -> Vec<Candidate> {
     let bar = &stated.workpiece;
     let mass_kg = bar.modal_mass_kg();
     let flank = 2.0 * stated.cutting.process_damping_n_s_m(PI * bar.diameter_m() / line.turn_s);
@@ -220,7 +211,7 @@ fn normalized(mut candidates: Vec<Candidate>) -> Vec<Candidate> {
 mod tests {
     use super::*;
     use crate::plant::cutting::RawCutting;
-    use crate::plant::scenario::{RawScenario, Scenario};
+    use crate::plant::scenario::RawScenario;
     use crate::plant::workpiece::RawWorkpiece;
 
     fn scenario(raw: &RawScenario) -> Scenario {
@@ -255,12 +246,11 @@ mod tests {
     /// The operator's numbers are wrong by usual amounts; frequency and growth set them right.
     #[test]
     fn the_cut_is_found_from_its_line() {
-        let stated = StatedCut {
-            workpiece: Workpiece::new(RawWorkpiece { clamp_factor: 0.99, ..RawWorkpiece::default() })
-                .unwrap(),
-            cutting: Cutting::new(RawCutting { radial_stiffness_pa: 1600e6, ..RawCutting::default() })
-                .unwrap(),
-        };
+        let stated = scenario(&RawScenario {
+            workpiece: RawWorkpiece { clamp_factor: 0.99, ..RawWorkpiece::default() },
+            cutting: RawCutting { radial_stiffness_pa: 1600e6, ..RawCutting::default() },
+            ..RawScenario::default()
+        });
         let (line, equation) = line_of(&Scenario::default());
         let found = identify(&stated, &line);
         assert!(!found.is_empty());
@@ -272,9 +262,7 @@ mod tests {
 
     #[test]
     fn a_line_below_the_bar_says_nothing() {
-        let stated =
-            StatedCut { workpiece: Scenario::default().workpiece, cutting: Scenario::default().cutting };
         let line = HeardLine { frequency_hz: 420.0, growth_1_s: Some(20.0), turn_s: 0.05, pitch_rad: 0.0 };
-        assert!(identify(&stated, &line).is_empty());
+        assert!(identify(&Scenario::default(), &line).is_empty());
     }
 }

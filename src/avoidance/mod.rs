@@ -23,6 +23,7 @@ pub mod identified;
 pub mod invariants;
 pub mod pitch;
 mod state;
+mod structure;
 pub mod turret;
 
 pub use decide::Avoidance;
@@ -64,9 +65,9 @@ pub struct AvoidanceSettings {
     pub report_deadline_s: f64,
     /// Distance from a commanded offset that counts as reached.
     pub reached_m: f64,
-    /// Bar and cut as the operator stated them: the choice of pitch by the two-delay model starts here.
+    /// Bar and cut as the operator stated them: the choice of pitch by the model of the cut starts here.
     /// `None`: eq. (6-10) alone.
-    pub stated: Option<identified::StatedCut>,
+    pub stated: Option<crate::plant::scenario::Scenario>,
 }
 
 /// Why settings cannot be used.

@@ -1,18 +1,21 @@
 //! `stillcut campaign`: the loop closed on many random cuts, against what the stability model says.
 
+mod hidden;
+
 use super::bad_input;
-use crate::avoidance::identified::StatedCut;
 use crate::avoidance::pitch::optimum_pitch_rad;
 use crate::avoidance::{CommandKind, HoldReason, Mode};
 use crate::chatter::Phase;
 use crate::config::service::ServiceConfig;
-use crate::plant::cutting::{Cutting, RawCutting, TwoDelay};
+use crate::plant::cut_terms::CutCondition;
+use crate::plant::cutting::RawCutting;
+use crate::plant::effects::EffectKind;
 use crate::plant::scenario::{RawScenario, Scenario};
-use crate::plant::workpiece::{RawWorkpiece, Workpiece};
+use crate::plant::workpiece::RawWorkpiece;
 use crate::recording::write_whole;
 use crate::simulation::closed_loop::{ClosedLoop, LARGEST_PITCH_RAD, LoopEvent};
 use crate::simulation::lathe::{AXES, LatheSettings};
-use crate::stability::{Root, rightmost_root};
+use crate::stability::{Root, scenario_root};
 use crate::units::SampleRate;
 use anyhow::Context as _;
 use rand::{RngExt as _, SeedableRng as _};
@@ -45,6 +48,12 @@ pub(super) struct Arguments {
     /// Wider ranges: slim and stout bars, little and much damping, deep cuts, slow and fast spindles.
     #[arg(long)]
     wide: bool,
+    /// Physics beyond the two-delay model that the cuts have, one of these each; comma separated, or `all`.
+    #[arg(long, value_name = "EFFECTS", value_delimiter = ',')]
+    conceal: Vec<String>,
+    /// What the controller is told: nominal numbers without that physics, or what `diagnose` would write.
+    #[arg(long, default_value = "stated", value_parser = ["stated", "repaired"])]
+    told: String,
     /// Folder for campaign.csv; without it only the table is printed.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -66,6 +75,8 @@ const STABLE_M: f64 = 10e-6;
 struct Case {
     seed: u64,
     scenario: Scenario,
+    /// What the controller knows of it.
+    told: Scenario,
     noise: f64,
     equal: Root,
     best_growth_1_s: f64,
@@ -99,8 +110,15 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     if !(arguments.duration_s.is_finite() && (8.0..=3600.0).contains(&arguments.duration_s)) {
         return Err(bad_input(format!("--duration-s {}: expected 8 to 3600", arguments.duration_s)));
     }
+    let concealed: Vec<EffectKind> = match arguments.conceal.as_slice() {
+        [all] if all == "all" => hidden::EFFECTS.to_vec(),
+        names => names
+            .iter()
+            .map(|name| hidden::named(name).map_err(|e| bad_input(format!("--conceal: {e}"))))
+            .collect::<anyhow::Result<_>>()?,
+    };
     let cases: Vec<Case> = (0..arguments.cuts as u64)
-        .map(|k| draw(arguments.seed.wrapping_add(k), &arguments))
+        .map(|k| draw(arguments.seed.wrapping_add(k), &arguments, &concealed))
         .collect::<Result<_, _>>()
         .context("a random cut was not physical")?;
     let progress = super::progress(cases.len() as u64, "cutting");
@@ -134,7 +152,11 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
 }
 
 /// One random cut. Errors: never for the ranges below; the types want it checked.
-fn draw(seed: u64, arguments: &Arguments) -> Result<Case, crate::plant::workpiece::ScenarioError> {
+fn draw(
+    seed: u64,
+    arguments: &Arguments,
+    concealed: &[EffectKind],
+) -> Result<Case, crate::plant::workpiece::ScenarioError> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut between = |usual: [f64; 2], wide: [f64; 2]| {
         let [low, high] = if arguments.wide { wide } else { usual };
@@ -161,38 +183,44 @@ fn draw(seed: u64, arguments: &Arguments) -> Result<Case, crate::plant::workpiec
     };
     let noise = between([0.01, 0.05], [0.01, 0.08]);
     let feed_m_s = raw.cutting.feed_m_rev * raw.speed_rpm / 60.0;
-    let scenario = Scenario::new(&RawScenario { travel_m_s: -feed_m_s, ..raw })?;
-    let equal = rightmost_root(&TwoDelay::from_scenario(&scenario));
+    let mut scenario = Scenario::new(&RawScenario { travel_m_s: -feed_m_s, ..raw })?;
+    if !concealed.is_empty() {
+        let effect = concealed[random.random_range(0..concealed.len())];
+        scenario.physics = hidden::drawn(effect, &scenario, &mut random)?;
+    }
+    let told = match arguments.told.as_str() {
+        "repaired" => hidden::repaired(&scenario, &mut random)?,
+        _ => stated(&scenario)?,
+    };
+    let equal = scenario_root(&scenario, &CutCondition::of(&scenario));
     // One pitch for the whole way of the tools.
     let length_m = raw.workpiece.projection_length_m;
     let way_m = (feed_m_s * (arguments.duration_s - ENTRY_S)).min(0.9 * length_m);
     let growth = |pitch: f64, share: f64| {
         let position_m = Some(length_m - share * way_m);
         let at = RawScenario { pitch_difference_rad: pitch, position_m, ..scenario.raw() };
-        Scenario::new(&at).map_or(f64::INFINITY, |s| rightmost_root(&TwoDelay::from_scenario(&s)).growth_1_s)
+        Scenario::new(&at).map_or(f64::INFINITY, |s| scenario_root(&s, &CutCondition::of(&s)).growth_1_s)
     };
     let worst = |pitch: f64| {
         [0.0, 0.5, 1.0].map(|share| growth(pitch, share)).into_iter().fold(f64::NEG_INFINITY, f64::max)
     };
     let pitches = (0..=150).map(|k| LARGEST_PITCH_RAD * f64::from(k) / 150.0);
     let best_growth_1_s = pitches.map(worst).fold(f64::INFINITY, f64::min);
-    Ok(Case { seed, scenario, noise, equal, best_growth_1_s })
+    Ok(Case { seed, scenario, told, noise, equal, best_growth_1_s })
 }
 
 /// Bar and cut as an operator states them: lengths as they are, the rest nominal.
-fn stated(scenario: &Scenario) -> Result<StatedCut, crate::plant::workpiece::ScenarioError> {
+fn stated(scenario: &Scenario) -> Result<Scenario, crate::plant::workpiece::ScenarioError> {
     let (bar, cut) = (scenario.workpiece.raw(), scenario.cutting.raw());
-    Ok(StatedCut {
-        workpiece: Workpiece::new(RawWorkpiece {
+    Scenario::new(&RawScenario {
+        workpiece: RawWorkpiece {
             diameter_m: bar.diameter_m,
             projection_length_m: bar.projection_length_m,
             ..RawWorkpiece::default()
-        })?,
-        cutting: Cutting::new(RawCutting {
-            width_m: cut.width_m,
-            feed_m_rev: cut.feed_m_rev,
-            ..RawCutting::default()
-        })?,
+        },
+        cutting: RawCutting { width_m: cut.width_m, feed_m_rev: cut.feed_m_rev, ..RawCutting::default() },
+        speed_rpm: scenario.spindle.rpm(),
+        ..RawScenario::default()
     })
 }
 
@@ -200,12 +228,16 @@ fn cut(case: &Case, arguments: &Arguments) -> anyhow::Result<Outcome> {
     let duration_s = arguments.duration_s;
     let lathe =
         LatheSettings { force_noise_ratio: case.noise, ..LatheSettings::realistic(case.scenario, case.seed) };
-    let stated = stated(&case.scenario)?;
-    let config =
-        ServiceConfig { workpiece: stated.workpiece, cutting: stated.cutting, ..ServiceConfig::default() };
+    let told = case.told;
+    let config = ServiceConfig {
+        workpiece: told.workpiece,
+        cutting: told.cutting,
+        scenario: Some(told),
+        ..ServiceConfig::default()
+    };
     let names = AXES.map(str::to_owned);
     let settings = config.pipeline_settings(SampleRate::new(lathe.sample_rate_hz)?, &names);
-    let stated = (arguments.rule == "model").then_some(stated);
+    let stated = (arguments.rule == "model").then_some(told);
     let mut cut = ClosedLoop::with_stated(lathe, settings, (Mode::Act, stated))?;
     let mut outcome = Outcome::default();
     let (mut rest_m, mut envelope_m, mut silent_s) = (0.0, 0.0f64, 0.0);

@@ -9,13 +9,14 @@ mod turret;
 
 use super::force::{AxisToml, ForceConfig, ForceToml};
 use super::machine::machine_from_text;
+use super::scenario::read_scenario;
 use super::{ConfigError, parse, parse_number, read_text};
 use crate::avoidance::AvoidanceSettings;
-use crate::avoidance::identified::StatedCut;
 use crate::chatter::Band;
-use crate::pipeline::{AxisPlan, BandPlan, CutPrior, MarginPlan, PipelineSettings, ToolAxis};
+use crate::pipeline::{AxisPlan, BandPlan, CutPrior, MarginPlan, PipelineSettings, ToolAxis, lines_of};
 use crate::plant::cutting::{Cutting, RawCutting};
 use crate::plant::machine::Machine;
+use crate::plant::scenario::{Scenario, ToolCount};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::units::SampleRate;
 use pair::Pair;
@@ -81,6 +82,7 @@ section!(WorkpieceToml {
     clamp_factor: f64 = 0.975,
 });
 section!(CuttingToml {
+    scenario: Option<PathBuf> = None,
     radial_stiffness_pa: f64 = 2500e6,
     width_m: f64 = 0.2e-3,
     feed_m_rev: f64 = 0.15e-3,
@@ -212,6 +214,8 @@ pub struct ServiceConfig {
     pub workpiece: Workpiece,
     /// The cut, for the stability curve.
     pub cutting: Cutting,
+    /// The scenario that bar and cut were read from, if any: its physics is in the choice of pitch.
+    pub scenario: Option<Scenario>,
     /// Watched band, where it is stated.
     pub band: Option<Band>,
     /// Axis that moves the tools along the bar, with its place at the chuck and its direction.
@@ -326,7 +330,7 @@ impl Reader<'_> {
             return Err(self.bad("machine.watch", format!("{axis} twice: expected each axis once")));
         }
         let d = &raw.detection;
-        let workpiece = self.workpiece(&raw.workpiece)?;
+        let (workpiece, cutting, scenario) = self.bar_and_cut(&raw.workpiece, &raw.cutting)?;
         // The band that is predicted from it must be one that can be heard.
         let (bends_hz, most_hz) = (workpiece.bending_frequency_hz(), 0.35 * machine.sample_rate.hz());
         if d.band_hz.is_none() && !(20.0..most_hz).contains(&bends_hz) {
@@ -342,7 +346,8 @@ impl Reader<'_> {
             force,
             watch: raw.machine.watch.clone(),
             workpiece,
-            cutting: self.cutting(&raw.cutting)?,
+            cutting,
+            scenario,
             band,
             tools: self
                 .tool_axis("tool_axis", (&d.tool_axis, d.tool_axis_zero_m, d.tool_axis_toward_chuck))?,
@@ -413,6 +418,26 @@ impl Reader<'_> {
         Workpiece::new(raw).map_err(|e| self.bad("workpiece", e.to_string()))
     }
 
+    /// Bar and cut from this file, or from the scenario that it names.
+    fn bar_and_cut(
+        &self,
+        bar: &WorkpieceToml,
+        cut: &CuttingToml,
+    ) -> Result<(Workpiece, Cutting, Option<Scenario>), ConfigError> {
+        let Some(path) = &cut.scenario else { return Ok((self.workpiece(bar)?, self.cutting(cut)?, None)) };
+        let place = "cutting.scenario";
+        let others = CuttingToml { scenario: None, ..cut.clone() };
+        if *bar != WorkpieceToml::default() || others != CuttingToml::default() {
+            let what = "the bar and the cut are stated here too: expected either the scenario or these keys";
+            return Err(self.bad(place, what));
+        }
+        let scenario = read_scenario(&self.resolve(self.named(place, path)?))?;
+        if scenario.tools.count() != ToolCount::Two {
+            return Err(self.bad(place, "a cut of one tool: expected two, whose pitch can be moved"));
+        }
+        Ok((scenario.workpiece, scenario.cutting, Some(scenario)))
+    }
+
     fn cutting(&self, raw: &CuttingToml) -> Result<Cutting, ConfigError> {
         self.within("cutting.width_m", raw.width_m, (1e-7, 0.05))?;
         self.within("cutting.feed_m_rev", raw.feed_m_rev, (1e-7, 0.02))?;
@@ -457,12 +482,31 @@ impl ServiceConfig {
         PipelineSettings {
             sample_rate,
             axes: axes.iter().map(plan).collect(),
-            band: self.band.map_or(BandPlan::Cut(self.workpiece, self.cutting), BandPlan::Stated),
+            band: self.band.map_or_else(|| self.predicted_band(), BandPlan::Stated),
             tools: tool_axis(&self.tools),
             infeed: tool_axis(&self.infeed),
             margin: Some(self.margin_plan()),
             pushes: false, // friction is left in the mean of an estimate
         }
+    }
+
+    fn predicted_band(&self) -> BandPlan {
+        let physics = self.scenario.filter(|s| !s.physics.is_empty());
+        let lines = physics.and_then(|s| lines_of(&s, self.turret.largest_pitch_difference_rad).ok());
+        match lines {
+            Some(lines) => BandPlan::Structured(self.workpiece, self.cutting, lines),
+            None => BandPlan::Cut(self.workpiece, self.cutting),
+        }
+    }
+
+    /// Bar and cut as the operator stated them, with physics where a scenario is named.
+    #[must_use]
+    pub fn stated_cut(&self) -> Scenario {
+        self.scenario.unwrap_or(Scenario {
+            workpiece: self.workpiece,
+            cutting: self.cutting,
+            ..Scenario::default()
+        })
     }
 
     /// What the stability margin rests on.
@@ -497,7 +541,7 @@ impl ServiceConfig {
             freshness_s: 0.05,
             report_deadline_s: 0.5,
             reached_m: 20e-6,
-            stated: Some(StatedCut { workpiece: self.workpiece, cutting: self.cutting }),
+            stated: Some(self.stated_cut()),
         })
     }
 }
@@ -653,5 +697,25 @@ mod tests {
         assert!(service_config_from_text(Path::new("/etc/c.toml"), all).is_ok());
         let word = "[http]\nlisten = \"0.0.0.0:1\"\nallow_remote_without_tls = true\n";
         assert!(service_config_from_text(Path::new("c.toml"), word).is_ok());
+    }
+
+    #[test]
+    fn a_scenario_is_named_in_place_of_bar_and_cut() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = |text: &str| service_config_from_text(&folder.path().join("c.toml"), text);
+        let scenario = "[workpiece]\ndiameter_m = 0.022\n[[physics]]\neffect = \"second_mode\"\n\
+                        port = \"workpiece\"\nfrequency_hz = 900.0\ndamping_ratio = 0.006\nn_m = 1.2e6\n";
+        std::fs::write(folder.path().join("s.toml"), scenario).unwrap();
+        let read = config("[cutting]\nscenario = \"s.toml\"\n").unwrap();
+        assert!((read.workpiece.diameter_m() - 0.022).abs() < 1e-12);
+        assert!(!read.stated_cut().physics.is_empty());
+        // A second mode is listened to.
+        let band = |c: &ServiceConfig| c.predicted_band().band().unwrap();
+        let plain = ServiceConfig { scenario: None, ..read.clone() };
+        assert!(band(&read).high_hz() > 900.0 && band(&plain).high_hz() < 900.0, "{:?}", band(&read));
+        let both = config("[cutting]\nscenario = \"s.toml\"\nwidth_m = 1e-4\n").unwrap_err().to_string();
+        assert!(both.contains("cutting.scenario: the bar and the cut are stated here too"), "{both}");
+        let gone = config("[cutting]\nscenario = \"t.toml\"\n").unwrap_err().to_string();
+        assert!(gone.contains("t.toml"), "{gone}");
     }
 }

@@ -20,7 +20,7 @@ mod settings;
 pub use crate::force::observer::{ForcePlan, ServoPlan};
 pub use keyframe::KeyframeError;
 pub use margin::{CutConditions, CutPrior, DeafReason, Margin, MarginPlan, MarginReading, MarginWarning};
-pub use settings::{AxisPlan, BandPlan, PipelineError, PipelineSettings, ToolAxis};
+pub use settings::{AxisPlan, BandPlan, PipelineError, PipelineSettings, ToolAxis, lines_of};
 
 use crate::chatter::{
     Agreement, AgreementState, ChatterEvent, ChatterMonitor, ChatterOutput, ChatterSettings, ChatterState,

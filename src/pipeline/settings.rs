@@ -6,10 +6,13 @@ use crate::force::estimator::ForceError;
 use crate::force::lanes::LANES;
 use crate::force::observer::ForcePlan;
 use crate::force::observers::{AxisObserver, Observers};
+use crate::plant::cut_terms::CutCondition;
 use crate::plant::cutting::Cutting;
+use crate::plant::scenario::Scenario;
 use crate::plant::workpiece::Workpiece;
 use crate::sample::{MAX_AXES, ServoSample};
 use crate::signal::sliding_dft::SlidingDftError;
+use crate::stability::scenario_root;
 use crate::units::SampleRate;
 use thiserror::Error;
 
@@ -39,6 +42,8 @@ pub enum BandPlan {
     Workpiece(Workpiece),
     /// The same with the stated cut, which holds the bar and raises the band.
     Cut(Workpiece, Cutting),
+    /// The same, widened to the lines that physics beyond two delays makes possible; see [`lines_of`].
+    Structured(Workpiece, Cutting, Band),
 }
 
 impl BandPlan {
@@ -51,6 +56,9 @@ impl BandPlan {
                 workpiece.bending_frequency_hz(),
                 cutting.stiffness_n_m() / workpiece.modal_stiffness_n_m(),
             ),
+            BandPlan::Structured(workpiece, cutting, lines) => {
+                both(BandPlan::Cut(*workpiece, *cutting).band()?, *lines)
+            }
         }
     }
 
@@ -58,6 +66,9 @@ impl BandPlan {
     /// bar, and the bar turned down to `diameter_m`; as stated where one of them is not known.
     /// Errors: as [`Self::band`].
     pub fn band_at(&self, position_m: Option<f64>, diameter_m: Option<f64>) -> Result<Band, BandError> {
+        if let BandPlan::Structured(workpiece, cutting, lines) = self {
+            return both(BandPlan::Cut(*workpiece, *cutting).band_at(position_m, diameter_m)?, *lines);
+        }
         let BandPlan::Cut(stated, cutting) = self else { return self.band() };
         let known = diameter_m.filter(|d| (0.5..1.5).contains(&(d / stated.diameter_m())));
         let workpiece = known.and_then(|d| stated.with_diameter_m(d).ok()).unwrap_or(*stated);
@@ -65,6 +76,33 @@ impl BandPlan {
         let shape = position_m.map_or(1.0, |z| workpiece.mode_shape(z));
         predicted_band_in_cut(workpiece.bending_frequency_hz(), held * shape * shape)
     }
+}
+
+/// The narrowest band that holds both.
+fn both(a: Band, b: Band) -> Result<Band, BandError> {
+    Band::new(a.low_hz().min(b.low_hz()), a.high_hz().max(b.high_hz()))
+}
+
+/// Where a scenario can chatter: the rightmost roots at pitches up to `largest_pitch_rad` and at strengths of
+/// the cut that are off by a quarter, 5 % beyond them either way.
+///
+/// Errors: no band, where no root is found. Cost: 12 searches, some milliseconds.
+/// Checked by: `a_scenario_is_named_in_place_of_bar_and_cut`.
+pub fn lines_of(scenario: &Scenario, largest_pitch_rad: f64) -> Result<Band, BandError> {
+    let stated = CutCondition::of(scenario);
+    let (mut low_hz, mut high_hz) = (f64::INFINITY, 0.0f64);
+    for pitch in [0.0, 0.33, 0.67, 1.0] {
+        for strength in [0.75, 1.0, 1.25] {
+            let at = CutCondition {
+                pitch_difference_rad: pitch * largest_pitch_rad,
+                width_m: strength * stated.width_m,
+                ..stated
+            };
+            let line_hz = scenario_root(scenario, &at).frequency_hz;
+            (low_hz, high_hz) = (low_hz.min(line_hz), high_hz.max(line_hz));
+        }
+    }
+    Band::new(0.95 * low_hz, 1.05 * high_hz)
 }
 
 /// An axis of the stream that tells how far the tools are from the chuck, or from the bar's axis.

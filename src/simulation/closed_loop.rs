@@ -6,7 +6,6 @@
 use super::lathe::turret::{TurretOrder, TurretState};
 use super::lathe::{Lathe, LatheSettings};
 use crate::avoidance::guard::{Facts, Guard, GuardState};
-use crate::avoidance::identified::StatedCut;
 use crate::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor};
 use crate::avoidance::turret::{TurretAxis, TurretError, TurretKinematics};
 use crate::avoidance::{
@@ -15,6 +14,7 @@ use crate::avoidance::{
 };
 use crate::chatter::ChatterEvent;
 use crate::pipeline::{Pipeline, PipelineError, PipelineSettings};
+use crate::plant::scenario::Scenario;
 use crate::sample::MAX_AXES;
 use std::f64::consts::FRAC_PI_4;
 use thiserror::Error;
@@ -84,7 +84,7 @@ impl ClosedLoop {
     /// Closes the loop around a lathe with servo turrets.
     /// Errors: settings that do not fit each other, by name.
     pub fn new(lathe: LatheSettings, pipeline: PipelineSettings, mode: Mode) -> Result<Self, LoopError> {
-        let stated = StatedCut { workpiece: lathe.scenario.workpiece, cutting: lathe.scenario.cutting };
+        let stated = lathe.scenario;
         Self::with_stated(lathe, pipeline, (mode, Some(stated)))
     }
 
@@ -93,7 +93,7 @@ impl ClosedLoop {
     pub fn with_stated(
         lathe: LatheSettings,
         pipeline: PipelineSettings,
-        (mode, stated): (Mode, Option<StatedCut>),
+        (mode, stated): (Mode, Option<Scenario>),
     ) -> Result<Self, LoopError> {
         let turret = turret_kinematics()?;
         let diameter_m = lathe.scenario.workpiece.diameter_m();

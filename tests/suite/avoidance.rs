@@ -2,7 +2,6 @@
 
 use proptest::prelude::*;
 use stillcut::avoidance::guard::{Facts, Guard, GuardState, Refusal};
-use stillcut::avoidance::identified::StatedCut;
 use stillcut::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor, Violation};
 use stillcut::avoidance::turret::{TurretAxis, TurretKinematics};
 use stillcut::avoidance::{
@@ -38,10 +37,7 @@ fn settings(identified: bool) -> AvoidanceSettings {
         freshness_s: 0.05,
         report_deadline_s: 0.2,
         reached_m: 20e-6,
-        stated: identified.then(|| {
-            let Scenario { workpiece, cutting, .. } = Scenario::default();
-            StatedCut { workpiece, cutting }
-        }),
+        stated: identified.then(Scenario::default),
     }
 }
 
