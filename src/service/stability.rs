@@ -37,13 +37,8 @@ pub(super) struct CurveCache(Arc<Mutex<Option<Arc<StabilityCurve>>>>);
 
 /// The curve of a configuration at a speed. Errors: one line why there is none.
 fn curve(config: &ServiceConfig, speed_rpm: f64) -> Result<StabilityCurve, String> {
-    let scenario = Scenario::new(&RawScenario {
-        workpiece: *config.workpiece.raw(),
-        cutting: *config.cutting.raw(),
-        speed_rpm,
-        ..RawScenario::default()
-    })
-    .map_err(|e| e.to_string())?;
+    let scenario =
+        Scenario::new(&RawScenario { speed_rpm, ..config.stated_cut().raw() }).map_err(|e| e.to_string())?;
     let far = 1.25 * config.turret.largest_pitch_difference_rad.max(0.02);
     let mut grid = Grid::of(scenario);
     grid.pitch_rad = GridRange::new(0.0, far, POINTS).map_err(|e| e.to_string())?;

@@ -13,6 +13,7 @@
 
 mod count;
 mod cut_root;
+mod expectation;
 mod foretold;
 mod grid;
 mod lanes;
@@ -21,6 +22,7 @@ mod root;
 
 pub use count::{cut_roots_right_of, roots_right_of};
 pub use cut_root::{cut_root_near, rightmost_cut_root, scenario_root};
+pub use expectation::{CutExpectation, CutMismatch};
 pub use foretold::{Foretold, foretell};
 pub use grid::{Grid, GridError, GridPoint, GridRange};
 pub use root::{Root, rightmost_root};

@@ -78,6 +78,8 @@ event_kinds! {
     InvariantViolation = "invariant_violation", Alarm;
     /// Model and machine differ more than they should.
     ModelMismatch = "model_mismatch", Warning;
+    /// A cut chatters where, or as, its model cannot.
+    CutMismatch = "cut_mismatch", Warning;
     /// A person cleared a latched fault.
     FaultCleared = "fault_cleared", Info;
     /// The wall clock jumped; order is kept by the place in the history.

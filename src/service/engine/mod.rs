@@ -27,6 +27,7 @@ use super::store_watch::StoreWatch;
 use super::way_back::WayBack;
 use crate::chatter::Phase;
 use crate::config::service::ServiceConfig;
+use crate::stability::CutExpectation;
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::wire::{ServoBatch, TurretStatus};
 use crate::transport::{Domain, Participant, ServoSubscriber, StatusSubscriber, TransportError};
@@ -137,6 +138,8 @@ pub(super) struct Engine {
     /// Why a command was not sent, as told last.
     told_held: Option<&'static str>,
     told_speed: bool,
+    /// How the cut differs from its model, as told last.
+    told_cut: Option<&'static str>,
     turret_state: u32,
     stopping: bool,
     /// The mode changed: the picture shows it at once.
@@ -203,6 +206,7 @@ impl Engine {
             told_rad: None,
             told_held: None,
             told_speed: false,
+            told_cut: None,
             turret_state: 0,
             stopping: false,
             picture_now: false,
@@ -419,6 +423,28 @@ impl Engine {
         if kind == EventKind::ChatterOnset {
             self.save_around(kind.word(), "chatter began");
         }
+        let heard_hz = event.frequency_hz.filter(|_| kind == EventKind::ChatterOnset);
+        self.report(event);
+        if let Some(heard_hz) = heard_hz {
+            self.compare_cut(output.t_s, heard_hz, stream);
+        }
+    }
+
+    /// Chatter that the stated cut does not allow, told once for each way in which it differs.
+    fn compare_cut(&mut self, t_s: f64, heard_hz: f64, stream: &Stream) {
+        let Some(speed_rpm) = stream.newest.as_ref().map(|p| p.spindle_speed_rpm).filter(|s| *s > 1.0) else {
+            return;
+        };
+        let pitch = self.acting.as_ref().zip(self.status.as_ref());
+        let pitch_rad = pitch.map_or(0.0, |(acting, (status, _))| acting.pitch_rad(&status.offset_m));
+        let expected = CutExpectation::of(&self.setup.config.stated_cut(), speed_rpm, pitch_rad);
+        let Some(mismatch) = expected.mismatch(heard_hz) else { return };
+        if self.told_cut.replace(mismatch.name()) == Some(mismatch.name()) {
+            return;
+        }
+        let mut event = Event::new(EventKind::CutMismatch, clock::wall_ns(), mismatch.sentence(heard_hz));
+        (event.t_s, event.frequency_hz) = (Some(t_s), Some(heard_hz));
+        event.pitch_difference_rad = Some(pitch_rad);
         self.report(event);
     }
 
