@@ -7,8 +7,10 @@ use std::path::Path;
 
 /// Permission bit: every user of the machine may write.
 const WORLD_WRITABLE: u32 = 0o002;
+/// What a file of ours may allow at most.
+const KEPT: u32 = 0o640;
 /// The administrator may read and change everything anyhow.
-const ROOT: u32 = 0;
+pub const ROOT: u32 = 0;
 
 /// The user that this process acts as.
 #[must_use]
@@ -53,8 +55,15 @@ pub fn own_folder(path: &Path, mode: u32) -> Result<(), Error> {
     }
 }
 
-/// A file of this user's own that others than its group cannot read; made empty where it is not there.
-/// Errors: it is no file, a symbolic link, another user's, or writable by everybody.
+/// A file of this user's own, as a lock; made where it is not there. Errors: as [`own_file`], or the
+/// system's.
+pub fn own_lock(path: &Path) -> Result<std::fs::File, Error> {
+    own_file(path)?;
+    std::fs::File::options().read(true).write(true).open(path)
+}
+
+/// A file of this user's own that nobody else writes and others than its group cannot read; made empty where
+/// it is not there. Errors: it is no file, a symbolic link, another user's, or writable by everybody.
 pub fn own_file(path: &Path) -> Result<(), Error> {
     if inspected(path)?.is_none() {
         let mut options = std::fs::File::options();
@@ -71,8 +80,8 @@ pub fn existing_file(path: &Path) -> Result<(), Error> {
         return Err(Error::new(ErrorKind::InvalidInput, "is no file"));
     }
     let mode = found.permissions().mode() & 0o7777;
-    if mode & 0o007 != 0 && found.uid() == own_user() {
-        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode & !0o007))?;
+    if mode & !KEPT != 0 && found.uid() == own_user() {
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode & KEPT))?;
     }
     Ok(())
 }
@@ -103,6 +112,11 @@ mod tests {
         assert_eq!(mode("file"), 0o640, "others could read it");
         std::os::unix::fs::symlink(at("file"), at("file-link")).unwrap();
         assert!(own_file(&at("file-link")).is_err());
+        std::fs::set_permissions(at("file"), std::fs::Permissions::from_mode(0o664)).unwrap();
+        existing_file(&at("file")).unwrap();
+        assert_eq!(mode("file"), 0o640, "its group could write it");
+        drop(own_lock(&at("lock")).unwrap());
+        assert_eq!(mode("lock") & 0o027, 0);
         existing_file(&at("nothing")).unwrap();
         // Another user's: only an administrator can make one.
         if own_user() == ROOT {

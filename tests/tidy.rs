@@ -71,6 +71,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "stability",
             "plant",
             "report",
+            "ownership",
         ],
     ),
 ];

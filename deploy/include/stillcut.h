@@ -84,8 +84,8 @@ typedef struct {
 } StillcutTurretCommand;
 
 typedef struct {
-    uint64_t stream;
-    uint64_t sequence;
+    uint64_t stream;   /* that of the samples: a report of another is not heard */
+    uint64_t sequence; /* counts the reports: one that repeats its number is not heard */
     uint64_t t_ns;
     uint64_t acknowledged_epoch; /* 0 before the first command */
     uint64_t acknowledged_sequence;

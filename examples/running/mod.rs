@@ -11,9 +11,10 @@ pub(crate) fn number(name: &str, default: f64) -> f64 {
     given.and_then(|v| v.parse().ok()).unwrap_or(default)
 }
 
-/// The binary of `cargo build --release`.
+/// The binary of the build that this program is of.
 pub(crate) fn binary() -> Command {
-    Command::new(Path::new(env!("CARGO_MANIFEST_DIR")).join("target/release/stillcut"))
+    let own = std::env::current_exe().expect("this program has a place");
+    Command::new(own.ancestors().nth(2).expect("target/PROFILE/examples").join("stillcut"))
 }
 
 /// A process that ends with its owner.

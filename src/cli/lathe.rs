@@ -5,6 +5,7 @@ use super::signals::stop_flag;
 use crate::config::scenario::read_scenario;
 use crate::plant::scenario::{RawScenario, Scenario};
 use crate::service::virtual_lathe::VirtualLathe;
+use crate::simulation::lathe::turret::TurretState;
 use crate::simulation::lathe::{Lathe, LatheSettings, PAUSE_S};
 use crate::transport::Domain;
 use std::io::{IsTerminal as _, Write as _};
@@ -55,6 +56,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         pause_s: Some(PAUSE_S),
         ..LatheSettings::realistic(scenario, arguments.seed)
     };
+    let stop = stop_flag()?;
+    let mut lathe = VirtualLathe::join(settings, &domain)?;
     let _ = writeln!(
         std::io::stderr(),
         "virtual lathe: {} Hz, prefix {}, root {}; Ctrl-C ends it",
@@ -62,11 +65,15 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         arguments.prefix,
         arguments.root.display()
     );
-    let stop = stop_flag()?;
-    let mut lathe = VirtualLathe::join(settings, &domain)?;
     let terminal = std::io::stderr().is_terminal();
-    let mut next_s = 0.0;
+    let (mut next_s, mut told) = (0.0, None);
     lathe.run(&stop, arguments.duration_s, |lathe| {
+        // What a service does to it is told anywhere; the running line needs a terminal.
+        let now = Some((lathe.truth().width_m > 0.0, lathe.turret().state()));
+        if told != now {
+            told = now;
+            tell(lathe, terminal);
+        }
         if terminal && lathe.truth().t_s >= next_s {
             next_s = lathe.truth().t_s + 0.5;
             show(lathe);
@@ -76,6 +83,25 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         eprintln!();
     }
     Ok(())
+}
+
+/// One line for what changed: where the tools are, what the turret does.
+fn tell(lathe: &Lathe, terminal: bool) {
+    let truth = lathe.truth();
+    let tools = if truth.width_m > 0.0 { "tools in the cut" } else { "tools in air" };
+    let turret = match lathe.turret().state() {
+        TurretState::Reached => "stands",
+        TurretState::Moving => "moves",
+        TurretState::Expired => "returns to equal pitch: its order expired",
+        TurretState::Blocked => "is blocked by an interlock",
+    };
+    let pitch_deg = truth.pitch_difference_rad.to_degrees();
+    let start = if terminal { "\r\x1b[K" } else { "" };
+    let _ = writeln!(
+        std::io::stderr(),
+        "{start}{:8.1} s  {tools}, the turret {turret}, pitch difference {pitch_deg:.2} deg",
+        truth.t_s
+    );
 }
 
 fn show(lathe: &Lathe) {

@@ -81,7 +81,11 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     source.say_what_is_invalid()?;
     let mut settings = source.settings(&config, band);
     settings.margin = margin_of(&recording, given.then_some(&config)).map_err(place)?;
-    let mut pipeline = Pipeline::new(settings).map_err(|e| place(e.to_string()))?;
+    let pipeline = Pipeline::new(settings);
+    let mut pipeline = pipeline.map_err(|error| match &arguments.band_hz {
+        Some(band) => bad_input(format!("--band-hz {band}: {error} ({})", arguments.recording.display())),
+        None => place(error.to_string()),
+    })?;
     let evidence = Evidence::of(&recording).map_err(|e| place(e.to_string()))?;
     let account = evidence.as_ref().and_then(|e| e.account.clone());
     let begun = evidence.filter(|e| e.settings == pipeline.settings_digest());

@@ -93,7 +93,7 @@ pub struct Problem {
 impl Problem {
     /// What is wrong, in one line.
     pub(super) fn in_one_line(&self) -> String {
-        let details = self.errors.iter().map(|e| format!("{} {}", e.pointer, e.detail));
+        let details = self.errors.iter().map(|e| format!("{} {}", e.pointer, e.detail).trim().to_owned());
         std::iter::once(self.detail.clone()).chain(details).collect::<Vec<_>>().join(": ")
     }
 

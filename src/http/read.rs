@@ -55,8 +55,8 @@ pub(super) struct PastQuery {
     seconds: Option<u32>,
 }
 
-/// Spectra and forces of the last seconds or hours, from the service's memory: a restart forgets them. Up to
-/// 20 s as they were shown, beyond that the largest values of each second.
+/// Spectra and forces of the last seconds or hours. Up to 20 s as they were shown, beyond that the largest
+/// values of each second, kept over a restart but for the last minute before a kill.
 #[utoipa::path(get, path = "/api/v1/past", tag = "live", operation_id = "getPast", params(PastQuery),
     responses((status = 200, description = "At most 600 columns, oldest first", body = PastView), Refused))]
 pub(super) async fn past(

@@ -18,6 +18,9 @@ impl Criteria {
     const OBSERVED_S: f64 = 8.0 * 3600.0;
     /// What happens in one cut of seven is seen among twenty with 95 % (1 - (6/7)^20 = 0.954).
     const CUTS: i64 = 20;
+    /// Every axis hears a change for itself, and one change lasts as long as the detector's window of the
+    /// mean force (a third of a second).
+    const ONE_CHANGE_S: f64 = 0.34;
     /// Sign test: more right alarms than false ones, at this level.
     const SIGNIFICANCE: f64 = 0.05;
     /// One command seen in `advise` before the first that is sent.
@@ -131,6 +134,40 @@ pub(super) fn state_of(turret: &TurretConfig, seen: &Observation, judged: Judged
     }
 }
 
+/// Counts cuts by what the detector hears of them: the mean force changes where the tools enter and where
+/// they leave. In chatter it is not looked at: a cut that chatters ends with its chatter.
+#[derive(Debug, Default)]
+pub(super) struct CutCounter {
+    /// When the force changed last, and whether the tools entered then, s.
+    last: Option<f64>,
+    inside: bool,
+}
+
+impl CutCounter {
+    /// The mean force changed at that time; `known`: the noise of what ends was learned. True where a cut
+    /// ended that was heard from its beginning on.
+    pub(super) fn change(&mut self, t_s: f64, known: bool) -> bool {
+        let same = self.last.replace(t_s).is_some_and(|last| t_s - last < Criteria::ONE_CHANGE_S);
+        if same {
+            return false;
+        }
+        let was_inside = std::mem::replace(&mut self.inside, false);
+        self.inside = known && !was_inside;
+        was_inside && known
+    }
+
+    /// Chatter began: the tools are in the cut.
+    pub(super) fn chatter_begins(&mut self) {
+        self.inside = true;
+    }
+
+    /// Chatter ended: true where that ended a cut.
+    pub(super) fn chatter_ends(&mut self, t_s: f64) -> bool {
+        self.last = Some(t_s);
+        std::mem::replace(&mut self.inside, false)
+    }
+}
+
 /// What this life has observed so far, counted by the pipeline thread.
 #[derive(Debug, Default)]
 pub(super) struct Evidence {
@@ -217,6 +254,29 @@ mod tests {
         assert!((p(4, 0) - 1.0 / 16.0).abs() < 1e-12);
         assert!((p(8, 2) - 56.0 / 1024.0).abs() < 1e-12, "{}", p(8, 2));
         assert!((p(0, 0) - 1.0).abs() < 1e-12 && (p(0, 7) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn two_changes_of_the_force_are_one_cut_however_many_axes_hear_them() {
+        let mut counter = CutCounter::default();
+        // In and out, ten times, each heard by two axes; the first change while the noise is being learned.
+        let mut cuts = usize::from(counter.change(0.0, false));
+        for pass in 0..10 {
+            for t_s in [2.0, 2.005, 11.0, 11.005] {
+                cuts += usize::from(counter.change(f64::from(pass) * 11.0 + t_s, true));
+            }
+        }
+        assert_eq!(cuts, 10);
+        let mut counter = CutCounter::default();
+        assert!(!counter.change(1.0, true) && !counter.change(1.2, true), "an entry that takes its time");
+        assert!(counter.change(5.0, true) && !counter.change(7.0, true));
+        // Three cuts that chatter until the tools leave.
+        let mut counter = CutCounter::default();
+        for t_s in [0.0, 10.0, 20.0] {
+            assert!(!counter.change(t_s, true));
+            counter.chatter_begins();
+            assert!(counter.chatter_ends(t_s + 8.0));
+        }
     }
 
     #[test]

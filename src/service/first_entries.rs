@@ -27,7 +27,8 @@ impl FirstEntries {
             let lost = self.report.missing.as_ref().map(|m| format!("; {}", m.sentence()));
             handle.report(EventKind::HistoryReplaced, text + &lost.unwrap_or_default()).await;
         } else if let Some(missing) = &self.report.missing {
-            handle.report(EventKind::HistoryCut, missing.sentence()).await;
+            let kept = self.report.log_kept.as_ref().map(|l| format!("; the log is kept as {}", l.display()));
+            handle.report(EventKind::HistoryCut, missing.sentence() + &kept.unwrap_or_default()).await;
         }
         let text = format!("stillcut {} started, epoch {}", env!("CARGO_PKG_VERSION"), self.report.epoch);
         handle.report(EventKind::ServiceStart, text).await;

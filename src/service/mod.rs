@@ -29,6 +29,7 @@ pub mod live;
 #[doc(hidden)]
 pub mod mtconnect;
 mod past;
+mod past_file;
 mod priority;
 mod recorder;
 mod recordings;

@@ -1,10 +1,11 @@
 //! What the page was not open for: spectra and forces of the last seconds, and of hours by the second.
+//! [`super::past_file`] keeps the seconds over a restart.
 
 use super::clock;
 use super::hub::level;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use utoipa::ToSchema;
 
@@ -42,6 +43,58 @@ impl Column {
 
     fn is_like(&self, other: &Self) -> bool {
         self.levels.len() == other.levels.len() && self.force.len() == other.force.len()
+    }
+}
+
+/// Columns by the second as they are kept in a file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Kept {
+    grid_hz: [f64; 2],
+    axes: Vec<String>,
+    wall_ns: Vec<i64>,
+    /// Base64 of the columns one after the other.
+    levels: String,
+    /// Column by column, axis by axis; null where none was estimated.
+    force_n: Vec<Vec<[Option<f32>; 2]>>,
+    line_hz: Vec<Option<f32>>,
+    chatter: Vec<bool>,
+}
+
+impl Kept {
+    /// Of the newest column, ns since 1970.
+    pub(super) fn newest_ns(&self) -> Option<i64> {
+        self.wall_ns.last().copied()
+    }
+
+    /// Whether its parts fit each other.
+    pub(super) fn is_whole(&self) -> bool {
+        let count = self.wall_ns.len();
+        let sizes = [self.force_n.len(), self.line_hz.len(), self.chatter.len()];
+        let axes = self.force_n.iter().all(|f| f.len() == self.axes.len());
+        count > 0 && sizes == [count; 3] && axes && self.columns().len() == count
+    }
+
+    fn columns(&self) -> Vec<Column> {
+        let levels = STANDARD.decode(&self.levels).unwrap_or_default();
+        let bins = levels.len() / self.wall_ns.len().max(1);
+        if bins == 0 || !levels.len().is_multiple_of(bins) {
+            return Vec::new();
+        }
+        let ends = [f32::INFINITY, f32::NEG_INFINITY];
+        let known = |pair: &[Option<f32>; 2]| [pair[0].unwrap_or(ends[0]), pair[1].unwrap_or(ends[1])];
+        let rest = self.wall_ns.iter().zip(&self.force_n).zip(self.line_hz.iter().zip(&self.chatter));
+        let columns =
+            levels.chunks(bins).zip(rest).map(|(levels, ((wall_ns, force), (line_hz, chatter)))| {
+                let force = force.iter().map(known).collect();
+                Column {
+                    wall_ns: *wall_ns,
+                    levels: levels.to_vec(),
+                    force,
+                    line_hz: *line_hz,
+                    chatter: *chatter,
+                }
+            });
+        columns.collect()
     }
 }
 
@@ -105,7 +158,9 @@ impl Past {
             line_hz: seen.line_hz.map(|hz| hz as f32),
             chatter: seen.chatter,
         };
-        if self.axes != seen.axes || self.fine.back().is_some_and(|last| !last.is_like(&column)) {
+        let other_grid = self.fine.is_empty() && self.grid_hz != seen.grid_hz;
+        let other = other_grid || self.coarse.back().is_some_and(|last| !last.is_like(&column));
+        if self.axes != seen.axes || other {
             *self = Self { axes: seen.axes, ..Self::default() };
         }
         self.grid_hz = seen.grid_hz;
@@ -115,6 +170,42 @@ impl Past {
             _ => push(&mut self.coarse, column.clone(), COARSE),
         }
         push(&mut self.fine, column, FINE);
+    }
+
+    /// The seconds after `since_ns`; the one that is going on only where it is the last. Nothing where there
+    /// is none.
+    pub(super) fn since(&self, since_ns: i64, with_last: bool) -> Option<Kept> {
+        let ended = self.coarse.len().saturating_sub(usize::from(!with_last));
+        let new: Vec<&Column> = self.coarse.iter().take(ended).filter(|c| c.wall_ns > since_ns).collect();
+        let known = |pair: &[f32; 2]| pair.map(|f| Some(f).filter(|f| f.is_finite()));
+        let levels: Vec<u8> = new.iter().flat_map(|c| c.levels.iter().copied()).collect();
+        let kept = Kept {
+            grid_hz: self.grid_hz,
+            axes: self.axes.clone(),
+            wall_ns: new.iter().map(|c| c.wall_ns).collect(),
+            levels: STANDARD.encode(levels),
+            force_n: new.iter().map(|c| c.force.iter().map(known).collect()).collect(),
+            line_hz: new.iter().map(|c| c.line_hz).collect(),
+            chatter: new.iter().map(|c| c.chatter).collect(),
+        };
+        (!new.is_empty()).then_some(kept)
+    }
+
+    /// What earlier lives saw, oldest first, of the same axes and bins as now; nothing of the future.
+    pub(super) fn put_before(&mut self, kept: Vec<Kept>, now_ns: i64) {
+        if self.coarse.is_empty()
+            && let Some(newest) = kept.last()
+        {
+            (self.grid_hz, self.axes) = (newest.grid_hz, newest.axes.clone());
+        }
+        let first_ns = self.coarse.front().map_or(now_ns, |c| c.wall_ns);
+        let like = |k: &Kept| k.axes == self.axes && k.grid_hz == self.grid_hz;
+        let mut columns: Vec<Column> = kept.iter().filter(|k| like(k)).flat_map(Kept::columns).collect();
+        let model = self.coarse.front().or(columns.last()).cloned();
+        columns.retain(|c| c.wall_ns < first_ns && model.as_ref().is_some_and(|m| m.is_like(c)));
+        columns.sort_by_key(|c| c.wall_ns);
+        let room = COARSE - self.coarse.len();
+        columns.into_iter().rev().take(room).for_each(|c| self.coarse.push_front(c));
     }
 
     /// The last `seconds`, in as many columns as a screen can show.
@@ -173,8 +264,34 @@ impl super::Handle {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
+
+    impl Past {
+        /// As if the stream had another axis.
+        pub(in crate::service) fn rename(&mut self, axis: &str) {
+            self.axes = vec![axis.to_owned()];
+        }
+
+        pub(in crate::service) fn put_after(&mut self, later: &Self) {
+            self.coarse.extend(later.coarse.iter().cloned());
+        }
+    }
+
+    /// One picture in each of these seconds, each with levels of its own.
+    pub(in crate::service) fn filled(from_s: i64, to_s: i64) -> Past {
+        let mut past = Past::default();
+        for s in from_s..to_s {
+            let force = [vec![[-1.0, s as f32]]];
+            past.add(Seen { line_hz: Some(s as f64), ..seen(s * 1000 * MS, s % 7 == 0, &force) });
+        }
+        past
+    }
+
+    /// The seconds of a view's columns.
+    pub(in crate::service) fn seconds_of(view: &PastView, now_ns: i64) -> Vec<i64> {
+        view.age_s.iter().map(|age| (now_ns as f64 * 1e-9 - age).round() as i64).collect()
+    }
 
     const MS: i64 = 1_000_000;
 

@@ -1,5 +1,6 @@
 //! The folder of black-box recordings: names, list, retention.
 
+use crate::ownership::own_folder;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -55,7 +56,7 @@ const AGED_AT_ONCE: usize = 4;
 impl Recordings {
     /// The folder, made where it is not there.
     pub fn open(folder: &Path) -> Result<Self, RecordingsError> {
-        std::fs::create_dir_all(folder).map_err(|source| {
+        own_folder(folder, 0o750).map_err(|source| {
             let is_file = folder.is_file();
             let told = || std::io::Error::new(source.kind(), "is a file; expected a folder, or nothing");
             let source = if is_file { told() } else { source };
@@ -158,6 +159,9 @@ mod tests {
         assert!(recordings.target("chatter_onset-01JD").is_some());
         let file = folder.path().join("recordings");
         std::fs::write(&file, "").unwrap();
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(folder.path(), &link).unwrap();
+        assert!(Recordings::open(&link).unwrap_err().to_string().contains("symbolic link"));
         let told = Recordings::open(&file).unwrap_err().to_string();
         assert!(told.ends_with("recordings: is a file; expected a folder, or nothing"), "{told}");
     }

@@ -9,6 +9,7 @@ use super::handle::{Handle, Inner, ShownConfig, StreamMessage};
 use super::hub::{Hub, Outlets};
 use super::live::{LiveState, SpectrumView, StoreView};
 use super::past::Past;
+use super::past_file;
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
 use super::stability::CurveCache;
 use super::store_watch::StoreWatch;
@@ -17,7 +18,7 @@ use super::way_back::WayBack;
 use super::{clock, drift, engine, mtconnect, recorder};
 use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
-use crate::ownership::own_folder;
+use crate::ownership::{own_folder, own_lock};
 use crate::store::{
     Judged, Observation, Observer, OpenReport, Retention, StoreError, StoreReader, StoreWriter,
 };
@@ -108,6 +109,7 @@ pub struct Running {
     drift: JoinHandle<()>,
     hub: tokio::task::JoinHandle<()>,
     upkeep: tokio::task::JoinHandle<()>,
+    past: tokio::task::JoinHandle<()>,
     http: tokio::task::JoinHandle<()>,
     control: mpsc::Sender<Control>,
     writer: StoreWriter,
@@ -181,8 +183,7 @@ fn lock_state(folder: &Path) -> Result<File, ServiceError> {
     let files = |path: &Path, source| ServiceError::Files { path: path.to_owned(), source };
     own_folder(folder, 0o750).map_err(|e| files(folder, e))?;
     let path = folder.join("service.lock");
-    let file =
-        File::options().create(true).truncate(false).write(true).open(&path).map_err(|e| files(&path, e))?;
+    let file = own_lock(&path).map_err(|e| files(&path, e))?;
     let mut tries_left = LOCK_TRIES;
     loop {
         match file.try_lock() {
@@ -287,6 +288,8 @@ impl Parts {
             past,
             settled: CancellationToken::new(),
         }));
+        let (beside, memory) = (config.history.folder.clone(), Arc::clone(&handle.0.past));
+        let past = self.runtime.spawn(past_file::keep(beside, memory, handle.0.stop.clone()));
         self.runtime.spawn(run_diagnoses(handle.clone()));
         #[cfg(feature = "nats")]
         if let Some(fleet) = &config.fleet {
@@ -309,6 +312,7 @@ impl Parts {
             drift,
             hub,
             upkeep,
+            past,
             http,
             control,
             writer: self.writer,
@@ -518,7 +522,7 @@ impl Running {
     /// refuses by now is kept for the next start. Answers how many writes were lost all the same.
     pub fn stop(self) -> usize {
         let Self { handle, runtime, records, engine, recorder, drift, .. } = self;
-        let Self { hub, upkeep, http, control, writer, .. } = self;
+        let Self { hub, upkeep, past, http, control, writer, .. } = self;
         let stored = async {
             // The thread may have ended already; then nobody listens.
             let _ = control.send(Control::Stop).await;
@@ -534,6 +538,7 @@ impl Running {
             handle.tell(EventKind::ServiceStop, "stopped in good order".to_owned());
             handle.request_stop();
             let _ = tokio::time::timeout(STOP_DEADLINE, http).await;
+            let _ = tokio::time::timeout(STOP_DEADLINE, past).await;
             handle.0.reader.close().await;
             tokio::time::timeout(STOP_DEADLINE, writer.close()).await.is_ok()
         });

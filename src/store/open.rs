@@ -30,6 +30,8 @@ pub struct OpenReport {
     pub unchecked: bool,
     /// What was durable in an earlier life and is not there.
     pub missing: Option<Missing>,
+    /// Where the log was set aside before it was read, where something is missing.
+    pub log_kept: Option<PathBuf>,
     /// Number of the last mark that stood beside it.
     pub(super) marked: u64,
 }
@@ -58,6 +60,7 @@ fn migrator() -> Migrator {
 /// `wall_ns` names files and the start. Errors: no access, disk full, newer schema.
 pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, OpenReport), StoreError> {
     let mark = Mark::read(path);
+    let log = LogCopy::make(path);
     let mut damage = None;
     if is_emptied(path) {
         damage = Some(set_aside(path, wall_ns, "empty, and an earlier life left its traces beside it")?);
@@ -91,7 +94,48 @@ pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection,
         None => None,
     };
     let marked = mark.map_or(0, |m| m.number());
-    Ok((connection, OpenReport { epoch, damage, copy, unchecked, missing, marked }))
+    let log_kept = log.filter(|_| missing.is_some() && damage.is_none()).and_then(|l| l.keep(wall_ns));
+    Ok((connection, OpenReport { epoch, damage, copy, unchecked, missing, log_kept, marked }))
+}
+
+/// The log as the last life left it. SQLite reads it up to the first frame that is not whole and writes over
+/// it: what stands behind that frame is nowhere else. Removed when nothing is missing.
+struct LogCopy {
+    path: PathBuf,
+    history: PathBuf,
+}
+
+impl LogCopy {
+    /// A copy beside the history; nothing where there is no log, it is larger than what is checked whole, or
+    /// the disk has no room for it.
+    fn make(history: &Path) -> Option<Self> {
+        let (log, path) = (suffixed(history, "-wal"), history.with_file_name(".history.log.part"));
+        let bytes = std::fs::symlink_metadata(&log).ok().filter(std::fs::Metadata::is_file)?.len();
+        if bytes == 0 || bytes > CHECKED_BYTES {
+            return None;
+        }
+        let copy = Self { path, history: history.to_owned() };
+        let copied = std::fs::remove_file(&copy.path)
+            .or_else(|e| if e.kind() == std::io::ErrorKind::NotFound { Ok(()) } else { Err(e) })
+            .and_then(|()| std::fs::copy(&log, &copy.path));
+        copied
+            .map_err(|error| tracing::warn!(event = "log_copy", "{}: {error}", copy.path.display()))
+            .ok()?;
+        Some(copy)
+    }
+
+    /// Gives it the name of a damaged file, which the upkeep keeps as such.
+    fn keep(self, wall_ns: i64) -> Option<PathBuf> {
+        let kept = suffixed(&self.history, &format!(".damaged-{wall_ns}.log"));
+        std::fs::rename(&self.path, &kept).ok()?;
+        Some(kept)
+    }
+}
+
+impl Drop for LogCopy {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.path); // renamed, or not needed
+    }
 }
 
 /// Moves what stands in the log into the main file: what the log alone holds, its damage takes away.

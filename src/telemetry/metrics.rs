@@ -13,7 +13,7 @@ use prometheus::{
 /// Why a sample was not taken.
 pub const REJECT_REASONS: [&str; 3] = ["not_finite", "duplicate", "out_of_order"];
 /// Why samples were not taken on any axis; counted with the axis `all`.
-const STREAM_REJECT_REASONS: [&str; 2] = ["implausible_stamp", "bad_count"];
+const STREAM_REJECT_REASONS: [&str; 3] = ["implausible_stamp", "bad_count", "bad_layout"];
 
 /// The service's own reasons not to send what was decided, beside the decision's.
 pub const HOLD_REASONS: [&str; 5] =

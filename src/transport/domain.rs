@@ -5,7 +5,7 @@
 //! Who gets it exclusively at start is alone, and removes what was left before it joins.
 
 use super::TransportError;
-use crate::ownership::{own_folder, own_user};
+use crate::ownership::{own_folder, own_lock, own_user};
 use iceoryx2::prelude::{
     CallbackProgression, Config, FileName, Node, NodeBuilder, NodeName, NodeState, Path as IoxPath,
     SemanticString as _, SignalHandlingMode, ipc,
@@ -94,8 +94,7 @@ impl Domain {
         own_folder(&self.root, 0o700).map_err(io(&self.root))?;
         self.refuse_foreign()?;
         let path = self.root.join("domain.lock");
-        let open = File::options().create(true).truncate(false).read(true).write(true).open(&path);
-        let file = open.map_err(io(&path))?;
+        let file = own_lock(&path).map_err(io(&path))?;
         match file.try_lock() {
             Ok(()) => {
                 self.sweep()?;

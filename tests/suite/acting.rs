@@ -79,6 +79,25 @@ fn nobody_slips_into_act_behind_an_override() {
     bench.running.stop();
 }
 
+/// Under whatever name the service was reached: a token that may take the turret back does. Nothing else is
+/// served there, and nothing without a token.
+#[test]
+fn the_way_back_does_not_ask_for_the_hosts_name() {
+    let place = Place::new("hostname");
+    let bench = Bench::start(&place);
+    let lathe = LatheThread::start(&place.domain);
+    let host = [("Host", "lathe-7.plant.example")];
+    until("acting is possible", 20, || bench.raise_to_act().status == 200);
+    let refused = bench.ask("guessed", ("POST", "/api/v1/override"), &host, "{}");
+    assert_eq!((refused.code().as_str(), &bench.mode()["mode"]), ("unknown_host", &"act".into()));
+    let read = bench.ask(&bench.operator, ("GET", "/api/v1/state"), &host, "");
+    assert_eq!(read.code(), "unknown_host");
+    let taken = bench.ask(&bench.operator, ("POST", "/api/v1/override"), &host, "{\"reason\":\"mine\"}");
+    assert_eq!((taken.status, &bench.mode()["mode"]), (200, &"observe".into()), "{taken:?}");
+    drop(lathe);
+    bench.running.stop();
+}
+
 /// What was done and what was refused is on record as such.
 #[test]
 fn the_record_tells_refusals_from_deeds() {

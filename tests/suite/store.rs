@@ -569,6 +569,18 @@ fn what_was_durable_and_is_missing_is_told() {
             let (writer, _, report) =
                 StoreWriter::start(folder.path(), KEEP, Arc::clone(&metrics), 1).await.unwrap();
             let counted = |table| Metrics::total(&metrics.history_lost, &[table]);
+            // The log as it was found is kept where something is missing, and nowhere else.
+            let logs = std::fs::read_dir(folder.path()).unwrap().flatten();
+            let kept: Vec<_> =
+                logs.filter(|f| f.file_name().to_string_lossy().contains(".log")).map(|f| f.path()).collect();
+            assert_eq!(kept.first(), report.log_kept.as_ref(), "{name}");
+            assert_eq!(kept.len(), usize::from(["four bytes", "cut"].contains(&name)), "{name}: {kept:?}");
+            if name == "four bytes" {
+                let (kept, log) = (std::fs::read(&kept[0]).unwrap(), source.path().join(FILE_NAME));
+                let before = std::fs::read(format!("{}-wal", log.display())).unwrap();
+                let same = kept.iter().zip(&before).filter(|(a, b)| a == b).count();
+                assert!(kept.len() == before.len() && same + 4 >= before.len(), "nothing behind it is lost");
+            }
             match report.missing {
                 None => assert_eq!((name, counted("audit")), ("nothing", 0)),
                 Some(missing) => {

@@ -225,10 +225,10 @@ function showMode(now) {
   $("clear-fault").hidden = !now.fault;
   setText("fault", now.fault ? `Latched fault: ${now.fault}` : "");
   const list = $("interlocks");
-  const text = now.interlocks.map((i) => `${i.name} ${i.open ? "open" : "closed"}`).join("|");
+  const text = now.interlocks.map((i) => `${i.name} ${i.open ? "open" : "closed"}`).join("|") + language;
   if (list.dataset.text !== text) {
     list.dataset.text = text;
-    list.replaceChildren(...now.interlocks.map((i) => make("li", i.open ? "open" : "", `${i.name}: ${i.open ? "open" : "closed"}`)));
+    list.replaceChildren(...now.interlocks.map((i) => make("li", i.open ? "open" : "", say(`${i.name}: ${i.open ? "open" : "closed"}`))));
   }
 }
 
@@ -300,11 +300,11 @@ function watchAge() {
     if (state) showVerdict("", ["–", "No data", "nothing comes from the service"]);
     showLink("lost", refusal || (lastMessage ? "service away" : "connecting"));
     const why = refusal || "the service does not answer; trying again";
-    note.textContent = `Stale since ${clockText(state ? new Date(state.time) : new Date(lastMessage))}: ${why}`;
+    note.textContent = say(`Stale since ${clockText(state ? new Date(state.time) : new Date(lastMessage))}: ${why}`);
   } else if (silent) {
     showLink("lost", "machine silent");
     const since = state.source.last_sample_at ? `since ${clockText(new Date(state.source.last_sample_at))}` : "so far";
-    note.textContent = `No samples from the machine ${since}`;
+    note.textContent = say(`No samples from the machine ${since}`);
   } else {
     showLink("live", "live");
   }
@@ -363,10 +363,10 @@ function eventItem(event) {
   const time = make("time", "", clockText(new Date(event.time)));
   time.dateTime = event.time;
   const words = make("div");
-  words.append(make("span", "kind", event.kind.replaceAll("_", " ")), document.createTextNode(` ${event.text}`));
+  words.append(make("span", "kind", say(event.kind.replaceAll("_", " "))), document.createTextNode(` ${say(event.text)}`));
   const silenced = event.silenced_until && new Date(event.silenced_until) > new Date();
-  if (event.acknowledged_by) words.append(make("div", "by", `acknowledged by ${event.acknowledged_by}`));
-  else if (silenced) words.append(make("div", "by", `silenced until ${clockText(new Date(event.silenced_until))}`));
+  if (event.acknowledged_by) words.append(make("div", "by", say(`acknowledged by ${event.acknowledged_by}`)));
+  else if (silenced) words.append(make("div", "by", say(`silenced until ${clockText(new Date(event.silenced_until))}`)));
   const actions = make("div", "actions");
   if (event.severity === "alarm" && !event.acknowledged_by) {
     const acknowledge = make("button", "", say("Acknowledge"));
@@ -411,7 +411,7 @@ async function refreshLists() {
 function showCommissioning(now) {
   const missing = now.items.filter((item) => !item.met && !item.accepted);
   $("commissioning").hidden = missing.length === 0;
-  $("missing").replaceChildren(...missing.map((item) => make("li", "", `${item.name.replaceAll("_", " ")}: ${item.found} (${item.needed})`)));
+  $("missing").replaceChildren(...missing.map((item) => make("li", "", say(`${item.name.replaceAll("_", " ")}: ${item.found} (${item.needed})`))));
 }
 
 function recordingItem(recording, canDiagnose) {
@@ -429,7 +429,7 @@ function recordingItem(recording, canDiagnose) {
   }));
   const replay = make("button", "", say("Replay"));
   replay.addEventListener("click", () => showReplay(recording.id));
-  const kind = recording.id.split("-")[0].replaceAll("_", " ");
+  const kind = say(recording.id.split("-")[0].replaceAll("_", " "));
   item.append(make("span", "", `${kind} ${clockText(new Date(recording.written_at))} (${(recording.bytes / 1e6).toFixed(1)} MB)`), link, replay, diagnose);
   return item;
 }
@@ -496,7 +496,7 @@ async function loadStability() {
 // One dialog for everything that changes something: says what, asks why, shows what went wrong.
 function ask({ title, text, minutes = false, reason = "", token = false, judge = false, run }) {
   $("ask-title").textContent = say(title);
-  $("ask-text").textContent = text;
+  $("ask-text").textContent = say(text);
   $("ask-error").hidden = true;
   $("ask-reason-row").hidden = false;
   $("ask-reason").required = true;
@@ -519,7 +519,9 @@ function ask({ title, text, minutes = false, reason = "", token = false, judge =
     } catch (error) {
       $("ask-error").hidden = false;
       $("ask-error").textContent = error.message || "the service does not answer";
-      $("ask-token-row").hidden = !(error.status === 401 || error.status === 403);
+      const barred = error.status === 401 || error.status === 403;
+      $("ask-token-row").hidden = !barred;
+      if (barred) $("ask-token").focus(); // what is pasted next is a token
     } finally { $("ask-ok").disabled = false; }
   };
   closeDialogs();

@@ -166,6 +166,22 @@ impl Stream {
         self.refuse(Reject::BadCount, None, batch.points[0].t_ns);
     }
 
+    /// Whether a batch says that it is of this stream, and its head is one that no stream can have: one wrong
+    /// batch, not another machine.
+    pub(super) fn disowns(&self, batch: &ServoBatch) -> bool {
+        let possible = batch.axes().is_some() && SampleRate::new(batch.sample_rate_hz).is_ok();
+        batch.stream == self.id && !possible
+    }
+
+    /// A batch whose head is wrong: none of its samples can be read.
+    pub(super) fn refuse_layout(&mut self, batch: &ServoBatch) {
+        let held = batch.used_points().len();
+        self.uncounted |= held == 0;
+        for point in batch.points.iter().take(held.max(1)) {
+            self.refuse(Reject::BadLayout, None, point.t_ns);
+        }
+    }
+
     /// One sample whose stamp is believed. Nothing when it could not be read.
     pub(super) fn step(&mut self, point: &ServoPoint, black_box: &mut BlackBox) -> Option<StepOutput> {
         let sample = match point.to_sample(self.names.len()) {
@@ -233,7 +249,8 @@ impl Stream {
         self.totals.rejected += 1;
         // A sample that came twice leaves no gap.
         self.refused_here += u64::from(why != Reject::Duplicate);
-        self.faults.t_s = t_ns as f64 * 1e-9;
+        // A stamp that nobody believes is no time either.
+        self.faults.t_s = self.newest.map_or(t_ns, |n| n.t_ns) as f64 * 1e-9;
         if let Some(count) = self.faults.rejected.get_mut(why as usize) {
             *count += 1;
         }
@@ -326,7 +343,7 @@ mod tests {
         assert!(told.len() < 16, "{} events in ten minutes", told.len());
         assert!(told[1].1.starts_with("10 samples refused"), "{}", told[1].1);
         // After a quiet time the next fault is told at once, and often again.
-        faults = Faults { told: faults.told, rejected: [1, 0, 0, 0, 0], ..Faults::default() };
+        faults = Faults { told: faults.told, rejected: [1, 0, 0, 0, 0, 0], ..Faults::default() };
         let later = began + Duration::from_secs(1000);
         assert!(faults.event_due(later).is_some());
         faults.rejected[0] = 1;

@@ -16,7 +16,7 @@ mod turret;
 
 use super::black_box::BlackBox;
 use super::clock;
-use super::commissioning::Commissioning;
+use super::commissioning::{Commissioning, CutCounter};
 use super::control::Control;
 use super::drift::Feed;
 use super::hub::{Report, View};
@@ -25,8 +25,9 @@ use super::live::Mode;
 use super::recorder::Job;
 use super::store_watch::StoreWatch;
 use super::way_back::WayBack;
-use crate::chatter::Phase;
+use crate::chatter::{ChatterEvent, Phase};
 use crate::config::service::ServiceConfig;
+use crate::pipeline::StepOutput;
 use crate::stability::CutExpectation;
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::wire::{ServoBatch, TurretStatus};
@@ -144,9 +145,9 @@ pub(super) struct Engine {
     stopping: bool,
     /// The mode changed: the picture shows it at once.
     picture_now: bool,
-    /// Observed and not counted yet, s; whether the noise of a cut was being learned.
+    /// Observed and not counted yet, s.
     observed_s: f64,
-    learning: bool,
+    cuts: CutCounter,
     /// Since when shared memory cannot be read.
     unreadable: Option<Instant>,
     /// When the last recording of ceased samples was planned.
@@ -211,7 +212,7 @@ impl Engine {
             stopping: false,
             picture_now: false,
             observed_s: 0.0,
-            learning: false,
+            cuts: CutCounter::default(),
             unreadable: None,
             saved_silence: None,
         }
@@ -305,6 +306,10 @@ impl Engine {
     }
 
     fn take_batch(&mut self, batch: &ServoBatch, now: Instant) {
+        if let Some(stream) = self.stream.as_mut().filter(|s| s.disowns(batch)) {
+            stream.refuse_layout(batch);
+            return;
+        }
         if !self.stream.as_ref().is_some_and(|s| s.carries(batch)) {
             self.begin_stream(batch, now);
         }
@@ -350,7 +355,7 @@ impl Engine {
         self.stream = Some(stream);
     }
 
-    /// What commissioning counts: time with samples, and cuts whose noise was learned.
+    /// What commissioning counts of the time: with samples. Cuts are counted where they are heard.
     fn observe(&mut self, taken: u64, stream: &Stream) {
         let evidence = &self.setup.commissioning.evidence;
         self.observed_s += taken as f64 / stream.sample_rate().hz();
@@ -358,10 +363,6 @@ impl Engine {
         let whole_ms = (self.observed_s * 1e3) as u64;
         evidence.observe_ms(whole_ms);
         self.observed_s -= whole_ms as f64 * 1e-3;
-        let learns = stream.pipeline().agreement().phase == Phase::Learning;
-        if std::mem::replace(&mut self.learning, learns) && !learns {
-            evidence.hear_cut();
-        }
     }
 
     /// Fresh is what the pipeline could use: batches that are empty, repeated or no numbers are silence.
@@ -379,6 +380,7 @@ impl Engine {
         self.black_box.clear();
         self.ledger.clear();
         self.picture.forget();
+        self.cuts = CutCounter::default();
         if self.mode == Mode::Act {
             self.change_mode(Mode::Observe, "the machine's stream began anew");
         }
@@ -406,11 +408,30 @@ impl Engine {
         }
     }
 
+    fn count_cut(&mut self, output: &StepOutput, stream: &Stream) {
+        let Some((_, event)) = output.event else { return };
+        let ended = match event {
+            ChatterEvent::CutChanged => {
+                self.cuts.change(output.t_s, stream.pipeline().agreement().phase != Phase::Learning)
+            }
+            ChatterEvent::Onset(_) => {
+                self.cuts.chatter_begins();
+                false
+            }
+            ChatterEvent::End => self.cuts.chatter_ends(output.t_s),
+            ChatterEvent::Dismissed(_) | ChatterEvent::Hop { .. } => false,
+        };
+        if ended {
+            self.setup.commissioning.evidence.hear_cut();
+        }
+    }
+
     /// Turns what a sample led to into events.
-    fn hear(&mut self, output: &crate::pipeline::StepOutput, stream: &Stream) {
+    fn hear(&mut self, output: &StepOutput, stream: &Stream) {
         if let Some(warning) = &output.margin_warning {
             self.report(picture::margin_event(warning, stream.axes().get(warning.axis), output.t_s));
         }
+        self.count_cut(output, stream);
         let Some((kind, text)) = picture::event_of(output) else { return };
         let line = output.event.map(|(axis, event)| (axis, picture::line_of(&event)));
         let mut event = Event::new(kind, clock::wall_ns(), text);

@@ -77,6 +77,10 @@ impl Engine {
             if self.stream.is_none() {
                 return Err(Refusal::NotReady("no samples come".to_owned()));
             }
+            if self.source_lost {
+                let what = "what comes of samples cannot be used; stillcut_samples_rejected_total says why";
+                return Err(Refusal::NotReady(what.to_owned()));
+            }
             if let Some(why) = &self.no_pitch {
                 return Err(Refusal::NotReady(format!("no pitch control: {why}")));
             }

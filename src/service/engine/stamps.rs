@@ -40,16 +40,24 @@ pub(super) enum Reject {
     ImplausibleStamp,
     /// The batch says that it holds none, or more than fit.
     BadCount,
+    /// The head of its batch names axes or a rate that no stream can have.
+    BadLayout,
 }
 
 impl Reject {
-    pub(super) const ALL: [Self; 5] =
-        [Self::NotFinite, Self::Duplicate, Self::OutOfOrder, Self::ImplausibleStamp, Self::BadCount];
+    pub(super) const ALL: [Self; 6] = [
+        Self::NotFinite,
+        Self::Duplicate,
+        Self::OutOfOrder,
+        Self::ImplausibleStamp,
+        Self::BadCount,
+        Self::BadLayout,
+    ];
 
     /// Counted by axis.
     pub(super) const OF_AN_AXIS: [Self; 3] = [Self::NotFinite, Self::Duplicate, Self::OutOfOrder];
     /// Counted for the stream.
-    pub(super) const OF_THE_STREAM: [Self; 2] = [Self::ImplausibleStamp, Self::BadCount];
+    pub(super) const OF_THE_STREAM: [Self; 3] = [Self::ImplausibleStamp, Self::BadCount, Self::BadLayout];
 
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -58,6 +66,7 @@ impl Reject {
             Self::OutOfOrder => "out_of_order",
             Self::ImplausibleStamp => "implausible_stamp",
             Self::BadCount => "bad_count",
+            Self::BadLayout => "bad_layout",
         }
     }
 }

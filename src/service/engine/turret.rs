@@ -70,6 +70,12 @@ impl Engine {
     }
 
     pub(super) fn take_status(&mut self, status: &TurretStatus, now: Instant) {
+        // A report that repeats its number says nothing of now, nor does one of another stream.
+        let repeated =
+            self.status.is_some_and(|(s, _)| (s.stream, s.sequence) == (status.stream, status.sequence));
+        if repeated || self.stream.as_ref().is_some_and(|s| s.id() != status.stream) {
+            return;
+        }
         self.status = Some((*status, now));
         let before = std::mem::replace(&mut self.turret_state, status.state);
         if before == status.state {
