@@ -141,6 +141,18 @@ impl Kernel {
         Self { taps, half }
     }
 
+    /// Power that white noise keeps at a frequency, as a share.
+    pub(crate) fn power(&self, hz: f64, rate_hz: f64) -> f64 {
+        let turn = 2.0 * PI * hz / rate_hz;
+        let (mut re, mut im) = (0.0, 0.0);
+        for (k, tap) in self.taps.iter().enumerate() {
+            let (sin, cos) = (turn * k as f64).sin_cos();
+            re += tap * cos;
+            im += tap * sin;
+        }
+        re * re + im * im
+    }
+
     /// Samples needed on either side.
     pub(crate) fn half(&self) -> usize {
         self.half

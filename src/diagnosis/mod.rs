@@ -153,11 +153,13 @@ pub struct DiagnoseOptions {
     /// Per recording, rows that were not measured: they enter no fit. The caller has bridged them. Empty:
     /// all were measured.
     pub masked: Vec<Vec<bool>>,
+    /// The caller has moved a column in time: no delay can be told from these recordings.
+    pub clock_moved: bool,
 }
 
 impl Default for DiagnoseOptions {
     fn default() -> Self {
-        Self { budget_s: 60.0, masked: Vec::new() }
+        Self { budget_s: 60.0, masked: Vec::new(), clock_moved: false }
     }
 }
 
@@ -189,7 +191,11 @@ pub fn diagnose_with(
         let (recording, rate_hz) = (other.experiment.clone(), other.sample_rate.hz());
         return Err(DiagnoseError::MixedRates { recording, rate_hz, first_hz });
     }
-    let beside = drive::Beside { masks: &options.masked, budget_s: options.budget_s };
+    let beside = drive::Beside {
+        masks: &options.masked,
+        budget_s: options.budget_s,
+        clock_moved: options.clock_moved,
+    };
     let mut diagnosis = drive::diagnose(machine, axis, recordings, (beside, progress))?;
     if !others.is_empty() {
         diagnosis.notes.push(format!(

@@ -16,6 +16,8 @@ pub struct PhysicsModel {
     motor_encoder: Vec<EncoderError>,
     stage_encoder: Vec<EncoderError>,
     saturation_1_n2: f64,
+    /// 0: K / (1 + c u^2), 1: K (1 - c u^2).
+    parabolic: f64,
     smoothing_m_s: f64,
     presliding_travel_m: f64,
     /// Effects whose law cannot be taken off a force estimate.
@@ -33,6 +35,7 @@ impl Default for PhysicsModel {
             motor_encoder: Vec::new(),
             stage_encoder: Vec::new(),
             saturation_1_n2: 0.0,
+            parabolic: 0.0,
             smoothing_m_s: 2e-4,
             presliding_travel_m: PRESLIDING_TRAVEL_M,
             not_applied: Vec::new(),
@@ -116,6 +119,7 @@ impl PhysicsModel {
             E::TorqueConstantSaturation => {
                 let per_ampere = raw.torque_constant_nm_a? * std::f64::consts::TAU / raw.screw_lead_m?;
                 self.saturation_1_n2 += term.number("per_a2")? / (per_ampere * per_ampere);
+                self.parabolic = term.number("parabolic").unwrap_or(0.0);
             }
             E::PreslidingFriction => {
                 let stiffness = term.number("presliding_stiffness_n_m")?;
@@ -150,11 +154,13 @@ impl PhysicsModel {
             && self.saturation_1_n2 == 0.0
     }
 
-    /// Thrust that the motor gives for what it was told, N: u (1 - c u^2).
+    /// Thrust that the motor gives for what it was told, N: u / (1 + c u^2), or u (1 - c u^2) where the model
+    /// says so.
     #[inline]
     #[must_use]
     pub fn thrust_n(&self, told_n: f64) -> f64 {
-        told_n * (1.0 - self.saturation_1_n2 * told_n * told_n)
+        let bent = self.saturation_1_n2 * told_n * told_n;
+        told_n * (1.0 - bent / (1.0 + (1.0 - self.parabolic) * bent))
     }
 
     /// Motor travel without the encoder's periodic error, m.

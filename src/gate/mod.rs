@@ -74,6 +74,12 @@ impl Gated {
         self.faults.iter().find(|f| f.action == Action::Refuse)
     }
 
+    /// True where a column was moved in time against another.
+    #[must_use]
+    pub fn moved_in_time(&self) -> bool {
+        self.faults.iter().any(|f| f.kind == FaultKind::ClockOffset && f.action == Action::Correct)
+    }
+
     /// One a row: whether it lies in a stretch that a fit must leave out. A row or two that were bridged bend
     /// nothing, and a fit that goes by blocks would lose much more with them.
     #[must_use]

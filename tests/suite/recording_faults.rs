@@ -305,8 +305,8 @@ fn number(diagnosis: &Diagnosis, name: &str) -> f64 {
 #[test]
 fn the_laws_are_those_of_the_sound_recording() {
     let sound = diagnosed(gate(&drive()), MASS_KG);
-    // Three quarters at rest leave too few whole blocks for friction to be told (docs/results-diagnosis.md).
-    for kind in [FaultKind::Held, FaultKind::Dropped, FaultKind::Outlier, FaultKind::WrongSign] {
+    use FaultKind::{Clipped, Dropped, Held, LongRest, Outlier, WrongSign};
+    for kind in [Held, Dropped, Outlier, WrongSign, LongRest, Clipped] {
         let mut logged = drive();
         put(kind, 2, &mut logged);
         let found = diagnosed(gate(&logged), MASS_KG);
@@ -348,4 +348,15 @@ fn simulated_axes_beside_the_project_have_no_fault() {
             assert_eq!(named(&gate(&logged).faults), vec![], "{case} {file}");
         }
     }
+}
+
+/// Stamps that were written unevenly of rows that were taken evenly: moved, every column would be rougher.
+#[test]
+fn uneven_stamps_of_even_rows_move_no_value() {
+    let sound = drive().recording;
+    let mut logged = drive();
+    put(FaultKind::IrregularTime, 2, &mut logged);
+    let gated = gate(&logged);
+    assert!(gated.faults.iter().any(|f| f.kind == FaultKind::IrregularTime));
+    assert_eq!(gated.recording.get(POSITION), sound.get(POSITION));
 }

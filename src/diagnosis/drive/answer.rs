@@ -10,6 +10,7 @@ use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Accepted, Balance, Number, State};
 use super::words::{Z95, domain, equation, estimates, next_experiment, scale_deviation, statement, term};
+use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
     Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Fit, Location, MapEstimate,
     RecordingFit, TimeSpans, Tried, Verdict,
@@ -74,9 +75,10 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
         let left = rest(balance, &state);
         let doubt = doubt(balance, &state, &left);
         let vague = state.accepted.iter().zip(&doubt.laws).position(|(a, d)| {
-            a.given.is_none()
-                && !matches!(a.hypothesis.shape, Shape::Torsion { .. })
-                && (d.constants.iter().any(|c| *c > UNDETERMINED) || !is_other_than_zero(a, &d.amplitudes))
+            let vague =
+                d.constants.iter().any(|c| *c > UNDETERMINED) || !is_other_than_zero(a, &d.amplitudes);
+            let third = matches!(a.hypothesis.shape, Shape::Torsion { .. });
+            a.given.is_none() && (vague && !third || a.hypothesis.is_at_bound())
         });
         match vague {
             Some(k) => {
@@ -107,8 +109,12 @@ impl Case<'_> {
             found.clear();
         }
         let before = self.rest_before(&absent);
-        let is_left = left.is_left(self.stated_rest_n);
-        let share = 1.0 - (left.force_n / before.force_n.max(1e-300)).powi(2);
+        let [state_n, thrust_n] = self.left_and_thrust_n(&state);
+        let says_nothing = state_n.powi(2) > Criteria::STANDARD.adequate_share * thrust_n.powi(2);
+        let is_left = left.is_left(self.stated_rest_n) || says_nothing;
+        let repeats_n = Criteria::STANDARD.repeatability * thrust_n;
+        let share =
+            1.0 - (left.force_n.powi(2) - repeats_n.powi(2)).max(0.0) / before.force_n.max(1e-300).powi(2);
         let named = !found.is_empty() && (!is_left || share > Criteria::STANDARD.named_share);
         let unexplained = is_left && !named;
         let of = if as_stated { self.start } else { &state };
@@ -175,6 +181,18 @@ impl Case<'_> {
         }
     }
 
+    /// What a state leaves at the motor, and the thrust, root mean squares, N.
+    fn left_and_thrust_n(&self, state: &State) -> [f64; 2] {
+        let base = &state.base;
+        let n = base.gram.len();
+        let (mut left, mut thrust) = (0.0, 0.0);
+        for band in &base.gram.sum_by_band(&self.balance.plan) {
+            left += base.design.spread(band, &base.fit.beta)[0] * band.values;
+            thrust += band.products[0][base.design.target * n + base.design.target];
+        }
+        [left, thrust].map(|power| (power / self.samples()).sqrt())
+    }
+
     /// What was left before anything was found: numbers estimated, those that the model leaves out left out.
     fn rest_before(&self, absent: &[Absent]) -> Rest {
         let numbers: Vec<Number> = absent.iter().map(|a| a.number).collect();
@@ -213,7 +231,7 @@ impl Case<'_> {
     }
 
     fn samples(&self) -> f64 {
-        self.balance.signals.lengths().iter().sum::<usize>().max(1) as f64
+        self.balance.plan.measured().max(1.0)
     }
 
     fn found(&self, state: &State, doubt: &Doubt, absent: &[Absent], level: f64) -> Vec<Found> {
@@ -386,9 +404,21 @@ impl Case<'_> {
             _ => super::recorded::stage_position(axis, recording).map(<[f64]>::to_vec),
         };
         let of = |port: Port| -> Option<Found> {
+            let raw = axis.drive.raw();
+            // Without a stated step there is nothing to be coarser than.
+            match port {
+                Port::MotorEncoder => raw.motor_encoder_resolution_m,
+                _ => raw.stage_encoder_resolution_m,
+            }?;
             let stated = stated_step_m(axis, port);
-            let steps: Vec<f64> =
-                self.recordings.iter().filter_map(|r| coarser_step(&side(port, r)?, stated)).collect();
+            let found = |r: &Recording| {
+                let x = side(port, r)?;
+                let step = coarser_step(&x, stated)?;
+                // What is noisier than the step makes it is rounded to digits, or was reckoned.
+                let noise_m2 = variance_m2(&x, r.sample_rate.hz(), 0.5);
+                (12.0 * noise_m2 < (COARSER * step).powi(2)).then_some(step)
+            };
+            let steps: Vec<f64> = self.recordings.iter().filter_map(found).collect();
             let step = steps.iter().sum::<f64>() / steps.len().max(1) as f64;
             if steps.len() < self.recordings.len() || step < COARSER * stated {
                 return None;
@@ -468,7 +498,7 @@ impl Case<'_> {
             Number::StageMass => sum(d.reflected_mass_kg(), d.movable_mass_kg()),
             Number::StageDamping => sum(d.reflected_damping_n_s_m(), d.translational_damping_n_s_m()),
             Number::StageCoulomb => sum(d.motor_coulomb_friction_n(), d.stage_coulomb_friction_n()),
-            Number::Timing => 0.0,
+            Number::Timing | Number::Lag => 0.0,
             Number::Zero | Number::Scale => base.fit.beta[k],
         };
         let mut beta: Vec<f64> = base.numbers.iter().enumerate().map(number).collect();
@@ -509,16 +539,20 @@ impl Case<'_> {
 
     fn recording_fits(&self, series: &Residuals, unexplained: bool) -> Vec<RecordingFit> {
         let s = &self.balance.signals;
-        let power = |sides: &[Vec<f64>]| {
-            (sides.iter().map(|x| rms(x).powi(2)).sum::<f64>() / sides.len().max(1) as f64).sqrt()
+        let power = |sides: &[Vec<f64>], masked: &[bool]| {
+            let measured = |x: &Vec<f64>| {
+                let kept = x.iter().zip(masked).filter(|(_, m)| !**m).map(|(v, _)| *v);
+                rms(&kept.collect::<Vec<f64>>()).powi(2)
+            };
+            (sides.iter().map(measured).sum::<f64>() / sides.len().max(1) as f64).sqrt()
         };
         let of = |(r, track): (usize, &super::signals::Track)| {
             let after = if unexplained { &series.before[r] } else { &series.after[r] };
             let written = if unexplained { &series.nominal[r] } else { &series.after[r] };
             RecordingFit {
                 experiment: track.experiment.clone(),
-                rms_before_n: power(&series.nominal[r]),
-                rms_after_n: power(written),
+                rms_before_n: power(&series.nominal[r], &track.masked),
+                rms_after_n: power(written, &track.masked),
                 t_s: (0..track.thin_count()).map(|j| track.start_s + track.thin_s(j, s.step)).collect(),
                 position_m: track.thin.position.clone(),
                 velocity_m_s: track.thin.velocity[s.sides() - 1].clone(),

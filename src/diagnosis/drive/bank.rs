@@ -30,7 +30,7 @@ pub(super) fn candidates(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     match balance.signals.layout {
         Layout::TwoPositions => list.extend(springs(balance, true)),
         Layout::Locked => list.extend(springs(balance, false)),
-        Layout::OnePosition => {}
+        Layout::OnePosition => list.extend(plays(balance)),
     }
     let taken = |h: &Hypothesis| {
         state.accepted.iter().any(|a| {
@@ -92,13 +92,13 @@ fn thrust(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     if !state.inertial {
         return list;
     }
-    for samples in [0.3, 0.8, 1.6, 3.0, 5.0] {
-        list.push(at(E::DeadTime, Shape::Delay { extra_s: samples * period_s, early: false }));
-    }
-    for samples in [0.5, 1.5] {
-        list.push(at(E::DeadTime, Shape::Delay { extra_s: samples * period_s, early: true }));
+    let delays =
+        [(0.3, false), (0.8, false), (1.6, false), (3.0, false), (5.0, false), (0.5, true), (1.5, true)];
+    for (samples, early) in delays.into_iter().filter(|_| !balance.clock_moved) {
+        list.push(at(E::DeadTime, Shape::Delay { extra_s: samples * period_s, early }));
     }
     match state.path.loop_rad_s {
+        _ if balance.clock_moved => {}
         Some(w) => {
             for share in [0.25, 0.4, 0.6, 0.85] {
                 list.push(at(E::CurrentLoopLag, Shape::Loop { rad_s: share * w }));
@@ -117,10 +117,26 @@ fn thrust(balance: &Balance, state: &State) -> Vec<Hypothesis> {
         let most = s.tracks.iter().map(amperes).fold(1e-9, f64::max);
         for bent in [0.02, 0.07, 0.25, 0.8] {
             let per_a2 = bent / (most * most);
-            list.push(at(E::TorqueConstantSaturation, Shape::Saturation { per_a2 }));
+            list.extend(
+                [0.0, 1.0].map(|parabolic| {
+                    at(E::TorqueConstantSaturation, Shape::Saturation { per_a2, parabolic })
+                }),
+            );
         }
     }
     list
+}
+
+/// Play in front of a slider, where one position is all that there is.
+fn plays(balance: &Balance) -> impl Iterator<Item = Hypothesis> + use<> {
+    let [low, high] = balance.signals.travel_m();
+    let least_m = 4.0 * balance.signals.steps_m[0].max(1e-3 * (high - low));
+    grid(least_m, 0.3 * (high - low), 6).flat_map(|gap_m| {
+        [0.1, 0.5].map(|share| {
+            let shape = Shape::Play { gap_m, yield_m: share * gap_m };
+            Hypothesis::named(E::Backlash, Port::Coupling, shape)
+        })
+    })
 }
 
 fn springs(balance: &Balance, two: bool) -> Vec<Hypothesis> {
@@ -136,6 +152,7 @@ fn springs(balance: &Balance, two: bool) -> Vec<Hypothesis> {
     if !two {
         return list;
     }
+    list.push(at(E::PositionDependentStiffness, Shape::StiffnessSlope));
     for lengths in [1.0, 1.5, 2.5, 4.0, 7.0] {
         let length_m = lengths * (high - low);
         list.push(at(E::PositionDependentStiffness, Shape::StiffnessWave { length_m }));
@@ -193,7 +210,7 @@ fn positions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
             let shape = Shape::EncoderError { period_m, sine_m: 0.0, cosine_m: 0.0 };
             list.push(Hypothesis::named(E::EncoderInterpolationError, port, shape));
         }
-        if two {
+        if two && !balance.clock_moved {
             let shape = Shape::EncoderDelay { extra_s: 0.5 / s.rate_hz };
             list.push(Hypothesis::named(E::DeadTime, port, shape));
         }
@@ -293,22 +310,32 @@ fn cuts(balance: &Balance, left: &super::gram::Column) -> Vec<Hypothesis> {
         if bins < 32 {
             continue;
         }
-        let mut sums = vec![0.0; bins];
+        let (mut sums, mut alone) = (vec![0.0; bins], vec![0.0; bins]);
         for (_, power) in &blocks {
             let floor = running_median(power, 12);
             let ratios: Vec<f64> = power.iter().zip(&floor).map(|(p, f)| p / f.max(1e-300)).collect();
             for k in 3..bins {
                 let of = |h: usize| ratios.get(h * k).map_or(0.0, |r| (r - 1.0).clamp(0.0, 200.0));
                 sums[k] += (1..=SEARCHED_HARMONICS).map(of).sum::<f64>() / blocks.len() as f64;
+                alone[k] += of(1) / blocks.len() as f64;
             }
         }
         let mut order: Vec<usize> = (4..bins - 1).collect();
         order.sort_by(|a, b| sums[*b].total_cmp(&sums[*a]));
-        best.extend(order.into_iter().take(2).map(|k| (sums[k], k as f64 * bin_hz, r)));
+        best.extend(order.into_iter().take(2).map(|k| (sums[k], first_line(&alone, k) as f64 * bin_hz, r)));
     }
     best.sort_by(|a, b| b.0.total_cmp(&a.0));
     best.truncate(2);
     best.into_iter().filter_map(|(_, hz, r)| cut_at(balance, &series[r], (hz, r))).collect()
+}
+
+/// The first of a line's harmonics that is there itself: what repeats after a period does so after two.
+fn first_line(alone: &[f64], k: usize) -> usize {
+    /// Over the strongest of them.
+    const THERE: f64 = 0.25;
+    let of = |h: usize| alone.get(h * k).copied().unwrap_or(0.0);
+    let strongest = (1..=SEARCHED_HARMONICS).map(of).fold(0.0, f64::max);
+    k * (1..=SEARCHED_HARMONICS).find(|h| of(*h) >= THERE * strongest).unwrap_or(1)
 }
 
 /// The line near `hz` in one recording, where its envelope is above half of its plateau.

@@ -69,6 +69,8 @@ impl TimeColumn {
 enum Over {
     Position,
     Speed,
+    /// Way since the last reversal.
+    Way,
 }
 
 /// A law at the full rate of one recording, with its sign at motor and stage.
@@ -84,6 +86,7 @@ impl Ground<'_> {
             Shape::Cut { hz, start_s, end_s } => self.cut(hz, [start_s, end_s]),
             Shape::Map { pieces, flips } => self.map((pieces, flips), Over::Position),
             Shape::SpeedMap { pieces, flips } => self.map((pieces, flips), Over::Speed),
+            Shape::ReversalMap { pieces } => self.map((pieces, true), Over::Way),
             Shape::Torsion { frequency_hz, share, damping } => {
                 vec![self.torsion(frequency_hz, share, damping)]
             }
@@ -106,6 +109,7 @@ impl Ground<'_> {
             Shape::Cut { .. }
             | Shape::Map { .. }
             | Shape::SpeedMap { .. }
+            | Shape::ReversalMap { .. }
             | Shape::Torsion { .. }
             | Shape::Delay { .. }
             | Shape::Smoothing { .. }
@@ -184,13 +188,10 @@ impl Ground<'_> {
                 bristle(v, yield_m, track.rate_hz).into_iter().flat_map(one).collect()
             }
             Shape::Wave { wavelength_m } => waves(x, wavelength_m).into_iter().flat_map(one).collect(),
-            Shape::Saturation { per_a2 } => {
+            Shape::Saturation { per_a2, parabolic } => {
                 let thrust = self.signals.thrust_full(track, self.path);
                 let per_unit = track.reference.per_unit;
-                let lost = |f: &f64| {
-                    let bent = per_a2 * (f / per_unit).powi(2);
-                    f * bent / (1.0 + bent)
-                };
+                let lost = |f: &f64| f * lost_share(per_a2 * (f / per_unit).powi(2), parabolic);
                 one(thrust.iter().map(lost).collect())
             }
             Shape::Backlash { gap_m } => {
@@ -199,9 +200,14 @@ impl Ground<'_> {
                 let give = |d: &f64| k * (after_backlash(d + zero, gap_m) - (d + zero));
                 one(track.stretch_m.iter().map(give).collect())
             }
+            Shape::Play { gap_m, yield_m } => one(play(x, gap_m, yield_m)),
             Shape::Cubic => {
                 let zero = self.zero_m();
                 one(track.stretch_m.iter().map(|d| cubic(d + zero)).collect())
+            }
+            Shape::StiffnessSlope => {
+                let (k, zero) = (self.mechanics.stiffness_n_m, self.zero_m());
+                one(track.stretch_m.iter().zip(x).map(|(d, x)| k * (d + zero) * x).collect())
             }
             Shape::StiffnessWave { length_m } => {
                 let k = self.mechanics.stiffness_n_m;
@@ -215,6 +221,7 @@ impl Ground<'_> {
             Shape::Cut { .. }
             | Shape::Map { .. }
             | Shape::SpeedMap { .. }
+            | Shape::ReversalMap { .. }
             | Shape::Torsion { .. }
             | Shape::Delay { .. }
             | Shape::Loop { .. }
@@ -243,6 +250,11 @@ impl Ground<'_> {
                 column
             })
             .collect()
+    }
+
+    /// What the model needs more where the current loop is slower by a factor.
+    pub(super) fn lagging(&self, factor: f64) -> TimeColumn {
+        self.path_change(Path { loop_rad_s: self.path.loop_rad_s.map(|w| factor * w), ..self.path })
     }
 
     fn path_change(&self, to: Path) -> TimeColumn {
@@ -404,6 +416,7 @@ impl Ground<'_> {
         let abscissa = self.signals.each(|t| match over {
             Over::Position => t.thin.position.clone(),
             Over::Speed => t.thin.velocity[side].iter().map(|v| v.abs()).collect(),
+            Over::Way => since_reversal(&t.thin.position),
         });
         let ends = |e: [f64; 2], v: &f64| [e[0].min(*v), e[1].max(*v)];
         let [low, high] = abscissa.iter().flatten().fold([f64::INFINITY, f64::NEG_INFINITY], ends);
@@ -430,6 +443,35 @@ impl Ground<'_> {
             })
             .collect()
     }
+}
+
+/// Way since the axis last turned round, by more than a thousandth of its travel.
+fn since_reversal(x: &[f64]) -> Vec<f64> {
+    const TURNED: f64 = 1e-3;
+    let [low, high] = x.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |e, v| [e[0].min(*v), e[1].max(*v)]);
+    let turned = TURNED * (high - low);
+    let (mut from, mut end, mut sign) = (x.first().copied().unwrap_or(0.0), 0.0, 0.0_f64);
+    let mut out = Vec::with_capacity(x.len());
+    for v in x {
+        let way = v - from;
+        if sign == 0.0 && way.abs() > turned {
+            (sign, end) = (way.signum(), *v);
+        }
+        if sign != 0.0 {
+            if sign * (v - end) > 0.0 {
+                end = *v;
+            } else if sign * (end - v) > turned {
+                (from, end, sign) = (end, *v, -sign);
+            }
+        }
+        out.push((v - from).abs());
+    }
+    out
+}
+
+/// Share of its torque that a saturated motor loses; `bent`: b i^2.
+fn lost_share(bent: f64, parabolic: f64) -> f64 {
+    bent / (1.0 + (1.0 - parabolic) * bent)
 }
 
 /// Uniform cubic B-spline on [0, 4].
@@ -460,6 +502,19 @@ fn bristle(v: &[f64], yield_m: f64, rate_hz: f64) -> Vec<Vec<f64>> {
     }
     let rate = out.iter().enumerate().map(|(k, z)| (z - out[k.saturating_sub(1)]) * rate_hz * 1e-3).collect();
     vec![out, rate]
+}
+
+/// Force of a slider of unit friction behind a spring with play: the way between axis and slider is lost in
+/// the gap, then in the spring, then the slider gives.
+fn play(x: &[f64], gap_m: f64, yield_m: f64) -> Vec<f64> {
+    let most = 0.5 * gap_m + yield_m;
+    let (mut between, mut last) = (0.0_f64, x.first().copied().unwrap_or(0.0));
+    let mut of = |x: &f64| {
+        between = (between + x - last).clamp(-most, most);
+        last = *x;
+        after_backlash(between, gap_m) / yield_m
+    };
+    x.iter().map(&mut of).collect()
 }
 
 /// Sine and cosine of one and two turns per wavelength.

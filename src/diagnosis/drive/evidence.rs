@@ -57,7 +57,7 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
     if h.has_dose() {
         start[first] = 1.0;
     }
-    if matches!(h.shape, Shape::Torsion { .. }) && !chance {
+    if h.is_whole() && !chance {
         design.bounds[first] = [1.0, 1.0];
     }
     if let Shape::Smoothing { .. } = h.shape {

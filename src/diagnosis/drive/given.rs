@@ -2,7 +2,6 @@
 
 use super::columns::Mechanics;
 use super::shape::{Hypothesis, Shape};
-use super::signals::Signals;
 use super::state::Accepted;
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
 use crate::plant::effects::law::{EncoderError, ForceLaw};
@@ -72,10 +71,10 @@ fn lumped(drive: &DriveParams, raw: &mut RawDriveParams) -> PhysicsTerm {
 }
 
 /// The stated laws that this balance can evaluate, with the names of those that it cannot.
-pub(super) fn given(axis: &AxisModel, signals: &Signals, m: &Mechanics) -> (Vec<Accepted>, Vec<String>) {
+pub(super) fn given(axis: &AxisModel, m: &Mechanics) -> (Vec<Accepted>, Vec<String>) {
     let (mut list, mut left) = (Vec::new(), Vec::new());
     for (k, term) in axis.physics.iter().enumerate() {
-        match law(axis, term, signals, m) {
+        match law(axis, term, m) {
             Some(accepted) => list.push(Accepted { given: Some(k), ..accepted }),
             None if matches!(term.effect, E::ExternalDisturbance | E::EncoderQuantization) => {}
             None => left.push(format!(
@@ -88,7 +87,7 @@ pub(super) fn given(axis: &AxisModel, signals: &Signals, m: &Mechanics) -> (Vec<
     (list, left)
 }
 
-fn law(axis: &AxisModel, term: &PhysicsTerm, signals: &Signals, m: &Mechanics) -> Option<Accepted> {
+fn law(axis: &AxisModel, term: &PhysicsTerm, m: &Mechanics) -> Option<Accepted> {
     let get = |name: &str| term.number(name);
     let flips = get("with_direction").is_some_and(|x| x != 0.0);
     let of = |shape, amplitudes: Vec<f64>| {
@@ -112,19 +111,21 @@ fn law(axis: &AxisModel, term: &PhysicsTerm, signals: &Signals, m: &Mechanics) -
             let change_n = get("relative_change")? * m.stage_coulomb_n;
             of(Shape::Drift { tau_s: get("time_constant_s")? }, vec![change_n])
         }
-        E::TorqueConstantSaturation => of(Shape::Saturation { per_a2: get("per_a2")? }, vec![1.0]),
+        E::TorqueConstantSaturation => {
+            let parabolic = get("parabolic").unwrap_or(0.0);
+            of(Shape::Saturation { per_a2: get("per_a2")?, parabolic }, vec![1.0])
+        }
+        E::Backlash if get("force_n").is_some() => {
+            let (force_n, stiffness) = (get("force_n")?, get("stiffness_n_m")?);
+            of(Shape::Play { gap_m: get("gap_m")?, yield_m: force_n / stiffness }, vec![force_n])
+        }
         E::Backlash => of(Shape::Backlash { gap_m: get("gap_m")? }, vec![1.0]),
         E::NonlinearStiffness => of(Shape::Cubic, vec![get("cubic_n_m3")?]),
         E::PositionDependentStiffness => {
             let (r, length_m) = (get("relative_variation")?, get("length_m")?);
             match get("phase_rad") {
                 Some(p) => of(Shape::StiffnessWave { length_m }, vec![r * p.cos(), r * p.sin()]),
-                // A slope: a wave so long that the travel is a straight piece of it.
-                None => {
-                    let long_m = 20.0 * (signals.travel_m()[1] - signals.travel_m()[0]);
-                    let amplitude = r / length_m * long_m / TAU;
-                    of(Shape::StiffnessWave { length_m: long_m }, vec![amplitude, 0.0])
-                }
+                None => of(Shape::StiffnessSlope, vec![r / length_m]),
             }
         }
         E::TorsionalMode => {

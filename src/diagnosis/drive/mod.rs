@@ -1,5 +1,6 @@
 //! The drive: one balance of one or two positions, one bank, one statistic, one verdict.
 
+mod accepted;
 mod answer;
 mod bank;
 mod closed_loop;
@@ -33,7 +34,7 @@ const REACH: Reach = Reach { most_findings: 4, fitted: 5 };
 /// Passes in which numbers and the balance follow one another before anything is asked.
 const PASSES: usize = 2;
 /// Samples times evaluations that one thread of a slow office machine makes in a second.
-const SAMPLES_PER_S: f64 = 6.0e6;
+const SAMPLES_PER_S: f64 = 1.0e7;
 /// Part of the budget that screening and fits may take; the rest is for the answer.
 const SEARCH_SHARE: f64 = 0.6;
 
@@ -44,6 +45,8 @@ pub(in crate::diagnosis) struct Beside<'a> {
     pub(in crate::diagnosis) masks: &'a [Mask],
     /// Seconds that an answer may take on a slow machine; work is counted, not time.
     pub(in crate::diagnosis) budget_s: f64,
+    /// A column was moved in time: no delay can be told.
+    pub(in crate::diagnosis) clock_moved: bool,
 }
 
 /// Diagnoses one axis.
@@ -58,9 +61,15 @@ pub(in crate::diagnosis) fn diagnose(
     let signals = signals::Signals::new(&axis, recordings, beside.masks)?;
     let samples: usize = recordings.iter().map(Recording::len).sum();
     let evaluations = SEARCH_SHARE * beside.budget_s * SAMPLES_PER_S / samples.max(1) as f64;
-    let balance = state::Balance::new(axis.drive.clone(), signals);
+    let balance = state::Balance::new(axis.drive.clone(), signals, beside.clock_moved);
+    if let Some(first) = recordings.first().filter(|_| !balance.plan.is_enough()) {
+        let recording = first.experiment.clone();
+        let samples = balance.plan.measured() as usize * balance.signals.step;
+        let needed = spectra::LEAST_MEASURED * balance.signals.step;
+        return Err(DiagnoseError::TooShort { recording, samples, needed });
+    }
     let mut start = state::State::new(&balance, Vec::new());
-    let (laws, notes) = given::given(&axis, &balance.signals, &start.stated_mechanics(&balance));
+    let (laws, notes) = given::given(&axis, &start.stated_mechanics(&balance));
     if !laws.is_empty() {
         start = state::State::new(&balance, laws);
     }

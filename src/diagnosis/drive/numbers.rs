@@ -6,9 +6,8 @@ use super::evidence::price;
 use super::gram::Part;
 use super::likelihood::{Design, FREE, values};
 use super::rest::Rest;
-use super::shape::{Hypothesis, Shape};
 use super::signals::Layout;
-use super::state::{Balance, Number, State};
+use super::state::{Balance, LAG_STEP, Number, State};
 use super::subject::slopes;
 use super::words::{Deviations, Z95, scale_deviation};
 use crate::diagnosis::result::Correction;
@@ -33,18 +32,6 @@ pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
     let mut columns: Vec<TimeColumn> = Vec::new();
     for a in state.accepted.iter().filter(|a| !a.is_one_column()) {
         columns.extend(slopes(balance, state, &a.hypothesis, &a.amplitudes));
-    }
-    let shapes = columns.len();
-    let by_s = 0.05 / balance.signals.rate_hz;
-    let mut path = vec![Shape::Delay { extra_s: by_s, early: false }];
-    path.extend(state.path.loop_rad_s.map(|w| Shape::Loop { rad_s: 0.98 * w }));
-    let found = state.found_path();
-    let ground = state.ground(balance);
-    if found[0] || found[1] {
-        for (shape, found) in path.iter().zip(found) {
-            let h = Hypothesis::named(EffectKind::DeadTime, Port::Current, *shape);
-            columns.extend(ground.columns(&h).into_iter().filter(|_| found));
-        }
     }
     let (old, count) = (base.gram.len(), columns.len());
     let gram = base.gram.with(plan, columns.iter().map(|c| balance.column(c)).collect());
@@ -73,15 +60,8 @@ pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
         laws.push(Deviations { amplitudes, constants: (slope..slope + constants).map(sd).collect() });
         (place, slope) = (place + n, slope + constants);
     }
-    let mut next = base.fit.beta.len() + shapes;
-    let mut of_path = [0.0; 2];
-    for k in [0, 1] {
-        if found[k] && next < base.fit.beta.len() + count {
-            of_path[k] = sd(next) * if k == 0 { by_s } else { -(0.98_f64.ln()) };
-            next += 1;
-        }
-    }
-    Doubt { numbers, laws, path: of_path }
+    let of = |number| base.numbers.iter().position(|n| *n == number).map_or(0.0, sd);
+    Doubt { numbers, laws, path: [of(Number::Timing), -LAG_STEP.ln() * of(Number::Lag)] }
 }
 
 /// Half-overlapping blocks, leakage between bins, noise that is not flat within a band.
@@ -222,7 +202,7 @@ pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Bes
                 let other = rest(d.motor_coulomb_friction_n());
                 ("stage_coulomb_friction_n", 1.0, d.stage_coulomb_friction_n(), other, c.coulomb_tolerance)
             }
-            Number::Timing | Number::Zero | Number::Scale => return None,
+            Number::Timing | Number::Lag | Number::Zero | Number::Scale => return None,
         };
         let (value, deviation) = (unit * estimate - other, unit * doubt.numbers[k]);
         Some(Beside { key, nominal, value, deviation, tolerance })

@@ -48,6 +48,12 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     let middle = |band: usize| 0.5 * plan.band_hz(band).iter().sum::<f64>();
     let all = base.gram.sum_by_band(plan);
     let spreads: Vec<Spread> = all.iter().map(|b| design.spread(b, beta)).collect();
+    // Noise of a position through the mass, before the low-pass: white position, squared by frequency.
+    let of_position = |recording: usize, hz: f64| {
+        let s = &balance.signals;
+        let per_m = state.mechanics.stage_mass_kg * (std::f64::consts::TAU * hz).powi(2);
+        2.0 / s.step as f64 * s.noise_m2[recording] * per_m * per_m
+    };
     let floor_of = |recording: usize| -> Spread {
         let own = || all.iter().zip(&spreads).filter(move |(b, _)| b.recording == recording);
         if two {
@@ -55,11 +61,18 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
             return reference.or(own().next_back()).map_or([0.0; 3], |(_, s)| *s);
         }
         let from_hz = QUIET_FROM * balance.signals.top_hz();
-        let quiet = own().filter(|(b, _)| middle(b.band) > from_hz);
-        [quiet.map(|(_, s)| s[0]).fold(f64::INFINITY, f64::min), 0.0, 0.0]
+        // Noise of the force is white before the low-pass; where that has taken half of it, nothing is read.
+        // Where the low-pass has taken half of it, little is read; a slow recording may have nothing else.
+        let quiet = |least: f64| {
+            let bands = own().filter(|(b, _)| middle(b.band) > from_hz).filter_map(|(b, s)| {
+                let kept = balance.signals.kept_power(middle(b.band));
+                (kept > least).then_some((s[0] / kept - of_position(recording, middle(b.band))).max(0.0))
+            });
+            Some(bands.fold(f64::INFINITY, f64::min)).filter(|f| f.is_finite())
+        };
+        [quiet(0.5).or_else(|| quiet(0.0)).unwrap_or(0.0), 0.0, 0.0]
     };
-    let samples: usize = balance.signals.lengths().iter().sum();
-    let scale = 1.0 / samples.max(1) as f64;
+    let scale = 1.0 / plan.measured().max(1.0);
     let (mut excess, mut floor, mut whole) = ([0.0; 3], 0.0, [0.0; 2]);
     let mut by_band = vec![0.0; plan.bands()];
     for (band, s) in all.iter().zip(&spreads) {
@@ -68,6 +81,12 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
         whole[0] += f[0] * share;
         whole[1] += f[2] * share;
         if middle(band.band) < low_hz || !two {
+            let f = if two {
+                f
+            } else {
+                let hz = middle(band.band);
+                [balance.signals.kept_power(hz) * (f[0] + of_position(band.recording, hz)), 0.0, 0.0]
+            };
             (0..3).for_each(|k| excess[k] += (s[k] - f[k]) * share);
             by_band[band.band] += (s[0] - f[0] + s[2] - f[2]).max(0.0) * share;
             floor += (f[0] + f[2]) * share;

@@ -40,7 +40,7 @@ fn of(balance: &Balance, state: &State, beta: &[f64], path: Path) -> Vec<Vec<Vec
         .iter()
         .map(|n| match n {
             // The path has it already.
-            Number::Timing => TimeColumn::default(),
+            Number::Timing | Number::Lag => TimeColumn::default(),
             _ => balance.number_column(*n, &ground),
         })
         .collect();

@@ -21,12 +21,16 @@ pub(super) enum Shape {
     Drift { tau_s: f64 },
     /// sin, cos of x and of 2 x over the wavelength, at stage or motor.
     Wave { wavelength_m: f64 },
-    /// Thrust lost over b i^2 / (1 + b i^2).
-    Saturation { per_a2: f64 },
+    /// Thrust lost, z / (1 + (1 - a) z) of it with z = b i^2: a is 0 for K / (1 + z), 1 for K (1 - z).
+    Saturation { per_a2: f64, parabolic: f64 },
     /// Dead zone of the spring.
     Backlash { gap_m: f64 },
+    /// A slider of unit friction behind a spring with play: yields after that way, and a gap when it turns.
+    Play { gap_m: f64, yield_m: f64 },
     /// D^3.
     Cubic,
+    /// D x: a stiffness that changes evenly over the travel.
+    StiffnessSlope,
     /// D sin, cos of x over a length.
     StiffnessWave { length_m: f64 },
     /// A third inertia.
@@ -46,6 +50,8 @@ pub(super) enum Shape {
     Map { pieces: usize, flips: bool },
     /// The same over the speed: no finding, but what a map over position must explain more than.
     SpeedMap { pieces: usize, flips: bool },
+    /// The same over the way since the axis turned round, with the direction.
+    ReversalMap { pieces: usize },
     /// Friction that turns over another speed: a wrong number.
     Smoothing { speed_m_s: f64 },
 }
@@ -87,9 +93,20 @@ impl Hypothesis {
         )
     }
 
+    /// True where the shape carries all of the size: another amplitude is another law.
+    pub(super) fn is_whole(&self) -> bool {
+        matches!(self.shape, Shape::Torsion { .. } | Shape::Saturation { .. })
+    }
+
     /// True where physics allows no negative amplitude.
     pub(super) fn is_positive(&self) -> bool {
-        matches!(self.shape, Shape::Stribeck { .. } | Shape::Presliding { .. } | Shape::NonlinearViscosity)
+        matches!(
+            self.shape,
+            Shape::Stribeck { .. }
+                | Shape::Presliding { .. }
+                | Shape::Play { .. }
+                | Shape::NonlinearViscosity
+        )
     }
 
     /// True where each recording has columns of its own: nothing carries over to another recording.
@@ -105,8 +122,9 @@ impl Hypothesis {
             Shape::Presliding { yield_m } => vec![c(yield_m, 1e-9, 1.0)],
             Shape::Drift { tau_s } => vec![c(tau_s, 0.1, 300.0)],
             Shape::Wave { wavelength_m } => vec![c(wavelength_m, 1e-7, 1e2)],
-            Shape::Saturation { per_a2 } => vec![c(per_a2, 1e-5, 1.0)],
+            Shape::Saturation { per_a2, .. } => vec![c(per_a2, 1e-5, 1.0)],
             Shape::Backlash { gap_m } => vec![c(gap_m, 1e-9, 1.0)],
+            Shape::Play { gap_m, yield_m } => vec![c(gap_m, 1e-9, 1.0), c(yield_m, 1e-9, 1.0)],
             Shape::StiffnessWave { length_m } => vec![c(length_m, 1e-3, 2.0)],
             Shape::Torsion { frequency_hz, share, damping } => {
                 vec![c(frequency_hz, 50.0, 20_000.0), c(share, 0.05, 0.95), c(damping, 1e-3, 0.5)]
@@ -120,10 +138,20 @@ impl Hypothesis {
             | Shape::Gravity
             | Shape::NonlinearViscosity
             | Shape::Cubic
+            | Shape::StiffnessSlope
             | Shape::EncoderError { .. }
             | Shape::Map { .. }
-            | Shape::SpeedMap { .. } => Vec::new(),
+            | Shape::SpeedMap { .. }
+            | Shape::ReversalMap { .. } => Vec::new(),
         }
+    }
+
+    /// True where a constant is at a bound, to 2 %: then it is none.
+    pub(super) fn is_at_bound(&self) -> bool {
+        const NEAR: f64 = 0.02;
+        let near =
+            |c: &Constant| c.value < c.bounds[0] * (1.0 + NEAR) || c.value > c.bounds[1] * (1.0 - NEAR);
+        self.constants().iter().any(near)
     }
 
     /// The same hypothesis with other constants, in the order of [`Hypothesis::constants`].
@@ -133,12 +161,13 @@ impl Hypothesis {
             | (Shape::Presliding { yield_m: a }, [v])
             | (Shape::Drift { tau_s: a }, [v])
             | (Shape::Wave { wavelength_m: a }, [v])
-            | (Shape::Saturation { per_a2: a }, [v])
+            | (Shape::Saturation { per_a2: a, .. }, [v])
             | (Shape::Backlash { gap_m: a }, [v])
             | (Shape::StiffnessWave { length_m: a }, [v])
             | (Shape::Delay { extra_s: a, .. } | Shape::EncoderDelay { extra_s: a }, [v])
             | (Shape::Loop { rad_s: a }, [v])
             | (Shape::Cut { hz: a, .. }, [v]) => *a = *v,
+            (Shape::Play { gap_m, yield_m }, [g, y]) => (*gap_m, *yield_m) = (*g, *y),
             (Shape::Torsion { frequency_hz, share, damping }, [f, s, d]) => {
                 (*frequency_hz, *share, *damping) = (*f, *s, *d);
             }

@@ -5,7 +5,7 @@ use super::criteria::Criteria;
 use super::recorded::{Thrust, is_locked, motor_position, position, stage_position, thrust};
 use super::spectra::Series;
 use crate::diagnosis::DiagnoseError;
-use crate::diagnosis::encoder_noise::rounding_m;
+use crate::diagnosis::encoder_noise::{rounding_m, variance_m2};
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::diagnosis::steps::coarser_step;
 use crate::plant::drive::Structure;
@@ -30,6 +30,8 @@ const RIGID_SHARE: f64 = 0.15;
 const VELOCITY_BAND_SHARE: f64 = 0.05;
 /// Smoothing speed of friction where the model states none, m/s.
 const SMOOTHING_M_S: f64 = 2e-4;
+/// Quantile of the blocks of a recording in which the axis moves: at rest a step shows no noise.
+const MOVING: f64 = 0.75;
 /// Part of a recording that a slow thrust filter may take at either end.
 const PATH_PARTS: usize = 12;
 /// Thinned samples that a recording has at least.
@@ -96,6 +98,8 @@ pub(super) struct Signals {
     /// Speed over which friction turns, m/s.
     pub(super) smoothing_m_s: f64,
     pub(super) tracks: Vec<Track>,
+    /// Of one position: variance of its noise in each recording, m2.
+    pub(super) noise_m2: Vec<f64>,
     /// Kernels without a shift: signal, first and second derivative.
     kernels: [Kernel; 3],
 }
@@ -150,7 +154,15 @@ impl Signals {
             .iter()
             .map(|r| found_steps_m(axis, r))
             .fold([0.0_f64; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
-        let band_hz = band_hz(axis, layout, rate_hz);
+        let by_stage = layout == Layout::OnePosition && stage_is_finer(axis, recordings);
+        let one = |r: &Recording| {
+            let of = one_position(axis, r, by_stage).map(|x| variance_m2(&x, rate_hz, MOVING));
+            of.unwrap_or(0.0)
+        };
+        let noise_m2: Vec<f64> =
+            recordings.iter().map(|r| if layout == Layout::TwoPositions { 0.0 } else { one(r) }).collect();
+        let clean_hz = recordings.iter().zip(&noise_m2).map(|(r, noise)| clean_band_hz(axis, r, *noise));
+        let band_hz = band_hz(axis, layout, rate_hz).min(clean_hz.fold(f64::INFINITY, f64::min));
         let used = if layout == Layout::TwoPositions { steps_m[0].max(steps_m[1]) } else { steps_m[0] };
         let c = Criteria::STANDARD.velocity_noise;
         let least_hz = VELOCITY_BAND_SHARE * rate_hz;
@@ -167,11 +179,12 @@ impl Signals {
             steps_m,
             smoothing_m_s,
             tracks: Vec::new(),
+            noise_m2,
             kernels: [low_pass(0), low_pass(1), low_pass(2)],
         };
         for (k, recording) in recordings.iter().enumerate() {
             let mask = masks.get(k).map_or(&[][..], Vec::as_slice);
-            let track = signals.track(axis, recording, (velocity_hz, mask))?;
+            let track = signals.track(axis, recording, (velocity_hz, mask, by_stage))?;
             signals.tracks.push(track);
         }
         let count: usize = signals.tracks.iter().map(|t| t.stretch_m.len()).sum();
@@ -187,14 +200,15 @@ impl Signals {
         &self,
         axis: &AxisModel,
         recording: &Recording,
-        (velocity_hz, mask): (f64, &[bool]),
+        (velocity_hz, mask, by_stage): (f64, &[bool], bool),
     ) -> Result<Track, DiagnoseError> {
         let reference = thrust(axis, recording)?;
         let two = self.layout == Layout::TwoPositions;
         let d = &axis.drive;
         let of_motor = motor_position(axis, recording).is_some();
         let delay = |k: usize| if k == 0 { d.motor_encoder_delay_s() } else { d.stage_encoder_delay_s() };
-        let mut raw = vec![(position(axis, recording)?, delay(usize::from(!of_motor)))];
+        let mut raw =
+            vec![(one_position(axis, recording, by_stage)?, delay(usize::from(by_stage || !of_motor)))];
         if two && let Some(stage) = stage_position(axis, recording) {
             raw.push((stage.to_vec(), delay(1)));
         }
@@ -247,7 +261,7 @@ impl Signals {
         let masked = (0..thin.count)
             .map(|j| {
                 let centre = thin_first + j * self.step;
-                let reach = thin_first - full_first;
+                let reach = self.kernels[0].half();
                 mask.get(centre.saturating_sub(reach)..(centre + reach).min(mask.len()))
                     .is_some_and(|part| part.iter().any(|m| *m))
             })
@@ -294,6 +308,11 @@ impl Signals {
     /// Thinned grid in the full-rate series of a recording.
     fn grid(&self, track: &Track) -> Grid {
         Grid { first: track.thin_first - track.full_first, step: self.step, count: track.thin_count() }
+    }
+
+    /// Share of its power that white noise keeps in the balance at a frequency.
+    pub(super) fn kept_power(&self, hz: f64) -> f64 {
+        self.kernels[0].power(hz, self.rate_hz)
     }
 
     /// A full-rate series, filtered and thinned; derivative 0, 1 or 2.
@@ -380,6 +399,41 @@ impl Track {
     pub(super) fn thin_s(&self, j: usize, step: usize) -> f64 {
         (self.thin_first + j * step) as f64 / self.rate_hz
     }
+}
+
+/// The position that one mass is taken at.
+fn one_position(axis: &AxisModel, recording: &Recording, by_stage: bool) -> Result<Vec<f64>, DiagnoseError> {
+    match stage_position(axis, recording).filter(|_| by_stage) {
+        Some(stage) => Ok(stage.to_vec()),
+        None => position(axis, recording),
+    }
+}
+
+/// True where the scale has less than half of the noise of the motor's encoder.
+fn stage_is_finer(axis: &AxisModel, recordings: &[Recording]) -> bool {
+    recordings.iter().all(|r| {
+        let (Some(motor), Some(stage)) = (motor_position(axis, r), stage_position(axis, r)) else {
+            return false;
+        };
+        let rate_hz = r.sample_rate.hz();
+        4.0 * variance_m2(stage, rate_hz, MOVING) < variance_m2(&motor, rate_hz, MOVING)
+    })
+}
+
+/// Up to where the noise of a position makes little force through the mass, Hz.
+///
+/// White noise of variance s^2 below f: rms M s (2 pi f)^2 (2 f / (5 rate))^(1/2).
+fn clean_band_hz(axis: &AxisModel, recording: &Recording, noise_m2: f64) -> f64 {
+    /// Lengths of the kernel that a recording holds at least.
+    const KERNELS: f64 = 30.0;
+    let rate_hz = recording.sample_rate.hz();
+    let Ok(thrust) = thrust(axis, recording) else { return f64::INFINITY };
+    let mean = thrust.reference_n.iter().sum::<f64>() / thrust.reference_n.len().max(1) as f64;
+    let about: Vec<f64> = thrust.reference_n.iter().map(|f| f - mean).collect();
+    let allowed_n = Criteria::STANDARD.position_noise * rms(&about);
+    let per_hz = axis.drive.total_mass_kg() * noise_m2.sqrt() * TAU * TAU * (0.4 / rate_hz).sqrt();
+    let least_hz = KERNELS * rate_hz / recording.len().max(1) as f64;
+    (allowed_n / per_hz.max(1e-300)).powf(0.4).max(least_hz)
 }
 
 fn band_hz(axis: &AxisModel, layout: Layout, rate_hz: f64) -> f64 {

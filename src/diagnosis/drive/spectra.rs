@@ -19,6 +19,8 @@ pub(super) const FOLDS: usize = 4;
 /// Blocks that all recordings together are cut into, at least; longest and shortest block.
 const LEAST_BLOCKS: usize = 24;
 const BLOCK: [usize; 2] = [32, 2048];
+/// Thinned samples in whole blocks, at least: a shortest block and its overlap.
+pub(super) const LEAST_MEASURED: usize = BLOCK[0];
 /// Bins that a band has at least.
 const LEAST_BINS: usize = 2;
 
@@ -64,10 +66,7 @@ impl Plan {
     /// `masked`: per recording and thinned sample, what was not measured; `top_hz`: highest frequency;
     /// `white`: fits see one noise level a recording.
     pub(super) fn new(masked: &[Vec<bool>], rate_hz: f64, (top_hz, white): (f64, bool)) -> Self {
-        let total: usize = masked.iter().map(Vec::len).sum();
-        let shortest = masked.iter().map(Vec::len).min().unwrap_or(0);
-        let most = (total / LEAST_BLOCKS).min(shortest).clamp(BLOCK[0], BLOCK[1]);
-        let block = if most.is_power_of_two() { most } else { most.next_power_of_two() / 2 };
+        let block = block_length(masked);
         let bin_hz = rate_hz / block as f64;
         let begins: Vec<Vec<usize>> = masked.iter().map(|m| whole_blocks(m, block)).collect();
         let bands = bands(bin_hz, top_hz, block);
@@ -113,6 +112,16 @@ impl Plan {
     /// A band in Hz.
     pub(super) fn band_hz(&self, band: usize) -> [f64; 2] {
         self.bands[band].map(|k| (k as f64 - 0.5).max(0.0) * self.bin_hz)
+    }
+
+    /// True where masks leave something to fit and something to judge it by.
+    pub(super) fn is_enough(&self) -> bool {
+        self.measured() >= LEAST_MEASURED as f64
+    }
+
+    /// Thinned samples that the blocks stand for.
+    pub(super) fn measured(&self) -> f64 {
+        0.5 * (self.block * self.begins.iter().map(Vec::len).sum::<usize>()) as f64
     }
 
     /// Number of recordings.
@@ -226,13 +235,26 @@ impl Cell {
     }
 }
 
-/// Begins of half-overlapping blocks without a masked sample; all of them where a mask leaves too few.
+/// The longest block that the recordings have room for. Masks cut them into pieces: then the longest that
+/// loses little more at the ends of the pieces than the best does.
+fn block_length(masked: &[Vec<bool>]) -> usize {
+    /// Share of what the best length keeps.
+    const KEPT: f64 = 0.8;
+    let total: usize = masked.iter().map(Vec::len).sum();
+    let shortest = masked.iter().map(Vec::len).min().unwrap_or(0);
+    let most = (total / LEAST_BLOCKS).min(shortest).clamp(BLOCK[0], BLOCK[1]);
+    let longest = if most.is_power_of_two() { most } else { most.next_power_of_two() / 2 };
+    let lengths: Vec<usize> =
+        std::iter::successors(Some(longest), |b| Some(b / 2)).take_while(|b| *b >= BLOCK[0]).collect();
+    let kept = |b: &usize| masked.iter().map(|m| whole_blocks(m, *b).len()).sum::<usize>() * b;
+    let best = lengths.iter().map(kept).max().unwrap_or(0);
+    lengths.iter().copied().find(|b| kept(b) as f64 >= KEPT * best as f64).unwrap_or(longest)
+}
+
+/// Begins of half-overlapping blocks without a masked sample.
 fn whole_blocks(masked: &[bool], block: usize) -> Vec<usize> {
-    let all: Vec<usize> =
-        (0..).map(|k| k * (block / 2)).take_while(|b| *b == 0 || b + block <= masked.len()).collect();
-    let clean = |b: &&usize| !masked[**b..(**b + block).min(masked.len())].iter().any(|m| *m);
-    let whole: Vec<usize> = all.iter().filter(clean).copied().collect();
-    if whole.len() >= FOLDS { whole } else { all }
+    let all = (0..).map(|k| k * (block / 2)).take_while(|b| *b == 0 || b + block <= masked.len());
+    all.filter(|b| !masked[*b..(*b + block).min(masked.len())].iter().any(|m| *m)).collect()
 }
 
 fn bands(bin_hz: f64, top_hz: f64, block: usize) -> Vec<[usize; 2]> {

@@ -1,5 +1,6 @@
 //! The balance of one axis with what has been taken up so far: columns, inner products, the present fit.
 
+pub(super) use super::accepted::Accepted;
 use super::columns::{Ground, Mechanics, TimeColumn};
 use super::criteria::Criteria;
 use super::gram::{BandGram, Column, Gram, Part};
@@ -8,13 +9,17 @@ use super::shape::{Hypothesis, Shape};
 use super::signals::{Layout, Path, Signals};
 use super::spectra::{FOLDS, Plan};
 use crate::plant::drive::DriveParams;
-use crate::plant::effects::law::ForceLaw;
 use std::sync::Arc;
 
 /// Turns of the knockoffs, as shares of a recording.
 const TURNS: [f64; 3] = [0.25, 0.5, 0.75];
 /// A central difference of the thrust over its time of arrival, samples.
 const TIMING_STEP: f64 = 0.1;
+/// A step of a loop's bandwidth, as a factor.
+pub(super) const LAG_STEP: f64 = 0.98;
+/// Steps of the bandwidth, and samples of a delay that was found, that a fit may take at once.
+const MOST_STEPS: f64 = 8.0;
+const MOST_DELAY_SAMPLES: f64 = 2.0;
 
 /// A number of the structure, and the two constants that encoders without a common zero and scale leave free.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -30,6 +35,8 @@ pub(in crate::diagnosis) enum Number {
     StageCoulomb,
     /// When a reference acts.
     Timing,
+    /// Bandwidth of a current loop that was found, in steps of [`LAG_STEP`].
+    Lag,
     /// Zero of the stretch.
     Zero,
     /// Travel of the motor over that of the scale.
@@ -43,51 +50,10 @@ pub(super) struct Balance {
     pub(super) drive: DriveParams,
     pub(super) signals: Signals,
     pub(super) plan: Plan,
+    /// A column was moved in time: when a reference acts is free, and no delay is asked about.
+    pub(super) clock_moved: bool,
     /// Columns that never change, by number.
     fixed: Vec<(Number, Column)>,
-}
-
-/// A law in the model.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Accepted {
-    pub(super) hypothesis: Hypothesis,
-    /// Its amplitudes.
-    pub(super) amplitudes: Vec<f64>,
-    /// Its place among the physics that the model states; `None`: found.
-    pub(super) given: Option<usize>,
-    /// A force that the model states, evaluated as it stands there.
-    pub(super) stated: Option<ForceLaw>,
-    /// Part of itself that the last fit has it at, for a law that enters as one column.
-    pub(super) scale: f64,
-}
-
-/// Amplitudes from which on a law enters further fits as one column, its form kept.
-const MOST_FREE: usize = 8;
-
-impl Accepted {
-    /// What was found.
-    pub(super) fn found(hypothesis: Hypothesis, amplitudes: Vec<f64>) -> Self {
-        Self { hypothesis, amplitudes, given: None, stated: None, scale: 1.0 }
-    }
-
-    /// True where it enters as one column.
-    pub(super) fn is_one_column(&self) -> bool {
-        self.given.is_some() || self.amplitudes.len() > MOST_FREE
-    }
-
-    /// Coefficients that it has in a fit.
-    pub(super) fn coefficients(&self) -> usize {
-        if self.is_one_column() { 1 } else { self.amplitudes.len() }
-    }
-
-    /// Its columns in a fit.
-    pub(super) fn columns(&self, ground: &Ground<'_>) -> Vec<TimeColumn> {
-        let all = match &self.stated {
-            Some(law) => vec![ground.stated(law, self.hypothesis.port)],
-            None => ground.columns(&self.hypothesis),
-        };
-        if self.is_one_column() { vec![TimeColumn::sum(&all, &self.amplitudes)] } else { all }
-    }
 }
 
 /// Numbers and laws, and the fit of all of them.
@@ -136,13 +102,13 @@ pub(super) struct HeldOut {
 
 impl Balance {
     /// Columns of the numbers that are linear in signals alone.
-    pub(super) fn new(drive: DriveParams, signals: Signals) -> Self {
+    pub(super) fn new(drive: DriveParams, signals: Signals, clock_moved: bool) -> Self {
         let masked: Vec<Vec<bool>> = signals.tracks.iter().map(|t| t.masked.clone()).collect();
         // One position tells friction at the lowest frequencies, where every real axis leaves most: weights
         // by band would give those few bins away for the many of the noise.
         let white = signals.layout != Layout::TwoPositions;
         let plan = Plan::new(&masked, signals.thin_rate_hz(), (signals.top_hz(), white));
-        let mut out = Self { drive, signals, plan, fixed: Vec::new() };
+        let mut out = Self { drive, signals, plan, clock_moved, fixed: Vec::new() };
         let changing = |n: &Number| matches!(n, N::MotorCoulomb | N::StageCoulomb | N::Timing);
         out.fixed = out
             .numbers()
@@ -201,7 +167,7 @@ impl Balance {
                 let middle = 0.5 * self.signals.travel_m().iter().sum::<f64>();
                 t.position.iter().map(|x| x - middle).collect()
             }),
-            N::MotorCoulomb | N::StageCoulomb | N::Timing => TimeColumn::default(),
+            N::MotorCoulomb | N::StageCoulomb | N::Timing | N::Lag => TimeColumn::default(),
         }
     }
 
@@ -234,6 +200,7 @@ impl Balance {
                     .collect();
                 TimeColumn { sides: [Some(rate), None] }
             }
+            N::Lag => state.lagging(LAG_STEP),
             _ => self.linear(number),
         }
     }
@@ -308,7 +275,7 @@ impl State {
         let mechanics = stated_mechanics(balance);
         let path = Path { delay_s: d.amplifier_dead_time_s(), loop_rad_s: d.current_loop_bandwidth_rad_s() };
         let smoothing_m_s = balance.signals.smoothing_m_s;
-        let laws = Laws { path, timing_s: 0.0, smoothing_m_s, mechanics, timing_free: true, inertial };
+        let laws = Laws { path, timing_s: 0.0, smoothing_m_s, mechanics, found: [false; 2], inertial };
         let mut state = Self {
             path,
             timing_s: 0.0,
@@ -347,7 +314,7 @@ impl State {
             timing_s: self.timing_s,
             smoothing_m_s: self.smoothing_m_s,
             mechanics: self.mechanics,
-            timing_free: !self.found_delay,
+            found: [self.found_delay, self.found_loop],
             inertial: self.inertial,
         };
         self.base = Arc::new(base(balance, laws, &self.accepted));
@@ -359,7 +326,7 @@ impl State {
     pub(super) fn with_numbers(&self, beta: &[f64]) -> Self {
         let mut out = self.clone();
         out.take_numbers(beta);
-        out.timing_s = self.timing_s;
+        (out.timing_s, out.path) = (self.timing_s, self.path);
         out
     }
 
@@ -377,7 +344,10 @@ impl State {
                 N::StageMass => m.stage_mass_kg = kept,
                 N::StageDamping => m.stage_damping_n_s_m = kept,
                 N::StageCoulomb => m.stage_coulomb_n = kept,
+                // A dead time that was found and when a reference acts are one number.
+                N::Timing if self.found_delay => self.path.delay_s += value,
                 N::Timing => self.timing_s += value,
+                N::Lag => self.path.loop_rad_s = self.path.loop_rad_s.map(|w| w * LAG_STEP.powf(*value)),
                 N::Zero => m.spring_zero_n = *value,
                 N::Scale => {}
             }
@@ -435,8 +405,8 @@ struct Laws {
     timing_s: f64,
     smoothing_m_s: f64,
     mechanics: Mechanics,
-    /// False where a dead time was found: it and the timing inside a sample are one number.
-    timing_free: bool,
+    /// A dead time, a current loop that were found: they stay free, since each bends the other.
+    found: [bool; 2],
     /// See [`State`].
     inertial: bool,
 }
@@ -461,7 +431,8 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
         smoothing_m_s: laws.smoothing_m_s,
         path: Path { delay_s: laws.path.delay_s + laws.timing_s, ..laws.path },
     };
-    let numbers = balance.numbers();
+    let mut numbers = balance.numbers();
+    numbers.extend(laws.found[1].then_some(N::Lag));
     let mut columns = vec![balance.column(&balance.target(ground.path))];
     let mut bounds = Vec::new();
     let mut start = Vec::new();
@@ -470,7 +441,18 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
         let fixed = balance.fixed.iter().find(|(n, _)| n == number).map(|(_, c)| c.clone());
         columns.push(fixed.unwrap_or_else(|| balance.column(&balance.number_column(*number, &ground))));
         bounds.push(match number {
-            N::Timing if !laws.timing_free => [0.0, 0.0],
+            N::Lag => [-MOST_STEPS, MOST_STEPS],
+            N::Timing if laws.found[0] => {
+                [-MOST_DELAY_SAMPLES, MOST_DELAY_SAMPLES].map(|s| s / balance.signals.rate_hz)
+            }
+            // To two rows, which is what a clock is put right to, and to all that the model delays.
+            N::Timing if balance.clock_moved => {
+                let d = &balance.drive;
+                let encoders_s = d.motor_encoder_delay_s().max(d.stage_encoder_delay_s());
+                let lag_s = laws.path.loop_rad_s.map_or(0.0, f64::recip);
+                let within_s = laws.path.delay_s + encoders_s + lag_s + 2.0 / balance.signals.rate_hz;
+                [-within_s, within_s].map(|s| s - laws.timing_s)
+            }
             N::Timing => {
                 Criteria::STANDARD.timing_samples.map(|s| s / balance.signals.rate_hz - laws.timing_s)
             }
@@ -486,15 +468,15 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
             N::StageDamping => m.stage_damping_n_s_m,
             N::StageCoulomb => m.stage_coulomb_n,
             N::Zero => m.spring_zero_n,
-            N::Timing | N::Scale => 0.0,
+            N::Timing | N::Lag | N::Scale => 0.0,
         });
     }
     for a in accepted {
         let time = a.columns(&ground);
         let one = a.is_one_column();
-        bounds.extend(match a.hypothesis.shape {
+        bounds.extend(match a.hypothesis {
             // Numbers have moved beside it: what is not one now is not the law.
-            Shape::Torsion { .. } if a.given.is_none() => vec![[1.0, 1.0]],
+            h if h.is_whole() && a.given.is_none() => vec![[1.0, 1.0]],
             _ if one => vec![FREE],
             _ => amplitude_bounds(&a.hypothesis, time.len()),
         });

@@ -3,9 +3,9 @@
 use super::bank::{PIECES, candidates};
 use super::columns::TimeColumn;
 use super::criteria::Criteria;
-use super::evidence::{Asked, ask, level, statistic};
+use super::evidence::{Asked, ask, level, price, statistic};
 use super::gram::Part;
-use super::likelihood::FREE;
+use super::likelihood::{FREE, values};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Accepted, Balance, State, is_of_path};
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
@@ -21,9 +21,7 @@ const HALVINGS: usize = 4;
 /// Gauss-Newton steps at most.
 const STEPS: usize = 8;
 /// Passes in which numbers and shapes follow one another after something was taken up.
-const PASSES: usize = 4;
-/// A constant within this share of its bound is at it.
-const NEAR_BOUND: f64 = 0.02;
+const PASSES: usize = 6;
 
 /// One axis.
 pub(super) struct Drive<'a> {
@@ -45,8 +43,7 @@ impl<'a> Drive<'a> {
     fn refined(&self, state: &State, start: &Hypothesis, work: &mut Work) -> Option<(Hypothesis, Asked)> {
         let mut h = *start;
         let mut asked = work.take(1).then(|| ask(self.balance, state, &h, false))?;
-        let torsion = matches!(h.shape, Shape::Torsion { .. });
-        if asked.score < 0.0 && !torsion {
+        if asked.score < 0.0 && !h.is_whole() {
             return Some((h, asked));
         }
         if let Shape::Map { flips, .. } = h.shape {
@@ -62,11 +59,12 @@ impl<'a> Drive<'a> {
             }
             return Some((h, asked));
         }
-        if let Shape::Cut { .. } = h.shape {
-            (h, asked) = self.edges(state, h, asked, work);
-        }
         if let Shape::Torsion { .. } = h.shape {
             (h, asked) = self.splits(state, h, asked, work);
+        }
+        (h, asked) = self.shortest_period(state, h, asked, work);
+        if let Shape::Cut { .. } = h.shape {
+            (h, asked) = self.edges(state, h, asked, work);
         }
         // Laws that are made of the numbers follow them as they move beside the law.
         let mut state = state.clone();
@@ -139,7 +137,35 @@ impl<'a> Drive<'a> {
         (h, asked)
     }
 
-    /// Begin and end of a cut by halving steps.
+    /// What repeats after a period does so after two of them: the longer one must earn the price of its
+    /// further harmonics.
+    fn shortest_period(
+        &self,
+        state: &State,
+        mut h: Hypothesis,
+        mut asked: Asked,
+        work: &mut Work,
+    ) -> (Hypothesis, Asked) {
+        let harmonic = price(2, values(&asked.gram.sum(&self.balance.plan, Part::All)));
+        for part in [2.0, 2.0, 3.0] {
+            let shape = match h.shape {
+                Shape::Wave { wavelength_m } => Shape::Wave { wavelength_m: wavelength_m / part },
+                Shape::Cut { hz, start_s, end_s } => Shape::Cut { hz: part * hz, start_s, end_s },
+                _ => return (h, asked),
+            };
+            if !work.take(1) {
+                break;
+            }
+            let next = Hypothesis { shape, ..h };
+            let other = ask(self.balance, state, &next, false);
+            if other.score > asked.score - harmonic {
+                (h, asked) = (next, other);
+            }
+        }
+        (h, asked)
+    }
+
+    /// Begin and end of a cut: steps that grow while they gain, then finer ones.
     fn edges(
         &self,
         state: &State,
@@ -147,36 +173,40 @@ impl<'a> Drive<'a> {
         mut asked: Asked,
         work: &mut Work,
     ) -> (Hypothesis, Asked) {
-        for by in [0.1, 0.04, 0.015] {
-            for which in [0, 1] {
-                for sign in [-1.0, 1.0] {
-                    let Shape::Cut { hz, start_s, end_s } = h.shape else { continue };
+        for (by, which) in [0.3, 0.1, 0.04, 0.015].into_iter().flat_map(|by| [(by, 0), (by, 1)]) {
+            for sign in [-1.0, 1.0] {
+                let mut step = sign * by;
+                loop {
+                    let Shape::Cut { hz, start_s, end_s } = h.shape else { break };
                     let mut ends = [start_s, end_s];
-                    ends[which] += sign * by;
+                    ends[which] += step;
                     if ends[1] - ends[0] < 0.1 || !work.take(1) {
-                        continue;
+                        break;
                     }
                     let shape = Shape::Cut { hz, start_s: ends[0], end_s: ends[1] };
                     let next = Hypothesis { shape, ..h };
                     let other = ask(self.balance, state, &next, false);
-                    if other.score > asked.score {
-                        (h, asked) = (next, other);
+                    if other.score <= asked.score {
+                        break;
                     }
+                    (h, asked, step) = (next, other, 1.5 * step);
                 }
             }
         }
         (h, asked)
     }
 
-    /// What a free function of the speed explains where a map over position is asked about, nats: in
-    /// strokes that repeat, speed is a function of position, and nothing tells which of the two it is.
-    fn as_of_speed(&self, state: &State, flips: bool, work: &mut Work) -> f64 {
-        if !work.take(1) {
-            return 0.0;
-        }
-        let shape = Shape::SpeedMap { pieces: PIECES[0], flips };
-        let h = Hypothesis::named(EffectKind::PositionDependentForce, Port::Stage, shape);
-        ask(self.balance, state, &h, false).score.max(0.0)
+    /// What a free function of the speed, or of the way since the axis turned round, explains where a map
+    /// over position is asked about, nats: in strokes that repeat both are functions of position, and nothing
+    /// tells which of the three it is.
+    fn as_of_motion(&self, state: &State, flips: bool, work: &mut Work) -> f64 {
+        let pieces = PIECES[0];
+        let shapes = [Shape::SpeedMap { pieces, flips }, Shape::ReversalMap { pieces }];
+        let score = |shape| {
+            let h = Hypothesis::named(EffectKind::PositionDependentForce, Port::Stage, shape);
+            if work.take(1) { ask(self.balance, state, &h, false).score } else { 0.0 }
+        };
+        shapes.map(score).into_iter().fold(0.0, f64::max)
     }
 
     /// A Gauss-Newton step of the logarithms of the constants.
@@ -201,38 +231,80 @@ impl<'a> Drive<'a> {
         step.iter().all(|s| s.is_finite()).then_some(step)
     }
 
-    /// Path, shapes and numbers follow one another until they stand.
-    fn settled(&self, mut state: State, work: &mut Work) -> State {
-        for _ in 0..PASSES {
-            state = state.rebuilt(self.balance);
-            for a in &mut state.accepted {
-                if let Shape::EncoderError { sine_m, cosine_m, .. } = &mut a.hypothesis.shape
-                    && a.given.is_none()
-                {
-                    (*sine_m, *cosine_m) = (a.amplitudes[0], a.amplitudes[1]);
-                }
+    /// Shapes and numbers follow one another until they stand; a step that loses is taken shorter.
+    fn settled(&self, state: State, passes: usize, work: &mut Work) -> State {
+        let mut best = state.rebuilt(self.balance);
+        let mut share = 1.0;
+        for _ in 0..passes {
+            let Some(next) = self.moved(best.clone(), share, work) else { break };
+            let next = next.rebuilt(self.balance);
+            let gained = best.base.fit.nats - next.base.fit.nats;
+            if gained > 0.0 {
+                best = next;
+            } else {
+                share *= 0.2;
             }
-            for k in 0..state.accepted.len() {
-                let a = state.accepted[k].clone();
-                if a.hypothesis.constants().is_empty() || a.is_one_column() {
-                    continue;
-                }
-                let count = a.hypothesis.constants().len() as u64;
-                if !work.take(1 + count) {
-                    return state;
-                }
-                let values = self.stepped(&state, k);
-                if let Some(values) = values {
-                    state.accepted[k].hypothesis = a.hypothesis.with(&values);
-                }
+            if gained.abs() < Criteria::STANDARD.converged_nats {
+                break;
             }
-            state = self.path_settled(state, work);
         }
-        state.rebuilt(self.balance)
+        best
+    }
+
+    /// What was taken up before its cause was known may have stood in for it: laws that the others do without
+    /// are dropped.
+    fn without_stand_ins(&self, mut state: State, work: &mut Work) -> State {
+        let total = values(&state.base.all);
+        let level = level(self.chance_nats());
+        let mut k = 0;
+        // The newest was just asked about, beside all of these.
+        while k + 1 < state.accepted.len() {
+            let law = &state.accepted[k];
+            if law.given.is_some() || !work.take(2 * (1 + law.coefficients() as u64)) {
+                k += 1;
+                continue;
+            }
+            let cost = price(law.coefficients() + law.hypothesis.constants().len(), total);
+            let mut others = state.clone();
+            others.accepted.remove(k);
+            let others = self.settled(others, PASSES / 2, work);
+            if others.base.fit.nats - state.base.fit.nats - cost < level {
+                (state, k) = (others, 0);
+            } else {
+                k += 1;
+            }
+        }
+        state
+    }
+
+    /// One step of every shape. `None`: the budget is spent.
+    fn moved(&self, mut state: State, share: f64, work: &mut Work) -> Option<State> {
+        for a in &mut state.accepted {
+            if let Shape::EncoderError { sine_m, cosine_m, .. } = &mut a.hypothesis.shape
+                && a.given.is_none()
+            {
+                (*sine_m, *cosine_m) = (a.amplitudes[0], a.amplitudes[1]);
+            }
+        }
+        for k in 0..state.accepted.len() {
+            let a = state.accepted[k].clone();
+            if a.hypothesis.constants().is_empty() || a.is_one_column() {
+                continue;
+            }
+            let count = a.hypothesis.constants().len() as u64;
+            if !work.take(1 + count) {
+                return None;
+            }
+            let values = self.stepped(&state, k, share);
+            if let Some(values) = values {
+                state.accepted[k].hypothesis = a.hypothesis.with(&values);
+            }
+        }
+        Some(state)
     }
 
     /// One Gauss-Newton step of an accepted law.
-    fn stepped(&self, state: &State, k: usize) -> Option<Vec<f64>> {
+    fn stepped(&self, state: &State, k: usize, share: f64) -> Option<Vec<f64>> {
         let base = &state.base;
         let asked = Asked {
             gram: base.gram.clone(),
@@ -246,7 +318,7 @@ impl<'a> Drive<'a> {
         let slopes = slopes(self.balance, state, &a.hypothesis, &a.amplitudes);
         let step = self.free_step(&asked, &slopes)?;
         let moved = |(c, s): (&super::shape::Constant, &f64)| {
-            (c.value * s.clamp(-0.1, 0.1).exp()).clamp(c.bounds[0], c.bounds[1])
+            (c.value * (share * s.clamp(-0.1, 0.1)).exp()).clamp(c.bounds[0], c.bounds[1])
         };
         Some(a.hypothesis.constants().iter().zip(&step).map(moved).collect())
     }
@@ -266,47 +338,6 @@ impl<'a> Drive<'a> {
         let fit = design.fit(&bands, start, weights);
         let step = fit.beta[fit.beta.len() - count..].to_vec();
         step.iter().all(|s| s.is_finite()).then_some(step)
-    }
-
-    /// Delay and bandwidth that were found, moved to where the balance has them.
-    fn path_settled(&self, mut state: State, work: &mut Work) -> State {
-        let [delay, bandwidth] = state.found_path();
-        if !(delay || bandwidth) || !work.take(2) {
-            return state;
-        }
-        let by_s = 0.05 / self.balance.signals.rate_hz;
-        let mut asked = Vec::new();
-        if delay {
-            asked.push(Shape::Delay { extra_s: by_s, early: false });
-        }
-        if let Some(w) = state.path.loop_rad_s.filter(|_| bandwidth) {
-            asked.push(Shape::Loop { rad_s: 0.98 * w });
-        }
-        let ground = state.ground(self.balance);
-        let columns: Vec<TimeColumn> = asked
-            .iter()
-            .flat_map(|shape| ground.columns(&Hypothesis::named(EffectKind::DeadTime, Port::Current, *shape)))
-            .collect();
-        let beside = Asked {
-            gram: state.base.gram.clone(),
-            design: state.base.design.clone(),
-            fit: state.base.fit.clone(),
-            score: 0.0,
-            chance: 0.0,
-            first: 0,
-        };
-        if let Some(step) = self.free_step(&beside, &columns) {
-            for (shape, s) in asked.iter().zip(step) {
-                match shape {
-                    Shape::Loop { .. } => {
-                        let factor = 0.98_f64.powf(s.clamp(-8.0, 8.0));
-                        state.path.loop_rad_s = state.path.loop_rad_s.map(|w| w * factor);
-                    }
-                    _ => state.path.delay_s += (s.clamp(-8.0, 8.0)) * by_s,
-                }
-            }
-        }
-        state
     }
 }
 
@@ -375,25 +406,22 @@ impl Subject for Drive<'_> {
         let mut evidence_nats = statistic(self.balance, state, &h, &asked);
         let mut amplitudes = asked.amplitudes().to_vec();
         if let Shape::Map { flips, .. } = h.shape {
-            evidence_nats -= self.as_of_speed(state, flips, work);
+            evidence_nats -= self.as_of_motion(state, flips, work);
             if flips {
                 // Its mean is dry friction, which the numbers hold.
                 let mean = amplitudes.iter().sum::<f64>() / amplitudes.len().max(1) as f64;
                 amplitudes.iter_mut().for_each(|a| *a -= mean);
             }
         }
-        let near = |c: &super::shape::Constant| {
-            c.value < c.bounds[0] * (1.0 + NEAR_BOUND) || c.value > c.bounds[1] * (1.0 - NEAR_BOUND)
-        };
-        let at_bound =
-            asked.held() && !matches!(h.shape, Shape::Torsion { .. }) || h.constants().iter().any(near);
+        let at_bound = asked.held() && !h.is_whole() || h.is_at_bound();
         let mut model = state.with_numbers(&asked.fit.beta);
         model.take_up(self.balance, Accepted::found(h, amplitudes));
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: level(self.chance_nats()), at_bound })
     }
 
     fn settle(&self, state: State, work: &mut Work) -> State {
-        self.settled(state, work)
+        let state = self.settled(state, PASSES, work);
+        self.without_stand_ins(state, work)
     }
 }
 
@@ -418,10 +446,5 @@ impl State {
             _ => self.accepted.push(law),
         }
         debug_assert!(!is_of_path(&h) || self.found_delay || self.found_loop);
-    }
-
-    /// Whether delay and bandwidth were found.
-    pub(super) fn found_path(&self) -> [bool; 2] {
-        [self.found_delay, self.found_loop]
     }
 }

@@ -93,16 +93,27 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
             s.force("amplitude_n", "N", amplitude, deviation);
             s.add("phase_rad", "rad", phase, deviation / amplitude.max(1e-300));
         }
-        Shape::Map { .. } | Shape::SpeedMap { .. } => {
+        Shape::Map { .. } | Shape::SpeedMap { .. } | Shape::ReversalMap { .. } => {
             // The form is kept, its size is what the last fit tells.
             let relative =
                 (0..law.amplitudes.len()).map(|k| d(k) / a(k).abs().max(1e-300)).fold(0.0, f64::max);
             let peak_n = peak(&table(balance, law).force_n);
             s.force("amplitude_n", "N", peak_n, relative * peak_n);
         }
-        Shape::Saturation { per_a2 } => s.constant("per_a2", "1/A2", per_a2, r(0)),
+        Shape::Saturation { per_a2, .. } => s.constant("per_a2", "1/A2", per_a2, r(0)),
         Shape::Backlash { gap_m } => s.constant("gap_m", "m", gap_m, r(0)),
+        Shape::Play { gap_m, yield_m } => {
+            s.constant("gap_m", "m", gap_m, r(0));
+            s.constant("stiffness_n_m", "N/m", a(0) / yield_m, r(1).hypot(d(0) / a(0).max(1e-300)));
+            s.force("force_n", "N", a(0), d(0));
+        }
         Shape::Cubic => s.force("cubic_n_m3", "N/m3", a(0), d(0)),
+        Shape::StiffnessSlope => {
+            // Over the travel, which is what the recordings saw.
+            let [low, high] = balance.signals.travel_m();
+            s.add("relative_variation", "1", a(0) * (high - low), d(0) * (high - low));
+            s.add("length_m", "m", high - low, 0.0);
+        }
         Shape::StiffnessWave { length_m } => {
             let (amplitude, phase) = amplitude_phase(a(0), a(1));
             s.add("relative_variation", "1", amplitude, d(0).max(d(1)));
@@ -126,7 +137,7 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
             s.add("phase_rad", "rad", phase, d(0).max(d(1)) / amplitude.max(1e-300));
         }
         Shape::Cut { hz, start_s, end_s } => {
-            s.constant("fundamental_hz", "Hz", hz * harmonic_step(&law.amplitudes, d(0)), r(0));
+            s.constant("fundamental_hz", "Hz", hz, r(0));
             let (peak_n, deviation_n) = peak_of_cut(&law.amplitudes, d(0));
             s.force("amplitude_n", "N", peak_n, deviation_n);
             s.add("start_s", "s", start_s, 0.02);
@@ -174,22 +185,6 @@ fn numbers_of_cut(amplitudes: &[f64]) -> usize {
     lengths.iter().copied().find(|l| l % 2 == 1 && *l <= 2 * CUT_HARMONICS + 1).unwrap_or(1)
 }
 
-/// The largest step between harmonics that leaves out nothing but noise: a force of period T is one of 2 T,
-/// too, whose odd harmonics are zero.
-fn harmonic_step(amplitudes: &[f64], deviation: f64) -> f64 {
-    let length = numbers_of_cut(amplitudes);
-    let noise = |step: usize| {
-        let beside = amplitudes.chunks_exact(length.max(1)).flat_map(|set| {
-            let waves = set[..length - 1].chunks_exact(2).enumerate();
-            waves.filter(move |(h, _)| !(h + 1).is_multiple_of(step)).map(|(_, c)| c[0].hypot(c[1]))
-        });
-        let largest = beside.fold(0.0, f64::max);
-        // Four deviations of a sine and of a cosine: one chance in some thousand for ten harmonics.
-        largest < 4.0 * deviation
-    };
-    (1..=4).rev().find(|step| *step == 1 || noise(*step)).unwrap_or(1) as f64
-}
-
 /// Largest force of a cut over a period, its mean included, of the recording where it is largest.
 ///
 /// A tool that cuts part of the time pushes in pulses: their height is what the machine feels, not the
@@ -234,6 +229,9 @@ pub(super) fn term(balance: &Balance, law: &Accepted, estimates: &[Estimate]) ->
                 number("with_direction", 1.0);
             }
         }
+        Shape::Saturation { parabolic, .. } if parabolic != 0.0 => {
+            parameters.push(("parabolic".to_owned(), ParameterValue::Number(parabolic)));
+        }
         Shape::Presliding { .. } => {
             let rate_n = law.amplitudes.get(1).copied().unwrap_or(0.0);
             parameters.push(("bristle_rate_n".to_owned(), ParameterValue::Number(rate_n)));
@@ -259,11 +257,11 @@ pub(in crate::diagnosis) fn equation(effect: E) -> &'static str {
         E::PositionPeriodicForce => "F = sum_h A_h sin(2 pi h x / wavelength + phase_h)",
         E::PositionDependentForce => "F = F(x), cubic between knots",
         E::TorqueRipple => "F = sum_h A_h sin(h order theta + phase_h)",
-        E::TorqueConstantSaturation => "T = K_t i / (1 + b i^2)",
+        E::TorqueConstantSaturation => "T = K_t i (1 - b i^2 + ...)",
         E::GravityLoad => "F = constant",
-        E::Backlash => "S = K (D - clamp(D, -gap/2, gap/2))",
+        E::Backlash => "S = K (D - clamp(D, -gap/2, gap/2)), at most the friction behind it",
         E::TorsionalMode => "J_s e'' + c e' + (k + K) e = -J_s a_m - K D",
-        E::PositionDependentStiffness => "S = K (1 + r sin(2 pi x / L + phase)) D",
+        E::PositionDependentStiffness => "S = K (1 + r x / L) D, or K (1 + r sin(2 pi x / L + phase)) D",
         E::NonlinearStiffness => "S = K D + K_3 D^3",
         E::DeadTime => "signal(t) -> signal(t - T)",
         E::CurrentLoopLag => "i' = w (i_ref - i)",

@@ -31,8 +31,10 @@ pub(super) struct Constants {
     pub(super) torsion_n_s_m: f64,
     pub(super) stage_kg: f64,
     pub(super) thrust_per_unit: f64,
-    /// Share that the thrust loses per unit of the reference squared.
+    /// Share that the thrust loses per unit of the reference squared, while that is small.
     pub(super) saturation: f64,
+    /// 0: k i / (1 + b i^2), 1: k i (1 - b i^2).
+    pub(super) parabolic: f64,
     pub(super) stiffness_n_m: f64,
     pub(super) stiffness_slope_1_m: f64,
     pub(super) half_gap_m: f64,
@@ -86,6 +88,7 @@ impl Constants {
             stage_kg: if rigid { 1.0 } else { d.movable_mass_kg() },
             thrust_per_unit: thrust_per_unit.or(d.thrust_constant_n_a()).unwrap_or(1.0),
             saturation: 0.0,
+            parabolic: 0.0,
             stiffness_n_m: d.axial_stiffness_n_m(),
             stiffness_slope_1_m: 0.0,
             half_gap_m: 0.0,
@@ -135,7 +138,10 @@ impl Constants {
                 self.bristle_n_m = get("presliding_stiffness_n_m")?;
                 self.bristle_share = get("share").unwrap_or(1.0);
             }
-            E::TorqueConstantSaturation => self.saturation += get("per_a2")?,
+            E::TorqueConstantSaturation => {
+                self.saturation += get("per_a2")?;
+                self.parabolic = get("parabolic").unwrap_or(0.0);
+            }
             E::Backlash => self.half_gap_m += 0.5 * get("gap_m")?,
             E::NonlinearStiffness => self.cubic_n_m3 += get("cubic_n_m3")?,
             E::PositionDependentStiffness => {

@@ -41,6 +41,7 @@ pub(super) struct Lanes<const L: usize> {
     torsion: [Lane<L>; 2],
     thrust_per_unit: Lane<L>,
     saturation: Lane<L>,
+    parabolic: Lane<L>,
     stiffness: Lane<L>,
     slope: Lane<L>,
     half_gap: Lane<L>,
@@ -76,6 +77,7 @@ impl<const L: usize> Lanes<L> {
             torsion: [of(&|m| m.torsion_n_m), of(&|m| m.torsion_n_s_m)],
             thrust_per_unit: of(&|m| m.thrust_per_unit),
             saturation: of(&|m| m.saturation),
+            parabolic: of(&|m| m.parabolic),
             stiffness: of(&|m| m.stiffness_n_m),
             slope: of(&|m| m.stiffness_slope_1_m),
             half_gap: of(&|m| m.half_gap_m),
@@ -103,7 +105,9 @@ impl<const L: usize> Lanes<L> {
         for l in 0..L {
             let i = self.at_once[l] * told[l] + (1.0 - self.at_once[l]) * s[CURRENT][l];
             out[CURRENT][l] = self.loop_rad_s[l] * (told[l] - s[CURRENT][l]);
-            let thrust = self.thrust_per_unit[l] * i * (1.0 - self.saturation[l] * i * i);
+            let bent = self.saturation[l] * i * i;
+            let kept = 1.0 - bent / (1.0 + (1.0 - self.parabolic[l]) * bent);
+            let thrust = self.thrust_per_unit[l] * i * kept;
             let friction = multiply_add::<FUSED>(
                 self.viscous[0][l],
                 s[MOTOR_V][l],

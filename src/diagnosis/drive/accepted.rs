@@ -1,0 +1,48 @@
+//! A law that stands in the model of a balance.
+
+use super::columns::{Ground, TimeColumn};
+use super::shape::Hypothesis;
+use crate::plant::effects::law::ForceLaw;
+
+/// A law in the model.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Accepted {
+    pub(super) hypothesis: Hypothesis,
+    /// Its amplitudes.
+    pub(super) amplitudes: Vec<f64>,
+    /// Its place among the physics that the model states; `None`: found.
+    pub(super) given: Option<usize>,
+    /// A force that the model states, evaluated as it stands there.
+    pub(super) stated: Option<ForceLaw>,
+    /// Part of itself that the last fit has it at, for a law that enters as one column.
+    pub(super) scale: f64,
+}
+
+/// Amplitudes from which on a law enters further fits as one column, its form kept.
+const MOST_FREE: usize = 8;
+
+impl Accepted {
+    /// What was found.
+    pub(super) fn found(hypothesis: Hypothesis, amplitudes: Vec<f64>) -> Self {
+        Self { hypothesis, amplitudes, given: None, stated: None, scale: 1.0 }
+    }
+
+    /// True where it enters as one column.
+    pub(super) fn is_one_column(&self) -> bool {
+        self.given.is_some() || self.amplitudes.len() > MOST_FREE
+    }
+
+    /// Coefficients that it has in a fit.
+    pub(super) fn coefficients(&self) -> usize {
+        if self.is_one_column() { 1 } else { self.amplitudes.len() }
+    }
+
+    /// Its columns in a fit.
+    pub(super) fn columns(&self, ground: &Ground<'_>) -> Vec<TimeColumn> {
+        let all = match &self.stated {
+            Some(law) => vec![ground.stated(law, self.hypothesis.port)],
+            None => ground.columns(&self.hypothesis),
+        };
+        if self.is_one_column() { vec![TimeColumn::sum(&all, &self.amplitudes)] } else { all }
+    }
+}
