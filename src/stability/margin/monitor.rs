@@ -66,6 +66,8 @@ pub struct MarginState {
     mean_force_n: f64,
     air_mean_n: f64,
     air_slices: f64,
+    /// Largest swing of the band in the last block of air, N: what swings there too is not the cut.
+    air_swing_n: f64,
     /// Samples until the first slice of a cut begins.
     until_cut: usize,
     /// Samples by which this axis lags the others, so that their transforms fall on different samples.
@@ -98,11 +100,12 @@ pub struct MarginState {
 
 impl Keep for MarginState {
     fn keep(&self, to: &mut Vec<u64>) {
-        let Self { band, slices, in_cut, mean_force_n, air_mean_n, air_slices, until_cut, lag: _, .. } = self;
+        let Self { band, slices, in_cut, mean_force_n, air_mean_n, air_slices, air_swing_n, .. } = self;
         band.keep(to);
         slices.keep(to);
         in_cut.keep(to);
-        [mean_force_n, air_mean_n, air_slices].into_iter().for_each(|x| x.keep(to));
+        [mean_force_n, air_mean_n, air_slices, air_swing_n].into_iter().for_each(|x| x.keep(to));
+        let Self { until_cut, lag: _, .. } = self;
         until_cut.keep(to);
         let Self { reference_n_m2, noise, blocks, filled, joined, deviations, fit, per_sample, .. } = self;
         reference_n_m2.keep(to);
@@ -126,11 +129,13 @@ impl Keep for MarginState {
     }
 
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { band, slices, in_cut, mean_force_n, air_mean_n, air_slices, until_cut, .. } = self;
+        let Self { band, slices, in_cut, mean_force_n, air_mean_n, air_slices, air_swing_n, .. } = self;
         band.restore(from)?;
         slices.restore(from)?;
         in_cut.restore(from)?;
-        [mean_force_n, air_mean_n, air_slices].into_iter().try_for_each(|x| x.restore(from))?;
+        let levels = [mean_force_n, air_mean_n, air_slices, air_swing_n];
+        levels.into_iter().try_for_each(|x| x.restore(from))?;
+        let Self { until_cut, .. } = self;
         until_cut.restore(from)?;
         let Self { reference_n_m2, noise, blocks, filled, joined, deviations, fit, per_sample, .. } = self;
         reference_n_m2.restore(from)?;
@@ -185,6 +190,7 @@ impl MarginMonitor {
             mean_force_n: 0.0,
             air_mean_n: 0.0,
             air_slices: 0.0,
+            air_swing_n: 0.0,
             until_cut: 0,
             lag: axis * self.band.samples_per_output(),
             reference_n_m2: 0.0,
@@ -273,6 +279,10 @@ impl MarginMonitor {
 
     /// Tools enter or leave the cut: what was learned of it is forgotten.
     fn change(&self, state: &mut MarginState, in_cut: bool, conditions: &CutConditions) {
+        if in_cut {
+            let heard = state.slices.whole >= SLICES;
+            state.air_swing_n = if heard { self.band.largest_n(&state.band) } else { 0.0 };
+        }
         state.in_cut = in_cut;
         state.slices = Slices::default();
         self.band.begin(&mut state.band);
@@ -340,8 +350,8 @@ impl MarginMonitor {
     fn may_learn(&self, state: &MarginState) -> bool {
         let middle_hz = self.band.middle_hz;
         let mean_n = (state.slices.mean(SLICES).force_n - state.air_mean_n).abs();
-        let linear =
-            !self.settings.pushes || self.band.largest_n(&state.band) < self.criteria.linear_swing * mean_n;
+        let swing2 = self.band.largest_n(&state.band).powi(2) - state.air_swing_n.powi(2);
+        let linear = !self.settings.pushes || swing2 < (self.criteria.linear_swing * mean_n).powi(2);
         linear && state.slices.steady(middle_hz, &self.criteria)
     }
 
