@@ -30,3 +30,20 @@ pub(super) fn routes() -> Router<Site> {
         .route("/icon.svg", get(|| async { file("image/svg+xml", ICON) }))
         .route("/docs/problems", get(|| async { file("text/html; charset=utf-8", PROBLEMS) }))
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::avoidance::HoldReason;
+    use crate::telemetry::EventKind;
+
+    /// What the page shows of an event or a hold is said in every language of it.
+    #[test]
+    fn every_kind_of_event_and_reason_has_its_words() {
+        let table = super::WORDS;
+        let words = EventKind::ALL.iter().map(|k| k.word()).chain(HoldReason::ALL.iter().map(|r| r.name()));
+        for word in words {
+            let key = format!("\n  \"{}\": [\"", word.replace('_', " "));
+            assert_eq!(table.matches(&key).count(), 1, "{word}");
+        }
+    }
+}

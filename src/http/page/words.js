@@ -137,6 +137,7 @@ const WORDS = {
   "recording saved": ["Aufzeichnung gesichert", "記録を保存"],
   "recording failed": ["Aufzeichnung misslungen", "記録に失敗"],
   "diagnosis done": ["Diagnose fertig", "診断完了"],
+  "cut mismatch": ["Schnitt anders als Modell", "切削がモデルと不一致"],
   "manual": ["von Hand", "手動"],
   // Items of commissioning, states, reasons.
   "limits stated": ["Grenzen benannt", "限界値の明示"],
