@@ -10,7 +10,7 @@ const WORLD_WRITABLE: u32 = 0o002;
 /// What a file of ours may allow at most.
 const KEPT: u32 = 0o640;
 /// The administrator may read and change everything anyhow.
-pub const ROOT: u32 = 0;
+const ROOT: u32 = 0;
 
 /// The user that this process acts as.
 #[must_use]

@@ -71,7 +71,6 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "stability",
             "plant",
             "report",
-            "ownership",
         ],
     ),
 ];
