@@ -2,11 +2,13 @@
 
 use super::bad_input;
 use super::diagnose::{Arguments, name, with_progress};
+use super::gated::{Checked, read_checked};
 use crate::config::scenario::read_scenario;
 use crate::diagnosis::cut::input::{CutEvidence, CutRecording, CutTable};
 use crate::diagnosis::cut::result::{CutDiagnosis, PlannedCut};
+use crate::gate::Gated;
 use crate::plant::scenario::Scenario;
-use crate::recording::{read_cuts, read_recording, write_whole};
+use crate::recording::{read_cuts, write_whole};
 use crate::report::cut_files::{CutFiles, write};
 use crate::report::cut_page::cut_page;
 use std::io::Write as _;
@@ -14,11 +16,11 @@ use std::path::{Path, PathBuf};
 
 pub(super) fn run(arguments: &Arguments, scenario_file: &Path) -> anyhow::Result<()> {
     let scenario = read_scenario(scenario_file).map_err(bad_input)?;
-    let recordings = arguments
-        .recordings
-        .iter()
-        .map(|path| cut_recording(path, &scenario))
-        .collect::<anyhow::Result<Vec<_>>>()?;
+    let axes = FORCE_AXES.map(str::to_owned);
+    let paths = arguments.recordings.iter().map(PathBuf::as_path);
+    let Checked { gated, files: names, faults } = read_checked(paths, &axes)?;
+    let recordings = gated.iter().zip(&names).map(|(gated, name)| cut_recording(gated, name, &scenario));
+    let recordings = recordings.collect::<anyhow::Result<Vec<_>>>()?;
     let table = arguments.cuts.as_deref().map(read_cuts).transpose().map_err(bad_input)?;
     if recordings.is_empty() && table.is_none() {
         return Err(bad_input("--scenario needs cuts: expected --recording or --cuts"));
@@ -29,11 +31,7 @@ pub(super) fn run(arguments: &Arguments, scenario_file: &Path) -> anyhow::Result
     })
     .map_err(bad_input)?;
     told(&diagnosis, &recordings, table.as_ref());
-    let files = CutFiles {
-        scenario: name(scenario_file),
-        recordings: arguments.recordings.iter().map(|p| name(p)).collect(),
-        table: table.as_ref(),
-    };
+    let files = CutFiles { scenario: name(scenario_file), recordings: names, faults, table: table.as_ref() };
     let out: &PathBuf = &arguments.out;
     write(out, &diagnosis, &files)?;
     write_whole(&out.join("report.html"), cut_page(&diagnosis, &files).as_bytes())?;
@@ -43,9 +41,12 @@ pub(super) fn run(arguments: &Arguments, scenario_file: &Path) -> anyhow::Result
     Ok(())
 }
 
-fn cut_recording(path: &Path, scenario: &Scenario) -> anyhow::Result<CutRecording> {
-    let recording = read_recording(path).map_err(bad_input)?;
-    CutRecording::new(&recording, scenario).map_err(|e| bad_input(format!("{}: {e}", path.display())))
+/// Columns of a cut that a gate can judge: the forces are measured, the rest is commanded.
+const FORCE_AXES: [&str; 2] = ["tool1", "tool2"];
+
+fn cut_recording(gated: &Gated, file: &str, scenario: &Scenario) -> anyhow::Result<CutRecording> {
+    let cut = CutRecording::new(&gated.recording, scenario).map_err(|e| bad_input(format!("{file}: {e}")))?;
+    Ok(cut.with_masked(gated.masked()))
 }
 
 /// What a reader must know, on standard error.

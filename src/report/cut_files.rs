@@ -1,6 +1,7 @@
 //! `diagnosis.json`, `contribution-N.parquet`, `scenario.toml` and `cuts.parquet` of a diagnosis of the cut
 //! (contracts, section 6, "Outputs").
 
+use super::faults::{FaultOf, faults_json};
 use crate::config::scenario::scenario_to_text;
 use crate::diagnosis::cut::input::{CutRow, CutTable, KnownOfCut};
 use crate::diagnosis::cut::result::{
@@ -16,8 +17,10 @@ use std::path::Path;
 pub struct CutFiles<'a> {
     /// File of the scenario.
     pub scenario: String,
-    /// Files of the recordings, in order.
+    /// Files of the recordings that were judged, in order.
     pub recordings: Vec<String>,
+    /// What is wrong with the recordings, those that were refused among them.
+    pub faults: Vec<FaultOf>,
     /// Table of cuts.
     pub table: Option<&'a CutTable>,
 }
@@ -56,6 +59,7 @@ pub fn to_json(diagnosis: &CutDiagnosis, files: &CutFiles<'_>) -> Value {
             "file": files.recordings.get(k).cloned().unwrap_or_default(),
             "experiment": r.experiment, "rms_before_n": r.rms_before_n, "rms_after_n": r.rms_after_n,
         })).collect::<Vec<_>>(),
+        "recording_faults": faults_json(&files.faults),
         "table": diagnosis.table.as_ref().map(|t| Value::Object(table_fit(t))),
         "not_identifiable": diagnosis.not_identifiable.iter().map(|n| json!({
             "effect": n.effect.name(), "port": n.port.name(), "why": n.why,

@@ -7,6 +7,7 @@
 use super::cut_files::CutFiles;
 use super::cut_map::maps;
 use super::cut_words::{headline, next_step, number_name, phrase, place, worth};
+use super::faults::faults_box;
 use super::html::{digits_for, interval_bar, key, spoken, without_unit};
 use super::page::{engineering, page, significant};
 use super::plot::{Axis, Figure, Mark, escape, range_of};
@@ -41,6 +42,7 @@ pub fn cut_page(d: &CutDiagnosis, files: &CutFiles<'_>) -> String {
             place(finding.port)
         );
     }
+    faults_box(&mut body, &files.faults);
     for note in &d.notes {
         let _ = write!(body, "<p class=\"next\">{}</p>", escape(note));
     }

@@ -95,10 +95,23 @@ impl Pool {
     }
 }
 
+/// Band of all bins, Hz.
+fn looked_at_hz(parts: &[Part]) -> [f64; 2] {
+    let bins = parts.iter().filter_map(|p| match p {
+        Part::Bins { bins, .. } => Some(bins),
+        Part::Rows(_) => None,
+    });
+    let band = bins.flatten().fold([f64::MAX, 0.0], |[low, high], b| {
+        [f64::min(low, b.frequency_hz), f64::max(high, b.frequency_hz + 1e-6)]
+    });
+    if band[0] < band[1] { band } else { [0.0, 1.0] }
+}
+
 /// What the model of a point leaves; `None`: nothing beyond noise.
 pub(crate) fn left(problem: &Problem<'_>, point: &Point) -> Option<Left> {
     let machine = problem.frame.machine(point)?;
-    let [low, high] = CRITERIA.band_hz;
+    let parts: Vec<Part> = problem.observables.iter().map(|o| o.part(&machine, Every(1))).collect();
+    let [low, high] = looked_at_hz(&parts);
     let count = ((high - low) / CRITERIA.left_band_hz).ceil() as usize;
     let edge = |k: usize| low + k as f64 * CRITERIA.left_band_hz;
     let mut pools: Vec<Pool> = (0..count)
@@ -108,9 +121,9 @@ pub(crate) fn left(problem: &Problem<'_>, point: &Point) -> Option<Left> {
     let mut slow = Pool::new("frequency", Some([CRITERIA.slow_hz, low]), CRITERIA.left_slow_share);
     let mut means = Pool::new("mean", None, CRITERIA.left_share);
     let mut orders = Pool::new("order", None, CRITERIA.left_share);
-    for observable in problem.observables {
+    for (observable, part) in problem.observables.iter().zip(parts) {
         let origin = observable.origin();
-        match observable.part(&machine, Every(1)) {
+        match part {
             Part::Bins { channels, bins } => {
                 for (k, pool) in pools.iter_mut().enumerate() {
                     let inside = |b: &&Bin| (edge(k)..edge(k + 1)).contains(&b.frequency_hz);
@@ -147,6 +160,44 @@ pub(crate) fn left(problem: &Problem<'_>, point: &Point) -> Option<Left> {
         },
         excess_nats,
     })
+}
+
+/// Where most is left in the spectra of a model, ln(f/`frequency_hz`), best first.
+///
+/// Whitened power over cells of one per cent, three together.
+pub(crate) fn peaks(parts: &[Part], frequency_hz: f64) -> Vec<f64> {
+    /// One per cent, and what is kept: as many peaks as two modes may make.
+    const CELL: f64 = 0.01;
+    const KEPT: usize = 4;
+    /// A resonance takes this many cells.
+    const APART: usize = 5;
+    let [low, high] = looked_at_hz(parts).map(|f| (f / frequency_hz).max(1e-3).ln());
+    let count = ((high - low) / CELL).ceil() as usize + 1;
+    let mut cells = vec![[0.0, 0.0]; count];
+    for part in parts {
+        let Part::Bins { channels, bins } = part else { continue };
+        for bin in bins {
+            let Some(l) = cholesky(&bin.s, *channels) else { continue };
+            let power: f64 = forward(&l, &bin.x, *channels)[..*channels].iter().map(|u| u.norm_sqr()).sum();
+            let cell = (((bin.frequency_hz / frequency_hz).ln() - low) / CELL).max(0.0) as usize;
+            cells[cell.min(count - 1)][0] += power - *channels as f64;
+            cells[cell.min(count - 1)][1] += *channels as f64;
+        }
+    }
+    let mut scores: Vec<(f64, usize)> = (1..count.max(2) - 1)
+        .map(|k| {
+            let [sum, variance] = [0, 1].map(|i| cells[k - 1..=k + 1].iter().map(|c| c[i]).sum::<f64>());
+            (sum / f64::max(variance, 1.0).sqrt(), k)
+        })
+        .collect();
+    scores.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut out: Vec<usize> = Vec::new();
+    for (_, k) in scores {
+        if out.len() < KEPT && out.iter().all(|o| o.abs_diff(k) >= APART) {
+            out.push(k);
+        }
+    }
+    out.into_iter().map(|k| low + (k as f64 + 0.5) * CELL).collect()
 }
 
 /// Whitened power of the bins of a model, of calm and of followed stretches, the greater; at least 1.

@@ -16,8 +16,12 @@ use nalgebra::Complex;
 use rustfft::FftPlanner;
 use std::f64::consts::PI;
 
-/// The condition is looked up this often, samples: 5 ms at 9 kHz, in which nothing moves far.
-const LOOKED_UP: usize = 45;
+/// The condition is looked up this often, s: nothing moves far in it.
+const LOOKED_UP_S: f64 = 5e-3;
+
+fn looked_up(rate_hz: f64) -> usize {
+    ((LOOKED_UP_S * rate_hz).round() as usize).max(1)
+}
 
 /// Where the inverse of the signal's filter is half given up, Hz.
 const INVERTED_HZ: f64 = 1300.0;
@@ -119,7 +123,7 @@ fn filtered(x: &[f64], rate_hz: f64, gain: &dyn Fn(f64) -> Complex<f64>) -> Vec<
     y[..n].iter().map(|v| v.re).collect()
 }
 
-/// What does not change within [`LOOKED_UP`] samples.
+/// What does not change within [`LOOKED_UP_S`].
 struct Now {
     terms: CutTerms,
     cut: CutLoop,
@@ -140,7 +144,9 @@ impl Motion {
     pub(crate) fn under(recording: &CutRecording, scenario: &Scenario, forces: &[Vec<f64>; 2]) -> Self {
         let n = recording.len();
         let dt = 1.0 / recording.sample_rate.hz();
-        let first = |j: usize| forces[j].iter().take(90).sum::<f64>() / 90.0_f64.min(n as f64).max(1.0);
+        let head = ((0.01 / dt) as usize).clamp(1, n.max(1));
+        let first = |j: usize| forces[j].iter().take(head).sum::<f64>() / head as f64;
+        let often = looked_up(1.0 / dt);
         let start = Now::at(recording, scenario, 0).cut;
         let mut bar = start.bar.map(|r| Integrated::at_rest(r, first(1) - first(0), dt));
         let mut holder = start.holder.map(|r| Integrated::at_rest(r, -first(1), dt));
@@ -150,7 +156,7 @@ impl Motion {
             holder_m: Vec::with_capacity(n),
         };
         for k in 0..n {
-            if k % LOOKED_UP == 0 && k > 0 {
+            if k % often == 0 && k > 0 {
                 let now = Now::at(recording, scenario, k).cut;
                 for (part, resonance) in bar.iter_mut().zip(now.bar) {
                     // The modal motion goes on; what the tools see of it changes with the shape.
@@ -201,8 +207,9 @@ pub(crate) fn law_forces(recording: &CutRecording, scenario: &Scenario, motion: 
     let mut out = [Vec::with_capacity(n), Vec::with_capacity(n)];
     let mut now = Now::at(recording, scenario, 0);
     let mut lagged = [0.0; 2];
+    let often = looked_up(1.0 / dt);
     for k in 0..n {
-        if k % LOOKED_UP == 0 {
+        if k % often == 0 {
             now = Now::at(recording, scenario, k);
         }
         let (cut, terms) = (&now.cut, &now.terms);

@@ -8,7 +8,7 @@ use super::fit::{Effort, Problem};
 use super::laws::{Law, Term};
 use super::machine::{Number, Point};
 use super::result::{CutDiagnosis, CutFinding, CutFit, CutLocation, CutTried, NotIdentifiable};
-use super::search::{Asked, Model, visibility};
+use super::search::{Asked, Defended, Model, visibility};
 use crate::plant::cut_effects::{CutEffect, Specification};
 use crate::plant::cut_terms::CutReferences;
 use crate::plant::effects::Port;
@@ -28,6 +28,8 @@ pub(crate) struct Fitting<'a> {
     pub(crate) start: &'a Model,
     /// What happened.
     pub(crate) selected: &'a Selected<Asked, Model>,
+    /// Laws that were challenged after others had been taken up.
+    pub(crate) defended: &'a [Defended],
 }
 
 /// Point with the covariance of its coordinates.
@@ -120,19 +122,26 @@ fn location(first: &CutFinding) -> CutLocation {
     CutLocation { port: first.port, domain: "outcome", bands_hz: Vec::new(), time: Vec::new() }
 }
 
-/// The effects that were taken up, in the order of what they gained.
+/// The effects of the model, those first that it would miss most.
 fn findings(fitting: &Fitting<'_>, posterior: Option<&Posterior>) -> Vec<CutFinding> {
-    let rounds = fitting.selected.rounds.iter().filter(|r| r.accepted);
     let point = &fitting.selected.model.point;
-    let of_round = |(k, round): (usize, &Round<Asked, Model>)| {
-        let best = round.fitted.first()?;
-        let index = point.terms.iter().position(|t| t.law == best.hypothesis.law)?;
-        let specification = Specification::of(best.hypothesis.law.kind())?;
-        let p = shares(&round.fitted);
-        let alternatives = alternatives(&round.fitted, &p);
+    let mut found: Vec<(usize, Defended)> = point
+        .terms
+        .iter()
+        .enumerate()
+        .filter_map(|(k, term)| Some((k, standing(fitting, term.law)?)))
+        .collect();
+    found.sort_by(|a, b| b.1.evidence_nats.total_cmp(&a.1.evidence_nats));
+    let temper = whitened_power(fitting.problem, point);
+    let of = |(rank, (index, standing)): (usize, (usize, Defended))| {
+        let specification = Specification::of(standing.law.kind())?;
+        let nats: Vec<f64> =
+            std::iter::once(standing.evidence_nats).chain(standing.rivals.iter().map(|r| r.1)).collect();
+        let p = probabilities(&nats, 0.0, temper);
+        let alternatives = alternatives(&standing.rivals, &p[1..]);
         let rival = alternatives.first().filter(|a| a.probability > CRITERIA.alive);
         Some(CutFinding {
-            rank: k + 1,
+            rank: rank + 1,
             effect: specification.kind,
             port: specification.port,
             statement: specification.statement.split_whitespace().collect::<Vec<_>>().join(" "),
@@ -143,24 +152,31 @@ fn findings(fitting: &Fitting<'_>, posterior: Option<&Posterior>) -> Vec<CutFind
             next_experiment: rival.map(|rival| next_experiment(specification, rival)),
             alternatives,
             contribution: Vec::new(),
-            evidence_nats: best.evidence_nats,
+            evidence_nats: standing.evidence_nats,
         })
     };
-    rounds.enumerate().filter_map(of_round).collect()
+    found.into_iter().enumerate().filter_map(of).collect()
 }
 
-/// Probabilities of the fitted hypotheses; "nothing" has what is left.
-fn shares(fitted: &[Fitted<Asked, Model>]) -> Vec<f64> {
-    let evidence: Vec<f64> = fitted.iter().map(|f| f.evidence_nats).collect();
-    probabilities(&evidence, 0.0, 1.0)
+/// How a law of the model stands against its rivals: as it was challenged last, or as it was taken up.
+fn standing(fitting: &Fitting<'_>, law: Law) -> Option<Defended> {
+    let taken =
+        |r: &&Round<Asked, Model>| r.accepted && r.fitted.first().is_some_and(|f| f.hypothesis.law == law);
+    let challenged = fitting.defended.iter().rfind(|d| d.law == law).cloned();
+    challenged.or_else(|| {
+        let round = fitting.selected.rounds.iter().rfind(taken)?;
+        let rivals = round.fitted[1..].iter().map(|f| (f.hypothesis.law, f.evidence_nats)).collect();
+        Some(Defended { law, evidence_nats: round.fitted[0].evidence_nats, rivals })
+    })
 }
 
-fn alternatives(fitted: &[Fitted<Asked, Model>], p: &[f64]) -> Vec<Alternative> {
-    let of = |(f, p): (&Fitted<Asked, Model>, &f64)| {
-        let specification = Specification::of(f.hypothesis.law.kind())?;
+/// Rivals with their probabilities; of two shapes of one effect the likelier.
+fn alternatives(rivals: &[(Law, f64)], p: &[f64]) -> Vec<Alternative> {
+    let of = |((law, _), p): (&(Law, f64), &f64)| {
+        let specification = Specification::of(law.kind())?;
         Some(Alternative { effect: specification.kind, port: specification.port, probability: *p })
     };
-    let mut out: Vec<Alternative> = fitted.iter().zip(p).skip(1).filter_map(of).collect();
+    let mut out: Vec<Alternative> = rivals.iter().zip(p).filter_map(of).collect();
     out.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     out
 }

@@ -3,8 +3,11 @@
 /// Thresholds and weights of the diagnosis of a cut.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Criteria {
-    /// Band of the residuals, Hz: above what spindle and servo do, below where the signal's filter rules.
-    pub(crate) band_hz: [f64; 2],
+    /// Least frequency of the residuals, Hz: above what spindle and servo do.
+    pub(crate) from_hz: f64,
+    /// Greatest frequency over the bandwidth of the force signal: the noise goes through the same filter, and
+    /// at 1.3 a low-pass of fourth order leaves a third of the amplitude.
+    pub(crate) to_bandwidths: f64,
     /// Below the band nothing is fitted, but what is left there tells of a slow force; from here, Hz.
     pub(crate) slow_hz: f64,
     /// Shortest calm stretch, s: bins then stand 2.5 Hz apart, the width of a calm line.
@@ -13,8 +16,6 @@ pub(crate) struct Criteria {
     pub(crate) shortest_followed_s: f64,
     /// Left out after a change of condition, s: bar and surface have settled by then.
     pub(crate) settling_s: f64,
-    /// What the bar remembers at most, s: exp(-zeta w t) is below 1e-4 for 0.5 % at 500 Hz.
-    pub(crate) memory_s: f64,
     /// Pieces of loudness over the floor that are no random ringing: amplitudes of a narrow line are
     /// Rayleigh, 3.5 rms is passed once in 200 000.
     pub(crate) loud_floors: f64,
@@ -26,10 +27,8 @@ pub(crate) struct Criteria {
     pub(crate) largest_slope: f64,
     /// Accuracy of a followed force over its own amplitude: position and frequency move within a stretch.
     pub(crate) followed_share: f64,
-    /// Bins next to an order of the spindle that its line reaches through the window of Hann.
+    /// Bins next to an order of the spindle that are lost with its line: the estimate of the line has them.
     pub(crate) order_bins: f64,
-    /// Every second bin of the window of Hann, correlated by 1/36 in power: information that is there.
-    pub(crate) bin_weight: f64,
     /// Standard deviations beyond which a residual counts as its root: one bad stretch must not decide.
     pub(crate) outlying_sd: f64,
     /// Accuracy of a mean force: N, and of itself (the reference of the contract's simulation).
@@ -46,6 +45,9 @@ pub(crate) struct Criteria {
     pub(crate) price_nats: f64,
     /// Level for a name, nats: ln 33 looks = 3.5, the rest for errors of the likelihood itself.
     pub(crate) level_nats: f64,
+    /// The same of a table alone, nats: ln 20 looks and 20 to 1. Its spreads are free, so that errors of the
+    /// likelihood are in it already.
+    pub(crate) table_level_nats: f64,
     /// Standard deviations of a wrong number that is told.
     pub(crate) correction_sd: f64,
     /// Whitened power of a band of bins, in standard deviations of its scatter, that is something left.
@@ -70,19 +72,18 @@ pub(crate) struct Criteria {
 
 /// The ones in use.
 pub(crate) const CRITERIA: Criteria = Criteria {
-    band_hz: [70.0, 960.0],
+    from_hz: 70.0,
+    to_bandwidths: 1.3,
     slow_hz: 4.0,
     shortest_calm_s: 0.4,
     shortest_followed_s: 0.15,
     settling_s: 0.06,
-    memory_s: 0.4,
     loud_floors: 3.5,
     swelling: 1.5,
     largest_swing: 0.75,
     largest_slope: 0.75,
     followed_share: 0.02,
-    order_bins: 2.2,
-    bin_weight: 0.95,
+    order_bins: 1.2,
     outlying_sd: 4.0,
     mean_sd_n: 0.03,
     mean_share: 0.002,
@@ -91,6 +92,7 @@ pub(crate) const CRITERIA: Criteria = Criteria {
     orders: 12,
     price_nats: 4.5,
     level_nats: 12.0,
+    table_level_nats: 6.0,
     correction_sd: 3.0,
     left_sd: 9.0,
     left_share: 0.05,
@@ -100,5 +102,5 @@ pub(crate) const CRITERIA: Criteria = Criteria {
     largest_size: 3.0,
     visible_sd: 5.0,
     evaluation_s_per_s: 4e-4,
-    evaluation_s_per_row: 2e-4,
+    evaluation_s_per_row: 4e-4,
 };

@@ -7,9 +7,9 @@ use super::answer::{self, Fitting};
 use super::criteria::CRITERIA;
 use super::fit::Problem;
 use super::foretold;
-use super::input::CutEvidence;
+use super::input::{CutEvidence, CutTable};
 use super::laws::Law;
-use super::machine::Frame;
+use super::machine::{Frame, Point};
 use super::observable::Observable;
 use super::observe::observe;
 use super::result::{CutDiagnosis, CutFit, MappedCut};
@@ -19,7 +19,7 @@ use super::table::{TableRows, row_condition};
 use super::{plan, recorded};
 use crate::plant::scenario::Scenario;
 
-/// Effects that are taken up at most, and hypotheses that are fitted in a round.
+/// Effects that are taken up at most, and hypotheses that are fitted in a round to recordings.
 const REACH: Reach = Reach { most_findings: 3, fitted: 9 };
 
 /// Says what `scenario` leaves out, from recordings of cuts, a table of cuts, or both. Deterministic.
@@ -36,27 +36,30 @@ pub fn diagnose(
     if evidence.recordings.is_empty() && table.is_none() {
         return Err(CutInputError::NoCut);
     }
-    let mut observables: Vec<Box<dyn Observable>> = Vec::new();
-    let mut stretches = Stretches::default();
-    if !evidence.recordings.is_empty() {
-        progress(0.02, "dividing the recordings");
-        stretches = divide(evidence.recordings, scenario);
-        observables = observe(evidence.recordings, &stretches, scenario);
-    }
     let frame = Frame::of(scenario, &evidence);
-    if let Some(table) = table {
-        observables.push(Box::new(TableRows::new(table, scenario, |_| true)));
-    }
-    let problem = Problem { frame: &frame, observables: &observables };
     let laws = Law::open(scenario, frame.probe());
-    let cut = Cut::new(&problem, laws.clone());
     let mut work = Work::new(evaluations(budget_s, &evidence));
-    let Some(start) = cut.start(&frame.origin(), &mut work) else {
-        return Err(CutInputError::NoCut);
-    };
-    let selected = select(&cut, start.clone(), REACH, &mut work, &|share, what| progress(0.8 * share, what));
+    progress(0.02, "dividing the recordings");
+    // What is linear, what fades and how noise comes through the bar is judged by the machine as stated, then
+    // once more by the same structure with the numbers that fit.
+    let origin = frame.origin();
+    let (_, observables) = observed(&frame, &origin, evidence, table).ok_or(CutInputError::NoCut)?;
+    let fitted = Cut::new(&Problem { frame: &frame, observables: &observables }, Vec::new())
+        .start(&origin, &mut work)
+        .ok_or(CutInputError::NoCut)?;
+    let (stretches, observables) =
+        observed(&frame, &fitted.point, evidence, table).ok_or(CutInputError::NoCut)?;
+    let problem = Problem { frame: &frame, observables: &observables };
+    let cut = Cut::new(&problem, laws.clone());
+    let start = cut.start(&fitted.point, &mut work).ok_or(CutInputError::NoCut)?;
+    // A table costs little, and its screening says little: the fit may have been bent far.
+    let fitted = if evidence.recordings.is_empty() { laws.len() } else { REACH.fitted };
+    let reach = Reach { fitted, ..REACH };
+    let selected = select(&cut, start.clone(), reach, &mut work, &|share, what| progress(0.8 * share, what));
     progress(0.85, "what these cuts tell");
-    let fitting = Fitting { problem: &problem, laws: &laws, start: &start, selected: &selected };
+    let defended = cut.defended();
+    let fitting =
+        Fitting { problem: &problem, laws: &laws, start: &start, selected: &selected, defended: &defended };
     let mut diagnosis = answer::diagnosis(&fitting);
     if !evidence.recordings.is_empty() {
         progress(0.87, "what the recordings show of it");
@@ -86,6 +89,22 @@ pub fn diagnose(
     note_budget(&selected, &mut diagnosis);
     progress(1.0, "done");
     Ok(diagnosis)
+}
+
+/// Everything that was observed, as seen by the machine of a point.
+fn observed<'a>(
+    frame: &Frame,
+    point: &Point,
+    evidence: CutEvidence<'_>,
+    table: Option<&CutTable>,
+) -> Option<(Stretches, Vec<Box<dyn Observable + 'a>>)> {
+    let machine = frame.machine(point)?;
+    let stretches = divide(evidence.recordings, &machine.scenario);
+    let mut out = observe(evidence.recordings, &stretches, &machine);
+    if let Some(table) = table {
+        out.push(Box::new(TableRows::new(table, &frame.stated, |_| true)));
+    }
+    Some((stretches, out))
 }
 
 /// Evaluations that fit into a budget: measured on one core of 3 GHz, half of it for what follows the search.

@@ -1,6 +1,6 @@
 //! Fisher scoring of the likelihood: spectra by their whitened derivatives, residuals by their Jacobian.
 //!
-//! H = 0.95 sum [ tr(S^-1 S_i S^-1 S_k) + 2 Re x_i^H S^-1 x_k ] + J'J + priors, differences of 2e-3 of a
+//! H = sum [ tr(S^-1 S_i S^-1 S_k) + 2 Re x_i^H S^-1 x_k ] + J'J + priors, differences of 2e-3 of a
 //! coordinate, Levenberg's damping, steps clipped, coordinates held at their bounds.
 
 use super::super::two_cores::on_two_cores;
@@ -11,6 +11,8 @@ use nalgebra::{Complex, DMatrix, DVector};
 
 /// Step of the difference quotients, in units of a coordinate.
 const STEP: f64 = 2e-3;
+/// How often a fit to a table is searched coordinate by coordinate.
+const SWEEPS: usize = 6;
 /// A step of the fit is no longer than this in any coordinate.
 const LONGEST_STEP: f64 = 2.5;
 
@@ -144,7 +146,7 @@ pub(crate) fn part_value(part: &Part) -> f64 {
                 let log_det: f64 = (0..n).map(|i| 2.0 * l[i][i].re.ln()).sum::<f64>() - bin.log_jacobian;
                 (if power <= c { power } else { 2.0 * (c * power).sqrt() - c }) + log_det
             };
-            CRITERIA.bin_weight * bins.iter().map(of_bin).sum::<f64>()
+            bins.iter().map(of_bin).sum::<f64>()
         }
     }
 }
@@ -208,7 +210,7 @@ fn accumulate(base: &Part, moved: &[&Part], steps: &[f64], into: &mut Quadratic)
                             slope -= weight * (u[r].conj() * b[i][r][q] * u[q]).re;
                         }
                     }
-                    into.gradient[i] += CRITERIA.bin_weight * slope;
+                    into.gradient[i] += slope;
                     for j in 0..=i {
                         let mut both = 0.0;
                         for r in 0..n {
@@ -217,7 +219,7 @@ fn accumulate(base: &Part, moved: &[&Part], steps: &[f64], into: &mut Quadratic)
                                 both += (b[i][r][q].conj() * b[j][r][q]).re;
                             }
                         }
-                        into.information[(i, j)] += CRITERIA.bin_weight * both;
+                        into.information[(i, j)] += both;
                     }
                 }
             }
@@ -335,7 +337,48 @@ impl Problem<'_> {
     }
 
     /// From a point downhill.
+    ///
+    /// Where rows of a table take part, the slope is that of the roots next to the measured lines, and jumps
+    /// when another root is next: what Fisher scoring leaves is searched coordinate by coordinate, and again.
     pub(crate) fn fit(&self, start: &Point, effort: &Effort) -> Option<Ended> {
+        let mut ended = self.descend(start, effort)?;
+        if self.frame.has_table() && effort.steps >= Effort::FULL.steps {
+            for _ in 0..SWEEPS {
+                let before = ended.value;
+                self.sweep(&mut ended, effort);
+                let again = self.descend(&ended.point, effort)?;
+                let evaluations = ended.evaluations + again.evaluations;
+                ended = if again.value < ended.value { again } else { ended };
+                ended.evaluations = evaluations;
+                if before - ended.value < 0.05 {
+                    break;
+                }
+            }
+        }
+        Some(ended)
+    }
+
+    /// Each coordinate by itself, a large and a small step either way.
+    fn sweep(&self, ended: &mut Ended, effort: &Effort) {
+        let bounds = self.frame.bounds(&ended.point);
+        let places: Vec<(usize, f64)> =
+            (0..bounds.len()).flat_map(|i| [1.0, -1.0, 0.3, -0.3].map(|step| (i, step))).collect();
+        let here = ended.point.coordinates();
+        let tried = on_two_cores(&places, |(i, step)| {
+            let mut to = here.clone();
+            to[*i] = (to[*i] + step).clamp(bounds[*i][0], bounds[*i][1]);
+            let point = ended.point.with(&to);
+            (self.value(&point, effort.every), point)
+        });
+        ended.evaluations += tried.len() as u64;
+        if let Some((value, point)) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))
+            && value < ended.value
+        {
+            (ended.value, ended.point) = (value, point);
+        }
+    }
+
+    fn descend(&self, start: &Point, effort: &Effort) -> Option<Ended> {
         let bounds = self.frame.bounds(start);
         let mut point = start.clone();
         let p = bounds.len();

@@ -121,7 +121,7 @@ fn posterior_without(frame: &Frame, table: &CutTable, group: &[usize], start: &P
 fn foretell(drawn: &Drawn, at: &CutCondition) -> ForetoldCut {
     let root = |m: &Machine| rightmost_cut_root(&CutLoop::new(&CutTerms::of(&m.scenario, at)));
     let best = root(&drawn.best);
-    let chatter = |m: &Machine| chatter_probability(root(m).growth_1_s / m.noise.growth_spread_1_s);
+    let chatter = |m: &Machine| chatter_probability(root(m).growth_1_s / m.noise.outcome_spread_1_s);
     let sum: f64 = drawn.draws.iter().map(chatter).sum();
     ForetoldCut {
         growth_1_s: best.growth_1_s,

@@ -63,6 +63,8 @@ pub struct CutRecording {
     pub workpiece_diameter_m: Option<f64>,
     /// What is not in the recording.
     pub missing: Vec<MissingColumn>,
+    /// One a sample: the row enters no fit; empty: all do.
+    pub masked: Vec<bool>,
 }
 
 /// Why a recording is none of a cut.
@@ -154,9 +156,17 @@ impl CutRecording {
             forces_n,
             spindle_speed_rpm,
             missing: found.missing,
+            masked: Vec::new(),
         };
         cut.check()?;
         Ok(cut)
+    }
+
+    /// The same with rows that enter no fit: one a sample, or none.
+    #[must_use]
+    pub fn with_masked(mut self, masked: Vec<bool>) -> Self {
+        self.masked = if masked.len() == self.len() { masked } else { Vec::new() };
+        self
     }
 
     /// Number of samples.

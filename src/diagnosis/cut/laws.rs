@@ -244,15 +244,21 @@ impl Law {
         }
     }
 
-    /// Shapes from which it is looked for, sizes at nothing.
-    pub(crate) fn feet(self) -> Vec<Vec<f64>> {
+    /// Shapes from which it is looked for, sizes at nothing. `peaks`: ln(f/f_n) of what stands out of the
+    /// spectra of a model without it; a mode is narrower than any grid of starts.
+    pub(crate) fn feet(self, peaks: &[f64]) -> Vec<Vec<f64>> {
         let at = |shapes: &[f64]| {
             let sizes = self.coordinates().iter().filter(|c| c.is_size).map(|_| 0.0);
             sizes.chain(shapes.iter().copied()).collect::<Vec<f64>>()
         };
         match self {
-            Law::Mode => (0..8).map(|k| at(&[0.14 + 0.13 * f64::from(k), 0.0])).collect(),
-            Law::Turret => (0..10).map(|k| at(&[-0.7 + 0.19 * f64::from(k), 0.0])).collect(),
+            Law::Mode | Law::Turret => {
+                let [low, high] = self.coordinates()[1].bounds;
+                let grid = if self == Law::Mode { (8, 0.14, 0.13) } else { (10, -0.7, 0.19) };
+                let grid = (0..grid.0).map(|k| grid.1 + grid.2 * f64::from(k));
+                let seen = peaks.iter().copied().filter(|p| (low..high).contains(p));
+                grid.chain(seen).map(|f| at(&[f, 0.0])).collect()
+            }
             Law::Plane => [-2.0, -1.2, -0.6, 0.6, 1.2, 2.0].iter().map(|s| at(&[*s])).collect(),
             Law::Stock => {
                 let centres = (0..8).map(|k| TAU * f64::from(k) / 8.0);
@@ -260,6 +266,14 @@ impl Law {
             }
             _ => vec![at(&[])],
         }
+    }
+
+    /// The same shape with a first size of a typical machine.
+    pub(crate) fn typical(self, start: &[f64]) -> Vec<f64> {
+        let mut out = start.to_vec();
+        let [low, high] = self.coordinates()[0].bounds;
+        out[0] = 1.0_f64.copysign(start[0]).clamp(low, high);
+        out
     }
 
     /// Number of coordinates that are sizes.

@@ -3,6 +3,7 @@
 use super::input::{CutEvidence, CutRow};
 use super::laws::{Scales, Term};
 use crate::plant::cut_effects::Physics;
+use crate::plant::cut_terms::{CutCondition, CutTerms};
 use crate::plant::scenario::Scenario;
 
 /// Noise of the cut and of its signals.
@@ -14,10 +15,17 @@ pub(crate) struct Noise {
     pub(crate) sensor: f64,
     /// e2: how it rises by 1 kHz, (1 + e2 (f/1 kHz)^2).
     pub(crate) sensor_rise: f64,
+    /// How late the recorded force is against the motion that it drives, s. A signal is known to some
+    /// microseconds only, and each of them acts as a damping of K times that.
+    pub(crate) late_s: f64,
+    /// How late the force signal is against the probe beyond what is stated, s: both are known to as much.
+    pub(crate) signal_late_s: f64,
     /// Noise of the probe, rms, m.
     pub(crate) probe_m: f64,
     /// How far the growth of a whole cut lies from that of its nominal condition, rms, 1/s.
     pub(crate) growth_spread_1_s: f64,
+    /// Growth within which the outcome of a whole cut is chance, 1/s.
+    pub(crate) outcome_spread_1_s: f64,
     /// How far the line of a whole cut lies from that of its nominal condition, rms, Hz.
     pub(crate) line_spread_hz: f64,
     /// Scatter of mean forces from cut to cut, share.
@@ -43,6 +51,15 @@ pub(crate) struct Machine {
     pub(crate) noise: Noise,
 }
 
+impl Machine {
+    /// What the force law and the bar are under a condition, as the recordings show it.
+    pub(crate) fn terms(&self, at: &CutCondition) -> CutTerms {
+        let mut terms = CutTerms::of(&self.scenario, at);
+        terms.force_lag_s += self.noise.late_s;
+        terms
+    }
+}
+
 /// A number beside the effects that is free in every fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Number {
@@ -60,10 +77,16 @@ pub(crate) enum Number {
     Sensor,
     /// e2.
     SensorRise,
+    /// How late the force is against the motion.
+    Late,
+    /// How late the force signal is against the probe.
+    SignalLate,
     /// Noise of the probe.
     Probe,
     /// Spread of the growth of whole cuts.
     GrowthSpread,
+    /// Growth within which outcomes are chance.
+    OutcomeSpread,
     /// Spread of the lines of whole cuts.
     LineSpread,
     /// Scatter of mean forces.
@@ -73,7 +96,8 @@ pub(crate) enum Number {
 }
 
 impl Number {
-    /// Standard deviation of its logarithm: the stated bound over sqrt 3, a little widened; 1.5 for noise.
+    /// Standard deviation of its logarithm (where it has one): the stated bound over sqrt 3, a little
+    /// widened; 1.5 for noise.
     pub(crate) fn log_sd(self) -> f64 {
         match self {
             Number::RadialStiffness => 0.10,
@@ -81,7 +105,9 @@ impl Number {
             Number::Frequency => 0.0125,
             Number::ProcessDamping => 0.13,
             Number::RandomShare | Number::Sensor | Number::SensorRise | Number::Probe => 1.5,
-            Number::GrowthSpread | Number::LineSpread | Number::ForceScatter => 1.0,
+            // A twentieth of a sample at 9 kHz, s: not a logarithm.
+            Number::Late | Number::SignalLate => 5e-6,
+            Number::GrowthSpread | Number::OutcomeSpread | Number::LineSpread | Number::ForceScatter => 1.0,
             // Of the tools and materials of handbooks: 1.4 to 3.
             Number::CuttingGain => 0.3,
         }
@@ -158,10 +184,10 @@ impl Frame {
             numbers.push(Number::ProcessDamping);
         }
         if !evidence.recordings.is_empty() {
-            numbers.extend([Number::RandomShare, Number::Sensor, Number::SensorRise]);
+            numbers.extend([Number::RandomShare, Number::Sensor, Number::SensorRise, Number::Late]);
         }
         if evidence.recordings.iter().any(|r| r.displacement_m.is_some()) {
-            numbers.push(Number::Probe);
+            numbers.extend([Number::Probe, Number::SignalLate]);
         }
         let mut scales = Scales::of(stated);
         if let Some(bandwidth_hz) = evidence.recordings.iter().find_map(|r| r.signal.bandwidth_hz) {
@@ -169,8 +195,11 @@ impl Frame {
         }
         if let Some(table) = evidence.table {
             let any = |of: fn(&CutRow) -> bool| table.rows.iter().any(of);
-            if any(|r| r.outcome.is_some() || r.known.growth_1_s.is_some()) {
+            if any(|r| r.known.growth_1_s.is_some()) {
                 numbers.push(Number::GrowthSpread);
+            }
+            if any(|r| r.outcome.is_some()) {
+                numbers.push(Number::OutcomeSpread);
             }
             if any(|r| r.known.line_hz.is_some()) {
                 numbers.push(Number::LineSpread);
@@ -192,6 +221,27 @@ impl Frame {
     /// True where there is a probe on the bar.
     pub(crate) fn probe(&self) -> bool {
         self.numbers.contains(&Number::Probe)
+    }
+
+    /// True where there are rows of a table.
+    pub(crate) fn has_table(&self) -> bool {
+        let of_table =
+            |n: &Number| matches!(n, Number::GrowthSpread | Number::OutcomeSpread | Number::ForceScatter);
+        self.numbers.iter().any(of_table)
+    }
+
+    /// True where there are recordings.
+    pub(crate) fn has_recordings(&self) -> bool {
+        self.numbers.contains(&Number::Sensor)
+    }
+
+    /// A point with the numbers of the scenario as they are stated; noise and effects as they are.
+    pub(crate) fn as_stated(&self, point: &Point) -> Point {
+        let of = |(n, p): (&Number, &f64)| if n.is_stated() { 0.0 } else { *p };
+        Point {
+            numbers: self.numbers.iter().zip(&point.numbers).map(of).collect(),
+            terms: point.terms.clone(),
+        }
     }
 
     /// The stated structure with its stated numbers.
@@ -224,8 +274,11 @@ impl Frame {
             random_share: 0.03,
             sensor: 0.5,
             sensor_rise: 1.0,
+            late_s: 0.0,
+            signal_late_s: 0.0,
             probe_m: 0.2e-6,
             growth_spread_1_s: 1.5,
+            outcome_spread_1_s: 1.5,
             line_spread_hz: 0.5,
             force_scatter: 0.02,
             cutting_gain: 1.0,
@@ -240,8 +293,11 @@ impl Frame {
                 Number::RandomShare => noise.random_share *= factor,
                 Number::Sensor => noise.sensor *= factor,
                 Number::SensorRise => noise.sensor_rise *= factor,
+                Number::Late => noise.late_s = p * number.log_sd(),
+                Number::SignalLate => noise.signal_late_s = p * number.log_sd(),
                 Number::Probe => noise.probe_m *= factor,
                 Number::GrowthSpread => noise.growth_spread_1_s *= factor,
+                Number::OutcomeSpread => noise.outcome_spread_1_s *= factor,
                 Number::LineSpread => noise.line_spread_hz *= factor,
                 Number::ForceScatter => noise.force_scatter *= factor,
                 Number::CuttingGain => noise.cutting_gain *= factor,

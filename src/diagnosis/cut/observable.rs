@@ -1,9 +1,10 @@
 //! What enters the likelihood: an observable says, for a machine, its residuals or its spectra.
 //!
-//! -ln L = 0.95 sum_f [ x^H S^-1 x + ln det S ] + 1/2 sum rho(r)^2 + 1/2 sum p^2
+//! -ln L = sum_f [ x^H S^-1 x + ln det S ] + 1/2 sum rho(r)^2 + 1/2 sum p^2
 //!
 //! Recordings give both kinds; a row of a table gives residuals (an outcome as its deviance residual).
 
+use super::fit::{cholesky, forward};
 use super::machine::Machine;
 use nalgebra::Complex;
 
@@ -61,7 +62,7 @@ pub(crate) trait Observable: Sync {
         None
     }
 
-    /// Forces less what the law foretells from all that was recorded before, squared, N^2; `None`: no forces.
+    /// Forces less what is foretold one sample ahead, squared, N^2; `None`: no forces.
     fn left_over(&self, _: &Machine) -> Option<LeftOver> {
         None
     }
@@ -74,6 +75,29 @@ pub(crate) struct LeftOver {
     pub(crate) recorded_n2: f64,
     /// What random force and sensor leave at best.
     pub(crate) floor_n2: f64,
+}
+
+impl LeftOver {
+    /// Error of the prediction one sample ahead out of the whitened spectra of `tools` forces, a band of
+    /// `band_hz` wide.
+    ///
+    /// A spectrum S = H V H^H with H causal, monic and of causal inverse has the innovations V (Kolmogorov,
+    /// Szego), ln det V = mean of ln det S; who predicts by a wrong S leaves its whitened power times that,
+    /// never less than who predicts by the right one:
+    ///
+    /// floor = (exp mean ln det S)^(1/tools) band,  recorded = floor mean(x^H S^-1 x)/tools
+    pub(crate) fn of_bins(bins: &[Bin], tools: usize, band_hz: f64) -> Self {
+        let (mut power, mut log_det, mut count) = (0.0, 0.0, 0.0);
+        for bin in bins {
+            let Some(l) = cholesky(&bin.s, tools) else { continue };
+            power += forward(&l, &bin.x, tools)[..tools].iter().map(Complex::norm_sqr).sum::<f64>();
+            log_det += (0..tools).map(|i| 2.0 * l[i][i].re.ln()).sum::<f64>() - bin.log_jacobian;
+            count += tools as f64;
+        }
+        let count = f64::max(count, 1.0);
+        let floor_n2 = (log_det / count).exp() * band_hz;
+        Self { recorded_n2: floor_n2 * power / count, floor_n2 }
+    }
 }
 
 impl std::ops::Mul<f64> for LeftOver {

@@ -3,23 +3,24 @@
 use super::criteria::CRITERIA;
 use super::followed::FollowedSpectra;
 use super::input::CutRecording;
+use super::machine::Machine;
 use super::observable::Observable;
 use super::rows::{MeanForces, OrderLines, SpindleAngle};
 use super::spectra::CalmSpectra;
 use super::stretches::Stretches;
-use crate::plant::scenario::Scenario;
 
-/// The observables of recordings that are divided into these stretches.
+/// The observables of recordings that are divided into these stretches. `reference`: the best that is known
+/// of the machine.
 pub(crate) fn observe(
     recordings: &[CutRecording],
     stretches: &Stretches,
-    scenario: &Scenario,
+    reference: &Machine,
 ) -> Vec<Box<dyn Observable>> {
+    let scenario = &reference.scenario;
     let mut out: Vec<Box<dyn Observable>> = Vec::new();
     let (mut power, mut count) = (0.0, 0.0);
     for stretch in &stretches.calm {
         let recording = &recordings[stretch.recording];
-        out.push(Box::new(CalmSpectra::new(recording, stretch, scenario)));
         out.push(Box::new(MeanForces::new(recording, stretch, scenario)));
         let orders = OrderLines::new(recording, stretch, scenario);
         let [sum, of] = orders.power();
@@ -28,9 +29,12 @@ pub(crate) fn observe(
     }
     // Chi-square of noise is `count`, give or take some sqrt(2 count).
     let lines = power > count + CRITERIA.outlying_sd * (2.0 * count).sqrt();
+    for stretch in &stretches.calm {
+        out.push(Box::new(CalmSpectra::new(&recordings[stretch.recording], stretch, scenario, lines)));
+    }
     for stretch in &stretches.followed {
         let recording = &recordings[stretch.recording];
-        if let Some(followed) = FollowedSpectra::new(recording, stretch, scenario, lines) {
+        if let Some(followed) = FollowedSpectra::new(recording, stretch, reference, lines) {
             out.push(Box::new(followed));
         }
     }

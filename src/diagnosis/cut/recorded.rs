@@ -5,13 +5,12 @@ use super::super::result::{Fit, Verdict};
 use super::adequacy::{Left, left};
 use super::along::{Motion, added, law_forces, true_forces};
 use super::answer::Fitting;
-use super::criteria::CRITERIA;
 use super::fit::{Effort, Problem};
 use super::input::CutRecording;
 use super::machine::{Machine, Point};
 use super::observable::{Every, LeftOver, Observable, Origin, Part};
 use super::result::{CutContribution, CutDiagnosis, CutFit, CutRecordingFit, CutSeries, MappedCut};
-use super::stretches::{Stretch, Stretches, condition};
+use super::stretches::{Stretch, Stretches, band_hz, condition};
 use crate::plant::cut_effects::CutEffect;
 use crate::plant::effects::EffectKind;
 use crate::plant::scenario::Scenario;
@@ -32,7 +31,8 @@ pub(crate) fn complete(
 ) {
     let problem = fitting.problem;
     let point = &fitting.selected.model.point;
-    diagnosis.residual_band_hz = Some(CRITERIA.band_hz);
+    let bands = recordings.iter().map(|r| band_hz(r, &diagnosis.stated));
+    diagnosis.residual_band_hz = bands.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
     let held_out = held_out_fit(fitting);
     diagnosis.noise_floor_n = held_out.map(|f| f.noise_floor_n);
     for finding in &mut diagnosis.findings {

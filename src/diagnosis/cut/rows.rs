@@ -7,7 +7,7 @@ use super::observable::{Every, LeftOver, Observable, Origin, OriginKind, Part, Z
 use super::stretches::{Stretch, condition, signal_response, stated_filter};
 use crate::plant::cut_effects::CutEffect;
 use crate::plant::cut_loop::CutLoop;
-use crate::plant::cut_terms::{CutCondition, CutTerms};
+use crate::plant::cut_terms::CutCondition;
 use crate::plant::scenario::{Scenario, ToolCount};
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
@@ -63,7 +63,7 @@ impl MeanForces {
 
 impl Observable for MeanForces {
     fn part(&self, machine: &Machine, _: Every) -> Part {
-        let force_n = CutLoop::new(&CutTerms::of(&machine.scenario, &self.condition)).means().force_n;
+        let force_n = CutLoop::new(&machine.terms(&self.condition)).means().force_n;
         let row = |j: usize| self.mean[j].map(|m| (m.value - force_n[j]) / m.sd);
         Part::Rows((0..2).filter_map(row).collect())
     }
@@ -103,10 +103,7 @@ impl OrderLines {
         let middle = usize::midpoint(range.start, range.end);
         let at = condition(recording, middle, scenario);
         let rate = recording.sample_rate.hz();
-        let turned: Vec<f64> = match &recording.spindle_angle_rad {
-            Some(angle) => angle[range.clone()].to_vec(),
-            None => commanded_angle(recording)[range.clone()].to_vec(),
-        };
+        let turned = turned_angle(recording, range.clone());
         let filter = stated_filter(recording);
         let mut lines = Vec::new();
         for (tool, force) in recorded_forces(recording, scenario).iter().enumerate() {
@@ -132,6 +129,14 @@ impl OrderLines {
     pub(crate) fn power(&self) -> [f64; 2] {
         let sum = self.lines.iter().map(|l| l.line_n.norm_sqr() / (l.sd_n * l.sd_n)).sum();
         [sum, 2.0 * self.lines.len() as f64]
+    }
+}
+
+/// Angle of the spindle over a range, rad: as measured, or as commanded.
+pub(crate) fn turned_angle(recording: &CutRecording, range: std::ops::Range<usize>) -> Vec<f64> {
+    match &recording.spindle_angle_rad {
+        Some(angle) => angle[range].to_vec(),
+        None => commanded_angle(recording)[range].to_vec(),
     }
 }
 
@@ -220,7 +225,7 @@ fn relative_line(effect: &CutEffect, order: usize, width_m: f64) -> Complex<f64>
 
 impl Observable for OrderLines {
     fn part(&self, machine: &Machine, _: Every) -> Part {
-        let cut = CutLoop::new(&CutTerms::of(&machine.scenario, &self.condition));
+        let cut = CutLoop::new(&machine.terms(&self.condition));
         let force_n = cut.means().force_n;
         let alpha = [self.condition.pitch_difference_rad / 2.0, PI];
         let turning: Vec<CutEffect> = machine.scenario.physics.iter().collect();
@@ -278,8 +283,9 @@ impl SpindleAngle {
     pub(crate) fn new(recording: &CutRecording, index: usize) -> Option<Self> {
         let measured = recording.spindle_angle_rad.as_ref()?;
         let commanded = commanded_angle(recording);
-        // Every tenth sample: rounding is independent from there on.
-        let at: Vec<usize> = (0..measured.len()).step_by(10).collect();
+        // 900 samples a second: rounding is independent from there on.
+        let stride = ((recording.sample_rate.hz() / 900.0) as usize).max(1);
+        let at: Vec<usize> = (0..measured.len()).step_by(stride).collect();
         let columns = 5;
         let row = |k: usize| {
             let (s1, c1) = commanded[k].sin_cos();

@@ -9,6 +9,7 @@
 
 use super::super::selection::{Fitted, Screened, Subject, Work};
 use super::super::two_cores::on_two_cores;
+use super::adequacy::peaks;
 use super::criteria::CRITERIA;
 use super::fit::{Effort, Ended, Problem};
 use super::laws::{Law, Term};
@@ -48,6 +49,18 @@ pub(crate) struct Cut<'a> {
     problem: &'a Problem<'a>,
     laws: Vec<Law>,
     before: RefCell<Vec<Before>>,
+    defended: RefCell<Vec<Defended>>,
+}
+
+/// A law of a model against every rival in its place, all others of the model kept.
+#[derive(Debug, Clone)]
+pub(crate) struct Defended {
+    /// Law.
+    pub(crate) law: Law,
+    /// What the model loses without it, less its price, nats.
+    pub(crate) evidence_nats: f64,
+    /// Rivals in its place with theirs.
+    pub(crate) rivals: Vec<(Law, f64)>,
 }
 
 /// Screening looks at every third bin.
@@ -56,13 +69,20 @@ const SCREENED: Every = Every(3);
 const LOOK: Effort = Effort { steps: 4, every: Every(4), two_cores: true };
 /// The stated structure again, from the numbers that a hypothesis found.
 const AGAIN: Effort = Effort { steps: 5, every: Every(1), two_cores: true };
+/// Rivals that are fitted in the place of a law that was taken up before another.
+const CHALLENGERS: usize = 4;
 /// Starts that are looked at of a law with several shapes.
 const STARTS: usize = 3;
 
 impl<'a> Cut<'a> {
     /// `laws`: those that are open.
     pub(crate) fn new(problem: &'a Problem<'a>, laws: Vec<Law>) -> Self {
-        Self { problem, laws, before: RefCell::new(Vec::new()) }
+        Self { problem, laws, before: RefCell::new(Vec::new()), defended: RefCell::new(Vec::new()) }
+    }
+
+    /// Laws that stood their ground after others had been taken up; of each the last time counts.
+    pub(crate) fn defended(self) -> Vec<Defended> {
+        self.defended.into_inner()
     }
 
     /// The best that is known of the structure of a point: its value and where.
@@ -91,23 +111,87 @@ impl<'a> Cut<'a> {
         Some(model)
     }
 
+    /// What a law must be worth to be named, nats.
+    fn level_nats(&self) -> f64 {
+        let frame = self.problem.frame;
+        if frame.has_table() && !frame.has_recordings() {
+            CRITERIA.table_level_nats
+        } else {
+            CRITERIA.level_nats
+        }
+    }
+
     /// Price of a law, nats: of each coordinate, and of every further shape that was looked at.
     pub(crate) fn price_nats(law: Law) -> f64 {
-        CRITERIA.price_nats * law.coordinates().len() as f64 + (law.feet().len() as f64).ln()
+        CRITERIA.price_nats * law.coordinates().len() as f64 + (law.feet(&[]).len() as f64).ln()
+    }
+
+    /// The best that is known of a structure, fitted to the end.
+    fn refined(&self, structure: &Point, work: &mut Work) -> Model {
+        let best = self.before(structure);
+        let Some(ended) = self.problem.fit(&best.point, &Effort::FULL) else { return best };
+        let _ = work.take(ended.evaluations);
+        let model = Model { point: ended.point, value: ended.value };
+        self.note(&model);
+        model
+    }
+
+    /// A law of a model against its rivals. What to go on from, if it does not stand: without it where it is
+    /// no longer worth its level, with the rival where that is worth more.
+    fn challenged(&self, model: &Model, k: usize, work: &mut Work) -> Option<Point> {
+        let law = model.point.terms[k].law;
+        let mut without = model.point.clone();
+        without.terms.remove(k);
+        let without = self.refined(&without, work);
+        let evidence_nats = without.value - model.value - Self::price_nats(law);
+        let mut rivals: Vec<(Law, f64)> = Vec::new();
+        let mut best: Option<(f64, Point)> = None;
+        for asked in self.screen(&without, work)?.iter().filter(|s| s.hypothesis.law != law).take(CHALLENGERS)
+        {
+            let Some(ended) = self.fit_law(&without, &asked.hypothesis, work) else { continue };
+            let nats = without.value - ended.value - Self::price_nats(asked.hypothesis.law);
+            rivals.push((asked.hypothesis.law, nats));
+            if !vanished(ended.point.terms.last()?) && best.as_ref().is_none_or(|b| nats > b.0) {
+                best = Some((nats, ended.point));
+            }
+        }
+        let mut known = self.defended.borrow_mut();
+        known.retain(|d| d.law != law);
+        if let Some((nats, point)) = best.filter(|b| b.0 > evidence_nats.max(self.level_nats()) + 1.0) {
+            let rivals = rivals.into_iter().filter(|r| r.1 < nats).chain([(law, evidence_nats)]).collect();
+            let mut point = point;
+            let term = point.terms.pop()?;
+            known.retain(|d| d.law != term.law);
+            known.push(Defended { law: term.law, evidence_nats: nats, rivals });
+            point.terms.insert(k, term);
+            return Some(point);
+        }
+        if evidence_nats < self.level_nats() {
+            return Some(without.point);
+        }
+        known.push(Defended { law, evidence_nats, rivals });
+        None
     }
 
     /// The better of a few starts, then to the end.
     fn fit_law(&self, model: &Model, asked: &Asked, work: &mut Work) -> Option<Ended> {
         let mut best: Option<Ended> = None;
-        // A likelihood with several hills (few cuts of a shop) is climbed from the model as it was handed in
-        // and from the best point that any hypothesis has led to: the order of the laws must not decide.
+        // A likelihood with several hills (few cuts of a shop) is climbed from the model as it was handed in,
+        // from the best point that any hypothesis has led to (the order of the laws must not decide), and
+        // from the numbers as they are stated: without the law the fit may have bent them far.
         let mut bases = vec![model.point.clone()];
         let known = self.before(&model.point).point;
         if known != model.point {
             bases.push(known);
         }
+        let mut starts: Vec<Vec<f64>> = asked.starts.iter().take(STARTS).cloned().collect();
+        if self.problem.frame.has_table() {
+            bases.push(self.problem.frame.as_stated(&model.point));
+            // From a bent model a law promises nothing at no size; of a typical size it may stand on a hill.
+            starts.extend(asked.starts.first().map(|start| asked.law.typical(start)));
+        }
         for base in &bases {
-            for start in asked.starts.iter().take(STARTS) {
+            for start in &starts {
                 let mut point = base.clone();
                 point.terms.push(Term { law: asked.law, values: start.clone() });
                 let Some(looked) = self.problem.fit(&point, &LOOK) else { continue };
@@ -208,12 +292,13 @@ impl Subject for Cut<'_> {
 
     fn screen(&self, model: &Model, work: &mut Work) -> Option<Vec<Screened<Asked>>> {
         let base = Screening::new(self.problem, &model.point, SCREENED)?;
+        let peaks = peaks(&base.parts[0], self.problem.frame.scales.frequency_hz);
         let taken: Vec<Law> = model.point.terms.iter().map(|t| t.law).collect();
         let asked: Vec<(Law, Vec<f64>)> = self
             .laws
             .iter()
             .filter(|l| !taken.contains(l))
-            .flat_map(|l| l.feet().into_iter().map(|f| (*l, f)))
+            .flat_map(|l| l.feet(&peaks).into_iter().map(|f| (*l, f)))
             .collect();
         // Foot and sizes of each, every third bin.
         let evaluations =
@@ -257,7 +342,7 @@ impl Subject for Cut<'_> {
             hypothesis: Asked { law: asked.law, starts: vec![term.values] },
             model: fitted,
             evidence_nats,
-            level_nats: CRITERIA.level_nats,
+            level_nats: self.level_nats(),
             at_bound,
         })
     }
@@ -269,12 +354,18 @@ impl Subject for Cut<'_> {
         }
     }
 
+    /// Numbers to the end; then each law again that was there before: what was taken up first had to stand
+    /// for all that was missing, and may be a rival's.
     fn settle(&self, model: Model, work: &mut Work) -> Model {
-        let best = self.before(&model.point);
-        let Some(ended) = self.problem.fit(&best.point, &Effort::FULL) else { return best };
-        let _ = work.take(ended.evaluations);
-        let model = Model { point: ended.point, value: ended.value };
-        self.note(&model);
+        let mut model = self.refined(&model.point, work);
+        let mut k = 0;
+        while k + 1 < model.point.terms.len() {
+            let laws = model.point.terms.len();
+            if let Some(other) = self.challenged(&model, k, work) {
+                model = self.refined(&other, work);
+            }
+            k += usize::from(model.point.terms.len() == laws);
+        }
         model
     }
 }
@@ -310,7 +401,7 @@ pub(crate) fn visibility(problem: &Problem, model: &Model, laws: &[Law]) -> Vec<
         Some(Seen { law, of_a_size: left[(0, 0)].max(0.0).sqrt(), alone: bare[(0, 0)].max(0.0).sqrt() })
     };
     let of_law = |law: &Law| {
-        let feet = law.feet();
+        let feet = law.feet(&[]);
         let seen = feet.iter().filter_map(|foot| of_foot(*law, foot));
         seen.max_by(|a, b| a.of_a_size.total_cmp(&b.of_a_size))
     };

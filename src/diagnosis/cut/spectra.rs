@@ -5,37 +5,40 @@
 //! S = sum_j g_j g_j^H nu^2 F_j^2 S_u + diag(sensor + folded, .., probe)
 //! g_j = (Z_1j, Z_2j, -G (Z_1j - Z_2j))
 //!
-//! Lines of a calm cut are a few hertz wide, not much more than a bin: what the window smears is in S.
+//! Two sine tapers, every third bin: values that are as good as independent and hold two thirds of the
+//! information of all samples (one window of Hann, every second bin: 0.47). Lines of a calm cut are a few
+//! hertz wide, not much more than a bin: what the tapers smear is in S.
 
 use super::criteria::CRITERIA;
 use super::input::CutRecording;
 use super::machine::Machine;
 use super::observable::{Bin, CHANNELS, Every, LeftOver, Matrix, Observable, Origin, OriginKind, Part, ZERO};
-use super::stretches::{Stretch, condition, signal_response, stated_filter};
+use super::rows::turned_angle;
+use super::stretches::{Stretch, band_hz, condition, signal_response, stated_filter};
 use crate::plant::cut_effects::CutEffect;
 use crate::plant::cut_loop::{CutLoop, ToolMatrix, random_force_spectrum_1_hz};
-use crate::plant::cut_terms::{CutCondition, CutTerms};
+use crate::plant::cut_terms::CutCondition;
 use crate::plant::effects::EffectKind;
 use crate::plant::scenario::{Scenario, ToolCount};
 use crate::signal::butterworth::Butterworth;
 use crate::units::SampleRate;
 use nalgebra::Complex;
 use rustfft::FftPlanner;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Where a spectrum was taken.
 #[derive(Debug, Clone)]
 pub(super) struct Place {
     /// Condition in the middle.
     pub(super) condition: CutCondition,
-    /// One or two.
-    pub(super) tools: ToolCount,
     /// Of the samples.
     pub(super) rate: SampleRate,
     /// Low-pass of the force signal as stated.
     pub(super) filter: Option<Butterworth>,
     /// Forces that are there, in order; the probe is index 2.
     pub(super) used: Vec<usize>,
+    /// Band in which it is looked at, Hz.
+    pub(super) band_hz: [f64; 2],
     /// Recording and time.
     pub(super) origin: Origin,
 }
@@ -52,10 +55,10 @@ impl Place {
         let span_s = [recording.time_s(stretch.samples.start), recording.time_s(stretch.samples.end - 1)];
         Self {
             condition: condition(recording, at, scenario),
-            tools: scenario.tools.count(),
             rate: recording.sample_rate,
             filter: stated_filter(recording),
             used,
+            band_hz: band_hz(recording, scenario),
             origin: Origin { kind: OriginKind::Calm, recording: Some(stretch.recording), span_s },
         }
     }
@@ -76,13 +79,15 @@ impl Place {
 
     /// The signal's lag that a machine has.
     pub(super) fn lag(&self, machine: &Machine) -> Option<SignalLag> {
-        let CutEffect::ForceSensorLag(lag) = machine.scenario.physics.get(EffectKind::ForceSensorLag)? else {
-            return None;
+        let late_s = machine.noise.signal_late_s;
+        let Some(CutEffect::ForceSensorLag(lag)) = machine.scenario.physics.get(EffectKind::ForceSensorLag)
+        else {
+            return (late_s.abs() > 0.0).then_some(SignalLag { extra_delay_s: late_s, filter: None });
         };
         let corner = lag.bandwidth_hz.min(0.45 * self.rate.hz());
         let narrow = lag.bandwidth_hz.is_finite();
         let filter = narrow.then(|| Butterworth::low_pass(4, corner, self.rate).ok()).flatten();
-        Some(SignalLag { extra_delay_s: lag.extra_delay_s, filter })
+        Some(SignalLag { extra_delay_s: lag.extra_delay_s + late_s, filter })
     }
 
     /// nu F_j and the part of the random force that folds back from above half the rate.
@@ -90,9 +95,9 @@ impl Place {
         cut.means().force_n.map(|f| (machine.noise.random_share * f).powi(2))
     }
 
-    /// One tool cuts.
-    pub(super) fn one_tool(&self) -> bool {
-        self.tools == ToolCount::One
+    /// Force signals in use.
+    pub(super) fn forces(&self) -> usize {
+        self.used.iter().filter(|j| **j < 2).count()
     }
 
     /// What of the random force folds back from above half the rate, over its variance, 1/Hz.
@@ -130,14 +135,26 @@ pub(super) struct SignalLag {
 /// Unit of the probe in the spectra: micrometres, so that its numbers are of the size of the forces'.
 pub(super) const PROBE_UNIT_M: f64 = 1e-6;
 
-/// Bins of a window of Hann of `n` samples: (index, frequency), orders of the spindle left out where there
-/// are lines of them (`speed_rpm`).
+/// Tapers that are used beside each other.
+pub(super) const TAPERS: usize = 2;
+/// Of these bins every one: the values of both tapers are then uncorrelated to two in a thousand.
+const SPACING: usize = 3;
+
+/// Share of all bins that values of [`TAPERS`] at a [`SPACING`] are.
+pub(super) const SHARE_OF_BINS: f64 = TAPERS as f64 / SPACING as f64;
+
+/// What a taper takes from its own bin and from either neighbour: the square of its transform, sinc(d - k/2)
+/// and sinc(d + k/2) joined, on whole bins.
+pub(super) const SMEARED: [[f64; 2]; TAPERS] = [[0.818, 0.091], [0.0, 0.5]];
+
+/// Bins of `n` samples in a band: (index, frequency), those next to orders of the spindle left out where
+/// lines of them were taken away (`speed_rpm`).
 pub(super) fn bins(n: usize, rate_hz: f64, speed_rpm: Option<f64>, band_hz: [f64; 2]) -> Vec<(usize, f64)> {
     let step = rate_hz / n as f64;
-    let first = (band_hz[0] / step).ceil() as usize;
+    let first = ((band_hz[0] / step).ceil() as usize).max(2);
     let last = (band_hz[1].min(0.45 * rate_hz) / step).floor() as usize;
     (first..=last)
-        .step_by(2)
+        .step_by(SPACING)
         .map(|k| (k, k as f64 * step))
         .filter(|(_, f)| {
             speed_rpm.is_none_or(|speed| {
@@ -148,16 +165,29 @@ pub(super) fn bins(n: usize, rate_hz: f64, speed_rpm: Option<f64>, band_hz: [f64
         .collect()
 }
 
-/// Distance in bins, and share of the power that a window of Hann takes from there: W(d)^2 with
-/// W = sinc(d)/(1 - d^2).
-pub(super) const SMEARED: [(f64, f64); 5] =
-    [(-1.0, 0.0839), (-0.5, 0.2418), (0.0, 0.3486), (0.5, 0.2418), (1.0, 0.0839)];
+/// Sine taper number `k` (from 0; Riedel and Sidorenko 1995) of `n` samples, with the scale that makes |X|^2
+/// a one-sided spectrum.
+pub(super) fn taper(k: usize, n: usize, rate_hz: f64) -> Vec<f64> {
+    let (length, k) = (n as f64 + 1.0, k as f64 + 1.0);
+    let scale = (2.0 / length).sqrt() * (2.0 / rate_hz).sqrt();
+    (1..=n).map(|i| scale * (PI * k * i as f64 / length).sin()).collect()
+}
 
-/// Window of Hann with the scale that makes |X|^2 a one-sided spectrum.
-pub(super) fn hann(n: usize, rate_hz: f64) -> Vec<f64> {
-    // Sum of the squares of the window is 3 n/8.
-    let scale = (2.0 / (rate_hz * 0.375 * n as f64)).sqrt();
-    (0..n).map(|k| scale * 0.5 * (1.0 - (TAU * k as f64 / n as f64).cos())).collect()
+/// A series less the lines of the spindle's orders up to a frequency; `turned`: angle of each sample, rad.
+///
+/// Each by itself through a window of Hann: orders stand many bins apart.
+fn without_orders(x: &mut [f64], turned: &[f64], turn_hz: f64, highest_hz: f64) {
+    let n = x.len();
+    let window: Vec<f64> = (0..n).map(|k| 1.0 - (TAU * (k as f64 + 0.5) / n as f64).cos()).collect();
+    let turn: Vec<Complex<f64>> = turned.iter().map(|a| Complex::from_polar(1.0, *a)).collect();
+    let mut power = vec![Complex::new(1.0, 0.0); n];
+    let last = (highest_hz / turn_hz) as usize;
+    for _ in 1..=last {
+        power.iter_mut().zip(&turn).for_each(|(p, t)| *p *= t);
+        let sum: Complex<f64> = (0..n).map(|k| power[k].conj() * (x[k] * window[k])).sum();
+        let line = sum * (2.0 / n as f64);
+        x.iter_mut().zip(&power).for_each(|(x, p)| *x -= (line * p).re);
+    }
 }
 
 /// A series less its straight line of least squares: wear and travel are no vibration.
@@ -176,83 +206,51 @@ pub(crate) struct CalmSpectra {
     bins: Vec<CalmBin>,
     /// Below the band of the fit.
     slow: Vec<CalmBin>,
-    /// Band that each bin stands for, Hz.
-    bin_hz: f64,
     /// Distance of the transform's own bins, Hz.
     step_hz: f64,
 }
 
-/// Frequency and amplitudes of a bin.
-type CalmBin = (f64, [Complex<f64>; CHANNELS]);
-
-/// What the bins hold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Way {
-    /// Forces in the closed loop: the innovations are (I + A R) of them.
-    Closed,
-    /// The innovations themselves.
-    Innovations,
-}
-
-/// Mean square of the innovations of a tool over the bins, a hertz each.
-pub(super) fn innovation_power(place: &Place, cut: &CutLoop, bins: &[Bin], way: Way) -> LeftOver {
-    let tools = if place.one_tool() { 1 } else { 2 };
-    let mut sum = LeftOver::default();
-    for bin in bins {
-        let m = match way {
-            Way::Innovations => [[1.0, 0.0], [0.0, 1.0]].map(|r| r.map(|x| Complex::new(x, 0.0))),
-            Way::Closed => {
-                let mut m = force_per_force(cut, Complex::new(0.0, TAU * bin.frequency_hz));
-                m[0][0] += 1.0;
-                m[1][1] += 1.0;
-                m
-            }
-        };
-        for row in m.iter().take(tools) {
-            let seen: Complex<f64> = (0..tools).map(|c| row[c] * bin.x[c]).sum();
-            let floor: Complex<f64> = (0..tools)
-                .flat_map(|a| (0..tools).map(move |b| (a, b)))
-                .map(|(a, b)| row[a] * bin.s[a][b] * row[b].conj())
-                .sum();
-            sum.recorded_n2 += seen.norm_sqr() / tools as f64;
-            sum.floor_n2 += floor.re / tools as f64;
-        }
-    }
-    sum
-}
+/// Frequency, and amplitudes through each taper.
+type CalmBin = (f64, [[Complex<f64>; CHANNELS]; TAPERS]);
 
 impl CalmSpectra {
-    /// The spectra of a stretch. Cost: one transform a channel.
-    pub(crate) fn new(recording: &CutRecording, stretch: &Stretch, scenario: &Scenario) -> Self {
+    /// The spectra of a stretch. `lines`: there are lines of the spindle, which no random force makes.
+    /// Cost: two transforms a channel.
+    pub(crate) fn new(recording: &CutRecording, stretch: &Stretch, scenario: &Scenario, lines: bool) -> Self {
         let range = stretch.samples.clone();
         let place = Place::new(recording, stretch, usize::midpoint(range.start, range.end), scenario);
         let (n, rate) = (range.len(), recording.sample_rate.hz());
-        let window = hann(n, rate);
+        let tapers = [0, 1].map(|k| taper(k, n, rate));
         let forward = FftPlanner::new().plan_fft_forward(n);
-        let spectrum = |x: Option<&Vec<f64>>, unit: f64| {
-            let x = x.map_or_else(|| vec![0.0; n], |x| without_line(&x[range.clone()]));
-            let windowed = x.iter().zip(&window).map(|(x, w)| Complex::new(x / unit * w, 0.0));
-            let mut y: Vec<Complex<f64>> = windowed.collect();
-            forward.process(&mut y);
-            y
+        let speed_rpm = lines.then_some(place.condition.speed_rpm);
+        let turned = turned_angle(recording, range.clone());
+        let spectra = |x: Option<&Vec<f64>>, unit: f64| {
+            let mut x = x.map_or_else(|| vec![0.0; n], |x| without_line(&x[range.clone()]));
+            if let Some(speed_rpm) = speed_rpm {
+                without_orders(&mut x, &turned, speed_rpm / 60.0, place.band_hz[1]);
+            }
+            tapers.each_ref().map(|taper| {
+                let tapered = x.iter().zip(taper).map(|(x, w)| Complex::new(x / unit * w, 0.0));
+                let mut y: Vec<Complex<f64>> = tapered.collect();
+                forward.process(&mut y);
+                y
+            })
         };
-        let forces = [0, 1].map(|j| spectrum(recording.forces_n[j].as_ref(), 1.0));
-        let probe = spectrum(recording.displacement_m.as_ref(), PROBE_UNIT_M);
+        let forces = [0, 1].map(|j| spectra(recording.forces_n[j].as_ref(), 1.0));
+        let probe = spectra(recording.displacement_m.as_ref(), PROBE_UNIT_M);
         let (delay_s, filter) = (recording.signal.delay_s, place.filter);
-        let speed_rpm = Some(place.condition.speed_rpm);
         let of_band = |band_hz: [f64; 2]| -> Vec<CalmBin> {
             bins(n, rate, speed_rpm, band_hz)
                 .into_iter()
                 .map(|(k, f)| {
                     let e = signal_response(filter.as_ref(), delay_s, f);
-                    (f, [forces[0][k] / e, forces[1][k] / e, probe[k]])
+                    (f, [0, 1].map(|t| [forces[0][t][k] / e, forces[1][t][k] / e, probe[t][k]]))
                 })
                 .collect()
         };
-        let slow = of_band([CRITERIA.slow_hz, CRITERIA.band_hz[0]]);
-        let bins = of_band(CRITERIA.band_hz);
-        let bin_hz = (CRITERIA.band_hz[1] - CRITERIA.band_hz[0]) / bins.len().max(1) as f64;
-        Self { place, bins, slow, bin_hz, step_hz: rate / n as f64 }
+        let slow = of_band([CRITERIA.slow_hz, place.band_hz[0]]);
+        let bins = of_band(place.band_hz);
+        Self { place, bins, slow, step_hz: rate / n as f64 }
     }
 
     /// Spectra and cross-spectra at a frequency, the signal as stated.
@@ -279,33 +277,29 @@ impl CalmSpectra {
     }
 
     fn bins_of(&self, bins: &[CalmBin], machine: &Machine, every: Every) -> Part {
-        let cut = CutLoop::new(&CutTerms::of(&machine.scenario, &self.place.condition));
+        let cut = CutLoop::new(&machine.terms(&self.place.condition));
         let random = self.place.random(machine, &cut);
         let lag = self.place.lag(machine);
         let spectrum = |f: f64| self.foretold(&cut, machine, random, f);
         let step = self.step_hz;
-        let mut last: Option<(f64, Matrix)> = None;
-        let bins = bins.iter().step_by(every.0).map(|(f, x)| {
-            // The window smears: what a bin of it holds is 1/6, 2/3 and 1/6 of three bins of the spectrum.
-            let below = match &last {
-                Some((at, known)) if (at - (f - step)).abs() < 1e-6 => *known,
-                _ => spectrum(f - step),
-            };
-            let (here, above) = (spectrum(*f), spectrum(f + step));
-            last = Some((f + step, above));
+        let mut out = Vec::with_capacity(TAPERS * bins.len());
+        for (f, amplitudes) in bins.iter().step_by(every.0) {
+            let (below, here, above) = (spectrum(f - step), spectrum(*f), spectrum(f + step));
             let ratio = self.place.signal_ratio(lag.as_ref(), *f);
-            let mut matrix = [[ZERO; CHANNELS]; CHANNELS];
-            for a in 0..CHANNELS {
-                let left = if a < 2 { ratio } else { Complex::new(1.0, 0.0) };
-                for b in 0..CHANNELS {
-                    let right = if b < 2 { ratio.conj() } else { Complex::new(1.0, 0.0) };
-                    let smeared = here[a][b] * 4.0 + below[a][b] + above[a][b];
-                    matrix[a][b] = smeared * left * right / 6.0;
+            for (x, [own, next]) in amplitudes.iter().zip(SMEARED) {
+                let mut matrix = [[ZERO; CHANNELS]; CHANNELS];
+                for a in 0..CHANNELS {
+                    let left = if a < 2 { ratio } else { Complex::new(1.0, 0.0) };
+                    for b in 0..CHANNELS {
+                        let right = if b < 2 { ratio.conj() } else { Complex::new(1.0, 0.0) };
+                        let smeared = here[a][b] * own + (below[a][b] + above[a][b]) * next;
+                        matrix[a][b] = smeared * left * right;
+                    }
                 }
+                out.push(self.place.select(*f, *x, &matrix));
             }
-            self.place.select(*f, *x, &matrix)
-        });
-        Part::Bins { channels: self.place.used.len(), bins: bins.collect() }
+        }
+        Part::Bins { channels: self.place.used.len(), bins: out }
     }
 }
 
@@ -319,10 +313,9 @@ impl Observable for CalmSpectra {
     }
 
     fn left_over(&self, machine: &Machine) -> Option<LeftOver> {
-        let cut = CutLoop::new(&CutTerms::of(&machine.scenario, &self.place.condition));
-        let whole = self.place.used.starts_with(&[0, 1]) || self.place.one_tool();
         let Part::Bins { bins, .. } = self.part(machine, Every(1)) else { return None };
-        whole.then(|| innovation_power(&self.place, &cut, &bins, Way::Closed) * self.bin_hz)
+        let [low, high] = self.place.band_hz;
+        Some(LeftOver::of_bins(&bins, self.place.forces(), high - low))
     }
 
     fn origin(&self) -> Origin {
@@ -345,7 +338,7 @@ mod tests {
     /// The spectrum of a calm cut is that of its random force through the closed loop: white noise of known
     /// size in, whitened power one out, whatever the seed.
     #[test]
-    fn the_window_of_hann_keeps_the_power_of_white_noise() {
+    fn the_tapers_keep_the_power_of_white_noise() {
         let machine = Machine { noise: Noise { sensor: 1.0, ..machine().noise }, ..machine() };
         let mut random = 7u64;
         let mut uniform = move || {
@@ -356,7 +349,7 @@ mod tests {
         let size = (12.0 * 1e-3 * RATE_HZ / 2.0).sqrt();
         let cuts = recording(&machine.scenario, 2.0, |_| [50.0 + size * uniform(), 50.0 + size * uniform()]);
         let stretch = Stretch { recording: 0, samples: 0..18000 };
-        let calm = CalmSpectra::new(&cuts, &stretch, &machine.scenario);
+        let calm = CalmSpectra::new(&cuts, &stretch, &machine.scenario, false);
         let Part::Bins { bins, channels } = calm.part(&machine, Every(1)) else { panic!("bins") };
         let power: f64 = bins.iter().map(|b| b.x[0].norm_sqr() / b.s[0][0].re).sum::<f64>();
         assert_eq!(channels, 2);

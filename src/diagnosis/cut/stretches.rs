@@ -13,6 +13,7 @@ use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::{CutCondition, CutTerms};
 use crate::plant::scenario::{Scenario, ToolCount};
 use crate::signal::butterworth::Butterworth;
+use crate::stability::rightmost_cut_root;
 use nalgebra::Complex;
 use rustfft::FftPlanner;
 use std::f64::consts::TAU;
@@ -66,6 +67,16 @@ pub(crate) fn stated_filter(recording: &CutRecording) -> Option<Butterworth> {
     Butterworth::low_pass(4, corner, recording.sample_rate).ok()
 }
 
+/// Band in which the forces of a recording say something, Hz.
+///
+/// From below the bar up to where the signal's filter still leaves a third; where no filter is stated, to
+/// what a second mode may reach: three times the bar. Never beyond what the rate can hold.
+pub(crate) fn band_hz(recording: &CutRecording, scenario: &Scenario) -> [f64; 2] {
+    let natural = scenario.workpiece.bending_frequency_hz();
+    let widest = recording.signal.bandwidth_hz.map_or(3.3 * natural, |b| CRITERIA.to_bandwidths * b);
+    [CRITERIA.from_hz.min(0.3 * natural), widest.min(0.4 * recording.sample_rate.hz())]
+}
+
 /// Ranges of samples in which speed, pitch, feed and width stand still and the tools cut.
 pub(crate) fn constant(recording: &CutRecording, shortest: usize) -> Vec<Range<usize>> {
     let (speed, pitch) = (&recording.spindle_speed_rpm, &recording.pitch_difference_rad);
@@ -73,8 +84,11 @@ pub(crate) fn constant(recording: &CutRecording, shortest: usize) -> Vec<Range<u
     // 1e-4 of itself, or 1e-4 rad: what single precision and the end of a smooth move leave.
     let near = |x: &[f64], a: usize, b: usize| (x[a] - x[b]).abs() <= 1e-4 * x[a].abs();
     let step = 2.0 * width.iter().copied().fold(0.0, f64::max).max(1e-6);
+    let masked = |k: usize| recording.masked.get(k).copied().unwrap_or(false);
     let same = |a: usize, b: usize| {
-        near(speed, a, b)
+        !masked(a)
+            && !masked(b)
+            && near(speed, a, b)
             && near(feed, a, b)
             && near(width, a, b)
             && (pitch[a] - pitch[b]).abs() <= 1e-4
@@ -100,10 +114,12 @@ struct Banded {
     loudness_n: Vec<f64>,
     /// Speed of the bar at the tools over surface speed: slope of the surface.
     slope: Vec<f64>,
+    /// Samples of a piece of loudness.
+    piece: usize,
 }
 
-/// Samples of a piece of loudness: a tenth of a turn, some periods of the bar.
-const PIECE: usize = 60;
+/// A piece of loudness: a tenth of a turn, some periods of the bar, s.
+const PIECE_S: f64 = 60.0 / 9000.0;
 
 impl Banded {
     fn new(recording: &CutRecording, scenario: &Scenario) -> Self {
@@ -111,7 +127,7 @@ impl Banded {
         let rate = recording.sample_rate.hz();
         let natural = scenario.workpiece.bending_frequency_hz();
         // Around the bar's first bending in the cut: K lifts it by up to two thirds.
-        let band = [0.75 * natural, (1.7 * natural).min(CRITERIA.band_hz[1])];
+        let band = [0.75 * natural, (1.7 * natural).min(band_hz(recording, scenario)[1])];
         let filter = stated_filter(recording);
         let mut planner = FftPlanner::new();
         let (forward, inverse) = (planner.plan_fft_forward(n), planner.plan_fft_inverse(n));
@@ -144,20 +160,21 @@ impl Banded {
         inverse.process(&mut motion);
         let surface = |k: usize| condition(recording, k, scenario).surface_speed_m_s();
         let slope = motion.iter().enumerate().map(|(k, v)| v.re / surface(k)).collect();
-        let loudness_n = (0..n.div_ceil(PIECE))
+        let length = ((PIECE_S * rate).round() as usize).max(1);
+        let loudness_n = (0..n.div_ceil(length))
             .map(|p| {
-                let piece = p * PIECE..((p + 1) * PIECE).min(n);
+                let piece = p * length..((p + 1) * length).min(n);
                 let power: f64 = piece.clone().map(|k| forces_n[0][k].powi(2) + forces_n[1][k].powi(2)).sum();
                 (power / piece.len() as f64).sqrt()
             })
             .collect();
-        Self { forces_n, loudness_n, slope }
+        Self { forces_n, loudness_n, slope, piece: length }
     }
 
     /// Loudness of the pieces inside of a range.
     fn loudness(&self, range: &Range<usize>) -> &[f64] {
-        let last = (range.end / PIECE).min(self.loudness_n.len());
-        &self.loudness_n[range.start.div_ceil(PIECE).min(last)..last]
+        let last = (range.end / self.piece).min(self.loudness_n.len());
+        &self.loudness_n[range.start.div_ceil(self.piece).min(last)..last]
     }
 }
 
@@ -217,9 +234,9 @@ fn split(
     let rate = recording.sample_rate.hz();
     let range = block.samples.clone();
     let loud = |p: &usize| banded.loudness_n[*p] > loud_n;
-    let pieces = range.start.div_ceil(PIECE)..(range.end / PIECE).min(banded.loudness_n.len());
-    let after_loud =
-        pieces.rev().find(loud).map_or(range.start, |p| (p + 1) * PIECE + (0.02 * rate) as usize);
+    let pieces = range.start.div_ceil(banded.piece)..(range.end / banded.piece).min(banded.loudness_n.len());
+    let fading = (fading_s(recording, range.start, scenario) * rate) as usize;
+    let after_loud = pieces.rev().find(loud).map_or(range.start, |p| (p + 1) * banded.piece + fading);
     let mut rest = range.clone();
     let tail = after_loud.min(range.end)..range.end;
     if tail.len() as f64 >= CRITERIA.shortest_calm_s * rate && !swells(banded.loudness(&tail)) {
@@ -235,6 +252,14 @@ fn split(
             out.followed.push(Stretch { recording: block.recording, samples: linear });
         }
     }
+}
+
+/// What rang as loud as [`Criteria::loud_floors`] is a tenth of that after this time: a hundredth of the
+/// noise in power, s. By the root of the cut as stated, whose growth is good to a few 1/s.
+fn fading_s(recording: &CutRecording, at: usize, scenario: &Scenario) -> f64 {
+    let cut = CutLoop::new(&CutTerms::of(scenario, &condition(recording, at, scenario)));
+    let slowest_1_s = 5.0;
+    10f64.ln() / (-rightmost_cut_root(&cut).growth_1_s).max(slowest_1_s)
 }
 
 fn swells(loudness: &[f64]) -> bool {

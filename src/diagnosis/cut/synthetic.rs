@@ -35,6 +35,7 @@ pub(crate) fn recording(
         displacement_m: None,
         workpiece_diameter_m: None,
         missing: Vec::new(),
+        masked: Vec::new(),
     }
 }
 
@@ -44,9 +45,12 @@ pub(crate) fn machine() -> Machine {
         random_share: 1e-6,
         sensor: 1e-6,
         sensor_rise: 0.0,
+        late_s: 0.0,
+        signal_late_s: 0.0,
         probe_m: 1e-9,
         line_spread_hz: 0.5,
         growth_spread_1_s: 1.0,
+        outcome_spread_1_s: 1.0,
         force_scatter: 0.02,
         cutting_gain: 1.0,
     };

@@ -4,7 +4,8 @@
 //! growth    (g - Re s)/sd,       sd^2 = se^2 + spread^2     s: root next to the measured pole
 //! line      (f - Im s/2 pi)/sd,  sd^2 = 0.1^2 (at chatter; 2^2 out of noise) + spread^2 Hz^2
 //! dominance max(0, Re s_max - Re s)/sd       no other line may outgrow the one that was seen
-//! outcome   P(chatter) = 0.01 + 0.98/(1 + exp(-Re s_max/spread)), as its deviance residual
+//! outcome   P(chatter) = 0.01 + 0.98/(1 + exp(-Re s_max/spread)), as its deviance residual; its spread is
+//!           its own: how fast a vibration was seen to grow may say little of how it began
 //! force     ln F less ln of the model's mean: mean of the tools, and tool 2 over tool 1
 //! ```
 //! All spreads are free: cuts are not set as exactly as they are written down, and how much so is in the
@@ -53,7 +54,6 @@ struct Pole {
 struct Row {
     at: CutCondition,
     pole: Option<Pole>,
-    /// Only where no growth is known.
     outcome: Option<CutOutcome>,
     /// Frequency at chatter of a row without growth.
     line_hz: Option<f64>,
@@ -96,7 +96,7 @@ impl Row {
         let force = |n: Option<f64>| n.filter(|n| *n > 0.0);
         Self {
             at: row_condition(row, scenario),
-            outcome: row.outcome.filter(|_| pole.is_none()),
+            outcome: row.outcome,
             line_hz: known.line_hz.filter(|_| pole.is_none() && chatters),
             pole,
             radial_n: [force(known.tool1_radial_force_n), force(known.tool2_radial_force_n)],
@@ -125,7 +125,7 @@ impl Row {
         }
         if let Some(outcome) = self.outcome {
             let root = rightmost_cut_root(&cut);
-            out.push(deviance(outcome, root.growth_1_s / spread));
+            out.push(deviance(outcome, root.growth_1_s / machine.noise.outcome_spread_1_s));
             if let Some(line_hz) = self.line_hz {
                 let near = cut_root_near(&cut, Root { growth_1_s: root.growth_1_s, frequency_hz: line_hz });
                 let sd = LINE_SD_HZ[0].hypot(machine.noise.line_spread_hz);
