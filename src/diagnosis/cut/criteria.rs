@@ -45,8 +45,8 @@ pub(crate) struct Criteria {
     pub(crate) price_nats: f64,
     /// Level for a name, nats: ln 33 looks = 3.5, the rest for errors of the likelihood itself.
     pub(crate) level_nats: f64,
-    /// The same of a table alone, nats: ln 20 looks and 20 to 1. Its spreads are free, so that errors of the
-    /// likelihood are in it already.
+    /// The same of a table alone, nats: 20 to 1. Its spreads are free, so that errors of the likelihood are
+    /// in it already; with the price a gain of 7.5, which chance gives one of 20 laws twice in a thousand.
     pub(crate) table_level_nats: f64,
     /// Standard deviations of a wrong number that is told.
     pub(crate) correction_sd: f64,
@@ -92,7 +92,7 @@ pub(crate) const CRITERIA: Criteria = Criteria {
     orders: 12,
     price_nats: 4.5,
     level_nats: 12.0,
-    table_level_nats: 6.0,
+    table_level_nats: 3.0,
     correction_sd: 3.0,
     left_sd: 9.0,
     left_share: 0.05,

@@ -62,6 +62,9 @@ impl Scales {
     }
 }
 
+/// Split of two planes of size 1.
+const PLANE_SPLIT: f64 = 0.05;
+
 /// One coordinate of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Coordinate {
@@ -301,6 +304,16 @@ impl Term {
         there.then(|| self.of_sizes([x, y, z], scales))
     }
 
+    /// Two planes in each other's place, and the frequency of the other over that of the stated one; `None`:
+    /// no two planes.
+    pub(crate) fn changed_planes(&self) -> Option<(Vec<f64>, f64)> {
+        let [share, split] = self.values[..] else { return None };
+        let ratio = 1.0 + PLANE_SPLIT * split;
+        let [low, high] = PLANE[0].bounds;
+        let share = (1.0 - share).clamp(low, high);
+        (self.law == Law::Plane).then(|| (vec![share, (1.0 / ratio - 1.0) / PLANE_SPLIT], ratio))
+    }
+
     /// Sizes of 1: an edge of a seventh of the force, damping of 60 N at 2.5 m/s and 0.2 mm; each a
     /// typical machine's.
     fn of_sizes(&self, [x, y, z]: [f64; 3], s: &Scales) -> CutEffect {
@@ -329,7 +342,7 @@ impl Term {
                 n_m: s.stiffness_n_m / (0.1 * x),
             }),
             Law::Plane => CutEffect::SecondPlane(SecondPlane {
-                frequency_hz: s.frequency_hz * (1.0 + 0.05 * y),
+                frequency_hz: s.frequency_hz * (1.0 + PLANE_SPLIT * y),
                 orientation_rad: orientation_rad(x, s.tangential_ratio),
             }),
             Law::Drift => CutEffect::ModeDrift(ModeDrift { hz_per_s: x * 0.004 * s.frequency_hz }),

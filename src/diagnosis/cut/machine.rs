@@ -251,9 +251,14 @@ impl Frame {
 
     /// Bounds of every coordinate of a point.
     pub(crate) fn bounds(&self, point: &Point) -> Vec<[f64; 2]> {
-        // A factor of ten of a stated number, e^9 of a noise: further is another machine.
+        // A factor of ten of a stated number, e^9 of a noise: further is another machine. Later than 10 us is
+        // no tolerance but an effect.
         let numbers = self.numbers.iter().map(|n| {
-            let furthest = if n.is_stated() { std::f64::consts::LN_10 / n.log_sd() } else { 6.0 };
+            let furthest = match n {
+                Number::Late | Number::SignalLate => 2.0,
+                n if n.is_stated() => std::f64::consts::LN_10 / n.log_sd(),
+                _ => 6.0,
+            };
             [-furthest, furthest]
         });
         numbers.chain(point.terms.iter().flat_map(|t| t.law.coordinates().iter().map(|c| c.bounds))).collect()

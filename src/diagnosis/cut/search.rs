@@ -13,7 +13,7 @@ use super::adequacy::peaks;
 use super::criteria::CRITERIA;
 use super::fit::{Effort, Ended, Problem};
 use super::laws::{Law, Term};
-use super::machine::Point;
+use super::machine::{Number, Point};
 use super::observable::Every;
 use crate::plant::cut_effects::Specification;
 use crate::plant::effects::{EffectKind, Port};
@@ -173,6 +173,17 @@ impl<'a> Cut<'a> {
         None
     }
 
+    /// Two planes that have changed places: which of them is the stated one its stated frequency says alone.
+    fn mirrored(&self, point: &Point) -> Option<Point> {
+        let term = point.terms.last().filter(|t| t.law == Law::Plane)?;
+        let number = self.problem.frame.numbers.iter().position(|n| *n == Number::Frequency)?;
+        let mut out = point.clone();
+        let (values, ratio) = term.changed_planes()?;
+        out.numbers[number] += ratio.ln() / Number::Frequency.log_sd();
+        out.terms.last_mut()?.values = values;
+        Some(out)
+    }
+
     /// The better of a few starts, then to the end.
     fn fit_law(&self, model: &Model, asked: &Asked, work: &mut Work) -> Option<Ended> {
         let mut best: Option<Ended> = None;
@@ -201,7 +212,12 @@ impl<'a> Cut<'a> {
                 }
             }
         }
-        let ended = self.problem.fit(&best?.point, &Effort::FULL)?;
+        let mut ended = self.problem.fit(&best?.point, &Effort::FULL)?;
+        if let Some(other) = self.mirrored(&ended.point).and_then(|p| self.problem.fit(&p, &Effort::FULL)) {
+            let evaluations = ended.evaluations + other.evaluations;
+            ended = if other.value < ended.value { other } else { ended };
+            ended.evaluations = evaluations;
+        }
         work.take(ended.evaluations).then_some(ended)
     }
 }
