@@ -399,6 +399,20 @@ fn orientation_rad(r2: f64, mu: f64) -> f64 {
 mod tests {
     use super::*;
 
+    /// Two planes in each other's place are the same compliance along the tools.
+    #[test]
+    fn planes_that_change_places_are_the_same_bar() {
+        let term = Term { law: Law::Plane, values: vec![0.2, -0.8] };
+        let (values, ratio) = term.changed_planes().expect("two planes");
+        let planes = |v: &[f64], own: f64| [(1.0 - v[0], own), (v[0], own * (1.0 + PLANE_SPLIT * v[1]))];
+        let [one, two] = planes(&term.values, 500.0);
+        let [other, first] = planes(&values, 500.0 * ratio);
+        for (a, b) in [(one, first), (two, other)] {
+            assert!((a.0 - b.0).abs() < 1e-12 && (a.1 - b.1).abs() < 1e-9, "{a:?} {b:?}");
+        }
+        assert!(Term { law: Law::Lag, values: vec![1.0] }.changed_planes().is_none());
+    }
+
     #[test]
     fn the_orientation_has_the_share_it_was_made_from() {
         for mu in [0.0, 1.0, 2.3] {

@@ -134,3 +134,29 @@ pub(crate) enum OriginKind {
     /// Rows of a table.
     Table,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Who predicts by the right spectrum leaves the floor; by a wrong one more, however loud it is.
+    #[test]
+    fn a_wrong_spectrum_predicts_worse_than_the_right_one() {
+        let truth = |k: usize| 1.0 + 0.9 * (0.13 * k as f64).sin();
+        let left = |model: &dyn Fn(usize) -> f64| {
+            let bin = |k: usize| {
+                let mut s = [[ZERO; CHANNELS]; CHANNELS];
+                s[0][0] = Complex::new(model(k), 0.0);
+                let x = [Complex::new(truth(k).sqrt(), 0.0), ZERO, ZERO];
+                Bin { x, frequency_hz: k as f64, log_jacobian: 0.0, s }
+            };
+            LeftOver::of_bins(&(0..400).map(bin).collect::<Vec<_>>(), 1, 1.0)
+        };
+        let right = left(&truth);
+        assert!((right.recorded_n2 - right.floor_n2).abs() < 1e-12);
+        for scale in [0.1, 1.0, 10.0] {
+            let wrong = left(&|k| scale * (1.0 + 0.5 * (0.13 * k as f64).sin()));
+            assert!(wrong.recorded_n2 > 1.05 * right.recorded_n2, "{scale}: {wrong:?} {right:?}");
+        }
+    }
+}

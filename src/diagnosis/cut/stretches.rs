@@ -302,3 +302,31 @@ fn linear(
     out.retain(|r| !r.is_empty());
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::synthetic::{machine, recording};
+    use super::*;
+
+    /// Rows that a gate has masked are in no stretch, and a stretch does not go over them.
+    #[test]
+    fn masked_rows_end_a_stretch() {
+        let scenario = machine().scenario;
+        let cuts = recording(&scenario, 1.0, |_| [50.0, 50.0]);
+        let mut masked = vec![false; cuts.len()];
+        masked[4000..4100].fill(true);
+        assert_eq!(constant(&cuts, 100), [0..9000]);
+        assert_eq!(constant(&cuts.with_masked(masked), 100), [0..4000, 4100..9000]);
+    }
+
+    /// The band is that of the signal, not of one machine: it follows filter, bar and rate.
+    #[test]
+    fn the_band_follows_the_signal() {
+        let scenario = machine().scenario;
+        let mut cuts = recording(&scenario, 0.1, |_| [50.0, 50.0]);
+        cuts.signal.bandwidth_hz = Some(800.0);
+        assert!((band_hz(&cuts, &scenario)[1] - 1040.0).abs() < 1e-9);
+        cuts.signal.bandwidth_hz = Some(1e5);
+        assert!((band_hz(&cuts, &scenario)[1] - 3600.0).abs() < 1e-9);
+    }
+}
