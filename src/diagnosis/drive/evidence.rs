@@ -48,9 +48,14 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
     let bands = gram.sum(&balance.plan, Part::All);
     let mut design = base.design.clone();
     design.columns.extend(old..old + added);
-    // On the grid neither shape nor numbers are where they belong, and the amplitude makes up for both.
-    let bounds = amplitude_bounds(h, added);
-    design.bounds.extend(if chance && h.has_dose() { vec![FREE; added] } else { bounds });
+    let mut bounds = amplitude_bounds(h, added);
+    if chance && h.has_dose() {
+        // On the grid neither shape nor numbers are where they belong, and the amplitude makes up for both;
+        // not for the sign: a drive that is late is no early one.
+        bounds = vec![FREE; added];
+        bounds[0] = [0.0, f64::INFINITY];
+    }
+    design.bounds.extend(bounds);
     let first = base.fit.beta.len();
     let mut start = base.fit.beta.clone();
     start.extend(std::iter::repeat_n(0.0, added));

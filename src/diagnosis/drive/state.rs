@@ -18,7 +18,7 @@ const TIMING_STEP: f64 = 0.1;
 /// A step of a loop's bandwidth, as a factor.
 pub(super) const LAG_STEP: f64 = 0.98;
 /// Steps of the bandwidth, and samples of a delay that was found, that a fit may take at once.
-const MOST_STEPS: f64 = 8.0;
+const MOST_STEPS: f64 = 15.0;
 const MOST_DELAY_SAMPLES: f64 = 2.0;
 
 /// A number of the structure, and the two constants that encoders without a common zero and scale leave free.

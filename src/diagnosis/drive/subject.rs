@@ -43,7 +43,9 @@ impl<'a> Drive<'a> {
     fn refined(&self, state: &State, start: &Hypothesis, work: &mut Work) -> Option<(Hypothesis, Asked)> {
         let mut h = *start;
         let mut asked = work.take(1).then(|| ask(self.balance, state, &h, false))?;
-        if asked.score < 0.0 && !h.is_whole() {
+        // On the grid the amplitude made up for a shape of another size.
+        let sized = h.is_whole() || matches!(h.shape, Shape::Delay { .. } | Shape::EncoderDelay { .. });
+        if asked.score < 0.0 && !sized {
             return Some((h, asked));
         }
         if let Shape::Map { flips, .. } = h.shape {
