@@ -27,6 +27,7 @@ pub fn engineering(value: f64, unit: &str, digits: usize) -> String {
         (1.0e-9, "n"),
         (1.0e-12, "p"),
     ];
+    let unit = if unit == "1" { "" } else { unit };
     let plain = !matches!(unit, "m" | "s" | "m/s" | "N" | "N/m" | "Hz" | "A" | "V" | "N m" | "N m/A");
     let small_only = matches!(unit, "m" | "s" | "m/s" | "Hz");
     let size = value.abs();
