@@ -1,6 +1,7 @@
 //! The whole system in one process, over real shared memory: virtual lathe and service, and what a person
 //! sees of them.
 
+use super::live::LiveState;
 use super::virtual_lathe::VirtualLathe;
 use super::{EventFilter, Handle, MAX_PAGE, Origin, Running, ServiceError, live, start};
 use crate::config::service::{BUILT_IN_MODEL, COMMISSIONING_ITEMS, ServiceConfig};
@@ -114,6 +115,7 @@ pub fn run_demo(
 fn service_config(plan: &DemoPlan, folder: &Path, port: u16) -> ServiceConfig {
     let mut config = ServiceConfig { workpiece: plan.lathe.scenario.workpiece, ..ServiceConfig::default() };
     config.cutting = plan.lathe.scenario.cutting;
+    config.scenario = Some(plan.lathe.scenario);
     config.model = Some(folder.join(MODEL));
     config.transport = (format!("demo{}", std::process::id()), folder.join("domain"));
     config.history.folder = folder.join("history");
@@ -196,21 +198,43 @@ async fn follow(
     while !lathe.is_finished() {
         tokio::time::sleep(Duration::from_millis(50)).await;
         let state = handle.state();
+        if raised && starved(&state, plan.mode) {
+            if state.fault.is_some() {
+                // Refused or not, the next look shows it.
+                let _ = handle.clear_fault(origin("the computer was too busy")).await;
+            }
+            tell("          the computer was too busy for the virtual lathe: the demonstration asks again");
+            raised = false;
+        }
         // Once: a person who takes the turret back on the page keeps it.
         if !raised && state.mode != plan.mode && state.source.connected {
-            let origin = Origin {
-                actor: "demo".into(),
-                role: "engineer".into(),
-                reason: "the demonstration asks for it".into(),
-            };
+            let asked = origin("the demonstration asks for it");
             // Refused until samples and turret are heard: asked again at the next look.
-            raised = handle.set_mode(plan.mode, Some(state.mode_revision), origin).await.is_ok();
+            raised = handle.set_mode(plan.mode, Some(state.mode_revision), asked).await.is_ok();
         }
         let strongest = handle.spectrum().amplitude_n.iter().copied().fold(0.0, f64::max);
         looks.push(Look { line_power_n2: strongest * strongest / 2.0, ..take_look(latest) });
         cursor = tell_events(handle, cursor, &mut tell).await;
     }
     looks
+}
+
+/// For the record.
+fn origin(reason: &str) -> Origin {
+    Origin { actor: "demo".into(), role: "engineer".into(), reason: reason.into() }
+}
+
+/// The virtual lathe, or this whole process, was held up until the service stopped acting; it is heard again.
+/// Every other fault stands until a person clears it, and a person who took the turret back keeps it.
+fn starved(state: &LiveState, wanted: live::Mode) -> bool {
+    let late = [
+        "the samples ceased",
+        "stopped acting: interlock unheard",
+        "stopped acting: turret silent",
+        "the pipeline stood still",
+    ];
+    let held_up = late.iter().any(|what| state.mode_reason.starts_with(what));
+    state.source.connected && state.mode != wanted && held_up
 }
 
 /// The newest look; vibration counts anew from here.
