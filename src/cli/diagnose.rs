@@ -3,8 +3,8 @@
 use super::bad_input;
 use super::gated::{Checked, read_checked};
 use crate::config::machine::read_machine;
-use crate::diagnosis::{DiagnoseOptions, Progress, diagnose_with};
-use crate::gate::Gated;
+use crate::diagnosis::{DiagnoseError, DiagnoseOptions, Progress, diagnose_with};
+use crate::gate::{Action, Fault, Gated};
 use crate::recording::write_whole;
 use crate::report::diagnosis::write;
 use crate::report::html::{ReportContext, diagnosis_page};
@@ -91,6 +91,14 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
     let diagnosis = with_progress(arguments.progress, work).map_err(|error| {
         let concerned = files.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));
         let concerned: Vec<&str> = concerned.map(|(file, _)| file.as_str()).collect();
+        // What was masked is why too little is left.
+        if let DiagnoseError::TooShort { .. } = error
+            && let Some(at) = faults.iter().find(|f| f.fault.action == Action::Mask)
+        {
+            let (file, Fault { column, kind, statement, .. }) = (&at.recording, &at.fault);
+            let (kind, why) = (kind.name(), statement.trim_end_matches('.'));
+            return bad_input(format!("{file}: column {column}: {kind}: {why}; nothing is left to judge"));
+        }
         bad_input(if concerned.is_empty() {
             error.to_string()
         } else {
