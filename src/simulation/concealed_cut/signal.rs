@@ -30,8 +30,13 @@ fn sections(bandwidth_hz: f64) -> [Section; 2] {
     })
 }
 
-/// A force as its signal shows it, from its values at every step.
-fn shown(force: &dyn Fn(usize) -> f64, steps: usize, cut: &TrueCut) -> Vec<f64> {
+/// A force as its signal shows it, from its values at every step. The noise of the sensor stands before the
+/// low-pass, as in every estimate of a force.
+fn shown(
+    force: &dyn Fn(usize) -> f64,
+    (steps, cut): (usize, &TrueCut),
+    noise_n: &mut dyn FnMut() -> f64,
+) -> Vec<f64> {
     let per_s = RATE_HZ * SUBSTEPS as f64;
     let delay = (STATED_DELAY_S + cut.hidden.signal_delay_s) * per_s;
     let rows = steps / SUBSTEPS;
@@ -49,6 +54,7 @@ fn shown(force: &dyn Fn(usize) -> f64, steps: usize, cut: &TrueCut) -> Vec<f64> 
             force(before) * (1.0 - t) + force((before + 1).min(steps - 1)) * t
         })
         .collect();
+    out.iter_mut().for_each(|f| *f += noise_n());
     for section in sections(bandwidth_hz) {
         let [mut x1, mut x2, mut y1, mut y2] = [first; 4];
         for value in &mut out {
@@ -82,8 +88,7 @@ pub(super) fn recording(
         |f: &dyn Fn(&Moment) -> f64| (0..rows).map(|r| f(&moments[r * SUBSTEPS])).collect::<Vec<_>>();
     let mut columns = Vec::new();
     for tool in 0..if cut.two_tools { 2 } else { 1 } {
-        let mut force = shown(&|k: usize| shows[k].force_n[tool], moments.len(), cut);
-        force.iter_mut().for_each(|f| *f += normal(noise_n));
+        let force = shown(&|k: usize| shows[k].force_n[tool], (moments.len(), cut), &mut || normal(noise_n));
         columns.push(column(&format!("tool{}_radial_force_n", tool + 1), force));
     }
     let angle = (0..rows).map(|r| shows[r * SUBSTEPS].angle_rad + normal(2e-4)).collect();
