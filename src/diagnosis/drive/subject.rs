@@ -178,8 +178,7 @@ impl<'a> Drive<'a> {
         for (by, which) in [0.3, 0.1, 0.04, 0.015].into_iter().flat_map(|by| [(by, 0), (by, 1)]) {
             for sign in [-1.0, 1.0] {
                 let mut step = sign * by;
-                loop {
-                    let Shape::Cut { hz, start_s, end_s } = h.shape else { break };
+                while let Shape::Cut { hz, start_s, end_s } = h.shape {
                     let mut ends = [start_s, end_s];
                     ends[which] += step;
                     if ends[1] - ends[0] < 0.1 || !work.take(1) {
