@@ -246,7 +246,9 @@ impl<'a> Run<'a> {
 
     /// One step at a moment. `noise`: random part of each force; `tangle_n`: force on the bar.
     pub(super) fn step(&mut self, at: &Moment, commanded_rad: f64, noise: [f64; 2], tangle_n: f64) -> Shown {
-        (self.noise, self.tangle_n) = (noise, tangle_n);
+        // The random part runs straight from one step to the next: held, it would be half a step late.
+        self.tangle_n = tangle_n;
+        let middle_noise = [(self.noise[0] + noise[0]) / 2.0, (self.noise[1] + noise[1]) / 2.0];
         let h = self.step_s;
         let angle = self.angle_rad.last().copied().unwrap_or(0.0);
         let rates = [0.0, 0.5, 1.0]
@@ -257,9 +259,11 @@ impl<'a> Run<'a> {
             |by: &State, part: f64| -> State { std::array::from_fn(|k| self.state[k] + part * h * by[k]) };
         let k1 = self.slope(&self.state, &at_part(0), [angle, rates[0]]);
         let middle = [angle + turned[1], rates[1]];
+        self.noise = middle_noise;
         let k2 = self.slope(&moved(&k1, 0.5), &at_part(1), middle);
         let k3 = self.slope(&moved(&k2, 0.5), &at_part(1), middle);
         let end = [angle + turned[2], rates[2]];
+        self.noise = noise;
         let k4 = self.slope(&moved(&k3, 1.0), &at_part(2), end);
         self.state =
             std::array::from_fn(|k| self.state[k] + h / 6.0 * (k1[k] + 2.0 * k2[k] + 2.0 * k3[k] + k4[k]));

@@ -51,7 +51,12 @@ fn shown(
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not negative")]
             let before = place as usize;
             let t = place - before as f64;
-            force(before) * (1.0 - t) + force((before + 1).min(steps - 1)) * t
+            let at = |k: usize| force(k.min(steps - 1));
+            // Newton's cubic: straight lines between steps would be a low-pass of their own.
+            let [a, b, c, d] = [at(before.saturating_sub(1)), at(before), at(before + 1), at(before + 2)];
+            b + t
+                * ((c - b)
+                    + (t - 1.0) * ((c - 2.0 * b + a) / 2.0 + (t + 1.0) * (d - 3.0 * c + 3.0 * b - a) / 6.0))
         })
         .collect();
     out.iter_mut().for_each(|f| *f += noise_n());
