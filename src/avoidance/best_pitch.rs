@@ -120,9 +120,7 @@ fn possible_cuts(question: &PitchQuestion<'_>) -> Vec<Cut> {
 
 /// What the lines allow a cut of two delays to be.
 fn candidates(question: &PitchQuestion<'_>) -> Vec<Candidate> {
-    // A line that was seen to grow at equal pitch says most; the newest of them the most of now.
-    let source = question.lines.iter().find(|l| l.pitch_rad.abs() < 0.01).or(question.lines.first());
-    let Some(source) = source else { return Vec::new() };
+    let Some(source) = HeardLine::source(question.lines) else { return Vec::new() };
     let mut candidates = identify(question.stated, source);
     for line in question.lines.iter().filter(|l| l.pitch_rad.abs() >= 0.01 && *l != source) {
         candidates = weigh(candidates, line);

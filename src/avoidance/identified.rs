@@ -31,6 +31,23 @@ pub struct HeardLine {
 
 crate::keyframe::keep!(HeardLine { frequency_hz, growth_1_s, turn_s, pitch_rad });
 
+impl HeardLine {
+    /// The line that says most: one that was seen to grow at equal pitch; the newest of them the most of now.
+    pub(super) fn source(lines: &[Self]) -> Option<&Self> {
+        lines.iter().find(|l| l.pitch_rad.abs() < 0.01).or(lines.first())
+    }
+
+    /// Growth and its uncertainty, 1/s.
+    pub(super) fn growth_and_sigma_1_s(&self) -> [f64; 2] {
+        self.growth_1_s.map_or(UNSEEN_GROWTH_1_S, |g| [g, HEARD_1_S + 0.25 * g.abs()])
+    }
+}
+
+/// How likely chatter is to be heard where the root grows by `growth_1_s`.
+pub(super) fn audible(growth_1_s: f64) -> f64 {
+    1.0 / (1.0 + (-growth_1_s / HEARD_1_S).exp())
+}
+
 /// One possible cut, frozen at the place where the line was heard.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate {
@@ -60,6 +77,8 @@ const DAMPING_SIGMA: f64 = 0.6;
 const SHAPE_SQUARED: f64 = 0.75;
 /// Growth of chatter that was not seen to grow, and its uncertainty.
 const UNSEEN_GROWTH_1_S: [f64; 2] = [25.0, 20.0];
+/// Accuracy of a growth near zero, and the width of the border between silence and chatter, 1/s.
+const HEARD_1_S: f64 = 8.0;
 /// Chatter is heard at the root that grows fastest, or nearly.
 const LEAD_SIGMA_1_S: f64 = 12.0;
 /// Candidates of less weight than this part of the best are dropped.
@@ -67,7 +86,7 @@ const WORTH: f64 = 0.05;
 /// Most candidates that are kept.
 const MOST: usize = 6;
 /// Worse than this (three sigma) even the best answer contradicts what was stated.
-const PLAUSIBLE: f64 = 0.011;
+pub(super) const PLAUSIBLE: f64 = 0.011;
 
 impl Candidate {
     /// The equation at a turn and pitch, with the cut (stiffness and flank) `share` times as strong.
@@ -140,7 +159,7 @@ pub fn identify(stated: &Scenario, line: &HeardLine) -> Vec<Candidate> {
     let flank_1_s = flank / mass_kg * SHAPE_SQUARED;
     let bar_1_s = bar.modal_damping_n_s_m() / mass_kg;
     let stated_cutting = stated.cutting.stiffness_n_m() / mass_kg * SHAPE_SQUARED;
-    let [growth, sigma] = line.growth_1_s.map_or(UNSEEN_GROWTH_1_S, |g| [g, 8.0 + 0.25 * g.abs()]);
+    let [growth, sigma] = line.growth_and_sigma_1_s();
     let mut found = Vec::new();
     for step in FREQUENCY_STEPS {
         let natural = TAU * bar.bending_frequency_hz() * (1.0 + step * FREQUENCY_SIGMA);
@@ -181,7 +200,7 @@ pub(super) fn weigh(candidates: Vec<Candidate>, line: &HeardLine) -> Vec<Candida
     let weighed = candidates.into_iter().map(|c| {
         let share = c.share_of_line(line).unwrap_or(1.0).clamp(0.5, 1.5);
         let growth = c.growth_1_s(line.turn_s, line.pitch_rad, share);
-        Candidate { weight: c.weight / (1.0 + (-growth / 8.0).exp()), ..c }
+        Candidate { weight: c.weight * audible(growth), ..c }
     });
     let weighed: Vec<Candidate> = weighed.collect();
     let best = weighed.iter().map(|c| c.weight).fold(0.0, f64::max);

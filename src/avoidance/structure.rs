@@ -8,7 +8,7 @@
 //! The two-delay equation of [`identified`](super::identified) has no second plane, holder or lag; a line
 //! that these shift would be given to damping and stiffness, and the pitch be chosen for another cut.
 
-use super::identified::HeardLine;
+use super::identified::{HeardLine, PLAUSIBLE, audible};
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::{CutCondition, CutTerms};
 use crate::plant::scenario::Scenario;
@@ -22,15 +22,8 @@ const CUT_FACTORS: [f64; 3] = [0.8, 1.0, 1.2];
 const DAMPING_FACTORS: [f64; 3] = [0.8, 1.0, 1.25];
 /// A line stands where the root does within this, Hz: the contract's accuracy of a foretold line.
 const LINE_SIGMA_HZ: f64 = 3.0;
-/// Growth of chatter that was not seen to grow, and its uncertainty, 1/s.
-const UNSEEN_GROWTH_1_S: [f64; 2] = [25.0, 20.0];
-/// Less likely than this (three sigma) at its best: the scenario contradicts what is heard.
-const PLAUSIBLE: f64 = 0.011;
 /// Most that are kept: each costs some 60 searches for a root.
 const MOST: usize = 3;
-/// Growth at which a cut is as likely to be heard as not, softened over this, 1/s.
-const HEARD_1_S: f64 = 8.0;
-
 /// One possible cut.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct StructuredCut {
@@ -60,8 +53,7 @@ impl StructuredCut {
 
     /// How well the root near a line explains it: one where both agree.
     fn likelihood(&self, line: &HeardLine) -> f64 {
-        let [growth_1_s, sigma_1_s] =
-            line.growth_1_s.map_or(UNSEEN_GROWTH_1_S, |g| [g, HEARD_1_S + 0.25 * g.abs()]);
+        let [growth_1_s, sigma_1_s] = line.growth_and_sigma_1_s();
         let heard = Root { growth_1_s, frequency_hz: line.frequency_hz };
         cut_root_near(&self.at(line.turn_s, line.pitch_rad, 1.0), heard).map_or(0.0, |root| {
             let off_line = (root.frequency_hz - line.frequency_hz) / LINE_SIGMA_HZ;
@@ -75,8 +67,7 @@ impl StructuredCut {
 ///
 /// Cost: 45 searches near a line, some milliseconds. Checked by: `a_holder_that_gives_is_in_the_choice`.
 pub(super) fn structured_cuts(stated: &Scenario, lines: &[HeardLine]) -> Vec<StructuredCut> {
-    let source = lines.iter().find(|l| l.pitch_rad.abs() < 0.01).or(lines.first());
-    let Some(source) = source else { return Vec::new() };
+    let Some(source) = HeardLine::source(lines) else { return Vec::new() };
     let mut cuts = Vec::new();
     for frequency in FREQUENCY_FACTORS {
         for strength in CUT_FACTORS {
@@ -97,8 +88,7 @@ pub(super) fn structured_cuts(stated: &Scenario, lines: &[HeardLine]) -> Vec<Str
     // What was heard at another pitch must have been able to grow there.
     for line in lines.iter().filter(|l| *l != source) {
         for cut in &mut cuts {
-            let growth = cut.growth_1_s(line.turn_s, line.pitch_rad, 1.0);
-            cut.weight /= 1.0 + (-growth / HEARD_1_S).exp();
+            cut.weight *= audible(cut.growth_1_s(line.turn_s, line.pitch_rad, 1.0));
         }
     }
     let best = cuts.iter().map(|c| c.weight).fold(0.0, f64::max);

@@ -4,15 +4,11 @@
 //! these, the rightmost roots span a growth and a stretch of frequencies. Chatter outside of it is no matter
 //! of numbers: the model of the cut leaves something out.
 
+use super::foretold::{DAMPING_RANGE, FLANK_RANGE, FREQUENCY_RANGE, PRESSURE_RANGE};
 use super::scenario_root;
 use crate::plant::cut_terms::CutCondition;
 use crate::plant::scenario::{RawScenario, Scenario};
 
-/// Accuracies of the stated numbers (contracts, section 6), as factors: the quiet and the loud corner of
-/// stiffness of the cut, damping ratio and process damping.
-const CORNERS: [[f64; 3]; 2] = [[0.85, 1.3, 1.2], [1.15, 0.7, 0.8]];
-/// Accuracy of the natural frequency (contracts, section 6), as factors.
-const FREQUENCY_FACTORS: [f64; 3] = [0.98, 1.0, 1.02];
 /// Where the tools may stand, of the stated place.
 const PLACES: [f64; 3] = [0.7, 0.85, 1.0];
 
@@ -79,14 +75,15 @@ impl CutExpectation {
             lines_hz: [f64::INFINITY, 0.0],
             spacing_hz: speed_rpm / 60.0,
         };
-        for frequency in FREQUENCY_FACTORS {
-            for [stiffness, damping, flank] in CORNERS {
+        for off in [-1.0, 0.0, 1.0] {
+            // The quiet corner of what damps and what feeds, and the loud one.
+            for loud in [-1.0, 1.0] {
                 let raw = scenario.raw();
                 let mut raw = RawScenario { speed_rpm, pitch_difference_rad: pitch_rad, ..raw };
-                raw.workpiece = raw.workpiece.with_frequency_factor(frequency);
-                raw.workpiece.damping_ratio *= damping;
-                raw.cutting.radial_stiffness_pa *= stiffness;
-                raw.cutting.process_damping_n *= flank;
+                raw.workpiece = raw.workpiece.with_frequency_factor(1.0 + off * FREQUENCY_RANGE);
+                raw.workpiece.damping_ratio *= 1.0 - loud * DAMPING_RANGE;
+                raw.cutting.radial_stiffness_pa *= 1.0 + loud * PRESSURE_RANGE;
+                raw.cutting.process_damping_n *= 1.0 - loud * FLANK_RANGE;
                 if let Ok(possible) = Scenario::new(&raw) {
                     found.hold(&possible);
                 }

@@ -6,10 +6,10 @@ use crate::plant::cut_terms::CutCondition;
 use crate::plant::scenario::{RawScenario, Scenario};
 
 /// Half ranges of the stated numbers, as shares (contracts, section 6).
-const PRESSURE_RANGE: f64 = 0.15;
-const DAMPING_RANGE: f64 = 0.30;
-const FREQUENCY_RANGE: f64 = 0.02;
-const FLANK_RANGE: f64 = 0.20;
+pub(super) const PRESSURE_RANGE: f64 = 0.15;
+pub(super) const DAMPING_RANGE: f64 = 0.30;
+pub(super) const FREQUENCY_RANGE: f64 = 0.02;
+pub(super) const FLANK_RANGE: f64 = 0.20;
 /// A logistic curve of this steepness is the normal distribution within 0.01.
 const LOGISTIC: f64 = 1.702;
 
