@@ -14,7 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let numbers: Vec<f64> = std::env::args().skip(1).map(|a| a.parse()).collect::<Result<_, _>>()?;
     let number = |k: usize, default: f64| numbers.get(k).copied().unwrap_or(default);
     let scenario = Scenario::new(&RawScenario { travel_m_s: -3.0e-3, ..RawScenario::default() })?;
-    let config = ServiceConfig { workpiece: scenario.workpiece, ..ServiceConfig::default() };
+    let config = ServiceConfig { cut: scenario, ..ServiceConfig::default() };
     let settings = config.pipeline_settings(SampleRate::new(9000.0)?, &AXES.map(str::to_owned));
     let lathe = LatheSettings::realistic(scenario, number(0, 1.0) as u64);
     let mut cut = ClosedLoop::new(lathe, settings, Mode::Act)?;

@@ -9,7 +9,6 @@ use crate::chatter::Phase;
 use crate::config::service::ServiceConfig;
 use crate::plant::cut_terms::CutCondition;
 use crate::plant::cutting::RawCutting;
-use crate::plant::effects::EffectKind;
 use crate::plant::scenario::{RawScenario, Scenario};
 use crate::plant::workpiece::RawWorkpiece;
 use crate::recording::write_whole;
@@ -110,13 +109,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     if !(arguments.duration_s.is_finite() && (8.0..=3600.0).contains(&arguments.duration_s)) {
         return Err(bad_input(format!("--duration-s {}: expected 8 to 3600", arguments.duration_s)));
     }
-    let concealed: Vec<EffectKind> = match arguments.conceal.as_slice() {
-        [all] if all == "all" => hidden::EFFECTS.to_vec(),
-        names => names
-            .iter()
-            .map(|name| hidden::named(name).map_err(|e| bad_input(format!("--conceal: {e}"))))
-            .collect::<anyhow::Result<_>>()?,
-    };
+    let concealed = hidden::asked(&arguments.conceal).map_err(|e| bad_input(format!("--conceal: {e}")))?;
     let cases: Vec<Case> = (0..arguments.cuts as u64)
         .map(|k| draw(arguments.seed.wrapping_add(k), &arguments, &concealed))
         .collect::<Result<_, _>>()
@@ -155,7 +148,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
 fn draw(
     seed: u64,
     arguments: &Arguments,
-    concealed: &[EffectKind],
+    concealed: &[hidden::Effect],
 ) -> Result<Case, crate::plant::workpiece::ScenarioError> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut between = |usual: [f64; 2], wide: [f64; 2]| {
@@ -229,12 +222,7 @@ fn cut(case: &Case, arguments: &Arguments) -> anyhow::Result<Outcome> {
     let lathe =
         LatheSettings { force_noise_ratio: case.noise, ..LatheSettings::realistic(case.scenario, case.seed) };
     let told = case.told;
-    let config = ServiceConfig {
-        workpiece: told.workpiece,
-        cutting: told.cutting,
-        scenario: Some(told),
-        ..ServiceConfig::default()
-    };
+    let config = ServiceConfig { cut: told, ..ServiceConfig::default() };
     let names = AXES.map(str::to_owned);
     let settings = config.pipeline_settings(SampleRate::new(lathe.sample_rate_hz)?, &names);
     let stated = (arguments.rule == "model").then_some(told);

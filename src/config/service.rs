@@ -16,7 +16,7 @@ use crate::chatter::Band;
 use crate::pipeline::{AxisPlan, BandPlan, CutPrior, MarginPlan, PipelineSettings, ToolAxis, lines_of};
 use crate::plant::cutting::{Cutting, RawCutting};
 use crate::plant::machine::Machine;
-use crate::plant::scenario::{Scenario, ToolCount};
+use crate::plant::scenario::{RawScenario, Scenario, ToolCount};
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
 use crate::units::SampleRate;
 use pair::Pair;
@@ -210,12 +210,9 @@ pub struct ServiceConfig {
     pub force: ForceConfig,
     /// Axes listened to.
     pub watch: Vec<String>,
-    /// Bar in the chuck.
-    pub workpiece: Workpiece,
-    /// The cut, for the stability curve.
-    pub cutting: Cutting,
-    /// The scenario that bar and cut were read from, if any: its physics is in the choice of pitch.
-    pub scenario: Option<Scenario>,
+    /// Bar in the chuck and cut as they are stated, with the physics of a scenario where one is named: band,
+    /// stability curve and choice of pitch start here.
+    pub cut: Scenario,
     /// Watched band, where it is stated.
     pub band: Option<Band>,
     /// Axis that moves the tools along the bar, with its place at the chuck and its direction.
@@ -330,9 +327,9 @@ impl Reader<'_> {
             return Err(self.bad("machine.watch", format!("{axis} twice: expected each axis once")));
         }
         let d = &raw.detection;
-        let (workpiece, cutting, scenario) = self.bar_and_cut(&raw.workpiece, &raw.cutting)?;
+        let cut = self.cut(&raw.workpiece, &raw.cutting)?;
         // The band that is predicted from it must be one that can be heard.
-        let (bends_hz, most_hz) = (workpiece.bending_frequency_hz(), 0.35 * machine.sample_rate.hz());
+        let (bends_hz, most_hz) = (cut.workpiece.bending_frequency_hz(), 0.35 * machine.sample_rate.hz());
         if d.band_hz.is_none() && !(20.0..most_hz).contains(&bends_hz) {
             let what =
                 format!("the bar bends at {bends_hz:.1} Hz, expected 20 to {most_hz} Hz; lengths in m");
@@ -345,9 +342,7 @@ impl Reader<'_> {
             file: self.path.is_file().then(|| self.path.to_owned()),
             force,
             watch: raw.machine.watch.clone(),
-            workpiece,
-            cutting,
-            scenario,
+            cut,
             band,
             tools: self
                 .tool_axis("tool_axis", (&d.tool_axis, d.tool_axis_zero_m, d.tool_axis_toward_chuck))?,
@@ -419,12 +414,12 @@ impl Reader<'_> {
     }
 
     /// Bar and cut from this file, or from the scenario that it names.
-    fn bar_and_cut(
-        &self,
-        bar: &WorkpieceToml,
-        cut: &CuttingToml,
-    ) -> Result<(Workpiece, Cutting, Option<Scenario>), ConfigError> {
-        let Some(path) = &cut.scenario else { return Ok((self.workpiece(bar)?, self.cutting(cut)?, None)) };
+    fn cut(&self, bar: &WorkpieceToml, cut: &CuttingToml) -> Result<Scenario, ConfigError> {
+        let Some(path) = &cut.scenario else {
+            let (workpiece, cutting) = (*self.workpiece(bar)?.raw(), *self.cutting(cut)?.raw());
+            let raw = RawScenario { workpiece, cutting, ..RawScenario::default() };
+            return Scenario::new(&raw).map_err(|e| self.bad("cutting", e.to_string()));
+        };
         let place = "cutting.scenario";
         let others = CuttingToml { scenario: None, ..cut.clone() };
         if *bar != WorkpieceToml::default() || others != CuttingToml::default() {
@@ -435,7 +430,7 @@ impl Reader<'_> {
         if scenario.tools.count() != ToolCount::Two {
             return Err(self.bad(place, "a cut of one tool: expected two, whose pitch can be moved"));
         }
-        Ok((scenario.workpiece, scenario.cutting, Some(scenario)))
+        Ok(scenario)
     }
 
     fn cutting(&self, raw: &CuttingToml) -> Result<Cutting, ConfigError> {
@@ -491,22 +486,13 @@ impl ServiceConfig {
     }
 
     fn predicted_band(&self) -> BandPlan {
-        let physics = self.scenario.filter(|s| !s.physics.is_empty());
-        let lines = physics.and_then(|s| lines_of(&s, self.turret.largest_pitch_difference_rad).ok());
-        match lines {
-            Some(lines) => BandPlan::Structured(self.workpiece, self.cutting, lines),
-            None => BandPlan::Cut(self.workpiece, self.cutting),
+        let Scenario { workpiece, cutting, physics, .. } = self.cut;
+        if !physics.is_empty()
+            && let Ok(lines) = lines_of(&self.cut, self.turret.largest_pitch_difference_rad)
+        {
+            return BandPlan::Structured(workpiece, cutting, lines);
         }
-    }
-
-    /// Bar and cut as the operator stated them, with physics where a scenario is named.
-    #[must_use]
-    pub fn stated_cut(&self) -> Scenario {
-        self.scenario.unwrap_or(Scenario {
-            workpiece: self.workpiece,
-            cutting: self.cutting,
-            ..Scenario::default()
-        })
+        BandPlan::Cut(workpiece, cutting)
     }
 
     /// What the stability margin rests on.
@@ -514,9 +500,9 @@ impl ServiceConfig {
     pub fn margin_plan(&self) -> MarginPlan {
         MarginPlan {
             prior: CutPrior {
-                workpiece: self.workpiece,
-                cutting: self.cutting,
-                position_m: self.workpiece.projection_length_m(),
+                workpiece: self.cut.workpiece,
+                cutting: self.cut.cutting,
+                position_m: self.cut.workpiece.projection_length_m(),
                 pitch_difference_rad: 0.0,
             },
             force_hz: MarginPlan::FORCE_HZ,
@@ -534,14 +520,14 @@ impl ServiceConfig {
         let places = [place(&turret.axes[0])?, place(&turret.axes[1])?];
         Ok(AvoidanceSettings {
             turret: turret.kinematics(places).map_err(|e| e.to_string())?,
-            diameter_m: self.workpiece.diameter_m(),
+            diameter_m: self.cut.workpiece.diameter_m(),
             largest_pitch_rad: turret.largest_pitch_difference_rad,
             interval_s: 1.0,
             ttl_s: turret.command_ttl_s,
             freshness_s: 0.05,
             report_deadline_s: 0.5,
             reached_m: 20e-6,
-            stated: Some(self.stated_cut()),
+            stated: Some(self.cut),
         })
     }
 }
@@ -550,6 +536,7 @@ impl ServiceConfig {
 mod tests {
     use super::*;
     use crate::config::is_date;
+    use crate::plant::cut_effects::Physics;
 
     fn error(text: &str) -> String {
         service_config_from_text(Path::new("c.toml"), text).unwrap_err().to_string()
@@ -707,11 +694,12 @@ mod tests {
                         port = \"workpiece\"\nfrequency_hz = 900.0\ndamping_ratio = 0.006\nn_m = 1.2e6\n";
         std::fs::write(folder.path().join("s.toml"), scenario).unwrap();
         let read = config("[cutting]\nscenario = \"s.toml\"\n").unwrap();
-        assert!((read.workpiece.diameter_m() - 0.022).abs() < 1e-12);
-        assert!(!read.stated_cut().physics.is_empty());
+        assert!((read.cut.workpiece.diameter_m() - 0.022).abs() < 1e-12);
+        assert!(!read.cut.physics.is_empty());
         // A second mode is listened to.
         let band = |c: &ServiceConfig| c.predicted_band().band().unwrap();
-        let plain = ServiceConfig { scenario: None, ..read.clone() };
+        let cut = Scenario { physics: Physics::default(), ..read.cut };
+        let plain = ServiceConfig { cut, ..read.clone() };
         assert!(band(&read).high_hz() > 900.0 && band(&plain).high_hz() < 900.0, "{:?}", band(&read));
         let both = config("[cutting]\nscenario = \"s.toml\"\nwidth_m = 1e-4\n").unwrap_err().to_string();
         assert!(both.contains("cutting.scenario: the bar and the cut are stated here too"), "{both}");

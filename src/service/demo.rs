@@ -113,9 +113,7 @@ pub fn run_demo(
 }
 
 fn service_config(plan: &DemoPlan, folder: &Path, port: u16) -> ServiceConfig {
-    let mut config = ServiceConfig { workpiece: plan.lathe.scenario.workpiece, ..ServiceConfig::default() };
-    config.cutting = plan.lathe.scenario.cutting;
-    config.scenario = Some(plan.lathe.scenario);
+    let mut config = ServiceConfig { cut: plan.lathe.scenario, ..ServiceConfig::default() };
     config.model = Some(folder.join(MODEL));
     config.transport = (format!("demo{}", std::process::id()), folder.join("domain"));
     config.history.folder = folder.join("history");

@@ -37,8 +37,8 @@ pub(super) struct CurveCache(Arc<Mutex<Option<Arc<StabilityCurve>>>>);
 
 /// The curve of a configuration at a speed. Errors: one line why there is none.
 fn curve(config: &ServiceConfig, speed_rpm: f64) -> Result<StabilityCurve, String> {
-    let scenario =
-        Scenario::new(&RawScenario { speed_rpm, ..config.stated_cut().raw() }).map_err(|e| e.to_string())?;
+    let free_end = RawScenario { speed_rpm, position_m: None, ..config.cut.raw() };
+    let scenario = Scenario::new(&free_end).map_err(|e| e.to_string())?;
     let far = 1.25 * config.turret.largest_pitch_difference_rad.max(0.02);
     let mut grid = Grid::of(scenario);
     grid.pitch_rad = GridRange::new(0.0, far, POINTS).map_err(|e| e.to_string())?;
@@ -73,6 +73,8 @@ impl Handle {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::service::service_config_from_text;
+    use std::path::Path;
 
     /// The scenario of the contract at 1200 rpm (facts, section 7): unstable at equal pitch, stable at pi.
     #[test]
@@ -84,5 +86,17 @@ mod tests {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small positive index")]
         let near = (optimum / step).round() as usize;
         assert!(curve.growth_1_s[near] < -20.0, "{}", curve.growth_1_s[near]);
+    }
+
+    /// A bar of any length is looked at with the tools at its own end.
+    #[test]
+    fn a_short_and_a_long_bar_have_their_curves() {
+        let of = |length_m: f64| {
+            let text = format!("[workpiece]\nprojection_length_m = {length_m}\n");
+            let config = service_config_from_text(Path::new("c.toml"), &text).unwrap();
+            assert!((config.cut.tools.position_m() - length_m).abs() < 1e-12);
+            curve(&config, 1200.0).unwrap().frequency_hz[0]
+        };
+        assert!(of(0.160) > 1.1 * of(0.180) && of(0.180) > 1.1 * of(0.200));
     }
 }

@@ -91,7 +91,7 @@ impl Acting {
         let avoidance = Avoidance::new(settings).map_err(|e| format!("turret: {e}"))?;
         let turret = &config.turret;
         let mut guard = Guard {
-            diameter_m: config.workpiece.diameter_m(),
+            diameter_m: config.cut.workpiece.diameter_m(),
             largest_pitch_rad: turret.largest_pitch_difference_rad,
             ..Guard::default()
         };
@@ -297,7 +297,7 @@ pub(super) fn commissioned(config: &ServiceConfig, axes: [usize; 2]) -> Commissi
     };
     Commissioned {
         axes: [axis(0), axis(1)],
-        diameter_m: config.workpiece.diameter_m(),
+        diameter_m: config.cut.workpiece.diameter_m(),
         largest_pitch_rad: turret.largest_pitch_difference_rad,
         report_deadline_s: 0.5,
         reached_m: 20e-6,

@@ -458,7 +458,7 @@ impl Engine {
         };
         let pitch = self.acting.as_ref().zip(self.status.as_ref());
         let pitch_rad = pitch.map_or(0.0, |(acting, (status, _))| acting.pitch_rad(&status.offset_m));
-        let expected = CutExpectation::of(&self.setup.config.stated_cut(), speed_rpm, pitch_rad);
+        let expected = CutExpectation::of(&self.setup.config.cut, speed_rpm, pitch_rad);
         let Some(mismatch) = expected.mismatch(heard_hz) else { return };
         if self.told_cut.replace(mismatch.name()) == Some(mismatch.name()) {
             return;
@@ -529,7 +529,7 @@ impl Engine {
             self.report(Event::new(EventKind::RecordingFailed, clock::wall_ns(), text));
             return;
         };
-        let workpiece = &self.setup.config.workpiece;
+        let workpiece = &self.setup.config.cut.workpiece;
         let band = stream.band_hz();
         let job = Job {
             id: save.id,
