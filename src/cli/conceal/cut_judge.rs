@@ -1,16 +1,13 @@
 //! What the diagnosis of the cut said against what was hidden.
 
-use super::cut::CutTrial;
+use super::Trial;
 use crate::cli::bad_input;
 use crate::diagnosis::Verdict;
 use crate::diagnosis::cut::diagnose;
 use crate::diagnosis::cut::input::{CutEvidence, CutRecording};
 use crate::diagnosis::cut::result::{CutDiagnosis, CutFinding};
-use crate::plant::scenario::Scenario;
-use crate::report::study::{JudgedInterval, Outcome, Study, Truth};
-use crate::simulation::concealed_cut::{CutCase, CutCaseError, HiddenCut, conceal_cut};
-use indicatif::ProgressBar;
-use std::sync::mpsc::sync_channel;
+use crate::report::study::{JudgedInterval, Outcome, Truth};
+use crate::simulation::concealed_cut::{CutCase, HiddenCut};
 
 /// Budget of one case (contracts, section 4).
 const BUDGET_S: f64 = 60.0;
@@ -19,35 +16,8 @@ const TWINS: [&str; 2] = ["edge_force", "nonlinear_cutting_force"];
 /// Probability from which an alternative is alive.
 const ALIVE: f64 = 0.2;
 
-/// Cuts ahead on one thread while the diagnosis (itself on two) works on the case before.
-pub(super) fn judge_all(
-    scenario: &Scenario,
-    model: String,
-    trials: &[CutTrial],
-    bar: &ProgressBar,
-) -> anyhow::Result<Study> {
-    let mut study = Study { model, outcomes: Vec::new() };
-    std::thread::scope(|scope| {
-        let (send, receive) = sync_channel::<Result<CutCase, CutCaseError>>(1);
-        scope.spawn(move || {
-            for trial in trials {
-                if send.send(conceal_cut(scenario, &trial.spec)).is_err() {
-                    return; // the judge has stopped
-                }
-            }
-        });
-        for trial in trials {
-            bar.set_message(format!("{} at {}", trial.label, trial.spec.depth));
-            let case = receive.recv()?.map_err(bad_input)?;
-            study.outcomes.push(judge(trial, &case)?);
-            bar.inc(1);
-        }
-        Ok(study)
-    })
-}
-
 /// Diagnoses one case blind and compares.
-fn judge(trial: &CutTrial, case: &CutCase) -> anyhow::Result<Outcome> {
+pub(super) fn judge(trial: &Trial, case: &CutCase) -> anyhow::Result<Outcome> {
     // Nothing but the scenario and the recordings is handed over.
     let recordings: Result<Vec<CutRecording>, _> =
         case.recordings.iter().map(|r| CutRecording::new(r, &case.scenario)).collect();
@@ -58,8 +28,8 @@ fn judge(trial: &CutTrial, case: &CutCase) -> anyhow::Result<Outcome> {
     let forces = said.findings.first().and_then(|f| f.fit.forces.as_ref());
     Ok(Outcome {
         label: trial.label.clone(),
-        depth: trial.spec.depth,
-        seed: trial.spec.seed,
+        depth: trial.depth,
+        seed: trial.seed,
         truth,
         verdict: said.verdict,
         said: said.findings.iter().map(|f| (f.effect.name().to_owned(), f.port.name().to_owned())).collect(),
@@ -76,12 +46,7 @@ fn judge(trial: &CutTrial, case: &CutCase) -> anyhow::Result<Outcome> {
 }
 
 fn truth_of(case: &CutCase) -> Truth {
-    match case.hidden.first() {
-        None => Truth::Healthy,
-        Some(h) if h.name.starts_with("parameter/") => Truth::WrongNumber,
-        Some(h) if h.name.starts_with("unknown/") => Truth::Outsider,
-        Some(_) => Truth::Effect,
-    }
+    super::truth_of(case.hidden.first().map(|h| h.name.as_str()))
 }
 
 /// The whole answer is right: every effect among the first findings, or silence, or "unexplained".

@@ -19,8 +19,8 @@ pub(super) fn judge(trial: &Trial, case: &Case) -> anyhow::Result<Outcome> {
         diagnosis.findings.iter().map(|f| (f.effect.name().to_owned(), f.port.name().to_owned())).collect();
     Ok(Outcome {
         label: trial.label.clone(),
-        depth: trial.spec.depth,
-        seed: trial.spec.seed,
+        depth: trial.depth,
+        seed: trial.seed,
         truth: truth_of(case),
         verdict: diagnosis.verdict,
         said,
@@ -37,12 +37,7 @@ pub(super) fn judge(trial: &Trial, case: &Case) -> anyhow::Result<Outcome> {
 }
 
 fn truth_of(case: &Case) -> Truth {
-    match case.hidden.first() {
-        None => Truth::Healthy,
-        Some(h) if h.name.starts_with("parameter/") => Truth::WrongNumber,
-        Some(h) if h.name.starts_with("unknown/") => Truth::Outsider,
-        Some(_) => Truth::Effect,
-    }
+    super::truth_of(case.hidden.first().map(|h| h.name.as_str()))
 }
 
 /// The whole answer is right: every effect among the first findings, or silence, or the wrong number, or

@@ -1,17 +1,16 @@
 //! `stillcut conceal`: machines that hide something, and the diagnosis judged blind on them.
 
-mod cases;
+mod axis;
 mod cut;
 mod cut_judge;
 mod judge;
 
 use super::bad_input;
-use crate::config::machine::read_machine;
-use crate::plant::machine::Machine;
-use crate::recording::write_whole;
-use crate::report::study::{Study, study_page};
-use crate::simulation::concealed_axis::{Case, CaseError, CaseSpec, OUTSIDE, conceal, feed_drive_effects};
+use crate::recording::{write_recording, write_whole};
+use crate::report::study::{Outcome, Study, Truth, study_page};
+use crate::sample::Recording;
 use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::sync_channel;
 
@@ -58,38 +57,79 @@ pub(super) struct Arguments {
 #[derive(Debug, Clone)]
 struct Trial {
     label: String,
-    spec: CaseSpec,
+    effects: Vec<String>,
+    depth: f64,
+    /// As counted on the command line.
+    number: u64,
+    /// Of this machine alone.
+    seed: u64,
+}
+
+impl Trial {
+    fn folder(&self) -> String {
+        format!("{}-d{}-s{}", self.label.replace('/', "."), self.depth, self.seed)
+    }
+}
+
+/// Machines of one kind: how they are drawn, written and judged.
+trait Bench: Sync {
+    type Case: Send;
+
+    /// What the machines are drawn around.
+    fn model(&self) -> String;
+
+    /// Every name that `all` stands for, beside `healthy`.
+    fn every(&self) -> Vec<&'static str>;
+
+    /// Errors: a name that nothing can be hidden by.
+    fn check(&self, effect: &str) -> anyhow::Result<()>;
+
+    fn draw(&self, trial: &Trial) -> anyhow::Result<Self::Case>;
+
+    fn judge(&self, trial: &Trial, case: &Self::Case) -> anyhow::Result<Outcome>;
+
+    /// What a shop would hand over, and the truth.
+    fn handed<'a>(&self, trial: &Trial, case: &'a Self::Case) -> Handed<'a>;
+}
+
+/// A case for a folder of its own.
+struct Handed<'a> {
+    /// Name and text of the model.
+    model: (&'static str, String),
+    recordings: &'a [Recording],
+    truth: Value,
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
-    if let Some(scenario) = &arguments.scenario {
-        return cut::run(&arguments, scenario);
+    match (&arguments.scenario, &arguments.model) {
+        (Some(scenario), _) => study(&cut::CutBench::read(scenario)?, &arguments),
+        (None, Some(model)) => study(&axis::AxisBench::read(model, &arguments)?, &arguments),
+        (None, None) => Err(bad_input("expected --model or --scenario")),
     }
-    let Some(model) = &arguments.model else {
-        return Err(bad_input("expected --model or --scenario"));
-    };
-    let machine = read_machine(model).map_err(bad_input)?;
-    let trials = plan(&arguments);
+}
+
+fn study(bench: &impl Bench, arguments: &Arguments) -> anyhow::Result<()> {
+    let trials = plan(arguments, &bench.every());
     if trials.is_empty() {
         return Err(bad_input("nothing to do: no effect, depth or seed is given"));
     }
     // A name that nothing can be hidden by must stop the study before it starts, not in the middle.
-    check_names(&trials)?;
-    std::fs::create_dir_all(&arguments.out)
-        .map_err(|e| bad_input(format!("{}: {e}", arguments.out.display())))?;
+    trials.iter().flat_map(|t| &t.effects).try_for_each(|name| bench.check(name))?;
+    let out = &arguments.out;
+    std::fs::create_dir_all(out).map_err(|e| bad_input(format!("{}: {e}", out.display())))?;
     let bar = progress_bar(trials.len());
     if arguments.cases_only {
         for trial in &trials {
             bar.set_message(trial.label.clone());
-            let case = draw(&machine, trial).map_err(bad_input)?;
-            cases::write_case(&arguments.out.join(cases::folder_name(trial)), trial, &case)?;
+            let case = bench.draw(trial)?;
+            write_case(&out.join(trial.folder()), &bench.handed(trial, &case))?;
             bar.inc(1);
         }
         return Ok(());
     }
-    let study = judge_all(&machine, &trials, &bar)?;
+    let study = Study { model: bench.model(), outcomes: judge_all(bench, &trials, &bar)? };
     bar.finish_and_clear();
-    write_study(&study, &arguments.out)
+    write_study(&study, out)
 }
 
 fn progress_bar(trials: usize) -> ProgressBar {
@@ -98,6 +138,19 @@ fn progress_bar(trials: usize) -> ProgressBar {
         bar.set_style(style);
     }
     bar
+}
+
+/// Writes model, recordings and `truth.json`.
+fn write_case(folder: &Path, handed: &Handed<'_>) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder).map_err(|e| bad_input(format!("{}: {e}", folder.display())))?;
+    let (name, text) = &handed.model;
+    write_whole(&folder.join(name), text.as_bytes())?;
+    for recording in handed.recordings {
+        write_recording(&folder.join(format!("{}.parquet", recording.experiment)), recording)?;
+    }
+    let text = serde_json::to_string_pretty(&handed.truth)?;
+    write_whole(&folder.join("truth.json"), text.as_bytes())?;
+    Ok(())
 }
 
 /// `conceal.json` and `report.html`.
@@ -109,75 +162,57 @@ fn write_study(study: &Study, out: &Path) -> anyhow::Result<()> {
 }
 
 /// Simulates ahead on one thread while the diagnosis (itself on two) works on the case before.
-fn judge_all(machine: &Machine, trials: &[Trial], bar: &ProgressBar) -> anyhow::Result<Study> {
-    let mut study = Study { model: machine.name.clone(), outcomes: Vec::new() };
+fn judge_all<B: Bench>(bench: &B, trials: &[Trial], bar: &ProgressBar) -> anyhow::Result<Vec<Outcome>> {
+    let mut outcomes = Vec::new();
     std::thread::scope(|scope| {
-        let (send, receive) = sync_channel::<Result<Case, CaseError>>(1);
+        let (send, receive) = sync_channel::<anyhow::Result<B::Case>>(1);
         scope.spawn(move || {
             for trial in trials {
-                if send.send(draw(machine, trial)).is_err() {
+                if send.send(bench.draw(trial)).is_err() {
                     return; // the judge has stopped
                 }
             }
         });
         for trial in trials {
-            bar.set_message(format!("{} at {}", trial.label, trial.spec.depth));
-            let case = receive.recv()?.map_err(bad_input)?;
-            study.outcomes.push(judge::judge(trial, &case)?);
+            bar.set_message(format!("{} at {}", trial.label, trial.depth));
+            outcomes.push(bench.judge(trial, &receive.recv()??)?);
             bar.inc(1);
         }
-        Ok(study)
+        Ok(outcomes)
     })
 }
 
-fn check_names(trials: &[Trial]) -> anyhow::Result<()> {
-    let known = |name: &str| {
-        feed_drive_effects().contains(&name)
-            || OUTSIDE.contains(&name)
-            || matches!(name, "position_periodic_force" | "encoder_interpolation_error")
-    };
-    match trials.iter().flat_map(|t| &t.spec.effects).find(|name| !known(name)) {
-        Some(name) => Err(bad_input(CaseError::UnknownEffect { name: name.clone() })),
-        None => Ok(()),
+/// What kind of case it is, by the first thing that is hidden.
+fn truth_of(hidden: Option<&str>) -> Truth {
+    match hidden {
+        None => Truth::Healthy,
+        Some(name) if name.starts_with("parameter/") => Truth::WrongNumber,
+        Some(name) if name.starts_with("unknown/") => Truth::Outsider,
+        Some(_) => Truth::Effect,
     }
 }
 
-fn draw(machine: &Machine, trial: &Trial) -> Result<Case, CaseError> {
-    let Some(axis) = machine.axes.first() else {
-        return Err(CaseError::Structure { axis: "(none)".into(), key: "axis" });
-    };
-    conceal(axis, machine.sample_rate, &trial.spec)
-}
-
-/// Every machine of the study, in a fixed order.
-fn plan(arguments: &Arguments) -> Vec<Trial> {
+/// Every machine of the study, in a fixed order; `all` stands for `every` name and the healthy machine.
+fn plan(arguments: &Arguments, every: &[&str]) -> Vec<Trial> {
+    let all = || ["healthy"].iter().chain(every).map(|name| (*name).to_owned());
+    let labels = arguments
+        .effects
+        .iter()
+        .flat_map(|asked| if asked == "all" { all().collect() } else { vec![asked.clone()] });
     let mut trials = Vec::new();
-    for label in &labels(&arguments.effects) {
+    for label in labels {
         let healthy = label == "healthy";
         let effects: Vec<String> =
             if healthy { Vec::new() } else { label.split('+').map(|s| s.trim().to_owned()).collect() };
         let depths: &[f64] = if healthy { &[1.0] } else { &arguments.depths };
         for &depth in depths {
-            for seed in arguments.first_seed..arguments.first_seed + arguments.seeds {
-                let spec = CaseSpec {
-                    effects: effects.clone(),
-                    depth,
-                    seed: mixed(label, depth, seed),
-                    model_error: arguments.model_error,
-                    background: arguments.background,
-                    ..CaseSpec::default()
-                };
-                trials.push(Trial { label: label.clone(), spec });
+            for number in arguments.first_seed..arguments.first_seed + arguments.seeds {
+                let seed = mixed(&label, depth, number);
+                trials.push(Trial { label: label.clone(), effects: effects.clone(), depth, number, seed });
             }
         }
     }
     trials
-}
-
-/// `all` stands for every effect of the feed drive, the outsiders, wrong numbers and the healthy machine.
-fn labels(asked: &[String]) -> Vec<String> {
-    let every = || ["healthy"].into_iter().chain(feed_drive_effects()).chain(OUTSIDE).map(str::to_owned);
-    asked.iter().flat_map(|a| if a == "all" { every().collect() } else { vec![a.clone()] }).collect()
 }
 
 /// A seed of its own for every trial (FNV-1a over what defines it), so that machines differ between effects.
