@@ -1,6 +1,7 @@
 //! The whole system in one process, over real shared memory: virtual lathe and service, and what a person
 //! sees of them.
 
+use super::engine::was_late;
 use super::live::LiveState;
 use super::virtual_lathe::VirtualLathe;
 use super::{EventFilter, Handle, MAX_PAGE, Origin, Running, ServiceError, live, start};
@@ -225,14 +226,7 @@ fn origin(reason: &str) -> Origin {
 /// The virtual lathe, or this whole process, was held up until the service stopped acting; it is heard again.
 /// Every other fault stands until a person clears it, and a person who took the turret back keeps it.
 fn starved(state: &LiveState, wanted: live::Mode) -> bool {
-    let late = [
-        "the samples ceased",
-        "stopped acting: interlock unheard",
-        "stopped acting: turret silent",
-        "the pipeline stood still",
-    ];
-    let held_up = late.iter().any(|what| state.mode_reason.starts_with(what));
-    state.source.connected && state.mode != wanted && held_up
+    state.source.connected && state.mode != wanted && was_late(&state.mode_reason)
 }
 
 /// The newest look; vibration counts anew from here.

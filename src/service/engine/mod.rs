@@ -34,6 +34,7 @@ use crate::transport::wire::{ServoBatch, TurretStatus};
 use crate::transport::{Domain, Participant, ServoSubscriber, StatusSubscriber, TransportError};
 use acting::Acting;
 use intake::Stream;
+pub(super) use mode::was_late;
 use picture::Picture;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -300,7 +301,7 @@ impl Engine {
         if away > SILENCE && self.mode == Mode::Act {
             self.change_mode(
                 Mode::Observe,
-                &format!("the pipeline stood still for {:.1} s", away.as_secs_f64()),
+                &format!("{} for {:.1} s", mode::STOOD_STILL, away.as_secs_f64()),
             );
         }
     }
@@ -484,7 +485,7 @@ impl Engine {
                 self.save_around(EventKind::SourceLost.word(), text);
             }
             if self.mode == Mode::Act {
-                self.latch("the samples ceased while acting");
+                self.latch(mode::SAMPLES_CEASED);
                 self.decide(now);
             }
         }

@@ -1,10 +1,29 @@
 //! The mode, and what people ask of it: every way up needs its conditions, every way down is free.
 
 use super::{Engine, Ports};
+use crate::avoidance::HoldReason;
 use crate::service::clock;
 use crate::service::control::{Control, ModeNow, Origin, Refusal};
 use crate::service::live::Mode;
 use crate::telemetry::{Event, EventKind};
+
+/// Why acting ended: no samples came.
+pub(super) const SAMPLES_CEASED: &str = "the samples ceased while acting";
+/// Why acting ended: this thread was stopped; how long follows.
+pub(super) const STOOD_STILL: &str = "the pipeline stood still";
+
+/// Why acting ended: the decision holds until a person has looked.
+pub(super) fn stopped_for(reason: HoldReason) -> String {
+    format!("stopped acting: {}", reason.name().replace('_', " "))
+}
+
+/// True where acting ended only because something was not heard in time.
+pub(in crate::service) fn was_late(mode_reason: &str) -> bool {
+    let unheard = [HoldReason::InterlockUnheard, HoldReason::TurretSilent].map(stopped_for);
+    mode_reason == SAMPLES_CEASED
+        || mode_reason.starts_with(STOOD_STILL)
+        || unheard.iter().any(|what| what == mode_reason)
+}
 
 impl Engine {
     pub(super) fn obey(&mut self, control: Control, ports: &Ports) {

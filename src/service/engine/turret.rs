@@ -226,7 +226,7 @@ impl Engine {
             Decision::Hold(reason) => {
                 self.setup.metrics.holds.with_label_values(&[reason.name()]).inc();
                 if self.mode == Mode::Act && needs_a_person(reason) {
-                    self.latch(&format!("stopped acting: {}", reason.name().replace('_', " ")));
+                    self.latch(&super::mode::stopped_for(reason));
                     self.decide(now);
                 }
             }
