@@ -47,9 +47,13 @@ pub(super) async fn list(
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DiagnosisBody {
-    /// Names of recordings, 1 to 16, each once.
-    #[schema(min_items = 1, max_items = 16)]
+    /// Names of recordings, 1 to 16, each once; none with `cuts`.
+    #[schema(max_items = 16)]
+    #[serde(default)]
     recordings: Vec<String>,
+    /// The newest thousand past cuts against the stated cut, instead of recordings against the model.
+    #[serde(default)]
+    cuts: bool,
     /// What it may take, s, 10 to 1800; 300 when not given.
     #[schema(minimum = 10, maximum = 1800)]
     #[serde(default = "budget", deserialize_with = "whole")]
@@ -78,7 +82,8 @@ fn whole<'de, D: serde::Deserializer<'de>>(from: D) -> Result<u32, D::Error> {
     Ok(number as u32)
 }
 
-/// Start a diagnosis of stored recordings against the configured model.
+/// Start a diagnosis of stored recordings against the configured model, or of past cuts against the stated
+/// cut.
 #[utoipa::path(post, path = "/api/v1/diagnoses", tag = "diagnosis", operation_id = "startDiagnosis",
     request_body = DiagnosisBody, security(("token" = [])),
     responses((status = 202, description = "Queued", body = DiagnosisView),
@@ -91,9 +96,14 @@ pub(super) async fn start(
     caller.require(Role::Engineer)?;
     let Body(body) = body?;
     let origin = origin(&site, &caller, &body.reason)?;
-    if !(1..=16).contains(&body.recordings.len()) {
-        let problem =
-            Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "1 to 16 recordings are needed");
+    let allowed = if body.cuts { 0..=0 } else { 1..=16 };
+    if !allowed.contains(&body.recordings.len()) {
+        let what = if body.cuts {
+            "past cuts are looked at without recordings"
+        } else {
+            "1 to 16 recordings are needed, or cuts"
+        };
+        let problem = Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", what);
         return Err(problem.with_field("/recordings", "expected names from GET /api/v1/recordings"));
     }
     let names = &body.recordings;
@@ -107,7 +117,11 @@ pub(super) async fn start(
         let problem = Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", detail);
         return Err(problem.with_field("/budget_s", "expected 10 to 1800 s"));
     }
-    let view = site.handle.start_diagnosis(body.recordings, body.budget_s, &origin).await?;
+    let view = if body.cuts {
+        site.handle.start_cut_diagnosis(body.budget_s, &origin).await?
+    } else {
+        site.handle.start_diagnosis(body.recordings, body.budget_s, &origin).await?
+    };
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 
@@ -150,8 +164,25 @@ pub(super) async fn one(
     responses((status = 200, description = "Self-contained HTML", body = String, content_type = "text/html"),
         Refused))]
 pub(super) async fn report(State(site): State<Site>, Named(id): Named<String>) -> Result<Response, Problem> {
-    let path = site.handle.diagnoses().report_path(&id);
+    let path = site.handle.diagnoses().file_of(&id, "report.html");
     let path = path.ok_or_else(|| Problem::not_found("there is no such report, or it is not ready"))?;
     let text = tokio::fs::read(&path).await.map_err(|_| Problem::not_found("the report is gone"))?;
     Ok(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], text).into_response())
+}
+
+/// What a finished diagnosis of the cut wrote: the stated scenario with findings and corrections in it.
+/// Nothing takes it by itself: a person who agrees names it in the configuration (`[cutting] scenario`).
+#[utoipa::path(get, path = "/api/v1/diagnoses/{id}/scenario.toml", tag = "diagnosis",
+    operation_id = "getDiagnosisScenario",
+    params(("id" = String, Path, description = "Name of the job")),
+    responses((status = 200, description = "A scenario", body = String, content_type = "application/toml"),
+        Refused))]
+pub(super) async fn scenario(
+    State(site): State<Site>,
+    Named(id): Named<String>,
+) -> Result<Response, Problem> {
+    let none = || Problem::not_found("there is no such scenario, or it is not ready");
+    let path = site.handle.diagnoses().file_of(&id, "scenario.toml").ok_or_else(none)?;
+    let text = tokio::fs::read(&path).await.map_err(|_| none())?;
+    Ok(([(header::CONTENT_TYPE, "application/toml")], text).into_response())
 }

@@ -5,6 +5,7 @@
 
 mod access;
 mod control;
+mod cuts;
 mod diagnoses;
 mod events;
 mod extract;
@@ -119,6 +120,9 @@ fn routes() -> OpenApiRouter<Site> {
         .routes(routes!(diagnoses::one))
         .routes(routes!(diagnoses::cancel))
         .routes(routes!(diagnoses::report))
+        .routes(routes!(diagnoses::scenario))
+        .routes(routes!(cuts::list))
+        .routes(routes!(cuts::table))
         .routes(routes!(events::audit))
         .routes(routes!(read::healthz))
         .routes(routes!(read::readyz))
@@ -237,7 +241,7 @@ fn part_of(route: &str) -> &'static str {
     };
     match inner.split('/').next().unwrap_or_default() {
         "state" | "axes" | "spectrum" | "stability" | "past" | "stream" => "live",
-        "events" | "recordings" | "audit" | "diagnoses" => "history",
+        "events" | "cuts" | "recordings" | "audit" | "diagnoses" => "history",
         "config" | "commissioning" => "operation",
         _ => "control",
     }

@@ -100,11 +100,17 @@ impl Pipeline {
         readings.min_by(|a, b| a.margin_1_s.total_cmp(&b.margin_1_s))
     }
 
+    /// Tools from the chuck, where an axis of the stream tells it, m.
+    #[must_use]
+    pub fn tool_position_m(&self, sample: &ServoSample) -> Option<f64> {
+        self.settings.tools.and_then(|axis| axis.distance_m(sample))
+    }
+
     /// What a servo sample tells of the cut.
     pub(super) fn conditions(&self, sample: &ServoSample) -> CutConditions {
         CutConditions {
             spindle_speed_rpm: Some(sample.spindle_speed_rpm),
-            tool_position_m: self.settings.tools.and_then(|axis| axis.distance_m(sample)),
+            tool_position_m: self.tool_position_m(sample),
             ..CutConditions::default()
         }
     }

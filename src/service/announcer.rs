@@ -2,7 +2,7 @@
 
 use super::control::Control;
 use super::handle::StreamMessage;
-use crate::store::{StoreError, StoreWriter};
+use crate::store::{PastCut, StoreError, StoreWriter};
 use crate::telemetry::{Event, Metrics};
 use std::sync::Arc;
 use tokio::sync::{broadcast, mpsc, oneshot};
@@ -56,6 +56,13 @@ impl Announcer {
             .begin_store(event)
             .and_then(|stored| self.queue.try_send(Waiting { stored, then }).map_err(|_| StoreError::Closed));
         if queued.is_err() {
+            self.metrics.queue_dropped.with_label_values(&["store", "false"]).inc();
+        }
+    }
+
+    /// Stores a past cut. One that finds no place is counted as dropped.
+    pub(super) fn keep_cut(&self, cut: PastCut) {
+        if self.writer.store_cut(cut).is_err() {
             self.metrics.queue_dropped.with_label_values(&["store", "false"]).inc();
         }
     }

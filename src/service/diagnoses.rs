@@ -47,8 +47,11 @@ pub enum JobState {
 pub struct DiagnosisView {
     /// Name.
     pub id: String,
-    /// Recordings that it looks at.
+    /// Recordings that it looks at; none where it looks at past cuts.
     pub recordings: Vec<String>,
+    /// Past cuts that it looks at.
+    #[serde(default)]
+    pub cuts: Option<usize>,
     /// Where it stands.
     pub state: JobState,
     /// When it was asked for, RFC 3339.
@@ -71,10 +74,19 @@ pub struct DiagnosisView {
     pub axes_not_looked_at: Vec<String>,
 }
 
+/// What a diagnosis looks at.
+#[derive(Debug, Clone)]
+pub(super) enum Subject {
+    /// Files of recordings, against the machine's model.
+    Recordings(Vec<PathBuf>),
+    /// A table of cuts as CSV, against a scenario as TOML.
+    Cuts { scenario: String, table: String, count: usize },
+}
+
 #[derive(Debug)]
 struct Job {
     view: DiagnosisView,
-    files: Vec<PathBuf>,
+    subject: Subject,
     began: Option<std::time::Instant>,
     cancel: CancellationToken,
 }
@@ -139,10 +151,15 @@ impl Diagnoses {
 
     /// Adds a job. Nothing when too many wait.
     #[must_use]
-    pub fn add(&self, recordings: Vec<String>, files: Vec<PathBuf>, budget_s: u32) -> Option<DiagnosisView> {
+    pub(super) fn add(&self, subject: Subject, budget_s: u32) -> Option<DiagnosisView> {
+        let (recordings, cuts) = match &subject {
+            Subject::Recordings(files) => (files.iter().filter_map(|f| stem(f)).collect(), None),
+            Subject::Cuts { count, .. } => (Vec::new(), Some(*count)),
+        };
         let view = DiagnosisView {
             id: clock::new_id(),
             recordings,
+            cuts,
             state: JobState::Queued,
             asked_at: clock::rfc3339(clock::wall_ns()),
             elapsed_s: 0.0,
@@ -163,7 +180,7 @@ impl Diagnoses {
                 jobs.pop_front();
             }
             let cancel = CancellationToken::new();
-            jobs.push_back(Job { view: view.clone(), files, began: None, cancel });
+            jobs.push_back(Job { view: view.clone(), subject, began: None, cancel });
             Some(view)
         });
         self.0.wake.notify_one();
@@ -224,18 +241,19 @@ impl Diagnoses {
         })
     }
 
-    /// `report.html` of a job that is done.
+    /// A file that a job left, once it is done.
     #[must_use]
-    pub fn report_path(&self, id: &str) -> Option<PathBuf> {
-        self.get(id)
-            .filter(|v| v.state == JobState::Done)
-            .map(|v| self.0.folder.join(v.id).join("report.html"))
+    pub fn file_of(&self, id: &str, name: &str) -> Option<PathBuf> {
+        let done = self.get(id).filter(|v| v.state == JobState::Done);
+        done.map(|v| self.0.folder.join(v.id).join(name))
     }
 
     /// Here, or by a worker of the fleet.
     async fn do_task(&self, task: Task, cancel: CancellationToken) -> Result<serde_json::Value, String> {
         #[cfg(feature = "nats")]
-        if let Some(broker) = &self.0.workers {
+        if let Some(broker) = &self.0.workers
+            && task.start.is_model()
+        {
             let note = |share, what| self.0.note_progress(&task.id, (share, what));
             // A worker that has begun goes on; nobody waits for it.
             return tokio::select! {
@@ -268,19 +286,19 @@ impl Diagnoses {
                 let job = jobs.iter_mut().find(|j| j.view.state == JobState::Queued)?;
                 job.view.state = JobState::Running;
                 job.began = Some(clock::now());
-                Some((job.view.id.clone(), job.files.clone(), (job.view.budget_s, job.cancel.clone())))
+                Some((job.view.id.clone(), job.subject.clone(), (job.view.budget_s, job.cancel.clone())))
             });
-            let Some((id, files, (budget_s, cancel))) = next else {
+            let Some((id, subject, (budget_s, cancel))) = next else {
                 self.0.wake.notified().await;
                 continue;
             };
-            let outcome = match &model {
-                Some(model) => {
-                    let out = self.0.folder.join(&id);
-                    let task = Task { id: id.clone(), model: model.clone(), files, out, budget_s };
+            let out = self.0.folder.join(&id);
+            let outcome = match prepared(subject, model.as_deref(), &out) {
+                Ok((start, files)) => {
+                    let task = Task { id: id.clone(), start, files, out, budget_s };
                     self.do_task(task, cancel.clone()).await
                 }
-                None => Err("machine.model is not configured: there is no model to start from".to_owned()),
+                Err(error) => Err(error),
             };
             let finished = self.with(|jobs| {
                 let job = jobs.iter_mut().find(|j| j.view.id == id)?;
@@ -290,7 +308,9 @@ impl Diagnoses {
                 job.view.progress = 1.0;
                 match outcome {
                     Ok(result) => {
-                        job.view.axes_not_looked_at = not_looked_at(&axes, &result);
+                        let of_cuts = job.view.cuts.is_some();
+                        let left = if of_cuts { Vec::new() } else { not_looked_at(&axes, &result) };
+                        job.view.axes_not_looked_at = left;
                         (job.view.state, job.view.result) = (JobState::Done, Some(result));
                     }
                     Err(_) if cancel.is_cancelled() => job.view.state = JobState::Cancelled,
@@ -302,6 +322,29 @@ impl Diagnoses {
                 self.note(&view);
                 done(view);
             }
+        }
+    }
+}
+
+/// The name of a recording by its file.
+fn stem(file: &Path) -> Option<String> {
+    file.file_stem().map(|name| name.to_string_lossy().into_owned())
+}
+
+/// Where a diagnosis starts from and its files; a table and its scenario are written beside the result.
+/// Errors: one line.
+fn prepared(subject: Subject, model: Option<&Path>, out: &Path) -> Result<(Start, Vec<PathBuf>), String> {
+    match subject {
+        Subject::Recordings(files) => {
+            let none = || "machine.model is not configured: there is no model to start from".to_owned();
+            Ok((Start::Model(model.ok_or_else(none)?.to_owned()), files))
+        }
+        Subject::Cuts { scenario, table, .. } => {
+            let fail = |e: std::io::Error| format!("{}: {e}", out.display());
+            std::fs::create_dir_all(out).map_err(fail)?;
+            let (stated, cuts) = (out.join("stated.toml"), out.join("past-cuts.csv"));
+            std::fs::write(&stated, scenario).and_then(|()| std::fs::write(&cuts, table)).map_err(fail)?;
+            Ok((Start::Scenario(stated), vec![cuts]))
         }
     }
 }
@@ -335,7 +378,7 @@ fn ended(mut view: DiagnosisView) -> Job {
         (view.state, view.error) = (JobState::Failed, Some(what.to_owned()));
     }
     view.result = None; // read again when somebody asks
-    Job { view, files: Vec::new(), began: None, cancel: CancellationToken::new() }
+    Job { view, subject: Subject::Recordings(Vec::new()), began: None, cancel: CancellationToken::new() }
 }
 
 fn with_result(folder: &Path, view: DiagnosisView) -> DiagnosisView {
@@ -369,11 +412,36 @@ impl Inner {
     }
 }
 
+/// What a diagnosis starts from.
+#[derive(Debug, Clone)]
+pub(super) enum Start {
+    /// A model of the machine; files are recordings.
+    Model(PathBuf),
+    /// A scenario of the cut; files are tables of cuts.
+    Scenario(PathBuf),
+}
+
+impl Start {
+    /// Options of `stillcut diagnose` for it and for a file.
+    fn options(&self) -> (&'static str, &Path, &'static str) {
+        match self {
+            Self::Model(path) => ("--model", path, "--recording"),
+            Self::Scenario(path) => ("--scenario", path, "--cuts"),
+        }
+    }
+
+    /// Whether a worker of the fleet may do it: a table of cuts is small and stays here.
+    #[cfg(feature = "nats")]
+    fn is_model(&self) -> bool {
+        matches!(self, Self::Model(_))
+    }
+}
+
 /// One diagnosis to do.
 #[derive(Debug, Clone)]
 pub(super) struct Task {
     pub(super) id: String,
-    pub(super) model: PathBuf,
+    pub(super) start: Start,
     pub(super) files: Vec<PathBuf>,
     pub(super) out: PathBuf,
     pub(super) budget_s: u32,
@@ -397,9 +465,10 @@ pub(super) fn run_task(
     std::fs::create_dir_all(out).map_err(|e| format!("{}: {e}", out.display()))?;
     let mut command = Command::new("nice");
     command.arg("-n").arg("19").arg(program).arg("diagnose").arg("--progress");
-    command.arg("--model").arg(&task.model);
+    let (start, path, of_file) = task.start.options();
+    command.arg(start).arg(path);
     for file in &task.files {
-        command.arg("--recording").arg(file);
+        command.arg(of_file).arg(file);
     }
     if takes_budget(program) {
         command.arg("--budget-s").arg(task.budget_s.to_string());
@@ -450,12 +519,12 @@ mod tests {
         let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
         let ids: Vec<String> = runtime.block_on(async {
             let before = Diagnoses::new(folder.path(), "none".into());
-            let mut done = before.add(vec!["r".into()], vec![], BUDGET_S).unwrap();
+            let mut done = before.add(Subject::Recordings(vec!["r".into()]), BUDGET_S).unwrap();
             (done.state, done.result) =
                 (JobState::Done, Some(serde_json::json!({"verdict": "model_adequate"})));
             before.note(&done).await.unwrap();
             clock::sleep(Duration::from_millis(5)); // names order by the millisecond
-            let waiting = before.add(vec!["s".into()], vec![], BUDGET_S).unwrap();
+            let waiting = before.add(Subject::Recordings(vec!["s".into()]), BUDGET_S).unwrap();
             before.note(&waiting).await.unwrap();
             vec![done.id, waiting.id]
         });
@@ -470,7 +539,7 @@ mod tests {
         let (page, more) = runtime.block_on(after.page(ids[1].clone(), 1));
         assert_eq!((more, &page[0].id), (false, &ids[0]));
         assert_eq!(page[0].result.as_ref().unwrap()["verdict"], "model_adequate");
-        assert!(after.report_path(&ids[0]).is_some(), "its report is one click away as before");
+        assert!(after.file_of(&ids[0], "report.html").is_some(), "its report is one click away as before");
         assert_eq!(runtime.block_on(after.whole(&ids[0])).unwrap().result, page[0].result);
     }
 

@@ -1,7 +1,7 @@
 //! Diagnoses as people ask for them: queued, cancelled, and told when they end.
 
 use super::control::Origin;
-use super::diagnoses::{Diagnoses, DiagnosisView, JobState};
+use super::diagnoses::{Diagnoses, DiagnosisView, JobState, Subject};
 use super::handle::{Handle, OperationError};
 use super::start::stream_axes;
 use crate::config::service::ServiceConfig;
@@ -82,9 +82,18 @@ impl Handle {
             let what = "machine.model is not configured: there is no model to start from";
             return Err(OperationError::Unsuitable(what.to_owned()));
         }
-        let what = names.join(", ");
+        self.queue_diagnosis((names.join(", "), Subject::Recordings(files)), budget_s, origin).await
+    }
+
+    /// Puts a diagnosis into the queue and on record. Errors: it cannot be put on record, or too many wait.
+    pub(super) async fn queue_diagnosis(
+        &self,
+        (what, subject): (String, Subject),
+        budget_s: u32,
+        origin: &Origin,
+    ) -> Result<DiagnosisView, OperationError> {
         self.audit(origin, "start_diagnosis_asked", &what).await?;
-        let Some(added) = self.diagnoses().add(names, files, budget_s) else {
+        let Some(added) = self.diagnoses().add(subject, budget_s) else {
             let busy = OperationError::Busy("eight diagnoses wait already".to_owned());
             self.record_outcome(origin, "start_diagnosis", &format!("{what}: refused, {busy}")).await;
             return Err(busy);

@@ -10,6 +10,7 @@ use super::handle::StreamMessage;
 use super::live::{LiveState, NOTICE, SpectrumView};
 use super::past::{Past, Seen};
 use super::upkeep::Kept;
+use crate::store::PastCut;
 use crate::telemetry::{Event, Metrics};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -36,6 +37,8 @@ pub(super) enum Report {
     View(Box<View>),
     /// Something happened.
     Event(Box<Event>),
+    /// A cut is over.
+    Cut(Box<PastCut>),
     /// A command is about to be sent; it must be durable first.
     Intent { sequence: u64, event: Box<Event> },
 }
@@ -122,6 +125,7 @@ impl Hub {
         match report {
             Report::View(view) => self.show(*view),
             Report::Event(event) => self.outlets.announcer.announce(*event, Then::Nothing),
+            Report::Cut(cut) => self.outlets.announcer.keep_cut(*cut),
             Report::Intent { sequence, event } => {
                 self.outlets.announcer.announce(*event, Then::Committed(sequence))
             }

@@ -1,10 +1,11 @@
-//! The history: events and the audit chain in one SQLite file.
+//! The history: events, past cuts and the audit chain in one SQLite file.
 //!
 //! One connection writes, owned by one task that commits whatever waits in one transaction with full
 //! sync: what is acknowledged survives power loss. Readers have a small read-only pool and page by
 //! key, so that no reader keeps the write-ahead log from being checkpointed.
 
 mod audit;
+mod cuts;
 mod evidence;
 mod mark;
 mod open;
@@ -14,6 +15,7 @@ mod retention;
 mod writer;
 
 pub use audit::{AuditEntry, AuditRow, AuditVerdict, verify_audit_file};
+pub use cuts::PastCut;
 pub use evidence::{Judged, Observation, Observer};
 pub use mark::Missing;
 pub use open::{Damage, OpenReport, migrations};

@@ -46,6 +46,7 @@ pub fn migrations() -> Vec<(i64, &'static str, &'static str)> {
         (4, "upkeep", include_str!("../../migrations/0004_upkeep.sql")),
         (5, "missing", include_str!("../../migrations/0005_missing.sql")),
         (6, "commissioning", include_str!("../../migrations/0006_commissioning.sql")),
+        (7, "cuts", include_str!("../../migrations/0007_cuts.sql")),
     ]
 }
 

@@ -6,7 +6,7 @@ use sqlx::{Row as _, SqliteConnection};
 /// What the history keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Retention {
-    /// Events older than this go.
+    /// Events and past cuts older than this go.
     pub max_age_ns: i64,
     /// The oldest events go while the file is larger.
     pub max_bytes: u64,
@@ -70,6 +70,7 @@ pub(super) async fn prune(
     let aged = delete(&format!("{free} AND wall_ns < ? ORDER BY wall_ns"));
     let aged = aged.bind(sent).bind(now_ns.saturating_sub(keep.max_age_ns)).bind(PRUNE_AGED);
     removed.aged = aged.execute(&mut *connection).await?.rows_affected();
+    super::cuts::prune(connection, now_ns.saturating_sub(keep.max_age_ns)).await?;
     let used = used_bytes(connection).await?;
     if used > keep.max_bytes {
         let oldest = delete(&format!("{free} ORDER BY sequence")).bind(sent).bind(PRUNE_CHUNK);

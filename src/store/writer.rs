@@ -1,6 +1,7 @@
 //! The one task that writes: whatever waits goes into one transaction, with full sync.
 
 use super::audit::{AuditEntry, CUT, append};
+use super::cuts::PastCut;
 use super::evidence::{FALSE, Observation, Observer, RIGHT};
 use super::mark::{Marker, Missing};
 use super::open::{OpenReport, checkpoint, mark_suspect, open};
@@ -36,6 +37,7 @@ enum Write {
     Acknowledge { sequence: i64, right: Option<bool>, entry: AuditEntry, done: oneshot::Sender<bool> },
     Silence { sequence: i64, until_ns: i64, entry: AuditEntry, done: oneshot::Sender<bool> },
     Audit(AuditEntry, oneshot::Sender<i64>),
+    Cut(Box<PastCut>),
     Confirm { sink: &'static str, sequence: i64, done: oneshot::Sender<bool> },
     Settings { epoch: i64, hash: String, done: oneshot::Sender<bool> },
     Observed { observer: Observer, seen: Observation, done: oneshot::Sender<bool> },
@@ -209,6 +211,11 @@ impl StoreWriter {
         let (done, outcome) = oneshot::channel();
         self.push(Write::Audit(entry, done))?;
         outcome.await.map_err(|_| StoreError::Closed)
+    }
+
+    /// Queues a past cut; nobody waits for it. Errors: the queue is full or closed; the caller counts it.
+    pub fn store_cut(&self, cut: PastCut) -> Result<(), StoreError> {
+        self.push(Write::Cut(Box::new(cut)))
     }
 
     /// Notes the settings of a life. Durable when it returns.
@@ -485,6 +492,7 @@ async fn apply(
             Ok(Answer::Done(true))
         }
         Write::Audit(entry, _) => append(connection, entry).await.map(Answer::Sequence),
+        Write::Cut(cut) => super::cuts::insert(connection, cut).await.map(|()| Answer::Done(true)),
         Write::Settings { epoch, hash, .. } => {
             let update = sqlx::query("UPDATE life SET settings = ? WHERE epoch = ?").bind(hash).bind(epoch);
             update.execute(connection).await.map(|_| Answer::Done(true))

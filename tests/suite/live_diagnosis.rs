@@ -2,7 +2,7 @@
 //! air, the evidence is stored, and a diagnosis of it runs to a report over HTTP.
 
 use crate::folders::shared;
-use crate::running::{Place, ask, get, until};
+use crate::running::{LatheThread, Place, ask, get, until};
 use stillcut::recording::read_recording;
 use stillcut::sample::Recording;
 use stillcut::service::{Running, start};
@@ -68,9 +68,17 @@ fn residual(running: &Running) -> f64 {
 }
 
 fn diagnose(running: &Running, recording: &str) -> serde_json::Value {
-    let address = running.handle().address().to_string();
     let body = format!("{{\"recordings\":[\"{recording}\"],\"reason\":\"test\"}}");
-    let asked = ask(&address, "POST", "/api/v1/diagnoses", &[], Some(&body));
+    let (view, report, shares) = diagnosed(running, &body);
+    assert!(report.contains("<svg"), "the report has its pictures");
+    assert!(shares.iter().any(|s| *s > 0.0 && *s < 1.0), "progress is seen on the way: {shares:?}");
+    view
+}
+
+/// What came of a diagnosis, its report, and the shares of progress that were seen.
+fn diagnosed(running: &Running, body: &str) -> (serde_json::Value, String, Vec<f64>) {
+    let address = running.handle().address().to_string();
+    let asked = ask(&address, "POST", "/api/v1/diagnoses", &[], Some(body));
     assert_eq!(asked.status, 202, "{asked:?}");
     let id = asked.json()["id"].as_str().unwrap().to_owned();
     let path = format!("/api/v1/diagnoses/{id}");
@@ -83,10 +91,9 @@ fn diagnose(running: &Running, recording: &str) -> serde_json::Value {
     let view = get(running, &path).json();
     assert_eq!(view["state"], "done", "{view}");
     assert!(shares.windows(2).all(|w| w[0] <= w[1] + 1e-9), "progress does not run back");
-    assert!(shares.iter().any(|s| *s > 0.0 && *s < 1.0), "progress is seen on the way: {shares:?}");
     let report = get(running, &format!("{path}/report.html"));
-    assert!(report.status == 200 && report.body.contains("<svg"), "the report has its pictures");
-    view
+    assert_eq!(report.status, 200);
+    (view, report.body, shares)
 }
 
 #[test]
@@ -131,5 +138,42 @@ fn a_wrong_model_is_noticed_in_air_and_diagnosed_over_http() {
     println!("imported: {}, corrections {corrections}", view["result"]["verdict"]);
     assert!(corrections.contains("mass") || corrections.contains("inertia"), "{corrections}");
     assert!(get(&running, "/metrics").body.contains("stillcut_diagnoses_total{outcome=\"done\"} 2"));
+    running.stop();
+}
+
+/// What was cut stands in the history; its diagnosis is one request away, and the scenario that it wrote is
+/// there for a person to take.
+#[test]
+fn past_cuts_are_kept_and_diagnosed_over_http() {
+    let place = Place::new("cuts");
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    config.program = Some(env!("CARGO_BIN_EXE_stillcut").into());
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    let early = ask(&address, "POST", "/api/v1/diagnoses", &[], Some("{\"cuts\":true,\"reason\":\"test\"}"));
+    assert!(early.status >= 400 && early.body.contains("no cut yet"), "{early:?}");
+    let lathe = LatheThread::start(&place.domain);
+    let cuts = || get(&running, "/api/v1/cuts").json()["cuts"].as_array().unwrap().clone();
+    until("the first cut is told", 30, || !cuts().is_empty());
+    let cut = cuts()[0].clone();
+    assert!(cut["outcome"] == "chatter" && cut["spindle_speed_rpm"] == 1200.0, "{cut}");
+    assert!((cut["line_hz"].as_f64().unwrap() - 650.0).abs() < 15.0, "{cut}");
+    drop(lathe);
+    let table = get(&running, "/api/v1/cuts/file.csv").body;
+    assert!(
+        table.starts_with("cut,spindle_speed_rpm,width_m,outcome,") && table.contains(",chatter,"),
+        "{table}"
+    );
+    let both = "{\"cuts\":true,\"recordings\":[\"r\"],\"reason\":\"test\"}";
+    assert_eq!(ask(&address, "POST", "/api/v1/diagnoses", &[], Some(both)).status, 422);
+    let (view, report, _) = diagnosed(&running, "{\"cuts\":true,\"reason\":\"test\"}");
+    assert!(view["cuts"] == 1 && view["recordings"] == serde_json::json!([]), "{view}");
+    // The virtual lathe is cut as it is stated.
+    assert_eq!(view["result"]["verdict"], "model_adequate", "{view}");
+    assert!(report.contains("foretells 1 of 1 cuts"), "{report}");
+    let id = view["id"].as_str().unwrap();
+    let scenario = get(&running, &format!("/api/v1/diagnoses/{id}/scenario.toml"));
+    assert!(scenario.status == 200 && scenario.body.contains("[workpiece]"), "{scenario:?}");
     running.stop();
 }

@@ -400,6 +400,7 @@ async function refreshLists() {
     const { can_diagnose } = (await request("GET", "/api/v1/config")).answer;
     const recordings = (await request("GET", "/api/v1/recordings?limit=8")).answer;
     $("recordings").replaceChildren(...recordings.map((recording) => recordingItem(recording, can_diagnose)));
+    showCuts((await request("GET", "/api/v1/cuts?limit=1000")).answer);
     const diagnoses = (await request("GET", "/api/v1/diagnoses?limit=5")).answer;
     $("diagnoses-title").hidden = diagnoses.length === 0;
     $("diagnoses").replaceChildren(...diagnoses.map(diagnosisItem));
@@ -412,6 +413,13 @@ function showCommissioning(now) {
   const missing = now.items.filter((item) => !item.met && !item.accepted);
   $("commissioning").hidden = missing.length === 0;
   $("missing").replaceChildren(...missing.map((item) => make("li", "", say(`${item.name.replaceAll("_", " ")}: ${item.found} (${item.needed})`))));
+}
+
+// How many cuts the history holds, and how many of them chattered.
+function showCuts({ cuts, next }) {
+  $("cuts-title").hidden = $("cuts").hidden = cuts.length === 0;
+  const chatter = cuts.filter((cut) => cut.outcome === "chatter").length;
+  setText("cuts-text", `${cuts.length}${next ? "+" : ""}: ${chatter} ${say("chatter")}, ${cuts.length - chatter} ${say("stable")}`);
 }
 
 function recordingItem(recording, canDiagnose) {
@@ -453,7 +461,7 @@ async function showReplay(id) {
 function diagnosisItem(diagnosis) {
   const item = make("li");
   const verdict = diagnosis.result ? diagnosis.result.verdict.replaceAll("_", " ") : diagnosis.error || `${diagnosis.state} ${diagnosis.elapsed_s.toFixed(0)} s`;
-  item.append(make("span", "", verdict));
+  item.append(make("span", "", diagnosis.cuts === null ? verdict : `${say("Past cuts")}: ${verdict}`));
   if (diagnosis.axes_not_looked_at.length) item.append(make("span", "by", `not looked at: ${diagnosis.axes_not_looked_at.join(", ")}`));
   if (diagnosis.state === "running" || diagnosis.state === "queued") {
     const cancel = make("button", "", say("Cancel"));
@@ -475,6 +483,13 @@ function diagnosisItem(diagnosis) {
     link.target = "_blank";
     link.rel = "noopener";
     item.append(link);
+    if (diagnosis.cuts !== null) {
+      // Nothing takes it by itself: a person names it in the configuration.
+      const scenario = make("a", "", "scenario.toml");
+      scenario.href = `/api/v1/diagnoses/${diagnosis.id}/scenario.toml`;
+      scenario.download = "scenario.toml";
+      item.append(scenario);
+    }
   }
   return item;
 }
@@ -646,6 +661,10 @@ $("clear-fault").addEventListener("click", () => ask({
 }));
 $("save").addEventListener("click", () => ask({
   title: "Save the last seconds", text: "Writes the black box as a recording.", run: (given) => request("POST", "/api/v1/recordings", given),
+}));
+$("diagnose-cuts").addEventListener("click", () => ask({
+  title: "Diagnose the past cuts", text: "What physics does the stated cut leave out?",
+  run: async (given) => { await request("POST", "/api/v1/diagnoses", { ...given, cuts: true }); refreshLists(); },
 }));
 $("token").addEventListener("click", askToken);
 $("theme").addEventListener("click", toggleTheme);

@@ -39,6 +39,8 @@ pub(super) struct Stream {
     pub(super) faults: Faults,
     pub(super) totals: Totals,
     pub(super) newest: Option<ServoPoint>,
+    /// Tools from the chuck then, where an axis tells it, m.
+    pub(super) tool_position_m: Option<f64>,
     /// Samples taken since the last one that was refused.
     usable: u64,
     stamps: Stamps,
@@ -129,6 +131,7 @@ impl Stream {
             faults: Faults::default(),
             totals: Totals::default(),
             newest: None,
+            tool_position_m: None,
             usable: 0,
             stamps: Stamps::new(rate),
             rejected: Reject::OF_THE_STREAM.map(whole),
@@ -209,6 +212,7 @@ impl Stream {
         self.usable += 1;
         self.refused_here = 0;
         self.newest = Some(*point);
+        self.tool_position_m = self.pipeline.tool_position_m(&sample);
         black_box.push(&sample, (&output, self.names.len()));
         Some(output)
     }

@@ -8,6 +8,7 @@
 mod acting;
 #[cfg(test)]
 mod checks;
+mod hearing;
 mod intake;
 mod mode;
 mod picture;
@@ -18,6 +19,7 @@ use super::black_box::BlackBox;
 use super::clock;
 use super::commissioning::{Commissioning, CutCounter};
 use super::control::Control;
+use super::cut_book::CutBook;
 use super::drift::Feed;
 use super::hub::{Report, View};
 use super::ledger::Ledger;
@@ -25,10 +27,7 @@ use super::live::Mode;
 use super::recorder::Job;
 use super::store_watch::StoreWatch;
 use super::way_back::WayBack;
-use crate::chatter::{ChatterEvent, Phase};
 use crate::config::service::ServiceConfig;
-use crate::pipeline::StepOutput;
-use crate::stability::CutExpectation;
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::wire::{ServoBatch, TurretStatus};
 use crate::transport::{Domain, Participant, ServoSubscriber, StatusSubscriber, TransportError};
@@ -149,6 +148,7 @@ pub(super) struct Engine {
     /// Observed and not counted yet, s.
     observed_s: f64,
     cuts: CutCounter,
+    book: CutBook,
     /// Since when shared memory cannot be read.
     unreadable: Option<Instant>,
     /// When the last recording of ceased samples was planned.
@@ -214,6 +214,7 @@ impl Engine {
             picture_now: false,
             observed_s: 0.0,
             cuts: CutCounter::default(),
+            book: CutBook::default(),
             unreadable: None,
             saved_silence: None,
         }
@@ -337,6 +338,7 @@ impl Engine {
         }
         if taken > 0 {
             self.observe(taken, &stream);
+            self.keep_cuts(&stream);
             stream.count_taken(taken);
             self.samples_taken(now, &stream);
         }
@@ -382,6 +384,7 @@ impl Engine {
         self.ledger.clear();
         self.picture.forget();
         self.cuts = CutCounter::default();
+        self.book = CutBook::default();
         if self.mode == Mode::Act {
             self.change_mode(Mode::Observe, "the machine's stream began anew");
         }
@@ -407,67 +410,6 @@ impl Engine {
                 self.stream = None;
             }
         }
-    }
-
-    fn count_cut(&mut self, output: &StepOutput, stream: &Stream) {
-        let Some((_, event)) = output.event else { return };
-        let ended = match event {
-            ChatterEvent::CutChanged => {
-                self.cuts.change(output.t_s, stream.pipeline().agreement().phase != Phase::Learning)
-            }
-            ChatterEvent::Onset(_) => {
-                self.cuts.chatter_begins();
-                false
-            }
-            ChatterEvent::End => self.cuts.chatter_ends(output.t_s),
-            ChatterEvent::Dismissed(_) | ChatterEvent::Hop { .. } => false,
-        };
-        if ended {
-            self.setup.commissioning.evidence.hear_cut();
-        }
-    }
-
-    /// Turns what a sample led to into events.
-    fn hear(&mut self, output: &StepOutput, stream: &Stream) {
-        if let Some(warning) = &output.margin_warning {
-            self.report(picture::margin_event(warning, stream.axes().get(warning.axis), output.t_s));
-        }
-        self.count_cut(output, stream);
-        let Some((kind, text)) = picture::event_of(output) else { return };
-        let line = output.event.map(|(axis, event)| (axis, picture::line_of(&event)));
-        let mut event = Event::new(kind, clock::wall_ns(), text);
-        event.t_s = Some(output.t_s);
-        if let Some((axis, line)) = line {
-            event.axis = stream.axes().get(axis).cloned();
-            event.frequency_hz = line.map(|l| l.frequency_hz);
-            event.power_n2 = line.map(|l| l.power_n2);
-        }
-        if kind == EventKind::ChatterOnset {
-            self.save_around(kind.word(), "chatter began");
-        }
-        let heard_hz = event.frequency_hz.filter(|_| kind == EventKind::ChatterOnset);
-        self.report(event);
-        if let Some(heard_hz) = heard_hz {
-            self.compare_cut(output.t_s, heard_hz, stream);
-        }
-    }
-
-    /// Chatter that the stated cut does not allow, told once for each way in which it differs.
-    fn compare_cut(&mut self, t_s: f64, heard_hz: f64, stream: &Stream) {
-        let Some(speed_rpm) = stream.newest.as_ref().map(|p| p.spindle_speed_rpm).filter(|s| *s > 1.0) else {
-            return;
-        };
-        let pitch = self.acting.as_ref().zip(self.status.as_ref());
-        let pitch_rad = pitch.map_or(0.0, |(acting, (status, _))| acting.pitch_rad(&status.offset_m));
-        let expected = CutExpectation::of(&self.setup.config.cut, speed_rpm, pitch_rad);
-        let Some(mismatch) = expected.mismatch(heard_hz) else { return };
-        if self.told_cut.replace(mismatch.name()) == Some(mismatch.name()) {
-            return;
-        }
-        let mut event = Event::new(EventKind::CutMismatch, clock::wall_ns(), mismatch.sentence(heard_hz));
-        (event.t_s, event.frequency_hz) = (Some(t_s), Some(heard_hz));
-        event.pitch_difference_rad = Some(pitch_rad);
-        self.report(event);
     }
 
     fn supervise(&mut self, now: Instant) {

@@ -1,7 +1,7 @@
 //! Diagnoses by workers: files through the broker's object store, jobs through a work queue.
 
 use super::{Broker, BrokerError, FILES, JOB_SUBJECT, files, jobs_stream, refused};
-use crate::service::diagnoses::{BUDGET_S, Task, run_task};
+use crate::service::diagnoses::{BUDGET_S, Start, Task, run_task};
 use async_nats::jetstream::consumer::{AckPolicy, pull};
 use async_nats::jetstream::message::PublishMessage;
 use async_nats::jetstream::object_store::ObjectStore;
@@ -78,7 +78,10 @@ pub(in crate::service) async fn diagnose(
     jobs_stream(&context).await.map_err(|e| e.to_string())?;
     let id = task.id.as_str();
     let mut said = client.subscribe(progress_subject(id)).await.map_err(|e| e.to_string())?;
-    put(&bucket, &format!("{id}/model.toml"), &task.model).await?;
+    let Start::Model(model) = &task.start else {
+        return Err("a worker takes recordings alone; expected a machine's model".to_owned());
+    };
+    put(&bucket, &format!("{id}/model.toml"), model).await?;
     let mut recordings = Vec::new();
     for path in &task.files {
         let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
@@ -242,7 +245,7 @@ impl Worker<'_> {
         }
         let out = folder.join("out");
         let budget_s = job.budget_s.unwrap_or(BUDGET_S);
-        let task = Task { id: job.id.clone(), model, files: recordings, out, budget_s };
+        let task = Task { id: job.id.clone(), start: Start::Model(model), files: recordings, out, budget_s };
         let (program, out) = (self.program.to_owned(), task.out.clone());
         let (tell, mut told) = tokio::sync::mpsc::unbounded_channel();
         let running = tokio::task::spawn_blocking(move || {

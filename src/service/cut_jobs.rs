@@ -1,0 +1,91 @@
+//! The table of past cuts, and its diagnosis: what does the stated cut leave out?
+
+use super::clock;
+use super::control::Origin;
+use super::diagnoses::{DiagnosisView, Subject};
+use super::handle::{Handle, OperationError};
+use crate::config::scenario::scenario_to_text;
+use crate::store::{MAX_PAGE, PastCut};
+use std::fmt::Write as _;
+
+/// The rows as a table of cuts (contracts, section 6): CSV, SI units, one row a cut.
+#[must_use]
+pub fn cuts_csv(cuts: &[PastCut]) -> String {
+    let mut out = String::from(
+        "cut,spindle_speed_rpm,width_m,outcome,feed_m_rev,tool_position_m,pitch_difference_rad,line_hz,\
+         began_at,lasted_s\n",
+    );
+    for cut in cuts {
+        let line = cut.chatter_hz.map_or_else(String::new, |hz| format!("{hz:.2}"));
+        let place = cut.tool_position_m.map_or_else(String::new, |m| format!("{m:.4}"));
+        let PastCut { sequence, spindle_speed_rpm: speed, width_m, feed_m_rev, .. } = cut;
+        let (outcome, pitch, began) = (cut.outcome(), cut.pitch_difference_rad, clock::rfc3339(cut.began_ns));
+        // Into a string: cannot fail.
+        let _ = writeln!(
+            out,
+            "{sequence},{speed:.1},{width_m},{outcome},{feed_m_rev},{place},{pitch:.4},{line},{began},{:.3}",
+            cut.lasted_s
+        );
+    }
+    out
+}
+
+impl Handle {
+    /// Past cuts before a place in the table, newest first. Errors: the history does not answer.
+    pub async fn cuts(&self, before: Option<i64>, limit: i64) -> Result<Vec<PastCut>, OperationError> {
+        Ok(self.0.reader.cuts(before, limit).await?)
+    }
+
+    /// Queues a diagnosis of the cut from the newest thousand cuts of the history, against the stated cut.
+    /// Errors: there is no cut yet, or too many wait.
+    pub async fn start_cut_diagnosis(
+        &self,
+        budget_s: u32,
+        origin: &Origin,
+    ) -> Result<DiagnosisView, OperationError> {
+        let cuts = self.cuts(None, MAX_PAGE).await?;
+        if cuts.is_empty() {
+            let what = "the history holds no cut yet: one is told once the tools have left it";
+            return Err(OperationError::Unsuitable(what.to_owned()));
+        }
+        let what = format!("{} past cuts", cuts.len());
+        let subject = Subject::Cuts {
+            scenario: scenario_to_text(&self.0.settings.cut),
+            table: cuts_csv(&cuts),
+            count: cuts.len(),
+        };
+        self.queue_diagnosis((what, subject), budget_s, origin).await
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnosis::cut::input::CutOutcome;
+    use crate::recording::read_cuts;
+
+    #[test]
+    fn what_the_service_writes_is_a_table_of_cuts() {
+        let stable = PastCut {
+            sequence: 7,
+            began_ns: 1_764_000_000_000_000_000,
+            lasted_s: 8.25,
+            spindle_speed_rpm: 1200.0,
+            width_m: 2e-4,
+            feed_m_rev: 1.5e-4,
+            pitch_difference_rad: -0.1,
+            tool_position_m: Some(0.15),
+            ..PastCut::default()
+        };
+        let loud = PastCut { sequence: 8, chatter_hz: Some(651.5), ..stable.clone() };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cuts.csv");
+        std::fs::write(&path, cuts_csv(&[loud, stable])).unwrap();
+        let table = read_cuts(&path).unwrap();
+        let rows: Vec<_> = table.rows.iter().map(|r| (r.outcome, r.known.line_hz)).collect();
+        assert_eq!(rows, [(Some(CutOutcome::Chatter), Some(651.5)), (Some(CutOutcome::Stable), None)]);
+        assert_eq!(table.rows[1].known.pitch_difference_rad, Some(-0.1));
+        assert_eq!(table.rows[1].known.tool_position_m, Some(0.15));
+        assert_eq!(table.ignored_columns, ["began_at", "lasted_s"]);
+    }
+}

@@ -1,0 +1,110 @@
+//! What is heard becomes events, evidence and the table of past cuts.
+
+use super::super::hub::Report;
+use super::intake::Stream;
+use super::{Engine, clock, picture};
+use crate::chatter::{ChatterEvent, Phase};
+use crate::pipeline::StepOutput;
+use crate::service::cut_book::Condition;
+use crate::stability::CutExpectation;
+use crate::store::PastCut;
+use crate::telemetry::{Event, EventKind};
+
+impl Engine {
+    fn count_cut(&mut self, output: &StepOutput, stream: &Stream) {
+        let Some((_, event)) = output.event else { return };
+        self.book.hear(output.t_s, &event);
+        let ended = match event {
+            ChatterEvent::CutChanged => {
+                self.cuts.change(output.t_s, stream.pipeline().agreement().phase != Phase::Learning)
+            }
+            ChatterEvent::Onset(_) => {
+                self.cuts.chatter_begins();
+                false
+            }
+            ChatterEvent::End => self.cuts.chatter_ends(output.t_s),
+            ChatterEvent::Dismissed(_) | ChatterEvent::Hop { .. } => false,
+        };
+        if ended {
+            self.setup.commissioning.evidence.hear_cut();
+        }
+    }
+
+    /// Turns what a sample led to into events.
+    pub(super) fn hear(&mut self, output: &StepOutput, stream: &Stream) {
+        if let Some(warning) = &output.margin_warning {
+            self.report(picture::margin_event(warning, stream.axes().get(warning.axis), output.t_s));
+        }
+        self.count_cut(output, stream);
+        let Some((kind, text)) = picture::event_of(output) else { return };
+        let line = output.event.map(|(axis, event)| (axis, picture::line_of(&event)));
+        let mut event = Event::new(kind, clock::wall_ns(), text);
+        event.t_s = Some(output.t_s);
+        if let Some((axis, line)) = line {
+            event.axis = stream.axes().get(axis).cloned();
+            event.frequency_hz = line.map(|l| l.frequency_hz);
+            event.power_n2 = line.map(|l| l.power_n2);
+        }
+        if kind == EventKind::ChatterOnset {
+            self.save_around(kind.word(), "chatter began");
+        }
+        let heard_hz = event.frequency_hz.filter(|_| kind == EventKind::ChatterOnset);
+        self.report(event);
+        if let Some(heard_hz) = heard_hz {
+            self.compare_cut(output.t_s, heard_hz, stream);
+        }
+    }
+
+    /// Chatter that the stated cut does not allow, told once for each way in which it differs.
+    fn compare_cut(&mut self, t_s: f64, heard_hz: f64, stream: &Stream) {
+        let Some(speed_rpm) = stream.newest.as_ref().map(|p| p.spindle_speed_rpm).filter(|s| *s > 1.0) else {
+            return;
+        };
+        let pitch_rad = self.pitch_now_rad();
+        let expected = CutExpectation::of(&self.setup.config.cut, speed_rpm, pitch_rad);
+        let Some(mismatch) = expected.mismatch(heard_hz) else { return };
+        if self.told_cut.replace(mismatch.name()) == Some(mismatch.name()) {
+            return;
+        }
+        let mut event = Event::new(EventKind::CutMismatch, clock::wall_ns(), mismatch.sentence(heard_hz));
+        (event.t_s, event.frequency_hz) = (Some(t_s), Some(heard_hz));
+        event.pitch_difference_rad = Some(pitch_rad);
+        self.report(event);
+    }
+
+    /// What was cut goes into the history.
+    pub(super) fn keep_cuts(&mut self, stream: &Stream) {
+        let Some(newest) = stream.newest.as_ref() else { return };
+        let now_s = newest.t_ns as f64 * 1e-9;
+        let condition = Condition {
+            speed_rpm: newest.spindle_speed_rpm,
+            pitch_rad: self.pitch_now_rad(),
+            tool_position_m: stream.tool_position_m,
+        };
+        self.book.look(now_s, condition, stream.pipeline().agreement().power_n2);
+        while let Some(stretch) = self.book.take() {
+            #[allow(clippy::cast_possible_truncation)]
+            let ago_ns = ((now_s - stretch.began_s) * 1e9) as i64;
+            let cutting = &self.setup.config.cut.cutting;
+            let cut = PastCut {
+                sequence: 0,
+                id: clock::new_id(),
+                began_ns: clock::wall_ns().saturating_sub(ago_ns),
+                lasted_s: stretch.ended_s - stretch.began_s,
+                spindle_speed_rpm: stretch.condition.speed_rpm,
+                width_m: cutting.raw().width_m,
+                feed_m_rev: cutting.raw().feed_m_rev,
+                pitch_difference_rad: stretch.condition.pitch_rad,
+                tool_position_m: stretch.condition.tool_position_m,
+                chatter_hz: stretch.chatter_hz,
+            };
+            self.queue(Report::Cut(Box::new(cut)));
+        }
+    }
+
+    /// Pitch angle difference as the turret reports it; equal pitch where none is known, rad.
+    fn pitch_now_rad(&self) -> f64 {
+        let known = self.acting.as_ref().zip(self.status.as_ref());
+        known.map_or(0.0, |(acting, (status, _))| acting.pitch_rad(&status.offset_m))
+    }
+}
