@@ -4,6 +4,7 @@
 //! chatter that begins or ends, divides the time into runs; one that does not chatter is a cut where it is
 //! louder than what stood before and after it, or stands beside chatter. What these cannot tell is not told.
 
+use super::engine::is_same_pitch;
 use crate::chatter::ChatterEvent;
 use std::collections::VecDeque;
 
@@ -15,8 +16,6 @@ impl Criteria {
     const SHORTEST_S: f64 = 1.0;
     /// Speeds this close are the same: drives hold theirs to a few parts in a thousand.
     const SAME_SPEED: f64 = 0.01;
-    /// Pitches this close are the same, rad: a tenth of a lobe at 1200 rpm and 650 Hz is 10 mrad.
-    const SAME_PITCH_RAD: f64 = 1e-3;
     /// Every axis hears a change for itself within the detector's window of the mean force.
     const ONE_CHANGE_S: f64 = 0.34;
 }
@@ -36,7 +35,7 @@ pub(super) struct Condition {
 impl Condition {
     fn is_like(&self, other: &Self) -> bool {
         (self.speed_rpm - other.speed_rpm).abs() <= Criteria::SAME_SPEED * other.speed_rpm
-            && (self.pitch_rad - other.pitch_rad).abs() <= Criteria::SAME_PITCH_RAD
+            && is_same_pitch(self.pitch_rad, other.pitch_rad)
     }
 }
 

@@ -3,6 +3,7 @@
 //! The port exists in mode `act` only. A return to equal pitch waits for nothing.
 
 use super::super::control::Refusal;
+use super::turret::is_same_pitch;
 use crate::avoidance::account::{Look, settings_digest};
 use crate::avoidance::guard::{self, Facts, Guard, GuardState};
 use crate::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor, Violation};
@@ -61,7 +62,7 @@ pub(super) struct Acting {
     pending: Option<Pending>,
     /// Equal pitch was decided and did not go out.
     unreturned: Option<Pending>,
-    recorded_m: Option<[f64; MAX_AXES]>,
+    recorded_rad: Option<f64>,
     sent_s: Option<f64>,
     /// Number of the latest command that did not go out.
     pub(super) withheld: Option<u64>,
@@ -112,7 +113,7 @@ impl Acting {
             port_closes_s: None,
             pending: None,
             unreturned: None,
-            recorded_m: None,
+            recorded_rad: None,
             sent_s: None,
             withheld: None,
             axes,
@@ -217,9 +218,11 @@ impl Acting {
         self.sent_s = Some(now_s);
     }
 
-    /// Whether a command must be on record before it goes: every one that moves something.
+    /// Whether a command must be on record before it goes: every one that moves something to another pitch
+    /// than the one on record. A record that came too late for its own samples is good for the next command.
     pub(super) fn needs_record(&self, command: &Command) -> bool {
-        command.kind != CommandKind::Return && self.recorded_m != Some(command.offsets_m)
+        command.kind != CommandKind::Return
+            && !self.recorded_rad.is_some_and(|pitch| is_same_pitch(pitch, command.pitch_difference_rad))
     }
 
     /// Keeps a command until its intent is durable.
@@ -231,7 +234,7 @@ impl Acting {
     pub(super) fn recorded(&mut self, sequence: u64, facts: &Facts) -> Option<Outcome> {
         let pending = self.pending.filter(|p| p.command.sequence == sequence)?;
         self.pending = None;
-        self.recorded_m = Some(pending.command.offsets_m);
+        self.recorded_rad = Some(pending.command.pitch_difference_rad);
         if facts.now_s - pending.command.issued_s > INTENT_DEADLINE_S {
             return Some(self.held(sequence, "intent_expired"));
         }
@@ -279,7 +282,7 @@ impl Acting {
         (self.guard_state, self.unreturned) = (guard_state, None);
         (self.latest, self.sent_s) = (Some(*command), Some(facts.now_s));
         if command.kind == CommandKind::Return {
-            self.recorded_m = None;
+            self.recorded_rad = None;
         }
         Ok(())
     }

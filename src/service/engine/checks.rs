@@ -2,9 +2,10 @@
 
 mod security;
 
-use super::acting::commissioned;
+use super::acting::{Outcome, commissioned};
 use super::{Engine, Ports, Setup};
 use crate::avoidance::invariants::{Commissioned, CommissionedAxis};
+use crate::avoidance::{Command, CommandKind};
 use crate::config::service::ServiceConfig;
 use crate::plant::scenario::Scenario;
 use crate::service::clock;
@@ -171,6 +172,31 @@ fn chatter_in_act_leads_to_an_intent() {
     bench.decide_in_act();
     assert_eq!((bench.intents(), bench.hold()), (1, None));
     assert_eq!(bench.engine.mode, Mode::Act);
+}
+
+/// A disk that is slower than samples may be old: the record counts for a later command of the same pitch.
+#[test]
+fn a_record_that_came_late_is_good_for_the_same_pitch() {
+    let mut bench = bench();
+    bench.feed(3.5, |_| {});
+    bench.decide_in_act();
+    let intent = |r: &Report| match r {
+        Report::Intent { sequence, event } => event.pitch_difference_rad.map(|pitch| (*sequence, pitch)),
+        _ => None,
+    };
+    let (number, pitch_rad) = bench.engine.backlog.iter().find_map(intent).unwrap();
+    bench.wait(80);
+    let facts = bench.engine.facts(bench.at);
+    let acting = bench.engine.acting.as_mut().unwrap();
+    let late = acting.recorded(number, &facts);
+    assert!(matches!(late, Some(Outcome::Held(..))), "{late:?}");
+    let move_to = |pitch_difference_rad| Command {
+        kind: CommandKind::Move,
+        pitch_difference_rad,
+        ..Command::default()
+    };
+    assert!(!acting.needs_record(&move_to(pitch_rad + 0.5e-3)), "as it is on record");
+    assert!(acting.needs_record(&move_to(pitch_rad + 5e-3)), "another pitch waits for its own");
 }
 
 /// The decision believes in limits that the monitor was not told of: nothing goes out, a person is called.

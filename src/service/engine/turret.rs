@@ -23,6 +23,11 @@ use std::time::Instant;
 /// Advice and commands that differ by less are the same to a person, rad.
 const SAME_PITCH_RAD: f64 = 1e-3;
 
+/// Whether two pitch differences are one to everybody who reads of them, rad.
+pub(in crate::service) fn is_same_pitch(one: f64, other: f64) -> bool {
+    (one - other).abs() <= SAME_PITCH_RAD
+}
+
 fn motion_of(state: u32) -> TurretMotion {
     match state {
         TURRET_REACHED => TurretMotion::Reached,
@@ -90,7 +95,7 @@ impl Engine {
         };
         let commanded = self.acting.as_ref().is_some_and(|a| a.latest.is_some()) && self.mode == Mode::Act;
         let pitch_rad = self.acting.as_ref().map_or(0.0, |a| a.pitch_rad(&status.offset_m));
-        let nothing_left = outcome == "expired" && pitch_rad.abs() < SAME_PITCH_RAD;
+        let nothing_left = outcome == "expired" && is_same_pitch(pitch_rad, 0.0);
         if !commanded && outcome == "reached" || nothing_left {
             return; // it stands where it stood before we came, or at equal pitch
         }
@@ -269,7 +274,7 @@ impl Engine {
 
     /// True once for each pitch that differs from the one told last.
     fn is_news(&mut self, pitch_rad: f64) -> bool {
-        let news = self.told_rad.is_none_or(|told| (told - pitch_rad).abs() > SAME_PITCH_RAD);
+        let news = !self.told_rad.is_some_and(|told| is_same_pitch(told, pitch_rad));
         if news {
             self.told_rad = Some(pitch_rad);
         }
