@@ -42,6 +42,7 @@ fn pipeline(axes: usize, rate_hz: f64, drive: &DriveParams) -> Pipeline {
         beside: None,
         nut: None,
         watch: true,
+        pushed: 0.0,
     };
     let settings = PipelineSettings {
         sample_rate: SampleRate::new(rate_hz).expect("positive"),

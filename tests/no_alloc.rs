@@ -54,6 +54,7 @@ fn a_step_of_the_pipeline_allocates_nothing() {
         beside: None,
         nut: None,
         watch: machine.axis(name).is_some(),
+        pushed: 0.0,
     };
     let mut pipeline = Pipeline::new(PipelineSettings {
         sample_rate: SampleRate::new(9000.0).unwrap(),
@@ -111,6 +112,7 @@ fn a_new_spindle_speed_allocates_nothing() {
         beside: Some(beside),
         nut: None,
         watch: true,
+        pushed: 0.0,
     };
     let mut pipeline = Pipeline::new(PipelineSettings {
         sample_rate: SampleRate::new(rate_hz).unwrap(),

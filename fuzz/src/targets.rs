@@ -262,6 +262,7 @@ fn plain_sample(k: u64) -> stillcut::sample::ServoSample {
         spindle_angle_rad: 0.0,
         spindle_speed_rpm: 1200.0,
         accel_m_s2: None,
+        pitch_difference_rad: None,
     }
 }
 

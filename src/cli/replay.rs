@@ -242,6 +242,7 @@ struct Source<'a> {
 /// Conditions of the cut, as far as the recording has them (contracts, section 4).
 struct CutColumns<'a> {
     pitch_rad: Option<&'a [f64]>,
+    pitch_valid: Option<&'a [f64]>,
     position_m: Option<&'a [f64]>,
     feed_m_rev: Option<&'a [f64]>,
     width_m: Option<&'a [f64]>,
@@ -251,10 +252,16 @@ impl<'a> CutColumns<'a> {
     fn of(recording: &'a Recording) -> Self {
         Self {
             pitch_rad: recording.get("pitch_difference_rad"),
+            pitch_valid: recording.get("pitch_valid"),
             position_m: recording.get("tool_position_m"),
             feed_m_rev: recording.get("feed_m_rev"),
             width_m: recording.get("width_m"),
         }
+    }
+
+    fn pitch(&self, index: usize) -> Option<f64> {
+        let valid = self.pitch_valid.is_none_or(|v| v[index] != 0.0);
+        self.pitch_rad.filter(|_| valid).map(|c| c[index])
     }
 }
 
@@ -361,6 +368,7 @@ impl<'a> Source<'a> {
                         beside: None,
                         nut: None,
                         watch: true,
+                        pushed: 0.0,
                     })
                     .collect(),
                 band: config.pipeline_settings(self.rate, &self.axes).band,
@@ -407,10 +415,11 @@ impl<'a> Source<'a> {
     fn conditions(&self, index: usize) -> CutConditions {
         CutConditions {
             spindle_speed_rpm: self.speed_rpm(index),
-            pitch_difference_rad: self.cut.pitch_rad.map(|c| c[index]),
+            pitch_difference_rad: self.cut.pitch(index),
             tool_position_m: self.cut.position_m.map(|c| c[index]),
             feed_m_rev: self.cut.feed_m_rev.map(|c| c[index]),
             width_m: self.cut.width_m.map(|c| c[index]),
+            ..CutConditions::default()
         }
     }
 
@@ -449,6 +458,7 @@ impl<'a> Source<'a> {
                         .accel
                         .filter(|_| self.accel_valid.is_none_or(|v| v[index] != 0.0))
                         .map(|a| a.map(|column| column[index])),
+                    pitch_difference_rad: self.cut.pitch(index),
                 })
             }
         }

@@ -467,7 +467,9 @@ impl ServiceConfig {
         let plan = |name: &String| {
             let [force, beside] = self.force.plans(name, self.machine.axis(name), sample_rate);
             let nut = self.force.nut(name).and_then(|nut| axes.iter().position(|a| a == nut));
-            AxisPlan { name: name.clone(), force, beside, nut, watch: self.watch.contains(name) }
+            let turret = self.turret.axes.iter().position(|axis| axis == name);
+            let pushed = turret.map_or(0.0, |i| self.turret.direction_rad[i].cos());
+            AxisPlan { name: name.clone(), force, beside, nut, watch: self.watch.contains(name), pushed }
         };
         let tool_axis = |stated: &Option<(String, f64, bool)>| {
             let (axis, zero_m, toward) = stated.as_ref()?;

@@ -43,6 +43,7 @@ impl Pipeline {
         if let Some(margins) = &self.margins {
             margins.keep(to);
         }
+        self.cutting.keep(to);
     }
 
     /// Takes a state back that [`Pipeline::keep`] of a pipeline of the same settings wrote: from here on both
@@ -80,6 +81,7 @@ impl Pipeline {
         if let Some(margins) = &mut self.margins {
             margins.restore(from)?;
         }
+        self.cutting.restore(from)?;
         Some(())
     }
 
@@ -139,6 +141,7 @@ fn keep_sample(sample: Option<&ServoSample>, to: &mut Vec<u64>) {
         axis.stage_position_m.keep(to);
     }
     sample.accel_m_s2.keep(to);
+    sample.pitch_difference_rad.keep(to);
 }
 
 /// Nothing: not a sample. `Some(None)`: none had come.
@@ -159,7 +162,16 @@ fn restore_sample(from: &mut Words<'_>) -> Option<Option<ServoSample>> {
         axis.stage_position_m.restore(from)?;
     }
     let [t_s, spindle_angle_rad, spindle_speed_rpm] = head;
-    let mut accel_m_s2 = None;
+    let (mut accel_m_s2, mut pitch_difference_rad) = (None, None);
     accel_m_s2.restore(from)?;
-    Some(Some(ServoSample { sequence, t_s, axes, spindle_angle_rad, spindle_speed_rpm, accel_m_s2 }))
+    pitch_difference_rad.restore(from)?;
+    Some(Some(ServoSample {
+        sequence,
+        t_s,
+        axes,
+        spindle_angle_rad,
+        spindle_speed_rpm,
+        accel_m_s2,
+        pitch_difference_rad,
+    }))
 }

@@ -110,6 +110,7 @@ impl Pipeline {
     pub(super) fn conditions(&self, sample: &ServoSample) -> CutConditions {
         CutConditions {
             spindle_speed_rpm: Some(sample.spindle_speed_rpm),
+            pitch_difference_rad: sample.pitch_difference_rad,
             tool_position_m: self.tool_position_m(sample),
             ..CutConditions::default()
         }

@@ -13,6 +13,7 @@
 //! After [`Pipeline::new`] a step allocates nothing, unless a gap or, for estimators that are made for a
 //! spindle speed, a new speed makes it start anew.
 
+mod cutting;
 mod keyframe;
 mod margin;
 mod settings;
@@ -34,6 +35,7 @@ use crate::force::validity::Validity;
 use crate::sample::{AxisSample, MAX_AXES, SampleError, ServoSample};
 use crate::signal::sliding_dft::{SlidingDft, SlidingDftSettings, SlidingDftState};
 use crate::units::SampleRate;
+use cutting::CutWatch;
 use margin::Margins;
 
 /// Lost samples up to this many are bridged by straight lines; after more, everything starts anew.
@@ -80,6 +82,7 @@ struct Channel {
     travel_m_rad: f64,
     nut: Option<usize>,
     watch: bool,
+    pushed: f64,
 }
 
 impl Channel {
@@ -114,6 +117,7 @@ pub struct Pipeline {
     beside: Option<Observers<LANES>>,
     monitor: ChatterMonitor,
     margins: Option<Margins>,
+    cutting: CutWatch,
     /// What the page shows: single precision errs by 5e-6 of the strongest line and does not drift. What is
     /// tracked and decided is computed in double precision by the monitors.
     spectrum: SlidingDft<f32>,
@@ -163,6 +167,7 @@ impl Pipeline {
         let margins = Margins::new(&settings, [band.low_hz(), band.high_hz()]);
         Ok(Self {
             margins,
+            cutting: CutWatch::default(),
             settings,
             channels,
             observers,
@@ -234,6 +239,12 @@ impl Pipeline {
     #[must_use]
     pub fn band_out_of_reach(&self) -> bool {
         self.out_of_reach
+    }
+
+    /// Whether the tools cut, by the mean force of the turret's watched axes; nothing before anything told.
+    #[must_use]
+    pub fn in_cut(&self) -> Option<bool> {
+        self.cutting.in_cut()
     }
 
     /// Samples since the last gap or restart.
@@ -364,6 +375,7 @@ impl Pipeline {
         if let Some(margins) = &mut self.margins {
             margins.restart();
         }
+        self.cutting = CutWatch::default();
         self.spectrum_state = self.spectrum.start();
         self.clean_samples = 0;
         self.agreement_state = AgreementState::default();
@@ -406,7 +418,12 @@ impl Pipeline {
             *force = ForceEstimate { force_n: 0.0, flags: Validity::SETTLING | Validity::SIGNAL_MISSING };
         }
         self.since_restart += 1;
-        let mut heard = None;
+        // The margin is that of a place along the bar and a pitch.
+        let known = conditions.tool_position_m.and(conditions.pitch_difference_rad);
+        let heard = known.and(self.cutting.in_cut());
+        let cutting = conditions.cutting.or(heard);
+        let conditions = &CutConditions { cutting, chatter: self.declared, ..*conditions };
+        let (mut heard, mut away_n) = (None, 0.0);
         for (index, (channel, state)) in self.channels.iter().zip(&mut self.states).enumerate() {
             self.row[index] = forces[index].force_n;
             state.flags = forces[index].flags;
@@ -414,6 +431,7 @@ impl Pipeline {
                 continue;
             }
             let (force_n, speed_rpm) = (forces[index].force_n, conditions.spindle_speed_rpm);
+            away_n += channel.pushed * force_n;
             if let Some(event) = self.monitor.step(&mut state.monitor, force_n, speed_rpm) {
                 heard = Some((index, event));
             }
@@ -429,6 +447,11 @@ impl Pipeline {
         }
         let chatter = self.agreement;
         let event = self.machine_event(&chatter, heard);
+        self.cutting.step(
+            away_n,
+            self.settings.sample_rate.period_s(),
+            event.as_ref().map(|(_, event)| event),
+        );
         let margin_warning = self.margins.as_mut().and_then(Margins::take_warning);
         StepOutput { t_s, forces, chatter, event, margin_warning, fault: None, spectrum_updated }
     }

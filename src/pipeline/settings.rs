@@ -31,6 +31,9 @@ pub struct AxisPlan {
     pub nut: Option<usize>,
     /// Whether chatter is listened for on it.
     pub watch: bool,
+    /// Share of the force away from the bar in its own: the cosine of its direction from "toward the bar"; 0
+    /// of an axis that is not the turret's.
+    pub pushed: f64,
 }
 
 /// Where chatter is looked for.
@@ -199,7 +202,8 @@ impl PipelineSettings {
     }
 
     pub(super) fn channel(&self, plan: &AxisPlan) -> Result<Channel, PipelineError> {
-        let mut channel = Channel { thrust_n_a: 0.0, travel_m_rad: 1.0, nut: plan.nut, watch: plan.watch };
+        let AxisPlan { nut, watch, pushed, .. } = *plan;
+        let mut channel = Channel { thrust_n_a: 0.0, travel_m_rad: 1.0, nut, watch, pushed };
         // Two estimators of one axis know one drive.
         let plans = [&plan.force, &plan.beside];
         if let Some(servo) = plans.into_iter().flatten().find_map(ForcePlan::servo) {

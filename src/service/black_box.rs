@@ -29,7 +29,7 @@ pub(super) struct Heard {
 }
 
 /// Words of a sample beside its axes, and of one axis.
-const HEAD_WORDS: usize = 7;
+const HEAD_WORDS: usize = 8;
 const AXIS_WORDS: usize = 3;
 
 /// Samples of a stream with a known number of axes, one after the other, without the places that no axis has.
@@ -54,7 +54,8 @@ impl Samples {
         debug_assert!(self.is_empty() || self.axes == axes);
         self.axes = axes;
         let accel = sample.accel_m_s2.unwrap_or([f64::NAN; 3]);
-        let head = [sample.t_s, sample.spindle_angle_rad, sample.spindle_speed_rpm];
+        let pitch_rad = sample.pitch_difference_rad.unwrap_or(f64::NAN);
+        let head = [sample.t_s, sample.spindle_angle_rad, sample.spindle_speed_rpm, pitch_rad];
         self.words.push(sample.sequence);
         self.words.extend(head.iter().chain(&accel).map(|v| v.to_bits()));
         for axis in sample.axes.iter().take(axes) {
@@ -80,7 +81,8 @@ impl Samples {
             axes,
             spindle_angle_rad: value(2),
             spindle_speed_rpm: value(3),
-            accel_m_s2: measured(value(4)).map(|x| [x, value(5), value(6)]),
+            pitch_difference_rad: measured(value(4)),
+            accel_m_s2: measured(value(5)).map(|x| [x, value(6), value(7)]),
         }
     }
 
@@ -271,6 +273,9 @@ pub(super) enum Signal {
     AccelValid,
     SpindleAngle,
     SpindleSpeed,
+    Pitch,
+    /// 0 where the turret was not heard.
+    PitchValid,
     /// As the machine's clock said, to the last bit.
     SourceTime,
 }
@@ -287,6 +292,8 @@ impl Signal {
             Self::AccelValid => f64::from(u8::from(sample.accel_m_s2.is_some())),
             Self::SpindleAngle => sample.spindle_angle_rad,
             Self::SpindleSpeed => sample.spindle_speed_rpm,
+            Self::Pitch => sample.pitch_difference_rad.unwrap_or_default(),
+            Self::PitchValid => f64::from(u8::from(sample.pitch_difference_rad.is_some())),
             Self::SourceTime => sample.t_s,
         }
     }
@@ -322,6 +329,13 @@ pub(super) fn signals(chunks: &[Arc<Chunk>], axes: &[String]) -> Vec<(String, Si
     }
     out.push(("spindle_angle_rad".into(), Signal::SpindleAngle));
     out.push(("spindle_speed_rpm".into(), Signal::SpindleSpeed));
+    let told = samples(chunks).filter(|s| s.pitch_difference_rad.is_some()).count();
+    if told > 0 {
+        out.push(("pitch_difference_rad".into(), Signal::Pitch));
+    }
+    if (1..count).contains(&told) {
+        out.push(("pitch_valid".into(), Signal::PitchValid));
+    }
     out.push(("source_t_s".into(), Signal::SourceTime));
     out
 }
@@ -338,6 +352,7 @@ mod tests {
             spindle_angle_rad: 0.0,
             spindle_speed_rpm: 1200.0,
             accel_m_s2: None,
+            pitch_difference_rad: None,
         }
     }
 

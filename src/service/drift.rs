@@ -298,6 +298,7 @@ mod tests {
                 spindle_angle_rad: 0.0,
                 spindle_speed_rpm: spindle_rpm,
                 accel_m_s2: None,
+                pitch_difference_rad: None,
             };
             watch.step(&sample);
             found.extend(watch.news());

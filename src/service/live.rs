@@ -87,7 +87,8 @@ pub struct AxisView {
     /// Upper end.
     pub stability_margin_hi_1_s: Option<f64>,
     /// `known`; `air`, `settling`; `off` where the axis is not watched for it; or why the cut cannot be
-    /// heard: `speed_unknown`, `cut_unknown`, `noise_over_line`, `interval_too_wide`, `no_root_in_band`.
+    /// heard: `speed_unknown`, `cut_unknown`, `noise_over_line`, `interval_too_wide`, `no_root_in_band`,
+    /// `chatter`.
     pub stability_margin_state: String,
     /// Offset that is commanded, m.
     pub offset_commanded_m: f64,

@@ -220,6 +220,7 @@ impl ServoPoint {
             spindle_angle_rad: self.spindle_angle_rad,
             spindle_speed_rpm: self.spindle_speed_rpm,
             accel_m_s2: (self.valid & VALID_ACCEL != 0).then_some(self.accel_m_s2),
+            pitch_difference_rad: None,
         };
         for (index, (to, from)) in sample.axes.iter_mut().zip(&self.axes).take(axes).enumerate() {
             let valid = self.valid >> (3 * index);

@@ -127,6 +127,7 @@ fn samples(r: &Recording) -> Vec<ServoSample> {
             spindle_angle_rad: 0.0,
             spindle_speed_rpm: speed[i],
             accel_m_s2: Some(accel.map(|a| a[i])),
+            pitch_difference_rad: None,
         }
     };
     (0..r.len()).map(sample).collect()

@@ -173,6 +173,7 @@ fn seeded(seed: u64, machine: Machine, seconds: usize, pitch_rad: impl Fn(f64) -
                 tool_position_m: Some(machine.length_m),
                 feed_m_rev: Some(FEED_M),
                 width_m: Some(if in_cut { WIDTH_M } else { 0.0 }),
+                ..CutConditions::default()
             },
         }
     };
@@ -180,7 +181,8 @@ fn seeded(seed: u64, machine: Machine, seconds: usize, pitch_rad: impl Fn(f64) -
 }
 
 fn pipeline() -> Pipeline {
-    let axis = AxisPlan { name: "y1".to_owned(), force: None, beside: None, nut: None, watch: true };
+    let axis =
+        AxisPlan { name: "y1".to_owned(), force: None, beside: None, nut: None, watch: true, pushed: 0.0 };
     let prior = CutPrior::usual(MACHINE.diameter_m, MACHINE.length_m).unwrap();
     Pipeline::new(PipelineSettings {
         sample_rate: SampleRate::new(RATE_HZ).unwrap(),

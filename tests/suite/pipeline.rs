@@ -3,6 +3,7 @@
 use crate::folders::project;
 use stillcut::chatter::{ChatterEvent, Phase};
 use stillcut::config::machine::read_machine;
+use stillcut::config::service::ServiceConfig;
 use stillcut::force::balance::Method;
 use stillcut::force::estimator::{ForceSettings, Signals};
 use stillcut::pipeline::{
@@ -10,7 +11,7 @@ use stillcut::pipeline::{
 };
 use stillcut::plant::cutting::{Cutting, RawCutting};
 use stillcut::plant::scenario::{RawScenario, Scenario};
-use stillcut::sample::ServoSample;
+use stillcut::sample::{AxisSample, ServoSample};
 use stillcut::simulation::lathe::{Lathe, LatheSettings};
 use stillcut::units::SampleRate;
 
@@ -31,6 +32,7 @@ pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
         beside: None,
         nut: None,
         watch: machine.axis(name).is_some(),
+        pushed: 0.0,
     };
     PipelineSettings {
         sample_rate: SampleRate::new(9000.0).unwrap(),
@@ -137,7 +139,14 @@ fn the_band_follows_the_tools() {
     let mut settings = settings(&scenario);
     settings.band = BandPlan::Cut(scenario.workpiece, scenario.cutting);
     settings.tools = Some(ToolAxis { index: 4, zero_m: length_m, toward: true });
-    settings.axes.push(AxisPlan { name: "z1".into(), force: None, beside: None, nut: None, watch: false });
+    settings.axes.push(AxisPlan {
+        name: "z1".into(),
+        force: None,
+        beside: None,
+        nut: None,
+        watch: false,
+        pushed: 0.0,
+    });
     let mut stream = samples(scenario, 2, 8); // two seconds of air
     let count = stream.len() as f64;
     for (n, sample) in stream.iter_mut().enumerate() {
@@ -285,4 +294,41 @@ fn a_replay_may_start_at_any_keyframe() {
     assert!(other.restore(&[words.as_slice(), &[0]].concat()).is_err());
     // Refused: it is as if new.
     assert_eq!(outputs(&mut other, &stream)[..19_000], heard[..19_000]);
+}
+
+/// On servo signals the mean force of the standing axes tells when the tools cut, and the margin is known
+/// where an axis of the stream tells where they stand.
+#[test]
+fn the_margin_is_known_from_servo_signals_while_the_tools_cut() {
+    let raw = RawScenario { pitch_difference_rad: 0.0967, ..RawScenario::default() };
+    let scenario = Scenario::new(&raw).unwrap();
+    let rate = SampleRate::new(9000.0).unwrap();
+    let config = ServiceConfig::default();
+    let names: Vec<String> = ["x1", "y1", "x2", "y2", "z1"].map(str::to_owned).to_vec();
+    let mut settings = config.pipeline_settings(rate, &names);
+    settings.tools = Some(ToolAxis { index: 4, zero_m: 0.0, toward: false });
+    let mut pipeline = Pipeline::new(settings).unwrap();
+    let mut lathe = Lathe::new(LatheSettings::realistic(scenario, 5));
+    let mut known = Vec::new();
+    for k in 0..9000 * 16 {
+        let mut sample = lathe.step();
+        sample.axes[4] = AxisSample {
+            stage_position_m: Some(scenario.workpiece.raw().projection_length_m),
+            ..AxisSample::default()
+        };
+        sample.pitch_difference_rad = Some(0.0967);
+        pipeline.step(&sample);
+        let t_s = f64::from(k) / 9000.0;
+        match pipeline.in_cut() {
+            None => assert!(t_s < 2.6, "told a moment after the entry at 2 s"),
+            Some(in_cut) => assert!(in_cut && t_s > 2.0, "in the cut from 2 s on: {in_cut} at {t_s}"),
+        }
+        if k % 4500 == 0
+            && let Some(margin) = pipeline.margin()
+        {
+            known.push(margin.margin_1_s);
+        }
+    }
+    // Rightmost root in the band, by a Newton search of the two-delay equation outside of the crate: at 498 Hz.
+    assert!(known.len() > 5 && known.iter().all(|m| (m / 47.2 - 1.0).abs() < 0.2), "{known:?}");
 }

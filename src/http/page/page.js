@@ -191,7 +191,7 @@ function showState(now) {
 
 // The smallest margin of the axes with its interval; without one, why the cut is not heard.
 const DEAF = {
-  speed_unknown: "speed not known", cut_unknown: "cut not known", noise_over_line: "noise hides the cut",
+  speed_unknown: "speed not known", chatter: "chatter", cut_unknown: "cut not known", noise_over_line: "noise hides the cut",
   interval_too_wide: "too uncertain", no_root_in_band: "no line in the band", settling: "settling",
 };
 function marginText(axes) {

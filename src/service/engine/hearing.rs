@@ -9,6 +9,7 @@ use crate::service::cut_book::Condition;
 use crate::stability::CutExpectation;
 use crate::store::PastCut;
 use crate::telemetry::{Event, EventKind};
+use std::time::Instant;
 
 impl Engine {
     fn count_cut(&mut self, output: &StepOutput, stream: &Stream) {
@@ -60,7 +61,7 @@ impl Engine {
         let Some(speed_rpm) = stream.newest.as_ref().map(|p| p.spindle_speed_rpm).filter(|s| *s > 1.0) else {
             return;
         };
-        let pitch_rad = self.pitch_now_rad();
+        let pitch_rad = stream.turret_rad.unwrap_or_default();
         let expected = CutExpectation::of(&self.setup.config.cut, speed_rpm, pitch_rad);
         let Some(mismatch) = expected.mismatch(heard_hz) else { return };
         if self.told_cut.replace(mismatch.name()) == Some(mismatch.name()) {
@@ -78,10 +79,10 @@ impl Engine {
         let now_s = newest.t_ns as f64 * 1e-9;
         let condition = Condition {
             speed_rpm: newest.spindle_speed_rpm,
-            pitch_rad: self.pitch_now_rad(),
+            pitch_rad: stream.turret_rad.unwrap_or_default(),
             tool_position_m: stream.tool_position_m,
         };
-        self.book.look(now_s, condition, stream.pipeline().agreement().power_n2);
+        self.book.look(now_s, condition, stream.pipeline().in_cut());
         while let Some(stretch) = self.book.take() {
             #[allow(clippy::cast_possible_truncation)]
             let ago_ns = ((now_s - stretch.began_s) * 1e9) as i64;
@@ -102,9 +103,9 @@ impl Engine {
         }
     }
 
-    /// Pitch angle difference as the turret reports it; equal pitch where none is known, rad.
-    fn pitch_now_rad(&self) -> f64 {
-        let known = self.acting.as_ref().zip(self.status.as_ref());
-        known.map_or(0.0, |(acting, (status, _))| acting.pitch_rad(&status.offset_m))
+    /// Pitch angle difference as the turret reports it, while it is heard, rad.
+    pub(super) fn reported_pitch_rad(&self, now: Instant) -> Option<f64> {
+        let heard = self.acting.as_ref().zip(self.fresh_status(now));
+        heard.map(|(acting, status)| acting.pitch_rad(&status.offset_m))
     }
 }

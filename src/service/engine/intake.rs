@@ -3,7 +3,7 @@
 use super::stamps::{Judged, Reject, Stamps};
 use crate::config::service::ServiceConfig;
 use crate::pipeline::{Pipeline, StepOutput, StreamFault};
-use crate::sample::{MAX_AXES, SampleError};
+use crate::sample::{MAX_AXES, SampleError, ServoSample};
 use crate::service::black_box::BlackBox;
 use crate::service::clock;
 use crate::telemetry::{Event, EventKind, Metrics};
@@ -39,6 +39,8 @@ pub(super) struct Stream {
     pub(super) faults: Faults,
     pub(super) totals: Totals,
     pub(super) newest: Option<ServoPoint>,
+    /// Pitch angle difference as the turret reported it last, rad.
+    pub(super) turret_rad: Option<f64>,
     /// Tools from the chuck then, where an axis tells it, m.
     pub(super) tool_position_m: Option<f64>,
     /// Samples taken since the last one that was refused.
@@ -131,6 +133,7 @@ impl Stream {
             faults: Faults::default(),
             totals: Totals::default(),
             newest: None,
+            turret_rad: None,
             tool_position_m: None,
             usable: 0,
             stamps: Stamps::new(rate),
@@ -188,7 +191,7 @@ impl Stream {
     /// One sample whose stamp is believed. Nothing when it could not be read.
     pub(super) fn step(&mut self, point: &ServoPoint, black_box: &mut BlackBox) -> Option<StepOutput> {
         let sample = match point.to_sample(self.names.len()) {
-            Ok(sample) => sample,
+            Ok(sample) => ServoSample { pitch_difference_rad: self.turret_rad, ..sample },
             Err(error) => {
                 self.refuse(Reject::NotFinite, axis_of(error), point.t_ns);
                 return None;

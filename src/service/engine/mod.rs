@@ -320,6 +320,7 @@ impl Engine {
         self.last_batch = Some(now);
         let mut taken = 0;
         let now_s = self.seconds(now);
+        stream.turret_rad = self.reported_pitch_rad(now);
         if batch.used_points().is_empty() {
             stream.refuse_batch(batch);
         }

@@ -368,6 +368,7 @@ impl Lathe {
             spindle_angle_rad: self.process.spindle_turns().fract() * TAU,
             spindle_speed_rpm: self.settings.scenario.spindle.rpm(),
             accel_m_s2: None,
+            pitch_difference_rad: None,
         }
     }
 }

@@ -16,6 +16,10 @@ pub struct CutConditions {
     pub feed_m_rev: Option<f64>,
     /// Width of cut per tool; 0: out of the cut.
     pub width_m: Option<f64>,
+    /// Whether the tools cut, where no width tells it.
+    pub cutting: Option<bool>,
+    /// Whether chatter is declared.
+    pub chatter: bool,
 }
 
 /// Means over a stretch.

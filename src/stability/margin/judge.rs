@@ -31,18 +31,21 @@ pub enum DeafReason {
     IntervalTooWide,
     /// No root lies in the analysis band.
     NoRootInBand,
+    /// The cut chatters: the vibration is not small, and its mean force is not known.
+    Chatter,
 }
 
-keep_list!(DeafReason { SpeedUnknown, CutUnknown, NoiseOverLine, IntervalTooWide, NoRootInBand });
+keep_list!(DeafReason { SpeedUnknown, CutUnknown, NoiseOverLine, IntervalTooWide, NoRootInBand, Chatter });
 
 impl DeafReason {
     /// All of them.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::SpeedUnknown,
         Self::CutUnknown,
         Self::NoiseOverLine,
         Self::IntervalTooWide,
         Self::NoRootInBand,
+        Self::Chatter,
     ];
 
     /// Its name.
@@ -54,6 +57,7 @@ impl DeafReason {
             Self::NoiseOverLine => "noise_over_line",
             Self::IntervalTooWide => "interval_too_wide",
             Self::NoRootInBand => "no_root_in_band",
+            Self::Chatter => "chatter",
         }
     }
 }

@@ -235,6 +235,10 @@ impl MarginMonitor {
             self.leave(state, MarginReading::Deaf(DeafReason::SpeedUnknown));
             return false;
         };
+        if conditions.chatter && !self.settings.pushes {
+            self.leave(state, MarginReading::Deaf(DeafReason::Chatter));
+            return false;
+        }
         let Some(in_cut) = self.in_cut(state, conditions) else {
             self.leave(state, MarginReading::Deaf(DeafReason::CutUnknown));
             return false;
@@ -260,14 +264,18 @@ impl MarginMonitor {
         self.work(state)
     }
 
-    /// Whether the tools cut: the column's word, else the mean force's; nothing where neither tells.
+    /// Whether the tools cut: the column's word, else the mean force's, else what was heard; nothing where
+    /// none tells.
     fn in_cut(&self, state: &MarginState, conditions: &CutConditions) -> Option<bool> {
         if let Some(width_m) = conditions.width_m {
             return Some(width_m > 0.0);
         }
+        if !self.settings.pushes {
+            return conditions.cutting;
+        }
         let begins_n = CUT_BEGINS * self.settings.prior.mean_n();
         let least_n = if state.in_cut { begins_n / 2.0 } else { begins_n };
-        self.settings.pushes.then(|| (state.mean_force_n - state.air_mean_n).abs() > least_n)
+        Some((state.mean_force_n - state.air_mean_n).abs() > least_n)
     }
 
     fn leave(&self, state: &mut MarginState, reading: MarginReading) {
