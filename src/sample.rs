@@ -113,8 +113,8 @@ pub struct ServoSample {
     pub spindle_speed_rpm: f64,
     /// Accelerations of the spindle housing in x, y, z; `None` where there are no accelerometers, m/s2.
     pub accel_m_s2: Option<[f64; 3]>,
-    /// theta_2 - theta_1 by the last report of the turret; `None` where none is known. It does not travel with
-    /// the sample: who takes the sample in adds it, rad.
+    /// theta_2 - theta_1 by the last report of the turret; `None` where none is known. It does not travel
+    /// with the sample: who takes the sample in adds it, rad.
     pub pitch_difference_rad: Option<f64>,
 }
 
