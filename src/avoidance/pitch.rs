@@ -93,6 +93,15 @@ fn positive(what: &'static str, value: f64) -> Result<f64, PitchError> {
     if value.is_finite() && value > 0.0 { Ok(value) } else { Err(PitchError::NotPhysical { what, value }) }
 }
 
+/// Pitch differences that differ by less are one to everybody who reads of them, rad.
+const SAME_PITCH_RAD: f64 = 1e-3;
+
+/// Whether two pitch differences are one to everybody who reads of them, rad.
+#[must_use]
+pub fn is_same_pitch(one: f64, other: f64) -> bool {
+    (one - other).abs() <= SAME_PITCH_RAD
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

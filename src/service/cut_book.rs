@@ -1,6 +1,6 @@
 //! Past cuts as the pipeline thread hears them: stretches at one speed and one pitch, chatter or stable.
 
-use super::engine::is_same_pitch;
+use crate::avoidance::pitch::is_same_pitch;
 use crate::chatter::ChatterEvent;
 use std::collections::VecDeque;
 

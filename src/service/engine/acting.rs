@@ -3,11 +3,10 @@
 //! The port exists in mode `act` only. A return to equal pitch waits for nothing.
 
 use super::super::control::Refusal;
-use super::turret::is_same_pitch;
 use crate::avoidance::account::{Look, settings_digest};
 use crate::avoidance::guard::{self, Facts, Guard, GuardState};
 use crate::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor, Violation};
-use crate::avoidance::pitch::pitch_of_shift_rad;
+use crate::avoidance::pitch::{is_same_pitch, pitch_of_shift_rad};
 use crate::avoidance::{
     Avoidance, AvoidanceState, Command, CommandKind, Decision, HoldReason, Mode as ActMode, Situation,
 };

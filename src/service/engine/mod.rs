@@ -41,7 +41,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
-pub(super) use turret::is_same_pitch;
 
 /// How often the thread wakes while it may command.
 const WAKE: Duration = Duration::from_millis(1);

@@ -5,6 +5,7 @@ use super::intake::Stream;
 use super::{Engine, STATUS_DEADLINE};
 use crate::avoidance::guard::Facts;
 use crate::avoidance::invariants::Violation;
+use crate::avoidance::pitch::is_same_pitch;
 use crate::avoidance::{
     Command, CommandKind, Decision, Heard, HoldReason, Interlock, Mode as ActMode, Situation, TurretMotion,
     TurretReport,
@@ -19,14 +20,6 @@ use crate::transport::wire::{
     INTERLOCK_NAMES, TURRET_EXPIRED, TURRET_LIMITED, TURRET_REACHED, TURRET_REFUSED, TurretStatus,
 };
 use std::time::Instant;
-
-/// Advice and commands that differ by less are the same to a person, rad.
-const SAME_PITCH_RAD: f64 = 1e-3;
-
-/// Whether two pitch differences are one to everybody who reads of them, rad.
-pub(in crate::service) fn is_same_pitch(one: f64, other: f64) -> bool {
-    (one - other).abs() <= SAME_PITCH_RAD
-}
 
 fn motion_of(state: u32) -> TurretMotion {
     match state {
