@@ -1,6 +1,6 @@
 //! A diagnosis of the cut in the words of someone who turns: one phrase an effect, two sentences a verdict.
 
-use super::html::without_unit;
+use super::html::{spoken, without_unit};
 use super::page::{engineering, significant};
 use crate::diagnosis::cut::result::{CutDiagnosis, CutFinding, TableFit};
 use crate::diagnosis::{Correction, Verdict};
@@ -26,15 +26,33 @@ pub(super) fn headline(d: &CutDiagnosis) -> String {
             let what = if numbers.len() == 1 { "one number is" } else { "numbers are" };
             format!("The model of the cut is complete, but {what} off: {}.", numbers.join(", "))
         }
-        Verdict::ModelAdequate => {
-            "The model explains these cuts: nothing is missing that they could show.".into()
-        }
+        Verdict::ModelAdequate => adequate(d),
         Verdict::UnexplainedMismatch => {
             let place =
                 d.location.as_ref().map_or(String::new(), |l| format!(" It shows {}.", place(l.port)));
             format!("Something is missing in the model of the cut that no known effect explains.{place}")
         }
     }
+}
+
+/// Nothing is asserted; cuts that came out otherwise than foretold, and what speaks for whom, are told.
+fn adequate(d: &CutDiagnosis) -> String {
+    let missed = d.table.map_or(0, |t| t.heldout_cuts.saturating_sub(t.heldout_right_after));
+    if missed == 0 {
+        return "The model explains these cuts: nothing is missing that they could show.".into();
+    }
+    let cuts = d.table.map_or(0, |t| t.heldout_cuts);
+    let candidates: Vec<String> =
+        d.tried.iter().filter_map(|t| t.effect).take(SAID).map(|e| spoken(e.name())).collect();
+    let candidates = match candidates.as_slice() {
+        [] => String::new(),
+        [one] => format!(" The first candidate is {one}."),
+        many => format!(" The first candidates are {}.", many.join(" and ")),
+    };
+    format!(
+        "Nothing is proven missing, but {missed} of {cuts} cuts came out otherwise than the model foretells.\
+         {candidates}"
+    )
 }
 
 /// What the answer is worth, in one sentence.
