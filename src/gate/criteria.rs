@@ -9,10 +9,6 @@ pub struct Criteria {
     pub surprise_decades: f64,
     /// Shortest run of equal values that may be a hold; two equal neighbours are common.
     pub hold_rows: usize,
-    /// Shortest hold of one noisy column alone, which may repeat itself by chance. Counted.
-    pub lone_hold_rows: usize,
-    /// Longest hold over the next longest run beside it. Counted.
-    pub hold_over_others: f64,
     /// Jump behind a hold over the travel that was due in it; a half allows for any acceleration.
     pub jump_share: f64,
     /// The same over every neighbouring change, where the axis turned round meanwhile. Counted.
@@ -125,8 +121,6 @@ impl Default for Criteria {
         Self {
             surprise_decades: 6.0,
             hold_rows: 3,
-            lone_hold_rows: 8,
-            hold_over_others: 3.0,
             jump_share: 0.5,
             jump_over_neighbours: 8.0,
             hold_neighbours: 100,

@@ -137,8 +137,7 @@ fn of_noisy(work: &Work<'_>, column: AxisColumn) -> Vec<Hold> {
         let before = all[..k].iter().rev().take_while(|r| near(r));
         let beside: Vec<Run> = before.chain(all[k + 1..].iter().take_while(|r| near(r))).copied().collect();
         let rows: usize = beside.iter().map(|r| r.rows).sum();
-        let longest = beside.iter().map(|r| r.rows).max().unwrap_or(0);
-        if run.rows as f64 - 1.0 <= c.hold_over_others * longest as f64 {
+        if stands_by_itself(x, run, work.resolution(column.index)) {
             return None;
         }
         let repeats = rows - beside.len().min(rows);
@@ -146,6 +145,18 @@ fn of_noisy(work: &Work<'_>, column: AxisColumn) -> Vec<Hold> {
         Some(Hold { column, run, surprise: (run.rows - 1) as f64 * -p.log10(), jumps: false })
     };
     long.into_iter().filter_map(hold).collect()
+}
+
+/// True where a smooth column would stand as long at an end of its motion.
+///
+/// A parabola that stays within a step q for L rows is within 9 q for L rows on both sides of them.
+fn stands_by_itself(x: &[f64], run: Run, q: f64) -> bool {
+    const PARABOLA: f64 = 9.0;
+    let held = x[run.first];
+    let reach = |rows: &[f64]| rows.iter().fold(0.0_f64, |m, v| m.max((v - held).abs()));
+    let before = &x[run.first.saturating_sub(run.rows)..run.first];
+    let after = &x[run.end()..(run.end() + run.rows).min(x.len())];
+    reach(before).min(reach(after)) <= PARABOLA * q
 }
 
 /// Proof that the axis moved meanwhile; without it, it rested.
@@ -157,9 +168,6 @@ fn moves(work: &Work<'_>, (axis, motion): (&AxisColumns, Option<&Motion>), toget
     }
     let held = |i: usize| together.iter().any(|h| h.column.index == i);
     let speeds = |i: usize| together.iter().any(|h| h.column.index == i && h.column.role == Role::Speed);
-    if together.len() == 1 && together[0].column.role != Role::Position && run.rows < c.lone_hold_rows {
-        return false;
-    }
     let live = |role| axis.with(role).filter(|i| !work.silent[*i] && !held(*i));
     let travels = live(Role::Position).any(|i| {
         let x = work.values(i);

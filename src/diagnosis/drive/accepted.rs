@@ -43,6 +43,9 @@ impl Accepted {
             Some(law) => vec![ground.stated(law, self.hypothesis.port)],
             None => ground.columns(&self.hypothesis),
         };
-        if self.is_one_column() { vec![TimeColumn::sum(&all, &self.amplitudes)] } else { all }
+        if !self.is_one_column() {
+            return all;
+        }
+        vec![TimeColumn::sum(all.iter().zip(self.amplitudes.iter().copied()))]
     }
 }

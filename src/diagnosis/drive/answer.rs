@@ -214,9 +214,9 @@ impl Case<'_> {
             let first: usize =
                 base.numbers.len() + state.accepted[..k].iter().map(Accepted::coefficients).sum::<usize>();
             let n = state.accepted[k].coefficients();
-            design.columns.drain(first..first + n);
-            design.bounds.drain(first..first + n);
-            start.drain(first..first + n);
+            let kept: Vec<usize> = (0..start.len()).filter(|k| !(first..first + n).contains(k)).collect();
+            design = design.kept(&kept);
+            start = kept.iter().map(|k| start[*k]).collect();
         }
         let mut sum = 0.0;
         for part in base.held_out.iter().filter(|p| matches!(p.judged, Part::Fold(_))) {
@@ -525,7 +525,7 @@ impl Case<'_> {
         let port = first.map_or(left.port, |f| f.port);
         let shares = match shown.port {
             Port::Motor => [1.0, 0.0, 1.0],
-            Port::Coupling => [0.5, 0.5, 0.0],
+            Port::Coupling | Port::MotorEncoder | Port::StageEncoder => [0.5, 0.5, 0.0],
             _ => [0.0, 1.0, 1.0],
         };
         Some(Location {

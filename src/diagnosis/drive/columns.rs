@@ -4,6 +4,7 @@
 //! that the model needs more. Laws that are not linear are taken at the full rate and then pass the low-pass
 //! of the balance; none is a first Taylor term.
 
+use super::dynamics::{Operator, Response};
 use super::shape::{CUT_HARMONICS, Hypothesis, Shape};
 use super::signals::{Layout, Path, Signals, Track};
 use super::spectra::Series;
@@ -16,6 +17,7 @@ use crate::plant::effects::law::ForceLaw;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// Numbers of the axis that laws are evaluated with, on the screw axis, SI.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -42,16 +44,24 @@ pub(super) struct Ground<'a> {
 }
 
 /// One column in time, thinned: at the motor, at the stage.
-#[derive(Debug, Clone, Default)]
+#[derive(Clone, Default)]
 pub(super) struct TimeColumn {
     pub(super) sides: [Option<Series>; 2],
+    /// What it makes of the positions.
+    pub(super) operator: Operator,
 }
 
 impl TimeColumn {
     /// Columns times amplitudes, added.
-    pub(super) fn sum(columns: &[TimeColumn], amplitudes: &[f64]) -> Self {
+    pub(super) fn sum<'a>(columns: impl Iterator<Item = (&'a TimeColumn, f64)>) -> Self {
         let mut out = Self::default();
-        for (column, amplitude) in columns.iter().zip(amplitudes) {
+        for (column, amplitude) in columns {
+            let more = column.operator.clone();
+            out.operator = match (out.operator.take(), more) {
+                (Some(a), Some(b)) => Some(Arc::new(move |w| added(&a(w), amplitude, &b(w)))),
+                (None, Some(b)) => Some(Arc::new(move |w| b(w).map(|r| amplitude * r))),
+                (a, None) => a,
+            };
             for (sum, side) in out.sides.iter_mut().zip(&column.sides) {
                 let Some(side) = side else { continue };
                 let sum = sum.get_or_insert_with(|| side.iter().map(|x| vec![0.0; x.len()]).collect());
@@ -62,6 +72,14 @@ impl TimeColumn {
         }
         out
     }
+}
+
+/// Force of a spring by its stretch and the position.
+type SpringLaw = Box<dyn Fn(f64, f64) -> f64>;
+
+/// One response and another times a factor.
+fn added(a: &Response, factor: f64, b: &Response) -> Response {
+    std::array::from_fn(|k| a[k] + factor * b[k])
 }
 
 /// What a map is a function of.
@@ -134,6 +152,10 @@ impl Ground<'_> {
                 }
             }
         }
+        for (column, stiffness) in out.iter_mut().zip(self.mean_stiffness(h)) {
+            column.operator =
+                Some(Arc::new(move |_| [1.0, -1.0, -1.0, 1.0].map(|s| Complex::new(s * stiffness, 0.0))));
+        }
         out
     }
 
@@ -194,29 +216,13 @@ impl Ground<'_> {
                 let lost = |f: &f64| f * lost_share(per_a2 * (f / per_unit).powi(2), parabolic);
                 one(thrust.iter().map(lost).collect())
             }
-            Shape::Backlash { gap_m } => {
-                let k = self.mechanics.stiffness_n_m;
-                let zero = self.zero_m();
-                let give = |d: &f64| k * (after_backlash(d + zero, gap_m) - (d + zero));
-                one(track.stretch_m.iter().map(give).collect())
-            }
             Shape::Play { gap_m, yield_m } => one(play(x, gap_m, yield_m)),
-            Shape::Cubic => {
-                let zero = self.zero_m();
-                one(track.stretch_m.iter().map(|d| cubic(d + zero)).collect())
-            }
-            Shape::StiffnessSlope => {
-                let (k, zero) = (self.mechanics.stiffness_n_m, self.zero_m());
-                one(track.stretch_m.iter().zip(x).map(|(d, x)| k * (d + zero) * x).collect())
-            }
-            Shape::StiffnessWave { length_m } => {
-                let k = self.mechanics.stiffness_n_m;
-                let d = &track.stretch_m;
-                let zero = self.zero_m();
-                let of = |f: fn(f64) -> f64| {
-                    d.iter().zip(x).map(|(d, x)| k * (d + zero) * f(TAU * x / length_m)).collect::<Vec<f64>>()
-                };
-                [of(f64::sin), of(f64::cos)].into_iter().flat_map(one).collect()
+            Shape::Backlash { .. }
+            | Shape::Cubic
+            | Shape::StiffnessSlope
+            | Shape::StiffnessWave { .. } => {
+                let of = |law: SpringLaw| track.stretch_m.iter().zip(x).map(|(d, x)| law(*d, *x)).collect();
+                self.springs(h).into_iter().map(of).flat_map(one).collect()
             }
             Shape::Cut { .. }
             | Shape::Map { .. }
@@ -229,6 +235,37 @@ impl Ground<'_> {
             | Shape::EncoderError { .. }
             | Shape::EncoderDelay { .. } => Vec::new(),
         }
+    }
+
+    /// Laws of the stretch d and the position.
+    fn springs(&self, h: &Hypothesis) -> Vec<SpringLaw> {
+        let (k, zero) = (self.mechanics.stiffness_n_m, self.zero_m());
+        match h.shape {
+            Shape::Backlash { gap_m } => {
+                vec![Box::new(move |d, _| k * (after_backlash(d + zero, gap_m) - (d + zero)))]
+            }
+            Shape::Cubic => vec![Box::new(move |d, _| cubic(d + zero))],
+            Shape::StiffnessSlope => vec![Box::new(move |d, x| k * (d + zero) * x)],
+            Shape::StiffnessWave { length_m } => [f64::sin, f64::cos]
+                .map(|f| Box::new(move |d, x| k * (d + zero) * f(TAU * x / length_m)) as SpringLaw)
+                .into(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Mean stiffness of each law of the stretch over all recordings, N/m.
+    fn mean_stiffness(&self, h: &Hypothesis) -> Vec<f64> {
+        /// Samples from one that is looked at to the next, and part of the stretch that is differentiated over.
+        const EVERY: usize = 16;
+        const PART: f64 = 1e-3;
+        let pairs = || self.signals.tracks.iter().flat_map(|t| t.stretch_m.iter().zip(&t.sides[0].x_m));
+        let looked = || pairs().step_by(EVERY);
+        let (power, count) = looked().fold((0.0, 0.0), |(p, n), (d, _)| (p + d * d, n + 1.0));
+        let by = (PART * (power / f64::max(count, 1.0)).sqrt()).max(f64::MIN_POSITIVE);
+        let slope = |law: &SpringLaw| -> f64 {
+            looked().map(|(d, x)| (law(d + by, *x) - law(d - by, *x)) / (2.0 * by)).sum::<f64>() / count
+        };
+        self.springs(h).iter().map(slope).collect()
     }
 
     /// Stretch of the spring at the mean of the recordings, m.
@@ -262,7 +299,7 @@ impl Ground<'_> {
             let (now, then) = (self.signals.thrust(track, self.path), self.signals.thrust(track, to));
             now.iter().zip(&then).map(|(a, b)| a - b).collect::<Vec<f64>>()
         };
-        TimeColumn { sides: [Some(self.signals.each(of)), None] }
+        TimeColumn { sides: [Some(self.signals.each(of)), None], operator: None }
     }
 
     /// What an encoder reads too much, m.
@@ -331,7 +368,22 @@ impl Ground<'_> {
         let motor_kg = m.motor_mass_kg - screw_kg;
         let k = Torsion::stiffness_of(frequency_hz, motor_kg, screw_kg);
         let c = 2.0 * damping * (k * screw_kg).sqrt();
-        let mut out = TimeColumn { sides: [Some(Vec::new()), Some(Vec::new())] };
+        let (spring, damper, twisted, turned) =
+            (m.stiffness_n_m, m.structural_damping_n_s_m, k, c);
+        // As a function of the positions, motor and stage.
+        let operator = move |w: f64| {
+            let i = Complex::new(0.0, w);
+            let axial = spring + damper * i;
+            let load = [axial - screw_kg * w * w, -axial];
+            let torsional = twisted + turned * i;
+            let twist = load.map(|l| l / (torsional + axial - screw_kg * w * w));
+            let motor = [0, 1].map(|k| torsional * twist[k] - load[k]);
+            [motor[0], motor[1], axial * twist[0], axial * twist[1]]
+        };
+        let mut out = TimeColumn {
+            sides: [Some(Vec::new()), Some(Vec::new())],
+            operator: Some(Arc::new(operator)),
+        };
         let mut planner = FftPlanner::new();
         let rate_hz = self.signals.thin_rate_hz();
         for track in &self.signals.tracks {

@@ -47,7 +47,6 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
     let gram = base.gram.with(&balance.plan, columns);
     let bands = gram.sum(&balance.plan, Part::All);
     let mut design = base.design.clone();
-    design.columns.extend(old..old + added);
     let mut bounds = amplitude_bounds(h, added);
     if chance && h.has_dose() {
         // On the grid neither shape nor numbers are where they belong, and the amplitude makes up for both;
@@ -55,7 +54,7 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
         bounds = vec![FREE; added];
         bounds[0] = [0.0, f64::INFINITY];
     }
-    design.bounds.extend(bounds);
+    design.add(&gram, old..old + added, bounds);
     let first = base.fit.beta.len();
     let mut start = base.fit.beta.clone();
     start.extend(std::iter::repeat_n(0.0, added));
@@ -81,10 +80,9 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
     if chance {
         for (k, null) in base.knockoff_fits.iter().enumerate() {
             let mut of = knockoff_design(&base.design, &base.fit.beta, base.knockoffs + k);
-            of.columns.extend(old..old + added);
             // The turned residual holds no law: an amplitude of any size is one of chance.
             let bounds = amplitude_bounds(h, added);
-            of.bounds.extend(if h.has_dose() { vec![FREE; added] } else { bounds });
+            of.add(&gram, old..old + added, if h.has_dose() { vec![FREE; added] } else { bounds });
             let mut start = null.beta.clone();
             start.extend(std::iter::repeat_n(0.0, added));
             let weights = of.weights(&bands, &start);

@@ -1,13 +1,17 @@
 //! Inner products of columns per recording, fold and band. Fits never touch samples again.
 
+use super::dynamics::Response;
 use super::spectra::{Plan, Spectrum};
 use crate::signal::inner_products::dot;
+use std::sync::Arc;
 
 /// A column of the balance: what it is at the motor and at the stage. An axis with one position has its
 /// one balance in the first place.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Column {
     pub(super) sides: [Option<Spectrum>; 2],
+    /// What it makes of the positions at each point of the Jacobian.
+    pub(super) response: Option<Arc<Vec<Response>>>,
 }
 
 /// Inner products of one cell: motor with motor, motor with stage, stage with stage; row-major.

@@ -2,13 +2,14 @@
 //! Jacobian of the force balance.
 //!
 //! ```text
-//! L(beta) = sum_rb N_rb log det S_rb(beta) - 2 N sum log M,   S_rb = mean of r r^T over the band
+//! L(beta) = sum_rb N_rb log det S_rb(beta) - sum_w log |det P(w; beta)|^2,   S_rb = mean of r r^T over the band
 //! ```
-//! What is left unexplained raises S and so lowers the evidence of everything in its band. The mass term
-//! makes it the likelihood of accelerations: without it an equation whose thrust is filtered away becomes
-//! zero by making its masses zero.
+//! What is left unexplained raises S and so lowers the evidence of everything in its band. The
+//! Jacobian P (see [`super::dynamics`]; of one position it is the mass) makes it the likelihood of motion:
+//! without it an equation whose thrust is filtered away becomes zero by making its masses zero.
 
-use super::gram::BandGram;
+use super::dynamics::Dynamics;
+use super::gram::{BandGram, Gram};
 use nalgebra::{DMatrix, DVector};
 
 /// Iterations of the reweighted fit at most.
@@ -27,6 +28,8 @@ pub(super) struct Design {
     pub(super) bounds: Vec<[f64; 2]>,
     /// Columns that are masses, by place in `columns`, with what the target holds of them already.
     pub(super) masses: Vec<(usize, f64)>,
+    /// The axis as the coefficients make it.
+    pub(super) dynamics: Dynamics,
     /// 1 or 2.
     pub(super) sides: usize,
 }
@@ -85,7 +88,36 @@ impl Design {
     /// L of these coefficients, nats.
     pub(super) fn nats(&self, bands: &[BandGram], beta: &[f64]) -> f64 {
         let spectra: f64 = bands.iter().map(|b| 0.5 * b.values * self.log_det(self.spread(b, beta))).sum();
-        spectra - 2.0 * values(bands) * self.log_masses(beta)
+        spectra - self.jacobian(bands, beta)
+    }
+
+    /// Log of the Jacobian from forces to motion, nats.
+    fn jacobian(&self, bands: &[BandGram], beta: &[f64]) -> f64 {
+        if self.dynamics.is_rigid() {
+            return 2.0 * values(bands) * self.log_masses(beta);
+        }
+        self.dynamics.log_det(bands, beta)
+    }
+
+    /// Further columns of the Gram matrices, free or between bounds.
+    pub(super) fn add(&mut self, gram: &Gram, columns: std::ops::Range<usize>, bounds: Vec<[f64; 2]>) {
+        for column in columns {
+            self.dynamics.add(self.columns.len(), gram.column(column));
+            self.columns.push(column);
+        }
+        self.bounds.extend(bounds);
+    }
+
+    /// The same with some places alone, in their order.
+    pub(super) fn kept(&self, places: &[usize]) -> Self {
+        let mass = |(k, held): &(usize, f64)| places.iter().position(|p| p == k).map(|p| (p, *held));
+        Self {
+            columns: places.iter().map(|k| self.columns[*k]).collect(),
+            bounds: places.iter().map(|k| self.bounds[*k]).collect(),
+            masses: self.masses.iter().filter_map(mass).collect(),
+            dynamics: self.dynamics.kept(places),
+            ..self.clone()
+        }
     }
 
     fn log_masses(&self, beta: &[f64]) -> f64 {
@@ -172,7 +204,13 @@ impl Design {
         let total = values(bands);
         let mut curved = a.clone();
         let mut pull = b.clone();
-        for (k, offset) in &self.masses {
+        if !self.dynamics.is_rigid() {
+            let mut slope = DVector::zeros(p);
+            let before = curved.clone();
+            self.dynamics.curve(bands, beta, &mut curved, &mut slope);
+            pull += (&curved - before) * DVector::from_column_slice(beta) - slope;
+        }
+        for (k, offset) in self.masses.iter().filter(|_| self.dynamics.is_rigid()) {
             // -2 N log M against 2 A in half units: gradient N / M, curvature N / M2.
             let m = (offset + beta[*k]).max(1e-12);
             let c = total / (m * m);

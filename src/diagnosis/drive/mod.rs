@@ -6,6 +6,7 @@ mod bank;
 mod closed_loop;
 mod columns;
 mod criteria;
+mod dynamics;
 mod evidence;
 mod given;
 mod gram;

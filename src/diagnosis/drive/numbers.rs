@@ -37,8 +37,7 @@ pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
     let gram = base.gram.with(plan, columns.iter().map(|c| balance.column(c)).collect());
     let bands = gram.sum(plan, Part::All);
     let mut design = base.design.clone();
-    design.columns.extend(old..old + count);
-    design.bounds.extend(vec![FREE; count]);
+    design.add(&gram, old..old + count, vec![FREE; count]);
     let mut start = base.fit.beta.clone();
     start.extend(vec![0.0; count]);
     let weights = design.weights(&bands, &start);
@@ -101,17 +100,7 @@ pub(super) fn without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
     let base = &state.base;
     let kept = |k: &usize| base.numbers.get(*k).is_none_or(|n| !numbers.contains(n));
     let places: Vec<usize> = (0..base.design.columns.len()).filter(kept).collect();
-    let design = Design {
-        columns: places.iter().map(|k| base.design.columns[*k]).collect(),
-        bounds: places.iter().map(|k| base.design.bounds[*k]).collect(),
-        masses: base
-            .design
-            .masses
-            .iter()
-            .filter_map(|(k, held)| places.iter().position(|p| p == k).map(|p| (p, *held)))
-            .collect(),
-        ..base.design.clone()
-    };
+    let design = base.design.kept(&places);
     let beta = places.iter().map(|k| base.fit.beta[*k]).collect();
     (design, beta)
 }

@@ -5,9 +5,13 @@ use super::likelihood::{Design, Spread};
 use super::signals::Layout;
 use super::state::{Balance, State};
 use crate::plant::effects::Port;
+use rustfft::num_complex::Complex;
+use std::f64::consts::TAU;
 
 /// Bands from which on an axis with one position shows its floor, as a share of the highest frequency.
 const QUIET_FROM: f64 = 0.02;
+/// Steps of the size of a force.
+const SIZES: usize = 12;
 /// Share of the excess that the stated band holds.
 const MOST: f64 = 0.95;
 
@@ -92,7 +96,7 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
             floor += (f[0] + f[2]) * share;
         }
     }
-    let (value, direction) = largest(excess);
+    let floors: Vec<Spread> = (0..plan.recordings()).map(floor_of).collect();
     let total: f64 = by_band.iter().sum();
     let mut sum = 0.0;
     let last = by_band.iter().position(|b| {
@@ -100,33 +104,96 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
         sum >= MOST * total
     });
     Rest {
-        force_n: value.max(0.0).sqrt(),
+        force_n: largest(excess).max(0.0).sqrt(),
         floor_n: floor.sqrt(),
         floors_n: whole.map(f64::sqrt),
-        port: port_of(balance.signals.layout, direction),
+        port: port_of(balance, state, (design, beta), &floors),
         band_hz: [0.0, plan.band_hz(last.unwrap_or(0))[1]],
     }
 }
 
-/// Largest eigenvalue of a symmetric 2x2 and its direction.
-fn largest(s: Spread) -> (f64, [f64; 2]) {
-    let [a, b, d] = s;
-    let half = 0.5 * (a - d);
-    let root = half.hypot(b);
-    let angle = 0.5 * (2.0 * b).atan2(a - d);
-    (0.5 * (a + d) + root, [angle.cos(), angle.sin()])
+/// Largest eigenvalue of a symmetric 2x2.
+fn largest([a, b, d]: Spread) -> f64 {
+    0.5 * (a + d) + (0.5 * (a - d)).hypot(b)
 }
 
-/// The port whose force lies nearest to a direction.
-fn port_of(layout: Layout, direction: [f64; 2]) -> Port {
-    if layout != Layout::TwoPositions {
+/// The port that explains best how what is left divides between motor and stage at each frequency.
+///
+/// A force without law has the same direction at all frequencies. An error e of an encoder is the force
+/// K e in the spring, and -M w^2 e besides on its own side. Of each port the size of its force is free in
+/// each band of each recording, beside the floor F: S = F + s u u^H; the likeliest counts.
+fn port_of(balance: &Balance, state: &State, (design, beta): (&Design, &[f64]), floor: &[Spread]) -> Port {
+    if balance.signals.layout != Layout::TwoPositions {
         return Port::Stage;
     }
-    let h = std::f64::consts::FRAC_1_SQRT_2;
-    let ports = [(Port::Motor, [1.0, 0.0]), (Port::Stage, [0.0, 1.0]), (Port::Coupling, [h, -h])];
-    let along = |of: [f64; 2]| (of[0] * direction[0] + of[1] * direction[1]).abs();
-    let best = ports.into_iter().max_by(|a, b| along(a.1).total_cmp(&along(b.1)));
-    best.map_or(Port::Stage, |b| b.0)
+    let base = &state.base;
+    let left = super::state::residual(balance, &base.gram, design, beta);
+    let [Some(motor), Some(stage)] = &left.sides else { return Port::Stage };
+    let plan = &balance.plan;
+    let low_hz = Criteria::STANDARD.floor_band[0] * balance.signals.top_hz();
+    let nats = |port: &Port| -> f64 {
+        let mut gained = vec![0.0; floor.len()];
+        let mut bins = vec![Vec::new(); floor.len() * plan.bands()];
+        for cell in plan.cells.iter().filter(|c| plan.band_hz(c.band)[1] < low_hz) {
+            let f = design.weight(floor[cell.recording]);
+            let (of_motor, of_stage) = (cell.of(motor).chunks_exact(2), cell.of(stage).chunks_exact(2));
+            for (k, (m, s)) in of_motor.zip(of_stage).enumerate() {
+                let u = direction(*port, state, TAU * plan.hz(cell.band, k));
+                let r = [Complex::new(m[0], m[1]), Complex::new(s[0], s[1])];
+                let seen = [f[0] * u[0] + f[1] * u[1], f[1] * u[0] + f[2] * u[1]];
+                let size = (u[0].conj() * seen[0] + u[1].conj() * seen[1]).re;
+                let along = (seen[0].conj() * r[0] + seen[1].conj() * r[1]).norm_sqr();
+                bins[cell.recording * plan.bands() + cell.band].push([size, along]);
+            }
+        }
+        for (k, bins) in bins.iter().enumerate() {
+            gained[k / plan.bands()] += best_gain(bins);
+        }
+        gained.iter().sum()
+    };
+    let ports = [Port::Motor, Port::Stage, Port::Coupling, Port::MotorEncoder, Port::StageEncoder];
+    let gains = ports.map(|p| nats(&p));
+    let best = (0..ports.len()).max_by(|a, b| gains[*a].total_cmp(&gains[*b])).unwrap_or(1);
+    // Where nothing tells the spring from the encoders at its ends, it is the scale that drifts.
+    let alike = matches!(ports[best], Port::Coupling | Port::MotorEncoder)
+        && gains[best] - gains[4] < Criteria::STANDARD.artefact_nats;
+    if alike { Port::StageEncoder } else { ports[best] }
+}
+
+/// Force at motor and stage of a unit at a port, at w rad/s; an error of an encoder in units of 1 / K.
+fn direction(port: Port, state: &State, w: f64) -> [Complex<f64>; 2] {
+    let m = &state.mechanics;
+    let k = m.stiffness_n_m.max(f64::MIN_POSITIVE);
+    let spring = Complex::new(1.0, w * m.structural_damping_n_s_m / k);
+    let own = |mass: f64, damping: f64| Complex::new(-mass * w * w / k, w * damping / k) + spring;
+    let one = Complex::new(1.0, 0.0);
+    match port {
+        Port::Motor => [one, 0.0 * one],
+        Port::Coupling => [one, -one],
+        Port::MotorEncoder => [-own(m.motor_mass_kg, m.motor_damping_n_s_m), spring],
+        Port::StageEncoder => [spring, -own(m.stage_mass_kg, m.stage_damping_n_s_m)],
+        _ => [0.0 * one, one],
+    }
+}
+
+/// Gain in log-likelihood of a force of free size s in one band, bins of (u^H F^-1 u, |u^H F^-1 r|^2):
+/// sum b s / (1 + a s) - ln(1 + a s), halved for overlapping blocks.
+fn best_gain(bins: &[[f64; 2]]) -> f64 {
+    let gain = |s: f64| -> f64 {
+        bins.iter().map(|[a, b]| 0.5 * (b * s / (1.0 + a * s) - (a * s).ln_1p())).sum()
+    };
+    // Of one size of all bins s is mean(b / a^2 - 1 / a); repeated with the weights that it gives.
+    let mut s = 0.0;
+    for _ in 0..SIZES {
+        let (mut top, mut bottom) = (0.0, 0.0);
+        for [a, b] in bins {
+            let weight = (a / (1.0 + a * s)).powi(2);
+            top += weight * (b / (a * a) - 1.0 / a);
+            bottom += weight;
+        }
+        s = (top / f64::max(bottom, f64::MIN_POSITIVE)).max(0.0);
+    }
+    gain(s).max(0.0)
 }
 
 /// When the low bands of a recording stand above their own median, s.
@@ -168,22 +235,4 @@ pub(super) fn spans_s(
         }
     }
     if spans.is_empty() { vec![whole] } else { spans }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_force_between_the_sides_is_told_from_one_at_a_side() {
-        let of = |direction: [f64; 2]| {
-            let s = [direction[0].powi(2), direction[0] * direction[1], direction[1].powi(2)];
-            let (value, along) = largest(s);
-            assert!((value - s[0] - s[2]).abs() < 1e-12);
-            port_of(Layout::TwoPositions, along)
-        };
-        assert_eq!(of([2.0, 0.1]), Port::Motor);
-        assert_eq!(of([0.1, -1.0]), Port::Stage);
-        assert_eq!(of([-1.0, 1.1]), Port::Coupling);
-    }
 }

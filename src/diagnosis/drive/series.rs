@@ -45,7 +45,7 @@ fn of(balance: &Balance, state: &State, beta: &[f64], path: Path) -> Vec<Vec<Vec
         })
         .collect();
     columns.extend(state.accepted.iter().flat_map(|a| a.columns(&ground)));
-    let model = TimeColumn::sum(&columns, beta);
+    let model = TimeColumn::sum(columns.iter().zip(beta.iter().copied()));
     let target = balance.target(path);
     let lengths = balance.signals.lengths();
     (0..lengths.len())
@@ -77,7 +77,7 @@ pub(super) fn contribution(
     let amplitudes: Vec<f64> = law.amplitudes.iter().map(|a| law.scale * a).collect();
     let thin = balance.signals.tracks.first().and_then(|t| ground.law(h, t)).is_none();
     let columns = if thin { ground.columns(h) } else { Vec::new() };
-    let sum = TimeColumn::sum(&columns, &amplitudes);
+    let sum = TimeColumn::sum(columns.iter().zip(amplitudes.iter().copied()));
     let side = usize::from(h.port == Port::Stage && balance.signals.layout == Layout::TwoPositions);
     balance
         .signals

@@ -6,6 +6,7 @@
 //! Blocks overlap by half under a sine window, whose squares add to one: sums of squares over all bins are
 //! sums of squares over time.
 
+use super::dynamics::Point;
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use std::f64::consts::PI;
@@ -53,6 +54,8 @@ pub(super) struct Plan {
     /// One noise level over all bands instead of one a band.
     pub(super) white: bool,
     pub(super) cells: Vec<Cell>,
+    /// Where the Jacobian is taken; none: the axis is one mass.
+    pub(super) points: Arc<Vec<Point>>,
     /// First value of `[recording][block][band]`.
     starts: Vec<Vec<Vec<usize>>>,
     /// Samples at which the blocks of a recording begin; those that a mask touches are left out.
@@ -89,6 +92,7 @@ impl Plan {
             }
         }
         let mut planner = RealFftPlanner::new();
+        let points = Arc::new(if white { Vec::new() } else { points(&bands, bin_hz) });
         Self {
             block,
             window: (0..block).map(|k| (PI * (k as f64 + 0.5) / block as f64).sin()).collect(),
@@ -96,6 +100,7 @@ impl Plan {
             bin_hz,
             white,
             cells,
+            points,
             starts,
             begins,
             forward: planner.plan_fft_forward(block),
@@ -112,6 +117,12 @@ impl Plan {
     /// A band in Hz.
     pub(super) fn band_hz(&self, band: usize) -> [f64; 2] {
         self.bands[band].map(|k| (k as f64 - 0.5).max(0.0) * self.bin_hz)
+    }
+
+    /// Frequency of a value of a cell of a band, Hz.
+    pub(super) fn hz(&self, band: usize, value: usize) -> f64 {
+        let [from, to] = self.bands[band];
+        (from + value % (to - from)) as f64 * self.bin_hz
     }
 
     /// True where masks leave something to fit and something to judge it by.
@@ -233,6 +244,19 @@ impl Cell {
     pub(super) fn of_mut(self, spectrum: &mut [f64]) -> &mut [f64] {
         &mut spectrum[self.start..self.end]
     }
+}
+
+/// Frequencies of the Jacobian, evenly over the bands; at rest nothing is made of a position.
+fn points(bands: &[[usize; 2]], bin_hz: f64) -> Vec<Point> {
+    /// Over all bands: a resonance of 2 % damping at half of the band has three.
+    const POINTS: usize = 200;
+    let stride = (bands.last().map_or(0, |b| b[1]) / POINTS).max(1);
+    let of = |(band, [from, to]): (usize, &[usize; 2])| {
+        let bins: Vec<usize> = ((*from).max(1)..*to).step_by(stride).collect();
+        let share = 1.0 / bins.len().max(1) as f64;
+        bins.into_iter().map(move |k| Point { band, share, rad_s: 2.0 * PI * k as f64 * bin_hz })
+    };
+    bands.iter().enumerate().flat_map(of).collect()
 }
 
 /// The longest block that the recordings have room for. Masks cut them into pieces: then the longest that

@@ -3,6 +3,7 @@
 pub(super) use super::accepted::Accepted;
 use super::columns::{Ground, Mechanics, TimeColumn};
 use super::criteria::Criteria;
+use super::dynamics::{Dynamics, derivative};
 use super::gram::{BandGram, Column, Gram, Part};
 use super::likelihood::{Design, FREE, Fit, Spread};
 use super::shape::{Hypothesis, Shape};
@@ -148,20 +149,27 @@ impl Balance {
         let negative = |x: &[f64]| x.iter().map(|v| -v).collect::<Vec<f64>>();
         let coupled = |of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| TimeColumn {
             sides: [Some(each(of)), two.then(|| each(&|t| negative(&of(t))))],
+            operator: None,
         };
-        let own = |side: usize, of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| {
+        let spring = |order: i32, of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| TimeColumn {
+            operator: Some(Arc::new(move |w| [1.0, -1.0, -1.0, 1.0].map(|sign| sign * derivative(w, order)))),
+            ..coupled(of)
+        };
+        let own = |side: usize, order: i32, of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| {
             let mut column = TimeColumn::default();
             column.sides[if two { side } else { 0 }] = Some(each(of));
+            let at = [1.0 - side as f64, 0.0, 0.0, side as f64];
+            column.operator = Some(Arc::new(move |w| at.map(|at| at * derivative(w, order))));
             column
         };
         let last = usize::from(two);
         match number {
-            N::MotorMass => own(0, &|t| t.accel[0].clone()),
-            N::MotorDamping => own(0, &|t| t.velocity[0].clone()),
-            N::Stiffness => coupled(&|t| t.stretch.clone()),
-            N::StructuralDamping => coupled(&|t| t.stretch_rate.clone()),
-            N::StageMass => own(1, &|t| t.accel[last].clone()),
-            N::StageDamping => own(1, &|t| t.velocity[last].clone()),
+            N::MotorMass => own(0, 2, &|t| t.accel[0].clone()),
+            N::MotorDamping => own(0, 1, &|t| t.velocity[0].clone()),
+            N::Stiffness => spring(0, &|t| t.stretch.clone()),
+            N::StructuralDamping => spring(1, &|t| t.stretch_rate.clone()),
+            N::StageMass => own(1, 2, &|t| t.accel[last].clone()),
+            N::StageDamping => own(1, 1, &|t| t.velocity[last].clone()),
             N::Zero => coupled(&|t| vec![1.0; t.position.len()]),
             N::Scale => coupled(&|t| {
                 let middle = 0.5 * self.signals.travel_m().iter().sum::<f64>();
@@ -198,7 +206,7 @@ impl Balance {
                     .zip(&at(by))
                     .map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b) / (2.0 * by)).collect())
                     .collect();
-                TimeColumn { sides: [Some(rate), None] }
+                TimeColumn { sides: [Some(rate), None], operator: None }
             }
             N::Lag => state.lagging(LAG_STEP),
             _ => self.linear(number),
@@ -207,13 +215,18 @@ impl Balance {
 
     /// A column's spectra.
     pub(super) fn column(&self, time: &TimeColumn) -> Column {
-        Column { sides: [0, 1].map(|k| time.sides[k].as_ref().map(|s| self.plan.transform(s))) }
+        let points = &self.plan.points;
+        let response = time.operator.as_ref().map(|of| points.iter().map(|p| of(p.rad_s)).collect());
+        Column {
+            sides: [0, 1].map(|k| time.sides[k].as_ref().map(|s| self.plan.transform(s))),
+            response: response.map(Arc::new),
+        }
     }
 
     /// What is fitted to: the thrust at the motor, nothing at the stage.
     pub(super) fn target(&self, path: Path) -> TimeColumn {
         let thrust = self.signals.each(|t| self.signals.thrust(t, path));
-        TimeColumn { sides: [Some(thrust), None] }
+        TimeColumn { sides: [Some(thrust), None], operator: None }
     }
 
     /// Parts that are held out in turn: quarters, and recordings where there are several.
@@ -489,10 +502,13 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
     }
     let knockoffs = columns.len();
     let is_mass = |n: &Number| matches!(n, N::MotorMass | N::StageMass);
-    let design = Design {
+    let plan = &balance.plan;
+    let gram = Gram::new(plan, columns);
+    let mut design = Design {
         target: 0,
-        columns: (1..columns.len()).collect(),
-        bounds,
+        columns: Vec::new(),
+        bounds: Vec::new(),
+        dynamics: Dynamics::at(plan.points.clone()),
         masses: numbers
             .iter()
             .enumerate()
@@ -501,8 +517,7 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
             .collect(),
         sides: balance.signals.sides(),
     };
-    let plan = &balance.plan;
-    let gram = Gram::new(plan, columns);
+    design.add(&gram, 1..knockoffs, bounds);
     let all = gram.sum(plan, Part::All);
     let weights = design.weights(&all, &start);
     let fit = balance.fit(&design, &all, &start, &weights);
@@ -510,7 +525,8 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
     // What is left, turned.
     let left = residual(balance, &gram, &design, &fit.beta);
     let turned = TURNS
-        .map(|share| Column { sides: [0, 1].map(|k| left.sides[k].as_ref().map(|s| plan.turned(s, share))) });
+        .map(|share| [0, 1].map(|k| left.sides[k].as_ref().map(|s| plan.turned(s, share))))
+        .map(|sides| Column { sides, response: None });
     let gram = gram.with(plan, turned.to_vec());
     let all = gram.sum(plan, Part::All);
     let null = |k: usize| {
@@ -537,6 +553,7 @@ pub(super) fn knockoff_design(design: &Design, beta: &[f64], target: usize) -> D
         target,
         bounds: design.bounds.iter().zip(beta).map(|(b, x)| [b[0] - x, b[1] - x]).collect(),
         masses: design.masses.iter().map(|(k, held)| (*k, held + beta[*k])).collect(),
+        dynamics: design.dynamics.beside(beta),
         ..design.clone()
     }
 }
@@ -556,7 +573,7 @@ pub(super) fn residual(balance: &Balance, gram: &Gram, design: &Design, beta: &[
         design.columns.iter().zip(beta).for_each(|(k, b)| add(-b, *k));
         out.filter(|_| side < sides).map(Arc::new)
     };
-    Column { sides: [of(0), of(1)] }
+    Column { sides: [of(0), of(1)], response: None }
 }
 
 /// True for a shape that moves a number of the path instead of adding a law.

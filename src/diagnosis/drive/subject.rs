@@ -221,8 +221,7 @@ impl<'a> Drive<'a> {
         let gram = asked.gram.with(plan, columns);
         let bands = gram.sum(plan, Part::All);
         let mut design = asked.design.clone();
-        design.columns.extend(old..old + count);
-        design.bounds.extend(vec![FREE; count]);
+        design.add(&gram, old..old + count, vec![FREE; count]);
         let mut start = asked.fit.beta.clone();
         start.extend(vec![0.0; count]);
         let weights = design.weights(&bands, &start);
@@ -331,8 +330,7 @@ impl<'a> Drive<'a> {
         let gram = asked.gram.with(plan, columns.iter().map(|c| self.balance.column(c)).collect());
         let bands = gram.sum(plan, Part::All);
         let mut design = asked.design.clone();
-        design.columns.extend(old..old + count);
-        design.bounds.extend(vec![FREE; count]);
+        design.add(&gram, old..old + count, vec![FREE; count]);
         let mut start = asked.fit.beta.clone();
         start.extend(vec![0.0; count]);
         let weights = design.weights(&bands, &start);
@@ -357,19 +355,9 @@ pub(super) fn slopes(
             let mut moved = values.clone();
             moved[k] *= 1.0 + DIFFERENCE;
             let there = ground.columns(&h.with(&moved));
-            let mut out = TimeColumn::default();
-            for side in 0..2 {
-                for ((a, b), amplitude) in here.iter().zip(&there).zip(amplitudes) {
-                    let (Some(a), Some(b)) = (&a.sides[side], &b.sides[side]) else { continue };
-                    let factor = amplitude / DIFFERENCE;
-                    let sum =
-                        out.sides[side].get_or_insert_with(|| a.iter().map(|x| vec![0.0; x.len()]).collect());
-                    for ((s, a), b) in sum.iter_mut().zip(a).zip(b) {
-                        s.iter_mut().zip(a).zip(b).for_each(|((s, a), b)| *s += factor * (b - a));
-                    }
-                }
-            }
-            out
+            let part = |amplitude: &f64| amplitude / DIFFERENCE;
+            let of = |((a, b), amplitude)| [(a, -part(amplitude)), (b, part(amplitude))];
+            TimeColumn::sum(here.iter().zip(&there).zip(amplitudes).flat_map(of))
         })
         .collect()
 }
@@ -412,6 +400,18 @@ impl Subject for Drive<'_> {
                 // Its mean is dry friction, which the numbers hold.
                 let mean = amplitudes.iter().sum::<f64>() / amplitudes.len().max(1) as f64;
                 amplitudes.iter_mut().for_each(|a| *a -= mean);
+            }
+        }
+        if std::env::var("DBG").is_ok() {
+            eprintln!("  {:?} amp {:?} score {:.0}", h, &asked.amplitudes()[..asked.amplitudes().len().min(4)], asked.score);
+            for (n, (a, b)) in state.base.numbers.iter().zip(state.base.fit.beta.iter().zip(&asked.fit.beta)) { eprint!(" {n:?} {a:.5e} {b:.5e};"); }
+            eprintln!();
+            let all = asked.gram.sum(&self.balance.plan, Part::All);
+            for (x, y) in all.iter().zip(&state.base.all) {
+                let one = asked.design.spread(x, &asked.fit.beta); let two = state.base.design.spread(y, &state.base.fit.beta);
+                let det = |s: [f64; 3]| (s[0] * s[2] - s[1] * s[1]).ln();
+                let g = 0.5 * x.values * (det(two) - det(one));
+                if g.abs() > 20.0 { eprintln!("    rec {} {:?} gain {:.0} before {:.4} {:.4} after {:.4} {:.4}", x.recording, self.balance.plan.band_hz(x.band), g, two[0].sqrt(), two[2].sqrt(), one[0].sqrt(), one[2].sqrt()); }
             }
         }
         let at_bound = asked.held() && !h.is_whole() || h.is_at_bound();
