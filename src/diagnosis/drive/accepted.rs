@@ -1,7 +1,7 @@
 //! A law that stands in the model of a balance.
 
 use super::columns::{Ground, TimeColumn};
-use super::shape::Hypothesis;
+use super::shape::{Hypothesis, Shape};
 use crate::plant::effects::law::ForceLaw;
 
 /// A law in the model.
@@ -30,6 +30,11 @@ impl Accepted {
     /// True where it enters as one column.
     pub(super) fn is_one_column(&self) -> bool {
         self.given.is_some() || self.amplitudes.len() > MOST_FREE
+    }
+
+    /// True for a law that is made of numbers of the structure, all of its size in its shape.
+    pub(super) fn moves_with_numbers(&self) -> bool {
+        self.given.is_none() && matches!(self.hypothesis.shape, Shape::Torsion { .. } | Shape::Backlash { .. })
     }
 
     /// Coefficients that it has in a fit.

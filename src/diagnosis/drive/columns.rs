@@ -358,6 +358,15 @@ impl Ground<'_> {
                 }
             }
         }
+        if let (Shape::EncoderDelay { extra_s }, [column]) = (h.shape, &mut out[..]) {
+            column.operator = Some(Arc::new(move |w| {
+                let read = 1.0 - Complex::from_polar(1.0, w * extra_s);
+                let coupled = read * Complex::new(spring, w * damper);
+                let own = read * Complex::new(mass * w * w, -w * damping) - coupled;
+                let none = Complex::new(0.0, 0.0);
+                if at_stage { [none, coupled, none, own] } else { [own, none, coupled, none] }
+            }));
+        }
         out
     }
 

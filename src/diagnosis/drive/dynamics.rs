@@ -29,8 +29,6 @@ pub(super) struct Point {
 #[derive(Debug, Clone)]
 struct Moving {
     place: usize,
-    /// What the target holds of it already.
-    held: f64,
     response: Arc<Vec<Response>>,
 }
 
@@ -60,15 +58,8 @@ impl Dynamics {
     /// A column at a place of the coefficients.
     pub(super) fn add(&mut self, place: usize, column: &Column) {
         if let Some(response) = column.response.as_ref().filter(|_| !self.is_rigid()) {
-            self.moving.push(Moving { place, held: 0.0, response: response.clone() });
+            self.moving.push(Moving { place, response: response.clone() });
         }
-    }
-
-    /// The same beside coefficients that the target holds.
-    pub(super) fn beside(&self, beta: &[f64]) -> Self {
-        let mut out = self.clone();
-        out.moving.iter_mut().for_each(|m| m.held += beta[m.place]);
-        out
     }
 
     /// The same with some places alone, in their order.
@@ -121,8 +112,7 @@ impl Dynamics {
     fn axis(&self, k: usize, beta: &[f64]) -> Response {
         let mut out = [Complex::new(0.0, 0.0); 4];
         for m in &self.moving {
-            let size = m.held + beta[m.place];
-            out.iter_mut().zip(&m.response[k]).for_each(|(o, r)| *o += r * size);
+            out.iter_mut().zip(&m.response[k]).for_each(|(o, r)| *o += r * beta[m.place]);
         }
         out
     }

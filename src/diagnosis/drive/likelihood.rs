@@ -26,8 +26,8 @@ pub(super) struct Design {
     pub(super) columns: Vec<usize>,
     /// Bounds of each coefficient.
     pub(super) bounds: Vec<[f64; 2]>,
-    /// Columns that are masses, by place in `columns`, with what the target holds of them already.
-    pub(super) masses: Vec<(usize, f64)>,
+    /// Columns that are masses, by place in `columns`.
+    pub(super) masses: Vec<usize>,
     /// The axis as the coefficients make it.
     pub(super) dynamics: Dynamics,
     /// 1 or 2.
@@ -110,7 +110,7 @@ impl Design {
 
     /// The same with some places alone, in their order.
     pub(super) fn kept(&self, places: &[usize]) -> Self {
-        let mass = |(k, held): &(usize, f64)| places.iter().position(|p| p == k).map(|p| (p, *held));
+        let mass = |k: &usize| places.iter().position(|p| p == k);
         Self {
             columns: places.iter().map(|k| self.columns[*k]).collect(),
             bounds: places.iter().map(|k| self.bounds[*k]).collect(),
@@ -121,7 +121,7 @@ impl Design {
     }
 
     fn log_masses(&self, beta: &[f64]) -> f64 {
-        self.masses.iter().map(|(k, held)| (held + beta[*k]).max(1e-12).ln()).sum()
+        self.masses.iter().map(|k| beta[*k].max(1e-12).ln()).sum()
     }
 
     /// Inverse of a spread; a single side has the first alone.
@@ -159,6 +159,19 @@ impl Design {
             weights = self.weights(bands, &beta);
         }
         Fit { beta, nats, held, information }
+    }
+
+    /// Half the gradient of L on a part of the values, under weights.
+    pub(super) fn score(&self, bands: &[BandGram], weights: &[Spread], beta: &[f64]) -> DVector<f64> {
+        let (a, b) = self.normal(bands, weights);
+        let mut slope = DVector::zeros(beta.len());
+        let mut unused = DMatrix::zeros(beta.len(), beta.len());
+        self.dynamics.curve(bands, beta, &mut unused, &mut slope);
+        if self.dynamics.is_rigid() {
+            let total = values(bands);
+            self.masses.iter().for_each(|k| slope[*k] -= total / beta[*k].max(1e-12));
+        }
+        a * DVector::from_column_slice(beta) - b + slope
     }
 
     /// Normal equations under weights.
@@ -210,9 +223,9 @@ impl Design {
             self.dynamics.curve(bands, beta, &mut curved, &mut slope);
             pull += (&curved - before) * DVector::from_column_slice(beta) - slope;
         }
-        for (k, offset) in self.masses.iter().filter(|_| self.dynamics.is_rigid()) {
+        for k in self.masses.iter().filter(|_| self.dynamics.is_rigid()) {
             // -2 N log M against 2 A in half units: gradient N / M, curvature N / M2.
-            let m = (offset + beta[*k]).max(1e-12);
+            let m = beta[*k].max(1e-12);
             let c = total / (m * m);
             curved[(*k, *k)] += c;
             pull[*k] += total / m + c * beta[*k];
@@ -231,9 +244,9 @@ impl Design {
                 None => break,
             }
         }
-        for (k, offset) in &self.masses {
-            let m = (offset + beta[*k]).max(1e-12);
-            next[*k] = (offset + next[*k]).clamp(MASS_STEP * m, m / MASS_STEP) - offset;
+        for k in &self.masses {
+            let m = beta[*k].max(1e-12);
+            next[*k] = next[*k].clamp(MASS_STEP * m, m / MASS_STEP);
         }
         (next, held.iter().map(Option::is_some).collect(), curved)
     }
@@ -277,8 +290,22 @@ fn solve(a: &DMatrix<f64>, b: &DVector<f64>, held: &[Option<f64>]) -> Vec<f64> {
 }
 
 impl Fit {
-    /// Variances of the coefficients by the curvature of L; held ones have none of their own.
-    pub(super) fn covariance(&self) -> DMatrix<f64> {
+    /// Variances of the coefficients by the curvature of L, and by how the parts of the recordings differ
+    /// (`scores`: half the gradient of L on each): what is wrong with the model is not the same in all of
+    /// them. The larger counts. Held ones have none of their own.
+    pub(super) fn variances(&self, scores: &[DVector<f64>]) -> Vec<f64> {
+        let inverse = self.inverse();
+        let parts = scores.len().max(2) as f64;
+        let apart: Vec<DVector<f64>> = scores.iter().map(|s| &inverse * s).collect();
+        let of = |k: usize| {
+            let between = apart.iter().map(|a| a[k] * a[k]).sum::<f64>() * parts / (parts - 1.0);
+            // L has twice the information as its second derivative, and exp(-L) is the likelihood.
+            between.max(0.5 * inverse[(k, k)])
+        };
+        (0..self.beta.len()).map(of).collect()
+    }
+
+    fn inverse(&self) -> DMatrix<f64> {
         let p = self.beta.len();
         let free: Vec<usize> = (0..p).filter(|k| !self.held[*k]).collect();
         let scale: Vec<f64> =
@@ -291,8 +318,7 @@ impl Fit {
         let mut out = DMatrix::zeros(p, p);
         for (i, k) in free.iter().enumerate() {
             for (j, l) in free.iter().enumerate() {
-                // L has twice this as its second derivative, and exp(-L) is the likelihood.
-                out[(*k, *l)] = 0.5 * inverse[(i, j)] * scale[i] * scale[j];
+                out[(*k, *l)] = inverse[(i, j)] * scale[i] * scale[j];
             }
         }
         out

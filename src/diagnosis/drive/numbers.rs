@@ -3,16 +3,18 @@
 use super::columns::TimeColumn;
 use super::criteria::Criteria;
 use super::evidence::price;
-use super::gram::Part;
-use super::likelihood::{Design, FREE, values};
-use super::rest::Rest;
+use super::gram::{BandGram, Gram, Part};
+use super::likelihood::{Design, FREE, Spread, values};
 use super::signals::Layout;
+use super::rest::Rest;
+use super::spectra::FOLDS;
 use super::state::{Balance, LAG_STEP, Number, State};
 use super::subject::slopes;
 use super::words::{Deviations, Z95, scale_deviation};
 use crate::diagnosis::result::Correction;
 use crate::plant::effects::{EffectKind, Port};
 use crate::plant::machine::AxisModel;
+use nalgebra::DVector;
 
 /// Deviations of everything that was fitted.
 #[derive(Debug, Clone, Default)]
@@ -25,7 +27,8 @@ pub(super) struct Doubt {
     pub(super) path: [f64; 2],
 }
 
-/// Deviations by the curvature of L with all shapes free at once, wider by what is left above the floor.
+/// Deviations with all shapes free at once, see [`super::likelihood::Fit::variances`], wider by what is left
+/// above the floor.
 pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
     let base = &state.base;
     let plan = &balance.plan;
@@ -42,9 +45,11 @@ pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
     start.extend(vec![0.0; count]);
     let weights = design.weights(&bands, &start);
     let fit = design.fit(&bands, start, weights);
-    let wider = 1.0_f64.hypot(rest.force_n / rest.floor_n.max(1e-300)) * SERIAL;
-    let covariance = fit.covariance();
-    let sd = |k: usize| wider * covariance[(k, k)].max(0.0).sqrt();
+    let weights = design.weights(&bands, &fit.beta);
+    let scores = scores(balance, (&gram, &design), (&bands, &weights), &fit.beta);
+    let variances = fit.variances(&scores);
+    let wider = 1.0_f64.hypot(rest.force_n / rest.floor_n.max(1e-300));
+    let sd = |k: usize| wider * variances[k].max(0.0).sqrt();
     let numbers = (0..base.numbers.len()).map(sd).collect();
     let (mut place, mut slope) = (base.numbers.len(), base.fit.beta.len());
     let mut laws = Vec::new();
@@ -63,8 +68,28 @@ pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
     Doubt { numbers, laws, path: [of(Number::Timing), -LAG_STEP.ln() * of(Number::Lag)] }
 }
 
-/// Half-overlapping blocks, leakage between bins, noise that is not flat within a band.
-const SERIAL: f64 = 1.5;
+/// Scores of each quarter of each recording.
+fn scores(
+    balance: &Balance,
+    (gram, design): (&Gram, &Design),
+    (bands, weights): (&[BandGram], &[Spread]),
+    beta: &[f64],
+) -> Vec<DVector<f64>> {
+    let mut out = Vec::new();
+    for fold in 0..FOLDS {
+        let part = gram.sum(&balance.plan, Part::Fold(fold));
+        for recording in 0..balance.plan.recordings() {
+            let own: Vec<BandGram> = part.iter().filter(|b| b.recording == recording).cloned().collect();
+            let weight = |b: &BandGram| {
+                let same = |o: &BandGram| (o.recording, o.band) == (b.recording, b.band);
+                bands.iter().position(same).map_or([0.0; 3], |k| weights[k])
+            };
+            let weights: Vec<Spread> = own.iter().map(weight).collect();
+            out.push(design.score(&own, &weights, beta));
+        }
+    }
+    out
+}
 
 /// A number of the structure that the model leaves out or states as nothing, with its evidence.
 #[derive(Debug, Clone, PartialEq)]

@@ -450,9 +450,17 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
     let mut bounds = Vec::new();
     let mut start = Vec::new();
     let m = laws.mechanics;
+    let moved = moved_laws(&ground, accepted);
     for number in &numbers {
         let fixed = balance.fixed.iter().find(|(n, _)| n == number).map(|(_, c)| c.clone());
-        columns.push(fixed.unwrap_or_else(|| balance.column(&balance.number_column(*number, &ground))));
+        let more = moved.iter().find(|(n, _, _)| n == number).map(|(_, _, column)| (column, 1.0));
+        columns.push(match (more, fixed) {
+            (Some(more), _) => balance.column(&TimeColumn::sum(
+                [(&balance.number_column(*number, &ground), 1.0), more].into_iter(),
+            )),
+            (None, Some(fixed)) => fixed,
+            (None, None) => balance.column(&balance.number_column(*number, &ground)),
+        });
         bounds.push(match number {
             N::Lag => [-MOST_STEPS, MOST_STEPS],
             N::Timing if laws.found[0] => {
@@ -484,12 +492,17 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
             N::Timing | N::Lag | N::Scale => 0.0,
         });
     }
+    let mut offset = false;
     for a in accepted {
-        let time = a.columns(&ground);
+        let mut time = a.columns(&ground);
+        if a.moves_with_numbers() && !std::mem::replace(&mut offset, true) {
+            let parts = moved.iter().map(|(_, value, column)| (column, -value));
+            time = vec![TimeColumn::sum(time.iter().map(|t| (t, 1.0)).chain(parts))];
+        }
         let one = a.is_one_column();
         bounds.extend(match a.hypothesis {
             // Numbers have moved beside it: what is not one now is not the law.
-            h if h.is_whole() && a.given.is_none() => vec![[1.0, 1.0]],
+            h if (h.is_whole() || a.moves_with_numbers()) && a.given.is_none() => vec![[1.0, 1.0]],
             _ if one => vec![FREE],
             _ => amplitude_bounds(&a.hypothesis, time.len()),
         });
@@ -513,7 +526,7 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
             .iter()
             .enumerate()
             .filter(|(_, n)| is_mass(n) && laws.inertial)
-            .map(|(k, _)| (k, 0.0))
+            .map(|(k, _)| k)
             .collect(),
         sides: balance.signals.sides(),
     };
@@ -547,13 +560,43 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
     Base { numbers, gram, all, design, fit, weights, knockoffs, knockoff_fits, held_out }
 }
 
-/// The design of a knockoff: its target beside the present fit.
+/// What a law that is made of numbers of the structure becomes more with each of them: number, its value,
+/// derivative. Together with the numbers' own columns a fit moves both at once.
+fn moved_laws(ground: &Ground<'_>, accepted: &[Accepted]) -> Vec<(Number, f64, TimeColumn)> {
+    /// A step of a number, as a share.
+    const STEP: f64 = 1e-3;
+    let laws = || accepted.iter().filter(|a| a.moves_with_numbers());
+    let columns = |ground: &Ground<'_>| laws().flat_map(|l| l.columns(ground)).collect::<Vec<_>>();
+    if laws().next().is_none() {
+        return Vec::new();
+    }
+    let here = columns(ground);
+    let of = |number: Number| -> Option<(Number, f64, TimeColumn)> {
+        let mut there = *ground;
+        let m = &mut there.mechanics;
+        let value = match number {
+            N::MotorMass => &mut m.motor_mass_kg,
+            N::Stiffness => &mut m.stiffness_n_m,
+            N::StructuralDamping => &mut m.structural_damping_n_s_m,
+            N::Zero => &mut m.spring_zero_n,
+            _ => return None,
+        };
+        let (now, by) = (*value, STEP * *value);
+        *value += by;
+        let there = columns(&there);
+        let parts = here.iter().map(|c| (c, -1.0 / by)).chain(there.iter().map(|c| (c, 1.0 / by)));
+        (by != 0.0).then(|| (number, now, TimeColumn::sum(parts)))
+    };
+    [N::MotorMass, N::Stiffness, N::StructuralDamping, N::Zero].into_iter().filter_map(of).collect()
+}
+
+/// The design of a knockoff: its target beside the present fit. No motion comes of it: it has no Jacobian.
 pub(super) fn knockoff_design(design: &Design, beta: &[f64], target: usize) -> Design {
     Design {
         target,
         bounds: design.bounds.iter().zip(beta).map(|(b, x)| [b[0] - x, b[1] - x]).collect(),
-        masses: design.masses.iter().map(|(k, held)| (*k, held + beta[*k])).collect(),
-        dynamics: design.dynamics.beside(beta),
+        masses: Vec::new(),
+        dynamics: Dynamics::default(),
         ..design.clone()
     }
 }

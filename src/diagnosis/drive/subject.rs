@@ -382,6 +382,11 @@ impl Subject for Drive<'_> {
         if let Ok(mut chance) = self.chance.lock() {
             *chance = asked.iter().map(|a| a.1).fold(0.0, f64::max);
         }
+        if std::env::var("DBG").is_ok() {
+            let mut k: Vec<usize> = (0..list.len()).collect();
+            k.sort_by(|a, b| asked[*b].1.total_cmp(&asked[*a].1));
+            for i in k.iter().take(6) { eprintln!("  chance {:.0} {:?}", asked[*i].1, list[*i].shape); }
+        }
         let screened = list.iter().zip(asked);
         Some(screened.map(|(h, a)| Screened { hypothesis: *h, promise_nats: a.0 }).collect())
     }
