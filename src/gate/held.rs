@@ -147,16 +147,11 @@ fn of_noisy(work: &Work<'_>, column: AxisColumn) -> Vec<Hold> {
     long.into_iter().filter_map(hold).collect()
 }
 
-/// True where a smooth column would stand as long at an end of its motion.
-///
-/// A parabola that stays within a step q for L rows is within 9 q for L rows on both sides of them.
+/// True where a column comes to its value or leaves it by one step: smooth as it is, it stands at the end of a
+/// motion, or a coarse encoder moves its controller now and then.
 fn stands_by_itself(x: &[f64], run: Run, q: f64) -> bool {
-    const PARABOLA: f64 = 9.0;
-    let held = x[run.first];
-    let reach = |rows: &[f64]| rows.iter().fold(0.0_f64, |m, v| m.max((v - held).abs()));
-    let before = &x[run.first.saturating_sub(run.rows)..run.first];
-    let after = &x[run.end()..(run.end() + run.rows).min(x.len())];
-    reach(before).min(reach(after)) <= PARABOLA * q
+    let one_step = |i: usize| x.get(i).is_none_or(|other| (other - x[run.first]).abs() < 1.5 * q);
+    one_step(run.first.wrapping_sub(1)) || one_step(run.end())
 }
 
 /// Proof that the axis moved meanwhile; without it, it rested.

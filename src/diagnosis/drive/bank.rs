@@ -1,6 +1,7 @@
 //! Which hypotheses there are for a state: shapes on a grid that the recordings scale, wavelengths and lines
 //! where what is left has peaks.
 
+use super::criteria::Criteria;
 use super::shape::{Hypothesis, Shape};
 use super::signals::Layout;
 use super::state::{Balance, State, residual};
@@ -65,8 +66,9 @@ fn frictions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     let [low, high] = s.travel_m();
     let vs = state.smoothing_m_s;
     let mut list = Vec::new();
-    let top = (0.3 * fastest).clamp(5.0 * vs, 80.0 * vs);
-    list.extend(grid(2.5 * vs, top, 6).map(|v| at(E::StribeckFriction, Shape::Stribeck { speed_m_s: v })));
+    let least = Criteria::STANDARD.turning * vs;
+    let top = (0.3 * fastest).clamp(2.0 * least, 16.0 * least);
+    list.extend(grid(least, top, 6).map(|v| at(E::StribeckFriction, Shape::Stribeck { speed_m_s: v })));
     let least_m = 1e-6_f64.max(4.0 * s.steps_m[last]).min(0.1 * (high - low));
     let (most_m, count) = if one { (0.25 * (high - low), 10) } else { (32.0 * least_m, 6) };
     list.extend(

@@ -12,7 +12,8 @@ pub(in crate::diagnosis) struct Criteria {
     pub(super) converged_nats: f64,
     /// Amplitude of a law whose shape carries its size (a gap, a mode), least and most: 1 if it is true.
     pub(super) dose: [f64; 2],
-    /// When a reference acts beside what the dead time says, samples: drives take it up within one.
+    /// When a reference acts beside what the dead time says, samples: drives take it up within one; later than
+    /// said is a dead time.
     pub(super) timing_samples: [f64; 2],
     /// Where in those they mostly do, and by how much that differs between drives, as a deviation.
     pub(super) timing_usual: f64,
@@ -22,6 +23,11 @@ pub(in crate::diagnosis) struct Criteria {
     /// Findings that take nearly all of the power above the floor are the cause; the rest is told beside
     /// them. A constant takes six parts of seven of a random walk.
     pub(super) named_share: f64,
+    /// Force over position of a guide's own texture, over its dry friction: less is on every axis.
+    pub(super) texture: f64,
+    /// Speeds over which friction turns up to which its form is not told from a bump at low speed: tanh is
+    /// within a ten thousandth of one there.
+    pub(super) turning: f64,
     /// What friction of a real drive does not repeat, as a share of the thrust: the publishers' best model of
     /// EMPS leaves 3.1 %. So much beside a finding takes nothing from it.
     pub(super) repeatability: f64,
@@ -64,11 +70,13 @@ impl Criteria {
         knockoff_factor: 2.0,
         converged_nats: 0.05,
         dose: [0.6, 1.6],
-        timing_samples: [-0.25, 0.1],
+        timing_samples: [-0.25, 0.0],
         timing_usual: -0.15,
         timing_deviation: 0.05,
         rest_floors: 1.0,
         named_share: 0.9,
+        texture: 0.003,
+        turning: 5.0,
         repeatability: 0.031,
         adequate_share: 0.5,
         correction_tolerances: 3.0,

@@ -11,6 +11,7 @@ use super::state::{Accepted, Balance, State, is_of_path};
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::{EffectKind, Port};
+use crate::signal::inner_products::rms;
 use std::sync::Mutex;
 
 /// A relative step over which a law is differentiated by a constant.
@@ -362,6 +363,18 @@ pub(super) fn slopes(
         .collect()
 }
 
+/// True for what dry friction of a guide is by itself: its texture over position, the form in which it turns.
+fn is_of_guide(state: &State, h: &Hypothesis, amplitudes: &[f64]) -> bool {
+    let c = &Criteria::STANDARD;
+    let dry_n = state.coulomb_n() + state.mechanics.motor_coulomb_n;
+    match h.shape {
+        Shape::Wave { .. } => rms(amplitudes) * (amplitudes.len() as f64).sqrt() < c.texture * dry_n,
+        Shape::Map { .. } => rms(amplitudes) < c.texture * dry_n,
+        Shape::Stribeck { speed_m_s } => speed_m_s < c.turning * state.smoothing_m_s,
+        _ => false,
+    }
+}
+
 impl Subject for Drive<'_> {
     type Model = State;
     type Hypothesis = Hypothesis;
@@ -419,7 +432,7 @@ impl Subject for Drive<'_> {
                 if g.abs() > 20.0 { eprintln!("    rec {} {:?} gain {:.0} before {:.4} {:.4} after {:.4} {:.4}", x.recording, self.balance.plan.band_hz(x.band), g, two[0].sqrt(), two[2].sqrt(), one[0].sqrt(), one[2].sqrt()); }
             }
         }
-        let at_bound = asked.held() && !h.is_whole() || h.is_at_bound();
+        let at_bound = asked.held() && !h.is_whole() || h.is_at_bound() || is_of_guide(state, &h, &amplitudes);
         let mut model = state.with_numbers(&asked.fit.beta);
         model.take_up(self.balance, Accepted::found(h, amplitudes));
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: level(self.chance_nats()), at_bound })
