@@ -154,11 +154,6 @@ pub(crate) fn select<S: Subject>(
         fitted.sort_by(|a, b| {
             b.qualifies().cmp(&a.qualifies()).then(b.evidence_nats.total_cmp(&a.evidence_nats))
         });
-        if std::env::var("DBG").is_ok() {
-            eprintln!("round {taken} work {:.2}", work.share());
-            for s in screened.iter().take(8) { let n = subject.name(&s.hypothesis); eprintln!("   screened {} {} {:.0}", n.0.name(), n.1.name(), s.promise_nats); }
-            for f in &fitted { let n = subject.name(&f.hypothesis); eprintln!("   fitted {} {} T {:.0} level {:.0} bound {}", n.0.name(), n.1.name(), f.evidence_nats, f.level_nats, f.at_bound); }
-        }
         let accepted = taken < reach.most_findings && fitted.first().is_some_and(Fitted::qualifies);
         if let Some(best) = fitted.first().filter(|_| accepted) {
             out.model = subject.settle(best.model.clone(), work);

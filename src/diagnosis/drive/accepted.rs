@@ -34,7 +34,8 @@ impl Accepted {
 
     /// True for a law that is made of numbers of the structure, all of its size in its shape.
     pub(super) fn moves_with_numbers(&self) -> bool {
-        self.given.is_none() && matches!(self.hypothesis.shape, Shape::Torsion { .. } | Shape::Backlash { .. })
+        self.given.is_none()
+            && matches!(self.hypothesis.shape, Shape::Torsion { .. } | Shape::Backlash { .. })
     }
 
     /// Coefficients that it has in a fit.

@@ -217,10 +217,7 @@ impl Ground<'_> {
                 one(thrust.iter().map(lost).collect())
             }
             Shape::Play { gap_m, yield_m } => one(play(x, gap_m, yield_m)),
-            Shape::Backlash { .. }
-            | Shape::Cubic
-            | Shape::StiffnessSlope
-            | Shape::StiffnessWave { .. } => {
+            Shape::Backlash { .. } | Shape::Cubic | Shape::StiffnessSlope | Shape::StiffnessWave { .. } => {
                 let of = |law: SpringLaw| track.stretch_m.iter().zip(x).map(|(d, x)| law(*d, *x)).collect();
                 self.springs(h).into_iter().map(of).flat_map(one).collect()
             }
@@ -377,8 +374,7 @@ impl Ground<'_> {
         let motor_kg = m.motor_mass_kg - screw_kg;
         let k = Torsion::stiffness_of(frequency_hz, motor_kg, screw_kg);
         let c = 2.0 * damping * (k * screw_kg).sqrt();
-        let (spring, damper, twisted, turned) =
-            (m.stiffness_n_m, m.structural_damping_n_s_m, k, c);
+        let (spring, damper, twisted, turned) = (m.stiffness_n_m, m.structural_damping_n_s_m, k, c);
         // As a function of the positions, motor and stage.
         let operator = move |w: f64| {
             let i = Complex::new(0.0, w);
@@ -389,10 +385,8 @@ impl Ground<'_> {
             let motor = [0, 1].map(|k| torsional * twist[k] - load[k]);
             [motor[0], motor[1], axial * twist[0], axial * twist[1]]
         };
-        let mut out = TimeColumn {
-            sides: [Some(Vec::new()), Some(Vec::new())],
-            operator: Some(Arc::new(operator)),
-        };
+        let mut out =
+            TimeColumn { sides: [Some(Vec::new()), Some(Vec::new())], operator: Some(Arc::new(operator)) };
         let mut planner = FftPlanner::new();
         let rate_hz = self.signals.thin_rate_hz();
         for track in &self.signals.tracks {

@@ -64,9 +64,8 @@ impl Dynamics {
 
     /// The same with some places alone, in their order.
     pub(super) fn kept(&self, places: &[usize]) -> Self {
-        let moved = |m: &Moving| {
-            places.iter().position(|p| *p == m.place).map(|place| Moving { place, ..m.clone() })
-        };
+        let moved =
+            |m: &Moving| places.iter().position(|p| *p == m.place).map(|place| Moving { place, ..m.clone() });
         Self { points: self.points.clone(), moving: self.moving.iter().filter_map(moved).collect() }
     }
 
@@ -75,13 +74,23 @@ impl Dynamics {
         let of_band = of_bands(bands);
         let of = |(k, point): (usize, &Point)| {
             let weight = point.share * of_band.get(point.band).copied().unwrap_or(0.0);
-            if weight > 0.0 { weight * determinant(&self.axis(k, beta)).norm_sqr().max(1e-300).ln() } else { 0.0 }
+            if weight > 0.0 {
+                weight * determinant(&self.axis(k, beta)).norm_sqr().max(1e-300).ln()
+            } else {
+                0.0
+            }
         };
         self.points.iter().enumerate().map(of).sum()
     }
 
     /// Adds half the gradient of -sum log |det P|^2 to `gradient` and half a curvature above its own to `a`.
-    pub(super) fn curve(&self, bands: &[BandGram], beta: &[f64], a: &mut DMatrix<f64>, gradient: &mut DVector<f64>) {
+    pub(super) fn curve(
+        &self,
+        bands: &[BandGram],
+        beta: &[f64],
+        a: &mut DMatrix<f64>,
+        gradient: &mut DVector<f64>,
+    ) {
         let of_band = of_bands(bands);
         let mut turned: Vec<Response> = Vec::with_capacity(self.moving.len());
         for (k, point) in self.points.iter().enumerate() {

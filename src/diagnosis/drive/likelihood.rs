@@ -10,7 +10,9 @@
 
 use super::dynamics::Dynamics;
 use super::gram::{BandGram, Gram};
+use super::words::Z95;
 use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Iterations of the reweighted fit at most.
 const ITERATIONS: usize = 60;
@@ -296,9 +298,11 @@ impl Fit {
     pub(super) fn variances(&self, scores: &[DVector<f64>]) -> Vec<f64> {
         let inverse = self.inverse();
         let parts = scores.len().max(2) as f64;
+        // Few parts tell their own spread badly.
+        let few = StudentsT::new(0.0, 1.0, parts - 1.0).map_or(1.0, |t| t.inverse_cdf(0.975) / Z95);
         let apart: Vec<DVector<f64>> = scores.iter().map(|s| &inverse * s).collect();
         let of = |k: usize| {
-            let between = apart.iter().map(|a| a[k] * a[k]).sum::<f64>() * parts / (parts - 1.0);
+            let between = apart.iter().map(|a| a[k] * a[k]).sum::<f64>() * few * few * parts / (parts - 1.0);
             // L has twice the information as its second derivative, and exp(-L) is the likelihood.
             between.max(0.5 * inverse[(k, k)])
         };

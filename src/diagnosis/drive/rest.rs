@@ -179,9 +179,8 @@ fn direction(port: Port, state: &State, w: f64) -> [Complex<f64>; 2] {
 /// Gain in log-likelihood of a force of free size s in one band, bins of (u^H F^-1 u, |u^H F^-1 r|^2):
 /// sum b s / (1 + a s) - ln(1 + a s), halved for overlapping blocks.
 fn best_gain(bins: &[[f64; 2]]) -> f64 {
-    let gain = |s: f64| -> f64 {
-        bins.iter().map(|[a, b]| 0.5 * (b * s / (1.0 + a * s) - (a * s).ln_1p())).sum()
-    };
+    let gain =
+        |s: f64| -> f64 { bins.iter().map(|[a, b]| 0.5 * (b * s / (1.0 + a * s) - (a * s).ln_1p())).sum() };
     // Of one size of all bins s is mean(b / a^2 - 1 / a); repeated with the weights that it gives.
     let mut s = 0.0;
     for _ in 0..SIZES {

@@ -475,7 +475,9 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
                 [-within_s, within_s].map(|s| s - laws.timing_s)
             }
             N::Timing => {
-                Criteria::STANDARD.timing_samples.map(|s| s / balance.signals.rate_hz - laws.timing_s)
+                let [low, high] = Criteria::STANDARD.timing_samples;
+                let high = if balance.signals.layout == Layout::TwoPositions { 0.0 } else { high };
+                [low, high].map(|s| s / balance.signals.rate_hz - laws.timing_s)
             }
             _ => FREE,
         });

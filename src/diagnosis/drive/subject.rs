@@ -4,8 +4,8 @@ use super::bank::{PIECES, candidates};
 use super::columns::TimeColumn;
 use super::criteria::Criteria;
 use super::evidence::{Asked, ask, level, price, statistic};
-use super::gram::Part;
-use super::likelihood::{FREE, values};
+use super::gram::{Gram, Part};
+use super::likelihood::{Design, FREE, values};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Accepted, Balance, State, is_of_path};
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
@@ -213,23 +213,9 @@ impl<'a> Drive<'a> {
 
     /// A Gauss-Newton step of the logarithms of the constants.
     fn shape_step(&self, state: &State, h: &Hypothesis, asked: &Asked) -> Option<Vec<f64>> {
-        let amplitudes = asked.amplitudes().to_vec();
-        let slopes = slopes(self.balance, state, h, &amplitudes);
-        let count = slopes.len();
-        let old = asked.gram.len();
-        let plan = &self.balance.plan;
-        let columns = slopes.iter().map(|s| self.balance.column(s)).collect();
-        let gram = asked.gram.with(plan, columns);
-        let bands = gram.sum(plan, Part::All);
-        let mut design = asked.design.clone();
-        design.add(&gram, old..old + count, vec![FREE; count]);
-        let mut start = asked.fit.beta.clone();
-        start.extend(vec![0.0; count]);
-        let weights = design.weights(&bands, &start);
-        let fit = design.fit(&bands, start, weights);
-        let from = fit.beta.len() - count;
-        let step: Vec<f64> = fit.beta[from..].iter().map(|s| s.clamp(-LONGEST_STEP, LONGEST_STEP)).collect();
-        step.iter().all(|s| s.is_finite()).then_some(step)
+        let slopes = slopes(self.balance, state, h, asked.amplitudes());
+        let step = self.free_step((&asked.gram, &asked.design, &asked.fit.beta), &slopes)?;
+        Some(step.iter().map(|s| s.clamp(-LONGEST_STEP, LONGEST_STEP)).collect())
     }
 
     /// Shapes and numbers follow one another until they stand; a step that loses is taken shorter.
@@ -306,18 +292,9 @@ impl<'a> Drive<'a> {
 
     /// One Gauss-Newton step of an accepted law.
     fn stepped(&self, state: &State, k: usize, share: f64) -> Option<Vec<f64>> {
-        let base = &state.base;
-        let asked = Asked {
-            gram: base.gram.clone(),
-            design: base.design.clone(),
-            fit: base.fit.clone(),
-            score: 0.0,
-            chance: 0.0,
-            first: 0,
-        };
-        let a = &state.accepted[k];
+        let (base, a) = (&state.base, &state.accepted[k]);
         let slopes = slopes(self.balance, state, &a.hypothesis, &a.amplitudes);
-        let step = self.free_step(&asked, &slopes)?;
+        let step = self.free_step((&base.gram, &base.design, &base.fit.beta), &slopes)?;
         let moved = |(c, s): (&super::shape::Constant, &f64)| {
             (c.value * (share * s.clamp(-0.1, 0.1)).exp()).clamp(c.bounds[0], c.bounds[1])
         };
@@ -325,18 +302,20 @@ impl<'a> Drive<'a> {
     }
 
     /// Coefficients of further columns beside a fit.
-    fn free_step(&self, asked: &Asked, columns: &[TimeColumn]) -> Option<Vec<f64>> {
+    fn free_step(
+        &self,
+        (gram, design, beta): (&Gram, &Design, &[f64]),
+        columns: &[TimeColumn],
+    ) -> Option<Vec<f64>> {
         let plan = &self.balance.plan;
-        let (old, count) = (asked.gram.len(), columns.len());
-        let gram = asked.gram.with(plan, columns.iter().map(|c| self.balance.column(c)).collect());
+        let (old, count) = (gram.len(), columns.len());
+        let gram = gram.with(plan, columns.iter().map(|c| self.balance.column(c)).collect());
         let bands = gram.sum(plan, Part::All);
-        let mut design = asked.design.clone();
+        let mut design = design.clone();
         design.add(&gram, old..old + count, vec![FREE; count]);
-        let mut start = asked.fit.beta.clone();
-        start.extend(vec![0.0; count]);
+        let start: Vec<f64> = beta.iter().copied().chain(vec![0.0; count]).collect();
         let weights = design.weights(&bands, &start);
-        let fit = design.fit(&bands, start, weights);
-        let step = fit.beta[fit.beta.len() - count..].to_vec();
+        let step = design.fit(&bands, start, weights).beta.split_off(beta.len());
         step.iter().all(|s| s.is_finite()).then_some(step)
     }
 }
@@ -395,11 +374,6 @@ impl Subject for Drive<'_> {
         if let Ok(mut chance) = self.chance.lock() {
             *chance = asked.iter().map(|a| a.1).fold(0.0, f64::max);
         }
-        if std::env::var("DBG").is_ok() {
-            let mut k: Vec<usize> = (0..list.len()).collect();
-            k.sort_by(|a, b| asked[*b].1.total_cmp(&asked[*a].1));
-            for i in k.iter().take(6) { eprintln!("  chance {:.0} {:?}", asked[*i].1, list[*i].shape); }
-        }
         let screened = list.iter().zip(asked);
         Some(screened.map(|(h, a)| Screened { hypothesis: *h, promise_nats: a.0 }).collect())
     }
@@ -420,19 +394,8 @@ impl Subject for Drive<'_> {
                 amplitudes.iter_mut().for_each(|a| *a -= mean);
             }
         }
-        if std::env::var("DBG").is_ok() {
-            eprintln!("  {:?} amp {:?} score {:.0}", h, &asked.amplitudes()[..asked.amplitudes().len().min(4)], asked.score);
-            for (n, (a, b)) in state.base.numbers.iter().zip(state.base.fit.beta.iter().zip(&asked.fit.beta)) { eprint!(" {n:?} {a:.5e} {b:.5e};"); }
-            eprintln!();
-            let all = asked.gram.sum(&self.balance.plan, Part::All);
-            for (x, y) in all.iter().zip(&state.base.all) {
-                let one = asked.design.spread(x, &asked.fit.beta); let two = state.base.design.spread(y, &state.base.fit.beta);
-                let det = |s: [f64; 3]| (s[0] * s[2] - s[1] * s[1]).ln();
-                let g = 0.5 * x.values * (det(two) - det(one));
-                if g.abs() > 20.0 { eprintln!("    rec {} {:?} gain {:.0} before {:.4} {:.4} after {:.4} {:.4}", x.recording, self.balance.plan.band_hz(x.band), g, two[0].sqrt(), two[2].sqrt(), one[0].sqrt(), one[2].sqrt()); }
-            }
-        }
-        let at_bound = asked.held() && !h.is_whole() || h.is_at_bound() || is_of_guide(state, &h, &amplitudes);
+        let at_bound =
+            asked.held() && !h.is_whole() || h.is_at_bound() || is_of_guide(state, &h, &amplitudes);
         let mut model = state.with_numbers(&asked.fit.beta);
         model.take_up(self.balance, Accepted::found(h, amplitudes));
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: level(self.chance_nats()), at_bound })
