@@ -2,7 +2,7 @@
 
 use super::columns::{AxisColumns, Role};
 use super::fault::{Action, FaultKind};
-use super::statistics::{range, runs};
+use super::statistics::{changes, median, range, runs};
 use super::work::{Told, Work, stretches};
 use std::ops::Range;
 
@@ -59,7 +59,9 @@ fn limit(work: &Work<'_>, column: usize, x: &[f64]) -> Option<f64> {
     if at_top < c.clipped_rows * k || different(x, c.least_values) < c.least_values {
         return None;
     }
-    let width = work.step(column).max(NO_STEP * range(x));
+    // What changes by more than a step from row to row stands nowhere on its way inwards.
+    let per_row = median(&changes(x).iter().map(|d| d.abs()).collect::<Vec<_>>());
+    let width = work.step(column).max(NO_STEP * range(x)).max(per_row);
     let inwards = x.iter().filter(|v| **v < top && **v >= top - (INWARDS + 0.5) * width).count();
     let flat = runs(x, c.flat_top_rows * k).iter().any(|r| x[r.first] == top);
     (flat && at_top as f64 > c.clipped_over_inwards * (inwards as f64 / INWARDS)).then_some(top)

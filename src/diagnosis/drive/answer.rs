@@ -308,7 +308,7 @@ impl Case<'_> {
             ));
         }
         if let Some(rad_s) = state.path.loop_rad_s.filter(|_| state.found_loop) {
-            shapes.push((Shape::Loop { rad_s }, EffectKind::CurrentLoopLag, doubt.path[1]));
+            shapes.push((Shape::Loop { rad_s, in_place: false }, EffectKind::CurrentLoopLag, doubt.path[1]));
         }
         let mut list = Vec::new();
         for (shape, effect, deviation) in shapes {

@@ -103,12 +103,15 @@ fn thrust(balance: &Balance, state: &State) -> Vec<Hypothesis> {
         _ if balance.clock_moved => {}
         Some(w) => {
             for share in [0.25, 0.4, 0.6, 0.85] {
-                list.push(at(E::CurrentLoopLag, Shape::Loop { rad_s: share * w }));
+                list.push(at(E::CurrentLoopLag, Shape::Loop { rad_s: share * w, in_place: false }));
             }
         }
         None => {
             for share in [0.1, 0.2, 0.5, 1.2, 3.0] {
-                list.push(at(E::CurrentLoopLag, Shape::Loop { rad_s: share * s.rate_hz }));
+                list.push(at(
+                    E::CurrentLoopLag,
+                    Shape::Loop { rad_s: share * s.rate_hz, in_place: state.found_delay },
+                ));
             }
         }
     }

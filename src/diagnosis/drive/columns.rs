@@ -112,7 +112,9 @@ impl Ground<'_> {
                 let by = if early { -extra_s } else { extra_s };
                 vec![self.path_change(Path { delay_s: self.path.delay_s + by, ..self.path })]
             }
-            Shape::Loop { rad_s } => vec![self.path_change(Path { loop_rad_s: Some(rad_s), ..self.path })],
+            Shape::Loop { rad_s, in_place } => {
+                vec![self.path_change(self.path.with_loop(rad_s, in_place))]
+            }
             Shape::EncoderError { .. } | Shape::EncoderDelay { .. } => self.encoder(h),
             Shape::Smoothing { speed_m_s } => self.turning(speed_m_s),
             _ => self.forces(h),
@@ -263,6 +265,12 @@ impl Ground<'_> {
             looked().map(|(d, x)| (law(d + by, *x) - law(d - by, *x)) / (2.0 * by)).sum::<f64>() / count
         };
         self.springs(h).iter().map(slope).collect()
+    }
+
+    /// True for a gap in which the spring is most of the time: then it is no spring, and its Jacobian none.
+    pub(super) fn is_mostly_loose(&self, h: &Hypothesis) -> bool {
+        matches!(h.shape, Shape::Backlash { .. })
+            && self.mean_stiffness(h).iter().any(|loss| -loss > 0.5 * self.mechanics.stiffness_n_m)
     }
 
     /// Stretch of the spring at the mean of the recordings, m.

@@ -28,8 +28,8 @@ pub(super) struct Design {
     pub(super) columns: Vec<usize>,
     /// Bounds of each coefficient.
     pub(super) bounds: Vec<[f64; 2]>,
-    /// Columns that are masses, by place in `columns`.
-    pub(super) masses: Vec<usize>,
+    /// Columns that are masses, by place in `columns`, with what the target holds of them already.
+    pub(super) masses: Vec<(usize, f64)>,
     /// The axis as the coefficients make it.
     pub(super) dynamics: Dynamics,
     /// 1 or 2.
@@ -112,7 +112,7 @@ impl Design {
 
     /// The same with some places alone, in their order.
     pub(super) fn kept(&self, places: &[usize]) -> Self {
-        let mass = |k: &usize| places.iter().position(|p| p == k);
+        let mass = |(k, held): &(usize, f64)| places.iter().position(|p| p == k).map(|p| (p, *held));
         Self {
             columns: places.iter().map(|k| self.columns[*k]).collect(),
             bounds: places.iter().map(|k| self.bounds[*k]).collect(),
@@ -123,7 +123,7 @@ impl Design {
     }
 
     fn log_masses(&self, beta: &[f64]) -> f64 {
-        self.masses.iter().map(|k| beta[*k].max(1e-12).ln()).sum()
+        self.masses.iter().map(|(k, held)| (held + beta[*k]).max(1e-12).ln()).sum()
     }
 
     /// Inverse of a spread; a single side has the first alone.
@@ -171,7 +171,7 @@ impl Design {
         self.dynamics.curve(bands, beta, &mut unused, &mut slope);
         if self.dynamics.is_rigid() {
             let total = values(bands);
-            self.masses.iter().for_each(|k| slope[*k] -= total / beta[*k].max(1e-12));
+            self.masses.iter().for_each(|(k, held)| slope[*k] -= total / (held + beta[*k]).max(1e-12));
         }
         a * DVector::from_column_slice(beta) - b + slope
     }
@@ -225,9 +225,9 @@ impl Design {
             self.dynamics.curve(bands, beta, &mut curved, &mut slope);
             pull += (&curved - before) * DVector::from_column_slice(beta) - slope;
         }
-        for k in self.masses.iter().filter(|_| self.dynamics.is_rigid()) {
+        for (k, held) in self.masses.iter().filter(|_| self.dynamics.is_rigid()) {
             // -2 N log M against 2 A in half units: gradient N / M, curvature N / M2.
-            let m = beta[*k].max(1e-12);
+            let m = (held + beta[*k]).max(1e-12);
             let c = total / (m * m);
             curved[(*k, *k)] += c;
             pull[*k] += total / m + c * beta[*k];
@@ -246,9 +246,9 @@ impl Design {
                 None => break,
             }
         }
-        for k in &self.masses {
-            let m = beta[*k].max(1e-12);
-            next[*k] = next[*k].clamp(MASS_STEP * m, m / MASS_STEP);
+        for (k, held) in &self.masses {
+            let m = (held + beta[*k]).max(1e-12);
+            next[*k] = (held + next[*k]).clamp(MASS_STEP * m, m / MASS_STEP) - held;
         }
         (next, held.iter().map(Option::is_some).collect(), curved)
     }

@@ -37,8 +37,8 @@ pub(super) enum Shape {
     Torsion { frequency_hz: f64, share: f64, damping: f64 },
     /// Thrust later than stated; `early`: earlier, which is a wrong number.
     Delay { extra_s: f64, early: bool },
-    /// A current loop of this bandwidth.
-    Loop { rad_s: f64 },
+    /// A current loop of this bandwidth; `in_place`: it takes its own lag off a dead time that was found.
+    Loop { rad_s: f64, in_place: bool },
     /// Sine and cosine of two harmonics in what an encoder reads.
     /// The first harmonic as it is known is taken off the position before the law is asked at it.
     EncoderError { period_m: f64, sine_m: f64, cosine_m: f64 },
@@ -130,7 +130,7 @@ impl Hypothesis {
                 vec![c(frequency_hz, 50.0, 20_000.0), c(share, 0.05, 0.95), c(damping, 1e-3, 0.5)]
             }
             Shape::Delay { extra_s, .. } | Shape::EncoderDelay { extra_s } => vec![c(extra_s, 1e-7, 0.1)],
-            Shape::Loop { rad_s } => vec![c(rad_s, 1.0, 1e6)],
+            Shape::Loop { rad_s, .. } => vec![c(rad_s, 1.0, 1e6)],
             Shape::Cut { hz, .. } => vec![c(hz, 0.1, 1e4)],
             Shape::Smoothing { speed_m_s } => vec![c(speed_m_s, 1e-8, 1e3)],
             Shape::Asymmetric
@@ -165,7 +165,7 @@ impl Hypothesis {
             | (Shape::Backlash { gap_m: a }, [v])
             | (Shape::StiffnessWave { length_m: a }, [v])
             | (Shape::Delay { extra_s: a, .. } | Shape::EncoderDelay { extra_s: a }, [v])
-            | (Shape::Loop { rad_s: a }, [v])
+            | (Shape::Loop { rad_s: a, .. }, [v])
             | (Shape::Cut { hz: a, .. }, [v]) => *a = *v,
             (Shape::Play { gap_m, yield_m }, [g, y]) => (*gap_m, *yield_m) = (*g, *y),
             (Shape::Torsion { frequency_hz, share, damping }, [f, s, d]) => {

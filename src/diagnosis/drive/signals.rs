@@ -380,6 +380,14 @@ pub(super) struct Path {
     pub(super) loop_rad_s: Option<f64>,
 }
 
+impl Path {
+    /// With a loop of that bandwidth, in place of a part of the delay or beside it.
+    pub(super) fn with_loop(self, rad_s: f64, in_place: bool) -> Self {
+        let lag_s = if in_place { self.delay_s.min(rad_s.recip()) } else { 0.0 };
+        Self { delay_s: self.delay_s - lag_s, loop_rad_s: Some(rad_s) }
+    }
+}
+
 impl Track {
     /// Number of thinned samples.
     pub(super) fn thin_count(&self) -> usize {

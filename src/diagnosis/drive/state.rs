@@ -528,7 +528,7 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
             .iter()
             .enumerate()
             .filter(|(_, n)| is_mass(n) && laws.inertial)
-            .map(|(k, _)| k)
+            .map(|(k, _)| (k, 0.0))
             .collect(),
         sides: balance.signals.sides(),
     };
@@ -592,12 +592,15 @@ fn moved_laws(ground: &Ground<'_>, accepted: &[Accepted]) -> Vec<(Number, f64, T
     [N::MotorMass, N::Stiffness, N::StructuralDamping, N::Zero].into_iter().filter_map(of).collect()
 }
 
-/// The design of a knockoff: its target beside the present fit. No motion comes of it: it has no Jacobian.
+/// The design of a knockoff: its target beside the present fit. No motion comes of it, and it has no Jacobian
+/// but that of a rigid mass.
 pub(super) fn knockoff_design(design: &Design, beta: &[f64], target: usize) -> Design {
+    let rigid = design.masses.iter().filter(|_| design.dynamics.is_rigid());
+    let masses = rigid.map(|(k, held)| (*k, held + beta[*k])).collect();
     Design {
         target,
         bounds: design.bounds.iter().zip(beta).map(|(b, x)| [b[0] - x, b[1] - x]).collect(),
-        masses: Vec::new(),
+        masses,
         dynamics: Dynamics::default(),
         ..design.clone()
     }

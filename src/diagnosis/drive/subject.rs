@@ -397,6 +397,7 @@ impl Subject for Drive<'_> {
         let at_bound =
             asked.held() && !h.is_whole() || h.is_at_bound() || is_of_guide(state, &h, &amplitudes);
         let mut model = state.with_numbers(&asked.fit.beta);
+        let at_bound = at_bound || model.ground(self.balance).is_mostly_loose(&h);
         model.take_up(self.balance, Accepted::found(h, amplitudes));
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: level(self.chance_nats()), at_bound })
     }
@@ -417,8 +418,8 @@ impl State {
                 self.found_delay = true;
                 self.timing_s = Criteria::STANDARD.timing_usual / balance.signals.rate_hz;
             }
-            Shape::Loop { rad_s } => {
-                self.path.loop_rad_s = Some(rad_s);
+            Shape::Loop { rad_s, in_place } => {
+                self.path = self.path.with_loop(rad_s, in_place);
                 self.found_loop = true;
             }
             Shape::Smoothing { speed_m_s } => {

@@ -129,7 +129,7 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
             let within = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
             s.add("extra_delay_s", "s", extra_s, within.hypot(extra_s * r(0)));
         }
-        Shape::Loop { rad_s } => s.constant("bandwidth_rad_s", "rad/s", rad_s, r(0)),
+        Shape::Loop { rad_s, .. } => s.constant("bandwidth_rad_s", "rad/s", rad_s, r(0)),
         Shape::EncoderError { period_m, .. } => {
             let (amplitude, phase) = amplitude_phase(a(0), a(1));
             s.add("signal_period_m", "m", period_m, 0.0);
