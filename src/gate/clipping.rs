@@ -2,7 +2,7 @@
 
 use super::columns::{AxisColumns, Role};
 use super::fault::{Action, FaultKind};
-use super::statistics::{changes, median, range, runs};
+use super::statistics::{changes, median, runs};
 use super::work::{Told, Work, stretches};
 use std::ops::Range;
 
@@ -47,8 +47,6 @@ pub(super) fn clipped(work: &mut Work<'_>, axis: &AxisColumns) {
 /// The largest value, if the column stands there.
 fn limit(work: &Work<'_>, column: usize, x: &[f64]) -> Option<f64> {
     const INWARDS: f64 = 5.0;
-    /// Width of a step inwards of a column without steps, as a share of its range.
-    const NO_STEP: f64 = 2e-3;
     let c = work.criteria;
     let top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if top == 0.0 {
@@ -61,7 +59,7 @@ fn limit(work: &Work<'_>, column: usize, x: &[f64]) -> Option<f64> {
     }
     // What changes by more than a step from row to row stands nowhere on its way inwards.
     let per_row = median(&changes(x).iter().map(|d| d.abs()).collect::<Vec<_>>());
-    let width = work.step(column).max(NO_STEP * range(x)).max(per_row);
+    let width = work.step(column).max(per_row);
     let inwards = x.iter().filter(|v| **v < top && **v >= top - (INWARDS + 0.5) * width).count();
     let flat = runs(x, c.flat_top_rows * k).iter().any(|r| x[r.first] == top);
     (flat && at_top as f64 > c.clipped_over_inwards * (inwards as f64 / INWARDS)).then_some(top)

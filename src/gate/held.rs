@@ -147,8 +147,8 @@ fn of_noisy(work: &Work<'_>, column: AxisColumn) -> Vec<Hold> {
     long.into_iter().filter_map(hold).collect()
 }
 
-/// True where a column comes to its value or leaves it by one step: smooth as it is, it stands at the end of a
-/// motion, or a coarse encoder moves its controller now and then.
+/// True where a column comes to its value or leaves it by one step: smooth as it is, it stands at the end of
+/// a motion, or a coarse encoder moves its controller now and then.
 fn stands_by_itself(x: &[f64], run: Run, q: f64) -> bool {
     let one_step = |i: usize| x.get(i).is_none_or(|other| (other - x[run.first]).abs() < 1.5 * q);
     one_step(run.first.wrapping_sub(1)) || one_step(run.end())

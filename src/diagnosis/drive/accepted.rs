@@ -1,7 +1,7 @@
 //! A law that stands in the model of a balance.
 
-use super::columns::{Ground, TimeColumn};
-use super::shape::{Hypothesis, Shape};
+use super::columns::{Ground, Number, TimeColumn};
+use super::shape::{DIFFERENCE, Hypothesis, Shape};
 use crate::plant::effects::law::ForceLaw;
 
 /// A law in the model.
@@ -54,4 +54,35 @@ impl Accepted {
         }
         vec![TimeColumn::sum(all.iter().zip(self.amplitudes.iter().copied()))]
     }
+}
+
+/// What a law that is made of numbers of the structure becomes more with each of them: number, its value,
+/// derivative. Together with the numbers' own columns a fit moves both at once.
+pub(super) fn moved_laws(ground: &Ground<'_>, accepted: &[Accepted]) -> Vec<(Number, f64, TimeColumn)> {
+    let laws = || accepted.iter().filter(|a| a.moves_with_numbers());
+    let columns = |ground: &Ground<'_>| laws().flat_map(|l| l.columns(ground)).collect::<Vec<_>>();
+    if laws().next().is_none() {
+        return Vec::new();
+    }
+    let here = columns(ground);
+    let of = |number: Number| -> Option<(Number, f64, TimeColumn)> {
+        let mut there = *ground;
+        let m = &mut there.mechanics;
+        let value = match number {
+            Number::MotorMass => &mut m.motor_mass_kg,
+            Number::Stiffness => &mut m.stiffness_n_m,
+            Number::StructuralDamping => &mut m.structural_damping_n_s_m,
+            Number::Zero => &mut m.spring_zero_n,
+            _ => return None,
+        };
+        let (now, by) = (*value, DIFFERENCE * *value);
+        *value += by;
+        let there = columns(&there);
+        let parts = here.iter().map(|c| (c, -1.0 / by)).chain(there.iter().map(|c| (c, 1.0 / by)));
+        (by != 0.0).then(|| (number, now, TimeColumn::sum(parts)))
+    };
+    [Number::MotorMass, Number::Stiffness, Number::StructuralDamping, Number::Zero]
+        .into_iter()
+        .filter_map(of)
+        .collect()
 }

@@ -1,7 +1,7 @@
 //! From the selection to what is said: verdict, findings, corrections, the model, the proof.
 
 use super::closed_loop::closed_loop;
-use super::criteria::Criteria;
+use super::criteria::{Criteria, Z95};
 use super::gram::Part;
 use super::model::is_other_size;
 use super::numbers::{Absent, Doubt, absent, corrections, doubt, without};
@@ -9,7 +9,7 @@ use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Accepted, Balance, Number, State};
-use super::words::{Z95, domain, equation, estimates, next_experiment, scale_deviation, statement, term};
+use super::words::{domain, equation, estimates, next_experiment, scale_deviation, statement, term};
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
     Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Fit, Location, MapEstimate,

@@ -4,19 +4,17 @@
 //! that the model needs more. Laws that are not linear are taken at the full rate and then pass the low-pass
 //! of the balance; none is a first Taylor term.
 
-use super::dynamics::{Operator, Response};
-use super::shape::{CUT_HARMONICS, Hypothesis, Shape};
+use super::shape::{CUT_HARMONICS, DIFFERENCE, Hypothesis, Shape};
 use super::signals::{Layout, Path, Signals, Track};
-use super::spectra::Series;
+use super::spectra::{Response, Series};
 use crate::plant::effects::Port;
-use crate::plant::effects::coupling::{Torsion, after_backlash, cubic};
+use crate::plant::effects::coupling::{after_backlash, cubic};
 use crate::plant::effects::friction::{
     Presliding, asymmetric, drift, nonlinear_viscosity, sliding_direction, stribeck,
 };
 use crate::plant::effects::law::ForceLaw;
-use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 /// Numbers of the axis that laws are evaluated with, on the screw axis, SI.
@@ -32,6 +30,36 @@ pub(super) struct Mechanics {
     pub(super) stage_coulomb_n: f64,
     /// Force of the spring where the stretch is at its mean, N.
     pub(super) spring_zero_n: f64,
+}
+
+/// A number of the structure, and the two constants that encoders without a common zero and scale leave free.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::diagnosis) enum Number {
+    MotorMass,
+    MotorDamping,
+    MotorCoulomb,
+    Stiffness,
+    StructuralDamping,
+    /// All of the mass where there is one position.
+    StageMass,
+    StageDamping,
+    StageCoulomb,
+    /// When a reference acts.
+    Timing,
+    /// Bandwidth of a current loop that was found, in steps of a fiftieth.
+    Lag,
+    /// Zero of the stretch.
+    Zero,
+    /// Travel of the motor over that of the scale.
+    Scale,
+}
+
+/// The same as a function of w, rad/s. `None` for what is no linear function of the positions.
+pub(super) type Operator = Option<Arc<dyn Fn(f64) -> Response + Send + Sync>>;
+
+/// (i w)^order.
+pub(super) fn derivative(w: f64, order: i32) -> Complex<f64> {
+    Complex::new(0.0, w).powi(order)
 }
 
 /// What laws are evaluated on.
@@ -254,13 +282,10 @@ impl Ground<'_> {
 
     /// Mean stiffness of each law of the stretch over all recordings, N/m.
     fn mean_stiffness(&self, h: &Hypothesis) -> Vec<f64> {
-        /// Samples from one that is looked at to the next, and part of the stretch that is differentiated over.
-        const EVERY: usize = 16;
-        const PART: f64 = 1e-3;
         let pairs = || self.signals.tracks.iter().flat_map(|t| t.stretch_m.iter().zip(&t.sides[0].x_m));
-        let looked = || pairs().step_by(EVERY);
+        let looked = || pairs().step_by(self.signals.step);
         let (power, count) = looked().fold((0.0, 0.0), |(p, n), (d, _)| (p + d * d, n + 1.0));
-        let by = (PART * (power / f64::max(count, 1.0)).sqrt()).max(f64::MIN_POSITIVE);
+        let by = (DIFFERENCE * (power / f64::max(count, 1.0)).sqrt()).max(f64::MIN_POSITIVE);
         let slope = |law: &SpringLaw| -> f64 {
             looked().map(|(d, x)| (law(d + by, *x) - law(d - by, *x)) / (2.0 * by)).sum::<f64>() / count
         };
@@ -371,73 +396,6 @@ impl Ground<'_> {
                 let none = Complex::new(0.0, 0.0);
                 if at_stage { [none, coupled, none, own] } else { [own, none, coupled, none] }
             }));
-        }
-        out
-    }
-
-    /// Third inertia: the coupling force less what the twist takes off it, and the motor's share of inertia.
-    fn torsion(&self, frequency_hz: f64, share: f64, damping: f64) -> TimeColumn {
-        let m = &self.mechanics;
-        let screw_kg = share * m.motor_mass_kg;
-        let motor_kg = m.motor_mass_kg - screw_kg;
-        let k = Torsion::stiffness_of(frequency_hz, motor_kg, screw_kg);
-        let c = 2.0 * damping * (k * screw_kg).sqrt();
-        let (spring, damper, twisted, turned) = (m.stiffness_n_m, m.structural_damping_n_s_m, k, c);
-        // As a function of the positions, motor and stage.
-        let operator = move |w: f64| {
-            let i = Complex::new(0.0, w);
-            let axial = spring + damper * i;
-            let load = [axial - screw_kg * w * w, -axial];
-            let torsional = twisted + turned * i;
-            let twist = load.map(|l| l / (torsional + axial - screw_kg * w * w));
-            let motor = [0, 1].map(|k| torsional * twist[k] - load[k]);
-            [motor[0], motor[1], axial * twist[0], axial * twist[1]]
-        };
-        let mut out =
-            TimeColumn { sides: [Some(Vec::new()), Some(Vec::new())], operator: Some(Arc::new(operator)) };
-        let mut planner = FftPlanner::new();
-        let rate_hz = self.signals.thin_rate_hz();
-        for track in &self.signals.tracks {
-            let t = &track.thin;
-            let load: Vec<f64> = (0..t.stretch.len())
-                .map(|j| {
-                    screw_kg * t.accel[0][j]
-                        + m.structural_damping_n_s_m * t.stretch_rate[j]
-                        + m.stiffness_n_m * t.stretch[j]
-                })
-                .collect();
-            let n = (load.len() + 512).next_power_of_two();
-            let mean = load.iter().sum::<f64>() / load.len().max(1) as f64;
-            let mut spectrum: Vec<Complex<f64>> = load.iter().map(|v| Complex::new(v - mean, 0.0)).collect();
-            // Beyond the end on a half cosine back to the beginning: no step rings into the recording.
-            let ends = [spectrum.last(), spectrum.first()].map(|e| e.map_or(0.0, |v| v.re));
-            let beyond = n - load.len();
-            spectrum.extend((0..beyond).map(|j| {
-                let part = 0.5 - 0.5 * (PI * (j as f64 + 0.5) / beyond as f64).cos();
-                Complex::new(ends[0] + part * (ends[1] - ends[0]), 0.0)
-            }));
-            planner.plan_fft_forward(n).process(&mut spectrum);
-            // Twist and its rate in one transform: real and imaginary part.
-            for (i, value) in spectrum.iter_mut().enumerate() {
-                let signed = if 2 * i <= n { i as f64 } else { i as f64 - n as f64 };
-                let w = TAU * signed * rate_hz / n as f64;
-                let dynamic = Complex::new(
-                    k + m.stiffness_n_m - screw_kg * w * w,
-                    w * (c + m.structural_damping_n_s_m),
-                );
-                let twist = *value / dynamic;
-                *value = twist + Complex::new(0.0, 1.0) * (Complex::new(0.0, w) * twist);
-            }
-            planner.plan_fft_inverse(n).process(&mut spectrum);
-            let still = mean / (k + m.stiffness_n_m);
-            let (mut motor, mut stage) = (Vec::with_capacity(load.len()), Vec::with_capacity(load.len()));
-            for (j, value) in spectrum.iter().take(load.len()).enumerate() {
-                let (twist, rate) = (value.re / n as f64 + still, value.im / n as f64);
-                motor.push(k * twist + c * rate - load[j]);
-                stage.push(m.stiffness_n_m * twist + m.structural_damping_n_s_m * rate);
-            }
-            out.sides[0].get_or_insert_with(Vec::new).push(motor);
-            out.sides[1].get_or_insert_with(Vec::new).push(stage);
         }
         out
     }

@@ -12,8 +12,8 @@ pub(in crate::diagnosis) struct Criteria {
     pub(super) converged_nats: f64,
     /// Amplitude of a law whose shape carries its size (a gap, a mode), least and most: 1 if it is true.
     pub(super) dose: [f64; 2],
-    /// When a reference acts beside what the dead time says, samples: drives take it up within one. Where both
-    /// encoders are read by the drive itself it is no later than said, or there is a dead time.
+    /// When a reference acts beside what the dead time says, samples: drives take it up within one. Where
+    /// both encoders are read by the drive itself it is no later than said, or there is a dead time.
     pub(super) timing_samples: [f64; 2],
     /// Where in those they mostly do, and by how much that differs between drives, as a deviation.
     pub(super) timing_usual: f64,
@@ -93,3 +93,6 @@ impl Criteria {
         repeat_factor: 2.0,
     };
 }
+
+/// Normal 95 %.
+pub(super) const Z95: f64 = 1.96;

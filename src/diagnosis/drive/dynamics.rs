@@ -6,24 +6,10 @@
 //! bend stiffness, dampings and whatever else moves a resonance.
 
 use super::gram::{BandGram, Column};
+use super::spectra::{Point, Response};
 use nalgebra::{DMatrix, DVector};
 use rustfft::num_complex::Complex;
 use std::sync::Arc;
-
-/// What a column makes of the positions at a frequency: motor by motor, by stage, stage by motor, by stage.
-pub(super) type Response = [Complex<f64>; 4];
-
-/// The same as a function of w, rad/s. `None` for what is no linear function of the positions.
-pub(super) type Operator = Option<Arc<dyn Fn(f64) -> Response + Send + Sync>>;
-
-/// A frequency at which the Jacobian is taken.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Point {
-    pub(super) band: usize,
-    /// Share of the values of its band that it stands for.
-    pub(super) share: f64,
-    pub(super) rad_s: f64,
-}
 
 /// A column that moves with the positions.
 #[derive(Debug, Clone)]
@@ -37,11 +23,6 @@ struct Moving {
 pub(super) struct Dynamics {
     points: Arc<Vec<Point>>,
     moving: Vec<Moving>,
-}
-
-/// (i w)^order.
-pub(super) fn derivative(w: f64, order: i32) -> Complex<f64> {
-    Complex::new(0.0, w).powi(order)
 }
 
 impl Dynamics {

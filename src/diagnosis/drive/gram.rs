@@ -1,7 +1,6 @@
 //! Inner products of columns per recording, fold and band. Fits never touch samples again.
 
-use super::dynamics::Response;
-use super::spectra::{Plan, Spectrum};
+use super::spectra::{Plan, Response, Spectrum};
 use crate::signal::inner_products::dot;
 use std::sync::Arc;
 

@@ -2,20 +2,20 @@
 //! Jacobian of the force balance.
 //!
 //! ```text
-//! L(beta) = sum_rb N_rb log det S_rb(beta) - sum_w log |det P(w; beta)|^2,   S_rb = mean of r r^T over the band
+//! L(beta) = sum_rb N_rb log det S_rb(beta) - sum_w log |det P(w; beta)|^2,   S_rb = mean of r r^T in a band
 //! ```
 //! What is left unexplained raises S and so lowers the evidence of everything in its band. The
 //! Jacobian P (see [`super::dynamics`]; of one position it is the mass) makes it the likelihood of motion:
 //! without it an equation whose thrust is filtered away becomes zero by making its masses zero.
 
+use super::criteria::Z95;
 use super::dynamics::Dynamics;
 use super::gram::{BandGram, Gram};
-use super::words::Z95;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Iterations of the reweighted fit at most.
-const ITERATIONS: usize = 60;
+pub(super) const ITERATIONS: usize = 60;
 /// Share of a band's own power below which no residual is told from rounding.
 const ROUNDING: f64 = 1e-11;
 /// A mass changes by no more than this factor in a step.

@@ -21,6 +21,7 @@ mod signals;
 mod spectra;
 mod state;
 mod subject;
+mod torsion;
 mod words;
 
 pub(in crate::diagnosis) use signals::Mask;

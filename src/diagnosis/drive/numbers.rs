@@ -1,7 +1,7 @@
 //! Numbers of the model beside the recordings: deviations, corrections, numbers that the model leaves out.
 
 use super::columns::TimeColumn;
-use super::criteria::Criteria;
+use super::criteria::{Criteria, Z95};
 use super::evidence::price;
 use super::gram::{BandGram, Gram, Part};
 use super::likelihood::{Design, FREE, Spread, values};
@@ -10,7 +10,7 @@ use super::signals::Layout;
 use super::spectra::FOLDS;
 use super::state::{Balance, LAG_STEP, Number, State};
 use super::subject::slopes;
-use super::words::{Deviations, Z95, scale_deviation};
+use super::words::{Deviations, scale_deviation};
 use crate::diagnosis::result::Correction;
 use crate::plant::effects::{EffectKind, Port};
 use crate::plant::machine::AxisModel;

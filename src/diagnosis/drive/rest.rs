@@ -1,7 +1,7 @@
 //! What is left above the floor, where it enters, and when.
 
 use super::criteria::Criteria;
-use super::likelihood::{Design, Spread};
+use super::likelihood::{Design, ITERATIONS, Spread};
 use super::signals::Layout;
 use super::state::{Balance, State};
 use crate::plant::effects::Port;
@@ -10,8 +10,6 @@ use std::f64::consts::TAU;
 
 /// Bands from which on an axis with one position shows its floor, as a share of the highest frequency.
 const QUIET_FROM: f64 = 0.02;
-/// Steps of the size of a force.
-const SIZES: usize = 12;
 /// Share of the excess that the stated band holds.
 const MOST: f64 = 0.95;
 
@@ -183,7 +181,7 @@ fn best_gain(bins: &[[f64; 2]]) -> f64 {
         |s: f64| -> f64 { bins.iter().map(|[a, b]| 0.5 * (b * s / (1.0 + a * s) - (a * s).ln_1p())).sum() };
     // Of one size of all bins s is mean(b / a^2 - 1 / a); repeated with the weights that it gives.
     let mut s = 0.0;
-    for _ in 0..SIZES {
+    for _ in 0..ITERATIONS {
         let (mut top, mut bottom) = (0.0, 0.0);
         for [a, b] in bins {
             let weight = (a / (1.0 + a * s)).powi(2);

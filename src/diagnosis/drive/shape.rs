@@ -71,6 +71,8 @@ pub(super) struct Constant {
     pub(super) bounds: [f64; 2],
 }
 
+/// A relative step over which a law is differentiated by a constant.
+pub(super) const DIFFERENCE: f64 = 1e-3;
 /// Harmonics of a cut.
 pub(super) const CUT_HARMONICS: usize = 10;
 

@@ -6,7 +6,6 @@
 //! Blocks overlap by half under a sine window, whose squares add to one: sums of squares over all bins are
 //! sums of squares over time.
 
-use super::dynamics::Point;
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use std::f64::consts::PI;
@@ -30,6 +29,18 @@ pub(super) type Spectrum = Arc<Vec<f64>>;
 
 /// A series of every recording, thinned.
 pub(super) type Series = Vec<Vec<f64>>;
+
+/// What a column makes of the positions at a frequency: motor by motor, by stage, stage by motor, by stage.
+pub(super) type Response = [Complex<f64>; 4];
+
+/// A frequency at which the Jacobian is taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Point {
+    pub(super) band: usize,
+    /// Share of the values of its band that it stands for.
+    pub(super) share: f64,
+    pub(super) rad_s: f64,
+}
 
 /// One recording, fold and band.
 #[derive(Debug, Clone, Copy, PartialEq)]

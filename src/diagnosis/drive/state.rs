@@ -1,9 +1,11 @@
 //! The balance of one axis with what has been taken up so far: columns, inner products, the present fit.
 
 pub(super) use super::accepted::Accepted;
-use super::columns::{Ground, Mechanics, TimeColumn};
+use super::accepted::moved_laws;
+pub(super) use super::columns::Number;
+use super::columns::{Ground, Mechanics, TimeColumn, derivative};
 use super::criteria::Criteria;
-use super::dynamics::{Dynamics, derivative};
+use super::dynamics::Dynamics;
 use super::gram::{BandGram, Column, Gram, Part};
 use super::likelihood::{Design, FREE, Fit, Spread};
 use super::shape::{Hypothesis, Shape};
@@ -21,28 +23,6 @@ pub(super) const LAG_STEP: f64 = 0.98;
 /// Steps of the bandwidth, and samples of a delay that was found, that a fit may take at once.
 const MOST_STEPS: f64 = 15.0;
 const MOST_DELAY_SAMPLES: f64 = 2.0;
-
-/// A number of the structure, and the two constants that encoders without a common zero and scale leave free.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::diagnosis) enum Number {
-    MotorMass,
-    MotorDamping,
-    MotorCoulomb,
-    Stiffness,
-    StructuralDamping,
-    /// All of the mass where there is one position.
-    StageMass,
-    StageDamping,
-    StageCoulomb,
-    /// When a reference acts.
-    Timing,
-    /// Bandwidth of a current loop that was found, in steps of [`LAG_STEP`].
-    Lag,
-    /// Zero of the stretch.
-    Zero,
-    /// Travel of the motor over that of the scale.
-    Scale,
-}
 
 use Number as N;
 
@@ -560,36 +540,6 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
         })
         .collect();
     Base { numbers, gram, all, design, fit, weights, knockoffs, knockoff_fits, held_out }
-}
-
-/// What a law that is made of numbers of the structure becomes more with each of them: number, its value,
-/// derivative. Together with the numbers' own columns a fit moves both at once.
-fn moved_laws(ground: &Ground<'_>, accepted: &[Accepted]) -> Vec<(Number, f64, TimeColumn)> {
-    /// A step of a number, as a share.
-    const STEP: f64 = 1e-3;
-    let laws = || accepted.iter().filter(|a| a.moves_with_numbers());
-    let columns = |ground: &Ground<'_>| laws().flat_map(|l| l.columns(ground)).collect::<Vec<_>>();
-    if laws().next().is_none() {
-        return Vec::new();
-    }
-    let here = columns(ground);
-    let of = |number: Number| -> Option<(Number, f64, TimeColumn)> {
-        let mut there = *ground;
-        let m = &mut there.mechanics;
-        let value = match number {
-            N::MotorMass => &mut m.motor_mass_kg,
-            N::Stiffness => &mut m.stiffness_n_m,
-            N::StructuralDamping => &mut m.structural_damping_n_s_m,
-            N::Zero => &mut m.spring_zero_n,
-            _ => return None,
-        };
-        let (now, by) = (*value, STEP * *value);
-        *value += by;
-        let there = columns(&there);
-        let parts = here.iter().map(|c| (c, -1.0 / by)).chain(there.iter().map(|c| (c, 1.0 / by)));
-        (by != 0.0).then(|| (number, now, TimeColumn::sum(parts)))
-    };
-    [N::MotorMass, N::Stiffness, N::StructuralDamping, N::Zero].into_iter().filter_map(of).collect()
 }
 
 /// The design of a knockoff: its target beside the present fit. No motion comes of it, and it has no Jacobian

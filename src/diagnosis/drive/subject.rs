@@ -6,7 +6,7 @@ use super::criteria::Criteria;
 use super::evidence::{Asked, ask, level, price, statistic};
 use super::gram::{Gram, Part};
 use super::likelihood::{Design, FREE, values};
-use super::shape::{Hypothesis, Shape};
+use super::shape::{DIFFERENCE, Hypothesis, Shape};
 use super::state::{Accepted, Balance, State, is_of_path};
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
@@ -14,8 +14,6 @@ use crate::plant::effects::{EffectKind, Port};
 use crate::signal::inner_products::rms;
 use std::sync::Mutex;
 
-/// A relative step over which a law is differentiated by a constant.
-const DIFFERENCE: f64 = 1e-3;
 /// Largest step of a constant, as a logarithm, and how often it is halved.
 const LONGEST_STEP: f64 = 0.5;
 const HALVINGS: usize = 4;

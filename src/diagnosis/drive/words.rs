@@ -1,7 +1,7 @@
 //! From fitted laws to named parameters, terms of a model and sentences.
 
 use super::columns::spline;
-use super::criteria::Criteria;
+use super::criteria::{Criteria, Z95};
 use super::shape::{CUT_HARMONICS, Shape};
 use super::state::{Accepted, Balance, State};
 use crate::diagnosis::result::Estimate;
@@ -16,8 +16,6 @@ pub(super) struct Deviations {
     pub(super) constants: Vec<f64>,
 }
 
-/// Normal 95 %.
-pub(super) const Z95: f64 = 1.96;
 /// Logarithms of intervals end here: the data say nothing.
 const MOST_DOUBT: f64 = 6.9;
 

@@ -1,0 +1,77 @@
+//! The columns of a third inertia between motor and screw.
+
+use super::columns::{Ground, TimeColumn};
+use crate::plant::effects::coupling::Torsion;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+impl Ground<'_> {
+    /// Third inertia: the coupling force less what the twist takes off it, and the motor's share of inertia.
+    pub(super) fn torsion(&self, frequency_hz: f64, share: f64, damping: f64) -> TimeColumn {
+        let m = &self.mechanics;
+        let screw_kg = share * m.motor_mass_kg;
+        let motor_kg = m.motor_mass_kg - screw_kg;
+        let k = Torsion::stiffness_of(frequency_hz, motor_kg, screw_kg);
+        let c = 2.0 * damping * (k * screw_kg).sqrt();
+        let (spring, damper, twisted, turned) = (m.stiffness_n_m, m.structural_damping_n_s_m, k, c);
+        // As a function of the positions, motor and stage.
+        let operator = move |w: f64| {
+            let i = Complex::new(0.0, w);
+            let axial = spring + damper * i;
+            let load = [axial - screw_kg * w * w, -axial];
+            let torsional = twisted + turned * i;
+            let twist = load.map(|l| l / (torsional + axial - screw_kg * w * w));
+            let motor = [0, 1].map(|k| torsional * twist[k] - load[k]);
+            [motor[0], motor[1], axial * twist[0], axial * twist[1]]
+        };
+        let mut out =
+            TimeColumn { sides: [Some(Vec::new()), Some(Vec::new())], operator: Some(Arc::new(operator)) };
+        let mut planner = FftPlanner::new();
+        let rate_hz = self.signals.thin_rate_hz();
+        for track in &self.signals.tracks {
+            let t = &track.thin;
+            let load: Vec<f64> = (0..t.stretch.len())
+                .map(|j| {
+                    screw_kg * t.accel[0][j]
+                        + m.structural_damping_n_s_m * t.stretch_rate[j]
+                        + m.stiffness_n_m * t.stretch[j]
+                })
+                .collect();
+            let n = (load.len() + 512).next_power_of_two();
+            let mean = load.iter().sum::<f64>() / load.len().max(1) as f64;
+            let mut spectrum: Vec<Complex<f64>> = load.iter().map(|v| Complex::new(v - mean, 0.0)).collect();
+            // Beyond the end on a half cosine back to the beginning: no step rings into the recording.
+            let ends = [spectrum.last(), spectrum.first()].map(|e| e.map_or(0.0, |v| v.re));
+            let beyond = n - load.len();
+            spectrum.extend((0..beyond).map(|j| {
+                let part = 0.5 - 0.5 * (PI * (j as f64 + 0.5) / beyond as f64).cos();
+                Complex::new(ends[0] + part * (ends[1] - ends[0]), 0.0)
+            }));
+            planner.plan_fft_forward(n).process(&mut spectrum);
+            // Twist and its rate in one transform: real and imaginary part.
+            for (i, value) in spectrum.iter_mut().enumerate() {
+                let signed = if 2 * i <= n { i as f64 } else { i as f64 - n as f64 };
+                let w = TAU * signed * rate_hz / n as f64;
+                let dynamic = Complex::new(
+                    k + m.stiffness_n_m - screw_kg * w * w,
+                    w * (c + m.structural_damping_n_s_m),
+                );
+                let twist = *value / dynamic;
+                *value = twist + Complex::new(0.0, 1.0) * (Complex::new(0.0, w) * twist);
+            }
+            planner.plan_fft_inverse(n).process(&mut spectrum);
+            let still = mean / (k + m.stiffness_n_m);
+            let (mut motor, mut stage) = (Vec::with_capacity(load.len()), Vec::with_capacity(load.len()));
+            for (j, value) in spectrum.iter().take(load.len()).enumerate() {
+                let (twist, rate) = (value.re / n as f64 + still, value.im / n as f64);
+                motor.push(k * twist + c * rate - load[j]);
+                stage.push(m.stiffness_n_m * twist + m.structural_damping_n_s_m * rate);
+            }
+            out.sides[0].get_or_insert_with(Vec::new).push(motor);
+            out.sides[1].get_or_insert_with(Vec::new).push(stage);
+        }
+        out
+    }
+}
