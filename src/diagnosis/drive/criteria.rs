@@ -34,6 +34,9 @@ pub(in crate::diagnosis) struct Criteria {
     /// Share of the thrust's power that a model leaves at most that is adequate: one that leaves more says
     /// nothing of this axis, however white that is.
     pub(super) adequate_share: f64,
+    /// Deviations over those by the curvature of L, at least: half-overlapping blocks, leakage between bins,
+    /// noise that is not flat within a band.
+    pub(super) serial: f64,
     /// A number is wrong beyond this many of its statement's own tolerances ...
     pub(super) correction_tolerances: f64,
     /// ... and of its deviations.
@@ -79,6 +82,7 @@ impl Criteria {
         turning: 5.0,
         repeatability: 0.031,
         adequate_share: 0.5,
+        serial: 1.5,
         correction_tolerances: 3.0,
         correction_deviations: 4.0,
         mass_tolerance: 0.02,

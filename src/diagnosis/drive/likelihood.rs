@@ -8,7 +8,7 @@
 //! Jacobian P (see [`super::dynamics`]; of one position it is the mass) makes it the likelihood of motion:
 //! without it an equation whose thrust is filtered away becomes zero by making its masses zero.
 
-use super::criteria::Z95;
+use super::criteria::{Criteria, Z95};
 use super::dynamics::Dynamics;
 use super::gram::{BandGram, Gram};
 use nalgebra::{DMatrix, DVector};
@@ -155,7 +155,7 @@ impl Design {
                 break;
             }
             (beta, held, information, nats) = (next, bound, curved, now);
-            if (gained - now).abs() < super::criteria::Criteria::STANDARD.converged_nats {
+            if (gained - now).abs() < Criteria::STANDARD.converged_nats {
                 break;
             }
             weights = self.weights(bands, &beta);
@@ -304,7 +304,7 @@ impl Fit {
         let of = |k: usize| {
             let between = apart.iter().map(|a| a[k] * a[k]).sum::<f64>() * few * few * parts / (parts - 1.0);
             // L has twice the information as its second derivative, and exp(-L) is the likelihood.
-            between.max(0.5 * inverse[(k, k)])
+            between.max(0.5 * Criteria::STANDARD.serial.powi(2) * inverse[(k, k)])
         };
         (0..self.beta.len()).map(of).collect()
     }
