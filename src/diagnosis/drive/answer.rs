@@ -300,7 +300,9 @@ impl Case<'_> {
         let balance = self.balance;
         let mut shapes = Vec::new();
         let extra_s = state.path.delay_s - balance.drive.amplifier_dead_time_s();
-        if state.found_delay && extra_s > 0.0 {
+        // What a loop took the place of may have left nothing of a delay.
+        let within_s = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
+        if state.found_delay && extra_s > Z95 * doubt.path[0].hypot(within_s) {
             shapes.push((
                 Shape::Delay { extra_s, early: false },
                 EffectKind::DeadTime,
