@@ -39,7 +39,7 @@ impl Resonance {
     /// Motion per force, m/N.
     #[must_use]
     pub fn response(&self, s: Complex<f64>) -> Complex<f64> {
-        self.denominator(s).finv() * self.gain_1_kg
+        self.denominator(s).inv() * self.gain_1_kg
     }
 
     /// At rest, m/N.
@@ -155,19 +155,12 @@ impl CutLoop {
         self.holder.map_or(Complex::new(0.0, 0.0), |r| r.response(s))
     }
 
-    /// R: edges into the work per force, m/N, sign turned round.
-    #[must_use]
-    pub fn receptance(&self, s: Complex<f64>) -> ToolMatrix {
-        let g = self.bar_response(s);
-        [[g, -g], [-g, g + self.holder_response(s)]]
-    }
-
     /// A: force per motion of the edges, N/m.
     #[must_use]
     pub fn force_law(&self, s: Complex<f64>) -> ToolMatrix {
         let [k1, k2] = self.slope_n_m;
         let zero = Complex::new(0.0, 0.0);
-        let lag = (s * self.lag_s + 1.0).finv();
+        let lag = (s * self.lag_s + 1.0).inv();
         let flank = s * self.damping_n_s_m + self.contact_n_m;
         let past = |delay_s: f64| (-s * delay_s).exp() * self.overlap;
         match self.tools {
@@ -179,14 +172,18 @@ impl CutLoop {
         }
     }
 
-    /// I + A R.
+    /// I + A R of a force law and the responses of bar and holder: of A only the last column and the
+    /// differences of its rows are in it.
     fn return_difference(&self, s: Complex<f64>) -> ToolMatrix {
-        let (a, r) = (self.force_law(s), self.receptance(s));
-        let entry = |i: usize, j: usize| {
-            let sum = a[i][0] * r[0][j] + a[i][1] * r[1][j];
-            if i == j { sum + 1.0 } else { sum }
-        };
-        [[entry(0, 0), entry(0, 1)], [entry(1, 0), entry(1, 1)]]
+        let (a, g) = (self.force_law(s), self.bar_response(s));
+        let [first, second] = [0, 1].map(|i| (a[i][0] - a[i][1]) * g);
+        let mut out = [[first + 1.0, -first], [second, -second + 1.0]];
+        if self.holder.is_some() {
+            let h = self.holder_response(s);
+            out[0][1] += a[0][1] * h;
+            out[1][1] += a[1][1] * h;
+        }
+        out
     }
 
     /// Delta = det(I + A R); zero at a root.
@@ -200,8 +197,15 @@ impl CutLoop {
     #[must_use]
     pub fn closed(&self, s: Complex<f64>) -> ToolMatrix {
         let m = self.return_difference(s);
-        let over = (m[0][0] * m[1][1] - m[0][1] * m[1][0]).finv();
+        let over = (m[0][0] * m[1][1] - m[0][1] * m[1][0]).inv();
         [[m[1][1] * over, -m[0][1] * over], [-m[1][0] * over, m[0][0] * over]]
+    }
+
+    /// A R: force per force.
+    #[must_use]
+    pub fn force_per_force(&self, s: Complex<f64>) -> ToolMatrix {
+        let [[a, b], [c, d]] = self.return_difference(s);
+        [[a - 1.0, b], [c, d - 1.0]]
     }
 
     /// Product of the denominators of G and H, over w^2 each: Delta times it has no poles but the lag's.

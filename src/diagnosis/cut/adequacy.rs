@@ -96,8 +96,8 @@ impl Pool {
 }
 
 /// Band of all bins, Hz.
-fn looked_at_hz(parts: &[Part]) -> [f64; 2] {
-    let bins = parts.iter().filter_map(|p| match p {
+fn looked_at_hz<'a>(parts: impl Iterator<Item = &'a Part>) -> [f64; 2] {
+    let bins = parts.filter_map(|p| match p {
         Part::Bins { bins, .. } => Some(bins),
         Part::Rows(_) => None,
     });
@@ -111,7 +111,7 @@ fn looked_at_hz(parts: &[Part]) -> [f64; 2] {
 pub(crate) fn left(problem: &Problem<'_>, point: &Point) -> Option<Left> {
     let machine = problem.frame.machine(point)?;
     let parts: Vec<Part> = problem.observables.iter().map(|o| o.part(&machine, Every(1))).collect();
-    let [low, high] = looked_at_hz(&parts);
+    let [low, high] = looked_at_hz(parts.iter());
     let count = ((high - low) / CRITERIA.left_band_hz).ceil() as usize;
     let edge = |k: usize| low + k as f64 * CRITERIA.left_band_hz;
     let mut pools: Vec<Pool> = (0..count)
@@ -165,13 +165,13 @@ pub(crate) fn left(problem: &Problem<'_>, point: &Point) -> Option<Left> {
 /// Where most is left in the spectra of a model, ln(f/`frequency_hz`), best first.
 ///
 /// Whitened power over cells of one per cent, three together.
-pub(crate) fn peaks(parts: &[Part], frequency_hz: f64) -> Vec<f64> {
+pub(crate) fn peaks<'a>(parts: impl Iterator<Item = &'a Part> + Clone, frequency_hz: f64) -> Vec<f64> {
     /// One per cent, and what is kept: as many peaks as two modes may make.
     const CELL: f64 = 0.01;
     const KEPT: usize = 4;
     /// A resonance takes this many cells.
     const APART: usize = 5;
-    let [low, high] = looked_at_hz(parts).map(|f| (f / frequency_hz).max(1e-3).ln());
+    let [low, high] = looked_at_hz(parts.clone()).map(|f| (f / frequency_hz).max(1e-3).ln());
     let count = ((high - low) / CELL).ceil() as usize + 1;
     let mut cells = vec![[0.0, 0.0]; count];
     for part in parts {

@@ -4,7 +4,8 @@ use super::super::result::{Alternative, Correction, Estimate, Verdict};
 use super::super::selection::{Fitted, Round, Selected, probabilities};
 use super::adequacy::whitened_power;
 use super::criteria::CRITERIA;
-use super::fit::{Effort, Problem};
+use super::fit::Problem;
+use super::observable::Every;
 use super::laws::{Law, Term};
 use super::machine::{Number, Point};
 use super::result::{CutDiagnosis, CutFinding, CutFit, CutLocation, CutTried, NotIdentifiable};
@@ -44,7 +45,7 @@ pub(crate) struct Posterior {
 impl Posterior {
     /// The curvature at a point. `None`: no such machine.
     pub(crate) fn new(problem: &Problem<'_>, point: &Point) -> Option<Self> {
-        let q = problem.quadratic(point, &Effort::FULL)?;
+        let q = problem.quadratic(point, Every(1))?;
         let ridge = DMatrix::identity(q.information.nrows(), q.information.ncols()) * 1e-9;
         let inflated = whitened_power(problem, point);
         let covariance = (q.information + ridge).cholesky()?.inverse() * inflated;

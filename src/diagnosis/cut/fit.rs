@@ -5,9 +5,10 @@
 
 use super::super::two_cores::on_two_cores;
 use super::criteria::CRITERIA;
-use super::machine::{Frame, Point};
+use super::machine::{Frame, Machine, Point};
 use super::observable::{Bin, CHANNELS, Every, Matrix, Observable, Part, ZERO};
 use nalgebra::{Complex, DMatrix, DVector};
+use std::f64::consts::SQRT_2;
 
 /// Step of the difference quotients, in units of a coordinate.
 const STEP: f64 = 2e-3;
@@ -31,13 +32,11 @@ pub(crate) struct Effort {
     pub(crate) steps: usize,
     /// Bins that are looked at.
     pub(crate) every: Every,
-    /// Both cores for the derivatives of one fit (not where fits run beside each other).
-    pub(crate) two_cores: bool,
 }
 
 impl Effort {
     /// To the end on all bins.
-    pub(crate) const FULL: Effort = Effort { steps: 25, every: Every(1), two_cores: true };
+    pub(crate) const FULL: Effort = Effort { steps: 25, every: Every(1) };
 }
 
 /// Value, gradient and Fisher information at a point.
@@ -49,6 +48,19 @@ pub(crate) struct Quadratic {
     pub(crate) gradient: DVector<f64>,
     /// Fisher information.
     pub(crate) information: DMatrix<f64>,
+}
+
+impl Quadratic {
+    fn empty(p: usize) -> Self {
+        Self { value: 0.0, gradient: DVector::zeros(p), information: DMatrix::zeros(p, p) }
+    }
+
+    /// Of one part with its neighbours, without priors; of the information the lower half.
+    pub(crate) fn of_part(base: &Part, moved: &[&Part], steps: &[f64]) -> Self {
+        let mut out = Self { value: part_value(base), ..Self::empty(steps.len()) };
+        accumulate(base, moved, steps, &mut out);
+        out
+    }
 }
 
 /// Where a fit ended.
@@ -113,23 +125,38 @@ pub(crate) fn forward(l: &Matrix, x: &[Complex<f64>; CHANNELS], n: usize) -> [Co
     u
 }
 
-/// L^-1 S L^-H.
-fn whitened(l: &Matrix, s: &Matrix, n: usize) -> Matrix {
+/// L^-1 dS L^-H, Hermitian, as real numbers whose products are the trace of the product: diagonal, then
+/// real and imaginary parts below it times the root of two.
+fn whitened(l: &Matrix, ds: &Matrix, n: usize, out: &mut Vec<f64>) {
     let mut half = [[ZERO; CHANNELS]; CHANNELS];
     for c in 0..n {
-        let column = forward(l, &[s[0][c], s[1][c], s[2][c]], n);
+        let column = forward(l, &[ds[0][c], ds[1][c], ds[2][c]], n);
         for r in 0..n {
-            half[r][c] = column[r];
+            half[r][c] = column[r].conj();
         }
     }
-    let mut out = [[ZERO; CHANNELS]; CHANNELS];
+    let rows = [0, 1, 2].map(|r| if r < n { forward(l, &half[r], n) } else { [ZERO; CHANNELS] });
+    out.extend((0..n).map(|r| rows[r][r].re));
     for r in 0..n {
-        let row = forward(l, &half[r].map(|z| z.conj()), n);
-        for c in 0..n {
-            out[r][c] = row[c].conj();
+        for c in 0..r {
+            out.extend([SQRT_2 * rows[r][c].re, -SQRT_2 * rows[r][c].im]);
         }
     }
-    out
+}
+
+/// u u^H in the same numbers.
+fn product(u: &[Complex<f64>; CHANNELS], n: usize, out: &mut Vec<f64>) {
+    out.extend((0..n).map(|r| u[r].norm_sqr()));
+    for r in 0..n {
+        for c in 0..r {
+            let both = u[r] * u[c].conj();
+            out.extend([SQRT_2 * both.re, SQRT_2 * both.im]);
+        }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// -ln L of a part and of its bins alone, without priors. Infinite: not to be had.
@@ -172,56 +199,57 @@ fn accumulate(base: &Part, moved: &[&Part], steps: &[f64], into: &mut Quadratic)
                 }
             }
         }
-        Part::Bins { channels, bins } => {
-            let n = *channels;
-            let c = outlying_power(n);
-            let others: Vec<&Vec<Bin>> = moved
-                .iter()
-                .filter_map(|m| match m {
-                    Part::Bins { bins, .. } => Some(bins),
-                    Part::Rows(_) => None,
-                })
-                .collect();
-            let mut b = vec![[[ZERO; CHANNELS]; CHANNELS]; p];
-            let mut v = vec![[ZERO; CHANNELS]; p];
-            for (k, bin) in bins.iter().enumerate() {
-                let Some(l) = cholesky(&bin.s, n) else { continue };
-                let u = forward(&l, &bin.x, n);
-                let power: f64 = u[..n].iter().map(Complex::norm_sqr).sum();
-                let weight = (c / power).sqrt().min(1.0);
-                for i in 0..p {
-                    let other = &others[i][k];
-                    let mut ds = [[ZERO; CHANNELS]; CHANNELS];
-                    let mut dx = [ZERO; CHANNELS];
-                    for r in 0..n {
-                        dx[r] = (other.x[r] - bin.x[r]) / steps[i];
-                        for q in 0..n {
-                            ds[r][q] = (other.s[r][q] - bin.s[r][q]) / steps[i];
-                        }
-                    }
-                    b[i] = whitened(&l, &ds, n);
-                    v[i] = forward(&l, &dx, n);
+        Part::Bins { channels, bins } => accumulate_bins(*channels, bins, moved, steps, into),
+    }
+}
+
+fn bins_of(part: &Part) -> &[Bin] {
+    match part {
+        Part::Bins { bins, .. } => bins,
+        Part::Rows(_) => &[],
+    }
+}
+
+/// The same of bins: tr(S^-1 S_i S^-1 S_k) + 2 Re x_i^H S^-1 x_k.
+fn accumulate_bins(n: usize, bins: &[Bin], moved: &[&Part], steps: &[f64], into: &mut Quadratic) {
+    let c = outlying_power(n);
+    let others: Vec<&[Bin]> = moved.iter().map(|part| bins_of(part)).collect();
+    // Numbers of a slope: those of the spectrum, then those of the values, 2 n.
+    let (own, width) = (n * n, n * n + 2 * n);
+    let mut slopes: Vec<f64> = Vec::with_capacity(width * moved.len());
+    let mut power_of: Vec<f64> = Vec::with_capacity(own);
+    for (k, bin) in bins.iter().enumerate() {
+        let Some(l) = cholesky(&bin.s, n) else { continue };
+        let u = forward(&l, &bin.x, n);
+        let power: f64 = u[..n].iter().map(Complex::norm_sqr).sum();
+        let weight = (c / power).sqrt().min(1.0);
+        power_of.clear();
+        product(&u, n, &mut power_of);
+        slopes.clear();
+        for (i, other) in others.iter().enumerate() {
+            let (other, over) = (&other[k], 1.0 / steps[i]);
+            let mut ds = [[ZERO; CHANNELS]; CHANNELS];
+            let mut dx = [ZERO; CHANNELS];
+            for r in 0..n {
+                dx[r] = (other.x[r] - bin.x[r]) * over;
+                for q in 0..n {
+                    ds[r][q] = (other.s[r][q] - bin.s[r][q]) * over;
                 }
-                for i in 0..p {
-                    let mut slope = (bin.log_jacobian - others[i][k].log_jacobian) / steps[i];
-                    for r in 0..n {
-                        slope += b[i][r][r].re + 2.0 * weight * (v[i][r].conj() * u[r]).re;
-                        for q in 0..n {
-                            slope -= weight * (u[r].conj() * b[i][r][q] * u[q]).re;
-                        }
-                    }
-                    into.gradient[i] += slope;
-                    for j in 0..=i {
-                        let mut both = 0.0;
-                        for r in 0..n {
-                            both += 2.0 * weight * (v[i][r].conj() * v[j][r]).re;
-                            for q in 0..n {
-                                both += (b[i][r][q].conj() * b[j][r][q]).re;
-                            }
-                        }
-                        into.information[(i, j)] += both;
-                    }
-                }
+            }
+            whitened(&l, &ds, n, &mut slopes);
+            let v = forward(&l, &dx, n);
+            let scale = (2.0 * weight).sqrt();
+            slopes.extend(v[..n].iter().flat_map(|z| [z.re * scale, z.im * scale]));
+            let slope = &slopes[i * width..(i + 1) * width];
+            let along: f64 = (0..n).map(|r| (v[r].conj() * u[r]).re).sum();
+            let trace: f64 = slope[..n].iter().sum();
+            into.gradient[i] += (bin.log_jacobian - other.log_jacobian) * over + trace
+                + weight * (2.0 * along - dot(&slope[..own], &power_of));
+        }
+        for i in 0..others.len() {
+            for j in 0..=i {
+                into.information[(i, j)] +=
+                    dot(&slopes[i * width..(i + 1) * width], &slopes[j * width..(j + 1) * width]);
             }
         }
     }
@@ -249,74 +277,44 @@ impl Problem<'_> {
         parts.iter().map(part_value).sum::<f64>() + self.prior(point)
     }
 
-    /// Steps of the difference quotients, and the parts at a point and at its neighbours, one a coordinate.
-    pub(crate) fn jacobian(&self, point: &Point, effort: &Effort) -> Option<(Vec<f64>, Vec<Vec<Part>>)> {
+    /// Steps of the difference quotients, and the machines at a point and at its neighbours, one a coordinate.
+    fn neighbours(&self, point: &Point) -> Option<(Vec<f64>, Vec<Machine>)> {
         let values = point.coordinates();
         let bounds = self.frame.bounds(point);
         let steps: Vec<f64> =
             values.iter().zip(&bounds).map(|(x, b)| if x + STEP > b[1] { -STEP } else { STEP }).collect();
-        let places: Vec<Option<usize>> = std::iter::once(None).chain((0..values.len()).map(Some)).collect();
-        let evaluate = |moved: &Option<usize>| {
+        let moved = (0..values.len()).map(|i| {
             let mut at = values.clone();
-            if let Some(i) = moved {
-                at[*i] += steps[*i];
-            }
-            self.parts(&point.with(&at), effort.every)
-        };
-        let all: Option<Vec<Vec<Part>>> = if effort.two_cores {
-            on_two_cores(&places, evaluate).into_iter().collect()
-        } else {
-            places.iter().map(evaluate).collect()
-        };
-        all.map(|all| (steps, all))
+            at[i] += steps[i];
+            self.frame.machine(&point.with(&at))
+        });
+        let machines: Option<Vec<Machine>> = std::iter::once(self.frame.machine(point)).chain(moved).collect();
+        Some((steps, machines?))
+    }
+
+    /// Steps of the difference quotients; by observable its parts at a point and at its neighbours.
+    pub(crate) fn jacobian(&self, point: &Point, every: Every) -> Option<(Vec<f64>, Vec<Vec<Part>>)> {
+        let (steps, machines) = self.neighbours(point)?;
+        Some((steps, on_two_cores(self.observables, |o| o.parts(&machines, every))))
     }
 
     /// Value, gradient and information; `None`: no such machine.
     ///
     /// Cost: one evaluation and one a coordinate.
-    pub(crate) fn quadratic(&self, point: &Point, effort: &Effort) -> Option<Quadratic> {
-        let (steps, all) = self.jacobian(point, effort)?;
-        let sum = self.gathered(&all[0], [&all[1..], &[]], &steps, point, effort.two_cores);
+    pub(crate) fn quadratic(&self, point: &Point, every: Every) -> Option<Quadratic> {
+        let (steps, machines) = self.neighbours(point)?;
+        let of_observable = |o: &Box<dyn Observable + '_>| {
+            let parts = o.parts(&machines, every);
+            let moved: Vec<&Part> = parts[1..].iter().collect();
+            Quadratic::of_part(&parts[0], &moved, &steps)
+        };
+        let sum = self.with_priors(on_two_cores(self.observables, of_observable), point, steps.len());
         sum.value.is_finite().then_some(sum)
     }
 
-    /// The same from parts that are there: at the point, at neighbours in two lists, with their steps.
-    pub(crate) fn quadratic_of(
-        &self,
-        base: &[Part],
-        own: &[Vec<Part>],
-        further: &[Vec<Part>],
-        steps: &[f64],
-        point: &Point,
-    ) -> Quadratic {
-        self.gathered(base, [own, further], steps, point, false)
-    }
-
-    fn gathered(
-        &self,
-        base: &[Part],
-        moved: [&[Vec<Part>]; 2],
-        steps: &[f64],
-        point: &Point,
-        two_cores: bool,
-    ) -> Quadratic {
-        let p = steps.len();
-        let empty =
-            || Quadratic { value: 0.0, gradient: DVector::zeros(p), information: DMatrix::zeros(p, p) };
-        let of_observable = |o: &usize| {
-            let mut out = empty();
-            out.value = part_value(&base[*o]);
-            let moved: Vec<&Part> = moved.iter().flat_map(|m| m.iter()).map(|parts| &parts[*o]).collect();
-            accumulate(&base[*o], &moved, steps, &mut out);
-            out
-        };
-        let indices: Vec<usize> = (0..self.observables.len()).collect();
-        let each: Vec<Quadratic> = if two_cores {
-            on_two_cores(&indices, of_observable)
-        } else {
-            indices.iter().map(of_observable).collect()
-        };
-        let mut sum = each.into_iter().fold(empty(), |mut sum, q| {
+    /// The sum of what each observable says, with the priors of the coordinates.
+    pub(crate) fn with_priors(&self, each: Vec<Quadratic>, point: &Point, p: usize) -> Quadratic {
+        let mut sum = each.into_iter().fold(Quadratic::empty(p), |mut sum, q| {
             sum.value += q.value;
             sum.gradient += q.gradient;
             sum.information += q.information;
@@ -385,7 +383,7 @@ impl Problem<'_> {
         let (mut damping, mut evaluations) = (1e-3, 0);
         let mut value = f64::INFINITY;
         for _ in 0..effort.steps {
-            let q = self.quadratic(&point, effort)?;
+            let q = self.quadratic(&point, effort.every)?;
             evaluations += 1 + p as u64;
             value = q.value;
             let here = point.coordinates();

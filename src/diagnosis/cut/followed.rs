@@ -21,9 +21,10 @@ use super::fit::{cholesky, forward};
 use super::input::CutRecording;
 use super::machine::Machine;
 use super::observable::{CHANNELS, Every, LeftOver, Matrix, Observable, Origin, OriginKind, Part, ZERO};
-use super::spectra::{PROBE_UNIT_M, Place, SHARE_OF_BINS, SMEARED, TAPERS, bins, force_per_force, taper};
+use super::spectra::{PROBE_UNIT_M, Place, SHARE_OF_BINS, SMEARED, TAPERS, bins, taper};
 use super::stretches::{Stretch, signal_response};
 use crate::plant::cut_loop::{CutLoop, random_force_spectrum_1_hz};
+use crate::plant::cut_terms::CutTerms;
 use crate::plant::scenario::{Scenario, ToolCount};
 use crate::stability::{Root, cut_root_near};
 use nalgebra::Complex;
@@ -118,7 +119,7 @@ impl FollowedSpectra {
                 .map(|k| {
                     let f = k as f64 * rate / length as f64;
                     let e = signal_response(place.filter.as_ref(), recording.signal.delay_s, f);
-                    let gain = e.finv() * (roll_off(f, [roll_from, roll_to]) / length as f64);
+                    let gain = e.inv() * (roll_off(f, [roll_from, roll_to]) / length as f64);
                     [of[0][k] * gain, of[1][k] * gain]
                 })
                 .collect::<Vec<_>>()
@@ -262,7 +263,7 @@ struct Way {
 impl Way {
     fn at(cut: &CutLoop, frequency_hz: f64) -> Self {
         let s = Complex::new(0.0, TAU * frequency_hz);
-        let (a_r, g) = (force_per_force(cut, s), cut.bar_response(s) / PROBE_UNIT_M);
+        let (a_r, g) = (cut.force_per_force(s), cut.bar_response(s) / PROBE_UNIT_M);
         let one = Complex::new(1.0, 0.0);
         let matrix: Matrix =
             [[one + a_r[0][0], a_r[0][1], ZERO], [a_r[1][0], one + a_r[1][1], ZERO], [g, -g, one]];
@@ -371,10 +372,19 @@ fn led(
     })
 }
 
-impl Observable for FollowedSpectra {
-    fn part(&self, machine: &Machine, every: Every) -> Part {
-        let cut = CutLoop::new(&machine.terms(&self.place.condition));
-        let random = self.place.random(machine, &cut);
+/// Innovations and what noise becomes on the way to them, of one cut.
+struct Undone {
+    cut: CutLoop,
+    innovations: [Vec<[Complex<f64>; 2]>; TAPERS],
+    moved: Option<[Vec<[Complex<f64>; 2]>; TAPERS]>,
+    ways: Vec<[Way; 3]>,
+    unstable: f64,
+}
+
+impl FollowedSpectra {
+    /// The recorded forces undone by the cut of a machine.
+    fn undone(&self, machine: &Machine, terms: &CutTerms, every: Every) -> Undone {
+        let cut = CutLoop::new(terms);
         let lag = self.place.lag(machine);
         let rate = self.place.rate.hz();
         let probe = self.place.used.contains(&2);
@@ -383,43 +393,71 @@ impl Observable for FollowedSpectra {
         for (k, (over, times)) in self.over_shape.iter().zip(&self.times_shape).enumerate() {
             let f = k as f64 * rate / self.length as f64;
             let s = Complex::new(0.0, TAU * f);
-            let undo = if lag.is_some() {
-                self.place.signal_ratio(lag.as_ref(), f).finv()
-            } else {
-                Complex::new(1.0, 0.0)
-            };
-            let m = force_per_force(&cut, s);
+            let undo = lag
+                .as_ref()
+                .map_or(Complex::new(1.0, 0.0), |lag| self.place.signal_ratio(Some(lag), f).inv());
+            let m = cut.force_per_force(s);
             let add = |j: usize| (over[j] + m[j][0] * times[0] + m[j][1] * times[1]) * undo;
             seen.push([add(0), add(1)]);
             if probe {
                 moved.push([cut.bar_response(s) * (times[0] - times[1]) * undo / PROBE_UNIT_M, ZERO]);
             }
         }
-        let innovations = self.windowed(&seen);
-        let moved = probe.then(|| self.windowed(&moved));
-        let share = CRITERIA.followed_share.powi(2);
+        // The tapers smear what the noise becomes near the bar's own frequency, where it is narrow.
         let step = rate / self.shaped[0].len() as f64;
-        let unstable = self.growth_share(&cut);
-        let count = self.bins.len().div_ceil(every.0);
-        let mut out = Vec::with_capacity(TAPERS * count);
-        for ((k, f), (power, y)) in self.bins.iter().zip(&self.measured).step_by(every.0) {
+        let near = |(_, f): &(usize, f64)| [-1.0, 0.0, 1.0].map(|d| Way::at(&cut, f + d * step));
+        Undone {
+            innovations: self.windowed(&seen),
+            moved: probe.then(|| self.windowed(&moved)),
+            ways: self.bins.iter().step_by(every.0).map(near).collect(),
+            unstable: self.growth_share(&cut),
+            cut,
+        }
+    }
+
+    fn seen(&self, machine: &Machine, undone: &Undone, every: Every) -> Part {
+        let random = self.place.random(machine, &undone.cut);
+        let share = CRITERIA.followed_share.powi(2);
+        let mut out = Vec::with_capacity(TAPERS * undone.ways.len());
+        let bins = self.bins.iter().zip(&self.measured).step_by(every.0);
+        for (((k, f), (power, y)), near) in bins.zip(&undone.ways) {
             let noise = self.noise(machine, random, *f);
-            // The tapers smear what the noise becomes near the bar's own frequency, where it is narrow.
-            let near = [-1.0, 0.0, 1.0].map(|d| Way::at(&cut, f + d * step));
             let known = random.map(|r| r * random_force_spectrum_1_hz(*f));
             for (t, weights) in SMEARED.into_iter().enumerate() {
                 let own = [share * power[0], share * power[1], near[1].bar * share * (power[0] + power[1])];
-                let matrix = spectrum(&near, weights, &noise, known, own);
-                let third = moved.as_ref().map_or(ZERO, |m| y[t] + m[t][*k][0]);
-                let [one, two] = innovations[t][*k];
+                let matrix = spectrum(near, weights, &noise, known, own);
+                let third = undone.moved.as_ref().map_or(ZERO, |m| y[t] + m[t][*k][0]);
+                let [one, two] = undone.innovations[t][*k];
                 let mut bin = self.place.select(*f, [one, two, third], &matrix);
                 let [at, next] = weights;
                 let logs = near.each_ref().map(|n| n.log_det);
-                bin.log_jacobian = at * logs[1] + next * (logs[0] + logs[2]) - unstable;
+                bin.log_jacobian = at * logs[1] + next * (logs[0] + logs[2]) - undone.unstable;
                 out.push(bin);
             }
         }
         Part::Bins { channels: self.place.used.len(), bins: out }
+    }
+}
+
+impl Observable for FollowedSpectra {
+    fn part(&self, machine: &Machine, every: Every) -> Part {
+        let terms = machine.terms(&self.place.condition);
+        self.seen(machine, &self.undone(machine, &terms, every), every)
+    }
+
+    fn parts(&self, machines: &[Machine], every: Every) -> Vec<Part> {
+        let key = |machine: &Machine| (machine.terms(&self.place.condition), self.place.lag(machine));
+        let Some(first) = machines.first() else { return Vec::new() };
+        let (own, lag) = key(first);
+        let undone = self.undone(first, &own, every);
+        let of = |machine: &Machine| {
+            let (terms, its) = key(machine);
+            if terms == own && its == lag {
+                return self.seen(machine, &undone, every);
+            }
+            self.seen(machine, &self.undone(machine, &terms, every), every)
+        };
+        machines.iter().map(of).collect()
     }
 
     fn left_over(&self, machine: &Machine) -> Option<LeftOver> {
@@ -437,7 +475,7 @@ impl Observable for FollowedSpectra {
 mod tests {
     use super::super::synthetic::{machine, recording};
     use super::*;
-    use crate::plant::cut_terms::{CutCondition, CutTerms};
+    use crate::plant::cut_terms::CutCondition;
     use crate::stability::rightmost_cut_root;
 
     /// Forces that swell at the root of the cut, in its own ratio, are no random force: nothing is left of
@@ -451,7 +489,7 @@ mod tests {
         assert!(root.growth_1_s > 20.0, "{root:?}");
         let s = Complex::new(root.growth_1_s, TAU * root.frequency_hz);
         // F1 + sum_j (A R)_1j F_j = 0 at the root.
-        let m = force_per_force(&cut, s);
+        let m = cut.force_per_force(s);
         let ratio = -(m[0][0] + 1.0) / m[0][1];
         let force = |t: f64| {
             let swell = (s * (t - 0.8)).exp() * 20.0;

@@ -54,6 +54,11 @@ pub(crate) trait Observable: Sync {
     /// What this machine says of it. The number of values must not depend on the machine.
     fn part(&self, machine: &Machine, every: Every) -> Part;
 
+    /// The same of several machines. They are neighbours: what they have in common is computed once.
+    fn parts(&self, machines: &[Machine], every: Every) -> Vec<Part> {
+        machines.iter().map(|machine| self.part(machine, every)).collect()
+    }
+
     /// Where it is from, for the search of what is left.
     fn origin(&self) -> Origin;
 

@@ -18,7 +18,7 @@ use crate::plant::scenario::Scenario;
 /// Of three stretches one is held out of the fits that show a finding.
 const HELD_OUT: usize = 3;
 /// Steps of those fits: they begin where the fit to all ended.
-const HELD_OUT_FIT: Effort = Effort { steps: 6, every: Every(2), two_cores: true };
+const HELD_OUT_FIT: Effort = Effort { steps: 6, every: Every(2) };
 /// Points of a series for a picture.
 const DRAWN: usize = 1500;
 

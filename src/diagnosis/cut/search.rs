@@ -11,10 +11,10 @@ use super::super::selection::{Fitted, Screened, Subject, Work};
 use super::super::two_cores::on_two_cores;
 use super::adequacy::peaks;
 use super::criteria::CRITERIA;
-use super::fit::{Effort, Ended, Problem};
+use super::fit::{Effort, Ended, Problem, Quadratic};
 use super::laws::{Law, Term};
-use super::machine::{Number, Point};
-use super::observable::Every;
+use super::machine::{Machine, Number, Point};
+use super::observable::{Every, Observable, Part};
 use crate::plant::cut_effects::Specification;
 use crate::plant::effects::{EffectKind, Port};
 use nalgebra::{DMatrix, DVector};
@@ -66,9 +66,9 @@ pub(crate) struct Defended {
 /// Screening looks at every third bin.
 const SCREENED: Every = Every(3);
 /// A first look: a few steps on every fourth bin from each start.
-const LOOK: Effort = Effort { steps: 4, every: Every(4), two_cores: true };
+const LOOK: Effort = Effort { steps: 4, every: Every(4) };
 /// The stated structure again, from the numbers that a hypothesis found.
-const AGAIN: Effort = Effort { steps: 5, every: Every(1), two_cores: true };
+const AGAIN: Effort = Effort { steps: 5, every: Every(1) };
 /// Rivals that are fitted in the place of a law that was taken up before another.
 const CHALLENGERS: usize = 4;
 /// Starts that are looked at of a law with several shapes.
@@ -262,13 +262,13 @@ struct Promise {
 struct Screening {
     every: Every,
     steps: Vec<f64>,
-    parts: Vec<Vec<super::observable::Part>>,
+    /// By observable: at the model, and at its neighbours.
+    parts: Vec<Vec<Part>>,
 }
 
 impl Screening {
     fn new(problem: &Problem, point: &Point, every: Every) -> Option<Self> {
-        let effort = Effort { steps: 1, every, two_cores: true };
-        let (steps, parts) = problem.jacobian(point, &effort)?;
+        let (steps, parts) = problem.jacobian(point, every)?;
         Some(Self { every, steps, parts })
     }
 
@@ -277,20 +277,27 @@ impl Screening {
     }
 
     /// Gradient and information with the sizes of the last term of `with` beside the model's own columns.
-    fn extended(&self, problem: &Problem, with: &Point, sizes: usize) -> Option<super::fit::Quadratic> {
+    fn extended(&self, problem: &Problem, with: &Point, sizes: usize) -> Option<Quadratic> {
         let at = with.coordinates();
         let n = self.columns();
-        let mut moved: Vec<Vec<super::observable::Part>> = Vec::with_capacity(sizes);
-        let foot = problem.parts(with, self.every)?;
-        let mut steps = self.steps.clone();
-        for i in 0..sizes {
+        let moved = (0..sizes).map(|i| {
             let mut there = at.clone();
             // A hundredth of a size: larger than what is lost to the foot's own rounding.
             there[n + i] += SIZE_STEP;
-            moved.push(problem.parts(&with.with(&there), self.every)?);
-            steps.push(SIZE_STEP);
-        }
-        Some(problem.quadratic_of(&foot, &self.parts[1..], &moved, &steps, with))
+            problem.frame.machine(&with.with(&there))
+        });
+        let machines: Option<Vec<Machine>> =
+            std::iter::once(problem.frame.machine(with)).chain(moved).collect();
+        let machines = machines?;
+        let steps: Vec<f64> =
+            self.steps.iter().copied().chain(std::iter::repeat_n(SIZE_STEP, sizes)).collect();
+        let of_observable = |(o, own): (&Box<dyn Observable + '_>, &Vec<Part>)| {
+            let parts = o.parts(&machines, self.every);
+            let moved: Vec<&Part> = own[1..].iter().chain(&parts[1..]).collect();
+            Quadratic::of_part(&parts[0], &moved, &steps)
+        };
+        let each = problem.observables.iter().zip(&self.parts).map(of_observable).collect();
+        Some(problem.with_priors(each, with, steps.len()))
     }
 }
 
@@ -308,7 +315,7 @@ impl Subject for Cut<'_> {
 
     fn screen(&self, model: &Model, work: &mut Work) -> Option<Vec<Screened<Asked>>> {
         let base = Screening::new(self.problem, &model.point, SCREENED)?;
-        let peaks = peaks(&base.parts[0], self.problem.frame.scales.frequency_hz);
+        let peaks = peaks(base.parts.iter().map(|p| &p[0]), self.problem.frame.scales.frequency_hz);
         let taken: Vec<Law> = model.point.terms.iter().map(|t| t.law).collect();
         let asked: Vec<(Law, Vec<f64>)> = self
             .laws

@@ -16,7 +16,7 @@ use super::observable::{Bin, CHANNELS, Every, LeftOver, Matrix, Observable, Orig
 use super::rows::turned_angle;
 use super::stretches::{Stretch, band_hz, condition, signal_response, stated_filter};
 use crate::plant::cut_effects::CutEffect;
-use crate::plant::cut_loop::{CutLoop, ToolMatrix, random_force_spectrum_1_hz};
+use crate::plant::cut_loop::{CutLoop, random_force_spectrum_1_hz};
 use crate::plant::cut_terms::CutCondition;
 use crate::plant::effects::EffectKind;
 use crate::plant::scenario::{Scenario, ToolCount};
@@ -127,6 +127,7 @@ impl Place {
 }
 
 /// A signal that is later and narrower than stated.
+#[derive(Clone, Copy, PartialEq)]
 pub(super) struct SignalLag {
     extra_delay_s: f64,
     filter: Option<Butterworth>,
@@ -253,47 +254,64 @@ impl CalmSpectra {
         Self { place, bins, slow, step_hz: rate / n as f64 }
     }
 
-    /// Spectra and cross-spectra at a frequency, the signal as stated.
-    fn foretold(&self, cut: &CutLoop, machine: &Machine, random: [f64; 2], f: f64) -> Matrix {
-        let s = Complex::new(0.0, TAU * f);
-        let z = cut.closed(s);
-        let g = cut.bar_response(s) / PROBE_UNIT_M;
-        let spectrum = random_force_spectrum_1_hz(f);
-        let mut matrix = [[ZERO; CHANNELS]; CHANNELS];
-        for j in 0..2 {
-            let column = [z[0][j], z[1][j], -g * (z[0][j] - z[1][j])];
-            for a in 0..CHANNELS {
-                for b in 0..CHANNELS {
-                    matrix[a][b] += column[a] * column[b].conj() * (random[j] * spectrum);
-                }
-            }
-        }
-        let (sensor, folded) = (machine.noise.sensor_n2_hz(f), self.place.folded_1_hz(f));
-        for j in 0..2 {
-            matrix[j][j] += sensor + random[j] * folded;
-        }
-        matrix[2][2] += (machine.noise.probe_m / PROBE_UNIT_M).powi(2) * 2.0 / self.place.rate.hz();
-        matrix
+    /// What random forces of unit size make of the bins under a cut, the signal as stated.
+    fn driven(&self, cut: &CutLoop, bins: &[CalmBin], every: Every) -> Vec<DrivenBin> {
+        let columns = |f: f64| {
+            let s = Complex::new(0.0, TAU * f);
+            let z = cut.closed(s);
+            let g = cut.bar_response(s) / PROBE_UNIT_M;
+            let root = random_force_spectrum_1_hz(f).sqrt();
+            [0, 1].map(|j| [z[0][j] * root, z[1][j] * root, -g * (z[0][j] - z[1][j]) * root])
+        };
+        let step = self.step_hz;
+        let of_bin = |(f, _): &CalmBin| {
+            let near = [columns(f - step), columns(*f), columns(f + step)];
+            SMEARED.map(|[own, next]| {
+                [0, 1].map(|j| {
+                    let mut sum = [[ZERO; CHANNELS]; CHANNELS];
+                    for (column, weight) in near.iter().map(|n| &n[j]).zip([next, own, next]) {
+                        for a in &self.place.used {
+                            for b in &self.place.used {
+                                sum[*a][*b] += column[*a] * column[*b].conj() * weight;
+                            }
+                        }
+                    }
+                    sum
+                })
+            })
+        };
+        bins.iter().step_by(every.0).map(of_bin).collect()
     }
 
-    fn bins_of(&self, bins: &[CalmBin], machine: &Machine, every: Every) -> Part {
-        let cut = CutLoop::new(&machine.terms(&self.place.condition));
-        let random = self.place.random(machine, &cut);
+    /// Bins of a machine whose cut drives them so.
+    fn seen(
+        &self,
+        (bins, driven): (&[CalmBin], &[DrivenBin]),
+        (machine, cut): (&Machine, &CutLoop),
+        every: Every,
+    ) -> Part {
+        let random = self.place.random(machine, cut);
         let lag = self.place.lag(machine);
-        let spectrum = |f: f64| self.foretold(&cut, machine, random, f);
-        let step = self.step_hz;
-        let mut out = Vec::with_capacity(TAPERS * bins.len());
-        for (f, amplitudes) in bins.iter().step_by(every.0) {
-            let (below, here, above) = (spectrum(f - step), spectrum(*f), spectrum(f + step));
-            let ratio = self.place.signal_ratio(lag.as_ref(), *f);
-            for (x, [own, next]) in amplitudes.iter().zip(SMEARED) {
+        let probe = (machine.noise.probe_m / PROBE_UNIT_M).powi(2) * 2.0 / self.place.rate.hz();
+        let mut out = Vec::with_capacity(TAPERS * driven.len());
+        for ((f, amplitudes), driven) in bins.iter().step_by(every.0).zip(driven) {
+            let (sensor, folded) = (machine.noise.sensor_n2_hz(*f), self.place.folded_1_hz(*f));
+            let noise = [sensor + random[0] * folded, sensor + random[1] * folded, probe];
+            let ratio = lag.as_ref().map(|lag| self.place.signal_ratio(Some(lag), *f));
+            for (x, [one, two]) in amplitudes.iter().zip(driven) {
                 let mut matrix = [[ZERO; CHANNELS]; CHANNELS];
-                for a in 0..CHANNELS {
-                    let left = if a < 2 { ratio } else { Complex::new(1.0, 0.0) };
-                    for b in 0..CHANNELS {
-                        let right = if b < 2 { ratio.conj() } else { Complex::new(1.0, 0.0) };
-                        let smeared = here[a][b] * own + (below[a][b] + above[a][b]) * next;
-                        matrix[a][b] = smeared * left * right;
+                for a in &self.place.used {
+                    for b in &self.place.used {
+                        matrix[*a][*b] = one[*a][*b] * random[0] + two[*a][*b] * random[1];
+                    }
+                    matrix[*a][*a] += noise[*a];
+                }
+                if let Some(ratio) = ratio {
+                    for force in 0..2 {
+                        for other in 0..CHANNELS {
+                            matrix[force][other] *= ratio;
+                            matrix[other][force] *= ratio.conj();
+                        }
                     }
                 }
                 out.push(self.place.select(*f, *x, &matrix));
@@ -301,15 +319,40 @@ impl CalmSpectra {
         }
         Part::Bins { channels: self.place.used.len(), bins: out }
     }
+
+    /// Bins of machines; what drives them is computed once where the cut is that of the first.
+    fn bins_of(&self, bins: &[CalmBin], machines: &[Machine], every: Every) -> Vec<Part> {
+        let terms = |machine: &Machine| machine.terms(&self.place.condition);
+        let Some(first) = machines.first().map(terms) else { return Vec::new() };
+        let cut = CutLoop::new(&first);
+        let driven = self.driven(&cut, bins, every);
+        let of = |machine: &Machine| {
+            let own = terms(machine);
+            if own == first {
+                return self.seen((bins, &driven), (machine, &cut), every);
+            }
+            let cut = CutLoop::new(&own);
+            self.seen((bins, &self.driven(&cut, bins, every)), (machine, &cut), every)
+        };
+        machines.iter().map(of).collect()
+    }
 }
+
+/// What random forces of unit size make of a bin: of each taper, of the force of each tool.
+type DrivenBin = [[Matrix; 2]; TAPERS];
 
 impl Observable for CalmSpectra {
     fn part(&self, machine: &Machine, every: Every) -> Part {
-        self.bins_of(&self.bins, machine, every)
+        let cut = CutLoop::new(&machine.terms(&self.place.condition));
+        self.seen((&self.bins, &self.driven(&cut, &self.bins, every)), (machine, &cut), every)
+    }
+
+    fn parts(&self, machines: &[Machine], every: Every) -> Vec<Part> {
+        self.bins_of(&self.bins, machines, every)
     }
 
     fn slow(&self, machine: &Machine) -> Option<Part> {
-        Some(self.bins_of(&self.slow, machine, Every(1)))
+        self.bins_of(&self.slow, std::slice::from_ref(machine), Every(1)).pop()
     }
 
     fn left_over(&self, machine: &Machine) -> Option<LeftOver> {
@@ -321,12 +364,6 @@ impl Observable for CalmSpectra {
     fn origin(&self) -> Origin {
         self.place.origin
     }
-}
-
-/// A R, force per force.
-pub(super) fn force_per_force(cut: &CutLoop, s: Complex<f64>) -> ToolMatrix {
-    let (a, r) = (cut.force_law(s), cut.receptance(s));
-    [0, 1].map(|i| [0, 1].map(|j| a[i][0] * r[0][j] + a[i][1] * r[1][j]))
 }
 
 #[cfg(test)]
