@@ -317,10 +317,10 @@ fn bar_of(terms: &CutTerms) -> [Resonance; 3] {
     [plane(1.0 - share, bar.frequency_hz), plane(share, other_hz), second]
 }
 
-/// One-sided spectrum of white noise of unit variance up to [`RANDOM_FORCE_CORNER_HZ`] (first order), 1/Hz.
+/// One-sided spectrum of noise of unit variance that is white to a corner (first order), 1/Hz.
 ///
-/// S(f) = (2/(pi f_c))/(1 + (f/f_c)^2)
+/// S(f) = (2/(pi f_c))/(1 + (f/f_c)^2);  f_c as stated: [`RANDOM_FORCE_CORNER_HZ`]
 #[must_use]
-pub fn random_force_spectrum_1_hz(frequency_hz: f64) -> f64 {
-    2.0 / (PI * RANDOM_FORCE_CORNER_HZ) / (1.0 + (frequency_hz / RANDOM_FORCE_CORNER_HZ).powi(2))
+pub fn random_force_spectrum_1_hz(frequency_hz: f64, corner_hz: f64) -> f64 {
+    2.0 / (PI * corner_hz) / (1.0 + (frequency_hz / corner_hz).powi(2))
 }

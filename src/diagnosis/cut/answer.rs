@@ -223,10 +223,10 @@ fn corrections(fitting: &Fitting<'_>, posterior: &Posterior) -> Vec<Correction> 
         if p.abs() < CRITERIA.correction_sd * sd {
             return None;
         }
-        let (name, nominal) = number.stated(&frame.stated)?;
-        let at = |p: f64| nominal * (p * number.log_sd()).exp();
-        let ci95 = [at(p - NORMAL_95 * sd), at(p + NORMAL_95 * sd)];
-        Some(Correction { name: Cow::Borrowed(name), nominal, value: at(p), ci95 })
+        let at = |p: f64| number.stated(&frame.stated, p);
+        let (name, [nominal, value]) = at(p)?;
+        let ends = [at(p - NORMAL_95 * sd)?.1[1], at(p + NORMAL_95 * sd)?.1[1]];
+        Some(Correction { name: Cow::Borrowed(name), nominal, value, ci95: ends })
     };
     frame.numbers.iter().enumerate().filter_map(off).collect()
 }

@@ -9,9 +9,9 @@ use super::fit::Problem;
 use super::foretold;
 use super::input::{CutEvidence, CutTable};
 use super::laws::Law;
-use super::machine::{Frame, Point};
+use super::machine::Frame;
 use super::observable::Observable;
-use super::observe::observe;
+use super::observe::{Reference, observe};
 use super::result::{CutDiagnosis, CutFit, MappedCut};
 use super::search::{Asked, Cut, Model};
 use super::stretches::{Stretches, divide};
@@ -43,12 +43,12 @@ pub fn diagnose(
     // What is linear, what fades and how noise comes through the bar is judged by the machine as stated, then
     // once more by the same structure with the numbers that fit.
     let origin = frame.origin();
-    let (_, observables) = observed(&frame, &origin, evidence, table).ok_or(CutInputError::NoCut)?;
-    let fitted = Cut::new(&Problem { frame: &frame, observables: &observables }, Vec::new())
-        .start(&origin, &mut work)
-        .ok_or(CutInputError::NoCut)?;
-    let (stretches, observables) =
-        observed(&frame, &fitted.point, evidence, table).ok_or(CutInputError::NoCut)?;
+    let stated = frame.machine(&origin).map(Reference::of).ok_or(CutInputError::NoCut)?;
+    let (_, observables) = observed(&frame, &stated, evidence, table);
+    let problem = Problem { frame: &frame, observables: &observables };
+    let fitted = Cut::new(&problem, Vec::new()).start(&origin, &mut work).ok_or(CutInputError::NoCut)?;
+    let known = Reference::fitted(&problem, &fitted.point, evidence.recordings.len());
+    let (stretches, observables) = observed(&frame, &known.unwrap_or(stated), evidence, table);
     let problem = Problem { frame: &frame, observables: &observables };
     let cut = Cut::new(&problem, laws.clone());
     let start = cut.start(&fitted.point, &mut work).ok_or(CutInputError::NoCut)?;
@@ -56,6 +56,7 @@ pub fn diagnose(
     let fitted = if evidence.recordings.is_empty() { laws.len() } else { REACH.fitted };
     let reach = Reach { fitted, ..REACH };
     let selected = select(&cut, start.clone(), reach, &mut work, &|share, what| progress(0.8 * share, what));
+    super::truth_debug::show(&problem, &selected.model);
     progress(0.85, "what these cuts tell");
     let defended = cut.defended();
     let fitting =
@@ -91,20 +92,19 @@ pub fn diagnose(
     Ok(diagnosis)
 }
 
-/// Everything that was observed, as seen by the machine of a point.
+/// Everything that was observed, as seen by what is known.
 fn observed<'a>(
     frame: &Frame,
-    point: &Point,
+    known: &Reference,
     evidence: CutEvidence<'_>,
     table: Option<&CutTable>,
-) -> Option<(Stretches, Vec<Box<dyn Observable + 'a>>)> {
-    let machine = frame.machine(point)?;
-    let stretches = divide(evidence.recordings, &machine.scenario);
-    let mut out = observe(evidence.recordings, &stretches, &machine);
+) -> (Stretches, Vec<Box<dyn Observable + 'a>>) {
+    let stretches = divide(evidence.recordings, &known.machine.scenario);
+    let mut out = observe(evidence.recordings, &stretches, known);
     if let Some(table) = table {
         out.push(Box::new(TableRows::new(table, &frame.stated, |_| true)));
     }
-    Some((stretches, out))
+    (stretches, out)
 }
 
 /// Evaluations that fit into a budget: measured on one core of 3 GHz, half of it for what follows the search.

@@ -5,8 +5,8 @@
 
 use super::super::two_cores::on_two_cores;
 use super::criteria::CRITERIA;
-use super::machine::{Frame, Machine, Point};
-use super::observable::{Bin, CHANNELS, Every, Matrix, Observable, Part, ZERO};
+use super::machine::{Frame, Machine, Number, Point};
+use super::observable::{Bin, CHANNELS, Every, Matrix, Observable, OriginKind, Part, ZERO};
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::SQRT_2;
 
@@ -332,6 +332,36 @@ impl Problem<'_> {
             }
         }
         sum
+    }
+
+    /// Noise of the force sensor in one recording over that in all, by its own spectra; `None`: it has none.
+    pub(crate) fn sensor_level(&self, point: &Point, recording: usize) -> Option<f64> {
+        /// Newton's steps on one smooth coordinate.
+        const STEPS: usize = 8;
+        let at = self.frame.numbers.iter().position(|n| *n == Number::Sensor)?;
+        let own = |o: &&Box<dyn Observable + '_>| {
+            let origin = o.origin();
+            let spectra = matches!(origin.kind, OriginKind::Calm | OriginKind::Followed);
+            spectra && origin.recording == Some(recording)
+        };
+        let own: Vec<&Box<dyn Observable + '_>> = self.observables.iter().filter(own).collect();
+        let (mut point, before) = (point.clone(), point.numbers[at]);
+        for _ in 0..STEPS {
+            let mut next = point.clone();
+            next.numbers[at] += STEP;
+            let machines = [self.frame.machine(&point)?, self.frame.machine(&next)?];
+            let each = on_two_cores(&own, |o| {
+                let parts = o.parts(&machines, Every(2));
+                let q = Quadratic::of_part(&parts[0], &[&parts[1]], &[STEP]);
+                [q.gradient[0], q.information[(0, 0)]]
+            });
+            let [slope, curvature] = each.iter().fold([0.0, 0.0], |s, q| [s[0] + q[0], s[1] + q[1]]);
+            if curvature <= 0.0 {
+                return None;
+            }
+            point.numbers[at] -= (slope / curvature).clamp(-1.0, 1.0);
+        }
+        Some(((point.numbers[at] - before) * Number::Sensor.log_sd()).exp())
     }
 
     /// From a point downhill.

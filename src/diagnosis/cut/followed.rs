@@ -20,10 +20,11 @@ use super::criteria::CRITERIA;
 use super::fit::{cholesky, forward};
 use super::input::CutRecording;
 use super::machine::Machine;
+use super::observe::Reference;
 use super::observable::{CHANNELS, Every, LeftOver, Matrix, Observable, Origin, OriginKind, Part, ZERO};
 use super::spectra::{PROBE_UNIT_M, Place, SHARE_OF_BINS, SMEARED, TAPERS, bins, taper};
 use super::stretches::{Stretch, signal_response};
-use crate::plant::cut_loop::{CutLoop, random_force_spectrum_1_hz};
+use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::CutTerms;
 use crate::plant::scenario::{Scenario, ToolCount};
 use crate::stability::{Root, cut_root_near};
@@ -39,6 +40,8 @@ pub(crate) struct FollowedSpectra {
     /// signal's filter; positive frequencies below the roll-off.
     over_shape: Vec<[Complex<f64>; 2]>,
     times_shape: Vec<[Complex<f64>; 2]>,
+    /// At the same frequencies, the signal's low-pass as stated.
+    stated: Vec<Complex<f64>>,
     /// Relative shape times taper, in the window.
     shaped: [Vec<f64>; TAPERS],
     /// First sample of the window in the segment.
@@ -70,15 +73,14 @@ fn smooth_below(n: usize) -> usize {
 
 impl FollowedSpectra {
     /// `None`: a force is not there, or nothing is left of the band. `lines`: there are lines of the spindle,
-    /// which no random force makes; a window of some turns has little left beside them. `reference`: the best
-    /// that is known of the machine.
+    /// which no random force makes; a window of some turns has little left beside them.
     pub(crate) fn new(
         recording: &CutRecording,
         stretch: &Stretch,
-        reference: &Machine,
+        known: &Reference,
         lines: bool,
     ) -> Option<Self> {
-        let scenario = &reference.scenario;
+        let scenario = &known.machine.scenario;
         let rate = recording.sample_rate.hz();
         let mut forces: [&[f64]; 2] = [recording.forces_n[0].as_ref()?, &[]];
         let two = scenario.tools.count() == ToolCount::Two;
@@ -96,7 +98,7 @@ impl FollowedSpectra {
         let length = smooth_below((end - begin) * 11 / 10 + 256);
         let length = if length < end - begin { (end - begin).next_power_of_two() } else { length };
         let centre = loudest(forces, window_from..stretch.samples.end);
-        let mut place = Place::new(recording, stretch, centre, scenario);
+        let mut place = Place::new(recording, stretch, centre, known);
         let bar = &scenario.workpiece;
         let own = bar.mode_shape(place.condition.position_m).max(1e-3);
         let shape: Vec<f64> =
@@ -125,6 +127,9 @@ impl FollowedSpectra {
                 .collect::<Vec<_>>()
         };
         let (over_shape, times_shape) = (transform(&|p| 1.0 / p), transform(&|p| p));
+        let at = |k: usize| k as f64 * rate / length as f64;
+        let stated: Vec<Complex<f64>> =
+            (0..over_shape.len()).map(|k| signal_response(place.filter.as_ref(), 0.0, at(k))).collect();
         let offset = window_from - begin;
         let tapers = [0, 1].map(|k| taper(k, window_len, rate));
         let shaped = tapers
@@ -148,6 +153,7 @@ impl FollowedSpectra {
             place,
             over_shape,
             times_shape,
+            stated,
             shaped,
             offset,
             bins,
@@ -174,7 +180,7 @@ impl FollowedSpectra {
         let power = |m: &([f64; 2], [Complex<f64>; TAPERS])| m.0[0] + m.0[1];
         let loudest = out.bins.iter().zip(&out.measured).max_by(|a, b| power(a.1).total_cmp(&power(b.1)));
         out.line_hz = loudest.map_or(0.0, |(bin, _)| bin.1);
-        out.keep_random(reference);
+        out.keep_random(&known.machine);
         (!out.bins.is_empty()).then_some(out)
     }
 
@@ -212,7 +218,7 @@ impl FollowedSpectra {
         let rules = |f: f64| {
             let noise = self.noise(machine, random, f);
             let near = [-1.0, 0.0, 1.0].map(|d| Way::at(&cut, f + d * step));
-            let known = random.map(|r| r * random_force_spectrum_1_hz(f));
+            let known = random.map(|r| r * machine.random_1_hz(f));
             let own = [0.0; CHANNELS];
             SMEARED.iter().all(|weights| {
                 let matrix = spectrum(&near, *weights, &noise, known, own);
@@ -229,7 +235,7 @@ impl FollowedSpectra {
 
     /// Noise of both forces and of the probe at a frequency, one-sided.
     fn noise(&self, machine: &Machine, random: [f64; 2], f: f64) -> [f64; CHANNELS] {
-        let (sensor, folded) = (machine.noise.sensor_n2_hz(f), self.place.folded_1_hz(f));
+        let (sensor, folded) = (self.place.sensor_n2_hz(machine, f), self.place.folded_1_hz(machine, f));
         let probe = (machine.noise.probe_m / PROBE_UNIT_M).powi(2) * 2.0 / self.place.rate.hz();
         [sensor + random[0] * folded, sensor + random[1] * folded, probe]
     }
@@ -395,7 +401,7 @@ impl FollowedSpectra {
             let s = Complex::new(0.0, TAU * f);
             let undo = lag
                 .as_ref()
-                .map_or(Complex::new(1.0, 0.0), |lag| self.place.signal_ratio(Some(lag), f).inv());
+                .map_or(Complex::new(1.0, 0.0), |lag| Place::signal_ratio(lag, f, self.stated[k]).inv());
             let m = cut.force_per_force(s);
             let add = |j: usize| (over[j] + m[j][0] * times[0] + m[j][1] * times[1]) * undo;
             seen.push([add(0), add(1)]);
@@ -422,7 +428,7 @@ impl FollowedSpectra {
         let bins = self.bins.iter().zip(&self.measured).step_by(every.0);
         for (((k, f), (power, y)), near) in bins.zip(&undone.ways) {
             let noise = self.noise(machine, random, *f);
-            let known = random.map(|r| r * random_force_spectrum_1_hz(*f));
+            let known = random.map(|r| r * machine.random_1_hz(*f));
             for (t, weights) in SMEARED.into_iter().enumerate() {
                 let own = [share * power[0], share * power[1], near[1].bar * share * (power[0] + power[1])];
                 let matrix = spectrum(near, weights, &noise, known, own);
@@ -497,7 +503,7 @@ mod tests {
         };
         let cuts = recording(&machine.scenario, 0.9, force);
         let stretch = Stretch { recording: 0, samples: 5000..7200 };
-        let followed = FollowedSpectra::new(&cuts, &stretch, &machine, false).expect("followed");
+        let followed = FollowedSpectra::new(&cuts, &stretch, &Reference::of(machine), false).expect("followed");
         let Part::Bins { bins, .. } = followed.part(&machine, Every(1)) else { panic!("bins") };
         let left: f64 = bins.iter().map(|b| b.x[0].norm_sqr() + b.x[1].norm_sqr()).sum();
         let had: f64 = followed.measured.iter().map(|m| m.0[0] + m.0[1]).sum();

@@ -147,9 +147,9 @@ const MODE: &[Coordinate] =
 // ln(f/f_n) from 0.4 to 3.3, compliance, ln(zeta/0.04).
 const TURRET: &[Coordinate] =
     &[size(0.0, 12.0), shape([-0.9, 1.2], [0.1, 0.6]), shape([-2.5, 2.5], [0.0, 0.8])];
-// r2 and the split over 5 %.
+// r2 and the split over 5 %. Of two planes neither is the likelier one to lie along the tools.
 const PLANE: &[Coordinate] =
-    &[Coordinate { bounds: [-0.6, 1.2], prior: [0.0, 0.6], is_size: true }, shape([-4.0, 4.0], [0.0, 1.2])];
+    &[Coordinate { bounds: [-0.7, 1.8], prior: [0.5, 0.6], is_size: true }, shape([-4.0, 4.0], [0.0, 1.2])];
 const STOCK: &[Coordinate] =
     &[size(-3.2, 8.0), shape([0.05, 5.5], [1.2, 1.5]), shape([-12.0, 12.0], [0.0, 20.0])];
 const SIGNAL: &[Coordinate] = &[size(0.0, 40.0), size(0.0, 12.0)];
@@ -232,10 +232,16 @@ impl Law {
     pub(crate) fn coordinates(self) -> &'static [Coordinate] {
         match self {
             Law::Overlap => OVERLAP,
-            Law::Damping | Law::Edge | Law::Nose | Law::Contact | Law::Lag => POSITIVE,
+            // Pressure falls with speed and grows with wear.
+            Law::Damping
+            | Law::Edge
+            | Law::Nose
+            | Law::Contact
+            | Law::Lag
+            | Law::Speed
+            | Law::Wear => POSITIVE,
             Law::Exponent => POWER,
-            Law::Speed | Law::Offset | Law::Drift | Law::Position | Law::SpeedDynamics => SIGNED,
-            Law::Wear => POSITIVE,
+            Law::Offset | Law::Drift | Law::Position | Law::SpeedDynamics => SIGNED,
             Law::Support => ROCKING,
             Law::Difference => RATIO,
             Law::Runout(_) | Law::SpeedVariation(_) => TURNING,

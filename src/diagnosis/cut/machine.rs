@@ -3,14 +3,20 @@
 use super::input::{CutEvidence, CutRow};
 use super::laws::{Scales, Term};
 use crate::plant::cut_effects::Physics;
+use crate::plant::cut_loop::{RANDOM_FORCE_CORNER_HZ, random_force_spectrum_1_hz};
 use crate::plant::cut_terms::{CutCondition, CutTerms};
-use crate::plant::scenario::Scenario;
+use crate::plant::scenario::{Scenario, ToolCount};
 
 /// Noise of the cut and of its signals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Noise {
     /// nu: random part of the force over its mean.
     pub(crate) random_share: f64,
+    /// Corner of the random force over the stated one: a chip that breaks is no resistor, and a force that
+    /// lags may lag with its random part or without.
+    pub(crate) corner_factor: f64,
+    /// Added to the commanded difference of pitch, rad.
+    pub(crate) pitch_rad: f64,
     /// e1: noise of the force signal at low frequency, in sqrt(1e-3 N^2/Hz).
     pub(crate) sensor: f64,
     /// e2: how it rises by 1 kHz, (1 + e2 (f/1 kHz)^2).
@@ -20,6 +26,8 @@ pub(crate) struct Noise {
     pub(crate) late_s: f64,
     /// How late the force signal is against the probe beyond what is stated, s: both are known to as much.
     pub(crate) signal_late_s: f64,
+    /// Corner of the force signal's low-pass over the stated one: known to a per cent or so.
+    pub(crate) bandwidth_factor: f64,
     /// Noise of the probe, rms, m.
     pub(crate) probe_m: f64,
     /// How far the growth of a whole cut lies from that of its nominal condition, rms, 1/s.
@@ -54,9 +62,15 @@ pub(crate) struct Machine {
 impl Machine {
     /// What the force law and the bar are under a condition, as the recordings show it.
     pub(crate) fn terms(&self, at: &CutCondition) -> CutTerms {
-        let mut terms = CutTerms::of(&self.scenario, at);
+        let pitch_difference_rad = at.pitch_difference_rad + self.noise.pitch_rad;
+        let mut terms = CutTerms::of(&self.scenario, &CutCondition { pitch_difference_rad, ..*at });
         terms.force_lag_s += self.noise.late_s;
         terms
+    }
+
+    /// Spectrum of the random force over its variance, one-sided, 1/Hz.
+    pub(crate) fn random_1_hz(&self, frequency_hz: f64) -> f64 {
+        random_force_spectrum_1_hz(frequency_hz, RANDOM_FORCE_CORNER_HZ * self.noise.corner_factor)
     }
 }
 
@@ -71,8 +85,12 @@ pub(crate) enum Number {
     Frequency,
     /// C_i, where it is stated.
     ProcessDamping,
+    /// What is added to the commanded difference of pitch.
+    Pitch,
     /// nu.
     RandomShare,
+    /// Corner of the random force.
+    RandomCorner,
     /// e1.
     Sensor,
     /// e2.
@@ -81,6 +99,8 @@ pub(crate) enum Number {
     Late,
     /// How late the force signal is against the probe.
     SignalLate,
+    /// Corner of the force signal.
+    SignalBandwidth,
     /// Noise of the probe.
     Probe,
     /// Spread of the growth of whole cuts.
@@ -105,34 +125,44 @@ impl Number {
             Number::Frequency => 0.0125,
             Number::ProcessDamping => 0.13,
             Number::RandomShare | Number::Sensor | Number::SensorRise | Number::Probe => 1.5,
+            Number::RandomCorner => 0.3,
+            // A tenth of a degree: what a turret is set to.
+            Number::Pitch => 2e-3,
             // A twentieth of a sample at 9 kHz, s: not a logarithm.
             Number::Late | Number::SignalLate => 5e-6,
+            Number::SignalBandwidth => 0.01,
             Number::GrowthSpread | Number::OutcomeSpread | Number::LineSpread | Number::ForceScatter => 1.0,
             // Of the tools and materials of handbooks: 1.4 to 3.
             Number::CuttingGain => 0.3,
         }
     }
 
-    /// Key of the scenario and what it says; `None`: no number of the scenario.
-    pub(crate) fn stated(self, scenario: &Scenario) -> Option<(&'static str, f64)> {
+    /// Key of the scenario, what it says, and the same at a coordinate; `None`: no number of the scenario.
+    pub(crate) fn stated(self, scenario: &Scenario, p: f64) -> Option<(&'static str, [f64; 2])> {
         let (bar, cutting) = (scenario.workpiece.raw(), scenario.cutting.raw());
-        match self {
-            Number::RadialStiffness => Some(("radial_stiffness_pa", cutting.radial_stiffness_pa)),
-            Number::DampingRatio => Some(("damping_ratio", bar.damping_ratio)),
-            Number::Frequency => Some(match bar.tap_test {
+        let (name, nominal) = match self {
+            Number::RadialStiffness => ("radial_stiffness_pa", cutting.radial_stiffness_pa),
+            Number::DampingRatio => ("damping_ratio", bar.damping_ratio),
+            Number::Frequency => match bar.tap_test {
                 Some(tap) => ("natural_frequency_hz", tap.natural_frequency_hz),
                 None => ("clamp_factor", bar.clamp_factor),
-            }),
-            Number::ProcessDamping => Some(("process_damping_n", cutting.process_damping_n)),
-            _ => None,
-        }
+            },
+            Number::ProcessDamping => ("process_damping_n", cutting.process_damping_n),
+            Number::Pitch => return Some(("pitch_difference_rad", [0.0, p * self.log_sd()])),
+            _ => return None,
+        };
+        Some((name, [nominal, nominal * (p * self.log_sd()).exp()]))
     }
 
     /// True for a number of the scenario.
     pub(crate) fn is_stated(self) -> bool {
         matches!(
             self,
-            Number::RadialStiffness | Number::DampingRatio | Number::Frequency | Number::ProcessDamping
+            Number::RadialStiffness
+                | Number::DampingRatio
+                | Number::Frequency
+                | Number::ProcessDamping
+                | Number::Pitch
         )
     }
 }
@@ -184,10 +214,17 @@ impl Frame {
             numbers.push(Number::ProcessDamping);
         }
         if !evidence.recordings.is_empty() {
-            numbers.extend([Number::RandomShare, Number::Sensor, Number::SensorRise, Number::Late]);
+            let noise = [Number::RandomShare, Number::RandomCorner, Number::Sensor, Number::SensorRise];
+            numbers.extend(noise.into_iter().chain([Number::Late]));
+            if stated.tools.count() == ToolCount::Two {
+                numbers.push(Number::Pitch);
+            }
         }
         if evidence.recordings.iter().any(|r| r.displacement_m.is_some()) {
             numbers.extend([Number::Probe, Number::SignalLate]);
+            if evidence.recordings.iter().any(|r| r.signal.bandwidth_hz.is_some()) {
+                numbers.push(Number::SignalBandwidth);
+            }
         }
         let mut scales = Scales::of(stated);
         if let Some(bandwidth_hz) = evidence.recordings.iter().find_map(|r| r.signal.bandwidth_hz) {
@@ -251,11 +288,13 @@ impl Frame {
 
     /// Bounds of every coordinate of a point.
     pub(crate) fn bounds(&self, point: &Point) -> Vec<[f64; 2]> {
-        // A factor of ten of a stated number, e^9 of a noise: further is another machine. Later than 10 us is
-        // no tolerance but an effect.
+        // A factor of ten of a stated number, e^9 of a noise: further is another machine. Later than 10 us, or
+        // narrower than 2 %, is no tolerance but an effect.
         let numbers = self.numbers.iter().map(|n| {
             let furthest = match n {
-                Number::Late | Number::SignalLate => 2.0,
+                Number::Late | Number::SignalLate | Number::SignalBandwidth => 2.0,
+                // Three degrees: more is another angle.
+                Number::Pitch => 25.0,
                 n if n.is_stated() => std::f64::consts::LN_10 / n.log_sd(),
                 _ => 6.0,
             };
@@ -277,10 +316,13 @@ impl Frame {
         // sensor, 0.2 um of a probe.
         let mut noise = Noise {
             random_share: 0.03,
+            corner_factor: 1.0,
+            pitch_rad: 0.0,
             sensor: 0.5,
             sensor_rise: 1.0,
             late_s: 0.0,
             signal_late_s: 0.0,
+            bandwidth_factor: 1.0,
             probe_m: 0.2e-6,
             growth_spread_1_s: 1.5,
             outcome_spread_1_s: 1.5,
@@ -295,11 +337,14 @@ impl Frame {
                 Number::DampingRatio => raw.workpiece.damping_ratio *= factor,
                 Number::Frequency => raw.workpiece = raw.workpiece.with_frequency_factor(factor),
                 Number::ProcessDamping => raw.cutting.process_damping_n *= factor,
+                Number::Pitch => noise.pitch_rad = p * number.log_sd(),
                 Number::RandomShare => noise.random_share *= factor,
+                Number::RandomCorner => noise.corner_factor *= factor,
                 Number::Sensor => noise.sensor *= factor,
                 Number::SensorRise => noise.sensor_rise *= factor,
                 Number::Late => noise.late_s = p * number.log_sd(),
                 Number::SignalLate => noise.signal_late_s = p * number.log_sd(),
+                Number::SignalBandwidth => noise.bandwidth_factor *= factor,
                 Number::Probe => noise.probe_m *= factor,
                 Number::GrowthSpread => noise.growth_spread_1_s *= factor,
                 Number::OutcomeSpread => noise.outcome_spread_1_s *= factor,

@@ -24,5 +24,6 @@ mod stretches;
 #[cfg(test)]
 mod synthetic;
 mod table;
+mod truth_debug;
 
 pub use diagnose::diagnose;

@@ -3,20 +3,44 @@
 use super::criteria::CRITERIA;
 use super::followed::FollowedSpectra;
 use super::input::CutRecording;
-use super::machine::Machine;
+use super::fit::Problem;
+use super::machine::{Machine, Point};
 use super::observable::Observable;
 use super::rows::{MeanForces, OrderLines, SpindleAngle};
-use super::spectra::CalmSpectra;
+use super::spectra::{CalmSpectra, pieces};
 use super::stretches::Stretches;
 
-/// The observables of recordings that are divided into these stretches. `reference`: the best that is known
-/// of the machine.
+/// The best that is known of a machine and of how it was recorded.
+#[derive(Debug, Clone)]
+pub(crate) struct Reference {
+    /// Machine.
+    pub(crate) machine: Machine,
+    /// Of each recording the noise of its force sensor over that of the machine: an amplifier is set anew, a
+    /// tool is changed, and a noise that is taken for another bends every number.
+    pub(crate) sensor_levels: Vec<f64>,
+}
+
+impl Reference {
+    /// A machine whose recordings are all as noisy.
+    pub(crate) fn of(machine: Machine) -> Self {
+        Self { machine, sensor_levels: Vec::new() }
+    }
+
+    /// The machine of a point, the noise of each recording by what its own spectra say.
+    pub(crate) fn fitted(problem: &Problem<'_>, point: &Point, recordings: usize) -> Option<Self> {
+        let machine = problem.frame.machine(point)?;
+        let level = |k: usize| problem.sensor_level(point, k).unwrap_or(1.0);
+        Some(Self { machine, sensor_levels: (0..recordings).map(level).collect() })
+    }
+}
+
+/// The observables of recordings that are divided into these stretches.
 pub(crate) fn observe(
     recordings: &[CutRecording],
     stretches: &Stretches,
-    reference: &Machine,
+    known: &Reference,
 ) -> Vec<Box<dyn Observable>> {
-    let scenario = &reference.scenario;
+    let scenario = &known.machine.scenario;
     let mut out: Vec<Box<dyn Observable>> = Vec::new();
     let (mut power, mut count) = (0.0, 0.0);
     for stretch in &stretches.calm {
@@ -30,11 +54,14 @@ pub(crate) fn observe(
     // Chi-square of noise is `count`, give or take some sqrt(2 count).
     let lines = power > count + CRITERIA.outlying_sd * (2.0 * count).sqrt();
     for stretch in &stretches.calm {
-        out.push(Box::new(CalmSpectra::new(&recordings[stretch.recording], stretch, scenario, lines)));
+        let recording = &recordings[stretch.recording];
+        for piece in pieces(recording, stretch, &known.machine) {
+            out.push(Box::new(CalmSpectra::new(recording, &piece, known, lines)));
+        }
     }
     for stretch in &stretches.followed {
         let recording = &recordings[stretch.recording];
-        if let Some(followed) = FollowedSpectra::new(recording, stretch, reference, lines) {
+        if let Some(followed) = FollowedSpectra::new(recording, stretch, known, lines) {
             out.push(Box::new(followed));
         }
     }

@@ -8,7 +8,7 @@ use super::answer::Fitting;
 use super::fit::{Effort, Problem};
 use super::input::CutRecording;
 use super::machine::{Machine, Point};
-use super::observable::{Every, LeftOver, Observable, Origin, Part};
+use super::observable::{Every, LeftOver, Observable, Origin, OriginKind, Part};
 use super::result::{CutContribution, CutDiagnosis, CutFit, CutRecordingFit, CutSeries, MappedCut};
 use super::stretches::{Stretch, Stretches, band_hz, condition};
 use crate::plant::cut_effects::CutEffect;
@@ -122,9 +122,8 @@ impl Observable for Lent<'_> {
     }
 }
 
-/// Mean of what is left over observables: those of one stretch add, stretches count by their length.
+/// Mean of what is left over observables: those of one stretch add, spectra count by their length.
 fn left_over<'a>(observables: impl Iterator<Item = &'a dyn Observable>, machine: &Machine) -> LeftOver {
-    let mut spans: Vec<(Option<usize>, [f64; 2])> = Vec::new();
     let (mut sum, mut seconds) = (LeftOver::default(), 0.0);
     for observable in observables {
         let Some(left) = observable.left_over(machine) else { continue };
@@ -132,9 +131,7 @@ fn left_over<'a>(observables: impl Iterator<Item = &'a dyn Observable>, machine:
         let length = origin.span_s[1] - origin.span_s[0];
         sum.recorded_n2 += left.recorded_n2 * length;
         sum.floor_n2 += left.floor_n2 * length;
-        let key = (origin.recording, origin.span_s);
-        if !spans.contains(&key) {
-            spans.push(key);
+        if matches!(origin.kind, OriginKind::Calm | OriginKind::Followed) {
             seconds += length;
         }
     }

@@ -18,7 +18,7 @@ use super::observable::{Every, Observable, Part};
 use crate::plant::cut_effects::Specification;
 use crate::plant::effects::{EffectKind, Port};
 use nalgebra::{DMatrix, DVector};
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 
 /// A model: a point of the fit with what it is worth.
 #[derive(Debug, Clone)]
@@ -50,6 +50,8 @@ pub(crate) struct Cut<'a> {
     laws: Vec<Law>,
     before: RefCell<Vec<Before>>,
     defended: RefCell<Vec<Defended>>,
+    /// The most that a law of this round is worth so far, nats.
+    leading_nats: Cell<f64>,
 }
 
 /// A law of a model against every rival in its place, all others of the model kept.
@@ -63,8 +65,10 @@ pub(crate) struct Defended {
     pub(crate) rivals: Vec<(Law, f64)>,
 }
 
-/// Screening looks at every third bin.
-const SCREENED: Every = Every(3);
+/// Screening looks at every second bin.
+const SCREENED: Every = Every(2);
+/// What it promises is of first order: right to this factor where it may become a name.
+const PROMISE_FACTOR: f64 = 3.0;
 /// A first look: a few steps on every fourth bin from each start.
 const LOOK: Effort = Effort { steps: 4, every: Every(4) };
 /// The stated structure again, from the numbers that a hypothesis found.
@@ -77,7 +81,7 @@ const STARTS: usize = 3;
 impl<'a> Cut<'a> {
     /// `laws`: those that are open.
     pub(crate) fn new(problem: &'a Problem<'a>, laws: Vec<Law>) -> Self {
-        Self { problem, laws, before: RefCell::new(Vec::new()), defended: RefCell::new(Vec::new()) }
+        Self { problem, laws, before: RefCell::default(), defended: RefCell::default(), leading_nats: Cell::new(0.0) }
     }
 
     /// Laws that stood their ground after others had been taken up; of each the last time counts.
@@ -144,10 +148,11 @@ impl<'a> Cut<'a> {
         without.terms.remove(k);
         let without = self.refined(&without, work);
         let evidence_nats = without.value - model.value - Self::price_nats(law);
+        let asked = self.screen(&without, work)?;
+        self.leading_nats.set(evidence_nats.max(0.0));
         let mut rivals: Vec<(Law, f64)> = Vec::new();
         let mut best: Option<(f64, Point)> = None;
-        for asked in self.screen(&without, work)?.iter().filter(|s| s.hypothesis.law != law).take(CHALLENGERS)
-        {
+        for asked in asked.iter().filter(|s| s.hypothesis.law != law).take(CHALLENGERS) {
             let Some(ended) = self.fit_law(&without, &asked.hypothesis, work) else { continue };
             let nats = without.value - ended.value - Self::price_nats(asked.hypothesis.law);
             rivals.push((asked.hypothesis.law, nats));
@@ -212,7 +217,15 @@ impl<'a> Cut<'a> {
                 }
             }
         }
-        let mut ended = self.problem.fit(&best?.point, &Effort::FULL)?;
+        let best = best?;
+        // A rival that after a first look is not worth a third of what leads is none.
+        let all_nats = LOOK.every.0 as f64 * (self.problem.value(&model.point, LOOK.every) - best.value);
+        if !self.problem.frame.has_table()
+            && PROMISE_FACTOR * (all_nats - Self::price_nats(asked.law)) < self.leading_nats.get()
+        {
+            return None;
+        }
+        let mut ended = self.problem.fit(&best.point, &Effort::FULL)?;
         if let Some(other) = self.mirrored(&ended.point).and_then(|p| self.problem.fit(&p, &Effort::FULL)) {
             let evaluations = ended.evaluations + other.evaluations;
             ended = if other.value < ended.value { other } else { ended };
@@ -314,6 +327,7 @@ impl Subject for Cut<'_> {
     }
 
     fn screen(&self, model: &Model, work: &mut Work) -> Option<Vec<Screened<Asked>>> {
+        self.leading_nats.set(0.0);
         let base = Screening::new(self.problem, &model.point, SCREENED)?;
         let peaks = peaks(base.parts.iter().map(|p| &p[0]), self.problem.frame.scales.frequency_hz);
         let taken: Vec<Law> = model.point.terms.iter().map(|t| t.law).collect();
@@ -323,7 +337,7 @@ impl Subject for Cut<'_> {
             .filter(|l| !taken.contains(l))
             .flat_map(|l| l.feet(&peaks).into_iter().map(|f| (*l, f)))
             .collect();
-        // Foot and sizes of each, every third bin.
+        // Foot and sizes of each.
         let evaluations =
             asked.iter().map(|(l, _)| 1 + l.sizes() as u64).sum::<u64>() + base.columns() as u64;
         work.take(evaluations / SCREENED.0 as u64).then_some(())?;
@@ -340,6 +354,14 @@ impl Subject for Cut<'_> {
                     hypothesis: Asked { law: promise.law, starts: vec![promise.values] },
                 }),
             }
+        }
+        // A table's screening says little, and its fits cost little.
+        if !self.problem.frame.has_table() {
+            out.retain(|s| {
+                let price_nats = Self::price_nats(s.hypothesis.law);
+                let needed_nats = price_nats + self.level_nats();
+                PROMISE_FACTOR * (s.promise_nats + price_nats) > needed_nats
+            });
         }
         Some(out)
     }
@@ -361,6 +383,9 @@ impl Subject for Cut<'_> {
         let evidence_nats = before - ended.value - Self::price_nats(asked.law);
         let fitted = Model { point: ended.point, value: ended.value };
         self.note(&fitted);
+        if !at_bound {
+            self.leading_nats.set(self.leading_nats.get().max(evidence_nats));
+        }
         Some(Fitted {
             hypothesis: Asked { law: asked.law, starts: vec![term.values] },
             model: fitted,
@@ -411,7 +436,8 @@ pub(crate) struct Seen {
 
 /// How each law would show in these cuts, best of its feet; no evaluation of data that is not there.
 pub(crate) fn visibility(problem: &Problem, model: &Model, laws: &[Law]) -> Vec<Seen> {
-    let Some(base) = Screening::new(problem, &model.point, Every(1)) else { return Vec::new() };
+    let Some(base) = Screening::new(problem, &model.point, SCREENED) else { return Vec::new() };
+    let whole = (SCREENED.0 as f64).sqrt();
     let of_foot = |law: Law, foot: &[f64]| -> Option<Seen> {
         let mut with = model.point.clone();
         with.terms.push(Term { law, values: foot.to_vec() });
@@ -421,7 +447,8 @@ pub(crate) fn visibility(problem: &Problem, model: &Model, laws: &[Law]) -> Vec<
         let cross = q.information.view((0, n), (n, all - n)).into_owned();
         let bare = q.information.view((n, n), (all - n, all - n)).into_owned();
         let left = &bare - cross.transpose() * own.solve(&cross);
-        Some(Seen { law, of_a_size: left[(0, 0)].max(0.0).sqrt(), alone: bare[(0, 0)].max(0.0).sqrt() })
+        let deviations = |h: f64| whole * h.max(0.0).sqrt();
+        Some(Seen { law, of_a_size: deviations(left[(0, 0)]), alone: deviations(bare[(0, 0)]) })
     };
     let of_law = |law: &Law| {
         let feet = law.feet(&[]);

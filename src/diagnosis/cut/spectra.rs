@@ -7,20 +7,26 @@
 //!
 //! Two sine tapers, every third bin: values that are as good as independent and hold two thirds of the
 //! information of all samples (one window of Hann, every second bin: 0.47). Lines of a calm cut are a few
-//! hertz wide, not much more than a bin: what the tapers smear is in S.
+//! hertz wide, not much more than a bin: what the tapers smear is in S, on half bins where it is narrow.
+//!
+//! The tools travel, and the line with them, by some hertz a second: a spectrum is one of a piece in which the
+//! line moves by no more than a bin ([`pieces`]). Of a longer one the line is broader than its damping, and its
+//! bins hang together.
 
 use super::criteria::CRITERIA;
 use super::input::CutRecording;
 use super::machine::Machine;
+use super::observe::Reference;
 use super::observable::{Bin, CHANNELS, Every, LeftOver, Matrix, Observable, Origin, OriginKind, Part, ZERO};
 use super::rows::turned_angle;
 use super::stretches::{Stretch, band_hz, condition, signal_response, stated_filter};
 use crate::plant::cut_effects::CutEffect;
-use crate::plant::cut_loop::{CutLoop, random_force_spectrum_1_hz};
+use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::CutCondition;
 use crate::plant::effects::EffectKind;
-use crate::plant::scenario::{Scenario, ToolCount};
+use crate::plant::scenario::ToolCount;
 use crate::signal::butterworth::Butterworth;
+use crate::stability::{cut_root_near, rightmost_cut_root};
 use crate::units::SampleRate;
 use nalgebra::Complex;
 use rustfft::FftPlanner;
@@ -33,8 +39,11 @@ pub(super) struct Place {
     pub(super) condition: CutCondition,
     /// Of the samples.
     pub(super) rate: SampleRate,
-    /// Low-pass of the force signal as stated.
+    /// Low-pass of the force signal as stated, and its corner.
     pub(super) filter: Option<Butterworth>,
+    bandwidth_hz: Option<f64>,
+    /// Noise of this recording's sensor over that of the machine.
+    sensor_level: f64,
     /// Forces that are there, in order; the probe is index 2.
     pub(super) used: Vec<usize>,
     /// Band in which it is looked at, Hz.
@@ -45,7 +54,8 @@ pub(super) struct Place {
 
 impl Place {
     /// Of a stretch, its condition that of sample `at`.
-    pub(super) fn new(recording: &CutRecording, stretch: &Stretch, at: usize, scenario: &Scenario) -> Self {
+    pub(super) fn new(recording: &CutRecording, stretch: &Stretch, at: usize, known: &Reference) -> Self {
+        let scenario = &known.machine.scenario;
         let two = scenario.tools.count() == ToolCount::Two;
         let mut used: Vec<usize> =
             (0..2).filter(|j| recording.forces_n[*j].is_some() && (two || *j == 0)).collect();
@@ -57,6 +67,8 @@ impl Place {
             condition: condition(recording, at, scenario),
             rate: recording.sample_rate,
             filter: stated_filter(recording),
+            bandwidth_hz: recording.signal.bandwidth_hz,
+            sensor_level: known.sensor_levels.get(stretch.recording).copied().unwrap_or(1.0),
             used,
             band_hz: band_hz(recording, scenario),
             origin: Origin { kind: OriginKind::Calm, recording: Some(stretch.recording), span_s },
@@ -64,35 +76,42 @@ impl Place {
     }
 
     /// What the true signal path has over the stated one, at f: 1 unless the signal lags.
-    pub(super) fn signal_ratio(&self, lag: Option<&SignalLag>, f: f64) -> Complex<f64> {
-        let Some(lag) = lag else { return Complex::new(1.0, 0.0) };
+    /// `stated`: of the low-pass as stated.
+    pub(super) fn signal_ratio(lag: &SignalLag, f: f64, stated: Complex<f64>) -> Complex<f64> {
         let late = Complex::from_polar(1.0, -TAU * f * lag.extra_delay_s);
-        match (&lag.filter, &self.filter) {
-            (Some(truth), stated) => {
-                let (re, im) = truth.response(f);
-                let stated = stated.as_ref().map_or((1.0, 0.0), |s| s.response(f));
-                Complex::new(re, im) / Complex::new(stated.0, stated.1) * late
-            }
-            (None, _) => late,
-        }
+        lag.filter.map_or(late, |truth| {
+            let (re, im) = truth.response(f);
+            Complex::new(re, im) / stated * late
+        })
     }
 
     /// The signal's lag that a machine has.
     pub(super) fn lag(&self, machine: &Machine) -> Option<SignalLag> {
-        let late_s = machine.noise.signal_late_s;
-        let Some(CutEffect::ForceSensorLag(lag)) = machine.scenario.physics.get(EffectKind::ForceSensorLag)
-        else {
-            return (late_s.abs() > 0.0).then_some(SignalLag { extra_delay_s: late_s, filter: None });
+        let noise = &machine.noise;
+        let lag = match machine.scenario.physics.get(EffectKind::ForceSensorLag) {
+            Some(CutEffect::ForceSensorLag(lag)) => Some(lag),
+            _ => None,
         };
-        let corner = lag.bandwidth_hz.min(0.45 * self.rate.hz());
-        let narrow = lag.bandwidth_hz.is_finite();
-        let filter = narrow.then(|| Butterworth::low_pass(4, corner, self.rate).ok()).flatten();
-        Some(SignalLag { extra_delay_s: lag.extra_delay_s + late_s, filter })
+        let known = noise.signal_late_s.abs() <= 0.0 && (noise.bandwidth_factor - 1.0).abs() <= 0.0;
+        if lag.is_none() && known {
+            return None;
+        }
+        let least_hz = lag.map_or(f64::INFINITY, |l| l.bandwidth_hz);
+        let bandwidth_hz = least_hz.min(self.bandwidth_hz.unwrap_or(f64::INFINITY)) * noise.bandwidth_factor;
+        let corner = bandwidth_hz.min(0.45 * self.rate.hz());
+        let filter =
+            bandwidth_hz.is_finite().then(|| Butterworth::low_pass(4, corner, self.rate).ok()).flatten();
+        Some(SignalLag { extra_delay_s: lag.map_or(0.0, |l| l.extra_delay_s) + noise.signal_late_s, filter })
     }
 
     /// nu F_j and the part of the random force that folds back from above half the rate.
     pub(super) fn random(&self, machine: &Machine, cut: &CutLoop) -> [f64; 2] {
         cut.means().force_n.map(|f| (machine.noise.random_share * f).powi(2))
+    }
+
+    /// Noise of the force signal before its filter, one-sided, N^2/Hz.
+    pub(super) fn sensor_n2_hz(&self, machine: &Machine, frequency_hz: f64) -> f64 {
+        machine.noise.sensor_n2_hz(frequency_hz) * self.sensor_level.powi(2)
     }
 
     /// Force signals in use.
@@ -101,13 +120,13 @@ impl Place {
     }
 
     /// What of the random force folds back from above half the rate, over its variance, 1/Hz.
-    pub(super) fn folded_1_hz(&self, f: f64) -> f64 {
+    pub(super) fn folded_1_hz(&self, machine: &Machine, f: f64) -> f64 {
         let rate = self.rate.hz();
         // Three foldings: the next would add a hundredth of them.
         (1..=3)
             .map(|k| {
                 let k = f64::from(k) * rate;
-                random_force_spectrum_1_hz(k - f) + random_force_spectrum_1_hz(k + f)
+                machine.random_1_hz(k - f) + machine.random_1_hz(k + f)
             })
             .sum()
     }
@@ -201,7 +220,35 @@ fn without_line(x: &[f64]) -> Vec<f64> {
     x.iter().enumerate().map(|(k, v)| v - mean - slope * (k as f64 - middle)).collect()
 }
 
-/// Spectra of one calm stretch.
+/// Half bins about a bin, and what each taper takes from them: the square of its transform.
+const HALF_BINS: [f64; 7] = [-1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5];
+const TAKEN: [[f64; 7]; TAPERS] = [
+    [0.0, 0.0453, 0.2512, 0.407, 0.2512, 0.0453, 0.0],
+    [0.0655, 0.2525, 0.182, 0.0, 0.182, 0.2525, 0.0655],
+];
+/// Share by which a taper may smear a bin that counts as smooth.
+const SMOOTH_SHARE: f64 = 0.01;
+
+/// The pieces of a calm stretch in which the line of a machine moves by a bin at most.
+///
+/// A piece of T has bins of 1/T; at r hertz a second it is 1/sqrt(r) long, but no shorter than a stretch that is
+/// followed.
+pub(crate) fn pieces(recording: &CutRecording, stretch: &Stretch, reference: &Machine) -> Vec<Stretch> {
+    let range = stretch.samples.clone();
+    let cut = |at: usize| {
+        CutLoop::new(&reference.terms(&condition(recording, at, &reference.scenario)))
+    };
+    let seconds = range.len() as f64 / recording.sample_rate.hz();
+    let first = rightmost_cut_root(&cut(range.start));
+    let last = cut_root_near(&cut(range.end - 1), first).unwrap_or(first);
+    let hz_per_s = (last.frequency_hz - first.frequency_hz).abs() / seconds;
+    let most = (seconds / CRITERIA.shortest_followed_s).floor().max(1.0);
+    let count = (seconds * hz_per_s.sqrt()).ceil().clamp(1.0, most) as usize;
+    let edge = |k: usize| range.start + range.len() * k / count;
+    (0..count).map(|k| Stretch { recording: stretch.recording, samples: edge(k)..edge(k + 1) }).collect()
+}
+
+/// Spectra of a piece of a calm stretch.
 pub(crate) struct CalmSpectra {
     place: Place,
     bins: Vec<CalmBin>,
@@ -211,15 +258,35 @@ pub(crate) struct CalmSpectra {
     step_hz: f64,
 }
 
-/// Frequency, and amplitudes through each taper.
-type CalmBin = (f64, [[Complex<f64>; CHANNELS]; TAPERS]);
+/// One bin.
+struct CalmBin {
+    frequency_hz: f64,
+    /// The signal's low-pass as stated.
+    stated: Complex<f64>,
+    /// Through each taper.
+    amplitudes: [[Complex<f64>; CHANNELS]; TAPERS],
+    /// What is foretold changes within it.
+    narrow: bool,
+}
+
+/// What random forces of unit size make of a bin: of each taper, of the force of each tool.
+type DrivenBin = [[Matrix; 2]; TAPERS];
+
+/// Forces and motion that each tool's random force of unit size makes at a frequency.
+fn columns(cut: &CutLoop, frequency_hz: f64) -> [[Complex<f64>; CHANNELS]; 2] {
+    let s = Complex::new(0.0, TAU * frequency_hz);
+    let z = cut.closed(s);
+    let g = cut.bar_response(s) / PROBE_UNIT_M;
+    [0, 1].map(|j| [z[0][j], z[1][j], -g * (z[0][j] - z[1][j])])
+}
 
 impl CalmSpectra {
-    /// The spectra of a stretch. `lines`: there are lines of the spindle, which no random force makes.
+    /// The spectra of a piece. `lines`: there are lines of the spindle, which no random force makes.
     /// Cost: two transforms a channel.
-    pub(crate) fn new(recording: &CutRecording, stretch: &Stretch, scenario: &Scenario, lines: bool) -> Self {
+    pub(crate) fn new(recording: &CutRecording, stretch: &Stretch, known: &Reference, lines: bool) -> Self {
         let range = stretch.samples.clone();
-        let place = Place::new(recording, stretch, usize::midpoint(range.start, range.end), scenario);
+        let middle = usize::midpoint(range.start, range.end);
+        let place = Place::new(recording, stretch, middle, known);
         let (n, rate) = (range.len(), recording.sample_rate.hz());
         let tapers = [0, 1].map(|k| taper(k, n, rate));
         let forward = FftPlanner::new().plan_fft_forward(n);
@@ -240,47 +307,51 @@ impl CalmSpectra {
         let forces = [0, 1].map(|j| spectra(recording.forces_n[j].as_ref(), 1.0));
         let probe = spectra(recording.displacement_m.as_ref(), PROBE_UNIT_M);
         let (delay_s, filter) = (recording.signal.delay_s, place.filter);
+        let cut = CutLoop::new(&known.machine.terms(&place.condition));
+        let step_hz = rate / n as f64;
         let of_band = |band_hz: [f64; 2]| -> Vec<CalmBin> {
             bins(n, rate, speed_rpm, band_hz)
                 .into_iter()
                 .map(|(k, f)| {
                     let e = signal_response(filter.as_ref(), delay_s, f);
-                    (f, [0, 1].map(|t| [forces[0][t][k] / e, forces[1][t][k] / e, probe[t][k]]))
+                    let amplitudes =
+                        [0, 1].map(|t| [forces[0][t][k] / e, forces[1][t][k] / e, probe[t][k]]);
+                    let stated = signal_response(filter.as_ref(), 0.0, f);
+                    CalmBin { frequency_hz: f, stated, amplitudes, narrow: narrow(&cut, f, step_hz) }
                 })
                 .collect()
         };
         let slow = of_band([CRITERIA.slow_hz, place.band_hz[0]]);
         let bins = of_band(place.band_hz);
-        Self { place, bins, slow, step_hz: rate / n as f64 }
+        Self { place, bins, slow, step_hz }
     }
 
     /// What random forces of unit size make of the bins under a cut, the signal as stated.
     fn driven(&self, cut: &CutLoop, bins: &[CalmBin], every: Every) -> Vec<DrivenBin> {
-        let columns = |f: f64| {
-            let s = Complex::new(0.0, TAU * f);
-            let z = cut.closed(s);
-            let g = cut.bar_response(s) / PROBE_UNIT_M;
-            let root = random_force_spectrum_1_hz(f).sqrt();
-            [0, 1].map(|j| [z[0][j] * root, z[1][j] * root, -g * (z[0][j] - z[1][j]) * root])
-        };
-        let step = self.step_hz;
-        let of_bin = |(f, _): &CalmBin| {
-            let near = [columns(f - step), columns(*f), columns(f + step)];
-            SMEARED.map(|[own, next]| {
-                [0, 1].map(|j| {
-                    let mut sum = [[ZERO; CHANNELS]; CHANNELS];
-                    for (column, weight) in near.iter().map(|n| &n[j]).zip([next, own, next]) {
-                        for a in &self.place.used {
-                            for b in &self.place.used {
-                                sum[*a][*b] += column[*a] * column[*b].conj() * weight;
-                            }
-                        }
-                    }
-                    sum
-                })
-            })
+        let of_bin = |bin: &CalmBin| {
+            if bin.narrow {
+                let near = HALF_BINS.map(|d| columns(cut, bin.frequency_hz + d * self.step_hz));
+                TAKEN.map(|weights| self.outer(&near, &weights))
+            } else {
+                [self.outer(&[columns(cut, bin.frequency_hz)], &[1.0]); TAPERS]
+            }
         };
         bins.iter().step_by(every.0).map(of_bin).collect()
+    }
+
+    /// Weighted sums of the products of columns with themselves, of each tool.
+    fn outer(&self, near: &[[[Complex<f64>; CHANNELS]; 2]], weights: &[f64]) -> [Matrix; 2] {
+        let mut sums = [[[ZERO; CHANNELS]; CHANNELS]; 2];
+        for (columns, weight) in near.iter().zip(weights).filter(|(_, w)| **w > 0.0) {
+            for (sum, column) in sums.iter_mut().zip(columns) {
+                for a in &self.place.used {
+                    for b in &self.place.used {
+                        sum[*a][*b] += column[*a] * column[*b].conj() * *weight;
+                    }
+                }
+            }
+        }
+        sums
     }
 
     /// Bins of a machine whose cut drives them so.
@@ -294,15 +365,17 @@ impl CalmSpectra {
         let lag = self.place.lag(machine);
         let probe = (machine.noise.probe_m / PROBE_UNIT_M).powi(2) * 2.0 / self.place.rate.hz();
         let mut out = Vec::with_capacity(TAPERS * driven.len());
-        for ((f, amplitudes), driven) in bins.iter().step_by(every.0).zip(driven) {
-            let (sensor, folded) = (machine.noise.sensor_n2_hz(*f), self.place.folded_1_hz(*f));
+        for (bin, driven) in bins.iter().step_by(every.0).zip(driven) {
+            let f = bin.frequency_hz;
+            let (sensor, folded) = (self.place.sensor_n2_hz(machine, f), self.place.folded_1_hz(machine, f));
             let noise = [sensor + random[0] * folded, sensor + random[1] * folded, probe];
-            let ratio = lag.as_ref().map(|lag| self.place.signal_ratio(Some(lag), *f));
-            for (x, [one, two]) in amplitudes.iter().zip(driven) {
+            let known = random.map(|r| r * machine.random_1_hz(f));
+            let ratio = lag.as_ref().map(|lag| Place::signal_ratio(lag, f, bin.stated));
+            for (x, [one, two]) in bin.amplitudes.iter().zip(driven) {
                 let mut matrix = [[ZERO; CHANNELS]; CHANNELS];
                 for a in &self.place.used {
                     for b in &self.place.used {
-                        matrix[*a][*b] = one[*a][*b] * random[0] + two[*a][*b] * random[1];
+                        matrix[*a][*b] = one[*a][*b] * known[0] + two[*a][*b] * known[1];
                     }
                     matrix[*a][*a] += noise[*a];
                 }
@@ -314,7 +387,7 @@ impl CalmSpectra {
                         }
                     }
                 }
-                out.push(self.place.select(*f, *x, &matrix));
+                out.push(self.place.select(f, *x, &matrix));
             }
         }
         Part::Bins { channels: self.place.used.len(), bins: out }
@@ -338,8 +411,15 @@ impl CalmSpectra {
     }
 }
 
-/// What random forces of unit size make of a bin: of each taper, of the force of each tool.
-type DrivenBin = [[Matrix; 2]; TAPERS];
+/// True where a taper smears what a cut makes of a bin.
+fn narrow(cut: &CutLoop, frequency_hz: f64, step_hz: f64) -> bool {
+    let power = |d: f64| -> f64 {
+        columns(cut, frequency_hz + d * step_hz).iter().flatten().map(Complex::norm_sqr).sum()
+    };
+    let at = HALF_BINS.map(power);
+    let smeared = |weights: &[f64; 7]| at.iter().zip(weights).map(|(p, w)| p * w).sum::<f64>();
+    TAKEN.iter().any(|weights| (smeared(weights) / at[3] - 1.0).abs() > SMOOTH_SHARE)
+}
 
 impl Observable for CalmSpectra {
     fn part(&self, machine: &Machine, every: Every) -> Part {
@@ -386,7 +466,7 @@ mod tests {
         let size = (12.0 * 1e-3 * RATE_HZ / 2.0).sqrt();
         let cuts = recording(&machine.scenario, 2.0, |_| [50.0 + size * uniform(), 50.0 + size * uniform()]);
         let stretch = Stretch { recording: 0, samples: 0..18000 };
-        let calm = CalmSpectra::new(&cuts, &stretch, &machine.scenario, false);
+        let calm = CalmSpectra::new(&cuts, &stretch, &Reference::of(machine), false);
         let Part::Bins { bins, channels } = calm.part(&machine, Every(1)) else { panic!("bins") };
         let power: f64 = bins.iter().map(|b| b.x[0].norm_sqr() / b.s[0][0].re).sum::<f64>();
         assert_eq!(channels, 2);

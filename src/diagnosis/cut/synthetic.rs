@@ -43,10 +43,13 @@ pub(crate) fn recording(
 pub(crate) fn machine() -> Machine {
     let noise = Noise {
         random_share: 1e-6,
+        corner_factor: 1.0,
+        pitch_rad: 0.0,
         sensor: 1e-6,
         sensor_rise: 0.0,
         late_s: 0.0,
         signal_late_s: 0.0,
+        bandwidth_factor: 1.0,
         probe_m: 1e-9,
         line_spread_hz: 0.5,
         growth_spread_1_s: 1.0,
