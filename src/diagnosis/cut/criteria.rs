@@ -48,6 +48,10 @@ pub(crate) struct Criteria {
     /// The same of a table alone, nats: 20 to 1. Its spreads are free, so that errors of the likelihood are
     /// in it already; with the price a gain of 7.5, which chance gives one of 20 laws twice in a thousand.
     pub(crate) table_level_nats: f64,
+    /// A gain of first order, or after a first look, is right to this factor where it may become a name.
+    pub(crate) promise_factor: f64,
+    /// Share by which a taper may smear a bin that counts as smooth.
+    pub(crate) smooth_share: f64,
     /// Standard deviations of a wrong number that is told.
     pub(crate) correction_sd: f64,
     /// Whitened power of a band of bins, in standard deviations of its scatter, that is something left.
@@ -93,6 +97,8 @@ pub(crate) const CRITERIA: Criteria = Criteria {
     price_nats: 4.5,
     level_nats: 12.0,
     table_level_nats: 3.0,
+    promise_factor: 3.0,
+    smooth_share: 0.01,
     correction_sd: 3.0,
     left_sd: 9.0,
     left_share: 0.05,

@@ -8,10 +8,11 @@ use super::criteria::CRITERIA;
 use super::fit::Problem;
 use super::foretold;
 use super::input::{CutEvidence, CutTable};
+use super::known::Reference;
 use super::laws::Law;
 use super::machine::Frame;
 use super::observable::Observable;
-use super::observe::{Reference, observe};
+use super::observe::observe;
 use super::result::{CutDiagnosis, CutFit, MappedCut};
 use super::search::{Asked, Cut, Model};
 use super::stretches::{Stretches, divide};
@@ -56,7 +57,6 @@ pub fn diagnose(
     let fitted = if evidence.recordings.is_empty() { laws.len() } else { REACH.fitted };
     let reach = Reach { fitted, ..REACH };
     let selected = select(&cut, start.clone(), reach, &mut work, &|share, what| progress(0.8 * share, what));
-    super::truth_debug::show(&problem, &selected.model);
     progress(0.85, "what these cuts tell");
     let defended = cut.defended();
     let fitting =

@@ -243,7 +243,8 @@ fn accumulate_bins(n: usize, bins: &[Bin], moved: &[&Part], steps: &[f64], into:
             let slope = &slopes[i * width..(i + 1) * width];
             let along: f64 = (0..n).map(|r| (v[r].conj() * u[r]).re).sum();
             let trace: f64 = slope[..n].iter().sum();
-            into.gradient[i] += (bin.log_jacobian - other.log_jacobian) * over + trace
+            into.gradient[i] += (bin.log_jacobian - other.log_jacobian) * over
+                + trace
                 + weight * (2.0 * along - dot(&slope[..own], &power_of));
         }
         for i in 0..others.len() {
@@ -277,7 +278,7 @@ impl Problem<'_> {
         parts.iter().map(part_value).sum::<f64>() + self.prior(point)
     }
 
-    /// Steps of the difference quotients, and the machines at a point and at its neighbours, one a coordinate.
+    /// Steps of the difference quotients; the machines at a point and at its neighbours, one a coordinate.
     fn neighbours(&self, point: &Point) -> Option<(Vec<f64>, Vec<Machine>)> {
         let values = point.coordinates();
         let bounds = self.frame.bounds(point);
@@ -288,7 +289,8 @@ impl Problem<'_> {
             at[i] += steps[i];
             self.frame.machine(&point.with(&at))
         });
-        let machines: Option<Vec<Machine>> = std::iter::once(self.frame.machine(point)).chain(moved).collect();
+        let machines: Option<Vec<Machine>> =
+            std::iter::once(self.frame.machine(point)).chain(moved).collect();
         Some((steps, machines?))
     }
 
@@ -336,8 +338,6 @@ impl Problem<'_> {
 
     /// Noise of the force sensor in one recording over that in all, by its own spectra; `None`: it has none.
     pub(crate) fn sensor_level(&self, point: &Point, recording: usize) -> Option<f64> {
-        /// Newton's steps on one smooth coordinate.
-        const STEPS: usize = 8;
         let at = self.frame.numbers.iter().position(|n| *n == Number::Sensor)?;
         let own = |o: &&Box<dyn Observable + '_>| {
             let origin = o.origin();
@@ -346,7 +346,7 @@ impl Problem<'_> {
         };
         let own: Vec<&Box<dyn Observable + '_>> = self.observables.iter().filter(own).collect();
         let (mut point, before) = (point.clone(), point.numbers[at]);
-        for _ in 0..STEPS {
+        for _ in 0..Effort::FULL.steps {
             let mut next = point.clone();
             next.numbers[at] += STEP;
             let machines = [self.frame.machine(&point)?, self.frame.machine(&next)?];
@@ -359,7 +359,11 @@ impl Problem<'_> {
             if curvature <= 0.0 {
                 return None;
             }
-            point.numbers[at] -= (slope / curvature).clamp(-1.0, 1.0);
+            let step = (-slope / curvature).clamp(-LONGEST_STEP, LONGEST_STEP);
+            point.numbers[at] += step;
+            if step.abs() < STEP {
+                break;
+            }
         }
         Some(((point.numbers[at] - before) * Number::Sensor.log_sd()).exp())
     }

@@ -19,10 +19,10 @@
 use super::criteria::CRITERIA;
 use super::fit::{cholesky, forward};
 use super::input::CutRecording;
+use super::known::Reference;
 use super::machine::Machine;
-use super::observe::Reference;
 use super::observable::{CHANNELS, Every, LeftOver, Matrix, Observable, Origin, OriginKind, Part, ZERO};
-use super::spectra::{PROBE_UNIT_M, Place, SHARE_OF_BINS, SMEARED, TAPERS, bins, taper};
+use super::spectra::{PROBE_UNIT_M, Place, SHARE_OF_BINS, TAPERS, bins, taken, taper};
 use super::stretches::{Stretch, signal_response};
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::CutTerms;
@@ -44,6 +44,8 @@ pub(crate) struct FollowedSpectra {
     stated: Vec<Complex<f64>>,
     /// Relative shape times taper, in the window.
     shaped: [Vec<f64>; TAPERS],
+    /// What each taper takes from a bin and from its neighbours.
+    taken: [[f64; 3]; TAPERS],
     /// First sample of the window in the segment.
     offset: usize,
     bins: Vec<(usize, f64)>,
@@ -155,6 +157,7 @@ impl FollowedSpectra {
             times_shape,
             stated,
             shaped,
+            taken: taken([-1.0, 0.0, 1.0]),
             offset,
             bins,
             length,
@@ -220,8 +223,8 @@ impl FollowedSpectra {
             let near = [-1.0, 0.0, 1.0].map(|d| Way::at(&cut, f + d * step));
             let known = random.map(|r| r * machine.random_1_hz(f));
             let own = [0.0; CHANNELS];
-            SMEARED.iter().all(|weights| {
-                let matrix = spectrum(&near, *weights, &noise, known, own);
+            self.taken.iter().all(|weights| {
+                let matrix = spectrum(&near, weights, &noise, known, own);
                 share_along(&self.place, &matrix, amplified(&cut, f), known) > RULING_SHARE
             })
         };
@@ -282,12 +285,11 @@ impl Way {
 /// the recorded forces' own law, and of the motion that they drive.
 fn spectrum(
     near: &[Way; 3],
-    [at, next]: [f64; 2],
+    weights: &[f64; 3],
     noise: &[f64; CHANNELS],
     random: [f64; 2],
     own: [f64; CHANNELS],
 ) -> Matrix {
-    let weights = [next, at, next];
     let mut out = [[ZERO; CHANNELS]; CHANNELS];
     for a in 0..CHANNELS {
         for b in 0..CHANNELS {
@@ -429,15 +431,14 @@ impl FollowedSpectra {
         for (((k, f), (power, y)), near) in bins.zip(&undone.ways) {
             let noise = self.noise(machine, random, *f);
             let known = random.map(|r| r * machine.random_1_hz(*f));
-            for (t, weights) in SMEARED.into_iter().enumerate() {
+            for (t, weights) in self.taken.iter().enumerate() {
                 let own = [share * power[0], share * power[1], near[1].bar * share * (power[0] + power[1])];
                 let matrix = spectrum(near, weights, &noise, known, own);
                 let third = undone.moved.as_ref().map_or(ZERO, |m| y[t] + m[t][*k][0]);
                 let [one, two] = undone.innovations[t][*k];
                 let mut bin = self.place.select(*f, [one, two, third], &matrix);
-                let [at, next] = weights;
-                let logs = near.each_ref().map(|n| n.log_det);
-                bin.log_jacobian = at * logs[1] + next * (logs[0] + logs[2]) - undone.unstable;
+                let logs: f64 = near.iter().zip(weights).map(|(n, w)| n.log_det * w).sum();
+                bin.log_jacobian = logs - undone.unstable;
                 out.push(bin);
             }
         }
@@ -503,7 +504,8 @@ mod tests {
         };
         let cuts = recording(&machine.scenario, 0.9, force);
         let stretch = Stretch { recording: 0, samples: 5000..7200 };
-        let followed = FollowedSpectra::new(&cuts, &stretch, &Reference::of(machine), false).expect("followed");
+        let followed =
+            FollowedSpectra::new(&cuts, &stretch, &Reference::of(machine), false).expect("followed");
         let Part::Bins { bins, .. } = followed.part(&machine, Every(1)) else { panic!("bins") };
         let left: f64 = bins.iter().map(|b| b.x[0].norm_sqr() + b.x[1].norm_sqr()).sum();
         let had: f64 = followed.measured.iter().map(|m| m.0[0] + m.0[1]).sum();

@@ -233,13 +233,9 @@ impl Law {
         match self {
             Law::Overlap => OVERLAP,
             // Pressure falls with speed and grows with wear.
-            Law::Damping
-            | Law::Edge
-            | Law::Nose
-            | Law::Contact
-            | Law::Lag
-            | Law::Speed
-            | Law::Wear => POSITIVE,
+            Law::Damping | Law::Edge | Law::Nose | Law::Contact | Law::Lag | Law::Speed | Law::Wear => {
+                POSITIVE
+            }
             Law::Exponent => POWER,
             Law::Offset | Law::Drift | Law::Position | Law::SpeedDynamics => SIGNED,
             Law::Support => ROCKING,

@@ -288,8 +288,8 @@ impl Frame {
 
     /// Bounds of every coordinate of a point.
     pub(crate) fn bounds(&self, point: &Point) -> Vec<[f64; 2]> {
-        // A factor of ten of a stated number, e^9 of a noise: further is another machine. Later than 10 us, or
-        // narrower than 2 %, is no tolerance but an effect.
+        // A factor of ten of a stated number, e^9 of a noise: further is another machine. Later than 10 us,
+        // or narrower than 2 %, is no tolerance but an effect.
         let numbers = self.numbers.iter().map(|n| {
             let furthest = match n {
                 Number::Late | Number::SignalLate | Number::SignalBandwidth => 2.0,

@@ -10,6 +10,7 @@ mod fit;
 mod followed;
 mod foretold;
 pub mod input;
+mod known;
 mod laws;
 mod machine;
 mod observable;
@@ -24,6 +25,5 @@ mod stretches;
 #[cfg(test)]
 mod synthetic;
 mod table;
-mod truth_debug;
 
 pub use diagnose::diagnose;

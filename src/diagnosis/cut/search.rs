@@ -67,21 +67,23 @@ pub(crate) struct Defended {
 
 /// Screening looks at every second bin.
 const SCREENED: Every = Every(2);
-/// What it promises is of first order: right to this factor where it may become a name.
-const PROMISE_FACTOR: f64 = 3.0;
 /// A first look: a few steps on every fourth bin from each start.
 const LOOK: Effort = Effort { steps: 4, every: Every(4) };
 /// The stated structure again, from the numbers that a hypothesis found.
 const AGAIN: Effort = Effort { steps: 5, every: Every(1) };
-/// Rivals that are fitted in the place of a law that was taken up before another.
-const CHALLENGERS: usize = 4;
 /// Starts that are looked at of a law with several shapes.
 const STARTS: usize = 3;
 
 impl<'a> Cut<'a> {
     /// `laws`: those that are open.
     pub(crate) fn new(problem: &'a Problem<'a>, laws: Vec<Law>) -> Self {
-        Self { problem, laws, before: RefCell::default(), defended: RefCell::default(), leading_nats: Cell::new(0.0) }
+        Self {
+            problem,
+            laws,
+            before: RefCell::default(),
+            defended: RefCell::default(),
+            leading_nats: Cell::new(0.0),
+        }
     }
 
     /// Laws that stood their ground after others had been taken up; of each the last time counts.
@@ -152,7 +154,7 @@ impl<'a> Cut<'a> {
         self.leading_nats.set(evidence_nats.max(0.0));
         let mut rivals: Vec<(Law, f64)> = Vec::new();
         let mut best: Option<(f64, Point)> = None;
-        for asked in asked.iter().filter(|s| s.hypothesis.law != law).take(CHALLENGERS) {
+        for asked in asked.iter().filter(|s| s.hypothesis.law != law) {
             let Some(ended) = self.fit_law(&without, &asked.hypothesis, work) else { continue };
             let nats = without.value - ended.value - Self::price_nats(asked.hypothesis.law);
             rivals.push((asked.hypothesis.law, nats));
@@ -221,7 +223,7 @@ impl<'a> Cut<'a> {
         // A rival that after a first look is not worth a third of what leads is none.
         let all_nats = LOOK.every.0 as f64 * (self.problem.value(&model.point, LOOK.every) - best.value);
         if !self.problem.frame.has_table()
-            && PROMISE_FACTOR * (all_nats - Self::price_nats(asked.law)) < self.leading_nats.get()
+            && CRITERIA.promise_factor * (all_nats - Self::price_nats(asked.law)) < self.leading_nats.get()
         {
             return None;
         }
@@ -360,7 +362,7 @@ impl Subject for Cut<'_> {
             out.retain(|s| {
                 let price_nats = Self::price_nats(s.hypothesis.law);
                 let needed_nats = price_nats + self.level_nats();
-                PROMISE_FACTOR * (s.promise_nats + price_nats) > needed_nats
+                CRITERIA.promise_factor * (s.promise_nats + price_nats) > needed_nats
             });
         }
         Some(out)

@@ -9,20 +9,20 @@
 //! information of all samples (one window of Hann, every second bin: 0.47). Lines of a calm cut are a few
 //! hertz wide, not much more than a bin: what the tapers smear is in S, on half bins where it is narrow.
 //!
-//! The tools travel, and the line with them, by some hertz a second: a spectrum is one of a piece in which the
-//! line moves by no more than a bin ([`pieces`]). Of a longer one the line is broader than its damping, and its
-//! bins hang together.
+//! The tools travel, and the line with them, by some hertz a second: a spectrum is one of a piece in which
+//! the line moves by no more than a bin ([`pieces`]). Of a longer one the line is broader than its damping,
+//! and its bins hang together.
 
 use super::criteria::CRITERIA;
 use super::input::CutRecording;
+use super::known::Reference;
 use super::machine::Machine;
-use super::observe::Reference;
 use super::observable::{Bin, CHANNELS, Every, LeftOver, Matrix, Observable, Origin, OriginKind, Part, ZERO};
 use super::rows::turned_angle;
 use super::stretches::{Stretch, band_hz, condition, signal_response, stated_filter};
 use crate::plant::cut_effects::CutEffect;
 use crate::plant::cut_loop::CutLoop;
-use crate::plant::cut_terms::CutCondition;
+use crate::plant::cut_terms::{CutCondition, CutTerms};
 use crate::plant::effects::EffectKind;
 use crate::plant::scenario::ToolCount;
 use crate::signal::butterworth::Butterworth;
@@ -163,9 +163,17 @@ const SPACING: usize = 3;
 /// Share of all bins that values of [`TAPERS`] at a [`SPACING`] are.
 pub(super) const SHARE_OF_BINS: f64 = TAPERS as f64 / SPACING as f64;
 
-/// What a taper takes from its own bin and from either neighbour: the square of its transform, sinc(d - k/2)
-/// and sinc(d + k/2) joined, on whole bins.
-pub(super) const SMEARED: [[f64; 2]; TAPERS] = [[0.818, 0.091], [0.0, 0.5]];
+/// What each taper takes from frequencies that lie so many bins off: the square of its transform,
+/// sinc(d - k/2) and sinc(d + k/2) joined; together one.
+pub(super) fn taken<const N: usize>(bins_off: [f64; N]) -> [[f64; N]; TAPERS] {
+    let sinc = |x: f64| if x.abs() > 0.0 { (PI * x).sin() / (PI * x) } else { 1.0 };
+    [1.0, -1.0].map(|parity: f64| {
+        let half = if parity > 0.0 { 0.5 } else { 1.0 };
+        let power = bins_off.map(|d| (sinc(d - half) + parity * sinc(d + half)).powi(2));
+        let sum: f64 = power.iter().sum();
+        power.map(|p| p / sum)
+    })
+}
 
 /// Bins of `n` samples in a band: (index, frequency), those next to orders of the spindle left out where
 /// lines of them were taken away (`speed_rpm`).
@@ -220,24 +228,16 @@ fn without_line(x: &[f64]) -> Vec<f64> {
     x.iter().enumerate().map(|(k, v)| v - mean - slope * (k as f64 - middle)).collect()
 }
 
-/// Half bins about a bin, and what each taper takes from them: the square of its transform.
+/// Half bins on which what changes within a bin is foretold.
 const HALF_BINS: [f64; 7] = [-1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5];
-const TAKEN: [[f64; 7]; TAPERS] = [
-    [0.0, 0.0453, 0.2512, 0.407, 0.2512, 0.0453, 0.0],
-    [0.0655, 0.2525, 0.182, 0.0, 0.182, 0.2525, 0.0655],
-];
-/// Share by which a taper may smear a bin that counts as smooth.
-const SMOOTH_SHARE: f64 = 0.01;
 
 /// The pieces of a calm stretch in which the line of a machine moves by a bin at most.
 ///
-/// A piece of T has bins of 1/T; at r hertz a second it is 1/sqrt(r) long, but no shorter than a stretch that is
-/// followed.
+/// A piece of T has bins of 1/T; at r hertz a second it is 1/sqrt(r) long, but no shorter than a stretch
+/// that is followed.
 pub(crate) fn pieces(recording: &CutRecording, stretch: &Stretch, reference: &Machine) -> Vec<Stretch> {
     let range = stretch.samples.clone();
-    let cut = |at: usize| {
-        CutLoop::new(&reference.terms(&condition(recording, at, &reference.scenario)))
-    };
+    let cut = |at: usize| CutLoop::new(&reference.terms(&condition(recording, at, &reference.scenario)));
     let seconds = range.len() as f64 / recording.sample_rate.hz();
     let first = rightmost_cut_root(&cut(range.start));
     let last = cut_root_near(&cut(range.end - 1), first).unwrap_or(first);
@@ -256,7 +256,11 @@ pub(crate) struct CalmSpectra {
     slow: Vec<CalmBin>,
     /// Distance of the transform's own bins, Hz.
     step_hz: f64,
+    taken: Taken,
 }
+
+/// Weights of half bins in each taper.
+type Taken = [[f64; HALF_BINS.len()]; TAPERS];
 
 /// One bin.
 struct CalmBin {
@@ -271,6 +275,13 @@ struct CalmBin {
 
 /// What random forces of unit size make of a bin: of each taper, of the force of each tool.
 type DrivenBin = [[Matrix; 2]; TAPERS];
+
+/// The same of all bins that are looked at.
+struct Driven {
+    cut: CutLoop,
+    every: Every,
+    bins: Vec<DrivenBin>,
+}
 
 /// Forces and motion that each tool's random force of unit size makes at a frequency.
 fn columns(cut: &CutLoop, frequency_hz: f64) -> [[Complex<f64>; CHANNELS]; 2] {
@@ -308,35 +319,35 @@ impl CalmSpectra {
         let probe = spectra(recording.displacement_m.as_ref(), PROBE_UNIT_M);
         let (delay_s, filter) = (recording.signal.delay_s, place.filter);
         let cut = CutLoop::new(&known.machine.terms(&place.condition));
-        let step_hz = rate / n as f64;
+        let (step_hz, taken) = (rate / n as f64, taken(HALF_BINS));
         let of_band = |band_hz: [f64; 2]| -> Vec<CalmBin> {
             bins(n, rate, speed_rpm, band_hz)
                 .into_iter()
                 .map(|(k, f)| {
                     let e = signal_response(filter.as_ref(), delay_s, f);
-                    let amplitudes =
-                        [0, 1].map(|t| [forces[0][t][k] / e, forces[1][t][k] / e, probe[t][k]]);
+                    let amplitudes = [0, 1].map(|t| [forces[0][t][k] / e, forces[1][t][k] / e, probe[t][k]]);
                     let stated = signal_response(filter.as_ref(), 0.0, f);
-                    CalmBin { frequency_hz: f, stated, amplitudes, narrow: narrow(&cut, f, step_hz) }
+                    CalmBin { frequency_hz: f, stated, amplitudes, narrow: narrow(&cut, f, step_hz, &taken) }
                 })
                 .collect()
         };
         let slow = of_band([CRITERIA.slow_hz, place.band_hz[0]]);
         let bins = of_band(place.band_hz);
-        Self { place, bins, slow, step_hz }
+        Self { place, bins, slow, step_hz, taken }
     }
 
     /// What random forces of unit size make of the bins under a cut, the signal as stated.
-    fn driven(&self, cut: &CutLoop, bins: &[CalmBin], every: Every) -> Vec<DrivenBin> {
+    fn driven(&self, terms: &CutTerms, bins: &[CalmBin], every: Every) -> Driven {
+        let cut = CutLoop::new(terms);
         let of_bin = |bin: &CalmBin| {
             if bin.narrow {
-                let near = HALF_BINS.map(|d| columns(cut, bin.frequency_hz + d * self.step_hz));
-                TAKEN.map(|weights| self.outer(&near, &weights))
+                let near = HALF_BINS.map(|d| columns(&cut, bin.frequency_hz + d * self.step_hz));
+                self.taken.map(|weights| self.outer(&near, &weights))
             } else {
-                [self.outer(&[columns(cut, bin.frequency_hz)], &[1.0]); TAPERS]
+                [self.outer(&[columns(&cut, bin.frequency_hz)], &[1.0]); TAPERS]
             }
         };
-        bins.iter().step_by(every.0).map(of_bin).collect()
+        Driven { bins: bins.iter().step_by(every.0).map(of_bin).collect(), cut, every }
     }
 
     /// Weighted sums of the products of columns with themselves, of each tool.
@@ -355,17 +366,12 @@ impl CalmSpectra {
     }
 
     /// Bins of a machine whose cut drives them so.
-    fn seen(
-        &self,
-        (bins, driven): (&[CalmBin], &[DrivenBin]),
-        (machine, cut): (&Machine, &CutLoop),
-        every: Every,
-    ) -> Part {
-        let random = self.place.random(machine, cut);
+    fn seen(&self, bins: &[CalmBin], driven: &Driven, machine: &Machine) -> Part {
+        let random = self.place.random(machine, &driven.cut);
         let lag = self.place.lag(machine);
         let probe = (machine.noise.probe_m / PROBE_UNIT_M).powi(2) * 2.0 / self.place.rate.hz();
-        let mut out = Vec::with_capacity(TAPERS * driven.len());
-        for (bin, driven) in bins.iter().step_by(every.0).zip(driven) {
+        let mut out = Vec::with_capacity(TAPERS * driven.bins.len());
+        for (bin, driven) in bins.iter().step_by(driven.every.0).zip(&driven.bins) {
             let f = bin.frequency_hz;
             let (sensor, folded) = (self.place.sensor_n2_hz(machine, f), self.place.folded_1_hz(machine, f));
             let noise = [sensor + random[0] * folded, sensor + random[1] * folded, probe];
@@ -397,34 +403,32 @@ impl CalmSpectra {
     fn bins_of(&self, bins: &[CalmBin], machines: &[Machine], every: Every) -> Vec<Part> {
         let terms = |machine: &Machine| machine.terms(&self.place.condition);
         let Some(first) = machines.first().map(terms) else { return Vec::new() };
-        let cut = CutLoop::new(&first);
-        let driven = self.driven(&cut, bins, every);
+        let driven = self.driven(&first, bins, every);
         let of = |machine: &Machine| {
             let own = terms(machine);
             if own == first {
-                return self.seen((bins, &driven), (machine, &cut), every);
+                return self.seen(bins, &driven, machine);
             }
-            let cut = CutLoop::new(&own);
-            self.seen((bins, &self.driven(&cut, bins, every)), (machine, &cut), every)
+            self.seen(bins, &self.driven(&own, bins, every), machine)
         };
         machines.iter().map(of).collect()
     }
 }
 
 /// True where a taper smears what a cut makes of a bin.
-fn narrow(cut: &CutLoop, frequency_hz: f64, step_hz: f64) -> bool {
+fn narrow(cut: &CutLoop, frequency_hz: f64, step_hz: f64, taken: &Taken) -> bool {
     let power = |d: f64| -> f64 {
         columns(cut, frequency_hz + d * step_hz).iter().flatten().map(Complex::norm_sqr).sum()
     };
     let at = HALF_BINS.map(power);
-    let smeared = |weights: &[f64; 7]| at.iter().zip(weights).map(|(p, w)| p * w).sum::<f64>();
-    TAKEN.iter().any(|weights| (smeared(weights) / at[3] - 1.0).abs() > SMOOTH_SHARE)
+    let smeared = |weights: &[f64]| at.iter().zip(weights).map(|(p, w)| p * w).sum::<f64>();
+    taken.iter().any(|weights| (smeared(weights) / at[at.len() / 2] - 1.0).abs() > CRITERIA.smooth_share)
 }
 
 impl Observable for CalmSpectra {
     fn part(&self, machine: &Machine, every: Every) -> Part {
-        let cut = CutLoop::new(&machine.terms(&self.place.condition));
-        self.seen((&self.bins, &self.driven(&cut, &self.bins, every)), (machine, &cut), every)
+        let driven = self.driven(&machine.terms(&self.place.condition), &self.bins, every);
+        self.seen(&self.bins, &driven, machine)
     }
 
     fn parts(&self, machines: &[Machine], every: Every) -> Vec<Part> {

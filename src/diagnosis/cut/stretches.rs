@@ -238,13 +238,13 @@ fn split(
     let fading = (fading_s(recording, range.start, scenario) * rate) as usize;
     let after_loud = pieces.rev().find(loud).map_or(range.start, |p| (p + 1) * banded.piece + fading);
     let mut rest = range.clone();
-    let tail = after_loud.min(range.end)..range.end;
+    // What rings as loud all the time is stationary too, and no calm cut: contact is lost in it.
+    let quiet = after_loud.min(range.end)..range.end;
+    let last = linear(&quiet, recording, banded, scenario).pop();
+    let tail = last.filter(|t| t.end == range.end).unwrap_or(range.end..range.end);
     if tail.len() as f64 >= CRITERIA.shortest_calm_s * rate && !swells(banded.loudness(&tail)) {
         rest.end = tail.start;
         out.calm.push(Stretch { recording: block.recording, samples: tail });
-    }
-    if rest.is_empty() {
-        return;
     }
     for linear in linear(&rest, recording, banded, scenario) {
         let long = linear.len() as f64 >= CRITERIA.shortest_followed_s * rate;
@@ -275,6 +275,9 @@ fn linear(
     banded: &Banded,
     scenario: &Scenario,
 ) -> Vec<Range<usize>> {
+    if range.is_empty() {
+        return Vec::new();
+    }
     let at = condition(recording, range.start, scenario);
     let turn = (at.turn_s() * recording.sample_rate.hz()).ceil() as usize;
     let means = CutLoop::new(&CutTerms::of(scenario, &at)).means().force_n;

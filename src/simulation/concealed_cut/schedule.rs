@@ -43,7 +43,10 @@ impl Extremes {
             }
         }
         let own = Self { calm_pitch_rad: 0.0, calm_width: 0.5, before: 0.4, beyond: 1.0 };
-        let found = if cut.two_tools { own.calmed_by_pitch(cut) } else { own };
+        let mut found = if cut.two_tools { own.calmed_by_pitch(cut) } else { own };
+        while found.calm_width > 0.2 && growth_1_s(cut, &found.at(cut, 0.0)) > BEFORE_1_S {
+            found.calm_width *= 0.8;
+        }
         found.with_border(cut)
     }
 
@@ -55,9 +58,6 @@ impl Extremes {
         let calm = pitches.map(|pitch| growth_1_s(cut, &moment(cut, pitch, 1.0)));
         let best = (0..pitches.len()).min_by(|a, b| calm[*a].total_cmp(&calm[*b])).unwrap_or(0);
         (self.calm_pitch_rad, self.calm_width) = (pitches[best], 1.0);
-        while self.calm_width > 0.2 && growth_1_s(cut, &self.at(cut, 0.0)) > BEFORE_1_S {
-            self.calm_width *= 0.8;
-        }
         self
     }
 
