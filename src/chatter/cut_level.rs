@@ -21,8 +21,10 @@ const OVER_RIPPLE: f64 = 8.0;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Change {
     None,
-    /// It begins to change.
-    Begins,
+    /// It begins to rise away from zero.
+    Rises,
+    /// It begins to fall.
+    Falls,
     /// It has not settled.
     GoesOn,
 }
@@ -81,6 +83,12 @@ impl CutLevelState {
     /// a zero drifts. Checked by: `a_zero_that_is_off_is_no_cut`.
     pub(super) fn over_rest_n(&self) -> f64 {
         if self.moved && self.rest_n.is_finite() { self.farthest_from_n(self.rest_n) } else { 0.0 }
+    }
+
+    /// Farthest that the level went from rest in the newest looks: what an entry rises to.
+    pub(super) fn reached_n(&self) -> f64 {
+        let rest_n = if self.moved && self.rest_n.is_finite() { self.rest_n } else { 0.0 };
+        self.looks[..self.seen.clamp(1, NEWEST)].iter().map(|n| (n - rest_n).abs()).fold(0.0, f64::max)
     }
 
     fn farthest_from_n(&self, zero_n: f64) -> f64 {
@@ -156,7 +164,11 @@ impl CutLevel {
             let begins = !state.changing && state.seen > state.quiet_until;
             (state.changing, state.moved) = (true, true);
             state.quiet_until = state.seen + QUIET_LOOKS;
-            return if begins { Change::Begins } else { Change::GoesOn };
+            return match (begins, state.level_n.abs() > before.abs()) {
+                (false, _) => Change::GoesOn,
+                (true, true) => Change::Rises,
+                (true, false) => Change::Falls,
+            };
         }
         state.changing = false;
         let share = (1.0 / state.seen as f64).max(LOOK_S / 4.0);
@@ -175,7 +187,7 @@ mod tests {
         let mut found = Vec::new();
         for n in 0..45000 {
             let t = f64::from(n) / 9000.0;
-            if level.step(&mut state, force(t), 20.0) == Change::Begins {
+            if matches!(level.step(&mut state, force(t), 20.0), Change::Rises | Change::Falls) {
                 found.push(t);
             }
         }

@@ -1,42 +1,40 @@
-//! A line that jumps to another lobe: the tools travel, the bar bends at another frequency, and chatter goes
-//! over to the next place at which the waves on the surface fit.
+//! A line that jumps to another lobe goes on as the same chatter.
 
-/// A line within this of where it was has drifted.
-const DRIFT_HZ: f64 = 8.0;
-/// It must stay at its new place for so many decisions (40 ms): two lobes beat for a moment.
-const LOOKS: u32 = 10;
+use crate::keyframe::keep;
 
-/// Where the line is believed to be.
+/// A line nearer than this is the same line, Hz: a short window places one to a few.
+const SAME_HZ: f64 = 8.0;
+/// Values after which it has moved there: 40 ms.
+const STAYS: u32 = 20;
+/// Of each value in its place: it may drift with the speed.
+const FOLLOWS: f64 = 0.03;
+
+/// Where the line stands.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct HopWatch {
-    at_hz: Option<f64>,
-    elsewhere: Option<(f64, u32)>,
+pub(super) struct Hop {
+    line_hz: Option<f64>,
+    away: u32,
 }
 
-crate::keyframe::keep!(HopWatch { at_hz, elsewhere });
+keep!(Hop { line_hz, away });
 
-impl HopWatch {
-    /// Takes the line at one decision (`None`: there is no chatter); gives from where to where it jumped.
+impl Hop {
+    /// Takes the line of declared chatter, or none; answers a jump, from where to where.
     pub(super) fn look(&mut self, line_hz: Option<f64>) -> Option<(f64, f64)> {
-        let Some(now_hz) = line_hz else {
-            *self = Self::default();
+        let (Some(from_hz), Some(now_hz)) = (self.line_hz, line_hz) else {
+            *self = Self { line_hz, away: 0 };
             return None;
         };
-        let at_hz = *self.at_hz.get_or_insert(now_hz);
-        if (now_hz - at_hz).abs() < DRIFT_HZ {
-            (self.at_hz, self.elsewhere) = (Some(now_hz), None);
+        if (now_hz - from_hz).abs() < SAME_HZ {
+            *self = Self { line_hz: Some(from_hz + FOLLOWS * (now_hz - from_hz)), away: 0 };
             return None;
         }
-        let seen = match self.elsewhere {
-            Some((hz, seen)) if (now_hz - hz).abs() < DRIFT_HZ => seen + 1,
-            _ => 1,
-        };
-        self.elsewhere = Some((now_hz, seen));
-        if seen < LOOKS {
+        self.away += 1;
+        if self.away < STAYS {
             return None;
         }
-        (self.at_hz, self.elsewhere) = (Some(now_hz), None);
-        Some((at_hz, now_hz))
+        *self = Self { line_hz, away: 0 };
+        Some((from_hz, now_hz))
     }
 }
 
@@ -45,14 +43,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_jump_is_told_once_and_drift_is_none() {
-        let mut watch = HopWatch::default();
-        let line = |k: u32| if k < 200 { 652.0 - 0.05 * f64::from(k) } else { 612.0 };
-        let hops: Vec<_> = (0..400).filter_map(|k| watch.look(Some(line(k)))).collect();
-        assert_eq!(hops.len(), 1, "{hops:?}");
-        assert!((hops[0].0 - 642.0).abs() < 0.2 && (hops[0].1 - 612.0).abs() < 1e-9);
-        // A glance at another lobe is no hop.
-        let mut watch = HopWatch::default();
-        assert!((0..100).all(|k| watch.look(Some(if k == 50 { 612.0 } else { 652.0 })).is_none()));
+    fn a_jump_that_stays_is_told_once() {
+        let mut hop = Hop::default();
+        let mut jumps = Vec::new();
+        for k in 0..100 {
+            let hz = if k < 50 || k == 60 { 652.0 } else { 612.0 };
+            jumps.extend(hop.look(Some(hz)));
+        }
+        assert_eq!(jumps.len(), 1);
+        assert!((jumps[0].0 - 652.0).abs() < 0.1 && (jumps[0].1 - 612.0).abs() < 0.1);
     }
 }

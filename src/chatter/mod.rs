@@ -2,34 +2,34 @@
 //! and the spindle speed, sample by sample.
 //!
 //! ```text
-//! force --> mix the band down --> take off spindle orders --> banks of filters, 12 .. 100 ms --> line over
-//!            (signal::DownMix)      (signal::OrderLines)         (signal::LineBank)      learned noise?
-//!                                                                                              |
-//!      Learning -> Quiet -> Suspected -> Chatter -> Quiet   <-- persists, does not ring down --'
+//! force --> mix the band down --> orders off at the --> whiten by the --> windows 48 .. 384 ms --> decision
+//! (outliers)  (signal::DownMix)    spindle's angle      noise learned     line against all else
 //! ```
 //!
-//! Short windows raise suspicion, longer ones confirm and give the frequency. The measure of a line is its
-//! power over the noise that this stream showed at that frequency before, and over what the rest of the band
-//! shows now: a number without a unit, whose false alarm rate is known. No threshold is in newton.
+//! One question is asked of every window: does one line that grows or stays explain it better than everything
+//! else that can be there? The answer is a log-likelihood ratio in nats, the least over named alternatives:
+//! noise of unknown level and of the level learned, a ring, an order, a damped mode, a line that came from
+//! elsewhere. Every number that decides stands in `criteria`.
 //!
 //! It does not know what is cut or what to do about it: see `avoidance`.
 
 mod agreement;
+mod alternatives;
 mod band;
-mod baseline;
+mod chain;
+mod criteria;
 mod cut_level;
-mod detector;
-mod drift;
-mod foreign;
-mod growth;
+mod decision;
+mod fourier;
 mod hop;
-mod loudness;
+mod lines;
 mod monitor;
-mod past;
-mod scatter;
-mod steadiness;
-mod watched;
+mod orders;
+mod steady;
+mod sweep;
+mod whitening;
 mod wild;
+mod window;
 
 pub use agreement::{Agreement, AgreementState, agree};
 pub use band::{Band, BandError, predicted_band, predicted_band_in_cut};

@@ -50,12 +50,12 @@ impl Pipeline {
     /// say the same. Errors: it does not fit; the pipeline is then as if new.
     /// Checked by: `a_replay_may_start_at_any_keyframe`.
     pub fn restore(&mut self, words: &[u64]) -> Result<(), KeyframeError> {
-        self.restart();
+        self.begin();
         let mut from = Words::new(words);
         if self.take_back(&mut from).is_some() && from.is_empty() {
             return Ok(());
         }
-        self.restart();
+        self.begin();
         (self.last, self.declared) = (None, false);
         Err(KeyframeError::Unfit { words: words.len() })
     }

@@ -359,8 +359,16 @@ impl Pipeline {
         event
     }
 
-    /// Forgets everything but the settings, and that chatter was told: whether it goes on is not known before
-    /// it can be heard again.
+    /// As if new.
+    fn begin(&mut self) {
+        self.restart();
+        for state in &mut self.states {
+            state.monitor = self.monitor.start();
+        }
+    }
+
+    /// Forgets everything but the settings, the noise of air and cut, and that chatter was told: whether it
+    /// goes on is not known before it can be heard again.
     pub fn restart(&mut self) {
         (self.since_restart, self.out_of_reach) = (0, false);
         self.observers.restart();
@@ -369,7 +377,7 @@ impl Pipeline {
         }
         for state in &mut self.states {
             state.apart = None;
-            state.monitor = self.monitor.start();
+            self.monitor.resume(&mut state.monitor);
             state.flags = Validity::SETTLING;
         }
         if let Some(margins) = &mut self.margins {

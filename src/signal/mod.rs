@@ -9,14 +9,11 @@ pub mod down_mix;
 pub(crate) mod exponential;
 pub mod finite_difference;
 pub mod harmonic_fit;
-pub mod line_bank;
 pub mod linear_phase;
 pub mod notch;
-pub mod order_lines;
 pub(crate) mod sine;
 pub mod sliding_dft;
 mod sliding_dft_kernel;
-pub(crate) mod straight_line;
 
 use thiserror::Error;
 

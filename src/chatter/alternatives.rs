@@ -1,0 +1,311 @@
+//! What else could explain a window: each alternative by its log-likelihood ratio, the least one is the
+//! reason for silence.
+//!
+//! In (n - 1) values of white noise of unknown level a template that explains the energy E of all W leaves
+//! W - E; two of them compare as (n - 1) ln((W - E2)/(W - E1)).
+
+use super::criteria::{CRITERIA, LONGEST, RINGS_1_S, WINDOWS};
+use super::lines::POINTS;
+use super::window::{Around, Heard, Reason, Value, fit, fit_two};
+use nalgebra::Complex;
+use std::f64::consts::TAU;
+
+type C = Complex<f64>;
+const ZERO: C = C::new(0.0, 0.0);
+/// Turns in which orders are told apart from each other.
+const RESOLVED: f64 = 3.0;
+/// Share of a line that an order explains: it is one.
+const MOSTLY: f64 = 0.8;
+
+/// One window and its best line.
+pub(super) struct Window<'a> {
+    pub(super) e: &'a [C],
+    pub(super) chirp: &'a [C],
+    pub(super) values: &'a [Value],
+    pub(super) past: &'a [Value],
+    pub(super) around: &'a Around,
+    pub(super) total: f64,
+    pub(super) heard: Heard,
+    pub(super) which: usize,
+}
+
+impl Window<'_> {
+    /// The least evidence of all alternatives, over its threshold.
+    pub(super) fn judge(&self) -> Heard {
+        let level = self.level();
+        let mut heard = Heard { stands: level / CRITERIA.noise_nats, ..self.heard };
+        heard.evidence = heard.stands;
+        if self.around.alarm && self.around.scatters {
+            (heard.evidence, heard.reason) = (0.0, Reason::Mode);
+        }
+        if heard.evidence < CRITERIA.silent {
+            return heard;
+        }
+        if self.around.alarm {
+            // On an order there is no chatter; what stands between them counts by its power.
+            let resolved = self.turns_of_spindle() >= 2.0;
+            if resolved && self.orders() > MOSTLY * self.heard.contrast {
+                (heard.evidence, heard.reason) = (0.0, Reason::Order);
+            }
+            return heard;
+        }
+        let beside = self.near();
+        let order = self.order_nats(&beside) / CRITERIA.cause_nats;
+        let (mode, kept) = self.mode_nats(&beside);
+        let terms = [
+            (self.against(self.e.len() as f64 - 1.0, self.ring()) / CRITERIA.cause_nats, Reason::RingDown),
+            (self.over_known() / CRITERIA.cause_nats, Reason::Mode),
+            (order, Reason::Order),
+            (self.foreign(), Reason::Foreign),
+            (mode, Reason::Mode),
+        ];
+        for (evidence, reason) in terms {
+            least(&mut heard, evidence, reason);
+        }
+        if !self.around.young && heard.evidence > CRITERIA.hold {
+            let nats = self.moved_nats();
+            heard.moves = nats < -CRITERIA.cause_nats;
+            least(&mut heard, nats / CRITERIA.cause_nats, Reason::Foreign);
+        }
+        if kept && level > CRITERIA.noise_nats {
+            heard.evidence = heard.evidence.max(CRITERIA.hold * 1.01);
+        }
+        heard
+    }
+
+    /// Evidence against noise, nats: white, of unknown level (Fisher's test), and of the level known. Grown
+    /// chatter stands on several lobes: in an alarm its power counts, over the noise of before it.
+    fn level(&self) -> f64 {
+        let unknown = -(self.e.len() as f64 - 1.0) * self.miss(self.heard.contrast).ln();
+        match (self.around.blind, self.around.alarm) {
+            (true, _) => unknown,
+            (_, true) => self.heard.contrast,
+            _ => unknown.min(self.heard.contrast),
+        }
+    }
+
+    /// Share of the window that this energy leaves.
+    fn miss(&self, energy: f64) -> f64 {
+        (1.0 - energy / self.total).max(1e-12)
+    }
+
+    /// Evidence for the line against what explains `other`, nats, in so many values of white noise.
+    fn against(&self, values: f64, other: f64) -> f64 {
+        values * (self.miss(other) / self.miss(self.heard.contrast)).ln()
+    }
+
+    /// Against orders that changed: as templates of the window, among what is near the line, and as learned.
+    fn order_nats(&self, beside: &Near) -> f64 {
+        let Around { young, told, .. } = *self.around;
+        let n = self.e.len() as f64;
+        let orders = self.orders();
+        let wide = if young { 0.0 } else { self.against(n - 1.0, orders) };
+        let near = if self.beside() > 0 {
+            beside.values * beside.coherence()
+        } else {
+            let left = |other: f64| {
+                (self.heard.contrast + beside.rest - other).max(beside.rest).max(1e-6 * self.heard.contrast)
+            };
+            beside.values * (left(orders) / left(self.heard.contrast)).ln()
+        };
+        let nats = wide.max(near);
+        if young && told {
+            // They are learned with the line in them.
+            return nats;
+        }
+        let values = if young { beside.values } else { n - 1.0 };
+        nats.min(self.against(values, self.learned_orders()))
+    }
+
+    /// Against noise through a damped mode, over its threshold: noise of damping sigma has 1 + sigma T
+    /// independent values. And louder than the noise of a stable cut: one does not tell of the other. The
+    /// second: whether it is too loud to be learned as noise.
+    fn mode_nats(&self, beside: &Near) -> (f64, bool) {
+        let Around { young, told, blind, stable_n2, rate_hz, .. } = *self.around;
+        if !young && told && self.which + 1 != WINDOWS.len() {
+            return (f64::INFINITY, false);
+        }
+        let loud = if young { self.power().0 / stable_n2 } else { 0.0 };
+        let nats = match (told, young) {
+            (false, _) => CRITERIA.untold_nats,
+            (true, true) => CRITERIA.cause_nats,
+            (true, false) => CRITERIA.mode_nats,
+        };
+        let times = 1.0 + CRITERIA.damped_1_s * self.e.len() as f64 / rate_hz;
+        ((times * beside.coherence() + loud) / nats, blind && 2.0 * loud > 1.0)
+    }
+
+    /// Where nothing is known a line may have stood in air too: then it is not the cut's, unless no stable
+    /// cut is as loud.
+    fn foreign(&self) -> f64 {
+        if self.around.blind { 2.0 * self.power().0 / self.around.stable_n2 } else { f64::INFINITY }
+    }
+
+    /// Against a line or a narrow mode that is known and louder for a while, nats.
+    fn over_known(&self) -> f64 {
+        if self.around.blind { f64::INFINITY } else { self.power().1 / self.known() }
+    }
+
+    /// Against a line that moved here, nats.
+    fn moved_nats(&self) -> f64 {
+        let before: f64 = self.past.iter().map(|v| v.white.norm_sqr()).sum();
+        let all = before + self.total;
+        let left = |energy: f64| (all - energy).max(1e-12 * all);
+        let line = self.heard.contrast.max(self.stood());
+        ((self.e.len() + self.past.len()) as f64 - 1.0) * (left(self.sweep()) / left(line)).ln()
+    }
+
+    /// Turns of the spindle in the window.
+    fn turns_of_spindle(&self) -> f64 {
+        self.e.len() as f64 / self.around.rate_hz * self.around.speed_hz
+    }
+
+    pub(super) fn turns(&self) -> f64 {
+        self.heard.offset_hz / self.around.rate_hz
+    }
+
+    /// Energy of the best line that fades from some moment on.
+    fn ring(&self) -> f64 {
+        let n = self.e.len();
+        let step = 1.0 / POINTS[self.which] as f64;
+        let mut best: f64 = 0.0;
+        for values in WINDOWS.map(|w| w / 2).into_iter().filter(|v| *v < n).chain([n]) {
+            let e = &self.e[n - values..];
+            for ring_1_s in RINGS_1_S {
+                for k in -2..=2 {
+                    best =
+                        best.max(fit(e, self.turns() + f64::from(k) * step, -ring_1_s / self.around.rate_hz));
+                }
+            }
+        }
+        best
+    }
+
+    /// Energy of the nearest orders at the measured angle, growing as the line does; both where the window
+    /// tells them apart.
+    fn orders(&self) -> f64 {
+        let Around { speed_hz, centre_hz, rate_hz, .. } = *self.around;
+        if speed_hz <= 0.0 {
+            return 0.0;
+        }
+        let n = self.e.len();
+        let below = ((centre_hz + self.heard.offset_hz) / speed_hz).floor();
+        let wave = |q: usize, order: f64| {
+            let value = &self.values[q];
+            let grown = (self.heard.growth_1_s * (q as f64 - n as f64) / rate_hz).exp();
+            value.mixer * C::from_polar(grown, TAU * (order * value.angle_turns).fract()) * self.chirp[q]
+        };
+        if self.turns_of_spindle() >= 2.0 {
+            return fit_two(self.e, |q| [wave(q, below), wave(q, below + 1.0)]);
+        }
+        let one = |order: f64| fit_two(self.e, |q| [wave(q, order), ZERO]);
+        one(below).max(one(below + 1.0))
+    }
+
+    /// Energy of the orders as they were learned, all by one changing factor.
+    fn learned_orders(&self) -> f64 {
+        fit_two(self.e, |q| {
+            let s = self.values[q].white_orders * self.chirp[q];
+            [s, s * q as f64]
+        })
+    }
+
+    /// Power of the line, N^2, at the end of the window, and its energy.
+    fn power(&self) -> (f64, f64) {
+        let n = self.e.len();
+        let back = C::from_polar((-self.heard.growth_1_s / self.around.rate_hz).exp(), -TAU * self.turns());
+        let (mut s, mut sum, mut energy) = (C::new(1.0, 0.0), ZERO, 0.0);
+        for q in (0..n).rev() {
+            sum += s.conj() * self.values[q].residual * self.chirp[q];
+            energy += s.norm_sqr();
+            s *= back;
+        }
+        (sum.norm_sqr() / (energy * energy), sum.norm_sqr() / energy)
+    }
+
+    /// Energy known within the window's resolution: a line or a narrow mode that is known may be louder for a
+    /// while.
+    fn known(&self) -> f64 {
+        let n = self.e.len() as f64;
+        let at = |m: i32| self.around.whitener.known(self.turns() + f64::from(m) / (4.0 * n));
+        (-4..=4).map(at).sum::<f64>() / 9.0
+    }
+
+    /// Line and both orders beside it, as far as the window tells them apart.
+    fn beside(&self) -> usize {
+        let Around { speed_hz, rate_hz, young, .. } = *self.around;
+        if young && self.e.len() as f64 / rate_hz * speed_hz >= RESOLVED { 2 } else { 0 }
+    }
+
+    /// The line beside what the orders next to it explain: one after the other, each without the ones before.
+    fn near(&self) -> Near {
+        let rate_hz = self.around.rate_hz;
+        let n = self.e.len();
+        let mut basis = [[ZERO; LONGEST]; 3];
+        let orders = self.beside();
+        self.templates(&mut basis, orders);
+        let mut rest = [ZERO; LONGEST];
+        rest[..n].copy_from_slice(self.e);
+        let mut alone = 0.0;
+        for k in 0..=orders {
+            let (done, left) = basis.split_at_mut(k);
+            let now = &mut left[0][..n];
+            for b in done.iter() {
+                let share: C = b[..n].iter().zip(now.iter()).map(|(b, y)| b.conj() * y).sum();
+                now.iter_mut().zip(&b[..n]).for_each(|(y, b)| *y -= share * b);
+            }
+            let size = now.iter().map(C::norm_sqr).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
+            now.iter_mut().for_each(|y| *y /= size);
+            let share: C = now.iter().zip(&rest[..n]).map(|(b, x)| b.conj() * x).sum();
+            rest[..n].iter_mut().zip(now.iter()).for_each(|(x, b)| *x -= share * b);
+            alone = share.norm_sqr();
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "a window has some hundred cells")]
+        let cells = ((CRITERIA.line_hz * n as f64 / rate_hz).floor() as i32).max(2);
+        let of = |m: i32| fit(&rest[..n], self.turns() + f64::from(m) / n as f64, 0.0);
+        Near { alone, rest: (-cells..=cells).map(of).sum(), values: f64::from(2 * cells + 1) }
+    }
+
+    /// The `orders` next to the line, then the line.
+    fn templates(&self, basis: &mut [[C; LONGEST]; 3], orders: usize) {
+        let Around { speed_hz, centre_hz, rate_hz, .. } = *self.around;
+        let n = self.e.len();
+        let below = ((centre_hz + self.heard.offset_hz) / speed_hz.max(f64::MIN_POSITIVE)).floor();
+        for (k, b) in basis[..orders].iter_mut().enumerate() {
+            for (q, y) in b[..n].iter_mut().enumerate() {
+                let value = &self.values[q];
+                let turn = (below + k as f64) * value.angle_turns;
+                *y = value.mixer * C::from_polar(1.0, TAU * turn.fract()) * self.chirp[q];
+            }
+        }
+        let back = C::from_polar((-self.heard.growth_1_s / rate_hz).exp(), -TAU * self.turns());
+        let mut line = C::new(1.0, 0.0);
+        for y in basis[orders][..n].iter_mut().rev() {
+            *y = line;
+            line *= back;
+        }
+    }
+}
+
+/// What is near the line.
+struct Near {
+    /// Energy of the line beside what the orders explain.
+    alone: f64,
+    /// Energy near it that neither explains.
+    rest: f64,
+    /// Values that hold it.
+    values: f64,
+}
+
+impl Near {
+    /// ln of what there is over what the line leaves.
+    fn coherence(&self) -> f64 {
+        (1.0 + self.alone / self.rest.max(1e-6 * self.alone)).ln()
+    }
+}
+
+fn least(heard: &mut Heard, evidence: f64, reason: Reason) {
+    if evidence < heard.evidence {
+        (heard.evidence, heard.reason) = (evidence.max(0.0), reason);
+    }
+}

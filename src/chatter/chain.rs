@@ -1,0 +1,403 @@
+//! One band of the force: mixed down, orders off, whitened, tested in four windows.
+
+use super::criteria::{CRITERIA, LONGEST, LOOKS, MEMORY, WINDOWS};
+use super::lines::{Place, Standing, Strongest, Test};
+use super::orders::{Orders, Turned};
+use super::steady::{BLOCK, Steady};
+use super::whitening::{Noise, Whitener};
+use super::window::{Around, Heard, Reason, Value};
+use crate::keyframe::keep;
+use crate::signal::down_mix::{DownMix, DownMixState};
+use crate::units::SampleRate;
+use nalgebra::Complex;
+
+type C = Complex<f64>;
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Chain {
+    mix: DownMix,
+    test: Test,
+}
+
+/// In air, and in the cut.
+const AIR: usize = 0;
+const CUT: usize = 1;
+/// The mixer's filter has filled after so many of its delays.
+const FILLED_DELAYS: f64 = 3.0;
+/// The window that tells the level of all the band.
+const COMMON: usize = 1;
+/// Blocks of an alarm after which its scatter counts: a second.
+const ENOUGH: usize = 10;
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct ChainState {
+    mix: DownMixState,
+    mixer: C,
+    orders: [Orders; 2],
+    noise: [Noise; 2],
+    whitener: Whitener,
+    /// Which of the two it is now.
+    place: usize,
+    values: Vec<Value>,
+    /// Values since the start, and since what is heard began anew.
+    count: u64,
+    clean: usize,
+    heard: [Heard; WINDOWS.len()],
+    /// Of the last quarter second, N^2.
+    power_n2: f64,
+    whole_n2: f64,
+    louder: usize,
+    steady: Steady,
+    standing: Heard,
+    /// What was known two to four seconds ago, or before another cut began.
+    before: [Whitener; 2],
+    since: usize,
+    scatters: bool,
+    foreign_hz: f64,
+    foreign_s: f64,
+    alarmed: usize,
+}
+
+keep!(ChainState {
+    mix, mixer, orders, noise, whitener, place, values, count, clean, heard, power_n2, whole_n2,
+    louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, alarmed,
+} if |s| s.place < 2);
+
+/// What the chain is told with each value.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Told {
+    pub(super) angle_turns: f64,
+    pub(super) speed_hz: f64,
+    pub(super) speed_change_1_s: f64,
+    pub(super) watched_hz: [f64; 2],
+    /// Whether what is heard is noise.
+    pub(super) learns: bool,
+    /// Whether a line stands declared: it needs no proof but its power.
+    pub(super) alarm: bool,
+    /// Whether the mean force tells of the cut.
+    pub(super) pushes: bool,
+    /// Size of the mean of what is heard, N.
+    pub(super) level_n: f64,
+    /// Mean force of the cut, N.
+    pub(super) mean_n: f64,
+}
+
+impl Chain {
+    pub(super) fn new(rate: SampleRate, centre_hz: f64) -> Self {
+        Self { mix: DownMix::new(rate, centre_hz, CRITERIA.rate_hz / 6.0), test: Test::new() }
+    }
+
+    pub(super) fn centre_hz(&self) -> f64 {
+        self.mix.centre_hz()
+    }
+
+    pub(super) fn rate_hz(&self) -> f64 {
+        self.mix.output_rate_hz()
+    }
+
+    pub(super) fn decimation(&self) -> usize {
+        self.mix.decimation()
+    }
+
+    pub(super) fn delay_s(&self) -> f64 {
+        self.mix.delay_s()
+    }
+
+    pub(super) fn start(&self) -> ChainState {
+        ChainState {
+            mix: self.mix.start(),
+            mixer: C::new(1.0, 0.0),
+            orders: [Orders::new(), Orders::new()],
+            noise: [Noise::NEW, Noise::NEW],
+            whitener: Whitener::NONE,
+            place: AIR,
+            values: vec![Value::NONE; 2 * LONGEST],
+            count: 0,
+            clean: 0,
+            heard: [Heard::default(); WINDOWS.len()],
+            power_n2: 0.0,
+            whole_n2: 0.0,
+            louder: 0,
+            steady: Steady::new(),
+            standing: Heard::default(),
+            before: [Whitener::NONE; 2],
+            since: 0,
+            scatters: false,
+            foreign_hz: 0.0,
+            foreign_s: 0.0,
+            alarmed: 0,
+        }
+    }
+
+    /// What was known before samples were lost: the spindle's angle is not.
+    pub(super) fn resume(&self, state: &mut ChainState, known: &ChainState) {
+        state.noise.clone_from(&known.noise);
+        (state.place, state.whitener, state.before) = (known.place, known.whitener, known.before);
+    }
+
+    /// Takes a sample; true when there is a value to [`Self::hear`].
+    #[inline]
+    pub(super) fn push(&self, state: &mut ChainState, force_n: f64) -> bool {
+        self.mix.push(&mut state.mix, force_n)
+    }
+
+    #[inline(never)]
+    pub(super) fn hear(&self, state: &mut ChainState, told: &Told) {
+        let value = self.mix.output(&mut state.mix);
+        let rate_hz = self.rate_hz();
+        state.mixer *= C::from_polar(1.0, -std::f64::consts::TAU * self.centre_hz() / rate_hz);
+        state.mixer *= 1.5 - 0.5 * state.mixer.norm_sqr();
+        state.count += 1;
+        // Not while the filter before it fills.
+        let settled = state.count as f64 > FILLED_DELAYS * self.delay_s() * rate_hz;
+        let learns = told.learns && settled;
+        let angle_turns = told.angle_turns - told.speed_hz * self.delay_s();
+        let mut orders = C::new(0.0, 0.0);
+        if told.speed_hz > 0.0 {
+            let at = Turned {
+                value,
+                mixer: state.mixer,
+                angle_turns,
+                speed_hz: told.speed_hz,
+                centre_hz: self.centre_hz(),
+                learns,
+            };
+            orders = state.orders[state.place].step(&at);
+        }
+        let last = state.values.len() - 1;
+        state.values.copy_within(1.., 0);
+        state.values[last] =
+            Value { residual: value - orders, orders, mixer: state.mixer, angle_turns, ..Value::NONE };
+        state.power_n2 += ((value - orders).norm_sqr() - state.power_n2) / (0.25 * rate_hz);
+        state.whole_n2 += (value.norm_sqr() - state.whole_n2) / (0.5 * rate_hz);
+        Self::whiten(state, last);
+        if state.steady.push(value - orders) {
+            self.stand(state, told);
+        }
+        self.age(state, told);
+        if learns {
+            let r: [C; MEMORY + 1] = std::array::from_fn(|m| state.values[last - m].residual);
+            let place = state.place;
+            if state.noise[place].learn(&r, CRITERIA.noise_s * rate_hz) {
+                self.renew(state);
+            }
+        }
+        self.look(state, told);
+    }
+
+    /// One value later.
+    fn age(&self, state: &mut ChainState, told: &Told) {
+        let rate_hz = self.rate_hz();
+        state.clean += 1;
+        state.since += 1;
+        state.alarmed = if told.alarm { state.alarmed + 1 } else { 0 };
+        state.foreign_s = (state.foreign_s - 1.0 / rate_hz).max(0.0);
+        if told.learns && state.since as f64 > CRITERIA.before_s * rate_hz {
+            state.before = [state.before[1], state.whitener];
+            state.since = 0;
+        }
+        let noise = &state.noise[state.place];
+        let sure = noise.known() > CRITERIA.young_s * rate_hz;
+        let newest_n2 = state.values[state.values.len() - 1].residual.norm_sqr();
+        if sure && newest_n2 > CRITERIA.first * noise.power() {
+            // What was before is no noise: a sensor that was not on.
+            (state.noise[state.place], state.whitener) = (Noise::NEW, Whitener::NONE);
+            state.clean = 0;
+        }
+    }
+
+    /// Whether the mean force is that of a tool in the cut, and no zero that drifts.
+    fn cuts(state: &ChainState, told: &Told) -> bool {
+        state.place == CUT || told.mean_n > CRITERIA.over_whole * state.whole_n2.sqrt()
+    }
+
+    /// The line that stands: a limit cycle that was not there before, or is louder than a stable cut is.
+    fn stand(&self, state: &mut ChainState, told: &Told) {
+        let rate_hz = self.rate_hz();
+        let (speed_hz, clean) = if told.alarm { (0.0, state.alarmed) } else { (told.speed_hz, state.clean) };
+        let place =
+            Place { rate_hz, centre_hz: self.centre_hz(), speed_hz, watched_hz: told.watched_hz, clean };
+        let Standing { offset_hz, nats, power_n2 } = self.test.standing(&state.steady, &place);
+        let share_n2 = (CRITERIA.stable_share * told.mean_n).powi(2);
+        let cuts = told.pushes && Self::cuts(state, told);
+        let stable_n2 = if cuts { share_n2 } else { f64::INFINITY };
+        let over = if state.before[0] == Whitener::NONE {
+            2.0 * CRITERIA.cause_nats * power_n2 / stable_n2
+        } else {
+            let known = state.before[0].known(offset_hz / rate_hz);
+            power_n2 * BLOCK as f64 / known.max(f64::MIN_POSITIVE)
+        };
+        state.scatters = state.alarmed >= ENOUGH * BLOCK
+            && nats < CRITERIA.scatter_nats
+            && power_n2 > 0.0
+            && power_n2 < share_n2;
+        let rules = over > CRITERIA.cause_nats && power_n2 > CRITERIA.rules * state.whole_n2;
+        state.standing = if rules {
+            Heard {
+                evidence: (nats + power_n2 / stable_n2) / CRITERIA.cause_nats,
+                stands: over / CRITERIA.noise_nats,
+                offset_hz,
+                contrast: over,
+                ..Heard::default()
+            }
+        } else {
+            Heard::default()
+        };
+    }
+
+    fn whiten(state: &mut ChainState, at: usize) {
+        let r = std::array::from_fn(|m| state.values[at - m].residual);
+        let s = std::array::from_fn(|m| state.values[at - m].orders);
+        let whitener = if state.whitener == Whitener::NONE { Whitener::plain() } else { state.whitener };
+        state.values[at].white = whitener.white(&r);
+        state.values[at].white_orders = whitener.white(&s);
+    }
+
+    /// The model that whitens: of this cut, or of the air while the cut's is not known.
+    fn renew(&self, state: &mut ChainState) {
+        let least = CRITERIA.young_s * self.rate_hz();
+        let here = &state.noise[state.place];
+        let air = &state.noise[AIR];
+        state.whitener = if self.young(state) && air.known() > least && state.place == CUT {
+            air.whitener()
+        } else if here.known() > least {
+            here.whitener()
+        } else {
+            Whitener::NONE
+        };
+        // All of the longest window by one model.
+        for at in state.values.len() - LONGEST..state.values.len() {
+            Self::whiten(state, at);
+        }
+    }
+
+    fn young(&self, state: &ChainState) -> bool {
+        state.noise[state.place].known() < 0.99 * CRITERIA.noise_s * self.rate_hz()
+    }
+
+    /// Whether enough noise is known to say anything.
+    pub(super) fn knows(&self, state: &ChainState) -> bool {
+        state.whitener != Whitener::NONE
+    }
+
+    /// What is known beside the windows; nothing while neither noise nor a mean force is.
+    fn around(&self, state: &ChainState, told: &Told) -> Option<Around> {
+        // A mean far over all vibration is that of a force: it tells when another cut begins.
+        let means = told.pushes || told.level_n > CRITERIA.means * state.whole_n2.sqrt();
+        let blind = !self.knows(state);
+        if blind && !means {
+            return None;
+        }
+        let cuts = means && (state.place == CUT || blind && Self::cuts(state, told));
+        let stable_n2 = (CRITERIA.stable_share * told.mean_n).powi(2);
+        Some(Around {
+            centre_hz: self.centre_hz(),
+            rate_hz: self.rate_hz(),
+            speed_hz: told.speed_hz,
+            sweep_hz_s: self.centre_hz() * told.speed_change_1_s,
+            watched_hz: told.watched_hz,
+            young: self.young(state),
+            alarm: told.alarm,
+            told: means,
+            blind,
+            scatters: state.scatters,
+            stable_n2: if cuts { stable_n2 } else { f64::INFINITY },
+            whitener: state.whitener,
+        })
+    }
+
+    fn look(&self, state: &mut ChainState, told: &Told) {
+        let Some(around) = self.around(state, told) else {
+            state.heard = [Heard::default(); WINDOWS.len()];
+            return;
+        };
+        // Without a model nothing stands between the test and the filter that fills.
+        let filled = if around.blind { self.filled() } else { 0.0 };
+        for (which, n) in WINDOWS.into_iter().enumerate() {
+            if !(state.count + which as u64).is_multiple_of((n / LOOKS) as u64) {
+                continue;
+            }
+            let full = state.clean as f64 >= n as f64 + filled;
+            state.heard[which] = if full && !(around.young && which == 0) {
+                self.test.look(&state.values, which, &around)
+            } else {
+                Heard::default()
+            };
+            self.foreign(state, which);
+            if which == COMMON && state.clean >= n {
+                self.compare(state, &around);
+            }
+        }
+    }
+
+    /// Values in which the filter fills.
+    fn filled(&self) -> f64 {
+        (FILLED_DELAYS * self.delay_s() * self.rate_hz()).floor()
+    }
+
+    /// Whether all of the band has another level: then what is known of the noise is of another cut.
+    fn compare(&self, state: &mut ChainState, around: &Around) {
+        let n = WINDOWS[COMMON];
+        let common = self.test.common(&state.values, COMMON, around);
+        let other = common * CRITERIA.louder < 1.0 || (common > CRITERIA.louder && !around.told);
+        state.louder = if other { state.louder + n / LOOKS } else { 0 };
+        if state.louder >= n && !around.alarm && !around.young {
+            (state.before, state.since) = ([state.whitener; 2], 0);
+            state.noise[state.place].doubt(CRITERIA.young_s * self.rate_hz());
+            state.louder = 0;
+            self.renew(state);
+        }
+    }
+
+    /// A line that moved here goes on to be one when it has come to rest.
+    fn foreign(&self, state: &mut ChainState, which: usize) {
+        let heard = &mut state.heard[which];
+        let near = (heard.offset_hz - state.foreign_hz).abs() < CRITERIA.line_hz && state.foreign_s > 0.0;
+        if heard.moves || (near && heard.stands > 1.0) {
+            (state.foreign_hz, state.foreign_s) = (heard.offset_hz, CRITERIA.usual_s);
+        }
+        if near && heard.evidence > 0.0 {
+            (heard.evidence, heard.reason) = (0.0, Reason::Foreign);
+        }
+    }
+
+    pub(super) fn standing(&self, state: &ChainState) -> Heard {
+        state.standing
+    }
+
+    pub(super) fn heard<'a>(&self, state: &'a ChainState) -> &'a [Heard; WINDOWS.len()] {
+        &state.heard
+    }
+
+    /// What is heard from now on is something else: nothing of before counts.
+    pub(super) fn begin(&self, state: &mut ChainState, place: Option<usize>) {
+        state.clean = 0;
+        state.heard = [Heard::default(); WINDOWS.len()];
+        state.standing = Heard::default();
+        state.scatters = false;
+        if let Some(place) = place {
+            (state.before, state.since) = ([state.whitener; 2], 0);
+            if place != state.place {
+                state.noise[state.place].settle();
+            }
+            state.place = place;
+            state.orders[place].doubt();
+            self.renew(state);
+        }
+    }
+
+    /// A line was declared: what was learned in the guard time is forgotten.
+    pub(super) fn back(&self, state: &mut ChainState) {
+        let place = state.place;
+        state.noise[place].back();
+    }
+
+    pub(super) fn variance_ratio(&self, state: &ChainState) -> f64 {
+        state.power_n2 / state.noise[state.place].power().max(f64::MIN_POSITIVE)
+    }
+
+    /// Strongest line of the last `n` values, a window's length.
+    pub(super) fn strongest(&self, state: &ChainState, n: usize, watched_hz: [f64; 2]) -> Strongest {
+        self.test.strongest(&state.values, n, (self.rate_hz(), watched_hz))
+    }
+}

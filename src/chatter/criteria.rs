@@ -1,0 +1,107 @@
+//! Every number that decides whether there is chatter, with where it comes from.
+
+/// Values of the whitening model's memory, and so on: see the fields.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Criteria {
+    /// Rate of the complex band, Hz: 2 ms a value hold a band of 350 Hz.
+    pub(super) rate_hz: f64,
+    /// Half of what one band holds, Hz: where its filter is down by a decibel.
+    pub(super) half_hz: f64,
+    /// How far around a frequency is "the line", and beyond the edges of the band, Hz.
+    pub(super) line_hz: f64,
+    /// Evidence against noise at which to alarm, nats: white noise passes h some 7000 exp(-h) times a second
+    /// over all windows; 23 is once in 400 h.
+    pub(super) noise_nats: f64,
+    /// The same against a cause that comes every few seconds at most, such as a hit: ln(1000 h x 0.2 / s).
+    pub(super) cause_nats: f64,
+    /// The same against a mode that the whitening has not resolved.
+    pub(super) mode_nats: f64,
+    /// The same where nothing tells when another cut begins: once a second, on three axes in three bands.
+    pub(super) untold_nats: f64,
+    /// Share of the thresholds from which on nothing is learned.
+    pub(super) hold: f64,
+    /// Memory of the noise, s.
+    pub(super) noise_s: f64,
+    /// A line that stands is no news when it was known for so long, s.
+    pub(super) before_s: f64,
+    /// What is newer is not used to whiten: growth must not teach the model that explains it away, s.
+    pub(super) guard_s: f64,
+    /// Memory of the orders, s.
+    pub(super) orders_s: f64,
+    /// Most that the power of a value counts over what is known.
+    pub(super) most: f64,
+    /// Values of noise before anything is evidence, s: ten for each coefficient.
+    pub(super) young_s: f64,
+    /// Damping that a line must have to be called stable, 1/s.
+    pub(super) damped_1_s: f64,
+    /// Share of the threshold under which a window hears nothing, and above which it usually hears.
+    pub(super) silent: f64,
+    pub(super) usual: f64,
+    /// Silence before the end, and memory of what is usual in an alarm, s.
+    pub(super) end_s: f64,
+    pub(super) usual_s: f64,
+    /// Power of all the band over what is known that is another cut.
+    pub(super) louder: f64,
+    /// Power over what is known before which there was nothing: 80 dB.
+    pub(super) first: f64,
+    /// Mean over the rms of all vibration from which it is a force's, and from which a tool is in the cut
+    /// though none was seen to enter.
+    pub(super) means: f64,
+    pub(super) over_whole: f64,
+    /// Share of all vibration that a line has that rules it.
+    pub(super) rules: f64,
+    /// Evidence for a line under which what stands scatters as noise does, nats.
+    pub(super) scatter_nats: f64,
+    /// By how much of its frequency an order may stand elsewhere: the slip of a spindle that is not measured.
+    pub(super) slip: f64,
+    /// Amplitude of a line over the mean force: a tool that only pushes makes less than 2.
+    pub(super) most_share: f64,
+    /// Most that the noise of a stable cut is, rms over the mean force: some hundredths, a few times as much
+    /// through the mode.
+    pub(super) stable_share: f64,
+}
+
+/// The numbers.
+pub(super) const CRITERIA: Criteria = Criteria {
+    rate_hz: 500.0,
+    half_hz: 175.0,
+    line_hz: 20.0,
+    noise_nats: 23.0,
+    cause_nats: 13.5,
+    mode_nats: 9.0,
+    untold_nats: 20.0,
+    hold: 0.5,
+    noise_s: 1.5,
+    before_s: 5.0,
+    guard_s: 0.25,
+    orders_s: 1.0,
+    most: 3.0,
+    young_s: 0.2,
+    damped_1_s: 10.0,
+    silent: 0.4,
+    usual: 0.8,
+    end_s: 0.1,
+    usual_s: 0.5,
+    louder: 4.0,
+    first: 1e8,
+    means: 3.0,
+    over_whole: 2.0,
+    rules: 0.3,
+    scatter_nats: 2.0,
+    slip: 0.02,
+    most_share: 1.5,
+    stable_share: 0.15,
+};
+
+/// Rates of growth that are looked for, 1/s.
+pub(super) const GROWTHS_1_S: [f64; 3] = [0.0, 15.0, 40.0];
+/// Rates at which what was struck rings down, 1/s.
+pub(super) const RINGS_1_S: [f64; 4] = [10.0, 20.0, 40.0, 80.0];
+/// Values of the windows: 48 to 384 ms.
+pub(super) const WINDOWS: [usize; 4] = [24, 48, 96, 192];
+/// Of the longest.
+pub(super) const LONGEST: usize = WINDOWS[WINDOWS.len() - 1];
+/// Windows are looked at so many times in their length.
+pub(super) const LOOKS: usize = 12;
+/// Order of the whitening model: 16 and 24 have too little to learn from at entries.
+pub(super) const MEMORY: usize = 10;

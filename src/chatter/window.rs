@@ -1,0 +1,126 @@
+//! A window of the band: what is in it, what is known beside it, and how well a line fits it.
+
+use super::whitening::Whitener;
+use crate::keyframe::keep;
+use nalgebra::Complex;
+use std::f64::consts::TAU;
+
+type C = Complex<f64>;
+const ZERO: C = C::new(0.0, 0.0);
+
+/// One value of the band.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Value {
+    /// Without the orders, N/sqrt(2).
+    pub(super) residual: C,
+    /// Innovation, in units of the noise.
+    pub(super) white: C,
+    /// The orders that were taken off, through the same filter.
+    pub(super) white_orders: C,
+    pub(super) orders: C,
+    pub(super) mixer: C,
+    pub(super) angle_turns: f64,
+}
+
+keep!(Value { residual, white, white_orders, orders, mixer, angle_turns });
+
+impl Value {
+    pub(super) const NONE: Self =
+        Self { residual: ZERO, white: ZERO, white_orders: ZERO, orders: ZERO, mixer: ZERO, angle_turns: 0.0 };
+}
+
+/// What explains a window nearly as well as a line, and is no chatter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Reason {
+    /// Noise, of the level that is known or of another.
+    #[default]
+    Noise,
+    /// Something was struck and rings down.
+    RingDown,
+    /// An order of the spindle changed.
+    Order,
+    /// Noise through a damped mode.
+    Mode,
+    /// It was there without the cut, or came from elsewhere.
+    Foreign,
+}
+
+crate::keyframe::keep_list!(Reason { Noise, RingDown, Order, Mode, Foreign });
+
+/// What a window says.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Heard {
+    /// Least evidence over its threshold.
+    pub(super) evidence: f64,
+    /// Evidence against noise alone, over its threshold.
+    pub(super) stands: f64,
+    pub(super) reason: Reason,
+    /// Relative to the band's centre.
+    pub(super) offset_hz: f64,
+    pub(super) growth_1_s: f64,
+    /// Power of the line over the noise known at its place.
+    pub(super) contrast: f64,
+    /// Power of the middle of the band over the noise known.
+    pub(super) common: f64,
+    /// Whether it is a line that moved here.
+    pub(super) moves: bool,
+}
+
+keep!(Heard { evidence, stands, reason, offset_hz, growth_1_s, contrast, common, moves });
+
+/// What is known beside the window.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Around {
+    pub(super) centre_hz: f64,
+    pub(super) rate_hz: f64,
+    /// 0 where it is not known.
+    pub(super) speed_hz: f64,
+    /// Of a line at the centre that goes with the speed.
+    pub(super) sweep_hz_s: f64,
+    /// Relative to the centre.
+    pub(super) watched_hz: [f64; 2],
+    /// Whether the noise of this cut is not known yet.
+    pub(super) young: bool,
+    /// Whether a line stands declared.
+    pub(super) alarm: bool,
+    /// Whether the mean force tells when another cut begins: then its noise is known.
+    pub(super) told: bool,
+    /// Whether nothing at all is known of the noise.
+    pub(super) blind: bool,
+    /// Noise by its scatter.
+    pub(super) scatters: bool,
+    /// Most power that the noise of a stable cut has at a place, N^2; infinite where it is not known.
+    pub(super) stable_n2: f64,
+    pub(super) whitener: Whitener,
+}
+
+/// Line exp((growth + j 2 pi f) t) over the last `e`: energy of its least-squares fit.
+pub(super) fn fit(e: &[C], turns: f64, growth: f64) -> f64 {
+    let back = C::from_polar((-growth).exp(), -TAU * turns);
+    let (mut s, mut sum, mut energy) = (C::new(1.0, 0.0), ZERO, 0.0);
+    for x in e.iter().rev() {
+        sum += s.conj() * x;
+        energy += s.norm_sqr();
+        s *= back;
+    }
+    sum.norm_sqr() / energy
+}
+
+/// Energy that two templates explain together.
+pub(super) fn fit_two(e: &[C], pair: impl Fn(usize) -> [C; 2]) -> f64 {
+    let (mut uu, mut vv, mut uv, mut ue, mut ve) = (0.0, 0.0, ZERO, ZERO, ZERO);
+    for (q, x) in e.iter().enumerate() {
+        let [u, v] = pair(q);
+        uu += u.norm_sqr();
+        vv += v.norm_sqr();
+        uv += u.conj() * v;
+        ue += u.conj() * x;
+        ve += v.conj() * x;
+    }
+    if uu <= 0.0 {
+        return 0.0;
+    }
+    let left = vv - uv.norm_sqr() / uu;
+    let one = ue.norm_sqr() / uu;
+    if left <= 1e-9 * vv { one } else { one + (ve - uv.conj() * ue / uu).norm_sqr() / left }
+}
