@@ -48,7 +48,7 @@ pub(crate) struct Criteria {
     /// The same of a table alone, nats: 20 to 1. Its spreads are free, so that errors of the likelihood are
     /// in it already; with the price a gain of 7.5, which chance gives one of 20 laws twice in a thousand.
     pub(crate) table_level_nats: f64,
-    /// A gain of first order, or after a first look, is right to this factor where it may become a name.
+    /// A gain after a first look is right to this factor where it may become a name.
     pub(crate) promise_factor: f64,
     /// Share by which a taper may smear a bin that counts as smooth.
     pub(crate) smooth_share: f64,

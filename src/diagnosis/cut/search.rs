@@ -220,9 +220,11 @@ impl<'a> Cut<'a> {
             }
         }
         let best = best?;
-        // A rival that after a first look is not worth a third of what leads is none.
+        // A rival that after a first look is not worth a third of what leads is none. Where nothing leads, every
+        // law is fitted to the end: what the numbers were bent to hide, neither screening nor a look shows.
         let all_nats = LOOK.every.0 as f64 * (self.problem.value(&model.point, LOOK.every) - best.value);
-        if !self.problem.frame.has_table()
+        if self.leading_nats.get() > self.level_nats()
+            && !self.problem.frame.has_table()
             && CRITERIA.promise_factor * (all_nats - Self::price_nats(asked.law)) < self.leading_nats.get()
         {
             return None;
@@ -356,14 +358,6 @@ impl Subject for Cut<'_> {
                     hypothesis: Asked { law: promise.law, starts: vec![promise.values] },
                 }),
             }
-        }
-        // A table's screening says little, and its fits cost little.
-        if !self.problem.frame.has_table() {
-            out.retain(|s| {
-                let price_nats = Self::price_nats(s.hypothesis.law);
-                let needed_nats = price_nats + self.level_nats();
-                CRITERIA.promise_factor * (s.promise_nats + price_nats) > needed_nats
-            });
         }
         Some(out)
     }
