@@ -126,8 +126,8 @@ impl Banded {
         let n = recording.len();
         let rate = recording.sample_rate.hz();
         let natural = scenario.workpiece.bending_frequency_hz();
-        // Around the bar's first bending in the cut: K lifts it by up to two thirds.
-        let band = [0.75 * natural, (1.7 * natural).min(band_hz(recording, scenario)[1])];
+        // From the bar's first bending up: a second mode or a holder chatters as well.
+        let band = [0.75 * natural, (3.3 * natural).min(band_hz(recording, scenario)[1])];
         let filter = stated_filter(recording);
         let mut planner = FftPlanner::new();
         let (forward, inverse) = (planner.plan_fft_forward(n), planner.plan_fft_inverse(n));
