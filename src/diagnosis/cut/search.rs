@@ -220,8 +220,8 @@ impl<'a> Cut<'a> {
             }
         }
         let best = best?;
-        // A rival that after a first look is not worth a third of what leads is none. Where nothing leads, every
-        // law is fitted to the end: what the numbers were bent to hide, neither screening nor a look shows.
+        // A rival that after a first look is not worth a third of what leads is none. Where nothing leads,
+        // every law is fitted to the end: what numbers are bent to hide, neither screening nor a look shows.
         let all_nats = LOOK.every.0 as f64 * (self.problem.value(&model.point, LOOK.every) - best.value);
         if self.leading_nats.get() > self.level_nats()
             && !self.problem.frame.has_table()
