@@ -6,7 +6,7 @@
 use super::super::two_cores::on_two_cores;
 use super::criteria::CRITERIA;
 use super::machine::{Frame, Machine, Number, Point};
-use super::observable::{Bin, CHANNELS, Every, Matrix, Observable, OriginKind, Part, ZERO};
+use super::observable::{Bin, CHANNELS, Every, Matrix, Observed, OriginKind, Part, ZERO};
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::SQRT_2;
 
@@ -22,7 +22,7 @@ pub(crate) struct Problem<'a> {
     /// What is stated and free.
     pub(crate) frame: &'a Frame,
     /// What was observed.
-    pub(crate) observables: &'a [Box<dyn Observable + 'a>],
+    pub(crate) observables: &'a [Observed<'a>],
 }
 
 /// How a fit is run.
@@ -305,7 +305,7 @@ impl Problem<'_> {
     /// Cost: one evaluation and one a coordinate.
     pub(crate) fn quadratic(&self, point: &Point, every: Every) -> Option<Quadratic> {
         let (steps, machines) = self.neighbours(point)?;
-        let of_observable = |o: &Box<dyn Observable + '_>| {
+        let of_observable = |o: &Observed<'_>| {
             let parts = o.parts(&machines, every);
             let moved: Vec<&Part> = parts[1..].iter().collect();
             Quadratic::of_part(&parts[0], &moved, &steps)
@@ -339,12 +339,12 @@ impl Problem<'_> {
     /// Noise of the force sensor in one recording over that in all, by its own spectra; `None`: it has none.
     pub(crate) fn sensor_level(&self, point: &Point, recording: usize) -> Option<f64> {
         let at = self.frame.numbers.iter().position(|n| *n == Number::Sensor)?;
-        let own = |o: &&Box<dyn Observable + '_>| {
+        let own = |o: &&Observed<'_>| {
             let origin = o.origin();
             let spectra = matches!(origin.kind, OriginKind::Calm | OriginKind::Followed);
             spectra && origin.recording == Some(recording)
         };
-        let own: Vec<&Box<dyn Observable + '_>> = self.observables.iter().filter(own).collect();
+        let own: Vec<&Observed<'_>> = self.observables.iter().filter(own).collect();
         let (mut point, before) = (point.clone(), point.numbers[at]);
         for _ in 0..Effort::FULL.steps {
             let mut next = point.clone();

@@ -49,6 +49,9 @@ pub(crate) enum Part {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Every(pub(crate) usize);
 
+/// Something observed, of whichever kind.
+pub(crate) type Observed<'a> = Box<dyn Observable + 'a>;
+
 /// Something observed of a machine.
 pub(crate) trait Observable: Sync {
     /// What this machine says of it. The number of values must not depend on the machine.

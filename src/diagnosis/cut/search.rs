@@ -14,7 +14,7 @@ use super::criteria::CRITERIA;
 use super::fit::{Effort, Ended, Problem, Quadratic};
 use super::laws::{Law, Term};
 use super::machine::{Machine, Number, Point};
-use super::observable::{Every, Observable, Part};
+use super::observable::{Every, Observed, Part};
 use crate::plant::cut_effects::Specification;
 use crate::plant::effects::{EffectKind, Port};
 use nalgebra::{DMatrix, DVector};
@@ -308,7 +308,7 @@ impl Screening {
         let machines = machines?;
         let steps: Vec<f64> =
             self.steps.iter().copied().chain(std::iter::repeat_n(SIZE_STEP, sizes)).collect();
-        let of_observable = |(o, own): (&Box<dyn Observable + '_>, &Vec<Part>)| {
+        let of_observable = |(o, own): (&Observed<'_>, &Vec<Part>)| {
             let parts = o.parts(&machines, self.every);
             let moved: Vec<&Part> = own[1..].iter().chain(&parts[1..]).collect();
             Quadratic::of_part(&parts[0], &moved, &steps)
