@@ -47,13 +47,9 @@ pub(super) async fn list(
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DiagnosisBody {
-    /// Names of recordings, 1 to 16, each once; none with `cuts`.
-    #[schema(max_items = 16)]
-    #[serde(default)]
+    /// Names of recordings, 1 to 16, each once.
+    #[schema(min_items = 1, max_items = 16)]
     recordings: Vec<String>,
-    /// The newest thousand past cuts against the stated cut, instead of recordings against the model.
-    #[serde(default)]
-    cuts: bool,
     /// What it may take, s, 10 to 1800; 300 when not given.
     #[schema(minimum = 10, maximum = 1800)]
     #[serde(default = "budget", deserialize_with = "whole")]
@@ -82,8 +78,7 @@ fn whole<'de, D: serde::Deserializer<'de>>(from: D) -> Result<u32, D::Error> {
     Ok(number as u32)
 }
 
-/// Start a diagnosis of stored recordings against the configured model, or of past cuts against the stated
-/// cut.
+/// Start a diagnosis of stored recordings against the configured model.
 #[utoipa::path(post, path = "/api/v1/diagnoses", tag = "diagnosis", operation_id = "startDiagnosis",
     request_body = DiagnosisBody, security(("token" = [])),
     responses((status = 202, description = "Queued", body = DiagnosisView),
@@ -96,14 +91,9 @@ pub(super) async fn start(
     caller.require(Role::Engineer)?;
     let Body(body) = body?;
     let origin = origin(&site, &caller, &body.reason)?;
-    let allowed = if body.cuts { 0..=0 } else { 1..=16 };
-    if !allowed.contains(&body.recordings.len()) {
-        let what = if body.cuts {
-            "past cuts are looked at without recordings"
-        } else {
-            "1 to 16 recordings are needed, or cuts"
-        };
-        let problem = Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", what);
+    if !(1..=16).contains(&body.recordings.len()) {
+        let problem =
+            Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "1 to 16 recordings are needed");
         return Err(problem.with_field("/recordings", "expected names from GET /api/v1/recordings"));
     }
     let names = &body.recordings;
@@ -112,16 +102,52 @@ pub(super) async fn start(
             Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "a recording is named twice");
         return Err(problem.with_field(&format!("/recordings/{twice}"), "expected each recording once"));
     }
-    if !BUDGETS_S.contains(&body.budget_s) {
-        let detail = "the budget is out of range";
-        let problem = Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", detail);
-        return Err(problem.with_field("/budget_s", "expected 10 to 1800 s"));
+    in_range(body.budget_s)?;
+    let view = site.handle.start_diagnosis(body.recordings, body.budget_s, &origin).await?;
+    Ok((StatusCode::ACCEPTED, Json(view)))
+}
+
+fn in_range(budget_s: u32) -> Result<(), Problem> {
+    if BUDGETS_S.contains(&budget_s) {
+        return Ok(());
     }
-    let view = if body.cuts {
-        site.handle.start_cut_diagnosis(body.budget_s, &origin).await?
-    } else {
-        site.handle.start_diagnosis(body.recordings, body.budget_s, &origin).await?
-    };
+    let detail = "the budget is out of range";
+    let problem = Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", detail);
+    Err(problem.with_field("/budget_s", "expected 10 to 1800 s"))
+}
+
+/// How the past cuts are to be diagnosed.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CutDiagnosisBody {
+    /// What it may take, s, 10 to 1800; 300 when not given.
+    #[schema(minimum = 10, maximum = 1800)]
+    #[serde(default = "budget", deserialize_with = "whole")]
+    budget_s: u32,
+    /// One sentence for the record.
+    #[schema(
+        min_length = 1,
+        max_length = 500,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
+    reason: String,
+}
+
+/// Start a diagnosis of the newest thousand past cuts against the stated cut.
+#[utoipa::path(post, path = "/api/v1/cuts/diagnose", tag = "diagnosis", operation_id = "diagnoseCuts",
+    request_body = CutDiagnosisBody, security(("token" = [])),
+    responses((status = 202, description = "Queued", body = DiagnosisView),
+        Refused))]
+pub(super) async fn start_cuts(
+    State(site): State<Site>,
+    Extension(caller): Extension<Caller>,
+    body: Result<Body<CutDiagnosisBody>, Problem>,
+) -> Result<(StatusCode, Json<DiagnosisView>), Problem> {
+    caller.require(Role::Engineer)?;
+    let Body(body) = body?;
+    let origin = origin(&site, &caller, &body.reason)?;
+    in_range(body.budget_s)?;
+    let view = site.handle.start_cut_diagnosis(body.budget_s, &origin).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 

@@ -123,6 +123,7 @@ fn routes() -> OpenApiRouter<Site> {
         .routes(routes!(diagnoses::scenario))
         .routes(routes!(cuts::list))
         .routes(routes!(cuts::table))
+        .routes(routes!(diagnoses::start_cuts))
         .routes(routes!(events::audit))
         .routes(routes!(read::healthz))
         .routes(routes!(read::readyz))

@@ -196,7 +196,7 @@ impl From<OperationError> for Problem {
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "pipeline_unavailable", text).retry_after(1)
             }
             OperationError::Busy(_) => Self::new(StatusCode::TOO_MANY_REQUESTS, "busy", text).retry_after(5),
-            OperationError::Unsuitable(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, "unsuitable", text),
+            OperationError::Unsuitable(_) => Self::new(StatusCode::CONFLICT, "unsuitable", text),
             OperationError::Store(source) => {
                 tracing::error!(event = "store_unavailable", code = source.code(), "{source}");
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "store_unavailable", text).retry_after(1)

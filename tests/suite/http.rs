@@ -41,6 +41,7 @@ const ROUTES: &[(&str, &str, Option<&str>, usize)] = &[
     ("POST", "/api/v1/fault/clear", Some(r#"{"reason":"test"}"#), 3),
     ("POST", "/api/v1/recordings", Some(r#"{"reason":"test"}"#), 2),
     ("POST", "/api/v1/diagnoses", Some(r#"{"reason":"test","recordings":["none"]}"#), 3),
+    ("POST", "/api/v1/cuts/diagnose", Some(r#"{"reason":"test"}"#), 3),
     ("POST", "/api/v1/diagnoses/none/cancel", Some(r#"{"reason":"test"}"#), 2),
 ];
 

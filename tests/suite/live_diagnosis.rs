@@ -69,16 +69,16 @@ fn residual(running: &Running) -> f64 {
 
 fn diagnose(running: &Running, recording: &str) -> serde_json::Value {
     let body = format!("{{\"recordings\":[\"{recording}\"],\"reason\":\"test\"}}");
-    let (view, report, shares) = diagnosed(running, &body);
+    let (view, report, shares) = diagnosed(running, "/api/v1/diagnoses", &body);
     assert!(report.contains("<svg"), "the report has its pictures");
     assert!(shares.iter().any(|s| *s > 0.0 && *s < 1.0), "progress is seen on the way: {shares:?}");
     view
 }
 
 /// What came of a diagnosis, its report, and the shares of progress that were seen.
-fn diagnosed(running: &Running, body: &str) -> (serde_json::Value, String, Vec<f64>) {
+fn diagnosed(running: &Running, route: &str, body: &str) -> (serde_json::Value, String, Vec<f64>) {
     let address = running.handle().address().to_string();
-    let asked = ask(&address, "POST", "/api/v1/diagnoses", &[], Some(body));
+    let asked = ask(&address, "POST", route, &[], Some(body));
     assert_eq!(asked.status, 202, "{asked:?}");
     let id = asked.json()["id"].as_str().unwrap().to_owned();
     let path = format!("/api/v1/diagnoses/{id}");
@@ -151,7 +151,7 @@ fn past_cuts_are_kept_and_diagnosed_over_http() {
     config.program = Some(env!("CARGO_BIN_EXE_stillcut").into());
     let running = start(config).unwrap();
     let address = running.handle().address().to_string();
-    let early = ask(&address, "POST", "/api/v1/diagnoses", &[], Some("{\"cuts\":true,\"reason\":\"test\"}"));
+    let early = ask(&address, "POST", "/api/v1/cuts/diagnose", &[], Some("{\"reason\":\"test\"}"));
     assert!(early.status >= 400 && early.body.contains("no cut yet"), "{early:?}");
     let lathe = LatheThread::start(&place.domain);
     let cuts = || get(&running, "/api/v1/cuts").json()["cuts"].as_array().unwrap().clone();
@@ -165,9 +165,7 @@ fn past_cuts_are_kept_and_diagnosed_over_http() {
         table.starts_with("cut,spindle_speed_rpm,width_m,outcome,") && table.contains(",chatter,"),
         "{table}"
     );
-    let both = "{\"cuts\":true,\"recordings\":[\"r\"],\"reason\":\"test\"}";
-    assert_eq!(ask(&address, "POST", "/api/v1/diagnoses", &[], Some(both)).status, 422);
-    let (view, report, _) = diagnosed(&running, "{\"cuts\":true,\"reason\":\"test\"}");
+    let (view, report, _) = diagnosed(&running, "/api/v1/cuts/diagnose", "{\"reason\":\"test\"}");
     assert!(view["cuts"] == 1 && view["recordings"] == serde_json::json!([]), "{view}");
     // The virtual lathe is cut as it is stated.
     assert_eq!(view["result"]["verdict"], "model_adequate", "{view}");

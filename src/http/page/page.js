@@ -664,7 +664,7 @@ $("save").addEventListener("click", () => ask({
 }));
 $("diagnose-cuts").addEventListener("click", () => ask({
   title: "Diagnose the past cuts", text: "What physics does the stated cut leave out?",
-  run: async (given) => { await request("POST", "/api/v1/diagnoses", { ...given, cuts: true }); refreshLists(); },
+  run: async (given) => { await request("POST", "/api/v1/cuts/diagnose", given); refreshLists(); },
 }));
 $("token").addEventListener("click", askToken);
 $("theme").addEventListener("click", toggleTheme);
