@@ -51,7 +51,7 @@ fn pipeline(axes: usize, rate_hz: f64, drive: &DriveParams) -> Pipeline {
         tools: None,
         infeed: None,
         margin: None,
-        pushes: false,
+        mean: stillcut::chatter::MeanForce::OverAir,
     };
     Pipeline::new(settings).expect("valid settings")
 }

@@ -63,7 +63,7 @@ fn a_step_of_the_pipeline_allocates_nothing() {
         tools: None,
         infeed: None,
         margin: None,
-        pushes: false,
+        mean: stillcut::chatter::MeanForce::OverAir,
     })
     .unwrap();
     // Air, entry, chatter: every state of the detector is passed.
@@ -126,7 +126,7 @@ fn a_new_spindle_speed_allocates_nothing() {
         tools: None,
         infeed: None,
         margin: None,
-        pushes: false,
+        mean: stillcut::chatter::MeanForce::OverAir,
     })
     .unwrap();
     let mut lathe =

@@ -1,9 +1,10 @@
 //! One band of the force: mixed down, orders off, whitened, tested in four windows.
 
 use super::criteria::{CRITERIA, LONGEST, LOOKS, MEMORY, WINDOWS};
+use super::cut_level::MeanForce;
 use super::lines::{Place, Standing, Strongest, Test};
 use super::orders::{Orders, Turned};
-use super::steady::{BLOCK, Steady};
+use super::steady::{BLOCK, KEPT, Steady};
 use super::whitening::{Noise, Whitener};
 use super::window::{Around, Heard, Reason, Value};
 use crate::keyframe::keep;
@@ -74,10 +75,8 @@ pub(super) struct Told {
     pub(super) learns: bool,
     /// Whether a line stands declared: it needs no proof but its power.
     pub(super) alarm: bool,
-    /// Whether the mean force tells of the cut.
-    pub(super) pushes: bool,
-    /// Size of the mean of what is heard, N.
-    pub(super) level_n: f64,
+    /// Whether and how the mean force tells of the cut.
+    pub(super) mean: MeanForce,
     /// Mean force of the cut, N.
     pub(super) mean_n: f64,
 }
@@ -190,7 +189,12 @@ impl Chain {
         let rate_hz = self.rate_hz();
         state.clean += 1;
         state.since += 1;
-        state.alarmed = if told.alarm { state.alarmed + 1 } else { 0 };
+        state.alarmed = match told.alarm {
+            true => state.alarmed + 1,
+            // What stood before was heard then.
+            false if state.standing.evidence >= 1.0 => KEPT,
+            false => 0,
+        };
         state.foreign_s = (state.foreign_s - 1.0 / rate_hz).max(0.0);
         if told.learns && state.since as f64 > CRITERIA.before_s * rate_hz {
             state.before = [state.before[1], state.whitener];
@@ -214,13 +218,20 @@ impl Chain {
     /// The line that stands: a limit cycle that was not there before, or is louder than a stable cut is.
     fn stand(&self, state: &mut ChainState, told: &Told) {
         let rate_hz = self.rate_hz();
-        let (speed_hz, clean) = if told.alarm { (0.0, state.alarmed) } else { (told.speed_hz, state.clean) };
-        let place =
-            Place { rate_hz, centre_hz: self.centre_hz(), speed_hz, watched_hz: told.watched_hz, clean };
-        let Standing { offset_hz, nats, power_n2 } = self.test.standing(&state.steady, &place);
+        let clean = if told.alarm { state.alarmed } else { state.clean };
+        let place = Place {
+            rate_hz,
+            centre_hz: self.centre_hz(),
+            speed_hz: told.speed_hz,
+            alarm: told.alarm,
+            watched_hz: told.watched_hz,
+            clean,
+        };
+        let Standing { offset_hz, nats, power_n2, side } = self.test.standing(&state.steady, &place);
         let share_n2 = (CRITERIA.stable_share * told.mean_n).powi(2);
-        let cuts = told.pushes && Self::cuts(state, told);
+        let cuts = told.mean != MeanForce::Absent && Self::cuts(state, told);
         let stable_n2 = if cuts { share_n2 } else { f64::INFINITY };
+        let cut = side > CRITERIA.modulated;
         let over = if state.before[0] == Whitener::NONE {
             2.0 * CRITERIA.cause_nats * power_n2 / stable_n2
         } else {
@@ -231,7 +242,10 @@ impl Chain {
             && nats < CRITERIA.scatter_nats
             && power_n2 > 0.0
             && power_n2 < share_n2;
-        let rules = over > CRITERIA.cause_nats && power_n2 > CRITERIA.rules * state.whole_n2;
+        // Where nothing is known of air, what the cut modulates is the cut's.
+        let new = over > CRITERIA.cause_nats
+            || (cut && nats > CRITERIA.cause_nats && state.before[0] == Whitener::NONE);
+        let rules = new && (cut || power_n2 > CRITERIA.rules * state.whole_n2);
         state.standing = if rules {
             Heard {
                 evidence: (nats + power_n2 / stable_n2) / CRITERIA.cause_nats,
@@ -282,8 +296,7 @@ impl Chain {
 
     /// What is known beside the windows; nothing while neither noise nor a mean force is.
     fn around(&self, state: &ChainState, told: &Told) -> Option<Around> {
-        // A mean far over all vibration is that of a force: it tells when another cut begins.
-        let means = told.pushes || told.level_n > CRITERIA.means * state.whole_n2.sqrt();
+        let means = told.mean != MeanForce::Absent;
         let blind = !self.knows(state);
         if blind && !means {
             return None;

@@ -17,6 +17,17 @@ const SHARE: f64 = 0.3;
 /// And over the usual ripple from turn to turn.
 const OVER_RIPPLE: f64 = 8.0;
 
+/// What the mean of a series tells of the cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MeanForce {
+    /// Nothing: an acceleration has none.
+    Absent,
+    /// By how much it differs from that in air: friction of a drive is left in it.
+    OverAir,
+    /// The force of the tool, which pushes and never pulls.
+    Whole,
+}
+
 /// What the level does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Change {

@@ -178,7 +178,7 @@ impl Test {
     /// stands, over as many of the last values as are `clean`.
     pub(super) fn standing(&self, steady: &Steady, place: &Place) -> Standing {
         let Place { rate_hz, centre_hz, speed_hz, .. } = *place;
-        let none = Standing { offset_hz: 0.0, nats: 0.0, power_n2: 0.0 };
+        let none = Standing { offset_hz: 0.0, nats: 0.0, power_n2: 0.0, side: 0.0 };
         if place.clean < LONGEST {
             return none;
         }
@@ -194,23 +194,35 @@ impl Test {
             let order = hz / speed_hz.max(f64::MIN_POSITIVE);
             let apart_hz = (order - order.round()).abs() * speed_hz;
             let slip_hz = (CRITERIA.slip * hz).min(0.25 * speed_hz);
-            speed_hz <= 0.0 || apart_hz > slip_hz.max(2.5 * rate_hz / LONGEST as f64)
+            place.alarm || speed_hz <= 0.0 || apart_hz > slip_hz.max(2.5 * rate_hz / LONGEST as f64)
         };
         let alone = |k: &i64| (k - near..=k + near).all(|m| power(&x, m) <= power(&x, *k));
         let among = cells(place.watched_hz, rate_hz, MOST_POINTS).filter(|k| between(k) && alone(k));
         let Some(best) = among.max_by(|a, b| power(&x, *a).total_cmp(&power(&x, *b))) else { return none };
         let turns = best as f64 / MOST_POINTS as f64;
-        let mut sums = [ZERO; KEPT / BLOCK];
-        for (q, v) in steady.last(KEPT).enumerate() {
-            let turn = C::from_polar(hann(q % BLOCK, BLOCK), -TAU * (turns * q as f64).fract());
-            sums[q / BLOCK] += v * turn;
-        }
-        let powers = sums.map(|s| s.norm_sqr() / (0.25 * (BLOCK * BLOCK) as f64));
-        let blocks = (place.clean / BLOCK).min(powers.len());
-        let powers = &powers[powers.len() - blocks..];
-        let power_n2 = powers.iter().sum::<f64>() / powers.len() as f64;
-        Standing { offset_hz: best as f64 * step_hz, nats: evidence(powers), power_n2 }
+        let blocks = (place.clean / BLOCK).min(KEPT / BLOCK);
+        let line = sums(steady, blocks, turns);
+        let powers = &line.map(|s| s.norm_sqr() / (0.25 * (BLOCK * BLOCK) as f64))[..blocks];
+        let power_n2 = powers.iter().sum::<f64>() / blocks as f64;
+        // What stands a turn beside the line and goes with it.
+        let beside = |turn: f64| {
+            let side = sums(steady, blocks, turns + turn * speed_hz / rate_hz);
+            let with: C = line.iter().zip(&side).map(|(l, s)| s * l.conj()).sum();
+            with.norm_sqr() / line.iter().map(C::norm_sqr).sum::<f64>().powi(2)
+        };
+        let side = if speed_hz > 0.0 { beside(-1.0).max(beside(1.0)) } else { 0.0 };
+        Standing { offset_hz: best as f64 * step_hz, nats: evidence(powers), power_n2, side }
     }
+}
+
+/// A line in each of the last blocks.
+fn sums(steady: &Steady, blocks: usize, turns: f64) -> [C; KEPT / BLOCK] {
+    let mut sums = [ZERO; KEPT / BLOCK];
+    for (q, v) in steady.last(blocks * BLOCK).enumerate() {
+        let turn = C::from_polar(hann(q % BLOCK, BLOCK), -TAU * (turns * q as f64).fract());
+        sums[q / BLOCK] += v * turn;
+    }
+    sums
 }
 
 const EULER: f64 = 0.577;
@@ -229,8 +241,9 @@ pub(super) struct Strongest {
 pub(super) struct Place {
     pub(super) rate_hz: f64,
     pub(super) centre_hz: f64,
-    /// 0 where orders count too.
     pub(super) speed_hz: f64,
+    /// Where orders count too.
+    pub(super) alarm: bool,
     pub(super) watched_hz: [f64; 2],
     /// Values that are of one cut.
     pub(super) clean: usize,
@@ -243,4 +256,6 @@ pub(super) struct Standing {
     pub(super) offset_hz: f64,
     pub(super) nats: f64,
     pub(super) power_n2: f64,
+    /// Power of what stands one turn of the spindle beside it, over its own: the cut modulates its lines.
+    pub(super) side: f64,
 }

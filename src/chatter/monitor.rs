@@ -3,7 +3,7 @@
 use super::band::{Band, BandError};
 use super::chain::{Chain, ChainState, Told};
 use super::criteria::{CRITERIA, WINDOWS};
-use super::cut_level::{Change, CutLevel, CutLevelState};
+use super::cut_level::{Change, CutLevel, CutLevelState, MeanForce};
 use super::decision::{Decision, Turn};
 use super::hop::Hop;
 use super::lines::Strongest;
@@ -21,9 +21,8 @@ pub struct ChatterSettings {
     pub sample_rate: SampleRate,
     /// Band in which there can be chatter.
     pub band: Band,
-    /// Whether the series is the force of a tool with its mean: a tool pushes and never pulls. Not so for
-    /// acceleration, nor where friction is left in the mean.
-    pub pushes: bool,
+    /// What its mean tells.
+    pub mean: MeanForce,
 }
 
 /// Why a stream cannot be watched.
@@ -247,7 +246,11 @@ impl ChatterMonitor {
     /// which the noise tells.
     fn change(&self, state: &mut ChatterState, change: Change) {
         let place = match change {
-            Change::Rises if !state.cuts && (self.settings.pushes || !state.decision.alarm) => true,
+            Change::Rises
+                if !state.cuts && (self.settings.mean == MeanForce::Whole || !state.decision.alarm) =>
+            {
+                true
+            }
             Change::Falls if !state.decision.alarm => false,
             _ => return,
         };
@@ -291,8 +294,7 @@ impl ChatterMonitor {
             watched_hz: [low.max(a - EDGE_HZ) - centre_hz, high.min(b + EDGE_HZ) - centre_hz],
             learns: !state.decision.alarm && state.lambda < CRITERIA.hold,
             alarm: state.decision.alarm,
-            pushes: self.settings.pushes,
-            level_n: state.level.over_rest_n(),
+            mean: self.settings.mean,
             mean_n: state.level.reached_n(),
         };
         self.chains[at].hear(&mut state.chains[at], &told);
@@ -321,7 +323,7 @@ impl ChatterMonitor {
         let contrast = best.contrast;
         // A tool that only pushes makes no line that is larger than what it pushes with.
         let amplitude_n = (2.0 * state.latest.power_n2).sqrt();
-        if self.settings.pushes && amplitude_n > CRITERIA.most_share * self.mean_n(state) {
+        if self.settings.mean == MeanForce::Whole && amplitude_n > CRITERIA.most_share * self.mean_n(state) {
             evidence = [0.0; 4];
             best.evidence = 0.0;
         }

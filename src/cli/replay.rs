@@ -4,7 +4,7 @@ use super::bad_input;
 use super::gated::tell_of;
 use crate::avoidance::Avoidance;
 use crate::avoidance::account::{Account, Look, decide_again};
-use crate::chatter::{Band, predicted_band};
+use crate::chatter::{Band, MeanForce, predicted_band};
 use crate::config::service::{ServiceConfig, read_service_config};
 use crate::force::estimator::ForceEstimate;
 use crate::force::recorded::accelerations;
@@ -227,8 +227,8 @@ struct Source<'a> {
     axes: Vec<String>,
     rate: crate::units::SampleRate,
     signals: Signals<'a>,
-    /// Whether they are forces as a dynamometer gives them, with their mean.
-    pushes: bool,
+    /// What their mean tells.
+    mean: MeanForce,
     speed: Option<&'a [f64]>,
     speed_given_rpm: Option<f64>,
     angle: Option<&'a [f64]>,
@@ -337,13 +337,16 @@ impl<'a> Source<'a> {
             return Err(format!("{} axes; at most {MAX_AXES} are watched", axes.len()));
         }
         let measured = |column: &DirectColumn<'_>| column.flags.is_none();
-        let pushes = arguments.signal == "force_n"
-            && matches!(&signals, Signals::Direct(columns) if columns.iter().all(measured));
+        let mean = match &signals {
+            Signals::Direct(_) if arguments.signal != "force_n" => MeanForce::Absent,
+            Signals::Direct(columns) if columns.iter().all(measured) => MeanForce::Whole,
+            _ => MeanForce::OverAir,
+        };
         Ok(Self {
             axes,
             rate: recording.sample_rate,
             signals,
-            pushes,
+            mean,
             speed: recording.get("spindle_speed_rpm"),
             speed_given_rpm: arguments.spindle_speed_rpm,
             angle: recording.get("spindle_angle_rad"),
@@ -375,7 +378,7 @@ impl<'a> Source<'a> {
                 tools: None,
                 infeed: None,
                 margin: None,
-                pushes: self.pushes,
+                mean: self.mean,
             },
         };
         if let Some(band) = band {

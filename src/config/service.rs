@@ -12,7 +12,7 @@ use super::machine::machine_from_text;
 use super::scenario::read_scenario;
 use super::{ConfigError, parse, parse_number, read_text};
 use crate::avoidance::AvoidanceSettings;
-use crate::chatter::Band;
+use crate::chatter::{Band, MeanForce};
 use crate::pipeline::{AxisPlan, BandPlan, CutPrior, MarginPlan, PipelineSettings, ToolAxis, lines_of};
 use crate::plant::cutting::{Cutting, RawCutting};
 use crate::plant::machine::Machine;
@@ -483,7 +483,7 @@ impl ServiceConfig {
             tools: tool_axis(&self.tools),
             infeed: tool_axis(&self.infeed),
             margin: Some(self.margin_plan()),
-            pushes: false, // friction is left in the mean of an estimate
+            mean: MeanForce::OverAir,
         }
     }
 

@@ -1,6 +1,7 @@
 //! The stability margin of each watched axis, and the smallest of them.
 
 use super::{Channel, Pipeline, PipelineSettings};
+use crate::chatter::MeanForce;
 use crate::keyframe::{Keep, Words};
 use crate::sample::ServoSample;
 use crate::stability::margin::{MarginMonitor, MarginSettings, MarginState};
@@ -46,7 +47,7 @@ impl Margins {
             sample_rate: settings.sample_rate,
             band_hz,
             prior: plan.prior,
-            pushes: settings.pushes,
+            pushes: settings.mean == MeanForce::Whole,
             force_hz: plan.force_hz,
         });
         let states = (0..settings.axes.len()).map(|axis| monitor.start(axis)).collect();

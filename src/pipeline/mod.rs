@@ -143,7 +143,7 @@ impl Pipeline {
         let monitor = ChatterMonitor::new(ChatterSettings {
             sample_rate: settings.sample_rate,
             band,
-            pushes: settings.pushes,
+            mean: settings.mean,
         })?;
         let channels = settings.axes.iter().map(|a| settings.channel(a)).collect::<Result<Vec<_>, _>>()?;
         let observers = settings.observers(|axis| axis.force.as_ref())?;

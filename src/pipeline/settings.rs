@@ -1,7 +1,7 @@
 //! What a pipeline is made from, checked.
 
 use super::{Channel, MarginPlan};
-use crate::chatter::{Band, BandError, ChatterError, predicted_band, predicted_band_in_cut};
+use crate::chatter::{Band, BandError, ChatterError, MeanForce, predicted_band, predicted_band_in_cut};
 use crate::force::estimator::ForceError;
 use crate::force::lanes::LANES;
 use crate::force::observer::ForcePlan;
@@ -143,8 +143,8 @@ pub struct PipelineSettings {
     pub infeed: Option<ToolAxis>,
     /// What the stability margin rests on; nothing: no margin is estimated.
     pub margin: Option<MarginPlan>,
-    /// Whether what is listened to is the force of a tool with its mean, from elsewhere: a tool never pulls.
-    pub pushes: bool,
+    /// What the mean of what is listened to tells.
+    pub mean: MeanForce,
 }
 
 /// Why there can be no such pipeline.

@@ -1,6 +1,6 @@
 //! The chatter monitor on made-up streams whose truth is known by construction.
 
-use stillcut::chatter::{Band, ChatterEvent, ChatterMonitor, ChatterSettings};
+use stillcut::chatter::{Band, ChatterEvent, ChatterMonitor, ChatterSettings, MeanForce};
 use stillcut::units::SampleRate;
 
 const RATE_HZ: f64 = 9000.0;
@@ -28,24 +28,24 @@ fn listen(more: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
 /// The same, heard from `start_s` on.
 fn listen_from(start_s: f64, more: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
     let cut = |t: f64| (80.0 + orders(t)) * ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0);
-    hear(start_s, true, |t| cut(t) + more(t))
+    hear(start_s, MeanForce::Whole, |t| cut(t) + more(t))
 }
 
-/// What is said of a force under noise; `pushes`: its mean is the cut's.
-fn hear(start_s: f64, pushes: bool, force: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
-    hear_at(60.0 * TURN_HZ, (start_s, pushes), force)
+/// What is said of a force under noise; `mean`: what its mean tells.
+fn hear(start_s: f64, mean: MeanForce, force: impl Fn(f64) -> f64) -> Vec<(f64, ChatterEvent)> {
+    hear_at(60.0 * TURN_HZ, (start_s, mean), force)
 }
 
 /// The same where the speed is told as `speed_rpm`.
 fn hear_at(
     speed_rpm: f64,
-    (start_s, pushes): (f64, bool),
+    (start_s, mean): (f64, MeanForce),
     force: impl Fn(f64) -> f64,
 ) -> Vec<(f64, ChatterEvent)> {
     let settings = ChatterSettings {
         sample_rate: SampleRate::new(RATE_HZ).unwrap(),
         band: Band::new(500.0, 750.0).unwrap(),
-        pushes,
+        mean,
     };
     let monitor = ChatterMonitor::new(settings).unwrap();
     let mut state = monitor.start();
@@ -140,10 +140,10 @@ fn a_speed_of_either_sign_or_none_that_can_be_is_borne() {
     };
     let cut = |t: f64, orders_n: f64| (80.0 + orders_n) * ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0);
     let forward = listen(chatter);
-    let backward = hear_at(-60.0 * TURN_HZ, (0.0, true), |t| cut(t, orders(t)) + chatter(t));
+    let backward = hear_at(-60.0 * TURN_HZ, (0.0, MeanForce::Whole), |t| cut(t, orders(t)) + chatter(t));
     assert_eq!(forward, backward);
     for speed_rpm in [0.0, 1e-3, 2.0, 5.0, 60.0] {
-        let found = hear_at(speed_rpm, (0.0, true), |t| cut(t, 0.0) + chatter(t));
+        let found = hear_at(speed_rpm, (0.0, MeanForce::Whole), |t| cut(t, 0.0) + chatter(t));
         let [(onset_s, ChatterEvent::Onset(_)), (_, ChatterEvent::End)] = found[..] else {
             panic!("{speed_rpm} rpm: {found:?}")
         };
@@ -216,11 +216,11 @@ fn chatter_that_grows_before_any_noise_is_known_is_heard() {
 #[test]
 fn a_line_without_a_cutting_force_is_not_chatter() {
     let tone = |t: f64| if t > 4.0 { 4.0 * line(t, 651.3) } else { 0.0 };
-    assert!(hear(0.0, true, tone).is_empty());
+    assert!(hear(0.0, MeanForce::Whole, tone).is_empty());
     // The zero drifts by as much as the noise.
-    assert!(hear(0.0, true, |t| 1.5 * line(t, 0.3) + tone(t)).is_empty());
+    assert!(hear(0.0, MeanForce::Whole, |t| 1.5 * line(t, 0.3) + tone(t)).is_empty());
     // Of an acceleration nothing of the kind is known.
-    assert_eq!(hear(0.0, false, tone).len(), 1);
+    assert_eq!(hear(0.0, MeanForce::Absent, tone).len(), 1);
     // And in the cut it is one.
     assert_eq!(listen(tone).len(), 1);
 }
@@ -310,7 +310,7 @@ fn chatter_between_close_orders_is_heard() {
             let cut = ((t - 1.0) * turn_hz).clamp(0.0, 1.0);
             cut * (40.0 + comb(t)) + if t > 5.0 { grown(t) } else { 0.0 }
         };
-        let found = hear_at(60.0 * turn_hz, (0.0, true), force);
+        let found = hear_at(60.0 * turn_hz, (0.0, MeanForce::Whole), force);
         let [(onset_s, ChatterEvent::Onset(_))] = found[..] else { panic!("{order}: {found:?}") };
         assert!((5.0..5.8).contains(&onset_s), "{order}: {found:?}");
     }
@@ -321,7 +321,7 @@ fn chatter_between_close_orders_is_heard() {
 fn a_force_beside_the_band_is_no_chatter() {
     for frequency_hz in [380.0, 860.0, 900.0] {
         let cut = |t: f64| ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0);
-        let found = hear(0.0, true, |t| cut(t) * (19.0 + 12.0 * line(t, frequency_hz + 0.37)));
+        let found = hear(0.0, MeanForce::Whole, |t| cut(t) * (19.0 + 12.0 * line(t, frequency_hz + 0.37)));
         assert!(found.is_empty(), "{frequency_hz}: {found:?}");
     }
 }
@@ -337,7 +337,7 @@ fn what_is_left_after_an_alarm_is_no_new_one() {
         }
         _ => 0.0,
     };
-    let found = hear(0.0, true, |t| 40.0 * ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0) + chatter(t));
+    let found = hear(0.0, MeanForce::Whole, |t| 40.0 * ((t - 1.0) * TURN_HZ).clamp(0.0, 1.0) + chatter(t));
     let soon = found.iter().filter(|(t, e)| matches!(e, ChatterEvent::Onset(_)) && (7.0..8.5).contains(t));
     assert!(soon.count() == 0, "{found:?}");
 }
@@ -345,7 +345,8 @@ fn what_is_left_after_an_alarm_is_no_new_one() {
 #[test]
 fn chatter_that_goes_with_the_speed_is_heard() {
     let band = Band::new(500.0, 750.0).unwrap();
-    let settings = ChatterSettings { sample_rate: SampleRate::new(RATE_HZ).unwrap(), band, pushes: true };
+    let settings =
+        ChatterSettings { sample_rate: SampleRate::new(RATE_HZ).unwrap(), band, mean: MeanForce::Whole };
     let monitor = ChatterMonitor::new(settings).unwrap();
     for order in [36.4, 37.6] {
         let (mut state, mut noise, mut turns, mut onset_s) = (monitor.start(), Noise(3), 0.0, None);
@@ -381,7 +382,7 @@ fn the_frequency_is_that_of_now_while_the_speed_changes() {
         let settings = ChatterSettings {
             sample_rate: SampleRate::new(RATE_HZ).unwrap(),
             band: Band::new(500.0, 800.0).unwrap(),
-            pushes: true,
+            mean: MeanForce::Whole,
         };
         let monitor = ChatterMonitor::new(settings).unwrap();
         let (mut state, mut noise, mut turns) = (monitor.start(), Noise(3), 0.0);

@@ -191,7 +191,7 @@ fn pipeline() -> Pipeline {
         tools: None,
         infeed: None,
         margin: Some(MarginPlan { prior, force_hz: 1000.0 }),
-        pushes: true,
+        mean: stillcut::chatter::MeanForce::Whole,
     })
     .unwrap()
 }

@@ -41,7 +41,7 @@ pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
         tools: None,
         infeed: None,
         margin: None,
-        pushes: false,
+        mean: stillcut::chatter::MeanForce::OverAir,
     }
 }
 
