@@ -35,6 +35,8 @@ struct Machine {
     random: f64,
     /// White noise of the sensor, N a sample.
     sensor_n: f64,
+    /// Tools toward the chuck.
+    travel_m_s: f64,
 }
 
 const MACHINE: Machine = Machine {
@@ -47,11 +49,20 @@ const MACHINE: Machine = Machine {
     rpm: 1350.0,
     random: 0.035,
     sensor_n: 0.5,
+    travel_m_s: 0.0,
 };
+
+/// Square of a cantilever's first mode shape at a share of its length, 1 at the end.
+fn gain(share: f64) -> f64 {
+    let x = 1.875_104_07 * share;
+    ((x.cosh() - x.cos() - 0.734_095_514 * (x.sinh() - x.sin())) / 2.0).powi(2)
+}
 
 /// The bar at the tools and what it left in the past.
 struct Cut {
     machine: Machine,
+    /// Of the bar at the tools, over that at its end.
+    gain: f64,
     state: [f64; 2],
     past_m: Vec<f64>,
     at: usize,
@@ -63,7 +74,8 @@ impl Cut {
     fn new(machine: Machine, seed: u64) -> Self {
         let turn = (60.0 / machine.rpm * RATE_HZ * FINE as f64) as usize;
         let past_m = vec![0.0; turn + 8];
-        Self { machine, state: [0.0; 2], past_m, at: 0, random: Random::new(seed), shake: [0.0; 2] }
+        let random = Random::new(seed);
+        Self { machine, gain: 1.0, state: [0.0; 2], past_m, at: 0, random, shake: [0.0; 2] }
     }
 
     /// Where the bar was `back` fine steps ago, on a straight line between steps.
@@ -108,7 +120,7 @@ impl Cut {
             let shake = self.shake;
             let slope = |s: [f64; 2]| {
                 let [f1, f2] = if in_cut { self.forces(s, shake, pitch_rad) } else { [0.0; 2] };
-                [s[1], (f2 - f1) / mass - 2.0 * m.damping * bends * s[1] - bends * bends * s[0]]
+                [s[1], self.gain * (f2 - f1) / mass - 2.0 * m.damping * bends * s[1] - bends * bends * s[0]]
             };
             let along = |s: [f64; 2], k: [f64; 2], h: f64| [s[0] + h * k[0], s[1] + h * k[1]];
             let s = self.state;
@@ -130,7 +142,12 @@ impl Cut {
 
 /// Margin by the decay of the vibration without noise, between 0.8 and 1.6 s after a small push.
 fn ring_down_1_s(machine: Machine, pitch_rad: f64) -> f64 {
-    let mut cut = Cut::new(Machine { random: 0.0, ..machine }, 1);
+    ring_down_at_1_s(machine, pitch_rad, 1.0)
+}
+
+/// The same where the bar has this gain.
+fn ring_down_at_1_s(machine: Machine, pitch_rad: f64, gain: f64) -> f64 {
+    let mut cut = Cut { gain, ..Cut::new(Machine { random: 0.0, ..machine }, 1) };
     let power = |cut: &mut Cut, seconds: f64| -> f64 {
         let samples = (seconds * RATE_HZ) as usize;
         let values: Vec<f64> = (0..samples).map(|_| cut.step(pitch_rad, true)).collect();
@@ -164,13 +181,15 @@ fn seeded(seed: u64, machine: Machine, seconds: usize, pitch_rad: impl Fn(f64) -
     let row = |i: usize| {
         let t_s = i as f64 / RATE_HZ;
         let (pitch, in_cut) = (pitch_rad(t_s), t_s >= ENTRY_S);
+        let place_m = machine.length_m - machine.travel_m_s * (t_s - ENTRY_S).max(0.0);
+        cut.gain = gain(place_m / machine.length_m);
         low += share * (2.12 * cut.step(pitch, in_cut) - low);
         Row {
             force_n: low + machine.sensor_n * noise.normal(),
             conditions: CutConditions {
                 spindle_speed_rpm: Some(machine.rpm),
                 pitch_difference_rad: Some(pitch),
-                tool_position_m: Some(machine.length_m),
+                tool_position_m: Some(place_m),
                 feed_m_rev: Some(FEED_M),
                 width_m: Some(if in_cut { WIDTH_M } else { 0.0 }),
                 ..CutConditions::default()
@@ -250,6 +269,27 @@ fn the_margin_is_the_decay_of_the_vibration() {
     // The contract asks for 85 of 100 right, the interval is one of 95 %. Readings of one stream are one answer:
     // 32 answers lie within two deviations of that, 6 and 4 of 100 each.
     assert!(right * 100 >= 73 * count && held * 100 >= 87 * count, "{right} right, {held} held of {count}");
+}
+
+/// 3 mm/s along a bar of 180 mm: its gain falls by a seventh within a block of two seconds.
+#[test]
+fn tools_that_travel_are_heard() {
+    let machine = Machine { travel_m_s: 3e-3, ..MACHINE };
+    let (mut right, mut held, mut count) = (0, 0, 0);
+    for seed in SEEDS.take(6) {
+        let told = told(&seeded(seed, machine, 13, |_| STABLE_RAD[1]));
+        for (second, reading) in told.readings.iter().enumerate().skip(6) {
+            let place = 1.0 - machine.travel_m_s * (second as f64 + 1.0 - ENTRY_S) / machine.length_m;
+            let truth = ring_down_at_1_s(machine, STABLE_RAD[1], gain(place));
+            let margin = reading.margin().unwrap_or_else(|| panic!("{reading:?} at {second} s"));
+            count += 1;
+            right += usize::from((margin.margin_1_s - truth).abs() < (0.2 * truth.abs()).max(2.0));
+            held += usize::from((margin.lo_1_s..margin.hi_1_s).contains(&truth));
+            println!("{place:.3} {truth:.2} 1/s {margin:?}");
+        }
+    }
+    println!("{right} right, {held} held of {count}");
+    assert!(right * 100 >= 60 * count && held * 100 >= 80 * count, "{right} right, {held} held of {count}");
 }
 
 #[test]

@@ -113,6 +113,18 @@ impl Slices {
         sum.mean()
     }
 
+    /// Mean of the last block with the tools where they were at two moments of it, which stand for it as the
+    /// window weighs it: sin^4 has a standard deviation of 0.1414 of its length.
+    pub(super) fn travelled(&self) -> [Means; 2] {
+        const DEVIATION: f64 = 0.1414;
+        let mean = self.mean(SLICES);
+        // Half a block is from the middle of its first half to that of its last.
+        let travel_m = (self.mean(HOP).position_m - mean.position_m) * 2.0;
+        let at =
+            |side: f64| Means { position_m: mean.position_m + side * travel_m * DEVIATION / 0.5, ..mean };
+        [at(-1.0), at(1.0)]
+    }
+
     /// Whether the last block was cut under one condition at a line of `frequency_hz`: the delayed wave
     /// kept its phase, chip and position their size.
     pub(super) fn steady(&self, frequency_hz: f64, criteria: &Criteria) -> bool {

@@ -20,8 +20,8 @@ pub(super) struct Criteria {
     pub(super) bin_share: f64,
     /// Largest change of phase of the delayed wave inside of a block, rad: cos 0.3 = 0.96.
     pub(super) phase_in_block_rad: f64,
-    /// Largest change of the cut's stiffness or of the bar's gain inside of a block, as a ratio less one:
-    /// its frequency moves by less than a bin.
+    /// Largest change of the cut's stiffness or of the bar's gain inside of a block, as a ratio less one: two
+    /// moments stand for a straight line; what bends of it, 0.3^2/8, moves its frequency by less than a bin.
     pub(super) change_in_block: f64,
     /// Force that swings by this share of its mean is no longer linear: contact is lost at 1 (the diagnosis
     /// of cuts uses the same share).
@@ -72,7 +72,7 @@ impl Criteria {
         searched_blocks: 3,
         bin_share: 0.4875,
         phase_in_block_rad: 0.3,
-        change_in_block: 0.1,
+        change_in_block: 0.3,
         linear_swing: 0.75,
         order_over_neighbours: 12.0,
         drift: [0.01, 0.002, 0.0003, 0.03, 0.0, 0.0, 0.01, 0.05, 0.01],

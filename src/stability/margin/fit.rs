@@ -58,14 +58,15 @@ impl Gaussian {
 /// Periodogram of a block and the conditions under which it was cut.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Block {
-    pub(super) condition: Condition,
+    /// At two moments that stand for it: the tools travel.
+    pub(super) conditions: [Condition; 2],
     /// N^2/Hz, one a bin.
     pub(super) power: Vec<f64>,
     /// False where an order of the spindle stands.
     pub(super) used: Vec<bool>,
 }
 
-keep!(Block { condition, power, used });
+keep!(Block { conditions, power, used });
 
 /// What a fit does now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -117,7 +118,7 @@ pub(super) struct Fit {
     steps: usize,
     block: usize,
     bin: usize,
-    cut: Cut,
+    cuts: [Cut; 2],
     information: Information,
     gradient: Parameters,
     likelihood: f64,
@@ -137,7 +138,7 @@ keep!(Fit {
     steps,
     block,
     bin,
-    cut,
+    cuts,
     information,
     gradient,
     likelihood,
@@ -158,7 +159,7 @@ impl Default for Fit {
             steps: 0,
             block: 0,
             bin: 0,
-            cut: Cut::default(),
+            cuts: [Cut::default(); 2],
             information: Information::zeros(),
             gradient: Parameters::zeros(),
             likelihood: 0.0,
@@ -226,15 +227,15 @@ impl Fit {
             return self.end_step();
         };
         if self.bin == 0 {
-            self.cut = Cut::new(&block.condition, &self.at);
+            self.cuts = block.conditions.map(|condition| Cut::new(&condition, &self.at));
             for half in 0..WINDOW {
-                self.window[half] = self.cut.density(band.half_bin_hz(half as i64 - REACH as i64));
+                self.window[half] = self.density(band.half_bin_hz(half as i64 - REACH as i64));
             }
         } else {
             self.window.rotate_left(2);
             for half in WINDOW - 2..WINDOW {
                 let from = (2 * self.bin + half) as i64 - REACH as i64;
-                self.window[half] = self.cut.density(band.half_bin_hz(from));
+                self.window[half] = self.density(band.half_bin_hz(from));
             }
         }
         if block.used[self.bin] {
@@ -245,6 +246,19 @@ impl Fit {
             (self.bin, self.block) = (0, self.block + 1);
         }
         None
+    }
+
+    /// Mean spectrum of the block at a frequency.
+    fn density(&self, frequency_hz: f64) -> Density {
+        let [early, late] = &self.cuts;
+        let mut density = early.density(frequency_hz);
+        if late != early {
+            let other = late.density(frequency_hz);
+            density.total = 0.5 * (density.total + other.total);
+            density.cut = 0.5 * (density.cut + other.cut);
+            density.by = 0.5 * (density.by + other.by);
+        }
+        density
     }
 
     /// One bin's part of information, gradient and likelihood.

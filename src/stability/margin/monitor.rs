@@ -179,7 +179,7 @@ impl MarginMonitor {
     #[must_use]
     pub fn start(&self, axis: usize) -> MarginState {
         let block = Block {
-            condition: Condition::default(),
+            conditions: [Condition::default(); 2],
             power: vec![0.0; self.band.bins],
             used: vec![true; self.band.bins],
         };
@@ -326,9 +326,8 @@ impl MarginMonitor {
         }
     }
 
-    /// Conditions of the last `slices` slices as the model takes them.
-    fn condition(&self, state: &MarginState, slices: usize) -> Condition {
-        let means = state.slices.mean(slices);
+    /// Conditions as the model takes them.
+    fn condition(&self, state: &MarginState, means: &Means) -> Condition {
         let stated = &self.settings.prior;
         let mean_n = means.force_n - state.air_mean_n;
         let chip_m2 = means.chip_m2().max(f64::MIN_POSITIVE);
@@ -339,7 +338,7 @@ impl MarginMonitor {
             force_hz: self.settings.force_hz,
             noise: state.noise,
         };
-        stated.condition(&means, &heard)
+        stated.condition(means, &heard)
     }
 
     fn end_slice(&self, state: &mut MarginState) {
@@ -378,8 +377,8 @@ impl MarginMonitor {
             // There was no air: the lowest tenth of the band, which is exp(-2.2) of its mean.
             state.noise = lowest(&state.blocks[place].power, self.band.middle_hz);
         }
-        let condition = self.condition(state, SLICES);
-        state.blocks[place].condition = condition;
+        let conditions = state.slices.travelled().map(|means| self.condition(state, &means));
+        state.blocks[place].conditions = conditions;
         self.leave_orders_out(&mut state.blocks[place]);
         let longest = Parameters::from(state.deviations);
         if joint {
@@ -410,9 +409,9 @@ impl MarginMonitor {
         block.used.fill(true);
         let (first_hz, bin_hz) = (self.band.half_bin_hz(0), self.band.bin_hz());
         let bins = self.band.bins;
-        let mut order = (first_hz * block.condition.turn_s).ceil();
+        let mut order = (first_hz * block.conditions[0].turn_s).ceil();
         loop {
-            let place = ((order / block.condition.turn_s - first_hz) / bin_hz).round();
+            let place = ((order / block.conditions[0].turn_s - first_hz) / bin_hz).round();
             if !(0.0..bins as f64).contains(&place) {
                 break;
             }
@@ -452,7 +451,7 @@ impl MarginMonitor {
     }
 
     fn begin_cloud(&self, state: &mut MarginState) {
-        state.now = self.condition(state, NOW);
+        state.now = self.condition(state, &state.slices.mean(NOW));
         let seconds = 1.0 + state.age as f64 * self.band.slice_s();
         let Some(later) = state.posterior.later(seconds, &self.criteria.drift) else { return };
         let Some(mut covariance) = later.covariance() else { return };

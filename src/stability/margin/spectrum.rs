@@ -265,8 +265,12 @@ impl BandBlocks {
     pub(super) fn air_noise(&self, state: &BandState) -> Option<Noise> {
         let count = self.quarter_bins as f64;
         let mean = state.air.iter().sum::<f64>() / count;
-        if state.air_count < 1.0 || mean <= 0.0 {
+        if state.air_count < 1.0 {
             return None;
+        }
+        if mean <= 0.0 {
+            // A simulated force that is exactly zero in air: no noise at all.
+            return Some(Noise { level: f64::MIN_POSITIVE.ln(), slope: 0.0, middle_hz: self.middle_hz });
         }
         let step = 4.0 * self.bin_hz() / 100.0;
         let offset = |i: usize| (self.quarter_first as f64 + i as f64) * step;
