@@ -16,6 +16,7 @@
 //! The method with its figures: `docs/method-diagnosis.md`.
 
 pub mod cut;
+mod cuts;
 mod drive;
 mod encoder_noise;
 mod first_look;
@@ -74,8 +75,8 @@ pub enum DiagnoseError {
     },
     /// Nothing moves in any recording.
     #[error(
-        "axis {axis} stands still in {recordings}: it moves by less than a micrometre, and nothing can be \
-         told of it; expected is a recording while it feeds"
+        "axis {axis} stands still in {recordings}, cuts left out: it moves by less than a guide gives before \
+         it slides, and nothing can be told of it; expected is a recording while it feeds in air"
     )]
     Standing {
         /// Axis.
@@ -184,45 +185,87 @@ pub fn diagnose_with(
     options: &DiagnoseOptions,
     progress: Progress<'_>,
 ) -> Result<Diagnosis, DiagnoseError> {
-    let (axis, others) = axis_of(machine, recordings)?;
-    first_look::check(axis, recordings)?;
+    let axes = recorded_axes(machine, recordings)?;
     let first_hz = recordings[0].sample_rate.hz();
     if let Some(other) = recordings.iter().find(|r| (r.sample_rate.hz() / first_hz - 1.0).abs() > 1e-6) {
         let (recording, rate_hz) = (other.experiment.clone(), other.sample_rate.hz());
         return Err(DiagnoseError::MixedRates { recording, rate_hz, first_hz });
     }
-    let beside = drive::Beside {
-        masks: &options.masked,
-        budget_s: options.budget_s,
-        clock_moved: options.clock_moved,
-    };
-    let mut diagnosis = drive::diagnose(machine, axis, recordings, (beside, progress))?;
-    if !others.is_empty() {
-        diagnosis.notes.push(format!(
-            "This is of axis {}. Also recorded and not looked at: {}; a model with that axis alone answers \
-             for it.",
-            axis.name,
-            others.join(", ")
-        ));
+    let cuts = cuts::Cuts::of(recordings, &options.masked);
+    let mut refused: Vec<(&str, DiagnoseError)> = Vec::new();
+    for (k, axis) in axes.iter().enumerate() {
+        let beside = drive::Beside {
+            masks: &cuts.masks,
+            budget_s: options.budget_s,
+            clock_moved: options.clock_moved,
+        };
+        let answer = first_look::check(axis, recordings, &cuts.masks)
+            .and_then(|()| drive::diagnose(machine, axis, recordings, (beside, progress)));
+        match answer {
+            Ok(mut diagnosis) => {
+                diagnosis.notes.extend(cuts.notes);
+                diagnosis.notes.extend(not_looked_at((axis, &axes[k + 1..]), &refused, recordings));
+                diagnosis.notes.extend(first_look::frozen(axis, recordings));
+                return Ok(diagnosis);
+            }
+            // Nothing to be told of this one; another may move.
+            Err(error @ (DiagnoseError::Standing { .. } | DiagnoseError::TooShort { .. })) => {
+                refused.push((&axis.name, error));
+            }
+            Err(error) => return Err(error),
+        }
     }
-    diagnosis.notes.extend(first_look::frozen(axis, recordings));
-    Ok(diagnosis)
+    Err(refusal(refused))
 }
 
-/// The first axis of the model that is recorded and moves, and the names of the other recorded ones; where
-/// all stand, the first.
-fn axis_of<'a>(
+/// What is said where no axis tells anything: that all stand, or why the first that moves does not.
+fn refusal(refused: Vec<(&str, DiagnoseError)>) -> DiagnoseError {
+    let names: Vec<&str> = refused.iter().map(|(name, _)| *name).collect();
+    let names = names.join(", ");
+    let stands = |e: &DiagnoseError| matches!(e, DiagnoseError::Standing { .. });
+    let mut errors: Vec<DiagnoseError> = refused.into_iter().map(|(_, error)| error).collect();
+    let first = errors.iter().position(|e| !stands(e)).unwrap_or(0);
+    match errors.swap_remove(first) {
+        DiagnoseError::Standing { recordings, .. } => DiagnoseError::Standing { axis: names, recordings },
+        error => error,
+    }
+}
+
+/// Every other axis, and why nothing is said of it.
+fn not_looked_at(
+    (axis, later): (&AxisModel, &[&AxisModel]),
+    refused: &[(&str, DiagnoseError)],
+    recordings: &[Recording],
+) -> Option<String> {
+    let why = |(name, error): &(&str, DiagnoseError)| match error {
+        DiagnoseError::Standing { .. } => format!("{name} (it stands still)"),
+        _ => format!("{name} (too little of it was measured in motion)"),
+    };
+    let mut others: Vec<String> = refused.iter().map(why).collect();
+    others.extend(later.iter().map(|a| format!("{} (a model with that axis alone answers for it)", a.name)));
+    let known =
+        |name: &String| *name == axis.name || others.iter().any(|o| o.starts_with(&format!("{name} ")));
+    let unknown: Vec<String> = recordings[0].axes.iter().filter(|name| !known(name)).cloned().collect();
+    others.extend(unknown.into_iter().map(|name| format!("{name} (not in the model)")));
+    (!others.is_empty()).then(|| {
+        format!("This is of axis {}. Also recorded and not looked at: {}.", axis.name, others.join(", "))
+    })
+}
+
+/// Axes of the model that are recorded, in its order.
+fn recorded_axes<'a>(
     machine: &'a Machine,
     recordings: &[Recording],
-) -> Result<(&'a AxisModel, Vec<&'a str>), DiagnoseError> {
+) -> Result<Vec<&'a AxisModel>, DiagnoseError> {
     let first = recordings.first().ok_or(DiagnoseError::NoRecording)?;
     let has =
         |axis: &&AxisModel| first.columns.iter().any(|c| c.name.starts_with(&format!("{}_", axis.name)));
     let recorded: Vec<&AxisModel> = machine.axes.iter().filter(has).collect();
-    let moving = recorded.iter().find(|a| first_look::moves(a, recordings));
-    let axis = *moving.or(recorded.first()).ok_or_else(|| DiagnoseError::NoAxis {
-        recording: first.experiment.clone(),
-        axes: machine.axes.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join(", "),
-    })?;
-    Ok((axis, recorded.iter().map(|a| a.name.as_str()).filter(|name| *name != axis.name).collect()))
+    if recorded.is_empty() {
+        return Err(DiagnoseError::NoAxis {
+            recording: first.experiment.clone(),
+            axes: machine.axes.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join(", "),
+        });
+    }
+    Ok(recorded)
 }

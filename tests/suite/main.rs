@@ -3,6 +3,7 @@
 
 mod folders;
 mod lathe;
+mod lathe_diagnosis;
 
 #[cfg(feature = "service")]
 mod acting;

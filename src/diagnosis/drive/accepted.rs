@@ -1,6 +1,7 @@
 //! A law that stands in the model of a balance.
 
-use super::columns::{Ground, Number, TimeColumn};
+use super::columns::{Ground, TimeColumn};
+use super::number::Number;
 use super::shape::{DIFFERENCE, Hypothesis, Shape};
 use crate::plant::effects::law::ForceLaw;
 

@@ -2,9 +2,10 @@
 
 use super::closed_loop::closed_loop;
 use super::criteria::{Criteria, Z95};
+use super::evidence::least_seen_n;
 use super::gram::Part;
 use super::model::is_other_size;
-use super::numbers::{Absent, Doubt, absent, corrections, doubt, without};
+use super::numbers::{Absent, Doubt, absent, corrections, doubt, stated_beta, without};
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::shape::{Hypothesis, Shape};
@@ -12,11 +13,12 @@ use super::state::{Accepted, Balance, Number, State};
 use super::words::{domain, equation, estimates, next_experiment, scale_deviation, statement, term};
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
-    Alternative, Contribution, Correction, Diagnosis, Estimate, Finding, Fit, Location, MapEstimate,
-    RecordingFit, TimeSpans, Tried, Verdict,
+    Alternative, Contribution, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit, Location,
+    MapEstimate, RecordingFit, TimeSpans, Tried, Verdict,
 };
 use crate::diagnosis::selection::{Round, probabilities};
 use crate::diagnosis::steps::{coarser_step, stated_step_m};
+use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
@@ -61,7 +63,9 @@ struct Found {
 /// True where the 95 % interval of a law's size does not hold zero. Sizes that stand in a shape do not.
 fn is_other_than_zero(law: &Accepted, deviations: &[f64]) -> bool {
     let sized = |(a, d): (&f64, &f64)| a.abs() > Z95 * d;
-    law.hypothesis.has_dose() || law.amplitudes.iter().zip(deviations).any(sized)
+    // Of a bristle the force: what remains without it is a damper.
+    let count = if law.hypothesis.turns_friction() { 1 } else { law.amplitudes.len() };
+    law.hypothesis.has_dose() || law.amplitudes.iter().zip(deviations).take(count).any(sized)
 }
 
 /// Deviations of a state.
@@ -152,12 +156,13 @@ impl Case<'_> {
         let findings: Vec<Finding> =
             if unexplained { Vec::new() } else { self.findings(found, &left, heldout_n) };
         let model = self.model(verdict, &state, &doubt, &findings, (&left, is_left));
-        let series = residuals(balance, self.start, &state, &self.stated_beta());
+        let series = residuals(balance, self.start, &state, &stated_beta(balance, self.start));
         let axes = [
             self.stated.clone(),
             self.recalibrated(&state, &doubt),
             model.axis(&self.stated.name).unwrap_or(self.stated).clone(),
         ];
+        let limits = self.detection_limits(&state, level, &findings);
         let closed_loop = closed_loop(&balance.signals, &axes, self.recordings, &state);
         let location = self.location(verdict, &findings, &left, &state);
         let floors = left.floors_n;
@@ -174,7 +179,7 @@ impl Case<'_> {
             series_rate_hz: balance.signals.thin_rate_hz(),
             noise_floor_n: if two { floors.to_vec() } else { vec![floors[0]] },
             tried: self.tried(),
-            detection_limits: Vec::new(),
+            detection_limits: limits,
             model,
             notes,
             closed_loop,
@@ -485,29 +490,6 @@ impl Case<'_> {
         SIZES.iter().find_map(|key| term.number(key).map(|value| (*key, value)))
     }
 
-    /// The stated numbers in the order of the balance.
-    fn stated_beta(&self) -> Vec<f64> {
-        let d = &self.balance.drive;
-        let two = self.balance.signals.sides() == 2;
-        let sum = |motor: f64, stage: f64| if two { stage } else { motor + stage };
-        let base = &self.start.base;
-        let number = |(k, n): (usize, &Number)| match n {
-            Number::MotorMass => d.reflected_mass_kg(),
-            Number::MotorDamping => d.reflected_damping_n_s_m(),
-            Number::MotorCoulomb => d.motor_coulomb_friction_n(),
-            Number::Stiffness => d.axial_stiffness_n_m(),
-            Number::StructuralDamping => d.structural_damping_n_s_m(),
-            Number::StageMass => sum(d.reflected_mass_kg(), d.movable_mass_kg()),
-            Number::StageDamping => sum(d.reflected_damping_n_s_m(), d.translational_damping_n_s_m()),
-            Number::StageCoulomb => sum(d.motor_coulomb_friction_n(), d.stage_coulomb_friction_n()),
-            Number::Timing | Number::Lag => 0.0,
-            Number::Zero | Number::Scale => base.fit.beta[k],
-        };
-        let mut beta: Vec<f64> = base.numbers.iter().enumerate().map(number).collect();
-        beta.extend(self.start.accepted.iter().map(|_| 1.0));
-        beta
-    }
-
     fn location(
         &self,
         verdict: Verdict,
@@ -564,6 +546,22 @@ impl Case<'_> {
             }
         };
         s.tracks.iter().enumerate().map(of).collect()
+    }
+
+    /// What would have been seen of every law that was asked and is no finding, beside what was found.
+    fn detection_limits(&self, state: &State, level: f64, findings: &[Finding]) -> Vec<DetectionLimit> {
+        let asked = self.rounds.last().map_or(&[][..], |r| &r.screened);
+        let open: Vec<&Hypothesis> = asked
+            .iter()
+            .map(|s| &s.hypothesis)
+            .filter(|h| !h.is_number() && !h.is_of_one_recording() && !h.is_map())
+            .filter(|h| !findings.iter().any(|f| f.effect == h.effect && f.port == h.port))
+            .collect();
+        let limits = on_two_cores(&open, |h| least_seen_n(self.balance, state, h, level));
+        let of = |(h, force_rms_n): (&&Hypothesis, Option<f64>)| {
+            Some(DetectionLimit { effect: h.effect, port: h.port, force_rms_n: force_rms_n? })
+        };
+        open.iter().zip(limits).filter_map(of).collect()
     }
 
     fn tried(&self) -> Vec<Tried> {

@@ -77,7 +77,11 @@ fn frictions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     );
     list.push(at(E::AsymmetricFriction, Shape::Asymmetric));
     list.push(at(E::AsymmetricFriction, Shape::AsymmetricViscous));
-    list.push(at(E::GravityLoad, Shape::Gravity));
+    // Beside a spindle that turns a load and the mean force of a cut are one.
+    list.push(match s.spindle_hz() {
+        Some(hz) => at(E::CuttingForce, Shape::Cut { hz, start_s: 0.0, end_s: longest_s }),
+        None => at(E::GravityLoad, Shape::Gravity),
+    });
     list.push(at(E::NonlinearViscosity, Shape::NonlinearViscosity));
     list.extend(
         grid(0.04 * longest_s, 0.6 * longest_s, 5).map(|t| at(E::FrictionDrift, Shape::Drift { tau_s: t })),
@@ -152,7 +156,9 @@ fn springs(balance: &Balance, two: bool) -> Vec<Hypothesis> {
     let [low, high] = s.travel_m();
     let mut list = vec![at(E::NonlinearStiffness, Shape::Cubic)];
     for share in [0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0] {
-        list.push(at(E::Backlash, Shape::Backlash { gap_m: share * size_m }));
+        let gap_m = share * size_m;
+        list.push(at(E::Backlash, Shape::Backlash { gap_m, loose: false }));
+        list.extend(two.then(|| at(E::Backlash, Shape::Backlash { gap_m, loose: true })));
     }
     if !two {
         return list;

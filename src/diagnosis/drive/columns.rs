@@ -32,29 +32,7 @@ pub(super) struct Mechanics {
     pub(super) spring_zero_n: f64,
 }
 
-/// A number of the structure, and the two constants that encoders without a common zero and scale leave free.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::diagnosis) enum Number {
-    MotorMass,
-    MotorDamping,
-    MotorCoulomb,
-    Stiffness,
-    StructuralDamping,
-    /// All of the mass where there is one position.
-    StageMass,
-    StageDamping,
-    StageCoulomb,
-    /// When a reference acts.
-    Timing,
-    /// Bandwidth of a current loop that was found, in steps of a fiftieth.
-    Lag,
-    /// Zero of the stretch.
-    Zero,
-    /// Travel of the motor over that of the scale.
-    Scale,
-}
-
-/// The same as a function of w, rad/s. `None` for what is no linear function of the positions.
+/// A response as a function of w, rad/s. `None` for what is no linear function of the positions.
 pub(super) type Operator = Option<Arc<dyn Fn(f64) -> Response + Send + Sync>>;
 
 /// (i w)^order.
@@ -247,6 +225,7 @@ impl Ground<'_> {
                 one(thrust.iter().map(lost).collect())
             }
             Shape::Play { gap_m, yield_m } => one(play(x, gap_m, yield_m)),
+            Shape::Backlash { gap_m, loose: true } => one(self.loose(track, gap_m)),
             Shape::Backlash { .. } | Shape::Cubic | Shape::StiffnessSlope | Shape::StiffnessWave { .. } => {
                 let of = |law: SpringLaw| track.stretch_m.iter().zip(x).map(|(d, x)| law(*d, *x)).collect();
                 self.springs(h).into_iter().map(of).flat_map(one).collect()
@@ -264,11 +243,25 @@ impl Ground<'_> {
         }
     }
 
+    /// What spring and damper do not hold in a gap: a dry nut between its flanks has neither.
+    fn loose(&self, track: &Track, gap_m: f64) -> Vec<f64> {
+        let (k, zero) = (self.mechanics.stiffness_n_m, self.zero_m());
+        let d = |i: usize| track.stretch_m[i.min(track.stretch_m.len() - 1)] + zero;
+        let per_m = 0.5 * track.rate_hz * self.mechanics.structural_damping_n_s_m;
+        (0..track.stretch_m.len())
+            .map(|i| {
+                let inside = d(i).abs() < 0.5 * gap_m;
+                let damper = if inside { per_m * (d(i + 1) - d(i.saturating_sub(1))) } else { 0.0 };
+                k * (after_backlash(d(i), gap_m) - d(i)) - damper
+            })
+            .collect()
+    }
+
     /// Laws of the stretch d and the position.
     fn springs(&self, h: &Hypothesis) -> Vec<SpringLaw> {
         let (k, zero) = (self.mechanics.stiffness_n_m, self.zero_m());
         match h.shape {
-            Shape::Backlash { gap_m } => {
+            Shape::Backlash { gap_m, .. } => {
                 vec![Box::new(move |d, _| k * (after_backlash(d + zero, gap_m) - (d + zero)))]
             }
             Shape::Cubic => vec![Box::new(move |d, _| cubic(d + zero))],

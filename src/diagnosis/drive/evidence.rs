@@ -3,7 +3,7 @@
 
 use super::criteria::Criteria;
 use super::gram::{Gram, Part};
-use super::likelihood::{Design, FREE, Fit, values};
+use super::likelihood::{Design, FREE, Fit, POSITIVE, values};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Balance, Number, State, amplitude_bounds, knockoff_design};
 
@@ -52,7 +52,7 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
         // On the grid neither shape nor numbers are where they belong, and the amplitude makes up for both;
         // not for the sign: a drive that is late is no early one.
         bounds = vec![FREE; added];
-        bounds[0] = [0.0, f64::INFINITY];
+        bounds[0] = POSITIVE;
     }
     design.add(&gram, old..old + added, bounds);
     let first = base.fit.beta.len();
@@ -72,6 +72,11 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
             start[new] = std::mem::replace(&mut start[old], 0.0);
             design.bounds[old] = [0.0, 0.0];
         }
+    }
+    if h.turns_friction() {
+        // In place of the forms over speed.
+        let places = base.numbers.iter().enumerate().filter(|(_, n)| matches!(n, Number::StageTurning(_)));
+        places.for_each(|(k, _)| (start[k], design.bounds[k]) = (0.0, [0.0, 0.0]));
     }
     let fit = balance.fit(&design, &bands, &start, &base.weights);
     let cost = price(added + h.constants().len(), values(&bands));
@@ -115,6 +120,29 @@ pub(super) fn statistic(balance: &Balance, state: &State, h: &Hypothesis, asked:
     }
     let worst = asked.score.min(folds);
     if several { worst.min(recordings) } else { worst }
+}
+
+/// Root mean square of the force, N, from which on a law beside a state would exceed the level.
+///
+/// Of an amplitude a the gain is a^2 / var(a), numbers and laws free beside it: a^2 = (level + price) var(a).
+/// Of several amplitudes the first, their columns alike in size. `None`: nothing of it is in the recordings.
+pub(super) fn least_seen_n(balance: &Balance, state: &State, h: &Hypothesis, level_nats: f64) -> Option<f64> {
+    let base = &state.base;
+    let columns: Vec<_> = state.ground(balance).columns(h).iter().map(|t| balance.column(t)).collect();
+    let (old, added, first) = (base.gram.len(), columns.len(), base.fit.beta.len());
+    let gram = base.gram.with(&balance.plan, columns);
+    let bands = gram.sum(&balance.plan, Part::All);
+    let mut design = base.design.clone();
+    design.add(&gram, old..old + added, vec![FREE; added]);
+    let start: Vec<f64> = base.fit.beta.iter().copied().chain(vec![0.0; added]).collect();
+    let fit = design.fit(&bands, start, base.weights.clone());
+    let cost = price(added + h.constants().len(), values(&bands));
+    let variance = fit.inverse()[(first, first)];
+    let place = old * gram.len() + old;
+    let power = |side: usize| bands.iter().map(|b| b.products[side][place]).sum::<f64>();
+    let rms_n = (power(0).max(power(2)) / balance.plan.measured().max(1.0)).sqrt();
+    let least_n = rms_n * ((level_nats + cost) * variance).sqrt();
+    (least_n.is_finite() && least_n > 0.0).then_some(least_n)
 }
 
 /// What a finding must exceed, nats.

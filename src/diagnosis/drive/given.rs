@@ -119,7 +119,10 @@ fn law(axis: &AxisModel, term: &PhysicsTerm, m: &Mechanics) -> Option<Accepted> 
             let (force_n, stiffness) = (get("force_n")?, get("stiffness_n_m")?);
             of(Shape::Play { gap_m: get("gap_m")?, yield_m: force_n / stiffness }, vec![force_n])
         }
-        E::Backlash => of(Shape::Backlash { gap_m: get("gap_m")? }, vec![1.0]),
+        E::Backlash => {
+            let loose = get("loose_damper").is_some_and(|x| x != 0.0);
+            of(Shape::Backlash { gap_m: get("gap_m")?, loose }, vec![1.0])
+        }
         E::NonlinearStiffness => of(Shape::Cubic, vec![get("cubic_n_m3")?]),
         E::PositionDependentStiffness => {
             let (r, length_m) = (get("relative_variation")?, get("length_m")?);

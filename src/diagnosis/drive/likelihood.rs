@@ -39,6 +39,9 @@ pub(super) struct Design {
 /// A coefficient without bounds.
 pub(super) const FREE: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
+/// One that physics allows no sign to.
+pub(super) const POSITIVE: [f64; 2] = [0.0, f64::INFINITY];
+
 /// Symmetric 2x2: motor, both, stage.
 pub(super) type Spread = [f64; 3];
 
@@ -309,7 +312,8 @@ impl Fit {
         (0..self.beta.len()).map(of).collect()
     }
 
-    fn inverse(&self) -> DMatrix<f64> {
+    /// Inverse of the information; zero for what is held.
+    pub(super) fn inverse(&self) -> DMatrix<f64> {
         let p = self.beta.len();
         let free: Vec<usize> = (0..p).filter(|k| !self.held[*k]).collect();
         let scale: Vec<f64> =

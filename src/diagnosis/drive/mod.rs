@@ -12,6 +12,7 @@ mod given;
 mod gram;
 mod likelihood;
 mod model;
+mod number;
 mod numbers;
 pub(in crate::diagnosis) mod recorded;
 mod rest;
@@ -51,6 +52,36 @@ pub(in crate::diagnosis) struct Beside<'a> {
     pub(in crate::diagnosis) clock_moved: bool,
 }
 
+/// The balance of an axis. Errors: as [`signals::Signals::new`]; too little was measured.
+fn balance_of(
+    axis: &AxisModel,
+    recordings: &[Recording],
+    beside: &Beside<'_>,
+) -> Result<state::Balance, DiagnoseError> {
+    let signals = signals::Signals::new(axis, recordings, beside.masks)?;
+    let balance = state::Balance::new(axis.drive.clone(), signals, beside.clock_moved);
+    if let Some(first) = recordings.first().filter(|_| !balance.plan.is_enough()) {
+        let recording = first.experiment.clone();
+        let samples = balance.plan.measured() as usize * balance.signals.step;
+        let needed = spectra::LEAST_MEASURED * balance.signals.step;
+        return Err(DiagnoseError::TooShort { recording, samples, needed });
+    }
+    Ok(balance)
+}
+
+/// Numbers and balance after they have followed one another, with what the model states and is not heeded.
+fn start_of(axis: &AxisModel, balance: &state::Balance) -> (state::State, Vec<String>) {
+    let mut start = state::State::new(balance, Vec::new());
+    let (laws, notes) = given::given(axis, &start.stated_mechanics(balance));
+    if !laws.is_empty() {
+        start = state::State::new(balance, laws);
+    }
+    for _ in 0..PASSES {
+        start = start.rebuilt(balance);
+    }
+    (start, notes)
+}
+
 /// Diagnoses one axis.
 pub(in crate::diagnosis) fn diagnose(
     machine: &Machine,
@@ -60,24 +91,10 @@ pub(in crate::diagnosis) fn diagnose(
 ) -> Result<Diagnosis, DiagnoseError> {
     progress(0.0, "aligning signals");
     let axis = given::folded(stated);
-    let signals = signals::Signals::new(&axis, recordings, beside.masks)?;
     let samples: usize = recordings.iter().map(Recording::len).sum();
     let evaluations = SEARCH_SHARE * beside.budget_s * SAMPLES_PER_S / samples.max(1) as f64;
-    let balance = state::Balance::new(axis.drive.clone(), signals, beside.clock_moved);
-    if let Some(first) = recordings.first().filter(|_| !balance.plan.is_enough()) {
-        let recording = first.experiment.clone();
-        let samples = balance.plan.measured() as usize * balance.signals.step;
-        let needed = spectra::LEAST_MEASURED * balance.signals.step;
-        return Err(DiagnoseError::TooShort { recording, samples, needed });
-    }
-    let mut start = state::State::new(&balance, Vec::new());
-    let (laws, notes) = given::given(&axis, &start.stated_mechanics(&balance));
-    if !laws.is_empty() {
-        start = state::State::new(&balance, laws);
-    }
-    for _ in 0..PASSES {
-        start = start.rebuilt(&balance);
-    }
+    let balance = balance_of(&axis, recordings, &beside)?;
+    let (start, notes) = start_of(&axis, &balance);
     let drive = subject::Drive::new(&balance);
     let mut work = Work::new(evaluations as u64);
     let search = |share: f64, what: &str| progress(0.05 + 0.85 * share, what);

@@ -165,6 +165,26 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
     list
 }
 
+/// The stated numbers in the order of the balance, and its laws as they are stated.
+pub(super) fn stated_beta(balance: &Balance, state: &State) -> Vec<f64> {
+    let m = state.stated_mechanics(balance);
+    let number = |(k, n): (usize, &Number)| match n {
+        Number::MotorMass => m.motor_mass_kg,
+        Number::MotorDamping => m.motor_damping_n_s_m,
+        Number::MotorCoulomb => m.motor_coulomb_n,
+        Number::Stiffness => m.stiffness_n_m,
+        Number::StructuralDamping => m.structural_damping_n_s_m,
+        Number::StageMass => m.stage_mass_kg,
+        Number::StageDamping => m.stage_damping_n_s_m,
+        Number::StageCoulomb => m.stage_coulomb_n,
+        Number::Timing | Number::Lag | Number::MotorTurning(_) | Number::StageTurning(_) => 0.0,
+        Number::Zero | Number::Scale => state.base.fit.beta[k],
+    };
+    let mut beta: Vec<f64> = state.base.numbers.iter().enumerate().map(number).collect();
+    beta.extend(state.accepted.iter().map(|_| 1.0));
+    beta
+}
+
 /// A number of the drive beside its estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Beside {
@@ -172,6 +192,8 @@ pub(super) struct Beside {
     pub(super) nominal: f64,
     pub(super) value: f64,
     pub(super) deviation: f64,
+    /// What the motor's side has of it where one position tells both as one.
+    other: f64,
     tolerance: f64,
 }
 
@@ -216,10 +238,15 @@ pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Bes
                 let other = rest(d.motor_coulomb_friction_n());
                 ("stage_coulomb_friction_n", 1.0, d.stage_coulomb_friction_n(), other, c.coulomb_tolerance)
             }
-            Number::Timing | Number::Lag | Number::Zero | Number::Scale => return None,
+            Number::MotorTurning(_)
+            | Number::StageTurning(_)
+            | Number::Timing
+            | Number::Lag
+            | Number::Zero
+            | Number::Scale => return None,
         };
         let (value, deviation) = (unit * estimate - other, unit * doubt.numbers[k]);
-        Some(Beside { key, nominal, value, deviation, tolerance })
+        Some(Beside { key, nominal, value, deviation, other, tolerance })
     };
     state.base.numbers.iter().filter_map(|n| of(*n)).collect()
 }
@@ -262,12 +289,12 @@ pub(super) fn corrections(
     let mut list = Vec::new();
     for n in all.iter().filter(|n| n.nominal > 0.0 && n.value > 0.0) {
         let value = n.value * (-off).exp();
-        let apart = (value / n.nominal).ln().abs();
-        let sure = (n.deviation / n.value).hypot(scale);
+        let apart = ((value + n.other) / (n.nominal + n.other)).ln().abs();
+        let sure = n.deviation.hypot(scale * (value + n.other));
         if apart > c.correction_tolerances * n.tolerance
-            && apart > c.correction_deviations * n.deviation / n.value
+            && apart > c.correction_deviations * n.deviation / (n.value + n.other)
         {
-            let half = Z95 * sure * value;
+            let half = Z95 * sure;
             let ci95 = [value - half, value + half];
             list.push(Correction { name: n.key.into(), nominal: n.nominal, value, ci95 });
         }

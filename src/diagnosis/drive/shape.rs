@@ -23,8 +23,8 @@ pub(super) enum Shape {
     Wave { wavelength_m: f64 },
     /// Thrust lost, z / (1 + (1 - a) z) of it with z = b i^2: a is 0 for K / (1 + z), 1 for K (1 - z).
     Saturation { per_a2: f64, parabolic: f64 },
-    /// Dead zone of the spring.
-    Backlash { gap_m: f64 },
+    /// Dead zone of the spring; `loose`: of its damper, too.
+    Backlash { gap_m: f64, loose: bool },
     /// A slider of unit friction behind a spring with play: yields after that way, and a gap when it turns.
     Play { gap_m: f64, yield_m: f64 },
     /// D^3.
@@ -111,6 +111,16 @@ impl Hypothesis {
         )
     }
 
+    /// True for a law of how the stage's friction turns: over a way, in place of over a speed.
+    pub(super) fn turns_friction(&self) -> bool {
+        matches!(self.shape, Shape::Presliding { .. } | Shape::Play { .. })
+    }
+
+    /// True for a free function, of the position or of what stands in for it.
+    pub(super) fn is_map(&self) -> bool {
+        matches!(self.shape, Shape::Map { .. } | Shape::SpeedMap { .. } | Shape::ReversalMap { .. })
+    }
+
     /// True where each recording has columns of its own: nothing carries over to another recording.
     pub(super) fn is_of_one_recording(&self) -> bool {
         matches!(self.shape, Shape::Cut { .. })
@@ -125,7 +135,7 @@ impl Hypothesis {
             Shape::Drift { tau_s } => vec![c(tau_s, 0.1, 300.0)],
             Shape::Wave { wavelength_m } => vec![c(wavelength_m, 1e-7, 1e2)],
             Shape::Saturation { per_a2, .. } => vec![c(per_a2, 1e-5, 1.0)],
-            Shape::Backlash { gap_m } => vec![c(gap_m, 1e-9, 1.0)],
+            Shape::Backlash { gap_m, .. } => vec![c(gap_m, 1e-9, 1.0)],
             Shape::Play { gap_m, yield_m } => vec![c(gap_m, 1e-9, 1.0), c(yield_m, 1e-9, 1.0)],
             Shape::StiffnessWave { length_m } => vec![c(length_m, 1e-3, 2.0)],
             Shape::Torsion { frequency_hz, share, damping } => {
@@ -164,7 +174,7 @@ impl Hypothesis {
             | (Shape::Drift { tau_s: a }, [v])
             | (Shape::Wave { wavelength_m: a }, [v])
             | (Shape::Saturation { per_a2: a, .. }, [v])
-            | (Shape::Backlash { gap_m: a }, [v])
+            | (Shape::Backlash { gap_m: a, .. }, [v])
             | (Shape::StiffnessWave { length_m: a }, [v])
             | (Shape::Delay { extra_s: a, .. } | Shape::EncoderDelay { extra_s: a }, [v])
             | (Shape::Loop { rad_s: a, .. }, [v])

@@ -5,6 +5,7 @@ use super::criteria::Criteria;
 use super::recorded::{Thrust, is_locked, motor_position, position, stage_position, thrust};
 use super::spectra::Series;
 use crate::diagnosis::DiagnoseError;
+use crate::diagnosis::cuts::spindle_hz;
 use crate::diagnosis::encoder_noise::{rounding_m, variance_m2};
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::diagnosis::steps::coarser_step;
@@ -68,6 +69,8 @@ pub(super) struct Track {
     pub(super) thin_first: usize,
     pub(super) samples: usize,
     pub(super) reference: Thrust,
+    /// Of a spindle that may drive a cut, turns a second.
+    pub(super) spindle_hz: Option<f64>,
     /// Motor and stage; on an axis with one position the second is empty.
     pub(super) sides: [Side; 2],
     /// x_m - x_t about its mean, full rate.
@@ -120,11 +123,23 @@ pub(in crate::diagnosis) fn layout(axis: &AxisModel, recordings: &[Recording]) -
     let resolved = recordings.iter().all(|r| {
         let steps = found_steps_m(axis, r);
         thrust(axis, r).is_ok_and(|t| {
-            let deflection_m = rms(&t.reference_n) / axis.drive.axial_stiffness_n_m();
+            let deflection_m = rms(&swing_n(axis, r, &t.reference_n)) / axis.drive.axial_stiffness_n_m();
             steps[0].max(steps[1]) < Criteria::STANDARD.unresolved_deflection * deflection_m
         })
     });
     if resolved { Layout::TwoPositions } else { Layout::OnePosition }
+}
+
+/// Change of the thrust over half a period of the axial resonance: what makes the screw swing. A load that
+/// stands shows its spring, and neither masses nor dampings of its ends.
+fn swing_n(axis: &AxisModel, recording: &Recording, thrust_n: &[f64]) -> Vec<f64> {
+    let (d, rate_hz) = (&axis.drive, recording.sample_rate.hz());
+    let (motor_kg, stage_kg) = (d.reflected_mass_kg(), d.movable_mass_kg());
+    let resonance_rad_s = (d.axial_stiffness_n_m() * (motor_kg + stage_kg)
+        / (motor_kg * stage_kg).max(f64::MIN_POSITIVE))
+    .sqrt();
+    let half = ((0.5 * TAU * rate_hz / resonance_rad_s) as usize).clamp(1, thrust_n.len() / 2);
+    thrust_n.iter().zip(&thrust_n[half..]).map(|(before, after)| after - before).collect()
 }
 
 /// Steps of motor and stage encoder, m: as stated or as the recording has them.
@@ -161,7 +176,18 @@ impl Signals {
         };
         let noise_m2: Vec<f64> =
             recordings.iter().map(|r| if layout == Layout::TwoPositions { 0.0 } else { one(r) }).collect();
-        let clean_hz = recordings.iter().zip(&noise_m2).map(|(r, noise)| clean_band_hz(axis, r, *noise));
+        let clean_hz = recordings.iter().zip(&noise_m2).map(|(r, noise)| match layout {
+            Layout::TwoPositions => {
+                let of =
+                    |x: &[f64], mass_kg| clean_band_hz(axis, r, (mass_kg, variance_m2(x, rate_hz, MOVING)));
+                let motor = motor_position(axis, r).map(|x| of(&x, axis.drive.reflected_mass_kg()));
+                let stage = stage_position(axis, r).map(|x| of(x, axis.drive.movable_mass_kg()));
+                motor.into_iter().chain(stage).fold(f64::INFINITY, f64::min)
+            }
+            Layout::OnePosition => clean_band_hz(axis, r, (axis.drive.total_mass_kg(), *noise)),
+            // What is held does not move.
+            Layout::Locked => clean_band_hz(axis, r, (axis.drive.reflected_mass_kg(), *noise)),
+        });
         let band_hz = band_hz(axis, layout, rate_hz).min(clean_hz.fold(f64::INFINITY, f64::min));
         let used = if layout == Layout::TwoPositions { steps_m[0].max(steps_m[1]) } else { steps_m[0] };
         let c = Criteria::STANDARD.velocity_noise;
@@ -274,6 +300,7 @@ impl Signals {
             thin_first,
             samples,
             reference,
+            spindle_hz: spindle_hz(recording),
             sides,
             stretch_m,
             thin: out,
@@ -361,6 +388,12 @@ impl Signals {
         x.fold([f64::INFINITY, f64::NEG_INFINITY], |e, v| [e[0].min(*v), e[1].max(*v)])
     }
 
+    /// Of a spindle that turns in every recording, turns a second.
+    pub(super) fn spindle_hz(&self) -> Option<f64> {
+        let all: Option<Vec<f64>> = self.tracks.iter().map(|t| t.spindle_hz).collect();
+        all.and_then(|hz| hz.first().copied())
+    }
+
     /// Lengths of the thinned series.
     pub(super) fn lengths(&self) -> Vec<usize> {
         self.tracks.iter().map(Track::thin_count).collect()
@@ -431,7 +464,7 @@ fn stage_is_finer(axis: &AxisModel, recordings: &[Recording]) -> bool {
 /// Up to where the noise of a position makes little force through the mass, Hz.
 ///
 /// White noise of variance s^2 below f: rms M s (2 pi f)^2 (2 f / (5 rate))^(1/2).
-fn clean_band_hz(axis: &AxisModel, recording: &Recording, noise_m2: f64) -> f64 {
+fn clean_band_hz(axis: &AxisModel, recording: &Recording, (mass_kg, noise_m2): (f64, f64)) -> f64 {
     /// Lengths of the kernel that a recording holds at least.
     const KERNELS: f64 = 30.0;
     let rate_hz = recording.sample_rate.hz();
@@ -439,7 +472,7 @@ fn clean_band_hz(axis: &AxisModel, recording: &Recording, noise_m2: f64) -> f64 
     let mean = thrust.reference_n.iter().sum::<f64>() / thrust.reference_n.len().max(1) as f64;
     let about: Vec<f64> = thrust.reference_n.iter().map(|f| f - mean).collect();
     let allowed_n = Criteria::STANDARD.position_noise * rms(&about);
-    let per_hz = axis.drive.total_mass_kg() * noise_m2.sqrt() * TAU * TAU * (0.4 / rate_hz).sqrt();
+    let per_hz = mass_kg * noise_m2.sqrt() * TAU * TAU * (0.4 / rate_hz).sqrt();
     let least_hz = KERNELS * rate_hz / recording.len().max(1) as f64;
     (allowed_n / per_hz.max(1e-300)).powf(0.4).max(least_hz)
 }

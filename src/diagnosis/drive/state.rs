@@ -2,16 +2,18 @@
 
 pub(super) use super::accepted::Accepted;
 use super::accepted::moved_laws;
-pub(super) use super::columns::Number;
 use super::columns::{Ground, Mechanics, TimeColumn, derivative};
 use super::criteria::Criteria;
 use super::dynamics::Dynamics;
 use super::gram::{BandGram, Column, Gram, Part};
-use super::likelihood::{Design, FREE, Fit, Spread};
+use super::likelihood::{Design, FREE, Fit, POSITIVE, Spread};
+pub(super) use super::number::Number;
+use super::number::TURNING;
 use super::shape::{Hypothesis, Shape};
 use super::signals::{Layout, Path, Signals};
 use super::spectra::{FOLDS, Plan};
 use crate::plant::drive::DriveParams;
+use crate::plant::effects::friction::sliding_direction;
 use std::sync::Arc;
 
 /// Turns of the knockoffs, as shares of a recording.
@@ -90,7 +92,7 @@ impl Balance {
         let white = signals.layout != Layout::TwoPositions;
         let plan = Plan::new(&masked, signals.thin_rate_hz(), (signals.top_hz(), white));
         let mut out = Self { drive, signals, plan, clock_moved, fixed: Vec::new() };
-        let changing = |n: &Number| matches!(n, N::MotorCoulomb | N::StageCoulomb | N::Timing);
+        let changing = |n: &Number| n.is_dry_friction() || *n == N::Timing;
         out.fixed = out
             .numbers()
             .into_iter()
@@ -102,7 +104,7 @@ impl Balance {
 
     /// The numbers that this balance has.
     pub(super) fn numbers(&self) -> Vec<Number> {
-        match self.signals.layout {
+        let mut numbers = match self.signals.layout {
             Layout::TwoPositions => vec![
                 N::MotorMass,
                 N::MotorDamping,
@@ -120,7 +122,12 @@ impl Balance {
             Layout::Locked => {
                 vec![N::StageMass, N::StageDamping, N::StageCoulomb, N::Timing, N::Stiffness, N::Zero]
             }
-        }
+        };
+        let of_motor = numbers.contains(&N::MotorCoulomb);
+        let parts = 0..TURNING.len();
+        numbers.extend(parts.clone().filter(|_| of_motor).map(N::MotorTurning));
+        numbers.extend(parts.map(N::StageTurning));
+        numbers
     }
 
     fn linear(&self, number: Number) -> TimeColumn {
@@ -155,19 +162,28 @@ impl Balance {
                 let middle = 0.5 * self.signals.travel_m().iter().sum::<f64>();
                 t.position.iter().map(|x| x - middle).collect()
             }),
-            N::MotorCoulomb | N::StageCoulomb | N::Timing | N::Lag => TimeColumn::default(),
+            N::MotorCoulomb
+            | N::StageCoulomb
+            | N::MotorTurning(_)
+            | N::StageTurning(_)
+            | N::Timing
+            | N::Lag => TimeColumn::default(),
         }
     }
 
     /// A number's column in time.
     pub(super) fn number_column(&self, number: Number, state: &Ground<'_>) -> TimeColumn {
         match number {
-            N::MotorCoulomb | N::StageCoulomb => {
+            N::MotorCoulomb | N::StageCoulomb | N::MotorTurning(_) | N::StageTurning(_) => {
                 let two = self.signals.layout == Layout::TwoPositions;
-                let side = usize::from(two && number == N::StageCoulomb);
+                let side = usize::from(two && matches!(number, N::StageCoulomb | N::StageTurning(_)));
+                // A part is in place of the usual form: the level of friction is one number.
+                let slides = |v: &f64| {
+                    let usual = sliding_direction(*v, state.smoothing_m_s);
+                    number.part().map_or(usual, |part| TURNING[part](v / state.smoothing_m_s) - usual)
+                };
                 let of = |t: &super::signals::Track| {
-                    let v = &t.sides[side].v_m_s;
-                    let slides: Vec<f64> = v.iter().map(|v| (v / state.smoothing_m_s).tanh()).collect();
+                    let slides: Vec<f64> = t.sides[side].v_m_s.iter().map(slides).collect();
                     self.signals.filtered(t, &slides, 0)
                 };
                 let mut column = TimeColumn::default();
@@ -342,7 +358,7 @@ impl State {
                 N::Timing => self.timing_s += value,
                 N::Lag => self.path.loop_rad_s = self.path.loop_rad_s.map(|w| w * LAG_STEP.powf(*value)),
                 N::Zero => m.spring_zero_n = *value,
-                N::Scale => {}
+                N::Scale | N::MotorTurning(_) | N::StageTurning(_) => {}
             }
         }
     }
@@ -411,7 +427,7 @@ pub(super) fn amplitude_bounds(h: &Hypothesis, count: usize) -> Vec<[f64; 2]> {
         if h.has_dose() {
             *first = Criteria::STANDARD.dose;
         } else if h.is_positive() {
-            *first = [0.0, f64::INFINITY];
+            *first = POSITIVE;
         }
     }
     bounds
@@ -459,6 +475,10 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
                 let high = if balance.signals.layout == Layout::TwoPositions { 0.0 } else { high };
                 [low, high].map(|s| s / balance.signals.rate_hz - laws.timing_s)
             }
+            // No part is more than all of it.
+            N::MotorTurning(_) => [0.0, m.motor_coulomb_n],
+            N::StageTurning(_) if accepted.iter().any(|a| a.hypothesis.turns_friction()) => [0.0, 0.0],
+            N::StageTurning(_) => [0.0, m.stage_coulomb_n],
             _ => FREE,
         });
         start.push(match number {
@@ -471,7 +491,7 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
             N::StageDamping => m.stage_damping_n_s_m,
             N::StageCoulomb => m.stage_coulomb_n,
             N::Zero => m.spring_zero_n,
-            N::Timing | N::Lag | N::Scale => 0.0,
+            N::Timing | N::Lag | N::Scale | N::MotorTurning(_) | N::StageTurning(_) => 0.0,
         });
     }
     let mut offset = false;

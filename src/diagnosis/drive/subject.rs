@@ -104,6 +104,16 @@ impl<'a> Drive<'a> {
                 break;
             }
         }
+        if let Shape::Backlash { gap_m, loose } = h.shape
+            && self.balance.signals.sides() == 2
+            && work.take(1)
+        {
+            let other = Hypothesis { shape: Shape::Backlash { gap_m, loose: !loose }, ..h };
+            let of_other = ask(self.balance, &state, &other, false);
+            if of_other.score > asked.score {
+                (h, asked) = (other, of_other);
+            }
+        }
         Some((h, asked))
     }
 
