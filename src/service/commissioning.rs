@@ -18,9 +18,6 @@ impl Criteria {
     const OBSERVED_S: f64 = 8.0 * 3600.0;
     /// What happens in one cut of seven is seen among twenty with 95 % (1 - (6/7)^20 = 0.954).
     const CUTS: i64 = 20;
-    /// Every axis hears a change for itself, and one change lasts as long as the detector's window of the
-    /// mean force (a third of a second).
-    const ONE_CHANGE_S: f64 = 0.34;
     /// Sign test: more right alarms than false ones, at this level.
     const SIGNIFICANCE: f64 = 0.05;
     /// One command seen in `advise` before the first that is sent.
@@ -134,37 +131,19 @@ pub(super) fn state_of(turret: &TurretConfig, seen: &Observation, judged: Judged
     }
 }
 
-/// Counts cuts by what the detector hears of them: the mean force changes where the tools enter and where
-/// they leave. In chatter it is not looked at: a cut that chatters ends with its chatter.
+/// Counts cuts: the tools entered and left.
 #[derive(Debug, Default)]
 pub(super) struct CutCounter {
-    /// When the force changed last, and whether the tools entered then, s.
-    last: Option<f64>,
-    inside: bool,
+    /// What was told last of whether they cut.
+    inside: Option<bool>,
 }
 
 impl CutCounter {
-    /// The mean force changed at that time; `known`: the noise of what ends was learned. True where a cut
-    /// ended that was heard from its beginning on.
-    pub(super) fn change(&mut self, t_s: f64, known: bool) -> bool {
-        let same = self.last.replace(t_s).is_some_and(|last| t_s - last < Criteria::ONE_CHANGE_S);
-        if same {
-            return false;
-        }
-        let was_inside = std::mem::replace(&mut self.inside, false);
-        self.inside = known && !was_inside;
-        was_inside && known
-    }
-
-    /// Chatter began: the tools are in the cut.
-    pub(super) fn chatter_begins(&mut self) {
-        self.inside = true;
-    }
-
-    /// Chatter ended: true where that ended a cut.
-    pub(super) fn chatter_ends(&mut self, t_s: f64) -> bool {
-        self.last = Some(t_s);
-        std::mem::replace(&mut self.inside, false)
+    /// Whether the tools cut, where that is known; true where a cut ended.
+    pub(super) fn look(&mut self, in_cut: Option<bool>) -> bool {
+        let was = self.inside;
+        self.inside = in_cut.or(was);
+        was == Some(true) && in_cut == Some(false)
     }
 }
 
@@ -257,26 +236,14 @@ mod tests {
     }
 
     #[test]
-    fn two_changes_of_the_force_are_one_cut_however_many_axes_hear_them() {
+    fn a_cut_is_counted_as_the_tools_leave() {
         let mut counter = CutCounter::default();
-        // In and out, ten times, each heard by two axes; the first change while the noise is being learned.
-        let mut cuts = usize::from(counter.change(0.0, false));
-        for pass in 0..10 {
-            for t_s in [2.0, 2.005, 11.0, 11.005] {
-                cuts += usize::from(counter.change(f64::from(pass) * 11.0 + t_s, true));
-            }
-        }
-        assert_eq!(cuts, 10);
-        let mut counter = CutCounter::default();
-        assert!(!counter.change(1.0, true) && !counter.change(1.2, true), "an entry that takes its time");
-        assert!(counter.change(5.0, true) && !counter.change(7.0, true));
-        // Three cuts that chatter until the tools leave.
-        let mut counter = CutCounter::default();
-        for t_s in [0.0, 10.0, 20.0] {
-            assert!(!counter.change(t_s, true));
-            counter.chatter_begins();
-            assert!(counter.chatter_ends(t_s + 8.0));
-        }
+        let told =
+            [None, Some(true), Some(true), None, Some(true), Some(false), None, Some(false), Some(true)];
+        let ended: Vec<bool> = told.into_iter().map(|in_cut| counter.look(in_cut)).collect();
+        assert_eq!(ended.iter().filter(|e| **e).count(), 1);
+        assert!(ended[5], "{ended:?}");
+        assert!(counter.look(Some(false)));
     }
 
     #[test]

@@ -3,7 +3,6 @@
 use super::super::hub::Report;
 use super::intake::Stream;
 use super::{Engine, clock, picture};
-use crate::chatter::{ChatterEvent, Phase};
 use crate::pipeline::StepOutput;
 use crate::service::cut_book::Condition;
 use crate::stability::CutExpectation;
@@ -12,31 +11,14 @@ use crate::telemetry::{Event, EventKind};
 use std::time::Instant;
 
 impl Engine {
-    fn count_cut(&mut self, output: &StepOutput, stream: &Stream) {
-        let Some((_, event)) = output.event else { return };
-        self.book.hear(output.t_s, &event);
-        let ended = match event {
-            ChatterEvent::CutChanged => {
-                self.cuts.change(output.t_s, stream.pipeline().agreement().phase != Phase::Learning)
-            }
-            ChatterEvent::Onset(_) => {
-                self.cuts.chatter_begins();
-                false
-            }
-            ChatterEvent::End => self.cuts.chatter_ends(output.t_s),
-            ChatterEvent::Dismissed(_) | ChatterEvent::Hop { .. } => false,
-        };
-        if ended {
-            self.setup.commissioning.evidence.hear_cut();
-        }
-    }
-
     /// Turns what a sample led to into events.
     pub(super) fn hear(&mut self, output: &StepOutput, stream: &Stream) {
         if let Some(warning) = &output.margin_warning {
             self.report(picture::margin_event(warning, stream.axes().get(warning.axis), output.t_s));
         }
-        self.count_cut(output, stream);
+        if let Some((_, event)) = &output.event {
+            self.book.hear(output.t_s, event);
+        }
         let Some((kind, text)) = picture::event_of(output) else { return };
         let line = output.event.map(|(axis, event)| (axis, picture::line_of(&event)));
         let mut event = Event::new(kind, clock::wall_ns(), text);
@@ -82,7 +64,11 @@ impl Engine {
             pitch_rad: stream.turret_rad.unwrap_or_default(),
             tool_position_m: stream.tool_position_m,
         };
-        self.book.look(now_s, condition, stream.pipeline().in_cut());
+        let in_cut = stream.pipeline().in_cut();
+        if self.cuts.look(in_cut) {
+            self.setup.commissioning.evidence.hear_cut();
+        }
+        self.book.look(now_s, condition, in_cut);
         while let Some(stretch) = self.book.take() {
             #[allow(clippy::cast_possible_truncation)]
             let ago_ns = ((now_s - stretch.began_s) * 1e9) as i64;
