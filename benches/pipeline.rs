@@ -52,6 +52,7 @@ fn pipeline(axes: usize, rate_hz: f64, drive: &DriveParams) -> Pipeline {
         infeed: None,
         margin: None,
         mean: stillcut::chatter::MeanForce::OverAir,
+        false_alarm_s: stillcut::chatter::FALSE_ALARM_S,
     };
     Pipeline::new(settings).expect("valid settings")
 }

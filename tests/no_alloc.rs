@@ -64,6 +64,7 @@ fn a_step_of_the_pipeline_allocates_nothing() {
         infeed: None,
         margin: None,
         mean: stillcut::chatter::MeanForce::OverAir,
+        false_alarm_s: stillcut::chatter::FALSE_ALARM_S,
     })
     .unwrap();
     // Air, entry, chatter: every state of the detector is passed.
@@ -127,6 +128,7 @@ fn a_new_spindle_speed_allocates_nothing() {
         infeed: None,
         margin: None,
         mean: stillcut::chatter::MeanForce::OverAir,
+        false_alarm_s: stillcut::chatter::FALSE_ALARM_S,
     })
     .unwrap();
     let mut lathe =

@@ -33,7 +33,7 @@ impl Window<'_> {
     /// The least evidence of all alternatives, over its threshold.
     pub(super) fn judge(&self) -> Heard {
         let level = self.level();
-        let mut heard = Heard { stands: level / CRITERIA.noise_nats, ..self.heard };
+        let mut heard = Heard { stands: level / self.around.levels.noise_nats, ..self.heard };
         heard.evidence = heard.stands;
         if self.around.alarm && self.around.scatters {
             (heard.evidence, heard.reason) = (0.0, Reason::Mode);
@@ -50,11 +50,14 @@ impl Window<'_> {
             return heard;
         }
         let beside = self.near();
-        let order = self.order_nats(&beside) / CRITERIA.cause_nats;
+        let order = self.order_nats(&beside) / self.around.levels.cause_nats;
         let (mode, kept) = self.mode_nats(&beside);
         let terms = [
-            (self.against(self.e.len() as f64 - 1.0, self.ring()) / CRITERIA.cause_nats, Reason::RingDown),
-            (self.over_known() / CRITERIA.cause_nats, Reason::Mode),
+            (
+                self.against(self.e.len() as f64 - 1.0, self.ring()) / self.around.levels.cause_nats,
+                Reason::RingDown,
+            ),
+            (self.over_known() / self.around.levels.cause_nats, Reason::Mode),
             (order, Reason::Order),
             (self.foreign(), Reason::Foreign),
             (mode, Reason::Mode),
@@ -64,10 +67,10 @@ impl Window<'_> {
         }
         if !self.around.young && heard.evidence > CRITERIA.hold {
             let nats = self.moved_nats();
-            heard.moves = nats < -CRITERIA.cause_nats;
-            least(&mut heard, nats / CRITERIA.cause_nats, Reason::Foreign);
+            heard.moves = nats < -self.around.levels.cause_nats;
+            least(&mut heard, nats / self.around.levels.cause_nats, Reason::Foreign);
         }
-        if kept && level > CRITERIA.noise_nats {
+        if kept && level > self.around.levels.noise_nats {
             heard.evidence = heard.evidence.max(CRITERIA.hold * 1.01);
         }
         heard
@@ -127,9 +130,9 @@ impl Window<'_> {
         }
         let loud = if young { self.power().0 / stable_n2 } else { 0.0 };
         let nats = match (told, young) {
-            (false, _) => CRITERIA.untold_nats,
-            (true, true) => CRITERIA.cause_nats,
-            (true, false) => CRITERIA.mode_nats,
+            (false, _) => self.around.levels.untold_nats,
+            (true, true) => self.around.levels.cause_nats,
+            (true, false) => self.around.levels.mode_nats,
         };
         let times = 1.0 + CRITERIA.damped_1_s * self.e.len() as f64 / rate_hz;
         ((times * beside.coherence() + loud) / nats, blind && 2.0 * loud > 1.0)

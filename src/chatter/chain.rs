@@ -1,6 +1,6 @@
 //! One band of the force: mixed down, orders off, whitened, tested in four windows.
 
-use super::criteria::{CRITERIA, LONGEST, LOOKS, MEMORY, WINDOWS};
+use super::criteria::{CRITERIA, LONGEST, LOOKS, Levels, MEMORY, WINDOWS};
 use super::cut_level::MeanForce;
 use super::lines::{Place, Standing, Strongest, Test};
 use super::orders::{Orders, Turned};
@@ -18,6 +18,7 @@ type C = Complex<f64>;
 pub(super) struct Chain {
     mix: DownMix,
     test: Test,
+    levels: Levels,
 }
 
 /// In air, and in the cut.
@@ -82,8 +83,8 @@ pub(super) struct Told {
 }
 
 impl Chain {
-    pub(super) fn new(rate: SampleRate, centre_hz: f64) -> Self {
-        Self { mix: DownMix::new(rate, centre_hz, CRITERIA.rate_hz / 6.0), test: Test::new() }
+    pub(super) fn new(rate: SampleRate, centre_hz: f64, levels: Levels) -> Self {
+        Self { mix: DownMix::new(rate, centre_hz, CRITERIA.rate_hz / 6.0), test: Test::new(), levels }
     }
 
     pub(super) fn centre_hz(&self) -> f64 {
@@ -233,7 +234,7 @@ impl Chain {
         let stable_n2 = if cuts { share_n2 } else { f64::INFINITY };
         let cut = side > CRITERIA.modulated;
         let over = if state.before[0] == Whitener::NONE {
-            2.0 * CRITERIA.cause_nats * power_n2 / stable_n2
+            2.0 * self.levels.cause_nats * power_n2 / stable_n2
         } else {
             let known = state.before[0].known(offset_hz / rate_hz);
             power_n2 * BLOCK as f64 / known.max(f64::MIN_POSITIVE)
@@ -243,13 +244,13 @@ impl Chain {
             && power_n2 > 0.0
             && power_n2 < share_n2;
         // Where nothing is known of air, what the cut modulates is the cut's.
-        let new = over > CRITERIA.cause_nats
-            || (cut && nats > CRITERIA.cause_nats && state.before[0] == Whitener::NONE);
+        let new = over > self.levels.cause_nats
+            || (cut && nats > self.levels.cause_nats && state.before[0] == Whitener::NONE);
         let rules = new && (cut || power_n2 > CRITERIA.rules * state.whole_n2);
         state.standing = if rules {
             Heard {
-                evidence: (nats + power_n2 / stable_n2) / CRITERIA.cause_nats,
-                stands: over / CRITERIA.noise_nats,
+                evidence: (nats + power_n2 / stable_n2) / self.levels.cause_nats,
+                stands: over / self.levels.noise_nats,
                 offset_hz,
                 contrast: over,
                 ..Heard::default()
@@ -304,6 +305,7 @@ impl Chain {
         let cuts = means && (state.place == CUT || blind && Self::cuts(state, told));
         let stable_n2 = (CRITERIA.stable_share * told.mean_n).powi(2);
         Some(Around {
+            levels: self.levels,
             centre_hz: self.centre_hz(),
             rate_hz: self.rate_hz(),
             speed_hz: told.speed_hz,

@@ -9,15 +9,15 @@ pub(super) struct Criteria {
     pub(super) half_hz: f64,
     /// How far around a frequency is "the line", and beyond the edges of the band, Hz.
     pub(super) line_hz: f64,
-    /// Evidence against noise at which to alarm, nats: white noise passes h some 7000 exp(-h) times a second
-    /// over all windows; 23 is once in 400 h.
-    pub(super) noise_nats: f64,
-    /// The same against a cause that comes every few seconds at most, such as a hit: ln(1000 h x 0.2 / s).
-    pub(super) cause_nats: f64,
-    /// The same against a mode that the whitening has not resolved.
-    pub(super) mode_nats: f64,
-    /// The same where nothing tells when another cut begins: once a second, on three axes in three bands.
-    pub(super) untold_nats: f64,
+    /// How often white noise passes h nats over all windows: so many times exp(-h), 1/s.
+    pub(super) noise_1_s: f64,
+    /// How often a cause comes that is rare, such as a hit, at most, 1/s.
+    pub(super) cause_1_s: f64,
+    /// How often noise through a mode is a line that the whitening has not resolved, 1/s. Not derived: with a
+    /// twentieth there was a false alarm in an hour, with fifty times as much the weakest chatter is lost.
+    pub(super) mode_1_s: f64,
+    /// The same where nothing tells when another cut begins, on three axes in three bands, 1/s.
+    pub(super) untold_1_s: f64,
     /// Share of the thresholds from which on nothing is learned.
     pub(super) hold: f64,
     /// Memory of the noise, s.
@@ -67,10 +67,10 @@ pub(super) const CRITERIA: Criteria = Criteria {
     rate_hz: 500.0,
     half_hz: 175.0,
     line_hz: 20.0,
-    noise_nats: 23.0,
-    cause_nats: 13.5,
-    mode_nats: 9.0,
-    untold_nats: 20.0,
+    noise_1_s: 7000.0,
+    cause_1_s: 0.2,
+    mode_1_s: 0.00225,
+    untold_1_s: 130.0,
     hold: 0.5,
     noise_s: 1.5,
     before_s: 5.0,
@@ -93,6 +93,35 @@ pub(super) const CRITERIA: Criteria = Criteria {
     most_share: 1.5,
     stable_share: 0.15,
 };
+
+/// Mean time between false alarms, s: 1000 h of cutting.
+pub const FALSE_ALARM_S: f64 = 3.6e6;
+
+/// Evidence h at which to alarm, nats: what comes exp(-h) times its rate comes once in the mean time between
+/// false alarms.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Levels {
+    /// Against noise of any level.
+    pub(super) noise_nats: f64,
+    /// Against a cause that is rare.
+    pub(super) cause_nats: f64,
+    /// Against a mode that the whitening has not resolved.
+    pub(super) mode_nats: f64,
+    /// The same where nothing tells when another cut begins.
+    pub(super) untold_nats: f64,
+}
+
+impl Levels {
+    pub(super) fn of(false_alarm_s: f64) -> Self {
+        let nats = |rate_1_s: f64| (rate_1_s * false_alarm_s).ln();
+        Self {
+            noise_nats: nats(CRITERIA.noise_1_s),
+            cause_nats: nats(CRITERIA.cause_1_s),
+            mode_nats: nats(CRITERIA.mode_1_s),
+            untold_nats: nats(CRITERIA.untold_1_s),
+        }
+    }
+}
 
 /// Rates of growth that are looked for, 1/s.
 pub(super) const GROWTHS_1_S: [f64; 3] = [0.0, 15.0, 40.0];

@@ -83,7 +83,7 @@ impl Test {
         let best = best.unwrap_or(*among.start());
         let mut found = Heard { offset_hz: best as f64 * step_hz, ..Heard::default() };
         let mut energy = power(x, best) / n as f64;
-        if energy > 0.3 * total || energy > CRITERIA.noise_nats * 0.3 {
+        if energy > 0.3 * total || energy > around.levels.noise_nats * 0.3 {
             for growth_1_s in &GROWTHS_1_S[1..] {
                 for k in best - 1..=best + 1 {
                     let now = fit(e, k as f64 / points as f64, growth_1_s / around.rate_hz);
@@ -95,7 +95,7 @@ impl Test {
             }
         }
         found.contrast = energy;
-        if energy > CRITERIA.silent * CRITERIA.noise_nats {
+        if energy > CRITERIA.silent * around.levels.noise_nats {
             refine(e, &mut found, (step_hz, around.rate_hz));
         }
         found

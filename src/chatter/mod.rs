@@ -33,6 +33,7 @@ mod window;
 
 pub use agreement::{Agreement, AgreementState, agree};
 pub use band::{Band, BandError, predicted_band, predicted_band_in_cut};
+pub use criteria::FALSE_ALARM_S;
 pub use cut_level::MeanForce;
 pub use monitor::{ChatterError, ChatterMonitor, ChatterSettings, ChatterState};
 

@@ -2,7 +2,7 @@
 
 use super::band::{Band, BandError};
 use super::chain::{Chain, ChainState, Told};
-use super::criteria::{CRITERIA, WINDOWS};
+use super::criteria::{CRITERIA, Levels, WINDOWS};
 use super::cut_level::{Change, CutLevel, CutLevelState, MeanForce};
 use super::decision::{Decision, Turn};
 use super::hop::Hop;
@@ -23,6 +23,8 @@ pub struct ChatterSettings {
     pub band: Band,
     /// What its mean tells.
     pub mean: MeanForce,
+    /// Mean time between false alarms, of cutting, s.
+    pub false_alarm_s: f64,
 }
 
 /// Why a stream cannot be watched.
@@ -125,7 +127,9 @@ impl ChatterMonitor {
         let wide_hz = (high_hz - low_hz) / parts;
         let part = |k: f64| [low_hz + k * wide_hz, low_hz + (k + 1.0) * wide_hz];
         let parts_hz: Vec<[f64; 2]> = (0..parts as u32).map(|k| part(f64::from(k))).collect();
-        let chains = parts_hz.iter().map(|[a, b]| Chain::new(settings.sample_rate, 0.5 * (a + b))).collect();
+        let levels = Levels::of(settings.false_alarm_s);
+        let chain = |[a, b]: &[f64; 2]| Chain::new(settings.sample_rate, 0.5 * (a + b), levels);
+        let chains = parts_hz.iter().map(chain).collect();
         let turns_per_rpm = settings.sample_rate.period_s() / 60.0;
         Ok(Self { settings, level: CutLevel::new(settings.sample_rate), chains, parts_hz, turns_per_rpm })
     }

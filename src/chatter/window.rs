@@ -1,5 +1,6 @@
 //! A window of the band: what is in it, what is known beside it, and how well a line fits it.
 
+use super::criteria::Levels;
 use super::whitening::Whitener;
 use crate::keyframe::keep;
 use nalgebra::Complex;
@@ -71,6 +72,7 @@ keep!(Heard { evidence, stands, reason, offset_hz, growth_1_s, contrast, common,
 /// What is known beside the window.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Around {
+    pub(super) levels: Levels,
     pub(super) centre_hz: f64,
     pub(super) rate_hz: f64,
     /// 0 where it is not known.

@@ -379,6 +379,7 @@ impl<'a> Source<'a> {
                 infeed: None,
                 margin: None,
                 mean: self.mean,
+                false_alarm_s: config.false_alarm_s,
             },
         };
         if let Some(band) = band {

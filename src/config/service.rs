@@ -12,7 +12,7 @@ use super::machine::machine_from_text;
 use super::scenario::read_scenario;
 use super::{ConfigError, parse, parse_number, read_text};
 use crate::avoidance::AvoidanceSettings;
-use crate::chatter::{Band, MeanForce};
+use crate::chatter::{Band, FALSE_ALARM_S, MeanForce};
 use crate::pipeline::{AxisPlan, BandPlan, CutPrior, MarginPlan, PipelineSettings, ToolAxis, lines_of};
 use crate::plant::cutting::{Cutting, RawCutting};
 use crate::plant::machine::Machine;
@@ -90,6 +90,7 @@ section!(CuttingToml {
 });
 section!(DetectionToml {
     band_hz: Option<Pair<f64>> = None,
+    hours_between_false_alarms: f64 = FALSE_ALARM_S / 3600.0,
     tool_axis: Option<String> = None,
     tool_axis_zero_m: f64 = 0.0,
     tool_axis_toward_chuck: bool = false,
@@ -217,6 +218,8 @@ pub struct ServiceConfig {
     pub band: Option<Band>,
     /// Axis that moves the tools along the bar, with its place at the chuck and its direction.
     pub tools: Option<(String, f64, bool)>,
+    /// Mean time between false alarms, of cutting, s.
+    pub false_alarm_s: f64,
     /// Axis that tells the radius at the tools, the same of it.
     pub infeed: Option<(String, f64, bool)>,
     /// Turret.
@@ -346,6 +349,12 @@ impl Reader<'_> {
             band,
             tools: self
                 .tool_axis("tool_axis", (&d.tool_axis, d.tool_axis_zero_m, d.tool_axis_toward_chuck))?,
+            false_alarm_s: 3600.0
+                * self.within(
+                    "detection.hours_between_false_alarms",
+                    d.hours_between_false_alarms,
+                    (1.0, 1e6),
+                )?,
             infeed: self
                 .tool_axis("infeed_axis", (&d.infeed_axis, d.infeed_axis_zero_m, d.infeed_axis_toward_bar))?,
             turret,
@@ -484,6 +493,7 @@ impl ServiceConfig {
             infeed: tool_axis(&self.infeed),
             margin: Some(self.margin_plan()),
             mean: MeanForce::OverAir,
+            false_alarm_s: self.false_alarm_s,
         }
     }
 

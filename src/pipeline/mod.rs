@@ -144,6 +144,7 @@ impl Pipeline {
             sample_rate: settings.sample_rate,
             band,
             mean: settings.mean,
+            false_alarm_s: settings.false_alarm_s,
         })?;
         let channels = settings.axes.iter().map(|a| settings.channel(a)).collect::<Result<Vec<_>, _>>()?;
         let observers = settings.observers(|axis| axis.force.as_ref())?;

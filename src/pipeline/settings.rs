@@ -145,6 +145,8 @@ pub struct PipelineSettings {
     pub margin: Option<MarginPlan>,
     /// What the mean of what is listened to tells.
     pub mean: MeanForce,
+    /// Mean time between false alarms, of cutting, s.
+    pub false_alarm_s: f64,
 }
 
 /// Why there can be no such pipeline.

@@ -1,6 +1,6 @@
 //! The chatter monitor on made-up streams whose truth is known by construction.
 
-use stillcut::chatter::{Band, ChatterEvent, ChatterMonitor, ChatterSettings, MeanForce};
+use stillcut::chatter::{Band, ChatterEvent, ChatterMonitor, ChatterSettings, FALSE_ALARM_S, MeanForce};
 use stillcut::units::SampleRate;
 
 const RATE_HZ: f64 = 9000.0;
@@ -46,6 +46,7 @@ fn hear_at(
         sample_rate: SampleRate::new(RATE_HZ).unwrap(),
         band: Band::new(500.0, 750.0).unwrap(),
         mean,
+        false_alarm_s: FALSE_ALARM_S,
     };
     let monitor = ChatterMonitor::new(settings).unwrap();
     let mut state = monitor.start();
@@ -345,8 +346,12 @@ fn what_is_left_after_an_alarm_is_no_new_one() {
 #[test]
 fn chatter_that_goes_with_the_speed_is_heard() {
     let band = Band::new(500.0, 750.0).unwrap();
-    let settings =
-        ChatterSettings { sample_rate: SampleRate::new(RATE_HZ).unwrap(), band, mean: MeanForce::Whole };
+    let settings = ChatterSettings {
+        sample_rate: SampleRate::new(RATE_HZ).unwrap(),
+        band,
+        mean: MeanForce::Whole,
+        false_alarm_s: FALSE_ALARM_S,
+    };
     let monitor = ChatterMonitor::new(settings).unwrap();
     for order in [36.4, 37.6] {
         let (mut state, mut noise, mut turns, mut onset_s) = (monitor.start(), Noise(3), 0.0, None);
@@ -383,6 +388,7 @@ fn the_frequency_is_that_of_now_while_the_speed_changes() {
             sample_rate: SampleRate::new(RATE_HZ).unwrap(),
             band: Band::new(500.0, 800.0).unwrap(),
             mean: MeanForce::Whole,
+            false_alarm_s: FALSE_ALARM_S,
         };
         let monitor = ChatterMonitor::new(settings).unwrap();
         let (mut state, mut noise, mut turns) = (monitor.start(), Noise(3), 0.0);

@@ -4,7 +4,7 @@
 //! finished.
 
 use crate::cut_streams::{Kind, RATE_HZ, stream};
-use stillcut::chatter::{Band, ChatterEvent, ChatterMonitor, ChatterSettings, MeanForce};
+use stillcut::chatter::{Band, ChatterEvent, ChatterMonitor, ChatterSettings, FALSE_ALARM_S, MeanForce};
 use stillcut::units::SampleRate;
 
 /// What was reported of the streams of one kind.
@@ -27,6 +27,7 @@ fn onsets(kind: Kind, seed: u64) -> (Vec<f64>, Vec<crate::cut_streams::Episode>)
         sample_rate: SampleRate::new(RATE_HZ).unwrap(),
         band: Band::new(made.band_hz[0], made.band_hz[1]).unwrap(),
         mean: MeanForce::Whole,
+        false_alarm_s: FALSE_ALARM_S,
     };
     let monitor = ChatterMonitor::new(settings).unwrap();
     let (mut state, mut found) = (monitor.start(), Vec::new());

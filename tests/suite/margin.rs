@@ -211,6 +211,7 @@ fn pipeline() -> Pipeline {
         infeed: None,
         margin: Some(MarginPlan { prior, force_hz: 1000.0 }),
         mean: stillcut::chatter::MeanForce::Whole,
+        false_alarm_s: stillcut::chatter::FALSE_ALARM_S,
     })
     .unwrap()
 }
