@@ -89,6 +89,7 @@ pub struct ChatterState {
     decision: Decision,
     lambda: f64,
     cuts: bool,
+    mean_tells: bool,
     latest: ChatterOutput,
     why: Heard,
 }
@@ -108,6 +109,7 @@ keep!(ChatterState {
     decision,
     lambda,
     cuts,
+    mean_tells,
     latest,
     why
 });
@@ -165,6 +167,7 @@ impl ChatterMonitor {
             decision: Decision::default(),
             lambda: 0.0,
             cuts: false,
+            mean_tells: true,
             latest: ChatterOutput {
                 phase: Phase::Learning,
                 frequency_hz: None,
@@ -197,6 +200,11 @@ impl ChatterMonitor {
             state.watched_hz = [low_hz, high_hz];
         }
         within
+    }
+
+    /// Whether the mean tells of the cut now: that of a drive in motion is what moves it.
+    pub fn listen_to_mean(&self, state: &mut ChatterState, tells: bool) {
+        state.mean_tells = tells;
     }
 
     /// Band in which a line counts now, Hz.
@@ -298,7 +306,7 @@ impl ChatterMonitor {
             watched_hz: [low.max(a - EDGE_HZ) - centre_hz, high.min(b + EDGE_HZ) - centre_hz],
             learns: !state.decision.alarm && state.lambda < CRITERIA.hold,
             alarm: state.decision.alarm,
-            mean: self.settings.mean,
+            mean: if state.mean_tells { self.settings.mean } else { MeanForce::Absent },
             mean_n: state.level.reached_n(),
         };
         self.chains[at].hear(&mut state.chains[at], &told);

@@ -3,6 +3,7 @@
 //! sign.
 
 use crate::chatter::ChatterEvent;
+use crate::force::estimator::MotionSample;
 use crate::keyframe::keep;
 
 /// When the mean has changed, with the reason of each number.
@@ -15,6 +16,8 @@ impl Criteria {
     const OVER: usize = 7;
     /// Slices of each side that are compared.
     const COMPARED: usize = 4;
+    /// What a drive gives way under the force of a cut, m: 1000 N at 10 N/um.
+    const STANDS_M: f64 = 100e-6;
     /// Differences of the means are real from here on, in standard errors.
     const REAL: f64 = 5.0;
 }
@@ -40,6 +43,27 @@ pub(super) struct CutWatch {
 }
 
 keep!(CutWatch { ring, sum_n, count, whole, due, after_chatter, in_cut, air_n });
+
+/// Whether an axis stands: the force on one that moves has friction and inertia of its drive in its mean.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Stand {
+    place_m: f64,
+    since_s: f64,
+}
+
+keep!(Stand { place_m, since_s });
+
+impl Stand {
+    /// Takes where the axis is; whether it has stayed there for as long as a change of the mean takes.
+    pub(super) fn step(&mut self, motion: MotionSample, period_s: f64) -> bool {
+        let place_m = motion.stage_position_m.or(motion.motor_travel_m).unwrap_or(0.0);
+        if (place_m - self.place_m).abs() > Criteria::STANDS_M {
+            *self = Self { place_m, since_s: 0.0 };
+        }
+        self.since_s += period_s;
+        self.since_s > Criteria::OVER as f64 * Criteria::SLICE_S
+    }
+}
 
 /// Mean and squared standard error.
 fn mean_of(slices: &[f64]) -> (f64, f64) {

@@ -39,6 +39,7 @@ impl Pipeline {
                 apart.keep(to);
             }
             state.monitor.keep(to);
+            state.stand.keep(to);
         }
         if let Some(margins) = &self.margins {
             margins.keep(to);
@@ -97,7 +98,8 @@ impl Pipeline {
         } else {
             None
         };
-        state.monitor.restore(from)
+        state.monitor.restore(from)?;
+        state.stand.restore(from)
     }
 
     /// Tells pipelines apart that would decide differently: version, rate, axes with their observers, band.

@@ -35,7 +35,7 @@ use crate::force::validity::Validity;
 use crate::sample::{AxisSample, MAX_AXES, SampleError, ServoSample};
 use crate::signal::sliding_dft::{SlidingDft, SlidingDftSettings, SlidingDftState};
 use crate::units::SampleRate;
-use cutting::CutWatch;
+use cutting::{CutWatch, Stand};
 use margin::Margins;
 
 /// Lost samples up to this many are bridged by straight lines; after more, everything starts anew.
@@ -105,6 +105,7 @@ struct ChannelState {
     apart: Option<Disagreement>,
     monitor: ChatterState,
     flags: Validity,
+    stand: Stand,
 }
 
 /// The pipeline of one machine.
@@ -161,7 +162,12 @@ impl Pipeline {
         })?;
         let states = channels
             .iter()
-            .map(|_| ChannelState { apart: None, monitor: monitor.start(), flags: Validity::SETTLING })
+            .map(|_| ChannelState {
+                apart: None,
+                monitor: monitor.start(),
+                flags: Validity::SETTLING,
+                stand: Stand::default(),
+            })
             .collect();
         let spectrum_state = spectrum.start();
         let row = vec![0.0; channels.len()];
@@ -380,6 +386,7 @@ impl Pipeline {
             state.apart = None;
             self.monitor.resume(&mut state.monitor);
             state.flags = Validity::SETTLING;
+            state.stand = Stand::default();
         }
         if let Some(margins) = &mut self.margins {
             margins.restart();
@@ -395,6 +402,11 @@ impl Pipeline {
         let mut forces = [ForceEstimate { force_n: 0.0, flags: Validity::VALID }; MAX_AXES];
         let channels = &self.channels;
         let motion = |axis: usize| channels[axis].motion(axis, sample);
+        let period_s = self.settings.sample_rate.period_s();
+        for (axis, (channel, state)) in channels.iter().zip(&mut self.states).enumerate() {
+            let stands = state.stand.step(motion(axis), period_s);
+            self.monitor.listen_to_mean(&mut state.monitor, stands && channel.pushed != 0.0);
+        }
         let estimates = self.observers.step(motion);
         forces.copy_from_slice(&estimates[..MAX_AXES]);
         if let Some(beside) = &mut self.beside {

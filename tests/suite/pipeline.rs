@@ -32,7 +32,7 @@ pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
         beside: None,
         nut: None,
         watch: machine.axis(name).is_some(),
-        pushed: 0.0,
+        pushed: if name.starts_with('x') { 1.0 } else { std::f64::consts::FRAC_1_SQRT_2 },
     };
     PipelineSettings {
         sample_rate: SampleRate::new(9000.0).unwrap(),
