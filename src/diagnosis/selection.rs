@@ -29,9 +29,19 @@ impl Work {
         there
     }
 
+    /// Takes off what turned out to be needed.
+    pub(crate) fn spend(&mut self, evaluations: u64) {
+        self.spent = self.spent.saturating_add(evaluations);
+    }
+
+    /// True where nothing more may be begun.
+    pub(crate) fn is_spent(&self) -> bool {
+        self.spent >= self.limit
+    }
+
     /// Share of the budget that is spent, 0 to 1.
     pub(crate) fn share(&self) -> f64 {
-        self.spent as f64 / self.limit.max(1) as f64
+        (self.spent as f64 / self.limit.max(1) as f64).min(1.0)
     }
 }
 

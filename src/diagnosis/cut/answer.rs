@@ -13,6 +13,7 @@ use super::search::{Asked, Defended, Model, visibility};
 use crate::plant::cut_effects::{CutEffect, Specification};
 use crate::plant::cut_terms::CutReferences;
 use crate::plant::effects::Port;
+use crate::plant::scenario::Scenario;
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
 
@@ -43,12 +44,23 @@ pub(crate) struct Posterior {
 }
 
 impl Posterior {
-    /// The curvature at a point. `None`: no such machine.
+    /// The curvature at a point, and what the stretches disagree in. `None`: no such machine.
+    ///
+    /// H^-1 holds where the likelihood is exact; H^-1 (sum g g') H^-1, g the slope of each observable, also
+    /// where a stretch as a whole is off (White 1982), if there are more of them than coordinates. Of both,
+    /// coordinate by coordinate, the wider one, the correlations those of H^-1.
     pub(crate) fn new(problem: &Problem<'_>, point: &Point) -> Option<Self> {
-        let q = problem.quadratic(point, Every(1))?;
-        let ridge = DMatrix::identity(q.information.nrows(), q.information.ncols()) * 1e-9;
+        let each = problem.quadratics(point, Every(1))?;
+        let p = point.coordinates().len();
+        let mut scatter = DMatrix::zeros(p, p);
+        let many = each.iter().filter(|_| each.len() > p);
+        many.for_each(|q| scatter += &q.gradient * q.gradient.transpose());
+        let information = problem.with_priors(each, point, p).information;
+        let inverse = (information + DMatrix::identity(p, p) * 1e-9).cholesky()?.inverse();
+        let robust = &inverse * scatter * &inverse;
         let inflated = whitened_power(problem, point);
-        let covariance = (q.information + ridge).cholesky()?.inverse() * inflated;
+        let wider = |i: usize| (robust[(i, i)] / inverse[(i, i)].max(f64::MIN_POSITIVE)).max(inflated).sqrt();
+        let covariance = DMatrix::from_fn(p, p, |i, j| inverse[(i, j)] * wider(i) * wider(j));
         Some(Self { point: point.clone(), covariance, bounds: problem.frame.bounds(point) })
     }
 
@@ -99,6 +111,7 @@ pub(crate) fn diagnosis(fitting: &Fitting<'_>) -> CutDiagnosis {
         Verdict::ParameterError
     };
     let scenario = frame.machine(&model.point).map_or(frame.stated, |m| m.scenario);
+    let scenario = with_pitch(scenario, &parameter_corrections);
     CutDiagnosis {
         verdict,
         location: findings.first().map(location),
@@ -117,6 +130,15 @@ pub(crate) fn diagnosis(fitting: &Fitting<'_>) -> CutDiagnosis {
         notes: Vec::new(),
         findings,
     }
+}
+
+/// A scenario with what a correction adds to its pitch.
+fn with_pitch(scenario: Scenario, corrections: &[Correction]) -> Scenario {
+    let mut raw = scenario.raw();
+    let (name, _) = Number::Pitch.stated(&scenario, 0.0).unwrap_or_default();
+    raw.pitch_difference_rad +=
+        corrections.iter().filter(|c| c.name == name).map(|c| c.value - c.nominal).sum::<f64>();
+    Scenario::new(&raw).unwrap_or(scenario)
 }
 
 fn location(first: &CutFinding) -> CutLocation {

@@ -43,8 +43,6 @@ pub(crate) struct Criteria {
     pub(crate) orders: usize,
     /// Price of a parameter, nats: three standard deviations (9/2), also half the log of 8 000 values.
     pub(crate) price_nats: f64,
-    /// Level for a name, nats: ln 33 looks = 3.5, the rest for errors of the likelihood itself.
-    pub(crate) level_nats: f64,
     /// The same of a table alone, nats: 20 to 1. Its spreads are free, so that errors of the likelihood are
     /// in it already; with the price a gain of 7.5, which chance gives one of 20 laws twice in a thousand.
     pub(crate) table_level_nats: f64,
@@ -66,7 +64,7 @@ pub(crate) struct Criteria {
     pub(crate) alive: f64,
     /// Sizes of an effect, in typical ones, beyond which no machine has it.
     pub(crate) largest_size: f64,
-    /// Standard deviations of a size from which on it is seen: 5, as the level of 12 nats (25/2).
+    /// Standard deviations of a size from which on it is seen, and named.
     pub(crate) visible_sd: f64,
     /// Cost of an evaluation, seconds of one core of 3 GHz a second of recording.
     pub(crate) evaluation_s_per_s: f64,
@@ -95,7 +93,6 @@ pub(crate) const CRITERIA: Criteria = Criteria {
     order_share: 0.03,
     orders: 12,
     price_nats: 4.5,
-    level_nats: 12.0,
     table_level_nats: 3.0,
     promise_factor: 3.0,
     smooth_share: 0.01,
@@ -107,6 +104,6 @@ pub(crate) const CRITERIA: Criteria = Criteria {
     alive: 0.05,
     largest_size: 3.0,
     visible_sd: 5.0,
-    evaluation_s_per_s: 4e-4,
-    evaluation_s_per_row: 4e-4,
+    evaluation_s_per_s: 6e-4,
+    evaluation_s_per_row: 1e-4,
 };

@@ -1,7 +1,7 @@
 //! From cuts to an answer: what is observed, the one selection, and what it says.
 
 use super::super::result::Verdict;
-use super::super::selection::{Reach, Selected, Work, select};
+use super::super::selection::{Reach, Work, select};
 use super::super::{Progress, cut::input::CutInputError};
 use super::answer::{self, Fitting};
 use super::criteria::CRITERIA;
@@ -14,7 +14,7 @@ use super::machine::Frame;
 use super::observable::Observable;
 use super::observe::observe;
 use super::result::{CutDiagnosis, CutFit, MappedCut};
-use super::search::{Asked, Cut, Model};
+use super::search::Cut;
 use super::stretches::{Stretches, divide};
 use super::table::{TableRows, row_condition};
 use super::{plan, recorded};
@@ -41,21 +41,33 @@ pub fn diagnose(
     let laws = Law::open(scenario, frame.probe());
     let mut work = Work::new(evaluations(budget_s, &evidence));
     progress(0.02, "dividing the recordings");
-    // What is linear, what fades and how noise comes through the bar is judged by the machine as stated, then
-    // once more by the same structure with the numbers that fit.
-    let origin = frame.origin();
-    let stated = frame.machine(&origin).map(Reference::of).ok_or(CutInputError::NoCut)?;
-    let (_, observables) = observed(&frame, &stated, evidence, table);
+    let mut point = frame.origin();
+    let mut known = frame.machine(&point).map(Reference::of).ok_or(CutInputError::NoCut)?;
+    if evidence.recordings.is_empty() {
+        let (_, observables) = observed(&frame, &known, evidence, table);
+        let problem = Problem { frame: &frame, observables: &observables };
+        let fitted = Cut::new(&problem, Vec::new(), 0).start(&point, &mut work);
+        point = fitted.ok_or(CutInputError::NoCut)?.point;
+    } else {
+        // What is linear, what fades and how noisy each recording is, is judged by the machine as stated,
+        // then by the same structure with the numbers that fit, twice: noise that is taken for that of
+        // another recording makes a random force of what is none.
+        for _ in 0..2 {
+            let (_, observables) = observed(&frame, &known, evidence, table);
+            let problem = Problem { frame: &frame, observables: &observables };
+            let fitted = Cut::new(&problem, Vec::new(), 0).rough(&point, &mut work);
+            let fitted = fitted.ok_or(CutInputError::NoCut)?;
+            known = known.refined(&problem, &fitted, evidence.recordings.len()).unwrap_or(known);
+            point = frame.with_typical_noise(&fitted);
+        }
+    }
+    let (stretches, observables) = observed(&frame, &known, evidence, table);
     let problem = Problem { frame: &frame, observables: &observables };
-    let fitted = Cut::new(&problem, Vec::new()).start(&origin, &mut work).ok_or(CutInputError::NoCut)?;
-    let known = Reference::fitted(&problem, &fitted.point, evidence.recordings.len());
-    let (stretches, observables) = observed(&frame, &known.unwrap_or(stated), evidence, table);
-    let problem = Problem { frame: &frame, observables: &observables };
-    let cut = Cut::new(&problem, laws.clone());
-    let start = cut.start(&fitted.point, &mut work).ok_or(CutInputError::NoCut)?;
     // A table costs little, and its screening says little: the fit may have been bent far.
-    let fitted = if evidence.recordings.is_empty() { laws.len() } else { REACH.fitted };
-    let reach = Reach { fitted, ..REACH };
+    let rivals = if evidence.recordings.is_empty() { laws.len() } else { REACH.fitted };
+    let reach = Reach { fitted: rivals, ..REACH };
+    let cut = Cut::new(&problem, laws.clone(), rivals);
+    let start = cut.start(&point, &mut work).ok_or(CutInputError::NoCut)?;
     let selected = select(&cut, start.clone(), reach, &mut work, &|share, what| progress(0.8 * share, what));
     progress(0.85, "what these cuts tell");
     let defended = cut.defended();
@@ -87,7 +99,12 @@ pub fn diagnose(
         }));
     }
     diagnosis.plan = plan::plan(&fitting);
-    note_budget(&selected, &mut diagnosis);
+    note_budget(work.is_spent(), &mut diagnosis);
+    if observables.is_empty() {
+        let note = "No stretch of these recordings could be looked at: in none does the condition stand \
+                    still while the tools keep contact and the flanks keep clear. Nothing found is no proof.";
+        diagnosis.notes.push(note.to_owned());
+    }
     progress(1.0, "done");
     Ok(diagnosis)
 }
@@ -116,8 +133,8 @@ fn evaluations(budget_s: f64, evidence: &CutEvidence<'_>) -> u64 {
     (0.5 * budget_s.max(0.0) / evaluation_s) as u64
 }
 
-fn note_budget(selected: &Selected<Asked, Model>, diagnosis: &mut CutDiagnosis) {
-    if selected.out_of_budget {
+fn note_budget(spent: bool, diagnosis: &mut CutDiagnosis) {
+    if spent {
         diagnosis.notes.push("The budget ended before every hypothesis was asked.".to_owned());
         if diagnosis.findings.is_empty() && diagnosis.verdict == Verdict::ModelAdequate {
             diagnosis.notes.push("Nothing found is therefore no proof that nothing is missing.".to_owned());

@@ -304,14 +304,20 @@ impl Problem<'_> {
     ///
     /// Cost: one evaluation and one a coordinate.
     pub(crate) fn quadratic(&self, point: &Point, every: Every) -> Option<Quadratic> {
+        let each = self.quadratics(point, every)?;
+        let sum = self.with_priors(each, point, point.coordinates().len());
+        sum.value.is_finite().then_some(sum)
+    }
+
+    /// The same of each observable, without priors; of the information the lower half.
+    pub(crate) fn quadratics(&self, point: &Point, every: Every) -> Option<Vec<Quadratic>> {
         let (steps, machines) = self.neighbours(point)?;
         let of_observable = |o: &Observed<'_>| {
             let parts = o.parts(&machines, every);
             let moved: Vec<&Part> = parts[1..].iter().collect();
             Quadratic::of_part(&parts[0], &moved, &steps)
         };
-        let sum = self.with_priors(on_two_cores(self.observables, of_observable), point, steps.len());
-        sum.value.is_finite().then_some(sum)
+        Some(on_two_cores(self.observables, of_observable))
     }
 
     /// The sum of what each observable says, with the priors of the coordinates.

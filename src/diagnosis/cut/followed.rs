@@ -95,8 +95,12 @@ impl FollowedSpectra {
         let after = (recording.signal.delay_s * rate).ceil() as usize + (0.012 * rate) as usize;
         let end = (stretch.samples.end + after).min(recording.len());
         let turn_s = 60.0 / recording.spindle_speed_rpm[window_from];
-        let before = ((memory_s(scenario) + turn_s) * rate) as usize;
+        // The forces rise before what the bar remembers of them, not in it, over some ten periods.
+        let remembered_s = memory_s(scenario);
+        let rising_s = remembered_s / 4.0;
+        let before = ((rising_s + remembered_s + turn_s) * rate) as usize;
         let begin = window_from.saturating_sub(before);
+        let rise = ((rising_s * rate) as usize).clamp(1, (window_from - begin).max(1));
         let length = smooth_below((end - begin) * 11 / 10 + 256);
         let length = if length < end - begin { (end - begin).next_power_of_two() } else { length };
         let centre = loudest(forces, window_from..stretch.samples.end);
@@ -107,7 +111,7 @@ impl FollowedSpectra {
             (begin..end).map(|k| (bar.mode_shape(recording.tool_position_m[k]) / own).max(1e-3)).collect();
         let mut planner = FftPlanner::new();
         let long = planner.plan_fft_forward(length);
-        let tapered = led(forces, begin..end, window_from..stretch.samples.end);
+        let tapered = led(forces, begin..end, window_from..stretch.samples.end, rise);
         let [roll_from, roll_to] = roll_off_hz(place.band_hz, rate);
         let keep = (roll_to / rate * length as f64) as usize;
         let transform = |weight: &dyn Fn(f64) -> f64| {
@@ -361,13 +365,13 @@ fn loudest(forces: [&[f64]; 2], range: std::ops::Range<usize>) -> usize {
     range.start + (moment / power) as usize
 }
 
-/// The forces of a segment without the mean of the window, risen and fallen smoothly at its ends.
+/// The forces of a segment without the mean of the window, risen over `rise` samples and fallen smoothly.
 fn led(
     forces: [&[f64]; 2],
     segment: std::ops::Range<usize>,
     window: std::ops::Range<usize>,
+    rise: usize,
 ) -> [Vec<f64>; 2] {
-    let rise = (segment.len() / 12).max(1);
     let fall = (segment.end.saturating_sub(window.end) / 2).max(1);
     forces.map(|f| {
         if f.is_empty() {

@@ -19,10 +19,12 @@ impl Reference {
         Self { machine, sensor_levels: Vec::new() }
     }
 
-    /// The machine of a point, the noise of each recording by what its own spectra say.
-    pub(crate) fn fitted(problem: &Problem<'_>, point: &Point, recordings: usize) -> Option<Self> {
+    /// The machine of a point that was fitted with this one known; the noise of each recording by what its
+    /// own spectra say.
+    pub(crate) fn refined(&self, problem: &Problem<'_>, point: &Point, recordings: usize) -> Option<Self> {
         let machine = problem.frame.machine(point)?;
-        let level = |k: usize| problem.sensor_level(point, k).unwrap_or(1.0);
+        let before = |k: usize| self.sensor_levels.get(k).copied().unwrap_or(1.0);
+        let level = |k: usize| before(k) * problem.sensor_level(point, k).unwrap_or(1.0);
         Some(Self { machine, sensor_levels: (0..recordings).map(level).collect() })
     }
 }

@@ -281,6 +281,15 @@ impl Frame {
         }
     }
 
+    /// A point with the numbers that it has for those of the scenario; noise as is typical.
+    pub(crate) fn with_typical_noise(&self, point: &Point) -> Point {
+        let of = |(n, p): (&Number, &f64)| if n.is_stated() { *p } else { 0.0 };
+        Point {
+            numbers: self.numbers.iter().zip(&point.numbers).map(of).collect(),
+            terms: point.terms.clone(),
+        }
+    }
+
     /// The stated structure with its stated numbers.
     pub(crate) fn origin(&self) -> Point {
         Point { numbers: vec![0.0; self.numbers.len()], terms: Vec::new() }

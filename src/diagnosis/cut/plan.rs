@@ -5,8 +5,8 @@
 //! The expected gain is half the squared distance in those standard deviations.
 
 use super::answer::Fitting;
-use super::criteria::CRITERIA;
 use super::result::PlannedCut;
+use super::search::level_nats;
 use crate::plant::cut_loop::{CutLoop, CutMeans};
 use crate::plant::cut_terms::{CutCondition, CutTerms};
 use crate::plant::effects::EffectKind;
@@ -69,7 +69,7 @@ pub(crate) fn plan(fitting: &Fitting<'_>) -> Vec<PlannedCut> {
     let mut out: Vec<PlannedCut> = Vec::new();
     let mut sum = 0.0;
     for (nats, at) in ranked {
-        if out.len() == MOST || sum > 2.0 * CRITERIA.level_nats {
+        if out.len() == MOST || sum > 2.0 * level_nats() {
             break;
         }
         // Two cuts that differ in nothing but one setting say the same twice.
@@ -104,8 +104,7 @@ fn rivals(fitting: &Fitting<'_>) -> Option<([Scenario; 2], String)> {
     let name = |kind: EffectKind| kind.name();
     let found = best.hypothesis.law.kind();
     let second = round.fitted.get(1);
-    let rival =
-        second.filter(|s| round.accepted && best.evidence_nats - s.evidence_nats < CRITERIA.level_nats);
+    let rival = second.filter(|s| round.accepted && best.evidence_nats - s.evidence_nats < level_nats());
     if let Some(rival) = rival {
         let between = format!("{} from {}", name(found), name(rival.hypothesis.law.kind()));
         return Some(([scenario(&best.model.point)?, scenario(&rival.model.point)?], between));

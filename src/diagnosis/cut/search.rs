@@ -48,6 +48,7 @@ struct Before {
 pub(crate) struct Cut<'a> {
     problem: &'a Problem<'a>,
     laws: Vec<Law>,
+    rivals: usize,
     before: RefCell<Vec<Before>>,
     defended: RefCell<Vec<Defended>>,
     /// The most that a law of this round is worth so far, nats.
@@ -75,11 +76,12 @@ const AGAIN: Effort = Effort { steps: 5, every: Every(1) };
 const STARTS: usize = 3;
 
 impl<'a> Cut<'a> {
-    /// `laws`: those that are open.
-    pub(crate) fn new(problem: &'a Problem<'a>, laws: Vec<Law>) -> Self {
+    /// `laws`: those that are open; `rivals`: of how many a law that was taken up is challenged.
+    pub(crate) fn new(problem: &'a Problem<'a>, laws: Vec<Law>, rivals: usize) -> Self {
         Self {
             problem,
             laws,
+            rivals,
             before: RefCell::default(),
             defended: RefCell::default(),
             leading_nats: Cell::new(0.0),
@@ -107,11 +109,18 @@ impl<'a> Cut<'a> {
         self.before.borrow_mut().push(Before { point: model.point.clone(), value: model.value });
     }
 
+    /// The stated structure on every fourth bin.
+    pub(crate) fn rough(&self, point: &Point, work: &mut Work) -> Option<Point> {
+        let rough = self.problem.fit(point, &Effort { steps: 12, ..LOOK })?;
+        work.spend(rough.evaluations / LOOK.every.0 as u64);
+        Some(rough.point)
+    }
+
     /// The stated structure fitted: where the selection begins.
     pub(crate) fn start(&self, point: &Point, work: &mut Work) -> Option<Model> {
-        let rough = self.problem.fit(point, &Effort { steps: 12, ..LOOK })?;
-        let ended = self.problem.fit(&rough.point, &Effort::FULL)?;
-        let _ = work.take(rough.evaluations / 4 + ended.evaluations);
+        let rough = self.rough(point, work)?;
+        let ended = self.problem.fit(&rough, &Effort::FULL)?;
+        work.spend(ended.evaluations);
         let model = Model { point: ended.point, value: ended.value };
         self.note(&model);
         Some(model)
@@ -120,11 +129,7 @@ impl<'a> Cut<'a> {
     /// What a law must be worth to be named, nats.
     fn level_nats(&self) -> f64 {
         let frame = self.problem.frame;
-        if frame.has_table() && !frame.has_recordings() {
-            CRITERIA.table_level_nats
-        } else {
-            CRITERIA.level_nats
-        }
+        if frame.has_table() && !frame.has_recordings() { CRITERIA.table_level_nats } else { level_nats() }
     }
 
     /// Price of a law, nats: of each coordinate, and of every further shape that was looked at.
@@ -132,11 +137,19 @@ impl<'a> Cut<'a> {
         CRITERIA.price_nats * law.coordinates().len() as f64 + (law.feet(&[]).len() as f64).ln()
     }
 
+    /// True where recordings may show what no screening of first order tells.
+    fn unscreened(&self, law: Law) -> bool {
+        law.is_of_second_order() && self.problem.frame.has_recordings()
+    }
+
     /// The best that is known of a structure, fitted to the end.
     fn refined(&self, structure: &Point, work: &mut Work) -> Model {
         let best = self.before(structure);
+        if work.is_spent() && best.value.is_finite() {
+            return best;
+        }
         let Some(ended) = self.problem.fit(&best.point, &Effort::FULL) else { return best };
-        let _ = work.take(ended.evaluations);
+        work.spend(ended.evaluations);
         let model = Model { point: ended.point, value: ended.value };
         self.note(&model);
         model
@@ -154,7 +167,7 @@ impl<'a> Cut<'a> {
         self.leading_nats.set(evidence_nats.max(0.0));
         let mut rivals: Vec<(Law, f64)> = Vec::new();
         let mut best: Option<(f64, Point)> = None;
-        for asked in asked.iter().filter(|s| s.hypothesis.law != law) {
+        for asked in asked.iter().filter(|s| s.hypothesis.law != law).take(self.rivals) {
             let Some(ended) = self.fit_law(&without, &asked.hypothesis, work) else { continue };
             let nats = without.value - ended.value - Self::price_nats(asked.hypothesis.law);
             rivals.push((asked.hypothesis.law, nats));
@@ -182,17 +195,39 @@ impl<'a> Cut<'a> {
 
     /// Two planes that have changed places: which of them is the stated one its stated frequency says alone.
     fn mirrored(&self, point: &Point) -> Option<Point> {
-        let term = point.terms.last().filter(|t| t.law == Law::Plane)?;
+        let [share, other] = point.terms.last()?.planes()?;
         let number = self.problem.frame.numbers.iter().position(|n| *n == Number::Frequency)?;
+        let sd = Number::Frequency.log_sd();
         let mut out = point.clone();
-        let (values, ratio) = term.changed_planes()?;
-        out.numbers[number] += ratio.ln() / Number::Frequency.log_sd();
-        out.terms.last_mut()?.values = values;
+        let own = (out.numbers[number] * sd).exp();
+        out.numbers[number] = other.ln() / sd;
+        *out.terms.last_mut()? = Term::of_planes(1.0 - share, own);
         Some(out)
+    }
+
+    /// A model with one plane split in two of the same mean frequency, 4 % apart: halves, and one that acts a
+    /// little against the other, on either side.
+    fn split(&self, model: &Point) -> Vec<Point> {
+        let frame = self.problem.frame;
+        let Some(number) = frame.numbers.iter().position(|n| *n == Number::Frequency) else {
+            return Vec::new();
+        };
+        let sd = Number::Frequency.log_sd();
+        let of = |(share, apart): (f64, f64)| {
+            let mut out = model.clone();
+            let own = (out.numbers[number] * sd).exp() / (1.0 + share * apart);
+            out.numbers[number] = own.ln() / sd;
+            out.terms.push(Term::of_planes(share, own * (1.0 + apart)));
+            out
+        };
+        [(0.5, 0.04), (-0.2, 0.04), (-0.2, -0.04)].map(of).to_vec()
     }
 
     /// The better of a few starts, then to the end.
     fn fit_law(&self, model: &Model, asked: &Asked, work: &mut Work) -> Option<Ended> {
+        if work.is_spent() {
+            return None;
+        }
         let mut best: Option<Ended> = None;
         // A likelihood with several hills (few cuts of a shop) is climbed from the model as it was handed in,
         // from the best point that any hypothesis has led to (the order of the laws must not decide), and
@@ -209,11 +244,18 @@ impl<'a> Cut<'a> {
             starts.extend(asked.starts.first().map(|start| asked.law.typical(start)));
         }
         for base in &bases {
-            for start in &starts {
+            let with = |start: &Vec<f64>| {
                 let mut point = base.clone();
                 point.terms.push(Term { law: asked.law, values: start.clone() });
+                point
+            };
+            let mut points: Vec<Point> = starts.iter().map(with).collect();
+            if self.unscreened(asked.law) {
+                points = self.split(base);
+            }
+            for point in points {
                 let Some(looked) = self.problem.fit(&point, &LOOK) else { continue };
-                let _ = work.take(looked.evaluations / LOOK.every.0 as u64);
+                work.spend(looked.evaluations / LOOK.every.0 as u64);
                 if best.as_ref().is_none_or(|b| looked.value < b.value) {
                     best = Some(looked);
                 }
@@ -235,7 +277,8 @@ impl<'a> Cut<'a> {
             ended = if other.value < ended.value { other } else { ended };
             ended.evaluations = evaluations;
         }
-        work.take(ended.evaluations).then_some(ended)
+        work.spend(ended.evaluations);
+        Some(ended)
     }
 }
 
@@ -354,7 +397,11 @@ impl Subject for Cut<'_> {
             match out.iter_mut().find(|s| s.hypothesis.law == promise.law) {
                 Some(known) => known.hypothesis.starts.push(promise.values),
                 None => out.push(Screened {
-                    promise_nats: promise.nats - Self::price_nats(promise.law),
+                    promise_nats: if self.unscreened(promise.law) {
+                        f64::INFINITY
+                    } else {
+                        promise.nats - Self::price_nats(promise.law)
+                    },
                     hypothesis: Asked { law: promise.law, starts: vec![promise.values] },
                 }),
             }
@@ -370,7 +417,7 @@ impl Subject for Cut<'_> {
         if ended.value < self.before(&without).value - CRITERIA.price_nats
             && let Some(again) = self.problem.fit(&without, &AGAIN)
         {
-            let _ = work.take(again.evaluations);
+            work.spend(again.evaluations);
             self.note(&Model { point: again.point, value: again.value });
         }
         let before = self.before(&without).value;
@@ -412,6 +459,12 @@ impl Subject for Cut<'_> {
         }
         model
     }
+}
+
+/// What a law of recordings must be worth to be named, nats: a law of one number is named from where a size
+/// is seen, five standard deviations; chance gives one of 33 looks that once in a hundred thousand cases.
+pub(crate) fn level_nats() -> f64 {
+    0.5 * CRITERIA.visible_sd.powi(2) - CRITERIA.price_nats
 }
 
 /// True where every size of a term is nothing.

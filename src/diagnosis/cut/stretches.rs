@@ -158,8 +158,14 @@ impl Banded {
             x.iter().map(|v| v.re).collect::<Vec<f64>>()
         });
         inverse.process(&mut motion);
-        let surface = |k: usize| condition(recording, k, scenario).surface_speed_m_s();
-        let slope = motion.iter().enumerate().map(|(k, v)| v.re / surface(k)).collect();
+        // The bar gives way as the square of its shape; the tools travel and jump.
+        let shape = |at: f64| scenario.workpiece.mode_shape(at).powi(2).max(1e-6);
+        let own = shape(mid.position_m);
+        let slope_of = |(k, v): (usize, &Complex<f64>)| {
+            let at = condition(recording, k, scenario);
+            v.re * shape(at.position_m) / own / at.surface_speed_m_s()
+        };
+        let slope = motion.iter().enumerate().map(slope_of).collect();
         let length = ((PIECE_S * rate).round() as usize).max(1);
         let loudness_n = (0..n.div_ceil(length))
             .map(|p| {
@@ -280,11 +286,18 @@ fn linear(
     }
     let at = condition(recording, range.start, scenario);
     let turn = (at.turn_s() * recording.sample_rate.hz()).ceil() as usize;
-    let means = CutLoop::new(&CutTerms::of(scenario, &at)).means().force_n;
     let tools = if scenario.tools.count() == ToolCount::Two { 2 } else { 1 };
+    // Contact is lost where a force swings down to nothing: from the lesser of what K_r as stated makes of
+    // it, which may be wrong, and of what was recorded, which is greater than at rest once contact is lost.
+    let model_n = CutLoop::new(&CutTerms::of(scenario, &at)).means().force_n;
+    let recorded_n = |j: usize| {
+        let force = recording.forces_n[j].as_ref().map(|f| &f[range.clone()]);
+        force.map_or(f64::INFINITY, |f| f.iter().sum::<f64>() / f.len() as f64)
+    };
+    let largest_n = [0, 1].map(|j| CRITERIA.largest_swing * model_n[j].min(recorded_n(j)));
     let steep = CRITERIA.largest_slope * scenario.cutting.raw().clearance_rad.tan();
     let good = |k: usize| {
-        let swing = |j: usize| banded.forces_n[j][k].abs() < CRITERIA.largest_swing * means[j];
+        let swing = |j: usize| banded.forces_n[j][k].abs() < largest_n[j];
         (0..tools).all(swing) && banded.slope[k].abs() < steep
     };
     let (mut out, mut begin) = (Vec::new(), range.start);
