@@ -132,8 +132,13 @@ fn says_something(work: &Work<'_>, axis: &AxisColumns) -> bool {
 }
 
 fn check_axis(work: &mut Work<'_>, axis: &AxisColumns) {
+    // One position that stands beside one that moves: an output that is held. What sticks there sticks under
+    // a force that goes on, which tells of friction, play and spring.
+    let locked = axis.with(Role::Position).any(|i| work.silent[i]);
     clipping::clipped(work, axis);
-    held::held(work, axis);
+    if !locked {
+        held::held(work, axis);
+    }
     rows::jumps(work, axis);
     outliers::outliers(work, axis);
     rounding::rounded(work, axis);
@@ -142,5 +147,7 @@ fn check_axis(work: &mut Work<'_>, axis: &AxisColumns) {
     spectrum::smoothed(work, axis);
     clock::offsets(work, axis);
     spectrum::mains_line(work, axis);
-    rest::long_rest(work, axis);
+    if !locked {
+        rest::long_rest(work, axis);
+    }
 }
