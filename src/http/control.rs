@@ -1,11 +1,11 @@
 //! What people may do to the running service.
 
-use super::events::{ReasonBody, origin};
 use super::extract::Body;
 use super::problem::{Problem, Refused};
+use super::reason::{Reason, ReasonBody};
 use super::{Caller, Role, Site};
 use crate::service::live::Mode;
-use crate::service::{Changed, ModeNow, Origin};
+use crate::service::{Changed, ModeNow};
 use axum::extract::{FromRequest as _, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -59,12 +59,7 @@ pub(super) struct ModeBody {
     /// The mode wanted.
     mode: Mode,
     /// One sentence for the record.
-    #[schema(
-        min_length = 1,
-        max_length = 500,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
-    reason: String,
+    reason: Reason,
 }
 
 /// Change the mode. Up needs the role engineer and `If-Match` with the mode's ETag; down needs operator.
@@ -83,7 +78,7 @@ pub(super) async fn put_mode(
 ) -> Result<Response, Problem> {
     caller.require(Role::Operator)?;
     let Body(body) = body?;
-    let origin = origin(&site, &caller, &body.reason)?;
+    let origin = body.reason.origin(&caller, &site)?;
     // The picture decides only which refusal is told; whether this is the way up, and whether it is free, the
     // pipeline thread judges by the mode itself.
     let up = body.mode as u8 > site.handle.mode().mode as u8;
@@ -114,17 +109,8 @@ fn if_match(headers: &HeaderMap) -> Result<u64, Problem> {
 #[serde(deny_unknown_fields)]
 pub(super) struct TakeBackBody {
     /// One sentence for the record; without a good one the record says that none was given.
-    #[schema(
-        min_length = 1,
-        max_length = 500,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
-    #[serde(default = "no_reason")]
-    reason: String,
-}
-
-fn no_reason() -> String {
-    "no reason given".to_owned()
+    #[serde(default = "Reason::none_given")]
+    reason: Reason,
 }
 
 /// Take the turret back: equal pitch and `observe`, within one control cycle, before the body is read: a body
@@ -145,13 +131,10 @@ pub(super) async fn take_back(
     let deed = tokio::spawn(async move {
         let outcome = site.handle.take_back(&caller.name).await;
         let said = Body::<TakeBackBody>::from_request(request, &()).await;
-        let reason = said.and_then(|body| Ok(origin(&site, &caller, &body.0.reason)?.reason));
-        let (reason, refused) = match reason {
-            Ok(reason) => (reason, None),
-            Err(problem) => (no_reason(), Some(problem.in_one_line())),
+        let (origin, refused) = match said.and_then(|body| body.0.reason.origin(&caller, &site)) {
+            Ok(origin) => (origin, None),
+            Err(problem) => (Reason::none_given().origin_unquestioned(&caller), Some(problem.in_one_line())),
         };
-        let role = caller.role.map_or("none", Role::word).to_owned();
-        let origin = Origin { actor: caller.name.clone(), role, reason };
         site.handle.record_override(&origin, outcome).await.map(|done| (done, refused))
     });
     let lost =
@@ -167,12 +150,7 @@ pub(super) struct HoldBody {
     /// True: leave it where it is; false: let it go.
     hold: bool,
     /// One sentence for the record.
-    #[schema(
-        min_length = 1,
-        max_length = 500,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
-    reason: String,
+    reason: Reason,
 }
 
 /// Leave the turret where it is, or let it go: what stands is kept, nothing else is asked of it. Possible in
@@ -189,7 +167,7 @@ pub(super) async fn hold(
 ) -> Result<Response, Problem> {
     caller.require(Role::Operator)?;
     let body = body?.0;
-    let origin = origin(&site, &caller, &body.reason)?;
+    let origin = body.reason.origin(&caller, &site)?;
     Ok(changed(site.handle.hold(body.hold, origin).await?))
 }
 
@@ -205,6 +183,6 @@ pub(super) async fn clear_fault(
     body: Result<Body<ReasonBody>, Problem>,
 ) -> Result<Response, Problem> {
     caller.require(Role::Engineer)?;
-    let origin = origin(&site, &caller, &body?.0.reason)?;
+    let origin = body?.0.origin(&caller, &site)?;
     Ok(changed(site.handle.clear_fault(origin).await?))
 }

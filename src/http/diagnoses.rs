@@ -1,8 +1,9 @@
 //! Diagnosis jobs over HTTP.
 
-use super::events::{ReasonBody, next_header, origin};
+use super::events::next_header;
 use super::extract::{Asked, Body, Named};
 use super::problem::{Problem, Refused};
+use super::reason::{Reason, ReasonBody};
 use super::recordings::page_size;
 use super::{Caller, Role, Site};
 use crate::service::{BUDGET_S, BUDGETS_S, DiagnosisView};
@@ -55,12 +56,7 @@ pub(super) struct DiagnosisBody {
     #[serde(default = "budget", deserialize_with = "whole")]
     budget_s: u32,
     /// One sentence for the record.
-    #[schema(
-        min_length = 1,
-        max_length = 500,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
-    reason: String,
+    reason: Reason,
 }
 
 fn budget() -> u32 {
@@ -90,7 +86,7 @@ pub(super) async fn start(
 ) -> Result<(StatusCode, Json<DiagnosisView>), Problem> {
     caller.require(Role::Engineer)?;
     let Body(body) = body?;
-    let origin = origin(&site, &caller, &body.reason)?;
+    let origin = body.reason.origin(&caller, &site)?;
     if !(1..=16).contains(&body.recordings.len()) {
         let problem =
             Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_body", "1 to 16 recordings are needed");
@@ -125,12 +121,7 @@ pub(super) struct CutDiagnosisBody {
     #[serde(default = "budget", deserialize_with = "whole")]
     budget_s: u32,
     /// One sentence for the record.
-    #[schema(
-        min_length = 1,
-        max_length = 500,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
-    reason: String,
+    reason: Reason,
 }
 
 /// Start a diagnosis of the newest thousand past cuts against the stated cut.
@@ -145,7 +136,7 @@ pub(super) async fn start_cuts(
 ) -> Result<(StatusCode, Json<DiagnosisView>), Problem> {
     caller.require(Role::Engineer)?;
     let Body(body) = body?;
-    let origin = origin(&site, &caller, &body.reason)?;
+    let origin = body.reason.origin(&caller, &site)?;
     in_range(body.budget_s)?;
     let view = site.handle.start_cut_diagnosis(body.budget_s, &origin).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
@@ -165,7 +156,7 @@ pub(super) async fn cancel(
     body: Result<Body<ReasonBody>, Problem>,
 ) -> Result<(StatusCode, Json<DiagnosisView>), Problem> {
     caller.require(Role::Operator)?;
-    let origin = origin(&site, &caller, &body?.0.reason)?;
+    let origin = body?.0.origin(&caller, &site)?;
     let view = site.handle.cancel_diagnosis(&id, &origin).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
 }

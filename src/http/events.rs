@@ -2,9 +2,10 @@
 
 use super::extract::{Asked, Body, Named};
 use super::problem::{Problem, Refused};
+use super::reason::Reason;
 use super::recordings::page_size;
 use super::{Caller, Role, Site};
-use crate::service::{AuditRow, EventFilter, MAX_PAGE, Origin, clock};
+use crate::service::{AuditRow, EventFilter, MAX_PAGE, clock};
 use crate::telemetry::{Event, EventKind, Severity};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, header};
@@ -271,53 +272,12 @@ pub(super) async fn one(
     Ok(Json(EventView::from(&site.handle.event(sequence).await?)))
 }
 
-/// Why somebody does something.
-#[derive(Debug, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(super) struct ReasonBody {
-    /// One sentence for the record, 1 to 500 characters.
-    #[schema(
-        min_length = 1,
-        max_length = 500,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
-    pub(super) reason: String,
-}
-
-/// The caller and the reason, for events and the audit record. Errors: an empty or endless reason.
-///
-/// A reason that holds a token is refused, too: the record is open to more people than the token.
-pub(super) fn origin(site: &Site, caller: &Caller, reason: &str) -> Result<Origin, Problem> {
-    let printable = reason.chars().count() <= 500 && !reason.chars().any(char::is_control);
-    let reason = reason.trim();
-    if reason.is_empty() || !printable {
-        let problem = Problem::new(
-            axum::http::StatusCode::UNPROCESSABLE_ENTITY,
-            "reason_required",
-            "a reason of 1 to 500 printable characters is needed",
-        );
-        return Err(problem.with_field("/reason", "expected one sentence"));
-    }
-    if site.access.is_in(reason) {
-        let detail = "the reason holds an access token; nothing of it was kept: consider a new token";
-        let problem = Problem::new(axum::http::StatusCode::UNPROCESSABLE_ENTITY, "secret_in_text", detail);
-        return Err(problem.with_field("/reason", "expected a sentence without a token"));
-    }
-    let role = caller.role.map_or("none", Role::word);
-    Ok(Origin { actor: caller.name.clone(), role: role.to_owned(), reason: reason.to_owned() })
-}
-
 /// Why an event is acknowledged, and what it was.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AcknowledgeBody {
     /// One sentence for the record, 1 to 500 characters.
-    #[schema(
-        min_length = 1,
-        max_length = 500,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
-    reason: String,
+    reason: Reason,
     /// Whether the alarm was right or false, where the person knows: commissioning counts it.
     #[serde(default)]
     right: Option<bool>,
@@ -338,7 +298,7 @@ pub(super) async fn acknowledge(
 ) -> Result<Json<EventView>, Problem> {
     caller.require(Role::Operator)?;
     let Body(body) = body?;
-    let origin = origin(&site, &caller, &body.reason)?;
+    let origin = body.reason.origin(&caller, &site)?;
     Ok(Json(EventView::from(&site.handle.acknowledge(sequence, body.right, &origin).await?)))
 }
 
@@ -350,12 +310,7 @@ pub(super) struct SilenceBody {
     #[schema(value_type = u32, minimum = 1, maximum = 480)]
     minutes: f64,
     /// One sentence for the record.
-    #[schema(
-        min_length = 1,
-        max_length = 500,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
-    reason: String,
+    reason: Reason,
 }
 
 /// Silence an event for a while.
@@ -382,7 +337,7 @@ pub(super) async fn silence(
         );
         return Err(problem.with_field("/minutes", "expected 1 to 480"));
     }
-    let origin = origin(&site, &caller, &body.reason)?;
+    let origin = body.reason.origin(&caller, &site)?;
     Ok(Json(EventView::from(&site.handle.silence(sequence, body.minutes, &origin).await?)))
 }
 

@@ -13,6 +13,7 @@ mod idempotency;
 mod page;
 mod problem;
 mod read;
+mod reason;
 mod recordings;
 mod refusals;
 mod seats;

@@ -1,8 +1,9 @@
 //! Black-box recordings over HTTP.
 
-use super::events::{ReasonBody, next_header, origin};
+use super::events::next_header;
 use super::extract::{Asked, Body, Named};
 use super::problem::{Problem, Refused};
+use super::reason::ReasonBody;
 use super::{Caller, Role, Site};
 use crate::service::{RecordingInfo, ReplayView, TextForm};
 use axum::body::Bytes;
@@ -82,7 +83,7 @@ pub(super) async fn save(
     body: Result<Body<ReasonBody>, Problem>,
 ) -> Result<(StatusCode, Json<SavedView>), Problem> {
     caller.require(Role::Operator)?;
-    let origin = origin(&site, &caller, &body?.0.reason)?;
+    let origin = body?.0.origin(&caller, &site)?;
     let id = site.handle.save_recording(origin).await?;
     Ok((StatusCode::ACCEPTED, Json(SavedView { id })))
 }
