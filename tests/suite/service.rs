@@ -465,7 +465,7 @@ fn begin_diagnosis(address: &str) {
         view[0]["step"].is_string() || view[0]["state"] == "done" || view[0]["state"] == "failed"
     });
     let stands = view[0]["error"].as_str().is_some_and(|e| {
-        e.contains("axis x1 stands still")
+        e.contains("axis x1, y1 stands still")
             || e.contains("long_rest") && e.contains("nothing is left to judge")
     });
     assert!(view[0]["state"] != "failed" || stands, "{view}");

@@ -148,7 +148,8 @@ impl Design {
         let mut beta = beta;
         let mut nats = f64::INFINITY;
         let mut held = vec![false; beta.len()];
-        let mut information = DMatrix::zeros(0, 0);
+        // Where not even the first step is finite nothing is known: no information about any number.
+        let mut information = DMatrix::zeros(beta.len(), beta.len());
         for _ in 0..ITERATIONS {
             let (a, b) = self.normal(bands, &weights);
             let (next, bound, curved) = self.step(bands, (&a, &b), &beta);
