@@ -5,7 +5,7 @@ use super::super::selection::{Fitted, Round, Selected, probabilities};
 use super::adequacy::whitened_power;
 use super::criteria::CRITERIA;
 use super::fit::Problem;
-use super::laws::{Law, Term};
+use super::laws::{Coordinate, Law, Term};
 use super::machine::{Number, Point};
 use super::observable::Every;
 use super::result::{CutDiagnosis, CutFinding, CutFit, CutLocation, CutTried, NotIdentifiable};
@@ -62,6 +62,20 @@ impl Posterior {
         let wider = |i: usize| (robust[(i, i)] / inverse[(i, i)].max(f64::MIN_POSITIVE)).max(inflated).sqrt();
         let covariance = DMatrix::from_fn(p, p, |i, j| inverse[(i, j)] * wider(i) * wider(j));
         Some(Self { point: point.clone(), covariance, bounds: problem.frame.bounds(point) })
+    }
+
+    /// The first term of which no size is told from nothing: its 95 % interval holds zero.
+    pub(crate) fn unseen(&self) -> Option<usize> {
+        let mut first = self.point.numbers.len();
+        self.point.terms.iter().position(|term| {
+            let coordinates = term.law.coordinates();
+            let own = first..first + coordinates.len();
+            first = own.end;
+            let told = |((i, value), c): ((usize, &f64), &Coordinate)| {
+                c.is_size && value.abs() > NORMAL_95 * self.covariance[(i, i)].max(0.0).sqrt()
+            };
+            !own.zip(&term.values).zip(coordinates).any(told)
+        })
     }
 
     /// 95 % interval of a function of the coordinates: its values where the ellipsoid of 95 % is highest and

@@ -25,6 +25,8 @@ pub(crate) struct Criteria {
     pub(crate) largest_swing: f64,
     /// Slope of the surface over the clearance beyond which the flank may rub (1).
     pub(crate) largest_slope: f64,
+    /// Loudness over the loudest of a block up to which growing chatter is linear (the reference's).
+    pub(crate) largest_of_loudest: f64,
     /// Accuracy of a followed force over its own amplitude: position and frequency move within a stretch.
     pub(crate) followed_share: f64,
     /// Bins next to an order of the spindle that are lost with its line: the estimate of the line has them.
@@ -84,6 +86,7 @@ pub(crate) const CRITERIA: Criteria = Criteria {
     swelling: 1.5,
     largest_swing: 0.75,
     largest_slope: 0.75,
+    largest_of_loudest: 0.4,
     followed_share: 0.02,
     order_bins: 1.2,
     outlying_sd: 4.0,

@@ -3,7 +3,7 @@
 use super::super::result::Verdict;
 use super::super::selection::{Reach, Work, select};
 use super::super::{Progress, cut::input::CutInputError};
-use super::answer::{self, Fitting};
+use super::answer::{self, Fitting, Posterior};
 use super::criteria::CRITERIA;
 use super::fit::Problem;
 use super::foretold;
@@ -68,7 +68,14 @@ pub fn diagnose(
     let reach = Reach { fitted: rivals, ..REACH };
     let cut = Cut::new(&problem, laws.clone(), rivals);
     let start = cut.start(&point, &mut work).ok_or(CutInputError::NoCut)?;
-    let selected = select(&cut, start.clone(), reach, &mut work, &|share, what| progress(0.8 * share, what));
+    let mut selected =
+        select(&cut, start.clone(), reach, &mut work, &|share, what| progress(0.8 * share, what));
+    // A gain says that something is better with the law, its interval whether all stretches say so alike.
+    while let Some(k) = Posterior::new(&problem, &selected.model.point).and_then(|p| p.unseen()) {
+        let mut without = selected.model.point.clone();
+        without.terms.remove(k);
+        selected.model = cut.refined(&without, &mut work);
+    }
     progress(0.85, "what these cuts tell");
     let defended = cut.defended();
     let fitting =

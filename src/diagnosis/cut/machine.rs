@@ -297,14 +297,14 @@ impl Frame {
 
     /// Bounds of every coordinate of a point.
     pub(crate) fn bounds(&self, point: &Point) -> Vec<[f64; 2]> {
-        // A factor of ten of a stated number, e^9 of a noise: further is another machine. Later than 10 us,
-        // or narrower than 2 %, is no tolerance but an effect.
+        // A K_r off by a factor of three, a frequency by a sixth, e^9 of a noise: further is another machine.
+        // Later than 10 us, or narrower than 2 %, is no tolerance but an effect.
         let numbers = self.numbers.iter().map(|n| {
             let furthest = match n {
                 Number::Late | Number::SignalLate | Number::SignalBandwidth => 2.0,
                 // Three degrees: more is another angle.
                 Number::Pitch => 25.0,
-                n if n.is_stated() => std::f64::consts::LN_10 / n.log_sd(),
+                n if n.is_stated() => 12.0,
                 _ => 6.0,
             };
             [-furthest, furthest]

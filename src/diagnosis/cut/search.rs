@@ -143,7 +143,7 @@ impl<'a> Cut<'a> {
     }
 
     /// The best that is known of a structure, fitted to the end.
-    fn refined(&self, structure: &Point, work: &mut Work) -> Model {
+    pub(crate) fn refined(&self, structure: &Point, work: &mut Work) -> Model {
         let best = self.before(structure);
         if work.is_spent() && best.value.is_finite() {
             return best;

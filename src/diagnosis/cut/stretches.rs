@@ -252,7 +252,8 @@ fn split(
         rest.end = tail.start;
         out.calm.push(Stretch { recording: block.recording, samples: tail });
     }
-    for linear in linear(&rest, recording, banded, scenario) {
+    let linear = linear(&rest, recording, banded, scenario);
+    for linear in linear.into_iter().flat_map(|part| growing(&part, &range, banded, loud_n)) {
         let long = linear.len() as f64 >= CRITERIA.shortest_followed_s * rate;
         if long && banded.loudness(&linear).iter().any(|l| *l > loud_n) {
             out.followed.push(Stretch { recording: block.recording, samples: linear });
@@ -272,6 +273,24 @@ fn swells(loudness: &[f64]) -> bool {
     let third = loudness.len() / 3;
     let (first, last) = (rms(&loudness[..third]), rms(&loudness[loudness.len() - third..]));
     third > 0 && !(last < CRITERIA.swelling * first && first < CRITERIA.swelling * last)
+}
+
+/// Parts of a range that stand well below the loudest of its block. What ends the growth of chatter, contact
+/// that is lost or a flank that rubs, is felt from there on; this asks nothing of the bar, whose stated
+/// frequency may be wrong enough to miss the slope of the surface by its half.
+fn growing(part: &Range<usize>, block: &Range<usize>, banded: &Banded, loud_n: f64) -> Vec<Range<usize>> {
+    let loudest_n = banded.loudness(block).iter().copied().fold(0.0, f64::max);
+    let largest_n = loud_n.max(CRITERIA.largest_of_loudest * loudest_n);
+    let (mut out, mut begin) = (Vec::new(), part.start);
+    for k in part.clone() {
+        if banded.loudness_n.get(k / banded.piece).is_none_or(|l| *l > largest_n) {
+            out.push(begin..k);
+            begin = k + 1;
+        }
+    }
+    out.push(begin..part.end);
+    out.retain(|r| !r.is_empty());
+    out
 }
 
 /// Parts of a range in which, and for a turn before, no contact is lost and no flank rubs.
