@@ -32,8 +32,8 @@ pub(super) struct Window<'a> {
 impl Window<'_> {
     /// The least evidence of all alternatives, over its threshold.
     pub(super) fn judge(&self) -> Heard {
-        let level = self.level();
-        let mut heard = Heard { stands: level / self.around.levels.noise_nats, ..self.heard };
+        let (level, levels) = (self.level(), &self.around.levels);
+        let mut heard = Heard { stands: level / levels.noise_nats, ..self.heard };
         heard.evidence = heard.stands;
         if self.around.alarm && self.around.scatters {
             (heard.evidence, heard.reason) = (0.0, Reason::Mode);
@@ -50,14 +50,11 @@ impl Window<'_> {
             return heard;
         }
         let beside = self.near();
-        let order = self.order_nats(&beside) / self.around.levels.cause_nats;
+        let order = self.order_nats(&beside) / levels.cause_nats;
         let (mode, kept) = self.mode_nats(&beside);
         let terms = [
-            (
-                self.against(self.e.len() as f64 - 1.0, self.ring()) / self.around.levels.cause_nats,
-                Reason::RingDown,
-            ),
-            (self.over_known() / self.around.levels.cause_nats, Reason::Mode),
+            (self.against(self.e.len() as f64 - 1.0, self.ring()) / levels.cause_nats, Reason::RingDown),
+            (self.over_known() / levels.cause_nats, Reason::Mode),
             (order, Reason::Order),
             (self.foreign(), Reason::Foreign),
             (mode, Reason::Mode),
@@ -67,10 +64,10 @@ impl Window<'_> {
         }
         if !self.around.young && heard.evidence > CRITERIA.hold {
             let nats = self.moved_nats();
-            heard.moves = nats < -self.around.levels.cause_nats;
-            least(&mut heard, nats / self.around.levels.cause_nats, Reason::Foreign);
+            heard.moves = nats < -levels.cause_nats;
+            least(&mut heard, nats / levels.cause_nats, Reason::Foreign);
         }
-        if kept && level > self.around.levels.noise_nats {
+        if kept && level > levels.noise_nats {
             heard.evidence = heard.evidence.max(CRITERIA.hold * 1.01);
         }
         heard
@@ -129,10 +126,11 @@ impl Window<'_> {
             return (f64::INFINITY, false);
         }
         let loud = if young { self.power().0 / stable_n2 } else { 0.0 };
+        let levels = &self.around.levels;
         let nats = match (told, young) {
-            (false, _) => self.around.levels.untold_nats,
-            (true, true) => self.around.levels.cause_nats,
-            (true, false) => self.around.levels.mode_nats,
+            (false, _) => levels.untold_nats,
+            (true, true) => levels.cause_nats,
+            (true, false) => levels.mode_nats,
         };
         let times = 1.0 + CRITERIA.damped_1_s * self.e.len() as f64 / rate_hz;
         ((times * beside.coherence() + loud) / nats, blind && 2.0 * loud > 1.0)

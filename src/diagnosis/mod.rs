@@ -204,7 +204,7 @@ pub fn diagnose_with(
         match answer {
             Ok(mut diagnosis) => {
                 diagnosis.notes.extend(cuts.notes);
-                diagnosis.notes.extend(not_looked_at((axis, &axes[k + 1..]), &refused, recordings));
+                diagnosis.notes.extend(not_looked_at(axis, &axes[k + 1..], &refused, &recordings[0].axes));
                 diagnosis.notes.extend(first_look::frozen(axis, recordings));
                 return Ok(diagnosis);
             }
@@ -233,20 +233,21 @@ fn refusal(refused: Vec<(&str, DiagnoseError)>) -> DiagnoseError {
 
 /// Every other axis, and why nothing is said of it.
 fn not_looked_at(
-    (axis, later): (&AxisModel, &[&AxisModel]),
+    axis: &AxisModel,
+    later: &[&AxisModel],
     refused: &[(&str, DiagnoseError)],
-    recordings: &[Recording],
+    recorded: &[String],
 ) -> Option<String> {
     let why = |(name, error): &(&str, DiagnoseError)| match error {
-        DiagnoseError::Standing { .. } => format!("{name} (it stands still)"),
-        _ => format!("{name} (too little of it was measured in motion)"),
+        DiagnoseError::Standing { .. } => ((*name).to_owned(), "it stands still"),
+        _ => ((*name).to_owned(), "too little of it was measured in motion"),
     };
-    let mut others: Vec<String> = refused.iter().map(why).collect();
-    others.extend(later.iter().map(|a| format!("{} (a model with that axis alone answers for it)", a.name)));
-    let known =
-        |name: &String| *name == axis.name || others.iter().any(|o| o.starts_with(&format!("{name} ")));
-    let unknown: Vec<String> = recordings[0].axes.iter().filter(|name| !known(name)).cloned().collect();
-    others.extend(unknown.into_iter().map(|name| format!("{name} (not in the model)")));
+    let mut others: Vec<(String, &str)> = refused.iter().map(why).collect();
+    others.extend(later.iter().map(|a| (a.name.clone(), "a model with that axis alone answers for it")));
+    let known = |name: &String| *name == axis.name || others.iter().any(|(other, _)| other == name);
+    let unknown: Vec<&String> = recorded.iter().filter(|name| !known(name)).collect();
+    others.extend(unknown.into_iter().map(|name| (name.clone(), "not in the model")));
+    let others: Vec<String> = others.iter().map(|(name, why)| format!("{name} ({why})")).collect();
     (!others.is_empty()).then(|| {
         format!("This is of axis {}. Also recorded and not looked at: {}.", axis.name, others.join(", "))
     })

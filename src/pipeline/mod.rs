@@ -404,8 +404,8 @@ impl Pipeline {
         let motion = |axis: usize| channels[axis].motion(axis, sample);
         let period_s = self.settings.sample_rate.period_s();
         for (axis, (channel, state)) in channels.iter().zip(&mut self.states).enumerate() {
-            let stands = state.stand.step(motion(axis), period_s);
-            self.monitor.listen_to_mean(&mut state.monitor, stands && channel.pushed != 0.0);
+            let tells = channel.pushed != 0.0 && state.stand.step(motion(axis), period_s);
+            self.monitor.listen_to_mean(&mut state.monitor, tells);
         }
         let estimates = self.observers.step(motion);
         forces.copy_from_slice(&estimates[..MAX_AXES]);

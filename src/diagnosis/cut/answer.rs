@@ -32,6 +32,8 @@ pub(crate) struct Fitting<'a> {
     pub(crate) selected: &'a Selected<Asked, Model>,
     /// Laws that were challenged after others had been taken up.
     pub(crate) defended: &'a [Defended],
+    /// Of the model that was selected.
+    pub(crate) posterior: Option<Posterior>,
 }
 
 /// Point with the covariance of its coordinates.
@@ -114,9 +116,9 @@ const STEP: f64 = 1e-4;
 pub(crate) fn diagnosis(fitting: &Fitting<'_>) -> CutDiagnosis {
     let frame = fitting.problem.frame;
     let model = &fitting.selected.model;
-    let posterior = Posterior::new(fitting.problem, &model.point);
-    let findings = findings(fitting, posterior.as_ref());
-    let parameter_corrections = posterior.as_ref().map_or_else(Vec::new, |p| corrections(fitting, p));
+    let findings = findings(fitting);
+    let posterior = fitting.posterior.as_ref();
+    let parameter_corrections = posterior.map_or_else(Vec::new, |p| corrections(fitting, p));
     let verdict = if !findings.is_empty() {
         Verdict::MissingPhysics
     } else if parameter_corrections.is_empty() {
@@ -160,7 +162,7 @@ fn location(first: &CutFinding) -> CutLocation {
 }
 
 /// The effects of the model, those first that it would miss most.
-fn findings(fitting: &Fitting<'_>, posterior: Option<&Posterior>) -> Vec<CutFinding> {
+fn findings(fitting: &Fitting<'_>) -> Vec<CutFinding> {
     let point = &fitting.selected.model.point;
     let mut found: Vec<(usize, Defended)> = point
         .terms
@@ -183,7 +185,7 @@ fn findings(fitting: &Fitting<'_>, posterior: Option<&Posterior>) -> Vec<CutFind
             port: specification.port,
             statement: specification.statement.split_whitespace().collect::<Vec<_>>().join(" "),
             equation: specification.equation.to_owned(),
-            parameters: parameters(fitting, posterior, index),
+            parameters: parameters(fitting, index),
             fit: CutFit::default(),
             probability: p[0],
             next_experiment: rival.map(|rival| next_experiment(specification, rival)),
@@ -225,7 +227,7 @@ fn next_experiment(found: &Specification, rival: &Alternative) -> String {
 }
 
 /// Numbers of an effect with their intervals, the key first.
-fn parameters(fitting: &Fitting<'_>, posterior: Option<&Posterior>, index: usize) -> Vec<Estimate> {
+fn parameters(fitting: &Fitting<'_>, index: usize) -> Vec<Estimate> {
     let frame = fitting.problem.frame;
     let point = &fitting.selected.model.point;
     let effect = |term: &Term| term.effect(&frame.scales);
@@ -238,7 +240,7 @@ fn parameters(fitting: &Fitting<'_>, posterior: Option<&Posterior>, index: usize
     };
     let estimate = |(name, value): (&'static str, f64)| {
         let of = |at: &[f64]| named(effect(&point.with(at).terms[index])?, name);
-        let ci95 = posterior.and_then(|p| p.interval(&of)).unwrap_or([value; 2]);
+        let ci95 = fitting.posterior.as_ref().and_then(|p| p.interval(&of)).unwrap_or([value; 2]);
         Estimate { name: name.to_owned(), value, unit: unit(found.specification(), name), ci95 }
     };
     found.named_values(&reference).into_iter().map(estimate).collect()

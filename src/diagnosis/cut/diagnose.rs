@@ -71,15 +71,23 @@ pub fn diagnose(
     let mut selected =
         select(&cut, start.clone(), reach, &mut work, &|share, what| progress(0.8 * share, what));
     // A gain says that something is better with the law, its interval whether all stretches say so alike.
-    while let Some(k) = Posterior::new(&problem, &selected.model.point).and_then(|p| p.unseen()) {
+    let mut posterior = Posterior::new(&problem, &selected.model.point);
+    while let Some(k) = posterior.as_ref().and_then(Posterior::unseen) {
         let mut without = selected.model.point.clone();
         without.terms.remove(k);
         selected.model = cut.refined(&without, &mut work);
+        posterior = Posterior::new(&problem, &selected.model.point);
     }
     progress(0.85, "what these cuts tell");
     let defended = cut.defended();
-    let fitting =
-        Fitting { problem: &problem, laws: &laws, start: &start, selected: &selected, defended: &defended };
+    let fitting = Fitting {
+        problem: &problem,
+        laws: &laws,
+        start: &start,
+        selected: &selected,
+        defended: &defended,
+        posterior,
+    };
     let mut diagnosis = answer::diagnosis(&fitting);
     if !evidence.recordings.is_empty() {
         progress(0.87, "what the recordings show of it");

@@ -196,11 +196,8 @@ impl<'a> Cut<'a> {
     /// Two planes that have changed places: which of them is the stated one its stated frequency says alone.
     fn mirrored(&self, point: &Point) -> Option<Point> {
         let [share, other] = point.terms.last()?.planes()?;
-        let number = self.problem.frame.numbers.iter().position(|n| *n == Number::Frequency)?;
-        let sd = Number::Frequency.log_sd();
-        let mut out = point.clone();
-        let own = (out.numbers[number] * sd).exp();
-        out.numbers[number] = other.ln() / sd;
+        let own = self.frequency(point)?;
+        let mut out = self.at_frequency(point, other)?;
         *out.terms.last_mut()? = Term::of_planes(1.0 - share, own);
         Some(out)
     }
@@ -208,19 +205,29 @@ impl<'a> Cut<'a> {
     /// A model with one plane split in two of the same mean frequency, 4 % apart: halves, and one that acts a
     /// little against the other, on either side.
     fn split(&self, model: &Point) -> Vec<Point> {
-        let frame = self.problem.frame;
-        let Some(number) = frame.numbers.iter().position(|n| *n == Number::Frequency) else {
-            return Vec::new();
-        };
-        let sd = Number::Frequency.log_sd();
         let of = |(share, apart): (f64, f64)| {
-            let mut out = model.clone();
-            let own = (out.numbers[number] * sd).exp() / (1.0 + share * apart);
-            out.numbers[number] = own.ln() / sd;
+            let own = self.frequency(model)? / (1.0 + share * apart);
+            let mut out = self.at_frequency(model, own)?;
             out.terms.push(Term::of_planes(share, own * (1.0 + apart)));
-            out
+            Some(out)
         };
-        [(0.5, 0.04), (-0.2, 0.04), (-0.2, -0.04)].map(of).to_vec()
+        [(0.5, 0.04), (-0.2, 0.04), (-0.2, -0.04)].into_iter().filter_map(of).collect()
+    }
+
+    fn frequency_at(&self) -> Option<usize> {
+        self.problem.frame.numbers.iter().position(|n| *n == Number::Frequency)
+    }
+
+    /// Frequency of the bar over the stated one; `None`: it is not free.
+    fn frequency(&self, point: &Point) -> Option<f64> {
+        Some((point.numbers[self.frequency_at()?] * Number::Frequency.log_sd()).exp())
+    }
+
+    /// The same point with another one.
+    fn at_frequency(&self, point: &Point, over_stated: f64) -> Option<Point> {
+        let mut out = point.clone();
+        out.numbers[self.frequency_at()?] = over_stated.ln() / Number::Frequency.log_sd();
+        Some(out)
     }
 
     /// The better of a few starts, then to the end.
@@ -249,10 +256,8 @@ impl<'a> Cut<'a> {
                 point.terms.push(Term { law: asked.law, values: start.clone() });
                 point
             };
-            let mut points: Vec<Point> = starts.iter().map(with).collect();
-            if self.unscreened(asked.law) {
-                points = self.split(base);
-            }
+            let points =
+                if self.unscreened(asked.law) { self.split(base) } else { starts.iter().map(with).collect() };
             for point in points {
                 let Some(looked) = self.problem.fit(&point, &LOOK) else { continue };
                 work.spend(looked.evaluations / LOOK.every.0 as u64);

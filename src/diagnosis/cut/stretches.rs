@@ -281,14 +281,21 @@ fn swells(loudness: &[f64]) -> bool {
 fn growing(part: &Range<usize>, block: &Range<usize>, banded: &Banded, loud_n: f64) -> Vec<Range<usize>> {
     let loudest_n = banded.loudness(block).iter().copied().fold(0.0, f64::max);
     let largest_n = loud_n.max(CRITERIA.largest_of_loudest * loudest_n);
-    let (mut out, mut begin) = (Vec::new(), part.start);
-    for k in part.clone() {
-        if banded.loudness_n.get(k / banded.piece).is_none_or(|l| *l > largest_n) {
-            out.push(begin..k);
-            begin = k + 1;
+    runs(part, 0, |k| banded.loudness_n.get(k / banded.piece).is_some_and(|l| *l <= largest_n))
+}
+
+/// Parts of a range in which every sample is good, and those of a turn before, too.
+fn runs(range: &Range<usize>, turn: usize, good: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
+    let mut out = Vec::new();
+    let first = range.start.saturating_sub(turn);
+    let mut since = first;
+    for k in first..range.end {
+        if !good(k) {
+            out.push((since + turn).max(range.start)..k);
+            since = k + 1;
         }
     }
-    out.push(begin..part.end);
+    out.push((since + turn).max(range.start)..range.end);
     out.retain(|r| !r.is_empty());
     out
 }
@@ -315,27 +322,10 @@ fn linear(
     };
     let largest_n = [0, 1].map(|j| CRITERIA.largest_swing * model_n[j].min(recorded_n(j)));
     let steep = CRITERIA.largest_slope * scenario.cutting.raw().clearance_rad.tan();
-    let good = |k: usize| {
+    runs(range, turn, |k| {
         let swing = |j: usize| banded.forces_n[j][k].abs() < largest_n[j];
         (0..tools).all(swing) && banded.slope[k].abs() < steep
-    };
-    let (mut out, mut begin) = (Vec::new(), range.start);
-    let first = range.start.saturating_sub(turn);
-    let mut since = first;
-    for k in first..range.end {
-        if !good(k) {
-            if since + turn < k {
-                out.push((since + turn).max(begin)..k);
-            }
-            since = k + 1;
-            begin = k + 1;
-        }
-    }
-    if since + turn < range.end {
-        out.push((since + turn).max(begin)..range.end);
-    }
-    out.retain(|r| !r.is_empty());
-    out
+    })
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 //! recordings; and what chance reaches in the same recordings.
 
 use super::criteria::Criteria;
-use super::gram::{Gram, Part};
+use super::gram::{BandGram, Gram, Part};
 use super::likelihood::{Design, FREE, Fit, POSITIVE, values};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Balance, Number, State, amplitude_bounds, knockoff_design};
@@ -37,15 +37,20 @@ pub(super) fn price(constants: usize, count: f64) -> f64 {
     0.5 * constants as f64 * (2.0 * count).ln()
 }
 
+/// The columns of a state with those of a hypothesis behind them, and their products over all recordings.
+fn beside(balance: &Balance, state: &State, h: &Hypothesis) -> (Gram, Vec<BandGram>) {
+    let columns = state.ground(balance).columns(h).iter().map(|t| balance.column(t)).collect();
+    let gram = state.base.gram.with(&balance.plan, columns);
+    let bands = gram.sum(&balance.plan, Part::All);
+    (gram, bands)
+}
+
 /// Fits a hypothesis beside a state. `chance`: against the knockoffs, too.
 pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool) -> Asked {
     let base = &state.base;
-    let time = state.ground(balance).columns(h);
-    let columns: Vec<_> = time.iter().map(|t| balance.column(t)).collect();
-    let added = columns.len();
     let old = base.gram.len();
-    let gram = base.gram.with(&balance.plan, columns);
-    let bands = gram.sum(&balance.plan, Part::All);
+    let (gram, bands) = beside(balance, state, h);
+    let added = gram.len() - old;
     let mut design = base.design.clone();
     let mut bounds = amplitude_bounds(h, added);
     if chance && h.has_dose() {
@@ -128,10 +133,9 @@ pub(super) fn statistic(balance: &Balance, state: &State, h: &Hypothesis, asked:
 /// Of several amplitudes the first, their columns alike in size. `None`: nothing of it is in the recordings.
 pub(super) fn least_seen_n(balance: &Balance, state: &State, h: &Hypothesis, level_nats: f64) -> Option<f64> {
     let base = &state.base;
-    let columns: Vec<_> = state.ground(balance).columns(h).iter().map(|t| balance.column(t)).collect();
-    let (old, added, first) = (base.gram.len(), columns.len(), base.fit.beta.len());
-    let gram = base.gram.with(&balance.plan, columns);
-    let bands = gram.sum(&balance.plan, Part::All);
+    let (old, first) = (base.gram.len(), base.fit.beta.len());
+    let (gram, bands) = beside(balance, state, h);
+    let added = gram.len() - old;
     let mut design = base.design.clone();
     design.add(&gram, old..old + added, vec![FREE; added]);
     let start: Vec<f64> = base.fit.beta.iter().copied().chain(vec![0.0; added]).collect();

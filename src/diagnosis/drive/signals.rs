@@ -179,14 +179,14 @@ impl Signals {
         let clean_hz = recordings.iter().zip(&noise_m2).map(|(r, noise)| match layout {
             Layout::TwoPositions => {
                 let of =
-                    |x: &[f64], mass_kg| clean_band_hz(axis, r, (mass_kg, variance_m2(x, rate_hz, MOVING)));
+                    |x: &[f64], mass_kg| clean_band_hz(axis, r, mass_kg, variance_m2(x, rate_hz, MOVING));
                 let motor = motor_position(axis, r).map(|x| of(&x, axis.drive.reflected_mass_kg()));
                 let stage = stage_position(axis, r).map(|x| of(x, axis.drive.movable_mass_kg()));
                 motor.into_iter().chain(stage).fold(f64::INFINITY, f64::min)
             }
-            Layout::OnePosition => clean_band_hz(axis, r, (axis.drive.total_mass_kg(), *noise)),
+            Layout::OnePosition => clean_band_hz(axis, r, axis.drive.total_mass_kg(), *noise),
             // What is held does not move.
-            Layout::Locked => clean_band_hz(axis, r, (axis.drive.reflected_mass_kg(), *noise)),
+            Layout::Locked => clean_band_hz(axis, r, axis.drive.reflected_mass_kg(), *noise),
         });
         let band_hz = band_hz(axis, layout, rate_hz).min(clean_hz.fold(f64::INFINITY, f64::min));
         let used = if layout == Layout::TwoPositions { steps_m[0].max(steps_m[1]) } else { steps_m[0] };
@@ -464,7 +464,7 @@ fn stage_is_finer(axis: &AxisModel, recordings: &[Recording]) -> bool {
 /// Up to where the noise of a position makes little force through the mass, Hz.
 ///
 /// White noise of variance s^2 below f: rms M s (2 pi f)^2 (2 f / (5 rate))^(1/2).
-fn clean_band_hz(axis: &AxisModel, recording: &Recording, (mass_kg, noise_m2): (f64, f64)) -> f64 {
+fn clean_band_hz(axis: &AxisModel, recording: &Recording, mass_kg: f64, noise_m2: f64) -> f64 {
     /// Lengths of the kernel that a recording holds at least.
     const KERNELS: f64 = 30.0;
     let rate_hz = recording.sample_rate.hz();
