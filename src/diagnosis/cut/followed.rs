@@ -22,7 +22,7 @@ use super::input::CutRecording;
 use super::known::Reference;
 use super::machine::Machine;
 use super::observable::{CHANNELS, Every, LeftOver, Matrix, Observable, Origin, OriginKind, Part, ZERO};
-use super::spectra::{PROBE_UNIT_M, Place, SHARE_OF_BINS, TAPERS, bins, taken, taper};
+use super::spectra::{PROBE_UNIT_M, Place, SHARE_OF_BINS, SignalLag, TAPERS, bins, taken, taper};
 use super::stretches::{Stretch, signal_response};
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::CutTerms;
@@ -48,9 +48,7 @@ pub(crate) struct FollowedSpectra {
     taken: [[f64; 3]; TAPERS],
     /// First sample of the window in the segment.
     offset: usize,
-    bins: Vec<(usize, f64)>,
-    /// Power of the forces themselves in each bin, and the tapered probe.
-    measured: Vec<([f64; 2], [Complex<f64>; TAPERS])>,
+    bins: Vec<FollowedBin>,
     /// Strongest line of the forces, Hz.
     line_hz: f64,
     /// The growing line is among the bins.
@@ -58,6 +56,18 @@ pub(crate) struct FollowedSpectra {
     length: usize,
     inverse: Arc<dyn Fft<f64>>,
     forward: Arc<dyn Fft<f64>>,
+}
+
+/// One bin of the window.
+struct FollowedBin {
+    index: usize,
+    frequency_hz: f64,
+    /// The signal's low-pass as stated.
+    stated: Complex<f64>,
+    /// Power of the forces themselves.
+    power: [f64; 2],
+    /// The probe through each taper.
+    probe: [Complex<f64>; TAPERS],
 }
 
 /// Largest number not above `n` without prime factors beyond 5: a length with a fast transform.
@@ -141,7 +151,14 @@ impl FollowedSpectra {
         let shaped = tapers
             .each_ref()
             .map(|t| (0..window_len).map(|k| t[k] * shape[offset + k]).collect::<Vec<f64>>());
-        let bins = bins(window_len, rate, lines.then_some(place.condition.speed_rpm), place.band_hz);
+        let bins: Vec<FollowedBin> =
+            bins(window_len, rate, lines.then_some(place.condition.speed_rpm), place.band_hz)
+                .into_iter()
+                .map(|(index, frequency_hz)| {
+                    let stated = signal_response(place.filter.as_ref(), 0.0, frequency_hz);
+                    FollowedBin { index, frequency_hz, stated, power: [0.0; 2], probe: [ZERO; TAPERS] }
+                })
+                .collect();
         place.origin.kind = OriginKind::Followed;
         let forward = planner.plan_fft_forward(window_len);
         let probe = recording.displacement_m.as_ref().map(|y| {
@@ -167,26 +184,18 @@ impl FollowedSpectra {
             length,
             inverse,
             forward,
-            measured: Vec::new(),
             line_hz: 0.0,
             line_in: true,
         };
         let alone = out.windowed(&out.over_shape);
-        out.measured = out
-            .bins
-            .iter()
-            .map(|(k, _)| {
-                let at = |k: usize, j: usize| {
-                    alone.iter().map(|t| t[k][j].norm_sqr()).sum::<f64>() / TAPERS as f64
-                };
-                let near = |j: usize| (k - 1..=k + 1).map(|k| at(k, j)).fold(0.0, f64::max);
-                let moved = probe.as_ref().map_or([ZERO; TAPERS], |y| y.each_ref().map(|t| t[*k]));
-                ([near(0), near(1)], moved)
-            })
-            .collect();
-        let power = |m: &([f64; 2], [Complex<f64>; TAPERS])| m.0[0] + m.0[1];
-        let loudest = out.bins.iter().zip(&out.measured).max_by(|a, b| power(a.1).total_cmp(&power(b.1)));
-        out.line_hz = loudest.map_or(0.0, |(bin, _)| bin.1);
+        let at = |k: usize, j: usize| alone.iter().map(|t| t[k][j].norm_sqr()).sum::<f64>() / TAPERS as f64;
+        for bin in &mut out.bins {
+            let k = bin.index;
+            bin.power = [0, 1].map(|j| (k - 1..=k + 1).map(|k| at(k, j)).fold(0.0, f64::max));
+            if let Some(y) = &probe {
+                bin.probe = y.each_ref().map(|t| t[k]);
+            }
+        }
         out.keep_random(&known.machine);
         (!out.bins.is_empty()).then_some(out)
     }
@@ -207,7 +216,7 @@ impl FollowedSpectra {
             let mut y: Vec<Complex<f64>> =
                 shaped.iter().enumerate().map(|(k, w)| x[self.offset + k] * *w).collect();
             self.forward.process(&mut y);
-            let last = self.bins.last().map_or(0, |b| b.0) + 2;
+            let last = self.bins.last().map_or(0, |b| b.index) + 2;
             (0..last.min(n / 2))
                 .map(|k| {
                     let (plus, minus) = (y[k], y[(n - k) % n].conj());
@@ -217,13 +226,14 @@ impl FollowedSpectra {
         })
     }
 
-    /// Keeps the bins in which the random force rules in what the bar amplifies.
+    /// Finds the line, and keeps the bins in which the random force rules in what the bar amplifies.
     fn keep_random(&mut self, machine: &Machine) {
         let cut = CutLoop::new(&machine.terms(&self.place.condition));
         let random = self.place.random(machine, &cut);
         let step = self.place.rate.hz() / self.shaped[0].len() as f64;
-        let rules = |f: f64| {
-            let noise = self.noise(machine, random, f);
+        let lag = self.place.lag(machine);
+        let rules = |f: f64, stated: Complex<f64>| {
+            let noise = self.noise(machine, random, lag.as_ref(), (f, stated));
             let near = [-1.0, 0.0, 1.0].map(|d| Way::at(&cut, f + d * step));
             let known = random.map(|r| r * machine.random_1_hz(f));
             let own = [0.0; CHANNELS];
@@ -232,17 +242,27 @@ impl FollowedSpectra {
                 share_along(&self.place, &matrix, amplified(&cut, f), known) > RULING_SHARE
             })
         };
-        let kept: Vec<bool> = self.bins.iter().map(|(_, f)| rules(*f)).collect();
-        self.line_in = rules(self.line_hz);
+        let kept: Vec<bool> = self.bins.iter().map(|b| rules(b.frequency_hz, b.stated)).collect();
+        let power = |b: &FollowedBin| b.power[0] + b.power[1];
+        let loudest = self.bins.iter().zip(&kept).max_by(|a, b| power(a.0).total_cmp(&power(b.0)));
+        (self.line_hz, self.line_in) = loudest.map_or((0.0, false), |(bin, kept)| (bin.frequency_hz, *kept));
         let mut keep = kept.iter();
         self.bins.retain(|_| keep.next().copied().unwrap_or(true));
-        let mut keep = kept.iter();
-        self.measured.retain(|_| keep.next().copied().unwrap_or(true));
     }
 
-    /// Noise of both forces and of the probe at a frequency, one-sided.
-    fn noise(&self, machine: &Machine, random: [f64; 2], f: f64) -> [f64; CHANNELS] {
-        let (sensor, folded) = (self.place.sensor_n2_hz(machine, f), self.place.folded_1_hz(machine, f));
+    /// Noise of both forces, as the signal's path undone shows it, and of the probe; one-sided. `at`:
+    /// frequency, and the low-pass as stated there.
+    fn noise(
+        &self,
+        machine: &Machine,
+        random: [f64; 2],
+        lag: Option<&SignalLag>,
+        (f, stated): (f64, Complex<f64>),
+    ) -> [f64; CHANNELS] {
+        let ([before, behind], folded) =
+            (self.place.sensor_n2_hz(machine, f), self.place.folded_1_hz(machine, f));
+        let path = lag.map_or(stated, |lag| stated * Place::signal_ratio(lag, f, stated));
+        let sensor = before + behind / path.norm_sqr();
         let probe = (machine.noise.probe_m / PROBE_UNIT_M).powi(2) * 2.0 / self.place.rate.hz();
         [sensor + random[0] * folded, sensor + random[1] * folded, probe]
     }
@@ -417,7 +437,7 @@ impl FollowedSpectra {
         }
         // The tapers smear what the noise becomes near the bar's own frequency, where it is narrow.
         let step = rate / self.shaped[0].len() as f64;
-        let near = |(_, f): &(usize, f64)| [-1.0, 0.0, 1.0].map(|d| Way::at(&cut, f + d * step));
+        let near = |bin: &FollowedBin| [-1.0, 0.0, 1.0].map(|d| Way::at(&cut, bin.frequency_hz + d * step));
         Undone {
             innovations: self.windowed(&seen),
             moved: probe.then(|| self.windowed(&moved)),
@@ -431,16 +451,17 @@ impl FollowedSpectra {
         let random = self.place.random(machine, &undone.cut);
         let share = CRITERIA.followed_share.powi(2);
         let mut out = Vec::with_capacity(TAPERS * undone.ways.len());
-        let bins = self.bins.iter().zip(&self.measured).step_by(every.0);
-        for (((k, f), (power, y)), near) in bins.zip(&undone.ways) {
-            let noise = self.noise(machine, random, *f);
-            let known = random.map(|r| r * machine.random_1_hz(*f));
+        let lag = self.place.lag(machine);
+        for (at, near) in self.bins.iter().step_by(every.0).zip(&undone.ways) {
+            let (k, f, power) = (at.index, at.frequency_hz, at.power);
+            let noise = self.noise(machine, random, lag.as_ref(), (f, at.stated));
+            let known = random.map(|r| r * machine.random_1_hz(f));
             for (t, weights) in self.taken.iter().enumerate() {
                 let own = [share * power[0], share * power[1], near[1].bar * share * (power[0] + power[1])];
                 let matrix = spectrum(near, weights, &noise, known, own);
-                let third = undone.moved.as_ref().map_or(ZERO, |m| y[t] + m[t][*k][0]);
-                let [one, two] = undone.innovations[t][*k];
-                let mut bin = self.place.select(*f, [one, two, third], &matrix);
+                let third = undone.moved.as_ref().map_or(ZERO, |m| at.probe[t] + m[t][k][0]);
+                let [one, two] = undone.innovations[t][k];
+                let mut bin = self.place.select(f, [one, two, third], &matrix);
                 let logs: f64 = near.iter().zip(weights).map(|(n, w)| n.log_det * w).sum();
                 bin.log_jacobian = logs - undone.unstable;
                 out.push(bin);
@@ -512,7 +533,7 @@ mod tests {
             FollowedSpectra::new(&cuts, &stretch, &Reference::of(machine), false).expect("followed");
         let Part::Bins { bins, .. } = followed.part(&machine, Every(1)) else { panic!("bins") };
         let left: f64 = bins.iter().map(|b| b.x[0].norm_sqr() + b.x[1].norm_sqr()).sum();
-        let had: f64 = followed.measured.iter().map(|m| m.0[0] + m.0[1]).sum();
+        let had: f64 = followed.bins.iter().map(|b| b.power[0] + b.power[1]).sum();
         assert!(had > 0.01 && left < 1e-4 * had, "{left:e} of {had:e}");
     }
 }

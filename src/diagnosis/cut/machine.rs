@@ -21,6 +21,8 @@ pub(crate) struct Noise {
     pub(crate) sensor: f64,
     /// e2: how it rises by 1 kHz, (1 + e2 (f/1 kHz)^2).
     pub(crate) sensor_rise: f64,
+    /// Share of it, at low frequency, that is white behind the filter: an amplifier's, a converter's.
+    pub(crate) sensor_behind: f64,
     /// How late the recorded force is against the motion that it drives, s. A signal is known to some
     /// microseconds only, and each of them acts as a damping of K times that.
     pub(crate) late_s: f64,
@@ -44,9 +46,14 @@ pub(crate) struct Noise {
 
 impl Noise {
     /// Spectrum of the force signal's own noise before its filter, one-sided, N^2/Hz.
-    pub(crate) fn sensor_n2_hz(&self, frequency_hz: f64) -> f64 {
+    pub(crate) fn before_filter_n2_hz(&self, frequency_hz: f64) -> f64 {
         let rise = 1.0 + self.sensor_rise * (frequency_hz / 1e3).powi(2);
-        1e-3 * (self.sensor * rise).powi(2)
+        1e-3 * (1.0 - self.sensor_behind) * (self.sensor * rise).powi(2)
+    }
+
+    /// The same behind it.
+    pub(crate) fn behind_filter_n2_hz(&self) -> f64 {
+        1e-3 * self.sensor_behind * self.sensor.powi(2)
     }
 }
 
@@ -95,6 +102,8 @@ pub(crate) enum Number {
     Sensor,
     /// e2.
     SensorRise,
+    /// Logit of the share of the sensor's noise behind the filter.
+    SensorBehind,
     /// How late the force is against the motion.
     Late,
     /// How late the force signal is against the probe.
@@ -124,7 +133,11 @@ impl Number {
             Number::DampingRatio => 0.20,
             Number::Frequency => 0.0125,
             Number::ProcessDamping => 0.13,
-            Number::RandomShare | Number::Sensor | Number::SensorRise | Number::Probe => 1.5,
+            Number::RandomShare
+            | Number::Sensor
+            | Number::SensorRise
+            | Number::SensorBehind
+            | Number::Probe => 1.5,
             Number::RandomCorner => 0.3,
             // A tenth of a degree: what a turret is set to.
             Number::Pitch => 2e-3,
@@ -216,6 +229,9 @@ impl Frame {
         if !evidence.recordings.is_empty() {
             let noise = [Number::RandomShare, Number::RandomCorner, Number::Sensor, Number::SensorRise];
             numbers.extend(noise.into_iter().chain([Number::Late]));
+            if evidence.recordings.iter().any(|r| r.signal.bandwidth_hz.is_some()) {
+                numbers.push(Number::SensorBehind);
+            }
             if stated.tools.count() == ToolCount::Two {
                 numbers.push(Number::Pitch);
             }
@@ -329,6 +345,7 @@ impl Frame {
             pitch_rad: 0.0,
             sensor: 0.5,
             sensor_rise: 1.0,
+            sensor_behind: 0.0,
             late_s: 0.0,
             signal_late_s: 0.0,
             bandwidth_factor: 1.0,
@@ -351,6 +368,7 @@ impl Frame {
                 Number::RandomCorner => noise.corner_factor *= factor,
                 Number::Sensor => noise.sensor *= factor,
                 Number::SensorRise => noise.sensor_rise *= factor,
+                Number::SensorBehind => noise.sensor_behind = factor / (1.0 + factor),
                 Number::Late => noise.late_s = p * number.log_sd(),
                 Number::SignalLate => noise.signal_late_s = p * number.log_sd(),
                 Number::SignalBandwidth => noise.bandwidth_factor *= factor,

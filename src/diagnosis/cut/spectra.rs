@@ -2,7 +2,7 @@
 //!
 //! x = (F1, F2 [, y]) of one bin, without the signal's filter E,
 //!
-//! S = sum_j g_j g_j^H nu^2 F_j^2 S_u + diag(sensor + folded, .., probe)
+//! S = sum_j g_j g_j^H nu^2 F_j^2 S_u + diag(sensor + folded + behind/|E|^2, .., probe)
 //! g_j = (Z_1j, Z_2j, -G (Z_1j - Z_2j))
 //!
 //! Two sine tapers, every third bin: values that are as good as independent and hold two thirds of the
@@ -109,9 +109,11 @@ impl Place {
         cut.means().force_n.map(|f| (machine.noise.random_share * f).powi(2))
     }
 
-    /// Noise of the force signal before its filter, one-sided, N^2/Hz.
-    pub(super) fn sensor_n2_hz(&self, machine: &Machine, frequency_hz: f64) -> f64 {
-        machine.noise.sensor_n2_hz(frequency_hz) * self.sensor_level.powi(2)
+    /// Noise of the force signal before its filter and behind it, one-sided, N^2/Hz.
+    pub(super) fn sensor_n2_hz(&self, machine: &Machine, frequency_hz: f64) -> [f64; 2] {
+        let noise = &machine.noise;
+        [noise.before_filter_n2_hz(frequency_hz), noise.behind_filter_n2_hz()]
+            .map(|s| s * self.sensor_level.powi(2))
     }
 
     /// Force signals in use.
@@ -373,7 +375,9 @@ impl CalmSpectra {
         let mut out = Vec::with_capacity(TAPERS * driven.bins.len());
         for (bin, driven) in bins.iter().step_by(driven.every.0).zip(&driven.bins) {
             let f = bin.frequency_hz;
-            let (sensor, folded) = (self.place.sensor_n2_hz(machine, f), self.place.folded_1_hz(machine, f));
+            let ([sensor, behind], folded) =
+                (self.place.sensor_n2_hz(machine, f), self.place.folded_1_hz(machine, f));
+            let behind = behind / bin.stated.norm_sqr();
             let noise = [sensor + random[0] * folded, sensor + random[1] * folded, probe];
             let known = random.map(|r| r * machine.random_1_hz(f));
             let ratio = lag.as_ref().map(|lag| Place::signal_ratio(lag, f, bin.stated));
@@ -393,6 +397,7 @@ impl CalmSpectra {
                         }
                     }
                 }
+                (0..2).for_each(|force| matrix[force][force] += behind);
                 out.push(self.place.select(f, *x, &matrix));
             }
         }
@@ -456,11 +461,9 @@ mod tests {
     use super::super::synthetic::{RATE_HZ, machine, recording};
     use super::*;
 
-    /// The spectrum of a calm cut is that of its random force through the closed loop: white noise of known
-    /// size in, whitened power one out, whatever the seed.
-    #[test]
-    fn the_tapers_keep_the_power_of_white_noise() {
-        let machine = Machine { noise: Noise { sensor: 1.0, ..machine().noise }, ..machine() };
+    /// Whitened power of white noise of 1e-3 N^2/Hz in the signal, give or take a standard deviation.
+    fn power_of_white_noise(noise: Noise, bandwidth_hz: Option<f64>) -> [f64; 2] {
+        let machine = Machine { noise, ..machine() };
         let mut random = 7u64;
         let mut uniform = move || {
             random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -468,13 +471,33 @@ mod tests {
         };
         // Sensor noise of 1e-3 N^2/Hz alone: variance 1e-3 times half the rate, uniform of width sqrt(12).
         let size = (12.0 * 1e-3 * RATE_HZ / 2.0).sqrt();
-        let cuts = recording(&machine.scenario, 2.0, |_| [50.0 + size * uniform(), 50.0 + size * uniform()]);
+        let mut cuts =
+            recording(&machine.scenario, 2.0, |_| [50.0 + size * uniform(), 50.0 + size * uniform()]);
+        cuts.signal.bandwidth_hz = bandwidth_hz;
         let stretch = Stretch { recording: 0, samples: 0..18000 };
         let calm = CalmSpectra::new(&cuts, &stretch, &Reference::of(machine), false);
         let Part::Bins { bins, channels } = calm.part(&machine, Every(1)) else { panic!("bins") };
         let power: f64 = bins.iter().map(|b| b.x[0].norm_sqr() / b.s[0][0].re).sum::<f64>();
         assert_eq!(channels, 2);
         let n = bins.len() as f64;
-        assert!((power / n - 1.0).abs() < 4.0 / n.sqrt(), "{} of {n} bins", power / n);
+        [power / n, 1.0 / n.sqrt()]
+    }
+
+    /// The spectrum of a calm cut is that of its random force through the closed loop: white noise of known
+    /// size in, whitened power one out, whatever the seed.
+    #[test]
+    fn the_tapers_keep_the_power_of_white_noise() {
+        let [power, sd] = power_of_white_noise(Noise { sensor: 1.0, ..machine().noise }, None);
+        assert!((power - 1.0).abs() < 4.0 * sd, "{power}");
+    }
+
+    /// Noise behind the low-pass is white in the signal, up to where the low-pass leaves a third.
+    #[test]
+    fn noise_behind_the_filter_is_not_filtered() {
+        let behind = Noise { sensor: 1.0, sensor_behind: 1.0, ..machine().noise };
+        let [power, sd] = power_of_white_noise(behind, Some(800.0));
+        assert!((power - 1.0).abs() < 4.0 * sd, "{power}");
+        let [before, _] = power_of_white_noise(Noise { sensor_behind: 0.0, ..behind }, Some(800.0));
+        assert!(before > 1.0 + 20.0 * sd, "{before}");
     }
 }

@@ -47,6 +47,7 @@ pub(crate) fn machine() -> Machine {
         pitch_rad: 0.0,
         sensor: 1e-6,
         sensor_rise: 0.0,
+        sensor_behind: 0.0,
         late_s: 0.0,
         signal_late_s: 0.0,
         bandwidth_factor: 1.0,
