@@ -7,7 +7,7 @@ use stillcut::avoidance::Mode;
 use stillcut::config::service::ServiceConfig;
 use stillcut::plant::scenario::{RawScenario, Scenario};
 use stillcut::simulation::closed_loop::ClosedLoop;
-use stillcut::simulation::lathe::{AXES, LatheSettings};
+use stillcut::simulation::lathe::{AXES, LatheSettings, PAUSE_S};
 use stillcut::units::SampleRate;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -17,6 +17,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let config = ServiceConfig { cut: scenario, ..ServiceConfig::default() };
     let settings = config.pipeline_settings(SampleRate::new(9000.0)?, &AXES.map(str::to_owned));
     let lathe = LatheSettings::realistic(scenario, number(0, 1.0) as u64);
+    let lathe = LatheSettings { pause_s: Some(PAUSE_S), ..lathe };
     let mut cut = ClosedLoop::new(lathe, settings, Mode::Act)?;
     let (from_s, to_s) = (number(2, 0.0), number(3, 0.0));
     let mut count = 0_u32;

@@ -2,9 +2,10 @@
 
 use super::band::{Band, BandError};
 use super::chain::{Chain, ChainState, Told};
-use super::criteria::{CRITERIA, Levels, WINDOWS};
+use super::criteria::{CRITERIA, LONGEST, Levels, WINDOWS};
 use super::cut_level::{Change, CutLevel, CutLevelState, MeanForce};
 use super::decision::{Decision, Turn};
+use super::encoder_lines::EncoderLines;
 use super::hop::Hop;
 use super::lines::Strongest;
 use super::wild::Wild;
@@ -80,6 +81,7 @@ pub struct ChatterState {
     hop: Hop,
     wild: Wild,
     level: CutLevelState,
+    encoders: EncoderLines,
     chains: Vec<ChainState>,
     watched_hz: [f64; 2],
     angle_turns: f64,
@@ -100,6 +102,7 @@ keep!(ChatterState {
     hop,
     wild,
     level,
+    encoders,
     chains,
     watched_hz,
     angle_turns,
@@ -158,6 +161,7 @@ impl ChatterMonitor {
             hop: Hop::default(),
             wild: Wild::default(),
             level: self.level.start(),
+            encoders: EncoderLines::default(),
             chains: self.chains.iter().map(Chain::start).collect(),
             watched_hz: [band.low_hz(), band.high_hz()],
             angle_turns: 0.0,
@@ -205,6 +209,12 @@ impl ChatterMonitor {
     /// Whether the mean tells of the cut now: that of a drive in motion is what moves it.
     pub fn listen_to_mean(&self, state: &mut ChatterState, tells: bool) {
         state.mean_tells = tells;
+    }
+
+    /// Where motor and stage of the axis stand, in steps of their encoders: with each sample, where the force
+    /// is estimated from them.
+    pub fn listen_to_travel(&self, state: &mut ChatterState, steps: [f64; 2]) {
+        state.encoders.step(steps, self.settings.sample_rate.period_s());
     }
 
     /// Band in which a line counts now, Hz.
@@ -320,15 +330,21 @@ impl ChatterMonitor {
         let mut evidence = [0.0; 4];
         let mut best = Heard::default();
         for (chain, s) in self.chains.iter().zip(&state.chains) {
-            let standing = chain.standing(s);
+            let explained = |heard: Heard, values: usize| {
+                let hz = heard.offset_hz + chain.centre_hz();
+                let drawn = !state.decision.alarm && heard.evidence > 0.0 && state.encoders.draw(hz, values);
+                if drawn { Heard { evidence: 0.0, reason: Reason::EncoderSteps, ..heard } } else { heard }
+            };
+            let standing = explained(chain.standing(s), LONGEST);
             evidence[3] = standing.evidence.max(evidence[3]);
             if standing.evidence > best.evidence {
                 best = Heard { offset_hz: standing.offset_hz + chain.centre_hz(), ..standing };
             }
-            for (to, heard) in evidence.iter_mut().zip(chain.heard(s)) {
+            for ((to, heard), values) in evidence.iter_mut().zip(chain.heard(s)).zip(WINDOWS) {
+                let heard = explained(*heard, values);
                 *to = heard.evidence.max(*to);
                 if (heard.evidence, heard.stands) >= (best.evidence, best.stands) {
-                    best = Heard { offset_hz: heard.offset_hz + chain.centre_hz(), ..*heard };
+                    best = Heard { offset_hz: heard.offset_hz + chain.centre_hz(), ..heard };
                 }
             }
         }

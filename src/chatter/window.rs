@@ -44,9 +44,11 @@ pub(super) enum Reason {
     Mode,
     /// It was there without the cut, or came from elsewhere.
     Foreign,
+    /// The axis travels over the steps of its encoder.
+    EncoderSteps,
 }
 
-crate::keyframe::keep_list!(Reason { Noise, RingDown, Order, Mode, Foreign });
+crate::keyframe::keep_list!(Reason { Noise, RingDown, Order, Mode, Foreign, EncoderSteps });
 
 /// What a window says.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -1,6 +1,7 @@
 //! Whether the tools cut, from the mean force: the bar pushes a tool away, so the mean rises where it enters
-//! and falls where it leaves. Friction holds a part of the mean of a standing axis back; it does not turn its
-//! sign.
+//! and falls where it leaves. Friction holds a part of the mean of a standing axis back, another one after it
+//! has moved; it does not turn its sign. Chatter that ends after the turret has moved ended by that, and the
+//! tools stay in the cut.
 
 use crate::chatter::ChatterEvent;
 use crate::force::estimator::MotionSample;
@@ -37,12 +38,14 @@ pub(super) struct CutWatch {
     due: usize,
     /// The change at hand is the end of chatter.
     after_chatter: bool,
+    /// The turret has moved since chatter began.
+    moved: bool,
     in_cut: Option<bool>,
     /// Mean force in air.
     air_n: Option<f64>,
 }
 
-keep!(CutWatch { ring, sum_n, count, whole, due, after_chatter, in_cut, air_n });
+keep!(CutWatch { ring, sum_n, count, whole, due, after_chatter, moved, in_cut, air_n });
 
 /// Whether an axis stands: the force on one that moves has friction and inertia of its drive in its mean.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -54,13 +57,18 @@ pub(super) struct Stand {
 keep!(Stand { place_m, since_s });
 
 impl Stand {
-    /// Takes where the axis is; whether it has stayed there for as long as a change of the mean takes.
+    /// Takes where the axis is; whether it [`stands`](Self::stands).
     pub(super) fn step(&mut self, motion: MotionSample, period_s: f64) -> bool {
         let place_m = motion.stage_position_m.or(motion.motor_travel_m).unwrap_or(0.0);
         if (place_m - self.place_m).abs() > Criteria::STANDS_M {
             *self = Self { place_m, since_s: 0.0 };
         }
         self.since_s += period_s;
+        self.stands()
+    }
+
+    /// Whether it has stood for as long as a change of the mean takes.
+    pub(super) fn stands(self) -> bool {
         self.since_s > Criteria::OVER as f64 * Criteria::SLICE_S
     }
 }
@@ -78,13 +86,14 @@ impl CutWatch {
         self.in_cut
     }
 
-    /// One sample. `away_n`: force that pushes the turret away from the bar, N; `event`: what the detector
-    /// heard with it.
-    pub(super) fn step(&mut self, away_n: f64, period_s: f64, event: Option<&ChatterEvent>) {
+    /// One sample. `away_n`: force that pushes the turret away from the bar, N; `stands`: whether all of the
+    /// turret's axes do; `event`: what the detector heard with it.
+    pub(super) fn step(&mut self, away_n: f64, stands: bool, period_s: f64, event: Option<&ChatterEvent>) {
+        self.moved |= !stands;
         match event {
-            Some(ChatterEvent::Onset(_)) => (self.in_cut, self.due) = (Some(true), 0),
+            Some(ChatterEvent::Onset(_)) => (self.in_cut, self.due, self.moved) = (Some(true), 0, false),
             Some(ChatterEvent::CutChanged) if self.due == 0 => self.change(false),
-            Some(ChatterEvent::End) => self.change(true),
+            Some(ChatterEvent::End) if !self.moved => self.change(true),
             _ => {}
         }
         self.sum_n += away_n;
@@ -144,14 +153,20 @@ mod tests {
     /// Stretches of (duration, mean), each with what the detector hears at its beginning, under noise; what
     /// is said 0.6 s later.
     fn said(stretches: &[(f64, f64, Option<ChatterEvent>)]) -> Vec<Option<bool>> {
+        said_while(stretches, None)
+    }
+
+    /// The same while the turret moves in one of them.
+    fn said_while(stretches: &[(f64, f64, Option<ChatterEvent>)], moves: Option<usize>) -> Vec<Option<bool>> {
         let (mut watch, mut said, mut seed) = (CutWatch::default(), Vec::new(), 1u64);
-        for (lasts_s, mean_n, event) in stretches {
+        for (index, (lasts_s, mean_n, event)) in stretches.iter().enumerate() {
             let samples = (lasts_s / PERIOD_S) as usize;
             for k in 0..samples {
                 seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
                 let noise = (seed >> 33) as f64 / f64::from(1u32 << 31) - 0.5;
                 // Heard a moment later than it happens.
-                watch.step(mean_n + noise, PERIOD_S, event.as_ref().filter(|_| k == 20));
+                let stands = moves != Some(index) || k < 1000;
+                watch.step(mean_n + noise, stands, PERIOD_S, event.as_ref().filter(|_| k == 20));
                 if k == 600 {
                     said.push(watch.in_cut());
                 }
@@ -194,6 +209,8 @@ mod tests {
         assert_eq!(said(&healed), [None, yes, yes, yes]);
         let left = [(3.0, 0.0, None), (3.0, 30.0, CHANGED), (3.0, 33.0, onset()), (3.0, 1.0, END)];
         assert_eq!(said(&left), [None, yes, yes, no]);
+        // The same after the turret moved in chatter: friction took its part of the mean.
+        assert_eq!(said_while(&left, Some(2)), [None, yes, yes, yes]);
         // Who began to listen in chatter knows no air.
         let early = [(3.0, 30.0, onset()), (3.0, 1.0, END), (3.0, 30.0, CHANGED)];
         assert_eq!(said(&early), [yes, None, yes]);

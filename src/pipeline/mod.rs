@@ -83,6 +83,8 @@ struct Channel {
     nut: Option<usize>,
     watch: bool,
     pushed: f64,
+    /// Steps of motor and stage encoder per metre of travel; 0 where not known.
+    steps_1_m: [f64; 2],
 }
 
 impl Channel {
@@ -97,6 +99,12 @@ impl Channel {
             spindle_speed_rpm: Some(sample.spindle_speed_rpm),
             accel_m_s2: sample.accel_m_s2,
         }
+    }
+
+    /// Where motor and stage stand, in steps of their encoders.
+    fn steps(&self, motion: MotionSample) -> [f64; 2] {
+        let [motor, stage] = self.steps_1_m;
+        [motor * motion.motor_travel_m.unwrap_or(0.0), stage * motion.stage_position_m.unwrap_or(0.0)]
     }
 }
 
@@ -406,6 +414,7 @@ impl Pipeline {
         for (axis, (channel, state)) in channels.iter().zip(&mut self.states).enumerate() {
             let tells = channel.pushed != 0.0 && state.stand.step(motion(axis), period_s);
             self.monitor.listen_to_mean(&mut state.monitor, tells);
+            self.monitor.listen_to_travel(&mut state.monitor, channel.steps(motion(axis)));
         }
         let estimates = self.observers.step(motion);
         forces.copy_from_slice(&estimates[..MAX_AXES]);
@@ -468,8 +477,11 @@ impl Pipeline {
         }
         let chatter = self.agreement;
         let event = self.machine_event(&chatter, heard);
+        let turret = self.channels.iter().zip(&self.states).filter(|(channel, _)| channel.pushed != 0.0);
+        let stands = turret.map(|(_, state)| state.stand).all(Stand::stands);
         self.cutting.step(
             away_n,
+            stands,
             self.settings.sample_rate.period_s(),
             event.as_ref().map(|(_, event)| event),
         );

@@ -6,7 +6,7 @@ use super::live::LiveState;
 use super::virtual_lathe::VirtualLathe;
 use super::{EventFilter, Handle, MAX_PAGE, Origin, Running, ServiceError, live, start};
 use crate::config::service::{BUILT_IN_MODEL, COMMISSIONING_ITEMS, ServiceConfig};
-use crate::simulation::lathe::LatheSettings;
+use crate::simulation::lathe::{CARRIAGE, LatheSettings};
 use crate::telemetry::{Event, EventKind};
 use crate::transport::{Domain, TransportError};
 use std::path::{Path, PathBuf};
@@ -118,6 +118,7 @@ fn service_config(plan: &DemoPlan, folder: &Path, port: u16) -> ServiceConfig {
     config.model = Some(folder.join(MODEL));
     config.transport = (format!("demo{}", std::process::id()), folder.join("domain"));
     config.history.folder = folder.join("history");
+    config.tools = Some((CARRIAGE.to_owned(), 0.0, false));
     config.http.listen.set_port(port);
     config.http.trust_loopback = true;
     // The virtual lathe's limits are the defaults.

@@ -3,7 +3,7 @@
 
 use super::clock;
 use crate::simulation::lathe::turret::{TurretOrder, TurretState};
-use crate::simulation::lathe::{AXES, Lathe, LatheSettings};
+use crate::simulation::lathe::{AXES, CARRIAGE, Lathe, LatheSettings};
 use crate::transport::wire::{
     COMMAND_RETURN, INTERLOCK_PERMISSIVE, ServoBatch, ServoPoint, TURRET_EXPIRED, TURRET_MOVING,
     TURRET_REACHED, TURRET_REFUSED, TurretCommand, TurretStatus, axis_name_bytes,
@@ -14,6 +14,8 @@ use crate::transport::{
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+/// Axes of the stream: those of the turrets and the carriage.
+const STREAM_AXES: usize = AXES.len() + 1;
 /// Samples per batch: one millisecond at 9 kHz.
 const BATCH: usize = 9;
 /// Batches between two turret reports: 50 a second.
@@ -93,15 +95,15 @@ impl VirtualLathe {
             stream: self.stream,
             sample_rate_hz: self.lathe.settings().sample_rate_hz,
             sample_count: BATCH as u32,
-            axis_count: AXES.len() as u32,
+            axis_count: STREAM_AXES as u32,
             ..ServoBatch::default()
         };
-        for (to, name) in batch.axis_names.iter_mut().zip(AXES) {
+        for (to, name) in batch.axis_names.iter_mut().zip(AXES.into_iter().chain([CARRIAGE])) {
             *to = axis_name_bytes(name);
         }
         for point in batch.points.iter_mut().take(BATCH) {
             let sample = self.lathe.step();
-            *point = ServoPoint::from_sample(&sample, ns(sample.t_s), AXES.len());
+            *point = ServoPoint::from_sample(&sample, ns(sample.t_s), STREAM_AXES);
         }
         self.ports.servo.send(&batch)?;
         self.batches += 1;
@@ -137,7 +139,7 @@ impl VirtualLathe {
             t_ns: ns(self.lathe.truth().t_s),
             acknowledged_epoch: epoch,
             acknowledged_sequence: sequence,
-            axis_count: AXES.len() as u32,
+            axis_count: STREAM_AXES as u32,
             interlocks_open: if turret.interlock_open() { INTERLOCK_PERMISSIVE } else { 0 },
             state,
             ..TurretStatus::default()

@@ -11,7 +11,7 @@ use stillcut::pipeline::{
 };
 use stillcut::plant::cutting::{Cutting, RawCutting};
 use stillcut::plant::scenario::{RawScenario, Scenario};
-use stillcut::sample::{AxisSample, ServoSample};
+use stillcut::sample::ServoSample;
 use stillcut::simulation::lathe::{Lathe, LatheSettings};
 use stillcut::units::SampleRate;
 
@@ -317,10 +317,6 @@ fn the_margin_is_known_from_servo_signals_while_the_tools_cut() {
     let mut known = Vec::new();
     for k in 0..9000 * 16 {
         let mut sample = lathe.step();
-        sample.axes[4] = AxisSample {
-            stage_position_m: Some(scenario.workpiece.raw().projection_length_m),
-            ..AxisSample::default()
-        };
         sample.pitch_difference_rad = Some(0.0967);
         pipeline.step(&sample);
         let t_s = f64::from(k) / 9000.0;

@@ -75,7 +75,7 @@ fn chatter_is_heard_recorded_and_suppressed_in_act_only() {
     let id = recordings[0]["id"].as_str().unwrap().to_owned();
     let path = running.handle().recording_path(&id).unwrap();
     let recording = stillcut::recording::read_recording(&path).unwrap();
-    assert_eq!(recording.axes, ["x1", "y1", "x2", "y2"]);
+    assert_eq!(recording.axes, ["x1", "y1", "x2", "y2", "z1"]);
     assert!(recording.len() > 9000 && recording.get("x1_stage_position_m").is_some());
     drop(lathe);
     until("the silence is noticed", 5, || state(&running)["source"]["connected"] == false);

@@ -31,6 +31,9 @@ use turret_axis::{AxisReport, AxisSettings, TurretAxis};
 
 /// Names of the servo axes, in the order of the samples.
 pub const AXES: [&str; 4] = ["x1", "y1", "x2", "y2"];
+/// Name of the carriage that takes both tools along the bar. It follows [`AXES`] in the samples and reports
+/// nothing but its scale: the distance of the tools from the chuck.
+pub const CARRIAGE: &str = "z1";
 /// Steps of the cutting process per sample: 9.3 us at 9 kHz.
 const SUBSTEPS: usize = 12;
 /// Air between two passes where they repeat, s.
@@ -361,6 +364,7 @@ impl Lathe {
                 stage_position_m: report.stage_position_m,
             };
         }
+        axes[AXES.len()].stage_position_m = Some(self.truth.tool_position_m);
         ServoSample {
             sequence: self.samples,
             t_s: self.truth.t_s,
