@@ -2,9 +2,10 @@
 
 use super::criteria::{CRITERIA, LONGEST, LOOKS, Levels, MEMORY, WINDOWS};
 use super::cut_level::MeanForce;
-use super::lines::{Place, Standing, Strongest, Test};
+use super::lines::{COMMON, Place, Standing, Strongest, Test};
 use super::orders::{Orders, Turned};
 use super::steady::{BLOCK, KEPT, Steady};
+use super::sweep::PAST;
 use super::whitening::{Noise, Whitener};
 use super::window::{Around, Heard, Reason, Value};
 use crate::keyframe::keep;
@@ -26,8 +27,6 @@ const AIR: usize = 0;
 const CUT: usize = 1;
 /// The mixer's filter has filled after so many of its delays.
 const FILLED_DELAYS: f64 = 3.0;
-/// The window that tells the level of all the band.
-const COMMON: usize = 1;
 /// Blocks of an alarm after which its scatter counts: a second.
 const ENOUGH: usize = 10;
 
@@ -40,7 +39,9 @@ pub(super) struct ChainState {
     whitener: Whitener,
     /// Which of the two it is now.
     place: usize,
+    /// The newest ends at `end`; what is long past is left out in one move.
     values: Vec<Value>,
+    end: usize,
     /// Values since the start, and since what is heard began anew.
     count: u64,
     clean: usize,
@@ -61,9 +62,9 @@ pub(super) struct ChainState {
 }
 
 keep!(ChainState {
-    mix, mixer, orders, noise, whitener, place, values, count, clean, heard, power_n2, whole_n2,
+    mix, mixer, orders, noise, whitener, place, values, end, count, clean, heard, power_n2, whole_n2,
     louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, alarmed,
-} if |s| s.place < 2);
+} if |s| s.place < 2 && (LONGEST + PAST..=2 * LONGEST).contains(&s.end));
 
 /// What the chain is told with each value.
 #[derive(Debug, Clone, Copy)]
@@ -112,6 +113,7 @@ impl Chain {
             whitener: Whitener::NONE,
             place: AIR,
             values: vec![Value::NONE; 2 * LONGEST],
+            end: LONGEST + PAST,
             count: 0,
             clean: 0,
             heard: [Heard::default(); WINDOWS.len()],
@@ -164,8 +166,12 @@ impl Chain {
             };
             orders = state.orders[state.place].step(&at);
         }
-        let last = state.values.len() - 1;
-        state.values.copy_within(1.., 0);
+        if state.end == state.values.len() {
+            state.values.copy_within(state.end - (LONGEST + PAST).., 0);
+            state.end = LONGEST + PAST;
+        }
+        let last = state.end;
+        state.end += 1;
         state.values[last] =
             Value { residual: value - orders, orders, mixer: state.mixer, angle_turns, ..Value::NONE };
         state.power_n2 += ((value - orders).norm_sqr() - state.power_n2) / (0.25 * rate_hz);
@@ -201,19 +207,15 @@ impl Chain {
             state.before = [state.before[1], state.whitener];
             state.since = 0;
         }
-        let noise = &state.noise[state.place];
-        let sure = noise.known() > CRITERIA.young_s * rate_hz;
-        let newest_n2 = state.values[state.values.len() - 1].residual.norm_sqr();
-        if sure && newest_n2 > CRITERIA.first * noise.power() {
-            // What was before is no noise: a sensor that was not on.
-            (state.noise[state.place], state.whitener) = (Noise::NEW, Whitener::NONE);
-            state.clean = 0;
-        }
     }
 
-    /// Whether the mean force is that of a tool in the cut, and no zero that drifts.
-    fn cuts(state: &ChainState, told: &Told) -> bool {
-        state.place == CUT || told.mean_n > CRITERIA.over_whole * state.whole_n2.sqrt()
+    /// Most power that the noise of a stable cut with this mean force has at a place, N^2, and the same where
+    /// the mean force is that of a tool in the cut, and no zero that drifts: infinite where it is not known.
+    fn stable_n2(&self, state: &ChainState, told: &Told) -> [f64; 2] {
+        let share_n2 = (CRITERIA.stable_share * told.mean_n).powi(2);
+        let drifts = self.knows(state) || told.mean_n < CRITERIA.over_whole * state.whole_n2.sqrt();
+        let cuts = told.mean != MeanForce::Absent && (state.place == CUT || !drifts);
+        [share_n2, if cuts { share_n2 } else { f64::INFINITY }]
     }
 
     /// The line that stands: a limit cycle that was not there before, or is louder than a stable cut is.
@@ -229,9 +231,7 @@ impl Chain {
             clean,
         };
         let Standing { offset_hz, nats, power_n2, side } = self.test.standing(&state.steady, &place);
-        let share_n2 = (CRITERIA.stable_share * told.mean_n).powi(2);
-        let cuts = told.mean != MeanForce::Absent && Self::cuts(state, told);
-        let stable_n2 = if cuts { share_n2 } else { f64::INFINITY };
+        let [share_n2, stable_n2] = self.stable_n2(state, told);
         let cut = side > CRITERIA.modulated;
         let over = if state.before[0] == Whitener::NONE {
             2.0 * self.levels.cause_nats * power_n2 / stable_n2
@@ -239,10 +239,8 @@ impl Chain {
             let known = state.before[0].known(offset_hz / rate_hz);
             power_n2 * BLOCK as f64 / known.max(f64::MIN_POSITIVE)
         };
-        state.scatters = state.alarmed >= ENOUGH * BLOCK
-            && nats < CRITERIA.scatter_nats
-            && power_n2 > 0.0
-            && power_n2 < share_n2;
+        state.scatters =
+            state.alarmed >= ENOUGH * BLOCK && nats <= 0.0 && power_n2 > 0.0 && power_n2 < share_n2;
         // Where nothing is known of air, what the cut modulates is the cut's.
         let new = over > self.levels.cause_nats
             || (cut && nats > self.levels.cause_nats && state.before[0] == Whitener::NONE);
@@ -281,9 +279,18 @@ impl Chain {
             Whitener::NONE
         };
         // All of the longest window by one model.
-        for at in state.values.len() - LONGEST..state.values.len() {
+        for at in state.end - LONGEST..state.end {
             Self::whiten(state, at);
         }
+    }
+
+    /// Another cut begins: what is known now is what was before it. What changes within the memory of the
+    /// noise is one change.
+    fn remember(&self, state: &mut ChainState) {
+        if state.before[0] == Whitener::NONE || state.since as f64 > CRITERIA.noise_s * self.rate_hz() {
+            state.before = [state.whitener; 2];
+        }
+        state.since = 0;
     }
 
     fn young(&self, state: &ChainState) -> bool {
@@ -302,8 +309,6 @@ impl Chain {
         if blind && !means {
             return None;
         }
-        let cuts = means && (state.place == CUT || blind && Self::cuts(state, told));
-        let stable_n2 = (CRITERIA.stable_share * told.mean_n).powi(2);
         Some(Around {
             levels: self.levels,
             centre_hz: self.centre_hz(),
@@ -316,7 +321,7 @@ impl Chain {
             told: means,
             blind,
             scatters: state.scatters,
-            stable_n2: if cuts { stable_n2 } else { f64::INFINITY },
+            stable_n2: self.stable_n2(state, told)[1],
             whitener: state.whitener,
         })
     }
@@ -334,7 +339,7 @@ impl Chain {
             }
             let full = state.clean as f64 >= n as f64 + filled;
             state.heard[which] = if full && !(around.young && which == 0) {
-                self.test.look(&state.values, which, &around)
+                self.test.look(&state.values[..state.end], which, &around)
             } else {
                 Heard::default()
             };
@@ -353,11 +358,11 @@ impl Chain {
     /// Whether all of the band has another level: then what is known of the noise is of another cut.
     fn compare(&self, state: &mut ChainState, around: &Around) {
         let n = WINDOWS[COMMON];
-        let common = self.test.common(&state.values, COMMON, around);
+        let common = self.test.common(&state.values[..state.end], around);
         let other = common * CRITERIA.louder < 1.0 || (common > CRITERIA.louder && !around.told);
         state.louder = if other { state.louder + n / LOOKS } else { 0 };
         if state.louder >= n && !around.alarm && !around.young {
-            (state.before, state.since) = ([state.whitener; 2], 0);
+            self.remember(state);
             state.noise[state.place].doubt(CRITERIA.young_s * self.rate_hz());
             state.louder = 0;
             self.renew(state);
@@ -391,7 +396,7 @@ impl Chain {
         state.standing = Heard::default();
         state.scatters = false;
         if let Some(place) = place {
-            (state.before, state.since) = ([state.whitener; 2], 0);
+            self.remember(state);
             if place != state.place {
                 state.noise[state.place].settle();
             }
@@ -413,6 +418,6 @@ impl Chain {
 
     /// Strongest line of the last `n` values, a window's length.
     pub(super) fn strongest(&self, state: &ChainState, n: usize, watched_hz: [f64; 2]) -> Strongest {
-        self.test.strongest(&state.values, n, (self.rate_hz(), watched_hz))
+        self.test.strongest(&state.values[..state.end], n, (self.rate_hz(), watched_hz))
     }
 }

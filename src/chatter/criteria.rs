@@ -42,8 +42,6 @@ pub(super) struct Criteria {
     pub(super) usual_s: f64,
     /// Power of all the band over what is known that is another cut.
     pub(super) louder: f64,
-    /// Power over what is known before which there was nothing: 80 dB.
-    pub(super) first: f64,
     /// Mean over the rms of all vibration from which a tool is in the cut though none was seen to enter.
     pub(super) over_whole: f64,
     /// Share of all vibration that a line has that rules it.
@@ -51,10 +49,6 @@ pub(super) struct Criteria {
     /// Power beside a line, one turn of the spindle away, over its own from which the cut modulates it. Real
     /// cuts have 0.1 to 0.6, lines of motors, which stand in air as well, below 0.02.
     pub(super) modulated: f64,
-    /// Evidence for a line under which what stands scatters as noise does, nats.
-    pub(super) scatter_nats: f64,
-    /// By how much of its frequency an order may stand elsewhere: the slip of a spindle that is not measured.
-    pub(super) slip: f64,
     /// Amplitude of a line over the mean force: a tool that only pushes makes less than 2.
     pub(super) most_share: f64,
     /// Most that the noise of a stable cut is, rms over the mean force: some hundredths, a few times as much
@@ -84,12 +78,9 @@ pub(super) const CRITERIA: Criteria = Criteria {
     end_s: 0.1,
     usual_s: 0.5,
     louder: 4.0,
-    first: 1e8,
     over_whole: 2.0,
     rules: 0.3,
     modulated: 0.1,
-    scatter_nats: 2.0,
-    slip: 0.02,
     most_share: 1.5,
     stable_share: 0.15,
 };

@@ -2,8 +2,8 @@
 
 use super::alternatives::Window;
 use super::criteria::{CRITERIA, GROWTHS_1_S, LONGEST, WINDOWS};
-use super::fourier::Fourier;
-use super::steady::{BLOCK, KEPT, Steady, evidence};
+use super::fourier::{Fourier, MOST_POINTS};
+use super::steady::{BLOCK, KEPT, Steady, since};
 use super::sweep::PAST;
 use super::window::{Around, Heard, Value, fit};
 use nalgebra::Complex;
@@ -11,9 +11,10 @@ use std::f64::consts::{PI, TAU};
 
 type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
+/// The window that tells the level of all the band.
+pub(super) const COMMON: usize = 1;
 /// Points of the transforms: twice the values of the windows.
 pub(super) const POINTS: [usize; WINDOWS.len()] = [64, 128, 256, 512];
-const MOST_POINTS: usize = POINTS[POINTS.len() - 1];
 
 /// First and last cell of a transform of `points` that lie in a band, Hz from the centre.
 fn cells(band_hz: [f64; 2], rate_hz: f64, points: usize) -> std::ops::RangeInclusive<i64> {
@@ -29,39 +30,66 @@ fn hann(q: usize, n: usize) -> f64 {
     (PI * (q as f64 + 0.5) / n as f64).sin().powi(2)
 }
 
-/// Power of cell `k`, counted from the centre.
+/// Power of cell `k`, counted from the centre. Requires: less than all cells from it.
 fn power(x: &[C], k: i64) -> f64 {
-    let at = k.rem_euclid(x.len() as i64) as usize;
-    x[at].norm_sqr()
+    let at = if k < 0 { k + x.len() as i64 } else { k };
+    x[at as usize].norm_sqr()
+}
+
+/// The cell of most power.
+fn loudest(x: &[C], among: impl Iterator<Item = i64>) -> Option<i64> {
+    let louder = |best: Option<(i64, f64)>, k: i64| {
+        let now = power(x, k);
+        if best.is_some_and(|(_, most)| now < most) { best } else { Some((k, now)) }
+    };
+    among.fold(None, louder).map(|(k, _)| k)
 }
 
 /// The test of one band.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Test {
     fourier: Fourier,
+    /// Hann's window of each length.
+    hann: [Vec<f64>; WINDOWS.len()],
 }
 
 impl Test {
     pub(super) fn new() -> Self {
-        Self { fourier: Fourier::new(POINTS[POINTS.len() - 1]) }
+        Self { fourier: Fourier::new(), hann: WINDOWS.map(|n| (0..n).map(|q| hann(q, n)).collect()) }
+    }
+
+    /// Hann's window of `n` values, the length of a window.
+    fn hann(&self, n: usize) -> &[f64] {
+        &self.hann[WINDOWS.iter().position(|w| *w == n).unwrap_or(WINDOWS.len() - 1)]
     }
 
     /// Looks at the last values, as many as a window has. Cost: no allocation.
     pub(super) fn look(&self, values: &[Value], which: usize, around: &Around) -> Heard {
-        let n = WINDOWS[which];
+        let one = C::new(1.0, 0.0);
+        // No more is cleared than the window needs.
+        match which {
+            0 => self.look_in([&mut [ZERO; WINDOWS[0]], &mut [one; WINDOWS[0]]], values, which, around),
+            1 => self.look_in([&mut [ZERO; WINDOWS[1]], &mut [one; WINDOWS[1]]], values, which, around),
+            2 => self.look_in([&mut [ZERO; WINDOWS[2]], &mut [one; WINDOWS[2]]], values, which, around),
+            _ => self.look_in([&mut [ZERO; WINDOWS[3]], &mut [one; WINDOWS[3]]], values, which, around),
+        }
+    }
+
+    /// The same with places for what the window holds and for the sweep that is taken off.
+    fn look_in(&self, [e, chirp]: [&mut [C]; 2], values: &[Value], which: usize, around: &Around) -> Heard {
+        let n = e.len();
         let past = &values[values.len() - n - PAST..values.len() - n];
         let values = &values[values.len() - n..];
-        let mut e = [ZERO; LONGEST];
-        let mut chirp = [C::new(1.0, 0.0); LONGEST];
         let dt = 1.0 / around.rate_hz;
-        for (q, (x, turn)) in e.iter_mut().zip(&mut chirp).take(n).enumerate() {
+        for (q, (x, turn)) in e.iter_mut().zip(chirp.iter_mut()).enumerate() {
+            *x = values[q].white;
             if around.sweep_hz_s != 0.0 {
                 let t = (n - 1 - q) as f64 * dt;
                 *turn = C::from_polar(1.0, -0.5 * TAU * around.sweep_hz_s * t * t);
+                *x *= *turn;
             }
-            *x = values[q].white * *turn;
         }
-        let (e, chirp) = (&e[..n], &chirp[..n]);
+        let (e, chirp) = (&*e, &*chirp);
         let total: f64 = e.iter().map(C::norm_sqr).sum();
         if total <= 0.0 || !total.is_finite() {
             return Heard::default();
@@ -74,13 +102,12 @@ impl Test {
     fn line(&self, e: &[C], which: usize, around: &Around, total: f64) -> Heard {
         let (n, points) = (e.len(), POINTS[which]);
         let mut x = [ZERO; MOST_POINTS];
-        x[..n].copy_from_slice(e);
         let x = &mut x[..points];
+        x[..n].copy_from_slice(e);
         self.fourier.transform(x);
         let step_hz = around.rate_hz / points as f64;
         let among = cells(around.watched_hz, around.rate_hz, points);
-        let best = among.clone().max_by(|a, b| power(x, *a).total_cmp(&power(x, *b)));
-        let best = best.unwrap_or(*among.start());
+        let best = loudest(x, among.clone()).unwrap_or(*among.start());
         let mut found = Heard { offset_hz: best as f64 * step_hz, ..Heard::default() };
         let mut energy = power(x, best) / n as f64;
         if energy > 0.3 * total || energy > around.levels.noise_nats * 0.3 {
@@ -118,20 +145,19 @@ fn refine(e: &[C], found: &mut Heard, (step_hz, rate_hz): (f64, f64)) {
 
 impl Test {
     /// Level of the band over the noise known, whatever lines stand in it: of the last values, as many as
-    /// window `which` has.
-    pub(super) fn common(&self, values: &[Value], which: usize, around: &Around) -> f64 {
-        let (n, points) = (WINDOWS[which], POINTS[which]);
-        let mut x = [ZERO; MOST_POINTS];
+    /// the window [`COMMON`] has.
+    pub(super) fn common(&self, values: &[Value], around: &Around) -> f64 {
+        let (n, points) = (WINDOWS[COMMON], POINTS[COMMON]);
+        let mut x = [ZERO; POINTS[COMMON]];
         let mut sum = 0.0;
-        for (q, (x, v)) in x.iter_mut().zip(&values[values.len() - n..]).enumerate() {
-            *x = v.white * hann(q, n);
-            sum += hann(q, n).powi(2);
+        for ((x, v), hann) in x.iter_mut().zip(&values[values.len() - n..]).zip(self.hann(n)) {
+            *x = v.white * *hann;
+            sum += hann.powi(2);
         }
-        let x = &mut x[..points];
-        self.fourier.transform(x);
+        self.fourier.transform(&mut x);
         let among = cells(around.watched_hz, around.rate_hz, points);
         let count = among.clone().count().max(1) as f64;
-        let all: f64 = among.map(|k| power(x, k).max(f64::MIN_POSITIVE).ln()).sum();
+        let all: f64 = among.map(|k| power(&x, k).max(f64::MIN_POSITIVE).ln()).sum();
         // The mean logarithm of an exponential variable is that of its mean less Euler's constant.
         (all / count + EULER).exp() / sum
     }
@@ -148,25 +174,29 @@ impl Test {
         let mut x = [ZERO; MOST_POINTS];
         let values = &values[values.len() - n..];
         let mut sum = 0.0;
-        for (q, (x, v)) in x.iter_mut().zip(values).enumerate() {
-            *x = v.residual * hann(q, n);
-            sum += hann(q, n);
+        for ((x, v), hann) in x.iter_mut().zip(values).zip(self.hann(n)) {
+            *x = v.residual * *hann;
+            sum += hann;
         }
         let x = &mut x[..points];
         self.fourier.transform(x);
         let among = cells(watched_hz, rate_hz, points);
         let middle = (among.start() + among.end()) / 2;
         let peak = |k: &i64| power(x, *k) >= power(x, k - 1) && power(x, *k) >= power(x, k + 1);
-        let best = among.filter(peak).max_by(|a, b| power(x, *a).total_cmp(&power(x, *b))).unwrap_or(middle);
+        let best = loudest(x, among.filter(peak)).unwrap_or(middle);
         let [a, b, c] = [best - 1, best, best + 1].map(|k| power(x, k).max(f64::MIN_POSITIVE).ln());
         let bend = a - 2.0 * b + c;
         let shift = if bend < 0.0 { (0.5 * (a - c) / bend).clamp(-0.5, 0.5) } else { 0.0 };
         let turns = (best as f64 + shift) / points as f64;
-        let half = |part: &[Value]| {
-            let turned = |(q, v): (usize, &Value)| v.residual * C::from_polar(1.0, -TAU * turns * q as f64);
-            part.iter().enumerate().map(turned).sum::<C>().norm_sqr().max(f64::MIN_POSITIVE)
-        };
-        let rise = half(&values[n / 2..]) / half(&values[..n / 2]);
+        let (first, last) = values.split_at(n / 2);
+        let mut sums = [ZERO; 2];
+        for (q, (first, last)) in first.iter().zip(last).enumerate() {
+            let turn = C::from_polar(1.0, -TAU * turns * q as f64);
+            sums[0] += first.residual * turn;
+            sums[1] += last.residual * turn;
+        }
+        let [first, last] = sums.map(|s| s.norm_sqr().max(f64::MIN_POSITIVE));
+        let rise = last / first;
         Strongest {
             offset_hz: turns * rate_hz,
             power_n2: (b - 0.25 * (a - c) * shift).exp() / (sum * sum),
@@ -183,8 +213,8 @@ impl Test {
             return none;
         }
         let mut x = [ZERO; MOST_POINTS];
-        for (q, (x, v)) in x.iter_mut().zip(steady.last(LONGEST)).enumerate() {
-            *x = v * hann(q, LONGEST);
+        for ((x, v), hann) in x.iter_mut().zip(steady.last(LONGEST)).zip(self.hann(LONGEST)) {
+            *x = v * *hann;
         }
         self.fourier.transform(&mut x);
         let step_hz = rate_hz / MOST_POINTS as f64;
@@ -193,36 +223,38 @@ impl Test {
             let hz = centre_hz + *k as f64 * step_hz;
             let order = hz / speed_hz.max(f64::MIN_POSITIVE);
             let apart_hz = (order - order.round()).abs() * speed_hz;
-            let slip_hz = (CRITERIA.slip * hz).min(0.25 * speed_hz);
-            place.alarm || speed_hz <= 0.0 || apart_hz > slip_hz.max(2.5 * rate_hz / LONGEST as f64)
+            place.alarm || speed_hz <= 0.0 || apart_hz > 2.5 * rate_hz / LONGEST as f64
         };
         let alone = |k: &i64| (k - near..=k + near).all(|m| power(&x, m) <= power(&x, *k));
         let among = cells(place.watched_hz, rate_hz, MOST_POINTS).filter(|k| between(k) && alone(k));
-        let Some(best) = among.max_by(|a, b| power(&x, *a).total_cmp(&power(&x, *b))) else { return none };
+        let Some(best) = loudest(&x, among) else { return none };
         let turns = best as f64 / MOST_POINTS as f64;
         let blocks = (place.clean / BLOCK).min(KEPT / BLOCK);
-        let line = sums(steady, blocks, turns);
+        let line = self.sums(steady, blocks, turns);
         let powers = &line.map(|s| s.norm_sqr() / (0.25 * (BLOCK * BLOCK) as f64))[..blocks];
         let power_n2 = powers.iter().sum::<f64>() / blocks as f64;
         // What stands a turn beside the line and goes with it.
         let beside = |turn: f64| {
-            let side = sums(steady, blocks, turns + turn * speed_hz / rate_hz);
+            let side = self.sums(steady, blocks, turns + turn * speed_hz / rate_hz);
             let with: C = line.iter().zip(&side).map(|(l, s)| s * l.conj()).sum();
             with.norm_sqr() / line.iter().map(C::norm_sqr).sum::<f64>().powi(2)
         };
         let side = if speed_hz > 0.0 { beside(-1.0).max(beside(1.0)) } else { 0.0 };
-        Standing { offset_hz: best as f64 * step_hz, nats: evidence(powers), power_n2, side }
+        Standing { offset_hz: best as f64 * step_hz, nats: since(powers), power_n2, side }
     }
 }
 
-/// A line in each of the last blocks.
-fn sums(steady: &Steady, blocks: usize, turns: f64) -> [C; KEPT / BLOCK] {
-    let mut sums = [ZERO; KEPT / BLOCK];
-    for (q, v) in steady.last(blocks * BLOCK).enumerate() {
-        let turn = C::from_polar(hann(q % BLOCK, BLOCK), -TAU * (turns * q as f64).fract());
-        sums[q / BLOCK] += v * turn;
+impl Test {
+    /// A line in each of the last blocks.
+    fn sums(&self, steady: &Steady, blocks: usize, turns: f64) -> [C; KEPT / BLOCK] {
+        let mut sums = [ZERO; KEPT / BLOCK];
+        let hann = self.hann(BLOCK);
+        for (q, v) in steady.last(blocks * BLOCK).enumerate() {
+            let turn = C::from_polar(hann[q % BLOCK], -TAU * (turns * q as f64).fract());
+            sums[q / BLOCK] += v * turn;
+        }
+        sums
     }
-    sums
 }
 
 const EULER: f64 = 0.577;

@@ -38,9 +38,15 @@ impl Steady {
     }
 }
 
+/// Evidence, nats, that the powers stand since some moment: all of them, half of them or a quarter.
+pub(super) fn since(powers: &[f64]) -> f64 {
+    let of = |part: usize| evidence(&powers[powers.len() - powers.len() / part..]);
+    of(1).max(of(2).max(of(4)) - 3f64.ln())
+}
+
 /// Evidence, nats, that these powers are those of a line and not of noise: Bartlett's test of what is left of
 /// the exponential's spread.
-pub(super) fn evidence(powers: &[f64]) -> f64 {
+fn evidence(powers: &[f64]) -> f64 {
     let n = powers.len() as f64;
     let mean = powers.iter().sum::<f64>() / n;
     let log = powers.iter().map(|p| p.max(f64::MIN_POSITIVE).ln()).sum::<f64>() / n;
