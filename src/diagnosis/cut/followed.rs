@@ -14,7 +14,7 @@
 //! taper that holds where the random force rules only. About the bar's own frequency the noise of the sensor
 //! comes through the bar, Q times, as narrow as a bin: with those bins the damping ratio came out half too
 //! high (expected score over a cut, 0.6 nats a tenth of it; 0.01 to 0.03 without). They are left out, by the
-//! best that is known of the machine.
+//! best that is known of the machine; what the line itself tells is in [`super::line`].
 
 use super::criteria::CRITERIA;
 use super::fit::{cholesky, forward};
@@ -90,7 +90,7 @@ impl FollowedSpectra {
         recording: &CutRecording,
         stretch: &Stretch,
         known: &Reference,
-        lines: bool,
+        (lines, taken_hz): (bool, Option<[f64; 2]>),
     ) -> Option<Self> {
         let scenario = &known.machine.scenario;
         let rate = recording.sample_rate.hz();
@@ -196,7 +196,7 @@ impl FollowedSpectra {
                 bin.probe = y.each_ref().map(|t| t[k]);
             }
         }
-        out.keep_random(&known.machine);
+        out.keep_random(&known.machine, taken_hz);
         (!out.bins.is_empty()).then_some(out)
     }
 
@@ -227,12 +227,15 @@ impl FollowedSpectra {
     }
 
     /// Finds the line, and keeps the bins in which the random force rules in what the bar amplifies.
-    fn keep_random(&mut self, machine: &Machine) {
+    fn keep_random(&mut self, machine: &Machine, taken_hz: Option<[f64; 2]>) {
         let cut = CutLoop::new(&machine.terms(&self.place.condition));
         let random = self.place.random(machine, &cut);
         let step = self.place.rate.hz() / self.shaped[0].len() as f64;
         let lag = self.place.lag(machine);
         let rules = |f: f64, stated: Complex<f64>| {
+            if taken_hz.is_some_and(|[from, to]| (from..to).contains(&f)) {
+                return false;
+            }
             let noise = self.noise(machine, random, lag.as_ref(), (f, stated));
             let near = [-1.0, 0.0, 1.0].map(|d| Way::at(&cut, f + d * step));
             let known = random.map(|r| r * machine.random_1_hz(f));
@@ -530,7 +533,7 @@ mod tests {
         let cuts = recording(&machine.scenario, 0.9, force);
         let stretch = Stretch { recording: 0, samples: 5000..7200 };
         let followed =
-            FollowedSpectra::new(&cuts, &stretch, &Reference::of(machine), false).expect("followed");
+            FollowedSpectra::new(&cuts, &stretch, &Reference::of(machine), (false, None)).expect("followed");
         let Part::Bins { bins, .. } = followed.part(&machine, Every(1)) else { panic!("bins") };
         let left: f64 = bins.iter().map(|b| b.x[0].norm_sqr() + b.x[1].norm_sqr()).sum();
         let had: f64 = followed.bins.iter().map(|b| b.power[0] + b.power[1]).sum();

@@ -141,8 +141,8 @@ impl Number {
             Number::RandomCorner => 0.3,
             // A tenth of a degree: what a turret is set to.
             Number::Pitch => 2e-3,
-            // A twentieth of a sample at 9 kHz, s: not a logarithm.
-            Number::Late | Number::SignalLate => 5e-6,
+            // A fiftieth of a sample at 9 kHz, s: not a logarithm.
+            Number::Late | Number::SignalLate => 2e-6,
             Number::SignalBandwidth => 0.01,
             Number::GrowthSpread | Number::OutcomeSpread | Number::LineSpread | Number::ForceScatter => 1.0,
             // Of the tools and materials of handbooks: 1.4 to 3.
@@ -314,7 +314,7 @@ impl Frame {
     /// Bounds of every coordinate of a point.
     pub(crate) fn bounds(&self, point: &Point) -> Vec<[f64; 2]> {
         // A K_r off by a factor of three, a frequency by a sixth, e^9 of a noise: further is another machine.
-        // Later than 10 us, or narrower than 2 %, is no tolerance but an effect.
+        // Later than 4 us, or narrower than 2 %, is no tolerance but an effect.
         let numbers = self.numbers.iter().map(|n| {
             let furthest = match n {
                 Number::Late | Number::SignalLate | Number::SignalBandwidth => 2.0,

@@ -12,6 +12,7 @@ mod foretold;
 pub mod input;
 mod known;
 mod laws;
+mod line;
 mod machine;
 mod observable;
 mod observe;

@@ -4,6 +4,7 @@ use super::criteria::CRITERIA;
 use super::followed::FollowedSpectra;
 use super::input::CutRecording;
 use super::known::Reference;
+use super::line::SwellingLine;
 use super::observable::Observable;
 use super::rows::{MeanForces, OrderLines, SpindleAngle};
 use super::spectra::{CalmSpectra, pieces};
@@ -36,8 +37,14 @@ pub(crate) fn observe(
     }
     for stretch in &stretches.followed {
         let recording = &recordings[stretch.recording];
-        if let Some(followed) = FollowedSpectra::new(recording, stretch, known, lines) {
+        // A line among those of the spindle is told from them by its innovations alone.
+        let line = SwellingLine::new(recording, stretch, known).filter(|_| !lines);
+        let taken_hz = line.as_ref().map(SwellingLine::band_hz);
+        if let Some(followed) = FollowedSpectra::new(recording, stretch, known, (lines, taken_hz)) {
             out.push(Box::new(followed));
+        }
+        if let Some(line) = line {
+            out.push(Box::new(line));
         }
     }
     for (index, recording) in recordings.iter().enumerate() {
