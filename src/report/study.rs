@@ -32,8 +32,8 @@ pub struct Outcome {
     pub truth: Truth,
     /// Verdict.
     pub verdict: Verdict,
-    /// Effect and port of each finding.
-    pub said: Vec<(String, String)>,
+    /// Findings, the strongest first.
+    pub said: Vec<Said>,
     /// The whole answer is right.
     pub named: bool,
     /// Something was noticed.
@@ -46,6 +46,17 @@ pub struct Outcome {
     pub agreement: Option<f64>,
     /// Held-out residual over noise floor after the first finding.
     pub heldout_over_floor: Option<f64>,
+}
+
+/// A finding as it was said.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Said {
+    /// Name of the effect.
+    pub effect: &'static str,
+    /// Name of its port.
+    pub port: &'static str,
+    /// Stated probability.
+    pub probability: f64,
 }
 
 /// An interval that was reported, and the value that was hidden.
@@ -333,7 +344,7 @@ fn table(out: &mut String, study: &Study) {
 fn confusions(out: &mut String, study: &Study) {
     let mut wrong: BTreeMap<(String, String), usize> = BTreeMap::new();
     for o in study.outcomes.iter().filter(|o| !o.named) {
-        let findings: Vec<String> = o.said.iter().map(|(e, p)| format!("{e} at {p}")).collect();
+        let findings: Vec<String> = o.said.iter().map(|s| format!("{} at {}", s.effect, s.port)).collect();
         let said = if findings.is_empty() { o.verdict.name().to_owned() } else { findings.join(" + ") };
         *wrong.entry((format!("{} at depth {}", o.label, o.depth), said)).or_insert(0) += 1;
     }

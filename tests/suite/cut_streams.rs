@@ -11,7 +11,7 @@
 use std::f64::consts::{PI, TAU};
 
 /// Samples a second of what is made.
-pub const RATE_HZ: f64 = 9000.0;
+pub(crate) const RATE_HZ: f64 = 9000.0;
 const FINE: usize = 4;
 const CELLS: usize = 2048;
 /// Force per depth of cut of one tool, N/m, and of its flank, N per unit slope.
@@ -22,11 +22,11 @@ const DAMPING: f64 = 0.012;
 const LENGTH_S: f64 = 14.0;
 
 /// Noise and other numbers from a seed.
-pub struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
     /// From a seed.
-    pub fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64) -> Self {
         let mut random = Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x5851_f42d_4c95_7f2d);
         for _ in 0..8 {
             random.uniform();
@@ -35,7 +35,7 @@ impl Random {
     }
 
     /// Between 0 and 1.
-    pub fn uniform(&mut self) -> f64 {
+    pub(crate) fn uniform(&mut self) -> f64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
         self.0 ^= self.0 << 17;
@@ -43,12 +43,12 @@ impl Random {
     }
 
     /// Between two numbers.
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
     }
 
     /// Of unit variance.
-    pub fn normal(&mut self) -> f64 {
+    pub(crate) fn normal(&mut self) -> f64 {
         let u = self.uniform().max(1e-300);
         (-2.0 * u.ln()).sqrt() * (TAU * self.uniform()).cos()
     }
@@ -56,7 +56,7 @@ impl Random {
 
 /// What a stream holds beside the cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub(crate) enum Kind {
     /// Stable pitch throughout.
     Stable,
     /// Stable, then equal pitch from some moment on, then stable again.
@@ -73,27 +73,25 @@ pub enum Kind {
 
 /// A stretch of chatter.
 #[derive(Debug, Clone, Copy)]
-pub struct Episode {
+pub(crate) struct Episode {
     /// Equal pitch since, s.
-    pub unstable_s: f64,
+    pub(crate) unstable_s: f64,
     /// When the bar's vibration passed thrice its stable level for good, s.
-    pub onset_s: f64,
+    pub(crate) onset_s: f64,
     /// When it was back below, s.
-    pub end_s: f64,
-    /// Its frequency half way, Hz.
-    pub frequency_hz: f64,
+    pub(crate) end_s: f64,
 }
 
 /// A stream with its truth.
-pub struct Stream {
+pub(crate) struct Stream {
     /// Force of tool 1, N.
-    pub force_n: Vec<f64>,
+    pub(crate) force_n: Vec<f64>,
     /// Spindle speed, rpm.
-    pub speed_rpm: Vec<f64>,
+    pub(crate) speed_rpm: Vec<f64>,
     /// Where the bar can chatter, Hz.
-    pub band_hz: [f64; 2],
+    pub(crate) band_hz: [f64; 2],
     /// Chatter.
-    pub episodes: Vec<Episode>,
+    pub(crate) episodes: Vec<Episode>,
 }
 
 struct Schedule {
@@ -253,15 +251,8 @@ fn episode(plan: &Schedule, xs: &[f64], band_hz: [f64; 2]) -> Option<Episode> {
     let half = from + level[from..].iter().position(|l| *l > most / 2.0)?;
     let onset = from + level[from..half].iter().rposition(|l| *l < least).unwrap_or(0);
     let end = to + level[to..].iter().position(|l| *l < least)?;
-    // Zero crossings over the second half tell the frequency.
-    let rate = RATE_HZ * FINE as f64;
-    let middle = (plan.equal_s[0] + plan.equal_s[1]) / 2.0;
-    let part = &xs[(middle * rate) as usize..(plan.equal_s[1] * rate) as usize];
-    let mean = part.iter().sum::<f64>() / part.len() as f64;
-    let rises: Vec<usize> = (1..part.len()).filter(|i| part[i - 1] < mean && part[*i] >= mean).collect();
-    let frequency_hz = (rises.len() - 1) as f64 * rate / (rises[rises.len() - 1] - rises[0]) as f64;
     let s = |ms: usize| ms as f64 / 1000.0;
-    Some(Episode { unstable_s: plan.equal_s[0], onset_s: s(onset), end_s: s(end), frequency_hz })
+    Some(Episode { unstable_s: plan.equal_s[0], onset_s: s(onset), end_s: s(end) })
 }
 
 /// A cut that is what its kind says: drawn until it is. Chatter is at least six times the stable level and gone
@@ -285,7 +276,7 @@ fn drawn(kind: Kind, random: &mut Random) -> (Schedule, [Vec<f64>; 3], [f64; 2],
 }
 
 /// One stream.
-pub fn stream(kind: Kind, seed: u64) -> Stream {
+pub(crate) fn stream(kind: Kind, seed: u64) -> Stream {
     let mut random = Random::new(seed);
     let (plan, [_, forces, turns], band_hz, episodes) = drawn(kind, &mut random);
     let orders: Vec<[f64; 3]> = (0..10)

@@ -54,6 +54,7 @@ mod running;
 mod service;
 #[cfg(feature = "service")]
 mod store;
+mod stream_score;
 #[cfg(feature = "service")]
 mod transport;
 

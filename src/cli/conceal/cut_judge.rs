@@ -6,7 +6,7 @@ use crate::diagnosis::Verdict;
 use crate::diagnosis::cut::diagnose;
 use crate::diagnosis::cut::input::{CutEvidence, CutRecording};
 use crate::diagnosis::cut::result::{CutDiagnosis, CutFinding};
-use crate::report::study::{JudgedInterval, Outcome, Truth};
+use crate::report::study::{JudgedInterval, Outcome, Said, Truth};
 use crate::simulation::concealed_cut::{CutCase, HiddenCut};
 
 /// Budget of one case (contracts, section 4).
@@ -32,7 +32,7 @@ pub(super) fn judge(trial: &Trial, case: &CutCase) -> anyhow::Result<Outcome> {
         seed: trial.seed,
         truth,
         verdict: said.verdict,
-        said: said.findings.iter().map(|f| (f.effect.name().to_owned(), f.port.name().to_owned())).collect(),
+        said: said.findings.iter().map(said_of).collect(),
         named: named(&said, case),
         noticed: match truth {
             Truth::WrongNumber => said.verdict != Verdict::ModelAdequate,
@@ -50,6 +50,10 @@ fn truth_of(case: &CutCase) -> Truth {
 }
 
 /// The whole answer is right: every effect among the first findings, or silence, or "unexplained".
+fn said_of(f: &CutFinding) -> Said {
+    Said { effect: f.effect.name(), port: f.port.name(), probability: f.probability }
+}
+
 fn named(said: &CutDiagnosis, case: &CutCase) -> bool {
     match truth_of(case) {
         Truth::Healthy => {

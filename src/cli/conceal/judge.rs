@@ -3,7 +3,7 @@
 use super::Trial;
 use crate::diagnosis::{Diagnosis, Finding, Verdict, diagnose};
 use crate::plant::effects::Port;
-use crate::report::study::{JudgedInterval, Outcome, Study, Truth};
+use crate::report::study::{JudgedInterval, Outcome, Said, Study, Truth};
 use crate::simulation::concealed_axis::{Case, HiddenEffect};
 use serde_json::{Value, json};
 
@@ -15,15 +15,15 @@ const ORDER_TOLERANCE: f64 = 0.02;
 pub(super) fn judge(trial: &Trial, case: &Case) -> anyhow::Result<Outcome> {
     // Nothing but the model and the recordings is handed over.
     let diagnosis = diagnose(&case.model, &case.recordings, &|_, _| {})?;
-    let said: Vec<(String, String)> =
-        diagnosis.findings.iter().map(|f| (f.effect.name().to_owned(), f.port.name().to_owned())).collect();
+    let said =
+        |f: &Finding| Said { effect: f.effect.name(), port: f.port.name(), probability: f.probability };
     Ok(Outcome {
         label: trial.label.clone(),
         depth: trial.depth,
         seed: trial.seed,
         truth: truth_of(case),
         verdict: diagnosis.verdict,
-        said,
+        said: diagnosis.findings.iter().map(said).collect(),
         named: named(&diagnosis, case),
         noticed: noticed(&diagnosis, case),
         port_right: port_right(&diagnosis, case),
@@ -167,7 +167,8 @@ pub(super) fn study_json(study: &Study) -> Value {
         .outcomes
         .iter()
         .map(|o| {
-            let said: Vec<Value> = o.said.iter().map(|(e, p)| json!({"effect": e, "port": p})).collect();
+            let said = |s: &Said| json!({"effect": s.effect, "port": s.port, "probability": s.probability});
+            let said: Vec<Value> = o.said.iter().map(said).collect();
             let intervals: Vec<Value> = o.intervals.iter().map(interval_json).collect();
             json!({
                 "hidden": o.label, "depth": o.depth, "seed": o.seed, "verdict": o.verdict.name(),
