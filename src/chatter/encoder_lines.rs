@@ -6,52 +6,57 @@ use crate::keyframe::keep;
 
 /// Multiples that are looked at: a step's share of them falls with the number.
 const MULTIPLES: u32 = 3;
-/// Slices that are remembered: those that the longest window hears, and the one that fills.
-const KEPT: usize = WINDOWS[WINDOWS.len() - 1] / WINDOWS[0] + 1;
+/// A slice is as long as the shortest window, and begins so many times in its length.
+const BEGINS: usize = 4;
+/// Places that are remembered: those that the longest window hears, and a slice before it.
+const KEPT: usize = BEGINS * (WINDOWS[WINDOWS.len() - 1] / WINDOWS[0] + 1) + 1;
 
-/// How an axis travelled, in slices as long as the shortest window.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// Where an axis stood, again and again.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct EncoderLines {
-    started: bool,
     since_s: f64,
-    /// Of motor and stage encoder, in steps.
-    from: [f64; 2],
-    /// Steps a second, mean of each slice, newest first.
-    rates_hz: [[f64; KEPT]; 2],
+    /// Of motor and stage encoder, in steps, newest first.
+    places: [[f64; KEPT]; 2],
+    /// How many of them there are.
+    seen: usize,
 }
 
-keep!(EncoderLines { started, since_s, from, rates_hz });
+keep!(EncoderLines { since_s, places, seen } if |lines| lines.seen <= KEPT);
 
 impl EncoderLines {
+    pub(super) const NONE: Self = Self { since_s: 0.0, places: [[0.0; KEPT]; 2], seen: 0 };
+
     fn slice_s() -> f64 {
         WINDOWS[0] as f64 / CRITERIA.rate_hz
     }
 
     /// Takes where motor and stage stand, in steps of their encoders; an encoder that is not known stands.
     pub(super) fn step(&mut self, at: [f64; 2], period_s: f64) {
-        if !std::mem::replace(&mut self.started, true) {
-            self.from = at;
-        }
         self.since_s += period_s;
-        if self.since_s < Self::slice_s() {
+        let between_s = Self::slice_s() / BEGINS as f64;
+        if self.since_s < between_s && self.seen > 0 {
             return;
         }
-        for ((rates, from), at) in self.rates_hz.iter_mut().zip(&mut self.from).zip(at) {
-            rates.rotate_right(1);
-            rates[0] = (at - *from).abs() / self.since_s;
-            *from = at;
+        self.since_s = if self.seen > 0 { self.since_s - between_s } else { 0.0 };
+        self.seen = (self.seen + 1).min(KEPT);
+        for (places, at) in self.places.iter_mut().zip(at) {
+            places.rotate_right(1);
+            places[0] = at;
         }
-        self.since_s = 0.0;
     }
 
-    /// Whether steps drew a line at this frequency within the last so many values of the band: one that
+    /// Whether steps drew a line at this frequency, within half of what a slice resolves, in the last so many
+    /// values of the band: one that
     /// moves on faster than a slice resolves draws none.
     pub(super) fn draw(&self, hz: f64, values: usize) -> bool {
-        let slices = (values / WINDOWS[0] + 1).min(KEPT);
-        let near = |rate_hz: &f64| {
-            (1..=MULTIPLES).any(|k| (f64::from(k) * rate_hz - hz).abs() * Self::slice_s() < 1.0)
+        let kept = (BEGINS * (values / WINDOWS[0] + 1) + 1).min(self.seen);
+        let near = |steps: f64| {
+            (1..=MULTIPLES).any(|k| (f64::from(k) * steps.abs() - hz * Self::slice_s()).abs() < 0.5)
         };
-        self.rates_hz.iter().any(|rates| rates[..slices].iter().any(near))
+        self.places.iter().any(|places| {
+            let ends = places[..kept].iter().skip(BEGINS);
+            places.iter().zip(ends).any(|(to, from)| near(to - from))
+        })
     }
 }
 
@@ -63,7 +68,7 @@ mod tests {
     fn a_travel_draws_a_line_while_a_window_hears_it_and_a_sweep_or_a_stand_draws_none() {
         let (period_s, step_m) = (1.0 / 9000.0, 37.5e-9);
         let said = |speed_m_s: &dyn Fn(f64) -> f64, hz: f64| {
-            let (mut lines, mut at_m, mut said) = (EncoderLines::default(), 0.0, Vec::new());
+            let (mut lines, mut at_m, mut said) = (EncoderLines::NONE, 0.0, Vec::new());
             for k in 0..9000 {
                 at_m += speed_m_s(f64::from(k) * period_s) * period_s;
                 lines.step([0.0, at_m / step_m], period_s);

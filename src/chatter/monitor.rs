@@ -161,7 +161,7 @@ impl ChatterMonitor {
             hop: Hop::default(),
             wild: Wild::default(),
             level: self.level.start(),
-            encoders: EncoderLines::default(),
+            encoders: EncoderLines::NONE,
             chains: self.chains.iter().map(Chain::start).collect(),
             watched_hz: [band.low_hz(), band.high_hz()],
             angle_turns: 0.0,
