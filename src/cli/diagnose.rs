@@ -84,9 +84,10 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
     let paths = arguments.recordings.iter().map(PathBuf::as_path);
     let Checked { gated, files, faults } = read_checked(paths, &axes)?;
     let masked = gated.iter().map(Gated::masked).collect();
+    let resting = gated.iter().map(Gated::resting).collect();
     let clock_moved = gated.iter().any(Gated::moved_in_time);
     let recordings: Vec<_> = gated.into_iter().map(|g| g.recording).collect();
-    let options = DiagnoseOptions { budget_s: arguments.budget_s, masked, clock_moved };
+    let options = DiagnoseOptions { budget_s: arguments.budget_s, masked, resting, clock_moved };
     let work = |progress: Progress<'_>| diagnose_with(&machine, &recordings, &options, progress);
     let diagnosis = with_progress(arguments.progress, work).map_err(|error| {
         let concerned = files.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));

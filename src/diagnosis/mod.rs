@@ -154,13 +154,16 @@ pub struct DiagnoseOptions {
     /// Per recording, rows that were not measured: they enter no fit. The caller has bridged them. Empty:
     /// all were measured.
     pub masked: Vec<Vec<bool>>,
+    /// Those of them, per recording, in which an axis rests: a force below friction says nothing there, but
+    /// where a spindle turns a load that comes does.
+    pub resting: Vec<Vec<bool>>,
     /// The caller has moved a column in time: no delay can be told from these recordings.
     pub clock_moved: bool,
 }
 
 impl Default for DiagnoseOptions {
     fn default() -> Self {
-        Self { budget_s: 60.0, masked: Vec::new(), clock_moved: false }
+        Self { budget_s: 60.0, masked: Vec::new(), resting: Vec::new(), clock_moved: false }
     }
 }
 
@@ -196,6 +199,8 @@ pub fn diagnose_with(
     for (k, axis) in axes.iter().enumerate() {
         let beside = drive::Beside {
             masks: &cuts.masks,
+            resting: &options.resting,
+            spindle_turns: recordings.iter().all(|r| cuts::spindle_hz(r).is_some()),
             budget_s: options.budget_s,
             clock_moved: options.clock_moved,
         };

@@ -90,6 +90,20 @@ impl Gated {
         bad.into_iter().filter(|rows| rows.len() <= BRIDGED).for_each(|rows| masked[rows].fill(false));
         masked
     }
+
+    /// One a row: whether an axis rests there for long.
+    #[must_use]
+    pub fn resting(&self) -> Vec<bool> {
+        let mut rests = vec![false; self.recording.len()];
+        let row = |t_s: f64| ((t_s - self.recording.start_s) * self.recording.sample_rate.hz()).round();
+        for [from_s, to_s] in
+            self.faults.iter().filter(|f| f.kind == FaultKind::LongRest).flat_map(|f| &f.time_s)
+        {
+            let [from, to] = [from_s, to_s].map(|t| (row(*t).max(0.0) as usize).min(rests.len()));
+            rests[from..to.max(from)].fill(true);
+        }
+        rests
+    }
 }
 
 /// Checks the columns of `axes` and mends what can be mended. Deterministic.

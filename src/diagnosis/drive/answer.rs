@@ -48,7 +48,7 @@ pub(super) struct Case<'a> {
 }
 
 /// What was found, before it is asserted.
-struct Found {
+pub(super) struct Found {
     effect: EffectKind,
     port: Port,
     estimates: Vec<Estimate>,
@@ -61,7 +61,7 @@ struct Found {
 }
 
 /// True where the 95 % interval of a law's size does not hold zero. Sizes that stand in a shape do not.
-fn is_other_than_zero(law: &Accepted, deviations: &[f64]) -> bool {
+pub(super) fn is_other_than_zero(law: &Accepted, deviations: &[f64]) -> bool {
     let sized = |(a, d): (&f64, &f64)| a.abs() > Z95 * d;
     // Of a bristle the force: what remains without it is a damper.
     let count = if law.hypothesis.turns_friction() { 1 } else { law.amplitudes.len() };
@@ -211,7 +211,7 @@ impl Case<'_> {
     }
 
     /// Root mean square on parts that nothing was fitted to, N; `without`: one law's coefficients taken out.
-    fn heldout_n(&self, state: &State, without_law: Option<usize>) -> f64 {
+    pub(super) fn heldout_n(&self, state: &State, without_law: Option<usize>) -> f64 {
         let base = &state.base;
         let mut design = base.design.clone();
         let mut start = base.fit.beta.clone();
@@ -239,7 +239,7 @@ impl Case<'_> {
         self.balance.plan.measured().max(1.0)
     }
 
-    fn found(&self, state: &State, doubt: &Doubt, absent: &[Absent], level: f64) -> Vec<Found> {
+    pub(super) fn found(&self, state: &State, doubt: &Doubt, absent: &[Absent], level: f64) -> Vec<Found> {
         let balance = self.balance;
         let mut list = Vec::new();
         for (k, law) in state.accepted.iter().enumerate().filter(|(_, a)| a.given.is_none()) {
@@ -346,7 +346,7 @@ impl Case<'_> {
         round.map_or((0.0, 1.0), |r| (r.fitted[0].evidence_nats, r.fitted[0].level_nats))
     }
 
-    fn findings(&self, found: Vec<Found>, left: &Rest, heldout_n: f64) -> Vec<Finding> {
+    pub(super) fn findings(&self, found: Vec<Found>, left: &Rest, heldout_n: f64) -> Vec<Finding> {
         let floor = left.floors_n[0].hypot(left.floors_n[1]);
         let of = |(k, f): (usize, Found)| {
             let (probability, alternatives) = self.probabilities(&f);
@@ -490,7 +490,7 @@ impl Case<'_> {
         SIZES.iter().find_map(|key| term.number(key).map(|value| (*key, value)))
     }
 
-    fn location(
+    pub(super) fn location(
         &self,
         verdict: Verdict,
         findings: &[Finding],

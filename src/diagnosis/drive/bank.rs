@@ -62,7 +62,7 @@ fn frictions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     let last = usize::from(!one);
     let speeds = s.tracks.iter().flat_map(|t| &t.thin.velocity[last]);
     let fastest = speeds.fold(0.0_f64, |m, v| m.max(v.abs()));
-    let longest_s = s.tracks.iter().map(|t| t.samples as f64 / t.rate_hz).fold(0.0, f64::max);
+    let longest_s = s.longest_s();
     let [low, high] = s.travel_m();
     let vs = state.smoothing_m_s;
     let mut list = Vec::new();

@@ -108,6 +108,7 @@ impl Ground<'_> {
     pub(super) fn columns(&self, h: &Hypothesis) -> Vec<TimeColumn> {
         match h.shape {
             Shape::Cut { hz, start_s, end_s } => self.cut(hz, [start_s, end_s]),
+            Shape::Push { recording, start_s, end_s, .. } => vec![self.push(recording, [start_s, end_s])],
             Shape::Map { pieces, flips } => self.map((pieces, flips), Over::Position),
             Shape::SpeedMap { pieces, flips } => self.map((pieces, flips), Over::Speed),
             Shape::ReversalMap { pieces } => self.map((pieces, true), Over::Way),
@@ -133,6 +134,7 @@ impl Ground<'_> {
         match h.shape {
             Shape::EncoderError { .. } | Shape::EncoderDelay { .. } => Some(self.encoder_errors(h, track)),
             Shape::Cut { .. }
+            | Shape::Push { .. }
             | Shape::Map { .. }
             | Shape::SpeedMap { .. }
             | Shape::ReversalMap { .. }
@@ -231,6 +233,7 @@ impl Ground<'_> {
                 self.springs(h).into_iter().map(of).flat_map(one).collect()
             }
             Shape::Cut { .. }
+            | Shape::Push { .. }
             | Shape::Map { .. }
             | Shape::SpeedMap { .. }
             | Shape::ReversalMap { .. }
@@ -422,6 +425,20 @@ impl Ground<'_> {
             push(&|_| 1.0);
         }
         out
+    }
+
+    /// One in a window of one recording, at the stage.
+    fn push(&self, recording: usize, window_s: [f64; 2]) -> TimeColumn {
+        let side = usize::from(self.signals.sides() == 2);
+        let mut series = self.signals.each(|t| vec![0.0; t.thin_count()]);
+        let track = &self.signals.tracks[recording];
+        for (j, v) in series[recording].iter_mut().enumerate() {
+            let t = track.thin_s(j, self.signals.step);
+            *v = f64::from(u8::from(t >= window_s[0] && t < window_s[1]));
+        }
+        let mut column = TimeColumn::default();
+        column.sides[side] = Some(series);
+        column
     }
 
     /// Splines over the travel.

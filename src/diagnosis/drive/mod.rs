@@ -7,6 +7,7 @@ mod closed_loop;
 mod columns;
 mod criteria;
 mod dynamics;
+mod entry;
 mod evidence;
 mod given;
 mod gram;
@@ -46,10 +47,22 @@ const SEARCH_SHARE: f64 = 0.6;
 pub(in crate::diagnosis) struct Beside<'a> {
     /// Rows of each recording that were not measured.
     pub(in crate::diagnosis) masks: &'a [Mask],
+    /// Rows of each in which the axis rests, those of `masks` among them.
+    pub(in crate::diagnosis) resting: &'a [Mask],
+    /// A spindle turns in every recording, and nothing says when tools cut.
+    pub(in crate::diagnosis) spindle_turns: bool,
     /// Seconds that an answer may take on a slow machine; work is counted, not time.
     pub(in crate::diagnosis) budget_s: f64,
     /// A column was moved in time: no delay can be told.
     pub(in crate::diagnosis) clock_moved: bool,
+}
+
+impl Beside<'_> {
+    /// Evaluations that screening and fits may take.
+    fn work(&self, recordings: &[Recording]) -> Work {
+        let samples: usize = recordings.iter().map(Recording::len).sum();
+        Work::new((SEARCH_SHARE * self.budget_s * SAMPLES_PER_S / samples.max(1) as f64) as u64)
+    }
 }
 
 /// The balance of an axis. Errors: as [`signals::Signals::new`]; too little was measured.
@@ -82,6 +95,46 @@ fn start_of(axis: &AxisModel, balance: &state::Balance) -> (state::State, Vec<St
     (start, notes)
 }
 
+/// The answer where tools cut in a part of a recording and the force alone tells of it: the cut, and what the
+/// rest says. At rest the balance of forces stands as it does in motion, and a load that comes is seen there.
+fn beside_cut(
+    machine: &Machine,
+    stated: &AxisModel,
+    recordings: &[Recording],
+    beside: &Beside<'_>,
+    progress: Progress<'_>,
+) -> Option<Diagnosis> {
+    if !beside.spindle_turns {
+        return None;
+    }
+    let axis = given::folded(stated);
+    let measured = entry::without(beside.masks, beside.resting);
+    let whole = Beside { masks: &measured, ..beside.clone() };
+    let balance = balance_of(&axis, recordings, &whole).ok()?;
+    let (start, _) = start_of(&axis, &balance);
+    let cut = entry::entered(&balance, &start, &mut beside.work(recordings))?;
+    let rows = cut.rows(&balance);
+    let (masks, resting) = (entry::with(beside.masks, &rows), entry::without(beside.resting, &rows));
+    let rest = Beside { masks: &masks, resting: &resting, ..beside.clone() };
+    let round = cut.round();
+    let case = answer::Case {
+        machine,
+        stated,
+        axis: &axis,
+        recordings,
+        balance: &balance,
+        start: &start,
+        rounds: std::slice::from_ref(&round),
+        stated_rest_n: 0.0,
+        notes: vec![
+            "What follows is of the rows without the cut: its force is none of the drive.".to_owned(),
+        ],
+        out_of_budget: false,
+    };
+    let in_air = diagnose(machine, stated, recordings, (rest, progress));
+    case.beside_cut(cut.fitted.model, in_air.ok())
+}
+
 /// Diagnoses one axis.
 pub(in crate::diagnosis) fn diagnose(
     machine: &Machine,
@@ -90,13 +143,14 @@ pub(in crate::diagnosis) fn diagnose(
     (beside, progress): (Beside<'_>, Progress<'_>),
 ) -> Result<Diagnosis, DiagnoseError> {
     progress(0.0, "aligning signals");
+    if let Some(answer) = beside_cut(machine, stated, recordings, &beside, progress) {
+        return Ok(answer);
+    }
     let axis = given::folded(stated);
-    let samples: usize = recordings.iter().map(Recording::len).sum();
-    let evaluations = SEARCH_SHARE * beside.budget_s * SAMPLES_PER_S / samples.max(1) as f64;
+    let mut work = beside.work(recordings);
     let balance = balance_of(&axis, recordings, &beside)?;
     let (start, notes) = start_of(&axis, &balance);
     let drive = subject::Drive::new(&balance);
-    let mut work = Work::new(evaluations as u64);
     let search = |share: f64, what: &str| progress(0.05 + 0.85 * share, what);
     let selected = select(&drive, start.clone(), REACH, &mut work, &search);
     progress(0.9, "writing the model, simulating the loop");

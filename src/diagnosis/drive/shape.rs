@@ -46,6 +46,8 @@ pub(super) enum Shape {
     EncoderDelay { extra_s: f64 },
     /// A cut: four harmonics and a mean, in a window, each recording with its own phases.
     Cut { hz: f64, start_s: f64, end_s: f64 },
+    /// The mean force of tools that cut in one recording while the spindle turns.
+    Push { recording: usize, spindle_hz: f64, start_s: f64, end_s: f64 },
     /// Cubic B-splines over the travel, with the direction or without.
     Map { pieces: usize, flips: bool },
     /// The same over the speed: no finding, but what a map over position must explain more than.
@@ -123,7 +125,23 @@ impl Hypothesis {
 
     /// True where each recording has columns of its own: nothing carries over to another recording.
     pub(super) fn is_of_one_recording(&self) -> bool {
-        matches!(self.shape, Shape::Cut { .. })
+        matches!(self.shape, Shape::Cut { .. } | Shape::Push { .. })
+    }
+
+    /// Begin and end of a cut, s since the recording began.
+    pub(super) fn window_s(&self) -> Option<[f64; 2]> {
+        match self.shape {
+            Shape::Cut { start_s, end_s, .. } | Shape::Push { start_s, end_s, .. } => Some([start_s, end_s]),
+            _ => None,
+        }
+    }
+
+    /// The same cut from `from_s` to `to_s`.
+    pub(super) fn within(mut self, [from_s, to_s]: [f64; 2]) -> Self {
+        if let Shape::Cut { start_s, end_s, .. } | Shape::Push { start_s, end_s, .. } = &mut self.shape {
+            (*start_s, *end_s) = (from_s, to_s);
+        }
+        self
     }
 
     /// Its constants, positive, those that are fitted by logarithmic steps.
@@ -145,7 +163,8 @@ impl Hypothesis {
             Shape::Loop { rad_s, .. } => vec![c(rad_s, 1.0, 1e6)],
             Shape::Cut { hz, .. } => vec![c(hz, 0.1, 1e4)],
             Shape::Smoothing { speed_m_s } => vec![c(speed_m_s, 1e-8, 1e3)],
-            Shape::Asymmetric
+            Shape::Push { .. }
+            | Shape::Asymmetric
             | Shape::AsymmetricViscous
             | Shape::Gravity
             | Shape::NonlinearViscosity

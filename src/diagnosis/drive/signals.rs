@@ -394,6 +394,11 @@ impl Signals {
         all.and_then(|hz| hz.first().copied())
     }
 
+    /// Seconds of the longest recording.
+    pub(super) fn longest_s(&self) -> f64 {
+        self.tracks.iter().map(|t| t.samples as f64 / t.rate_hz).fold(0.0, f64::max)
+    }
+
     /// Lengths of the thinned series.
     pub(super) fn lengths(&self) -> Vec<usize> {
         self.tracks.iter().map(Track::thin_count).collect()

@@ -31,7 +31,12 @@ pub(super) struct Drive<'a> {
 
 impl<'a> Drive<'a> {
     pub(super) fn new(balance: &'a Balance) -> Self {
-        Self { balance, chance: Mutex::new(0.0) }
+        Self::beside_chance(balance, 0.0)
+    }
+
+    /// With what chance has reached already.
+    pub(super) fn beside_chance(balance: &'a Balance, chance_nats: f64) -> Self {
+        Self { balance, chance: Mutex::new(chance_nats) }
     }
 
     fn chance_nats(&self) -> f64 {
@@ -64,7 +69,7 @@ impl<'a> Drive<'a> {
             (h, asked) = self.splits(state, h, asked, work);
         }
         (h, asked) = self.shortest_period(state, h, asked, work);
-        if let Shape::Cut { .. } = h.shape {
+        if h.window_s().is_some() {
             (h, asked) = self.edges(state, h, asked, work);
         }
         // Laws that are made of the numbers follow them as they move beside the law.
@@ -184,22 +189,36 @@ impl<'a> Drive<'a> {
         mut asked: Asked,
         work: &mut Work,
     ) -> (Hypothesis, Asked) {
-        for (by, which) in [0.3, 0.1, 0.04, 0.015].into_iter().flat_map(|by| [(by, 0), (by, 1)]) {
+        let last_s = self.balance.signals.longest_s();
+        let inside = |s: f64| s > 0.0 && s < last_s;
+        let Some(given) = h.window_s() else { return (h, asked) };
+        let steps = [0.3, 0.1, 0.04, 0.015].into_iter().flat_map(|by| [(by, 0), (by, 1)]);
+        for (by, which) in steps.filter(|(_, which)| inside(given[*which])) {
             for sign in [-1.0, 1.0] {
                 let mut step = sign * by;
-                while let Shape::Cut { hz, start_s, end_s } = h.shape {
-                    let mut ends = [start_s, end_s];
+                while let Some(mut ends) = h.window_s() {
                     ends[which] += step;
-                    if ends[1] - ends[0] < 0.1 || !work.take(1) {
+                    if ends[1] - ends[0] < 0.1 || !inside(ends[which]) || !work.take(1) {
                         break;
                     }
-                    let shape = Shape::Cut { hz, start_s: ends[0], end_s: ends[1] };
-                    let next = Hypothesis { shape, ..h };
+                    let next = h.within(ends);
                     let other = ask(self.balance, state, &next, false);
                     if other.score <= asked.score {
                         break;
                     }
                     (h, asked, step) = (next, other, 1.5 * step);
+                }
+            }
+        }
+        // A cut that ends inside of the recording has a number more.
+        let price = price(1, values(&asked.gram.sum(&self.balance.plan, Part::All)));
+        for (which, end_s) in [(0, 0.0), (1, last_s)] {
+            let Some(mut ends) = h.window_s() else { break };
+            if inside(std::mem::replace(&mut ends[which], end_s)) && work.take(1) {
+                let next = h.within(ends);
+                let other = ask(self.balance, state, &next, false);
+                if other.score > asked.score - price {
+                    (h, asked) = (next, other);
                 }
             }
         }

@@ -141,6 +141,12 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
             s.add("start_s", "s", start_s, 0.02);
             s.add("end_s", "s", end_s, 0.02);
         }
+        Shape::Push { spindle_hz, start_s, end_s, .. } => {
+            s.add("fundamental_hz", "Hz", spindle_hz, 0.0);
+            s.force("amplitude_n", "N", a(0), d(0));
+            s.add("start_s", "s", start_s, 1.0 / spindle_hz);
+            s.add("end_s", "s", end_s, 1.0 / spindle_hz);
+        }
         Shape::Smoothing { speed_m_s } => s.constant("friction_smoothing_m_s", "m/s", speed_m_s, r(0)),
     }
     s.list
