@@ -1,5 +1,6 @@
-//! Lines that the steps of an axis' encoders draw into its force: a travel at v over steps of d makes a line
-//! at v/d (thesis 2.4: a step is felt as a force by every observer that differentiates).
+//! Lines that the steps of an axis' encoders draw into its force: the error of a step, which an observer
+//! differentiates (Hayashi et al., IV, take it as white), repeats v/d times a second at a travel of v over
+//! steps of d.
 
 use super::criteria::{CRITERIA, WINDOWS};
 use crate::keyframe::keep;
