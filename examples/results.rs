@@ -9,6 +9,8 @@
 
 #[path = "../tests/suite/cut_streams.rs"]
 mod cut_streams;
+#[path = "../tests/suite/passes.rs"]
+mod passes;
 mod running;
 #[path = "../tests/suite/stream_score.rs"]
 mod stream_score;
@@ -21,12 +23,6 @@ use std::error::Error;
 use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
-use stillcut::avoidance::Mode;
-use stillcut::config::service::ServiceConfig;
-use stillcut::plant::scenario::{RawScenario, Scenario};
-use stillcut::simulation::closed_loop::{ClosedLoop, LoopEvent};
-use stillcut::simulation::lathe::{AXES, LatheSettings, PAUSE_S};
-use stillcut::units::SampleRate;
 
 type Done = Result<(), Box<dyn Error>>;
 
@@ -38,10 +34,11 @@ fn main() -> Done {
         reason = "a count from the command line"
     )]
     let whole = |name: &str, default: f64| number(name, default).max(1.0) as u64;
-    let (first, seeds) = (whole("--first-seed", 1.0), whole("--seeds", 0.0));
+    let (first, seeds) =
+        (whole("--first-seed", 1.0), whole("--seeds", if part == "chatter" { 20.0 } else { 1.0 }));
     head(&part);
     match part.as_str() {
-        "chatter" => chatter(first, if seeds > 1 { seeds } else { 20 }),
+        "chatter" => chatter(first, seeds),
         "diagnosis" => {
             let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/suite/feed-axis.toml");
             concealed(("--model", &model), first, seeds)
@@ -91,7 +88,7 @@ fn chatter(first: u64, seeds: u64) -> Done {
     println!("\nPasses of 20 s along the bar, 2 s of air between them, the turret in act:\n");
     println!("| seed | alarms at, s |\n|---|---|");
     for seed in first..first + seeds.min(8) {
-        let onsets: Vec<String> = passes(seed)?.iter().map(|t| format!("{t:.2}")).collect();
+        let onsets: Vec<String> = passes::onsets(seed, 50.0).iter().map(|t| format!("{t:.2}")).collect();
         println!("| {seed} | {} |", onsets.join(", "));
     }
     for more in [vec!["--cuts", "40"], vec!["--wide", "--cuts", "24"]] {
@@ -107,22 +104,6 @@ fn at(delays_s: &[f64], share: f64) -> String {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a place in a list")]
     let place = (share * delays_s.len() as f64) as usize;
     delays_s.get(place).map_or_else(|| "-".into(), |s| format!("{:.0}", 1e3 * s))
-}
-
-/// When chatter was told in 50 s of passes.
-fn passes(seed: u64) -> Result<Vec<f64>, Box<dyn Error>> {
-    let scenario = Scenario::new(&RawScenario { travel_m_s: -9.0e-3, ..RawScenario::default() })?;
-    let config = ServiceConfig { cut: scenario, ..ServiceConfig::default() };
-    let pipeline = config.pipeline_settings(SampleRate::new(9000.0)?, &AXES.map(str::to_owned));
-    let lathe = LatheSettings { pause_s: Some(PAUSE_S), ..LatheSettings::realistic(scenario, seed) };
-    let mut cut = ClosedLoop::new(lathe, pipeline, Mode::Act)?;
-    let mut onsets = Vec::new();
-    while cut.lathe().truth().t_s < 50.0 {
-        if let Some(LoopEvent::Onset(_)) = cut.step() {
-            onsets.push(cut.lathe().truth().t_s);
-        }
-    }
-    Ok(onsets)
 }
 
 /// `stillcut conceal`: what was hidden, how often it was named, and what a stated probability is worth.

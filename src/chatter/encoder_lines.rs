@@ -2,13 +2,13 @@
 //! differentiates (Hayashi et al., IV, take it as white), repeats v/d times a second at a travel of v over
 //! steps of d.
 
-use super::criteria::{CRITERIA, WINDOWS};
+use super::criteria::{CRITERIA, LONGEST, WINDOWS};
 use crate::keyframe::keep;
 
 /// A slice is as long as the shortest window, and begins so many times in its length.
 const BEGINS: usize = 4;
 /// Places that are remembered: those that the longest window hears, and a slice before it.
-const KEPT: usize = BEGINS * (WINDOWS[WINDOWS.len() - 1] / WINDOWS[0] + 1) + 1;
+const KEPT: usize = BEGINS * (LONGEST / WINDOWS[0] + 1) + 1;
 
 /// Where an axis stood, again and again.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -57,18 +57,13 @@ pub(super) struct Stand {
 keep!(Stand { place_m, since_s });
 
 impl Stand {
-    /// Takes where the axis is; whether it [`stands`](Self::stands).
+    /// Takes where the axis is; whether it has stayed there for as long as a change of the mean takes.
     pub(super) fn step(&mut self, motion: MotionSample, period_s: f64) -> bool {
         let place_m = motion.stage_position_m.or(motion.motor_travel_m).unwrap_or(0.0);
         if (place_m - self.place_m).abs() > Criteria::STANDS_M {
             *self = Self { place_m, since_s: 0.0 };
         }
         self.since_s += period_s;
-        self.stands()
-    }
-
-    /// Whether it has stood for as long as a change of the mean takes.
-    pub(super) fn stands(self) -> bool {
         self.since_s > Criteria::OVER as f64 * Criteria::SLICE_S
     }
 }

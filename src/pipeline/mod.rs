@@ -335,7 +335,7 @@ impl Pipeline {
         for (to, from) in forces.iter_mut().zip(estimates) {
             *to = *from;
         }
-        self.listen(t_s, forces, conditions)
+        self.listen(t_s, forces, true, conditions)
     }
 
     fn unchanged(&self, t_s: f64, fault: StreamFault) -> StepOutput {
@@ -411,10 +411,15 @@ impl Pipeline {
         let channels = &self.channels;
         let motion = |axis: usize| channels[axis].motion(axis, sample);
         let period_s = self.settings.sample_rate.period_s();
+        let mut turret_stands = true;
         for (axis, (channel, state)) in channels.iter().zip(&mut self.states).enumerate() {
-            let tells = channel.pushed != 0.0 && state.stand.step(motion(axis), period_s);
+            let (moved, of_turret) = (motion(axis), channel.pushed != 0.0);
+            let tells = of_turret && state.stand.step(moved, period_s);
+            turret_stands &= tells || !of_turret;
             self.monitor.listen_to_mean(&mut state.monitor, tells);
-            self.monitor.listen_to_travel(&mut state.monitor, channel.steps(motion(axis)));
+            if channel.watch {
+                self.monitor.listen_to_travel(&mut state.monitor, channel.steps(moved));
+            }
         }
         let estimates = self.observers.step(motion);
         forces.copy_from_slice(&estimates[..MAX_AXES]);
@@ -433,13 +438,14 @@ impl Pipeline {
             }
         }
         let conditions = self.conditions(sample);
-        self.listen(sample.t_s, forces, &conditions)
+        self.listen(sample.t_s, forces, turret_stands, &conditions)
     }
 
     fn listen(
         &mut self,
         t_s: f64,
         mut forces: [ForceEstimate; MAX_AXES],
+        turret_stands: bool,
         conditions: &CutConditions,
     ) -> StepOutput {
         self.clean_samples += 1;
@@ -477,11 +483,9 @@ impl Pipeline {
         }
         let chatter = self.agreement;
         let event = self.machine_event(&chatter, heard);
-        let turret = self.channels.iter().zip(&self.states).filter(|(channel, _)| channel.pushed != 0.0);
-        let stands = turret.map(|(_, state)| state.stand).all(Stand::stands);
         self.cutting.step(
             away_n,
-            stands,
+            turret_stands,
             self.settings.sample_rate.period_s(),
             event.as_ref().map(|(_, event)| event),
         );

@@ -1,13 +1,12 @@
 //! The loop closed in one process: chatter is heard, the turret moves, the chatter dies; in `observe` it lives.
 
+use super::passes::onsets;
 use super::pipeline::settings;
 use stillcut::avoidance::{CommandKind, Mode};
-use stillcut::config::service::ServiceConfig;
 use stillcut::plant::cutting::RawCutting;
 use stillcut::plant::scenario::{RawScenario, Scenario};
 use stillcut::simulation::closed_loop::{ClosedLoop, LoopEvent};
-use stillcut::simulation::lathe::{AXES, LatheSettings, PAUSE_S};
-use stillcut::units::SampleRate;
+use stillcut::simulation::lathe::LatheSettings;
 
 /// Radial vibration force on tool 1 about its mean, N2, over a stretch of time.
 fn power_n2(cut: &mut ClosedLoop, seconds: f64, log: &mut Vec<(f64, LoopEvent)>) -> f64 {
@@ -75,15 +74,6 @@ fn in_observe_nothing_moves_and_it_chatters_on() {
 /// The tools leave at the chuck, the axes slide back over the steps of their encoders, the tools enter again.
 #[test]
 fn neither_the_end_of_a_pass_nor_the_next_entry_is_chatter() {
-    let raw = RawScenario { travel_m_s: -9.0e-3, ..RawScenario::default() };
-    let scenario = Scenario::new(&raw).unwrap();
-    let lathe = LatheSettings { pause_s: Some(PAUSE_S), ..LatheSettings::realistic(scenario, 2) };
-    let config = ServiceConfig { cut: scenario, ..ServiceConfig::default() };
-    let pipeline = config.pipeline_settings(SampleRate::new(9000.0).unwrap(), &AXES.map(str::to_owned));
-    let mut cut = ClosedLoop::new(lathe, pipeline, Mode::Act).unwrap();
-    let mut log = Vec::new();
-    power_n2(&mut cut, 30.0, &mut log);
-    let onsets: Vec<f64> =
-        log.iter().filter(|(_, e)| matches!(e, LoopEvent::Onset(_))).map(|(t, _)| *t).collect();
+    let onsets = onsets(2, 30.0);
     assert!(onsets.len() == 1 && onsets[0] < 4.0, "{onsets:?}");
 }

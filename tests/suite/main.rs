@@ -44,6 +44,7 @@ mod model_axis;
 #[cfg(feature = "service")]
 mod page;
 mod parsers;
+mod passes;
 mod pipeline;
 mod real_machines;
 mod recording_faults;

@@ -38,7 +38,7 @@ pub(crate) fn observe(
     for stretch in &stretches.followed {
         let recording = &recordings[stretch.recording];
         // A line among those of the spindle is told from them by its innovations alone.
-        let line = SwellingLine::new(recording, stretch, known).filter(|_| !lines);
+        let line = (!lines).then(|| SwellingLine::new(recording, stretch, known)).flatten();
         let taken_hz = line.as_ref().map(SwellingLine::band_hz);
         if let Some(followed) = FollowedSpectra::new(recording, stretch, known, (lines, taken_hz)) {
             out.push(Box::new(followed));

@@ -59,10 +59,13 @@ impl Entered {
 impl Case<'_> {
     /// The answer of what is left without a cut, the cut before all else (`state`: the model with it).
     ///
-    /// `in_air`: `None` where too little was measured in motion without it. `None`: the mean of the
-    /// cut is not told.
-    pub(super) fn beside_cut(self, state: State, in_air: Option<Diagnosis>) -> Option<Diagnosis> {
-        let mut in_air = in_air.unwrap_or_else(|| self.nothing_else());
+    /// `in_air`: what is left, `None` where too little was measured in motion without the cut. `None`: the
+    /// mean of the cut is not told, and what is left was not asked.
+    pub(super) fn beside_cut(
+        self,
+        state: State,
+        in_air: impl FnOnce() -> Option<Diagnosis>,
+    ) -> Option<Diagnosis> {
         let left = rest(self.balance, &state);
         // How a cut's force varies about its mean is in the spectrum of what is left.
         let doubt = doubt(self.balance, &state, &Rest { force_n: 0.0, ..left.clone() });
@@ -70,6 +73,7 @@ impl Case<'_> {
         if !state.accepted.iter().zip(&doubt.laws).all(sized) {
             return None;
         }
+        let mut in_air = in_air().unwrap_or_else(|| self.nothing_else());
         let found = self.found(&state, &doubt, &[], Criteria::STANDARD.artefact_nats);
         let mut findings = self.findings(found, &left, self.heldout_n(&state, None));
         in_air.notes.extend(self.notes.iter().cloned());

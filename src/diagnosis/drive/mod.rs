@@ -95,6 +95,29 @@ fn start_of(axis: &AxisModel, balance: &state::Balance) -> (state::State, Vec<St
     (start, notes)
 }
 
+/// An answer before anything was asked. `[stated, axis]`: the axis as stated, and with its terms folded
+/// into keys.
+fn case_of<'a>(
+    machine: &'a Machine,
+    [stated, axis]: [&'a AxisModel; 2],
+    recordings: &'a [Recording],
+    balance: &'a state::Balance,
+    start: &'a state::State,
+) -> answer::Case<'a> {
+    answer::Case {
+        machine,
+        stated,
+        axis,
+        recordings,
+        balance,
+        start,
+        rounds: &[],
+        stated_rest_n: 0.0,
+        notes: Vec::new(),
+        out_of_budget: false,
+    }
+}
+
 /// The answer where tools cut in a part of a recording and the force alone tells of it: the cut, and what the
 /// rest says. At rest the balance of forces stands as it does in motion, and a load that comes is seen there.
 fn beside_cut(
@@ -118,21 +141,14 @@ fn beside_cut(
     let rest = Beside { masks: &masks, resting: &resting, ..beside.clone() };
     let round = cut.round();
     let case = answer::Case {
-        machine,
-        stated,
-        axis: &axis,
-        recordings,
-        balance: &balance,
-        start: &start,
         rounds: std::slice::from_ref(&round),
-        stated_rest_n: 0.0,
         notes: vec![
             "What follows is of the rows without the cut: its force is none of the drive.".to_owned(),
         ],
-        out_of_budget: false,
+        ..case_of(machine, [stated, &axis], recordings, &balance, &start)
     };
-    let in_air = diagnose(machine, stated, recordings, (rest, progress));
-    case.beside_cut(cut.fitted.model, in_air.ok())
+    let in_air = || diagnose(machine, stated, recordings, (rest, progress)).ok();
+    case.beside_cut(cut.fitted.model, in_air)
 }
 
 /// Diagnoses one axis.
@@ -155,16 +171,11 @@ pub(in crate::diagnosis) fn diagnose(
     let selected = select(&drive, start.clone(), REACH, &mut work, &search);
     progress(0.9, "writing the model, simulating the loop");
     let case = answer::Case {
-        machine,
-        stated,
-        axis: &axis,
-        recordings,
-        balance: &balance,
-        start: &start,
         rounds: &selected.rounds,
         stated_rest_n: given::stated_rest_n(&axis),
         notes,
         out_of_budget: selected.out_of_budget,
+        ..case_of(machine, [stated, &axis], recordings, &balance, &start)
     };
     let diagnosis = case.answer(selected.model);
     progress(1.0, "done");
