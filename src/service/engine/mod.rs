@@ -268,7 +268,9 @@ impl Engine {
         let heard = ports.status.drain(|status| self.take_status(status, began));
         self.notice_ports(outcome.and(heard), began);
         self.supervise(began);
-        self.decide(clock::now());
+        let deciding = clock::now();
+        self.notice_stall(deciding); // it may have been stopped in the midst of this wake
+        self.decide(deciding);
         if outcome_count > 0 {
             // From the wake on: what the samples waited before it nobody here can tell.
             self.setup.metrics.decision_latency_seconds.observe(began.elapsed().as_secs_f64());
