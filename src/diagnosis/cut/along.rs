@@ -92,8 +92,8 @@ fn inverse(response: Complex<f64>, f: f64) -> Complex<f64> {
     }
 }
 
-/// A series through a frequency response.
-fn filtered(x: &[f64], rate_hz: f64, gain: &dyn Fn(f64) -> Complex<f64>) -> Vec<f64> {
+/// A series through a frequency response, its ends led on.
+pub(crate) fn filtered(x: &[f64], rate_hz: f64, gain: &dyn Fn(f64) -> Complex<f64>) -> Vec<f64> {
     let n = x.len();
     if n == 0 {
         return Vec::new();

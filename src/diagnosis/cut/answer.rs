@@ -4,7 +4,7 @@ use super::super::result::{Alternative, Correction, Estimate, Verdict};
 use super::super::selection::{Fitted, Round, Selected, probabilities};
 use super::adequacy::whitened_power;
 use super::criteria::CRITERIA;
-use super::fit::Problem;
+use super::fit::{Problem, STEP};
 use super::laws::{Coordinate, Law, Term};
 use super::machine::{Number, Point};
 use super::observable::Every;
@@ -108,9 +108,6 @@ impl Posterior {
         Some([ends[0].min(ends[1]).min(value), ends[0].max(ends[1]).max(value)])
     }
 }
-
-/// Step of the slopes of parameters over coordinates.
-const STEP: f64 = 1e-4;
 
 /// Everything but what is foretold and what recordings alone can say.
 pub(crate) fn diagnosis(fitting: &Fitting<'_>) -> CutDiagnosis {

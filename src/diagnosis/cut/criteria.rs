@@ -14,17 +14,14 @@ pub(crate) struct Criteria {
     pub(crate) shortest_calm_s: f64,
     /// Shortest stretch that is followed in time, s: some hundred periods.
     pub(crate) shortest_followed_s: f64,
-    /// Left out after a change of condition, s: bar and surface have settled by then.
-    pub(crate) settling_s: f64,
     /// Pieces of loudness over the floor that are no random ringing: amplitudes of a narrow line are
     /// Rayleigh, 3.5 rms is passed once in 200 000.
     pub(crate) loud_floors: f64,
     /// Loudness that swells by more than this over a stretch is no stationary noise.
     pub(crate) swelling: f64,
-    /// Swing of a force over its mean beyond which contact may be lost (1) in between samples.
+    /// Swing of a force over its mean beyond which contact may be lost (1) in between samples, and slope of
+    /// the surface over the clearance beyond which the flank may rub (1).
     pub(crate) largest_swing: f64,
-    /// Slope of the surface over the clearance beyond which the flank may rub (1).
-    pub(crate) largest_slope: f64,
     /// Loudness over the loudest of a block up to which growing chatter is linear (the reference's).
     pub(crate) largest_of_loudest: f64,
     /// Accuracy of a followed force over its own amplitude: position and frequency move within a stretch.
@@ -68,7 +65,7 @@ pub(crate) struct Criteria {
     pub(crate) largest_size: f64,
     /// Standard deviations of a size from which on it is seen, and named.
     pub(crate) visible_sd: f64,
-    /// Cost of an evaluation, seconds of one core of 3 GHz a second of recording.
+    /// Cost of an evaluation, seconds of two cores of 3 GHz a second of recording.
     pub(crate) evaluation_s_per_s: f64,
     /// Cost of an evaluation, seconds of one core of 3 GHz a row of a table.
     pub(crate) evaluation_s_per_row: f64,
@@ -81,11 +78,9 @@ pub(crate) const CRITERIA: Criteria = Criteria {
     slow_hz: 4.0,
     shortest_calm_s: 0.4,
     shortest_followed_s: 0.15,
-    settling_s: 0.06,
     loud_floors: 3.5,
     swelling: 1.5,
     largest_swing: 0.75,
-    largest_slope: 0.75,
     largest_of_loudest: 0.4,
     followed_share: 0.02,
     order_bins: 1.2,
@@ -107,6 +102,6 @@ pub(crate) const CRITERIA: Criteria = Criteria {
     alive: 0.05,
     largest_size: 3.0,
     visible_sd: 5.0,
-    evaluation_s_per_s: 6e-4,
+    evaluation_s_per_s: 3e-4,
     evaluation_s_per_row: 1e-4,
 };

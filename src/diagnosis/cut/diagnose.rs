@@ -139,7 +139,7 @@ fn observed<'a>(
     (stretches, out)
 }
 
-/// Evaluations that fit into a budget: measured on one core of 3 GHz, half of it for what follows the search.
+/// Evaluations that fit into a budget: measured on two cores, half of it for what follows the search.
 fn evaluations(budget_s: f64, evidence: &CutEvidence<'_>) -> u64 {
     let seconds: f64 =
         evidence.recordings.iter().map(|r| r.len() as f64 / r.sample_rate.hz()).sum::<f64>().max(0.1);

@@ -11,7 +11,7 @@ use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::SQRT_2;
 
 /// Step of the difference quotients, in units of a coordinate.
-const STEP: f64 = 2e-3;
+pub(crate) const STEP: f64 = 2e-3;
 /// How often a fit to a table is searched coordinate by coordinate.
 const SWEEPS: usize = 6;
 /// A step of the fit is no longer than this in any coordinate.

@@ -236,13 +236,13 @@ impl FollowedSpectra {
             if taken_hz.is_some_and(|[from, to]| (from..to).contains(&f)) {
                 return false;
             }
-            let noise = self.noise(machine, random, lag.as_ref(), (f, stated));
+            let noise = self.place.noise(machine, random, (f, path(lag.as_ref(), f, stated)));
             let near = [-1.0, 0.0, 1.0].map(|d| Way::at(&cut, f + d * step));
             let known = random.map(|r| r * machine.random_1_hz(f));
             let own = [0.0; CHANNELS];
             self.taken.iter().all(|weights| {
                 let matrix = spectrum(&near, weights, &noise, known, own);
-                share_along(&self.place, &matrix, amplified(&cut, f), known) > RULING_SHARE
+                share_along(&self.place, &matrix, amplified(&cut, f), known) > 0.5
             })
         };
         let kept: Vec<bool> = self.bins.iter().map(|b| rules(b.frequency_hz, b.stated)).collect();
@@ -251,23 +251,6 @@ impl FollowedSpectra {
         (self.line_hz, self.line_in) = loudest.map_or((0.0, false), |(bin, kept)| (bin.frequency_hz, *kept));
         let mut keep = kept.iter();
         self.bins.retain(|_| keep.next().copied().unwrap_or(true));
-    }
-
-    /// Noise of both forces, as the signal's path undone shows it, and of the probe; one-sided. `at`:
-    /// frequency, and the low-pass as stated there.
-    fn noise(
-        &self,
-        machine: &Machine,
-        random: [f64; 2],
-        lag: Option<&SignalLag>,
-        (f, stated): (f64, Complex<f64>),
-    ) -> [f64; CHANNELS] {
-        let ([before, behind], folded) =
-            (self.place.sensor_n2_hz(machine, f), self.place.folded_1_hz(machine, f));
-        let path = lag.map_or(stated, |lag| stated * Place::signal_ratio(lag, f, stated));
-        let sensor = before + behind / path.norm_sqr();
-        let probe = (machine.noise.probe_m / PROBE_UNIT_M).powi(2) * 2.0 / self.place.rate.hz();
-        [sensor + random[0] * folded, sensor + random[1] * folded, probe]
     }
 
     /// Share of a bin in what a root right of the axis takes from the Jacobian.
@@ -284,6 +267,11 @@ impl FollowedSpectra {
         let window_s = self.shaped[0].len() as f64 / self.place.rate.hz();
         2.0 * growth_1_s * window_s * SHARE_OF_BINS / (TAPERS * self.bins.len().max(1)) as f64
     }
+}
+
+/// The signal's path by its lag, of the low-pass as stated at a frequency.
+fn path(lag: Option<&SignalLag>, f: f64, stated: Complex<f64>) -> Complex<f64> {
+    lag.map_or(stated, |lag| stated * Place::signal_ratio(lag, f, stated))
 }
 
 /// What noise of forces and probe becomes on the way to the innovations, at one frequency.
@@ -329,9 +317,6 @@ fn spectrum(
     }
     out
 }
-
-/// Share of the random force in what the bar amplifies from which on it rules.
-const RULING_SHARE: f64 = 0.5;
 
 /// A (1, -1): what the bar amplifies in the forces.
 fn amplified(cut: &CutLoop, f: f64) -> [Complex<f64>; 2] {
@@ -457,7 +442,7 @@ impl FollowedSpectra {
         let lag = self.place.lag(machine);
         for (at, near) in self.bins.iter().step_by(every.0).zip(&undone.ways) {
             let (k, f, power) = (at.index, at.frequency_hz, at.power);
-            let noise = self.noise(machine, random, lag.as_ref(), (f, at.stated));
+            let noise = self.place.noise(machine, random, (f, path(lag.as_ref(), f, at.stated)));
             let known = random.map(|r| r * machine.random_1_hz(f));
             for (t, weights) in self.taken.iter().enumerate() {
                 let own = [share * power[0], share * power[1], near[1].bar * share * (power[0] + power[1])];

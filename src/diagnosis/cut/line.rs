@@ -4,10 +4,10 @@
 //!
 //! Z(s) = v u'/(s - p) + rest,   F = v a + rest n + sensor,   a' = p a + u' n
 //!
-//! The forces are taken down from the line in blocks of half a turn, through a window of Hann whose noise is
-//! white from block to block; where the neighbouring lines lie, it passes half, and they count as noise. A
-//! Kalman filter foretells each block from those before it: -ln L is the sum over its innovations, exact for
-//! one mode, whether it swells or fades, and growth, frequency and the ratio of both tools' forces are in it.
+//! The forces are taken down from the line in blocks of a quarter of a turn, through a window of Hann whose
+//! noise is white from block to block; it passes half of the fourth of the neighbouring lines, all of which
+//! are modes beside it. A Kalman filter foretells each block from those before it: -ln L is the sum over its
+//! innovations, whether they swell or fade; growth, frequency and the ratio of both tools' forces are in it.
 //! Of the innovations of all forces ([`super::followed`]) this part is lost where the bar amplifies the
 //! sensor's noise; here that noise enters as what it is, noise of the sensor.
 
@@ -21,9 +21,12 @@ use super::stretches::{Stretch, condition, signal_response};
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::scenario::ToolCount;
 use crate::stability::{Root, cut_root_near};
-use nalgebra::{Complex, DMatrix, DVector, Matrix2, Vector2};
+use nalgebra::{Complex, Matrix2, RowVector2, Vector2};
 use rustfft::FftPlanner;
 use std::f64::consts::{PI, TAU};
+
+/// Places in a block at which what the random force adds is summed.
+const NODES: usize = 16;
 
 /// The line of one stretch.
 pub(crate) struct SwellingLine {
@@ -60,34 +63,37 @@ fn loudest_line(forces: &[&[f64]], rate_hz: f64, band_hz: [f64; 2]) -> f64 {
     (0..padded / 2).filter(inside).max_by(|a, b| power[*a].total_cmp(&power[*b])).map_or(0.0, at)
 }
 
-/// |W|^2 of a window of Hann of weight one, so many bins (1/length) off.
-fn passed(bins: f64) -> f64 {
-    let sinc = |x: f64| if x.abs() > 0.0 { (PI * x).sin() / (PI * x) } else { 1.0 };
-    (sinc(bins) + 0.5 * (sinc(bins - 1.0) + sinc(bins + 1.0))).powi(2)
+/// What a window of Hann of weight one and length L passes of exp(p t) about its middle; `through`: p L.
+fn passed(through: Complex<f64>) -> Complex<f64> {
+    let bare = |x: Complex<f64>| if x.norm() > 0.0 { x.sinh() / x } else { 1.0.into() };
+    let [x, bin] = [through * 0.5, Complex::new(0.0, PI)];
+    bare(x) + 0.5 * (bare(x + bin) + bare(x - bin))
 }
 
 /// Amplitudes of forces in blocks of `length` samples at a line of `line` periods a sample, the last one at
-/// the end; each with its middle, samples from that of all.
+/// the end; each with its middle, samples from that of all. Without their mean: a block is a few periods.
 fn blocks(forces: &[&[f64]], line: f64, length: usize) -> Vec<(f64, Vector2<Complex<f64>>)> {
     let n = forces[0].len();
+    let mean = |force: &[f64]| force.iter().sum::<f64>() / n as f64;
     let hann = |k: usize| (1.0 - (TAU * (k as f64 + 0.5) / length as f64).cos()) / length as f64;
     let weights: Vec<f64> = (0..length).map(|k| 2.0 * hann(k)).collect();
-    let taken = |force: &[f64], from: usize| -> Complex<f64> {
+    let taken = |force: &[f64], mean: f64, from: usize| -> Complex<f64> {
         let of = |(k, w): (usize, &f64)| {
-            Complex::from_polar(w * force[from + k], -TAU * (line * (from + k) as f64).fract())
+            Complex::from_polar(w * (force[from + k] - mean), -TAU * (line * (from + k) as f64).fract())
         };
         weights.iter().enumerate().map(of).sum()
     };
     let block = |from: usize| {
         let mut both = Vector2::zeros();
-        forces.iter().zip(both.iter_mut()).for_each(|(force, x)| *x = taken(force, from));
+        let means = forces.iter().map(|force| (force, mean(force)));
+        means.zip(both.iter_mut()).for_each(|((force, mean), x)| *x = taken(force, mean, from));
         (from as f64 + (length as f64 - n as f64) / 2.0, both)
     };
     (n % length..n).step_by(length).map(block).collect()
 }
 
 impl SwellingLine {
-    /// `None`: a force is not there, or the stretch is shorter than two turns.
+    /// `None`: a force is not there, or the stretch is shorter than a turn.
     pub(crate) fn new(recording: &CutRecording, stretch: &Stretch, known: &Reference) -> Option<Self> {
         let range = stretch.samples.clone();
         let rate = recording.sample_rate.hz();
@@ -100,7 +106,7 @@ impl SwellingLine {
             .iter()
             .filter_map(|j| recording.forces_n[*j].as_ref().map(|f| &f[range.clone()]))
             .collect();
-        let length = (0.5 * place.condition.turn_s() * rate).round() as usize;
+        let length = (0.25 * place.condition.turn_s() * rate).round() as usize;
         let two = known.machine.scenario.tools.count() == ToolCount::Two;
         if forces.len() != usize::from(two) + 1 || range.len() < 4 * length {
             return None;
@@ -137,7 +143,7 @@ impl SwellingLine {
         let cut = CutLoop::new(&machine.terms(&self.place.condition));
         let [from, to] = self.band_hz();
         let mut known = vec![line];
-        for orders in [-1.0, 1.0, -2.0, 2.0] {
+        for orders in [-1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0] {
             let frequency_hz = self.line_hz + orders / self.place.condition.turn_s();
             let Some(root) = cut_root_near(&cut, Root { growth_1_s: 0.0, frequency_hz }) else { continue };
             let inside = (from..to).contains(&root.frequency_hz);
@@ -192,32 +198,70 @@ impl SwellingLine {
         roots.into_iter().map(|root| Mode::at(cut, root)).collect()
     }
 
-    /// Covariance of what else than its modes is in a block.
-    fn rest(
-        &self,
-        machine: &Machine,
-        cut: &CutLoop,
+    /// What else than its modes the random force of each tool makes at a frequency.
+    fn beside(cut: &CutLoop, modes: &[Mode], frequency_hz: f64) -> [Vector2<Complex<f64>>; 2] {
+        let s = Complex::new(0.0, TAU * frequency_hz);
+        let z = cut.closed(s);
+        [0, 1].map(|j| {
+            let of_modes = modes.iter().map(|m| m.shape * (m.driven[j] / (s - m.root)));
+            of_modes.fold(column(&z, j), |own, mode| own - mode)
+        })
+    }
+}
+
+/// What the random force within a block adds, from its begin on: to the modes at its end, to the block
+/// itself, and to both.
+struct Added {
+    /// Row by row.
+    modes: Vec<Complex<f64>>,
+    block: Matrix2<Complex<f64>>,
+    /// Of each mode.
+    both: Vec<Row>,
+}
+
+/// One mode beside both forces.
+type Row = RowVector2<Complex<f64>>;
+
+impl Added {
+    /// By sums over a block. `over`: growth of each mode over it; `beside`: what each tool's force makes at
+    /// once, without modes; `density`: of the forces, two-sided.
+    fn of(
         modes: &[Mode],
-        random: [f64; 2],
-    ) -> Matrix2<Complex<f64>> {
-        let step_hz = 0.5 / self.block_s;
-        let mut rest = Matrix2::zeros();
-        // Three nulls either way: beyond, the window passes a thousandth.
-        for m in -6..=6 {
-            let f = self.line_hz + f64::from(m) * step_hz;
-            let s = Complex::new(0.0, TAU * f);
-            let z = cut.closed(s);
-            let weight = 2.0 * step_hz * passed(0.5 * f64::from(m));
-            let ([sensor, behind], folded) =
-                (self.place.sensor_n2_hz(machine, f), self.place.folded_1_hz(machine, f));
+        over: &[Complex<f64>],
+        block_s: f64,
+        beside: &[Vector2<Complex<f64>>; 2],
+        density: [f64; 2],
+    ) -> Self {
+        let n = modes.len();
+        let mut out = Self { modes: vec![ZERO; n * n], block: Matrix2::zeros(), both: vec![Row::zeros(); n] };
+        // The window takes of a mode what follows a push, to the end: summed from there.
+        let mut follows = vec![ZERO; n];
+        for node in (0..NODES).rev() {
+            let at = (node as f64 + 0.5) / NODES as f64;
+            let share = (1.0 - (TAU * at).cos()) / NODES as f64;
+            let taken: Vec<Complex<f64>> = follows.iter().map(|f| f + 0.5 * share).collect();
+            for (follows, over) in follows.iter_mut().zip(over) {
+                *follows = (*follows + share) * (over / NODES as f64).exp();
+            }
+            let remains: Vec<Complex<f64>> = over.iter().map(|over| (over * (1.0 - at)).exp()).collect();
             for j in 0..2 {
-                let of_modes = modes.iter().map(|m| m.shape * (m.driven[j] / (s - m.root)));
-                let own = of_modes.fold(column(&z, j), |own, mode| own - mode);
-                rest += own * own.adjoint() * Complex::new(weight * random[j] * machine.random_1_hz(f), 0.0);
-                rest[(j, j)] += weight * (sensor + behind / self.stated.norm_sqr() + random[j] * folded);
+                let width = Complex::new(density[j] * block_s / NODES as f64, 0.0);
+                let through = modes.iter().zip(&taken).map(|(m, taken)| m.shape * (m.driven[j] * taken));
+                let through: Vector2<Complex<f64>> = through.sum();
+                // Beside the modes a push shows at once.
+                let at_once = beside[j] * Complex::new(share * NODES as f64 / block_s, 0.0);
+                let all = through + at_once;
+                out.block += all * all.adjoint() * width;
+                for a in 0..n {
+                    let left = modes[a].driven[j] * remains[a] * width;
+                    out.both[a] += all.adjoint() * left;
+                    for b in 0..n {
+                        out.modes[a * n + b] += left * (modes[b].driven[j] * remains[b]).conj();
+                    }
+                }
             }
         }
-        rest
+        out
     }
 }
 
@@ -226,54 +270,69 @@ impl Observable for SwellingLine {
         let cut = CutLoop::new(&machine.terms(&self.place.condition));
         let modes = self.modes(&cut);
         let random = self.place.random(machine, &cut);
-        let mut rest = self.rest(machine, &cut, &modes, random);
         let channels = self.place.used.len();
-        if channels == 1 {
-            // The other tool is not there: what stands for it says nothing.
-            rest = Matrix2::from_diagonal(&rest.diagonal());
-        }
         let ratio = self
             .place
             .lag(machine)
             .map_or(Complex::new(1.0, 0.0), |lag| Place::signal_ratio(&lag, self.line_hz, self.stated));
         let n = modes.len();
-        let shapes = DMatrix::from_fn(2, n, |j, m| modes[m].shape[j] * ratio);
-        let density = random.map(|r| 2.0 * r * machine.random_1_hz(self.line_hz));
-        let driven = |a: usize, b: usize| -> Complex<f64> {
-            (0..2).map(|j| modes[a].driven[j] * modes[b].driven[j].conj() * density[j]).sum()
-        };
-        // On to the next block, by the roots and by what the random force adds meanwhile.
-        let off: Vec<Complex<f64>> =
+        // From the begin of a block to its end.
+        let over: Vec<Complex<f64>> =
             modes.iter().map(|m| (m.root - Complex::new(0.0, TAU * self.line_hz)) * self.block_s).collect();
-        let gathered = DMatrix::from_fn(n, n, |a, b| {
-            let both = off[a] + off[b].conj();
-            let over = if both.norm() > 1e-6 { (both.exp() - 1.0) / both } else { 1.0.into() };
-            driven(a, b) * over * self.block_s
-        });
-        let largest = self.blocks.iter().map(|b| b.1.norm_squared()).fold(0.0, f64::max);
-        let mut mean = DVector::from_element(n, ZERO);
-        let mut covariance = DMatrix::from_diagonal_element(n, n, Complex::new(largest, 0.0));
+        let shape = |(m, over): (&Mode, &Complex<f64>)| m.shape * (passed(*over) * (over * 0.5).exp());
+        let shapes: Vec<Vector2<Complex<f64>>> = modes.iter().zip(&over).map(shape).collect();
+        let density = random.map(|r| 2.0 * r * machine.random_1_hz(self.line_hz));
+        let beside = Self::beside(&cut, &modes, self.line_hz);
+        let added = Added::of(&modes, &over, self.block_s, &beside, density);
+        // A window of Hann is as wide as 1.5 bins; one-sided spectra, complex amplitudes.
+        let width_hz = 2.0 * 1.5 / self.block_s;
+        let [one, two, _] = self.place.noise(machine, random, (self.line_hz, self.stated * ratio));
+        let sensor = Vector2::new(one, two).map(|s| Complex::new(width_hz * s, 0.0));
+        let mut rest = added.block + Matrix2::from_diagonal(&sensor);
+        if channels == 1 {
+            // The other tool is not there: what stands for it says nothing.
+            rest = Matrix2::from_diagonal(&rest.diagonal());
+        }
+        // Where it begins nothing is known but how loud it is.
+        let begin = &self.blocks[..2];
+        let loud = begin.iter().map(|b| b.1.norm_squared()).sum::<f64>() / begin.len() as f64;
+        let mut mean = vec![ZERO; n];
+        let mut covariance = vec![ZERO; n * n];
+        (0..n).for_each(|m| covariance[m * (n + 1)] = loud.into());
         let mut bins = Vec::with_capacity(self.blocks.len());
+        let mut seen: Vec<Row> = vec![Row::zeros(); n];
         for (t_s, x) in &self.blocks {
+            let x = x / ratio;
             let own = CRITERIA.followed_share.powi(2) * x.norm_squared();
-            let noise = rest + Matrix2::from_diagonal_element(Complex::new(own, 0.0));
-            let spread = &shapes * &covariance * shapes.adjoint() + noise;
-            let error = x - &shapes * &mean;
-            bins.push(self.bin(&error, &spread));
-            let Some(inverse) = spread.try_inverse() else { continue };
-            let gain = &covariance * shapes.adjoint() * inverse;
-            mean += &gain * error;
-            // Joseph's form: no rounding makes it negative.
-            let left = DMatrix::identity(n, n) - &gain * &shapes;
-            covariance = &left * covariance * left.adjoint() + &gain * noise * gain.adjoint();
+            let mut spread = rest + Matrix2::from_diagonal_element(Complex::new(own, 0.0));
+            let mut error = x;
+            for m in 0..n {
+                let row = &covariance[m * n..(m + 1) * n];
+                seen[m] = row.iter().zip(&shapes).fold(Row::zeros(), |sum, (p, v)| sum + v.adjoint() * *p);
+                spread += shapes[m] * seen[m];
+                error -= shapes[m] * mean[m];
+            }
+            spread = (spread + spread.adjoint()) * Complex::new(0.5, 0.0);
+            bins.push(self.bin(&(error * ratio), &(spread * Complex::new(ratio.norm_sqr(), 0.0))));
             // The roots move as the tools travel.
             let moved = Complex::new(self.travelling.growth_1_s, TAU * self.travelling.frequency_hz)
-                * (t_s + 0.5 * self.block_s)
+                * *t_s
                 * self.block_s;
-            let on: Vec<Complex<f64>> = off.iter().map(|off| (off + moved).exp()).collect();
-            mean.iter_mut().zip(&on).for_each(|(a, on)| *a *= on);
-            covariance =
-                DMatrix::from_fn(n, n, |a, b| covariance[(a, b)] * on[a] * on[b].conj() + gathered[(a, b)]);
+            let on: Vec<Complex<f64>> = over.iter().map(|over| (over + moved).exp()).collect();
+            let inverse = spread.try_inverse().unwrap_or_else(Matrix2::zeros);
+            let both: Vec<Row> = (0..n).map(|m| seen[m] * on[m] + added.both[m]).collect();
+            let gain: Vec<Row> = both.iter().map(|both| both * inverse).collect();
+            for a in 0..n {
+                mean[a] = mean[a] * on[a] + (gain[a] * error)[0];
+                for b in 0..=a {
+                    let led = covariance[a * n + b] * on[a] * on[b].conj() + added.modes[a * n + b];
+                    let left = led - (gain[a] * both[b].adjoint())[0];
+                    covariance[a * n + b] = left;
+                    covariance[b * n + a] = left.conj();
+                }
+                // Hermitian, whatever rounding leaves.
+                covariance[a * n + a].im = 0.0;
+            }
         }
         Part::Bins { channels, bins: bins.into_iter().step_by(every.0).collect() }
     }
@@ -308,6 +367,15 @@ mod tests {
     use super::*;
     use crate::plant::cut_terms::CutCondition;
     use crate::stability::rightmost_cut_root;
+
+    /// The window passes all of what stands still, half of what is one bin off, nothing two bins off.
+    #[test]
+    fn a_window_passes_its_own_line() {
+        let off = |bins: f64| passed(Complex::new(0.0, TAU * bins));
+        for (bins, share) in [(0.0, 1.0), (1.0, 0.5), (-1.0, 0.5), (2.0, 0.0)] {
+            assert!((off(bins) - share).norm() < 1e-12, "{bins}: {}", off(bins));
+        }
+    }
 
     /// Forces that swell at the root of the cut and in its own ratio are foretold; those that swell by 10 1/s
     /// less, or 1 Hz beside it, are not.

@@ -40,7 +40,10 @@ pub(crate) fn observe(
         // A line among those of the spindle is told from them by its innovations alone.
         let line = (!lines).then(|| SwellingLine::new(recording, stretch, known)).flatten();
         let taken_hz = line.as_ref().map(SwellingLine::band_hz);
-        if let Some(followed) = FollowedSpectra::new(recording, stretch, known, (lines, taken_hz)) {
+        let seconds = stretch.samples.len() as f64 / recording.sample_rate.hz();
+        let long = seconds >= CRITERIA.shortest_followed_s;
+        let followed = long.then(|| FollowedSpectra::new(recording, stretch, known, (lines, taken_hz)));
+        if let Some(followed) = followed.flatten() {
             out.push(Box::new(followed));
         }
         if let Some(line) = line {

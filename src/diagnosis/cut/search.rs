@@ -402,8 +402,9 @@ impl Subject for Cut<'_> {
             match out.iter_mut().find(|s| s.hypothesis.law == promise.law) {
                 Some(known) => known.hypothesis.starts.push(promise.values),
                 None => out.push(Screened {
+                    // Asked before whatever promises less than a name.
                     promise_nats: if self.unscreened(promise.law) {
-                        f64::INFINITY
+                        self.level_nats()
                     } else {
                         promise.nats - Self::price_nats(promise.law)
                     },

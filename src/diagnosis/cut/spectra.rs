@@ -109,11 +109,20 @@ impl Place {
         cut.means().force_n.map(|f| (machine.noise.random_share * f).powi(2))
     }
 
-    /// Noise of the force signal before its filter and behind it, one-sided, N^2/Hz.
-    pub(super) fn sensor_n2_hz(&self, machine: &Machine, frequency_hz: f64) -> [f64; 2] {
+    /// Noise of both forces, as the signal's `path` undone shows it, what of their random part folds back
+    /// with it, and that of the probe; one-sided.
+    pub(super) fn noise(
+        &self,
+        machine: &Machine,
+        random: [f64; 2],
+        (f, path): (f64, Complex<f64>),
+    ) -> [f64; CHANNELS] {
         let noise = &machine.noise;
-        [noise.before_filter_n2_hz(frequency_hz), noise.behind_filter_n2_hz()]
-            .map(|s| s * self.sensor_level.powi(2))
+        let undone = noise.before_filter_n2_hz(f) + noise.behind_filter_n2_hz() / path.norm_sqr();
+        let sensor = undone * self.sensor_level.powi(2);
+        let folded = self.folded_1_hz(machine, f);
+        let probe = (noise.probe_m / PROBE_UNIT_M).powi(2) * 2.0 / self.rate.hz();
+        [sensor + random[0] * folded, sensor + random[1] * folded, probe]
     }
 
     /// Force signals in use.
@@ -122,7 +131,7 @@ impl Place {
     }
 
     /// What of the random force folds back from above half the rate, over its variance, 1/Hz.
-    pub(super) fn folded_1_hz(&self, machine: &Machine, f: f64) -> f64 {
+    fn folded_1_hz(&self, machine: &Machine, f: f64) -> f64 {
         let rate = self.rate.hz();
         // Three foldings: the next would add a hundredth of them.
         (1..=3)
@@ -371,16 +380,13 @@ impl CalmSpectra {
     fn seen(&self, bins: &[CalmBin], driven: &Driven, machine: &Machine) -> Part {
         let random = self.place.random(machine, &driven.cut);
         let lag = self.place.lag(machine);
-        let probe = (machine.noise.probe_m / PROBE_UNIT_M).powi(2) * 2.0 / self.place.rate.hz();
         let mut out = Vec::with_capacity(TAPERS * driven.bins.len());
         for (bin, driven) in bins.iter().step_by(driven.every.0).zip(&driven.bins) {
             let f = bin.frequency_hz;
-            let ([sensor, behind], folded) =
-                (self.place.sensor_n2_hz(machine, f), self.place.folded_1_hz(machine, f));
-            let behind = behind / bin.stated.norm_sqr();
-            let noise = [sensor + random[0] * folded, sensor + random[1] * folded, probe];
-            let known = random.map(|r| r * machine.random_1_hz(f));
             let ratio = lag.as_ref().map(|lag| Place::signal_ratio(lag, f, bin.stated));
+            let path = ratio.map_or(bin.stated, |ratio| bin.stated * ratio);
+            let noise = self.place.noise(machine, random, (f, path));
+            let known = random.map(|r| r * machine.random_1_hz(f));
             for (x, [one, two]) in bin.amplitudes.iter().zip(driven) {
                 let mut matrix = [[ZERO; CHANNELS]; CHANNELS];
                 for a in &self.place.used {
@@ -397,7 +403,6 @@ impl CalmSpectra {
                         }
                     }
                 }
-                (0..2).for_each(|force| matrix[force][force] += behind);
                 out.push(self.place.select(f, *x, &matrix));
             }
         }

@@ -7,15 +7,16 @@
 //!            (linear)   +-- contact may be lost: left out
 //! ```
 
+use super::along::filtered;
 use super::criteria::CRITERIA;
 use super::input::CutRecording;
+use super::observable::ZERO;
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::{CutCondition, CutTerms};
 use crate::plant::scenario::{Scenario, ToolCount};
 use crate::signal::butterworth::Butterworth;
 use crate::stability::rightmost_cut_root;
 use nalgebra::Complex;
-use rustfft::FftPlanner;
 use std::f64::consts::TAU;
 use std::ops::Range;
 
@@ -69,16 +70,26 @@ pub(crate) fn stated_filter(recording: &CutRecording) -> Option<Butterworth> {
 
 /// Band in which the forces of a recording say something, Hz.
 ///
-/// From below the bar up to where the signal's filter still leaves a third; where no filter is stated, to
-/// what a second mode may reach: three times the bar. Never beyond what the rate can hold.
+/// From below the bar up to where the signal's filter still leaves a third, and to where the lines of a cut
+/// may lie, above the bar; where no filter is stated, to what a second mode may reach: three times the bar.
+/// Never beyond what the rate can hold.
 pub(crate) fn band_hz(recording: &CutRecording, scenario: &Scenario) -> [f64; 2] {
     let natural = scenario.workpiece.bending_frequency_hz();
-    let widest = recording.signal.bandwidth_hz.map_or(3.3 * natural, |b| CRITERIA.to_bandwidths * b);
+    let corner = |b: f64| CRITERIA.to_bandwidths * b.max(natural);
+    let widest = recording.signal.bandwidth_hz.map_or(3.3 * natural, corner);
     [CRITERIA.from_hz.min(0.3 * natural), widest.min(0.4 * recording.sample_rate.hz())]
 }
 
+/// The oldest surface that a tool meets, s.
+fn longest_delay_s(at: &CutCondition, scenario: &Scenario) -> f64 {
+    match scenario.tools.count() {
+        ToolCount::One => at.turn_s(),
+        ToolCount::Two => at.turn_s() * (0.5 + at.pitch_difference_rad.abs() / (2.0 * TAU)),
+    }
+}
+
 /// Ranges of samples in which speed, pitch, feed and width stand still and the tools cut.
-pub(crate) fn constant(recording: &CutRecording, shortest: usize) -> Vec<Range<usize>> {
+pub(crate) fn constant(recording: &CutRecording) -> Vec<Range<usize>> {
     let (speed, pitch) = (&recording.spindle_speed_rpm, &recording.pitch_difference_rad);
     let (feed, width) = (&recording.feed_m_rev, &recording.width_m);
     // 1e-4 of itself, or 1e-4 rad: what single precision and the end of a smooth move leave.
@@ -98,7 +109,7 @@ pub(crate) fn constant(recording: &CutRecording, shortest: usize) -> Vec<Range<u
     let (mut out, mut begin) = (Vec::new(), 0);
     while begin < recording.len() {
         let end = (begin + 1..recording.len()).find(|b| !same(begin, *b)).unwrap_or(recording.len());
-        if end - begin >= shortest && width[begin] > 0.0 {
+        if width[begin] > 0.0 && !masked(begin) {
             out.push(begin..end);
         }
         begin = end;
@@ -110,6 +121,8 @@ pub(crate) fn constant(recording: &CutRecording, shortest: usize) -> Vec<Range<u
 struct Banded {
     /// Force of each tool, without the signal's filter and delay.
     forces_n: [Vec<f64>; 2],
+    /// The same from nought up.
+    whole_n: [Vec<f64>; 2],
     /// |F1|^2 + |F2|^2 summed over pieces, its root: loudness.
     loudness_n: Vec<f64>,
     /// Speed of the bar at the tools over surface speed: slope of the surface.
@@ -129,41 +142,35 @@ impl Banded {
         // From the bar's first bending up: a second mode or a holder chatters as well.
         let band = [0.75 * natural, (3.3 * natural).min(band_hz(recording, scenario)[1])];
         let filter = stated_filter(recording);
-        let mut planner = FftPlanner::new();
-        let (forward, inverse) = (planner.plan_fft_forward(n), planner.plan_fft_inverse(n));
-        let zero = Complex::new(0.0, 0.0);
         let mid = condition(recording, n / 2, scenario);
         let bar = CutLoop::new(&CutTerms::of(scenario, &mid));
-        let mut motion = vec![zero; n];
-        let forces_n = [0, 1].map(|tool| {
-            let mut x: Vec<Complex<f64>> = match &recording.forces_n[tool] {
-                Some(force) => force.iter().map(|v| Complex::new(*v, 0.0)).collect(),
-                None => vec![zero; n],
-            };
-            forward.process(&mut x);
-            for k in 0..n {
-                let f = k as f64 * rate / n as f64;
-                if f >= band[0] && f <= band[1] && 2 * k < n {
-                    let e = signal_response(filter.as_ref(), recording.signal.delay_s, f);
-                    // One-sided, doubled: the real part of the inverse is the signal.
-                    x[k] *= e.finv() * (2.0 / n as f64);
-                    let s = Complex::new(0.0, TAU * f);
-                    let sign = if tool == 0 { -1.0 } else { 1.0 };
-                    motion[k] += bar.bar_response(s) * s * x[k] * sign;
+        let undone_from = |from: f64| {
+            let undone = |f: f64| {
+                let inside = f >= from && f <= band[1];
+                if inside {
+                    signal_response(filter.as_ref(), recording.signal.delay_s, f).finv()
                 } else {
-                    x[k] = zero;
+                    ZERO
                 }
-            }
-            inverse.process(&mut x);
-            x.iter().map(|v| v.re).collect::<Vec<f64>>()
-        });
-        inverse.process(&mut motion);
+            };
+            [0, 1].map(|tool| match &recording.forces_n[tool] {
+                Some(force) => filtered(force, rate, &undone),
+                None => vec![0.0; n],
+            })
+        };
+        let (forces_n, whole_n) = (undone_from(band[0]), undone_from(0.0));
+        let driving: Vec<f64> = forces_n[1].iter().zip(&forces_n[0]).map(|(two, one)| two - one).collect();
+        let moved = |f: f64| {
+            let s = Complex::new(0.0, TAU * f);
+            bar.bar_response(s) * s
+        };
+        let motion = filtered(&driving, rate, &moved);
         // The bar gives way as the square of its shape; the tools travel and jump.
         let shape = |at: f64| scenario.workpiece.mode_shape(at).powi(2).max(1e-6);
         let own = shape(mid.position_m);
-        let slope_of = |(k, v): (usize, &Complex<f64>)| {
+        let slope_of = |(k, v): (usize, &f64)| {
             let at = condition(recording, k, scenario);
-            v.re * shape(at.position_m) / own / at.surface_speed_m_s()
+            v * shape(at.position_m) / own / at.surface_speed_m_s()
         };
         let slope = motion.iter().enumerate().map(slope_of).collect();
         let length = ((PIECE_S * rate).round() as usize).max(1);
@@ -174,7 +181,7 @@ impl Banded {
                 (power / piece.len() as f64).sqrt()
             })
             .collect();
-        Self { forces_n, loudness_n, slope, piece: length }
+        Self { forces_n, whole_n, loudness_n, slope, piece: length }
     }
 
     /// Loudness of the pieces inside of a range.
@@ -203,10 +210,12 @@ pub(crate) fn divide(recordings: &[CutRecording], scenario: &Scenario) -> Stretc
     let mut blocks = Vec::new();
     for (index, recording) in recordings.iter().enumerate() {
         let rate = recording.sample_rate.hz();
-        let left_out = ((CRITERIA.settling_s + recording.signal.delay_s) * rate).ceil() as usize;
-        let shortest = left_out + (CRITERIA.shortest_followed_s * rate) as usize;
-        for range in constant(recording, shortest) {
-            blocks.push(Stretch { recording: index, samples: range.start + left_out..range.end });
+        for range in constant(recording) {
+            let met_s = longest_delay_s(&condition(recording, range.start, scenario), scenario);
+            let left_out = ((met_s + recording.signal.delay_s) * rate).ceil() as usize;
+            if left_out < range.len() {
+                blocks.push(Stretch { recording: index, samples: range.start + left_out..range.end });
+            }
         }
     }
     // The floor grows with the force: loudness over the mean force, the quietest fifth of the stretches.
@@ -242,20 +251,25 @@ fn split(
     let loud = |p: &usize| banded.loudness_n[*p] > loud_n;
     let pieces = range.start.div_ceil(banded.piece)..(range.end / banded.piece).min(banded.loudness_n.len());
     let fading = (fading_s(recording, range.start, scenario) * rate) as usize;
-    let after_loud = pieces.rev().find(loud).map_or(range.start, |p| (p + 1) * banded.piece + fading);
+    // A calm cut meets what was cut while its own condition held, and so did that.
+    let settled = range.start
+        + (longest_delay_s(&condition(recording, range.start, scenario), scenario) * rate) as usize;
+    let after_loud =
+        pieces.rev().find(loud).map_or(settled, |p| ((p + 1) * banded.piece + fading).max(settled));
     let mut rest = range.clone();
     // What rings as loud all the time is stationary too, and no calm cut: contact is lost in it.
     let quiet = after_loud.min(range.end)..range.end;
-    let last = linear(&quiet, recording, banded, scenario).pop();
+    let own = (range.start, loud_n);
+    let last = linear(&quiet, recording, banded, (own, scenario)).pop();
     let tail = last.filter(|t| t.end == range.end).unwrap_or(range.end..range.end);
     if tail.len() as f64 >= CRITERIA.shortest_calm_s * rate && !swells(banded.loudness(&tail)) {
         rest.end = tail.start;
         out.calm.push(Stretch { recording: block.recording, samples: tail });
     }
-    let linear = linear(&rest, recording, banded, scenario);
+    let linear = linear(&rest, recording, banded, (own, scenario));
     for linear in linear.into_iter().flat_map(|part| growing(&part, &range, banded, loud_n)) {
-        let long = linear.len() as f64 >= CRITERIA.shortest_followed_s * rate;
-        if long && banded.loudness(&linear).iter().any(|l| *l > loud_n) {
+        let turn = condition(recording, linear.start, scenario).turn_s() * rate;
+        if linear.len() as f64 >= turn {
             out.followed.push(Stretch { recording: block.recording, samples: linear });
         }
     }
@@ -300,12 +314,13 @@ fn runs(range: &Range<usize>, turn: usize, good: impl Fn(usize) -> bool) -> Vec<
     out
 }
 
-/// Parts of a range in which, and for a turn before, no contact is lost and no flank rubs.
+/// Parts of a range in which, and for a turn before, no contact is lost and no flank rubs, and nothing was
+/// loud under another condition: the wave that it left is none of this cut's.
 fn linear(
     range: &Range<usize>,
     recording: &CutRecording,
     banded: &Banded,
-    scenario: &Scenario,
+    ((own_from, loud_n), scenario): ((usize, f64), &Scenario),
 ) -> Vec<Range<usize>> {
     if range.is_empty() {
         return Vec::new();
@@ -320,11 +335,17 @@ fn linear(
         let force = recording.forces_n[j].as_ref().map(|f| &f[range.clone()]);
         force.map_or(f64::INFINITY, |f| f.iter().sum::<f64>() / f.len() as f64)
     };
-    let largest_n = [0, 1].map(|j| CRITERIA.largest_swing * model_n[j].min(recorded_n(j)));
-    let steep = CRITERIA.largest_slope * scenario.cutting.raw().clearance_rad.tan();
+    let mean_n = [0, 1].map(|j| model_n[j].min(recorded_n(j)));
+    let steep = CRITERIA.largest_swing * scenario.cutting.raw().clearance_rad.tan();
     runs(range, turn, |k| {
-        let swing = |j: usize| banded.forces_n[j][k].abs() < largest_n[j];
-        (0..tools).all(swing) && banded.slope[k].abs() < steep
+        // A tool that is out of the cut for a while does not swing.
+        let swing = |j: usize| {
+            recording.forces_n[j].is_none()
+                || (banded.forces_n[j][k].abs() < CRITERIA.largest_swing * mean_n[j]
+                    && banded.whole_n[j][k] > (1.0 - CRITERIA.largest_swing) * mean_n[j])
+        };
+        let left_n = banded.loudness_n.get(k / banded.piece).copied().unwrap_or(0.0);
+        (k >= own_from || left_n <= loud_n) && (0..tools).all(swing) && banded.slope[k].abs() < steep
     })
 }
 
@@ -340,8 +361,8 @@ mod tests {
         let cuts = recording(&scenario, 1.0, |_| [50.0, 50.0]);
         let mut masked = vec![false; cuts.len()];
         masked[4000..4100].fill(true);
-        assert_eq!(constant(&cuts, 100), [0..9000]);
-        assert_eq!(constant(&cuts.with_masked(masked), 100), [0..4000, 4100..9000]);
+        assert_eq!(constant(&cuts), [0..9000]);
+        assert_eq!(constant(&cuts.with_masked(masked)), [0..4000, 4100..9000]);
     }
 
     /// The band is that of the signal, not of one machine: it follows filter, bar and rate.
