@@ -4,7 +4,7 @@
 
 use super::DiagnoseError;
 use super::drive::Mask;
-use super::drive::recorded::{is_locked, motor_position, position, span, thrust};
+use super::drive::recorded::{is_locked, position, span, thrust};
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use crate::signal::inner_products::dot;
@@ -153,52 +153,6 @@ impl<'a> Look<'a> {
     }
 }
 
-/// Where one encoder repeats its samples while the other moves further than the screw can be stretched.
-pub(super) fn frozen(axis: &AxisModel, recordings: &[Recording]) -> Vec<String> {
-    let d = &axis.drive;
-    let of = |recording: &Recording| {
-        let stage_m = recording.get(&format!("{}_stage_position_m", axis.name))?;
-        let (motor_m, thrust_n) =
-            (motor_position(axis, recording)?, thrust(axis, recording).ok()?.reference_n);
-        if d.axial_stiffness_n_m() <= 0.0 || is_locked(axis, recording) {
-            return None;
-        }
-        let steps_m = d.motor_encoder_resolution_m() + d.stage_encoder_resolution_m();
-        let least_m = span(&thrust_n) / d.axial_stiffness_n_m() + STEPS * steps_m;
-        let sides = [("motor", &motor_m[..], "stage", stage_m), ("stage", stage_m, "motor", &motor_m[..])];
-        sides.into_iter().find_map(|(still, own, other, moving)| {
-            let (first, last) = longest_run(own);
-            let moved_m = span(&moving[first..=last]);
-            (moved_m > least_m).then(|| {
-                format!(
-                    "{}: the {still}'s encoder repeats one value from {:.4} s to {:.4} s while the {other} \
-                     moves by {:.3} mm; no screw is stretched so far: these samples are not measured.",
-                    recording.experiment,
-                    recording.time_s(first),
-                    recording.time_s(last),
-                    1e3 * moved_m
-                )
-            })
-        })
-    };
-    recordings.iter().filter_map(of).collect()
-}
-
-/// First and last sample of the longest run of equal values.
-fn longest_run(x: &[f64]) -> (usize, usize) {
-    let mut best = (0, 0);
-    let mut first = 0;
-    for k in 1..x.len() {
-        if x[k] != x[first] {
-            first = k;
-        }
-        if k - first > best.1 - best.0 {
-            best = (first, k);
-        }
-    }
-    best
-}
-
 /// Means of consecutive blocks, about their own mean.
 fn blocks(x: &[f64], block: usize) -> Vec<f64> {
     let origin = x.first().copied().unwrap_or(0.0);
@@ -274,44 +228,6 @@ mod tests {
             metadata: Vec::new(),
         };
         check(&axis, &[recording], &[])
-    }
-
-    #[test]
-    fn an_encoder_that_repeats_itself_in_motion_is_told() {
-        let raw = RawDriveParams {
-            rotary_inertia_kg_m2: Some(1e-6),
-            screw_lead_m: Some(std::f64::consts::TAU),
-            movable_mass_kg: Some(10.0),
-            torque_constant_nm_a: Some(1.0),
-            axial_stiffness_n_m: Some(1e7),
-            ..Default::default()
-        };
-        let drive = DriveParams::new(raw).unwrap();
-        let axis = AxisModel { name: "x".into(), drive, controller: None, physics: Vec::new() };
-        let told = |held: std::ops::Range<usize>| {
-            let stage: Vec<f64> = (0..1000).map(|k| f64::from(k) * 1e-5).collect();
-            let mut motor = stage.clone();
-            let value = motor[held.start];
-            motor[held].fill(value);
-            let columns = [
-                ("x_current_ref_a", vec![1.0; 1000]),
-                ("x_motor_angle_rad", motor),
-                ("x_stage_position_m", stage),
-            ];
-            let recording = Recording {
-                sample_rate: SampleRate::new(1000.0).unwrap(),
-                experiment: "moves".into(),
-                axes: vec!["x".into()],
-                columns: columns.map(|(name, values)| Column { name: name.into(), values }).to_vec(),
-                start_s: 0.0,
-                metadata: vec![],
-            };
-            frozen(&axis, &[recording])
-        };
-        assert_eq!(told(500..501), Vec::<String>::new());
-        let said = told(500..600);
-        assert!(said.len() == 1 && said[0].contains("from 0.5000 s to 0.5990 s"), "{said:?}");
-        assert!(said[0].contains("the stage moves by 0.990 mm"), "{said:?}");
     }
 
     #[test]

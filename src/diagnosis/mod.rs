@@ -210,7 +210,6 @@ pub fn diagnose_with(
             Ok(mut diagnosis) => {
                 diagnosis.notes.extend(cuts.notes);
                 diagnosis.notes.extend(not_looked_at(axis, &axes[k + 1..], &refused, &recordings[0].axes));
-                diagnosis.notes.extend(first_look::frozen(axis, recordings));
                 return Ok(diagnosis);
             }
             // Nothing to be told of this one; another may move.

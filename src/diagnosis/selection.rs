@@ -114,6 +114,12 @@ pub(crate) struct Reach {
     pub(crate) fitted: usize,
 }
 
+impl Default for Reach {
+    fn default() -> Self {
+        Self { most_findings: 4, fitted: 5 }
+    }
+}
+
 /// One round: what was fitted, best first, and whether its first was taken up.
 #[derive(Debug, Clone)]
 pub(crate) struct Round<H, M> {
@@ -243,11 +249,9 @@ mod tests {
         }
     }
 
-    const REACH: Reach = Reach { most_findings: 4, fitted: 5 };
-
     #[test]
     fn only_what_exceeds_the_level_and_ends_at_no_bound_is_taken_up() {
-        let out = select(&Toy, Vec::new(), REACH, &mut Work::new(1000), &|_, _| {});
+        let out = select(&Toy, Vec::new(), Reach::default(), &mut Work::new(1000), &|_, _| {});
         assert_eq!(out.model, [2]);
         assert_eq!(out.rounds.iter().map(|r| r.accepted).collect::<Vec<_>>(), [true, false]);
         assert!(!out.out_of_budget);
@@ -255,7 +259,7 @@ mod tests {
 
     #[test]
     fn a_spent_budget_keeps_what_was_found() {
-        let out = select(&Toy, Vec::new(), REACH, &mut Work::new(9), &|_, _| {});
+        let out = select(&Toy, Vec::new(), Reach::default(), &mut Work::new(9), &|_, _| {});
         assert_eq!(out.model, [2]);
         assert!(out.out_of_budget);
     }

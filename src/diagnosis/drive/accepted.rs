@@ -36,7 +36,10 @@ impl Accepted {
     /// True for a law that is made of numbers of the structure, all of its size in its shape.
     pub(super) fn moves_with_numbers(&self) -> bool {
         self.given.is_none()
-            && matches!(self.hypothesis.shape, Shape::Torsion { .. } | Shape::Backlash { .. })
+            && matches!(
+                self.hypothesis.shape,
+                Shape::Torsion { .. } | Shape::Backlash { .. } | Shape::Gap { .. }
+            )
     }
 
     /// Coefficients that it has in a fit.
@@ -68,14 +71,7 @@ pub(super) fn moved_laws(ground: &Ground<'_>, accepted: &[Accepted]) -> Vec<(Num
     let here = columns(ground);
     let of = |number: Number| -> Option<(Number, f64, TimeColumn)> {
         let mut there = *ground;
-        let m = &mut there.mechanics;
-        let value = match number {
-            Number::MotorMass => &mut m.motor_mass_kg,
-            Number::Stiffness => &mut m.stiffness_n_m,
-            Number::StructuralDamping => &mut m.structural_damping_n_s_m,
-            Number::Zero => &mut m.spring_zero_n,
-            _ => return None,
-        };
+        let value = there.mechanics.of_mut(number)?;
         let (now, by) = (*value, DIFFERENCE * *value);
         *value += by;
         let there = columns(&there);

@@ -2,15 +2,17 @@
 
 use super::closed_loop::closed_loop;
 use super::criteria::{Criteria, Z95};
-use super::evidence::least_seen_n;
+use super::evidence::{least_seen_n, level};
 use super::gram::Part;
-use super::model::is_other_size;
+use super::model::{LINEAR, is_other_size};
 use super::numbers::{Absent, Doubt, absent, corrections, doubt, stated_beta, without};
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Accepted, Balance, Number, State};
-use super::words::{domain, equation, estimates, next_experiment, scale_deviation, statement, term};
+use super::words::{
+    Deviations, domain, equation, estimates, next_experiment, scale_deviation, statement, term,
+};
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
     Alternative, Contribution, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit, Location,
@@ -73,22 +75,26 @@ fn doubt_of(balance: &Balance, state: &State) -> Doubt {
     doubt(balance, state, &rest(balance, state))
 }
 
-/// Drops laws that the recordings do not determine; what is left is built anew.
+/// Drops laws that the recordings do not determine; what is left is built anew. Of two that stand for one
+/// another neither is determined: the one goes that the other does without at the least loss.
 pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, Rest) {
     loop {
         let left = rest(balance, &state);
         let doubt = doubt(balance, &state, &left);
-        let vague = state.accepted.iter().zip(&doubt.laws).position(|(a, d)| {
+        let is_vague = |(a, d): (&Accepted, &Deviations)| {
             let vague =
                 d.constants.iter().any(|c| *c > UNDETERMINED) || !is_other_than_zero(a, &d.amplitudes);
             let third = matches!(a.hypothesis.shape, Shape::Torsion { .. });
             a.given.is_none() && (vague && !third || a.hypothesis.is_at_bound())
+        };
+        let pairs = state.accepted.iter().zip(&doubt.laws).enumerate();
+        let without = pairs.filter(|(_, pair)| is_vague(*pair)).map(|(k, _)| {
+            let mut others = state.clone();
+            others.accepted.remove(k);
+            others.rebuilt(balance)
         });
-        match vague {
-            Some(k) => {
-                state.accepted.remove(k);
-                state = state.rebuilt(balance);
-            }
+        match without.min_by(|a, b| a.base.fit.nats.total_cmp(&b.base.fit.nats)) {
+            Some(others) => state = others,
             None => return (state, doubt, left),
         }
     }
@@ -103,7 +109,7 @@ impl Case<'_> {
             .rounds
             .last()
             .and_then(|r| r.fitted.first())
-            .map_or(Criteria::STANDARD.artefact_nats, |f| f.level_nats);
+            .map_or(level(&state, (1, 0.0)), |f| f.level_nats);
         let absent = absent(balance, &state, &doubt, level);
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.encoder_steps());
@@ -259,9 +265,9 @@ impl Case<'_> {
         }
         list.extend(self.found_in_path(state, doubt));
         let scale = scale_deviation(balance);
-        for a in absent {
-            let name = if a.effect == EffectKind::CoulombFriction { "force_n" } else { "n_s_m" };
-            let unit = if a.effect == EffectKind::CoulombFriction { "N" } else { "N s/m" };
+        for a in absent.iter().filter(|a| a.value > Z95 * a.deviation) {
+            let dry = a.effect == EffectKind::CoulombFriction;
+            let (name, unit) = if dry { ("force_n", "N") } else { ("n_s_m", "N s/m") };
             let half = Z95 * a.deviation.hypot(scale * a.value);
             let estimate = Estimate {
                 name: name.to_owned(),
@@ -320,7 +326,7 @@ impl Case<'_> {
         let mut list = Vec::new();
         for (shape, effect, deviation) in shapes {
             let law = Accepted::found(Hypothesis::named(effect, Port::Current, shape), vec![1.0]);
-            let sd = super::words::Deviations { amplitudes: vec![0.0], constants: vec![deviation] };
+            let sd = Deviations { amplitudes: vec![0.0], constants: vec![deviation] };
             let estimates = estimates(balance, state, &law, &sd);
             let (evidence_nats, level_nats) = self.evidence_of(effect, Port::Current);
             list.push(Found {
@@ -406,6 +412,7 @@ impl Case<'_> {
     /// Steps of encoders that are coarser than stated.
     fn encoder_steps(&self) -> Vec<Found> {
         let axis = self.axis;
+        let level_nats = level(self.start, (1, 0.0));
         let side = |port: Port, recording: &Recording| match port {
             Port::MotorEncoder => super::recorded::motor_position(axis, recording),
             _ => super::recorded::stage_position(axis, recording).map(<[f64]>::to_vec),
@@ -447,8 +454,8 @@ impl Case<'_> {
                     port,
                     parameters: vec![("step_m".to_owned(), ParameterValue::Number(step))],
                 },
-                evidence_nats: 10.0 * Criteria::STANDARD.artefact_nats,
-                level_nats: Criteria::STANDARD.artefact_nats,
+                evidence_nats: 10.0 * level_nats,
+                level_nats,
                 contribution: contribution.collect(),
                 without_n: 0.0,
             })
@@ -475,19 +482,8 @@ impl Case<'_> {
 
     /// The key of a stated law that its size is in.
     fn size_of(&self, index: usize) -> Option<(&'static str, f64)> {
-        const SIZES: [&str; 9] = [
-            "amplitude_n",
-            "amplitude_m",
-            "force_n",
-            "stribeck_force_n",
-            "force_difference_n",
-            "n_s2_m2",
-            "cubic_n_m3",
-            "relative_change",
-            "relative_variation",
-        ];
         let term = &self.axis.physics[index];
-        SIZES.iter().find_map(|key| term.number(key).map(|value| (*key, value)))
+        LINEAR.iter().find_map(|key| term.number(key).map(|value| (*key, value)))
     }
 
     pub(super) fn location(

@@ -2,7 +2,7 @@
 //! where what is left has peaks.
 
 use super::criteria::Criteria;
-use super::shape::{Hypothesis, Shape};
+use super::shape::{Hypothesis, Over, Shape};
 use super::signals::Layout;
 use super::state::{Balance, State, residual};
 use crate::plant::effects::{EffectKind as E, Port};
@@ -69,8 +69,16 @@ fn frictions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     let least = Criteria::STANDARD.turning * vs;
     let top = (0.3 * fastest).clamp(2.0 * least, 16.0 * least);
     list.extend(grid(least, top, 6).map(|v| at(E::StribeckFriction, Shape::Stribeck { speed_m_s: v })));
-    let least_m = 1e-6_f64.max(4.0 * s.steps_m[last]).min(0.1 * (high - low));
-    let (most_m, count) = if one { (0.25 * (high - low), 10) } else { (32.0 * least_m, 6) };
+    let least_m = s.least_way_m(last);
+    // Of what is held friction's bristle is in the train, and no softer.
+    let held_m = state.coulomb_n() / balance.drive.axial_stiffness_n_m();
+    let (most_m, count) = if s.layout == Layout::Locked {
+        (held_m, 6)
+    } else if one {
+        (0.25 * (high - low), 10)
+    } else {
+        (32.0 * least_m, 6)
+    };
     list.extend(
         grid(least_m, most_m.max(2.0 * least_m), count)
             .map(|x| at(E::PreslidingFriction, Shape::Presliding { yield_m: x })),
@@ -148,20 +156,34 @@ fn plays(balance: &Balance) -> impl Iterator<Item = Hypothesis> + use<> {
     })
 }
 
+/// Gaps of a stage that is held, over the travel of the motor.
+pub(super) fn gaps(balance: &Balance) -> impl Iterator<Item = Shape> + use<> {
+    let [low, high] = balance.signals.travel_m();
+    let travel_m = high - low;
+    let least = (4.0 * balance.signals.steps_m[0] / travel_m).clamp(0.02, 0.5);
+    grid(least, 0.8, 6).flat_map(move |share| {
+        [0.2, 0.35, 0.5, 0.65, 0.8].map(move |part| {
+            let gap_m = share * travel_m;
+            Shape::Gap { gap_m, flank_m: part * (travel_m - gap_m) }
+        })
+    })
+}
+
 fn springs(balance: &Balance, two: bool) -> Vec<Hypothesis> {
     let s = &balance.signals;
     let at = |effect, shape| Hypothesis::named(effect, Port::Coupling, shape);
-    let stretch: Vec<f64> = s.tracks.iter().map(|t| rms(&t.thin.stretch)).collect();
-    let size_m = rms(&stretch);
     let [low, high] = s.travel_m();
     let mut list = vec![at(E::NonlinearStiffness, Shape::Cubic)];
+    if !two {
+        list.extend(gaps(balance).map(|shape| at(E::Backlash, shape)));
+        return list;
+    }
+    let stretch: Vec<f64> = s.tracks.iter().map(|t| rms(&t.thin.stretch)).collect();
+    let size_m = rms(&stretch);
     for share in [0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0] {
         let gap_m = share * size_m;
         list.push(at(E::Backlash, Shape::Backlash { gap_m, loose: false }));
-        list.extend(two.then(|| at(E::Backlash, Shape::Backlash { gap_m, loose: true })));
-    }
-    if !two {
-        return list;
+        list.push(at(E::Backlash, Shape::Backlash { gap_m, loose: true }));
     }
     list.push(at(E::PositionDependentStiffness, Shape::StiffnessSlope));
     for lengths in [1.0, 1.5, 2.5, 4.0, 7.0] {
@@ -208,7 +230,7 @@ fn positions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
         }
         list.extend(cuts(balance, &left));
         for flips in [false, true] {
-            let shape = Shape::Map { pieces: PIECES[0], flips };
+            let shape = Shape::Map { pieces: PIECES[0], flips, over: Over::Position };
             list.push(Hypothesis::named(E::PositionDependentForce, Port::Stage, shape));
         }
     }

@@ -4,7 +4,8 @@
 //! that the model needs more. Laws that are not linear are taken at the full rate and then pass the low-pass
 //! of the balance; none is a first Taylor term.
 
-use super::shape::{CUT_HARMONICS, DIFFERENCE, Hypothesis, Shape};
+use super::number::{Mechanics, TURNING};
+use super::shape::{CUT_HARMONICS, DIFFERENCE, Hypothesis, Over, Shape};
 use super::signals::{Layout, Path, Signals, Track};
 use super::spectra::{Response, Series};
 use crate::plant::effects::Port;
@@ -16,21 +17,6 @@ use crate::plant::effects::law::ForceLaw;
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 use std::sync::Arc;
-
-/// Numbers of the axis that laws are evaluated with, on the screw axis, SI.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Mechanics {
-    pub(super) motor_mass_kg: f64,
-    pub(super) motor_damping_n_s_m: f64,
-    pub(super) motor_coulomb_n: f64,
-    pub(super) stiffness_n_m: f64,
-    pub(super) structural_damping_n_s_m: f64,
-    pub(super) stage_mass_kg: f64,
-    pub(super) stage_damping_n_s_m: f64,
-    pub(super) stage_coulomb_n: f64,
-    /// Force of the spring where the stretch is at its mean, N.
-    pub(super) spring_zero_n: f64,
-}
 
 /// A response as a function of w, rad/s. `None` for what is no linear function of the positions.
 pub(super) type Operator = Option<Arc<dyn Fn(f64) -> Response + Send + Sync>>;
@@ -88,15 +74,6 @@ fn added(a: &Response, factor: f64, b: &Response) -> Response {
     std::array::from_fn(|k| a[k] + factor * b[k])
 }
 
-/// What a map is a function of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Over {
-    Position,
-    Speed,
-    /// Way since the last reversal.
-    Way,
-}
-
 /// A law at the full rate of one recording, with its sign at motor and stage.
 struct Full {
     series: Vec<f64>,
@@ -109,9 +86,7 @@ impl Ground<'_> {
         match h.shape {
             Shape::Cut { hz, start_s, end_s } => self.cut(hz, [start_s, end_s]),
             Shape::Push { recording, start_s, end_s, .. } => vec![self.push(recording, [start_s, end_s])],
-            Shape::Map { pieces, flips } => self.map((pieces, flips), Over::Position),
-            Shape::SpeedMap { pieces, flips } => self.map((pieces, flips), Over::Speed),
-            Shape::ReversalMap { pieces } => self.map((pieces, true), Over::Way),
+            Shape::Map { pieces, flips, over } => self.map((pieces, flips), over),
             Shape::Torsion { frequency_hz, share, damping } => {
                 vec![self.torsion(frequency_hz, share, damping)]
             }
@@ -133,16 +108,8 @@ impl Ground<'_> {
     pub(super) fn law(&self, h: &Hypothesis, track: &Track) -> Option<Vec<Vec<f64>>> {
         match h.shape {
             Shape::EncoderError { .. } | Shape::EncoderDelay { .. } => Some(self.encoder_errors(h, track)),
-            Shape::Cut { .. }
-            | Shape::Push { .. }
-            | Shape::Map { .. }
-            | Shape::SpeedMap { .. }
-            | Shape::ReversalMap { .. }
-            | Shape::Torsion { .. }
-            | Shape::Delay { .. }
-            | Shape::Smoothing { .. }
-            | Shape::Loop { .. } => None,
-            _ => Some(self.full(h, track).into_iter().map(|f| f.series).collect()),
+            _ => Some(self.full(h, track).into_iter().map(|f| f.series).collect())
+                .filter(|l: &Vec<_>| !l.is_empty()),
         }
     }
 
@@ -228,15 +195,17 @@ impl Ground<'_> {
             }
             Shape::Play { gap_m, yield_m } => one(play(x, gap_m, yield_m)),
             Shape::Backlash { gap_m, loose: true } => one(self.loose(track, gap_m)),
-            Shape::Backlash { .. } | Shape::Cubic | Shape::StiffnessSlope | Shape::StiffnessWave { .. } => {
+            Shape::Backlash { .. }
+            | Shape::Gap { .. }
+            | Shape::Cubic
+            | Shape::StiffnessSlope
+            | Shape::StiffnessWave { .. } => {
                 let of = |law: SpringLaw| track.stretch_m.iter().zip(x).map(|(d, x)| law(*d, *x)).collect();
                 self.springs(h).into_iter().map(of).flat_map(one).collect()
             }
             Shape::Cut { .. }
             | Shape::Push { .. }
             | Shape::Map { .. }
-            | Shape::SpeedMap { .. }
-            | Shape::ReversalMap { .. }
             | Shape::Torsion { .. }
             | Shape::Delay { .. }
             | Shape::Loop { .. }
@@ -266,6 +235,12 @@ impl Ground<'_> {
         match h.shape {
             Shape::Backlash { gap_m, .. } => {
                 vec![Box::new(move |d, _| k * (after_backlash(d + zero, gap_m) - (d + zero)))]
+            }
+            Shape::Gap { gap_m, flank_m } => {
+                let least_m =
+                    self.signals.tracks.iter().flat_map(|t| &t.stretch_m).copied().fold(0.0, f64::min);
+                let middle_m = least_m + flank_m + 0.5 * gap_m;
+                vec![Box::new(move |d, _| k * (after_backlash(d - middle_m, gap_m) - (d - middle_m)))]
             }
             Shape::Cubic => vec![Box::new(move |d, _| cubic(d + zero))],
             Shape::StiffnessSlope => vec![Box::new(move |d, x| k * (d + zero) * x)],
@@ -299,20 +274,30 @@ impl Ground<'_> {
         self.mechanics.spring_zero_n / self.mechanics.stiffness_n_m.max(1e-300)
     }
 
+    /// Unit dry friction of a side, thinned, or what one of its parts is more than the usual form: a part is
+    /// in place of it, and the level of friction is one number.
+    pub(super) fn dry(&self, track: &Track, side: usize, part: Option<usize>) -> Vec<f64> {
+        let (v, v_s) = (&track.sides[side].v_m_s, self.smoothing_m_s);
+        let mut slides: Vec<f64> = v.iter().map(|v| sliding_direction(*v, v_s)).collect();
+        if let Some(part) = part {
+            let other: Vec<f64> = match TURNING.get(part) {
+                Some(form) => v.iter().map(|v| form(v / v_s)).collect(),
+                None => play(&track.sides[side].x_m, 0.0, self.signals.least_way_m(side)),
+            };
+            slides.iter_mut().zip(other).for_each(|(s, o)| *s = o - *s);
+        }
+        self.signals.filtered(track, &slides, 0)
+    }
+
     /// Dry friction of each side that turns over another speed: it takes the place of that of the numbers.
     fn turning(&self, speed_m_s: f64) -> Vec<TimeColumn> {
-        (0..self.signals.sides())
-            .map(|side| {
-                let of = |track: &Track| {
-                    let v = &track.sides[side].v_m_s;
-                    let slides: Vec<f64> = v.iter().map(|v| sliding_direction(*v, speed_m_s)).collect();
-                    self.signals.filtered(track, &slides, 0)
-                };
-                let mut column = TimeColumn::default();
-                column.sides[side] = Some(self.signals.each(of));
-                column
-            })
-            .collect()
+        let other = Self { smoothing_m_s: speed_m_s, ..*self };
+        let of = |side: usize| {
+            let mut column = TimeColumn::default();
+            column.sides[side] = Some(self.signals.each(|track| other.dry(track, side, None)));
+            column
+        };
+        (0..self.signals.sides()).map(of).collect()
     }
 
     /// What the model needs more where the current loop is slower by a factor.
@@ -453,15 +438,9 @@ impl Ground<'_> {
         let [low, high] = abscissa.iter().flatten().fold([f64::INFINITY, f64::NEG_INFINITY], ends);
         let spacing = (high - low).max(1e-300) / pieces as f64;
         // The direction as the friction of the balance has it; a spline is slow beside it.
-        let direction = self.signals.each(|track| {
-            let slide = |v: &f64| sliding_direction(*v, self.smoothing_m_s);
-            if flips {
-                let slides: Vec<f64> = track.sides[side].v_m_s.iter().map(slide).collect();
-                self.signals.filtered(track, &slides, 0)
-            } else {
-                vec![1.0; track.thin_count()]
-            }
-        });
+        let direction = self
+            .signals
+            .each(|track| if flips { self.dry(track, side, None) } else { vec![1.0; track.thin_count()] });
         (0..pieces + 3)
             .map(|k| {
                 let of = |(x, direction): (&Vec<f64>, &Vec<f64>)| {

@@ -6,6 +6,10 @@ pub(in crate::diagnosis) struct Criteria {
     /// Least evidence of a finding, nats. What a balance does wrong by itself on a healthy axis in closed
     /// loop (tanh of a noisy velocity): 112, 125 and 156 nats in three simulations; above their largest.
     pub(super) artefact_nats: f64,
+    /// The same a value, at most: a short recording has no room for as much. A bias of half a deviation.
+    pub(super) artefact_share: f64,
+    /// Odds against a false finding where chance alone speaks, for all hypotheses of a screening together.
+    pub(super) odds: f64,
     /// Evidence over that of the knockoffs: their largest of three turns is a sample of chance, not its end.
     pub(super) knockoff_factor: f64,
     /// A fit has converged when the likelihood gains less than this, nats.
@@ -70,6 +74,8 @@ impl Criteria {
     /// The one set.
     pub(in crate::diagnosis) const STANDARD: Self = Self {
         artefact_nats: 160.0,
+        artefact_share: 0.1,
+        odds: 300.0,
         knockoff_factor: 2.0,
         converged_nats: 0.05,
         dose: [0.6, 1.6],

@@ -6,7 +6,7 @@
 
 use super::answer::{Case, is_other_than_zero};
 use super::criteria::Criteria;
-use super::evidence::ask;
+use super::evidence::{ask, level};
 use super::numbers::doubt;
 use super::rest::{Rest, rest};
 use super::shape::{Hypothesis, Shape};
@@ -30,7 +30,9 @@ pub(super) fn entered(balance: &Balance, state: &State, work: &mut Work) -> Opti
     let shape = Shape::Push { recording, spindle_hz, start_s, end_s };
     let h = Hypothesis::named(EffectKind::CuttingForce, Port::Stage, shape);
     let chance = work.take(1).then(|| ask(balance, state, &h, true).chance)?;
-    let drive = Drive::beside_chance(balance, chance);
+    // Friction holds any force at rest, in a short recording as well.
+    let c = &Criteria::STANDARD;
+    let drive = Drive::beside_chance(balance, chance.max(c.artefact_nats / c.knockoff_factor));
     let mut fitted = drive.fit(state, &h, work)?;
     fitted.model = drive.settle(fitted.model, work);
     fitted.qualifies().then_some(Entered { fitted })
@@ -74,7 +76,7 @@ impl Case<'_> {
             return None;
         }
         let mut in_air = in_air().unwrap_or_else(|| self.nothing_else());
-        let found = self.found(&state, &doubt, &[], Criteria::STANDARD.artefact_nats);
+        let found = self.found(&state, &doubt, &[], level(&state, (1, 0.0)));
         let mut findings = self.findings(found, &left, self.heldout_n(&state, None));
         in_air.notes.extend(self.notes.iter().cloned());
         if in_air.verdict == Verdict::UnexplainedMismatch {
@@ -108,16 +110,19 @@ impl Case<'_> {
 
 /// Rows that are in `masks` and not in `others`.
 pub(super) fn without(masks: &[Mask], others: &[Mask]) -> Vec<Mask> {
-    let other = |r: usize, k: usize| others.get(r).and_then(|o| o.get(k)).is_some_and(|o| *o);
-    let of = |(r, mask): (usize, &Mask)| mask.iter().enumerate().map(|(k, m)| *m && !other(r, k)).collect();
-    masks.iter().enumerate().map(of).collect()
+    joined(masks, others, |own, other| own && !other)
 }
 
 /// Rows that are in `masks` or in `rows`.
 pub(super) fn with(masks: &[Mask], rows: &[Mask]) -> Vec<Mask> {
-    let in_mask = |r: usize, k: usize| masks.get(r).and_then(|m| m.get(k)).is_some_and(|m| *m);
-    let of = |(r, own): (usize, &Mask)| own.iter().enumerate().map(|(k, o)| *o || in_mask(r, k)).collect();
-    rows.iter().enumerate().map(of).collect()
+    joined(rows, masks, |own, other| own || other)
+}
+
+fn joined(masks: &[Mask], others: &[Mask], of: impl Fn(bool, bool) -> bool) -> Vec<Mask> {
+    let other = |r: usize, k: usize| others.get(r).and_then(|o| o.get(k)).is_some_and(|o| *o);
+    let each =
+        |(r, mask): (usize, &Mask)| mask.iter().enumerate().map(|(k, m)| of(*m, other(r, k))).collect();
+    masks.iter().enumerate().map(each).collect()
 }
 
 /// The recording and the stretch, s since it began, in which the mean of what is left stands furthest off.

@@ -149,8 +149,11 @@ pub(super) fn least_seen_n(balance: &Balance, state: &State, h: &Hypothesis, lev
     (least_n.is_finite() && least_n > 0.0).then_some(least_n)
 }
 
-/// What a finding must exceed, nats.
-pub(super) fn level(chance_nats: f64) -> f64 {
+/// What a finding must exceed beside `state`, nats. Of the hypotheses of a screening, `asked` in number,
+/// chance alone lets one exceed ln(asked odds), and deviations that are wider count squared.
+pub(super) fn level(state: &State, (asked, chance_nats): (usize, f64)) -> f64 {
     let c = &Criteria::STANDARD;
-    c.artefact_nats.max(c.knockoff_factor * chance_nats)
+    let artefact_nats = c.artefact_nats.min(c.artefact_share * values(&state.base.all));
+    let by_chance = c.serial.powi(2) * (c.odds * asked as f64).ln();
+    artefact_nats.max(c.knockoff_factor * chance_nats).max(by_chance)
 }

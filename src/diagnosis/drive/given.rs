@@ -1,6 +1,6 @@
 //! What a model states beyond its structure, and how a balance takes it in.
 
-use super::columns::Mechanics;
+use super::number::Mechanics;
 use super::shape::{Hypothesis, Shape};
 use super::state::Accepted;
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
@@ -121,7 +121,12 @@ fn law(axis: &AxisModel, term: &PhysicsTerm, m: &Mechanics) -> Option<Accepted> 
         }
         E::Backlash => {
             let loose = get("loose_damper").is_some_and(|x| x != 0.0);
-            of(Shape::Backlash { gap_m: get("gap_m")?, loose }, vec![1.0])
+            let gap_m = get("gap_m")?;
+            let shape = match get("flank_m") {
+                Some(flank_m) => Shape::Gap { gap_m, flank_m },
+                None => Shape::Backlash { gap_m, loose },
+            };
+            of(shape, vec![1.0])
         }
         E::NonlinearStiffness => of(Shape::Cubic, vec![get("cubic_n_m3")?]),
         E::PositionDependentStiffness => {

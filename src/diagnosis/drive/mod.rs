@@ -33,8 +33,6 @@ use super::{DiagnoseError, Diagnosis, Progress};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 
-/// Effects that are taken up at most, and fits a round.
-const REACH: Reach = Reach { most_findings: 4, fitted: 5 };
 /// Passes in which numbers and the balance follow one another before anything is asked.
 const PASSES: usize = 2;
 /// Samples times evaluations that one thread of a slow office machine makes in a second.
@@ -85,7 +83,7 @@ fn balance_of(
 /// Numbers and balance after they have followed one another, with what the model states and is not heeded.
 fn start_of(axis: &AxisModel, balance: &state::Balance) -> (state::State, Vec<String>) {
     let mut start = state::State::new(balance, Vec::new());
-    let (laws, notes) = given::given(axis, &start.stated_mechanics(balance));
+    let (laws, notes) = given::given(axis, &state::stated_mechanics(balance));
     if !laws.is_empty() {
         start = state::State::new(balance, laws);
     }
@@ -168,7 +166,7 @@ pub(in crate::diagnosis) fn diagnose(
     let (start, notes) = start_of(&axis, &balance);
     let drive = subject::Drive::new(&balance);
     let search = |share: f64, what: &str| progress(0.05 + 0.85 * share, what);
-    let selected = select(&drive, start.clone(), REACH, &mut work, &search);
+    let selected = select(&drive, start.clone(), Reach::default(), &mut work, &search);
     progress(0.9, "writing the model, simulating the loop");
     let case = answer::Case {
         rounds: &selected.rounds,

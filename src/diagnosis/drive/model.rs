@@ -103,27 +103,30 @@ impl Case<'_> {
 
 /// True where a stated law has another size.
 pub(super) fn is_other_size(scale: f64, deviation: f64) -> bool {
-    /// As a share of the stated size: six times what a mass is stated to.
-    const APART: f64 = 0.2;
-    (scale - 1.0).abs() > APART.max(Criteria::STANDARD.correction_deviations * deviation)
+    let c = &Criteria::STANDARD;
+    // A law is stated half as well as dry friction.
+    let apart = 2.0 * c.correction_tolerances * c.coulomb_tolerance;
+    (scale - 1.0).abs() > apart.max(c.correction_deviations * deviation)
 }
+
+/// Keys that a law's size is in.
+pub(super) const LINEAR: [&str; 12] = [
+    "amplitude_n",
+    "amplitude_m",
+    "harmonics_n",
+    "harmonics_m",
+    "force_n",
+    "stribeck_force_n",
+    "force_difference_n",
+    "viscous_difference_n_s_m",
+    "n_s2_m2",
+    "cubic_n_m3",
+    "relative_change",
+    "relative_variation",
+];
 
 /// A stated law times a factor.
 fn scale_term(term: &mut PhysicsTerm, scale: f64) {
-    const LINEAR: [&str; 12] = [
-        "amplitude_n",
-        "amplitude_m",
-        "harmonics_n",
-        "harmonics_m",
-        "force_n",
-        "stribeck_force_n",
-        "force_difference_n",
-        "viscous_difference_n_s_m",
-        "n_s2_m2",
-        "cubic_n_m3",
-        "relative_change",
-        "relative_variation",
-    ];
     for (name, value) in &mut term.parameters {
         if LINEAR.contains(&name.as_str()) {
             match value {

@@ -19,7 +19,8 @@ pub(in crate::diagnosis) enum Number {
     StageMass,
     StageDamping,
     StageCoulomb,
-    /// Parts of the dry friction of motor and stage that turn over one of [`TURNING`].
+    /// Parts of the dry friction of motor and stage that turn over one of [`TURNING`], or with one position
+    /// over the least way that the encoder tells.
     MotorTurning(usize),
     StageTurning(usize),
     /// When a reference acts.
@@ -44,5 +45,47 @@ impl Number {
     /// True for a level of dry friction or a part of it.
     pub(super) fn is_dry_friction(self) -> bool {
         matches!(self, Self::MotorCoulomb | Self::StageCoulomb) || self.part().is_some()
+    }
+}
+
+/// Numbers of the axis that laws are evaluated with, on the screw axis, SI.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Mechanics {
+    pub(super) motor_mass_kg: f64,
+    pub(super) motor_damping_n_s_m: f64,
+    pub(super) motor_coulomb_n: f64,
+    pub(super) stiffness_n_m: f64,
+    pub(super) structural_damping_n_s_m: f64,
+    pub(super) stage_mass_kg: f64,
+    pub(super) stage_damping_n_s_m: f64,
+    pub(super) stage_coulomb_n: f64,
+    /// Force of the spring where the stretch is at its mean, N.
+    pub(super) spring_zero_n: f64,
+}
+
+impl Mechanics {
+    /// The number, where it is one of these.
+    pub(super) fn of_mut(&mut self, number: Number) -> Option<&mut f64> {
+        Some(match number {
+            Number::MotorMass => &mut self.motor_mass_kg,
+            Number::MotorDamping => &mut self.motor_damping_n_s_m,
+            Number::MotorCoulomb => &mut self.motor_coulomb_n,
+            Number::Stiffness => &mut self.stiffness_n_m,
+            Number::StructuralDamping => &mut self.structural_damping_n_s_m,
+            Number::StageMass => &mut self.stage_mass_kg,
+            Number::StageDamping => &mut self.stage_damping_n_s_m,
+            Number::StageCoulomb => &mut self.stage_coulomb_n,
+            Number::Zero => &mut self.spring_zero_n,
+            Number::Timing
+            | Number::Lag
+            | Number::Scale
+            | Number::MotorTurning(_)
+            | Number::StageTurning(_) => return None,
+        })
+    }
+
+    /// Where a fit of a number begins.
+    pub(super) fn of(mut self, number: Number) -> f64 {
+        self.of_mut(number).map_or(0.0, |x| *x)
     }
 }

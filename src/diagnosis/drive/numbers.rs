@@ -8,7 +8,7 @@ use super::likelihood::{Design, FREE, Spread, values};
 use super::rest::Rest;
 use super::signals::Layout;
 use super::spectra::FOLDS;
-use super::state::{Balance, LAG_STEP, Number, State};
+use super::state::{Balance, LAG_STEP, Number, State, stated_mechanics};
 use super::subject::slopes;
 use super::words::{Deviations, scale_deviation};
 use crate::diagnosis::result::Correction;
@@ -123,7 +123,13 @@ fn may_be_absent(balance: &Balance) -> Vec<(Number, EffectKind, Port, f64)> {
 /// The design without some numbers' columns.
 pub(super) fn without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
     let base = &state.base;
-    let kept = |k: &usize| base.numbers.get(*k).is_none_or(|n| !numbers.contains(n));
+    // Parts of a dry friction that is not there are not there.
+    let out = |n: &Number| {
+        numbers.contains(n)
+            || matches!(n, Number::MotorTurning(_)) && numbers.contains(&Number::MotorCoulomb)
+            || matches!(n, Number::StageTurning(_)) && numbers.contains(&Number::StageCoulomb)
+    };
+    let kept = |k: &usize| base.numbers.get(*k).is_none_or(|n| !out(n));
     let places: Vec<usize> = (0..base.design.columns.len()).filter(kept).collect();
     let design = base.design.kept(&places);
     let beta = places.iter().map(|k| base.fit.beta[*k]).collect();
@@ -167,18 +173,10 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
 
 /// The stated numbers in the order of the balance, and its laws as they are stated.
 pub(super) fn stated_beta(balance: &Balance, state: &State) -> Vec<f64> {
-    let m = state.stated_mechanics(balance);
+    let m = stated_mechanics(balance);
     let number = |(k, n): (usize, &Number)| match n {
-        Number::MotorMass => m.motor_mass_kg,
-        Number::MotorDamping => m.motor_damping_n_s_m,
-        Number::MotorCoulomb => m.motor_coulomb_n,
-        Number::Stiffness => m.stiffness_n_m,
-        Number::StructuralDamping => m.structural_damping_n_s_m,
-        Number::StageMass => m.stage_mass_kg,
-        Number::StageDamping => m.stage_damping_n_s_m,
-        Number::StageCoulomb => m.stage_coulomb_n,
-        Number::Timing | Number::Lag | Number::MotorTurning(_) | Number::StageTurning(_) => 0.0,
         Number::Zero | Number::Scale => state.base.fit.beta[k],
+        n => m.of(*n),
     };
     let mut beta: Vec<f64> = state.base.numbers.iter().enumerate().map(number).collect();
     beta.extend(state.accepted.iter().map(|_| 1.0));

@@ -1,6 +1,7 @@
 //! What is left above the floor, where it enters, and when.
 
 use super::criteria::Criteria;
+use super::evidence::level;
 use super::likelihood::{Design, ITERATIONS, Spread};
 use super::signals::Layout;
 use super::state::{Balance, State};
@@ -154,7 +155,7 @@ fn port_of(balance: &Balance, state: &State, (design, beta): (&Design, &[f64]), 
     let best = (0..ports.len()).max_by(|a, b| gains[*a].total_cmp(&gains[*b])).unwrap_or(1);
     // Where nothing tells the spring from the encoders at its ends, it is the scale that drifts.
     let alike = matches!(ports[best], Port::Coupling | Port::MotorEncoder)
-        && gains[best] - gains[4] < Criteria::STANDARD.artefact_nats;
+        && gains[best] - gains[4] < level(state, (1, 0.0));
     if alike { Port::StageEncoder } else { ports[best] }
 }
 

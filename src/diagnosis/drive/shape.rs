@@ -2,6 +2,15 @@
 
 use crate::plant::effects::{EffectKind as E, Port};
 
+/// What a map is over; those over speed and way are no findings, but what one over position must exceed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Over {
+    Position,
+    Speed,
+    /// Way since the last reversal.
+    Way,
+}
+
 /// A law with the constants that are not linear in it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Shape {
@@ -25,6 +34,9 @@ pub(super) enum Shape {
     Saturation { per_a2: f64, parabolic: f64 },
     /// Dead zone of the spring; `loose`: of its damper, too.
     Backlash { gap_m: f64, loose: bool },
+    /// Dead zone of the spring of a stage that is held, its lower flank that far from the least stretch: a
+    /// load on the motor hides where the spring is without force.
+    Gap { gap_m: f64, flank_m: f64 },
     /// A slider of unit friction behind a spring with play: yields after that way, and a gap when it turns.
     Play { gap_m: f64, yield_m: f64 },
     /// D^3.
@@ -48,12 +60,8 @@ pub(super) enum Shape {
     Cut { hz: f64, start_s: f64, end_s: f64 },
     /// The mean force of tools that cut in one recording while the spindle turns.
     Push { recording: usize, spindle_hz: f64, start_s: f64, end_s: f64 },
-    /// Cubic B-splines over the travel, with the direction or without.
-    Map { pieces: usize, flips: bool },
-    /// The same over the speed: no finding, but what a map over position must explain more than.
-    SpeedMap { pieces: usize, flips: bool },
-    /// The same over the way since the axis turned round, with the direction.
-    ReversalMap { pieces: usize },
+    /// Cubic B-splines, with the direction or without.
+    Map { pieces: usize, flips: bool, over: Over },
     /// Friction that turns over another speed: a wrong number.
     Smoothing { speed_m_s: f64 },
 }
@@ -90,6 +98,7 @@ impl Hypothesis {
             self.shape,
             Shape::Saturation { .. }
                 | Shape::Backlash { .. }
+                | Shape::Gap { .. }
                 | Shape::Torsion { .. }
                 | Shape::Delay { .. }
                 | Shape::Loop { .. }
@@ -120,7 +129,7 @@ impl Hypothesis {
 
     /// True for a free function, of the position or of what stands in for it.
     pub(super) fn is_map(&self) -> bool {
-        matches!(self.shape, Shape::Map { .. } | Shape::SpeedMap { .. } | Shape::ReversalMap { .. })
+        matches!(self.shape, Shape::Map { .. })
     }
 
     /// True where each recording has columns of its own: nothing carries over to another recording.
@@ -154,6 +163,7 @@ impl Hypothesis {
             Shape::Wave { wavelength_m } => vec![c(wavelength_m, 1e-7, 1e2)],
             Shape::Saturation { per_a2, .. } => vec![c(per_a2, 1e-5, 1.0)],
             Shape::Backlash { gap_m, .. } => vec![c(gap_m, 1e-9, 1.0)],
+            Shape::Gap { gap_m, flank_m } => vec![c(gap_m, 1e-9, 1.0), c(flank_m, 1e-9, 1.0)],
             Shape::Play { gap_m, yield_m } => vec![c(gap_m, 1e-9, 1.0), c(yield_m, 1e-9, 1.0)],
             Shape::StiffnessWave { length_m } => vec![c(length_m, 1e-3, 2.0)],
             Shape::Torsion { frequency_hz, share, damping } => {
@@ -171,9 +181,7 @@ impl Hypothesis {
             | Shape::Cubic
             | Shape::StiffnessSlope
             | Shape::EncoderError { .. }
-            | Shape::Map { .. }
-            | Shape::SpeedMap { .. }
-            | Shape::ReversalMap { .. } => Vec::new(),
+            | Shape::Map { .. } => Vec::new(),
         }
     }
 
@@ -198,6 +206,7 @@ impl Hypothesis {
             | (Shape::Delay { extra_s: a, .. } | Shape::EncoderDelay { extra_s: a }, [v])
             | (Shape::Loop { rad_s: a, .. }, [v])
             | (Shape::Cut { hz: a, .. }, [v]) => *a = *v,
+            (Shape::Gap { gap_m, flank_m }, [g, f]) => (*gap_m, *flank_m) = (*g, *f),
             (Shape::Play { gap_m, yield_m }, [g, y]) => (*gap_m, *yield_m) = (*g, *y),
             (Shape::Torsion { frequency_hz, share, damping }, [f, s, d]) => {
                 (*frequency_hz, *share, *damping) = (*f, *s, *d);

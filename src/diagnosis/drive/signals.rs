@@ -332,6 +332,12 @@ impl Signals {
         if self.layout == Layout::TwoPositions { 2 } else { 1 }
     }
 
+    /// Least way over which friction that turns is told from a step, m.
+    pub(super) fn least_way_m(&self, side: usize) -> f64 {
+        let [low, high] = self.travel_m();
+        1e-6_f64.max(4.0 * self.steps_m[side]).min(0.1 * (high - low))
+    }
+
     /// Thinned grid in the full-rate series of a recording.
     fn grid(&self, track: &Track) -> Grid {
         Grid { first: track.thin_first - track.full_first, step: self.step, count: track.thin_count() }
@@ -372,7 +378,7 @@ impl Signals {
 
     /// The same at the full rate.
     pub(super) fn thrust_full(&self, track: &Track, path: Path) -> Vec<f64> {
-        let grid = Grid { first: track.full_first, step: 1, count: track.stretch_or_position().len() };
+        let grid = Grid { first: track.full_first, step: 1, count: track.sides[0].x_m.len() };
         self.path_kernel(path).apply(&track.reference.reference_n, grid)
     }
 
@@ -430,10 +436,6 @@ impl Track {
     /// Number of thinned samples.
     pub(super) fn thin_count(&self) -> usize {
         self.thin.position.len()
-    }
-
-    fn stretch_or_position(&self) -> &[f64] {
-        &self.sides[0].x_m
     }
 
     /// Time since the recording began of a full-rate sample, s.

@@ -2,18 +2,17 @@
 
 pub(super) use super::accepted::Accepted;
 use super::accepted::moved_laws;
-use super::columns::{Ground, Mechanics, TimeColumn, derivative};
+use super::columns::{Ground, TimeColumn, derivative};
 use super::criteria::Criteria;
 use super::dynamics::Dynamics;
 use super::gram::{BandGram, Column, Gram, Part};
 use super::likelihood::{Design, FREE, Fit, POSITIVE, Spread};
 pub(super) use super::number::Number;
-use super::number::TURNING;
+use super::number::{Mechanics, TURNING};
 use super::shape::{Hypothesis, Shape};
 use super::signals::{Layout, Path, Signals};
 use super::spectra::{FOLDS, Plan};
 use crate::plant::drive::DriveParams;
-use crate::plant::effects::friction::sliding_direction;
 use std::sync::Arc;
 
 /// Turns of the knockoffs, as shares of a recording.
@@ -127,6 +126,7 @@ impl Balance {
         let parts = 0..TURNING.len();
         numbers.extend(parts.clone().filter(|_| of_motor).map(N::MotorTurning));
         numbers.extend(parts.map(N::StageTurning));
+        numbers.extend((self.signals.sides() == 1).then_some(N::StageTurning(TURNING.len())));
         numbers
     }
 
@@ -177,15 +177,7 @@ impl Balance {
             N::MotorCoulomb | N::StageCoulomb | N::MotorTurning(_) | N::StageTurning(_) => {
                 let two = self.signals.layout == Layout::TwoPositions;
                 let side = usize::from(two && matches!(number, N::StageCoulomb | N::StageTurning(_)));
-                // A part is in place of the usual form: the level of friction is one number.
-                let slides = |v: &f64| {
-                    let usual = sliding_direction(*v, state.smoothing_m_s);
-                    number.part().map_or(usual, |part| TURNING[part](v / state.smoothing_m_s) - usual)
-                };
-                let of = |t: &super::signals::Track| {
-                    let slides: Vec<f64> = t.sides[side].v_m_s.iter().map(slides).collect();
-                    self.signals.filtered(t, &slides, 0)
-                };
+                let of = |t: &super::signals::Track| state.dry(t, side, number.part());
                 let mut column = TimeColumn::default();
                 column.sides[side] = Some(self.signals.each(of));
                 column
@@ -259,11 +251,9 @@ impl Balance {
 impl State {
     /// The state of a model: its numbers, its laws, nothing found.
     pub(super) fn new(balance: &Balance, given: Vec<Accepted>) -> Self {
-        if balance.signals.layout == Layout::TwoPositions {
-            return Self::of(balance, given, true);
-        }
-        let plain = Self::of(balance, given.clone(), false);
-        if plain.tells_inertia() { Self::of(balance, given, true) } else { plain }
+        let two = balance.signals.layout == Layout::TwoPositions;
+        let first = Self::of(balance, given.clone(), two);
+        if !two && first.tells_inertia() { Self::of(balance, given, true) } else { first }
     }
 
     /// True where the force of inertia stands above what is left.
@@ -299,11 +289,6 @@ impl State {
         };
         state.take_over();
         state
-    }
-
-    /// The stated numbers on the screw axis.
-    pub(super) fn stated_mechanics(&self, balance: &Balance) -> Mechanics {
-        stated_mechanics(balance)
     }
 
     /// What laws are evaluated on.
@@ -342,23 +327,15 @@ impl State {
     fn take_numbers(&mut self, beta: &[f64]) {
         let base = self.base.clone();
         for (number, value) in base.numbers.iter().zip(beta) {
-            let m = &mut self.mechanics;
-            let kept = value.max(0.0);
             match number {
-                N::MotorMass => m.motor_mass_kg = kept,
-                N::MotorDamping => m.motor_damping_n_s_m = kept,
-                N::MotorCoulomb => m.motor_coulomb_n = kept,
-                N::Stiffness => m.stiffness_n_m = kept,
-                N::StructuralDamping => m.structural_damping_n_s_m = kept,
-                N::StageMass => m.stage_mass_kg = kept,
-                N::StageDamping => m.stage_damping_n_s_m = kept,
-                N::StageCoulomb => m.stage_coulomb_n = kept,
                 // A dead time that was found and when a reference acts are one number.
                 N::Timing if self.found_delay => self.path.delay_s += value,
                 N::Timing => self.timing_s += value,
                 N::Lag => self.path.loop_rad_s = self.path.loop_rad_s.map(|w| w * LAG_STEP.powf(*value)),
-                N::Zero => m.spring_zero_n = *value,
-                N::Scale | N::MotorTurning(_) | N::StageTurning(_) => {}
+                number => {
+                    let kept = if *number == N::Zero { *value } else { value.max(0.0) };
+                    self.mechanics.of_mut(*number).into_iter().for_each(|x| *x = kept);
+                }
             }
         }
     }
@@ -391,7 +368,7 @@ impl State {
 }
 
 /// The stated numbers on the screw axis.
-fn stated_mechanics(balance: &Balance) -> Mechanics {
+pub(super) fn stated_mechanics(balance: &Balance) -> Mechanics {
     let d = &balance.drive;
     let total = balance.signals.layout != Layout::TwoPositions;
     let sum = |motor: f64, stage: f64| if total { motor + stage } else { stage };
@@ -481,18 +458,7 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
             N::StageTurning(_) => [0.0, m.stage_coulomb_n],
             _ => FREE,
         });
-        start.push(match number {
-            N::MotorMass => m.motor_mass_kg,
-            N::StageMass => m.stage_mass_kg,
-            N::MotorDamping => m.motor_damping_n_s_m,
-            N::MotorCoulomb => m.motor_coulomb_n,
-            N::Stiffness => m.stiffness_n_m,
-            N::StructuralDamping => m.structural_damping_n_s_m,
-            N::StageDamping => m.stage_damping_n_s_m,
-            N::StageCoulomb => m.stage_coulomb_n,
-            N::Zero => m.spring_zero_n,
-            N::Timing | N::Lag | N::Scale | N::MotorTurning(_) | N::StageTurning(_) => 0.0,
-        });
+        start.push(m.of(*number));
     }
     let mut offset = false;
     for a in accepted {

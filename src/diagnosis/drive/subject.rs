@@ -1,12 +1,12 @@
 //! The drive as a subject of the selection: screening on the grid, refinement by Gauss-Newton, the statistic.
 
-use super::bank::{PIECES, candidates};
+use super::bank::{PIECES, candidates, gaps};
 use super::columns::TimeColumn;
 use super::criteria::Criteria;
 use super::evidence::{Asked, ask, level, price, statistic};
 use super::gram::{Gram, Part};
 use super::likelihood::{Design, FREE, values};
-use super::shape::{DIFFERENCE, Hypothesis, Shape};
+use super::shape::{DIFFERENCE, Hypothesis, Over, Shape};
 use super::state::{Accepted, Balance, State, is_of_path};
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
@@ -25,8 +25,8 @@ const PASSES: usize = 6;
 /// One axis.
 pub(super) struct Drive<'a> {
     pub(super) balance: &'a Balance,
-    /// Largest score of the knockoffs in the last screening, nats.
-    chance: Mutex<f64>,
+    /// Of the last screening: hypotheses that were asked, largest score of the knockoffs, nats.
+    screening: Mutex<(usize, f64)>,
 }
 
 impl<'a> Drive<'a> {
@@ -36,11 +36,12 @@ impl<'a> Drive<'a> {
 
     /// With what chance has reached already.
     pub(super) fn beside_chance(balance: &'a Balance, chance_nats: f64) -> Self {
-        Self { balance, chance: Mutex::new(chance_nats) }
+        Self { balance, screening: Mutex::new((1, chance_nats)) }
     }
 
-    fn chance_nats(&self) -> f64 {
-        self.chance.lock().map_or(f64::INFINITY, |c| *c)
+    /// What a finding beside a state must exceed, nats.
+    fn level(&self, state: &State) -> f64 {
+        self.screening.lock().map_or(f64::INFINITY, |s| level(state, *s))
     }
 
     /// Refines the constants of a hypothesis beside a state.
@@ -48,13 +49,12 @@ impl<'a> Drive<'a> {
         let mut h = *start;
         let mut asked = work.take(1).then(|| ask(self.balance, state, &h, false))?;
         // On the grid the amplitude made up for a shape of another size.
-        let sized = h.is_whole() || matches!(h.shape, Shape::Delay { .. } | Shape::EncoderDelay { .. });
-        if asked.score < 0.0 && !sized {
+        if asked.score < 0.0 && !h.has_dose() {
             return Some((h, asked));
         }
-        if let Shape::Map { flips, .. } = h.shape {
+        if let Shape::Map { flips, over, .. } = h.shape {
             for pieces in &PIECES[1..] {
-                let finer = Hypothesis { shape: Shape::Map { pieces: *pieces, flips }, ..h };
+                let finer = Hypothesis { shape: Shape::Map { pieces: *pieces, flips, over }, ..h };
                 if !work.take(u64::try_from(*pieces).unwrap_or(1) / 8) {
                     break;
                 }
@@ -65,9 +65,7 @@ impl<'a> Drive<'a> {
             }
             return Some((h, asked));
         }
-        if let Shape::Torsion { .. } = h.shape {
-            (h, asked) = self.splits(state, h, asked, work);
-        }
+        (h, asked) = self.best_start(state, h, asked, work);
         (h, asked) = self.shortest_period(state, h, asked, work);
         if h.window_s().is_some() {
             (h, asked) = self.edges(state, h, asked, work);
@@ -122,32 +120,37 @@ impl<'a> Drive<'a> {
         Some((h, asked))
     }
 
-    /// How a third inertia may be split off: its frequency and its share trade along a valley with two ends.
-    fn splits(
+    /// The best of several starts, the numbers moved beside each before it is judged: frequency and share of
+    /// a third inertia trade along a valley with two ends; a gap's width and place with the spring.
+    fn best_start(
         &self,
         state: &State,
         mut h: Hypothesis,
         mut asked: Asked,
         work: &mut Work,
     ) -> (Hypothesis, Asked) {
-        let Shape::Torsion { frequency_hz, .. } = h.shape else { return (h, asked) };
-        for share in [0.2, 0.35, 0.5] {
-            for factor in [0.85, 0.92, 1.0, 1.08] {
-                let shape = Shape::Torsion { frequency_hz: factor * frequency_hz, share, damping: 0.02 };
-                if !work.take(3) {
-                    return (h, asked);
-                }
-                let next = Hypothesis { shape, ..h };
-                // The numbers move beside it before it is judged.
-                let mut beside = state.clone();
-                let mut other = ask(self.balance, &beside, &next, false);
-                for _ in 0..2 {
-                    beside = beside.with_numbers(&other.fit.beta);
-                    other = ask(self.balance, &beside, &next, false);
-                }
-                if other.score > asked.score {
-                    (h, asked) = (next, other);
-                }
+        let starts: Vec<Shape> = match h.shape {
+            Shape::Torsion { frequency_hz, .. } => [0.2, 0.35, 0.5]
+                .into_iter()
+                .flat_map(|share| [0.85, 0.92, 1.0, 1.08].map(|factor| (share, factor * frequency_hz)))
+                .map(|(share, frequency_hz)| Shape::Torsion { frequency_hz, share, damping: 0.02 })
+                .collect(),
+            Shape::Gap { .. } => gaps(self.balance).collect(),
+            _ => Vec::new(),
+        };
+        for shape in starts {
+            if !work.take(3) {
+                break;
+            }
+            let next = Hypothesis { shape, ..h };
+            let mut beside = state.clone();
+            let mut other = ask(self.balance, &beside, &next, false);
+            for _ in 0..2 {
+                beside = beside.with_numbers(&other.fit.beta);
+                other = ask(self.balance, &beside, &next, false);
+            }
+            if other.score > asked.score {
+                (h, asked) = (next, other);
             }
         }
         (h, asked)
@@ -230,7 +233,8 @@ impl<'a> Drive<'a> {
     /// tells which of the three it is.
     fn as_of_motion(&self, state: &State, flips: bool, work: &mut Work) -> f64 {
         let pieces = PIECES[0];
-        let shapes = [Shape::SpeedMap { pieces, flips }, Shape::ReversalMap { pieces }];
+        let shapes =
+            [(Over::Speed, flips), (Over::Way, true)].map(|(over, flips)| Shape::Map { pieces, flips, over });
         let score = |shape| {
             let h = Hypothesis::named(EffectKind::PositionDependentForce, Port::Stage, shape);
             if work.take(1) { ask(self.balance, state, &h, false).score } else { 0.0 }
@@ -269,7 +273,7 @@ impl<'a> Drive<'a> {
     /// are dropped.
     fn without_stand_ins(&self, mut state: State, work: &mut Work) -> State {
         let total = values(&state.base.all);
-        let level = level(self.chance_nats());
+        let level = self.level(&state);
         let mut k = 0;
         // The newest was just asked about, beside all of these.
         while k + 1 < state.accepted.len() {
@@ -398,8 +402,8 @@ impl Subject for Drive<'_> {
             let asked = ask(self.balance, state, h, true);
             (asked.score, asked.chance)
         });
-        if let Ok(mut chance) = self.chance.lock() {
-            *chance = asked.iter().map(|a| a.1).fold(0.0, f64::max);
+        if let Ok(mut screening) = self.screening.lock() {
+            *screening = (list.len(), asked.iter().map(|a| a.1).fold(0.0, f64::max));
         }
         let screened = list.iter().zip(asked);
         Some(screened.map(|(h, a)| Screened { hypothesis: *h, promise_nats: a.0 }).collect())
@@ -424,9 +428,10 @@ impl Subject for Drive<'_> {
         let at_bound =
             asked.held() && !h.is_whole() || h.is_at_bound() || is_of_guide(state, &h, &amplitudes);
         let mut model = state.with_numbers(&asked.fit.beta);
-        let at_bound = at_bound || model.ground(self.balance).is_mostly_loose(&h);
+        let two = self.balance.signals.sides() == 2;
+        let at_bound = at_bound || two && model.ground(self.balance).is_mostly_loose(&h);
         model.take_up(self.balance, Accepted::found(h, amplitudes));
-        Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: level(self.chance_nats()), at_bound })
+        Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
     }
 
     fn settle(&self, state: State, work: &mut Work) -> State {

@@ -91,7 +91,7 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
             s.force("amplitude_n", "N", amplitude, deviation);
             s.add("phase_rad", "rad", phase, deviation / amplitude.max(1e-300));
         }
-        Shape::Map { .. } | Shape::SpeedMap { .. } | Shape::ReversalMap { .. } => {
+        Shape::Map { .. } => {
             // The form is kept, its size is what the last fit tells.
             let relative =
                 (0..law.amplitudes.len()).map(|k| d(k) / a(k).abs().max(1e-300)).fold(0.0, f64::max);
@@ -99,7 +99,7 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
             s.force("amplitude_n", "N", peak_n, relative * peak_n);
         }
         Shape::Saturation { per_a2, .. } => s.constant("per_a2", "1/A2", per_a2, r(0)),
-        Shape::Backlash { gap_m, .. } => s.constant("gap_m", "m", gap_m, r(0)),
+        Shape::Backlash { gap_m, .. } | Shape::Gap { gap_m, .. } => s.constant("gap_m", "m", gap_m, r(0)),
         Shape::Play { gap_m, yield_m } => {
             s.constant("gap_m", "m", gap_m, r(0));
             s.constant("stiffness_n_m", "N/m", a(0) / yield_m, r(1).hypot(d(0) / a(0).max(1e-300)));
@@ -238,6 +238,9 @@ pub(super) fn term(balance: &Balance, law: &Accepted, estimates: &[Estimate]) ->
         }
         Shape::Backlash { loose: true, .. } => {
             parameters.push(("loose_damper".to_owned(), ParameterValue::Number(1.0)));
+        }
+        Shape::Gap { flank_m, .. } => {
+            parameters.push(("flank_m".to_owned(), ParameterValue::Number(flank_m)));
         }
         Shape::Presliding { .. } => {
             let rate_n = law.amplitudes.get(1).copied().unwrap_or(0.0);
