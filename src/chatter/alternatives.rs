@@ -6,7 +6,7 @@
 
 use super::criteria::{CRITERIA, LONGEST, RINGS_1_S, WINDOWS};
 use super::lines::POINTS;
-use super::window::{Around, Heard, Reason, Value, fit, fit_two};
+use super::window::{Around, Heard, Reason, Value, fit, fit_two, louder};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -125,7 +125,7 @@ impl Window<'_> {
         if !young && told && self.which + 1 != WINDOWS.len() {
             return (f64::INFINITY, false);
         }
-        let loud = if young { self.power().0 / stable_n2 } else { 0.0 };
+        let loud = if young { louder(self.power().0, stable_n2) } else { 0.0 };
         let levels = &self.around.levels;
         let nats = match (told, young) {
             (false, _) => levels.untold_nats,

@@ -7,7 +7,7 @@ use super::orders::{Orders, Turned};
 use super::steady::{BLOCK, KEPT, Steady};
 use super::sweep::PAST;
 use super::whitening::{Noise, Whitener};
-use super::window::{Around, Heard, Reason, Value};
+use super::window::{Around, Heard, Reason, Value, louder};
 use crate::keyframe::keep;
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::units::SampleRate;
@@ -247,7 +247,7 @@ impl Chain {
         let rules = new && (cut || power_n2 > CRITERIA.rules * state.whole_n2);
         state.standing = if rules {
             Heard {
-                evidence: (nats + power_n2 / stable_n2) / self.levels.cause_nats,
+                evidence: (nats + louder(power_n2, stable_n2)) / self.levels.cause_nats,
                 stands: over / self.levels.noise_nats,
                 offset_hz,
                 contrast: over,

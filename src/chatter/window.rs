@@ -98,6 +98,13 @@ pub(super) struct Around {
     pub(super) whitener: Whitener,
 }
 
+/// Evidence, nats, that a line of `power_n2` is louder than the noise of a stable cut: the power of a line of
+/// noise is exponential about a mean that is known within 50 %, a gamma distribution of shape 4.
+pub(super) fn louder(power_n2: f64, stable_n2: f64) -> f64 {
+    let shape = 4.0;
+    shape * (1.0 + power_n2 / (shape * stable_n2)).ln()
+}
+
 /// Line exp((growth + j 2 pi f) t) over the last `e`: energy of its least-squares fit.
 pub(super) fn fit(e: &[C], turns: f64, growth: f64) -> f64 {
     let back = C::from_polar((-growth).exp(), -TAU * turns);

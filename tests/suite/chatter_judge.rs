@@ -13,7 +13,7 @@ const EXPECTED: [(Kind, [usize; 3], f64); 6] = [
     (Kind::ChatterAtEntry, [6, 10, 0], 0.34),
     (Kind::Hits, [0, 0, 0], 0.0),
     (Kind::Orders, [0, 0, 0], 0.0),
-    (Kind::Servo, [0, 0, 1], 0.0),
+    (Kind::Servo, [0, 0, 0], 0.0),
 ];
 
 #[test]
