@@ -1,6 +1,6 @@
 //! A window of the band: what is in it, what is known beside it, and how well a line fits it.
 
-use super::criteria::Levels;
+use super::criteria::{CRITERIA, Levels};
 use super::whitening::Whitener;
 use crate::keyframe::keep;
 use nalgebra::Complex;
@@ -99,9 +99,9 @@ pub(super) struct Around {
 }
 
 /// Evidence, nats, that a line of `power_n2` is louder than the noise of a stable cut: the power of a line of
-/// noise is exponential about a mean that is known within 50 %, a gamma distribution of shape 4.
+/// noise is exponential about a mean that is known as a gamma distribution is.
 pub(super) fn louder(power_n2: f64, stable_n2: f64) -> f64 {
-    let shape = 4.0;
+    let shape = CRITERIA.stable_shape;
     shape * (1.0 + power_n2 / (shape * stable_n2)).ln()
 }
 

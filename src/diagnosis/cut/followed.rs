@@ -242,7 +242,7 @@ impl FollowedSpectra {
             let own = [0.0; CHANNELS];
             self.taken.iter().all(|weights| {
                 let matrix = spectrum(&near, weights, &noise, known, own);
-                share_along(&self.place, &matrix, amplified(&cut, f), known) > 0.5
+                share_along(&self.place, &matrix, amplified(&cut, f), known) > RULING_SHARE
             })
         };
         let kept: Vec<bool> = self.bins.iter().map(|b| rules(b.frequency_hz, b.stated)).collect();
@@ -317,6 +317,9 @@ fn spectrum(
     }
     out
 }
+
+/// Share of the random force in what the bar amplifies from which on it rules.
+const RULING_SHARE: f64 = 0.5;
 
 /// A (1, -1): what the bar amplifies in the forces.
 fn amplified(cut: &CutLoop, f: f64) -> [Complex<f64>; 2] {
