@@ -7,6 +7,7 @@ use crate::diagnosis::{DiagnoseError, DiagnoseOptions, Progress, diagnose_with};
 use crate::gate::{Action, Fault, Gated};
 use crate::recording::write_whole;
 use crate::report::diagnosis::write;
+use crate::report::faults::FaultOf;
 use crate::report::html::{ReportContext, diagnosis_page};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::Write as _;
@@ -86,8 +87,11 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
     let masked = gated.iter().map(Gated::masked).collect();
     let resting = gated.iter().map(Gated::resting).collect();
     let clock_moved = gated.iter().any(Gated::moved_in_time);
+    // Recordings of different loggers have no common mean.
+    let first = gated.first().map_or([1; 2], |g| g.averaged);
+    let averaged = if gated.iter().all(|g| g.averaged == first) { first } else { [1; 2] };
     let recordings: Vec<_> = gated.into_iter().map(|g| g.recording).collect();
-    let options = DiagnoseOptions { budget_s: arguments.budget_s, masked, resting, clock_moved };
+    let options = DiagnoseOptions { budget_s: arguments.budget_s, masked, resting, clock_moved, averaged };
     let work = |progress: Progress<'_>| diagnose_with(&machine, &recordings, &options, progress);
     let diagnosis = with_progress(arguments.progress, work).map_err(|error| {
         let concerned = files.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));
@@ -106,6 +110,17 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
             format!("{}: {error}", concerned.join(", "))
         })
     })?;
+    let mut faults = faults;
+    for found in &diagnosis.force_faults {
+        let told = FaultOf::of_force(files[found.recording].clone(), found);
+        let same = |f: &FaultOf| {
+            f.recording == told.recording
+                && f.fault.column == told.fault.column
+                && f.fault.kind == told.fault.kind
+        };
+        faults.retain(|f| !same(f));
+        faults.push(told);
+    }
     for note in &diagnosis.notes {
         // Whoever reads standard error may have gone; the files are written all the same.
         let _ = writeln!(std::io::stderr(), "note: {note}");

@@ -127,6 +127,25 @@ impl Kernel {
         Self { taps, half }
     }
 
+    /// The mean over that many rows about the middle one; of an even number the ends count half.
+    pub(crate) fn mean(rows: usize) -> Self {
+        let half = rows / 2;
+        let end = if rows.is_multiple_of(2) { 0.5 } else { 1.0 };
+        let tap = |k: usize| if k == 0 || k == 2 * half { end } else { 1.0 };
+        let taps = (0..=2 * half).map(|k| if half == 0 { 1.0 } else { tap(k) / rows as f64 }).collect();
+        Self { taps, half }
+    }
+
+    /// One kernel after another.
+    pub(crate) fn after(&self, other: &Self) -> Self {
+        let half = self.half + other.half;
+        let mut taps = vec![0.0; 2 * half + 1];
+        for (k, a) in self.taps.iter().enumerate() {
+            taps[k..k + other.taps.len()].iter_mut().zip(&other.taps).for_each(|(t, b)| *t += a * b);
+        }
+        Self { taps, half }
+    }
+
     /// The same without what lies further out than `half` samples, its sum kept.
     pub(crate) fn cut_to(self, half: usize) -> Self {
         if self.half <= half {

@@ -159,11 +159,13 @@ pub struct DiagnoseOptions {
     pub resting: Vec<Vec<bool>>,
     /// The caller has moved a column in time: no delay can be told from these recordings.
     pub clock_moved: bool,
+    /// Rows that the logger averaged the force over, and the positions; 1: none.
+    pub averaged: [usize; 2],
 }
 
 impl Default for DiagnoseOptions {
     fn default() -> Self {
-        Self { budget_s: 60.0, masked: Vec::new(), resting: Vec::new(), clock_moved: false }
+        Self { budget_s: 60.0, masked: Vec::new(), resting: Vec::new(), clock_moved: false, averaged: [1; 2] }
     }
 }
 
@@ -202,7 +204,9 @@ pub fn diagnose_with(
             resting: &options.resting,
             spindle_turns: recordings.iter().all(|r| cuts::spindle_hz(r).is_some()),
             budget_s: options.budget_s,
-            clock_moved: options.clock_moved,
+            // When a mean over rows acts nobody says.
+            clock_moved: options.clock_moved || options.averaged != [1; 2],
+            averaged: options.averaged,
         };
         let answer = first_look::check(axis, recordings, &cuts.masks)
             .and_then(|()| drive::diagnose(machine, axis, recordings, (beside, progress)));

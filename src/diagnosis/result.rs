@@ -143,6 +143,35 @@ pub struct Finding {
     pub evidence: f64,
 }
 
+/// What is wrong with the column of the force, as the balance alone shows it. It is put right, and nothing
+/// rests on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForceFault {
+    /// Index of the recording as it was handed in.
+    pub recording: usize,
+    /// Column.
+    pub column: String,
+    /// What.
+    pub kind: ForceFaultKind,
+}
+
+/// Kinds of [`ForceFault`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ForceFaultKind {
+    /// A line of the mains.
+    MainsLine {
+        /// Frequency, Hz.
+        frequency_hz: f64,
+        /// Root mean square, N.
+        rms_n: f64,
+    },
+    /// Later than the motion it makes.
+    ClockOffset {
+        /// By how much, s.
+        late_s: f64,
+    },
+}
+
 /// A number of the model that the recordings contradict.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Correction {
@@ -244,6 +273,8 @@ pub struct Diagnosis {
     pub findings: Vec<Finding>,
     /// Band of the residuals.
     pub residual_band_hz: [f64; 2],
+    /// What is wrong with the column of the force beyond what the gate saw.
+    pub force_faults: Vec<ForceFault>,
     /// Numbers that are wrong.
     pub parameter_corrections: Vec<Correction>,
     /// Per recording, in the order they were handed in.

@@ -25,7 +25,7 @@ pub(super) fn held(work: &mut Work<'_>, axis: &AxisColumns) {
     let mut holds: Vec<Hold> = Vec::new();
     for column in axis.measured().filter(|c| !work.silent[c.index]) {
         match column.role {
-            Role::Position => holds.extend(of_position(work, column)),
+            Role::Position => holds.extend(of_position(work, axis, column)),
             _ => holds.extend(of_noisy(work, column)),
         }
     }
@@ -83,19 +83,29 @@ fn groups(mut holds: Vec<Hold>) -> Vec<Vec<Hold>> {
 /// Runs of a position: so many steps were due while it stood.
 ///
 /// S = (L - 1) min(|v_b|, |v_a|) / q / ln 10 (Poisson)
-fn of_position(work: &Work<'_>, column: AxisColumn) -> Vec<Hold> {
+fn of_position(work: &Work<'_>, axis: &AxisColumns, column: AxisColumn) -> Vec<Hold> {
     const AROUND: usize = 5;
     let c = work.criteria;
     let x = work.values(column.index);
     let q = work.resolution(column.index);
     let mut out = Vec::new();
-    for run in runs(x, c.hold_rows) {
-        let (first, end) = (run.first, run.end());
-        if first < AROUND || end + AROUND >= x.len() {
+    let all = runs(x, c.hold_rows);
+    // One hold after another: what moves is beside both. An axis that rests here and there has a live force.
+    let stands = |run: &Run| {
+        let mut drives = axis.with(Role::Drive).filter(|i| !work.silent[*i]);
+        drives.all(|i| work.values(i)[run.first + 1..run.end()].windows(2).all(|w| w[0] == w[1]))
+    };
+    let follows = |k: usize| all[k].end() == all[k + 1].first && stands(&all[k]) && stands(&all[k + 1]);
+    for (k, run) in all.iter().copied().enumerate() {
+        let before = (0..k).rev().take(AROUND).take_while(|j| follows(*j)).last().unwrap_or(k);
+        let after = (k..all.len() - 1).take(AROUND).take_while(|j| follows(*j)).last().map_or(k, |j| j + 1);
+        let (from, to) = (all[before].first, all[after].end());
+        if from < AROUND || to + AROUND >= x.len() {
             continue;
         }
+        let end = run.end();
         let of = |rows: Range<usize>| rows.map(|i| x[i + 1] - x[i]).collect::<Vec<f64>>();
-        let (before, after) = (of(first - AROUND..first), of(end..end + AROUND));
+        let (before, after) = (of(from - AROUND..from), of(to..to + AROUND));
         let (v_b, v_a) = (median(&before), median(&after));
         // Of a motion that is no steady one the slower part: a vibration stands at its ends.
         let quarter = |d: &[f64]| percentile(&d.iter().map(|d| d.abs()).collect::<Vec<_>>(), 0.25);

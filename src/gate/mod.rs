@@ -63,6 +63,8 @@ pub struct Gated {
     pub recording: Recording,
     /// One a row: whether it may enter a fit.
     pub usable: Vec<bool>,
+    /// Rows that the logger averaged the force over, and the positions; 1: none.
+    pub averaged: [usize; 2],
     /// What is wrong, in the order of the columns of the file.
     pub faults: Vec<Fault>,
 }

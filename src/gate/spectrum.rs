@@ -12,18 +12,21 @@ const WINDOW: usize = 2048;
 
 /// Tells a moving average over 5 to 32 rows: every multiple of fs / n is a notch.
 pub(super) fn smoothed(work: &mut Work<'_>, axis: &AxisColumns) {
-    let columns: Vec<usize> = axis
+    let columns: Vec<(usize, Role)> = axis
         .measured()
         // Not of columns with a lower rate: repeating a value k times is an average over k rows, too.
-        .filter(|c| {
-            c.role != Role::Position && !work.silent[c.index] && !work.has(c.index, FaultKind::LowerRate)
-        })
-        .map(|c| c.index)
+        .filter(|c| !work.silent[c.index] && !work.has(c.index, FaultKind::LowerRate))
+        .map(|c| (c.index, c.role))
         .collect();
-    for column in columns {
+    for (column, role) in columns {
         let Some(spectrum) = spectrum(work.values(column)) else { continue };
         let c = work.criteria;
         let Some(n) = (5..=32).rev().find(|n| has_notches(&spectrum, *n, c.notch_db)) else { continue };
+        match role {
+            Role::Drive => work.averaged[0] = n,
+            Role::Position => work.averaged[1] = n,
+            _ => {}
+        }
         let name = work.name(column);
         let statement = format!(
             "{name} is a moving average over {n} rows: unless it is centred it is {:.2} ms late.",

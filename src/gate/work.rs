@@ -23,6 +23,8 @@ pub(super) struct Work<'a> {
     resolutions: Vec<f64>,
     /// Rows between two values of a column that has a lower rate than the recording.
     pub(super) updates: Vec<usize>,
+    /// Rows that force and positions were averaged over; 1: none.
+    pub(super) averaged: [usize; 2],
     faults: Vec<Fault>,
     /// Faults that were there before the axis that is checked now.
     before: usize,
@@ -57,6 +59,7 @@ impl<'a> Work<'a> {
             steps,
             resolutions,
             updates: vec![1; columns],
+            averaged: [1; 2],
             faults: Vec::new(),
             before: 0,
         }
@@ -166,7 +169,7 @@ impl<'a> Work<'a> {
         let place = |f: &Fault| self.recording.columns.iter().position(|c| c.name == f.column);
         // `t_s` is no column of the recording and comes first.
         self.faults.sort_by_key(|f| (place(f), f.kind));
-        Gated { recording: self.recording, usable: self.usable, faults: self.faults }
+        Gated { recording: self.recording, usable: self.usable, averaged: self.averaged, faults: self.faults }
     }
 }
 

@@ -1,7 +1,8 @@
 //! What is wrong with the recordings: `recording_faults` of `diagnosis.json`, and the first screen of a page.
 
 use super::plot::escape;
-use crate::gate::{Action, Fault};
+use crate::diagnosis::{ForceFault, ForceFaultKind};
+use crate::gate::{Action, Fault, FaultKind};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -12,6 +13,33 @@ pub struct FaultOf {
     pub recording: String,
     /// What is wrong.
     pub fault: Fault,
+}
+
+impl FaultOf {
+    /// A fault of the force that only the diagnosis saw.
+    #[must_use]
+    pub fn of_force(recording: String, found: &ForceFault) -> Self {
+        let column = found.column.clone();
+        let (kind, statement) = match found.kind {
+            ForceFaultKind::MainsLine { frequency_hz, rms_n } => (
+                FaultKind::MainsLine,
+                format!(
+                    "{column} carries a line at {frequency_hz:.2} Hz of {rms_n:.3} N (rms) that moves \
+                     nothing: the mains, or something that turns; it was left out."
+                ),
+            ),
+            ForceFaultKind::ClockOffset { late_s } => (
+                FaultKind::ClockOffset,
+                format!(
+                    "{column} is {:.3} ms later than the motion it makes; it was moved in time.",
+                    1e3 * late_s
+                ),
+            ),
+        };
+        let fault =
+            Fault { column, kind, time_s: Vec::new(), share: 1.0, action: Action::Correct, statement };
+        Self { recording, fault }
+    }
 }
 
 /// Value of `recording_faults`: always a list.

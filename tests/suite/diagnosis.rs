@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
 use std::path::Path;
 use stillcut::config::machine::{machine_from_text, machine_to_text, read_machine};
-use stillcut::diagnosis::{DiagnoseError, Diagnosis, Verdict, diagnose};
+use stillcut::diagnosis::{DiagnoseError, Diagnosis, ForceFaultKind, Verdict, diagnose};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::effects::ParameterValue;
 use stillcut::plant::machine::Machine;
@@ -229,6 +229,43 @@ fn a_delay_that_is_stated_too_long_is_a_wrong_number() {
     let delay = d.parameter_corrections.iter().find(|c| c.name == "amplifier_dead_time_s").unwrap();
     assert!((delay.value - true_s).abs() < 3.0e-5, "{delay:?}, true {true_s}");
     assert!((d.model.axes[0].drive.amplifier_dead_time_s() - delay.value).abs() < 1e-9);
+}
+
+/// The moves of a healthy axis with another current, put right to within the noise that was put in.
+fn with_current(change: impl Fn(usize, &[f64]) -> f64) -> Diagnosis {
+    let (machine, recordings) = healthy(12);
+    let mut moves = recordings[2].clone();
+    let column = moves.columns.iter_mut().find(|c| c.name.contains("current")).unwrap();
+    column.values = (0..column.values.len()).map(|k| change(k, &column.values)).collect();
+    let d = ask(&machine, &moves);
+    assert!(d.findings.is_empty(), "{:?}", d.findings.iter().map(|f| &f.statement).collect::<Vec<_>>());
+    assert_eq!(d.verdict, Verdict::ModelAdequate);
+    d
+}
+
+#[test]
+fn a_line_of_the_mains_is_a_fault_and_no_force() {
+    let d = with_current(|k, i| i[k] + 0.1 * (std::f64::consts::TAU * 50.0 * 1e-4 * k as f64).sin());
+    let [fault] = &d.force_faults[..] else { panic!("{:?}", d.force_faults) };
+    let ForceFaultKind::MainsLine { frequency_hz, .. } = fault.kind else { panic!("{:?}", fault.kind) };
+    assert!((frequency_hz - 50.0).abs() < 0.05, "{frequency_hz} Hz");
+}
+
+#[test]
+fn a_current_that_is_later_than_its_motion_has_another_clock() {
+    let d = with_current(|k, i| i[k.saturating_sub(20)]);
+    let [fault] = &d.force_faults[..] else { panic!("{:?}", d.force_faults) };
+    let ForceFaultKind::ClockOffset { late_s } = fault.kind else { panic!("{:?}", fault.kind) };
+    // What the dead time was is not told from it.
+    assert!((1.6e-3..2.1e-3).contains(&late_s), "{late_s} s");
+}
+
+#[test]
+fn noise_of_a_current_that_moves_nothing_makes_no_mass_and_no_loop() {
+    let normal = Normal::new(0.0, 0.08).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let noise: Vec<f64> = (0..1 << 16).map(|_| normal.sample(&mut rng)).collect();
+    with_current(|k, i| i[k] + noise[k]);
 }
 
 #[test]

@@ -103,6 +103,7 @@ fn diagnosis() -> Diagnosis {
         }),
         findings: vec![finding],
         residual_band_hz: [0.0, 300.0],
+        force_faults: Vec::new(),
         parameter_corrections: vec![Correction {
             name: "movable_mass_kg".into(),
             nominal: 6.6,

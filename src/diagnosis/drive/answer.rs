@@ -3,12 +3,14 @@
 use super::closed_loop::closed_loop;
 use super::criteria::{Criteria, Z95};
 use super::evidence::{least_seen_n, level};
+use super::faults::force_faults;
 use super::gram::Part;
 use super::model::{LINEAR, is_other_size};
 use super::numbers::{Absent, Doubt, absent, corrections, doubt, stated_beta, without};
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::shape::{Hypothesis, Shape};
+use super::signals::MOVING;
 use super::state::{Accepted, Balance, Number, State};
 use super::words::{
     Deviations, domain, equation, estimates, next_experiment, scale_deviation, statement, term,
@@ -179,6 +181,7 @@ impl Case<'_> {
             location,
             findings,
             residual_band_hz: [0.0, balance.signals.top_hz()],
+            force_faults: force_faults((self.axis, self.recordings), balance, &state, &doubt),
             parameter_corrections: corrections,
             recordings: self.recording_fits(&series, unexplained),
             balances: if two { vec!["motor", "stage"] } else { vec!["axis"] },
@@ -248,7 +251,8 @@ impl Case<'_> {
     pub(super) fn found(&self, state: &State, doubt: &Doubt, absent: &[Absent], level: f64) -> Vec<Found> {
         let balance = self.balance;
         let mut list = Vec::new();
-        for (k, law) in state.accepted.iter().enumerate().filter(|(_, a)| a.given.is_none()) {
+        let is_found = |a: &Accepted| a.given.is_none() && !a.hypothesis.is_number();
+        for (k, law) in state.accepted.iter().enumerate().filter(|(_, a)| is_found(a)) {
             let h = &law.hypothesis;
             let estimates = estimates(balance, state, law, &doubt.laws[k]);
             let (evidence_nats, level_nats) = self.evidence_of(h.effect, h.port);
@@ -428,9 +432,11 @@ impl Case<'_> {
             let found = |r: &Recording| {
                 let x = side(port, r)?;
                 let step = coarser_step(&x, stated)?;
-                // What is noisier than the step makes it is rounded to digits, or was reckoned.
-                let noise_m2 = variance_m2(&x, r.sample_rate.hz(), 0.5);
-                (12.0 * noise_m2 < (COARSER * step).powi(2)).then_some(step)
+                // What is noisier than the step makes it is rounded to digits, or was reckoned; what is less
+                // noisy is the sum of a rounded speed.
+                let noise_m2 = variance_m2(&x, r.sample_rate.hz(), MOVING);
+                let of_step = 12.0 * noise_m2 / step.powi(2);
+                (0.5..COARSER.powi(2)).contains(&of_step).then_some(step)
             };
             let steps: Vec<f64> = self.recordings.iter().filter_map(found).collect();
             let step = steps.iter().sum::<f64>() / steps.len().max(1) as f64;

@@ -36,8 +36,10 @@ pub(super) fn candidates(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     let taken = |h: &Hypothesis| {
         state.accepted.iter().any(|a| {
             let other = &a.hypothesis;
-            let cut = matches!(h.shape, Shape::Cut { .. });
-            other.effect == h.effect && other.port == h.port && !cut && other.is_number() == h.is_number()
+            other.effect == h.effect
+                && other.port == h.port
+                && !h.is_of_one_recording()
+                && other.is_number() == h.is_number()
         })
     };
     let mut seen: Vec<Hypothesis> = Vec::new();
@@ -103,11 +105,11 @@ fn thrust(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     let at = |effect, shape| Hypothesis::named(effect, Port::Current, shape);
     let mut list = Vec::new();
     let period_s = 1.0 / s.rate_hz;
-    if !state.inertial {
+    // A force that was measured has nothing before it.
+    if !state.inertial || state.is_measured(balance) {
         return list;
     }
-    let delays =
-        [(0.3, false), (0.8, false), (1.6, false), (3.0, false), (5.0, false), (0.5, true), (1.5, true)];
+    let delays = [(0.3, false), (0.8, false), (1.6, false), (3.0, false), (5.0, false)];
     for (samples, early) in delays.into_iter().filter(|_| !balance.clock_moved) {
         list.push(at(E::DeadTime, Shape::Delay { extra_s: samples * period_s, early }));
     }
@@ -371,49 +373,64 @@ fn first_line(alone: &[f64], k: usize) -> usize {
     k * (1..=SEARCHED_HARMONICS).find(|h| of(*h) >= THERE * strongest).unwrap_or(1)
 }
 
+/// A series about a frequency: sums of short stretches, over which every fine frequency is quick.
+pub(super) struct Demodulated {
+    sums: Vec<Complex<f64>>,
+    /// Begin of the first, length of each, of all, s.
+    first_s: f64,
+    each_s: f64,
+    total_s: f64,
+}
+
+impl Demodulated {
+    pub(super) fn new(balance: &Balance, x: &[f64], (hz, recording): (f64, usize)) -> Self {
+        let s = &balance.signals;
+        let rate_hz = s.thin_rate_hz();
+        let first_s = s.tracks[recording].thin_s(0, s.step);
+        let length = ((0.1_f64.max(3.0 / hz) * rate_hz) as usize).clamp(4, (x.len() / 4).max(4));
+        let turned =
+            |(k, v): (usize, &f64)| Complex::from_polar(*v, -TAU * hz * (first_s + k as f64 / rate_hz));
+        let all: Vec<Complex<f64>> = x.iter().enumerate().map(turned).collect();
+        Self {
+            sums: all.chunks(length).map(|c| c.iter().sum()).collect(),
+            first_s,
+            each_s: length as f64 / rate_hz,
+            total_s: x.len() as f64 / rate_hz,
+        }
+    }
+
+    fn power_at(&self, off_hz: f64) -> f64 {
+        let middle = |c: usize| self.first_s + (c as f64 + 0.5) * self.each_s;
+        let turned = |(c, v): (usize, &Complex<f64>)| v * Complex::from_polar(1.0, -TAU * off_hz * middle(c));
+        self.sums.iter().enumerate().map(turned).sum::<Complex<f64>>().norm_sqr()
+    }
+}
+
+/// By how much the strongest line of all of these is off, within a reach, Hz.
+pub(super) fn strongest_off(all: &[Demodulated], reach_hz: f64) -> f64 {
+    let longest_s = all.iter().map(|d| d.total_s).fold(1e-9, f64::max);
+    let fine_hz = 0.2 / longest_s;
+    let steps = (reach_hz / fine_hz) as i32;
+    let power = |off_hz: f64| all.iter().map(|d| d.power_at(off_hz)).sum::<f64>();
+    (-steps..=steps)
+        .map(|k| f64::from(k) * fine_hz)
+        .map(|off_hz| (off_hz, power(off_hz)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .map_or(0.0, |best| best.0)
+}
+
 /// The line near `hz` in one recording, where its envelope is above half of its plateau.
 fn cut_at(balance: &Balance, x: &[f64], (hz, recording): (f64, usize)) -> Option<Hypothesis> {
-    let s = &balance.signals;
-    let track = &s.tracks[recording];
-    let rate_hz = s.thin_rate_hz();
-    let step_s = 1.0 / rate_hz;
-    let first_s = track.thin_s(0, s.step);
-    let length = ((0.1_f64.max(3.0 / hz) * rate_hz) as usize).clamp(4, x.len() / 4);
-    // Sums of short stretches first; then every fine frequency over them.
-    let demodulated: Vec<Complex<f64>> = x
-        .chunks(length)
-        .enumerate()
-        .map(|(c, chunk)| {
-            chunk
-                .iter()
-                .enumerate()
-                .map(|(j, v)| {
-                    let t = first_s + (c * length + j) as f64 * step_s;
-                    Complex::from_polar(*v, -TAU * hz * t)
-                })
-                .sum()
-        })
-        .collect();
-    let chunk_s = length as f64 * step_s;
-    let power_at = |off_hz: f64| {
-        let turned = |(c, v): (usize, &Complex<f64>)| {
-            v * Complex::from_polar(1.0, -TAU * off_hz * (first_s + (c as f64 + 0.5) * chunk_s))
-        };
-        demodulated.iter().enumerate().map(turned).sum::<Complex<f64>>().norm_sqr()
-    };
-    let total_s = x.len() as f64 * step_s;
-    let reach = balance.plan.bin_hz.min(0.45 / chunk_s);
-    let fine = 0.2 / total_s;
-    let steps = (reach / fine) as i32;
-    let off =
-        (-steps..=steps).map(|k| f64::from(k) * fine).max_by(|a, b| power_at(*a).total_cmp(&power_at(*b)))?;
-    let sizes: Vec<f64> = demodulated.iter().map(|v| v.norm()).collect();
+    let line = Demodulated::new(balance, x, (hz, recording));
+    let reach = balance.plan.bin_hz.min(0.45 / line.each_s);
+    let off = strongest_off(std::slice::from_ref(&line), reach);
+    let sizes: Vec<f64> = line.sums.iter().map(|v| v.norm()).collect();
     let mut sorted = sizes.clone();
     sorted.sort_by(f64::total_cmp);
     let plateau = sorted[sorted.len() * 9 / 10];
     let above: Vec<bool> = sizes.iter().map(|v| *v > 0.5 * plateau).collect();
     let (from, to) = longest_run(&above)?;
-    let edge = |c: usize| first_s + c as f64 * chunk_s;
+    let edge = |c: usize| line.first_s + c as f64 * line.each_s;
     let shape = Shape::Cut { hz: hz + off, start_s: edge(from), end_s: edge(to) };
     Some(Hypothesis::named(E::CuttingForce, Port::Stage, shape))
 }

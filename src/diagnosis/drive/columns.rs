@@ -85,6 +85,7 @@ impl Ground<'_> {
     pub(super) fn columns(&self, h: &Hypothesis) -> Vec<TimeColumn> {
         match h.shape {
             Shape::Cut { hz, start_s, end_s } => self.cut(hz, [start_s, end_s]),
+            Shape::Mains { hz } => self.mains(hz),
             Shape::Push { recording, start_s, end_s, .. } => vec![self.push(recording, [start_s, end_s])],
             Shape::Map { pieces, flips, over } => self.map((pieces, flips), over),
             Shape::Torsion { frequency_hz, share, damping } => {
@@ -204,6 +205,7 @@ impl Ground<'_> {
                 self.springs(h).into_iter().map(of).flat_map(one).collect()
             }
             Shape::Cut { .. }
+            | Shape::Mains { .. }
             | Shape::Push { .. }
             | Shape::Map { .. }
             | Shape::Torsion { .. }
@@ -410,6 +412,20 @@ impl Ground<'_> {
             push(&|_| 1.0);
         }
         out
+    }
+
+    /// Sine and cosine of a line in the recorded force, of every recording its own.
+    fn mains(&self, hz: f64) -> Vec<TimeColumn> {
+        let tracks = &self.signals.tracks;
+        let of = |own: usize, f: fn(f64) -> f64| {
+            let series = |(r, t): (usize, &Track)| {
+                let at = |j| if r == own { f(TAU * hz * t.thin_s(j, self.signals.step)) } else { 0.0 };
+                (0..t.thin_count()).map(at).collect()
+            };
+            let series = tracks.iter().enumerate().map(series).collect();
+            TimeColumn { sides: [Some(series), None], operator: None }
+        };
+        (0..tracks.len()).flat_map(|r| [of(r, f64::sin), of(r, f64::cos)]).collect()
     }
 
     /// One in a window of one recording, at the stage.

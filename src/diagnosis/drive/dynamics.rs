@@ -4,6 +4,10 @@
 //! forces is that of the motion only with log |det P|^2. Where the axis is moved by the disturbances
 //! themselves (near a resonance, in a sweep above its band) least squares without it make P small there, and
 //! bend stiffness, dampings and whatever else moves a resonance.
+//!
+//! A force that was measured has noise that moves nothing: there it is P x and that noise, and its likelihood
+//! has no Jacobian but that of the stage's own balance. Which of the two holds is seen in each band: with F
+//! the force less friction, log p(x | F) p(F) and log p(F | x) p(x) differ by log |F|^2 - log |P x|^2.
 
 use super::gram::{BandGram, Column};
 use super::spectra::{Point, Response};
@@ -23,12 +27,20 @@ struct Moving {
 pub(super) struct Dynamics {
     points: Arc<Vec<Point>>,
     moving: Vec<Moving>,
+    /// Bands, `(recording, band)`, whose recorded force moves nothing.
+    idle: Arc<Vec<(usize, usize)>>,
 }
 
 impl Dynamics {
     /// Nothing yet at these frequencies; none: a rigid mass, whose Jacobian is its mass.
     pub(super) fn at(points: Arc<Vec<Point>>) -> Self {
-        Self { points, moving: Vec::new() }
+        Self { points, moving: Vec::new(), idle: Arc::default() }
+    }
+
+    /// With bands whose recorded force moves nothing.
+    pub(super) fn idle_in(mut self, idle: Arc<Vec<(usize, usize)>>) -> Self {
+        self.idle = idle;
+        self
     }
 
     /// True where there is nothing to be said of resonances.
@@ -47,19 +59,19 @@ impl Dynamics {
     pub(super) fn kept(&self, places: &[usize]) -> Self {
         let moved =
             |m: &Moving| places.iter().position(|p| *p == m.place).map(|place| Moving { place, ..m.clone() });
-        Self { points: self.points.clone(), moving: self.moving.iter().filter_map(moved).collect() }
+        Self { moving: self.moving.iter().filter_map(moved).collect(), ..self.clone() }
     }
 
     /// Sum of log |det P|^2 over the values of all bands, nats.
     pub(super) fn log_det(&self, bands: &[BandGram], beta: &[f64]) -> f64 {
-        let of_band = of_bands(bands);
+        let of_band = self.of_bands(bands);
+        let log = |weight: f64, p: Complex<f64>| {
+            if weight > 0.0 { weight * p.norm_sqr().max(1e-300).ln() } else { 0.0 }
+        };
         let of = |(k, point): (usize, &Point)| {
-            let weight = point.share * of_band.get(point.band).copied().unwrap_or(0.0);
-            if weight > 0.0 {
-                weight * determinant(&self.axis(k, beta)).norm_sqr().max(1e-300).ln()
-            } else {
-                0.0
-            }
+            let [both, stage] = of_band.get(point.band).map_or([0.0; 2], |v| v.map(|v| point.share * v));
+            let axis = self.axis(k, beta);
+            log(both, determinant(&axis)) + log(stage, axis[3])
         };
         self.points.iter().enumerate().map(of).sum()
     }
@@ -72,31 +84,51 @@ impl Dynamics {
         a: &mut DMatrix<f64>,
         gradient: &mut DVector<f64>,
     ) {
-        let of_band = of_bands(bands);
+        let of_band = self.of_bands(bands);
+        let none = Complex::new(0.0, 0.0);
         let mut turned: Vec<Response> = Vec::with_capacity(self.moving.len());
         for (k, point) in self.points.iter().enumerate() {
-            let weight = point.share * of_band.get(point.band).copied().unwrap_or(0.0);
             let axis = self.axis(k, beta);
             let det = determinant(&axis);
-            if weight <= 0.0 || det.norm_sqr() < 1e-300 {
-                continue;
-            }
             let inverse = [axis[3] / det, -axis[1] / det, -axis[2] / det, axis[0] / det];
-            turned.clear();
-            turned.extend(self.moving.iter().map(|m| product(&inverse, &m.response[k])));
-            for (i, x) in turned.iter().enumerate() {
-                let place = self.moving[i].place;
-                gradient[place] -= weight * (x[0] + x[3]).re;
-                for (j, y) in turned.iter().enumerate().take(i + 1) {
-                    let other = self.moving[j].place;
-                    let curvature = weight * (0..4).map(|e| (x[e] * y[e].conj()).re).sum::<f64>();
-                    a[(place, other)] += curvature;
-                    if i != j {
-                        a[(other, place)] += curvature;
-                    }
+            let [both, stage] = of_band.get(point.band).map_or([0.0; 2], |v| v.map(|v| point.share * v));
+            if both > 0.0 && det.norm_sqr() > 1e-300 {
+                turned.clear();
+                turned.extend(self.moving.iter().map(|m| product(&inverse, &m.response[k])));
+                self.add_curve(&turned, both, a, gradient);
+            }
+            if stage > 0.0 && axis[3].norm_sqr() > 1e-300 {
+                turned.clear();
+                turned.extend(self.moving.iter().map(|m| [none, none, none, m.response[k][3] / axis[3]]));
+                self.add_curve(&turned, stage, a, gradient);
+            }
+        }
+    }
+
+    /// The part of one frequency; `turned`: P^-1 times each column's response.
+    fn add_curve(&self, turned: &[Response], weight: f64, a: &mut DMatrix<f64>, gradient: &mut DVector<f64>) {
+        for (i, x) in turned.iter().enumerate() {
+            let place = self.moving[i].place;
+            gradient[place] -= weight * (x[0] + x[3]).re;
+            for (j, y) in turned.iter().enumerate().take(i + 1) {
+                let other = self.moving[j].place;
+                let curvature = weight * (0..4).map(|e| (x[e] * y[e].conj()).re).sum::<f64>();
+                a[(place, other)] += curvature;
+                if i != j {
+                    a[(other, place)] += curvature;
                 }
             }
         }
+    }
+
+    /// Values of each band, halved for the overlap: those whose Jacobian is of both balances, and of the
+    /// stage's alone.
+    fn of_bands(&self, bands: &[BandGram]) -> Vec<[f64; 2]> {
+        let mut out = vec![[0.0; 2]; bands.iter().map(|b| b.band + 1).max().unwrap_or(0)];
+        for b in bands {
+            out[b.band][usize::from(self.idle.contains(&(b.recording, b.band)))] += 0.5 * b.values;
+        }
+        out
     }
 
     fn axis(&self, k: usize, beta: &[f64]) -> Response {
@@ -106,13 +138,6 @@ impl Dynamics {
         }
         out
     }
-}
-
-/// Values of each band, halved for the overlap.
-fn of_bands(bands: &[BandGram]) -> Vec<f64> {
-    let mut out = vec![0.0; bands.iter().map(|b| b.band + 1).max().unwrap_or(0)];
-    bands.iter().for_each(|b| out[b.band] += 0.5 * b.values);
-    out
 }
 
 fn determinant(p: &Response) -> Complex<f64> {

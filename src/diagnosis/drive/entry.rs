@@ -100,6 +100,7 @@ impl Case<'_> {
             verdict: Verdict::ModelAdequate,
             findings: Vec::new(),
             parameter_corrections: Vec::new(),
+            force_faults: Vec::new(),
             detection_limits: Vec::new(),
             model: self.machine.clone(),
             notes: vec![note.to_owned()],

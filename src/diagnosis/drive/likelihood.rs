@@ -11,6 +11,7 @@
 use super::criteria::{Criteria, Z95};
 use super::dynamics::Dynamics;
 use super::gram::{BandGram, Gram};
+use super::number::Number;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -24,6 +25,7 @@ const MASS_STEP: f64 = 0.4;
 /// What is fitted: places in the Gram matrices.
 #[derive(Debug, Clone)]
 pub(super) struct Design {
+    /// Past the last column: nothing is fitted to.
     pub(super) target: usize,
     pub(super) columns: Vec<usize>,
     /// Bounds of each coefficient.
@@ -60,7 +62,7 @@ pub(super) struct Fit {
 impl Design {
     fn coefficients(&self, beta: &[f64], n: usize) -> Vec<f64> {
         let mut c = vec![0.0; n];
-        c[self.target] = 1.0;
+        c.iter_mut().skip(self.target).take(1).for_each(|c| *c = 1.0);
         self.columns.iter().zip(beta).for_each(|(k, b)| c[*k] -= b);
         c
     }
@@ -84,6 +86,21 @@ impl Design {
             kinds[1] / band.values,
             (kinds[2].max(0.0) + floor[1]).max(1e-300) / band.values,
         ]
+    }
+
+    /// Bands, `(recording, band)`, in which the recorded force, friction and further laws taken off, is more
+    /// than three times what the motor's motion needs. A disturbance that moves the axis adds to the motion.
+    pub(super) fn idle(&self, bands: &[BandGram], numbers: &[Number], beta: &[f64]) -> Vec<(usize, usize)> {
+        let part = |moves: bool| -> Vec<f64> {
+            let is = |k: usize| numbers.get(k).is_some_and(|n| n.is_linear_in_motion());
+            beta.iter().enumerate().map(|(k, b)| if is(k) == moves { *b } else { 0.0 }).collect()
+        };
+        let [others, motion] = [false, true].map(part);
+        let is_idle = |b: &&BandGram| {
+            let needed = Self { target: order(b), ..self.clone() }.spread(b, &motion)[0];
+            self.spread(b, &others)[0].sqrt() > 3.0 * needed.sqrt()
+        };
+        bands.iter().filter(is_idle).map(|b| (b.recording, b.band)).collect()
     }
 
     fn log_det(&self, s: Spread) -> f64 {

@@ -9,6 +9,7 @@ mod criteria;
 mod dynamics;
 mod entry;
 mod evidence;
+mod faults;
 mod given;
 mod gram;
 mod likelihood;
@@ -53,6 +54,8 @@ pub(in crate::diagnosis) struct Beside<'a> {
     pub(in crate::diagnosis) budget_s: f64,
     /// A column was moved in time: no delay can be told.
     pub(in crate::diagnosis) clock_moved: bool,
+    /// Rows that force and positions were averaged over.
+    pub(in crate::diagnosis) averaged: [usize; 2],
 }
 
 impl Beside<'_> {
@@ -69,7 +72,7 @@ fn balance_of(
     recordings: &[Recording],
     beside: &Beside<'_>,
 ) -> Result<state::Balance, DiagnoseError> {
-    let signals = signals::Signals::new(axis, recordings, beside.masks)?;
+    let signals = signals::Signals::new(axis, recordings, beside.masks, beside.averaged)?;
     let balance = state::Balance::new(axis.drive.clone(), signals, beside.clock_moved);
     if let Some(first) = recordings.first().filter(|_| !balance.plan.is_enough()) {
         let recording = first.experiment.clone();
@@ -88,7 +91,7 @@ fn start_of(axis: &AxisModel, balance: &state::Balance) -> (state::State, Vec<St
         start = state::State::new(balance, laws);
     }
     for _ in 0..PASSES {
-        start = start.rebuilt(balance);
+        start = start.begun(balance);
     }
     (start, notes)
 }
@@ -165,6 +168,7 @@ pub(in crate::diagnosis) fn diagnose(
     let balance = balance_of(&axis, recordings, &beside)?;
     let (start, notes) = start_of(&axis, &balance);
     let drive = subject::Drive::new(&balance);
+    let start = drive.without_faults(start, &mut work);
     let search = |share: f64, what: &str| progress(0.05 + 0.85 * share, what);
     let selected = select(&drive, start.clone(), Reach::default(), &mut work, &search);
     progress(0.9, "writing the model, simulating the loop");

@@ -42,6 +42,11 @@ impl Number {
         }
     }
 
+    /// True for what the motion of the motor needs by itself: inertia, dampers, the spring.
+    pub(super) fn is_linear_in_motion(self) -> bool {
+        matches!(self, Self::MotorMass | Self::MotorDamping | Self::Stiffness | Self::StructuralDamping)
+    }
+
     /// True for a level of dry friction or a part of it.
     pub(super) fn is_dry_friction(self) -> bool {
         matches!(self, Self::MotorCoulomb | Self::StageCoulomb) || self.part().is_some()

@@ -202,6 +202,9 @@ pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Bes
     let r2 = d.travel_m_rad().powi(2);
     let two = balance.signals.layout == Layout::TwoPositions;
     let rest = |of_motor: f64| if two { 0.0 } else { of_motor };
+    let raw = d.raw();
+    let stated = raw.motor_encoder_delay_s.and(raw.stage_encoder_delay_s).is_some();
+    let unstated_s = if two && !stated { c.timing_deviation / balance.signals.rate_hz } else { 0.0 };
     let of = |number: Number| -> Option<Beside> {
         let k = state.base.numbers.iter().position(|n| *n == number)?;
         if number == Number::StageMass && !state.inertial {
@@ -243,7 +246,12 @@ pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Bes
             | Number::Zero
             | Number::Scale => return None,
         };
-        let (value, deviation) = (unit * estimate - other, unit * doubt.numbers[k]);
+        // An encoder later than the other by dt adds K dt to the stage's damping, off the motor's.
+        let apart = match number {
+            Number::MotorDamping | Number::StageDamping => state.mechanics.stiffness_n_m * unstated_s,
+            _ => 0.0,
+        };
+        let (value, deviation) = (unit * estimate - other, unit * doubt.numbers[k].hypot(apart));
         Some(Beside { key, nominal, value, deviation, other, tolerance })
     };
     state.base.numbers.iter().filter_map(|n| of(*n)).collect()
@@ -269,6 +277,12 @@ pub(super) fn common_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
         sum >= half
     });
     middle.map_or(0.0, |m| m.0)
+}
+
+/// True where the force comes later than its motion, whatever its dead time: its clock is another.
+pub(super) fn is_late(balance: &Balance, state: &State, doubt: &Doubt) -> bool {
+    let within_s = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
+    state.found_delay && state.path.delay_s < -Z95 * doubt.path[0].hypot(within_s)
 }
 
 /// Numbers that the recordings contradict.
@@ -304,7 +318,7 @@ pub(super) fn corrections(
         list.push(Correction { name: "torque_constant_nm_a".into(), nominal, value, ci95 });
     }
     let stated_s = balance.drive.amplifier_dead_time_s();
-    if state.found_delay && state.path.delay_s < stated_s {
+    if state.found_delay && state.path.delay_s < stated_s && !is_late(balance, state, doubt) {
         let half = Z95 * doubt.path[0].hypot(c.timing_deviation / balance.signals.rate_hz);
         let value = state.path.delay_s.max(0.0);
         let ci95 = [value - half, value + half];

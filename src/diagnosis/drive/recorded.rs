@@ -1,6 +1,7 @@
 //! The columns of one axis in a recording: thrust in N, positions in m.
 
 use crate::diagnosis::DiagnoseError;
+use crate::diagnosis::steps::coarser_step;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 
@@ -12,6 +13,14 @@ pub(in crate::diagnosis) struct Thrust {
     pub(in crate::diagnosis) per_unit: f64,
     /// True for a current.
     pub(in crate::diagnosis) is_current: bool,
+    /// Step of the column, N; 0: none is to be seen.
+    pub(in crate::diagnosis) step_n: f64,
+}
+
+/// The column that [`thrust`] is read from.
+pub(in crate::diagnosis) fn thrust_column(axis: &AxisModel, recording: &Recording) -> Option<String> {
+    let names = ["thrust_ref_n", "torque_ref_nm", "current_ref_a"].map(|n| format!("{}_{n}", axis.name));
+    names.into_iter().find(|name| recording.get(name).is_some())
 }
 
 /// Thrust from whichever reference is recorded. Errors: none is, or a current without a torque constant.
@@ -21,6 +30,7 @@ pub(in crate::diagnosis) fn thrust(axis: &AxisModel, recording: &Recording) -> R
         reference_n: values.iter().map(|v| v * per_unit).collect(),
         per_unit,
         is_current,
+        step_n: per_unit * coarser_step(values, 1e-6 * span(values)).unwrap_or(0.0),
     };
     if let Some(force) = recording.get(&name("thrust_ref_n")) {
         return Ok(scaled(force, 1.0, false));

@@ -58,6 +58,8 @@ pub(super) enum Shape {
     EncoderDelay { extra_s: f64 },
     /// A cut: four harmonics and a mean, in a window, each recording with its own phases.
     Cut { hz: f64, start_s: f64, end_s: f64 },
+    /// A line of the mains in the recorded force, each recording with its own phase: no force, a fault.
+    Mains { hz: f64 },
     /// The mean force of tools that cut in one recording while the spindle turns.
     Push { recording: usize, spindle_hz: f64, start_s: f64, end_s: f64 },
     /// Cubic B-splines, with the direction or without.
@@ -87,9 +89,9 @@ pub(super) const DIFFERENCE: f64 = 1e-3;
 pub(super) const CUT_HARMONICS: usize = 10;
 
 impl Hypothesis {
-    /// True for what is a number of the model and no finding.
+    /// True for what is a number of the model, or a fault of a column, and no finding.
     pub(super) fn is_number(&self) -> bool {
-        matches!(self.shape, Shape::Smoothing { .. } | Shape::Delay { early: true, .. })
+        matches!(self.shape, Shape::Smoothing { .. } | Shape::Delay { early: true, .. } | Shape::Mains { .. })
     }
 
     /// True where the size of the law is in its shape: its amplitude is one if it is true.
@@ -134,7 +136,7 @@ impl Hypothesis {
 
     /// True where each recording has columns of its own: nothing carries over to another recording.
     pub(super) fn is_of_one_recording(&self) -> bool {
-        matches!(self.shape, Shape::Cut { .. } | Shape::Push { .. })
+        matches!(self.shape, Shape::Cut { .. } | Shape::Push { .. } | Shape::Mains { .. })
     }
 
     /// Begin and end of a cut, s since the recording began.
@@ -174,6 +176,7 @@ impl Hypothesis {
             Shape::Cut { hz, .. } => vec![c(hz, 0.1, 1e4)],
             Shape::Smoothing { speed_m_s } => vec![c(speed_m_s, 1e-8, 1e3)],
             Shape::Push { .. }
+            | Shape::Mains { .. }
             | Shape::Asymmetric
             | Shape::AsymmetricViscous
             | Shape::Gravity

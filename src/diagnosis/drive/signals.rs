@@ -32,7 +32,7 @@ const VELOCITY_BAND_SHARE: f64 = 0.05;
 /// Smoothing speed of friction where the model states none, m/s.
 const SMOOTHING_M_S: f64 = 2e-4;
 /// Quantile of the blocks of a recording in which the axis moves: at rest a step shows no noise.
-const MOVING: f64 = 0.75;
+pub(super) const MOVING: f64 = 0.75;
 /// Part of a recording that a slow thrust filter may take at either end.
 const PATH_PARTS: usize = 12;
 /// Thinned samples that a recording has at least.
@@ -105,6 +105,8 @@ pub(super) struct Signals {
     pub(super) noise_m2: Vec<f64>,
     /// Kernels without a shift: signal, first and second derivative.
     kernels: [Kernel; 3],
+    /// What averages the thrust and the positions so that both are averaged alike, and laws with them.
+    means: [Kernel; 2],
 }
 
 /// Rows of a recording that were not measured; empty: all were.
@@ -156,12 +158,13 @@ fn found_steps_m(axis: &AxisModel, recording: &Recording) -> [f64; 2] {
 
 impl Signals {
     /// Reads, aligns and filters. `masks`: per recording, rows that were not measured (the caller has bridged
-    /// them); empty: none.
+    /// them); empty: none. `averaged`: rows that force and positions were averaged over by the logger.
     /// Errors: a missing column, no torque constant, a recording shorter than the filters.
     pub(super) fn new(
         axis: &AxisModel,
         recordings: &[Recording],
         masks: &[Mask],
+        averaged: [usize; 2],
     ) -> Result<Self, DiagnoseError> {
         let layout = layout(axis, recordings);
         let rate_hz = recordings.first().map_or(1.0, |r| r.sample_rate.hz());
@@ -196,7 +199,11 @@ impl Signals {
         let stated = axis.drive.raw().friction_smoothing_m_s;
         let smoothing_m_s = stated.unwrap_or_else(|| SMOOTHING_M_S.max(speed_of_step * least_hz));
         let velocity_hz = (smoothing_m_s / speed_of_step.max(1e-300)).min(band_hz).max(0.15 * least_hz);
-        let low_pass = |derivative| Kernel::low_pass(band_hz, rate_hz, Action { derivative, advance_s: 0.0 });
+        let most = averaged[0].max(averaged[1]);
+        let mean_of_laws = Kernel::mean(most);
+        let low_pass = |derivative| {
+            Kernel::low_pass(band_hz, rate_hz, Action { derivative, advance_s: 0.0 }).after(&mean_of_laws)
+        };
         let mut signals = Self {
             layout,
             rate_hz,
@@ -207,6 +214,7 @@ impl Signals {
             tracks: Vec::new(),
             noise_m2,
             kernels: [low_pass(0), low_pass(1), low_pass(2)],
+            means: averaged.map(|rows| Kernel::mean(if rows > 1 { 1 } else { most })),
         };
         for (k, recording) in recordings.iter().enumerate() {
             let mask = masks.get(k).map_or(&[][..], Vec::as_slice);
@@ -261,13 +269,16 @@ impl Signals {
             let origin = x[0];
             let local: Vec<f64> = x.iter().map(|v| v - origin).collect();
             let of = |hz, derivative, grid| kernel(hz, derivative, *advance_s).apply(&local, grid);
+            let of_thin = |derivative| {
+                kernel(self.band_hz, derivative, *advance_s).after(&self.means[1]).apply(&local, thin)
+            };
             let back = |x: Vec<f64>| x.iter().map(|v| v + origin).collect::<Vec<f64>>();
             sides[k].x_m = back(of(self.band_hz, 0, full));
             sides[k].v_m_s = of(velocity_hz, 1, full);
-            out.velocity[k] = of(self.band_hz, 1, thin);
-            out.accel[k] = of(self.band_hz, 2, thin);
+            out.velocity[k] = of_thin(1);
+            out.accel[k] = of_thin(2);
             if k == 0 {
-                out.position = back(of(self.band_hz, 0, thin));
+                out.position = back(of_thin(0));
             }
         }
         let stretch_m = match self.layout {
@@ -276,13 +287,12 @@ impl Signals {
             Layout::OnePosition => Vec::new(),
         };
         if !stretch_m.is_empty() {
-            // Directly from the thinned signals: the full-rate series has passed the low-pass once as well.
+            // The full-rate series has passed the low-pass once as well.
             out.stretch_rate = match self.layout {
                 Layout::TwoPositions => difference(&out.velocity[0], &out.velocity[1]),
                 _ => out.velocity[0].clone(),
             };
-            out.stretch =
-                (0..thin.count).map(|j| stretch_m[thin_first - full_first + j * self.step]).collect();
+            out.stretch = self.means[1].apply(&stretch_m, Grid { first: thin_first - full_first, ..thin });
         }
         let masked = (0..thin.count)
             .map(|j| {
@@ -325,6 +335,11 @@ impl Signals {
     /// Highest frequency looked at, Hz.
     pub(super) fn top_hz(&self) -> f64 {
         (TOP * self.band_hz).min(0.45 * self.thin_rate_hz())
+    }
+
+    /// Half the time that a column was averaged over: what a mean of past rows is late by, s.
+    pub(super) fn averaged_s(&self) -> f64 {
+        self.means.iter().map(Kernel::half).max().unwrap_or(0) as f64 / self.rate_hz
     }
 
     /// Number of balances.
@@ -383,7 +398,8 @@ impl Signals {
     }
 
     fn path_kernel(&self, path: Path) -> Kernel {
-        let kernel = Kernel::of_held_reference(self.band_hz, self.rate_hz, -path.delay_s, path.loop_rad_s);
+        let kernel = Kernel::of_held_reference(self.band_hz, self.rate_hz, -path.delay_s, path.loop_rad_s)
+            .after(&self.means[0]);
         let most = self.tracks.iter().map(|t| t.full_first).min().unwrap_or(usize::MAX);
         kernel.cut_to(most)
     }

@@ -65,6 +65,8 @@ pub(super) struct Base {
     pub(super) design: Design,
     pub(super) fit: Fit,
     pub(super) weights: Vec<Spread>,
+    /// Bands, `(recording, band)`, whose recorded force moves nothing, see [`super::dynamics`].
+    idle: Arc<Vec<(usize, usize)>>,
     /// First of the knockoffs' columns.
     pub(super) knockoffs: usize,
     /// Fits of the knockoffs with numbers and laws alone.
@@ -274,7 +276,8 @@ impl State {
         let mechanics = stated_mechanics(balance);
         let path = Path { delay_s: d.amplifier_dead_time_s(), loop_rad_s: d.current_loop_bandwidth_rad_s() };
         let smoothing_m_s = balance.signals.smoothing_m_s;
-        let laws = Laws { path, timing_s: 0.0, smoothing_m_s, mechanics, found: [false; 2], inertial };
+        let laws =
+            Laws { path, timing_s: 0.0, smoothing_m_s, mechanics, found: [false; 2], inertial, idle: None };
         let mut state = Self {
             path,
             timing_s: 0.0,
@@ -302,7 +305,17 @@ impl State {
     }
 
     /// The balance built again from the numbers and laws as they are.
-    pub(super) fn rebuilt(mut self, balance: &Balance) -> Self {
+    pub(super) fn rebuilt(self, balance: &Balance) -> Self {
+        let idle = self.base.idle.clone();
+        self.built(balance, Some(idle))
+    }
+
+    /// The same before anything is asked: what moves nothing is looked at anew.
+    pub(super) fn begun(self, balance: &Balance) -> Self {
+        self.built(balance, None)
+    }
+
+    fn built(mut self, balance: &Balance, idle: Option<Arc<Vec<(usize, usize)>>>) -> Self {
         let laws = Laws {
             path: self.path,
             timing_s: self.timing_s,
@@ -310,6 +323,7 @@ impl State {
             mechanics: self.mechanics,
             found: [self.found_delay, self.found_loop],
             inertial: self.inertial,
+            idle,
         };
         self.base = Arc::new(base(balance, laws, &self.accepted));
         self.take_over();
@@ -359,6 +373,12 @@ impl State {
         }
     }
 
+    /// True where the recorded force has noise that moves nothing up to the highest frequencies: it is no
+    /// command, and what lies between a command and its force is not asked about.
+    pub(super) fn is_measured(&self, balance: &Balance) -> bool {
+        self.base.idle.iter().any(|(_, band)| band + 1 == balance.plan.bands())
+    }
+
     /// Dry friction of the stage (of the axis, with one position), its bristle included, N.
     pub(super) fn coulomb_n(&self) -> f64 {
         let bristles =
@@ -395,6 +415,8 @@ struct Laws {
     found: [bool; 2],
     /// See [`State`].
     inertial: bool,
+    /// See [`Base`]; `None`: not known yet.
+    idle: Option<Arc<Vec<(usize, usize)>>>,
 }
 
 /// Bounds of the amplitudes of a hypothesis.
@@ -444,7 +466,9 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
                 let d = &balance.drive;
                 let encoders_s = d.motor_encoder_delay_s().max(d.stage_encoder_delay_s());
                 let lag_s = laws.path.loop_rad_s.map_or(0.0, f64::recip);
-                let within_s = laws.path.delay_s + encoders_s + lag_s + 2.0 / balance.signals.rate_hz;
+                let mean_s = balance.signals.averaged_s();
+                let within_s =
+                    laws.path.delay_s + encoders_s + lag_s + mean_s + 2.0 / balance.signals.rate_hz;
                 [-within_s, within_s].map(|s| s - laws.timing_s)
             }
             N::Timing => {
@@ -499,6 +523,10 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
         sides: balance.signals.sides(),
     };
     design.add(&gram, 1..knockoffs, bounds);
+    let two = balance.signals.layout == Layout::TwoPositions;
+    let look = || if two { design.idle(&gram.sum(plan, Part::All), &numbers, &start) } else { Vec::new() };
+    let idle = laws.idle.unwrap_or_else(|| Arc::new(look()));
+    design.dynamics = design.dynamics.idle_in(idle.clone());
     let all = gram.sum(plan, Part::All);
     let weights = design.weights(&all, &start);
     let fit = balance.fit(&design, &all, &start, &weights);
@@ -525,7 +553,7 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
             HeldOut { trained, judged, nats }
         })
         .collect();
-    Base { numbers, gram, all, design, fit, weights, knockoffs, knockoff_fits, held_out }
+    Base { numbers, gram, all, design, fit, weights, idle, knockoffs, knockoff_fits, held_out }
 }
 
 /// The design of a knockoff: its target beside the present fit. No motion comes of it, and it has no Jacobian

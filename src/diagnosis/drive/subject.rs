@@ -20,7 +20,7 @@ const HALVINGS: usize = 4;
 /// Gauss-Newton steps at most.
 const STEPS: usize = 8;
 /// Passes in which numbers and shapes follow one another after something was taken up.
-const PASSES: usize = 6;
+pub(super) const PASSES: usize = 6;
 
 /// One axis.
 pub(super) struct Drive<'a> {
@@ -250,7 +250,7 @@ impl<'a> Drive<'a> {
     }
 
     /// Shapes and numbers follow one another until they stand; a step that loses is taken shorter.
-    fn settled(&self, state: State, passes: usize, work: &mut Work) -> State {
+    pub(super) fn settled(&self, state: State, passes: usize, work: &mut Work) -> State {
         let mut best = state.rebuilt(self.balance);
         let mut share = 1.0;
         for _ in 0..passes {
@@ -436,6 +436,7 @@ impl Subject for Drive<'_> {
 
     fn settle(&self, state: State, work: &mut Work) -> State {
         let state = self.settled(state, PASSES, work);
+        let state = self.without_faults(state, work);
         self.without_stand_ins(state, work)
     }
 }

@@ -147,6 +147,7 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
             s.add("start_s", "s", start_s, 1.0 / spindle_hz);
             s.add("end_s", "s", end_s, 1.0 / spindle_hz);
         }
+        Shape::Mains { hz } => s.constant("frequency_hz", "Hz", hz, r(0)),
         Shape::Smoothing { speed_m_s } => s.constant("friction_smoothing_m_s", "m/s", speed_m_s, r(0)),
     }
     s.list
