@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!  F --5 Hz to low-pass--> total           share = sqrt(<above^2> / <total^2>), memory 2 s
-//!                            `--above the band's end--> above
+//!                            `--above the band's end, below where it is right again--> above
 //! ```
 //! For methods whose band ends before the low-pass does: `thrust` (the loop), `dob` (the axial mode), sums of
 //! both sides behind a low-pass of the drive side. What encoder steps make of it is taken off.
@@ -27,6 +27,8 @@ pub(super) struct AboveBand {
     high: Butterworth,
     low: Butterworth,
     end: Butterworth,
+    /// Where the method is right again: lets through of a line there just the share from which on it is said.
+    again: Option<Butterworth>,
     forget: f64,
     least_weight: f64,
     /// What encoder steps make of the estimate, N.
@@ -34,15 +36,23 @@ pub(super) struct AboveBand {
 }
 
 impl AboveBand {
-    /// For a method that is right up to `end_hz` behind a low-pass at `low_pass_hz`; `None` where that is all
-    /// of it, or hardly anything. Errors: frequencies that do not fit the rate.
-    pub(super) fn new(end_hz: f64, low_pass_hz: f64, rate: SampleRate) -> Result<Option<Self>, FilterError> {
+    /// For a method that is right up to `end_hz`, and from `again_hz` on, behind a low-pass at `low_pass_hz`;
+    /// `None` where that is all of it, or hardly anything. Errors: frequencies that do not fit the rate.
+    pub(super) fn new(
+        (end_hz, again_hz): (f64, Option<f64>),
+        low_pass_hz: f64,
+        rate: SampleRate,
+    ) -> Result<Option<Self>, FilterError> {
         let low_pass_hz = low_pass_hz.min(0.3 * rate.hz());
         if end_hz >= 0.9 * low_pass_hz || low_pass_hz <= 2.0 * HIGH_PASS_HZ {
             return Ok(None);
         }
         let end_hz = end_hz.max(HIGH_PASS_HZ);
+        // |H|^2 = 1 / (1 + (f / corner)^8)
+        let corner = |hz: f64| hz / (1.0 / (LEAST_SHARE * LEAST_SHARE) - 1.0).powf(1.0 / 8.0);
+        let again = again_hz.map(|hz| Butterworth::low_pass(4, corner(hz), rate)).transpose()?;
         Ok(Some(Self {
+            again,
             high: Butterworth::new(Pass::High, 2, HIGH_PASS_HZ, rate)?,
             low: Butterworth::low_pass(4, low_pass_hz, rate)?,
             end: Butterworth::new(Pass::High, 4, end_hz, rate)?,
@@ -59,6 +69,7 @@ pub(super) struct LanesAbove<const L: usize> {
     high: Vec<LaneSection<L>>,
     low: Vec<LaneSection<L>>,
     end: Vec<LaneSection<L>>,
+    again: Vec<LaneSection<L>>,
     forget: [f64; L],
     least_weight: [f64; L],
     noise_n2: [f64; L],
@@ -70,6 +81,7 @@ pub(super) struct SeenAbove<const L: usize> {
     high: Vec<[[f64; L]; 2]>,
     low: Vec<[[f64; L]; 2]>,
     end: Vec<[[f64; L]; 2]>,
+    again: Vec<[[f64; L]; 2]>,
     total_n2: [f64; L],
     above_n2: [f64; L],
     weight: [f64; L],
@@ -79,15 +91,15 @@ pub(super) struct SeenAbove<const L: usize> {
 
 impl<const L: usize> Keep for SeenAbove<L> {
     fn keep(&self, to: &mut Vec<u64>) {
-        let Self { high, low, end, total_n2, above_n2, weight, fresh } = self;
-        [high, low, end].into_iter().for_each(|x| x.keep(to));
+        let Self { high, low, end, again, total_n2, above_n2, weight, fresh } = self;
+        [high, low, end, again].into_iter().for_each(|x| x.keep(to));
         [total_n2, above_n2, weight].into_iter().for_each(|x| x.keep(to));
         fresh.keep(to);
     }
 
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { high, low, end, total_n2, above_n2, weight, fresh } = self;
-        [high, low, end].into_iter().try_for_each(|x| x.restore(from))?;
+        let Self { high, low, end, again, total_n2, above_n2, weight, fresh } = self;
+        [high, low, end, again].into_iter().try_for_each(|x| x.restore(from))?;
         [total_n2, above_n2, weight].into_iter().try_for_each(|x| x.restore(from))?;
         fresh.restore(from)
     }
@@ -97,16 +109,17 @@ impl<const L: usize> LanesAbove<L> {
     /// Puts them side by side; `None` where no axis has one.
     pub(super) fn new(axes: &[Option<AboveBand>]) -> Option<Self> {
         axes.iter().any(Option::is_some).then(|| {
-            let sections = |pick: fn(&AboveBand) -> Butterworth| {
-                lane_sections(&axes.iter().map(|a| a.as_ref().map(pick)).collect::<Vec<_>>())
+            let sections = |pick: fn(&AboveBand) -> Option<Butterworth>| {
+                lane_sections(&axes.iter().map(|a| a.as_ref().and_then(pick)).collect::<Vec<_>>())
             };
             let of = |none: f64, pick: fn(&AboveBand) -> f64| {
                 std::array::from_fn(|lane| axes.get(lane).and_then(Option::as_ref).map_or(none, pick))
             };
             Self {
-                high: sections(|a| a.high),
-                low: sections(|a| a.low),
-                end: sections(|a| a.end),
+                high: sections(|a| Some(a.high)),
+                low: sections(|a| Some(a.low)),
+                end: sections(|a| Some(a.end)),
+                again: sections(|a| a.again),
                 forget: of(0.0, |a| a.forget),
                 least_weight: of(f64::INFINITY, |a| a.least_weight),
                 noise_n2: of(0.0, |a| a.noise_n * a.noise_n),
@@ -121,6 +134,7 @@ impl<const L: usize> LanesAbove<L> {
             high: zeros(&self.high),
             low: zeros(&self.low),
             end: zeros(&self.end),
+            again: zeros(&self.again),
             total_n2: [0.0; L],
             above_n2: [0.0; L],
             weight: [0.0; L],
@@ -130,8 +144,8 @@ impl<const L: usize> LanesAbove<L> {
 
     /// Forgets what one lane has seen. No allocation.
     pub(super) fn settle(&self, state: &mut SeenAbove<L>, lane: usize) {
-        let SeenAbove { low, end, total_n2, above_n2, weight, fresh, .. } = state;
-        low.iter_mut().chain(end).flatten().for_each(|row| row[lane] = 0.0);
+        let SeenAbove { low, end, again, total_n2, above_n2, weight, fresh, .. } = state;
+        low.iter_mut().chain(end).chain(again).flatten().for_each(|row| row[lane] = 0.0);
         [total_n2, above_n2, weight].into_iter().for_each(|x| x[lane] = 0.0);
         *fresh |= 1 << lane;
     }
@@ -155,6 +169,7 @@ impl<const L: usize> LanesAbove<L> {
         filter::<L, FUSED>(&self.low, &mut state.low, &mut total_n);
         let mut above_n = total_n;
         filter::<L, FUSED>(&self.end, &mut state.end, &mut above_n);
+        filter::<L, FUSED>(&self.again, &mut state.again, &mut above_n);
         let (mut total_n2, mut above_n2, mut weight) = (state.total_n2, state.above_n2, state.weight);
         for lane in 0..L {
             let counts = !flags[lane].shares(Validity::SETTLING | Validity::SIGNAL_MISSING);

@@ -5,7 +5,7 @@
 //!  thrust      |u/F - 1| of the closed loop        dob         its error budget on a flexible axis
 //!  spectral    first line to last line             fitted      mean to last line
 //!  sum of both sides (medob, rigid_mode, fitted) behind a low-pass of the drive side: as far as that side's
-//!              share of the force is small above it
+//!              share of the force is small above it, and again far above the axial mode
 //!  three inertias, two encoders: as far as the screw moves with the motor
 //!  the others  all of the low-pass (a tenth of the rate where there is none)
 //! ```
@@ -56,6 +56,27 @@ pub(super) fn usable_band_hz(
         },
         _ => [0.0, low_pass_hz],
     }
+}
+
+/// From where on, up to the low-pass, a sum of both sides behind a low-pass of the drive side is right within
+/// a tenth again: far above the axial mode that side carries hardly anything of the force. `None` where the
+/// band is whole, or never right again.
+///
+/// Checked by: force_flags::above_the_axial_mode_the_drive_sides_low_pass_lacks_nothing.
+pub(super) fn usable_above_hz(
+    method: Method,
+    axis: &AxisSignals<'_>,
+    settings: &ForceSettings,
+    low_pass_hz: f64,
+) -> Option<f64> {
+    let two_of_three = axis.drive.structure() == Structure::TripleInertia && axis.signals == Signals::Both;
+    let summed = matches!(method, Method::Medob | Method::RigidMode) && !two_of_three;
+    let wrong = |hz: f64| unheard_drive_share(axis.drive, settings, hz) > TOLERATED;
+    if !summed || settings.drive_filter.is_none() || wrong(low_pass_hz) {
+        return None;
+    }
+    let below = (0..).map(|k| low_pass_hz / 1.02_f64.powi(k)).take_while(|hz| *hz > 0.5);
+    below.take_while(|hz| !wrong(*hz)).last().filter(|hz| *hz > 0.5 * 1.02)
 }
 
 /// How far a sum of both sides is right behind a low-pass of the drive side; `low_pass_hz` for the others.

@@ -3,7 +3,7 @@
 use super::above_band::AboveBand;
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
-use super::band::{band_of_lines_hz, heard_up_to_hz, usable_band_hz};
+use super::band::{band_of_lines_hz, heard_up_to_hz, usable_above_hz, usable_band_hz};
 use super::beyond::Beyond;
 use super::closed_loop::ClosedLoop;
 use super::harmonic::{HarmonicEstimator, harmonic_estimator};
@@ -11,7 +11,7 @@ use super::idle_map::IdleMap;
 use super::lane_part::{LanePart, lane_part};
 use super::lanes::{LaneDesign, LaneMotion, LaneState};
 use super::physics::PhysicsModel;
-use super::settings::Filter;
+use super::settings::{Filter, response_to};
 pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
 pub use super::signals::{AxisSignals, Signals};
 use super::signals::{encoder_lines_1_m, measured_balance};
@@ -80,6 +80,7 @@ pub struct ForceEstimator {
     noise_floor_n: f64,
     friction_bound_n: f64,
     usable_band_hz: [f64; 2],
+    usable_above_hz: Option<f64>,
     reach_hz: f64,
     encoder_lines_1_m: [f64; 2],
     harmonic: Option<HarmonicEstimator>,
@@ -139,9 +140,10 @@ impl ForceEstimator {
         let (learner, two_sides) = both_sides((method, &balance), axis, &settings, (&alignment, band_hz))?;
         part.motor_side = learner.as_ref().map(StiffnessLearner::motor_force);
         let usable_band_hz = usable_band_hz(method, axis, &settings, band_hz);
+        let usable_above_hz = usable_above_hz(method, axis, &settings, band_hz);
         // A window has nothing above its last line.
         part.above = match harmonic {
-            None => AboveBand::new(usable_band_hz[1], band_hz, rate)?,
+            None => AboveBand::new((usable_band_hz[1], usable_above_hz), band_hz, rate)?,
             Some(_) => None,
         };
         let mut estimator = Self {
@@ -157,6 +159,7 @@ impl ForceEstimator {
             noise_floor_n: 0.0,
             friction_bound_n: settings.friction_bound_n(drive),
             usable_band_hz,
+            usable_above_hz,
             reach_hz: heard_up_to_hz(method, drive, &settings, band_hz),
             encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
             harmonic,
@@ -554,6 +557,12 @@ impl ForceEstimator {
         self.usable_band_hz
     }
 
+    /// From where on it can be used again, up to the low-pass, Hz; absent where the band is one piece.
+    #[must_use]
+    pub fn usable_above_hz(&self) -> Option<f64> {
+        self.usable_above_hz
+    }
+
     /// Standard deviation of the estimate that the encoders' steps alone cause, N.
     #[must_use]
     pub fn noise_floor_n(&self) -> f64 {
@@ -566,18 +575,22 @@ impl ForceEstimator {
         self.part.settling
     }
 
-    /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain.
+    /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain; the motor's
+    /// steps pass the low-pass of the drive side first.
     fn quantization_noise_n(&self, drive: &DriveParams) -> f64 {
-        let variance = |stencil: &Stencil, step_m: f64| {
+        let scatter = |weights: &[f64], step_m: f64| {
             if step_m == 0.0 {
                 return 0.0;
             }
-            step_m * step_m / 12.0 * self.filter.energy(&stencil.weights, self.rate)
+            step_m * step_m / 12.0 * self.filter.energy(weights, self.rate)
         };
+        let variance = |stencil: &Stencil, step_m: f64| scatter(&stencil.weights, step_m);
         if let Some(harmonic) = &self.harmonic {
             return harmonic.noise_floor_n();
         }
-        let motor = variance(&self.part.motor[0], drive.motor_encoder_resolution_m());
+        let behind = |low_pass| response_to(&self.part.motor[0].weights, low_pass, self.rate);
+        let motor = self.part.drive_filter.map_or_else(|| self.part.motor[0].weights.to_vec(), behind);
+        let motor = scatter(&motor, drive.motor_encoder_resolution_m());
         let stage = variance(&self.part.stage[0], drive.stage_encoder_resolution_m());
         let nut = self.part.nut.map_or(0.0, |nut| variance(&nut, drive.stage_encoder_resolution_m()));
         (motor + nut + stage).sqrt()

@@ -143,6 +143,15 @@ impl AxisObserver {
             Kind::Absent => [0.0; 2],
         }
     }
+
+    /// From where on it can be used again, Hz; absent where the band is one piece.
+    #[must_use]
+    pub fn usable_above_hz(&self) -> Option<f64> {
+        match &self.0 {
+            Kind::Servo(servo) => servo.estimator.usable_above_hz(),
+            Kind::Accelerometers(_) | Kind::Absent => None,
+        }
+    }
 }
 
 const NO_ESTIMATE: ForceEstimate = ForceEstimate { force_n: 0.0, flags: Validity::VALID };

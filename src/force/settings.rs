@@ -190,15 +190,10 @@ impl Filter {
 
     /// Sum of the squares of what comes out for a short input.
     pub(super) fn energy(&self, input: &[f64], rate: SampleRate) -> f64 {
-        let at = |i: usize| input.get(i).copied().unwrap_or(0.0);
         match self {
             Filter::LinearPhase(f) => f.energy(input),
             Filter::None => input.iter().map(|x| x * x).sum(),
-            Filter::Butterworth(f) => {
-                let mut state = f.settled(0.0);
-                let length = input.len() + 4 * self.memory_samples(rate);
-                (0..length).map(|i| f.step(&mut state, at(i)).powi(2)).sum()
-            }
+            Filter::Butterworth(f) => response_to(input, *f, rate).into_iter().map(|x| x * x).sum(),
         }
     }
 
@@ -239,4 +234,11 @@ impl Filter {
             Filter::None => 0,
         }
     }
+}
+
+/// What comes out of a low-pass for a short input, until a step has settled to about a thousandth.
+pub(super) fn response_to(input: &[f64], low_pass: Butterworth, rate: SampleRate) -> Vec<f64> {
+    let mut state = low_pass.settled(0.0);
+    let length = input.len() + 4 * Filter::Butterworth(low_pass).memory_samples(rate);
+    (0..length).map(|i| low_pass.step(&mut state, input.get(i).copied().unwrap_or(0.0))).collect()
 }

@@ -18,6 +18,9 @@ pub(super) fn describe(
     note: &mut impl FnMut(&str, String),
 ) {
     note("usable_band_hz", format!("{:?}", observer.usable_band_hz()));
+    if let Some(above_hz) = observer.usable_above_hz() {
+        note("usable_above_hz", format!("{above_hz:?}"));
+    }
     let floor_n = observer.noise_floor_n();
     let unknown =
         || "not known: the model states no encoder steps, or no controller to carry them".to_owned();
@@ -51,7 +54,10 @@ pub(super) fn say_what_is_doubtful(
     let above = percent(Validity::FORCE_ABOVE_BAND);
     if above > 0.0 {
         let [low_hz, high_hz] = observer.usable_band_hz();
-        let what = format!("right within a tenth from {low_hz:.0} to {high_hz:.0} Hz, the force lies above");
+        let again = observer.usable_above_hz().map(|hz| format!(" and from {hz:.0} Hz on"));
+        let again = again.unwrap_or_default();
+        let band = format!("{low_hz:.0} to {high_hz:.0} Hz{again}");
+        let what = format!("right within a tenth from {band}, the force lies above");
         writeln!(out, "axis {axis}: {method}: {what} in {above:.0} % of the recording")?;
     }
     if mismatch.is_large() {
