@@ -73,17 +73,35 @@ pub fn own_file(path: &Path) -> Result<(), Error> {
     existing_file(path)
 }
 
-/// As [`own_file`], where the file is there; nothing is made.
+/// As [`own_file`], where the file is there; nothing is made. Errors: also one that its owner may not write.
 pub fn existing_file(path: &Path) -> Result<(), Error> {
     let Some(found) = inspected(path)? else { return Ok(()) };
     if !found.is_file() {
         return Err(Error::new(ErrorKind::InvalidInput, "is no file"));
     }
     let mode = found.permissions().mode() & 0o7777;
+    if !is_its_owners(mode) {
+        return Err(refused(format!("mode {mode:03o} does not let its owner read and write; expected 640")));
+    }
     if mode & !KEPT != 0 && found.uid() == own_user() {
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode & KEPT))?;
     }
     Ok(())
+}
+
+/// Lets its owner read and write what was made after a file that could not be written then.
+pub fn let_owner_write(path: &Path) -> Result<(), Error> {
+    let Some(found) = inspected(path)?.filter(std::fs::Metadata::is_file) else { return Ok(()) };
+    let mode = found.permissions().mode() & 0o7777;
+    if is_its_owners(mode) {
+        return Ok(());
+    }
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode | 0o600))
+}
+
+/// Whether its owner may read and write it.
+fn is_its_owners(mode: u32) -> bool {
+    mode & 0o600 == 0o600
 }
 
 #[cfg(test)]
@@ -115,6 +133,11 @@ mod tests {
         std::fs::set_permissions(at("file"), std::fs::Permissions::from_mode(0o664)).unwrap();
         existing_file(&at("file")).unwrap();
         assert_eq!(mode("file"), 0o640, "its group could write it");
+        std::fs::set_permissions(at("file"), std::fs::Permissions::from_mode(0o400)).unwrap();
+        let read_only = own_file(&at("file")).unwrap_err().to_string();
+        assert!(read_only.contains("mode 400"), "{read_only}");
+        let_owner_write(&at("file")).unwrap();
+        own_file(&at("file")).unwrap();
         drop(own_lock(&at("lock")).unwrap());
         assert_eq!(mode("lock") & 0o027, 0);
         existing_file(&at("nothing")).unwrap();

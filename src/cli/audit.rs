@@ -37,6 +37,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         return Err(bad_input(format!("--head `{}`: {what}", head.escape_debug())));
     }
     let head = head.map(|h| h.to_ascii_lowercase());
+    let elsewhere = history.is_some();
     let path = match (history, config) {
         (Some(path), _) => path,
         (None, Some(config)) => {
@@ -51,9 +52,22 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let report = runtime.block_on(verify_audit_file(&path, head.as_deref())).map_err(bad_input)?;
     match report {
-        AuditVerdict::Intact { rows, head, cuts } if cuts.is_empty() => {
-            writeln!(std::io::stdout(), "intact: {rows} rows, head {head}")?;
+        // A copy elsewhere has no notes beside it; one without the other is a loss anywhere.
+        AuditVerdict::Intact { rows, head, cuts, spoilt_notes }
+            if cuts.is_empty() && (spoilt_notes.is_empty() || elsewhere && spoilt_notes.len() > 1) =>
+        {
+            let alone = "; no note beside it says how many there were";
+            let note = if spoilt_notes.is_empty() { "" } else { alone };
+            writeln!(std::io::stdout(), "intact: {rows} rows, head {head}{note}")?;
             Ok(())
+        }
+        AuditVerdict::Intact { rows, head, cuts, spoilt_notes } if cuts.is_empty() => {
+            let what = spoilt_notes.join(", ");
+            anyhow::bail!(
+                "{}: the {rows} rows follow from one another, head {head}; \
+                 the note of how many there were: {what}",
+                path.display()
+            )
         }
         AuditVerdict::Intact { rows, cuts, .. } => {
             anyhow::bail!(

@@ -1,7 +1,7 @@
 //! `stillcut token`.
 
 use super::bad_input;
-use crate::http::{Role, holds_token, new_token, token_names};
+use crate::http::{Access, Role, holds_token, new_token, token_names};
 use crate::service::clock;
 use anyhow::Context as _;
 use std::fs::File;
@@ -38,7 +38,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             arguments.name
         )));
     }
-    if holds_token(&arguments.name) {
+    let of_the_file = || Access::load(Some(&arguments.file), false);
+    if holds_token(&arguments.name) || of_the_file().is_ok_and(|a| a.holds_secret(&[&arguments.name])) {
         return Err(bad_input("--name is a token itself; expected whose token it is: names go on record"));
     }
     let roles = [Role::Viewer, Role::Operator, Role::Engineer];

@@ -93,7 +93,11 @@ fn with_nearest(message: String) -> String {
 /// Names the key of the line that an error is about, where the parser does not; a key without a value is
 /// pointed at behind its sign, and not into the remark that follows.
 fn with_key(line: &str, column: usize, message: String) -> (usize, String) {
-    let Some((key, rest)) = line.split_once('=') else { return (column, message) };
+    let Some((key, rest)) = line.split_once('=') else {
+        let table = line.trim().split_once(']').map(|(table, _)| format!("{table}]"));
+        let named = table.filter(|table| table.starts_with('[') && !message.contains('`'));
+        return (column, named.map_or_else(|| message.clone(), |table| format!("`{table}`: {message}")));
+    };
     let key = key.trim();
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-.\"".contains(c);
     if key.is_empty() || !key.chars().all(plain) {
@@ -175,6 +179,8 @@ mod tests {
             "{twice}"
         );
         assert!(said("x = yes\n").contains("`x`"), "{}", said("x = yes\n"));
+        let table = said("[log]\nx = 1\n[log] # again\n");
+        assert!(table.starts_with("c.toml:3:") && table.contains("`[log]`: duplicate key"), "{table}");
     }
 
     #[test]

@@ -1,177 +1,19 @@
 //! Who may do what: bearer tokens, roles, and the brake on guessing.
 //!
-//! A token is 256 random bits; the file holds its SHA-256, so the file is no use to a thief. Reads are
-//! open on loopback. A right token is never held up by other people's wrong ones.
+//! Reads are open on loopback. A right token is never held up by other people's wrong ones.
 
 use super::problem::Problem;
-use super::secrets::{PREFIX, holds_token, holds_token_of};
+use super::secrets::{holds_token, holds_token_of};
+use super::token_file::{Changed, Role, Token, TokenFileError, changed, read_tokens};
 use crate::service::clock;
-use axum::http::{HeaderMap, StatusCode, header};
-use base64::Engine as _;
-use base64::engine::general_purpose::URL_SAFE_NO_PAD;
-use serde::Deserialize;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use sha2::{Digest as _, Sha256};
 use std::collections::HashMap;
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use subtle::ConstantTimeEq as _;
-use thiserror::Error;
-
-/// What a caller may do; each role includes the ones before it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Role {
-    /// Read.
-    Viewer,
-    /// Acknowledge, silence, take the turret back, lower the mode.
-    Operator,
-    /// Raise the mode, clear faults, start diagnoses.
-    Engineer,
-}
-
-impl Role {
-    /// The word that stands for it.
-    #[must_use]
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Viewer => "viewer",
-            Self::Operator => "operator",
-            Self::Engineer => "engineer",
-        }
-    }
-}
-
-/// Why a token file is not one. One line.
-#[derive(Debug, Error)]
-pub enum TokenFileError {
-    /// Cannot be read.
-    #[error("http.tokens: {}: {source}; `stillcut token --file FILE` makes one", path.display())]
-    Read {
-        /// File.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// Others than the owner may read it.
-    #[error("http.tokens: {}: mode {mode:03o} lets others read it; expected 600", path.display())]
-    Open {
-        /// File.
-        path: PathBuf,
-        /// Permission bits.
-        mode: u32,
-    },
-    /// Nobody could come from another machine.
-    #[error(
-        "http.tokens: {}: no token that is good now, and the service listens for other machines; \
-         `stillcut token --file FILE` makes one",
-        path.display()
-    )]
-    NoneGood {
-        /// File.
-        path: PathBuf,
-    },
-    /// A setting that goes on record holds a token.
-    #[error("{0}: holds an access token; the record is open to more people than the token")]
-    InSetting(&'static str),
-    /// Its content is not a list of tokens.
-    #[error("{}: {message}", path.display())]
-    Content {
-        /// File.
-        path: PathBuf,
-        /// What is wrong.
-        message: String,
-    },
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct TokenToml {
-    name: String,
-    role: Role,
-    sha256: String,
-    #[serde(default)]
-    expires: Option<String>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct TokenFileToml {
-    #[serde(default)]
-    token: Vec<TokenToml>,
-}
-
-#[derive(Debug, Clone)]
-struct Token {
-    name: String,
-    role: Role,
-    digest: [u8; 32],
-    expires_ns: Option<i64>,
-}
-
-/// Permission bits of a file of secrets that others than its owner may read; nothing where none may.
-/// Errors: it cannot be looked at.
-pub(super) fn open_to_others(path: &Path) -> std::io::Result<Option<u32>> {
-    use std::os::unix::fs::PermissionsExt as _;
-    let mode = std::fs::metadata(path)?.permissions().mode() & 0o777;
-    Ok((mode & 0o077 != 0).then_some(mode))
-}
-
-fn read_tokens(path: &Path) -> Result<Vec<Token>, TokenFileError> {
-    let read = |source| TokenFileError::Read { path: path.to_owned(), source };
-    let content = |message: String| TokenFileError::Content { path: path.to_owned(), message };
-    if let Some(mode) = open_to_others(path).map_err(read)? {
-        return Err(TokenFileError::Open { path: path.to_owned(), mode });
-    }
-    let text = std::fs::read_to_string(path).map_err(read)?;
-    // The parser's message quotes the line; a digest in it would do no harm, a pasted token would.
-    let file: TokenFileToml = toml::from_str(&text).map_err(|e| content(e.message().replace('\n', " ")))?;
-    file.token.into_iter().map(|t| token_from_toml(t).map_err(content)).collect()
-}
-
-/// Names in a file of tokens; none where there is no file yet. Errors: it is no such file.
-pub fn token_names(path: &Path) -> Result<Vec<String>, TokenFileError> {
-    if !path.exists() {
-        return Ok(Vec::new());
-    }
-    Ok(read_tokens(path)?.into_iter().map(|token| token.name).collect())
-}
-
-fn token_from_toml(raw: TokenToml) -> Result<Token, String> {
-    if holds_token(&raw.name) {
-        return Err("a name holds a token; names go on record".to_owned());
-    }
-    let digest = digest_from_hex(&raw.sha256)
-        .ok_or_else(|| format!("token {}: sha256 is not 64 hexadecimal digits", raw.name))?;
-    let expires_ns = match raw.expires {
-        Some(text) => Some(
-            clock::parse_rfc3339(&text)
-                .ok_or_else(|| format!("token {}: expires is not an RFC 3339 time", raw.name))?,
-        ),
-        None => None,
-    };
-    Ok(Token { name: raw.name, role: raw.role, digest, expires_ns })
-}
-
-fn digest_from_hex(text: &str) -> Option<[u8; 32]> {
-    let mut digest = [0; 32];
-    if text.len() != 64 || !text.is_ascii() {
-        return None;
-    }
-    for (index, byte) in digest.iter_mut().enumerate() {
-        *byte = u8::from_str_radix(text.get(2 * index..2 * index + 2)?, 16).ok()?;
-    }
-    Some(digest)
-}
-
-/// A new token: its text, which nobody stores, and the SHA-256 that the file holds.
-#[must_use]
-pub fn new_token(random: [u8; 32]) -> (String, String) {
-    let text = format!("{PREFIX}{}", URL_SAFE_NO_PAD.encode(random));
-    let digest = Sha256::digest(text.as_bytes());
-    (text, digest.iter().map(|b| format!("{b:02x}")).collect())
-}
 
 /// Who is calling.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -185,8 +27,6 @@ pub struct Caller {
 /// Tokens that are not good within this time count against an address.
 const GUESS_WINDOW: Duration = Duration::from_secs(60);
 const GUESSES: usize = 5;
-/// Between two looks at the file for the sake of unknown tokens.
-const LOOK_AGAIN: Duration = Duration::from_millis(100);
 /// Most addresses remembered; beyond it the oldest are forgotten.
 const ADDRESSES: usize = 4096;
 
@@ -195,7 +35,12 @@ type Clocks = (Instant, i64);
 
 struct Loaded {
     tokens: Vec<Token>,
-    changed: Option<(i64, i64)>,
+    changed: Option<Changed>,
+    /// Tokens of operators that were in force last: where none is any more, these take the turret back, and
+    /// nothing else, until it is.
+    last_operators: Vec<Token>,
+    /// Whether one ever was.
+    had_operator: bool,
     /// Why no token of the file is in force.
     refused: Option<String>,
     /// When the tokens were read.
@@ -211,6 +56,17 @@ impl Loaded {
         let now_ns = wall_ns.saturating_add(i64::try_from(passed_ns).unwrap_or(i64::MAX));
         token.expires_ns.is_none_or(|e| now_ns < e)
     }
+
+    /// Whether a token is in force that may take the turret back; notes which.
+    fn has_operator(&mut self, now: Instant) -> bool {
+        let good = self.tokens.iter().filter(|t| t.role >= Role::Operator && self.is_good(t, now));
+        let good: Vec<Token> = good.cloned().collect();
+        let any = !good.is_empty();
+        if any {
+            (self.last_operators, self.had_operator) = (good, true);
+        }
+        any
+    }
 }
 
 /// The tokens and the memory of wrong ones.
@@ -218,8 +74,8 @@ pub struct Access {
     file: Option<PathBuf>,
     trust_loopback: bool,
     loaded: Mutex<Loaded>,
-    /// When the file was looked at for the sake of an unknown token.
-    asked_again: Mutex<Option<Instant>>,
+    /// When the file was looked at for the sake of an unknown token; held while it is.
+    looked: Arc<tokio::sync::Mutex<Option<Instant>>>,
     guesses: Mutex<HashMap<IpAddr, Vec<Instant>>>,
 }
 
@@ -247,20 +103,26 @@ impl Access {
     fn load_at(file: Option<&Path>, trust_loopback: bool, read: Clocks) -> Result<Self, TokenFileError> {
         let tokens = file.map(read_tokens).transpose()?.unwrap_or_default();
         let changed = file.and_then(changed);
-        let loaded = Loaded { tokens, changed, refused: None, read };
+        let (last_operators, had_operator) = (Vec::new(), false);
+        let mut loaded = Loaded { tokens, changed, last_operators, had_operator, refused: None, read };
+        loaded.has_operator(read.0);
         Ok(Self {
             file: file.map(Path::to_owned),
             trust_loopback,
             loaded: Mutex::new(loaded),
-            asked_again: Mutex::default(),
+            looked: Arc::default(),
             guesses: Mutex::default(),
         })
+    }
+
+    fn loaded(&self) -> MutexGuard<'_, Loaded> {
+        self.loaded.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Errors: there is a file of tokens, and none in it is good at this time.
     pub fn needs_a_good_token(&self, now: Instant) -> Result<(), TokenFileError> {
         let Some(path) = &self.file else { return Ok(()) };
-        let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
+        let loaded = self.loaded();
         match loaded.tokens.iter().any(|t| loaded.is_good(t, now)) {
             true => Ok(()),
             false => Err(TokenFileError::NoneGood { path: path.clone() }),
@@ -272,13 +134,13 @@ impl Access {
     /// Reads the disk: not for the thread that answers requests.
     pub fn refresh(&self) {
         let Some(file) = &self.file else { return };
-        let lock = || self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
         let changed = changed(file);
-        if changed == lock().changed {
+        if changed == self.loaded().changed {
             return;
         }
         let read = read_tokens(file);
-        let mut loaded = lock();
+        let mut loaded = self.loaded();
+        loaded.has_operator(clock::now());
         loaded.changed = changed;
         match read {
             Ok(tokens) => {
@@ -300,22 +162,41 @@ impl Access {
 
     /// Whether a token is in force that may take the turret back; where loopback is trusted, none is needed.
     pub fn way_back(&self, now: Instant) -> bool {
-        let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
-        self.trust_loopback
-            || loaded.tokens.iter().any(|t| t.role >= Role::Operator && loaded.is_good(t, now))
+        self.trust_loopback || self.loaded().has_operator(now)
+    }
+
+    /// Nothing is to be taken back any more: tokens that are not in force do not do it either.
+    pub fn close_way_back(&self) {
+        self.loaded().last_operators.clear();
+    }
+
+    /// Who takes the turret back with a token that was in force until none of an operator was.
+    pub(crate) fn last_operator(&self, headers: &HeaderMap, now: Instant) -> Option<Caller> {
+        let digest = digest_of(headers.get(header::AUTHORIZATION)?);
+        let mut loaded = self.loaded();
+        if loaded.has_operator(now) {
+            return None;
+        }
+        let token = loaded.last_operators.iter().find(|t| bool::from(t.digest.ct_eq(&digest)))?;
+        Some(Caller { name: token.name.clone(), role: Some(Role::Operator) })
     }
 
     /// What is wrong with the tokens: the file cannot be used, or nobody may take the turret back any more.
     /// One line; nothing where no file was asked for, or where it never named an operator.
     pub fn trouble(&self, now: Instant) -> Option<String> {
         let path = self.file.as_ref()?.display();
-        let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
-        let operators = || loaded.tokens.iter().filter(|t| t.role >= Role::Operator);
-        let expired = operators().next().is_some() && !operators().any(|t| loaded.is_good(t, now));
+        let mut loaded = self.loaded();
+        let none = !loaded.has_operator(now);
+        let named = loaded.tokens.iter().any(|t| t.role >= Role::Operator);
         let told = match &loaded.refused {
             Some(refused) => Some(refused.clone()),
             None if loaded.tokens.is_empty() => Some(format!("http.tokens: {path}: holds no token")),
-            None if expired => Some(format!("http.tokens: {path}: every token of an operator has expired")),
+            None if none && named => {
+                Some(format!("http.tokens: {path}: every token of an operator has expired"))
+            }
+            None if none && loaded.had_operator => {
+                Some(format!("http.tokens: {path}: holds no token of an operator any more"))
+            }
             None => None,
         };
         told.map(|what| format!("{what}; no token is in force that may take the turret back"))
@@ -323,8 +204,9 @@ impl Access {
 
     /// Whether a text holds a token, by its form or by its hash.
     pub(crate) fn is_in(&self, text: &str) -> bool {
-        let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
-        holds_token(text) || holds_token_of(text, |d| loaded.tokens.iter().any(|t| t.digest == *d))
+        let loaded = self.loaded();
+        let known = |d: &[u8; 32]| loaded.tokens.iter().chain(&loaded.last_operators).any(|t| t.digest == *d);
+        holds_token(text) || holds_token_of(text, known)
     }
 
     /// Whether any of these settings holds a token.
@@ -333,15 +215,22 @@ impl Access {
         texts.iter().any(|text| self.is_in(text))
     }
 
-    /// Whether it is time to look at the file because somebody came with a token that is not known: it may
-    /// have been added a moment ago. Whoever guesses makes no more looks than this.
-    pub(crate) fn looks_again(&self, now: Instant) -> bool {
-        let mut asked = self.asked_again.lock().unwrap_or_else(PoisonError::into_inner);
-        let due = asked.is_none_or(|t| now.duration_since(t) >= LOOK_AGAIN);
-        if due {
-            *asked = Some(now);
+    /// Looks at the file because somebody came with a token that is not known: it may have been added a
+    /// moment ago. Whoever guesses makes one look at a time; who came before it began shares it.
+    pub(crate) async fn look_again(self: &Arc<Self>, came: Instant) {
+        if self.file.is_none() {
+            return;
         }
-        due && self.file.is_some()
+        let mut looked = Arc::clone(&self.looked).lock_owned().await;
+        if looked.is_some_and(|at| at > came) {
+            return;
+        }
+        let access = Arc::clone(self);
+        let look = tokio::task::spawn_blocking(move || {
+            *looked = Some(clock::now());
+            access.refresh();
+        });
+        drop(look.await);
     }
 
     pub(crate) fn judge(&self, headers: &HeaderMap, address: IpAddr, now: Instant) -> Verdict {
@@ -357,7 +246,7 @@ impl Access {
         let Some(value) = headers.get(header::AUTHORIZATION) else {
             return Some(self.without_token(address));
         };
-        self.find(value.to_str().ok().and_then(bearer).unwrap_or_default(), now)
+        self.find(&digest_of(value), now)
     }
 
     fn without_token(&self, address: IpAddr) -> Caller {
@@ -369,10 +258,9 @@ impl Access {
         }
     }
 
-    fn find(&self, text: &str, now: Instant) -> Option<Caller> {
-        let digest: [u8; 32] = Sha256::digest(text.as_bytes()).into();
-        let loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
-        let valid = |t: &&Token| loaded.is_good(t, now) && bool::from(t.digest.ct_eq(&digest));
+    fn find(&self, digest: &[u8; 32], now: Instant) -> Option<Caller> {
+        let loaded = self.loaded();
+        let valid = |t: &&Token| loaded.is_good(t, now) && bool::from(t.digest.ct_eq(digest));
         let token = loaded.tokens.iter().find(valid)?;
         Some(Caller { name: token.name.clone(), role: Some(token.role) })
     }
@@ -402,10 +290,10 @@ fn bearer(value: &str) -> Option<&str> {
     scheme.eq_ignore_ascii_case("bearer").then_some(token)
 }
 
-/// When the content, the owner or the mode of the file changed last: mending its mode counts too.
-fn changed(file: &Path) -> Option<(i64, i64)> {
-    use std::os::unix::fs::MetadataExt as _;
-    std::fs::metadata(file).map(|m| (m.ctime(), m.ctime_nsec())).ok()
+/// SHA-256 of the token in a header.
+fn digest_of(value: &HeaderValue) -> [u8; 32] {
+    let token = value.to_str().ok().and_then(bearer).unwrap_or_default();
+    Sha256::digest(token.as_bytes()).into()
 }
 
 impl Caller {
@@ -429,6 +317,7 @@ impl Caller {
 
 #[cfg(test)]
 mod tests {
+    use super::super::token_file::new_token;
     use super::*;
     use std::net::Ipv4Addr;
     use std::os::unix::fs::PermissionsExt as _;
@@ -564,6 +453,55 @@ mod tests {
         access.refresh();
         assert_eq!(access.judge(&with(&one), FAR, now), Verdict::BadToken);
         assert!(access.trouble(now).is_some_and(|t| t.contains("holds no token")));
+    }
+
+    /// In `act` the file is spoilt: until the turret is back, who could take it back still can, and no more.
+    #[test]
+    fn who_could_take_the_turret_back_can_until_it_is() {
+        let (anna, hash) = new_token([1; 32]);
+        let (eve, _) = new_token([2; 32]);
+        let entry =
+            |role: &str| format!("[[token]]\nname = \"anna\"\nrole = \"{role}\"\nsha256 = \"{hash}\"\n");
+        let mode = |f: &tempfile::NamedTempFile, m| {
+            std::fs::set_permissions(f.path(), std::fs::Permissions::from_mode(m)).unwrap();
+        };
+        let spoilt: [&dyn Fn(&tempfile::NamedTempFile); 4] = [
+            &|f| mode(f, 0o644),
+            &|f| std::fs::remove_file(f.path()).unwrap(),
+            &|f| std::fs::write(f.path(), "").unwrap(),
+            &|f| std::fs::write(f.path(), entry("viewer")).unwrap(),
+        ];
+        for spoil in spoilt {
+            let file = file(&entry("engineer"));
+            let access = Access::load(Some(file.path()), false).unwrap();
+            let now = Instant::now();
+            assert_eq!(access.last_operator(&with(&anna), now), None, "the token itself is in force");
+            std::thread::sleep(Duration::from_millis(10));
+            spoil(&file);
+            access.refresh();
+            assert!(!access.way_back(now) && access.trouble(now).is_some());
+            let may = |c: Option<Caller>| c.is_some_and(|c| c.role >= Some(Role::Operator));
+            assert!(!may(access.caller(&with(&anna), NEAR, now)), "nothing else");
+            let back = access.last_operator(&with(&anna), now).expect("takes it back");
+            assert_eq!(back, Caller { name: "anna".to_owned(), role: Some(Role::Operator) });
+            assert_eq!(access.last_operator(&with(&eve), now), None);
+            assert!(access.is_in(&anna), "still a secret");
+            access.close_way_back();
+            assert_eq!(access.last_operator(&with(&anna), now), None, "it is back");
+            let _ = std::fs::write(file.path(), ""); // for its own removal
+        }
+    }
+
+    #[tokio::test]
+    async fn a_token_that_was_added_a_moment_ago_is_known_whoever_guessed_before() {
+        let (anna, hash) = new_token([1; 32]);
+        let file = file("");
+        let access = Arc::new(Access::load(Some(file.path()), false).unwrap());
+        access.look_again(clock::now()).await;
+        let entry = format!("[[token]]\nname = \"anna\"\nrole = \"operator\"\nsha256 = \"{hash}\"\n");
+        std::fs::write(file.path(), entry).unwrap();
+        access.look_again(clock::now()).await;
+        assert!(access.caller(&with(&anna), FAR, clock::now()).is_some());
     }
 
     #[test]

@@ -171,7 +171,7 @@ pub(super) async fn hold(
     Ok(changed(site.handle.hold(body.hold, origin).await?))
 }
 
-/// Clear a latched fault, after its cause is gone.
+/// Clear a latched fault, after its cause is gone; without one 409 `no_fault`.
 #[utoipa::path(post, path = "/api/v1/fault/clear", tag = "control",
     operation_id = "clearFault", request_body = ReasonBody,
     security(("token" = [])),

@@ -20,14 +20,16 @@ mod seats;
 mod secrets;
 mod server;
 mod stream;
+mod token_file;
 mod watchful;
 
-pub use access::{Access, Caller, Role, TokenFileError, new_token, token_names};
+pub use access::{Access, Caller};
 pub use events::EventView;
 pub use problem::{FieldError, Problem};
 pub use read::CheckView;
 pub use secrets::holds_token;
 pub use server::{TlsError, serve, tls_acceptor};
+pub use token_file::{Role, TokenFileError, new_token, token_names};
 
 use crate::service::{Handle, clock};
 use access::Verdict;
@@ -288,12 +290,13 @@ async fn admit(site: &Site, request: &mut Request, address: IpAddr) -> Result<()
         let detail = "this host name is not served here; add it to http.hosts";
         return Err(Problem::new(StatusCode::MISDIRECTED_REQUEST, "unknown_host", detail));
     }
-    let known = site.access.caller(request.headers(), address, clock::now());
-    if known.is_none() && site.access.looks_again(clock::now()) {
-        let access = Arc::clone(&site.access);
-        drop(tokio::time::timeout(FRESH_TOKENS, tokio::task::spawn_blocking(move || access.refresh())).await);
+    let mut caller = caller_of(site, request, address);
+    if caller.is_none() {
+        drop(tokio::time::timeout(FRESH_TOKENS, site.access.look_again(clock::now())).await);
+        caller = caller_of(site, request, address);
     }
-    match site.access.judge(request.headers(), address, clock::now()) {
+    let judge = || site.access.judge(request.headers(), address, clock::now());
+    match caller.map_or_else(judge, Verdict::Known) {
         Verdict::Known(caller) => {
             if needs_reader(&path) {
                 caller.require(Role::Viewer)?;
@@ -316,11 +319,20 @@ async fn admit(site: &Site, request: &mut Request, address: IpAddr) -> Result<()
 /// Whether the turret is taken back with a token that may: under whatever name somebody reached the service,
 /// that is done. A page of somebody else's has no token.
 fn takes_back(site: &Site, request: &Request, address: IpAddr) -> bool {
-    let headers = request.headers();
-    let caller = || site.access.caller(headers, address, clock::now());
+    is_override(request)
+        && request.headers().contains_key(header::AUTHORIZATION)
+        && caller_of(site, request, address).is_some_and(|c| c.role >= Some(Role::Operator))
+}
+
+fn is_override(request: &Request) -> bool {
     request.uri().path() == "/api/v1/override"
-        && headers.contains_key(header::AUTHORIZATION)
-        && caller().is_some_and(|c| c.role >= Some(Role::Operator))
+}
+
+/// Who it is: by a token in force, or, to take the turret back, by one that was until none was.
+fn caller_of(site: &Site, request: &Request, address: IpAddr) -> Option<Caller> {
+    let (headers, now) = (request.headers(), clock::now());
+    let back = || site.access.last_operator(headers, now).filter(|_| is_override(request));
+    site.access.caller(headers, address, now).or_else(back)
 }
 
 /// The page itself and liveness tell nothing about the machine.

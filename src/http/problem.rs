@@ -192,6 +192,7 @@ impl From<OperationError> for Problem {
             OperationError::Refused(Refusal::NotActing(_)) => {
                 Self::new(StatusCode::CONFLICT, "not_acting", text)
             }
+            OperationError::Refused(Refusal::NoFault) => Self::new(StatusCode::CONFLICT, "no_fault", text),
             OperationError::Refused(Refusal::NoAnswer) => {
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "pipeline_unavailable", text).retry_after(1)
             }

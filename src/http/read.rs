@@ -77,7 +77,7 @@ pub(super) async fn past(
             body = CommissioningView),
         Refused))]
 pub(super) async fn commissioning(State(site): State<Site>) -> Json<CommissioningView> {
-    Json(site.handle.commissioning().as_ref().clone())
+    Json(site.handle.commissioning())
 }
 
 /// The configuration in force, without secrets.

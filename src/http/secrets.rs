@@ -4,8 +4,8 @@ use sha2::{Digest as _, Sha256};
 
 /// How the text of every token begins.
 pub(super) const PREFIX: &str = "stillcut_";
-/// A secret is longer than the words around it: 256 bits are 43 characters, half of them give it away.
-const SHORTEST_SECRET: usize = 20;
+/// 256 random bits are 43 characters of base64url.
+const SECRET: usize = 43;
 /// What stands where a token stood.
 pub(super) const REDACTED: &str = "[a token was left out]";
 
@@ -14,36 +14,54 @@ fn is_of_a_token(c: char) -> bool {
 }
 
 fn runs(text: &str) -> impl Iterator<Item = &str> {
-    text.split(|c| !is_of_a_token(c)).filter(|run| run.len() >= SHORTEST_SECRET)
+    text.split(|c| !is_of_a_token(c))
 }
 
-/// Whether a text holds something of the form of our tokens.
+/// As many characters as a secret has, in both cases: no word of any language is so long, and names and
+/// digests keep to one case.
+fn is_random(run: &str) -> bool {
+    let kinds: [fn(&u8) -> bool; 2] = [u8::is_ascii_uppercase, u8::is_ascii_lowercase];
+    run.len() >= SECRET && kinds.iter().all(|kind| run.bytes().any(|b| kind(&b)))
+}
+
+/// Half a secret behind the beginning of a token gives it away, too.
+fn is_begun(run: &str) -> bool {
+    run.to_ascii_lowercase().rfind(PREFIX).is_some_and(|at| run.len() - at - PREFIX.len() >= SECRET / 2)
+}
+
+/// Whether a text holds something of the form of our tokens, whatever became of its beginning.
 #[must_use]
 pub fn holds_token(text: &str) -> bool {
-    runs(text).any(|run| run.rfind(PREFIX).is_some_and(|at| run.len() - at - PREFIX.len() >= SHORTEST_SECRET))
+    runs(text).any(|run| is_begun(run) || is_random(run))
 }
 
-/// Whether a text holds a token of one of these SHA-256, whatever its form.
+/// Whether a text holds a token of one of these SHA-256: a word of it, two words that a blank parts, or
+/// characters in a row of the text without its blanks, of whatever form and with or without its beginning.
 pub(super) fn holds_token_of(text: &str, known: impl Fn(&[u8; 32]) -> bool) -> bool {
-    runs(text).any(|run| known(&Sha256::digest(run.as_bytes()).into()))
+    let is_known = |word: &str| known(&Sha256::digest(word.as_bytes()).into());
+    let bare = |word: &str| is_known(word) || is_known(word.trim_matches(|c| !is_of_a_token(c)));
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let pairs = words.windows(2).any(|pair| bare(&pair.concat()));
+    let compact = words.concat();
+    let rows = runs(&compact).any(|run| {
+        let row = |at: usize| run.get(at..at + SECRET).is_some_and(|row| is_known(&format!("{PREFIX}{row}")));
+        (0..run.len()).any(row)
+    });
+    pairs || rows || words.iter().any(|word| bare(word)) || runs(text).any(is_known) || bare(&compact)
 }
 
 /// The text without what has the form of a token.
 #[must_use]
 pub(super) fn without_tokens(text: &str) -> String {
-    if !holds_token(text) {
-        return text.to_owned();
-    }
     let mut kept = String::with_capacity(text.len());
     for part in text.split_inclusive(|c| !is_of_a_token(c)) {
-        match part.find(PREFIX).filter(|_| holds_token(part)) {
-            Some(at) => {
-                kept.push_str(part.get(..at).unwrap_or_default());
-                kept.push_str(REDACTED);
-                kept.extend(part.chars().last().filter(|c| !is_of_a_token(*c)));
-            }
-            None => kept.push_str(part),
+        if !holds_token(part) {
+            kept.push_str(part);
+            continue;
         }
+        kept.push_str(part.get(..part.find(PREFIX).unwrap_or_default()).unwrap_or_default());
+        kept.push_str(REDACTED);
+        kept.extend(part.chars().last().filter(|c| !is_of_a_token(*c)));
     }
     kept
 }
@@ -61,12 +79,35 @@ mod tests {
             assert!(!kept.contains(&token[20..]) && kept.contains(REDACTED), "{kept}");
         }
         assert!(holds_token(&token[..40]), "half a token is a secret too");
+        let core = &token[PREFIX.len()..];
+        for text in
+            [core.to_owned(), token[1..].to_owned(), token.to_uppercase()[..1].to_owned() + &token[1..]]
+        {
+            assert!(holds_token(&text) && !without_tokens(&text).contains(core), "{text}");
+        }
+        let hash = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08";
+        assert!(
+            !holds_token(hash) && !holds_token("the_name_of_a_recording_that_is_longer_than_a_secret_is")
+        );
         for text in ["", "stillcut_service restarted", "stillcut_samples_lost_total went up", "Größe 12"] {
             assert!(!holds_token(text) && without_tokens(text) == text, "{text}");
         }
         let other = "a-secret-of-another-form-0123456789";
         let digest: [u8; 32] = Sha256::digest(other.as_bytes()).into();
         assert!(holds_token_of(&format!("my token: {other}!"), |d| *d == digest));
+        let ours: [u8; 32] = Sha256::digest(token.as_bytes()).into();
+        for at in [3, PREFIX.len(), 20, 40] {
+            let parted = format!("it is {} {} today", &token[..at], &token[at..]);
+            assert!(holds_token_of(&parted, |d| *d == ours), "{parted}");
+        }
+        let thrice = format!("{} {} {}", &core[..9], &core[9..30], &core[30..]);
+        assert!(holds_token_of(&thrice, |d| *d == ours));
+        for (other, said) in
+            [("Pass.word!", "it is Pass.word! today"), ("k-12", "(k-12)"), ("a+b/c=", "a+b /c=")]
+        {
+            let digest: [u8; 32] = Sha256::digest(other.as_bytes()).into();
+            assert!(holds_token_of(said, |d| *d == digest), "{said}");
+        }
         assert!(!holds_token_of("my token: none of yours, 0123456789-0123456789", |d| *d == digest));
     }
 }

@@ -1,9 +1,9 @@
 //! The accept loop: caps, head deadline, TLS, and an end that does not wait for idle listeners.
 
 use super::PeerAddress;
-use super::access::open_to_others;
 use super::refusals::Worded;
 use super::seats::{Activity, Prompt, Seats, WRITE_DEADLINE};
+use super::token_file::open_to_others;
 use crate::telemetry::Metrics;
 use axum::Router;
 use hyper::body::Body as _;

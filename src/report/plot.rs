@@ -203,14 +203,15 @@ impl Figure {
     fn mark(&self, out: &mut String, mark: &Mark) {
         match mark {
             Mark::Line { class, points } => {
-                let _ = write!(out, "<path class=\"line {class}\" d=\"{}\"/>", self.path(points));
+                put_path(out, &format!("line {class}"), &self.path(points));
             }
             Mark::Envelope { class, points } => self.envelope(out, class, points),
             Mark::Area { class, points } => {
                 let upper: Vec<[f64; 2]> = points.iter().map(|p| [p[0], p[2]]).collect();
                 let lower: Vec<[f64; 2]> = points.iter().rev().map(|p| [p[0], p[1]]).collect();
-                let tail = self.path(&lower).replacen('M', "L", 1);
-                let _ = write!(out, "<path class=\"area {class}\" d=\"{}{tail}Z\"/>", self.path(&upper));
+                let (upper, tail) = (self.path(&upper), self.path(&lower).replacen('M', "L", 1));
+                let closed = if upper.is_empty() { upper } else { format!("{upper}{tail}Z") };
+                put_path(out, &format!("area {class}"), &closed);
             }
             Mark::Band { class, y } => {
                 let top = self.place([self.x.range[0], y[1]])[1];
@@ -227,7 +228,7 @@ impl Figure {
                     let ([left, low], [right, top]) = (self.place([*x1, *y1]), self.place([*x2, *y2]));
                     let _ = write!(d, "M{left:.1} {low:.1}H{right:.1}V{top:.1}H{left:.1}Z");
                 }
-                let _ = write!(out, "<path class=\"area {class}\" d=\"{d}\"/>");
+                put_path(out, &format!("area {class}"), &d);
             }
             Mark::Dots { class, points } => {
                 for p in points.iter().filter(|p| p[0].is_finite() && p[1].is_finite()) {
@@ -258,7 +259,7 @@ impl Figure {
     fn envelope(&self, out: &mut String, class: &str, points: &[[f64; 2]]) {
         let columns = (self.size[0] - ROOM[0] - ROOM[1]).max(1.0) as usize;
         if points.len() < 2 * columns {
-            let _ = write!(out, "<path class=\"line {class}\" d=\"{}\"/>", self.path(points));
+            put_path(out, &format!("line {class}"), &self.path(points));
             return;
         }
         let mut extent: Vec<Option<[f64; 2]>> = vec![None; columns];
@@ -278,7 +279,14 @@ impl Figure {
             let y2 = self.place([self.x.range[0], *high])[1].min(y1 - 0.8);
             let _ = write!(d, "M{x:.1} {y1:.1}V{y2:.1}");
         }
-        let _ = write!(out, "<path class=\"envelope {class}\" d=\"{d}\"/>");
+        put_path(out, &format!("envelope {class}"), &d);
+    }
+}
+
+/// A path; nothing where there is none to draw.
+fn put_path(out: &mut String, class: &str, d: &str) {
+    if !d.is_empty() {
+        let _ = write!(out, "<path class=\"{class}\" d=\"{d}\"/>");
     }
 }
 

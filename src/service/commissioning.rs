@@ -27,8 +27,8 @@ impl Criteria {
 /// One item.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct CommissioningItem {
-    /// `limits_stated`, `hours_observed`, `cuts_heard`, `alarms_reviewed`, `commands_advised` or
-    /// `model_drift`.
+    /// `limits_stated`, `hours_observed`, `cuts_heard`, `alarms_reviewed`, `commands_advised`, `model_drift`
+    /// or `heard_now`.
     pub name: String,
     /// What there is.
     pub found: String,
@@ -38,6 +38,17 @@ pub struct CommissioningItem {
     pub met: bool,
     /// Missing, and accepted by name in the configuration.
     pub accepted: bool,
+}
+
+/// What is heard at this moment, where it is fit to act on; else why not.
+pub(super) type HeardNow = Result<String, String>;
+
+/// Of the moment, not of the history: never done without.
+fn heard_item(heard: HeardNow) -> CommissioningItem {
+    let met = heard.is_ok();
+    let found = heard.unwrap_or_else(|why| why);
+    let needed = "noise learned and the force fit on every watched axis".to_owned();
+    CommissioningItem { name: "heard_now".to_owned(), found, needed, met, accepted: false }
 }
 
 /// Where commissioning stands.
@@ -190,6 +201,7 @@ impl Evidence {
 pub(super) struct Commissioning {
     pub(super) evidence: Evidence,
     view: Mutex<Arc<CommissioningView>>,
+    heard: Mutex<Option<HeardNow>>,
 }
 
 impl Commissioning {
@@ -197,8 +209,24 @@ impl Commissioning {
         *self.view.lock().unwrap_or_else(PoisonError::into_inner) = Arc::new(view);
     }
 
-    pub(super) fn view(&self) -> Arc<CommissioningView> {
+    /// What the history says.
+    pub(super) fn of_history(&self) -> Arc<CommissioningView> {
         Arc::clone(&self.view.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Notes what is heard.
+    pub(super) fn hear_now(&self, heard: HeardNow) {
+        *self.heard.lock().unwrap_or_else(PoisonError::into_inner) = Some(heard);
+    }
+
+    /// What the history says, and what is heard now.
+    pub(super) fn view(&self) -> CommissioningView {
+        let heard = self.heard.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let item = heard_item(heard.unwrap_or_else(|| Err("nothing yet".to_owned())));
+        let mut view = CommissioningView::clone(&self.of_history());
+        view.complete &= item.met;
+        view.items.push(item);
+        view
     }
 }
 
@@ -244,6 +272,21 @@ mod tests {
         assert_eq!(ended.iter().filter(|e| **e).count(), 1);
         assert!(ended[5], "{ended:?}");
         assert!(counter.look(Some(false)));
+    }
+
+    #[test]
+    fn what_is_heard_now_is_an_item_that_nobody_accepts() {
+        let (seen, judged) = enough();
+        let commissioning = Commissioning::default();
+        commissioning.show(state_of(&turret(&["heard_now"]), &seen, judged));
+        let missing = || commissioning.view().missing();
+        assert!(
+            !commissioning.view().complete && missing().is_some_and(|m| m.starts_with("heard_now (nothing"))
+        );
+        commissioning.hear_now(Err("x1: its noise is being learned".into()));
+        assert!(!commissioning.view().complete && missing().is_some_and(|m| m.contains("learned")));
+        commissioning.hear_now(Ok("x1, y1".into()));
+        assert!(commissioning.view().complete && missing().is_none());
     }
 
     #[test]

@@ -42,6 +42,9 @@ pub enum Refusal {
     /// What was asked for exists only while acting.
     #[error("{0}")]
     NotActing(String),
+    /// No fault is latched.
+    #[error("no fault is latched: there is nothing to clear")]
+    NoFault,
     /// The pipeline thread has ended or is too far behind.
     #[error("the pipeline does not answer")]
     NoAnswer,

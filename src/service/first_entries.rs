@@ -29,6 +29,15 @@ impl FirstEntries {
         } else if let Some(missing) = &self.report.missing {
             let kept = self.report.log_kept.as_ref().map(|l| format!("; the log is kept as {}", l.display()));
             handle.report(EventKind::HistoryCut, missing.sentence() + &kept.unwrap_or_default()).await;
+        } else if !self.report.spoilt_notes.is_empty() {
+            let spoilt = &self.report.spoilt_notes;
+            let known = if spoilt.len() > 1 {
+                "nobody knows whether rows are missing"
+            } else {
+                "by the other copy no row is missing"
+            };
+            let text = format!("the note of how far the history was durable: {}; {known}", spoilt.join(", "));
+            handle.report(EventKind::HistoryCut, text).await;
         }
         let text = format!("stillcut {} started, epoch {}", env!("CARGO_PKG_VERSION"), self.report.epoch);
         handle.report(EventKind::ServiceStart, text).await;

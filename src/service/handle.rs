@@ -10,6 +10,7 @@ use super::past::Past;
 use super::recordings::{RecordingInfo, Recordings, RecordingsError};
 use super::stability::CurveCache;
 use super::way_back::WayBack;
+use crate::avoidance::pitch::is_same_pitch;
 use crate::config::service::ServiceConfig;
 use crate::store::{AuditEntry, AuditRow, EventFilter, EventPage, StoreError, StoreReader, StoreWriter};
 use crate::telemetry::{Event, EventKind, Metrics};
@@ -172,7 +173,7 @@ impl Handle {
 
     /// Where commissioning stands.
     #[must_use]
-    pub fn commissioning(&self) -> Arc<CommissioningView> {
+    pub fn commissioning(&self) -> CommissioningView {
         self.0.commissioning.view()
     }
 
@@ -374,6 +375,13 @@ impl Handle {
         let mode = self.ask(|done| Control::Override { actor, done }).await?;
         self.note_mode(&mode);
         Ok(mode)
+    }
+
+    /// Whether acting has ended and the turret stands at equal pitch, as far as it is heard.
+    pub(super) fn turret_is_back(&self) -> bool {
+        let state = self.state();
+        let away = state.pitch.reported_rad.is_some_and(|pitch_rad| !is_same_pitch(pitch_rad, 0.0));
+        self.mode().mode != Mode::Act && !away
     }
 
     /// Puts on record that the turret was taken back, or was to be. What is done is done: neither the disk

@@ -26,7 +26,7 @@ pub(super) struct ForceFrame {
     pub(super) t_s: f64,
     /// Length of a slice, s.
     pub(super) slice_s: f64,
-    /// Axis by axis: `[smallest, largest]` of each slice, oldest first.
+    /// Axis by axis: `[smallest, largest]` of each slice, oldest first; none where no force is estimated.
     pub(super) axes: Vec<Vec<[f32; 2]>>,
 }
 
@@ -162,6 +162,7 @@ impl Hub {
         }
         let seen = Seen {
             wall_ns,
+            t_s: view.force.t_s,
             grid_hz: [view.spectrum.first_hz, view.spectrum.step_hz],
             amplitude_n: &view.spectrum.amplitude_n,
             force: &view.force.axes,

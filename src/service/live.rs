@@ -72,8 +72,10 @@ pub struct AxisView {
     pub noise_floor_n: Option<f64>,
     /// By how much the estimate lags the force, s.
     pub force_delay_s: Option<f64>,
-    /// Band in which the estimate can be used, Hz.
+    /// Band in which the estimate is right within a tenth, Hz.
     pub usable_band_hz: Option<[f64; 2]>,
+    /// From where on, up to its low-pass, it is so again, Hz; absent where the band is one piece.
+    pub usable_above_hz: Option<f64>,
     /// Standard deviation of the difference to the estimator beside it over the last second, N; absent
     /// without one.
     pub disagreement_n: Option<f64>,

@@ -101,6 +101,8 @@ impl Kept {
 /// What one picture adds.
 pub(super) struct Seen<'a> {
     pub(super) wall_ns: i64,
+    /// On the machine's clock.
+    pub(super) t_s: f64,
     pub(super) grid_hz: [f64; 2],
     pub(super) amplitude_n: &'a [f64],
     /// Slices of each axis.
@@ -117,6 +119,8 @@ pub(super) struct Past {
     axes: Vec<String>,
     fine: VecDeque<Column>,
     coarse: VecDeque<Column>,
+    /// Newest column of this life on the machine's clock, s.
+    newest_t_s: Option<f64>,
 }
 
 /// Spectra and forces of a time that has passed.
@@ -130,6 +134,9 @@ pub struct PastView {
     pub bins: usize,
     /// Age of each column, s; oldest first.
     pub age_s: Vec<f64>,
+    /// Time of the newest column on the machine's clock, which the live stream goes on from, s; absent before
+    /// the first sample of this life.
+    pub newest_t_s: Option<f64>,
     /// Base64 of the columns one after the other, one byte a bin: half decibels above -80 dB re 1 N, the
     /// largest of what a column stands for.
     pub levels: String,
@@ -139,7 +146,8 @@ pub struct PastView {
     pub chatter: Vec<bool>,
     /// Names of the axes.
     pub axes: Vec<String>,
-    /// Axis by axis: smallest and largest force of each column, N; null where none was estimated.
+    /// Axis by axis: smallest and largest force of each column, N, about its mean where that cannot be
+    /// observed; null where none was estimated.
     pub force_n: Vec<Vec<[Option<f32>; 2]>>,
 }
 
@@ -163,7 +171,7 @@ impl Past {
         if self.axes != seen.axes || other {
             *self = Self { axes: seen.axes, ..Self::default() };
         }
-        self.grid_hz = seen.grid_hz;
+        (self.grid_hz, self.newest_t_s) = (seen.grid_hz, Some(seen.t_s));
         let second = |c: &Column| c.wall_ns.div_euclid(1_000_000_000);
         match self.coarse.back_mut() {
             Some(last) if second(last) == second(&column) => last.take_in(&column),
@@ -225,6 +233,7 @@ impl Past {
             step_hz: self.grid_hz[1],
             bins: columns.first().map_or(0, |c| c.levels.len()),
             age_s: columns.iter().map(|c| now_ns.saturating_sub(c.wall_ns) as f64 * 1e-9).collect(),
+            newest_t_s: self.newest_t_s,
             levels: STANDARD.encode(levels),
             line_hz: columns.iter().map(|c| c.line_hz).collect(),
             chatter: columns.iter().map(|c| c.chatter).collect(),
@@ -298,6 +307,7 @@ pub(super) mod tests {
     fn seen(wall_ns: i64, loud: bool, force: &[Vec<[f32; 2]>]) -> Seen<'_> {
         Seen {
             wall_ns,
+            t_s: wall_ns as f64 * 1e-9 - 7.0,
             grid_hz: [400.0, 2.0],
             amplitude_n: if loud { &[0.1, 10.0] } else { &[0.1, 0.1] },
             force,
@@ -330,6 +340,9 @@ pub(super) mod tests {
         assert_eq!(levels.len(), long.bins * long.age_s.len());
         assert_eq!(levels[place * 2 + 1], level(10.0));
         assert_eq!(short.force_n[0][0], [Some(-2.0), Some(1.0)]);
+        assert_eq!(short.newest_t_s, Some(7213.0), "the stream goes on from there");
+        past.add(seen(now, false, &[vec![]]));
+        assert_eq!(past.view(20, now).force_n[0].last(), Some(&[None, None]), "nobody estimates it");
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 use super::clock;
 use super::past::{Kept, Past};
+use crate::ownership::existing_file;
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
@@ -64,6 +65,7 @@ impl PastFile {
             std::fs::rename(&self.paths[0], &self.paths[1])?;
             self.lines = 0;
         }
+        existing_file(&self.paths[0])?; // nobody leads it elsewhere
         // Begins a line of its own also behind one that a power cut tore.
         let line = format!("\n{}\n", serde_json::to_string(kept)?);
         let mut file = File::options().create(true).append(true).mode(0o640).open(&self.paths[0])?;

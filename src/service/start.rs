@@ -123,6 +123,12 @@ pub fn check(config: &ServiceConfig) -> Result<(), ServiceError> {
     access(config)?;
     config.http.tls.as_ref().map(|(c, k)| tls_acceptor(c, k)).transpose()?;
     Domain::new(&config.transport.0, &config.transport.1)?;
+    for folder in [&config.history.folder, &config.transport.1] {
+        if folder.exists() && !folder.is_dir() {
+            let source = std::io::ErrorKind::NotADirectory.into();
+            return Err(ServiceError::Files { path: folder.clone(), source });
+        }
+    }
     Ok(())
 }
 
@@ -131,6 +137,9 @@ fn access(config: &ServiceConfig) -> Result<Access, ServiceError> {
     let access = Access::load(config.http.tokens.as_deref(), config.http.trust_loopback)?;
     if config.turret.commissioned.as_ref().is_some_and(|(by, date)| access.holds_secret(&[by, date])) {
         return Err(TokenFileError::InSetting("turret.limits_by").into());
+    }
+    if config.fleet.as_ref().is_some_and(|fleet| access.holds_secret(&[&fleet.machine])) {
+        return Err(TokenFileError::InSetting("fleet.machine").into());
     }
     if !config.http.listen.ip().is_loopback() {
         access.needs_a_good_token(clock::now())?;
@@ -431,21 +440,28 @@ impl Parts {
 /// How often the token file is looked at for changes.
 const TOKENS: Duration = Duration::from_secs(1);
 
-/// Looks at the token file on a thread that may wait for the disk, and confirms meanwhile, from what was read
-/// last, that somebody could take the turret back.
+/// Looks at the token file on a thread that may wait for the disk, and confirms, from what was read last,
+/// that somebody could take the turret back.
 async fn refresh_tokens(access: Arc<Access>, handle: Handle) {
     let (stop, way_back) = (handle.stopping(), Arc::clone(&handle.0.way_back));
     let mut look: Option<tokio::task::JoinHandle<()>> = None;
     loop {
+        let looking = look.get_or_insert_with(|| {
+            let access = Arc::clone(&access);
+            tokio::task::spawn_blocking(move || access.refresh())
+        });
+        if tokio::time::timeout(TOKENS / 2, looking).await.is_ok() {
+            look = None;
+        }
         let now = clock::now();
-        way_back.confirm(access.way_back(now), now);
+        let open = access.way_back(now);
+        way_back.confirm(open, now);
         if let Some(trouble) = way_back.note(access.trouble(now)) {
             handle.metrics().security_events.with_label_values(&["token_file"]).inc();
             handle.tell(EventKind::AccessLost, trouble);
         }
-        if look.as_ref().is_none_or(tokio::task::JoinHandle::is_finished) {
-            let access = Arc::clone(&access);
-            look = Some(tokio::task::spawn_blocking(move || access.refresh()));
+        if !open && handle.turret_is_back() {
+            access.close_way_back();
         }
         if tokio::time::timeout(TOKENS, stop.cancelled()).await.is_ok() {
             return;

@@ -1,7 +1,7 @@
 //! The audit chain: each row's hash covers the row before it.
 
 use super::StoreError;
-use super::mark::{Mark, Missing};
+use super::mark::{Found, Mark, Missing};
 use sha2::{Digest as _, Sha256};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Connection as _, Row as _, SqliteConnection};
@@ -42,6 +42,8 @@ pub enum AuditVerdict {
         head: String,
         /// What rows of the chain say of rows that went missing before them.
         cuts: Vec<String>,
+        /// What is wrong with the notes beside the file of how far it was durable; two where nobody knows.
+        spoilt_notes: Vec<String>,
     },
     /// The first row that does not follow from the one before it.
     Broken {
@@ -179,7 +181,8 @@ const SELECT: &str = "SELECT sequence, wall_ns, actor, role, action, detail, has
 /// Errors: the file cannot be read.
 pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<AuditVerdict, StoreError> {
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
-    let mark = Mark::read(path); // before the rows: the service may be writing
+    // Before the rows: the service may be writing.
+    let Found { mark, spoilt: spoilt_notes } = Mark::read(path);
     let connect =
         SqliteConnection::connect_with(&SqliteConnectOptions::new().filename(path).read_only(true)).await;
     let mut connection = connect.map_err(fail)?;
@@ -221,7 +224,7 @@ pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<Audit
     {
         return Ok(AuditVerdict::Cut(missing));
     }
-    Ok(AuditVerdict::Intact { rows: last, head: hex(&previous), cuts })
+    Ok(AuditVerdict::Intact { rows: last, head: hex(&previous), cuts, spoilt_notes })
 }
 
 pub(super) fn hex(bytes: &[u8]) -> String {

@@ -1,9 +1,9 @@
 //! Opening the history: damage is set aside, the schema is brought up to date, a copy is kept first.
 
-use super::mark::{Mark, Missing};
+use super::mark::{Found, Mark, Missing};
 use super::query::COLUMNS;
-use super::{StoreError, code_of, options};
-use crate::ownership::{existing_file, own_file};
+use super::{StoreError, code_of, mark, options, reserve};
+use crate::ownership::{existing_file, let_owner_write, own_file};
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::{Connection as _, Row as _, SqlSafeStr as _, SqliteConnection};
 use std::path::{Path, PathBuf};
@@ -32,6 +32,8 @@ pub struct OpenReport {
     pub missing: Option<Missing>,
     /// Where the log was set aside before it was read, where something is missing.
     pub log_kept: Option<PathBuf>,
+    /// What is wrong with the notes of how far it was durable, by file; two where nobody knows any more.
+    pub spoilt_notes: Vec<String>,
     /// Number of the last mark that stood beside it.
     pub(super) marked: u64,
 }
@@ -60,7 +62,7 @@ fn migrator() -> Migrator {
 /// Opens the writing connection, replacing a damaged file and migrating an older one.
 /// `wall_ns` names files and the start. Errors: no access, disk full, newer schema.
 pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, OpenReport), StoreError> {
-    let mark = Mark::read(path);
+    let Found { mark, spoilt } = Mark::read(path);
     let log = LogCopy::make(path);
     let mut damage = None;
     if is_emptied(path) {
@@ -78,6 +80,12 @@ pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection,
         Err(error) => return Err(error),
     };
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
+    // Notes stand beside it before the first life is on record: where one is and no note is, they are lost.
+    let lives = sqlx::query("SELECT count(*) FROM life").fetch_one(&mut connection).await.map_err(fail)?;
+    let begun = lives.get::<i64, _>(0) == 0;
+    if begun && mark.is_none() {
+        Mark::of(&mut connection, 0).await.map_err(fail)?.write_first(path)?;
+    }
     // The receiver obeys growing epochs only, and a history that was replaced or restored knows fewer of
     // them: the time in seconds, or one above the last where the clock was set back.
     let insert = "INSERT INTO life (epoch, started_ns, version) \
@@ -94,9 +102,12 @@ pub(super) async fn open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection,
         Some(mark) => mark.missing(&mut connection).await.map_err(fail)?,
         None => None,
     };
+    // An earlier version, whose schema was another, kept none.
+    let spoilt_notes = if begun || copy.is_some() { Vec::new() } else { spoilt };
     let marked = mark.map_or(0, |m| m.number());
     let log_kept = log.filter(|_| missing.is_some() && damage.is_none()).and_then(|l| l.keep(wall_ns));
-    Ok((connection, OpenReport { epoch, damage, copy, unchecked, missing, log_kept, marked }))
+    let report = OpenReport { epoch, damage, copy, unchecked, missing, log_kept, spoilt_notes, marked };
+    Ok((connection, report))
 }
 
 /// The log as the last life left it. SQLite reads it up to the first frame that is not whole and writes over
@@ -150,14 +161,17 @@ pub(super) async fn checkpoint(connection: &mut SqliteConnection) {
 /// Largest file that is checked whole at every start: a third of a second.
 const CHECKED_BYTES: u64 = 32 << 20;
 
-/// The history and its log are this user's own, and others cannot read them: SQLite gives the log the main
-/// file's mode. Errors: a symbolic link, another user's, writable by everybody.
+/// The history and its log are this user's own, and others cannot read them. SQLite gives log and index the
+/// main file's mode as it was when they were made: a mended main file mends them, too.
+/// Errors: a symbolic link, another user's, writable by everybody or not by its owner.
 fn own_files(path: &Path) -> Result<(), StoreError> {
+    own_file(path).map_err(|source| StoreError::Files { path: path.to_owned(), source })?;
     for suffix in ["-wal", "-shm"] {
         let path = suffixed(path, suffix);
-        existing_file(&path).map_err(|source| StoreError::Files { path, source })?;
+        let own = let_owner_write(&path).and_then(|()| existing_file(&path));
+        own.map_err(|source| StoreError::Files { path, source })?;
     }
-    own_file(path).map_err(|source| StoreError::Files { path: path.to_owned(), source })
+    Ok(())
 }
 
 fn suffixed(path: &Path, suffix: &str) -> PathBuf {
@@ -199,8 +213,12 @@ fn is_emptied(path: &Path) -> bool {
     let recordings = std::fs::read_dir(path.with_file_name("recordings"));
     path.metadata().is_ok_and(|m| m.len() == 0)
         && (length(&suffixed(path, "-wal")) > 0
-            || path.with_file_name(super::reserve::FILE_NAME).exists()
+            || has_notes(path)
             || recordings.is_ok_and(|mut files| files.next().is_some()))
+}
+
+fn has_notes(path: &Path) -> bool {
+    [reserve::FILE_NAME, mark::FILE_NAME].iter().any(|name| path.with_file_name(name).exists())
 }
 
 async fn try_open(path: &Path, wall_ns: i64) -> Result<(SqliteConnection, Option<PathBuf>), StoreError> {

@@ -88,15 +88,9 @@ impl Reserve {
     /// Takes the room, where it is not taken yet. A disk without room leaves the reserve empty for now.
     /// Errors: the file is a symbolic link, another user's, or writable by everybody.
     pub(super) fn open(folder: &Path) -> Result<Self, StoreError> {
+        take(&folder.join(mark::FILE_NAME), mark::BYTES as usize)?;
         let path = folder.join(FILE_NAME);
-        match own_file(&path) {
-            Err(source) if !is_of_the_disk(&source) => return Err(StoreError::Files { path, source }),
-            _ => {}
-        }
-        let taken = std::fs::metadata(&path).is_ok_and(|m| m.len() == BYTES as u64);
-        if !taken && let Err(error) = fill(&path) {
-            tracing::warn!(event = "reserve", "{}: {error}", path.display());
-        }
+        take(&path, BYTES)?;
         Ok(Self { path })
     }
 
@@ -171,11 +165,28 @@ fn is_of_the_disk(error: &std::io::Error) -> bool {
     )
 }
 
-fn fill(path: &Path) -> std::io::Result<()> {
+/// Takes room for a file, where it is not taken yet; where the disk has none, that is told.
+fn take(path: &Path, bytes: usize) -> Result<(), StoreError> {
+    match own_file(path) {
+        Err(source) if !is_of_the_disk(&source) => {
+            return Err(StoreError::Files { path: path.to_owned(), source });
+        }
+        _ => {}
+    }
+    let taken = std::fs::metadata(path).is_ok_and(|m| m.len() == bytes as u64);
+    if !taken && let Err(error) = fill(path, bytes) {
+        tracing::warn!(event = "reserve", "{}: {error}", path.display());
+    }
+    Ok(())
+}
+
+fn fill(path: &Path, bytes: usize) -> std::io::Result<()> {
     let mut file = std::fs::File::options().create(true).append(true).open(path)?;
-    let length = usize::try_from(file.metadata()?.len()).unwrap_or(BYTES);
-    file.write_all(&vec![0; BYTES.saturating_sub(length)])?;
-    file.sync_all()
+    let length = usize::try_from(file.metadata()?.len()).unwrap_or(bytes);
+    file.write_all(&vec![0; bytes.saturating_sub(length)])?;
+    file.sync_all()?;
+    // Its name is durable, too.
+    path.parent().map_or(Ok(()), |folder| std::fs::File::open(folder)?.sync_all())
 }
 
 #[cfg(test)]

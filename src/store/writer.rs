@@ -135,7 +135,11 @@ impl StoreWriter {
         };
         task.checkpoint().await; // the main file is never empty for long
         if let Some(missing) = &report.missing {
-            task.tell_missing(missing, wall_ns).await;
+            task.count_missing(missing);
+            task.tell_missing(missing.sentence(), wall_ns).await;
+        } else if let [one, other] = &report.spoilt_notes[..] {
+            let what = format!("{one}, {other}: nobody knows whether rows are missing");
+            task.tell_missing(what, wall_ns).await;
         }
         task.take_kept().await;
         tokio::spawn(task.run(waiting));
@@ -314,24 +318,25 @@ impl Task {
         self.checkpoint_every = CHECKPOINT.max(CHECKPOINT_PART * began.elapsed());
     }
 
-    /// Puts on record what an earlier life had made durable and this one does not find.
-    async fn tell_missing(&mut self, missing: &Missing, wall_ns: i64) {
-        let lost = |table: &str, count: i64| {
+    fn count_missing(&self, missing: &Missing) {
+        for (table, count) in [("event", missing.events), ("audit", missing.audit_rows)] {
             let count = u64::try_from(count).unwrap_or(0);
             self.metrics.history_lost.with_label_values(&[table]).inc_by(count);
-        };
-        lost("event", missing.events);
-        lost("audit", missing.audit_rows);
+        }
+    }
+
+    /// Puts on record what an earlier life had made durable and this one does not find, or that nobody knows.
+    async fn tell_missing(&mut self, what: String, wall_ns: i64) {
         let entry = AuditEntry {
             wall_ns,
             actor: "service".into(),
             role: "service".into(),
             action: CUT.into(),
-            detail: missing.sentence(),
+            detail: what.clone(),
         };
         // Not stored, the mark stays as it is, and the next start tells it again.
         if let Err(error) = self.commit(&[Write::Audit(entry, oneshot::channel().0)]).await {
-            tracing::error!(event = "history_cut", "{}: {error}", missing.sentence());
+            tracing::error!(event = "history_cut", "{what}: {error}");
         }
     }
 

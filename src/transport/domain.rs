@@ -11,7 +11,8 @@ use iceoryx2::prelude::{
     SemanticString as _, SignalHandlingMode, ipc,
 };
 use std::fs::{File, Permissions, TryLockError};
-use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+use std::io::Write as _;
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::Duration;
@@ -78,15 +79,15 @@ impl Domain {
     /// Errors: no access to the folder, or no node within five seconds: the caller exits, is started
     /// again, and the janitor cures what a killed process left.
     pub fn join(&self, name: &str) -> Result<Participant, TransportError> {
-        let lock = self.enter()?;
+        let lock = self.enter(name)?;
         self.probe(name)?;
         let node = create_node(&self.config()?, name)?;
         self.tighten();
         Ok(Participant { node, _lock: lock })
     }
 
-    /// Takes the life-long shared lock; whoever is alone cleans up first.
-    fn enter(&self) -> Result<File, TransportError> {
+    /// Takes the life-long shared lock; whoever is alone cleans up first, and makes what all share.
+    fn enter(&self, name: &str) -> Result<File, TransportError> {
         let io = |path: &Path| {
             let path = path.to_owned();
             move |source| TransportError::Files { path, source }
@@ -98,6 +99,8 @@ impl Domain {
         match file.try_lock() {
             Ok(()) => {
                 self.sweep()?;
+                self.probe(name)?;
+                self.make_own()?;
                 file.unlock().map_err(io(&path))?;
             }
             Err(TryLockError::WouldBlock) => {}
@@ -154,6 +157,21 @@ impl Domain {
         }
     }
 
+    /// The library lets every user open its management segment from the moment it is made, and who did
+    /// keeps it: the segment that stays is a copy that only this user ever could open. One that was spoilt
+    /// before it was copied shows when joining.
+    fn make_own(&self) -> Result<(), TransportError> {
+        let part = Path::new(SHARED_MEMORY).join(format!("{}part", self.prefix));
+        for path in self.shared_files().filter(|path| *path != part) {
+            let mode = std::fs::symlink_metadata(&path).map_or(0, |m| m.permissions().mode());
+            if mode & 0o077 != 0 {
+                let copied = copy_own(&path, &part).and_then(|()| std::fs::rename(&part, &path));
+                copied.map_err(|source| TransportError::Files { path, source })?;
+            }
+        }
+        Ok(())
+    }
+
     /// Removes every file of the domain but the lock. What cannot be removed shows when joining.
     fn remove_files(&self) {
         for path in self.shared_files() {
@@ -185,6 +203,14 @@ impl Domain {
     }
 }
 
+/// Copies a file into one that is made here, for this user alone.
+fn copy_own(from: &Path, to: &Path) -> std::io::Result<()> {
+    let bytes = std::fs::read(from)?;
+    let _ = std::fs::remove_file(to); // of a life that was killed
+    let mut file = File::options().write(true).create_new(true).mode(0o600).open(to)?;
+    file.write_all(&bytes)
+}
+
 fn entries(folder: &Path) -> Vec<PathBuf> {
     std::fs::read_dir(folder).map(|list| list.flatten().map(|e| e.path()).collect()).unwrap_or_default()
 }
@@ -212,6 +238,29 @@ impl std::fmt::Debug for Participant {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Somebody else's open file of the management segment, from the moment that the library made it.
+    #[test]
+    fn who_opened_the_segment_as_it_was_made_has_no_part_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let domain = Domain::new(&format!("own{}", std::process::id()), folder.path()).unwrap();
+        let lock = domain.enter("first").unwrap();
+        domain.remove_files();
+        drop(create_node(&domain.config().unwrap(), "maker").unwrap());
+        let open = |path: &PathBuf| std::fs::metadata(path).unwrap().permissions().mode() & 0o077 != 0;
+        let made: Vec<PathBuf> = domain.shared_files().filter(open).collect();
+        assert!(!made.is_empty(), "the library makes one that is open to all");
+        let held: Vec<File> =
+            made.iter().map(|p| File::options().read(true).write(true).open(p).unwrap()).collect();
+        domain.make_own().unwrap();
+        assert!(!made.iter().any(open));
+        for mut file in held {
+            file.write_all(&[0xff; 4096]).unwrap();
+        }
+        assert!(domain.join("second").is_ok(), "what is written there spoils nothing");
+        drop(lock);
+        domain.remove();
+    }
 
     #[test]
     fn a_prefix_that_could_start_another_ones_names_is_refused() {

@@ -159,6 +159,7 @@ fn every_refusal_is_a_problem_with_a_code() {
         ("POST", "/api/v1/diagnoses", Some(twice), 422, "invalid_body"),
         ("PUT", "/api/v1/mode", Some("{\"mode\":\"act\",\"reason\":\"x\"}"), 428, "if_match_required"),
         ("PUT", "/api/v1/hold", Some("{\"hold\":true,\"reason\":\"x\"}"), 409, "not_acting"),
+        ("POST", "/api/v1/fault/clear", Some("{\"reason\":\"x\"}"), 409, "no_fault"),
         ("PUT", "/api/v1/mode", Some("{\"mode\":\"fly\",\"reason\":\"x\"}"), 422, "invalid_body"),
         ("GET", "/api/v1/recordings/..%2f..%2fhistory/file.parquet", None, 404, "not_found"),
     ];

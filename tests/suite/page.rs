@@ -240,6 +240,14 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     // The charts open with what was before the page: more than came since.
     let past = "waterfall.columns.filter(Boolean).length";
     browser.wait_for("the past", &format!("{past} > 40 && force.slices.length > 40"));
+    // Frames that were under way while the past was asked for take nothing of it away.
+    let overlap = "(() => { const f = new ForceTrace(document.getElementById('force')); \
+        const age = Array.from({length: 400}, (_, k) => 20 - 0.05 * (k + 1)); \
+        f.load({seconds: 20, newest_t_s: 100, age_s: age, force_n: [age.map(() => [-1, 1])]}); \
+        for (const t of [99.9, 99.95, 100, 100.05]) f.add({t_s: t, slice_s: 0.005, axes: [[], Array(10).fill([0, 1])]}); \
+        const t = f.slices.map((s) => s.t); \
+        return f.slices.length > 390 && t.every((x, k) => k === 0 || x > t[k - 1]); })()";
+    assert_eq!(browser.value(overlap), true);
     browser.value("document.getElementById('range').value = '60'; loadPast()");
     browser.wait_for("the last minute", &format!("waterfall.rangeS === 60 && {past} > 10"));
     browser.value("document.getElementById('range').value = '20'; loadPast()");
@@ -254,6 +262,11 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
     browser.size(390, 844);
     assert_eq!(browser.value(fits), true, "nothing sticks out on a phone");
     browser.picture("phone");
+    browser.size(320, 640);
+    let widest = "[...document.querySelectorAll('body *')].filter((e) => e.getBoundingClientRect().right > innerWidth + 1) \
+        .map((e) => e.tagName + '#' + e.id + '.' + e.className).slice(0, 8).join(' ')";
+    assert_eq!(browser.value(fits), true, "nor on a small one: {}", browser.value(widest));
+    browser.size(390, 844);
     // The recording around the onset is one click from being played again.
     let button = "[...document.querySelectorAll('#recordings button')].find((b) => b.innerText === 'Replay')";
     browser.wait_for("a recording", &format!("Boolean({button})"));

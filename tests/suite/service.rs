@@ -233,8 +233,11 @@ fn acting_waits_for_what_commissioning_asks_for() {
     );
     until("the earlier life counts", 5, || item(&running, "commands_advised")["met"] == true);
     let view = get(&running, "/api/v1/commissioning").json();
-    assert_eq!((&view["complete"], &view["limits_by"]), (&true.into(), &"the tests".into()), "{view}");
+    assert_eq!((&view["complete"], &view["limits_by"]), (&false.into(), &"the tests".into()), "{view}");
+    assert_eq!(item(&running, "heard_now")["met"], false, "nothing is heard yet");
     let lathe = LatheThread::start(&place.domain);
+    until("it is heard", 20, || item(&running, "heard_now")["met"] == true);
+    assert_eq!(get(&running, "/api/v1/commissioning").json()["complete"], true);
     until("acting is possible", 20, || set_mode(&running, "act").status == 200);
     drop(lathe);
     running.stop();
@@ -567,6 +570,7 @@ fn check_opens_what_the_configuration_names() {
         ("[transport]\nroot = \"here\"\n", "transport.root `here` is not an absolute path"),
         ("[transport]\nprefix = \"\"\n", "transport.prefix `` is not 1 to 24"),
         ("[machine]\nwatch = []\n", "machine.watch: []: expected"),
+        ("[history]\nfolder = \"c.toml\"\n", "c.toml: not a directory"),
         ("[machine.axes.x1]\nidle = [\"nope.parquet\"]\n", "machine.axes.x1.idle: "),
     ] {
         std::fs::write(&path, text).unwrap();

@@ -612,6 +612,91 @@ fn what_was_durable_and_is_missing_is_told() {
     drop(writer);
 }
 
+/// The note of how far a history was durable stands twice: one copy tells what is missing without the other,
+/// and that the other is; without both, nobody knows, and that is told for good.
+#[test]
+fn a_note_that_is_lost_is_told() {
+    const NOTES: [&str; 2] = ["history.reserve", "history.mark"];
+    let source = tempfile::tempdir().unwrap();
+    let runtime = runtime();
+    let writer = runtime.block_on(async {
+        let (writer, _, first) = StoreWriter::start(source.path(), KEEP, metrics(), 1).await.unwrap();
+        assert!(first.spoilt_notes.is_empty(), "a history that has just begun");
+        for k in 0..20 {
+            writer.audit(entry(k, format!("row {k}"))).await.unwrap();
+        }
+        writer
+    });
+    let zeros = |path: &Path| {
+        let length = std::fs::metadata(path).unwrap().len();
+        std::fs::write(path, vec![0; usize::try_from(length).unwrap()]).unwrap();
+    };
+    let gone = |path: &Path| std::fs::remove_file(path).unwrap();
+    let spoil: [&dyn Fn(&Path); 2] = [&zeros, &gone];
+    for (which, log_too) in [(vec![0], true), (vec![1], true), (vec![0], false), (vec![0, 1], true)] {
+        for spoil in spoil {
+            let folder = tempfile::tempdir().unwrap();
+            for file in std::fs::read_dir(source.path()).unwrap().flatten() {
+                std::fs::copy(file.path(), folder.path().join(file.file_name())).unwrap();
+            }
+            which.iter().for_each(|k: &usize| spoil(&folder.path().join(NOTES[*k])));
+            let path = folder.path().join(FILE_NAME);
+            if log_too {
+                std::fs::remove_file(folder.path().join(format!("{FILE_NAME}-wal"))).unwrap();
+            }
+            runtime.block_on(async {
+                let verdict = verify_audit_file(&path, None).await.unwrap();
+                match &verdict {
+                    AuditVerdict::Cut(missing) => assert!(log_too && missing.audit_rows > 0),
+                    AuditVerdict::Intact { spoilt_notes, .. } => assert_eq!(spoilt_notes.len(), which.len()),
+                    other => panic!("{other:?}"),
+                }
+                let told = matches!(verdict, AuditVerdict::Cut(_));
+                assert_eq!(told, log_too && which.len() == 1, "{which:?}");
+                let (writer, _, report) =
+                    StoreWriter::start(folder.path(), KEEP, metrics(), 2).await.unwrap();
+                assert_eq!(report.spoilt_notes.len(), which.len(), "{:?}", report.spoilt_notes);
+                assert_eq!(report.missing.is_some(), told);
+                writer.close().await.unwrap();
+                let AuditVerdict::Intact { cuts, spoilt_notes, .. } =
+                    verify_audit_file(&path, None).await.unwrap()
+                else {
+                    panic!("it goes on");
+                };
+                assert!(spoilt_notes.is_empty(), "{spoilt_notes:?}");
+                assert_eq!(cuts.len(), usize::from(told || which.len() == 2), "{cuts:?}");
+            });
+        }
+    }
+    drop(writer);
+}
+
+/// A history that its owner may not write is refused by its own name, leaves nothing behind, and once it is
+/// mended what was made beside it meanwhile does not stand in the way.
+#[test]
+fn a_history_that_was_read_only_starts_when_it_is_mended() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(FILE_NAME);
+    let mode = |path: &Path, mode| {
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
+    };
+    runtime().block_on(async {
+        fill(folder.path(), 3).await;
+        mode(&path, 0o400);
+        let refused = StoreWriter::start(folder.path(), KEEP, metrics(), 1).await.unwrap_err().to_string();
+        assert!(refused.contains("history.sqlite: mode 400"), "{refused}");
+        let index = folder.path().join(format!("{FILE_NAME}-shm"));
+        assert!(!index.exists());
+        std::fs::write(&index, "").unwrap();
+        mode(&index, 0o400);
+        mode(&path, 0o600);
+        let (writer, _, _) = StoreWriter::start(folder.path(), KEEP, metrics(), 2).await.unwrap();
+        writer.store_durably(event("after", 1)).await.unwrap();
+        writer.close().await.unwrap();
+    });
+}
+
 /// What is committed does not stand in the log alone for long: its damage takes no more away.
 #[test]
 fn the_main_file_follows_within_seconds() {

@@ -225,11 +225,12 @@ class ForceTrace {
     this.wide = 0.005; // s that a slice stands for
   }
 
-  // What the page was not open for: times are ages before `newest_t_s` of the machine's clock.
-  load(past, newest_t_s) {
+  // What the page was not open for, on the machine's clock, as what comes live is.
+  load(past) {
     this.rangeS = past.seconds;
+    const newest = (past.newest_t_s ?? 0) + (past.age_s.length ? past.age_s[past.age_s.length - 1] : 0);
     this.wide = past.age_s.length > 1 ? (past.age_s[0] - past.age_s[past.age_s.length - 1]) / (past.age_s.length - 1) : 1;
-    this.slices = past.age_s.map((age, k) => ({ t: newest_t_s - age, values: past.force_n.map((axis) => axis[k]) }));
+    this.slices = past.age_s.map((age, k) => ({ t: newest - age, values: past.force_n.map((axis) => axis[k]) }));
   }
 
   // What stands under the pointer.
@@ -245,8 +246,10 @@ class ForceTrace {
 
   add(frame) {
     if (this.rangeS > LIVE_S) return; // asked for again now and then
-    const count = frame.axes.length ? frame.axes[0].length : 0;
-    if (this.slices.length && frame.t_s < this.slices[this.slices.length - 1].t) this.slices = [];
+    const count = Math.max(0, ...frame.axes.map((slices) => slices.length));
+    // What is known of this time already is replaced: the past and the stream overlap, a clock begins again.
+    const began = frame.t_s - (count - 0.5) * frame.slice_s;
+    while (this.slices.length && this.slices[this.slices.length - 1].t > began) this.slices.pop();
     for (let k = 0; k < count; k++) {
       this.slices.push({ t: frame.t_s - (count - 1 - k) * frame.slice_s, values: frame.axes.map((a) => a[k]) });
     }

@@ -129,8 +129,7 @@ async function loadPast() {
     if (seconds !== Number($("range").value)) return; // another one was chosen meanwhile
     answer.seconds = seconds;
     waterfall.load(answer, state ? state.chatter.band_hz : null);
-    const newest = state && state.source.last_sample_t_s !== null ? state.source.last_sample_t_s : 0;
-    force.load(answer, newest);
+    force.load(answer);
     dirty = true;
   } catch { /* what comes from now on is drawn all the same */ }
 }

@@ -146,6 +146,7 @@ const WORDS = {
   "manual": ["von Hand", "手動"],
   // Items of commissioning, states, reasons.
   "limits stated": ["Grenzen benannt", "限界値の明示"],
+  "heard now": ["jetzt gehört", "現在の検知"],
   "hours observed": ["Stunden beobachtet", "監視時間"],
   "cuts heard": ["Schnitte gehört", "聴取した切削数"],
   "alarms reviewed": ["Alarme beurteilt", "確認済みアラーム"],

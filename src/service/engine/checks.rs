@@ -395,7 +395,8 @@ fn samples_that_cannot_be_used_are_no_fresh_samples() {
 /// In act: one sample with an impossible number or time is one sample less, and neither a loss nor silence.
 #[test]
 fn one_wild_stamp_is_one_sample_less() {
-    let wild: [fn(&mut ServoPoint); 4] = [
+    let wild: [fn(&mut ServoPoint); 5] = [
+        |p| (p.sequence, p.t_ns) = (1_000_000_000, 111_111_111_111_111),
         |p| p.sequence = 1_000_000_000,
         |p| p.sequence = u64::MAX,
         |p| p.t_ns = 9_000_000_000_000_000_000,
@@ -560,7 +561,7 @@ fn overrides_faults_and_ceased_samples_are_recorded() {
 fn only_the_revision_of_now_leads_up() {
     let mut bench = bench();
     let ports = Ports::open(&bench.engine.setup.domain).unwrap();
-    bench.feed(0.5, |_| {});
+    bench.feed(3.5, |_| {});
     bench.look();
     let ask = |bench: &mut Bench, mode, revision| {
         let (done, mut answer) = tokio::sync::oneshot::channel();

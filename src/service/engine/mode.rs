@@ -49,12 +49,13 @@ impl Engine {
             }
             Control::ClearFault { origin, done } => {
                 self.acknowledge = self.acting.is_some();
-                if let Some(fault) = self.fault.take() {
+                let cleared = self.fault.take().map(|fault| {
                     self.mode_revision += 1;
                     let text = format!("{} cleared: {fault} ({})", origin.actor, origin.reason);
                     self.report(Event::new(EventKind::FaultCleared, clock::wall_ns(), text));
-                }
-                let _ = done.send(Ok(self.mode_now()));
+                    self.mode_now()
+                });
+                let _ = done.send(cleared.ok_or(Refusal::NoFault));
             }
             Control::SaveRecording { word, reason, done } => {
                 let id = self.save_around(word, &reason);
@@ -87,8 +88,9 @@ impl Engine {
                 let what = "turret.limits_by and turret.limits_date do not say who set the limits and when";
                 return Err(Refusal::NotReady(what.to_owned()));
             }
-            if let Some(missing) = self.setup.commissioning.view().missing() {
-                return Err(Refusal::NotReady(format!("commissioning is not complete: {missing}")));
+            let incomplete = |missing| Refusal::NotReady(format!("commissioning is not complete: {missing}"));
+            if let Some(missing) = self.setup.commissioning.of_history().missing() {
+                return Err(incomplete(missing));
             }
             if let Some(fault) = &self.fault {
                 return Err(Refusal::Faulted(fault.clone()));
@@ -109,6 +111,10 @@ impl Engine {
             }
             if self.interlocks_open != 0 {
                 return Err(Refusal::NotReady("an interlock is open or not heard".to_owned()));
+            }
+            // Last: what stands in the way otherwise is told by its own name.
+            if let Err(why) = self.heard_now() {
+                return Err(incomplete(format!("heard_now ({why})")));
             }
             match &mut self.acting {
                 Some(acting) => acting.open_port(&ports.who)?,

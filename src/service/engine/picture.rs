@@ -32,6 +32,11 @@ struct Gathered {
 impl Gathered {
     const EMPTY: Self = Self { sum: 0.0, squares: 0.0, slice: Self::NOTHING, slices: [[0.0; 2]; SLICES] };
     const NOTHING: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
+
+    /// Of `count` samples.
+    fn mean_n(&self, count: u64) -> f64 {
+        self.sum / count.max(1) as f64
+    }
 }
 
 /// What is gathered between two pictures.
@@ -108,16 +113,23 @@ impl Picture {
         self.full_slices = (self.full_slices + 1).min(SLICES);
     }
 
-    fn force_frame(&self, axes: usize, rate_hz: f64) -> ForceFrame {
-        let lines =
-            self.axes.iter().take(axes).map(|g| g.slices.iter().take(self.full_slices).copied().collect());
+    /// For drawing: nothing of an axis that nobody estimates, and a force whose mean is not known about that
+    /// mean.
+    #[allow(clippy::cast_possible_truncation)]
+    fn force_frame(&self, axes: &[AxisView], rate_hz: f64) -> ForceFrame {
+        let line = |(gathered, axis): (&Gathered, &AxisView)| {
+            let unknown_n = if axis.force_mean_n.is_none() { gathered.mean_n(self.count) } else { 0.0 };
+            let shown = gathered.slices.iter().take(self.full_slices).filter(|_| axis.watched);
+            shown.map(|slice| slice.map(|force_n| force_n - unknown_n as f32)).collect()
+        };
+        let lines = self.axes.iter().zip(axes).map(line);
         ForceFrame { t_s: self.t_s, slice_s: 45.0 / rate_hz, axes: lines.collect() }
     }
 
     fn axis_view(&self, index: usize, name: &str) -> AxisView {
         let gathered = &self.axes[index.min(MAX_AXES - 1)];
         let n = (self.count.max(1)) as f64;
-        let mean = gathered.sum / n;
+        let mean = gathered.mean_n(self.count);
         let peak = gathered.slices.iter().take(self.full_slices).fold(0.0_f64, |most, s| {
             most.max((f64::from(s[1]) - mean).abs()).max((f64::from(s[0]) - mean).abs())
         });
@@ -206,6 +218,7 @@ pub(super) fn margin_event(warning: &MarginWarning, axis: Option<&String>, t_s: 
 impl Engine {
     /// The picture now.
     pub(super) fn view(&mut self, now: Instant) -> View {
+        self.setup.commissioning.hear_now(self.heard_now());
         let mut state = LiveState {
             mode: self.mode,
             mode_revision: self.mode_revision,
@@ -230,6 +243,7 @@ impl Engine {
                 axis.noise_floor_n = observer.map(AxisObserver::noise_floor_n);
                 axis.force_delay_s = observer.map(AxisObserver::delay_s);
                 axis.usable_band_hz = observer.map(AxisObserver::usable_band_hz);
+                axis.usable_above_hz = observer.and_then(AxisObserver::usable_above_hz);
                 let flags = stream.pipeline().force_flags(index);
                 axis.force_flags = flags.to_string();
                 axis.watched = self.setup.config.watch.contains(&axis.name);
@@ -255,7 +269,7 @@ impl Engine {
             let [first_hz, step_hz] = stream.pipeline().spectrum_grid_hz();
             let amplitude_n = stream.pipeline().amplitudes_n(chatter.leading_axis).collect();
             spectrum = SpectrumView { first_hz, step_hz, amplitude_n, t_s: self.picture.t_s };
-            force = self.picture.force_frame(stream.axes().len(), stream.sample_rate().hz());
+            force = self.picture.force_frame(&state.axes, stream.sample_rate().hz());
         } else {
             state.chatter.state = "learning".to_owned();
         }

@@ -1,8 +1,9 @@
 //! Which stamps of a stream to believe: number and time of every sample must agree with what came before.
 //!
 //! A stamp far from the others is one wrong sample, not a new time: it is refused by its name and nothing
-//! follows from it. Only where the samples of half a window agree with each other and none with what came
-//! before has the producer's counter or clock really jumped.
+//! follows from it, also where its number and its time tell the same tale. Only where the samples of half a
+//! window agree with each other and none with what came before has the producer's counter or clock really
+//! jumped, or have so many samples been lost.
 
 use crate::transport::wire::ServoPoint;
 use crate::units::SampleRate;
@@ -82,18 +83,25 @@ pub(super) enum Judged {
     Anew,
 }
 
+/// Stamps that are not believed and agree with each other.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    first: Stamp,
+    last: Stamp,
+    samples: u64,
+}
+
 /// The newest stamp that is believed, and the run of those that are not.
 #[derive(Debug)]
 pub(super) struct Stamps {
     rate_hz: f64,
     believed: Option<Stamp>,
-    suspect: Option<Stamp>,
-    run: u64,
+    run: Option<Run>,
 }
 
 impl Stamps {
     pub(super) fn new(rate: SampleRate) -> Self {
-        Self { rate_hz: rate.hz(), believed: None, suspect: None, run: 0 }
+        Self { rate_hz: rate.hz(), believed: None, run: None }
     }
 
     /// Samples between two stamps, by number and by time.
@@ -103,32 +111,42 @@ impl Stamps {
         [numbers, seconds * self.rate_hz]
     }
 
-    fn goes_on(&self, from: Stamp, to: Stamp) -> bool {
+    /// Samples of half a window.
+    fn majority(&self) -> f64 {
+        MAJORITY_S * self.rate_hz
+    }
+
+    fn agrees(&self, from: Stamp, to: Stamp) -> bool {
         let [numbers, times] = self.steps(from, to);
         let tolerance = JITTER_S * self.rate_hz + RATE_ERROR * numbers.max(0.0);
         to.sequence > from.sequence && to.t_ns >= from.t_ns && (times - numbers).abs() <= tolerance
     }
 
-    /// The very next sample; a clock that stands is none.
-    fn is_next(&self, from: Stamp, to: Stamp) -> bool {
-        let [numbers, times] = self.steps(from, to);
-        numbers == 1.0 && times >= 0.5 && self.goes_on(from, to)
+    /// The next sample, but for some that were lost: what leaps further is alone until others bear it out.
+    fn goes_on(&self, from: Stamp, to: Stamp) -> bool {
+        self.steps(from, to)[0] <= self.majority() && self.agrees(from, to)
+    }
+
+    /// The run with this stamp, where it goes on; from its first stamp on, too: a clock that stands is none.
+    fn longer(&self, run: Run, now: Stamp) -> Option<Run> {
+        let goes_on = self.goes_on(run.last, now) && self.agrees(run.first, now);
+        goes_on.then_some(Run { last: now, samples: run.samples + 1, ..run })
     }
 
     pub(super) fn judge(&mut self, point: &ServoPoint) -> Judged {
         let now = Stamp::of(point);
         let Some(believed) = self.believed.filter(|b| !self.goes_on(*b, now)) else {
-            (self.believed, self.suspect, self.run) = (Some(now), None, 0);
+            (self.believed, self.run) = (Some(now), None);
             return Judged::Good;
         };
-        let goes_on = self.suspect.is_some_and(|s| self.is_next(s, now));
-        self.run = if goes_on { self.run + 1 } else { 1 };
-        self.suspect = Some(now);
+        let alone = Run { first: now, last: now, samples: 1 };
+        let run = self.run.and_then(|run| self.longer(run, now)).unwrap_or(alone);
         let ahead = now.sequence > believed.sequence && now.t_ns >= believed.t_ns;
-        if self.run as f64 >= MAJORITY_S * self.rate_hz {
-            (self.believed, self.suspect, self.run) = (Some(now), None, 0);
+        if run.samples as f64 >= self.majority() {
+            (self.believed, self.run) = (Some(now), None);
             return if ahead { Judged::Good } else { Judged::Anew };
         }
+        self.run = Some(run);
         Judged::Refused(match now {
             _ if ahead => Reject::ImplausibleStamp,
             _ if now.sequence <= believed.sequence => Reject::Duplicate,
@@ -159,6 +177,10 @@ mod tests {
             ServoPoint { t_ns: 9_000_000_000_000_000_000, ..point(500, 500) },
             ServoPoint { t_ns: 0, ..point(500, 500) },
             point(3, 500),
+            // Number and time tell the same tale.
+            point(1_000_000_000, 1_000_000_000),
+            point(2_000_000, 2_000_000),
+            point(10_000, 10_000),
         ] {
             let mut stamps = stamps();
             let refused = |j: &Judged| matches!(j, Judged::Refused(_));
@@ -181,8 +203,31 @@ mod tests {
         let slow = (0..90_000).map(|k| point(94_100 + k, 94_100 + k + k / 1000));
         for p in lossy.chain(after).chain(late).chain(slow) {
             let judged = stamps.judge(&p);
-            let back = matches!(judged, Judged::Refused(Reject::OutOfOrder));
-            assert!(judged == Judged::Good || back && p.sequence > 93_000, "{judged:?} at {}", p.sequence);
+            let back = matches!(judged, Judged::Refused(Reject::OutOfOrder)) && p.sequence > 93_000;
+            // So great a leap is borne out by half a window.
+            let leap =
+                judged == Judged::Refused(Reject::ImplausibleStamp) && (92_000..92_224).contains(&p.sequence);
+            assert!(judged == Judged::Good || back || leap, "{judged:?} at {}", p.sequence);
+        }
+    }
+
+    #[test]
+    fn a_leap_into_a_stream_with_losses_is_borne_out_too() {
+        let mut stamps = stamps();
+        assert_eq!(stamps.judge(&point(0, 0)), Judged::Good);
+        let found =
+            (0..450).position(|k| stamps.judge(&point(90_000 + 2 * k, 90_000 + 2 * k)) == Judged::Good);
+        assert_eq!(found, Some(224));
+    }
+
+    #[test]
+    fn batches_of_another_time_among_good_ones_are_refused() {
+        let mut stamps = stamps();
+        for k in 0..9000 {
+            let far = k / 9 % 2 == 1;
+            let shift = if far { 1_000_000_000 } else { 0 };
+            let good = stamps.judge(&point(k + shift, k + shift)) == Judged::Good;
+            assert_eq!(good, !far, "{k}");
         }
     }
 

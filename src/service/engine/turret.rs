@@ -13,6 +13,7 @@ use crate::avoidance::{
 use crate::chatter::Phase;
 use crate::sample::MAX_AXES;
 use crate::service::clock;
+use crate::service::commissioning::HeardNow;
 use crate::service::hub::Report;
 use crate::service::live::Mode;
 use crate::telemetry::{Event, EventKind};
@@ -130,6 +131,27 @@ impl Engine {
 
     pub(super) fn fresh_status(&self, now: Instant) -> Option<TurretStatus> {
         self.status.filter(|(_, at)| now.duration_since(*at) <= STATUS_DEADLINE).map(|(s, _)| s)
+    }
+
+    /// What is heard of every watched axis, where its noise is learned and nothing that is not accepted
+    /// speaks against its force; else why the first that is not fit is not.
+    pub(super) fn heard_now(&self) -> HeardNow {
+        let Some(stream) = &self.stream else { return Err("no samples".to_owned()) };
+        let watch = &self.setup.config.watch;
+        let watched: Vec<_> = stream.axes().iter().enumerate().filter(|(_, n)| watch.contains(n)).collect();
+        for (axis, name) in &watched {
+            let pipeline = stream.pipeline();
+            if pipeline.axis_output(*axis).is_none_or(|heard| heard.phase == Phase::Learning) {
+                return Err(format!("{name}: its noise is being learned"));
+            }
+            let flags = pipeline.force_flags(*axis);
+            let held = self.setup.config.turret.holding(flags);
+            if !pipeline.axis_may_act(*axis) || !held.is_valid() {
+                let why = if held.is_valid() { flags } else { held };
+                return Err(format!("{name}: {why}"));
+            }
+        }
+        Ok(watched.into_iter().map(|(_, name)| name.as_str()).collect::<Vec<_>>().join(", "))
     }
 
     fn situation(&mut self, now: Instant) -> Situation {

@@ -15,7 +15,12 @@ fn ask_for_act(bench: &mut Bench) -> Result<(), String> {
 #[test]
 fn acting_does_not_begin_on_samples_that_cannot_be_used() {
     let mut bench = bench();
-    bench.feed(0.5, |_| {});
+    bench.feed(0.2, |_| {});
+    bench.look();
+    let early = ask_for_act(&mut bench).unwrap_err();
+    assert!(early.contains("heard_now (x1: its noise is being learned)"), "{early}");
+    assert_eq!(bench.engine.mode, Mode::Observe);
+    bench.feed(3.3, |_| {});
     bench.look();
     assert_eq!(ask_for_act(&mut bench), Ok(()));
     bench.engine.take_back("anna");
