@@ -9,6 +9,7 @@
 //! Checked by: force_flags::a_force_above_the_usable_band_is_flagged.
 
 use super::lane_sections::{LaneSection, filter, lane_sections, settle_sections};
+use super::settings::response_to;
 use super::stiffness_learner::{HIGH_PASS_HZ, MEMORY_S};
 use super::validity::Validity;
 use crate::keyframe::{Keep, Words};
@@ -31,8 +32,8 @@ pub(super) struct AboveBand {
     again: Option<Butterworth>,
     forget: f64,
     least_weight: f64,
-    /// What encoder steps make of the estimate, N.
-    pub(super) noise_n: f64,
+    /// What encoder steps make of the estimate, and of what lies above the band, N^2.
+    noise_n2: [f64; 2],
 }
 
 impl AboveBand {
@@ -58,8 +59,24 @@ impl AboveBand {
             end: Butterworth::new(Pass::High, 4, end_hz, rate)?,
             forget: (-1.0 / (MEMORY_S * rate.hz())).exp(),
             least_weight: LEAST_S * rate.hz(),
-            noise_n: 0.0,
+            noise_n2: [0.0; 2],
         }))
+    }
+
+    /// With what encoder steps make of the estimate, N, and the responses to one reading of each encoder
+    /// before the low-pass, each with the mean square of its error; none where the loop lies between.
+    pub(super) fn with_noise(self, noise_n: f64, responses: &[(Vec<f64>, f64)], rate: SampleRate) -> Self {
+        if responses.is_empty() {
+            return Self { noise_n2: [noise_n * noise_n; 2], ..self };
+        }
+        let chain = [Some(self.low), Some(self.end), self.again];
+        let through = |response: &Vec<f64>| {
+            let filters = chain.into_iter().flatten();
+            filters.fold(response.clone(), |x, filter| response_to(&x, filter, rate))
+        };
+        let energy = |response| through(response).iter().map(|x| x * x).sum::<f64>();
+        let above_n2 = responses.iter().map(|(response, step2)| step2 * energy(response)).sum();
+        Self { noise_n2: [noise_n * noise_n, above_n2], ..self }
     }
 }
 
@@ -72,7 +89,7 @@ pub(super) struct LanesAbove<const L: usize> {
     again: Vec<LaneSection<L>>,
     forget: [f64; L],
     least_weight: [f64; L],
-    noise_n2: [f64; L],
+    noise_n2: [[f64; L]; 2],
 }
 
 /// What has been seen; a clone is a keyframe.
@@ -122,7 +139,7 @@ impl<const L: usize> LanesAbove<L> {
                 again: sections(|a| a.again),
                 forget: of(0.0, |a| a.forget),
                 least_weight: of(f64::INFINITY, |a| a.least_weight),
-                noise_n2: of(0.0, |a| a.noise_n * a.noise_n),
+                noise_n2: [of(0.0, |a| a.noise_n2[0]), of(0.0, |a| a.noise_n2[1])],
             }
         })
     }
@@ -177,11 +194,11 @@ impl<const L: usize> LanesAbove<L> {
             total_n2[lane] = mean(total_n2[lane], total_n[lane] * total_n[lane]);
             above_n2[lane] = mean(above_n2[lane], above_n[lane] * above_n[lane]);
             weight[lane] = mean(weight[lane], 1.0);
-            let noise_n2 = self.noise_n2[lane] * weight[lane];
+            let [noise_n2, noise_above_n2] = [0, 1].map(|k| self.noise_n2[k][lane] * weight[lane]);
             // Below three times the noise nothing is a force.
             let above = (weight[lane] > self.least_weight[lane])
-                & (above_n2[lane] > 9.0 * noise_n2)
-                & (above_n2[lane] - noise_n2 > LEAST_SHARE * LEAST_SHARE * (total_n2[lane] - noise_n2));
+                & (above_n2[lane] > 9.0 * noise_above_n2)
+                & (above_n2[lane] - noise_above_n2 > LEAST_SHARE * LEAST_SHARE * (total_n2[lane] - noise_n2));
             flags[lane] |= Validity::when(above, Validity::FORCE_ABOVE_BAND);
         }
         (state.total_n2, state.above_n2, state.weight) = (total_n2, above_n2, weight);

@@ -19,7 +19,6 @@ use super::stiffness_learner::{Aligned, StiffnessLearner};
 use super::two_sides::{Mismatch, SeenSides, TwoSides, both_sides};
 use super::validity::Validity;
 use crate::plant::drive::DriveParams;
-use crate::signal::finite_difference::Stencil;
 use crate::signal::harmonic_fit::HarmonicFitError;
 use crate::signal::notch::{Notch, NotchState};
 use crate::units::SampleRate;
@@ -141,7 +140,6 @@ impl ForceEstimator {
         part.motor_side = learner.as_ref().map(StiffnessLearner::motor_force);
         let usable_band_hz = usable_band_hz(method, axis, &settings, band_hz);
         let usable_above_hz = usable_above_hz(method, axis, &settings, band_hz);
-        // A window has nothing above its last line.
         part.above = match harmonic {
             None => AboveBand::new((usable_band_hz[1], usable_above_hz), band_hz, rate)?,
             Some(_) => None,
@@ -173,7 +171,6 @@ impl ForceEstimator {
             rate,
         };
         estimator.noise_floor_n = match (method, settings.controller) {
-            // Steps reach the thrust through the loop alone.
             (Method::Thrust, Some(controller)) => {
                 let steps_m = [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()];
                 let through = |hz| estimator.filter.gain(hz, rate);
@@ -181,8 +178,9 @@ impl ForceEstimator {
             }
             _ => estimator.quantization_noise_n(drive),
         };
-        if let Some(above) = &mut estimator.part.above {
-            above.noise_n = estimator.noise_floor_n;
+        if let Some(above) = estimator.part.above {
+            let responses = estimator.step_responses(drive);
+            estimator.part.above = Some(above.with_noise(estimator.noise_floor_n, &responses, rate));
             estimator.alone = LaneDesign::new(vec![Some(estimator.part)]);
         }
         estimator.set_settling();
@@ -538,8 +536,7 @@ impl ForceEstimator {
         self.harmonic.as_ref().map(HarmonicEstimator::condition)
     }
 
-    /// Force that friction can hide on an axis that stands still, N: where an estimate is flagged
-    /// [`Validity::BELOW_FRICTION`], this bound is all that is known.
+    /// Force that friction can hide on an axis that stands still, N: all that is known below it.
     #[must_use]
     pub fn friction_bound_n(&self) -> f64 {
         self.friction_bound_n
@@ -557,13 +554,13 @@ impl ForceEstimator {
         self.usable_band_hz
     }
 
-    /// From where on it can be used again, up to the low-pass, Hz; absent where the band is one piece.
+    /// From where on it can be used again, Hz; absent where the band is one piece.
     #[must_use]
     pub fn usable_above_hz(&self) -> Option<f64> {
         self.usable_above_hz
     }
 
-    /// Standard deviation of the estimate that the encoders' steps alone cause, N.
+    /// Standard deviation that the encoders' steps alone cause, N.
     #[must_use]
     pub fn noise_floor_n(&self) -> f64 {
         self.noise_floor_n
@@ -575,24 +572,28 @@ impl ForceEstimator {
         self.part.settling
     }
 
-    /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain; the motor's
-    /// steps pass the low-pass of the drive side first.
+    /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain.
     fn quantization_noise_n(&self, drive: &DriveParams) -> f64 {
-        let scatter = |weights: &[f64], step_m: f64| {
-            if step_m == 0.0 {
-                return 0.0;
-            }
-            step_m * step_m / 12.0 * self.filter.energy(weights, self.rate)
-        };
-        let variance = |stencil: &Stencil, step_m: f64| scatter(&stencil.weights, step_m);
         if let Some(harmonic) = &self.harmonic {
             return harmonic.noise_floor_n();
         }
-        let behind = |low_pass| response_to(&self.part.motor[0].weights, low_pass, self.rate);
-        let motor = self.part.drive_filter.map_or_else(|| self.part.motor[0].weights.to_vec(), behind);
-        let motor = scatter(&motor, drive.motor_encoder_resolution_m());
-        let stage = variance(&self.part.stage[0], drive.stage_encoder_resolution_m());
-        let nut = self.part.nut.map_or(0.0, |nut| variance(&nut, drive.stage_encoder_resolution_m()));
-        (motor + nut + stage).sqrt()
+        let scatter = |(response, step2): &(Vec<f64>, f64)| step2 * self.filter.energy(response, self.rate);
+        self.step_responses(drive).iter().map(scatter).sum::<f64>().sqrt()
+    }
+
+    /// Responses of the balance to one reading of motor, nut and stage, the motor's behind the low-pass of
+    /// the drive side, each with the mean square of the error that its steps make, m^2.
+    fn step_responses(&self, drive: &DriveParams) -> Vec<(Vec<f64>, f64)> {
+        let behind = |x: &[f64]| match self.part.drive_filter {
+            Some(low_pass) => response_to(x, low_pass, self.rate),
+            None => x.to_vec(),
+        };
+        let steps_m = [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()];
+        let motor = (behind(&self.part.motor[0].weights), steps_m[0]);
+        let stage = (self.part.stage[0].weights.to_vec(), steps_m[1]);
+        let nut = self.part.nut.map(|nut| (nut.weights.to_vec(), steps_m[1]));
+        let direct = [Some(motor), nut, Some(stage)].into_iter().flatten();
+        let direct = direct.filter(|_| self.method != Method::Thrust); // there through the loop alone
+        direct.map(|(response, step_m)| (response, step_m * step_m / 12.0)).collect()
     }
 }

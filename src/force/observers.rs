@@ -144,6 +144,15 @@ impl AxisObserver {
         }
     }
 
+    /// Whether any of a band, Hz, lies where the estimate can be used; true where nothing is estimated.
+    #[must_use]
+    pub fn reaches(&self, [low_hz, high_hz]: [f64; 2]) -> bool {
+        let [from_hz, to_hz] = self.usable_band_hz();
+        let inside = low_hz <= to_hz && high_hz >= from_hz;
+        let above = self.usable_above_hz().is_some_and(|again_hz| high_hz >= again_hz);
+        matches!(self.0, Kind::Absent) || inside || above
+    }
+
     /// From where on it can be used again, Hz; absent where the band is one piece.
     #[must_use]
     pub fn usable_above_hz(&self) -> Option<f64> {

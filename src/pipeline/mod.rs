@@ -544,10 +544,13 @@ impl Pipeline {
         self.observers.axis(axis)
     }
 
-    /// What speaks against the newest force estimate of one axis.
+    /// What speaks against the newest force estimate of one axis; also that nothing of the watched band lies
+    /// where its method is right.
     #[must_use]
     pub fn force_flags(&self, axis: usize) -> Validity {
-        self.states.get(axis).map_or(Validity::SIGNAL_MISSING, |state| state.flags)
+        let deaf = self.observer(axis).is_some_and(|observer| !observer.reaches(self.band_hz()));
+        let flags = self.states.get(axis).map_or(Validity::SIGNAL_MISSING, |state| state.flags);
+        flags | Validity::when(deaf, Validity::FORCE_ABOVE_BAND)
     }
 
     /// Whether no flag of the newest force estimate of one axis forbids acting on it, and the band in which

@@ -52,6 +52,10 @@ fn config() -> ServiceConfig {
 }
 
 fn bench() -> Bench {
+    bench_of(config())
+}
+
+fn bench_of(config: ServiceConfig) -> Bench {
     let folder = tempfile::tempdir().unwrap();
     let (reports, reported) = tokio::sync::mpsc::channel(1);
     let (control, controls) = tokio::sync::mpsc::channel(1);
@@ -59,7 +63,7 @@ fn bench() -> Bench {
     let (drift, feeds) = std::sync::mpsc::sync_channel(4);
     let gauges = Arc::new(WriterGauges::default());
     let engine = Engine::new(Setup {
-        config: Arc::new(config()),
+        config: Arc::new(config),
         config_hash: String::new(),
         domain: Domain::new("checks", folder.path()).unwrap(),
         epoch: 1,

@@ -11,6 +11,7 @@ use crate::avoidance::{
     TurretReport,
 };
 use crate::chatter::Phase;
+use crate::force::validity::Validity;
 use crate::sample::MAX_AXES;
 use crate::service::clock;
 use crate::service::commissioning::HeardNow;
@@ -147,8 +148,10 @@ impl Engine {
             let flags = pipeline.force_flags(*axis);
             let held = self.setup.config.turret.holding(flags);
             if !pipeline.axis_may_act(*axis) || !held.is_valid() {
-                let why = if held.is_valid() { flags } else { held };
-                return Err(format!("{name}: {why}"));
+                // Those that are accepted are not in the way.
+                let rest = flags.without(Validity::HOLDING_BY_DEFAULT) | held;
+                let reach = if pipeline.band_out_of_reach() { ", the band is out of reach" } else { "" };
+                return Err(format!("{name}: {rest}{reach}"));
             }
         }
         Ok(watched.into_iter().map(|(_, name)| name.as_str()).collect::<Vec<_>>().join(", "))

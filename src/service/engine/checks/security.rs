@@ -36,6 +36,28 @@ fn acting_does_not_begin_on_samples_that_cannot_be_used() {
     assert_eq!(ask_for_act(&mut bench), Ok(()), "good ones come again");
 }
 
+/// A method that is right nowhere in the band where the bar can chatter hears it by no number: not acted on
+/// unless somebody who knows the machine accepts it by name.
+#[test]
+fn acting_does_not_begin_on_a_force_that_is_deaf_in_the_band() {
+    for (method, deaf) in [("thrust", true), ("dob", true), ("medob", false)] {
+        for accepted in [false, true] {
+            let text = format!("[machine]\nmethod = \"{method}\"\n");
+            let path = std::path::Path::new("c.toml");
+            let mut config = crate::config::service::service_config_from_text(path, &text).unwrap();
+            config.turret = super::config().turret;
+            if accepted {
+                config.turret.accept.push("force_above_band".into());
+            }
+            let mut bench = bench_of(config);
+            bench.feed(3.5, |_| {});
+            bench.look();
+            let refused = ask_for_act(&mut bench).err().unwrap_or_default();
+            assert_eq!(refused.contains("force_above_band"), deaf && !accepted, "{method}: {refused}");
+        }
+    }
+}
+
 /// A report that is said again and again, or that is of another stream, does not keep an interlock closed.
 #[test]
 fn a_report_that_is_repeated_or_of_another_machine_is_silence() {
