@@ -61,7 +61,9 @@ fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     let body = body.and_then(|body| reader.end().map(|()| body).map_err(|e| (String::new(), e)));
     let body = body.map_err(|(pointer, error)| {
         let text = error.to_string();
-        if error.is_data() {
+        // The reader calls `null` in place of a word a slip of syntax, too.
+        let is_json = || serde_json::from_slice::<serde::de::IgnoredAny>(bytes).is_ok();
+        if error.is_data() || is_json() {
             return wrong(&pointer, &text);
         }
         Problem::bad_request("malformed_json", "the body is not JSON").with_field("", &text)
@@ -204,6 +206,21 @@ mod tests {
                 (problem.code.as_str(), problem.errors[0].pointer.as_str()),
                 ("invalid_body", pointer)
             );
+        }
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        enum Word {
+            One,
+        }
+        #[derive(Debug, serde::Deserialize)]
+        #[allow(dead_code)]
+        struct Wanted {
+            word: Word,
+        }
+        assert!(matches!(parse::<Wanted>(b"{\"word\":\"one\"}"), Ok(Wanted { word: Word::One })));
+        for body in ["{\"word\":null}", "[1]"] {
+            let problem = parse::<Wanted>(body.as_bytes()).unwrap_err();
+            assert_eq!(problem.code, "invalid_body", "{body}");
         }
         let behind = parse::<Asked>(b"{\"reason\":\"x\"} {}").unwrap_err();
         assert_eq!(behind.code, "malformed_json");
