@@ -10,7 +10,6 @@ use super::numbers::{Absent, Doubt, absent, corrections, doubt, stated_beta, wit
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::shape::{Hypothesis, Shape};
-use super::signals::MOVING;
 use super::state::{Accepted, Balance, Number, State};
 use super::words::{
     Deviations, domain, equation, estimates, next_experiment, scale_deviation, statement, term,
@@ -141,25 +140,7 @@ impl Case<'_> {
         } else {
             Verdict::ParameterError
         };
-        let mut notes = self.notes.clone();
-        if self.out_of_budget {
-            notes.push("The budget was spent before every hypothesis was asked.".to_owned());
-        }
-        if unexplained && !found.is_empty() {
-            let names: Vec<String> =
-                found.iter().map(|f| format!("{} at {}", f.effect.name(), f.port.name())).collect();
-            notes
-                .push(format!("Candidates that take part of it and are not asserted: {}.", names.join(", ")));
-        }
-        if is_left {
-            notes.push(format!(
-                "{:.2} N stay above a floor of {:.2} N, at the {}, up to {:.1} Hz.",
-                left.force_n,
-                left.floor_n,
-                left.port.name(),
-                left.band_hz[1]
-            ));
-        }
+        let notes = self.notes_of(&left, (is_left, unexplained), &found);
         let heldout_n = self.heldout_n(&state, None);
         let findings: Vec<Finding> =
             if unexplained { Vec::new() } else { self.findings(found, &left, heldout_n) };
@@ -193,6 +174,30 @@ impl Case<'_> {
             notes,
             closed_loop,
         }
+    }
+
+    /// What a reader must know, in sentences. `is_left`: what is left stands above its floor.
+    fn notes_of(&self, left: &Rest, (is_left, unexplained): (bool, bool), found: &[Found]) -> Vec<String> {
+        let mut notes = self.notes.clone();
+        if self.out_of_budget {
+            notes.push("The budget was spent before every hypothesis was asked.".to_owned());
+        }
+        if unexplained && !found.is_empty() {
+            let names: Vec<String> =
+                found.iter().map(|f| format!("{} at {}", f.effect.name(), f.port.name())).collect();
+            notes
+                .push(format!("Candidates that take part of it and are not asserted: {}.", names.join(", ")));
+        }
+        if is_left {
+            notes.push(format!(
+                "{:.2} N stay above a floor of {:.2} N, at the {}, up to {:.1} Hz.",
+                left.force_n,
+                left.floor_n,
+                left.port.name(),
+                left.band_hz[1]
+            ));
+        }
+        notes
     }
 
     /// What a state leaves at the motor, and the thrust, root mean squares, N.
@@ -434,7 +439,7 @@ impl Case<'_> {
                 let step = coarser_step(&x, stated)?;
                 // What is noisier than the step makes it is rounded to digits, or was reckoned; what is less
                 // noisy is the sum of a rounded speed.
-                let noise_m2 = variance_m2(&x, r.sample_rate.hz(), MOVING);
+                let noise_m2 = variance_m2(&x, r.sample_rate.hz(), 0.5);
                 let of_step = 12.0 * noise_m2 / step.powi(2);
                 (0.5..COARSER.powi(2)).contains(&of_step).then_some(step)
             };

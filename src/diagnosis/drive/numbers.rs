@@ -164,11 +164,25 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
         let evidence_nats = if several { worst.min(recordings) } else { worst };
         let value = if number == Number::StageCoulomb { state.coulomb_n() } else { base.fit.beta[k] };
         if value > 0.0 && evidence_nats > level {
-            list.push(Absent { number, effect, port, value, deviation: doubt.numbers[k], evidence_nats });
+            let deviation = doubt.numbers[k].hypot(of_delays(balance, state, number));
+            list.push(Absent { number, effect, port, value, deviation, evidence_nats });
         }
     }
     list.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
     list
+}
+
+/// Deviation of a damping where nobody states when the encoders are read, N s/m: one that is later than the
+/// other by dt adds K dt to the stage's damping and takes it off the motor's.
+fn of_delays(balance: &Balance, state: &State, number: Number) -> f64 {
+    let raw = balance.drive.raw();
+    let stated = raw.motor_encoder_delay_s.and(raw.stage_encoder_delay_s).is_some();
+    let between = balance.signals.layout == Layout::TwoPositions
+        && matches!(number, Number::MotorDamping | Number::StageDamping);
+    if stated || !between {
+        return 0.0;
+    }
+    state.mechanics.stiffness_n_m * Criteria::STANDARD.timing_deviation / balance.signals.rate_hz
 }
 
 /// The stated numbers in the order of the balance, and its laws as they are stated.
@@ -202,9 +216,6 @@ pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Bes
     let r2 = d.travel_m_rad().powi(2);
     let two = balance.signals.layout == Layout::TwoPositions;
     let rest = |of_motor: f64| if two { 0.0 } else { of_motor };
-    let raw = d.raw();
-    let stated = raw.motor_encoder_delay_s.and(raw.stage_encoder_delay_s).is_some();
-    let unstated_s = if two && !stated { c.timing_deviation / balance.signals.rate_hz } else { 0.0 };
     let of = |number: Number| -> Option<Beside> {
         let k = state.base.numbers.iter().position(|n| *n == number)?;
         if number == Number::StageMass && !state.inertial {
@@ -246,12 +257,8 @@ pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Bes
             | Number::Zero
             | Number::Scale => return None,
         };
-        // An encoder later than the other by dt adds K dt to the stage's damping, off the motor's.
-        let apart = match number {
-            Number::MotorDamping | Number::StageDamping => state.mechanics.stiffness_n_m * unstated_s,
-            _ => 0.0,
-        };
-        let (value, deviation) = (unit * estimate - other, unit * doubt.numbers[k].hypot(apart));
+        let (value, deviation) =
+            (unit * estimate - other, unit * doubt.numbers[k].hypot(of_delays(balance, state, number)));
         Some(Beside { key, nominal, value, deviation, other, tolerance })
     };
     state.base.numbers.iter().filter_map(|n| of(*n)).collect()

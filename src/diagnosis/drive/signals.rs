@@ -32,7 +32,7 @@ const VELOCITY_BAND_SHARE: f64 = 0.05;
 /// Smoothing speed of friction where the model states none, m/s.
 const SMOOTHING_M_S: f64 = 2e-4;
 /// Quantile of the blocks of a recording in which the axis moves: at rest a step shows no noise.
-pub(super) const MOVING: f64 = 0.75;
+const MOVING: f64 = 0.75;
 /// Part of a recording that a slow thrust filter may take at either end.
 const PATH_PARTS: usize = 12;
 /// Thinned samples that a recording has at least.

@@ -432,6 +432,35 @@ pub(super) fn amplitude_bounds(h: &Hypothesis, count: usize) -> Vec<[f64; 2]> {
     bounds
 }
 
+/// Bounds of a number of the balance.
+fn number_bounds(balance: &Balance, laws: &Laws, (number, accepted): (Number, &[Accepted])) -> [f64; 2] {
+    match number {
+        N::Lag => [-MOST_STEPS, MOST_STEPS],
+        N::Timing if laws.found[0] => {
+            [-MOST_DELAY_SAMPLES, MOST_DELAY_SAMPLES].map(|s| s / balance.signals.rate_hz)
+        }
+        // To two rows, which is what a clock is put right to, and to all that the model delays.
+        N::Timing if balance.clock_moved => {
+            let d = &balance.drive;
+            let encoders_s = d.motor_encoder_delay_s().max(d.stage_encoder_delay_s());
+            let lag_s = laws.path.loop_rad_s.map_or(0.0, f64::recip);
+            let mean_s = balance.signals.averaged_s();
+            let within_s = laws.path.delay_s + encoders_s + lag_s + mean_s + 2.0 / balance.signals.rate_hz;
+            [-within_s, within_s].map(|s| s - laws.timing_s)
+        }
+        N::Timing => {
+            let [low, high] = Criteria::STANDARD.timing_samples;
+            let high = if balance.signals.layout == Layout::TwoPositions { 0.0 } else { high };
+            [low, high].map(|s| s / balance.signals.rate_hz - laws.timing_s)
+        }
+        // No part is more than all of it.
+        N::MotorTurning(_) => [0.0, laws.mechanics.motor_coulomb_n],
+        N::StageTurning(_) if accepted.iter().any(|a| a.hypothesis.turns_friction()) => [0.0, 0.0],
+        N::StageTurning(_) => [0.0, laws.mechanics.stage_coulomb_n],
+        _ => FREE,
+    }
+}
+
 fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
     let ground = Ground {
         signals: &balance.signals,
@@ -456,32 +485,7 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
             (None, Some(fixed)) => fixed,
             (None, None) => balance.column(&balance.number_column(*number, &ground)),
         });
-        bounds.push(match number {
-            N::Lag => [-MOST_STEPS, MOST_STEPS],
-            N::Timing if laws.found[0] => {
-                [-MOST_DELAY_SAMPLES, MOST_DELAY_SAMPLES].map(|s| s / balance.signals.rate_hz)
-            }
-            // To two rows, which is what a clock is put right to, and to all that the model delays.
-            N::Timing if balance.clock_moved => {
-                let d = &balance.drive;
-                let encoders_s = d.motor_encoder_delay_s().max(d.stage_encoder_delay_s());
-                let lag_s = laws.path.loop_rad_s.map_or(0.0, f64::recip);
-                let mean_s = balance.signals.averaged_s();
-                let within_s =
-                    laws.path.delay_s + encoders_s + lag_s + mean_s + 2.0 / balance.signals.rate_hz;
-                [-within_s, within_s].map(|s| s - laws.timing_s)
-            }
-            N::Timing => {
-                let [low, high] = Criteria::STANDARD.timing_samples;
-                let high = if balance.signals.layout == Layout::TwoPositions { 0.0 } else { high };
-                [low, high].map(|s| s / balance.signals.rate_hz - laws.timing_s)
-            }
-            // No part is more than all of it.
-            N::MotorTurning(_) => [0.0, m.motor_coulomb_n],
-            N::StageTurning(_) if accepted.iter().any(|a| a.hypothesis.turns_friction()) => [0.0, 0.0],
-            N::StageTurning(_) => [0.0, m.stage_coulomb_n],
-            _ => FREE,
-        });
+        bounds.push(number_bounds(balance, &laws, (*number, accepted)));
         start.push(m.of(*number));
     }
     let mut offset = false;
@@ -543,17 +547,19 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
         design.fit(&all, vec![0.0; design.columns.len()], weights.clone())
     };
     let knockoff_fits = (0..TURNS.len()).map(null).collect();
-    let held_out = balance
-        .parts()
-        .into_iter()
-        .map(|(trained, judged)| {
-            let bands = gram.sum(plan, trained);
-            let fit = design.fit(&bands, fit.beta.clone(), design.weights(&bands, &fit.beta));
-            let nats = design.nats(&gram.sum(plan, judged), &fit.beta);
-            HeldOut { trained, judged, nats }
-        })
-        .collect();
+    let held_out = held_out(balance, (&gram, &design), &fit.beta);
     Base { numbers, gram, all, design, fit, weights, idle, knockoffs, knockoff_fits, held_out }
+}
+
+/// Every part that is left out in turn, and what a fit to the rest makes of it.
+fn held_out(balance: &Balance, (gram, design): (&Gram, &Design), beta: &[f64]) -> Vec<HeldOut> {
+    let of = |(trained, judged): (Part, Part)| {
+        let bands = gram.sum(&balance.plan, trained);
+        let fit = design.fit(&bands, beta.to_vec(), design.weights(&bands, beta));
+        let nats = design.nats(&gram.sum(&balance.plan, judged), &fit.beta);
+        HeldOut { trained, judged, nats }
+    };
+    balance.parts().into_iter().map(of).collect()
 }
 
 /// The design of a knockoff: its target beside the present fit. No motion comes of it, and it has no Jacobian
