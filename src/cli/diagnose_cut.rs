@@ -30,7 +30,7 @@ pub(super) fn run(arguments: &Arguments, scenario_file: &Path) -> anyhow::Result
         crate::diagnosis::cut::diagnose(&scenario, evidence, arguments.budget_s, progress)
     })
     .map_err(bad_input)?;
-    told(&diagnosis, &recordings, table.as_ref());
+    told(&diagnosis, table.as_ref());
     let files = CutFiles { scenario: name(scenario_file), recordings: names, faults, table: table.as_ref() };
     let out: &PathBuf = &arguments.out;
     write(out, &diagnosis, &files)?;
@@ -50,14 +50,8 @@ fn cut_recording(gated: &Gated, file: &str, scenario: &Scenario) -> anyhow::Resu
 }
 
 /// What a reader must know, on standard error.
-fn told(diagnosis: &CutDiagnosis, recordings: &[CutRecording], table: Option<&CutTable>) {
+fn told(diagnosis: &CutDiagnosis, table: Option<&CutTable>) {
     let mut lines: Vec<String> = diagnosis.notes.clone();
-    for recording in recordings {
-        lines.extend(recording.missing.iter().map(|m| {
-            let experiment = &recording.experiment;
-            format!("{experiment}: no column {}: taken is {}; hidden is {}", m.name, m.instead, m.hides)
-        }));
-    }
     if let Some(table) = table.filter(|t| !t.ignored_columns.is_empty()) {
         lines.push(format!("columns of the table that are not used: {}", table.ignored_columns.join(", ")));
     }

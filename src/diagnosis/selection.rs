@@ -20,6 +20,13 @@ impl Work {
         Self { limit, spent: 0 }
     }
 
+    /// Half of what is left, taken off.
+    pub(crate) fn half(&mut self) -> Self {
+        let half = self.limit.saturating_sub(self.spent) / 2;
+        self.spend(half);
+        Self::new(half)
+    }
+
     /// Takes `evaluations` off the budget; false where they are not there: then nothing may be computed.
     pub(crate) fn take(&mut self, evaluations: u64) -> bool {
         let there = self.spent.saturating_add(evaluations) <= self.limit;

@@ -115,6 +115,27 @@ fn a_cut_that_hides_nothing_is_given_nothing_and_wear_is_named() {
     assert_eq!((verdict, names), (Verdict::MissingPhysics, vec!["tool_wear".to_owned()]));
 }
 
+/// A commanded pitch that is off by a degree comes out as what is to be added to it, in the scenario, too.
+#[test]
+fn a_wrong_pitch_is_repaired_in_the_scenario() {
+    let spec = CutCaseSpec { effects: Vec::new(), depth: 1.0, seed: 7, probe: false };
+    let mut case = conceal_cut(&Scenario::default(), &spec).unwrap();
+    let (off_rad, stated) = (0.0175, case.scenario.tools.pitch_difference_rad());
+    for recording in &mut case.recordings {
+        let pitch = recording.columns.iter_mut().find(|c| c.name == "pitch_difference_rad").unwrap();
+        pitch.values.iter_mut().for_each(|p| *p -= off_rad);
+    }
+    let recordings: Vec<CutRecording> =
+        case.recordings.iter().map(|r| CutRecording::new(r, &case.scenario).unwrap()).collect();
+    let evidence = CutEvidence { recordings: &recordings, table: None };
+    let said = diagnose(&case.scenario, evidence, 60.0, &|_, _| {}).unwrap();
+    assert!(said.findings.is_empty(), "{:?}", said.findings);
+    let told = said.parameter_corrections.iter().find(|c| c.name == "pitch_difference_rad").unwrap();
+    assert!((told.value - told.nominal - off_rad).abs() < 3e-3, "{told:?}");
+    let repaired = said.scenario.tools.pitch_difference_rad() - stated;
+    assert!((repaired - (told.value - told.nominal)).abs() < 1e-12, "{repaired} {told:?}");
+}
+
 #[test]
 fn chips_that_tangle_are_in_no_vocabulary_and_left_unexplained() {
     let (verdict, names) = diagnosed(&["unknown/chip_tangle"], 9);

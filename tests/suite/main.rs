@@ -46,6 +46,7 @@ mod page;
 mod parsers;
 mod passes;
 mod pipeline;
+mod real_cuts;
 mod real_machines;
 mod recording_faults;
 mod report;

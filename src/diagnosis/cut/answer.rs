@@ -66,7 +66,8 @@ impl Posterior {
         Some(Self { point: point.clone(), covariance, bounds: problem.frame.bounds(point) })
     }
 
-    /// The first term of which no size is told from nothing: its 95 % interval holds zero.
+    /// The first term that no machine has, or of which no size is told from nothing: its 95 % interval holds
+    /// zero.
     pub(crate) fn unseen(&self) -> Option<usize> {
         let mut first = self.point.numbers.len();
         self.point.terms.iter().position(|term| {
@@ -76,13 +77,13 @@ impl Posterior {
             let told = |((i, value), c): ((usize, &f64), &Coordinate)| {
                 c.is_size && value.abs() > NORMAL_95 * self.covariance[(i, i)].max(0.0).sqrt()
             };
-            !own.zip(&term.values).zip(coordinates).any(told)
+            term.is_at_bound() || !own.zip(&term.values).zip(coordinates).any(told)
         })
     }
 
     /// 95 % interval of a function of the coordinates: its values where the ellipsoid of 95 % is highest and
     /// lowest in it, so that what is the inverse of a coordinate gets no symmetric interval.
-    fn interval(&self, of: &dyn Fn(&[f64]) -> Option<f64>) -> Option<[f64; 2]> {
+    pub(crate) fn interval(&self, of: &dyn Fn(&[f64]) -> Option<f64>) -> Option<[f64; 2]> {
         let here = self.point.coordinates();
         let value = of(&here)?;
         let slope = DVector::from_iterator(
@@ -180,7 +181,7 @@ fn findings(fitting: &Fitting<'_>) -> Vec<CutFinding> {
             rank: rank + 1,
             effect: specification.kind,
             port: specification.port,
-            statement: specification.statement.split_whitespace().collect::<Vec<_>>().join(" "),
+            statement: statement(specification, rival),
             equation: specification.equation.to_owned(),
             parameters: parameters(fitting, index),
             fit: CutFit::default(),
@@ -215,6 +216,15 @@ fn alternatives(rivals: &[(Law, f64)], p: &[f64]) -> Vec<Alternative> {
     let mut out: Vec<Alternative> = rivals.iter().zip(p).filter_map(of).collect();
     out.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     out
+}
+
+/// One sentence for a person, and another where these cuts do not decide it.
+fn statement(found: &Specification, rival: Option<&Alternative>) -> String {
+    let own = found.statement.split_whitespace().collect::<Vec<_>>().join(" ");
+    rival.map_or(own.clone(), |r| {
+        let (name, percent) = (r.effect.name(), 100.0 * r.probability);
+        format!("{own} These cuts do not tell it from {name} (probability {percent:.0} %).")
+    })
 }
 
 fn next_experiment(found: &Specification, rival: &Alternative) -> String {

@@ -1,20 +1,22 @@
 //! From cuts to an answer: what is observed, the one selection, and what it says.
 
 use super::super::result::Verdict;
-use super::super::selection::{Reach, Work, select};
+use super::super::selection::{Reach, Selected, Work, select};
 use super::super::{Progress, cut::input::CutInputError};
+use super::adequacy::left;
 use super::answer::{self, Fitting, Posterior};
 use super::criteria::CRITERIA;
 use super::fit::Problem;
 use super::foretold;
+use super::hidden;
 use super::input::{CutEvidence, CutTable};
 use super::known::Reference;
 use super::laws::Law;
-use super::machine::Frame;
+use super::machine::{Frame, Point};
 use super::observable::Observable;
 use super::observe::observe;
 use super::result::{CutDiagnosis, CutFit, MappedCut};
-use super::search::Cut;
+use super::search::{Asked, Cut, Defended, Model};
 use super::stretches::{Stretches, divide};
 use super::table::{TableRows, row_condition};
 use super::{plan, recorded};
@@ -61,25 +63,28 @@ pub fn diagnose(
             point = frame.with_typical_noise(&fitted);
         }
     }
-    let (stretches, observables) = observed(&frame, &known, evidence, table);
-    let problem = Problem { frame: &frame, observables: &observables };
+    let (stretches, mut observables) = observed(&frame, &known, evidence, table);
+    // What stands in for a column that is missing may be wrong: where something is left, the question is
+    // asked again without what rests on it, with the other half of the budget.
     // A table costs little, and its screening says little: the fit may have been bent far.
     let rivals = if evidence.recordings.is_empty() { laws.len() } else { REACH.fitted };
-    let reach = Reach { fitted: rivals, ..REACH };
-    let cut = Cut::new(&problem, laws.clone(), rivals);
-    let start = cut.start(&point, &mut work).ok_or(CutInputError::NoCut)?;
-    let mut selected =
-        select(&cut, start.clone(), reach, &mut work, &|share, what| progress(0.8 * share, what));
-    // A gain says that something is better with the law, its interval whether all stretches say so alike.
-    let mut posterior = Posterior::new(&problem, &selected.model.point);
-    while let Some(k) = posterior.as_ref().and_then(Posterior::unseen) {
-        let mut without = selected.model.point.clone();
-        without.terms.remove(k);
-        selected.model = cut.refined(&without, &mut work);
-        posterior = Posterior::new(&problem, &selected.model.point);
+    let mut fits = None;
+    let mut left_out = Vec::new();
+    if hidden::any(evidence.recordings, &observables) {
+        let mut half = work.half();
+        let problem = Problem { frame: &frame, observables: &observables };
+        let first = answered(&Cut::new(&problem, laws.clone(), rivals), &point, &mut half, progress);
+        fits = first.filter(|a| left(&problem, &a.selected.model.point).is_none());
+        if fits.is_none() {
+            let mut fitted = |rest: &Problem<'_>| Cut::new(rest, Vec::new(), 0).start(&point, &mut work);
+            left_out = hidden::leave_out(&frame, evidence.recordings, &mut observables, &mut fitted);
+        }
     }
+    let problem = Problem { frame: &frame, observables: &observables };
+    let cut = Cut::new(&problem, laws.clone(), rivals);
+    let answered = fits.or_else(|| answered(&cut, &point, &mut work, progress));
+    let Answered { start, selected, defended, posterior } = answered.ok_or(CutInputError::NoCut)?;
     progress(0.85, "what these cuts tell");
-    let defended = cut.defended();
     let fitting = Fitting {
         problem: &problem,
         laws: &laws,
@@ -92,6 +97,7 @@ pub fn diagnose(
     if !evidence.recordings.is_empty() {
         progress(0.87, "what the recordings show of it");
         recorded::complete(&fitting, evidence.recordings, &stretches, &mut diagnosis);
+        hidden::tell(evidence.recordings, &left_out, &laws, &mut diagnosis);
     }
     if let Some(table) = table {
         progress(0.9, "foretelling each speed from the others");
@@ -122,6 +128,30 @@ pub fn diagnose(
     }
     progress(1.0, "done");
     Ok(diagnosis)
+}
+
+/// What a selection came to.
+struct Answered {
+    start: Model,
+    selected: Selected<Asked, Model>,
+    defended: Vec<Defended>,
+    posterior: Option<Posterior>,
+}
+
+/// The one selection from a point on; what no stretch tells from nothing is taken out again.
+fn answered(cut: &Cut<'_>, point: &Point, work: &mut Work, progress: Progress<'_>) -> Option<Answered> {
+    let reach = Reach { fitted: cut.rivals, ..REACH };
+    let start = cut.start(point, work)?;
+    let mut selected = select(cut, start.clone(), reach, work, &|share, what| progress(0.8 * share, what));
+    // A gain says that something is better with the law, its interval whether all stretches say so alike.
+    let mut posterior = Posterior::new(cut.problem, &selected.model.point);
+    while let Some(k) = posterior.as_ref().and_then(Posterior::unseen) {
+        let mut without = selected.model.point.clone();
+        without.terms.remove(k);
+        selected.model = cut.refined(&without, work);
+        posterior = Posterior::new(cut.problem, &selected.model.point);
+    }
+    Some(Answered { start, selected, defended: cut.defended(), posterior })
 }
 
 /// Everything that was observed, as seen by what is known.

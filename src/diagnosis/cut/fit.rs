@@ -5,6 +5,7 @@
 
 use super::super::two_cores::on_two_cores;
 use super::criteria::CRITERIA;
+use super::laws::{Coordinate, Term};
 use super::machine::{Frame, Machine, Number, Point};
 use super::observable::{Bin, CHANNELS, Every, Matrix, Observed, OriginKind, Part, ZERO};
 use nalgebra::{Complex, DMatrix, DVector};
@@ -72,6 +73,8 @@ pub(crate) struct Ended {
     pub(crate) value: f64,
     /// Evaluations used.
     pub(crate) evaluations: u64,
+    /// Of each effect how many of its coordinates the data determine.
+    pub(crate) determined: Vec<f64>,
 }
 
 /// rho(r) = r^2 to `outlying_sd`, from there on 2 c |r| - c^2.
@@ -422,10 +425,12 @@ impl Problem<'_> {
         let p = bounds.len();
         let (mut damping, mut evaluations) = (1e-3, 0);
         let mut value = f64::INFINITY;
+        let mut determined = Vec::new();
         for _ in 0..effort.steps {
             let q = self.quadratic(&point, effort.every)?;
             evaluations += 1 + p as u64;
             value = q.value;
+            determined = self.determined(&point, &q.information);
             let here = point.coordinates();
             let mut better = None;
             for _ in 0..6 {
@@ -451,7 +456,28 @@ impl Problem<'_> {
                 break;
             }
         }
-        value.is_finite().then_some(Ended { point, value, evaluations })
+        value.is_finite().then_some(Ended { point, value, evaluations, determined })
+    }
+
+    /// Of each effect of a point how many of its coordinates the data determine: what a prior holds is free.
+    ///
+    /// gamma = sum_i (1 - C_ii/sd_i^2), C = H^-1 with the priors in it (MacKay 1992); a mode far above the
+    /// band is one number, the yield, whatever the frequency.
+    fn determined(&self, point: &Point, information: &DMatrix<f64>) -> Vec<f64> {
+        let p = information.nrows();
+        let covariance = (information + DMatrix::identity(p, p) * 1e-9).cholesky().map(|c| c.inverse());
+        let mut at = point.numbers.len();
+        let of_term = |term: &Term| {
+            let coordinates = term.law.coordinates();
+            let first = at;
+            at += coordinates.len();
+            let own = |(k, c): (usize, &Coordinate)| {
+                let left = covariance.as_ref().map_or(0.0, |h| h[(first + k, first + k)]);
+                1.0 - (left / c.prior[1].powi(2)).clamp(0.0, 1.0)
+            };
+            coordinates.iter().enumerate().map(own).sum()
+        };
+        point.terms.iter().map(of_term).collect()
     }
 }
 

@@ -4,7 +4,8 @@
 //! of those that are not recorded; each such column is told, with what cannot be seen without it. A
 //! [`CutTable`] is one row a cut of constant condition; what a row does not say is `None`.
 
-use crate::plant::scenario::Scenario;
+use crate::plant::effects::EffectKind;
+use crate::plant::scenario::{Scenario, ToolCount};
 use crate::sample::Recording;
 use crate::units::SampleRate;
 use thiserror::Error;
@@ -30,6 +31,8 @@ pub struct MissingColumn {
     pub instead: &'static str,
     /// What cannot be seen without it.
     pub hides: &'static str,
+    /// Effects of which none is told without it.
+    pub effects: &'static [EffectKind],
 }
 
 /// One recording of a cut. Every series has one value a sample and is finite.
@@ -141,11 +144,25 @@ impl CutRecording {
         let tools = scenario.tools;
         let bandwidth_hz = found.number("force_bandwidth_hz", Sign::Positive)?;
         let delay_s = found.number("force_delay_s", Sign::NotNegative)?.unwrap_or(0.0);
+        let two = tools.count() == ToolCount::Two;
+        let feed_m_rev = found.or_stated("feed_m_rev", cutting.feed_m_rev);
+        let travelled_m = travelled_m(recording, &feed_m_rev, &spindle_speed_rpm);
+        let position_m = found.optional("tool_position_m");
+        FORCE_COLUMNS.iter().filter(|_| two).for_each(|name| drop(found.optional(name)));
+        let width_m = found.or_stated("width_m", cutting.width_m);
+        // Out of the cut tools may jump along the bar: where they are nobody knows from there on.
+        let lost_from = position_m.is_none().then(|| first_pause(&width_m)).flatten();
         let cut = Self {
-            tool_position_m: found.or_stated("tool_position_m", tools.position_m()),
-            pitch_difference_rad: found.or_stated("pitch_difference_rad", tools.pitch_difference_rad()),
-            feed_m_rev: found.or_stated("feed_m_rev", cutting.feed_m_rev),
-            width_m: found.or_stated("width_m", cutting.width_m),
+            masked: lost_from.map_or_else(Vec::new, |from| (0..recording.len()).map(|k| k >= from).collect()),
+            tool_position_m: position_m
+                .unwrap_or_else(|| travelled_m.iter().map(|x| (tools.position_m() - x).max(0.0)).collect()),
+            pitch_difference_rad: if two {
+                found.or_stated("pitch_difference_rad", tools.pitch_difference_rad())
+            } else {
+                vec![0.0; recording.len()]
+            },
+            width_m,
+            feed_m_rev,
             spindle_angle_rad: found.optional("spindle_angle_rad"),
             displacement_m: found.optional("workpiece_displacement_m"),
             workpiece_diameter_m: found.number("workpiece_diameter_m", Sign::Positive)?,
@@ -156,16 +173,18 @@ impl CutRecording {
             forces_n,
             spindle_speed_rpm,
             missing: found.missing,
-            masked: Vec::new(),
         };
         cut.check()?;
         Ok(cut)
     }
 
-    /// The same with rows that enter no fit: one a sample, or none.
+    /// The same with more rows that enter no fit: one a sample, or none.
     #[must_use]
     pub fn with_masked(mut self, masked: Vec<bool>) -> Self {
-        self.masked = if masked.len() == self.len() { masked } else { Vec::new() };
+        if masked.len() == self.len() {
+            self.masked.resize(masked.len(), false);
+            self.masked.iter_mut().zip(masked).for_each(|(own, more)| *own |= more);
+        }
         self
     }
 
@@ -226,37 +245,71 @@ struct Columns<'a> {
     missing: Vec<MissingColumn>,
 }
 
+/// The first row out of the cut after one in it; `None`: the tools stay in.
+fn first_pause(width_m: &[f64]) -> Option<usize> {
+    let begin = width_m.iter().position(|w| *w > 0.0)?;
+    let pause = width_m[begin..].iter().position(|w| *w <= 0.0)?;
+    Some(begin + pause)
+}
+
+/// How far the tools have travelled toward the chuck by their feed since the recording began, m.
+fn travelled_m(recording: &Recording, feed_m_rev: &[f64], speed_rpm: &[f64]) -> Vec<f64> {
+    let per_sample = 1.0 / (60.0 * recording.sample_rate.hz());
+    let mut way = 0.0;
+    let travel = feed_m_rev.iter().zip(speed_rpm).map(|(f, s)| {
+        let now = way;
+        way += f * s * per_sample;
+        now
+    });
+    travel.collect()
+}
+
+const ONE_TOOL: MissingColumn = MissingColumn {
+    name: "",
+    instead: "the force of the other tool alone",
+    hides: "what one tool does and the other does not",
+    effects: &[],
+};
+
 /// What stands in for a column that is missing, and what hides with it.
-const REPLACED: [MissingColumn; 6] = [
+const REPLACED: [MissingColumn; 8] = [
+    MissingColumn { name: FORCE_COLUMNS[0], ..ONE_TOOL },
+    MissingColumn { name: FORCE_COLUMNS[1], ..ONE_TOOL },
     MissingColumn {
         name: "tool_position_m",
-        instead: "the scenario's position",
-        hides: "whatever changes along the bar",
+        instead: "the scenario's position, and from there the way of the feed until the tools leave the cut",
+        hides: "whatever changes along the bar, and whether it does so with the place or with time",
+        effects: &[EffectKind::PositionDependentMode, EffectKind::SupportCompliance, EffectKind::ModeDrift],
     },
     MissingColumn {
         name: "pitch_difference_rad",
         instead: "the scenario's pitch difference",
         hides: "the delays of the two tools apart",
+        effects: &[],
     },
     MissingColumn {
         name: "feed_m_rev",
         instead: "the scenario's feed",
         hides: "edge force and exponent: what changes with the feed",
+        effects: &[EffectKind::EdgeForce, EffectKind::NonlinearCuttingForce],
     },
     MissingColumn {
         name: "width_m",
         instead: "the scenario's width, all through the recording",
         hides: "nose radius: what changes with the width; entry and exit",
+        effects: &[EffectKind::NoseRadius],
     },
     MissingColumn {
         name: "spindle_angle_rad",
         instead: "the angle of uniform rotation",
         hides: "speed variation, and the phase of what turns with the work",
+        effects: &[EffectKind::SpindleSpeedVariation],
     },
     MissingColumn {
         name: "workpiece_displacement_m",
         instead: "nothing: there is no probe",
         hides: "a force signal that is later or narrower than stated",
+        effects: &[EffectKind::ForceSensorLag],
     },
 ];
 
@@ -403,13 +456,28 @@ mod tests {
         let scenario = Scenario::default();
         let least = recording(&["tool1_radial_force_n", "spindle_speed_rpm"], &[]);
         let cut = CutRecording::new(&least, &scenario).unwrap();
-        assert_eq!(cut.missing.len(), REPLACED.len());
+        assert_eq!(cut.missing.len(), REPLACED.len() - 1, "the force of one tool is there");
         assert_eq!(cut.width_m, [scenario.cutting.raw().width_m; 3]);
         assert!(cut.forces_n[1].is_none() && cut.displacement_m.is_none());
         let probe = ["tool2_radial_force_n", "spindle_speed_rpm", "workpiece_displacement_m", "width_m"];
         let cut = CutRecording::new(&recording(&probe, &[("force_delay_s", "5e-4")]), &scenario).unwrap();
         assert!(cut.missing.iter().all(|m| m.name != "width_m" && m.name != "workpiece_displacement_m"));
         assert!((cut.signal.delay_s - 5e-4).abs() < 1e-18 && cut.signal.bandwidth_hz.is_none());
+    }
+
+    /// Tools travel with the feed: who does not say where they are says at least how fast.
+    #[test]
+    fn tools_that_nobody_places_travel_with_the_feed() {
+        let scenario = Scenario::default();
+        let mut told = recording(&["tool1_radial_force_n", "spindle_speed_rpm", "feed_m_rev"], &[]);
+        told.columns[1].values = vec![600.0, 1200.0, 1200.0];
+        told.columns[2].values = vec![1e-3, 2e-3, 2e-3];
+        let cut = CutRecording::new(&told, &scenario).unwrap();
+        let way: Vec<f64> = cut.tool_position_m.iter().map(|z| scenario.tools.position_m() - z).collect();
+        let expected = [0.0, 1e-3 * 10.0 / 9000.0, (1e-3 * 10.0 + 2e-3 * 20.0) / 9000.0];
+        assert!(way.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{way:?}");
+        assert_eq!(first_pause(&[0.0, 1.0, 1.0, 0.0, 1.0]), Some(3));
+        assert_eq!(first_pause(&[0.0, 1.0, 1.0]), None);
     }
 
     #[test]

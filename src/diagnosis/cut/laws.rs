@@ -324,6 +324,15 @@ impl Term {
         (self.law == Law::Plane).then_some([share, 1.0 + PLANE_SPLIT * split])
     }
 
+    /// True where it is nothing, or where a coordinate ends at the last value that any machine has.
+    pub(crate) fn is_at_bound(&self) -> bool {
+        let mut with = self.values.iter().zip(self.law.coordinates());
+        let nothing = |v: f64, c: &Coordinate| c.is_size && v.abs() < 1e-6;
+        let ends = |v: f64, [low, high]: [f64; 2]| v - low < 1e-6 || high - v < 1e-6;
+        with.clone().all(|(v, c)| !c.is_size || nothing(*v, c))
+            || with.any(|(v, c)| !nothing(*v, c) && ends(*v, c.bounds))
+    }
+
     /// Sizes of 1: an edge of a seventh of the force, damping of 60 N at 2.5 m/s and 0.2 mm; each a
     /// typical machine's.
     fn of_sizes(&self, [x, y, z]: [f64; 3], s: &Scales) -> CutEffect {

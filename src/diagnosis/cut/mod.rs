@@ -4,11 +4,13 @@
 mod adequacy;
 mod along;
 mod answer;
+mod contact;
 mod criteria;
 mod diagnose;
 mod fit;
 mod followed;
 mod foretold;
+mod hidden;
 pub mod input;
 mod known;
 mod laws;

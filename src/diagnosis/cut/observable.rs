@@ -143,6 +143,23 @@ pub(crate) enum OriginKind {
     Table,
 }
 
+/// An observable that is lent to a fit of some of them.
+pub(crate) struct Lent<'a>(pub(crate) &'a dyn Observable);
+
+impl Observable for Lent<'_> {
+    fn part(&self, machine: &Machine, every: Every) -> Part {
+        self.0.part(machine, every)
+    }
+
+    fn origin(&self) -> Origin {
+        self.0.origin()
+    }
+
+    fn slow(&self, machine: &Machine) -> Option<Part> {
+        self.0.slow(machine)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,14 +5,15 @@ use super::super::result::{Fit, Verdict};
 use super::adequacy::{Left, left};
 use super::along::{Motion, added, law_forces, true_forces};
 use super::answer::Fitting;
+use super::contact::{impossible_chatter, pulls};
 use super::fit::{Effort, Problem};
 use super::input::CutRecording;
 use super::machine::{Machine, Point};
-use super::observable::{Every, LeftOver, Observable, Origin, OriginKind, Part};
+use super::observable::{Every, LeftOver, Lent, Observable, Origin, OriginKind};
 use super::result::{CutContribution, CutDiagnosis, CutFit, CutRecordingFit, CutSeries, MappedCut};
 use super::stretches::{Stretch, Stretches, band_hz, condition};
 use crate::plant::cut_effects::CutEffect;
-use crate::plant::effects::EffectKind;
+use crate::plant::effects::{EffectKind, Port};
 use crate::plant::scenario::Scenario;
 
 /// Of three stretches one is held out of the fits that show a finding.
@@ -60,6 +61,27 @@ pub(crate) fn complete(
     }
     diagnosis.mapped.extend(mapped(recordings, stretches, &diagnosis.stated));
     judge(left(problem, point), diagnosis);
+    let impossible = || {
+        let posterior = fitting.posterior.as_ref()?;
+        impossible_chatter(problem, posterior, recordings, stretches)
+    };
+    if let Some(other) = pulls(recordings).or_else(impossible) {
+        beyond(other, diagnosis);
+    }
+}
+
+/// What no cut does: the answer where nothing else was found.
+fn beyond(other: Left, diagnosis: &mut CutDiagnosis) {
+    let port = other.location.port;
+    let what = match port {
+        Port::ForceSensor => "lines larger than a tool that only pushes can exert",
+        _ => "chatter all through where the machine as stated is stable",
+    };
+    diagnosis.notes.push(format!("The force signal shows {what} (at {}).", port.name()));
+    if diagnosis.findings.is_empty() && diagnosis.verdict != Verdict::UnexplainedMismatch {
+        diagnosis.verdict = Verdict::UnexplainedMismatch;
+        diagnosis.location = Some(other.location);
+    }
 }
 
 /// In what an effect shows first.
@@ -109,19 +131,6 @@ fn contribution(recordings: &[CutRecording], with: &Scenario, effect: &CutEffect
     recordings.iter().enumerate().map(of).collect()
 }
 
-/// An observable that is lent to a fit of some of them.
-struct Lent<'a>(&'a dyn Observable);
-
-impl Observable for Lent<'_> {
-    fn part(&self, machine: &Machine, every: Every) -> Part {
-        self.0.part(machine, every)
-    }
-
-    fn origin(&self) -> Origin {
-        self.0.origin()
-    }
-}
-
 /// Mean of what is left over observables: those of one stretch add, spectra count by their length.
 fn left_over<'a>(observables: impl Iterator<Item = &'a dyn Observable>, machine: &Machine) -> LeftOver {
     let (mut sum, mut seconds) = (LeftOver::default(), 0.0);
@@ -152,6 +161,9 @@ fn held_out_fit(fitting: &Fitting<'_>) -> Option<Fit> {
     };
     let out: Vec<bool> =
         problem.observables.iter().map(|o| group(&o.origin()) % HELD_OUT == HELD_OUT - 1).collect();
+    if !out.contains(&true) {
+        return None;
+    }
     let lent: Vec<Box<dyn Observable + '_>> = problem
         .observables
         .iter()

@@ -27,6 +27,37 @@ pub(crate) struct Model {
     pub(crate) point: Point,
     /// -ln L with priors, nats.
     pub(crate) value: f64,
+    /// Of each effect how many of its coordinates the data determine.
+    determined: Vec<f64>,
+}
+
+impl Model {
+    fn of(ended: Ended) -> Self {
+        Self { point: ended.point, value: ended.value, determined: ended.determined }
+    }
+
+    /// Price of effect `k`, nats: of each coordinate that the data determine, one at least, and of every
+    /// further shape that was looked at.
+    fn price_nats(&self, k: usize) -> f64 {
+        let (Some(term), Some(of)) = (self.point.terms.get(k), self.determined.get(k)) else { return 0.0 };
+        // A law that these cuts do not show at all is still a number more.
+        CRITERIA.price_nats * of.max(1.0) + shapes_nats(term.law)
+    }
+
+    /// Price of its last effect.
+    fn last_price_nats(&self) -> f64 {
+        self.price_nats(self.point.terms.len().saturating_sub(1))
+    }
+}
+
+/// Logarithm of the shapes from which a law is looked for.
+fn shapes_nats(law: Law) -> f64 {
+    (law.feet(&[]).len() as f64).ln()
+}
+
+/// What a law costs before it is fitted: all of its coordinates.
+fn full_price_nats(law: Law) -> f64 {
+    CRITERIA.price_nats * law.coordinates().len() as f64 + shapes_nats(law)
 }
 
 /// A law with the coordinates from which it is to be fitted, best first.
@@ -38,18 +69,14 @@ pub(crate) struct Asked {
     pub(crate) starts: Vec<Vec<f64>>,
 }
 
-/// What every fit of a round is compared with: the model before it, refitted from wherever a hypothesis led.
-struct Before {
-    point: Point,
-    value: f64,
-}
-
 /// The cut as a subject of selection.
 pub(crate) struct Cut<'a> {
-    problem: &'a Problem<'a>,
+    pub(crate) problem: &'a Problem<'a>,
     laws: Vec<Law>,
-    rivals: usize,
-    before: RefCell<Vec<Before>>,
+    pub(crate) rivals: usize,
+    /// What every fit of a round is compared with: the model before it, refitted from wherever a hypothesis
+    /// led.
+    before: RefCell<Vec<Model>>,
     defended: RefCell<Vec<Defended>>,
     /// The most that a law of this round is worth so far, nats.
     leading_nats: Cell<f64>,
@@ -89,8 +116,8 @@ impl<'a> Cut<'a> {
     }
 
     /// Laws that stood their ground after others had been taken up; of each the last time counts.
-    pub(crate) fn defended(self) -> Vec<Defended> {
-        self.defended.into_inner()
+    pub(crate) fn defended(&self) -> Vec<Defended> {
+        self.defended.borrow().clone()
     }
 
     /// The best that is known of the structure of a point: its value and where.
@@ -100,13 +127,13 @@ impl<'a> Cut<'a> {
         let known = self.before.borrow();
         let best = known.iter().filter(|b| laws(&b.point) == same).min_by(|a, b| a.value.total_cmp(&b.value));
         best.map_or_else(
-            || Model { point: structure.clone(), value: f64::INFINITY },
-            |b| Model { point: b.point.clone(), value: b.value },
+            || Model { point: structure.clone(), value: f64::INFINITY, determined: Vec::new() },
+            Model::clone,
         )
     }
 
     fn note(&self, model: &Model) {
-        self.before.borrow_mut().push(Before { point: model.point.clone(), value: model.value });
+        self.before.borrow_mut().push(model.clone());
     }
 
     /// The stated structure on every fourth bin.
@@ -121,7 +148,7 @@ impl<'a> Cut<'a> {
         let rough = self.rough(point, work)?;
         let ended = self.problem.fit(&rough, &Effort::FULL)?;
         work.spend(ended.evaluations);
-        let model = Model { point: ended.point, value: ended.value };
+        let model = Model::of(ended);
         self.note(&model);
         Some(model)
     }
@@ -130,11 +157,6 @@ impl<'a> Cut<'a> {
     fn level_nats(&self) -> f64 {
         let frame = self.problem.frame;
         if frame.has_table() && !frame.has_recordings() { CRITERIA.table_level_nats } else { level_nats() }
-    }
-
-    /// Price of a law, nats: of each coordinate, and of every further shape that was looked at.
-    pub(crate) fn price_nats(law: Law) -> f64 {
-        CRITERIA.price_nats * law.coordinates().len() as f64 + (law.feet(&[]).len() as f64).ln()
     }
 
     /// True where recordings may show what no screening of first order tells.
@@ -150,7 +172,7 @@ impl<'a> Cut<'a> {
         }
         let Some(ended) = self.problem.fit(&best.point, &Effort::FULL) else { return best };
         work.spend(ended.evaluations);
-        let model = Model { point: ended.point, value: ended.value };
+        let model = Model::of(ended);
         self.note(&model);
         model
     }
@@ -162,17 +184,18 @@ impl<'a> Cut<'a> {
         let mut without = model.point.clone();
         without.terms.remove(k);
         let without = self.refined(&without, work);
-        let evidence_nats = without.value - model.value - Self::price_nats(law);
+        let evidence_nats = without.value - model.value - model.price_nats(k);
         let asked = self.screen(&without, work)?;
         self.leading_nats.set(evidence_nats.max(0.0));
         let mut rivals: Vec<(Law, f64)> = Vec::new();
         let mut best: Option<(f64, Point)> = None;
         for asked in asked.iter().filter(|s| s.hypothesis.law != law).take(self.rivals) {
             let Some(ended) = self.fit_law(&without, &asked.hypothesis, work) else { continue };
-            let nats = without.value - ended.value - Self::price_nats(asked.hypothesis.law);
+            let rival = Model::of(ended);
+            let nats = without.value - rival.value - rival.last_price_nats();
             rivals.push((asked.hypothesis.law, nats));
-            if !vanished(ended.point.terms.last()?) && best.as_ref().is_none_or(|b| nats > b.0) {
-                best = Some((nats, ended.point));
+            if !rival.point.terms.last()?.is_at_bound() && best.as_ref().is_none_or(|b| nats > b.0) {
+                best = Some((nats, rival.point));
             }
         }
         let mut known = self.defended.borrow_mut();
@@ -272,7 +295,7 @@ impl<'a> Cut<'a> {
         let all_nats = LOOK.every.0 as f64 * (self.problem.value(&model.point, LOOK.every) - best.value);
         if self.leading_nats.get() > self.level_nats()
             && !self.problem.frame.has_table()
-            && CRITERIA.promise_factor * (all_nats - Self::price_nats(asked.law)) < self.leading_nats.get()
+            && CRITERIA.promise_factor * (all_nats - full_price_nats(asked.law)) < self.leading_nats.get()
         {
             return None;
         }
@@ -406,7 +429,7 @@ impl Subject for Cut<'_> {
                     promise_nats: if self.unscreened(promise.law) {
                         self.level_nats()
                     } else {
-                        promise.nats - Self::price_nats(promise.law)
+                        promise.nats - full_price_nats(promise.law)
                     },
                     hypothesis: Asked { law: promise.law, starts: vec![promise.values] },
                 }),
@@ -424,13 +447,13 @@ impl Subject for Cut<'_> {
             && let Some(again) = self.problem.fit(&without, &AGAIN)
         {
             work.spend(again.evaluations);
-            self.note(&Model { point: again.point, value: again.value });
+            self.note(&Model::of(again));
         }
         let before = self.before(&without).value;
         let term = ended.point.terms.last()?.clone();
-        let at_bound = vanished(&term);
-        let evidence_nats = before - ended.value - Self::price_nats(asked.law);
-        let fitted = Model { point: ended.point, value: ended.value };
+        let at_bound = term.is_at_bound();
+        let fitted = Model::of(ended);
+        let evidence_nats = before - fitted.value - fitted.last_price_nats();
         self.note(&fitted);
         if !at_bound {
             self.leading_nats.set(self.leading_nats.get().max(evidence_nats));
@@ -447,7 +470,7 @@ impl Subject for Cut<'_> {
     fn compare(&self, model: &Model, fitted: &mut [Fitted<Asked, Model>]) {
         let before = self.before(&model.point).value;
         for fit in fitted {
-            fit.evidence_nats = before - fit.model.value - Self::price_nats(fit.hypothesis.law);
+            fit.evidence_nats = before - fit.model.value - fit.model.last_price_nats();
         }
     }
 
@@ -471,11 +494,6 @@ impl Subject for Cut<'_> {
 /// is seen, five standard deviations; chance gives one of 33 looks that once in a hundred thousand cases.
 pub(crate) fn level_nats() -> f64 {
     0.5 * CRITERIA.visible_sd.powi(2) - CRITERIA.price_nats
-}
-
-/// True where every size of a term is nothing.
-fn vanished(term: &Term) -> bool {
-    term.values.iter().zip(term.law.coordinates()).all(|(v, c)| !c.is_size || v.abs() < 1e-6)
 }
 
 /// How an effect shows, in standard deviations of its first size: |dperp| of one typical size.

@@ -125,6 +125,8 @@ struct Banded {
     whole_n: [Vec<f64>; 2],
     /// |F1|^2 + |F2|^2 summed over pieces, its root: loudness.
     loudness_n: Vec<f64>,
+    /// Root mean square of the probe over pieces, m; empty: there is none.
+    moved_m: Vec<f64>,
     /// Speed of the bar at the tools over surface speed: slope of the surface.
     slope: Vec<f64>,
     /// Samples of a piece of loudness.
@@ -174,14 +176,27 @@ impl Banded {
         };
         let slope = motion.iter().enumerate().map(slope_of).collect();
         let length = ((PIECE_S * rate).round() as usize).max(1);
-        let loudness_n = (0..n.div_ceil(length))
-            .map(|p| {
+        let over_pieces = |power: &dyn Fn(usize) -> f64| -> Vec<f64> {
+            let of = |p: usize| {
                 let piece = p * length..((p + 1) * length).min(n);
-                let power: f64 = piece.clone().map(|k| forces_n[0][k].powi(2) + forces_n[1][k].powi(2)).sum();
-                (power / piece.len() as f64).sqrt()
-            })
-            .collect();
-        Self { forces_n, whole_n, loudness_n, slope, piece: length }
+                (piece.clone().map(power).sum::<f64>() / piece.len() as f64).sqrt()
+            };
+            (0..n.div_ceil(length)).map(of).collect()
+        };
+        let loudness_n = over_pieces(&|k| forces_n[0][k].powi(2) + forces_n[1][k].powi(2));
+        let inside = |f: f64| Complex::from(if f >= band[0] && f <= band[1] { 1.0 } else { 0.0 });
+        let probe = recording.displacement_m.as_ref().map(|y| filtered(y, rate, &inside));
+        let moved_m = probe.map_or_else(Vec::new, |y| over_pieces(&|k| y[k].powi(2)));
+        Self { forces_n, whole_n, loudness_n, moved_m, slope, piece: length }
+    }
+
+    /// The last piece of some in which the probe shows more than random ringing: the forces of a light cut
+    /// need not show what an earlier condition left on the bar. Its floor is what the bar does at the end.
+    fn last_moved(&self, pieces: &Range<usize>) -> Option<usize> {
+        let moved_m = self.moved_m.get(pieces.clone())?;
+        let floor_m = rms(&moved_m[moved_m.len() - moved_m.len().div_ceil(3)..]);
+        let last = moved_m.iter().rposition(|m| *m > CRITERIA.loud_floors * floor_m)?;
+        Some(pieces.start + last)
     }
 
     /// Loudness of the pieces inside of a range.
@@ -254,8 +269,8 @@ fn split(
     // A calm cut meets what was cut while its own condition held, and so did that.
     let settled = range.start
         + (longest_delay_s(&condition(recording, range.start, scenario), scenario) * rate) as usize;
-    let after_loud =
-        pieces.rev().find(loud).map_or(settled, |p| ((p + 1) * banded.piece + fading).max(settled));
+    let last_loud = pieces.clone().rev().find(loud).max(banded.last_moved(&pieces));
+    let after_loud = last_loud.map_or(settled, |p| ((p + 1) * banded.piece + fading).max(settled));
     let mut rest = range.clone();
     // What rings as loud all the time is stationary too, and no calm cut: contact is lost in it.
     let quiet = after_loud.min(range.end)..range.end;
@@ -353,6 +368,27 @@ fn linear(
 mod tests {
     use super::super::synthetic::{machine, recording};
     use super::*;
+
+    /// A bar that still rings is not calm, even where the forces no longer show it.
+    #[test]
+    fn what_the_probe_still_sees_is_not_calm() {
+        let scenario = machine().scenario;
+        let natural = std::f64::consts::TAU * scenario.workpiece.bending_frequency_hz();
+        let noise = |t: f64| 0.3 * (natural * t).sin();
+        let mut cuts = recording(&scenario, 2.0, |t| [50.0 + noise(t), 50.0 - noise(t)]);
+        let calm =
+            |cuts: &CutRecording| divide(std::slice::from_ref(cuts), &scenario).calm[0].samples.clone();
+        let all = calm(&cuts);
+        let ring = |k: usize| {
+            let t = k as f64 / 9000.0;
+            (1e-5 * (-8.0 * t).exp() + 1e-7) * (natural * t).cos()
+        };
+        cuts.displacement_m = Some((0..cuts.len()).map(ring).collect());
+        let rung = calm(&cuts);
+        assert_eq!(rung.end, all.end);
+        // Until 3.5 floors are left: ln(1e-5/2.5e-7)/8, some 0.46 s.
+        assert!(rung.start as f64 > all.start as f64 + 0.4 * 9000.0, "{rung:?}, without a probe {all:?}");
+    }
 
     /// Rows that a gate has masked are in no stretch, and a stretch does not go over them.
     #[test]
