@@ -121,16 +121,16 @@ impl Window<'_> {
     /// independent values. And louder than the noise of a stable cut: one does not tell of the other. The
     /// second: whether it is too loud to be learned as noise.
     fn mode_nats(&self, beside: &Near) -> (f64, bool) {
-        let Around { young, told, blind, stable_n2, rate_hz, .. } = *self.around;
+        let Around { young, told, cuts, blind, stable_n2, rate_hz, .. } = *self.around;
         if !young && told && self.which + 1 != WINDOWS.len() {
             return (f64::INFINITY, false);
         }
         let loud = if young { louder(self.power().0, stable_n2) } else { 0.0 };
         let levels = &self.around.levels;
         let nats = match (told, young) {
-            (false, _) => levels.untold_nats,
-            (true, true) => levels.cause_nats,
+            (true, true) if cuts => levels.cause_nats,
             (true, false) => levels.mode_nats,
+            _ => levels.untold_nats,
         };
         let times = 1.0 + CRITERIA.damped_1_s * self.e.len() as f64 / rate_hz;
         ((times * beside.coherence() + loud) / nats, blind && 2.0 * loud > 1.0)

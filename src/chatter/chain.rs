@@ -213,9 +213,14 @@ impl Chain {
     /// the mean force is that of a tool in the cut, and no zero that drifts: infinite where it is not known.
     fn stable_n2(&self, state: &ChainState, told: &Told) -> [f64; 2] {
         let share_n2 = (CRITERIA.stable_share * told.mean_n).powi(2);
-        let drifts = self.knows(state) || told.mean_n < CRITERIA.over_whole * state.whole_n2.sqrt();
-        let cuts = told.mean != MeanForce::Absent && (state.place == CUT || !drifts);
-        [share_n2, if cuts { share_n2 } else { f64::INFINITY }]
+        let drifts = self.knows(state) && state.place == AIR;
+        [share_n2, if Self::cuts(state, told) && !drifts { share_n2 } else { f64::INFINITY }]
+    }
+
+    /// Whether a tool is in the cut, by its mean force.
+    fn cuts(state: &ChainState, told: &Told) -> bool {
+        let pushes = told.mean_n > CRITERIA.over_whole * state.whole_n2.sqrt();
+        told.mean != MeanForce::Absent && (state.place == CUT || pushes)
     }
 
     /// The line that stands: a limit cycle that was not there before, or is louder than a stable cut is.
@@ -319,6 +324,7 @@ impl Chain {
             young: self.young(state),
             alarm: told.alarm,
             told: means,
+            cuts: Self::cuts(state, told),
             blind,
             scatters: state.scatters,
             stable_n2: self.stable_n2(state, told)[1],

@@ -1,4 +1,5 @@
-//! Entry, exit and change of depth: the mean force differs from what it was one turn ago.
+//! Entry and exit: the mean force differs from what it was one turn ago; that of a whole turn is back at what
+//! it was before the entry.
 
 use crate::units::SampleRate;
 
@@ -10,7 +11,8 @@ const SMOOTH_S: f64 = 0.012;
 const LOOKS: usize = 64;
 /// Looks that are the newest: 0.1 s.
 const NEWEST: usize = 20;
-/// Looks after a change within which another belongs to it: 0.3 s.
+/// Looks after a change within which another belongs to it, of a servo: for 0.3 s its friction gives way to
+/// the force that has come.
 const QUIET_LOOKS: usize = 60;
 /// Share of the force that a change must have: chatter itself moves the mean by less.
 const SHARE: f64 = 0.3;
@@ -34,10 +36,8 @@ pub(super) enum Change {
     None,
     /// It begins to rise away from zero.
     Rises,
-    /// It begins to fall.
+    /// It is back where it was before, or begins to fall where friction hides where that is.
     Falls,
-    /// It has not settled.
-    GoesOn,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -45,6 +45,7 @@ pub(super) struct CutLevel {
     period_s: f64,
     /// Of each sample in the level.
     share: f64,
+    mean: MeanForce,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -59,7 +60,12 @@ pub(super) struct CutLevelState {
     /// Whether it has ever changed at once, as where tools enter or leave.
     moved: bool,
     changing: bool,
-    /// Until this look a change is the same change.
+    /// Before the newest rise.
+    air_n: f64,
+    /// Mean since then, of the last third of a second; looks since then.
+    cut_n: f64,
+    risen: usize,
+    /// Until this look a change is the same change, of a servo.
     quiet_until: usize,
     started: bool,
 }
@@ -73,6 +79,9 @@ crate::keyframe::keep!(CutLevelState {
     rest_n,
     moved,
     changing,
+    air_n,
+    cut_n,
+    risen,
     quiet_until,
     started
 });
@@ -110,9 +119,9 @@ impl CutLevelState {
 }
 
 impl CutLevel {
-    pub(super) fn new(rate: SampleRate) -> Self {
+    pub(super) fn new(rate: SampleRate, mean: MeanForce) -> Self {
         let period_s = rate.period_s();
-        Self { period_s, share: (period_s / SMOOTH_S).min(1.0) }
+        Self { period_s, share: (period_s / SMOOTH_S).min(1.0), mean }
     }
 
     pub(super) fn start(&self) -> CutLevelState {
@@ -125,15 +134,18 @@ impl CutLevel {
             rest_n: f64::INFINITY,
             moved: false,
             changing: false,
+            air_n: 0.0,
+            cut_n: 0.0,
+            risen: 0,
             quiet_until: 0,
             started: false,
         }
     }
 
-    /// Takes one force; `speed_hz` is turns per second, 0 where it is not known. Looks at the level every 5
-    /// ms.
+    /// Takes one force; `speed_hz` is turns per second, 0 where it is not known, `cuts` whether the tools are
+    /// in the cut. Looks at the level every 5 ms.
     #[inline]
-    pub(super) fn step(&self, state: &mut CutLevelState, force_n: f64, speed_hz: f64) -> Change {
+    pub(super) fn step(&self, state: &mut CutLevelState, force_n: f64, speed_hz: f64, cuts: bool) -> Change {
         if !state.started {
             (state.started, state.level_n) = (true, force_n);
         }
@@ -143,11 +155,11 @@ impl CutLevel {
             return Change::None;
         }
         state.since_look_s -= LOOK_S;
-        Self::look(state, speed_hz)
+        self.look(state, speed_hz, cuts)
     }
 
     #[inline(never)]
-    fn look(state: &mut CutLevelState, speed_hz: f64) -> Change {
+    fn look(&self, state: &mut CutLevelState, speed_hz: f64, cuts: bool) -> Change {
         let turn_s = if speed_hz > 0.0 { 1.0 / speed_hz } else { 0.05 };
         state.looks.rotate_right(1);
         state.looks[0] = state.level_n;
@@ -158,33 +170,47 @@ impl CutLevel {
         }
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let back = ((turn_s / LOOK_S).round().max(1.0) as usize).min(LOOKS - 1);
-        if state.seen <= back + 4 {
-            return Change::None;
-        }
+        // Looks that tell the ripple.
+        let Some(looked @ 1..) = state.seen.checked_sub(back + 4) else { return Change::None };
         // It begins against one turn ago; once it has begun, half a turn without change is the end of it.
         let before = state.looks[if state.changing { back.div_ceil(2) } else { back }];
         let apart = (state.level_n - before).abs();
         let large = SHARE * state.level_n.abs().max(before.abs());
         // While the ripple is hardly known only what comes from next to nothing, far above it.
-        let over_ripple = match state.seen {
-            20..=60 if before.abs() < SHARE * state.level_n.abs() => 3.0 * OVER_RIPPLE,
-            0..=60 => f64::INFINITY,
+        let over_ripple = match looked {
+            6..46 if before.abs() < SHARE * state.level_n.abs() => 3.0 * OVER_RIPPLE,
+            0..46 => f64::INFINITY,
             _ => OVER_RIPPLE,
         };
-        if apart > large && apart > over_ripple * state.ripple_n {
-            let begins = !state.changing && state.seen > state.quiet_until;
-            (state.changing, state.moved) = (true, true);
-            state.quiet_until = state.seen + QUIET_LOOKS;
-            return match (begins, state.level_n.abs() > before.abs()) {
-                (false, _) => Change::GoesOn,
-                (true, true) => Change::Rises,
-                (true, false) => Change::Falls,
-            };
+        let changes = apart > large && apart > over_ripple * state.ripple_n;
+        let rises = state.level_n.abs() > before.abs();
+        let begins = changes && !state.changing && state.seen > state.quiet_until;
+        state.changing = changes;
+        if changes {
+            (state.moved, state.quiet_until) = (true, state.seen + QUIET_LOOKS);
+        } else {
+            let share = (1.0 / looked as f64).max(LOOK_S / 4.0);
+            state.ripple_n += share * (apart - state.ripple_n);
         }
-        state.changing = false;
-        let share = (1.0 / state.seen as f64).max(LOOK_S / 4.0);
-        state.ripple_n += share * (apart - state.ripple_n);
-        Change::None
+        match (self.mean, rises) {
+            (MeanForce::Whole, _) if cuts => {
+                state.risen += 1;
+                state.cut_n += (state.level_n - state.cut_n) / state.risen.min(LOOKS) as f64;
+                // Chatter that loses contact swings by all of the force, but not for a whole turn.
+                let turn_n = state.looks[..back].iter().sum::<f64>() / back as f64;
+                let rest_n = SHARE * (state.cut_n - state.air_n).abs();
+                let left = state.risen > back && (turn_n - state.air_n).abs() < rest_n;
+                if left { Change::Falls } else { Change::None }
+            }
+            (MeanForce::Whole, true) if changes => {
+                (state.air_n, state.cut_n, state.risen) = (before, state.level_n, 1);
+                Change::Rises
+            }
+            (MeanForce::Whole, _) => Change::None,
+            (_, true) if begins => Change::Rises,
+            (_, false) if begins => Change::Falls,
+            _ => Change::None,
+        }
     }
 }
 
@@ -193,13 +219,17 @@ mod tests {
     use super::*;
 
     fn changes(force: impl Fn(f64) -> f64) -> Vec<f64> {
-        let level = CutLevel::new(SampleRate::new(9000.0).unwrap());
+        let level = CutLevel::new(SampleRate::new(9000.0).unwrap(), MeanForce::Whole);
         let mut state = level.start();
-        let mut found = Vec::new();
+        let (mut found, mut cuts) = (Vec::new(), false);
         for n in 0..45000 {
             let t = f64::from(n) / 9000.0;
-            if matches!(level.step(&mut state, force(t), 20.0), Change::Rises | Change::Falls) {
-                found.push(t);
+            match level.step(&mut state, force(t), 20.0, cuts) {
+                Change::None => {}
+                change => {
+                    cuts = change == Change::Rises;
+                    found.push(t);
+                }
             }
         }
         found
@@ -207,11 +237,11 @@ mod tests {
 
     #[test]
     fn a_zero_that_is_off_is_no_cut() {
-        let level = CutLevel::new(SampleRate::new(9000.0).unwrap());
+        let level = CutLevel::new(SampleRate::new(9000.0).unwrap(), MeanForce::Whole);
         let over_rest = |force: &dyn Fn(f64) -> f64| {
             let mut state = level.start();
             (0..36000).for_each(|n| {
-                let _ = level.step(&mut state, force(f64::from(n) / 9000.0), 20.0);
+                let _ = level.step(&mut state, force(f64::from(n) / 9000.0), 20.0, false);
             });
             (state.size_n(), state.over_rest_n())
         };
@@ -228,5 +258,12 @@ mod tests {
         assert_eq!(entry.len(), 1, "{entry:?}");
         assert!(entry[0] > 2.0 && entry[0] < 2.05);
         assert!(changes(|t| ripple(t) + 80.0 + 5.0 * t).is_empty());
+        let loses_contact = |t: f64| if t > 2.2 { 60.0 * (t * 40.0).sin().max(-1.0) } else { 0.0 };
+        let pass = changes(|t| {
+            let inside = ((t - 2.0) / 0.05).clamp(0.0, 1.0) - ((t - 3.0) / 0.05).clamp(0.0, 1.0);
+            ripple(t) + inside * (80.0 + loses_contact(t)) + if t > 3.2 { 80.0 } else { 0.0 }
+        });
+        assert_eq!(pass.len(), 3, "{pass:?}");
+        assert!(pass[1] > 3.0 && pass[1] < 3.1 && pass[2] < 3.22);
     }
 }

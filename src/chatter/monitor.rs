@@ -136,7 +136,13 @@ impl ChatterMonitor {
         let chain = |[a, b]: &[f64; 2]| Chain::new(settings.sample_rate, 0.5 * (a + b), levels);
         let chains = parts_hz.iter().map(chain).collect();
         let turns_per_rpm = settings.sample_rate.period_s() / 60.0;
-        Ok(Self { settings, level: CutLevel::new(settings.sample_rate), chains, parts_hz, turns_per_rpm })
+        Ok(Self {
+            settings,
+            level: CutLevel::new(settings.sample_rate, settings.mean),
+            chains,
+            parts_hz,
+            turns_per_rpm,
+        })
     }
 
     /// What it watches.
@@ -244,7 +250,7 @@ impl ChatterMonitor {
             state.angle_turns += rpm * self.turns_per_rpm;
             state.newest_speed_hz = rpm * (1.0 / 60.0);
         }
-        let change = self.level.step(&mut state.level, force_n, state.speed_hz);
+        let change = self.level.step(&mut state.level, force_n, state.speed_hz, state.cuts);
         if change != Change::None {
             self.change(state, change);
         }

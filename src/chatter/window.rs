@@ -89,6 +89,8 @@ pub(super) struct Around {
     pub(super) alarm: bool,
     /// Whether the mean force tells when another cut begins: then its noise is known.
     pub(super) told: bool,
+    /// Whether a tool is in the cut.
+    pub(super) cuts: bool,
     /// Whether nothing at all is known of the noise.
     pub(super) blind: bool,
     /// Noise by its scatter.
