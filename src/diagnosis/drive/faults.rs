@@ -17,6 +17,9 @@ use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
 
+/// Mains keep their frequency within so much of it.
+const MAINS_OFF: f64 = 2e-3;
+
 impl Drive<'_> {
     /// What is wrong with the column of the force stands in the model before any law: it is none. A line that
     /// lasts is its own knockoff, and chance is that of these few alone.
@@ -60,7 +63,7 @@ fn mains(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     let near = |hz: f64| {
         let all: Vec<Demodulated> =
             series.iter().enumerate().map(|(r, x)| Demodulated::new(balance, x, (hz, r))).collect();
-        let hz = hz + strongest_off(&all, 2e-3 * hz);
+        let hz = hz + strongest_off(&all, MAINS_OFF * hz);
         Hypothesis::named(E::ExternalDisturbance, Port::Current, Shape::Mains { hz })
     };
     let lines = [50.0, 60.0].into_iter().flat_map(|f| [1.0, 2.0, 3.0, 6.0].map(|k| f * k));

@@ -23,6 +23,9 @@ pub(in crate::diagnosis) fn thrust_column(axis: &AxisModel, recording: &Recordin
     names.into_iter().find(|name| recording.get(name).is_some())
 }
 
+/// Steps of the force that differ by less of its span are the same step.
+const SAME_STEP: f64 = 1e-6;
+
 /// Thrust from whichever reference is recorded. Errors: none is, or a current without a torque constant.
 pub(in crate::diagnosis) fn thrust(axis: &AxisModel, recording: &Recording) -> Result<Thrust, DiagnoseError> {
     let name = |suffix: &str| format!("{}_{suffix}", axis.name);
@@ -30,7 +33,7 @@ pub(in crate::diagnosis) fn thrust(axis: &AxisModel, recording: &Recording) -> R
         reference_n: values.iter().map(|v| v * per_unit).collect(),
         per_unit,
         is_current,
-        step_n: per_unit * coarser_step(values, 1e-6 * span(values)).unwrap_or(0.0),
+        step_n: per_unit * coarser_step(values, SAME_STEP * span(values)).unwrap_or(0.0),
     };
     if let Some(force) = recording.get(&name("thrust_ref_n")) {
         return Ok(scaled(force, 1.0, false));
