@@ -191,7 +191,7 @@ fn operate(browser: &mut Browser) {
     browser.wait_for("the keys", "document.getElementById('keys-list').open");
     browser.press("r");
     browser.wait_for("observe", &pressed("observe"));
-    assert_eq!(browser.value("document.querySelector('dialog[open]')"), serde_json::Value::Null);
+    browser.wait_for("the dialog is gone", "document.querySelector('dialog[open]') === null");
     browser.press("2");
     browser.wait_for("the question", "document.getElementById('ask').open");
     browser.click("document.querySelector('#ask [data-take-back]')");
