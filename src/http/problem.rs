@@ -13,7 +13,7 @@ use utoipa::openapi::{self, RefOr};
 pub(crate) const PROBLEM_JSON: &str = "application/problem+json";
 
 /// Every code, as the page of problems explains them.
-pub(super) const CODES: [&str; 37] = [
+pub(super) const CODES: [&str; 38] = [
     "bad_token",
     "token_required",
     "role_too_low",
@@ -43,6 +43,7 @@ pub(super) const CODES: [&str; 37] = [
     "not_ready",
     "not_acting",
     "faulted",
+    "no_fault",
     "busy",
     "unsuitable",
     "too_many_streams",
