@@ -89,8 +89,7 @@ crate::keyframe::keep!(CutLevelState {
 impl CutLevelState {
     /// Mean force of the last third of a second.
     pub(super) fn mean_n(&self) -> f64 {
-        let seen = self.seen.min(LOOKS);
-        self.looks[..seen].iter().sum::<f64>() / seen.max(1) as f64
+        self.mean_of_last_n(LOOKS)
     }
 
     /// Size of the mean force, of the last third of a second or of the newest part of it, whichever is
@@ -111,9 +110,14 @@ impl CutLevelState {
         self.looks[..self.seen.clamp(1, NEWEST)].iter().map(|n| (n - rest_n).abs()).fold(0.0, f64::max)
     }
 
+    /// Mean of that many looks, or of those that there are.
+    fn mean_of_last_n(&self, looks: usize) -> f64 {
+        let looks = &self.looks[..self.seen.clamp(1, looks)];
+        looks.iter().sum::<f64>() / looks.len() as f64
+    }
+
     fn farthest_from_n(&self, zero_n: f64) -> f64 {
-        let newest = &self.looks[..self.seen.clamp(1, NEWEST)];
-        let newest_n = newest.iter().sum::<f64>() / newest.len() as f64;
+        let newest_n = self.mean_of_last_n(NEWEST);
         (self.mean_n() - zero_n).abs().max((newest_n - zero_n).abs())
     }
 }
@@ -197,7 +201,7 @@ impl CutLevel {
                 state.risen += 1;
                 state.cut_n += (state.level_n - state.cut_n) / state.risen.min(LOOKS) as f64;
                 // Chatter that loses contact swings by all of the force, but not for a whole turn.
-                let turn_n = state.looks[..back].iter().sum::<f64>() / back as f64;
+                let turn_n = state.mean_of_last_n(back);
                 let rest_n = SHARE * (state.cut_n - state.air_n).abs();
                 let left = state.risen > back && (turn_n - state.air_n).abs() < rest_n;
                 if left { Change::Falls } else { Change::None }

@@ -61,6 +61,16 @@ pub struct TimeSpans {
     pub spans_s: Vec<[f64; 2]>,
 }
 
+impl TimeSpans {
+    /// Puts a span to those of its recording.
+    pub(super) fn add(all: &mut Vec<Self>, recording: usize, span_s: [f64; 2]) {
+        match all.iter_mut().find(|known| known.recording == recording) {
+            Some(known) => known.spans_s.push(span_s),
+            None => all.push(Self { recording, spans_s: vec![span_s] }),
+        }
+    }
+}
+
 /// Where the mismatch is.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Location {

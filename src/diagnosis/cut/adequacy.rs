@@ -245,10 +245,7 @@ fn spans(pool: &Pool) -> Vec<TimeSpans> {
         }
         sum += excess;
         let Some(recording) = origin.recording else { continue };
-        match out.iter_mut().find(|t| t.recording == recording) {
-            Some(known) => known.spans_s.push(origin.span_s),
-            None => out.push(TimeSpans { recording, spans_s: vec![origin.span_s] }),
-        }
+        TimeSpans::add(&mut out, recording, origin.span_s);
     }
     out
 }

@@ -220,15 +220,23 @@ fn alternatives(rivals: &[(Law, f64)], p: &[f64]) -> Vec<Alternative> {
 
 /// One sentence for a person, and another where these cuts do not decide it.
 fn statement(found: &Specification, rival: Option<&Alternative>) -> String {
-    let own = found.statement.split_whitespace().collect::<Vec<_>>().join(" ");
-    rival.map_or(own.clone(), |r| {
-        let (name, percent) = (r.effect.name(), 100.0 * r.probability);
-        format!("{own} These cuts do not tell it from {name} (probability {percent:.0} %).")
-    })
+    let own = one_line(found.statement);
+    match rival {
+        Some(r) => {
+            let (name, percent) = (r.effect.name(), 100.0 * r.probability);
+            format!("{own} These cuts do not tell it from {name} (probability {percent:.0} %).")
+        }
+        None => own,
+    }
+}
+
+/// A text that the source breaks into lines.
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn next_experiment(found: &Specification, rival: &Alternative) -> String {
-    let told = |s: &Specification| s.told_apart_by.split_whitespace().collect::<Vec<_>>().join(" ");
+    let told = |s: &Specification| one_line(s.told_apart_by);
     let other = Specification::of(rival.effect).map_or_else(String::new, |s| format!("; or {}", told(s)));
     format!("{}{other}.", told(found))
 }
@@ -307,7 +315,7 @@ fn not_identifiable(fitting: &Fitting<'_>) -> Vec<NotIdentifiable> {
         if largest >= CRITERIA.visible_sd || known {
             continue;
         }
-        let told = specification.told_apart_by.split_whitespace().collect::<Vec<_>>().join(" ");
+        let told = one_line(specification.told_apart_by);
         let why = if seen.alone < CRITERIA.visible_sd {
             format!("it changes nothing that was recorded here; what would show it: {told}")
         } else {

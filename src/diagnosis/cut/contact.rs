@@ -13,6 +13,7 @@ use crate::plant::effects::Port;
 use crate::stability::rightmost_cut_root;
 use nalgebra::Complex;
 use rustfft::FftPlanner;
+use std::ops::Range;
 
 /// A line of a force signal that no tool exerts.
 ///
@@ -27,26 +28,29 @@ pub(crate) fn pulls(recordings: &[CutRecording]) -> Option<Left> {
     let mut time: Vec<TimeSpans> = Vec::new();
     for (index, recording) in recordings.iter().enumerate() {
         let rate = recording.sample_rate.hz();
-        for range in constant(recording) {
-            if (range.len() as f64) < CRITERIA.shortest_calm_s * rate {
-                continue;
-            }
+        for range in long(recording) {
             let lines = recording.forces_n.iter().flatten().filter_map(|f| pulling(&f[range.clone()], rate));
             let Some(line) = lines.max_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
             if worst.is_none_or(|w| line.0 > w.0) {
                 worst = Some(line);
             }
-            let span = [recording.time_s(range.start), recording.time_s(range.end - 1)];
-            match time.iter_mut().find(|t| t.recording == index) {
-                Some(known) => known.spans_s.push(span),
-                None => time.push(TimeSpans { recording: index, spans_s: vec![span] }),
-            }
+            TimeSpans::add(&mut time, index, span_s(recording, &range));
         }
     }
     let (_, band_hz) = worst?;
     let location =
         CutLocation { port: Port::ForceSensor, domain: "frequency", bands_hz: vec![band_hz], time };
     Some(Left { location, excess_nats: 0.0 })
+}
+
+/// Stretches of one condition that are long enough to tell a line.
+fn long(recording: &CutRecording) -> impl Iterator<Item = Range<usize>> {
+    let least = CRITERIA.shortest_calm_s * recording.sample_rate.hz();
+    constant(recording).into_iter().filter(move |range| range.len() as f64 >= least)
+}
+
+fn span_s(recording: &CutRecording, range: &Range<usize>) -> [f64; 2] {
+    [recording.time_s(range.start), recording.time_s(range.end - 1)]
 }
 
 /// By how much the largest line of a force exceeds what a push may have, N, and its bin, Hz.
@@ -81,18 +85,14 @@ pub(crate) fn impossible_chatter(
     }
     let mut time: Vec<TimeSpans> = Vec::new();
     for (index, recording) in recordings.iter().enumerate() {
-        for range in constant(recording) {
-            if (range.len() as f64) < CRITERIA.shortest_calm_s * recording.sample_rate.hz() {
-                continue;
-            }
+        for range in long(recording) {
             let at = condition(recording, usize::midpoint(range.start, range.end), &problem.frame.stated);
             let growth = |coordinates: &[f64]| {
                 let machine = problem.frame.machine(&posterior.point.with(coordinates))?;
                 Some(rightmost_cut_root(&CutLoop::new(&machine.terms(&at))).growth_1_s)
             };
             if posterior.interval(&growth).is_some_and(|[_, most_1_s]| most_1_s < 0.0) {
-                let spans_s = vec![[recording.time_s(range.start), recording.time_s(range.end - 1)]];
-                time.push(TimeSpans { recording: index, spans_s });
+                TimeSpans::add(&mut time, index, span_s(recording, &range));
             }
         }
     }

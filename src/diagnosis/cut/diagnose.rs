@@ -64,10 +64,10 @@ pub fn diagnose(
         }
     }
     let (stretches, mut observables) = observed(&frame, &known, evidence, table);
-    // What stands in for a column that is missing may be wrong: where something is left, the question is
-    // asked again without what rests on it, with the other half of the budget.
     // A table costs little, and its screening says little: the fit may have been bent far.
     let rivals = if evidence.recordings.is_empty() { laws.len() } else { REACH.fitted };
+    // What stands in for a column that is missing may be wrong: where something is left, the question is
+    // asked again without what rests on it, with the other half of the budget.
     let mut fits = None;
     let mut left_out = Vec::new();
     if hidden::any(evidence.recordings, &observables) {

@@ -425,12 +425,11 @@ impl Problem<'_> {
         let p = bounds.len();
         let (mut damping, mut evaluations) = (1e-3, 0);
         let mut value = f64::INFINITY;
-        let mut determined = Vec::new();
+        let mut information = None;
         for _ in 0..effort.steps {
             let q = self.quadratic(&point, effort.every)?;
             evaluations += 1 + p as u64;
             value = q.value;
-            determined = self.determined(&point, &q.information);
             let here = point.coordinates();
             let mut better = None;
             for _ in 0..6 {
@@ -447,6 +446,7 @@ impl Problem<'_> {
                 }
                 damping = (damping * 6.0).max(1e-3);
             }
+            information = Some(q.information);
             let Some((next, there)) = better else { break };
             let gained = value - there;
             point = next;
@@ -456,6 +456,7 @@ impl Problem<'_> {
                 break;
             }
         }
+        let determined = information.map_or_else(Vec::new, |h| self.determined(&point, &h));
         value.is_finite().then_some(Ended { point, value, evaluations, determined })
     }
 

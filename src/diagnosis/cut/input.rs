@@ -148,7 +148,9 @@ impl CutRecording {
         let feed_m_rev = found.or_stated("feed_m_rev", cutting.feed_m_rev);
         let travelled_m = travelled_m(recording, &feed_m_rev, &spindle_speed_rpm);
         let position_m = found.optional("tool_position_m");
-        FORCE_COLUMNS.iter().filter(|_| two).for_each(|name| drop(found.optional(name)));
+        if two {
+            FORCE_COLUMNS.iter().for_each(|name| drop(found.optional(name)));
+        }
         let width_m = found.or_stated("width_m", cutting.width_m);
         // Out of the cut tools may jump along the bar: where they are nobody knows from there on.
         let lost_from = position_m.is_none().then(|| first_pause(&width_m)).flatten();

@@ -78,6 +78,7 @@ pub(super) fn force_faults(
     doubt: &Doubt,
 ) -> Vec<ForceFault> {
     let mut list = Vec::new();
+    let late = is_late(balance, state, doubt);
     for (recording, of) in recordings.iter().enumerate() {
         let Some(column) = thrust_column(axis, of) else { continue };
         let mut tell = |kind| list.push(ForceFault { recording, column: column.clone(), kind });
@@ -87,7 +88,7 @@ pub(super) fn force_faults(
                 tell(ForceFaultKind::MainsLine { frequency_hz: hz, rms_n });
             }
         }
-        if is_late(balance, state, doubt) {
+        if late {
             tell(ForceFaultKind::ClockOffset { late_s: -state.path.delay_s });
         }
     }

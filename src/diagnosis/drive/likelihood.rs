@@ -64,7 +64,9 @@ pub(super) struct Fit {
 impl Design {
     fn coefficients(&self, beta: &[f64], n: usize) -> Vec<f64> {
         let mut c = vec![0.0; n];
-        c.iter_mut().skip(self.target).take(1).for_each(|c| *c = 1.0);
+        if let Some(target) = c.get_mut(self.target) {
+            *target = 1.0;
+        }
         self.columns.iter().zip(beta).for_each(|(k, b)| c[*k] -= b);
         c
     }

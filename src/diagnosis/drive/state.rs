@@ -528,10 +528,10 @@ fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
     };
     design.add(&gram, 1..knockoffs, bounds);
     let two = balance.signals.layout == Layout::TwoPositions;
-    let look = || if two { design.idle(&gram.sum(plan, Part::All), &numbers, &start) } else { Vec::new() };
+    let all = gram.sum(plan, Part::All);
+    let look = || if two { design.idle(&all, &numbers, &start) } else { Vec::new() };
     let idle = laws.idle.unwrap_or_else(|| Arc::new(look()));
     design.dynamics = design.dynamics.idle_in(idle.clone());
-    let all = gram.sum(plan, Part::All);
     let weights = design.weights(&all, &start);
     let fit = balance.fit(&design, &all, &start, &weights);
     let weights = design.weights(&all, &fit.beta);
