@@ -136,6 +136,13 @@ fn a_wrong_pitch_is_repaired_in_the_scenario() {
     assert!((repaired - (told.value - told.nominal)).abs() < 1e-12, "{repaired} {told:?}");
 }
 
+/// A frequency that is another one in every stretch is no law of place, speed or time.
+#[test]
+fn a_mode_that_wanders_is_left_unexplained() {
+    let (verdict, names) = diagnosed(&["unknown/wandering_mode"], 11);
+    assert_eq!(verdict, Verdict::UnexplainedMismatch, "{names:?}");
+}
+
 #[test]
 fn chips_that_tangle_are_in_no_vocabulary_and_left_unexplained() {
     let (verdict, names) = diagnosed(&["unknown/chip_tangle"], 9);

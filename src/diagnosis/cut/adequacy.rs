@@ -156,7 +156,7 @@ pub(crate) fn left(problem: &Problem<'_>, point: &Point) -> Option<Left> {
             bands_hz: joined(
                 loud.iter().filter_map(|p| p.band_hz).filter(|b| b[1] - b[0] < 0.5 * (high - low)),
             ),
-            time: spans(worst),
+            time: spans(&worst.worst),
         },
         excess_nats,
     })
@@ -234,8 +234,8 @@ fn joined(bands: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
 }
 
 /// When, in which recording: the stretches with half of the excess.
-fn spans(pool: &Pool) -> Vec<TimeSpans> {
-    let mut all: Vec<&(f64, Origin)> = pool.worst.iter().filter(|w| w.0 > 0.0).collect();
+pub(crate) fn spans(excess: &[(f64, Origin)]) -> Vec<TimeSpans> {
+    let mut all: Vec<&(f64, Origin)> = excess.iter().filter(|w| w.0 > 0.0).collect();
     all.sort_by(|a, b| b.0.total_cmp(&a.0));
     let total: f64 = all.iter().map(|w| w.0).sum();
     let (mut out, mut sum): (Vec<TimeSpans>, f64) = (Vec::new(), 0.0);

@@ -9,6 +9,7 @@ use super::laws::{Coordinate, Law, Term};
 use super::machine::{Number, Point};
 use super::observable::Every;
 use super::result::{CutDiagnosis, CutFinding, CutFit, CutLocation, CutTried, NotIdentifiable};
+use super::scatter::Scattered;
 use super::search::{Asked, Defended, Model, visibility};
 use crate::plant::cut_effects::{CutEffect, Specification};
 use crate::plant::cut_terms::CutReferences;
@@ -34,6 +35,8 @@ pub(crate) struct Fitting<'a> {
     pub(crate) defended: &'a [Defended],
     /// Of the model that was selected.
     pub(crate) posterior: Option<Posterior>,
+    /// Its stretches are no one machine.
+    pub(crate) scattered: Option<&'a Scattered>,
 }
 
 /// Point with the covariance of its coordinates.
@@ -197,6 +200,19 @@ fn findings(fitting: &Fitting<'_>) -> Vec<CutFinding> {
 
 /// How a law of the model stands against its rivals: as it was challenged last, or as it was taken up.
 fn standing(fitting: &Fitting<'_>, law: Law) -> Option<Defended> {
+    // Beside the scatter a law is worth less, its rivals no more than it.
+    if let Some((_, nats)) = fitting.scattered.and_then(|s| s.standing.iter().find(|s| s.0 == law)) {
+        let mut out = standing_alone(fitting, law)?;
+        let less = (out.evidence_nats - nats).max(0.0);
+        out.evidence_nats -= less;
+        out.rivals.iter_mut().for_each(|r| r.1 -= less);
+        return Some(out);
+    }
+    standing_alone(fitting, law)
+}
+
+/// The same of one machine.
+fn standing_alone(fitting: &Fitting<'_>, law: Law) -> Option<Defended> {
     let taken =
         |r: &&Round<Asked, Model>| r.accepted && r.fitted.first().is_some_and(|f| f.hypothesis.law == law);
     let challenged = fitting.defended.iter().rfind(|d| d.law == law).cloned();

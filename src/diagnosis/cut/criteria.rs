@@ -45,6 +45,8 @@ pub(crate) struct Criteria {
     /// The same of a table alone, nats: 20 to 1. Its spreads are free, so that errors of the likelihood are
     /// in it already; with the price a gain of 7.5, which chance gives one of 20 laws twice in a thousand.
     pub(crate) table_level_nats: f64,
+    /// What a step of a fit gains, nats, below which it has ended.
+    pub(crate) decides_nothing_nats: f64,
     /// A gain after a first look is right to this factor where it may become a name.
     pub(crate) promise_factor: f64,
     /// Share by which a taper may smear a bin that counts as smooth.
@@ -92,6 +94,7 @@ pub(crate) const CRITERIA: Criteria = Criteria {
     orders: 12,
     price_nats: 4.5,
     table_level_nats: 3.0,
+    decides_nothing_nats: 0.05,
     promise_factor: 3.0,
     smooth_share: 0.01,
     correction_sd: 3.0,

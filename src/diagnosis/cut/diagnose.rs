@@ -16,6 +16,7 @@ use super::machine::{Frame, Point};
 use super::observable::Observable;
 use super::observe::observe;
 use super::result::{CutDiagnosis, CutFit, MappedCut};
+use super::scatter::{Scattered, scattered};
 use super::search::{Asked, Cut, Defended, Model};
 use super::stretches::{Stretches, divide};
 use super::table::{TableRows, row_condition};
@@ -74,7 +75,7 @@ pub fn diagnose(
         let mut half = work.half();
         let problem = Problem { frame: &frame, observables: &observables };
         let first = answered(&Cut::new(&problem, laws.clone(), rivals), &point, &mut half, progress);
-        fits = first.filter(|a| left(&problem, &a.selected.model.point).is_none());
+        fits = first.filter(|a| a.scattered.is_none() && left(&problem, &a.selected.model.point).is_none());
         if fits.is_none() {
             let mut fitted = |rest: &Problem<'_>| Cut::new(rest, Vec::new(), 0).start(&point, &mut work);
             left_out = hidden::leave_out(&frame, evidence.recordings, &mut observables, &mut fitted);
@@ -83,7 +84,8 @@ pub fn diagnose(
     let problem = Problem { frame: &frame, observables: &observables };
     let cut = Cut::new(&problem, laws.clone(), rivals);
     let answered = fits.or_else(|| answered(&cut, &point, &mut work, progress));
-    let Answered { start, selected, defended, posterior } = answered.ok_or(CutInputError::NoCut)?;
+    let Answered { start, selected, defended, posterior, scattered } =
+        answered.ok_or(CutInputError::NoCut)?;
     progress(0.85, "what these cuts tell");
     let fitting = Fitting {
         problem: &problem,
@@ -92,6 +94,7 @@ pub fn diagnose(
         selected: &selected,
         defended: &defended,
         posterior,
+        scattered: scattered.as_ref(),
     };
     let mut diagnosis = answer::diagnosis(&fitting);
     if !evidence.recordings.is_empty() {
@@ -136,6 +139,7 @@ struct Answered {
     selected: Selected<Asked, Model>,
     defended: Vec<Defended>,
     posterior: Option<Posterior>,
+    scattered: Option<Scattered>,
 }
 
 /// The one selection from a point on; what no stretch tells from nothing is taken out again.
@@ -151,7 +155,15 @@ fn answered(cut: &Cut<'_>, point: &Point, work: &mut Work, progress: Progress<'_
         selected.model = cut.refined(&without, work);
         posterior = Posterior::new(cut.problem, &selected.model.point);
     }
-    Some(Answered { start, selected, defended: cut.defended(), posterior })
+    // A law that follows what is another machine in every stretch is none.
+    let scattered = scattered(cut, &selected.model, work);
+    if let Some(scattered) = &scattered
+        && scattered.point.terms.len() < selected.model.point.terms.len()
+    {
+        selected.model = cut.refined(&scattered.point, work);
+        posterior = Posterior::new(cut.problem, &selected.model.point);
+    }
+    Some(Answered { start, selected, defended: cut.defended(), posterior, scattered })
 }
 
 /// Everything that was observed, as seen by what is known.

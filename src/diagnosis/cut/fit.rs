@@ -16,7 +16,7 @@ pub(crate) const STEP: f64 = 2e-3;
 /// How often a fit to a table is searched coordinate by coordinate.
 const SWEEPS: usize = 6;
 /// A step of the fit is no longer than this in any coordinate.
-const LONGEST_STEP: f64 = 2.5;
+pub(crate) const LONGEST_STEP: f64 = 2.5;
 
 /// Everything observed, and what is free.
 pub(crate) struct Problem<'a> {
@@ -267,7 +267,7 @@ impl Problem<'_> {
     }
 
     /// Priors of a point, nats.
-    fn prior(&self, point: &Point) -> f64 {
+    pub(crate) fn prior(&self, point: &Point) -> f64 {
         let values = point.coordinates();
         let priors = self.frame.priors(point);
         let numbers = point.numbers.len();
@@ -391,7 +391,7 @@ impl Problem<'_> {
                 let evaluations = ended.evaluations + again.evaluations;
                 ended = if again.value < ended.value { again } else { ended };
                 ended.evaluations = evaluations;
-                if before - ended.value < 0.05 {
+                if before - ended.value < CRITERIA.decides_nothing_nats {
                     break;
                 }
             }
@@ -451,8 +451,7 @@ impl Problem<'_> {
             let gained = value - there;
             point = next;
             value = there;
-            // A twentieth of a nat decides nothing.
-            if gained < 0.05 {
+            if gained < CRITERIA.decides_nothing_nats {
                 break;
             }
         }

@@ -5,7 +5,7 @@ use super::laws::{Scales, Term};
 use crate::plant::cut_effects::Physics;
 use crate::plant::cut_loop::{RANDOM_FORCE_CORNER_HZ, random_force_spectrum_1_hz};
 use crate::plant::cut_terms::{CutCondition, CutTerms};
-use crate::plant::scenario::{Scenario, ToolCount};
+use crate::plant::scenario::{RawScenario, Scenario, ToolCount};
 
 /// Noise of the cut and of its signals.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,6 +73,13 @@ impl Machine {
         let mut terms = CutTerms::of(&self.scenario, &CutCondition { pitch_difference_rad, ..*at });
         terms.force_lag_s += self.noise.late_s;
         terms
+    }
+
+    /// The same machine with one number off by a coordinate; `None`: there is none such.
+    pub(crate) fn off(&self, number: Number, p: f64) -> Option<Self> {
+        let (mut raw, mut noise) = (self.scenario.raw(), self.noise);
+        number.put(p, &mut raw, &mut noise);
+        Scenario::new(&raw).ok().map(|scenario| Self { scenario, noise })
     }
 
     /// Spectrum of the random force over its variance, one-sided, 1/Hz.
@@ -165,6 +172,32 @@ impl Number {
             _ => return None,
         };
         Some((name, [nominal, nominal * (p * self.log_sd()).exp()]))
+    }
+
+    /// Puts the number of a coordinate into a machine.
+    fn put(self, p: f64, raw: &mut RawScenario, noise: &mut Noise) {
+        let factor = (p * self.log_sd()).exp();
+        match self {
+            Number::RadialStiffness => raw.cutting.radial_stiffness_pa *= factor,
+            Number::DampingRatio => raw.workpiece.damping_ratio *= factor,
+            Number::Frequency => raw.workpiece = raw.workpiece.with_frequency_factor(factor),
+            Number::ProcessDamping => raw.cutting.process_damping_n *= factor,
+            Number::Pitch => noise.pitch_rad = p * self.log_sd(),
+            Number::RandomShare => noise.random_share *= factor,
+            Number::RandomCorner => noise.corner_factor *= factor,
+            Number::Sensor => noise.sensor *= factor,
+            Number::SensorRise => noise.sensor_rise *= factor,
+            Number::SensorBehind => noise.sensor_behind = factor / (1.0 + factor),
+            Number::Late => noise.late_s = p * self.log_sd(),
+            Number::SignalLate => noise.signal_late_s = p * self.log_sd(),
+            Number::SignalBandwidth => noise.bandwidth_factor *= factor,
+            Number::Probe => noise.probe_m *= factor,
+            Number::GrowthSpread => noise.growth_spread_1_s *= factor,
+            Number::OutcomeSpread => noise.outcome_spread_1_s *= factor,
+            Number::LineSpread => noise.line_spread_hz *= factor,
+            Number::ForceScatter => noise.force_scatter *= factor,
+            Number::CuttingGain => noise.cutting_gain *= factor,
+        }
     }
 
     /// True for a number of the scenario.
@@ -357,28 +390,7 @@ impl Frame {
             cutting_gain: 1.0,
         };
         for (number, p) in self.numbers.iter().zip(&point.numbers) {
-            let factor = (p * number.log_sd()).exp();
-            match number {
-                Number::RadialStiffness => raw.cutting.radial_stiffness_pa *= factor,
-                Number::DampingRatio => raw.workpiece.damping_ratio *= factor,
-                Number::Frequency => raw.workpiece = raw.workpiece.with_frequency_factor(factor),
-                Number::ProcessDamping => raw.cutting.process_damping_n *= factor,
-                Number::Pitch => noise.pitch_rad = p * number.log_sd(),
-                Number::RandomShare => noise.random_share *= factor,
-                Number::RandomCorner => noise.corner_factor *= factor,
-                Number::Sensor => noise.sensor *= factor,
-                Number::SensorRise => noise.sensor_rise *= factor,
-                Number::SensorBehind => noise.sensor_behind = factor / (1.0 + factor),
-                Number::Late => noise.late_s = p * number.log_sd(),
-                Number::SignalLate => noise.signal_late_s = p * number.log_sd(),
-                Number::SignalBandwidth => noise.bandwidth_factor *= factor,
-                Number::Probe => noise.probe_m *= factor,
-                Number::GrowthSpread => noise.growth_spread_1_s *= factor,
-                Number::OutcomeSpread => noise.outcome_spread_1_s *= factor,
-                Number::LineSpread => noise.line_spread_hz *= factor,
-                Number::ForceScatter => noise.force_scatter *= factor,
-                Number::CuttingGain => noise.cutting_gain *= factor,
-            }
+            number.put(*p, &mut raw, &mut noise);
         }
         let effects = point.terms.iter().filter_map(|t| t.effect(&self.scales));
         raw.physics = effects.into_iter().try_fold(raw.physics, Physics::with).ok()?;

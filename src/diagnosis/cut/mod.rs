@@ -22,6 +22,7 @@ mod plan;
 mod recorded;
 pub mod result;
 mod rows;
+mod scatter;
 mod search;
 mod spectra;
 mod stretches;

@@ -60,7 +60,10 @@ pub(crate) fn complete(
         location.domain = domain(first.effect);
     }
     diagnosis.mapped.extend(mapped(recordings, stretches, &diagnosis.stated));
-    judge(left(problem, point), diagnosis);
+    // Of what is left the greater.
+    let scattered = fitting.scattered.map(|s| s.left.clone());
+    let left = left(problem, point).into_iter().chain(scattered);
+    judge(left.max_by(|a, b| a.excess_nats.total_cmp(&b.excess_nats)), diagnosis);
     let impossible = || {
         let posterior = fitting.posterior.as_ref()?;
         impossible_chatter(problem, posterior, recordings, stretches)

@@ -44,6 +44,11 @@ impl Model {
         CRITERIA.price_nats * of.max(1.0) + shapes_nats(term.law)
     }
 
+    /// The same of the effect of a law.
+    pub(crate) fn price_of(&self, law: Law) -> f64 {
+        self.point.terms.iter().position(|t| t.law == law).map_or(0.0, |k| self.price_nats(k))
+    }
+
     /// Price of its last effect.
     fn last_price_nats(&self) -> f64 {
         self.price_nats(self.point.terms.len().saturating_sub(1))
@@ -98,7 +103,7 @@ const SCREENED: Every = Every(2);
 /// A first look: a few steps on every fourth bin from each start.
 const LOOK: Effort = Effort { steps: 4, every: Every(4) };
 /// The stated structure again, from the numbers that a hypothesis found.
-const AGAIN: Effort = Effort { steps: 5, every: Every(1) };
+pub(crate) const AGAIN: Effort = Effort { steps: 5, every: Every(1) };
 /// Starts that are looked at of a law with several shapes.
 const STARTS: usize = 3;
 
@@ -154,7 +159,7 @@ impl<'a> Cut<'a> {
     }
 
     /// What a law must be worth to be named, nats.
-    fn level_nats(&self) -> f64 {
+    pub(crate) fn level_nats(&self) -> f64 {
         let frame = self.problem.frame;
         if frame.has_table() && !frame.has_recordings() { CRITERIA.table_level_nats } else { level_nats() }
     }

@@ -240,8 +240,10 @@ impl<'a> Run<'a> {
     }
 
     /// Sets what the bar is like now; a few hundred times a second is enough.
-    pub(super) fn refresh(&mut self, at: &Moment) {
+    /// `wandered`: its frequency over what the cut says.
+    pub(super) fn refresh(&mut self, at: &Moment, wandered: f64) {
         self.bending = self.cut.bending(at);
+        self.bending.rad_s.iter_mut().for_each(|w| *w *= wandered);
     }
 
     /// One step at a moment. `noise`: random part of each force; `tangle_n`: force on the bar.

@@ -34,8 +34,13 @@ pub const CUT_EFFECTS: [&str; 23] = [
 ];
 
 /// What is no effect of the vocabulary: outsiders, and numbers wrong beyond what the contract allows.
-pub const CUT_OUTSIDE: [&str; 4] =
-    ["unknown/chip_tangle", "unknown/tone", "parameter/radial_stiffness_pa", "parameter/damping_ratio"];
+pub const CUT_OUTSIDE: [&str; 5] = [
+    "unknown/chip_tangle",
+    "unknown/tone",
+    "unknown/wandering_mode",
+    "parameter/radial_stiffness_pa",
+    "parameter/damping_ratio",
+];
 
 /// One thing that the scenario does not say.
 #[derive(Debug, Clone, PartialEq)]
@@ -271,6 +276,11 @@ impl Hiding<'_> {
                 let (tone_n, tone_hz) = (self.deep(1.5, 3.0), self.between(130.0, 300.0));
                 (self.cut.hidden.tone_n, self.cut.hidden.tone_hz) = (tone_n, tone_hz);
                 Some((Port::Workpiece, vec![("force_n", tone_n), ("frequency_hz", tone_hz)]))
+            }
+            "unknown/wandering_mode" => {
+                let (share, within_s) = (self.deep(0.006, 0.01), self.between(0.1, 0.4));
+                (self.cut.hidden.wandering, self.cut.hidden.wandering_s) = (share, within_s);
+                Some((Port::Workpiece, vec![("relative", share), ("time_constant_s", within_s)]))
             }
             "parameter/radial_stiffness_pa" => {
                 self.unsaid.pressure_factor = 1.0 + self.either(0.25, 0.4);

@@ -41,6 +41,9 @@ pub struct Hidden {
     /// Outsider: a tone on the bar that follows no angle, N and Hz.
     pub tone_n: f64,
     pub tone_hz: f64,
+    /// Outsider: the bar's frequency wanders at random, by this share of itself and within this time.
+    pub wandering: f64,
+    pub wandering_s: f64,
 }
 
 /// A resonance.
@@ -87,6 +90,8 @@ impl Default for Hidden {
             tangle_n: 0.0,
             tone_n: 0.0,
             tone_hz: 0.0,
+            wandering: 0.0,
+            wandering_s: 1.0,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Which cuts are made: five recordings from calm to just beyond the border, found by cutting, not by a root.
 
 use super::bench::{Run, SUBSTEPS, Shown, steps_in};
-use super::machine::{Moment, TrueCut};
+use super::machine::{Hidden, Moment, TrueCut};
 use super::{RATE_HZ, signal};
 use crate::sample::Recording;
 use rand_chacha::ChaCha8Rng;
@@ -202,6 +202,7 @@ fn record(
     let (mut moments, mut shows) = (Vec::with_capacity(steps), Vec::with_capacity(steps));
     let keep = (-TAU * RANDOM_CORNER_HZ * step_s).exp();
     let mut noise = [0.0f64; 2];
+    let mut wandered = wandering(0.0, &cut.hidden, random);
     let (mut tangle, mut commanded, mut pitch) = (0.0, 0.0, stretches[0].at.pitch_rad);
     for stretch in stretches {
         let mut position_m = stretch.at.position_m;
@@ -217,7 +218,8 @@ fn record(
             position_m -= stretch.at.feed_m_rev * stretch.at.speed_rpm / 60.0 * step_s;
             let now = Moment { t_s: k as f64 * step_s, pitch_rad: pitch, position_m, ..stretch.at };
             if k.is_multiple_of(REFRESH * SUBSTEPS) {
-                run.refresh(&now);
+                wandered = wandering(wandered, &cut.hidden, random);
+                run.refresh(&now, 1.0 + cut.hidden.wandering * wandered);
             }
             shows.push(run.step(&now, commanded, noise, tangle));
             commanded += TAU * now.speed_rpm / 60.0 * step_s;
@@ -226,6 +228,17 @@ fn record(
     }
     let shows: &[Shown] = &shows;
     signal::recording(name, cut, (&moments, shows), probe, random)
+}
+
+/// How far the frequency has wandered by the next look at the bar, in deviations: what is left of it after
+/// that time, and something new. Nothing is drawn for a bar that does not.
+fn wandering(now: f64, hidden: &Hidden, random: &mut ChaCha8Rng) -> f64 {
+    if hidden.wandering <= 0.0 {
+        return 0.0;
+    }
+    let keep = (-(REFRESH as f64) / RATE_HZ / hidden.wandering_s).exp();
+    let new: f64 = StandardNormal.sample(random);
+    keep * now + (1.0 - keep * keep).sqrt() * new
 }
 
 /// Tangled chips pull for 30 ms and let go; a pull begins by chance, every 0.3 s or so.
