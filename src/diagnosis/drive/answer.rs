@@ -12,7 +12,7 @@ use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Accepted, Balance, Number, State};
 use super::words::{
-    Deviations, domain, equation, estimates, next_experiment, scale_deviation, statement, term,
+    Deviations, domain, engineering, equation, estimates, next_experiment, scale_deviation, statement, term,
 };
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
@@ -140,7 +140,7 @@ impl Case<'_> {
         } else {
             Verdict::ParameterError
         };
-        let notes = self.notes_of(&left, (is_left, unexplained), &found);
+        let notes = self.notes_of((&left, [state_n, thrust_n]), (is_left, unexplained), &found);
         let heldout_n = self.heldout_n(&state, None);
         let findings: Vec<Finding> =
             if unexplained { Vec::new() } else { self.findings(found, &left, heldout_n) };
@@ -177,7 +177,13 @@ impl Case<'_> {
     }
 
     /// What a reader must know, in sentences. `is_left`: what is left stands above its floor.
-    fn notes_of(&self, left: &Rest, (is_left, unexplained): (bool, bool), found: &[Found]) -> Vec<String> {
+    /// `[left_n, thrust_n]`: all that is left, white or not, and the thrust.
+    fn notes_of(
+        &self,
+        (left, [left_n, thrust_n]): (&Rest, [f64; 2]),
+        (is_left, unexplained): (bool, bool),
+        found: &[Found],
+    ) -> Vec<String> {
         let mut notes = self.notes.clone();
         if self.out_of_budget {
             notes.push("The budget was spent before every hypothesis was asked.".to_owned());
@@ -188,13 +194,20 @@ impl Case<'_> {
             notes
                 .push(format!("Candidates that take part of it and are not asserted: {}.", names.join(", ")));
         }
-        if is_left {
+        let of = |x: f64| engineering(x, "N");
+        if is_left && left.force_n > left.floor_n {
             notes.push(format!(
-                "{:.2} N stay above a floor of {:.2} N, at the {}, up to {:.1} Hz.",
-                left.force_n,
-                left.floor_n,
+                "{} stay above a floor of {}, at the {}, up to {:.1} Hz.",
+                of(left.force_n),
+                of(left.floor_n),
                 left.port.name(),
                 left.band_hz[1]
+            ));
+        } else if is_left {
+            notes.push(format!(
+                "{} of a thrust of {} are left: the model says less than half of what drives this axis.",
+                of(left_n),
+                of(thrust_n)
             ));
         }
         notes

@@ -221,16 +221,28 @@ fn positions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
             lead_m.into_iter().flat_map(|l| [l, 0.5 * l]).filter(|l| (shortest..longest).contains(l));
         let found = [&whitened[last], &plain(last)].map(|x| peaks(balance, x, [shortest, longest]));
         for wavelength_m in of_screw.chain(found.into_iter().flatten()) {
-            list.push(Hypothesis::named(E::PositionPeriodicForce, Port::Stage, Shape::Wave { wavelength_m }));
+            list.push(wave(wavelength_m, Port::Stage));
         }
         if let Some(lead) = lead_m.filter(|_| two) {
             let range = [lead / HIGHEST_ORDER, longest];
             let found = [&whitened[0], &plain(0)].map(|x| peaks(balance, x, range));
             for wavelength_m in of_motor(balance, lead).chain(found.into_iter().flatten()) {
-                list.push(Hypothesis::named(E::TorqueRipple, Port::Motor, Shape::Wave { wavelength_m }));
+                list.push(wave(wavelength_m, Port::Motor));
             }
         }
-        list.extend(cuts(balance, &left));
+        if let Some(lead) = lead_m.filter(|_| !two) {
+            // One position tells what the motor does by how often it does it in a turn.
+            let found = peaks(balance, &plain(0), [lead / HIGHEST_ORDER, shortest]);
+            let of_motor = of_motor(balance, lead).filter(|l| *l < shortest);
+            list.extend(of_motor.chain(found).map(|l| wave(l, Port::Motor)));
+        }
+        let cuts = cuts(balance, &left);
+        // What lasts while the axis moves at one speed is a wave over position as well.
+        for wavelength_m in cuts.iter().filter_map(|h| way_of_line(balance, h)) {
+            let of_turn = !two && lead_m.is_some() && wavelength_m < shortest;
+            list.push(wave(wavelength_m, if of_turn { Port::Motor } else { Port::Stage }));
+        }
+        list.extend(cuts);
         for flips in [false, true] {
             let shape = Shape::Map { pieces: PIECES[0], flips, over: Over::Position };
             list.push(Hypothesis::named(E::PositionDependentForce, Port::Stage, shape));
@@ -251,6 +263,25 @@ fn positions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
         }
     }
     list
+}
+
+/// A force that repeats over the way: of the motor a ripple of its torque.
+fn wave(wavelength_m: f64, port: Port) -> Hypothesis {
+    let effect = if port == Port::Motor { E::TorqueRipple } else { E::PositionPeriodicForce };
+    Hypothesis::named(effect, port, Shape::Wave { wavelength_m })
+}
+
+/// Way in a period of a line, at the middle one of the speeds that the axis has while it lasts, m.
+fn way_of_line(balance: &Balance, h: &Hypothesis) -> Option<f64> {
+    let Shape::Cut { hz, start_s, end_s } = h.shape else { return None };
+    let step = balance.signals.step;
+    let mut speeds = Vec::new();
+    for track in &balance.signals.tracks {
+        let inside = |j: &usize| (start_s..end_s).contains(&track.thin_s(*j, step));
+        speeds.extend((0..track.thin_count()).filter(inside).map(|j| track.thin.velocity[0][j].abs()));
+    }
+    speeds.sort_by(f64::total_cmp);
+    speeds.get(speeds.len() / 2).map(|v| v / hz).filter(|way_m| *way_m > 0.0)
 }
 
 /// Wavelengths of the motor's poles and slots, where they are stated.

@@ -16,6 +16,7 @@ mod likelihood;
 mod model;
 mod number;
 mod numbers;
+mod one_mass;
 pub(in crate::diagnosis) mod recorded;
 mod rest;
 mod series;

@@ -2,7 +2,7 @@
 
 use crate::plant::effects::{EffectKind as E, Port};
 
-/// What a map is over; those over speed and way are no findings, but what one over position must exceed.
+/// What a map is over; those over speed and way are no findings, but what one over position stands beside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Over {
     Position,

@@ -2,6 +2,7 @@
 //! thinned for the balance.
 
 use super::criteria::Criteria;
+use super::one_mass::{Spring, spring};
 use super::recorded::{Thrust, is_locked, motor_position, position, stage_position, thrust};
 use super::spectra::Series;
 use crate::diagnosis::DiagnoseError;
@@ -16,12 +17,12 @@ use crate::signal::inner_products::rms;
 use std::f64::consts::TAU;
 
 /// Pass band of the balance, as a share of the rate, and at most, Hz.
-const BAND_SHARE: f64 = 0.08;
+pub(super) const BAND_SHARE: f64 = 0.08;
 const BAND_HZ: f64 = 800.0;
 /// A balance of one position has no resonance in it and may look higher.
 const BAND_SHARE_RIGID: f64 = 0.1;
 /// Samples kept per band.
-const THINNED_PER_BAND: f64 = 3.125;
+pub(super) const THINNED_PER_BAND: f64 = 3.125;
 /// Highest frequency looked at over the pass band: what a kernel that is half there still tells.
 const TOP: f64 = 1.1875;
 /// Share of the axial resonance up to which an axis with one position moves as one mass: its stage lags by
@@ -30,7 +31,7 @@ const RIGID_SHARE: f64 = 0.15;
 /// Narrowest band of a velocity, as a share of the rate.
 const VELOCITY_BAND_SHARE: f64 = 0.05;
 /// Smoothing speed of friction where the model states none, m/s.
-const SMOOTHING_M_S: f64 = 2e-4;
+pub(super) const SMOOTHING_M_S: f64 = 2e-4;
 /// Quantile of the blocks of a recording in which the axis moves: at rest a step shows no noise.
 const MOVING: f64 = 0.75;
 /// Part of a recording that a slow thrust filter may take at either end.
@@ -101,6 +102,8 @@ pub(super) struct Signals {
     /// Speed over which friction turns, m/s.
     pub(super) smoothing_m_s: f64,
     pub(super) tracks: Vec<Track>,
+    /// Of one position: way that the spring gives under the stage's friction, m.
+    wound_m: f64,
     /// Of one position: variance of its noise in each recording, m2.
     pub(super) noise_m2: Vec<f64>,
     /// Kernels without a shift: signal, first and second derivative.
@@ -191,13 +194,15 @@ impl Signals {
             // What is held does not move.
             Layout::Locked => clean_band_hz(axis, r, axis.drive.reflected_mass_kg(), *noise),
         });
-        let band_hz = band_hz(axis, layout, rate_hz).min(clean_hz.fold(f64::INFINITY, f64::min));
+        let one_mass = (layout == Layout::OnePosition).then(|| stage_behind(axis, recordings)).flatten();
+        let band_hz = band_hz((layout, rate_hz), one_mass).min(clean_hz.fold(f64::INFINITY, f64::min));
         let used = if layout == Layout::TwoPositions { steps_m[0].max(steps_m[1]) } else { steps_m[0] };
         let c = Criteria::STANDARD.velocity_noise;
         let least_hz = VELOCITY_BAND_SHARE * rate_hz;
         let speed_of_step = TAU * used / c;
         let stated = axis.drive.raw().friction_smoothing_m_s;
-        let smoothing_m_s = stated.unwrap_or_else(|| SMOOTHING_M_S.max(speed_of_step * least_hz));
+        let smoothing_m_s =
+            stated.unwrap_or_else(|| SMOOTHING_M_S.max(speed_of_step * least_hz.min(band_hz)));
         let velocity_hz = (smoothing_m_s / speed_of_step.max(1e-300)).min(band_hz).max(0.15 * least_hz);
         let most = averaged[0].max(averaged[1]);
         let mean_of_laws = Kernel::mean(most);
@@ -212,6 +217,7 @@ impl Signals {
             steps_m,
             smoothing_m_s,
             tracks: Vec::new(),
+            wound_m: one_mass.map_or(0.0, |s| s.wound_m),
             noise_m2,
             kernels: [low_pass(0), low_pass(1), low_pass(2)],
             means: averaged.map(|rows| Kernel::mean(if rows > 1 { 1 } else { most })),
@@ -347,10 +353,10 @@ impl Signals {
         if self.layout == Layout::TwoPositions { 2 } else { 1 }
     }
 
-    /// Least way over which friction that turns is told from a step, m.
+    /// Least way over which friction that turns is told from a step, and from a stage behind its spring, m.
     pub(super) fn least_way_m(&self, side: usize) -> f64 {
         let [low, high] = self.travel_m();
-        1e-6_f64.max(4.0 * self.steps_m[side]).min(0.1 * (high - low))
+        1e-6_f64.max(4.0 * self.steps_m[side]).max(self.wound_m).min(0.1 * (high - low))
     }
 
     /// Thinned grid in the full-rate series of a recording.
@@ -500,16 +506,20 @@ fn clean_band_hz(axis: &AxisModel, recording: &Recording, mass_kg: f64, noise_m2
     (allowed_n / per_hz.max(1e-300)).powf(0.4).max(least_hz)
 }
 
-fn band_hz(axis: &AxisModel, layout: Layout, rate_hz: f64) -> f64 {
+/// The stage of an axis that is taken as one mass: its spring as stated, else as both positions tell it.
+fn stage_behind(axis: &AxisModel, recordings: &[Recording]) -> Option<Spring> {
+    let d = &axis.drive;
+    let k = d.axial_stiffness_n_m();
+    let stated = Spring { swing_rad2_s2: k / d.movable_mass_kg(), wound_m: d.stage_coulomb_friction_n() / k };
+    if k > 0.0 { Some(stated) } else { spring(axis, recordings) }
+}
+
+fn band_hz((layout, rate_hz): (Layout, f64), one_mass: Option<Spring>) -> f64 {
     if layout == Layout::TwoPositions {
         return (BAND_SHARE * rate_hz).min(BAND_HZ);
     }
     let widest = (BAND_SHARE_RIGID * rate_hz).min(BAND_HZ);
-    let (k, mass) = (axis.drive.axial_stiffness_n_m(), axis.drive.movable_mass_kg());
-    if layout == Layout::OnePosition && k > 0.0 {
-        return widest.min(RIGID_SHARE * (k / mass).sqrt() / TAU);
-    }
-    widest
+    one_mass.map_or(widest, |s| widest.min(RIGID_SHARE * s.swing_rad2_s2.sqrt() / TAU))
 }
 
 fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {

@@ -228,18 +228,27 @@ impl<'a> Drive<'a> {
         (h, asked)
     }
 
-    /// What a free function of the speed, or of the way since the axis turned round, explains where a map
-    /// over position is asked about, nats: in strokes that repeat both are functions of position, and nothing
-    /// tells which of the three it is.
-    fn as_of_motion(&self, state: &State, flips: bool, work: &mut Work) -> f64 {
+    /// A state with free functions of the speed and of the way since the axis turned round, where a map over
+    /// position is asked about: in strokes that repeat all three are functions of position, and a map is told
+    /// by what it explains beside the others.
+    fn beside_motion(&self, state: &State, flips: bool, work: &mut Work) -> State {
         let pieces = PIECES[0];
-        let shapes =
-            [(Over::Speed, flips), (Over::Way, true)].map(|(over, flips)| Shape::Map { pieces, flips, over });
-        let score = |shape| {
+        let mut beside = state.clone();
+        for (over, flips) in [(Over::Way, true), (Over::Way, false), (Over::Speed, flips)] {
+            let shape = Shape::Map { pieces, flips, over };
             let h = Hypothesis::named(EffectKind::PositionDependentForce, Port::Stage, shape);
-            if work.take(1) { ask(self.balance, state, &h, false).score } else { 0.0 }
-        };
-        shapes.map(score).into_iter().fold(0.0, f64::max)
+            if !work.take(2) {
+                break;
+            }
+            let asked = ask(self.balance, &beside, &h, false);
+            if asked.score > 0.0 {
+                let amplitudes = asked.amplitudes().to_vec();
+                beside = beside.with_numbers(&asked.fit.beta);
+                beside.take_up(self.balance, Accepted::found(h, amplitudes));
+                beside = beside.rebuilt(self.balance);
+            }
+        }
+        beside
     }
 
     /// A Gauss-Newton step of the logarithms of the constants.
@@ -374,13 +383,14 @@ pub(super) fn slopes(
 }
 
 /// True for what dry friction of a guide is by itself: its texture over position, the form in which it turns.
-fn is_of_guide(state: &State, h: &Hypothesis, amplitudes: &[f64]) -> bool {
+fn is_of_guide(balance: &Balance, state: &State, (h, amplitudes): (&Hypothesis, &[f64])) -> bool {
     let c = &Criteria::STANDARD;
     let dry_n = state.coulomb_n() + state.mechanics.motor_coulomb_n;
     match h.shape {
         Shape::Wave { .. } => rms(amplitudes) * (amplitudes.len() as f64).sqrt() < c.texture * dry_n,
         Shape::Map { .. } => rms(amplitudes) < c.texture * dry_n,
         Shape::Stribeck { speed_m_s } => speed_m_s < c.turning * state.smoothing_m_s,
+        Shape::Presliding { yield_m } => yield_m < balance.signals.least_way_m(balance.signals.sides() - 1),
         _ => false,
     }
 }
@@ -418,15 +428,17 @@ impl Subject for Drive<'_> {
         let mut evidence_nats = statistic(self.balance, state, &h, &asked);
         let mut amplitudes = asked.amplitudes().to_vec();
         if let Shape::Map { flips, .. } = h.shape {
-            evidence_nats -= self.as_of_motion(state, flips, work);
+            let beside = self.beside_motion(state, flips, work);
+            evidence_nats = evidence_nats.min(ask(self.balance, &beside, &h, false).score);
             if flips {
                 // Its mean is dry friction, which the numbers hold.
                 let mean = amplitudes.iter().sum::<f64>() / amplitudes.len().max(1) as f64;
                 amplitudes.iter_mut().for_each(|a| *a -= mean);
             }
         }
-        let at_bound =
-            asked.held() && !h.is_whole() || h.is_at_bound() || is_of_guide(state, &h, &amplitudes);
+        let at_bound = asked.held() && !h.is_whole()
+            || h.is_at_bound()
+            || is_of_guide(self.balance, state, (&h, &amplitudes));
         let mut model = state.with_numbers(&asked.fit.beta);
         let two = self.balance.signals.sides() == 2;
         let at_bound = at_bound || two && model.ground(self.balance).is_mostly_loose(&h);
