@@ -102,10 +102,34 @@ pub(crate) fn impossible_chatter(
 
 #[cfg(test)]
 mod tests {
+    use super::super::input::CutEvidence;
+    use super::super::machine::Frame;
+    use super::super::stretches::Stretch;
     use super::super::synthetic::recording;
     use super::*;
     use crate::plant::scenario::Scenario;
     use std::f64::consts::TAU;
+
+    /// A cut of no linear stretch is impossible where the machine is stable with all that is open of it: not
+    /// at the width at which it chatters, and not where something linear was fitted.
+    #[test]
+    fn chatter_is_impossible_where_no_machine_of_the_tolerance_chatters() {
+        let scenario = Scenario::default();
+        let frame = Frame::of(&scenario, &CutEvidence { recordings: &[], table: None });
+        let problem = Problem { frame: &frame, observables: &[] };
+        let posterior = Posterior::new(&problem, &frame.origin()).expect("priors alone");
+        let of = |width: f64, calm: Vec<Stretch>| {
+            let mut cut = recording(&scenario, 1.0, |_| [50.0, 50.0]);
+            cut.width_m.iter_mut().for_each(|b| *b *= width);
+            let stretches = Stretches { calm, followed: Vec::new() };
+            impossible_chatter(&problem, &posterior, &[cut], &stretches)
+        };
+        let left = of(0.01, Vec::new()).expect("chatter in a cut that is stable").location;
+        assert_eq!((left.port, left.domain, left.time.len()), (Port::Process, "outcome", 1));
+        assert!(of(0.05, Vec::new()).is_none(), "at the border a machine of the tolerance may chatter");
+        assert!(of(1.0, Vec::new()).is_none(), "the stated machine chatters there");
+        assert!(of(0.01, vec![Stretch { recording: 0, samples: 0..9000 }]).is_none(), "it was fitted");
+    }
 
     /// Contact that is lost over half of a period is none of it; a hum of three times the mean is.
     #[test]

@@ -4,7 +4,7 @@
 use super::super::result::Verdict;
 use super::adequacy::left;
 use super::fit::Problem;
-use super::input::{CutRecording, MissingColumn};
+use super::input::{Borne, CutRecording, MissingColumn};
 use super::laws::Law;
 use super::machine::Frame;
 use super::observable::{Lent, Observed, Origin, OriginKind};
@@ -12,20 +12,21 @@ use super::result::{CutDiagnosis, NotIdentifiable};
 use super::search::Model;
 use crate::plant::cut_effects::Specification;
 
-/// What of a recording is foretold with the help of a column.
-fn bears(column: &str, kind: OriginKind) -> bool {
-    let moving = matches!(kind, OriginKind::Calm | OriginKind::Followed);
-    match column {
-        "pitch_difference_rad" | "feed_m_rev" => moving || kind == OriginKind::Means,
-        "width_m" => moving || matches!(kind, OriginKind::Means | OriginKind::Orders),
-        _ => false,
+/// What a column that is missing may bear of this.
+fn borne(kind: OriginKind) -> Option<Borne> {
+    match kind {
+        OriginKind::Calm | OriginKind::Followed => Some(Borne::Vibration),
+        OriginKind::Means => Some(Borne::Means),
+        OriginKind::Orders => Some(Borne::Orders),
+        OriginKind::Angle | OriginKind::Table => None,
     }
 }
 
 /// True where an observable is foretold with the help of a column that its recording lacks.
 fn rests_on_another(recordings: &[CutRecording], origin: Origin) -> bool {
     let recording = origin.recording.and_then(|k| recordings.get(k));
-    recording.is_some_and(|r| r.missing.iter().any(|m| bears(m.name, origin.kind)))
+    let Some((recording, kind)) = recording.zip(borne(origin.kind)) else { return false };
+    recording.missing.iter().any(|m| m.bears.contains(&kind))
 }
 
 /// True where something of these recordings is.

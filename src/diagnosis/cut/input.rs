@@ -33,6 +33,19 @@ pub struct MissingColumn {
     pub hides: &'static str,
     /// Effects of which none is told without it.
     pub effects: &'static [EffectKind],
+    /// What is foretold with its help: if what stands in for it is wrong, so is that.
+    pub bears: &'static [Borne],
+}
+
+/// What of a recording is foretold with the help of a column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Borne {
+    /// Spectra and lines of the forces.
+    Vibration,
+    /// Mean forces.
+    Means,
+    /// Lines of the spindle.
+    Orders,
 }
 
 /// One recording of a cut. Every series has one value a sample and is finite.
@@ -271,6 +284,7 @@ const ONE_TOOL: MissingColumn = MissingColumn {
     instead: "the force of the other tool alone",
     hides: "what one tool does and the other does not",
     effects: &[],
+    bears: &[],
 };
 
 /// What stands in for a column that is missing, and what hides with it.
@@ -282,36 +296,42 @@ const REPLACED: [MissingColumn; 8] = [
         instead: "the scenario's position, and from there the way of the feed until the tools leave the cut",
         hides: "whatever changes along the bar, and whether it does so with the place or with time",
         effects: &[EffectKind::PositionDependentMode, EffectKind::SupportCompliance, EffectKind::ModeDrift],
+        bears: &[],
     },
     MissingColumn {
         name: "pitch_difference_rad",
         instead: "the scenario's pitch difference",
         hides: "the delays of the two tools apart",
         effects: &[],
+        bears: &[Borne::Vibration, Borne::Means],
     },
     MissingColumn {
         name: "feed_m_rev",
         instead: "the scenario's feed",
         hides: "edge force and exponent: what changes with the feed",
         effects: &[EffectKind::EdgeForce, EffectKind::NonlinearCuttingForce],
+        bears: &[Borne::Vibration, Borne::Means],
     },
     MissingColumn {
         name: "width_m",
         instead: "the scenario's width, all through the recording",
         hides: "nose radius: what changes with the width; entry and exit",
         effects: &[EffectKind::NoseRadius],
+        bears: &[Borne::Vibration, Borne::Means, Borne::Orders],
     },
     MissingColumn {
         name: "spindle_angle_rad",
         instead: "the angle of uniform rotation",
         hides: "speed variation, and the phase of what turns with the work",
         effects: &[EffectKind::SpindleSpeedVariation],
+        bears: &[],
     },
     MissingColumn {
         name: "workpiece_displacement_m",
         instead: "nothing: there is no probe",
         hides: "a force signal that is later or narrower than stated",
         effects: &[EffectKind::ForceSensorLag],
+        bears: &[],
     },
 ];
 
