@@ -3,6 +3,7 @@
 
 use super::identified::HeardLine;
 use super::pitch::{PitchError, optimum_pitch_rad};
+use crate::chatter::SAME_LINE_HZ;
 use crate::keyframe::keep;
 use crate::units::SpindleSpeed;
 
@@ -10,9 +11,7 @@ use crate::units::SpindleSpeed;
 const LINES: usize = 8;
 /// Frequencies that a bar in a lathe can chatter at: longer and thinner than any, to shorter and thicker.
 const PLAUSIBLE_HZ: std::ops::RangeInclusive<f64> = 20.0..=20_000.0;
-/// Two lines nearer than this are one, drifted.
-const SAME_LINE_HZ: f64 = 8.0;
-/// And heard at the same pitch, rad.
+/// A line is the same one where it is heard at the same pitch, rad.
 const SAME_PITCH_RAD: f64 = 0.01;
 
 /// Chatter lines heard in this cut, each with when it was heard last.

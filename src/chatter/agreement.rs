@@ -1,17 +1,14 @@
 //! What several axes say together: chatter shakes the bar, and every axis of the turret feels it.
 
+use super::criteria::{FOLLOWS, SAME_LINE_HZ};
 use super::{ChatterOutput, Phase};
 use crate::sample::MAX_AXES;
 
-/// Lines of two axes nearer than this are the same line: the short windows place one to a few Hz.
-const SAME_LINE_HZ: f64 = 8.0;
 /// Two axes must agree for this long: two drives that hunt meet on one line only in passing.
 const TOGETHER_S: f64 = 0.12;
 /// A line that moves further than this between looks is not the same line: noise that a damped mode colours
 /// wanders.
 const STEADY_HZ: f64 = 4.0;
-/// It may drift with speed and tools: of each look in the place of the line, 0.15 s.
-const FOLLOWS: f64 = 0.027;
 /// A line that one axis alone hears must last this long before it counts: hunting of a single drive does not.
 const ALONE_S: f64 = 1.0;
 /// A line so many times over the noise must last no longer than two axes must agree, a weaker one as much

@@ -89,6 +89,11 @@ pub(super) const CRITERIA: Criteria = Criteria {
     stable_shape: 4.0,
 };
 
+/// Two lines nearer than this are the same line, Hz: a short window places one to a few.
+pub(crate) const SAME_LINE_HZ: f64 = 8.0;
+/// It may drift with speed and tools: of each look in its place.
+pub(super) const FOLLOWS: f64 = 0.03;
+
 /// Mean time between false alarms, s: 1000 h of cutting.
 pub const FALSE_ALARM_S: f64 = 3.6e6;
 

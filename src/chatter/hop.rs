@@ -1,13 +1,10 @@
 //! A line that jumps to another lobe goes on as the same chatter.
 
+use super::criteria::{FOLLOWS, SAME_LINE_HZ};
 use crate::keyframe::keep;
 
-/// A line nearer than this is the same line, Hz: a short window places one to a few.
-const SAME_HZ: f64 = 8.0;
 /// Values after which it has moved there: 40 ms.
 const STAYS: u32 = 20;
-/// Of each value in its place: it may drift with the speed.
-const FOLLOWS: f64 = 0.03;
 
 /// Where the line stands.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -25,7 +22,7 @@ impl Hop {
             *self = Self { line_hz, away: 0 };
             return None;
         };
-        if (now_hz - from_hz).abs() < SAME_HZ {
+        if (now_hz - from_hz).abs() < SAME_LINE_HZ {
             *self = Self { line_hz: Some(from_hz + FOLLOWS * (now_hz - from_hz)), away: 0 };
             return None;
         }

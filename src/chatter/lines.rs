@@ -7,14 +7,14 @@ use super::steady::{BLOCK, KEPT, Steady, since};
 use super::sweep::PAST;
 use super::window::{Around, Heard, Value, fit};
 use nalgebra::Complex;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::{EULER_GAMMA, PI, TAU};
 
 type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
 /// The window that tells the level of all the band.
 pub(super) const COMMON: usize = 1;
 /// Points of the transforms: twice the values of the windows.
-pub(super) const POINTS: [usize; WINDOWS.len()] = [64, 128, 256, 512];
+pub(super) const POINTS: [usize; WINDOWS.len()] = [64, 128, 256, MOST_POINTS];
 
 /// First and last cell of a transform of `points` that lie in a band, Hz from the centre.
 fn cells(band_hz: [f64; 2], rate_hz: f64, points: usize) -> std::ops::RangeInclusive<i64> {
@@ -159,7 +159,7 @@ impl Test {
         let count = among.clone().count().max(1) as f64;
         let all: f64 = among.map(|k| power(&x, k).max(f64::MIN_POSITIVE).ln()).sum();
         // The mean logarithm of an exponential variable is that of its mean less Euler's constant.
-        (all / count + EULER).exp() / sum
+        (all / count + EULER_GAMMA).exp() / sum
     }
 
     /// Strongest line of the residual in the last `n` values, a window's length: a peak, no skirt of what
@@ -256,8 +256,6 @@ impl Test {
         sums
     }
 }
-
-const EULER: f64 = 0.577;
 
 /// The strongest line.
 #[derive(Debug, Clone, Copy)]

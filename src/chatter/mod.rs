@@ -35,6 +35,7 @@ mod window;
 pub use agreement::{Agreement, AgreementState, agree};
 pub use band::{Band, BandError, predicted_band, predicted_band_in_cut};
 pub use criteria::FALSE_ALARM_S;
+pub(crate) use criteria::SAME_LINE_HZ;
 pub use cut_level::MeanForce;
 pub use monitor::{ChatterError, ChatterMonitor, ChatterSettings, ChatterState};
 

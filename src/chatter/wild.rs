@@ -7,10 +7,8 @@
 const WILD: f64 = 12.0;
 /// What goes on for more samples than this is no spike.
 const FEW: u32 = 3;
-/// Memory of level and distance.
+/// Memory of level and distance, s: for so long nothing is known.
 const MEMORY_S: f64 = 0.05;
-/// For so long nothing is known.
-const FIRST_S: f64 = 0.05;
 
 /// The level and how far samples usually are from it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -28,7 +26,7 @@ impl Wild {
     #[inline]
     pub(super) fn bound(&mut self, force_n: f64, period_s: f64) -> f64 {
         let apart_n = force_n - self.level_n;
-        let known = self.seen as f64 * period_s > FIRST_S;
+        let known = self.seen as f64 * period_s > MEMORY_S;
         if known && self.run < FEW && apart_n * apart_n > WILD * WILD * self.square_n2 {
             self.run += 1;
             return self.level_n;

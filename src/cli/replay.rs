@@ -20,7 +20,10 @@ use crate::report::decisions::write_decisions;
 use crate::report::events::{EventLine, events_text, write_events};
 use crate::report::track::{Track, TrackRow};
 use crate::sample::{AxisSample, MAX_AXES, Recording, ServoSample};
+use crate::signal::order_tracking::speed_from_orders;
+use crate::units::{SampleRate, SpindleSpeed};
 use anyhow::Context as _;
+use std::borrow::Cow;
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -225,11 +228,11 @@ fn replay(
 /// Where the pipeline's input is found in a recording.
 struct Source<'a> {
     axes: Vec<String>,
-    rate: crate::units::SampleRate,
+    rate: SampleRate,
     signals: Signals<'a>,
     /// What their mean tells.
     mean: MeanForce,
-    speed: Option<&'a [f64]>,
+    speed: Option<Cow<'a, [f64]>>,
     speed_given_rpm: Option<f64>,
     angle: Option<&'a [f64]>,
     accel: Option<[&'a [f64]; 3]>,
@@ -237,6 +240,21 @@ struct Source<'a> {
     /// The machine's own times, where a black box kept them.
     times: Option<&'a [f64]>,
     cut: CutColumns<'a>,
+}
+
+/// Speed at each row, rpm, where the recording itself shows that the spindle did not turn at the one stated;
+/// says so on standard error.
+fn turned(columns: &[&[f64]], rate: SampleRate, stated_rpm: f64) -> Option<Vec<f64>> {
+    let mut speed = speed_from_orders(columns, rate, SpindleSpeed::from_rpm(stated_rpm).ok()?)?;
+    speed.iter_mut().for_each(|hz| *hz *= 60.0);
+    let [least, most] = speed.iter().fold([f64::MAX, 0.0], |[a, b], x| [x.min(a), x.max(b)]);
+    // Whoever reads standard error may have gone; the answer is written all the same.
+    let _ = writeln!(
+        std::io::stderr(),
+        "note: the spindle did not turn at the stated {stated_rpm} rpm: its orders show {least:.0} to \
+         {most:.0} rpm, which is what this replay goes by"
+    );
+    Some(speed)
 }
 
 /// Conditions of the cut, as far as the recording has them (contracts, section 4).
@@ -336,6 +354,14 @@ impl<'a> Source<'a> {
         if axes.len() > MAX_AXES {
             return Err(format!("{} axes; at most {MAX_AXES} are watched", axes.len()));
         }
+        let stated = arguments.spindle_speed_rpm.filter(|_| recording.get("spindle_speed_rpm").is_none());
+        let speed = match (&signals, stated) {
+            (Signals::Direct(columns), Some(rpm)) => {
+                let columns: Vec<&[f64]> = columns.iter().map(|c| c.values).collect();
+                turned(&columns, recording.sample_rate, rpm).map(Cow::Owned)
+            }
+            _ => recording.get("spindle_speed_rpm").map(Cow::Borrowed),
+        };
         let measured = |column: &DirectColumn<'_>| column.flags.is_none();
         let mean = match &signals {
             Signals::Direct(_) if arguments.signal != "force_n" => MeanForce::Absent,
@@ -347,7 +373,7 @@ impl<'a> Source<'a> {
             rate: recording.sample_rate,
             signals,
             mean,
-            speed: recording.get("spindle_speed_rpm"),
+            speed,
             speed_given_rpm: arguments.spindle_speed_rpm,
             angle: recording.get("spindle_angle_rad"),
             accel,
@@ -412,7 +438,7 @@ impl<'a> Source<'a> {
     }
 
     fn speed_rpm(&self, index: usize) -> Option<f64> {
-        self.speed.map(|s| s[index]).or(self.speed_given_rpm)
+        self.speed.as_ref().map(|s| s[index]).or(self.speed_given_rpm)
     }
 
     /// What the recording tells of the cut at a row.

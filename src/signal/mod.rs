@@ -11,6 +11,7 @@ pub mod finite_difference;
 pub mod harmonic_fit;
 pub mod linear_phase;
 pub mod notch;
+pub mod order_tracking;
 pub(crate) mod sine;
 pub mod sliding_dft;
 mod sliding_dft_kernel;
