@@ -35,19 +35,18 @@ pub fn holds_token(text: &str) -> bool {
     runs(text).any(|run| is_begun(run) || is_random(run))
 }
 
-/// Whether a text holds a token of one of these SHA-256: a word of it, two words that a blank parts, or
-/// characters in a row of the text without its blanks, of whatever form and with or without its beginning.
+/// Whether a text holds a token of one of these SHA-256: a word of it, two words that a blank parts, all of it
+/// without its blanks, or letters in a row whatever stands between them, with or without its beginning.
 pub(super) fn holds_token_of(text: &str, known: impl Fn(&[u8; 32]) -> bool) -> bool {
     let is_known = |word: &str| known(&Sha256::digest(word.as_bytes()).into());
     let bare = |word: &str| is_known(word) || is_known(word.trim_matches(|c| !is_of_a_token(c)));
     let words: Vec<&str> = text.split_whitespace().collect();
     let pairs = words.windows(2).any(|pair| bare(&pair.concat()));
-    let compact = words.concat();
-    let rows = runs(&compact).any(|run| {
-        let row = |at: usize| run.get(at..at + SECRET).is_some_and(|row| is_known(&format!("{PREFIX}{row}")));
-        (0..run.len()).any(row)
-    });
-    pairs || rows || words.iter().any(|word| bare(word)) || runs(text).any(is_known) || bare(&compact)
+    // Whatever stands between its characters, seen or not.
+    let letters: String = text.chars().filter(|c| is_of_a_token(*c)).collect();
+    let row = |at: usize| letters.get(at..at + SECRET).is_some_and(|row| is_known(&format!("{PREFIX}{row}")));
+    let rows = (0..letters.len()).any(row);
+    pairs || rows || words.iter().any(|word| bare(word)) || runs(text).any(is_known) || bare(&words.concat())
 }
 
 /// The text without what has the form of a token.
@@ -99,6 +98,10 @@ mod tests {
         for at in [3, PREFIX.len(), 20, 40] {
             let parted = format!("it is {} {} today", &token[..at], &token[at..]);
             assert!(holds_token_of(&parted, |d| *d == ours), "{parted}");
+        }
+        for between in ["\u{200b}", "\u{ad}", ".", " / "] {
+            let parted = format!("it is {}{between}{}", &token[..30], &token[30..]);
+            assert!(holds_token_of(&parted, |d| *d == ours), "{parted:?}");
         }
         let thrice = format!("{} {} {}", &core[..9], &core[9..30], &core[30..]);
         assert!(holds_token_of(&thrice, |d| *d == ours));

@@ -112,8 +112,8 @@ series! {
         &["axis", "bound"]);
     stability_margin_known: IntGaugeVec = int_gauges("stillcut_stability_margin_known",
         "1 while the margin of an axis is known.", &["axis"]);
-    stability_margin_deaf: IntGaugeVec = int_gauges("stillcut_stability_margin_deaf",
-        "1 while the cut cannot be heard for this reason.", &["axis", "reason"]);
+    stability_margin_deaf: GaugeVec = gauges("stillcut_stability_margin_deaf",
+        "1 while the cut cannot be heard for this reason; absent otherwise.", &["axis", "reason"]);
     force_disagreement_newtons: GaugeVec = gauges("stillcut_force_disagreement_newtons",
         "Standard deviation of the difference of an axis' two force estimators, last second.", &["axis"]);
     force_usable_band_hertz: GaugeVec = gauges("stillcut_force_usable_band_hertz",

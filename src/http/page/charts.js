@@ -42,7 +42,9 @@ const LIVE_S = 20; // longer ranges are asked for again instead of drawn as they
 
 const newtons = (level) => 10 ** ((level / 2 - 80) / 20);
 const inNewtons = (n) => `${n >= 100 ? n.toFixed(0) : n.toPrecision(2).replace(/e.*/, "")} N`;
-const agoText = (s) => (s < 0.05 ? "now" : s < 100 ? `-${+s.toFixed(1)} s` : s < 6000 ? `-${Math.round(s / 60)} min` : `-${+(s / 3600).toFixed(1)} h`);
+const agoText = (s) => (s < 0.05 ? say("now") : s < 100 ? `-${+s.toFixed(1)} s` : s < 6000 ? `-${+(s / 60).toFixed(1)} min` : `-${+(s / 3600).toFixed(1)} h`);
+// Median distance of ages that fall.
+const usualStep = (ages) => ages.slice(1).map((age, k) => ages[k] - age).sort((a, b) => a - b)[(ages.length - 1) >> 1] ?? 0;
 const shades = (levels, floor) => levels.map((l) => Math.max(0, Math.min(255, Math.round((l - floor) / RANGE * 255))));
 
 // A line under the pointer and what stands there; `read` answers the words for an age and a height.
@@ -70,10 +72,7 @@ class Waterfall {
   clear() {
     this.line = new Array(COLUMNS).fill(null);
     this.columns = new Array(COLUMNS).fill(null);
-    if (!this.grid) return;
-    const fresh = this.image.getContext("2d");
-    fresh.fillStyle = `rgb(${HEAT_TABLE[0].join(" ")})`;
-    fresh.fillRect(0, 0, COLUMNS, this.grid.count);
+    if (this.grid) this.image.getContext("2d").clearRect(0, 0, COLUMNS, this.grid.count);
   }
 
   use(first, step, count) {
@@ -94,10 +93,11 @@ class Waterfall {
     const sorted = Uint8Array.from(levels).sort();
     this.floor = Math.min(sorted[Math.floor(sorted.length * 0.2)], 150);
     const place = past.age_s.map((age) => COLUMNS - 1 - Math.floor(age / this.rangeS * COLUMNS));
+    const apart = Math.max(BRIDGED, 1.5 * usualStep(past.age_s) / this.rangeS * COLUMNS);
     place.forEach((x, k) => {
-      // A column stands until the next one, where that is not far: a pause stays dark.
-      const next = k + 1 < place.length ? place[k + 1] : x + 1;
-      const last = next - x <= BRIDGED ? Math.max(next, x + 1) : x + 1;
+      // A column stands until the next one, where that is not far: a pause stays empty.
+      const next = k + 1 < place.length ? place[k + 1] : COLUMNS;
+      const last = next - x <= apart ? Math.max(next, x + 1) : x + 1;
       const column = levels.subarray(k * past.bins, (k + 1) * past.bins);
       for (let at = Math.max(x, 0); at < Math.min(last, COLUMNS); at++) this.put(at, column, past.line_hz[k]);
     });
@@ -128,15 +128,15 @@ class Waterfall {
     const sorted = Uint8Array.from(levels).sort();
     const quiet = sorted[Math.floor(sorted.length * 0.2)];
     this.floor += 0.02 * (Math.min(quiet, 150) - this.floor);
-    // Time goes on while nothing comes: a dropped picture is bridged, a pause stays dark.
+    // Time goes on while nothing comes: a dropped picture is bridged, a pause stays empty.
     const machine = frame.t_s - this.last.t_s, wall = (Date.now() - this.last.at) / 1000;
     const passed = machine > 0 && machine < 60 && this.last.t_s > 0 ? machine : wall;
     const steps = Math.max(1, Math.min(COLUMNS, Math.round(passed / (this.rangeS / COLUMNS))));
     this.last = { t_s: frame.t_s, at: Date.now() };
     const context = this.image.getContext("2d");
+    context.globalCompositeOperation = "copy"; // what is empty stays so
     context.drawImage(this.image, -steps, 0);
-    context.fillStyle = `rgb(${HEAT_TABLE[0].join(" ")})`;
-    context.fillRect(COLUMNS - steps, 0, steps, levels.length);
+    context.globalCompositeOperation = "source-over";
     for (let k = 0; k < steps; k++) { this.line.push(null); this.columns.push(null); }
     this.line.splice(0, steps);
     this.columns.splice(0, steps);
@@ -165,12 +165,16 @@ class Waterfall {
     const { left, plotWidth, plotHeight } = this.layout(width, height);
     context.fillStyle = resolved("--soft");
     if (!this.grid) {
-      context.fillText("no spectrum yet", left, height / 2);
+      context.fillText(say("no spectrum yet"), left, height / 2);
       return;
     }
     const { first, step, count } = this.grid, last = first + step * (count - 1);
     const y = (hz) => 2 + plotHeight * (1 - (hz - first) / (last - first));
     context.imageSmoothingEnabled = false;
+    // Nothing is known where this is seen: silence is dark.
+    context.fillStyle = resolved("--unknown");
+    context.fillRect(left, 2, plotWidth, plotHeight);
+    context.fillStyle = resolved("--soft");
     context.drawImage(this.image, left, 2, plotWidth, plotHeight);
     context.textAlign = "right";
     for (let hz = Math.ceil(first / 50) * 50; hz <= last; hz += 50) {
@@ -229,7 +233,7 @@ class ForceTrace {
   load(past) {
     this.rangeS = past.seconds;
     const newest = (past.newest_t_s ?? 0) + (past.age_s.length ? past.age_s[past.age_s.length - 1] : 0);
-    this.wide = past.age_s.length > 1 ? (past.age_s[0] - past.age_s[past.age_s.length - 1]) / (past.age_s.length - 1) : 1;
+    this.wide = past.age_s.length > 1 ? usualStep(past.age_s) : 1;
     this.slices = past.age_s.map((age, k) => ({ t: newest - age, values: past.force_n.map((axis) => axis[k]) }));
   }
 
@@ -293,7 +297,7 @@ class ForceTrace {
         const v = slice.values[axis];
         if (!v) continue;
         const x = left + plotWidth * (1 - (newest - slice.t) / this.rangeS);
-        context.fillRect(x, y(v[1]), Math.max(plotWidth * Math.min(this.wide, 1.5 * this.rangeS / 400) / this.rangeS, 1), Math.max(y(v[0]) - y(v[1]), 1));
+        context.fillRect(x, y(v[1]), Math.max(plotWidth * this.wide / this.rangeS, 1), Math.max(y(v[0]) - y(v[1]), 1));
       }
       context.globalAlpha = 1;
     }
@@ -317,7 +321,7 @@ class StabilityChart {
     const { context, width, height } = prepare(this.canvas);
     context.fillStyle = resolved("--soft");
     if (!this.curve || this.curve.pitch_rad.length < 2) {
-      context.fillText("no stability curve", 10, height / 2);
+      context.fillText(say("no stability curve"), 10, height / 2);
       return;
     }
     const left = 56, bottom = 20, plotWidth = width - left - 6, plotHeight = height - bottom - 6;
@@ -338,10 +342,10 @@ class StabilityChart {
     context.strokeStyle = resolved("--soft");
     context.beginPath(); context.moveTo(left, y(0)); context.lineTo(left + plotWidth, y(0)); context.stroke();
     context.fillStyle = resolved("--bad"); context.textAlign = "center";
-    context.fillText("grows", left + plotWidth / 2, 18);
+    context.fillText(say("grows"), left + plotWidth / 2, 18);
     context.textAlign = "left";
     context.fillStyle = resolved("--soft");
-    context.fillText("dies out", left + 4, plotHeight);
+    context.fillText(say("dies out"), left + 4, plotHeight);
     context.strokeStyle = resolved("--ink"); context.lineWidth = 2;
     context.beginPath();
     pitch.forEach((p, i) => (i ? context.lineTo(x(p), y(growth[i])) : context.moveTo(x(p), y(growth[i]))));

@@ -4,6 +4,7 @@
 const $ = (id) => document.getElementById(id);
 const degrees = (rad) => (rad === null || rad === undefined ? "–" : `${(rad * 180 / Math.PI).toFixed(2).replace(/^-0\.00$/, "0.00")}°`);
 const STALE_MS = 2500;
+const PATIENCE_MS = 5000;
 
 const waterfall = new Waterfall($("waterfall"));
 const force = new ForceTrace($("force"));
@@ -23,6 +24,16 @@ function headers(extra = {}) {
   return token ? { ...extra, Authorization: `Bearer ${token}` } : extra;
 }
 
+// Status and text of an answer; fails in words, within the patience of somebody who waits.
+async function fetched(path, options) {
+  try {
+    const response = await fetch(path, { ...options, signal: AbortSignal.timeout(PATIENCE_MS) });
+    return { response, text: await response.text() };
+  } catch {
+    throw new Error("the service does not answer");
+  }
+}
+
 // Sends JSON; throws an Error whose message is for a person and whose status is the HTTP status.
 async function request(method, path, body, extra = {}) {
   const options = { method, headers: headers(extra), cache: "no-store" };
@@ -30,19 +41,21 @@ async function request(method, path, body, extra = {}) {
     options.headers["Content-Type"] = "application/json";
     options.body = JSON.stringify(body);
   }
-  const response = await fetch(path, options);
-  const text = await response.text();
+  const { response, text } = await fetched(path, options);
   let answer = null;
   try { answer = text ? JSON.parse(text) : null; } catch { /* not JSON: the status must do */ }
   if (!response.ok) {
     const details = answer && answer.errors ? answer.errors.map((e) => e.detail).join("; ") : "";
     const error = new Error([answer ? answer.detail : response.statusText, details].filter(Boolean).join(": "));
     error.status = response.status;
-    if (answer && answer.code === "bad_token") forgetToken();
+    if (answer && ["bad_token", "too_many_bad_tokens"].includes(answer.code)) forgetToken();
     throw error;
   }
   return { answer, etag: response.headers.get("ETag") };
 }
+
+// Too many wrong tokens (429) bar no good one.
+const needsToken = (error) => [401, 403, 429].includes(error.status);
 
 // A token that is revoked or out of date is worse than none: reading on the machine itself needs none.
 function forgetToken() {
@@ -62,7 +75,7 @@ async function listen() {
       lastMessage = Math.max(lastMessage, Date.now() - STALE_MS - 1);
       const extra = lastEventId === null ? {} : { "Last-Event-ID": String(lastEventId) };
       const response = await fetch("/api/v1/stream", { headers: headers(extra), cache: "no-store", signal: giveUp.signal });
-      if (response.status === 401 && sessionStorage.getItem("token")) { forgetToken(); continue; }
+      if ((response.status === 401 || response.status === 429) && sessionStorage.getItem("token")) { forgetToken(); continue; }
       if (response.status === 401) { refusal = "token needed"; await pause(3000); continue; }
       if (response.status === 429) { refusal = "too many wrong tokens, a minute's pause"; await pause(60000); continue; }
       if (!response.ok) throw new Error(String(response.status));
@@ -533,9 +546,8 @@ function ask({ title, text, minutes = false, reason = "", token = false, judge =
     } catch (error) {
       $("ask-error").hidden = false;
       $("ask-error").textContent = error.message || "the service does not answer";
-      const barred = error.status === 401 || error.status === 403;
-      $("ask-token-row").hidden = !barred;
-      if (barred) $("ask-token").focus(); // what is pasted next is a token
+      $("ask-token-row").hidden = !needsToken(error);
+      if (needsToken(error)) $("ask-token").focus(); // what is pasted next is a token
     } finally { $("ask-ok").disabled = false; }
   };
   closeDialogs();
@@ -575,9 +587,9 @@ async function takeBack() {
     closeDialogs();
     done();
   } catch (error) {
-    const barred = error.status === 401 || error.status === 403;
-    setText("take-back-note", barred ? "" : `NOT taken back: ${error.message || "the service does not answer"}`);
-    if (barred) ask({ title: "Take the turret back", text: "Equal pitch, mode observe, at once.", reason, token: true,
+    const at = clockText(new Date());
+    setText("take-back-note", needsToken(error) ? "" : `NOT taken back at ${at}: ${error.message}`);
+    if (needsToken(error)) ask({ title: "Take the turret back", text: "Equal pitch, mode observe, at once.", reason, token: true,
       run: async (given) => { await request("POST", "/api/v1/override", given); done(); } });
   }
 }

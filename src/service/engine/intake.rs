@@ -102,6 +102,19 @@ impl Faults {
     }
 }
 
+/// Names of the axes, rate and pipeline for what this batch announces. Errors: one line why it cannot be used.
+fn designed(
+    batch: &ServoBatch,
+    config: &ServiceConfig,
+) -> Result<(Vec<String>, SampleRate, Pipeline), String> {
+    let count =
+        batch.axes().ok_or_else(|| format!("{} axes in a batch; expected 1 to 6", batch.axis_count))?;
+    let names: Vec<String> = batch.axis_names.iter().take(count).map(axis_name_text).collect();
+    let rate = SampleRate::new(batch.sample_rate_hz).map_err(|e| e.to_string())?;
+    let pipeline = Pipeline::new(config.pipeline_settings(rate, &names)).map_err(|e| e.to_string())?;
+    Ok((names, rate, pipeline))
+}
+
 impl Stream {
     /// Designs the pipeline for what this batch announces. Errors: one line why it cannot be used.
     pub(super) fn begin(
@@ -109,11 +122,7 @@ impl Stream {
         config: &ServiceConfig,
         metrics: &Arc<Metrics>,
     ) -> Result<Self, String> {
-        let count =
-            batch.axes().ok_or_else(|| format!("{} axes in a batch; expected 1 to 6", batch.axis_count))?;
-        let names: Vec<String> = batch.axis_names.iter().take(count).map(axis_name_text).collect();
-        let rate = SampleRate::new(batch.sample_rate_hz).map_err(|e| e.to_string())?;
-        let pipeline = Pipeline::new(config.pipeline_settings(rate, &names)).map_err(|e| e.to_string())?;
+        let (names, rate, pipeline) = designed(batch, config)?;
         let counters = names.iter().map(|axis| AxisCounters {
             samples: metrics.samples.with_label_values(&[axis]),
             lost: metrics.samples_lost.with_label_values(&[axis]),
@@ -172,11 +181,10 @@ impl Stream {
         self.refuse(Reject::BadCount, None, batch.points[0].t_ns);
     }
 
-    /// Whether a batch says that it is of this stream, and its head is one that no stream can have: one wrong
-    /// batch, not another machine.
-    pub(super) fn disowns(&self, batch: &ServoBatch) -> bool {
-        let possible = batch.axes().is_some() && SampleRate::new(batch.sample_rate_hz).is_ok();
-        batch.stream == self.id && !possible
+    /// Whether a batch says that it is of this stream, and its head is one that no stream can have, or none
+    /// that can be heard: one wrong batch, not another machine.
+    pub(super) fn disowns(&self, batch: &ServoBatch, config: &ServiceConfig) -> bool {
+        batch.stream == self.id && !self.carries(batch) && designed(batch, config).is_err()
     }
 
     /// A batch whose head is wrong: none of its samples can be read.

@@ -310,7 +310,7 @@ impl Engine {
     }
 
     fn take_batch(&mut self, batch: &ServoBatch, now: Instant) {
-        if let Some(stream) = self.stream.as_mut().filter(|s| s.disowns(batch)) {
+        if let Some(stream) = self.stream.as_mut().filter(|s| s.disowns(batch, &self.setup.config)) {
             stream.refuse_layout(batch);
             return;
         }
