@@ -22,9 +22,6 @@ pub(super) struct Chain {
     levels: Levels,
 }
 
-/// In air, and in the cut.
-const AIR: usize = 0;
-const CUT: usize = 1;
 /// The mixer's filter has filled after so many of its delays.
 const FILLED_DELAYS: f64 = 3.0;
 /// Blocks of an alarm after which its scatter counts: a second.
@@ -34,11 +31,12 @@ const ENOUGH: usize = 10;
 pub(super) struct ChainState {
     mix: DownMixState,
     mixer: C,
+    /// In air, and in the cut.
     orders: [Orders; 2],
     noise: [Noise; 2],
     whitener: Whitener,
     /// Which of the two it is now.
-    place: usize,
+    in_cut: bool,
     /// The newest ends at `end`; what is long past is left out in one move.
     values: Vec<Value>,
     end: usize,
@@ -62,9 +60,9 @@ pub(super) struct ChainState {
 }
 
 keep!(ChainState {
-    mix, mixer, orders, noise, whitener, place, values, end, count, clean, heard, power_n2, whole_n2,
+    mix, mixer, orders, noise, whitener, in_cut, values, end, count, clean, heard, power_n2, whole_n2,
     louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, alarmed,
-} if |s| s.place < 2 && (LONGEST + PAST..=2 * LONGEST).contains(&s.end));
+} if |s| (LONGEST + PAST..=2 * LONGEST).contains(&s.end));
 
 /// What the chain is told with each value.
 #[derive(Debug, Clone, Copy)]
@@ -111,7 +109,7 @@ impl Chain {
             orders: [Orders::new(), Orders::new()],
             noise: [Noise::NEW, Noise::NEW],
             whitener: Whitener::NONE,
-            place: AIR,
+            in_cut: false,
             values: vec![Value::NONE; 2 * LONGEST],
             end: LONGEST + PAST,
             count: 0,
@@ -134,7 +132,7 @@ impl Chain {
     /// What was known before samples were lost: the spindle's angle is not.
     pub(super) fn resume(&self, state: &mut ChainState, known: &ChainState) {
         state.noise.clone_from(&known.noise);
-        (state.place, state.whitener, state.before) = (known.place, known.whitener, known.before);
+        (state.in_cut, state.whitener, state.before) = (known.in_cut, known.whitener, known.before);
     }
 
     /// Takes a sample; true when there is a value to [`Self::hear`].
@@ -164,7 +162,7 @@ impl Chain {
                 centre_hz: self.centre_hz(),
                 learns,
             };
-            orders = state.orders[state.place].step(&at);
+            orders = state.orders[usize::from(state.in_cut)].step(&at);
         }
         if state.end == state.values.len() {
             state.values.copy_within(state.end - (LONGEST + PAST).., 0);
@@ -183,8 +181,7 @@ impl Chain {
         self.age(state, told);
         if learns {
             let r: [C; MEMORY + 1] = std::array::from_fn(|m| state.values[last - m].residual);
-            let place = state.place;
-            if state.noise[place].learn(&r, CRITERIA.noise_s * rate_hz) {
+            if state.noise[usize::from(state.in_cut)].learn(&r, CRITERIA.noise_s * rate_hz) {
                 self.renew(state);
             }
         }
@@ -213,14 +210,14 @@ impl Chain {
     /// the mean force is that of a tool in the cut, and no zero that drifts: infinite where it is not known.
     fn stable_n2(&self, state: &ChainState, told: &Told) -> [f64; 2] {
         let share_n2 = (CRITERIA.stable_share * told.mean_n).powi(2);
-        let drifts = self.knows(state) && state.place == AIR;
+        let drifts = self.knows(state) && !state.in_cut;
         [share_n2, if Self::cuts(state, told) && !drifts { share_n2 } else { f64::INFINITY }]
     }
 
     /// Whether a tool is in the cut, by its mean force.
     fn cuts(state: &ChainState, told: &Told) -> bool {
         let pushes = told.mean_n > CRITERIA.over_whole * state.whole_n2.sqrt();
-        told.mean != MeanForce::Absent && (state.place == CUT || pushes)
+        told.mean != MeanForce::Absent && (state.in_cut || pushes)
     }
 
     /// The line that stands: a limit cycle that was not there before, or is louder than a stable cut is.
@@ -274,9 +271,9 @@ impl Chain {
     /// The model that whitens: of this cut, or of the air while the cut's is not known.
     fn renew(&self, state: &mut ChainState) {
         let least = CRITERIA.young_s * self.rate_hz();
-        let here = &state.noise[state.place];
-        let air = &state.noise[AIR];
-        state.whitener = if self.young(state) && air.known() > least && state.place == CUT {
+        let here = &state.noise[usize::from(state.in_cut)];
+        let air = &state.noise[0];
+        state.whitener = if self.young(state) && air.known() > least && state.in_cut {
             air.whitener()
         } else if here.known() > least {
             here.whitener()
@@ -299,7 +296,7 @@ impl Chain {
     }
 
     fn young(&self, state: &ChainState) -> bool {
-        state.noise[state.place].known() < 0.99 * CRITERIA.noise_s * self.rate_hz()
+        state.noise[usize::from(state.in_cut)].known() < 0.99 * CRITERIA.noise_s * self.rate_hz()
     }
 
     /// Whether enough noise is known to say anything.
@@ -369,7 +366,7 @@ impl Chain {
         state.louder = if other { state.louder + n / LOOKS } else { 0 };
         if state.louder >= n && !around.alarm && !around.young {
             self.remember(state);
-            state.noise[state.place].doubt(CRITERIA.young_s * self.rate_hz());
+            state.noise[usize::from(state.in_cut)].doubt(CRITERIA.young_s * self.rate_hz());
             state.louder = 0;
             self.renew(state);
         }
@@ -396,30 +393,29 @@ impl Chain {
     }
 
     /// What is heard from now on is something else: nothing of before counts.
-    pub(super) fn begin(&self, state: &mut ChainState, place: Option<usize>) {
+    pub(super) fn begin(&self, state: &mut ChainState, in_cut: Option<bool>) {
         state.clean = 0;
         state.heard = [Heard::default(); WINDOWS.len()];
         state.standing = Heard::default();
         state.scatters = false;
-        if let Some(place) = place {
+        if let Some(in_cut) = in_cut {
             self.remember(state);
-            if place != state.place {
-                state.noise[state.place].settle();
+            if in_cut != state.in_cut {
+                state.noise[usize::from(state.in_cut)].settle();
             }
-            state.place = place;
-            state.orders[place].doubt();
+            state.in_cut = in_cut;
+            state.orders[usize::from(in_cut)].doubt();
             self.renew(state);
         }
     }
 
     /// A line was declared: what was learned in the guard time is forgotten.
     pub(super) fn back(&self, state: &mut ChainState) {
-        let place = state.place;
-        state.noise[place].back();
+        state.noise[usize::from(state.in_cut)].back();
     }
 
     pub(super) fn variance_ratio(&self, state: &ChainState) -> f64 {
-        state.power_n2 / state.noise[state.place].power().max(f64::MIN_POSITIVE)
+        state.power_n2 / state.noise[usize::from(state.in_cut)].power().max(f64::MIN_POSITIVE)
     }
 
     /// Strongest line of the last `n` values, a window's length.

@@ -284,7 +284,7 @@ impl ChatterMonitor {
         };
         state.cuts = place;
         for (chain, s) in self.chains.iter().zip(&mut state.chains) {
-            chain.begin(s, Some(usize::from(place)));
+            chain.begin(s, Some(place));
         }
         state.lambda = 0.0;
         state.latest.event = Some(ChatterEvent::CutChanged);

@@ -340,7 +340,7 @@ fn a_recording_that_waits_is_saved_when_the_samples_cease() {
     // A stream that begins anew does the same.
     bench.feed(3.5, |_| {});
     bench.engine.save_around("manual", "test");
-    bench.names = ["a", "b", "c", "d"];
+    bench.names = ["x1", "z1", "x2", "y2"];
     bench.feed(0.001, |_| {});
     assert!(bench.jobs.try_recv().is_ok());
 }
