@@ -35,8 +35,8 @@ pub fn holds_token(text: &str) -> bool {
     runs(text).any(|run| is_begun(run) || is_random(run))
 }
 
-/// Whether a text holds a token of one of these SHA-256: a word of it, two words that a blank parts, all of it
-/// without its blanks, or letters in a row whatever stands between them, with or without its beginning.
+/// Whether a text holds a token of one of these SHA-256: a word of it, two words that a blank parts, all of
+/// it without its blanks, or letters in a row whatever stands between them, with or without its beginning.
 pub(super) fn holds_token_of(text: &str, known: impl Fn(&[u8; 32]) -> bool) -> bool {
     let is_known = |word: &str| known(&Sha256::digest(word.as_bytes()).into());
     let bare = |word: &str| is_known(word) || is_known(word.trim_matches(|c| !is_of_a_token(c)));

@@ -1,10 +1,10 @@
-//! The speed of a spindle from what repeats with its turns, where nobody measured it: order tracking without a
-//! tachometer.
+//! The speed of a spindle from what repeats with its turns, where nobody measured it: order tracking without
+//! a tachometer.
 //!
 //! Frames of 40 turns. A bin of a frame's spectrum is noise (exponential in power) or holds a line of unknown
 //! power; at the orders of a speed lines are expected, elsewhere they are as frequent as this frame shows. So
 //! one line tells next to nothing, however loud, and a comb of lines tells the speed. Of all courses of the
-//! speed the most probable one is found (Viterbi), and it is believed where it beats the speed that was stated.
+//! speed the most probable one is found (Viterbi); it is believed where it beats the speed that was stated.
 
 use crate::units::{SampleRate, SpindleSpeed};
 use rustfft::{FftPlanner, num_complex::Complex64};
@@ -123,7 +123,7 @@ fn line_density(power: f64) -> f64 {
     LINE / (LINE + power).powi(2)
 }
 
-/// Most probable share of the bins that hold a line: where the slope of the log-likelihood, which falls, is 0.
+/// Most probable share of the bins that hold a line: where the falling slope of the log-likelihood is 0.
 fn share_of_lines<'a>(bins: impl Iterator<Item = &'a f64> + Clone) -> f64 {
     let (mut low, mut high) = (1.0 / bins.clone().count().max(2) as f64, 0.5);
     let slope = |share: f64| -> f64 {
@@ -140,7 +140,8 @@ fn share_of_lines<'a>(bins: impl Iterator<Item = &'a f64> + Clone) -> f64 {
     low
 }
 
-/// Power of a frame (squared Hann window: no loud line leaks far), `FINE` points a bin, over that of the noise around: the median of a turn's
+/// Power of a frame (squared Hann window: no loud line leaks far), `FINE` points a bin, over that of the
+/// noise around: the median of a turn's
 /// frequency to each side.
 fn over_noise(column: &[f64]) -> Vec<f64> {
     let length = column.len();
@@ -209,7 +210,7 @@ mod tests {
         })
     }
 
-    /// Lines at orders 3, 4, 5 and 7 of a spindle that turns at `speed_hz(t)`, one at `line_hz(t)`, and noise.
+    /// Orders 3, 4, 5 and 7 of a spindle that turns at `speed_hz(t)`, a line at `line_hz(t)`, and noise.
     fn vibration(speed_hz: impl Fn(f64) -> f64, line_hz: impl Fn(f64) -> f64) -> Vec<f64> {
         let (mut turns, mut cycles) = (0.0, 0.0);
         let value = |(row, noise): (u32, f64)| {

@@ -102,7 +102,7 @@ impl Faults {
     }
 }
 
-/// Names of the axes, rate and pipeline for what this batch announces. Errors: one line why it cannot be used.
+/// Names of the axes, rate and pipeline for what a batch announces. Errors: one line why it cannot be used.
 fn designed(
     batch: &ServoBatch,
     config: &ServiceConfig,
