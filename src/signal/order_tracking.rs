@@ -141,8 +141,7 @@ fn share_of_lines<'a>(bins: impl Iterator<Item = &'a f64> + Clone) -> f64 {
 }
 
 /// Power of a frame (squared Hann window: no loud line leaks far), `FINE` points a bin, over that of the
-/// noise around: the median of a turn's
-/// frequency to each side.
+/// noise around: the median of a turn's frequency to each side.
 fn over_noise(column: &[f64]) -> Vec<f64> {
     let length = column.len();
     let mean = column.iter().sum::<f64>() / length as f64;
