@@ -293,12 +293,15 @@ class ForceTrace {
     for (const axis of this.show) {
       context.fillStyle = resolved(TRACE_COLOURS[axis % TRACE_COLOURS.length]);
       context.globalAlpha = 0.75;
-      for (const slice of this.slices) {
+      this.slices.forEach((slice, k) => {
         const v = slice.values[axis];
-        if (!v) continue;
+        if (!v) return;
+        // It stands until the next one, where that is not far.
+        const gap = (this.slices[k + 1] ?? slice).t - slice.t;
+        const wide = gap > 0 && gap <= BRIDGED * this.wide ? gap : this.wide;
         const x = left + plotWidth * (1 - (newest - slice.t) / this.rangeS);
-        context.fillRect(x, y(v[1]), Math.max(plotWidth * this.wide / this.rangeS, 1), Math.max(y(v[0]) - y(v[1]), 1));
-      }
+        context.fillRect(x, y(v[1]), Math.max(plotWidth * wide / this.rangeS, 1), Math.max(y(v[0]) - y(v[1]), 1));
+      });
       context.globalAlpha = 1;
     }
   }
