@@ -64,6 +64,13 @@ keep!(ChainState {
     louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, alarmed,
 } if |s| (LONGEST + PAST..=2 * LONGEST).contains(&s.end));
 
+impl ChainState {
+    /// Where what is known of the place that it is in stands.
+    fn here(&self) -> usize {
+        usize::from(self.in_cut)
+    }
+}
+
 /// What the chain is told with each value.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Told {
@@ -162,7 +169,7 @@ impl Chain {
                 centre_hz: self.centre_hz(),
                 learns,
             };
-            orders = state.orders[usize::from(state.in_cut)].step(&at);
+            orders = state.orders[state.here()].step(&at);
         }
         if state.end == state.values.len() {
             state.values.copy_within(state.end - (LONGEST + PAST).., 0);
@@ -181,7 +188,7 @@ impl Chain {
         self.age(state, told);
         if learns {
             let r: [C; MEMORY + 1] = std::array::from_fn(|m| state.values[last - m].residual);
-            if state.noise[usize::from(state.in_cut)].learn(&r, CRITERIA.noise_s * rate_hz) {
+            if state.noise[state.here()].learn(&r, CRITERIA.noise_s * rate_hz) {
                 self.renew(state);
             }
         }
@@ -271,7 +278,7 @@ impl Chain {
     /// The model that whitens: of this cut, or of the air while the cut's is not known.
     fn renew(&self, state: &mut ChainState) {
         let least = CRITERIA.young_s * self.rate_hz();
-        let here = &state.noise[usize::from(state.in_cut)];
+        let here = &state.noise[state.here()];
         let air = &state.noise[0];
         state.whitener = if self.young(state) && air.known() > least && state.in_cut {
             air.whitener()
@@ -296,7 +303,7 @@ impl Chain {
     }
 
     fn young(&self, state: &ChainState) -> bool {
-        state.noise[usize::from(state.in_cut)].known() < 0.99 * CRITERIA.noise_s * self.rate_hz()
+        state.noise[state.here()].known() < 0.99 * CRITERIA.noise_s * self.rate_hz()
     }
 
     /// Whether enough noise is known to say anything.
@@ -366,7 +373,7 @@ impl Chain {
         state.louder = if other { state.louder + n / LOOKS } else { 0 };
         if state.louder >= n && !around.alarm && !around.young {
             self.remember(state);
-            state.noise[usize::from(state.in_cut)].doubt(CRITERIA.young_s * self.rate_hz());
+            state.noise[state.here()].doubt(CRITERIA.young_s * self.rate_hz());
             state.louder = 0;
             self.renew(state);
         }
@@ -401,21 +408,21 @@ impl Chain {
         if let Some(in_cut) = in_cut {
             self.remember(state);
             if in_cut != state.in_cut {
-                state.noise[usize::from(state.in_cut)].settle();
+                state.noise[state.here()].settle();
             }
             state.in_cut = in_cut;
-            state.orders[usize::from(in_cut)].doubt();
+            state.orders[state.here()].doubt();
             self.renew(state);
         }
     }
 
     /// A line was declared: what was learned in the guard time is forgotten.
     pub(super) fn back(&self, state: &mut ChainState) {
-        state.noise[usize::from(state.in_cut)].back();
+        state.noise[state.here()].back();
     }
 
     pub(super) fn variance_ratio(&self, state: &ChainState) -> f64 {
-        state.power_n2 / state.noise[usize::from(state.in_cut)].power().max(f64::MIN_POSITIVE)
+        state.power_n2 / state.noise[state.here()].power().max(f64::MIN_POSITIVE)
     }
 
     /// Strongest line of the last `n` values, a window's length.

@@ -389,7 +389,7 @@ impl Engine {
             }
             let known = i64::from(axis.stability_margin_1_s.is_some());
             metrics.stability_margin_known.with_label_values(&[name]).set(known);
-            // The reason in force alone has a series: six axes would have thirty.
+            // The reason in force alone has a series: six axes would have thirty-six.
             for reason in DeafReason::ALL.map(DeafReason::name) {
                 let deaf = (axis.stability_margin_state == reason).then_some(1.0);
                 Metrics::show(&metrics.stability_margin_deaf, &[name, reason], deaf);
