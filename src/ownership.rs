@@ -18,8 +18,28 @@ pub fn own_user() -> u32 {
     rustix::process::geteuid().as_raw()
 }
 
+/// A place that another user may change: a person must mend it, trying again does not help.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Refused(String);
+
 fn refused(what: String) -> Error {
-    Error::new(ErrorKind::PermissionDenied, what)
+    Error::new(ErrorKind::PermissionDenied, Refused(what))
+}
+
+/// Whether an error, or one of its causes, is that a file or folder is not this user's own.
+#[must_use]
+pub fn is_refusal(error: &(dyn std::error::Error + 'static)) -> bool {
+    let of_ours = |e: &Error| e.get_ref().is_some_and(|inner| inner.is::<Refused>());
+    std::iter::successors(Some(error), |e| e.source()).any(|e| e.downcast_ref::<Error>().is_some_and(of_ours))
+}
+
+/// Lets others read nothing of what this process makes from here on, whatever the shell's mask is.
+pub fn keep_others_out() {
+    use rustix::{fs::Mode, process::umask};
+    let others = Mode::WGRP | Mode::RWXO;
+    let stated = umask(others);
+    umask(stated | others);
 }
 
 /// What stands at a path, where it is this user's (or root's) and nobody else may write to it. Nothing where
@@ -117,8 +137,10 @@ mod tests {
         assert_eq!(mode("deep/made") & 0o007, 0);
         own_folder(&at("deep/made"), 0o750).unwrap();
         std::os::unix::fs::symlink(at("deep/made"), at("link")).unwrap();
-        let link = own_folder(&at("link"), 0o750).unwrap_err().to_string();
-        assert!(link.contains("symbolic link"), "{link}");
+        let link = own_folder(&at("link"), 0o750).unwrap_err();
+        assert!(is_refusal(&link) && link.to_string().contains("symbolic link"), "{link}");
+        let absent = std::fs::File::open(at("absent")).unwrap_err();
+        assert!(!is_refusal(&absent), "{absent}");
         std::fs::set_permissions(at("deep"), std::fs::Permissions::from_mode(0o777)).unwrap();
         let open = own_folder(&at("deep"), 0o750).unwrap_err().to_string();
         assert!(open.contains("777"), "{open}");

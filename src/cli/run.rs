@@ -3,6 +3,7 @@
 use super::bad_input;
 use super::signals::stop_token;
 use crate::config::service::{ServiceConfig, read_service_config};
+use crate::ownership;
 use crate::service::{Running, ServiceError, check, clock, start};
 use crate::store::StoreError;
 use crate::telemetry::{LogFormat, start_logs};
@@ -41,12 +42,14 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         writeln!(std::io::stdout(), "{name}: the configuration is good")?;
         return Ok(());
     }
+    ownership::keep_others_out();
     start_logs(if config.log_json { LogFormat::Json } else { LogFormat::Text });
     // Heard from here on; a start that is under way is ended in good order when it is done.
     let signals = stop_token()?;
     let running = start(config).map_err(|error| match error {
         // A person must go back or forward: trying again does not help.
         ServiceError::Store(StoreError::NewerSchema { .. }) => bad_input(error),
+        _ if ownership::is_refusal(&error) => bad_input(error),
         // A full disk, a port that is taken, shared memory of another user: may be over at the next start.
         _ => anyhow::Error::new(error),
     })?;

@@ -497,6 +497,15 @@ impl ServiceConfig {
         }
     }
 
+    /// A line for each setting that names an axis which a stream of these axes does not have.
+    pub fn not_in_the_stream(&self, axes: &[String]) -> impl Iterator<Item = String> {
+        let of = |key: &'static str, stated: &Option<(String, f64, bool)>| {
+            let (axis, ..) = stated.as_ref()?;
+            (!axes.contains(axis)).then(|| format!("detection.{key}: the stream has no axis {axis}"))
+        };
+        [of("tool_axis", &self.tools), of("infeed_axis", &self.infeed)].into_iter().flatten()
+    }
+
     fn predicted_band(&self) -> BandPlan {
         let Scenario { workpiece, cutting, physics, .. } = self.cut;
         if !physics.is_empty()
@@ -593,6 +602,7 @@ mod tests {
                 "[turret]\ndirection_rad = [0.7, 0.72]\n",
                 "turret.direction_rad: turret axes at 0.7 and 0.72 rad",
             ),
+            ("[fleet]\ndiagnose = true\n", "fleet.diagnose: true: expected fleet.server"),
             ("[turret]\naxes = [\"x1\", \"x1\"]\n", "turret.axes: x1 twice"),
             ("[turret]\naxes = [\"x1\", \"y1\", \"z1\"]\n", "3 values, expected two"),
             ("[turret]\nlowest_offset_m = [-1e-3, -1e-3, 5.0]\n", "3 values, expected two"),
@@ -669,6 +679,18 @@ mod tests {
         let text = "[http]\nhosts = [\"lathe-7.example\", \"lathe:443\", \"10.0.0.7\", \"[fd00::7]:8620\"]\n";
         let config = service_config_from_text(Path::new("c.toml"), text).unwrap();
         assert_eq!(config.http.hosts, ["lathe-7.example", "lathe", "10.0.0.7", "fd00::7"]);
+    }
+
+    #[test]
+    fn a_distance_of_an_axis_that_does_not_come_is_told() {
+        let text = "[detection]\ntool_axis = \"z\"\ninfeed_axis = \"x1\"\n";
+        let config = service_config_from_text(Path::new("c.toml"), text).unwrap();
+        let missing = |axes: &[&str]| {
+            let axes: Vec<String> = axes.iter().map(|&a| a.to_owned()).collect();
+            config.not_in_the_stream(&axes).collect::<Vec<_>>()
+        };
+        assert_eq!(missing(&["x1", "y1"]), ["detection.tool_axis: the stream has no axis z"]);
+        assert!(missing(&["x1", "y1", "z"]).is_empty());
     }
 
     #[test]

@@ -438,6 +438,9 @@ fn a_signal_ends_it_in_good_order() {
     let place = Place::new("term");
     for signal in ["-TERM", "-HUP"] {
         let mut process = Process::start(&place, "");
+        let status = std::fs::read_to_string(format!("/proc/{}/status", process.child.id())).unwrap();
+        let mask = status.lines().find_map(|line| line.strip_prefix("Umask:")).unwrap().trim();
+        assert_eq!(u32::from_str_radix(mask, 8).unwrap() & 0o027, 0o027, "others can read what it writes");
         send(signal, &process.child);
         let began = Instant::now();
         let status = process.child.wait().unwrap();
@@ -518,6 +521,27 @@ fn a_newer_history_ends_with_status_two() {
     });
     let (status, said) = run_once(&["run", "--config", config.to_str().unwrap()]);
     assert!(status == 2 && said.contains("schema 99 is newer"), "{said}");
+}
+
+/// A place that others can change is for a person to mend, too.
+#[test]
+fn a_place_that_others_can_change_ends_with_status_two() {
+    use std::os::unix::fs::{PermissionsExt as _, symlink};
+    let place = Place::new("open");
+    let config = place.folder.path().join("c.toml");
+    std::fs::write(&config, place.toml("")).unwrap();
+    let said = |word: &str| {
+        let (status, said) = run_once(&["run", "--config", config.to_str().unwrap()]);
+        assert!(status == 2 && said.contains(word) && said.lines().count() == 1, "{status}: {said}");
+    };
+    let elsewhere = place.folder.path().join("elsewhere");
+    std::fs::create_dir(&elsewhere).unwrap();
+    symlink(&elsewhere, place.state()).unwrap();
+    said("state: is a symbolic link");
+    std::fs::remove_file(place.state()).unwrap();
+    std::fs::create_dir(place.state()).unwrap();
+    std::fs::set_permissions(place.state(), std::fs::Permissions::from_mode(0o777)).unwrap();
+    said("state: mode 777 lets every user write");
 }
 
 fn run_once(arguments: &[&str]) -> (i32, String) {

@@ -252,7 +252,7 @@ impl Case<'_> {
         }
         let mut sum = 0.0;
         for part in base.held_out.iter().filter(|p| matches!(p.judged, Part::Fold(_))) {
-            let bands = base.gram.sum(&self.balance.plan, part.trained);
+            let bands = base.gram.foretelling(&self.balance.plan, (part.trained, part.judged));
             let fit = design.fit(&bands, start.clone(), design.weights(&bands, &start));
             for band in base.gram.sum(&self.balance.plan, part.judged) {
                 let s = design.spread(&band, &fit.beta);
@@ -541,7 +541,7 @@ impl Case<'_> {
         })
     }
 
-    fn recording_fits(&self, series: &Residuals, unexplained: bool) -> Vec<RecordingFit> {
+    pub(super) fn recording_fits(&self, series: &Residuals, unexplained: bool) -> Vec<RecordingFit> {
         let s = &self.balance.signals;
         let power = |sides: &[Vec<f64>], masked: &[bool]| {
             let measured = |x: &Vec<f64>| {

@@ -7,8 +7,9 @@
 use super::answer::{Case, is_other_than_zero};
 use super::criteria::Criteria;
 use super::evidence::{ask, level};
-use super::numbers::doubt;
+use super::numbers::{doubt, stated_beta};
 use super::rest::{Rest, rest};
+use super::series::residuals;
 use super::shape::{Hypothesis, Shape};
 use super::signals::Mask;
 use super::state::{Accepted, Balance, State, residual};
@@ -75,7 +76,7 @@ impl Case<'_> {
         if !state.accepted.iter().zip(&doubt.laws).all(sized) {
             return None;
         }
-        let mut in_air = in_air().unwrap_or_else(|| self.nothing_else());
+        let mut in_air = in_air().unwrap_or_else(|| self.nothing_else(&state));
         let found = self.found(&state, &doubt, &[], level(&state, (1, 0.0)));
         let mut findings = self.findings(found, &left, self.heldout_n(&state, None));
         in_air.notes.extend(self.notes.iter().cloned());
@@ -91,8 +92,9 @@ impl Case<'_> {
         Some(Diagnosis { findings, ..in_air })
     }
 
-    /// The answer of an axis of which nothing can be told but a cut.
-    fn nothing_else(&self) -> Diagnosis {
+    /// The answer of an axis of which nothing can be told but a cut (`state`: the model with it).
+    fn nothing_else(&self, state: &State) -> Diagnosis {
+        let series = residuals(self.balance, self.start, state, &stated_beta(self.balance, self.start));
         let found = Case { notes: Vec::new(), ..*self }.answer(self.start.clone());
         let note =
             "Without the cut too little was measured in motion: nothing else can be told of this axis.";
@@ -100,6 +102,7 @@ impl Case<'_> {
             verdict: Verdict::ModelAdequate,
             findings: Vec::new(),
             parameter_corrections: Vec::new(),
+            recordings: self.recording_fits(&series, false),
             force_faults: Vec::new(),
             detection_limits: Vec::new(),
             model: self.machine.clone(),

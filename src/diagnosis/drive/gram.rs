@@ -1,6 +1,6 @@
 //! Inner products of columns per recording, fold and band. Fits never touch samples again.
 
-use super::spectra::{Plan, Response, Spectrum};
+use super::spectra::{Cell, Plan, Response, Spectrum};
 use crate::signal::inner_products::dot;
 use std::sync::Arc;
 
@@ -72,7 +72,7 @@ impl Gram {
     pub(super) fn with(&self, plan: &Plan, more: Vec<Column>) -> Self {
         let (before, n) = (self.columns.len(), self.columns.len() + more.len());
         let columns: Vec<Column> = self.columns.iter().cloned().chain(more).collect();
-        let cell_gram = |(cell, old): (&super::spectra::Cell, &CellGram)| {
+        let cell_gram = |(cell, old): (&Cell, &CellGram)| {
             let product = |a: &Option<Spectrum>, b: &Option<Spectrum>| match (a, b) {
                 (Some(a), Some(b)) => dot(cell.of(a), cell.of(b)),
                 _ => 0.0,
@@ -115,33 +115,60 @@ impl Gram {
 
     /// Added up over the folds that take part, by what has one noise level.
     pub(super) fn sum(&self, plan: &Plan, part: Part) -> Vec<BandGram> {
-        self.added(plan, part, |band| if plan.white { 0 } else { band })
+        self.added(plan, |cell| if part.has(cell.recording, cell.fold) { 1.0 } else { 0.0 })
     }
 
-    /// The same by bands.
+    /// What a part is foretold from: all else, and the part itself with the weight of one of its values (unit
+    /// information, Kass and Wasserman 1995), so that a coefficient of which all else tells nothing cannot be
+    /// anything.
+    pub(super) fn foretelling(&self, plan: &Plan, (trained, judged): (Part, Part)) -> Vec<BandGram> {
+        let of_part = |c: &&Cell| judged.has(c.recording, c.fold);
+        let values: usize = plan.cells.iter().filter(of_part).map(|c| c.values).sum();
+        self.added(plan, |cell| {
+            if trained.has(cell.recording, cell.fold) {
+                1.0
+            } else if judged.has(cell.recording, cell.fold) {
+                1.0 / values as f64
+            } else {
+                0.0
+            }
+        })
+    }
+
+    /// The same as [`Self::sum`] of all by bands.
     pub(super) fn sum_by_band(&self, plan: &Plan) -> Vec<BandGram> {
-        self.added(plan, Part::All, |band| band)
+        self.by_level(plan, |_| 1.0, |band| band)
     }
 
-    fn added(&self, plan: &Plan, part: Part, level: impl Fn(usize) -> usize) -> Vec<BandGram> {
+    fn added(&self, plan: &Plan, weight: impl Fn(&Cell) -> f64) -> Vec<BandGram> {
+        self.by_level(plan, weight, |band| if plan.white { 0 } else { band })
+    }
+
+    fn by_level(
+        &self,
+        plan: &Plan,
+        weight: impl Fn(&Cell) -> f64,
+        level: impl Fn(usize) -> usize,
+    ) -> Vec<BandGram> {
         let mut out: Vec<BandGram> = Vec::new();
         for (cell, gram) in plan.cells.iter().zip(&self.cells) {
-            if !part.has(cell.recording, cell.fold) {
+            let weight = weight(cell);
+            if weight == 0.0 {
                 continue;
             }
-            let values = cell.values as f64;
+            let values = weight * cell.values as f64;
             match out.iter_mut().find(|b| b.recording == cell.recording && b.band == level(cell.band)) {
                 Some(band) => {
                     band.values += values;
                     for (sum, products) in band.products.iter_mut().zip(&gram.products) {
-                        sum.iter_mut().zip(products).for_each(|(s, p)| *s += p);
+                        sum.iter_mut().zip(products).for_each(|(s, p)| *s += weight * p);
                     }
                 }
                 None => out.push(BandGram {
                     recording: cell.recording,
                     band: level(cell.band),
                     values,
-                    products: gram.products.clone(),
+                    products: gram.products.clone().map(|m| m.into_iter().map(|p| weight * p).collect()),
                 }),
             }
         }

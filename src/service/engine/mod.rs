@@ -394,10 +394,12 @@ impl Engine {
         match Stream::begin(batch, &self.setup.config, &self.setup.metrics) {
             Ok(stream) => {
                 self.no_pitch = self.prepare_acting(&stream).err();
-                let text = match &self.no_pitch {
-                    None => format!("samples come: {}", stream.describe()),
-                    Some(why) => format!("samples come: {}; no pitch control: {why}", stream.describe()),
-                };
+                let no_pitch = self.no_pitch.iter().map(|why| format!("no pitch control: {why}"));
+                let said: Vec<String> = std::iter::once(format!("samples come: {}", stream.describe()))
+                    .chain(no_pitch)
+                    .chain(self.setup.config.not_in_the_stream(stream.axes()))
+                    .collect();
+                let text = said.join("; ");
                 self.report(Event::new(EventKind::SourceFound, clock::wall_ns(), text));
                 if let Some(acting) = &mut self.acting {
                     acting.stream_begins(stream.sample_rate().hz());
