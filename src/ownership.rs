@@ -42,9 +42,9 @@ pub fn keep_others_out() {
     umask(stated | others);
 }
 
-/// What stands at a path, where it is this user's (or root's) and nobody else may write to it. Nothing where
-/// nothing stands there. Errors: a symbolic link, another user's, writable by everybody, or the system's.
-fn inspected(path: &Path) -> Result<Option<std::fs::Metadata>, Error> {
+/// What stands at a path, where nobody can lead it elsewhere or write to it but its user and group. Nothing
+/// where nothing stands there. Errors: a symbolic link, writable by everybody, or the system's.
+pub fn kept(path: &Path) -> Result<Option<std::fs::Metadata>, Error> {
     let found = match std::fs::symlink_metadata(path) {
         Ok(found) => found,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
@@ -53,14 +53,22 @@ fn inspected(path: &Path) -> Result<Option<std::fs::Metadata>, Error> {
     if found.file_type().is_symlink() {
         return Err(refused("is a symbolic link; expected the place itself".to_owned()));
     }
-    if ![own_user(), ROOT].contains(&found.uid()) {
-        return Err(refused(format!("belongs to user {}, not to this one ({})", found.uid(), own_user())));
-    }
     let mode = found.permissions().mode() & 0o7777;
     if mode & WORLD_WRITABLE != 0 {
         return Err(refused(format!("mode {mode:03o} lets every user write")));
     }
     Ok(Some(found))
+}
+
+/// The same, and this user's or root's. Errors: another user's, too.
+fn inspected(path: &Path) -> Result<Option<std::fs::Metadata>, Error> {
+    let found = kept(path)?;
+    match &found {
+        Some(f) if ![own_user(), ROOT].contains(&f.uid()) => {
+            Err(refused(format!("belongs to user {}, not to this one ({})", f.uid(), own_user())))
+        }
+        _ => Ok(found),
+    }
 }
 
 /// A folder of this user's own; made with `mode`, and what leads to it, where it is not there.

@@ -62,7 +62,7 @@ typedef struct {
 } StillcutServoPoint;
 
 typedef struct {
-    uint64_t stream; /* changes whenever the controller starts anew */
+    uint64_t stream; /* changes whenever the controller starts anew; its axes and rate stay as they are */
     double sample_rate_hz;
     uint32_t sample_count; /* 1 to 32 */
     uint32_t axis_count;   /* 1 to 6 */

@@ -1,6 +1,7 @@
 //! Single rows far from their neighbours.
 
 use super::columns::{AxisColumns, Role};
+use super::criteria::Criteria;
 use super::fault::{Action, FaultKind};
 use super::statistics::{NORMAL, range, sliding_median};
 use super::work::{Told, Work, stretches, times};
@@ -14,6 +15,8 @@ struct Deviation {
     index: usize,
     from_median: Vec<f64>,
     local: Vec<f64>,
+    /// Of the whole column.
+    range: f64,
 }
 
 impl Deviation {
@@ -23,15 +26,13 @@ impl Deviation {
         let from_median: Vec<f64> = x.iter().zip(&around).map(|(a, b)| a - b).collect();
         let sizes: Vec<f64> = from_median.iter().map(|d| d.abs()).collect();
         let local = sliding_median(&sizes, 100).into_iter().map(|d| NORMAL * d).collect();
-        Self { index, from_median, local }
+        Self { index, from_median, local, range: range(x) }
     }
 
     /// True where the column moves with another that is far off.
-    fn moves(&self, work: &Work<'_>, rows: &Range<usize>) -> bool {
-        let own = 0.25 * work.criteria.outlier_range * range(work.values(self.index));
-        rows.clone().any(|i| {
-            self.from_median[i].abs() > (0.5 * work.criteria.outlier_scales * self.local[i]).max(own)
-        })
+    fn moves(&self, c: &Criteria, rows: &Range<usize>) -> bool {
+        let own = 0.25 * c.outlier_range * self.range;
+        rows.clone().any(|i| self.from_median[i].abs() > (0.5 * c.outlier_scales * self.local[i]).max(own))
     }
 }
 
@@ -45,7 +46,7 @@ pub(super) fn outliers(work: &mut Work<'_>, axis: &AxisColumns) {
     let mut found: Vec<(usize, Vec<Range<usize>>)> = Vec::new();
     for d in &deviations {
         let x = work.values(d.index);
-        let least = c.outlier_range * range(x);
+        let least = c.outlier_range * d.range;
         if least <= 0.0 {
             continue;
         }
@@ -58,7 +59,7 @@ pub(super) fn outliers(work: &mut Work<'_>, axis: &AxisColumns) {
             let size = r.clone().map(|i| d.from_median[i].abs()).fold(0.0, f64::max);
             inside
                 && (x[r.end] - x[r.start - 1]).abs() < c.outlier_neighbours * size
-                && !deviations.iter().any(|o| o.index != d.index && o.moves(work, r))
+                && !deviations.iter().any(|o| o.index != d.index && o.moves(&c, r))
         });
         let count: usize = rows.iter().map(Range::len).sum();
         if count > 0 && count as f64 <= c.outlier_rows * x.len() as f64 {

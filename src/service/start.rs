@@ -18,7 +18,7 @@ use super::way_back::WayBack;
 use super::{clock, drift, engine, mtconnect, recorder};
 use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
-use crate::ownership::{own_folder, own_lock};
+use crate::ownership::{self, own_folder, own_lock};
 use crate::store::{
     Judged, Observation, Observer, OpenReport, Retention, StoreError, StoreReader, StoreWriter,
 };
@@ -118,6 +118,7 @@ pub struct Running {
 }
 
 /// Whether what the configuration names can be used: tokens, certificate and key, shared memory domain.
+/// and the places of the state, but for whose they are: a configuration may be checked by the administrator.
 /// Changes nothing. Errors: what `start` would refuse, too.
 pub fn check(config: &ServiceConfig) -> Result<(), ServiceError> {
     access(config)?;
@@ -127,6 +128,15 @@ pub fn check(config: &ServiceConfig) -> Result<(), ServiceError> {
         if folder.exists() && !folder.is_dir() {
             let source = std::io::ErrorKind::NotADirectory.into();
             return Err(ServiceError::Files { path: folder.clone(), source });
+        }
+    }
+    let state = &config.history.folder;
+    let parts = ["history.sqlite", "history.reserve", "history.mark", "recordings"].map(|n| state.join(n));
+    for path in [state, &config.transport.1].into_iter().chain(&parts) {
+        if let Err(source) = ownership::kept(path)
+            && ownership::is_refusal(&source)
+        {
+            return Err(ServiceError::Files { path: path.clone(), source });
         }
     }
     Ok(())

@@ -175,17 +175,32 @@ fn row(row: &sqlx::sqlite::SqliteRow) -> Result<(AuditRow, Vec<u8>), sqlx::Error
 const SELECT: &str = "SELECT sequence, wall_ns, actor, role, action, detail, hash FROM audit \
      WHERE sequence > ? ORDER BY sequence LIMIT 1000";
 
+/// Whether a history stood at this path: the notes beside it outlive it.
+#[must_use]
+pub fn is_noted(path: &Path) -> bool {
+    Mark::read(path).mark.is_some()
+}
+
 /// Reads the whole chain of a history file and says where it breaks, if it does. `noted`: a head of
 /// earlier, which must be among the rows: a chain whose end was cut off is intact in itself. The mark beside
-/// the file is compared, too.
+/// the file is compared, too, also where there is no file, or nothing in it.
 /// Errors: the file cannot be read.
 pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<AuditVerdict, StoreError> {
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
     // Before the rows: the service may be writing.
     let Found { mark, spoilt: spoilt_notes } = Mark::read(path);
+    if let Some(mark) = mark.as_ref().filter(|_| !path.exists()) {
+        return Ok(AuditVerdict::Cut(mark.all_missing()));
+    }
     let connect =
         SqliteConnection::connect_with(&SqliteConnectOptions::new().filename(path).read_only(true)).await;
     let mut connection = connect.map_err(fail)?;
+    if let Some(mark) = &mark {
+        let table = sqlx::query("SELECT 1 FROM sqlite_schema WHERE name = 'audit'");
+        if table.fetch_optional(&mut connection).await.map_err(fail)?.is_none() {
+            return Ok(AuditVerdict::Cut(mark.all_missing()));
+        }
+    }
     let begin = chain_begin(&mut connection).await.map_err(fail)?;
     let (mut last, mut previous) = begin.clone().unwrap_or_default();
     // Where older rows were removed, a row of the chain says so.

@@ -137,6 +137,12 @@ impl Mark {
         self.number
     }
 
+    /// What is missing where nothing is there.
+    pub(super) fn all_missing(&self) -> Missing {
+        let Self { event, audit, head, .. } = self;
+        Missing { events: *event, audit_rows: *audit, noted: (*audit, head.clone()), found: 0 }
+    }
+
     /// What a history lacks of what this mark says. Errors: the database's.
     pub(super) async fn missing(
         &self,

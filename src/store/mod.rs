@@ -14,7 +14,7 @@ mod reserve;
 mod retention;
 mod writer;
 
-pub use audit::{AuditEntry, AuditRow, AuditVerdict, verify_audit_file};
+pub use audit::{AuditEntry, AuditRow, AuditVerdict, is_noted, verify_audit_file};
 pub use cuts::PastCut;
 pub use evidence::{Judged, Observation, Observer};
 pub use mark::Missing;

@@ -531,8 +531,10 @@ fn a_place_that_others_can_change_ends_with_status_two() {
     let config = place.folder.path().join("c.toml");
     std::fs::write(&config, place.toml("")).unwrap();
     let said = |word: &str| {
-        let (status, said) = run_once(&["run", "--config", config.to_str().unwrap()]);
-        assert!(status == 2 && said.contains(word) && said.lines().count() == 1, "{status}: {said}");
+        for options in [&["run", "--check", "--config"][..], &["run", "--config"]] {
+            let (status, said) = run_once(&[options, &[config.to_str().unwrap()]].concat());
+            assert!(status == 2 && said.contains(word) && said.lines().count() == 1, "{status}: {said}");
+        }
     };
     let elsewhere = place.folder.path().join("elsewhere");
     std::fs::create_dir(&elsewhere).unwrap();

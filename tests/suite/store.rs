@@ -410,6 +410,43 @@ fn the_audit_record_is_bounded_and_its_chain_goes_on() {
     });
 }
 
+/// Where the whole file went, or all that was in it, the notes beside it say how much that was.
+#[test]
+fn a_history_that_is_gone_is_missing_to_the_row() {
+    for (names, emptied) in
+        [(vec![FILE_NAME], true), (vec![FILE_NAME], false), (vec![FILE_NAME, "history.reserve"], false)]
+    {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(FILE_NAME);
+        runtime().block_on(async {
+            let (writer, reader, _) = StoreWriter::start(folder.path(), KEEP, metrics(), 1).await.unwrap();
+            for k in 0..3 {
+                writer.audit(entry(k, format!("row {k}"))).await.unwrap();
+            }
+            reader.close().await;
+            writer.close().await.unwrap();
+            let AuditVerdict::Intact { rows, head, .. } = verify_audit_file(&path, None).await.unwrap()
+            else {
+                panic!("intact before");
+            };
+            for suffix in ["-wal", "-shm"] {
+                let _ = std::fs::remove_file(folder.path().join(format!("{FILE_NAME}{suffix}")));
+            }
+            names.iter().for_each(|name| std::fs::remove_file(folder.path().join(name)).unwrap());
+            if emptied {
+                std::fs::write(&path, "").unwrap();
+            }
+            let AuditVerdict::Cut(missing) = verify_audit_file(&path, None).await.unwrap() else {
+                panic!("{names:?}: what is not there is missing");
+            };
+            assert!(rows >= 3);
+            assert_eq!((missing.audit_rows, missing.noted, missing.found), (rows, (rows, head), 0));
+        });
+    }
+    let nowhere = tempfile::tempdir().unwrap().path().join(FILE_NAME);
+    assert!(runtime().block_on(verify_audit_file(&nowhere, None)).is_err());
+}
+
 /// A history of years: the start does not read it all, open alarms are counted without reading it, and damage
 /// in its middle is found behind the running service and set aside at the next start.
 #[test]

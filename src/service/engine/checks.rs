@@ -35,6 +35,8 @@ struct Bench {
     lathe: Lathe,
     /// Reports of the turret so far.
     reports: u64,
+    /// Number of the machine's stream.
+    stream: u64,
     names: [&'static str; 4],
     /// Whether a token is in force that may take the turret back.
     operators: bool,
@@ -86,6 +88,7 @@ fn bench_of(config: ServiceConfig) -> Bench {
         at,
         lathe,
         reports: 0,
+        stream: 1,
         names: AXES,
         operators: true,
         jobs,
@@ -100,7 +103,7 @@ impl Bench {
         let batches = (seconds * 9000.0 / 9.0) as usize;
         for _ in 0..batches {
             let mut batch = ServoBatch {
-                stream: 1,
+                stream: self.stream,
                 sample_rate_hz: 9000.0,
                 sample_count: 9,
                 axis_count: AXES.len() as u32,
@@ -340,9 +343,26 @@ fn a_recording_that_waits_is_saved_when_the_samples_cease() {
     // A stream that begins anew does the same.
     bench.feed(3.5, |_| {});
     bench.engine.save_around("manual", "test");
-    bench.names = ["x1", "z1", "x2", "y2"];
+    bench.stream = 2;
     bench.feed(0.001, |_| {});
     assert!(bench.jobs.try_recv().is_ok());
+}
+
+/// Other axes under the number of a stream that speaks are wrong batches; of one that has ceased they are a
+/// machine that came back.
+#[test]
+fn a_producer_that_keeps_its_number_is_heard_when_its_stream_is_silent() {
+    let mut bench = bench();
+    bench.feed(0.5, |_| {});
+    bench.names = ["x1", "z1", "x2", "y2"];
+    let axes = |bench: &Bench| bench.engine.stream.as_ref().map(|s| s.axes().to_vec());
+    bench.feed(0.5, |_| {});
+    assert_eq!(axes(&bench).unwrap(), AXES);
+    bench.feed(0.6, |_| {});
+    bench.engine.supervise(bench.at);
+    assert_eq!(bench.told(EventKind::SourceLost), 1);
+    bench.feed(0.1, |_| {});
+    assert_eq!(axes(&bench).unwrap(), bench.names);
 }
 
 #[test]

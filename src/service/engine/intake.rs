@@ -52,7 +52,7 @@ pub(super) struct Stream {
     refused_here: u64,
     /// A batch that did not say how many it holds: what the next gap lacks was in it.
     uncounted: bool,
-    /// The producer's counter or clock went back: everything is to begin anew.
+    /// The producer's counter or clock jumped: everything is to begin anew.
     pub(super) ended: bool,
 }
 
@@ -161,8 +161,8 @@ impl Stream {
     }
 
     /// Whether a sample's stamp goes on from those before; what does not is counted by its name.
-    pub(super) fn believes(&mut self, point: &ServoPoint) -> bool {
-        match self.stamps.judge(point) {
+    pub(super) fn believes(&mut self, point: &ServoPoint, now_s: f64) -> bool {
+        match self.stamps.judge(point, now_s) {
             Judged::Good => true,
             Judged::Refused(why) => {
                 self.refuse(why, None, point.t_ns);
@@ -181,10 +181,10 @@ impl Stream {
         self.refuse(Reject::BadCount, None, batch.points[0].t_ns);
     }
 
-    /// Whether a batch says that it is of this stream, and its head is one that no stream can have, or none
-    /// that can be heard: one wrong batch, not another machine.
-    pub(super) fn disowns(&self, batch: &ServoBatch, config: &ServiceConfig) -> bool {
-        batch.stream == self.id && !self.carries(batch) && designed(batch, config).is_err()
+    /// Whether a batch says that it is of this stream and has another head: one wrong batch, not another
+    /// machine, whose stream has another number.
+    pub(super) fn disowns(&self, batch: &ServoBatch) -> bool {
+        batch.stream == self.id && !self.carries(batch)
     }
 
     /// A batch whose head is wrong: none of its samples can be read.

@@ -310,7 +310,9 @@ impl Engine {
     }
 
     fn take_batch(&mut self, batch: &ServoBatch, now: Instant) {
-        if let Some(stream) = self.stream.as_mut().filter(|s| s.disowns(batch, &self.setup.config)) {
+        // A producer that keeps its stream's number and changes its head is heard once that stream is silent.
+        let speaks = !self.source_lost;
+        if let Some(stream) = self.stream.as_mut().filter(|s| speaks && s.disowns(batch)) {
             stream.refuse_layout(batch);
             return;
         }
@@ -326,7 +328,7 @@ impl Engine {
             stream.refuse_batch(batch);
         }
         for point in batch.used_points() {
-            let believed = stream.believes(point);
+            let believed = stream.believes(point, now_s);
             if let Some(acting) = &mut self.acting {
                 acting.sample_seen(now_s, (point, believed), stream.axes().len());
             }
@@ -353,7 +355,7 @@ impl Engine {
             }
         }
         if stream.ended {
-            let text = "the producer's counter or clock went back; its stream begins anew";
+            let text = "the producer's counter or clock jumped; its stream begins anew";
             self.report(Event::new(EventKind::DataRejected, clock::wall_ns(), text));
             self.write_recording();
             return; // the next batch begins it

@@ -3,8 +3,10 @@
 //! A stamp far from the others is one wrong sample, not a new time: it is refused by its name and nothing
 //! follows from it, also where its number and its time tell the same tale. Only where the samples of half a
 //! window agree with each other and none with what came before has the producer's counter or clock really
-//! jumped, or have so many samples been lost.
+//! jumped, or have so many samples been lost. Which of both says this machine's own clock: what was lost took
+//! its time.
 
+use super::SILENCE;
 use crate::transport::wire::ServoPoint;
 use crate::units::SampleRate;
 
@@ -41,7 +43,7 @@ pub(super) enum Reject {
     ImplausibleStamp,
     /// The batch says that it holds none, or more than fit.
     BadCount,
-    /// The head of its batch names axes or a rate that no stream can have.
+    /// The head of its batch names axes or a rate that are not those of its stream.
     BadLayout,
 }
 
@@ -79,7 +81,7 @@ pub(super) enum Judged {
     Good,
     /// Not to be believed.
     Refused(Reject),
-    /// The majority has moved back: everything begins anew.
+    /// The majority has moved back, or further ahead than time has passed: everything begins anew.
     Anew,
 }
 
@@ -96,12 +98,14 @@ struct Run {
 pub(super) struct Stamps {
     rate_hz: f64,
     believed: Option<Stamp>,
+    /// When that came, s of this machine.
+    heard_s: f64,
     run: Option<Run>,
 }
 
 impl Stamps {
     pub(super) fn new(rate: SampleRate) -> Self {
-        Self { rate_hz: rate.hz(), believed: None, run: None }
+        Self { rate_hz: rate.hz(), believed: None, heard_s: 0.0, run: None }
     }
 
     /// Samples between two stamps, by number and by time.
@@ -133,18 +137,21 @@ impl Stamps {
         goes_on.then_some(Run { last: now, samples: run.samples + 1, ..run })
     }
 
-    pub(super) fn judge(&mut self, point: &ServoPoint) -> Judged {
+    /// `now_s`: when it came, s of this machine, which passes no sooner than the producer's by a second.
+    pub(super) fn judge(&mut self, point: &ServoPoint, now_s: f64) -> Judged {
         let now = Stamp::of(point);
         let Some(believed) = self.believed.filter(|b| !self.goes_on(*b, now)) else {
-            (self.believed, self.run) = (Some(now), None);
+            (self.believed, self.heard_s, self.run) = (Some(now), now_s, None);
             return Judged::Good;
         };
         let alone = Run { first: now, last: now, samples: 1 };
         let run = self.run.and_then(|run| self.longer(run, now)).unwrap_or(alone);
         let ahead = now.sequence > believed.sequence && now.t_ns >= believed.t_ns;
         if run.samples as f64 >= self.majority() {
-            (self.believed, self.run) = (Some(now), None);
-            return if ahead { Judged::Good } else { Judged::Anew };
+            let leapt_s = self.steps(believed, now)[1] / self.rate_hz;
+            let had_time = leapt_s <= now_s - self.heard_s + SILENCE.as_secs_f64();
+            (self.believed, self.heard_s, self.run) = (Some(now), now_s, None);
+            return if ahead && had_time { Judged::Good } else { Judged::Anew };
         }
         self.run = Some(run);
         Judged::Refused(match now {
@@ -163,6 +170,11 @@ mod tests {
 
     fn stamps() -> Stamps {
         Stamps::new(SampleRate::new(RATE).unwrap())
+    }
+
+    /// Judged as it comes where the machine's clock and this one agree.
+    fn judge(stamps: &mut Stamps, point: &ServoPoint) -> Judged {
+        stamps.judge(point, point.t_ns as f64 * 1e-9)
     }
 
     fn point(sequence: u64, at: u64) -> ServoPoint {
@@ -186,7 +198,7 @@ mod tests {
             let refused = |j: &Judged| matches!(j, Judged::Refused(_));
             let judged: Vec<Judged> = (0..2000)
                 .map(|k| if k == 500 { wrong } else { point(k, k) })
-                .map(|p| stamps.judge(&p))
+                .map(|p| judge(&mut stamps, &p))
                 .collect();
             assert_eq!(judged.iter().filter(|j| refused(j)).count(), 1, "{wrong:?}");
             assert!(refused(&judged[500]) && !judged.contains(&Judged::Anew));
@@ -202,7 +214,7 @@ mod tests {
         let late = (0..1000).map(|k| point(93_000 + k, 93_000 + k + 9 * (k % 3)));
         let slow = (0..90_000).map(|k| point(94_100 + k, 94_100 + k + k / 1000));
         for p in lossy.chain(after).chain(late).chain(slow) {
-            let judged = stamps.judge(&p);
+            let judged = judge(&mut stamps, &p);
             let back = matches!(judged, Judged::Refused(Reject::OutOfOrder)) && p.sequence > 93_000;
             // So great a leap is borne out by half a window.
             let leap =
@@ -214,9 +226,9 @@ mod tests {
     #[test]
     fn a_leap_into_a_stream_with_losses_is_borne_out_too() {
         let mut stamps = stamps();
-        assert_eq!(stamps.judge(&point(0, 0)), Judged::Good);
+        assert_eq!(judge(&mut stamps, &point(0, 0)), Judged::Good);
         let found =
-            (0..450).position(|k| stamps.judge(&point(90_000 + 2 * k, 90_000 + 2 * k)) == Judged::Good);
+            (0..450).position(|k| judge(&mut stamps, &point(90_000 + 2 * k, 90_000 + 2 * k)) == Judged::Good);
         assert_eq!(found, Some(224));
     }
 
@@ -226,7 +238,7 @@ mod tests {
         for k in 0..9000 {
             let far = k / 9 % 2 == 1;
             let shift = if far { 1_000_000_000 } else { 0 };
-            let good = stamps.judge(&point(k + shift, k + shift)) == Judged::Good;
+            let good = judge(&mut stamps, &point(k + shift, k + shift)) == Judged::Good;
             assert_eq!(good, !far, "{k}");
         }
     }
@@ -236,19 +248,28 @@ mod tests {
         for (shift, expected) in [(1_000_000_u64, Judged::Good), (0, Judged::Anew)] {
             let mut stamps = stamps();
             for k in 0..2000 {
-                stamps.judge(&point(k + 5000, k + 5000));
+                judge(&mut stamps, &point(k + 5000, k + 5000));
             }
             // The counter is another one from here on, the clock goes on (ahead) or is another one, too.
             let of = |k: u64| if shift > 0 { point(shift + k, 7000 + k) } else { point(k, k) };
-            let found = (0..450).position(|k| stamps.judge(&of(k)) == expected).expect("within 50 ms");
+            let found = (0..450).position(|k| judge(&mut stamps, &of(k)) == expected).expect("within 50 ms");
             assert!(found >= 200, "a few wrong ones in a row are no majority: {found}");
-            assert!((found as u64 + 1..1000).all(|k| stamps.judge(&of(k)) == Judged::Good));
+            assert!((found as u64 + 1..1000).all(|k| judge(&mut stamps, &of(k)) == Judged::Good));
+        }
+        // Number and time jump ahead together, and no time has passed: none of that was lost.
+        for (ahead, passed_s, expected) in [(9_000_000, 0.03, Judged::Anew), (90_000, 10.0, Judged::Good)] {
+            let mut stamps = stamps();
+            (0..2000).for_each(|k| _ = judge(&mut stamps, &point(k, k)));
+            let at_s = 2000.0 / RATE + passed_s;
+            let mut judged = (0..450).map(|k| stamps.judge(&point(ahead + k, ahead + k), at_s));
+            let bad = |j: &Judged| matches!(j, Judged::Refused(Reject::ImplausibleStamp));
+            assert_eq!(judged.find(|j| !bad(j)), Some(expected));
         }
         // A producer that repeats an old batch again and again is no majority.
         let mut stamps = stamps();
         for k in 0..2000 {
-            stamps.judge(&point(k, k));
+            judge(&mut stamps, &point(k, k));
         }
-        assert!((0..5000).all(|k| stamps.judge(&point(100 + k % 32, 100 + k % 32)) != Judged::Anew));
+        assert!((0..5000).all(|k| judge(&mut stamps, &point(100 + k % 32, 100 + k % 32)) != Judged::Anew));
     }
 }

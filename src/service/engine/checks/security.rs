@@ -101,13 +101,15 @@ fn next_batch(bench: &mut Bench) -> ServoBatch {
 #[test]
 fn a_wrong_batch_has_its_own_name_and_spoils_no_other() {
     type Wrong = (&'static str, fn(&mut ServoBatch));
-    let wrongs: [Wrong; 8] = [
+    let wrongs: [Wrong; 10] = [
         ("bad_count", |b| b.sample_count = 0),
         ("bad_count", |b| b.sample_count = 33),
         ("bad_count", |b| b.sample_count = u32::MAX),
         ("bad_layout", |b| b.sample_rate_hz = f64::NAN),
         ("bad_layout", |b| b.sample_rate_hz = 1e9),
         ("bad_layout", |b| b.sample_rate_hz = 1.0),
+        ("bad_layout", |b| b.sample_rate_hz = 4500.0),
+        ("bad_layout", |b| b.axis_names.swap(0, 1)),
         ("bad_layout", |b| b.axis_count = 77),
         ("bad_layout", |b| (b.axis_count, b.sample_count) = (0, 0)),
     ];
