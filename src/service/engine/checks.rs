@@ -348,23 +348,6 @@ fn a_recording_that_waits_is_saved_when_the_samples_cease() {
     assert!(bench.jobs.try_recv().is_ok());
 }
 
-/// Other axes under the number of a stream that speaks are wrong batches; of one that has ceased they are a
-/// machine that came back.
-#[test]
-fn a_producer_that_keeps_its_number_is_heard_when_its_stream_is_silent() {
-    let mut bench = bench();
-    bench.feed(0.5, |_| {});
-    bench.names = ["x1", "z1", "x2", "y2"];
-    let axes = |bench: &Bench| bench.engine.stream.as_ref().map(|s| s.axes().to_vec());
-    bench.feed(0.5, |_| {});
-    assert_eq!(axes(&bench).unwrap(), AXES);
-    bench.feed(0.6, |_| {});
-    bench.engine.supervise(bench.at);
-    assert_eq!(bench.told(EventKind::SourceLost), 1);
-    bench.feed(0.1, |_| {});
-    assert_eq!(axes(&bench).unwrap(), bench.names);
-}
-
 #[test]
 fn batches_without_a_usable_sample_are_silence() {
     let mut bench = bench();
