@@ -30,17 +30,11 @@ pub struct Agreement {
     pub power_n2: f64,
     /// Growth of the leading axis' line, 1/s.
     pub growth_1_s: Option<f64>,
-    /// Share of the watched axes that hear the leading line, halved while the moving variance of the leading
-    /// axis does not confirm it: a measure of confidence.
-    pub confidence: f64,
 }
 
 crate::keyframe::keep!(Agreement {
-    phase, leading_axis, frequency_hz, highest_hz, power_n2, growth_1_s, confidence
+    phase, leading_axis, frequency_hz, highest_hz, power_n2, growth_1_s
 } if |s| s.leading_axis < MAX_AXES);
-
-/// Variance over the usual from which the moving variance speaks of chatter.
-const LOUD_VARIANCE: f64 = 2.0;
 
 /// Since when one axis has stood on its line, alone and with another.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -134,7 +128,6 @@ pub fn agree<'a>(
             highest_hz: None,
             power_n2: 0.0,
             growth_1_s: None,
-            confidence: 0.0,
         };
     };
     let believed = state.declared || count == 1 || sure[leading_axis];
@@ -154,8 +147,6 @@ pub fn agree<'a>(
             .reduce(f64::max),
         power_n2: output.power_n2,
         growth_1_s: output.growth_1_s,
-        confidence: hearing(output) as f64 / count as f64
-            * if output.variance_ratio > LOUD_VARIANCE { 1.0 } else { 0.5 },
     }
 }
 
@@ -170,7 +161,6 @@ mod tests {
             power_n2: 1.0,
             contrast: 20.0,
             growth_1_s: None,
-            variance_ratio: 1.0,
             event: None,
         }
     }

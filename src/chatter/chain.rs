@@ -421,10 +421,6 @@ impl Chain {
         state.noise[state.here()].back();
     }
 
-    pub(super) fn variance_ratio(&self, state: &ChainState) -> f64 {
-        state.power_n2 / state.noise[state.here()].power().max(f64::MIN_POSITIVE)
-    }
-
     /// Strongest line of the last `n` values, a window's length.
     pub(super) fn strongest(&self, state: &ChainState, n: usize, watched_hz: [f64; 2]) -> Strongest {
         self.test.strongest(&state.values[..state.end], n, (self.rate_hz(), watched_hz))

@@ -49,7 +49,8 @@ pub(super) struct Criteria {
     /// Power beside a line, one turn of the spindle away, over its own from which the cut modulates it. Real
     /// cuts have 0.1 to 0.6, lines of motors, which stand in air as well, below 0.02.
     pub(super) modulated: f64,
-    /// Amplitude of a line over the mean force: a tool that only pushes makes less than 2.
+    /// Amplitude of a line over the mean force of a tool that only pushes: pi/2 where it leaves the cut for
+    /// half of the time, in the limit of pulses 2, never more.
     pub(super) most_share: f64,
     /// Most that the noise of a stable cut is, rms over the mean force: some hundredths, a few times as much
     /// through the mode.
@@ -84,7 +85,7 @@ pub(super) const CRITERIA: Criteria = Criteria {
     over_whole: 2.0,
     rules: 0.3,
     modulated: 0.1,
-    most_share: 1.5,
+    most_share: 2.0,
     stable_share: 0.15,
     stable_shape: 4.0,
 };

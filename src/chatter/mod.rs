@@ -54,10 +54,6 @@ pub struct ChatterOutput {
     pub contrast: f64,
     /// Rate of growth of the line's amplitude, while there is one.
     pub growth_1_s: Option<f64>,
-    /// Variance of the band over the last quarter second over what it usually is (thesis 6.3): a second
-    /// opinion that
-    /// knows nothing of lines. 1 is noise.
-    pub variance_ratio: f64,
     /// What began or ended with this sample.
     pub event: Option<ChatterEvent>,
 }
@@ -65,18 +61,18 @@ pub struct ChatterOutput {
 /// Without the event, which belongs to one sample and is told when it happens.
 impl Keep for ChatterOutput {
     fn keep(&self, to: &mut Vec<u64>) {
-        let Self { phase, frequency_hz, power_n2, contrast, growth_1_s, variance_ratio, event: _ } = self;
+        let Self { phase, frequency_hz, power_n2, contrast, growth_1_s, event: _ } = self;
         phase.keep(to);
         [frequency_hz, growth_1_s].into_iter().for_each(|x| x.keep(to));
-        [power_n2, contrast, variance_ratio].into_iter().for_each(|x| x.keep(to));
+        [power_n2, contrast].into_iter().for_each(|x| x.keep(to));
     }
 
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { phase, frequency_hz, power_n2, contrast, growth_1_s, variance_ratio, event } = self;
+        let Self { phase, frequency_hz, power_n2, contrast, growth_1_s, event } = self;
         *event = None;
         phase.restore(from)?;
         [frequency_hz, growth_1_s].into_iter().try_for_each(|x| x.restore(from))?;
-        [power_n2, contrast, variance_ratio].into_iter().try_for_each(|x| x.restore(from))
+        [power_n2, contrast].into_iter().try_for_each(|x| x.restore(from))
     }
 }
 

@@ -184,7 +184,6 @@ impl ChatterMonitor {
                 power_n2: 0.0,
                 contrast: 0.0,
                 growth_1_s: None,
-                variance_ratio: 1.0,
                 event: None,
             },
             why: Heard::default(),
@@ -357,7 +356,8 @@ impl ChatterMonitor {
         let contrast = best.contrast;
         // A tool that only pushes makes no line that is larger than what it pushes with.
         let amplitude_n = (2.0 * state.latest.power_n2).sqrt();
-        if self.settings.mean == MeanForce::Whole && amplitude_n > CRITERIA.most_share * self.mean_n(state) {
+        let too_large = amplitude_n > CRITERIA.most_share * self.mean_n(state);
+        if self.settings.mean == MeanForce::Whole && too_large && !state.decision.alarm {
             evidence = [0.0; 4];
             best.evidence = 0.0;
         }
@@ -438,7 +438,6 @@ impl ChatterMonitor {
             let now = chain.strongest(s, n, band_hz);
             if found.is_none_or(|(_, best)| now.power_n2 > best.power_n2) {
                 found = Some((centre_hz + now.offset_hz, now));
-                state.latest.variance_ratio = chain.variance_ratio(s);
             }
         }
         let Some((hz, Strongest { power_n2, growth_1_s, .. })) = found else { return };

@@ -48,11 +48,6 @@ impl Noise {
         self.past_known[self.oldest]
     }
 
-    /// Mean power now, N^2.
-    pub(super) fn power(&self) -> f64 {
-        self.covariance[0].re
-    }
-
     /// Learns from the newest of the values, `r[0]`, the others before it. True when there is a model to be
     /// made.
     pub(super) fn learn(&mut self, r: &[C; MEMORY + 1], trust: f64) -> bool {

@@ -63,13 +63,11 @@ pub(super) struct Heard {
     pub(super) growth_1_s: f64,
     /// Power of the line over the noise known at its place.
     pub(super) contrast: f64,
-    /// Power of the middle of the band over the noise known.
-    pub(super) common: f64,
     /// Whether it is a line that moved here.
     pub(super) moves: bool,
 }
 
-keep!(Heard { evidence, stands, reason, offset_hz, growth_1_s, contrast, common, moves });
+keep!(Heard { evidence, stands, reason, offset_hz, growth_1_s, contrast, moves });
 
 /// What is known beside the window.
 #[derive(Debug, Clone, Copy)]

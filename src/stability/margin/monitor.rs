@@ -95,6 +95,8 @@ pub struct MarginState {
     /// Highest line over the noise at the half bins looked at so far.
     line: f64,
     reading: MarginReading,
+    /// Whether chatter is declared.
+    chatters: bool,
     warning: Warning,
 }
 
@@ -125,6 +127,7 @@ impl Keep for MarginState {
         margins.keep(to);
         self.line.keep(to);
         self.reading.keep(to);
+        self.chatters.keep(to);
         self.warning.keep(to);
     }
 
@@ -155,6 +158,7 @@ impl Keep for MarginState {
         margins.restore(from)?;
         self.line.restore(from)?;
         self.reading.restore(from)?;
+        self.chatters.restore(from)?;
         self.warning.restore(from)?;
         self.fit.fits(self.band_bins()).then_some(())
     }
@@ -213,6 +217,7 @@ impl MarginMonitor {
             found: 0,
             line: 0.0,
             reading: MarginReading::Air,
+            chatters: false,
             warning: Warning::default(),
         }
     }
@@ -220,7 +225,12 @@ impl MarginMonitor {
     /// What it says now.
     #[must_use]
     pub fn reading<'a>(&self, state: &'a MarginState) -> &'a MarginReading {
-        &state.reading
+        // Of a vibration that is not small any more the linear cut says nothing: least that it is stable.
+        let contradicts = |m: &Margin| state.chatters && m.lo_1_s > 0.0;
+        match &state.reading {
+            MarginReading::Known(margin) if contradicts(margin) => &MarginReading::Deaf(DeafReason::Chatter),
+            reading => reading,
+        }
     }
 
     /// One sample; true when the margin begins to run out.
@@ -228,6 +238,7 @@ impl MarginMonitor {
     /// Cost: two stores and six sums a sample, a transform of 1600 points a second, and what is worked at:
     /// a bin of the spectrum (0.5 us) or a point of the posterior (3 us) a sample, a quarter of the time.
     pub fn step(&self, state: &mut MarginState, force_n: f64, conditions: &CutConditions) -> bool {
+        state.chatters = conditions.chatter;
         let whole = self.band.push(&mut state.band, force_n);
         let share = self.settings.sample_rate.period_s() / CUT_AVERAGE_S;
         state.mean_force_n += (force_n - state.mean_force_n) * share.min(1.0);
@@ -261,7 +272,7 @@ impl MarginMonitor {
         if whole {
             self.end_slice(state);
         }
-        self.work(state)
+        self.work(state) && !state.chatters
     }
 
     /// Whether the tools cut: the column's word, else the mean force's, else what was heard; nothing where
