@@ -1,6 +1,7 @@
 //! Noise of an encoder, read off its own recording.
 
 use crate::signal::inner_products::dot;
+use std::f64::consts::TAU;
 
 /// Order of the difference that leaves nothing of the motion.
 const ORDER: usize = 10;
@@ -32,6 +33,34 @@ pub(super) fn variance_m2(position_m: &[f64], rate_hz: f64, quantile: f64) -> f6
     powers.get((quantile * powers.len() as f64) as usize).copied().unwrap_or(0.0)
 }
 
+/// Speed that steps of an encoder make.
+///
+/// Of two positions the stretch is small beside the way, and the balance sees every step: an axis that creeps
+/// shows it whole, q (2 pi f). Of one position what is left is a thirtieth of the thrust at least, and the
+/// steps are noise: s (2 pi f) (2 f / (3 rate))^(1/2) below f, s = q / 12^(1/2). They narrow its band before
+/// they widen the speed over which friction turns: that took 10 % of EMPS's viscous friction.
+///
+/// Checked by: tests::the_speed_that_steps_make_is_that_of_a_rounded_ramp.
+pub(super) struct SpeedOfStep {
+    pub(super) one_position: bool,
+    pub(super) step_m: f64,
+    pub(super) rate_hz: f64,
+}
+
+impl SpeedOfStep {
+    /// In a band, m/s.
+    pub(super) fn at_m_s(&self, hz: f64) -> f64 {
+        let noise = if self.one_position { (hz / (18.0 * self.rate_hz)).sqrt() } else { 1.0 };
+        TAU * hz * self.step_m * noise
+    }
+
+    /// Band in which it is no more than a speed, Hz.
+    pub(super) fn band_hz(&self, speed_m_s: f64) -> f64 {
+        let power = if self.one_position { 1.5_f64 } else { 1.0 };
+        (speed_m_s / self.at_m_s(1.0).max(1e-300)).powf(power.recip())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -45,5 +74,27 @@ mod tests {
         let found = variance_m2(&noisy, 10_000.0, 0.5);
         // The median of 200 blocks, each good to 8 %.
         assert!((found * 12.0 / 1e-18 - 1.0).abs() < 0.05, "{found}");
+    }
+
+    #[test]
+    fn the_speed_that_steps_make_is_that_of_a_rounded_ramp() {
+        use super::super::kernel::{Action, Grid, Kernel};
+        let (rate_hz, step_m, band_hz) = (1000.0, 1e-4, 20.0);
+        let mut uniform = super::super::chance::uniform(2);
+        // Several steps a sample, and never the same part of one.
+        let (mut x, mut error) = (0.0, Vec::new());
+        for _ in 0..40_000 {
+            x += step_m * (7.0 + uniform());
+            error.push((x / step_m).round() * step_m - x);
+        }
+        let kernel = Kernel::low_pass(band_hz, rate_hz, Action { derivative: 1, advance_s: 0.0 });
+        let first = kernel.half() + 1;
+        let v = kernel.apply(&error, Grid { first, step: 1, count: error.len() - 2 * first });
+        let found_m_s = (dot(&v, &v) / v.len() as f64).sqrt();
+        let of = SpeedOfStep { one_position: true, step_m, rate_hz };
+        let said_m_s = of.at_m_s(band_hz);
+        // The kernel keeps a part of what lies above its band.
+        assert!((found_m_s / said_m_s - 1.15).abs() < 0.2, "{found_m_s} for {said_m_s}");
+        assert!((of.band_hz(said_m_s) / band_hz - 1.0).abs() < 1e-9);
     }
 }

@@ -3,8 +3,9 @@
 use super::columns::{AxisColumns, Role};
 use super::criteria::Criteria;
 use super::fault::{Action, FaultKind};
-use super::statistics::{NORMAL, range, sliding_median};
+use super::statistics::{NORMAL, range};
 use super::work::{Told, Work, stretches, times};
+use crate::signal::sliding_median::sliding_median;
 use std::ops::Range;
 
 /// One or two rows; more is a signal.

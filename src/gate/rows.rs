@@ -2,8 +2,9 @@
 
 use super::columns::{AxisColumns, Role};
 use super::fault::{Action, FaultKind};
-use super::statistics::{changes, median, scale, sliding_median};
+use super::statistics::{changes, median, scale};
 use super::work::{Told, Work, times};
+use crate::signal::sliding_median::sliding_median;
 use std::ops::Range;
 
 /// Neighbours on each side whose travel says what a row's should be.

@@ -46,26 +46,6 @@ pub(super) fn changes(x: &[f64]) -> Vec<f64> {
     x.windows(2).map(|w| w[1] - w[0]).collect()
 }
 
-/// Median over `half` rows to both sides (fewer at the ends).
-pub(super) fn sliding_median(x: &[f64], half: usize) -> Vec<f64> {
-    let place = |window: &[f64], v: f64| window.partition_point(|w| *w < v);
-    let mut window: Vec<f64> = Vec::with_capacity(2 * half + 2);
-    let mut out = Vec::with_capacity(x.len());
-    for v in x.iter().take(half) {
-        window.insert(place(&window, *v), *v);
-    }
-    for i in 0..x.len() {
-        if let Some(v) = x.get(i + half) {
-            window.insert(place(&window, *v), *v);
-        }
-        if i > half {
-            window.remove(place(&window, x[i - half - 1]));
-        }
-        out.push(window[window.len() / 2]);
-    }
-    out
-}
-
 /// Step of a column, or the least change that it shows where there is none.
 pub(super) fn resolution(x: &[f64], step: f64) -> f64 {
     if step > 0.0 {
@@ -231,15 +211,6 @@ mod tests {
         let three: Vec<f64> = x.iter().map(|v| format!("{v:.2e}").parse().unwrap()).collect();
         assert_eq!(digits(&x, 0.0, 4), None);
         assert_eq!(digits(&three, 0.0, 4), Some(3));
-    }
-
-    #[test]
-    fn sliding_median_is_the_median_of_each_window() {
-        let x: Vec<f64> = (0..200).map(hash).collect();
-        let of = sliding_median(&x, 7);
-        for i in 10..190 {
-            assert_eq!(of[i], median(&x[i - 7..=i + 7]));
-        }
     }
 
     fn hash(k: i32) -> f64 {

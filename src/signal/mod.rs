@@ -15,6 +15,7 @@ pub mod order_tracking;
 pub(crate) mod sine;
 pub mod sliding_dft;
 mod sliding_dft_kernel;
+pub(crate) mod sliding_median;
 
 use thiserror::Error;
 

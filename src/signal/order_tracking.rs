@@ -6,6 +6,7 @@
 //! one line tells next to nothing, however loud, and a comb of lines tells the speed. Of all courses of the
 //! speed the most probable one is found (Viterbi); it is believed where it beats the speed that was stated.
 
+use super::sliding_median::sliding_median;
 use crate::units::{SampleRate, SpindleSpeed};
 use rustfft::{FftPlanner, num_complex::Complex64};
 use std::f64::consts::{LN_2, TAU};
@@ -155,16 +156,8 @@ fn over_noise(column: &[f64]) -> Vec<f64> {
     let bins: Vec<f64> = power.iter().step_by(FINE).copied().collect();
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let half = TURNS as usize;
-    let mut around = Vec::new();
-    let noise: Vec<f64> = (0..bins.len())
-        .map(|at| {
-            around.clear();
-            around.extend_from_slice(&bins[at.saturating_sub(half)..(at + half + 1).min(bins.len())]);
-            let middle = around.len() / 2;
-            let (_, median, _) = around.select_nth_unstable_by(middle, f64::total_cmp);
-            (*median / LN_2).max(f64::MIN_POSITIVE)
-        })
-        .collect();
+    let noise: Vec<f64> =
+        sliding_median(&bins, half).iter().map(|m| (m / LN_2).max(f64::MIN_POSITIVE)).collect();
     power.iter().enumerate().map(|(at, p)| p / noise[at / FINE]).collect()
 }
 

@@ -54,6 +54,34 @@ fn the_bare_emps_model_gets_its_friction_back_below_the_published_error() {
     assert!(error < 0.0311, "relative force error {error}, published 0.0311");
 }
 
+/// Rounding is a fault of the recording: no law rests on it, and friction is what it was.
+#[test]
+fn emps_with_a_rounded_position_keeps_its_friction_and_gets_no_law() {
+    let (Some(model), Some(file)) = (real("emps/machine-bare.toml"), real("emps/axis.parquet")) else {
+        return;
+    };
+    let allowed = [
+        EffectKind::CoulombFriction,
+        EffectKind::ViscousFriction,
+        EffectKind::AsymmetricFriction,
+        EffectKind::EncoderQuantization,
+    ];
+    for (step_m, within) in [(2e-5, 0.05), (1e-4, 0.05), (1e-3, 0.3)] {
+        let mut recording = read_recording(&file).unwrap();
+        let position = recording.columns.iter_mut().find(|c| c.name == "x_motor_position_m").unwrap();
+        position.values.iter_mut().for_each(|x| *x = (*x / step_m).round() * step_m);
+        let d = said(&model, &[recording]);
+        for finding in &d.findings {
+            let of_lead = finding.effect == EffectKind::PositionPeriodicForce
+                && finding.parameters.iter().any(|e| (e.value / 2.5e-3 - 1.0).abs() < 0.01);
+            assert!(allowed.contains(&finding.effect) || of_lead, "{step_m} m: {:?}", finding.statement);
+        }
+        if let Some(viscous) = number(&d, EffectKind::ViscousFriction, "n_s_m") {
+            assert!((viscous / 206.0 - 1.0).abs() < within, "{step_m} m: {viscous} N s/m");
+        }
+    }
+}
+
 /// What the model that was found leaves is what the search left: no mismatch that had not been one before.
 #[test]
 fn a_found_model_of_one_position_lacks_nothing_on_its_own_recording() {

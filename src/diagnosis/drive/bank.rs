@@ -7,6 +7,7 @@ use super::signals::Layout;
 use super::state::{Balance, State, residual};
 use crate::plant::effects::{EffectKind as E, Port};
 use crate::signal::inner_products::rms;
+use crate::signal::sliding_median::sliding_median;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
@@ -96,7 +97,11 @@ fn frictions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     list.extend(
         grid(0.04 * longest_s, 0.6 * longest_s, 5).map(|t| at(E::FrictionDrift, Shape::Drift { tau_s: t })),
     );
-    list.extend([0.4, 2.5].map(|r| at(E::CoulombFriction, Shape::Smoothing { speed_m_s: r * vs })));
+    // Of one position parts in several forms are free, and a way besides: a speed is asked about where one
+    // is stated.
+    if !one || balance.drive.raw().friction_smoothing_m_s.is_some() {
+        list.extend([0.4, 2.5].map(|r| at(E::CoulombFriction, Shape::Smoothing { speed_m_s: r * vs })));
+    }
     list
 }
 
@@ -378,7 +383,7 @@ fn cuts(balance: &Balance, left: &super::gram::Column) -> Vec<Hypothesis> {
         }
         let (mut sums, mut alone) = (vec![0.0; bins], vec![0.0; bins]);
         for (_, power) in &blocks {
-            let floor = running_median(power, 12);
+            let floor = sliding_median(power, 12);
             let ratios: Vec<f64> = power.iter().zip(&floor).map(|(p, f)| p / f.max(1e-300)).collect();
             for k in 3..bins {
                 let of = |h: usize| ratios.get(h * k).map_or(0.0, |r| (r - 1.0).clamp(0.0, 200.0));
@@ -485,13 +490,4 @@ fn longest_run(flags: &[bool]) -> Option<(usize, usize)> {
         }
     }
     (best.1 > best.0).then_some(best)
-}
-
-fn running_median(x: &[f64], reach: usize) -> Vec<f64> {
-    let of = |k: usize| {
-        let mut window = x[k.saturating_sub(reach)..(k + reach + 1).min(x.len())].to_vec();
-        let middle = window.len() / 2;
-        *window.select_nth_unstable_by(middle, f64::total_cmp).1
-    };
-    (0..x.len()).map(of).collect()
 }

@@ -90,7 +90,7 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
     if chance {
         for (k, null) in base.knockoff_fits.iter().enumerate() {
             let mut of = knockoff_design(&base.design, &base.fit.beta, base.knockoffs + k);
-            // The turned residual holds no law: an amplitude of any size is one of chance.
+            // The null world holds no law: an amplitude of any size is one of chance.
             let bounds = amplitude_bounds(h, added);
             of.add(&gram, old..old + added, if h.has_dose() { vec![FREE; added] } else { bounds });
             let mut start = null.beta.clone();

@@ -22,9 +22,8 @@ const MAINS_OFF: f64 = 2e-3;
 
 impl Drive<'_> {
     /// What is wrong with the column of the force stands in the model before any law: it is none. A line that
-    /// lasts is its own knockoff, and chance is that of these few alone.
+    /// lasts is its own knockoff, and is asked without.
     pub(super) fn without_faults(&self, mut state: State, work: &mut Work) -> State {
-        let alone = Self::new(self.balance);
         loop {
             let list = faults(self.balance, &state);
             if !work.take(list.len() as u64) {
@@ -32,7 +31,13 @@ impl Drive<'_> {
             }
             let scores = on_two_cores(&list, |h| ask(self.balance, &state, h, false).score);
             let best = list.iter().zip(scores).max_by(|a, b| a.1.total_cmp(&b.1));
-            let fitted = best.and_then(|(h, _)| alone.fit(&state, h, work)).filter(Fitted::qualifies);
+            let chance = |h: &Hypothesis| match h.shape {
+                Shape::Mains { .. } => 0.0,
+                _ => ask(self.balance, &state, h, true).chance.max(0.0),
+            };
+            let fitted = best
+                .and_then(|(h, _)| Self::beside_chance(self.balance, chance(h)).fit(&state, h, work))
+                .filter(Fitted::qualifies);
             match fitted {
                 Some(fitted) => state = self.settled(fitted.model, PASSES, work),
                 None => return state,

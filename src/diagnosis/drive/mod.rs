@@ -2,7 +2,9 @@
 
 mod accepted;
 mod answer;
+mod balance;
 mod bank;
+mod base;
 mod closed_loop;
 mod columns;
 mod criteria;
@@ -19,6 +21,7 @@ mod numbers;
 mod one_mass;
 pub(in crate::diagnosis) mod recorded;
 mod rest;
+mod rounding;
 mod series;
 mod shape;
 mod signals;

@@ -8,7 +8,7 @@ use super::likelihood::{Design, FREE, Spread, values};
 use super::rest::Rest;
 use super::signals::Layout;
 use super::spectra::FOLDS;
-use super::state::{Balance, LAG_STEP, Number, State, stated_mechanics};
+use super::state::{Balance, Base, LAG_STEP, Number, State, stated_mechanics};
 use super::subject::slopes;
 use super::words::{Deviations, scale_deviation};
 use crate::diagnosis::result::Correction;
@@ -49,7 +49,7 @@ pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
     let scores = scores(balance, (&gram, &design), (&bands, &weights), &fit.beta);
     let variances = fit.variances(&scores);
     let wider = 1.0_f64.hypot(rest.force_n / rest.floor_n.max(1e-300));
-    let sd = |k: usize| wider * variances[k].max(0.0).sqrt();
+    let sd = |k: usize| wider * variances[k].max(0.0).sqrt().hypot(by_rounding(base, k));
     let numbers = (0..base.numbers.len()).map(sd).collect();
     let (mut place, mut slope) = (base.numbers.len(), base.fit.beta.len());
     let mut laws = Vec::new();
@@ -66,6 +66,13 @@ pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
     }
     let of = |number| base.numbers.iter().position(|n| *n == number).map_or(0.0, sd);
     Doubt { numbers, laws, path: [of(Number::Timing), -LAG_STEP.ln() * of(Number::Lag)] }
+}
+
+/// Deviation of a coefficient by the steps of the position.
+fn by_rounding(base: &Base, place: usize) -> f64 {
+    let fits = &base.knockoff_fits[base.knockoff_fits.len() - base.of_rounding..];
+    let power: f64 = fits.iter().filter_map(|f| f.beta.get(place)).map(|b| b * b).sum();
+    (power / fits.len().max(1) as f64).sqrt()
 }
 
 /// Scores of each quarter of each recording.
@@ -286,10 +293,13 @@ pub(super) fn common_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
     middle.map_or(0.0, |m| m.0)
 }
 
-/// True where the force comes later than its motion, whatever its dead time: its clock is another.
+/// True where the force comes later than its motion, whatever its dead time and the sample in which it acts:
+/// its clock is another.
 pub(super) fn is_late(balance: &Balance, state: &State, doubt: &Doubt) -> bool {
-    let within_s = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
-    state.found_delay && state.path.delay_s < -Z95 * doubt.path[0].hypot(within_s)
+    let c = &Criteria::STANDARD;
+    let [within_s, earliest_s] =
+        [c.timing_deviation, c.timing_samples[0]].map(|s| s / balance.signals.rate_hz);
+    state.found_delay && state.path.delay_s < earliest_s - Z95 * doubt.path[0].hypot(within_s)
 }
 
 /// Numbers that the recordings contradict.
@@ -325,7 +335,7 @@ pub(super) fn corrections(
         list.push(Correction { name: "torque_constant_nm_a".into(), nominal, value, ci95 });
     }
     let stated_s = balance.drive.amplifier_dead_time_s();
-    if state.found_delay && state.path.delay_s < stated_s && !is_late(balance, state, doubt) {
+    if state.found_delay && state.path.delay_s.max(0.0) < stated_s && !is_late(balance, state, doubt) {
         let half = Z95 * doubt.path[0].hypot(c.timing_deviation / balance.signals.rate_hz);
         let value = state.path.delay_s.max(0.0);
         let ci95 = [value - half, value + half];

@@ -6,12 +6,18 @@
 //! The coefficient of the acceleration is one over the square of the frequency at which the stage swings.
 
 use super::recorded::{motor_position, stage_position};
-use super::signals::{BAND_SHARE, SMOOTHING_M_S, THINNED_PER_BAND};
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::plant::effects::friction::sliding_direction;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use nalgebra::{SMatrix, SVector};
+
+/// Pass band of a balance of two positions, as a share of the rate.
+pub(super) const BAND_SHARE: f64 = 0.08;
+/// Samples kept per band.
+pub(super) const THINNED_PER_BAND: f64 = 3.125;
+/// Smoothing speed of friction where the model states none, m/s.
+pub(super) const SMOOTHING_M_S: f64 = 2e-4;
 
 /// A row of the columns of the stretch, and sums of their products.
 type Row = SVector<f64, 5>;

@@ -89,6 +89,11 @@ pub(super) const DIFFERENCE: f64 = 1e-3;
 pub(super) const CUT_HARMONICS: usize = 10;
 
 impl Hypothesis {
+    /// True for a shape that moves a number of the path instead of adding a law.
+    pub(super) fn is_of_path(&self) -> bool {
+        matches!(self.shape, Shape::Delay { .. } | Shape::Loop { .. })
+    }
+
     /// True for what is a number of the model, or a fault of a column, and no finding.
     pub(super) fn is_number(&self) -> bool {
         matches!(self.shape, Shape::Smoothing { .. } | Shape::Delay { early: true, .. } | Shape::Mains { .. })
@@ -110,7 +115,10 @@ impl Hypothesis {
 
     /// True where the shape carries all of the size: another amplitude is another law.
     pub(super) fn is_whole(&self) -> bool {
-        matches!(self.shape, Shape::Torsion { .. } | Shape::Saturation { .. })
+        matches!(
+            self.shape,
+            Shape::Torsion { .. } | Shape::Saturation { .. } | Shape::Delay { early: true, .. }
+        )
     }
 
     /// True where physics allows no negative amplitude.

@@ -2,12 +2,12 @@
 //! thinned for the balance.
 
 use super::criteria::Criteria;
-use super::one_mass::{Spring, spring};
+use super::one_mass::{BAND_SHARE, SMOOTHING_M_S, Spring, THINNED_PER_BAND, spring};
 use super::recorded::{Thrust, is_locked, motor_position, position, stage_position, thrust};
 use super::spectra::Series;
 use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::cuts::spindle_hz;
-use crate::diagnosis::encoder_noise::{rounding_m, variance_m2};
+use crate::diagnosis::encoder_noise::{SpeedOfStep, rounding_m, variance_m2};
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::diagnosis::steps::coarser_step;
 use crate::plant::drive::Structure;
@@ -16,13 +16,10 @@ use crate::sample::Recording;
 use crate::signal::inner_products::rms;
 use std::f64::consts::TAU;
 
-/// Pass band of the balance, as a share of the rate, and at most, Hz.
-pub(super) const BAND_SHARE: f64 = 0.08;
+/// Pass band of the balance at most, Hz.
 const BAND_HZ: f64 = 800.0;
 /// A balance of one position has no resonance in it and may look higher.
 const BAND_SHARE_RIGID: f64 = 0.1;
-/// Samples kept per band.
-pub(super) const THINNED_PER_BAND: f64 = 3.125;
 /// Highest frequency looked at over the pass band: what a kernel that is half there still tells.
 const TOP: f64 = 1.1875;
 /// Share of the axial resonance up to which an axis with one position moves as one mass: its stage lags by
@@ -30,12 +27,12 @@ const TOP: f64 = 1.1875;
 const RIGID_SHARE: f64 = 0.15;
 /// Narrowest band of a velocity, as a share of the rate.
 const VELOCITY_BAND_SHARE: f64 = 0.05;
-/// Smoothing speed of friction where the model states none, m/s.
-pub(super) const SMOOTHING_M_S: f64 = 2e-4;
 /// Quantile of the blocks of a recording in which the axis moves: at rest a step shows no noise.
 const MOVING: f64 = 0.75;
 /// Part of a recording that a slow thrust filter may take at either end.
 const PATH_PARTS: usize = 12;
+/// Lengths of a kernel that a recording holds at least.
+const KERNELS: f64 = 30.0;
 /// Thinned samples that a recording has at least.
 const LEAST_SAMPLES: usize = 48;
 
@@ -108,6 +105,8 @@ pub(super) struct Signals {
     pub(super) noise_m2: Vec<f64>,
     /// Kernels without a shift: signal, first and second derivative.
     kernels: [Kernel; 3],
+    /// Of the velocity of laws that are not linear.
+    of_velocity: Kernel,
     /// What averages the thrust and the positions so that both are averaged alike, and laws with them.
     means: [Kernel; 2],
 }
@@ -199,11 +198,18 @@ impl Signals {
         let used = if layout == Layout::TwoPositions { steps_m[0].max(steps_m[1]) } else { steps_m[0] };
         let c = Criteria::STANDARD.velocity_noise;
         let least_hz = VELOCITY_BAND_SHARE * rate_hz;
-        let speed_of_step = TAU * used / c;
+        let by_step = SpeedOfStep { one_position: layout != Layout::TwoPositions, step_m: used, rate_hz };
         let stated = axis.drive.raw().friction_smoothing_m_s;
-        let smoothing_m_s =
-            stated.unwrap_or_else(|| SMOOTHING_M_S.max(speed_of_step * least_hz.min(band_hz)));
-        let velocity_hz = (smoothing_m_s / speed_of_step.max(1e-300)).min(band_hz).max(0.15 * least_hz);
+        let usual = match layout {
+            Layout::TwoPositions => SMOOTHING_M_S.max(by_step.at_m_s(least_hz.min(band_hz)) / c),
+            _ => SMOOTHING_M_S,
+        };
+        let shortest = recordings.iter().map(Recording::len).min().unwrap_or(1);
+        let velocity_hz = by_step
+            .band_hz(c * stated.unwrap_or(usual))
+            .max((0.15 * least_hz).max(KERNELS * rate_hz / shortest as f64))
+            .min(band_hz);
+        let smoothing_m_s = stated.unwrap_or_else(|| usual.max(by_step.at_m_s(velocity_hz)));
         let most = averaged[0].max(averaged[1]);
         let mean_of_laws = Kernel::mean(most);
         let low_pass = |derivative| {
@@ -220,6 +226,7 @@ impl Signals {
             wound_m: one_mass.map_or(0.0, |s| s.wound_m),
             noise_m2,
             kernels: [low_pass(0), low_pass(1), low_pass(2)],
+            of_velocity: Kernel::low_pass(velocity_hz, rate_hz, Action { derivative: 1, advance_s: 0.0 }),
             means: averaged.map(|rows| Kernel::mean(if rows > 1 { 1 } else { most })),
         };
         for (k, recording) in recordings.iter().enumerate() {
@@ -269,24 +276,7 @@ impl Signals {
         let full = Grid { first: full_first, step: 1, count: samples - 2 * full_first };
         let inside = samples - 2 * thin_first;
         let thin = Grid { first: thin_first, step: self.step, count: inside.div_ceil(self.step) };
-        let mut sides: [Side; 2] = Default::default();
-        let mut out = Thin::default();
-        for (k, (x, advance_s)) in raw.iter().enumerate() {
-            let origin = x[0];
-            let local: Vec<f64> = x.iter().map(|v| v - origin).collect();
-            let of = |hz, derivative, grid| kernel(hz, derivative, *advance_s).apply(&local, grid);
-            let of_thin = |derivative| {
-                kernel(self.band_hz, derivative, *advance_s).after(&self.means[1]).apply(&local, thin)
-            };
-            let back = |x: Vec<f64>| x.iter().map(|v| v + origin).collect::<Vec<f64>>();
-            sides[k].x_m = back(of(self.band_hz, 0, full));
-            sides[k].v_m_s = of(velocity_hz, 1, full);
-            out.velocity[k] = of_thin(1);
-            out.accel[k] = of_thin(2);
-            if k == 0 {
-                out.position = back(of_thin(0));
-            }
-        }
+        let (sides, mut out) = self.moved(&raw, velocity_hz, [full, thin]);
         let stretch_m = match self.layout {
             Layout::TwoPositions => difference(&sides[0].x_m, &sides[1].x_m),
             Layout::Locked => sides[0].x_m.clone(),
@@ -322,6 +312,31 @@ impl Signals {
             thin: out,
             masked,
         })
+    }
+
+    /// Both sides at the full rate, and thinned. `raw`: positions and when each was read.
+    fn moved(&self, raw: &[(Vec<f64>, f64)], velocity_hz: f64, [full, thin]: [Grid; 2]) -> ([Side; 2], Thin) {
+        let mut sides: [Side; 2] = Default::default();
+        let mut out = Thin::default();
+        for (k, (x, advance_s)) in raw.iter().enumerate() {
+            let origin = x[0];
+            let local: Vec<f64> = x.iter().map(|v| v - origin).collect();
+            let kernel = |hz: f64, derivative| {
+                Kernel::low_pass(hz, self.rate_hz, Action { derivative, advance_s: *advance_s })
+            };
+            let of = |hz, derivative, grid| kernel(hz, derivative).apply(&local, grid);
+            let of_thin =
+                |derivative| kernel(self.band_hz, derivative).after(&self.means[1]).apply(&local, thin);
+            let back = |x: Vec<f64>| x.iter().map(|v| v + origin).collect::<Vec<f64>>();
+            sides[k].x_m = back(of(self.band_hz, 0, full));
+            sides[k].v_m_s = of(velocity_hz, 1, full);
+            out.velocity[k] = of_thin(1);
+            out.accel[k] = of_thin(2);
+            if k == 0 {
+                out.position = back(of_thin(0));
+            }
+        }
+        (sides, out)
     }
 
     /// Samples that the longest thrust filter needs on either side.
@@ -376,13 +391,12 @@ impl Signals {
 
     /// A full-rate series through the low-pass, its ends as they are.
     pub(super) fn low_passed(&self, full: &[f64]) -> Vec<f64> {
-        let half = self.kernels[0].half();
-        let mut out = full.to_vec();
-        if full.len() > 2 * half {
-            let grid = Grid { first: half, step: 1, count: full.len() - 2 * half };
-            out[half..full.len() - half].copy_from_slice(&self.kernels[0].apply(full, grid));
-        }
-        out
+        inside(&self.kernels[0], full, full.to_vec())
+    }
+
+    /// Its rate in the band of the velocity, zero at its ends.
+    pub(super) fn speed_m_s(&self, full: &[f64]) -> Vec<f64> {
+        inside(&self.of_velocity, full, vec![0.0; full.len()])
     }
 
     /// A series of all samples of a recording, filtered and thinned.
@@ -494,8 +508,6 @@ fn stage_is_finer(axis: &AxisModel, recordings: &[Recording]) -> bool {
 ///
 /// White noise of variance s^2 below f: rms M s (2 pi f)^2 (2 f / (5 rate))^(1/2).
 fn clean_band_hz(axis: &AxisModel, recording: &Recording, mass_kg: f64, noise_m2: f64) -> f64 {
-    /// Lengths of the kernel that a recording holds at least.
-    const KERNELS: f64 = 30.0;
     let rate_hz = recording.sample_rate.hz();
     let Ok(thrust) = thrust(axis, recording) else { return f64::INFINITY };
     let mean = thrust.reference_n.iter().sum::<f64>() / thrust.reference_n.len().max(1) as f64;
@@ -520,6 +532,16 @@ fn band_hz((layout, rate_hz): (Layout, f64), one_mass: Option<Spring>) -> f64 {
     }
     let widest = (BAND_SHARE_RIGID * rate_hz).min(BAND_HZ);
     one_mass.map_or(widest, |s| widest.min(RIGID_SHARE * s.swing_rad2_s2.sqrt() / TAU))
+}
+
+/// A series through a kernel where that has all of its length, else as in `ends`.
+fn inside(kernel: &Kernel, full: &[f64], mut ends: Vec<f64>) -> Vec<f64> {
+    let half = kernel.half();
+    if full.len() > 2 * half {
+        let grid = Grid { first: half, step: 1, count: full.len() - 2 * half };
+        ends[half..full.len() - half].copy_from_slice(&kernel.apply(full, grid));
+    }
+    ends
 }
 
 fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {

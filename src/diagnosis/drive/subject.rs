@@ -7,7 +7,7 @@ use super::evidence::{Asked, ask, level, price, statistic};
 use super::gram::{Gram, Part};
 use super::likelihood::{Design, FREE, values};
 use super::shape::{DIFFERENCE, Hypothesis, Over, Shape};
-use super::state::{Accepted, Balance, State, is_of_path};
+use super::state::{Accepted, Balance, State};
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::{EffectKind, Port};
@@ -473,6 +473,6 @@ impl State {
             }
             _ => self.accepted.push(law),
         }
-        debug_assert!(!is_of_path(&h) || self.found_delay || self.found_loop);
+        debug_assert!(!h.is_of_path() || self.found_delay || self.found_loop);
     }
 }

@@ -1,0 +1,213 @@
+//! One axis as recorded: which numbers its balance has, and the columns of each.
+
+use super::columns::{Ground, TimeColumn, derivative};
+use super::criteria::Criteria;
+use super::gram::{BandGram, Column, Part};
+use super::likelihood::{Design, Fit, Spread};
+use super::number::{Mechanics, Number, TURNING};
+use super::signals::{Layout, Path, Signals};
+use super::spectra::{FOLDS, Plan};
+use crate::plant::drive::DriveParams;
+use std::sync::Arc;
+
+/// A central difference of the thrust over its time of arrival, samples.
+const TIMING_STEP: f64 = 0.1;
+/// A step of a loop's bandwidth, as a factor.
+pub(super) const LAG_STEP: f64 = 0.98;
+
+use Number as N;
+
+/// The axis as recorded, and how it is looked at.
+pub(super) struct Balance {
+    pub(super) drive: DriveParams,
+    pub(super) signals: Signals,
+    pub(super) plan: Plan,
+    /// A column was moved in time: when a reference acts is free, and no delay is asked about.
+    pub(super) clock_moved: bool,
+    /// Columns that never change, by number.
+    pub(super) fixed: Vec<(Number, Column)>,
+}
+
+impl Balance {
+    /// Columns of the numbers that are linear in signals alone.
+    pub(super) fn new(drive: DriveParams, signals: Signals, clock_moved: bool) -> Self {
+        let masked: Vec<Vec<bool>> = signals.tracks.iter().map(|t| t.masked.clone()).collect();
+        // One position tells friction at the lowest frequencies, where every real axis leaves most: weights
+        // by band would give those few bins away for the many of the noise.
+        let white = signals.layout != Layout::TwoPositions;
+        let plan = Plan::new(&masked, signals.thin_rate_hz(), (signals.top_hz(), white));
+        let mut out = Self { drive, signals, plan, clock_moved, fixed: Vec::new() };
+        let changing = |n: &Number| n.is_dry_friction() || *n == N::Timing;
+        out.fixed = out
+            .numbers()
+            .into_iter()
+            .filter(|n| !changing(n))
+            .map(|n| (n, out.column(&out.linear(n))))
+            .collect();
+        out
+    }
+
+    /// The numbers that this balance has.
+    pub(super) fn numbers(&self) -> Vec<Number> {
+        let mut numbers = match self.signals.layout {
+            Layout::TwoPositions => vec![
+                N::MotorMass,
+                N::MotorDamping,
+                N::MotorCoulomb,
+                N::Stiffness,
+                N::StructuralDamping,
+                N::StageMass,
+                N::StageDamping,
+                N::StageCoulomb,
+                N::Timing,
+                N::Zero,
+                N::Scale,
+            ],
+            Layout::OnePosition => vec![N::StageMass, N::StageDamping, N::StageCoulomb, N::Timing],
+            Layout::Locked => {
+                vec![N::StageMass, N::StageDamping, N::StageCoulomb, N::Timing, N::Stiffness, N::Zero]
+            }
+        };
+        let of_motor = numbers.contains(&N::MotorCoulomb);
+        let parts = 0..TURNING.len();
+        numbers.extend(parts.clone().filter(|_| of_motor).map(N::MotorTurning));
+        numbers.extend(parts.map(N::StageTurning));
+        numbers.extend((self.signals.sides() == 1).then_some(N::StageTurning(TURNING.len())));
+        numbers
+    }
+
+    fn linear(&self, number: Number) -> TimeColumn {
+        let two = self.signals.layout == Layout::TwoPositions;
+        let each = |of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| self.signals.each(|t| of(&t.thin));
+        let negative = |x: &[f64]| x.iter().map(|v| -v).collect::<Vec<f64>>();
+        let coupled = |of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| TimeColumn {
+            sides: [Some(each(of)), two.then(|| each(&|t| negative(&of(t))))],
+            operator: None,
+        };
+        let spring = |order: i32, of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| TimeColumn {
+            operator: Some(Arc::new(move |w| [1.0, -1.0, -1.0, 1.0].map(|sign| sign * derivative(w, order)))),
+            ..coupled(of)
+        };
+        let own = |side: usize, order: i32, of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| {
+            let mut column = TimeColumn::default();
+            column.sides[if two { side } else { 0 }] = Some(each(of));
+            let at = [1.0 - side as f64, 0.0, 0.0, side as f64];
+            column.operator = Some(Arc::new(move |w| at.map(|at| at * derivative(w, order))));
+            column
+        };
+        let last = usize::from(two);
+        match number {
+            N::MotorMass => own(0, 2, &|t| t.accel[0].clone()),
+            N::MotorDamping => own(0, 1, &|t| t.velocity[0].clone()),
+            N::Stiffness => spring(0, &|t| t.stretch.clone()),
+            N::StructuralDamping => spring(1, &|t| t.stretch_rate.clone()),
+            N::StageMass => own(1, 2, &|t| t.accel[last].clone()),
+            N::StageDamping => own(1, 1, &|t| t.velocity[last].clone()),
+            N::Zero => coupled(&|t| vec![1.0; t.position.len()]),
+            N::Scale => coupled(&|t| {
+                let middle = 0.5 * self.signals.travel_m().iter().sum::<f64>();
+                t.position.iter().map(|x| x - middle).collect()
+            }),
+            N::MotorCoulomb
+            | N::StageCoulomb
+            | N::MotorTurning(_)
+            | N::StageTurning(_)
+            | N::Timing
+            | N::Lag => TimeColumn::default(),
+        }
+    }
+
+    /// A number's column in time.
+    pub(super) fn number_column(&self, number: Number, state: &Ground<'_>) -> TimeColumn {
+        match number {
+            N::MotorCoulomb | N::StageCoulomb | N::MotorTurning(_) | N::StageTurning(_) => {
+                let two = self.signals.layout == Layout::TwoPositions;
+                let side = usize::from(two && matches!(number, N::StageCoulomb | N::StageTurning(_)));
+                let of = |t: &super::signals::Track| state.dry(t, side, number.part());
+                let mut column = TimeColumn::default();
+                column.sides[side] = Some(self.signals.each(of));
+                column
+            }
+            N::Timing => {
+                let by = TIMING_STEP / self.signals.rate_hz;
+                let at = |delay_s: f64| {
+                    let path = Path { delay_s: state.path.delay_s + delay_s, ..state.path };
+                    self.signals.each(|t| self.signals.thrust(t, path))
+                };
+                // Later by a second: thrust less its rate; the model needs the rate more.
+                let rate = at(-by)
+                    .iter()
+                    .zip(&at(by))
+                    .map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b) / (2.0 * by)).collect())
+                    .collect();
+                TimeColumn { sides: [Some(rate), None], operator: None }
+            }
+            N::Lag => state.lagging(LAG_STEP),
+            _ => self.linear(number),
+        }
+    }
+
+    /// A column's spectra.
+    pub(super) fn column(&self, time: &TimeColumn) -> Column {
+        let points = &self.plan.points;
+        let response = time.operator.as_ref().map(|of| points.iter().map(|p| of(p.rad_s)).collect());
+        Column {
+            sides: [0, 1].map(|k| time.sides[k].as_ref().map(|s| self.plan.transform(s))),
+            response: response.map(Arc::new),
+        }
+    }
+
+    /// What is fitted to: the thrust at the motor, nothing at the stage.
+    pub(super) fn target(&self, path: Path) -> TimeColumn {
+        let thrust = self.signals.each(|t| self.signals.thrust(t, path));
+        TimeColumn { sides: [Some(thrust), None], operator: None }
+    }
+
+    /// Parts that are held out in turn: quarters, and recordings where there are several.
+    pub(super) fn parts(&self) -> Vec<(Part, Part)> {
+        let folds = (0..FOLDS).map(|f| (Part::WithoutFold(f), Part::Fold(f)));
+        let several = self.plan.recordings() > 1;
+        let recordings = (0..self.plan.recordings()).filter(|_| several);
+        folds.chain(recordings.map(|r| (Part::WithoutRecording(r), Part::Recording(r)))).collect()
+    }
+
+    /// Weights of a floor that is flat below the bands it is read off in.
+    fn flat_weights(&self, design: &Design, bands: &[BandGram], beta: &[f64]) -> Vec<Spread> {
+        let share = Criteria::STANDARD.floor_band;
+        let [low, high] = share.map(|s| s * self.signals.top_hz());
+        let spreads: Vec<Spread> = bands.iter().map(|b| design.spread(b, beta)).collect();
+        let middle = |b: &BandGram| 0.5 * self.plan.band_hz(b.band).iter().sum::<f64>();
+        let flat = |b: &BandGram, s: &Spread| {
+            let reference =
+                bands.iter().position(|o| o.recording == b.recording && (low..high).contains(&middle(o)));
+            reference.filter(|_| middle(b) < low).map_or(*s, |k| spreads[k])
+        };
+        bands.iter().zip(&spreads).map(|(b, s)| design.weight(flat(b, s))).collect()
+    }
+
+    /// The better of two fits: from the weights of the present residuals, and from a flat floor.
+    pub(super) fn fit(&self, design: &Design, bands: &[BandGram], beta: &[f64], weights: &[Spread]) -> Fit {
+        let one = design.fit(bands, beta.to_vec(), weights.to_vec());
+        let flat = self.flat_weights(design, bands, beta);
+        let other = design.fit(bands, beta.to_vec(), flat);
+        if other.nats < one.nats { other } else { one }
+    }
+}
+
+/// The stated numbers on the screw axis.
+pub(super) fn stated_mechanics(balance: &Balance) -> Mechanics {
+    let d = &balance.drive;
+    let total = balance.signals.layout != Layout::TwoPositions;
+    let sum = |motor: f64, stage: f64| if total { motor + stage } else { stage };
+    Mechanics {
+        motor_mass_kg: d.reflected_mass_kg(),
+        motor_damping_n_s_m: d.reflected_damping_n_s_m(),
+        motor_coulomb_n: d.motor_coulomb_friction_n(),
+        stiffness_n_m: d.axial_stiffness_n_m(),
+        structural_damping_n_s_m: d.structural_damping_n_s_m(),
+        stage_mass_kg: sum(d.reflected_mass_kg(), d.movable_mass_kg()),
+        stage_damping_n_s_m: sum(d.reflected_damping_n_s_m(), d.translational_damping_n_s_m()),
+        stage_coulomb_n: sum(d.motor_coulomb_friction_n(), d.stage_coulomb_friction_n()),
+        spring_zero_n: 0.0,
+    }
+}
