@@ -8,13 +8,11 @@ use super::dynamics::Dynamics;
 use super::gram::{BandGram, Column, Gram, Part};
 use super::likelihood::{Design, FREE, Fit, POSITIVE, Spread};
 use super::number::{Mechanics, Number};
-use super::rounding::rounding;
+use super::rounding::{QUARTERS, rounding};
 use super::shape::Hypothesis;
 use super::signals::{Layout, Path};
 use std::sync::Arc;
 
-/// Turns of the knockoffs, as shares of a recording.
-const TURNS: [f64; 3] = [0.25, 0.5, 0.75];
 /// Steps of the bandwidth, and samples of a delay that was found, that a fit may take at once.
 const MOST_STEPS: f64 = 15.0;
 const MOST_DELAY_SAMPLES: f64 = 2.0;
@@ -205,7 +203,7 @@ pub(super) fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base
     let weights = design.weights(&all, &fit.beta);
     // What is left, turned.
     let left = residual(balance, &gram, &design, &fit.beta);
-    let turned = TURNS
+    let turned = QUARTERS
         .map(|share| [0, 1].map(|k| left.sides[k].as_ref().map(|s| plan.turned(s, share))))
         .map(|sides| Column { sides, response: None });
     let rounding = rounding(&ground);
@@ -217,7 +215,7 @@ pub(super) fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base
         let design = knockoff_design(&design, &fit.beta, knockoffs + k);
         design.fit(&all, vec![0.0; design.columns.len()], weights.clone())
     };
-    let knockoff_fits = (0..TURNS.len() + of_rounding).map(null).collect();
+    let knockoff_fits = (0..QUARTERS.len() + of_rounding).map(null).collect();
     let held_out = held_out(balance, (&gram, &design), &fit.beta);
     Base { numbers, gram, all, design, fit, weights, idle, knockoffs, knockoff_fits, of_rounding, held_out }
 }

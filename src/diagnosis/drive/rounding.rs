@@ -12,8 +12,8 @@ use super::columns::{Ground, TimeColumn};
 use super::signals::{Layout, Track};
 use crate::plant::effects::friction::sliding_direction;
 
-/// Shifts of the steps, as shares of a step.
-const SHIFTS: [f64; 3] = [0.25, 0.5, 0.75];
+/// What null worlds are turned by: shares of a recording, and of a step.
+pub(super) const QUARTERS: [f64; 3] = [0.25, 0.5, 0.75];
 
 /// A column for each shift. None of two positions: what is coarse beside the stretch is taken as one.
 pub(super) fn rounding(ground: &Ground<'_>) -> Vec<TimeColumn> {
@@ -28,7 +28,7 @@ pub(super) fn rounding(ground: &Ground<'_>) -> Vec<TimeColumn> {
         let series = s.tracks.iter().enumerate().map(of).collect();
         TimeColumn { sides: [Some(series), None], operator: None }
     };
-    SHIFTS.map(of).to_vec()
+    QUARTERS.map(of).to_vec()
 }
 
 /// What rounding leaves of one recording; nothing where it has no steps.

@@ -209,7 +209,7 @@ impl Signals {
             .band_hz(c * stated.unwrap_or(usual))
             .max((0.15 * least_hz).max(KERNELS * rate_hz / shortest as f64))
             .min(band_hz);
-        let smoothing_m_s = stated.unwrap_or_else(|| usual.max(by_step.at_m_s(velocity_hz)));
+        let smoothing_m_s = stated.unwrap_or_else(|| usual.max(by_step.at_m_s(velocity_hz) / c));
         let most = averaged[0].max(averaged[1]);
         let mean_of_laws = Kernel::mean(most);
         let low_pass = |derivative| {
