@@ -4,6 +4,7 @@
 mod adequacy;
 mod along;
 mod answer;
+mod bursts;
 mod contact;
 mod criteria;
 mod diagnose;

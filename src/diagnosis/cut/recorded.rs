@@ -5,6 +5,7 @@ use super::super::result::{Fit, Verdict};
 use super::adequacy::{Left, left};
 use super::along::{Motion, added, law_forces, true_forces};
 use super::answer::Fitting;
+use super::bursts::bursts;
 use super::contact::{impossible_chatter, pulls};
 use super::fit::{Effort, Problem};
 use super::input::CutRecording;
@@ -62,7 +63,8 @@ pub(crate) fn complete(
     diagnosis.mapped.extend(mapped(recordings, stretches, &diagnosis.stated));
     // Of what is left the greater.
     let scattered = fitting.scattered.map(|s| s.left.clone());
-    let left = left(problem, point).into_iter().chain(scattered);
+    let bursts = bursts(recordings, stretches, &diagnosis.stated);
+    let left = left(problem, point).into_iter().chain(scattered).chain(bursts);
     judge(left.max_by(|a, b| a.excess_nats.total_cmp(&b.excess_nats)), diagnosis);
     let impossible = || {
         let posterior = fitting.posterior.as_ref()?;

@@ -215,7 +215,7 @@ pub(super) fn taper(k: usize, n: usize, rate_hz: f64) -> Vec<f64> {
 /// A series less the lines of the spindle's orders up to a frequency; `turned`: angle of each sample, rad.
 ///
 /// Each by itself through a window of Hann: orders stand many bins apart.
-fn without_orders(x: &mut [f64], turned: &[f64], turn_hz: f64, highest_hz: f64) {
+pub(super) fn without_orders(x: &mut [f64], turned: &[f64], turn_hz: f64, highest_hz: f64) {
     let n = x.len();
     let window: Vec<f64> = (0..n).map(|k| 1.0 - (TAU * (k as f64 + 0.5) / n as f64).cos()).collect();
     let turn: Vec<Complex<f64>> = turned.iter().map(|a| Complex::from_polar(1.0, *a)).collect();
@@ -230,7 +230,7 @@ fn without_orders(x: &mut [f64], turned: &[f64], turn_hz: f64, highest_hz: f64) 
 }
 
 /// A series less its straight line of least squares: wear and travel are no vibration.
-fn without_line(x: &[f64]) -> Vec<f64> {
+pub(super) fn without_line(x: &[f64]) -> Vec<f64> {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;
     let middle = (n - 1.0) / 2.0;
