@@ -115,10 +115,7 @@ impl Hypothesis {
 
     /// True where the shape carries all of the size: another amplitude is another law.
     pub(super) fn is_whole(&self) -> bool {
-        matches!(
-            self.shape,
-            Shape::Torsion { .. } | Shape::Saturation { .. } | Shape::Delay { early: true, .. }
-        )
+        matches!(self.shape, Shape::Torsion { .. } | Shape::Saturation { .. })
     }
 
     /// True where physics allows no negative amplitude.
