@@ -42,7 +42,9 @@ pub fn diagnose(
     }
     let frame = Frame::of(scenario, &evidence);
     let laws = Law::open(scenario, frame.probe());
-    let mut work = Work::new(evaluations(budget_s, &evidence));
+    // Half of the budget for the search; of the other half one half for whether what it found holds.
+    let mut work = Work::new(evaluations(0.5 * budget_s, &evidence));
+    let mut beside = Work::new(evaluations(0.25 * budget_s, &evidence));
     progress(0.02, "dividing the recordings");
     let mut point = frame.origin();
     let mut known = frame.machine(&point).map(Reference::of).ok_or(CutInputError::NoCut)?;
@@ -74,7 +76,8 @@ pub fn diagnose(
     if hidden::any(evidence.recordings, &observables) {
         let mut half = work.half();
         let problem = Problem { frame: &frame, observables: &observables };
-        let first = answered(&Cut::new(&problem, laws.clone(), rivals), &point, &mut half, progress);
+        let first =
+            answered(&Cut::new(&problem, laws.clone(), rivals), &point, [&mut half, &mut beside], progress);
         fits = first.filter(|a| a.scattered.is_none() && left(&problem, &a.selected.model.point).is_none());
         if fits.is_none() {
             let mut fitted = |rest: &Problem<'_>| Cut::new(rest, Vec::new(), 0).start(&point, &mut work);
@@ -83,7 +86,7 @@ pub fn diagnose(
     }
     let problem = Problem { frame: &frame, observables: &observables };
     let cut = Cut::new(&problem, laws.clone(), rivals);
-    let answered = fits.or_else(|| answered(&cut, &point, &mut work, progress));
+    let answered = fits.or_else(|| answered(&cut, &point, [&mut work, &mut beside], progress));
     let Answered { start, selected, defended, posterior, scattered } =
         answered.ok_or(CutInputError::NoCut)?;
     progress(0.85, "what these cuts tell");
@@ -123,7 +126,7 @@ pub fn diagnose(
         }));
     }
     diagnosis.plan = plan::plan(&fitting);
-    note_budget(work.is_spent(), &mut diagnosis);
+    note_budget(work.is_spent() || beside.is_spent(), &mut diagnosis);
     if observables.is_empty() {
         let note = "No stretch of these recordings could be looked at: in none does the condition stand \
                     still while the tools keep contact and the flanks keep clear. Nothing found is no proof.";
@@ -143,7 +146,14 @@ struct Answered {
 }
 
 /// The one selection from a point on; what no stretch tells from nothing is taken out again.
-fn answered(cut: &Cut<'_>, point: &Point, work: &mut Work, progress: Progress<'_>) -> Option<Answered> {
+///
+/// `work`: for the selection; `beside`: for asking what it found again beside what no law is.
+fn answered(
+    cut: &Cut<'_>,
+    point: &Point,
+    [work, beside]: [&mut Work; 2],
+    progress: Progress<'_>,
+) -> Option<Answered> {
     let reach = Reach { fitted: cut.rivals, ..REACH };
     let start = cut.start(point, work)?;
     let mut selected = select(cut, start.clone(), reach, work, &|share, what| progress(0.8 * share, what));
@@ -156,11 +166,11 @@ fn answered(cut: &Cut<'_>, point: &Point, work: &mut Work, progress: Progress<'_
         posterior = Posterior::new(cut.problem, &selected.model.point);
     }
     // A law that follows what is another machine in every stretch is none.
-    let scattered = scattered(cut, &selected.model, work);
+    let scattered = scattered(cut, &selected.model, beside);
     if let Some(scattered) = &scattered
         && scattered.point.terms.len() < selected.model.point.terms.len()
     {
-        selected.model = cut.refined(&scattered.point, work);
+        selected.model = cut.refined(&scattered.point, beside);
         posterior = Posterior::new(cut.problem, &selected.model.point);
     }
     Some(Answered { start, selected, defended: cut.defended(), posterior, scattered })
@@ -181,13 +191,13 @@ fn observed<'a>(
     (stretches, out)
 }
 
-/// Evaluations that fit into a budget: measured on two cores, half of it for what follows the search.
+/// Evaluations that fit into so many seconds: measured on two cores.
 fn evaluations(budget_s: f64, evidence: &CutEvidence<'_>) -> u64 {
     let seconds: f64 =
         evidence.recordings.iter().map(|r| r.len() as f64 / r.sample_rate.hz()).sum::<f64>().max(0.1);
     let rows = evidence.table.map_or(0, |t| t.rows.len()) as f64;
     let evaluation_s = CRITERIA.evaluation_s_per_s * seconds + CRITERIA.evaluation_s_per_row * rows;
-    (0.5 * budget_s.max(0.0) / evaluation_s) as u64
+    (budget_s.max(0.0) / evaluation_s) as u64
 }
 
 fn note_budget(spent: bool, diagnosis: &mut CutDiagnosis) {

@@ -191,7 +191,7 @@ impl Scatter {
             if variance <= 0.0 {
                 return None;
             }
-            if (variance - before).abs() < STEP * before {
+            if (variance - before).abs() < STEP * before || work.is_spent() {
                 break;
             }
         }
@@ -220,7 +220,7 @@ impl Scatter {
             if gained > 0.0 {
                 best = (point.clone(), value);
             }
-            if gained < CRITERIA.decides_nothing_nats {
+            if gained < CRITERIA.decides_nothing_nats || work.is_spent() {
                 break;
             }
             let off = |(observable, offset): (_, &f64)| {
@@ -299,7 +299,7 @@ pub(crate) fn scattered(cut: &Cut<'_>, model: &Model, work: &mut Work) -> Option
     let (mut scatter, mut worth) = worst(cut, &model.point, work)?;
     let mut point = model.point.clone();
     let mut standing: Vec<(Law, f64)> = Vec::new();
-    while !point.terms.is_empty() {
+    while !point.terms.is_empty() && !work.is_spent() {
         let number = scatter.number;
         let (_, with) = Scatter::fitted(cut.problem, &point, number, work);
         let mut of = |k: usize| {
