@@ -20,7 +20,8 @@ use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
 use crate::ownership::{self, own_folder, own_lock};
 use crate::store::{
-    Judged, Observation, Observer, OpenReport, Retention, StoreError, StoreReader, StoreWriter,
+    Judged, Observation, Observer, OpenReport, PARTS, RECORDINGS, Retention, StoreError, StoreReader,
+    StoreWriter,
 };
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::{Domain, TransportError};
@@ -131,7 +132,7 @@ pub fn check(config: &ServiceConfig) -> Result<(), ServiceError> {
         }
     }
     let state = &config.history.folder;
-    let parts = ["history.sqlite", "history.reserve", "history.mark", "recordings"].map(|n| state.join(n));
+    let parts = PARTS.map(|name| state.join(name));
     for path in [state, &config.transport.1].into_iter().chain(&parts) {
         if let Err(source) = ownership::kept(path)
             && ownership::is_refusal(&source)
@@ -410,7 +411,7 @@ impl Parts {
         &self,
         announcer: Announcer,
     ) -> Result<(Recordings, std::sync::mpsc::SyncSender<recorder::Job>, JoinHandle<()>), ServiceError> {
-        let folder = self.config.history.folder.join("recordings");
+        let folder = self.config.history.folder.join(RECORDINGS);
         let recordings = Recordings::open(&folder)?;
         let room = recordings.clone();
         self.writer.may_remove(Box::new(move || room.make_room()));

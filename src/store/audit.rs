@@ -5,6 +5,7 @@ use super::mark::{Found, Mark, Missing};
 use sha2::{Digest as _, Sha256};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Connection as _, Row as _, SqliteConnection};
+use std::io::{Error, ErrorKind};
 use std::path::Path;
 
 /// A write that somebody made or was refused.
@@ -175,22 +176,19 @@ fn row(row: &sqlx::sqlite::SqliteRow) -> Result<(AuditRow, Vec<u8>), sqlx::Error
 const SELECT: &str = "SELECT sequence, wall_ns, actor, role, action, detail, hash FROM audit \
      WHERE sequence > ? ORDER BY sequence LIMIT 1000";
 
-/// Whether a history stood at this path: the notes beside it outlive it.
-#[must_use]
-pub fn is_noted(path: &Path) -> bool {
-    Mark::read(path).mark.is_some()
-}
-
 /// Reads the whole chain of a history file and says where it breaks, if it does. `noted`: a head of
 /// earlier, which must be among the rows: a chain whose end was cut off is intact in itself. The mark beside
 /// the file is compared, too, also where there is no file, or nothing in it.
-/// Errors: the file cannot be read.
+/// Errors: no file is there and no mark, or it cannot be read.
 pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<AuditVerdict, StoreError> {
     let fail = |source| StoreError::Database { path: path.to_owned(), source };
     // Before the rows: the service may be writing.
     let Found { mark, spoilt: spoilt_notes } = Mark::read(path);
-    if let Some(mark) = mark.as_ref().filter(|_| !path.exists()) {
-        return Ok(AuditVerdict::Cut(mark.all_missing()));
+    if !path.is_file() {
+        let what = "no history there; expected the history.folder of a service that has run";
+        let absent =
+            || StoreError::Files { path: path.to_owned(), source: Error::new(ErrorKind::NotFound, what) };
+        return mark.map(|mark| AuditVerdict::Cut(mark.all_missing())).ok_or_else(absent);
     }
     let connect =
         SqliteConnection::connect_with(&SqliteConnectOptions::new().filename(path).read_only(true)).await;

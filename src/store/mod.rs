@@ -14,7 +14,7 @@ mod reserve;
 mod retention;
 mod writer;
 
-pub use audit::{AuditEntry, AuditRow, AuditVerdict, is_noted, verify_audit_file};
+pub use audit::{AuditEntry, AuditRow, AuditVerdict, verify_audit_file};
 pub use cuts::PastCut;
 pub use evidence::{Judged, Observation, Observer};
 pub use mark::Missing;
@@ -34,6 +34,10 @@ use thiserror::Error;
 
 /// Name of the history file in the state directory.
 pub const FILE_NAME: &str = "history.sqlite";
+/// Folder of the recordings beside it.
+pub const RECORDINGS: &str = "recordings";
+/// All that stands in `history.folder`.
+pub const PARTS: [&str; 4] = [FILE_NAME, reserve::FILE_NAME, mark::FILE_NAME, RECORDINGS];
 
 /// Why the history cannot be used. One line.
 #[derive(Debug, Error)]

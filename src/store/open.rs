@@ -210,7 +210,7 @@ pub(super) async fn check_whole(connection: &mut SqliteConnection) -> Result<(),
 /// Whether the file is empty and was not always: its log, a reserve or recordings tell of an earlier life.
 fn is_emptied(path: &Path) -> bool {
     let length = |path: &Path| std::fs::metadata(path).map_or(0, |m| m.len());
-    let recordings = std::fs::read_dir(path.with_file_name("recordings"));
+    let recordings = std::fs::read_dir(path.with_file_name(super::RECORDINGS));
     path.metadata().is_ok_and(|m| m.len() == 0)
         && (length(&suffixed(path, "-wal")) > 0
             || has_notes(path)

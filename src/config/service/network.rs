@@ -28,8 +28,10 @@ impl Reader<'_> {
 
     pub(super) fn fleet(&self, raw: &FleetToml) -> Result<Option<FleetConfig>, ConfigError> {
         let Some(server) = &raw.server else {
-            let diagnose = || self.bad("fleet.diagnose", "true: expected fleet.server beside it");
-            return if raw.diagnose { Err(diagnose()) } else { Ok(None) };
+            if raw.diagnose {
+                return Err(self.bad("fleet.diagnose", "true: expected fleet.server beside it"));
+            }
+            return Ok(None);
         };
         if !cfg!(feature = "nats") {
             let what = "this program was built without NATS; build it with `--features nats`";

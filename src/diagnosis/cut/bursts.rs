@@ -121,21 +121,17 @@ pub(crate) fn bursts(
 mod tests {
     use super::super::synthetic::recording;
     use super::*;
+    use crate::diagnosis::chance;
 
     /// What calm forces of normal noise, with pulses of `size` deviations on either tool, are taken for.
     fn found(size: [f64; 2]) -> Option<Port> {
         let scenario = Scenario::default();
-        let mut random = 7u64;
-        let mut uniform = move || {
-            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (random >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-        };
+        let (mut normal, mut uniform) = (chance::normal(7), chance::uniform(8));
         let mut pulse = 0.0;
         let force = |_: f64| {
-            // Of twelve uniform numbers, unit variance; a pulse of a millisecond now and then.
-            let normal: [f64; 2] = std::array::from_fn(|_| (0..12).map(|_| uniform()).sum());
+            // A pulse of a millisecond now and then.
             pulse = if uniform() > 0.499 { 1.0 } else { 0.9 * pulse };
-            [50.0 + normal[0] + size[0] * pulse, 50.0 + normal[1] + size[1] * pulse]
+            size.map(|size| 50.0 + normal() + size * pulse)
         };
         let cuts = recording(&scenario, 4.0, force);
         let calm = vec![Stretch { recording: 0, samples: 0..cuts.len() }];

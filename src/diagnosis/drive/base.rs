@@ -32,9 +32,8 @@ pub(super) struct Base {
     pub(super) idle: Arc<Vec<(usize, usize)>>,
     /// First of the knockoffs' columns.
     pub(super) knockoffs: usize,
-    /// Fits of the knockoffs with numbers and laws alone; the last of them are of rounding.
+    /// Fits of the knockoffs with numbers and laws alone: of the turned residual, then of rounding.
     pub(super) knockoff_fits: Vec<Fit>,
-    pub(super) of_rounding: usize,
     /// What is fitted, what is judged, the fit.
     pub(super) held_out: Vec<HeldOut>,
 }
@@ -206,18 +205,17 @@ pub(super) fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base
     let turned = QUARTERS
         .map(|share| [0, 1].map(|k| left.sides[k].as_ref().map(|s| plan.turned(s, share))))
         .map(|sides| Column { sides, response: None });
-    let rounding = rounding(&ground);
-    let of_rounding = rounding.len();
-    let rounding = rounding.iter().map(|t| balance.column(t));
+    let rounding: Vec<Column> = rounding(&ground).iter().map(|t| balance.column(t)).collect();
+    let nulls = QUARTERS.len() + rounding.len();
     let gram = gram.with(plan, turned.into_iter().chain(rounding).collect());
     let all = gram.sum(plan, Part::All);
     let null = |k: usize| {
         let design = knockoff_design(&design, &fit.beta, knockoffs + k);
         design.fit(&all, vec![0.0; design.columns.len()], weights.clone())
     };
-    let knockoff_fits = (0..QUARTERS.len() + of_rounding).map(null).collect();
+    let knockoff_fits = (0..nulls).map(null).collect();
     let held_out = held_out(balance, (&gram, &design), &fit.beta);
-    Base { numbers, gram, all, design, fit, weights, idle, knockoffs, knockoff_fits, of_rounding, held_out }
+    Base { numbers, gram, all, design, fit, weights, idle, knockoffs, knockoff_fits, held_out }
 }
 
 /// Every part that is left out in turn, and what a fit to the rest makes of it.

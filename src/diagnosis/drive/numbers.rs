@@ -6,6 +6,7 @@ use super::evidence::price;
 use super::gram::{BandGram, Gram, Part};
 use super::likelihood::{Design, FREE, Spread, values};
 use super::rest::Rest;
+use super::rounding::QUARTERS;
 use super::signals::Layout;
 use super::spectra::FOLDS;
 use super::state::{Balance, Base, LAG_STEP, Number, State, stated_mechanics};
@@ -70,7 +71,7 @@ pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
 
 /// Deviation of a coefficient by the steps of the position.
 fn by_rounding(base: &Base, place: usize) -> f64 {
-    let fits = &base.knockoff_fits[base.knockoff_fits.len() - base.of_rounding..];
+    let fits = &base.knockoff_fits[QUARTERS.len()..];
     let power: f64 = fits.iter().filter_map(|f| f.beta.get(place)).map(|b| b * b).sum();
     (power / fits.len().max(1) as f64).sqrt()
 }
