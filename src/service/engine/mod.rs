@@ -257,7 +257,8 @@ impl Engine {
         while let Ok(control) = self.setup.controls.try_recv() {
             self.obey(control, ports);
         }
-        let outcome = ports.servo.drain(|batch| self.take_batch(batch, began));
+        // By the clock of each batch: a thread that was stopped in this wake finds samples younger than it.
+        let outcome = ports.servo.drain(|batch| self.take_batch(batch, clock::now()));
         if let Ok(count) = outcome
             && count > 0
         {
