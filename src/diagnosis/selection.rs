@@ -5,7 +5,7 @@
 //! and says what level chance reaches. Work is counted in evaluations, never in seconds: a busy machine
 //! answers later, not differently.
 
-use crate::plant::effects::{EffectKind, Port};
+use crate::plant::effects::Port;
 
 /// Evaluations that may still be made.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -90,8 +90,8 @@ pub(crate) trait Subject {
     /// One law with its shape.
     type Hypothesis: Clone;
 
-    /// Effect and port of a hypothesis.
-    fn name(&self, hypothesis: &Self::Hypothesis) -> (EffectKind, Port);
+    /// Name of the effect and port of a hypothesis.
+    fn name(&self, hypothesis: &Self::Hypothesis) -> (&'static str, Port);
 
     /// Every hypothesis that the model leaves open, best promise first. `None`: the budget is spent.
     fn screen(&self, model: &Self::Model, work: &mut Work) -> Option<Vec<Screened<Self::Hypothesis>>>;
@@ -170,7 +170,7 @@ pub(crate) fn select<S: Subject>(
         let screened = one_each(subject, screened);
         let mut fitted = Vec::new();
         for candidate in screened.iter().take(reach.fitted) {
-            progress(work.share(), subject.name(&candidate.hypothesis).0.name());
+            progress(work.share(), subject.name(&candidate.hypothesis).0);
             fitted.extend(subject.fit(&out.model, &candidate.hypothesis, work));
         }
         subject.compare(&out.model, &mut fitted);
@@ -227,8 +227,8 @@ mod tests {
         type Model = Vec<usize>;
         type Hypothesis = usize;
 
-        fn name(&self, h: &usize) -> (EffectKind, Port) {
-            (EffectKind::ALL[*h], Port::Stage)
+        fn name(&self, h: &usize) -> (&'static str, Port) {
+            (["a", "b", "c", "d"][*h], Port::Stage)
         }
 
         fn screen(&self, model: &Vec<usize>, work: &mut Work) -> Option<Vec<Screened<usize>>> {

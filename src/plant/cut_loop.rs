@@ -9,7 +9,7 @@
 //! G is the bar at the tools (planes and second mode), H the holder of tool 2, o the overlap. Linear: no loss
 //! of contact, no flank limit; what varies over a turn enters with its mean.
 
-use super::cut_terms::CutTerms;
+use super::cut_terms::{ChipMemory, CutTerms};
 use super::cutting::TwoDelay;
 use super::scenario::ToolCount;
 use nalgebra::Complex;
@@ -92,6 +92,8 @@ pub struct CutLoop {
     pub damping_n_s_m: f64,
     /// Lag of the force, s.
     pub lag_s: f64,
+    /// What the force on a vibrating chip is over `slope_n_m`.
+    pub memory: ChipMemory,
     /// Runout of order 0, m.
     pub tool2_ahead_m: f64,
     /// Planes of the bar and its second mode; a resonance that is not there has gain zero.
@@ -130,6 +132,7 @@ impl CutLoop {
             contact_n_m: body * terms.contact_stiffness_n_m,
             damping_n_s_m: body * terms.process_damping_n / terms.at.surface_speed_m_s(),
             lag_s: terms.force_lag_s,
+            memory: terms.memory,
             tool2_ahead_m: terms.tool2_ahead_m,
             bar: bar_of(terms),
             holder: terms.turret.filter(|_| terms.tools == ToolCount::Two).map(|holder| {
@@ -158,7 +161,8 @@ impl CutLoop {
     /// A: force per motion of the edges, N/m.
     #[must_use]
     pub fn force_law(&self, s: Complex<f64>) -> ToolMatrix {
-        let [k1, k2] = self.slope_n_m;
+        let memory = (-s * self.memory.late_s).exp() * (1.0 + self.memory.gain);
+        let [k1, k2] = self.slope_n_m.map(|k| memory * k);
         let zero = Complex::new(0.0, 0.0);
         let lag = (s * self.lag_s + 1.0).inv();
         let flank = s * self.damping_n_s_m + self.contact_n_m;
@@ -276,7 +280,8 @@ impl CutLoop {
         let alone = self.bar[1..].iter().all(|r| r.gain_1_kg.abs() <= 0.0) && self.holder.is_none();
         let [k1, k2] = self.slope_n_m;
         let equal = (k1 - k2).abs() <= 1e-12 * k1.abs() && (self.overlap - 1.0).abs() <= 0.0;
-        if !(alone && equal && self.lag_s <= 0.0 && self.tools == ToolCount::Two) {
+        let plain = self.lag_s <= 0.0 && self.memory == ChipMemory::NONE;
+        if !(alone && equal && plain && self.tools == ToolCount::Two) {
             return None;
         }
         let bar = self.bar[0];

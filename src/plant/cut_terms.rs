@@ -108,6 +108,22 @@ pub struct Oscillator {
     pub stiffness_n_m: f64,
 }
 
+/// What the force on a chip that vibrates is over that of the law, which knows the chip of this moment alone:
+/// (1 + gain) exp(-s late). Of a shear plane that hardens, a temperature that follows, an edge that builds up
+/// one number each way; no scenario states it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChipMemory {
+    /// 1.
+    pub gain: f64,
+    /// s.
+    pub late_s: f64,
+}
+
+impl ChipMemory {
+    /// The law as it stands.
+    pub const NONE: Self = Self { gain: 0.0, late_s: 0.0 };
+}
+
 /// The bar's other plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OtherPlane {
@@ -156,6 +172,8 @@ pub struct CutTerms {
     pub stock_factor: f64,
     /// Lag of first order of the force.
     pub force_lag_s: f64,
+    /// Force on a chip that vibrates, over that of the law: no effect of the vocabulary.
+    pub memory: ChipMemory,
     /// Bar as it is stated.
     pub workpiece: Workpiece,
     /// Added to the frequencies of the bar.
@@ -202,6 +220,7 @@ impl CutTerms {
             tool2_ahead_m: 0.0,
             stock_factor: 1.0,
             force_lag_s: 0.0,
+            memory: ChipMemory::NONE,
             workpiece: scenario.workpiece,
             frequency_shift_hz: 0.0,
             support_stiffness_n_m: None,

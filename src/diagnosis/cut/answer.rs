@@ -169,12 +169,13 @@ fn findings(fitting: &Fitting<'_>) -> Vec<CutFinding> {
         .terms
         .iter()
         .enumerate()
+        .filter(|(_, term)| term.law.kind().is_some())
         .filter_map(|(k, term)| Some((k, standing(fitting, term.law)?)))
         .collect();
     found.sort_by(|a, b| b.1.evidence_nats.total_cmp(&a.1.evidence_nats));
     let temper = whitened_power(fitting.problem, point);
     let of = |(rank, (index, standing)): (usize, (usize, Defended))| {
-        let specification = Specification::of(standing.law.kind())?;
+        let specification = standing.law.specification()?;
         let nats: Vec<f64> =
             std::iter::once(standing.evidence_nats).chain(standing.rivals.iter().map(|r| r.1)).collect();
         let p = probabilities(&nats, 0.0, temper);
@@ -199,7 +200,7 @@ fn findings(fitting: &Fitting<'_>) -> Vec<CutFinding> {
 }
 
 /// How a law of the model stands against its rivals: as it was challenged last, or as it was taken up.
-fn standing(fitting: &Fitting<'_>, law: Law) -> Option<Defended> {
+pub(crate) fn standing(fitting: &Fitting<'_>, law: Law) -> Option<Defended> {
     // Beside the scatter a law is worth less, its rivals no more than it.
     if let Some((_, nats)) = fitting.scattered.and_then(|s| s.standing.iter().find(|s| s.0 == law)) {
         let mut out = standing_alone(fitting, law)?;
@@ -226,7 +227,7 @@ fn standing_alone(fitting: &Fitting<'_>, law: Law) -> Option<Defended> {
 /// Rivals with their probabilities; of two shapes of one effect the likelier.
 fn alternatives(rivals: &[(Law, f64)], p: &[f64]) -> Vec<Alternative> {
     let of = |((law, _), p): (&(Law, f64), &f64)| {
-        let specification = Specification::of(law.kind())?;
+        let specification = law.specification()?;
         Some(Alternative { effect: specification.kind, port: specification.port, probability: *p })
     };
     let mut out: Vec<Alternative> = rivals.iter().zip(p).filter_map(of).collect();
@@ -304,7 +305,7 @@ fn corrections(fitting: &Fitting<'_>, posterior: &Posterior) -> Vec<Correction> 
 fn tried(fitting: &Fitting<'_>) -> Vec<CutTried> {
     let Some(round) = fitting.selected.rounds.first() else { return Vec::new() };
     let of = |f: &Fitted<Asked, Model>| {
-        let specification = Specification::of(f.hypothesis.law.kind())?;
+        let specification = f.hypothesis.law.specification()?;
         Some(CutTried {
             effect: Some(specification.kind),
             port: specification.port,
@@ -325,7 +326,7 @@ fn not_identifiable(fitting: &Fitting<'_>) -> Vec<NotIdentifiable> {
     let open: Vec<Law> = fitting.laws.iter().copied().filter(|l| !taken(l)).collect();
     for seen in visibility(fitting.problem, model, &open) {
         let law = seen.law;
-        let Some(specification) = Specification::of(law.kind()) else { continue };
+        let Some(specification) = law.specification() else { continue };
         let largest = CRITERIA.largest_size * seen.of_a_size;
         let known = out.iter().any(|n| n.effect == specification.kind);
         if largest >= CRITERIA.visible_sd || known {

@@ -41,7 +41,7 @@ pub fn diagnose(
         return Err(CutInputError::NoCut);
     }
     let frame = Frame::of(scenario, &evidence);
-    let laws = Law::open(scenario, frame.probe());
+    let laws = Law::open(scenario, [frame.probe(), frame.has_recordings()]);
     // Half of the budget for the search; of the other half one half for whether what it found holds.
     let mut work = Work::new(evaluations(0.5 * budget_s, &evidence));
     let mut beside = Work::new(evaluations(0.25 * budget_s, &evidence));

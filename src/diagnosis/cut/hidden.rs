@@ -95,7 +95,7 @@ pub(crate) fn tell(
         for effect in column.effects {
             // What is stated already, or impossible with these tools, nobody asks for.
             let Some(specification) = Specification::of(*effect) else { continue };
-            if !laws.iter().any(|l| l.kind() == *effect) {
+            if !laws.iter().any(|l| l.kind() == Some(*effect)) {
                 continue;
             }
             let why = format!("there is no column {}, which tells it from {}", column.name, column.hides);

@@ -7,9 +7,10 @@
 use crate::plant::cut_effects::{
     ContactStiffness, CutEffect, EdgeForce, ForceLag, ForceSensorLag, ModeDrift, NonlinearCuttingForce,
     NoseRadius, PositionDependentMode, ProcessDamping, RegenerativeEffect, Runout, SecondMode, SecondPlane,
-    SpeedDependentDynamics, SpeedDependentForce, SpindleSpeedVariation, StockVariation, SupportCompliance,
-    ToolDifference, ToolWear, TurretCompliance,
+    Specification, SpeedDependentDynamics, SpeedDependentForce, SpindleSpeedVariation, StockVariation,
+    SupportCompliance, ToolDifference, ToolWear, TurretCompliance,
 };
+use crate::plant::cut_terms::ChipMemory;
 use crate::plant::effects::EffectKind;
 use crate::plant::scenario::{Scenario, ToolCount};
 use std::f64::consts::{PI, TAU};
@@ -132,6 +133,9 @@ pub(crate) enum Law {
     Lag,
     /// Signal lags.
     SensorLag,
+    /// The force remembers: no effect of the vocabulary, but a rival to all of them. What is told of it is
+    /// that something is left, at the process.
+    Memory,
 }
 
 const OVERLAP: &[Coordinate] = &[Coordinate { bounds: [0.0, 1.3], prior: [1.0, 1.0], is_size: true }];
@@ -156,7 +160,8 @@ const SIGNAL: &[Coordinate] = &[size(0.0, 40.0), size(0.0, 12.0)];
 
 impl Law {
     /// Everything that may be asked of a scenario.
-    pub(crate) fn open(scenario: &Scenario, probe: bool) -> Vec<Law> {
+    /// `probe`: on the bar; `recorded`: not a table alone.
+    pub(crate) fn open(scenario: &Scenario, [probe, recorded]: [bool; 2]) -> Vec<Law> {
         let cutting = scenario.cutting.raw();
         let two = scenario.tools.count() == ToolCount::Two;
         let mut out = vec![
@@ -186,6 +191,8 @@ impl Law {
             (cutting.edge_force_n <= 0.0, Law::Edge),
             ((cutting.exponent - 1.0).abs() <= 0.0, Law::Exponent),
             (probe, Law::SensorLag),
+            // Spreads from cut to cut are free in a table.
+            (recorded, Law::Memory),
         ];
         out.extend(conditional.iter().filter(|c| c.0).map(|c| c.1));
         let has = |law: &Law| {
@@ -193,7 +200,7 @@ impl Law {
                 (Law::Offset, CutEffect::Runout(r)) => r.order < 0.5,
                 (Law::Runout(n), CutEffect::Runout(r)) => (r.order - f64::from(*n)).abs() < 0.5,
                 (Law::Offset | Law::Runout(_), _) => false,
-                (_, e) => e.kind() == law.kind(),
+                (_, e) => law.kind() == Some(e.kind()),
             };
             scenario.physics.iter().any(same)
         };
@@ -201,9 +208,10 @@ impl Law {
         out
     }
 
-    /// Effect of the vocabulary.
-    pub(crate) fn kind(self) -> EffectKind {
-        match self {
+    /// Effect of the vocabulary; `None`: it is none of it.
+    pub(crate) fn kind(self) -> Option<EffectKind> {
+        let kind = match self {
+            Law::Memory => return None,
             Law::Overlap => EffectKind::RegenerativeEffect,
             Law::Damping => EffectKind::ProcessDamping,
             Law::Edge => EffectKind::EdgeForce,
@@ -225,7 +233,18 @@ impl Law {
             Law::Stock => EffectKind::StockVariation,
             Law::Lag => EffectKind::ForceLag,
             Law::SensorLag => EffectKind::ForceSensorLag,
-        }
+        };
+        Some(kind)
+    }
+
+    /// What is particular to it; `None`: it has no name.
+    pub(crate) fn specification(self) -> Option<&'static Specification> {
+        self.kind().and_then(Specification::of)
+    }
+
+    /// For a person.
+    pub(crate) fn name(self) -> &'static str {
+        self.kind().map_or("a force that remembers", EffectKind::name)
     }
 
     /// Its coordinates, sizes first.
@@ -240,7 +259,7 @@ impl Law {
             Law::Offset | Law::Drift | Law::Position | Law::SpeedDynamics => SIGNED,
             Law::Support => ROCKING,
             Law::Difference => RATIO,
-            Law::Runout(_) | Law::SpeedVariation(_) => TURNING,
+            Law::Runout(_) | Law::SpeedVariation(_) | Law::Memory => TURNING,
             Law::Mode => MODE,
             Law::Plane => PLANE,
             Law::Turret => TURRET,
@@ -303,13 +322,20 @@ pub(crate) struct Term {
 }
 
 impl Term {
-    /// The effect of these coordinates; `None`: it is not there.
+    /// What the force on a vibrating chip is over its law; sizes of 1: a tenth, and the time in which a mode of
+    /// 650 Hz turns by a fifth of a radian.
+    pub(crate) fn memory(&self) -> Option<ChipMemory> {
+        let [gain, late] = self.values[..] else { return None };
+        (self.law == Law::Memory).then_some(ChipMemory { gain: 0.1 * gain, late_s: 5e-5 * late })
+    }
+
+    /// The effect of these coordinates; `None`: it is not there, or none of the vocabulary.
     pub(crate) fn effect(&self, scales: &Scales) -> Option<CutEffect> {
         let x = self.values[0];
         let y = self.values.get(1).copied().unwrap_or(0.0);
         let z = self.values.get(2).copied().unwrap_or(0.0);
         let there = x.abs() > 0.0 || self.law == Law::Overlap || (self.law.sizes() > 1 && y.abs() > 0.0);
-        there.then(|| self.of_sizes([x, y, z], scales))
+        if there { self.of_sizes([x, y, z], scales) } else { None }
     }
 
     /// Two planes: share of the compliance and frequency over the stated one of the other.
@@ -335,9 +361,10 @@ impl Term {
 
     /// Sizes of 1: an edge of a seventh of the force, damping of 60 N at 2.5 m/s and 0.2 mm; each a
     /// typical machine's.
-    fn of_sizes(&self, [x, y, z]: [f64; 3], s: &Scales) -> CutEffect {
+    fn of_sizes(&self, [x, y, z]: [f64; 3], s: &Scales) -> Option<CutEffect> {
         let polar = |amplitude: f64| (amplitude * x.hypot(y), y.atan2(x));
-        match self.law {
+        let effect = match self.law {
+            Law::Memory => return None,
             Law::Overlap => CutEffect::RegenerativeEffect(RegenerativeEffect { overlap: x }),
             Law::Damping => {
                 CutEffect::ProcessDamping(ProcessDamping { process_damping_n: x * 60.0 * s.width_m / 0.2e-3 })
@@ -399,7 +426,8 @@ impl Term {
                 extra_delay_s: 2e-4 * x,
                 bandwidth_hz: if y > 0.0 { s.bandwidth_hz / (1.0 + 0.3 * y) } else { f64::INFINITY },
             }),
-        }
+        };
+        Some(effect)
     }
 }
 

@@ -4,7 +4,7 @@ use super::input::{CutEvidence, CutRow};
 use super::laws::{Scales, Term};
 use crate::plant::cut_effects::Physics;
 use crate::plant::cut_loop::{RANDOM_FORCE_CORNER_HZ, random_force_spectrum_1_hz};
-use crate::plant::cut_terms::{CutCondition, CutTerms};
+use crate::plant::cut_terms::{ChipMemory, CutCondition, CutTerms};
 use crate::plant::scenario::{RawScenario, Scenario, ToolCount};
 
 /// Noise of the cut and of its signals.
@@ -64,6 +64,8 @@ pub(crate) struct Machine {
     pub(crate) scenario: Scenario,
     /// Noise.
     pub(crate) noise: Noise,
+    /// What the force on a vibrating chip is over the scenario's.
+    pub(crate) memory: ChipMemory,
 }
 
 impl Machine {
@@ -72,6 +74,7 @@ impl Machine {
         let pitch_difference_rad = at.pitch_difference_rad + self.noise.pitch_rad;
         let mut terms = CutTerms::of(&self.scenario, &CutCondition { pitch_difference_rad, ..*at });
         terms.force_lag_s += self.noise.late_s;
+        terms.memory = self.memory;
         terms
     }
 
@@ -79,7 +82,7 @@ impl Machine {
     pub(crate) fn off(&self, number: Number, p: f64) -> Option<Self> {
         let (mut raw, mut noise) = (self.scenario.raw(), self.noise);
         number.put(p, &mut raw, &mut noise);
-        Scenario::new(&raw).ok().map(|scenario| Self { scenario, noise })
+        Scenario::new(&raw).ok().map(|scenario| Self { scenario, noise, ..*self })
     }
 
     /// Spectrum of the random force over its variance, one-sided, 1/Hz.
@@ -394,6 +397,7 @@ impl Frame {
         }
         let effects = point.terms.iter().filter_map(|t| t.effect(&self.scales));
         raw.physics = effects.into_iter().try_fold(raw.physics, Physics::with).ok()?;
-        Scenario::new(&raw).ok().map(|scenario| Machine { scenario, noise })
+        let memory = point.terms.iter().find_map(Term::memory).unwrap_or(ChipMemory::NONE);
+        Scenario::new(&raw).ok().map(|scenario| Machine { scenario, noise, memory })
     }
 }

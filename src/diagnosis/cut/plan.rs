@@ -9,7 +9,6 @@ use super::result::PlannedCut;
 use super::search::level_nats;
 use crate::plant::cut_loop::{CutLoop, CutMeans};
 use crate::plant::cut_terms::{CutCondition, CutTerms};
-use crate::plant::effects::EffectKind;
 use crate::plant::scenario::Scenario;
 use crate::stability::{Root, rightmost_cut_root};
 
@@ -101,19 +100,18 @@ fn rivals(fitting: &Fitting<'_>) -> Option<([Scenario; 2], String)> {
     let round = fitting.selected.rounds.first()?;
     let scenario = |point| frame.machine(point).map(|m| m.scenario);
     let best = round.fitted.first()?;
-    let name = |kind: EffectKind| kind.name();
-    let found = best.hypothesis.law.kind();
+    let found = best.hypothesis.law.name();
     let second = round.fitted.get(1);
     let rival = second.filter(|s| round.accepted && best.evidence_nats - s.evidence_nats < level_nats());
     if let Some(rival) = rival {
-        let between = format!("{} from {}", name(found), name(rival.hypothesis.law.kind()));
+        let between = format!("{} from {}", found, rival.hypothesis.law.name());
         return Some(([scenario(&best.model.point)?, scenario(&rival.model.point)?], between));
     }
     if round.accepted {
         return None;
     }
     // Nothing was taken up: the likeliest of what was not, at the size that it may have, against nothing.
-    let between = format!("{} from none", name(found));
+    let between = format!("{found} from none");
     Some(([scenario(&fitting.start.point)?, scenario(&best.model.point)?], between))
 }
 

@@ -4,14 +4,17 @@
 use super::super::result::{Fit, Verdict};
 use super::adequacy::{Left, left};
 use super::along::{Motion, added, law_forces, true_forces};
-use super::answer::Fitting;
+use super::answer::{Fitting, standing};
 use super::bursts::bursts;
 use super::contact::{impossible_chatter, pulls};
 use super::fit::{Effort, Problem};
 use super::input::CutRecording;
+use super::laws::Law;
 use super::machine::{Machine, Point};
 use super::observable::{Every, LeftOver, Lent, Observable, Origin, OriginKind};
-use super::result::{CutContribution, CutDiagnosis, CutFit, CutRecordingFit, CutSeries, MappedCut};
+use super::result::{
+    CutContribution, CutDiagnosis, CutFit, CutLocation, CutRecordingFit, CutSeries, MappedCut,
+};
 use super::stretches::{Stretch, Stretches, band_hz, condition};
 use crate::plant::cut_effects::CutEffect;
 use crate::plant::effects::{EffectKind, Port};
@@ -52,7 +55,7 @@ pub(crate) fn complete(
     let after = problem.frame.machine(point);
     if let (Some(stated), Some(after)) = (stated, after) {
         // The noise is that of the recordings, whatever is stated of the cut.
-        let before = Machine { scenario: stated.scenario, noise: after.noise };
+        let before = Machine { noise: after.noise, ..stated };
         diagnosis.recordings = (0..recordings.len())
             .map(|k| recording_fit(problem, &recordings[k], k, [&before, &after]))
             .collect();
@@ -64,7 +67,8 @@ pub(crate) fn complete(
     // Of what is left the greater.
     let scattered = fitting.scattered.map(|s| s.left.clone());
     let bursts = bursts(recordings, stretches, &diagnosis.stated);
-    let left = left(problem, point).into_iter().chain(scattered).chain(bursts);
+    let unnamed = remembered(fitting);
+    let left = left(problem, point).into_iter().chain(scattered).chain(bursts).chain(unnamed);
     judge(left.max_by(|a, b| a.excess_nats.total_cmp(&b.excess_nats)), diagnosis);
     let impossible = || {
         let posterior = fitting.posterior.as_ref()?;
@@ -73,6 +77,15 @@ pub(crate) fn complete(
     if let Some(other) = pulls(recordings).or_else(impossible) {
         beyond(other, diagnosis);
     }
+}
+
+/// A force that remembers, where the model has one.
+fn remembered(fitting: &Fitting<'_>) -> Option<Left> {
+    let excess_nats = standing(fitting, Law::Memory)?.evidence_nats;
+    let location =
+        CutLocation { port: Port::Process, domain: "frequency", bands_hz: Vec::new(), time: Vec::new() };
+    let taken = fitting.selected.model.point.terms.iter().any(|t| t.law == Law::Memory);
+    taken.then_some(Left { location, excess_nats })
 }
 
 /// What no cut does: the answer where nothing else was found.

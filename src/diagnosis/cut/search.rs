@@ -15,8 +15,7 @@ use super::fit::{Effort, Ended, Problem, Quadratic};
 use super::laws::{Law, Term};
 use super::machine::{Machine, Number, Point};
 use super::observable::{Every, Observed, Part};
-use crate::plant::cut_effects::Specification;
-use crate::plant::effects::{EffectKind, Port};
+use crate::plant::effects::Port;
 use nalgebra::{DMatrix, DVector};
 use std::cell::{Cell, RefCell};
 
@@ -401,9 +400,8 @@ impl Subject for Cut<'_> {
     type Model = Model;
     type Hypothesis = Asked;
 
-    fn name(&self, hypothesis: &Asked) -> (EffectKind, Port) {
-        let kind = hypothesis.law.kind();
-        (kind, Specification::of(kind).map_or(Port::Process, |s| s.port))
+    fn name(&self, hypothesis: &Asked) -> (&'static str, Port) {
+        (hypothesis.law.name(), hypothesis.law.specification().map_or(Port::Process, |s| s.port))
     }
 
     fn screen(&self, model: &Model, work: &mut Work) -> Option<Vec<Screened<Asked>>> {

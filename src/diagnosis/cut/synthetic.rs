@@ -2,6 +2,7 @@
 
 use super::input::{CutRecording, ForceSignal};
 use super::machine::{Machine, Noise};
+use crate::plant::cut_terms::ChipMemory;
 use crate::plant::scenario::Scenario;
 use crate::units::SampleRate;
 
@@ -58,5 +59,5 @@ pub(crate) fn machine() -> Machine {
         force_scatter: 0.02,
         cutting_gain: 1.0,
     };
-    Machine { scenario: Scenario::default(), noise }
+    Machine { scenario: Scenario::default(), noise, memory: ChipMemory::NONE }
 }

@@ -399,8 +399,8 @@ impl Subject for Drive<'_> {
     type Model = State;
     type Hypothesis = Hypothesis;
 
-    fn name(&self, hypothesis: &Hypothesis) -> (EffectKind, Port) {
-        (hypothesis.effect, hypothesis.port)
+    fn name(&self, hypothesis: &Hypothesis) -> (&'static str, Port) {
+        (hypothesis.effect.name(), hypothesis.port)
     }
 
     fn screen(&self, state: &State, work: &mut Work) -> Option<Vec<Screened<Hypothesis>>> {
