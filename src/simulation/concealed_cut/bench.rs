@@ -12,8 +12,8 @@ use std::f64::consts::{PI, TAU};
 pub(super) const SUBSTEPS: usize = 4;
 /// Passes that are looked back on: after lost contact the last but one may be the deeper.
 const PASSES: usize = 3;
-/// States: two planes, second mode, holder (position, speed each), lagged forces.
-const STATES: usize = 10;
+/// States: two planes, second mode, holder (position, speed each), lagged forces, chips as they are remembered.
+const STATES: usize = 12;
 
 type State = [f64; STATES];
 
@@ -46,6 +46,8 @@ pub(super) struct Run<'a> {
     quiet_m: [f64; 2],
     noise: [f64; 2],
     tangle_n: f64,
+    /// Pressure over what the cut says.
+    pressure: f64,
 }
 
 impl<'a> Run<'a> {
@@ -64,6 +66,7 @@ impl<'a> Run<'a> {
             quiet_m: [0.0; 2],
             noise: [0.0; 2],
             tangle_n: 0.0,
+            pressure: 1.0,
         };
         run.rest();
         run.keep(first, 0.0, 0.0);
@@ -81,13 +84,14 @@ impl<'a> Run<'a> {
         for _ in 0..300 {
             let (into, _) = self.edges(&self.state, &at);
             self.quiet_m = into;
-            let force = self.law(&self.state, &at, [0.0, self.rate_rad_s(&at, 0.0)]);
+            let (force, chip_m) = self.law(&self.state, &at, [0.0, self.rate_rad_s(&at, 0.0)]);
             let pulled = self.accelerations(&self.state, force, &at);
             for (k, stiffness) in self.stiffness_1_s2().into_iter().enumerate() {
                 self.state[2 * k] += 0.3 * pulled[k] / stiffness;
                 self.state[2 * k + 1] = 0.0;
             }
             [self.state[8], self.state[9]] = force;
+            [self.state[10], self.state[11]] = chip_m;
         }
         self.quiet_m = self.edges(&self.state, &at).0;
     }
@@ -170,36 +174,42 @@ impl<'a> Run<'a> {
         fed_m + into_m - deepest
     }
 
-    /// Forces of the law.
-    fn law(&self, state: &State, at: &Moment, [angle_rad, rate_rad_s]: [f64; 2]) -> [f64; 2] {
+    /// Forces of the law, and the chips.
+    fn law(&self, state: &State, at: &Moment, [angle_rad, rate_rad_s]: [f64; 2]) -> ([f64; 2], [f64; 2]) {
         let (into, speed) = self.edges(state, at);
         let base = self.fed_m.last().copied().unwrap_or(0.0);
         let from = self.angle_rad.last().copied().unwrap_or(0.0);
         let fed = base + at.feed_m_rev / TAU * (angle_rad - from);
-        std::array::from_fn(|tool| {
+        let chips: [f64; 2] = std::array::from_fn(|tool| self.chip_m(tool, into[tool], at, [angle_rad, fed]));
+        let force_n = std::array::from_fn(|tool| {
             if tool == 1 && !self.cut.two_tools {
                 return 0.0;
             }
+            let overshoots = self.cut.hidden.overshoot * (chips[tool] - state[10 + tool]);
             let contact = Contact {
-                chip_m: self.chip_m(tool, into[tool], at, [angle_rad, fed]),
+                chip_m: if chips[tool] > 0.0 { chips[tool] + overshoots } else { chips[tool] },
                 into_m: into[tool],
                 into_m_s: speed[tool],
                 psi_rad: angle_rad - Self::alpha_rad(tool, at.pitch_rad),
                 rpm: rate_rad_s * 60.0 / TAU,
                 noise: self.noise[tool],
             };
-            self.cut.force_n(tool, at, &contact)
-        })
+            self.pressure * self.cut.force_n(tool, at, &contact)
+        });
+        (force_n, chips)
     }
 
     /// Accelerations of planes, second mode and holder.
     fn accelerations(&self, state: &State, force: [f64; 2], at: &Moment) -> [f64; 4] {
         let h = &self.cut.hidden;
         let tone = h.tone_n * (TAU * h.tone_hz * at.t_s).sin();
+        let b = &self.bending;
+        let y = b.shape * state[0];
+        let turned = 2.0 * self.angle_rad.last().copied().unwrap_or(0.0);
+        let stiffer = 1.0 + h.stiffening_1_m2 * y * y + h.unround * turned.cos();
         let along_y = force[1] - force[0] + self.tangle_n + tone;
         let along_x = self.cut.tangential_ratio * (force[0] - force[1]);
         let (sin, cos) = if h.plane_hz.is_some() { h.orientation_rad.sin_cos() } else { (0.0, 1.0) };
-        let b = &self.bending;
         let modal = [
             b.shape * (cos * along_y + sin * along_x) / b.mass_kg,
             if h.plane_hz.is_some() { b.shape * (cos * along_x - sin * along_y) / b.mass_kg } else { 0.0 },
@@ -213,7 +223,7 @@ impl<'a> Run<'a> {
         };
         let zeta = self.cut.damping_ratio;
         [
-            modal[0] + swing(state[0], state[1], b.rad_s[0], zeta),
+            modal[0] + swing(stiffer * state[0], state[1], b.rad_s[0], zeta),
             modal[1] + swing(state[2], state[3], b.rad_s[1], zeta),
             own(h.second_mode, b.straight * along_y, 2),
             own(h.turret, -force[1], 3),
@@ -221,12 +231,17 @@ impl<'a> Run<'a> {
     }
 
     fn slope(&self, state: &State, at: &Moment, turn: [f64; 2]) -> State {
-        let law = self.law(state, at, turn);
+        let (law, chip_m) = self.law(state, at, turn);
         let lag = self.cut.hidden.force_lag_s;
         let force = if lag > 0.0 { [state[8], state[9]] } else { law };
         let a = self.accelerations(state, force, at);
         let follow = |k: usize| if lag > 0.0 { (law[k] - state[8 + k]) / lag } else { 0.0 };
-        [state[1], a[0], state[3], a[1], state[5], a[2], state[7], a[3], follow(0), follow(1)]
+        let fade = |k: usize| (chip_m[k] - state[10 + k]) / self.cut.hidden.fading_s;
+        let [lagged, faded] = [[follow(0), follow(1)], [fade(0), fade(1)]];
+        [
+            state[1], a[0], state[3], a[1], state[5], a[2], state[7], a[3], lagged[0], lagged[1], faded[0],
+            faded[1],
+        ]
     }
 
     fn keep(&mut self, at: &Moment, angle_rad: f64, fed_m: f64) {
@@ -240,8 +255,9 @@ impl<'a> Run<'a> {
     }
 
     /// Sets what the bar is like now; a few hundred times a second is enough.
-    /// `wandered`: its frequency over what the cut says.
-    pub(super) fn refresh(&mut self, at: &Moment, wandered: f64) {
+    /// `wandered`: its frequency, and the pressure, over what the cut says.
+    pub(super) fn refresh(&mut self, at: &Moment, [wandered, pressure]: [f64; 2]) {
+        self.pressure = pressure;
         self.bending = self.cut.bending(at);
         self.bending.rad_s.iter_mut().for_each(|w| *w *= wandered);
     }
@@ -269,7 +285,7 @@ impl<'a> Run<'a> {
         let k4 = self.slope(&moved(&k3, 1.0), &at_part(2), end);
         self.state =
             std::array::from_fn(|k| self.state[k] + h / 6.0 * (k1[k] + 2.0 * k2[k] + 2.0 * k3[k] + k4[k]));
-        let law = self.law(&self.state, at, end);
+        let (law, _) = self.law(&self.state, at, end);
         let lagged = self.cut.hidden.force_lag_s > 0.0;
         let force_n = if lagged { [self.state[8], self.state[9]] } else { law };
         let fed = self.fed_m.last().copied().unwrap_or(0.0) + at.feed_m_rev / TAU * turned[2];

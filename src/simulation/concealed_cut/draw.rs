@@ -34,10 +34,14 @@ pub const CUT_EFFECTS: [&str; 23] = [
 ];
 
 /// What is no effect of the vocabulary: outsiders, and numbers wrong beyond what the contract allows.
-pub const CUT_OUTSIDE: [&str; 5] = [
+pub const CUT_OUTSIDE: [&str; 9] = [
     "unknown/chip_tangle",
     "unknown/tone",
     "unknown/wandering_mode",
+    "unknown/wandering_pressure",
+    "unknown/chip_memory",
+    "unknown/stiffening_bar",
+    "unknown/unround_bar",
     "parameter/radial_stiffness_pa",
     "parameter/damping_ratio",
 ];
@@ -281,6 +285,27 @@ impl Hiding<'_> {
                 let (share, within_s) = (self.deep(0.006, 0.01), self.between(0.1, 0.4));
                 (self.cut.hidden.wandering, self.cut.hidden.wandering_s) = (share, within_s);
                 Some((Port::Workpiece, vec![("relative", share), ("time_constant_s", within_s)]))
+            }
+            "unknown/wandering_pressure" => {
+                let (share, within_s) = (self.deep(0.04, 0.08), self.between(0.1, 1.0));
+                (self.cut.hidden.wandering_pressure, self.cut.hidden.wandering_s) = (share, within_s);
+                Some((Port::Process, vec![("relative", share), ("time_constant_s", within_s)]))
+            }
+            "unknown/chip_memory" => {
+                // Chips of a millimetre or so at some metres a second.
+                let sign = if self.between(0.0, 1.0) < 0.5 { -1.0 } else { 1.0 };
+                let (overshoot, within_s) = (sign * self.deep(0.15, 0.3), self.between(1e-4, 6e-4));
+                (self.cut.hidden.overshoot, self.cut.hidden.fading_s) = (overshoot, within_s);
+                Some((Port::Process, vec![("relative", overshoot), ("time_constant_s", within_s)]))
+            }
+            "unknown/stiffening_bar" => {
+                // A tenth at some 20 um.
+                self.cut.hidden.stiffening_1_m2 = self.deep(1.5e8, 4e8);
+                Some((Port::Workpiece, vec![("relative_1_m2", self.cut.hidden.stiffening_1_m2)]))
+            }
+            "unknown/unround_bar" => {
+                self.cut.hidden.unround = self.deep(0.02, 0.05);
+                Some((Port::Workpiece, vec![("relative", self.cut.hidden.unround)]))
             }
             "parameter/radial_stiffness_pa" => {
                 self.unsaid.pressure_factor = 1.0 + self.either(0.25, 0.4);

@@ -44,6 +44,15 @@ pub struct Hidden {
     /// Outsider: the bar's frequency wanders at random, by this share of itself and within this time.
     pub wandering: f64,
     pub wandering_s: f64,
+    /// Outsider: the pressure does, by this share of itself and within the same time.
+    pub wandering_pressure: f64,
+    /// Outsider: how much of a change of the chip the force overshoots, and how fast that fades.
+    pub overshoot: f64,
+    pub fading_s: f64,
+    /// Outsider: the bar's stiffness grows with its motion, by this share and (m at the tools)^2.
+    pub stiffening_1_m2: f64,
+    /// Outsider: a bar that is not round, share of its stiffness that goes up and down twice a turn.
+    pub unround: f64,
 }
 
 /// A resonance.
@@ -92,6 +101,11 @@ impl Default for Hidden {
             tone_hz: 0.0,
             wandering: 0.0,
             wandering_s: 1.0,
+            wandering_pressure: 0.0,
+            overshoot: 0.0,
+            fading_s: 1.0,
+            stiffening_1_m2: 0.0,
+            unround: 0.0,
         }
     }
 }

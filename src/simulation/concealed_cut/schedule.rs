@@ -219,7 +219,8 @@ fn record(
             let now = Moment { t_s: k as f64 * step_s, pitch_rad: pitch, position_m, ..stretch.at };
             if k.is_multiple_of(REFRESH * SUBSTEPS) {
                 wandered = wandering(wandered, &cut.hidden, random);
-                run.refresh(&now, 1.0 + cut.hidden.wandering * wandered);
+                let shares = [cut.hidden.wandering, cut.hidden.wandering_pressure];
+                run.refresh(&now, shares.map(|share| 1.0 + share * wandered));
             }
             shows.push(run.step(&now, commanded, noise, tangle));
             commanded += TAU * now.speed_rpm / 60.0 * step_s;
@@ -230,10 +231,10 @@ fn record(
     signal::recording(name, cut, (&moments, shows), probe, random)
 }
 
-/// How far the frequency has wandered by the next look at the bar, in deviations: what is left of it after
-/// that time, and something new. Nothing is drawn for a bar that does not.
+/// How far frequency or pressure has wandered by the next look at the bar, in deviations: what is left of it after
+/// that time, and something new. Nothing is drawn where nothing does.
 fn wandering(now: f64, hidden: &Hidden, random: &mut ChaCha8Rng) -> f64 {
-    if hidden.wandering <= 0.0 {
+    if hidden.wandering.max(hidden.wandering_pressure) <= 0.0 {
         return 0.0;
     }
     let keep = (-(REFRESH as f64) / RATE_HZ / hidden.wandering_s).exp();
