@@ -1,17 +1,22 @@
 //! The generator of concealed cuts against the linear cut: they share no equation, and must agree.
 
+use nalgebra::Complex;
+use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::Path;
 use stillcut::config::scenario::scenario_from_text;
 use stillcut::diagnosis::Verdict;
 use stillcut::diagnosis::cut::diagnose;
 use stillcut::diagnosis::cut::input::{CutEvidence, CutRecording};
-use stillcut::plant::cut_terms::CutCondition;
+use stillcut::diagnosis::cut::result::CutDiagnosis;
+use stillcut::plant::cut_loop::CutLoop;
+use stillcut::plant::cut_terms::{ChipMemory, CutCondition, CutTerms};
+use stillcut::plant::effects::Port;
 use stillcut::plant::scenario::Scenario;
 use stillcut::simulation::concealed_cut::{
     CUT_EFFECTS, ConcealedMachine, CutCaseSpec, Moment, conceal_cut, growth_1_s,
 };
-use stillcut::stability::scenario_root;
+use stillcut::stability::{rightmost_cut_root, scenario_root};
 
 /// What the linear cut does not hold whole: it varies over a turn or with time, is the structure itself or lies
 /// in the signal.
@@ -94,16 +99,54 @@ fn a_tap_on_a_concealed_machine_grows_as_the_linear_cut_says() {
     }
 }
 
+/// A force that overshoots a change of its chip by g and forgets within tau is, at a root, a force
+/// 1 + g s tau/(1 + s tau) of the law: larger, and early or late.
+#[test]
+fn a_force_that_overshoots_grows_as_one_that_remembers() {
+    for seed in [51, 52, 53] {
+        let case = concealed("unknown/chip_memory", seed);
+        let (t, hidden) = (&case.truth, case.truth.hidden);
+        let mut stated = case.clone();
+        stated.hidden.clear();
+        let scenario = whole_truth(&stated);
+        let mut terms = CutTerms::of(&scenario, &CutCondition::of(&scenario));
+        let mut root = rightmost_cut_root(&CutLoop::new(&terms));
+        let without = root.growth_1_s;
+        for _ in 0..20 {
+            let s_tau = Complex::new(root.growth_1_s, TAU * root.frequency_hz) * hidden.fading_s;
+            let over = s_tau / (s_tau + 1.0) * hidden.overshoot + 1.0;
+            let late_s = -over.arg() / (TAU * root.frequency_hz);
+            terms.memory = ChipMemory { gain: over.norm() * (root.growth_1_s * late_s).exp() - 1.0, late_s };
+            root = rightmost_cut_root(&CutLoop::new(&terms));
+        }
+        let at = Moment {
+            t_s: 0.0,
+            speed_rpm: t.speed_rpm,
+            feed_m_rev: t.feed_m_rev,
+            width_m: t.width_m,
+            position_m: t.position_m,
+            pitch_rad: 0.0,
+        };
+        let found = growth_1_s(t, &at);
+        let (off, moved) = ((found - root.growth_1_s).abs(), (without - root.growth_1_s).abs());
+        assert!(off < 3.0 && moved > 2.0 * off, "{seed}: {found:.2}, {root:?}, without {without:.2}");
+    }
+}
+
 /// The scenario and the recordings of a shop, and the verdict with the names of the findings.
 fn diagnosed(effects: &[&str], seed: u64) -> (Verdict, Vec<String>) {
+    let said = whole_answer(effects, seed);
+    (said.verdict, said.findings.iter().map(|f| f.effect.name().to_owned()).collect())
+}
+
+fn whole_answer(effects: &[&str], seed: u64) -> CutDiagnosis {
     let effects = effects.iter().map(|name| (*name).to_owned()).collect();
     let spec = CutCaseSpec { effects, depth: 1.0, seed, probe: false };
     let case = conceal_cut(&Scenario::default(), &spec).unwrap();
     let recordings: Vec<CutRecording> =
         case.recordings.iter().map(|r| CutRecording::new(r, &case.scenario).unwrap()).collect();
     let evidence = CutEvidence { recordings: &recordings, table: None };
-    let said = diagnose(&case.scenario, evidence, 60.0, &|_, _| {}).unwrap();
-    (said.verdict, said.findings.iter().map(|f| f.effect.name().to_owned()).collect())
+    diagnose(&case.scenario, evidence, 60.0, &|_, _| {}).unwrap()
 }
 
 #[test]
@@ -141,6 +184,14 @@ fn a_wrong_pitch_is_repaired_in_the_scenario() {
 fn a_mode_that_wanders_is_left_unexplained() {
     let (verdict, names) = diagnosed(&["unknown/wandering_mode"], 11);
     assert_eq!(verdict, Verdict::UnexplainedMismatch, "{names:?}");
+}
+
+/// A force that depends on what the chip was before is no lag, no damping of the flank and no compliance.
+#[test]
+fn a_force_that_remembers_is_left_unexplained_at_the_process() {
+    let said = whole_answer(&["unknown/chip_memory"], 12);
+    assert_eq!(said.verdict, Verdict::UnexplainedMismatch, "{:?}", said.findings);
+    assert_eq!(said.location.unwrap().port, Port::Process);
 }
 
 #[test]

@@ -322,8 +322,8 @@ pub(crate) struct Term {
 }
 
 impl Term {
-    /// What the force on a vibrating chip is over its law; sizes of 1: a tenth, and the time in which a mode of
-    /// 650 Hz turns by a fifth of a radian.
+    /// What the force on a vibrating chip is over its law; of size 1: a tenth, and a fifth of a
+    /// radian at 650 Hz.
     pub(crate) fn memory(&self) -> Option<ChipMemory> {
         let [gain, late] = self.values[..] else { return None };
         (self.law == Law::Memory).then_some(ChipMemory { gain: 0.1 * gain, late_s: 5e-5 * late })

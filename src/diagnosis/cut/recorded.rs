@@ -15,6 +15,7 @@ use super::observable::{Every, LeftOver, Lent, Observable, Origin, OriginKind};
 use super::result::{
     CutContribution, CutDiagnosis, CutFit, CutLocation, CutRecordingFit, CutSeries, MappedCut,
 };
+use super::search::{AGAIN, SCREENED};
 use super::stretches::{Stretch, Stretches, band_hz, condition};
 use crate::plant::cut_effects::CutEffect;
 use crate::plant::effects::{EffectKind, Port};
@@ -22,8 +23,6 @@ use crate::plant::scenario::Scenario;
 
 /// Of three stretches one is held out of the fits that show a finding.
 const HELD_OUT: usize = 3;
-/// Steps of those fits: they begin where the fit to all ended.
-const HELD_OUT_FIT: Effort = Effort { steps: 6, every: Every(2) };
 /// Points of a series for a picture.
 const DRAWN: usize = 1500;
 
@@ -191,7 +190,7 @@ fn held_out_fit(fitting: &Fitting<'_>) -> Option<Fit> {
         .collect();
     let part = Problem { frame: problem.frame, observables: &lent };
     let of = |start: &Point| {
-        let ended = part.fit(start, &HELD_OUT_FIT)?;
+        let ended = part.fit(start, &Effort { every: SCREENED, ..AGAIN })?;
         let machine = problem.frame.machine(&ended.point)?;
         let held = problem.observables.iter().zip(&out).filter(|(_, out)| **out);
         Some(left_over(held.map(|(o, _)| o.as_ref() as &dyn Observable), &machine))

@@ -98,7 +98,7 @@ pub(crate) struct Defended {
 }
 
 /// Screening looks at every second bin.
-const SCREENED: Every = Every(2);
+pub(crate) const SCREENED: Every = Every(2);
 /// A first look: a few steps on every fourth bin from each start.
 const LOOK: Effort = Effort { steps: 4, every: Every(4) };
 /// The stated structure again, from the numbers that a hypothesis found.

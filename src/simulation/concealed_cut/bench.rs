@@ -12,7 +12,8 @@ use std::f64::consts::{PI, TAU};
 pub(super) const SUBSTEPS: usize = 4;
 /// Passes that are looked back on: after lost contact the last but one may be the deeper.
 const PASSES: usize = 3;
-/// States: two planes, second mode, holder (position, speed each), lagged forces, chips as they are remembered.
+/// States: two planes, second mode, holder (position, speed each), lagged forces, remembered
+/// chips.
 const STATES: usize = 12;
 
 type State = [f64; STATES];

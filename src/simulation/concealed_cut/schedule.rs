@@ -231,8 +231,8 @@ fn record(
     signal::recording(name, cut, (&moments, shows), probe, random)
 }
 
-/// How far frequency or pressure has wandered by the next look at the bar, in deviations: what is left of it after
-/// that time, and something new. Nothing is drawn where nothing does.
+/// How far frequency or pressure has wandered by the next look at the bar, in deviations: what is left of it
+/// after that time, and something new. Nothing is drawn where nothing does.
 fn wandering(now: f64, hidden: &Hidden, random: &mut ChaCha8Rng) -> f64 {
     if hidden.wandering.max(hidden.wandering_pressure) <= 0.0 {
         return 0.0;
