@@ -197,6 +197,7 @@ fn watch(name: &'static str, (address, id): (&str, u32), seconds: f64) -> Stretc
 }
 
 fn main() -> ExitCode {
+    running::expect_numbers(&["--seconds", "--rate"]);
     let (seconds, rate) = (number("--seconds", 30.0), number("--rate", 10_000.0));
     let folder = std::env::temp_dir().join(format!("stillcut-flood-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder for temporary files");

@@ -256,6 +256,13 @@ fn keep(target: &str, bytes: &[u8], findings: &mut u32) {
 }
 
 fn main() -> ExitCode {
+    let usage = "[--seconds N] [--seed N] [--target NAME]";
+    let wrong = |name: &String| !["--seconds", "--seed", "--target"].contains(&name.as_str());
+    if let Some(name) = std::env::args().skip(1).step_by(2).find(wrong) {
+        let help = name == "--help" || name == "-h";
+        println!("{}expected: {usage}", if help { String::new() } else { format!("{name}: ") });
+        return if help { ExitCode::SUCCESS } else { ExitCode::from(2) };
+    }
     let number = |name: &str, default: u64| argument(name).and_then(|v| v.parse().ok()).unwrap_or(default);
     let (seconds, seed) = (number("--seconds", 60), number("--seed", 1));
     let memory = Path::new("/dev/shm");

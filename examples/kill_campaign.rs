@@ -129,6 +129,7 @@ fn rows(agent: &ureq::Agent, address: &str) -> Result<usize, String> {
 }
 
 fn main() -> ExitCode {
+    running::expect_numbers(&["--kills", "--seed"]);
     let (kills, seed) = (number("--kills", 40.0) as u64, number("--seed", 1.0) as u64);
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let (place, token) = prepare();

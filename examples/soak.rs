@@ -126,6 +126,7 @@ fn send(port: &ServoPublisher, round: &[ServoPoint], sent: &mut Sent, sequence: 
 }
 
 fn main() -> ExitCode {
+    running::expect_numbers(&["--hours"]);
     let hours = number("--hours", 24.0);
     let folder = std::env::temp_dir().join(format!("stillcut-soak-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder for temporary files");

@@ -5,6 +5,24 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
+/// Ends the program where its arguments are asked for, or are not these names with a number each.
+pub(crate) fn expect_numbers(names: &[&str]) {
+    let usage: Vec<String> = names.iter().map(|name| format!("[{name} N]")).collect();
+    let usage = usage.join(" ");
+    let mut given = std::env::args().skip(1);
+    while let Some(name) = given.next() {
+        if name == "--help" || name == "-h" {
+            println!("expected: {usage}; what it does stands at the head of its source");
+            std::process::exit(0);
+        }
+        let is_number = given.next().is_some_and(|v| v.parse::<f64>().is_ok());
+        if !is_number || !names.contains(&name.as_str()) {
+            eprintln!("error: {name}: expected {usage}");
+            std::process::exit(2);
+        }
+    }
+}
+
 /// A number after its name on the command line.
 pub(crate) fn number(name: &str, default: f64) -> f64 {
     let given = std::env::args().skip_while(|a| a != name).nth(1);

@@ -110,6 +110,7 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
             format!("{}: {error}", concerned.join(", "))
         })
     })?;
+    let (files, left_out) = (diagnosis.looked_at(&files), diagnosis.left_out(&files));
     let mut faults = faults;
     for found in &diagnosis.force_faults {
         let told = FaultOf::of_force(files[found.recording].clone(), found);
@@ -121,11 +122,11 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
         faults.retain(|f| !same(f));
         faults.push(told);
     }
-    for note in &diagnosis.notes {
+    for note in diagnosis.no_evidence.iter().chain(&diagnosis.notes) {
         // Whoever reads standard error may have gone; the files are written all the same.
         let _ = writeln!(std::io::stderr(), "note: {note}");
     }
-    write(&arguments.out, &diagnosis, &files, &faults)?;
+    write(&arguments.out, &diagnosis, (&files, &left_out), &faults)?;
     let context = ReportContext { machine: machine.name.clone(), files, faults };
     write_whole(&arguments.out.join("report.html"), diagnosis_page(&diagnosis, &context).as_bytes())?;
     Ok(())

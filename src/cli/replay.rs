@@ -91,13 +91,18 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     })?;
     let evidence = Evidence::of(&recording).map_err(|e| place(e.to_string()))?;
     let account = evidence.as_ref().and_then(|e| e.account.clone());
+    let carries_evidence = evidence.is_some();
     let begun = evidence.filter(|e| e.settings == pipeline.settings_digest());
     if let Some(evidence) = &begun {
         pipeline.restore(&evidence.keyframe).map_err(|e| place(e.to_string()))?;
     }
     if arguments.verify && begun.is_none() {
-        let what =
-            "nothing to compare: it carries no decisions of a live service of this version and configuration";
+        let what = if carries_evidence {
+            "nothing to compare: the configuration differs from that of the live service which recorded it, \
+             or the version does"
+        } else {
+            "nothing to compare: it carries no decisions of a live service"
+        };
         return Err(place(what.to_owned()));
     }
     let first_sequence = begun.as_ref().map_or(0, |e| e.first_sequence);

@@ -136,6 +136,7 @@ pub fn parse<T: serde::de::DeserializeOwned>(path: &Path, text: &str) -> Result<
         let column = before.rsplit('\n').next().map_or(0, |l| l.chars().count()) + 1;
         let message = e.message().split_whitespace().collect::<Vec<_>>().join(" ");
         let message = with_nearest(message);
+        let message = message.replace("integer number overflowed", "a whole number has 19 digits at most");
         let line_text = text.lines().nth(line - 1).unwrap_or_default();
         let (column, message) = with_key(line_text, column, message);
         ConfigError::Syntax { path: path.to_owned(), line, column, message }
@@ -178,6 +179,8 @@ mod tests {
             twice.starts_with("c.toml:3:1: ") && twice.contains("`x`") && twice.contains("duplicate"),
             "{twice}"
         );
+        let long = said(&format!("x = {}\n", "9".repeat(300)));
+        assert_eq!(long, "c.toml:1:5: `x`: a whole number has 19 digits at most");
         assert!(said("x = yes\n").contains("`x`"), "{}", said("x = yes\n"));
         let table = said("[log]\nx = 1\n[log] # again\n");
         assert!(table.starts_with("c.toml:3:") && table.contains("`[log]`: duplicate key"), "{table}");

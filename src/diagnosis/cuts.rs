@@ -1,6 +1,7 @@
 //! Where a recording says that tools cut: the force of a cut is no physics of the drive.
 
 use super::drive::Mask;
+use super::{DiagnoseError, DiagnoseOptions};
 use crate::sample::Recording;
 
 /// Width of cut per tool, m; 0 out of the cut.
@@ -36,11 +37,32 @@ impl Cuts {
         }
         out
     }
+
+    /// True where too little is left (`why`) because of the cuts that are left out, and of rest beside them.
+    pub(super) fn leave_too_little(
+        &self,
+        recordings: &[Recording],
+        options: &DiagnoseOptions,
+        why: &DiagnoseError,
+    ) -> bool {
+        let DiagnoseError::TooShort { needed, .. } = why else { return false };
+        let of = |rows: &[Mask], k: usize, row: usize| rows.get(k).and_then(|m| m.get(row)).copied();
+        let bad = |k: usize, row: usize| {
+            of(&options.masked, k, row) == Some(true) && of(&options.resting, k, row) != Some(true)
+        };
+        let good = |(k, r): (usize, &Recording)| (0..r.len()).filter(|row| !bad(k, *row)).count();
+        !self.notes.is_empty() && recordings.iter().enumerate().map(good).sum::<usize>() >= *needed
+    }
 }
 
 /// Turns a second of a spindle that may drive a cut: it turns all the time, and nothing says when tools cut.
 pub(super) fn spindle_hz(recording: &Recording) -> Option<f64> {
-    let rpm = recording.get(SPEED).filter(|_| recording.get(WIDTH).is_none())?;
+    turns_hz(recording).filter(|_| recording.get(WIDTH).is_none())
+}
+
+/// Turns a second of the spindle, where it turns.
+pub(super) fn turns_hz(recording: &Recording) -> Option<f64> {
+    let rpm = recording.get(SPEED)?;
     let mean = rpm.iter().sum::<f64>() / rpm.len().max(1) as f64;
     (mean > 0.0).then_some(mean / 60.0)
 }

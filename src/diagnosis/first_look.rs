@@ -19,20 +19,27 @@ const STEPS: f64 = 3.0;
 const SLIDES_M: f64 = 5e-6;
 
 /// Refuses recordings of which nothing can be told. A recording without the columns has its own error later.
+/// The answer: which of them the axis stands in.
 ///
 /// `masks`: per recording, rows in which motion tells nothing; empty: none.
-pub(super) fn check(axis: &AxisModel, recordings: &[Recording], masks: &[Mask]) -> Result<(), DiagnoseError> {
+pub(super) fn check(
+    axis: &AxisModel,
+    recordings: &[Recording],
+    masks: &[Mask],
+) -> Result<Vec<bool>, DiagnoseError> {
     let mask = |k: usize| masks.get(k).map_or(&[][..], Vec::as_slice);
-    let looks: Vec<Look<'_>> =
-        recordings.iter().enumerate().filter_map(|(k, r)| Look::new(axis, r, mask(k))).collect();
-    if looks.len() == recordings.len() && looks.iter().all(Look::stands) {
+    let looks: Vec<Option<Look<'_>>> =
+        recordings.iter().enumerate().map(|(k, r)| Look::new(axis, r, mask(k))).collect();
+    let stands: Vec<bool> = looks.iter().map(|l| l.as_ref().is_some_and(Look::stands)).collect();
+    if stands.iter().all(|s| *s) {
         let recordings: Vec<&str> = recordings.iter().map(|r| r.experiment.as_str()).collect();
         return Err(DiagnoseError::Standing { axis: axis.name.clone(), recordings: recordings.join(", ") });
     }
-    looks.iter().filter(|l| l.motor_m.len() >= LEAST_BLOCKS).try_for_each(|look| {
+    looks.iter().flatten().filter(|l| l.motor_m.len() >= LEAST_BLOCKS).try_for_each(|look| {
         look.check_travel()?;
         look.check_sign()
-    })
+    })?;
+    Ok(stands)
 }
 
 /// One recording in blocks, each series about its mean.
@@ -192,7 +199,7 @@ mod tests {
     use crate::units::SampleRate;
 
     /// An axis of 10 kg with 5 N of friction that swings by 20 mm, its current and motor scaled.
-    fn seen(thrust_times: f64, motor_times: f64, swing_m: f64) -> Result<(), DiagnoseError> {
+    fn seen(thrust_times: f64, motor_times: f64, swing_m: f64) -> Result<Vec<bool>, DiagnoseError> {
         let raw = RawDriveParams {
             rotary_inertia_kg_m2: Some(1e-6),
             screw_lead_m: Some(5e-3),
@@ -232,8 +239,8 @@ mod tests {
 
     #[test]
     fn a_turned_sign_a_unit_and_an_axis_at_rest_are_refused() {
-        assert_eq!(seen(1.0, 1.0, 0.02), Ok(()));
-        assert_eq!(seen(1.3, 1.03, 0.02), Ok(()), "numbers may be off");
+        assert_eq!(seen(1.0, 1.0, 0.02), Ok(vec![false]));
+        assert_eq!(seen(1.3, 1.03, 0.02), Ok(vec![false]), "numbers may be off");
         assert!(matches!(seen(-1.0, 1.0, 0.02), Err(DiagnoseError::OppositeSign { .. })));
         let degrees = seen(1.0, 180.0 / std::f64::consts::PI, 0.02);
         assert!(matches!(degrees, Err(DiagnoseError::TravelRatio { hint, .. }) if hint.contains("degrees")));

@@ -33,6 +33,7 @@ pub use result::*;
 
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
+use std::borrow::Cow;
 use thiserror::Error;
 
 /// Why a diagnosis is not possible.
@@ -182,8 +183,11 @@ pub fn diagnose(
 
 /// [`diagnose`] within a budget, with rows that were not measured.
 ///
-/// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters, an axis
-/// that stands still, a sign or a unit that is not the stated one.
+/// Where every axis stands in every recording, or all that moves is in a cut, the answer says that there is no
+/// evidence ([`Diagnosis::no_evidence`]).
+///
+/// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters, a sign or a
+/// unit that is not the stated one.
 pub fn diagnose_with(
     machine: &Machine,
     recordings: &[Recording],
@@ -199,17 +203,10 @@ pub fn diagnose_with(
     let cuts = cuts::Cuts::of(recordings, &options.masked);
     let mut refused: Vec<(&str, DiagnoseError)> = Vec::new();
     for (k, axis) in axes.iter().enumerate() {
-        let beside = drive::Beside {
-            masks: &cuts.masks,
-            resting: &options.resting,
-            spindle_turns: recordings.iter().all(|r| cuts::spindle_hz(r).is_some()),
-            budget_s: options.budget_s,
-            // When a mean over rows acts nobody says.
-            clock_moved: options.clock_moved || options.averaged != [1; 2],
-            averaged: options.averaged,
-        };
-        let answer = first_look::check(axis, recordings, &cuts.masks)
-            .and_then(|()| drive::diagnose(machine, axis, recordings, (beside, progress)));
+        let answer = first_look::check(axis, recordings, &cuts.masks).and_then(|stands| {
+            let moving = Moving::of(recordings, (&cuts.masks, &options.resting), &stands);
+            moving.diagnose((machine, axis), options, progress)
+        });
         match answer {
             Ok(mut diagnosis) => {
                 diagnosis.notes.extend(cuts.notes);
@@ -223,7 +220,83 @@ pub fn diagnose_with(
             Err(error) => return Err(error),
         }
     }
-    Err(refusal(refused))
+    let why = refusal(refused);
+    // A recording that was made without fault and shows no motion of a drive is none that cannot be read.
+    if matches!(why, DiagnoseError::Standing { .. }) || cuts.leave_too_little(recordings, options, &why) {
+        let mut diagnosis = Diagnosis::without_evidence(machine, recordings.len(), why.to_string());
+        diagnosis.notes.extend(cuts.notes);
+        return Ok(diagnosis);
+    }
+    Err(why)
+}
+
+/// The recordings that tell of an axis, with their rows that do not.
+struct Moving<'a> {
+    recordings: Cow<'a, [Recording]>,
+    masks: Cow<'a, [drive::Mask]>,
+    resting: Cow<'a, [drive::Mask]>,
+    left_out: Vec<usize>,
+    notes: Vec<String>,
+}
+
+impl<'a> Moving<'a> {
+    /// All of them but those in which the axis stands (`stands`) while a spindle turns: what moves it there
+    /// by less than a guide gives is the cut.
+    fn of(
+        recordings: &'a [Recording],
+        (masks, resting): (&'a [drive::Mask], &'a [drive::Mask]),
+        stands: &[bool],
+    ) -> Self {
+        let out = |k: usize| stands[k] && cuts::turns_hz(&recordings[k]).is_some();
+        let left_out: Vec<usize> = (0..recordings.len()).filter(|k| out(*k)).collect();
+        if left_out.is_empty() {
+            let (masks, resting) = (Cow::Borrowed(masks), Cow::Borrowed(resting));
+            return Self {
+                recordings: Cow::Borrowed(recordings),
+                masks,
+                resting,
+                left_out,
+                notes: Vec::new(),
+            };
+        }
+        let note = |k: &usize| {
+            let name = &recordings[*k].experiment;
+            format!("{name}: left out, since the axis stands in it while the spindle turns.")
+        };
+        Self {
+            notes: left_out.iter().map(note).collect(),
+            recordings: Cow::Owned(without(recordings, &left_out)),
+            masks: Cow::Owned(without(masks, &left_out)),
+            resting: Cow::Owned(without(resting, &left_out)),
+            left_out,
+        }
+    }
+
+    fn diagnose(
+        self,
+        (machine, axis): (&Machine, &AxisModel),
+        options: &DiagnoseOptions,
+        progress: Progress<'_>,
+    ) -> Result<Diagnosis, DiagnoseError> {
+        let beside = drive::Beside {
+            masks: &self.masks,
+            resting: &self.resting,
+            spindle_turns: self.recordings.iter().all(|r| cuts::spindle_hz(r).is_some()),
+            budget_s: options.budget_s,
+            // When a mean over rows acts nobody says.
+            clock_moved: options.clock_moved || options.averaged != [1; 2],
+            averaged: options.averaged,
+        };
+        let mut diagnosis = drive::diagnose(machine, axis, &self.recordings, (beside, progress))?;
+        diagnosis.left_out = self.left_out;
+        diagnosis.notes.extend(self.notes);
+        Ok(diagnosis)
+    }
+}
+
+/// `all` but those with these indices.
+fn without<T: Clone>(all: &[T], left_out: &[usize]) -> Vec<T> {
+    all.iter().enumerate().filter(|(k, _)| !left_out.contains(k)).map(|(_, one)| one.clone()).collect()
 }
 
 /// What is said where no axis tells anything: that all stand, or why the first that moves does not.

@@ -55,7 +55,7 @@ pub struct MapEstimate {
 /// A part of a recording, for the place where a mismatch sits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TimeSpans {
-    /// Index of the recording as it was handed in.
+    /// Index of the recording among those that were looked at.
     pub recording: usize,
     /// Begin and end in s.
     pub spans_s: Vec<[f64; 2]>,
@@ -112,7 +112,7 @@ pub struct Alternative {
 /// What a finding adds over one recording: N at force ports, m at encoders, A at the current.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contribution {
-    /// Index of the recording as it was handed in.
+    /// Index of the recording among those that were looked at.
     pub recording: usize,
     /// Times in s.
     pub t_s: Vec<f64>,
@@ -157,7 +157,7 @@ pub struct Finding {
 /// rests on it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForceFault {
-    /// Index of the recording as it was handed in.
+    /// Index of the recording among those that were looked at.
     pub recording: usize,
     /// Column.
     pub column: String,
@@ -255,7 +255,7 @@ pub struct ClosedLoop {
 /// One recording beside its models.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedTrial {
-    /// Index of the recording as it was handed in.
+    /// Index of the recording among those that were looked at.
     pub recording: usize,
     /// True where more acted on the loop than its law (a swept sine): model and machine were given it alike.
     pub injected: bool,
@@ -287,8 +287,14 @@ pub struct Diagnosis {
     pub force_faults: Vec<ForceFault>,
     /// Numbers that are wrong.
     pub parameter_corrections: Vec<Correction>,
-    /// Per recording, in the order they were handed in.
+    /// Per recording that was looked at, in the order they were handed in.
     pub recordings: Vec<RecordingFit>,
+    /// Indices, as they were handed in, of those in which the axis stands while a spindle turns: what moves it
+    /// there is a cut.
+    pub left_out: Vec<usize>,
+    /// Why nothing can be told of the drive here. The verdict is then that nothing speaks against the model,
+    /// since nothing could.
+    pub no_evidence: Option<String>,
     /// Names of the balances in `residual_*`: `["motor", "stage"]` or `["axis"]`.
     pub balances: Vec<&'static str>,
     /// Rate of the series in [`RecordingFit`].
@@ -308,6 +314,43 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
+    /// Those of `all` (one a recording, as they were handed in) that were looked at.
+    #[must_use]
+    pub fn looked_at<T: Clone>(&self, all: &[T]) -> Vec<T> {
+        let kept = |(k, _): &(usize, &T)| !self.left_out.contains(k);
+        all.iter().enumerate().filter(kept).map(|(_, one)| one.clone()).collect()
+    }
+
+    /// Those of `all` that were left out.
+    #[must_use]
+    pub fn left_out<T: Clone>(&self, all: &[T]) -> Vec<T> {
+        self.left_out.iter().filter_map(|k| all.get(*k).cloned()).collect()
+    }
+
+    /// The answer where no recording tells anything of the drive: the model as it is, and why.
+    pub(super) fn without_evidence(machine: &Machine, recordings: usize, why: String) -> Self {
+        Self {
+            axis: String::new(),
+            verdict: Verdict::ModelAdequate,
+            location: None,
+            findings: Vec::new(),
+            residual_band_hz: [0.0; 2],
+            force_faults: Vec::new(),
+            parameter_corrections: Vec::new(),
+            recordings: Vec::new(),
+            left_out: (0..recordings).collect(),
+            no_evidence: Some(why),
+            balances: Vec::new(),
+            series_rate_hz: 0.0,
+            noise_floor_n: Vec::new(),
+            tried: Vec::new(),
+            detection_limits: Vec::new(),
+            model: machine.clone(),
+            notes: Vec::new(),
+            closed_loop: Err("nothing was recorded that could be compared".to_owned()),
+        }
+    }
+
     /// What the found model leaves of the recorded thrust in closed loop, root mean square over the
     /// recordings, N; `None`: not simulated, or not all of it.
     #[must_use]

@@ -10,14 +10,15 @@ use super::work::{Told, Work, stretches};
 /// A drive column without one of the signs that folds at zero while the axis moves both ways.
 ///
 /// What was folded meets zero in the form of a V. A pull that cannot push stays flat at zero, and a weight
-/// never comes near it.
+/// never comes near it. A load that comes on an axis that stands pushes it off its place one way, and all the
+/// while the drive takes it up in steps from near zero; a fold comes in motion of both directions.
 pub(super) fn rectified(work: &mut Work<'_>, axis: &AxisColumns) {
     let Some(motion) = Motion::of(work, axis) else { return };
     if motion.both_ways().iter().any(|share| *share < work.criteria.both_ways) {
         return;
     }
     for column in drives(work, axis) {
-        if !is_folded(work, column) {
+        if !is_folded(work, column, &motion) {
             continue;
         }
         let name = work.name(column);
@@ -35,7 +36,7 @@ fn drives(work: &Work<'_>, axis: &AxisColumns) -> Vec<usize> {
     axis.with(Role::Drive).filter(|i| !work.silent[*i]).collect()
 }
 
-fn is_folded(work: &Work<'_>, column: usize) -> bool {
+fn is_folded(work: &Work<'_>, column: usize, motion: &Motion) -> bool {
     /// Rows beside a touch whose slope says how long it should be.
     const BESIDE: usize = 3;
     let c = work.criteria;
@@ -69,7 +70,10 @@ fn is_folded(work: &Work<'_>, column: usize) -> bool {
     });
     let pointed: Vec<_> = pointed.collect();
     let reaches = |t: &&&std::ops::Range<usize>| u[(**t).clone()].iter().any(|v| *v <= close);
-    let enough = pointed.len() >= 3 || pointed.iter().any(|t| reaches(&t));
+    let goes =
+        |t: &&std::ops::Range<usize>, way: f64| way * motion.speed[(t.start + t.end) / 2] > motion.rest;
+    let one_way = [1.0, -1.0].into_iter().any(|way| pointed.iter().all(|t| goes(t, way)));
+    let enough = pointed.len() >= 3 && !one_way || pointed.iter().any(|t| reaches(&t));
     enough && pointed.len() as f64 >= c.touch_share * touches.len() as f64
 }
 

@@ -64,7 +64,7 @@ fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
         // The reader calls `null` in place of a word a slip of syntax, too.
         let is_json = || serde_json::from_slice::<serde::de::IgnoredAny>(bytes).is_ok();
         if error.is_data() || is_json() {
-            return wrong(&pointer, &text);
+            return wrong(&pointer, expected_in(&text));
         }
         Problem::bad_request("malformed_json", "the body is not JSON").with_field("", &text)
     })?;
@@ -72,6 +72,20 @@ fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     match bytes.iter().find(|byte| !byte.is_ascii_whitespace()) {
         Some(b'{') => Ok(body),
         _ => Err(wrong("", "expected a JSON object")),
+    }
+}
+
+/// What was expected, out of the words of the reader of JSON: the pointer says where, whoever wrote the value
+/// knows what it is, and what reads it is nobody's business.
+fn expected_in(said: &str) -> &str {
+    let said = said.rsplit_once(" at line ").map_or(said, |(said, _)| said);
+    match said {
+        "number out of range" => "expected no number of that size",
+        "expected value" => "expected one of the values in the description",
+        _ if said.starts_with("invalid type: ") || said.starts_with("invalid value: ") => {
+            said.find("expected ").map_or(said, |at| &said[at..])
+        }
+        _ => said,
     }
 }
 
@@ -221,6 +235,11 @@ mod tests {
         for body in ["{\"word\":null}", "[1]"] {
             let problem = parse::<Wanted>(body.as_bytes()).unwrap_err();
             assert_eq!(problem.code, "invalid_body", "{body}");
+        }
+        for number in ["9".repeat(300), "9".repeat(400), "7".to_owned()] {
+            let problem = parse::<Asked>(format!("{{\"reason\":{number}}}").as_bytes()).unwrap_err();
+            let told = &problem.errors[0].detail;
+            assert!(told.starts_with("expected ") && !told.contains("line"), "{told}");
         }
         let behind = parse::<Asked>(b"{\"reason\":\"x\"} {}").unwrap_err();
         assert_eq!(behind.code, "malformed_json");

@@ -6,14 +6,14 @@ use crate::recording::{RecordingError, Table, TableColumn, write_table, write_wh
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// Writes everything but the page for a person. `files`: names of the recordings that were judged, `faults`: what
-/// is wrong with these and the others.
+/// Writes everything but the page for a person. `files`: names of the recordings that were judged, and of those
+/// that were left out; `faults`: what is wrong with these and the others.
 ///
 /// Errors: the folder cannot be made or a file not written.
 pub fn write(
     out: &Path,
     diagnosis: &Diagnosis,
-    files: &[String],
+    files: (&[String], &[String]),
     faults: &[FaultOf],
 ) -> Result<(), RecordingError> {
     std::fs::create_dir_all(out).map_err(|source| RecordingError::Io { path: out.to_owned(), source })?;
@@ -28,11 +28,16 @@ pub fn write(
 
 /// The machine-readable answer.
 #[must_use]
-pub fn to_json(diagnosis: &Diagnosis, files: &[String], faults: &[FaultOf]) -> Value {
+pub fn to_json(
+    diagnosis: &Diagnosis,
+    (files, left_out): (&[String], &[String]),
+    faults: &[FaultOf],
+) -> Value {
     json!({
         "schema": "stillcut.diagnosis/1",
-        "axis": diagnosis.axis,
+        "axis": (!diagnosis.axis.is_empty()).then_some(&diagnosis.axis),
         "verdict": diagnosis.verdict.name(),
+        "no_evidence": diagnosis.no_evidence,
         "location": diagnosis.location.as_ref().map(|l| location(l, diagnosis)),
         "findings": diagnosis.findings.iter().map(finding).collect::<Vec<_>>(),
         "residual_band_hz": diagnosis.residual_band_hz,
@@ -47,6 +52,7 @@ pub fn to_json(diagnosis: &Diagnosis, files: &[String], faults: &[FaultOf]) -> V
             "file": files.get(k).cloned().unwrap_or_default(),
             "experiment": r.experiment, "rms_before_n": r.rms_before_n, "rms_after_n": r.rms_after_n,
         })).collect::<Vec<_>>(),
+        "left_out": left_out,
         "recording_faults": faults_json(faults),
         "closed_loop": closed_loop(diagnosis, files),
         "notes": diagnosis.notes,

@@ -39,6 +39,9 @@ pub fn diagnosis_page(diagnosis: &Diagnosis, context: &ReportContext) -> String 
         hero(&mut body, diagnosis, picked);
         place(&mut body, diagnosis, picked);
     }
+    if diagnosis.no_evidence.is_some() {
+        return page(&format!("{}: {}", context.machine, headline(diagnosis)), &body);
+    }
     in_loop(&mut body, diagnosis);
     for finding in &diagnosis.findings {
         finding_card(&mut body, diagnosis, finding);
@@ -58,15 +61,20 @@ pub fn spoken(name: &str) -> String {
 }
 
 fn header(out: &mut String, d: &Diagnosis, context: &ReportContext) {
+    let (class, word) = match &d.no_evidence {
+        Some(_) => ("", "no evidence".to_owned()),
+        None => (d.verdict.name(), spoken(d.verdict.name())),
+    };
+    let axis = if d.axis.is_empty() { String::new() } else { format!(" \u{b7} axis {}", escape(&d.axis)) };
     let _ = write!(
         out,
-        "<div><span class=\"badge {0}\">{1}</span> <span class=\"soft\">{2} \u{b7} axis {3}</span></div><h1>{4}</h1>",
-        d.verdict.name(),
-        spoken(d.verdict.name()),
+        "<div><span class=\"badge {class}\">{word}</span> <span class=\"soft\">{}{axis}</span></div><h1>{}</h1>",
         escape(&context.machine),
-        escape(&d.axis),
         escape(&headline(d))
     );
+    if let Some(why) = &d.no_evidence {
+        let _ = write!(out, "<p>{}.</p>", escape(why));
+    }
     for finding in &d.findings {
         let _ = write!(out, "<p>{}</p>", escape(&finding.statement));
     }

@@ -14,6 +14,9 @@ const SAID: usize = 2;
 
 /// The first sentence of the page.
 pub(super) fn headline(d: &Diagnosis) -> String {
+    if d.no_evidence.is_some() {
+        return "Nothing can be told of the drive from these recordings.".to_owned();
+    }
     match d.verdict {
         Verdict::MissingPhysics => {
             let phrases: Vec<String> = d.findings.iter().take(SAID).map(|f| phrase(f, d)).collect();
@@ -98,6 +101,12 @@ fn rest(d: &Diagnosis) -> String {
 
 /// What to do with the answer where no finding says it.
 pub(super) fn next_step(d: &Diagnosis) -> Option<&'static str> {
+    if d.no_evidence.is_some() {
+        return Some(
+            "A recording of five seconds or more while the axis feeds in air: strokes over the whole travel in both \
+             directions at three speeds at least.",
+        );
+    }
     let loud = times_the_floor(d) >= AT_NOISE;
     match d.verdict {
         Verdict::MissingPhysics => None,

@@ -28,8 +28,12 @@ pub(super) async fn run_diagnoses(handle: Handle) {
             _ => "failed",
         };
         told.metrics().diagnoses.with_label_values(&[outcome]).inc();
-        let verdict = view.result.as_ref().and_then(|r| r.get("verdict")).and_then(|v| v.as_str());
+        let said = |key: &str| view.result.as_ref().and_then(|r| r.get(key)).and_then(|v| v.as_str());
         let text = match view.state {
+            JobState::Done if said("no_evidence").is_some() => {
+                let why = said("no_evidence").unwrap_or_default();
+                format!("diagnosis {}: nothing can be told of the drive here: {why}", view.id)
+            }
             JobState::Done => {
                 let left = &view.axes_not_looked_at;
                 let left = if left.is_empty() {
@@ -37,7 +41,7 @@ pub(super) async fn run_diagnoses(handle: Handle) {
                 } else {
                     format!("; not looked at: {}", left.join(", "))
                 };
-                format!("diagnosis {}: {}{left}", view.id, verdict.unwrap_or("no verdict"))
+                format!("diagnosis {}: {}{left}", view.id, said("verdict").unwrap_or("no verdict"))
             }
             JobState::Cancelled => format!("diagnosis {} was cancelled", view.id),
             _ => format!("diagnosis {} failed: {}", view.id, view.error.unwrap_or_default()),

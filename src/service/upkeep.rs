@@ -172,8 +172,11 @@ impl Upkeep {
         self.metrics.recordings.with_label_values(&["removed"]).inc_by(gone.len() as u64);
         let (count, first) = (gone.len(), gone.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", "));
         let more = if count > NAMED { ", .." } else { "" };
-        let text = format!("the disk is full: {count} of the oldest recordings were removed: {first}{more}");
-        self.tell(EventKind::RecordingsRemoved, text);
+        let what = match count {
+            1 => "the oldest recording was removed".to_owned(),
+            _ => format!("{count} of the oldest recordings were removed"),
+        };
+        self.tell(EventKind::RecordingsRemoved, format!("the disk is full: {what}: {first}{more}"));
     }
 
     fn compare(&self, clocks: &mut Clocks) {

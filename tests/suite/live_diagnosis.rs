@@ -48,11 +48,11 @@ fn play(domain: &Domain, recording: &Recording, seconds: f64) {
 }
 
 /// A service whose machine is `model`.
-fn service_of(place: &Place, model: &str) -> Running {
+fn service_of(place: &Place, (model, watched): (&str, &str)) -> Running {
     std::fs::write(place.folder.path().join("machine.toml"), model).unwrap();
     // Its turret is moved by nobody.
     let mut toml = place.toml("").replace("the tests", "not commissioned");
-    toml += "[machine]\nmodel = \"machine.toml\"\nwatch = [\"x\"]\n";
+    toml += &format!("[machine]\nmodel = \"machine.toml\"\nwatch = [\"{watched}\"]\n");
     toml += "[recorder]\nbefore_s = 10.0\nafter_s = 0.5\n";
     let path = place.folder.path().join("c.toml");
     let mut config = stillcut::config::service::service_config_from_text(&path, &toml).unwrap();
@@ -110,7 +110,7 @@ fn a_wrong_model_is_noticed_in_air_and_diagnosed_over_http() {
         _ => line.to_owned(),
     };
     let wrong: Vec<String> = good.lines().map(scaled).collect();
-    let running = service_of(&place, &wrong.join("\n"));
+    let running = service_of(&place, (&wrong.join("\n"), "x"));
     play(&place.domain, &moves, 16.0);
     until("the mismatch is told", 20, || {
         !get(&running, "/api/v1/events?kind=model_mismatch").json()["events"].as_array().unwrap().is_empty()
@@ -138,6 +138,41 @@ fn a_wrong_model_is_noticed_in_air_and_diagnosed_over_http() {
     println!("imported: {}, corrections {corrections}", view["result"]["verdict"]);
     assert!(corrections.contains("mass") || corrections.contains("inertia"), "{corrections}");
     assert!(get(&running, "/metrics").body.contains("stillcut_diagnoses_total{outcome=\"done\"} 2"));
+    running.stop();
+}
+
+/// A recording in which every axis stands in the cut is no failure of the job: its answer says that nothing can
+/// be told of the drive here, and beside another it is left out by name.
+#[test]
+fn a_recording_that_tells_nothing_of_the_drive_fails_no_job() {
+    let place = Place::new("still");
+    let running = service_of(&place, (include_str!("../../config/turrets.toml"), "x1"));
+    let address = running.handle().address().to_string();
+    let lathe = LatheThread::start(&place.domain);
+    until("samples come", 20, || get(&running, "/readyz").status == 200);
+    let ids = || -> Vec<String> {
+        let list = get(&running, "/api/v1/recordings").json();
+        list.as_array().unwrap().iter().map(|r| r["id"].as_str().unwrap().to_owned()).collect()
+    };
+    for many in [1, 2] {
+        std::thread::sleep(std::time::Duration::from_secs(3));
+        let asked = ask(&address, "POST", "/api/v1/recordings", &[], Some("{\"reason\":\"test\"}"));
+        assert!(asked.status < 300, "{asked:?}");
+        until("it is stored", 30, || ids().len() >= many);
+    }
+    drop(lathe);
+    let [first, second] = [0, 1].map(|k| ids()[k].clone());
+    let both = format!("[\"{first}\",\"{second}\"]");
+    let body = format!("{{\"recordings\":{both},\"budget_s\":10,\"reason\":\"test\"}}");
+    let (view, report, _) = diagnosed(&running, "/api/v1/diagnoses", &body);
+    let why = view["result"]["no_evidence"].as_str().unwrap();
+    assert!(why.contains("nothing can be told"), "{view}");
+    assert_eq!(view["result"]["left_out"].as_array().unwrap().len(), 2);
+    assert!(report.contains("Nothing can be told of the drive"), "{report}");
+    until("the event says so", 10, || {
+        let events = get(&running, "/api/v1/events?kind=diagnosis_done").json()["events"].to_string();
+        events.contains("nothing can be told of the drive here")
+    });
     running.stop();
 }
 

@@ -208,11 +208,44 @@ fn operate(browser: &mut Browser) {
     browser.picture("japanese");
     browser.value("speak('de')");
     assert_eq!(browser.value("document.getElementById('take-back').innerText"), "Revolver zurückholen");
+    browser.wait_for("a comma", "/± \\d+,\\d N/.test(document.getElementById('legend').innerText)");
+    let numbers = "[say('4.5 s saved as r-1 (1.0.2)'), local('v0.1.0'), fixed(651.25, 1)].join(' | ')";
+    let told = browser.value(numbers);
+    assert_eq!(told, "4,5 s gesichert als r-1 (1.0.2) | v0.1.0 | 651,3");
     browser.picture("german");
     browser.value("speak('en')");
     browser.press("r");
     let note = "document.getElementById('take-back-note').innerText.includes('turret taken back')";
     browser.wait_for("word of it", note);
+}
+
+/// Both charts tell of the moment under the pointer, which stands at one place in both, with a line through it;
+/// the spectrum takes what room its row leaves.
+fn look_at_one_moment(browser: &mut Browser) {
+    let room = "(() => { const c = waterfall.canvas, s = c.parentElement.getBoundingClientRect(); \
+        return s.bottom - c.getBoundingClientRect().bottom; })()";
+    let room = browser.value(room).as_f64().unwrap();
+    assert!(room < 20.0, "{room} pixels under the spectrum");
+    let over = "(() => { const c = force.canvas, b = c.getBoundingClientRect(); \
+        const at = { clientX: b.left + 52 + 0.9 * (b.width - 110), clientY: b.top + 20, bubbles: true }; \
+        c.dispatchEvent(new PointerEvent('pointermove', at)); \
+        return parseFloat(document.getElementById('force-note').textContent); })()";
+    let age_s = browser.value(over).as_f64().unwrap();
+    assert!((age_s + 2.0).abs() < 0.06, "{age_s} s: a tenth of the range before now");
+    let line = |chart: &str| {
+        format!(
+            "(() => {{ const c = {chart}.canvas, x = Math.round(52 + 0.9 * (c.clientWidth - 110)); \
+             const read = document.createElement('canvas').getContext('2d', {{ willReadFrequently: true }}); \
+             read.drawImage(c, -x + 2, -40); \
+             const p = (k) => [...read.getImageData(2 + k, 0, 1, 1).data].join(); \
+             return p(0) !== p(-2) && p(0) !== p(2); }})()"
+        )
+    };
+    for chart in ["waterfall", "force"] {
+        browser.wait_for("a line at the pointer", &line(chart));
+    }
+    browser.value("force.canvas.dispatchEvent(new PointerEvent('pointerleave'))");
+    assert_eq!(browser.value("document.getElementById('force-note').textContent"), "");
 }
 
 #[test]
@@ -248,6 +281,7 @@ fn the_page_comes_alive_in_a_browser_without_a_network() {
         const t = f.slices.map((s) => s.t); \
         return f.slices.length > 390 && t.every((x, k) => k === 0 || x > t[k - 1]); })()";
     assert_eq!(browser.value(overlap), true);
+    look_at_one_moment(&mut browser);
     browser.value("document.getElementById('range').value = '60'; loadPast()");
     browser.wait_for("the last minute", &format!("waterfall.rangeS === 60 && {past} > 10"));
     browser.value("document.getElementById('range').value = '20'; loadPast()");

@@ -118,6 +118,8 @@ fn diagnosis() -> Diagnosis {
             .into_iter()
             .map(|(effect, evidence)| Tried { effect, port: Port::Stage, evidence })
             .collect(),
+        left_out: Vec::new(),
+        no_evidence: None,
         detection_limits: vec![DetectionLimit {
             effect: EffectKind::Backlash,
             port: Port::Coupling,

@@ -165,6 +165,8 @@ impl Case<'_> {
             force_faults: force_faults((self.axis, self.recordings), balance, &state, &doubt),
             parameter_corrections: corrections,
             recordings: self.recording_fits(&series, unexplained),
+            left_out: Vec::new(),
+            no_evidence: None,
             balances: if two { vec!["motor", "stage"] } else { vec!["axis"] },
             series_rate_hz: balance.signals.thin_rate_hz(),
             noise_floor_n: if two { floors.to_vec() } else { vec![floors[0]] },

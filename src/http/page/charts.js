@@ -41,19 +41,31 @@ const RANGE = 120; // half decibels from floor to brightest: 60 dB
 const LIVE_S = 20; // longer ranges are asked for again instead of drawn as they come
 
 const newtons = (level) => 10 ** ((level / 2 - 80) / 20);
-const inNewtons = (n) => `${n >= 100 ? n.toFixed(0) : n.toPrecision(2).replace(/e.*/, "")} N`;
-const agoText = (s) => (s < 0.05 ? say("now") : s < 100 ? `-${+s.toFixed(1)} s` : s < 6000 ? `-${+(s / 60).toFixed(1)} min` : `-${+(s / 3600).toFixed(1)} h`);
+const inNewtons = (n) => local(`${n >= 100 ? n.toFixed(0) : n.toPrecision(2).replace(/e.*/, "")} N`);
+const agoText = (s) => local(s < 0.05 ? say("now") : s < 100 ? `-${+s.toFixed(1)} s` : s < 6000 ? `-${+(s / 60).toFixed(1)} min` : `-${+(s / 3600).toFixed(1)} h`);
 // Median distance of ages that fall.
 const usualStep = (ages) => ages.slice(1).map((age, k) => ages[k] - age).sort((a, b) => a - b)[(ages.length - 1) >> 1] ?? 0;
 const shades = (levels, floor) => levels.map((l) => Math.max(0, Math.min(255, Math.round((l - floor) / RANGE * 255))));
 
-// A line under the pointer and what stands there; `read` answers the words for an age and a height.
-function pointer(canvas, note, read) {
+// Margins of both charts over time: one moment stands at one place in both.
+const LEFT = 52, RIGHT = 58;
+const cursor = { share: null }; // where the pointer is, 0 to 1 of the range
+
+// Tells where in the range the pointer is (null: outside), and how far below the canvas's upper edge.
+function pointer(canvas, moved) {
   canvas.addEventListener("pointermove", (move) => {
     const box = canvas.getBoundingClientRect();
-    note.textContent = read((move.clientX - box.left) / box.width * canvas.clientWidth, move.clientY - box.top) || "";
+    const share = (move.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT);
+    moved(share >= 0 && share <= 1 ? share : null, move.clientY - box.top);
   });
-  canvas.addEventListener("pointerleave", () => { note.textContent = ""; });
+  canvas.addEventListener("pointerleave", () => moved(null, 0));
+}
+
+// The line of the pointer.
+function drawCursor(context, plotWidth, plotHeight, colour) {
+  if (cursor.share === null) return;
+  context.fillStyle = colour;
+  context.fillRect(Math.round(LEFT + plotWidth * cursor.share), 2, 1, plotHeight);
 }
 
 class Waterfall {
@@ -144,18 +156,19 @@ class Waterfall {
   }
 
   layout(width, height) {
-    const left = 52, right = 58, bottom = 20;
-    return { left, right, plotWidth: width - left - right, plotHeight: height - bottom - 4 };
+    const bottom = 20;
+    return { left: LEFT, plotWidth: width - LEFT - RIGHT, plotHeight: height - bottom - 4 };
   }
 
-  // What stands under the pointer.
-  read(px, py) {
-    if (!this.grid) return "";
-    const { left, plotWidth, plotHeight } = this.layout(this.canvas.clientWidth, this.canvas.clientHeight);
-    const x = Math.floor((px - left) / plotWidth * COLUMNS), y = 1 - (py - 2) / plotHeight;
+  // What stands at a share of the range, at a height or (null) at the line that is tracked.
+  read(share, py) {
+    if (!this.grid || share === null) return "";
+    const { plotHeight } = this.layout(this.canvas.clientWidth, this.canvas.clientHeight);
+    const x = Math.min(Math.floor(share * COLUMNS), COLUMNS - 1);
     const column = this.columns[x];
-    const bin = Math.round(y * (this.grid.count - 1));
-    if (!column || bin < 0 || bin >= this.grid.count) return "";
+    const place = py === null ? (this.line[x] - this.grid.first) / this.grid.step : (1 - (py - 2) / plotHeight) * (this.grid.count - 1);
+    const bin = Math.round(place);
+    if (!column || (py === null && this.line[x] === null) || bin < 0 || bin >= this.grid.count) return "";
     const age = (COLUMNS - 1 - x) / COLUMNS * this.rangeS;
     return `${agoText(age)} · ${(this.grid.first + bin * this.grid.step).toFixed(0)} Hz · ${inNewtons(newtons(column[bin]))}`;
   }
@@ -183,7 +196,7 @@ class Waterfall {
     context.textAlign = "center";
     for (let k = 4; k >= 0; k--) {
       const x = left + plotWidth * (1 - k / 4);
-      context.fillText(agoText(this.rangeS * k / 4), Math.min(Math.max(x, left + 14), width - 40), height - 5);
+      context.fillText(agoText(this.rangeS * k / 4), Math.max(x, left + 14), height - 5);
     }
     this.scale(context, left + plotWidth + 8, plotHeight);
     if (this.band) {
@@ -199,6 +212,7 @@ class Waterfall {
       if (hz === null || hz < first || hz > last) return;
       context.fillRect(left + plotWidth * i / COLUMNS, y(hz) - 1.5, Math.max(plotWidth / COLUMNS, 1.5), 3);
     });
+    drawCursor(context, plotWidth, plotHeight, "rgb(255 255 255)");
   }
 
   // What the colours mean, in newtons of amplitude.
@@ -237,11 +251,10 @@ class ForceTrace {
     this.slices = past.age_s.map((age, k) => ({ t: newest - age, values: past.force_n.map((axis) => axis[k]) }));
   }
 
-  // What stands under the pointer.
-  read(px) {
-    const left = 52, plotWidth = this.canvas.clientWidth - left - 4;
-    const age = (1 - (px - left) / plotWidth) * this.rangeS;
-    if (age < 0 || age > this.rangeS || !this.slices.length) return "";
+  // What stands at a share of the range.
+  read(share) {
+    if (share === null || !this.slices.length) return "";
+    const age = (1 - share) * this.rangeS;
     const t = this.slices[this.slices.length - 1].t - age;
     const near = this.slices.reduce((best, s) => (Math.abs(s.t - t) < Math.abs(best.t - t) ? s : best));
     const values = this.show.map((axis) => near.values[axis]).filter(Boolean).map((v) => `${v[0].toFixed(0)} … ${v[1].toFixed(0)} N`);
@@ -265,7 +278,7 @@ class ForceTrace {
 
   draw() {
     const { context, width, height } = prepare(this.canvas);
-    const left = 52, bottom = 20, plotWidth = width - left - 4, plotHeight = height - bottom - 4;
+    const left = LEFT, bottom = 20, plotWidth = width - left - RIGHT, plotHeight = height - bottom - 4;
     const newest = this.slices.length ? this.slices[this.slices.length - 1].t : 0;
     let low = 0, high = 0;
     for (const slice of this.slices) {
@@ -288,7 +301,7 @@ class ForceTrace {
     context.textAlign = "center";
     for (let k = 4; k >= 0; k--) {
       const x = left + plotWidth * (1 - k / 4);
-      context.fillText(agoText(this.rangeS * k / 4), Math.min(Math.max(x, left + 14), width - 16), height - 5);
+      context.fillText(agoText(this.rangeS * k / 4), Math.max(x, left + 14), height - 5);
     }
     for (const axis of this.show) {
       context.fillStyle = resolved(TRACE_COLOURS[axis % TRACE_COLOURS.length]);
@@ -304,6 +317,7 @@ class ForceTrace {
       });
       context.globalAlpha = 1;
     }
+    drawCursor(context, plotWidth, plotHeight, resolved("--ink"));
   }
 }
 
@@ -402,6 +416,6 @@ function drawReplay(canvas, track) {
   context.fillText(`${low.toFixed(0)} Hz`, 2, top + h);
   context.fillText(`${peak.toFixed(0)} dB`, width - right + 6, top + 10);
   context.fillText(`${floor.toFixed(0)} dB`, width - right + 6, top + h);
-  context.fillText(`${t[0].toFixed(1)} s`, left, height - 6);
-  context.fillText(`${t[n - 1].toFixed(1)} s`, width - right - 30, height - 6);
+  context.fillText(`${fixed(t[0], 1)} s`, left, height - 6);
+  context.fillText(`${fixed(t[n - 1], 1)} s`, width - right - 30, height - 6);
 }

@@ -2,7 +2,7 @@
 "use strict";
 
 const $ = (id) => document.getElementById(id);
-const degrees = (rad) => (rad === null || rad === undefined ? "–" : `${(rad * 180 / Math.PI).toFixed(2).replace(/^-0\.00$/, "0.00")}°`);
+const degrees = (rad) => (rad === null || rad === undefined ? "–" : `${local((rad * 180 / Math.PI).toFixed(2).replace(/^-0\.00$/, "0.00"))}°`);
 const STALE_MS = 2500;
 const PATIENCE_MS = 5000;
 
@@ -175,7 +175,7 @@ function showState(now) {
   const verdict = now.chatter.state;
   if (connected) showVerdict(verdict, VERDICTS[verdict] || VERDICTS.learning);
   else showVerdict("", ["–", "No samples", "the machine sends nothing"]);
-  setText("frequency", now.chatter.frequency_hz ? `${now.chatter.frequency_hz.toFixed(1)} Hz` : "–");
+  setText("frequency", now.chatter.frequency_hz ? `${fixed(now.chatter.frequency_hz, 1)} Hz` : "–");
   setText("power", connected && now.chatter.power_n2 !== null ? `${powerText(now.chatter.power_n2)} N²` : "–");
   setText("margin", marginText(connected ? now.axes : []));
   setText("lost", String(now.source.lost));
@@ -210,11 +210,11 @@ function marginText(axes) {
   const known = axes.filter((axis) => typeof axis.stability_margin_1_s === "number");
   if (known.length === 0) return axes.map((axis) => DEAF[axis.stability_margin_state]).find(Boolean) || "–";
   const least = known.reduce((a, b) => (b.stability_margin_1_s < a.stability_margin_1_s ? b : a));
-  const ends = [least.stability_margin_lo_1_s, least.stability_margin_hi_1_s].map((x) => x.toFixed(0));
-  return `${least.stability_margin_1_s.toFixed(1)} 1/s (${ends[0]} to ${ends[1]})`;
+  const ends = [least.stability_margin_lo_1_s, least.stability_margin_hi_1_s].map((x) => fixed(x, 0));
+  return `${fixed(least.stability_margin_1_s, 1)} 1/s (${ends[0]} to ${ends[1]})`;
 }
 
-const powerText = (n2) => (n2 >= 100 ? n2.toFixed(0) : n2 >= 1 ? n2.toFixed(1) : n2.toPrecision(2));
+const powerText = (n2) => (n2 >= 100 ? n2.toFixed(0) : n2 >= 1 ? fixed(n2, 1) : local(n2.toPrecision(2)));
 
 // Touches the page only when the text changes: screen readers are told of changes.
 function setText(id, english) {
@@ -280,7 +280,7 @@ function showAxes(axes) {
   axes.forEach((axis, i) => {
     // A mean that cannot be observed is not a number, nor is anything of an axis that is silent.
     const mean = axis.force_mean_n === null ? "" : `${axis.force_mean_n.toFixed(0)} N `;
-    const force = axis.force_deviation_n === null ? "–" : `${mean}± ${axis.force_deviation_n.toFixed(1)} N`;
+    const force = axis.force_deviation_n === null ? "–" : `${mean}± ${fixed(axis.force_deviation_n, 1)} N`;
     const offset = axis.offset_reported_m === null ? "" : ` · ${lengthText(axis.offset_reported_m)}`;
     const text = `${axis.name} ${force}${offset}`;
     const span = list.children[i].lastChild;
@@ -450,7 +450,7 @@ function recordingItem(recording, canDiagnose) {
   const replay = make("button", "", say("Replay"));
   replay.addEventListener("click", () => showReplay(recording.id));
   const kind = say(recording.id.split("-")[0].replaceAll("_", " "));
-  item.append(make("span", "", `${kind} ${clockText(new Date(recording.written_at))} (${(recording.bytes / 1e6).toFixed(1)} MB)`), link, replay, diagnose);
+  item.append(make("span", "", `${kind} ${clockText(new Date(recording.written_at))} (${fixed(recording.bytes / 1e6, 1)} MB)`), link, replay, diagnose);
   return item;
 }
 
@@ -464,17 +464,19 @@ async function showReplay(id) {
     setText("replay-note", `${id}: dots line frequency, curve its power (dB re 1 N²), shaded chatter`);
     drawReplay($("replay-chart"), answer.track);
     $("replay-events").replaceChildren(...answer.events.map((event) => {
-      const hz = event.frequency_hz ? ` at ${event.frequency_hz.toFixed(1)} Hz` : "";
-      return make("li", "", `${event.t_s.toFixed(3)} s: ${event.kind.replaceAll("_", " ")}${hz}`);
+      const hz = event.frequency_hz ? ` at ${fixed(event.frequency_hz, 1)} Hz` : "";
+      return make("li", "", `${fixed(event.t_s, 3)} s: ${event.kind.replaceAll("_", " ")}${hz}`);
     }));
   } catch (error) { setText("replay-note", `${id}: ${error.message || "the service does not answer"}`); }
 }
 
 function diagnosisItem(diagnosis) {
   const item = make("li");
-  const verdict = diagnosis.result ? diagnosis.result.verdict.replaceAll("_", " ") : diagnosis.error || `${diagnosis.state} ${diagnosis.elapsed_s.toFixed(0)} s`;
+  const told = diagnosis.result && (diagnosis.result.no_evidence ? say("Nothing can be told of the drive here") : diagnosis.result.verdict.replaceAll("_", " "));
+  const verdict = told || diagnosis.error || `${diagnosis.state} ${diagnosis.elapsed_s.toFixed(0)} s`;
   item.append(make("span", "", diagnosis.cuts === null ? verdict : `${say("Past cuts")}: ${verdict}`));
-  if (diagnosis.axes_not_looked_at.length) item.append(make("span", "by", `not looked at: ${diagnosis.axes_not_looked_at.join(", ")}`));
+  if (diagnosis.result && diagnosis.result.no_evidence) item.append(make("span", "by", diagnosis.result.no_evidence));
+  else if (diagnosis.axes_not_looked_at.length) item.append(make("span", "by", `not looked at: ${diagnosis.axes_not_looked_at.join(", ")}`));
   if (diagnosis.state === "running" || diagnosis.state === "queued") {
     const cancel = make("button", "", say("Cancel"));
     cancel.addEventListener("click", () => ask({
@@ -626,7 +628,7 @@ function toggleTheme() {
 // ---- language, units, keys --------------------------------------------------------------------------
 
 let inch = localStorage.getItem("unit") === "inch";
-const lengthText = (m) => (inch ? `${(m / 0.0254).toFixed(4)} in` : `${(m * 1000).toFixed(3)} mm`).replace(/^-(0\.0+ )/, "$1");
+const lengthText = (m) => local((inch ? `${(m / 0.0254).toFixed(4)} in` : `${(m * 1000).toFixed(3)} mm`).replace(/^-(0\.0+ )/, "$1"));
 
 function toggleUnit() {
   inch = !inch;
@@ -655,8 +657,14 @@ $("unit").addEventListener("click", toggleUnit);
 $("keys").addEventListener("click", showKeys);
 $("keys-close").addEventListener("click", closeDialogs);
 $("range").addEventListener("change", loadPast);
-pointer($("waterfall"), $("spectrum-cursor"), (x, y) => waterfall.read(x, y));
-pointer($("force"), $("force-note"), (x) => force.read(x));
+for (const chart of [waterfall, force]) {
+  pointer(chart.canvas, (share, y) => {
+    cursor.share = share;
+    $("spectrum-cursor").textContent = waterfall.read(share, chart === waterfall ? y : null);
+    $("force-note").textContent = force.read(share);
+    dirty = true;
+  });
+}
 sayAll();
 
 const saved = localStorage.getItem("theme");

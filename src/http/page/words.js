@@ -43,6 +43,7 @@ const WORDS = {
   "moves the turret": ["bewegt den Revolver", "刃物台を動かす"],
   "Hold the turret": ["Revolver halten", "刃物台を保持"],
   "Held: let the turret go": ["Gehalten: Revolver freigeben", "保持中：解放する"],
+  "Nothing can be told of the drive here": ["Über den Antrieb lässt sich hier nichts sagen", "駆動系については何も判断できません"],
   "Clear the fault": ["Störung quittieren", "故障を解除"],
   "Missing before act": ["Fehlt vor dem Handeln", "実行前に不足"],
   "Spectrum of the force": ["Spektrum der Kraft", "力のスペクトル"],
@@ -218,8 +219,8 @@ const SENTENCES = [
   [/^asked the turret back to equal pitch$/, "gleiche Teilung verlangt", "等ピッチへの復帰を要求しました"],
   [/^no pitch is predicted to be stable at this speed; one is at (\d+) rpm$/, "bei dieser Drehzahl ist keine Teilung stabil; bei $1 U/min eine", "この回転数では安定なピッチがありません。$1 rpm にあります"],
   [/^no pitch is predicted to be stable, here or at a speed within 40 %$/, "keine Teilung ist stabil, hier und bei Drehzahlen bis 40 % daneben", "この回転数でも ±40 % 以内でも安定なピッチがありません"],
-  [/^(\d+) samples lost in (\d+) gaps$/, "$1 Werte verloren in $2 Lücken", "$2 箇所で $1 サンプルが欠落"],
-  [/^(\d+) samples refused: (.*)$/, "$1 Werte abgelehnt: $2", "$1 サンプルを拒否：$2"],
+  [/^(\d+) samples? lost in (\d+) gaps?$/, "$1 Werte verloren in $2 Lücken", "$2 箇所で $1 サンプルが欠落"],
+  [/^(\d+) samples? refused: (.*)$/, "$1 Werte abgelehnt: $2", "$1 サンプルを拒否：$2"],
   [/^samples come( again)?: axes (.*) at ([\d.]+) Hz$/, "Werte kommen: Achsen $2 mit $3 Hz", "サンプル受信：軸 $2、$3 Hz"],
   [/^no (?:usable )?samples for one second$/, "seit einer Sekunde keine Werte", "1 秒間サンプルなし"],
   [/^interlock (\w+) (opened|closed|is not heard)$/, "Verriegelung $1: $2", "インターロック $1：$2"],
@@ -239,6 +240,7 @@ const SENTENCES = [
   [/^stopped in good order$/, "ordentlich beendet", "正常に停止しました"],
   [/^([\d.]+) s saved as (\S+) \((.*)\)$/, "$1 s gesichert als $2 ($3)", "$1 秒を $2 として保存（$3）"],
   [/^chatter began$/, "Rattern begann", "びびりが始まりました"],
+  [/^the disk is full: the oldest recording was removed: (.*)$/, "die Platte ist voll: die älteste Aufzeichnung entfernt: $1", "ディスク満杯：最も古い記録を削除：$1"],
   [/^the disk is full: (\d+) of the oldest recordings were removed: (.*)$/, "die Platte ist voll: $1 der ältesten Aufzeichnungen entfernt: $2", "ディスク満杯：最も古い記録 $1 件を削除：$2"],
   [/^a decision broke the rule `(.*)`; acting is off, please report it$/, "eine Entscheidung verletzte die Regel `$1`; Handeln ist aus, bitte melden", "判断が規則 `$1` に違反。実行は停止。報告してください"],
   [/^diagnosis (\S+): (.*)$/, "Diagnose $1: $2", "診断 $1：$2"],
@@ -268,6 +270,12 @@ const SENTENCES = [
   [/^([a-z ]+): (.*) \((.*)\)$/, "$1: $2 ($3)", "$1：$2（$3）"],
 ];
 
+// A number, with its unit or without, as the language in force writes it; any other text as it is.
+function local(text) {
+  return language === "de" ? text.replace(/^([-+±]?\d+)\.(\d+)( ?[^\s\d.]+)?$/, "$1,$2$3") : text;
+}
+const fixed = (x, digits) => local(x.toFixed(digits));
+
 // The text in the language in force.
 function say(english) {
   const text = english.trim();
@@ -276,7 +284,7 @@ function say(english) {
   if (WORDS[text]) return WORDS[text][place - 1];
   for (const sentence of SENTENCES) {
     const found = sentence[0].exec(text);
-    if (found) return sentence[place].replace(/\$(\d)/g, (_, k) => (found[k] ? say(found[k]) : "")).replace(/ \(\)$|（）$/, "");
+    if (found) return sentence[place].replace(/\$(\d)/g, (_, k) => (found[k] ? say(local(found[k])) : "")).replace(/ \(\)$|（）$/, "");
   }
   return english;
 }

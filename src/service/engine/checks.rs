@@ -433,6 +433,17 @@ fn one_wild_stamp_is_one_sample_less() {
     }
 }
 
+/// A counter that leaps ahead while time goes on is heard again within 50 ms, and nothing was lost.
+#[test]
+fn a_counter_that_leaps_is_no_loss() {
+    let mut bench = bench();
+    bench.feed(3.5, |_| {});
+    bench.feed(1.5, |p| p.sequence += 1_000_000_000);
+    let totals = bench.engine.stream.as_ref().unwrap().totals;
+    let told = bench.told(EventKind::DataGap);
+    assert_eq!((totals.samples, totals.rejected, totals.lost, told), (44_776, 224, 0, 0));
+}
+
 /// A producer whose counter starts again without a new stream is heard again within 50 ms, as a new stream.
 #[test]
 fn a_counter_that_starts_again_begins_a_new_stream() {

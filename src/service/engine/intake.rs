@@ -89,17 +89,23 @@ impl Faults {
             _ => TELL_EVERY,
         };
         let (kind, text) = if self.lost > 0 {
-            (EventKind::DataGap, format!("{} samples lost in {} gaps", self.lost, self.gaps))
+            let text = format!("{} lost in {}", counted(self.lost, "sample"), counted(self.gaps, "gap"));
+            (EventKind::DataGap, text)
         } else {
             let why = Reject::ALL.iter().zip(self.rejected).filter(|(_, count)| *count > 0);
             let why: Vec<String> =
                 why.map(|(r, count)| format!("{count} {}", r.name().replace('_', " "))).collect();
-            (EventKind::DataRejected, format!("{rejected} samples refused: {}", why.join(", ")))
+            (EventKind::DataRejected, format!("{} refused: {}", counted(rejected, "sample"), why.join(", ")))
         };
         let event = Event { t_s: Some(self.t_s), ..Event::new(kind, clock::wall_ns(), text) };
         *self = Self { told: Some((now, pause)), ..Self::default() };
         Some(event)
     }
+}
+
+/// `1 sample`, `2 samples`.
+fn counted(count: u64, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Names of the axes, rate and pipeline for what a batch announces. Errors: one line why it cannot be used.
@@ -228,12 +234,13 @@ impl Stream {
         Some(output)
     }
 
-    /// What never came: not more than there was time for, and not what came and was refused.
+    /// What never came: not more than there was time for between the two that did, and not what came and was
+    /// refused.
     fn count_gap(&mut self, lost: u64, point: &ServoPoint) {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let by_time = |before: ServoPoint| {
             let passed_s = point.t_ns.saturating_sub(before.t_ns) as f64 * 1e-9;
-            (passed_s * self.rate.hz()).round() as u64
+            ((passed_s * self.rate.hz()).round() as u64).saturating_sub(1)
         };
         let lost = lost.min(self.newest.map_or(lost, by_time)).saturating_sub(self.refused_here);
         if std::mem::take(&mut self.uncounted) {
