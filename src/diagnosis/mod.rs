@@ -183,11 +183,11 @@ pub fn diagnose(
 
 /// [`diagnose`] within a budget, with rows that were not measured.
 ///
-/// Where every axis stands in every recording, or all that moves is in a cut, the answer says that there is no
-/// evidence ([`Diagnosis::no_evidence`]).
+/// Where every axis stands in every recording, or all that moves is in a cut, the answer says that there
+/// is no evidence ([`Diagnosis::no_evidence`]).
 ///
-/// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters, a sign or a
-/// unit that is not the stated one.
+/// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters, a sign
+/// or a unit that is not the stated one.
 pub fn diagnose_with(
     machine: &Machine,
     recordings: &[Recording],

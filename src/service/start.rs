@@ -49,7 +49,7 @@ pub enum ServiceError {
         path: PathBuf,
     },
     /// A file or thread cannot be made.
-    #[error("{}: {source}; expected a place that this user may write (history.folder)", path.display())]
+    #[error("{}: {source}; expected a place that this user may write", path.display())]
     Files {
         /// File.
         path: PathBuf,

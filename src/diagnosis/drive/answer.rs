@@ -573,12 +573,10 @@ impl Case<'_> {
     /// What would have been seen of every law that was asked and is no finding, beside what was found.
     fn detection_limits(&self, state: &State, level: f64, findings: &[Finding]) -> Vec<DetectionLimit> {
         let asked = self.rounds.last().map_or(&[][..], |r| &r.screened);
-        let open: Vec<&Hypothesis> = asked
-            .iter()
-            .map(|s| &s.hypothesis)
-            .filter(|h| !h.is_number() && !h.is_of_one_recording() && !h.is_map())
-            .filter(|h| !findings.iter().any(|f| f.effect == h.effect && f.port == h.port))
-            .collect();
+        let is_law = |h: &&Hypothesis| !h.is_number() && !h.is_of_one_recording() && !h.is_map();
+        let is_found = |h: &Hypothesis| findings.iter().any(|f| f.effect == h.effect && f.port == h.port);
+        let open = asked.iter().map(|s| &s.hypothesis).filter(is_law);
+        let open: Vec<&Hypothesis> = open.filter(|h| !is_found(h)).collect();
         let limits = on_two_cores(&open, |h| least_seen_n(self.balance, state, h, level));
         let of = |(h, force_rms_n): (&&Hypothesis, Option<f64>)| {
             Some(DetectionLimit { effect: h.effect, port: h.port, force_rms_n: force_rms_n? })
