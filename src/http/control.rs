@@ -6,6 +6,7 @@ use super::reason::{Reason, ReasonBody};
 use super::{Caller, Role, Site};
 use crate::service::live::Mode;
 use crate::service::{Changed, ModeNow};
+use axum::body::HttpBody as _;
 use axum::extract::{FromRequest as _, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -130,10 +131,15 @@ pub(super) async fn take_back(
     // Whoever hangs up meanwhile has still asked for it.
     let deed = tokio::spawn(async move {
         let outcome = site.handle.take_back(&caller.name).await;
+        let untyped = !request.headers().contains_key(header::CONTENT_TYPE);
+        let nothing_sent = untyped && request.body().size_hint().exact() == Some(0);
         let said = Body::<TakeBackBody>::from_request(request, &()).await;
         let (origin, refused) = match said.and_then(|body| body.0.reason.origin(&caller, &site)) {
             Ok(origin) => (origin, None),
-            Err(problem) => (Reason::none_given().origin_unquestioned(&caller), Some(problem.in_one_line())),
+            Err(problem) => {
+                let told = if nothing_sent { "none was given".to_owned() } else { problem.in_one_line() };
+                (Reason::none_given().origin_unquestioned(&caller), Some(told))
+            }
         };
         site.handle.record_override(&origin, outcome).await.map(|done| (done, refused))
     });
