@@ -248,7 +248,9 @@ const SENTENCES = [
   // What the page itself puts together.
   [/^Latched fault: (.*)$/, "Gespeicherte Störung: $1", "保持された故障：$1"],
   [/^(\d+) open$/, "$1 offen", "未確認 $1"],
-  [/^(\d+) open alarms?$/, "$1 offene Alarme", "未確認アラーム $1 件"],
+  [/^1 open alarm$/, "1 offener Alarm", "未確認アラーム 1 件"],
+  [/^(\d+) open alarms$/, "$1 offene Alarme", "未確認アラーム $1 件"],
+  [/^(\d+) rpm$/, "$1 U/min", "$1 rpm"],
   [/^(\d+) alarms$/, "$1 Alarme", "アラーム $1 件"],
   [/^(\w+): (open|closed)$/, "$1: $2", "$1：$2"],
   [/^watched band (\d+) to (\d+) Hz$/, "überwachtes Band $1 bis $2 Hz", "監視帯域 $1～$2 Hz"],
