@@ -4,6 +4,7 @@
 //! In (n - 1) values of white noise of unknown level a template that explains the energy E of all W leaves
 //! W - E; two of them compare as (n - 1) ln((W - E2)/(W - E1)).
 
+use super::beginning::Grew;
 use super::criteria::{CRITERIA, LONGEST, RINGS_1_S, WINDOWS};
 use super::lines::POINTS;
 use super::window::{Around, Heard, Reason, Value, fit, fit_two, louder};
@@ -62,10 +63,13 @@ impl Window<'_> {
         for (evidence, reason) in terms {
             least(&mut heard, evidence, reason);
         }
-        if !self.around.young && heard.evidence > CRITERIA.hold {
-            let nats = self.moved_nats();
-            heard.moves = nats < -levels.cause_nats;
-            least(&mut heard, nats / levels.cause_nats, Reason::Foreign);
+        if heard.evidence > CRITERIA.hold && self.past.len() >= WINDOWS[0] && !self.around.blind {
+            let Grew { began_nats, moved_nats } = self.grew();
+            // Whitened by the noise of another cut it has to be as clear as a cause that is refuted.
+            let share = if self.around.young { 1.0 } else { CRITERIA.silent };
+            heard.came = began_nats < -share * levels.cause_nats || moved_nats < -levels.cause_nats;
+            let least_nats = if heard.came { 0.0 } else { moved_nats };
+            least(&mut heard, least_nats / levels.cause_nats, Reason::Foreign);
         }
         if kept && level > levels.noise_nats {
             heard.evidence = heard.evidence.max(CRITERIA.hold * 1.01);
@@ -145,15 +149,6 @@ impl Window<'_> {
     /// Against a line or a narrow mode that is known and louder for a while, nats.
     fn over_known(&self) -> f64 {
         if self.around.blind { f64::INFINITY } else { self.power().1 / self.known() }
-    }
-
-    /// Against a line that moved here, nats.
-    fn moved_nats(&self) -> f64 {
-        let before: f64 = self.past.iter().map(|v| v.white.norm_sqr()).sum();
-        let all = before + self.total;
-        let left = |energy: f64| (all - energy).max(1e-12 * all);
-        let line = self.heard.contrast.max(self.stood());
-        ((self.e.len() + self.past.len()) as f64 - 1.0) * (left(self.sweep()) / left(line)).ln()
     }
 
     /// Turns of the spindle in the window.

@@ -1,6 +1,6 @@
 //! One band of the force: mixed down, orders off, whitened, tested in four windows.
 
-use super::criteria::{CRITERIA, LONGEST, LOOKS, Levels, MEMORY, WINDOWS};
+use super::criteria::{CRITERIA, LONGEST, LOOKS, Levels, MEMORY, SAME_LINE_HZ, WINDOWS};
 use super::cut_level::MeanForce;
 use super::lines::{COMMON, Place, Standing, Strongest, Test};
 use super::orders::{Orders, Turned};
@@ -56,12 +56,13 @@ pub(super) struct ChainState {
     scatters: bool,
     foreign_hz: f64,
     foreign_s: f64,
+    foreign_over: f64,
     alarmed: usize,
 }
 
 keep!(ChainState {
     mix, mixer, orders, noise, whitener, in_cut, values, end, count, clean, heard, power_n2, whole_n2,
-    louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, alarmed,
+    louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, foreign_over, alarmed,
 } if |s| (LONGEST + PAST..=2 * LONGEST).contains(&s.end));
 
 impl ChainState {
@@ -132,6 +133,7 @@ impl Chain {
             scatters: false,
             foreign_hz: 0.0,
             foreign_s: 0.0,
+            foreign_over: 0.0,
             alarmed: 0,
         }
     }
@@ -253,7 +255,9 @@ impl Chain {
         // Where nothing is known of air, what the cut modulates is the cut's.
         let new = over > self.levels.cause_nats
             || (cut && nats > self.levels.cause_nats && state.before[0] == Whitener::NONE);
-        let rules = new && (cut || power_n2 > CRITERIA.rules * state.whole_n2);
+        // Where the noise of this cut is known a line is seen to grow.
+        let seen = told.mean != MeanForce::Absent && !self.young(state) && !told.alarm;
+        let rules = new && !seen && (cut || power_n2 > CRITERIA.rules * state.whole_n2);
         state.standing = if rules {
             Heard {
                 evidence: (nats + louder(power_n2, stable_n2)) / self.levels.cause_nats,
@@ -325,6 +329,7 @@ impl Chain {
             speed_hz: told.speed_hz,
             sweep_hz_s: self.centre_hz() * told.speed_change_1_s,
             watched_hz: told.watched_hz,
+            clean: state.clean,
             young: self.young(state),
             alarm: told.alarm,
             told: means,
@@ -382,11 +387,17 @@ impl Chain {
     /// A line that moved here goes on to be one when it has come to rest.
     fn foreign(&self, state: &mut ChainState, which: usize) {
         let heard = &mut state.heard[which];
-        let near = (heard.offset_hz - state.foreign_hz).abs() < CRITERIA.line_hz && state.foreign_s > 0.0;
-        if heard.moves || (near && heard.stands > 1.0) {
+        let over = heard.contrast / WINDOWS[which] as f64;
+        let near = (heard.offset_hz - state.foreign_hz).abs() < SAME_LINE_HZ && state.foreign_s > 0.0;
+        let grows = near && over > CRITERIA.louder * state.foreign_over;
+        if heard.came {
+            let before = if near { state.foreign_over } else { 0.0 };
+            state.foreign_over = over.max(before);
+        }
+        if heard.came || (near && !grows && heard.stands > 1.0) {
             (state.foreign_hz, state.foreign_s) = (heard.offset_hz, CRITERIA.usual_s);
         }
-        if near && heard.evidence > 0.0 {
+        if near && !grows && heard.evidence > 0.0 {
             (heard.evidence, heard.reason) = (0.0, Reason::Foreign);
         }
     }

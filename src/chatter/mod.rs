@@ -16,6 +16,7 @@
 mod agreement;
 mod alternatives;
 mod band;
+mod beginning;
 mod chain;
 mod criteria;
 mod cut_level;

@@ -2,7 +2,7 @@
 
 use super::band::{Band, BandError};
 use super::chain::{Chain, ChainState, Told};
-use super::criteria::{CRITERIA, LONGEST, Levels, WINDOWS};
+use super::criteria::{CRITERIA, LONGEST, Levels, SAME_LINE_HZ, WINDOWS};
 use super::cut_level::{Change, CutLevel, CutLevelState, MeanForce};
 use super::decision::{Decision, Turn};
 use super::encoder_lines::EncoderLines;
@@ -46,13 +46,9 @@ pub enum ChatterError {
     },
 }
 
-/// A line at the edge of the band is heard whole, Hz.
-const EDGE_HZ: f64 = 10.0;
 /// The window that places a line once it has filled, and values between two looks at the quiet band.
 const LONG: usize = 2;
 const REPORT_VALUES: u64 = 8;
-/// A part of the band that is narrower holds no line, Hz.
-const LEAST_BAND_HZ: f64 = 1.0;
 /// The band may widen by so much.
 const REACH: f64 = 1.4;
 /// Slower spindles have orders too close to be told apart, Hz.
@@ -318,7 +314,7 @@ impl ChatterMonitor {
             angle_turns: state.angle_turns,
             speed_hz: state.speed_hz,
             speed_change_1_s: self.speed_change_1_s(state),
-            watched_hz: [low.max(a - EDGE_HZ) - centre_hz, high.min(b + EDGE_HZ) - centre_hz],
+            watched_hz: [low.max(a - SAME_LINE_HZ) - centre_hz, high.min(b + SAME_LINE_HZ) - centre_hz],
             learns: !state.decision.alarm && state.lambda < CRITERIA.hold,
             alarm: state.decision.alarm,
             mean: if state.mean_tells { self.settings.mean } else { MeanForce::Absent },
@@ -427,12 +423,13 @@ impl ChatterMonitor {
         let long = state.decision.alarm && age_s * rate_hz > WINDOWS[LONG] as f64;
         let n = WINDOWS[if long { LONG } else { LONG - 1 }];
         let [a, b] = state.watched_hz;
-        let among = near_hz.map_or([a - EDGE_HZ, b + EDGE_HZ], |hz| [hz - EDGE_HZ, hz + EDGE_HZ]);
+        let among =
+            near_hz.map_or([a - SAME_LINE_HZ, b + SAME_LINE_HZ], |hz| [hz - SAME_LINE_HZ, hz + SAME_LINE_HZ]);
         let mut found: Option<(f64, Strongest)> = None;
         for ((chain, s), [low, high]) in self.chains.iter().zip(&state.chains).zip(&self.parts_hz) {
             let centre_hz = chain.centre_hz();
             let band_hz = [low.max(among[0]) - centre_hz, high.min(among[1]) - centre_hz];
-            if band_hz[1] - band_hz[0] < LEAST_BAND_HZ {
+            if band_hz[1] <= band_hz[0] {
                 continue;
             }
             let now = chain.strongest(s, n, band_hz);

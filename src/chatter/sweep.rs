@@ -39,28 +39,6 @@ impl Window<'_> {
         best
     }
 
-    /// Energy of a line that stands, since some time before the window.
-    pub(super) fn stood(&self) -> f64 {
-        let n = self.e.len();
-        let step = 0.5 / (n + PAST) as f64;
-        let reach = (0.5 / n as f64 / step).ceil() as i32;
-        let mut best: f64 = 0.0;
-        for k in -reach..=reach {
-            let turns = self.turns() + f64::from(k) * step;
-            let back = C::from_polar(1.0, -TAU * turns);
-            let (mut wave, mut sum) = (C::new(1.0, 0.0), ZERO);
-            let all = self.e.iter().rev().copied().chain(self.past.iter().rev().map(|v| v.white));
-            for (q, x) in all.enumerate() {
-                sum += wave.conj() * x;
-                wave *= back;
-                if q + 1 >= n && (q + 1 - n).is_multiple_of(24) {
-                    best = best.max(sum.norm_sqr() / (q + 1) as f64);
-                }
-            }
-        }
-        best
-    }
-
     /// Energy of a line that stands at `hz` for the last `rest` values and moved at `rate` before.
     fn moved(&self, hz: f64, rate: f64, rest: usize) -> f64 {
         let dt = 1.0 / self.around.rate_hz;

@@ -63,11 +63,11 @@ pub(super) struct Heard {
     pub(super) growth_1_s: f64,
     /// Power of the line over the noise known at its place.
     pub(super) contrast: f64,
-    /// Whether it is a line that moved here.
-    pub(super) moves: bool,
+    /// Whether it began at once or moved here, and is no chatter that grew.
+    pub(super) came: bool,
 }
 
-keep!(Heard { evidence, stands, reason, offset_hz, growth_1_s, contrast, moves });
+keep!(Heard { evidence, stands, reason, offset_hz, growth_1_s, contrast, came });
 
 /// What is known beside the window.
 #[derive(Debug, Clone, Copy)]
@@ -81,6 +81,8 @@ pub(super) struct Around {
     pub(super) sweep_hz_s: f64,
     /// Relative to the centre.
     pub(super) watched_hz: [f64; 2],
+    /// Values that are of one cut.
+    pub(super) clean: usize,
     /// Whether the noise of this cut is not known yet.
     pub(super) young: bool,
     /// Whether a line stands declared.

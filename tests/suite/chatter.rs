@@ -216,14 +216,45 @@ fn chatter_that_grows_before_any_noise_is_known_is_heard() {
 /// A tool only pushes: where it does not, a line is not its.
 #[test]
 fn a_line_without_a_cutting_force_is_not_chatter() {
+    let grown = |t: f64| 4.0 * (20.0 * (t - 4.0)).exp().min(1.0) * line(t, 651.3);
     let tone = |t: f64| if t > 4.0 { 4.0 * line(t, 651.3) } else { 0.0 };
-    assert!(hear(0.0, MeanForce::Whole, tone).is_empty());
+    assert!(hear(0.0, MeanForce::Whole, tone).is_empty() && hear(0.0, MeanForce::Whole, grown).is_empty());
     // The zero drifts by as much as the noise.
     assert!(hear(0.0, MeanForce::Whole, |t| 1.5 * line(t, 0.3) + tone(t)).is_empty());
     // Of an acceleration nothing of the kind is known.
-    assert_eq!(hear(0.0, MeanForce::Absent, tone).len(), 1);
+    assert_eq!(hear(0.0, MeanForce::Absent, grown).len(), 1);
     // And in the cut it is one.
-    assert_eq!(listen(tone).len(), 1);
+    assert_eq!(listen(grown).len(), 1);
+}
+
+/// A pump or a fan is there at once; chatter grows, faster or slower, and may stand then.
+#[test]
+fn a_tone_that_is_switched_on_in_the_cut_is_not_chatter() {
+    for (size_n, hz) in [(8.0, 651.3), (12.0, 615.0), (20.0, 703.0)] {
+        let made = |growth_1_s: f64| {
+            let size = move |t: f64| if t > 4.0 { 1.0 } else { (growth_1_s * (t - 4.0)).exp() };
+            move |t: f64| size_n * size(t) * line(t, hz)
+        };
+        for growth_1_s in [5.0, 15.0, 40.0, 80.0] {
+            let found = listen(made(growth_1_s));
+            assert!(matches!(found[..], [(_, ChatterEvent::Onset(_))]), "{size_n} {growth_1_s} {found:?}");
+        }
+        let found = listen(made(1e4));
+        assert!(found.is_empty(), "{size_n} {found:?}");
+    }
+}
+
+/// What is struck rings at its own rate, from whatever place in the windows on.
+#[test]
+fn rings_of_any_rate_are_not_chatter() {
+    for (k, ring_1_s) in [8.0, 12.0, 15.0, 17.0, 25.0, 35.0].into_iter().enumerate() {
+        let ring = |t: f64| {
+            let ago_s = (t - 4.0 - 0.011 * k as f64).rem_euclid(1.3);
+            if t > 4.1 { 12.0 * (-ring_1_s * ago_s).exp() * line(ago_s, 640.0) } else { 0.0 }
+        };
+        let found = listen(ring);
+        assert!(found.is_empty(), "{ring_1_s} {found:?}");
+    }
 }
 
 /// A cut that shakes a lightly damped mode, 15 1/s, a thousand times louder than what was heard before.
