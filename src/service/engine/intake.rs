@@ -234,15 +234,16 @@ impl Stream {
         Some(output)
     }
 
-    /// What never came: not more than there was time for between the two that did, and not what came and was
-    /// refused.
+    /// What never came: by number; where the time tells another tale, not more than it had room for between the
+    /// two that came. Not what came and was refused.
     fn count_gap(&mut self, lost: u64, point: &ServoPoint) {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let by_time = |before: ServoPoint| {
             let passed_s = point.t_ns.saturating_sub(before.t_ns) as f64 * 1e-9;
             ((passed_s * self.rate.hz()).round() as u64).saturating_sub(1)
         };
-        let lost = lost.min(self.newest.map_or(lost, by_time)).saturating_sub(self.refused_here);
+        let contradicted = self.newest.filter(|before| !self.stamps.agree(before, point));
+        let lost = lost.min(contradicted.map_or(lost, by_time)).saturating_sub(self.refused_here);
         if std::mem::take(&mut self.uncounted) {
             self.count_refused(Reject::BadCount, lost);
             return;

@@ -126,6 +126,11 @@ impl Stamps {
         to.sequence > from.sequence && to.t_ns >= from.t_ns && (times - numbers).abs() <= tolerance
     }
 
+    /// Whether number and time tell the same of what lies between two samples.
+    pub(super) fn agree(&self, from: &ServoPoint, to: &ServoPoint) -> bool {
+        self.agrees(Stamp::of(from), Stamp::of(to))
+    }
+
     /// The next sample, but for some that were lost: what leaps further is alone until others bear it out.
     fn goes_on(&self, from: Stamp, to: Stamp) -> bool {
         self.steps(from, to)[0] <= self.majority() && self.agrees(from, to)
