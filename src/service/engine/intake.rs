@@ -234,8 +234,8 @@ impl Stream {
         Some(output)
     }
 
-    /// What never came: by number; where the time tells another tale, not more than it had room for between the
-    /// two that came. Not what came and was refused.
+    /// What never came: by number; where the time tells another tale, not more than it had room for between
+    /// the two that came. Not what came and was refused.
     fn count_gap(&mut self, lost: u64, point: &ServoPoint) {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let by_time = |before: ServoPoint| {
