@@ -5,9 +5,11 @@
 use super::super::result::TimeSpans;
 use super::criteria::CRITERIA;
 use super::fit::{Problem, cholesky, forward};
-use super::machine::Point;
-use super::observable::{Bin, Every, Origin, OriginKind, Part};
+use super::machine::{Machine, Point};
+use super::observable::{Bin, Every, Observed, Origin, OriginKind, Part};
+use super::port::likeliest;
 use super::result::CutLocation;
+use super::source::Sources;
 use crate::plant::effects::Port;
 
 /// What a model leaves.
@@ -29,8 +31,8 @@ struct Pool {
     variance: f64,
     /// Share by which the model itself may be off.
     tolerance: f64,
-    /// Excess of tool 1, of tool 2, and what is common to them with their sign.
-    excess: [f64; 3],
+    /// Its bins of two tools.
+    bins: Vec<(Bin, Sources)>,
     worst: Vec<(f64, Origin)>,
 }
 
@@ -43,7 +45,7 @@ impl Pool {
             expected: 0.0,
             variance: 0.0,
             tolerance,
-            excess: [0.0; 3],
+            bins: Vec::new(),
             worst: Vec::new(),
         }
     }
@@ -54,7 +56,12 @@ impl Pool {
         (self.power - self.expected) / sd.max(1e-9)
     }
 
-    fn add_bins<'a>(&mut self, bins: impl Iterator<Item = &'a Bin>, channels: usize, origin: Origin) {
+    fn add_bins<'a>(
+        &mut self,
+        bins: impl Iterator<Item = &'a Bin>,
+        channels: usize,
+        (observable, machine): (&Observed<'_>, &Machine),
+    ) {
         let n = channels as f64;
         let mut above = 0.0;
         for bin in bins {
@@ -64,12 +71,9 @@ impl Pool {
             self.expected += n;
             self.variance += n;
             above += power - n;
-            for j in 0..2 {
-                self.excess[j] += bin.x[j].norm_sqr() - bin.s[j][j].re;
-            }
-            self.excess[2] += (bin.x[0] * bin.x[1].conj() - bin.s[0][1]).re;
+            self.bins.extend(observable.sources(machine, bin.frequency_hz).map(|sources| (*bin, sources)));
         }
-        self.worst.push((above, origin));
+        self.worst.push((above, observable.origin()));
     }
 
     fn add_rows(&mut self, rows: &[f64], origin: Origin) {
@@ -83,15 +87,7 @@ impl Pool {
 
     /// Where a force that leaves this acts.
     fn port(&self, kind: OriginKind) -> Port {
-        let [one, two, common] = self.excess;
-        let both = (one.max(0.0) * two.max(0.0)).sqrt();
-        // A force on the bar moves it into one tool and out of the other; one on the holder shows in tool 2.
-        match kind {
-            OriginKind::Angle => Port::Spindle,
-            OriginKind::Calm | OriginKind::Followed if two > 4.0 * one.max(0.0) => Port::Turret,
-            OriginKind::Calm | OriginKind::Followed if common < -0.5 * both => Port::Workpiece,
-            _ => Port::Process,
-        }
+        if kind == OriginKind::Angle { Port::Spindle } else { likeliest(&self.bins) }
     }
 }
 
@@ -123,15 +119,16 @@ pub(crate) fn left(problem: &Problem<'_>, point: &Point) -> Option<Left> {
     let mut orders = Pool::new("order", None, CRITERIA.left_share);
     for (observable, part) in problem.observables.iter().zip(parts) {
         let origin = observable.origin();
+        let from = (observable, &machine);
         match part {
             Part::Bins { channels, bins } => {
                 for (k, pool) in pools.iter_mut().enumerate() {
                     let inside = |b: &&Bin| (edge(k)..edge(k + 1)).contains(&b.frequency_hz);
-                    pool.add_bins(bins.iter().filter(inside), channels, origin);
+                    pool.add_bins(bins.iter().filter(inside), channels, from);
                 }
-                whole.add_bins(bins.iter(), channels, origin);
+                whole.add_bins(bins.iter(), channels, from);
                 if let Some(Part::Bins { channels, bins }) = observable.slow(&machine) {
-                    slow.add_bins(bins.iter(), channels, origin);
+                    slow.add_bins(bins.iter(), channels, from);
                 }
             }
             Part::Rows(rows) if origin.kind == OriginKind::Means => means.add_rows(&rows, origin),

@@ -22,6 +22,7 @@ use super::input::CutRecording;
 use super::known::Reference;
 use super::machine::Machine;
 use super::observable::{CHANNELS, Every, LeftOver, Matrix, Observable, Origin, OriginKind, Part, ZERO};
+use super::source::Sources;
 use super::spectra::{PROBE_UNIT_M, Place, SHARE_OF_BINS, SignalLag, TAPERS, bins, taken, taper};
 use super::stretches::{Stretch, signal_response};
 use crate::plant::cut_loop::CutLoop;
@@ -487,6 +488,10 @@ impl Observable for FollowedSpectra {
         let Part::Bins { bins, .. } = self.part(machine, Every(1)) else { return None };
         let [low, high] = self.place.band_hz;
         Some(LeftOver::of_bins(&bins, self.place.forces(), high - low))
+    }
+
+    fn sources(&self, machine: &Machine, frequency_hz: f64) -> Option<Sources> {
+        self.place.sources(machine, frequency_hz, true)
     }
 
     fn origin(&self) -> Origin {

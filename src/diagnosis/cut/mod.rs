@@ -20,11 +20,13 @@ mod machine;
 mod observable;
 mod observe;
 mod plan;
+mod port;
 mod recorded;
 pub mod result;
 mod rows;
 mod scatter;
 mod search;
+mod source;
 mod spectra;
 mod stretches;
 #[cfg(test)]

@@ -6,6 +6,7 @@
 
 use super::fit::{cholesky, forward};
 use super::machine::Machine;
+use super::source::Sources;
 use nalgebra::Complex;
 
 /// Channels of one bin: force of tool 1, of tool 2, probe.
@@ -67,6 +68,11 @@ pub(crate) trait Observable: Sync {
 
     /// Bins that no fit looks at, below its band: what is left there is slow.
     fn slow(&self, _: &Machine) -> Option<Part> {
+        None
+    }
+
+    /// What forces elsewhere would make of its bins at a frequency; `None`: not of two tools.
+    fn sources(&self, _: &Machine, _frequency_hz: f64) -> Option<Sources> {
         None
     }
 
@@ -153,6 +159,10 @@ impl Observable for Lent<'_> {
 
     fn origin(&self) -> Origin {
         self.0.origin()
+    }
+
+    fn sources(&self, machine: &Machine, frequency_hz: f64) -> Option<Sources> {
+        self.0.sources(machine, frequency_hz)
     }
 
     fn slow(&self, machine: &Machine) -> Option<Part> {

@@ -11,7 +11,7 @@ use super::fit::{Effort, Problem};
 use super::input::CutRecording;
 use super::laws::Law;
 use super::machine::{Machine, Point};
-use super::observable::{Every, LeftOver, Lent, Observable, Origin, OriginKind};
+use super::observable::{LeftOver, Lent, Observable, Origin, OriginKind};
 use super::result::{
     CutContribution, CutDiagnosis, CutFit, CutLocation, CutRecordingFit, CutSeries, MappedCut,
 };

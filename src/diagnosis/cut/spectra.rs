@@ -19,6 +19,7 @@ use super::known::Reference;
 use super::machine::Machine;
 use super::observable::{Bin, CHANNELS, Every, LeftOver, Matrix, Observable, Origin, OriginKind, Part, ZERO};
 use super::rows::turned_angle;
+use super::source::Sources;
 use super::stretches::{Stretch, band_hz, condition, signal_response, stated_filter};
 use crate::plant::cut_effects::CutEffect;
 use crate::plant::cut_loop::CutLoop;
@@ -73,6 +74,13 @@ impl Place {
             band_hz: band_hz(recording, scenario),
             origin: Origin { kind: OriginKind::Calm, recording: Some(stretch.recording), span_s },
         }
+    }
+
+    /// What forces elsewhere make of the forces here; `undone`: of those undone by the cut. `None`: one tool.
+    pub(super) fn sources(&self, machine: &Machine, frequency_hz: f64, undone: bool) -> Option<Sources> {
+        let cut = CutLoop::new(&machine.terms(&self.condition));
+        let s = Complex::new(0.0, TAU * frequency_hz);
+        (self.forces() == 2).then(|| Sources::of(&cut, s, undone))
     }
 
     /// What the true signal path has over the stated one, at f: 1 unless the signal lags.
@@ -453,6 +461,10 @@ impl Observable for CalmSpectra {
         let Part::Bins { bins, .. } = self.part(machine, Every(1)) else { return None };
         let [low, high] = self.place.band_hz;
         Some(LeftOver::of_bins(&bins, self.place.forces(), high - low))
+    }
+
+    fn sources(&self, machine: &Machine, frequency_hz: f64) -> Option<Sources> {
+        self.place.sources(machine, frequency_hz, false)
     }
 
     fn origin(&self) -> Origin {
