@@ -285,20 +285,47 @@ fn unit(specification: &Specification, name: &str) -> &'static str {
 }
 
 /// Stated numbers that lie further off than their interval and than anybody would overlook.
+///
+/// The interval is that of every machine that is alive: a law that is worth no name may still be there, and
+/// with it the numbers are others.
 fn corrections(fitting: &Fitting<'_>, posterior: &Posterior) -> Vec<Correction> {
     let frame = fitting.problem.frame;
+    let others = alive(fitting);
     let off = |(k, number): (usize, &Number)| {
-        let p = posterior.point.numbers[k];
-        let sd = posterior.covariance[(k, k)].max(0.0).sqrt();
-        if p.abs() < CRITERIA.correction_sd * sd {
+        let within = |posterior: &Posterior, deviations: f64| {
+            let reach = deviations * posterior.covariance[(k, k)].max(0.0).sqrt();
+            [posterior.point.numbers[k] - reach, posterior.point.numbers[k] + reach]
+        };
+        let holds_stated = |[low, high]: [f64; 2]| low <= 0.0 && high >= 0.0;
+        if holds_stated(within(posterior, CRITERIA.correction_sd)) {
+            return None;
+        }
+        let widest = |[low, high]: [f64; 2], other: &Posterior| {
+            let [l, h] = within(other, NORMAL_95);
+            [low.min(l), high.max(h)]
+        };
+        let [low, high] = others.iter().fold(within(posterior, NORMAL_95), widest);
+        if holds_stated([low, high]) {
             return None;
         }
         let at = |p: f64| number.stated(&frame.stated, p);
-        let (name, [nominal, value]) = at(p)?;
-        let ends = [at(p - NORMAL_95 * sd)?.1[1], at(p + NORMAL_95 * sd)?.1[1]];
+        let (name, [nominal, value]) = at(posterior.point.numbers[k])?;
+        let ends = [at(low)?.1[1], at(high)?.1[1]];
         Some(Correction { name: Cow::Borrowed(name), nominal, value, ci95: ends })
     };
     frame.numbers.iter().enumerate().filter_map(off).collect()
+}
+
+/// The machines with a law that was asked last, was not taken up and is not unlikely either.
+///
+/// Cost: a Jacobian each.
+fn alive(fitting: &Fitting<'_>) -> Vec<Posterior> {
+    let Some(round) = fitting.selected.rounds.last().filter(|r| !r.accepted) else { return Vec::new() };
+    let nats: Vec<f64> = round.fitted.iter().map(|f| f.evidence_nats).collect();
+    let temper = whitened_power(fitting.problem, &fitting.selected.model.point);
+    let likely = probabilities(&nats, 0.0, temper).into_iter().zip(&round.fitted);
+    let likely = likely.filter(|(p, f)| *p > CRITERIA.alive && !f.at_bound);
+    likely.filter_map(|(_, f)| Posterior::new(fitting.problem, &f.model.point)).collect()
 }
 
 /// What was fitted in the first round, and the stated structure.

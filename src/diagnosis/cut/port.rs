@@ -25,7 +25,7 @@ fn value(bin: &Bin, acting: &[Pair], share: f64) -> f64 {
     (0..2).map(|i| u[i].norm_sqr() + 2.0 * l[i][i].re.ln()).sum()
 }
 
-/// The likeliest port of what these bins hold beyond their spectra, each with as strong a source as fits best.
+/// The likeliest port of what these bins hold beyond their spectra, each with a source as strong as fits best.
 pub(crate) fn likeliest(bins: &[(Bin, Sources)]) -> Port {
     let Some((_, first)) = bins.first() else { return Port::Process };
     // From a thousandth of the noise up to a thousand of it, four a factor of ten.
