@@ -183,11 +183,11 @@ pub fn diagnose(
 
 /// [`diagnose`] within a budget, with rows that were not measured.
 ///
-/// Where every axis stands in every recording, or all that moves is in a cut, the answer says that there
-/// is no evidence ([`Diagnosis::no_evidence`]).
+/// Where every axis stands in every recording while the spindle turns, or all that moves is in a cut, the
+/// answer says that there is no evidence ([`Diagnosis::no_evidence`]).
 ///
-/// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters, a sign
-/// or a unit that is not the stated one.
+/// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters, an axis
+/// that stands without a spindle, a sign or a unit that is not the stated one.
 pub fn diagnose_with(
     machine: &Machine,
     recordings: &[Recording],
@@ -221,8 +221,11 @@ pub fn diagnose_with(
         }
     }
     let why = refusal(refused);
-    // A recording that was made without fault and shows no motion of a drive is none that cannot be read.
-    if matches!(why, DiagnoseError::Standing { .. }) || cuts.leave_too_little(recordings, options, &why) {
+    // An axis that stands while its lathe turns is recorded as it should be. Without a spindle nobody
+    // records a drive at rest: a wrong unit, scale or column is likelier.
+    let turns = recordings.iter().all(|r| cuts::turns_hz(r).is_some());
+    let stands = matches!(why, DiagnoseError::Standing { .. }) && turns;
+    if stands || cuts.leave_too_little(recordings, options, &why) {
         let mut diagnosis = Diagnosis::without_evidence(machine, recordings.len(), why.to_string());
         diagnosis.notes.extend(cuts.notes);
         return Ok(diagnosis);
