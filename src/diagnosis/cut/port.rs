@@ -1,5 +1,6 @@
 //! Where does a force that nothing explains act? The likeliest of the ways in which it may reach both tools.
 
+use super::criteria::CRITERIA;
 use super::fit::{cholesky, forward};
 use super::observable::{Bin, CHANNELS, Matrix};
 use super::source::{Pair, Sources};
@@ -25,18 +26,22 @@ fn value(bin: &Bin, acting: &[Pair], share: f64) -> f64 {
     (0..2).map(|i| u[i].norm_sqr() + 2.0 * l[i][i].re.ln()).sum()
 }
 
-/// The likeliest port of what these bins hold beyond their spectra, each with a source as strong as fits best.
+/// The likeliest port of what these bins hold beyond their spectra, each with as strong a source as fits.
+///
+/// What the mode of a cut amplifies looks alike whatever drives it: the bar's, unless another port is likelier
+/// by the price of a number.
 pub(crate) fn likeliest(bins: &[(Bin, Sources)]) -> Port {
     let Some((_, first)) = bins.first() else { return Port::Process };
     // From a thousandth of the noise up to a thousand of it, four a factor of ten.
     let shares = || (-12..=12).map(|k| 10f64.powf(f64::from(k) / 4.0));
-    let worth = |k: usize| {
+    let worth = |k: usize, port: Port| {
         let at = |share: f64| bins.iter().map(|(b, s)| value(b, &s.hypotheses()[k].1, share)).sum::<f64>();
-        shares().map(at).fold(f64::INFINITY, f64::min)
+        let least = shares().map(at).fold(f64::INFINITY, f64::min);
+        least + if port == Port::Workpiece { 0.0 } else { CRITERIA.price_nats }
     };
     let ports = first.hypotheses().map(|h| h.0);
-    let best = (0..ports.len()).map(|k| (worth(k), ports[k])).min_by(|a, b| a.0.total_cmp(&b.0));
-    best.map_or(Port::Process, |b| b.1)
+    let best = ports.into_iter().enumerate().map(|(k, port)| (worth(k, port), port));
+    best.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(Port::Process, |b| b.1)
 }
 
 #[cfg(test)]
