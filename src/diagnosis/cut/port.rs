@@ -28,8 +28,8 @@ fn value(bin: &Bin, acting: &[Pair], share: f64) -> f64 {
 
 /// The likeliest port of what these bins hold beyond their spectra, each with as strong a source as fits.
 ///
-/// What the mode of a cut amplifies looks alike whatever drives it: the bar's, unless another port is likelier
-/// by the price of a number.
+/// What the mode of a cut amplifies looks alike whatever drives it: it is the bar's, unless another port is
+/// likelier by the price of a number.
 pub(crate) fn likeliest(bins: &[(Bin, Sources)]) -> Port {
     let Some((_, first)) = bins.first() else { return Port::Process };
     // From a thousandth of the noise up to a thousand of it, four a factor of ten.
