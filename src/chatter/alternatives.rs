@@ -7,7 +7,7 @@
 use super::beginning::Grew;
 use super::criteria::{CRITERIA, LONGEST, RINGS_1_S, WINDOWS};
 use super::lines::POINTS;
-use super::window::{Around, Heard, Reason, Value, fit, fit_two, louder};
+use super::window::{Around, Heard, Reason, Window, fit, fit_two, louder};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -17,18 +17,6 @@ const ZERO: C = C::new(0.0, 0.0);
 const RESOLVED: f64 = 3.0;
 /// Share of a line that an order explains: it is one.
 const MOSTLY: f64 = 0.8;
-
-/// One window and its best line.
-pub(super) struct Window<'a> {
-    pub(super) e: &'a [C],
-    pub(super) chirp: &'a [C],
-    pub(super) values: &'a [Value],
-    pub(super) past: &'a [Value],
-    pub(super) around: &'a Around,
-    pub(super) total: f64,
-    pub(super) heard: Heard,
-    pub(super) which: usize,
-}
 
 impl Window<'_> {
     /// The least evidence of all alternatives, over its threshold.

@@ -1,9 +1,9 @@
 //! How a line began: chatter grows out of the noise, what is struck or switched on is there at once, and what
 //! goes with the feed came from elsewhere.
 
-use super::alternatives::Window;
 use super::criteria::{GROWTHS_1_S, LONGEST, RINGS_1_S, WINDOWS};
 use super::sweep::PAST;
+use super::window::Window;
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 

@@ -1,11 +1,10 @@
 //! The lines of a band: the best one of each window, the strongest one, the one that stands.
 
-use super::alternatives::Window;
 use super::criteria::{CRITERIA, GROWTHS_1_S, LONGEST, WINDOWS};
 use super::fourier::{Fourier, MOST_POINTS};
 use super::steady::{BLOCK, KEPT, Steady, since};
 use super::sweep::PAST;
-use super::window::{Around, Heard, Value, fit};
+use super::window::{Around, Heard, Value, Window, fit};
 use nalgebra::Complex;
 use std::f64::consts::{EULER_GAMMA, PI, TAU};
 

@@ -1,7 +1,6 @@
 //! A line that moved here from elsewhere: encoder lines go with the feed, chatter stays within its lobe.
 
-use super::alternatives::Window;
-use super::window::Around;
+use super::window::{Around, Window};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 

@@ -100,6 +100,18 @@ pub(super) struct Around {
     pub(super) whitener: Whitener,
 }
 
+/// One window and its best line.
+pub(super) struct Window<'a> {
+    pub(super) e: &'a [C],
+    pub(super) chirp: &'a [C],
+    pub(super) values: &'a [Value],
+    pub(super) past: &'a [Value],
+    pub(super) around: &'a Around,
+    pub(super) total: f64,
+    pub(super) heard: Heard,
+    pub(super) which: usize,
+}
+
 /// Evidence, nats, that a line of `power_n2` is louder than the noise of a stable cut: the power of a line of
 /// noise is exponential about a mean that is known as a gamma distribution is.
 pub(super) fn louder(power_n2: f64, stable_n2: f64) -> f64 {

@@ -9,7 +9,6 @@ use super::machine::{Machine, Point};
 use super::observable::{Bin, Every, Observed, Origin, OriginKind, Part};
 use super::port::likeliest;
 use super::result::CutLocation;
-use super::source::Sources;
 use crate::plant::effects::Port;
 
 /// What a model leaves.
@@ -31,8 +30,8 @@ struct Pool {
     variance: f64,
     /// Share by which the model itself may be off.
     tolerance: f64,
-    /// Its bins of two tools.
-    bins: Vec<(Bin, Sources)>,
+    /// Its bins, each with the observable that it is of.
+    bins: Vec<(usize, Bin)>,
     worst: Vec<(f64, Origin)>,
 }
 
@@ -60,7 +59,7 @@ impl Pool {
         &mut self,
         bins: impl Iterator<Item = &'a Bin>,
         channels: usize,
-        (observable, machine): (&Observed<'_>, &Machine),
+        (index, origin): (usize, Origin),
     ) {
         let n = channels as f64;
         let mut above = 0.0;
@@ -71,9 +70,9 @@ impl Pool {
             self.expected += n;
             self.variance += n;
             above += power - n;
-            self.bins.extend(observable.sources(machine, bin.frequency_hz).map(|sources| (*bin, sources)));
+            self.bins.push((index, *bin));
         }
-        self.worst.push((above, observable.origin()));
+        self.worst.push((above, origin));
     }
 
     fn add_rows(&mut self, rows: &[f64], origin: Origin) {
@@ -86,8 +85,14 @@ impl Pool {
     }
 
     /// Where a force that leaves this acts.
-    fn port(&self, kind: OriginKind) -> Port {
-        if kind == OriginKind::Angle { Port::Spindle } else { likeliest(&self.bins) }
+    fn port(&self, kind: OriginKind, observables: &[Observed<'_>], machine: &Machine) -> Port {
+        if kind == OriginKind::Angle {
+            return Port::Spindle;
+        }
+        let reached = |(index, bin): &(usize, Bin)| {
+            Some((*bin, observables[*index].sources(machine, bin.frequency_hz)?))
+        };
+        likeliest(&self.bins.iter().filter_map(reached).collect::<Vec<_>>())
     }
 }
 
@@ -117,9 +122,9 @@ pub(crate) fn left(problem: &Problem<'_>, point: &Point) -> Option<Left> {
     let mut slow = Pool::new("frequency", Some([CRITERIA.slow_hz, low]), CRITERIA.left_slow_share);
     let mut means = Pool::new("mean", None, CRITERIA.left_share);
     let mut orders = Pool::new("order", None, CRITERIA.left_share);
-    for (observable, part) in problem.observables.iter().zip(parts) {
+    for (index, (observable, part)) in problem.observables.iter().zip(parts).enumerate() {
         let origin = observable.origin();
-        let from = (observable, &machine);
+        let from = (index, origin);
         match part {
             Part::Bins { channels, bins } => {
                 for (k, pool) in pools.iter_mut().enumerate() {
@@ -148,7 +153,7 @@ pub(crate) fn left(problem: &Problem<'_>, point: &Point) -> Option<Left> {
     let excess_nats = loud.iter().map(|p| (p.power - p.expected) / 2.0).sum();
     Some(Left {
         location: CutLocation {
-            port: worst.port(kind),
+            port: worst.port(kind, problem.observables, &machine),
             domain: worst.domain,
             bands_hz: joined(
                 loud.iter().filter_map(|p| p.band_hz).filter(|b| b[1] - b[0] < 0.5 * (high - low)),

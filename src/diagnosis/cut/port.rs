@@ -31,16 +31,17 @@ fn value(bin: &Bin, acting: &[Pair], share: f64) -> f64 {
 /// What the mode of a cut amplifies looks alike whatever drives it: it is the bar's, unless another port is
 /// likelier by the price of a number.
 pub(crate) fn likeliest(bins: &[(Bin, Sources)]) -> Port {
-    let Some((_, first)) = bins.first() else { return Port::Process };
+    // Of each bin, by hypothesis.
+    let acting: Vec<_> = bins.iter().map(|(b, s)| (b, s.hypotheses())).collect();
+    let Some((_, first)) = acting.first() else { return Port::Process };
     // From a thousandth of the noise up to a thousand of it, four a factor of ten.
     let shares = || (-12..=12).map(|k| 10f64.powf(f64::from(k) / 4.0));
     let worth = |k: usize, port: Port| {
-        let at = |share: f64| bins.iter().map(|(b, s)| value(b, &s.hypotheses()[k].1, share)).sum::<f64>();
+        let at = |share: f64| acting.iter().map(|(b, ways)| value(b, &ways[k].1, share)).sum::<f64>();
         let least = shares().map(at).fold(f64::INFINITY, f64::min);
         least + if port == Port::Workpiece { 0.0 } else { CRITERIA.price_nats }
     };
-    let ports = first.hypotheses().map(|h| h.0);
-    let best = ports.into_iter().enumerate().map(|(k, port)| (worth(k, port), port));
+    let best = first.iter().enumerate().map(|(k, (port, _))| (worth(k, *port), *port));
     best.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(Port::Process, |b| b.1)
 }
 
