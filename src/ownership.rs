@@ -62,13 +62,36 @@ pub fn kept(path: &Path) -> Result<Option<std::fs::Metadata>, Error> {
 
 /// The same, and this user's or root's. Errors: another user's, too.
 fn inspected(path: &Path) -> Result<Option<std::fs::Metadata>, Error> {
+    kept_by(own_user(), path)
+}
+
+/// As [`kept`], and of `user` or root. Errors: another user's, too.
+pub fn kept_by(user: u32, path: &Path) -> Result<Option<std::fs::Metadata>, Error> {
     let found = kept(path)?;
     match &found {
-        Some(f) if ![own_user(), ROOT].contains(&f.uid()) => {
-            Err(refused(format!("belongs to user {}, not to this one ({})", f.uid(), own_user())))
+        Some(f) if ![user, ROOT].contains(&f.uid()) => {
+            let not = if user == own_user() { "this one" } else { "the service's" };
+            Err(refused(format!("belongs to user {}, not to {not} ({user})", f.uid())))
         }
         _ => Ok(found),
     }
+}
+
+/// Whose files the service would find its own: this user, or, where the administrator asks, the owner of the
+/// first of these places that is there.
+pub fn user_of(places: &[&Path]) -> u32 {
+    let owner = |path: &&Path| std::fs::symlink_metadata(path).ok().map(|found| found.uid());
+    let asked = if own_user() == ROOT { places.iter().find_map(owner) } else { None };
+    asked.unwrap_or_else(own_user)
+}
+
+/// Whether `user` can read a file that only its owner may read. Errors: it is another's, also root's.
+pub fn read_by(user: u32, path: &Path) -> Result<(), Error> {
+    let owner = std::fs::metadata(path)?.uid();
+    if owner == user || user == ROOT {
+        return Ok(());
+    }
+    Err(refused(format!("belongs to user {owner}, and the service's user ({user}) cannot read it")))
 }
 
 /// A folder of this user's own; made with `mode`, and what leads to it, where it is not there.

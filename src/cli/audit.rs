@@ -3,6 +3,7 @@
 use super::bad_input;
 use crate::config::service::{ServiceConfig, read_service_config};
 use crate::store::{AuditVerdict, FILE_NAME, verify_audit_file};
+use crate::units::counted;
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -54,21 +55,23 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         {
             let alone = "; no note beside it says how many there were";
             let note = if spoilt_notes.is_empty() { "" } else { alone };
-            writeln!(std::io::stdout(), "intact: {rows} rows, head {head}{note}")?;
+            writeln!(std::io::stdout(), "intact: {}, head {head}{note}", counted(rows, "row"))?;
             Ok(())
         }
         AuditVerdict::Intact { rows, head, cuts, spoilt_notes } if cuts.is_empty() => {
             let what = spoilt_notes.join(", ");
             anyhow::bail!(
-                "{}: the {rows} rows follow from one another, head {head}; \
+                "{}: what is there follows from one another ({}), head {head}; \
                  the note of how many there were: {what}",
-                path.display()
+                path.display(),
+                counted(rows, "row")
             )
         }
         AuditVerdict::Intact { rows, cuts, .. } => {
             anyhow::bail!(
-                "{}: the {rows} rows follow from one another, but not all are there; {}",
+                "{}: what is there follows from one another ({}), but not all is; {}",
                 path.display(),
+                counted(rows, "row"),
                 cuts.join("; ")
             )
         }
@@ -78,8 +81,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         }
         AuditVerdict::HeadMissing { rows } => {
             anyhow::bail!(
-                "{}: the noted head is in none of the {rows} rows: the end was cut off",
-                path.display()
+                "{}: the noted head is nowhere in it ({}): the end was cut off",
+                path.display(),
+                counted(rows, "row")
             )
         }
     }

@@ -3,6 +3,7 @@
 use super::bad_input;
 use crate::config::import_map::read_import_map;
 use crate::recording::{import, write_recording};
+use crate::units::counted;
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
 
@@ -31,9 +32,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         let seconds = recording.len() as f64 * recording.sample_rate.period_s();
         writeln!(
             console,
-            "{}: {} samples at {} Hz ({seconds:.2} s), axes {}",
+            "{}: {} at {} Hz ({seconds:.2} s), axes {}",
             arguments.out.display(),
-            recording.len(),
+            counted(recording.len(), "sample"),
             recording.sample_rate.hz(),
             recording.axes.join(", ")
         )?;

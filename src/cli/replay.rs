@@ -21,7 +21,7 @@ use crate::report::events::{EventLine, events_text, write_events};
 use crate::report::track::{Track, TrackRow};
 use crate::sample::{AxisSample, MAX_AXES, Recording, ServoSample};
 use crate::signal::order_tracking::speed_from_orders;
-use crate::units::{SampleRate, SpindleSpeed};
+use crate::units::{SampleRate, SpindleSpeed, counted};
 use anyhow::Context as _;
 use std::borrow::Cow;
 use std::io::Write as _;
@@ -121,8 +121,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         let here = events_text(&events)?;
         anyhow::ensure!(here == evidence.decisions, "{}", first_difference(&here, &evidence.decisions));
         let looks = turret.context("it carries no looks at the decision on the turret")??;
-        let (samples, events, looks) = (recording.len(), events.len(), looks.len());
-        let said = format!("the same: {samples} samples, {events} events, {looks} looks at the turret");
+        let (samples, events) = (counted(recording.len(), "sample"), counted(events.len(), "event"));
+        let said = format!("the same: {samples}, {events}, {} at the turret", counted(looks.len(), "look"));
         writeln!(std::io::stdout(), "{said}")?;
     }
     Ok(())

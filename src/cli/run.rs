@@ -4,9 +4,10 @@ use super::bad_input;
 use super::signals::stop_token;
 use crate::config::service::{ServiceConfig, read_service_config};
 use crate::ownership;
-use crate::service::{Running, ServiceError, check, clock, start};
+use crate::service::{Running, ServiceError, check, clock, start, user_of};
 use crate::store::StoreError;
 use crate::telemetry::{LogFormat, start_logs};
+use crate::units::counted;
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -36,10 +37,13 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         None => bad_input(error),
     };
     config.force.read_idle_runs(&config.machine, crate::recording::read_recording).map_err(place)?;
-    check(&config).map_err(|e| place(e.to_string()))?;
+    let this = ownership::own_user();
+    let user = if arguments.check { user_of(&config) } else { this };
+    check(&config, user).map_err(|e| place(e.to_string()))?;
     if arguments.check {
         let name = arguments.config.as_deref().map_or("defaults".into(), |path| path.to_string_lossy());
-        writeln!(std::io::stdout(), "{name}: the configuration is good")?;
+        let whose = if user == this { String::new() } else { format!(" for user {user}") };
+        writeln!(std::io::stdout(), "{name}: the configuration is good{whose}")?;
         return Ok(());
     }
     ownership::keep_others_out();
@@ -61,7 +65,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     if let Some(part) = failed {
         anyhow::bail!("{part} ended by itself; see the log");
     }
-    anyhow::ensure!(lost == 0, "{lost} writes to the history are lost: the disk refused them; see the log");
+    let writes = counted(lost, "write");
+    anyhow::ensure!(lost == 0, "{writes} to the history lost: the disk refused them; see the log");
     Ok(())
 }
 

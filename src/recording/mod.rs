@@ -16,7 +16,7 @@ mod streamed;
 use crate::config::in_one_line;
 use crate::gate::Logged;
 use crate::sample::{Column, Recording};
-use crate::units::SampleRate;
+use crate::units::{SampleRate, counted};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -123,7 +123,7 @@ fn logged_from_raw(path: &Path, raw: RawTable) -> Result<Logged, RecordingError>
         return Err(format_error("there is no signal beside t_s".into()));
     }
     if times.len() < 2 {
-        return Err(format_error(format!("{} rows; at least 2 are needed", times.len())));
+        return Err(format_error(format!("{}; at least 2 are needed", counted(times.len(), "row"))));
     }
     let sample_rate = check_times(path, &times, stated)?;
     let recording = Recording {

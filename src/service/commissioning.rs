@@ -5,6 +5,7 @@
 
 use crate::config::service::{COMMISSIONING_ITEMS, TurretConfig};
 use crate::store::{Judged, Observation};
+use crate::units::counted;
 use serde::Serialize;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -128,7 +129,7 @@ pub(super) fn state_of(turret: &TurretConfig, seen: &Observation, judged: Judged
         item(
             drift,
             seen.compared > 0 && seen.mismatches == 0,
-            format!("{} differences in {} comparisons", seen.mismatches, seen.compared),
+            format!("{} in {}", counted(seen.mismatches, "difference"), counted(seen.compared, "comparison")),
             "compared, and no significant difference",
         ),
     ];

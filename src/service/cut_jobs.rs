@@ -6,6 +6,7 @@ use super::diagnoses::{DiagnosisView, Subject};
 use super::handle::{Handle, OperationError};
 use crate::config::scenario::scenario_to_text;
 use crate::store::{MAX_PAGE, PastCut};
+use crate::units::counted;
 use std::fmt::Write as _;
 
 /// The rows as a table of cuts (contracts, section 6): CSV, SI units, one row a cut.
@@ -48,7 +49,7 @@ impl Handle {
             let what = "the history holds no cut yet: one is told once the tools have left it";
             return Err(OperationError::Unsuitable(what.to_owned()));
         }
-        let what = format!("{} past cuts", cuts.len());
+        let what = counted(cuts.len(), "past cut");
         let subject = Subject::Cuts {
             scenario: scenario_to_text(&self.0.settings.cut),
             table: cuts_csv(&cuts),

@@ -14,6 +14,7 @@ use crate::avoidance::pitch::is_same_pitch;
 use crate::config::service::ServiceConfig;
 use crate::store::{AuditEntry, AuditRow, EventFilter, EventPage, StoreError, StoreReader, StoreWriter};
 use crate::telemetry::{Event, EventKind, Metrics};
+use crate::units::counted;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -506,7 +507,7 @@ impl Handle {
             Check {
                 name: "store",
                 ok: state.store.healthy,
-                detail: format!("{} events wait to be stored", state.store.unpersisted),
+                detail: format!("waiting to be stored: {}", counted(state.store.unpersisted, "event")),
             },
             Check {
                 name: "pipeline",

@@ -10,6 +10,7 @@
 
 mod announcer;
 mod black_box;
+mod check;
 pub mod clock;
 mod commissioning;
 mod control;
@@ -43,6 +44,7 @@ pub mod virtual_lathe;
 mod way_back;
 
 pub use crate::store::{AuditRow, EventFilter, EventPage, MAX_PAGE, PastCut};
+pub use check::{check, user_of};
 pub use commissioning::{CommissioningItem, CommissioningView};
 pub use control::{ModeNow, Origin, Refusal};
 pub use cut_jobs::cuts_csv;
@@ -51,4 +53,4 @@ pub use exports::{ReplayView, TextForm, TrackView};
 pub use handle::{Changed, Check, Handle, OperationError, ShownConfig, StreamMessage};
 pub use past::{LONGEST_S, PastView};
 pub use recordings::{RecordingInfo, RecordingLimits, Recordings, RecordingsError};
-pub use start::{Running, ServiceError, check, start};
+pub use start::{Running, ServiceError, start};

@@ -8,7 +8,7 @@ use crate::avoidance::account::Account;
 use crate::recording::{Evidence, Head, RecordingError, write_by_column};
 use crate::report::events::{EventLine, events_text};
 use crate::telemetry::{EventKind, Metrics};
-use crate::units::SampleRate;
+use crate::units::{SampleRate, counted};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
@@ -103,7 +103,7 @@ fn save(recordings: &Recordings, job: &Job) -> Result<f64, Unsaved> {
     let chunks = last_unbroken(&job.chunks);
     let count: usize = chunks.iter().map(|c| c.samples.len()).sum();
     if count < SHORTEST {
-        let what = format!("{}: only {count} samples without a gap, nothing to save", job.id);
+        let what = format!("{}: only {} without a gap, nothing to save", job.id, counted(count, "sample"));
         return Err(Unsaved::TooShort(what));
     }
     let evidence = evidence(job, chunks).map_err(|e| failed(e.to_string()))?;

@@ -18,13 +18,13 @@ use super::way_back::WayBack;
 use super::{clock, drift, engine, mtconnect, recorder};
 use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
-use crate::ownership::{self, own_folder, own_lock};
+use crate::ownership::{own_folder, own_lock};
 use crate::store::{
-    Judged, Observation, Observer, OpenReport, PARTS, RECORDINGS, Retention, StoreError, StoreReader,
-    StoreWriter,
+    Judged, Observation, Observer, OpenReport, RECORDINGS, Retention, StoreError, StoreReader, StoreWriter,
 };
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::{Domain, TransportError};
+use crate::units::counted;
 use sha2::{Digest as _, Sha256};
 use std::fs::{File, TryLockError};
 use std::net::SocketAddr;
@@ -118,33 +118,8 @@ pub struct Running {
     _lock: File,
 }
 
-/// Whether what the configuration names can be used: tokens, certificate and key, shared memory domain.
-/// and the places of the state, but for whose they are: a configuration may be checked by the administrator.
-/// Changes nothing. Errors: what `start` would refuse, too.
-pub fn check(config: &ServiceConfig) -> Result<(), ServiceError> {
-    access(config)?;
-    config.http.tls.as_ref().map(|(c, k)| tls_acceptor(c, k)).transpose()?;
-    Domain::new(&config.transport.0, &config.transport.1)?;
-    for folder in [&config.history.folder, &config.transport.1] {
-        if folder.exists() && !folder.is_dir() {
-            let source = std::io::ErrorKind::NotADirectory.into();
-            return Err(ServiceError::Files { path: folder.clone(), source });
-        }
-    }
-    let state = &config.history.folder;
-    let parts = PARTS.map(|name| state.join(name));
-    for path in [state, &config.transport.1].into_iter().chain(&parts) {
-        if let Err(source) = ownership::kept(path)
-            && ownership::is_refusal(&source)
-        {
-            return Err(ServiceError::Files { path: path.clone(), source });
-        }
-    }
-    Ok(())
-}
-
 /// Tokens, of which one is good where others than this machine's users are let in.
-fn access(config: &ServiceConfig) -> Result<Access, ServiceError> {
+pub(super) fn access(config: &ServiceConfig) -> Result<Access, ServiceError> {
     let access = Access::load(config.http.tokens.as_deref(), config.http.trust_loopback)?;
     if config.turret.commissioned.as_ref().is_some_and(|(by, date)| access.holds_secret(&[by, date])) {
         return Err(TokenFileError::InSetting("turret.limits_by").into());
@@ -571,7 +546,11 @@ impl Running {
         });
         let waiting = if closed { 0 } else { gauges.waiting.load(Ordering::Relaxed) };
         if waiting > 0 {
-            tracing::error!(event = "store_lost", "the disk does not answer: {waiting} writes are lost");
+            tracing::error!(
+                event = "store_lost",
+                "the disk does not answer; lost: {}",
+                counted(waiting, "write")
+            );
         }
         drop((handle, writer));
         runtime.shutdown_timeout(STOP_DEADLINE);

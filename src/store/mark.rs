@@ -8,6 +8,7 @@
 use super::StoreError;
 use super::audit::{chain_end, hash_at, hex};
 use super::reserve::{self, Reserve};
+use crate::units::counted;
 use sha2::{Digest as _, Sha256};
 use sqlx::{Row as _, SqliteConnection};
 use std::io::{Read as _, Seek as _, SeekFrom};
@@ -64,9 +65,11 @@ impl Missing {
         let Self { events, audit_rows, noted: (row, head), found } = self;
         let other =
             if *audit_rows == 0 && *events == 0 { "; the rows are not those that were noted" } else { "" };
+        let rows = counted(audit_rows, "row");
         format!(
-            "{events} events and {audit_rows} rows of the audit record that were durable are missing: it \
-             ended at row {row} with hash {head}, now at row {found}{other}"
+            "{} and {rows} of the audit record that were durable are missing: it \
+             ended at row {row} with hash {head}, now at row {found}{other}",
+            counted(events, "event")
         )
     }
 }
@@ -240,6 +243,16 @@ mod tests {
         let mut short = std::fs::File::create(&reserve).unwrap();
         short.write_all(b"short").unwrap();
         assert_eq!(read(), None);
+    }
+
+    #[test]
+    fn one_that_is_missing_is_told_as_one() {
+        let said = |events, audit_rows| {
+            let noted = (7, "ab".to_owned());
+            Missing { events, audit_rows, noted, found: 7 - audit_rows }.sentence()
+        };
+        assert!(said(1, 2).starts_with("1 event and 2 rows of"), "{}", said(1, 2));
+        assert!(said(31, 1).starts_with("31 events and 1 row of"), "{}", said(31, 1));
     }
 
     #[test]

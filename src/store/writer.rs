@@ -10,6 +10,7 @@ use super::retention::{Removed, Retention, prune};
 use super::{StoreError, StoreReader, code_of, options};
 use crate::ownership::own_folder;
 use crate::telemetry::{Event, Metrics};
+use crate::units::counted;
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicUsize, Ordering};
@@ -358,7 +359,7 @@ impl Task {
         if kept.is_empty() {
             return;
         }
-        let count = kept.len();
+        let writes = counted(kept.len(), "write");
         let write = |one: Kept| match one.restore() {
             Ok(event) => Write::Event(Box::new(event), oneshot::channel().0),
             Err(entry) => Write::Audit(entry, oneshot::channel().0),
@@ -367,9 +368,9 @@ impl Task {
         match self.commit(&batch).await {
             Ok(_) => {
                 self.reserve.clear();
-                tracing::info!(event = "store_kept", "{count} writes of the life before are stored");
+                tracing::info!(event = "store_kept", "stored from the life before: {writes}");
             }
-            Err(error) => tracing::error!(event = "store_kept", "{count} writes wait: {error}"),
+            Err(error) => tracing::error!(event = "store_kept", "not yet stored: {writes}: {error}"),
         }
     }
 
@@ -384,8 +385,8 @@ impl Task {
         let mut waiting = self.reserve.read(); // of a life before, where that could not be stored either
         waiting.extend(batch.iter().filter_map(line));
         let kept = self.reserve.keep(&waiting);
-        let path = self.reserve.path().display();
-        tracing::error!(event = "store_kept", "{kept} writes wait in {path} for the next start");
+        let (writes, path) = (counted(kept, "write"), self.reserve.path().display());
+        tracing::error!(event = "store_kept", "kept in {path} for the next start: {writes}");
         for lost in waiting.get(kept..).unwrap_or_default() {
             let text = serde_json::to_string(lost).unwrap_or_default();
             tracing::error!(event = "store_lost", "{text}");

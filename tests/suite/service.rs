@@ -546,6 +546,36 @@ fn a_place_that_others_can_change_ends_with_status_two() {
     said("state: mode 777 lets every user write");
 }
 
+/// The administrator checks for the user whose folder it is: what that one could not use is told.
+#[test]
+fn check_by_root_is_made_for_the_user_of_the_history() {
+    use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, chown};
+    let place = Place::new("whose");
+    if std::fs::metadata(place.folder.path()).unwrap().uid() != 0 {
+        return; // only root can give files away
+    }
+    let at = |name: &str| place.folder.path().join(name);
+    let (config, tokens) = (at("c.toml"), at("tokens.toml"));
+    std::fs::write(&config, place.toml("tokens = \"tokens.toml\"")).unwrap();
+    let made = run_once(&["token", "--file", tokens.to_str().unwrap(), "--name", "anna", "--role", "viewer"]);
+    assert_eq!(made, (0, String::new()));
+    std::fs::create_dir(place.state()).unwrap();
+    let checked = || run_once(&["run", "--check", "--config", config.to_str().unwrap()]);
+    let said = |what: &str| {
+        let (status, said) = checked();
+        assert!(status == 2 && said.contains(what) && said.lines().count() == 1, "{status}: {said}");
+    };
+    chown(place.state(), Some(4321), None).unwrap();
+    said("tokens.toml: belongs to user 0, and the service's user (4321) cannot read it");
+    chown(&tokens, Some(4321), None).unwrap();
+    assert_eq!(checked(), (0, String::new()));
+    let history = place.state().join(stillcut::store::FILE_NAME);
+    std::fs::write(&history, "").unwrap();
+    std::fs::set_permissions(&history, std::fs::Permissions::from_mode(0o640)).unwrap();
+    chown(&history, Some(4322), None).unwrap();
+    said("history.sqlite: belongs to user 4322, not to the service's (4321)");
+}
+
 fn run_once(arguments: &[&str]) -> (i32, String) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_stillcut"))
         .args(arguments)

@@ -194,9 +194,9 @@ function showState(now) {
   $("alarms").hidden = now.open_alarms === 0;
   setText("alarms", `${now.open_alarms} open`);
   $("alarms-link").hidden = now.open_alarms === 0;
-  setText("alarms-link", `${now.open_alarms} open alarm${now.open_alarms === 1 ? "" : "s"}`);
-  const store = now.store.healthy ? "" : ` · history not writable, ${now.store.unpersisted} events wait`;
-  const replaced = now.store.replaced ? ` · a damaged history was set aside: ${now.store.replaced}` : "";
+  setText("alarms-link", counted(now.open_alarms, "open alarm"));
+  const store = now.store.healthy ? "" : ` · ${say(`history not writable, waiting: ${counted(now.store.unpersisted, "event")}`)}`;
+  const replaced = now.store.replaced ? ` · ${say(`a damaged history was set aside: ${now.store.replaced}`)}` : "";
   setText("about", `version ${now.version}${store}${replaced}`);
   dirty = true;
 }
@@ -673,7 +673,7 @@ for (const button of document.querySelectorAll("[data-mode]")) button.addEventLi
 for (const button of document.querySelectorAll("#take-back, [data-take-back]")) button.addEventListener("click", takeBack);
 $("hold").addEventListener("click", askHold);
 $("acknowledge-all").addEventListener("click", () => ask({
-  title: "Acknowledge all of these", text: `${$("open-alarms").children.length} alarms`, reason: "seen", run: acknowledgeAll,
+  title: "Acknowledge all of these", text: counted($("open-alarms").children.length, "alarm"), reason: "seen", run: acknowledgeAll,
 }));
 $("clear-fault").addEventListener("click", () => ask({
   title: "Clear the fault", text: state && state.fault ? state.fault : "", run: (given) => request("POST", "/api/v1/fault/clear", given),

@@ -240,6 +240,7 @@ const SENTENCES = [
   [/^stopped in good order$/, "ordentlich beendet", "正常に停止しました"],
   [/^([\d.]+) s saved as (\S+) \((.*)\)$/, "$1 s gesichert als $2 ($3)", "$1 秒を $2 として保存（$3）"],
   [/^chatter began$/, "Rattern begann", "びびりが始まりました"],
+  [/^(\d+) events? and (\d+) rows? of the audit record that were durable are missing: it ended at row (\d+) with hash (\w+), now at row (\d+)(.*)$/, "es fehlen Ereignisse ($1) und Zeilen des Prüfprotokolls ($2), die gesichert waren: es endete bei Zeile $3 mit Hash $4, jetzt bei Zeile $5", "保存済みのイベント $1 件と監査記録 $2 行が欠落：末尾は行 $3（ハッシュ $4）、現在は行 $5"],
   [/^the disk is full: the oldest recording was removed: (.*)$/, "die Platte ist voll: die älteste Aufzeichnung entfernt: $1", "ディスク満杯：最も古い記録を削除：$1"],
   [/^the disk is full: (\d+) of the oldest recordings were removed: (.*)$/, "die Platte ist voll: $1 der ältesten Aufzeichnungen entfernt: $2", "ディスク満杯：最も古い記録 $1 件を削除：$2"],
   [/^a decision broke the rule `(.*)`; acting is off, please report it$/, "eine Entscheidung verletzte die Regel `$1`; Handeln ist aus, bitte melden", "判断が規則 `$1` に違反。実行は停止。報告してください"],
@@ -251,7 +252,10 @@ const SENTENCES = [
   [/^1 open alarm$/, "1 offener Alarm", "未確認アラーム 1 件"],
   [/^(\d+) open alarms$/, "$1 offene Alarme", "未確認アラーム $1 件"],
   [/^(\d+) rpm$/, "$1 U/min", "$1 rpm"],
+  [/^1 alarm$/, "1 Alarm", "アラーム 1 件"],
   [/^(\d+) alarms$/, "$1 Alarme", "アラーム $1 件"],
+  [/^history not writable, waiting: (\d+) events?$/, "Verlauf nicht schreibbar, es warten Ereignisse: $1", "履歴に書き込めません。待機中のイベント $1 件"],
+  [/^a damaged history was set aside: (.*)$/, "ein beschädigter Verlauf wurde beiseitegelegt: $1", "破損した履歴を退避：$1"],
   [/^(\w+): (open|closed)$/, "$1: $2", "$1：$2"],
   [/^watched band (\d+) to (\d+) Hz$/, "überwachtes Band $1 bis $2 Hz", "監視帯域 $1～$2 Hz"],
   [/^turret: (\w+) · holding: ([\w ]+)(.*)$/, "Revolver: $1 · hält: $2$3", "刃物台：$1・保留：$2$3"],
@@ -268,7 +272,7 @@ const SENTENCES = [
   [/^silenced until (.*)$/, "stumm bis $1", "$1 まで消音"],
   [/^(\d+) right, (\d+) false$/, "$1 berechtigt, $2 falsch", "正 $1、誤 $2"],
   [/^(\d+), up to ([\d.]+) degrees$/, "$1, bis $2 Grad", "$1 回、最大 $2 度"],
-  [/^(\d+) differences in (\d+) comparisons$/, "$1 Unterschiede in $2 Vergleichen", "$2 回の比較で差 $1 件"],
+  [/^(\d+) differences? in (\d+) comparisons?$/, "Unterschiede: $1, Vergleiche: $2", "$2 回の比較で差 $1 件"],
   [/^([a-z ]+): (.*) \((.*)\)$/, "$1: $2 ($3)", "$1：$2（$3）"],
 ];
 
@@ -276,6 +280,7 @@ const SENTENCES = [
 function local(text) {
   return language === "de" ? text.replace(/^([-+±]?\d+)\.(\d+)( ?[^\s\d.]+)?$/, "$1,$2$3") : text;
 }
+const counted = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
 const fixed = (x, digits) => local(x.toFixed(digits));
 
 // The text in the language in force.

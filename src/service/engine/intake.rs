@@ -8,7 +8,7 @@ use crate::service::black_box::BlackBox;
 use crate::service::clock;
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::wire::{AXIS_NAME_BYTES, ServoBatch, ServoPoint, axis_name_text};
-use crate::units::SampleRate;
+use crate::units::{SampleRate, counted};
 use prometheus::IntCounter;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -101,11 +101,6 @@ impl Faults {
         *self = Self { told: Some((now, pause)), ..Self::default() };
         Some(event)
     }
-}
-
-/// `1 sample`, `2 samples`.
-fn counted(count: u64, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Names of the axes, rate and pipeline for what a batch announces. Errors: one line why it cannot be used.
