@@ -402,10 +402,11 @@ fn samples_that_cannot_be_used_are_no_fresh_samples() {
 /// In act: one sample with an impossible number or time is one sample less, and neither a loss nor silence.
 #[test]
 fn one_wild_stamp_is_one_sample_less() {
-    let wild: [fn(&mut ServoPoint); 5] = [
+    let wild: [fn(&mut ServoPoint); 6] = [
         |p| (p.sequence, p.t_ns) = (1_000_000_000, 111_111_111_111_111),
         |p| p.sequence = 1_000_000_000,
         |p| p.sequence = u64::MAX,
+        |p| p.sequence = 0,
         |p| p.t_ns = 9_000_000_000_000_000_000,
         |p| p.t_ns = 0,
     ];
@@ -459,6 +460,11 @@ fn a_counter_that_starts_again_begins_a_new_stream() {
     assert!(stream.totals.samples > 0 && stream.totals.lost == 0);
     assert_eq!(bench.engine.mode, Mode::Observe, "nothing acts on from another time");
     assert_eq!(bench.told(EventKind::DataRejected), 1);
+    let metrics = &bench.engine.setup.metrics;
+    let refused = |axis, reason| Metrics::total(&metrics.samples_rejected, &[axis, reason]);
+    let refused = refused("all", "implausible_stamp") + refused("x1", "duplicate");
+    let (sent, taken) = (31_500 + 450, Metrics::total(&metrics.samples, &["x1"]));
+    assert_eq!(taken + refused, sent, "each sample is taken or refused by name");
 }
 
 /// A producer that counts to the end of its numbers is refused from there on, and does no harm.

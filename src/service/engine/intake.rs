@@ -163,14 +163,17 @@ impl Stream {
 
     /// Whether a sample's stamp goes on from those before; what does not is counted by its name.
     pub(super) fn believes(&mut self, point: &ServoPoint, now_s: f64) -> bool {
-        match self.stamps.judge(point, now_s) {
+        // What follows in the batch that ended the stream is of the next one, which is not there yet.
+        let judged = if self.ended { Judged::Anew } else { self.stamps.judge(point, now_s) };
+        self.ended = judged == Judged::Anew;
+        match judged {
             Judged::Good => true,
             Judged::Refused(why) => {
                 self.refuse(why, None, point.t_ns);
                 false
             }
             Judged::Anew => {
-                self.ended = true;
+                self.refuse(Reject::ImplausibleStamp, None, point.t_ns);
                 false
             }
         }

@@ -159,10 +159,11 @@ impl Stamps {
             return if ahead && had_time { Judged::Good } else { Judged::Anew };
         }
         self.run = Some(run);
-        Judged::Refused(match now {
-            _ if ahead => Reject::ImplausibleStamp,
-            _ if now.sequence <= believed.sequence => Reject::Duplicate,
-            _ => Reject::OutOfOrder,
+        // Back by number and by time it came before; by one of the two alone its stamp contradicts itself.
+        Judged::Refused(match (now.sequence > believed.sequence, now.t_ns > believed.t_ns) {
+            (false, false) => Reject::Duplicate,
+            (true, false) if !ahead => Reject::OutOfOrder,
+            _ => Reject::ImplausibleStamp,
         })
     }
 }
