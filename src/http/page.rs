@@ -46,4 +46,14 @@ mod tests {
             assert_eq!(table.matches(&key).count(), 1, "{word}");
         }
     }
+
+    #[test]
+    fn what_the_pointer_shows_has_its_words() {
+        let texts = ["title=\"", "aria-label=\""].iter().flat_map(|name| super::HTML.split(*name).skip(1));
+        let texts: Vec<&str> = texts.filter_map(|rest| rest.split('"').next()).collect();
+        assert!(texts.len() > 15);
+        for text in texts {
+            assert!(super::WORDS.contains(&format!("\n  \"{text}\": [\"")), "{text}");
+        }
+    }
 }

@@ -441,7 +441,7 @@ function recordingItem(recording, canDiagnose) {
   link.download = `${recording.id}.parquet`;
   const diagnose = make("button", "", say("Diagnose"));
   diagnose.disabled = !canDiagnose;
-  if (!canDiagnose) diagnose.title = "machine.model is not configured: there is no model to start from";
+  if (!canDiagnose) diagnose.title = say("machine.model is not configured: there is no model to start from");
   diagnose.addEventListener("click", () => ask({
     title: "Diagnose this recording",
     text: `What physics does the machine model leave out? Looks at ${recording.id}.`,
@@ -488,7 +488,7 @@ function diagnosisItem(diagnosis) {
     const bar = make("progress");
     bar.value = diagnosis.progress;
     bar.max = 1;
-    bar.setAttribute("aria-label", "diagnosis");
+    bar.setAttribute("aria-label", say("Diagnoses"));
     item.append(bar, make("span", "by", diagnosis.step || ""));
   }
   if (diagnosis.state === "done") {

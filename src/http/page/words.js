@@ -150,6 +150,26 @@ const WORDS = {
   "diagnosis done": ["Diagnose fertig", "診断完了"],
   "cut mismatch": ["Schnitt anders als Modell", "切削がモデルと不一致"],
   "manual": ["von Hand", "手動"],
+  // What is shown under the pointer or read aloud.
+  "Spindle speed": ["Spindeldrehzahl", "主軸回転数"],
+  "Equal pitch, mode observe, at once (R)": ["Gleiche Teilung, Beobachten, sofort (R)", "等ピッチ・監視モードへ直ちに（R）"],
+  "Equal pitch, mode observe, at once (Alt+R while you write)": ["Gleiche Teilung, Beobachten, sofort (Alt+R beim Schreiben)", "等ピッチ・監視モードへ直ちに（入力中は Alt+R）"],
+  "Light or dark": ["Hell oder dunkel", "明暗"],
+  "Light or dark (T)": ["Hell oder dunkel (T)", "明暗（T）"],
+  "Enter an access token": ["Zugangstoken eingeben", "アクセストークンを入力"],
+  "Language": ["Sprache", "言語"],
+  "Unit of lengths (U)": ["Längeneinheit (U)", "長さの単位（U）"],
+  "Keys (?)": ["Tasten (?)", "キー（?）"],
+  "How far the service may go": ["Wie weit der Dienst gehen darf", "サービスに許す範囲"],
+  "Leave the turret where it is": ["Den Revolver lassen, wo er ist", "刃物台を現在位置に保持"],
+  "Interlocks": ["Verriegelungen", "インターロック"],
+  "Spectrum over time with the watched band and the tracked line": ["Spektrum über der Zeit mit überwachtem Band und verfolgter Linie", "監視帯域と追跡線を含むスペクトルの時間変化"],
+  "Stability over the pitch difference": ["Stabilität über dem Teilungsunterschied", "ピッチ差に対する安定性"],
+  "Cutting force of the watched axes over the range": ["Schnittkraft der überwachten Achsen über dem Bereich", "監視軸の切削力の時間変化"],
+  "Alarms that nobody acknowledged": ["Alarme, die niemand quittiert hat", "未確認のアラーム"],
+  "Newest first": ["Neueste zuerst", "新しい順"],
+  "Line frequency and power over the recording; chatter shaded": ["Frequenz und Leistung der Linie über der Aufzeichnung; Rattern schattiert", "記録中の線の周波数とパワー、網掛けはびびり"],
+  "machine.model is not configured: there is no model to start from": ["machine.model ist nicht eingestellt: es gibt kein Modell, von dem auszugehen wäre", "machine.model が未設定：出発点となるモデルがありません"],
   // Items of commissioning, states, reasons.
   "limits stated": ["Grenzen benannt", "限界値の明示"],
   "heard now": ["jetzt gehört", "現在の検知"],
@@ -252,6 +272,7 @@ const SENTENCES = [
   [/^1 open alarm$/, "1 offener Alarm", "未確認アラーム 1 件"],
   [/^(\d+) open alarms$/, "$1 offene Alarme", "未確認アラーム $1 件"],
   [/^(\d+) rpm$/, "$1 U/min", "$1 rpm"],
+  [/^version ([^·]*)( · .*)?$/, "Version $1$2", "バージョン $1$2"],
   [/^1 alarm$/, "1 Alarm", "アラーム 1 件"],
   [/^(\d+) alarms$/, "$1 Alarme", "アラーム $1 件"],
   [/^history not writable, waiting: (\d+) events?$/, "Verlauf nicht schreibbar, es warten Ereignisse: $1", "履歴に書き込めません。待機中のイベント $1 件"],
@@ -296,11 +317,16 @@ function say(english) {
   return english;
 }
 
-// Says every fixed text of the page anew; each keeps its English.
+// Says every fixed text of the page anew, what is shown under the pointer or read aloud too; each keeps its English.
 function sayAll() {
   document.documentElement.lang = language;
+  const nodes = [];
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+  for (let node = walker.nextNode(); node; node = walker.nextNode()) nodes.push(node);
+  for (const element of document.querySelectorAll("[title], [aria-label]")) {
+    for (const name of ["title", "aria-label"]) if (element.hasAttribute(name)) nodes.push(element.getAttributeNode(name));
+  }
+  for (const node of nodes) {
     const english = node.english || node.nodeValue.trim();
     if (!node.english && say(english) === english && !WORDS[english]) continue;
     node.english = english;
