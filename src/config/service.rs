@@ -605,6 +605,7 @@ mod tests {
             ("[fleet]\ndiagnose = true\n", "fleet.diagnose: true: expected fleet.server"),
             ("[turret]\naxes = [\"x1\", \"x1\"]\n", "turret.axes: x1 twice"),
             ("[turret]\naxes = [\"x1\", \"y1\", \"z1\"]\n", "3 values, expected two"),
+            ("[turret]\naxes = [\"x1\"]\n", "1 value, expected two"),
             ("[turret]\nlowest_offset_m = [-1e-3, -1e-3, 5.0]\n", "3 values, expected two"),
             ("[detection]\nband_hz = [500.0, 700.0, 9.0]\n", "3 values, expected two"),
             ("[workpiece]\ndiameter_m = 24.9\n", "workpiece.diameter_m: 24.9 is not between 0.001 and 2"),

@@ -1,5 +1,6 @@
 //! Two values, one for each axis of the turret: a third is no slip to be overlooked.
 
+use crate::units::counted;
 use serde::{Deserialize, Serialize};
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -11,7 +12,7 @@ impl<T> TryFrom<Vec<T>> for Pair<T> {
 
     fn try_from(values: Vec<T>) -> Result<Self, String> {
         let count = values.len();
-        let two = values.try_into().map_err(|_| format!("{count} values, expected two"))?;
+        let two = values.try_into().map_err(|_| format!("{}, expected two", counted(count, "value")))?;
         Ok(Self(two))
     }
 }
