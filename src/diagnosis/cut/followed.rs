@@ -9,8 +9,9 @@
 //! S = diag(nu^2 F_j^2 S_u, 0) + M diag(sensor + folded, probe) M^H + (share F)^2
 //! M = [[I + A R, 0], [(G, -G), 1]]
 //!
-//! In a stable cut M = Z^-1 and both ways say the same, once ln |det M|^2 is taken off: n is made of the
-//! recorded forces with the numbers that are asked for ([`super::observable::Bin::log_jacobian`]). Behind a
+//! In a stable cut M = Z^-1 and both ways say the same, once ln |det M|^2 is taken off, and of each force
+//! ln |E/E_stated|^2: n is made of the recorded forces with the numbers that are asked for
+//! ([`super::observable::Bin::log_jacobian`]). Behind a
 //! taper that holds where the random force rules only. About the bar's own frequency the noise of the sensor
 //! comes through the bar, Q times, as narrow as a bin: with those bins the damping ratio came out half too
 //! high (expected score over a cut, 0.6 nats a tenth of it; 0.01 to 0.03 without). They are left out, by the
@@ -446,8 +447,11 @@ impl FollowedSpectra {
         let lag = self.place.lag(machine);
         for (at, near) in self.bins.iter().step_by(every.0).zip(&undone.ways) {
             let (k, f, power) = (at.index, at.frequency_hz, at.power);
-            let noise = self.place.noise(machine, random, (f, path(lag.as_ref(), f, at.stated)));
+            let path = path(lag.as_ref(), f, at.stated);
+            let noise = self.place.noise(machine, random, (f, path));
             let known = random.map(|r| r * machine.random_1_hz(f));
+            // The recorded forces are divided by the path: its Jacobian, over that of the path as stated.
+            let passed = self.place.forces() as f64 * (path / at.stated).norm_sqr().ln();
             for (t, weights) in self.taken.iter().enumerate() {
                 let own = [share * power[0], share * power[1], near[1].bar * share * (power[0] + power[1])];
                 let matrix = spectrum(near, weights, &noise, known, own);
@@ -455,7 +459,7 @@ impl FollowedSpectra {
                 let [one, two] = undone.innovations[t][k];
                 let mut bin = self.place.select(f, [one, two, third], &matrix);
                 let logs: f64 = near.iter().zip(weights).map(|(n, w)| n.log_det * w).sum();
-                bin.log_jacobian = logs - undone.unstable;
+                bin.log_jacobian = logs - passed - undone.unstable;
                 out.push(bin);
             }
         }
@@ -501,10 +505,18 @@ impl Observable for FollowedSpectra {
 
 #[cfg(test)]
 mod tests {
-    use super::super::synthetic::{machine, recording};
+    use super::super::fit::part_value;
+    use super::super::machine::Noise;
+    use super::super::synthetic::{RATE_HZ, machine, recording};
     use super::*;
+    use crate::plant::cut_loop::RANDOM_FORCE_CORNER_HZ;
     use crate::plant::cut_terms::CutCondition;
+    use crate::signal::butterworth::Butterworth;
     use crate::stability::rightmost_cut_root;
+    use crate::units::SampleRate;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
 
     /// Forces that swell at the root of the cut, in its own ratio, are no random force: nothing is left of
     /// them, from 40 times the window's end down.
@@ -531,5 +543,44 @@ mod tests {
         let left: f64 = bins.iter().map(|b| b.x[0].norm_sqr() + b.x[1].norm_sqr()).sum();
         let had: f64 = followed.bins.iter().map(|b| b.power[0] + b.power[1]).sum();
         assert!(had > 0.01 && left < 1e-4 * had, "{left:e} of {had:e}");
+    }
+
+    /// Random forces through a low-pass, in a cut too soft to feed back: the corner that they were made with
+    /// is likelier than one a tenth off either way. A wider one leaves smaller forces, and without the
+    /// Jacobian of that the likelihood would rise with it for ever.
+    #[test]
+    fn the_corner_of_the_signal_is_likeliest_where_it_is() {
+        let mut machine = machine();
+        let mut raw = machine.scenario.raw();
+        raw.cutting.radial_stiffness_pa *= 1e-3;
+        raw.cutting.process_damping_n = 0.0;
+        machine.scenario = Scenario::new(&raw).expect("a scenario");
+        let at = CutCondition::of(&machine.scenario);
+        let mean_n = CutLoop::new(&CutTerms::of(&machine.scenario, &at)).means().force_n[0];
+        machine.noise.random_share = 1.0 / mean_n;
+        let rate = SampleRate::new(RATE_HZ).expect("a rate");
+        let low_pass = Butterworth::low_pass(4, 1000.0, rate).expect("a low-pass");
+        let mut state = [low_pass.settled(0.0); 2];
+        let mut generator = ChaCha8Rng::seed_from_u64(3);
+        // Samples of noise of the first order, sd 1 N.
+        let kept = (-TAU * RANDOM_FORCE_CORNER_HZ / RATE_HZ).exp();
+        let mut random_n = [0.0; 2];
+        let mut cuts = recording(&machine.scenario, 2.0, |_| {
+            [0, 1].map(|j| {
+                let fresh: f64 = StandardNormal.sample(&mut generator);
+                random_n[j] = kept * random_n[j] + (1.0 - kept * kept).sqrt() * fresh;
+                mean_n + low_pass.step(&mut state[j], random_n[j])
+            })
+        });
+        cuts.signal.bandwidth_hz = Some(1000.0);
+        let stretch = Stretch { recording: 0, samples: 7000..16000 };
+        let followed =
+            FollowedSpectra::new(&cuts, &stretch, &Reference::of(machine), (false, None)).expect("followed");
+        let value = |factor: f64| {
+            let noise = Noise { bandwidth_factor: factor, ..machine.noise };
+            part_value(&followed.part(&Machine { noise, ..machine }, Every(1)))
+        };
+        let [narrow, true_corner, wide] = [0.9, 1.0, 1.1].map(value);
+        assert!(true_corner < narrow - 5.0 && true_corner < wide - 5.0, "{narrow} {true_corner} {wide}");
     }
 }
