@@ -7,8 +7,8 @@
 //! with sequence and machine time going on; one sample in a thousand batches is damaged (not a number, repeated,
 //! left out). A page's requests go on beside. Prints one row an hour: memory (median and most of the hour; in
 //! compressed time a recording is still being written while the black box is filled anew), file handles,
-//! write-ahead log, events. Ends with status 1 when a sample that was sent whole is missing or the hour's median
-//! of memory grew by more than 10 % after the first hour.
+//! write-ahead log, events. Ends with status 1 when a sample that was sent whole is missing, one that was left out
+//! or damaged is not counted, or the hour's median of memory grew by more than 10 % after the first hour.
 
 mod running;
 
@@ -83,6 +83,19 @@ struct Sent {
     refused: u64,
 }
 
+/// When a sample is taken, ns.
+fn time_ns(sequence: u64) -> u64 {
+    (sequence as f64 / RATE_HZ * 1e9) as u64
+}
+
+/// Samples that were refused, as a sample or for its first axis.
+fn refused(metrics: &str) -> u64 {
+    ["all", "x1"]
+        .map(|axis| series(metrics, &format!("stillcut_samples_rejected_total{{axis=\"{axis}\"")))
+        .iter()
+        .sum()
+}
+
 fn send(port: &ServoPublisher, round: &[ServoPoint], sent: &mut Sent, sequence: &mut u64) {
     let mut batch = ServoBatch {
         stream: 1,
@@ -98,18 +111,15 @@ fn send(port: &ServoPublisher, round: &[ServoPoint], sent: &mut Sent, sequence: 
     let kind = sent.batches / DAMAGE_EVERY % 3;
     for (k, point) in batch.points.iter_mut().take(BATCH).enumerate() {
         let place = (sent.batches as usize * BATCH + k) % round.len();
-        *point = ServoPoint {
-            sequence: *sequence,
-            t_ns: (*sequence as f64 / RATE_HZ * 1e9) as u64,
-            ..round[place]
-        };
+        *point = ServoPoint { sequence: *sequence, t_ns: time_ns(*sequence), ..round[place] };
         match (damage && k == 4, kind) {
             (true, 0) => {
                 point.axes[0].current_ref_a = f64::NAN;
                 (sent.refused, *sequence) = (sent.refused + 1, *sequence + 1);
             }
             (true, 1) => {
-                point.sequence = sequence.saturating_sub(2);
+                (point.sequence, point.t_ns) =
+                    (sequence.saturating_sub(2), time_ns(sequence.saturating_sub(2)));
                 sent.refused += 1;
             }
             (true, _) => {
@@ -146,8 +156,7 @@ fn main() -> ExitCode {
     println!("|---|---|---|---|---|---|---|---|---|---|---|");
     while (sequence as f64) < hours * 3600.0 * RATE_HZ {
         let metrics = service.get(&agent, "/metrics");
-        let seen = series(&metrics, "stillcut_samples_total{axis=\"x1\"}")
-            + series(&metrics, "stillcut_samples_rejected_total{axis=\"x1\"");
+        let seen = series(&metrics, "stillcut_samples_total{axis=\"x1\"}") + refused(&metrics);
         while sent.whole + sent.refused < seen + AHEAD {
             send(&port, &round, &mut sent, &mut sequence);
         }
@@ -166,7 +175,7 @@ fn main() -> ExitCode {
                 "| {row} | {} | {} | {} | {median_mb:.1} | {most_mb:.1} | {} | {wal} | {} | {} | {:.0} |",
                 axis("stillcut_samples_total"),
                 axis("stillcut_samples_lost_total"),
-                axis("stillcut_samples_rejected_total"),
+                refused(&metrics),
                 service.handles(),
                 series(&metrics, "stillcut_events_total"),
                 series(&metrics, "stillcut_recordings_total{outcome=\"saved\"}"),
@@ -191,11 +200,12 @@ fn main() -> ExitCode {
         sent.whole,
         sent.left_out,
         sent.refused,
-        series(&metrics, "stillcut_samples_rejected_total{axis=\"x1\""),
+        refused(&metrics),
     );
     drop(service);
     domain.remove();
     let _ = std::fs::remove_dir_all(&folder);
-    let good = counted == sent.whole && worst_mb <= 1.1 * first_mb;
+    let told = (lost, refused(&metrics)) == (sent.left_out, sent.refused);
+    let good = counted == sent.whole && told && worst_mb <= 1.1 * first_mb;
     if good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
