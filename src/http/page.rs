@@ -47,6 +47,20 @@ mod tests {
         }
     }
 
+    /// So with what became of a diagnosis, as it is told by word.
+    #[test]
+    fn every_outcome_of_a_diagnosis_has_its_words() {
+        use crate::diagnosis::Verdict::{MissingPhysics, ModelAdequate, ParameterError, UnexplainedMismatch};
+        use crate::service::JobState::{Cancelled, Failed, Queued, Running};
+        let verdicts = [MissingPhysics, ModelAdequate, ParameterError, UnexplainedMismatch];
+        let verdicts = verdicts.map(|v| v.name().replace('_', " "));
+        let states = [Queued, Running, Failed, Cancelled].map(|s| serde_json::to_value(s).unwrap());
+        let words = states.iter().filter_map(|s| s.as_str()).map(str::to_owned).chain(verdicts);
+        for word in words {
+            assert!(super::WORDS.contains(&format!("\n  \"{word}\": [\"")), "{word}");
+        }
+    }
+
     #[test]
     fn what_the_pointer_shows_has_its_words() {
         let texts = ["title=\"", "aria-label=\""].iter().flat_map(|name| super::HTML.split(*name).skip(1));

@@ -472,11 +472,11 @@ async function showReplay(id) {
 
 function diagnosisItem(diagnosis) {
   const item = make("li");
-  const told = diagnosis.result && (diagnosis.result.no_evidence ? say("Nothing can be told of the drive here") : diagnosis.result.verdict.replaceAll("_", " "));
-  const verdict = told || diagnosis.error || `${diagnosis.state} ${diagnosis.elapsed_s.toFixed(0)} s`;
+  const told = diagnosis.result && (diagnosis.result.no_evidence ? say("Nothing can be told of the drive here") : say(diagnosis.result.verdict.replaceAll("_", " ")));
+  const verdict = told || diagnosis.error || `${say(diagnosis.state)} ${diagnosis.elapsed_s.toFixed(0)} s`;
   item.append(make("span", "", diagnosis.cuts === null ? verdict : `${say("Past cuts")}: ${verdict}`));
   if (diagnosis.result && diagnosis.result.no_evidence) item.append(make("span", "by", diagnosis.result.no_evidence));
-  else if (diagnosis.axes_not_looked_at.length) item.append(make("span", "by", `not looked at: ${diagnosis.axes_not_looked_at.join(", ")}`));
+  else if (diagnosis.axes_not_looked_at.length) item.append(make("span", "by", say(`not looked at: ${diagnosis.axes_not_looked_at.join(", ")}`)));
   if (diagnosis.state === "running" || diagnosis.state === "queued") {
     const cancel = make("button", "", say("Cancel"));
     cancel.addEventListener("click", () => ask({

@@ -150,6 +150,17 @@ const WORDS = {
   "diagnosis done": ["Diagnose fertig", "診断完了"],
   "cut mismatch": ["Schnitt anders als Modell", "切削がモデルと不一致"],
   "manual": ["von Hand", "手動"],
+  // What became of a diagnosis.
+  "model adequate": ["das Modell genügt", "モデルは妥当"],
+  "missing physics": ["Physik fehlt", "物理が欠けている"],
+  "parameter error": ["falsche Zahlen", "パラメータ誤り"],
+  "unexplained mismatch": ["unerklärte Abweichung", "説明できない不一致"],
+  "queued": ["wartet", "待機中"],
+  "running": ["läuft", "実行中"],
+  "failed": ["gescheitert", "失敗"],
+  "cancelled": ["abgebrochen", "取消済み"],
+  "noise learned and the force fit on every watched axis": ["Rauschen gelernt und Kraft brauchbar auf jeder überwachten Achse", "監視する全軸でノイズ学習済み、力が使用可能"],
+  "no samples": ["keine Abtastwerte", "サンプルなし"],
   // What is shown under the pointer or read aloud.
   "Spindle speed": ["Spindeldrehzahl", "主軸回転数"],
   "Equal pitch, mode observe, at once (R)": ["Gleiche Teilung, Beobachten, sofort (R)", "等ピッチ・監視モードへ直ちに（R）"],
@@ -273,6 +284,14 @@ const SENTENCES = [
   [/^(\d+) open alarms$/, "$1 offene Alarme", "未確認アラーム $1 件"],
   [/^(\d+) rpm$/, "$1 U/min", "$1 rpm"],
   [/^version ([^·]*)( · .*)?$/, "Version $1$2", "バージョン $1$2"],
+  [/^(-?[\d.,]+) 1\/s \((-?[\d.,]+) to (-?[\d.,]+)\)$/, "$1 1/s ($2 bis $3)", "$1 1/s（$2～$3）"],
+  [/^(\S+): playing it again …$/, "$1: wird noch einmal abgespielt …", "$1：再生中 …"],
+  [/^(\S+): dots line frequency, curve its power \(dB re 1 N²\), shaded chatter$/, "$1: Punkte Frequenz der Linie, Kurve ihre Leistung (dB zu 1 N²), schattiert Rattern", "$1：点は線の周波数、曲線はパワー（dB、基準 1 N²）、網掛けはびびり"],
+  [/^What physics does the machine model leave out\? Looks at (\S+)\.$/, "Welche Physik lässt das Maschinenmodell aus? Betrachtet wird $1.", "機械モデルに欠けている物理は何か。対象は $1。"],
+  [/^(\w+): its noise is being learned$/, "$1: das Rauschen wird gelernt", "$1：ノイズを学習中"],
+  [/^(\w+); not looked at: (.*)$/, "$1; nicht betrachtet: $2", "$1；未確認：$2"],
+  [/^not looked at: (.*)$/, "nicht betrachtet: $1", "未確認：$1"],
+  [/^http\.tokens: (.*); no token is in force that may take the turret back$/, "http.tokens: $1; kein Token gilt, das den Revolver zurückholen darf", "http.tokens：$1；刃物台を戻せる有効なトークンがありません"],
   [/^1 alarm$/, "1 Alarm", "アラーム 1 件"],
   [/^(\d+) alarms$/, "$1 Alarme", "アラーム $1 件"],
   [/^history not writable, waiting: (\d+) events?$/, "Verlauf nicht schreibbar, es warten Ereignisse: $1", "履歴に書き込めません。待機中のイベント $1 件"],
@@ -309,7 +328,8 @@ function say(english) {
   const text = english.trim();
   if (language === "en" || text === "") return english;
   const place = LANGUAGES.indexOf(language);
-  if (WORDS[text]) return WORDS[text][place - 1];
+  const word = WORDS[text] || WORDS[text.replaceAll("_", " ")];
+  if (word) return word[place - 1];
   for (const sentence of SENTENCES) {
     const found = sentence[0].exec(text);
     if (found) return sentence[place].replace(/\$(\d)/g, (_, k) => (found[k] ? say(local(found[k])) : "")).replace(/ \(\)$|（）$/, "");
