@@ -13,8 +13,8 @@ const NEIGHBOURS: usize = 5;
 /// What the travel to one row says of the rows about it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
-    /// This row repeats the one before.
-    Doubled,
+    /// From this row on the so many before it stand there once more.
+    Doubled(usize),
     /// So many rows are missing before this one.
     Missing(usize),
     /// This row repeats the one before, and the next makes up for it.
@@ -30,15 +30,17 @@ pub(super) fn whole(work: &mut Work<'_>, axis: &AxisColumns) {
         return;
     }
     let name = work.name(position);
+    let count = |p: &Place| if let Place::Doubled(count) = p { *count } else { 1 };
     let mut say = |kind, what: &str, is: &dyn Fn(Place) -> bool| {
-        let rows: Vec<Range<usize>> = found.iter().filter(|(_, p)| is(*p)).map(|(i, _)| *i..i + 1).collect();
+        let of = found.iter().filter(|(_, p)| is(*p));
+        let rows: Vec<Range<usize>> = of.map(|(i, p)| *i..i + count(p)).collect();
         if rows.is_empty() {
             return;
         }
         let statement = format!("{name}: {what} {}.", times(rows.len()));
         work.tell(Told { column: &name, kind, action: Action::Mask, rows: &rows, statement });
     };
-    say(FaultKind::Doubled, "a row stands there twice,", &|p| p == Place::Doubled);
+    say(FaultKind::Doubled, "rows stand there twice,", &|p| matches!(p, Place::Doubled(_)));
     say(FaultKind::Dropped, "rows are missing, by the travel,", &|p| matches!(p, Place::Missing(_)));
     say(FaultKind::Held, "a row is late and repeats the one before,", &|p| p == Place::Late);
     mend(work, &found);
@@ -57,40 +59,57 @@ fn places(work: &Work<'_>, position: usize) -> Vec<(usize, Place)> {
         if like(d[i], d[i - 1]) || d[i] == 0.0 && d[i - 1] == 0.0 {
             continue;
         }
-        let Expected { travel: m, scatter: s } = expected(&d, i);
+        let Expected { travel: m, scatter: s, beside } = expected(&d, i);
         if m.abs() <= (c.travel_over_scatter * s).max(least) || (d[i] - m).abs() <= c.row_over_scatter * s {
             continue;
         }
         let ratio = d[i] / m;
         let count = ratio.round();
+        // Over rows that are missing the axis may have accelerated, but it went on.
+        let most = beside[0].abs().max(beside[1].abs()) * (1.0 + c.whole_travel);
+        let is_whole = (ratio - count).abs() < c.whole_travel;
+        let goes_on = like(d[i - 1], beside[0]) && like(d[i + 1], beside[1]) && beside[0] * beside[1] > 0.0;
+        if count >= 2.0 && is_whole && d[i].abs() > most && goes_on {
+            found.push((i + 1, Place::Missing(count as usize - 1)));
+            continue;
+        }
         if !like(d[i - 1], m) {
             continue;
         }
+        let again = (1.0 - count).max(0.0) as usize;
+        let repeats = |again: usize| {
+            let before = (i + 1).checked_sub(again).and_then(|from| x.get(from..=i));
+            before.is_some() && before == x.get(i + 1..=i + again)
+        };
         if ratio.abs() < c.whole_travel && like(d[i + 1], m) {
-            found.push((i + 1, Place::Doubled));
+            found.push((i + 1, Place::Doubled(1)));
+        } else if again > 1 && is_whole && repeats(again) {
+            found.push((i + 1, Place::Doubled(again)));
         } else if ratio.abs() < c.whole_travel && like(0.5 * d[i + 1], m) {
             found.push((i + 1, Place::Late));
-        } else if count >= 2.0 && (ratio - count).abs() < c.whole_travel && like(d[i + 1], m) {
-            found.push((i + 1, Place::Missing(count as usize - 1)));
         }
     }
     found
 }
 
-/// Travel that a row should have by its neighbours, and how they scatter.
+/// Travel that a row should have by its neighbours, how they scatter, and what each side alone says.
 struct Expected {
     travel: f64,
     scatter: f64,
+    beside: [f64; 2],
 }
 
-/// The neighbours may accelerate: their slope is the median of those of the pairs to both sides.
+/// The neighbours may accelerate: each side is a line, and between them the travel is the mean of both.
 fn expected(d: &[f64], i: usize) -> Expected {
-    let pairs = 1..=NEIGHBOURS;
-    let slopes: Vec<f64> = pairs.clone().map(|k| (d[i + k] - d[i - k]) / (2 * k) as f64).collect();
-    let slope = median(&slopes);
-    let level: Vec<f64> =
-        pairs.flat_map(|k| [d[i - k] + k as f64 * slope, d[i + k] - k as f64 * slope]).collect();
-    Expected { travel: median(&level), scatter: scale(&level) }
+    let side = |at: &dyn Fn(usize) -> f64| {
+        let slope = median(&(1..NEIGHBOURS).map(|k| at(k) - at(k + 1)).collect::<Vec<f64>>());
+        let levels: Vec<f64> = (1..=NEIGHBOURS).map(|k| at(k) + (k - 1) as f64 * slope).collect();
+        let level = median(&levels);
+        (level, levels.iter().map(|l| l - level).collect::<Vec<f64>>())
+    };
+    let ((before, mut off), (after, more)) = (side(&|k| d[i - k]), side(&|k| d[i + k]));
+    off.extend(more);
+    Expected { travel: 0.5 * (before + after), scatter: scale(&off), beside: [before, after] }
 }
 
 fn mend(work: &mut Work<'_>, found: &[(usize, Place)]) {
@@ -98,10 +117,13 @@ fn mend(work: &mut Work<'_>, found: &[(usize, Place)]) {
     // For each row of the mended recording the row of the file that it is, or between which two it lies.
     let mut from: Vec<(usize, f64, bool)> = Vec::with_capacity(n + found.len());
     let mut next = found.iter().peekable();
+    // Up to here rows stand there once more.
+    let mut until = 0;
     for i in 0..n {
         let place = next.next_if(|(row, _)| *row == i).map(|(_, p)| *p);
         match place {
-            Some(Place::Doubled) => continue,
+            None if i < until => {}
+            Some(Place::Doubled(count)) => until = i + count,
             Some(Place::Late) => from.push((i - 1, 0.5, false)),
             Some(Place::Missing(count)) => {
                 let part = |k: usize| k as f64 / (count + 1) as f64;

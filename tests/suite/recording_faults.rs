@@ -284,6 +284,22 @@ fn missing_and_doubled_rows_leave_the_motion_as_it_was() {
     }
 }
 
+#[test]
+fn a_block_of_rows_that_stands_there_twice_is_taken_out() {
+    let sound = drive();
+    let mut logged = drive();
+    let moving = moving(&logged);
+    let block = moving[moving.len() / 3]..moving[moving.len() / 3] + 10;
+    for column in &mut logged.recording.columns {
+        let again = column.values[block.clone()].to_vec();
+        column.values.splice(block.end..block.end, again);
+    }
+    even_times(&mut logged);
+    let gated = gate(&logged);
+    assert_eq!(named(&gated.faults), vec![("doubled", POSITION)]);
+    assert_eq!(gated.recording.get(POSITION), sound.recording.get(POSITION));
+}
+
 fn bare(mass_kg: f64) -> Machine {
     let raw = RawDriveParams { movable_mass_kg: Some(mass_kg), ..Default::default() };
     let drive = DriveParams::new(raw).unwrap();
@@ -318,24 +334,36 @@ fn the_laws_are_those_of_the_sound_recording() {
     }
 }
 
+/// Holds, and rows that are missing, take strokes out of their rhythm: what seems to repeat then does not.
 #[test]
-fn the_measured_axis_is_sound_and_a_hold_in_it_changes_no_law() {
+fn the_measured_axis_is_sound_and_holds_or_gaps_in_it_change_no_law() {
     let Some(path) = shared("recordings/emps/axis.parquet") else { return };
     let logged = stillcut::recording::read_logged(&path).unwrap();
     let sound = gate(&logged);
     assert_eq!(named(&sound.faults), vec![]);
-    let mut held = logged;
-    for start in [2000, 7300, 12_500, 17_000, 21_200] {
-        for column in &mut held.recording.columns {
+    let sound = diagnosed(sound, 95.1);
+    let laws = |d: &Diagnosis| {
+        let mut names: Vec<&str> = d.findings.iter().map(|f| f.effect.name()).collect();
+        names.sort_unstable();
+        names.into_iter().map(str::to_owned).collect::<Vec<String>>()
+    };
+    let places = [2000, 7300, 12_500, 17_000, 21_200];
+    let mut held = logged.clone();
+    for column in &mut held.recording.columns {
+        for start in places {
             let value = column.values[start];
             column.values[start..start + 100].fill(value);
         }
     }
-    let (a, b) = (diagnosed(sound, 95.1), diagnosed(gate(&held), 95.1));
-    for name in ["force_n", "n_s_m"] {
-        let (a, b) = (number(&a, name), number(&b, name));
-        // Friction before sliding is not found beside the holds, and Coulomb's takes its part.
-        assert!((b / a - 1.0).abs() < 0.08, "{name} {b}, without the holds {a}");
+    let mut gaps = logged;
+    with_rows(&mut gaps, |i| usize::from(!places.iter().any(|p| (*p..p + 10).contains(&i))));
+    for logged in [held, gaps] {
+        let found = diagnosed(gate(&logged), 95.1);
+        assert_eq!(laws(&found), laws(&sound));
+        for name in ["force_n", "n_s_m"] {
+            let (a, b) = (number(&sound, name), number(&found, name));
+            assert!((b / a - 1.0).abs() < 0.08, "{name} {b}, of the sound recording {a}");
+        }
     }
 }
 

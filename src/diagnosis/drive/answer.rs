@@ -4,9 +4,10 @@ use super::closed_loop::closed_loop;
 use super::criteria::{Criteria, Z95};
 use super::evidence::{least_seen_n, level};
 use super::faults::force_faults;
-use super::gram::Part;
+use super::gram::{BandGram, Part};
+use super::likelihood::Design;
 use super::model::{LINEAR, is_other_size};
-use super::numbers::{Absent, Doubt, absent, corrections, doubt, stated_beta, without};
+use super::numbers::{Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, unsaid};
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::shape::{Hypothesis, Shape};
@@ -105,7 +106,7 @@ impl Case<'_> {
     /// The answer for a state.
     pub(super) fn answer(self, state: State) -> Diagnosis {
         let balance = self.balance;
-        let (state, doubt, left) = determined(balance, state);
+        let (state, doubt, _) = determined(balance, state);
         let level = self
             .rounds
             .last()
@@ -119,8 +120,13 @@ impl Case<'_> {
         if as_stated {
             found.clear();
         }
-        let before = self.rest_before(&absent);
-        let [state_n, thrust_n] = self.left_and_thrust_n(&state);
+        let said: Vec<Number> = absent.iter().map(|a| a.number).collect();
+        let (design, beta) = fit_without(self.start, &said);
+        let before = rest_of(balance, self.start, (&design, &beta));
+        // What the written model leaves: a number that it does not state is none of it.
+        let (design, beta) = fit_without(&state, &unsaid(balance, &absent));
+        let left = rest_of(balance, &state, (&design, &beta));
+        let [state_n, thrust_n] = self.left_and_thrust_n(&state, (&design, &beta));
         let says_nothing = state_n.powi(2) > Criteria::STANDARD.adequate_share * thrust_n.powi(2);
         let is_left = left.is_left(self.stated_rest_n) || says_nothing;
         let repeats_n = Criteria::STANDARD.repeatability * thrust_n;
@@ -215,28 +221,16 @@ impl Case<'_> {
         notes
     }
 
-    /// What a state leaves at the motor, and the thrust, root mean squares, N.
-    fn left_and_thrust_n(&self, state: &State) -> [f64; 2] {
-        let base = &state.base;
-        let n = base.gram.len();
+    /// What a fit beside a state leaves at the motor, and the thrust, root mean squares, N.
+    fn left_and_thrust_n(&self, state: &State, (design, beta): (&Design, &[f64])) -> [f64; 2] {
+        let gram = &state.base.gram;
+        let n = gram.len();
         let (mut left, mut thrust) = (0.0, 0.0);
-        for band in &base.gram.sum_by_band(&self.balance.plan) {
-            left += base.design.spread(band, &base.fit.beta)[0] * band.values;
-            thrust += band.products[0][base.design.target * n + base.design.target];
+        for band in &gram.sum_by_band(&self.balance.plan) {
+            left += design.spread(band, beta)[0] * band.values;
+            thrust += band.products[0][design.target * n + design.target];
         }
         [left, thrust].map(|power| (power / self.samples()).sqrt())
-    }
-
-    /// What was left before anything was found: numbers estimated, those that the model leaves out left out.
-    fn rest_before(&self, absent: &[Absent]) -> Rest {
-        let numbers: Vec<Number> = absent.iter().map(|a| a.number).collect();
-        if numbers.is_empty() {
-            return rest(self.balance, self.start);
-        }
-        let (design, beta) = without(self.start, &numbers);
-        let all = &self.start.base.all;
-        let fit = design.fit(all, beta.clone(), design.weights(all, &beta));
-        rest_of(self.balance, self.start, (&design, &fit.beta))
     }
 
     /// Root mean square on parts that nothing was fitted to, N; `without`: one law's coefficients taken out.
@@ -289,7 +283,7 @@ impl Case<'_> {
         }
         list.extend(self.found_in_path(state, doubt));
         let scale = scale_deviation(balance);
-        for a in absent.iter().filter(|a| a.value > Z95 * a.deviation) {
+        for a in absent {
             let dry = a.effect == EffectKind::CoulombFriction;
             let (name, unit) = if dry { ("force_n", "N") } else { ("n_s_m", "N s/m") };
             let half = Z95 * a.deviation.hypot(scale * a.value);
@@ -320,14 +314,12 @@ impl Case<'_> {
     }
 
     fn without_number_n(&self, state: &State, number: Number) -> f64 {
-        let (design, start) = without(state, &[number]);
-        let all = &state.base.all;
-        let fit = design.fit(all, start.clone(), design.weights(all, &start));
-        let of = |b: &super::gram::BandGram| {
-            let s = design.spread(b, &fit.beta);
+        let (design, beta) = fit_without(state, &[number]);
+        let of = |b: &BandGram| {
+            let s = design.spread(b, &beta);
             (s[0] + s[2]) * b.values
         };
-        (all.iter().map(of).sum::<f64>() / self.samples()).sqrt()
+        (state.base.all.iter().map(of).sum::<f64>() / self.samples()).sqrt()
     }
 
     /// A dead time longer than stated, a current loop slower than stated.

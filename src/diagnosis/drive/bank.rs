@@ -74,7 +74,7 @@ fn frictions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     list.extend(grid(least, top, 6).map(|v| at(E::StribeckFriction, Shape::Stribeck { speed_m_s: v })));
     let least_m = s.least_way_m(last);
     // Of what is held friction's bristle is in the train, and no softer.
-    let held_m = state.coulomb_n() / balance.drive.axial_stiffness_n_m();
+    let held_m = state.coulomb_n() / state.mechanics.stiffness_n_m;
     let (most_m, count) = if s.layout == Layout::Locked {
         (held_m, 6)
     } else if one {

@@ -40,10 +40,9 @@ use crate::sample::Recording;
 
 /// Passes in which numbers and the balance follow one another before anything is asked.
 const PASSES: usize = 2;
-/// Samples times evaluations that one thread of a slow office machine makes in a second.
-const SAMPLES_PER_S: f64 = 1.0e7;
-/// Part of the budget that screening and fits may take; the rest is for the answer.
-const SEARCH_SHARE: f64 = 0.6;
+/// Samples times evaluations of screening and fits for a second of the budget on one thread of a slow office
+/// machine, which makes 1e7 of them: the rest is for the answer.
+const SAMPLES_PER_S: f64 = 6.0e6;
 
 /// What is known beside model and recordings.
 #[derive(Debug, Clone, Default)]
@@ -66,7 +65,7 @@ impl Beside<'_> {
     /// Evaluations that screening and fits may take.
     fn work(&self, recordings: &[Recording]) -> Work {
         let samples: usize = recordings.iter().map(Recording::len).sum();
-        Work::new((SEARCH_SHARE * self.budget_s * SAMPLES_PER_S / samples.max(1) as f64) as u64)
+        Work::new((self.budget_s * SAMPLES_PER_S / samples.max(1) as f64) as u64)
     }
 }
 

@@ -129,7 +129,7 @@ fn may_be_absent(balance: &Balance) -> Vec<(Number, EffectKind, Port, f64)> {
 }
 
 /// The design without some numbers' columns.
-pub(super) fn without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
+fn without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
     let base = &state.base;
     // Parts of a dry friction that is not there are not there.
     let out = |n: &Number| {
@@ -142,6 +142,18 @@ pub(super) fn without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
     let design = base.design.kept(&places);
     let beta = places.iter().map(|k| base.fit.beta[*k]).collect();
     (design, beta)
+}
+
+/// The fit of a state without some numbers.
+pub(super) fn fit_without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
+    if numbers.is_empty() {
+        return (state.base.design.clone(), state.base.fit.beta.clone());
+    }
+    let (design, start) = without(state, numbers);
+    let all = &state.base.all;
+    let weights = design.weights(all, &start);
+    let fit = design.fit(all, start, weights);
+    (design, fit.beta)
 }
 
 /// Numbers that the model leaves out and the recordings have, strongest first; `level`: what chance reaches.
@@ -171,13 +183,19 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
         let worst: f64 = score.min(folds);
         let evidence_nats = if several { worst.min(recordings) } else { worst };
         let value = if number == Number::StageCoulomb { state.coulomb_n() } else { base.fit.beta[k] };
-        if value > 0.0 && evidence_nats > level {
-            let deviation = doubt.numbers[k].hypot(of_delays(balance, state, number));
+        let deviation = doubt.numbers[k].hypot(of_delays(balance, state, number));
+        if value > Z95 * deviation && evidence_nats > level {
             list.push(Absent { number, effect, port, value, deviation, evidence_nats });
         }
     }
     list.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
     list
+}
+
+/// Numbers that the model leaves out and nothing says: the model that is written has none of them.
+pub(super) fn unsaid(balance: &Balance, said: &[Absent]) -> Vec<Number> {
+    let left_out = may_be_absent(balance).into_iter().filter(|(_, _, _, stated)| *stated == 0.0);
+    left_out.map(|l| l.0).filter(|number| said.iter().all(|a| a.number != *number)).collect()
 }
 
 /// Deviation of a damping where nobody states when the encoders are read, N s/m: one that is later than the

@@ -3,7 +3,7 @@
 
 use super::criteria::Criteria;
 use super::one_mass::{BAND_SHARE, SMOOTHING_M_S, Spring, THINNED_PER_BAND, spring};
-use super::recorded::{Thrust, is_locked, motor_position, position, stage_position, thrust};
+use super::recorded::{Thrust, is_locked, motor_position, position, span, stage_position, thrust};
 use super::spectra::Series;
 use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::cuts::spindle_hz;
@@ -13,7 +13,7 @@ use crate::diagnosis::steps::coarser_step;
 use crate::plant::drive::Structure;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
-use crate::signal::inner_products::rms;
+use crate::signal::inner_products::{dot, rms};
 use std::f64::consts::TAU;
 
 /// Pass band of the balance at most, Hz.
@@ -118,19 +118,22 @@ pub(in crate::diagnosis) type Mask = Vec<bool>;
 pub(in crate::diagnosis) fn layout(axis: &AxisModel, recordings: &[Recording]) -> Layout {
     let flexible = axis.drive.structure() != Structure::Rigid;
     let both = |r: &Recording| motor_position(axis, r).is_some() && stage_position(axis, r).is_some();
-    if !flexible || !recordings.iter().all(both) {
-        return Layout::OnePosition;
-    }
     if recordings.iter().all(|r| is_locked(axis, r)) {
         return Layout::Locked;
     }
-    let resolved = recordings.iter().all(|r| {
-        let steps = found_steps_m(axis, r);
-        thrust(axis, r).is_ok_and(|t| {
-            let deflection_m = rms(&swing_n(axis, r, &t.reference_n)) / axis.drive.axial_stiffness_n_m();
-            steps[0].max(steps[1]) < Criteria::STANDARD.unresolved_deflection * deflection_m
-        })
-    });
+    if !flexible || !recordings.iter().all(both) {
+        return Layout::OnePosition;
+    }
+    // Errors in variables: power of the steps over that of the stretch, of all recordings together.
+    let mut power = [0.0; 2];
+    for r in recordings {
+        let Ok(t) = thrust(axis, r) else { return Layout::OnePosition };
+        let swing_n = swing_n(axis, r, &t.reference_n);
+        let [motor_m, stage_m] = found_steps_m(axis, r);
+        power[0] += swing_n.len() as f64 * motor_m.max(stage_m).powi(2);
+        power[1] += dot(&swing_n, &swing_n) / axis.drive.axial_stiffness_n_m().powi(2);
+    }
+    let resolved = power[0].sqrt() < Criteria::STANDARD.unresolved_deflection * power[1].sqrt();
     if resolved { Layout::TwoPositions } else { Layout::OnePosition }
 }
 
@@ -500,7 +503,8 @@ fn stage_is_finer(axis: &AxisModel, recordings: &[Recording]) -> bool {
             return false;
         };
         let rate_hz = r.sample_rate.hz();
-        4.0 * variance_m2(stage, rate_hz, MOVING) < variance_m2(&motor, rate_hz, MOVING)
+        // One that never changes is of what is held.
+        span(stage) > 0.0 && 4.0 * variance_m2(stage, rate_hz, MOVING) < variance_m2(&motor, rate_hz, MOVING)
     })
 }
 

@@ -228,6 +228,27 @@ impl<'a> Drive<'a> {
         (h, asked)
     }
 
+    /// Most that a free function of the motion explains where there is one position, nats: no model states how
+    /// friction grows with speed, and a law that explains less than one of them stands in for it.
+    ///
+    /// Of two positions a function of the speed is a damper without a Jacobian, and sweeps tell it apart.
+    fn without_name(&self, state: &State, h: &Hypothesis, work: &mut Work) -> f64 {
+        let others: &[(Over, bool)] = match h.shape {
+            _ if self.balance.signals.sides() == 2 => &[],
+            Shape::Map { flips: true, .. } => &[(Over::Speed, true), (Over::Way, true)],
+            Shape::Map { .. } => &[(Over::Speed, false), (Over::Way, false)],
+            _ if h.turns_friction() => &[(Over::Speed, true)],
+            _ => &[],
+        };
+        let mut most = 0.0_f64;
+        for &(over, flips) in others {
+            let shape = Shape::Map { pieces: PIECES[0], flips, over };
+            let h = Hypothesis::named(EffectKind::PositionDependentForce, Port::Stage, shape);
+            most = self.refined(state, &h, work).map_or(most, |(_, asked)| most.max(asked.score));
+        }
+        most
+    }
+
     /// A state with free functions of the speed and of the way since the axis turned round, where a map over
     /// position is asked about: in strokes that repeat all three are functions of position, and a map is told
     /// by what it explains beside the others.
@@ -427,6 +448,8 @@ impl Subject for Drive<'_> {
         }
         let mut evidence_nats = statistic(self.balance, state, &h, &asked);
         let mut amplitudes = asked.amplitudes().to_vec();
+        let other = self.without_name(state, &h, work);
+        evidence_nats = evidence_nats.min(asked.score - other);
         if let Shape::Map { flips, .. } = h.shape {
             let beside = self.beside_motion(state, flips, work);
             evidence_nats = evidence_nats.min(ask(self.balance, &beside, &h, false).score);
