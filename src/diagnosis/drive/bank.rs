@@ -80,7 +80,7 @@ fn frictions(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     } else if one {
         (0.25 * (high - low), 10)
     } else {
-        (32.0 * least_m, 6)
+        (128.0 * least_m, 8)
     };
     list.extend(
         grid(least_m, most_m.max(2.0 * least_m), count)

@@ -6,7 +6,7 @@ use super::columns::{Ground, TimeColumn};
 use super::criteria::Criteria;
 use super::dynamics::Dynamics;
 use super::gram::{BandGram, Column, Gram, Part};
-use super::likelihood::{Design, FREE, Fit, POSITIVE, Spread};
+use super::likelihood::{Design, FREE, Fit, POSITIVE, Spread, weights_of};
 use super::number::{Mechanics, Number};
 use super::rounding::{QUARTERS, rounding};
 use super::shape::Hypothesis;
@@ -214,16 +214,21 @@ pub(super) fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base
         design.fit(&all, vec![0.0; design.columns.len()], weights.clone())
     };
     let knockoff_fits = (0..nulls).map(null).collect();
-    let held_out = held_out(balance, (&gram, &design), &fit.beta);
+    let held_out = held_out(balance, (&gram, &design), (&all, &weights), &fit.beta);
     Base { numbers, gram, all, design, fit, weights, idle, knockoffs, knockoff_fits, held_out }
 }
 
 /// Every part that is left out in turn, and what a fit to the rest makes of it.
-fn held_out(balance: &Balance, (gram, design): (&Gram, &Design), beta: &[f64]) -> Vec<HeldOut> {
+fn held_out(
+    balance: &Balance,
+    (gram, design): (&Gram, &Design),
+    (all, weights): (&[BandGram], &[Spread]),
+    beta: &[f64],
+) -> Vec<HeldOut> {
     let of = |(trained, judged): (Part, Part)| {
         let bands = gram.sum(&balance.plan, trained);
-        let fit = design.fit(&bands, beta.to_vec(), design.weights(&bands, beta));
-        let nats = design.nats(&gram.sum(&balance.plan, judged), &fit.beta);
+        let beta = design.fit_under(&bands, beta, &weights_of(&bands, (all, weights)));
+        let nats = design.nats(&gram.sum(&balance.plan, judged), &beta);
         HeldOut { trained, judged, nats }
     };
     balance.parts().into_iter().map(of).collect()

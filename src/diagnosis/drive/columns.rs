@@ -521,9 +521,11 @@ pub(super) fn spline(t: f64) -> f64 {
 fn bristle(v: &[f64], yield_m: f64, rate_hz: f64) -> Vec<Vec<f64>> {
     let law = Presliding { stiffness_n_m: 1.0 / yield_m, coulomb_n: 1.0 };
     let dt = 1.0 / rate_hz;
-    let (mut z, mut out) = (0.0, Vec::with_capacity(v.len()));
+    let (mut z, mut last, mut out) = (0.0, 0.0, Vec::with_capacity(v.len()));
     for v in v {
-        z = law.step(z, *v, dt);
+        // The speed between two samples: that at either end would make it half a sample early or late.
+        z = law.step(z, 0.5 * (last + v), dt);
+        last = *v;
         out.push(z);
     }
     let rate = out.iter().enumerate().map(|(k, z)| (z - out[k.saturating_sub(1)]) * rate_hz * 1e-3).collect();

@@ -3,7 +3,7 @@
 
 use super::criteria::Criteria;
 use super::gram::{BandGram, Gram, Part};
-use super::likelihood::{Design, FREE, Fit, POSITIVE, values};
+use super::likelihood::{Design, FREE, Fit, POSITIVE, values, weights_of};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Balance, Number, State, amplitude_bounds, knockoff_design};
 
@@ -105,26 +105,30 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
 
 /// T, nats: the worst of score, sum over folds and sum over recordings.
 pub(super) fn statistic(balance: &Balance, state: &State, h: &Hypothesis, asked: &Asked) -> f64 {
-    let (mut folds, mut recordings, mut several) = (0.0, 0.0, false);
+    let gains = held_out_gains(balance, state, (&asked.gram, &asked.design, &asked.fit.beta));
+    let carries_over = |k: usize| k == 0 || !h.is_of_one_recording();
+    let counted = gains.iter().enumerate().filter(|(k, _)| carries_over(*k));
+    counted.filter_map(|(_, gain)| *gain).fold(asked.score, f64::min)
+}
+
+/// What another design of a state's recordings gains on quarters, and on recordings where there are several,
+/// that are left out in turn, nats.
+pub(super) fn held_out_gains(
+    balance: &Balance,
+    state: &State,
+    (gram, design, beta): (&Gram, &Design, &[f64]),
+) -> [Option<f64>; 2] {
+    let all = gram.sum(&balance.plan, Part::All);
+    let weights = design.weights(&all, beta);
+    let mut gains = [None; 2];
     for part in &state.base.held_out {
-        let of_recording = matches!(part.judged, Part::Recording(_));
-        if of_recording && h.is_of_one_recording() {
-            continue;
-        }
-        let bands = asked.gram.sum(&balance.plan, part.trained);
-        let weights = asked.design.weights(&bands, &asked.fit.beta);
-        let fit = asked.design.fit(&bands, asked.fit.beta.clone(), weights);
-        let with = asked.design.nats(&asked.gram.sum(&balance.plan, part.judged), &fit.beta);
-        let gain = part.nats - with;
-        if of_recording {
-            several = true;
-            recordings += gain;
-        } else {
-            folds += gain;
-        }
+        let bands = gram.sum(&balance.plan, part.trained);
+        let trained = design.fit_under(&bands, beta, &weights_of(&bands, (&all, &weights)));
+        let nats = design.nats(&gram.sum(&balance.plan, part.judged), &trained);
+        let of = &mut gains[usize::from(matches!(part.judged, Part::Recording(_)))];
+        *of = Some(of.unwrap_or(0.0) + part.nats - nats);
     }
-    let worst = asked.score.min(folds);
-    if several { worst.min(recordings) } else { worst }
+    gains
 }
 
 /// Root mean square of the force, N, from which on a law beside a state would exceed the level.

@@ -188,6 +188,26 @@ impl Design {
         Fit { beta, nats, held, information }
     }
 
+    /// Fits a part from `beta` under weights that stay: the noise spectrum is known from all. A part alone
+    /// may give up what is slow for a spectrum of its own, and foretell nothing.
+    pub(super) fn fit_under(&self, bands: &[BandGram], beta: &[f64], weights: &[Spread]) -> Vec<f64> {
+        let (a, b) = self.normal(bands, weights);
+        let (mut beta, mut nats) = (beta.to_vec(), f64::INFINITY);
+        for _ in 0..ITERATIONS {
+            let next = self.step(bands, (&a, &b), &beta).0;
+            let now = self.nats(bands, &next);
+            if !now.is_finite() {
+                break;
+            }
+            let gained = std::mem::replace(&mut nats, now) - now;
+            beta = next;
+            if gained.abs() < Criteria::STANDARD.converged_nats {
+                break;
+            }
+        }
+        beta
+    }
+
     /// Half the gradient of L on a part of the values, under weights.
     pub(super) fn score(&self, bands: &[BandGram], weights: &[Spread], beta: &[f64]) -> DVector<f64> {
         let (a, b) = self.normal(bands, weights);
@@ -277,6 +297,15 @@ impl Design {
         }
         (next, held.iter().map(Option::is_some).collect(), curved)
     }
+}
+
+/// Weights of the bands of a part, by those of all.
+pub(super) fn weights_of(part: &[BandGram], (all, weights): (&[BandGram], &[Spread])) -> Vec<Spread> {
+    let of = |b: &BandGram| {
+        let same = |o: &BandGram| (o.recording, o.band) == (b.recording, b.band);
+        all.iter().position(same).map_or([0.0; 3], |k| weights[k])
+    };
+    part.iter().map(of).collect()
 }
 
 /// Complex values in all bands, halved for the overlap.

@@ -2,9 +2,9 @@
 
 use super::columns::TimeColumn;
 use super::criteria::{Criteria, Z95};
-use super::evidence::price;
+use super::evidence::{held_out_gains, price};
 use super::gram::{BandGram, Gram, Part};
-use super::likelihood::{Design, FREE, Spread, values};
+use super::likelihood::{Design, FREE, Spread, values, weights_of};
 use super::rest::Rest;
 use super::rounding::QUARTERS;
 use super::signals::Layout;
@@ -88,11 +88,7 @@ fn scores(
         let part = gram.sum(&balance.plan, Part::Fold(fold));
         for recording in 0..balance.plan.recordings() {
             let own: Vec<BandGram> = part.iter().filter(|b| b.recording == recording).cloned().collect();
-            let weight = |b: &BandGram| {
-                let same = |o: &BandGram| (o.recording, o.band) == (b.recording, b.band);
-                bands.iter().position(same).map_or([0.0; 3], |k| weights[k])
-            };
-            let weights: Vec<Spread> = own.iter().map(weight).collect();
+            let weights = weights_of(&own, (bands, weights));
             out.push(design.score(&own, &weights, beta));
         }
     }
@@ -167,21 +163,8 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
         let (design, start) = without(state, &[number]);
         let fit = design.fit(&base.all, start.clone(), design.weights(&base.all, &start));
         let score = fit.nats - base.fit.nats - price(1, values(&base.all));
-        let (mut folds, mut recordings, mut several) = (0.0, 0.0, false);
-        for part in &base.held_out {
-            let bands = base.gram.sum(&balance.plan, part.trained);
-            let trained = design.fit(&bands, fit.beta.clone(), design.weights(&bands, &fit.beta));
-            let nats = design.nats(&base.gram.sum(&balance.plan, part.judged), &trained.beta);
-            let gain = nats - part.nats;
-            if matches!(part.judged, Part::Recording(_)) {
-                several = true;
-                recordings += gain;
-            } else {
-                folds += gain;
-            }
-        }
-        let worst: f64 = score.min(folds);
-        let evidence_nats = if several { worst.min(recordings) } else { worst };
+        let lost = held_out_gains(balance, state, (&base.gram, &design, &fit.beta));
+        let evidence_nats = lost.iter().flatten().fold(score, |worst, gain| worst.min(-gain));
         let value = if number == Number::StageCoulomb { state.coulomb_n() } else { base.fit.beta[k] };
         let deviation = doubt.numbers[k].hypot(of_delays(balance, state, number));
         if value > Z95 * deviation && evidence_nats > level {

@@ -371,10 +371,12 @@ impl Signals {
         if self.layout == Layout::TwoPositions { 2 } else { 1 }
     }
 
-    /// Least way over which friction that turns is told from a step, and from a stage behind its spring, m.
+    /// Least way over which friction that turns is told from a step, from a stage behind its spring, and from
+    /// friction that turns over a speed: what the axis goes at that speed within a period of the band, m.
     pub(super) fn least_way_m(&self, side: usize) -> f64 {
         let [low, high] = self.travel_m();
-        1e-6_f64.max(4.0 * self.steps_m[side]).max(self.wound_m).min(0.1 * (high - low))
+        let turning_m = self.smoothing_m_s / self.band_hz;
+        turning_m.max(4.0 * self.steps_m[side]).max(self.wound_m).min(0.1 * (high - low))
     }
 
     /// Thinned grid in the full-rate series of a recording.

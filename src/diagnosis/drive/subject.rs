@@ -2,7 +2,7 @@
 
 use super::bank::{PIECES, candidates, gaps};
 use super::columns::TimeColumn;
-use super::criteria::Criteria;
+use super::criteria::{Criteria, Z95};
 use super::evidence::{Asked, ask, level, price, statistic};
 use super::gram::{Gram, Part};
 use super::likelihood::{Design, FREE, values};
@@ -52,18 +52,8 @@ impl<'a> Drive<'a> {
         if asked.score < 0.0 && !h.has_dose() {
             return Some((h, asked));
         }
-        if let Shape::Map { flips, over, .. } = h.shape {
-            for pieces in &PIECES[1..] {
-                let finer = Hypothesis { shape: Shape::Map { pieces: *pieces, flips, over }, ..h };
-                if !work.take(u64::try_from(*pieces).unwrap_or(1) / 8) {
-                    break;
-                }
-                let other = ask(self.balance, state, &finer, false);
-                if other.score > asked.score {
-                    (h, asked) = (finer, other);
-                }
-            }
-            return Some((h, asked));
+        if h.is_map() {
+            return Some(self.finest(state, h, asked, work));
         }
         (h, asked) = self.best_start(state, h, asked, work);
         (h, asked) = self.shortest_period(state, h, asked, work);
@@ -107,17 +97,46 @@ impl<'a> Drive<'a> {
                 break;
             }
         }
+        Some(self.loose(&state, h, asked, work))
+    }
+
+    /// A map of as many pieces as score best.
+    fn finest(
+        &self,
+        state: &State,
+        mut h: Hypothesis,
+        mut asked: Asked,
+        work: &mut Work,
+    ) -> (Hypothesis, Asked) {
+        for finer in PIECES[1..].iter().copied() {
+            let mut other = h;
+            if let Shape::Map { pieces, .. } = &mut other.shape {
+                *pieces = finer;
+            }
+            if !work.take(u64::try_from(finer).unwrap_or(1) / 8) {
+                break;
+            }
+            let of_other = ask(self.balance, state, &other, false);
+            if of_other.score > asked.score {
+                (h, asked) = (other, of_other);
+            }
+        }
+        (h, asked)
+    }
+
+    /// Of a gap: whether it takes the damper, too.
+    fn loose(&self, state: &State, h: Hypothesis, asked: Asked, work: &mut Work) -> (Hypothesis, Asked) {
         if let Shape::Backlash { gap_m, loose } = h.shape
             && self.balance.signals.sides() == 2
             && work.take(1)
         {
             let other = Hypothesis { shape: Shape::Backlash { gap_m, loose: !loose }, ..h };
-            let of_other = ask(self.balance, &state, &other, false);
+            let of_other = ask(self.balance, state, &other, false);
             if of_other.score > asked.score {
-                (h, asked) = (other, of_other);
+                return (other, of_other);
             }
         }
-        Some((h, asked))
+        (h, asked)
     }
 
     /// The best of several starts, the numbers moved beside each before it is judged: frequency and share of
@@ -228,8 +247,8 @@ impl<'a> Drive<'a> {
         (h, asked)
     }
 
-    /// Most that a free function of the motion explains where there is one position, nats: no model states how
-    /// friction grows with speed, and a law that explains less than one of them stands in for it.
+    /// Most that a free function of the motion explains where there is one position, nats: no model states
+    /// how friction grows with speed, and a law that explains less than one of them stands in for it.
     ///
     /// Of two positions a function of the speed is a damper without a Jacobian, and sweeps tell it apart.
     fn without_name(&self, state: &State, h: &Hypothesis, work: &mut Work) -> f64 {
@@ -403,14 +422,16 @@ pub(super) fn slopes(
         .collect()
 }
 
-/// True for what dry friction of a guide is by itself: its texture over position, the form in which it turns.
-fn is_of_guide(balance: &Balance, state: &State, (h, amplitudes): (&Hypothesis, &[f64])) -> bool {
+/// True for what every axis has: dry friction of a guide by itself (its texture over position, the form in
+/// which it turns), and when inside a sample an encoder is read.
+fn is_usual(balance: &Balance, state: &State, (h, amplitudes): (&Hypothesis, &[f64])) -> bool {
     let c = &Criteria::STANDARD;
     let dry_n = state.coulomb_n() + state.mechanics.motor_coulomb_n;
     match h.shape {
         Shape::Wave { .. } => rms(amplitudes) * (amplitudes.len() as f64).sqrt() < c.texture * dry_n,
         Shape::Map { .. } => rms(amplitudes) < c.texture * dry_n,
         Shape::Stribeck { speed_m_s } => speed_m_s < c.turning * state.smoothing_m_s,
+        Shape::EncoderDelay { extra_s } => extra_s * balance.signals.rate_hz < Z95 * c.timing_deviation,
         Shape::Presliding { yield_m } => yield_m < balance.signals.least_way_m(balance.signals.sides() - 1),
         _ => false,
     }
@@ -461,7 +482,7 @@ impl Subject for Drive<'_> {
         }
         let at_bound = asked.held() && !h.is_whole()
             || h.is_at_bound()
-            || is_of_guide(self.balance, state, (&h, &amplitudes));
+            || is_usual(self.balance, state, (&h, &amplitudes));
         let mut model = state.with_numbers(&asked.fit.beta);
         let two = self.balance.signals.sides() == 2;
         let at_bound = at_bound || two && model.ground(self.balance).is_mostly_loose(&h);
