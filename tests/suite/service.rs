@@ -552,7 +552,8 @@ fn check_by_root_is_made_for_the_user_of_the_history() {
     use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, chown};
     let place = Place::new("whose");
     if std::fs::metadata(place.folder.path()).unwrap().uid() != 0 {
-        return; // only root can give files away
+        not_run("only root can give files away");
+        return;
     }
     let at = |name: &str| place.folder.path().join(name);
     let (config, tokens) = (at("c.toml"), at("tokens.toml"));
