@@ -260,7 +260,7 @@ _stillcut() {
             return 0
             ;;
         stillcut__subcmd__campaign)
-            opts="-h -V --cuts --seed --duration-s --rule --wide --conceal --told --out --help --version"
+            opts="-h -V --cuts --seed --duration-s --rule --wide --conceal --told --before-chatter --outward --out --help --version"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0

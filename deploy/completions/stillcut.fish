@@ -178,6 +178,8 @@ complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l told -d '
 repaired\t''"
 complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l out -d 'Folder for campaign.csv; without it only the table is printed' -r -F
 complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l wide -d 'Wider ranges: slim and stout bars, little and much damping, deep cuts, slow and fast spindles'
+complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l before-chatter -d 'The pitch moves before chatter too, where the stability margin runs out'
+complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l outward -d 'The tools travel from near the chuck toward the free end: the cut begins silent and loses its margin'
 complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -s V -l version -d 'Print version'
 complete -c stillcut -n "__fish_stillcut_using_subcommand print-config" -s h -l help -d 'Print help (see more with \'--help\')'

@@ -208,6 +208,7 @@ mod tests {
             report_deadline_s: 0.5,
             reached_m: 20e-6,
             stated: None,
+            before_chatter: false,
         })
         .unwrap()
     }

@@ -8,6 +8,7 @@ use super::identified::{Candidate, HeardLine, identify, weigh};
 use super::pitch::wave_phase_difference_rad;
 use super::structure::{StructuredCut, structured_cuts};
 use crate::plant::scenario::Scenario;
+use crate::stability::margin::RECOVERED_1_S;
 use crate::units::SpindleSpeed;
 use std::f64::consts::PI;
 
@@ -104,6 +105,26 @@ pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
         return nothing();
     }
     PitchAdvice::Pitch { pitch_rad: best.pitch_rad, growth_1_s: best.growth_1_s }
+}
+
+/// The nearest pitch, on the way from one that stands to the best, at which a cut that is still silent has
+/// its margin back with some to spare; the best where none has. `None`: the cut is not identified, or no
+/// pitch within reach is better than the one that stands.
+///
+/// Cost and errors as [`best_pitch`]. Checked by: `before_chatter_the_pitch_goes_no_farther_than_it_must`.
+#[must_use]
+pub fn pitch_before_chatter(question: &PitchQuestion<'_>, standing_rad: f64) -> Option<f64> {
+    let PitchAdvice::Pitch { pitch_rad: best_rad, .. } = best_pitch(question) else { return None };
+    let (cuts, turn_s) = (possible_cuts(question), question.spindle.period_s());
+    let growth_1_s = |pitch_rad: f64| -> f64 {
+        cuts.iter().map(|c| c.weight() * c.growth_1_s(turn_s, pitch_rad, 1.0)).sum()
+    };
+    let way_rad = |step: usize| standing_rad + (best_rad - standing_rad) * step as f64 / STEPS as f64;
+    let recovered = |pitch_rad: &f64| growth_1_s(*pitch_rad) < -(RECOVERED_1_S + COMFORTABLE_1_S);
+    (1..=STEPS).map(way_rad).find(recovered).or_else(|| {
+        let better = growth_1_s(best_rad) < growth_1_s(standing_rad) - COMFORTABLE_1_S;
+        better.then_some(best_rad)
+    })
 }
 
 /// What the lines allow the cut to be: the stated scenario where it has physics that two delays do not hold
@@ -331,6 +352,40 @@ mod tests {
             let got = growth(pitch_rad).growth_1_s;
             assert!(got < 0.0 && got < 0.4 * calmest, "{hz}: {got} at {pitch_rad}, {calmest} at best");
         }
+    }
+
+    /// A silent cut near its border: what is asked for brings the true cut well away from it, and no nearer
+    /// pitch would; a cut that is far from it is not moved from there.
+    #[test]
+    fn before_chatter_the_pitch_goes_no_farther_than_it_must() {
+        let thin = |width_m: f64| {
+            let mut raw = RawScenario::default();
+            raw.cutting.width_m = width_m;
+            Scenario::new(&raw).unwrap()
+        };
+        let root = |cut: &Scenario| rightmost_root(&TwoDelay::from_scenario(cut));
+        let near = |cut: &Scenario| (-8.0..-4.0).contains(&root(cut).growth_1_s);
+        let mut drawn = (20..80).map(|k| thin(1e-6 * f64::from(k)));
+        let scenario = drawn.find(near).expect("a cut near its border");
+        let root = root(&scenario);
+        let line = HeardLine {
+            frequency_hz: root.frequency_hz,
+            growth_1_s: Some(root.growth_1_s),
+            turn_s: scenario.spindle.period_s(),
+            pitch_rad: 0.0,
+        };
+        let question = PitchQuestion {
+            stated: &scenario,
+            lines: &[line],
+            spindle: scenario.spindle,
+            largest_pitch_rad: 0.14,
+            fruitless_rad: &[],
+        };
+        let moved_rad = pitch_before_chatter(&question, 0.0).unwrap();
+        let PitchAdvice::Pitch { pitch_rad: best_rad, .. } = best_pitch(&question) else { panic!() };
+        assert!(moved_rad > 0.0 && moved_rad < 0.8 * best_rad, "{moved_rad} of {best_rad}");
+        let [there, half_way] = [1.0, 0.5].map(|share| growth(&scenario, share * moved_rad));
+        assert!(there < -12.0 && half_way > there, "{half_way} {there}");
     }
 
     /// A fast spindle needs a larger pitch than the envelope has to oppose the waves: less of it can do.

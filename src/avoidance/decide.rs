@@ -1,6 +1,6 @@
 //! The decision, once an interval.
 
-use super::best_pitch::{PitchAdvice, PitchQuestion, best_pitch};
+use super::best_pitch::{PitchAdvice, PitchQuestion, best_pitch, pitch_before_chatter};
 use super::choice::{GrowthMeter, TrackedLines, pitch_for_attempt_rad, plausible_speed};
 use super::identified::HeardLine;
 use super::pitch::{pitch_of_shift_rad, tool_shift};
@@ -11,6 +11,7 @@ use super::{
 };
 use crate::chatter::Phase;
 use crate::sample::MAX_AXES;
+use crate::stability::margin::BLOCK_S;
 use crate::units::SpindleSpeed;
 
 /// Longest lifetime of a command (invariant I7).
@@ -32,6 +33,8 @@ const REFUSAL_HEARD_S: f64 = 0.25;
 const STUCK_INTERVALS: u32 = 3;
 /// Longest wait after refusals (invariant I11).
 const LONGEST_BACKOFF_S: f64 = 60.0;
+/// A margin is that of a new pitch after a block that began before it and one that did not.
+const MARGIN_READ_S: f64 = 2.0 * BLOCK_S;
 /// Lines are kept this long after they were last heard.
 const KEEP_LINES_S: f64 = 60.0;
 
@@ -110,6 +113,8 @@ impl Avoidance {
             reversals_s: [f64::NEG_INFINITY; REVERSALS],
             last_step_rad: 0.0,
             moves_in_vain: 0,
+            forestalled: 0,
+            forestalled_s: f64::NEG_INFINITY,
             mode: Mode::Observe,
         }
     }
@@ -387,7 +392,7 @@ impl Avoidance {
             Phase::Suspected => return self.renew_or(state, now, HoldReason::Suspected),
             Phase::Quiet => {
                 state.no_stable_pitch = false;
-                return self.renew_or(state, now, HoldReason::NoChatter);
+                return self.forestall(state, now, spindle);
             }
         }
         if !now.estimate_valid {
@@ -411,6 +416,44 @@ impl Avoidance {
             return self.renew_or(state, now, HoldReason::OutsideLimits);
         }
         self.move_to(state, now, self.side * wanted_rad)
+    }
+
+    /// The cut is silent. Where its margin runs out the pitch moves on, no farther than the margin asks: as
+    /// slowly as the cut drifts, and not before the margin has been read at the pitch that stands.
+    fn forestall(&self, state: &mut AvoidanceState, now: &Situation, spindle: SpindleSpeed) -> Decision {
+        let Some(foreseen) = now.foreseen.filter(|_| self.settings.before_chatter) else {
+            state.forestalled = 0;
+            return self.renew_or(state, now, HoldReason::NoChatter);
+        };
+        let read = now.now_s - state.forestalled_s >= MARGIN_READ_S;
+        if state.trial.is_some() || !read || state.forestalled >= MOST_MOVES_IN_VAIN {
+            return self.renew_or(state, now, HoldReason::NoChatter);
+        }
+        if !now.estimate_valid {
+            return self.renew_or(state, now, HoldReason::EstimateNotValid);
+        }
+        let s = &self.settings;
+        let (Some(stated), Some(turret)) = (&s.stated, now.turret) else {
+            return self.renew_or(state, now, HoldReason::NoChatter);
+        };
+        let standing_rad = pitch_of_shift_rad(s.diameter_m, s.turret.shift(&turret.offsets_m));
+        let line = HeardLine {
+            frequency_hz: foreseen.frequency_hz,
+            growth_1_s: Some(-foreseen.margin_1_s),
+            turn_s: spindle.period_s(),
+            pitch_rad: standing_rad,
+        };
+        let question = PitchQuestion {
+            stated,
+            lines: &[line],
+            spindle,
+            largest_pitch_rad: self.reach_rad,
+            fruitless_rad: &[],
+        };
+        match pitch_before_chatter(&question, self.side * standing_rad) {
+            Some(pitch_rad) => self.move_to(state, now, self.side * pitch_rad),
+            None => self.renew_or(state, now, HoldReason::NoStablePitch),
+        }
     }
 
     /// Size of the pitch by the identified two-delay model; by eq. (6-10) where the cut cannot be identified.
@@ -467,11 +510,14 @@ impl Avoidance {
         if step_rad != 0.0 {
             state.last_step_rad = step_rad;
         }
-        let trial = state.trial.unwrap_or(Trial::new(now.heard.power_n2));
-        // What the pitch is judged against is how loud it is now, not when the one before was given up.
-        state.trial = Some(Trial { to_choose: false, power_before_n2: now.heard.power_n2, ..trial });
-        let target =
-            Target { sequence: 0, pitch_rad, requested_rad: wanted_rad, offsets_m, issued_s: now.now_s };
+        let before_chatter = now.heard.phase != Phase::Chatter;
+        if !before_chatter {
+            let trial = state.trial.unwrap_or(Trial::new(now.heard.power_n2));
+            // What the pitch is judged against is how loud it is now, not when the one before was given up.
+            state.trial = Some(Trial { to_choose: false, power_before_n2: now.heard.power_n2, ..trial });
+        }
+        let (requested_rad, issued_s) = (wanted_rad, now.now_s);
+        let target = Target { sequence: 0, pitch_rad, requested_rad, offsets_m, issued_s, before_chatter };
         self.issue(state, now, target, CommandKind::Move)
     }
 
@@ -557,7 +603,13 @@ impl Avoidance {
             state.trial = None;
             return Decision::Advice(command);
         }
-        state.moves_in_vain += u32::from(kind == CommandKind::Move);
+        match kind {
+            CommandKind::Move if target.before_chatter => {
+                (state.forestalled, state.forestalled_s) = (state.forestalled + 1, now.now_s);
+            }
+            CommandKind::Move => state.moves_in_vain += 1,
+            CommandKind::Renew | CommandKind::Return => {}
+        }
         state.sequence += 1;
         state.last_command_s = now.now_s;
         state.before = state.target.replace(Target { sequence: command.sequence, ..target });

@@ -2,7 +2,7 @@
 //! everything anew, and shares no code with the decision or the guard. It runs in tests and in production; a
 //! violation there is a fault of ours and ends mode `act`.
 
-use super::{Command, CommandKind, Decision, Mode, Situation, TurretMotion};
+use super::{Command, CommandKind, Decision, Foreseen, Mode, Situation, TurretMotion};
 use crate::chatter::Phase;
 use crate::sample::MAX_AXES;
 
@@ -19,6 +19,8 @@ pub struct Commissioned {
     pub report_deadline_s: f64,
     /// Distance that counts as reached.
     pub reached_m: f64,
+    /// The pitch may move before chatter, where the stability margin runs out.
+    pub before_chatter: bool,
 }
 
 /// One axis of turret 1 as the watcher was told of it.
@@ -159,6 +161,9 @@ pub struct InvariantMonitor {
     /// Targets since chatter was silent or 3 dB less than `loud_n2`.
     targets: u32,
     loud_n2: f64,
+    /// Targets before chatter since the margin last recovered; the standing one is of these.
+    silent_targets: u32,
+    stands_silent: bool,
     turns_s: [f64; 7],
     last_step_rad: f64,
 }
@@ -188,6 +193,8 @@ impl InvariantMonitor {
             refused_until_s: f64::NEG_INFINITY,
             targets: 0,
             loud_n2: 0.0,
+            silent_targets: 0,
+            stands_silent: false,
             turns_s: [f64::NEG_INFINITY; 7],
             last_step_rad: 0.0,
         }
@@ -262,7 +269,12 @@ impl InvariantMonitor {
         }
         if self.standing.is_some_and(|s| Some(s.sequence) == seen.withheld) {
             self.standing = self.stood_before.take();
-            (self.off_since, self.targets) = (0, self.targets.saturating_sub(1));
+            self.off_since = 0;
+            let counted = if self.stands_silent { &mut self.silent_targets } else { &mut self.targets };
+            *counted = counted.saturating_sub(1);
+        }
+        if seen.heard.phase == Phase::Quiet && seen.foreseen.is_none() {
+            self.silent_targets = 0;
         }
         if seen.operator_acknowledge {
             (self.must_return, self.off_since, self.targets) = (false, 0, 0);
@@ -460,12 +472,23 @@ impl InvariantMonitor {
     }
 
     /// A new target must bring some line heard in the last minute between 0.3 pi and 1.2 pi, or with whole
-    /// waves between 0.6 pi and 1.2 pi.
+    /// waves between 0.6 pi and 1.2 pi; before chatter the foreseen line to 1.2 pi at most, or less far than it
+    /// is, where that is commissioned and foreseen now.
     fn check_purpose(&self, seen: &Situation, command: &Command) -> Result<(), Violation> {
         if command.kind != CommandKind::Move {
             return Ok(());
         }
         let Some(rpm) = seen.spindle_speed_rpm else { return Err(Violation::Purpose) };
+        if seen.heard.phase == Phase::Quiet {
+            let asked_rad = command.requested_pitch_rad.abs();
+            let less = self.standing.is_some_and(|s| asked_rad <= s.pitch_difference_rad.abs());
+            let serves = |root: Foreseen| {
+                let phase_rad = 60.0 * root.frequency_hz * asked_rad / rpm.abs();
+                phase_rad >= 0.0 && (phase_rad <= 1.2 * std::f64::consts::PI || less)
+            };
+            let foreseen = seen.foreseen.is_some_and(serves) && self.limits.before_chatter;
+            return if foreseen { Ok(()) } else { Err(Violation::Purpose) };
+        }
         let serves = |(t, f): &(f64, f64)| {
             let phase = 60.0 * f * command.requested_pitch_rad.abs() / rpm.abs() / std::f64::consts::PI;
             seen.now_s - t < 60.5 && ((0.3..=1.2).contains(&phase) || (0.6..=1.2).contains(&(phase % 2.0)))
@@ -487,11 +510,13 @@ impl InvariantMonitor {
             return Err(Violation::Reached);
         }
         if command.kind == CommandKind::Move {
+            self.stands_silent = seen.heard.phase == Phase::Quiet;
             if self.targets == 0 {
                 self.loud_n2 = seen.heard.power_n2;
             }
-            self.targets += 1;
-            if self.targets > 5 {
+            let counted = if self.stands_silent { &mut self.silent_targets } else { &mut self.targets };
+            *counted += 1;
+            if *counted > 5 {
                 return Err(Violation::Hunting);
             }
         }

@@ -32,6 +32,7 @@ pub use state::AvoidanceState;
 use crate::chatter::Phase;
 use crate::keyframe::{Keep, Words, keep, keep_list};
 use crate::sample::MAX_AXES;
+use crate::stability::margin::Margin;
 use thiserror::Error;
 
 /// How far Stillcut may go.
@@ -68,6 +69,8 @@ pub struct AvoidanceSettings {
     /// Bar and cut as the operator stated them: the choice of pitch by the model of the cut starts here.
     /// `None`: eq. (6-10) alone.
     pub stated: Option<crate::plant::scenario::Scenario>,
+    /// The pitch may move while the cut is still silent, where its stability margin runs out.
+    pub before_chatter: bool,
 }
 
 /// Why settings cannot be used.
@@ -98,6 +101,8 @@ pub struct Situation {
     pub estimate_valid: bool,
     /// What the detector says.
     pub heard: Heard,
+    /// The line that is about to grow, while the stability margin runs out.
+    pub foreseen: Option<Foreseen>,
     /// Spindle speed, where it is measured.
     pub spindle_speed_rpm: Option<f64>,
     /// Latest report of the turret.
@@ -132,6 +137,21 @@ pub struct Heard {
     pub power_n2: f64,
     /// Growth of its amplitude.
     pub growth_1_s: Option<f64>,
+}
+
+/// A line that does not grow yet: the root whose margin runs out.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Foreseen {
+    /// Of the root.
+    pub frequency_hz: f64,
+    /// What is left of its damping, 1/s.
+    pub margin_1_s: f64,
+}
+
+impl From<&Margin> for Foreseen {
+    fn from(margin: &Margin) -> Self {
+        Self { frequency_hz: margin.frequency_hz, margin_1_s: margin.margin_1_s }
+    }
 }
 
 /// What the motion controller reports of the turret.
@@ -298,6 +318,7 @@ keep_list!(Mode { Observe, Advise, Act });
 keep_list!(TurretMotion { Reached, Moving, Refused, Limited, Expired });
 keep_list!(CommandKind { Move, Renew, Return });
 keep!(Heard { phase, frequency_hz, power_n2, growth_1_s });
+keep!(Foreseen { frequency_hz, margin_1_s });
 keep!(Interlock { heard_s, open });
 
 impl Keep for TurretReport {
@@ -329,6 +350,7 @@ keep!(Situation {
     window_full,
     estimate_valid,
     heard,
+    foreseen,
     spindle_speed_rpm,
     turret,
     interlock,

@@ -43,6 +43,9 @@ pub struct AvoidanceState {
     pub(super) last_step_rad: f64,
     /// Targets since chatter last fell by 3 dB or fell silent.
     pub(super) moves_in_vain: u32,
+    /// Targets before chatter since the margin last recovered, and when the last of them was asked for.
+    pub(super) forestalled: u32,
+    pub(super) forestalled_s: f64,
     pub(super) mode: Mode,
 }
 
@@ -53,6 +56,8 @@ pub(super) struct Target {
     pub(super) requested_rad: f64,
     pub(super) offsets_m: [f64; MAX_AXES],
     pub(super) issued_s: f64,
+    /// It was asked for before any chatter.
+    pub(super) before_chatter: bool,
 }
 
 /// A pitch under trial.
@@ -91,7 +96,7 @@ impl Default for Latched {
     }
 }
 
-keep!(Target { sequence, pitch_rad, requested_rad, offsets_m, issued_s });
+keep!(Target { sequence, pitch_rad, requested_rad, offsets_m, issued_s, before_chatter });
 keep!(Trial { attempt, to_choose, intervals, judged_at, power_before_n2, fruitless_rad });
 keep!(Latched { reason, returned });
 keep!(AvoidanceState {
@@ -118,6 +123,8 @@ keep!(AvoidanceState {
     reversals_s,
     last_step_rad,
     moves_in_vain,
+    forestalled,
+    forestalled_s,
     mode
 });
 
@@ -131,7 +138,8 @@ impl AvoidanceState {
         if self.target.is_some_and(|t| t.requested_rad == target.requested_rad) {
             return; // a renewal: its pitch is under trial already
         }
-        self.moves_in_vain = self.moves_in_vain.saturating_sub(1);
+        let counted = if target.before_chatter { &mut self.forestalled } else { &mut self.moves_in_vain };
+        *counted = counted.saturating_sub(1);
         self.choose_anew();
     }
 

@@ -12,8 +12,8 @@ use crate::plant::cutting::RawCutting;
 use crate::plant::scenario::{RawScenario, Scenario};
 use crate::plant::workpiece::RawWorkpiece;
 use crate::recording::write_whole;
-use crate::simulation::closed_loop::{ClosedLoop, LARGEST_PITCH_RAD, LoopEvent};
-use crate::simulation::lathe::{AXES, LatheSettings};
+use crate::simulation::closed_loop::{ClosedLoop, LARGEST_PITCH_RAD, LoopEvent, Told};
+use crate::simulation::lathe::{AXES, CARRIAGE, LatheSettings};
 use crate::stability::{Root, scenario_root};
 use crate::units::SampleRate;
 use anyhow::Context as _;
@@ -53,6 +53,12 @@ pub(super) struct Arguments {
     /// What the controller is told: nominal numbers without that physics, or what `diagnose` would write.
     #[arg(long, default_value = "stated", value_parser = ["stated", "repaired"])]
     told: String,
+    /// The pitch moves before chatter too, where the stability margin runs out.
+    #[arg(long)]
+    before_chatter: bool,
+    /// The tools travel from near the chuck toward the free end: the cut begins silent and loses its margin.
+    #[arg(long)]
+    outward: bool,
     /// Folder for campaign.csv; without it only the table is printed.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -62,6 +68,8 @@ pub(super) struct Arguments {
 const MARGIN_1_S: f64 = 5.0;
 /// Vibration that leaves a mark.
 const MARK_M: f64 = 8e-6;
+/// Where the tools enter that travel outward, over the length of the bar.
+const OUTWARD_FROM: f64 = 0.45;
 /// The tools enter the cut after this long in air.
 const ENTRY_S: f64 = 2.0;
 /// Chatter is heard late where it has left marks for so long before, s.
@@ -91,6 +99,8 @@ struct Outcome {
     last_m: f64,
     first_pitch_rad: Option<f64>,
     moves: u32,
+    /// Of these before any alarm.
+    moves_before: u32,
     hold: Option<HoldReason>,
     /// Time with vibration above what noise makes, s.
     marked_s: f64,
@@ -176,7 +186,17 @@ fn draw(
     };
     let noise = between([0.01, 0.05], [0.01, 0.08]);
     let feed_m_s = raw.cutting.feed_m_rev * raw.speed_rpm / 60.0;
-    let mut scenario = Scenario::new(&RawScenario { travel_m_s: -feed_m_s, ..raw })?;
+    // One pitch for the whole way of the tools.
+    let length_m = raw.workpiece.projection_length_m;
+    let cutting_s = arguments.duration_s - ENTRY_S;
+    let (begin_m, most_m) = if arguments.outward {
+        (OUTWARD_FROM * length_m, (1.0 - OUTWARD_FROM) * length_m)
+    } else {
+        (length_m, -0.9 * length_m)
+    };
+    let way_m = (feed_m_s * cutting_s).min(most_m.abs()).copysign(most_m);
+    let (position_m, travel_m_s) = (Some(begin_m), way_m / cutting_s);
+    let mut scenario = Scenario::new(&RawScenario { travel_m_s, position_m, ..raw })?;
     if !concealed.is_empty() {
         let effect = concealed[random.random_range(0..concealed.len())];
         scenario.physics = hidden::drawn(effect, &scenario, &mut random)?;
@@ -185,15 +205,16 @@ fn draw(
         "repaired" => hidden::repaired(&scenario, &mut random)?,
         _ => stated(&scenario)?,
     };
-    let equal = scenario_root(&scenario, &CutCondition::of(&scenario));
-    // One pitch for the whole way of the tools.
-    let length_m = raw.workpiece.projection_length_m;
-    let way_m = (feed_m_s * (arguments.duration_s - ENTRY_S)).min(0.9 * length_m);
-    let growth = |pitch: f64, share: f64| {
-        let position_m = Some(length_m - share * way_m);
-        let at = RawScenario { pitch_difference_rad: pitch, position_m, ..scenario.raw() };
-        Scenario::new(&at).map_or(f64::INFINITY, |s| scenario_root(&s, &CutCondition::of(&s)).growth_1_s)
+    let at = |pitch_difference_rad: f64, share: f64| {
+        let position_m = begin_m + share * way_m;
+        scenario_root(
+            &scenario,
+            &CutCondition { pitch_difference_rad, position_m, ..CutCondition::of(&scenario) },
+        )
     };
+    // Where a bar bends most it chatters first.
+    let equal = at(0.0, if arguments.outward { 1.0 } else { 0.0 });
+    let growth = |pitch: f64, share: f64| at(pitch, share).growth_1_s;
     let worst = |pitch: f64| {
         [0.0, 0.5, 1.0].map(|share| growth(pitch, share)).into_iter().fold(f64::NEG_INFINITY, f64::max)
     };
@@ -222,11 +243,16 @@ fn cut(case: &Case, arguments: &Arguments) -> anyhow::Result<Outcome> {
     let lathe =
         LatheSettings { force_noise_ratio: case.noise, ..LatheSettings::realistic(case.scenario, case.seed) };
     let told = case.told;
-    let config = ServiceConfig { cut: told, ..ServiceConfig::default() };
-    let names = AXES.map(str::to_owned);
+    let tools = Some((CARRIAGE.to_owned(), 0.0, false));
+    let config = ServiceConfig { cut: told, tools, ..ServiceConfig::default() };
+    let names: Vec<String> = AXES.into_iter().chain([CARRIAGE]).map(str::to_owned).collect();
     let settings = config.pipeline_settings(SampleRate::new(lathe.sample_rate_hz)?, &names);
     let stated = (arguments.rule == "model").then_some(told);
-    let mut cut = ClosedLoop::with_stated(lathe, settings, (Mode::Act, stated))?;
+    let mut cut = ClosedLoop::with_stated(
+        lathe,
+        settings,
+        Told { mode: Mode::Act, stated, before_chatter: arguments.before_chatter },
+    )?;
     let mut outcome = Outcome::default();
     let (mut rest_m, mut envelope_m, mut silent_s) = (0.0, 0.0f64, 0.0);
     let period_s = 1.0 / cut.lathe().settings().sample_rate_hz;
@@ -261,6 +287,7 @@ fn cut(case: &Case, arguments: &Arguments) -> anyhow::Result<Outcome> {
                 outcome.commands += 1;
                 if command.kind == CommandKind::Move {
                     outcome.moves += 1;
+                    outcome.moves_before += u32::from(outcome.onsets == 0);
                     outcome.first_pitch_rad.get_or_insert(command.requested_pitch_rad);
                 }
             }
@@ -280,13 +307,13 @@ fn ends_stable(outcome: &Outcome) -> bool {
 fn table(cases: &[Case], outcomes: &[Outcome]) -> String {
     let mut text = String::from(
         "seed,natural_hz,speed_rpm,width_m,noise,equal_growth_1_s,equal_hz,best_growth_1_s,eq_6_10_rad,\
-         onsets,first_onset_s,commands,moves,first_pitch_rad,refused,loudest_m,last_m,marked_s,deaf_s,\
+         onsets,first_onset_s,commands,moves,moves_before,first_pitch_rad,refused,loudest_m,last_m,marked_s,deaf_s,\
          last_hold,ends_stable\n",
     );
     for (c, o) in cases.iter().zip(outcomes) {
         let pitch = optimum_pitch_rad(c.scenario.spindle, c.equal.frequency_hz, 0).unwrap_or(0.0);
         text += &format!(
-            "{},{:.2},{:.1},{:.6},{:.3},{:.2},{:.2},{:.2},{:.5},{},{:.3},{},{},{:.5},{},\
+            "{},{:.2},{:.1},{:.6},{:.3},{:.2},{:.2},{:.2},{:.5},{},{:.3},{},{},{},{:.5},{},\
              {:.3e},{:.3e},{:.3},{:.3},{},{}\n",
             c.seed,
             c.scenario.workpiece.bending_frequency_hz(),
@@ -301,6 +328,7 @@ fn table(cases: &[Case], outcomes: &[Outcome]) -> String {
             o.first_onset_s.unwrap_or(f64::NAN),
             o.commands,
             o.moves,
+            o.moves_before,
             o.first_pitch_rad.unwrap_or(f64::NAN),
             o.refused,
             o.loudest_m,
@@ -341,6 +369,8 @@ fn print(cases: &[Case], outcomes: &[Outcome]) -> anyhow::Result<()> {
     marked.sort_by(f64::total_cmp);
     let median = marked.get(marked.len() / 2).copied().unwrap_or(0.0);
     writeln!(out, "  time above {:.0} um, median of these    {median:.2} s", MARK_M * 1e6)?;
+    let moved = outcomes.iter().filter(|o| o.moves_before > 0).count();
+    writeln!(out, "  pitch moved before any alarm, of all {moved}")?;
     let deaf: f64 = unstable().map(|(_, o)| o.deaf_s).sum();
     let cuts = unstable().filter(|(_, o)| o.deaf_s > LATE_S).count();
     writeln!(out, "  marks without an alarm, heard before {deaf:.1} s, over {LATE_S:.0} s in {cuts}")?;

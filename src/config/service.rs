@@ -109,6 +109,7 @@ section!(TurretToml {
     command_ttl_s: f64 = 2.5,
     limits_by: String = NOT_COMMISSIONED.into(),
     limits_date: String = NOT_COMMISSIONED.into(),
+    before_chatter: bool = false,
     accept: Vec<String> = vec![],
 });
 section!(TransportToml { prefix: String = "stillcut".into(), root: PathBuf = "/run/stillcut".into() });
@@ -549,6 +550,7 @@ impl ServiceConfig {
             report_deadline_s: 0.5,
             reached_m: 20e-6,
             stated: Some(self.cut),
+            before_chatter: turret.before_chatter,
         })
     }
 }

@@ -1,7 +1,7 @@
 //! Whether the tools cut, from the mean force: the bar pushes a tool away, so the mean rises where it enters
 //! and falls where it leaves. Friction holds a part of the mean of a standing axis back, another one after it
-//! has moved; it does not turn its sign. Chatter that ends after the turret has moved ended by that, and the
-//! tools stay in the cut.
+//! has moved; it does not turn its sign. What changes while the turret moves is told by its friction, and
+//! chatter that ends after it has moved ended by that: the tools stay where they were.
 
 use crate::chatter::ChatterEvent;
 use crate::force::estimator::MotionSample;
@@ -40,12 +40,14 @@ pub(super) struct CutWatch {
     after_chatter: bool,
     /// The turret has moved since chatter began.
     moved: bool,
+    /// Whole slices since it last moved.
+    stood: usize,
     in_cut: Option<bool>,
     /// Mean force in air.
     air_n: Option<f64>,
 }
 
-keep!(CutWatch { ring, sum_n, count, whole, due, after_chatter, moved, in_cut, air_n });
+keep!(CutWatch { ring, sum_n, count, whole, due, after_chatter, moved, stood, in_cut, air_n });
 
 /// Whether an axis stands: the force on one that moves has friction and inertia of its drive in its mean.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -85,6 +87,7 @@ impl CutWatch {
     /// turret's axes do; `event`: what the detector heard with it.
     pub(super) fn step(&mut self, away_n: f64, stands: bool, period_s: f64, event: Option<&ChatterEvent>) {
         self.moved |= !stands;
+        self.stood = if stands { self.stood } else { 0 };
         match event {
             Some(ChatterEvent::Onset(_)) => (self.in_cut, self.due, self.moved) = (Some(true), 0, false),
             Some(ChatterEvent::CutChanged) if self.due == 0 => self.change(false),
@@ -99,6 +102,7 @@ impl CutWatch {
         self.ring[self.whole % KEPT] = self.sum_n / self.count as f64;
         (self.sum_n, self.count) = (0.0, 0);
         self.whole += 1;
+        self.stood += 1;
         if self.whole == self.due {
             self.due = 0;
             self.judge();
@@ -111,7 +115,10 @@ impl CutWatch {
 
     /// A change is over: which way did the mean go?
     fn judge(&mut self) {
-        if self.whole < KEPT {
+        // A drive that has come to rest lets go of its friction for some tenths of a second.
+        let friction = self.stood < KEPT + Criteria::OVER && !self.after_chatter;
+        let compares = self.whole >= KEPT && !friction;
+        if !compares {
             return;
         }
         let slice = |back: usize| self.ring[(self.whole - back) % KEPT];
@@ -209,6 +216,15 @@ mod tests {
         // Who began to listen in chatter knows no air.
         let early = [(3.0, 30.0, onset()), (3.0, 1.0, END), (3.0, 30.0, CHANGED)];
         assert_eq!(said(&early), [yes, None, yes]);
+    }
+
+    /// The turret moves in a cut and friction takes another part of the mean: the tools have not left.
+    #[test]
+    fn a_turret_that_moves_is_not_out_of_the_cut() {
+        let (yes, no) = (Some(true), Some(false));
+        let moves = [(3.0, 0.0, None), (3.0, 30.0, CHANGED), (3.0, 4.0, CHANGED), (3.0, -20.0, CHANGED)];
+        assert_eq!(said_while(&moves, Some(1)), [None, yes, yes, no]);
+        assert_eq!(said(&moves), [None, yes, no, no]);
     }
 
     #[test]

@@ -101,6 +101,15 @@ impl Pipeline {
         readings.min_by(|a, b| a.margin_1_s.total_cmp(&b.margin_1_s))
     }
 
+    /// The smallest margin of the watched axes on which it runs out.
+    #[must_use]
+    pub fn margin_running_out(&self) -> Option<&Margin> {
+        let margins = self.margins.as_ref()?;
+        let watched = margins.states.iter().zip(&self.channels).filter(|(_, channel)| channel.watch);
+        let running_out = watched.filter_map(|(state, _)| margins.monitor.running_out(state));
+        running_out.min_by(|a, b| a.margin_1_s.total_cmp(&b.margin_1_s))
+    }
+
     /// Tools from the chuck, where an axis of the stream tells it, m.
     #[must_use]
     pub fn tool_position_m(&self, sample: &ServoSample) -> Option<f64> {

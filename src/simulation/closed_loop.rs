@@ -7,6 +7,7 @@ use super::lathe::turret::{TurretOrder, TurretState};
 use super::lathe::{Lathe, LatheSettings};
 use crate::avoidance::guard::{Facts, Guard, GuardState};
 use crate::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor};
+use crate::avoidance::pitch::pitch_of_shift_rad;
 use crate::avoidance::turret::{TurretAxis, TurretError, TurretKinematics};
 use crate::avoidance::{
     Avoidance, AvoidanceSettings, AvoidanceState, Command, Decision, Heard, HoldReason, Interlock, Mode,
@@ -62,6 +63,17 @@ pub fn turret_kinematics() -> Result<TurretKinematics, TurretError> {
     TurretKinematics::new([axis(0, 0.0), axis(1, FRAC_PI_4)])
 }
 
+/// What the controller is told beside its limits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Told {
+    /// Mode.
+    pub mode: Mode,
+    /// Bar and cut as the operator states them; `None`: eq. (6-10) alone.
+    pub stated: Option<Scenario>,
+    /// The pitch may move before chatter.
+    pub before_chatter: bool,
+}
+
 /// The loop in motion.
 #[derive(Debug, Clone)]
 pub struct ClosedLoop {
@@ -85,15 +97,16 @@ impl ClosedLoop {
     /// Errors: settings that do not fit each other, by name.
     pub fn new(lathe: LatheSettings, pipeline: PipelineSettings, mode: Mode) -> Result<Self, LoopError> {
         let stated = lathe.scenario;
-        Self::with_stated(lathe, pipeline, (mode, Some(stated)))
+        Self::with_stated(lathe, pipeline, Told { mode, stated: Some(stated), before_chatter: false })
     }
 
-    /// The same where the operator stated another bar and cut than the true ones, or none.
+    /// The same where the operator stated another bar and cut than the true ones, or none, and of what may move
+    /// the pitch.
     /// Errors: as [`ClosedLoop::new`].
     pub fn with_stated(
         lathe: LatheSettings,
         pipeline: PipelineSettings,
-        (mode, stated): (Mode, Option<Scenario>),
+        Told { mode, stated, before_chatter }: Told,
     ) -> Result<Self, LoopError> {
         let turret = turret_kinematics()?;
         let diameter_m = lathe.scenario.workpiece.diameter_m();
@@ -108,6 +121,7 @@ impl ClosedLoop {
             report_deadline_s,
             reached_m,
             stated,
+            before_chatter,
         })?;
         let mut guard = Guard { diameter_m, largest_pitch_rad, ..Guard::default() };
         for axis in turret.axes() {
@@ -124,7 +138,14 @@ impl ClosedLoop {
             speed_m_s: axis.speed_m_s,
             acceleration_m_s2: axis.acceleration_m_s2,
         });
-        let limits = Commissioned { axes, diameter_m, largest_pitch_rad, report_deadline_s, reached_m };
+        let limits = Commissioned {
+            axes,
+            diameter_m,
+            largest_pitch_rad,
+            report_deadline_s,
+            reached_m,
+            before_chatter,
+        };
         Ok(Self {
             state: avoidance.start(1, 0.0),
             lathe: Lathe::new(lathe),
@@ -167,7 +188,8 @@ impl ClosedLoop {
 
     /// One sample through everything.
     pub fn step(&mut self) -> Option<LoopEvent> {
-        let sample = self.lathe.step();
+        let mut sample = self.lathe.step();
+        sample.pitch_difference_rad = Some(self.standing_pitch_rad());
         let output = self.pipeline.step(&sample);
         self.clean = self.pipeline.clean_samples() as f64 > self.lathe.settings().sample_rate_hz * 0.5;
         let heard = match output.event {
@@ -193,6 +215,14 @@ impl ClosedLoop {
         first
     }
 
+    /// Pitch difference that the reported offsets make.
+    fn standing_pitch_rad(&self) -> f64 {
+        let mut offsets_m = [0.0; MAX_AXES];
+        offsets_m[..2].copy_from_slice(&self.lathe.actual_offset_m());
+        let settings = self.avoidance.settings();
+        pitch_of_shift_rad(settings.diameter_m, settings.turret.shift(&offsets_m))
+    }
+
     fn situation(&self, now_s: f64, spindle_speed_rpm: f64) -> Situation {
         let agreement = self.pipeline.agreement();
         let turret = self.lathe.turret();
@@ -209,6 +239,7 @@ impl ClosedLoop {
                 power_n2: agreement.power_n2,
                 growth_1_s: agreement.growth_1_s,
             },
+            foreseen: self.pipeline.margin_running_out().map(Into::into),
             spindle_speed_rpm: Some(spindle_speed_rpm),
             turret: Some(TurretReport {
                 heard_s: now_s,

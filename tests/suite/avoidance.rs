@@ -5,8 +5,8 @@ use stillcut::avoidance::guard::{Facts, Guard, GuardState, Refusal};
 use stillcut::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor, Violation};
 use stillcut::avoidance::turret::{TurretAxis, TurretKinematics};
 use stillcut::avoidance::{
-    Avoidance, AvoidanceSettings, Command, CommandKind, Decision, Heard, HoldReason, Interlock, Mode,
-    Situation, TurretMotion, TurretReport,
+    Avoidance, AvoidanceSettings, Command, CommandKind, Decision, Foreseen, Heard, HoldReason, Interlock,
+    Mode, Situation, TurretMotion, TurretReport,
 };
 use stillcut::chatter::Phase;
 use stillcut::plant::scenario::Scenario;
@@ -38,10 +38,15 @@ fn settings(identified: bool) -> AvoidanceSettings {
         report_deadline_s: 0.2,
         reached_m: 20e-6,
         stated: identified.then(Scenario::default),
+        before_chatter: identified,
     }
 }
 
 fn watcher() -> InvariantMonitor {
+    watcher_of(true)
+}
+
+fn watcher_of(before_chatter: bool) -> InvariantMonitor {
     let limits = Commissioned {
         axes: [0, 1].map(|index: usize| CommissionedAxis {
             index,
@@ -54,6 +59,7 @@ fn watcher() -> InvariantMonitor {
         largest_pitch_rad: 0.15,
         report_deadline_s: 0.2,
         reached_m: 20e-6,
+        before_chatter,
     };
     InvariantMonitor::new(limits, 100.0)
 }
@@ -68,6 +74,7 @@ struct Step {
     phase: Phase,
     frequency_hz: Option<f64>,
     power_n2: f64,
+    foreseen: Option<Foreseen>,
     speed_rpm: Option<f64>,
     turret: TurretFault,
     report_age_s: Option<f64>,
@@ -113,6 +120,12 @@ fn step() -> impl Strategy<Value = Step> {
     let mode = prop_oneof![40 => Just(Mode::Act), 1 => Just(Mode::Advise), 1 => Just(Mode::Observe)];
     let frequency = prop_oneof![30 => (560.0f64..720.0).prop_map(Some), 1 => wild.clone().prop_map(Some), 1 => Just(None)];
     let power = prop_oneof![20 => 1.0f64..2000.0, 1 => wild.clone()];
+    let foreseen = prop_oneof![
+        2 => Just(None),
+        6 => (560.0f64..720.0, 0.5f64..11.0).prop_map(Some),
+        1 => (wild.clone(), wild.clone()).prop_map(Some),
+    ]
+    .prop_map(|line| line.map(|(frequency_hz, margin_1_s)| Foreseen { frequency_hz, margin_1_s }));
     let speed =
         prop_oneof![40 => (1150.0f64..1250.0).prop_map(Some), 1 => wild.prop_map(Some), 1 => Just(None)];
     let rare = |weight: u32| prop_oneof![40 => Just(false), weight => Just(true)];
@@ -121,10 +134,11 @@ fn step() -> impl Strategy<Value = Step> {
         1 => (0.0f64..2.0, Just(false)).prop_map(Some), 1 => Just(None),
     ];
     (
-        (time, age(2), age(1), rare(1), phase, frequency, power),
+        (time, age(2), age(1), rare(1), phase, frequency, (power, foreseen)),
         (speed, turret, interlock, mode, rare(1), rare(2), (rare(1), rare(4)), rare(2)),
     )
-        .prop_map(|((dt_s, sample_age_s, report_age_s, gap, phase, frequency_hz, power_n2), rest)| {
+        .prop_map(|((dt_s, sample_age_s, report_age_s, gap, phase, frequency_hz, size), rest)| {
+            let (power_n2, foreseen) = size;
             let (speed_rpm, turret, interlock, mode, operator_hold, acknowledge, store, doubtful) = rest;
             let (store_down, withheld) = store;
             Step {
@@ -135,6 +149,7 @@ fn step() -> impl Strategy<Value = Step> {
                 phase,
                 frequency_hz,
                 power_n2,
+                foreseen,
                 speed_rpm,
                 turret,
                 report_age_s,
@@ -231,6 +246,7 @@ impl World {
                 power_n2: step.power_n2,
                 growth_1_s: None,
             },
+            foreseen: step.foreseen,
             spindle_speed_rpm: step.speed_rpm,
             turret: step.report_age_s.map(|a| TurretReport {
                 heard_s: now_s - a,
@@ -461,6 +477,7 @@ fn good_second() -> Step {
         phase: Phase::Chatter,
         frequency_hz: Some(652.0),
         power_n2: 100.0,
+        foreseen: None,
         speed_rpm: Some(1200.0),
         turret: TurretFault::Good,
         report_age_s: Some(0.001),
@@ -536,6 +553,45 @@ fn without_a_record_what_stands_is_renewed_and_nothing_else() {
 
 fn is_move(decision: &Decision) -> bool {
     matches!(decision, Decision::Command(c) if c.kind == CommandKind::Move)
+}
+
+/// A silent cut whose margin runs out.
+fn silent_second() -> Step {
+    let foreseen = Some(Foreseen { frequency_hz: 652.0, margin_1_s: 6.0 });
+    Step { phase: Phase::Quiet, frequency_hz: None, power_n2: 1.0, foreseen, ..good_second() }
+}
+
+/// Where it is commissioned the pitch moves before any chatter, as far as the margin asks, again only after
+/// the margin of the new pitch has been read, and no more than five times without its recovery.
+#[test]
+fn the_pitch_moves_before_chatter_where_that_is_commissioned() {
+    let moves = |before_chatter: bool, steps: &[Step]| {
+        let settings = AvoidanceSettings { before_chatter, ..settings(true) };
+        let outcome = run_with(settings, steps, (HONEST, FAITHFUL));
+        assert!(outcome.violations.is_empty(), "{:?}", outcome.violations);
+        outcome.commands.into_iter().filter(|c| c.kind == CommandKind::Move).collect::<Vec<_>>()
+    };
+    let steps = vec![silent_second(); 60];
+    let asked = moves(true, &steps);
+    assert_eq!(asked.len(), 5, "{asked:?}");
+    assert!(asked.windows(2).all(|w| w[1].issued_s - w[0].issued_s >= 4.0 - 1e-9), "{asked:?}");
+    assert!(asked.iter().all(|c| (0.002..0.15).contains(&c.requested_pitch_rad.abs())), "{asked:?}");
+    assert!(moves(false, &steps).is_empty());
+    let calm = Step { foreseen: None, ..silent_second() };
+    assert!(moves(true, &vec![calm.clone(); 60]).is_empty());
+    // Recovered in between: asked for anew.
+    let again = [vec![silent_second(); 30], vec![calm; 2], vec![silent_second(); 10]].concat();
+    assert!(moves(true, &again).len() > 5);
+    // Not on a force that must not be acted on, and not by a monitor that was told of no such limits.
+    let doubtful = Step { estimate_valid: false, ..silent_second() };
+    assert!(moves(true, &vec![doubtful; 60]).is_empty());
+    let (avoidance, mut world) = (Avoidance::new(settings(true)).unwrap(), World::new());
+    let (mut state, mut watch) = (avoidance.start(1, 100.0), watcher_of(false));
+    let mut told = steps.iter().map(|step| {
+        let seen = world.go_on(step);
+        watch.watch(&seen, &avoidance.decide(&mut state, &seen))
+    });
+    assert!(told.any(|t| t == Err(Violation::Purpose)));
 }
 
 fn is_renewal(decision: &Decision) -> bool {

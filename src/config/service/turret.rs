@@ -31,6 +31,8 @@ pub struct TurretConfig {
     pub command_ttl_s: f64,
     /// Who set these limits and on which day; nothing acts without.
     pub commissioned: Option<(String, String)>,
+    /// In `act` the pitch moves while the cut is still silent, where the stability margin runs out.
+    pub before_chatter: bool,
     /// What of commissioning may be missing, and which flags of the force do not hold back acting, by name.
     pub accept: Vec<String>,
 }
@@ -91,6 +93,7 @@ impl Reader<'_> {
             // I7: a dead sender must not hold the turret away from equal pitch for longer.
             command_ttl_s: self.within("turret.command_ttl_s", raw.command_ttl_s, (1.1, 2.5))?,
             commissioned: self.commissioned(&raw.limits_by, &raw.limits_date)?,
+            before_chatter: raw.before_chatter,
             accept: self.accepted(&raw.accept)?,
         };
         turret.kinematics([0, 1]).map_err(|e| self.bad("turret.direction_rad", e.to_string()))?;

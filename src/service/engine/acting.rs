@@ -303,6 +303,7 @@ pub(super) fn commissioned(config: &ServiceConfig, axes: [usize; 2]) -> Commissi
         largest_pitch_rad: turret.largest_pitch_difference_rad,
         report_deadline_s: 0.5,
         reached_m: 20e-6,
+        before_chatter: turret.before_chatter,
     }
 }
 

@@ -188,6 +188,7 @@ impl Engine {
             window_full,
             estimate_valid,
             heard: heard.unwrap_or(silent),
+            foreseen: self.stream.as_ref().and_then(|s| s.pipeline().margin_running_out().map(Into::into)),
             spindle_speed_rpm: speed,
             turret: report,
             interlock: self.status.map(|(status, at)| Interlock {

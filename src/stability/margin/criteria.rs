@@ -2,11 +2,16 @@
 
 use super::model::PARAMETERS;
 
+/// A margin above this is none that runs out, 1/s: the contract's.
+pub const RECOVERED_1_S: f64 = 12.0;
+/// Length of a block, s. A mode of 6 1/s is 1.9 Hz wide: bins of 0.5 Hz resolve it, and the spectrum is
+/// smeared by the window as the periodogram is, so that narrower ones are not mistaken.
+pub const BLOCK_S: f64 = 2.0;
+
 /// Lengths, uncertainties, drifts and levels of the margin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Criteria {
-    /// Length of a block, s. A mode of 6 1/s is 1.9 Hz wide: bins of 0.5 Hz resolve it, and the spectrum is
-    /// smeared by the window as the periodogram is, so that narrower ones are not mistaken.
+    /// [`BLOCK_S`].
     pub(super) block_s: f64,
     /// After contact, before the first block, s: the wave of one turn at 600 rpm, and the first passes.
     pub(super) entry_s: f64,
@@ -53,7 +58,7 @@ pub(super) struct Criteria {
     /// The margin runs out when all of its interval lies below this, 1/s: 12 1/s, above which nobody is to be
     /// warned, less one for the many times that it is asked.
     pub(super) warning_1_s: f64,
-    /// It has recovered above this, 1/s: the contract's.
+    /// [`RECOVERED_1_S`].
     pub(super) recovered_1_s: f64,
 }
 
@@ -66,7 +71,7 @@ impl Criteria {
     /// damping in minutes; a bar warms by 30 K in ten minutes (0.6 % of its frequency); the mean force tells
     /// the stiffness but for 1 % a second.
     pub(super) const DEFAULT: Self = Self {
-        block_s: 2.0,
+        block_s: BLOCK_S,
         entry_s: 0.1,
         joint_blocks: 10,
         searched_blocks: 3,
@@ -86,6 +91,6 @@ impl Criteria {
         widest_interval: 2.0,
         coarse_1_s: 8.0,
         warning_1_s: 11.0,
-        recovered_1_s: 12.0,
+        recovered_1_s: RECOVERED_1_S,
     };
 }

@@ -164,6 +164,11 @@ pub(super) struct Warning {
 keep!(Warning { given });
 
 impl Warning {
+    /// It was given, and the margin has not recovered since.
+    pub(super) fn stands(self) -> bool {
+        self.given
+    }
+
     /// True once when the margin begins to run out; again only after it has recovered.
     pub(super) fn begins(&mut self, reading: &MarginReading, criteria: &Criteria) -> bool {
         let Some(margin) = reading.margin() else {

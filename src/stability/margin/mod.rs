@@ -28,6 +28,7 @@ mod roots;
 mod spectrum;
 
 pub use conditions::CutConditions;
+pub use criteria::{BLOCK_S, RECOVERED_1_S};
 pub use judge::{DeafReason, Margin, MarginReading};
 pub use knowledge::CutPrior;
 pub use monitor::{MarginMonitor, MarginSettings, MarginState};

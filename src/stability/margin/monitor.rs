@@ -222,6 +222,12 @@ impl MarginMonitor {
         }
     }
 
+    /// The margin while it runs out: from the warning on until it has recovered.
+    #[must_use]
+    pub fn running_out<'a>(&self, state: &'a MarginState) -> Option<&'a Margin> {
+        self.reading(state).margin().filter(|_| state.warning.stands())
+    }
+
     /// What it says now.
     #[must_use]
     pub fn reading<'a>(&self, state: &'a MarginState) -> &'a MarginReading {
