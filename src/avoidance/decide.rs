@@ -33,8 +33,6 @@ const REFUSAL_HEARD_S: f64 = 0.25;
 const STUCK_INTERVALS: u32 = 3;
 /// Longest wait after refusals (invariant I11).
 const LONGEST_BACKOFF_S: f64 = 60.0;
-/// A margin is that of a new pitch after a block that began before it and one that did not.
-const MARGIN_READ_S: f64 = 2.0 * BLOCK_S;
 /// Lines are kept this long after they were last heard.
 const KEEP_LINES_S: f64 = 60.0;
 
@@ -425,7 +423,8 @@ impl Avoidance {
             state.forestalled = 0;
             return self.renew_or(state, now, HoldReason::NoChatter);
         };
-        let read = now.now_s - state.forestalled_s >= MARGIN_READ_S;
+        // The margin of a new pitch: after a block that began before it and one that did not.
+        let read = now.now_s - state.forestalled_s >= 2.0 * BLOCK_S;
         if state.trial.is_some() || !read || state.forestalled >= MOST_MOVES_IN_VAIN {
             return self.renew_or(state, now, HoldReason::NoChatter);
         }

@@ -11,8 +11,6 @@ pub const BLOCK_S: f64 = 2.0;
 /// Lengths, uncertainties, drifts and levels of the margin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Criteria {
-    /// [`BLOCK_S`].
-    pub(super) block_s: f64,
     /// After contact, before the first block, s: the wave of one turn at 600 rpm, and the first passes.
     pub(super) entry_s: f64,
     /// Blocks that are fitted together after an entry; from then on the posterior is carried forward. Ten
@@ -58,8 +56,6 @@ pub(super) struct Criteria {
     /// The margin runs out when all of its interval lies below this, 1/s: 12 1/s, above which nobody is to be
     /// warned, less one for the many times that it is asked.
     pub(super) warning_1_s: f64,
-    /// [`RECOVERED_1_S`].
-    pub(super) recovered_1_s: f64,
 }
 
 impl Criteria {
@@ -71,7 +67,6 @@ impl Criteria {
     /// damping in minutes; a bar warms by 30 K in ten minutes (0.6 % of its frequency); the mean force tells
     /// the stiffness but for 1 % a second.
     pub(super) const DEFAULT: Self = Self {
-        block_s: BLOCK_S,
         entry_s: 0.1,
         joint_blocks: 10,
         searched_blocks: 3,
@@ -91,6 +86,5 @@ impl Criteria {
         widest_interval: 2.0,
         coarse_1_s: 8.0,
         warning_1_s: 11.0,
-        recovered_1_s: RECOVERED_1_S,
     };
 }

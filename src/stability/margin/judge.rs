@@ -1,6 +1,6 @@
 //! What is said of the margin: a value with its interval, or why there is none; and when it runs out.
 
-use super::criteria::Criteria;
+use super::criteria::{Criteria, RECOVERED_1_S};
 use crate::keyframe::{Keep, Words, keep, keep_list};
 
 /// A margin with its interval.
@@ -176,7 +176,7 @@ impl Warning {
             return false;
         };
         if self.given {
-            self.given = margin.margin_1_s < criteria.recovered_1_s;
+            self.given = margin.margin_1_s < RECOVERED_1_S;
             return false;
         }
         self.given = margin.hi_1_s < criteria.warning_1_s;

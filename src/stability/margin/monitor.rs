@@ -1,7 +1,7 @@
 //! The margin of one force stream: blocks, fit and reading together.
 
 use super::conditions::{CutConditions, HOP, Means, NOW, SLICES, Slices};
-use super::criteria::Criteria;
+use super::criteria::{BLOCK_S, Criteria};
 use super::fit::{Block, Fit, Gaussian, Information, Stage};
 use super::judge::{DeafReason, Margin, MarginReading, Warning, read};
 use super::knowledge::{CutPrior, Heard};
@@ -175,7 +175,7 @@ impl MarginMonitor {
     #[must_use]
     pub fn new(settings: MarginSettings) -> Self {
         let criteria = Criteria::DEFAULT;
-        let band = BandBlocks::new(settings.sample_rate, settings.band_hz, criteria.block_s);
+        let band = BandBlocks::new(settings.sample_rate, settings.band_hz, BLOCK_S);
         Self { settings, criteria, band, points: normal_points(PAIRS) }
     }
 
