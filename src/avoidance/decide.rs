@@ -1,6 +1,6 @@
 //! The decision, once an interval.
 
-use super::best_pitch::{PitchAdvice, PitchQuestion, best_pitch, pitch_before_chatter};
+use super::best_pitch::{PitchAdvice, PitchQuestion, best_pitch};
 use super::choice::{GrowthMeter, TrackedLines, pitch_for_attempt_rad, plausible_speed};
 use super::identified::HeardLine;
 use super::pitch::{pitch_of_shift_rad, tool_shift};
@@ -11,7 +11,6 @@ use super::{
 };
 use crate::chatter::Phase;
 use crate::sample::MAX_AXES;
-use crate::stability::margin::BLOCK_S;
 use crate::units::SpindleSpeed;
 
 /// Longest lifetime of a command (invariant I7).
@@ -21,7 +20,7 @@ const SHORTEST_INTERVAL_S: f64 = 1.0;
 /// Silence of the samples after which the turret goes back (invariant I8).
 const STALE_RETURN_S: f64 = 1.0;
 /// Targets without 3 dB less chatter before a person is asked (invariant I12).
-const MOST_MOVES_IN_VAIN: u32 = 5;
+pub(super) const MOST_MOVES_IN_VAIN: u32 = 5;
 /// Power over that before at which a pitch has helped: 3 dB less (invariant I12).
 const HELPED: f64 = 0.5;
 /// Share by which the measured diameter may differ from the stated one, by which offsets and pitch are
@@ -39,11 +38,11 @@ const KEEP_LINES_S: f64 = 60.0;
 /// The decision: immutable design.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Avoidance {
-    settings: AvoidanceSettings,
+    pub(super) settings: AvoidanceSettings,
     /// Largest pitch that limits and axes allow, on the side on which it is larger.
-    reach_rad: f64,
+    pub(super) reach_rad: f64,
     /// That side: the sign of the pitch. The waves cancel alike on both.
-    side: f64,
+    pub(super) side: f64,
 }
 
 impl Avoidance {
@@ -416,45 +415,6 @@ impl Avoidance {
         self.move_to(state, now, self.side * wanted_rad)
     }
 
-    /// The cut is silent. Where its margin runs out the pitch moves on, no farther than the margin asks: as
-    /// slowly as the cut drifts, and not before the margin has been read at the pitch that stands.
-    fn forestall(&self, state: &mut AvoidanceState, now: &Situation, spindle: SpindleSpeed) -> Decision {
-        let Some(foreseen) = now.foreseen.filter(|_| self.settings.before_chatter) else {
-            state.forestalled = 0;
-            return self.renew_or(state, now, HoldReason::NoChatter);
-        };
-        // The margin of a new pitch: after a block that began before it and one that did not.
-        let read = now.now_s - state.forestalled_s >= 2.0 * BLOCK_S;
-        if state.trial.is_some() || !read || state.forestalled >= MOST_MOVES_IN_VAIN {
-            return self.renew_or(state, now, HoldReason::NoChatter);
-        }
-        if !now.estimate_valid {
-            return self.renew_or(state, now, HoldReason::EstimateNotValid);
-        }
-        let s = &self.settings;
-        let (Some(stated), Some(turret)) = (&s.stated, now.turret) else {
-            return self.renew_or(state, now, HoldReason::NoChatter);
-        };
-        let standing_rad = pitch_of_shift_rad(s.diameter_m, s.turret.shift(&turret.offsets_m));
-        let line = HeardLine {
-            frequency_hz: foreseen.frequency_hz,
-            growth_1_s: Some(-foreseen.margin_1_s),
-            turn_s: spindle.period_s(),
-            pitch_rad: standing_rad,
-        };
-        let question = PitchQuestion {
-            stated,
-            lines: &[line],
-            spindle,
-            largest_pitch_rad: self.reach_rad,
-            fruitless_rad: &[],
-        };
-        match pitch_before_chatter(&question, self.side * standing_rad) {
-            Some(pitch_rad) => self.move_to(state, now, self.side * pitch_rad),
-            None => self.renew_or(state, now, HoldReason::NoStablePitch),
-        }
-    }
-
     /// Size of the pitch by the identified two-delay model; by eq. (6-10) where the cut cannot be identified.
     fn choose(
         &self,
@@ -486,7 +446,7 @@ impl Avoidance {
         pitch_for_attempt_rad(spindle, highest_hz, attempt).map_err(|_| HoldReason::OutsideLimits)
     }
 
-    fn move_to(&self, state: &mut AvoidanceState, now: &Situation, wanted_rad: f64) -> Decision {
+    pub(super) fn move_to(&self, state: &mut AvoidanceState, now: &Situation, wanted_rad: f64) -> Decision {
         let Some(turret) = now.turret else { return Decision::Hold(HoldReason::TurretSilent) };
         if !now.store_writable {
             return self.renew_or(state, now, HoldReason::StoreNotWritable);
@@ -564,7 +524,12 @@ impl Avoidance {
 
     /// Keeps the turret where it is told to be; without a target: hold. A target that is on record is renewed
     /// while the record cannot be written (invariant I10); another one is not.
-    fn renew_or(&self, state: &mut AvoidanceState, now: &Situation, reason: HoldReason) -> Decision {
+    pub(super) fn renew_or(
+        &self,
+        state: &mut AvoidanceState,
+        now: &Situation,
+        reason: HoldReason,
+    ) -> Decision {
         let (Some(target), Some(turret)) = (state.target, now.turret) else { return Decision::Hold(reason) };
         // A target that was cut to one interval's way goes on toward what was wanted.
         let Some((offsets_m, pitch_rad)) = self.reachable(&turret.offsets_m, target.requested_rad) else {

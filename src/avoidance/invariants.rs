@@ -472,8 +472,8 @@ impl InvariantMonitor {
     }
 
     /// A new target must bring some line heard in the last minute between 0.3 pi and 1.2 pi, or with whole
-    /// waves between 0.6 pi and 1.2 pi; before chatter the foreseen line to 1.2 pi at most, or less far than it
-    /// is, where that is commissioned and foreseen now.
+    /// waves between 0.6 pi and 1.2 pi; before chatter the foreseen line to 1.2 pi at most, or less far than
+    /// it is, where that is commissioned and a line is foreseen now.
     fn check_purpose(&self, seen: &Situation, command: &Command) -> Result<(), Violation> {
         if command.kind != CommandKind::Move {
             return Ok(());

@@ -18,6 +18,7 @@ pub mod account;
 pub mod best_pitch;
 pub mod choice;
 mod decide;
+mod forestall;
 pub mod guard;
 pub mod identified;
 pub mod invariants;

@@ -307,7 +307,8 @@ fn ends_stable(outcome: &Outcome) -> bool {
 fn table(cases: &[Case], outcomes: &[Outcome]) -> String {
     let mut text = String::from(
         "seed,natural_hz,speed_rpm,width_m,noise,equal_growth_1_s,equal_hz,best_growth_1_s,eq_6_10_rad,\
-         onsets,first_onset_s,commands,moves,moves_before,first_pitch_rad,refused,loudest_m,last_m,marked_s,deaf_s,\
+         onsets,first_onset_s,commands,moves,moves_before,\
+         first_pitch_rad,refused,loudest_m,last_m,marked_s,deaf_s,\
          last_hold,ends_stable\n",
     );
     for (c, o) in cases.iter().zip(outcomes) {

@@ -100,8 +100,7 @@ impl ClosedLoop {
         Self::with_stated(lathe, pipeline, Told { mode, stated: Some(stated), before_chatter: false })
     }
 
-    /// The same where the operator stated another bar and cut than the true ones, or none, and of what may move
-    /// the pitch.
+    /// The same where the operator stated another bar and cut than the true ones, or none.
     /// Errors: as [`ClosedLoop::new`].
     pub fn with_stated(
         lathe: LatheSettings,
