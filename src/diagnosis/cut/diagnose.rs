@@ -9,7 +9,7 @@ use super::criteria::CRITERIA;
 use super::fit::Problem;
 use super::foretold;
 use super::hidden;
-use super::input::{CutEvidence, CutTable};
+use super::input::{CutEvidence, CutRecording, CutTable};
 use super::known::Reference;
 use super::laws::Law;
 use super::machine::{Frame, Point};
@@ -126,6 +126,7 @@ pub fn diagnose(
         }));
     }
     diagnosis.plan = plan::plan(&fitting);
+    note_speeds(evidence.recordings, &mut diagnosis);
     note_budget(work.is_spent() || beside.is_spent(), &mut diagnosis);
     if observables.is_empty() {
         let note = "No stretch of these recordings could be looked at: in none does the condition stand \
@@ -198,6 +199,21 @@ fn evaluations(budget_s: f64, evidence: &CutEvidence<'_>) -> u64 {
     let rows = evidence.table.map_or(0, |t| t.rows.len()) as f64;
     let evaluation_s = CRITERIA.evaluation_s_per_s * seconds + CRITERIA.evaluation_s_per_row * rows;
     (budget_s.max(0.0) / evaluation_s) as u64
+}
+
+/// A spindle that turned otherwise than commanded, beyond what the change of a speed leaves (1e-4).
+fn note_speeds(recordings: &[CutRecording], diagnosis: &mut CutDiagnosis) {
+    for recording in recordings {
+        let percent = 100.0 * (recording.speed_factor - 1.0);
+        if percent.abs() > 0.01 {
+            let (name, than) = (&recording.experiment, if percent > 0.0 { "faster" } else { "slower" });
+            diagnosis.notes.push(format!(
+                "In {name} the spindle turned {:.2} % {than} than commanded: the speed is that of the measured \
+                 angle.",
+                percent.abs()
+            ));
+        }
+    }
 }
 
 fn note_budget(spent: bool, diagnosis: &mut CutDiagnosis) {

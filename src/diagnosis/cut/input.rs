@@ -63,8 +63,10 @@ pub struct CutRecording {
     pub signal: ForceSignal,
     /// Spindle angle as measured, not wrapped, rad.
     pub spindle_angle_rad: Option<Vec<f64>>,
-    /// Commanded speed, rpm.
+    /// Speed, rpm: as commanded, times `speed_factor`.
     pub spindle_speed_rpm: Vec<f64>,
+    /// What the measured angle turned over what was commanded.
+    pub speed_factor: f64,
     /// Tools from the chuck, m.
     pub tool_position_m: Vec<f64>,
     /// theta_2 - theta_1 as commanded, rad.
@@ -149,10 +151,15 @@ impl CutRecording {
             });
         }
         let spindle_speed_rpm = recording.get("spindle_speed_rpm").map(<[f64]>::to_vec);
-        let spindle_speed_rpm = spindle_speed_rpm.ok_or_else(|| CutInputError::NoSpeed {
+        let mut spindle_speed_rpm = spindle_speed_rpm.ok_or_else(|| CutInputError::NoSpeed {
             recording: recording.experiment.clone(),
             present: found.present(),
         })?;
+        let spindle_angle_rad = found.optional("spindle_angle_rad");
+        let measured = spindle_angle_rad.as_deref();
+        let speed_factor =
+            measured.and_then(|a| turned(a, &spindle_speed_rpm, recording.sample_rate)).unwrap_or(1.0);
+        spindle_speed_rpm.iter_mut().for_each(|s| *s *= speed_factor);
         let cutting = scenario.cutting.raw();
         let tools = scenario.tools;
         let bandwidth_hz = found.number("force_bandwidth_hz", Sign::Positive)?;
@@ -178,7 +185,8 @@ impl CutRecording {
             },
             width_m,
             feed_m_rev,
-            spindle_angle_rad: found.optional("spindle_angle_rad"),
+            spindle_angle_rad,
+            speed_factor,
             displacement_m: found.optional("workpiece_displacement_m"),
             workpiece_diameter_m: found.number("workpiece_diameter_m", Sign::Positive)?,
             signal: ForceSignal { bandwidth_hz, delay_s },
@@ -245,6 +253,15 @@ impl CutRecording {
             Err(CutInputError::NotPhysical { recording, column, row, value: values[row], expected })
         })
     }
+}
+
+/// What a measured angle turned over what was commanded: a motor slips, a command is not what an override
+/// makes of it. `None`: by more than a tenth, which is another unit or another shaft.
+fn turned(angle_rad: &[f64], commanded_rpm: &[f64], rate: SampleRate) -> Option<f64> {
+    let [first, last] = [angle_rad.first()?, angle_rad.last()?];
+    let turns = commanded_rpm[..commanded_rpm.len() - 1].iter().sum::<f64>() / 60.0 / rate.hz();
+    let factor = (last - first) / std::f64::consts::TAU / turns;
+    (0.9..1.1).contains(&factor).then_some(factor)
 }
 
 /// Which numbers of the metadata are good.
@@ -471,6 +488,21 @@ mod tests {
             start_s: 0.0,
             metadata: metadata.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect(),
         }
+    }
+
+    /// Two per cent more than commanded, whatever the speed does on the way; degrees are not believed.
+    #[test]
+    fn a_measured_angle_tells_the_true_speed() {
+        let rate = SampleRate::new(9000.0).expect("a rate");
+        let commanded: Vec<f64> = (0..18_000).map(|k| if k < 9000 { 1200.0 } else { 900.0 }).collect();
+        let mut angle = vec![0.0];
+        for s in &commanded[1..] {
+            angle.push(angle[angle.len() - 1] + 1.02 * s / 60.0 * std::f64::consts::TAU / 9000.0);
+        }
+        let factor = turned(&angle, &commanded, rate).expect("a factor");
+        assert!((factor - 1.02).abs() < 1e-4, "{factor}");
+        let degrees: Vec<f64> = angle.iter().map(|a| a.to_degrees()).collect();
+        assert_eq!(turned(&degrees, &commanded, rate), None);
     }
 
     #[test]

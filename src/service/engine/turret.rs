@@ -12,6 +12,7 @@ use crate::avoidance::{
 };
 use crate::chatter::Phase;
 use crate::force::validity::Validity;
+use crate::pipeline::Pipeline;
 use crate::sample::MAX_AXES;
 use crate::service::clock;
 use crate::service::commissioning::HeardNow;
@@ -353,12 +354,20 @@ impl Engine {
 
     fn command_event(&self, command: &Command, word: &str) -> Event {
         let degrees = command.pitch_difference_rad.to_degrees();
-        let text = format!("{word} a pitch difference of {degrees:.2} degrees");
+        let mut text = format!("{word} a pitch difference of {degrees:.2} degrees");
+        let pipeline = self.stream.as_ref().map(|stream| stream.pipeline());
+        let silent = |p: &&Pipeline| command.kind == CommandKind::Move && p.agreement().phase == Phase::Quiet;
+        let foreseen = pipeline.filter(silent).and_then(Pipeline::margin_running_out);
+        if let Some(margin) = foreseen {
+            let (margin_1_s, frequency_hz) = (margin.margin_1_s, margin.frequency_hz);
+            text += &format!(" before chatter: {margin_1_s:.1} 1/s are left at {frequency_hz:.0} Hz");
+        }
         let mut event = Event::new(EventKind::PitchCommand, clock::wall_ns(), text);
         event.pitch_difference_rad = Some(command.pitch_difference_rad);
         if let Some(stream) = &self.stream {
             let chatter = stream.pipeline().agreement();
-            event.frequency_hz = chatter.highest_hz.or(chatter.frequency_hz);
+            let heard_hz = chatter.highest_hz.or(chatter.frequency_hz);
+            event.frequency_hz = heard_hz.or(foreseen.map(|m| m.frequency_hz));
             event.power_n2 = Some(chatter.power_n2);
             event.axis = stream.axes().get(chatter.leading_axis).cloned();
             event.t_s = stream.newest.map(|p| p.t_ns as f64 * 1e-9);
