@@ -137,8 +137,7 @@ impl Avoidance {
         }
         let begins = self.listen(state, now);
         // A command at the onset finds the line still growing: what the pitch is judged against is its
-        // loudest before the
-        // first look.
+        // loudest before the first look.
         if let Some(trial) = &mut state.trial
             && trial.intervals == 0
             && now.heard.power_n2.is_finite()
@@ -327,7 +326,7 @@ impl Avoidance {
     }
 
     /// True where the turret stands at the pitch that was wanted, not only where one interval takes it.
-    fn arrived(&self, state: &AvoidanceState, now: &Situation) -> bool {
+    pub(super) fn arrived(&self, state: &AvoidanceState, now: &Situation) -> bool {
         let (Some(turret), Some(target), s) = (now.turret, state.target, &self.settings) else {
             return false;
         };
@@ -562,15 +561,16 @@ impl Avoidance {
             requested_pitch_rad: target.requested_rad,
             offsets_m: target.offsets_m,
         };
+        if kind == CommandKind::Move && target.before_chatter {
+            state.forestalled_s = now.now_s;
+        }
         if now.mode != Mode::Act {
             // Advice changes nothing: no target, no trial, no number.
             state.trial = None;
             return Decision::Advice(command);
         }
         match kind {
-            CommandKind::Move if target.before_chatter => {
-                (state.forestalled, state.forestalled_s) = (state.forestalled + 1, now.now_s);
-            }
+            CommandKind::Move if target.before_chatter => state.forestalled += 1,
             CommandKind::Move => state.moves_in_vain += 1,
             CommandKind::Renew | CommandKind::Return => {}
         }

@@ -161,8 +161,8 @@ pub struct InvariantMonitor {
     /// Targets since chatter was silent or 3 dB less than `loud_n2`.
     targets: u32,
     loud_n2: f64,
-    /// Targets before chatter since the margin last recovered; the standing one is of these.
-    silent_targets: u32,
+    /// When the last targets before chatter were asked for; the standing one is of these.
+    silent_s: [f64; 5],
     stands_silent: bool,
     turns_s: [f64; 7],
     last_step_rad: f64,
@@ -193,7 +193,7 @@ impl InvariantMonitor {
             refused_until_s: f64::NEG_INFINITY,
             targets: 0,
             loud_n2: 0.0,
-            silent_targets: 0,
+            silent_s: [f64::NEG_INFINITY; 5],
             stands_silent: false,
             turns_s: [f64::NEG_INFINITY; 7],
             last_step_rad: 0.0,
@@ -270,11 +270,12 @@ impl InvariantMonitor {
         if self.standing.is_some_and(|s| Some(s.sequence) == seen.withheld) {
             self.standing = self.stood_before.take();
             self.off_since = 0;
-            let counted = if self.stands_silent { &mut self.silent_targets } else { &mut self.targets };
-            *counted = counted.saturating_sub(1);
-        }
-        if seen.heard.phase == Phase::Quiet && seen.foreseen.is_none() {
-            self.silent_targets = 0;
+            if self.stands_silent {
+                self.silent_s.rotate_left(1);
+                self.silent_s[4] = f64::NEG_INFINITY;
+            } else {
+                self.targets = self.targets.saturating_sub(1);
+            }
         }
         if seen.operator_acknowledge {
             (self.must_return, self.off_since, self.targets) = (false, 0, 0);
@@ -514,9 +515,16 @@ impl InvariantMonitor {
             if self.targets == 0 {
                 self.loud_n2 = seen.heard.power_n2;
             }
-            let counted = if self.stands_silent { &mut self.silent_targets } else { &mut self.targets };
-            *counted += 1;
-            if *counted > 5 {
+            if self.stands_silent {
+                if seen.now_s - self.silent_s[4] < 60.0 - 1e-6 {
+                    return Err(Violation::Hunting);
+                }
+                self.silent_s.rotate_right(1);
+                self.silent_s[0] = seen.now_s;
+            } else {
+                self.targets += 1;
+            }
+            if self.targets > 5 {
                 return Err(Violation::Hunting);
             }
         }

@@ -115,10 +115,10 @@ impl CutWatch {
 
     /// A change is over: which way did the mean go?
     fn judge(&mut self) {
-        // A drive that has come to rest lets go of its friction for some tenths of a second.
+        // A drive that has come to rest lets go of its friction for some tenths of a second: that it pushes
+        // less is no exit then.
         let friction = self.stood < KEPT + Criteria::OVER && !self.after_chatter;
-        let compares = self.whole >= KEPT && !friction;
-        if !compares {
+        if self.whole < KEPT {
             return;
         }
         let slice = |back: usize| self.ring[(self.whole - back) % KEPT];
@@ -126,6 +126,9 @@ impl CutWatch {
         // One slice before the change may hold a part of it.
         let first: [f64; Criteria::COMPARED] = std::array::from_fn(|i| slice(Criteria::OVER + 2 + i));
         let ((after_n, after_se2), (before_n, before_se2)) = (mean_of(&last), mean_of(&first));
+        if friction && after_n < before_n {
+            return;
+        }
         let real = (after_n - before_n).abs() > Criteria::REAL * (after_se2 + before_se2).sqrt();
         let nearer_air = |air_n: f64| (after_n - air_n).abs() < (after_n - before_n).abs();
         self.in_cut = if self.after_chatter {

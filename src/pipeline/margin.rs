@@ -101,13 +101,14 @@ impl Pipeline {
         readings.min_by(|a, b| a.margin_1_s.total_cmp(&b.margin_1_s))
     }
 
-    /// The smallest margin of the watched axes on which it runs out.
+    /// The smallest margin of the watched axes on which it runs out, and which axis that is.
     #[must_use]
-    pub fn margin_running_out(&self) -> Option<&Margin> {
+    pub fn margin_running_out(&self) -> Option<(usize, &Margin)> {
         let margins = self.margins.as_ref()?;
-        let watched = margins.states.iter().zip(&self.channels).filter(|(_, channel)| channel.watch);
-        let running_out = watched.filter_map(|(state, _)| margins.monitor.running_out(state));
-        running_out.min_by(|a, b| a.margin_1_s.total_cmp(&b.margin_1_s))
+        let watched = (0..self.channels.len()).filter(|axis| self.channels[*axis].watch);
+        let running_out =
+            watched.filter_map(|axis| Some((axis, margins.monitor.running_out(margins.states.get(axis)?)?)));
+        running_out.min_by(|a, b| a.1.margin_1_s.total_cmp(&b.1.margin_1_s))
     }
 
     /// Tools from the chuck, where an axis of the stream tells it, m.

@@ -238,7 +238,11 @@ impl ClosedLoop {
                 power_n2: agreement.power_n2,
                 growth_1_s: agreement.growth_1_s,
             },
-            foreseen: self.pipeline.margin_running_out().map(Into::into),
+            foreseen: self
+                .pipeline
+                .margin_running_out()
+                .filter(|(axis, _)| self.pipeline.axis_may_act(*axis))
+                .map(|(_, margin)| margin.into()),
             spindle_speed_rpm: Some(spindle_speed_rpm),
             turret: Some(TurretReport {
                 heard_s: now_s,

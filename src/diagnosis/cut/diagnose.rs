@@ -208,8 +208,8 @@ fn note_speeds(recordings: &[CutRecording], diagnosis: &mut CutDiagnosis) {
         if percent.abs() > 0.01 {
             let (name, than) = (&recording.experiment, if percent > 0.0 { "faster" } else { "slower" });
             diagnosis.notes.push(format!(
-                "In {name} the spindle turned {:.2} % {than} than commanded: the speed is that of the measured \
-                 angle.",
+                "In {name} the spindle turned {:.2} % {than} than commanded: the speed is that of the \
+                 measured angle.",
                 percent.abs()
             ));
         }

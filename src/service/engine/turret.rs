@@ -161,7 +161,7 @@ impl Engine {
     fn situation(&mut self, now: Instant) -> Situation {
         let store_writable = self.setup.store.writable(now);
         let (mut heard, mut speed) = (None, None);
-        let (mut window_full, mut estimate_valid) = (false, false);
+        let (mut window_full, mut estimate_valid, mut foreseen) = (false, false, None);
         if let Some(stream) = &self.stream {
             let chatter = stream.pipeline().agreement();
             heard = Some(Heard {
@@ -174,6 +174,13 @@ impl Engine {
             let held = self.setup.config.turret.holding(stream.pipeline().force_flags(chatter.leading_axis));
             estimate_valid = stream.pipeline().axis_may_act(chatter.leading_axis) && held.is_valid();
             window_full = stream.usable_run() as f64 >= stream.sample_rate().hz();
+            let pipeline = stream.pipeline();
+            let believed = |axis: usize| {
+                let held = self.setup.config.turret.holding(pipeline.force_flags(axis));
+                pipeline.axis_may_act(axis) && held.is_valid()
+            };
+            let runs_out = pipeline.margin_running_out().filter(|(axis, _)| believed(*axis));
+            foreseen = runs_out.map(|(_, margin)| margin.into());
         }
         let silent = Heard { phase: Phase::Learning, frequency_hz: None, power_n2: 0.0, growth_1_s: None };
         let report = self.status.map(|(status, at)| TurretReport {
@@ -189,7 +196,7 @@ impl Engine {
             window_full,
             estimate_valid,
             heard: heard.unwrap_or(silent),
-            foreseen: self.stream.as_ref().and_then(|s| s.pipeline().margin_running_out().map(Into::into)),
+            foreseen,
             spindle_speed_rpm: speed,
             turret: report,
             interlock: self.status.map(|(status, at)| Interlock {
@@ -358,7 +365,7 @@ impl Engine {
         let pipeline = self.stream.as_ref().map(|stream| stream.pipeline());
         let silent = |p: &&Pipeline| command.kind == CommandKind::Move && p.agreement().phase == Phase::Quiet;
         let foreseen = pipeline.filter(silent).and_then(Pipeline::margin_running_out);
-        if let Some(margin) = foreseen {
+        if let Some((_, margin)) = foreseen {
             let (margin_1_s, frequency_hz) = (margin.margin_1_s, margin.frequency_hz);
             text += &format!(" before chatter: {margin_1_s:.1} 1/s are left at {frequency_hz:.0} Hz");
         }
@@ -367,7 +374,7 @@ impl Engine {
         if let Some(stream) = &self.stream {
             let chatter = stream.pipeline().agreement();
             let heard_hz = chatter.highest_hz.or(chatter.frequency_hz);
-            event.frequency_hz = heard_hz.or(foreseen.map(|m| m.frequency_hz));
+            event.frequency_hz = heard_hz.or(foreseen.map(|(_, margin)| margin.frequency_hz));
             event.power_n2 = Some(chatter.power_n2);
             event.axis = stream.axes().get(chatter.leading_axis).cloned();
             event.t_s = stream.newest.map(|p| p.t_ns as f64 * 1e-9);
