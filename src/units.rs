@@ -70,6 +70,7 @@ impl SpindleSpeed {
         60.0 / self.0
     }
 }
+
 /// A number of things in words: `1 sample`, `2 samples`. `what`: one of them, with a regular plural.
 pub(crate) fn counted(count: impl std::fmt::Display, what: &str) -> String {
     let count = count.to_string();

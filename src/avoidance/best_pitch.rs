@@ -74,10 +74,14 @@ const SAME_PITCH: f64 = 0.08;
 /// `stillcut campaign`.
 #[must_use]
 pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
+    best_of(question, &possible_cuts(question))
+}
+
+/// The same of cuts that are known.
+fn best_of(question: &PitchQuestion<'_>, cuts: &[Cut]) -> PitchAdvice {
     let Some(highest_hz) = question.lines.iter().map(|l| l.frequency_hz).max_by(f64::total_cmp) else {
         return PitchAdvice::NotIdentified;
     };
-    let cuts = possible_cuts(question);
     if cuts.is_empty() {
         return PitchAdvice::NotIdentified;
     }
@@ -85,9 +89,9 @@ pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
     // After a try that did not help, what goes on at that pitch is what must be opposed.
     let newest_hz = question.lines.first().map_or(highest_hz, |l| l.frequency_hz);
     let opposed_hz = if question.fruitless_rad.is_empty() { highest_hz } else { newest_hz };
-    let search = |lobe: f64| best_of_lobe(question, &cuts, (opposed_hz, lobe), PHASE_RANGE);
-    let small = || best_of_lobe(question, &cuts, (opposed_hz, 0.0), SMALL_PHASE_RANGE);
-    let nothing = || PitchAdvice::NoStablePitch { nearest_speed_rpm: nearest_speed(question, &cuts) };
+    let search = |lobe: f64| best_of_lobe(question, cuts, (opposed_hz, lobe), PHASE_RANGE);
+    let small = || best_of_lobe(question, cuts, (opposed_hz, 0.0), SMALL_PHASE_RANGE);
+    let nothing = || PitchAdvice::NoStablePitch { nearest_speed_rpm: nearest_speed(question, cuts) };
     let Some(mut best) = search(0.0).or_else(small) else { return nothing() };
     if best.growth_1_s > -COMFORTABLE_1_S {
         for lobe in [1.0, 2.0] {
@@ -114,8 +118,8 @@ pub fn best_pitch(question: &PitchQuestion<'_>) -> PitchAdvice {
 /// Cost and errors as [`best_pitch`]. Checked by: `before_chatter_the_pitch_goes_no_farther_than_it_must`.
 #[must_use]
 pub fn pitch_before_chatter(question: &PitchQuestion<'_>, standing_rad: f64) -> Option<f64> {
-    let PitchAdvice::Pitch { pitch_rad: best_rad, .. } = best_pitch(question) else { return None };
     let (cuts, turn_s) = (possible_cuts(question), question.spindle.period_s());
+    let PitchAdvice::Pitch { pitch_rad: best_rad, .. } = best_of(question, &cuts) else { return None };
     let growth_1_s = |pitch_rad: f64| -> f64 {
         cuts.iter().map(|c| c.weight() * c.growth_1_s(turn_s, pitch_rad, 1.0)).sum()
     };
@@ -269,23 +273,24 @@ mod tests {
     use crate::plant::scenario::RawScenario;
     use crate::stability::{rightmost_root, scenario_root};
 
+    /// The line of a scenario at equal pitch.
+    fn line_of(scenario: &Scenario) -> HeardLine {
+        let root = rightmost_root(&TwoDelay::from_scenario(scenario));
+        let (frequency_hz, growth_1_s) = (root.frequency_hz, Some(root.growth_1_s));
+        HeardLine { frequency_hz, growth_1_s, turn_s: scenario.spindle.period_s(), pitch_rad: 0.0 }
+    }
+
+    fn question<'a>(
+        stated: &'a Scenario,
+        lines: &'a [HeardLine],
+        largest_pitch_rad: f64,
+    ) -> PitchQuestion<'a> {
+        PitchQuestion { stated, lines, spindle: stated.spindle, largest_pitch_rad, fruitless_rad: &[] }
+    }
+
     fn ask(raw: &RawScenario, largest_pitch_rad: f64) -> (PitchAdvice, Scenario) {
         let scenario = Scenario::new(raw).unwrap();
-        let root = rightmost_root(&TwoDelay::from_scenario(&scenario));
-        let line = HeardLine {
-            frequency_hz: root.frequency_hz,
-            growth_1_s: Some(root.growth_1_s),
-            turn_s: scenario.spindle.period_s(),
-            pitch_rad: 0.0,
-        };
-        let question = PitchQuestion {
-            stated: &scenario,
-            lines: &[line],
-            spindle: scenario.spindle,
-            largest_pitch_rad,
-            fruitless_rad: &[],
-        };
-        (best_pitch(&question), scenario)
+        (best_pitch(&question(&scenario, &[line_of(&scenario)], largest_pitch_rad)), scenario)
     }
 
     fn growth(scenario: &Scenario, pitch_difference_rad: f64) -> f64 {
@@ -356,8 +361,8 @@ mod tests {
         }
     }
 
-    /// A silent cut near its border: what is asked for brings the true cut well away from it, and no nearer
-    /// pitch would; a cut that is far from it is not moved from there.
+    /// A silent cut near its border: what is asked for brings the true cut well away from it, short of the
+    /// best pitch, and where what was stated is wrong, too.
     #[test]
     fn before_chatter_the_pitch_goes_no_farther_than_it_must() {
         let thin = |width_m: f64| {
@@ -365,24 +370,11 @@ mod tests {
             raw.cutting.width_m = width_m;
             Scenario::new(&raw).unwrap()
         };
-        let root = |cut: &Scenario| rightmost_root(&TwoDelay::from_scenario(cut));
-        let near = |cut: &Scenario| (-8.0..-4.0).contains(&root(cut).growth_1_s);
+        let near = |cut: &Scenario| line_of(cut).growth_1_s.is_some_and(|g| (-8.0..-4.0).contains(&g));
         let mut drawn = (20..80).map(|k| thin(1e-6 * f64::from(k)));
         let scenario = drawn.find(near).expect("a cut near its border");
-        let root = root(&scenario);
-        let line = HeardLine {
-            frequency_hz: root.frequency_hz,
-            growth_1_s: Some(root.growth_1_s),
-            turn_s: scenario.spindle.period_s(),
-            pitch_rad: 0.0,
-        };
-        let question = PitchQuestion {
-            stated: &scenario,
-            lines: &[line],
-            spindle: scenario.spindle,
-            largest_pitch_rad: 0.14,
-            fruitless_rad: &[],
-        };
+        let lines = [line_of(&scenario)];
+        let question = question(&scenario, &lines, 0.14);
         let moved_rad = pitch_before_chatter(&question, 0.0).unwrap();
         let PitchAdvice::Pitch { pitch_rad: best_rad, .. } = best_pitch(&question) else { panic!() };
         assert!(moved_rad > 0.0 && moved_rad < 0.8 * best_rad, "{moved_rad} of {best_rad}");
@@ -394,7 +386,8 @@ mod tests {
         raw.workpiece.damping_ratio *= 1.5;
         let stated = Scenario::new(&raw).unwrap();
         let moved_rad = pitch_before_chatter(&PitchQuestion { stated: &stated, ..question }, 0.0).unwrap();
-        assert!(growth(&scenario, moved_rad) < root.growth_1_s - 5.0, "{}", growth(&scenario, moved_rad));
+        let [before, there] = [0.0, moved_rad].map(|pitch_rad| growth(&scenario, pitch_rad));
+        assert!(there < before - 5.0, "{there}");
     }
 
     /// A fast spindle needs a larger pitch than the envelope has to oppose the waves: less of it can do.

@@ -565,7 +565,7 @@ impl Avoidance {
             state.forestalled_s = now.now_s;
         }
         if now.mode != Mode::Act {
-            // Advice changes nothing: no target, no trial, no number.
+            // Advice changes nothing else: no target, no trial, no number.
             state.trial = None;
             return Decision::Advice(command);
         }

@@ -25,19 +25,32 @@ impl Avoidance {
         now: &Situation,
         spindle: SpindleSpeed,
     ) -> Decision {
+        match self.before_chatter_rad(state, now, spindle) {
+            Ok(pitch_rad) => self.move_to(state, now, pitch_rad),
+            Err(reason) => self.renew_or(state, now, reason),
+        }
+    }
+
+    /// The pitch to go to. Errors: why none.
+    fn before_chatter_rad(
+        &self,
+        state: &mut AvoidanceState,
+        now: &Situation,
+        spindle: SpindleSpeed,
+    ) -> Result<f64, HoldReason> {
         let s = &self.settings;
         let (Some(foreseen), Some(stated), Some(turret)) = (now.foreseen, &s.stated, now.turret) else {
-            return self.renew_or(state, now, HoldReason::NoChatter);
+            return Err(HoldReason::NoChatter);
         };
         // Within a minute of chatter its lines say where the pitch belongs.
         let ruled = state.lines.highest_hz().is_some() || state.trial.is_some_and(|t| !t.to_choose);
         if !s.before_chatter || ruled {
-            return self.renew_or(state, now, HoldReason::NoChatter);
+            return Err(HoldReason::NoChatter);
         }
         let stands = turret.motion == TurretMotion::Reached;
         if !stands || state.target.is_some() && !self.arrived(state, now) {
             state.forestalled_s = now.now_s;
-            return self.renew_or(state, now, HoldReason::NoChatter);
+            return Err(HoldReason::NoChatter);
         }
         let since_s = now.now_s - state.forestalled_s;
         if since_s > FORESTALLED_S {
@@ -45,10 +58,10 @@ impl Avoidance {
         }
         // The margin of a new pitch: after a block that began before it and one that did not.
         if since_s < 2.0 * BLOCK_S || state.forestalled >= MOST_MOVES_IN_VAIN {
-            return self.renew_or(state, now, HoldReason::NoChatter);
+            return Err(HoldReason::NoChatter);
         }
         if !now.estimate_valid {
-            return self.renew_or(state, now, HoldReason::EstimateNotValid);
+            return Err(HoldReason::EstimateNotValid);
         }
         let standing_rad = pitch_of_shift_rad(s.diameter_m, s.turret.shift(&turret.offsets_m));
         let line = HeardLine {
@@ -60,7 +73,7 @@ impl Avoidance {
         // Without whole waves between the tools.
         let most_rad = MOST_PHASE_RAD / (foreseen.frequency_hz * spindle.period_s());
         if !(standing_rad.abs() < most_rad) {
-            return self.renew_or(state, now, HoldReason::NoChatter);
+            return Err(HoldReason::NoChatter);
         }
         let question = PitchQuestion {
             stated,
@@ -69,9 +82,7 @@ impl Avoidance {
             largest_pitch_rad: self.reach_rad.min(most_rad),
             fruitless_rad: &[],
         };
-        match pitch_before_chatter(&question, self.side * standing_rad) {
-            Some(pitch_rad) => self.move_to(state, now, self.side * pitch_rad),
-            None => self.renew_or(state, now, HoldReason::NoChatter),
-        }
+        let pitch_rad = pitch_before_chatter(&question, self.side * standing_rad);
+        pitch_rad.map(|pitch_rad| self.side * pitch_rad).ok_or(HoldReason::NoChatter)
     }
 }

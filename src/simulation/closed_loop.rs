@@ -214,19 +214,22 @@ impl ClosedLoop {
         first
     }
 
-    /// Pitch difference that the reported offsets make.
-    fn standing_pitch_rad(&self) -> f64 {
+    /// Offsets as the turret reports them.
+    fn offsets_m(&self) -> [f64; MAX_AXES] {
         let mut offsets_m = [0.0; MAX_AXES];
         offsets_m[..2].copy_from_slice(&self.lathe.actual_offset_m());
+        offsets_m
+    }
+
+    /// Pitch difference that they make.
+    fn standing_pitch_rad(&self) -> f64 {
         let settings = self.avoidance.settings();
-        pitch_of_shift_rad(settings.diameter_m, settings.turret.shift(&offsets_m))
+        pitch_of_shift_rad(settings.diameter_m, settings.turret.shift(&self.offsets_m()))
     }
 
     fn situation(&self, now_s: f64, spindle_speed_rpm: f64) -> Situation {
         let agreement = self.pipeline.agreement();
         let turret = self.lathe.turret();
-        let mut offsets_m = [0.0; MAX_AXES];
-        offsets_m[..2].copy_from_slice(&self.lathe.actual_offset_m());
         Situation {
             now_s,
             newest_sample_s: Some(now_s),
@@ -246,7 +249,7 @@ impl ClosedLoop {
             spindle_speed_rpm: Some(spindle_speed_rpm),
             turret: Some(TurretReport {
                 heard_s: now_s,
-                offsets_m,
+                offsets_m: self.offsets_m(),
                 motion: match turret.state() {
                     TurretState::Reached => TurretMotion::Reached,
                     TurretState::Moving | TurretState::Blocked => TurretMotion::Moving,

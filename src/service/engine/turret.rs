@@ -12,7 +12,6 @@ use crate::avoidance::{
 };
 use crate::chatter::Phase;
 use crate::force::validity::Validity;
-use crate::pipeline::Pipeline;
 use crate::sample::MAX_AXES;
 use crate::service::clock;
 use crate::service::commissioning::HeardNow;
@@ -171,14 +170,13 @@ impl Engine {
                 growth_1_s: chatter.growth_1_s,
             });
             speed = stream.newest.as_ref().map(|p| p.spindle_speed_rpm);
-            let held = self.setup.config.turret.holding(stream.pipeline().force_flags(chatter.leading_axis));
-            estimate_valid = stream.pipeline().axis_may_act(chatter.leading_axis) && held.is_valid();
             window_full = stream.usable_run() as f64 >= stream.sample_rate().hz();
             let pipeline = stream.pipeline();
             let believed = |axis: usize| {
                 let held = self.setup.config.turret.holding(pipeline.force_flags(axis));
                 pipeline.axis_may_act(axis) && held.is_valid()
             };
+            estimate_valid = believed(chatter.leading_axis);
             let runs_out = pipeline.margin_running_out().filter(|(axis, _)| believed(*axis));
             foreseen = runs_out.map(|(_, margin)| margin.into());
         }
@@ -361,20 +359,19 @@ impl Engine {
 
     fn command_event(&self, command: &Command, word: &str) -> Event {
         let degrees = command.pitch_difference_rad.to_degrees();
-        let mut text = format!("{word} a pitch difference of {degrees:.2} degrees");
-        let pipeline = self.stream.as_ref().map(|stream| stream.pipeline());
-        let silent = |p: &&Pipeline| command.kind == CommandKind::Move && p.agreement().phase == Phase::Quiet;
-        let foreseen = pipeline.filter(silent).and_then(Pipeline::margin_running_out);
-        if let Some((_, margin)) = foreseen {
-            let (margin_1_s, frequency_hz) = (margin.margin_1_s, margin.frequency_hz);
-            text += &format!(" before chatter: {margin_1_s:.1} 1/s are left at {frequency_hz:.0} Hz");
-        }
+        let text = format!("{word} a pitch difference of {degrees:.2} degrees");
         let mut event = Event::new(EventKind::PitchCommand, clock::wall_ns(), text);
         event.pitch_difference_rad = Some(command.pitch_difference_rad);
         if let Some(stream) = &self.stream {
             let chatter = stream.pipeline().agreement();
-            let heard_hz = chatter.highest_hz.or(chatter.frequency_hz);
-            event.frequency_hz = heard_hz.or(foreseen.map(|(_, margin)| margin.frequency_hz));
+            event.frequency_hz = chatter.highest_hz.or(chatter.frequency_hz);
+            let silent = command.kind == CommandKind::Move && chatter.phase == Phase::Quiet;
+            if let Some((_, margin)) = stream.pipeline().margin_running_out().filter(|_| silent) {
+                let (margin_1_s, frequency_hz) = (margin.margin_1_s, margin.frequency_hz);
+                event.text +=
+                    &format!(" before chatter: {margin_1_s:.1} 1/s are left at {frequency_hz:.0} Hz");
+                event.frequency_hz = event.frequency_hz.or(Some(frequency_hz));
+            }
             event.power_n2 = Some(chatter.power_n2);
             event.axis = stream.axes().get(chatter.leading_axis).cloned();
             event.t_s = stream.newest.map(|p| p.t_ns as f64 * 1e-9);
