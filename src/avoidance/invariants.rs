@@ -473,19 +473,17 @@ impl InvariantMonitor {
     }
 
     /// A new target must bring some line heard in the last minute between 0.3 pi and 1.2 pi, or with whole
-    /// waves between 0.6 pi and 1.2 pi; before chatter the foreseen line to 1.2 pi at most, or less far than
-    /// it is, where that is commissioned and a line is foreseen now.
+    /// waves between 0.6 pi and 1.2 pi; before chatter the line that is foreseen now to 1.2 pi at most, where
+    /// that is commissioned.
     fn check_purpose(&self, seen: &Situation, command: &Command) -> Result<(), Violation> {
         if command.kind != CommandKind::Move {
             return Ok(());
         }
         let Some(rpm) = seen.spindle_speed_rpm else { return Err(Violation::Purpose) };
         if seen.heard.phase == Phase::Quiet {
-            let asked_rad = command.requested_pitch_rad.abs();
-            let less = self.standing.is_some_and(|s| asked_rad <= s.pitch_difference_rad.abs());
             let serves = |root: Foreseen| {
-                let phase_rad = 60.0 * root.frequency_hz * asked_rad / rpm.abs();
-                phase_rad >= 0.0 && (phase_rad <= 1.2 * std::f64::consts::PI || less)
+                let phase_rad = 60.0 * root.frequency_hz * command.requested_pitch_rad.abs() / rpm.abs();
+                (0.0..=1.2 * std::f64::consts::PI).contains(&phase_rad)
             };
             let foreseen = seen.foreseen.is_some_and(serves) && self.limits.before_chatter;
             return if foreseen { Ok(()) } else { Err(Violation::Purpose) };
