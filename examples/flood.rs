@@ -15,7 +15,8 @@ use std::net::TcpStream;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+use stillcut::service::clock;
 
 /// Limits that somebody answers for: without them nothing acts.
 const COMMISSIONED: &str = "[turret]\nlimits_by = \"flood\"\nlimits_date = \"2026-11-23\"\naccept = [\"hours_observed\", \"cuts_heard\", \"alarms_reviewed\", \"commands_advised\", \"model_drift\", \"estimators_disagree\"]\n";
@@ -74,7 +75,7 @@ const KINDS: [&str; 6] = [
 fn offer(address: &str, rate: f64, stop: &AtomicBool, (offered, answered): (&AtomicU64, &AtomicU64)) {
     const TOGETHER: u64 = 24;
     let many: String = (0..TOGETHER as usize).map(|k| KINDS[k % KINDS.len()]).collect();
-    let (began, mut mine) = (Instant::now(), 0_u64);
+    let (began, mut mine) = (clock::now(), 0_u64);
     while !stop.load(Ordering::Relaxed) {
         let Ok(mut stream) = TcpStream::connect(address) else { continue };
         let Ok(mut reader) = stream.try_clone() else { continue };
@@ -172,10 +173,10 @@ struct Stretch {
 /// Watches for some seconds.
 fn watch(name: &'static str, (address, id): (&str, u32), seconds: f64) -> Stretch {
     let (before, lost_before) = counters(address);
-    let (busy, began, mut slowest) = (busy_s(id), Instant::now(), Duration::ZERO);
+    let (busy, began, mut slowest) = (busy_s(id), clock::now(), Duration::ZERO);
     let mut most_mb = 0.0_f64;
     while began.elapsed().as_secs_f64() < seconds {
-        let asked = Instant::now();
+        let asked = clock::now();
         let good = get(address, "/healthz") == "alive\n";
         slowest = slowest.max(if good { asked.elapsed() } else { Duration::from_secs(99) });
         most_mb = most_mb.max(rss_mb(id));

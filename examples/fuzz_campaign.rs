@@ -15,7 +15,8 @@ use rand_chacha::ChaCha8Rng;
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::time::Duration;
+use stillcut::service::clock;
 
 const HANG: Duration = Duration::from_secs(1);
 
@@ -278,8 +279,8 @@ fn main() -> ExitCode {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let seeds = seeds(target, &bench.live, &scratch);
         let (mut inputs, mut accepted, mut slowest, before) = (0_u64, 0_u64, Duration::ZERO, findings);
-        let end = Instant::now() + Duration::from_secs(seconds);
-        while Instant::now() < end && findings < before + 10 {
+        let end = clock::now() + Duration::from_secs(seconds);
+        while clock::now() < end && findings < before + 10 {
             let of = (random.random::<u64>() % seeds.len() as u64) as usize;
             let bytes = mutate(&seeds[of], &mut random);
             let kind = random.random::<u64>();

@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use running::{address, binary, lathe, number};
 use std::path::PathBuf;
 use std::process::{Child, ExitCode, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use stillcut::service::clock;
 
 /// Ready later than this is a loss (the target on an idle machine is 2 s).
@@ -90,7 +90,7 @@ fn connected(agent: &ureq::Agent, address: &str, since_ns: i64) -> bool {
 
 /// Starts what is dead and waits until samples flow again; nothing when they do not.
 fn recover(place: &Place, pair: &mut Pair, agent: &ureq::Agent) -> Option<Duration> {
-    let (began, since_ns) = (Instant::now(), clock::wall_ns());
+    let (began, since_ns) = (clock::now(), clock::wall_ns());
     while began.elapsed() < TOO_LATE {
         if !matches!(pair.lathe.try_wait(), Ok(None)) {
             pair.lathe = place.lathe();
@@ -112,7 +112,7 @@ fn recover(place: &Place, pair: &mut Pair, agent: &ureq::Agent) -> Option<Durati
 /// Rows of the audit record. A read that is refused (the disk is busy) is asked again for ten seconds: what counts
 /// is what is there, not how soon it can be read. Errors: the last refusal.
 fn rows(agent: &ureq::Agent, address: &str) -> Result<usize, String> {
-    let (mut count, began) = (0, Instant::now());
+    let (mut count, began) = (0, clock::now());
     loop {
         match body(agent, &format!("http://{address}/api/v1/audit?after={count}")) {
             Ok(page) => match page.matches("\"sequence\":").count() {
@@ -141,8 +141,8 @@ fn main() -> ExitCode {
     let mut acknowledged = 0_usize;
     for _ in 0..kills {
         if let Some(address) = &pair.address {
-            let until = Instant::now() + Duration::from_millis(random.random::<u64>() % 400);
-            while Instant::now() < until {
+            let until = clock::now() + Duration::from_millis(random.random::<u64>() % 400);
+            while clock::now() < until {
                 acknowledged += usize::from(write(&agent, address, &token));
             }
         }

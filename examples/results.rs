@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 use std::error::Error;
 use std::path::Path;
 use std::process::Command;
-use std::time::Instant;
+use stillcut::service::clock;
 
 type Done = Result<(), Box<dyn Error>>;
 
@@ -109,7 +109,7 @@ fn at(delays_s: &[f64], share: f64) -> String {
 /// `stillcut conceal`: what was hidden, how often it was named, and what a stated probability is worth.
 fn concealed((option, base): (&str, &Path), first: u64, seeds: u64) -> Done {
     let folder = std::env::temp_dir().join(format!("stillcut-results-{}", std::process::id()));
-    let began = Instant::now();
+    let began = clock::now();
     run(binary()
         .arg("conceal")
         .args([option.as_ref(), base.as_os_str(), "--out".as_ref(), folder.as_os_str()])

@@ -15,8 +15,9 @@ mod running;
 use running::{Process, busy_s, number};
 use std::path::Path;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use stillcut::plant::scenario::Scenario;
+use stillcut::service::clock;
 use stillcut::simulation::lathe::{AXES, Lathe, LatheSettings};
 use stillcut::transport::wire::{ServoBatch, ServoPoint, axis_name_bytes};
 use stillcut::transport::{Domain, ServoPublisher};
@@ -146,7 +147,7 @@ fn main() -> ExitCode {
     let who = domain.join("soak").expect("the domain is there");
     let port = ServoPublisher::open(&who).expect("a port");
     let agent = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(10))).build().into();
-    let (round, began) = (round(), Instant::now());
+    let (round, began) = (round(), clock::now());
     let (mut sent, mut sequence, mut row, mut first_mb, mut worst_mb) =
         (Sent::default(), 0, 1.0, 0.0, 0.0_f64);
     let mut hour_mb = Vec::new();

@@ -1,6 +1,7 @@
 //! Whose a file or folder is: what another user of the machine may change, or lead elsewhere by a link, is
 //! not used, and is named.
 
+use rustix::fs::Access;
 use std::io::{Error, ErrorKind};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::Path;
@@ -69,12 +70,14 @@ fn inspected(path: &Path) -> Result<Option<std::fs::Metadata>, Error> {
 pub fn kept_by(user: u32, path: &Path) -> Result<Option<std::fs::Metadata>, Error> {
     let found = kept(path)?;
     match &found {
-        Some(f) if ![user, ROOT].contains(&f.uid()) => {
-            let not = if user == own_user() { "this one" } else { "the service's" };
-            Err(refused(format!("belongs to user {}, not to {not} ({user})", f.uid())))
-        }
+        Some(f) if ![user, ROOT].contains(&f.uid()) => Err(of_another(f.uid(), user)),
         _ => Ok(found),
     }
+}
+
+fn of_another(owner: u32, user: u32) -> Error {
+    let not = if user == own_user() { "this one" } else { "the service's" };
+    refused(format!("belongs to user {owner}, not to {not} ({user})"))
 }
 
 /// Whose files the service would find its own: this user, or, where the administrator asks, the owner of the
@@ -124,7 +127,8 @@ pub fn own_file(path: &Path) -> Result<(), Error> {
     existing_file(path)
 }
 
-/// As [`own_file`], where the file is there; nothing is made. Errors: also one that its owner may not write.
+/// As [`own_file`], where the file is there; nothing is made. Errors: also one that its owner may not write,
+/// and one of root's that this user may not.
 pub fn existing_file(path: &Path) -> Result<(), Error> {
     let Some(found) = inspected(path)? else { return Ok(()) };
     if !found.is_file() {
@@ -133,6 +137,10 @@ pub fn existing_file(path: &Path) -> Result<(), Error> {
     let mode = found.permissions().mode() & 0o7777;
     if !is_its_owners(mode) {
         return Err(refused(format!("mode {mode:03o} does not let its owner read and write; expected 640")));
+    }
+    let usable = Access::READ_OK | Access::WRITE_OK;
+    if found.uid() != own_user() && rustix::fs::access(path, usable).is_err() {
+        return Err(of_another(found.uid(), own_user()));
     }
     if mode & !KEPT != 0 && found.uid() == own_user() {
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode & KEPT))?;
@@ -199,6 +207,9 @@ mod tests {
             std::os::unix::fs::chown(at("file"), Some(12_345), None).unwrap();
             let foreign = own_file(&at("file")).unwrap_err().to_string();
             assert!(foreign.contains("user 12345"), "{foreign}");
+        } else {
+            let of_root = existing_file(Path::new("/etc/passwd")).unwrap_err().to_string();
+            assert!(of_root.contains("belongs to user 0"), "{of_root}");
         }
     }
 }

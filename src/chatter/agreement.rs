@@ -209,7 +209,7 @@ mod tests {
         let mut phase_at = |t_s: f64| {
             let loud = ChatterOutput { contrast: 90.0, ..output(Phase::Chatter, 300.0 + 100.0 * t_s) };
             let quiet = output(Phase::Quiet, 300.0);
-            let other = if (t_s * 4.0) as u32 % 2 == 0 { loud } else { quiet };
+            let other = if ((t_s * 4.0) as u32).is_multiple_of(2) { loud } else { quiet };
             agree(&mut state, t_s, [output(Phase::Chatter, 540.0), other].iter().enumerate())
         };
         assert_eq!((0..100).find(|k| phase_at(0.01 * f64::from(*k)).phase == Phase::Chatter), None);

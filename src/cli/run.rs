@@ -4,7 +4,7 @@ use super::bad_input;
 use super::signals::stop_token;
 use crate::config::service::{ServiceConfig, read_service_config};
 use crate::ownership;
-use crate::service::{Running, ServiceError, check, clock, start, user_of};
+use crate::service::{Running, ServiceError, check, check_shared_memory, clock, start, user_of};
 use crate::store::StoreError;
 use crate::telemetry::{LogFormat, start_logs};
 use crate::units::counted;
@@ -41,6 +41,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let user = if arguments.check { user_of(&config) } else { this };
     check(&config, user).map_err(|e| place(e.to_string()))?;
     if arguments.check {
+        check_shared_memory(&config, user).map_err(|e| place(e.to_string()))?;
         let name = arguments.config.as_deref().map_or("defaults".into(), |path| path.to_string_lossy());
         let whose = if user == this { String::new() } else { format!(" for user {user}") };
         writeln!(std::io::stdout(), "{name}: the configuration is good{whose}")?;

@@ -101,8 +101,8 @@ impl Access {
     }
 
     fn load_at(file: Option<&Path>, trust_loopback: bool, read: Clocks) -> Result<Self, TokenFileError> {
+        let changed = file.and_then(changed); // before the look: a change meanwhile is seen at the next
         let tokens = file.map(read_tokens).transpose()?.unwrap_or_default();
-        let changed = file.and_then(changed);
         let (last_operators, had_operator) = (Vec::new(), false);
         let mut loaded = Loaded { tokens, changed, last_operators, had_operator, refused: None, read };
         loaded.has_operator(read.0);
@@ -348,7 +348,7 @@ mod tests {
              expires = \"2026-01-01T00:00:00Z\"\n"
         );
         let file = file(&text);
-        let now = Instant::now();
+        let now = clock::now();
         let wall = clock::parse_rfc3339("2026-06-01T00:00:00Z").unwrap();
         let access = Access::load_at(Some(file.path()), false, (now, wall)).unwrap();
         let Verdict::Known(caller) = access.judge(&with(&anna), FAR, now) else { panic!("known") };
@@ -372,7 +372,7 @@ mod tests {
             )
         };
         let expiry = clock::parse_rfc3339("2026-01-01T00:00:00Z").unwrap();
-        let (empty, old, now) = (file(""), file(&entry(&hash)), Instant::now());
+        let (empty, old, now) = (file(""), file(&entry(&hash)), clock::now());
         let load = |f: &tempfile::NamedTempFile, wall_ns| {
             Access::load_at(Some(f.path()), false, (now, wall_ns)).unwrap()
         };
@@ -390,7 +390,7 @@ mod tests {
         let (anna, hash) = new_token([1; 32]);
         let file = file(&format!("[[token]]\nname = \"anna\"\nrole = \"operator\"\nsha256 = \"{hash}\"\n"));
         let access = Access::load(Some(file.path()), false).unwrap();
-        let now = Instant::now();
+        let now = clock::now();
         for _ in 0..5 {
             assert_eq!(access.judge(&with("guess"), FAR, now), Verdict::BadToken);
         }
@@ -415,7 +415,7 @@ mod tests {
         let entry = |h: &str| format!("[[token]]\nname = \"n\"\nrole = \"viewer\"\nsha256 = \"{h}\"\n");
         let file = file(&entry(&one_hash));
         let access = Access::load(Some(file.path()), false).unwrap();
-        let now = Instant::now();
+        let now = clock::now();
         assert!(matches!(access.judge(&with(&one), FAR, now), Verdict::Known(_)));
         std::fs::write(file.path(), entry(&two_hash)).unwrap();
         let mode = |m| std::fs::set_permissions(file.path(), std::fs::Permissions::from_mode(m)).unwrap();
@@ -446,7 +446,7 @@ mod tests {
         let (one, hash) = new_token([1; 32]);
         let file = file(&format!("[[token]]\nname = \"n\"\nrole = \"viewer\"\nsha256 = \"{hash}\"\n"));
         let access = Access::load(Some(file.path()), false).unwrap();
-        let now = Instant::now();
+        let now = clock::now();
         assert!(matches!(access.judge(&with(&one), FAR, now), Verdict::Known(_)));
         std::thread::sleep(Duration::from_millis(20));
         std::fs::write(file.path(), "").unwrap();
@@ -474,7 +474,7 @@ mod tests {
         for spoil in spoilt {
             let file = file(&entry("engineer"));
             let access = Access::load(Some(file.path()), false).unwrap();
-            let now = Instant::now();
+            let now = clock::now();
             assert_eq!(access.last_operator(&with(&anna), now), None, "the token itself is in force");
             std::thread::sleep(Duration::from_millis(10));
             spoil(&file);
@@ -512,7 +512,7 @@ mod tests {
         };
         let expiry = clock::parse_rfc3339("2026-01-01T00:00:00Z").unwrap();
         let expires = "expires = \"2026-01-01T00:00:00Z\"\n";
-        let now = Instant::now();
+        let now = clock::now();
         let load =
             |text: &str| Access::load_at(Some(file(text).path()), false, (now, expiry - 1_000_000_000));
         let later = now + Duration::from_secs(1);

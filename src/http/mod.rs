@@ -331,8 +331,8 @@ fn is_override(request: &Request) -> bool {
 /// Who it is: by a token in force, or, to take the turret back, by one that was until none was.
 fn caller_of(site: &Site, request: &Request, address: IpAddr) -> Option<Caller> {
     let (headers, now) = (request.headers(), clock::now());
-    let back = || site.access.last_operator(headers, now).filter(|_| is_override(request));
-    site.access.caller(headers, address, now).or_else(back)
+    let back = is_override(request).then(|| site.access.last_operator(headers, now)).flatten();
+    back.or_else(|| site.access.caller(headers, address, now))
 }
 
 /// The page itself and liveness tell nothing about the machine.

@@ -8,6 +8,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use serde::Deserialize;
 use sha2::{Digest as _, Sha256};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -39,7 +40,7 @@ impl Role {
 #[derive(Debug, Error)]
 pub enum TokenFileError {
     /// Cannot be read.
-    #[error("http.tokens: {}: {source}; `stillcut token --file FILE` makes one", path.display())]
+    #[error("http.tokens: {}: {source}; {}", path.display(), mend(source))]
     Read {
         /// File.
         path: PathBuf,
@@ -75,6 +76,15 @@ pub enum TokenFileError {
         /// What is wrong.
         message: String,
     },
+}
+
+/// What a person does about a file that cannot be read.
+fn mend(source: &std::io::Error) -> &'static str {
+    match source.kind() {
+        ErrorKind::NotFound => "`stillcut token --file FILE` makes one",
+        ErrorKind::PermissionDenied => "it must be the service's user's own, of mode 600",
+        _ => "expected a file of tokens, as `stillcut token` makes it",
+    }
 }
 
 #[derive(Deserialize)]

@@ -426,7 +426,8 @@ mod tests {
         one.axes[1] =
             AxisSample { current_ref_a: -0.0, motor_angle_rad: 1e300, stage_position_m: Some(-0.5) };
         two.spindle_angle_rad = 2.5;
-        (kept.push(&one, 2), kept.push(&two, 2));
+        kept.push(&one, 2);
+        kept.push(&two, 2);
         assert_eq!(kept.iter().collect::<Vec<_>>(), [one, two]);
         assert_eq!((kept.first(), kept.last(), kept.len()), (Some(one), Some(two), 2));
         assert_eq!(kept.last_sequence(), Some(7));

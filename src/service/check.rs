@@ -36,6 +36,12 @@ pub fn check(config: &ServiceConfig, user: u32) -> Result<(), ServiceError> {
     Ok(())
 }
 
+/// Whether nobody else holds a name of the shared memory domain against `user`. A start looks itself, when it
+/// joins: this may be over at the next. Errors: the first such file, and whose it is.
+pub fn check_shared_memory(config: &ServiceConfig, user: u32) -> Result<(), ServiceError> {
+    Ok(Domain::new(&config.transport.0, &config.transport.1)?.refuse_foreign(user)?)
+}
+
 /// The user that the service will run as: this one, or, where root asks, who owns the history's folder, or
 /// else the domain's.
 #[must_use]

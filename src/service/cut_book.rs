@@ -121,9 +121,11 @@ mod tests {
         Some(ChatterEvent::Onset(line))
     }
 
-    /// Stretches of (duration, speed, pitch, whether the tools cut), each with what the detector says at its
-    /// end.
-    fn told(runs: &[(f64, f64, f64, Option<bool>, Option<ChatterEvent>)]) -> Vec<(f64, f64, Option<f64>)> {
+    /// A stretch: duration in s, speed in rpm, pitch in rad, whether the tools cut, and what the detector says
+    /// at its end.
+    type Run = (f64, f64, f64, Option<bool>, Option<ChatterEvent>);
+
+    fn told(runs: &[Run]) -> Vec<(f64, f64, Option<f64>)> {
         let (mut book, mut t_s) = (CutBook::default(), 0.0);
         for (lasts_s, speed_rpm, pitch_rad, in_cut, event) in runs {
             for _ in 0..(lasts_s / 0.01).round() as usize {

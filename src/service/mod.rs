@@ -44,7 +44,7 @@ pub mod virtual_lathe;
 mod way_back;
 
 pub use crate::store::{AuditRow, EventFilter, EventPage, MAX_PAGE, PastCut};
-pub use check::{check, user_of};
+pub use check::{check, check_shared_memory, user_of};
 pub use commissioning::{CommissioningItem, CommissioningView};
 pub use control::{ModeNow, Origin, Refusal};
 pub use cut_jobs::cuts_csv;

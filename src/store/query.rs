@@ -184,7 +184,8 @@ mod tests {
         let migration = super::super::migrations().into_iter().find(|(v, _, _)| *v == 5).unwrap().2;
         for text in [OPEN_ALARM, migration] {
             let (mut found, mut expected) = (condition(text), words.clone());
-            (found.sort(), expected.sort());
+            found.sort();
+            expected.sort();
             assert_eq!(found, expected);
         }
     }

@@ -93,7 +93,7 @@ impl Domain {
             move |source| TransportError::Files { path, source }
         };
         own_folder(&self.root, 0o700).map_err(io(&self.root))?;
-        self.refuse_foreign()?;
+        self.refuse_foreign(own_user())?;
         let path = self.root.join("domain.lock");
         let file = own_lock(&path).map_err(io(&path))?;
         match file.try_lock() {
@@ -132,14 +132,14 @@ impl Domain {
         entries(Path::new(SHARED_MEMORY)).into_iter().filter(ours)
     }
 
-    /// Errors: another user made a file of this name in shared memory, where everybody may make files; it
-    /// cannot be removed by this one and keeps everybody out.
-    fn refuse_foreign(&self) -> Result<(), TransportError> {
+    /// Errors: another user than `user`, root too, made a file of this name in shared memory, where everybody
+    /// may make files; `user` can neither use nor remove it, and it keeps everybody out.
+    pub fn refuse_foreign(&self, user: u32) -> Result<(), TransportError> {
         for path in self.shared_files() {
             // One that has gone meanwhile is nobody's.
             let owner = std::fs::symlink_metadata(&path).ok().map(|m| m.uid());
-            if let Some(owner) = owner.filter(|owner| ![own_user(), 0].contains(owner)) {
-                return Err(TransportError::Foreign { path, owner, own: own_user() });
+            if let Some(owner) = owner.filter(|owner| *owner != user) {
+                return Err(TransportError::Foreign { path, owner, user });
             }
         }
         Ok(())

@@ -38,8 +38,8 @@ pub enum TransportError {
     },
     /// Another user holds a name of this domain in shared memory.
     #[error(
-        "{}: belongs to user {owner}, not to this one ({own}); remove it as that user or root, or choose \
-         another transport.prefix",
+        "{}: belongs to user {owner}, and all of the domain must be of user {user}; remove it as that user or \
+         root, or choose another transport.prefix",
         path.display()
     )]
     Foreign {
@@ -47,8 +47,8 @@ pub enum TransportError {
         path: PathBuf,
         /// Its owner.
         owner: u32,
-        /// The user of this process.
-        own: u32,
+        /// Whose domain it is.
+        user: u32,
     },
     /// No node could be made.
     #[error("transport: cannot join the domain: {0}; all participants must run as the same user")]

@@ -1,5 +1,6 @@
 //! Tests that cross modules, in one binary. Data beside the project (`../shared`) is read where it is
 //! present; a test that needs it says so and passes where it is absent.
+#![expect(clippy::disallowed_methods, reason = "a test waits for real processes and says how long it took")]
 
 mod folders;
 mod lathe;
@@ -59,5 +60,7 @@ mod store;
 mod stream_score;
 #[cfg(feature = "service")]
 mod transport;
+#[cfg(feature = "service")]
+mod unprivileged;
 
 mod diagnosis;

@@ -344,10 +344,15 @@ impl Process {
 
     /// The same; what it said last where it ended instead.
     pub(crate) fn try_start(place: &Place, http: &str, environment: &[(&str, &str)]) -> Result<Self, String> {
-        let config = place.folder.path().join("c.toml");
-        std::fs::write(&config, place.toml(http) + "[log]\nformat = \"json\"\n").unwrap();
         let mut command = Command::new(env!("CARGO_BIN_EXE_stillcut"));
         command.envs(environment.iter().copied());
+        Self::try_run(command, place, http)
+    }
+
+    /// The same of a command that is the program as somebody starts it.
+    pub(crate) fn try_run(mut command: Command, place: &Place, http: &str) -> Result<Self, String> {
+        let config = place.folder.path().join("c.toml");
+        std::fs::write(&config, place.toml(http) + "[log]\nformat = \"json\"\n").unwrap();
         command.arg("run").arg("--config").arg(&config).stderr(Stdio::piped()).stdout(Stdio::null());
         let mut child = command.spawn().unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
@@ -575,6 +580,16 @@ fn check_by_root_is_made_for_the_user_of_the_history() {
     std::fs::set_permissions(&history, std::fs::Permissions::from_mode(0o640)).unwrap();
     chown(&history, Some(4322), None).unwrap();
     said("history.sqlite: belongs to user 4322, not to the service's (4321)");
+    std::fs::remove_file(&history).unwrap();
+    // Shared memory: another user's file, also root's, keeps the service's user out.
+    let segment = std::path::PathBuf::from(format!("/dev/shm/{}squatted", place.domain.prefix()));
+    std::fs::write(&segment, "").unwrap();
+    for (owner, whose) in [(4322, "belongs to user 4322"), (0, "belongs to user 0")] {
+        chown(&segment, Some(owner), None).unwrap();
+        said(&format!("{}: {whose}, and all of the domain must be of user 4321", segment.display()));
+    }
+    std::fs::remove_file(&segment).unwrap();
+    assert_eq!(checked(), (0, String::new()));
 }
 
 fn run_once(arguments: &[&str]) -> (i32, String) {

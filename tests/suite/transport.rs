@@ -1,5 +1,6 @@
 //! Shared memory between real participants: delivery, loss, restart, and the janitor.
 
+use crate::folders::not_run;
 use std::path::{Path, PathBuf};
 use stillcut::transport::wire::{COMMAND_OFFSET, ServoBatch, ServoPoint, TurretCommand, TurretStatus};
 use stillcut::transport::{
@@ -206,7 +207,7 @@ fn a_foreign_file_in_shared_memory_is_named() {
     let path = PathBuf::from(format!("/dev/shm/{}squatted", test.domain.prefix()));
     std::fs::write(&path, "").unwrap();
     if std::os::unix::fs::chown(&path, Some(12_345), None).is_err() {
-        eprintln!("skipped: only an administrator can make another user's file");
+        not_run("only an administrator can make another user's file");
         std::fs::remove_file(path).unwrap();
         return;
     }

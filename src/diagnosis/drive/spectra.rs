@@ -322,7 +322,7 @@ mod tests {
         let n = 4096;
         let low: Vec<f64> = (0..n).map(|k| (0.21 * k as f64).sin() + (0.05 * k as f64).cos()).collect();
         let plan = Plan::new(&[vec![false; n]], 1000.0, (400.0, false));
-        let spectrum = plan.transform(&[low.clone()]);
+        let spectrum = plan.transform(std::slice::from_ref(&low));
         let back = plan.series(&spectrum, &[n]);
         for k in 300..n - 300 {
             assert!((back[0][k] - low[k]).abs() < 1e-3, "{k}: {} {}", back[0][k], low[k]);

@@ -376,7 +376,8 @@ fn person() -> Origin {
 /// In act, whatever comes but no usable sample: nothing is commanded, the silence is told within a second.
 #[test]
 fn samples_that_cannot_be_used_are_no_fresh_samples() {
-    let spoilt: [(&str, fn(&mut ServoPoint)); 5] = [
+    type Spoilt = (&'static str, fn(&mut ServoPoint));
+    let spoilt: [Spoilt; 5] = [
         ("no number", |p| p.axes[0].current_ref_a = f64::NAN),
         ("not measured", |p| p.valid = 0),
         ("repeated", |p| p.sequence = 5),

@@ -304,8 +304,10 @@ pub(super) mod tests {
     fn roots_are_those_of_the_two_delay_equation() {
         for pitch_rad in [0.0, 0.05, 0.09] {
             let (condition, at) = example(pitch_rad);
-            let mut scenario = crate::plant::scenario::RawScenario::default();
-            scenario.pitch_difference_rad = pitch_rad;
+            let scenario = crate::plant::scenario::RawScenario {
+                pitch_difference_rad: pitch_rad,
+                ..crate::plant::scenario::RawScenario::default()
+            };
             let equation = TwoDelay::from_scenario(&Scenario::new(&scenario).unwrap());
             let root = rightmost_root(&equation);
             let s = Complex::new(root.growth_1_s, 2.0 * PI * root.frequency_hz);
