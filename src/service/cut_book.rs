@@ -121,8 +121,8 @@ mod tests {
         Some(ChatterEvent::Onset(line))
     }
 
-    /// A stretch: duration in s, speed in rpm, pitch in rad, whether the tools cut, and what the detector says
-    /// at its end.
+    /// A stretch: duration in s, speed in rpm, pitch in rad, whether the tools cut, and what the detector
+    /// says at its end.
     type Run = (f64, f64, f64, Option<bool>, Option<ChatterEvent>);
 
     fn told(runs: &[Run]) -> Vec<(f64, f64, Option<f64>)> {
