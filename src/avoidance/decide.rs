@@ -32,8 +32,8 @@ const REFUSAL_HEARD_S: f64 = 0.25;
 const STUCK_INTERVALS: u32 = 3;
 /// Longest wait after refusals (invariant I11).
 const LONGEST_BACKOFF_S: f64 = 60.0;
-/// Lines are kept this long after they were last heard.
-const KEEP_LINES_S: f64 = 60.0;
+/// The minute of the rules: for lines that are kept, reversals, and pitches before chatter.
+pub(super) const MINUTE_S: f64 = 60.0;
 
 /// The decision: immutable design.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -160,7 +160,7 @@ impl Avoidance {
         }
         // Never a burst: after a stall the next one is a whole interval away.
         state.next_due_s = now.now_s + self.settings.interval_s;
-        state.lines.forget(now.now_s, KEEP_LINES_S);
+        state.lines.forget(now.now_s, MINUTE_S);
         self.decide_due(state, now)
     }
 
@@ -459,7 +459,7 @@ impl Avoidance {
         };
         let step_rad = pitch_rad - state.target.map_or(0.0, |t| t.pitch_rad);
         if step_rad * state.last_step_rad < 0.0 {
-            if now.now_s - state.reversals_s[0] < 60.0 {
+            if now.now_s - state.reversals_s[0] < MINUTE_S {
                 return self.renew_or(state, now, HoldReason::Hunting);
             }
             state.reversals_s.rotate_left(1);

@@ -28,6 +28,7 @@ mod structure;
 pub mod turret;
 
 pub use decide::Avoidance;
+pub use forestall::Wait;
 pub use state::AvoidanceState;
 
 use crate::chatter::Phase;

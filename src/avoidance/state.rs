@@ -155,6 +155,12 @@ impl AvoidanceState {
         self.choose_anew();
     }
 
+    /// The pitch that stands was asked for before any chatter.
+    #[must_use]
+    pub fn stands_before_chatter(&self) -> bool {
+        self.target.is_some_and(|t| t.before_chatter)
+    }
+
     /// The turret must go back to equal pitch and was not told so yet.
     pub(super) fn must_go_back(&self) -> bool {
         self.mode == Mode::Act && self.target.is_some() && self.latched.is_some_and(|l| !l.returned)

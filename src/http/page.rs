@@ -47,6 +47,17 @@ mod tests {
         }
     }
 
+    /// So with why a pitch waits before chatter: the page has a sentence for each.
+    #[test]
+    fn every_wait_before_chatter_has_its_words() {
+        for wait in crate::avoidance::Wait::ALL {
+            let told =
+                super::JS.split(&format!("{}: \"", wait.name())).nth(1).and_then(|t| t.split('"').next());
+            let key = format!("\n  \"{}\": [\"", told.unwrap_or_default());
+            assert!(super::WORDS.contains(&key), "{wait:?}: {told:?}");
+        }
+    }
+
     /// So with what became of a diagnosis, as it is told by word.
     #[test]
     fn every_outcome_of_a_diagnosis_has_its_words() {

@@ -84,6 +84,7 @@ pub enum TlsError {
 }
 
 /// TLS 1.2 and 1.3 with the certificate chain and key of two PEM files.
+/// Errors: a file cannot be read, holds no such thing, or others may read the key.
 pub fn tls_acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, TlsError> {
     let open = |path: &Path| {
         let bytes = std::fs::read(path).map_err(|source| TlsError::Read { path: path.to_owned(), source })?;

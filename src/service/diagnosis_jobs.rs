@@ -58,6 +58,7 @@ pub(super) async fn run_diagnoses(handle: Handle) {
 
 impl Handle {
     /// Ends a diagnosis that waits or runs.
+    /// Errors: there is none of that name, it has ended already, or nothing can be put on record.
     pub async fn cancel_diagnosis(&self, id: &str, origin: &Origin) -> Result<DiagnosisView, OperationError> {
         let none = || OperationError::NotFound("there is no such diagnosis".to_owned());
         let before = self.diagnoses().get(id).ok_or_else(none)?;
@@ -72,6 +73,7 @@ impl Handle {
     }
 
     /// Queues a diagnosis of stored recordings.
+    /// Errors: no model, no such recording, too many that wait, or nothing can be put on record.
     pub async fn start_diagnosis(
         &self,
         names: Vec<String>,

@@ -246,16 +246,19 @@ impl Handle {
     }
 
     /// A page of the history.
+    /// Errors: the history cannot be read.
     pub async fn events(&self, filter: &EventFilter) -> Result<EventPage, OperationError> {
         Ok(self.0.reader.page(filter).await?)
     }
 
     /// How far a sink outside has confirmed the events.
+    /// Errors: the history cannot be read.
     pub async fn outbox_confirmed(&self, sink: &str) -> Result<i64, OperationError> {
         Ok(self.0.reader.outbox(sink).await?.0)
     }
 
     /// Notes that a sink outside has confirmed every event up to `sequence`. Durable when it returns.
+    /// Errors: the history cannot be written.
     pub async fn confirm_outbox(&self, sink: &'static str, sequence: i64) -> Result<(), OperationError> {
         Ok(self.0.writer.confirm(sink, sequence).await?)
     }
@@ -268,12 +271,14 @@ impl Handle {
     }
 
     /// One event.
+    /// Errors: there is none of that number, or the history cannot be read.
     pub async fn event(&self, sequence: i64) -> Result<Event, OperationError> {
         let found = self.0.reader.event(sequence).await?;
         found.ok_or_else(|| OperationError::NotFound(format!("there is no event {sequence}")))
     }
 
     /// Rows of the audit chain after `after`.
+    /// Errors: the history cannot be read.
     pub async fn audit_rows(&self, after: i64) -> Result<Vec<AuditRow>, OperationError> {
         Ok(self.0.reader.audit(after).await?)
     }
@@ -307,6 +312,7 @@ impl Handle {
 
     /// Acknowledges an event; doing it again changes nothing. Change and row are durable together.
     /// `right`: whether its alarm was right, where the person says.
+    /// Errors: there is none of that number, or the disk is late and the change waits for it.
     pub async fn acknowledge(
         &self,
         sequence: i64,
@@ -321,6 +327,7 @@ impl Handle {
     }
 
     /// Silences an event for some minutes. Change and row are durable together.
+    /// Errors: there is none of that number, or the disk is late and the change waits for it.
     pub async fn silence(
         &self,
         sequence: i64,
@@ -371,6 +378,7 @@ impl Handle {
 
     /// Takes the turret back: equal pitch and `observe`, at once. What comes back goes to
     /// [`Self::record_override`] with the reason, once that is known.
+    /// Errors: the pipeline thread does not answer.
     pub async fn take_back(&self, actor: &str) -> Result<ModeNow, OperationError> {
         let actor = actor.to_owned();
         let mode = self.ask(|done| Control::Override { actor, done }).await?;
@@ -402,6 +410,7 @@ impl Handle {
     }
 
     /// Holds the turret where it is, or lets it go; ends by itself with the mode.
+    /// Errors: not acting, or it is not on record in time: then nothing was done.
     pub async fn hold(&self, on: bool, origin: Origin) -> Result<Changed, OperationError> {
         let asked = origin.clone();
         let outcome = self.ask(|done| Control::Hold { on, origin: asked, done }).await;
@@ -409,6 +418,7 @@ impl Handle {
     }
 
     /// Clears a latched fault.
+    /// Errors: nothing is latched, or it is not on record in time: then nothing was done.
     pub async fn clear_fault(&self, origin: Origin) -> Result<Changed, OperationError> {
         self.audit(&origin, "clear_fault_asked", "latched fault").await?;
         let asked = origin.clone();
@@ -447,6 +457,7 @@ impl Handle {
     }
 
     /// Saves what the black box holds now; answers the recording's name.
+    /// Errors: too many that wait, the pipeline thread does not answer, or nothing can be put on record.
     pub async fn save_recording(&self, origin: Origin) -> Result<String, OperationError> {
         self.audit(&origin, "save_recording_asked", "black box").await?;
         let reason = origin.reason.clone();
@@ -460,6 +471,7 @@ impl Handle {
     }
 
     /// Stored recordings, newest first. The disk is read on a thread that may wait for it.
+    /// Errors: the folder cannot be read.
     pub async fn recordings(&self) -> Result<Vec<RecordingInfo>, OperationError> {
         let recordings = self.0.recordings.clone();
         let listed = tokio::task::spawn_blocking(move || recordings.list()).await;
@@ -467,6 +479,7 @@ impl Handle {
     }
 
     /// [`Self::recording_path`] on a thread that may wait for the disk.
+    /// Errors: there is none of that name.
     pub async fn recording_file(&self, id: &str) -> Result<PathBuf, OperationError> {
         let (handle, id) = (self.clone(), id.to_owned());
         let found = tokio::task::spawn_blocking(move || handle.recording_path(&id)).await;
@@ -474,6 +487,7 @@ impl Handle {
     }
 
     /// File of one recording.
+    /// Errors: there is none of that name.
     pub fn recording_path(&self, id: &str) -> Result<PathBuf, OperationError> {
         let found = self.0.recordings.path(id);
         found.ok_or_else(|| OperationError::NotFound(format!("there is no recording {id}")))

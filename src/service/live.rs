@@ -132,6 +132,13 @@ pub struct PitchView {
     pub unavailable: Option<String>,
     /// Why the last interval ended without a command; absent when there was one.
     pub hold_reason: Option<String>,
+    /// The pitch that stands, or in `advise` the one advised last, is of a cut that was silent then
+    /// (`turret.before_chatter`).
+    pub before_chatter: bool,
+    /// Why the pitch stays although the stability margin of a silent cut runs out: `after_chatter`, `moving`,
+    /// `margin_not_read`, `moved_enough` or `estimate_not_valid`; absent where it does not run out, where
+    /// `turret.before_chatter` is off, and where no pitch in reach is better.
+    pub waits: Option<String>,
     /// Nearest spindle speed at which a pitch is stable, where none is now, rpm.
     pub advised_speed_rpm: Option<f64>,
 }

@@ -118,6 +118,9 @@ fn save(recordings: &Recordings, job: &Job) -> Result<f64, Unsaved> {
     let (names, signals): (Vec<_>, Vec<_>) = signals(chunks, &job.axes).into_iter().unzip();
     let target = recordings.target(&job.id).ok_or_else(|| failed("is not a name".to_owned()))?;
     recordings.restore();
+    // Older ones go for as many bytes as this one can have; where that is not enough, others take them.
+    let most_bytes = (count * names.len() * size_of::<f64>()) as u64;
+    let mut made_bytes = 0;
     loop {
         let mut fill = |index: usize, out: &mut Vec<f64>| {
             if let Some(signal) = signals.get(index) {
@@ -126,7 +129,13 @@ fn save(recordings: &Recordings, job: &Job) -> Result<f64, Unsaved> {
         };
         match write_by_column(&target, &head, (names.clone(), metadata.clone()), &mut fill) {
             Ok(()) => return Ok(count as f64 / job.sample_rate.hz()),
-            Err(error) if is_full(&error) && recordings.make_room() => {}
+            Err(error)
+                if is_full(&error)
+                    && made_bytes < most_bytes
+                    && let Some(bytes) = recordings.make_room() =>
+            {
+                made_bytes += bytes;
+            }
             Err(error) => return Err(Unsaved::Failed(error.to_string())),
         }
     }

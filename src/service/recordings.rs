@@ -54,7 +54,7 @@ pub struct RecordingLimits {
 const AGED_AT_ONCE: usize = 4;
 
 impl Recordings {
-    /// The folder, made where it is not there.
+    /// The folder, made where it is not there. Errors: it is no folder, or not this user's own.
     pub fn open(folder: &Path) -> Result<Self, RecordingsError> {
         own_folder(folder, 0o750).map_err(|source| {
             let is_file = folder.is_file();
@@ -84,7 +84,7 @@ impl Recordings {
         self.target(id).filter(|p| p.is_file())
     }
 
-    /// All, newest first.
+    /// All, newest first. Errors: the folder cannot be read.
     pub fn list(&self) -> Result<Vec<RecordingInfo>, RecordingsError> {
         let fail = |source| RecordingsError::Io { path: self.folder.clone(), source };
         let mut found = Vec::new();
@@ -103,6 +103,7 @@ impl Recordings {
     }
 
     /// Removes what the limits say, oldest first; answers how many went.
+    /// Errors: the folder cannot be read.
     pub fn prune(&self, limits: RecordingLimits, now_ns: i64) -> Result<usize, RecordingsError> {
         let mut removed = 0;
         let mut total = 0_u64;
@@ -119,14 +120,13 @@ impl Recordings {
         Ok(removed)
     }
 
-    /// Removes the oldest where the disk is full; [`Self::take_gone`] tells it. Answers false when there is
-    /// none.
+    /// Removes the oldest where the disk is full; [`Self::take_gone`] tells it. Answers its bytes, nothing
+    /// when there is none.
     #[must_use]
-    pub fn make_room(&self) -> bool {
-        let oldest = self.list().ok().and_then(|l| l.last().map(|i| i.id.clone()));
-        let Some(id) = oldest.filter(|id| self.remove(id)) else { return false };
-        self.gone.lock().unwrap_or_else(PoisonError::into_inner).push(id);
-        true
+    pub fn make_room(&self) -> Option<u64> {
+        let oldest = self.list().ok()?.pop().filter(|info| self.remove(&info.id))?;
+        self.gone.lock().unwrap_or_else(PoisonError::into_inner).push(oldest.id);
+        Some(oldest.bytes)
     }
 
     /// Names of what went to make room since the last time this was asked.
@@ -192,7 +192,7 @@ mod tests {
         assert_eq!(left, ["new", "middle"]);
         let limits = RecordingLimits { max_bytes: u64::MAX, max_age_ns: 150_000_000_000 };
         assert_eq!(recordings.prune(limits, 1_000_000_000_000_000).unwrap(), 1);
-        assert!(recordings.make_room() && !recordings.make_room());
+        assert_eq!((recordings.make_room(), recordings.make_room()), (Some(1000), None));
         assert_eq!((recordings.take_gone(), recordings.take_gone()), (vec!["new".to_owned()], Vec::new()));
     }
 }

@@ -54,6 +54,7 @@ fn curve(config: &ServiceConfig, speed_rpm: f64) -> Result<StabilityCurve, Strin
 
 impl Handle {
     /// The curve for the present speed; computed once for each speed.
+    /// Errors: no speed, or no cut that has a curve.
     pub async fn stability(&self) -> Result<StabilityCurve, OperationError> {
         let heard = self.state().source.spindle_speed_rpm.filter(|s| s.is_finite() && *s >= SPEED_STEP_RPM);
         let speed_rpm = (heard.unwrap_or(DEFAULT_SPEED_RPM) / SPEED_STEP_RPM).round() * SPEED_STEP_RPM;

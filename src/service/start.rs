@@ -135,6 +135,7 @@ pub(super) fn access(config: &ServiceConfig) -> Result<Access, ServiceError> {
 
 /// Starts everything. When it returns, HTTP answers and samples are taken in; the start is on record where
 /// the disk lets it.
+/// Errors: what [`ServiceError`] says, one line; nothing is left running.
 pub fn start(config: ServiceConfig) -> Result<Running, ServiceError> {
     let config = Arc::new(config);
     let lock = lock_state(&config.history.folder)?;
@@ -389,7 +390,7 @@ impl Parts {
         let folder = self.config.history.folder.join(RECORDINGS);
         let recordings = Recordings::open(&folder)?;
         let room = recordings.clone();
-        self.writer.may_remove(Box::new(move || room.make_room()));
+        self.writer.may_remove(Box::new(move || room.make_room().is_some()));
         let limits = recording_limits(&self.config);
         let outcome: recorder::Outcome = Box::new(move |kind, text| {
             let event = Event { id: clock::new_id(), ..Event::new(kind, clock::wall_ns(), text) };

@@ -4,6 +4,7 @@
 //! sync: what is acknowledged survives power loss. Readers have a small read-only pool and page by
 //! key, so that no reader keeps the write-ahead log from being checkpointed.
 
+mod ahead;
 mod audit;
 mod cuts;
 mod evidence;
@@ -94,6 +95,9 @@ impl StoreError {
 
 /// The word for SQLite's primary result code (the lowest eight bits of the extended one).
 pub(crate) fn code_of(error: &sqlx::Error) -> &'static str {
+    if matches!(error, sqlx::Error::Io(e) if e.kind() == std::io::ErrorKind::StorageFull) {
+        return "full";
+    }
     let code = error.as_database_error().and_then(|e| e.code()).and_then(|c| c.parse::<i64>().ok());
     match code.map(|c| c & 0xff) {
         Some(13) => "full",

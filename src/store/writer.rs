@@ -1,5 +1,6 @@
 //! The one task that writes: whatever waits goes into one transaction, with full sync.
 
+use super::ahead::Ahead;
 use super::audit::{AuditEntry, CUT, append};
 use super::cuts::PastCut;
 use super::evidence::{FALSE, Observation, Observer, RIGHT};
@@ -96,6 +97,7 @@ struct Task {
     reserve: Reserve,
     marker: Marker,
     room: Room,
+    ahead: Ahead,
     /// Since when the log holds what the main file does not.
     in_log: Option<Instant>,
     checkpoint_every: Duration,
@@ -131,6 +133,7 @@ impl StoreWriter {
             marker: Marker::new(reserve.path(), report.marked),
             reserve,
             room: room.clone(),
+            ahead: Ahead::default(),
             in_log: None,
             checkpoint_every: CHECKPOINT,
         };
@@ -197,21 +200,22 @@ impl StoreWriter {
     }
 
     /// Silences an event until a time, in one transaction with that row of the audit record. Answers false
-    /// where there is no such event: then there is no row either.
+    /// where there is no such event: then there is no row either. Errors: queue full or closed.
     pub async fn silence(&self, sequence: i64, until_ns: i64, entry: AuditEntry) -> Result<bool, StoreError> {
         let (done, outcome) = oneshot::channel();
         self.push(Write::Silence { sequence, until_ns, entry, done })?;
         outcome.await.map_err(|_| StoreError::Closed)
     }
 
-    /// Notes that a sink outside has confirmed every event up to `sequence`; never goes back.
+    /// Notes that a sink outside has confirmed every event up to `sequence`; never goes back. Errors: queue
+    /// full or closed.
     pub async fn confirm(&self, sink: &'static str, sequence: i64) -> Result<(), StoreError> {
         let (done, outcome) = oneshot::channel();
         self.push(Write::Confirm { sink, sequence, done })?;
         outcome.await.map(|_| ()).map_err(|_| StoreError::Closed)
     }
 
-    /// Appends to the audit chain; answers the place once it is durable.
+    /// Appends to the audit chain; answers the place once it is durable. Errors: queue full or closed.
     pub async fn audit(&self, entry: AuditEntry) -> Result<i64, StoreError> {
         let (done, outcome) = oneshot::channel();
         self.push(Write::Audit(entry, done))?;
@@ -223,14 +227,14 @@ impl StoreWriter {
         self.push(Write::Cut(Box::new(cut)))
     }
 
-    /// Notes the settings of a life. Durable when it returns.
+    /// Notes the settings of a life. Durable when it returns. Errors: queue full or closed.
     pub async fn note_settings(&self, epoch: i64, hash: &str) -> Result<(), StoreError> {
         let (done, outcome) = oneshot::channel();
         self.push(Write::Settings { epoch, hash: hash.to_owned(), done })?;
         outcome.await.map(|_| ()).map_err(|_| StoreError::Closed)
     }
 
-    /// Notes what this life has observed so far. Durable when it returns.
+    /// Notes what this life has observed so far. Durable when it returns. Errors: queue full or closed.
     pub async fn note_observed(&self, observer: &Observer, seen: Observation) -> Result<(), StoreError> {
         let (done, outcome) = oneshot::channel();
         self.push(Write::Observed { observer: observer.clone(), seen, done })?;
@@ -246,7 +250,7 @@ impl StoreWriter {
         closed.await.map_err(|_| StoreError::Closed)
     }
 
-    /// Removes what the retention says; answers what went.
+    /// Removes what the retention says; answers what went. Errors: queue full or closed.
     pub async fn prune(&self, now_ns: i64) -> Result<Removed, StoreError> {
         let (done, outcome) = oneshot::channel();
         self.push(Write::Prune { now_ns, done })?;
@@ -288,7 +292,8 @@ impl Task {
             };
             self.gauges.waiting.fetch_sub(batch.len(), Ordering::Relaxed);
             answer_all(batch, answers);
-            if self.in_log.get_or_insert_with(Instant::now).elapsed() >= self.checkpoint_every {
+            let due = self.in_log.get_or_insert_with(Instant::now).elapsed() >= self.checkpoint_every;
+            if due || self.ahead.is_short(&mut self.connection).await {
                 self.checkpoint().await;
             }
         }
@@ -317,6 +322,21 @@ impl Task {
         checkpoint(&mut self.connection).await;
         self.in_log = None;
         self.checkpoint_every = CHECKPOINT.max(CHECKPOINT_PART * began.elapsed());
+        if self.ahead.is_short(&mut self.connection).await {
+            self.take_ahead().await;
+        }
+    }
+
+    /// Takes room ahead; on a full disk one recording goes for it.
+    async fn take_ahead(&mut self) {
+        let mut taken = self.ahead.take(&self.path, &mut self.connection).await;
+        if let Err(error) = &taken {
+            self.metrics.store_errors.with_label_values(&[code_of(error)]).inc();
+            if self.make_room(error).await {
+                taken = self.ahead.take(&self.path, &mut self.connection).await;
+            }
+        }
+        self.ahead.note(taken.is_ok(), &mut self.connection).await;
     }
 
     fn count_missing(&self, missing: &Missing) {
@@ -405,6 +425,12 @@ impl Task {
                     self.gauges.failures.store(0, Ordering::Relaxed);
                     self.gauges.commits.fetch_add(1, Ordering::Relaxed);
                     return Some(answers);
+                }
+                // The log begins anew where all of it stands in the main file: that asks for no new room.
+                Err(error) if code_of(&error) == "full" && self.in_log.take().is_some() => {
+                    self.metrics.store_errors.with_label_values(&["full"]).inc();
+                    self.reconnect().await;
+                    checkpoint(&mut self.connection).await;
                 }
                 Err(error) if self.make_room(&error).await => {
                     let code = code_of(&error);

@@ -38,8 +38,8 @@ pub enum TransportError {
     },
     /// Another user holds a name of this domain in shared memory.
     #[error(
-        "{}: belongs to user {owner}, and all of the domain must be of user {user}; remove it as that user or \
-         root, or choose another transport.prefix",
+        "{}: belongs to user {owner}, and all of the domain must be of user {user}; remove it as that user \
+         or root, or choose another transport.prefix",
         path.display()
     )]
     Foreign {

@@ -6,6 +6,7 @@ use crate::running::{Answer, LatheThread, Place, ask, get, service, tokens, unti
 use crate::service::Process;
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -69,6 +70,18 @@ pub(crate) fn exhaust(address: &str, headers: &[(&str, &str)]) -> usize {
         }
     }
     panic!("the disk never refused");
+}
+
+/// Rows of the audit record for an action.
+fn audited(address: &str, headers: &[(&str, &str)], action: &str) -> usize {
+    let (mut count, mut after) = (0, 0);
+    loop {
+        let rows = ask(address, "GET", &format!("/api/v1/audit?after={after}"), headers, None).json();
+        let rows = rows.as_array().unwrap();
+        let Some(last) = rows.last() else { return count };
+        after = last["sequence"].as_i64().unwrap();
+        count += rows.iter().filter(|r| r["action"] == action).count();
+    }
 }
 
 #[test]
@@ -144,12 +157,8 @@ fn on_a_full_disk_recordings_go_before_a_single_acknowledgement_fails() {
         std::thread::sleep(Duration::from_millis(20));
     }
     let _ballast = disk.fill();
-    let reason = "x".repeat(450);
-    for k in 0..150 {
-        let body = format!("{{\"reason\":\"{k} {reason}\"}}");
-        let answer = ask(&address, "POST", "/api/v1/events/1/acknowledge", &[], Some(&body));
-        assert_eq!(answer.status, 200, "{k}: {answer:?}");
-    }
+    // As many as use up what was taken ahead.
+    acknowledge(&address, 1200);
     let removed = |text: &str| metric(text, "stillcut_recordings_total{outcome=\"removed\"}");
     until("it is counted and told", 5, || {
         let told = get(&running, "/api/v1/events?kind=recordings_removed").json();
@@ -159,6 +168,62 @@ fn on_a_full_disk_recordings_go_before_a_single_acknowledgement_fails() {
     assert!(metric(&text, "stillcut_store_errors_total{code=\"full\"}") > 0.0, "the fault happened");
     assert!(!recordings.join("manual-0.parquet").exists(), "the oldest first");
     assert!(removed(&text) < 3.0, "no more than needed");
+    running.stop();
+}
+
+fn acknowledge(address: &str, count: usize) {
+    let reason = "x".repeat(450);
+    for k in 0..count {
+        let body = format!("{{\"reason\":\"{k} {reason}\"}}");
+        let answer = ask(address, "POST", "/api/v1/events/1/acknowledge", &[], Some(&body));
+        assert_eq!(answer.status, 200, "{k}: {answer:?}");
+    }
+}
+
+/// A file that goes at the end of a test, however it ends.
+struct RemovedAtEnd(PathBuf);
+
+impl Drop for RemovedAtEnd {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+/// A program takes each byte of the disk as soon as it is free: the history goes on in the room that it took
+/// ahead, and the recordings are not all given to that program at once.
+#[test]
+fn where_each_free_byte_is_taken_at_once_the_history_goes_on_in_its_own_room() {
+    let place = Place::new("greedy");
+    let Some(disk) = SmallDisk::mount(&place.state(), "size=24m") else {
+        not_run("mounting a small file system is not allowed here");
+        return;
+    };
+    let mut config = place.config("");
+    config.http.trust_loopback = true;
+    let running = start(config).unwrap();
+    let address = running.handle().address().to_string();
+    let recordings = place.state().join("recordings");
+    for k in 0..8 {
+        std::fs::write(recordings.join(format!("manual-{k}.parquet")), vec![k; 1 << 20]).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let ballast = RemovedAtEnd(disk.fill());
+    let mut file = std::fs::File::options().append(true).open(&ballast.0).unwrap();
+    let full_bytes = file.metadata().unwrap().len();
+    // Ends with the disk, whatever becomes of the test.
+    let greedy = std::thread::spawn(move || {
+        while file.metadata().is_ok_and(|m| m.nlink() > 0) {
+            let _ = file.write(&[1; 4096]);
+        }
+    });
+    acknowledge(&address, 1100);
+    let left = std::fs::read_dir(&recordings).unwrap().count();
+    assert!((3..8).contains(&left), "{left} recordings are left");
+    acknowledge(&address, 400);
+    let taken = std::fs::metadata(&ballast.0).unwrap().len() - full_bytes;
+    assert!(taken > 0, "the fault happened: some of it was taken");
+    drop(ballast);
+    greedy.join().unwrap();
     running.stop();
 }
 
@@ -179,16 +244,10 @@ fn a_stop_with_a_full_disk_keeps_what_waits_for_the_next_start() {
     let running = trusted();
     let address = running.handle().address().to_string();
     let ballast = disk.fill();
-    // Long reasons: the log of the history has some room of its own.
-    let reason = "x".repeat(450);
-    for k in 0..60 {
-        let body = format!("{{\"reason\":\"{k} {reason}\"}}");
-        assert_eq!(ask(&address, "POST", "/api/v1/override", &[], Some(&body)).status, 200);
-    }
-    until("the disk refuses", 15, || {
-        metric(&get(&running, "/metrics").body, "stillcut_store_errors_total{code=\"full\"}") > 0.0
+    let writes = exhaust(&address, &[]);
+    until("what waits is shown", 5, || {
+        metric(&get(&running, "/metrics").body, "stillcut_events_unpersisted") > 0.0
     });
-    assert!(metric(&get(&running, "/metrics").body, "stillcut_events_unpersisted") > 0.0);
     assert_eq!(running.stop(), 0, "nothing is lost");
     std::fs::remove_file(ballast).unwrap();
     let running = trusted();
@@ -196,10 +255,9 @@ fn a_stop_with_a_full_disk_keeps_what_waits_for_the_next_start() {
         let page = get(&running, &format!("/api/v1/events?kind={kind}&limit=1000")).json();
         page["events"].as_array().unwrap().len()
     };
-    assert_eq!((found("override"), found("service_stop")), (60, 1));
-    let rows = get(&running, "/api/v1/audit").json();
-    let taken = rows.as_array().unwrap().iter().filter(|r| r["action"] == "override").count();
-    assert_eq!(taken, 60, "the audit record too");
+    assert_eq!((found("override"), found("service_stop")), (writes, 1));
+    let address = running.handle().address().to_string();
+    assert_eq!(audited(&address, &[], "override"), writes, "the audit record too");
     running.stop();
 }
 
@@ -208,7 +266,7 @@ fn a_stop_with_a_full_disk_keeps_what_waits_for_the_next_start() {
 #[test]
 fn a_start_with_a_full_disk_is_ready_and_ends_in_good_order() {
     let place = Place::new("fullstart");
-    let Some(disk) = SmallDisk::mount(&place.state(), "size=3m") else {
+    let Some(disk) = SmallDisk::mount(&place.state(), "size=6m") else {
         not_run("mounting a small file system is not allowed here");
         return;
     };
@@ -238,8 +296,7 @@ fn a_start_with_a_full_disk_is_ready_and_ends_in_good_order() {
     let mut process = begin();
     let page = process.ask("GET", "/api/v1/events?kind=override&limit=1000", &operator, None).json();
     assert_eq!(page["events"].as_array().unwrap().len(), writes);
-    let rows = process.ask("GET", "/api/v1/audit", &operator, None).json();
-    let count = |action: &str| rows.as_array().unwrap().iter().filter(|r| r["action"] == action).count();
+    let count = |action: &str| audited(&process.address, &[("Authorization", &operators)], action);
     assert_eq!((count("override"), count("settings")), (writes, 1));
     end(&mut process);
 }

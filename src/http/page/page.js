@@ -244,6 +244,18 @@ function showMode(now) {
   }
 }
 
+// What happens to the pitch while the cut is still silent, and why nothing does where its margin runs out.
+const WAITS = {
+  after_chatter: "chatter of the last minute decides", moving: "the turret is on its way",
+  margin_not_read: "its margin is being read", moved_enough: "moved five times within a minute",
+  estimate_not_valid: "estimate not valid",
+};
+function forestalledText(now) {
+  if (now.pitch.waits) return `the margin runs out; the pitch waits: ${say(WAITS[now.pitch.waits] || now.pitch.waits)}`;
+  const moved = now.mode === "advise" ? "advised before chatter, as the margin ran out" : "moved before chatter, as the margin ran out";
+  return now.pitch.before_chatter ? moved : "";
+}
+
 function showPitch(now) {
   const pitch = now.pitch;
   setText("commanded-label", now.mode === "advise" ? "Advised" : "Commanded");
@@ -254,6 +266,7 @@ function showPitch(now) {
   const hold = pitch.hold_reason ? ` · holding: ${pitch.hold_reason.replaceAll("_", " ")}` : "";
   const speed = pitch.advised_speed_rpm ? ` · try ${Math.round(pitch.advised_speed_rpm)} rpm` : "";
   setText("turret", pitch.unavailable ? `no pitch control: ${pitch.unavailable}` : `turret: ${pitch.turret}${hold}${speed}`);
+  setText("forestalled", forestalledText(now));
   stability.points = { commanded: pitch.commanded_rad, reported: pitch.reported_rad };
   stability.limit = pitch.limit_rad;
 }

@@ -8,8 +8,9 @@ use crate::avoidance::guard::{self, Facts, Guard, GuardState};
 use crate::avoidance::invariants::{Commissioned, CommissionedAxis, InvariantMonitor, Violation};
 use crate::avoidance::pitch::{is_same_pitch, pitch_of_shift_rad};
 use crate::avoidance::{
-    Avoidance, AvoidanceState, Command, CommandKind, Decision, HoldReason, Mode as ActMode, Situation,
+    Avoidance, AvoidanceState, Command, CommandKind, Decision, HoldReason, Mode as ActMode, Situation, Wait,
 };
+use crate::chatter::Phase;
 use crate::config::service::ServiceConfig;
 use crate::keyframe::Keep as _;
 use crate::sample::MAX_AXES;
@@ -69,6 +70,10 @@ pub(super) struct Acting {
     /// Last command that went out or was advised.
     pub(super) latest: Option<Command>,
     pub(super) hold: Option<&'static str>,
+    /// Why the pitch stays although the margin of a silent cut runs out.
+    pub(super) waits: Option<&'static str>,
+    /// What was advised last was so before any chatter.
+    advised_before: bool,
 }
 
 pub(super) fn act_mode(mode: Mode) -> ActMode {
@@ -118,6 +123,8 @@ impl Acting {
             axes,
             latest: None,
             hold: None,
+            waits: None,
+            advised_before: false,
         })
     }
 
@@ -187,6 +194,7 @@ impl Acting {
         let situation = &Situation { too_soon: self.too_soon(situation), ..*situation };
         ledger.before(|words| self.state.keep(words));
         let decision = self.avoidance.decide(&mut self.state, situation);
+        self.waits = self.avoidance.waits_before_chatter(&self.state, situation).map(Wait::name);
         ledger.push(&Look { t_s, situation: *situation, decision });
         let verdict = self.monitor.watch(situation, &decision);
         if verdict.is_err() {
@@ -199,10 +207,20 @@ impl Acting {
             Decision::Advice(command) => {
                 self.hold = None;
                 self.latest = Some(*command);
+                self.advised_before = situation.heard.phase != Phase::Chatter;
             }
             Decision::Command(_) => self.hold = None,
         }
         (decision, verdict)
+    }
+
+    /// Whether the pitch that stands, or in `advise` the one advised last, is one before any chatter.
+    pub(super) fn is_before_chatter(&self, mode: Mode) -> bool {
+        match mode {
+            Mode::Observe => false,
+            Mode::Advise => self.latest.is_some() && self.advised_before,
+            Mode::Act => self.state.stands_before_chatter(),
+        }
     }
 
     /// Gives the monitor other limits than the decision has: a planted fault.

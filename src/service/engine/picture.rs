@@ -318,6 +318,8 @@ impl Engine {
             turret: turret_word(status.map(|s| s.state)).to_owned(),
             unavailable: self.no_pitch.clone(),
             hold_reason: acting.and_then(|a| a.hold).map(str::to_owned),
+            before_chatter: acting.is_some_and(|a| a.is_before_chatter(self.mode)),
+            waits: acting.and_then(|a| a.waits).map(str::to_owned),
             advised_speed_rpm: acting
                 .and_then(|a| a.advised_speed_rpm().1)
                 .filter(|_| self.mode != Mode::Observe),
