@@ -6,7 +6,7 @@
 
 use super::beginning::Grew;
 use super::criteria::{CRITERIA, LONGEST, RINGS_1_S, WINDOWS};
-use super::lines::POINTS;
+use super::fourier::POINTS;
 use super::window::{Around, Heard, Reason, Window, fit, fit_two, louder};
 use nalgebra::Complex;
 use std::f64::consts::TAU;

@@ -1,7 +1,7 @@
 //! The lines of a band: the best one of each window, the strongest one, the one that stands.
 
 use super::criteria::{CRITERIA, GROWTHS_1_S, LONGEST, WINDOWS};
-use super::fourier::{Fourier, MOST_POINTS};
+use super::fourier::{Fourier, MOST_POINTS, POINTS};
 use super::steady::{BLOCK, KEPT, Steady, since};
 use super::sweep::PAST;
 use super::window::{Around, Heard, Value, Window, fit};
@@ -12,8 +12,6 @@ type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
 /// The window that tells the level of all the band.
 pub(super) const COMMON: usize = 1;
-/// Points of the transforms: twice the values of the windows.
-pub(super) const POINTS: [usize; WINDOWS.len()] = [64, 128, 256, MOST_POINTS];
 
 /// First and last cell of a transform of `points` that lie in a band, Hz from the centre.
 fn cells(band_hz: [f64; 2], rate_hz: f64, points: usize) -> std::ops::RangeInclusive<i64> {
