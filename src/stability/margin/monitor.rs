@@ -258,12 +258,19 @@ impl MarginMonitor {
         }
         let Some(in_cut) = self.in_cut(state, conditions) else {
             self.leave(state, MarginReading::Deaf(DeafReason::CutUnknown));
+            // Where an entry is what is told first, this was air.
+            self.listen_to_air(state, whole, &means);
+            state.reading = MarginReading::Deaf(DeafReason::CutUnknown);
             return false;
         };
         if in_cut != state.in_cut {
             self.change(state, in_cut, conditions);
         }
         if !in_cut {
+            if state.reading == MarginReading::Deaf(DeafReason::CutUnknown) {
+                // An exit is what is told first: that was no air.
+                (state.air_slices, state.band.air_count) = (0.0, 0.0);
+            }
             self.listen_to_air(state, whole, &means);
             return false;
         }
@@ -393,6 +400,10 @@ impl MarginMonitor {
         if state.noise == Noise::default() {
             // There was no air: the lowest tenth of the band, which is exp(-2.2) of its mean.
             state.noise = lowest(&state.blocks[place].power, self.band.middle_hz);
+            if !self.settings.pushes {
+                // That of a dynamometer is nearly flat; how that of encoders rises is not known.
+                state.deviations[place::SLOPE] = state.deviations[place::NOISE];
+            }
         }
         let conditions = state.slices.travelled().map(|means| self.condition(state, &means));
         state.blocks[place].conditions = conditions;
