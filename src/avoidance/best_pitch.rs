@@ -46,8 +46,8 @@ pub struct PitchQuestion<'a> {
     pub fruitless_rad: &'a [f64],
 }
 
-/// Phase over pi of the highest line between which m = 0 is searched.
-const PHASE_RANGE: [f64; 2] = [0.6, 1.19];
+/// Phase over pi of the line between which m = 0 is searched.
+pub(super) const PHASE_RANGE: [f64; 2] = [0.6, 1.19];
 /// And where the envelope ends before that.
 const SMALL_PHASE_RANGE: [f64; 2] = [0.3, 0.6];
 /// Steps of the search within it.

@@ -1,6 +1,6 @@
 //! The pitch before any chatter: what the stability margin asks for while the cut is still silent.
 
-use super::best_pitch::{PitchQuestion, pitch_before_chatter};
+use super::best_pitch::{PHASE_RANGE, PitchQuestion, pitch_before_chatter};
 use super::decide::{Avoidance, MINUTE_S, MOST_MOVES_IN_VAIN};
 use super::identified::HeardLine;
 use super::pitch::pitch_of_shift_rad;
@@ -10,9 +10,6 @@ use crate::chatter::Phase;
 use crate::stability::margin::BLOCK_S;
 use crate::units::SpindleSpeed;
 use std::f64::consts::PI;
-
-/// Phase of the line up to which a pitch without whole waves is chosen.
-const MOST_PHASE_RAD: f64 = 1.19 * PI;
 
 /// Why the pitch stays although the margin runs out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -126,7 +123,7 @@ impl Avoidance {
             pitch_rad: standing_rad,
         };
         // Without whole waves between the tools.
-        let most_rad = MOST_PHASE_RAD / (foreseen.frequency_hz * spindle.period_s());
+        let most_rad = PHASE_RANGE[1] * PI / (foreseen.frequency_hz * spindle.period_s());
         if !(standing_rad.abs() < most_rad) {
             return Err(HoldReason::NoChatter);
         }

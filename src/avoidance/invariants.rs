@@ -517,6 +517,10 @@ impl InvariantMonitor {
                 if seen.now_s - self.silent_s[4] < 60.0 - 1e-6 {
                     return Err(Violation::Hunting);
                 }
+                // What the last pitch did to the margin takes two of its blocks to be read.
+                if seen.now_s - self.silent_s[0] < 4.0 - 1e-6 {
+                    return Err(Violation::Interval);
+                }
                 self.silent_s.rotate_right(1);
                 self.silent_s[0] = seen.now_s;
             } else {

@@ -454,16 +454,19 @@ fn every_planted_fault_is_noticed() {
     let strategy = prop::collection::vec(step(), 150);
     let sequences: Vec<Vec<Step>> =
         (0..60).map(|_| strategy.new_tree(&mut runner).unwrap().current()).collect();
-    let clean: usize = sequences.iter().map(|s| run(s, HONEST, FAITHFUL).violations.len()).sum();
-    let commands: usize = sequences.iter().map(|s| run(s, HONEST, FAITHFUL).commands.len()).sum();
-    assert_eq!(clean, 0);
-    assert!(commands > 200, "only {commands} commands: the sequences do not exercise the decision");
-    let faults = planted();
-    assert!(faults.len() >= 20);
-    for (name, tamper, spoil) in faults {
-        let seen: Vec<Violation> = sequences.iter().flat_map(|s| run(s, tamper, spoil).violations).collect();
-        println!("{name}: {} times, first {:?}", seen.len(), seen.first());
-        assert!(!seen.is_empty(), "planted fault `{name}` was not noticed");
+    for identified in [false, true] {
+        let run = |s: &Vec<Step>, tamper, spoil| run_with(settings(identified), s, (tamper, spoil));
+        let honest: Vec<Outcome> = sequences.iter().take(30).map(|s| run(s, HONEST, FAITHFUL)).collect();
+        assert!(honest.iter().all(|outcome| outcome.violations.is_empty()), "{identified}");
+        let commands: usize = honest.iter().map(|outcome| outcome.commands.len()).sum();
+        assert!(commands > 100, "only {commands} commands: the sequences do not exercise the decision");
+        let faults = planted();
+        assert!(faults.len() >= 20);
+        for (name, tamper, spoil) in faults {
+            let seen = sequences.iter().find_map(|s| run(s, tamper, spoil).violations.first().copied());
+            println!("{name}, identified {identified}: {seen:?}");
+            assert!(seen.is_some(), "planted fault `{name}` was not noticed: identified {identified}");
+        }
     }
 }
 
@@ -579,6 +582,9 @@ fn the_pitch_moves_before_chatter_where_that_is_commissioned() {
     assert!(moves(false, &steps).is_empty());
     let calm = Step { foreseen: None, ..silent_second() };
     assert!(moves(true, &vec![calm.clone(); 60]).is_empty());
+    let impatient: Spoil = |d, _| on_command(d, |c| c.kind = CommandKind::Move);
+    let told = run_with(settings(true), &steps, (HONEST, impatient)).violations;
+    assert!(told.contains(&Violation::Interval), "{told:?}");
     // Chatter of the last minute rules: no move of this kind after it.
     let after = [vec![good_second(); 1], vec![silent_second(); 20]].concat();
     assert_eq!(moves(true, &after).len(), 1, "the one against chatter");

@@ -8,7 +8,8 @@ use super::{Engine, Ports, Setup};
 use crate::avoidance::invariants::{Commissioned, CommissionedAxis};
 use crate::avoidance::{Command, CommandKind};
 use crate::config::service::ServiceConfig;
-use crate::plant::scenario::Scenario;
+use crate::plant::cutting::TwoDelay;
+use crate::plant::scenario::{RawScenario, Scenario};
 use crate::service::clock;
 use crate::service::control::{Control, Origin, Refusal};
 use crate::service::hub::Report;
@@ -16,6 +17,7 @@ use crate::service::live::Mode;
 use crate::service::store_watch::StoreWatch;
 use crate::service::way_back::WayBack;
 use crate::simulation::lathe::{Lathe, LatheSettings};
+use crate::stability::rightmost_root;
 use crate::store::WriterGauges;
 use crate::telemetry::{EventKind, Metrics};
 use crate::transport::Domain;
@@ -38,7 +40,7 @@ struct Bench {
     reports: u64,
     /// Number of the machine's stream.
     stream: u64,
-    names: [&'static str; 4],
+    names: Vec<&'static str>,
     /// Whether a token is in force that may take the turret back.
     operators: bool,
     jobs: std::sync::mpsc::Receiver<crate::service::recorder::Job>,
@@ -90,7 +92,7 @@ fn bench_of(config: ServiceConfig) -> Bench {
         lathe,
         reports: 0,
         stream: 1,
-        names: AXES,
+        names: AXES.to_vec(),
         operators: true,
         jobs,
         _ends: ends,
@@ -107,15 +109,15 @@ impl Bench {
                 stream: self.stream,
                 sample_rate_hz: 9000.0,
                 sample_count: 9,
-                axis_count: AXES.len() as u32,
+                axis_count: self.names.len() as u32,
                 ..ServoBatch::default()
             };
-            for (to, name) in batch.axis_names.iter_mut().zip(self.names) {
+            for (to, name) in batch.axis_names.iter_mut().zip(&self.names) {
                 *to = axis_name_bytes(name);
             }
             for point in batch.points.iter_mut().take(9) {
                 let sample = self.lathe.step();
-                *point = ServoPoint::from_sample(&sample, (sample.t_s * 1e9) as u64, AXES.len());
+                *point = ServoPoint::from_sample(&sample, (sample.t_s * 1e9) as u64, self.names.len());
                 change(point);
             }
             self.wait(1);
@@ -141,7 +143,12 @@ impl Bench {
 
     fn hear(&mut self, status: &TurretStatus) {
         self.reports += 1;
-        let status = TurretStatus { stream: 1, sequence: self.reports, axis_count: 4, ..*status };
+        let status = TurretStatus {
+            stream: 1,
+            sequence: self.reports,
+            axis_count: self.names.len() as u32,
+            ..*status
+        };
         self.engine.take_status(&status, self.at);
         self.engine.supervise(self.at);
         self.engine.decide(self.at);
@@ -180,6 +187,43 @@ fn chatter_in_act_leads_to_an_intent() {
     bench.decide_in_act();
     assert_eq!((bench.intents(), bench.hold()), (1, None));
     assert_eq!(bench.engine.mode, Mode::Act);
+}
+
+/// Where that is commissioned the pitch of a silent cut moves when its margin, read from servo signals, runs
+/// out.
+#[test]
+fn a_margin_that_runs_out_moves_the_pitch_before_chatter() {
+    let thin = |width_m: f64| {
+        let mut raw = RawScenario::default();
+        raw.cutting.width_m = width_m;
+        Scenario::new(&raw).unwrap()
+    };
+    let growth_1_s = |cut: &Scenario| rightmost_root(&TwoDelay::from_scenario(cut)).growth_1_s;
+    let near = (20..200).map(|k| thin(1e-6 * f64::from(k))).find(|cut| growth_1_s(cut) > -6.0).unwrap();
+    let decided = |before_chatter: bool| {
+        let mut config = config();
+        (config.cut, config.tools) = (near.clone(), Some(("z1".into(), 0.0, false)));
+        config.turret.before_chatter = before_chatter;
+        let mut bench = bench_of(config);
+        bench.lathe = Lathe::new(LatheSettings::realistic(near.clone(), 5));
+        bench.names.push("z1");
+        for tenth in 0..160 {
+            bench.feed(0.1, |_| {});
+            if tenth == 100 {
+                bench.engine.mode = Mode::Act;
+            }
+            bench.look();
+        }
+        assert_eq!(bench.engine.mode, Mode::Act);
+        let asked = bench.engine.backlog.iter().find_map(|r| match r {
+            Report::Intent { event, .. } => event.pitch_difference_rad,
+            _ => None,
+        });
+        (asked, bench.hold())
+    };
+    let (asked, hold) = decided(true);
+    assert!(asked.is_some_and(|pitch_rad| pitch_rad.abs() > 0.002), "{asked:?} {hold:?}");
+    assert_eq!(decided(false), (None, Some("no_chatter")));
 }
 
 /// A disk that is slower than samples may be old: the record counts for a later command of the same pitch.
@@ -318,7 +362,7 @@ fn an_estimate_that_forbids_acting_is_a_refusal_with_its_reason() {
 #[test]
 fn a_stream_without_turret_axes_is_heard_and_not_commanded() {
     let mut bench = bench();
-    bench.names = ["x1", "z1", "x2", "y2"];
+    bench.names = vec!["x1", "z1", "x2", "y2"];
     bench.feed(3.5, |_| {});
     let stream = bench.engine.stream.as_ref().expect("the stream is taken");
     assert_eq!(stream.pipeline().agreement().phase, crate::chatter::Phase::Chatter);

@@ -147,7 +147,7 @@ fn a_wrong_batch_has_its_own_name_and_spoils_no_other() {
 fn a_producer_that_keeps_its_number_is_heard_when_its_stream_is_silent() {
     let mut bench = bench();
     bench.feed(0.5, |_| {});
-    bench.names = ["x1", "z1", "x2", "y2"];
+    bench.names = vec!["x1", "z1", "x2", "y2"];
     let axes = |bench: &Bench| bench.engine.stream.as_ref().map(|s| s.axes().to_vec());
     bench.feed(0.5, |_| {});
     assert_eq!(axes(&bench).unwrap(), AXES);
