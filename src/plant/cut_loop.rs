@@ -161,10 +161,12 @@ impl CutLoop {
     /// A: force per motion of the edges, N/m.
     #[must_use]
     pub fn force_law(&self, s: Complex<f64>) -> ToolMatrix {
-        let memory = (-s * self.memory.late_s).exp() * (1.0 + self.memory.gain);
+        let one = Complex::new(1.0, 0.0);
+        let late = if self.memory.late_s.abs() > 0.0 { (-s * self.memory.late_s).exp() } else { one };
+        let memory = late * (1.0 + self.memory.gain);
         let [k1, k2] = self.slope_n_m.map(|k| memory * k);
         let zero = Complex::new(0.0, 0.0);
-        let lag = (s * self.lag_s + 1.0).inv();
+        let lag = if self.lag_s.abs() > 0.0 { (s * self.lag_s + 1.0).inv() } else { one };
         let flank = s * self.damping_n_s_m + self.contact_n_m;
         let past = |delay_s: f64| (-s * delay_s).exp() * self.overlap;
         match self.tools {

@@ -58,6 +58,8 @@ pub fn to_json(diagnosis: &CutDiagnosis, files: &CutFiles<'_>) -> Value {
         "recordings": diagnosis.recordings.iter().enumerate().map(|(k, r)| json!({
             "file": files.recordings.get(k).cloned().unwrap_or_default(),
             "experiment": r.experiment, "rms_before_n": r.rms_before_n, "rms_after_n": r.rms_after_n,
+            "free_run_before_db": r.free.as_ref().map(|f| f.apart_db[0]),
+            "free_run_after_db": r.free.as_ref().map(|f| f.apart_db[1]),
         })).collect::<Vec<_>>(),
         "recording_faults": faults_json(&files.faults),
         "table": diagnosis.table.as_ref().map(|t| Value::Object(table_fit(t))),

@@ -13,7 +13,7 @@ use super::page::{engineering, page, significant};
 use super::plot::{Axis, Figure, Mark, escape, range_of};
 use crate::diagnosis::Verdict;
 use crate::diagnosis::cut::input::CutOutcome;
-use crate::diagnosis::cut::result::{CutDiagnosis, CutFinding, CutRecordingFit, CutRowFit};
+use crate::diagnosis::cut::result::{CutDiagnosis, CutFinding, CutRecordingFit, CutRowFit, FreeFit};
 use std::fmt::Write as _;
 
 /// Rows of a table that the page shows: those that a model gets wrong come first.
@@ -50,6 +50,7 @@ pub fn cut_page(d: &CutDiagnosis, files: &CutFiles<'_>) -> String {
         let _ = write!(body, "<h2>What to cut next</h2><div class=\"next\">{}</div>", escape(&next));
     }
     forces(&mut body, d);
+    free_run(&mut body, d);
     rows(&mut body, d, files);
     maps(&mut body, d);
     for finding in &d.findings {
@@ -111,6 +112,50 @@ fn forces(out: &mut String, d: &CutDiagnosis) {
         left.svg(),
         engineering(fit.rms_before_n, "N", 3),
         engineering(fit.rms_after_n, "N", 3),
+    );
+}
+
+/// The recording that free runs of the stated model miss most, beside those of both models.
+fn free_run(out: &mut String, d: &CutDiagnosis) {
+    let gain = |f: &FreeFit| f.apart_db[0] - f.apart_db[1];
+    let runs = d.recordings.iter().filter_map(|r| Some((r, r.free.as_ref()?)));
+    let Some((fit, free)) = runs.max_by(|a, b| gain(a.1).total_cmp(&gain(b.1))) else { return };
+    let area = |class: &'static str, [low, high]: &[Vec<f64>; 2]| {
+        let points = free.t_s.iter().zip(low.iter().zip(high)).map(|(t, (a, b))| [*t, *a, *b]);
+        Mark::Area { class, points: points.collect() }
+    };
+    let recorded: Vec<[f64; 2]> = free.t_s.iter().zip(&free.recorded_n).map(|(t, n)| [*t, *n]).collect();
+    let all =
+        || free.recorded_n.iter().chain(free.before_n.iter().flatten()).chain(free.after_n.iter().flatten());
+    let range = [all().copied().fold(f64::INFINITY, f64::min), all().copied().fold(0.0, f64::max)];
+    if !(range[0] > 0.0 && range[1] > range[0]) {
+        return;
+    }
+    let figure = Figure {
+        size: [760.0, 240.0],
+        x: Axis::linear("time, s", [free.t_s[0], free.t_s[free.t_s.len() - 1]]),
+        y: Axis::log("vibration of the forces, N rms", [0.8 * range[0], 1.25 * range[1]]),
+        marks: vec![
+            area("before", &free.before_n),
+            area("after", &free.after_n),
+            Mark::Line { class: "accent", points: recorded },
+        ],
+        title: "vibration of the recorded forces beside free runs of the model".to_owned(),
+    };
+    let _ = write!(
+        out,
+        "<h2>Would the model have chattered? Recording \u{201c}{}\u{201d}</h2><div class=\"hero\"><div class=\"card\">{}{}{}{}</div>\
+         <div class=\"card numbers\"><div class=\"before\"><div class=\"big\">{} dB</div>off, as stated</div>\
+         <div class=\"after\"><div class=\"big\">{} dB</div>off, with the answer</div><div class=\"soft small\">The model runs \
+         free: it is given speed, feed, width, position and pitch, and no measured force. The areas are what its random force \
+         leaves open.</div></div></div>",
+        escape(&fit.experiment),
+        key("accent", "recorded"),
+        key("before", "stated model"),
+        key("after", "with the answer"),
+        figure.svg(),
+        significant(free.apart_db[0], 2),
+        significant(free.apart_db[1], 2),
     );
 }
 

@@ -8,3 +8,4 @@ pub mod concealed_cut;
 pub mod force_signal;
 pub mod lathe;
 pub mod model_axis;
+pub mod model_cut;

@@ -55,7 +55,7 @@ fn bending_from_rad_s(cut: &CutLoop, lowest_rad_s: f64) -> f64 {
 #[must_use]
 pub fn cut_root_near(cut: &CutLoop, guess: Root) -> Option<Root> {
     let start = Complex::new(guess.growth_1_s, TAU * guess.frequency_hz);
-    newton(cut, start, NEAR_STEP_1_S).map(root_of)
+    settle(cut, start, NEAR_STEP_1_S, f64::NEG_INFINITY).map(root_of)
 }
 
 fn root_of(s: Complex<f64>) -> Root {
@@ -66,24 +66,31 @@ fn longest_delay_s(cut: &CutLoop) -> f64 {
     cut.delays_s[0].max(cut.delays_s[1]).max(1e-6)
 }
 
-fn newton(cut: &CutLoop, start: Complex<f64>, longest_step: f64) -> Option<Complex<f64>> {
+/// The root that Newton's method reaches from a seed; `None` where it does not settle, or settles left of
+/// `worth`.
+fn settle(cut: &CutLoop, start: Complex<f64>, longest_step: f64, worth: f64) -> Option<Complex<f64>> {
     let value = |s: Complex<f64>| cut.delta(s) * cut.denominators(s);
+    let longest2 = longest_step * longest_step;
     let mut s = start;
     for _ in 0..STEPS {
         let here = value(s);
         let slope = (value(s + SLOPE_STEP_1_S) - here) / SLOPE_STEP_1_S;
         let mut step = here / slope;
-        let size = step.norm();
-        if !size.is_finite() {
+        let size2 = step.norm_sqr();
+        if !size2.is_finite() {
             return None;
         }
-        if size > longest_step {
-            step *= longest_step / size;
+        if size2 > longest2 {
+            step *= (longest2 / size2).sqrt();
         }
         s -= step;
         // A billionth of the frequency: the difference quotient is good to a thousandth of that in one step.
-        if size < 1e-9 * (1.0 + s.norm()) {
+        if size2 < 1e-18 * (1.0 + s.norm_sqr()) {
             return Some(s);
+        }
+        // After a step that is short against the bend of the exponentials the root is within a part of it.
+        if size2 < 0.01 * longest2 && s.re + 0.2 * longest_step < worth {
+            return None;
         }
     }
     None
@@ -110,12 +117,20 @@ pub(super) fn search(cut: &CutLoop, lowest_rad_s: f64) -> Root {
         seeds.push(Complex::new(likely.growth(w), w));
         w += step;
     }
-    let best = seeds
-        .iter()
-        .filter_map(|seed| newton(cut, *seed, 0.5 / tau))
-        .filter(|s| s.im.abs() >= lowest_rad_s)
-        .max_by(|a, b| a.re.total_cmp(&b.re));
-    root_of(best.unwrap_or(seeds[0]))
+    // The one that seems farthest to the right first: the root that it leads to makes most others worthless.
+    let own = seeds[0];
+    seeds.sort_unstable_by(|a, b| b.re.total_cmp(&a.re));
+    let mut best: Option<Complex<f64>> = None;
+    for seed in seeds {
+        let worth = best.map_or(f64::NEG_INFINITY, |best| best.re);
+        if let Some(s) = settle(cut, seed, 0.5 / tau, worth)
+            && s.im.abs() >= lowest_rad_s
+            && s.re > worth
+        {
+            best = Some(s);
+        }
+    }
+    root_of(best.unwrap_or(own))
 }
 
 /// Where roots are likely.

@@ -158,6 +158,32 @@ fn a_cut_that_hides_nothing_is_given_nothing_and_wear_is_named() {
     assert_eq!((verdict, names), (Verdict::MissingPhysics, vec!["tool_wear".to_owned()]));
 }
 
+/// With the damping that the scenario leaves out the model, given no force, is as loud as the recording, calm and
+/// in chatter; without it is not.
+#[test]
+fn the_repaired_model_runs_free_as_loud_as_the_recording() {
+    let said = whole_answer(&["process_damping"], 21);
+    assert_eq!(said.verdict, Verdict::MissingPhysics, "{:?}", said.notes);
+    let apart: Vec<[f64; 2]> =
+        said.recordings.iter().map(|r| r.free.as_ref().expect("it cuts").apart_db).collect();
+    let worst = |k: usize| apart.iter().map(|a| a[k]).fold(0.0, f64::max);
+    println!("{apart:?}");
+    assert!(worst(0) > 10.0 && worst(1) < 0.5 * worst(0), "{apart:?}");
+    let free = said.recordings[0].free.as_ref().unwrap();
+    assert!(free.t_s.len() > 20 && free.recorded_n.iter().all(|n| *n > 0.0));
+    let spread = |ends: &[Vec<f64>; 2]| ends[0].iter().zip(&ends[1]).all(|(low, high)| low <= high);
+    assert!(spread(&free.before_n) && spread(&free.after_n));
+}
+
+/// A holder is a narrow hill of the likelihood beside others that the stated numbers climb first.
+#[test]
+fn a_holder_that_gives_way_is_found_from_afar() {
+    for seed in [26_154_527_952_625, 103_254_925_167_957] {
+        let (verdict, names) = diagnosed(&["turret_compliance"], seed);
+        assert_eq!((verdict, names), (Verdict::MissingPhysics, vec!["turret_compliance".to_owned()]));
+    }
+}
+
 /// A commanded pitch that is off by a degree comes out as what is to be added to it, in the scenario, too.
 #[test]
 fn a_wrong_pitch_is_repaired_in_the_scenario() {

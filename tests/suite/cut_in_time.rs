@@ -9,21 +9,47 @@ use stillcut::config::scenario::{read_scenario, scenario_from_text};
 use stillcut::plant::cut_loop::CutLoop;
 use stillcut::plant::cut_terms::{CutCondition, CutTerms};
 use stillcut::plant::scenario::{RawScenario, Scenario};
+use stillcut::signal::dispatch::Fast;
 use stillcut::simulation::lathe::{Lathe, LatheSettings};
+use stillcut::simulation::model_cut::{CutModel, CutTrial, free_run, free_run_on};
 use stillcut::stability::{Root, scenario_root};
 
 const RATE_HZ: f64 = 9000.0;
 
-/// Growth and frequency of the last half of a tap's answer: peaks for the one, crossings for the other.
-///
-/// From the second difference of the motion: what is slow, such as a rest position that moves, is gone.
-fn measured(scenario: Scenario, seconds: f64) -> Root {
+/// The virtual lathe after a tap: motion of the bar, m.
+fn tapped(scenario: Scenario, seconds: f64) -> Vec<f64> {
     let mut lathe = Lathe::new(LatheSettings { strike_m_s: 1e-11, ..LatheSettings::ideal(scenario) });
     let mut x = Vec::new();
     while lathe.truth().t_s < seconds {
         lathe.step();
         x.push(lathe.truth().workpiece_displacement_m);
     }
+    x
+}
+
+/// The scenario's own condition for so long, from a feed that is another by that share for 10 ms.
+fn trial(scenario: &Scenario, seconds: f64, first_feed: f64) -> CutTrial {
+    let at = CutCondition::of(scenario);
+    let samples = (seconds * RATE_HZ) as usize;
+    let mut conditions = vec![at; samples.div_ceil(90)];
+    conditions[0].feed_m_rev *= 1.0 + first_feed;
+    CutTrial {
+        period_s: 1.0 / RATE_HZ,
+        turned_rad: (0..samples).map(|k| TAU / at.turn_s() * k as f64 / RATE_HZ).collect(),
+        pitch_difference_rad: vec![at.pitch_difference_rad; samples],
+        conditions,
+        held: 90,
+    }
+}
+
+fn silent(scenario: Scenario) -> CutModel {
+    CutModel { scenario, random_share: 0.0, seed: 1 }
+}
+
+/// Growth and frequency of the last half of a tap's answer: peaks for the one, crossings for the other.
+///
+/// From the second difference of the motion: what is slow, such as a rest position that moves, is gone.
+fn measured(x: &[f64]) -> Root {
     let bent: Vec<f64> = x.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]).collect();
     let (mut peaks, mut crossings) = (Vec::new(), Vec::new());
     let mut peak = 0.0f64;
@@ -59,9 +85,9 @@ fn effect(name: &str, port: &str, numbers: &str) -> String {
     format!("[[physics]]\neffect = \"{name}\"\nport = \"{port}\"\n{numbers}\n")
 }
 
-#[test]
-fn every_linear_effect_grows_in_time_as_its_root_says() {
-    let laws = [
+/// Every effect that the linear cut knows.
+fn linear_laws() -> Vec<String> {
+    vec![
         String::new(),
         effect("process_damping", "process", "process_damping_n = 25.0"),
         effect("edge_force", "process", "force_n = 6.0"),
@@ -79,14 +105,19 @@ fn every_linear_effect_grows_in_time_as_its_root_says() {
         effect("turret_compliance", "turret", "frequency_hz = 640.0\nn_m = 1.2e7\ndamping_ratio = 0.04"),
         effect("force_lag", "process", "time_constant_s = 4e-5"),
         effect("force_sensor_lag", "force_sensor", "extra_delay_s = 2e-4\nbandwidth_hz = 1500.0"),
-    ];
+    ]
+}
+
+#[test]
+fn every_linear_effect_grows_in_time_as_its_root_says() {
     for tools in [2, 1] {
-        for law in &laws {
+        for law in &linear_laws() {
             let scenario = lathe(law, tools);
             let root = scenario_root(&scenario, &CutCondition::of(&scenario));
             // As long as the tap of 10 pm/s needs to grow 10^7 times, half of it for the fit; at least 0.2 s,
             // where the fastest of these has not lost contact yet, at most 3 s.
-            let got = measured(scenario, (16.0 / root.growth_1_s.abs().max(4.0)).clamp(0.2, 3.0));
+            let seconds = (16.0 / root.growth_1_s.abs().max(4.0)).clamp(0.2, 3.0);
+            let got = measured(&tapped(scenario, seconds));
             println!("{tools} {law:?}: root {root:?}, lathe {got:?}");
             // 2 %: the surface is stored in cells; 0.4 1/s: what other roots leave in a fit of this length.
             let allowed = 0.4 + 0.02 * root.growth_1_s.abs();
@@ -97,6 +128,76 @@ fn every_linear_effect_grows_in_time_as_its_root_says() {
     }
 }
 
+/// The model that runs free shares the equation of the root, but not its way: it stores a surface.
+#[test]
+fn the_model_that_runs_free_grows_as_its_root_says() {
+    for tools in [2, 1] {
+        for law in &linear_laws() {
+            let scenario = lathe(law, tools);
+            let root = scenario_root(&scenario, &CutCondition::of(&scenario));
+            let seconds = (25.0 / root.growth_1_s.abs().max(4.0)).clamp(0.2, 4.0);
+            let run = free_run(&[silent(scenario)], &trial(&scenario, seconds, 1e-12)).remove(0);
+            let got = measured(&run.bar_m);
+            println!("{tools} {law:?}: root {root:?}, free {got:?}");
+            // What other roots leave in a fit of this length, and the straight line between two steps.
+            let allowed = 0.3 + 0.005 * root.growth_1_s.abs();
+            assert!((got.growth_1_s - root.growth_1_s).abs() < allowed, "{tools} {law}: {got:?}, {root:?}");
+            assert!((got.frequency_hz - root.frequency_hz).abs() < 1.5, "{tools} {law}: {got:?}, {root:?}");
+        }
+    }
+}
+
+/// Loss of contact and the flank bound it: two programs that share neither surface nor integration.
+#[test]
+fn free_chatter_grows_to_what_the_lathe_grows_to() {
+    let half = |x: &[f64]| {
+        let tail = &x[x.len() / 2..];
+        let mean = tail.iter().sum::<f64>() / tail.len() as f64;
+        (tail.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / tail.len() as f64).sqrt()
+    };
+    for more in ["", &effect("nonlinear_cutting_force", "process", "exponent = 0.75")] {
+        let scenario = lathe(more, 2);
+        let lathe_m = half(&tapped(scenario, 3.0));
+        let free = free_run(&[silent(scenario)], &trial(&scenario, 3.0, 1e-5)).remove(0);
+        let free_m = half(&free.bar_m);
+        assert!((free_m / lathe_m - 1.0).abs() < 0.03, "{more}: {free_m} m, lathe {lathe_m} m");
+    }
+}
+
+#[test]
+fn a_quiet_cut_rests() {
+    for tools in [2, 1] {
+        for law in &linear_laws() {
+            let scenario = lathe(law, tools);
+            let run = free_run(&[silent(scenario)], &trial(&scenario, 0.1, 0.0)).remove(0);
+            let moved = run.bar_m.iter().map(|y| (y - run.bar_m[0]).abs()).fold(0.0, f64::max);
+            assert!(moved < 1e-12, "{tools} {law}: {moved} m");
+        }
+    }
+}
+
+/// A model's answer is its own, whoever runs beside it, and the processor's copies agree.
+#[test]
+fn free_runs_do_not_see_their_neighbours() {
+    let stock =
+        effect("stock_variation", "process", "relative_change = 0.4\nsector_rad = 0.8\ncentre_rad = 1.0");
+    let all: Vec<CutModel> = ["", &stock, &effect("nonlinear_cutting_force", "process", "exponent = 0.75")]
+        .iter()
+        .zip(1..)
+        .map(|(more, seed)| CutModel { scenario: lathe(more, 2), random_share: 0.03, seed })
+        .collect();
+    let trial = trial(&all[0].scenario, 0.3, 0.0);
+    let together = free_run(&all, &trial);
+    for (model, run) in all.iter().zip(&together) {
+        let alone = free_run(&[*model], &trial).remove(0);
+        assert_eq!(alone.force_n, run.force_n);
+    }
+    let plain = free_run_on(Fast::off(), &all, &trial);
+    let apart = |k: usize| (plain[k].bar_m[900] - together[k].bar_m[900]).abs();
+    assert!((0..3).all(|k| apart(k) < 1e-12), "{:?}", [apart(0), apart(1), apart(2)]);
+    assert!(free_run(&[], &trial).is_empty());
+}
+
 #[test]
 fn a_cut_without_memory_rings_at_its_stiffer_bar() {
     let static_cut =
@@ -104,7 +205,7 @@ fn a_cut_without_memory_rings_at_its_stiffer_bar() {
     for more in ["", "[[physics]]\neffect = \"regenerative_effect\"\nport = \"process\"\noverlap = 0.6\n"] {
         let scenario = scenario_from_text(Path::new("lathe.toml"), &format!("{static_cut}{more}")).unwrap();
         let root = scenario_root(&scenario, &CutCondition::of(&scenario));
-        let got = measured(scenario, 0.25);
+        let got = measured(&tapped(scenario, 0.25));
         assert!((got.growth_1_s - root.growth_1_s).abs() < 1.0, "{got:?}, {root:?}");
         assert!((got.frequency_hz - root.frequency_hz).abs() < 0.5, "{got:?}, {root:?}");
     }

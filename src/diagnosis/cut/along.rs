@@ -19,7 +19,8 @@ use std::f64::consts::PI;
 /// The condition is looked up this often, s: nothing moves far in it.
 const LOOKED_UP_S: f64 = 5e-3;
 
-fn looked_up(rate_hz: f64) -> usize {
+/// Samples for which a condition stands.
+pub(crate) fn looked_up(rate_hz: f64) -> usize {
     ((LOOKED_UP_S * rate_hz).round() as usize).max(1)
 }
 

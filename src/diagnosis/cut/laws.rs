@@ -268,28 +268,39 @@ impl Law {
         }
     }
 
-    /// Shapes from which it is looked for, sizes at nothing. `peaks`: ln(f/f_n) of what stands out of the
-    /// spectra of a model without it; a mode is narrower than any grid of starts.
-    pub(crate) fn feet(self, peaks: &[f64]) -> Vec<Vec<f64>> {
-        let at = |shapes: &[f64]| {
-            let sizes = self.coordinates().iter().filter(|c| c.is_size).map(|_| 0.0);
-            sizes.chain(shapes.iter().copied()).collect::<Vec<f64>>()
-        };
+    /// Shapes from which it is looked for, sizes at nothing.
+    pub(crate) fn feet(self) -> Vec<Vec<f64>> {
         match self {
             Law::Mode | Law::Turret => {
                 let [low, high] = self.coordinates()[1].bounds;
-                let grid = if self == Law::Mode { (8, 0.14, 0.13) } else { (10, -0.7, 0.19) };
-                let grid = (0..grid.0).map(|k| grid.1 + grid.2 * f64::from(k));
-                let seen = peaks.iter().copied().filter(|p| (low..high).contains(p));
-                grid.chain(seen).map(|f| at(&[f, 0.0])).collect()
+                // Some widths of a resonance apart.
+                let count = ((high - low) / 0.05) as usize;
+                (0..=count).map(|k| self.of_shapes(&[low + 0.05 * k as f64, 0.0])).collect()
             }
-            Law::Plane => [-2.0, -1.2, -0.6, 0.6, 1.2, 2.0].iter().map(|s| at(&[*s])).collect(),
+            Law::Plane => [-2.0, -1.2, -0.6, 0.6, 1.2, 2.0].iter().map(|s| self.of_shapes(&[*s])).collect(),
             Law::Stock => {
                 let centres = (0..8).map(|k| TAU * f64::from(k) / 8.0);
-                centres.flat_map(|c| [at(&[0.6, c]), at(&[1.6, c])]).collect()
+                centres.flat_map(|c| [self.of_shapes(&[0.6, c]), self.of_shapes(&[1.6, c])]).collect()
             }
-            _ => vec![at(&[])],
+            _ => vec![self.of_shapes(&[])],
         }
+    }
+
+    /// A resonance at what stands out of the spectra of a model without it, ln(f/f_n).
+    pub(crate) fn peaked(self, peaks: &[f64]) -> Vec<Vec<f64>> {
+        let [low, high] = self.coordinates()[1].bounds;
+        let seen = peaks.iter().copied().filter(|p| (low..high).contains(p));
+        seen.map(|f| self.of_shapes(&[f, 0.0])).collect()
+    }
+
+    fn of_shapes(self, shapes: &[f64]) -> Vec<f64> {
+        let sizes = self.coordinates().iter().filter(|c| c.is_size).map(|_| 0.0);
+        sizes.chain(shapes.iter().copied()).collect()
+    }
+
+    /// A mass on a spring with a frequency of its own.
+    pub(crate) fn is_resonance(self) -> bool {
+        matches!(self, Law::Mode | Law::Turret)
     }
 
     /// True where what it does at a small size the numbers of the bar do as well: two planes are one of their

@@ -11,6 +11,7 @@ mod diagnose;
 mod fit;
 mod followed;
 mod foretold;
+mod free;
 mod hidden;
 pub mod input;
 mod known;

@@ -8,6 +8,7 @@ use super::answer::{Fitting, standing};
 use super::bursts::bursts;
 use super::contact::{impossible_chatter, pulls};
 use super::fit::{Effort, Problem};
+use super::free::free_fit;
 use super::input::CutRecording;
 use super::laws::Law;
 use super::machine::{Machine, Point};
@@ -233,6 +234,7 @@ fn recording_fit(
             error_before_n: thin(&error(before)),
             error_after_n: thin(&error(after)),
         },
+        free: free_fit(recording, [before, after]),
     }
 }
 

@@ -127,6 +127,24 @@ pub struct CutRecordingFit {
     pub rms_after_n: f64,
     /// Series for the report, thinned.
     pub series: CutSeries,
+    /// The model running free, with no measured force; `None`: nothing was cut.
+    pub free: Option<FreeFit>,
+}
+
+/// How loud a recording is beside what the model, running free under the same speed, feed, width, position
+/// and pitch, would have been: whether, when and how far it chatters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FreeFit {
+    /// Middle of each window in the cut, s.
+    pub t_s: Vec<f64>,
+    /// Vibration of both forces from the bar's first bending up, rms, as recorded, N.
+    pub recorded_n: Vec<f64>,
+    /// Least and greatest of the scenario as stated, over its random force.
+    pub before_n: [Vec<f64>; 2],
+    /// The same with corrections and findings.
+    pub after_n: [Vec<f64>; 2],
+    /// Recorded over the middle of the runs, rms over the windows, dB: as stated, and with the answer.
+    pub apart_db: [f64; 2],
 }
 
 /// What is drawn of a recording.

@@ -56,7 +56,7 @@ impl Model {
 
 /// Logarithm of the shapes from which a law is looked for.
 fn shapes_nats(law: Law) -> f64 {
-    (law.feet(&[]).len() as f64).ln()
+    (law.feet().len() as f64).ln()
 }
 
 /// What a law costs before it is fitted: all of its coordinates.
@@ -104,7 +104,7 @@ const LOOK: Effort = Effort { steps: 4, every: Every(4) };
 /// The stated structure again, from the numbers that a hypothesis found.
 pub(crate) const AGAIN: Effort = Effort { steps: 5, every: Every(1) };
 /// Starts that are looked at of a law with several shapes.
-const STARTS: usize = 3;
+const STARTS: usize = 4;
 
 impl<'a> Cut<'a> {
     /// `laws`: those that are open; `rivals`: of how many a law that was taken up is challenged.
@@ -229,16 +229,55 @@ impl<'a> Cut<'a> {
         Some(out)
     }
 
-    /// A model with one plane split in two of the same mean frequency, 4 % apart: halves, and one that acts a
-    /// little against the other, on either side.
-    fn split(&self, model: &Point) -> Vec<Point> {
-        let of = |(share, apart): (f64, f64)| {
+    /// A model with one plane split in two of the same mean frequency. The likelihood has a hill for each way
+    /// in which two planes may stand (either acting with or against the other, far or near, on either side):
+    /// the starts that one step of the fit, numbers and all, makes worth most.
+    fn split(&self, model: &Point, work: &mut Work) -> Vec<Point> {
+        let of = |share: f64, apart: f64| {
             let own = self.frequency(model)? / (1.0 + share * apart);
             let mut out = self.at_frequency(model, own)?;
             out.terms.push(Term::of_planes(share, own * (1.0 + apart)));
             Some(out)
         };
-        [(0.5, 0.04), (-0.2, 0.04), (-0.2, -0.04)].into_iter().filter_map(of).collect()
+        let (shares, apart) = ([-0.45, -0.2, 0.2, 0.45], [-0.06, -0.03, 0.03, 0.06]);
+        let starts = shares.iter().flat_map(|share| apart.iter().filter_map(move |apart| of(*share, *apart)));
+        let mut stepped: Vec<(f64, Point)> = Vec::new();
+        for start in starts {
+            let Some(ended) = self.problem.fit(&start, &Effort { steps: 1, ..LOOK }) else { continue };
+            work.spend(ended.evaluations / LOOK.every.0 as u64);
+            stepped.push((ended.value, start));
+        }
+        stepped.sort_by(|a, b| a.0.total_cmp(&b.0));
+        stepped.into_iter().take(STARTS).map(|s| s.1).collect()
+    }
+
+    /// Where a resonance of a size that machines have is worth most, the numbers as they are: the two best
+    /// hills over its frequency. At no size its line is not where it is at that of a machine.
+    fn hills(&self, model: &Point, law: Law, work: &mut Work) -> Vec<Promise> {
+        let feet = law.feet();
+        let sizes = [0.3, 1.0];
+        work.spend((feet.len() * sizes.len() / LOOK.every.0) as u64);
+        let base = self.problem.value(model, LOOK.every);
+        let of = |foot: &Vec<f64>| {
+            let sized = |size: f64| {
+                let mut values = foot.clone();
+                values[0] = size;
+                let mut point = model.clone();
+                point.terms.push(Term { law, values: values.clone() });
+                let nats = LOOK.every.0 as f64 * (base - self.problem.value(&point, LOOK.every));
+                Promise { law, values, nats }
+            };
+            sizes.map(sized).into_iter().max_by(|a, b| a.nats.total_cmp(&b.nats)).expect("a size")
+        };
+        let over: Vec<Promise> = on_two_cores(&feet, of);
+        let nats = |k: usize| over.get(k).map_or(f64::NEG_INFINITY, |p| p.nats);
+        let is_hill: Vec<bool> =
+            (0..over.len()).map(|k| nats(k) >= nats(k + 1) && (k == 0 || nats(k) > nats(k - 1))).collect();
+        let mut hills: Vec<Promise> =
+            over.into_iter().zip(is_hill).filter_map(|(p, is)| is.then_some(p)).collect();
+        hills.sort_by(|a, b| b.nats.total_cmp(&a.nats));
+        hills.truncate(2);
+        hills
     }
 
     fn frequency_at(&self) -> Option<usize> {
@@ -283,8 +322,11 @@ impl<'a> Cut<'a> {
                 point.terms.push(Term { law: asked.law, values: start.clone() });
                 point
             };
-            let points =
-                if self.unscreened(asked.law) { self.split(base) } else { starts.iter().map(with).collect() };
+            let points = if self.unscreened(asked.law) {
+                self.split(base, work)
+            } else {
+                starts.iter().map(with).collect()
+            };
             for point in points {
                 let Some(looked) = self.problem.fit(&point, &LOOK) else { continue };
                 work.spend(looked.evaluations / LOOK.every.0 as u64);
@@ -409,12 +451,10 @@ impl Subject for Cut<'_> {
         let base = Screening::new(self.problem, &model.point, SCREENED)?;
         let peaks = peaks(base.parts.iter().map(|p| &p[0]), self.problem.frame.scales.frequency_hz);
         let taken: Vec<Law> = model.point.terms.iter().map(|t| t.law).collect();
-        let asked: Vec<(Law, Vec<f64>)> = self
-            .laws
-            .iter()
-            .filter(|l| !taken.contains(l))
-            .flat_map(|l| l.feet(&peaks).into_iter().map(|f| (*l, f)))
-            .collect();
+        let open = || self.laws.iter().copied().filter(|l| !taken.contains(l));
+        let feet = |l: Law| if l.is_resonance() { l.peaked(&peaks) } else { l.feet() };
+        let asked: Vec<(Law, Vec<f64>)> =
+            open().flat_map(|l| feet(l).into_iter().map(move |f| (l, f))).collect();
         // Foot and sizes of each.
         let evaluations =
             asked.iter().map(|(l, _)| 1 + l.sizes() as u64).sum::<u64>() + base.columns() as u64;
@@ -423,6 +463,7 @@ impl Subject for Cut<'_> {
         let promises = on_two_cores(&asked, |(law, foot)| promise(problem, model, &base, *law, foot));
         let mut out: Vec<Screened<Asked>> = Vec::new();
         let mut promises: Vec<Promise> = promises.into_iter().flatten().collect();
+        promises.extend(open().filter(|l| l.is_resonance()).flat_map(|l| self.hills(&model.point, l, work)));
         promises.sort_by(|a, b| b.nats.total_cmp(&a.nats));
         for promise in promises {
             match out.iter_mut().find(|s| s.hypothesis.law == promise.law) {
@@ -527,7 +568,7 @@ pub(crate) fn visibility(problem: &Problem, model: &Model, laws: &[Law]) -> Vec<
         Some(Seen { law, of_a_size: deviations(left[(0, 0)]), alone: deviations(bare[(0, 0)]) })
     };
     let of_law = |law: &Law| {
-        let feet = law.feet(&[]);
+        let feet = law.feet();
         let seen = feet.iter().filter_map(|foot| of_foot(*law, foot));
         seen.max_by(|a, b| a.of_a_size.total_cmp(&b.of_a_size))
     };

@@ -109,22 +109,23 @@ impl Row {
         let terms = CutTerms::of(&machine.scenario, &self.at);
         let cut = CutLoop::new(&terms);
         let spread = machine.noise.growth_spread_1_s;
+        let asked = self.outcome.is_some() || self.pole.as_ref().is_some_and(|p| p.chatters);
+        let fastest = asked.then(|| rightmost_cut_root(&cut));
         if let Some(pole) = &self.pole {
             let seen = Root { growth_1_s: pole.growth_1_s, frequency_hz: pole.line_hz };
-            let root = cut_root_near(&cut, seen).unwrap_or_else(|| rightmost_cut_root(&cut));
+            let near = cut_root_near(&cut, seen).or(fastest);
+            let root = near.unwrap_or_else(|| rightmost_cut_root(&cut));
             let sd = pole.growth_se_1_s.hypot(spread);
             out.push(doubted(pole.growth_1_s - root.growth_1_s, sd, GROWTH_RANGE_1_S));
             out.push(free_deviation(sd / pole.growth_se_1_s));
             let line_sd = pole.line_sd_hz.hypot(machine.noise.line_spread_hz);
             out.push(doubted(pole.line_hz - root.frequency_hz, line_sd, LINE_RANGE_HZ));
             out.push(free_deviation(line_sd / pole.line_sd_hz));
-            if pole.chatters {
-                let fastest = rightmost_cut_root(&cut);
+            if let Some(fastest) = fastest.filter(|_| pole.chatters) {
                 out.push((fastest.growth_1_s - root.growth_1_s).max(0.0) / sd);
             }
         }
-        if let Some(outcome) = self.outcome {
-            let root = rightmost_cut_root(&cut);
+        if let Some((outcome, root)) = self.outcome.zip(fastest) {
             out.push(deviance(outcome, root.growth_1_s / machine.noise.outcome_spread_1_s));
             if let Some(line_hz) = self.line_hz {
                 let near = cut_root_near(&cut, Root { growth_1_s: root.growth_1_s, frequency_hz: line_hz });

@@ -202,10 +202,10 @@ fn a_margin_that_runs_out_moves_the_pitch_before_chatter() {
     let near = (20..200).map(|k| thin(1e-6 * f64::from(k))).find(|cut| growth_1_s(cut) > -6.0).unwrap();
     let decided = |before_chatter: bool| {
         let mut config = config();
-        (config.cut, config.tools) = (near.clone(), Some(("z1".into(), 0.0, false)));
+        (config.cut, config.tools) = (near, Some(("z1".into(), 0.0, false)));
         config.turret.before_chatter = before_chatter;
         let mut bench = bench_of(config);
-        bench.lathe = Lathe::new(LatheSettings::realistic(near.clone(), 5));
+        bench.lathe = Lathe::new(LatheSettings::realistic(near, 5));
         bench.names.push("z1");
         for tenth in 0..160 {
             bench.feed(0.1, |_| {});
