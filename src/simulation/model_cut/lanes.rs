@@ -5,6 +5,7 @@ use super::modes::{Led, Modes};
 use super::{CutModel, CutTrial, FreeRun, LANES, terms_of};
 use crate::plant::cut_effects::AtAngle;
 use crate::plant::cut_loop::{CutLoop, RANDOM_FORCE_CORNER_HZ};
+use crate::plant::cut_terms::{CutCondition, CutTerms};
 use crate::plant::scenario::ToolCount;
 use crate::signal::dispatch::{Kernel, multiply_add};
 use std::f64::consts::TAU;
@@ -43,6 +44,8 @@ type Turning = Vec<[Lane; 2]>;
 pub(super) struct Lanes<'a> {
     trial: &'a CutTrial,
     models: [CutModel; LANES],
+    /// Coefficients now.
+    terms: Option<[CutTerms; LANES]>,
     steps: usize,
     step_s: f64,
     law: Law,
@@ -89,6 +92,7 @@ impl<'a> Lanes<'a> {
         let seeds = |tool: u64| std::array::from_fn(|l| scrambled(2 * models[l].seed + tool));
         let mut lanes = Self {
             trial,
+            terms: None,
             steps,
             step_s,
             law,
@@ -133,10 +137,18 @@ impl<'a> Lanes<'a> {
     /// Numbers of the condition of a sample.
     fn take_on(&mut self, condition: usize) {
         let at = &self.trial.conditions[condition.min(self.trial.conditions.len() - 1)];
+        let terms: [CutTerms; LANES] = std::array::from_fn(|l| terms_of(&self.models[l], at));
+        // Of a condition the times alone change mostly, and no number with them.
+        let same = |known: &[CutTerms; LANES]| {
+            known.iter().zip(&terms).all(|(known, terms)| CutTerms { at: known.at, ..*terms } == *known)
+                && CutCondition { time_s: at.time_s, edge_age_s: at.edge_age_s, ..known[0].at } == *at
+        };
+        if self.terms.as_ref().is_some_and(same) {
+            return;
+        }
         self.bent = false;
-        for l in 0..LANES {
-            let terms = terms_of(&self.models[l], at);
-            let cut = CutLoop::new(&terms);
+        for (l, terms) in terms.iter().enumerate() {
+            let cut = CutLoop::new(terms);
             let law = &mut self.law;
             let reference = if cut.reference_chip_m > 0.0 { cut.reference_chip_m } else { 1.0 };
             for tool in 0..2 {
@@ -156,27 +168,30 @@ impl<'a> Lanes<'a> {
             let [left, then, now] = lagged(self.step_s, cut.lag_s);
             (law.lagged[0][l], law.lagged[1][l], law.lagged[2][l]) = (left, then, now);
             law.width_1_m[l] = if at.width_m > 0.0 { 1.0 / at.width_m } else { 0.0 };
-            let none = crate::plant::cut_loop::Resonance { gain_1_kg: 0.0, rad_s: 1.0, damping_ratio: 0.0 };
-            let resonances = [cut.bar[0], cut.bar[1], cut.bar[2], cut.holder.unwrap_or(none)];
-            for (k, resonance) in resonances.iter().enumerate() {
-                self.there[k] |= resonance.gain_1_kg.abs() > 0.0;
-                self.modes[k].tune(l, resonance, self.step_s);
+            for (k, resonance) in cut.bar.iter().chain(&cut.holder).enumerate() {
+                if resonance.gain_1_kg.abs() > 0.0 {
+                    self.there[k] = true;
+                    self.modes[k].tune(l, resonance, self.step_s);
+                }
             }
         }
+        self.terms = Some(terms);
     }
 
     /// Motion and speed of both edges into the work.
     #[inline(always)]
     fn edges(&self) -> [[Lane; 2]; 2] {
         let mut out = [[[0.0; LANES]; 2]; 2];
-        let [a, b, c, holder] = &self.modes;
+        for (modes, _) in self.modes[..3].iter().zip(&self.there).filter(|m| *m.1) {
+            for l in 0..LANES {
+                out[0][0][l] += modes.at[l];
+                out[0][1][l] += modes.speed[l];
+            }
+        }
+        let holder = &self.modes[3];
         for l in 0..LANES {
-            let y = a.at[l] + b.at[l] + c.at[l];
-            let vy = a.speed[l] + b.speed[l] + c.speed[l];
-            out[0][0][l] = y;
-            out[0][1][l] = vy;
-            out[1][0][l] = holder.at[l] - y + self.law.ahead[l];
-            out[1][1][l] = holder.speed[l] - vy;
+            out[1][0][l] = holder.at[l] - out[0][0][l] + self.law.ahead[l];
+            out[1][1][l] = holder.speed[l] - out[0][1][l];
         }
         out
     }
@@ -219,18 +234,21 @@ impl<'a> Lanes<'a> {
                 bend[l] = chip[l].max(1e-12).powf(law.bend[l]);
             }
         }
-        let [added_m, factor] = match &self.turning {
-            Some(turning) => turning[place],
-            None => [[0.0; LANES], [1.0; LANES]],
-        };
+        let mut body = [0.0; LANES];
         for l in 0..LANES {
             let plain = law.chip[tool][l] * chip[l] * bend[l] * (1.0 + self.noise[tool][l]);
             let rubbing = law.flank[0][l] * (speed[l] - law.flank[1][l]).max(0.0);
             let flank = multiply_add::<FUSED>(law.damping[l], speed[l], rubbing);
-            let body = plain + law.edge[l] + multiply_add::<FUSED>(law.contact[l], into[l], flank);
-            let width = (1.0 + added_m[l] * law.width_1_m[l]).max(0.0);
-            let pushed = (width * factor[l] * body).max(0.0);
-            force[l] = if chip[l] > 0.0 { pushed } else { 0.0 };
+            body[l] = plain + law.edge[l] + multiply_add::<FUSED>(law.contact[l], into[l], flank);
+        }
+        if let Some(turning) = &self.turning {
+            let [added_m, factor] = &turning[place];
+            for l in 0..LANES {
+                body[l] *= (1.0 + added_m[l] * law.width_1_m[l]).max(0.0) * factor[l];
+            }
+        }
+        for l in 0..LANES {
+            force[l] = if chip[l] > 0.0 { body[l].max(0.0) } else { 0.0 };
         }
         (force, left)
     }
