@@ -12,7 +12,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
-use stillcut::service::{clock, start};
+use stillcut::service::{Running, clock, start};
 
 /// A small file system in memory, gone at the end. Nothing where mounting is not allowed.
 pub(crate) struct SmallDisk(PathBuf);
@@ -139,23 +139,31 @@ fn a_full_disk_loses_no_event_and_no_sample_and_heals_by_itself() {
     running.stop();
 }
 
-/// Recordings are worth less than the history: they go at the moment that the history meets the full disk.
-#[test]
-fn on_a_full_disk_recordings_go_before_a_single_acknowledgement_fails() {
-    let place = Place::new("fullroom");
+/// A service on a disk of 24 MB with so many recordings of so many bytes, oldest first; nothing, said aloud,
+/// where no disk can be mounted.
+fn with_recordings(place: &Place, count: u8, bytes: usize) -> Option<(SmallDisk, Running)> {
     let Some(disk) = SmallDisk::mount(&place.state(), "size=24m") else {
         not_run("mounting a small file system is not allowed here");
-        return;
+        return None;
     };
     let mut config = place.config("");
     config.http.trust_loopback = true;
     let running = start(config).unwrap();
-    let address = running.handle().address().to_string();
     let recordings = place.state().join("recordings");
-    for k in 0..3 {
-        std::fs::write(recordings.join(format!("manual-{k}.parquet")), vec![k; 2 << 20]).unwrap();
+    for k in 0..count {
+        std::fs::write(recordings.join(format!("manual-{k}.parquet")), vec![k; bytes]).unwrap();
         std::thread::sleep(Duration::from_millis(20));
     }
+    Some((disk, running))
+}
+
+/// Recordings are worth less than the history: they go at the moment that the history meets the full disk.
+#[test]
+fn on_a_full_disk_recordings_go_before_a_single_acknowledgement_fails() {
+    let place = Place::new("fullroom");
+    let Some((disk, running)) = with_recordings(&place, 3, 2 << 20) else { return };
+    let address = running.handle().address().to_string();
+    let recordings = place.state().join("recordings");
     let _ballast = disk.fill();
     // As many as use up what was taken ahead.
     acknowledge(&address, 1200);
@@ -194,19 +202,9 @@ impl Drop for RemovedAtEnd {
 #[test]
 fn where_each_free_byte_is_taken_at_once_the_history_goes_on_in_its_own_room() {
     let place = Place::new("greedy");
-    let Some(disk) = SmallDisk::mount(&place.state(), "size=24m") else {
-        not_run("mounting a small file system is not allowed here");
-        return;
-    };
-    let mut config = place.config("");
-    config.http.trust_loopback = true;
-    let running = start(config).unwrap();
+    let Some((disk, running)) = with_recordings(&place, 8, 1 << 20) else { return };
     let address = running.handle().address().to_string();
     let recordings = place.state().join("recordings");
-    for k in 0..8 {
-        std::fs::write(recordings.join(format!("manual-{k}.parquet")), vec![k; 1 << 20]).unwrap();
-        std::thread::sleep(Duration::from_millis(20));
-    }
     let ballast = RemovedAtEnd(disk.fill());
     let mut file = std::fs::File::options().append(true).open(&ballast.0).unwrap();
     let full_bytes = file.metadata().unwrap().len();

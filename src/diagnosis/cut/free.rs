@@ -13,6 +13,7 @@ use super::rows::turned_angle;
 use super::stretches::{band_hz, condition, signal_response, stated_filter};
 use crate::plant::cut_terms::CutCondition;
 use crate::plant::scenario::Scenario;
+use crate::signal::butterworth::Butterworth;
 use crate::simulation::model_cut::{CutModel, CutTrial, FreeRun, LANES, free_run};
 use nalgebra::Complex;
 
@@ -92,6 +93,7 @@ fn trial(recording: &CutRecording, scenario: &Scenario, pitch_rad: f64) -> CutTr
 /// something.
 struct Heard<'a> {
     recording: &'a CutRecording,
+    filter: Option<Butterworth>,
     band_hz: [f64; 2],
 }
 
@@ -99,16 +101,15 @@ impl<'a> Heard<'a> {
     fn new(recording: &'a CutRecording, scenario: &Scenario) -> Self {
         let natural = scenario.workpiece.bending_frequency_hz();
         let highest = (1.7 * natural).min(band_hz(recording, scenario)[1]);
-        Self { recording, band_hz: [0.75 * natural, highest] }
+        Self { recording, filter: stated_filter(recording), band_hz: [0.75 * natural, highest] }
     }
 
     /// Forces in the band; `recorded`: the signal's filter taken off.
     fn of(&self, forces: [Option<&[f64]>; 2], recorded: bool) -> Vec<Vec<f64>> {
-        let filter = stated_filter(self.recording);
         let gain = |f: f64| match (f >= self.band_hz[0] && f <= self.band_hz[1], recorded) {
             (false, _) => ZERO,
             (true, false) => Complex::new(1.0, 0.0),
-            (true, true) => signal_response(filter.as_ref(), self.recording.signal.delay_s, f).finv(),
+            (true, true) => signal_response(self.filter.as_ref(), self.recording.signal.delay_s, f).finv(),
         };
         let rate_hz = self.recording.sample_rate.hz();
         forces.iter().flatten().map(|force| filtered(force, rate_hz, &gain)).collect()
@@ -116,13 +117,12 @@ impl<'a> Heard<'a> {
 
     /// Power of the signals' own noise in the band, its filter taken off, N^2.
     fn floor_n2(&self, machine: &Machine) -> f64 {
-        let filter = stated_filter(self.recording);
         let [low, high] = self.band_hz;
         let bins = 64;
         let step = (high - low) / bins as f64;
         let density = |k: usize| {
             let f = low + (k as f64 + 0.5) * step;
-            let passed = signal_response(filter.as_ref(), 0.0, f).norm_sqr();
+            let passed = signal_response(self.filter.as_ref(), 0.0, f).norm_sqr();
             machine.noise.before_filter_n2_hz(f) + machine.noise.behind_filter_n2_hz() / passed
         };
         let tools = self.recording.forces_n.iter().flatten().count() as f64;

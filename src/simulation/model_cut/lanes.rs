@@ -16,7 +16,7 @@ pub(super) type Lane = [f64; LANES];
 const PLACES: usize = 2048;
 
 /// Constants of the law under one condition.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 struct Law {
     /// k_j h_r^(1-p).
     chip: [Lane; 2],
@@ -76,29 +76,16 @@ impl<'a> Lanes<'a> {
         let kept = (-TAU * RANDOM_FORCE_CORNER_HZ * step_s).exp();
         // Uniform numbers of variance 1/12 drive it; some ten of them make one force.
         let drive = (12.0 * (1.0 - kept * kept)).sqrt();
-        let law = Law {
-            chip: [zero; 2],
-            bend: zero,
-            edge: zero,
-            contact: zero,
-            damping: zero,
-            flank: [zero; 2],
-            advance: [zero; 2],
-            overlap: zero,
-            ahead: zero,
-            lagged: [zero; 3],
-            width_1_m: zero,
-        };
         let seeds = |tool: u64| std::array::from_fn(|l| scrambled(2 * models[l].seed + tool));
         let mut lanes = Self {
             trial,
             terms: None,
             steps,
             step_s,
-            law,
+            law: Law::default(),
             bent: false,
             turning: turning(&models),
-            modes: std::array::from_fn(|_| Modes::at_rest()),
+            modes: <[Modes; 4]>::default(),
             there: [false; 4],
             driving: [[zero; 3]; 2],
             force: [zero; 2],

@@ -8,8 +8,8 @@ use crate::signal::dispatch::multiply_add;
 /// Forces of this step and of the two before it.
 pub(super) type Led = [Lane; 3];
 
-/// A resonance of each model.
-#[derive(Debug, Clone)]
+/// A resonance of each model; by default there is none, and it is at rest.
+#[derive(Debug, Clone, Default)]
 pub(super) struct Modes {
     /// Displacement, m.
     pub(super) at: Lane,
@@ -21,11 +21,6 @@ pub(super) struct Modes {
 }
 
 impl Modes {
-    pub(super) fn at_rest() -> Self {
-        let zero = [0.0; LANES];
-        Self { at: zero, speed: zero, gain_1_kg: zero, transition: [[zero; 2]; 2], driven: [[zero; 3]; 2] }
-    }
-
     /// Takes on the numbers of model `l`. The modal motion goes on; what the tools see of it changes with the
     /// shape, whose square is in the gain.
     pub(super) fn tune(&mut self, l: usize, resonance: &Resonance, dt: f64) {
