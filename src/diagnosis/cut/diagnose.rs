@@ -46,26 +46,7 @@ pub fn diagnose(
     let mut work = Work::new(evaluations(0.5 * budget_s, &evidence));
     let mut beside = Work::new(evaluations(0.25 * budget_s, &evidence));
     progress(0.02, "dividing the recordings");
-    let mut point = frame.origin();
-    let mut known = frame.machine(&point).map(Reference::of).ok_or(CutInputError::NoCut)?;
-    if evidence.recordings.is_empty() {
-        let (_, observables) = observed(&frame, &known, evidence, table);
-        let problem = Problem { frame: &frame, observables: &observables };
-        let fitted = Cut::new(&problem, Vec::new(), 0).start(&point, &mut work);
-        point = fitted.ok_or(CutInputError::NoCut)?.point;
-    } else {
-        // What is linear, what fades and how noisy each recording is, is judged by the machine as stated,
-        // then by the same structure with the numbers that fit, twice: noise that is taken for that of
-        // another recording makes a random force of what is none.
-        for _ in 0..2 {
-            let (_, observables) = observed(&frame, &known, evidence, table);
-            let problem = Problem { frame: &frame, observables: &observables };
-            let fitted = Cut::new(&problem, Vec::new(), 0).rough(&point, &mut work);
-            let fitted = fitted.ok_or(CutInputError::NoCut)?;
-            known = known.refined(&problem, &fitted, evidence.recordings.len()).unwrap_or(known);
-            point = frame.with_typical_noise(&fitted);
-        }
-    }
+    let (known, point) = first_known(&frame, evidence, table, &mut work).ok_or(CutInputError::NoCut)?;
     let (stretches, mut observables) = observed(&frame, &known, evidence, table);
     // A table costs little, and its screening says little: the fit may have been bent far.
     let rivals = if evidence.recordings.is_empty() { laws.len() } else { REACH.fitted };
@@ -113,17 +94,7 @@ pub fn diagnose(
         for finding in &mut diagnosis.findings {
             finding.fit = CutFit { table: Some(said.fit), ..finding.fit };
         }
-        diagnosis.mapped.extend(table.rows.iter().map(|row| {
-            let at = row_condition(row, scenario);
-            MappedCut {
-                name: row.cut.clone(),
-                spindle_speed_rpm: at.speed_rpm,
-                width_m: at.width_m,
-                pitch_difference_rad: at.pitch_difference_rad,
-                tool_position_m: at.position_m,
-                chatter: row.outcome.map(|o| o == super::input::CutOutcome::Chatter),
-            }
-        }));
+        diagnosis.mapped.extend(mapped(table, scenario));
     }
     diagnosis.plan = plan::plan(&fitting);
     note_speeds(evidence.recordings, &mut diagnosis);
@@ -135,6 +106,48 @@ pub fn diagnose(
     }
     progress(1.0, "done");
     Ok(diagnosis)
+}
+
+/// The machine by which the recordings are divided, and a first point of the fit. `None`: no such machine.
+fn first_known(
+    frame: &Frame,
+    evidence: CutEvidence<'_>,
+    table: Option<&CutTable>,
+    work: &mut Work,
+) -> Option<(Reference, Point)> {
+    let mut point = frame.origin();
+    let mut known = frame.machine(&point).map(Reference::of)?;
+    if evidence.recordings.is_empty() {
+        let (_, observables) = observed(frame, &known, evidence, table);
+        let problem = Problem { frame, observables: &observables };
+        point = Cut::new(&problem, Vec::new(), 0).start(&point, work)?.point;
+    }
+    // What is linear, what fades and how noisy each recording is, is judged by the machine as stated, then by
+    // the same structure with the numbers that fit, twice: noise that is taken for that of another recording
+    // makes a random force of what is none.
+    for _ in 0..if evidence.recordings.is_empty() { 0 } else { 2 } {
+        let (_, observables) = observed(frame, &known, evidence, table);
+        let problem = Problem { frame, observables: &observables };
+        let fitted = Cut::new(&problem, Vec::new(), 0).rough(&point, work)?;
+        known = known.refined(&problem, &fitted, evidence.recordings.len()).unwrap_or(known);
+        point = frame.with_typical_noise(&fitted);
+    }
+    Some((known, point))
+}
+
+/// Cuts of a table for the stability map.
+fn mapped(table: &CutTable, scenario: &Scenario) -> impl Iterator<Item = MappedCut> {
+    table.rows.iter().map(|row| {
+        let at = row_condition(row, scenario);
+        MappedCut {
+            name: row.cut.clone(),
+            spindle_speed_rpm: at.speed_rpm,
+            width_m: at.width_m,
+            pitch_difference_rad: at.pitch_difference_rad,
+            tool_position_m: at.position_m,
+            chatter: row.outcome.map(|o| o == super::input::CutOutcome::Chatter),
+        }
+    })
 }
 
 /// What a selection came to.

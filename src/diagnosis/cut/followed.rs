@@ -85,6 +85,60 @@ fn smooth_below(n: usize) -> usize {
     (1..=n).rev().find(|m| smooth(*m)).unwrap_or(1)
 }
 
+/// Samples of a recording that are transformed, and those in them that are looked at.
+struct Window {
+    begin: usize,
+    end: usize,
+    /// First sample that is looked at, and how many.
+    from: usize,
+    len: usize,
+    /// Samples in which the forces rise from the begin on.
+    rise: usize,
+    /// Of the transform.
+    length: usize,
+}
+
+impl Window {
+    fn of(recording: &CutRecording, stretch: &Stretch, scenario: &Scenario) -> Self {
+        let rate = recording.sample_rate.hz();
+        let len = smooth_below(stretch.samples.len());
+        let from = stretch.samples.end - len;
+        // The signal is late: what it shows of the stretch's end comes after it.
+        let after = (recording.signal.delay_s * rate).ceil() as usize + (0.012 * rate) as usize;
+        let end = (stretch.samples.end + after).min(recording.len());
+        let turn_s = 60.0 / recording.spindle_speed_rpm[from];
+        // The forces rise before what the bar remembers of them, not in it, over some ten periods.
+        let remembered_s = memory_s(scenario);
+        let rising_s = remembered_s / 4.0;
+        let before = ((rising_s + remembered_s + turn_s) * rate) as usize;
+        let begin = from.saturating_sub(before);
+        let rise = ((rising_s * rate) as usize).clamp(1, (from - begin).max(1));
+        let length = smooth_below((end - begin) * 11 / 10 + 256);
+        let length = if length < end - begin { (end - begin).next_power_of_two() } else { length };
+        Self { begin, end, from, len, rise, length }
+    }
+}
+
+/// Bins of a window without anything in them yet; `lines`: without those of the spindle's lines.
+fn bins_of(place: &Place, window_len: usize, lines: bool) -> Vec<FollowedBin> {
+    let speed_rpm = lines.then_some(place.condition.speed_rpm);
+    let bins = bins(window_len, place.rate.hz(), speed_rpm, place.band_hz).into_iter();
+    let empty = |(index, frequency_hz)| {
+        let stated = signal_response(place.filter.as_ref(), 0.0, frequency_hz);
+        FollowedBin { index, frequency_hz, stated, power: [0.0; 2], probe: [ZERO; TAPERS] }
+    };
+    bins.map(empty).collect()
+}
+
+/// The probe's transform through a taper, its mean taken off.
+fn of_probe(y_m: &[f64], taper: &[f64], forward: &dyn Fft<f64>) -> Vec<Complex<f64>> {
+    let mean_m = y_m.iter().sum::<f64>() / y_m.len() as f64;
+    let tapered = y_m.iter().zip(taper).map(|(y, w)| (y - mean_m) / PROBE_UNIT_M * w);
+    let mut y: Vec<Complex<f64>> = tapered.map(|y| Complex::new(y, 0.0)).collect();
+    forward.process(&mut y);
+    y
+}
+
 impl FollowedSpectra {
     /// `None`: a force is not there, or nothing is left of the band. `lines`: there are lines of the spindle,
     /// which no random force makes; a window of some turns has little left beside them.
@@ -101,48 +155,36 @@ impl FollowedSpectra {
         if two {
             forces[1] = recording.forces_n[1].as_ref()?;
         }
-        let window_len = smooth_below(stretch.samples.len());
-        let window_from = stretch.samples.end - window_len;
-        // The signal is late: what it shows of the stretch's end comes after it.
-        let after = (recording.signal.delay_s * rate).ceil() as usize + (0.012 * rate) as usize;
-        let end = (stretch.samples.end + after).min(recording.len());
-        let turn_s = 60.0 / recording.spindle_speed_rpm[window_from];
-        // The forces rise before what the bar remembers of them, not in it, over some ten periods.
-        let remembered_s = memory_s(scenario);
-        let rising_s = remembered_s / 4.0;
-        let before = ((rising_s + remembered_s + turn_s) * rate) as usize;
-        let begin = window_from.saturating_sub(before);
-        let rise = ((rising_s * rate) as usize).clamp(1, (window_from - begin).max(1));
-        let length = smooth_below((end - begin) * 11 / 10 + 256);
-        let length = if length < end - begin { (end - begin).next_power_of_two() } else { length };
+        let window = Window::of(recording, stretch, scenario);
+        let Window { begin, from: window_from, len: window_len, length, .. } = window;
         let centre = loudest(forces, window_from..stretch.samples.end);
         let mut place = Place::new(recording, stretch, centre, known);
         let bar = &scenario.workpiece;
         let own = bar.mode_shape(place.condition.position_m).max(1e-3);
-        let shape: Vec<f64> =
-            (begin..end).map(|k| (bar.mode_shape(recording.tool_position_m[k]) / own).max(1e-3)).collect();
+        let shape: Vec<f64> = (begin..window.end)
+            .map(|k| (bar.mode_shape(recording.tool_position_m[k]) / own).max(1e-3))
+            .collect();
         let mut planner = FftPlanner::new();
         let long = planner.plan_fft_forward(length);
-        let tapered = led(forces, begin..end, window_from..stretch.samples.end, rise);
+        let tapered = led(forces, begin..window.end, window_from..stretch.samples.end, window.rise);
         let [roll_from, roll_to] = roll_off_hz(place.band_hz, rate);
         let keep = (roll_to / rate * length as f64) as usize;
         let transform = |weight: &dyn Fn(f64) -> f64| {
-            let of = [0, 1].map(|j| {
+            let of = tapered.each_ref().map(|force| {
                 let mut x = vec![ZERO; length];
-                for (k, v) in tapered[j].iter().enumerate() {
-                    x[k] = Complex::new(v * weight(shape[k]), 0.0);
+                for (x, (v, p)) in x.iter_mut().zip(force.iter().zip(&shape)) {
+                    *x = Complex::new(v * weight(*p), 0.0);
                 }
                 long.process(&mut x);
                 x
             });
-            (0..=keep.min(length / 2))
-                .map(|k| {
-                    let f = k as f64 * rate / length as f64;
-                    let e = signal_response(place.filter.as_ref(), recording.signal.delay_s, f);
-                    let gain = e.inv() * (roll_off(f, [roll_from, roll_to]) / length as f64);
-                    [of[0][k] * gain, of[1][k] * gain]
-                })
-                .collect::<Vec<_>>()
+            let without_path = |k: usize| {
+                let f = k as f64 * rate / length as f64;
+                let e = signal_response(place.filter.as_ref(), recording.signal.delay_s, f);
+                let gain = e.inv() * (roll_off(f, [roll_from, roll_to]) / length as f64);
+                [of[0][k] * gain, of[1][k] * gain]
+            };
+            (0..=keep.min(length / 2)).map(without_path).collect::<Vec<_>>()
         };
         let (over_shape, times_shape) = (transform(&|p| 1.0 / p), transform(&|p| p));
         let at = |k: usize| k as f64 * rate / length as f64;
@@ -153,25 +195,11 @@ impl FollowedSpectra {
         let shaped = tapers
             .each_ref()
             .map(|t| (0..window_len).map(|k| t[k] * shape[offset + k]).collect::<Vec<f64>>());
-        let bins: Vec<FollowedBin> =
-            bins(window_len, rate, lines.then_some(place.condition.speed_rpm), place.band_hz)
-                .into_iter()
-                .map(|(index, frequency_hz)| {
-                    let stated = signal_response(place.filter.as_ref(), 0.0, frequency_hz);
-                    FollowedBin { index, frequency_hz, stated, power: [0.0; 2], probe: [ZERO; TAPERS] }
-                })
-                .collect();
+        let bins = bins_of(&place, window_len, lines);
         place.origin.kind = OriginKind::Followed;
         let forward = planner.plan_fft_forward(window_len);
         let probe = recording.displacement_m.as_ref().map(|y| {
-            let mean = y[window_from..stretch.samples.end].iter().sum::<f64>() / window_len as f64;
-            tapers.each_ref().map(|taper| {
-                let tapered = y[window_from..].iter().zip(taper);
-                let mut y: Vec<Complex<f64>> =
-                    tapered.map(|(y, w)| Complex::new((y - mean) / PROBE_UNIT_M * w, 0.0)).collect();
-                forward.process(&mut y);
-                y
-            })
+            tapers.each_ref().map(|taper| of_probe(&y[window_from..][..window_len], taper, forward.as_ref()))
         });
         let inverse = planner.plan_fft_inverse(length);
         let mut out = Self {
@@ -189,17 +217,22 @@ impl FollowedSpectra {
             line_hz: 0.0,
             line_in: true,
         };
-        let alone = out.windowed(&out.over_shape);
+        out.see(probe.as_ref());
+        out.keep_random(&known.machine, taken_hz);
+        (!out.bins.is_empty()).then_some(out)
+    }
+
+    /// Power of the forces in each bin, and the probe's transforms.
+    fn see(&mut self, probe: Option<&[Vec<Complex<f64>>; TAPERS]>) {
+        let alone = self.windowed(&self.over_shape);
         let at = |k: usize, j: usize| alone.iter().map(|t| t[k][j].norm_sqr()).sum::<f64>() / TAPERS as f64;
-        for bin in &mut out.bins {
+        for bin in &mut self.bins {
             let k = bin.index;
             bin.power = [0, 1].map(|j| (k - 1..=k + 1).map(|k| at(k, j)).fold(0.0, f64::max));
-            if let Some(y) = &probe {
+            if let Some(y) = probe {
                 bin.probe = y.each_ref().map(|t| t[k]);
             }
         }
-        out.keep_random(&known.machine, taken_hz);
-        (!out.bins.is_empty()).then_some(out)
     }
 
     /// Two spectra at positive frequencies, brought to time, tapered, and back, for each taper; index: bin of

@@ -36,6 +36,37 @@ impl Sheet {
         self.add(name, unit, value, deviation.hypot(self.scale * value));
     }
 
+    /// Amplitude, of that name, unit and relative deviation of its scale, and phase of a wave.
+    fn wave(&mut self, (name, unit, scale): (&str, &'static str, f64), law: &Accepted, sd: &Deviations) {
+        let of = |list: &[f64], k: usize| list.get(k).copied().unwrap_or(0.0);
+        let (amplitude, phase) = amplitude_phase(of(&law.amplitudes, 0), of(&law.amplitudes, 1));
+        let deviation = of(&sd.amplitudes, 0).max(of(&sd.amplitudes, 1));
+        self.add(name, unit, amplitude, deviation.hypot(scale * amplitude));
+        self.add("phase_rad", "rad", phase, deviation / amplitude.max(1e-300));
+    }
+
+    /// Largest force of a map: the form is kept, its size is what the last fit tells.
+    fn map(&mut self, table: &TableOf, law: &Accepted, sd: &Deviations) {
+        let relative = |(d, a): (&f64, &f64)| d / a.abs().max(1e-300);
+        let most = sd.amplitudes.iter().zip(&law.amplitudes).map(relative).fold(0.0, f64::max);
+        let peak_n = peak(&table.force_n);
+        self.force("amplitude_n", "N", peak_n, most * peak_n);
+    }
+
+    /// A cut: its frequency with the relative deviation, its force with the deviation, and from when to when
+    /// with the deviation of both.
+    fn cut(
+        &mut self,
+        [hz, relative]: [f64; 2],
+        (force_n, deviation_n): (f64, f64),
+        [from_s, to_s, sd_s]: [f64; 3],
+    ) {
+        self.constant("fundamental_hz", "Hz", hz, relative);
+        self.force("amplitude_n", "N", force_n, deviation_n);
+        self.add("start_s", "s", from_s, sd_s);
+        self.add("end_s", "s", to_s, sd_s);
+    }
+
     /// A constant of a law that is evaluated between samples, by its logarithm.
     fn constant(&mut self, name: &str, unit: &'static str, value: f64, relative: f64) {
         let half = (Z95 * relative.hypot(Criteria::STANDARD.exactness)).min(MOST_DOUBT);
@@ -52,20 +83,19 @@ pub(super) fn scale_deviation(balance: &Balance) -> f64 {
 
 /// Numbers of a law.
 pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &Deviations) -> Vec<Estimate> {
-    let scale = scale_deviation(balance);
-    let mut s = Sheet { list: Vec::new(), scale };
+    let mut s = Sheet { list: Vec::new(), scale: scale_deviation(balance) };
     let a = |k: usize| law.amplitudes.get(k).copied().unwrap_or(0.0);
     let d = |k: usize| sd.amplitudes.get(k).copied().unwrap_or(0.0);
     let r = |k: usize| sd.constants.get(k).copied().unwrap_or(0.0);
+    let of_coulomb = |x: f64| x / state.coulomb_n().max(1e-300);
     match law.hypothesis.shape {
         Shape::Stribeck { speed_m_s } => {
             s.force("stribeck_force_n", "N", a(0), d(0));
             s.constant("stribeck_velocity_m_s", "m/s", speed_m_s, r(0));
         }
         Shape::Presliding { yield_m } => {
-            let total_n = state.coulomb_n();
-            s.constant("presliding_stiffness_n_m", "N/m", total_n / yield_m, r(0).hypot(scale));
-            s.add("share", "1", a(0) / total_n.max(1e-300), d(0) / total_n.max(1e-300));
+            s.constant("presliding_stiffness_n_m", "N/m", state.coulomb_n() / yield_m, r(0).hypot(s.scale));
+            s.add("share", "1", of_coulomb(a(0)), of_coulomb(d(0)));
         }
         Shape::Asymmetric => s.force("force_difference_n", "N", a(0), d(0)),
         Shape::AsymmetricViscous => {
@@ -75,29 +105,19 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
         Shape::Gravity => s.force("force_n", "N", a(0), d(0)),
         Shape::NonlinearViscosity => s.force("n_s2_m2", "N s2/m2", a(0), d(0)),
         Shape::Drift { tau_s } => {
-            let total_n = state.coulomb_n().max(1e-300);
-            s.add("relative_change", "1", a(0) / total_n, d(0) / total_n);
+            s.add("relative_change", "1", of_coulomb(a(0)), of_coulomb(d(0)));
             s.constant("time_constant_s", "s", tau_s, r(0));
         }
         Shape::Wave { wavelength_m } => {
-            let (amplitude, phase) = amplitude_phase(a(0), a(1));
-            let deviation = d(0).max(d(1));
             if law.hypothesis.effect == E::TorqueRipple {
                 let lead = balance.drive.screw_lead_m().unwrap_or(TAU);
                 s.constant("order_per_rev", "1", lead / wavelength_m, r(0));
             } else {
                 s.constant("wavelength_m", "m", wavelength_m, r(0));
             }
-            s.force("amplitude_n", "N", amplitude, deviation);
-            s.add("phase_rad", "rad", phase, deviation / amplitude.max(1e-300));
+            s.wave(("amplitude_n", "N", s.scale), law, sd);
         }
-        Shape::Map { .. } => {
-            // The form is kept, its size is what the last fit tells.
-            let relative =
-                (0..law.amplitudes.len()).map(|k| d(k) / a(k).abs().max(1e-300)).fold(0.0, f64::max);
-            let peak_n = peak(&table(balance, law).force_n);
-            s.force("amplitude_n", "N", peak_n, relative * peak_n);
-        }
+        Shape::Map { .. } => s.map(&table(balance, law), law, sd),
         Shape::Saturation { per_a2, .. } => s.constant("per_a2", "1/A2", per_a2, r(0)),
         Shape::Backlash { gap_m, .. } | Shape::Gap { gap_m, .. } => s.constant("gap_m", "m", gap_m, r(0)),
         Shape::Play { gap_m, yield_m } => {
@@ -113,10 +133,8 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
             s.add("length_m", "m", high - low, 0.0);
         }
         Shape::StiffnessWave { length_m } => {
-            let (amplitude, phase) = amplitude_phase(a(0), a(1));
-            s.add("relative_variation", "1", amplitude, d(0).max(d(1)));
+            s.wave(("relative_variation", "1", 0.0), law, sd);
             s.constant("length_m", "m", length_m, r(0));
-            s.add("phase_rad", "rad", phase, d(0).max(d(1)) / amplitude.max(1e-300));
         }
         Shape::Torsion { frequency_hz, share, damping } => {
             s.constant("free_free_frequency_hz", "Hz", frequency_hz, r(0));
@@ -129,23 +147,14 @@ pub(super) fn estimates(balance: &Balance, state: &State, law: &Accepted, sd: &D
         }
         Shape::Loop { rad_s, .. } => s.constant("bandwidth_rad_s", "rad/s", rad_s, r(0)),
         Shape::EncoderError { period_m, .. } => {
-            let (amplitude, phase) = amplitude_phase(a(0), a(1));
             s.add("signal_period_m", "m", period_m, 0.0);
-            s.add("amplitude_m", "m", amplitude, d(0).max(d(1)));
-            s.add("phase_rad", "rad", phase, d(0).max(d(1)) / amplitude.max(1e-300));
+            s.wave(("amplitude_m", "m", 0.0), law, sd);
         }
         Shape::Cut { hz, start_s, end_s } => {
-            s.constant("fundamental_hz", "Hz", hz, r(0));
-            let (peak_n, deviation_n) = peak_of_cut(&law.amplitudes, d(0));
-            s.force("amplitude_n", "N", peak_n, deviation_n);
-            s.add("start_s", "s", start_s, 0.02);
-            s.add("end_s", "s", end_s, 0.02);
+            s.cut([hz, r(0)], peak_of_cut(&law.amplitudes, d(0)), [start_s, end_s, 0.02]);
         }
         Shape::Push { spindle_hz, start_s, end_s, .. } => {
-            s.add("fundamental_hz", "Hz", spindle_hz, 0.0);
-            s.force("amplitude_n", "N", a(0), d(0));
-            s.add("start_s", "s", start_s, 1.0 / spindle_hz);
-            s.add("end_s", "s", end_s, 1.0 / spindle_hz);
+            s.cut([spindle_hz, 0.0], (a(0), d(0)), [start_s, end_s, 1.0 / spindle_hz]);
         }
         Shape::Mains { hz } => s.constant("frequency_hz", "Hz", hz, r(0)),
         Shape::Smoothing { speed_m_s } => s.constant("friction_smoothing_m_s", "m/s", speed_m_s, r(0)),
