@@ -56,7 +56,7 @@ pub fn kept(path: &Path) -> Result<Option<std::fs::Metadata>, Error> {
     }
     let mode = found.permissions().mode() & 0o7777;
     if mode & WORLD_WRITABLE != 0 {
-        return Err(refused(format!("mode {mode:03o} lets every user write")));
+        return Err(writable_by_all(mode));
     }
     Ok(Some(found))
 }
@@ -97,6 +97,38 @@ pub fn read_by(user: u32, path: &Path) -> Result<(), Error> {
     Err(refused(format!("belongs to user {owner}, and the service's user ({user}) cannot read it")))
 }
 
+/// Whether not every user of the machine can write a file, by whatever link it is named. Errors: all can.
+pub fn not_everybodys(path: &Path) -> Result<(), Error> {
+    let mode = std::fs::metadata(path)?.permissions().mode() & 0o777;
+    if mode & WORLD_WRITABLE == 0 { Ok(()) } else { Err(writable_by_all(mode)) }
+}
+
+fn writable_by_all(mode: u32) -> Error {
+    refused(format!("mode {mode:03o} lets every user write"))
+}
+
+/// Whether the modes let `user` read a file, or make what is not there in the folder above it. A group other
+/// than root's may be the user's. Errors: the first place on the way that keeps the user out, by its name.
+pub fn reachable_by(user: u32, path: &Path) -> Result<(), Error> {
+    let path = std::path::absolute(path)?;
+    let there = path.ancestors().find(|place| place.exists()).unwrap_or(Path::new("/")).canonicalize()?;
+    let last = if there.is_dir() { 0o3 } else { 0o4 };
+    let needed = there.ancestors().zip(std::iter::once(last).chain(std::iter::repeat(0o1)));
+    for (place, bits) in needed.filter(|_| user != ROOT) {
+        let found = std::fs::metadata(place)?;
+        let mode = found.permissions().mode() & 0o777;
+        let of_group = if found.gid() == ROOT { 0 } else { mode >> 3 };
+        let allowed = if found.uid() == user { mode >> 6 } else { (mode | of_group) & 0o7 };
+        if allowed & bits != bits {
+            let (place, owner) = (place.display(), found.uid());
+            let what =
+                format!("{place} of user {owner} and mode {mode:03o} keeps the service's user ({user}) out");
+            return Err(refused(what));
+        }
+    }
+    Ok(())
+}
+
 /// A folder of this user's own; made with `mode`, and what leads to it, where it is not there.
 /// Errors: it is no folder, a symbolic link, another user's, or writable by everybody.
 pub fn own_folder(path: &Path, mode: u32) -> Result<(), Error> {
@@ -116,6 +148,21 @@ pub fn own_lock(path: &Path) -> Result<std::fs::File, Error> {
     std::fs::File::options().read(true).write(true).open(path)
 }
 
+/// A file of this user's own, opened to read. Errors: nothing is there, or it is no file (a pipe would be
+/// waited for), a symbolic link, another user's, or writable by everybody.
+pub fn open_own(path: &Path) -> Result<std::fs::File, Error> {
+    match inspected(path)? {
+        Some(found) if found.is_file() => std::fs::File::open(path),
+        Some(_) => Err(no_file()),
+        None => Err(ErrorKind::NotFound.into()),
+    }
+}
+
+/// What stands where a file should.
+pub fn no_file() -> Error {
+    Error::new(ErrorKind::InvalidInput, "is no file")
+}
+
 /// A file of this user's own that nobody else writes and others than its group cannot read; made empty where
 /// it is not there. Errors: it is no file, a symbolic link, another user's, or writable by everybody.
 pub fn own_file(path: &Path) -> Result<(), Error> {
@@ -132,7 +179,7 @@ pub fn own_file(path: &Path) -> Result<(), Error> {
 pub fn existing_file(path: &Path) -> Result<(), Error> {
     let Some(found) = inspected(path)? else { return Ok(()) };
     if !found.is_file() {
-        return Err(Error::new(ErrorKind::InvalidInput, "is no file"));
+        return Err(no_file());
     }
     let mode = found.permissions().mode() & 0o7777;
     if !is_its_owners(mode) {
@@ -202,6 +249,34 @@ mod tests {
         drop(own_lock(&at("lock")).unwrap());
         assert_eq!(mode("lock") & 0o027, 0);
         existing_file(&at("nothing")).unwrap();
+        // What leads to a file counts as the file does; what is not there must be made by the user.
+        std::fs::create_dir(at("way")).unwrap();
+        std::fs::write(at("way/plain"), "").unwrap();
+        let set = |name: &str, bits| {
+            std::fs::set_permissions(at(name), std::fs::Permissions::from_mode(bits)).unwrap();
+        };
+        let (me, other) = (own_user(), own_user() + 4321);
+        let by = |user, name: &str| reachable_by(user, &at(name)).map_err(|e| e.to_string());
+        set(".", 0o755);
+        set("way", 0o755);
+        for (bits, of_others) in [(0o644, true), (0o600, false)] {
+            set("way/plain", bits);
+            assert_eq!((by(me, "way/plain").is_ok(), by(other, "way/plain").is_ok()), (true, of_others));
+        }
+        set("way/plain", 0o666);
+        assert!(not_everybodys(&at("way/plain")).is_err() && not_everybodys(&at("way")).is_ok());
+        set("way/plain", 0o644);
+        assert!(by(me, "way/new").is_ok() && by(other, "way/new").unwrap_err().contains("way of user"));
+        set("way", 0o700);
+        assert!(by(other, "way/plain").unwrap_err().contains("mode 700 keeps"));
+        assert!(open_own(&at("file")).is_ok() && open_own(&at("file-link")).is_err());
+        assert_eq!(open_own(&at("nothing")).unwrap_err().kind(), ErrorKind::NotFound);
+        // A pipe without a writer: whoever opened it would wait for ever.
+        let pipe = rustix::fs::FileType::Fifo;
+        rustix::fs::mknodat(rustix::fs::CWD, at("pipe"), pipe, rustix::fs::Mode::RWXU, 0).unwrap();
+        for waits in [open_own(&at("pipe")).map(drop), own_file(&at("pipe"))] {
+            assert_eq!(waits.unwrap_err().kind(), ErrorKind::InvalidInput);
+        }
         // Another user's: only an administrator can make one.
         if own_user() == ROOT {
             std::os::unix::fs::chown(at("file"), Some(12_345), None).unwrap();

@@ -124,30 +124,35 @@ pub fn follows(before: u64, after: u64) -> bool {
     before.checked_add(1) == Some(after)
 }
 
+/// What no signal of a machine exceeds in its unit: rad that a spindle of 30 000 rpm turns in a century. What
+/// does is no measurement, and a filter would remember it for minutes.
+pub const LARGEST: f64 = 1e13;
+
 /// Why a servo sample was not taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum SampleError {
-    /// A signal is NaN or infinite.
-    #[error("a signal of axis {axis} is not a finite number")]
+    /// A signal is NaN, infinite, or larger than [`LARGEST`].
+    #[error("a signal of axis {axis} is not a finite number below {LARGEST:e}")]
     AxisNotFinite {
         /// Index of the axis.
         axis: usize,
     },
-    /// Time, spindle or an acceleration is NaN or infinite.
-    #[error("time, spindle or an acceleration is not a finite number")]
+    /// Time, spindle or an acceleration is NaN, infinite, or larger than [`LARGEST`].
+    #[error("time, spindle or an acceleration is not a finite number below {LARGEST:e}")]
     HeadNotFinite,
 }
 
 impl ServoSample {
-    /// Checks that everything is finite. Errors: which part is not.
+    /// Checks that everything is a number that a machine may have. Errors: which part is not.
     #[inline]
     pub fn check(&self) -> Result<(), SampleError> {
-        // Nothing is finite times zero but what is: all at once, without a branch for each.
-        let accel = self.accel_m_s2.unwrap_or_default();
-        let head = self.t_s * 0.0 + self.spindle_angle_rad * 0.0 + self.spindle_speed_rpm * 0.0;
-        let head = head + (accel[0] + accel[1] + accel[2]) * 0.0;
+        // Nothing is zero times zero but what is finite, and what is too large overflows: all at once,
+        // without a branch for each.
+        let zero = |x: f64| x * (f64::MAX / LARGEST) * 0.0;
+        let [x, y, z] = self.accel_m_s2.unwrap_or_default().map(zero);
+        let head = zero(self.t_s) + zero(self.spindle_angle_rad) + zero(self.spindle_speed_rpm) + x + y + z;
         let of_axis = |a: &AxisSample| {
-            a.current_ref_a * 0.0 + a.motor_angle_rad * 0.0 + a.stage_position_m.unwrap_or(0.0) * 0.0
+            zero(a.current_ref_a) + zero(a.motor_angle_rad) + zero(a.stage_position_m.unwrap_or(0.0))
         };
         let all = self.axes.iter().map(of_axis).fold(head, |sum, x| sum + x);
         if all == 0.0 { Ok(()) } else { self.not_finite() }
@@ -156,13 +161,14 @@ impl ServoSample {
     #[cold]
     fn not_finite(&self) -> Result<(), SampleError> {
         let head = [self.t_s, self.spindle_angle_rad, self.spindle_speed_rpm];
-        if !head.iter().chain(self.accel_m_s2.iter().flatten()).all(|x| x.is_finite()) {
+        let is_number = |x: f64| x.abs() <= LARGEST;
+        if !head.iter().chain(self.accel_m_s2.iter().flatten()).all(|x| is_number(*x)) {
             return Err(SampleError::HeadNotFinite);
         }
         let bad = self.axes.iter().position(|a| {
-            !(a.current_ref_a.is_finite()
-                && a.motor_angle_rad.is_finite()
-                && a.stage_position_m.is_none_or(f64::is_finite))
+            !(is_number(a.current_ref_a)
+                && is_number(a.motor_angle_rad)
+                && a.stage_position_m.is_none_or(is_number))
         });
         bad.map_or(Ok(()), |axis| Err(SampleError::AxisNotFinite { axis }))
     }

@@ -47,6 +47,24 @@ mod tests {
         }
     }
 
+    /// So with what a recording that is played again tells.
+    #[test]
+    fn every_event_of_a_replay_has_its_words() {
+        use crate::chatter::{ChatterEvent, NotChatter};
+        // An onset is an event of the service, too: it stands in the first table.
+        let events = [
+            ChatterEvent::End,
+            ChatterEvent::Hop { from_hz: 1.0, to_hz: 2.0 },
+            ChatterEvent::Dismissed(NotChatter::Burst),
+            ChatterEvent::CutChanged,
+        ];
+        for event in events {
+            let kind =
+                crate::report::events::EventLine::from_chatter(0.0, "x1", &event).kind.replace('_', " ");
+            assert!(super::WORDS.contains(&format!("\n  \"{kind}\": [\"")), "{kind}");
+        }
+    }
+
     /// So with why a pitch waits before chatter: the page has a sentence for each.
     #[test]
     fn every_wait_before_chatter_has_its_words() {

@@ -16,7 +16,9 @@ const LONGEST: usize = 500;
 #[schema(
     min_length = 1,
     max_length = 500,
-    pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    pattern = "^[^\\x00-\\x1f\\x7f-\\x9f\\u2028-\\u202e\\u2066-\\u2069]*\
+               [^\\x00-\\x1f\\x7f-\\x9f\\u2028-\\u202e\\u2066-\\u2069\\s]\
+               [^\\x00-\\x1f\\x7f-\\x9f\\u2028-\\u202e\\u2066-\\u2069]*$"
 )]
 pub(super) struct Reason(String);
 
@@ -26,6 +28,11 @@ pub(super) struct Reason(String);
 pub(super) struct ReasonBody {
     /// One sentence for the record.
     reason: Reason,
+}
+
+/// What ends a line, or has the text after it read in another order than it is written.
+fn is_unprintable(c: char) -> bool {
+    c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
 impl Reason {
@@ -43,7 +50,7 @@ impl Reason {
             Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, code, detail).with_field("/reason", expected))
         };
         let reason = self.0.trim();
-        let printable = self.0.chars().count() <= LONGEST && !self.0.chars().any(char::is_control);
+        let printable = self.0.chars().count() <= LONGEST && !self.0.chars().any(is_unprintable);
         if reason.is_empty() || !printable {
             let detail = "a reason of 1 to 500 printable characters is needed";
             return refused("reason_required", detail, "expected one sentence");

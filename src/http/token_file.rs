@@ -123,6 +123,9 @@ pub(super) fn open_to_others(path: &Path) -> std::io::Result<Option<u32>> {
 pub(super) fn read_tokens(path: &Path) -> Result<Vec<Token>, TokenFileError> {
     let read = |source| TokenFileError::Read { path: path.to_owned(), source };
     let content = |message: String| TokenFileError::Content { path: path.to_owned(), message };
+    if std::fs::metadata(path).map_err(read)?.is_dir() {
+        return Err(read(ErrorKind::IsADirectory.into()));
+    }
     if let Some(mode) = open_to_others(path).map_err(read)? {
         return Err(TokenFileError::Open { path: path.to_owned(), mode });
     }

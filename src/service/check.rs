@@ -4,7 +4,7 @@ use super::start::{ServiceError, access};
 use crate::config::service::ServiceConfig;
 use crate::http::tls_acceptor;
 use crate::ownership;
-use crate::store::PARTS;
+use crate::store::{FILES, RECORDINGS};
 use crate::transport::Domain;
 use std::path::Path;
 
@@ -15,18 +15,30 @@ pub fn check(config: &ServiceConfig, user: u32) -> Result<(), ServiceError> {
     config.http.tls.as_ref().map(|(c, k)| tls_acceptor(c, k)).transpose()?;
     Domain::new(&config.transport.0, &config.transport.1)?;
     let files = |path: &Path, source| ServiceError::Files { path: path.to_owned(), source };
-    for folder in [&config.history.folder, &config.transport.1] {
-        if folder.exists() && !folder.is_dir() {
-            return Err(files(folder, std::io::ErrorKind::NotADirectory.into()));
+    // Whoever writes them sets the turret's limits.
+    for path in [&config.file, &config.model].into_iter().flatten() {
+        ownership::not_everybodys(path).map_err(|source| files(path, source))?;
+    }
+    if user != ownership::own_user() {
+        let certificate = config.http.tls.as_ref().map(|(certificate, _)| certificate);
+        let read = [config.file.as_ref(), config.model.as_ref(), certificate];
+        for path in read.into_iter().flatten().chain([&config.history.folder, &config.transport.1]) {
+            ownership::reachable_by(user, path).map_err(|source| files(path, source))?;
         }
     }
     let state = &config.history.folder;
-    let parts = PARTS.map(|name| state.join(name));
-    for path in [state, &config.transport.1].into_iter().chain(&parts) {
-        if let Err(source) = ownership::kept_by(user, path)
-            && ownership::is_refusal(&source)
-        {
-            return Err(files(path, source));
+    let parts = FILES.map(|name| state.join(name));
+    let folders = [state, &config.transport.1, &state.join(RECORDINGS)];
+    for path in folders.into_iter().chain(&parts) {
+        let found = match ownership::kept_by(user, path) {
+            Err(source) if ownership::is_refusal(&source) => return Err(files(path, source)),
+            found => found.ok().flatten(),
+        };
+        let Some(found) = found else { continue };
+        match folders.contains(&path) {
+            true if !found.is_dir() => return Err(files(path, std::io::ErrorKind::NotADirectory.into())),
+            false if !found.is_file() => return Err(files(path, ownership::no_file())),
+            _ => {}
         }
     }
     let secrets = [config.http.tokens.as_ref(), config.http.tls.as_ref().map(|(_, key)| key)];

@@ -5,7 +5,7 @@
 
 use super::clock;
 use super::past::{Kept, Past};
-use crate::ownership::existing_file;
+use crate::ownership::{existing_file, open_own};
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
@@ -77,7 +77,15 @@ impl PastFile {
 
 fn minutes(path: &Path) -> Vec<Kept> {
     use std::io::Read as _;
-    let Ok(file) = File::open(path) else { return Vec::new() };
+    let file = match open_own(path) {
+        Ok(file) => file,
+        Err(error) => {
+            if error.kind() != std::io::ErrorKind::NotFound {
+                tracing::warn!(event = "past", "{}: {error}; its charts are not shown", path.display());
+            }
+            return Vec::new();
+        }
+    };
     let mut reader = BufReader::new(file);
     let (mut found, mut line) = (Vec::new(), Vec::new());
     loop {

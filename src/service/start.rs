@@ -20,7 +20,8 @@ use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
 use crate::ownership::{own_folder, own_lock};
 use crate::store::{
-    Judged, Observation, Observer, OpenReport, RECORDINGS, Retention, StoreError, StoreReader, StoreWriter,
+    Judged, LOCK, Observation, Observer, OpenReport, RECORDINGS, Retention, StoreError, StoreReader,
+    StoreWriter,
 };
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::{Domain, TransportError};
@@ -178,7 +179,7 @@ const LOCK_PAUSE: std::time::Duration = std::time::Duration::from_millis(20);
 fn lock_state(folder: &Path) -> Result<File, ServiceError> {
     let files = |path: &Path, source| ServiceError::Files { path: path.to_owned(), source };
     own_folder(folder, 0o750).map_err(|e| files(folder, e))?;
-    let path = folder.join("service.lock");
+    let path = folder.join(LOCK);
     let file = own_lock(&path).map_err(|e| files(&path, e))?;
     let mut tries_left = LOCK_TRIES;
     loop {

@@ -108,7 +108,7 @@ impl Mark {
     }
 
     fn read_copy(path: &Path) -> Option<Self> {
-        let mut file = std::fs::File::open(path).ok()?;
+        let mut file = crate::ownership::open_own(path).ok()?;
         file.seek(SeekFrom::End(-i64::try_from(BYTES).ok()?)).ok()?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).ok()?;

@@ -37,8 +37,11 @@ use thiserror::Error;
 pub const FILE_NAME: &str = "history.sqlite";
 /// Folder of the recordings beside it.
 pub const RECORDINGS: &str = "recordings";
-/// All that stands in `history.folder`.
-pub const PARTS: [&str; 4] = [FILE_NAME, reserve::FILE_NAME, mark::FILE_NAME, RECORDINGS];
+/// Held by the service that writes the history.
+pub const LOCK: &str = "service.lock";
+/// The files of the history: itself, its log and index, and what stands beside it.
+pub const FILES: [&str; 6] =
+    [FILE_NAME, "history.sqlite-wal", "history.sqlite-shm", reserve::FILE_NAME, mark::FILE_NAME, LOCK];
 
 /// Why the history cannot be used. One line.
 #[derive(Debug, Error)]

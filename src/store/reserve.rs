@@ -2,7 +2,7 @@
 //! ends is written over these bytes, which needs no new ones, and stored at the next start.
 
 use super::{AuditEntry, StoreError, mark};
-use crate::ownership::own_file;
+use crate::ownership::{open_own, own_file};
 use crate::telemetry::{Event, EventKind};
 use serde::{Deserialize, Serialize};
 use std::io::{ErrorKind, Read as _, Seek as _, Write as _};
@@ -101,7 +101,7 @@ impl Reserve {
     /// What an earlier life left. A line that cannot be read ends the list and is told.
     pub(super) fn read(&self) -> Vec<Kept> {
         let mut bytes = Vec::new();
-        let read = std::fs::File::open(&self.path).and_then(|f| f.take(KEPT as u64).read_to_end(&mut bytes));
+        let read = open_own(&self.path).and_then(|f| f.take(KEPT as u64).read_to_end(&mut bytes));
         if let Err(error) = read {
             tracing::warn!(event = "reserve", "{}: {error}", self.path.display());
         }

@@ -572,15 +572,30 @@ fn check_by_root_is_made_for_the_user_of_the_history() {
         assert!(status == 2 && said.contains(what) && said.lines().count() == 1, "{status}: {said}");
     };
     chown(place.state(), Some(4321), None).unwrap();
+    said("keeps the service's user (4321) out");
+    chown(place.folder.path(), Some(4321), None).unwrap();
     said("tokens.toml: belongs to user 0, and the service's user (4321) cannot read it");
     chown(&tokens, Some(4321), None).unwrap();
     assert_eq!(checked(), (0, String::new()));
+    let mode = |path: &std::path::Path, bits| {
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(bits)).unwrap();
+    };
+    mode(&config, 0o640);
+    said("c.toml of user 0 and mode 640 keeps the service's user (4321) out");
+    mode(&config, 0o666);
+    said("c.toml: mode 666 lets every user write");
+    mode(&config, 0o644);
     let history = place.state().join(stillcut::store::FILE_NAME);
     std::fs::write(&history, "").unwrap();
     std::fs::set_permissions(&history, std::fs::Permissions::from_mode(0o640)).unwrap();
     chown(&history, Some(4322), None).unwrap();
     said("history.sqlite: belongs to user 4322, not to the service's (4321)");
     std::fs::remove_file(&history).unwrap();
+    for name in ["history.reserve", "history.sqlite-wal", "service.lock"] {
+        std::fs::create_dir(place.state().join(name)).unwrap();
+        said(&format!("{name}: is no file"));
+        std::fs::remove_dir(place.state().join(name)).unwrap();
+    }
     // Shared memory: another user's file, also root's, keeps the service's user out.
     let segment = std::path::PathBuf::from(format!("/dev/shm/{}squatted", place.domain.prefix()));
     std::fs::write(&segment, "").unwrap();
@@ -686,7 +701,7 @@ fn command_lines_that_cannot_work_are_refused_by_name() {
         assert!(!said.contains(".part"), "{said}");
     }
     let (status, said) = run_once(&["run", "--config", &path("c.toml")]);
-    assert!(status == 1 && said.contains("history.sqlite: is a folder; expected the history file"), "{said}");
+    assert!(status == 2 && said.contains("history.sqlite: is no file"), "{said}");
 }
 
 #[test]

@@ -787,6 +787,14 @@ fn places_that_others_can_change_are_refused_by_name() {
         refused(&folder, &format!("{name}: is a symbolic link"));
         assert_eq!(std::fs::read(&target).unwrap(), b"mine", "nothing is written over");
     }
+    // A pipe without a writer: a start that opened it would wait for ever.
+    for name in ["history.reserve", "history.mark", FILE_NAME] {
+        let folder = place.path().join(name.replace('.', "-pipe-"));
+        std::fs::create_dir(&folder).unwrap();
+        let pipe = folder.join(name);
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        refused(&folder, &format!("{name}: is no file"));
+    }
     set(&good, 0o777);
     refused(&good, "good: mode 777 lets every user write");
 }

@@ -335,6 +335,9 @@ function watchAge() {
   }
 }
 
+// Of another day with its date.
+const momentText = (date) => (date.toDateString() === new Date().toDateString()
+  ? clockText(date) : `${date.toLocaleDateString([], { year: "numeric", month: "2-digit", day: "2-digit" })} ${clockText(date)}`);
 const clockText = (date) => date.toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false });
 
 function frame() {
@@ -385,13 +388,13 @@ function addEvent(event, newest) {
 function eventItem(event) {
   const item = make("li", event.severity);
   item.dataset.sequence = event.sequence;
-  const time = make("time", "", clockText(new Date(event.time)));
+  const time = make("time", "", momentText(new Date(event.time)));
   time.dateTime = event.time;
   const words = make("div");
   words.append(make("span", "kind", say(event.kind.replaceAll("_", " "))), document.createTextNode(` ${say(event.text)}`));
   const silenced = event.silenced_until && new Date(event.silenced_until) > new Date();
   if (event.acknowledged_by) words.append(make("div", "by", say(`acknowledged by ${event.acknowledged_by}`)));
-  else if (silenced) words.append(make("div", "by", say(`silenced until ${clockText(new Date(event.silenced_until))}`)));
+  else if (silenced) words.append(make("div", "by", say(`silenced until ${momentText(new Date(event.silenced_until))}`)));
   const actions = make("div", "actions");
   if (event.severity === "alarm" && !event.acknowledged_by) {
     const acknowledge = make("button", "", say("Acknowledge"));
@@ -463,7 +466,7 @@ function recordingItem(recording, canDiagnose) {
   const replay = make("button", "", say("Replay"));
   replay.addEventListener("click", () => showReplay(recording.id));
   const kind = say(recording.id.split("-")[0].replaceAll("_", " "));
-  item.append(make("span", "", `${kind} ${clockText(new Date(recording.written_at))} (${fixed(recording.bytes / 1e6, 1)} MB)`), link, replay, diagnose);
+  item.append(make("span", "", `${kind} ${momentText(new Date(recording.written_at))} (${fixed(recording.bytes / 1e6, 1)} MB)`), link, replay, diagnose);
   return item;
 }
 
@@ -477,8 +480,8 @@ async function showReplay(id) {
     setText("replay-note", `${id}: dots line frequency, curve its power (dB re 1 N²), shaded chatter`);
     drawReplay($("replay-chart"), answer.track);
     $("replay-events").replaceChildren(...answer.events.map((event) => {
-      const hz = event.frequency_hz ? ` at ${fixed(event.frequency_hz, 1)} Hz` : "";
-      return make("li", "", `${fixed(event.t_s, 3)} s: ${event.kind.replaceAll("_", " ")}${hz}`);
+      const hz = event.frequency_hz ? `, ${fixed(event.frequency_hz, 1)} Hz` : "";
+      return make("li", "", `${fixed(event.t_s, 3)} s: ${say(event.kind.replaceAll("_", " "))}${hz}`);
     }));
   } catch (error) { setText("replay-note", `${id}: ${error.message || "the service does not answer"}`); }
 }
@@ -560,7 +563,7 @@ function ask({ title, text, minutes = false, reason = "", token = false, judge =
       $("ask").close();
     } catch (error) {
       $("ask-error").hidden = false;
-      $("ask-error").textContent = error.message || "the service does not answer";
+      setText("ask-error", error.message || "the service does not answer");
       $("ask-token-row").hidden = !needsToken(error);
       if (needsToken(error)) $("ask-token").focus(); // what is pasted next is a token
     } finally { $("ask-ok").disabled = false; }

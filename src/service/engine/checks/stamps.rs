@@ -37,6 +37,36 @@ fn one_wild_stamp_is_one_sample_less() {
     }
 }
 
+/// One sample with a value that no machine has is one sample less; one that a machine might have is over in
+/// the seconds that a filter remembers it.
+#[test]
+fn one_wild_value_is_one_sample_less() {
+    type Spoil = fn(&mut ServoPoint);
+    let wild: [(Spoil, u64); 5] = [
+        (|p| p.axes[1].stage_position_m = 1e300, 1),
+        (|p| p.axes[0].current_ref_a = -1e14, 1),
+        (|p| p.spindle_angle_rad = f64::MAX, 1),
+        (|p| p.axes[1].stage_position_m = 1e6, 0),
+        (|p| p.axes[0].current_ref_a = -1e12, 0),
+    ];
+    for (k, (spoil, refused)) in wild.into_iter().enumerate() {
+        let mut bench = bench();
+        bench.feed(3.5, |_| {});
+        let once = std::cell::Cell::new(true);
+        bench.feed(0.001, |p| {
+            if once.replace(false) {
+                spoil(p);
+            }
+        });
+        bench.feed(if refused > 0 { 1.1 } else { 6.0 }, |_| {});
+        let totals = bench.engine.stream.as_ref().unwrap().totals;
+        // A sample that is refused is missing between those beside it.
+        assert_eq!((totals.lost, totals.rejected), (0, refused), "{k}");
+        bench.decide_in_act();
+        assert_eq!((bench.intents(), bench.hold()), (1, None), "{k}: it acts on");
+    }
+}
+
 /// A counter that leaps ahead while time goes on is heard again within 50 ms: nothing was lost.
 #[test]
 fn a_counter_that_leaps_is_no_loss() {
