@@ -43,6 +43,8 @@ mod live_diagnosis;
 mod margin;
 mod model_axis;
 #[cfg(feature = "service")]
+mod own_cut;
+#[cfg(feature = "service")]
 mod page;
 mod parsers;
 mod passes;

@@ -314,6 +314,16 @@ fn signal_added(recording: &CutRecording, effect: &CutEffect) -> Added {
     Added { value: of(0).unwrap_or_else(|| vec![0.0; recording.len()]), value_2: of(1) }
 }
 
+/// A series less its straight line of least squares: wear and travel are no vibration.
+pub(crate) fn without_line(x: &[f64]) -> Vec<f64> {
+    let n = x.len() as f64;
+    let mean = x.iter().sum::<f64>() / n;
+    let middle = (n - 1.0) / 2.0;
+    let moment: f64 = x.iter().enumerate().map(|(k, v)| (k as f64 - middle) * v).sum();
+    let slope = moment / (n * (n * n - 1.0) / 12.0).max(1.0);
+    x.iter().enumerate().map(|(k, v)| v - mean - slope * (k as f64 - middle)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

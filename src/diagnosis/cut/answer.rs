@@ -117,21 +117,26 @@ impl Posterior {
 pub(crate) fn diagnosis(fitting: &Fitting<'_>) -> CutDiagnosis {
     let frame = fitting.problem.frame;
     let model = &fitting.selected.model;
-    let findings = findings(fitting);
-    let posterior = fitting.posterior.as_ref();
+    // A number at its bound is no answer, nor is what was fitted beside it.
+    let at_bound = frame.at_bound(&model.point);
+    let findings = if at_bound.is_some() { Vec::new() } else { findings(fitting) };
+    let posterior = fitting.posterior.as_ref().filter(|_| at_bound.is_none());
     let parameter_corrections = posterior.map_or_else(Vec::new, |p| corrections(fitting, p));
-    let verdict = if !findings.is_empty() {
+    let verdict = if at_bound.is_some() {
+        Verdict::UnexplainedMismatch
+    } else if !findings.is_empty() {
         Verdict::MissingPhysics
     } else if parameter_corrections.is_empty() {
         Verdict::ModelAdequate
     } else {
         Verdict::ParameterError
     };
-    let scenario = frame.machine(&model.point).map_or(frame.stated, |m| m.scenario);
-    let scenario = with_pitch(scenario, &parameter_corrections);
+    let fitted = frame.machine(&model.point).filter(|_| at_bound.is_none());
+    let scenario = with_pitch(fitted.map_or(frame.stated, |m| m.scenario), &parameter_corrections);
+    let first = findings.first().map(|f| f.port).or(at_bound.map(|(number, _)| number.port()));
     CutDiagnosis {
         verdict,
-        location: findings.first().map(location),
+        location: first.map(location),
         parameter_corrections,
         residual_band_hz: None,
         noise_floor_n: None,
@@ -144,9 +149,18 @@ pub(crate) fn diagnosis(fitting: &Fitting<'_>) -> CutDiagnosis {
         mapped: Vec::new(),
         stated: frame.stated,
         scenario,
-        notes: Vec::new(),
+        notes: at_bound.and_then(|(n, p)| no_such_machine(n, p, &frame.stated)).into_iter().collect(),
         findings,
     }
+}
+
+/// What is told of a number that ends at its bound.
+fn no_such_machine(number: Number, p: f64, stated: &Scenario) -> Option<String> {
+    let (name, [nominal, value]) = number.stated(stated, p)?;
+    Some(format!(
+        "{name} would have to be {value:.3e} or beyond ({nominal:.3e} is stated), which no such machine has: \
+         these cuts are no cuts of the stated structure, whatever its numbers."
+    ))
 }
 
 /// A scenario with what a correction adds to its pitch.
@@ -158,8 +172,8 @@ fn with_pitch(scenario: Scenario, corrections: &[Correction]) -> Scenario {
     Scenario::new(&raw).unwrap_or(scenario)
 }
 
-fn location(first: &CutFinding) -> CutLocation {
-    CutLocation { port: first.port, domain: "outcome", bands_hz: Vec::new(), time: Vec::new() }
+fn location(port: Port) -> CutLocation {
+    CutLocation { port, domain: "outcome", bands_hz: Vec::new(), time: Vec::new() }
 }
 
 /// The effects of the model, those first that it would miss most.
@@ -214,14 +228,36 @@ pub(crate) fn standing(fitting: &Fitting<'_>, law: Law) -> Option<Defended> {
 
 /// The same of one machine.
 fn standing_alone(fitting: &Fitting<'_>, law: Law) -> Option<Defended> {
+    stood(fitting.selected, fitting.defended, law)
+}
+
+/// How a law stood when it was challenged last, or when it was taken up.
+fn stood(selected: &Selected<Asked, Model>, defended: &[Defended], law: Law) -> Option<Defended> {
     let taken =
         |r: &&Round<Asked, Model>| r.accepted && r.fitted.first().is_some_and(|f| f.hypothesis.law == law);
-    let challenged = fitting.defended.iter().rfind(|d| d.law == law).cloned();
+    let challenged = defended.iter().rfind(|d| d.law == law).cloned();
     challenged.or_else(|| {
-        let round = fitting.selected.rounds.iter().rfind(taken)?;
+        let round = selected.rounds.iter().rfind(taken)?;
         let rivals = round.fitted[1..].iter().map(|f| (f.hypothesis.law, f.evidence_nats)).collect();
         Some(Defended { law, evidence_nats: round.fitted[0].evidence_nats, rivals })
     })
+}
+
+/// The first law of a model beside which a rival is so much likelier that it is dead itself: one that was not
+/// taken up in its place, because it is no machine's either. What it stands for is none of both.
+pub(crate) fn defeated(
+    problem: &Problem<'_>,
+    selected: &Selected<Asked, Model>,
+    defended: &[Defended],
+) -> Option<usize> {
+    let point = &selected.model.point;
+    let lost = |term: &Term| {
+        let own = stood(selected, defended, term.law)?;
+        let best = own.rivals.iter().map(|r| r.1).reduce(f64::max)?;
+        let of_both = probabilities(&[own.evidence_nats], best, whitened_power(problem, point));
+        Some(of_both[0] < CRITERIA.alive)
+    };
+    point.terms.iter().position(|term| lost(term).unwrap_or(false))
 }
 
 /// Rivals with their probabilities; of two shapes of one effect the likelier.

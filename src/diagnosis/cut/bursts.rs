@@ -7,12 +7,13 @@
 //! var sum (z^4 - 3) = 24 n sum_lag rho(lag)^4,   rho its autocorrelation.
 
 use super::adequacy::{Left, spans};
+use super::along::without_line;
 use super::criteria::CRITERIA;
 use super::input::CutRecording;
 use super::observable::{Origin, OriginKind};
 use super::result::CutLocation;
 use super::rows::turned_angle;
-use super::spectra::{without_line, without_orders};
+use super::spectra::without_orders;
 use super::stretches::{Stretch, Stretches, band_hz, condition};
 use crate::plant::effects::Port;
 use crate::plant::scenario::Scenario;
@@ -91,7 +92,7 @@ pub(crate) fn bursts(
 ) -> Option<Left> {
     let (mut own, mut both, mut variance) = ([0.0; 2], 0.0, 0.0);
     let mut each: Vec<(f64, Origin)> = Vec::new();
-    for stretch in &stretches.calm {
+    for stretch in stretches.calm.iter().filter(|s| stretches.is_random(s)) {
         let recording = &recordings[stretch.recording];
         let Some(fourth) = Fourth::of(recording, stretch, scenario) else { continue };
         own.iter_mut().zip(fourth.own).for_each(|(sum, own)| *sum += own);
@@ -135,7 +136,7 @@ mod tests {
         };
         let cuts = recording(&scenario, 4.0, force);
         let calm = vec![Stretch { recording: 0, samples: 0..cuts.len() }];
-        let stretches = Stretches { calm, followed: Vec::new() };
+        let stretches = Stretches { calm, ..Stretches::default() };
         bursts(&[cuts], &stretches, &scenario).map(|left| left.location.port)
     }
 

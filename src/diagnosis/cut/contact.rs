@@ -121,7 +121,7 @@ mod tests {
         let of = |width: f64, calm: Vec<Stretch>| {
             let mut cut = recording(&scenario, 1.0, |_| [50.0, 50.0]);
             cut.width_m.iter_mut().for_each(|b| *b *= width);
-            let stretches = Stretches { calm, followed: Vec::new() };
+            let stretches = Stretches { calm, ..Stretches::default() };
             impossible_chatter(&problem, &posterior, &[cut], &stretches)
         };
         let left = of(0.01, Vec::new()).expect("chatter in a cut that is stable").location;

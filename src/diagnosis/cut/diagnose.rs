@@ -4,7 +4,7 @@ use super::super::result::Verdict;
 use super::super::selection::{Reach, Selected, Work, select};
 use super::super::{Progress, cut::input::CutInputError};
 use super::adequacy::left;
-use super::answer::{self, Fitting, Posterior};
+use super::answer::{self, Fitting, Posterior, defeated};
 use super::criteria::CRITERIA;
 use super::fit::Problem;
 use super::foretold;
@@ -173,7 +173,8 @@ fn answered(
     let mut selected = select(cut, start.clone(), reach, work, &|share, what| progress(0.8 * share, what));
     // A gain says that something is better with the law, its interval whether all stretches say so alike.
     let mut posterior = Posterior::new(cut.problem, &selected.model.point);
-    while let Some(k) = posterior.as_ref().and_then(Posterior::unseen) {
+    let unseen = |p: &Option<Posterior>| p.as_ref().and_then(Posterior::unseen);
+    while let Some(k) = unseen(&posterior).or_else(|| defeated(cut.problem, &selected, &cut.defended())) {
         let mut without = selected.model.point.clone();
         without.terms.remove(k);
         selected.model = cut.refined(&without, work);

@@ -5,6 +5,7 @@ use super::laws::{Scales, Term};
 use crate::plant::cut_effects::Physics;
 use crate::plant::cut_loop::{RANDOM_FORCE_CORNER_HZ, random_force_spectrum_1_hz};
 use crate::plant::cut_terms::{ChipMemory, CutCondition, CutTerms};
+use crate::plant::effects::Port;
 use crate::plant::scenario::{RawScenario, Scenario, ToolCount};
 
 /// Noise of the cut and of its signals.
@@ -45,6 +46,32 @@ pub(crate) struct Noise {
 }
 
 impl Noise {
+    /// Of a typical machine: whole cuts are set to 1.5 1/s and 2 %; a random part of 3 %, 0.5 and 1 of the
+    /// sensor, 0.2 um of a probe.
+    const TYPICAL: Self = Self {
+        random_share: 0.03,
+        corner_factor: 1.0,
+        pitch_rad: 0.0,
+        sensor: 0.5,
+        sensor_rise: 1.0,
+        sensor_behind: 0.0,
+        late_s: 0.0,
+        signal_late_s: 0.0,
+        bandwidth_factor: 1.0,
+        probe_m: 0.2e-6,
+        growth_spread_1_s: 1.5,
+        outcome_spread_1_s: 1.5,
+        line_spread_hz: 0.5,
+        force_scatter: 0.02,
+        cutting_gain: 1.0,
+    };
+
+    /// The least random part of a force over its mean that any machine has.
+    pub(crate) fn least_random_share() -> f64 {
+        let number = Number::RandomShare;
+        Self::TYPICAL.random_share * (-number.furthest() * number.log_sd()).exp()
+    }
+
     /// Spectrum of the force signal's own noise before its filter, one-sided, N^2/Hz.
     pub(crate) fn before_filter_n2_hz(&self, frequency_hz: f64) -> f64 {
         let rise = 1.0 + self.sensor_rise * (frequency_hz / 1e3).powi(2);
@@ -160,6 +187,19 @@ impl Number {
         }
     }
 
+    /// The last coordinate that any machine has, either way: a K_r off by a factor of three, a frequency by a
+    /// sixth, e^9 of a noise; further is another machine.
+    pub(crate) fn furthest(self) -> f64 {
+        match self {
+            // Later than 4 us, or narrower than 2 %, is no tolerance but an effect.
+            Number::Late | Number::SignalLate | Number::SignalBandwidth => 2.0,
+            // Three degrees: more is another angle.
+            Number::Pitch => 25.0,
+            n if n.is_stated() => 12.0,
+            _ => 6.0,
+        }
+    }
+
     /// Key of the scenario, what it says, and the same at a coordinate; `None`: no number of the scenario.
     pub(crate) fn stated(self, scenario: &Scenario, p: f64) -> Option<(&'static str, [f64; 2])> {
         let (bar, cutting) = (scenario.workpiece.raw(), scenario.cutting.raw());
@@ -200,6 +240,15 @@ impl Number {
             Number::LineSpread => noise.line_spread_hz *= factor,
             Number::ForceScatter => noise.force_scatter *= factor,
             Number::CuttingGain => noise.cutting_gain *= factor,
+        }
+    }
+
+    /// Where it acts.
+    pub(crate) fn port(self) -> Port {
+        match self {
+            Number::Frequency | Number::DampingRatio => Port::Workpiece,
+            Number::Pitch => Port::Turret,
+            _ => Port::Process,
         }
     }
 
@@ -324,6 +373,12 @@ impl Frame {
         self.numbers.contains(&Number::Sensor)
     }
 
+    /// The stated number of a point that ends at the last value that any machine has, with its coordinate.
+    pub(crate) fn at_bound(&self, point: &Point) -> Option<(Number, f64)> {
+        let mut stated = self.numbers.iter().copied().zip(point.numbers.iter().copied());
+        stated.find(|(n, p)| n.is_stated() && p.abs() > n.furthest() - 1e-6)
+    }
+
     /// A point with the numbers of the scenario as they are stated; noise and effects as they are.
     pub(crate) fn as_stated(&self, point: &Point) -> Point {
         let of = |(n, p): (&Number, &f64)| if n.is_stated() { 0.0 } else { *p };
@@ -349,18 +404,7 @@ impl Frame {
 
     /// Bounds of every coordinate of a point.
     pub(crate) fn bounds(&self, point: &Point) -> Vec<[f64; 2]> {
-        // A K_r off by a factor of three, a frequency by a sixth, e^9 of a noise: further is another machine.
-        // Later than 4 us, or narrower than 2 %, is no tolerance but an effect.
-        let numbers = self.numbers.iter().map(|n| {
-            let furthest = match n {
-                Number::Late | Number::SignalLate | Number::SignalBandwidth => 2.0,
-                // Three degrees: more is another angle.
-                Number::Pitch => 25.0,
-                n if n.is_stated() => 12.0,
-                _ => 6.0,
-            };
-            [-furthest, furthest]
-        });
+        let numbers = self.numbers.iter().map(|n| [-n.furthest(), n.furthest()]);
         numbers.chain(point.terms.iter().flat_map(|t| t.law.coordinates().iter().map(|c| c.bounds))).collect()
     }
 
@@ -373,25 +417,7 @@ impl Frame {
     /// The machine of a point; `None`: there is none such.
     pub(crate) fn machine(&self, point: &Point) -> Option<Machine> {
         let mut raw = self.stated.raw();
-        // Whole cuts are set to 1.5 1/s and 2 %. Else typical values: a random part of 3 %, 0.5 and 1 of the
-        // sensor, 0.2 um of a probe.
-        let mut noise = Noise {
-            random_share: 0.03,
-            corner_factor: 1.0,
-            pitch_rad: 0.0,
-            sensor: 0.5,
-            sensor_rise: 1.0,
-            sensor_behind: 0.0,
-            late_s: 0.0,
-            signal_late_s: 0.0,
-            bandwidth_factor: 1.0,
-            probe_m: 0.2e-6,
-            growth_spread_1_s: 1.5,
-            outcome_spread_1_s: 1.5,
-            line_spread_hz: 0.5,
-            force_scatter: 0.02,
-            cutting_gain: 1.0,
-        };
+        let mut noise = Noise::TYPICAL;
         for (number, p) in self.numbers.iter().zip(&point.numbers) {
             number.put(*p, &mut raw, &mut noise);
         }

@@ -29,13 +29,13 @@ pub(crate) fn observe(
     }
     // Chi-square of noise is `count`, give or take some sqrt(2 count).
     let lines = power > count + CRITERIA.outlying_sd * (2.0 * count).sqrt();
-    for stretch in &stretches.calm {
+    for stretch in stretches.calm.iter().filter(|s| stretches.is_random(s)) {
         let recording = &recordings[stretch.recording];
         for piece in pieces(recording, stretch, &known.machine) {
             out.push(Box::new(CalmSpectra::new(recording, &piece, known, lines)));
         }
     }
-    for stretch in &stretches.followed {
+    for stretch in stretches.followed.iter().filter(|s| stretches.is_random(s)) {
         let recording = &recordings[stretch.recording];
         // A line among those of the spindle is told from them by its innovations alone.
         let line = (!lines).then(|| SwellingLine::new(recording, stretch, known)).flatten();

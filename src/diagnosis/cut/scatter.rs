@@ -19,7 +19,6 @@ use super::machine::{Machine, Number, Point};
 use super::observable::{Every, Observable, Observed, Origin, Part};
 use super::result::CutLocation;
 use super::search::{AGAIN, Cut, Model};
-use crate::plant::effects::Port;
 
 /// A number that is another one in every stretch.
 #[derive(Debug, Clone)]
@@ -236,19 +235,14 @@ impl Scatter {
         best
     }
 
-    /// Where a number acts.
-    fn port(&self) -> Port {
-        match self.number {
-            Number::Frequency | Number::DampingRatio => Port::Workpiece,
-            Number::Pitch => Port::Turret,
-            _ => Port::Process,
-        }
-    }
-
     /// As something that is left.
     fn left(&self, worth_nats: f64) -> Left {
-        let location =
-            CutLocation { port: self.port(), domain: "time", bands_hz: Vec::new(), time: spans(&self.gains) };
+        let location = CutLocation {
+            port: self.number.port(),
+            domain: "time",
+            bands_hz: Vec::new(),
+            time: spans(&self.gains),
+        };
         Left { location, excess_nats: worth_nats }
     }
 }

@@ -13,6 +13,7 @@
 //! the line moves by no more than a bin ([`pieces`]). Of a longer one the line is broader than its damping,
 //! and its bins hang together.
 
+use super::along::without_line;
 use super::criteria::CRITERIA;
 use super::input::CutRecording;
 use super::known::Reference;
@@ -235,16 +236,6 @@ pub(super) fn without_orders(x: &mut [f64], turned: &[f64], turn_hz: f64, highes
         let line = sum * (2.0 / n as f64);
         x.iter_mut().zip(&power).for_each(|(x, p)| *x -= (line * p).re);
     }
-}
-
-/// A series less its straight line of least squares: wear and travel are no vibration.
-pub(super) fn without_line(x: &[f64]) -> Vec<f64> {
-    let n = x.len() as f64;
-    let mean = x.iter().sum::<f64>() / n;
-    let middle = (n - 1.0) / 2.0;
-    let moment: f64 = x.iter().enumerate().map(|(k, v)| (k as f64 - middle) * v).sum();
-    let slope = moment / (n * (n * n - 1.0) / 12.0).max(1.0);
-    x.iter().enumerate().map(|(k, v)| v - mean - slope * (k as f64 - middle)).collect()
 }
 
 /// Half bins on which what changes within a bin is foretold.

@@ -7,9 +7,10 @@
 //!            (linear)   +-- contact may be lost: left out
 //! ```
 
-use super::along::filtered;
+use super::along::{filtered, without_line};
 use super::criteria::CRITERIA;
 use super::input::CutRecording;
+use super::machine::Noise;
 use super::observable::ZERO;
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::{CutCondition, CutTerms};
@@ -36,6 +37,16 @@ pub(crate) struct Stretches {
     pub(crate) calm: Vec<Stretch>,
     /// Linear, with vibration that swells or fades.
     pub(crate) followed: Vec<Stretch>,
+    /// Recordings without a random force, by index: somewhere in a cut they are quieter than any machine.
+    /// Their vibration is none that a random force makes; means and lines of the spindle are what they are.
+    pub(crate) silent: Vec<usize>,
+}
+
+impl Stretches {
+    /// True where a random force drives what a stretch shows.
+    pub(crate) fn is_random(&self, stretch: &Stretch) -> bool {
+        !self.silent.contains(&stretch.recording)
+    }
 }
 
 /// Condition of a recording at a sample.
@@ -245,12 +256,32 @@ pub(crate) fn divide(recordings: &[CutRecording], scenario: &Scenario) -> Stretc
         .collect();
     floors.sort_by(f64::total_cmp);
     let floor = floors.get(floors.len() / 5).copied().unwrap_or(0.0);
-    let mut out = Stretches::default();
+    let is_silent = |k: &usize| {
+        let own = blocks.iter().filter(|s| s.recording == *k);
+        let share = own.map(|s| quietest_n(s, recordings) / mean_n(s)).fold(f64::INFINITY, f64::min);
+        share < Noise::least_random_share()
+    };
+    let silent = (0..recordings.len()).filter(is_silent).collect();
+    let mut out = Stretches { silent, ..Stretches::default() };
     for block in blocks {
         let loud_n = CRITERIA.loud_floors * floor * mean_n(&block);
         split(&block, &recordings[block.recording], &banded[block.recording], (loud_n, scenario), &mut out);
     }
     out
+}
+
+/// Vibration of both forces in the quietest piece of a block. By the samples of that piece alone: a filter
+/// of a band remembers chatter that comes later.
+fn quietest_n(block: &Stretch, recordings: &[CutRecording]) -> f64 {
+    let recording = &recordings[block.recording];
+    let length = ((PIECE_S * recording.sample_rate.hz()).round() as usize).max(1);
+    let forces: Vec<&[f64]> =
+        recording.forces_n.iter().flatten().map(|force| &force[block.samples.clone()]).collect();
+    let of = |piece: usize| {
+        let range = piece * length..(piece + 1) * length;
+        forces.iter().map(|force| rms(&without_line(&force[range.clone()])).powi(2)).sum::<f64>().sqrt()
+    };
+    (0..block.samples.len() / length).map(of).fold(f64::INFINITY, f64::min)
 }
 
 /// The calm end of a block, and what of the rest is linear.

@@ -16,6 +16,7 @@ pub mod process;
 pub mod turret;
 pub mod turret_axis;
 
+use crate::plant::cut_loop::RANDOM_FORCE_CORNER_HZ;
 use crate::plant::cut_terms::{CutCondition, CutTerms};
 use crate::plant::scenario::{Scenario, ToolCount};
 use crate::sample::{AxisSample, MAX_AXES, ServoSample};
@@ -38,8 +39,6 @@ pub const CARRIAGE: &str = "z1";
 const SUBSTEPS: usize = 12;
 /// Air between two passes where they repeat, s.
 pub const PAUSE_S: f64 = 2.0;
-/// Samples between two looks at how far the tools have travelled.
-const MODE_UPDATE: u64 = 90;
 
 /// What the lathe is and does.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,12 +54,14 @@ pub struct LatheSettings {
     /// Air between two passes, s: where the tools travel, they enter again at the place they started from
     /// once they have come to the end of the bar. `None`: one pass, and they stay in the cut at its end.
     pub pause_s: Option<f64>,
-    /// Random part of the cutting force over the force, standard deviation.
+    /// Random part of the cutting force over the force, standard deviation; white to 2 kHz.
     pub force_noise_ratio: f64,
     /// Velocity with which the bar is struck at the start, m/s: a seed for growth where there is no noise.
     pub strike_m_s: f64,
     /// Whether the bar has its second bending mode.
     pub with_second_mode: bool,
+    /// Whether the bar is thinner where the tools have passed; otherwise it stays the one that is stated.
+    pub turned_down: bool,
     /// Whether the turrets are servo axes; otherwise they are rigid and the samples carry none.
     pub with_servo: bool,
     /// Speed and limits of turret 1's own control.
@@ -83,12 +84,14 @@ impl LatheSettings {
             force_noise_ratio: 0.0,
             strike_m_s: 1.0e-11,
             with_second_mode: false,
+            turned_down: false,
             with_servo: false,
             turret: TurretSettings::default(),
         }
     }
 
-    /// A cut as a machine makes it: two modes, servo turrets, 3 % random force, entry after 2 s of air.
+    /// A cut as a machine makes it: two modes, a bar that is turned down, servo turrets, 3 % random force,
+    /// entry after 2 s of air.
     #[must_use]
     pub fn realistic(scenario: Scenario, seed: u64) -> Self {
         Self {
@@ -97,6 +100,7 @@ impl LatheSettings {
             force_noise_ratio: 0.03,
             strike_m_s: 0.0,
             with_second_mode: true,
+            turned_down: true,
             with_servo: true,
             ..Self::ideal(scenario)
         }
@@ -132,6 +136,7 @@ pub struct Lathe {
     turret: Turret,
     reports: [AxisReport; 4],
     random: ChaCha8Rng,
+    random_force: [RandomForce; 2],
     samples: u64,
     tips: ToolTips,
     truth: Truth,
@@ -144,7 +149,8 @@ impl Lathe {
         let scenario = &settings.scenario;
         let terms = CutTerms::of(scenario, &CutCondition::of(scenario));
         let cut = CutSettings::of(&terms, scenario.physics, settings.force_noise_ratio);
-        let removed = if is_zero(scenario.tools.travel_m_s()) { 0.0 } else { cut.width_m };
+        let thinner = settings.turned_down && !is_zero(scenario.tools.travel_m_s());
+        let removed = if thinner { cut.width_m } else { 0.0 };
         let bar = Bar::new(scenario.workpiece, removed, settings.with_second_mode);
         let step_s = 1.0 / (settings.sample_rate_hz * SUBSTEPS as f64);
         let modes = bar.modes_at(&terms);
@@ -167,6 +173,8 @@ impl Lathe {
             spindle_angle_rad: 0.0,
             width_m: cut.width_m * tips.engagement,
         };
+        let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
+        let random_force = [0; 2].map(|_| RandomForce::new(step_s, &mut random));
         Self {
             bar,
             process,
@@ -178,7 +186,8 @@ impl Lathe {
             ],
             turret: Turret::new(settings.turret),
             reports: [still; 4],
-            random: ChaCha8Rng::seed_from_u64(settings.seed),
+            random,
+            random_force,
             samples: 0,
             tips,
             truth,
@@ -228,8 +237,13 @@ impl Lathe {
         self.place_tips();
         self.change();
         let turns_per_s = self.settings.scenario.spindle.hz();
-        let noise: [f64; 2] = std::array::from_fn(|_| StandardNormal.sample(&mut self.random));
+        let is_random = self.settings.force_noise_ratio > 0.0;
         for _ in 0..SUBSTEPS {
+            let noise = if is_random {
+                self.random_force.each_mut().map(|force| force.step(&mut self.random))
+            } else {
+                [0.0; 2]
+            };
             self.process.step(turns_per_s, &self.tips, noise);
         }
         if self.settings.with_servo {
@@ -299,11 +313,12 @@ impl Lathe {
         self.truth.tool_position_m = (from + speed * cutting_s).clamp(0.0, self.length_m());
     }
 
-    /// Bar and cut as position and time have changed them.
+    /// Bar and cut as position and time have changed them: in each sample, because a bar that changes in
+    /// steps is struck by each of them.
     fn change(&mut self) {
         let scenario = &self.settings.scenario;
         let still = is_zero(self.travel_m_s()) && scenario.physics.is_empty();
-        if still || !self.samples.is_multiple_of(MODE_UPDATE) {
+        if still {
             return;
         }
         let at = CutCondition {
@@ -374,6 +389,29 @@ impl Lathe {
             accel_m_s2: None,
             pitch_difference_rad: None,
         }
+    }
+}
+
+/// Random part of a force over its standard deviation: of first order, white to its corner, whatever the rate
+/// of the samples. A number drawn once a sample and held would show in the force half a sample later than in
+/// the motion that it drives.
+#[derive(Debug, Clone, Copy)]
+struct RandomForce {
+    now: f64,
+    /// What is left of it after a step.
+    kept: f64,
+}
+
+impl RandomForce {
+    fn new(step_s: f64, random: &mut ChaCha8Rng) -> Self {
+        let kept = (-TAU * RANDOM_FORCE_CORNER_HZ * step_s).exp();
+        Self { now: StandardNormal.sample(random), kept }
+    }
+
+    fn step(&mut self, random: &mut ChaCha8Rng) -> f64 {
+        let fresh: f64 = StandardNormal.sample(random);
+        self.now = self.kept * self.now + (1.0 - self.kept * self.kept).sqrt() * fresh;
+        self.now
     }
 }
 
