@@ -4,8 +4,9 @@ use super::bad_input;
 use super::diagnose::{Arguments, name, with_progress};
 use super::gated::{Checked, read_checked};
 use crate::config::scenario::read_scenario;
+use crate::diagnosis::Verdict;
 use crate::diagnosis::cut::input::{CutEvidence, CutRecording, CutTable};
-use crate::diagnosis::cut::result::{CutDiagnosis, PlannedCut};
+use crate::diagnosis::cut::result::CutDiagnosis;
 use crate::gate::Gated;
 use crate::plant::scenario::Scenario;
 use crate::recording::{read_cuts, write_whole};
@@ -36,7 +37,7 @@ pub(super) fn run(arguments: &Arguments, scenario_file: &Path) -> anyhow::Result
     write(out, &diagnosis, &files)?;
     write_whole(&out.join("report.html"), cut_page(&diagnosis, &files).as_bytes())?;
     if arguments.plan {
-        print_plan(&diagnosis.plan)?;
+        print_plan(&diagnosis)?;
     }
     Ok(())
 }
@@ -61,13 +62,28 @@ fn told(diagnosis: &CutDiagnosis, table: Option<&CutTable>) {
     }
 }
 
-/// One line a cut: what to set, and what it tells.
-fn print_plan(plan: &[PlannedCut]) -> anyhow::Result<()> {
+/// One line a cut: what to set, and what it tells; or why there is none.
+fn print_plan(diagnosis: &CutDiagnosis) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
-    if plan.is_empty() {
-        writeln!(out, "no cut to add: what could be told apart is told apart")?;
+    let likeliest = diagnosis.tried.iter().find_map(|t| t.effect);
+    match (diagnosis.plan.is_empty(), diagnosis.verdict, likeliest) {
+        (false, ..) => {}
+        (true, Verdict::MissingPhysics, _) => {
+            writeln!(out, "no cut to add: what was found is told apart from its rivals")?;
+        }
+        (true, Verdict::UnexplainedMismatch, _) => {
+            writeln!(out, "no cut to add: what is left follows none of the effects that were asked for")?;
+        }
+        (true, _, Some(effect)) => {
+            let name = effect.name();
+            writeln!(
+                out,
+                "no cut to add: none near this scenario's would tell {name}, the likeliest, from none"
+            )?;
+        }
+        (true, _, None) => writeln!(out, "no cut to add: no effect was asked for")?,
     }
-    for (k, cut) in plan.iter().enumerate() {
+    for (k, cut) in diagnosis.plan.iter().enumerate() {
         writeln!(
             out,
             "{}. {:.0} rpm, feed {:.3} mm, width {:.3} mm, {:.1} mm from the chuck, pitch difference \

@@ -31,6 +31,7 @@ pub struct CutFiles<'a> {
 /// Errors: the folder cannot be made or a file not written.
 pub fn write(out: &Path, diagnosis: &CutDiagnosis, files: &CutFiles<'_>) -> Result<(), RecordingError> {
     std::fs::create_dir_all(out).map_err(|source| RecordingError::Io { path: out.to_owned(), source })?;
+    remove_contributions(out)?;
     for finding in diagnosis.findings.iter().filter(|f| !f.contribution.is_empty()) {
         write_contribution(out, diagnosis, finding)?;
     }
@@ -40,6 +41,19 @@ pub fn write(out: &Path, diagnosis: &CutDiagnosis, files: &CutFiles<'_>) -> Resu
     write_whole(&out.join("scenario.toml"), scenario_to_text(&diagnosis.scenario).as_bytes())?;
     let text = serde_json::to_string_pretty(&to_json(diagnosis, files)).unwrap_or_default();
     write_whole(&out.join("diagnosis.json"), (text + "\n").as_bytes())
+}
+
+/// Contributions of an answer that stood here before, which may have had more findings. Errors: one of them
+/// cannot be removed.
+pub(super) fn remove_contributions(out: &Path) -> Result<(), RecordingError> {
+    for rank in 1.. {
+        let path = out.join(format!("contribution-{rank}.parquet"));
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => break,
+            done => done.map_err(|source| RecordingError::Io { path, source })?,
+        }
+    }
+    Ok(())
 }
 
 /// The machine-readable answer.

@@ -57,14 +57,20 @@ fn adequate(d: &CutDiagnosis) -> String {
 
 /// What the answer is worth, in one sentence.
 pub(super) fn worth(d: &CutDiagnosis) -> String {
-    let forces = d.findings.first().and_then(|f| f.fit.forces);
-    if let Some(fit) = forces {
+    if let Some((first, fit)) = d.findings.first().and_then(|f| Some((f, f.fit.forces?))) {
+        let squares = d.recordings.iter().map(|r| r.rms_before_n.powi(2));
+        let as_stated_n = (squares.sum::<f64>() / d.recordings.len().max(1) as f64).sqrt();
         return format!(
-            "On stretches that nothing was fitted to, what the model cannot foretell of the forces falls from {} to {}; \
-             {} is the noise of the signal.",
+            "What the model cannot foretell of the forces: {} as stated; on stretches that nothing was fitted to, {} with \
+             other numbers alone and {} with what was found; {} is the noise of the signal. Other numbers alone can leave \
+             as little and be wrong about line and growth: with {} the recordings are more probable by {:.0} nats (a \
+             factor of e to that power).",
+            engineering(as_stated_n, "N", 3),
             engineering(fit.heldout_rms_before_n, "N", 3),
             engineering(fit.heldout_rms_after_n, "N", 3),
-            engineering(fit.noise_floor_n, "N", 3)
+            engineering(fit.noise_floor_n, "N", 3),
+            without_unit(first.effect.name()),
+            first.evidence_nats
         );
     }
     match (&d.table, d.findings.is_empty()) {

@@ -17,6 +17,7 @@ pub fn write(
     faults: &[FaultOf],
 ) -> Result<(), RecordingError> {
     std::fs::create_dir_all(out).map_err(|source| RecordingError::Io { path: out.to_owned(), source })?;
+    super::cut_files::remove_contributions(out)?;
     for finding in &diagnosis.findings {
         write_contribution(out, diagnosis, finding)?;
     }

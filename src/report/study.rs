@@ -183,7 +183,7 @@ pub fn study_page(study: &Study) -> String {
     let _ = write!(
         body,
         "<div><span class=\"badge\">concealment study</span> <span class=\"soft\">machines drawn around {}</span></div>\
-         <h1>{}</h1><p>Each machine hides something; the diagnosis sees its model and three recordings and nothing else. The \
+         <h1>{}</h1><p>Each machine hides something; the diagnosis sees its model and its recordings and nothing else. The \
          plant that made the recordings shares no equation with the diagnosis.</p>",
         escape(&study.model),
         headline(right, effects.len(), accused, healthy.len())

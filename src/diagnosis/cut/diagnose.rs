@@ -29,7 +29,7 @@ const REACH: Reach = Reach { most_findings: 3, fitted: 9 };
 /// Says what `scenario` leaves out, from recordings of cuts, a table of cuts, or both. Deterministic.
 ///
 /// `budget_s`: work that may be done, in seconds of an ordinary computer; counted in evaluations.
-/// Errors: no cut at all.
+/// Errors: no cut at all, none that can be judged, or one that the work has no room for.
 pub fn diagnose(
     scenario: &Scenario,
     evidence: CutEvidence<'_>,
@@ -40,6 +40,7 @@ pub fn diagnose(
     if evidence.recordings.is_empty() && table.is_none() {
         return Err(CutInputError::NoCut);
     }
+    table.map_or(Ok(()), |table| table.check(scenario))?;
     let frame = Frame::of(scenario, &evidence);
     let laws = Law::open(scenario, [frame.probe(), frame.has_recordings()]);
     // Half of the budget for the search; of the other half one half for whether what it found holds.
@@ -48,6 +49,9 @@ pub fn diagnose(
     progress(0.02, "dividing the recordings");
     let (known, point) = first_known(&frame, evidence, table, &mut work).ok_or(CutInputError::NoCut)?;
     let (stretches, mut observables) = observed(&frame, &known, evidence, table);
+    if observables.is_empty() {
+        return Err(CutInputError::NothingToJudge);
+    }
     // A table costs little, and its screening says little: the fit may have been bent far.
     let rivals = if evidence.recordings.is_empty() { laws.len() } else { REACH.fitted };
     // What stands in for a column that is missing may be wrong: where something is left, the question is
@@ -97,12 +101,9 @@ pub fn diagnose(
         diagnosis.mapped.extend(mapped(table, scenario));
     }
     diagnosis.plan = plan::plan(&fitting);
-    note_speeds(evidence.recordings, &mut diagnosis);
-    note_budget(work.is_spent() || beside.is_spent(), &mut diagnosis);
-    if observables.is_empty() {
-        let note = "No stretch of these recordings could be looked at: in none does the condition stand \
-                    still while the tools keep contact and the flanks keep clear. Nothing found is no proof.";
-        diagnosis.notes.push(note.to_owned());
+    note_signals(evidence.recordings, &mut diagnosis);
+    if work.is_spent() || beside.is_spent() {
+        out_of_budget(&fitting, &mut diagnosis);
     }
     progress(1.0, "done");
     Ok(diagnosis)
@@ -215,8 +216,9 @@ fn evaluations(budget_s: f64, evidence: &CutEvidence<'_>) -> u64 {
     (budget_s.max(0.0) / evaluation_s) as u64
 }
 
-/// A spindle that turned otherwise than commanded, beyond what the change of a speed leaves (1e-4).
-fn note_speeds(recordings: &[CutRecording], diagnosis: &mut CutDiagnosis) {
+/// A spindle that turned otherwise than commanded, beyond what the change of a speed leaves (1e-4), and a
+/// force signal of which nothing is stated.
+fn note_signals(recordings: &[CutRecording], diagnosis: &mut CutDiagnosis) {
     for recording in recordings {
         let percent = 100.0 * (recording.speed_factor - 1.0);
         if percent.abs() > 0.01 {
@@ -228,13 +230,39 @@ fn note_speeds(recordings: &[CutRecording], diagnosis: &mut CutDiagnosis) {
             ));
         }
     }
+    let unstated = |r: &&CutRecording| r.signal.bandwidth_hz.is_none() && r.signal.delay_s <= 0.0;
+    let names: Vec<&str> = recordings.iter().filter(unstated).map(|r| r.experiment.as_str()).collect();
+    if !names.is_empty() {
+        diagnosis.notes.push(format!(
+            "No force_delay_s and no force_bandwidth_hz in {}: the force signal is taken as the force itself, \
+             at once; one that is late or filtered is told as physics of the cut.",
+            names.join(", ")
+        ));
+    }
 }
 
-fn note_budget(spent: bool, diagnosis: &mut CutDiagnosis) {
-    if spent {
-        diagnosis.notes.push("The budget ended before every hypothesis was asked.".to_owned());
-        if diagnosis.findings.is_empty() && diagnosis.verdict == Verdict::ModelAdequate {
-            diagnosis.notes.push("Nothing found is therefore no proof that nothing is missing.".to_owned());
+/// What may be said where the budget ended first: what was found stands, what was not asked is named, and
+/// where nothing was found no number is told as wrong, since each may be bent by what was not asked.
+fn out_of_budget(fitting: &Fitting<'_>, diagnosis: &mut CutDiagnosis) {
+    let asked = fitting.selected.rounds.iter().flat_map(|r| r.fitted.iter().map(|f| f.hypothesis.law));
+    let asked: Vec<Law> = asked.collect();
+    let open = fitting.laws.iter().filter(|law| !asked.contains(law));
+    let mut names: Vec<&str> = open.map(|law| law.name()).collect();
+    names.dedup();
+    let what = if names.is_empty() { "what is left beside them".to_owned() } else { names.join(", ") };
+    diagnosis.notes.push(format!("The budget ended before every hypothesis was asked. Not asked: {what}."));
+    if diagnosis.findings.is_empty() {
+        diagnosis.notes.push("Nothing found is therefore no proof that nothing is missing.".to_owned());
+        if diagnosis.verdict == Verdict::ParameterError {
+            diagnosis.verdict = Verdict::UnexplainedMismatch;
+            diagnosis.location = Some(super::result::CutLocation {
+                port: crate::plant::effects::Port::Process,
+                domain: "frequency",
+                bands_hz: Vec::new(),
+                time: Vec::new(),
+            });
         }
+        diagnosis.parameter_corrections.clear();
+        diagnosis.scenario = diagnosis.stated;
     }
 }

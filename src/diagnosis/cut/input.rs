@@ -90,7 +90,7 @@ pub struct CutRecording {
 pub enum CutInputError {
     /// No force of a tool.
     #[error(
-        "recording {recording}: no column tool1_radial_force_n or tool2_radial_force_n; it has {present}"
+        "recording {recording}: no column tool1_radial_force_n or tool2_radial_force_n that moves; it has {present}"
     )]
     NoForce {
         /// Experiment of the recording.
@@ -120,6 +120,29 @@ pub enum CutInputError {
         /// What was expected.
         expected: &'static str,
     },
+    /// A value of a table that no cut has.
+    #[error("table of cuts, cut {cut}: {column} is {value}; expected {expected}")]
+    NoSuchCut {
+        /// Name of the cut.
+        cut: String,
+        /// Column.
+        column: &'static str,
+        /// What stands there.
+        value: f64,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// Angle and speed of the spindle tell two tales.
+    #[error(
+        "recording {recording}: column spindle_angle_rad turns {factor:.3} times as far as spindle_speed_rpm \
+         says; expected rad, not wrapped, and the same shaft in rpm"
+    )]
+    OtherSpeed {
+        /// Experiment of the recording.
+        recording: String,
+        /// Turns of the one over those of the other.
+        factor: f64,
+    },
     /// A piece of metadata that cannot be used.
     #[error("recording {recording}: metadata {key} is `{found}`; expected {expected}")]
     Metadata {
@@ -132,6 +155,12 @@ pub enum CutInputError {
         /// What was expected.
         expected: &'static str,
     },
+    /// No part of any recording can be compared with a model.
+    #[error(
+        "no stretch of these recordings can be judged: in none does the condition stand still for some turns \
+         while the tools keep contact and the flanks keep clear; expected a cut of a second or more"
+    )]
+    NothingToJudge,
     /// Neither a recording nor a table with a cut in it.
     #[error("no cut to diagnose: expected a recording, or a table with at least one row")]
     NoCut,
@@ -143,7 +172,9 @@ impl CutRecording {
     /// Errors: no force, no speed, a value that no cut has, metadata that are no number.
     pub fn new(recording: &Recording, scenario: &Scenario) -> Result<Self, CutInputError> {
         let mut found = Columns { recording, missing: Vec::new() };
-        let forces_n = FORCE_COLUMNS.map(|name| recording.get(name).map(<[f64]>::to_vec));
+        // A column that never changes is what a logger writes where nothing is connected.
+        let moves = |x: &&[f64]| x.iter().any(|v| *v != x[0]);
+        let forces_n = FORCE_COLUMNS.map(|name| recording.get(name).filter(moves).map(<[f64]>::to_vec));
         if forces_n.iter().all(Option::is_none) {
             return Err(CutInputError::NoForce {
                 recording: recording.experiment.clone(),
@@ -159,6 +190,10 @@ impl CutRecording {
         let measured = spindle_angle_rad.as_deref();
         let speed_factor =
             measured.and_then(|a| turned(a, &spindle_speed_rpm, recording.sample_rate)).unwrap_or(1.0);
+        if !SAME_SHAFT.contains(&speed_factor) {
+            let recording = recording.experiment.clone();
+            return Err(CutInputError::OtherSpeed { recording, factor: speed_factor });
+        }
         spindle_speed_rpm.iter_mut().for_each(|s| *s *= speed_factor);
         let cutting = scenario.cutting.raw();
         let tools = scenario.tools;
@@ -169,7 +204,11 @@ impl CutRecording {
         let travelled_m = travelled_m(recording, &feed_m_rev, &spindle_speed_rpm);
         let position_m = found.optional("tool_position_m");
         if two {
-            FORCE_COLUMNS.iter().for_each(|name| drop(found.optional(name)));
+            for (name, force) in FORCE_COLUMNS.iter().zip(&forces_n) {
+                if force.is_none() {
+                    found.misses(name);
+                }
+            }
         }
         let width_m = found.or_stated("width_m", cutting.width_m);
         // Out of the cut tools may jump along the bar: where they are nobody knows from there on.
@@ -197,7 +236,7 @@ impl CutRecording {
             spindle_speed_rpm,
             missing: found.missing,
         };
-        cut.check()?;
+        cut.check(scenario)?;
         Ok(cut)
     }
 
@@ -229,14 +268,15 @@ impl CutRecording {
         self.start_s + index as f64 / self.sample_rate.hz()
     }
 
-    fn check(&self) -> Result<(), CutInputError> {
+    fn check(&self, scenario: &Scenario) -> Result<(), CutInputError> {
         let above_zero = |x: f64| x > 0.0;
-        let not_negative = |x: f64| x >= 0.0;
+        let room = Room::of(scenario);
+        let on_radius = |x: f64| room.is_on_radius(x);
+        let along_bar = |x: f64| room.is_along_bar(x);
         self.check_column("spindle_speed_rpm", &self.spindle_speed_rpm, (above_zero, "a number above zero"))?;
-        let zero_or_above = "zero or a number above";
-        self.check_column("width_m", &self.width_m, (not_negative, zero_or_above))?;
-        self.check_column("feed_m_rev", &self.feed_m_rev, (not_negative, zero_or_above))?;
-        self.check_column("tool_position_m", &self.tool_position_m, (not_negative, zero_or_above))?;
+        self.check_column("width_m", &self.width_m, (on_radius, Room::ON_RADIUS))?;
+        self.check_column("feed_m_rev", &self.feed_m_rev, (on_radius, Room::ON_RADIUS))?;
+        self.check_column("tool_position_m", &self.tool_position_m, (along_bar, Room::ALONG_BAR))?;
         let below_turn = |x: f64| x.abs() < std::f64::consts::TAU;
         let pitch = (below_turn, "less than a turn either way");
         self.check_column("pitch_difference_rad", &self.pitch_difference_rad, pitch)
@@ -255,13 +295,41 @@ impl CutRecording {
     }
 }
 
-/// What a measured angle turned over what was commanded: a motor slips, a command is not what an override
-/// makes of it. `None`: by more than a tenth, which is another unit or another shaft.
+/// What a cut has room for on the stated work. A column in mm is a thousand times what it should be.
+struct Room {
+    radius_m: f64,
+    length_m: f64,
+}
+
+impl Room {
+    const ON_RADIUS: &'static str = "m, zero or above, and less than the radius of the work";
+    const ALONG_BAR: &'static str =
+        "m from the chuck, zero or above, and less than twice the projection length of the work";
+
+    fn of(scenario: &Scenario) -> Self {
+        let bar = &scenario.workpiece;
+        Self { radius_m: bar.diameter_m() / 2.0, length_m: bar.projection_length_m() }
+    }
+
+    fn is_on_radius(&self, x_m: f64) -> bool {
+        x_m >= 0.0 && x_m < self.radius_m
+    }
+
+    fn is_along_bar(&self, x_m: f64) -> bool {
+        x_m >= 0.0 && x_m < 2.0 * self.length_m
+    }
+}
+
+/// A motor slips, and a command is not what an override makes of it; by more than a tenth an angle is of
+/// another unit or another shaft.
+const SAME_SHAFT: std::ops::Range<f64> = 0.9..1.1;
+
+/// What a measured angle turned over what was commanded. `None`: no turn was commanded.
 fn turned(angle_rad: &[f64], commanded_rpm: &[f64], rate: SampleRate) -> Option<f64> {
     let [first, last] = [angle_rad.first()?, angle_rad.last()?];
     let turns = commanded_rpm[..commanded_rpm.len() - 1].iter().sum::<f64>() / 60.0 / rate.hz();
     let factor = (last - first) / std::f64::consts::TAU / turns;
-    (0.9..1.1).contains(&factor).then_some(factor)
+    factor.is_finite().then_some(factor)
 }
 
 /// Which numbers of the metadata are good.
@@ -357,10 +425,14 @@ impl Columns<'_> {
         self.recording.columns.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ")
     }
 
+    fn misses(&mut self, name: &str) {
+        self.missing.extend(REPLACED.iter().filter(|m| m.name == name));
+    }
+
     fn optional(&mut self, name: &str) -> Option<Vec<f64>> {
         let values = self.recording.get(name).map(<[f64]>::to_vec);
         if values.is_none() {
-            self.missing.extend(REPLACED.iter().filter(|m| m.name == name));
+            self.misses(name);
         }
         values
     }
@@ -402,10 +474,12 @@ impl CutOutcome {
         }
     }
 
-    /// The outcome of that name; any other word is a cut that nobody judged.
+    /// The outcome of that name, in letters of either case; any other word is a cut that nobody judged.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        [CutOutcome::Stable, CutOutcome::Chatter].into_iter().find(|o| o.name() == name)
+        [CutOutcome::Stable, CutOutcome::Chatter]
+            .into_iter()
+            .find(|o| o.name().eq_ignore_ascii_case(name.trim()))
     }
 }
 
@@ -464,6 +538,26 @@ pub struct CutTable {
     pub ignored_columns: Vec<String>,
 }
 
+impl CutTable {
+    /// Whether the cuts have room on the stated work. Errors: the first value that has none.
+    pub(crate) fn check(&self, scenario: &Scenario) -> Result<(), CutInputError> {
+        let room = Room::of(scenario);
+        for row in &self.rows {
+            let (feed_m, place_m) = (row.known.feed_m_rev, row.known.tool_position_m);
+            let of_row = [
+                ("width_m", Some(row.width_m), room.is_on_radius(row.width_m), Room::ON_RADIUS),
+                ("feed_m_rev", feed_m, feed_m.is_none_or(|x| room.is_on_radius(x)), Room::ON_RADIUS),
+                ("tool_position_m", place_m, place_m.is_none_or(|x| room.is_along_bar(x)), Room::ALONG_BAR),
+            ];
+            let bad = of_row.into_iter().find(|(_, _, good, _)| !good);
+            if let Some((column, Some(value), _, expected)) = bad {
+                return Err(CutInputError::NoSuchCut { cut: row.cut.clone(), column, value, expected });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// What a diagnosis of the cut is asked with: recordings, a table, or both.
 #[derive(Debug, Clone, Copy)]
 pub struct CutEvidence<'a> {
@@ -479,7 +573,10 @@ mod tests {
     use crate::sample::Column;
 
     fn recording(names: &[&str], metadata: &[(&str, &str)]) -> Recording {
-        let column = |name: &&str| Column { name: (*name).to_owned(), values: vec![0.1, 0.1, 0.1] };
+        let column = |name: &&str| {
+            let middle = if name.ends_with("force_n") { 0.02 } else { 0.01 };
+            Column { name: (*name).to_owned(), values: vec![0.01, middle, 0.01] }
+        };
         Recording {
             sample_rate: SampleRate::new(9000.0).unwrap(),
             experiment: "entry".to_owned(),
@@ -502,7 +599,8 @@ mod tests {
         let factor = turned(&angle, &commanded, rate).expect("a factor");
         assert!((factor - 1.02).abs() < 1e-4, "{factor}");
         let degrees: Vec<f64> = angle.iter().map(|a| a.to_degrees()).collect();
-        assert_eq!(turned(&degrees, &commanded, rate), None);
+        let factor = turned(&degrees, &commanded, rate).expect("a factor");
+        assert!(!SAME_SHAFT.contains(&factor), "{factor}");
     }
 
     #[test]
@@ -547,5 +645,25 @@ mod tests {
         negative.columns[2].values[1] = -0.1;
         let error = CutRecording::new(&negative, &Scenario::default()).unwrap_err().to_string();
         assert!(error.contains("column width_m, row 1: -0.1"), "{error}");
+        // Units that are not the contract's, and a column of a channel that is not connected.
+        let radius = Scenario::default().workpiece.diameter_m() / 2.0;
+        for (column, value) in [("width_m", radius), ("feed_m_rev", 0.2), ("tool_position_m", 180.0)] {
+            let mut other = recording(&[&good[..], &[column]].concat(), &[]);
+            other.columns[2].values[2] = value;
+            let error = CutRecording::new(&other, &Scenario::default()).unwrap_err().to_string();
+            assert!(error.contains(&format!("column {column}, row 2: {value}; expected m")), "{error}");
+        }
+        let mut turning = recording(&[&good[..], &["spindle_angle_rad"]].concat(), &[]);
+        turning.columns[1].values = vec![1200.0; 3];
+        turning.columns[2].values = (0..3).map(|k| f64::from(k) * 20.0 * 360.0 / 9000.0).collect();
+        let error = CutRecording::new(&turning, &Scenario::default()).unwrap_err().to_string();
+        assert!(error.contains("turns 57.296 times as far as spindle_speed_rpm says"), "{error}");
+        let mut silent = recording(&good, &[]);
+        silent.columns[0].values = vec![0.0; 3];
+        let error = CutRecording::new(&silent, &Scenario::default()).unwrap_err().to_string();
+        assert!(
+            error.contains("no column tool1_radial_force_n or tool2_radial_force_n that moves"),
+            "{error}"
+        );
     }
 }

@@ -66,6 +66,8 @@ impl Engine {
         };
         let in_cut = stream.pipeline().in_cut();
         if self.cuts.look(in_cut) {
+            // Of each cut anew: the one before may be weeks away.
+            self.told_cut = None;
             self.setup.commissioning.evidence.hear_cut();
         }
         self.book.look(now_s, condition, in_cut);
