@@ -230,7 +230,7 @@ fn note_signals(recordings: &[CutRecording], diagnosis: &mut CutDiagnosis) {
             ));
         }
     }
-    let unstated = |r: &&CutRecording| r.signal.bandwidth_hz.is_none() && r.signal.delay_s <= 0.0;
+    let unstated = |r: &&CutRecording| !r.signal_is_stated;
     let names: Vec<&str> = recordings.iter().filter(unstated).map(|r| r.experiment.as_str()).collect();
     if !names.is_empty() {
         diagnosis.notes.push(format!(

@@ -61,6 +61,8 @@ pub struct CutRecording {
     pub forces_n: [Option<Vec<f64>>; 2],
     /// How the signal shows the force.
     pub signal: ForceSignal,
+    /// Whether the recording says so.
+    pub signal_is_stated: bool,
     /// Spindle angle as measured, not wrapped, rad.
     pub spindle_angle_rad: Option<Vec<f64>>,
     /// Speed, rpm: as commanded, times `speed_factor`.
@@ -198,7 +200,7 @@ impl CutRecording {
         let cutting = scenario.cutting.raw();
         let tools = scenario.tools;
         let bandwidth_hz = found.number("force_bandwidth_hz", Sign::Positive)?;
-        let delay_s = found.number("force_delay_s", Sign::NotNegative)?.unwrap_or(0.0);
+        let delay_s = found.number("force_delay_s", Sign::NotNegative)?;
         let two = tools.count() == ToolCount::Two;
         let feed_m_rev = found.or_stated("feed_m_rev", cutting.feed_m_rev);
         let travelled_m = travelled_m(recording, &feed_m_rev, &spindle_speed_rpm);
@@ -228,7 +230,8 @@ impl CutRecording {
             speed_factor,
             displacement_m: found.optional("workpiece_displacement_m"),
             workpiece_diameter_m: found.number("workpiece_diameter_m", Sign::Positive)?,
-            signal: ForceSignal { bandwidth_hz, delay_s },
+            signal: ForceSignal { bandwidth_hz, delay_s: delay_s.unwrap_or(0.0) },
+            signal_is_stated: bandwidth_hz.is_some() || delay_s.is_some(),
             experiment: recording.experiment.clone(),
             sample_rate: recording.sample_rate,
             start_s: recording.start_s,
@@ -610,11 +613,12 @@ mod tests {
         let cut = CutRecording::new(&least, &scenario).unwrap();
         assert_eq!(cut.missing.len(), REPLACED.len() - 1, "the force of one tool is there");
         assert_eq!(cut.width_m, [scenario.cutting.raw().width_m; 3]);
-        assert!(cut.forces_n[1].is_none() && cut.displacement_m.is_none());
+        assert!(cut.forces_n[1].is_none() && cut.displacement_m.is_none() && !cut.signal_is_stated);
         let probe = ["tool2_radial_force_n", "spindle_speed_rpm", "workpiece_displacement_m", "width_m"];
         let cut = CutRecording::new(&recording(&probe, &[("force_delay_s", "5e-4")]), &scenario).unwrap();
         assert!(cut.missing.iter().all(|m| m.name != "width_m" && m.name != "workpiece_displacement_m"));
         assert!((cut.signal.delay_s - 5e-4).abs() < 1e-18 && cut.signal.bandwidth_hz.is_none());
+        assert!(cut.signal_is_stated, "one of both is enough");
     }
 
     /// Tools travel with the feed: who does not say where they are says at least how fast.

@@ -27,6 +27,7 @@ pub(crate) fn recording(
         start_s: 0.0,
         forces_n: [0, 1].map(|j| Some(forces.iter().map(|f| f[j]).collect())),
         signal: ForceSignal { bandwidth_hz: None, delay_s: 0.0 },
+        signal_is_stated: true,
         spindle_angle_rad: Some((0..n).map(|k| turn * k as f64).collect()),
         speed_factor: 1.0,
         spindle_speed_rpm: vec![scenario.spindle.rpm(); n],
