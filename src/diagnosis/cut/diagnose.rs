@@ -234,8 +234,8 @@ fn note_signals(recordings: &[CutRecording], diagnosis: &mut CutDiagnosis) {
     let names: Vec<&str> = recordings.iter().filter(unstated).map(|r| r.experiment.as_str()).collect();
     if !names.is_empty() {
         diagnosis.notes.push(format!(
-            "No force_delay_s and no force_bandwidth_hz in {}: the force signal is taken as the force itself, \
-             at once; one that is late or filtered is told as physics of the cut.",
+            "No force_delay_s and no force_bandwidth_hz in {}: the signal is taken as the force itself, at \
+             once; one that is late or filtered is told as physics of the cut.",
             names.join(", ")
         ));
     }

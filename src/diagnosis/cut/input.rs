@@ -92,7 +92,8 @@ pub struct CutRecording {
 pub enum CutInputError {
     /// No force of a tool.
     #[error(
-        "recording {recording}: no column tool1_radial_force_n or tool2_radial_force_n that moves; it has {present}"
+        "recording {recording}: no column tool1_radial_force_n or tool2_radial_force_n that moves; it has \
+         {present}"
     )]
     NoForce {
         /// Experiment of the recording.
