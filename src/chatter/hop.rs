@@ -1,13 +1,16 @@
 //! A line that jumps to another lobe goes on as the same chatter.
 
-use super::criteria::{FOLLOWS, SAME_LINE_HZ, WINDOWS};
+use super::criteria::{FOLLOWS, SAME_LINE_HZ};
 use crate::keyframe::keep;
+
+/// Values after which it has moved there: 40 ms.
+const STAYS: u32 = 20;
 
 /// Where the line stands.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Hop {
     line_hz: Option<f64>,
-    away: usize,
+    away: u32,
 }
 
 keep!(Hop { line_hz, away });
@@ -24,8 +27,7 @@ impl Hop {
             return None;
         }
         self.away += 1;
-        // So long that the shortest window holds nothing else.
-        if self.away < WINDOWS[0] {
+        if self.away < STAYS {
             return None;
         }
         *self = Self { line_hz, away: 0 };

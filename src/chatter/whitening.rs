@@ -10,6 +10,8 @@ use nalgebra::Complex;
 
 type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
+/// Values between two models: 20 ms.
+const EVERY: usize = 10;
 /// Snapshots within the guard time.
 const GUARD: usize = 13;
 /// White noise that is added to what is known, of its power: 30 dB.
@@ -29,7 +31,7 @@ pub(super) struct Noise {
 }
 
 keep!(Noise { covariance, known, past, past_known, oldest, since }
-    if |s| s.oldest < GUARD && s.since <= MEMORY);
+    if |s| s.oldest < GUARD && s.since <= EVERY);
 
 impl Noise {
     pub(super) const NEW: Self = Self {
@@ -61,8 +63,7 @@ impl Noise {
             *to += (r[0] * old.conj() - *to) * share;
         }
         self.since += 1;
-        // As many new ones as there are coefficients: 20 ms.
-        if self.since < MEMORY {
+        if self.since < EVERY {
             return false;
         }
         self.since = 0;
@@ -139,12 +140,6 @@ impl Whitener {
         }
         let scale = 1.0 / power.sqrt();
         Self { taps: a.map(|x| x * scale) }
-    }
-
-    /// What each tap makes of a line at a frequency, in turns a value.
-    pub(super) fn at(&self, turns: f64) -> [C; MEMORY + 1] {
-        let angle = -std::f64::consts::TAU * turns;
-        std::array::from_fn(|m| self.taps[m] * C::from_polar(1.0, angle * m as f64))
     }
 
     /// Power of the noise at a frequency, in turns a value.
