@@ -47,7 +47,7 @@ pub fn write(out: &Path, diagnosis: &CutDiagnosis, files: &CutFiles<'_>) -> Resu
 /// cannot be removed.
 pub(super) fn remove_contributions(out: &Path) -> Result<(), RecordingError> {
     for rank in 1.. {
-        let path = out.join(format!("contribution-{rank}.parquet"));
+        let path = out.join(contribution_name(rank));
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => break,
             done => done.map_err(|source| RecordingError::Io { path, source })?,
@@ -102,7 +102,7 @@ fn location(l: &CutLocation, diagnosis: &CutDiagnosis) -> Value {
 
 fn finding(f: &CutFinding) -> Value {
     let parameters: Map<String, Value> = f.parameters.iter().map(|e| (e.name.clone(), estimate(e))).collect();
-    let contribution = (!f.contribution.is_empty()).then(|| contribution_name(f));
+    let contribution = (!f.contribution.is_empty()).then(|| contribution_name(f.rank));
     json!({
         "rank": f.rank, "effect": f.effect.name(), "port": f.port.name(), "statement": f.statement,
         "equation": f.equation,
@@ -153,8 +153,9 @@ fn planned(cut: &PlannedCut) -> Value {
     })
 }
 
-fn contribution_name(f: &CutFinding) -> String {
-    format!("contribution-{}.parquet", f.rank)
+/// File of what a finding adds, of a drive or a cut.
+pub(super) fn contribution_name(rank: usize) -> String {
+    format!("contribution-{rank}.parquet")
 }
 
 fn write_contribution(
@@ -183,7 +184,7 @@ fn write_contribution(
         ("effect".to_owned(), finding.effect.name().to_owned()),
         ("port".to_owned(), finding.port.name().to_owned()),
     ];
-    write_table(&out.join(contribution_name(finding)), &Table { columns, metadata })
+    write_table(&out.join(contribution_name(finding.rank)), &Table { columns, metadata })
 }
 
 /// One optional column of a table of cuts.

@@ -1,5 +1,6 @@
 //! `diagnosis.json`, `contribution-N.parquet` and `model.toml` (contracts, section 4).
 
+use super::cut_files::{contribution_name, remove_contributions};
 use super::faults::{FaultOf, faults_json};
 use crate::diagnosis::{Alternative, Diagnosis, Estimate, Finding, Location, SimulatedTrial};
 use crate::recording::{RecordingError, Table, TableColumn, write_table, write_whole};
@@ -17,7 +18,7 @@ pub fn write(
     faults: &[FaultOf],
 ) -> Result<(), RecordingError> {
     std::fs::create_dir_all(out).map_err(|source| RecordingError::Io { path: out.to_owned(), source })?;
-    super::cut_files::remove_contributions(out)?;
+    remove_contributions(out)?;
     for finding in &diagnosis.findings {
         write_contribution(out, diagnosis, finding)?;
     }
@@ -119,7 +120,7 @@ fn finding(f: &Finding) -> Value {
         "probability": f.probability,
         "alternatives": f.alternatives.iter().map(alternative).collect::<Vec<_>>(),
         "next_experiment": f.next_experiment,
-        "contribution": format!("contribution-{}.parquet", f.rank),
+        "contribution": contribution_name(f.rank),
         "evidence": f.evidence,
     })
 }
@@ -151,5 +152,5 @@ fn write_contribution(out: &Path, diagnosis: &Diagnosis, finding: &Finding) -> R
             ("port".to_owned(), finding.port.name().to_owned()),
         ],
     };
-    write_table(&out.join(format!("contribution-{}.parquet", finding.rank)), &table)
+    write_table(&out.join(contribution_name(finding.rank)), &table)
 }

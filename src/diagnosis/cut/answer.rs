@@ -251,10 +251,14 @@ pub(crate) fn defeated(
     defended: &[Defended],
 ) -> Option<usize> {
     let point = &selected.model.point;
+    if point.terms.is_empty() {
+        return None;
+    }
+    let temper = whitened_power(problem, point);
     let lost = |term: &Term| {
         let own = stood(selected, defended, term.law)?;
         let best = own.rivals.iter().map(|r| r.1).reduce(f64::max)?;
-        let of_both = probabilities(&[own.evidence_nats], best, whitened_power(problem, point));
+        let of_both = probabilities(&[own.evidence_nats], best, temper);
         Some(of_both[0] < CRITERIA.alive)
     };
     point.terms.iter().position(|term| lost(term).unwrap_or(false))

@@ -122,11 +122,12 @@ fn first_known(
         let (_, observables) = observed(frame, &known, evidence, table);
         let problem = Problem { frame, observables: &observables };
         point = Cut::new(&problem, Vec::new(), 0).start(&point, work)?.point;
+        return Some((known, point));
     }
     // What is linear, what fades and how noisy each recording is, is judged by the machine as stated, then by
     // the same structure with the numbers that fit, twice: noise that is taken for that of another recording
     // makes a random force of what is none.
-    for _ in 0..if evidence.recordings.is_empty() { 0 } else { 2 } {
+    for _ in 0..2 {
         let (_, observables) = observed(frame, &known, evidence, table);
         let problem = Problem { frame, observables: &observables };
         let fitted = Cut::new(&problem, Vec::new(), 0).rough(&point, work)?;

@@ -398,19 +398,20 @@ impl Lathe {
 #[derive(Debug, Clone, Copy)]
 struct RandomForce {
     now: f64,
-    /// What is left of it after a step.
+    /// What is left of it after a step, and how much of a fresh number comes to it.
     kept: f64,
+    added: f64,
 }
 
 impl RandomForce {
     fn new(step_s: f64, random: &mut ChaCha8Rng) -> Self {
         let kept = (-TAU * RANDOM_FORCE_CORNER_HZ * step_s).exp();
-        Self { now: StandardNormal.sample(random), kept }
+        Self { now: StandardNormal.sample(random), kept, added: (1.0 - kept * kept).sqrt() }
     }
 
     fn step(&mut self, random: &mut ChaCha8Rng) -> f64 {
         let fresh: f64 = StandardNormal.sample(random);
-        self.now = self.kept * self.now + (1.0 - self.kept * self.kept).sqrt() * fresh;
+        self.now = self.kept * self.now + self.added * fresh;
         self.now
     }
 }

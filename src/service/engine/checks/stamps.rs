@@ -2,10 +2,23 @@
 
 use super::*;
 
+/// What is wrong with a sample.
+type Spoil = fn(&mut ServoPoint);
+
+/// A millisecond of samples, the first of them spoilt.
+fn feed_one_spoilt(bench: &mut Bench, spoil: Spoil) {
+    let once = std::cell::Cell::new(true);
+    bench.feed(0.001, |p| {
+        if once.replace(false) {
+            spoil(p);
+        }
+    });
+}
+
 /// In act: one sample with an impossible number or time is one sample less, and neither a loss nor silence.
 #[test]
 fn one_wild_stamp_is_one_sample_less() {
-    let wild: [fn(&mut ServoPoint); 6] = [
+    let wild: [Spoil; 6] = [
         |p| (p.sequence, p.t_ns) = (1_000_000_000, 111_111_111_111_111),
         |p| p.sequence = 1_000_000_000,
         |p| p.sequence = u64::MAX,
@@ -16,12 +29,7 @@ fn one_wild_stamp_is_one_sample_less() {
     for spoil in wild {
         let mut bench = bench();
         bench.feed(3.5, |_| {});
-        let once = std::cell::Cell::new(true);
-        bench.feed(0.001, |p| {
-            if once.replace(false) {
-                spoil(p);
-            }
-        });
+        feed_one_spoilt(&mut bench, spoil);
         bench.feed(1.1, |_| {});
         let totals = bench.engine.stream.as_ref().unwrap().totals;
         assert_eq!((totals.lost, totals.rejected), (0, 1));
@@ -41,7 +49,6 @@ fn one_wild_stamp_is_one_sample_less() {
 /// the seconds that a filter remembers it.
 #[test]
 fn one_wild_value_is_one_sample_less() {
-    type Spoil = fn(&mut ServoPoint);
     let wild: [(Spoil, u64); 5] = [
         (|p| p.axes[1].stage_position_m = 1e300, 1),
         (|p| p.axes[0].current_ref_a = -1e14, 1),
@@ -52,12 +59,7 @@ fn one_wild_value_is_one_sample_less() {
     for (k, (spoil, refused)) in wild.into_iter().enumerate() {
         let mut bench = bench();
         bench.feed(3.5, |_| {});
-        let once = std::cell::Cell::new(true);
-        bench.feed(0.001, |p| {
-            if once.replace(false) {
-                spoil(p);
-            }
-        });
+        feed_one_spoilt(&mut bench, spoil);
         bench.feed(if refused > 0 { 1.1 } else { 6.0 }, |_| {});
         let totals = bench.engine.stream.as_ref().unwrap().totals;
         // A sample that is refused is missing between those beside it.
