@@ -49,9 +49,6 @@ pub fn diagnose(
     progress(0.02, "dividing the recordings");
     let (known, point) = first_known(&frame, evidence, table, &mut work).ok_or(CutInputError::NoCut)?;
     let (stretches, mut observables) = observed(&frame, &known, evidence, table);
-    if observables.is_empty() {
-        return Err(CutInputError::NothingToJudge);
-    }
     // A table costs little, and its screening says little: the fit may have been bent far.
     let rivals = if evidence.recordings.is_empty() { laws.len() } else { REACH.fitted };
     // What stands in for a column that is missing may be wrong: where something is left, the question is
@@ -89,6 +86,11 @@ pub fn diagnose(
         progress(0.87, "what the recordings show of it");
         recorded::complete(&fitting, evidence.recordings, &stretches, &mut diagnosis);
         hidden::tell(evidence.recordings, &left_out, &laws, &mut diagnosis);
+    }
+    // What is seen without a model (a line of no spindle, lost contact) is told; silence about what nobody
+    // looked at would be an answer.
+    if observables.is_empty() && diagnosis.verdict == Verdict::ModelAdequate {
+        return Err(CutInputError::NothingToJudge);
     }
     if let Some(table) = table {
         progress(0.9, "foretelling each speed from the others");
