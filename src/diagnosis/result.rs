@@ -206,6 +206,8 @@ pub struct RecordingFit {
     pub rms_after_n: f64,
     /// Times of the series below (thinned to the residual's own rate), s.
     pub t_s: Vec<f64>,
+    /// False where nothing was measured: what is left is 0 there, and not shown.
+    pub measured: Vec<bool>,
     /// Position of the stage (of the motor as travel, where there is no scale), m.
     pub position_m: Vec<f64>,
     /// Its velocity, m/s.

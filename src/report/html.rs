@@ -130,8 +130,15 @@ pub(super) fn after(fit: &RecordingFit, balance: usize) -> &[f64] {
     fit.residual_after_n.get(balance).map_or(&[], Vec::as_slice)
 }
 
-fn series(fit: &RecordingFit, values: &[f64]) -> Vec<[f64; 2]> {
-    fit.t_s.iter().zip(values).map(|(t, v)| [*t, *v]).collect()
+/// A series between two times, in pieces: nothing is drawn over rows that were not measured.
+fn drawn(fit: &RecordingFit, (class, values): (&'static str, &[f64]), x: [f64; 2]) -> Vec<Mark> {
+    let rows: Vec<(bool, [f64; 2])> =
+        fit.t_s.iter().zip(values).zip(&fit.measured).map(|((t, v), m)| (*m, [*t, *v])).collect();
+    rows.split(|(measured, _)| !measured)
+        .map(|piece| piece.iter().map(|(_, p)| *p).filter(|p| (x[0]..=x[1]).contains(&p[0])).collect())
+        .filter(|points: &Vec<[f64; 2]>| points.len() > 1)
+        .map(|points| Mark::Envelope { class, points })
+        .collect()
 }
 
 pub(super) fn key(class: &str, text: &str) -> String {
@@ -154,11 +161,11 @@ fn hero(out: &mut String, d: &Diagnosis, p: Picked) {
         size,
         x: Axis::linear("time, s", x),
         y: y.clone(),
-        marks: vec![
-            Mark::Envelope { class: "before", points: clipped(series(fit, b), x) },
-            Mark::Envelope { class: "after", points: clipped(series(fit, a), x) },
-            Mark::Band { class: "floor", y: [-2.0 * floor, 2.0 * floor] },
-        ],
+        marks: [("before", b), ("after", a)]
+            .into_iter()
+            .flat_map(|of| drawn(fit, of, x))
+            .chain([Mark::Band { class: "floor", y: [-2.0 * floor, 2.0 * floor] }])
+            .collect(),
         title: title.to_owned(),
     };
     let (word_before, word_after) = match d.verdict {
@@ -199,10 +206,6 @@ fn hero(out: &mut String, d: &Diagnosis, p: Picked) {
         significant(d.residual_band_hz[0], 3),
         significant(d.residual_band_hz[1], 3),
     );
-}
-
-fn clipped(points: Vec<[f64; 2]>, x: [f64; 2]) -> Vec<[f64; 2]> {
-    points.into_iter().filter(|p| (x[0]..=x[1]).contains(&p[0])).collect()
 }
 
 /// A twentieth of the recording (at least 0.15 s) where `values` carry most.

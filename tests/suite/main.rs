@@ -44,6 +44,7 @@ mod margin;
 mod model_axis;
 #[cfg(feature = "service")]
 mod own_cut;
+mod own_drive;
 #[cfg(feature = "service")]
 mod page;
 mod parsers;

@@ -41,6 +41,7 @@ fn recording(index: usize) -> RecordingFit {
         experiment: if index == 0 { "idle".into() } else { "<b>moves</b>".into() },
         rms_before_n: 7.1,
         rms_after_n: 0.26,
+        measured: vec![true; t_s.len()],
         t_s,
         position_m,
         velocity_m_s,
@@ -216,4 +217,17 @@ fn an_empty_series_still_gives_a_page() {
         };
     }
     assert!(diagnosis_page(&d, &context()).contains("The model leaves out"));
+}
+
+/// Nothing is drawn over rows that were not measured: a curve ends before them and begins behind them.
+#[test]
+fn rows_that_were_not_measured_are_not_drawn() {
+    let curves = |page: &str| page.matches("<path").count();
+    let mut d = diagnosis();
+    let whole = curves(&diagnosis_page(&d, &context()));
+    for r in &mut d.recordings {
+        r.measured[6000..6400].fill(false);
+    }
+    // Before and after, in the picture of the whole recording at least.
+    assert!(curves(&diagnosis_page(&d, &context())) >= whole + 2);
 }

@@ -544,6 +544,10 @@ impl Case<'_> {
             };
             (sides.iter().map(measured).sum::<f64>() / sides.len().max(1) as f64).sqrt()
         };
+        let blank = |sides: &[Vec<f64>], masked: &[bool]| -> Vec<Vec<f64>> {
+            let of = |x: &Vec<f64>| x.iter().zip(masked).map(|(v, m)| if *m { 0.0 } else { *v }).collect();
+            sides.iter().map(of).collect()
+        };
         let of = |(r, track): (usize, &super::signals::Track)| {
             let after = if unexplained { &series.before[r] } else { &series.after[r] };
             let written = if unexplained { &series.nominal[r] } else { &series.after[r] };
@@ -552,11 +556,12 @@ impl Case<'_> {
                 rms_before_n: power(&series.nominal[r], &track.masked),
                 rms_after_n: power(written, &track.masked),
                 t_s: (0..track.thin_count()).map(|j| track.start_s + track.thin_s(j, s.step)).collect(),
+                measured: track.masked.iter().map(|m| !m).collect(),
                 position_m: track.thin.position.clone(),
                 velocity_m_s: track.thin.velocity[s.sides() - 1].clone(),
-                residual_nominal_n: series.nominal[r].clone(),
-                residual_before_n: series.before[r].clone(),
-                residual_after_n: after.clone(),
+                residual_nominal_n: blank(&series.nominal[r], &track.masked),
+                residual_before_n: blank(&series.before[r], &track.masked),
+                residual_after_n: blank(after, &track.masked),
             }
         };
         s.tracks.iter().enumerate().map(of).collect()

@@ -16,8 +16,10 @@ pub(in crate::diagnosis) struct Criteria {
     pub(super) converged_nats: f64,
     /// Amplitude of a law whose shape carries its size (a gap, a mode), least and most: 1 if it is true.
     pub(super) dose: [f64; 2],
-    /// When a reference acts beside what the dead time says, samples: drives take it up within one. Where
-    /// both encoders are read by the drive itself it is no later than said, or there is a dead time.
+    /// When a reference acts beside what the dead time says, samples. One that is held over its sample acts
+    /// half a sample after it was given; drives take it up within one. A force that is logged as it acts has
+    /// the time of its position: half a sample earlier. Where both encoders are read by the drive itself it
+    /// is no later than said, or there is a dead time.
     pub(super) timing_samples: [f64; 2],
     /// Where in those they mostly do, and by how much that differs between drives, as a deviation.
     pub(super) timing_usual: f64,
@@ -79,7 +81,7 @@ impl Criteria {
         knockoff_factor: 2.0,
         converged_nats: 0.05,
         dose: [0.6, 1.6],
-        timing_samples: [-0.25, 0.1],
+        timing_samples: [-0.5, 0.1],
         timing_usual: -0.15,
         timing_deviation: 0.05,
         rest_floors: 1.0,

@@ -253,6 +253,25 @@ impl Design {
         (a, b)
     }
 
+    /// What the noise of each band makes of the normal equations more than the one level does under which all
+    /// bands were fitted: X^H W (S_b - S) W X. Zero where every band has its own level.
+    pub(super) fn noise_by_band(
+        &self,
+        by_band: &[BandGram],
+        (bands, weights): (&[BandGram], &[Spread]),
+        beta: &[f64],
+    ) -> DMatrix<f64> {
+        if self.sides == 2 {
+            return DMatrix::zeros(beta.len(), beta.len());
+        }
+        let level = |b: &BandGram| bands.iter().position(|o| o.recording == b.recording);
+        let of = |b: &BandGram| {
+            level(b).map_or([0.0; 3], |k| [weights[k][0].powi(2) * self.spread(b, beta)[0], 0.0, 0.0])
+        };
+        let seen: Vec<Spread> = by_band.iter().map(of).collect();
+        self.normal(by_band, &seen).0 - self.normal(bands, weights).0
+    }
+
     /// One Newton step of the weighted squares and the mass term, bounds held.
     fn step(
         &self,
@@ -346,11 +365,13 @@ fn solve(a: &DMatrix<f64>, b: &DVector<f64>, held: &[Option<f64>]) -> Vec<f64> {
 }
 
 impl Fit {
-    /// Variances of the coefficients by the curvature of L, and by how the parts of the recordings differ
-    /// (`scores`: half the gradient of L on each): what is wrong with the model is not the same in all of
-    /// them. The larger counts. Held ones have none of their own.
-    pub(super) fn variances(&self, scores: &[DVector<f64>]) -> Vec<f64> {
+    /// Variances of the coefficients by the curvature of L under the noise that each band has (`by_band`, see
+    /// [`Design::noise_by_band`]), and by how the parts of the recordings differ (`scores`: half the gradient
+    /// of L on each): what is wrong with the model is not the same in all of them. The larger counts. Held
+    /// ones have none of their own.
+    pub(super) fn variances(&self, scores: &[DVector<f64>], by_band: &DMatrix<f64>) -> Vec<f64> {
         let inverse = self.inverse();
+        let seen = &inverse + &inverse * by_band * &inverse;
         let parts = scores.len().max(2) as f64;
         // Few parts tell their own spread badly.
         let few = StudentsT::new(0.0, 1.0, parts - 1.0).map_or(1.0, |t| t.inverse_cdf(0.975) / Z95);
@@ -358,7 +379,7 @@ impl Fit {
         let of = |k: usize| {
             let between = apart.iter().map(|a| a[k] * a[k]).sum::<f64>() * few * few * parts / (parts - 1.0);
             // L has twice the information as its second derivative, and exp(-L) is the likelihood.
-            between.max(0.5 * Criteria::STANDARD.serial.powi(2) * inverse[(k, k)])
+            between.max(0.5 * Criteria::STANDARD.serial.powi(2) * seen[(k, k)])
         };
         (0..self.beta.len()).map(of).collect()
     }

@@ -48,7 +48,8 @@ pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
     let fit = design.fit(&bands, start, weights);
     let weights = design.weights(&bands, &fit.beta);
     let scores = scores(balance, (&gram, &design), (&bands, &weights), &fit.beta);
-    let variances = fit.variances(&scores);
+    let by_band = design.noise_by_band(&gram.sum_by_band(plan), (&bands, &weights), &fit.beta);
+    let variances = fit.variances(&scores, &by_band);
     let wider = 1.0_f64.hypot(rest.force_n / rest.floor_n.max(1e-300));
     let sd = |k: usize| wider * variances[k].max(0.0).sqrt().hypot(by_rounding(base, k));
     let numbers = (0..base.numbers.len()).map(sd).collect();

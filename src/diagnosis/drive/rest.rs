@@ -2,6 +2,7 @@
 
 use super::criteria::Criteria;
 use super::evidence::level;
+use super::gram::BandGram;
 use super::likelihood::{Design, ITERATIONS, Spread};
 use super::signals::Layout;
 use super::state::{Balance, State};
@@ -77,21 +78,21 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
         };
         [quiet(0.5).or_else(|| quiet(0.0)).unwrap_or(0.0), 0.0, 0.0]
     };
+    // The floor of a band: of one position both noises pass the low-pass.
+    let floor_in = |band: &BandGram| -> Spread {
+        let (f, hz) = (floor_of(band.recording), middle(band.band));
+        let one = || balance.signals.kept_power(hz) * (f[0] + of_position(band.recording, hz));
+        if two { f } else { [one(), 0.0, 0.0] }
+    };
     let scale = 1.0 / plan.measured().max(1.0);
     let (mut excess, mut floor, mut whole) = ([0.0; 3], 0.0, [0.0; 2]);
     let mut by_band = vec![0.0; plan.bands()];
     for (band, s) in all.iter().zip(&spreads) {
-        let f = floor_of(band.recording);
+        let f = floor_in(band);
         let share = band.values * scale;
         whole[0] += f[0] * share;
         whole[1] += f[2] * share;
         if middle(band.band) < low_hz || !two {
-            let f = if two {
-                f
-            } else {
-                let hz = middle(band.band);
-                [balance.signals.kept_power(hz) * (f[0] + of_position(band.recording, hz)), 0.0, 0.0]
-            };
             (0..3).for_each(|k| excess[k] += (s[k] - f[k]) * share);
             by_band[band.band] += (s[0] - f[0] + s[2] - f[2]).max(0.0) * share;
             floor += (f[0] + f[2]) * share;
