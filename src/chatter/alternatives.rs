@@ -4,7 +4,6 @@
 //! In (n - 1) values of white noise of unknown level a template that explains the energy E of all W leaves
 //! W - E; two of them compare as (n - 1) ln((W - E2)/(W - E1)).
 
-use super::beginning::Grew;
 use super::criteria::{CRITERIA, LONGEST, RINGS_1_S, WINDOWS};
 use super::fourier::POINTS;
 use super::window::{Around, Heard, Reason, Window, fit, fit_two, louder};
@@ -38,6 +37,7 @@ impl Window<'_> {
             }
             return heard;
         }
+        heard.power_n2 = self.power().0;
         let beside = self.near();
         let order = self.order_nats(&beside) / levels.cause_nats;
         let (mode, kept) = self.mode_nats(&beside);
@@ -49,15 +49,10 @@ impl Window<'_> {
             (mode, Reason::Mode),
         ];
         for (evidence, reason) in terms {
-            least(&mut heard, evidence, reason);
+            heard.least(evidence, reason);
         }
-        if heard.evidence > CRITERIA.hold && self.past.len() >= WINDOWS[0] && !self.around.blind {
-            let Grew { began_nats, moved_nats } = self.grew();
-            // Whitened by the noise of another cut it has to be as clear as a cause that is refuted.
-            let share = if self.around.young { 1.0 } else { CRITERIA.silent };
-            heard.came = began_nats < -share * levels.cause_nats || moved_nats < -levels.cause_nats;
-            let least_nats = if heard.came { 0.0 } else { moved_nats };
-            least(&mut heard, least_nats / levels.cause_nats, Reason::Foreign);
+        if heard.evidence > CRITERIA.hold {
+            self.begun(&mut heard);
         }
         if kept && level > levels.noise_nats {
             heard.evidence = heard.evidence.max(CRITERIA.hold * 1.01);
@@ -110,14 +105,16 @@ impl Window<'_> {
     }
 
     /// Against noise through a damped mode, over its threshold: noise of damping sigma has 1 + sigma T
-    /// independent values. And louder than the noise of a stable cut: one does not tell of the other. The
-    /// second: whether it is too loud to be learned as noise.
+    /// independent values. And louder than the noise of a stable cut, and growing: one does not tell of the
+    /// other. The second: whether it is too loud to be learned as noise.
     fn mode_nats(&self, beside: &Near) -> (f64, bool) {
         let Around { young, told, cuts, blind, stable_n2, rate_hz, .. } = *self.around;
         if !young && told && self.which + 1 != WINDOWS.len() {
             return (f64::INFINITY, false);
         }
         let loud = if young { louder(self.power().0, stable_n2) } else { 0.0 };
+        let rises =
+            if young && self.grew() > self.around.levels.switched_nats { self.rise_nats() } else { 0.0 };
         let levels = &self.around.levels;
         let nats = match (told, young) {
             (true, true) if cuts => levels.cause_nats,
@@ -125,7 +122,18 @@ impl Window<'_> {
             _ => levels.untold_nats,
         };
         let times = 1.0 + CRITERIA.damped_1_s * self.e.len() as f64 / rate_hz;
-        ((times * beside.coherence() + loud) / nats, blind && 2.0 * loud > 1.0)
+        ((times * beside.coherence() + loud + rises) / nats, blind && 2.0 * loud > 1.0)
+    }
+
+    /// Evidence, nats, that the line grew within the window, and not all that begins with a cut: the powers of
+    /// noise in its halves are exponential, and one is x times the other with a probability of 1/(1 + x).
+    fn rise_nats(&self) -> f64 {
+        let over_rest = |e: &[C]| {
+            let (line, all) = (fit(e, self.turns(), 0.0), e.iter().map(C::norm_sqr).sum::<f64>());
+            line.max(f64::MIN_POSITIVE) / (all - line).max(1e-6 * all)
+        };
+        let (first, last) = self.e.split_at(self.e.len() / 2);
+        (1.0 + over_rest(last) / over_rest(first)).ln()
     }
 
     /// Where nothing is known a line may have stood in air too: then it is not the cut's, unless no stable
@@ -195,7 +203,7 @@ impl Window<'_> {
     }
 
     /// Power of the line, N^2, at the end of the window, and its energy.
-    fn power(&self) -> (f64, f64) {
+    pub(super) fn power(&self) -> (f64, f64) {
         let n = self.e.len();
         let back = C::from_polar((-self.heard.growth_1_s / self.around.rate_hz).exp(), -TAU * self.turns());
         let (mut s, mut sum, mut energy) = (C::new(1.0, 0.0), ZERO, 0.0);
@@ -285,11 +293,5 @@ impl Near {
     /// ln of what there is over what the line leaves.
     fn coherence(&self) -> f64 {
         (1.0 + self.alone / self.rest.max(1e-6 * self.alone)).ln()
-    }
-}
-
-fn least(heard: &mut Heard, evidence: f64, reason: Reason) {
-    if evidence < heard.evidence {
-        (heard.evidence, heard.reason) = (evidence.max(0.0), reason);
     }
 }

@@ -1,80 +1,147 @@
-//! How a line began: chatter grows out of the noise, what is struck or switched on is there at once, and what
-//! goes with the feed came from elsewhere.
+//! How a line began: chatter grows out of the noise, what is struck or switched on is there at once.
+//!
+//! Two hypotheses of one line, by all that is in sight of it: it grew until some moment and stands since, or it
+//! was switched on within some milliseconds and stands or fades since. The whitening filter leaves more of a
+//! beginning than of what follows, where it knows noise at the place of the line.
 
-use super::criteria::{GROWTHS_1_S, LONGEST, RINGS_1_S, WINDOWS};
-use super::sweep::PAST;
-use super::window::Window;
+use super::criteria::{CRITERIA, GREW_1_S, LONGEST, MEMORY, PAST, RINGS_1_S, RISES, WINDOWS};
+use super::window::{Heard, Reason, Value, Window, fit, louder};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
 type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
 
-/// Evidence, nats, that a line grew and may stand since.
-pub(super) struct Grew {
-    /// Against one that began at once and may have faded since.
-    pub(super) began_nats: f64,
-    /// Against one that moved; infinite where it is not asked.
-    pub(super) moved_nats: f64,
-}
-
 impl Window<'_> {
-    /// How the line of the window began, by the window and what was before it.
-    pub(super) fn grew(&self) -> Grew {
-        let n = self.e.len() + self.past.len();
+    /// What the beginning of the line says of it.
+    pub(super) fn begun(&self, heard: &mut Heard) {
+        let levels = &self.around.levels;
+        let grown = self.grew() + louder(self.power().0, self.around.stable_n2);
+        // All else that begins with a cut is there at once, too.
+        let least = if self.around.young { levels.cause_nats } else { levels.switched_nats };
+        heard.came = grown < -least;
+        let untold = self.around.young || self.under_noise();
+        if heard.came || (grown < levels.switched_nats && !untold) {
+            heard.least(CRITERIA.hold * (1.0 + grown / levels.switched_nats), Reason::Foreign);
+        }
+        if heard.evidence > CRITERIA.hold
+            && !self.around.young
+            && self.sight.len() >= self.e.len() + WINDOWS[0]
+        {
+            let stayed = self.stayed() / levels.cause_nats;
+            heard.came |= stayed < -1.0;
+            heard.least(stayed, Reason::Foreign);
+        }
+    }
+
+    /// Whether the beginning of the line is under the noise: only the longest window hears it, and it was not
+    /// there before that.
+    fn under_noise(&self) -> bool {
+        let past = &self.sight[..self.sight.len() - self.e.len()];
+        if self.e.len() < LONGEST || past.len() < PAST {
+            return false;
+        }
+        let mut before = [ZERO; PAST];
+        before.iter_mut().zip(past).for_each(|(to, from)| *to = from.white);
+        let step = 0.5 / LONGEST as f64;
+        let old = [-step, 0.0, step].map(|apart| fit(&before, self.turns() + apart, 0.0));
+        let new = fit(&self.e[LONGEST / 2..], self.turns(), 0.0);
+        new < self.around.levels.noise_nats && CRITERIA.louder * old.into_iter().fold(0.0, f64::max) < new
+    }
+
+    /// Evidence, nats, that the line grew and may stand since, against one that was switched on and may have
+    /// faded since.
+    pub(super) fn grew(&self) -> f64 {
+        let rate_hz = self.around.rate_hz;
+        self.more_than(self.sight, |line, turns| switched_on(line, &self.around.whitener.at(turns), rate_hz))
+    }
+
+    /// The same against one that moved here.
+    fn stayed(&self) -> f64 {
+        let values = &self.sight[self.sight.len().saturating_sub(self.e.len() + PAST)..];
+        let moved = self.sweep(values);
+        self.more_than(values, |_, _| moved)
+    }
+
+    /// Evidence, nats, that the line grew, by these values, against what explains the energy of `other`.
+    fn more_than(&self, values: &[Value], other: impl Fn(&[C], f64) -> f64) -> f64 {
+        let n = values.len();
         let rate_hz = self.around.rate_hz;
         let mut line = [ZERO; LONGEST + PAST];
         let line = &mut line[..n];
-        let [mut all, mut began, mut grew] = [0.0; 3];
+        let [mut all, mut not, mut grew] = [0.0; 3];
         for k in -2..=2 {
             let turns = self.turns() + f64::from(k) * 0.25 / self.e.len() as f64;
-            let (mut wave, back) = (C::new(1.0, 0.0), C::from_polar(1.0, TAU * turns));
-            let past = self.past.iter().rev().map(|v| v.white);
-            for (to, from) in line.iter_mut().zip(self.e.iter().rev().copied().chain(past)) {
-                *to = from * wave;
-                wave *= back;
+            for (q, (to, from)) in line.iter_mut().zip(values.iter().rev()).enumerate() {
+                let ago = q as f64;
+                let bent = 0.5 * self.around.sweep_hz_s * (ago / rate_hz).powi(2);
+                *to = from.white * C::from_polar(1.0, TAU * (turns * ago - bent));
             }
             all = line.iter().map(C::norm_sqr).sum();
-            began = at_once(line, rate_hz).max(began);
+            not = other(line, turns).max(not);
             grew = growing(line, rate_hz).max(grew);
         }
         let left = |energy: f64| (all - energy).max(1e-12 * all);
-        let nats = |other: f64| (n as f64 - 1.0) * (left(other) / left(grew)).ln();
-        let moved_nats = if self.around.young { f64::INFINITY } else { nats(self.sweep()) };
-        Grew { began_nats: nats(began), moved_nats }
+        (n as f64 - 1.0) * (left(not) / left(grew)).ln()
     }
 }
 
-/// Most energy of a line at zero that began at once; the newest value is the first.
-fn at_once(line: &[C], rate_hz: f64) -> f64 {
-    // Some silence before it and some of the line after it.
-    let seen = WINDOWS[0] / 2;
-    let mut best: f64 = 0.0;
-    for ring_1_s in std::iter::once(0.0).chain(RINGS_1_S) {
-        let back = (ring_1_s / rate_hz).exp();
-        let (mut s, mut sum, mut energy) = (1.0, ZERO, 0.0);
-        for (q, x) in line[..line.len() - seen].iter().enumerate() {
-            sum += x * s;
-            energy += s * s;
-            s *= back;
-            if q >= seen {
-                best = best.max(sum.norm_sqr() / energy);
-            }
+/// Most energy of a line at zero that was switched on, as `filter` leaves it; the newest value is the first.
+fn switched_on(line: &[C], filter: &[C; MEMORY + 1], rate_hz: f64) -> f64 {
+    let steady = RISES.into_iter().map(|rise| (rise, 0.0));
+    let fading = RINGS_1_S.into_iter().map(|ring_1_s| (1, ring_1_s));
+    let of = |(rise, ring_1_s): (usize, f64)| {
+        let fade = (-ring_1_s / rate_hz).exp();
+        let size = |k: usize| ((k as f64 + 1.0) / rise as f64).min(1.0) * fade.powf(k as f64);
+        let mut head = [ZERO; WINDOWS[0]];
+        for (k, to) in head.iter_mut().enumerate() {
+            *to = filter.iter().take(k + 1).enumerate().map(|(m, a)| a * size(k - m)).sum();
+        }
+        // All of the filter sees the line here, and all of its size: from here on it only fades.
+        let head = &head[..rise + MEMORY];
+        at_any_time(line, head, fade)
+    };
+    steady.chain(fading).map(of).fold(0.0, f64::max)
+}
+
+/// Most energy of a line that began as `head` does, and fades from its last value on, at any time.
+fn at_any_time(line: &[C], head: &[C], fade: f64) -> f64 {
+    // Some of the line and some silence before it, or it is no beginning.
+    let seen = WINDOWS[0] / 4;
+    let (gain, head) = (head[head.len() - 1], &head[..head.len() - 1]);
+    let (mut tail, mut tail_energy, mut head_energy, mut best) = (ZERO, 0.0, 0.0, 0.0f64);
+    // So many values ago it began; at last, that it was there before all that is in sight.
+    for ago in 1..=line.len() + head.len() {
+        if let Some(newest) = ago.checked_sub(head.len() + 1) {
+            tail = tail * fade + gain.conj() * line[newest];
+            tail_energy = tail_energy * fade * fade + gain.norm_sqr();
+        } else {
+            head_energy += head[ago - 1].norm_sqr();
+        }
+        if ago == line.len() + head.len() {
+            best = best.max(tail.norm_sqr() / tail_energy);
+        } else if (seen..=line.len().saturating_sub(seen)).contains(&ago) {
+            let begins = line[..ago].iter().rev().zip(head);
+            let sum = tail + begins.map(|(x, h)| h.conj() * x).sum::<C>();
+            best = best.max(sum.norm_sqr() / (tail_energy + head_energy));
         }
     }
     best
 }
 
-/// The same of one that grew until some moment and stands since.
+/// The same of one that grew until some moment and stands since. What grows slowly leaves the filter as what
+/// stands does.
 fn growing(line: &[C], rate_hz: f64) -> f64 {
     let mut best: f64 = 0.0;
-    for growth_1_s in GROWTHS_1_S {
+    for growth_1_s in GREW_1_S {
         let back = (-growth_1_s / rate_hz).exp();
         let mut stood: C = line.iter().sum();
         let (mut grown, mut energy) = (ZERO, 0.0);
         for (q, x) in line.iter().enumerate().rev() {
             // What is older than this value grew, up to the size at which it stands from here on.
-            best = best.max((stood + grown * back).norm_sqr() / ((q + 1) as f64 + energy * back * back));
+            if q < line.len() - line.len() / 8 {
+                best = best.max((stood + grown * back).norm_sqr() / ((q + 1) as f64 + energy * back * back));
+            }
             stood -= x;
             grown = grown * back + x;
             energy = energy * back * back + 1.0;
@@ -89,18 +156,35 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_that_grew_is_told_from_one_that_was_there_at_once() {
+    fn a_line_that_grew_is_told_from_one_that_was_switched_on() {
+        let mut plain = [ZERO; MEMORY + 1];
+        plain[0] = C::new(1.0, 0.0);
         // Newest first, 240 values of 2 ms.
         let of = |size: &dyn Fn(f64) -> f64| {
             let line: Vec<C> = (0..240).map(|q| C::new(size(0.002 * f64::from(q)), 0.0)).collect();
             let all: f64 = line.iter().map(C::norm_sqr).sum();
-            (at_once(&line, 500.0) / all, growing(&line, 500.0) / all)
+            (switched_on(&line, &plain, 500.0) / all, growing(&line, 500.0) / all)
         };
         let (at, grew) = of(&|ago_s| (-15.0 * (ago_s - 0.1).max(0.0)).exp());
         assert!(grew > 0.999 && at < 0.95, "{at} {grew}");
         let (at, grew) = of(&|ago_s| if ago_s < 0.1 { 1.0 } else { 0.0 });
-        assert!(at > 0.999 && grew < 0.96, "{at} {grew}");
+        assert!(at > 0.999 && grew < 0.98, "{at} {grew}");
+        let (at, grew) = of(&|ago_s| ((0.1 - ago_s) / 0.006).clamp(0.0, 1.0));
+        assert!(at > 0.999 && grew < 0.99, "{at} {grew}");
         let (at, grew) = of(&|ago_s| if ago_s < 0.1 { (20.0 * ago_s).exp() } else { 0.0 });
         assert!(at > 0.999 && grew < 0.8, "{at} {grew}");
+    }
+
+    #[test]
+    fn what_the_filter_leaves_of_a_beginning_is_looked_for() {
+        // A filter that knows a line here: it leaves the first value of it, and a hundredth of what follows.
+        let mut filter = [ZERO; MEMORY + 1];
+        (filter[0], filter[1]) = (C::new(1.0, 0.0), C::new(-0.99, 0.0));
+        let began: Vec<C> = (0..240)
+            .map(|ago| if ago < 120 { 0.01 } else { f64::from(u8::from(ago == 120)) })
+            .map(|x| C::new(x, 0.0))
+            .collect();
+        let all: f64 = began.iter().map(C::norm_sqr).sum();
+        assert!(switched_on(&began, &filter, 500.0) > 0.999 * all && growing(&began, 500.0) < 0.1 * all);
     }
 }

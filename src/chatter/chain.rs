@@ -1,11 +1,10 @@
 //! One band of the force: mixed down, orders off, whitened, tested in four windows.
 
-use super::criteria::{CRITERIA, LONGEST, LOOKS, Levels, MEMORY, SAME_LINE_HZ, WINDOWS};
+use super::criteria::{CRITERIA, LONGEST, LOOKS, Levels, MEMORY, PAST, SAME_LINE_HZ, WINDOWS};
 use super::cut_level::MeanForce;
 use super::lines::{COMMON, Place, Standing, Strongest, Test};
 use super::orders::{Orders, Turned};
 use super::steady::{BLOCK, KEPT, Steady};
-use super::sweep::PAST;
 use super::whitening::{Noise, Whitener};
 use super::window::{Around, Heard, Reason, Value, louder};
 use crate::keyframe::keep;
@@ -56,14 +55,14 @@ pub(super) struct ChainState {
     scatters: bool,
     foreign_hz: f64,
     foreign_s: f64,
-    foreign_over: f64,
+    foreign_n2: f64,
     alarmed: usize,
 }
 
 keep!(ChainState {
     mix, mixer, orders, noise, whitener, in_cut, values, end, count, clean, heard, power_n2, whole_n2,
-    louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, foreign_over, alarmed,
-} if |s| (LONGEST + PAST..=2 * LONGEST).contains(&s.end));
+    louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, foreign_n2, alarmed,
+} if |s| (LONGEST + PAST + MEMORY..=2 * LONGEST).contains(&s.end));
 
 impl ChainState {
     /// Where what is known of the place that it is in stands.
@@ -119,7 +118,7 @@ impl Chain {
             whitener: Whitener::NONE,
             in_cut: false,
             values: vec![Value::NONE; 2 * LONGEST],
-            end: LONGEST + PAST,
+            end: LONGEST + PAST + MEMORY,
             count: 0,
             clean: 0,
             heard: [Heard::default(); WINDOWS.len()],
@@ -133,7 +132,7 @@ impl Chain {
             scatters: false,
             foreign_hz: 0.0,
             foreign_s: 0.0,
-            foreign_over: 0.0,
+            foreign_n2: 0.0,
             alarmed: 0,
         }
     }
@@ -174,8 +173,8 @@ impl Chain {
             orders = state.orders[state.here()].step(&at);
         }
         if state.end == state.values.len() {
-            state.values.copy_within(state.end - (LONGEST + PAST).., 0);
-            state.end = LONGEST + PAST;
+            state.values.copy_within(state.end - (LONGEST + PAST + MEMORY).., 0);
+            state.end = LONGEST + PAST + MEMORY;
         }
         let last = state.end;
         state.end += 1;
@@ -291,8 +290,8 @@ impl Chain {
         } else {
             Whitener::NONE
         };
-        // All of the longest window by one model.
-        for at in state.end - LONGEST..state.end {
+        // All that is in sight by one model.
+        for at in state.end - (LONGEST + PAST)..state.end {
             Self::whiten(state, at);
         }
     }
@@ -337,7 +336,7 @@ impl Chain {
             blind,
             scatters: state.scatters,
             stable_n2: self.stable_n2(state, told)[1],
-            whitener: state.whitener,
+            whitener: if blind { Whitener::plain() } else { state.whitener },
         })
     }
 
@@ -384,15 +383,14 @@ impl Chain {
         }
     }
 
-    /// A line that moved here goes on to be one when it has come to rest.
+    /// A line that was switched on stays one when that is out of sight.
     fn foreign(&self, state: &mut ChainState, which: usize) {
         let heard = &mut state.heard[which];
-        let over = heard.contrast / WINDOWS[which] as f64;
         let near = (heard.offset_hz - state.foreign_hz).abs() < SAME_LINE_HZ && state.foreign_s > 0.0;
-        let grows = near && over > CRITERIA.louder * state.foreign_over;
+        let grows = near && heard.power_n2 > CRITERIA.louder * state.foreign_n2;
         if heard.came {
-            let before = if near { state.foreign_over } else { 0.0 };
-            state.foreign_over = over.max(before);
+            let before = if near { state.foreign_n2 } else { 0.0 };
+            state.foreign_n2 = heard.power_n2.max(before);
         }
         if heard.came || (near && !grows && heard.stands > 1.0) {
             (state.foreign_hz, state.foreign_s) = (heard.offset_hz, CRITERIA.usual_s);

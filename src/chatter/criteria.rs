@@ -55,6 +55,9 @@ pub(super) struct Criteria {
     /// Most that the noise of a stable cut is, rms over the mean force: some hundredths, a few times as much
     /// through the mode.
     pub(super) stable_share: f64,
+    /// Share of the lines that are switched on which may pass as grown, and of the grown ones that may pass as
+    /// switched on: before that the line is heard longer.
+    pub(super) switched: f64,
     /// Shape of the gamma distribution of its power: known within 50 %. Of 2, 3, 4 and 6 the one with which
     /// loud noise of a servo is silent and violent first entries are heard.
     pub(super) stable_shape: f64,
@@ -87,6 +90,7 @@ pub(super) const CRITERIA: Criteria = Criteria {
     modulated: 0.1,
     most_share: 2.0,
     stable_share: 0.15,
+    switched: 0.05,
     stable_shape: 4.0,
 };
 
@@ -110,6 +114,8 @@ pub(super) struct Levels {
     pub(super) mode_nats: f64,
     /// The same where nothing tells when another cut begins.
     pub(super) untold_nats: f64,
+    /// That a line grew and was not switched on, or the other way about.
+    pub(super) switched_nats: f64,
 }
 
 impl Levels {
@@ -120,6 +126,7 @@ impl Levels {
             cause_nats: nats(CRITERIA.cause_1_s),
             mode_nats: nats(CRITERIA.mode_1_s),
             untold_nats: nats(CRITERIA.untold_1_s),
+            switched_nats: -CRITERIA.switched.ln(),
         }
     }
 }
@@ -132,7 +139,13 @@ pub(super) const RINGS_1_S: [f64; 4] = [10.0, 20.0, 40.0, 80.0];
 pub(super) const WINDOWS: [usize; 4] = [24, 48, 96, 192];
 /// Of the longest.
 pub(super) const LONGEST: usize = WINDOWS[WINDOWS.len() - 1];
+/// Values before a window in which the beginning of its line may be: 192 ms.
+pub(super) const PAST: usize = LONGEST / 2;
 /// Windows are looked at so many times in their length.
 pub(super) const LOOKS: usize = 12;
+/// Rates at which a line may have grown until it stands, 1/s.
+pub(super) const GREW_1_S: [f64; 5] = [10.0, 15.0, 25.0, 40.0, 70.0];
+/// Values in which a line that is switched on reaches its size: at once to 12 ms.
+pub(super) const RISES: [usize; 3] = [1, 3, 6];
 /// Order of the whitening model: 16 and 24 have too little to learn from at entries.
 pub(super) const MEMORY: usize = 10;

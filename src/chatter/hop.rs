@@ -1,16 +1,13 @@
 //! A line that jumps to another lobe goes on as the same chatter.
 
-use super::criteria::{FOLLOWS, SAME_LINE_HZ};
+use super::criteria::{FOLLOWS, SAME_LINE_HZ, WINDOWS};
 use crate::keyframe::keep;
-
-/// Values after which it has moved there: 40 ms.
-const STAYS: u32 = 20;
 
 /// Where the line stands.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Hop {
     line_hz: Option<f64>,
-    away: u32,
+    away: usize,
 }
 
 keep!(Hop { line_hz, away });
@@ -27,7 +24,8 @@ impl Hop {
             return None;
         }
         self.away += 1;
-        if self.away < STAYS {
+        // So long that the shortest window holds nothing else.
+        if self.away < WINDOWS[0] {
             return None;
         }
         *self = Self { line_hz, away: 0 };

@@ -1,9 +1,8 @@
 //! The lines of a band: the best one of each window, the strongest one, the one that stands.
 
-use super::criteria::{CRITERIA, GROWTHS_1_S, LONGEST, WINDOWS};
+use super::criteria::{CRITERIA, GROWTHS_1_S, LONGEST, PAST, WINDOWS};
 use super::fourier::{Fourier, MOST_POINTS, POINTS};
 use super::steady::{BLOCK, KEPT, Steady, since};
-use super::sweep::PAST;
 use super::window::{Around, Heard, Value, Window, fit};
 use nalgebra::Complex;
 use std::f64::consts::{EULER_GAMMA, PI, TAU};
@@ -75,7 +74,7 @@ impl Test {
     /// The same with places for what the window holds and for the sweep that is taken off.
     fn look_in(&self, [e, chirp]: [&mut [C]; 2], values: &[Value], which: usize, around: &Around) -> Heard {
         let n = e.len();
-        let past = &values[values.len() - n - PAST.min(around.clean - n)..values.len() - n];
+        let sight = &values[values.len() - around.clean.min(LONGEST + PAST)..];
         let values = &values[values.len() - n..];
         let dt = 1.0 / around.rate_hz;
         for (q, (x, turn)) in e.iter_mut().zip(chirp.iter_mut()).enumerate() {
@@ -92,7 +91,7 @@ impl Test {
             return Heard::default();
         }
         let heard = self.line(e, which, around, total);
-        Window { e, chirp, values, past, around, total, heard, which }.judge()
+        Window { e, chirp, values, sight, around, total, heard, which }.judge()
     }
 
     /// The best line of the window.

@@ -9,7 +9,7 @@
 //! One question is asked of every window: does one line that grows or stays explain it better than everything
 //! else that can be there? The answer is a log-likelihood ratio in nats, the least over named alternatives:
 //! noise of unknown level and of the level learned, a ring, an order, a damped mode, steps of an encoder,
-//! a line that came from elsewhere. Every number that decides stands in `criteria`.
+//! a line that was switched on. Every number that decides stands in `criteria`.
 //!
 //! It does not know what is cut or what to do about it: see `avoidance`.
 

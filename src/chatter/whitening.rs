@@ -10,8 +10,6 @@ use nalgebra::Complex;
 
 type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
-/// Values between two models: 20 ms.
-const EVERY: usize = 10;
 /// Snapshots within the guard time.
 const GUARD: usize = 13;
 /// White noise that is added to what is known, of its power: 30 dB.
@@ -31,7 +29,7 @@ pub(super) struct Noise {
 }
 
 keep!(Noise { covariance, known, past, past_known, oldest, since }
-    if |s| s.oldest < GUARD && s.since <= EVERY);
+    if |s| s.oldest < GUARD && s.since <= MEMORY);
 
 impl Noise {
     pub(super) const NEW: Self = Self {
@@ -63,7 +61,8 @@ impl Noise {
             *to += (r[0] * old.conj() - *to) * share;
         }
         self.since += 1;
-        if self.since < EVERY {
+        // As many new ones as there are coefficients: 20 ms.
+        if self.since < MEMORY {
             return false;
         }
         self.since = 0;
@@ -140,6 +139,12 @@ impl Whitener {
         }
         let scale = 1.0 / power.sqrt();
         Self { taps: a.map(|x| x * scale) }
+    }
+
+    /// What each tap makes of a line at a frequency, in turns a value.
+    pub(super) fn at(&self, turns: f64) -> [C; MEMORY + 1] {
+        let angle = -std::f64::consts::TAU * turns;
+        std::array::from_fn(|m| self.taps[m] * C::from_polar(1.0, angle * m as f64))
     }
 
     /// Power of the noise at a frequency, in turns a value.

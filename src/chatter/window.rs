@@ -42,7 +42,7 @@ pub(super) enum Reason {
     Order,
     /// Noise through a damped mode.
     Mode,
-    /// It was there without the cut, or came from elsewhere.
+    /// It was there without the cut, or was switched on.
     Foreign,
     /// The axis travels over the steps of its encoder.
     EncoderSteps,
@@ -63,11 +63,13 @@ pub(super) struct Heard {
     pub(super) growth_1_s: f64,
     /// Power of the line over the noise known at its place.
     pub(super) contrast: f64,
-    /// Whether it began at once or moved here, and is no chatter that grew.
+    /// Power of the line, N^2, where it is anything.
+    pub(super) power_n2: f64,
+    /// Whether it began at once, and is no chatter that grew.
     pub(super) came: bool,
 }
 
-keep!(Heard { evidence, stands, reason, offset_hz, growth_1_s, contrast, came });
+keep!(Heard { evidence, stands, reason, offset_hz, growth_1_s, contrast, power_n2, came });
 
 /// What is known beside the window.
 #[derive(Debug, Clone, Copy)]
@@ -105,7 +107,8 @@ pub(super) struct Window<'a> {
     pub(super) e: &'a [C],
     pub(super) chirp: &'a [C],
     pub(super) values: &'a [Value],
-    pub(super) past: &'a [Value],
+    /// Window and past, as far back as what is heard is one thing.
+    pub(super) sight: &'a [Value],
     pub(super) around: &'a Around,
     pub(super) total: f64,
     pub(super) heard: Heard,
@@ -117,6 +120,15 @@ pub(super) struct Window<'a> {
 pub(super) fn louder(power_n2: f64, stable_n2: f64) -> f64 {
     let shape = CRITERIA.stable_shape;
     shape * (1.0 + power_n2 / (shape * stable_n2)).ln()
+}
+
+impl Heard {
+    /// No more evidence than this, for that reason.
+    pub(super) fn least(&mut self, evidence: f64, reason: Reason) {
+        if evidence < self.evidence {
+            (self.evidence, self.reason) = (evidence.max(0.0), reason);
+        }
+    }
 }
 
 /// Line exp((growth + j 2 pi f) t) over the last `e`: energy of its least-squares fit.
