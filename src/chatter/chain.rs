@@ -42,6 +42,8 @@ pub(super) struct ChainState {
     /// Values since the start, and since what is heard began anew.
     count: u64,
     clean: usize,
+    /// The same, where tools that leave begin nothing: what stands on was there before.
+    seen: usize,
     heard: [Heard; WINDOWS.len()],
     /// Of the last quarter second, N^2.
     power_n2: f64,
@@ -60,7 +62,7 @@ pub(super) struct ChainState {
 }
 
 keep!(ChainState {
-    mix, mixer, orders, noise, whitener, in_cut, values, end, count, clean, heard, power_n2, whole_n2,
+    mix, mixer, orders, noise, whitener, in_cut, values, end, count, clean, seen, heard, power_n2, whole_n2,
     louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, foreign_n2, alarmed,
 } if |s| (LONGEST + PAST + MEMORY..=2 * LONGEST).contains(&s.end));
 
@@ -121,6 +123,7 @@ impl Chain {
             end: LONGEST + PAST + MEMORY,
             count: 0,
             clean: 0,
+            seen: 0,
             heard: [Heard::default(); WINDOWS.len()],
             power_n2: 0.0,
             whole_n2: 0.0,
@@ -200,6 +203,7 @@ impl Chain {
     fn age(&self, state: &mut ChainState, told: &Told) {
         let rate_hz = self.rate_hz();
         state.clean += 1;
+        state.seen += 1;
         state.since += 1;
         state.alarmed = match told.alarm {
             true => state.alarmed + 1,
@@ -329,6 +333,7 @@ impl Chain {
             sweep_hz_s: self.centre_hz() * told.speed_change_1_s,
             watched_hz: told.watched_hz,
             clean: state.clean,
+            seen: state.seen,
             young: self.young(state),
             alarm: told.alarm,
             told: means,
@@ -411,6 +416,9 @@ impl Chain {
     /// What is heard from now on is something else: nothing of before counts.
     pub(super) fn begin(&self, state: &mut ChainState, in_cut: Option<bool>) {
         state.clean = 0;
+        if in_cut != Some(false) {
+            state.seen = 0;
+        }
         state.heard = [Heard::default(); WINDOWS.len()];
         state.standing = Heard::default();
         state.scatters = false;

@@ -74,7 +74,7 @@ impl Test {
     /// The same with places for what the window holds and for the sweep that is taken off.
     fn look_in(&self, [e, chirp]: [&mut [C]; 2], values: &[Value], which: usize, around: &Around) -> Heard {
         let n = e.len();
-        let sight = &values[values.len() - around.clean.min(LONGEST + PAST)..];
+        let sight = &values[values.len() - around.seen.min(LONGEST + PAST)..];
         let values = &values[values.len() - n..];
         let dt = 1.0 / around.rate_hz;
         for (q, (x, turn)) in e.iter_mut().zip(chirp.iter_mut()).enumerate() {

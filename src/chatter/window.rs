@@ -85,6 +85,8 @@ pub(super) struct Around {
     pub(super) watched_hz: [f64; 2],
     /// Values that are of one cut.
     pub(super) clean: usize,
+    /// Values in which the beginning of a line is looked for.
+    pub(super) seen: usize,
     /// Whether the noise of this cut is not known yet.
     pub(super) young: bool,
     /// Whether a line stands declared.
