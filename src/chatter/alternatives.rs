@@ -113,8 +113,8 @@ impl Window<'_> {
             return (f64::INFINITY, false);
         }
         let loud = if young { louder(self.power().0, stable_n2) } else { 0.0 };
-        let rises =
-            if young && self.grew() > self.around.levels.switched_nats { self.rise_nats() } else { 0.0 };
+        let grew = young && told && self.grew() > self.around.levels.switched_nats;
+        let rises = if grew { self.rise_nats() } else { 0.0 };
         let levels = &self.around.levels;
         let nats = match (told, young) {
             (true, true) if cuts => levels.cause_nats,
