@@ -332,7 +332,6 @@ impl Chain {
             speed_hz: told.speed_hz,
             sweep_hz_s: self.centre_hz() * told.speed_change_1_s,
             watched_hz: told.watched_hz,
-            clean: state.clean,
             seen: state.seen,
             young: self.young(state),
             alarm: told.alarm,

@@ -83,8 +83,6 @@ pub(super) struct Around {
     pub(super) sweep_hz_s: f64,
     /// Relative to the centre.
     pub(super) watched_hz: [f64; 2],
-    /// Values that are of one cut.
-    pub(super) clean: usize,
     /// Values in which the beginning of a line is looked for.
     pub(super) seen: usize,
     /// Whether the noise of this cut is not known yet.
