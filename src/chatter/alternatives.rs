@@ -125,8 +125,8 @@ impl Window<'_> {
         ((times * beside.coherence() + loud + rises) / nats, blind && 2.0 * loud > 1.0)
     }
 
-    /// Evidence, nats, that the line grew within the window, and not all that begins with a cut: the powers of
-    /// noise in its halves are exponential, and one is x times the other with a probability of 1/(1 + x).
+    /// Evidence, nats, that the line grew within the window, and not all that begins with a cut: the powers
+    /// of noise in its halves are exponential, and one is x times the other with a probability of 1/(1 + x).
     fn rise_nats(&self) -> f64 {
         let over_rest = |e: &[C]| {
             let (line, all) = (fit(e, self.turns(), 0.0), e.iter().map(C::norm_sqr).sum::<f64>());

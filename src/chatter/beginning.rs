@@ -1,8 +1,8 @@
 //! How a line began: chatter grows out of the noise, what is struck or switched on is there at once.
 //!
-//! Two hypotheses of one line, by all that is in sight of it: it grew until some moment and stands since, or it
-//! was switched on within some milliseconds and stands or fades since. The whitening filter leaves more of a
-//! beginning than of what follows, where it knows noise at the place of the line.
+//! Two hypotheses of one line, by all that is in sight of it: it grew until some moment and stands since, or
+//! it was switched on within some milliseconds and stands or fades since. The whitening filter leaves more of
+//! a beginning than of what follows, where it knows noise at the place of the line.
 
 use super::criteria::{CRITERIA, GREW_1_S, LONGEST, MEMORY, PAST, RINGS_1_S, RISES, WINDOWS};
 use super::window::{Heard, Reason, Value, Window, fit, louder};

@@ -55,8 +55,8 @@ pub(super) struct Criteria {
     /// Most that the noise of a stable cut is, rms over the mean force: some hundredths, a few times as much
     /// through the mode.
     pub(super) stable_share: f64,
-    /// Share of the lines that are switched on which may pass as grown, and of the grown ones that may pass as
-    /// switched on: before that the line is heard longer.
+    /// Share of the lines that are switched on which may pass as grown, and of the grown ones that may pass
+    /// as switched on: before that the line is heard longer.
     pub(super) switched: f64,
     /// Shape of the gamma distribution of its power: known within 50 %. Of 2, 3, 4 and 6 the one with which
     /// loud noise of a servo is silent and violent first entries are heard.
