@@ -12,12 +12,13 @@ use crate::plant::effects::Port;
 pub(crate) struct Work {
     limit: u64,
     spent: u64,
+    refused: bool,
 }
 
 impl Work {
     /// A budget of that many evaluations.
     pub(crate) fn new(limit: u64) -> Self {
-        Self { limit, spent: 0 }
+        Self { limit, spent: 0, refused: false }
     }
 
     /// Half of what is left, taken off.
@@ -33,6 +34,7 @@ impl Work {
         if there {
             self.spent += evaluations;
         }
+        self.refused |= !there;
         there
     }
 
@@ -171,7 +173,9 @@ pub(crate) fn select<S: Subject>(
         let mut fitted = Vec::new();
         for candidate in screened.iter().take(reach.fitted) {
             progress(work.share(), subject.name(&candidate.hypothesis).0);
-            fitted.extend(subject.fit(&out.model, &candidate.hypothesis, work));
+            let fit = subject.fit(&out.model, &candidate.hypothesis, work);
+            out.out_of_budget |= fit.is_none() && work.refused;
+            fitted.extend(fit);
         }
         subject.compare(&out.model, &mut fitted);
         fitted.sort_by(|a, b| {

@@ -6,7 +6,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
 use std::path::Path;
 use stillcut::config::machine::{machine_from_text, machine_to_text, read_machine};
-use stillcut::diagnosis::{DiagnoseError, Diagnosis, ForceFaultKind, Verdict, diagnose};
+use stillcut::diagnosis::{
+    DiagnoseError, DiagnoseOptions, Diagnosis, ForceFaultKind, Verdict, diagnose, diagnose_with,
+};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::effects::ParameterValue;
 use stillcut::plant::machine::Machine;
@@ -249,6 +251,38 @@ fn a_line_of_the_mains_is_a_fault_and_no_force() {
     let [fault] = &d.force_faults[..] else { panic!("{:?}", d.force_faults) };
     let ForceFaultKind::MainsLine { frequency_hz, .. } = fault.kind else { panic!("{:?}", fault.kind) };
     assert!((frequency_hz - 50.0).abs() < 0.05, "{frequency_hz} Hz");
+}
+
+fn within(budget_s: f64, machine: &Machine, recordings: &[Recording]) -> Diagnosis {
+    let options = DiagnoseOptions { budget_s, ..DiagnoseOptions::default() };
+    diagnose_with(machine, recordings, &options, &|_, _| {}).unwrap()
+}
+
+/// A torque ripple was once told as a line of the mains where the budget ended before anybody asked for it.
+#[test]
+fn a_line_is_no_fault_before_every_law_was_asked() {
+    let Some(folder) = shared("feed-axis-cases/case-05") else { return };
+    let (machine, sweep) = read(&folder, "sweep.parquet");
+    let recordings: Vec<Recording> =
+        ["idle.parquet", "moves.parquet"].into_iter().map(|f| read(&folder, f).1).chain([sweep]).collect();
+    let d = within(5.0, &machine, &recordings);
+    assert!(d.force_faults.is_empty(), "{:?}", d.force_faults);
+    assert!(d.notes.iter().any(|n| n.contains("Not asked") && n.contains("torque_ripple")), "{:?}", d.notes);
+}
+
+#[test]
+fn a_spent_budget_names_what_was_not_asked_and_calls_no_number_wrong() {
+    let (machine, recordings) = healthy(3);
+    let heavier = restated(&machine, |raw| raw.movable_mass_kg = raw.movable_mass_kg.map(|m| 1.3 * m));
+    let d = within(0.05, &heavier, &recordings);
+    assert!(d.parameter_corrections.is_empty() && d.findings.is_empty(), "{:?}", d.parameter_corrections);
+    assert_eq!(d.verdict, Verdict::UnexplainedMismatch);
+    for effect in ["backlash at coupling", "stribeck_friction at stage", "torque_ripple at motor"] {
+        assert!(d.notes.iter().any(|n| n.contains("Not asked") && n.contains(effect)), "{:?}", d.notes);
+    }
+    let whole = within(60.0, &heavier, &recordings);
+    assert_eq!(whole.verdict, Verdict::ParameterError);
+    assert!(!whole.notes.iter().any(|n| n.contains("Not asked")), "{:?}", whole.notes);
 }
 
 #[test]

@@ -7,13 +7,14 @@ use super::faults::force_faults;
 use super::gram::{BandGram, Part};
 use super::likelihood::Design;
 use super::model::{LINEAR, is_other_size};
+use super::notes;
 use super::numbers::{Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, unsaid};
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::shape::{Hypothesis, Shape};
 use super::state::{Accepted, Balance, Number, State};
 use super::words::{
-    Deviations, domain, engineering, equation, estimates, next_experiment, scale_deviation, statement, term,
+    Deviations, domain, equation, estimates, next_experiment, scale_deviation, statement, term,
 };
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
@@ -53,8 +54,8 @@ pub(super) struct Case<'a> {
 
 /// What was found, before it is asserted.
 pub(super) struct Found {
-    effect: EffectKind,
-    port: Port,
+    pub(super) effect: EffectKind,
+    pub(super) port: Port,
     estimates: Vec<Estimate>,
     term: PhysicsTerm,
     evidence_nats: f64,
@@ -133,10 +134,14 @@ impl Case<'_> {
         let share =
             1.0 - (left.force_n.powi(2) - repeats_n.powi(2)).max(0.0) / before.force_n.max(1e-300).powi(2);
         let named = !found.is_empty() && (!is_left || share > Criteria::STANDARD.named_share);
-        let unexplained = is_left && !named;
         let of = if as_stated { self.start } else { &state };
         let settled = if as_stated { doubt_of(balance, self.start) } else { doubt.clone() };
-        let corrections = if unexplained { Vec::new() } else { self.all_corrections(of, &settled) };
+        let mut corrections = self.all_corrections(of, &settled);
+        let bent = self.out_of_budget && found.is_empty() && !corrections.is_empty();
+        let unexplained = is_left && !named || bent;
+        if unexplained {
+            corrections.clear();
+        }
         let verdict = if unexplained {
             Verdict::UnexplainedMismatch
         } else if !found.is_empty() {
@@ -146,7 +151,10 @@ impl Case<'_> {
         } else {
             Verdict::ParameterError
         };
-        let notes = self.notes_of((&left, [state_n, thrust_n]), (is_left, unexplained), &found);
+        let mut notes = self.notes_of((&left, [state_n, thrust_n]), (is_left, unexplained), &found);
+        let faults = force_faults((self.axis, self.recordings), balance, &state, &doubt);
+        let (force_faults, more) = notes::budget(&self, faults, found.is_empty());
+        notes.extend(more);
         let heldout_n = self.heldout_n(&state, None);
         let findings: Vec<Finding> =
             if unexplained { Vec::new() } else { self.findings(found, &left, heldout_n) };
@@ -168,7 +176,7 @@ impl Case<'_> {
             location,
             findings,
             residual_band_hz: [0.0, balance.signals.top_hz()],
-            force_faults: force_faults((self.axis, self.recordings), balance, &state, &doubt),
+            force_faults,
             parameter_corrections: corrections,
             recordings: self.recording_fits(&series, unexplained),
             left_out: Vec::new(),
@@ -182,43 +190,6 @@ impl Case<'_> {
             notes,
             closed_loop,
         }
-    }
-
-    /// What a reader must know, in sentences. `is_left`: what is left stands above its floor.
-    /// `[left_n, thrust_n]`: all that is left, white or not, and the thrust.
-    fn notes_of(
-        &self,
-        (left, [left_n, thrust_n]): (&Rest, [f64; 2]),
-        (is_left, unexplained): (bool, bool),
-        found: &[Found],
-    ) -> Vec<String> {
-        let mut notes = self.notes.clone();
-        if self.out_of_budget {
-            notes.push("The budget was spent before every hypothesis was asked.".to_owned());
-        }
-        if unexplained && !found.is_empty() {
-            let names: Vec<String> =
-                found.iter().map(|f| format!("{} at {}", f.effect.name(), f.port.name())).collect();
-            notes
-                .push(format!("Candidates that take part of it and are not asserted: {}.", names.join(", ")));
-        }
-        let of = |x: f64| engineering(x, "N");
-        if is_left && left.force_n > left.floor_n {
-            notes.push(format!(
-                "{} stay above a floor of {}, at the {}, up to {:.1} Hz.",
-                of(left.force_n),
-                of(left.floor_n),
-                left.port.name(),
-                left.band_hz[1]
-            ));
-        } else if is_left {
-            notes.push(format!(
-                "{} of a thrust of {} are left: the model says less than half of what drives this axis.",
-                of(left_n),
-                of(thrust_n)
-            ));
-        }
-        notes
     }
 
     /// What a fit beside a state leaves at the motor, and the thrust, root mean squares, N.
