@@ -83,7 +83,7 @@ impl Window<'_> {
 
     /// Against orders that changed: as templates of the window, among what is near the line, and as learned.
     fn order_nats(&self, beside: &Near) -> f64 {
-        let Around { young, told, .. } = *self.around;
+        let Around { young, told, orders: known, .. } = *self.around;
         let n = self.e.len() as f64;
         let orders = self.orders();
         let wide = if young { 0.0 } else { self.against(n - 1.0, orders) };
@@ -96,7 +96,7 @@ impl Window<'_> {
             beside.values * (left(orders) / left(self.heard.contrast)).ln()
         };
         let nats = wide.max(near);
-        if young && told {
+        if young && told && !known {
             // They are learned with the line in them.
             return nats;
         }

@@ -334,6 +334,7 @@ impl Chain {
             watched_hz: told.watched_hz,
             seen: state.seen,
             young: self.young(state),
+            orders: state.orders[state.here()].known(),
             alarm: told.alarm,
             told: means,
             cuts: Self::cuts(state, told),

@@ -46,6 +46,11 @@ impl Orders {
         self.seen = 0.0;
     }
 
+    /// Whether they are of this cut, as sure as their memory makes them.
+    pub(super) fn known(&self) -> bool {
+        self.seen >= CRITERIA.orders_s * CRITERIA.rate_hz
+    }
+
     /// What the orders make of this value. The rest of it is learned from.
     pub(super) fn step(&mut self, at: &Turned) -> C {
         let reach_hz = CRITERIA.half_hz + CRITERIA.line_hz;

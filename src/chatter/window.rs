@@ -87,6 +87,8 @@ pub(super) struct Around {
     pub(super) seen: usize,
     /// Whether the noise of this cut is not known yet.
     pub(super) young: bool,
+    /// Whether the orders of this cut are known.
+    pub(super) orders: bool,
     /// Whether a line stands declared.
     pub(super) alarm: bool,
     /// Whether the mean force tells when another cut begins: then its noise is known.
