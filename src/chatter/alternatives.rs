@@ -31,7 +31,7 @@ impl Window<'_> {
         }
         if self.around.alarm {
             // On an order there is no chatter; what stands between them counts by its power.
-            let resolved = self.turns_of_spindle() >= 2.0;
+            let resolved = self.turns_of_spindle() >= RESOLVED;
             if resolved && self.orders() > MOSTLY * self.heard.contrast {
                 (heard.evidence, heard.reason) = (0.0, Reason::Order);
             }

@@ -10,7 +10,7 @@ use crate::stream_score::score;
 const EXPECTED: [(Kind, [usize; 3], f64); 6] = [
     (Kind::Stable, [0, 0, 0], 0.0),
     (Kind::Chatter, [6, 9, 0], 0.1),
-    (Kind::ChatterAtEntry, [6, 12, 0], 0.2),
+    (Kind::ChatterAtEntry, [6, 11, 0], 0.2),
     (Kind::Hits, [0, 0, 0], 0.0),
     (Kind::Orders, [0, 0, 0], 0.0),
     (Kind::Servo, [0, 0, 0], 0.0),
