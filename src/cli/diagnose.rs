@@ -83,7 +83,7 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
     let machine = read_machine(model).map_err(bad_input)?;
     let axes: Vec<String> = machine.axes.iter().map(|a| a.name.clone()).collect();
     let paths = arguments.recordings.iter().map(PathBuf::as_path);
-    let Checked { gated, files, faults } = read_checked(paths, &axes)?;
+    let Checked { gated, paths, files, faults } = read_checked(paths, &axes)?;
     let masked = gated.iter().map(Gated::masked).collect();
     let resting = gated.iter().map(Gated::resting).collect();
     let clock_moved = gated.iter().any(Gated::moved_in_time);
@@ -94,8 +94,8 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
     let options = DiagnoseOptions { budget_s: arguments.budget_s, masked, resting, clock_moved, averaged };
     let work = |progress: Progress<'_>| diagnose_with(&machine, &recordings, &options, progress);
     let diagnosis = with_progress(arguments.progress, work).map_err(|error| {
-        let concerned = files.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));
-        let concerned: Vec<&str> = concerned.map(|(file, _)| file.as_str()).collect();
+        let concerned = paths.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));
+        let concerned: Vec<String> = concerned.map(|(path, _)| path.display().to_string()).collect();
         // What was masked is why too little is left.
         if let DiagnoseError::TooShort { .. } = error
             && let Some(at) = faults.iter().find(|f| f.fault.action == Action::Mask)

@@ -19,8 +19,8 @@ pub(super) fn run(arguments: &Arguments, scenario_file: &Path) -> anyhow::Result
     let scenario = read_scenario(scenario_file).map_err(bad_input)?;
     let axes = FORCE_AXES.map(str::to_owned);
     let paths = arguments.recordings.iter().map(PathBuf::as_path);
-    let Checked { gated, files: names, faults } = read_checked(paths, &axes)?;
-    let recordings = gated.iter().zip(&names).map(|(gated, name)| cut_recording(gated, name, &scenario));
+    let Checked { gated, paths, files: names, faults } = read_checked(paths, &axes)?;
+    let recordings = gated.iter().zip(&paths).map(|(gated, path)| cut_recording(gated, path, &scenario));
     let recordings = recordings.collect::<anyhow::Result<Vec<_>>>()?;
     let table = arguments.cuts.as_deref().map(read_cuts).transpose().map_err(bad_input)?;
     if recordings.is_empty() && table.is_none() {
@@ -45,8 +45,9 @@ pub(super) fn run(arguments: &Arguments, scenario_file: &Path) -> anyhow::Result
 /// Columns of a cut that a gate can judge: the forces are measured, the rest is commanded.
 const FORCE_AXES: [&str; 2] = ["tool1", "tool2"];
 
-fn cut_recording(gated: &Gated, file: &str, scenario: &Scenario) -> anyhow::Result<CutRecording> {
-    let cut = CutRecording::new(&gated.recording, scenario).map_err(|e| bad_input(format!("{file}: {e}")))?;
+fn cut_recording(gated: &Gated, path: &Path, scenario: &Scenario) -> anyhow::Result<CutRecording> {
+    let refused = |error| bad_input(format!("{}: {error}", path.display()));
+    let cut = CutRecording::new(&gated.recording, scenario).map_err(refused)?;
     Ok(cut.with_masked(gated.masked()))
 }
 

@@ -6,7 +6,7 @@ use crate::recording::{read_logged, read_recording};
 use crate::report::faults::FaultOf;
 use crate::sample::Recording;
 use std::io::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Reads a recording and checks the columns of `axes`.
 pub(super) fn read_gated(path: &Path, axes: &[String]) -> anyhow::Result<Gated> {
@@ -17,7 +17,9 @@ pub(super) fn read_gated(path: &Path, axes: &[String]) -> anyhow::Result<Gated> 
 /// Several recordings of one machine: those that can be judged, with what is wrong with all of them.
 pub(super) struct Checked {
     pub(super) gated: Vec<Gated>,
-    /// Files of those that can be judged.
+    /// Where those that can be judged lie.
+    pub(super) paths: Vec<PathBuf>,
+    /// Names of their files.
     pub(super) files: Vec<String>,
     pub(super) faults: Vec<FaultOf>,
 }
@@ -27,7 +29,7 @@ pub(super) fn read_checked<'a>(
     paths: impl Iterator<Item = &'a Path>,
     axes: &[String],
 ) -> anyhow::Result<Checked> {
-    let mut checked = Checked { gated: Vec::new(), files: Vec::new(), faults: Vec::new() };
+    let mut checked = Checked { gated: Vec::new(), paths: Vec::new(), files: Vec::new(), faults: Vec::new() };
     let mut refusal = None;
     for path in paths {
         let gated = read_gated(path, axes)?;
@@ -39,6 +41,7 @@ pub(super) fn read_checked<'a>(
             refusal.get_or_insert_with(|| refused(path, fault));
             continue;
         }
+        checked.paths.push(path.to_owned());
         checked.files.push(file);
         checked.gated.push(gated);
     }

@@ -2,7 +2,7 @@
 
 use super::columns::{AxisColumns, Role};
 use super::fault::{Action, FaultKind};
-use super::statistics::{changes, deviation, mean};
+use super::statistics::{changes, deviation, mean, median};
 use super::work::{Told, Work};
 use rustfft::{FftPlanner, num_complex::Complex64};
 use std::f64::consts::{PI, TAU};
@@ -64,24 +64,20 @@ fn spectrum(x: &[f64]) -> Option<Vec<f64>> {
     Some(power)
 }
 
-/// Each multiple of fs / n below its neighbours at +- 0.35 fs / n.
+/// Each multiple of fs / n below what lies on either side of it, from a quarter to half of the way to the next
+/// one. Of that the median: lines (chatter with its harmonics) stand out of a spectrum without a notch, too.
 fn has_notches(power: &[f64], n: usize, [each_db, mean_db]: [f64; 2]) -> bool {
-    const ASIDE: f64 = 0.35;
     let spacing = WINDOW as f64 / n as f64;
-    let around = |centre: f64, half: usize| {
-        let k = centre.round() as usize;
-        let part = &power[k.saturating_sub(half)..(k + half + 1).min(power.len())];
-        part.iter().sum::<f64>() / part.len().max(1) as f64
-    };
-    let count = ((0.5 * n as f64 - ASIDE).floor() as usize).min(power.len());
+    let db = |power: f64| 10.0 * power.max(f64::MIN_POSITIVE).log10();
+    let bin = |at: f64| (at.round() as usize).min(power.len() - 1);
+    let beside = |from: f64, to: f64| db(median(&power[bin(from.min(to))..=bin(from.max(to))]));
     let depth_db = |m: usize| {
         let centre = m as f64 * spacing;
-        let db = |power: f64| 10.0 * power.max(f64::MIN_POSITIVE).log10();
+        let side = |way: f64| beside(centre + 0.25 * way * spacing, centre + 0.5 * way * spacing);
         // In decibels: a spectrum that only falls has no notch.
-        let beside = db(around(centre - ASIDE * spacing, 3)) + db(around(centre + ASIDE * spacing, 3));
-        0.5 * beside - db(around(centre, 1))
+        0.5 * (side(-1.0) + side(1.0)) - db(mean(&power[bin(centre) - 1..=bin(centre + 1.0)]))
     };
-    let depths: Vec<f64> = (1..=count).map(depth_db).collect();
+    let depths: Vec<f64> = (1..=(n - 1) / 2).map(depth_db).collect();
     depths.len() >= 2 && depths.iter().all(|d| *d >= each_db) && mean(&depths) >= mean_db
 }
 
@@ -169,4 +165,51 @@ fn line(x: &[f64], frequency_hz: f64, rate_hz: f64) -> Option<Line> {
     let beside: Vec<f64> =
         (0..10).map(|k| 4.0 + (far - 4.0) * f64::from(k) / 9.0).flat_map(|k| [at(k), at(-k)]).collect();
     Some(Line { rms, beside: (beside.iter().map(|b| b * b).sum::<f64>() / beside.len() as f64).sqrt() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Noise, the same every time.
+    fn noise(rows: usize) -> impl Iterator<Item = f64> {
+        let mut state = 7u64;
+        (0..rows).map(move |_| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        })
+    }
+
+    /// Chatter with its harmonics behind a low-pass has lines and gaps between them; a notch at every multiple
+    /// of a fifth of the rate has a moving average alone.
+    #[test]
+    fn chatter_is_no_moving_average() {
+        let rows = 20_000;
+        let notched = |x: &[f64]| {
+            let spectrum = spectrum(x).expect("long enough");
+            (5..=32).rev().find(|n| has_notches(&spectrum, *n, [9.0, 12.0]))
+        };
+        let (mut low, mut slow) = ([0.0; 4], 0.0);
+        let force: Vec<f64> = noise(rows)
+            .zip(noise(rows + 5).skip(5))
+            .enumerate()
+            .map(|(k, (random, sensor))| {
+                // 592 Hz at 9 kHz: its second and fifth harmonic lie beside what an average over 5 rows takes.
+                slow += 0.003 * (random - slow);
+                let turn = TAU * 592.0 * k as f64 / 9000.0 + 0.5 * slow;
+                let chatter: f64 = (1..=8).map(|h| 20.0 / f64::from(h) * (f64::from(h) * turn).sin()).sum();
+                let mut x = 2.0 * random + chatter;
+                for stage in &mut low {
+                    *stage += 0.45 * (x - *stage);
+                    x = *stage;
+                }
+                x + 0.02 * sensor
+            })
+            .collect();
+        assert_eq!(notched(&force), None);
+        for n in [5, 8, 20] {
+            let average: Vec<f64> = force.windows(n).map(mean).collect();
+            assert_eq!(notched(&average), Some(n));
+        }
+    }
 }

@@ -22,45 +22,77 @@ struct Side {
 }
 
 const SIDES: [Side; 4] = [
-    Side {
-        label: "spindle speed, rpm",
-        scale: 1.0,
-        of: |c| c.spindle_speed_rpm,
-        set: |at, v| at.speed_rpm = v,
-    },
-    Side { label: "width of cut, mm", scale: 1e3, of: |c| c.width_m, set: |at, v| at.width_m = v },
+    Side { label: "spindle speed, rpm", scale: 1.0, of: |c| c.at.speed_rpm, set: |at, v| at.speed_rpm = v },
+    Side { label: "width of cut, mm", scale: 1e3, of: |c| c.at.width_m, set: |at, v| at.width_m = v },
     Side {
         label: "pitch difference, degrees",
         scale: 57.295_779_513_082_32,
-        of: |c| c.pitch_difference_rad,
+        of: |c| c.at.pitch_difference_rad,
         set: |at, v| at.pitch_difference_rad = v,
     },
     Side {
         label: "tools from the chuck, mm",
         scale: 1e3,
-        of: |c| c.tool_position_m,
+        of: |c| c.at.position_m,
         set: |at, v| at.position_m = v,
     },
 ];
 
 /// The two maps; nothing where the cuts are all alike.
 pub(super) fn maps(out: &mut String, d: &CutDiagnosis) {
-    let judged: Vec<&MappedCut> = d.mapped.iter().filter(|c| c.width_m > 0.0).collect();
+    let judged: Vec<&MappedCut> = d.mapped.iter().filter(|c| c.at.width_m > 0.0).collect();
     let Some([x, y]) = sides(&judged) else { return };
     out.push_str("<h2>Where it chatters: the stated model and the repaired one</h2><div class=\"row\">");
+    let stated_rad = d.stated.tools.pitch_difference_rad();
     for (scenario, title) in [(&d.stated, "as stated"), (&d.scenario, "repaired")] {
-        let figure = map(scenario, &judged, [x, y], title);
-        let _ = write!(out, "<div class=\"card\"><h3>{title}</h3>{}</div>", figure.svg());
+        // What a correction adds to the commanded pitch it adds to that of every cut.
+        let pitch_rad = scenario.tools.pitch_difference_rad() - stated_rad;
+        let told: Vec<Told<'_>> = judged.iter().map(|cut| Told::by(scenario, pitch_rad, cut)).collect();
+        let figure = map(scenario, &told, [x, y], title);
+        let known = told.iter().filter(|t| t.right.is_some()).count();
+        let right = told.iter().filter(|t| t.right == Some(true)).count();
+        let _ = write!(
+            out,
+            "<div class=\"card\"><h3>{title}: {right} of {known} cuts right</h3>{}</div>",
+            figure.svg()
+        );
     }
     let _ = write!(
         out,
-        "</div><p class=\"small soft\">{}{}{}{}Shaded: small vibration grows. All else as in the middle of the cuts, so a cut \
-         that differs in something else may lie beside its place.</p>",
+        "</div><p class=\"small soft\">{}{}{}{}Disc: the cut chattered; ring: it did not. Its colour is by the model under all of \
+         the cut's own conditions. Shaded: small vibration grows, all else as in the middle of the cuts; a cut that differs in \
+         something else may lie beside its place.</p>",
         key("shade", "model: chatter"),
-        key("before", "cut that chattered"),
-        key("after", "stable cut"),
+        key("after", "the model has this cut right"),
+        key("before", "the model has it wrong"),
         key("floor", "not judged"),
     );
+}
+
+/// A cut beside what a model says of it.
+struct Told<'a> {
+    cut: &'a MappedCut,
+    /// Whether that is what it did; `None`: nobody knows what it did.
+    right: Option<bool>,
+}
+
+impl<'a> Told<'a> {
+    fn by(scenario: &Scenario, pitch_rad: f64, cut: &'a MappedCut) -> Self {
+        let pitch_difference_rad = cut.at.pitch_difference_rad + pitch_rad;
+        let at = CutCondition { pitch_difference_rad, ..cut.at };
+        let grows = || scenario_root(scenario, &at).growth_1_s > 0.0;
+        Self { cut, right: cut.chatter.map(|chatter| chatter == grows()) }
+    }
+
+    fn class(&self) -> &'static str {
+        match (self.right, self.cut.chatter) {
+            (None, _) => "floor",
+            (Some(true), Some(true)) => "after",
+            (Some(true), _) => "ring after",
+            (Some(false), Some(true)) => "before",
+            (Some(false), _) => "ring before",
+        }
+    }
 }
 
 /// The two conditions with most different values among the cuts.
@@ -82,10 +114,11 @@ fn middle(cuts: &[&MappedCut], of: fn(&MappedCut) -> f64) -> f64 {
     values[values.len() / 2]
 }
 
-fn map(scenario: &Scenario, cuts: &[&MappedCut], [x, y]: [Side; 2], title: &str) -> Figure {
+fn map(scenario: &Scenario, told: &[Told<'_>], [x, y]: [Side; 2], title: &str) -> Figure {
+    let cuts: Vec<&MappedCut> = told.iter().map(|t| t.cut).collect();
     let mut at = CutCondition::of(scenario);
     for side in SIDES {
-        (side.set)(&mut at, middle(cuts, side.of));
+        (side.set)(&mut at, middle(&cuts, side.of));
     }
     let range = |side: Side| {
         let mut values: Vec<f64> = cuts.iter().map(|c| (side.of)(c)).collect();
@@ -123,24 +156,18 @@ fn map(scenario: &Scenario, cuts: &[&MappedCut], [x, y]: [Side; 2], title: &str)
             }
         }
     }
-    let dots = |class: &'static str, chatter: Option<bool>| Mark::Dots {
-        class,
-        points: cuts
-            .iter()
-            .filter(|c| c.chatter == chatter)
-            .map(|c| [(x.of)(c) * x.scale, (y.of)(c) * y.scale])
-            .collect(),
-    };
+    let mut marks = vec![Mark::Cells { class: "shade", cells }];
+    // Those that are wrong above those that are right.
+    for class in ["floor", "after", "ring after", "ring before", "before"] {
+        let own = told.iter().filter(|t| t.class() == class);
+        let points = own.map(|t| [(x.of)(t.cut) * x.scale, (y.of)(t.cut) * y.scale]).collect();
+        marks.push(Mark::Dots { class, points });
+    }
     Figure {
         size: [520.0, 300.0],
         x: Axis::linear(x.label, xs.map(|v| v * x.scale)),
         y: Axis::linear(y.label, ys.map(|v| v * y.scale)),
-        marks: vec![
-            Mark::Cells { class: "shade", cells },
-            dots("floor", None),
-            dots("after", Some(false)),
-            dots("before", Some(true)),
-        ],
+        marks,
         title: format!("stability, {title}"),
     }
 }

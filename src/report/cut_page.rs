@@ -6,6 +6,7 @@
 
 use super::cut_files::CutFiles;
 use super::cut_map::maps;
+use super::cut_proof::proof;
 use super::cut_words::{headline, next_step, number_name, phrase, place, worth};
 use super::faults::faults_box;
 use super::html::{digits_for, interval_bar, key, spoken, without_unit};
@@ -16,8 +17,8 @@ use crate::diagnosis::cut::input::CutOutcome;
 use crate::diagnosis::cut::result::{CutDiagnosis, CutFinding, CutRecordingFit, CutRowFit, FreeFit};
 use std::fmt::Write as _;
 
-/// Rows of a table that the page shows: those that a model gets wrong come first.
-const SHOWN_ROWS: usize = 40;
+/// Rows of a table that the page shows: those that a model gets wrong, or misses most, come first.
+pub(super) const SHOWN_ROWS: usize = 40;
 /// Probability below which a rival is not worth a line.
 const LEAST_SHARE: f64 = 0.01;
 
@@ -49,8 +50,9 @@ pub fn cut_page(d: &CutDiagnosis, files: &CutFiles<'_>) -> String {
     if let Some(next) = next_step(d) {
         let _ = write!(body, "<h2>What to cut next</h2><div class=\"next\">{}</div>", escape(&next));
     }
-    forces(&mut body, d);
+    proof(&mut body, d);
     free_run(&mut body, d);
+    forces(&mut body, d);
     rows(&mut body, d, files);
     maps(&mut body, d);
     for finding in &d.findings {
@@ -284,8 +286,13 @@ fn finding_card(out: &mut String, d: &CutDiagnosis, f: &CutFinding) {
     contribution(out, d, f);
     let _ = write!(
         out,
-        "<p class=\"small soft\">Gain in log-likelihood after the price of its numbers: {} nats.</p></div>",
-        significant(f.evidence_nats, 3)
+        "<p class=\"small soft\">Gain in log-likelihood over the model without it, all other numbers fitted anew: {} nats after \
+         the price of its numbers{}.</p></div>",
+        significant(f.evidence_nats, 3),
+        f.fit.gain_nats.map_or(String::new(), |nats| format!(
+            "; {} nats on stretches that neither model was fitted to",
+            significant(nats, 3)
+        ))
     );
     let rivals: Vec<_> = f.alternatives.iter().filter(|a| a.probability > LEAST_SHARE).collect();
     let _ = write!(
@@ -313,14 +320,14 @@ fn contribution(out: &mut String, d: &CutDiagnosis, f: &CutFinding) {
     let most = f.contribution.iter().max_by(|a, b| power(&a.value).total_cmp(&power(&b.value)));
     let Some(most) = most.filter(|c| c.t_s.len() > 1) else { return };
     use crate::plant::effects::Port;
-    let label = match f.port {
-        Port::Workpiece => "adds to the bar, m",
-        Port::Turret => "adds to tool 2, m",
-        Port::Spindle => "adds to the angle, rad",
-        _ => "adds to the force, N",
+    let (label, scale) = match f.port {
+        Port::Workpiece => ("adds to the bar, \u{b5}m", 1e6),
+        Port::Turret => ("adds to tool 2, \u{b5}m", 1e6),
+        Port::Spindle => ("adds to the angle, mrad", 1e3),
+        _ => ("adds to the force, N", 1.0),
     };
-    let points: Vec<[f64; 2]> = most.t_s.iter().zip(&most.value).map(|(t, v)| [*t, *v]).collect();
-    let mut values = most.value.clone();
+    let mut values: Vec<f64> = most.value.iter().map(|v| v * scale).collect();
+    let points: Vec<[f64; 2]> = most.t_s.iter().zip(&values).map(|(t, v)| [*t, *v]).collect();
     let figure = Figure {
         size: [760.0, 180.0],
         x: Axis::linear("time, s", [most.t_s[0], most.t_s[most.t_s.len() - 1]]),

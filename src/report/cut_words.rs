@@ -1,10 +1,12 @@
 //! A diagnosis of the cut in the words of someone who turns: one phrase an effect, two sentences a verdict.
 
+use super::cut_proof::{Off, free_off_db};
 use super::html::{spoken, without_unit};
 use super::page::{engineering, significant};
 use crate::diagnosis::cut::result::{CutDiagnosis, CutFinding, TableFit};
 use crate::diagnosis::{Correction, Verdict};
 use crate::plant::effects::{EffectKind as E, Port};
+use std::fmt::Write as _;
 
 /// Findings and numbers that the first sentence names.
 const SAID: usize = 2;
@@ -57,21 +59,8 @@ fn adequate(d: &CutDiagnosis) -> String {
 
 /// What the answer is worth, in one sentence.
 pub(super) fn worth(d: &CutDiagnosis) -> String {
-    if let Some((first, fit)) = d.findings.first().and_then(|f| Some((f, f.fit.forces?))) {
-        let squares = d.recordings.iter().map(|r| r.rms_before_n.powi(2));
-        let as_stated_n = (squares.sum::<f64>() / d.recordings.len().max(1) as f64).sqrt();
-        return format!(
-            "What the model cannot foretell of the forces: {} as stated; on stretches that nothing was fitted to, {} with \
-             other numbers alone and {} with what was found; {} is the noise of the signal. Other numbers alone can leave \
-             as little and be wrong about line and growth: with {} the recordings are more probable by {:.0} nats (a \
-             factor of e to that power).",
-            engineering(as_stated_n, "N", 3),
-            engineering(fit.heldout_rms_before_n, "N", 3),
-            engineering(fit.heldout_rms_after_n, "N", 3),
-            engineering(fit.noise_floor_n, "N", 3),
-            without_unit(first.effect.name()),
-            first.evidence_nats
-        );
+    if let Some((finding, gain)) = d.findings.first().and_then(|f| Some((f, f.fit.gain_nats?))) {
+        return shown(d, finding, gain);
     }
     match (&d.table, d.findings.is_empty()) {
         (Some(t), false) => foretold(t, "without the finding"),
@@ -81,6 +70,40 @@ pub(super) fn worth(d: &CutDiagnosis) -> String {
         ),
         _ => String::new(),
     }
+}
+
+/// How the answer shows on stretches that no number was fitted to.
+fn shown(d: &CutDiagnosis, finding: &CutFinding, gain_nats: f64) -> String {
+    let name = spoken(finding.effect.name());
+    let more = if gain_nats > 0.0 {
+        format!("are more probable by {gain_nats:.0} nats (a factor of e to that power)")
+    } else {
+        "are no more probable".to_owned()
+    };
+    let mut out = format!(
+        "On stretches that no number was fitted to, the recordings {more} with {name} than without it, all other numbers \
+         fitted anew."
+    );
+    if let Some(off) = d.proof.as_ref().and_then(Off::of) {
+        let _ = write!(
+            out,
+            " Growth of the vibration there is off by {} as stated, by {} with other numbers alone and by {} with the findings; \
+             it is measured to {}.",
+            engineering(off.growth_1_s.stated, "1/s", 2),
+            engineering(off.growth_1_s.refitted, "1/s", 2),
+            engineering(off.growth_1_s.answer, "1/s", 2),
+            engineering(off.deviation_1_s, "1/s", 2)
+        );
+    }
+    if let Some([stated, answer]) = free_off_db(d) {
+        let _ = write!(
+            out,
+            " Running free, the stated model vibrates {} dB beside the machine, the repaired one {} dB.",
+            significant(stated, 2),
+            significant(answer, 2)
+        );
+    }
+    out
 }
 
 fn foretold(t: &TableFit, without: &str) -> String {
@@ -220,7 +243,7 @@ pub(super) fn next_step(d: &CutDiagnosis) -> Option<String> {
     let planned = d.plan.first().map(|cut| {
         format!(
             "Cut once more at {:.0} rpm, feed {:.3} mm, width {:.3} mm, {:.0} mm from the chuck, pitch difference \
-             {:.3} rad, for {:.0} s: {}",
+             {:.3} rad, for {:.0} s: {}.",
             cut.spindle_speed_rpm,
             1e3 * cut.feed_m_rev,
             1e3 * cut.width_m,

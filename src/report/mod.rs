@@ -4,6 +4,7 @@
 pub mod cut_files;
 mod cut_map;
 pub mod cut_page;
+mod cut_proof;
 mod cut_words;
 pub mod decisions;
 pub mod diagnosis;

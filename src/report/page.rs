@@ -88,6 +88,7 @@ min-width:0;overflow-x:auto}
 .thin{stroke-width:1;opacity:.75}.dash{stroke-dasharray:5 3}
 .before{color:var(--before)}.after{color:var(--after)}.floor{color:var(--floor)}.shade{color:var(--warn)}.accent{color:var(--accent)}
 .line,.envelope{stroke:currentColor}.area{fill:currentColor;opacity:.2}.dot{fill:currentColor}
+.dot.ring{fill:var(--card);stroke:currentColor;stroke-width:1.8}
 .key{display:inline-flex;align-items:center;gap:6px;margin-right:16px;font-size:13px;color:var(--soft)}
 .key i{width:16px;height:3px;border-radius:2px;background:currentColor;display:inline-block}
 table{border-collapse:collapse;width:100%;font-size:14px}th{text-align:left;font-weight:600;color:var(--soft);

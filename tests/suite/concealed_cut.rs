@@ -140,11 +140,17 @@ fn diagnosed(effects: &[&str], seed: u64) -> (Verdict, Vec<String>) {
 }
 
 fn whole_answer(effects: &[&str], seed: u64) -> CutDiagnosis {
+    answer_of(effects, seed, usize::MAX)
+}
+
+/// The answer to the first `most` recordings.
+fn answer_of(effects: &[&str], seed: u64, most: usize) -> CutDiagnosis {
     let effects = effects.iter().map(|name| (*name).to_owned()).collect();
     let spec = CutCaseSpec { effects, depth: 1.0, seed, probe: false };
     let case = conceal_cut(&Scenario::default(), &spec).unwrap();
+    let shown = case.recordings.iter().take(most);
     let recordings: Vec<CutRecording> =
-        case.recordings.iter().map(|r| CutRecording::new(r, &case.scenario).unwrap()).collect();
+        shown.map(|r| CutRecording::new(r, &case.scenario).unwrap()).collect();
     let evidence = CutEvidence { recordings: &recordings, table: None };
     diagnose(&case.scenario, evidence, 60.0, &|_, _| {}).unwrap()
 }
@@ -173,6 +179,44 @@ fn the_repaired_model_runs_free_as_loud_as_the_recording() {
     assert!(free.t_s.len() > 20 && free.recorded_n.iter().all(|n| *n > 0.0));
     let spread = |ends: &[Vec<f64>; 2]| ends[0].iter().zip(&ends[1]).all(|(low, high)| low <= high);
     assert!(spread(&free.before_n) && spread(&free.after_n));
+    // Held out, the stretches say what all of them said together, and where.
+    let (found, proof) = (&said.findings[0], said.proof.as_ref().unwrap());
+    assert!(found.fit.gain_nats.unwrap() > 0.5 * found.evidence_nats, "{:?} {proof:?}", found.fit);
+    assert!(
+        proof.loss_nats.answer < proof.loss_nats.refitted
+            && proof.loss_nats.refitted < proof.loss_nats.stated
+    );
+    assert!(!said.location.unwrap().bands_hz.is_empty());
+}
+
+/// The wave that was left is met whole: neither more nor less of it, however the scenario without it bends what
+/// counts as calm.
+#[test]
+fn a_past_that_the_scenario_forgets_is_found_whole() {
+    let said = whole_answer(&["regenerative_effect"], 5);
+    let found = &said.findings[0];
+    assert_eq!(found.effect.name(), "regenerative_effect");
+    let overlap = found.parameters.iter().find(|p| p.name == "overlap").unwrap();
+    assert!(
+        overlap.ci95[0] < 1.02 && overlap.ci95[1] > 0.98 && (overlap.value - 1.0).abs() < 0.06,
+        "{overlap:?}"
+    );
+}
+
+/// Work that runs out of centre moves line and growth a little, as another pitch would: none is corrected. And
+/// one recording alone is held out in parts.
+#[test]
+fn work_out_of_centre_is_no_wrong_pitch() {
+    let said = answer_of(&["runout/eccentricity"], 6, 1);
+    assert_eq!(said.findings[0].effect.name(), "runout", "{:?}", said.notes);
+    let pitch = said.parameter_corrections.iter().find(|c| c.name == "pitch_difference_rad");
+    assert!(pitch.is_none(), "{pitch:?}");
+    let fit = said.findings[0].fit;
+    let forces = fit.forces.unwrap();
+    assert!(
+        fit.gain_nats.unwrap() > 0.0 && forces.heldout_rms_after_n < forces.heldout_rms_before_n,
+        "{fit:?}"
+    );
 }
 
 /// A holder is a narrow hill of the likelihood beside others that the stated numbers climb first.

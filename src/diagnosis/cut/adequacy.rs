@@ -222,7 +222,7 @@ pub(crate) fn whitened_power(problem: &Problem<'_>, point: &Point) -> f64 {
 }
 
 /// Bands in order, neighbours joined.
-fn joined(bands: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
+pub(crate) fn joined(bands: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
     let mut all: Vec<[f64; 2]> = bands.collect();
     all.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let mut out: Vec<[f64; 2]> = Vec::new();

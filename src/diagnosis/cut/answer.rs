@@ -142,6 +142,7 @@ pub(crate) fn diagnosis(fitting: &Fitting<'_>) -> CutDiagnosis {
         noise_floor_n: None,
         recordings: Vec::new(),
         rows: Vec::new(),
+        proof: None,
         table: None,
         not_identifiable: not_identifiable(fitting),
         plan: Vec::new(),
@@ -336,7 +337,8 @@ fn corrections(fitting: &Fitting<'_>, posterior: &Posterior) -> Vec<Correction> 
             let reach = deviations * posterior.covariance[(k, k)].max(0.0).sqrt();
             [posterior.point.numbers[k] - reach, posterior.point.numbers[k] + reach]
         };
-        let holds_stated = |[low, high]: [f64; 2]| low <= 0.0 && high >= 0.0;
+        let set = number.set_within();
+        let holds_stated = |[low, high]: [f64; 2]| low <= set && high >= -set;
         if holds_stated(within(posterior, CRITERIA.correction_sd)) {
             return None;
         }

@@ -13,7 +13,7 @@ use super::input::{CutEvidence, CutRecording, CutTable};
 use super::known::Reference;
 use super::laws::Law;
 use super::machine::{Frame, Point};
-use super::observable::Observable;
+use super::observable::{Every, Observable};
 use super::observe::observe;
 use super::result::{CutDiagnosis, CutFit, MappedCut};
 use super::scatter::{Scattered, scattered};
@@ -84,7 +84,7 @@ pub fn diagnose(
     let mut diagnosis = answer::diagnosis(&fitting);
     if !evidence.recordings.is_empty() {
         progress(0.87, "what the recordings show of it");
-        recorded::complete(&fitting, evidence.recordings, &stretches, &mut diagnosis);
+        recorded::complete(&fitting, evidence.recordings, (&stretches, &known), &mut diagnosis);
         hidden::tell(evidence.recordings, &left_out, &laws, &mut diagnosis);
     }
     // What is seen without a model (a line of no spindle, lost contact) is told; silence about what nobody
@@ -132,8 +132,14 @@ fn first_known(
     for _ in 0..2 {
         let (_, observables) = observed(frame, &known, evidence, table);
         let problem = Problem { frame, observables: &observables };
-        let fitted = Cut::new(&problem, Vec::new(), 0).rough(&point, work)?;
-        known = known.refined(&problem, &fitted, evidence.recordings.len()).unwrap_or(known);
+        let cut = Cut::new(&problem, Vec::new(), 0);
+        let fitted = cut.rough(&point, work)?;
+        // A chip without a past never chatters: by it nothing swells, and all that fades is soon gone.
+        let past = frame.with_past(&fitted).and_then(|with| cut.rough(&with, work));
+        let loss = |point: &&Point| problem.value(point, Every(2));
+        let best = [Some(&fitted), past.as_ref()].into_iter().flatten();
+        let best = best.min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
+        known = known.refined(&problem, best, evidence.recordings.len()).unwrap_or(known);
         point = frame.with_typical_noise(&fitted);
     }
     Some((known, point))
@@ -141,16 +147,10 @@ fn first_known(
 
 /// Cuts of a table for the stability map.
 fn mapped(table: &CutTable, scenario: &Scenario) -> impl Iterator<Item = MappedCut> {
-    table.rows.iter().map(|row| {
-        let at = row_condition(row, scenario);
-        MappedCut {
-            name: row.cut.clone(),
-            spindle_speed_rpm: at.speed_rpm,
-            width_m: at.width_m,
-            pitch_difference_rad: at.pitch_difference_rad,
-            tool_position_m: at.position_m,
-            chatter: row.outcome.map(|o| o == super::input::CutOutcome::Chatter),
-        }
+    table.rows.iter().map(|row| MappedCut {
+        name: row.cut.clone(),
+        at: row_condition(row, scenario),
+        chatter: row.outcome.map(|o| o == super::input::CutOutcome::Chatter),
     })
 }
 

@@ -166,19 +166,18 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 pub(crate) fn part_value(part: &Part) -> f64 {
     match part {
         Part::Rows(rows) => 0.5 * rows.iter().map(|r| rho(*r)).sum::<f64>(),
-        Part::Bins { channels, bins } => {
-            let n = *channels;
-            let c = outlying_power(n);
-            let of_bin = |bin: &Bin| {
-                let Some(l) = cholesky(&bin.s, n) else { return f64::INFINITY };
-                let u = forward(&l, &bin.x, n);
-                let power: f64 = u[..n].iter().map(Complex::norm_sqr).sum();
-                let log_det: f64 = (0..n).map(|i| 2.0 * l[i][i].re.ln()).sum::<f64>() - bin.log_jacobian;
-                (if power <= c { power } else { 2.0 * (c * power).sqrt() - c }) + log_det
-            };
-            bins.iter().map(of_bin).sum::<f64>()
-        }
+        Part::Bins { channels, bins } => bins.iter().map(|bin| bin_value(bin, *channels)).sum::<f64>(),
     }
+}
+
+/// The same of one bin of `n` channels.
+pub(crate) fn bin_value(bin: &Bin, n: usize) -> f64 {
+    let c = outlying_power(n);
+    let Some(l) = cholesky(&bin.s, n) else { return f64::INFINITY };
+    let u = forward(&l, &bin.x, n);
+    let power: f64 = u[..n].iter().map(Complex::norm_sqr).sum();
+    let log_det: f64 = (0..n).map(|i| 2.0 * l[i][i].re.ln()).sum::<f64>() - bin.log_jacobian;
+    (if power <= c { power } else { 2.0 * (c * power).sqrt() - c }) + log_det
 }
 
 /// Gradient and information of one part from its neighbours, one a coordinate.

@@ -85,8 +85,11 @@ pub(crate) fn tell(
         ));
     }
     for missing in recordings.iter().flat_map(|r| &r.missing) {
-        let note =
-            format!("No column {}: taken is {}; hidden is {}.", missing.name, missing.instead, missing.hides);
+        let instead = missing.instead.map_or(String::new(), |i| format!("; {i} is used in its place"));
+        let note = format!(
+            "There is no column {}{instead}. Without it these cuts do not show {}.",
+            missing.name, missing.hides
+        );
         if !diagnosis.notes.contains(&note) {
             diagnosis.notes.push(note);
         }
@@ -98,7 +101,10 @@ pub(crate) fn tell(
             if !laws.iter().any(|l| l.kind() == Some(*effect)) {
                 continue;
             }
-            let why = format!("there is no column {}, which tells it from {}", column.name, column.hides);
+            let why = format!(
+                "there is no column {}, without which these cuts do not show {}",
+                column.name, column.hides
+            );
             diagnosis.not_identifiable.retain(|n| n.effect != *effect);
             diagnosis.not_identifiable.push(NotIdentifiable {
                 effect: *effect,

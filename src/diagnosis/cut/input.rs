@@ -27,9 +27,9 @@ pub struct ForceSignal {
 pub struct MissingColumn {
     /// Name.
     pub name: &'static str,
-    /// What is taken instead.
-    pub instead: &'static str,
-    /// What cannot be seen without it.
+    /// What is used in its place, if anything is.
+    pub instead: Option<&'static str>,
+    /// What the cuts do not show without it.
     pub hides: &'static str,
     /// Effects of which none is told without it.
     pub effects: &'static [EffectKind],
@@ -370,7 +370,7 @@ fn travelled_m(recording: &Recording, feed_m_rev: &[f64], speed_rpm: &[f64]) -> 
 
 const ONE_TOOL: MissingColumn = MissingColumn {
     name: "",
-    instead: "the force of the other tool alone",
+    instead: Some("the force of the other tool alone"),
     hides: "what one tool does and the other does not",
     effects: &[],
     bears: &[],
@@ -382,42 +382,44 @@ const REPLACED: [MissingColumn; 8] = [
     MissingColumn { name: FORCE_COLUMNS[1], ..ONE_TOOL },
     MissingColumn {
         name: "tool_position_m",
-        instead: "the scenario's position, and from there the way of the feed until the tools leave the cut",
+        instead: Some(
+            "the scenario's position, and from there the way of the feed until the tools leave the cut",
+        ),
         hides: "whatever changes along the bar, and whether it does so with the place or with time",
         effects: &[EffectKind::PositionDependentMode, EffectKind::SupportCompliance, EffectKind::ModeDrift],
         bears: &[],
     },
     MissingColumn {
         name: "pitch_difference_rad",
-        instead: "the scenario's pitch difference",
+        instead: Some("the scenario's pitch difference"),
         hides: "the delays of the two tools apart",
         effects: &[],
         bears: &[Borne::Vibration, Borne::Means],
     },
     MissingColumn {
         name: "feed_m_rev",
-        instead: "the scenario's feed",
+        instead: Some("the scenario's feed"),
         hides: "edge force and exponent: what changes with the feed",
         effects: &[EffectKind::EdgeForce, EffectKind::NonlinearCuttingForce],
         bears: &[Borne::Vibration, Borne::Means],
     },
     MissingColumn {
         name: "width_m",
-        instead: "the scenario's width, all through the recording",
+        instead: Some("the scenario's width, all through the recording"),
         hides: "nose radius: what changes with the width; entry and exit",
         effects: &[EffectKind::NoseRadius],
         bears: &[Borne::Vibration, Borne::Means, Borne::Orders],
     },
     MissingColumn {
         name: "spindle_angle_rad",
-        instead: "the angle of uniform rotation",
+        instead: Some("the angle of uniform rotation"),
         hides: "speed variation, and the phase of what turns with the work",
         effects: &[EffectKind::SpindleSpeedVariation],
         bears: &[],
     },
     MissingColumn {
         name: "workpiece_displacement_m",
-        instead: "nothing: there is no probe",
+        instead: None,
         hides: "a force signal that is later or narrower than stated",
         effects: &[EffectKind::ForceSensorLag],
         bears: &[],

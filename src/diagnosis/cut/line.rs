@@ -15,12 +15,12 @@ use super::criteria::CRITERIA;
 use super::input::CutRecording;
 use super::known::Reference;
 use super::machine::Machine;
-use super::observable::{Bin, CHANNELS, Every, Observable, Origin, OriginKind, Part, ZERO};
+use super::observable::{Bin, CHANNELS, Every, LineBeside, Observable, Origin, OriginKind, Part, ZERO};
 use super::spectra::Place;
 use super::stretches::{Stretch, condition, signal_response};
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::scenario::ToolCount;
-use crate::stability::{Root, cut_root_near};
+use crate::stability::{Root, cut_root_near, rightmost_cut_root};
 use nalgebra::{Complex, Matrix2, RowVector2, Vector2};
 use rustfft::FftPlanner;
 use std::f64::consts::{PI, TAU};
@@ -158,6 +158,25 @@ impl SwellingLine {
     pub(crate) fn band_hz(&self) -> [f64; 2] {
         [-2.0, 2.0].map(|nulls| self.line_hz + nulls / self.block_s)
     }
+}
+
+/// The root of amplitudes that go on from block to block by one factor, and the standard deviation of its
+/// growth: least squares, x' = factor x. `None`: fewer than three blocks, or nothing in them.
+fn measured_root(
+    blocks: &[(f64, Vector2<Complex<f64>>)],
+    tools: usize,
+    (block_s, line_hz): (f64, f64),
+) -> Option<(Root, f64)> {
+    let pairs = || blocks.windows(2).map(|w| (w[0].1, w[1].1));
+    let power: f64 = pairs().map(|(x, _)| x.norm_squared()).sum();
+    let factor = pairs().map(|(x, next)| x.dotc(&next)).sum::<Complex<f64>>() / power;
+    let left: f64 = pairs().map(|(x, next)| (next - x * factor).norm_squared()).sum();
+    let free = (tools * blocks.len().checked_sub(2).filter(|n| *n > 0)?) as f64;
+    // Of either part of the factor, over its size.
+    let deviation = (left / free / (2.0 * power)).sqrt() / factor.norm();
+    let growth_1_s = factor.norm().ln() / block_s;
+    let root = Root { growth_1_s, frequency_hz: line_hz + factor.arg() / (TAU * block_s) };
+    (growth_1_s.is_finite() && deviation.is_finite()).then_some((root, deviation / block_s))
 }
 
 /// Column vector of a matrix of the tools.
@@ -337,6 +356,13 @@ impl Observable for SwellingLine {
         Part::Bins { channels, bins: bins.into_iter().step_by(every.0).collect() }
     }
 
+    fn line(&self, machine: &Machine) -> Option<LineBeside> {
+        let block = (self.block_s, self.line_hz);
+        let (measured, deviation_1_s) = measured_root(&self.blocks, self.place.used.len(), block)?;
+        let foretold = rightmost_cut_root(&CutLoop::new(&machine.terms(&self.place.condition)));
+        Some(LineBeside { measured, deviation_1_s, foretold })
+    }
+
     fn origin(&self) -> Origin {
         self.place.origin
     }
@@ -366,7 +392,6 @@ mod tests {
     use super::super::synthetic::{machine, recording};
     use super::*;
     use crate::plant::cut_terms::CutCondition;
-    use crate::stability::rightmost_cut_root;
 
     /// The window passes all of what stands still, half of what is one bin off, nothing two bins off.
     #[test]
@@ -378,7 +403,7 @@ mod tests {
     }
 
     /// Forces that swell at the root of the cut and in its own ratio are foretold; those that swell by 10 1/s
-    /// less, or 1 Hz beside it, are not.
+    /// less, or 1 Hz beside it, are not. Measured is what they do, whatever the machine.
     #[test]
     fn a_line_is_foretold_by_its_own_root_alone() {
         let machine = machine();
@@ -397,6 +422,15 @@ mod tests {
             let cuts = recording(&machine.scenario, 0.9, force);
             let stretch = Stretch { recording: 0, samples: 5000..7200 };
             let line = SwellingLine::new(&cuts, &stretch, &Reference::of(machine)).expect("a line");
+            let seen = line.line(&machine).expect("growth");
+            assert!(
+                (seen.foretold.growth_1_s - seen.measured.growth_1_s - slower_1_s).abs() < 1.0,
+                "{seen:?}"
+            );
+            assert!(
+                (seen.measured.frequency_hz - seen.foretold.frequency_hz - higher_hz).abs() < 0.2,
+                "{seen:?}"
+            );
             part_value(&line.part(&machine, Every(1)))
         };
         let own = value(0.0, 0.0);

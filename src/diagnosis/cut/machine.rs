@@ -1,7 +1,7 @@
 //! A machine as a point of the fit: numbers of the scenario that may be wrong, noise, and effects.
 
 use super::input::{CutEvidence, CutRow};
-use super::laws::{Scales, Term};
+use super::laws::{Law, Scales, Term};
 use crate::plant::cut_effects::Physics;
 use crate::plant::cut_loop::{RANDOM_FORCE_CORNER_HZ, random_force_spectrum_1_hz};
 use crate::plant::cut_terms::{ChipMemory, CutCondition, CutTerms};
@@ -252,6 +252,13 @@ impl Number {
         }
     }
 
+    /// Deviations within which a number is what it is stated to be, though it need not be exactly: a turret is
+    /// set to a tenth of a degree, and what turns with the spindle, which enters with its mean, moves the
+    /// delays by as much.
+    pub(crate) fn set_within(self) -> f64 {
+        if self == Number::Pitch { 1.0 } else { 0.0 }
+    }
+
     /// True for a number of the scenario.
     pub(crate) fn is_stated(self) -> bool {
         matches!(
@@ -395,6 +402,13 @@ impl Frame {
             numbers: self.numbers.iter().zip(&point.numbers).map(of).collect(),
             terms: point.terms.clone(),
         }
+    }
+
+    /// The same point with a chip that meets all of the surface which was left; `None`: it does so as stated.
+    pub(crate) fn with_past(&self, point: &Point) -> Option<Point> {
+        let mut out = point.clone();
+        out.terms.push(Term { law: Law::Overlap, values: vec![1.0] });
+        (!self.stated.cutting.raw().regeneration).then_some(out)
     }
 
     /// The stated structure with its stated numbers.

@@ -22,6 +22,7 @@ mod observable;
 mod observe;
 mod plan;
 mod port;
+mod proof;
 mod recorded;
 pub mod result;
 mod rows;

@@ -7,6 +7,7 @@
 use super::fit::{cholesky, forward};
 use super::machine::Machine;
 use super::source::Sources;
+use crate::stability::Root;
 use nalgebra::Complex;
 
 /// Channels of one bin: force of tool 1, of tool 2, probe.
@@ -80,6 +81,22 @@ pub(crate) trait Observable: Sync {
     fn left_over(&self, _: &Machine) -> Option<LeftOver> {
         None
     }
+
+    /// Its line, and the root of a machine under its condition; `None`: no line was followed.
+    fn line(&self, _: &Machine) -> Option<LineBeside> {
+        None
+    }
+}
+
+/// The line of a stretch beside that of a machine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct LineBeside {
+    /// As measured, without any model.
+    pub(crate) measured: Root,
+    /// Standard deviation of the measured growth, 1/s.
+    pub(crate) deviation_1_s: f64,
+    /// The machine's rightmost root.
+    pub(crate) foretold: Root,
 }
 
 /// Mean square of the forces less what is foretold, of one tool, N^2.

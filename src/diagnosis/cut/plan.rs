@@ -5,6 +5,7 @@
 //! The expected gain is half the squared distance in those standard deviations.
 
 use super::answer::Fitting;
+use super::laws::Law;
 use super::result::PlannedCut;
 use super::search::level_nats;
 use crate::plant::cut_loop::{CutLoop, CutMeans};
@@ -100,18 +101,19 @@ fn rivals(fitting: &Fitting<'_>) -> Option<([Scenario; 2], String)> {
     let round = fitting.selected.rounds.first()?;
     let scenario = |point| frame.machine(point).map(|m| m.scenario);
     let best = round.fitted.first()?;
-    let found = best.hypothesis.law.name();
+    let spoken = |law: Law| law.name().replace('_', " ");
+    let found = spoken(best.hypothesis.law);
     let second = round.fitted.get(1);
     let rival = second.filter(|s| round.accepted && best.evidence_nats - s.evidence_nats < level_nats());
     if let Some(rival) = rival {
-        let between = format!("{} from {}", found, rival.hypothesis.law.name());
+        let between = format!("it tells {found} from {}", spoken(rival.hypothesis.law));
         return Some(([scenario(&best.model.point)?, scenario(&rival.model.point)?], between));
     }
     if round.accepted {
         return None;
     }
     // Nothing was taken up: the likeliest of what was not, at the size that it may have, against nothing.
-    let between = format!("{found} from none");
+    let between = format!("it tells whether there is any {found}");
     Some(([scenario(&fitting.start.point)?, scenario(&best.model.point)?], between))
 }
 

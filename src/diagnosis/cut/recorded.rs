@@ -1,29 +1,27 @@
-//! What recordings alone can say: forces before and after on stretches that nothing was fitted to, what each
+//! What recordings alone can say: how the answer stands on stretches that nothing was fitted to, what each
 //! finding adds in time, what is left, and the cuts for the map.
 
-use super::super::result::{Fit, Verdict};
+use super::super::result::Verdict;
 use super::adequacy::{Left, left};
 use super::along::{Motion, added, law_forces, true_forces};
 use super::answer::{Fitting, standing};
 use super::bursts::bursts;
 use super::contact::{impossible_chatter, pulls};
-use super::fit::{Effort, Problem};
+use super::fit::Problem;
 use super::free::free_fit;
 use super::input::CutRecording;
+use super::known::Reference;
 use super::laws::Law;
-use super::machine::{Machine, Point};
-use super::observable::{LeftOver, Lent, Observable, Origin, OriginKind};
-use super::result::{
-    CutContribution, CutDiagnosis, CutFit, CutLocation, CutRecordingFit, CutSeries, MappedCut,
-};
-use super::search::{AGAIN, SCREENED};
+use super::machine::Machine;
+use super::observable::Observable;
+use super::observe::observe;
+use super::proof::{HELD_OUT, gained, held_out_groups, left_over, prove};
+use super::result::{CutContribution, CutDiagnosis, CutLocation, CutRecordingFit, CutSeries, MappedCut};
 use super::stretches::{Stretch, Stretches, band_hz, condition};
 use crate::plant::cut_effects::CutEffect;
 use crate::plant::effects::{EffectKind, Port};
 use crate::plant::scenario::Scenario;
 
-/// Of three stretches one is held out of the fits that show a finding.
-const HELD_OUT: usize = 3;
 /// Points of a series for a picture.
 const DRAWN: usize = 1500;
 
@@ -31,18 +29,17 @@ const DRAWN: usize = 1500;
 pub(crate) fn complete(
     fitting: &Fitting<'_>,
     recordings: &[CutRecording],
-    stretches: &Stretches,
+    (stretches, known): (&Stretches, &Reference),
     diagnosis: &mut CutDiagnosis,
 ) {
     let problem = fitting.problem;
     let point = &fitting.selected.model.point;
     let bands = recordings.iter().map(|r| band_hz(r, &diagnosis.stated));
     diagnosis.residual_band_hz = bands.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
-    let held_out = held_out_fit(fitting);
-    diagnosis.noise_floor_n = held_out.map(|f| f.noise_floor_n);
-    for finding in &mut diagnosis.findings {
-        finding.fit = CutFit { forces: held_out, ..finding.fit };
-    }
+    // Where there is too little to leave a stretch out, parts of it are, in time.
+    let parts = || observe(recordings, &stretches.divided(recordings, HELD_OUT), known);
+    let parts = (held_out_groups(problem.observables) < HELD_OUT).then(parts);
+    prove(fitting, parts.as_deref().unwrap_or(problem.observables), diagnosis);
     // The key says which, where an effect may stand twice.
     let effects: Vec<CutEffect> = diagnosis.scenario.physics.iter().collect();
     for finding in &mut diagnosis.findings {
@@ -62,6 +59,10 @@ pub(crate) fn complete(
     }
     if let (Some(location), Some(first)) = (&mut diagnosis.location, diagnosis.findings.first()) {
         location.domain = domain(first.effect);
+        if let Some(gained) = gained(fitting, first) {
+            location.bands_hz = gained.bands_hz;
+            location.time = gained.time;
+        }
     }
     diagnosis.notes.extend(stretches.silent.iter().map(|k| silent_note(&recordings[*k])));
     diagnosis.mapped.extend(mapped(recordings, stretches, &diagnosis.stated));
@@ -134,6 +135,7 @@ fn judge(left: Option<Left>, diagnosis: &mut CutDiagnosis) {
     if found < left.excess_nats {
         // So have the numbers that were fitted beside it.
         if !diagnosis.findings.is_empty() {
+            diagnosis.proof = None;
             diagnosis.findings.clear();
             diagnosis.parameter_corrections.clear();
             diagnosis.scenario = diagnosis.stated;
@@ -163,62 +165,6 @@ fn contribution(recordings: &[CutRecording], with: &Scenario, effect: &CutEffect
     recordings.iter().enumerate().map(of).collect()
 }
 
-/// Mean of what is left over observables: those of one stretch add, spectra count by their length.
-fn left_over<'a>(observables: impl Iterator<Item = &'a dyn Observable>, machine: &Machine) -> LeftOver {
-    let (mut sum, mut seconds) = (LeftOver::default(), 0.0);
-    for observable in observables {
-        let Some(left) = observable.left_over(machine) else { continue };
-        let origin = observable.origin();
-        let length = origin.span_s[1] - origin.span_s[0];
-        sum.recorded_n2 += left.recorded_n2 * length;
-        sum.floor_n2 += left.floor_n2 * length;
-        if matches!(origin.kind, OriginKind::Calm | OriginKind::Followed) {
-            seconds += length;
-        }
-    }
-    sum * (1.0 / f64::max(seconds, 1e-9))
-}
-
-/// Forces before and after on stretches that no number was fitted to.
-fn held_out_fit(fitting: &Fitting<'_>) -> Option<Fit> {
-    let problem = fitting.problem;
-    let mut spans: Vec<(Option<usize>, [f64; 2])> = Vec::new();
-    let mut group = |origin: &Origin| {
-        let key = (origin.recording, origin.span_s);
-        let known = spans.iter().position(|s| *s == key);
-        known.unwrap_or_else(|| {
-            spans.push(key);
-            spans.len() - 1
-        })
-    };
-    let out: Vec<bool> =
-        problem.observables.iter().map(|o| group(&o.origin()) % HELD_OUT == HELD_OUT - 1).collect();
-    if !out.contains(&true) {
-        return None;
-    }
-    let lent: Vec<Box<dyn Observable + '_>> = problem
-        .observables
-        .iter()
-        .zip(&out)
-        .filter(|(_, out)| !**out)
-        .map(|(o, _)| Box::new(Lent(o.as_ref())) as Box<dyn Observable + '_>)
-        .collect();
-    let part = Problem { frame: problem.frame, observables: &lent };
-    let of = |start: &Point| {
-        let ended = part.fit(start, &Effort { every: SCREENED, ..AGAIN })?;
-        let machine = problem.frame.machine(&ended.point)?;
-        let held = problem.observables.iter().zip(&out).filter(|(_, out)| **out);
-        Some(left_over(held.map(|(o, _)| o.as_ref() as &dyn Observable), &machine))
-    };
-    let before = of(&fitting.start.point)?;
-    let after = of(&fitting.selected.model.point)?;
-    Some(Fit {
-        heldout_rms_before_n: before.recorded_n2.sqrt(),
-        heldout_rms_after_n: after.recorded_n2.sqrt(),
-        noise_floor_n: after.floor_n2.sqrt(),
-    })
-}
-
 /// One recording before and after, with the series to draw.
 fn recording_fit(
     problem: &Problem<'_>,
@@ -240,8 +186,8 @@ fn recording_fit(
     let thin = |x: &[f64]| x.iter().step_by(step).copied().collect::<Vec<f64>>();
     CutRecordingFit {
         experiment: recording.experiment.clone(),
-        rms_before_n: left_over(own(), before).recorded_n2.sqrt(),
-        rms_after_n: left_over(own(), after).recorded_n2.sqrt(),
+        rms_before_n: left_over(own(), before).mean().recorded_n2.sqrt(),
+        rms_after_n: left_over(own(), after).mean().recorded_n2.sqrt(),
         series: CutSeries {
             t_s: (0..recording.len()).step_by(step).map(|k| recording.time_s(k)).collect(),
             force_n: thin(&forces[0]),
@@ -258,14 +204,7 @@ fn mapped(recordings: &[CutRecording], stretches: &Stretches, scenario: &Scenari
         let recording = &recordings[stretch.recording];
         let middle = usize::midpoint(stretch.samples.start, stretch.samples.end);
         let at = condition(recording, middle, scenario);
-        MappedCut {
-            name: format!("{} {:.1} s", recording.experiment, at.time_s),
-            spindle_speed_rpm: at.speed_rpm,
-            width_m: at.width_m,
-            pitch_difference_rad: at.pitch_difference_rad,
-            tool_position_m: at.position_m,
-            chatter,
-        }
+        MappedCut { name: format!("{} {:.1} s", recording.experiment, at.time_s), at, chatter }
     };
     let calm = stretches.calm.iter().map(|s| one(s, Some(false)));
     let followed = stretches.followed.iter().map(|s| {

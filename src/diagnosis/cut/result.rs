@@ -1,8 +1,10 @@
 //! What a diagnosis of the cut says: plain data, no files (contracts, section 6, "Outputs").
 
 use super::super::result::{Alternative, Correction, Estimate, Fit, TimeSpans, Verdict};
+use crate::plant::cut_terms::CutCondition;
 use crate::plant::effects::{EffectKind, Port};
 use crate::plant::scenario::Scenario;
+use crate::stability::Root;
 
 /// Where the mismatch is.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,6 +41,52 @@ pub struct CutFit {
     pub forces: Option<Fit>,
     /// Table of cuts.
     pub table: Option<TableFit>,
+    /// What ln L of the held-out stretches gains by the finding, all other numbers fitted anew with it and
+    /// without it, nats.
+    pub gain_nats: Option<f64>,
+}
+
+/// The same of three models: as stated; its structure with other numbers alone; with the findings.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Sides<T> {
+    /// The scenario as stated.
+    pub stated: T,
+    /// The stated structure, its numbers fitted anew.
+    pub refitted: T,
+    /// Corrections and findings.
+    pub answer: T,
+}
+
+/// How an answer stands on recorded stretches, each foretold by fits that did not see it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CutProof {
+    /// Stretches.
+    pub stretches: usize,
+    /// In so many parts they were held out, one after the other.
+    pub parts: usize,
+    /// -ln L of the stretches, nats; a constant is common to all three.
+    pub loss_nats: Sides<f64>,
+    /// Radial forces less what is predicted one sample ahead, root mean square, N.
+    pub rms_n: Sides<f64>,
+    /// What random force and sensor leave at best, N.
+    pub noise_floor_n: f64,
+    /// Stretches that swell or fade, with their lines.
+    pub lines: Vec<ProvenLine>,
+}
+
+/// Growth and line of one stretch, measured without any model, beside those of three models.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ProvenLine {
+    /// Index of the recording.
+    pub recording: usize,
+    /// Begin and end, s.
+    pub span_s: [f64; 2],
+    /// From block to block of a quarter of a turn.
+    pub measured: Root,
+    /// Standard deviation of the measured growth, 1/s; 2 pi times that of the line, Hz.
+    pub deviation_1_s: f64,
+    /// Rightmost root under the condition of the stretch.
+    pub foretold: Sides<Root>,
 }
 
 /// What a finding adds over one recording: N at `process` and `force_sensor`, m at `workpiece` and `turret`,
@@ -196,14 +244,8 @@ pub struct CutTried {
 pub struct MappedCut {
     /// Where it is from: experiment, or the cut's name.
     pub name: String,
-    /// Speed, rpm.
-    pub spindle_speed_rpm: f64,
-    /// Width, m.
-    pub width_m: f64,
-    /// theta_2 - theta_1, rad.
-    pub pitch_difference_rad: f64,
-    /// Tools from the chuck, m.
-    pub tool_position_m: f64,
+    /// Its condition, the pitch as commanded.
+    pub at: CutCondition,
     /// Whether it chattered; `None`: not judged.
     pub chatter: Option<bool>,
 }
@@ -227,6 +269,8 @@ pub struct CutDiagnosis {
     pub recordings: Vec<CutRecordingFit>,
     /// Per row of the table, in its order; empty without a table.
     pub rows: Vec<CutRowFit>,
+    /// How the answer stands on held-out stretches; nothing from a table alone.
+    pub proof: Option<CutProof>,
     /// How the table as a whole is foretold.
     pub table: Option<TableFit>,
     /// What these cuts could not have shown.

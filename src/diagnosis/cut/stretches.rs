@@ -43,6 +43,20 @@ pub(crate) struct Stretches {
 }
 
 impl Stretches {
+    /// The same with every stretch in up to `parts` pieces of one length, none shorter than one must be that
+    /// is followed.
+    pub(crate) fn divided(&self, recordings: &[CutRecording], parts: usize) -> Self {
+        let of = |stretch: &Stretch| {
+            let Stretch { recording, samples } = stretch.clone();
+            let shortest = CRITERIA.shortest_followed_s * recordings[recording].sample_rate.hz();
+            let count = ((samples.len() as f64 / shortest) as usize).clamp(1, parts);
+            let edge = move |k: usize| samples.start + samples.len() * k / count;
+            (0..count).map(move |k| Stretch { recording, samples: edge(k)..edge(k + 1) })
+        };
+        let divided = |all: &[Stretch]| all.iter().flat_map(of).collect();
+        Self { calm: divided(&self.calm), followed: divided(&self.followed), silent: self.silent.clone() }
+    }
+
     /// True where a random force drives what a stretch shows.
     pub(crate) fn is_random(&self, stretch: &Stretch) -> bool {
         !self.silent.contains(&stretch.recording)
