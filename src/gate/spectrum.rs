@@ -64,8 +64,9 @@ fn spectrum(x: &[f64]) -> Option<Vec<f64>> {
     Some(power)
 }
 
-/// Each multiple of fs / n below what lies on either side of it, from a quarter to half of the way to the next
-/// one. Of that the median: lines (chatter with its harmonics) stand out of a spectrum without a notch, too.
+/// Each multiple of fs / n below what lies on either side of it, from a quarter to half of the way to the
+/// next one. Of that the median: lines (chatter with its harmonics) stand out of a spectrum that has no
+/// notch, too.
 fn has_notches(power: &[f64], n: usize, [each_db, mean_db]: [f64; 2]) -> bool {
     let spacing = WINDOW as f64 / n as f64;
     let db = |power: f64| 10.0 * power.max(f64::MIN_POSITIVE).log10();
@@ -180,8 +181,8 @@ mod tests {
         })
     }
 
-    /// Chatter with its harmonics behind a low-pass has lines and gaps between them; a notch at every multiple
-    /// of a fifth of the rate has a moving average alone.
+    /// Chatter with its harmonics behind a low-pass has lines and gaps between them; a notch at every
+    /// multiple of a fifth of the rate has a moving average alone.
     #[test]
     fn chatter_is_no_moving_average() {
         let rows = 20_000;
@@ -194,7 +195,7 @@ mod tests {
             .zip(noise(rows + 5).skip(5))
             .enumerate()
             .map(|(k, (random, sensor))| {
-                // 592 Hz at 9 kHz: its second and fifth harmonic lie beside what an average over 5 rows takes.
+                // 592 Hz at 9 kHz: its second and fifth harmonic lie beside what a mean of 5 rows takes.
                 slow += 0.003 * (random - slow);
                 let turn = TAU * 592.0 * k as f64 / 9000.0 + 0.5 * slow;
                 let chatter: f64 = (1..=8).map(|h| 20.0 / f64::from(h) * (f64::from(h) * turn).sin()).sum();

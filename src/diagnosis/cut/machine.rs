@@ -252,9 +252,8 @@ impl Number {
         }
     }
 
-    /// Deviations within which a number is what it is stated to be, though it need not be exactly: a turret is
-    /// set to a tenth of a degree, and what turns with the spindle, which enters with its mean, moves the
-    /// delays by as much.
+    /// Deviations within which a number is what it is stated to be, though it need not be exactly: a turret
+    /// is set to a tenth of a degree.
     pub(crate) fn set_within(self) -> f64 {
         if self == Number::Pitch { 1.0 } else { 0.0 }
     }
