@@ -287,7 +287,7 @@ _stillcut() {
                     return 0
                     ;;
                 --told)
-                    COMPREPLY=($(compgen -W "stated repaired" -- "${cur}"))
+                    COMPREPLY=($(compgen -W "stated repaired truth" -- "${cur}"))
                     return 0
                     ;;
                 --out)

@@ -174,8 +174,9 @@ complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l duration-
 complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l rule -d 'How the pitch is chosen: by the identified two-delay model, or by eq. (6-10) alone' -r -f -a "model\t''
 opposed\t''"
 complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l conceal -d 'Physics beyond the two-delay model that the cuts have, one of these each; comma separated, or `all`' -r
-complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l told -d 'What the controller is told: nominal numbers without that physics, or what `diagnose` would write' -r -f -a "stated\t''
-repaired\t''"
+complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l told -d 'What the controller is told: nominal numbers without that physics, what a diagnosis of three cuts makes of these, or the truth with its numbers a little off' -r -f -a "stated\t''
+repaired\t''
+truth\t''"
 complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l out -d 'Folder for campaign.csv; without it only the table is printed' -r -F
 complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l wide -d 'Wider ranges: slim and stout bars, little and much damping, deep cuts, slow and fast spindles'
 complete -c stillcut -n "__fish_stillcut_using_subcommand campaign" -l before-chatter -d 'The pitch moves before chatter too, where the stability margin runs out'

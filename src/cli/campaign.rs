@@ -50,8 +50,9 @@ pub(super) struct Arguments {
     /// Physics beyond the two-delay model that the cuts have, one of these each; comma separated, or `all`.
     #[arg(long, value_name = "EFFECTS", value_delimiter = ',')]
     conceal: Vec<String>,
-    /// What the controller is told: nominal numbers without that physics, or what `diagnose` would write.
-    #[arg(long, default_value = "stated", value_parser = ["stated", "repaired"])]
+    /// What the controller is told: nominal numbers without that physics, what a diagnosis of three cuts
+    /// makes of these, or the truth with its numbers a little off.
+    #[arg(long, default_value = "stated", value_parser = ["stated", "repaired", "truth"])]
     told: String,
     /// The pitch moves before chatter too, where the stability margin runs out.
     #[arg(long)]
@@ -84,6 +85,8 @@ struct Case {
     scenario: Scenario,
     /// What the controller knows of it.
     told: Scenario,
+    /// Whether the diagnosis named the physics that is concealed; none was made, or nothing is concealed.
+    named: Option<bool>,
     noise: f64,
     equal: Root,
     best_growth_1_s: f64,
@@ -122,7 +125,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let concealed = hidden::asked(&arguments.conceal).map_err(|e| bad_input(format!("--conceal: {e}")))?;
     let cases: Vec<Case> = (0..arguments.cuts as u64)
         .map(|k| draw(arguments.seed.wrapping_add(k), &arguments, &concealed))
-        .collect::<Result<_, _>>()
+        .collect::<anyhow::Result<_>>()
         .context("a random cut was not physical")?;
     let progress = super::progress(cases.len() as u64, "cutting");
     let (next, done) = (AtomicUsize::new(0), Mutex::new((0..cases.len()).map(|_| None).collect::<Vec<_>>()));
@@ -155,11 +158,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
 }
 
 /// One random cut. Errors: never for the ranges below; the types want it checked.
-fn draw(
-    seed: u64,
-    arguments: &Arguments,
-    concealed: &[hidden::Effect],
-) -> Result<Case, crate::plant::workpiece::ScenarioError> {
+fn draw(seed: u64, arguments: &Arguments, concealed: &[hidden::Effect]) -> anyhow::Result<Case> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut between = |usual: [f64; 2], wide: [f64; 2]| {
         let [low, high] = if arguments.wide { wide } else { usual };
@@ -201,9 +200,15 @@ fn draw(
         let effect = concealed[random.random_range(0..concealed.len())];
         scenario.physics = hidden::drawn(effect, &scenario, &mut random)?;
     }
-    let told = match arguments.told.as_str() {
-        "repaired" => hidden::repaired(&scenario, &mut random)?,
-        _ => stated(&scenario)?,
+    let stated = stated(&scenario)?;
+    let (told, named) = match arguments.told.as_str() {
+        "truth" => (hidden::nearly_true(&scenario, &mut random)?, None),
+        "repaired" => {
+            let (told, found) = hidden::diagnosed((&scenario, &stated), noise, seed)?;
+            let concealed = scenario.physics.iter().next().map(|term| term.kind());
+            (told, concealed.map(|effect| found.contains(&effect)))
+        }
+        _ => (stated, None),
     };
     let at = |pitch_difference_rad: f64, share: f64| {
         let position_m = begin_m + share * way_m;
@@ -220,7 +225,7 @@ fn draw(
     };
     let pitches = (0..=150).map(|k| LARGEST_PITCH_RAD * f64::from(k) / 150.0);
     let best_growth_1_s = pitches.map(worst).fold(f64::INFINITY, f64::min);
-    Ok(Case { seed, scenario, told, noise, equal, best_growth_1_s })
+    Ok(Case { seed, scenario, told, named, noise, equal, best_growth_1_s })
 }
 
 /// Bar and cut as an operator states them: lengths as they are, the rest nominal.
@@ -370,6 +375,14 @@ fn print(cases: &[Case], outcomes: &[Outcome]) -> anyhow::Result<()> {
     marked.sort_by(f64::total_cmp);
     let median = marked.get(marked.len() / 2).copied().unwrap_or(0.0);
     writeln!(out, "  time above {:.0} um, median of these    {median:.2} s", MARK_M * 1e6)?;
+    let moves: u32 = curable().map(|(_, o)| o.moves).sum();
+    let each = f64::from(moves) / curable().count().max(1) as f64;
+    writeln!(out, "  moves of the pitch, mean of these    {each:.1}")?;
+    let judged: Vec<bool> = cases.iter().filter_map(|c| c.named).collect();
+    if !judged.is_empty() {
+        let right = judged.iter().filter(|named| **named).count();
+        writeln!(out, "  concealed physics named, of all      {right} of {}", judged.len())?;
+    }
     let moved = outcomes.iter().filter(|o| o.moves_before > 0).count();
     writeln!(out, "  pitch moved before any alarm, of all {moved}")?;
     let deaf: f64 = unstable().map(|(_, o)| o.deaf_s).sum();

@@ -8,6 +8,7 @@ use crate::sample::{Column, Recording};
 use crate::simulation::force_signal::ShownForce;
 use crate::simulation::lathe::{AXES, Lathe, LatheSettings, Truth};
 use crate::units::SampleRate;
+use indicatif::ProgressBar;
 use std::path::PathBuf;
 
 /// Writes a recording from the simulator: what an ideal dynamometer and probe would see.
@@ -75,7 +76,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     for note in notes(&settings, duration_s) {
         eprintln!("note: {note}");
     }
-    let recording = record(settings, signal, duration_s).map_err(bad_input)?;
+    let bar = super::progress(rows(&settings, duration_s) as u64, "simulating");
+    let recording = record(settings, signal, duration_s, &bar).map_err(bad_input)?;
+    bar.finish_and_clear();
     write_recording(&arguments.out, &recording).map_err(bad_input)?;
     Ok(())
 }
@@ -105,12 +108,20 @@ fn notes(settings: &LatheSettings, duration_s: f64) -> Vec<String> {
     notes
 }
 
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded by the caller")]
+fn rows(settings: &LatheSettings, duration_s: f64) -> usize {
+    (duration_s * settings.sample_rate_hz).round().max(2.0) as usize
+}
+
 /// Lets the lathe run and keeps what it showed.
-fn record(settings: LatheSettings, signal: ShownForce, duration_s: f64) -> anyhow::Result<Recording> {
+pub(super) fn record(
+    settings: LatheSettings,
+    signal: ShownForce,
+    duration_s: f64,
+    progress: &ProgressBar,
+) -> anyhow::Result<Recording> {
     let mut lathe = Lathe::new(settings);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded by the caller")]
-    let rows = (duration_s * settings.sample_rate_hz).round().max(2.0) as usize;
-    let progress = super::progress(rows as u64, "simulating");
+    let rows = rows(&settings, duration_s);
     let mut truth = Vec::with_capacity(rows);
     let mut servo = Vec::with_capacity(if settings.with_servo { rows } else { 0 });
     for row in 0..rows {
@@ -123,7 +134,6 @@ fn record(settings: LatheSettings, signal: ShownForce, duration_s: f64) -> anyho
             progress.set_position(row as u64);
         }
     }
-    progress.finish_and_clear();
     let rate = SampleRate::new(settings.sample_rate_hz)?;
     let mut columns = cut_columns(&settings, signal, &truth, rate);
     let column = |name: &str, values: Vec<f64>| Column { name: name.to_owned(), values };

@@ -6,7 +6,7 @@ use super::problem::{Problem, Refused};
 use super::reason::{Reason, ReasonBody};
 use super::recordings::page_size;
 use super::{Caller, Role, Site};
-use crate::service::{BUDGET_S, BUDGETS_S, DiagnosisView};
+use crate::service::{AcceptedScenario, BUDGET_S, BUDGETS_S, DiagnosisView};
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -159,6 +159,25 @@ pub(super) async fn cancel(
     let origin = body?.0.origin(&caller, &site)?;
     let view = site.handle.cancel_diagnosis(&id, &origin).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
+}
+
+/// Accept the scenario of a finished diagnosis of the cut. It is put on record and written into the folder of
+/// the history; what runs stays as it is until somebody names it in the configuration and starts anew.
+#[utoipa::path(post, path = "/api/v1/diagnoses/{id}/accept", tag = "diagnosis",
+    operation_id = "acceptDiagnosisScenario", request_body = ReasonBody,
+    params(("id" = String, Path, description = "Name of the job")),
+    security(("token" = [])),
+    responses((status = 200, description = "Where it stands, what is left to do", body = AcceptedScenario),
+        Refused))]
+pub(super) async fn accept(
+    State(site): State<Site>,
+    Extension(caller): Extension<Caller>,
+    Named(id): Named<String>,
+    body: Result<Body<ReasonBody>, Problem>,
+) -> Result<Json<AcceptedScenario>, Problem> {
+    caller.require(Role::Engineer)?;
+    let origin = body?.0.origin(&caller, &site)?;
+    Ok(Json(site.handle.accept_scenario(&id, &origin).await?))
 }
 
 /// One diagnosis with its result.

@@ -124,6 +124,7 @@ fn routes() -> OpenApiRouter<Site> {
         .routes(routes!(diagnoses::cancel))
         .routes(routes!(diagnoses::report))
         .routes(routes!(diagnoses::scenario))
+        .routes(routes!(diagnoses::accept))
         .routes(routes!(cuts::list))
         .routes(routes!(cuts::table))
         .routes(routes!(diagnoses::start_cuts))

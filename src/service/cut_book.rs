@@ -38,8 +38,12 @@ pub(super) struct Stretch {
     pub(super) ended_s: f64,
     /// Of a stable cut where the bar gives most, of chatter where it began.
     pub(super) condition: Condition,
+    /// The place nearest to the chuck, m.
+    pub(super) nearest_m: Option<f64>,
     /// Frequency of its chatter.
     pub(super) chatter_hz: Option<f64>,
+    /// The same cut had chattered before.
+    pub(super) after_chatter: bool,
 }
 
 impl Stretch {
@@ -74,10 +78,13 @@ impl CutBook {
             stretch.ended_s = t_s;
             let places = condition.tool_position_m.zip(stretch.condition.tool_position_m);
             stretch.condition.tool_position_m = places.map(|(a, b)| a.max(b));
+            stretch.nearest_m = condition.tool_position_m.zip(stretch.nearest_m).map(|(a, b)| a.min(b));
             return;
         }
         self.close();
-        self.now = Some(Stretch { began_s: t_s, ended_s: t_s, condition, chatter_hz: None });
+        let (nearest_m, after_chatter) = (condition.tool_position_m, self.chattered.is_some());
+        let (began_s, ended_s) = (t_s, t_s);
+        self.now = Some(Stretch { began_s, ended_s, condition, nearest_m, chatter_hz: None, after_chatter });
     }
 
     /// What the detector says began or ended.
@@ -87,7 +94,10 @@ impl CutBook {
                 // It grew in the condition that it begins in.
                 let began_s = self.now.take().map_or(t_s, |s| s.began_s);
                 let chatter_hz = Some(line.frequency_hz);
-                self.told.push_back(Stretch { began_s, ended_s: t_s, condition: self.newest, chatter_hz });
+                let (condition, ended_s, after_chatter) = (self.newest, t_s, self.chattered.is_some());
+                let nearest_m = condition.tool_position_m;
+                let heard = Stretch { began_s, ended_s, condition, nearest_m, chatter_hz, after_chatter };
+                self.told.push_back(heard);
                 (self.chatter, self.chattered) = (true, Some(self.newest));
             }
             ChatterEvent::End => self.chatter = false,
@@ -166,6 +176,29 @@ mod tests {
             (3.0, 1200.0, 0.1, AIR, None),
         ]);
         assert_eq!(told(&runs), [(1200.0, 0.0, Some(650.0)), (1200.0, 0.1, None)]);
+    }
+
+    #[test]
+    fn a_stretch_says_whether_its_cut_had_chattered() {
+        let (mut book, mut t_s) = (CutBook::default(), 0.0);
+        let mut cut = |book: &mut CutBook, lasts_s: f64, pitch_rad: f64, in_cut: Option<bool>| {
+            for _ in 0..(lasts_s / 0.01).round() as usize {
+                t_s += 0.01;
+                let now = Condition { speed_rpm: 1200.0, pitch_rad, tool_position_m: None };
+                book.look(t_s, now, in_cut);
+            }
+            t_s
+        };
+        let t_s = cut(&mut book, 2.0, 0.0, CUT);
+        onset().iter().for_each(|e| book.hear(t_s, e));
+        let t_s = cut(&mut book, 1.0, 0.1, CUT);
+        book.hear(t_s, &ChatterEvent::End);
+        cut(&mut book, 3.0, 0.1, CUT);
+        cut(&mut book, 1.0, 0.1, AIR);
+        cut(&mut book, 3.0, 0.1, CUT);
+        cut(&mut book, 1.0, 0.1, AIR);
+        let after: Vec<bool> = std::iter::from_fn(|| book.take()).map(|s| s.after_chatter).collect();
+        assert_eq!(after, [false, true, false]);
     }
 
     #[test]

@@ -4,10 +4,13 @@ use super::clock;
 use super::control::Origin;
 use super::diagnoses::{DiagnosisView, Subject};
 use super::handle::{Handle, OperationError};
-use crate::config::scenario::scenario_to_text;
+use crate::config::scenario::{scenario_from_text, scenario_to_text};
+use crate::recording::write_whole;
 use crate::store::{MAX_PAGE, PastCut};
 use crate::units::counted;
+use serde::Serialize;
 use std::fmt::Write as _;
+use utoipa::ToSchema;
 
 /// The rows as a table of cuts (contracts, section 6): CSV, SI units, one row a cut.
 #[must_use]
@@ -31,7 +34,54 @@ pub fn cuts_csv(cuts: &[PastCut]) -> String {
     out
 }
 
+/// Name of the scenario that a person accepted, in the folder of the history.
+const ACCEPTED: &str = "accepted-scenario.toml";
+
+/// A scenario that a person accepted, and what is left to do by hand.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct AcceptedScenario {
+    /// The diagnosis that wrote it.
+    pub diagnosis: String,
+    /// Where it stands now.
+    pub path: String,
+    /// What makes the service use it.
+    pub next: String,
+}
+
 impl Handle {
+    /// A person agrees with the scenario that a diagnosis of the cut wrote: it is put on record and beside
+    /// the history. What runs stays as it is until somebody names it in the configuration and starts anew.
+    /// Errors: there is none, it is no scenario, or it cannot be put on record or written.
+    pub async fn accept_scenario(
+        &self,
+        id: &str,
+        origin: &Origin,
+    ) -> Result<AcceptedScenario, OperationError> {
+        let none = || OperationError::NotFound("there is no such scenario, or it is not ready".to_owned());
+        let from = self.diagnoses().file_of(id, "scenario.toml").ok_or_else(none)?;
+        let text = tokio::fs::read_to_string(&from).await.map_err(|_| none())?;
+        scenario_from_text(&from, &text).map_err(|e| OperationError::Unsuitable(e.to_string()))?;
+        let what = format!("scenario of diagnosis {id}");
+        self.audit(origin, "accept_scenario_asked", &what).await?;
+        let to = self.0.settings.history.folder.join(ACCEPTED);
+        let target = to.clone();
+        let written = tokio::task::spawn_blocking(move || write_whole(&target, text.as_bytes())).await;
+        let failed = match written {
+            Ok(Ok(())) => None,
+            Ok(Err(error)) => Some(error.to_string()),
+            Err(error) => Some(error.to_string()),
+        };
+        let path = to.display().to_string();
+        if let Some(why) = failed {
+            let refused = OperationError::Unsuitable(format!("{path}: {why}"));
+            self.record_outcome(origin, "accept_scenario", &format!("{what}: {refused}")).await;
+            return Err(refused);
+        }
+        self.record_outcome(origin, "accept_scenario", &format!("{what}: written to {path}")).await;
+        let next = format!("set `scenario = \"{path}\"` in [cutting] and start the service anew");
+        Ok(AcceptedScenario { diagnosis: id.to_owned(), path, next })
+    }
+
     /// Past cuts before a place in the table, newest first. Errors: the history does not answer.
     pub async fn cuts(&self, before: Option<i64>, limit: i64) -> Result<Vec<PastCut>, OperationError> {
         Ok(self.0.reader.cuts(before, limit).await?)

@@ -47,7 +47,7 @@ pub use crate::store::{AuditRow, EventFilter, EventPage, MAX_PAGE, PastCut};
 pub use check::{check, check_shared_memory, user_of};
 pub use commissioning::{CommissioningItem, CommissioningView};
 pub use control::{ModeNow, Origin, Refusal};
-pub use cut_jobs::cuts_csv;
+pub use cut_jobs::{AcceptedScenario, cuts_csv};
 pub use diagnoses::{BUDGET_S, BUDGETS_S, Diagnoses, DiagnosisView, JobState};
 pub use exports::{ReplayView, TextForm, TrackView};
 pub use handle::{Changed, Check, Handle, OperationError, ShownConfig, StreamMessage};

@@ -43,6 +43,7 @@ const ROUTES: &[(&str, &str, Option<&str>, usize)] = &[
     ("POST", "/api/v1/diagnoses", Some(r#"{"reason":"test","recordings":["none"]}"#), 3),
     ("POST", "/api/v1/cuts/diagnose", Some(r#"{"reason":"test"}"#), 3),
     ("POST", "/api/v1/diagnoses/none/cancel", Some(r#"{"reason":"test"}"#), 2),
+    ("POST", "/api/v1/diagnoses/none/accept", Some(r#"{"reason":"test"}"#), 3),
 ];
 
 /// Reads what is there; a signal to another test of this process is no end.

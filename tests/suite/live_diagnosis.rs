@@ -208,5 +208,20 @@ fn past_cuts_are_kept_and_diagnosed_over_http() {
     let id = view["id"].as_str().unwrap();
     let scenario = get(&running, &format!("/api/v1/diagnoses/{id}/scenario.toml"));
     assert!(scenario.status == 200 && scenario.body.contains("[workpiece]"), "{scenario:?}");
+    // A person agrees: it is on record and beside the history, and nothing that runs has changed.
+    let config = get(&running, "/api/v1/config").body;
+    let route = format!("/api/v1/diagnoses/{id}/accept");
+    let accepted = ask(&address, "POST", &route, &[], Some("{\"reason\":\"the map fits our bars\"}"));
+    assert_eq!(accepted.status, 200, "{accepted:?}");
+    let path = accepted.json()["path"].as_str().unwrap().to_owned();
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), scenario.body);
+    assert!(accepted.json()["next"].as_str().unwrap().contains(&path), "{accepted:?}");
+    assert_eq!(get(&running, "/api/v1/config").body, config);
+    until("the acceptance is on record", 10, || {
+        let audit = get(&running, "/api/v1/audit").body;
+        audit.contains("accept_scenario") && audit.contains("the map fits our bars")
+    });
+    let none = ask(&address, "POST", "/api/v1/diagnoses/nothing/accept", &[], Some("{\"reason\":\"test\"}"));
+    assert_eq!(none.status, 404, "{none:?}");
     running.stop();
 }

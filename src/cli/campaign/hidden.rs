@@ -1,11 +1,18 @@
-//! Physics that a random cut has and its operator may not know of.
+//! Physics that a random cut has and its operator may not know of, and what a diagnosis makes of it.
 
+use crate::cli::simulate::record;
+use crate::diagnosis::cut::diagnose;
+use crate::diagnosis::cut::input::{CutEvidence, CutRecording};
 use crate::plant::cut_effects::{
     ContactStiffness, CutEffect, ForceLag, Physics, SecondMode, SecondPlane, TurretCompliance,
 };
+use crate::plant::effects::EffectKind;
 use crate::plant::scenario::{RawScenario, Scenario};
 use crate::plant::workpiece::ScenarioError;
+use crate::simulation::force_signal::ShownForce;
+use crate::simulation::lathe::LatheSettings;
 use clap::ValueEnum as _;
+use indicatif::ProgressBar;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
@@ -67,10 +74,51 @@ pub(super) fn drawn(
     Ok(Physics::new(&[term])?)
 }
 
-/// What a diagnosis hands over: the true scenario with its numbers a little off.
+/// Cuts that are made before the diagnosis: speed over that of the cut, pitch in rad, place over the length
+/// of the bar. Another speed and another pitch tell the delays apart, another place the bar from what holds
+/// it.
+const BEFORE: [[f64; 3]; 3] = [[1.0, 0.0, 1.0], [0.8, 0.05, 1.0], [1.15, 0.1, 0.7]];
+/// How long each lasts, s.
+const LASTS_S: f64 = 4.0;
+/// Budget of the diagnosis, s.
+const BUDGET_S: f64 = 10.0;
+
+/// What `diagnose --scenario` writes for what is stated, from recordings as `simulate --scenario` makes them
+/// of the true cut, and the effects that it named. Where nothing can be judged what is stated stays.
 ///
 /// Errors: never for a cut that is physical; the types want it checked.
-pub(super) fn repaired(scenario: &Scenario, random: &mut ChaCha8Rng) -> Result<Scenario, ScenarioError> {
+pub(super) fn diagnosed(
+    (scenario, stated): (&Scenario, &Scenario),
+    noise: f64,
+    seed: u64,
+) -> anyhow::Result<(Scenario, Vec<EffectKind>)> {
+    let mut recordings = Vec::new();
+    for (k, [speed, pitch_difference_rad, place]) in (0..).zip(BEFORE) {
+        let raw = RawScenario {
+            speed_rpm: speed * scenario.spindle.rpm(),
+            pitch_difference_rad,
+            position_m: Some(place * scenario.workpiece.projection_length_m()),
+            travel_m_s: 0.0,
+            ..scenario.raw()
+        };
+        let seed = seed.wrapping_add(1000 * k);
+        let settings =
+            LatheSettings { seed, force_noise_ratio: noise, ..LatheSettings::ideal(Scenario::new(&raw)?) };
+        let signal = ShownForce { bandwidth_hz: None, delay_s: 0.0 };
+        let recording = record(settings, signal, LASTS_S, &ProgressBar::hidden())?;
+        recordings.push(CutRecording::new(&recording, stated)?);
+    }
+    let evidence = CutEvidence { recordings: &recordings, table: None };
+    let Ok(said) = diagnose(stated, evidence, BUDGET_S, &|_, _| {}) else {
+        return Ok((*stated, Vec::new()));
+    };
+    Ok((said.scenario, said.findings.iter().map(|f| f.effect).collect()))
+}
+
+/// What a diagnosis could hand over at best: the true scenario with its numbers a little off.
+///
+/// Errors: never for a cut that is physical; the types want it checked.
+pub(super) fn nearly_true(scenario: &Scenario, random: &mut ChaCha8Rng) -> Result<Scenario, ScenarioError> {
     let mut off = |share: f64| random.random_range(1.0 - share..1.0 + share);
     let mut raw = RawScenario { position_m: None, ..scenario.raw() };
     raw.workpiece = raw.workpiece.with_frequency_factor(off(0.003));

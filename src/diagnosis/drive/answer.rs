@@ -29,13 +29,6 @@ use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
 
-/// Deviation of the logarithm of a constant from which on the recordings do not determine it.
-const UNDETERMINED: f64 = 0.5;
-/// Evidence that halves the odds is this part of the level: chance is known no better.
-const TEMPER_SHARE: f64 = 0.1;
-/// A step of an encoder is coarser than stated from here on.
-const COARSER: f64 = 2.0;
-
 /// Everything an answer is made of.
 pub(super) struct Case<'a> {
     pub(super) machine: &'a Machine,
@@ -85,8 +78,8 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
         let left = rest(balance, &state);
         let doubt = doubt(balance, &state, &left);
         let is_vague = |(a, d): (&Accepted, &Deviations)| {
-            let vague =
-                d.constants.iter().any(|c| *c > UNDETERMINED) || !is_other_than_zero(a, &d.amplitudes);
+            let vague = d.constants.iter().any(|c| *c > Criteria::STANDARD.undetermined)
+                || !is_other_than_zero(a, &d.amplitudes);
             let third = matches!(a.hypothesis.shape, Shape::Torsion { .. });
             a.given.is_none() && (vague && !third || a.hypothesis.is_at_bound())
         };
@@ -386,7 +379,7 @@ impl Case<'_> {
             .collect();
         let mut evidence = vec![f.evidence_nats];
         evidence.extend(others.iter().map(|o| o.evidence_nats.min(f.evidence_nats)));
-        let temper = TEMPER_SHARE * f.level_nats;
+        let temper = Criteria::STANDARD.temper_share * f.level_nats;
         let p = probabilities(&evidence, f.level_nats, temper);
         let alternatives = others.iter().zip(&p[1..]).map(|(o, p)| Alternative {
             effect: o.hypothesis.effect,
@@ -400,6 +393,7 @@ impl Case<'_> {
     fn encoder_steps(&self) -> Vec<Found> {
         let axis = self.axis;
         let level_nats = level(self.start, (1, 0.0));
+        let coarser = Criteria::STANDARD.coarser_step;
         let side = |port: Port, recording: &Recording| match port {
             Port::MotorEncoder => super::recorded::motor_position(axis, recording),
             _ => super::recorded::stage_position(axis, recording).map(<[f64]>::to_vec),
@@ -419,11 +413,11 @@ impl Case<'_> {
                 // noisy is the sum of a rounded speed.
                 let noise_m2 = variance_m2(&x, r.sample_rate.hz(), 0.5);
                 let of_step = 12.0 * noise_m2 / step.powi(2);
-                (0.5..COARSER.powi(2)).contains(&of_step).then_some(step)
+                (0.5..coarser.powi(2)).contains(&of_step).then_some(step)
             };
             let steps: Vec<f64> = self.recordings.iter().filter_map(found).collect();
             let step = steps.iter().sum::<f64>() / steps.len().max(1) as f64;
-            if steps.len() < self.recordings.len() || step < COARSER * stated {
+            if steps.len() < self.recordings.len() || step < coarser * stated {
                 return None;
             }
             let ci95 = [0.98 * step, 1.02 * step];

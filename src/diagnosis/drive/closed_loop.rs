@@ -3,6 +3,7 @@
 //! Nothing measured is differentiated or fitted here. Before physics comes the control law: where the stated
 //! one does not say the recorded reference, no simulation proves anything.
 
+use super::criteria::Criteria;
 use super::recorded::{position, stage_position, thrust};
 use super::signals::{Signals, Track};
 use super::state::State;
@@ -13,8 +14,6 @@ use crate::sample::Recording;
 use crate::signal::inner_products::rms;
 use crate::simulation::model_axis::{LoopRecord, Replay, Trial, not_simulated, replay, respond};
 
-/// Share of the reference's changes that a control law may leave and still be the one that acted.
-const LAW_SHARE: f64 = 0.02;
 /// First samples that the velocity at the start is taken from.
 const START_SAMPLES: usize = 20;
 
@@ -34,7 +33,7 @@ pub(super) fn closed_loop(
     let places: Vec<usize> = (0..records.len()).collect();
     let trials = on_two_cores(&places, |&k| {
         let trial = trial((k, &records[k], &law), stated, &signals.tracks[k], (period_s, state.timing_s));
-        simulated(signals, axes, (k, &records[k], &trial), law.share[k] > LAW_SHARE)
+        simulated(signals, axes, (k, &records[k], &trial), law.share[k] > Criteria::STANDARD.law_share)
     });
     let law_share = law.share.iter().copied().fold(f64::INFINITY, f64::min);
     Ok(ClosedLoop { law_share, trials, not_simulated: not_simulated(&axes[2]) })
@@ -61,7 +60,7 @@ fn record(axis: &AxisModel, recording: &Recording) -> Result<LoopRecord, String>
 fn law_of(controller: Controller, period_s: f64, records: &[LoopRecord]) -> Result<Replay, String> {
     let replay = replay(controller, period_s, records).ok_or("no recording has a reference that changes")?;
     let best = replay.share.iter().copied().fold(f64::INFINITY, f64::min);
-    if best > LAW_SHARE {
+    if best > Criteria::STANDARD.law_share {
         return Err(format!(
             "the stated control law leaves {:.0} % of the recorded reference unsaid: gains, filter, order of \
              samples or a further feed-forward differ",
@@ -78,7 +77,7 @@ fn trial(
     track: &Track,
     (period_s, timing_s): (f64, f64),
 ) -> Trial {
-    let injected = law.share[k] > LAW_SHARE;
+    let injected = law.share[k] > Criteria::STANDARD.law_share;
     let early = s.motor_m.get(START_SAMPLES).zip(s.motor_m.first());
     Trial {
         period_s,

@@ -70,6 +70,20 @@ pub(in crate::diagnosis) struct Criteria {
     /// What a model of a linear axis leaves of its thrust at best, as a share of its rms, where a statement
     /// of what is left stands in the model: twice that may be left on another day.
     pub(super) repeat_factor: f64,
+    /// Deviation of the logarithm of a constant from which on the recordings do not determine it.
+    pub(super) undetermined: f64,
+    /// Evidence that halves the odds, over the level: chance is known no better.
+    pub(super) temper_share: f64,
+    /// Found over stated from which on a step of an encoder is a coarser one: noise makes half of it.
+    pub(super) coarser_step: f64,
+    /// A force over what its motion needs from which on it moves nothing.
+    pub(super) idle: f64,
+    /// Mains keep their frequency within so much of it.
+    pub(super) mains_off: f64,
+    /// Share of the reference's changes that a control law may leave and still be the one that acted.
+    pub(super) law_share: f64,
+    /// Share of itself that the deviation of a number may be which the written model states.
+    pub(super) known_share: f64,
 }
 
 impl Criteria {
@@ -103,6 +117,13 @@ impl Criteria {
         floor_band: [0.168, 0.337],
         exactness: 5e-4,
         repeat_factor: 2.0,
+        undetermined: 0.5,
+        temper_share: 0.1,
+        coarser_step: 2.0,
+        idle: 3.0,
+        mains_off: 2e-3,
+        law_share: 0.02,
+        known_share: 0.05,
     };
 }
 

@@ -3,6 +3,7 @@
 //! It stands in the model before any law is asked for, and is told as a fault of the recording.
 
 use super::bank::{Demodulated, strongest_off};
+use super::criteria::Criteria;
 use super::evidence::ask;
 use super::numbers::{Doubt, is_late};
 use super::recorded::thrust_column;
@@ -16,9 +17,6 @@ use crate::plant::effects::{EffectKind as E, Port};
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
-
-/// Mains keep their frequency within so much of it.
-const MAINS_OFF: f64 = 2e-3;
 
 impl Drive<'_> {
     /// What is wrong with the column of the force stands in the model before any law: it is none. A line that
@@ -68,7 +66,7 @@ fn mains(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     let near = |hz: f64| {
         let all: Vec<Demodulated> =
             series.iter().enumerate().map(|(r, x)| Demodulated::new(balance, x, (hz, r))).collect();
-        let hz = hz + strongest_off(&all, MAINS_OFF * hz);
+        let hz = hz + strongest_off(&all, Criteria::STANDARD.mains_off * hz);
         Hypothesis::named(E::ExternalDisturbance, Port::Current, Shape::Mains { hz })
     };
     let lines = [50.0, 60.0].into_iter().flat_map(|f| [1.0, 2.0, 3.0, 6.0].map(|k| f * k));

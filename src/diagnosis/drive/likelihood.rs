@@ -15,8 +15,6 @@ use super::number::Number;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// A force over what its motion needs from which it moves nothing.
-const IDLE: f64 = 3.0;
 /// Iterations of the reweighted fit at most.
 pub(super) const ITERATIONS: usize = 60;
 /// Share of a band's own power below which no residual is told from rounding.
@@ -102,7 +100,7 @@ impl Design {
         let [others, motion] = [false, true].map(part);
         let is_idle = |b: &&BandGram| {
             let needed = Self { target: order(b), ..self.clone() }.spread(b, &motion)[0];
-            self.spread(b, &others)[0].sqrt() > IDLE * needed.sqrt()
+            self.spread(b, &others)[0].sqrt() > Criteria::STANDARD.idle * needed.sqrt()
         };
         bands.iter().filter(is_idle).map(|b| (b.recording, b.band)).collect()
     }

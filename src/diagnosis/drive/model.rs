@@ -14,8 +14,6 @@ use crate::plant::machine::{AxisModel, Machine};
 impl Case<'_> {
     /// The stated drive with numbers that the recordings tell; `all`: those that were never stated, too.
     fn drive(&self, state: &State, doubt: &Doubt) -> DriveParams {
-        /// Share of itself that a number's deviation may be.
-        const KNOWN: f64 = 0.05;
         let d = &self.balance.drive;
         let common = super::numbers::common_scale(self.balance, &beside(self.balance, state, doubt));
         let list = corrections(self.balance, self.stated, state, doubt);
@@ -24,7 +22,7 @@ impl Case<'_> {
         let told = beside(self.balance, state, doubt);
         let known = told
             .iter()
-            .filter(|n| n.value > 0.0 && n.deviation < KNOWN * n.value)
+            .filter(|n| n.value > 0.0 && n.deviation < Criteria::STANDARD.known_share * n.value)
             .map(|n| (n.key, off * n.value));
         let further =
             list.iter().filter(|c| !told.iter().any(|n| n.key == c.name)).map(|c| (&*c.name, c.value));

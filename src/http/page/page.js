@@ -518,7 +518,15 @@ function diagnosisItem(diagnosis) {
       const scenario = make("a", "", "scenario.toml");
       scenario.href = `/api/v1/diagnoses/${diagnosis.id}/scenario.toml`;
       scenario.download = "scenario.toml";
-      item.append(scenario);
+      const accept = make("button", "", say("Accept"));
+      accept.addEventListener("click", () => ask({
+        title: "Accept this scenario", text: "It is written beside the history. Nothing changes until the configuration names it and the service starts anew.",
+        run: async (given) => {
+          const { answer } = await request("POST", `/api/v1/diagnoses/${diagnosis.id}/accept`, given);
+          item.append(make("span", "by", answer.next));
+        },
+      }));
+      item.append(scenario, accept);
     }
   }
   return item;

@@ -3,9 +3,9 @@
 use super::super::hub::Report;
 use super::intake::Stream;
 use super::{Engine, clock, picture};
-use crate::pipeline::StepOutput;
-use crate::service::cut_book::Condition;
-use crate::stability::CutExpectation;
+use crate::pipeline::{Margin, StepOutput};
+use crate::service::cut_book::{Condition, Stretch};
+use crate::stability::{CutExpectation, CutMismatch};
 use crate::store::PastCut;
 use crate::telemetry::{Event, EventKind};
 use std::time::Instant;
@@ -45,12 +45,34 @@ impl Engine {
         };
         let pitch_rad = stream.turret_rad.unwrap_or_default();
         let expected = CutExpectation::of(&self.setup.config.cut, speed_rpm, pitch_rad);
-        let Some(mismatch) = expected.mismatch(heard_hz) else { return };
+        if let Some(mismatch) = expected.mismatch(heard_hz) {
+            self.tell_cut(mismatch, (t_s, pitch_rad), Some(heard_hz));
+        }
+    }
+
+    /// Silence that the stated cut does not allow, or with another margin than it has. After chatter the
+    /// margin is not compared: what was left of it is heard for a while.
+    fn compare_silence(&mut self, stretch: &Stretch, margin: Option<Margin>) {
+        let Condition { speed_rpm, pitch_rad, tool_position_m } = stretch.condition;
+        let cut = &self.setup.config.cut;
+        let expected = match tool_position_m.zip(stretch.nearest_m) {
+            Some((far_m, near_m)) => CutExpectation::at(cut, [speed_rpm, pitch_rad], &[near_m, far_m]),
+            None => CutExpectation::of(cut, speed_rpm, pitch_rad),
+        };
+        let margin_1_s = margin.filter(|_| !stretch.after_chatter).map(|m| [m.lo_1_s, m.hi_1_s]);
+        if let Some(mismatch) = expected.mismatch_of_silence(stretch.ended_s - stretch.began_s, margin_1_s) {
+            let line_hz = margin.map(|m| m.frequency_hz);
+            self.tell_cut(mismatch, (stretch.ended_s, pitch_rad), line_hz);
+        }
+    }
+
+    /// Told once a cut for each way in which it differs.
+    fn tell_cut(&mut self, mismatch: CutMismatch, (t_s, pitch_rad): (f64, f64), line_hz: Option<f64>) {
         if self.told_cut.replace(mismatch.name()) == Some(mismatch.name()) {
             return;
         }
-        let mut event = Event::new(EventKind::CutMismatch, clock::wall_ns(), mismatch.sentence(heard_hz));
-        (event.t_s, event.frequency_hz) = (Some(t_s), Some(heard_hz));
+        let mut event = Event::new(EventKind::CutMismatch, clock::wall_ns(), mismatch.sentence());
+        (event.t_s, event.frequency_hz) = (Some(t_s), line_hz);
         event.pitch_difference_rad = Some(pitch_rad);
         self.report(event);
     }
@@ -71,7 +93,11 @@ impl Engine {
             self.setup.commissioning.evidence.hear_cut();
         }
         self.book.look(now_s, condition, in_cut);
+        let margin = stream.pipeline().margin().copied();
         while let Some(stretch) = self.book.take() {
+            if stretch.chatter_hz.is_none() {
+                self.compare_silence(&stretch, self.cut_margin);
+            }
             #[allow(clippy::cast_possible_truncation)]
             let ago_ns = ((now_s - stretch.began_s) * 1e9) as i64;
             let cutting = &self.setup.config.cut.cutting;
@@ -89,6 +115,8 @@ impl Engine {
             };
             self.queue(Report::Cut(Box::new(cut)));
         }
+        // Of the stretch that goes on, not of the one that ended.
+        self.cut_margin = margin.or(self.cut_margin.filter(|_| in_cut == Some(true)));
     }
 
     /// Pitch angle difference as the turret reports it, while it is heard, rad.

@@ -28,6 +28,7 @@ use super::recorder::Job;
 use super::store_watch::StoreWatch;
 use super::way_back::WayBack;
 use crate::config::service::ServiceConfig;
+use crate::pipeline::Margin;
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::wire::{ServoBatch, TurretStatus};
 use crate::transport::{Domain, Participant, ServoSubscriber, StatusSubscriber, TransportError};
@@ -141,6 +142,8 @@ pub(super) struct Engine {
     told_speed: bool,
     /// How the cut differs from its model, as told last.
     told_cut: Option<&'static str>,
+    /// Stability margin of the cut that goes on, as read last.
+    cut_margin: Option<Margin>,
     turret_state: u32,
     stopping: bool,
     /// The mode changed: the picture shows it at once.
@@ -209,6 +212,7 @@ impl Engine {
             told_held: None,
             told_speed: false,
             told_cut: None,
+            cut_margin: None,
             turret_state: 0,
             stopping: false,
             picture_now: false,
