@@ -63,7 +63,7 @@ pub(super) fn worth(d: &CutDiagnosis) -> String {
         return shown(d, finding, gain);
     }
     match (&d.table, d.findings.is_empty()) {
-        (Some(t), false) => foretold(t, "without the finding"),
+        (Some(t), false) => foretold(t, d),
         (Some(t), true) if t.heldout_cuts > 0 => format!(
             "Fitted to the other speeds each time, it foretells {} of {} cuts.",
             t.heldout_right_after, t.heldout_cuts
@@ -106,14 +106,31 @@ fn shown(d: &CutDiagnosis, finding: &CutFinding, gain_nats: f64) -> String {
     out
 }
 
-fn foretold(t: &TableFit, without: &str) -> String {
+fn foretold(t: &TableFit, d: &CutDiagnosis) -> String {
+    let growth = t.growth_off_1_s.map_or(String::new(), |off| {
+        format!(
+            "Fitted to the other speeds each time, the growth of the vibration is off by {} as stated, {} with other numbers \
+             alone and {} with the findings (middle of the cuts). ",
+            engineering(off.stated, "1/s", 2),
+            engineering(off.refitted, "1/s", 2),
+            engineering(off.answer, "1/s", 2)
+        )
+    });
     if t.heldout_cuts == 0 {
-        return "No cut of the table is judged stable or chattering: the finding rests on forces and lines."
-            .into();
+        return format!("{growth}No cut of the table is judged stable or chattering.");
     }
+    // The rows of a table are the last cuts of the map.
+    let cuts = d.mapped.iter().rev().zip(d.rows.iter().rev());
+    let stated = cuts.filter(|(c, row)| c.chatter == Some(row.before.chatter_probability > 0.5)).count();
+    let gain = (t.heldout_log_loss_before - t.heldout_log_loss_after) * t.heldout_cuts as f64;
     format!(
-        "Fitted to the other speeds each time, the model foretells {} of {} cuts with it, {} {without}.",
-        t.heldout_right_after, t.heldout_cuts, t.heldout_right_before
+        "{growth}Of {} outcomes {stated} are foretold right as stated, {} with other numbers alone and {} with the findings, \
+         which makes them {} probable by {:.1} nats.",
+        t.heldout_cuts,
+        t.heldout_right_before,
+        t.heldout_right_after,
+        if gain < 0.0 { "less" } else { "more" },
+        gain.abs()
     )
 }
 

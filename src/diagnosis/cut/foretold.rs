@@ -5,7 +5,7 @@ use super::fit::{Effort, Problem};
 use super::input::{CutOutcome, CutTable};
 use super::machine::{Frame, Machine, Point};
 use super::observable::Observable;
-use super::result::{CutRowFit, ForetoldCut, TableFit};
+use super::result::{CutRowFit, ForetoldCut, Sides, TableFit};
 use super::table::{TableRows, chatter_probability, row_condition};
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::{CutCondition, CutTerms};
@@ -50,10 +50,24 @@ pub(crate) fn rows(frame: &Frame, table: &CutTable, fitting: &Fitting<'_>) -> Fo
     let unknown = ForetoldCut { growth_1_s: f64::NAN, frequency_hz: f64::NAN, chatter_probability: 0.5 };
     let before =
         |row: usize| stated.as_ref().map_or(unknown, |m| foretell(&Drawn::alone(*m), &conditions[row]));
-    let rows = (0..conditions.len())
+    let rows: Vec<CutRowFit> = (0..conditions.len())
         .map(|k| CutRowFit { before: before(k), after: after[k].unwrap_or(unknown) })
         .collect();
-    Foretold { rows, fit: table_fit(table, &structure, &after) }
+    let off = |of: &dyn Fn(usize) -> Option<f64>| {
+        let off = |k: usize| Some((of(k)? - table.rows[k].known.growth_1_s?).abs());
+        let mut all: Vec<f64> = (0..rows.len()).filter_map(off).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).copied()
+    };
+    let growth = |of: &[Option<ForetoldCut>], k: usize| of[k].map(|f| f.growth_1_s);
+    let [stated, refitted, answer] = [
+        off(&|k| Some(rows[k].before.growth_1_s)),
+        off(&|k| growth(&structure, k)),
+        off(&|k| growth(&after, k)),
+    ];
+    let sides = |((stated, refitted), answer)| Sides { stated, refitted, answer };
+    let growth_off_1_s = stated.zip(refitted).zip(answer).map(sides);
+    Foretold { rows, fit: TableFit { growth_off_1_s, ..table_fit(table, &structure, &after) } }
 }
 
 /// Rows of one speed each; of one condition each where there is one speed only.
@@ -149,6 +163,7 @@ fn table_fit(table: &CutTable, before: &[Option<ForetoldCut>], after: &[Option<F
         heldout_right_before: right(before),
         heldout_right_after: right(after),
         heldout_cuts: judged.len(),
+        growth_off_1_s: None,
     }
 }
 

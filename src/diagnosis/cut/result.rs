@@ -32,6 +32,9 @@ pub struct TableFit {
     pub heldout_right_after: usize,
     /// Judged rows.
     pub heldout_cuts: usize,
+    /// Median over the rows of which growth was measured, of what is foretold of it less that, 1/s; none: no
+    /// such row.
+    pub growth_off_1_s: Option<Sides<f64>>,
 }
 
 /// How a finding shows on cuts that no parameter was fitted to; at least one of the two.
