@@ -135,15 +135,7 @@ impl Case<'_> {
         if unexplained {
             corrections.clear();
         }
-        let verdict = if unexplained {
-            Verdict::UnexplainedMismatch
-        } else if !found.is_empty() {
-            Verdict::MissingPhysics
-        } else if corrections.is_empty() {
-            Verdict::ModelAdequate
-        } else {
-            Verdict::ParameterError
-        };
+        let verdict = verdict(unexplained, found.is_empty(), corrections.is_empty());
         let mut notes = self.notes_of((&left, [state_n, thrust_n]), (is_left, unexplained), &found);
         let faults = force_faults((self.axis, self.recordings), balance, &state, &doubt);
         let (force_faults, more) = notes::budget(&self, faults, found.is_empty());
@@ -558,5 +550,15 @@ impl Case<'_> {
         }
         list.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         list
+    }
+}
+
+/// What is said of a model where so much was found.
+fn verdict(unexplained: bool, nothing_found: bool, nothing_wrong: bool) -> Verdict {
+    match (unexplained, nothing_found, nothing_wrong) {
+        (true, ..) => Verdict::UnexplainedMismatch,
+        (_, false, _) => Verdict::MissingPhysics,
+        (_, _, true) => Verdict::ModelAdequate,
+        _ => Verdict::ParameterError,
     }
 }
