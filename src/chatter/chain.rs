@@ -64,7 +64,7 @@ pub(super) struct ChainState {
 keep!(ChainState {
     mix, mixer, orders, noise, whitener, in_cut, values, end, count, clean, seen, heard, power_n2, whole_n2,
     louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, foreign_n2, alarmed,
-} if |s| (LONGEST + PAST + MEMORY..=2 * LONGEST).contains(&s.end));
+} if |s| (LONGEST + PAST + MEMORY..=2 * LONGEST).contains(&s.end) && s.seen >= s.clean);
 
 impl ChainState {
     /// Where what is known of the place that it is in stands.

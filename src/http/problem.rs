@@ -203,6 +203,10 @@ impl From<OperationError> for Problem {
                 tracing::error!(event = "store_unavailable", code = source.code(), "{source}");
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "store_unavailable", text).retry_after(1)
             }
+            OperationError::NotWritten(why) => {
+                tracing::error!(event = "store_unavailable", code = "not_written", "{why}");
+                Self::new(StatusCode::SERVICE_UNAVAILABLE, "store_unavailable", text).retry_after(1)
+            }
             OperationError::NotRecorded | OperationError::NotConfirmed => {
                 tracing::error!(event = "store_unavailable", code = "slow", "{text}");
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "store_unavailable", text).retry_after(1)

@@ -18,7 +18,10 @@ use crate::gate::Logged;
 use crate::sample::{Column, Recording};
 use crate::units::{SampleRate, counted};
 use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use thiserror::Error;
 
 pub use cuts::{CUTS_FORMAT, read_cuts};
@@ -304,12 +307,22 @@ pub(crate) fn write_by_column(
 /// Writes `bytes` beside `path` and renames: the file is there whole or not at all.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), RecordingError> {
     let io = |source| RecordingError::Io { path: path.to_owned(), source };
-    let beside = beside(path);
-    std::fs::write(&beside, bytes).map_err(io)?;
-    std::fs::rename(&beside, path).map_err(io)
+    let part = beside(path);
+    // What an earlier process left there, or a link that somebody put there, is not written through.
+    let _ = std::fs::remove_file(&part);
+    let written = File::create_new(&part)
+        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
+        .and_then(|()| std::fs::rename(&part, path));
+    if written.is_err() {
+        let _ = std::fs::remove_file(&part);
+    }
+    written.map_err(io)
 }
 
+/// A name beside `path` for what is not whole yet, another one each time.
 pub(crate) fn beside(path: &Path) -> PathBuf {
+    static COUNT: AtomicU64 = AtomicU64::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
     let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-    path.with_file_name(format!(".{name}.{}.part", std::process::id()))
+    path.with_file_name(format!(".{name}.{}.{count}.part", std::process::id()))
 }

@@ -10,6 +10,7 @@ use crate::store::{MAX_PAGE, PastCut};
 use crate::units::counted;
 use serde::Serialize;
 use std::fmt::Write as _;
+use std::path::PathBuf;
 use utoipa::ToSchema;
 
 /// The rows as a table of cuts (contracts, section 6): CSV, SI units, one row a cut.
@@ -34,8 +35,11 @@ pub fn cuts_csv(cuts: &[PastCut]) -> String {
     out
 }
 
-/// Name of the scenario that a person accepted, in the folder of the history.
-const ACCEPTED: &str = "accepted-scenario.toml";
+/// Name of the scenario that a person accepted, in the folder of the history. Each diagnosis has its own: a
+/// configuration that names an accepted one reads the same after the next is accepted.
+fn accepted_name(id: &str) -> String {
+    format!("accepted-scenario-{id}.toml")
+}
 
 /// A scenario that a person accepted, and what is left to do by hand.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
@@ -46,6 +50,13 @@ pub struct AcceptedScenario {
     pub path: String,
     /// What makes the service use it.
     pub next: String,
+}
+
+/// A file that a job wrote, with its text: no link to elsewhere.
+fn own_text(path: PathBuf) -> Option<(PathBuf, String)> {
+    let is_own = std::fs::symlink_metadata(&path).is_ok_and(|m| m.is_file());
+    let text = is_own.then(|| std::fs::read_to_string(&path).ok())??;
+    Some((path, text))
 }
 
 impl Handle {
@@ -59,26 +70,28 @@ impl Handle {
     ) -> Result<AcceptedScenario, OperationError> {
         let none = || OperationError::NotFound("there is no such scenario, or it is not ready".to_owned());
         let from = self.diagnoses().file_of(id, "scenario.toml").ok_or_else(none)?;
-        let text = tokio::fs::read_to_string(&from).await.map_err(|_| none())?;
+        let text = tokio::task::spawn_blocking(move || own_text(from)).await;
+        let (from, text) = text.ok().flatten().ok_or_else(none)?;
         scenario_from_text(&from, &text).map_err(|e| OperationError::Unsuitable(e.to_string()))?;
         let what = format!("scenario of diagnosis {id}");
         self.audit(origin, "accept_scenario_asked", &what).await?;
-        let to = self.0.settings.history.folder.join(ACCEPTED);
-        let target = to.clone();
-        let written = tokio::task::spawn_blocking(move || write_whole(&target, text.as_bytes())).await;
+        let to = self.0.settings.history.folder.join(accepted_name(id));
+        let path = to.display().to_string();
+        let written = tokio::task::spawn_blocking(move || write_whole(&to, text.as_bytes())).await;
         let failed = match written {
             Ok(Ok(())) => None,
             Ok(Err(error)) => Some(error.to_string()),
             Err(error) => Some(error.to_string()),
         };
-        let path = to.display().to_string();
         if let Some(why) = failed {
-            let refused = OperationError::Unsuitable(format!("{path}: {why}"));
-            self.record_outcome(origin, "accept_scenario", &format!("{what}: {refused}")).await;
-            return Err(refused);
+            self.record_outcome(origin, "accept_scenario", &format!("{what}: not written: {why}")).await;
+            return Err(OperationError::NotWritten(why));
         }
         self.record_outcome(origin, "accept_scenario", &format!("{what}: written to {path}")).await;
-        let next = format!("set `scenario = \"{path}\"` in [cutting] and start the service anew");
+        let next = format!(
+            "let `scenario = \"{path}\"` in [cutting] stand in place of [workpiece] and the other keys of \
+             [cutting], and start the service anew"
+        );
         Ok(AcceptedScenario { diagnosis: id.to_owned(), path, next })
     }
 
@@ -114,6 +127,23 @@ mod tests {
     use super::*;
     use crate::diagnosis::cut::input::CutOutcome;
     use crate::recording::read_cuts;
+
+    #[test]
+    fn what_is_accepted_is_a_file_of_the_job_and_written_through_no_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let [own, link, gone] = ["own.toml", "link.toml", "gone.toml"].map(|n| folder.path().join(n));
+        std::fs::write(&own, "x").unwrap();
+        std::os::unix::fs::symlink(&own, &link).unwrap();
+        assert_eq!(own_text(own.clone()), Some((own.clone(), "x".to_owned())));
+        assert!([link.clone(), gone, folder.path().to_owned()].into_iter().all(|p| own_text(p).is_none()));
+        write_whole(&link, b"y").unwrap();
+        assert_eq!(std::fs::read_to_string(&own).unwrap(), "x");
+        assert!(std::fs::symlink_metadata(&link).unwrap().is_file());
+        let names: Vec<_> =
+            std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert_eq!(names.len(), 2, "nothing is left beside: {names:?}");
+        assert_ne!(accepted_name("a"), accepted_name("b"));
+    }
 
     #[test]
     fn what_the_service_writes_is_a_table_of_cuts() {

@@ -368,8 +368,11 @@ fn earlier(folder: &Path) -> VecDeque<Job> {
     names.iter().skip(newest).filter_map(|path| read_note(path)).map(ended).collect()
 }
 
+/// A note; its name is that of its folder, for files of a job are looked for by it.
 fn read_note(path: &Path) -> Option<DiagnosisView> {
-    serde_json::from_slice(&std::fs::read(path).ok()?).ok()
+    let view: DiagnosisView = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
+    let folder = path.parent()?.file_name()?;
+    (folder == view.id.as_str()).then_some(view)
 }
 
 fn ended(mut view: DiagnosisView) -> Job {
@@ -541,6 +544,24 @@ mod tests {
         assert_eq!(page[0].result.as_ref().unwrap()["verdict"], "model_adequate");
         assert!(after.file_of(&ids[0], "report.html").is_some(), "its report is one click away as before");
         assert_eq!(runtime.block_on(after.whole(&ids[0])).unwrap().result, page[0].result);
+    }
+
+    #[test]
+    fn a_note_that_names_another_folder_is_no_job() {
+        let folder = tempfile::tempdir().unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+        let view = runtime.block_on(async {
+            let jobs = Diagnoses::new(folder.path(), "none".into());
+            let view = jobs.add(Subject::Recordings(vec!["r".into()]), BUDGET_S).unwrap();
+            jobs.note(&view).await.unwrap();
+            view
+        });
+        let elsewhere = DiagnosisView { id: "../elsewhere".to_owned(), ..view.clone() };
+        let note = serde_json::to_vec(&elsewhere).unwrap();
+        std::fs::create_dir(folder.path().join("planted")).unwrap();
+        write_whole(&folder.path().join("planted").join(NOTE), &note).unwrap();
+        let after = Diagnoses::new(folder.path(), "none".into());
+        assert!(after.get("../elsewhere").is_none() && after.get(&view.id).is_some());
     }
 
     #[test]

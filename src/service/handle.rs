@@ -55,6 +55,9 @@ pub enum OperationError {
         ANSWER_DEADLINE.as_secs()
     )]
     NotConfirmed,
+    /// A file beside the history cannot be written, and why.
+    #[error("the folder of the history cannot be written")]
+    NotWritten(String),
     /// The recordings cannot be read.
     #[error(transparent)]
     Recordings(#[from] RecordingsError),

@@ -134,6 +134,11 @@ impl CutExpectation {
         found
     }
 
+    /// Whether the model says anything of this speed and pitch: where no number is physical it does not.
+    fn is_known(&self) -> bool {
+        self.lowest_growth_1_s.is_finite() && self.highest_growth_1_s.is_finite()
+    }
+
     fn hold(&mut self, possible: &Scenario, places_m: &[f64]) {
         for position_m in places_m.iter().copied() {
             let at = CutCondition { position_m, ..CutCondition::of(possible) };
@@ -149,6 +154,9 @@ impl CutExpectation {
     #[must_use]
     pub fn mismatch(&self, heard_hz: f64) -> Option<CutMismatch> {
         let [low, high] = self.lines_hz;
+        if !self.is_known() {
+            return None;
+        }
         if self.highest_growth_1_s < 0.0 {
             let highest_growth_1_s = self.highest_growth_1_s;
             return Some(CutMismatch::Impossible { heard_hz, highest_growth_1_s });
@@ -162,8 +170,11 @@ impl CutExpectation {
     /// is none of what is possible.
     #[must_use]
     pub fn mismatch_of_silence(&self, lasted_s: f64, margin_1_s: Option<[f64; 2]>) -> Option<CutMismatch> {
+        if !self.is_known() {
+            return None;
+        }
         let lowest_growth_1_s = self.lowest_growth_1_s;
-        if lowest_growth_1_s.is_finite() && lowest_growth_1_s * lasted_s > HEARD {
+        if lowest_growth_1_s * lasted_s > HEARD {
             return Some(CutMismatch::Silence { lasted_s, lowest_growth_1_s });
         }
         let model_1_s = [-self.highest_growth_1_s, -lowest_growth_1_s];
@@ -206,6 +217,13 @@ mod tests {
         let mismatch = CutExpectation::of(&light, 1200.0, 0.0).mismatch(650.0).unwrap();
         assert_eq!(mismatch.name(), "impossible");
         assert!(mismatch.sentence().contains("650.0 Hz"));
+    }
+
+    #[test]
+    fn of_what_is_not_physical_the_model_says_nothing() {
+        let nothing = CutExpectation::of(&Scenario::default(), 0.0, 0.0);
+        assert_eq!(nothing.mismatch(650.0), None);
+        assert_eq!(nothing.mismatch_of_silence(60.0, Some([1.0, 2.0])), None);
     }
 
     /// At the free end the stated cut grows whatever its numbers' accuracy; with half a period between the

@@ -137,6 +137,11 @@ fn a_wrong_model_is_noticed_in_air_and_diagnosed_over_http() {
     let corrections = view["result"]["parameter_corrections"].to_string();
     println!("imported: {}, corrections {corrections}", view["result"]["verdict"]);
     assert!(corrections.contains("mass") || corrections.contains("inertia"), "{corrections}");
+    // A diagnosis of the drive wrote no scenario of the cut.
+    let route = format!("/api/v1/diagnoses/{}/accept", view["id"].as_str().unwrap());
+    let address = running.handle().address().to_string();
+    let refused = ask(&address, "POST", &route, &[], Some("{\"reason\":\"test\"}"));
+    assert_eq!(refused.status, 404, "{refused:?}");
     assert!(get(&running, "/metrics").body.contains("stillcut_diagnoses_total{outcome=\"done\"} 2"));
     running.stop();
 }
@@ -216,6 +221,10 @@ fn past_cuts_are_kept_and_diagnosed_over_http() {
     let path = accepted.json()["path"].as_str().unwrap().to_owned();
     assert_eq!(std::fs::read_to_string(&path).unwrap(), scenario.body);
     assert!(accepted.json()["next"].as_str().unwrap().contains(&path), "{accepted:?}");
+    assert!(
+        path.ends_with(&format!("accepted-scenario-{id}.toml")),
+        "no other acceptance changes it: {path}"
+    );
     assert_eq!(get(&running, "/api/v1/config").body, config);
     until("the acceptance is on record", 10, || {
         let audit = get(&running, "/api/v1/audit").body;

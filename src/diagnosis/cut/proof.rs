@@ -274,6 +274,11 @@ pub(super) fn prove(fitting: &Fitting<'_>, observables: &[Observed<'_>], diagnos
     if (0..parts).any(|number| proving.add(&problem, &models, &part, number).is_none()) {
         return;
     }
+    let all = [&proving.stated, &proving.refitted, &proving.answer];
+    // A spectrum that cannot be told leaves no likelihood to compare.
+    if !all.into_iter().chain(&proving.without).all(|s| s.loss_nats.is_finite()) {
+        return;
+    }
     let rms = |standing: &Standing| standing.left.mean().recorded_n2.sqrt();
     let noise_floor_n = proving.answer.left.mean().floor_n2.sqrt();
     diagnosis.noise_floor_n = Some(noise_floor_n);

@@ -68,9 +68,10 @@ impl Engine {
 
     /// Told once a cut for each way in which it differs.
     fn tell_cut(&mut self, mismatch: CutMismatch, (t_s, pitch_rad): (f64, f64), line_hz: Option<f64>) {
-        if self.told_cut.replace(mismatch.name()) == Some(mismatch.name()) {
+        if self.told_cut.contains(&mismatch.name()) {
             return;
         }
+        self.told_cut.push(mismatch.name());
         let mut event = Event::new(EventKind::CutMismatch, clock::wall_ns(), mismatch.sentence());
         (event.t_s, event.frequency_hz) = (Some(t_s), line_hz);
         event.pitch_difference_rad = Some(pitch_rad);
@@ -89,7 +90,7 @@ impl Engine {
         let in_cut = stream.pipeline().in_cut();
         if self.cuts.look(in_cut) {
             // Of each cut anew: the one before may be weeks away.
-            self.told_cut = None;
+            self.told_cut.clear();
             self.setup.commissioning.evidence.hear_cut();
         }
         self.book.look(now_s, condition, in_cut);

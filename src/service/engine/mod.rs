@@ -140,8 +140,8 @@ pub(super) struct Engine {
     /// Why a command was not sent, as told last.
     told_held: Option<&'static str>,
     told_speed: bool,
-    /// How the cut differs from its model, as told last.
-    told_cut: Option<&'static str>,
+    /// How this cut differs from its model, as far as it is told.
+    told_cut: Vec<&'static str>,
     /// Stability margin of the cut that goes on, as read last.
     cut_margin: Option<Margin>,
     turret_state: u32,
@@ -211,7 +211,7 @@ impl Engine {
             told_rad: None,
             told_held: None,
             told_speed: false,
-            told_cut: None,
+            told_cut: Vec::new(),
             cut_margin: None,
             turret_state: 0,
             stopping: false,
