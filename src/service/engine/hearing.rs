@@ -43,7 +43,7 @@ impl Engine {
         let Some(speed_rpm) = stream.newest.as_ref().map(|p| p.spindle_speed_rpm).filter(|s| *s > 1.0) else {
             return;
         };
-        let pitch_rad = stream.turret_rad.unwrap_or_default();
+        let Some(pitch_rad) = self.pitch_rad(stream) else { return };
         let expected = CutExpectation::of(&self.setup.config.cut, speed_rpm, pitch_rad);
         if let Some(mismatch) = expected.mismatch(heard_hz) {
             self.tell_cut(mismatch, (t_s, pitch_rad), Some(heard_hz));
@@ -82,9 +82,10 @@ impl Engine {
     pub(super) fn keep_cuts(&mut self, stream: &Stream) {
         let Some(newest) = stream.newest.as_ref() else { return };
         let now_s = newest.t_ns as f64 * 1e-9;
+        let pitch_rad = self.pitch_rad(stream);
         let condition = Condition {
             speed_rpm: newest.spindle_speed_rpm,
-            pitch_rad: stream.turret_rad.unwrap_or_default(),
+            pitch_rad: pitch_rad.unwrap_or(self.setup.config.cut.tools.pitch_difference_rad()),
             tool_position_m: stream.tool_position_m,
         };
         let in_cut = stream.pipeline().in_cut();
@@ -96,7 +97,7 @@ impl Engine {
         self.book.look(now_s, condition, in_cut);
         let margin = stream.pipeline().margin().copied();
         while let Some(stretch) = self.book.take() {
-            if stretch.chatter_hz.is_none() {
+            if stretch.chatter_hz.is_none() && pitch_rad.is_some() {
                 self.compare_silence(&stretch, self.cut_margin);
             }
             #[allow(clippy::cast_possible_truncation)]
@@ -118,6 +119,13 @@ impl Engine {
         }
         // Of the stretch that goes on, not of the one that ended.
         self.cut_margin = margin.or(self.cut_margin.filter(|_| in_cut == Some(true)));
+    }
+
+    /// Pitch angle difference of the cut, rad: as the turret reports it, as stated where none ever reported.
+    /// `None`: the turret is heard no more, and may stand anywhere.
+    fn pitch_rad(&self, stream: &Stream) -> Option<f64> {
+        let stated_rad = self.setup.config.cut.tools.pitch_difference_rad();
+        stream.turret_rad.or(self.status.is_none().then_some(stated_rad))
     }
 
     /// Pitch angle difference as the turret reports it, while it is heard, rad.
