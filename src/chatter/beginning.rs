@@ -5,7 +5,7 @@
 //! a beginning than of what follows, where it knows noise at the place of the line.
 
 use super::criteria::{CRITERIA, GREW_1_S, LONGEST, MEMORY, PAST, RINGS_1_S, RISES, WINDOWS};
-use super::window::{Heard, Reason, Value, Window, fit, louder};
+use super::window::{Around, Heard, Reason, Value, Window, fit, louder};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -16,7 +16,7 @@ impl Window<'_> {
     /// What the beginning of the line says of it.
     pub(super) fn begun(&self, heard: &mut Heard) {
         let levels = &self.around.levels;
-        let grown = self.grew() + louder(self.power().0, self.around.stable_n2);
+        let grown = self.grew() + louder(heard.power_n2, self.around.stable_n2);
         // All else that begins with a cut is there at once, too.
         let least = if self.around.young { levels.cause_nats } else { levels.switched_nats };
         heard.came = grown < -least;
@@ -52,8 +52,9 @@ impl Window<'_> {
     /// Evidence, nats, that the line grew and may stand since, against one that was switched on and may have
     /// faded since.
     pub(super) fn grew(&self) -> f64 {
-        let rate_hz = self.around.rate_hz;
-        self.more_than(self.sight, |line, turns| switched_on(line, &self.around.whitener.at(turns), rate_hz))
+        let Around { whitener, rate_hz, .. } = self.around;
+        let switched = |line: &[C], turns: f64| switched_on(line, &whitener.at(turns), *rate_hz);
+        *self.grew.get_or_init(|| self.more_than(self.sight, switched))
     }
 
     /// The same against one that moved here.

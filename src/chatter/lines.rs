@@ -5,6 +5,7 @@ use super::fourier::{Fourier, MOST_POINTS, POINTS};
 use super::steady::{BLOCK, KEPT, Steady, since};
 use super::window::{Around, Heard, Value, Window, fit};
 use nalgebra::Complex;
+use std::cell::OnceCell;
 use std::f64::consts::{EULER_GAMMA, PI, TAU};
 
 type C = Complex<f64>;
@@ -91,7 +92,7 @@ impl Test {
             return Heard::default();
         }
         let heard = self.line(e, which, around, total);
-        Window { e, chirp, values, sight, around, total, heard, which }.judge()
+        Window { e, chirp, values, sight, around, total, heard, which, grew: OnceCell::new() }.judge()
     }
 
     /// The best line of the window.

@@ -4,6 +4,7 @@ use super::criteria::{CRITERIA, Levels};
 use super::whitening::Whitener;
 use crate::keyframe::keep;
 use nalgebra::Complex;
+use std::cell::OnceCell;
 use std::f64::consts::TAU;
 
 type C = Complex<f64>;
@@ -115,6 +116,8 @@ pub(super) struct Window<'a> {
     pub(super) total: f64,
     pub(super) heard: Heard,
     pub(super) which: usize,
+    /// Evidence that the line grew, once it was asked for.
+    pub(super) grew: OnceCell<f64>,
 }
 
 /// Evidence, nats, that a line of `power_n2` is louder than the noise of a stable cut: the power of a line of

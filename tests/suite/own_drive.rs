@@ -1,5 +1,6 @@
 //! A log of one's own drive, as the tutorial's page writes one: what is said of it holds.
 
+use crate::recording_faults::smooth_move;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use std::path::Path;
@@ -30,9 +31,8 @@ fn log(seed: u64) -> Recording {
         let last_s = rows as f64 / RATE_HZ;
         for i in 0..rows + 100 {
             let s = (i as f64 / rows as f64).min(1.0);
-            let x = from_m + way_m * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s);
-            let v = way_m / last_s * 30.0 * (s * (1.0 - s)).powi(2);
-            let a = way_m / last_s.powi(2) * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s);
+            let [moved_m, v, a] = smooth_move(way_m, last_s, s);
+            let x = from_m + moved_m;
             let noise_n = share() + share() + share() - 1.5;
             let force_n = MASS_KG * a + VISCOUS_N_S_M * v + COULOMB_N * (v / 2.0e-4).tanh() - 8.0 + noise_n;
             torque.push(digits(force_n * LEAD_M / std::f64::consts::TAU, 1e-5));

@@ -36,7 +36,17 @@ impl Noise {
     }
 }
 
-/// A drive that goes to and fro by moves of minimum jerk: x = d (10 s^3 - 15 s^4 + 6 s^5), s = t / T.
+/// Position, velocity and acceleration of a move of `way` in `length_s`, after the share `s` of its time: the
+/// polynomial of fifth order that starts and ends at rest (minimum jerk).
+pub(crate) fn smooth_move(way: f64, length_s: f64, s: f64) -> [f64; 3] {
+    [
+        way * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s),
+        way / length_s * 30.0 * (s * (1.0 - s)).powi(2),
+        way / length_s.powi(2) * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
+    ]
+}
+
+/// A drive that goes to and fro by moves of minimum jerk.
 fn drive() -> Logged {
     let mut noise = Noise(11);
     let (mut thrust, mut position, mut speed) = (Vec::new(), Vec::new(), Vec::new());
@@ -48,9 +58,8 @@ fn drive() -> Logged {
         let length_s = rows as f64 / RATE_HZ;
         for i in 0..rows + 60 {
             let s = (i as f64 / rows as f64).min(1.0);
-            let x = from + d * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s);
-            let v = d / length_s * 30.0 * (s * (1.0 - s)).powi(2);
-            let a = d / length_s.powi(2) * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s);
+            let [way, v, a] = smooth_move(d, length_s, s);
+            let x = from + way;
             let force = MASS_KG * a + VISCOUS_N_S_M * v + COULOMB_N * (v / 1e-3).tanh();
             thrust.push(force + 0.4 * noise.normal());
             position.push((x / STEP_M).round() * STEP_M);

@@ -415,6 +415,11 @@ impl Frame {
         Point { numbers: vec![0.0; self.numbers.len()], terms: Vec::new() }
     }
 
+    /// The cut as stated, with this noise: it is that of the recordings, whatever is stated of the cut.
+    pub(crate) fn stated_in(&self, noise: Noise) -> Option<Machine> {
+        Some(Machine { noise, ..self.machine(&self.origin())? })
+    }
+
     /// Bounds of every coordinate of a point.
     pub(crate) fn bounds(&self, point: &Point) -> Vec<[f64; 2]> {
         let numbers = self.numbers.iter().map(|n| [-n.furthest(), n.furthest()]);

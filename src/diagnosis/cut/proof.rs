@@ -10,7 +10,7 @@ use super::adequacy::{joined, spans};
 use super::answer::Fitting;
 use super::criteria::CRITERIA;
 use super::fit::{Effort, Problem, bin_value, part_value};
-use super::machine::{Machine, Point};
+use super::machine::{Frame, Machine, Point};
 use super::observable::{Every, LeftOver, Lent, Observable, Observed, Origin, OriginKind, Part};
 use super::result::{CutDiagnosis, CutFinding, CutFit, CutProof, ProvenLine, Sides};
 use super::search::{AGAIN, SCREENED};
@@ -108,12 +108,8 @@ impl Standing {
 /// The finding's law in the model.
 fn term_of(fitting: &Fitting<'_>, finding: &CutFinding) -> Option<usize> {
     let scales = &fitting.problem.frame.scales;
-    // The key says which, where an effect may stand twice.
-    let key = finding.parameters.first().map_or(f64::NAN, |p| p.value);
-    fitting.selected.model.point.terms.iter().position(|term| {
-        let effect = term.effect(scales);
-        effect.is_some_and(|e| e.kind() == finding.effect && (e.values()[0] - key).abs() <= 0.0)
-    })
+    let terms = &fitting.selected.model.point.terms;
+    terms.iter().position(|term| term.effect(scales).is_some_and(|e| finding.is(&e)))
 }
 
 /// The model without one of its laws, numbers fitted anew; the better of two beginnings where none is left.
@@ -134,10 +130,10 @@ pub(super) struct Gained {
     pub(super) time: Vec<TimeSpans>,
 }
 
-/// What a finding gains, over frequency and over stretches.
-pub(super) fn gained(fitting: &Fitting<'_>, finding: &CutFinding) -> Option<Gained> {
+/// What the first finding gains, over frequency and over stretches.
+pub(super) fn gained(fitting: &Fitting<'_>, models: &Models) -> Option<Gained> {
     let problem = fitting.problem;
-    let other = problem.frame.machine(&without(fitting, term_of(fitting, finding)?)?)?;
+    let other = problem.frame.machine(models.without.first()?.as_ref()?)?;
     let with = problem.frame.machine(&fitting.selected.model.point)?;
     let mut cells: Vec<f64> = Vec::new();
     let mut origins: Vec<(f64, Origin)> = Vec::new();
@@ -170,7 +166,7 @@ pub(super) fn gained(fitting: &Fitting<'_>, finding: &CutFinding) -> Option<Gain
 }
 
 /// The models that are put to the proof, as points from which to fit.
-struct Models {
+pub(super) struct Models {
     refitted: Point,
     /// Findings and numbers; none where nothing was found.
     answer: Option<Point>,
@@ -179,7 +175,7 @@ struct Models {
 }
 
 impl Models {
-    fn of(fitting: &Fitting<'_>, findings: &[CutFinding]) -> Self {
+    pub(super) fn of(fitting: &Fitting<'_>, findings: &[CutFinding]) -> Self {
         let start = fitting.start.point.clone();
         let one = |f: &CutFinding| without(fitting, term_of(fitting, f)?);
         let without: Vec<Option<Point>> = findings.iter().map(one).collect();
@@ -228,8 +224,7 @@ impl Proving {
         let fitted = |point: &Point| frame.machine(&others.fit(point, &PART)?.point);
         let refitted = fitted(&models.refitted)?;
         let answer = models.answer.as_ref().map_or(Some(refitted), fitted)?;
-        // The noise is that of the recordings, whatever is stated of the cut.
-        let stated = Machine { noise: answer.noise, ..frame.machine(&frame.origin())? };
+        let stated = frame.stated_in(answer.noise)?;
         let own = models.without.iter().map(|p| p.as_ref().and_then(fitted));
         let without: Vec<Option<Machine>> = own.collect();
         for observable in held {
@@ -258,7 +253,12 @@ impl Proving {
 }
 
 /// Puts the answer to the proof; a diagnosis without room to hold anything out is left as it is.
-pub(super) fn prove(fitting: &Fitting<'_>, observables: &[Observed<'_>], diagnosis: &mut CutDiagnosis) {
+pub(super) fn prove(
+    frame: &Frame,
+    models: &Models,
+    observables: &[Observed<'_>],
+    diagnosis: &mut CutDiagnosis,
+) {
     let group = groups(observables);
     let stretches = held_out_groups(observables);
     let parts = stretches.min(HELD_OUT);
@@ -266,12 +266,11 @@ pub(super) fn prove(fitting: &Fitting<'_>, observables: &[Observed<'_>], diagnos
         return;
     }
     let part: Vec<Option<usize>> = group.iter().map(|g| g.map(|g| g % parts)).collect();
-    let problem = Problem { frame: fitting.problem.frame, observables };
-    let models = Models::of(fitting, &diagnosis.findings);
+    let problem = Problem { frame, observables };
     let [stated, refitted, answer] = [(); 3].map(|()| Standing::default());
     let without = vec![Standing::default(); models.without.len()];
     let mut proving = Proving { stated, refitted, answer, without, lines: Vec::new() };
-    if (0..parts).any(|number| proving.add(&problem, &models, &part, number).is_none()) {
+    if (0..parts).any(|number| proving.add(&problem, models, &part, number).is_none()) {
         return;
     }
     let all = [&proving.stated, &proving.refitted, &proving.answer];

@@ -15,7 +15,7 @@ use super::laws::Law;
 use super::machine::Machine;
 use super::observable::Observable;
 use super::observe::observe;
-use super::proof::{HELD_OUT, gained, held_out_groups, left_over, prove};
+use super::proof::{HELD_OUT, Models, gained, held_out_groups, left_over, prove};
 use super::result::{CutContribution, CutDiagnosis, CutLocation, CutRecordingFit, CutSeries, MappedCut};
 use super::stretches::{Stretch, Stretches, band_hz, condition};
 use crate::plant::cut_effects::CutEffect;
@@ -39,27 +39,23 @@ pub(crate) fn complete(
     // Where there is too little to leave a stretch out, parts of it are, in time.
     let parts = || observe(recordings, &stretches.divided(recordings, HELD_OUT), known);
     let parts = (held_out_groups(problem.observables) < HELD_OUT).then(parts);
-    prove(fitting, parts.as_deref().unwrap_or(problem.observables), diagnosis);
-    // The key says which, where an effect may stand twice.
+    let models = Models::of(fitting, &diagnosis.findings);
+    prove(problem.frame, &models, parts.as_deref().unwrap_or(problem.observables), diagnosis);
     let effects: Vec<CutEffect> = diagnosis.scenario.physics.iter().collect();
     for finding in &mut diagnosis.findings {
-        let key = finding.parameters.first().map_or(f64::NAN, |p| p.value);
-        let same = |e: &&CutEffect| e.kind() == finding.effect && (e.values()[0] - key).abs() <= 0.0;
-        let Some(effect) = effects.iter().find(same) else { continue };
+        let Some(effect) = effects.iter().find(|e| finding.is(e)) else { continue };
         finding.contribution = contribution(recordings, &diagnosis.scenario, effect);
     }
-    let stated = problem.frame.machine(&problem.frame.origin());
-    let after = problem.frame.machine(point);
-    if let (Some(stated), Some(after)) = (stated, after) {
-        // The noise is that of the recordings, whatever is stated of the cut.
-        let before = Machine { noise: after.noise, ..stated };
+    if let Some(after) = problem.frame.machine(point)
+        && let Some(before) = problem.frame.stated_in(after.noise)
+    {
         diagnosis.recordings = (0..recordings.len())
             .map(|k| recording_fit(problem, &recordings[k], k, [&before, &after]))
             .collect();
     }
     if let (Some(location), Some(first)) = (&mut diagnosis.location, diagnosis.findings.first()) {
         location.domain = domain(first.effect);
-        if let Some(gained) = gained(fitting, first) {
+        if let Some(gained) = gained(fitting, &models) {
             location.bands_hz = gained.bands_hz;
             location.time = gained.time;
         }

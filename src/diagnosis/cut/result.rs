@@ -1,6 +1,7 @@
 //! What a diagnosis of the cut says: plain data, no files (contracts, section 6, "Outputs").
 
 use super::super::result::{Alternative, Correction, Estimate, Fit, TimeSpans, Verdict};
+use crate::plant::cut_effects::CutEffect;
 use crate::plant::cut_terms::CutCondition;
 use crate::plant::effects::{EffectKind, Port};
 use crate::plant::scenario::Scenario;
@@ -154,6 +155,14 @@ pub struct CutFinding {
     pub contribution: Vec<CutContribution>,
     /// Gain in log-likelihood after the price of its parameters, nats.
     pub evidence_nats: f64,
+}
+
+impl CutFinding {
+    /// Whether this effect is the one found: its key number says which, where an effect may stand twice.
+    pub(crate) fn is(&self, effect: &CutEffect) -> bool {
+        let key = self.parameters.first().map_or(f64::NAN, |p| p.value);
+        effect.kind() == self.effect && (effect.values()[0] - key).abs() <= 0.0
+    }
 }
 
 /// What these cuts could not have shown at any size that matters.
