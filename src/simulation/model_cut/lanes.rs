@@ -1,7 +1,7 @@
 //! Several cuts in time, one to a lane.
 
 use super::course::Course;
-use super::modes::{Led, Modes};
+use super::modes::Modes;
 use super::{CutModel, CutTrial, FreeRun, LANES, terms_of};
 use crate::plant::cut_effects::AtAngle;
 use crate::plant::cut_loop::{CutLoop, RANDOM_FORCE_CORNER_HZ};
@@ -40,6 +40,33 @@ struct Law {
 /// What stock and runout do at each place of the material: width added, m, and factor.
 type Turning = Vec<[Lane; 2]>;
 
+/// What a tool meets: the surface at the two steps between which it was left, the share of the newer, and the
+/// place of the material.
+struct Met<'a> {
+    older: &'a Lane,
+    newer: &'a Lane,
+    part: f64,
+    place: usize,
+}
+
+/// What the other tool has left, `back` steps ago, at steps `[now, other]`.
+#[inline(always)]
+fn met(surface: &[[Lane; 2]], [now, other]: [usize; 2], back: f64) -> Met<'_> {
+    let whole = back as usize + 1;
+    let older = (now + surface.len() - whole) & (surface.len() - 1);
+    Met {
+        older: &surface[older][other],
+        newer: &surface[(older + 1) & (surface.len() - 1)][other],
+        part: whole as f64 - back,
+        place: 0,
+    }
+}
+
+/// Place of the material at an angle.
+fn place(material_rad: f64) -> usize {
+    (material_rad / TAU * PLACES as f64).floor() as i64 as usize & (PLACES - 1)
+}
+
 /// Models side by side, in motion.
 pub(super) struct Lanes<'a> {
     trial: &'a CutTrial,
@@ -55,10 +82,13 @@ pub(super) struct Lanes<'a> {
     modes: [Modes; 4],
     /// Which of them any model has.
     there: [bool; 4],
-    driving: [Led; 2],
+    /// Forces on the bar and on the holder, a step ago and two.
+    driving: [[Lane; 2]; 2],
     force: [Lane; 2],
     /// What the law said a step ago.
     said: [Lane; 2],
+    /// True where any model has a random force.
+    is_random: bool,
     noise: [Lane; 2],
     random: [[u64; LANES]; 2],
     /// How the random force goes on, and what is added to it.
@@ -87,9 +117,10 @@ impl<'a> Lanes<'a> {
             turning: turning(&models),
             modes: <[Modes; 4]>::default(),
             there: [false; 4],
-            driving: [[zero; 3]; 2],
+            driving: [[zero; 2]; 2],
             force: [zero; 2],
             said: [zero; 2],
+            is_random: models.iter().any(|m| m.random_share > 0.0),
             noise: [zero; 2],
             random: [seeds(0), seeds(1)],
             kept,
@@ -165,112 +196,156 @@ impl<'a> Lanes<'a> {
         self.terms = Some(terms);
     }
 
-    /// Motion and speed of both edges into the work.
-    #[inline(always)]
-    fn edges(&self) -> [[Lane; 2]; 2] {
-        let mut out = [[[0.0; LANES]; 2]; 2];
-        for (modes, _) in self.modes[..3].iter().zip(&self.there).filter(|m| *m.1) {
-            for l in 0..LANES {
-                out[0][0][l] += modes.at[l];
-                out[0][1][l] += modes.speed[l];
-            }
-        }
-        let holder = &self.modes[3];
-        for l in 0..LANES {
-            out[1][0][l] = holder.at[l] - out[0][0][l] + self.law.ahead[l];
-            out[1][1][l] = holder.speed[l] - out[0][1][l];
-        }
-        out
+    /// The bar at the tools.
+    fn bar(&self) -> Lane {
+        std::array::from_fn(|l| self.modes[..3].iter().map(|m| m.at[l]).sum())
+    }
+
+    /// What each edge leaves where it does not leave the cut.
+    fn edges(&self) -> [Lane; 2] {
+        let bar = self.bar();
+        [bar, std::array::from_fn(|l| self.modes[3].at[l] - bar[l] + self.law.ahead[l])]
     }
 
     /// The random force goes on by a step.
     #[inline(always)]
     fn draw(&mut self) {
-        for tool in 0..2 {
+        let (kept, added) = (self.kept, self.added);
+        for (random, noise) in self.random.iter_mut().zip(&mut self.noise) {
             for l in 0..LANES {
-                let mut x = self.random[tool][l];
+                let mut x = random[l];
                 x ^= x << 13;
                 x ^= x >> 7;
                 x ^= x << 17;
-                self.random[tool][l] = x;
+                random[l] = x;
                 let uniform = f64::from_bits((x >> 12) | 0x3FF0_0000_0000_0000) - 1.5;
-                self.noise[tool][l] = self.kept * self.noise[tool][l] + self.added[l] * uniform;
+                noise[l] = kept * noise[l] + added[l] * uniform;
             }
         }
     }
 
-    /// Force of one tool and the surface that it leaves, from what it meets.
+    /// Factors of the chip's force by its exponent, and of the whole force by stock and runout.
     #[inline(always)]
-    fn cut<const FUSED: bool>(
-        &self,
-        tool: usize,
-        [into, speed]: &[Lane; 2],
-        met: &Lane,
-        place: usize,
-    ) -> (Lane, Lane) {
+    fn factors(&self, bar: &Lane, holder: &Lane, met_m: &[Lane; 2], places: [usize; 2]) -> [[Lane; 2]; 2] {
         let law = &self.law;
-        let (mut force, mut left) = ([0.0; LANES], [0.0; LANES]);
-        let mut bend = [1.0; LANES];
-        let mut chip = [0.0; LANES];
-        for l in 0..LANES {
-            chip[l] = law.advance[tool][l] + into[l] - law.overlap[l] * met[l];
-            left[l] = into[l] - chip[l].min(0.0);
-        }
+        let (mut bend, mut stock) = ([[1.0; LANES]; 2], [[1.0; LANES]; 2]);
         if self.bent {
             for l in 0..LANES {
-                bend[l] = chip[l].max(1e-12).powf(law.bend[l]);
+                for (tool, into) in [bar[l], holder[l] - bar[l]].into_iter().enumerate() {
+                    let chip_m = law.advance[tool][l] + into - law.overlap[l] * met_m[tool][l];
+                    bend[tool][l] = chip_m.max(1e-12).powf(law.bend[l]);
+                }
             }
-        }
-        let mut body = [0.0; LANES];
-        for l in 0..LANES {
-            let plain = law.chip[tool][l] * chip[l] * bend[l] * (1.0 + self.noise[tool][l]);
-            let rubbing = law.flank[0][l] * (speed[l] - law.flank[1][l]).max(0.0);
-            let flank = multiply_add::<FUSED>(law.damping[l], speed[l], rubbing);
-            body[l] = plain + law.edge[l] + multiply_add::<FUSED>(law.contact[l], into[l], flank);
         }
         if let Some(turning) = &self.turning {
-            let [added_m, factor] = &turning[place];
-            for l in 0..LANES {
-                body[l] *= (1.0 + added_m[l] * law.width_1_m[l]).max(0.0) * factor[l];
+            for (stock, place) in stock.iter_mut().zip(places) {
+                let [added_m, factor] = &turning[place];
+                for l in 0..LANES {
+                    stock[l] = larger(1.0 + added_m[l] * law.width_1_m[l], 0.0) * factor[l];
+                }
             }
         }
-        for l in 0..LANES {
-            force[l] = if chip[l] > 0.0 { body[l].max(0.0) } else { 0.0 };
-        }
-        (force, left)
+        [bend, stock]
     }
 
     /// One step: forces of now, surfaces of now, and the motion to the next.
+    ///
+    /// Everything that each step waits for stands in one loop over the lanes.
     #[inline(always)]
-    fn step<const FUSED: bool>(&mut self, met: &[Lane; 2], places: [usize; 2]) -> [Lane; 2] {
-        self.draw();
-        let edges = self.edges();
-        let (first, left_1) = self.cut::<FUSED>(0, &edges[0], &met[0], places[0]);
-        let (second, left_2) = self.cut::<FUSED>(1, &edges[1], &met[1], places[1]);
-        for led in &mut self.driving {
-            led[2] = led[1];
-            led[1] = led[0];
+    fn step<const FUSED: bool>(&mut self, met: &[Met; 2]) -> [Lane; 2] {
+        if self.is_random {
+            self.draw();
         }
-        let says = [first, second.map(|f| self.second * f)];
-        for (tool, says) in says.iter().enumerate() {
+        let mut met_m = [[0.0; LANES]; 2];
+        for (met_m, met) in met_m.iter_mut().zip(met) {
             for l in 0..LANES {
-                let [left, then, now] = [0, 1, 2].map(|k| self.law.lagged[k][l]);
-                let taken = multiply_add::<FUSED>(then, self.said[tool][l], now * says[l]);
-                self.force[tool][l] = multiply_add::<FUSED>(left, self.force[tool][l], taken);
-                self.said[tool][l] = says[l];
+                met_m[l] = multiply_add::<FUSED>(met.part, met.newer[l] - met.older[l], met.older[l]);
+            }
+        }
+        let (mut beside_m, mut beside_m_s) = ([0.0; LANES], [0.0; LANES]);
+        for k in 1..3 {
+            if self.there[k] {
+                for l in 0..LANES {
+                    beside_m[l] += self.modes[k].at[l];
+                    beside_m_s[l] += self.modes[k].speed[l];
+                }
+            }
+        }
+        let mut holder_m = [0.0; LANES];
+        for l in 0..LANES {
+            holder_m[l] = self.modes[3].at[l] + self.law.ahead[l];
+        }
+        let mut bar_m = [0.0; LANES];
+        for l in 0..LANES {
+            bar_m[l] = self.modes[0].at[l] + beside_m[l];
+        }
+        let [bend, stock] = self.factors(&bar_m, &holder_m, &met_m, [met[0].place, met[1].place]);
+        let (mut left_m, mut driving_n) = ([[0.0; LANES]; 2], [0.0; LANES]);
+        let law = &self.law;
+        for l in 0..LANES {
+            let cut = |tool: usize, into: f64, speed: f64| {
+                let chip_m = into + (law.advance[tool][l] - law.overlap[l] * met_m[tool][l]);
+                let gain = law.chip[tool][l] * bend[tool][l] * (1.0 + self.noise[tool][l]);
+                let rubbing = law.flank[0][l] * larger(speed - law.flank[1][l], 0.0);
+                let flank = law.edge[l] + multiply_add::<FUSED>(law.damping[l], speed, rubbing);
+                let rest = multiply_add::<FUSED>(law.contact[l], into, flank);
+                let body = multiply_add::<FUSED>(gain, chip_m, rest);
+                let says = if chip_m > 0.0 { larger(body, 0.0) * stock[tool][l] } else { 0.0 };
+                // Out of the cut the surface stays as it was.
+                (says, into - smaller(chip_m, 0.0))
+            };
+            let (bar, speed) = (self.modes[0].at[l] + beside_m[l], self.modes[0].speed[l] + beside_m_s[l]);
+            let (first, left_1) = cut(0, bar, speed);
+            let (second, left_2) = cut(1, holder_m[l] - bar, self.modes[3].speed[l] - speed);
+            (left_m[0][l], left_m[1][l]) = (left_1, left_2);
+            let second = self.second * second;
+            let lagged = |says: f64, said: f64, force: f64| {
+                let before = multiply_add::<FUSED>(law.lagged[1][l], said, law.lagged[0][l] * force);
+                multiply_add::<FUSED>(law.lagged[2][l], says, before)
+            };
+            let forces = [
+                lagged(first, self.said[0][l], self.force[0][l]),
+                lagged(second, self.said[1][l], self.force[1][l]),
+            ];
+            (self.said[0][l], self.said[1][l]) = (first, second);
+            (self.force[0][l], self.force[1][l]) = (forces[0], forces[1]);
+            driving_n[l] = forces[1] - forces[0];
+            self.modes[0].advance::<FUSED>(l, [driving_n[l], self.driving[0][0][l], self.driving[0][1][l]]);
+        }
+        for k in 1..3 {
+            if self.there[k] {
+                for l in 0..LANES {
+                    let older = [self.driving[0][0][l], self.driving[0][1][l]];
+                    self.modes[k].advance::<FUSED>(l, [driving_n[l], older[0], older[1]]);
+                }
             }
         }
         for l in 0..LANES {
-            self.driving[0][0][l] = self.force[1][l] - self.force[0][l];
-            self.driving[1][0][l] = -self.force[1][l];
+            self.driving[0][1][l] = self.driving[0][0][l];
+            self.driving[0][0][l] = driving_n[l];
         }
-        for k in 0..4 {
-            if self.there[k] {
-                self.modes[k].advance::<FUSED>(&self.driving[usize::from(k == 3)]);
+        if self.there[3] {
+            for l in 0..LANES {
+                let now = -self.force[1][l];
+                let [newer, older] = [self.driving[1][0][l], self.driving[1][1][l]];
+                self.modes[3].advance::<FUSED>(l, [now, newer, older]);
+                (self.driving[1][0][l], self.driving[1][1][l]) = (now, newer);
             }
         }
-        [left_1, left_2]
+        left_m
     }
+}
+
+/// The smaller of two numbers, neither of which is none.
+#[inline(always)]
+fn smaller(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// The larger of two numbers, neither of which is none (`f64::max` asks).
+#[inline(always)]
+fn larger(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
 }
 
 /// A first-order lag over a step: weights of its last value, and of what it follows, a step ago and now.
@@ -324,14 +399,12 @@ impl Kernel for Run<'_> {
         let Self { mut lanes, course } = self;
         let (trial, steps) = (lanes.trial, lanes.steps);
         let samples = trial.turned_rad.len();
-        let mut out = vec![FreeRun::default(); LANES];
-        for run in &mut out {
-            run.force_n.iter_mut().chain([&mut run.bar_m]).for_each(|x| x.reserve(samples));
-        }
+        let mut out: Vec<FreeRun> = (0..LANES).map(|_| FreeRun::of(samples)).collect();
+        let mut block = Vec::with_capacity(trial.held);
         // What was left before the trial is what the quiet cut leaves.
         let edges = lanes.edges();
         let room = ((course.longest().ceil() as usize + 3) * steps).next_power_of_two();
-        let mut surface = vec![[edges[0][0], edges[1][0]]; room];
+        let mut surface = vec![edges; room];
         let one = course.since[1].is_empty();
         let mut now = 0;
         for k in 0..samples {
@@ -339,35 +412,44 @@ impl Kernel for Run<'_> {
                 lanes.take_on(k / trial.held);
             }
             let next = (k + 1).min(samples - 1);
-            for (l, run) in out.iter_mut().enumerate() {
-                run.force_n[0].push(lanes.force[0][l]);
-                run.force_n[1].push(lanes.force[1][l]);
-                run.bar_m.push(lanes.modes[..3].iter().map(|m| m.at[l]).sum());
+            if block.len() == trial.held {
+                hand_over(&mut block, &mut out);
             }
+            block.push([lanes.force[0], lanes.force[1], lanes.bar()]);
             let shift = trial.pitch_difference_rad.get(k).copied().unwrap_or(0.0) / 2.0;
+            // Value now, and by how much it changes a step.
+            let run =
+                |list: &[f64], scale: f64| [list[k] * scale, (list[next] - list[k]) * scale / steps as f64];
+            let [turned, turning] = run(&trial.turned_rad, 1.0);
+            let back = [0, usize::from(!one)].map(|tool| run(&course.since[tool], steps as f64));
             for step in 0..steps {
-                let share = step as f64 / steps as f64;
-                let mut met = [[0.0; LANES]; 2];
-                let mut places = [0; 2];
-                let turned = trial.turned_rad[k] + share * (trial.turned_rad[next] - trial.turned_rad[k]);
-                for tool in 0..2 - usize::from(one) {
-                    let since = &course.since[tool];
-                    let back = (since[k] + share * (since[next] - since[k])) * steps as f64;
-                    let whole = back.ceil();
-                    let part = whole - back;
-                    let older = (now + room - whole as usize) & (room - 1);
-                    let other = if one { 0 } else { 1 - tool };
-                    let (a, b) = (&surface[older][other], &surface[(older + 1) & (room - 1)][other]);
-                    for l in 0..LANES {
-                        met[tool][l] = multiply_add::<FUSED>(part, b[l] - a[l], a[l]);
-                    }
-                    let turns = (turned - if tool == 0 { shift } else { 0.5 * TAU }) / TAU;
-                    places[tool] = ((turns - turns.floor()) * PLACES as f64) as usize & (PLACES - 1);
+                let at = |[value, change]: [f64; 2]| value + step as f64 * change;
+                // One tool meets what it left itself; the other, which is not there, meets the same.
+                let mut met = [
+                    met(&surface, [now, usize::from(!one)], at(back[0])),
+                    met(&surface, [now, 0], at(back[1])),
+                ];
+                if lanes.turning.is_some() {
+                    let turned = at([turned, turning]);
+                    (met[0].place, met[1].place) = (place(turned - shift), place(turned - 0.5 * TAU));
                 }
-                surface[now & (room - 1)] = lanes.step::<FUSED>(&met, places);
+                let left = lanes.step::<FUSED>(&met);
+                surface[now & (room - 1)] = left;
                 now = (now + 1) & (room - 1);
             }
         }
+        hand_over(&mut block, &mut out);
         out
     }
+}
+
+/// Rows of all lanes to the run of each.
+fn hand_over(rows: &mut Vec<[Lane; 3]>, out: &mut [FreeRun]) {
+    for (l, run) in out.iter_mut().enumerate() {
+        let [first, second] = &mut run.force_n;
+        for (which, list) in [first, second, &mut run.bar_m].into_iter().enumerate() {
+            list.extend(rows.iter().map(|row| row[which][l]));
+        }
+    }
+    rows.clear();
 }

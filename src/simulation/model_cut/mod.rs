@@ -65,6 +65,16 @@ pub struct FreeRun {
     pub bar_m: Vec<f64>,
 }
 
+impl FreeRun {
+    /// Room for that many samples.
+    fn of(samples: usize) -> Self {
+        Self {
+            force_n: [Vec::with_capacity(samples), Vec::with_capacity(samples)],
+            bar_m: Vec::with_capacity(samples),
+        }
+    }
+}
+
 /// Runs a trial on each model, from the rest of a quiet cut at the first condition.
 ///
 /// All models have the tools of the first (one or two). Each mode is propagated exactly under a force that is

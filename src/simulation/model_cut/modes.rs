@@ -5,9 +5,6 @@ use super::lanes::Lane;
 use crate::plant::cut_loop::Resonance;
 use crate::signal::dispatch::multiply_add;
 
-/// Forces of this step and of the two before it.
-pub(super) type Led = [Lane; 3];
-
 /// A resonance of each model; by default there is none, and it is at rest.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Modes {
@@ -59,21 +56,18 @@ impl Modes {
         }
     }
 
-    /// One step under a force.
+    /// One step of model `l` under a force: now, a step ago and two.
     #[inline(always)]
-    pub(super) fn advance<const FUSED: bool>(&mut self, force: &Led) {
-        let [to_at, to_speed] = &self.driven;
-        for l in 0..LANES {
-            let (q, v) = (self.at[l], self.speed[l]);
-            let by = |d: &[Lane; 3]| {
-                let older = multiply_add::<FUSED>(d[1][l], force[1][l], d[2][l] * force[2][l]);
-                multiply_add::<FUSED>(d[0][l], force[0][l], older)
-            };
-            let row = |t: &[Lane; 2], by: f64| {
-                multiply_add::<FUSED>(t[0][l], q, multiply_add::<FUSED>(t[1][l], v, by))
-            };
-            let (at, speed) = (row(&self.transition[0], by(to_at)), row(&self.transition[1], by(to_speed)));
-            (self.at[l], self.speed[l]) = (at, speed);
-        }
+    pub(super) fn advance<const FUSED: bool>(&mut self, l: usize, [now, then, before]: [f64; 3]) {
+        let (q, v) = (self.at[l], self.speed[l]);
+        // The newest force comes last: all else is known before it is.
+        let row = |t: &[Lane; 2], d: &[Lane; 3]| {
+            let older = multiply_add::<FUSED>(d[1][l], then, d[2][l] * before);
+            let free = multiply_add::<FUSED>(t[0][l], q, multiply_add::<FUSED>(t[1][l], v, older));
+            multiply_add::<FUSED>(d[0][l], now, free)
+        };
+        let at = row(&self.transition[0], &self.driven[0]);
+        self.speed[l] = row(&self.transition[1], &self.driven[1]);
+        self.at[l] = at;
     }
 }
