@@ -48,6 +48,18 @@ impl Work {
         self.spent >= self.limit
     }
 
+    /// True where something was not computed for want of work.
+    pub(crate) fn has_refused(&self) -> bool {
+        self.refused
+    }
+
+    /// What others have not needed.
+    pub(crate) fn take_over(&mut self, others: [&Self; 2]) {
+        for other in others {
+            self.limit += other.limit.saturating_sub(other.spent);
+        }
+    }
+
     /// Share of the budget that is spent, 0 to 1.
     pub(crate) fn share(&self) -> f64 {
         (self.spent as f64 / self.limit.max(1) as f64).min(1.0)

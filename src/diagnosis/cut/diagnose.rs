@@ -43,9 +43,9 @@ pub fn diagnose(
     table.map_or(Ok(()), |table| table.check(scenario))?;
     let frame = Frame::of(scenario, &evidence);
     let laws = Law::open(scenario, [frame.probe(), frame.has_recordings()]);
-    // Half of the budget for the search; of the other half one half for whether what it found holds.
-    let mut work = Work::new(evaluations(0.5 * budget_s, &evidence));
-    let mut beside = Work::new(evaluations(0.25 * budget_s, &evidence));
+    // Half of the budget for the search, a quarter for whether what it found holds, a quarter for its proof.
+    let [mut work, mut beside, mut proof] =
+        [0.5, 0.25, 0.25].map(|share| Work::new(evaluations(share * budget_s, &evidence)));
     progress(0.02, "dividing the recordings");
     let (known, point) = first_known(&frame, evidence, table, &mut work).ok_or(CutInputError::NoCut)?;
     let (stretches, mut observables) = observed(&frame, &known, evidence, table);
@@ -84,7 +84,8 @@ pub fn diagnose(
     let mut diagnosis = answer::diagnosis(&fitting);
     if !evidence.recordings.is_empty() {
         progress(0.87, "what the recordings show of it");
-        recorded::complete(&fitting, evidence.recordings, (&stretches, &known), &mut diagnosis);
+        proof.take_over([&work, &beside]);
+        recorded::complete(&fitting, evidence.recordings, (&stretches, &known), &mut proof, &mut diagnosis);
         hidden::tell(evidence.recordings, &left_out, &laws, &mut diagnosis);
     }
     // What is seen without a model (a line of no spindle, lost contact) is told; silence about what nobody
@@ -106,6 +107,12 @@ pub fn diagnose(
     note_signals(evidence.recordings, &mut diagnosis);
     if work.is_spent() || beside.is_spent() {
         out_of_budget(&fitting, &mut diagnosis);
+    }
+    if proof.has_refused() {
+        diagnosis.notes.push(
+            "The budget ended before the answer was held against stretches that were left out of its fits."
+                .to_owned(),
+        );
     }
     progress(1.0, "done");
     Ok(diagnosis)

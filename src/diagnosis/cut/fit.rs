@@ -3,6 +3,7 @@
 //! H = sum [ tr(S^-1 S_i S^-1 S_k) + 2 Re x_i^H S^-1 x_k ] + J'J + priors, differences of 2e-3 of a
 //! coordinate, Levenberg's damping, steps clipped, coordinates held at their bounds.
 
+use super::super::selection::Work;
 use super::super::two_cores::on_two_cores;
 use super::criteria::CRITERIA;
 use super::laws::{Coordinate, Term};
@@ -374,6 +375,16 @@ impl Problem<'_> {
             }
         }
         Some(((point.numbers[at] - before) * Number::Sensor.log_sd()).exp())
+    }
+
+    /// [`Problem::fit`] while there is work left, taken off it. `None`: it is spent, or no such machine.
+    pub(crate) fn fit_within(&self, start: &Point, effort: &Effort, work: &mut Work) -> Option<Ended> {
+        if !work.take(1) {
+            return None;
+        }
+        let ended = self.fit(start, effort)?;
+        work.spend(ended.evaluations.saturating_sub(1));
+        Some(ended)
     }
 
     /// From a point downhill.

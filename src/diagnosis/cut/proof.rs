@@ -6,6 +6,7 @@
 //! the structure with other numbers foretells it as well; what separates is ln L, growth and line.
 
 use super::super::result::{Fit, TimeSpans};
+use super::super::selection::Work;
 use super::adequacy::{joined, spans};
 use super::answer::Fitting;
 use super::criteria::CRITERIA;
@@ -113,11 +114,11 @@ fn term_of(fitting: &Fitting<'_>, finding: &CutFinding) -> Option<usize> {
 }
 
 /// The model without one of its laws, numbers fitted anew; the better of two beginnings where none is left.
-fn without(fitting: &Fitting<'_>, term: usize) -> Option<Point> {
+fn without(fitting: &Fitting<'_>, term: usize, work: &mut Work) -> Option<Point> {
     let mut point = fitting.selected.model.point.clone();
     point.terms.remove(term);
     let alone = point.terms.is_empty();
-    let again = fitting.problem.fit(&point, &AGAIN)?;
+    let again = fitting.problem.fit_within(&point, &AGAIN, work)?;
     let start = fitting.start;
     Some(if alone && start.value < again.value { start.point.clone() } else { again.point })
 }
@@ -175,9 +176,9 @@ pub(super) struct Models {
 }
 
 impl Models {
-    pub(super) fn of(fitting: &Fitting<'_>, findings: &[CutFinding]) -> Self {
+    pub(super) fn of(fitting: &Fitting<'_>, findings: &[CutFinding], work: &mut Work) -> Self {
         let start = fitting.start.point.clone();
-        let one = |f: &CutFinding| without(fitting, term_of(fitting, f)?);
+        let one = |f: &CutFinding| without(fitting, term_of(fitting, f)?, work);
         let without: Vec<Option<Point>> = findings.iter().map(one).collect();
         // With one law the structure without it is the stated one.
         let stated = |p: &Point| p.terms.is_empty().then(|| p.clone());
@@ -204,6 +205,7 @@ impl Proving {
         models: &Models,
         part: &[Option<usize>],
         number: usize,
+        work: &mut Work,
     ) -> Option<()> {
         let frame = problem.frame;
         let held: Vec<&Observed<'_>> = problem
@@ -221,11 +223,11 @@ impl Proving {
             .map(|(o, _)| Box::new(Lent(o.as_ref())) as Observed<'_>)
             .collect();
         let others = Problem { frame, observables: &lent };
-        let fitted = |point: &Point| frame.machine(&others.fit(point, &PART)?.point);
+        let mut fitted = |point: &Point| frame.machine(&others.fit_within(point, &PART, work)?.point);
         let refitted = fitted(&models.refitted)?;
-        let answer = models.answer.as_ref().map_or(Some(refitted), fitted)?;
+        let answer = models.answer.as_ref().map_or(Some(refitted), &mut fitted)?;
         let stated = frame.stated_in(answer.noise)?;
-        let own = models.without.iter().map(|p| p.as_ref().and_then(fitted));
+        let own = models.without.iter().map(|p| p.as_ref().and_then(&mut fitted));
         let without: Vec<Option<Machine>> = own.collect();
         for observable in held {
             let observable = observable.as_ref();
@@ -252,11 +254,13 @@ impl Proving {
     }
 }
 
-/// Puts the answer to the proof; a diagnosis without room to hold anything out is left as it is.
+/// Puts the answer to the proof; a diagnosis without room to hold anything out is left as it is, and so is one
+/// whose budget ends before.
 pub(super) fn prove(
     frame: &Frame,
     models: &Models,
     observables: &[Observed<'_>],
+    work: &mut Work,
     diagnosis: &mut CutDiagnosis,
 ) {
     let group = groups(observables);
@@ -270,7 +274,7 @@ pub(super) fn prove(
     let [stated, refitted, answer] = [(); 3].map(|()| Standing::default());
     let without = vec![Standing::default(); models.without.len()];
     let mut proving = Proving { stated, refitted, answer, without, lines: Vec::new() };
-    if (0..parts).any(|number| proving.add(&problem, models, &part, number).is_none()) {
+    if (0..parts).any(|number| proving.add(&problem, models, &part, number, work).is_none()) {
         return;
     }
     let all = [&proving.stated, &proving.refitted, &proving.answer];

@@ -2,6 +2,7 @@
 //! finding adds in time, what is left, and the cuts for the map.
 
 use super::super::result::Verdict;
+use super::super::selection::Work;
 use super::adequacy::{Left, left};
 use super::along::{Motion, added, law_forces, true_forces};
 use super::answer::{Fitting, standing};
@@ -30,6 +31,7 @@ pub(crate) fn complete(
     fitting: &Fitting<'_>,
     recordings: &[CutRecording],
     (stretches, known): (&Stretches, &Reference),
+    work: &mut Work,
     diagnosis: &mut CutDiagnosis,
 ) {
     let problem = fitting.problem;
@@ -39,8 +41,8 @@ pub(crate) fn complete(
     // Where there is too little to leave a stretch out, parts of it are, in time.
     let parts = || observe(recordings, &stretches.divided(recordings, HELD_OUT), known);
     let parts = (held_out_groups(problem.observables) < HELD_OUT).then(parts);
-    let models = Models::of(fitting, &diagnosis.findings);
-    prove(problem.frame, &models, parts.as_deref().unwrap_or(problem.observables), diagnosis);
+    let models = Models::of(fitting, &diagnosis.findings, work);
+    prove(problem.frame, &models, parts.as_deref().unwrap_or(problem.observables), work, diagnosis);
     let effects: Vec<CutEffect> = diagnosis.scenario.physics.iter().collect();
     for finding in &mut diagnosis.findings {
         let Some(effect) = effects.iter().find(|e| finding.is(e)) else { continue };

@@ -1,6 +1,5 @@
 //! Motion of one resonance over a step, exact for a force that runs on a parabola.
 
-use super::LANES;
 use super::lanes::Lane;
 use crate::plant::cut_loop::Resonance;
 use crate::signal::dispatch::multiply_add;
