@@ -33,8 +33,12 @@ pub(super) struct PastCutView {
     pitch_difference_rad: f64,
     /// `stable` or `chatter`.
     outcome: &'static str,
-    /// Chatter frequency, Hz; null where the cut was stable.
+    /// Chatter frequency; of a stable cut the line that dies out slowest, where its margin was read, Hz.
     line_hz: Option<f64>,
+    /// Growth of that line, 1/s: of a stable cut minus its stability margin.
+    growth_1_s: Option<f64>,
+    /// Its standard error, 1/s.
+    growth_se_1_s: Option<f64>,
 }
 
 impl From<&PastCut> for PastCutView {
@@ -49,7 +53,9 @@ impl From<&PastCut> for PastCutView {
             tool_position_m: cut.tool_position_m,
             pitch_difference_rad: cut.pitch_difference_rad,
             outcome: cut.outcome(),
-            line_hz: cut.chatter_hz,
+            line_hz: cut.line_hz,
+            growth_1_s: cut.growth_1_s.map(|g| g[0]),
+            growth_se_1_s: cut.growth_1_s.map(|g| g[1]),
         }
     }
 }

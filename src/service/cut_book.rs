@@ -10,8 +10,9 @@ struct Criteria;
 impl Criteria {
     /// Chatter that grows by 5 1/s is 150 times as large after it, and heard.
     const SHORTEST_S: f64 = 1.0;
-    /// Speeds this close are the same: drives hold theirs to a few parts in a thousand.
-    const SAME_SPEED: f64 = 0.01;
+    /// Speeds this close are the same: drives hold theirs to a few parts in a thousand. Places, too: the bar
+    /// gives with the cube of the way from the chuck.
+    const SAME: f64 = 0.01;
 }
 
 /// What the cut is made with at a moment.
@@ -25,7 +26,7 @@ pub(super) struct Condition {
 
 impl Condition {
     fn is_like(&self, other: &Self) -> bool {
-        (self.speed_rpm - other.speed_rpm).abs() <= Criteria::SAME_SPEED * other.speed_rpm
+        (self.speed_rpm - other.speed_rpm).abs() <= Criteria::SAME * other.speed_rpm
             && is_same_pitch(self.pitch_rad, other.pitch_rad)
     }
 }
@@ -47,6 +48,12 @@ pub(super) struct Stretch {
 }
 
 impl Stretch {
+    /// True where the tools are not known to have travelled: what was heard is of one place.
+    pub(super) fn is_at_one_place(&self) -> bool {
+        let places = self.condition.tool_position_m.zip(self.nearest_m);
+        places.is_none_or(|(far, near)| far - near <= Criteria::SAME * far)
+    }
+
     fn is_short(&self) -> bool {
         self.ended_s - self.began_s < Criteria::SHORTEST_S
     }

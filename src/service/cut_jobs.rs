@@ -18,17 +18,20 @@ use utoipa::ToSchema;
 pub fn cuts_csv(cuts: &[PastCut]) -> String {
     let mut out = String::from(
         "cut,spindle_speed_rpm,width_m,outcome,feed_m_rev,tool_position_m,pitch_difference_rad,line_hz,\
-         began_at,lasted_s\n",
+         growth_1_s,growth_se_1_s,began_at,lasted_s\n",
     );
     for cut in cuts {
-        let line = cut.chatter_hz.map_or_else(String::new, |hz| format!("{hz:.2}"));
-        let place = cut.tool_position_m.map_or_else(String::new, |m| format!("{m:.4}"));
+        let cell =
+            |value: Option<f64>, digits: usize| value.map_or_else(String::new, |v| format!("{v:.digits$}"));
+        let (line, place) = (cell(cut.line_hz, 2), cell(cut.tool_position_m, 4));
+        let [growth, error] = [0, 1].map(|k| cell(cut.growth_1_s.map(|g| g[k]), 3));
         let PastCut { sequence, spindle_speed_rpm: speed, width_m, feed_m_rev, .. } = cut;
         let (outcome, pitch, began) = (cut.outcome(), cut.pitch_difference_rad, clock::rfc3339(cut.began_ns));
         // Into a string: cannot fail.
         let _ = writeln!(
             out,
-            "{sequence},{speed:.1},{width_m},{outcome},{feed_m_rev},{place},{pitch:.4},{line},{began},{:.3}",
+            "{sequence},{speed:.1},{width_m},{outcome},{feed_m_rev},{place},{pitch:.4},{line},\
+             {growth},{error},{began},{:.3}",
             cut.lasted_s
         );
     }
@@ -158,13 +161,19 @@ mod tests {
             tool_position_m: Some(0.15),
             ..PastCut::default()
         };
-        let loud = PastCut { sequence: 8, chatter_hz: Some(651.5), ..stable.clone() };
+        let loud = PastCut { sequence: 8, chattered: true, line_hz: Some(651.5), ..stable.clone() };
+        let stable = PastCut { line_hz: Some(583.25), growth_1_s: Some([-21.5, 2.25]), ..stable };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cuts.csv");
         std::fs::write(&path, cuts_csv(&[loud, stable])).unwrap();
         let table = read_cuts(&path).unwrap();
         let rows: Vec<_> = table.rows.iter().map(|r| (r.outcome, r.known.line_hz)).collect();
-        assert_eq!(rows, [(Some(CutOutcome::Chatter), Some(651.5)), (Some(CutOutcome::Stable), None)]);
+        assert_eq!(
+            rows,
+            [(Some(CutOutcome::Chatter), Some(651.5)), (Some(CutOutcome::Stable), Some(583.25))]
+        );
+        let growth: Vec<_> = table.rows.iter().map(|r| (r.known.growth_1_s, r.known.growth_se_1_s)).collect();
+        assert_eq!(growth, [(None, None), (Some(-21.5), Some(2.25))]);
         assert_eq!(table.rows[1].known.pitch_difference_rad, Some(-0.1));
         assert_eq!(table.rows[1].known.tool_position_m, Some(0.15));
         assert_eq!(table.ignored_columns, ["began_at", "lasted_s"]);

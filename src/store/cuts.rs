@@ -26,8 +26,12 @@ pub struct PastCut {
     /// Tools from the chuck, where an axis of the stream tells it: where a stable cut was farthest, and where
     /// chatter began, m.
     pub tool_position_m: Option<f64>,
-    /// Chatter frequency, Hz; nothing where the cut was stable.
-    pub chatter_hz: Option<f64>,
+    /// It chattered.
+    pub chattered: bool,
+    /// Chatter frequency; of a stable cut the line that dies out slowest, where its margin was read, Hz.
+    pub line_hz: Option<f64>,
+    /// Growth of that line and its standard error, 1/s: of a stable cut minus its stability margin.
+    pub growth_1_s: Option<[f64; 2]>,
 }
 
 /// Words of the column `outcome` (contracts, section 6).
@@ -38,19 +42,20 @@ impl PastCut {
     /// `chatter` or `stable`.
     #[must_use]
     pub fn outcome(&self) -> &'static str {
-        if self.chatter_hz.is_some() { CHATTER } else { STABLE }
+        if self.chattered { CHATTER } else { STABLE }
     }
 }
 
 /// Stores it once.
 pub(super) async fn insert(connection: &mut SqliteConnection, cut: &PastCut) -> Result<(), sqlx::Error> {
     let text = "INSERT INTO cut (id, began_ns, lasted_s, spindle_speed_rpm, width_m, feed_m_rev, \
-         tool_position_m, pitch_difference_rad, outcome, line_hz) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?) \
-         ON CONFLICT (id) DO NOTHING";
+         tool_position_m, pitch_difference_rad, outcome, line_hz, growth_1_s, growth_se_1_s) \
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO NOTHING";
     let query = sqlx::query(text).bind(&cut.id).bind(cut.began_ns).bind(cut.lasted_s);
     let query = query.bind(cut.spindle_speed_rpm).bind(cut.width_m).bind(cut.feed_m_rev);
     let query = query.bind(cut.tool_position_m);
-    let query = query.bind(cut.pitch_difference_rad).bind(cut.outcome()).bind(cut.chatter_hz);
+    let query = query.bind(cut.pitch_difference_rad).bind(cut.outcome()).bind(cut.line_hz);
+    let query = query.bind(cut.growth_1_s.map(|g| g[0])).bind(cut.growth_1_s.map(|g| g[1]));
     query.execute(connection).await.map(|_| ())
 }
 
@@ -61,6 +66,9 @@ pub(super) async fn prune(connection: &mut SqliteConnection, before_ns: i64) -> 
 }
 
 fn cut_from_row(row: &SqliteRow) -> Result<PastCut, sqlx::Error> {
+    let outcome: String = row.try_get("outcome")?;
+    let growth: Option<f64> = row.try_get("growth_1_s")?;
+    let error: Option<f64> = row.try_get("growth_se_1_s")?;
     Ok(PastCut {
         sequence: row.try_get("sequence")?,
         id: row.try_get("id")?,
@@ -71,7 +79,9 @@ fn cut_from_row(row: &SqliteRow) -> Result<PastCut, sqlx::Error> {
         feed_m_rev: row.try_get("feed_m_rev")?,
         pitch_difference_rad: row.try_get("pitch_difference_rad")?,
         tool_position_m: row.try_get("tool_position_m")?,
-        chatter_hz: row.try_get("line_hz")?,
+        chattered: outcome == CHATTER,
+        line_hz: row.try_get("line_hz")?,
+        growth_1_s: growth.zip(error).map(|(growth, error)| [growth, error]),
     })
 }
 

@@ -49,6 +49,7 @@ pub fn migrations() -> Vec<(i64, &'static str, &'static str)> {
         (5, "missing", include_str!("../../migrations/0005_missing.sql")),
         (6, "commissioning", include_str!("../../migrations/0006_commissioning.sql")),
         (7, "cuts", include_str!("../../migrations/0007_cuts.sql")),
+        (8, "growth", include_str!("../../migrations/0008_growth.sql")),
     ]
 }
 

@@ -254,8 +254,8 @@ impl Proving {
     }
 }
 
-/// Puts the answer to the proof; a diagnosis without room to hold anything out is left as it is, and so is one
-/// whose budget ends before.
+/// Puts the answer to the proof. A diagnosis without room to hold anything out is left as it is, and so is
+/// one whose budget ends before.
 pub(super) fn prove(
     frame: &Frame,
     models: &Models,

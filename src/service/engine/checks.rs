@@ -1,6 +1,7 @@
 //! The pipeline thread's part, fed by hand: planted faults and doubtful estimates must end in a refusal.
 
 mod security;
+mod silence;
 mod stamps;
 
 use super::acting::{Outcome, commissioned};
@@ -8,8 +9,7 @@ use super::{Engine, Ports, Setup};
 use crate::avoidance::invariants::{Commissioned, CommissionedAxis};
 use crate::avoidance::{Command, CommandKind};
 use crate::config::service::ServiceConfig;
-use crate::plant::cutting::TwoDelay;
-use crate::plant::scenario::{RawScenario, Scenario};
+use crate::plant::scenario::Scenario;
 use crate::service::clock;
 use crate::service::control::{Control, Origin, Refusal};
 use crate::service::hub::Report;
@@ -17,7 +17,6 @@ use crate::service::live::Mode;
 use crate::service::store_watch::StoreWatch;
 use crate::service::way_back::WayBack;
 use crate::simulation::lathe::{Lathe, LatheSettings};
-use crate::stability::rightmost_root;
 use crate::store::WriterGauges;
 use crate::telemetry::{EventKind, Metrics};
 use crate::transport::Domain;
@@ -187,43 +186,6 @@ fn chatter_in_act_leads_to_an_intent() {
     bench.decide_in_act();
     assert_eq!((bench.intents(), bench.hold()), (1, None));
     assert_eq!(bench.engine.mode, Mode::Act);
-}
-
-/// Where that is commissioned the pitch of a silent cut moves when its margin, read from servo signals, runs
-/// out.
-#[test]
-fn a_margin_that_runs_out_moves_the_pitch_before_chatter() {
-    let thin = |width_m: f64| {
-        let mut raw = RawScenario::default();
-        raw.cutting.width_m = width_m;
-        Scenario::new(&raw).unwrap()
-    };
-    let growth_1_s = |cut: &Scenario| rightmost_root(&TwoDelay::from_scenario(cut)).growth_1_s;
-    let near = (20..200).map(|k| thin(1e-6 * f64::from(k))).find(|cut| growth_1_s(cut) > -6.0).unwrap();
-    let decided = |before_chatter: bool| {
-        let mut config = config();
-        (config.cut, config.tools) = (near, Some(("z1".into(), 0.0, false)));
-        config.turret.before_chatter = before_chatter;
-        let mut bench = bench_of(config);
-        bench.lathe = Lathe::new(LatheSettings::realistic(near, 5));
-        bench.names.push("z1");
-        for tenth in 0..160 {
-            bench.feed(0.1, |_| {});
-            if tenth == 100 {
-                bench.engine.mode = Mode::Act;
-            }
-            bench.look();
-        }
-        assert_eq!(bench.engine.mode, Mode::Act);
-        let asked = bench.engine.backlog.iter().find_map(|r| match r {
-            Report::Intent { event, .. } => event.pitch_difference_rad,
-            _ => None,
-        });
-        (asked, bench.hold())
-    };
-    let (asked, hold) = decided(true);
-    assert!(asked.is_some_and(|pitch_rad| pitch_rad.abs() > 0.002), "{asked:?} {hold:?}");
-    assert_eq!(decided(false), (None, Some("no_chatter")));
 }
 
 /// A disk that is slower than samples may be old: the record counts for a later command of the same pitch.

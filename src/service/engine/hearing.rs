@@ -50,8 +50,7 @@ impl Engine {
         }
     }
 
-    /// Silence that the stated cut does not allow, or with another margin than it has. After chatter the
-    /// margin is not compared: what was left of it is heard for a while.
+    /// Silence that the stated cut does not allow, or with another margin than it has.
     fn compare_silence(&mut self, stretch: &Stretch, margin: Option<Margin>) {
         let Condition { speed_rpm, pitch_rad, tool_position_m } = stretch.condition;
         let cut = &self.setup.config.cut;
@@ -59,7 +58,7 @@ impl Engine {
             Some((far_m, near_m)) => CutExpectation::at(cut, [speed_rpm, pitch_rad], &[near_m, far_m]),
             None => CutExpectation::of(cut, speed_rpm, pitch_rad),
         };
-        let margin_1_s = margin.filter(|_| !stretch.after_chatter).map(|m| [m.lo_1_s, m.hi_1_s]);
+        let margin_1_s = margin.map(|m| [m.lo_1_s, m.hi_1_s]);
         if let Some(mismatch) = expected.mismatch_of_silence(stretch.ended_s - stretch.began_s, margin_1_s) {
             let line_hz = margin.map(|m| m.frequency_hz);
             self.tell_cut(mismatch, (stretch.ended_s, pitch_rad), line_hz);
@@ -95,11 +94,14 @@ impl Engine {
             self.setup.commissioning.evidence.hear_cut();
         }
         self.book.look(now_s, condition, in_cut);
-        let margin = stream.pipeline().margin().copied();
+        let newest_margin = stream.pipeline().margin().copied();
         while let Some(stretch) = self.book.take() {
+            // After chatter what was left of it is heard for a while.
+            let margin = self.cut_margin.filter(|_| stretch.chatter_hz.is_none() && !stretch.after_chatter);
             if stretch.chatter_hz.is_none() && pitch_rad.is_some() {
-                self.compare_silence(&stretch, self.cut_margin);
+                self.compare_silence(&stretch, margin);
             }
+            let root = margin.filter(|_| stretch.is_at_one_place());
             #[allow(clippy::cast_possible_truncation)]
             let ago_ns = ((now_s - stretch.began_s) * 1e9) as i64;
             let cutting = &self.setup.config.cut.cutting;
@@ -113,12 +115,14 @@ impl Engine {
                 feed_m_rev: cutting.raw().feed_m_rev,
                 pitch_difference_rad: stretch.condition.pitch_rad,
                 tool_position_m: stretch.condition.tool_position_m,
-                chatter_hz: stretch.chatter_hz,
+                chattered: stretch.chatter_hz.is_some(),
+                line_hz: stretch.chatter_hz.or(root.map(|m| m.frequency_hz)),
+                growth_1_s: root.map(|m| [-m.margin_1_s, m.standard_error_1_s()]),
             };
             self.queue(Report::Cut(Box::new(cut)));
         }
         // Of the stretch that goes on, not of the one that ended.
-        self.cut_margin = margin.or(self.cut_margin.filter(|_| in_cut == Some(true)));
+        self.cut_margin = newest_margin.or(self.cut_margin.filter(|_| in_cut == Some(true)));
     }
 
     /// Pitch angle difference of the cut, rad: as the turret reports it, as stated where none ever reported.

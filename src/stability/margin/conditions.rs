@@ -77,6 +77,9 @@ pub(super) const HOP: usize = SLICES / 2;
 /// Slices that stand for now.
 pub(super) const NOW: usize = 2;
 
+/// Slices within which an entry is told: those before it is told may have it in them.
+pub(super) const TOLD: usize = 2;
+
 /// The last [`SLICES`] slices.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Slices {
@@ -102,6 +105,11 @@ impl Slices {
     /// The last `count` slices, newest first.
     fn last(&self, count: usize) -> impl Iterator<Item = &Means> {
         (1..=count.min(self.whole)).map(|back| &self.ring[(self.whole - back) % SLICES])
+    }
+
+    /// The slice that was whole `back` slices ago. Requires: there are that many.
+    pub(super) fn before(&self, back: usize) -> &Means {
+        &self.ring[(self.whole - 1 - back) % SLICES]
     }
 
     /// Mean of the last `count` slices. Requires: one is whole.

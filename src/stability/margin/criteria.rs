@@ -29,6 +29,10 @@ pub(super) struct Criteria {
     /// Force that swings by this share of its mean is no longer linear: contact is lost at 1 (the diagnosis
     /// of cuts uses the same share).
     pub(super) linear_swing: f64,
+    /// Fall of the amplitude from a slice of a block to a later one that is the end of a hit, or of an axis
+    /// that slips under its new load: random vibration, however slowly it dies out, falls so far in one of
+    /// 10 000 blocks.
+    pub(super) fall: f64,
     /// Bins that stand this far over their neighbours at an order of the spindle are the order, not the
     /// cut: exp(-12) is one bin in 160 000. In units of the neighbours' mean.
     pub(super) order_over_neighbours: f64,
@@ -74,6 +78,7 @@ impl Criteria {
         phase_in_block_rad: 0.3,
         change_in_block: 0.3,
         linear_swing: 0.75,
+        fall: 10.0,
         order_over_neighbours: 12.0,
         drift: [0.01, 0.002, 0.0003, 0.03, 0.0, 0.0, 0.01, 0.05, 0.01],
         known: [0.14, 0.22, 0.0095, 0.42, 1e-4, 1e-4, 0.28, 1.5, 0.1],

@@ -16,6 +16,14 @@ pub struct Margin {
     pub frequency_hz: f64,
 }
 
+impl Margin {
+    /// Standard error of the margin, 1/s: of a normal distribution with that interval.
+    #[must_use]
+    pub fn standard_error_1_s(&self) -> f64 {
+        (self.hi_1_s - self.lo_1_s) / (2.0 * 1.96)
+    }
+}
+
 keep!(Margin { margin_1_s, lo_1_s, hi_1_s, frequency_hz });
 
 /// Why a cut is not heard.

@@ -1,12 +1,12 @@
 //! The margin of one force stream: blocks, fit and reading together.
 
-use super::conditions::{CutConditions, HOP, Means, NOW, SLICES, Slices};
+use super::conditions::{CutConditions, HOP, Means, NOW, SLICES, Slices, TOLD};
 use super::criteria::{BLOCK_S, Criteria};
 use super::fit::{Block, Fit, Gaussian, Information, Stage};
 use super::judge::{DeafReason, Margin, MarginReading, Warning, read};
 use super::knowledge::{CutPrior, Heard};
 use super::model::{Condition, Cut, Noise, PARAMETERS, Parameters, place};
-use super::roots::{Roots, descend, inside, margin_near, normal_points, quantile, seed};
+use super::roots::{Roots, descend, inside, margin_and_line, normal_points, quantile, seed};
 use super::spectrum::{BandBlocks, BandState};
 use crate::keyframe::{Keep, Words, keep_list};
 use crate::units::SampleRate;
@@ -92,8 +92,9 @@ pub struct MarginState {
     spread: Information,
     margins: Vec<f64>,
     found: usize,
-    /// Highest line over the noise at the half bins looked at so far.
-    line: f64,
+    /// Height of the line over the noise at each point. The middle counts: at the limit of stability a line
+    /// has no bound, and by chance there is a point near it in every noise.
+    lines: Vec<f64>,
     reading: MarginReading,
     /// Whether chatter is declared.
     chatters: bool,
@@ -125,7 +126,7 @@ impl Keep for MarginState {
         now.keep(to);
         spread.keep(to);
         margins.keep(to);
-        self.line.keep(to);
+        self.lines.keep(to);
         self.reading.keep(to);
         self.chatters.keep(to);
         self.warning.keep(to);
@@ -156,7 +157,7 @@ impl Keep for MarginState {
         now.restore(from)?;
         spread.restore(from)?;
         margins.restore(from)?;
-        self.line.restore(from)?;
+        self.lines.restore(from)?;
         self.reading.restore(from)?;
         self.chatters.restore(from)?;
         self.warning.restore(from)?;
@@ -215,7 +216,7 @@ impl MarginMonitor {
             spread: Information::zeros(),
             margins: vec![0.0; 2 * PAIRS],
             found: 0,
-            line: 0.0,
+            lines: vec![0.0; 2 * PAIRS],
             reading: MarginReading::Air,
             chatters: false,
             warning: Warning::default(),
@@ -341,10 +342,13 @@ impl MarginMonitor {
             return;
         }
         state.slices.close();
+        if state.slices.whole <= TOLD {
+            return;
+        }
         state.air_slices = (state.air_slices + 1.0).min(SLICES as f64);
-        state.air_mean_n += (state.slices.mean(1).force_n - state.air_mean_n) / state.air_slices;
+        state.air_mean_n += (state.slices.before(TOLD).force_n - state.air_mean_n) / state.air_slices;
         // A quarter of a block is two slices.
-        if state.slices.whole >= NOW {
+        if state.slices.whole >= TOLD + NOW {
             let piece = &mut state.blocks[0].power;
             self.band.learn_air(&mut state.band, piece);
         }
@@ -377,13 +381,14 @@ impl MarginMonitor {
         }
     }
 
-    /// Whether the last block was one condition, and linear.
+    /// Whether the last block was one condition, linear, and without a hit.
     fn may_learn(&self, state: &MarginState) -> bool {
         let middle_hz = self.band.middle_hz;
         let mean_n = (state.slices.mean(SLICES).force_n - state.air_mean_n).abs();
         let swing2 = self.band.largest_n(&state.band).powi(2) - state.air_swing_n.powi(2);
         let linear = !self.settings.pushes || swing2 < (self.criteria.linear_swing * mean_n).powi(2);
-        linear && state.slices.steady(middle_hz, &self.criteria)
+        let even = self.band.fall(&state.band) < self.criteria.fall;
+        linear && even && state.slices.steady(middle_hz, &self.criteria)
     }
 
     fn take_block(&self, state: &mut MarginState) {
@@ -499,21 +504,10 @@ impl MarginMonitor {
             }
             state.number += 1;
         } else if state.roots.first().is_some() {
-            (state.cloud, state.number, state.line) = (Cloud::Points, 0, 0.0);
+            (state.cloud, state.number) = (Cloud::Points, 0);
         } else {
             state.cloud = Cloud::Idle;
             state.reading = MarginReading::Deaf(DeafReason::NoRootInBand);
-        }
-    }
-
-    /// The share of the spectrum that belongs to this point: how high the line is over the noise.
-    fn look_at_line(&self, state: &mut MarginState) {
-        let cut = Cut::new(&state.now, &state.posterior.mean);
-        let halves = 2 * self.band.bins;
-        let share = halves.div_ceil(self.points.len());
-        for half in state.number * share..((state.number + 1) * share).min(halves) {
-            let density = cut.density(self.band.half_bin_hz(half as i64));
-            state.line = state.line.max(density.cut / (density.total - density.cut));
         }
     }
 
@@ -521,12 +515,11 @@ impl MarginMonitor {
         if let Some(point) = self.points.get(state.number) {
             let at = state.posterior.mean + state.spread * point;
             let cut = Cut::new(&state.now, &at);
-            let place = state.margins.get_mut(state.found);
-            if let (Some(margin), Some(place)) = (margin_near(&cut, &state.roots), place) {
-                *place = margin;
+            let place = state.margins.get_mut(state.found).zip(state.lines.get_mut(state.found));
+            if let (Some(found), Some((margin, line))) = (margin_and_line(&cut, &state.roots), place) {
+                [*margin, *line] = found;
                 state.found += 1;
             }
-            self.look_at_line(state);
             state.number += 1;
             return false;
         }
@@ -534,7 +527,9 @@ impl MarginMonitor {
         let Some(root) = state.roots.first() else { return false };
         let found = state.found.min(state.margins.len());
         let margins = &mut state.margins[..found];
+        let lines = &mut state.lines[..found];
         margins.sort_unstable_by(f64::total_cmp);
+        lines.sort_unstable_by(f64::total_cmp);
         if margins.is_empty() {
             return false;
         }
@@ -544,7 +539,7 @@ impl MarginMonitor {
             hi_1_s: quantile(margins, 0.975).max(-root.re),
             frequency_hz: root.im / (2.0 * PI),
         };
-        state.reading = read(margin, state.line, &self.criteria);
+        state.reading = read(margin, quantile(lines, 0.5), &self.criteria);
         state.warning.begins(&state.reading, &self.criteria)
     }
 }

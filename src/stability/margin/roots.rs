@@ -88,9 +88,15 @@ pub(super) fn inside(root: Complex<f64>, band_hz: [f64; 2]) -> bool {
     (band_hz[0]..=band_hz[1]).contains(&hz)
 }
 
-/// Margin of a cut much like the one whose roots are known.
-pub(super) fn margin_near(cut: &Cut, roots: &Roots) -> Option<f64> {
-    roots.iter().filter_map(|root| descend(cut, root)).map(|root| -root.re).reduce(f64::min)
+/// Margin of a cut much like the one whose roots are known, and how high the highest line of its roots stands
+/// over the noise.
+pub(super) fn margin_and_line(cut: &Cut, roots: &Roots) -> Option<[f64; 2]> {
+    let of = |root: Complex<f64>| {
+        let density = cut.density(root.im / (2.0 * PI));
+        [-root.re, density.cut / (density.total - density.cut)]
+    };
+    let found = roots.iter().filter_map(|root| descend(cut, root)).map(of);
+    found.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
 }
 
 /// Points by which a Gaussian is represented: spread evenly (a sequence of the generalised golden ratio,

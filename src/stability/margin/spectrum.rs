@@ -1,6 +1,6 @@
 //! The band of the force in blocks, their periodograms, and the noise of the band in air.
 
-use super::conditions::SLICES;
+use super::conditions::{SLICES, TOLD};
 use super::model::Noise;
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::units::SampleRate;
@@ -244,16 +244,28 @@ impl BandBlocks {
         (2.0 * state.loudest.iter().copied().fold(0.0, f64::max)).sqrt()
     }
 
+    /// The farthest that the band falls from a slice of the last block to a later one, amplitudes.
+    pub(super) fn fall(&self, state: &BandState) -> f64 {
+        let (mut quietest, mut farthest) = (f64::INFINITY, 1.0_f64);
+        // Newest first.
+        for loudest in state.loudest {
+            farthest = farthest.max(loudest / quietest.max(f64::MIN_POSITIVE));
+            quietest = quietest.min(loudest);
+        }
+        farthest.sqrt()
+    }
+
     /// Periodogram of the last block. Cost: one transform of some 1600 points.
     pub(super) fn block(&self, state: &mut BandState, to: &mut [f64]) {
         let ring = Ring { samples: &state.ring, end: state.end };
         self.whole.periodogram(ring, &mut state.work, (self.first, to));
     }
 
-    /// Learns the noise of the band from the last two slices, which were in air.
+    /// Learns the noise of the band from two slices of air, those before the last [`TOLD`].
     pub(super) fn learn_air(&self, state: &mut BandState, piece: &mut [f64]) {
         let piece = &mut piece[..self.quarter_bins];
-        let ring = Ring { samples: &state.ring, end: state.end };
+        let length = state.ring.len();
+        let ring = Ring { samples: &state.ring, end: (state.end + length - TOLD * self.slice) % length };
         self.quarter.periodogram(ring, &mut state.work, (self.quarter_first, piece));
         state.air_count = (state.air_count + 1.0).min(AIR_MEMORY);
         for (mean, now) in state.air.iter_mut().zip(piece) {
