@@ -5,10 +5,11 @@ use super::faults::{FaultOf, faults_json};
 use crate::config::scenario::scenario_to_text;
 use crate::diagnosis::cut::input::{CutRow, CutTable, KnownOfCut};
 use crate::diagnosis::cut::result::{
-    CutDiagnosis, CutFinding, CutFit, CutLocation, CutRowFit, PlannedCut, TableFit,
+    CutDiagnosis, CutFinding, CutFit, CutLocation, CutProof, CutRowFit, PlannedCut, Sides, TableFit,
 };
 use crate::diagnosis::{Alternative, Estimate};
 use crate::recording::{CUTS_FORMAT, RecordingError, Table, TableColumn, write_table, write_whole};
+use crate::stability::Root;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
@@ -75,6 +76,7 @@ pub fn to_json(diagnosis: &CutDiagnosis, files: &CutFiles<'_>) -> Value {
             "free_run_before_db": r.free.as_ref().map(|f| f.apart_db[0]),
             "free_run_after_db": r.free.as_ref().map(|f| f.apart_db[1]),
         })).collect::<Vec<_>>(),
+        "proof": diagnosis.proof.as_ref().map(|p| proof(p, diagnosis)),
         "recording_faults": faults_json(&files.faults),
         "table": diagnosis.table.as_ref().map(|t| Value::Object(table_fit(t))),
         "not_identifiable": diagnosis.not_identifiable.iter().map(|n| json!({
@@ -123,7 +125,33 @@ fn fit(fit: &CutFit) -> Value {
         out.insert("heldout_rms_after_n".to_owned(), json!(forces.heldout_rms_after_n));
         out.insert("noise_floor_n".to_owned(), json!(forces.noise_floor_n));
     }
+    if let Some(gain_nats) = fit.gain_nats {
+        out.insert("heldout_gain_nats".to_owned(), json!(gain_nats));
+    }
     Value::Object(out)
+}
+
+/// The same of the scenario as stated, of its structure with other numbers, and of the answer.
+fn sides(of: &Sides<f64>) -> Value {
+    json!({ "stated": of.stated, "numbers_alone": of.refitted, "answer": of.answer })
+}
+
+/// How the answer stands on stretches that no number was fitted to.
+fn proof(p: &CutProof, diagnosis: &CutDiagnosis) -> Value {
+    let lines = p.lines.iter().map(|line| {
+        let of = |root: &Root| json!({ "growth_1_s": root.growth_1_s, "frequency_hz": root.frequency_hz });
+        json!({
+            "experiment": diagnosis.recordings.get(line.recording).map(|r| r.experiment.as_str()),
+            "span_s": line.span_s,
+            "measured": of(&line.measured), "growth_se_1_s": line.deviation_1_s,
+            "stated": of(&line.foretold.stated), "numbers_alone": of(&line.foretold.refitted),
+            "answer": of(&line.foretold.answer),
+        })
+    });
+    json!({
+        "stretches": p.stretches, "parts": p.parts,
+        "loss_nats": sides(&p.loss_nats), "rms_n": sides(&p.rms_n), "lines": lines.collect::<Vec<_>>(),
+    })
 }
 
 fn table_fit(fit: &TableFit) -> Map<String, Value> {

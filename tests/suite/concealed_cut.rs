@@ -13,6 +13,7 @@ use stillcut::plant::cut_loop::CutLoop;
 use stillcut::plant::cut_terms::{ChipMemory, CutCondition, CutTerms};
 use stillcut::plant::effects::Port;
 use stillcut::plant::scenario::Scenario;
+use stillcut::report::cut_files::{CutFiles, to_json};
 use stillcut::simulation::concealed_cut::{
     CUT_EFFECTS, ConcealedMachine, CutCaseSpec, Moment, conceal_cut, growth_1_s,
 };
@@ -145,6 +146,10 @@ fn whole_answer(effects: &[&str], seed: u64) -> CutDiagnosis {
 
 /// The answer to the first `most` recordings.
 fn answer_of(effects: &[&str], seed: u64, most: usize) -> CutDiagnosis {
+    answer_within(effects, seed, most, 60.0)
+}
+
+fn answer_within(effects: &[&str], seed: u64, most: usize, budget_s: f64) -> CutDiagnosis {
     let effects = effects.iter().map(|name| (*name).to_owned()).collect();
     let spec = CutCaseSpec { effects, depth: 1.0, seed, probe: false };
     let case = conceal_cut(&Scenario::default(), &spec).unwrap();
@@ -152,7 +157,18 @@ fn answer_of(effects: &[&str], seed: u64, most: usize) -> CutDiagnosis {
     let recordings: Vec<CutRecording> =
         shown.map(|r| CutRecording::new(r, &case.scenario).unwrap()).collect();
     let evidence = CutEvidence { recordings: &recordings, table: None };
-    diagnose(&case.scenario, evidence, 60.0, &|_, _| {}).unwrap()
+    diagnose(&case.scenario, evidence, budget_s, &|_, _| {}).unwrap()
+}
+
+/// What a budget does not reach is told: hypotheses that were not asked, and stretches that were not held out.
+#[test]
+fn a_budget_that_ends_before_the_proof_says_so() {
+    let [said, again] = [(); 2].map(|()| answer_within(&["process_damping"], 21, usize::MAX, 1.0));
+    assert!(said.proof.is_none(), "{:?}", said.proof);
+    for part in ["Not asked: ", "held against stretches"] {
+        assert!(said.notes.iter().any(|n| n.contains(part)), "{part}: {:?}", said.notes);
+    }
+    assert_eq!((said.verdict, &said.notes), (again.verdict, &again.notes), "work is counted, not time");
 }
 
 #[test]
@@ -186,7 +202,12 @@ fn the_repaired_model_runs_free_as_loud_as_the_recording() {
         proof.loss_nats.answer < proof.loss_nats.refitted
             && proof.loss_nats.refitted < proof.loss_nats.stated
     );
-    assert!(!said.location.unwrap().bands_hz.is_empty());
+    assert!(!said.location.as_ref().unwrap().bands_hz.is_empty());
+    let files = CutFiles { scenario: String::new(), recordings: Vec::new(), faults: Vec::new(), table: None };
+    let json = to_json(&said, &files);
+    assert_eq!(json["proof"]["loss_nats"]["answer"], proof.loss_nats.answer);
+    assert_eq!(json["proof"]["lines"].as_array().unwrap().len(), proof.lines.len());
+    assert_eq!(json["findings"][0]["fit"]["heldout_gain_nats"], found.fit.gain_nats.unwrap());
 }
 
 /// The wave that was left is met whole: neither more nor less of it, however the scenario without it bends what
