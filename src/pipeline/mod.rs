@@ -553,6 +553,15 @@ impl Pipeline {
         flags | Validity::when(deaf, Validity::FORCE_ABOVE_BAND)
     }
 
+    /// Whether chatter of the bar can be heard: on one watched axis at least the estimate is right in a part of
+    /// the band.
+    #[must_use]
+    pub fn hears_the_band(&self) -> bool {
+        let watched = (0..self.channels.len()).filter(|axis| self.channels[*axis].watch);
+        let deaf = |axis: usize| self.force_flags(axis).contains(Validity::FORCE_ABOVE_BAND);
+        !self.out_of_reach && watched.into_iter().any(|axis| !deaf(axis))
+    }
+
     /// Whether no flag of the newest force estimate of one axis forbids acting on it, and the band in which
     /// the bar can chatter is one that is heard.
     #[must_use]

@@ -98,7 +98,8 @@ impl Engine {
         while let Some(stretch) = self.book.take() {
             // After chatter what was left of it is heard for a while.
             let margin = self.cut_margin.filter(|_| stretch.chatter_hz.is_none() && !stretch.after_chatter);
-            if stretch.chatter_hz.is_none() && pitch_rad.is_some() {
+            let is_silence = stretch.chatter_hz.is_none() && stream.pipeline().hears_the_band();
+            if is_silence && pitch_rad.is_some() {
                 self.compare_silence(&stretch, margin);
             }
             let root = margin.filter(|_| stretch.is_at_one_place());

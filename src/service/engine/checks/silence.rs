@@ -16,6 +16,13 @@ fn nearly_unstable() -> Scenario {
     (20..200).map(|k| thin(1e-6 * f64::from(k))).find(|cut| growth_1_s(cut) > -6.0).unwrap()
 }
 
+/// A cut that grows wherever that one dies out.
+fn four_times_as_wide(cut: &Scenario) -> Scenario {
+    let mut raw = cut.raw();
+    raw.cutting.width_m *= 4.0;
+    Scenario::new(&raw).unwrap()
+}
+
 /// Where that is commissioned the pitch of a silent cut moves when its margin, read from servo signals, runs
 /// out.
 #[test]
@@ -45,6 +52,25 @@ fn a_margin_that_runs_out_moves_the_pitch_before_chatter() {
     let (asked, hold) = decided(true);
     assert!(asked.is_some_and(|pitch_rad| pitch_rad.abs() > 0.002), "{asked:?} {hold:?}");
     assert_eq!(decided(false), (None, Some("no_chatter")));
+}
+
+/// What cannot be heard is no silence.
+#[test]
+fn a_force_that_is_deaf_in_the_band_says_nothing_of_the_cut() {
+    for (method, told) in [("thrust", 0), ("medob", 1)] {
+        let text = format!("[machine]\nmethod = \"{method}\"\n");
+        let path = std::path::Path::new("c.toml");
+        let mut config = crate::config::service::service_config_from_text(path, &text).unwrap();
+        (config.cut, config.turret) = (four_times_as_wide(&nearly_unstable()), super::config().turret);
+        let mut bench = bench_of(config);
+        bench.lathe = Lathe::new(LatheSettings::realistic(nearly_unstable(), 5));
+        for _ in 0..60 {
+            bench.feed(0.1, |_| {});
+            bench.look();
+        }
+        bench.feed(0.1, |point| point.spindle_speed_rpm *= 1.1);
+        assert_eq!(bench.told(EventKind::CutMismatch), told, "{method}");
+    }
 }
 
 /// A stable cut goes into the history with the growth and the line of its least damped root, as its margin
@@ -77,8 +103,6 @@ fn a_silent_cut_is_kept_with_its_root_and_compared_with_the_stated_one() {
     // The turrets of the machine give way as well, so that its root is another by some 1/s.
     assert!((growth_1_s - root.growth_1_s).abs() < 10.0 && error_1_s < 5.0, "{kept:?} {root:?}");
     assert!((kept.line_hz.unwrap() - root.frequency_hz).abs() < 10.0, "{kept:?} {root:?}");
-    let mut raw = cut.raw();
-    raw.cutting.width_m *= 4.0;
-    let (kept, told) = heard(Scenario::new(&raw).unwrap());
+    let (kept, told) = heard(four_times_as_wide(&cut));
     assert_eq!((kept.outcome(), told), ("stable", 1));
 }
