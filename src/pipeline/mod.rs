@@ -553,8 +553,8 @@ impl Pipeline {
         flags | Validity::when(deaf, Validity::FORCE_ABOVE_BAND)
     }
 
-    /// Whether chatter of the bar can be heard: on one watched axis at least the estimate is right in a part of
-    /// the band.
+    /// Whether chatter of the bar can be heard: on one watched axis at least the estimate is right in a part
+    /// of the band.
     #[must_use]
     pub fn hears_the_band(&self) -> bool {
         let watched = (0..self.channels.len()).filter(|axis| self.channels[*axis].watch);
