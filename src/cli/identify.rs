@@ -8,8 +8,8 @@ use crate::force::estimator::MotionSample;
 use crate::force::frf::{ACCEL_AXES, AccelSample};
 use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
 use crate::identify::frf::{FrfRun, FrfSettings, fit_frf};
-use crate::identify::sweep::{FittedMode, StatedErrors, Sweep, SweepFit, fit_sweep};
-use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
+use crate::identify::sweep::{StatedErrors, Sweep, SweepFit, fit_sweep};
+use crate::plant::effects::{EffectKind, torsional_mode};
 use crate::plant::machine::AxisModel;
 use crate::recording::{read_recording, write_whole};
 use crate::report::force_plots::response_svg;
@@ -168,20 +168,7 @@ fn take(axis: &mut AxisModel, fit: SweepFit) {
     axis.drive = fit.drive;
     if let Some(mode) = fit.mode {
         axis.physics.retain(|term| term.effect != EffectKind::TorsionalMode);
-        axis.physics.push(term_of(&mode));
-    }
-}
-
-fn term_of(mode: &FittedMode) -> PhysicsTerm {
-    let number = |name: &str, value| (name.to_owned(), ParameterValue::Number(value));
-    PhysicsTerm {
-        effect: EffectKind::TorsionalMode,
-        port: Port::Coupling,
-        parameters: vec![
-            number("free_free_frequency_hz", mode.frequency_hz),
-            number("screw_inertia_share", mode.screw_share),
-            number("damping_ratio", mode.damping_ratio),
-        ],
+        axis.physics.push(torsional_mode::term([mode.frequency_hz, mode.screw_share, mode.damping_ratio]));
     }
 }
 

@@ -6,7 +6,8 @@
 //!   balance      thrust = numbers + laws, per position      drive/state, drive/columns
 //!   inner        products per recording, band, fold         drive/spectra, drive/gram
 //!   likelihood   numbers and noise spectrum free            drive/likelihood
-//!   bank         every law of the vocabulary, its shape     drive/bank, drive/shape
+//!   laws         one file per effect: columns, candidates   drive/laws, plant/effects
+//!   bank         all candidates beside a state              drive/bank, drive/lines
 //!   T and level  worst of gain, folds, recordings;          drive/evidence
 //!                artefacts and knockoffs
 //!   selection    ask all, fit some, take one, ask again     selection, drive/subject

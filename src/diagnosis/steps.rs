@@ -1,7 +1,7 @@
 //! Steps of an encoder, read off the recording itself: every difference of two samples is a whole number of
 //! steps.
 
-use crate::plant::effects::{EffectKind, Port};
+use crate::plant::effects::{EffectKind, Port, encoder_quantization};
 use crate::plant::machine::AxisModel;
 
 /// Differences that are looked at.
@@ -23,7 +23,7 @@ pub(crate) fn stated_step_m(axis: &AxisModel, port: Port) -> f64 {
     axis.physics
         .iter()
         .filter(|t| t.effect == EffectKind::EncoderQuantization && t.port == port)
-        .filter_map(|t| t.number("step_m"))
+        .filter_map(|t| t.value(&encoder_quantization::STEP))
         .fold(stated, f64::max)
 }
 

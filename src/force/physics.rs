@@ -5,8 +5,12 @@
 
 use super::friction::PRESLIDING_TRAVEL_M;
 use crate::plant::drive::{DriveParams, RawDriveParams};
-use crate::plant::effects::law::{EncoderError, ForceLaw};
-use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
+use crate::plant::effects::encoder_interpolation_error::EncoderError;
+use crate::plant::effects::law::ForceLaw;
+use crate::plant::effects::torque_constant_saturation::{PARABOLIC, PER_A2, lost_share};
+use crate::plant::effects::{
+    EffectKind, PhysicsTerm, Port, Specification, coulomb_friction, presliding_friction, torsional_mode,
+};
 
 /// Terms of one axis, ready to be evaluated.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,7 +56,7 @@ pub fn physics_of(terms: &[PhysicsTerm], drive: &DriveParams) -> (PhysicsModel, 
     let mut raw = drive.raw().clone();
     for term in terms {
         if term.effect == EffectKind::TorsionalMode {
-            model.modes_hz.extend(term.number("free_free_frequency_hz"));
+            model.modes_hz.extend(term.value(&torsional_mode::FREQUENCY));
         }
         if model.add(term, &mut raw).is_none() {
             model.not_applied.push(term.effect);
@@ -66,10 +70,9 @@ impl PhysicsModel {
     /// Adds one term; `None` when it has no law here or lacks a parameter.
     fn add(&mut self, term: &PhysicsTerm, raw: &mut RawDriveParams) -> Option<()> {
         use EffectKind as E;
-        let get = |name: &str| term.number(name);
         // A flexible axis has a place for it in the drive, where the guideway's law and every check see it.
         if let (E::CoulombFriction, Some(_)) = (term.effect, raw.axial_stiffness_n_m) {
-            let force_n = get("force_n")?;
+            let force_n = term.value(&coulomb_friction::FORCE)?;
             let place = match term.port {
                 Port::Motor | Port::Current => &mut raw.motor_coulomb_friction_n,
                 _ => &mut raw.stage_coulomb_friction_n,
@@ -102,31 +105,18 @@ impl PhysicsModel {
                     self.stage_encoder.push(error);
                 }
             }
-            E::DeadTime => {
-                let late = |t: Option<f64>, extra: f64| Some((t.unwrap_or(0.0) + extra).max(0.0));
-                let extra_s = term.number("extra_delay_s")?;
-                match term.port {
-                    Port::MotorEncoder => {
-                        raw.motor_encoder_delay_s = late(raw.motor_encoder_delay_s, extra_s)
-                    }
-                    Port::StageEncoder => {
-                        raw.stage_encoder_delay_s = late(raw.stage_encoder_delay_s, extra_s)
-                    }
-                    _ => raw.amplifier_dead_time_s = late(raw.amplifier_dead_time_s, extra_s),
-                }
-            }
-            E::CurrentLoopLag => raw.current_loop_bandwidth_rad_s = Some(term.number("bandwidth_rad_s")?),
             E::TorqueConstantSaturation => {
                 let per_ampere = raw.torque_constant_nm_a? * std::f64::consts::TAU / raw.screw_lead_m?;
-                self.saturation_1_n2 += term.number("per_a2")? / (per_ampere * per_ampere);
-                self.parabolic = term.number("parabolic").unwrap_or(0.0);
+                self.saturation_1_n2 += term.value(&PER_A2)? / (per_ampere * per_ampere);
+                self.parabolic = term.value(&PARABOLIC).unwrap_or(0.0);
             }
             E::PreslidingFriction => {
-                let stiffness = term.number("presliding_stiffness_n_m")?;
+                let stiffness = term.value(&presliding_friction::STIFFNESS)?;
                 let coulomb = raw.stage_coulomb_friction_n.or(raw.motor_coulomb_friction_n)?;
                 self.presliding_travel_m = (coulomb / stiffness).max(1e-9);
             }
-            _ => return None,
+            // What is a key of a drive by another name, such as a delay.
+            other => Specification::of(other)?.key?(term, raw)?,
         }
         Some(())
     }
@@ -160,7 +150,7 @@ impl PhysicsModel {
     #[must_use]
     pub fn thrust_n(&self, told_n: f64) -> f64 {
         let bent = self.saturation_1_n2 * told_n * told_n;
-        told_n * (1.0 - bent / (1.0 + (1.0 - self.parabolic) * bent))
+        told_n * (1.0 - lost_share(bent, self.parabolic))
     }
 
     /// Motor travel without the encoder's periodic error, m.

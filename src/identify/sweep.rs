@@ -21,7 +21,7 @@ use super::sweep_fit::{Band, Fit};
 use super::sweep_lines::{LEAST_STRETCH_S, LOW_HZ, Lines, steady_stretches};
 use super::sweep_result::with_torsion;
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
-use crate::plant::effects::coupling::Torsion;
+use crate::plant::effects::torsional_mode::Torsion;
 use crate::units::SampleRate;
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;

@@ -3,7 +3,7 @@
 use super::sweep::{FittedMode, FittedParameter};
 use super::sweep_fit::{Fit, Unknown};
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
-use crate::plant::effects::coupling::Torsion;
+use crate::plant::effects::torsional_mode::Torsion;
 use std::f64::consts::TAU;
 
 /// Damping ratio that a torsional mode starts from.

@@ -3,7 +3,10 @@
 use super::html::{after, before, spoken, telling, without_unit};
 use super::page::{engineering, significant};
 use crate::diagnosis::{Correction, Diagnosis, Finding, Verdict};
-use crate::plant::effects::{EffectKind as E, Port};
+use crate::plant::effects::position_periodic_force::WAVELENGTH;
+use crate::plant::effects::{
+    EffectKind as E, Parameter, Port, Role, Specification, current_loop_lag, dead_time, torsional_mode,
+};
 use crate::signal::inner_products::rms;
 use std::f64::consts::TAU;
 
@@ -155,97 +158,35 @@ pub(super) fn sentence(phrase: &str) -> String {
     letters.next().map_or_else(String::new, |first| format!("{}{}.", first.to_uppercase(), letters.as_str()))
 }
 
-/// A finding as one phrase with its key number.
+/// A finding as one phrase with its key number, see [`Specification::phrase`].
 pub(super) fn phrase(f: &Finding, d: &Diagnosis) -> String {
-    let value = |name: &str| f.parameters.iter().find(|e| e.name == name).map(|e| e.value);
-    let n = |name: &str, unit: &str, digits| {
-        value(name).map_or_else(|| "an unknown amount".to_owned(), |v| engineering(v.abs(), unit, digits))
-    };
-    let share = |name: &str| format!("{} %", significant(100.0 * value(name).unwrap_or(0.0).abs(), 2));
-    match f.effect {
-        E::CoulombFriction => format!("dry friction of {}", n("force_n", "N", 3)),
-        E::ViscousFriction => format!("friction that grows with the speed, {}", n("n_s_m", "N s/m", 3)),
-        E::StribeckFriction => format!(
-            "friction that is {} higher at creep speed and falls off over {}",
-            n("stribeck_force_n", "N", 3),
-            n("stribeck_velocity_m_s", "m/s", 3)
-        ),
-        E::PreslidingFriction => format!(
-            "friction that gives like a spring of {} after each reversal before it slides",
-            n("presliding_stiffness_n_m", "N/m", 3)
-        ),
-        E::AsymmetricFriction => {
-            format!("friction that differs by {} between the directions", n("force_difference_n", "N", 3))
-        }
-        E::NonlinearViscosity => {
-            format!("friction that grows with the square of the speed, {}", n("n_s2_m2", "N s2/m2", 3))
-        }
-        E::FrictionDrift => format!(
-            "friction that changes by {} with a time constant of {}",
-            share("relative_change"),
-            n("time_constant_s", "s", 3)
-        ),
-        E::PositionPeriodicForce => {
-            let length_m = value("wavelength_m").unwrap_or(0.0);
-            format!("a force that repeats {}, {}", period(length_m, d), n("amplitude_n", "N", 3))
-        }
-        E::PositionDependentForce => {
-            format!("a force of up to {} that depends on the position", n("amplitude_n", "N", 3))
-        }
-        E::TorqueRipple => format!(
-            "a ripple of the motor's torque {} times a turn, {}",
-            significant(value("order_per_rev").unwrap_or(0.0), 3),
-            n("amplitude_n", "N", 3)
-        ),
-        E::TorqueConstantSaturation => {
-            format!("a torque that falls behind large currents, {}", n("per_a2", "1/A2", 3))
-        }
-        E::GravityLoad => {
-            format!("a constant force of {} (weight, or an offset of the drive)", n("force_n", "N", 3))
-        }
-        E::Backlash => format!("{} of play between motor and stage", n("gap_m", "m", 3)),
-        E::TorsionalMode => format!(
-            "that the motor and the screw's far end twist against each other at {}",
-            n("free_free_frequency_hz", "Hz", 3)
-        ),
-        E::PositionDependentStiffness => {
-            format!(
-                "a stiffness of the screw that changes by {} over the travel",
-                share("relative_variation")
-            )
-        }
-        E::NonlinearStiffness => "a stiffness of the screw that changes with the load".to_owned(),
-        E::DeadTime if f.port == Port::Current => {
-            format!("that the drive acts {} later than stated", n("extra_delay_s", "s", 3))
-        }
-        E::DeadTime => {
-            format!(
-                "that the {} answers {} later than stated",
-                spoken(f.port.name()),
-                n("extra_delay_s", "s", 3)
-            )
-        }
-        E::CurrentLoopLag => format!(
-            "that the current loop is slower than stated, {}",
-            engineering(value("bandwidth_rad_s").unwrap_or(0.0) / TAU, "Hz", 3)
-        ),
-        E::EncoderInterpolationError => format!(
-            "that the {} reads wrong by {}, once in {} of travel",
-            spoken(f.port.name()),
-            n("amplitude_m", "m", 3),
-            n("signal_period_m", "m", 3)
-        ),
-        E::EncoderQuantization => {
-            format!("that the {} counts in steps of {}", spoken(f.port.name()), n("step_m", "m", 3))
-        }
-        E::CuttingForce => format!(
-            "a cutting force of up to {} at {}, from {} to {}",
-            n("amplitude_n", "N", 3),
-            n("fundamental_hz", "Hz", 3),
-            n("start_s", "s", 3),
-            n("end_s", "s", 3)
-        ),
-        other => spoken(other.name()),
+    let Some(of) = Specification::of(f.effect) else { return spoken(f.effect.name()) };
+    let mut parts = (of.phrase)(f.port).split(['{', '}']);
+    let mut out = parts.next().unwrap_or_default().to_owned();
+    while let (Some(name), Some(after)) = (parts.next(), parts.next()) {
+        out.push_str(&match (name, of.parameter(name)) {
+            ("port", _) => spoken(f.port.name()),
+            ("period", _) => value(f, &WAVELENGTH).map_or_else(String::new, |length_m| period(length_m, d)),
+            (_, Some(p)) => amount(f, p),
+            (name, None) => name.to_owned(),
+        });
+        out.push_str(after);
+    }
+    out
+}
+
+fn value(f: &Finding, p: &Parameter) -> Option<f64> {
+    f.parameters.iter().find(|e| e.name == p.name).map(|e| e.value)
+}
+
+/// A number of a finding: a relative size in per cent, a rate of the current loop as a frequency.
+fn amount(f: &Finding, p: &Parameter) -> String {
+    let Some(v) = value(f, p) else { return "an unknown amount".to_owned() };
+    match (p.unit, p.role) {
+        ("1", Role::Size) => format!("{} %", significant(100.0 * v.abs(), 2)),
+        ("1", _) => significant(v, 3),
+        ("rad/s", _) => engineering(v / TAU, "Hz", 3),
+        _ => engineering(v.abs(), p.unit, 3),
     }
 }
 
@@ -266,17 +207,16 @@ fn period(length_m: f64, d: &Diagnosis) -> String {
 
 /// Where in frequency a finding shows that is no curve over anything else.
 pub(super) fn in_frequency(f: &Finding) -> Option<String> {
-    let value = |name: &str| f.parameters.iter().find(|e| e.name == name).map(|e| e.value);
     match f.effect {
         E::TorsionalMode => {
-            let hz = value("free_free_frequency_hz")?;
+            let hz = value(f, &torsional_mode::FREQUENCY)?;
             Some(format!(
                 "The twist stands at {}; it shows from about half of that on.",
                 engineering(hz, "Hz", 3)
             ))
         }
         E::DeadTime => {
-            let delay_s = value("extra_delay_s")?;
+            let delay_s = value(f, &dead_time::EXTRA)?;
             let degrees = |hz: f64| significant(360.0 * delay_s * hz, 2);
             Some(format!(
                 "The delay grows with the frequency: {}\u{b0} at 10 Hz, {}\u{b0} at 100 Hz, {}\u{b0} at 500 Hz.",
@@ -286,7 +226,7 @@ pub(super) fn in_frequency(f: &Finding) -> Option<String> {
             ))
         }
         E::CurrentLoopLag => {
-            let hz = value("bandwidth_rad_s")? / TAU;
+            let hz = value(f, &current_loop_lag::BANDWIDTH)? / TAU;
             Some(format!(
                 "The loop turns by 45\u{b0} at {} and by 6\u{b0} at a tenth of it.",
                 engineering(hz, "Hz", 3)

@@ -1,8 +1,8 @@
 //! A law that stands in the model of a balance.
 
 use super::columns::{Ground, TimeColumn};
+use super::laws::{DIFFERENCE, Hypothesis};
 use super::number::Number;
-use super::shape::{DIFFERENCE, Hypothesis, Shape};
 use crate::plant::effects::law::ForceLaw;
 
 /// A law in the model.
@@ -35,11 +35,7 @@ impl Accepted {
 
     /// True for a law that is made of numbers of the structure, all of its size in its shape.
     pub(super) fn moves_with_numbers(&self) -> bool {
-        self.given.is_none()
-            && matches!(
-                self.hypothesis.shape,
-                Shape::Torsion { .. } | Shape::Backlash { .. } | Shape::Gap { .. }
-            )
+        self.given.is_none() && self.hypothesis.facts().moves_with_numbers
     }
 
     /// Coefficients that it has in a fit.

@@ -5,17 +5,17 @@ use super::criteria::{Criteria, Z95};
 use super::evidence::{least_seen_n, level};
 use super::faults::force_faults;
 use super::gram::{BandGram, Part};
+use super::laws::current_loop_lag::CurrentLoop;
+use super::laws::dead_time::Delay;
+use super::laws::{Hypothesis, Told, scale_deviation};
 use super::likelihood::Design;
-use super::model::{LINEAR, is_other_size};
+use super::model::{is_other_size, sizes};
 use super::notes;
 use super::numbers::{Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, unsaid};
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
-use super::shape::{Hypothesis, Shape};
 use super::state::{Accepted, Balance, Number, State};
-use super::words::{
-    Deviations, domain, equation, estimates, next_experiment, scale_deviation, statement, term,
-};
+use super::words::{Deviations, specification, statement, told};
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
     Alternative, Contribution, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit, Location,
@@ -24,7 +24,10 @@ use crate::diagnosis::result::{
 use crate::diagnosis::selection::{Round, probabilities};
 use crate::diagnosis::steps::{coarser_step, stated_step_m};
 use crate::diagnosis::two_cores::on_two_cores;
-use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
+use crate::plant::effects::encoder_quantization::STEP;
+use crate::plant::effects::{
+    EffectKind, ParameterValue, PhysicsTerm, Port, coulomb_friction, viscous_friction,
+};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
@@ -62,7 +65,7 @@ pub(super) struct Found {
 pub(super) fn is_other_than_zero(law: &Accepted, deviations: &[f64]) -> bool {
     let sized = |(a, d): (&f64, &f64)| a.abs() > Z95 * d;
     // Of a bristle the force: what remains without it is a damper.
-    let count = if law.hypothesis.turns_friction() { 1 } else { law.amplitudes.len() };
+    let count = if law.hypothesis.facts().turns_friction { 1 } else { law.amplitudes.len() };
     law.hypothesis.has_dose() || law.amplitudes.iter().zip(deviations).take(count).any(sized)
 }
 
@@ -80,8 +83,7 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
         let is_vague = |(a, d): (&Accepted, &Deviations)| {
             let vague = d.constants.iter().any(|c| *c > Criteria::STANDARD.undetermined)
                 || !is_other_than_zero(a, &d.amplitudes);
-            let third = matches!(a.hypothesis.shape, Shape::Torsion { .. });
-            a.given.is_none() && (vague && !third || a.hypothesis.is_at_bound())
+            a.given.is_none() && (vague && !a.hypothesis.facts().trades || a.hypothesis.is_at_bound())
         };
         let pairs = state.accepted.iter().zip(&doubt.laws).enumerate();
         let without = pairs.filter(|(_, pair)| is_vague(*pair)).map(|(k, _)| {
@@ -221,15 +223,15 @@ impl Case<'_> {
     pub(super) fn found(&self, state: &State, doubt: &Doubt, absent: &[Absent], level: f64) -> Vec<Found> {
         let balance = self.balance;
         let mut list = Vec::new();
-        let is_found = |a: &Accepted| a.given.is_none() && !a.hypothesis.is_number();
+        let is_found = |a: &Accepted| a.given.is_none() && !a.hypothesis.facts().is_number;
         for (k, law) in state.accepted.iter().enumerate().filter(|(_, a)| is_found(a)) {
             let h = &law.hypothesis;
-            let estimates = estimates(balance, state, law, &doubt.laws[k]);
+            let (estimates, term) = told(&Told { balance, state, law, deviations: &doubt.laws[k] });
             let (evidence_nats, level_nats) = self.evidence_of(h.effect, h.port);
             list.push(Found {
                 effect: h.effect,
                 port: h.port,
-                term: term(balance, law, &estimates),
+                term,
                 estimates,
                 evidence_nats,
                 level_nats,
@@ -241,24 +243,15 @@ impl Case<'_> {
         let scale = scale_deviation(balance);
         for a in absent {
             let dry = a.effect == EffectKind::CoulombFriction;
-            let (name, unit) = if dry { ("force_n", "N") } else { ("n_s_m", "N s/m") };
+            let of = if dry { &coulomb_friction::FORCE } else { &viscous_friction::COEFFICIENT };
             let half = Z95 * a.deviation.hypot(scale * a.value);
-            let estimate = Estimate {
-                name: name.to_owned(),
-                value: a.value,
-                unit,
-                ci95: [a.value - half, a.value + half],
-            };
-            let value = ParameterValue::Number(a.value);
+            let ci95 = [a.value - half, a.value + half];
+            let estimate = Estimate { name: of.name.to_owned(), value: a.value, unit: of.unit, ci95 };
             list.push(Found {
                 effect: a.effect,
                 port: a.port,
                 estimates: vec![estimate],
-                term: PhysicsTerm {
-                    effect: a.effect,
-                    port: a.port,
-                    parameters: vec![(name.to_owned(), value)],
-                },
+                term: PhysicsTerm::new(a.effect, a.port, &[(of, a.value)]),
                 evidence_nats: a.evidence_nats,
                 level_nats: level,
                 contribution: contribution_of_number(balance, state, (a.number, a.value), self.recordings),
@@ -281,30 +274,29 @@ impl Case<'_> {
     /// A dead time longer than stated, a current loop slower than stated.
     fn found_in_path(&self, state: &State, doubt: &Doubt) -> Vec<Found> {
         let balance = self.balance;
-        let mut shapes = Vec::new();
+        let mut laws = Vec::new();
         let extra_s = state.path.delay_s - balance.drive.amplifier_dead_time_s();
         // What a loop took the place of may have left nothing of a delay.
         let within_s = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
         if state.found_delay && extra_s > Z95 * doubt.path[0].hypot(within_s) {
-            shapes.push((
-                Shape::Delay { extra_s, early: false },
-                EffectKind::DeadTime,
-                doubt.path[0] / extra_s,
-            ));
+            let delay = Delay { extra_s, early: false };
+            laws.push((Hypothesis::new(Port::Current, delay), doubt.path[0] / extra_s));
         }
         if let Some(rad_s) = state.path.loop_rad_s.filter(|_| state.found_loop) {
-            shapes.push((Shape::Loop { rad_s, in_place: false }, EffectKind::CurrentLoopLag, doubt.path[1]));
+            let lag = CurrentLoop { rad_s, in_place: false };
+            laws.push((Hypothesis::new(Port::Current, lag), doubt.path[1]));
         }
         let mut list = Vec::new();
-        for (shape, effect, deviation) in shapes {
-            let law = Accepted::found(Hypothesis::named(effect, Port::Current, shape), vec![1.0]);
+        for (hypothesis, deviation) in laws {
+            let law = Accepted::found(hypothesis, vec![1.0]);
             let sd = Deviations { amplitudes: vec![0.0], constants: vec![deviation] };
-            let estimates = estimates(balance, state, &law, &sd);
-            let (evidence_nats, level_nats) = self.evidence_of(effect, Port::Current);
+            let (estimates, term) = told(&Told { balance, state, law: &law, deviations: &sd });
+            let Hypothesis { effect, port, .. } = hypothesis;
+            let (evidence_nats, level_nats) = self.evidence_of(effect, port);
             list.push(Found {
                 effect,
-                port: Port::Current,
-                term: term(balance, &law, &estimates),
+                port,
+                term,
                 estimates,
                 evidence_nats,
                 level_nats,
@@ -340,7 +332,7 @@ impl Case<'_> {
                 effect: f.effect,
                 port: f.port,
                 statement: statement(f.effect, f.port, &f.estimates),
-                equation: equation(f.effect),
+                equation: specification(f.effect).equation,
                 maps: maps.collect(),
                 fit: Fit {
                     heldout_rms_before_n: f.without_n,
@@ -348,7 +340,7 @@ impl Case<'_> {
                     noise_floor_n: floor,
                 },
                 probability,
-                next_experiment: next.map(|a| next_experiment(a.effect).to_owned()),
+                next_experiment: next.map(|a| specification(a.effect).told_apart_by.to_owned()),
                 alternatives,
                 contribution: f.contribution,
                 parameters: f.estimates,
@@ -413,7 +405,7 @@ impl Case<'_> {
                 return None;
             }
             let ci95 = [0.98 * step, 1.02 * step];
-            let estimate = Estimate { name: "step_m".to_owned(), value: step, unit: "m", ci95 };
+            let estimate = Estimate { name: STEP.name.to_owned(), value: step, unit: STEP.unit, ci95 };
             let contribution = self.recordings.iter().enumerate().filter_map(|(k, r)| {
                 let x = side(port, r)?;
                 // The step's own part: the read value less the line between its neighbours' middles.
@@ -424,11 +416,7 @@ impl Case<'_> {
                 effect: EffectKind::EncoderQuantization,
                 port,
                 estimates: vec![estimate],
-                term: PhysicsTerm {
-                    effect: EffectKind::EncoderQuantization,
-                    port,
-                    parameters: vec![("step_m".to_owned(), ParameterValue::Number(step))],
-                },
+                term: PhysicsTerm::new(EffectKind::EncoderQuantization, port, &[(&STEP, step)]),
                 evidence_nats: 10.0 * level_nats,
                 level_nats,
                 contribution: contribution.collect(),
@@ -458,7 +446,7 @@ impl Case<'_> {
     /// The key of a stated law that its size is in.
     fn size_of(&self, index: usize) -> Option<(&'static str, f64)> {
         let term = &self.axis.physics[index];
-        LINEAR.iter().find_map(|key| term.number(key).map(|value| (*key, value)))
+        sizes(term.effect).find_map(|p| term.value(p).map(|value| (p.name, value)))
     }
 
     pub(super) fn location(
@@ -485,7 +473,7 @@ impl Case<'_> {
         };
         Some(Location {
             port,
-            domain: first.map_or("time", |f| domain(f.effect)),
+            domain: first.map_or("time", |f| specification(f.effect).domain),
             bands_hz: vec![shown.band_hz],
             time,
             shares,
@@ -527,7 +515,7 @@ impl Case<'_> {
     /// What would have been seen of every law that was asked and is no finding, beside what was found.
     fn detection_limits(&self, state: &State, level: f64, findings: &[Finding]) -> Vec<DetectionLimit> {
         let asked = self.rounds.last().map_or(&[][..], |r| &r.screened);
-        let is_law = |h: &&Hypothesis| !h.is_number() && !h.is_of_one_recording() && !h.is_map();
+        let is_law = |h: &&Hypothesis| !h.facts().is_number && !h.facts().is_of_one_recording && !h.is_map();
         let is_found = |h: &Hypothesis| findings.iter().any(|f| f.effect == h.effect && f.port == h.port);
         let open = asked.iter().map(|s| &s.hypothesis).filter(is_law);
         let open: Vec<&Hypothesis> = open.filter(|h| !is_found(h)).collect();
@@ -544,7 +532,7 @@ impl Case<'_> {
         let screened = round.screened.iter().map(|s| (s.hypothesis, s.promise_nats));
         let mut list: Vec<Tried> = Vec::new();
         for (h, nats) in fitted.chain(screened) {
-            if !h.is_number() && !list.iter().any(|t| t.effect == Some(h.effect) && t.port == h.port) {
+            if !h.facts().is_number && !list.iter().any(|t| t.effect == Some(h.effect) && t.port == h.port) {
                 list.push(Tried { effect: Some(h.effect), port: h.port, evidence: (2.0 * nats).max(0.0) });
             }
         }

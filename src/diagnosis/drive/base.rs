@@ -6,10 +6,10 @@ use super::columns::{Ground, TimeColumn};
 use super::criteria::Criteria;
 use super::dynamics::Dynamics;
 use super::gram::{BandGram, Column, Gram, Part};
+use super::laws::{Hypothesis, Size};
 use super::likelihood::{Design, FREE, Fit, POSITIVE, Spread, weights_of};
 use super::number::{Mechanics, Number};
 use super::rounding::{QUARTERS, rounding};
-use super::shape::Hypothesis;
 use super::signals::{Layout, Path};
 use std::sync::Arc;
 
@@ -65,11 +65,11 @@ pub(super) struct Laws {
 pub(super) fn amplitude_bounds(h: &Hypothesis, count: usize) -> Vec<[f64; 2]> {
     let mut bounds = vec![FREE; count];
     if let Some(first) = bounds.first_mut() {
-        if h.has_dose() {
-            *first = Criteria::STANDARD.dose;
-        } else if h.is_positive() {
-            *first = POSITIVE;
-        }
+        *first = match h.facts().size {
+            Size::Dose | Size::Whole => Criteria::STANDARD.dose,
+            Size::Positive => POSITIVE,
+            Size::Free => FREE,
+        };
     }
     bounds
 }
@@ -97,7 +97,7 @@ fn number_bounds(balance: &Balance, laws: &Laws, (number, accepted): (Number, &[
         }
         // No part is more than all of it.
         N::MotorTurning(_) => [0.0, laws.mechanics.motor_coulomb_n],
-        N::StageTurning(_) if accepted.iter().any(|a| a.hypothesis.turns_friction()) => [0.0, 0.0],
+        N::StageTurning(_) if accepted.iter().any(|a| a.hypothesis.facts().turns_friction) => [0.0, 0.0],
         N::StageTurning(_) => [0.0, laws.mechanics.stage_coulomb_n],
         _ => FREE,
     }

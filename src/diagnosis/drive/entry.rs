@@ -7,17 +7,18 @@
 use super::answer::{Case, is_other_than_zero};
 use super::criteria::Criteria;
 use super::evidence::{ask, level};
+use super::laws::cutting_force::Push;
+use super::laws::{Hypothesis, Shape};
 use super::numbers::{doubt, stated_beta};
 use super::rest::{Rest, rest};
 use super::series::residuals;
-use super::shape::{Hypothesis, Shape};
 use super::signals::Mask;
 use super::state::{Accepted, Balance, State, residual};
 use super::subject::Drive;
 use super::words::Deviations;
 use crate::diagnosis::result::{Diagnosis, Verdict};
 use crate::diagnosis::selection::{Fitted, Round, Screened, Subject, Work};
-use crate::plant::effects::{EffectKind, Port};
+use crate::plant::effects::Port;
 
 /// A cut that was found.
 pub(super) struct Entered {
@@ -27,9 +28,8 @@ pub(super) struct Entered {
 /// The cut beside a state. `None`: none is told of, the spindle stands, or the budget is spent.
 pub(super) fn entered(balance: &Balance, state: &State, work: &mut Work) -> Option<Entered> {
     let spindle_hz = balance.signals.spindle_hz()?;
-    let (recording, [start_s, end_s]) = stretch(balance, state, spindle_hz)?;
-    let shape = Shape::Push { recording, spindle_hz, start_s, end_s };
-    let h = Hypothesis::named(EffectKind::CuttingForce, Port::Stage, shape);
+    let (recording, window_s) = stretch(balance, state, spindle_hz)?;
+    let h = Hypothesis::new(Port::Stage, Push { recording, spindle_hz, window_s });
     let chance = work.take(1).then(|| ask(balance, state, &h, true).chance)?;
     // Friction holds any force at rest, in a short recording as well.
     let c = &Criteria::STANDARD;
@@ -50,7 +50,8 @@ impl Entered {
     /// Rows of each recording in the cut; the chip grows and ends over a turn.
     pub(super) fn rows(&self, balance: &Balance) -> Vec<Mask> {
         let mut out: Vec<Mask> = balance.signals.tracks.iter().map(|t| vec![false; t.samples]).collect();
-        if let Shape::Push { recording, spindle_hz, start_s, end_s } = self.fitted.hypothesis.shape {
+        if let Shape::Push(push) = self.fitted.hypothesis.shape {
+            let Push { recording, spindle_hz, window_s: [start_s, end_s] } = push;
             let track = &balance.signals.tracks[recording];
             let row = |t_s: f64| ((t_s * track.rate_hz).max(0.0) as usize).min(track.samples);
             out[recording][row(start_s - 1.0 / spindle_hz)..row(end_s + 1.0 / spindle_hz)].fill(true);

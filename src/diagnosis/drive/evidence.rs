@@ -3,8 +3,8 @@
 
 use super::criteria::Criteria;
 use super::gram::{BandGram, Gram, Part};
+use super::laws::Hypothesis;
 use super::likelihood::{Design, FREE, Fit, POSITIVE, values, weights_of};
-use super::shape::{Hypothesis, Shape};
 use super::state::{Balance, Number, State, amplitude_bounds, knockoff_design};
 
 /// A hypothesis beside a state, fitted.
@@ -69,7 +69,7 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
     if h.is_whole() && !chance {
         design.bounds[first] = [1.0, 1.0];
     }
-    if let Shape::Smoothing { .. } = h.shape {
+    if h.facts().replaces_friction {
         // One friction takes the place of the other.
         let dry = |n: &Number| matches!(n, Number::MotorCoulomb | Number::StageCoulomb);
         let places = base.numbers.iter().enumerate().filter(|(_, n)| dry(n)).map(|(k, _)| k);
@@ -78,7 +78,7 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
             design.bounds[old] = [0.0, 0.0];
         }
     }
-    if h.turns_friction() {
+    if h.facts().turns_friction {
         // In place of the forms over speed.
         let places = base.numbers.iter().enumerate().filter(|(_, n)| matches!(n, Number::StageTurning(_)));
         places.for_each(|(k, _)| (start[k], design.bounds[k]) = (0.0, [0.0, 0.0]));
@@ -106,7 +106,7 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
 /// T, nats: the worst of score, sum over folds and sum over recordings.
 pub(super) fn statistic(balance: &Balance, state: &State, h: &Hypothesis, asked: &Asked) -> f64 {
     let gains = held_out_gains(balance, state, (&asked.gram, &asked.design, &asked.fit.beta));
-    let carries_over = |k: usize| k == 0 || !h.is_of_one_recording();
+    let carries_over = |k: usize| k == 0 || !h.facts().is_of_one_recording;
     let counted = gains.iter().enumerate().filter(|(k, _)| carries_over(*k));
     counted.filter_map(|(_, gain)| *gain).fold(asked.score, f64::min)
 }

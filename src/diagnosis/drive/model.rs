@@ -2,13 +2,14 @@
 
 use super::answer::Case;
 use super::criteria::Criteria;
+use super::laws::Effect;
 use super::numbers::{Doubt, beside, corrections};
 use super::rest::Rest;
 use super::state::State;
 use crate::diagnosis::result::{Finding, Verdict};
 use crate::plant::drive::DriveParams;
-use crate::plant::effects::Port;
-use crate::plant::effects::{EffectKind, ParameterValue, PhysicsTerm};
+use crate::plant::effects::external_disturbance::{RMS, UP_TO};
+use crate::plant::effects::{EffectKind, Parameter, ParameterValue, PhysicsTerm, Role, Specification};
 use crate::plant::machine::{AxisModel, Machine};
 
 impl Case<'_> {
@@ -55,25 +56,10 @@ impl Case<'_> {
             }
         }
         let mut raw = axis.drive.raw().clone();
-        let r2 = self.balance.drive.travel_m_rad().powi(2);
         for f in findings {
-            let number = |name: &str| f.term.number(name);
-            match (f.effect, f.port) {
-                (EffectKind::DeadTime, Port::Current) => raw.amplifier_dead_time_s = Some(state.path.delay_s),
-                (EffectKind::CurrentLoopLag, _) => raw.current_loop_bandwidth_rad_s = state.path.loop_rad_s,
-                (EffectKind::CoulombFriction, Port::Motor) => {
-                    raw.motor_coulomb_friction_n = number("force_n")
-                }
-                (EffectKind::CoulombFriction, _) => raw.stage_coulomb_friction_n = number("force_n"),
-                (EffectKind::ViscousFriction, Port::Motor) => {
-                    raw.rotary_damping_nm_s_rad = number("n_s_m").map(|c| c * r2);
-                }
-                (EffectKind::ViscousFriction, _) => raw.translational_damping_n_s_m = number("n_s_m"),
-                (EffectKind::EncoderQuantization, Port::MotorEncoder) => {
-                    raw.motor_encoder_resolution_m = number("step_m");
-                }
-                (EffectKind::EncoderQuantization, _) => raw.stage_encoder_resolution_m = number("step_m"),
-                _ => axis.physics.push(f.term.clone()),
+            let key = Effect::of_kind(f.effect).is_some_and(|e| (e.key)(&f.term, state, &mut raw));
+            if !key {
+                axis.physics.push(f.term.clone());
             }
         }
         if state.found_smoothing {
@@ -82,14 +68,8 @@ impl Case<'_> {
         axis.drive = DriveParams::new(raw).unwrap_or(axis.drive);
         if is_left {
             axis.physics.retain(|t| t.effect != EffectKind::ExternalDisturbance);
-            axis.physics.push(PhysicsTerm {
-                effect: EffectKind::ExternalDisturbance,
-                port: left.port,
-                parameters: vec![
-                    ("force_rms_n".to_owned(), ParameterValue::Number(left.force_n)),
-                    ("up_to_hz".to_owned(), ParameterValue::Number(left.band_hz[1])),
-                ],
-            });
+            let numbers = [(&RMS, left.force_n), (&UP_TO, left.band_hz[1])];
+            axis.physics.push(PhysicsTerm::new(EffectKind::ExternalDisturbance, left.port, &numbers));
         }
         restored(self.stated, &mut axis);
         for a in machine.axes.iter_mut().filter(|a| a.name == self.stated.name) {
@@ -107,26 +87,16 @@ pub(super) fn is_other_size(scale: f64, deviation: f64) -> bool {
     (scale - 1.0).abs() > apart.max(c.correction_deviations * deviation)
 }
 
-/// Keys that a law's size is in.
-pub(super) const LINEAR: [&str; 12] = [
-    "amplitude_n",
-    "amplitude_m",
-    "harmonics_n",
-    "harmonics_m",
-    "force_n",
-    "stribeck_force_n",
-    "force_difference_n",
-    "viscous_difference_n_s_m",
-    "n_s2_m2",
-    "cubic_n_m3",
-    "relative_change",
-    "relative_variation",
-];
+/// Parameters that the size of an effect is in.
+pub(super) fn sizes(effect: EffectKind) -> impl Iterator<Item = &'static Parameter> {
+    let all = Specification::of(effect).map_or(&[][..], |s| s.parameters);
+    all.iter().filter(|p| p.role == Role::Size)
+}
 
 /// A stated law times a factor.
 fn scale_term(term: &mut PhysicsTerm, scale: f64) {
     for (name, value) in &mut term.parameters {
-        if LINEAR.contains(&name.as_str()) {
+        if sizes(term.effect).any(|p| p.name == name) {
             match value {
                 ParameterValue::Number(x) => *x *= scale,
                 ParameterValue::List(list) => list.iter_mut().for_each(|x| *x *= scale),

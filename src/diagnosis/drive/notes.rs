@@ -7,8 +7,8 @@
 
 use super::answer::{Case, Found};
 use super::bank::candidates;
+use super::laws::Hypothesis;
 use super::rest::Rest;
-use super::shape::Hypothesis;
 use super::words::engineering;
 use crate::diagnosis::result::{ForceFault, ForceFaultKind};
 use crate::diagnosis::selection::Reach;

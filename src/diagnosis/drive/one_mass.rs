@@ -7,7 +7,7 @@
 
 use super::recorded::{motor_position, stage_position};
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
-use crate::plant::effects::friction::sliding_direction;
+use crate::plant::effects::coulomb_friction::sliding_direction;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use nalgebra::{SMatrix, SVector};

@@ -10,7 +10,7 @@
 
 use super::columns::{Ground, TimeColumn};
 use super::signals::{Layout, Track};
-use crate::plant::effects::friction::sliding_direction;
+use crate::plant::effects::coulomb_friction::sliding_direction;
 
 /// What null worlds are turned by: shares of a recording, and of a step.
 pub(super) const QUARTERS: [f64; 3] = [0.25, 0.5, 0.75];

@@ -1,7 +1,6 @@
 //! Series for people: what is left in time, and what a finding adds sample by sample.
 
 use super::columns::TimeColumn;
-use super::shape::Shape;
 use super::signals::{Layout, Path, Signals};
 use super::state::Accepted;
 use super::state::{Balance, Number, State};
@@ -75,7 +74,7 @@ pub(super) fn contribution(
     let ground = state.ground(balance);
     let h = &law.hypothesis;
     let amplitudes: Vec<f64> = law.amplitudes.iter().map(|a| law.scale * a).collect();
-    let thin = balance.signals.tracks.first().and_then(|t| ground.law(h, t)).is_none();
+    let thin = balance.signals.tracks.iter().all(|t| ground.full((h.law(), h.port), t).is_empty());
     let columns = if thin { ground.columns(h) } else { Vec::new() };
     let sum = TimeColumn::sum(columns.iter().zip(amplitudes.iter().copied()));
     let side = usize::from(h.port == Port::Stage && balance.signals.layout == Layout::TwoPositions);
@@ -85,25 +84,18 @@ pub(super) fn contribution(
         .iter()
         .enumerate()
         .map(|(r, track)| {
-            let unit = match h.shape {
-                Shape::Saturation { .. } | Shape::Delay { .. } | Shape::Loop { .. } => {
-                    -1.0 / track.reference.per_unit
+            let unit = if h.facts().is_in_current { -1.0 / track.reference.per_unit } else { 1.0 };
+            let columns = ground.full((h.law(), h.port), track);
+            let value = if let Some(first) = columns.first() {
+                let mut full = vec![0.0; first.len()];
+                for (column, a) in columns.iter().zip(&amplitudes) {
+                    full.iter_mut().zip(column).for_each(|(f, c)| *f += unit * a * c);
                 }
-                _ => 1.0,
-            };
-            let value = match ground.law(h, track) {
-                Some(columns) => {
-                    let mut full = vec![0.0; columns.first().map_or(0, Vec::len)];
-                    for (column, a) in columns.iter().zip(&amplitudes) {
-                        full.iter_mut().zip(column).for_each(|(f, c)| *f += unit * a * c);
-                    }
-                    spread(&full, (track.full_first, 1), track.samples)
-                }
-                None => {
-                    let series = sum.sides[side].as_ref().map_or_else(Vec::new, |s| s[r].clone());
-                    let scaled: Vec<f64> = series.iter().map(|v| unit * v).collect();
-                    spread(&scaled, (track.thin_first, balance.signals.step), track.samples)
-                }
+                spread(&full, (track.full_first, 1), track.samples)
+            } else {
+                let series = sum.sides[side].as_ref().map_or_else(Vec::new, |s| s[r].clone());
+                let scaled: Vec<f64> = series.iter().map(|v| unit * v).collect();
+                spread(&scaled, (track.thin_first, balance.signals.step), track.samples)
             };
             of_recording(r, &recordings[r], value)
         })

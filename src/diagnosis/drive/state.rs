@@ -7,7 +7,6 @@ use super::base::{Laws, base};
 use super::columns::Ground;
 use super::number::Mechanics;
 pub(super) use super::number::Number;
-use super::shape::Shape;
 use super::signals::{Layout, Path};
 use std::sync::Arc;
 
@@ -162,8 +161,12 @@ impl State {
 
     /// Dry friction of the stage (of the axis, with one position), its bristle included, N.
     pub(super) fn coulomb_n(&self) -> f64 {
-        let bristles =
-            self.accepted.iter().filter(|a| matches!(a.hypothesis.shape, Shape::Presliding { .. }));
+        let bristles = self.accepted.iter().filter(|a| a.hypothesis.facts().is_dry_friction);
         self.mechanics.stage_coulomb_n + bristles.map(|a| a.scale * a.amplitudes[0]).sum::<f64>()
+    }
+
+    /// Dry friction of motor and stage, N.
+    pub(super) fn dry_n(&self) -> f64 {
+        self.coulomb_n() + self.mechanics.motor_coulomb_n
     }
 }

@@ -1,17 +1,17 @@
 //! The drive as a subject of the selection: screening on the grid, refinement by Gauss-Newton, the statistic.
 
-use super::bank::{PIECES, candidates, gaps};
+use super::bank::candidates;
 use super::columns::TimeColumn;
-use super::criteria::{Criteria, Z95};
+use super::criteria::Criteria;
 use super::evidence::{Asked, ask, level, price, statistic};
 use super::gram::{Gram, Part};
+use super::laws::position_dependent_force::{Map, Over};
+use super::laws::{Constant, DIFFERENCE, Hypothesis, Shape};
 use super::likelihood::{Design, FREE, values};
-use super::shape::{DIFFERENCE, Hypothesis, Over, Shape};
 use super::state::{Accepted, Balance, State};
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
-use crate::plant::effects::{EffectKind, Port};
-use crate::signal::inner_products::rms;
+use crate::plant::effects::Port;
 use std::sync::Mutex;
 
 /// Largest step of a constant, as a logarithm, and how often it is halved.
@@ -52,8 +52,8 @@ impl<'a> Drive<'a> {
         if asked.score < 0.0 && !h.has_dose() {
             return Some((h, asked));
         }
-        if h.is_map() {
-            return Some(self.finest(state, h, asked, work));
+        if let Shape::Map(map) = h.shape {
+            return Some(self.finest(state, (h, map), asked, work));
         }
         (h, asked) = self.best_start(state, h, asked, work);
         (h, asked) = self.shortest_period(state, h, asked, work);
@@ -97,25 +97,22 @@ impl<'a> Drive<'a> {
                 break;
             }
         }
-        Some(self.loose(&state, h, asked, work))
+        Some(self.better_form(&state, h, asked, work))
     }
 
     /// A map of as many pieces as score best.
     fn finest(
         &self,
         state: &State,
-        mut h: Hypothesis,
+        (mut h, map): (Hypothesis, Map),
         mut asked: Asked,
         work: &mut Work,
     ) -> (Hypothesis, Asked) {
-        for finer in PIECES[1..].iter().copied() {
-            let mut other = h;
-            if let Shape::Map { pieces, .. } = &mut other.shape {
-                *pieces = finer;
-            }
-            if !work.take(u64::try_from(finer).unwrap_or(1) / 8) {
+        for finer in map.finer() {
+            if !work.take(u64::try_from(finer.pieces).unwrap_or(1) / 8) {
                 break;
             }
+            let other = h.by(finer.into());
             let of_other = ask(self.balance, state, &other, false);
             if of_other.score > asked.score {
                 (h, asked) = (other, of_other);
@@ -124,13 +121,18 @@ impl<'a> Drive<'a> {
         (h, asked)
     }
 
-    /// Of a gap: whether it takes the damper, too.
-    fn loose(&self, state: &State, h: Hypothesis, asked: Asked, work: &mut Work) -> (Hypothesis, Asked) {
-        if let Shape::Backlash { gap_m, loose } = h.shape
-            && self.balance.signals.sides() == 2
+    /// Of two forms with the same constants the better one.
+    fn better_form(
+        &self,
+        state: &State,
+        h: Hypothesis,
+        asked: Asked,
+        work: &mut Work,
+    ) -> (Hypothesis, Asked) {
+        if let Some(twin) = h.law().twin().filter(|_| self.balance.signals.sides() == 2)
             && work.take(1)
         {
-            let other = Hypothesis { shape: Shape::Backlash { gap_m, loose: !loose }, ..h };
+            let other = h.by(twin);
             let of_other = ask(self.balance, state, &other, false);
             if of_other.score > asked.score {
                 return (other, of_other);
@@ -139,8 +141,7 @@ impl<'a> Drive<'a> {
         (h, asked)
     }
 
-    /// The best of several starts, the numbers moved beside each before it is judged: frequency and share of
-    /// a third inertia trade along a valley with two ends; a gap's width and place with the spring.
+    /// The best of several starts, the numbers moved beside each before it is judged.
     fn best_start(
         &self,
         state: &State,
@@ -148,20 +149,11 @@ impl<'a> Drive<'a> {
         mut asked: Asked,
         work: &mut Work,
     ) -> (Hypothesis, Asked) {
-        let starts: Vec<Shape> = match h.shape {
-            Shape::Torsion { frequency_hz, .. } => [0.2, 0.35, 0.5]
-                .into_iter()
-                .flat_map(|share| [0.85, 0.92, 1.0, 1.08].map(|factor| (share, factor * frequency_hz)))
-                .map(|(share, frequency_hz)| Shape::Torsion { frequency_hz, share, damping: 0.02 })
-                .collect(),
-            Shape::Gap { .. } => gaps(self.balance).collect(),
-            _ => Vec::new(),
-        };
-        for shape in starts {
+        for shape in h.law().starts(self.balance) {
             if !work.take(3) {
                 break;
             }
-            let next = Hypothesis { shape, ..h };
+            let next = h.by(shape);
             let mut beside = state.clone();
             let mut other = ask(self.balance, &beside, &next, false);
             for _ in 0..2 {
@@ -186,15 +178,11 @@ impl<'a> Drive<'a> {
     ) -> (Hypothesis, Asked) {
         let harmonic = price(2, values(&asked.gram.sum(&self.balance.plan, Part::All)));
         for part in [2.0, 2.0, 3.0] {
-            let shape = match h.shape {
-                Shape::Wave { wavelength_m } => Shape::Wave { wavelength_m: wavelength_m / part },
-                Shape::Cut { hz, start_s, end_s } => Shape::Cut { hz: part * hz, start_s, end_s },
-                _ => return (h, asked),
-            };
+            let Some(shape) = h.law().repeated(part) else { return (h, asked) };
             if !work.take(1) {
                 break;
             }
-            let next = Hypothesis { shape, ..h };
+            let next = h.by(shape);
             let other = ask(self.balance, state, &next, false);
             if other.score > asked.score - harmonic {
                 (h, asked) = (next, other);
@@ -252,17 +240,10 @@ impl<'a> Drive<'a> {
     ///
     /// Of two positions a function of the speed is a damper without a Jacobian, and sweeps tell it apart.
     fn without_name(&self, state: &State, h: &Hypothesis, work: &mut Work) -> f64 {
-        let others: &[(Over, bool)] = match h.shape {
-            _ if self.balance.signals.sides() == 2 => &[],
-            Shape::Map { flips: true, .. } => &[(Over::Speed, true), (Over::Way, true)],
-            Shape::Map { .. } => &[(Over::Speed, false), (Over::Way, false)],
-            _ if h.turns_friction() => &[(Over::Speed, true)],
-            _ => &[],
-        };
+        let others = if self.balance.signals.sides() == 2 { &[] } else { h.law().rivals() };
         let mut most = 0.0_f64;
         for &(over, flips) in others {
-            let shape = Shape::Map { pieces: PIECES[0], flips, over };
-            let h = Hypothesis::named(EffectKind::PositionDependentForce, Port::Stage, shape);
+            let h = Map::free(over, flips);
             most = self.refined(state, &h, work).map_or(most, |(_, asked)| most.max(asked.score));
         }
         most
@@ -272,11 +253,9 @@ impl<'a> Drive<'a> {
     /// position is asked about: in strokes that repeat all three are functions of position, and a map is told
     /// by what it explains beside the others.
     fn beside_motion(&self, state: &State, flips: bool, work: &mut Work) -> State {
-        let pieces = PIECES[0];
         let mut beside = state.clone();
         for (over, flips) in [(Over::Way, true), (Over::Way, false), (Over::Speed, flips)] {
-            let shape = Shape::Map { pieces, flips, over };
-            let h = Hypothesis::named(EffectKind::PositionDependentForce, Port::Stage, shape);
+            let h = Map::free(over, flips);
             if !work.take(2) {
                 break;
             }
@@ -346,12 +325,8 @@ impl<'a> Drive<'a> {
 
     /// One step of every shape. `None`: the budget is spent.
     fn moved(&self, mut state: State, share: f64, work: &mut Work) -> Option<State> {
-        for a in &mut state.accepted {
-            if let Shape::EncoderError { sine_m, cosine_m, .. } = &mut a.hypothesis.shape
-                && a.given.is_none()
-            {
-                (*sine_m, *cosine_m) = (a.amplitudes[0], a.amplitudes[1]);
-            }
+        for a in state.accepted.iter_mut().filter(|a| a.given.is_none()) {
+            a.hypothesis.law_mut().follow(&a.amplitudes);
         }
         for k in 0..state.accepted.len() {
             let a = state.accepted[k].clone();
@@ -375,7 +350,7 @@ impl<'a> Drive<'a> {
         let (base, a) = (&state.base, &state.accepted[k]);
         let slopes = slopes(self.balance, state, &a.hypothesis, &a.amplitudes);
         let step = self.free_step((&base.gram, &base.design, &base.fit.beta), &slopes)?;
-        let moved = |(c, s): (&super::shape::Constant, &f64)| {
+        let moved = |(c, s): (&Constant, &f64)| {
             (c.value * (share * s.clamp(-0.1, 0.1)).exp()).clamp(c.bounds[0], c.bounds[1])
         };
         Some(a.hypothesis.constants().iter().zip(&step).map(moved).collect())
@@ -422,21 +397,6 @@ pub(super) fn slopes(
         .collect()
 }
 
-/// True for what every axis has: dry friction of a guide by itself (its texture over position, the form in
-/// which it turns), and when inside a sample an encoder is read.
-fn is_usual(balance: &Balance, state: &State, (h, amplitudes): (&Hypothesis, &[f64])) -> bool {
-    let c = &Criteria::STANDARD;
-    let dry_n = state.coulomb_n() + state.mechanics.motor_coulomb_n;
-    match h.shape {
-        Shape::Wave { .. } => rms(amplitudes) * (amplitudes.len() as f64).sqrt() < c.texture * dry_n,
-        Shape::Map { .. } => rms(amplitudes) < c.texture * dry_n,
-        Shape::Stribeck { speed_m_s } => speed_m_s < c.turning * state.smoothing_m_s,
-        Shape::EncoderDelay { extra_s } => extra_s * balance.signals.rate_hz < Z95 * c.timing_deviation,
-        Shape::Presliding { yield_m } => yield_m < balance.signals.least_way_m(balance.signals.sides() - 1),
-        _ => false,
-    }
-}
-
 impl Subject for Drive<'_> {
     type Model = State;
     type Hypothesis = Hypothesis;
@@ -471,7 +431,7 @@ impl Subject for Drive<'_> {
         let mut amplitudes = asked.amplitudes().to_vec();
         let other = self.without_name(state, &h, work);
         evidence_nats = evidence_nats.min(asked.score - other);
-        if let Shape::Map { flips, .. } = h.shape {
+        if let Shape::Map(Map { flips, .. }) = h.shape {
             let beside = self.beside_motion(state, flips, work);
             evidence_nats = evidence_nats.min(ask(self.balance, &beside, &h, false).score);
             if flips {
@@ -480,12 +440,11 @@ impl Subject for Drive<'_> {
                 amplitudes.iter_mut().for_each(|a| *a -= mean);
             }
         }
+        let mut model = state.with_numbers(&asked.fit.beta);
         let at_bound = asked.held() && !h.is_whole()
             || h.is_at_bound()
-            || is_usual(self.balance, state, (&h, &amplitudes));
-        let mut model = state.with_numbers(&asked.fit.beta);
-        let two = self.balance.signals.sides() == 2;
-        let at_bound = at_bound || two && model.ground(self.balance).is_mostly_loose(&h);
+            || h.law().is_usual(self.balance, state, &amplitudes)
+            || h.law().is_void(&model.ground(self.balance));
         model.take_up(self.balance, Accepted::found(h, amplitudes));
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
     }
@@ -501,22 +460,9 @@ impl State {
     /// Puts a law into the state; what is of the path or a number moves that instead.
     fn take_up(&mut self, balance: &Balance, law: Accepted) {
         let h = law.hypothesis;
-        match h.shape {
-            Shape::Delay { extra_s, early } => {
-                self.path.delay_s += if early { -extra_s } else { extra_s };
-                self.found_delay = true;
-                self.timing_s = Criteria::STANDARD.timing_usual / balance.signals.rate_hz;
-            }
-            Shape::Loop { rad_s, in_place } => {
-                self.path = self.path.with_loop(rad_s, in_place);
-                self.found_loop = true;
-            }
-            Shape::Smoothing { speed_m_s } => {
-                self.smoothing_m_s = speed_m_s;
-                self.found_smoothing = true;
-            }
-            _ => self.accepted.push(law),
+        if !h.law().move_number(self, balance) {
+            self.accepted.push(law);
         }
-        debug_assert!(!h.is_of_path() || self.found_delay || self.found_loop);
+        debug_assert!(!h.facts().is_of_path || self.found_delay || self.found_loop);
     }
 }

@@ -1,8 +1,11 @@
-//! Terms of a model as laws that can be evaluated: forces against the motion, periodic errors of encoders.
+//! Forms of a force against the motion that depends on position and velocity alone; the effects choose them.
 
-use super::friction::{asymmetric, nonlinear_viscosity, sliding_direction, stribeck};
+use super::asymmetric_friction::asymmetric;
+use super::coulomb_friction::sliding_direction;
+use super::nonlinear_viscosity::nonlinear_viscosity;
 use super::periodic::{knots_at, wave};
-use super::{EffectKind, PhysicsTerm};
+use super::stribeck_friction::stribeck;
+use super::{PHASE, Parameter, PhysicsTerm, Specification};
 
 /// A force against positive motion that depends on position and velocity alone, N.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,36 +70,7 @@ impl ForceLaw {
     /// `screw_lead_m` makes a wavelength of an order per revolution.
     #[must_use]
     pub fn of(term: &PhysicsTerm, screw_lead_m: Option<f64>) -> Option<Self> {
-        use EffectKind as E;
-        let get = |name: &str| term.number(name);
-        Some(match term.effect {
-            E::CoulombFriction => Self::Coulomb { force_n: get("force_n")? },
-            E::ViscousFriction => Self::Viscous { n_s_m: get("n_s_m")? },
-            E::StribeckFriction => Self::Stribeck {
-                force_n: get("stribeck_force_n")?,
-                velocity_m_s: get("stribeck_velocity_m_s")?,
-            },
-            E::AsymmetricFriction => Self::Asymmetric {
-                difference_n: get("force_difference_n")?,
-                viscous_n_s_m: get("viscous_difference_n_s_m").unwrap_or(0.0),
-            },
-            E::NonlinearViscosity => Self::NonlinearViscosity { n_s2_m2: get("n_s2_m2")? },
-            E::GravityLoad => Self::Constant { force_n: get("force_n")? },
-            E::PositionPeriodicForce | E::TorqueRipple => Self::Periodic {
-                wavelength_m: match get("wavelength_m") {
-                    Some(wavelength_m) => wavelength_m,
-                    None => screw_lead_m? / get("order_per_rev")?,
-                },
-                harmonics_n: harmonics(term, "harmonics_n", "amplitude_n")?,
-                flips: get("with_direction").is_some_and(|x| x != 0.0),
-            },
-            E::PositionDependentForce => Self::Map {
-                first_m: get("first_m")?,
-                spacing_m: get("spacing_m")?,
-                force_n: term.list("force_n").filter(|l| !l.is_empty())?.to_vec(),
-            },
-            _ => return None,
-        })
+        Specification::of(term.effect)?.force?(term, screw_lead_m)
     }
 
     /// The force, N. `smoothing_m_s`: v_s of the axis' Coulomb friction.
@@ -123,49 +97,22 @@ impl ForceLaw {
     }
 }
 
-/// A periodic error of one encoder.
-#[derive(Debug, Clone, PartialEq)]
-pub struct EncoderError {
-    period_m: f64,
-    harmonics_m: Vec<[f64; 2]>,
-}
-
-impl EncoderError {
-    /// The error that a term states; `None`: another effect, or a parameter is missing.
-    #[must_use]
-    pub fn of(term: &PhysicsTerm) -> Option<Self> {
-        if term.effect != EffectKind::EncoderInterpolationError {
-            return None;
-        }
-        let period_m = term.number("signal_period_m")?;
-        Some(Self { period_m, harmonics_m: harmonics(term, "harmonics_m", "amplitude_m")? })
-    }
-
-    /// Period, and sine and cosine amplitude of each harmonic, m.
-    #[must_use]
-    pub fn wave(&self) -> (f64, &[[f64; 2]]) {
-        (self.period_m, &self.harmonics_m)
-    }
-
-    /// What is read too much at a position, m.
-    #[must_use]
-    pub fn at(&self, position_m: f64) -> f64 {
-        wave_sum(position_m, self.period_m, &self.harmonics_m)
-    }
-}
-
 /// Sine and cosine amplitudes of each harmonic: a list, or one amplitude with its phase.
 ///
 /// An amplitude without a phase says how large a term is, not where: it cannot be evaluated.
-fn harmonics(term: &PhysicsTerm, list: &str, amplitude: &str) -> Option<Vec<[f64; 2]>> {
-    if let Some(values) = term.list(list) {
+pub(super) fn harmonics(
+    term: &PhysicsTerm,
+    list: &Parameter,
+    amplitude: &Parameter,
+) -> Option<Vec<[f64; 2]>> {
+    if let Some(values) = term.list(list.name) {
         return Some(values.chunks_exact(2).map(|c| [c[0], c[1]]).collect());
     }
-    let (a, phase) = (term.number(amplitude)?, term.number("phase_rad")?);
+    let (a, phase) = (term.value(amplitude)?, term.value(&PHASE)?);
     Some(vec![[a * phase.cos(), a * phase.sin()]])
 }
 
-fn wave_sum(position_m: f64, period_m: f64, harmonics: &[[f64; 2]]) -> f64 {
+pub(super) fn wave_sum(position_m: f64, period_m: f64, harmonics: &[[f64; 2]]) -> f64 {
     let mut sum = 0.0;
     for (k, [sine, cosine]) in harmonics.iter().enumerate() {
         let (s, c) = wave(position_m, period_m / (k + 1) as f64);

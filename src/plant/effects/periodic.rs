@@ -8,6 +8,20 @@ pub fn wave(position_m: f64, wavelength_m: f64) -> (f64, f64) {
     (TAU * (position_m / wavelength_m).fract()).sin_cos()
 }
 
+/// Sine and cosine of one and two turns per wavelength.
+#[must_use]
+pub fn waves(x: &[f64], wavelength_m: f64) -> Vec<Vec<f64>> {
+    let mut out: Vec<Vec<f64>> = (0..4).map(|_| Vec::with_capacity(x.len())).collect();
+    for x in x {
+        let (s, c) = (TAU * (x / wavelength_m).fract()).sin_cos();
+        out[0].push(s);
+        out[1].push(c);
+        out[2].push(2.0 * s * c);
+        out[3].push(c * c - s * s);
+    }
+    out
+}
+
 /// Amplitude and phase of a sin(x) + b cos(x) = A sin(x + phase).
 #[must_use]
 pub fn amplitude_phase(sine: f64, cosine: f64) -> (f64, f64) {

@@ -1,9 +1,14 @@
 //! A model's keys and terms as the constants of its equations of motion.
 
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
-use crate::plant::effects::coupling::Torsion;
-use crate::plant::effects::law::{EncoderError, ForceLaw};
-use crate::plant::effects::{EffectKind as E, PhysicsTerm, Port};
+use crate::plant::effects::encoder_interpolation_error::EncoderError;
+use crate::plant::effects::law::ForceLaw;
+use crate::plant::effects::torsional_mode::Torsion;
+use crate::plant::effects::{
+    EffectKind as E, PhysicsTerm, Port, Specification, backlash, encoder_quantization, friction_drift,
+    nonlinear_stiffness, position_dependent_stiffness, presliding_friction, torque_constant_saturation,
+    torsional_mode,
+};
 use crate::plant::machine::AxisModel;
 
 /// Largest product of a rate of the equations and the step: Runge-Kutta is stable to 2.8 and exact to some
@@ -112,7 +117,7 @@ impl Constants {
 
     /// Adds one term; `None`: it has no law here or lacks a parameter.
     fn add(&mut self, term: &PhysicsTerm, lead_m: Option<f64>) -> Option<()> {
-        let get = |name: &str| term.number(name);
+        let get = |parameter| term.value(parameter);
         let at_stage = !self.rigid && !matches!(term.port, Port::Motor | Port::Current);
         let side = usize::from(at_stage);
         if let Some(law) = ForceLaw::of(term, lead_m) {
@@ -123,37 +128,39 @@ impl Constants {
         match term.effect {
             E::EncoderInterpolationError => self.errors[encoder].push(EncoderError::of(term)?),
             E::EncoderQuantization => {
-                self.step_m[encoder] = self.step_m[encoder].max(get("step_m")?);
+                self.step_m[encoder] = self.step_m[encoder].max(get(&encoder_quantization::STEP)?);
             }
             E::FrictionDrift => {
-                let change = get("relative_change")?;
-                let viscous = get("with_viscous").is_some_and(|x| x != 0.0);
+                let change = get(&friction_drift::CHANGE)?;
+                let viscous = term.says(&friction_drift::WITH_VISCOUS);
                 self.warming[side].push(Warming {
                     change_n: change * self.coulomb_n[side],
                     change_n_s_m: if viscous { change * self.viscous_n_s_m[side] } else { 0.0 },
-                    time_constant_s: get("time_constant_s")?,
+                    time_constant_s: get(&friction_drift::TIME)?,
                 });
             }
             E::PreslidingFriction if at_stage || self.rigid => {
-                self.bristle_n_m = get("presliding_stiffness_n_m")?;
-                self.bristle_share = get("share").unwrap_or(1.0);
+                self.bristle_n_m = get(&presliding_friction::STIFFNESS)?;
+                self.bristle_share = get(&presliding_friction::SHARE).unwrap_or(1.0);
             }
             E::TorqueConstantSaturation => {
-                self.saturation += get("per_a2")?;
-                self.parabolic = get("parabolic").unwrap_or(0.0);
+                self.saturation += get(&torque_constant_saturation::PER_A2)?;
+                self.parabolic = get(&torque_constant_saturation::PARABOLIC).unwrap_or(0.0);
             }
-            E::Backlash => self.half_gap_m += 0.5 * get("gap_m")?,
-            E::NonlinearStiffness => self.cubic_n_m3 += get("cubic_n_m3")?,
+            E::Backlash => self.half_gap_m += 0.5 * get(&backlash::GAP)?,
+            E::NonlinearStiffness => self.cubic_n_m3 += get(&nonlinear_stiffness::CUBIC)?,
             E::PositionDependentStiffness => {
-                self.stiffness_slope_1_m += get("relative_variation")? / get("length_m")?;
+                self.stiffness_slope_1_m += get(&position_dependent_stiffness::VARIATION)?
+                    / get(&position_dependent_stiffness::LENGTH)?;
             }
             E::TorsionalMode if self.screw_kg.is_none() => {
-                let share = get("screw_inertia_share").unwrap_or(0.5).clamp(0.02, 0.98);
+                let share =
+                    get(&torsional_mode::SHARE).unwrap_or(torsional_mode::SHARE.usual).clamp(0.02, 0.98);
                 let screw_kg = share * self.motor_kg;
                 self.motor_kg -= screw_kg;
-                let frequency_hz = get("free_free_frequency_hz")?;
+                let frequency_hz = get(&torsional_mode::FREQUENCY)?;
                 self.torsion_n_m = Torsion::stiffness_of(frequency_hz, self.motor_kg, screw_kg);
-                let damping = get("damping_ratio").unwrap_or(0.02);
+                let damping = get(&torsional_mode::DAMPING).unwrap_or(torsional_mode::DAMPING.usual);
                 self.torsion_n_s_m = 2.0 * damping * (self.torsion_n_m * screw_kg).sqrt();
                 self.screw_kg = Some(screw_kg);
             }
@@ -186,19 +193,8 @@ impl Constants {
     }
 }
 
-/// Terms that are keys of a drive by another name.
+/// Terms that are keys of a drive by another name and no forces.
 fn into_keys(term: &PhysicsTerm, raw: &mut RawDriveParams) -> Option<()> {
-    let later = |t: &mut Option<f64>, extra: f64| *t = Some((t.unwrap_or(0.0) + extra).max(0.0));
-    match (term.effect, term.port) {
-        (E::DeadTime, Port::MotorEncoder) => {
-            later(&mut raw.motor_encoder_delay_s, term.number("extra_delay_s")?);
-        }
-        (E::DeadTime, Port::StageEncoder) => {
-            later(&mut raw.stage_encoder_delay_s, term.number("extra_delay_s")?);
-        }
-        (E::DeadTime, _) => later(&mut raw.amplifier_dead_time_s, term.number("extra_delay_s")?),
-        (E::CurrentLoopLag, _) => raw.current_loop_bandwidth_rad_s = Some(term.number("bandwidth_rad_s")?),
-        _ => return None,
-    }
-    Some(())
+    let of = Specification::of(term.effect).filter(|s| s.force.is_none())?;
+    of.key?(term, raw)
 }

@@ -1,15 +1,32 @@
-//! What the spring between motor side and stage does beside K D.
+//! A third inertia: motor and screw twist against each other.
 
-/// Stretch that a backlash of `gap_m` leaves to the spring: D - clamp(D, -gap/2, gap/2).
-#[must_use]
-pub fn after_backlash(stretch_m: f64, gap_m: f64) -> f64 {
-    stretch_m - stretch_m.clamp(-0.5 * gap_m, 0.5 * gap_m)
-}
+use super::{EffectKind, Parameter, PhysicsTerm, Port, Specification};
 
-/// D^3: hardening per N/m3.
+/// Of motor and screw without the rest.
+pub const FREQUENCY: Parameter = Parameter::constant("free_free_frequency_hz", "Hz", [50.0, 20_000.0]);
+/// Part of the rotary inertia that is the screw's.
+pub const SHARE: Parameter = Parameter::constant("screw_inertia_share", "1", [0.05, 0.95]).usual(0.5);
+/// Of the spring between them, by the screw's inertia.
+pub const DAMPING: Parameter = Parameter::constant("damping_ratio", "1", [1e-3, 0.5]).usual(0.02);
+
+/// What tells effects of the frequency apart.
+pub(super) const SWEEP: &str = "a sweep up to twice the axial resonance at two amplitudes";
+
+/// The effect.
+pub const SPECIFICATION: Specification = Specification {
+    domain: "frequency",
+    equation: "J_s e'' + c e' + (k + K) e = -J_s a_m - K D",
+    phrase: |_| "that the motor and the screw's far end twist against each other at {free_free_frequency_hz}",
+    mistaken_for: &[EffectKind::DeadTime, EffectKind::CurrentLoopLag],
+    told_apart_by: SWEEP,
+    ..Specification::new(EffectKind::TorsionalMode, &[FREQUENCY, SHARE, DAMPING])
+};
+
+/// The mode as a term of a model: frequency in Hz, share of the screw's inertia, damping ratio.
 #[must_use]
-pub fn cubic(stretch_m: f64) -> f64 {
-    stretch_m * stretch_m * stretch_m
+pub fn term([frequency_hz, share, damping]: [f64; 3]) -> PhysicsTerm {
+    let numbers = [(&FREQUENCY, frequency_hz), (&SHARE, share), (&DAMPING, damping)];
+    PhysicsTerm::new(EffectKind::TorsionalMode, Port::Coupling, &numbers)
 }
 
 /// Motor and screw on a torsional spring: the screw side as travel behind the motor, e = x_c - x_m.
@@ -93,12 +110,6 @@ impl Torsion {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_gap_takes_the_first_stretch() {
-        assert!((after_backlash(0.4e-6, 1e-6)).abs() < 1e-20);
-        assert!((after_backlash(-1.5e-6, 1e-6) + 1.0e-6).abs() < 1e-18);
-    }
 
     #[test]
     fn a_slow_load_twists_the_coupling_statically() {

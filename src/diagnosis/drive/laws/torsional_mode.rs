@@ -1,20 +1,46 @@
-//! The columns of a third inertia between motor and screw.
+//! A third inertia between motor and screw.
 
-use super::columns::{Ground, TimeColumn};
-use crate::plant::effects::coupling::Torsion;
+use super::*;
+use crate::plant::effects::torsional_mode::{DAMPING, FREQUENCY, SHARE, SPECIFICATION, Torsion};
 use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
 use std::f64::consts::{PI, TAU};
-use std::sync::Arc;
 
-impl Ground<'_> {
-    /// Third inertia: the coupling force less what the twist takes off it, and the motor's share of inertia.
-    pub(super) fn torsion(&self, frequency_hz: f64, share: f64, damping: f64) -> TimeColumn {
-        let m = &self.mechanics;
-        let screw_kg = share * m.motor_mass_kg;
+pub(super) const EFFECT: Effect = Effect {
+    candidates: |search| {
+        let factors = if search.two { &[0.75, 0.95, 1.2, 1.6, 2.2, 3.2, 4.5][..] } else { &[] };
+        let of = |factor: &f64| ThirdInertia::at(factor * search.signals.band_hz, SHARE.usual);
+        factors.iter().map(|factor| Hypothesis::new(Port::Coupling, of(factor))).collect()
+    },
+    stated: |term, _| {
+        let law = ThirdInertia {
+            frequency_hz: term.value(&FREQUENCY)?,
+            share: term.value(&SHARE).unwrap_or(SHARE.usual),
+            damping: term.value(&DAMPING).unwrap_or(DAMPING.usual),
+        };
+        Some((law.into(), vec![1.0]))
+    },
+    ..Effect::of(&SPECIFICATION)
+};
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct ThirdInertia {
+    frequency_hz: f64,
+    share: f64,
+    damping: f64,
+}
+
+impl ThirdInertia {
+    fn at(frequency_hz: f64, share: f64) -> Self {
+        Self { frequency_hz, share, damping: DAMPING.usual }
+    }
+
+    /// The coupling force less what the twist takes off it, and the motor's share of inertia.
+    fn column(&self, ground: &Ground<'_>) -> TimeColumn {
+        let m = &ground.mechanics;
+        let screw_kg = self.share * m.motor_mass_kg;
         let motor_kg = m.motor_mass_kg - screw_kg;
-        let k = Torsion::stiffness_of(frequency_hz, motor_kg, screw_kg);
-        let c = 2.0 * damping * (k * screw_kg).sqrt();
+        let k = Torsion::stiffness_of(self.frequency_hz, motor_kg, screw_kg);
+        let c = 2.0 * self.damping * (k * screw_kg).sqrt();
         let (spring, damper, twisted, turned) = (m.stiffness_n_m, m.structural_damping_n_s_m, k, c);
         // As a function of the positions, motor and stage.
         let operator = move |w: f64| {
@@ -29,8 +55,8 @@ impl Ground<'_> {
         let mut out =
             TimeColumn { sides: [Some(Vec::new()), Some(Vec::new())], operator: Some(Arc::new(operator)) };
         let mut planner = FftPlanner::new();
-        let rate_hz = self.signals.thin_rate_hz();
-        for track in &self.signals.tracks {
+        let rate_hz = ground.signals.thin_rate_hz();
+        for track in &ground.signals.tracks {
             let t = &track.thin;
             let load: Vec<f64> = (0..t.stretch.len())
                 .map(|j| {
@@ -73,5 +99,31 @@ impl Ground<'_> {
             out.sides[1].get_or_insert_with(Vec::new).push(stage);
         }
         out
+    }
+}
+
+impl Law for ThirdInertia {
+    fn facts(&self) -> Facts {
+        let facts = Facts::of(EffectKind::TorsionalMode, Size::Whole, &[]);
+        Facts { moves_with_numbers: true, trades: true, ..facts }
+    }
+
+    fn constants(&mut self) -> Vec<Free<'_>> {
+        vec![
+            Free { value: &mut self.frequency_hz, parameter: &FREQUENCY },
+            Free { value: &mut self.share, parameter: &SHARE },
+            Free { value: &mut self.damping, parameter: &DAMPING },
+        ]
+    }
+
+    fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
+        Some(vec![self.column(ground)])
+    }
+
+    /// Frequency and share trade along a valley with two ends.
+    fn starts(&self, _: &Balance) -> Vec<Shape> {
+        let of =
+            |share| [0.85, 0.92, 1.0, 1.08].map(|factor| Self::at(factor * self.frequency_hz, share).into());
+        [0.2, 0.35, SHARE.usual].into_iter().flat_map(of).collect()
     }
 }

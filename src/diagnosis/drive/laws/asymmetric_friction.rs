@@ -1,0 +1,28 @@
+//! |tanh| / 2, and |v| / 2 beside it.
+
+use super::*;
+use crate::plant::effects::asymmetric_friction::{DRY, SPECIFICATION, VISCOUS, asymmetric};
+
+pub(super) const EFFECT: Effect = Effect {
+    candidates: |_| [false, true].map(|viscous| Hypothesis::new(Port::Stage, Asymmetric { viscous })).into(),
+    ..Effect::of(&SPECIFICATION)
+};
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Asymmetric {
+    /// Viscous friction differs as well.
+    viscous: bool,
+}
+
+impl Law for Asymmetric {
+    fn facts(&self) -> Facts {
+        let amplitudes = if self.viscous { &[DRY, VISCOUS][..] } else { &[DRY] };
+        Facts::of(EffectKind::AsymmetricFriction, Size::Free, amplitudes)
+    }
+
+    fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {
+        let dry = at.of_speed(|v| asymmetric(v, at.ground.smoothing_m_s));
+        let viscous = self.viscous.then(|| at.of_speed(|v| 0.5 * v.abs()));
+        std::iter::once(dry).chain(viscous).collect()
+    }
+}

@@ -1,0 +1,51 @@
+//! A current loop of a bandwidth.
+
+use super::*;
+use crate::plant::effects::current_loop_lag::{BANDWIDTH, SPECIFICATION};
+
+pub(super) const EFFECT: Effect = Effect {
+    candidates: |search| {
+        if !search.has_command() || search.balance.clock_moved {
+            return Vec::new();
+        }
+        let (shares, of_rad_s, in_place) = match search.state.path.loop_rad_s {
+            Some(w) => (&[0.25, 0.4, 0.6, 0.85][..], w, false),
+            None => (&[0.1, 0.2, 0.5, 1.2, 3.0][..], search.signals.rate_hz, search.state.found_delay),
+        };
+        let of = |share: &f64| CurrentLoop { rad_s: share * of_rad_s, in_place };
+        shares.iter().map(|share| Hypothesis::new(Port::Current, of(share))).collect()
+    },
+    key: |_, state, raw| {
+        raw.current_loop_bandwidth_rad_s = state.path.loop_rad_s;
+        true
+    },
+    ..Effect::of(&SPECIFICATION)
+};
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct CurrentLoop {
+    pub(crate) rad_s: f64,
+    /// It takes its own lag off a dead time that was found.
+    pub(crate) in_place: bool,
+}
+
+impl Law for CurrentLoop {
+    fn facts(&self) -> Facts {
+        let facts = Facts::of(EffectKind::CurrentLoopLag, Size::Dose, &[]);
+        Facts { is_of_path: true, is_in_current: true, ..facts }
+    }
+
+    fn constants(&mut self) -> Vec<Free<'_>> {
+        vec![Free { value: &mut self.rad_s, parameter: &BANDWIDTH }]
+    }
+
+    fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
+        Some(vec![ground.path_change(ground.path.with_loop(self.rad_s, self.in_place))])
+    }
+
+    fn move_number(&self, state: &mut State, _: &Balance) -> bool {
+        state.path = state.path.with_loop(self.rad_s, self.in_place);
+        state.found_loop = true;
+        true
+    }
+}

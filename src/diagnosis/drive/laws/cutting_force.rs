@@ -1,0 +1,272 @@
+//! A cut: harmonics and a mean in a window, each recording with its own phases; and the mean force of tools
+//! that cut in one recording while the spindle turns.
+
+use super::*;
+use crate::plant::effects::cutting_force::{END, FUNDAMENTAL, HARMONICS, PEAK, SPECIFICATION, START};
+use crate::signal::sliding_median::sliding_median;
+use std::f64::consts::TAU;
+
+/// Harmonics of a cut.
+const CUT_HARMONICS: usize = 10;
+/// Harmonics whose sum a cut is searched by.
+const SEARCHED_HARMONICS: usize = 4;
+
+pub(super) const EFFECT: Effect = Effect {
+    candidates: |search| {
+        let whole = [0.0, search.signals.longest_s()];
+        let of_spindle = search.signals.spindle_hz().map(|hz| Cut { hz, window_s: whole });
+        let of_spindle = of_spindle.map(|law| Hypothesis::new(Port::Stage, law));
+        of_spindle.into_iter().chain(search.lines().iter().copied()).collect()
+    },
+    ..Effect::of(&SPECIFICATION)
+};
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Cut {
+    pub(crate) hz: f64,
+    /// Begin and end, s since the recording began.
+    pub(crate) window_s: [f64; 2],
+}
+
+/// Frequency with its relative deviation, force with its deviation, and from when to when, both to `sd_s`.
+fn tell(sheet: &mut Sheet, [hz, relative]: [f64; 2], [force_n, sd_n]: [f64; 2], window: ([f64; 2], f64)) {
+    sheet.constant(&FUNDAMENTAL, hz, relative);
+    sheet.force(&PEAK, force_n, sd_n);
+    let ([start_s, end_s], sd_s) = window;
+    sheet.add(&START, start_s, sd_s);
+    sheet.add(&END, end_s, sd_s);
+}
+
+fn facts() -> Facts {
+    let facts = Facts::of(EffectKind::CuttingForce, Size::Free, &[]);
+    Facts { is_of_one_recording: true, ..facts }
+}
+
+impl Law for Cut {
+    fn facts(&self) -> Facts {
+        facts()
+    }
+
+    fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
+        let (peak_n, sd_n) = peak_of_cut(&told.law.amplitudes, told.deviation(0));
+        tell(sheet, [self.hz, told.relative(0)], [peak_n, sd_n], (self.window_s, 0.02));
+        true
+    }
+
+    fn write(&self, _: &Told<'_>, term: &mut PhysicsTerm) {
+        term.push(&HARMONICS, ParameterValue::Number(CUT_HARMONICS as f64));
+    }
+
+    fn constants(&mut self) -> Vec<Free<'_>> {
+        vec![Free { value: &mut self.hz, parameter: &FUNDAMENTAL }]
+    }
+
+    /// Harmonics and mean in a window; every recording has columns of its own.
+    fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
+        let Self { hz, window_s } = *self;
+        let side = usize::from(ground.signals.sides() == 2);
+        let empty = ground.signals.each(|t| vec![0.0; t.thin_count()]);
+        let mut out = Vec::new();
+        for (r, track) in ground.signals.tracks.iter().enumerate() {
+            let inside = |j: usize| {
+                let t = track.thin_s(j, ground.signals.step);
+                (t >= window_s[0] && t < window_s[1]).then_some(t)
+            };
+            if !(0..track.thin_count()).any(|j| inside(j).is_some()) {
+                continue;
+            }
+            let mut push = |f: &dyn Fn(f64) -> f64| {
+                let mut series = empty.clone();
+                series[r].iter_mut().enumerate().for_each(|(j, v)| *v = inside(j).map_or(0.0, f));
+                out.push(TimeColumn::at(side, series));
+            };
+            let heard = (ground.signals.top_hz() / hz) as usize;
+            for h in 1..=CUT_HARMONICS.min(heard.max(1)) {
+                let w = TAU * hz * h as f64;
+                push(&|t| (w * t).sin());
+                push(&|t| (w * t).cos());
+            }
+            push(&|_| 1.0);
+        }
+        Some(out)
+    }
+
+    fn window_s(&mut self) -> Option<&mut [f64; 2]> {
+        Some(&mut self.window_s)
+    }
+
+    fn repeated(&self, times: f64) -> Option<Shape> {
+        Some(Self { hz: times * self.hz, ..*self }.into())
+    }
+}
+
+/// The mean force in a window of one recording.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Push {
+    pub(crate) recording: usize,
+    pub(crate) spindle_hz: f64,
+    /// Begin and end, s since the recording began.
+    pub(crate) window_s: [f64; 2],
+}
+
+impl Law for Push {
+    fn facts(&self) -> Facts {
+        facts()
+    }
+
+    fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
+        let force = [told.amplitude(0), told.deviation(0)];
+        tell(sheet, [self.spindle_hz, 0.0], force, (self.window_s, 1.0 / self.spindle_hz));
+        true
+    }
+
+    fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
+        let mut series = ground.signals.each(|t| vec![0.0; t.thin_count()]);
+        let track = &ground.signals.tracks[self.recording];
+        for (j, v) in series[self.recording].iter_mut().enumerate() {
+            let t = track.thin_s(j, ground.signals.step);
+            *v = f64::from(u8::from(t >= self.window_s[0] && t < self.window_s[1]));
+        }
+        Some(vec![TimeColumn::at(usize::from(ground.signals.sides() == 2), series)])
+    }
+
+    fn window_s(&mut self) -> Option<&mut [f64; 2]> {
+        Some(&mut self.window_s)
+    }
+}
+
+/// Sine and cosine of each harmonic, then the mean: how many numbers a recording has.
+fn numbers_of_cut(amplitudes: &[f64]) -> usize {
+    let sets = (1..=8).filter(|n| amplitudes.len().is_multiple_of(*n));
+    let lengths: Vec<usize> = sets.map(|n| amplitudes.len() / n).collect();
+    lengths.iter().copied().find(|l| l % 2 == 1 && *l <= 2 * CUT_HARMONICS + 1).unwrap_or(1)
+}
+
+/// Largest force of a cut over a period, its mean included, of the recording where it is largest.
+///
+/// A tool that cuts part of the time pushes in pulses: their height is what the machine feels, not the
+/// amplitude of one harmonic.
+fn peak_of_cut(amplitudes: &[f64], deviation: f64) -> (f64, f64) {
+    /// Places in a period.
+    const PLACES: usize = 360;
+    let length = numbers_of_cut(amplitudes);
+    let mut most = 0.0_f64;
+    for set in amplitudes.chunks_exact(length.max(1)) {
+        for place in 0..PLACES {
+            let turn = TAU * place as f64 / PLACES as f64;
+            let waves = set[..length - 1].chunks_exact(2).enumerate();
+            let wave: f64 = waves
+                .map(|(h, c)| {
+                    let (sin, cos) = ((h + 1) as f64 * turn).sin_cos();
+                    c[0] * sin + c[1] * cos
+                })
+                .sum();
+            most = most.max((set[length - 1] + wave).abs());
+        }
+    }
+    (most, deviation * (length as f64).sqrt())
+}
+
+impl Search<'_> {
+    /// Where lines of what is left may be a cut.
+    pub(crate) fn found_lines(&self) -> Vec<Hypothesis> {
+        match self.signals.layout {
+            Layout::Locked => Vec::new(),
+            Layout::TwoPositions | Layout::OnePosition => cuts(self.balance, &self.left),
+        }
+    }
+
+    /// Ways in a period of each line, at the middle one of the speeds that the axis has while it lasts, m.
+    pub(crate) fn ways_of_lines(&self) -> Vec<f64> {
+        self.lines().iter().filter_map(|h| self.way_of_line(h)).collect()
+    }
+
+    fn way_of_line(&self, h: &Hypothesis) -> Option<f64> {
+        let Shape::Cut(Cut { hz, window_s: [start_s, end_s] }) = h.shape else { return None };
+        let mut speeds = Vec::new();
+        for track in &self.signals.tracks {
+            let inside = |j: &usize| (start_s..end_s).contains(&track.thin_s(*j, self.signals.step));
+            speeds.extend((0..track.thin_count()).filter(inside).map(|j| track.thin.velocity[0][j].abs()));
+        }
+        speeds.sort_by(f64::total_cmp);
+        speeds.get(speeds.len() / 2).map(|v| v / hz).filter(|way_m| *way_m > 0.0)
+    }
+}
+
+/// Lines that stand out of the unwhitened stage balance with their harmonics, for a while.
+fn cuts(balance: &Balance, left: &Column) -> Vec<Hypothesis> {
+    let s = &balance.signals;
+    let side = usize::from(s.sides() == 2);
+    let Some(spectrum) = &left.sides[side] else { return Vec::new() };
+    let bin_hz = balance.plan.bin_hz;
+    let series = balance.plan.series(spectrum, &s.lengths());
+    let mut best: Vec<(f64, f64, usize)> = Vec::new();
+    for r in 0..s.tracks.len() {
+        let blocks = balance.plan.powers(spectrum, r);
+        let bins = blocks.first().map_or(0, |b| b.1.len());
+        if bins < 32 {
+            continue;
+        }
+        let (mut sums, mut alone) = (vec![0.0; bins], vec![0.0; bins]);
+        for (_, power) in &blocks {
+            let floor = sliding_median(power, 12);
+            let ratios: Vec<f64> = power.iter().zip(&floor).map(|(p, f)| p / f.max(1e-300)).collect();
+            for k in 3..bins {
+                let of = |h: usize| ratios.get(h * k).map_or(0.0, |r| (r - 1.0).clamp(0.0, 200.0));
+                sums[k] += (1..=SEARCHED_HARMONICS).map(of).sum::<f64>() / blocks.len() as f64;
+                alone[k] += of(1) / blocks.len() as f64;
+            }
+        }
+        let mut order: Vec<usize> = (4..bins - 1).collect();
+        order.sort_by(|a, b| sums[*b].total_cmp(&sums[*a]));
+        best.extend(order.into_iter().take(2).map(|k| (sums[k], first_line(&alone, k) as f64 * bin_hz, r)));
+    }
+    best.sort_by(|a, b| b.0.total_cmp(&a.0));
+    best.truncate(2);
+    best.into_iter().filter_map(|(_, hz, r)| cut_at(balance, &series[r], (hz, r))).collect()
+}
+
+/// The first of a line's harmonics that is there itself: what repeats after a period does so after two.
+fn first_line(alone: &[f64], k: usize) -> usize {
+    /// Over the strongest of them.
+    const THERE: f64 = 0.25;
+    let of = |h: usize| alone.get(h * k).copied().unwrap_or(0.0);
+    let strongest = (1..=SEARCHED_HARMONICS).map(of).fold(0.0, f64::max);
+    k * (1..=SEARCHED_HARMONICS).find(|h| of(*h) >= THERE * strongest).unwrap_or(1)
+}
+
+/// The line near `hz` in one recording, where its envelope is above half of its plateau.
+fn cut_at(balance: &Balance, x: &[f64], (hz, recording): (f64, usize)) -> Option<Hypothesis> {
+    let line = Demodulated::new(balance, x, (hz, recording));
+    let reach = balance.plan.bin_hz.min(0.45 / line.each_s);
+    let off = strongest_off(std::slice::from_ref(&line), reach);
+    let sizes: Vec<f64> = line.sums.iter().map(|v| v.norm()).collect();
+    let mut sorted = sizes.clone();
+    sorted.sort_by(f64::total_cmp);
+    let plateau = sorted[sorted.len() * 9 / 10];
+    let above: Vec<bool> = sizes.iter().map(|v| *v > 0.5 * plateau).collect();
+    let (from, to) = longest_run(&above)?;
+    let edge = |c: usize| line.first_s + c as f64 * line.each_s;
+    Some(Hypothesis::new(Port::Stage, Cut { hz: hz + off, window_s: [edge(from), edge(to)] }))
+}
+
+/// Begin and end of the longest stretch of true, single gaps bridged.
+fn longest_run(flags: &[bool]) -> Option<(usize, usize)> {
+    let bridged: Vec<bool> = (0..flags.len())
+        .map(|k| flags[k] || (k > 0 && k + 1 < flags.len() && flags[k - 1] && flags[k + 1]))
+        .collect();
+    let (mut best, mut from) = ((0, 0), None);
+    for (k, flag) in bridged.iter().chain([&false]).enumerate() {
+        match (flag, from) {
+            (true, None) => from = Some(k),
+            (false, Some(f)) => {
+                if k - f > best.1 - best.0 {
+                    best = (f, k);
+                }
+                from = None;
+            }
+            _ => {}
+        }
+    }
+    (best.1 > best.0).then_some(best)
+}

@@ -1,0 +1,157 @@
+//! A thrust later than stated, or earlier, which is a wrong number; an encoder that answers later.
+
+use super::*;
+use crate::plant::effects::dead_time::{EXTRA, SPECIFICATION};
+
+pub(super) const EFFECT: Effect = Effect {
+    candidates: |search| {
+        let mut list = Vec::new();
+        if search.balance.clock_moved {
+            return list;
+        }
+        let period_s = 1.0 / search.signals.rate_hz;
+        if search.has_command() {
+            let late = |samples| Delay { extra_s: samples * period_s, early: false };
+            list.extend([0.3, 0.8, 1.6, 3.0, 5.0].map(|s| Hypothesis::new(Port::Current, late(s))));
+        }
+        if search.two {
+            let law = EncoderDelay { extra_s: 0.5 / search.signals.rate_hz };
+            list.extend([Port::MotorEncoder, Port::StageEncoder].map(|port| Hypothesis::new(port, law)));
+        }
+        list
+    },
+    // A force later than stated that its motion shows: a wrong number or another clock.
+    faults: |search| {
+        let state = search.state;
+        if !state.inertial || search.balance.clock_moved || state.found_delay {
+            return Vec::new();
+        }
+        let of = |samples: f64| Delay { extra_s: samples / search.signals.rate_hz, early: true };
+        [0.5, 1.5, 5.0, 15.0].map(|samples| Hypothesis::new(Port::Current, of(samples))).into()
+    },
+    key: |found, state, raw| {
+        let of_drive = found.port == Port::Current;
+        if of_drive {
+            raw.amplifier_dead_time_s = Some(state.path.delay_s);
+        }
+        of_drive
+    },
+    ..Effect::of(&SPECIFICATION)
+};
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Delay {
+    pub(crate) extra_s: f64,
+    pub(crate) early: bool,
+}
+
+impl Delay {
+    fn by_s(&self) -> f64 {
+        if self.early { -self.extra_s } else { self.extra_s }
+    }
+}
+
+/// When inside a sample a signal acts differs between drives.
+fn tell(extra_s: f64, told: &Told<'_>, sheet: &mut Sheet) {
+    let within = Criteria::STANDARD.timing_deviation / told.balance.signals.rate_hz;
+    sheet.add(&EXTRA, extra_s, within.hypot(extra_s * told.relative(0)));
+}
+
+impl Law for Delay {
+    fn facts(&self) -> Facts {
+        let facts = Facts::of(EffectKind::DeadTime, Size::Dose, &[]);
+        Facts { is_of_path: true, is_number: self.early, is_in_current: true, ..facts }
+    }
+
+    fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
+        tell(self.extra_s, told, sheet);
+        true
+    }
+
+    fn constants(&mut self) -> Vec<Free<'_>> {
+        vec![Free { value: &mut self.extra_s, parameter: &EXTRA }]
+    }
+
+    fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
+        let path = ground.path;
+        Some(vec![ground.path_change(Path { delay_s: path.delay_s + self.by_s(), ..path })])
+    }
+
+    fn move_number(&self, state: &mut State, balance: &Balance) -> bool {
+        state.path.delay_s += self.by_s();
+        state.found_delay = true;
+        state.timing_s = Criteria::STANDARD.timing_usual / balance.signals.rate_hz;
+        true
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct EncoderDelay {
+    extra_s: f64,
+}
+
+impl Law for EncoderDelay {
+    fn facts(&self) -> Facts {
+        Facts::of(EffectKind::DeadTime, Size::Dose, &[])
+    }
+
+    fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
+        tell(self.extra_s, told, sheet);
+        true
+    }
+
+    fn constants(&mut self) -> Vec<Free<'_>> {
+        vec![Free { value: &mut self.extra_s, parameter: &EXTRA }]
+    }
+
+    fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {
+        let read = later(at.x_m, self.extra_s * at.track.rate_hz);
+        vec![at.x_m.iter().zip(read).map(|(now, then)| now - then).collect()]
+    }
+
+    fn columns(&self, ground: &Ground<'_>, port: Port) -> Option<Vec<TimeColumn>> {
+        let of = ground.read_at(port);
+        let extra_s = self.extra_s;
+        let mut out = ground.encoder(self, port);
+        let operator = Arc::new(move |w: f64| {
+            let read = 1.0 - Complex::from_polar(1.0, w * extra_s);
+            let coupled = read * Complex::new(of.spring_n_m, w * of.damper_n_s_m);
+            let own = read * Complex::new(of.mass_kg * w * w, -w * of.damping_n_s_m) - coupled;
+            let none = Complex::new(0.0, 0.0);
+            if of.at_stage { [none, coupled, none, own] } else { [own, none, coupled, none] }
+        });
+        out.iter_mut().for_each(|column| column.operator = Some(operator.clone()));
+        Some(out)
+    }
+
+    /// When inside a sample an encoder is read.
+    fn is_usual(&self, balance: &Balance, _: &State, _: &[f64]) -> bool {
+        self.extra_s * balance.signals.rate_hz < Z95 * Criteria::STANDARD.timing_deviation
+    }
+}
+
+/// The series that many samples later, by cubic interpolation.
+fn later(x: &[f64], samples: f64) -> Vec<f64> {
+    let whole = samples.floor();
+    let t = samples - whole;
+    let weights = [
+        -t * (t - 1.0) * (t - 2.0) / 6.0,
+        (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+        -(t + 1.0) * t * (t - 2.0) / 2.0,
+        (t + 1.0) * t * (t - 1.0) / 6.0,
+    ];
+    let at = |k: usize, j: usize| x[(k + whole as usize + j).saturating_sub(1).min(x.len() - 1)];
+    (0..x.len()).map(|k| (0..4).map(|j| weights[j] * at(k, j)).sum()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::later;
+
+    #[test]
+    fn a_shift_is_exact_for_cubics() {
+        let x: Vec<f64> = (0..50).map(|k| (0.1 * f64::from(k)).powi(3)).collect();
+        let y = later(&x, 2.3);
+        assert!((y[10] - 1.23_f64.powi(3)).abs() < 1e-12);
+    }
+}

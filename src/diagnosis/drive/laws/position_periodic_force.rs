@@ -1,0 +1,72 @@
+//! sin, cos of x and of 2 x over the wavelength.
+
+use super::*;
+use crate::plant::effects::periodic::waves;
+use crate::plant::effects::position_periodic_force::{ORDER, SPECIFICATION, WAVELENGTH};
+use std::f64::consts::TAU;
+
+pub(super) const EFFECT: Effect = Effect {
+    candidates: |search| {
+        if search.signals.layout == Layout::Locked {
+            return Vec::new();
+        }
+        let longest = 0.5 * search.travel_m();
+        let shortest = search.travel_m() * SHORTEST;
+        // Waves of the screw itself, then peaks of what is left, with and without the weights of its bands: a
+        // slow wave has made its own band worthless.
+        let of_screw = search.lead_m.into_iter().flat_map(|l| [l, 0.5 * l]);
+        let of_screw = of_screw.filter(|l| (shortest..longest).contains(l));
+        let found = [search.whitened(search.last()), search.plain(search.last())];
+        let found = found.into_iter().flat_map(|x| search.peaks(&x, [shortest, longest]));
+        // What lasts while the axis moves at one speed is a wave over position as well.
+        let of_lines = search.ways_of_lines().into_iter().filter(|l| !search.is_of_turn(*l));
+        let all = of_screw.chain(found).chain(of_lines);
+        all.map(|wavelength_m| Hypothesis::new(Port::Stage, Wave { wavelength_m, of_motor: false })).collect()
+    },
+    ..Effect::of(&SPECIFICATION)
+};
+
+/// Of the guide, or of the motor's torque.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Wave {
+    pub(super) wavelength_m: f64,
+    pub(super) of_motor: bool,
+}
+
+impl Law for Wave {
+    fn facts(&self) -> Facts {
+        let (motor, guide) = (EffectKind::TorqueRipple, EffectKind::PositionPeriodicForce);
+        Facts::of(if self.of_motor { motor } else { guide }, Size::Free, &[])
+    }
+
+    fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
+        let lead_m = told.balance.drive.screw_lead_m().unwrap_or(TAU);
+        match self.of_motor {
+            true => sheet.constant(&ORDER, lead_m / self.wavelength_m, told.relative(0)),
+            false => sheet.constant(&WAVELENGTH, self.wavelength_m, told.relative(0)),
+        }
+        sheet.wave((&AMPLITUDE_N, sheet.scale), told);
+        true
+    }
+
+    fn write(&self, told: &Told<'_>, term: &mut PhysicsTerm) {
+        term.push(&HARMONICS_N, ParameterValue::List(told.law.amplitudes.clone()));
+    }
+
+    fn constants(&mut self) -> Vec<Free<'_>> {
+        vec![Free { value: &mut self.wavelength_m, parameter: &WAVELENGTH }]
+    }
+
+    fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {
+        waves(at.x_m, self.wavelength_m)
+    }
+
+    fn repeated(&self, times: f64) -> Option<Shape> {
+        Some(Self { wavelength_m: self.wavelength_m / times, ..*self }.into())
+    }
+
+    /// The texture of a guide by itself.
+    fn is_usual(&self, _: &Balance, state: &State, amplitudes: &[f64]) -> bool {
+        rms(amplitudes) * (amplitudes.len() as f64).sqrt() < Criteria::STANDARD.texture * state.dry_n()
+    }
+}

@@ -1,0 +1,82 @@
+//! Estimates of a law with their intervals.
+
+use super::super::criteria::{Criteria, Z95};
+use super::super::state::{Accepted, Balance, State};
+use super::super::words::Deviations;
+use crate::diagnosis::result::Estimate;
+use crate::plant::effects::periodic::amplitude_phase;
+use crate::plant::effects::{PHASE, Parameter};
+
+/// Logarithms of intervals end here: the data say nothing.
+const MOST_DOUBT: f64 = 6.9;
+
+/// A law as the last fit has it.
+pub(crate) struct Told<'a> {
+    pub(crate) balance: &'a Balance,
+    pub(crate) state: &'a State,
+    pub(crate) law: &'a Accepted,
+    pub(crate) deviations: &'a Deviations,
+}
+
+impl Told<'_> {
+    /// An amplitude.
+    pub(crate) fn amplitude(&self, k: usize) -> f64 {
+        self.law.amplitudes.get(k).copied().unwrap_or(0.0)
+    }
+
+    /// Its deviation.
+    pub(crate) fn deviation(&self, k: usize) -> f64 {
+        self.deviations.amplitudes.get(k).copied().unwrap_or(0.0)
+    }
+
+    /// Deviation of the logarithm of a constant.
+    pub(crate) fn relative(&self, k: usize) -> f64 {
+        self.deviations.constants.get(k).copied().unwrap_or(0.0)
+    }
+
+    /// A force over the dry friction of the stage.
+    pub(crate) fn of_coulomb(&self, force_n: f64) -> f64 {
+        force_n / self.state.coulomb_n().max(1e-300)
+    }
+}
+
+/// Relative deviation of every force by the torque constant; none where a force is recorded.
+pub(crate) fn scale_deviation(balance: &Balance) -> f64 {
+    let current = balance.signals.tracks.iter().any(|t| t.reference.is_current);
+    if current { Criteria::STANDARD.torque_constant_tolerance } else { 0.0 }
+}
+
+/// Collects estimates.
+pub(crate) struct Sheet {
+    pub(crate) list: Vec<Estimate>,
+    /// See [`scale_deviation`].
+    pub(crate) scale: f64,
+}
+
+impl Sheet {
+    pub(crate) fn add(&mut self, p: &Parameter, value: f64, deviation: f64) {
+        let half = (Z95 * deviation).min(1e3 * value.abs()).max(1e-12 * value.abs());
+        let ci95 = [value - half, value + half];
+        self.list.push(Estimate { name: p.name.to_owned(), value, unit: p.unit, ci95 });
+    }
+
+    /// A number measured in newtons: the torque constant's own error adds.
+    pub(crate) fn force(&mut self, p: &Parameter, value: f64, deviation: f64) {
+        self.add(p, value, deviation.hypot(self.scale * value));
+    }
+
+    /// Amplitude, with that relative deviation of its scale, and phase of a wave.
+    pub(crate) fn wave(&mut self, (p, scale): (&Parameter, f64), told: &Told<'_>) {
+        let (amplitude, phase) = amplitude_phase(told.amplitude(0), told.amplitude(1));
+        let deviation = told.deviation(0).max(told.deviation(1));
+        self.add(p, amplitude, deviation.hypot(scale * amplitude));
+        self.add(&PHASE, phase, deviation / amplitude.max(1e-300));
+    }
+
+    /// A constant of a law that is evaluated between samples, by its logarithm.
+    pub(crate) fn constant(&mut self, p: &Parameter, value: f64, relative: f64) {
+        let half = (Z95 * relative.hypot(Criteria::STANDARD.exactness)).min(MOST_DOUBT);
+        let ci95 = [value * (-half).exp(), value * half.exp()];
+        self.list.push(Estimate { name: p.name.to_owned(), value, unit: p.unit, ci95 });
+    }
+}
