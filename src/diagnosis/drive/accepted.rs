@@ -1,7 +1,7 @@
 //! A law that stands in the model of a balance.
 
-use super::columns::{Ground, TimeColumn};
-use super::laws::{DIFFERENCE, Hypothesis};
+use super::columns::{DIFFERENCE, Ground, TimeColumn};
+use super::laws::Hypothesis;
 use super::number::Number;
 use crate::plant::effects::law::ForceLaw;
 
@@ -47,7 +47,7 @@ impl Accepted {
     pub(super) fn columns(&self, ground: &Ground<'_>) -> Vec<TimeColumn> {
         let all = match &self.stated {
             Some(law) => vec![ground.stated(law, self.hypothesis.port)],
-            None => ground.columns(&self.hypothesis),
+            None => self.hypothesis.columns(ground),
         };
         if !self.is_one_column() {
             return all;

@@ -7,7 +7,7 @@ use super::faults::force_faults;
 use super::gram::{BandGram, Part};
 use super::laws::current_loop_lag::CurrentLoop;
 use super::laws::dead_time::Delay;
-use super::laws::{Hypothesis, Told, scale_deviation};
+use super::laws::{Deviations, Hypothesis, scale_deviation};
 use super::likelihood::Design;
 use super::model::{is_other_size, sizes};
 use super::notes;
@@ -15,7 +15,7 @@ use super::numbers::{Absent, Doubt, absent, corrections, doubt, fit_without, sta
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::state::{Accepted, Balance, Number, State};
-use super::words::{Deviations, specification, statement, told};
+use super::words::{specification, statement, told};
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
     Alternative, Contribution, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit, Location,
@@ -226,7 +226,7 @@ impl Case<'_> {
         let is_found = |a: &Accepted| a.given.is_none() && !a.hypothesis.facts().is_number;
         for (k, law) in state.accepted.iter().enumerate().filter(|(_, a)| is_found(a)) {
             let h = &law.hypothesis;
-            let (estimates, term) = told(&Told { balance, state, law, deviations: &doubt.laws[k] });
+            let (estimates, term) = told(h, &state.told(balance, law, &doubt.laws[k]));
             let (evidence_nats, level_nats) = self.evidence_of(h.effect, h.port);
             list.push(Found {
                 effect: h.effect,
@@ -290,7 +290,7 @@ impl Case<'_> {
         for (hypothesis, deviation) in laws {
             let law = Accepted::found(hypothesis, vec![1.0]);
             let sd = Deviations { amplitudes: vec![0.0], constants: vec![deviation] };
-            let (estimates, term) = told(&Told { balance, state, law: &law, deviations: &sd });
+            let (estimates, term) = told(&hypothesis, &state.told(balance, &law, &sd));
             let Hypothesis { effect, port, .. } = hypothesis;
             let (evidence_nats, level_nats) = self.evidence_of(effect, port);
             list.push(Found {

@@ -4,7 +4,6 @@
 //! that the model needs more. Laws that are not linear are taken at the full rate and then pass the low-pass
 //! of the balance; none is a first Taylor term.
 
-use super::laws::{DIFFERENCE, Hypothesis, Law};
 use super::number::{Mechanics, TURNING};
 use super::signals::{Layout, Path, Signals, Track};
 use super::spectra::{Response, Series};
@@ -14,6 +13,9 @@ use crate::plant::effects::coulomb_friction::sliding_direction;
 use crate::plant::effects::law::ForceLaw;
 use rustfft::num_complex::Complex;
 use std::sync::Arc;
+
+/// A relative step over which a law is differentiated by a constant.
+pub(super) const DIFFERENCE: f64 = 1e-3;
 
 /// A response as a function of w, rad/s. `None` for what is no linear function of the positions.
 pub(super) type Operator = Option<Arc<dyn Fn(f64) -> Response + Send + Sync>>;
@@ -111,22 +113,23 @@ pub(super) struct ReadAt {
 }
 
 impl<'a> Ground<'a> {
-    /// The columns of a hypothesis.
-    pub(super) fn columns(&self, h: &Hypothesis) -> Vec<TimeColumn> {
-        h.law().columns(self, h.port).unwrap_or_else(|| self.forces(h))
-    }
-
-    /// What a law at a port is in a recording, one value per full-rate sample, see [`Law::full`].
-    pub(super) fn full(&'a self, (law, port): (&dyn Law, Port), track: &'a Track) -> Vec<Vec<f64>> {
+    /// A recording where a law at a port is asked.
+    pub(super) fn at(&'a self, port: Port, track: &'a Track) -> At<'a> {
         let side = &track.sides[self.side(port)];
-        law.full(&At { ground: self, track, x_m: &side.x_m, v_m_s: &side.v_m_s })
+        At { ground: self, track, x_m: &side.x_m, v_m_s: &side.v_m_s }
     }
 
-    fn forces(&self, h: &Hypothesis) -> Vec<TimeColumn> {
-        let signs = self.signs(h.port);
+    /// The columns of forces at a port, `full` at the full rate; what of them is force of the spring.
+    pub(super) fn forces(
+        &self,
+        port: Port,
+        full: impl Fn(&Track) -> Vec<Vec<f64>>,
+        springs: &[SpringLaw],
+    ) -> Vec<TimeColumn> {
+        let signs = self.signs(port);
         let mut out: Vec<TimeColumn> = Vec::new();
         for (r, track) in self.signals.tracks.iter().enumerate() {
-            for (k, full) in self.full((h.law(), h.port), track).into_iter().enumerate() {
+            for (k, full) in full(track).into_iter().enumerate() {
                 if r == 0 {
                     out.push(TimeColumn::default());
                 }
@@ -139,7 +142,7 @@ impl<'a> Ground<'a> {
                 }
             }
         }
-        for (column, stiffness) in out.iter_mut().zip(self.mean_stiffness(&h.law().springs(self))) {
+        for (column, stiffness) in out.iter_mut().zip(self.mean_stiffness(springs)) {
             column.operator =
                 Some(Arc::new(move |_| [1.0, -1.0, -1.0, 1.0].map(|s| Complex::new(s * stiffness, 0.0))));
         }
@@ -238,12 +241,12 @@ impl<'a> Ground<'a> {
     }
 
     /// An error of an encoder goes through everything that is made of its position.
-    pub(super) fn encoder(&self, law: &dyn Law, port: Port) -> Vec<TimeColumn> {
+    pub(super) fn encoder(&self, port: Port, error_m: impl Fn(&Track) -> Vec<Vec<f64>>) -> Vec<TimeColumn> {
         let of = self.read_at(port);
         let [own_side, other] = if of.at_stage { [1, 0] } else { [0, 1] };
         let mut out: Vec<TimeColumn> = Vec::new();
         for (r, track) in self.signals.tracks.iter().enumerate() {
-            for (k, e) in self.full((law, port), track).iter().enumerate() {
+            for (k, e) in error_m(track).iter().enumerate() {
                 if r == 0 {
                     out.push(TimeColumn::default());
                 }

@@ -39,7 +39,7 @@ pub(super) fn price(constants: usize, count: f64) -> f64 {
 
 /// The columns of a state with those of a hypothesis behind them, and their products over all recordings.
 fn beside(balance: &Balance, state: &State, h: &Hypothesis) -> (Gram, Vec<BandGram>) {
-    let columns = state.ground(balance).columns(h).iter().map(|t| balance.column(t)).collect();
+    let columns = h.columns(&state.ground(balance)).iter().map(|t| balance.column(t)).collect();
     let gram = state.base.gram.with(&balance.plan, columns);
     let bands = gram.sum(&balance.plan, Part::All);
     (gram, bands)

@@ -1,6 +1,6 @@
 //! The frequency of a line, finer than the bins of a spectrum.
 
-use super::state::Balance;
+use super::signals::Signals;
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
@@ -14,8 +14,7 @@ pub(super) struct Demodulated {
 }
 
 impl Demodulated {
-    pub(super) fn new(balance: &Balance, x: &[f64], (hz, recording): (f64, usize)) -> Self {
-        let s = &balance.signals;
+    pub(super) fn new(s: &Signals, x: &[f64], (hz, recording): (f64, usize)) -> Self {
         let rate_hz = s.thin_rate_hz();
         let first_s = s.tracks[recording].thin_s(0, s.step);
         let length = ((0.1_f64.max(3.0 / hz) * rate_hz) as usize).clamp(4, (x.len() / 4).max(4));

@@ -57,7 +57,7 @@ impl Case<'_> {
         }
         let mut raw = axis.drive.raw().clone();
         for f in findings {
-            let key = Effect::of_kind(f.effect).is_some_and(|e| (e.key)(&f.term, state, &mut raw));
+            let key = Effect::of_kind(f.effect).is_some_and(|e| (e.key)(&f.term, state.path, &mut raw));
             if !key {
                 axis.physics.push(f.term.clone());
             }

@@ -74,8 +74,8 @@ pub(super) fn contribution(
     let ground = state.ground(balance);
     let h = &law.hypothesis;
     let amplitudes: Vec<f64> = law.amplitudes.iter().map(|a| law.scale * a).collect();
-    let thin = balance.signals.tracks.iter().all(|t| ground.full((h.law(), h.port), t).is_empty());
-    let columns = if thin { ground.columns(h) } else { Vec::new() };
+    let thin = balance.signals.tracks.iter().all(|t| h.full(&ground, t).is_empty());
+    let columns = if thin { h.columns(&ground) } else { Vec::new() };
     let sum = TimeColumn::sum(columns.iter().zip(amplitudes.iter().copied()));
     let side = usize::from(h.port == Port::Stage && balance.signals.layout == Layout::TwoPositions);
     balance
@@ -85,7 +85,7 @@ pub(super) fn contribution(
         .enumerate()
         .map(|(r, track)| {
             let unit = if h.facts().is_in_current { -1.0 / track.reference.per_unit } else { 1.0 };
-            let columns = ground.full((h.law(), h.port), track);
+            let columns = h.full(&ground, track);
             let value = if let Some(first) = columns.first() {
                 let mut full = vec![0.0; first.len()];
                 for (column, a) in columns.iter().zip(&amplitudes) {

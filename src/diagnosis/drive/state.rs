@@ -5,6 +5,7 @@ pub(super) use super::balance::{Balance, LAG_STEP, stated_mechanics};
 pub(super) use super::base::{Base, amplitude_bounds, knockoff_design, residual};
 use super::base::{Laws, base};
 use super::columns::Ground;
+use super::laws::{Deviations, Standing, Told};
 use super::number::Mechanics;
 pub(super) use super::number::Number;
 use super::signals::{Layout, Path};
@@ -165,8 +166,37 @@ impl State {
         self.mechanics.stage_coulomb_n + bristles.map(|a| a.scale * a.amplitudes[0]).sum::<f64>()
     }
 
-    /// Dry friction of motor and stage, N.
-    pub(super) fn dry_n(&self) -> f64 {
-        self.coulomb_n() + self.mechanics.motor_coulomb_n
+    /// What laws are asked beside.
+    pub(super) fn standing(&self) -> Standing {
+        let coulomb_n = self.coulomb_n();
+        Standing {
+            path: self.path,
+            timing_s: self.timing_s,
+            smoothing_m_s: self.smoothing_m_s,
+            found_delay: self.found_delay,
+            found_loop: self.found_loop,
+            found_smoothing: self.found_smoothing,
+            stiffness_n_m: self.mechanics.stiffness_n_m,
+            coulomb_n,
+            dry_n: coulomb_n + self.mechanics.motor_coulomb_n,
+        }
+    }
+
+    /// The numbers that a law has moved.
+    pub(super) fn stand(&mut self, now: Standing) {
+        (self.path, self.timing_s, self.smoothing_m_s) = (now.path, now.timing_s, now.smoothing_m_s);
+        self.found_delay = now.found_delay;
+        self.found_loop = now.found_loop;
+        self.found_smoothing = now.found_smoothing;
+    }
+
+    /// A law of this state for people.
+    pub(super) fn told<'a>(
+        &self,
+        balance: &'a Balance,
+        law: &'a Accepted,
+        deviations: &'a Deviations,
+    ) -> Told<'a> {
+        Told { balance, coulomb_n: self.coulomb_n(), amplitudes: &law.amplitudes, deviations }
     }
 }

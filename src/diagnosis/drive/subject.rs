@@ -1,12 +1,12 @@
 //! The drive as a subject of the selection: screening on the grid, refinement by Gauss-Newton, the statistic.
 
 use super::bank::candidates;
-use super::columns::TimeColumn;
+use super::columns::{DIFFERENCE, TimeColumn};
 use super::criteria::Criteria;
 use super::evidence::{Asked, ask, level, price, statistic};
 use super::gram::{Gram, Part};
 use super::laws::position_dependent_force::{Map, Over};
-use super::laws::{Constant, DIFFERENCE, Hypothesis, Shape};
+use super::laws::{Constant, Hypothesis, Shape};
 use super::likelihood::{Design, FREE, values};
 use super::state::{Accepted, Balance, State};
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
@@ -384,12 +384,12 @@ pub(super) fn slopes(
 ) -> Vec<TimeColumn> {
     let ground = state.ground(balance);
     let values: Vec<f64> = h.constants().iter().map(|c| c.value).collect();
-    let here = ground.columns(h);
+    let here = h.columns(&ground);
     (0..values.len())
         .map(|k| {
             let mut moved = values.clone();
             moved[k] *= 1.0 + DIFFERENCE;
-            let there = ground.columns(&h.with(&moved));
+            let there = h.with(&moved).columns(&ground);
             let part = |amplitude: &f64| amplitude / DIFFERENCE;
             let of = |((a, b), amplitude)| [(a, -part(amplitude)), (b, part(amplitude))];
             TimeColumn::sum(here.iter().zip(&there).zip(amplitudes).flat_map(of))
@@ -443,7 +443,7 @@ impl Subject for Drive<'_> {
         let mut model = state.with_numbers(&asked.fit.beta);
         let at_bound = asked.held() && !h.is_whole()
             || h.is_at_bound()
-            || h.law().is_usual(self.balance, state, &amplitudes)
+            || h.law().is_usual(self.balance, &state.standing(), &amplitudes)
             || h.law().is_void(&model.ground(self.balance));
         model.take_up(self.balance, Accepted::found(h, amplitudes));
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
@@ -460,7 +460,10 @@ impl State {
     /// Puts a law into the state; what is of the path or a number moves that instead.
     fn take_up(&mut self, balance: &Balance, law: Accepted) {
         let h = law.hypothesis;
-        if !h.law().move_number(self, balance) {
+        let mut now = self.standing();
+        if h.law().move_number(&mut now, balance) {
+            self.stand(now);
+        } else {
             self.accepted.push(law);
         }
         debug_assert!(!h.facts().is_of_path || self.found_delay || self.found_loop);

@@ -1,21 +1,13 @@
 //! From fitted laws to named parameters, terms of a model and sentences.
 
-use super::laws::{Sheet, Told, scale_deviation};
+use super::laws::{Hypothesis, Sheet, Told, scale_deviation};
 use crate::diagnosis::result::Estimate;
 use crate::plant::effects::{
     EffectKind, ParameterValue, PhysicsTerm, Port, Specification, Spoken, external_disturbance,
 };
 
-/// Deviations of a law's amplitudes and of the logarithms of its constants.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct Deviations {
-    pub(super) amplitudes: Vec<f64>,
-    pub(super) constants: Vec<f64>,
-}
-
 /// Numbers of a law for people, and the law as a term of a model.
-pub(super) fn told(told: &Told<'_>) -> (Vec<Estimate>, PhysicsTerm) {
-    let h = &told.law.hypothesis;
+pub(super) fn told(h: &Hypothesis, told: &Told<'_>) -> (Vec<Estimate>, PhysicsTerm) {
     let mut sheet = Sheet { list: Vec::new(), scale: scale_deviation(told.balance) };
     h.tell(told, &mut sheet);
     let number = |e: &Estimate| (e.name.clone(), ParameterValue::Number(e.value));

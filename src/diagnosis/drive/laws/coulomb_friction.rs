@@ -9,7 +9,7 @@ pub(super) const EFFECT: Effect = Effect {
         // one is stated.
         let stated = search.balance.drive.raw().friction_smoothing_m_s.is_some();
         let asked = if search.two || stated { &[0.4, 2.5][..] } else { &[] };
-        let of = |r: &f64| Smoothing { speed_m_s: r * search.state.smoothing_m_s };
+        let of = |r: &f64| Smoothing { speed_m_s: r * search.now.smoothing_m_s };
         asked.iter().map(|r| Hypothesis::new(Port::Stage, of(r))).collect()
     },
     key: |found, _, raw| {
@@ -45,9 +45,9 @@ impl Law for Smoothing {
         Some((0..ground.signals.sides()).map(of).collect())
     }
 
-    fn move_number(&self, state: &mut State, _: &Balance) -> bool {
-        state.smoothing_m_s = self.speed_m_s;
-        state.found_smoothing = true;
+    fn move_number(&self, now: &mut Standing, _: &Balance) -> bool {
+        now.smoothing_m_s = self.speed_m_s;
+        now.found_smoothing = true;
         true
     }
 }

@@ -5,18 +5,18 @@ use crate::plant::effects::current_loop_lag::{BANDWIDTH, SPECIFICATION};
 
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
-        if !search.has_command() || search.balance.clock_moved {
+        if !search.has_command || search.balance.clock_moved {
             return Vec::new();
         }
-        let (shares, of_rad_s, in_place) = match search.state.path.loop_rad_s {
+        let (shares, of_rad_s, in_place) = match search.now.path.loop_rad_s {
             Some(w) => (&[0.25, 0.4, 0.6, 0.85][..], w, false),
-            None => (&[0.1, 0.2, 0.5, 1.2, 3.0][..], search.signals.rate_hz, search.state.found_delay),
+            None => (&[0.1, 0.2, 0.5, 1.2, 3.0][..], search.signals.rate_hz, search.now.found_delay),
         };
         let of = |share: &f64| CurrentLoop { rad_s: share * of_rad_s, in_place };
         shares.iter().map(|share| Hypothesis::new(Port::Current, of(share))).collect()
     },
-    key: |_, state, raw| {
-        raw.current_loop_bandwidth_rad_s = state.path.loop_rad_s;
+    key: |_, path, raw| {
+        raw.current_loop_bandwidth_rad_s = path.loop_rad_s;
         true
     },
     ..Effect::of(&SPECIFICATION)
@@ -43,9 +43,9 @@ impl Law for CurrentLoop {
         Some(vec![ground.path_change(ground.path.with_loop(self.rad_s, self.in_place))])
     }
 
-    fn move_number(&self, state: &mut State, _: &Balance) -> bool {
-        state.path = state.path.with_loop(self.rad_s, self.in_place);
-        state.found_loop = true;
+    fn move_number(&self, now: &mut Standing, _: &Balance) -> bool {
+        now.path = now.path.with_loop(self.rad_s, self.in_place);
+        now.found_loop = true;
         true
     }
 }

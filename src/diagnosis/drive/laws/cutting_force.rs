@@ -48,7 +48,7 @@ impl Law for Cut {
     }
 
     fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
-        let (peak_n, sd_n) = peak_of_cut(&told.law.amplitudes, told.deviation(0));
+        let (peak_n, sd_n) = peak_of_cut(told.amplitudes, told.deviation(0));
         tell(sheet, [self.hz, told.relative(0)], [peak_n, sd_n], (self.window_s, 0.02));
         true
     }
@@ -237,7 +237,7 @@ fn first_line(alone: &[f64], k: usize) -> usize {
 
 /// The line near `hz` in one recording, where its envelope is above half of its plateau.
 fn cut_at(balance: &Balance, x: &[f64], (hz, recording): (f64, usize)) -> Option<Hypothesis> {
-    let line = Demodulated::new(balance, x, (hz, recording));
+    let line = Demodulated::new(&balance.signals, x, (hz, recording));
     let reach = balance.plan.bin_hz.min(0.45 / line.each_s);
     let off = strongest_off(std::slice::from_ref(&line), reach);
     let sizes: Vec<f64> = line.sums.iter().map(|v| v.norm()).collect();

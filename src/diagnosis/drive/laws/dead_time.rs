@@ -10,7 +10,7 @@ pub(super) const EFFECT: Effect = Effect {
             return list;
         }
         let period_s = 1.0 / search.signals.rate_hz;
-        if search.has_command() {
+        if search.has_command {
             let late = |samples| Delay { extra_s: samples * period_s, early: false };
             list.extend([0.3, 0.8, 1.6, 3.0, 5.0].map(|s| Hypothesis::new(Port::Current, late(s))));
         }
@@ -22,17 +22,16 @@ pub(super) const EFFECT: Effect = Effect {
     },
     // A force later than stated that its motion shows: a wrong number or another clock.
     faults: |search| {
-        let state = search.state;
-        if !state.inertial || search.balance.clock_moved || state.found_delay {
+        if !search.inertial || search.balance.clock_moved || search.now.found_delay {
             return Vec::new();
         }
         let of = |samples: f64| Delay { extra_s: samples / search.signals.rate_hz, early: true };
         [0.5, 1.5, 5.0, 15.0].map(|samples| Hypothesis::new(Port::Current, of(samples))).into()
     },
-    key: |found, state, raw| {
+    key: |found, path, raw| {
         let of_drive = found.port == Port::Current;
         if of_drive {
-            raw.amplifier_dead_time_s = Some(state.path.delay_s);
+            raw.amplifier_dead_time_s = Some(path.delay_s);
         }
         of_drive
     },
@@ -77,10 +76,10 @@ impl Law for Delay {
         Some(vec![ground.path_change(Path { delay_s: path.delay_s + self.by_s(), ..path })])
     }
 
-    fn move_number(&self, state: &mut State, balance: &Balance) -> bool {
-        state.path.delay_s += self.by_s();
-        state.found_delay = true;
-        state.timing_s = Criteria::STANDARD.timing_usual / balance.signals.rate_hz;
+    fn move_number(&self, now: &mut Standing, balance: &Balance) -> bool {
+        now.path.delay_s += self.by_s();
+        now.found_delay = true;
+        now.timing_s = Criteria::STANDARD.timing_usual / balance.signals.rate_hz;
         true
     }
 }
@@ -112,7 +111,7 @@ impl Law for EncoderDelay {
     fn columns(&self, ground: &Ground<'_>, port: Port) -> Option<Vec<TimeColumn>> {
         let of = ground.read_at(port);
         let extra_s = self.extra_s;
-        let mut out = ground.encoder(self, port);
+        let mut out = ground.encoder(port, |track| self.full(&ground.at(port, track)));
         let operator = Arc::new(move |w: f64| {
             let read = 1.0 - Complex::from_polar(1.0, w * extra_s);
             let coupled = read * Complex::new(of.spring_n_m, w * of.damper_n_s_m);
@@ -125,7 +124,7 @@ impl Law for EncoderDelay {
     }
 
     /// When inside a sample an encoder is read.
-    fn is_usual(&self, balance: &Balance, _: &State, _: &[f64]) -> bool {
+    fn is_usual(&self, balance: &Balance, _: &Standing, _: &[f64]) -> bool {
         self.extra_s * balance.signals.rate_hz < Z95 * Criteria::STANDARD.timing_deviation
     }
 }

@@ -44,7 +44,7 @@ impl Law for Interpolation {
     }
 
     fn write(&self, told: &Told<'_>, term: &mut PhysicsTerm) {
-        term.push(&HARMONICS, ParameterValue::List(told.law.amplitudes.clone()));
+        term.push(&HARMONICS, ParameterValue::List(told.amplitudes.to_vec()));
     }
 
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {
@@ -59,7 +59,7 @@ impl Law for Interpolation {
     }
 
     fn columns(&self, ground: &Ground<'_>, port: Port) -> Option<Vec<TimeColumn>> {
-        Some(ground.encoder(self, port))
+        Some(ground.encoder(port, |track| self.full(&ground.at(port, track))))
     }
 
     fn follow(&mut self, amplitudes: &[f64]) {

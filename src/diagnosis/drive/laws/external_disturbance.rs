@@ -9,7 +9,7 @@ pub(super) const EFFECT: Effect = Effect {
     faults: |search| {
         let series = search.plain(0);
         let near = |hz: f64| {
-            let of = |(r, x): (usize, &Vec<f64>)| Demodulated::new(search.balance, x, (hz, r));
+            let of = |(r, x): (usize, &Vec<f64>)| Demodulated::new(search.signals, x, (hz, r));
             let all: Vec<Demodulated> = series.iter().enumerate().map(of).collect();
             let hz = hz + strongest_off(&all, Criteria::STANDARD.mains_off * hz);
             Hypothesis::new(Port::Current, Mains { hz })

@@ -22,6 +22,7 @@ pub(crate) mod position_dependent_force;
 pub(crate) mod position_dependent_stiffness;
 pub(crate) mod position_periodic_force;
 pub(crate) mod presliding_friction;
+mod search;
 mod sheet;
 mod stated;
 pub(crate) mod stribeck_friction;
@@ -30,17 +31,17 @@ pub(crate) mod torque_ripple;
 pub(crate) mod torsional_mode;
 pub(crate) mod viscous_friction;
 
-pub(crate) use sheet::{Sheet, Told, scale_deviation};
+pub(crate) use search::{SHORTEST, Search, grid};
+pub(crate) use sheet::{Deviations, Sheet, Told, scale_deviation};
 pub(crate) use stated::Stated;
 
-use super::bank::{SHORTEST, Search, grid};
+use super::balance::Balance;
 use super::columns::{At, Ground, SpringLaw, TimeColumn};
 use super::criteria::{Criteria, Z95};
 use super::gram::Column;
 use super::lines::{Demodulated, strongest_off};
 use super::number::Mechanics;
-use super::signals::{Layout, Path, Track};
-use super::state::{Balance, State};
+use super::signals::{Layout, Path, Signals, Track};
 use crate::diagnosis::result::ForceFaultKind;
 use crate::plant::drive::RawDriveParams;
 use crate::plant::effects::{
@@ -112,6 +113,22 @@ impl Facts {
     }
 }
 
+/// Numbers beside which a law is asked, and that one may move in place of standing in the model.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Standing {
+    pub(crate) path: Path,
+    pub(crate) timing_s: f64,
+    pub(crate) smoothing_m_s: f64,
+    /// A dead time, a current loop, a smoothing speed other than stated were found.
+    pub(crate) found_delay: bool,
+    pub(crate) found_loop: bool,
+    pub(crate) found_smoothing: bool,
+    pub(crate) stiffness_n_m: f64,
+    /// Dry friction of the stage, of both sides.
+    pub(crate) coulomb_n: f64,
+    pub(crate) dry_n: f64,
+}
+
 /// A constant that is fitted, in its place.
 pub(crate) struct Free<'a> {
     pub(crate) value: &'a mut f64,
@@ -181,7 +198,7 @@ pub(crate) trait Law {
     fn follow(&mut self, _amplitudes: &[f64]) {}
 
     /// True for what every axis has.
-    fn is_usual(&self, _balance: &Balance, _state: &State, _amplitudes: &[f64]) -> bool {
+    fn is_usual(&self, _balance: &Balance, _now: &Standing, _amplitudes: &[f64]) -> bool {
         false
     }
 
@@ -191,7 +208,7 @@ pub(crate) trait Law {
     }
 
     /// Moves a number of the state in place of standing in it as a law; false: it does not.
-    fn move_number(&self, _state: &mut State, _balance: &Balance) -> bool {
+    fn move_number(&self, _now: &mut Standing, _balance: &Balance) -> bool {
         false
     }
 
@@ -213,8 +230,9 @@ pub(crate) struct Effect {
     pub(crate) faults: fn(&Search<'_>) -> Vec<Hypothesis>,
     /// The law of a term that states no force of position and velocity alone.
     pub(crate) stated: fn(&PhysicsTerm, &Mechanics) -> Option<Fixed>,
-    /// Writes a finding into the keys of a drive; false: it stands beside them as a term.
-    pub(crate) key: fn(&PhysicsTerm, &State, &mut RawDriveParams) -> bool,
+    /// Writes a finding, with the path as it was found, into the keys of a drive; false: it stands beside
+    /// them as a term.
+    pub(crate) key: fn(&PhysicsTerm, Path, &mut RawDriveParams) -> bool,
 }
 
 impl Effect {
@@ -300,9 +318,6 @@ pub(crate) struct Constant {
     pub(crate) bounds: [f64; 2],
 }
 
-/// A relative step over which a law is differentiated by a constant.
-pub(crate) const DIFFERENCE: f64 = 1e-3;
-
 impl Hypothesis {
     pub(crate) fn new(port: Port, law: impl Into<Shape>) -> Self {
         let shape = law.into();
@@ -329,6 +344,18 @@ impl Hypothesis {
     /// True where the size of the law is in its constants.
     pub(crate) fn has_dose(&self) -> bool {
         matches!(self.facts().size, Size::Dose | Size::Whole)
+    }
+
+    /// What it is in a recording, one value per full-rate sample, see [`Law::full`].
+    pub(crate) fn full(&self, ground: &Ground<'_>, track: &Track) -> Vec<Vec<f64>> {
+        self.law().full(&ground.at(self.port, track))
+    }
+
+    /// Its columns of the balance.
+    pub(crate) fn columns(&self, ground: &Ground<'_>) -> Vec<TimeColumn> {
+        let forces =
+            || ground.forces(self.port, |track| self.full(ground, track), &self.law().springs(ground));
+        self.law().columns(ground, self.port).unwrap_or_else(forces)
     }
 
     /// Its numbers for people.

@@ -49,7 +49,7 @@ impl Map {
         let [low, high] = told.balance.signals.travel_m();
         let at = |place: f64| -> f64 {
             let of = |(k, a): (usize, &f64)| a * spline(place - k as f64 + 3.0);
-            told.law.amplitudes.iter().enumerate().map(of).sum()
+            told.amplitudes.iter().enumerate().map(of).sum()
         };
         Table {
             first_m: low,
@@ -74,7 +74,7 @@ impl Law for Map {
     /// Largest force about its mean: the form is kept, its size is what the last fit tells.
     fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
         let relative = |(d, a): (&f64, &f64)| d / a.abs().max(1e-300);
-        let pairs = told.deviations.amplitudes.iter().zip(&told.law.amplitudes);
+        let pairs = told.deviations.amplitudes.iter().zip(told.amplitudes);
         let most = pairs.map(relative).fold(0.0, f64::max);
         let knots = self.table(told).force_n;
         let mean = knots.iter().sum::<f64>() / knots.len().max(1) as f64;
@@ -127,8 +127,8 @@ impl Law for Map {
         }
     }
 
-    fn is_usual(&self, _: &Balance, state: &State, amplitudes: &[f64]) -> bool {
-        rms(amplitudes) < Criteria::STANDARD.texture * state.dry_n()
+    fn is_usual(&self, _: &Balance, now: &Standing, amplitudes: &[f64]) -> bool {
+        rms(amplitudes) < Criteria::STANDARD.texture * now.dry_n
     }
 }
 

@@ -50,7 +50,7 @@ impl Law for Wave {
     }
 
     fn write(&self, told: &Told<'_>, term: &mut PhysicsTerm) {
-        term.push(&HARMONICS_N, ParameterValue::List(told.law.amplitudes.clone()));
+        term.push(&HARMONICS_N, ParameterValue::List(told.amplitudes.to_vec()));
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
@@ -66,7 +66,7 @@ impl Law for Wave {
     }
 
     /// The texture of a guide by itself.
-    fn is_usual(&self, _: &Balance, state: &State, amplitudes: &[f64]) -> bool {
-        rms(amplitudes) * (amplitudes.len() as f64).sqrt() < Criteria::STANDARD.texture * state.dry_n()
+    fn is_usual(&self, _: &Balance, now: &Standing, amplitudes: &[f64]) -> bool {
+        rms(amplitudes) * (amplitudes.len() as f64).sqrt() < Criteria::STANDARD.texture * now.dry_n
     }
 }

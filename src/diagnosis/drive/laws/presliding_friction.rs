@@ -8,7 +8,7 @@ pub(super) const EFFECT: Effect = Effect {
         let least_m = search.signals.least_way_m(search.last());
         let (most_m, count) = match search.signals.layout {
             // Of what is held friction's bristle is in the train, and no softer.
-            Layout::Locked => (search.state.coulomb_n() / search.state.mechanics.stiffness_n_m, 6),
+            Layout::Locked => (search.now.coulomb_n / search.now.stiffness_n_m, 6),
             Layout::OnePosition => (0.25 * search.travel_m(), 10),
             Layout::TwoPositions => (128.0 * least_m, 8),
         };
@@ -37,7 +37,7 @@ impl Law for Presliding {
     }
 
     fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
-        let stiffness_n_m = told.state.coulomb_n() / self.yield_m;
+        let stiffness_n_m = told.coulomb_n / self.yield_m;
         sheet.constant(&law::STIFFNESS, stiffness_n_m, told.relative(0).hypot(sheet.scale));
         sheet.add(&law::SHARE, told.of_coulomb(told.amplitude(0)), told.of_coulomb(told.deviation(0)));
         true
@@ -72,7 +72,7 @@ impl Law for Presliding {
         &[(Over::Speed, true)]
     }
 
-    fn is_usual(&self, balance: &Balance, _: &State, _: &[f64]) -> bool {
+    fn is_usual(&self, balance: &Balance, _: &Standing, _: &[f64]) -> bool {
         self.yield_m < balance.signals.least_way_m(balance.signals.sides() - 1)
     }
 }

@@ -1,8 +1,6 @@
 //! Estimates of a law with their intervals.
 
-use super::super::criteria::{Criteria, Z95};
-use super::super::state::{Accepted, Balance, State};
-use super::super::words::Deviations;
+use super::{Balance, Criteria, Z95};
 use crate::diagnosis::result::Estimate;
 use crate::plant::effects::periodic::amplitude_phase;
 use crate::plant::effects::{PHASE, Parameter};
@@ -10,18 +8,26 @@ use crate::plant::effects::{PHASE, Parameter};
 /// Logarithms of intervals end here: the data say nothing.
 const MOST_DOUBT: f64 = 6.9;
 
+/// Deviations of a law's amplitudes and of the logarithms of its constants.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Deviations {
+    pub(crate) amplitudes: Vec<f64>,
+    pub(crate) constants: Vec<f64>,
+}
+
 /// A law as the last fit has it.
 pub(crate) struct Told<'a> {
     pub(crate) balance: &'a Balance,
-    pub(crate) state: &'a State,
-    pub(crate) law: &'a Accepted,
+    /// Dry friction of the stage, N.
+    pub(crate) coulomb_n: f64,
+    pub(crate) amplitudes: &'a [f64],
     pub(crate) deviations: &'a Deviations,
 }
 
 impl Told<'_> {
     /// An amplitude.
     pub(crate) fn amplitude(&self, k: usize) -> f64 {
-        self.law.amplitudes.get(k).copied().unwrap_or(0.0)
+        self.amplitudes.get(k).copied().unwrap_or(0.0)
     }
 
     /// Its deviation.
@@ -36,7 +42,7 @@ impl Told<'_> {
 
     /// A force over the dry friction of the stage.
     pub(crate) fn of_coulomb(&self, force_n: f64) -> f64 {
-        force_n / self.state.coulomb_n().max(1e-300)
+        force_n / self.coulomb_n.max(1e-300)
     }
 }
 

@@ -7,7 +7,7 @@ pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
         let speeds = search.signals.tracks.iter().flat_map(|t| &t.thin.velocity[search.last()]);
         let fastest = speeds.fold(0.0_f64, |m, v| m.max(v.abs()));
-        let least = Criteria::STANDARD.turning * search.state.smoothing_m_s;
+        let least = Criteria::STANDARD.turning * search.now.smoothing_m_s;
         let top = (0.3 * fastest).clamp(2.0 * least, 16.0 * least);
         grid(least, top, 6).map(|speed_m_s| Hypothesis::new(Port::Stage, Stribeck { speed_m_s })).collect()
     },
@@ -33,7 +33,7 @@ impl Law for Stribeck {
     }
 
     /// The form in which dry friction turns is no bump.
-    fn is_usual(&self, _: &Balance, state: &State, _: &[f64]) -> bool {
-        self.speed_m_s < Criteria::STANDARD.turning * state.smoothing_m_s
+    fn is_usual(&self, _: &Balance, now: &Standing, _: &[f64]) -> bool {
+        self.speed_m_s < Criteria::STANDARD.turning * now.smoothing_m_s
     }
 }

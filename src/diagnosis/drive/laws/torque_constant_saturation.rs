@@ -6,7 +6,7 @@ use crate::plant::effects::torque_constant_saturation::{PARABOLIC, PER_A2, SPECI
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
         let tracks = &search.signals.tracks;
-        if !search.has_command() || !tracks.iter().all(|t| t.reference.is_current) {
+        if !search.has_command || !tracks.iter().all(|t| t.reference.is_current) {
             return Vec::new();
         }
         let amperes = |t: &Track| {

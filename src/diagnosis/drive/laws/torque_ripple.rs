@@ -33,7 +33,7 @@ pub(super) const EFFECT: Effect = Effect {
 
 impl Search<'_> {
     /// True for a wave over the position that is told from one of the guide by how short it is.
-    pub(super) fn is_of_turn(&self, wavelength_m: f64) -> bool {
+    pub(crate) fn is_of_turn(&self, wavelength_m: f64) -> bool {
         !self.two && self.lead_m.is_some() && wavelength_m < self.travel_m() * SHORTEST
     }
 }
