@@ -9,6 +9,9 @@ use super::work::{Told, Work, times};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+/// Rows beside a run that say how the axis moved there.
+const AROUND: usize = 5;
+
 /// A run of equal values of one column, and what it says.
 #[derive(Debug, Clone, Copy)]
 struct Hold {
@@ -33,8 +36,14 @@ pub(super) fn held(work: &mut Work<'_>, axis: &AxisColumns) {
     let mut by_column: BTreeMap<usize, Vec<Run>> = BTreeMap::new();
     for together in groups(holds) {
         let surprise: f64 = together.iter().map(|h| h.surprise).sum();
-        if surprise >= work.surprise() && moves(work, (axis, motion.as_ref()), &together) {
-            together.iter().for_each(|h| by_column.entry(h.column.index).or_default().push(h.run));
+        if surprise < work.surprise() {
+            continue;
+        }
+        let begun = begun(work, axis, &together);
+        if !begun.is_empty() || moves(work, (axis, motion.as_ref()), &together) {
+            let held = together.iter().map(|h| (h.column.index, h.run));
+            let runs = held.chain(begun.into_iter().map(|index| (index, together[0].run)));
+            runs.for_each(|(index, run)| by_column.entry(index).or_default().push(run));
         }
     }
     for (column, runs) in by_column {
@@ -84,7 +93,6 @@ fn groups(mut holds: Vec<Hold>) -> Vec<Vec<Hold>> {
 ///
 /// S = (L - 1) min(|v_b|, |v_a|) / q / ln 10 (Poisson)
 fn of_position(work: &Work<'_>, axis: &AxisColumns, column: AxisColumn) -> Vec<Hold> {
-    const AROUND: usize = 5;
     let c = work.criteria;
     let x = work.values(column.index);
     let q = work.resolution(column.index);
@@ -162,6 +170,24 @@ fn of_noisy(work: &Work<'_>, column: AxisColumn) -> Vec<Hold> {
 fn stands_by_itself(x: &[f64], run: Run, q: f64) -> bool {
     let one_step = |i: usize| x.get(i).is_none_or(|other| (other - x[run.first]).abs() < 1.5 * q);
     one_step(run.first.wrapping_sub(1)) || one_step(run.end())
+}
+
+/// Positions that stood through a hold of the other columns, from a rest that had begun before it, and jump
+/// behind it: a motion began or ended in it.
+fn begun(work: &Work<'_>, axis: &AxisColumns, together: &[Hold]) -> Vec<usize> {
+    let run = together[0].run;
+    let held = |i: usize| together.iter().any(|h| h.column.index == i);
+    let jumps = |i: &usize| {
+        let x = work.values(*i);
+        let Some(beside) = x.get(run.first..run.end() + 1 + AROUND) else { return false };
+        let change = |k: usize| (beside[k + 1] - beside[k]).abs();
+        let neighbour = (run.rows..run.rows + AROUND).map(change).fold(0.0, f64::max);
+        let jump = change(run.rows - 1);
+        beside[..run.rows].windows(2).all(|w| w[0] == w[1])
+            && jump > work.criteria.jump_over_neighbours * neighbour
+            && jump > work.criteria.update_steps * work.step(*i)
+    };
+    axis.with(Role::Position).filter(|i| !work.silent[*i] && !held(*i)).filter(jumps).collect()
 }
 
 /// Proof that the axis moved meanwhile; without it, it rested.

@@ -251,6 +251,27 @@ fn each_fault_is_told_in_three_sizes_by_name_and_column() {
     assert!(complaints.is_empty(), "{complaints:#?}");
 }
 
+/// A logger that stands while a motion begins: the position was at rest before, and is elsewhere behind.
+#[test]
+fn a_hold_in_which_a_motion_begins_is_told() {
+    let mut logged = drive();
+    let x = logged.recording.get(POSITION).unwrap();
+    let begins =
+        (400..x.len() - 400).find(|i| x[i - 40..*i].iter().all(|v| v == &x[i - 1]) && x[*i] != x[i - 1]);
+    let first = begins.unwrap() - 10;
+    for column in &mut logged.recording.columns {
+        let kept = column.values[first];
+        column.values[first..first + 80].fill(kept);
+    }
+    let gated = gate(&logged);
+    let told: Vec<&str> = named(&gated.faults).iter().filter(|f| f.0 == "held").map(|f| f.1).collect();
+    assert!(told.contains(&THRUST) && told.contains(&POSITION), "{:?}", gated.faults);
+    assert!(
+        gated.usable[first + 1..first + 80].iter().all(|u| !u)
+            && gated.usable[first + 90..first + 200].iter().all(|u| *u)
+    );
+}
+
 #[test]
 fn what_cannot_be_judged_is_refused_and_the_rest_is_not() {
     for kind in FaultKind::ALL {
