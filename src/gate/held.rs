@@ -9,9 +9,6 @@ use super::work::{Told, Work, times};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// Rows beside a run that say how the axis moved there.
-const AROUND: usize = 5;
-
 /// A run of equal values of one column, and what it says.
 #[derive(Debug, Clone, Copy)]
 struct Hold {
@@ -93,6 +90,7 @@ fn groups(mut holds: Vec<Hold>) -> Vec<Vec<Hold>> {
 ///
 /// S = (L - 1) min(|v_b|, |v_a|) / q / ln 10 (Poisson)
 fn of_position(work: &Work<'_>, axis: &AxisColumns, column: AxisColumn) -> Vec<Hold> {
+    const AROUND: usize = 5;
     let c = work.criteria;
     let x = work.values(column.index);
     let q = work.resolution(column.index);
@@ -179,9 +177,10 @@ fn begun(work: &Work<'_>, axis: &AxisColumns, together: &[Hold]) -> Vec<usize> {
     let held = |i: usize| together.iter().any(|h| h.column.index == i);
     let jumps = |i: &usize| {
         let x = work.values(*i);
-        let Some(beside) = x.get(run.first..run.end() + 1 + AROUND) else { return false };
+        let Some(beside) = x.get(run.first..run.end() + 3) else { return false };
         let change = |k: usize| (beside[k + 1] - beside[k]).abs();
-        let neighbour = (run.rows..run.rows + AROUND).map(change).fold(0.0, f64::max);
+        // It goes on from there: the next two changes, of which one may be none on a coarse step.
+        let neighbour = change(run.rows).max(change(run.rows + 1));
         let jump = change(run.rows - 1);
         beside[..run.rows].windows(2).all(|w| w[0] == w[1])
             && jump > work.criteria.jump_over_neighbours * neighbour
