@@ -17,18 +17,28 @@ const RESOLVED: f64 = 3.0;
 /// Share of a line that an order explains: it is one.
 const MOSTLY: f64 = 0.8;
 
+/// What the line of a window of `n` values is against noise, white, of unknown level (Fisher's test) and of
+/// the level known, and whether more is to be asked. Grown chatter stands on several lobes: in an alarm its
+/// power counts, over the noise of before it.
+pub(super) fn against_noise(heard: Heard, total: f64, n: usize, around: &Around) -> (Heard, bool) {
+    let unknown = -(n as f64 - 1.0) * (1.0 - heard.contrast / total).max(1e-12).ln();
+    let level = match (around.blind, around.alarm) {
+        (true, _) => unknown,
+        (_, true) => heard.contrast,
+        _ => unknown.min(heard.contrast),
+    };
+    let stands = level / around.levels.noise_nats;
+    if around.alarm && around.scatters {
+        return (Heard { stands, evidence: 0.0, reason: Reason::Mode, ..heard }, false);
+    }
+    (Heard { stands, evidence: stands, ..heard }, stands >= CRITERIA.silent)
+}
+
 impl Window<'_> {
     /// The least evidence of all alternatives, over its threshold.
     pub(super) fn judge(&self) -> Heard {
-        let (level, levels) = (self.level(), &self.around.levels);
-        let mut heard = Heard { stands: level / levels.noise_nats, ..self.heard };
-        heard.evidence = heard.stands;
-        if self.around.alarm && self.around.scatters {
-            (heard.evidence, heard.reason) = (0.0, Reason::Mode);
-        }
-        if heard.evidence < CRITERIA.silent {
-            return heard;
-        }
+        let levels = &self.around.levels;
+        let mut heard = self.heard;
         if self.around.alarm {
             // On an order there is no chatter; what stands between them counts by its power.
             let resolved = self.turns_of_spindle() >= RESOLVED;
@@ -54,21 +64,10 @@ impl Window<'_> {
         if heard.evidence > CRITERIA.hold {
             self.begun(&mut heard);
         }
-        if kept && level > levels.noise_nats {
+        if kept && heard.stands > 1.0 {
             heard.evidence = heard.evidence.max(CRITERIA.hold * 1.01);
         }
         heard
-    }
-
-    /// Evidence against noise, nats: white, of unknown level (Fisher's test), and of the level known. Grown
-    /// chatter stands on several lobes: in an alarm its power counts, over the noise of before it.
-    fn level(&self) -> f64 {
-        let unknown = -(self.e.len() as f64 - 1.0) * self.miss(self.heard.contrast).ln();
-        match (self.around.blind, self.around.alarm) {
-            (true, _) => unknown,
-            (_, true) => self.heard.contrast,
-            _ => unknown.min(self.heard.contrast),
-        }
     }
 
     /// Share of the window that this energy leaves.
@@ -182,8 +181,9 @@ impl Window<'_> {
         }
         let n = self.e.len();
         let below = ((centre_hz + self.heard.offset_hz) / speed_hz).floor();
+        let values = self.history.last(n);
         let wave = |q: usize, order: f64| {
-            let value = &self.values[q];
+            let value = &values[q];
             let grown = (self.heard.growth_1_s * (q as f64 - n as f64) / rate_hz).exp();
             value.mixer * C::from_polar(grown, TAU * (order * value.angle_turns).fract()) * self.chirp[q]
         };
@@ -197,7 +197,7 @@ impl Window<'_> {
     /// Energy of the orders as they were learned, all by one changing factor.
     fn learned_orders(&self) -> f64 {
         fit_two(self.e, |q| {
-            let s = self.values[q].white_orders * self.chirp[q];
+            let s = self.history.white_orders(self.e.len(), q) * self.chirp[q];
             [s, s * q as f64]
         })
     }
@@ -205,10 +205,11 @@ impl Window<'_> {
     /// Power of the line, N^2, at the end of the window, and its energy.
     pub(super) fn power(&self) -> (f64, f64) {
         let n = self.e.len();
+        let values = self.history.last(n);
         let back = C::from_polar((-self.heard.growth_1_s / self.around.rate_hz).exp(), -TAU * self.turns());
         let (mut s, mut sum, mut energy) = (C::new(1.0, 0.0), ZERO, 0.0);
         for q in (0..n).rev() {
-            sum += s.conj() * self.values[q].residual * self.chirp[q];
+            sum += s.conj() * values[q].residual * self.chirp[q];
             energy += s.norm_sqr();
             s *= back;
         }
@@ -265,7 +266,7 @@ impl Window<'_> {
         let below = ((centre_hz + self.heard.offset_hz) / speed_hz.max(f64::MIN_POSITIVE)).floor();
         for (k, b) in basis[..orders].iter_mut().enumerate() {
             for (q, y) in b[..n].iter_mut().enumerate() {
-                let value = &self.values[q];
+                let value = &self.history.last(n)[q];
                 let turn = (below + k as f64) * value.angle_turns;
                 *y = value.mixer * C::from_polar(1.0, TAU * turn.fract()) * self.chirp[q];
             }

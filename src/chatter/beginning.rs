@@ -5,7 +5,7 @@
 //! a beginning than of what follows, where it knows noise at the place of the line.
 
 use super::criteria::{CRITERIA, GREW_1_S, LONGEST, MEMORY, PAST, RINGS_1_S, RISES, WINDOWS};
-use super::window::{Around, Heard, Reason, Value, Window, fit, louder};
+use super::window::{Around, Heard, Reason, Window, fit, louder};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -24,10 +24,7 @@ impl Window<'_> {
         if heard.came || (grown < levels.switched_nats && !untold) {
             heard.least(CRITERIA.hold * (1.0 + grown / levels.switched_nats), Reason::Foreign);
         }
-        if heard.evidence > CRITERIA.hold
-            && !self.around.young
-            && self.sight.len() >= self.e.len() + WINDOWS[0]
-        {
+        if heard.evidence > CRITERIA.hold && !self.around.young && self.seen >= self.e.len() + WINDOWS[0] {
             let stayed = self.stayed() / levels.cause_nats;
             heard.came |= stayed < -1.0;
             heard.least(stayed, Reason::Foreign);
@@ -37,12 +34,12 @@ impl Window<'_> {
     /// Whether the beginning of the line is under the noise: only the longest window hears it, and it was not
     /// there before that.
     fn under_noise(&self) -> bool {
-        let past = &self.sight[..self.sight.len() - self.e.len()];
+        let past = &self.history.white(self.seen)[..self.seen - self.e.len()];
         if self.e.len() < LONGEST || past.len() < PAST {
             return false;
         }
         let mut before = [ZERO; PAST];
-        before.iter_mut().zip(past).for_each(|(to, from)| *to = from.white);
+        before.iter_mut().zip(past).for_each(|(to, from)| *to = *from);
         let step = 0.5 / LONGEST as f64;
         let old = [-step, 0.0, step].map(|apart| fit(&before, self.turns() + apart, 0.0));
         let new = fit(&self.e[LONGEST / 2..], self.turns(), 0.0);
@@ -54,18 +51,18 @@ impl Window<'_> {
     pub(super) fn grew(&self) -> f64 {
         let Around { whitener, rate_hz, .. } = self.around;
         let switched = |line: &[C], turns: f64| switched_on(line, &whitener.at(turns), *rate_hz);
-        *self.grew.get_or_init(|| self.more_than(self.sight, switched))
+        *self.grew.get_or_init(|| self.more_than(self.history.white(self.seen), switched))
     }
 
     /// The same against one that moved here.
     fn stayed(&self) -> f64 {
-        let values = &self.sight[self.sight.len().saturating_sub(self.e.len() + PAST)..];
+        let values = self.history.white(self.seen.min(self.e.len() + PAST));
         let moved = self.sweep(values);
         self.more_than(values, |_, _| moved)
     }
 
     /// Evidence, nats, that the line grew, by these values, against what explains the energy of `other`.
-    fn more_than(&self, values: &[Value], other: impl Fn(&[C], f64) -> f64) -> f64 {
+    fn more_than(&self, values: &[C], other: impl Fn(&[C], f64) -> f64) -> f64 {
         let n = values.len();
         let rate_hz = self.around.rate_hz;
         let mut line = [ZERO; LONGEST + PAST];
@@ -76,7 +73,7 @@ impl Window<'_> {
             for (q, (to, from)) in line.iter_mut().zip(values.iter().rev()).enumerate() {
                 let ago = q as f64;
                 let bent = 0.5 * self.around.sweep_hz_s * (ago / rate_hz).powi(2);
-                *to = from.white * C::from_polar(1.0, TAU * (turns * ago - bent));
+                *to = *from * C::from_polar(1.0, TAU * (turns * ago - bent));
             }
             all = line.iter().map(C::norm_sqr).sum();
             not = other(line, turns).max(not);
@@ -93,13 +90,18 @@ fn switched_on(line: &[C], filter: &[C; MEMORY + 1], rate_hz: f64) -> f64 {
     let fading = RINGS_1_S.into_iter().map(|ring_1_s| (1, ring_1_s));
     let of = |(rise, ring_1_s): (usize, f64)| {
         let fade = (-ring_1_s / rate_hz).exp();
-        let size = |k: usize| ((k as f64 + 1.0) / rise as f64).min(1.0) * fade.powf(k as f64);
-        let mut head = [ZERO; WINDOWS[0]];
-        for (k, to) in head.iter_mut().enumerate() {
-            *to = filter.iter().take(k + 1).enumerate().map(|(m, a)| a * size(k - m)).sum();
+        // All of the filter sees the line at the end of it, and all of its size: from there on it only fades.
+        let mut sizes = [0.0; WINDOWS[0]];
+        let mut faded = 1.0;
+        for (k, size) in sizes.iter_mut().enumerate() {
+            *size = ((k as f64 + 1.0) / rise as f64).min(1.0) * faded;
+            faded *= fade;
         }
-        // All of the filter sees the line here, and all of its size: from here on it only fades.
-        let head = &head[..rise + MEMORY];
+        let mut head = [ZERO; WINDOWS[0]];
+        let head = &mut head[..rise + MEMORY];
+        for (k, to) in head.iter_mut().enumerate() {
+            *to = filter.iter().take(k + 1).enumerate().map(|(m, a)| a * sizes[k - m]).sum();
+        }
         at_any_time(line, head, fade)
     };
     steady.chain(fading).map(of).fold(0.0, f64::max)

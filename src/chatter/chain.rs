@@ -1,12 +1,13 @@
 //! One band of the force: mixed down, orders off, whitened, tested in four windows.
 
-use super::criteria::{CRITERIA, LONGEST, LOOKS, Levels, MEMORY, PAST, SAME_LINE_HZ, WINDOWS};
+use super::criteria::{CRITERIA, LOOKS, Levels, SAME_LINE_HZ, WINDOWS};
 use super::cut_level::MeanForce;
+use super::history::{History, Value};
 use super::lines::{COMMON, Place, Standing, Strongest, Test};
 use super::orders::{Orders, Turned};
 use super::steady::{BLOCK, KEPT, Steady};
 use super::whitening::{Noise, Whitener};
-use super::window::{Around, Heard, Reason, Value, louder};
+use super::window::{Around, Heard, Reason, louder};
 use crate::keyframe::keep;
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::units::SampleRate;
@@ -36,9 +37,7 @@ pub(super) struct ChainState {
     whitener: Whitener,
     /// Which of the two it is now.
     in_cut: bool,
-    /// The newest ends at `end`; what is long past is left out in one move.
-    values: Vec<Value>,
-    end: usize,
+    history: History,
     /// Values since the start, and since what is heard began anew.
     count: u64,
     clean: usize,
@@ -62,9 +61,9 @@ pub(super) struct ChainState {
 }
 
 keep!(ChainState {
-    mix, mixer, orders, noise, whitener, in_cut, values, end, count, clean, seen, heard, power_n2, whole_n2,
+    mix, mixer, orders, noise, whitener, in_cut, history, count, clean, seen, heard, power_n2, whole_n2,
     louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, foreign_n2, alarmed,
-} if |s| (LONGEST + PAST + MEMORY..=2 * LONGEST).contains(&s.end) && s.seen >= s.clean);
+} if |s| s.seen >= s.clean);
 
 impl ChainState {
     /// Where what is known of the place that it is in stands.
@@ -119,8 +118,7 @@ impl Chain {
             noise: [Noise::NEW, Noise::NEW],
             whitener: Whitener::NONE,
             in_cut: false,
-            values: vec![Value::NONE; 2 * LONGEST],
-            end: LONGEST + PAST + MEMORY,
+            history: History::new(),
             count: 0,
             clean: 0,
             seen: 0,
@@ -143,7 +141,8 @@ impl Chain {
     /// What was known before samples were lost: the spindle's angle is not.
     pub(super) fn resume(&self, state: &mut ChainState, known: &ChainState) {
         state.noise.clone_from(&known.noise);
-        (state.in_cut, state.whitener, state.before) = (known.in_cut, known.whitener, known.before);
+        (state.in_cut, state.before) = (known.in_cut, known.before);
+        Self::whiten_by(state, known.whitener);
     }
 
     /// Takes a sample; true when there is a value to [`Self::hear`].
@@ -175,24 +174,16 @@ impl Chain {
             };
             orders = state.orders[state.here()].step(&at);
         }
-        if state.end == state.values.len() {
-            state.values.copy_within(state.end - (LONGEST + PAST + MEMORY).., 0);
-            state.end = LONGEST + PAST + MEMORY;
-        }
-        let last = state.end;
-        state.end += 1;
-        state.values[last] =
-            Value { residual: value - orders, orders, mixer: state.mixer, angle_turns, ..Value::NONE };
-        state.power_n2 += ((value - orders).norm_sqr() - state.power_n2) / (0.25 * rate_hz);
+        let residual = value - orders;
+        state.history.push(Value { residual, orders, mixer: state.mixer, angle_turns });
+        state.power_n2 += (residual.norm_sqr() - state.power_n2) / (0.25 * rate_hz);
         state.whole_n2 += (value.norm_sqr() - state.whole_n2) / (0.5 * rate_hz);
-        Self::whiten(state, last);
-        if state.steady.push(value - orders) {
+        if state.steady.push(residual) {
             self.stand(state, told);
         }
         self.age(state, told);
         if learns {
-            let r: [C; MEMORY + 1] = std::array::from_fn(|m| state.values[last - m].residual);
-            if state.noise[state.here()].learn(&r, CRITERIA.noise_s * rate_hz) {
+            if state.noise[state.here()].learn(&state.history.newest(), CRITERIA.noise_s * rate_hz) {
                 self.renew(state);
             }
         }
@@ -274,12 +265,10 @@ impl Chain {
         };
     }
 
-    fn whiten(state: &mut ChainState, at: usize) {
-        let r = std::array::from_fn(|m| state.values[at - m].residual);
-        let s = std::array::from_fn(|m| state.values[at - m].orders);
-        let whitener = if state.whitener == Whitener::NONE { Whitener::plain() } else { state.whitener };
-        state.values[at].white = whitener.white(&r);
-        state.values[at].white_orders = whitener.white(&s);
+    fn whiten_by(state: &mut ChainState, whitener: Whitener) {
+        state.whitener = whitener;
+        let known = whitener != Whitener::NONE;
+        state.history.whiten_by(if known { whitener } else { Whitener::plain() });
     }
 
     /// The model that whitens: of this cut, or of the air while the cut's is not known.
@@ -287,17 +276,14 @@ impl Chain {
         let least = CRITERIA.young_s * self.rate_hz();
         let here = &state.noise[state.here()];
         let air = &state.noise[0];
-        state.whitener = if self.young(state) && air.known() > least && state.in_cut {
+        let whitener = if self.young(state) && air.known() > least && state.in_cut {
             air.whitener()
         } else if here.known() > least {
             here.whitener()
         } else {
             Whitener::NONE
         };
-        // All that is in sight by one model.
-        for at in state.end - (LONGEST + PAST)..state.end {
-            Self::whiten(state, at);
-        }
+        Self::whiten_by(state, whitener);
     }
 
     /// Another cut begins: what is known now is what was before it. What changes within the memory of the
@@ -358,7 +344,7 @@ impl Chain {
             }
             let full = state.clean as f64 >= n as f64 + filled;
             state.heard[which] = if full && !(around.young && which == 0) {
-                self.test.look(&state.values[..state.end], which, &around)
+                self.test.look(&mut state.history, which, &around)
             } else {
                 Heard::default()
             };
@@ -377,7 +363,7 @@ impl Chain {
     /// Whether all of the band has another level: then what is known of the noise is of another cut.
     fn compare(&self, state: &mut ChainState, around: &Around) {
         let n = WINDOWS[COMMON];
-        let common = self.test.common(&state.values[..state.end], around);
+        let common = self.test.common(&mut state.history, around);
         let other = common * CRITERIA.louder < 1.0 || (common > CRITERIA.louder && !around.told);
         state.louder = if other { state.louder + n / LOOKS } else { 0 };
         if state.louder >= n && !around.alarm && !around.young {
@@ -440,6 +426,6 @@ impl Chain {
 
     /// Strongest line of the last `n` values, a window's length.
     pub(super) fn strongest(&self, state: &ChainState, n: usize, watched_hz: [f64; 2]) -> Strongest {
-        self.test.strongest(&state.values[..state.end], n, (self.rate_hz(), watched_hz))
+        self.test.strongest(state.history.last(n), (self.rate_hz(), watched_hz))
     }
 }

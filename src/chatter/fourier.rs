@@ -27,7 +27,13 @@ impl Fourier {
     /// Cost: no allocation.
     pub(super) fn transform(&self, x: &mut [C]) {
         let Some(plan) = self.0.iter().find(|plan| plan.len() == x.len()) else { return };
-        plan.process_with_scratch(x, &mut [ZERO; 2 * MOST_POINTS][..plan.get_inplace_scratch_len()]);
+        let need = plan.get_inplace_scratch_len();
+        match need {
+            0 => plan.process_with_scratch(x, &mut []),
+            1..=128 => plan.process_with_scratch(x, &mut [ZERO; 128][..need]),
+            129..=256 => plan.process_with_scratch(x, &mut [ZERO; 256][..need]),
+            _ => plan.process_with_scratch(x, &mut [ZERO; 2 * MOST_POINTS][..need]),
+        }
     }
 }
 

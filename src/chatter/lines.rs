@@ -1,9 +1,11 @@
 //! The lines of a band: the best one of each window, the strongest one, the one that stands.
 
+use super::alternatives::against_noise;
 use super::criteria::{CRITERIA, GROWTHS_1_S, LONGEST, PAST, WINDOWS};
 use super::fourier::{Fourier, MOST_POINTS, POINTS};
+use super::history::{History, Value};
 use super::steady::{BLOCK, KEPT, Steady, since};
-use super::window::{Around, Heard, Value, Window, fit};
+use super::window::{Around, Heard, Window, fit};
 use nalgebra::Complex;
 use std::cell::OnceCell;
 use std::f64::consts::{EULER_GAMMA, PI, TAU};
@@ -61,46 +63,56 @@ impl Test {
     }
 
     /// Looks at the last values, as many as a window has. Cost: no allocation.
-    pub(super) fn look(&self, values: &[Value], which: usize, around: &Around) -> Heard {
-        let one = C::new(1.0, 0.0);
+    pub(super) fn look(&self, history: &mut History, which: usize, around: &Around) -> Heard {
+        const N: [usize; WINDOWS.len()] = WINDOWS;
+        const P: [usize; WINDOWS.len()] = POINTS;
         // No more is cleared than the window needs.
         match which {
-            0 => self.look_in([&mut [ZERO; WINDOWS[0]], &mut [one; WINDOWS[0]]], values, which, around),
-            1 => self.look_in([&mut [ZERO; WINDOWS[1]], &mut [one; WINDOWS[1]]], values, which, around),
-            2 => self.look_in([&mut [ZERO; WINDOWS[2]], &mut [one; WINDOWS[2]]], values, which, around),
-            _ => self.look_in([&mut [ZERO; WINDOWS[3]], &mut [one; WINDOWS[3]]], values, which, around),
+            0 => self.look_in::<{ N[0] }, { P[0] }>(history, which, around),
+            1 => self.look_in::<{ N[1] }, { P[1] }>(history, which, around),
+            2 => self.look_in::<{ N[2] }, { P[2] }>(history, which, around),
+            _ => self.look_in::<{ N[3] }, { P[3] }>(history, which, around),
         }
     }
 
-    /// The same with places for what the window holds and for the sweep that is taken off.
-    fn look_in(&self, [e, chirp]: [&mut [C]; 2], values: &[Value], which: usize, around: &Around) -> Heard {
-        let n = e.len();
-        let sight = &values[values.len() - around.seen.min(LONGEST + PAST)..];
-        let values = &values[values.len() - n..];
+    /// The same in a window of `N` values, by a transform of `P` points.
+    fn look_in<const N: usize, const P: usize>(
+        &self,
+        history: &mut History,
+        which: usize,
+        around: &Around,
+    ) -> Heard {
+        let mut chirp = [C::new(1.0, 0.0); N];
+        let mut x = [ZERO; P];
+        history.whiten(N);
+        x[..N].copy_from_slice(history.white(N));
         let dt = 1.0 / around.rate_hz;
-        for (q, (x, turn)) in e.iter_mut().zip(chirp.iter_mut()).enumerate() {
-            *x = values[q].white;
-            if around.sweep_hz_s != 0.0 {
-                let t = (n - 1 - q) as f64 * dt;
+        if around.sweep_hz_s != 0.0 {
+            for (q, (x, turn)) in x.iter_mut().zip(&mut chirp).enumerate() {
+                let t = (N - 1 - q) as f64 * dt;
                 *turn = C::from_polar(1.0, -0.5 * TAU * around.sweep_hz_s * t * t);
                 *x *= *turn;
             }
         }
-        let (e, chirp) = (&*e, &*chirp);
+        let e: [C; N] = std::array::from_fn(|q| x[q]);
         let total: f64 = e.iter().map(C::norm_sqr).sum();
         if total <= 0.0 || !total.is_finite() {
             return Heard::default();
         }
-        let heard = self.line(e, which, around, total);
-        Window { e, chirp, values, sight, around, total, heard, which, grew: OnceCell::new() }.judge()
+        let heard = self.line(&e, &mut x, around, total);
+        let heard = match against_noise(heard, total, N, around) {
+            (heard, true) => heard,
+            (silent, false) => return silent,
+        };
+        let seen = around.seen.min(LONGEST + PAST);
+        history.whiten(seen);
+        let grew = OnceCell::new();
+        Window { e: &e, chirp: &chirp, history, around, total, heard, which, seen, grew }.judge()
     }
 
     /// The best line of the window.
-    fn line(&self, e: &[C], which: usize, around: &Around, total: f64) -> Heard {
-        let (n, points) = (e.len(), POINTS[which]);
-        let mut x = [ZERO; MOST_POINTS];
-        let x = &mut x[..points];
-        x[..n].copy_from_slice(e);
+    fn line(&self, e: &[C], x: &mut [C], around: &Around, total: f64) -> Heard {
+        let (n, points) = (e.len(), x.len());
         self.fourier.transform(x);
         let step_hz = around.rate_hz / points as f64;
         let among = cells(around.watched_hz, around.rate_hz, points);
@@ -143,12 +155,13 @@ fn refine(e: &[C], found: &mut Heard, (step_hz, rate_hz): (f64, f64)) {
 impl Test {
     /// Level of the band over the noise known, whatever lines stand in it: of the last values, as many as
     /// the window [`COMMON`] has.
-    pub(super) fn common(&self, values: &[Value], around: &Around) -> f64 {
+    pub(super) fn common(&self, history: &mut History, around: &Around) -> f64 {
         let (n, points) = (WINDOWS[COMMON], POINTS[COMMON]);
         let mut x = [ZERO; POINTS[COMMON]];
         let mut sum = 0.0;
-        for ((x, v), hann) in x.iter_mut().zip(&values[values.len() - n..]).zip(self.hann(n)) {
-            *x = v.white * *hann;
+        history.whiten(n);
+        for ((x, white), hann) in x.iter_mut().zip(history.white(n)).zip(self.hann(n)) {
+            *x = white * *hann;
             sum += hann.powi(2);
         }
         self.fourier.transform(&mut x);
@@ -159,17 +172,12 @@ impl Test {
         (all / count + EULER_GAMMA).exp() / sum
     }
 
-    /// Strongest line of the residual in the last `n` values, a window's length: a peak, no skirt of what
+    /// Strongest line of the residual in these values, a window's length: a peak, no skirt of what
     /// stands beside; what is covered by a skirt is where it was looked for.
-    pub(super) fn strongest(
-        &self,
-        values: &[Value],
-        n: usize,
-        (rate_hz, watched_hz): (f64, [f64; 2]),
-    ) -> Strongest {
+    pub(super) fn strongest(&self, values: &[Value], (rate_hz, watched_hz): (f64, [f64; 2])) -> Strongest {
+        let n = values.len();
         let points = (4 * n.next_power_of_two()).min(MOST_POINTS);
         let mut x = [ZERO; MOST_POINTS];
-        let values = &values[values.len() - n..];
         let mut sum = 0.0;
         for ((x, v), hann) in x.iter_mut().zip(values).zip(self.hann(n)) {
             *x = v.residual * *hann;
@@ -187,10 +195,11 @@ impl Test {
         let turns = (best as f64 + shift) / points as f64;
         let (first, last) = values.split_at(n / 2);
         let mut sums = [ZERO; 2];
-        for (q, (first, last)) in first.iter().zip(last).enumerate() {
-            let turn = C::from_polar(1.0, -TAU * turns * q as f64);
+        let (step, mut turn) = (C::from_polar(1.0, -TAU * turns), C::new(1.0, 0.0));
+        for (first, last) in first.iter().zip(last) {
             sums[0] += first.residual * turn;
             sums[1] += last.residual * turn;
+            turn *= step;
         }
         let [first, last] = sums.map(|s| s.norm_sqr().max(f64::MIN_POSITIVE));
         let rise = last / first;
@@ -246,9 +255,10 @@ impl Test {
     fn sums(&self, steady: &Steady, blocks: usize, turns: f64) -> [C; KEPT / BLOCK] {
         let mut sums = [ZERO; KEPT / BLOCK];
         let hann = self.hann(BLOCK);
+        let (step, mut turn) = (C::from_polar(1.0, -TAU * turns), C::new(1.0, 0.0));
         for (q, v) in steady.last(blocks * BLOCK).enumerate() {
-            let turn = C::from_polar(hann[q % BLOCK], -TAU * (turns * q as f64).fract());
-            sums[q / BLOCK] += v * turn;
+            sums[q / BLOCK] += v * turn * hann[q % BLOCK];
+            turn *= step;
         }
         sums
     }

@@ -23,6 +23,7 @@ mod cut_level;
 mod decision;
 mod encoder_lines;
 mod fourier;
+mod history;
 mod hop;
 mod lines;
 mod monitor;

@@ -1,6 +1,6 @@
 //! A line that moved here from elsewhere: encoder lines go with the feed, chatter stays within its lobe.
 
-use super::window::{Around, Value, Window};
+use super::window::{Around, Window};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -13,7 +13,7 @@ const SWEEP_HZ_S: f64 = 15.0;
 
 impl Window<'_> {
     /// Energy, of these values, of a line as strong as it was that moved and may have come to rest.
-    pub(super) fn sweep(&self, values: &[Value]) -> f64 {
+    pub(super) fn sweep(&self, values: &[C]) -> f64 {
         let Around { rate_hz, .. } = *self.around;
         let dt = 1.0 / rate_hz;
         let n = self.e.len();
@@ -36,13 +36,13 @@ impl Window<'_> {
 }
 
 /// Energy of a line that stands at so many turns a value for the last `rest` values and moved before.
-fn moved(values: &[Value], [turns, bent]: [f64; 2], rest: usize) -> f64 {
+fn moved(values: &[C], [turns, bent]: [f64; 2], rest: usize) -> f64 {
     let (mut wave, mut sum) = (C::new(1.0, 0.0), ZERO);
     let steady = C::from_polar(1.0, -TAU * turns);
     let mut turn = steady * C::from_polar(1.0, 0.5 * TAU * bent);
     let bend = C::from_polar(1.0, TAU * bent);
     for (q, value) in values.iter().rev().enumerate() {
-        sum += wave.conj() * value.white;
+        sum += wave.conj() * value;
         if q < rest {
             wave *= steady;
         } else {

@@ -1,6 +1,7 @@
 //! A window of the band: what is in it, what is known beside it, and how well a line fits it.
 
 use super::criteria::{CRITERIA, Levels};
+use super::history::History;
 use super::whitening::Whitener;
 use crate::keyframe::keep;
 use nalgebra::Complex;
@@ -9,27 +10,6 @@ use std::f64::consts::TAU;
 
 type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
-
-/// One value of the band.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Value {
-    /// Without the orders, N/sqrt(2).
-    pub(super) residual: C,
-    /// Innovation, in units of the noise.
-    pub(super) white: C,
-    /// The orders that were taken off, through the same filter.
-    pub(super) white_orders: C,
-    pub(super) orders: C,
-    pub(super) mixer: C,
-    pub(super) angle_turns: f64,
-}
-
-keep!(Value { residual, white, white_orders, orders, mixer, angle_turns });
-
-impl Value {
-    pub(super) const NONE: Self =
-        Self { residual: ZERO, white: ZERO, white_orders: ZERO, orders: ZERO, mixer: ZERO, angle_turns: 0.0 };
-}
 
 /// What explains a window nearly as well as a line, and is no chatter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -109,9 +89,9 @@ pub(super) struct Around {
 pub(super) struct Window<'a> {
     pub(super) e: &'a [C],
     pub(super) chirp: &'a [C],
-    pub(super) values: &'a [Value],
-    /// Window and past, as far back as what is heard is one thing.
-    pub(super) sight: &'a [Value],
+    pub(super) history: &'a History,
+    /// Values, window and past, as far back as what is heard is one thing.
+    pub(super) seen: usize,
     pub(super) around: &'a Around,
     pub(super) total: f64,
     pub(super) heard: Heard,
