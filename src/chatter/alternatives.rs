@@ -6,7 +6,7 @@
 
 use super::criteria::{CRITERIA, LONGEST, RINGS_1_S, WINDOWS};
 use super::fourier::POINTS;
-use super::window::{Around, Heard, Reason, Window, fit, fit_two, louder};
+use super::window::{Around, Heard, Reason, Window, fit, fit_two, fits, louder};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -163,10 +163,9 @@ impl Window<'_> {
         for values in WINDOWS.map(|w| w / 2).into_iter().filter(|v| *v < n).chain([n]) {
             let e = &self.e[n - values..];
             for ring_1_s in RINGS_1_S {
-                for k in -2..=2 {
-                    best =
-                        best.max(fit(e, self.turns() + f64::from(k) * step, -ring_1_s / self.around.rate_hz));
-                }
+                let turns = [-2.0, -1.0, 0.0, 1.0, 2.0].map(|k| self.turns() + k * step);
+                let energies = fits(e, turns, -ring_1_s / self.around.rate_hz);
+                best = energies.into_iter().fold(best, f64::max);
             }
         }
         best

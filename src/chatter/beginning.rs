@@ -5,7 +5,7 @@
 //! a beginning than of what follows, where it knows noise at the place of the line.
 
 use super::criteria::{CRITERIA, GREW_1_S, LONGEST, MEMORY, PAST, RINGS_1_S, RISES, WINDOWS};
-use super::window::{Around, Heard, Reason, Window, fit, louder};
+use super::window::{Around, Heard, Reason, Window, fit, fits, louder};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -41,7 +41,7 @@ impl Window<'_> {
         let mut before = [ZERO; PAST];
         before.iter_mut().zip(past).for_each(|(to, from)| *to = *from);
         let step = 0.5 / LONGEST as f64;
-        let old = [-step, 0.0, step].map(|apart| fit(&before, self.turns() + apart, 0.0));
+        let old = fits(&before, [-step, 0.0, step].map(|apart| self.turns() + apart), 0.0);
         let new = fit(&self.e[LONGEST / 2..], self.turns(), 0.0);
         new < self.around.levels.noise_nats && CRITERIA.louder * old.into_iter().fold(0.0, f64::max) < new
     }
@@ -84,52 +84,57 @@ impl Window<'_> {
     }
 }
 
-/// Most energy of a line at zero that was switched on, as `filter` leaves it; the newest value is the first.
+/// Most energy of a line at zero that was switched on, at any time, as `filter` leaves it; the newest value
+/// is the first. What a filter leaves of a template fits a series as the template fits what the filter run
+/// backwards makes of the series.
 fn switched_on(line: &[C], filter: &[C; MEMORY + 1], rate_hz: f64) -> f64 {
+    let mut matched = [ZERO; LONGEST + PAST];
+    for (p, to) in matched[..line.len()].iter_mut().enumerate() {
+        *to = filter.iter().take(p + 1).enumerate().map(|(m, a)| a.conj() * line[p - m]).sum();
+    }
     let steady = RISES.into_iter().map(|rise| (rise, 0.0));
     let fading = RINGS_1_S.into_iter().map(|ring_1_s| (1, ring_1_s));
     let of = |(rise, ring_1_s): (usize, f64)| {
         let fade = (-ring_1_s / rate_hz).exp();
-        // All of the filter sees the line at the end of it, and all of its size: from there on it only fades.
-        let mut sizes = [0.0; WINDOWS[0]];
-        let mut faded = 1.0;
-        for (k, size) in sizes.iter_mut().enumerate() {
-            *size = ((k as f64 + 1.0) / rise as f64).min(1.0) * faded;
-            faded *= fade;
-        }
-        let mut head = [ZERO; WINDOWS[0]];
-        let head = &mut head[..rise + MEMORY];
-        for (k, to) in head.iter_mut().enumerate() {
-            *to = filter.iter().take(k + 1).enumerate().map(|(m, a)| a * sizes[k - m]).sum();
-        }
-        at_any_time(line, head, fade)
+        at_any_time(line, &matched[..line.len()], &sizes(filter, rise, fade), (rise, fade))
     };
     steady.chain(fading).map(of).fold(0.0, f64::max)
 }
 
-/// Most energy of a line that began as `head` does, and fades from its last value on, at any time.
-fn at_any_time(line: &[C], head: &[C], fade: f64) -> f64 {
+/// The first values of a line that rises in `rise` values and fades, as the filter leaves it. At the end all
+/// of the filter sees all of its size: from there on it only fades.
+fn sizes(filter: &[C; MEMORY + 1], rise: usize, fade: f64) -> [C; WINDOWS[0]] {
+    let size = |k: usize| ((k as f64 + 1.0) / rise as f64).min(1.0) * fade.powf(k as f64);
+    let (mut head, sizes): ([C; WINDOWS[0]], [f64; WINDOWS[0]]) =
+        ([ZERO; WINDOWS[0]], std::array::from_fn(size));
+    for (k, to) in head.iter_mut().enumerate() {
+        *to = filter.iter().take(k + 1).enumerate().map(|(m, a)| a * sizes[k - m]).sum();
+    }
+    head
+}
+
+/// Most energy of a line that began as `head` does, at any time.
+fn at_any_time(line: &[C], matched: &[C], head: &[C], (rise, fade): (usize, f64)) -> f64 {
     // Some of the line and some silence before it, or it is no beginning.
     let seen = WINDOWS[0] / 4;
-    let (gain, head) = (head[head.len() - 1], &head[..head.len() - 1]);
-    let (mut tail, mut tail_energy, mut head_energy, mut best) = (ZERO, 0.0, 0.0, 0.0f64);
-    // So many values ago it began; at last, that it was there before all that is in sight.
-    for ago in 1..=line.len() + head.len() {
-        if let Some(newest) = ago.checked_sub(head.len() + 1) {
-            tail = tail * fade + gain.conj() * line[newest];
-            tail_energy = tail_energy * fade * fade + gain.norm_sqr();
-        } else {
-            head_energy += head[ago - 1].norm_sqr();
+    let mut sums = [ZERO; RISES[RISES.len() - 1]];
+    let (mut stands, mut size, mut energy, mut best) = (ZERO, ZERO, 0.0, 0.0f64);
+    let (mut always, mut all) = (ZERO, 0.0);
+    // So many values ago it began.
+    for (k, (x, y)) in line.iter().zip(matched).enumerate() {
+        stands = stands * fade + y;
+        sums[k % rise] = stands;
+        size = if k < head.len() { head[k] } else { size * fade };
+        energy += size.norm_sqr();
+        if (seen..=line.len().saturating_sub(seen)).contains(&(k + 1)) {
+            let sum = sums[..rise].iter().sum::<C>() / rise as f64;
+            best = best.max(sum.norm_sqr() / energy);
         }
-        if ago == line.len() + head.len() {
-            best = best.max(tail.norm_sqr() / tail_energy);
-        } else if (seen..=line.len().saturating_sub(seen)).contains(&ago) {
-            let begins = line[..ago].iter().rev().zip(head);
-            let sum = tail + begins.map(|(x, h)| h.conj() * x).sum::<C>();
-            best = best.max(sum.norm_sqr() / (tail_energy + head_energy));
-        }
+        always = always * fade + x;
+        all = all * fade * fade + 1.0;
     }
-    best
+    // At last, that it was there before all that is in sight.
+    best.max(always.norm_sqr() / all)
 }
 
 /// The same of one that grew until some moment and stands since. What grows slowly leaves the filter as what

@@ -18,6 +18,8 @@ type C = Complex<f64>;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Chain {
     mix: DownMix,
+    /// Of the mixer in one value.
+    turn: C,
     test: Test,
     levels: Levels,
 }
@@ -91,7 +93,9 @@ pub(super) struct Told {
 
 impl Chain {
     pub(super) fn new(rate: SampleRate, centre_hz: f64, levels: Levels) -> Self {
-        Self { mix: DownMix::new(rate, centre_hz, CRITERIA.rate_hz / 6.0), test: Test::new(), levels }
+        let mix = DownMix::new(rate, centre_hz, CRITERIA.rate_hz / 6.0);
+        let turn = C::from_polar(1.0, -std::f64::consts::TAU * centre_hz / mix.output_rate_hz());
+        Self { mix, turn, test: Test::new(), levels }
     }
 
     pub(super) fn centre_hz(&self) -> f64 {
@@ -155,7 +159,7 @@ impl Chain {
     pub(super) fn hear(&self, state: &mut ChainState, told: &Told) {
         let value = self.mix.output(&mut state.mix);
         let rate_hz = self.rate_hz();
-        state.mixer *= C::from_polar(1.0, -std::f64::consts::TAU * self.centre_hz() / rate_hz);
+        state.mixer *= self.turn;
         state.mixer *= 1.5 - 0.5 * state.mixer.norm_sqr();
         state.count += 1;
         // Not while the filter before it fills.

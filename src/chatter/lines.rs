@@ -5,7 +5,7 @@ use super::criteria::{CRITERIA, GROWTHS_1_S, LONGEST, PAST, WINDOWS};
 use super::fourier::{Fourier, MOST_POINTS, POINTS};
 use super::history::{History, Value};
 use super::steady::{BLOCK, KEPT, Steady, since};
-use super::window::{Around, Heard, Window, fit};
+use super::window::{Around, Heard, Window, fits};
 use nalgebra::Complex;
 use std::cell::OnceCell;
 use std::f64::consts::{EULER_GAMMA, PI, TAU};
@@ -121,8 +121,9 @@ impl Test {
         let mut energy = power(x, best) / n as f64;
         if energy > 0.3 * total || energy > around.levels.noise_nats * 0.3 {
             for growth_1_s in &GROWTHS_1_S[1..] {
-                for k in best - 1..=best + 1 {
-                    let now = fit(e, k as f64 / points as f64, growth_1_s / around.rate_hz);
+                let cells = [best - 1, best, best + 1];
+                let turns = cells.map(|k| k as f64 / points as f64);
+                for (k, now) in cells.into_iter().zip(fits(e, turns, growth_1_s / around.rate_hz)) {
                     if now > energy {
                         energy = now;
                         (found.offset_hz, found.growth_1_s) = (k as f64 * step_hz, *growth_1_s);
@@ -142,9 +143,9 @@ impl Test {
 fn refine(e: &[C], found: &mut Heard, (step_hz, rate_hz): (f64, f64)) {
     for part in [0.5, 0.25, 0.125] {
         let from_hz = found.offset_hz;
-        for side in [-part, part] {
-            let offset_hz = from_hz + side * step_hz;
-            let now = fit(e, offset_hz / rate_hz, found.growth_1_s / rate_hz);
+        let places_hz = [-part, part].map(|side| from_hz + side * step_hz);
+        let turns = places_hz.map(|hz| hz / rate_hz);
+        for (offset_hz, now) in places_hz.into_iter().zip(fits(e, turns, found.growth_1_s / rate_hz)) {
             if now > found.contrast {
                 (found.contrast, found.offset_hz) = (now, offset_hz);
             }

@@ -33,7 +33,7 @@ impl Wild {
         }
         let believed = std::mem::take(&mut self.run) >= FEW;
         self.seen += 1;
-        let share = (period_s / MEMORY_S).max(1.0 / self.seen as f64);
+        let share = if known { period_s * (1.0 / MEMORY_S) } else { 1.0 / self.seen as f64 };
         self.level_n += apart_n * share;
         self.square_n2 += (apart_n * apart_n - self.square_n2) * share;
         if believed {

@@ -116,16 +116,31 @@ impl Heard {
     }
 }
 
-/// Line exp((growth + j 2 pi f) t) over the last `e`: energy of its least-squares fit.
-pub(super) fn fit(e: &[C], turns: f64, growth: f64) -> f64 {
-    let back = C::from_polar((-growth).exp(), -TAU * turns);
-    let (mut s, mut sum, mut energy) = (C::new(1.0, 0.0), ZERO, 0.0);
-    for x in e.iter().rev() {
-        sum += s.conj() * x;
-        energy += s.norm_sqr();
-        s *= back;
+/// Lines exp((growth + j 2 pi f) t) over the last `e`, each alone: energies of their least-squares fits.
+///
+/// |sum_q conj(s_q) e_q|^2 / sum_q |s_q|^2 with s_q = exp(-(growth + j 2 pi f) age): the first sum by Horner's
+/// rule, the second as a geometric series. Checked by: `energies_are_those_of_the_sums`.
+pub(super) fn fits<const K: usize>(e: &[C], turns: [f64; K], growth: f64) -> [f64; K] {
+    let shrinks = (-growth).exp();
+    let (mut re, mut im) = ([0.0; K], [0.0; K]);
+    let (sin, cos): ([f64; K], [f64; K]) =
+        (turns.map(|f| shrinks * (TAU * f).sin()), turns.map(|f| shrinks * (TAU * f).cos()));
+    for x in e {
+        for k in 0..K {
+            let was = re[k];
+            re[k] = was * cos[k] - im[k] * sin[k] + x.re;
+            im[k] = was * sin[k] + im[k] * cos[k] + x.im;
+        }
     }
-    sum.norm_sqr() / energy
+    let n = e.len() as f64;
+    let energy =
+        if growth.abs() < 1e-9 { n } else { (-2.0 * growth * n).exp_m1() / (-2.0 * growth).exp_m1() };
+    std::array::from_fn(|k| (re[k] * re[k] + im[k] * im[k]) / energy)
+}
+
+/// The same of one.
+pub(super) fn fit(e: &[C], turns: f64, growth: f64) -> f64 {
+    fits(e, [turns], growth)[0]
 }
 
 /// Energy that two templates explain together.
@@ -145,4 +160,21 @@ pub(super) fn fit_two(e: &[C], pair: impl Fn(usize) -> [C; 2]) -> f64 {
     let left = vv - uv.norm_sqr() / uu;
     let one = ue.norm_sqr() / uu;
     if left <= 1e-9 * vv { one } else { one + (ve - uv.conj() * ue / uu).norm_sqr() / left }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn energies_are_those_of_the_sums() {
+        let e: Vec<C> =
+            (0..48).map(|q| C::from_polar(1.0 + 0.1 * f64::from(q % 7), f64::from(q * q))).collect();
+        for (turns, growth) in [(0.1, 0.0), (-0.23, 0.08), (0.4, -0.16)] {
+            let line = |q: usize| C::from_polar((-growth * q as f64).exp(), -TAU * turns * q as f64);
+            let sum: C = e.iter().rev().enumerate().map(|(q, x)| line(q).conj() * x).sum();
+            let energy: f64 = (0..e.len()).map(|q| line(q).norm_sqr()).sum();
+            assert!((fit(&e, turns, growth) * energy / sum.norm_sqr() - 1.0).abs() < 1e-9);
+        }
+    }
 }
