@@ -120,7 +120,7 @@ impl Window<'_> {
             (true, false) => levels.mode_nats,
             _ => levels.untold_nats,
         };
-        let times = 1.0 + CRITERIA.damped_1_s * self.e.len() as f64 / rate_hz;
+        let times = 1.0 + RINGS_1_S[0] * self.e.len() as f64 / rate_hz;
         ((times * beside.coherence() + loud + rises) / nats, blind && 2.0 * loud > 1.0)
     }
 

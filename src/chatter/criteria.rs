@@ -32,8 +32,6 @@ pub(super) struct Criteria {
     pub(super) most: f64,
     /// Values of noise before anything is evidence, s: ten for each coefficient.
     pub(super) young_s: f64,
-    /// Damping that a line must have to be called stable, 1/s.
-    pub(super) damped_1_s: f64,
     /// Share of the threshold under which a window hears nothing, and above which it usually hears.
     pub(super) silent: f64,
     pub(super) usual: f64,
@@ -79,7 +77,6 @@ pub(super) const CRITERIA: Criteria = Criteria {
     orders_s: 1.0,
     most: 3.0,
     young_s: 0.2,
-    damped_1_s: 10.0,
     silent: 0.4,
     usual: 0.8,
     end_s: 0.1,
@@ -133,7 +130,7 @@ impl Levels {
 
 /// Rates of growth that are looked for, 1/s.
 pub(super) const GROWTHS_1_S: [f64; 3] = [0.0, 15.0, 40.0];
-/// Rates at which what was struck rings down, 1/s.
+/// Rates at which what was struck rings down, 1/s. A line that fades more slowly than the first is not stable.
 pub(super) const RINGS_1_S: [f64; 4] = [10.0, 20.0, 40.0, 80.0];
 /// Values of the windows: 48 to 384 ms.
 pub(super) const WINDOWS: [usize; 4] = [24, 48, 96, 192];

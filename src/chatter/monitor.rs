@@ -89,7 +89,6 @@ pub struct ChatterState {
     cuts: bool,
     mean_tells: bool,
     latest: ChatterOutput,
-    why: Heard,
 }
 
 keep!(ChatterState {
@@ -109,8 +108,7 @@ keep!(ChatterState {
     lambda,
     cuts,
     mean_tells,
-    latest,
-    why
+    latest
 });
 
 impl ChatterMonitor {
@@ -182,7 +180,6 @@ impl ChatterMonitor {
                 growth_1_s: None,
                 event: None,
             },
-            why: Heard::default(),
         }
     }
 
@@ -357,7 +354,6 @@ impl ChatterMonitor {
             evidence = [0.0; 4];
             best.evidence = 0.0;
         }
-        state.why = best;
         state.lambda = best.evidence;
         let t_s = self.now_s(state);
         let period_s = 1.0 / self.chains[0].rate_hz();

@@ -1,14 +1,15 @@
 //! Whether a line's amplitude stands: a limit cycle has the statistics of a sine, noise through a mode those
 //! of noise.
 
+use super::criteria::{LONGEST, WINDOWS};
 use crate::keyframe::keep;
 use nalgebra::Complex;
 
 type C = Complex<f64>;
-/// Values that are kept: 1.5 s.
-pub(super) const KEPT: usize = 768;
 /// Values of a block.
-pub(super) const BLOCK: usize = 48;
+pub(super) const BLOCK: usize = WINDOWS[1];
+/// Values that are kept: 1.5 s.
+pub(super) const KEPT: usize = 4 * LONGEST;
 
 /// The last 1.5 s of the band without its orders.
 #[derive(Debug, Clone, PartialEq)]

@@ -11,7 +11,7 @@ use nalgebra::Complex;
 type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
 /// Snapshots within the guard time.
-const GUARD: usize = 13;
+const GUARD: usize = (CRITERIA.guard_s * CRITERIA.rate_hz) as usize / MEMORY + 1;
 /// White noise that is added to what is known, of its power: 30 dB.
 const FLOOR: f64 = 1e-3;
 
