@@ -6,7 +6,7 @@
 
 use super::criteria::{CRITERIA, LONGEST, RINGS_1_S, WINDOWS};
 use super::fourier::POINTS;
-use super::window::{Around, Heard, Reason, Window, fit, fit_two, fits, louder};
+use super::window::{Context, Detection, Reason, Window, fit, fit_two, fits, loudness_nats};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -20,34 +20,34 @@ const MOSTLY: f64 = 0.8;
 /// What the line of a window of `n` values is against noise, white, of unknown level (Fisher's test) and of
 /// the level known, and whether more is to be asked. Grown chatter stands on several lobes: in an alarm its
 /// power counts, over the noise of before it.
-pub(super) fn against_noise(heard: Heard, total: f64, n: usize, around: &Around) -> (Heard, bool) {
-    let unknown = -(n as f64 - 1.0) * (1.0 - heard.contrast / total).max(1e-12).ln();
-    let level = match (around.blind, around.alarm) {
+pub(super) fn against_noise(found: Detection, total: f64, n: usize, context: &Context) -> (Detection, bool) {
+    let unknown = -(n as f64 - 1.0) * (1.0 - found.contrast / total).max(1e-12).ln();
+    let level = match (context.no_model, context.alarm) {
         (true, _) => unknown,
-        (_, true) => heard.contrast,
-        _ => unknown.min(heard.contrast),
+        (_, true) => found.contrast,
+        _ => unknown.min(found.contrast),
     };
-    let stands = level / around.levels.noise_nats;
-    if around.alarm && around.scatters {
-        return (Heard { stands, evidence: 0.0, reason: Reason::Mode, ..heard }, false);
+    let over_noise = level / context.levels.noise_nats;
+    if context.alarm && context.noise_like {
+        return (Detection { over_noise, evidence: 0.0, reason: Reason::Mode, ..found }, false);
     }
-    (Heard { stands, evidence: stands, ..heard }, stands >= CRITERIA.silent)
+    (Detection { over_noise, evidence: over_noise, ..found }, over_noise >= CRITERIA.silent)
 }
 
 impl Window<'_> {
     /// The least evidence of all alternatives, over its threshold.
-    pub(super) fn judge(&self) -> Heard {
-        let levels = &self.around.levels;
-        let mut heard = self.heard;
-        if self.around.alarm {
+    pub(super) fn judge(&self) -> Detection {
+        let levels = &self.context.levels;
+        let mut found = self.line;
+        if self.context.alarm {
             // On an order there is no chatter; what stands between them counts by its power.
             let resolved = self.turns_of_spindle() >= RESOLVED;
-            if resolved && self.orders() > MOSTLY * self.heard.contrast {
-                (heard.evidence, heard.reason) = (0.0, Reason::Order);
+            if resolved && self.orders() > MOSTLY * self.line.contrast {
+                (found.evidence, found.reason) = (0.0, Reason::Order);
             }
-            return heard;
+            return found;
         }
-        heard.power_n2 = self.power().0;
+        found.power_n2 = self.power().0;
         let beside = self.near();
         let order = self.order_nats(&beside) / levels.cause_nats;
         let (mode, kept) = self.mode_nats(&beside);
@@ -55,19 +55,19 @@ impl Window<'_> {
             (self.against(self.e.len() as f64 - 1.0, self.ring()) / levels.cause_nats, Reason::RingDown),
             (self.over_known() / levels.cause_nats, Reason::Mode),
             (order, Reason::Order),
-            (self.foreign(), Reason::Foreign),
+            (self.over_stable(), Reason::Interference),
             (mode, Reason::Mode),
         ];
         for (evidence, reason) in terms {
-            heard.least(evidence, reason);
+            found.least(evidence, reason);
         }
-        if heard.evidence > CRITERIA.hold {
-            self.begun(&mut heard);
+        if found.evidence > CRITERIA.hold {
+            self.judge_beginning(&mut found);
         }
-        if kept && heard.stands > 1.0 {
-            heard.evidence = heard.evidence.max(CRITERIA.hold * 1.01);
+        if kept && found.over_noise > 1.0 {
+            found.evidence = found.evidence.max(CRITERIA.hold * 1.01);
         }
-        heard
+        found
     }
 
     /// Share of the window that this energy leaves.
@@ -77,29 +77,29 @@ impl Window<'_> {
 
     /// Evidence for the line against what explains `other`, nats, in so many values of white noise.
     fn against(&self, values: f64, other: f64) -> f64 {
-        values * (self.miss(other) / self.miss(self.heard.contrast)).ln()
+        values * (self.miss(other) / self.miss(self.line.contrast)).ln()
     }
 
     /// Against orders that changed: as templates of the window, among what is near the line, and as learned.
     fn order_nats(&self, beside: &Near) -> f64 {
-        let Around { young, told, orders: known, .. } = *self.around;
+        let Context { learning, entries_known, orders: known, .. } = *self.context;
         let n = self.e.len() as f64;
         let orders = self.orders();
-        let wide = if young { 0.0 } else { self.against(n - 1.0, orders) };
+        let wide = if learning { 0.0 } else { self.against(n - 1.0, orders) };
         let near = if self.beside() > 0 {
             beside.values * beside.coherence()
         } else {
             let left = |other: f64| {
-                (self.heard.contrast + beside.rest - other).max(beside.rest).max(1e-6 * self.heard.contrast)
+                (self.line.contrast + beside.rest - other).max(beside.rest).max(1e-6 * self.line.contrast)
             };
-            beside.values * (left(orders) / left(self.heard.contrast)).ln()
+            beside.values * (left(orders) / left(self.line.contrast)).ln()
         };
         let nats = wide.max(near);
-        if young && told && !known {
+        if learning && entries_known && !known {
             // They are learned with the line in them.
             return nats;
         }
-        let values = if young { beside.values } else { n - 1.0 };
+        let values = if learning { beside.values } else { n - 1.0 };
         nats.min(self.against(values, self.learned_orders()))
     }
 
@@ -107,21 +107,21 @@ impl Window<'_> {
     /// independent values. And louder than the noise of a stable cut, and growing: one does not tell of the
     /// other. The second: whether it is too loud to be learned as noise.
     fn mode_nats(&self, beside: &Near) -> (f64, bool) {
-        let Around { young, told, cuts, blind, stable_n2, rate_hz, .. } = *self.around;
-        if !young && told && self.which + 1 != WINDOWS.len() {
+        let Context { learning, entries_known, cuts, no_model, stable_n2, rate_hz, .. } = *self.context;
+        if !learning && entries_known && self.which + 1 != WINDOWS.len() {
             return (f64::INFINITY, false);
         }
-        let loud = if young { louder(self.power().0, stable_n2) } else { 0.0 };
-        let grew = young && told && self.grew() > self.around.levels.switched_nats;
-        let rises = if grew { self.rise_nats() } else { 0.0 };
-        let levels = &self.around.levels;
-        let nats = match (told, young) {
+        let loud = if learning { loudness_nats(self.power().0, stable_n2) } else { 0.0 };
+        let growth_nats = learning && entries_known && self.growth_nats() > self.context.levels.switched_nats;
+        let rises = if growth_nats { self.rise_nats() } else { 0.0 };
+        let levels = &self.context.levels;
+        let nats = match (entries_known, learning) {
             (true, true) if cuts => levels.cause_nats,
             (true, false) => levels.mode_nats,
-            _ => levels.untold_nats,
+            _ => levels.entry_unknown_nats,
         };
         let times = 1.0 + RINGS_1_S[0] * self.e.len() as f64 / rate_hz;
-        ((times * beside.coherence() + loud + rises) / nats, blind && 2.0 * loud > 1.0)
+        ((times * beside.coherence() + loud + rises) / nats, no_model && 2.0 * loud > 1.0)
     }
 
     /// Evidence, nats, that the line grew within the window, and not all that begins with a cut: the powers
@@ -137,22 +137,22 @@ impl Window<'_> {
 
     /// Where nothing is known a line may have stood in air too: then it is not the cut's, unless no stable
     /// cut is as loud.
-    fn foreign(&self) -> f64 {
-        if self.around.blind { 2.0 * self.power().0 / self.around.stable_n2 } else { f64::INFINITY }
+    fn over_stable(&self) -> f64 {
+        if self.context.no_model { 2.0 * self.power().0 / self.context.stable_n2 } else { f64::INFINITY }
     }
 
     /// Against a line or a narrow mode that is known and louder for a while, nats.
     fn over_known(&self) -> f64 {
-        if self.around.blind { f64::INFINITY } else { self.power().1 / self.known() }
+        if self.context.no_model { f64::INFINITY } else { self.power().1 / self.known() }
     }
 
     /// Turns of the spindle in the window.
     fn turns_of_spindle(&self) -> f64 {
-        self.e.len() as f64 / self.around.rate_hz * self.around.speed_hz
+        self.e.len() as f64 / self.context.rate_hz * self.context.speed_hz
     }
 
     pub(super) fn turns(&self) -> f64 {
-        self.heard.offset_hz / self.around.rate_hz
+        self.line.offset_hz / self.context.rate_hz
     }
 
     /// Energy of the best line that fades from some moment on.
@@ -164,7 +164,7 @@ impl Window<'_> {
             let e = &self.e[n - values..];
             for ring_1_s in RINGS_1_S {
                 let turns = [-2.0, -1.0, 0.0, 1.0, 2.0].map(|k| self.turns() + k * step);
-                let energies = fits(e, turns, -ring_1_s / self.around.rate_hz);
+                let energies = fits(e, turns, -ring_1_s / self.context.rate_hz);
                 best = energies.into_iter().fold(best, f64::max);
             }
         }
@@ -174,16 +174,16 @@ impl Window<'_> {
     /// Energy of the nearest orders at the measured angle, growing as the line does; both where the window
     /// tells them apart.
     fn orders(&self) -> f64 {
-        let Around { speed_hz, centre_hz, rate_hz, .. } = *self.around;
+        let Context { speed_hz, centre_hz, rate_hz, .. } = *self.context;
         if speed_hz <= 0.0 {
             return 0.0;
         }
         let n = self.e.len();
-        let below = ((centre_hz + self.heard.offset_hz) / speed_hz).floor();
+        let below = ((centre_hz + self.line.offset_hz) / speed_hz).floor();
         let values = self.history.last(n);
         let wave = |q: usize, order: f64| {
             let value = &values[q];
-            let grown = (self.heard.growth_1_s * (q as f64 - n as f64) / rate_hz).exp();
+            let grown = (self.line.growth_1_s * (q as f64 - n as f64) / rate_hz).exp();
             value.mixer * C::from_polar(grown, TAU * (order * value.angle_turns).fract()) * self.chirp[q]
         };
         if self.turns_of_spindle() >= 2.0 {
@@ -205,7 +205,7 @@ impl Window<'_> {
     pub(super) fn power(&self) -> (f64, f64) {
         let n = self.e.len();
         let values = self.history.last(n);
-        let back = C::from_polar((-self.heard.growth_1_s / self.around.rate_hz).exp(), -TAU * self.turns());
+        let back = C::from_polar((-self.line.growth_1_s / self.context.rate_hz).exp(), -TAU * self.turns());
         let (mut s, mut sum, mut energy) = (C::new(1.0, 0.0), ZERO, 0.0);
         for q in (0..n).rev() {
             sum += s.conj() * values[q].residual * self.chirp[q];
@@ -219,19 +219,19 @@ impl Window<'_> {
     /// while.
     fn known(&self) -> f64 {
         let n = self.e.len() as f64;
-        let at = |m: i32| self.around.whitener.known(self.turns() + f64::from(m) / (4.0 * n));
+        let at = |m: i32| self.context.whitener.known(self.turns() + f64::from(m) / (4.0 * n));
         (-4..=4).map(at).sum::<f64>() / 9.0
     }
 
     /// Line and both orders beside it, as far as the window tells them apart.
     fn beside(&self) -> usize {
-        let Around { speed_hz, rate_hz, young, .. } = *self.around;
-        if young && self.e.len() as f64 / rate_hz * speed_hz >= RESOLVED { 2 } else { 0 }
+        let Context { speed_hz, rate_hz, learning, .. } = *self.context;
+        if learning && self.e.len() as f64 / rate_hz * speed_hz >= RESOLVED { 2 } else { 0 }
     }
 
     /// The line beside what the orders next to it explain: one after the other, each without the ones before.
     fn near(&self) -> Near {
-        let rate_hz = self.around.rate_hz;
+        let rate_hz = self.context.rate_hz;
         let n = self.e.len();
         let mut basis = [[ZERO; LONGEST]; 3];
         let orders = self.beside();
@@ -260,9 +260,9 @@ impl Window<'_> {
 
     /// The `orders` next to the line, then the line.
     fn templates(&self, basis: &mut [[C; LONGEST]; 3], orders: usize) {
-        let Around { speed_hz, centre_hz, rate_hz, .. } = *self.around;
+        let Context { speed_hz, centre_hz, rate_hz, .. } = *self.context;
         let n = self.e.len();
-        let below = ((centre_hz + self.heard.offset_hz) / speed_hz.max(f64::MIN_POSITIVE)).floor();
+        let below = ((centre_hz + self.line.offset_hz) / speed_hz.max(f64::MIN_POSITIVE)).floor();
         for (k, b) in basis[..orders].iter_mut().enumerate() {
             for (q, y) in b[..n].iter_mut().enumerate() {
                 let value = &self.history.last(n)[q];
@@ -270,7 +270,7 @@ impl Window<'_> {
                 *y = value.mixer * C::from_polar(1.0, TAU * turn.fract()) * self.chirp[q];
             }
         }
-        let back = C::from_polar((-self.heard.growth_1_s / rate_hz).exp(), -TAU * self.turns());
+        let back = C::from_polar((-self.line.growth_1_s / rate_hz).exp(), -TAU * self.turns());
         let mut line = C::new(1.0, 0.0);
         for y in basis[orders][..n].iter_mut().rev() {
             *y = line;

@@ -5,7 +5,7 @@
 //! a beginning than of what follows, where it knows noise at the place of the line.
 
 use super::criteria::{CRITERIA, GREW_1_S, LONGEST, MEMORY, PAST, RINGS_1_S, RISES, WINDOWS};
-use super::window::{Around, Heard, Reason, Window, fit, fits, louder};
+use super::window::{Context, Detection, Reason, Window, fit, fits, loudness_nats};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -14,20 +14,21 @@ const ZERO: C = C::new(0.0, 0.0);
 
 impl Window<'_> {
     /// What the beginning of the line says of it.
-    pub(super) fn begun(&self, heard: &mut Heard) {
-        let levels = &self.around.levels;
-        let grown = self.grew() + louder(heard.power_n2, self.around.stable_n2);
+    pub(super) fn judge_beginning(&self, found: &mut Detection) {
+        let levels = &self.context.levels;
+        let grown = self.growth_nats() + loudness_nats(found.power_n2, self.context.stable_n2);
         // All else that begins with a cut is there at once, too.
-        let least = if self.around.young { levels.cause_nats } else { levels.switched_nats };
-        heard.came = grown < -least;
-        let untold = self.around.young || self.under_noise();
-        if heard.came || (grown < levels.switched_nats && !untold) {
-            heard.least(CRITERIA.hold * (1.0 + grown / levels.switched_nats), Reason::Foreign);
+        let least = if self.context.learning { levels.cause_nats } else { levels.switched_nats };
+        found.switched_on = grown < -least;
+        let uncertain = self.context.learning || self.under_noise();
+        if found.switched_on || (grown < levels.switched_nats && !uncertain) {
+            found.least(CRITERIA.hold * (1.0 + grown / levels.switched_nats), Reason::Interference);
         }
-        if heard.evidence > CRITERIA.hold && !self.around.young && self.seen >= self.e.len() + WINDOWS[0] {
+        if found.evidence > CRITERIA.hold && !self.context.learning && self.seen >= self.e.len() + WINDOWS[0]
+        {
             let stayed = self.stayed() / levels.cause_nats;
-            heard.came |= stayed < -1.0;
-            heard.least(stayed, Reason::Foreign);
+            found.switched_on |= stayed < -1.0;
+            found.least(stayed, Reason::Interference);
         }
     }
 
@@ -43,15 +44,15 @@ impl Window<'_> {
         let step = 0.5 / LONGEST as f64;
         let old = fits(&before, [-step, 0.0, step].map(|apart| self.turns() + apart), 0.0);
         let new = fit(&self.e[LONGEST / 2..], self.turns(), 0.0);
-        new < self.around.levels.noise_nats && CRITERIA.louder * old.into_iter().fold(0.0, f64::max) < new
+        new < self.context.levels.noise_nats && CRITERIA.louder * old.into_iter().fold(0.0, f64::max) < new
     }
 
     /// Evidence, nats, that the line grew and may stand since, against one that was switched on and may have
     /// faded since.
-    pub(super) fn grew(&self) -> f64 {
-        let Around { whitener, rate_hz, .. } = self.around;
+    pub(super) fn growth_nats(&self) -> f64 {
+        let Context { whitener, rate_hz, .. } = self.context;
         let switched = |line: &[C], turns: f64| switched_on(line, &whitener.at(turns), *rate_hz);
-        *self.grew.get_or_init(|| self.more_than(self.history.white(self.seen), switched))
+        *self.growth_nats.get_or_init(|| self.more_than(self.history.white(self.seen), switched))
     }
 
     /// The same against one that moved here.
@@ -64,23 +65,23 @@ impl Window<'_> {
     /// Evidence, nats, that the line grew, by these values, against what explains the energy of `other`.
     fn more_than(&self, values: &[C], other: impl Fn(&[C], f64) -> f64) -> f64 {
         let n = values.len();
-        let rate_hz = self.around.rate_hz;
+        let rate_hz = self.context.rate_hz;
         let mut line = [ZERO; LONGEST + PAST];
         let line = &mut line[..n];
-        let [mut all, mut not, mut grew] = [0.0; 3];
+        let [mut all, mut not, mut growth_nats] = [0.0; 3];
         for k in -2..=2 {
             let turns = self.turns() + f64::from(k) * 0.25 / self.e.len() as f64;
             for (q, (to, from)) in line.iter_mut().zip(values.iter().rev()).enumerate() {
                 let ago = q as f64;
-                let bent = 0.5 * self.around.sweep_hz_s * (ago / rate_hz).powi(2);
+                let bent = 0.5 * self.context.sweep_hz_s * (ago / rate_hz).powi(2);
                 *to = *from * C::from_polar(1.0, TAU * (turns * ago - bent));
             }
             all = line.iter().map(C::norm_sqr).sum();
             not = other(line, turns).max(not);
-            grew = growing(line, rate_hz).max(grew);
+            growth_nats = growing(line, rate_hz).max(growth_nats);
         }
         let left = |energy: f64| (all - energy).max(1e-12 * all);
-        (n as f64 - 1.0) * (left(not) / left(grew)).ln()
+        (n as f64 - 1.0) * (left(not) / left(growth_nats)).ln()
     }
 }
 
@@ -118,12 +119,12 @@ fn at_any_time(line: &[C], matched: &[C], head: &[C], (rise, fade): (usize, f64)
     // Some of the line and some silence before it, or it is no beginning.
     let seen = WINDOWS[0] / 4;
     let mut sums = [ZERO; RISES[RISES.len() - 1]];
-    let (mut stands, mut size, mut energy, mut best) = (ZERO, ZERO, 0.0, 0.0f64);
+    let (mut over_noise, mut size, mut energy, mut best) = (ZERO, ZERO, 0.0, 0.0f64);
     let (mut always, mut all) = (ZERO, 0.0);
     // So many values ago it began.
     for (k, (x, y)) in line.iter().zip(matched).enumerate() {
-        stands = stands * fade + y;
-        sums[k % rise] = stands;
+        over_noise = over_noise * fade + y;
+        sums[k % rise] = over_noise;
         size = if k < head.len() { head[k] } else { size * fade };
         energy += size.norm_sqr();
         if (seen..=line.len().saturating_sub(seen)).contains(&(k + 1)) {
@@ -173,14 +174,14 @@ mod tests {
             let all: f64 = line.iter().map(C::norm_sqr).sum();
             (switched_on(&line, &plain, 500.0) / all, growing(&line, 500.0) / all)
         };
-        let (at, grew) = of(&|ago_s| (-15.0 * (ago_s - 0.1).max(0.0)).exp());
-        assert!(grew > 0.999 && at < 0.95, "{at} {grew}");
-        let (at, grew) = of(&|ago_s| if ago_s < 0.1 { 1.0 } else { 0.0 });
-        assert!(at > 0.999 && grew < 0.98, "{at} {grew}");
-        let (at, grew) = of(&|ago_s| ((0.1 - ago_s) / 0.006).clamp(0.0, 1.0));
-        assert!(at > 0.999 && grew < 0.99, "{at} {grew}");
-        let (at, grew) = of(&|ago_s| if ago_s < 0.1 { (20.0 * ago_s).exp() } else { 0.0 });
-        assert!(at > 0.999 && grew < 0.8, "{at} {grew}");
+        let (at, growth_nats) = of(&|ago_s| (-15.0 * (ago_s - 0.1).max(0.0)).exp());
+        assert!(growth_nats > 0.999 && at < 0.95, "{at} {growth_nats}");
+        let (at, growth_nats) = of(&|ago_s| if ago_s < 0.1 { 1.0 } else { 0.0 });
+        assert!(at > 0.999 && growth_nats < 0.98, "{at} {growth_nats}");
+        let (at, growth_nats) = of(&|ago_s| ((0.1 - ago_s) / 0.006).clamp(0.0, 1.0));
+        assert!(at > 0.999 && growth_nats < 0.99, "{at} {growth_nats}");
+        let (at, growth_nats) = of(&|ago_s| if ago_s < 0.1 { (20.0 * ago_s).exp() } else { 0.0 });
+        assert!(at > 0.999 && growth_nats < 0.8, "{at} {growth_nats}");
     }
 
     #[test]

@@ -17,7 +17,7 @@ pub(super) struct Criteria {
     /// twentieth there was a false alarm in an hour, with fifty times as much the weakest chatter is lost.
     pub(super) mode_1_s: f64,
     /// The same where nothing tells when another cut begins, on three axes in three bands, 1/s.
-    pub(super) untold_1_s: f64,
+    pub(super) entry_unknown_1_s: f64,
     /// Share of the thresholds from which on nothing is learned.
     pub(super) hold: f64,
     /// Memory of the noise, s.
@@ -31,7 +31,7 @@ pub(super) struct Criteria {
     /// Most that the power of a value counts over what is known.
     pub(super) most: f64,
     /// Values of noise before anything is evidence, s: ten for each coefficient.
-    pub(super) young_s: f64,
+    pub(super) first_s: f64,
     /// Share of the threshold under which a window hears nothing, and above which it usually hears.
     pub(super) silent: f64,
     pub(super) usual: f64,
@@ -69,14 +69,14 @@ pub(super) const CRITERIA: Criteria = Criteria {
     noise_1_s: 7000.0,
     cause_1_s: 0.2,
     mode_1_s: 0.00225,
-    untold_1_s: 130.0,
+    entry_unknown_1_s: 130.0,
     hold: 0.5,
     noise_s: 1.5,
     before_s: 5.0,
     guard_s: 0.25,
     orders_s: 1.0,
     most: 3.0,
-    young_s: 0.2,
+    first_s: 0.2,
     silent: 0.4,
     usual: 0.8,
     end_s: 0.1,
@@ -110,7 +110,7 @@ pub(super) struct Levels {
     /// Against a mode that the whitening has not resolved.
     pub(super) mode_nats: f64,
     /// The same where nothing tells when another cut begins.
-    pub(super) untold_nats: f64,
+    pub(super) entry_unknown_nats: f64,
     /// That a line grew and was not switched on, or the other way about.
     pub(super) switched_nats: f64,
 }
@@ -122,7 +122,7 @@ impl Levels {
             noise_nats: nats(CRITERIA.noise_1_s),
             cause_nats: nats(CRITERIA.cause_1_s),
             mode_nats: nats(CRITERIA.mode_1_s),
-            untold_nats: nats(CRITERIA.untold_1_s),
+            entry_unknown_nats: nats(CRITERIA.entry_unknown_1_s),
             switched_nats: -CRITERIA.switched.ln(),
         }
     }

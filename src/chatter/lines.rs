@@ -4,8 +4,8 @@ use super::alternatives::against_noise;
 use super::criteria::{CRITERIA, GROWTHS_1_S, LONGEST, PAST, WINDOWS};
 use super::fourier::{Fourier, MOST_POINTS, POINTS};
 use super::history::{History, Value};
-use super::steady::{BLOCK, KEPT, Steady, since};
-use super::window::{Around, Heard, Window, fits};
+use super::sustained::{BLOCK, KEPT, Residuals, since};
+use super::window::{Context, Detection, Window, fits};
 use nalgebra::Complex;
 use std::cell::OnceCell;
 use std::f64::consts::{EULER_GAMMA, PI, TAU};
@@ -13,7 +13,7 @@ use std::f64::consts::{EULER_GAMMA, PI, TAU};
 type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
 /// The window that tells the level of all the band.
-pub(super) const COMMON: usize = 1;
+pub(super) const BAND_LEVEL: usize = 1;
 
 /// First and last cell of a transform of `points` that lie in a band, Hz from the centre.
 fn cells(band_hz: [f64; 2], rate_hz: f64, points: usize) -> std::ops::RangeInclusive<i64> {
@@ -63,67 +63,67 @@ impl Test {
     }
 
     /// Looks at the last values, as many as a window has. Cost: no allocation.
-    pub(super) fn look(&self, history: &mut History, which: usize, around: &Around) -> Heard {
+    pub(super) fn detect(&self, history: &mut History, which: usize, context: &Context) -> Detection {
         const N: [usize; WINDOWS.len()] = WINDOWS;
         const P: [usize; WINDOWS.len()] = POINTS;
         // No more is cleared than the window needs.
         match which {
-            0 => self.look_in::<{ N[0] }, { P[0] }>(history, which, around),
-            1 => self.look_in::<{ N[1] }, { P[1] }>(history, which, around),
-            2 => self.look_in::<{ N[2] }, { P[2] }>(history, which, around),
-            _ => self.look_in::<{ N[3] }, { P[3] }>(history, which, around),
+            0 => self.detect_in::<{ N[0] }, { P[0] }>(history, which, context),
+            1 => self.detect_in::<{ N[1] }, { P[1] }>(history, which, context),
+            2 => self.detect_in::<{ N[2] }, { P[2] }>(history, which, context),
+            _ => self.detect_in::<{ N[3] }, { P[3] }>(history, which, context),
         }
     }
 
     /// The same in a window of `N` values, by a transform of `P` points.
-    fn look_in<const N: usize, const P: usize>(
+    fn detect_in<const N: usize, const P: usize>(
         &self,
         history: &mut History,
         which: usize,
-        around: &Around,
-    ) -> Heard {
+        context: &Context,
+    ) -> Detection {
         let mut chirp = [C::new(1.0, 0.0); N];
         let mut x = [ZERO; P];
         history.whiten(N);
         x[..N].copy_from_slice(history.white(N));
-        let dt = 1.0 / around.rate_hz;
-        if around.sweep_hz_s != 0.0 {
+        let dt = 1.0 / context.rate_hz;
+        if context.sweep_hz_s != 0.0 {
             for (q, (x, turn)) in x.iter_mut().zip(&mut chirp).enumerate() {
                 let t = (N - 1 - q) as f64 * dt;
-                *turn = C::from_polar(1.0, -0.5 * TAU * around.sweep_hz_s * t * t);
+                *turn = C::from_polar(1.0, -0.5 * TAU * context.sweep_hz_s * t * t);
                 *x *= *turn;
             }
         }
         let e: [C; N] = std::array::from_fn(|q| x[q]);
         let total: f64 = e.iter().map(C::norm_sqr).sum();
         if total <= 0.0 || !total.is_finite() {
-            return Heard::default();
+            return Detection::default();
         }
-        let heard = self.line(&e, &mut x, around, total);
-        let heard = match against_noise(heard, total, N, around) {
-            (heard, true) => heard,
+        let line = self.line(&e, &mut x, context, total);
+        let line = match against_noise(line, total, N, context) {
+            (line, true) => line,
             (silent, false) => return silent,
         };
-        let seen = around.seen.min(LONGEST + PAST);
+        let seen = context.seen.min(LONGEST + PAST);
         history.whiten(seen);
-        let grew = OnceCell::new();
-        Window { e: &e, chirp: &chirp, history, around, total, heard, which, seen, grew }.judge()
+        let growth_nats = OnceCell::new();
+        Window { e: &e, chirp: &chirp, history, context, total, line, which, seen, growth_nats }.judge()
     }
 
     /// The best line of the window.
-    fn line(&self, e: &[C], x: &mut [C], around: &Around, total: f64) -> Heard {
+    fn line(&self, e: &[C], x: &mut [C], context: &Context, total: f64) -> Detection {
         let (n, points) = (e.len(), x.len());
         self.fourier.transform(x);
-        let step_hz = around.rate_hz / points as f64;
-        let among = cells(around.watched_hz, around.rate_hz, points);
+        let step_hz = context.rate_hz / points as f64;
+        let among = cells(context.watched_hz, context.rate_hz, points);
         let best = loudest(x, among.clone()).unwrap_or(*among.start());
-        let mut found = Heard { offset_hz: best as f64 * step_hz, ..Heard::default() };
+        let mut found = Detection { offset_hz: best as f64 * step_hz, ..Detection::default() };
         let mut energy = power(x, best) / n as f64;
-        if energy > 0.3 * total || energy > around.levels.noise_nats * 0.3 {
+        if energy > 0.3 * total || energy > context.levels.noise_nats * 0.3 {
             for growth_1_s in &GROWTHS_1_S[1..] {
                 let cells = [best - 1, best, best + 1];
                 let turns = cells.map(|k| k as f64 / points as f64);
-                for (k, now) in cells.into_iter().zip(fits(e, turns, growth_1_s / around.rate_hz)) {
+                for (k, now) in cells.into_iter().zip(fits(e, turns, growth_1_s / context.rate_hz)) {
                     if now > energy {
                         energy = now;
                         (found.offset_hz, found.growth_1_s) = (k as f64 * step_hz, *growth_1_s);
@@ -132,15 +132,15 @@ impl Test {
             }
         }
         found.contrast = energy;
-        if energy > CRITERIA.silent * around.levels.noise_nats {
-            refine(e, &mut found, (step_hz, around.rate_hz));
+        if energy > CRITERIA.silent * context.levels.noise_nats {
+            refine(e, &mut found, (step_hz, context.rate_hz));
         }
         found
     }
 }
 
 /// A cell off by half its width loses a fifth of a line: its place to an eighth.
-fn refine(e: &[C], found: &mut Heard, (step_hz, rate_hz): (f64, f64)) {
+fn refine(e: &[C], found: &mut Detection, (step_hz, rate_hz): (f64, f64)) {
     for part in [0.5, 0.25, 0.125] {
         let from_hz = found.offset_hz;
         let places_hz = [-part, part].map(|side| from_hz + side * step_hz);
@@ -156,9 +156,9 @@ fn refine(e: &[C], found: &mut Heard, (step_hz, rate_hz): (f64, f64)) {
 impl Test {
     /// Level of the band over the noise known, whatever lines stand in it: of the last values, as many as
     /// the window [`COMMON`] has.
-    pub(super) fn common(&self, history: &mut History, around: &Around) -> f64 {
-        let (n, points) = (WINDOWS[COMMON], POINTS[COMMON]);
-        let mut x = [ZERO; POINTS[COMMON]];
+    pub(super) fn band_level(&self, history: &mut History, context: &Context) -> f64 {
+        let (n, points) = (WINDOWS[BAND_LEVEL], POINTS[BAND_LEVEL]);
+        let mut x = [ZERO; POINTS[BAND_LEVEL]];
         let mut sum = 0.0;
         history.whiten(n);
         for ((x, white), hann) in x.iter_mut().zip(history.white(n)).zip(self.hann(n)) {
@@ -166,7 +166,7 @@ impl Test {
             sum += hann.powi(2);
         }
         self.fourier.transform(&mut x);
-        let among = cells(around.watched_hz, around.rate_hz, points);
+        let among = cells(context.watched_hz, context.rate_hz, points);
         let count = among.clone().count().max(1) as f64;
         let all: f64 = among.map(|k| power(&x, k).max(f64::MIN_POSITIVE).ln()).sum();
         // The mean logarithm of an exponential variable is that of its mean less Euler's constant.
@@ -213,14 +213,14 @@ impl Test {
 
     /// Strongest line between the orders, the strongest too of what a block does not tell from it: whether it
     /// stands, over as many of the last values as are `clean`.
-    pub(super) fn standing(&self, steady: &Steady, place: &Place) -> Standing {
-        let Place { rate_hz, centre_hz, speed_hz, .. } = *place;
-        let none = Standing { offset_hz: 0.0, nats: 0.0, power_n2: 0.0, side: 0.0 };
-        if place.clean < LONGEST {
+    pub(super) fn sustained(&self, residuals: &Residuals, place: &SustainedQuery) -> Sustained {
+        let SustainedQuery { rate_hz, centre_hz, speed_hz, .. } = *place;
+        let none = Sustained { offset_hz: 0.0, nats: 0.0, power_n2: 0.0, side: 0.0 };
+        if place.since_change < LONGEST {
             return none;
         }
         let mut x = [ZERO; MOST_POINTS];
-        for ((x, v), hann) in x.iter_mut().zip(steady.last(LONGEST)).zip(self.hann(LONGEST)) {
+        for ((x, v), hann) in x.iter_mut().zip(residuals.last(LONGEST)).zip(self.hann(LONGEST)) {
             *x = v * *hann;
         }
         self.fourier.transform(&mut x);
@@ -236,28 +236,28 @@ impl Test {
         let among = cells(place.watched_hz, rate_hz, MOST_POINTS).filter(|k| between(k) && alone(k));
         let Some(best) = loudest(&x, among) else { return none };
         let turns = best as f64 / MOST_POINTS as f64;
-        let blocks = (place.clean / BLOCK).min(KEPT / BLOCK);
-        let line = self.sums(steady, blocks, turns);
+        let blocks = (place.since_change / BLOCK).min(KEPT / BLOCK);
+        let line = self.sums(residuals, blocks, turns);
         let powers = &line.map(|s| s.norm_sqr() / (0.25 * (BLOCK * BLOCK) as f64))[..blocks];
         let power_n2 = powers.iter().sum::<f64>() / blocks as f64;
         // What stands a turn beside the line and goes with it.
         let beside = |turn: f64| {
-            let side = self.sums(steady, blocks, turns + turn * speed_hz / rate_hz);
+            let side = self.sums(residuals, blocks, turns + turn * speed_hz / rate_hz);
             let with: C = line.iter().zip(&side).map(|(l, s)| s * l.conj()).sum();
             with.norm_sqr() / line.iter().map(C::norm_sqr).sum::<f64>().powi(2)
         };
         let side = if speed_hz > 0.0 { beside(-1.0).max(beside(1.0)) } else { 0.0 };
-        Standing { offset_hz: best as f64 * step_hz, nats: since(powers), power_n2, side }
+        Sustained { offset_hz: best as f64 * step_hz, nats: since(powers), power_n2, side }
     }
 }
 
 impl Test {
     /// A line in each of the last blocks.
-    fn sums(&self, steady: &Steady, blocks: usize, turns: f64) -> [C; KEPT / BLOCK] {
+    fn sums(&self, residuals: &Residuals, blocks: usize, turns: f64) -> [C; KEPT / BLOCK] {
         let mut sums = [ZERO; KEPT / BLOCK];
         let hann = self.hann(BLOCK);
         let (step, mut turn) = (C::from_polar(1.0, -TAU * turns), C::new(1.0, 0.0));
-        for (q, v) in steady.last(blocks * BLOCK).enumerate() {
+        for (q, v) in residuals.last(blocks * BLOCK).enumerate() {
             sums[q / BLOCK] += v * turn * hann[q % BLOCK];
             turn *= step;
         }
@@ -276,7 +276,7 @@ pub(super) struct Strongest {
 
 /// Where a line that stands is looked for.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(super) struct SustainedQuery {
     pub(super) rate_hz: f64,
     pub(super) centre_hz: f64,
     pub(super) speed_hz: f64,
@@ -284,12 +284,12 @@ pub(super) struct Place {
     pub(super) alarm: bool,
     pub(super) watched_hz: [f64; 2],
     /// Values that are of one cut.
-    pub(super) clean: usize,
+    pub(super) since_change: usize,
 }
 
 /// A line and the evidence that its power stands.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Standing {
+pub(super) struct Sustained {
     /// From the centre.
     pub(super) offset_hz: f64,
     pub(super) nats: f64,

@@ -1,15 +1,15 @@
 //! The monitor of one force stream.
 
 use super::band::{Band, BandError};
-use super::chain::{Chain, ChainState, Told};
 use super::criteria::{CRITERIA, LONGEST, Levels, SAME_LINE_HZ, WINDOWS};
 use super::cut_level::{Change, CutLevel, CutLevelState, MeanForce};
 use super::decision::{Decision, Turn};
 use super::encoder_lines::EncoderLines;
 use super::hop::Hop;
 use super::lines::Strongest;
-use super::wild::Wild;
-use super::window::{Heard, Reason};
+use super::outliers::OutlierFilter;
+use super::sub_band::{Conditions, SubBand, SubBandState};
+use super::window::{Detection, Reason};
 use super::{ChatterEvent, ChatterOutput, Line, NotChatter, Phase};
 use crate::keyframe::keep;
 use crate::units::SampleRate;
@@ -62,7 +62,7 @@ const SPEED_CHANGE_S: f64 = 0.5;
 pub struct ChatterMonitor {
     settings: ChatterSettings,
     level: CutLevel,
-    chains: Vec<Chain>,
+    sub_bands: Vec<SubBand>,
     /// Part of the band that each chain answers for, Hz.
     parts_hz: Vec<[f64; 2]>,
     turns_per_rpm: f64,
@@ -75,10 +75,10 @@ pub struct ChatterState {
     /// Of the band.
     values: u64,
     hop: Hop,
-    wild: Wild,
+    outliers: OutlierFilter,
     level: CutLevelState,
     encoders: EncoderLines,
-    chains: Vec<ChainState>,
+    sub_bands: Vec<SubBandState>,
     watched_hz: [f64; 2],
     angle_turns: f64,
     newest_speed_hz: f64,
@@ -95,10 +95,10 @@ keep!(ChatterState {
     samples,
     values,
     hop,
-    wild,
+    outliers,
     level,
     encoders,
-    chains,
+    sub_bands,
     watched_hz,
     angle_turns,
     newest_speed_hz,
@@ -127,13 +127,13 @@ impl ChatterMonitor {
         let part = |k: f64| [low_hz + k * wide_hz, low_hz + (k + 1.0) * wide_hz];
         let parts_hz: Vec<[f64; 2]> = (0..parts as u32).map(|k| part(f64::from(k))).collect();
         let levels = Levels::of(settings.false_alarm_s);
-        let chain = |[a, b]: &[f64; 2]| Chain::new(settings.sample_rate, 0.5 * (a + b), levels);
-        let chains = parts_hz.iter().map(chain).collect();
+        let sub_band = |[a, b]: &[f64; 2]| SubBand::new(settings.sample_rate, 0.5 * (a + b), levels);
+        let sub_bands = parts_hz.iter().map(sub_band).collect();
         let turns_per_rpm = settings.sample_rate.period_s() / 60.0;
         Ok(Self {
             settings,
             level: CutLevel::new(settings.sample_rate, settings.mean),
-            chains,
+            sub_bands,
             parts_hz,
             turns_per_rpm,
         })
@@ -148,7 +148,7 @@ impl ChatterMonitor {
     /// Samples between two decisions.
     #[must_use]
     pub fn decision_samples(&self) -> usize {
-        2 * self.chains[0].decimation()
+        2 * self.sub_bands[0].decimation()
     }
 
     /// Nothing heard yet.
@@ -159,10 +159,10 @@ impl ChatterMonitor {
             samples: 0,
             values: 0,
             hop: Hop::default(),
-            wild: Wild::default(),
+            outliers: OutlierFilter::default(),
             level: self.level.start(),
             encoders: EncoderLines::NONE,
-            chains: self.chains.iter().map(Chain::start).collect(),
+            sub_bands: self.sub_bands.iter().map(SubBand::start).collect(),
             watched_hz: [band.low_hz(), band.high_hz()],
             angle_turns: 0.0,
             newest_speed_hz: 0.0,
@@ -186,8 +186,8 @@ impl ChatterMonitor {
     /// After samples were lost: the noise of air and cut stays known, all else begins anew.
     pub fn resume(&self, state: &mut ChatterState) {
         let known = std::mem::replace(state, self.start());
-        for ((chain, new), old) in self.chains.iter().zip(&mut state.chains).zip(&known.chains) {
-            chain.resume(new, old);
+        for ((sub_band, new), old) in self.sub_bands.iter().zip(&mut state.sub_bands).zip(&known.sub_bands) {
+            sub_band.resume(new, old);
         }
         (state.level, state.cuts, state.watched_hz) = (known.level, known.cuts, known.watched_hz);
     }
@@ -237,7 +237,7 @@ impl ChatterMonitor {
     ) -> Option<ChatterEvent> {
         state.latest.event = None;
         state.samples += 1;
-        let force_n = state.wild.bound(force_n, self.settings.sample_rate.period_s());
+        let force_n = state.outliers.bound(force_n, self.settings.sample_rate.period_s());
         if let Some(rpm) = spindle_speed_rpm.map(f64::abs) {
             state.angle_turns += rpm * self.turns_per_rpm;
             state.newest_speed_hz = rpm * (1.0 / 60.0);
@@ -247,13 +247,13 @@ impl ChatterMonitor {
             self.change(state, change);
         }
         let mut fresh = false;
-        for at in 0..self.chains.len() {
-            if self.chains[at].push(&mut state.chains[at], force_n) {
+        for at in 0..self.sub_bands.len() {
+            if self.sub_bands[at].push(&mut state.sub_bands[at], force_n) {
                 if !fresh {
                     self.follow_speed(state);
                 }
                 fresh = true;
-                self.hear(state, at);
+                self.take(state, at);
             }
         }
         if fresh {
@@ -275,15 +275,15 @@ impl ChatterMonitor {
             _ => return,
         };
         state.cuts = place;
-        for (chain, s) in self.chains.iter().zip(&mut state.chains) {
-            chain.begin(s, Some(place));
+        for (sub_band, s) in self.sub_bands.iter().zip(&mut state.sub_bands) {
+            sub_band.begin(s, Some(place));
         }
         state.lambda = 0.0;
         state.latest.event = Some(ChatterEvent::CutChanged);
     }
 
     fn follow_speed(&self, state: &mut ChatterState) {
-        let period_s = 1.0 / self.chains[0].rate_hz();
+        let period_s = 1.0 / self.sub_bands[0].rate_hz();
         let newest_hz = state.newest_speed_hz;
         if newest_hz < LEAST_SPEED_HZ {
             state.speed_hz = 0.0;
@@ -304,10 +304,10 @@ impl ChatterMonitor {
         if change.abs() < 1e-3 { 0.0 } else { change }
     }
 
-    fn hear(&self, state: &mut ChatterState, at: usize) {
-        let centre_hz = self.chains[at].centre_hz();
+    fn take(&self, state: &mut ChatterState, at: usize) {
+        let centre_hz = self.sub_bands[at].centre_hz();
         let ([low, high], [a, b]) = (self.parts_hz[at], state.watched_hz);
-        let told = Told {
+        let now = Conditions {
             angle_turns: state.angle_turns,
             speed_hz: state.speed_hz,
             speed_change_1_s: self.speed_change_1_s(state),
@@ -317,7 +317,7 @@ impl ChatterMonitor {
             mean: if state.mean_tells { self.settings.mean } else { MeanForce::Absent },
             mean_n: state.level.reached_n(),
         };
-        self.chains[at].hear(&mut state.chains[at], &told);
+        self.sub_bands[at].take(&mut state.sub_bands[at], &now);
     }
 
     fn now_s(&self, state: &ChatterState) -> f64 {
@@ -326,23 +326,28 @@ impl ChatterMonitor {
 
     fn decide(&self, state: &mut ChatterState) {
         let mut evidence = [0.0; 4];
-        let mut best = Heard::default();
-        for (chain, s) in self.chains.iter().zip(&state.chains) {
-            let explained = |heard: Heard, values: usize| {
-                let hz = heard.offset_hz + chain.centre_hz();
-                let drawn = !state.decision.alarm && heard.evidence > 0.0 && state.encoders.draw(hz, values);
-                if drawn { Heard { evidence: 0.0, reason: Reason::EncoderSteps, ..heard } } else { heard }
+        let mut best = Detection::default();
+        for (sub_band, s) in self.sub_bands.iter().zip(&state.sub_bands) {
+            let explained = |detection: Detection, values: usize| {
+                let hz = detection.offset_hz + sub_band.centre_hz();
+                let drawn =
+                    !state.decision.alarm && detection.evidence > 0.0 && state.encoders.draw(hz, values);
+                if drawn {
+                    Detection { evidence: 0.0, reason: Reason::EncoderSteps, ..detection }
+                } else {
+                    detection
+                }
             };
-            let standing = explained(chain.standing(s), LONGEST);
-            evidence[3] = standing.evidence.max(evidence[3]);
-            if standing.evidence > best.evidence {
-                best = Heard { offset_hz: standing.offset_hz + chain.centre_hz(), ..standing };
+            let sustained = explained(sub_band.sustained(s), LONGEST);
+            evidence[3] = sustained.evidence.max(evidence[3]);
+            if sustained.evidence > best.evidence {
+                best = Detection { offset_hz: sustained.offset_hz + sub_band.centre_hz(), ..sustained };
             }
-            for ((to, heard), values) in evidence.iter_mut().zip(chain.heard(s)).zip(WINDOWS) {
-                let heard = explained(*heard, values);
-                *to = heard.evidence.max(*to);
-                if (heard.evidence, heard.stands) >= (best.evidence, best.stands) {
-                    best = Heard { offset_hz: heard.offset_hz + chain.centre_hz(), ..heard };
+            for ((to, detection), values) in evidence.iter_mut().zip(sub_band.detections(s)).zip(WINDOWS) {
+                let detection = explained(*detection, values);
+                *to = detection.evidence.max(*to);
+                if (detection.evidence, detection.over_noise) >= (best.evidence, best.over_noise) {
+                    best = Detection { offset_hz: detection.offset_hz + sub_band.centre_hz(), ..detection };
                 }
             }
         }
@@ -356,13 +361,13 @@ impl ChatterMonitor {
         }
         state.lambda = best.evidence;
         let t_s = self.now_s(state);
-        let period_s = 1.0 / self.chains[0].rate_hz();
+        let period_s = 1.0 / self.sub_bands[0].rate_hz();
         let turn = state.decision.step(t_s, (evidence, state.latest.power_n2), period_s);
         self.report(state, &best);
         match turn {
             Some(Turn::Begins) => {
-                for (chain, s) in self.chains.iter().zip(&mut state.chains) {
-                    chain.back(s);
+                for (sub_band, s) in self.sub_bands.iter().zip(&mut state.sub_bands) {
+                    sub_band.revert(s);
                 }
                 state.latest.event = Some(ChatterEvent::Onset(Line {
                     frequency_hz: best.offset_hz,
@@ -372,8 +377,8 @@ impl ChatterMonitor {
                 }));
             }
             Some(Turn::Ends) => {
-                for (chain, s) in self.chains.iter().zip(&mut state.chains) {
-                    chain.begin(s, None);
+                for (sub_band, s) in self.sub_bands.iter().zip(&mut state.sub_bands) {
+                    sub_band.begin(s, None);
                 }
                 state.latest.event = Some(ChatterEvent::End);
             }
@@ -387,8 +392,8 @@ impl ChatterMonitor {
         if over_n > 0.0 { over_n } else { state.level.size_n() }
     }
 
-    fn report(&self, state: &mut ChatterState, best: &Heard) {
-        let known = self.chains.iter().zip(&state.chains).any(|(c, s)| c.knows(s));
+    fn report(&self, state: &mut ChatterState, best: &Detection) {
+        let known = self.sub_bands.iter().zip(&state.sub_bands).any(|(c, s)| c.has_model(s));
         let before = state.latest.phase;
         state.latest.phase = match (known, state.decision.alarm, best.evidence > CRITERIA.hold) {
             (_, true, _) => Phase::Chatter,
@@ -414,7 +419,7 @@ impl ChatterMonitor {
 
     /// The strongest line now: near what stands out, or of all the band where nothing does.
     fn follow_line(&self, state: &mut ChatterState, near_hz: Option<f64>) {
-        let rate_hz = self.chains[0].rate_hz();
+        let rate_hz = self.sub_bands[0].rate_hz();
         let age_s = self.now_s(state) - state.decision.since_s;
         let long = state.decision.alarm && age_s * rate_hz > WINDOWS[LONG] as f64;
         let n = WINDOWS[if long { LONG } else { LONG - 1 }];
@@ -422,20 +427,20 @@ impl ChatterMonitor {
         let among =
             near_hz.map_or([a - SAME_LINE_HZ, b + SAME_LINE_HZ], |hz| [hz - SAME_LINE_HZ, hz + SAME_LINE_HZ]);
         let mut found: Option<(f64, Strongest)> = None;
-        for ((chain, s), [low, high]) in self.chains.iter().zip(&state.chains).zip(&self.parts_hz) {
-            let centre_hz = chain.centre_hz();
+        for ((sub_band, s), [low, high]) in self.sub_bands.iter().zip(&state.sub_bands).zip(&self.parts_hz) {
+            let centre_hz = sub_band.centre_hz();
             let band_hz = [low.max(among[0]) - centre_hz, high.min(among[1]) - centre_hz];
             if band_hz[1] <= band_hz[0] {
                 continue;
             }
-            let now = chain.strongest(s, n, band_hz);
+            let now = sub_band.strongest(s, n, band_hz);
             if found.is_none_or(|(_, best)| now.power_n2 > best.power_n2) {
                 found = Some((centre_hz + now.offset_hz, now));
             }
         }
         let Some((hz, Strongest { power_n2, growth_1_s, .. })) = found else { return };
         // A window heard what was half its length ago.
-        let late_s = self.chains[0].delay_s() + 0.5 * n as f64 / rate_hz;
+        let late_s = self.sub_bands[0].delay_s() + 0.5 * n as f64 / rate_hz;
         let now_hz = hz * (1.0 + self.speed_change_1_s(state) * late_s);
         state.latest.power_n2 = power_n2;
         (state.latest.frequency_hz, state.latest.growth_1_s) = (Some(now_hz), Some(growth_1_s));

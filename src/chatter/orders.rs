@@ -42,7 +42,7 @@ impl Orders {
     }
 
     /// As sure as after one turn: the cut changed.
-    pub(super) fn doubt(&mut self) {
+    pub(super) fn restart(&mut self) {
         self.seen = 0.0;
     }
 

@@ -1,6 +1,6 @@
 //! A line that moved here from elsewhere: encoder lines go with the feed, chatter stays within its lobe.
 
-use super::window::{Around, Window};
+use super::window::{Context, Window};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -14,7 +14,7 @@ const SWEEP_HZ_S: f64 = 15.0;
 impl Window<'_> {
     /// Energy, of these values, of a line as strong as it was that moved and may have come to rest.
     pub(super) fn sweep(&self, values: &[C]) -> f64 {
-        let Around { rate_hz, .. } = *self.around;
+        let Context { rate_hz, .. } = *self.context;
         let dt = 1.0 / rate_hz;
         let n = self.e.len();
         let mut best: f64 = 0.0;
@@ -25,7 +25,7 @@ impl Window<'_> {
                     for shift in -1..=1 {
                         // Resting, its place is the line's; moving, the line's is that of the middle.
                         let late = if rest == 0 { 0.5 * n as f64 * dt * rate } else { 0.0 };
-                        let hz = self.heard.offset_hz + late + f64::from(shift) * 0.5 * rate_hz / n as f64;
+                        let hz = self.line.offset_hz + late + f64::from(shift) * 0.5 * rate_hz / n as f64;
                         best = best.max(moved(values, [hz * dt, rate * dt * dt], rest));
                     }
                 }

@@ -50,7 +50,7 @@ impl Noise {
     /// made.
     pub(super) fn learn(&mut self, r: &[C; MEMORY + 1], trust: f64) -> bool {
         let mean = r.iter().map(|x| x.norm_sqr()).sum::<f64>() / (MEMORY + 1) as f64;
-        let weight = if self.known > CRITERIA.young_s * CRITERIA.rate_hz && mean > 0.0 {
+        let weight = if self.known > CRITERIA.first_s * CRITERIA.rate_hz && mean > 0.0 {
             (CRITERIA.most * self.covariance[0].re / mean).min(1.0)
         } else {
             1.0
@@ -73,19 +73,19 @@ impl Noise {
     }
 
     /// What was learned in the last guard time is forgotten: it was no noise.
-    pub(super) fn back(&mut self) {
+    pub(super) fn revert(&mut self) {
         (self.covariance, self.known) = (self.past[self.oldest], self.past_known[self.oldest]);
-        self.settle();
+        self.accept_all();
     }
 
     /// All that was learned counts: what came since is somewhere else.
-    pub(super) fn settle(&mut self) {
+    pub(super) fn accept_all(&mut self) {
         self.past = [self.covariance; GUARD];
         self.past_known = [self.known; GUARD];
     }
 
     /// Known as well as after so many values only.
-    pub(super) fn doubt(&mut self, values: f64) {
+    pub(super) fn shrink(&mut self, values: f64) {
         self.known = self.known.min(values);
         self.past_known.iter_mut().for_each(|k| *k = k.min(values));
     }

@@ -24,20 +24,20 @@ pub(super) enum Reason {
     /// Noise through a damped mode.
     Mode,
     /// It was there without the cut, or was switched on.
-    Foreign,
+    Interference,
     /// The axis travels over the steps of its encoder.
     EncoderSteps,
 }
 
-crate::keyframe::keep_list!(Reason { Noise, RingDown, Order, Mode, Foreign, EncoderSteps });
+crate::keyframe::keep_list!(Reason { Noise, RingDown, Order, Mode, Interference, EncoderSteps });
 
 /// What a window says.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Heard {
+pub(super) struct Detection {
     /// Least evidence over its threshold.
     pub(super) evidence: f64,
     /// Evidence against noise alone, over its threshold.
-    pub(super) stands: f64,
+    pub(super) over_noise: f64,
     pub(super) reason: Reason,
     /// Relative to the band's centre.
     pub(super) offset_hz: f64,
@@ -47,14 +47,14 @@ pub(super) struct Heard {
     /// Power of the line, N^2, where it is anything.
     pub(super) power_n2: f64,
     /// Whether it began at once, and is no chatter that grew.
-    pub(super) came: bool,
+    pub(super) switched_on: bool,
 }
 
-keep!(Heard { evidence, stands, reason, offset_hz, growth_1_s, contrast, power_n2, came });
+keep!(Detection { evidence, over_noise, reason, offset_hz, growth_1_s, contrast, power_n2, switched_on });
 
 /// What is known beside the window.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Around {
+pub(super) struct Context {
     pub(super) levels: Levels,
     pub(super) centre_hz: f64,
     pub(super) rate_hz: f64,
@@ -67,19 +67,19 @@ pub(super) struct Around {
     /// Values in which the beginning of a line is looked for.
     pub(super) seen: usize,
     /// Whether the noise of this cut is not known yet.
-    pub(super) young: bool,
+    pub(super) learning: bool,
     /// Whether the orders of this cut are known.
     pub(super) orders: bool,
     /// Whether a line stands declared.
     pub(super) alarm: bool,
     /// Whether the mean force tells when another cut begins: then its noise is known.
-    pub(super) told: bool,
+    pub(super) entries_known: bool,
     /// Whether a tool is in the cut.
     pub(super) cuts: bool,
     /// Whether nothing at all is known of the noise.
-    pub(super) blind: bool,
+    pub(super) no_model: bool,
     /// Noise by its scatter.
-    pub(super) scatters: bool,
+    pub(super) noise_like: bool,
     /// Most power that the noise of a stable cut has at a place, N^2; infinite where it is not known.
     pub(super) stable_n2: f64,
     pub(super) whitener: Whitener,
@@ -92,22 +92,22 @@ pub(super) struct Window<'a> {
     pub(super) history: &'a History,
     /// Values, window and past, as far back as what is heard is one thing.
     pub(super) seen: usize,
-    pub(super) around: &'a Around,
+    pub(super) context: &'a Context,
     pub(super) total: f64,
-    pub(super) heard: Heard,
+    pub(super) line: Detection,
     pub(super) which: usize,
     /// Evidence that the line grew, once it was asked for.
-    pub(super) grew: OnceCell<f64>,
+    pub(super) growth_nats: OnceCell<f64>,
 }
 
 /// Evidence, nats, that a line of `power_n2` is louder than the noise of a stable cut: the power of a line of
 /// noise is exponential about a mean that is known as a gamma distribution is.
-pub(super) fn louder(power_n2: f64, stable_n2: f64) -> f64 {
+pub(super) fn loudness_nats(power_n2: f64, stable_n2: f64) -> f64 {
     let shape = CRITERIA.stable_shape;
     shape * (1.0 + power_n2 / (shape * stable_n2)).ln()
 }
 
-impl Heard {
+impl Detection {
     /// No more evidence than this, for that reason.
     pub(super) fn least(&mut self, evidence: f64, reason: Reason) {
         if evidence < self.evidence {

@@ -3,11 +3,12 @@
 use super::criteria::{CRITERIA, LOOKS, Levels, SAME_LINE_HZ, WINDOWS};
 use super::cut_level::MeanForce;
 use super::history::{History, Value};
-use super::lines::{COMMON, Place, Standing, Strongest, Test};
+use super::interference::Interference;
+use super::lines::{BAND_LEVEL, Strongest, Sustained, SustainedQuery, Test};
 use super::orders::{Orders, Turned};
-use super::steady::{BLOCK, KEPT, Steady};
+use super::sustained::{BLOCK, KEPT, Residuals};
 use super::whitening::{Noise, Whitener};
-use super::window::{Around, Heard, Reason, louder};
+use super::window::{Context, Detection, Reason, loudness_nats};
 use crate::keyframe::keep;
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::units::SampleRate;
@@ -16,7 +17,7 @@ use nalgebra::Complex;
 type C = Complex<f64>;
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Chain {
+pub(super) struct SubBand {
     mix: DownMix,
     /// Of the mixer in one value.
     turn: C,
@@ -30,7 +31,7 @@ const FILLED_DELAYS: f64 = 3.0;
 const ENOUGH: usize = 10;
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct ChainState {
+pub(super) struct SubBandState {
     mix: DownMixState,
     mixer: C,
     /// In air, and in the cut.
@@ -42,32 +43,29 @@ pub(super) struct ChainState {
     history: History,
     /// Values since the start, and since what is heard began anew.
     count: u64,
-    clean: usize,
+    since_change: usize,
     /// The same, where tools that leave begin nothing: what stands on was there before.
     seen: usize,
-    heard: [Heard; WINDOWS.len()],
-    /// Of the last quarter second, N^2.
-    power_n2: f64,
+    detections: [Detection; WINDOWS.len()],
+    /// Of the last half second, N^2.
     whole_n2: f64,
-    louder: usize,
-    steady: Steady,
-    standing: Heard,
+    other_level: usize,
+    residuals: Residuals,
+    sustained: Detection,
     /// What was known two to four seconds ago, or before another cut began.
     before: [Whitener; 2],
     since: usize,
-    scatters: bool,
-    foreign_hz: f64,
-    foreign_s: f64,
-    foreign_n2: f64,
+    noise_like: bool,
+    interference: Interference,
     alarmed: usize,
 }
 
-keep!(ChainState {
-    mix, mixer, orders, noise, whitener, in_cut, history, count, clean, seen, heard, power_n2, whole_n2,
-    louder, steady, standing, before, since, scatters, foreign_hz, foreign_s, foreign_n2, alarmed,
-} if |s| s.seen >= s.clean);
+keep!(SubBandState {
+    mix, mixer, orders, noise, whitener, in_cut, history, count, since_change, seen, detections, whole_n2,
+    other_level, residuals, sustained, before, since, noise_like, interference, alarmed,
+} if |s| s.seen >= s.since_change);
 
-impl ChainState {
+impl SubBandState {
     /// Where what is known of the place that it is in stands.
     fn here(&self) -> usize {
         usize::from(self.in_cut)
@@ -76,7 +74,7 @@ impl ChainState {
 
 /// What the chain is told with each value.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Told {
+pub(super) struct Conditions {
     pub(super) angle_turns: f64,
     pub(super) speed_hz: f64,
     pub(super) speed_change_1_s: f64,
@@ -91,7 +89,7 @@ pub(super) struct Told {
     pub(super) mean_n: f64,
 }
 
-impl Chain {
+impl SubBand {
     pub(super) fn new(rate: SampleRate, centre_hz: f64, levels: Levels) -> Self {
         let mix = DownMix::new(rate, centre_hz, CRITERIA.rate_hz / 6.0);
         let turn = C::from_polar(1.0, -std::f64::consts::TAU * centre_hz / mix.output_rate_hz());
@@ -114,8 +112,8 @@ impl Chain {
         self.mix.delay_s()
     }
 
-    pub(super) fn start(&self) -> ChainState {
-        ChainState {
+    pub(super) fn start(&self) -> SubBandState {
+        SubBandState {
             mix: self.mix.start(),
             mixer: C::new(1.0, 0.0),
             orders: [Orders::new(), Orders::new()],
@@ -124,26 +122,23 @@ impl Chain {
             in_cut: false,
             history: History::new(),
             count: 0,
-            clean: 0,
+            since_change: 0,
             seen: 0,
-            heard: [Heard::default(); WINDOWS.len()],
-            power_n2: 0.0,
+            detections: [Detection::default(); WINDOWS.len()],
             whole_n2: 0.0,
-            louder: 0,
-            steady: Steady::new(),
-            standing: Heard::default(),
+            other_level: 0,
+            residuals: Residuals::new(),
+            sustained: Detection::default(),
             before: [Whitener::NONE; 2],
             since: 0,
-            scatters: false,
-            foreign_hz: 0.0,
-            foreign_s: 0.0,
-            foreign_n2: 0.0,
+            noise_like: false,
+            interference: Interference::default(),
             alarmed: 0,
         }
     }
 
     /// What was known before samples were lost: the spindle's angle is not.
-    pub(super) fn resume(&self, state: &mut ChainState, known: &ChainState) {
+    pub(super) fn resume(&self, state: &mut SubBandState, known: &SubBandState) {
         state.noise.clone_from(&known.noise);
         (state.in_cut, state.before) = (known.in_cut, known.before);
         Self::whiten_by(state, known.whitener);
@@ -151,12 +146,12 @@ impl Chain {
 
     /// Takes a sample; true when there is a value to [`Self::hear`].
     #[inline]
-    pub(super) fn push(&self, state: &mut ChainState, force_n: f64) -> bool {
+    pub(super) fn push(&self, state: &mut SubBandState, force_n: f64) -> bool {
         self.mix.push(&mut state.mix, force_n)
     }
 
     #[inline(never)]
-    pub(super) fn hear(&self, state: &mut ChainState, told: &Told) {
+    pub(super) fn take(&self, state: &mut SubBandState, now: &Conditions) {
         let value = self.mix.output(&mut state.mix);
         let rate_hz = self.rate_hz();
         state.mixer *= self.turn;
@@ -164,15 +159,15 @@ impl Chain {
         state.count += 1;
         // Not while the filter before it fills.
         let settled = state.count as f64 > FILLED_DELAYS * self.delay_s() * rate_hz;
-        let learns = told.learns && settled;
-        let angle_turns = told.angle_turns - told.speed_hz * self.delay_s();
+        let learns = now.learns && settled;
+        let angle_turns = now.angle_turns - now.speed_hz * self.delay_s();
         let mut orders = C::new(0.0, 0.0);
-        if told.speed_hz > 0.0 {
+        if now.speed_hz > 0.0 {
             let at = Turned {
                 value,
                 mixer: state.mixer,
                 angle_turns,
-                speed_hz: told.speed_hz,
+                speed_hz: now.speed_hz,
                 centre_hz: self.centre_hz(),
                 learns,
             };
@@ -180,34 +175,31 @@ impl Chain {
         }
         let residual = value - orders;
         state.history.push(Value { residual, orders, mixer: state.mixer, angle_turns });
-        state.power_n2 += (residual.norm_sqr() - state.power_n2) / (0.25 * rate_hz);
         state.whole_n2 += (value.norm_sqr() - state.whole_n2) / (0.5 * rate_hz);
-        if state.steady.push(residual) {
-            self.stand(state, told);
+        if state.residuals.push(residual) {
+            self.judge_sustained(state, now);
         }
-        self.age(state, told);
-        if learns {
-            if state.noise[state.here()].learn(&state.history.newest(), CRITERIA.noise_s * rate_hz) {
-                self.renew(state);
-            }
+        self.age(state, now);
+        if learns && state.noise[state.here()].learn(&state.history.newest(), CRITERIA.noise_s * rate_hz) {
+            self.renew(state);
         }
-        self.look(state, told);
+        self.detect(state, now);
     }
 
     /// One value later.
-    fn age(&self, state: &mut ChainState, told: &Told) {
+    fn age(&self, state: &mut SubBandState, now: &Conditions) {
         let rate_hz = self.rate_hz();
-        state.clean += 1;
+        state.since_change += 1;
         state.seen += 1;
         state.since += 1;
-        state.alarmed = match told.alarm {
+        state.alarmed = match now.alarm {
             true => state.alarmed + 1,
             // What stood before was heard then.
-            false if state.standing.evidence >= 1.0 => KEPT,
+            false if state.sustained.evidence >= 1.0 => KEPT,
             false => 0,
         };
-        state.foreign_s = (state.foreign_s - 1.0 / rate_hz).max(0.0);
-        if told.learns && state.since as f64 > CRITERIA.before_s * rate_hz {
+        state.interference.age(1.0 / rate_hz);
+        if now.learns && state.since as f64 > CRITERIA.before_s * rate_hz {
             state.before = [state.before[1], state.whitener];
             state.since = 0;
         }
@@ -215,32 +207,32 @@ impl Chain {
 
     /// Most power that the noise of a stable cut with this mean force has at a place, N^2, and the same where
     /// the mean force is that of a tool in the cut, and no zero that drifts: infinite where it is not known.
-    fn stable_n2(&self, state: &ChainState, told: &Told) -> [f64; 2] {
-        let share_n2 = (CRITERIA.stable_share * told.mean_n).powi(2);
-        let drifts = self.knows(state) && !state.in_cut;
-        [share_n2, if Self::cuts(state, told) && !drifts { share_n2 } else { f64::INFINITY }]
+    fn stable_n2(&self, state: &SubBandState, now: &Conditions) -> [f64; 2] {
+        let share_n2 = (CRITERIA.stable_share * now.mean_n).powi(2);
+        let drifts = self.has_model(state) && !state.in_cut;
+        [share_n2, if Self::cuts(state, now) && !drifts { share_n2 } else { f64::INFINITY }]
     }
 
     /// Whether a tool is in the cut, by its mean force.
-    fn cuts(state: &ChainState, told: &Told) -> bool {
-        let pushes = told.mean_n > CRITERIA.over_whole * state.whole_n2.sqrt();
-        told.mean != MeanForce::Absent && (state.in_cut || pushes)
+    fn cuts(state: &SubBandState, now: &Conditions) -> bool {
+        let pushes = now.mean_n > CRITERIA.over_whole * state.whole_n2.sqrt();
+        now.mean != MeanForce::Absent && (state.in_cut || pushes)
     }
 
     /// The line that stands: a limit cycle that was not there before, or is louder than a stable cut is.
-    fn stand(&self, state: &mut ChainState, told: &Told) {
+    fn judge_sustained(&self, state: &mut SubBandState, now: &Conditions) {
         let rate_hz = self.rate_hz();
-        let clean = if told.alarm { state.alarmed } else { state.clean };
-        let place = Place {
+        let since_change = if now.alarm { state.alarmed } else { state.since_change };
+        let place = SustainedQuery {
             rate_hz,
             centre_hz: self.centre_hz(),
-            speed_hz: told.speed_hz,
-            alarm: told.alarm,
-            watched_hz: told.watched_hz,
-            clean,
+            speed_hz: now.speed_hz,
+            alarm: now.alarm,
+            watched_hz: now.watched_hz,
+            since_change,
         };
-        let Standing { offset_hz, nats, power_n2, side } = self.test.standing(&state.steady, &place);
-        let [share_n2, stable_n2] = self.stable_n2(state, told);
+        let Sustained { offset_hz, nats, power_n2, side } = self.test.sustained(&state.residuals, &place);
+        let [share_n2, stable_n2] = self.stable_n2(state, now);
         let cut = side > CRITERIA.modulated;
         let over = if state.before[0] == Whitener::NONE {
             2.0 * self.levels.cause_nats * power_n2 / stable_n2
@@ -248,39 +240,39 @@ impl Chain {
             let known = state.before[0].known(offset_hz / rate_hz);
             power_n2 * BLOCK as f64 / known.max(f64::MIN_POSITIVE)
         };
-        state.scatters =
+        state.noise_like =
             state.alarmed >= ENOUGH * BLOCK && nats <= 0.0 && power_n2 > 0.0 && power_n2 < share_n2;
         // Where nothing is known of air, what the cut modulates is the cut's.
         let new = over > self.levels.cause_nats
             || (cut && nats > self.levels.cause_nats && state.before[0] == Whitener::NONE);
         // Where the noise of this cut is known a line is seen to grow.
-        let seen = told.mean != MeanForce::Absent && !self.young(state) && !told.alarm;
+        let seen = now.mean != MeanForce::Absent && !self.learning(state) && !now.alarm;
         let rules = new && !seen && (cut || power_n2 > CRITERIA.rules * state.whole_n2);
-        state.standing = if rules {
-            Heard {
-                evidence: (nats + louder(power_n2, stable_n2)) / self.levels.cause_nats,
-                stands: over / self.levels.noise_nats,
+        state.sustained = if rules {
+            Detection {
+                evidence: (nats + loudness_nats(power_n2, stable_n2)) / self.levels.cause_nats,
+                over_noise: over / self.levels.noise_nats,
                 offset_hz,
                 contrast: over,
-                ..Heard::default()
+                ..Detection::default()
             }
         } else {
-            Heard::default()
+            Detection::default()
         };
     }
 
-    fn whiten_by(state: &mut ChainState, whitener: Whitener) {
+    fn whiten_by(state: &mut SubBandState, whitener: Whitener) {
         state.whitener = whitener;
         let known = whitener != Whitener::NONE;
         state.history.whiten_by(if known { whitener } else { Whitener::plain() });
     }
 
     /// The model that whitens: of this cut, or of the air while the cut's is not known.
-    fn renew(&self, state: &mut ChainState) {
-        let least = CRITERIA.young_s * self.rate_hz();
+    fn renew(&self, state: &mut SubBandState) {
+        let least = CRITERIA.first_s * self.rate_hz();
         let here = &state.noise[state.here()];
         let air = &state.noise[0];
-        let whitener = if self.young(state) && air.known() > least && state.in_cut {
+        let whitener = if self.learning(state) && air.known() > least && state.in_cut {
             air.whitener()
         } else if here.known() > least {
             here.whitener()
@@ -292,69 +284,69 @@ impl Chain {
 
     /// Another cut begins: what is known now is what was before it. What changes within the memory of the
     /// noise is one change.
-    fn remember(&self, state: &mut ChainState) {
+    fn remember(&self, state: &mut SubBandState) {
         if state.before[0] == Whitener::NONE || state.since as f64 > CRITERIA.noise_s * self.rate_hz() {
             state.before = [state.whitener; 2];
         }
         state.since = 0;
     }
 
-    fn young(&self, state: &ChainState) -> bool {
+    fn learning(&self, state: &SubBandState) -> bool {
         state.noise[state.here()].known() < 0.99 * CRITERIA.noise_s * self.rate_hz()
     }
 
     /// Whether enough noise is known to say anything.
-    pub(super) fn knows(&self, state: &ChainState) -> bool {
+    pub(super) fn has_model(&self, state: &SubBandState) -> bool {
         state.whitener != Whitener::NONE
     }
 
     /// What is known beside the windows; nothing while neither noise nor a mean force is.
-    fn around(&self, state: &ChainState, told: &Told) -> Option<Around> {
-        let means = told.mean != MeanForce::Absent;
-        let blind = !self.knows(state);
-        if blind && !means {
+    fn context(&self, state: &SubBandState, now: &Conditions) -> Option<Context> {
+        let means = now.mean != MeanForce::Absent;
+        let no_model = !self.has_model(state);
+        if no_model && !means {
             return None;
         }
-        Some(Around {
+        Some(Context {
             levels: self.levels,
             centre_hz: self.centre_hz(),
             rate_hz: self.rate_hz(),
-            speed_hz: told.speed_hz,
-            sweep_hz_s: self.centre_hz() * told.speed_change_1_s,
-            watched_hz: told.watched_hz,
+            speed_hz: now.speed_hz,
+            sweep_hz_s: self.centre_hz() * now.speed_change_1_s,
+            watched_hz: now.watched_hz,
             seen: state.seen,
-            young: self.young(state),
+            learning: self.learning(state),
             orders: state.orders[state.here()].known(),
-            alarm: told.alarm,
-            told: means,
-            cuts: Self::cuts(state, told),
-            blind,
-            scatters: state.scatters,
-            stable_n2: self.stable_n2(state, told)[1],
-            whitener: if blind { Whitener::plain() } else { state.whitener },
+            alarm: now.alarm,
+            entries_known: means,
+            cuts: Self::cuts(state, now),
+            no_model,
+            noise_like: state.noise_like,
+            stable_n2: self.stable_n2(state, now)[1],
+            whitener: if no_model { Whitener::plain() } else { state.whitener },
         })
     }
 
-    fn look(&self, state: &mut ChainState, told: &Told) {
-        let Some(around) = self.around(state, told) else {
-            state.heard = [Heard::default(); WINDOWS.len()];
+    fn detect(&self, state: &mut SubBandState, now: &Conditions) {
+        let Some(context) = self.context(state, now) else {
+            state.detections = [Detection::default(); WINDOWS.len()];
             return;
         };
         // Without a model nothing stands between the test and the filter that fills.
-        let filled = if around.blind { self.filled() } else { 0.0 };
+        let filled = if context.no_model { self.filled() } else { 0.0 };
         for (which, n) in WINDOWS.into_iter().enumerate() {
             if !(state.count + which as u64).is_multiple_of((n / LOOKS) as u64) {
                 continue;
             }
-            let full = state.clean as f64 >= n as f64 + filled;
-            state.heard[which] = if full && !(around.young && which == 0) {
-                self.test.look(&mut state.history, which, &around)
+            let full = state.since_change as f64 >= n as f64 + filled;
+            state.detections[which] = if full && !(context.learning && which == 0) {
+                self.test.detect(&mut state.history, which, &context)
             } else {
-                Heard::default()
+                Detection::default()
             };
-            self.foreign(state, which);
-            if which == COMMON && state.clean >= n {
-                self.compare(state, &around);
+            state.interference.judge(&mut state.detections[which]);
+            if which == BAND_LEVEL && state.since_change >= n {
+                self.compare(state, &context);
             }
         }
     }
@@ -365,71 +357,55 @@ impl Chain {
     }
 
     /// Whether all of the band has another level: then what is known of the noise is of another cut.
-    fn compare(&self, state: &mut ChainState, around: &Around) {
-        let n = WINDOWS[COMMON];
-        let common = self.test.common(&mut state.history, around);
-        let other = common * CRITERIA.louder < 1.0 || (common > CRITERIA.louder && !around.told);
-        state.louder = if other { state.louder + n / LOOKS } else { 0 };
-        if state.louder >= n && !around.alarm && !around.young {
+    fn compare(&self, state: &mut SubBandState, context: &Context) {
+        let n = WINDOWS[BAND_LEVEL];
+        let band_level = self.test.band_level(&mut state.history, context);
+        let other =
+            band_level * CRITERIA.louder < 1.0 || (band_level > CRITERIA.louder && !context.entries_known);
+        state.other_level = if other { state.other_level + n / LOOKS } else { 0 };
+        if state.other_level >= n && !context.alarm && !context.learning {
             self.remember(state);
-            state.noise[state.here()].doubt(CRITERIA.young_s * self.rate_hz());
-            state.louder = 0;
+            state.noise[state.here()].shrink(CRITERIA.first_s * self.rate_hz());
+            state.other_level = 0;
             self.renew(state);
         }
     }
 
-    /// A line that was switched on stays one when that is out of sight.
-    fn foreign(&self, state: &mut ChainState, which: usize) {
-        let heard = &mut state.heard[which];
-        let near = (heard.offset_hz - state.foreign_hz).abs() < SAME_LINE_HZ && state.foreign_s > 0.0;
-        let grows = near && heard.power_n2 > CRITERIA.louder * state.foreign_n2;
-        if heard.came {
-            let before = if near { state.foreign_n2 } else { 0.0 };
-            state.foreign_n2 = heard.power_n2.max(before);
-        }
-        if heard.came || (near && !grows && heard.stands > 1.0) {
-            (state.foreign_hz, state.foreign_s) = (heard.offset_hz, CRITERIA.usual_s);
-        }
-        if near && !grows && heard.evidence > 0.0 {
-            (heard.evidence, heard.reason) = (0.0, Reason::Foreign);
-        }
+    pub(super) fn sustained(&self, state: &SubBandState) -> Detection {
+        state.sustained
     }
 
-    pub(super) fn standing(&self, state: &ChainState) -> Heard {
-        state.standing
-    }
-
-    pub(super) fn heard<'a>(&self, state: &'a ChainState) -> &'a [Heard; WINDOWS.len()] {
-        &state.heard
+    pub(super) fn detections<'a>(&self, state: &'a SubBandState) -> &'a [Detection; WINDOWS.len()] {
+        &state.detections
     }
 
     /// What is heard from now on is something else: nothing of before counts.
-    pub(super) fn begin(&self, state: &mut ChainState, in_cut: Option<bool>) {
-        state.clean = 0;
+    pub(super) fn begin(&self, state: &mut SubBandState, in_cut: Option<bool>) {
+        state.since_change = 0;
         if in_cut != Some(false) {
             state.seen = 0;
         }
-        state.heard = [Heard::default(); WINDOWS.len()];
-        state.standing = Heard::default();
-        state.scatters = false;
+        state.detections = [Detection::default(); WINDOWS.len()];
+        state.sustained = Detection::default();
+        state.noise_like = false;
         if let Some(in_cut) = in_cut {
             self.remember(state);
             if in_cut != state.in_cut {
-                state.noise[state.here()].settle();
+                state.noise[state.here()].accept_all();
             }
             state.in_cut = in_cut;
-            state.orders[state.here()].doubt();
+            state.orders[state.here()].restart();
             self.renew(state);
         }
     }
 
     /// A line was declared: what was learned in the guard time is forgotten.
-    pub(super) fn back(&self, state: &mut ChainState) {
-        state.noise[state.here()].back();
+    pub(super) fn revert(&self, state: &mut SubBandState) {
+        state.noise[state.here()].revert();
     }
 
     /// Strongest line of the last `n` values, a window's length.
-    pub(super) fn strongest(&self, state: &ChainState, n: usize, watched_hz: [f64; 2]) -> Strongest {
+    pub(super) fn strongest(&self, state: &SubBandState, n: usize, watched_hz: [f64; 2]) -> Strongest {
         self.test.strongest(state.history.last(n), (self.rate_hz(), watched_hz))
     }
 }

@@ -4,7 +4,7 @@
 
 /// Distance from the running level over its running mean square root from which a sample is wild: a line
 /// reaches 1.4, noise 6 once in a day, the impacts of interrupted cutting 8.
-const WILD: f64 = 12.0;
+const FAR: f64 = 12.0;
 /// What goes on for more samples than this is no spike.
 const FEW: u32 = 3;
 /// Memory of level and distance, s: for so long nothing is known.
@@ -12,22 +12,22 @@ const MEMORY_S: f64 = 0.05;
 
 /// The level and how far samples usually are from it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Wild {
+pub(super) struct OutlierFilter {
     seen: u64,
     level_n: f64,
     square_n2: f64,
     run: u32,
 }
 
-crate::keyframe::keep!(Wild { seen, level_n, square_n2, run } if |w| w.run <= FEW);
+crate::keyframe::keep!(OutlierFilter { seen, level_n, square_n2, run } if |w| w.run <= FEW);
 
-impl Wild {
+impl OutlierFilter {
     /// The sample, or the level where it is wild. Checked by: `spikes_are_left_out_and_steps_pass`.
     #[inline]
     pub(super) fn bound(&mut self, force_n: f64, period_s: f64) -> f64 {
         let apart_n = force_n - self.level_n;
         let known = self.seen as f64 * period_s > MEMORY_S;
-        if known && self.run < FEW && apart_n * apart_n > WILD * WILD * self.square_n2 {
+        if known && self.run < FEW && apart_n * apart_n > FAR * FAR * self.square_n2 {
             self.run += 1;
             return self.level_n;
         }
@@ -50,7 +50,7 @@ mod tests {
 
     #[test]
     fn spikes_are_left_out_and_steps_pass() {
-        let mut wild = Wild::default();
+        let mut filter = OutlierFilter::default();
         let force = |k: u32| match k {
             0..3000 => 0.1 * (f64::from(k) * 0.7).sin(),
             3000..6000 => 80.0 + 5.0 * (f64::from(k) * 0.4).sin(),
@@ -58,11 +58,11 @@ mod tests {
         };
         for k in 0..9000 {
             for spike in [500.0, -3e4, 1e30] {
-                let mut struck = wild;
+                let mut struck = filter;
                 let quiet = k > 1000 && !(2990..4500).contains(&k);
                 assert!(!quiet || struck.bound(spike, 1.0 / 9000.0).abs() < 120.0, "{k} {spike}");
             }
-            let passed = wild.bound(force(k), 1.0 / 9000.0) == force(k);
+            let passed = filter.bound(force(k), 1.0 / 9000.0) == force(k);
             assert!(passed || (3000..3004).contains(&k), "{k}");
         }
     }

@@ -13,14 +13,14 @@ pub(super) const KEPT: usize = 4 * LONGEST;
 
 /// The last 1.5 s of the band without its orders.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Steady {
+pub(super) struct Residuals {
     values: Vec<C>,
     next: usize,
 }
 
-keep!(Steady { values, next } if |s| s.next < KEPT);
+keep!(Residuals { values, next } if |s| s.next < KEPT);
 
-impl Steady {
+impl Residuals {
     pub(super) fn new() -> Self {
         Self { values: vec![C::new(0.0, 0.0); KEPT], next: 0 }
     }
