@@ -130,7 +130,8 @@ impl Levels {
 
 /// Rates of growth that are looked for, 1/s.
 pub(super) const GROWTHS_1_S: [f64; 3] = [0.0, 15.0, 40.0];
-/// Rates at which what was struck rings down, 1/s. A line that fades more slowly than the first is not stable.
+/// Rates at which what was struck rings down, 1/s. A line that fades more slowly than the first is not
+/// stable.
 pub(super) const RINGS_1_S: [f64; 4] = [10.0, 20.0, 40.0, 80.0];
 /// Values of the windows: 48 to 384 ms.
 pub(super) const WINDOWS: [usize; 4] = [24, 48, 96, 192];

@@ -118,8 +118,8 @@ impl Detection {
 
 /// Lines exp((growth + j 2 pi f) t) over the last `e`, each alone: energies of their least-squares fits.
 ///
-/// |sum_q conj(s_q) e_q|^2 / sum_q |s_q|^2 with s_q = exp(-(growth + j 2 pi f) age): the first sum by Horner's
-/// rule, the second as a geometric series. Checked by: `energies_are_those_of_the_sums`.
+/// |sum_q conj(s_q) e_q|^2 / sum_q |s_q|^2 with s_q = exp(-(growth + j 2 pi f) age): the first sum by
+/// Horner's rule, the second as a geometric series. Checked by: `energies_are_those_of_the_sums`.
 pub(super) fn fits<const K: usize>(e: &[C], turns: [f64; K], growth: f64) -> [f64; K] {
     let shrinks = (-growth).exp();
     let (mut re, mut im) = ([0.0; K], [0.0; K]);
