@@ -12,10 +12,6 @@ use std::f64::consts::TAU;
 
 type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
-/// Turns in which orders are told apart from each other.
-const RESOLVED: f64 = 3.0;
-/// Share of a line that an order explains: it is one.
-const MOSTLY: f64 = 0.8;
 
 /// What the line of a window of `n` values is against noise, white, of unknown level (Fisher's test) and of
 /// the level known, and whether more is to be asked. Grown chatter stands on several lobes: in an alarm its
@@ -41,8 +37,8 @@ impl Window<'_> {
         let mut found = self.line;
         if self.context.alarm {
             // On an order there is no chatter; what stands between them counts by its power.
-            let resolved = self.turns_of_spindle() >= RESOLVED;
-            if resolved && self.orders() > MOSTLY * self.line.contrast {
+            let resolved = self.turns_of_spindle() >= CRITERIA.resolved_turns;
+            if resolved && self.orders() > CRITERIA.mostly * self.line.contrast {
                 (found.evidence, found.reason) = (0.0, Reason::Order);
             }
             return found;
@@ -226,7 +222,7 @@ impl Window<'_> {
     /// Line and both orders beside it, as far as the window tells them apart.
     fn beside(&self) -> usize {
         let Context { speed_hz, rate_hz, learning, .. } = *self.context;
-        if learning && self.e.len() as f64 / rate_hz * speed_hz >= RESOLVED { 2 } else { 0 }
+        if learning && self.e.len() as f64 / rate_hz * speed_hz >= CRITERIA.resolved_turns { 2 } else { 0 }
     }
 
     /// The line beside what the orders next to it explain: one after the other, each without the ones before.

@@ -59,6 +59,22 @@ pub(super) struct Criteria {
     /// Shape of the gamma distribution of its power: known within 50 %. Of 2, 3, 4 and 6 the one with which
     /// loud noise of a servo is silent and violent first entries are heard.
     pub(super) stable_shape: f64,
+    /// The mixer's filter has filled after so many of its delays.
+    pub(super) filled_delays: f64,
+    /// Turns in which orders are told apart from each other.
+    pub(super) resolved_turns: f64,
+    /// Share of a line that an order explains: it is one.
+    pub(super) mostly: f64,
+    /// Distance of the rates at which a line may move, Hz/s: what half a second resolves. One that moves by less
+    /// than two of them may be chatter.
+    pub(super) sweep_hz_s: f64,
+    /// Distance from the running level over its running mean square root from which a sample is wild: a line
+    /// reaches 1.4, noise 6 once in a day, the impacts of interrupted cutting 8.
+    pub(super) outlier_deviations: f64,
+    /// Memory of level and distance, s: for so long nothing is known.
+    pub(super) outlier_memory_s: f64,
+    /// White noise that is added to what is known, of its power: 30 dB.
+    pub(super) white_share: f64,
 }
 
 /// The numbers.
@@ -89,6 +105,13 @@ pub(super) const CRITERIA: Criteria = Criteria {
     stable_share: 0.15,
     switched: 0.05,
     stable_shape: 4.0,
+    filled_delays: 3.0,
+    resolved_turns: 3.0,
+    mostly: 0.8,
+    sweep_hz_s: 15.0,
+    outlier_deviations: 12.0,
+    outlier_memory_s: 0.05,
+    white_share: 1e-3,
 };
 
 /// Two lines nearer than this are the same line, Hz: a short window places one to a few.

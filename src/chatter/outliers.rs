@@ -2,13 +2,10 @@
 //! tool, a bar or a hit moves the force over a millisecond and more; a fault of sensor, cable or converter
 //! does not.
 
-/// Distance from the running level over its running mean square root from which a sample is wild: a line
-/// reaches 1.4, noise 6 once in a day, the impacts of interrupted cutting 8.
-const FAR: f64 = 12.0;
+use super::criteria::CRITERIA;
+
 /// What goes on for more samples than this is no spike.
 const FEW: u32 = 3;
-/// Memory of level and distance, s: for so long nothing is known.
-const MEMORY_S: f64 = 0.05;
 
 /// The level and how far samples usually are from it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -26,14 +23,17 @@ impl OutlierFilter {
     #[inline]
     pub(super) fn bound(&mut self, force_n: f64, period_s: f64) -> f64 {
         let apart_n = force_n - self.level_n;
-        let known = self.seen as f64 * period_s > MEMORY_S;
-        if known && self.run < FEW && apart_n * apart_n > FAR * FAR * self.square_n2 {
+        let known = self.seen as f64 * period_s > CRITERIA.outlier_memory_s;
+        if known
+            && self.run < FEW
+            && apart_n * apart_n > CRITERIA.outlier_deviations * CRITERIA.outlier_deviations * self.square_n2
+        {
             self.run += 1;
             return self.level_n;
         }
         let believed = std::mem::take(&mut self.run) >= FEW;
         self.seen += 1;
-        let share = if known { period_s * (1.0 / MEMORY_S) } else { 1.0 / self.seen as f64 };
+        let share = if known { period_s * (1.0 / CRITERIA.outlier_memory_s) } else { 1.0 / self.seen as f64 };
         self.level_n += apart_n * share;
         self.square_n2 += (apart_n * apart_n - self.square_n2) * share;
         if believed {

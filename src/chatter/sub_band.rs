@@ -25,8 +25,6 @@ pub(super) struct SubBand {
     levels: Levels,
 }
 
-/// The mixer's filter has filled after so many of its delays.
-const FILLED_DELAYS: f64 = 3.0;
 /// Blocks of an alarm after which its scatter counts: a second.
 const ENOUGH: usize = 10;
 
@@ -158,7 +156,7 @@ impl SubBand {
         state.mixer *= 1.5 - 0.5 * state.mixer.norm_sqr();
         state.count += 1;
         // Not while the filter before it fills.
-        let settled = state.count as f64 > FILLED_DELAYS * self.delay_s() * rate_hz;
+        let settled = state.count as f64 > CRITERIA.filled_delays * self.delay_s() * rate_hz;
         let learns = now.learns && settled;
         let angle_turns = now.angle_turns - now.speed_hz * self.delay_s();
         let mut orders = C::new(0.0, 0.0);
@@ -353,7 +351,7 @@ impl SubBand {
 
     /// Values in which the filter fills.
     fn filled(&self) -> f64 {
-        (FILLED_DELAYS * self.delay_s() * self.rate_hz()).floor()
+        (CRITERIA.filled_delays * self.delay_s() * self.rate_hz()).floor()
     }
 
     /// Whether all of the band has another level: then what is known of the noise is of another cut.

@@ -1,15 +1,12 @@
 //! A line that moved here from elsewhere: encoder lines go with the feed, chatter stays within its lobe.
 
+use super::criteria::CRITERIA;
 use super::window::{Context, Window};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
 type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
-
-/// Distance of the rates at which a line may move, Hz/s: what half a second resolves. One that moves by less
-/// than two of them may be chatter.
-const SWEEP_HZ_S: f64 = 15.0;
 
 impl Window<'_> {
     /// Energy, of these values, of a line as strong as it was that moved and may have come to rest.
@@ -21,7 +18,7 @@ impl Window<'_> {
         for rest in [0, 24, 48, 96].into_iter().filter(|r| *r <= n) {
             for side in [-1.0, 1.0] {
                 for k in 2..=16 {
-                    let rate = side * f64::from(k) * SWEEP_HZ_S;
+                    let rate = side * f64::from(k) * CRITERIA.sweep_hz_s;
                     for shift in -1..=1 {
                         // Resting, its place is the line's; moving, the line's is that of the middle.
                         let late = if rest == 0 { 0.5 * n as f64 * dt * rate } else { 0.0 };

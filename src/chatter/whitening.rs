@@ -12,8 +12,6 @@ type C = Complex<f64>;
 const ZERO: C = C::new(0.0, 0.0);
 /// Snapshots within the guard time.
 const GUARD: usize = (CRITERIA.guard_s * CRITERIA.rate_hz) as usize / MEMORY + 1;
-/// White noise that is added to what is known, of its power: 30 dB.
-const FLOOR: f64 = 1e-3;
 
 /// Autocovariances of one state of the machine, in air or in the cut.
 #[derive(Debug, Clone, PartialEq)]
@@ -119,7 +117,7 @@ impl Whitener {
         let mut a = [ZERO; MEMORY + 1];
         a[0] = C::new(1.0, 0.0);
         // White noise of a thousandth is added: no innovation is less than that.
-        let floor = FLOOR * covariance[0].re;
+        let floor = CRITERIA.white_share * covariance[0].re;
         let mut power = covariance[0].re + floor;
         if floor <= f64::MIN_POSITIVE {
             return Self::NONE;
