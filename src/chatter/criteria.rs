@@ -65,8 +65,8 @@ pub(super) struct Criteria {
     pub(super) resolved_turns: f64,
     /// Share of a line that an order explains: it is one.
     pub(super) mostly: f64,
-    /// Distance of the rates at which a line may move, Hz/s: what half a second resolves. One that moves by less
-    /// than two of them may be chatter.
+    /// Distance of the rates at which a line may move, Hz/s: what half a second resolves. One that moves by
+    /// less than two of them may be chatter.
     pub(super) sweep_hz_s: f64,
     /// Distance from the running level over its running mean square root from which a sample is wild: a line
     /// reaches 1.4, noise 6 once in a day, the impacts of interrupted cutting 8.
