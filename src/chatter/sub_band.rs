@@ -1,6 +1,6 @@
 //! One band of the force: mixed down, orders off, whitened, tested in four windows.
 
-use super::criteria::{CRITERIA, LOOKS, Levels, SAME_LINE_HZ, WINDOWS};
+use super::criteria::{CRITERIA, LOOKS, Levels, WINDOWS};
 use super::cut_level::MeanForce;
 use super::history::{History, Value};
 use super::interference::Interference;
@@ -8,7 +8,7 @@ use super::lines::{BAND_LEVEL, Strongest, Sustained, SustainedQuery, Test};
 use super::orders::{Orders, Turned};
 use super::sustained::{BLOCK, KEPT, Residuals};
 use super::whitening::{Noise, Whitener};
-use super::window::{Context, Detection, Reason, loudness_nats};
+use super::window::{Context, Detection, loudness_nats};
 use crate::keyframe::keep;
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::units::SampleRate;
