@@ -95,24 +95,12 @@ pub fn diagnose(
     }
     if let Some(table) = table {
         progress(0.9, "foretelling each speed from the others");
-        let said = foretold::rows(&frame, table, &fitting);
-        diagnosis.rows = said.rows;
-        diagnosis.table = Some(said.fit);
-        for finding in &mut diagnosis.findings {
-            finding.fit = CutFit { table: Some(said.fit), ..finding.fit };
-        }
-        diagnosis.mapped.extend(mapped(table, scenario));
+        tell_rows(table, &fitting, &mut diagnosis);
     }
     diagnosis.plan = plan::plan(&fitting);
     note_signals(evidence.recordings, &mut diagnosis);
     if work.is_spent() || beside.is_spent() {
         out_of_budget(&fitting, &mut diagnosis);
-    }
-    if proof.has_refused() {
-        diagnosis.notes.push(
-            "The budget ended before the answer was held against stretches that were left out of its fits."
-                .to_owned(),
-        );
     }
     progress(1.0, "done");
     Ok(diagnosis)
@@ -150,6 +138,17 @@ fn first_known(
         point = frame.with_typical_noise(&fitted);
     }
     Some((known, point))
+}
+
+/// How the rows of a table are foretold, for the answer, its findings and the stability map.
+fn tell_rows(table: &CutTable, fitting: &Fitting<'_>, diagnosis: &mut CutDiagnosis) {
+    let said = foretold::rows(fitting.problem.frame, table, fitting);
+    diagnosis.rows = said.rows;
+    diagnosis.table = Some(said.fit);
+    for finding in &mut diagnosis.findings {
+        finding.fit = CutFit { table: Some(said.fit), ..finding.fit };
+    }
+    diagnosis.mapped.extend(mapped(table, &diagnosis.stated));
 }
 
 /// Cuts of a table for the stability map.

@@ -43,6 +43,12 @@ pub(crate) fn complete(
     let parts = (held_out_groups(problem.observables) < HELD_OUT).then(parts);
     let models = Models::of(fitting, &diagnosis.findings, work);
     prove(problem.frame, &models, parts.as_deref().unwrap_or(problem.observables), work, diagnosis);
+    if work.has_refused() {
+        diagnosis.notes.push(
+            "The budget ended before the answer was held against stretches that were left out of its fits."
+                .to_owned(),
+        );
+    }
     let effects: Vec<CutEffect> = diagnosis.scenario.physics.iter().collect();
     for finding in &mut diagnosis.findings {
         let Some(effect) = effects.iter().find(|e| finding.is(e)) else { continue };
