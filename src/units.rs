@@ -72,6 +72,7 @@ impl SpindleSpeed {
 }
 
 /// A number of things in words: `1 sample`, `2 samples`. `what`: one of them, with a regular plural.
+#[cfg(feature = "cli")]
 pub(crate) fn counted(count: impl std::fmt::Display, what: &str) -> String {
     let count = count.to_string();
     let plural = if count == "1" { "" } else { "s" };
