@@ -24,7 +24,9 @@ pub fn cuts_csv(cuts: &[PastCut]) -> String {
         let cell =
             |value: Option<f64>, digits: usize| value.map_or_else(String::new, |v| format!("{v:.digits$}"));
         let (line, place) = (cell(cut.line_hz, 2), cell(cut.tool_position_m, 4));
-        let [growth, error] = [0, 1].map(|k| cell(cut.growth_1_s.map(|g| g[k]), 3));
+        // An error is above zero; in three decimals it might not be.
+        let growth = cut.growth_1_s.filter(|[_, error]| *error > 0.0);
+        let [growth, error] = [0, 1].map(|k| growth.map_or_else(String::new, |g| format!("{:.3e}", g[k])));
         let PastCut { sequence, spindle_speed_rpm: speed, width_m, feed_m_rev, .. } = cut;
         let (outcome, pitch, began) = (cut.outcome(), cut.pitch_difference_rad, clock::rfc3339(cut.began_ns));
         // Into a string: cannot fail.
@@ -162,7 +164,7 @@ mod tests {
             ..PastCut::default()
         };
         let loud = PastCut { sequence: 8, chattered: true, line_hz: Some(651.5), ..stable.clone() };
-        let stable = PastCut { line_hz: Some(583.25), growth_1_s: Some([-21.5, 2.25]), ..stable };
+        let stable = PastCut { line_hz: Some(583.25), growth_1_s: Some([-21.5, 2.25e-4]), ..stable };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cuts.csv");
         std::fs::write(&path, cuts_csv(&[loud, stable])).unwrap();
@@ -173,7 +175,7 @@ mod tests {
             [(Some(CutOutcome::Chatter), Some(651.5)), (Some(CutOutcome::Stable), Some(583.25))]
         );
         let growth: Vec<_> = table.rows.iter().map(|r| (r.known.growth_1_s, r.known.growth_se_1_s)).collect();
-        assert_eq!(growth, [(None, None), (Some(-21.5), Some(2.25))]);
+        assert_eq!(growth, [(None, None), (Some(-21.5), Some(2.25e-4))]);
         assert_eq!(table.rows[1].known.pitch_difference_rad, Some(-0.1));
         assert_eq!(table.rows[1].known.tool_position_m, Some(0.15));
         assert_eq!(table.ignored_columns, ["began_at", "lasted_s"]);

@@ -229,6 +229,10 @@ impl Proving {
         let stated = frame.stated_in(answer.noise)?;
         let own = models.without.iter().map(|p| p.as_ref().and_then(&mut fitted));
         let without: Vec<Option<Machine>> = own.collect();
+        // What was not fitted for want of work is no model without its finding.
+        if work.has_refused() {
+            return None;
+        }
         for observable in held {
             let observable = observable.as_ref();
             self.stated.add(observable, &stated);

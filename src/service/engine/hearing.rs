@@ -5,6 +5,7 @@ use super::intake::Stream;
 use super::{Engine, clock, picture};
 use crate::pipeline::{Margin, StepOutput};
 use crate::service::cut_book::{Condition, Stretch};
+use crate::stability::margin::BLOCK_S;
 use crate::stability::{CutExpectation, CutMismatch};
 use crate::store::PastCut;
 use crate::telemetry::{Event, EventKind};
@@ -96,13 +97,18 @@ impl Engine {
         self.book.look(now_s, condition, in_cut);
         let newest_margin = stream.pipeline().margin().copied();
         while let Some(stretch) = self.book.take() {
+            // What cannot be heard is no silence.
+            if stretch.chatter_hz.is_none() && !stream.pipeline().hears_the_band() {
+                continue;
+            }
             // After chatter what was left of it is heard for a while.
             let margin = self.cut_margin.filter(|_| stretch.chatter_hz.is_none() && !stretch.after_chatter);
-            let is_silence = stretch.chatter_hz.is_none() && stream.pipeline().hears_the_band();
-            if is_silence && pitch_rad.is_some() {
+            if stretch.chatter_hz.is_none() && pitch_rad.is_some() {
                 self.compare_silence(&stretch, margin);
             }
-            let root = margin.filter(|_| stretch.is_at_one_place());
+            // A shorter stretch has no block of its own: what is said of it was heard before.
+            let lasted_s = stretch.ended_s - stretch.began_s;
+            let root = margin.filter(|_| stretch.is_at_one_place() && lasted_s > BLOCK_S);
             #[allow(clippy::cast_possible_truncation)]
             let ago_ns = ((now_s - stretch.began_s) * 1e9) as i64;
             let cutting = &self.setup.config.cut.cutting;
@@ -110,7 +116,7 @@ impl Engine {
                 sequence: 0,
                 id: clock::new_id(),
                 began_ns: clock::wall_ns().saturating_sub(ago_ns),
-                lasted_s: stretch.ended_s - stretch.began_s,
+                lasted_s,
                 spindle_speed_rpm: stretch.condition.speed_rpm,
                 width_m: cutting.raw().width_m,
                 feed_m_rev: cutting.raw().feed_m_rev,

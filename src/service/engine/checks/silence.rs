@@ -70,6 +70,8 @@ fn a_force_that_is_deaf_in_the_band_says_nothing_of_the_cut() {
         }
         bench.feed(0.1, |point| point.spindle_speed_rpm *= 1.1);
         assert_eq!(bench.told(EventKind::CutMismatch), told, "{method}");
+        let kept = bench.engine.backlog.iter().filter(|r| matches!(r, Report::Cut(_))).count();
+        assert_eq!(kept, told, "{method}: no silent cut is kept of what is not heard");
     }
 }
 
