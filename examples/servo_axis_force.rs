@@ -170,7 +170,7 @@ fn estimate(s: &Stroke, fitted: &[f64]) -> Result<Vec<f64>, Box<dyn std::error::
             ..MotionSample::default()
         })
         .collect();
-    let lag = (estimator.delay_s() * s.rate.hz()).round() as usize;
+    let lag = (estimator.properties().delay_s * s.rate.hz()).round() as usize;
     let force: Vec<f64> = estimate_run(&estimator, &samples).iter().map(|e| e.force_n).collect();
     Ok((0..force.len()).map(|i| force[(i + lag).min(force.len() - 1)]).collect())
 }

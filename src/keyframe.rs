@@ -161,10 +161,10 @@ impl<T: Keep + Default> Keep for Option<T> {
 }
 
 /// `keep!(State { a, b, c })`: all fields in order. `keep!(State { a, head } if |s| s.head < 8)`: a keyframe
-/// whose numbers break the condition is refused.
+/// whose numbers break the condition is refused. `keep!(State<L> { a })`: of any size `L`.
 macro_rules! keep {
-    ($name:ident { $($field:ident),* $(,)? } $(if $good:expr)?) => {
-        impl $crate::keyframe::Keep for $name {
+    ($name:ident $(<$size:ident>)? { $($field:ident),* $(,)? } $(if $good:expr)?) => {
+        impl$(<const $size: usize>)? $crate::keyframe::Keep for $name$(<$size>)? {
             fn keep(&self, to: &mut Vec<u64>) {
                 let Self { $($field),* } = self;
                 $($crate::keyframe::Keep::keep($field, to);)*

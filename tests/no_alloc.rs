@@ -152,7 +152,7 @@ fn a_new_spindle_speed_allocates_nothing() {
             first = Some(i + 1);
         }
         if i % 18_000 == 17_900 {
-            delays_s.push(pipeline.observer(0).unwrap().delay_s());
+            delays_s.push(pipeline.observer(0).unwrap().properties().delay_s);
             assert!(pipeline.disagreement_n(0).is_some() && pipeline.disagreement_n(1).is_some());
         }
     }

@@ -21,7 +21,7 @@ use crate::force::physics::physics_of;
 use crate::force::recorded::{RecordedMotion, has_drive, motion_of_recording};
 use crate::force::stiffness::StiffnessCheck;
 use crate::force::two_sides::Mismatch;
-use crate::force::validity::Validity;
+use crate::force::validity::{Properties, Validity};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 use crate::units::SampleRate;
@@ -181,8 +181,12 @@ fn disagreement_n(a: &AxisForce, b: &AxisForce, rate_hz: f64) -> f64 {
 
 /// Flags the rows in which two estimates of one force disagree, as the pipeline does.
 fn mark_disagreement(first: &mut AxisForce, second: &AxisForce, rate: SampleRate) {
-    let floors_n = [first.noise_floor_n, second.noise_floor_n];
-    let mut disagreement = Disagreement::new([first.delay_s, second.delay_s], floors_n, rate);
+    let stated = |of: &AxisForce| Properties {
+        delay_s: of.delay_s,
+        noise_floor_n: of.noise_floor_n,
+        ..Properties::default()
+    };
+    let mut disagreement = Disagreement::new([stated(first), stated(second)], rate);
     let (mut seen, mut count) = (Validity::VALID, 0.0);
     for i in 0..first.flags.len().min(second.force_n.len()) {
         let apart = disagreement.step(first.estimate(i), second.estimate(i));
@@ -298,18 +302,18 @@ impl Inputs {
             estimates.push(observer.step(sample));
             // Where the force is largest it says most.
             mismatch = observer.mismatch().filter(|m| m.force_n > mismatch.force_n).unwrap_or(mismatch);
-            lags.push((observer.delay_s() * rate.hz()).round() as usize);
+            lags.push((observer.properties().delay_s * rate.hz()).round() as usize);
         }
         let lag = if self.arguments.live { 0 } else { wait_for_latest(&mut estimates, &lags) };
         let mut force_n: Vec<f64> = estimates.iter().map(|e| e.force_n).collect();
-        let delay_s = observer.delay_s().max(lag as f64 * rate.period_s());
-        if force_n.len() <= observer.settling_samples() {
-            let (is, least) = (force_n.len(), observer.settling_samples());
+        let delay_s = observer.properties().delay_s.max(lag as f64 * rate.period_s());
+        if force_n.len() <= observer.properties().settling_samples {
+            let (is, least) = (force_n.len(), observer.properties().settling_samples);
             let what = format!("{is} samples, all of them within the settling of {}", method.name());
             return Err(self.in_file(format!("axis {name}: {what}; expected more than {least}")));
         }
-        let settled = observer.settling_samples();
-        let friction_n = observer.friction_bound_n().unwrap_or(0.0);
+        let settled = observer.properties().settling_samples;
+        let friction_n = observer.properties().friction_bound_n.unwrap_or(0.0);
         if !self.arguments.live && !matches!(method, Method::Spectral | Method::Thrust) {
             let travel = motion.samples.iter().filter_map(|s| s.stage_position_m.or(s.motor_travel_m));
             let travel: Vec<f64> = travel.collect();
@@ -329,7 +333,7 @@ impl Inputs {
             note("stiffness_over_model_at_end", format!("{ratio:.4}"));
         }
         let flags = estimates.iter().map(|e| e.flags).collect();
-        let noise_floor_n = observer.noise_floor_n();
+        let noise_floor_n = observer.properties().noise_floor_n;
         if method == Method::Spectral {
             say_what_is_hidden(name, &estimates, &mut force_n, friction_n)?;
         }
@@ -453,8 +457,8 @@ impl Inputs {
         let (estimates, delay_s, settled) = if self.arguments.live {
             let live = accel.iter().zip(speed).map(|pair| observer.step(&sample(pair)));
             let estimates: Vec<ForceEstimate> = live.collect();
-            let settled = observer.settling_samples().min(estimates.len());
-            (estimates, observer.delay_s(), settled)
+            let settled = observer.properties().settling_samples.min(estimates.len());
+            (estimates, observer.properties().delay_s, settled)
         } else {
             (force_of_recording(estimator, rate, &accel, speed).map_err(bad_input)?, 0.0, 0)
         };
@@ -463,7 +467,7 @@ impl Inputs {
             name: name.to_owned(),
             force_n: estimates.iter().map(|e| e.force_n).collect(),
             flags: estimates.iter().map(|e| e.flags).collect(),
-            noise_floor_n: observer.noise_floor_n(),
+            noise_floor_n: observer.properties().noise_floor_n,
             delay_s,
             settled,
             notes,

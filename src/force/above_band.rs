@@ -10,17 +10,14 @@
 
 use super::lane_sections::{LaneSection, filter, lane_sections, settle_sections};
 use super::settings::response_to;
-use super::stiffness_learner::{HIGH_PASS_HZ, MEMORY_S};
+use super::stiffness_learner::{HIGH_PASS_HZ, LEAST_S, MEMORY_S};
 use super::validity::Validity;
-use crate::keyframe::{Keep, Words};
 use crate::signal::FilterError;
-use crate::signal::butterworth::{Butterworth, Pass};
+use crate::signal::butterworth::{Butterworth, Pass, Section};
 use crate::units::SampleRate;
 
 /// Share of the deviation from which on it is said.
 const LEAST_SHARE: f64 = 1.0 / 3.0;
-/// Seen for so long at least, s.
-const LEAST_S: f64 = 0.5;
 
 /// What one axis puts into its lane.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,10 +80,10 @@ impl AboveBand {
 /// Those of axes side by side; immutable.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LanesAbove<const L: usize> {
-    high: Vec<LaneSection<L>>,
-    low: Vec<LaneSection<L>>,
-    end: Vec<LaneSection<L>>,
-    again: Vec<LaneSection<L>>,
+    /// From 5 Hz to the low-pass.
+    total: Vec<LaneSection<L>>,
+    /// Of that, what lies above the band.
+    above: Vec<LaneSection<L>>,
     forget: [f64; L],
     least_weight: [f64; L],
     noise_n2: [[f64; L]; 2],
@@ -95,10 +92,8 @@ pub(super) struct LanesAbove<const L: usize> {
 /// What has been seen; a clone is a keyframe.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SeenAbove<const L: usize> {
-    high: Vec<[[f64; L]; 2]>,
-    low: Vec<[[f64; L]; 2]>,
-    end: Vec<[[f64; L]; 2]>,
-    again: Vec<[[f64; L]; 2]>,
+    total: Vec<[[f64; L]; 2]>,
+    above: Vec<[[f64; L]; 2]>,
     total_n2: [f64; L],
     above_n2: [f64; L],
     weight: [f64; L],
@@ -106,52 +101,15 @@ pub(super) struct SeenAbove<const L: usize> {
     fresh: u32,
 }
 
-impl<const L: usize> Keep for SeenAbove<L> {
-    fn keep(&self, to: &mut Vec<u64>) {
-        let Self { high, low, end, again, total_n2, above_n2, weight, fresh } = self;
-        [high, low, end, again].into_iter().for_each(|x| x.keep(to));
-        [total_n2, above_n2, weight].into_iter().for_each(|x| x.keep(to));
-        fresh.keep(to);
-    }
+crate::keyframe::keep!(SeenAbove<L> { total, above, total_n2, above_n2, weight, fresh });
 
-    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { high, low, end, again, total_n2, above_n2, weight, fresh } = self;
-        [high, low, end, again].into_iter().try_for_each(|x| x.restore(from))?;
-        [total_n2, above_n2, weight].into_iter().try_for_each(|x| x.restore(from))?;
-        fresh.restore(from)
-    }
-}
-
-impl<const L: usize> LanesAbove<L> {
-    /// Puts them side by side; `None` where no axis has one.
-    pub(super) fn new(axes: &[Option<AboveBand>]) -> Option<Self> {
-        axes.iter().any(Option::is_some).then(|| {
-            let sections = |pick: fn(&AboveBand) -> Option<Butterworth>| {
-                lane_sections(&axes.iter().map(|a| a.as_ref().and_then(pick)).collect::<Vec<_>>())
-            };
-            let of = |none: f64, pick: fn(&AboveBand) -> f64| {
-                std::array::from_fn(|lane| axes.get(lane).and_then(Option::as_ref).map_or(none, pick))
-            };
-            Self {
-                high: sections(|a| Some(a.high)),
-                low: sections(|a| Some(a.low)),
-                end: sections(|a| Some(a.end)),
-                again: sections(|a| a.again),
-                forget: of(0.0, |a| a.forget),
-                least_weight: of(f64::INFINITY, |a| a.least_weight),
-                noise_n2: [of(0.0, |a| a.noise_n2[0]), of(0.0, |a| a.noise_n2[1])],
-            }
-        })
-    }
-
-    /// Nothing seen.
-    pub(super) fn start(&self) -> SeenAbove<L> {
+impl<const L: usize> SeenAbove<L> {
+    /// Nothing seen; without a design nothing ever is.
+    pub(super) fn of(design: Option<&LanesAbove<L>>) -> Self {
         let zeros = |sections: &Vec<LaneSection<L>>| vec![[[0.0; L]; 2]; sections.len()];
-        SeenAbove {
-            high: zeros(&self.high),
-            low: zeros(&self.low),
-            end: zeros(&self.end),
-            again: zeros(&self.again),
+        Self {
+            total: design.map_or(Vec::new(), |d| zeros(&d.total)),
+            above: design.map_or(Vec::new(), |d| zeros(&d.above)),
             total_n2: [0.0; L],
             above_n2: [0.0; L],
             weight: [0.0; L],
@@ -160,11 +118,32 @@ impl<const L: usize> LanesAbove<L> {
     }
 
     /// Forgets what one lane has seen. No allocation.
-    pub(super) fn settle(&self, state: &mut SeenAbove<L>, lane: usize) {
-        let SeenAbove { low, end, again, total_n2, above_n2, weight, fresh, .. } = state;
-        low.iter_mut().chain(end).chain(again).flatten().for_each(|row| row[lane] = 0.0);
-        [total_n2, above_n2, weight].into_iter().for_each(|x| x[lane] = 0.0);
-        *fresh |= 1 << lane;
+    pub(super) fn settle(&mut self, lane: usize) {
+        [&mut self.total_n2, &mut self.above_n2, &mut self.weight].into_iter().for_each(|x| x[lane] = 0.0);
+        self.fresh |= 1 << lane;
+    }
+}
+
+impl<const L: usize> LanesAbove<L> {
+    /// Puts them side by side; `None` where no axis has one.
+    pub(super) fn new(axes: &[Option<AboveBand>]) -> Option<Self> {
+        axes.iter().any(Option::is_some).then(|| {
+            let sections = |pick: fn(&AboveBand) -> Vec<Section>| {
+                lane_sections(axes.iter().map(|axis| axis.as_ref().map(pick).unwrap_or_default()))
+            };
+            let of = |none: f64, pick: fn(&AboveBand) -> f64| {
+                std::array::from_fn(|lane| axes.get(lane).and_then(Option::as_ref).map_or(none, pick))
+            };
+            Self {
+                total: sections(|a| [a.high.sections(), a.low.sections()].concat()),
+                above: sections(|a| {
+                    [a.end.sections(), a.again.as_ref().map_or(&[], |f| f.sections())].concat()
+                }),
+                forget: of(0.0, |a| a.forget),
+                least_weight: of(f64::INFINITY, |a| a.least_weight),
+                noise_n2: [of(0.0, |a| a.noise_n2[0]), of(0.0, |a| a.noise_n2[1])],
+            }
+        })
     }
 
     /// One estimate of each lane before its low-pass, N. Flags where too much of it lies above the band.
@@ -177,16 +156,16 @@ impl<const L: usize> LanesAbove<L> {
     ) {
         if state.fresh != 0 {
             for lane in (0..L).filter(|lane| state.fresh >> lane & 1 == 1) {
-                settle_sections(&self.high, &mut state.high, lane, force_n[lane]);
+                // Behind the high-pass there is no mean to settle on.
+                settle_sections(&self.total, &mut state.total, lane, force_n[lane]);
+                settle_sections(&self.above, &mut state.above, lane, 0.0);
             }
             state.fresh = 0;
         }
         let mut total_n = *force_n;
-        filter::<L, FUSED>(&self.high, &mut state.high, &mut total_n);
-        filter::<L, FUSED>(&self.low, &mut state.low, &mut total_n);
+        filter::<L, FUSED>(&self.total, &mut state.total, &mut total_n);
         let mut above_n = total_n;
-        filter::<L, FUSED>(&self.end, &mut state.end, &mut above_n);
-        filter::<L, FUSED>(&self.again, &mut state.again, &mut above_n);
+        filter::<L, FUSED>(&self.above, &mut state.above, &mut above_n);
         let (mut total_n2, mut above_n2, mut weight) = (state.total_n2, state.above_n2, state.weight);
         for lane in 0..L {
             let counts = !flags[lane].shares(Validity::SETTLING | Validity::SIGNAL_MISSING);

@@ -136,11 +136,9 @@ impl ForceBalance {
         Self {
             thrust: 1.0,
             motor: MotionFactors::mass(drive.total_mass_kg(), damping),
-            nut: MotionFactors::default(),
-            stage: MotionFactors::default(),
             motor_friction_n: drive.motor_coulomb_friction_n() + drive.stage_coulomb_friction_n(),
-            stage_friction_n: 0.0,
             stage_disturbance: 1.0,
+            ..Self::default()
         }
     }
 
@@ -151,11 +149,11 @@ impl ForceBalance {
         Self {
             thrust: 1.0,
             motor: MotionFactors::mass(motor_side_mass_kg(drive), drive.reflected_damping_n_s_m()),
-            nut: MotionFactors::default(),
             stage: MotionFactors::mass(drive.movable_mass_kg(), drive.translational_damping_n_s_m()),
             motor_friction_n: drive.motor_coulomb_friction_n(),
             stage_friction_n: drive.stage_coulomb_friction_n(),
             stage_disturbance: 1.0,
+            ..Self::default()
         }
     }
 
@@ -184,7 +182,6 @@ impl ForceBalance {
                 velocity_n_s_m: c_k + alpha * drive.reflected_damping_n_s_m(),
                 acceleration_kg: mass,
             },
-            nut: MotionFactors::default(),
             stage: MotionFactors {
                 position_n_m: -k,
                 velocity_n_s_m: -c_k - drive.translational_damping_n_s_m(),
@@ -193,6 +190,7 @@ impl ForceBalance {
             motor_friction_n: -alpha * drive.motor_coulomb_friction_n(),
             stage_friction_n: drive.stage_coulomb_friction_n(),
             stage_disturbance: 1.0,
+            ..Self::default()
         }
     }
 
@@ -241,6 +239,6 @@ impl ForceBalance {
 }
 
 /// M_r (+ screw): what turns, as a mass on the screw axis.
-fn motor_side_mass_kg(drive: &DriveParams) -> f64 {
+pub(super) fn motor_side_mass_kg(drive: &DriveParams) -> f64 {
     drive.total_mass_kg() - drive.movable_mass_kg()
 }

@@ -1,6 +1,7 @@
 //! The position and velocity loop around a drive: what a cutting force makes of the thrust reference and of
 //! the positions that its encoders report.
 
+use super::balance::motor_side_mass_kg;
 use super::estimator::{AxisSignals, Signals};
 use super::response::Chain;
 use crate::plant::drive::DriveParams;
@@ -46,12 +47,11 @@ impl ClosedLoop {
     /// A loop that is closed on the stage's encoder.
     #[must_use]
     pub fn around(drive: &DriveParams, controller: Controller, rate: SampleRate) -> Self {
-        let motor_kg = drive.total_mass_kg() - drive.movable_mass_kg();
         Self {
             position_on_motor: false,
             chain: Chain::of_drive(drive),
             controller,
-            masses_kg: [motor_kg, drive.movable_mass_kg()],
+            masses_kg: [motor_side_mass_kg(drive), drive.movable_mass_kg()],
             dampings_n_s_m: [drive.reflected_damping_n_s_m(), drive.translational_damping_n_s_m()],
             current_loop_bandwidth_rad_s: drive.current_loop_bandwidth_rad_s(),
             motor_delay_s: drive.motor_encoder_delay_s(),

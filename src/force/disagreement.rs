@@ -1,7 +1,7 @@
 //! How far two estimates of one force are apart while both run.
 
 use super::estimator::ForceEstimate;
-use super::validity::Validity;
+use super::validity::{Properties, Validity};
 use crate::signal::harmonic_fit::LongLine;
 use crate::units::SampleRate;
 
@@ -33,32 +33,33 @@ crate::keyframe::keep!(Moments { difference, first, settling, begun });
 crate::keyframe::keep!(Disagreement { first, second, memory, noise_n, delays_s, state });
 
 impl Disagreement {
-    /// For two estimators with these lags and noise floors.
+    /// For two estimators that state these lags and noise floors.
     #[must_use]
-    pub fn new(delays_s: [f64; 2], noise_floors_n: [f64; 2], rate: SampleRate) -> Self {
+    pub fn new(pair: [Properties; 2], rate: SampleRate) -> Self {
         let mut made = Self {
             first: LongLine::roomy(1, 0.0),
             second: LongLine::roomy(1, 0.0),
-            delays_s,
+            delays_s: [0.0; 2],
             memory: (-rate.period_s() / AVERAGE_S).exp(),
             noise_n: 0.0,
             state: Moments::default(),
         };
-        made.begin(delays_s, noise_floors_n, rate);
+        made.begin(pair, rate);
         made
     }
 
     /// Begins anew where the estimators have other lags or noise floors than before (a window that follows
     /// the spindle). No allocation up to windows of
     /// [`LONGEST_WINDOW`](crate::signal::harmonic_fit::LONGEST_WINDOW).
-    pub fn begin(&mut self, delays_s: [f64; 2], noise_floors_n: [f64; 2], rate: SampleRate) {
+    pub fn begin(&mut self, pair: [Properties; 2], rate: SampleRate) {
+        let delays_s = pair.map(|p| p.delay_s);
         let largest_s = delays_s[0].max(delays_s[1]);
         // What is early waits for what is late.
         let length = |delay_s: f64| ((largest_s - delay_s) * rate.hz()).round() as usize + 1;
         self.first.refill(length(delays_s[0]), 0.0);
         self.second.refill(length(delays_s[1]), 0.0);
         self.delays_s = delays_s;
-        self.noise_n = noise_floors_n[0].hypot(noise_floors_n[1]);
+        self.noise_n = pair[0].noise_floor_n.hypot(pair[1].noise_floor_n);
         let settling = self.first.len().max(self.second.len());
         self.state = Moments { settling, ..Moments::default() };
     }
@@ -96,8 +97,8 @@ impl Disagreement {
 
     /// Whether it was made for estimators with these lags.
     #[must_use]
-    pub fn fits(&self, delays_s: [f64; 2]) -> bool {
-        self.delays_s.map(f64::to_bits) == delays_s.map(f64::to_bits)
+    pub fn fits(&self, pair: [Properties; 2]) -> bool {
+        self.delays_s.map(f64::to_bits) == pair.map(|p| p.delay_s.to_bits())
     }
 
     /// Standard deviation of the difference over about the last second, N; `None` until both have settled.
@@ -115,6 +116,10 @@ fn deviation_n([mean, square]: [f64; 2]) -> f64 {
 mod tests {
     use super::*;
 
+    fn pair(delays_s: [f64; 2], noise_floor_n: f64) -> [Properties; 2] {
+        delays_s.map(|delay_s| Properties { delay_s, noise_floor_n, ..Properties::default() })
+    }
+
     fn estimate(force_n: f64, flags: Validity) -> ForceEstimate {
         ForceEstimate { force_n, flags }
     }
@@ -124,7 +129,7 @@ mod tests {
         let rate = SampleRate::new(1000.0).unwrap();
         let wave = |i: i32| 30.0 * (0.3 * f64::from(i)).sin();
         for (other, expected) in [(1.0, false), (-1.0, true)] {
-            let mut apart = Disagreement::new([0.005, 0.012], [0.1, 0.1], rate);
+            let mut apart = Disagreement::new(pair([0.005, 0.012], 0.1), rate);
             let mut last = Validity::VALID;
             for i in 0..5000 {
                 let second = other * wave(i - 12) + 7.0;
@@ -140,7 +145,7 @@ mod tests {
 
     #[test]
     fn what_settles_says_nothing() {
-        let mut apart = Disagreement::new([0.0, 0.0], [0.0, 0.0], SampleRate::new(1000.0).unwrap());
+        let mut apart = Disagreement::new(pair([0.0, 0.0], 0.0), SampleRate::new(1000.0).unwrap());
         for i in 0..100 {
             let settling = estimate(f64::from(i), Validity::SETTLING);
             assert!(apart.step(settling, estimate(0.0, Validity::VALID)).is_valid());

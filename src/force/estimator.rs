@@ -6,7 +6,7 @@ use super::balance::{ForceBalance, Method};
 use super::band::{band_of_lines_hz, heard_up_to_hz, usable_above_hz, usable_band_hz};
 use super::beyond::Beyond;
 use super::closed_loop::ClosedLoop;
-use super::harmonic::{HarmonicEstimator, harmonic_estimator};
+use super::harmonic::HarmonicEstimator;
 use super::idle_map::IdleMap;
 use super::lane_part::{LanePart, lane_part};
 use super::lanes::{LaneDesign, LaneMotion, LaneState};
@@ -17,7 +17,7 @@ pub use super::signals::{AxisSignals, Signals};
 use super::signals::{encoder_lines_1_m, measured_balance};
 use super::stiffness_learner::{Aligned, StiffnessLearner};
 use super::two_sides::{Mismatch, SeenSides, TwoSides, both_sides};
-use super::validity::Validity;
+use super::validity::{Properties, Validity};
 use crate::plant::drive::DriveParams;
 use crate::signal::harmonic_fit::HarmonicFitError;
 use crate::signal::notch::{Notch, NotchState};
@@ -43,7 +43,7 @@ pub struct MotionSample {
 /// One estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceEstimate {
-    /// Cutting force as it was [`ForceEstimator::delay_s`] ago, N; positive opposes stage motion.
+    /// Cutting force as it was [`Properties::delay_s`] ago, N; positive opposes stage motion.
     pub force_n: f64,
     /// What speaks against it.
     pub flags: Validity,
@@ -54,12 +54,14 @@ pub struct ForceEstimate {
 pub struct AlignedMotion {
     /// Thrust that acted, N.
     pub thrust_n: f64,
+    /// Motor travel, m.
+    pub motor_m: f64,
     /// Motor travel velocity, m/s.
     pub motor_velocity_m_s: f64,
+    /// Stage position, m.
+    pub stage_m: f64,
     /// Stage velocity, m/s.
     pub stage_velocity_m_s: f64,
-    /// Position of the stage (of the motor where there is no scale), m.
-    pub position_m: f64,
 }
 
 /// A designed estimator of one axis; immutable.
@@ -76,13 +78,10 @@ pub struct ForceEstimator {
     filter: Filter,
     idle_map: Option<IdleMap>,
     signals: Signals,
-    noise_floor_n: f64,
-    friction_bound_n: f64,
-    usable_band_hz: [f64; 2],
-    usable_above_hz: Option<f64>,
+    properties: Properties,
     reach_hz: f64,
     encoder_lines_1_m: [f64; 2],
-    harmonic: Option<HarmonicEstimator>,
+    pub(super) harmonic: Option<HarmonicEstimator>,
     learner: Option<StiffnessLearner>,
     two_sides: Option<TwoSides>,
     notches: Vec<(NotchCentre, Notch)>,
@@ -107,7 +106,6 @@ pub(super) struct Underway {
     pub(super) force_n: f64,
     pub(super) flags: Validity,
     pub(super) motion: AlignedMotion,
-    motor_m: f64,
     /// Of this instant, also where the estimate is a window's.
     aligned: Aligned,
 }
@@ -133,7 +131,7 @@ impl ForceEstimator {
         let late_s = settings.drive_filter.map_or(0.0, |filter| filter.slow_delay_s());
         let alignment = Alignment::new(drive, rate, late_s)?;
         let filter = Filter::new(settings.low_pass, rate)?;
-        let harmonic = harmonic_estimator(method, axis, &settings)?;
+        let harmonic = HarmonicEstimator::of_method(method, axis, &settings)?;
         let band_hz = filter.band_hz(settings.low_pass, rate);
         let mut part = lane_part((method, &balance), axis, &settings, (&alignment, &filter));
         let (learner, two_sides) = both_sides((method, &balance), axis, &settings, (&alignment, band_hz))?;
@@ -154,10 +152,12 @@ impl ForceEstimator {
             physics: settings.physics.clone().filter(|p| !p.is_empty()),
             idle_map: settings.idle_map.clone(),
             signals: axis.signals,
-            noise_floor_n: 0.0,
-            friction_bound_n: settings.friction_bound_n(drive),
-            usable_band_hz,
-            usable_above_hz,
+            properties: Properties {
+                friction_bound_n: Some(settings.friction_bound_n(drive)),
+                usable_band_hz,
+                usable_above_hz,
+                ..Properties::default()
+            },
             reach_hz: heard_up_to_hz(method, drive, &settings, band_hz),
             encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
             harmonic,
@@ -170,7 +170,7 @@ impl ForceEstimator {
             filter,
             rate,
         };
-        estimator.noise_floor_n = match (method, settings.controller) {
+        let noise_floor_n = match (method, settings.controller) {
             (Method::Thrust, Some(controller)) => {
                 let steps_m = [drive.motor_encoder_resolution_m(), drive.stage_encoder_resolution_m()];
                 let through = |hz| estimator.filter.gain(hz, rate);
@@ -178,9 +178,10 @@ impl ForceEstimator {
             }
             _ => estimator.quantization_noise_n(drive),
         };
+        estimator.properties.noise_floor_n = noise_floor_n;
         if let Some(above) = estimator.part.above {
             let responses = estimator.step_responses(drive);
-            estimator.part.above = Some(above.with_noise(estimator.noise_floor_n, &responses, rate));
+            estimator.part.above = Some(above.with_noise(noise_floor_n, &responses, rate));
             estimator.alone = LaneDesign::new(vec![Some(estimator.part)]);
         }
         estimator.set_settling();
@@ -240,10 +241,10 @@ impl ForceEstimator {
         state.speed_m_s = 0.0;
     }
 
-    /// Begins windows for another spindle speed (`fitted`, `spectral`; the others have none); those of now
-    /// stay in use until the new ones are made. Errors: a window that cannot be fitted.
-    pub fn begin_tuning(&mut self, spindle_speed_rpm: f64) -> Result<(), HarmonicFitError> {
-        self.harmonic.as_mut().map_or(Ok(()), |h| h.begin_tuning(spindle_speed_rpm))
+    /// The windows of spindle harmonics (`fitted`, `spectral`; the others have none): another spindle speed
+    /// is begun there, and pieces of it are caught up with.
+    pub fn windows(&mut self) -> Option<&mut HarmonicEstimator> {
+        self.harmonic.as_mut()
     }
 
     /// Works on for about so many multiplications; true when the new windows are in use, and states of the
@@ -254,20 +255,10 @@ impl ForceEstimator {
         if !harmonic.advance_tuning(multiplications)? {
             return Ok(false);
         }
-        self.noise_floor_n = harmonic.noise_floor_n();
-        self.usable_band_hz = band_of_lines_hz(self.method, harmonic.lines_hz(), self.reach_hz);
+        self.properties.noise_floor_n = harmonic.noise_floor_n();
+        self.properties.usable_band_hz = band_of_lines_hz(self.method, harmonic.lines_hz(), self.reach_hz);
         self.set_settling();
         Ok(true)
-    }
-
-    /// Pieces of the windows in the making that are done, for a keyframe.
-    pub(super) fn tuning_pieces(&self) -> usize {
-        self.harmonic.as_ref().map_or(0, HarmonicEstimator::tuning_pieces)
-    }
-
-    /// Does so many pieces. Errors: as [`Self::advance_tuning`].
-    pub(super) fn catch_up(&mut self, pieces: usize) -> Result<(), HarmonicFitError> {
-        self.harmonic.as_mut().map_or(Ok(()), |h| h.catch_up(pieces))
     }
 
     fn set_settling(&mut self) {
@@ -315,15 +306,10 @@ impl ForceEstimator {
         sample: &MotionSample,
         (lanes, lane): (&mut LaneState<L>, usize),
     ) {
-        let mut told_n = sample.thrust_ref_n;
-        let mut read = [sample.motor_travel_m, sample.nut_position_m, sample.stage_position_m];
-        if let Some(physics) = &self.physics {
-            told_n = physics.thrust_n(told_n);
-            read[0] = read[0].map(|x| physics.motor_travel_m(x));
-            read[2] = read[2].map(|x| physics.stage_position_m(x));
-        }
+        let sample = self.without_signal_errors(sample);
+        let read = [sample.motor_travel_m, sample.nut_position_m, sample.stage_position_m];
         let input = &mut lanes.input;
-        input.thrust_ref_n[lane] = told_n;
+        input.thrust_ref_n[lane] = sample.thrust_ref_n;
         input.motor_m[lane] = read[0].unwrap_or(input.motor_m[lane]);
         input.nut_m[lane] = read[1].unwrap_or(input.nut_m[lane]);
         input.stage_m[lane] = read[2].unwrap_or(input.stage_m[lane]);
@@ -336,21 +322,14 @@ impl ForceEstimator {
     pub(super) fn underway<const L: usize>(&self, balance: &LaneMotion<L>, lane: usize) -> Underway {
         let motion = AlignedMotion {
             thrust_n: balance.thrust_n[lane],
-            motor_velocity_m_s: balance.motor_velocity_m_s[lane],
-            stage_velocity_m_s: balance.stage_velocity_m_s[lane],
-            position_m: if self.part.by_motor { balance.motor_m[lane] } else { balance.stage_m[lane] },
-        };
-        let (force_n, flags) = (balance.raw_n[lane], balance.flags[lane]);
-        let aligned = Aligned {
-            thrust_n: motion.thrust_n,
-            inertia_n: balance.motor_side_n[lane],
-            friction: balance.turned[lane],
             motor_m: balance.motor_m[lane],
-            motor_velocity_m_s: motion.motor_velocity_m_s,
+            motor_velocity_m_s: balance.motor_velocity_m_s[lane],
             stage_m: balance.stage_m[lane],
-            stage_velocity_m_s: motion.stage_velocity_m_s,
+            stage_velocity_m_s: balance.stage_velocity_m_s[lane],
         };
-        Underway { force_n, flags, motion, motor_m: aligned.motor_m, aligned }
+        let aligned =
+            Aligned { motion, inertia_n: balance.motor_side_n[lane], friction: balance.turned[lane] };
+        Underway { force_n: balance.raw_n[lane], flags: balance.flags[lane], motion, aligned }
     }
 
     /// Whether anything but balance and Butterworth low-pass makes the estimate.
@@ -377,8 +356,8 @@ impl ForceEstimator {
             (Some(harmonic), Some(inner)) => {
                 let windowed = harmonic.step(inner, &self.without_signal_errors(sample));
                 now.force_n = windowed.force_n;
-                if let Some((motion, motor_m)) = windowed.motion {
-                    (now.motion, now.motor_m) = (motion, motor_m);
+                if let Some(motion) = windowed.motion {
+                    now.motion = motion;
                     now.force_n -= self.physics_n(now);
                     now.flags =
                         self.flags_of(now) | now.flags.only(Validity::SETTLING | Validity::SIGNAL_MISSING);
@@ -391,7 +370,7 @@ impl ForceEstimator {
         if let Some(map) = &self.idle_map {
             let velocity_m_s = self.travel_velocity_m_s(&now.motion);
             let moves = velocity_m_s.abs() >= self.part.law.still_m_s;
-            let known_n = map.disturbance_n(now.motion.position_m, velocity_m_s);
+            let known_n = map.disturbance_n(self.position_m(&now.motion), velocity_m_s);
             now.flags |= Validity::when(moves && known_n.is_none(), Validity::EXTRAPOLATED);
             now.force_n -= known_n.unwrap_or(0.0);
         }
@@ -423,8 +402,8 @@ impl ForceEstimator {
     ) {
         let Some(learner) = &self.learner else { return };
         if let Some(physics) = &self.physics {
-            let (motor_m, motor_m_s) = (now.aligned.motor_m, now.aligned.motor_velocity_m_s);
-            now.aligned.thrust_n -= physics.motor_n(motor_m, motor_m_s);
+            let motion = &mut now.aligned.motion;
+            motion.thrust_n -= physics.motor_n(motion.motor_m, motion.motor_velocity_m_s);
         }
         let learned = &mut state.learned;
         now.force_n += learner.added_n(learned, &now.aligned);
@@ -477,12 +456,15 @@ impl ForceEstimator {
         let Some(physics) = &self.physics else { return 0.0 };
         let motion = &now.motion;
         let stage_v = self.travel_velocity_m_s(motion);
+        let stage_x = self.position_m(motion);
         let (motor_x, motor_v) = match self.signals {
-            Signals::StageOnly => (motion.position_m, stage_v),
-            Signals::MotorOnly | Signals::Both | Signals::Three => (now.motor_m, motion.motor_velocity_m_s),
+            Signals::StageOnly => (stage_x, stage_v),
+            Signals::MotorOnly | Signals::Both | Signals::Three => {
+                (motion.motor_m, motion.motor_velocity_m_s)
+            }
         };
         self.balance.thrust * physics.motor_n(motor_x, motor_v)
-            + self.balance.stage_disturbance * physics.stage_n(motion.position_m, stage_v)
+            + self.balance.stage_disturbance * physics.stage_n(stage_x, stage_v)
     }
 
     #[inline]
@@ -505,7 +487,13 @@ impl ForceEstimator {
         force_n
     }
 
-    /// Velocity of whichever position the axis measures (the stage's before the motor's), m/s.
+    /// Whichever position the axis measures (the stage's before the motor's), m.
+    #[must_use]
+    pub fn position_m(&self, motion: &AlignedMotion) -> f64 {
+        if self.part.by_motor { motion.motor_m } else { motion.stage_m }
+    }
+
+    /// Its velocity, m/s.
     #[must_use]
     pub fn travel_velocity_m_s(&self, motion: &AlignedMotion) -> f64 {
         if self.part.by_motor { motion.motor_velocity_m_s } else { motion.stage_velocity_m_s }
@@ -517,11 +505,15 @@ impl ForceEstimator {
         self.method
     }
 
-    /// By how much the estimate lags the force, s: encoder delays, stencil and low-pass (its delay for
-    /// slow signals where it is not the same at every frequency).
+    /// What it states of its estimates.
     #[must_use]
-    pub fn delay_s(&self) -> f64 {
-        self.alignment_lag_samples() as f64 * self.rate.period_s() + self.filter_delay_s
+    pub fn properties(&self) -> Properties {
+        Properties {
+            delay_s: self.alignment_lag_samples() as f64 * self.rate.period_s() + self.filter_delay_s,
+            settling_samples: self.part.settling,
+            condition: self.harmonic.as_ref().map(HarmonicEstimator::condition),
+            ..self.properties
+        }
     }
 
     /// Samples between the aligned instant and now, before the low-pass.
@@ -530,46 +522,10 @@ impl ForceEstimator {
         self.harmonic.as_ref().map_or(self.alignment.lag_samples, HarmonicEstimator::lag_samples)
     }
 
-    /// Condition number of the window of spindle harmonics, where the method has one.
-    #[must_use]
-    pub fn condition(&self) -> Option<f64> {
-        self.harmonic.as_ref().map(HarmonicEstimator::condition)
-    }
-
-    /// Force that friction can hide on an axis that stands still, N: all that is known below it.
-    #[must_use]
-    pub fn friction_bound_n(&self) -> f64 {
-        self.friction_bound_n
-    }
-
     /// Delay of the low-pass alone in whole samples (nearest, for slow signals).
     #[must_use]
     pub fn filter_delay_samples(&self) -> usize {
         (self.filter_delay_s * self.rate.hz()).round() as usize
-    }
-
-    /// Band in which the estimate can be used, Hz: see [`super::band`].
-    #[must_use]
-    pub fn usable_band_hz(&self) -> [f64; 2] {
-        self.usable_band_hz
-    }
-
-    /// From where on it can be used again, Hz; absent where the band is one piece.
-    #[must_use]
-    pub fn usable_above_hz(&self) -> Option<f64> {
-        self.usable_above_hz
-    }
-
-    /// Standard deviation that the encoders' steps alone cause, N.
-    #[must_use]
-    pub fn noise_floor_n(&self) -> f64 {
-        self.noise_floor_n
-    }
-
-    /// Samples until the filters have forgotten their start.
-    #[must_use]
-    pub fn settling_samples(&self) -> usize {
-        self.part.settling
     }
 
     /// sigma^2 = q_m^2/12 sum h_m^2 + q_t^2/12 sum h_t^2 over the impulse responses of the chain.

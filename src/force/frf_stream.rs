@@ -2,7 +2,8 @@
 
 use super::estimator::ForceEstimate;
 use super::frf::{ACCEL_AXES, AccelSample, FrfError, FrfEstimator};
-use super::validity::Validity;
+use super::harmonic::SPEED_TOLERANCE;
+use super::validity::{Properties, Validity};
 use crate::keyframe::{Keep, Words};
 use crate::units::SampleRate;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
@@ -14,8 +15,6 @@ use std::sync::Arc;
 const BLOCK_S: f64 = 0.1;
 /// Length of the impulse responses, s: resolves about 1 Hz, as the runs that the estimator is made from.
 const RESPONSE_S: f64 = 0.8;
-/// A speed change below this share does not call for new impulse responses.
-const SPEED_STEP: f64 = 1e-3;
 
 /// Streaming filter: overlap-add of blocks, impulse responses of the block's spindle speed.
 #[derive(Clone)]
@@ -143,22 +142,23 @@ impl FrfStream {
         self.state = FrfState::new(self.block, self.state.tail.len());
     }
 
-    /// By how much an estimate lags: half an impulse response and one block.
+    /// What it states of its estimates: the lag is half an impulse response and one block, and it has settled
+    /// where an output rests on a whole impulse response.
     #[must_use]
-    pub fn delay_s(&self) -> f64 {
-        self.delay_samples() as f64 * self.rate.period_s()
+    pub fn properties(&self) -> Properties {
+        Properties {
+            delay_s: self.delay_samples() as f64 * self.rate.period_s(),
+            settling_samples: 2 * self.half + self.block,
+            noise_floor_n: self.estimator.noise_floor_n,
+            usable_band_hz: self.estimator.band_hz(),
+            condition: Some(self.estimator.condition),
+            ..Properties::default()
+        }
     }
 
-    /// The same in samples.
-    #[must_use]
-    pub fn delay_samples(&self) -> usize {
+    /// Its lag in samples.
+    fn delay_samples(&self) -> usize {
         self.half + self.block
-    }
-
-    /// Samples until every output rests on a whole impulse response.
-    #[must_use]
-    pub fn settling_samples(&self) -> usize {
-        2 * self.half + self.block
     }
 
     /// Samples of one block.
@@ -200,7 +200,7 @@ impl FrfStream {
     fn filter_block(&mut self) {
         let speed_rpm = std::mem::take(&mut self.state.pending_rpm);
         let now_rpm = self.state.responses_rpm;
-        if !((speed_rpm - now_rpm).abs() <= SPEED_STEP * now_rpm.abs()) {
+        if !((speed_rpm - now_rpm).abs() <= SPEED_TOLERANCE * now_rpm.abs()) {
             self.make_responses(speed_rpm);
             self.state.responses_rpm = speed_rpm;
         }

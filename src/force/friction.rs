@@ -22,7 +22,7 @@ pub struct Presliding {
 }
 
 /// State of [`Presliding`].
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PreslidingState {
     pub(super) position_m: f64,
     /// Friction over its full size, -1 to 1.

@@ -11,7 +11,6 @@ use super::estimator::{AlignedMotion, AxisSignals, ForceError, ForceSettings, Mo
 use super::friction::{Presliding, PreslidingState};
 use super::signals::measured_balance;
 use super::validity::Validity;
-use crate::plant::machine::Controller;
 use crate::signal::harmonic_fit::{
     HarmonicBasis, HarmonicDesign, HarmonicFitError, LONGEST_WINDOW, USUAL_UNKNOWNS,
 };
@@ -113,8 +112,8 @@ impl HarmonicSettings {
 
 /// Beyond this condition number the harmonics of a window are told apart by rounding only.
 const ILL_CONDITIONED: f64 = 1e3;
-/// Relative deviation of the spindle's speed from the design's up to which the weights hold: over two
-/// turns the phase of harmonic 10 then errs by less than 0.1 rad.
+/// Relative deviation of the spindle's speed from the design's up to which weights and responses hold:
+/// over two turns the phase of harmonic 10 then errs by less than 0.1 rad.
 pub(super) const SPEED_TOLERANCE: f64 = 1e-3;
 
 /// A designed harmonic estimator.
@@ -142,20 +141,14 @@ enum Kind {
 
 /// Most functionals of a window: that of the thrust, and force, position and velocity of motor and stage.
 const FUNCTIONALS: usize = 7;
-/// Where the weights of motor and stage begin; each side has force, position, velocity (`fitted`).
-const MOTOR: usize = 1;
-const STAGE: usize = 4;
-/// On the thrust: its lines through the inverse of the closed loop (`spectral`).
-const FORCE: usize = 0;
-/// On thrust or position: the lines as they are (`spectral`).
-const LINES: usize = 1;
-/// On the position: the motion of the window as a whole (`spectral`).
-const VELOCITY: usize = 2;
 
-/// Signals under the window.
-const CURRENT: usize = 0;
-const MOTOR_TRAVEL: usize = 1;
-const STAGE_POSITION: usize = 2;
+/// Signals under the window, in this order.
+#[derive(Debug, Clone, Copy)]
+enum Signal {
+    Thrust,
+    Motor,
+    Stage,
+}
 
 /// Functionals of the window for one spindle speed, as coefficients of its inner products.
 #[derive(Debug, Clone, PartialEq)]
@@ -173,7 +166,6 @@ struct Windows {
 struct Fitted {
     balance: ForceBalance,
     alignment: Alignment,
-    signals: Signals,
     presliding: Presliding,
 }
 
@@ -189,12 +181,9 @@ impl Fitted {
         let young = basis.half_window as f64 - middle_age as f64;
         basis.add_row((young - self.alignment.current, 0), 1.0, row);
         let scale = [1.0, rate.hz(), rate.hz() * rate.hz()];
-        let sides = [
-            (MOTOR, self.alignment.motor, self.balance.motor),
-            (STAGE, self.alignment.stage, self.balance.stage),
-        ];
-        for (first, age, factors) in sides {
-            let at = young - age;
+        let sides = [(self.alignment.motor, self.balance.motor), (self.alignment.stage, self.balance.stage)];
+        for (side, (age, factors)) in sides.into_iter().enumerate() {
+            let (at, first) = (young - age, 1 + 3 * side);
             let (_, row) = design.functional(first);
             for (k, factor) in factors.as_array().iter().enumerate() {
                 basis.add_row((at, k), factor * scale[k], row);
@@ -207,23 +196,22 @@ impl Fitted {
     }
 
     fn step(&self, state: &mut HarmonicState, windows: &Windows, friction_smoothing_m_s: f64) -> Windowed {
-        let side = |signal: usize, first: usize| {
-            [0, 1, 2].map(|k| state.fit.apply(signal, &windows.coefficients[first + k]))
-        };
-        let [motor_n, motor_m, motor_m_s] = side(MOTOR_TRAVEL, MOTOR);
-        let [stage_n, stage_m, stage_m_s] = side(STAGE_POSITION, STAGE);
-        state.presliding = self.presliding.step::<false>(state.presliding, stage_m);
-        let share = state.presliding.share;
+        let [thrust, motor_force, motor, motor_speed, stage_force, stage, stage_speed] =
+            &windows.coefficients;
+        let of = |signal: Signal, coefficients: &[f64]| state.fit.apply(signal as usize, coefficients);
+        let [motor_n, stage_n] = [of(Signal::Motor, motor_force), of(Signal::Stage, stage_force)];
         let motion = AlignedMotion {
-            thrust_n: state.fit.apply(CURRENT, &windows.coefficients[0]),
-            motor_velocity_m_s: motor_m_s,
-            stage_velocity_m_s: stage_m_s,
-            position_m: if self.signals == Signals::MotorOnly { motor_m } else { stage_m },
+            thrust_n: of(Signal::Thrust, thrust),
+            motor_m: of(Signal::Motor, motor),
+            motor_velocity_m_s: of(Signal::Motor, motor_speed),
+            stage_m: of(Signal::Stage, stage),
+            stage_velocity_m_s: of(Signal::Stage, stage_speed),
         };
+        state.presliding = self.presliding.step::<false>(state.presliding, motion.stage_m);
         let force_n = self.balance.thrust * motion.thrust_n + motor_n + stage_n
-            - self.balance.motor_friction_n * (motor_m_s / friction_smoothing_m_s).tanh()
-            - self.balance.stage_friction_n * share;
-        Windowed { force_n, flags: Validity::VALID, motion: Some((motion, motor_m)) }
+            - self.balance.motor_friction_n * (motion.motor_velocity_m_s / friction_smoothing_m_s).tanh()
+            - self.balance.stage_friction_n * state.presliding.share;
+        Windowed { force_n, flags: Validity::VALID, motion: Some(motion) }
     }
 }
 
@@ -241,16 +229,18 @@ impl Spectral {
     /// What the windows stand for: the inverse transform of corrected lines is one sum of weights. Answers
     /// the lag.
     fn describe(&self, reading: Reading, rate: SampleRate, design: &mut HarmonicDesign) -> usize {
-        let (basis, row) = design.functional(FORCE);
+        // On the thrust its lines through the inverse of the closed loop; on thrust or position the lines as
+        // they are; on the position the motion of the window as a whole.
+        let [force, lines, velocity] = [0, 1, 2];
+        let (basis, row) = design.functional(force);
         let at = match reading {
             Reading::Middle => 0.0,
             Reading::Young => basis.half_window as f64 - 3.0,
         };
         let line_hz = basis.fundamental_rad * rate.hz() / TAU;
         basis.add_filtered(at, |i| 1.0 / self.closed_loop.thrust_per_cutting(i as f64 * line_hz), row);
-        basis.add_filtered(at, |_| Complex64::new(1.0, 0.0), design.functional(LINES).1);
-        // The ramp alone: the window as a whole, without its vibration.
-        design.functional(VELOCITY).1[1] = rate.hz();
+        basis.add_filtered(at, |_| Complex64::new(1.0, 0.0), design.functional(lines).1);
+        design.functional(velocity).1[1] = rate.hz();
         (basis.half_window as f64 - at) as usize
     }
 
@@ -278,16 +268,17 @@ impl Spectral {
     /// of the thrust hold it: flagged.
     /// Checked by: force::a_stopped_axis_adds_friction_to_the_corrected_amplitude.
     fn step(&self, state: &mut HarmonicState, windows: &Windows, still_m_s: f64) -> Windowed {
-        let (coefficients, half_window) = (&windows.coefficients, windows.samples / 2);
-        let force_n = state.fit.apply(CURRENT, &coefficients[FORCE]);
-        let amplitude_n = state.force_peak.step(force_n, half_window);
-        let position = if self.uses_stage { STAGE_POSITION } else { MOTOR_TRAVEL };
-        let speed_m_s = state.fit.apply(position, &coefficients[VELOCITY]).abs();
+        let ([force, lines, velocity, ..], half_window) = (&windows.coefficients, windows.samples / 2);
+        let [force_peak, travel_peak, speed_peak] = &mut state.peaks;
+        let force_n = state.fit.apply(Signal::Thrust as usize, force);
+        let amplitude_n = force_peak.step(force_n, half_window);
+        let position = if self.uses_stage { Signal::Stage } else { Signal::Motor } as usize;
+        let speed_m_s = state.fit.apply(position, velocity).abs();
         let with = |force_n, flags| Windowed { force_n, flags, motion: None };
-        let lines_m = state.fit.apply(position, &coefficients[LINES]);
-        let travel_m = state.travel_peak.step(lines_m, half_window);
+        let lines_m = state.fit.apply(position, lines);
+        let travel_m = travel_peak.step(lines_m, half_window);
         let vibration_m_s = (lines_m - state.last_lines_m).abs() * self.rate_hz;
-        let fastest_m_s = state.speed_peak.step(vibration_m_s, half_window);
+        let fastest_m_s = speed_peak.step(vibration_m_s, half_window);
         state.last_lines_m = lines_m;
         if speed_m_s > still_m_s {
             return with(force_n, Validity::when(fastest_m_s > speed_m_s, Validity::EXTRAPOLATED));
@@ -308,33 +299,23 @@ pub struct Windowed {
     pub force_n: f64,
     /// What speaks against it.
     pub flags: Validity,
-    /// Motion at the instant that it belongs to, and the motor's travel there in m; `fitted` alone.
-    pub motion: Option<(AlignedMotion, f64)>,
+    /// Motion at the instant that it belongs to; `fitted` alone.
+    pub motion: Option<AlignedMotion>,
 }
 
 /// State of a [`HarmonicEstimator`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct HarmonicState {
     fit: SlidingFit<3>,
     current_n: f64,
     last_ref_n: f64,
     presliding: PreslidingState,
-    force_peak: PeakHold,
-    travel_peak: PeakHold,
-    speed_peak: PeakHold,
+    /// Of force, travel and speed (`spectral`).
+    peaks: [PeakHold; 3],
     last_lines_m: f64,
 }
 
-crate::keyframe::keep!(HarmonicState {
-    fit,
-    current_n,
-    last_ref_n,
-    presliding,
-    force_peak,
-    travel_peak,
-    speed_peak,
-    last_lines_m
-});
+crate::keyframe::keep!(HarmonicState { fit, current_n, last_ref_n, presliding, peaks, last_lines_m });
 
 /// Largest size of a series over the last window, in two halves.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -358,46 +339,48 @@ impl PeakHold {
 }
 
 impl HarmonicEstimator {
-    /// `fitted`: positions replaced by the fitted curve, then the multi-encoder balance (26).
+    /// That of a method which has one.
     ///
-    /// Errors: a window that cannot be fitted, positions that the balance needs and the axis lacks.
-    /// Source: Hayashi et al., V. Deviation: each curve is read at its own delayed instant; the window is
-    /// given in turns; the thrust is fitted too, else motion that is no harmonic of the spindle stays in the
-    /// thrust after it has been taken out of the accelerations that balance it.
-    pub fn fitted(
-        axis: &AxisSignals<'_>,
-        (balance, presliding_travel_m): (ForceBalance, f64),
-        settings: &HarmonicSettings,
-    ) -> Result<Self, ForceError> {
-        let kind = Kind::Fitted(Fitted {
-            balance,
-            alignment: Alignment::new(axis.drive, axis.rate, 0.0)?,
-            signals: axis.signals,
-            presliding: Presliding::new(presliding_travel_m, axis.drive.stage_encoder_resolution_m()),
-        });
-        Self::new(kind, axis, settings)
-    }
-
-    /// `spectral`: lines of the thrust divided by the closed loop's response to a cutting force.
+    /// `fitted`: positions replaced by the fitted curve, then the multi-encoder balance (26). Source: Hayashi
+    /// et al., V. Deviation: each curve is read at its own delayed instant; the window is given in turns; the
+    /// thrust is fitted too, else motion that is no harmonic of the spindle stays in the thrust after it has
+    /// been taken out of the accelerations that balance it.
     ///
-    /// Constant force is not estimated: its zero cannot be told from friction.
-    /// Errors: no controller in the model, a window that cannot be fitted.
-    /// Source: Sato et al., 4.3. Deviation: the inverse transform of the lines is one sum of weights.
-    pub fn spectral(
+    /// `spectral`: lines of the thrust divided by the closed loop's response to a cutting force. Constant
+    /// force is not estimated: its zero cannot be told from friction. Source: Sato et al., 4.3. Deviation:
+    /// the inverse transform of the lines is one sum of weights.
+    ///
+    /// Errors: no spindle speed, a window that cannot be fitted, positions that the balance needs and the
+    /// axis lacks (`fitted`), no controller in the model (`spectral`).
+    pub(super) fn of_method(
+        method: Method,
         axis: &AxisSignals<'_>,
-        (controller, friction_n, presliding_travel_m): (Option<&Controller>, f64, f64),
-        settings: &HarmonicSettings,
-    ) -> Result<Self, ForceError> {
-        let missing =
-            ForceError::Structure { method: Method::Spectral.name(), needs: "[axes.<axis>.controller]" };
-        let kind = Kind::Spectral(Spectral {
-            closed_loop: ClosedLoop::new(axis, *controller.ok_or(missing)?),
-            friction_n,
-            presliding_travel_m,
-            uses_stage: axis.signals != Signals::MotorOnly,
-            rate_hz: axis.rate.hz(),
-        });
-        Self::new(kind, axis, settings)
+        settings: &ForceSettings,
+    ) -> Result<Option<Self>, ForceError> {
+        let need = |needs| ForceError::Structure { method: method.name(), needs };
+        let kind = match method {
+            Method::Fitted => Kind::Fitted(Fitted {
+                balance: measured_balance(method, axis)?,
+                alignment: Alignment::new(axis.drive, axis.rate, 0.0)?,
+                presliding: Presliding::new(
+                    settings.presliding_travel_m,
+                    axis.drive.stage_encoder_resolution_m(),
+                ),
+            }),
+            Method::Spectral => Kind::Spectral(Spectral {
+                closed_loop: ClosedLoop::new(
+                    axis,
+                    settings.controller.ok_or(need("[axes.<axis>.controller]"))?,
+                ),
+                friction_n: settings.friction_bound_n(axis.drive),
+                presliding_travel_m: settings.presliding_travel_m,
+                uses_stage: axis.signals != Signals::MotorOnly,
+                rate_hz: axis.rate.hz(),
+            }),
+            _ => return Ok(None),
+        };
+        let harmonic = settings.harmonic.as_ref().ok_or(need("a spindle speed"))?;
+        Self::new(kind, axis, harmonic).map(Some)
     }
 
     fn new(kind: Kind, axis: &AxisSignals<'_>, settings: &HarmonicSettings) -> Result<Self, ForceError> {
@@ -480,16 +463,7 @@ impl HarmonicEstimator {
     /// State settled on a first sample, with memory for the longest window.
     #[must_use]
     pub fn settled(&self, first: &MotionSample) -> HarmonicState {
-        let mut state = HarmonicState {
-            fit: SlidingFit::default(),
-            current_n: 0.0,
-            last_ref_n: 0.0,
-            presliding: Presliding::settled(0.0),
-            force_peak: PeakHold::default(),
-            travel_peak: PeakHold::default(),
-            speed_peak: PeakHold::default(),
-            last_lines_m: 0.0,
-        };
+        let mut state = HarmonicState::default();
         self.settle(&mut state, first);
         state
     }
@@ -500,8 +474,7 @@ impl HarmonicEstimator {
         state.fit.settle(&self.windows.basis, [first.thrust_ref_n, motor_m, stage_m]);
         (state.current_n, state.last_ref_n) = (first.thrust_ref_n, first.thrust_ref_n);
         state.presliding = Presliding::settled(stage_m);
-        state.force_peak = PeakHold::default();
-        (state.travel_peak, state.speed_peak) = (PeakHold::default(), PeakHold::default());
+        state.peaks = [PeakHold::default(); 3];
         state.last_lines_m = 0.0;
     }
 
@@ -518,8 +491,8 @@ impl HarmonicEstimator {
             memory * (state.current_n - state.last_ref_n) + state.last_ref_n
         };
         state.last_ref_n = sample.thrust_ref_n;
-        let motor_m = sample.motor_travel_m.unwrap_or_else(|| state.fit.last(MOTOR_TRAVEL));
-        let stage_m = sample.stage_position_m.unwrap_or_else(|| state.fit.last(STAGE_POSITION));
+        let motor_m = sample.motor_travel_m.unwrap_or_else(|| state.fit.last(Signal::Motor as usize));
+        let stage_m = sample.stage_position_m.unwrap_or_else(|| state.fit.last(Signal::Stage as usize));
         state.fit.step(&self.windows.basis, [state.current_n, motor_m, stage_m]);
         let ill = Validity::when(self.windows.condition > ILL_CONDITIONED, Validity::ILL_CONDITIONED);
         let windowed = match &self.kind {
@@ -560,34 +533,11 @@ impl HarmonicEstimator {
     /// `spectral`: sigma^2 = sigma_line^2 w . w, w the weights of the lines as they are.
     #[must_use]
     pub(super) fn noise_floor_n(&self) -> f64 {
-        let norm = |k: usize| self.windows.energies[k].sqrt();
-        let Kind::Fitted(_) = self.kind else { return self.windows.line_noise_n * norm(LINES) };
-        (norm(MOTOR) * self.steps_m[0]).hypot(norm(STAGE) * self.steps_m[1]) / 12f64.sqrt()
+        match (&self.kind, self.windows.energies) {
+            (Kind::Spectral(_), [_, lines, ..]) => self.windows.line_noise_n * lines.sqrt(),
+            (Kind::Fitted(_), [_, motor, _, _, stage, ..]) => {
+                (motor.sqrt() * self.steps_m[0]).hypot(stage.sqrt() * self.steps_m[1]) / 12f64.sqrt()
+            }
+        }
     }
-}
-
-/// The windowed estimator of a method that has one.
-pub(super) fn harmonic_estimator(
-    method: Method,
-    axis: &AxisSignals<'_>,
-    settings: &ForceSettings,
-) -> Result<Option<HarmonicEstimator>, ForceError> {
-    if !matches!(method, Method::Fitted | Method::Spectral) {
-        return Ok(None);
-    }
-    let missing = ForceError::Structure { method: method.name(), needs: "a spindle speed" };
-    let harmonic = settings.harmonic.as_ref().ok_or(missing)?;
-    let friction_n = settings.friction_bound_n(axis.drive);
-    Ok(Some(match method {
-        Method::Fitted => HarmonicEstimator::fitted(
-            axis,
-            (measured_balance(method, axis)?, settings.presliding_travel_m),
-            harmonic,
-        )?,
-        _ => HarmonicEstimator::spectral(
-            axis,
-            (settings.controller.as_ref(), friction_n, settings.presliding_travel_m),
-            harmonic,
-        )?,
-    }))
 }

@@ -41,8 +41,8 @@ impl std::fmt::Debug for IdleMap {
     }
 }
 
-/// Idle runs that move by less have no way to be aligned by.
-const LEAST_TRAVEL_M: f64 = 50e-6;
+/// An axis that moves by less stands: an idle run has no way to be aligned by, a cut no idle map.
+pub(super) const LEAST_TRAVEL_M: f64 = 50e-6;
 
 /// One aligned instant of an idle run.
 #[derive(Debug, Clone, Copy, PartialEq)]

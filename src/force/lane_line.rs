@@ -1,6 +1,5 @@
 //! Lines of samples of several axes, and the stencils that read them.
 
-use crate::keyframe::{Keep, Words};
 use crate::signal::dispatch::multiply_add;
 use crate::signal::finite_difference::{STENCIL_NODES, Stencil};
 
@@ -45,20 +44,7 @@ pub(super) struct LaneLine<const L: usize> {
     head: usize,
 }
 
-impl<const L: usize> Keep for LaneLine<L> {
-    fn keep(&self, to: &mut Vec<u64>) {
-        let Self { values, head } = self;
-        values.keep(to);
-        head.keep(to);
-    }
-
-    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { values, head } = self;
-        values.restore(from)?;
-        head.restore(from)?;
-        (*head < values.len() / 2).then_some(())
-    }
-}
+crate::keyframe::keep!(LaneLine<L> { values, head } if |s| s.head < s.values.len() / 2);
 
 impl<const L: usize> LaneLine<L> {
     /// Of so many samples, zeros.

@@ -1,26 +1,24 @@
 //! Cascades of second-order sections side by side, one in each vector lane.
 
-use crate::signal::butterworth::{Butterworth, Section};
+use crate::signal::butterworth::Section;
 use crate::signal::dispatch::multiply_add;
 
 /// One second-order section a lane: b0, b1, b2, a1, a2.
 pub(super) type LaneSection<const L: usize> = [[f64; L]; 5];
 
-/// Cascades side by side; a lane without one lets everything through.
-pub(super) fn lane_sections<const L: usize>(filters: &[Option<Butterworth>]) -> Vec<LaneSection<L>> {
-    let longest = filters.iter().flatten().map(|f| f.sections().len()).max().unwrap_or(0);
-    let through = [[1.0; L], [0.0; L], [0.0; L], [0.0; L], [0.0; L]];
-    let mut sections = vec![through; longest];
-    for (lane, filter) in filters.iter().enumerate() {
-        for (to, section) in sections.iter_mut().zip(filter.iter().flat_map(Butterworth::sections)) {
-            let [b0, b1, b2] = section.b;
-            let [a1, a2] = section.a;
-            for (to, value) in to.iter_mut().zip([b0, b1, b2, a1, a2]) {
-                to[lane] = value;
-            }
+/// Cascades side by side, one a lane; a lane without one lets everything through.
+pub(super) fn lane_sections<const L: usize>(
+    cascades: impl IntoIterator<Item = Vec<Section>>,
+) -> Vec<LaneSection<L>> {
+    let mut lanes: Vec<LaneSection<L>> = Vec::new();
+    for (lane, cascade) in cascades.into_iter().enumerate() {
+        let through = [[1.0; L], [0.0; L], [0.0; L], [0.0; L], [0.0; L]];
+        lanes.resize(lanes.len().max(cascade.len()), through);
+        for (to, Section { b: [b0, b1, b2], a: [a1, a2] }) in lanes.iter_mut().zip(cascade) {
+            to.iter_mut().zip([b0, b1, b2, a1, a2]).for_each(|(to, value)| to[lane] = value);
         }
     }
-    sections
+    lanes
 }
 
 fn section_of_lane<const L: usize>(section: &LaneSection<L>, lane: usize) -> Section {

@@ -16,7 +16,6 @@ use super::lane_line::{LaneLine, LaneStencils};
 use super::lane_part::{FlagLaw, LanePart};
 use super::lane_sections::{LaneSection, filter, lane_sections, settle_sections};
 use super::validity::Validity;
-use crate::keyframe::{Keep, Words};
 use crate::signal::butterworth::Butterworth;
 use crate::signal::dispatch::{Fast, Kernel, multiply_add, run};
 use crate::signal::finite_difference::{STENCIL_NODES, Stencil};
@@ -74,18 +73,7 @@ pub(super) struct LaneInput<const L: usize> {
     pub(super) absent: [f64; L],
 }
 
-impl<const L: usize> Keep for LaneInput<L> {
-    fn keep(&self, to: &mut Vec<u64>) {
-        let Self { thrust_ref_n, motor_m, nut_m, stage_m, absent } = self;
-        [thrust_ref_n, motor_m, nut_m, stage_m].into_iter().for_each(|x| x.keep(to));
-        absent.keep(to);
-    }
-
-    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { thrust_ref_n, motor_m, nut_m, stage_m, absent } = self;
-        [thrust_ref_n, motor_m, nut_m, stage_m, absent].into_iter().try_for_each(|x| x.restore(from))
-    }
-}
+crate::keyframe::keep!(LaneInput<L> { thrust_ref_n, motor_m, nut_m, stage_m, absent });
 
 /// State of a [`LaneDesign`]; a clone is a keyframe.
 #[derive(Debug, Clone, PartialEq)]
@@ -104,36 +92,25 @@ pub(super) struct LaneState<const L: usize> {
     /// Samples for which a value that was not there still rings on.
     missing: [f64; L],
     low_pass: Vec<[[f64; L]; 2]>,
-    above: Option<SeenAbove<L>>,
+    above: SeenAbove<L>,
 }
 
-impl<const L: usize> Keep for LaneState<L> {
-    fn keep(&self, to: &mut Vec<u64>) {
-        let Self { input, drive_filter, current_n, last_ref_n, current, motor, stage, nut, .. } = self;
-        let Self { slip_m, share, seen, missing, low_pass, above, .. } = self;
-        input.keep(to);
-        drive_filter.keep(to);
-        [current_n, last_ref_n, slip_m, share].into_iter().for_each(|x| x.keep(to));
-        [current, motor, stage, nut].into_iter().for_each(|x| x.keep(to));
-        [seen, missing].into_iter().for_each(|x| x.keep(to));
-        low_pass.keep(to);
-        if let Some(above) = above {
-            above.keep(to);
-        }
-    }
-
-    fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { input, drive_filter, current_n, last_ref_n, current, motor, stage, nut, .. } = self;
-        input.restore(from)?;
-        drive_filter.restore(from)?;
-        let Self { slip_m, share, seen, missing, low_pass, above, .. } = self;
-        [current_n, last_ref_n, slip_m, share].into_iter().try_for_each(|x| x.restore(from))?;
-        [current, motor, stage, nut].into_iter().try_for_each(|x| x.restore(from))?;
-        [seen, missing].into_iter().try_for_each(|x| x.restore(from))?;
-        low_pass.restore(from)?;
-        above.as_mut().map_or(Some(()), |above| above.restore(from))
-    }
-}
+crate::keyframe::keep!(LaneState<L> {
+    input,
+    drive_filter,
+    current_n,
+    last_ref_n,
+    current,
+    motor,
+    stage,
+    nut,
+    slip_m,
+    share,
+    seen,
+    missing,
+    low_pass,
+    above
+});
 
 /// The balance of one instant, before what an axis has beyond it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -172,7 +149,8 @@ impl<const L: usize> LaneDesign<L> {
             )
         };
         let filters = |pick: &dyn Fn(&LanePart) -> Option<Butterworth>| {
-            lane_sections(&parts.iter().map(|p| p.as_ref().and_then(pick)).collect::<Vec<_>>())
+            let cascade = |p: &Option<LanePart>| Some(p.as_ref().and_then(pick)?.sections().to_vec());
+            lane_sections(parts.iter().map(|p| cascade(p).unwrap_or_default()))
         };
         let mut design = Self {
             drive_filter: filters(&|p| p.drive_filter),
@@ -243,7 +221,7 @@ impl<const L: usize> LaneDesign<L> {
             seen: zeros,
             missing: zeros,
             low_pass: vec![[zeros; 2]; self.low_pass.len()],
-            above: self.above.as_ref().map(LanesAbove::start),
+            above: SeenAbove::of(self.above.as_ref()),
         }
     }
 
@@ -265,9 +243,7 @@ impl<const L: usize> LaneDesign<L> {
         let at_rest = part.rest.iter().zip([thrust_n, motor_m, nut_m, stage_m]);
         let rest_n = at_rest.map(|(factor, x)| factor * x).sum();
         settle_sections(&self.low_pass, &mut state.low_pass, lane, rest_n);
-        if let (Some(design), Some(above)) = (&self.above, &mut state.above) {
-            design.settle(above, lane);
-        }
+        state.above.settle(lane);
     }
 
     /// The balance of the sample that the state's input holds. No allocation.
@@ -402,8 +378,8 @@ impl<const L: usize> Kernel for LowPass<'_, L> {
 
     #[inline(always)]
     fn run<const FUSED: bool>(mut self) -> [f64; L] {
-        if let (Some(design), Some(above)) = (&self.design.above, &mut self.state.above) {
-            design.step::<FUSED>(above, &self.force_n, self.flags);
+        if let Some(above) = &self.design.above {
+            above.step::<FUSED>(&mut self.state.above, &self.force_n, self.flags);
         }
         filter::<L, FUSED>(&self.design.low_pass, &mut self.state.low_pass, &mut self.force_n);
         self.force_n

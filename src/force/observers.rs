@@ -13,7 +13,7 @@ use super::frf_stream::FrfStream;
 use super::lanes::{LaneDesign, LaneMotion, LaneState};
 use super::observer::{ForcePlan, ServoPlan};
 use super::two_sides::Mismatch;
-use super::validity::Validity;
+use super::validity::{Properties, Validity};
 use crate::keyframe::{Keep, Words};
 use crate::units::SampleRate;
 
@@ -87,79 +87,23 @@ impl AxisObserver {
         servo.estimator.mismatch(servo.beyond.as_ref()?)
     }
 
-    /// Condition number of the window of spindle harmonics, or of the fit behind an estimator of
-    /// accelerometers.
+    /// What it states of its estimates; nothing where the force comes from elsewhere.
     #[must_use]
-    pub fn condition(&self) -> Option<f64> {
+    pub fn properties(&self) -> Properties {
         match &self.0 {
-            Kind::Servo(servo) => servo.estimator.condition(),
-            Kind::Accelerometers(stream) => Some(stream.estimator().condition),
-            Kind::Absent => None,
-        }
-    }
-
-    /// Force that friction can hide on an axis that stands still, N; `None` where friction plays no part.
-    #[must_use]
-    pub fn friction_bound_n(&self) -> Option<f64> {
-        self.servo().map(|servo| servo.estimator.friction_bound_n())
-    }
-
-    /// Samples until the filters have forgotten their start.
-    #[must_use]
-    pub fn settling_samples(&self) -> usize {
-        match &self.0 {
-            Kind::Servo(servo) => servo.estimator.settling_samples(),
-            Kind::Accelerometers(stream) => stream.settling_samples(),
-            Kind::Absent => 0,
-        }
-    }
-
-    /// By how much the estimate lags the force, s.
-    #[must_use]
-    pub fn delay_s(&self) -> f64 {
-        match &self.0 {
-            Kind::Servo(servo) => servo.estimator.delay_s(),
-            Kind::Accelerometers(stream) => stream.delay_s(),
-            Kind::Absent => 0.0,
-        }
-    }
-
-    /// Standard deviation that encoder steps (of accelerometers: their noise) cause, N.
-    #[must_use]
-    pub fn noise_floor_n(&self) -> f64 {
-        match &self.0 {
-            Kind::Servo(servo) => servo.estimator.noise_floor_n(),
-            Kind::Accelerometers(stream) => stream.estimator().noise_floor_n,
-            Kind::Absent => 0.0,
-        }
-    }
-
-    /// Band in which the estimate can be used, Hz.
-    #[must_use]
-    pub fn usable_band_hz(&self) -> [f64; 2] {
-        match &self.0 {
-            Kind::Servo(servo) => servo.estimator.usable_band_hz(),
-            Kind::Accelerometers(stream) => stream.estimator().band_hz(),
-            Kind::Absent => [0.0; 2],
+            Kind::Servo(servo) => servo.estimator.properties(),
+            Kind::Accelerometers(stream) => stream.properties(),
+            Kind::Absent => Properties::default(),
         }
     }
 
     /// Whether any of a band, Hz, lies where the estimate can be used; true where nothing is estimated.
     #[must_use]
     pub fn reaches(&self, [low_hz, high_hz]: [f64; 2]) -> bool {
-        let [from_hz, to_hz] = self.usable_band_hz();
+        let Properties { usable_band_hz: [from_hz, to_hz], usable_above_hz, .. } = self.properties();
         let inside = low_hz <= to_hz && high_hz >= from_hz;
-        let above = self.usable_above_hz().is_some_and(|again_hz| high_hz >= again_hz);
+        let above = usable_above_hz.is_some_and(|again_hz| high_hz >= again_hz);
         matches!(self.0, Kind::Absent) || inside || above
-    }
-
-    /// From where on it can be used again, Hz; absent where the band is one piece.
-    #[must_use]
-    pub fn usable_above_hz(&self) -> Option<f64> {
-        match &self.0 {
-            Kind::Servo(servo) => servo.estimator.usable_above_hz(),
-            Kind::Accelerometers(_) | Kind::Absent => None,
-        }
     }
 }
 
@@ -202,7 +146,7 @@ impl<const L: usize> Observers<L> {
             if first || arrived {
                 // A fresh copy: one whose address nobody asks for stays in registers.
                 let sample = sample(lane);
-                lanes.set_settling(lane, servo.estimator.settling_samples());
+                lanes.set_settling(lane, servo.estimator.properties().settling_samples);
                 lanes.settle(state, lane);
                 servo.settle(&sample, (state, lane));
             }
@@ -266,8 +210,10 @@ const TUNING_WORK: usize = 1 << 14;
 
 impl Servo {
     fn new(plan: &ServoPlan, rate: SampleRate) -> Result<Self, ForceError> {
-        let follow = plan.settings.harmonic.map(|h| Follow::new(h.spindle_speed_rpm, rate));
-        Ok(Self { estimator: plan.estimator(rate)?, follow, beyond: None })
+        let estimator = plan.estimator(rate)?;
+        let windowed = plan.settings.harmonic.filter(|_| estimator.harmonic.is_some());
+        let follow = windowed.map(|h| Follow::new(h.spindle_speed_rpm, rate));
+        Ok(Self { estimator, follow, beyond: None })
     }
 
     fn settle<const L: usize>(&mut self, sample: &MotionSample, lane: (&LaneState<L>, usize)) {
@@ -311,7 +257,8 @@ impl Servo {
         let wanted_rpm = follow.step(speed_rpm, first);
         if let Some(wanted_rpm) = wanted_rpm.filter(|_| first || !follow.is_tuning()) {
             follow.target_rpm = wanted_rpm;
-            if self.estimator.begin_tuning(wanted_rpm).is_err() {
+            let begun = self.estimator.windows().map(|windows| windows.begin_tuning(wanted_rpm));
+            if matches!(begun, Some(Err(_))) {
                 follow.target_rpm = f64::NAN;
             }
         }
@@ -360,7 +307,7 @@ impl<const L: usize> Keep for Observers<L> {
         if let Some(lanes) = self.lanes.as_mut().filter(|_| running) {
             for (lane, axis) in self.axes.iter().enumerate() {
                 if let Some(servo) = axis.servo() {
-                    lanes.set_settling(lane, servo.estimator.settling_samples());
+                    lanes.set_settling(lane, servo.estimator.properties().settling_samples);
                 }
             }
             self.state.insert(lanes.start()).restore(from)?;
@@ -372,9 +319,9 @@ impl<const L: usize> Keep for Observers<L> {
 impl Servo {
     fn keep(&self, to: &mut Vec<u64>) {
         let Self { estimator, follow, beyond } = self;
-        if let Some(follow) = follow {
+        if let (Some(follow), Some(windows)) = (follow, &estimator.harmonic) {
             follow.keep(to);
-            estimator.tuning_pieces().keep(to);
+            windows.tuning_pieces().keep(to);
         }
         if let Some(beyond) = beyond {
             beyond.keep(to);
@@ -388,12 +335,13 @@ impl Servo {
             let mut pieces = 0;
             pieces.restore(from)?;
             if follow.design_rpm.to_bits() != before_rpm.to_bits() {
-                self.estimator.begin_tuning(follow.design_rpm).ok()?;
+                self.estimator.windows()?.begin_tuning(follow.design_rpm).ok()?;
                 self.estimator.advance_tuning(usize::MAX).ok()?;
             }
             if follow.is_tuning() {
-                self.estimator.begin_tuning(follow.target_rpm).ok()?;
-                self.estimator.catch_up(pieces).ok()?;
+                let windows = self.estimator.windows()?;
+                windows.begin_tuning(follow.target_rpm).ok()?;
+                windows.catch_up(pieces).ok()?;
             }
         }
         self.beyond = None;

@@ -4,7 +4,7 @@ use super::balance::Method;
 use super::estimator::{
     AxisSignals, ForceError, ForceEstimate, ForceEstimator, ForceSettings, LowPass, MotionSample,
 };
-use super::idle_map::{IdleMap, IdlePoint};
+use super::idle_map::{IdleMap, IdlePoint, LEAST_TRAVEL_M};
 use super::response::Chain;
 use super::stiffness::{StiffnessCheck, motor_side_balance, stiffness_check, stretch_balance};
 use crate::plant::drive::Structure;
@@ -44,10 +44,10 @@ fn idle_points(bare: &ForceEstimator, samples: &[MotionSample]) -> (Vec<IdlePoin
         })
         .collect();
     let late = bare.filter_delay_samples();
-    let skip = bare.settling_samples();
+    let skip = bare.properties().settling_samples;
     let points = (skip..steps.len().saturating_sub(late))
         .map(|i| IdlePoint {
-            position_m: steps[i].1.position_m,
+            position_m: bare.position_m(&steps[i].1),
             velocity_m_s: bare.travel_velocity_m_s(&steps[i].1),
             force_n: steps[i + late].0.force_n,
         })
@@ -80,7 +80,7 @@ pub fn stiffness_of_runs(
         }
         let estimator = ForceEstimator::from_balance(Method::Medob, balance, axis, settings)?;
         // Half a second at either end: ramps and standstill, where no idle map holds.
-        let skip = estimator.settling_samples().max((0.5 * axis.rate.hz()) as usize);
+        let skip = estimator.properties().settling_samples.max((0.5 * axis.rate.hz()) as usize);
         let forces = estimate_run(&estimator, cut);
         let end = forces.len().saturating_sub(skip);
         sides.push(forces.get(skip..end).unwrap_or(&[]).iter().map(|f| f.force_n).collect::<Vec<f64>>());
@@ -100,7 +100,6 @@ pub fn standing_zero_n(
     friction_n: f64,
     samples_per_part: usize,
 ) -> Option<f64> {
-    const STANDING_M: f64 = 50e-6;
     let (low, high) =
         travel_m.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     let parts: Vec<(f64, f64)> = estimates
@@ -113,5 +112,5 @@ pub fn standing_zero_n(
         .collect();
     let (mean, deviation) = *parts.first()?;
     let largest = parts.iter().map(|p| p.1).fold(0.0, f64::max);
-    (high - low < STANDING_M && deviation < 0.2 * largest && mean.abs() < friction_n).then_some(mean)
+    (high - low < LEAST_TRAVEL_M && deviation < 0.2 * largest && mean.abs() < friction_n).then_some(mean)
 }

@@ -7,7 +7,7 @@
 //! as a smaller K_r here, because it stands in series. Disturbances that return by position are taken
 //! off both by the idle runs.
 
-use super::balance::{ForceBalance, MotionFactors};
+use super::balance::{ForceBalance, MotionFactors, motor_side_mass_kg};
 use crate::plant::drive::DriveParams;
 
 /// Axial force from the motor side.
@@ -18,7 +18,7 @@ pub fn motor_side_balance(drive: &DriveParams) -> ForceBalance {
         motor: MotionFactors {
             position_n_m: 0.0,
             velocity_n_s_m: -drive.reflected_damping_n_s_m(),
-            acceleration_kg: -(drive.total_mass_kg() - drive.movable_mass_kg()),
+            acceleration_kg: -motor_side_mass_kg(drive),
         },
         motor_friction_n: drive.motor_coulomb_friction_n(),
         ..ForceBalance::default()

@@ -17,8 +17,8 @@
 //! zero.
 //! Checked by: force_trust::vibration_mode_learns_the_stiffness_while_it_cuts.
 
-use super::balance::ForceBalance;
-use super::estimator::{AxisSignals, Signals};
+use super::balance::{ForceBalance, motor_side_mass_kg};
+use super::estimator::{AlignedMotion, AxisSignals, Signals};
 use super::response::Chain;
 use super::stiffness::{motor_side_balance, stretch_balance};
 use super::thinned::{SeenThinned, Thinned};
@@ -36,26 +36,22 @@ const MEAN_HZ: f64 = 1.0;
 pub(super) const MEMORY_S: f64 = 2.0;
 /// Time in which the stiffness in use follows what is seen.
 const FOLLOW_S: f64 = 0.3;
-/// Least time that must have been seen.
-const LEAST_S: f64 = 0.5;
+/// Least time that must have been seen, s: of what is said of an estimate too.
+pub(super) const LEAST_S: f64 = 0.5;
 const LEAST_STRETCH_M: f64 = 12e-9;
 const LEAST_STEPS: f64 = 3.0;
 const LEAST_R_SQUARED: f64 = 0.995;
 /// Stiffness over the model's that can be.
 pub(super) const BELIEVED: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 
-/// Motion of an instant as the comparison needs it, aligned.
+/// An instant as the comparison needs it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Aligned {
-    pub(super) thrust_n: f64,
+    pub(super) motion: AlignedMotion,
     /// M_r and C_r parts of the motor side.
     pub(super) inertia_n: f64,
     /// Share of the motor's friction at its speed, -1 to 1.
     pub(super) friction: f64,
-    pub(super) motor_m: f64,
-    pub(super) motor_velocity_m_s: f64,
-    pub(super) stage_m: f64,
-    pub(super) stage_velocity_m_s: f64,
 }
 
 /// Design; immutable.
@@ -125,8 +121,7 @@ impl StiffnessLearner {
         }
         let (drive, rate) = (axis.drive, axis.rate);
         let resonance_hz = Chain::of_drive(drive).modes().frequencies_hz.get(1).copied().unwrap_or(0.0);
-        let motor_kg = drive.total_mass_kg() - drive.movable_mass_kg();
-        let motor_hz = (drive.axial_stiffness_n_m() / motor_kg).sqrt() / TAU;
+        let motor_hz = (drive.axial_stiffness_n_m() / motor_side_mass_kg(drive)).sqrt() / TAU;
         let thinned = Thinned::new(band_hz, rate)?;
         let seldom = thinned.rate();
         let top_hz = (0.2 * resonance_hz).min(0.8 * motor_hz).max(4.0 * HIGH_PASS_HZ);
@@ -172,7 +167,7 @@ impl StiffnessLearner {
             return 0.0;
         }
         let [motor_n_m, stage_n_m] = self.position_n_m;
-        let spring_n = motor_n_m * now.motor_m + stage_n_m * now.stage_m;
+        let spring_n = motor_n_m * now.motion.motor_m + stage_n_m * now.motion.stage_m;
         if !std::mem::replace(&mut state.begun, true) {
             state.above_mean = self.above_mean.settled(spring_n);
         }
@@ -189,9 +184,10 @@ impl StiffnessLearner {
         learn: bool,
     ) -> Option<[f64; 3]> {
         let [stiffness_n_m, damping_n_s_m] = self.stretch;
-        let motor_n = now.thrust_n + now.inertia_n - self.motor_friction_n * now.friction;
-        let stretch_n = stiffness_n_m * (now.motor_m - now.stage_m)
-            + damping_n_s_m * (now.motor_velocity_m_s - now.stage_velocity_m_s);
+        let motion = &now.motion;
+        let motor_n = motion.thrust_n + now.inertia_n - self.motor_friction_n * now.friction;
+        let stretch_n = stiffness_n_m * (motion.motor_m - motion.stage_m)
+            + damping_n_s_m * (motion.motor_velocity_m_s - motion.stage_velocity_m_s);
         if !learn {
             state.seen = 0;
         }

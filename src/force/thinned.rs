@@ -55,7 +55,7 @@ impl Thinned {
         let thinned = SampleRate::new(hz).map_err(not_positive)?;
         let high = Butterworth::new(Pass::High, 2, HIGH_PASS_HZ, thinned)?;
         Ok(Self {
-            sections: [low, high].iter().flat_map(|filter| lane_sections(&[Some(*filter); PLACES])).collect(),
+            sections: lane_sections(vec![[low.sections(), high.sections()].concat(); PLACES]),
             low,
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 8")]
             every: every as u32,

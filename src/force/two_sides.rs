@@ -28,12 +28,10 @@ use super::band::TOLERATED;
 use super::idle_map::IdleMap;
 use super::settings::{Filter, ForceError, ForceSettings};
 use super::signals::AxisSignals;
-use super::stiffness_learner::{BELIEVED, HIGH_PASS_HZ, MEMORY_S, StiffnessLearner};
+use super::stiffness_learner::{BELIEVED, HIGH_PASS_HZ, LEAST_S, MEMORY_S, StiffnessLearner};
 use crate::plant::drive::Structure;
 use crate::units::SampleRate;
 
-/// Least time that must have been seen, s.
-const LEAST_S: f64 = 0.5;
 /// Samples of those that are looked at between judgements: a few milliseconds of a memory of seconds.
 const JUDGED_EVERY: u32 = 8;
 /// R below this many times what encoder steps make of it says nothing.

@@ -7,6 +7,28 @@ use std::ops::{BitOr, BitOrAssign};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
 pub struct Validity(u16);
 
+/// What an estimator states of its estimates.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Properties {
+    /// By how much an estimate lags the force, s: encoder delays, stencil, window and low-pass (its delay for
+    /// slow signals where it is not the same at every frequency).
+    pub delay_s: f64,
+    /// Samples until the filters have forgotten their start.
+    pub settling_samples: usize,
+    /// Standard deviation that encoder steps (of accelerometers: their noise) cause, N.
+    pub noise_floor_n: f64,
+    /// Band in which an estimate can be used, Hz.
+    pub usable_band_hz: [f64; 2],
+    /// From where on it can be used again, Hz; absent where the band is one piece.
+    pub usable_above_hz: Option<f64>,
+    /// Force that friction can hide on an axis that stands still, N: all that is known below it. Absent where
+    /// friction plays no part.
+    pub friction_bound_n: Option<f64>,
+    /// Condition number of the window of spindle harmonics, or of the fit behind an estimator of
+    /// accelerometers.
+    pub condition: Option<f64>,
+}
+
 impl Validity {
     /// Nothing against it.
     pub const VALID: Validity = Validity(0);

@@ -1,6 +1,8 @@
 //! The state of a running pipeline as numbers, and the digest by which two runs are compared.
 
-use super::{Pipeline, StepOutput, between};
+use super::{Pipeline, StepOutput};
+use crate::force::disagreement::Disagreement;
+use crate::force::observers::AxisObserver;
 use crate::keyframe::{Digest, Keep, Words};
 use crate::sample::{AxisSample, MAX_AXES, ServoSample};
 use thiserror::Error;
@@ -92,7 +94,7 @@ impl Pipeline {
         apart.restore(from)?;
         state.apart = if apart {
             let pair = [self.observers.axis(axis)?, self.beside.as_ref()?.axis(axis)?];
-            let mut made = between(pair, self.settings.sample_rate);
+            let mut made = Disagreement::new(pair.map(AxisObserver::properties), self.settings.sample_rate);
             made.restore(from)?;
             Some(made)
         } else {

@@ -34,7 +34,6 @@ use crate::force::observers::{AxisObserver, Observers};
 use crate::force::validity::Validity;
 use crate::sample::{AxisSample, MAX_AXES, SampleError, ServoSample};
 use crate::signal::sliding_dft::{SlidingDft, SlidingDftSettings, SlidingDftState};
-use crate::units::SampleRate;
 use cutting::{CutWatch, Stand};
 use margin::Margins;
 
@@ -429,10 +428,10 @@ impl Pipeline {
                 let (Some(one), Some(other)) = (self.observers.axis(axis), beside.axis(axis)) else {
                     continue;
                 };
-                let (pair, rate) = ([one, other], self.settings.sample_rate);
-                let apart = state.apart.get_or_insert_with(|| between(pair, rate));
-                if !apart.fits(pair.map(AxisObserver::delay_s)) {
-                    apart.begin(pair.map(AxisObserver::delay_s), pair.map(AxisObserver::noise_floor_n), rate);
+                let (pair, rate) = ([one.properties(), other.properties()], self.settings.sample_rate);
+                let apart = state.apart.get_or_insert_with(|| Disagreement::new(pair, rate));
+                if !apart.fits(pair) {
+                    apart.begin(pair, rate);
                 }
                 force.flags |= apart.step(*force, others[axis]);
             }
@@ -583,9 +582,4 @@ impl Pipeline {
         let outputs = watched.map(|(index, (_, state))| (index, self.monitor.output(&state.monitor)));
         agree(&mut self.agreement_state, t_s, outputs)
     }
-}
-
-/// A fresh comparison of two observers.
-fn between(pair: [&AxisObserver; 2], rate: SampleRate) -> Disagreement {
-    Disagreement::new(pair.map(AxisObserver::delay_s), pair.map(AxisObserver::noise_floor_n), rate)
 }

@@ -166,7 +166,7 @@ impl Watch {
         Some(Self {
             axis: axis.clone(),
             index,
-            noise_n: estimator.noise_floor_n(),
+            noise_n: estimator.properties().noise_floor_n,
             estimator,
             state: None,
             travel_m_rad: plan.drive.travel_m_rad(),

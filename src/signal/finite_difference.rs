@@ -75,12 +75,6 @@ impl Stencil {
         }
         Stencil { youngest: stencils[0].youngest, weights }
     }
-
-    /// Root of the sum of squared weights: output noise for white input noise of unit size.
-    #[must_use]
-    pub fn noise_gain(&self) -> f64 {
-        self.weights.iter().map(|w| w * w).sum::<f64>().sqrt()
-    }
 }
 
 #[cfg(test)]

@@ -102,24 +102,7 @@ pub struct SlidingFit<const N: usize> {
     products: [Vec<f64>; N],
 }
 
-impl<const N: usize> crate::keyframe::Keep for SlidingFit<N> {
-    fn keep(&self, to: &mut Vec<u64>) {
-        let Self { signals, phasor, age, products } = self;
-        signals.keep(to);
-        phasor.keep(to);
-        age.keep(to);
-        products.keep(to);
-    }
-
-    fn restore(&mut self, from: &mut crate::keyframe::Words<'_>) -> Option<()> {
-        let Self { signals, phasor, age, products } = self;
-        signals.restore(from)?;
-        phasor.restore(from)?;
-        age.restore(from)?;
-        products.restore(from)?;
-        (self.age <= LONGEST_WINDOW).then_some(())
-    }
-}
+crate::keyframe::keep!(SlidingFit<N> { signals, phasor, age, products } if |s| s.age <= LONGEST_WINDOW);
 
 impl Default for SlidingBasis {
     /// No harmonic.

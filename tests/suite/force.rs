@@ -167,14 +167,18 @@ fn a_force_is_seen_at_the_stated_delay_by_both_modes() {
         let estimator = ForceEstimator::new(method, &axis(&drive), settings).unwrap();
         let estimates = estimate_run(&estimator, &run.samples);
         let errors: Vec<f64> = (1500..4900)
-            .map(|i| estimates[i].force_n - cutting(i as f64 / RATE_HZ - estimator.delay_s()))
+            .map(|i| estimates[i].force_n - cutting(i as f64 / RATE_HZ - estimator.properties().delay_s))
             .collect();
         // What encoder steps cause is stated. The thrust swings by 6 N a sample and is read at another phase
         // of the hold than the encoders: its images alias to at most 0.4 % of 25 N twice; 0.2 N for all of
         // that.
-        let limit = estimator.noise_floor_n().hypot(0.2);
+        let limit = estimator.properties().noise_floor_n.hypot(0.2);
         let error = deviation(&errors);
-        assert!(error < 1.2 * limit, "{method:?}: {error} N, noise floor {}", estimator.noise_floor_n());
+        assert!(
+            error < 1.2 * limit,
+            "{method:?}: {error} N, noise floor {}",
+            estimator.properties().noise_floor_n
+        );
     }
 }
 
@@ -186,10 +190,15 @@ fn a_causal_butterworth_states_its_slow_delay() {
     let estimator = ForceEstimator::new(Method::Medob, &axis(&drive), ForceSettings::default()).unwrap();
     let estimates = estimate_run(&estimator, &run.samples);
     let errors: Vec<f64> = (2000..5000)
-        .map(|i| estimates[i].force_n - cutting(i as f64 / RATE_HZ - estimator.delay_s()))
+        .map(|i| estimates[i].force_n - cutting(i as f64 / RATE_HZ - estimator.properties().delay_s))
         .collect();
-    let limit = estimator.noise_floor_n().hypot(0.1);
-    assert!(deviation(&errors) < 1.2 * limit, "{} {}", deviation(&errors), estimator.noise_floor_n());
+    let limit = estimator.properties().noise_floor_n.hypot(0.1);
+    assert!(
+        deviation(&errors) < 1.2 * limit,
+        "{} {}",
+        deviation(&errors),
+        estimator.properties().noise_floor_n
+    );
 }
 
 #[test]
@@ -273,7 +282,7 @@ fn milling_error(case: &Milling, method: Method) -> (f64, f64) {
     let low = Butterworth::low_pass(4, 500.0, case.cut.sample_rate).unwrap();
     let truth = zero_phase(&low, case.cut.require("x_force_n").unwrap());
     let estimate = zero_phase(&low, &estimate);
-    let lag = (estimator.delay_s() * RATE_HZ).round() as usize;
+    let lag = (estimator.properties().delay_s * RATE_HZ).round() as usize;
     let errors: Vec<f64> = (20_000..truth.len() - 15_000).map(|i| estimate[i + lag] - truth[i]).collect();
     (deviation(&errors), errors.iter().sum::<f64>() / errors.len() as f64)
 }
@@ -334,11 +343,14 @@ fn a_window_read_at_its_young_end_lags_less_and_is_noisier() {
         ForceEstimator::new(Method::Fitted, &axis(&case.drive), settings).unwrap()
     };
     let (middle, young) = (make(Reading::Middle), make(Reading::Young));
-    assert!((middle.delay_s() - young.delay_s() - 0.03).abs() < 1e-3, "half a turn of 60 ms");
-    assert!(young.delay_s() < 1e-3 && young.condition().unwrap() < 20.0);
-    assert!(young.noise_floor_n() > middle.noise_floor_n());
+    assert!(
+        (middle.properties().delay_s - young.properties().delay_s - 0.03).abs() < 1e-3,
+        "half a turn of 60 ms"
+    );
+    assert!(young.properties().delay_s < 1e-3 && young.properties().condition.unwrap() < 20.0);
+    assert!(young.properties().noise_floor_n > middle.properties().noise_floor_n);
     let at = |e: &ForceEstimator| {
-        let lag = (e.delay_s() * RATE_HZ).round() as usize;
+        let lag = (e.properties().delay_s * RATE_HZ).round() as usize;
         let estimates = estimate_run(e, &samples);
         (25_000..40_000).map(|i| estimates[i + lag].force_n).collect::<Vec<f64>>()
     };
@@ -366,7 +378,7 @@ fn spectral_gain_is_that_of_the_recorded_loop() {
     };
     let estimator = ForceEstimator::new(Method::Spectral, &axis(&case.drive), settings).unwrap();
     let estimates = estimate_run(&estimator, &samples);
-    let lag = (estimator.delay_s() * RATE_HZ).round() as usize;
+    let lag = (estimator.properties().delay_s * RATE_HZ).round() as usize;
     let low = Butterworth::low_pass(4, 150.0, case.cut.sample_rate).unwrap();
     let truth = zero_phase(&low, case.cut.require("x_force_n").unwrap());
     let part = 25_000..40_000;
@@ -406,7 +418,7 @@ fn below_friction_is_not_observable_and_bounded() {
     let last = estimates.last().unwrap();
     assert!(last.flags.contains(Validity::BELOW_FRICTION) && !last.flags.may_act());
     assert!(last.force_n.abs() < 1e-6);
-    assert!((estimator.friction_bound_n() - 560.0).abs() < 1e-9);
+    assert!((estimator.properties().friction_bound_n.unwrap() - 560.0).abs() < 1e-9);
 }
 
 /// Three inertias whose positions are all measured: every mode returns the force that acts, through the

@@ -125,7 +125,7 @@ fn said_where(
     let rate = SampleRate::new(rate_hz).unwrap();
     let mut observer = Observer::new(&ForcePlan::Servo(plan), rate).unwrap();
     let estimates: Vec<_> = samples.iter().map(|s| observer.step(s)).collect();
-    let late = (observer.delay_s() * rate_hz).round() as usize;
+    let late = (observer.properties().delay_s * rate_hz).round() as usize;
     let error: Vec<f64> = (20_000..29_000).map(|i| estimates[i + late].force_n - force_n[i]).collect();
     let expected = observer.mismatch().map_or(f64::NAN, |m| m.share());
     let flagged = estimates[29_999].flags.contains(Validity::MODE_OUTSIDE_MODEL);
@@ -283,7 +283,7 @@ fn a_force_above_the_usable_band_is_flagged() {
     let drive = prompt_drive();
     let signals = AxisSignals { drive: &drive, rate: rate(), signals: Signals::Both };
     let estimator = ForceEstimator::new(Method::Dob, &signals, ForceSettings::default()).unwrap();
-    let end_hz = estimator.usable_band_hz()[1];
+    let end_hz = estimator.properties().usable_band_hz[1];
     assert!((50.0..200.0).contains(&end_hz), "{end_hz}");
     for (hz, flagged) in [(0.5 * end_hz, false), (2.0 * end_hz, true)] {
         let (samples, _) = shaken(&Chain::of_drive(&drive), &[(hz, 10.0)]);
@@ -320,8 +320,8 @@ fn heavy_observer() -> Observer {
 /// carries nothing, so a line there has the right size and no flag.
 #[test]
 fn above_the_axial_mode_the_drive_sides_low_pass_lacks_nothing() {
-    let [_, end_hz] = heavy_observer().usable_band_hz();
-    let again_hz = heavy_observer().usable_above_hz().expect("right again");
+    let [_, end_hz] = heavy_observer().properties().usable_band_hz;
+    let again_hz = heavy_observer().properties().usable_above_hz.expect("right again");
     assert!((50.0..140.0).contains(&end_hz) && (450.0..600.0).contains(&again_hz), "{end_hz} {again_hz}");
     for (hz, flagged) in
         [(0.5 * end_hz, false), (250.0, true), (0.75 * again_hz, true), (1.05 * again_hz, false)]
@@ -355,8 +355,8 @@ fn the_noise_floor_is_that_behind_the_drive_sides_low_pass() {
                 .force_n
         })
         .collect();
-    let share = deviation(&estimates[3000..]) / observer.noise_floor_n();
-    assert!((0.9..1.1).contains(&share), "{share} of {} N", observer.noise_floor_n());
+    let share = deviation(&estimates[3000..]) / observer.properties().noise_floor_n;
+    assert!((0.9..1.1).contains(&share), "{share} of {} N", observer.properties().noise_floor_n);
 }
 
 /// Where the stated band ends behind a low-pass of the drive side, a tenth of the force is missing.
@@ -370,12 +370,12 @@ fn the_band_behind_a_low_pass_of_the_drive_side_ends_at_a_tenth() {
         plan.settings.low_pass = LowPass::LinearPhase { pass_hz: 900.0, width_hz: 400.0 };
         plan.motor_cutoff_hz = Some(cutoff_hz);
         let mut observer = Observer::new(&ForcePlan::Servo(plan), rate()).unwrap();
-        let end_hz = observer.usable_band_hz()[1];
+        let end_hz = observer.properties().usable_band_hz[1];
         assert!(end_hz < 900.0, "{cutoff_hz}: {end_hz}");
         let (samples, _) = shaken(&Chain::of_drive(&drive), &[(end_hz, 10.0)]);
         let estimates: Vec<f64> = samples.iter().map(|s| observer.step(s).force_n).collect();
         let force_n = |i: usize| {
-            let t = i as f64 / RATE_HZ - observer.delay_s();
+            let t = i as f64 / RATE_HZ - observer.properties().delay_s;
             10.0 * (TAU * end_hz * t + end_hz).sin()
         };
         let error: Vec<f64> = (20_000..30_000).map(|i| estimates[i] - force_n(i)).collect();
@@ -434,7 +434,7 @@ fn encoder_steps_reach_the_thrust_through_the_loop() {
         let settings = ForceSettings { low_pass, ..settings.clone() };
         let estimator = ForceEstimator::new(method, &signals, settings).unwrap();
         let seen: Vec<f64> = estimate_run(&estimator, &samples)[10_000..].iter().map(|e| e.force_n).collect();
-        let (is_n, stated_n) = (deviation(&seen), estimator.noise_floor_n());
+        let (is_n, stated_n) = (deviation(&seen), estimator.properties().noise_floor_n);
         assert!((stated_n / is_n - 1.0).abs() < 0.1, "{method:?}: {stated_n} stated, {is_n} N");
     }
     // One step of 1e-7 m for an octave more of band: the loop, not a constant.

@@ -140,7 +140,7 @@ fn friction_is_known_however_it_is_stated() {
         let settings = ForceSettings { physics: Some(physics), ..ForceSettings::default() };
         for method in [Method::Thrust, Method::Dob] {
             let estimator = ForceEstimator::new(method, &axis(&drive), settings.clone()).unwrap();
-            assert!((estimator.friction_bound_n() - 118.0).abs() < 1e-9);
+            assert!((estimator.properties().friction_bound_n.unwrap() - 118.0).abs() < 1e-9);
             let flags = estimate_run(&estimator, &vec![still; 500])[499].flags;
             assert!(flags.contains(Validity::BELOW_FRICTION), "{method:?}: {flags}");
         }
@@ -186,7 +186,7 @@ fn each_method_states_the_band_it_is_right_in() {
             harmonic: windowed.then(|| HarmonicSettings::at_speed(1200.0)),
             ..ForceSettings::default()
         };
-        ForceEstimator::new(method, &axis(&drive), settings).unwrap().usable_band_hz()
+        ForceEstimator::new(method, &axis(&drive), settings).unwrap().properties().usable_band_hz
     };
     assert_eq!(band(Method::Medob), [0.0, 1000.0]);
     assert_eq!(band(Method::VibrationMode), [0.0, 1000.0]);
@@ -209,7 +209,7 @@ fn behind_the_drive_sides_low_pass_the_band_ends_where_the_motor_moves() {
     let high = |cutoff_hz: f64| {
         let filter = Butterworth::low_pass(2, cutoff_hz, rate).unwrap();
         let settings = ForceSettings { drive_filter: Some(filter), ..ForceSettings::default() };
-        ForceEstimator::new(Method::Medob, &axis(&drive), settings).unwrap().usable_band_hz()[1]
+        ForceEstimator::new(Method::Medob, &axis(&drive), settings).unwrap().properties().usable_band_hz[1]
     };
     let ends = [high(150.0), high(600.0), high(2000.0)];
     assert!(ends[0] < 150.0 && ends[0] < ends[1] && ends[1] < ends[2], "{ends:?}");
@@ -261,11 +261,11 @@ fn another_spindle_speed_has_another_band() {
     // Two lines a turn at 3000 rpm, later at 6000 rpm: every 100 Hz, every 200 Hz.
     let mut estimator = spectral(&drive, ForceSettings::default());
     let stated = |e: &ForceEstimator, [low, high]: [f64; 2]| {
-        let band = e.usable_band_hz();
+        let band = e.properties().usable_band_hz;
         assert!((band[0] - low).abs() < 1e-9 && (band[1] - high).abs() < 1e-9, "{band:?}");
     };
     stated(&estimator, [100.0, 500.0]);
-    estimator.begin_tuning(6000.0).unwrap();
+    estimator.windows().unwrap().begin_tuning(6000.0).unwrap();
     stated(&estimator, [100.0, 500.0]);
     assert!(estimator.advance_tuning(usize::MAX).unwrap());
     stated(&estimator, [200.0, 400.0]);
@@ -297,7 +297,8 @@ fn the_drive_side_low_pass_keeps_the_sides_in_step() {
         let estimate: Vec<f64> = run(&case.cut).iter().map(|s| observer.step(s).force_n).collect();
         let low = Butterworth::low_pass(4, 500.0, rate).unwrap();
         let truth = zero_phase(&low, case.cut.require("x_force_n").unwrap());
-        let (estimate, lag) = (zero_phase(&low, &estimate), (observer.delay_s() * RATE_HZ).round() as usize);
+        let (estimate, lag) =
+            (zero_phase(&low, &estimate), (observer.properties().delay_s * RATE_HZ).round() as usize);
         let errors: Vec<f64> = (20_000..truth.len() - 15_000).map(|i| estimate[i + lag] - truth[i]).collect();
         let mean_n = errors.iter().sum::<f64>() / errors.len() as f64;
         let deviation_n = deviation(&errors);
@@ -364,7 +365,7 @@ fn vibration_mode_learns_the_stiffness_while_it_cuts() {
             let mut state = estimator.settled(&run.samples[0]);
             let force: Vec<f64> = run.samples.iter().map(|s| estimator.step(&mut state, s).force_n).collect();
             let error: Vec<f64> = (25_000..40_000)
-                .map(|i| force[i] - cutting(i as f64 / RATE_HZ - estimator.delay_s()))
+                .map(|i| force[i] - cutting(i as f64 / RATE_HZ - estimator.properties().delay_s))
                 .collect();
             (deviation(&error), estimator.learned_stiffness_ratio(&state))
         };

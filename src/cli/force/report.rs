@@ -17,15 +17,15 @@ pub(super) fn describe(
     estimates: &[ForceEstimate],
     note: &mut impl FnMut(&str, String),
 ) {
-    note("usable_band_hz", format!("{:?}", observer.usable_band_hz()));
-    if let Some(above_hz) = observer.usable_above_hz() {
+    note("usable_band_hz", format!("{:?}", observer.properties().usable_band_hz));
+    if let Some(above_hz) = observer.properties().usable_above_hz {
         note("usable_above_hz", format!("{above_hz:?}"));
     }
-    let floor_n = observer.noise_floor_n();
+    let floor_n = observer.properties().noise_floor_n;
     let unknown =
         || "not known: the model states no encoder steps, or no controller to carry them".to_owned();
     note("noise_floor_n", if floor_n > 0.0 { format!("{floor_n:.4}") } else { unknown() });
-    if let Some(condition) = observer.condition() {
+    if let Some(condition) = observer.properties().condition {
         note("condition", format!("{condition:.3e}"));
     }
     let seen = estimates.iter().fold(Validity::VALID, |seen, e| seen | e.flags);
@@ -34,7 +34,9 @@ pub(super) fn describe(
         let count = estimates.iter().filter(|e| e.flags.names().any(|n| n == name)).count();
         note(&format!("flag_{name}_share"), format!("{:.4}", count as f64 / estimates.len().max(1) as f64));
     }
-    if let Some(bound_n) = observer.friction_bound_n().filter(|_| seen.contains(Validity::BELOW_FRICTION)) {
+    if let Some(bound_n) =
+        observer.properties().friction_bound_n.filter(|_| seen.contains(Validity::BELOW_FRICTION))
+    {
         note("below_friction", format!("not observable, bound {bound_n:.0} N"));
     }
 }
@@ -53,8 +55,8 @@ pub(super) fn say_what_is_doubtful(
     let (method, mut out) = (method.name(), std::io::stdout());
     let above = percent(Validity::FORCE_ABOVE_BAND);
     if above > 0.0 {
-        let [low_hz, high_hz] = observer.usable_band_hz();
-        let again = observer.usable_above_hz().map(|hz| format!(" and from {hz:.0} Hz on"));
+        let [low_hz, high_hz] = observer.properties().usable_band_hz;
+        let again = observer.properties().usable_above_hz.map(|hz| format!(" and from {hz:.0} Hz on"));
         let again = again.unwrap_or_default();
         let band = format!("{low_hz:.0} to {high_hz:.0} Hz{again}");
         let what = format!("right within a tenth from {band}, the force lies above");

@@ -239,11 +239,11 @@ impl Engine {
                 let heard = stream.pipeline().axis_output(index);
                 axis.line_hz = heard.and_then(|o| o.frequency_hz);
                 show_margin(axis, stream.pipeline().margin_reading(index));
-                let observer = stream.pipeline().observer(index);
-                axis.noise_floor_n = observer.map(AxisObserver::noise_floor_n);
-                axis.force_delay_s = observer.map(AxisObserver::delay_s);
-                axis.usable_band_hz = observer.map(AxisObserver::usable_band_hz);
-                axis.usable_above_hz = observer.and_then(AxisObserver::usable_above_hz);
+                let stated = stream.pipeline().observer(index).map(AxisObserver::properties);
+                axis.noise_floor_n = stated.map(|p| p.noise_floor_n);
+                axis.force_delay_s = stated.map(|p| p.delay_s);
+                axis.usable_band_hz = stated.map(|p| p.usable_band_hz);
+                axis.usable_above_hz = stated.and_then(|p| p.usable_above_hz);
                 let flags = stream.pipeline().force_flags(index);
                 axis.force_flags = flags.to_string();
                 axis.watched = self.setup.config.watch.contains(&axis.name);
