@@ -10,7 +10,7 @@ use crate::config::force::FRF;
 use crate::config::machine::read_machine;
 use crate::force::balance::Method;
 use crate::force::disagreement::Disagreement;
-use crate::force::estimator::{AxisSignals, ForceEstimate, LowPass, MotionSample, NotchCentre, NotchPlan};
+use crate::force::estimator::{AxisSignals, ForceEstimate, LowPass, MotionSample, NotchCentre};
 use crate::force::frf::{AccelSample, FrfEstimator};
 use crate::force::frf_stream::force_of_recording;
 use crate::force::harmonic::Reading;
@@ -498,16 +498,16 @@ fn wait_for_latest(estimates: &mut [ForceEstimate], lags: &[usize]) -> usize {
     latest
 }
 
-fn notches(names: &[String], rate: SampleRate) -> anyhow::Result<Vec<NotchPlan>> {
+fn notches(names: &[String], rate: SampleRate) -> anyhow::Result<Vec<NotchCentre>> {
     let below_hz = 0.5 * rate.hz();
     let plan = |name: &String| {
-        let seen = |plan: &NotchPlan| match plan.centre {
+        let seen = |centre: &NotchCentre| match *centre {
             NotchCentre::Fixed { hz } => hz < below_hz,
             _ => true,
         };
         let expected = format!("expected motor_encoder, stage_encoder or a frequency below {below_hz} Hz");
-        let plan = NotchPlan::from_name(name).filter(seen);
-        plan.ok_or_else(|| bad_input(format!("--notch {name}: {expected}")))
+        let centre = NotchCentre::from_name(name).filter(seen);
+        centre.ok_or_else(|| bad_input(format!("--notch {name}: {expected}")))
     };
     names.iter().map(plan).collect()
 }

@@ -4,7 +4,7 @@ use super::accelerometers::read_estimators;
 use super::{ConfigError, parse_number};
 use crate::force::balance::Method;
 use crate::force::budget::drive_side_cutoff_hz;
-use crate::force::estimator::{LowPass, MotionSample, NotchPlan, Signals};
+use crate::force::estimator::{LowPass, MotionSample, NotchCentre, Signals};
 use crate::force::frf::FrfEstimator;
 use crate::force::harmonic::Reading;
 use crate::force::idle_map::IdleMap;
@@ -63,7 +63,7 @@ struct AxisForce {
     harmonics: Option<usize>,
     teeth: Option<f64>,
     reading: Option<Reading>,
-    notches: Vec<NotchPlan>,
+    notches: Vec<NotchCentre>,
     idle: Vec<PathBuf>,
     /// Disturbance by position, for each method that the axis names.
     idle_maps: Vec<(Method, IdleMap)>,
@@ -298,7 +298,7 @@ impl Reader<'_> {
         });
         let notches = raw.notch.iter().map(|name| {
             let message = || format!("`{name}` is not motor_encoder, stage_encoder or a frequency in Hz");
-            NotchPlan::from_name(name).ok_or_else(|| self.bad(&place("notch"), message()))
+            NotchCentre::from_name(name).ok_or_else(|| self.bad(&place("notch"), message()))
         });
         Ok(AxisForce {
             method: chosen,

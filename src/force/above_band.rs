@@ -8,6 +8,7 @@
 //! both sides behind a low-pass of the drive side. What encoder steps make of it is taken off.
 //! Checked by: force_flags::a_force_above_the_usable_band_is_flagged.
 
+use super::band::NOISE_RATIO;
 use super::lane_sections::{LaneSection, filter, lane_sections, settle_sections};
 use super::settings::response_to;
 use super::stiffness_learner::{HIGH_PASS_HZ, LEAST_S, MEMORY_S};
@@ -174,9 +175,8 @@ impl<const L: usize> LanesAbove<L> {
             above_n2[lane] = mean(above_n2[lane], above_n[lane] * above_n[lane]);
             weight[lane] = mean(weight[lane], 1.0);
             let [noise_n2, noise_above_n2] = [0, 1].map(|k| self.noise_n2[k][lane] * weight[lane]);
-            // Below three times the noise nothing is a force.
             let above = (weight[lane] > self.least_weight[lane])
-                & (above_n2[lane] > 9.0 * noise_above_n2)
+                & (above_n2[lane] > NOISE_RATIO * NOISE_RATIO * noise_above_n2)
                 & (above_n2[lane] - noise_above_n2 > LEAST_SHARE * LEAST_SHARE * (total_n2[lane] - noise_n2));
             flags[lane] |= Validity::when(above, Validity::FORCE_ABOVE_BAND);
         }

@@ -21,6 +21,8 @@ use std::f64::consts::TAU;
 
 /// Share of the force by which a method may be wrong inside its band.
 pub(super) const TOLERATED: f64 = 0.1;
+/// Below this many times the noise that encoder steps make nothing is taken for a force.
+pub(super) const NOISE_RATIO: f64 = 3.0;
 
 /// Lower and upper end, Hz; both zero where nothing says that the method is right anywhere.
 pub(super) fn usable_band_hz(

@@ -1,5 +1,6 @@
 //! How far two estimates of one force are apart while both run.
 
+use super::band::NOISE_RATIO;
 use super::estimator::ForceEstimate;
 use super::validity::{Properties, Validity};
 use crate::signal::harmonic_fit::LongLine;
@@ -60,8 +61,7 @@ impl Disagreement {
         self.second.refill(length(delays_s[1]), 0.0);
         self.delays_s = delays_s;
         self.noise_n = pair[0].noise_floor_n.hypot(pair[1].noise_floor_n);
-        let settling = self.first.len().max(self.second.len());
-        self.state = Moments { settling, ..Moments::default() };
+        self.state = Moments { settling: self.longest(), ..Moments::default() };
     }
 
     /// One estimate of each. Answers [`Validity::ESTIMATORS_DISAGREE`] where they do.
@@ -72,11 +72,11 @@ impl Disagreement {
         self.first.push(first.force_n);
         self.second.push(second.force_n);
         let unusable = Validity::SETTLING | Validity::SIGNAL_MISSING;
-        let state = &mut self.state;
         if (first.flags | second.flags).shares(unusable) {
-            state.settling = self.first.len().max(self.second.len());
+            self.state.settling = self.longest();
             return Validity::VALID;
         }
+        let state = &mut self.state;
         if state.settling > 0 {
             state.settling -= 1;
             return Validity::VALID;
@@ -91,8 +91,12 @@ impl Disagreement {
         follow(&mut state.difference, a - b);
         follow(&mut state.first, a);
         let apart_n = deviation_n(self.state.difference);
-        let disagree = apart_n > 3.0 * self.noise_n && apart_n > 0.5 * deviation_n(self.state.first);
+        let disagree = apart_n > NOISE_RATIO * self.noise_n && apart_n > 0.5 * deviation_n(self.state.first);
         Validity::when(disagree, Validity::ESTIMATORS_DISAGREE)
+    }
+
+    fn longest(&self) -> usize {
+        self.first.len().max(self.second.len())
     }
 
     /// Whether it was made for estimators with these lags.

@@ -12,10 +12,10 @@ use super::lane_part::{LanePart, lane_part};
 use super::lanes::{LaneDesign, LaneMotion, LaneState};
 use super::physics::PhysicsModel;
 use super::settings::{Filter, response_to};
-pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre, NotchPlan};
+pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre};
+use super::signals::measured_balance;
 pub use super::signals::{AxisSignals, Signals};
-use super::signals::{encoder_lines_1_m, measured_balance};
-use super::stiffness_learner::{Aligned, StiffnessLearner};
+use super::stiffness_learner::{Aligned, HIGH_PASS_HZ, LearnedStiffness, StiffnessLearner};
 use super::two_sides::{Mismatch, SeenSides, TwoSides, both_sides};
 use super::validity::{Properties, Validity};
 use crate::plant::drive::DriveParams;
@@ -80,11 +80,11 @@ pub struct ForceEstimator {
     signals: Signals,
     properties: Properties,
     reach_hz: f64,
-    encoder_lines_1_m: [f64; 2],
     pub(super) harmonic: Option<HarmonicEstimator>,
     learner: Option<StiffnessLearner>,
     two_sides: Option<TwoSides>,
-    notches: Vec<(NotchCentre, Notch)>,
+    notch: Option<Notch>,
+    notches: Vec<NotchCentre>,
     speed_memory: f64,
     filter_delay_s: f64,
     rate: SampleRate,
@@ -159,11 +159,11 @@ impl ForceEstimator {
                 ..Properties::default()
             },
             reach_hz: heard_up_to_hz(method, drive, &settings, band_hz),
-            encoder_lines_1_m: encoder_lines_1_m(drive, &balance),
             harmonic,
             learner,
             two_sides,
-            notches: settings.design_notches(rate)?,
+            notch: settings.notch(rate)?,
+            notches: settings.notches.clone(),
             // 20 Hz: fast enough for a feed that ramps, slow enough not to follow chatter.
             speed_memory: (-std::f64::consts::TAU * 20.0 / rate.hz()).exp(),
             filter_delay_s: filter.delay_s(rate),
@@ -212,7 +212,7 @@ impl ForceEstimator {
         Beyond {
             linear_phase,
             harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
-            learned: StiffnessLearner::settled(),
+            learned: LearnedStiffness::default(),
             sides: SeenSides::default(),
             notches: [NotchState::default(); MAX_NOTCHES],
             speed_m_s: 0.0,
@@ -235,7 +235,7 @@ impl ForceEstimator {
         if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
             harmonic.settle(inner, first);
         }
-        state.learned = StiffnessLearner::settled();
+        state.learned = LearnedStiffness::default();
         state.sides = SeenSides::default();
         state.notches = [NotchState::default(); MAX_NOTCHES];
         state.speed_m_s = 0.0;
@@ -263,7 +263,7 @@ impl ForceEstimator {
 
     fn set_settling(&mut self) {
         // What a notch of a few hertz forgets in a tenth of a second, and the filter before the estimator.
-        let notches = if self.notches.is_empty() { 0.0 } else { 0.1 * self.rate.hz() };
+        let notches = if self.notch.is_none() { 0.0 } else { 0.1 * self.rate.hz() };
         let late_s = self.part.drive_filter.map_or(0.0, |filter| filter.slow_delay_s());
         let extra = notches.max(8.0 * late_s * self.rate.hz()).ceil() as usize;
         let window = self.harmonic.as_ref().map_or(0, HarmonicEstimator::window_samples);
@@ -340,7 +340,7 @@ impl ForceEstimator {
             || self.harmonic.is_some()
             || self.learner.is_some()
             || self.idle_map.is_some()
-            || !self.notches.is_empty()
+            || self.notch.is_some()
     }
 
     /// Windows, physics, learned stiffness, idle map and notches, between balance and low-pass.
@@ -410,7 +410,7 @@ impl ForceEstimator {
         let seen_n = learner.step(learned, (&now.aligned, now.force_n), !lanes.is_missing(lane));
         let Some(two_sides) = &self.two_sides else { return };
         if let Some(seen_n) = seen_n.filter(|_| learner.counts(learned)) {
-            two_sides.step(&mut state.sides, seen_n, StiffnessLearner::learned(learned));
+            two_sides.step(&mut state.sides, seen_n, learned.ratio);
         }
         now.flags |= Validity::when(state.sides.is_large(), Validity::MODE_OUTSIDE_MODEL);
     }
@@ -418,7 +418,7 @@ impl ForceEstimator {
     /// What both sides of the axis say of the estimate; `None` where they are not compared (one encoder, a
     /// rigid axis, a low-pass on one side alone, a method without the motor's motion) or not yet.
     pub(super) fn mismatch(&self, state: &Beyond) -> Option<Mismatch> {
-        self.two_sides.as_ref()?.mismatch(&state.sides, StiffnessLearner::learned(&state.learned))
+        self.two_sides.as_ref()?.mismatch(&state.sides, state.learned.ratio)
     }
 
     /// What both sides contradict each other by, whatever the method makes of it, N rms.
@@ -469,19 +469,17 @@ impl ForceEstimator {
 
     #[inline]
     fn notch(&self, state: &mut Beyond, mut force_n: f64, motion: &AlignedMotion) -> f64 {
-        if self.notches.is_empty() {
-            return force_n;
-        }
+        let Some(notch) = self.notch else { return force_n };
         let speed = self.travel_velocity_m_s(motion).abs();
         state.speed_m_s += (1.0 - self.speed_memory) * (speed - state.speed_m_s);
-        for ((centre, notch), inner) in self.notches.iter().zip(&mut state.notches) {
+        for (centre, inner) in self.notches.iter().zip(&mut state.notches) {
             let centre_hz = match centre {
                 NotchCentre::Fixed { hz } => *hz,
-                NotchCentre::MotorEncoder => state.speed_m_s * self.encoder_lines_1_m[0],
-                NotchCentre::StageEncoder => state.speed_m_s * self.encoder_lines_1_m[1],
+                NotchCentre::MotorEncoder => state.speed_m_s * self.part.law.lines_1_m[0],
+                NotchCentre::StageEncoder => state.speed_m_s * self.part.law.lines_1_m[1],
             };
             // A line slower than 5 Hz would take the force itself away.
-            let centre_hz = if centre_hz < 5.0 { 0.0 } else { centre_hz };
+            let centre_hz = if centre_hz < HIGH_PASS_HZ { 0.0 } else { centre_hz };
             force_n = notch.step(inner, force_n, centre_hz);
         }
         force_n

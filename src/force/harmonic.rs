@@ -12,7 +12,7 @@ use super::friction::{Presliding, PreslidingState};
 use super::signals::measured_balance;
 use super::validity::Validity;
 use crate::signal::harmonic_fit::{
-    HarmonicBasis, HarmonicDesign, HarmonicFitError, LONGEST_WINDOW, USUAL_UNKNOWNS,
+    HarmonicBasis, HarmonicDesign, HarmonicFitError, LONGEST_WINDOW, USUAL_HARMONICS, USUAL_UNKNOWNS,
 };
 use crate::signal::sliding_fit::{SlidingBasis, SlidingFit};
 use crate::units::SampleRate;
@@ -100,7 +100,7 @@ impl HarmonicSettings {
 
     fn basis(&self, rate: SampleRate) -> HarmonicBasis {
         let line_hz = self.lines_per_turn * self.spindle_speed_rpm / 60.0;
-        let below = (self.band_hz.min(0.45 * rate.hz()) / line_hz).floor().clamp(1.0, 40.0);
+        let below = (self.band_hz.min(0.45 * rate.hz()) / line_hz).floor().clamp(1.0, USUAL_HARMONICS as f64);
         HarmonicBasis {
             half_window: (0.5 * self.turns * 60.0 / self.spindle_speed_rpm * rate.hz()).round().min(1e9)
                 as usize,

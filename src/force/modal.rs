@@ -4,8 +4,8 @@
 
 use super::response::Chain;
 
-/// Factors of position, velocity and acceleration of each mass, of the thrust on the first and of a
-/// load on each, that give the cutting force on the last.
+/// Factors of position, velocity and acceleration of each mass and of the thrust on the first that give the
+/// cutting force on the last.
 ///
 /// F_cut = 1/phi_t { phi_1 u - phi^T (M a + C v + K x) - sum phi_i F_i }
 ///
@@ -19,8 +19,6 @@ pub struct ModalBalance {
     pub thrust: f64,
     /// For each mass: N/m, N s/m, kg.
     pub motion: Vec<[f64; 3]>,
-    /// For each mass: factor of a load against it (the nut load F_n among them).
-    pub load: Vec<f64>,
 }
 
 impl ModalBalance {
@@ -48,17 +46,6 @@ impl ModalBalance {
                 }
             }
         }
-        let load = phi.iter().map(|p| -p / phi_t).collect();
-        Some(Self { thrust: phi[0] / phi_t, motion, load })
-    }
-
-    /// Cutting force in N from aligned motion of each mass (position, velocity, acceleration), the thrust
-    /// and known loads; masses beyond what is given count as still.
-    #[must_use]
-    pub fn force_n(&self, motion: &[[f64; 3]], thrust_n: f64, loads_n: &[f64]) -> f64 {
-        let inner: f64 =
-            self.motion.iter().zip(motion).map(|(f, x)| f[0] * x[0] + f[1] * x[1] + f[2] * x[2]).sum();
-        let loads: f64 = self.load.iter().zip(loads_n).map(|(f, l)| f * l).sum();
-        self.thrust * thrust_n + inner + loads
+        Some(Self { thrust: phi[0] / phi_t, motion })
     }
 }

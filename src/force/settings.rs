@@ -35,7 +35,7 @@ pub enum LowPass {
     None,
 }
 
-/// Where a notch sits.
+/// Where a notch behind the balance sits; it is 10 Hz wide at half power.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum NotchCentre {
     /// Fixed: a torsional mode that the model does not have.
@@ -49,28 +49,16 @@ pub enum NotchCentre {
     StageEncoder,
 }
 
-/// A notch behind the balance.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NotchPlan {
-    /// Where.
-    pub centre: NotchCentre,
-    /// Width at half power, Hz.
-    pub width_hz: f64,
-}
-
-impl NotchPlan {
+impl NotchCentre {
     /// `motor_encoder` or `stage_encoder` (the notch follows feed over signal period), or a frequency in Hz
-    /// (a torsional mode); 10 Hz wide. `None`: neither.
+    /// (a torsional mode). `None`: neither.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        let centre = match name {
-            "motor_encoder" => NotchCentre::MotorEncoder,
-            "stage_encoder" => NotchCentre::StageEncoder,
-            number => {
-                NotchCentre::Fixed { hz: number.parse().ok().filter(|hz: &f64| hz.is_finite() && *hz > 0.0)? }
-            }
-        };
-        Some(Self { centre, width_hz: 10.0 })
+        Some(match name {
+            "motor_encoder" => Self::MotorEncoder,
+            "stage_encoder" => Self::StageEncoder,
+            number => Self::Fixed { hz: number.parse().ok().filter(|hz: &f64| hz.is_finite() && *hz > 0.0)? },
+        })
     }
 }
 
@@ -89,7 +77,7 @@ pub struct ForceSettings {
     /// Travel over which the guideway's friction turns, m.
     pub presliding_travel_m: f64,
     /// Notches behind the balance, at most [`MAX_NOTCHES`].
-    pub notches: Vec<NotchPlan>,
+    pub notches: Vec<NotchCentre>,
     /// Spindle speed and window; needed by `fitted` and `spectral`.
     pub harmonic: Option<HarmonicSettings>,
     /// Control loop of the axis; needed by `spectral`.
@@ -113,11 +101,13 @@ impl ForceSettings {
             + self.physics.as_ref().map_or(0.0, PhysicsModel::coulomb_n)
     }
 
-    pub(super) fn design_notches(&self, rate: SampleRate) -> Result<Vec<(NotchCentre, Notch)>, ForceError> {
-        if self.notches.len() > MAX_NOTCHES {
-            return Err(ForceError::Notches { count: self.notches.len() });
+    /// The notch of all centres, where there are any.
+    pub(super) fn notch(&self, rate: SampleRate) -> Result<Option<Notch>, ForceError> {
+        match self.notches.len() {
+            0 => Ok(None),
+            count if count > MAX_NOTCHES => Err(ForceError::Notches { count }),
+            _ => Ok(Some(Notch::new(10.0, rate)?)),
         }
-        self.notches.iter().map(|p| Ok((p.centre, Notch::new(p.width_hz, rate)?))).collect()
     }
 }
 

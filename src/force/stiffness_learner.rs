@@ -34,8 +34,6 @@ pub(super) const HIGH_PASS_HZ: f64 = 5.0;
 const MEAN_HZ: f64 = 1.0;
 /// Memory of the mean squares.
 pub(super) const MEMORY_S: f64 = 2.0;
-/// Time in which the stiffness in use follows what is seen.
-const FOLLOW_S: f64 = 0.3;
 /// Least time that must have been seen, s: of what is said of an estimate too.
 pub(super) const LEAST_S: f64 = 0.5;
 const LEAST_STRETCH_M: f64 = 12e-9;
@@ -70,7 +68,6 @@ pub(super) struct StiffnessLearner {
     position_n_m: [f64; 2],
     least_square_n2: f64,
     forget: f64,
-    follow: f64,
     /// Whether what is learned goes into the estimate; it is learned for [`super::two_sides`] all the same.
     applies: bool,
     /// Thinned samples before which nothing is learned: filters, then enough of a mean.
@@ -87,10 +84,9 @@ pub(super) struct LearnedStiffness {
     stretch2: f64,
     weight: f64,
     above_mean: ButterworthState,
-    ratio: f64,
+    /// Stiffness over the model's, where any was learned.
+    pub(super) ratio: Option<f64>,
     begun: bool,
-    /// Whether any was learned.
-    learned: bool,
     seen: u32,
 }
 
@@ -104,7 +100,6 @@ crate::keyframe::keep!(LearnedStiffness {
     above_mean,
     ratio,
     begun,
-    learned,
     seen
 });
 
@@ -149,15 +144,9 @@ impl StiffnessLearner {
             position_n_m: [balance.motor.position_n_m, balance.stage.position_n_m],
             least_square_n2: (least_m * drive.axial_stiffness_n_m()).powi(2),
             forget: (-1.0 / samples(MEMORY_S)).exp(),
-            follow: 1.0 / samples(FOLLOW_S),
             applies,
             warm_up,
         }))
-    }
-
-    /// Nothing learned: the model's stiffness.
-    pub(super) fn settled() -> LearnedStiffness {
-        LearnedStiffness { ratio: 1.0, ..LearnedStiffness::default() }
     }
 
     /// What the learned stiffness adds to the estimate, N. Every sample.
@@ -171,7 +160,8 @@ impl StiffnessLearner {
         if !std::mem::replace(&mut state.begun, true) {
             state.above_mean = self.above_mean.settled(spring_n);
         }
-        (state.ratio - 1.0) * self.above_mean.step(&mut state.above_mean, spring_n)
+        let varies_n = self.above_mean.step(&mut state.above_mean, spring_n);
+        state.ratio.map_or(0.0, |ratio| (ratio - 1.0) * varies_n)
     }
 
     /// Learns from an instant; `force_n`: the estimate; `learn`: nothing speaks against the sample. Both
@@ -216,21 +206,13 @@ impl StiffnessLearner {
             && state.stretch2 > self.least_square_n2 * state.weight
         {
             let seen = (state.motor2 / state.stretch2).sqrt();
-            if BELIEVED.contains(&seen) {
-                state.ratio += self.follow * (seen - state.ratio);
-                state.learned = true;
-            }
+            state.ratio = Some(seen).filter(|k| BELIEVED.contains(k)).or(state.ratio);
         }
     }
 
     /// Stiffness in use over that of the model, where what is learned is used.
     pub(super) fn ratio_in_use(&self, state: &LearnedStiffness) -> Option<f64> {
-        self.applies.then_some(state.ratio)
-    }
-
-    /// Stiffness over that of the model where it was learned.
-    pub(super) fn learned(state: &LearnedStiffness) -> Option<f64> {
-        state.learned.then_some(state.ratio)
+        self.applies.then(|| state.ratio.unwrap_or(1.0))
     }
 
     /// Whether the filters have forgotten their start and nothing spoke against the samples since.

@@ -14,8 +14,7 @@
 //! below a fifth of the resonance tells k, the k in 0.8 to 1.25 that leaves least of R is taken: what is left
 //! then is there at any stiffness.
 //!
-//! All of it is looked at once in a few samples, see [`super::thinned`]; the flag is that of the last of
-//! eight such looks.
+//! All of it is looked at once in a few samples, see [`super::thinned`].
 //!
 //! Said is the R that steps of the encoders and idle runs do not explain, over the force from the stretch,
 //! all between 5 Hz and the low-pass, with a memory of 2 s. Not seen: a mode of the stage's side (both a and
@@ -30,10 +29,7 @@ use super::settings::{Filter, ForceError, ForceSettings};
 use super::signals::AxisSignals;
 use super::stiffness_learner::{BELIEVED, HIGH_PASS_HZ, LEAST_S, MEMORY_S, StiffnessLearner};
 use crate::plant::drive::Structure;
-use crate::units::SampleRate;
 
-/// Samples of those that are looked at between judgements: a few milliseconds of a memory of seconds.
-const JUDGED_EVERY: u32 = 8;
 /// R below this many times what encoder steps make of it says nothing.
 const LEAST_NOISE: f64 = 2.0;
 
@@ -90,13 +86,11 @@ struct Products {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct SeenSides {
     mean: Products,
-    /// Thinned samples until the next judgement.
-    left: u32,
     large: bool,
 }
 
 crate::keyframe::keep!(Products { aa, ab, bb, fa, fb, ff, weight });
-crate::keyframe::keep!(SeenSides { mean, left, large });
+crate::keyframe::keep!(SeenSides { mean, large });
 
 impl SeenSides {
     /// Whether the estimate was wrong by more than a tenth of the force when it was last judged.
@@ -107,23 +101,6 @@ impl SeenSides {
 }
 
 impl TwoSides {
-    /// With a memory of the samples that are looked at.
-    fn new(into_estimate: [f64; 2], (apart, idle_n): (bool, f64), rate: SampleRate) -> Self {
-        Self {
-            into_estimate,
-            apart,
-            noise_n2: 0.0,
-            idle_n2: idle_n * idle_n,
-            forget: (-1.0 / (MEMORY_S * rate.hz())).exp(),
-            least_weight: LEAST_S * rate.hz(),
-        }
-    }
-
-    /// With the mean square that steps of the encoders make of R, N^2.
-    fn with_noise(self, noise_n2: f64) -> Self {
-        Self { noise_n2, ..self }
-    }
-
     /// One instant of those that are looked at: both sides and the estimate between 5 Hz and the low-pass,
     /// N; the stiffness over the model's where it has been learned.
     #[inline]
@@ -133,11 +110,6 @@ impl TwoSides {
         for (old, new) in [aa, ab, bb, fa, fb, ff, weight].into_iter().zip(now) {
             *old = self.forget * *old + new;
         }
-        if state.left > 0 {
-            state.left -= 1;
-            return;
-        }
-        state.left = JUDGED_EVERY - 1;
         state.large = self.mismatch(state, known).is_some_and(Mismatch::is_large);
     }
 
@@ -202,12 +174,9 @@ pub(super) fn both_sides(
     if !compares {
         return Ok((Some(learner), None));
     }
-    let idle_n = settings.idle_map.as_ref().map_or(0.0, IdleMap::contradiction_n);
-    let apart = method == Method::Fitted;
     // The factor of the thrust is that of the motor side, the one of the stretch that of its force.
     let stretch = balance.motor.position_n_m / axis.drive.axial_stiffness_n_m();
     let into_estimate = [balance.thrust, if applies { 0.0 } else { stretch }];
-    let two_sides = TwoSides::new(into_estimate, (apart, idle_n), learner.thinned().rate());
     let filter = Filter::Butterworth(*learner.thinned().low_pass());
     let steps_m = [axis.drive.motor_encoder_resolution_m(), axis.drive.stage_encoder_resolution_m()];
     let noise_n2 = learner
@@ -216,5 +185,14 @@ pub(super) fn both_sides(
         .zip(steps_m)
         .map(|(stencil, step_m)| step_m * step_m / 12.0 * filter.energy(&stencil.weights, axis.rate))
         .sum();
-    Ok((Some(learner), Some(two_sides.with_noise(noise_n2))))
+    let rate_hz = learner.thinned().rate().hz();
+    let two_sides = TwoSides {
+        into_estimate,
+        apart: method == Method::Fitted,
+        noise_n2,
+        idle_n2: settings.idle_map.as_ref().map_or(0.0, IdleMap::contradiction_n).powi(2),
+        forget: (-1.0 / (MEMORY_S * rate_hz)).exp(),
+        least_weight: LEAST_S * rate_hz,
+    };
+    Ok((Some(learner), Some(two_sides)))
 }

@@ -158,8 +158,10 @@ fn same_parity(j: usize, k: usize) -> bool {
 
 /// Steps of the power iterations behind the condition number.
 const CONDITION_STEPS: usize = 40;
-/// Most unknowns for which memory is kept from the start.
-pub const USUAL_UNKNOWNS: usize = 82;
+/// Most harmonics for which memory is kept from the start.
+pub const USUAL_HARMONICS: usize = 40;
+/// Constant, ramp, sines and cosines of those.
+pub const USUAL_UNKNOWNS: usize = 2 * USUAL_HARMONICS + 2;
 
 /// Several functionals of the fitted curve, by QR with columns of unit length (modified Gram-Schmidt), made
 /// piece by piece.

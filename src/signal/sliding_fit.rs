@@ -15,11 +15,8 @@
 //! weights are, is the same combination of the inner products ([`super::harmonic_fit`]).
 //! Checked by: sums_are_those_of_the_window_however_long_it_runs.
 
-use super::harmonic_fit::{HarmonicBasis, LONGEST_WINDOW, LongLine};
+use super::harmonic_fit::{HarmonicBasis, LONGEST_WINDOW, LongLine, USUAL_HARMONICS, USUAL_UNKNOWNS};
 use rustfft::num_complex::Complex64;
-
-/// Harmonics for which memory is kept from the start.
-const USUAL_HARMONICS: usize = 40;
 
 /// Numbers of one window and one speed; immutable but for [`SlidingBasis::begin`].
 #[derive(Debug, Clone, PartialEq)]
@@ -138,7 +135,7 @@ impl<const N: usize> Default for SlidingFit<N> {
             signals: std::array::from_fn(|_| signal()),
             phasor: Phasors::roomy(),
             age: 0,
-            products: std::array::from_fn(|_| Vec::with_capacity(2 * USUAL_HARMONICS + 2)),
+            products: std::array::from_fn(|_| Vec::with_capacity(USUAL_UNKNOWNS)),
         }
     }
 }
