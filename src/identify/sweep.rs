@@ -21,7 +21,7 @@ use super::sweep_fit::{Band, Fit};
 use super::sweep_lines::{LEAST_STRETCH_S, LOW_HZ, Lines, steady_stretches};
 use super::sweep_result::with_torsion;
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
-use crate::plant::effects::torsional_mode::Torsion;
+use crate::plant::effects::torsional_mode::stiffness_of;
 use crate::units::SampleRate;
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -290,7 +290,7 @@ fn rest_stiffness_n_m(raw: &RawDriveParams, mode: Option<&FittedMode>) -> Option
     let of_mode = |mode: &FittedMode| {
         let inertia = raw.rotary_inertia_kg_m2?;
         let screw = mode.screw_share * inertia;
-        Some(Torsion::stiffness_of(mode.frequency_hz, inertia - screw, screw))
+        Some(stiffness_of(mode.frequency_hz, inertia - screw, screw))
     };
     let torsional = mode.and_then(of_mode).or(raw.torsional_stiffness_nm_rad);
     Some(1.0 / (1.0 / raw.axial_stiffness_n_m? + torsional.map_or(0.0, |k_theta| r * r / k_theta)))

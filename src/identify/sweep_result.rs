@@ -3,7 +3,7 @@
 use super::sweep::{FittedMode, FittedParameter};
 use super::sweep_fit::{Fit, Unknown};
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
-use crate::plant::effects::torsional_mode::Torsion;
+use crate::plant::effects::torsional_mode::stiffness_of;
 use std::f64::consts::TAU;
 
 /// Damping ratio that a torsional mode starts from.
@@ -13,7 +13,7 @@ const START_DAMPING_RATIO: f64 = 0.02;
 /// `mode_hz`. `None` where that is no drive.
 pub(super) fn with_torsion(prior: &DriveParams, mode_hz: f64) -> Option<DriveParams> {
     let half = 0.5 * prior.rotary_inertia_kg_m2();
-    let stiffness = Torsion::stiffness_of(mode_hz, half, half);
+    let stiffness = stiffness_of(mode_hz, half, half);
     DriveParams::new(RawDriveParams {
         rotary_inertia_kg_m2: Some(half),
         screw_inertia_kg_m2: Some(half),

@@ -296,17 +296,6 @@ impl PhysicsTerm {
             ParameterValue::Number(_) => None,
         })
     }
-
-    /// The same with one parameter set to a number; one that is not there is added.
-    #[must_use]
-    pub fn with_number(mut self, name: &str, value: f64) -> Self {
-        let value = ParameterValue::Number(value);
-        match self.parameters.iter_mut().find(|(n, _)| n == name) {
-            Some((_, old)) => *old = value,
-            None => self.parameters.push((name.to_owned(), value)),
-        }
-        self
-    }
 }
 
 #[cfg(test)]

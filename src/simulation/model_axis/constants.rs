@@ -3,7 +3,6 @@
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
 use crate::plant::effects::encoder_interpolation_error::EncoderError;
 use crate::plant::effects::law::ForceLaw;
-use crate::plant::effects::torsional_mode::Torsion;
 use crate::plant::effects::{
     EffectKind as E, PhysicsTerm, Port, Specification, backlash, encoder_quantization, friction_drift,
     nonlinear_stiffness, position_dependent_stiffness, presliding_friction, torque_constant_saturation,
@@ -159,7 +158,7 @@ impl Constants {
                 let screw_kg = share * self.motor_kg;
                 self.motor_kg -= screw_kg;
                 let frequency_hz = get(&torsional_mode::FREQUENCY)?;
-                self.torsion_n_m = Torsion::stiffness_of(frequency_hz, self.motor_kg, screw_kg);
+                self.torsion_n_m = torsional_mode::stiffness_of(frequency_hz, self.motor_kg, screw_kg);
                 let damping = get(&torsional_mode::DAMPING).unwrap_or(torsional_mode::DAMPING.usual);
                 self.torsion_n_s_m = 2.0 * damping * (self.torsion_n_m * screw_kg).sqrt();
                 self.screw_kg = Some(screw_kg);

@@ -1,7 +1,7 @@
 //! A third inertia between motor and screw.
 
 use super::*;
-use crate::plant::effects::torsional_mode::{DAMPING, FREQUENCY, SHARE, SPECIFICATION, Torsion};
+use crate::plant::effects::torsional_mode::{DAMPING, FREQUENCY, SHARE, SPECIFICATION, stiffness_of};
 use rustfft::FftPlanner;
 use std::f64::consts::{PI, TAU};
 
@@ -39,7 +39,7 @@ impl ThirdInertia {
         let m = &ground.mechanics;
         let screw_kg = self.share * m.motor_mass_kg;
         let motor_kg = m.motor_mass_kg - screw_kg;
-        let k = Torsion::stiffness_of(self.frequency_hz, motor_kg, screw_kg);
+        let k = stiffness_of(self.frequency_hz, motor_kg, screw_kg);
         let c = 2.0 * self.damping * (k * screw_kg).sqrt();
         let (spring, damper, twisted, turned) = (m.stiffness_n_m, m.structural_damping_n_s_m, k, c);
         // As a function of the positions, motor and stage.
