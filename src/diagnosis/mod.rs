@@ -34,7 +34,6 @@ pub use result::*;
 
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
-use std::borrow::Cow;
 use thiserror::Error;
 
 /// Why a diagnosis is not possible.
@@ -205,8 +204,8 @@ pub fn diagnose_with(
     let mut refused: Vec<(&str, DiagnoseError)> = Vec::new();
     for (k, axis) in axes.iter().enumerate() {
         let answer = first_look::check(axis, recordings, &cuts.masks).and_then(|stands| {
-            let moving = Moving::of(recordings, (&cuts.masks, &options.resting), &stands);
-            moving.diagnose((machine, axis), options, progress)
+            let options = DiagnoseOptions { masked: cuts.masks.clone(), ..options.clone() };
+            moving((machine, axis), recordings, options, (&stands, progress))
         });
         match answer {
             Ok(mut diagnosis) => {
@@ -234,68 +233,32 @@ pub fn diagnose_with(
     Err(why)
 }
 
-/// The recordings that tell of an axis, with their rows that do not.
-struct Moving<'a> {
-    recordings: Cow<'a, [Recording]>,
-    masks: Cow<'a, [drive::Mask]>,
-    resting: Cow<'a, [drive::Mask]>,
-    left_out: Vec<usize>,
-    notes: Vec<String>,
-}
-
-impl<'a> Moving<'a> {
-    /// All of them but those in which the axis stands (`stands`) while a spindle turns: what moves it there
-    /// by less than a guide gives is the cut.
-    fn of(
-        recordings: &'a [Recording],
-        (masks, resting): (&'a [drive::Mask], &'a [drive::Mask]),
-        stands: &[bool],
-    ) -> Self {
-        let out = |k: usize| stands[k] && cuts::turns_hz(&recordings[k]).is_some();
-        let left_out: Vec<usize> = (0..recordings.len()).filter(|k| out(*k)).collect();
-        if left_out.is_empty() {
-            let (masks, resting) = (Cow::Borrowed(masks), Cow::Borrowed(resting));
-            return Self {
-                recordings: Cow::Borrowed(recordings),
-                masks,
-                resting,
-                left_out,
-                notes: Vec::new(),
-            };
-        }
-        let note = |k: &usize| {
-            let name = &recordings[*k].experiment;
-            format!("{name}: left out, since the axis stands in it while the spindle turns.")
-        };
-        Self {
-            notes: left_out.iter().map(note).collect(),
-            recordings: Cow::Owned(without(recordings, &left_out)),
-            masks: Cow::Owned(without(masks, &left_out)),
-            resting: Cow::Owned(without(resting, &left_out)),
-            left_out,
-        }
+/// Diagnoses an axis from all recordings but those in which it stands (`stands`) while a spindle turns: what
+/// moves it there by less than a guide gives is the cut.
+fn moving(
+    model: (&Machine, &AxisModel),
+    recordings: &[Recording],
+    options: DiagnoseOptions,
+    (stands, progress): (&[bool], Progress<'_>),
+) -> Result<Diagnosis, DiagnoseError> {
+    let out = |k: &usize| stands[*k] && cuts::turns_hz(&recordings[*k]).is_some();
+    let left_out: Vec<usize> = (0..recordings.len()).filter(out).collect();
+    if left_out.is_empty() {
+        return drive::diagnose(model, recordings, &options, progress);
     }
-
-    fn diagnose(
-        self,
-        (machine, axis): (&Machine, &AxisModel),
-        options: &DiagnoseOptions,
-        progress: Progress<'_>,
-    ) -> Result<Diagnosis, DiagnoseError> {
-        let beside = drive::Beside {
-            masks: &self.masks,
-            resting: &self.resting,
-            spindle_turns: self.recordings.iter().all(|r| cuts::spindle_hz(r).is_some()),
-            budget_s: options.budget_s,
-            // When a mean over rows acts nobody says.
-            clock_moved: options.clock_moved || options.averaged != [1; 2],
-            averaged: options.averaged,
-        };
-        let mut diagnosis = drive::diagnose(machine, axis, &self.recordings, (beside, progress))?;
-        diagnosis.left_out = self.left_out;
-        diagnosis.notes.extend(self.notes);
-        Ok(diagnosis)
-    }
+    let options = DiagnoseOptions {
+        masked: without(&options.masked, &left_out),
+        resting: without(&options.resting, &left_out),
+        ..options
+    };
+    let mut diagnosis = drive::diagnose(model, &without(recordings, &left_out), &options, progress)?;
+    let note = |k: &usize| {
+        let name = &recordings[*k].experiment;
+        format!("{name}: left out, since the axis stands in it while the spindle turns.")
+    };
+    diagnosis.notes.extend(left_out.iter().map(note));
+    diagnosis.left_out = left_out;
+    Ok(diagnosis)
 }
 
 /// `all` but those with these indices.

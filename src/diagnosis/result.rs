@@ -1,6 +1,6 @@
 //! What a diagnosis says: plain data, no files. The report and the commands turn it into theirs.
 
-use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
+use crate::plant::effects::{EffectKind, Parameter, PhysicsTerm, Port};
 use crate::plant::machine::Machine;
 use std::borrow::Cow;
 
@@ -41,6 +41,13 @@ pub struct Estimate {
     pub unit: &'static str,
     /// Lower and upper end of the 95 % interval.
     pub ci95: [f64; 2],
+}
+
+impl Estimate {
+    /// A parameter of that value, its 95 % interval reaching `half` to either side.
+    pub(super) fn within(p: &Parameter, value: f64, half: f64) -> Self {
+        Self { name: p.name.to_owned(), value, unit: p.unit, ci95: [value - half, value + half] }
+    }
 }
 
 /// A list parameter (a map over position).
@@ -193,6 +200,13 @@ pub struct Correction {
     pub value: f64,
     /// 95 % interval.
     pub ci95: [f64; 2],
+}
+
+impl Correction {
+    /// Found as `value`, its 95 % interval reaching `half` to either side.
+    pub(super) fn within(name: impl Into<Cow<'static, str>>, nominal: f64, value: f64, half: f64) -> Self {
+        Self { name: name.into(), nominal, value, ci95: [value - half, value + half] }
+    }
 }
 
 /// How one recording fits, and the series to draw.
@@ -351,20 +365,5 @@ impl Diagnosis {
             notes: Vec::new(),
             closed_loop: Err("nothing was recorded that could be compared".to_owned()),
         }
-    }
-
-    /// What the found model leaves of the recorded thrust in closed loop, root mean square over the
-    /// recordings, N; `None`: not simulated, or not all of it.
-    #[must_use]
-    pub fn left_in_loop_n(&self) -> Option<f64> {
-        self.closed_loop.as_ref().ok().filter(|c| c.not_simulated.is_empty()).map(|c| c.left_n(2))
-    }
-}
-
-impl ClosedLoop {
-    /// Root mean square over the recordings of what one of the three models leaves, N.
-    pub(crate) fn left_n(&self, model: usize) -> f64 {
-        let squares = self.trials.iter().map(|t| t.thrust_rms_n[model].powi(2));
-        (squares.sum::<f64>() / self.trials.len().max(1) as f64).sqrt()
     }
 }

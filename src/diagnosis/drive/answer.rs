@@ -14,6 +14,7 @@ use super::notes;
 use super::numbers::{Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, unsaid};
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
+use super::spectra::FOLDS;
 use super::state::{Accepted, Balance, Number, State};
 use super::words::{specification, statement, told};
 use crate::diagnosis::encoder_noise::variance_m2;
@@ -21,7 +22,7 @@ use crate::diagnosis::result::{
     Alternative, Contribution, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit, Location,
     MapEstimate, RecordingFit, TimeSpans, Tried, Verdict,
 };
-use crate::diagnosis::selection::{Round, probabilities};
+use crate::diagnosis::selection::{Fitted, Round, probabilities};
 use crate::diagnosis::steps::{coarser_step, stated_step_m};
 use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::encoder_quantization::STEP;
@@ -205,10 +206,10 @@ impl Case<'_> {
             start = kept.iter().map(|k| start[*k]).collect();
         }
         let mut sum = 0.0;
-        for part in base.held_out.iter().filter(|p| matches!(p.judged, Part::Fold(_))) {
-            let bands = base.gram.foretelling(&self.balance.plan, (part.trained, part.judged));
+        for part in (0..FOLDS).map(Part::Fold) {
+            let bands = base.gram.foretelling(&self.balance.plan, part);
             let fit = design.fit(&bands, start.clone(), design.weights(&bands, &start));
-            for band in base.gram.sum(&self.balance.plan, part.judged) {
+            for band in base.gram.sum(&self.balance.plan, part) {
                 let s = design.spread(&band, &fit.beta);
                 sum += (s[0] + s[2]) * band.values;
             }
@@ -242,16 +243,17 @@ impl Case<'_> {
         list.extend(self.found_in_path(state, doubt));
         let scale = scale_deviation(balance);
         for a in absent {
-            let dry = a.effect == EffectKind::CoulombFriction;
+            let Some(effect) = a.number.effect() else { continue };
+            let dry = effect == EffectKind::CoulombFriction;
             let of = if dry { &coulomb_friction::FORCE } else { &viscous_friction::COEFFICIENT };
+            let one = balance.signals.sides() == 1;
+            let port = if one || a.number.is_of_stage() { Port::Stage } else { Port::Motor };
             let half = Z95 * a.deviation.hypot(scale * a.value);
-            let ci95 = [a.value - half, a.value + half];
-            let estimate = Estimate { name: of.name.to_owned(), value: a.value, unit: of.unit, ci95 };
             list.push(Found {
-                effect: a.effect,
-                port: a.port,
-                estimates: vec![estimate],
-                term: PhysicsTerm::new(a.effect, a.port, &[(of, a.value)]),
+                effect,
+                port,
+                estimates: vec![Estimate::within(of, a.value, half)],
+                term: PhysicsTerm::new(effect, port, &[(of, a.value)]),
                 evidence_nats: a.evidence_nats,
                 level_nats: level,
                 contribution: contribution_of_number(balance, state, (a.number, a.value), self.recordings),
@@ -275,14 +277,14 @@ impl Case<'_> {
     fn found_in_path(&self, state: &State, doubt: &Doubt) -> Vec<Found> {
         let balance = self.balance;
         let mut laws = Vec::new();
-        let extra_s = state.path.delay_s - balance.drive.amplifier_dead_time_s();
+        let extra_s = state.now.path.delay_s - balance.drive.amplifier_dead_time_s();
         // What a loop took the place of may have left nothing of a delay.
         let within_s = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
-        if state.found_delay && extra_s > Z95 * doubt.path[0].hypot(within_s) {
+        if state.now.found_delay && extra_s > Z95 * doubt.path[0].hypot(within_s) {
             let delay = Delay { extra_s, early: false };
             laws.push((Hypothesis::new(Port::Current, delay), doubt.path[0] / extra_s));
         }
-        if let Some(rad_s) = state.path.loop_rad_s.filter(|_| state.found_loop) {
+        if let Some(rad_s) = state.now.path.loop_rad_s.filter(|_| state.now.found_loop) {
             let lag = CurrentLoop { rad_s, in_place: false };
             laws.push((Hypothesis::new(Port::Current, lag), doubt.path[1]));
         }
@@ -307,13 +309,17 @@ impl Case<'_> {
         list
     }
 
+    /// The round in which a law was taken up, the law first.
+    fn round_of(&self, effect: EffectKind, port: Port) -> &[Fitted<Hypothesis, State>] {
+        let is_of =
+            |f: &Fitted<Hypothesis, State>| f.hypothesis.effect == effect && f.hypothesis.port == port;
+        let round = self.rounds.iter().find(|r| r.accepted && is_of(&r.fitted[0]));
+        round.map_or(&[], |r| &r.fitted)
+    }
+
     /// Evidence and level with which a law was taken up.
     fn evidence_of(&self, effect: EffectKind, port: Port) -> (f64, f64) {
-        let of = |r: &&Round<Hypothesis, State>| {
-            r.accepted && r.fitted[0].hypothesis.effect == effect && r.fitted[0].hypothesis.port == port
-        };
-        let round = self.rounds.iter().find(of);
-        round.map_or((0.0, 1.0), |r| (r.fitted[0].evidence_nats, r.fitted[0].level_nats))
+        self.round_of(effect, port).first().map_or((0.0, 1.0), |f| (f.evidence_nats, f.level_nats))
     }
 
     pub(super) fn findings(&self, found: Vec<Found>, left: &Rest, heldout_n: f64) -> Vec<Finding> {
@@ -353,14 +359,8 @@ impl Case<'_> {
 
     /// Of a finding and of what else was fitted in its round; "nothing" has the level.
     fn probabilities(&self, f: &Found) -> (f64, Vec<Alternative>) {
-        let round = self.rounds.iter().find(|r| {
-            r.accepted && r.fitted[0].hypothesis.effect == f.effect && r.fitted[0].hypothesis.port == f.port
-        });
-        let others: Vec<_> = round
-            .map_or(&[][..], |r| &r.fitted[1..])
-            .iter()
-            .filter(|o| !o.at_bound && o.evidence_nats > 0.0)
-            .collect();
+        let others = self.round_of(f.effect, f.port).iter().skip(1);
+        let others: Vec<_> = others.filter(|o| !o.at_bound && o.evidence_nats > 0.0).collect();
         let mut evidence = vec![f.evidence_nats];
         evidence.extend(others.iter().map(|o| o.evidence_nats.min(f.evidence_nats)));
         let temper = Criteria::STANDARD.temper_share * f.level_nats;
@@ -404,8 +404,6 @@ impl Case<'_> {
             if steps.len() < self.recordings.len() || step < coarser * stated {
                 return None;
             }
-            let ci95 = [0.98 * step, 1.02 * step];
-            let estimate = Estimate { name: STEP.name.to_owned(), value: step, unit: STEP.unit, ci95 };
             let contribution = self.recordings.iter().enumerate().filter_map(|(k, r)| {
                 let x = side(port, r)?;
                 // The step's own part: the read value less the line between its neighbours' middles.
@@ -415,7 +413,10 @@ impl Case<'_> {
             Some(Found {
                 effect: EffectKind::EncoderQuantization,
                 port,
-                estimates: vec![estimate],
+                estimates: vec![Estimate {
+                    ci95: [0.98 * step, 1.02 * step],
+                    ..Estimate::within(&STEP, step, 0.0)
+                }],
                 term: PhysicsTerm::new(EffectKind::EncoderQuantization, port, &[(&STEP, step)]),
                 evidence_nats: 10.0 * level_nats,
                 level_nats,
@@ -436,8 +437,7 @@ impl Case<'_> {
             {
                 let effect = self.axis.physics[index].effect.name();
                 let (value, half) = (nominal * law.scale, Z95 * nominal.abs() * sd.amplitudes[0]);
-                let name = format!("{effect}.{key}").into();
-                list.push(Correction { name, nominal, value, ci95: [value - half, value + half] });
+                list.push(Correction::within(format!("{effect}.{key}"), nominal, value, half));
             }
         }
         list

@@ -2,8 +2,8 @@
 
 use super::columns::{Ground, TimeColumn, derivative};
 use super::criteria::Criteria;
-use super::gram::{BandGram, Column, Part};
-use super::likelihood::{Design, Fit, Spread};
+use super::gram::{BandGram, Column, Gram, Part};
+use super::likelihood::{Design, Fit, Spread, weights_of};
 use super::number::{Mechanics, Number, TURNING};
 use super::signals::{Layout, Path, Signals};
 use super::spectra::{FOLDS, Plan};
@@ -121,12 +121,8 @@ impl Balance {
     pub(super) fn number_column(&self, number: Number, state: &Ground<'_>) -> TimeColumn {
         match number {
             N::MotorCoulomb | N::StageCoulomb | N::MotorTurning(_) | N::StageTurning(_) => {
-                let two = self.signals.layout == Layout::TwoPositions;
-                let side = usize::from(two && matches!(number, N::StageCoulomb | N::StageTurning(_)));
-                let of = |t: &super::signals::Track| state.dry(t, side, number.part());
-                let mut column = TimeColumn::default();
-                column.sides[side] = Some(self.signals.each(of));
-                column
+                let side = usize::from(self.signals.sides() == 2 && number.is_of_stage());
+                TimeColumn::at(side, self.signals.each(|t| state.dry(t, side, number.part())))
             }
             N::Timing => {
                 let by = TIMING_STEP / self.signals.rate_hz;
@@ -140,7 +136,7 @@ impl Balance {
                     .zip(&at(by))
                     .map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b) / (2.0 * by)).collect())
                     .collect();
-                TimeColumn { sides: [Some(rate), None], operator: None }
+                TimeColumn::at(0, rate)
             }
             N::Lag => state.lagging(LAG_STEP),
             _ => self.linear(number),
@@ -159,16 +155,25 @@ impl Balance {
 
     /// What is fitted to: the thrust at the motor, nothing at the stage.
     pub(super) fn target(&self, path: Path) -> TimeColumn {
-        let thrust = self.signals.each(|t| self.signals.thrust(t, path));
-        TimeColumn { sides: [Some(thrust), None], operator: None }
+        TimeColumn::at(0, self.signals.each(|t| self.signals.thrust(t, path)))
     }
 
     /// Parts that are held out in turn: quarters, and recordings where there are several.
-    pub(super) fn parts(&self) -> Vec<(Part, Part)> {
-        let folds = (0..FOLDS).map(|f| (Part::WithoutFold(f), Part::Fold(f)));
-        let several = self.plan.recordings() > 1;
-        let recordings = (0..self.plan.recordings()).filter(|_| several);
-        folds.chain(recordings.map(|r| (Part::WithoutRecording(r), Part::Recording(r)))).collect()
+    pub(super) fn parts(&self) -> Vec<Part> {
+        let recordings = (0..self.plan.recordings()).filter(|_| self.plan.recordings() > 1);
+        (0..FOLDS).map(Part::Fold).chain(recordings.map(Part::Recording)).collect()
+    }
+
+    /// L of each of [`Self::parts`], foretold by a fit to all else under the noise of all.
+    pub(super) fn held_out_nats(&self, gram: &Gram, design: &Design, beta: &[f64]) -> Vec<f64> {
+        let all = gram.sum(&self.plan, Part::All);
+        let weights = design.weights(&all, beta);
+        let nats = |part: Part| {
+            let bands = gram.sum_without(&self.plan, part);
+            let foretold = design.fit_under(&bands, beta, &weights_of(&bands, (&all, &weights)));
+            design.nats(&gram.sum(&self.plan, part), &foretold)
+        };
+        self.parts().into_iter().map(nats).collect()
     }
 
     /// Weights of a floor that is flat below the bands it is read off in.
@@ -209,5 +214,49 @@ pub(super) fn stated_mechanics(balance: &Balance) -> Mechanics {
         stage_damping_n_s_m: sum(d.reflected_damping_n_s_m(), d.translational_damping_n_s_m()),
         stage_coulomb_n: sum(d.motor_coulomb_friction_n(), d.stage_coulomb_friction_n()),
         spring_zero_n: 0.0,
+    }
+}
+
+/// Numbers beside which laws stand and are asked, and which a law may move in place of standing in the model.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Standing {
+    pub(super) path: Path,
+    /// When a reference acts beside that, s.
+    pub(super) timing_s: f64,
+    pub(super) smoothing_m_s: f64,
+    pub(super) mechanics: Mechanics,
+    /// The recordings tell the inertia: thrust is what accelerates. Else it is a force beside a motion, and
+    /// nothing says when it came.
+    pub(super) inertial: bool,
+    /// A dead time, a current loop, a smoothing speed other than stated were found. Delay and loop stay free,
+    /// since each bends the other.
+    pub(super) found_delay: bool,
+    pub(super) found_loop: bool,
+    pub(super) found_smoothing: bool,
+}
+
+impl Standing {
+    /// As the model states them.
+    pub(super) fn stated(balance: &Balance, inertial: bool) -> Self {
+        Self {
+            path: Path::stated(&balance.drive),
+            timing_s: 0.0,
+            smoothing_m_s: balance.signals.smoothing_m_s,
+            mechanics: stated_mechanics(balance),
+            inertial,
+            found_delay: false,
+            found_loop: false,
+            found_smoothing: false,
+        }
+    }
+
+    /// What laws are evaluated on.
+    pub(super) fn ground<'a>(&self, balance: &'a Balance) -> Ground<'a> {
+        Ground {
+            signals: &balance.signals,
+            mechanics: self.mechanics,
+            smoothing_m_s: self.smoothing_m_s,
+            path: Path { delay_s: self.path.delay_s + self.timing_s, ..self.path },
+        }
     }
 }

@@ -6,10 +6,10 @@ use super::spectra::Series;
 use super::state::{Balance, State, residual};
 
 fn search<'a>(balance: &'a Balance, state: &State) -> Search<'a> {
-    let left = residual(balance, &state.base.gram, &state.base.design, &state.base.fit.beta);
+    let left = residual(balance, state.base.fitted());
     let whitened = whitened(balance, state, &left);
-    let has_command = state.inertial && !state.is_measured(balance);
-    Search::new(balance, state.standing(), [state.inertial, has_command], (left, whitened))
+    let has_command = state.now.inertial && !state.is_measured(balance);
+    Search::new(balance, (state.now, state.coulomb_n()), has_command, (left, whitened))
 }
 
 /// Everything that may be asked of a state.

@@ -1,16 +1,16 @@
 //! Columns, inner products and fits of a balance with the laws that have been taken up.
 
 use super::accepted::{Accepted, moved_laws};
-use super::balance::Balance;
+use super::balance::{Balance, Standing};
 use super::columns::{Ground, TimeColumn};
 use super::criteria::Criteria;
-use super::dynamics::Dynamics;
+use super::dynamics::{Dynamics, Idle};
 use super::gram::{BandGram, Column, Gram, Part};
 use super::laws::{Hypothesis, Size};
-use super::likelihood::{Design, FREE, Fit, POSITIVE, Spread, weights_of};
-use super::number::{Mechanics, Number};
+use super::likelihood::{Design, FREE, Fit, POSITIVE, Spread};
+use super::number::Number;
 use super::rounding::{QUARTERS, rounding};
-use super::signals::{Layout, Path};
+use super::signals::Layout;
 use std::sync::Arc;
 
 /// Steps of the bandwidth, and samples of a delay that was found, that a fit may take at once.
@@ -28,37 +28,20 @@ pub(super) struct Base {
     pub(super) design: Design,
     pub(super) fit: Fit,
     pub(super) weights: Vec<Spread>,
-    /// Bands, `(recording, band)`, whose recorded force moves nothing, see [`super::dynamics`].
-    pub(super) idle: Arc<Vec<(usize, usize)>>,
+    pub(super) idle: Idle,
     /// First of the knockoffs' columns.
     pub(super) knockoffs: usize,
     /// Fits of the knockoffs with numbers and laws alone: of the turned residual, then of rounding.
     pub(super) knockoff_fits: Vec<Fit>,
-    /// What is fitted, what is judged, the fit.
-    pub(super) held_out: Vec<HeldOut>,
+    /// See [`Balance::held_out_nats`].
+    pub(super) held_out_nats: Vec<f64>,
 }
 
-/// A part that is left out of a fit and judged by it.
-#[derive(Clone)]
-pub(super) struct HeldOut {
-    pub(super) trained: Part,
-    pub(super) judged: Part,
-    /// L of the judged part.
-    pub(super) nats: f64,
-}
-
-/// What the columns depend on.
-pub(super) struct Laws {
-    pub(super) path: Path,
-    pub(super) timing_s: f64,
-    pub(super) smoothing_m_s: f64,
-    pub(super) mechanics: Mechanics,
-    /// A dead time, a current loop that were found: they stay free, since each bends the other.
-    pub(super) found: [bool; 2],
-    /// See [`State`].
-    pub(super) inertial: bool,
-    /// See [`Base`]; `None`: not known yet.
-    pub(super) idle: Option<Arc<Vec<(usize, usize)>>>,
+impl Base {
+    /// Inner products, what is fitted of them, and its coefficients.
+    pub(super) fn fitted(&self) -> (&Gram, &Design, &[f64]) {
+        (&self.gram, &self.design, &self.fit.beta)
+    }
 }
 
 /// Bounds of the amplitudes of a hypothesis.
@@ -75,30 +58,30 @@ pub(super) fn amplitude_bounds(h: &Hypothesis, count: usize) -> Vec<[f64; 2]> {
 }
 
 /// Bounds of a number of the balance.
-fn number_bounds(balance: &Balance, laws: &Laws, (number, accepted): (Number, &[Accepted])) -> [f64; 2] {
+fn number_bounds(balance: &Balance, now: &Standing, (number, accepted): (Number, &[Accepted])) -> [f64; 2] {
     match number {
         N::Lag => [-MOST_STEPS, MOST_STEPS],
-        N::Timing if laws.found[0] => {
+        N::Timing if now.found_delay => {
             [-MOST_DELAY_SAMPLES, MOST_DELAY_SAMPLES].map(|s| s / balance.signals.rate_hz)
         }
         // To two rows, which is what a clock is put right to, and to all that the model delays.
         N::Timing if balance.clock_moved => {
             let d = &balance.drive;
             let encoders_s = d.motor_encoder_delay_s().max(d.stage_encoder_delay_s());
-            let lag_s = laws.path.loop_rad_s.map_or(0.0, f64::recip);
+            let lag_s = now.path.loop_rad_s.map_or(0.0, f64::recip);
             let mean_s = balance.signals.averaged_s();
-            let within_s = laws.path.delay_s + encoders_s + lag_s + mean_s + 2.0 / balance.signals.rate_hz;
-            [-within_s, within_s].map(|s| s - laws.timing_s)
+            let within_s = now.path.delay_s + encoders_s + lag_s + mean_s + 2.0 / balance.signals.rate_hz;
+            [-within_s, within_s].map(|s| s - now.timing_s)
         }
         N::Timing => {
             let [low, high] = Criteria::STANDARD.timing_samples;
             let high = if balance.signals.layout == Layout::TwoPositions { 0.0 } else { high };
-            [low, high].map(|s| s / balance.signals.rate_hz - laws.timing_s)
+            [low, high].map(|s| s / balance.signals.rate_hz - now.timing_s)
         }
         // No part is more than all of it.
-        N::MotorTurning(_) => [0.0, laws.mechanics.motor_coulomb_n],
+        N::MotorTurning(_) => [0.0, now.mechanics.motor_coulomb_n],
         N::StageTurning(_) if accepted.iter().any(|a| a.hypothesis.facts().turns_friction) => [0.0, 0.0],
-        N::StageTurning(_) => [0.0, laws.mechanics.stage_coulomb_n],
+        N::StageTurning(_) => [0.0, now.mechanics.stage_coulomb_n],
         _ => FREE,
     }
 }
@@ -143,19 +126,15 @@ fn columns_of_laws(
 }
 
 /// Columns, inner products and the fit of numbers and laws.
-pub(super) fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base {
-    let ground = Ground {
-        signals: &balance.signals,
-        mechanics: laws.mechanics,
-        smoothing_m_s: laws.smoothing_m_s,
-        path: Path { delay_s: laws.path.delay_s + laws.timing_s, ..laws.path },
-    };
+///
+/// `idle`: see [`Base`]; `None`: not known yet.
+pub(super) fn base(balance: &Balance, (now, idle): (&Standing, Option<Idle>), accepted: &[Accepted]) -> Base {
+    let ground = now.ground(balance);
     let mut numbers = balance.numbers();
-    numbers.extend(laws.found[1].then_some(N::Lag));
+    numbers.extend(now.found_loop.then_some(N::Lag));
     let mut columns = vec![balance.column(&balance.target(ground.path))];
     let mut bounds = Vec::new();
     let mut start = Vec::new();
-    let m = laws.mechanics;
     let moved = moved_laws(&ground, accepted);
     for number in &numbers {
         let fixed = balance.fixed.iter().find(|(n, _)| n == number).map(|(_, c)| c.clone());
@@ -167,8 +146,8 @@ pub(super) fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base
             (None, Some(fixed)) => fixed,
             (None, None) => balance.column(&balance.number_column(*number, &ground)),
         });
-        bounds.push(number_bounds(balance, &laws, (*number, accepted)));
-        start.push(m.of(*number));
+        bounds.push(number_bounds(balance, now, (*number, accepted)));
+        start.push(now.mechanics.of(*number));
     }
     let taken = columns_of_laws(balance, &ground, accepted, &moved);
     columns.extend(taken.columns);
@@ -186,7 +165,7 @@ pub(super) fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base
         masses: numbers
             .iter()
             .enumerate()
-            .filter(|(_, n)| is_mass(n) && laws.inertial)
+            .filter(|(_, n)| is_mass(n) && now.inertial)
             .map(|(k, _)| (k, 0.0))
             .collect(),
         sides: balance.signals.sides(),
@@ -195,13 +174,13 @@ pub(super) fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base
     let two = balance.signals.layout == Layout::TwoPositions;
     let all = gram.sum(plan, Part::All);
     let look = || if two { design.idle(&all, &numbers, &start) } else { Vec::new() };
-    let idle = laws.idle.unwrap_or_else(|| Arc::new(look()));
+    let idle = idle.unwrap_or_else(|| Arc::new(look()));
     design.dynamics = design.dynamics.idle_in(idle.clone());
     let weights = design.weights(&all, &start);
     let fit = balance.fit(&design, &all, &start, &weights);
     let weights = design.weights(&all, &fit.beta);
     // What is left, turned.
-    let left = residual(balance, &gram, &design, &fit.beta);
+    let left = residual(balance, (&gram, &design, &fit.beta));
     let turned = QUARTERS
         .map(|share| [0, 1].map(|k| left.sides[k].as_ref().map(|s| plan.turned(s, share))))
         .map(|sides| Column { sides, response: None });
@@ -214,24 +193,8 @@ pub(super) fn base(balance: &Balance, laws: Laws, accepted: &[Accepted]) -> Base
         design.fit(&all, vec![0.0; design.columns.len()], weights.clone())
     };
     let knockoff_fits = (0..nulls).map(null).collect();
-    let held_out = held_out(balance, (&gram, &design), (&all, &weights), &fit.beta);
-    Base { numbers, gram, all, design, fit, weights, idle, knockoffs, knockoff_fits, held_out }
-}
-
-/// Every part that is left out in turn, and what a fit to the rest makes of it.
-fn held_out(
-    balance: &Balance,
-    (gram, design): (&Gram, &Design),
-    (all, weights): (&[BandGram], &[Spread]),
-    beta: &[f64],
-) -> Vec<HeldOut> {
-    let of = |(trained, judged): (Part, Part)| {
-        let bands = gram.sum(&balance.plan, trained);
-        let beta = design.fit_under(&bands, beta, &weights_of(&bands, (all, weights)));
-        let nats = design.nats(&gram.sum(&balance.plan, judged), &beta);
-        HeldOut { trained, judged, nats }
-    };
-    balance.parts().into_iter().map(of).collect()
+    let held_out_nats = balance.held_out_nats(&gram, &design, &fit.beta);
+    Base { numbers, gram, all, design, fit, weights, idle, knockoffs, knockoff_fits, held_out_nats }
 }
 
 /// The design of a knockoff: its target beside the present fit. No motion comes of it, and it has no Jacobian
@@ -249,7 +212,7 @@ pub(super) fn knockoff_design(design: &Design, beta: &[f64], target: usize) -> D
 }
 
 /// Spectra of what is left.
-pub(super) fn residual(balance: &Balance, gram: &Gram, design: &Design, beta: &[f64]) -> Column {
+pub(super) fn residual(balance: &Balance, (gram, design, beta): (&Gram, &Design, &[f64])) -> Column {
     let sides = balance.signals.sides();
     let of = |side: usize| {
         let mut out: Option<Vec<f64>> = None;

@@ -32,7 +32,7 @@ pub(super) fn closed_loop(
     let law = law_of(controller, period_s, &records)?;
     let places: Vec<usize> = (0..records.len()).collect();
     let trials = on_two_cores(&places, |&k| {
-        let trial = trial((k, &records[k], &law), stated, &signals.tracks[k], (period_s, state.timing_s));
+        let trial = trial((k, &records[k], &law), stated, &signals.tracks[k], (period_s, state.now.timing_s));
         simulated(signals, axes, (k, &records[k], &trial), law.share[k] > Criteria::STANDARD.law_share)
     });
     let law_share = law.share.iter().copied().fold(f64::INFINITY, f64::min);

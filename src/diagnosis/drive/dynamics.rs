@@ -15,6 +15,9 @@ use nalgebra::{DMatrix, DVector};
 use rustfft::num_complex::Complex;
 use std::sync::Arc;
 
+/// Bands, `(recording, band)`, whose recorded force moves nothing.
+pub(super) type Idle = Arc<Vec<(usize, usize)>>;
+
 /// A column that moves with the positions.
 #[derive(Debug, Clone)]
 struct Moving {
@@ -27,8 +30,7 @@ struct Moving {
 pub(super) struct Dynamics {
     points: Arc<Vec<Point>>,
     moving: Vec<Moving>,
-    /// Bands, `(recording, band)`, whose recorded force moves nothing.
-    idle: Arc<Vec<(usize, usize)>>,
+    idle: Idle,
 }
 
 impl Dynamics {
@@ -38,7 +40,7 @@ impl Dynamics {
     }
 
     /// With bands whose recorded force moves nothing.
-    pub(super) fn idle_in(mut self, idle: Arc<Vec<(usize, usize)>>) -> Self {
+    pub(super) fn idle_in(mut self, idle: Idle) -> Self {
         self.idle = idle;
         self
     }

@@ -134,7 +134,7 @@ fn joined(masks: &[Mask], others: &[Mask], of: impl Fn(bool, bool) -> bool) -> V
 /// Of n parts with mean m, k of them with sum s: (s - k m)^2 / (k (1 - k / n)) is the gain in squares.
 fn stretch(balance: &Balance, state: &State, spindle_hz: f64) -> Option<(usize, [f64; 2])> {
     let s = &balance.signals;
-    let left = residual(balance, &state.base.gram, &state.base.design, &state.base.fit.beta);
+    let left = residual(balance, state.base.fitted());
     let series = balance.plan.series(left.sides[usize::from(s.sides() == 2)].as_ref()?, &s.lengths());
     let mut best: Option<(f64, usize, [f64; 2])> = None;
     for (r, (track, x)) in s.tracks.iter().zip(&series).enumerate() {

@@ -1,10 +1,11 @@
 //! The one statistic of a hypothesis: the worst of its gain, of the held-out quarters and of the held-out
 //! recordings; and what chance reaches in the same recordings.
 
+use super::columns::TimeColumn;
 use super::criteria::Criteria;
 use super::gram::{BandGram, Gram, Part};
 use super::laws::Hypothesis;
-use super::likelihood::{Design, FREE, Fit, POSITIVE, values, weights_of};
+use super::likelihood::{Design, FREE, Fit, POSITIVE, values};
 use super::state::{Balance, Number, State, amplitude_bounds, knockoff_design};
 
 /// A hypothesis beside a state, fitted.
@@ -37,21 +38,36 @@ pub(super) fn price(constants: usize, count: f64) -> f64 {
     0.5 * constants as f64 * (2.0 * count).ln()
 }
 
-/// The columns of a state with those of a hypothesis behind them, and their products over all recordings.
-fn beside(balance: &Balance, state: &State, h: &Hypothesis) -> (Gram, Vec<BandGram>) {
-    let columns = h.columns(&state.ground(balance)).iter().map(|t| balance.column(t)).collect();
-    let gram = state.base.gram.with(&balance.plan, columns);
+/// A fit with further columns behind its own.
+pub(super) struct Wider {
+    pub(super) gram: Gram,
+    /// Over all recordings.
+    pub(super) bands: Vec<BandGram>,
+    pub(super) design: Design,
+    /// The coefficients of the fit, none of the columns.
+    pub(super) start: Vec<f64>,
+}
+
+/// Further columns, free or between bounds, beside a fit.
+pub(super) fn wider(
+    balance: &Balance,
+    (gram, design, beta): (&Gram, &Design, &[f64]),
+    (columns, bounds): (&[TimeColumn], Vec<[f64; 2]>),
+) -> Wider {
+    let old = gram.len();
+    let gram = gram.with(&balance.plan, columns.iter().map(|c| balance.column(c)).collect());
     let bands = gram.sum(&balance.plan, Part::All);
-    (gram, bands)
+    let mut design = design.clone();
+    design.add(&gram, old..gram.len(), bounds);
+    let start = beta.iter().copied().chain(std::iter::repeat_n(0.0, columns.len())).collect();
+    Wider { gram, bands, design, start }
 }
 
 /// Fits a hypothesis beside a state. `chance`: against the knockoffs, too.
 pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool) -> Asked {
     let base = &state.base;
-    let old = base.gram.len();
-    let (gram, bands) = beside(balance, state, h);
-    let added = gram.len() - old;
-    let mut design = base.design.clone();
+    let columns = h.columns(&state.ground(balance));
+    let added = columns.len();
     let mut bounds = amplitude_bounds(h, added);
     if chance && h.has_dose() {
         // On the grid neither shape nor numbers are where they belong, and the amplitude makes up for both;
@@ -59,10 +75,8 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
         bounds = vec![FREE; added];
         bounds[0] = POSITIVE;
     }
-    design.add(&gram, old..old + added, bounds);
     let first = base.fit.beta.len();
-    let mut start = base.fit.beta.clone();
-    start.extend(std::iter::repeat_n(0.0, added));
+    let Wider { gram, bands, mut design, mut start } = wider(balance, base.fitted(), (&columns, bounds));
     if h.has_dose() {
         start[first] = 1.0;
     }
@@ -84,17 +98,16 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
         places.for_each(|(k, _)| (start[k], design.bounds[k]) = (0.0, [0.0, 0.0]));
     }
     let fit = balance.fit(&design, &bands, &start, &base.weights);
-    let cost = price(added + h.constants().len(), values(&bands));
+    let cost = price(added + h.constants(), values(&bands));
     let score = base.fit.nats - fit.nats - cost;
     let mut most = f64::NEG_INFINITY;
     if chance {
         for (k, null) in base.knockoff_fits.iter().enumerate() {
             let mut of = knockoff_design(&base.design, &base.fit.beta, base.knockoffs + k);
             // The null world holds no law: an amplitude of any size is one of chance.
-            let bounds = amplitude_bounds(h, added);
-            of.add(&gram, old..old + added, if h.has_dose() { vec![FREE; added] } else { bounds });
-            let mut start = null.beta.clone();
-            start.extend(std::iter::repeat_n(0.0, added));
+            let bounds = if h.has_dose() { vec![FREE; added] } else { amplitude_bounds(h, added) };
+            of.add(&gram, base.gram.len()..gram.len(), bounds);
+            let start: Vec<f64> = null.beta.iter().copied().chain(vec![0.0; added]).collect();
             let weights = of.weights(&bands, &start);
             let chance = of.fit(&bands, start, weights);
             most = most.max(null.nats - chance.nats - cost);
@@ -118,15 +131,11 @@ pub(super) fn held_out_gains(
     state: &State,
     (gram, design, beta): (&Gram, &Design, &[f64]),
 ) -> [Option<f64>; 2] {
-    let all = gram.sum(&balance.plan, Part::All);
-    let weights = design.weights(&all, beta);
+    let nats = balance.held_out_nats(gram, design, beta);
     let mut gains = [None; 2];
-    for part in &state.base.held_out {
-        let bands = gram.sum(&balance.plan, part.trained);
-        let trained = design.fit_under(&bands, beta, &weights_of(&bands, (&all, &weights)));
-        let nats = design.nats(&gram.sum(&balance.plan, part.judged), &trained);
-        let of = &mut gains[usize::from(matches!(part.judged, Part::Recording(_)))];
-        *of = Some(of.unwrap_or(0.0) + part.nats - nats);
+    for (part, (before, after)) in balance.parts().iter().zip(state.base.held_out_nats.iter().zip(nats)) {
+        let of: &mut Option<f64> = &mut gains[usize::from(matches!(part, Part::Recording(_)))];
+        *of = Some(of.unwrap_or(0.0) + before - after);
     }
     gains
 }
@@ -138,13 +147,11 @@ pub(super) fn held_out_gains(
 pub(super) fn least_seen_n(balance: &Balance, state: &State, h: &Hypothesis, level_nats: f64) -> Option<f64> {
     let base = &state.base;
     let (old, first) = (base.gram.len(), base.fit.beta.len());
-    let (gram, bands) = beside(balance, state, h);
-    let added = gram.len() - old;
-    let mut design = base.design.clone();
-    design.add(&gram, old..old + added, vec![FREE; added]);
-    let start: Vec<f64> = base.fit.beta.iter().copied().chain(vec![0.0; added]).collect();
+    let columns = h.columns(&state.ground(balance));
+    let free = vec![FREE; columns.len()];
+    let Wider { gram, bands, design, start } = wider(balance, base.fitted(), (&columns, free));
     let fit = design.fit(&bands, start, base.weights.clone());
-    let cost = price(added + h.constants().len(), values(&bands));
+    let cost = price(columns.len() + h.constants(), values(&bands));
     let variance = fit.inverse()[(first, first)];
     let place = old * gram.len() + old;
     let power = |side: usize| bands.iter().map(|b| b.products[side][place]).sum::<f64>();

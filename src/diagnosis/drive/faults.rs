@@ -57,7 +57,7 @@ pub(super) fn force_faults(
             law.hypothesis.law().fault(&law.amplitudes, recording).into_iter().for_each(&mut tell);
         }
         if late {
-            tell(ForceFaultKind::ClockOffset { late_s: -state.path.delay_s });
+            tell(ForceFaultKind::ClockOffset { late_s: -state.now.path.delay_s });
         }
     }
     list

@@ -36,24 +36,20 @@ pub(super) struct BandGram {
     pub(super) products: [Vec<f64>; 3],
 }
 
-/// What takes part in a fit.
+/// A part of the recordings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Part {
     All,
     Fold(usize),
-    WithoutFold(usize),
     Recording(usize),
-    WithoutRecording(usize),
 }
 
 impl Part {
-    fn has(self, recording: usize, fold: usize) -> bool {
+    fn has(self, cell: &Cell) -> bool {
         match self {
             Part::All => true,
-            Part::Fold(f) => fold == f,
-            Part::WithoutFold(f) => fold != f,
-            Part::Recording(r) => recording == r,
-            Part::WithoutRecording(r) => recording != r,
+            Part::Fold(f) => cell.fold == f,
+            Part::Recording(r) => cell.recording == r,
         }
     }
 }
@@ -113,26 +109,22 @@ impl Gram {
         &self.columns[index]
     }
 
-    /// Added up over the folds that take part, by what has one noise level.
+    /// Added up over a part, by what has one noise level.
     pub(super) fn sum(&self, plan: &Plan, part: Part) -> Vec<BandGram> {
-        self.added(plan, |cell| if part.has(cell.recording, cell.fold) { 1.0 } else { 0.0 })
+        self.added(plan, |cell| if part.has(cell) { 1.0 } else { 0.0 })
+    }
+
+    /// The same over all else.
+    pub(super) fn sum_without(&self, plan: &Plan, part: Part) -> Vec<BandGram> {
+        self.added(plan, |cell| if part.has(cell) { 0.0 } else { 1.0 })
     }
 
     /// What a part is foretold from: all else, and the part itself with the weight of one of its values (unit
     /// information, Kass and Wasserman 1995), so that a coefficient of which all else tells nothing cannot be
     /// anything.
-    pub(super) fn foretelling(&self, plan: &Plan, (trained, judged): (Part, Part)) -> Vec<BandGram> {
-        let of_part = |c: &&Cell| judged.has(c.recording, c.fold);
-        let values: usize = plan.cells.iter().filter(of_part).map(|c| c.values).sum();
-        self.added(plan, |cell| {
-            if trained.has(cell.recording, cell.fold) {
-                1.0
-            } else if judged.has(cell.recording, cell.fold) {
-                1.0 / values as f64
-            } else {
-                0.0
-            }
-        })
+    pub(super) fn foretelling(&self, plan: &Plan, part: Part) -> Vec<BandGram> {
+        let values: usize = plan.cells.iter().filter(|c| part.has(c)).map(|c| c.values).sum();
+        self.added(plan, |cell| if part.has(cell) { 1.0 / values as f64 } else { 1.0 })
     }
 
     /// The same as [`Self::sum`] of all by bands.

@@ -163,47 +163,44 @@ impl Design {
     }
 
     /// Fits from `beta`; the first step is taken with `weights`.
-    pub(super) fn fit(&self, bands: &[BandGram], beta: Vec<f64>, mut weights: Vec<Spread>) -> Fit {
-        let mut beta = beta;
-        let mut nats = f64::INFINITY;
-        let mut held = vec![false; beta.len()];
-        // Where not even the first step is finite nothing is known: no information about any number.
-        let mut information = DMatrix::zeros(beta.len(), beta.len());
-        for _ in 0..ITERATIONS {
-            let (a, b) = self.normal(bands, &weights);
-            let (next, bound, curved) = self.step(bands, (&a, &b), &beta);
-            let gained = nats;
-            let now = self.nats(bands, &next);
-            if !now.is_finite() {
-                break;
-            }
-            (beta, held, information, nats) = (next, bound, curved, now);
-            if (gained - now).abs() < Criteria::STANDARD.converged_nats {
-                break;
-            }
-            weights = self.weights(bands, &beta);
-        }
-        Fit { beta, nats, held, information }
+    pub(super) fn fit(&self, bands: &[BandGram], beta: Vec<f64>, weights: Vec<Spread>) -> Fit {
+        self.iterated(bands, beta, &weights, |beta| Some(self.normal(bands, &self.weights(bands, beta))))
     }
 
     /// Fits a part from `beta` under weights that stay: the noise spectrum is known from all. A part alone
     /// may give up what is slow for a spectrum of its own, and foretell nothing.
     pub(super) fn fit_under(&self, bands: &[BandGram], beta: &[f64], weights: &[Spread]) -> Vec<f64> {
-        let (a, b) = self.normal(bands, weights);
-        let (mut beta, mut nats) = (beta.to_vec(), f64::INFINITY);
+        self.iterated(bands, beta.to_vec(), weights, |_| None).beta
+    }
+
+    /// Newton steps until L stands; `reweighted`: the normal equations under other weights, beside new
+    /// coefficients.
+    fn iterated(
+        &self,
+        bands: &[BandGram],
+        mut beta: Vec<f64>,
+        weights: &[Spread],
+        reweighted: impl Fn(&[f64]) -> Option<(DMatrix<f64>, DVector<f64>)>,
+    ) -> Fit {
+        let mut nats = f64::INFINITY;
+        let mut held = vec![false; beta.len()];
+        // Where not even the first step is finite nothing is known: no information about any number.
+        let mut information = DMatrix::zeros(beta.len(), beta.len());
+        let mut normal = self.normal(bands, weights);
         for _ in 0..ITERATIONS {
-            let next = self.step(bands, (&a, &b), &beta).0;
+            let (next, bound, curved) = self.step(bands, (&normal.0, &normal.1), &beta);
             let now = self.nats(bands, &next);
             if !now.is_finite() {
                 break;
             }
-            let gained = std::mem::replace(&mut nats, now) - now;
-            beta = next;
+            let gained = nats - now;
+            (beta, held, information, nats) = (next, bound, curved, now);
             if gained.abs() < Criteria::STANDARD.converged_nats {
                 break;
             }
+            normal = reweighted(&beta).unwrap_or(normal);
         }
-        beta
+        Fit { beta, nats, held, information }
     }
 
     /// Half the gradient of L on a part of the values, under weights.
@@ -338,17 +335,22 @@ fn determinant(s: Spread) -> f64 {
     (s[0] * s[2] - s[1] * s[1]).max(1e-12 * s[0] * s[2])
 }
 
-/// Solves with columns scaled to one; held coefficients keep their value.
-fn solve(a: &DMatrix<f64>, b: &DVector<f64>, held: &[Option<f64>]) -> Vec<f64> {
-    let free: Vec<usize> = (0..held.len()).filter(|k| held[*k].is_none()).collect();
-    let mut beta: Vec<f64> = held.iter().map(|h| h.unwrap_or(0.0)).collect();
+/// The places that are free, their columns' scales to one, and their part of a matrix so scaled.
+fn scaled(a: &DMatrix<f64>, is_held: impl Fn(usize) -> bool) -> (Vec<usize>, Vec<f64>, DMatrix<f64>) {
+    let free: Vec<usize> = (0..a.nrows()).filter(|k| !is_held(*k)).collect();
     let scale: Vec<f64> = free.iter().map(|k| a[(*k, *k)].max(1e-300).sqrt().recip()).collect();
-    let q = free.len();
-    let m = DMatrix::from_fn(q, q, |i, j| {
+    let m = DMatrix::from_fn(free.len(), free.len(), |i, j| {
         let ridge = if i == j { 1e-13 } else { 0.0 };
         a[(free[i], free[j])] * scale[i] * scale[j] + ridge
     });
-    let v = DVector::from_fn(q, |i, _| {
+    (free, scale, m)
+}
+
+/// Solves with columns scaled to one; held coefficients keep their value.
+fn solve(a: &DMatrix<f64>, b: &DVector<f64>, held: &[Option<f64>]) -> Vec<f64> {
+    let (free, scale, m) = scaled(a, |k| held[k].is_some());
+    let mut beta: Vec<f64> = held.iter().map(|h| h.unwrap_or(0.0)).collect();
+    let v = DVector::from_fn(free.len(), |i, _| {
         let fixed: f64 = held.iter().enumerate().filter_map(|(k, h)| h.map(|h| a[(free[i], k)] * h)).sum();
         (b[free[i]] - fixed) * scale[i]
     });
@@ -385,13 +387,7 @@ impl Fit {
     /// Inverse of the information; zero for what is held.
     pub(super) fn inverse(&self) -> DMatrix<f64> {
         let p = self.beta.len();
-        let free: Vec<usize> = (0..p).filter(|k| !self.held[*k]).collect();
-        let scale: Vec<f64> =
-            free.iter().map(|k| self.information[(*k, *k)].max(1e-300).sqrt().recip()).collect();
-        let m = DMatrix::from_fn(free.len(), free.len(), |i, j| {
-            let ridge = if i == j { 1e-13 } else { 0.0 };
-            self.information[(free[i], free[j])] * scale[i] * scale[j] + ridge
-        });
+        let (free, scale, m) = scaled(&self.information, |k| self.held[k]);
         let inverse = m.try_inverse().unwrap_or_else(|| DMatrix::identity(free.len(), free.len()) * 1e12);
         let mut out = DMatrix::zeros(p, p);
         for (i, k) in free.iter().enumerate() {

@@ -34,8 +34,9 @@ mod words;
 
 pub(in crate::diagnosis) use signals::Mask;
 
+use super::cuts::spindle_hz;
 use super::selection::{Reach, Work, select};
-use super::{DiagnoseError, Diagnosis, Progress};
+use super::{DiagnoseError, DiagnoseOptions, Diagnosis, Progress};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 
@@ -45,39 +46,22 @@ const PASSES: usize = 2;
 /// machine, which makes 1e7 of them: the rest is for the answer.
 const SAMPLES_PER_S: f64 = 6.0e6;
 
-/// What is known beside model and recordings.
-#[derive(Debug, Clone, Default)]
-pub(in crate::diagnosis) struct Beside<'a> {
-    /// Rows of each recording that were not measured.
-    pub(in crate::diagnosis) masks: &'a [Mask],
-    /// Rows of each in which the axis rests, those of `masks` among them.
-    pub(in crate::diagnosis) resting: &'a [Mask],
-    /// A spindle turns in every recording, and nothing says when tools cut.
-    pub(in crate::diagnosis) spindle_turns: bool,
-    /// Seconds that an answer may take on a slow machine; work is counted, not time.
-    pub(in crate::diagnosis) budget_s: f64,
-    /// A column was moved in time: no delay can be told.
-    pub(in crate::diagnosis) clock_moved: bool,
-    /// Rows that force and positions were averaged over.
-    pub(in crate::diagnosis) averaged: [usize; 2],
-}
-
-impl Beside<'_> {
-    /// Evaluations that screening and fits may take.
-    fn work(&self, recordings: &[Recording]) -> Work {
-        let samples: usize = recordings.iter().map(Recording::len).sum();
-        Work::new((self.budget_s * SAMPLES_PER_S / samples.max(1) as f64) as u64)
-    }
+/// Evaluations that screening and fits may take.
+fn work_of(options: &DiagnoseOptions, recordings: &[Recording]) -> Work {
+    let samples: usize = recordings.iter().map(Recording::len).sum();
+    Work::new((options.budget_s * SAMPLES_PER_S / samples.max(1) as f64) as u64)
 }
 
 /// The balance of an axis. Errors: as [`signals::Signals::new`]; too little was measured.
 fn balance_of(
     axis: &AxisModel,
     recordings: &[Recording],
-    beside: &Beside<'_>,
+    options: &DiagnoseOptions,
 ) -> Result<state::Balance, DiagnoseError> {
-    let signals = signals::Signals::new(axis, recordings, beside.masks, beside.averaged)?;
-    let balance = state::Balance::new(axis.drive.clone(), signals, beside.clock_moved);
+    let signals = signals::Signals::new(axis, recordings, &options.masked, options.averaged)?;
+    // When a mean over rows acts nobody says.
+    let clock_moved = options.clock_moved || options.averaged != [1; 2];
+    let balance = state::Balance::new(axis.drive.clone(), signals, clock_moved);
     if let Some(first) = recordings.first().filter(|_| !balance.plan.is_enough()) {
         let recording = first.experiment.clone();
         let samples = balance.plan.measured() as usize * balance.signals.step;
@@ -129,21 +113,21 @@ fn beside_cut(
     machine: &Machine,
     stated: &AxisModel,
     recordings: &[Recording],
-    beside: &Beside<'_>,
+    options: &DiagnoseOptions,
     progress: Progress<'_>,
 ) -> Option<Diagnosis> {
-    if !beside.spindle_turns {
+    if recordings.iter().any(|r| spindle_hz(r).is_none()) {
         return None;
     }
     let axis = given::folded(stated);
-    let measured = entry::without(beside.masks, beside.resting);
-    let whole = Beside { masks: &measured, ..beside.clone() };
+    let masked = entry::without(&options.masked, &options.resting);
+    let whole = DiagnoseOptions { masked, ..options.clone() };
     let balance = balance_of(&axis, recordings, &whole).ok()?;
     let (start, _) = start_of(&axis, &balance);
-    let cut = entry::entered(&balance, &start, &mut beside.work(recordings))?;
+    let cut = entry::entered(&balance, &start, &mut work_of(options, recordings))?;
     let rows = cut.rows(&balance);
-    let (masks, resting) = (entry::with(beside.masks, &rows), entry::without(beside.resting, &rows));
-    let rest = Beside { masks: &masks, resting: &resting, ..beside.clone() };
+    let (masked, resting) = (entry::with(&options.masked, &rows), entry::without(&options.resting, &rows));
+    let rest = DiagnoseOptions { masked, resting, ..options.clone() };
     let round = cut.round();
     let case = answer::Case {
         rounds: std::slice::from_ref(&round),
@@ -152,24 +136,24 @@ fn beside_cut(
         ],
         ..case_of(machine, [stated, &axis], recordings, &balance, &start)
     };
-    let in_air = || diagnose(machine, stated, recordings, (rest, progress)).ok();
+    let in_air = || diagnose((machine, stated), recordings, &rest, progress).ok();
     case.beside_cut(cut.fitted.model, in_air)
 }
 
 /// Diagnoses one axis.
 pub(in crate::diagnosis) fn diagnose(
-    machine: &Machine,
-    stated: &AxisModel,
+    (machine, stated): (&Machine, &AxisModel),
     recordings: &[Recording],
-    (beside, progress): (Beside<'_>, Progress<'_>),
+    options: &DiagnoseOptions,
+    progress: Progress<'_>,
 ) -> Result<Diagnosis, DiagnoseError> {
     progress(0.0, "aligning signals");
-    if let Some(answer) = beside_cut(machine, stated, recordings, &beside, progress) {
+    if let Some(answer) = beside_cut(machine, stated, recordings, options, progress) {
         return Ok(answer);
     }
     let axis = given::folded(stated);
-    let mut work = beside.work(recordings);
-    let balance = balance_of(&axis, recordings, &beside)?;
+    let mut work = work_of(options, recordings);
+    let balance = balance_of(&axis, recordings, options)?;
     let (start, notes) = start_of(&axis, &balance);
     let drive = subject::Drive::new(&balance);
     let clean = drive.without_faults(start.clone(), &mut work);

@@ -57,13 +57,13 @@ impl Case<'_> {
         }
         let mut raw = axis.drive.raw().clone();
         for f in findings {
-            let key = Effect::of_kind(f.effect).is_some_and(|e| (e.key)(&f.term, state.path, &mut raw));
+            let key = Effect::of_kind(f.effect).is_some_and(|e| (e.key)(&f.term, state.now.path, &mut raw));
             if !key {
                 axis.physics.push(f.term.clone());
             }
         }
-        if state.found_smoothing {
-            raw.friction_smoothing_m_s = Some(state.smoothing_m_s);
+        if state.now.found_smoothing {
+            raw.friction_smoothing_m_s = Some(state.now.smoothing_m_s);
         }
         axis.drive = DriveParams::new(raw).unwrap_or(axis.drive);
         if is_left {

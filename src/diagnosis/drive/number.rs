@@ -1,5 +1,8 @@
 //! Which numbers a balance has beside its laws.
 
+use super::criteria::Criteria;
+use crate::plant::effects::EffectKind;
+
 /// Forms in which parts of dry friction may turn beside tanh(v / v_s), u = v / v_s: the algebraic step
 /// u / (1 + u^2)^(1/2), the other smooth one in use, and one that turns later, tanh(u / 3).
 ///
@@ -47,6 +50,46 @@ impl Number {
         matches!(self, Self::MotorMass | Self::MotorDamping | Self::Stiffness | Self::StructuralDamping)
     }
 
+    /// True for what is of the stage's side.
+    pub(super) fn is_of_stage(self) -> bool {
+        matches!(self, Self::StageMass | Self::StageDamping | Self::StageCoulomb | Self::StageTurning(_))
+    }
+
+    /// The effect that a model leaves out which leaves out this number.
+    pub(super) fn effect(self) -> Option<EffectKind> {
+        match self {
+            Self::MotorCoulomb | Self::StageCoulomb => Some(EffectKind::CoulombFriction),
+            Self::MotorDamping | Self::StageDamping => Some(EffectKind::ViscousFriction),
+            _ => None,
+        }
+    }
+
+    /// The key of a drive that states it, and what such a statement is good to, as a share.
+    pub(super) fn key(self) -> Option<(&'static str, f64)> {
+        let c = &Criteria::STANDARD;
+        Some(match self {
+            Self::MotorMass => ("rotary_inertia_kg_m2", c.mass_tolerance),
+            Self::StageMass => ("movable_mass_kg", c.mass_tolerance),
+            Self::Stiffness => ("axial_stiffness_n_m", c.mass_tolerance),
+            Self::StructuralDamping => ("structural_damping_n_s_m", c.damping_tolerance),
+            Self::MotorDamping => ("rotary_damping_nm_s_rad", c.damping_tolerance),
+            Self::StageDamping => ("translational_damping_n_s_m", c.damping_tolerance),
+            Self::MotorCoulomb => ("motor_coulomb_friction_n", c.coulomb_tolerance),
+            Self::StageCoulomb => ("stage_coulomb_friction_n", c.coulomb_tolerance),
+            _ => return None,
+        })
+    }
+
+    /// The same number of the motor's side.
+    pub(super) fn of_motor(self) -> Option<Self> {
+        match self {
+            Self::StageMass => Some(Self::MotorMass),
+            Self::StageDamping => Some(Self::MotorDamping),
+            Self::StageCoulomb => Some(Self::MotorCoulomb),
+            _ => None,
+        }
+    }
+
     /// True for a level of dry friction or a part of it.
     pub(super) fn is_dry_friction(self) -> bool {
         matches!(self, Self::MotorCoulomb | Self::StageCoulomb) || self.part().is_some()
@@ -81,11 +124,7 @@ impl Mechanics {
             Number::StageDamping => &mut self.stage_damping_n_s_m,
             Number::StageCoulomb => &mut self.stage_coulomb_n,
             Number::Zero => &mut self.spring_zero_n,
-            Number::Timing
-            | Number::Lag
-            | Number::Scale
-            | Number::MotorTurning(_)
-            | Number::StageTurning(_) => return None,
+            _ => return None,
         })
     }
 

@@ -2,7 +2,7 @@
 
 use super::columns::TimeColumn;
 use super::criteria::{Criteria, Z95};
-use super::evidence::{held_out_gains, price};
+use super::evidence::{Wider, held_out_gains, price, wider};
 use super::gram::{BandGram, Gram, Part};
 use super::laws::{Deviations, scale_deviation};
 use super::likelihood::{Design, FREE, Spread, values, weights_of};
@@ -13,7 +13,6 @@ use super::spectra::FOLDS;
 use super::state::{Balance, Base, LAG_STEP, Number, State, stated_mechanics};
 use super::subject::slopes;
 use crate::diagnosis::result::Correction;
-use crate::plant::effects::{EffectKind, Port};
 use crate::plant::machine::AxisModel;
 use nalgebra::DVector;
 
@@ -37,13 +36,8 @@ pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
     for a in state.accepted.iter().filter(|a| !a.is_one_column()) {
         columns.extend(slopes(balance, state, &a.hypothesis, &a.amplitudes));
     }
-    let (old, count) = (base.gram.len(), columns.len());
-    let gram = base.gram.with(plan, columns.iter().map(|c| balance.column(c)).collect());
-    let bands = gram.sum(plan, Part::All);
-    let mut design = base.design.clone();
-    design.add(&gram, old..old + count, vec![FREE; count]);
-    let mut start = base.fit.beta.clone();
-    start.extend(vec![0.0; count]);
+    let free = vec![FREE; columns.len()];
+    let Wider { gram, bands, design, start } = wider(balance, base.fitted(), (&columns, free));
     let weights = design.weights(&bands, &start);
     let fit = design.fit(&bands, start, weights);
     let weights = design.weights(&bands, &fit.beta);
@@ -62,7 +56,7 @@ pub(super) fn doubt(balance: &Balance, state: &State, rest: &Rest) -> Doubt {
         } else {
             (place..place + n).map(sd).collect()
         };
-        let constants = if a.is_one_column() { 0 } else { a.hypothesis.constants().len() };
+        let constants = if a.is_one_column() { 0 } else { a.hypothesis.constants() };
         laws.push(Deviations { amplitudes, constants: (slope..slope + constants).map(sd).collect() });
         (place, slope) = (place + n, slope + constants);
     }
@@ -100,29 +94,16 @@ fn scores(
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Absent {
     pub(super) number: Number,
-    pub(super) effect: EffectKind,
-    pub(super) port: Port,
     pub(super) value: f64,
     pub(super) deviation: f64,
     /// T of its column, nats.
     pub(super) evidence_nats: f64,
 }
 
-/// Numbers that a model may leave out and that are effects of the vocabulary.
-fn may_be_absent(balance: &Balance) -> Vec<(Number, EffectKind, Port, f64)> {
-    use EffectKind::{CoulombFriction as C, ViscousFriction as V};
-    let d = &balance.drive;
-    if balance.signals.layout == Layout::TwoPositions {
-        return vec![
-            (Number::MotorCoulomb, C, Port::Motor, d.motor_coulomb_friction_n()),
-            (Number::MotorDamping, V, Port::Motor, d.rotary_damping_nm_s_rad()),
-            (Number::StageCoulomb, C, Port::Stage, d.stage_coulomb_friction_n()),
-            (Number::StageDamping, V, Port::Stage, d.translational_damping_n_s_m()),
-        ];
-    }
-    let dry = d.motor_coulomb_friction_n() + d.stage_coulomb_friction_n();
-    let wet = d.rotary_damping_nm_s_rad() + d.translational_damping_n_s_m();
-    vec![(Number::StageCoulomb, C, Port::Stage, dry), (Number::StageDamping, V, Port::Stage, wet)]
+/// Numbers that are effects of the vocabulary and that the model leaves out, of both sides.
+fn left_out(balance: &Balance) -> impl Iterator<Item = Number> {
+    let stated = stated_mechanics(balance);
+    balance.numbers().into_iter().filter(move |n| n.effect().is_some() && stated.of(*n) == 0.0)
 }
 
 /// The design without some numbers' columns.
@@ -157,10 +138,8 @@ pub(super) fn fit_without(state: &State, numbers: &[Number]) -> (Design, Vec<f64
 pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64) -> Vec<Absent> {
     let base = &state.base;
     let mut list = Vec::new();
-    for (number, effect, port, stated) in may_be_absent(balance) {
-        let Some(k) = base.numbers.iter().position(|n| *n == number).filter(|_| stated == 0.0) else {
-            continue;
-        };
+    for number in left_out(balance) {
+        let Some(k) = base.numbers.iter().position(|n| *n == number) else { continue };
         let (design, start) = without(state, &[number]);
         let fit = design.fit(&base.all, start.clone(), design.weights(&base.all, &start));
         let score = fit.nats - base.fit.nats - price(1, values(&base.all));
@@ -169,7 +148,7 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
         let value = if number == Number::StageCoulomb { state.coulomb_n() } else { base.fit.beta[k] };
         let deviation = doubt.numbers[k].hypot(of_delays(balance, state, number));
         if value > Z95 * deviation && evidence_nats > level {
-            list.push(Absent { number, effect, port, value, deviation, evidence_nats });
+            list.push(Absent { number, value, deviation, evidence_nats });
         }
     }
     list.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
@@ -178,8 +157,7 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
 
 /// Numbers that the model leaves out and nothing says: the model that is written has none of them.
 pub(super) fn unsaid(balance: &Balance, said: &[Absent]) -> Vec<Number> {
-    let left_out = may_be_absent(balance).into_iter().filter(|(_, _, _, stated)| *stated == 0.0);
-    left_out.map(|l| l.0).filter(|number| said.iter().all(|a| a.number != *number)).collect()
+    left_out(balance).filter(|number| said.iter().all(|a| a.number != *number)).collect()
 }
 
 /// Deviation of a damping where nobody states when the encoders are read, N s/m: one that is later than the
@@ -192,7 +170,7 @@ fn of_delays(balance: &Balance, state: &State, number: Number) -> f64 {
     if stated || !between {
         return 0.0;
     }
-    state.mechanics.stiffness_n_m * Criteria::STANDARD.timing_deviation / balance.signals.rate_hz
+    state.now.mechanics.stiffness_n_m * Criteria::STANDARD.timing_deviation / balance.signals.rate_hz
 }
 
 /// The stated numbers in the order of the balance, and its laws as they are stated.
@@ -221,57 +199,24 @@ pub(super) struct Beside {
 
 /// Every number of the drive that the balance has, in the key's unit.
 pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Beside> {
-    let d = &balance.drive;
-    let c = &Criteria::STANDARD;
-    let r2 = d.travel_m_rad().powi(2);
+    let r2 = balance.drive.travel_m_rad().powi(2);
     let two = balance.signals.layout == Layout::TwoPositions;
-    let rest = |of_motor: f64| if two { 0.0 } else { of_motor };
-    let of = |number: Number| -> Option<Beside> {
-        let k = state.base.numbers.iter().position(|n| *n == number)?;
-        if number == Number::StageMass && !state.inertial {
+    let stated = stated_mechanics(balance);
+    let of = |(k, number): (usize, &Number)| -> Option<Beside> {
+        let (key, tolerance) = number.key()?;
+        if *number == Number::StageMass && !state.now.inertial {
             return None; // what does not accelerate tells no mass
         }
         let estimate =
-            if number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[k] };
-        let (key, unit, nominal, other, tolerance) = match number {
-            Number::MotorMass => {
-                ("rotary_inertia_kg_m2", r2, d.rotary_inertia_kg_m2(), 0.0, c.mass_tolerance)
-            }
-            Number::StageMass => {
-                ("movable_mass_kg", 1.0, d.movable_mass_kg(), rest(d.reflected_mass_kg()), c.mass_tolerance)
-            }
-            Number::Stiffness => ("axial_stiffness_n_m", 1.0, d.axial_stiffness_n_m(), 0.0, c.mass_tolerance),
-            Number::StructuralDamping => {
-                ("structural_damping_n_s_m", 1.0, d.structural_damping_n_s_m(), 0.0, c.damping_tolerance)
-            }
-            Number::MotorDamping => {
-                ("rotary_damping_nm_s_rad", r2, d.rotary_damping_nm_s_rad(), 0.0, c.damping_tolerance)
-            }
-            Number::StageDamping => {
-                let other = rest(d.reflected_damping_n_s_m());
-                let key = "translational_damping_n_s_m";
-                (key, 1.0, d.translational_damping_n_s_m(), other, c.damping_tolerance)
-            }
-            Number::MotorCoulomb => {
-                let key = "motor_coulomb_friction_n";
-                (key, 1.0, d.motor_coulomb_friction_n(), 0.0, c.coulomb_tolerance)
-            }
-            Number::StageCoulomb => {
-                let other = rest(d.motor_coulomb_friction_n());
-                ("stage_coulomb_friction_n", 1.0, d.stage_coulomb_friction_n(), other, c.coulomb_tolerance)
-            }
-            Number::MotorTurning(_)
-            | Number::StageTurning(_)
-            | Number::Timing
-            | Number::Lag
-            | Number::Zero
-            | Number::Scale => return None,
-        };
-        let (value, deviation) =
-            (unit * estimate - other, unit * doubt.numbers[k].hypot(of_delays(balance, state, number)));
+            if *number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[k] };
+        let unit = if matches!(number, Number::MotorMass | Number::MotorDamping) { r2 } else { 1.0 };
+        let nominal = balance.drive.number(key).unwrap_or(0.0);
+        let other = number.of_motor().filter(|_| !two).map_or(0.0, |motor| stated.of(motor));
+        let value = unit * estimate - other;
+        let deviation = unit * doubt.numbers[k].hypot(of_delays(balance, state, *number));
         Some(Beside { key, nominal, value, deviation, other, tolerance })
     };
-    state.base.numbers.iter().filter_map(|n| of(*n)).collect()
+    state.base.numbers.iter().enumerate().filter_map(of).collect()
 }
 
 /// The factor by which all forces are off: the weighted median of the logarithms, that of the torque constant
@@ -302,7 +247,7 @@ pub(super) fn is_late(balance: &Balance, state: &State, doubt: &Doubt) -> bool {
     let c = &Criteria::STANDARD;
     let [within_s, earliest_s] =
         [c.timing_deviation, c.timing_samples[0]].map(|s| s / balance.signals.rate_hz);
-    state.found_delay && state.path.delay_s < earliest_s - Z95 * doubt.path[0].hypot(within_s)
+    state.now.found_delay && state.now.path.delay_s < earliest_s - Z95 * doubt.path[0].hypot(within_s)
 }
 
 /// Numbers that the recordings contradict.
@@ -322,33 +267,28 @@ pub(super) fn corrections(
     for n in all.iter().filter(|n| n.nominal > 0.0 && n.value > 0.0) {
         let value = n.value * (-off).exp();
         let apart = ((value + n.other) / (n.nominal + n.other)).ln().abs();
-        let sure = n.deviation.hypot(scale * (value + n.other));
         if apart > c.correction_tolerances * n.tolerance
             && apart > c.correction_deviations * n.deviation / (n.value + n.other)
         {
-            let half = Z95 * sure;
-            let ci95 = [value - half, value + half];
-            list.push(Correction { name: n.key.into(), nominal: n.nominal, value, ci95 });
+            let half = Z95 * n.deviation.hypot(scale * (value + n.other));
+            list.push(Correction::within(n.key, n.nominal, value, half));
         }
     }
     if let Some(nominal) = balance.drive.torque_constant_nm_a().filter(|_| of_constant) {
         let value = nominal * (-off).exp();
         let half = Z95 * c.torque_constant_tolerance * value;
-        let ci95 = [value - half, value + half];
-        list.push(Correction { name: "torque_constant_nm_a".into(), nominal, value, ci95 });
+        list.push(Correction::within("torque_constant_nm_a", nominal, value, half));
     }
     let stated_s = balance.drive.amplifier_dead_time_s();
-    if state.found_delay && state.path.delay_s.max(0.0) < stated_s && !is_late(balance, state, doubt) {
+    let found_s = state.now.path.delay_s.max(0.0);
+    if state.now.found_delay && found_s < stated_s && !is_late(balance, state, doubt) {
         let half = Z95 * doubt.path[0].hypot(c.timing_deviation / balance.signals.rate_hz);
-        let value = state.path.delay_s.max(0.0);
-        let ci95 = [value - half, value + half];
-        list.push(Correction { name: "amplifier_dead_time_s".into(), nominal: stated_s, value, ci95 });
+        list.push(Correction::within("amplifier_dead_time_s", stated_s, found_s, half));
     }
-    if state.found_smoothing && axis.drive.raw().friction_smoothing_m_s.is_some() {
-        let value = state.smoothing_m_s;
-        let nominal = balance.signals.smoothing_m_s;
-        let ci95 = [0.9 * value, 1.1 * value];
-        list.push(Correction { name: "friction_smoothing_m_s".into(), nominal, value, ci95 });
+    if state.now.found_smoothing && axis.drive.raw().friction_smoothing_m_s.is_some() {
+        let (nominal, value) = (balance.signals.smoothing_m_s, state.now.smoothing_m_s);
+        let told = Correction::within("friction_smoothing_m_s", nominal, value, 0.0);
+        list.push(Correction { ci95: [0.9 * value, 1.1 * value], ..told });
     }
     list
 }

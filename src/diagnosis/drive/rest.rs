@@ -5,7 +5,7 @@ use super::evidence::level;
 use super::gram::BandGram;
 use super::likelihood::{Design, ITERATIONS, Spread};
 use super::signals::Layout;
-use super::state::{Balance, State};
+use super::state::{Balance, State, residual};
 use crate::plant::effects::Port;
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
@@ -57,7 +57,7 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     // Noise of a position through the mass, before the low-pass: white position, squared by frequency.
     let of_position = |recording: usize, hz: f64| {
         let s = &balance.signals;
-        let per_m = state.mechanics.stage_mass_kg * (std::f64::consts::TAU * hz).powi(2);
+        let per_m = state.now.mechanics.stage_mass_kg * (std::f64::consts::TAU * hz).powi(2);
         2.0 / s.step as f64 * s.noise_m2[recording] * per_m * per_m
     };
     let floor_of = |recording: usize| -> Spread {
@@ -133,8 +133,7 @@ fn port_of(balance: &Balance, state: &State, (design, beta): (&Design, &[f64]), 
     if balance.signals.layout != Layout::TwoPositions {
         return Port::Stage;
     }
-    let base = &state.base;
-    let left = super::state::residual(balance, &base.gram, design, beta);
+    let left = residual(balance, (&state.base.gram, design, beta));
     let [Some(motor), Some(stage)] = &left.sides else { return Port::Stage };
     let plan = &balance.plan;
     let low_hz = Criteria::STANDARD.floor_band[0] * balance.signals.top_hz();
@@ -169,7 +168,7 @@ fn port_of(balance: &Balance, state: &State, (design, beta): (&Design, &[f64]), 
 
 /// Force at motor and stage of a unit at a port, at w rad/s; an error of an encoder in units of 1 / K.
 fn direction(port: Port, state: &State, w: f64) -> [Complex<f64>; 2] {
-    let m = &state.mechanics;
+    let m = &state.now.mechanics;
     let k = m.stiffness_n_m.max(f64::MIN_POSITIVE);
     let spring = Complex::new(1.0, w * m.structural_damping_n_s_m / k);
     let own = |mass: f64, damping: f64| Complex::new(-mass * w * w / k, w * damping / k) + spring;
@@ -211,8 +210,7 @@ pub(super) fn spans_s(
 ) -> Vec<[f64; 2]> {
     /// Over the median of the blocks.
     const LOUD: f64 = 3.0;
-    let base = &state.base;
-    let left = super::state::residual(balance, &base.gram, &base.design, &base.fit.beta);
+    let left = residual(balance, state.base.fitted());
     let track = &balance.signals.tracks[recording];
     let step = balance.signals.step;
     let whole = [track.start_s, track.start_s + track.samples as f64 / track.rate_hz];

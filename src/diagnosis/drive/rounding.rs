@@ -25,8 +25,7 @@ pub(super) fn rounding(ground: &Ground<'_>) -> Vec<TimeColumn> {
     let step_m = |recording: usize| s.steps_m[0].max((12.0 * s.noise_m2[recording]).sqrt());
     let of = |shift: f64| {
         let of = |(r, track)| left(ground, track, (step_m(r), shift * step_m(r)));
-        let series = s.tracks.iter().enumerate().map(of).collect();
-        TimeColumn { sides: [Some(series), None], operator: None }
+        TimeColumn::at(0, s.tracks.iter().enumerate().map(of).collect())
     };
     QUARTERS.map(of).to_vec()
 }

@@ -20,12 +20,8 @@ pub(super) struct Residuals {
 
 /// The residuals of the stated numbers, of the first state and of the last.
 pub(super) fn residuals(balance: &Balance, start: &State, end: &State, stated: &[f64]) -> Residuals {
-    let path = Path {
-        delay_s: balance.drive.amplifier_dead_time_s(),
-        loop_rad_s: balance.drive.current_loop_bandwidth_rad_s(),
-    };
     Residuals {
-        nominal: of(balance, start, stated, path),
+        nominal: of(balance, start, stated, Path::stated(&balance.drive)),
         before: of(balance, start, &start.base.fit.beta, start.ground(balance).path),
         after: of(balance, end, &end.base.fit.beta, end.ground(balance).path),
     }
@@ -84,7 +80,7 @@ pub(super) fn contribution(
         .iter()
         .enumerate()
         .map(|(r, track)| {
-            let unit = if h.facts().is_in_current { -1.0 / track.reference.per_unit } else { 1.0 };
+            let unit = if h.port == Port::Current { -1.0 / track.reference.per_unit } else { 1.0 };
             let columns = h.full(&ground, track);
             let value = if let Some(first) = columns.first() {
                 let mut full = vec![0.0; first.len()];
@@ -110,10 +106,9 @@ pub(super) fn contribution_of_number(
     recordings: &[Recording],
 ) -> Vec<Contribution> {
     let s: &Signals = &balance.signals;
-    let at_stage = matches!(number, Number::StageCoulomb | Number::StageDamping);
-    let side = usize::from(at_stage && s.layout == Layout::TwoPositions);
-    let dry = matches!(number, Number::StageCoulomb | Number::MotorCoulomb);
-    let of = |v: &f64| value * if dry { (v / state.smoothing_m_s).tanh() } else { *v };
+    let side = usize::from(number.is_of_stage() && s.sides() == 2);
+    let of =
+        |v: &f64| value * if number.is_dry_friction() { (v / state.now.smoothing_m_s).tanh() } else { *v };
     s.tracks
         .iter()
         .enumerate()

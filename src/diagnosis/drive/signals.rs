@@ -10,7 +10,7 @@ use crate::diagnosis::cuts::spindle_hz;
 use crate::diagnosis::encoder_noise::{SpeedOfStep, rounding_m, variance_m2};
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::diagnosis::steps::coarser_step;
-use crate::plant::drive::Structure;
+use crate::plant::drive::{DriveParams, Structure};
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use crate::signal::inner_products::{dot, rms};
@@ -466,6 +466,11 @@ pub(super) struct Path {
 }
 
 impl Path {
+    /// As a model states it.
+    pub(super) fn stated(drive: &DriveParams) -> Self {
+        Self { delay_s: drive.amplifier_dead_time_s(), loop_rad_s: drive.current_loop_bandwidth_rad_s() }
+    }
+
     /// With a loop of that bandwidth, in place of a part of the delay or beside it.
     pub(super) fn with_loop(self, rad_s: f64, in_place: bool) -> Self {
         let lag_s = if in_place { self.delay_s.min(rad_s.recip()) } else { 0.0 };

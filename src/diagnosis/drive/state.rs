@@ -1,14 +1,14 @@
 //! Numbers and laws of one axis as they have been taken up so far, and the fit of all of them.
 
 pub(super) use super::accepted::Accepted;
-pub(super) use super::balance::{Balance, LAG_STEP, stated_mechanics};
+pub(super) use super::balance::{Balance, LAG_STEP, Standing, stated_mechanics};
+use super::base::base;
 pub(super) use super::base::{Base, amplitude_bounds, knockoff_design, residual};
-use super::base::{Laws, base};
 use super::columns::Ground;
-use super::laws::{Deviations, Standing, Told};
-use super::number::Mechanics;
+use super::dynamics::Idle;
+use super::laws::{Deviations, Told};
 pub(super) use super::number::Number;
-use super::signals::{Layout, Path};
+use super::signals::Layout;
 use std::sync::Arc;
 
 use Number as N;
@@ -16,18 +16,8 @@ use Number as N;
 /// Numbers and laws, and the fit of all of them.
 #[derive(Clone)]
 pub(super) struct State {
-    pub(super) path: Path,
-    pub(super) timing_s: f64,
-    pub(super) smoothing_m_s: f64,
-    pub(super) mechanics: Mechanics,
+    pub(super) now: Standing,
     pub(super) accepted: Vec<Accepted>,
-    /// The recordings tell the inertia: thrust is what accelerates. Else it is a force beside a motion, and
-    /// nothing says when it came.
-    pub(super) inertial: bool,
-    /// A dead time, a current loop, a smoothing speed other than stated were found.
-    pub(super) found_delay: bool,
-    pub(super) found_loop: bool,
-    pub(super) found_smoothing: bool,
     pub(super) base: Arc<Base>,
 }
 
@@ -53,36 +43,15 @@ impl State {
     }
 
     fn of(balance: &Balance, given: Vec<Accepted>, inertial: bool) -> Self {
-        let d = &balance.drive;
-        let mechanics = stated_mechanics(balance);
-        let path = Path { delay_s: d.amplifier_dead_time_s(), loop_rad_s: d.current_loop_bandwidth_rad_s() };
-        let smoothing_m_s = balance.signals.smoothing_m_s;
-        let laws =
-            Laws { path, timing_s: 0.0, smoothing_m_s, mechanics, found: [false; 2], inertial, idle: None };
-        let mut state = Self {
-            path,
-            timing_s: 0.0,
-            smoothing_m_s,
-            mechanics,
-            inertial,
-            found_delay: false,
-            found_loop: false,
-            found_smoothing: false,
-            base: Arc::new(base(balance, laws, &given)),
-            accepted: given,
-        };
+        let now = Standing::stated(balance, inertial);
+        let mut state = Self { now, base: Arc::new(base(balance, (&now, None), &given)), accepted: given };
         state.take_over();
         state
     }
 
     /// What laws are evaluated on.
     pub(super) fn ground<'a>(&self, balance: &'a Balance) -> Ground<'a> {
-        Ground {
-            signals: &balance.signals,
-            mechanics: self.mechanics,
-            smoothing_m_s: self.smoothing_m_s,
-            path: Path { delay_s: self.path.delay_s + self.timing_s, ..self.path },
-        }
+        self.now.ground(balance)
     }
 
     /// The balance built again from the numbers and laws as they are.
@@ -96,17 +65,8 @@ impl State {
         self.built(balance, None)
     }
 
-    fn built(mut self, balance: &Balance, idle: Option<Arc<Vec<(usize, usize)>>>) -> Self {
-        let laws = Laws {
-            path: self.path,
-            timing_s: self.timing_s,
-            smoothing_m_s: self.smoothing_m_s,
-            mechanics: self.mechanics,
-            found: [self.found_delay, self.found_loop],
-            inertial: self.inertial,
-            idle,
-        };
-        self.base = Arc::new(base(balance, laws, &self.accepted));
+    fn built(mut self, balance: &Balance, idle: Option<Idle>) -> Self {
+        self.base = Arc::new(base(balance, (&self.now, idle), &self.accepted));
         self.take_over();
         self
     }
@@ -115,21 +75,21 @@ impl State {
     pub(super) fn with_numbers(&self, beta: &[f64]) -> Self {
         let mut out = self.clone();
         out.take_numbers(beta);
-        (out.timing_s, out.path) = (self.timing_s, self.path);
+        (out.now.timing_s, out.now.path) = (self.now.timing_s, self.now.path);
         out
     }
 
     fn take_numbers(&mut self, beta: &[f64]) {
-        let base = self.base.clone();
-        for (number, value) in base.numbers.iter().zip(beta) {
+        let now = &mut self.now;
+        for (number, value) in self.base.numbers.iter().zip(beta) {
             match number {
                 // A dead time that was found and when a reference acts are one number.
-                N::Timing if self.found_delay => self.path.delay_s += value,
-                N::Timing => self.timing_s += value,
-                N::Lag => self.path.loop_rad_s = self.path.loop_rad_s.map(|w| w * LAG_STEP.powf(*value)),
+                N::Timing if now.found_delay => now.path.delay_s += value,
+                N::Timing => now.timing_s += value,
+                N::Lag => now.path.loop_rad_s = now.path.loop_rad_s.map(|w| w * LAG_STEP.powf(*value)),
                 number => {
                     let kept = if *number == N::Zero { *value } else { value.max(0.0) };
-                    self.mechanics.of_mut(*number).into_iter().for_each(|x| *x = kept);
+                    now.mechanics.of_mut(*number).into_iter().for_each(|x| *x = kept);
                 }
             }
         }
@@ -163,31 +123,12 @@ impl State {
     /// Dry friction of the stage (of the axis, with one position), its bristle included, N.
     pub(super) fn coulomb_n(&self) -> f64 {
         let bristles = self.accepted.iter().filter(|a| a.hypothesis.facts().is_dry_friction);
-        self.mechanics.stage_coulomb_n + bristles.map(|a| a.scale * a.amplitudes[0]).sum::<f64>()
+        self.now.mechanics.stage_coulomb_n + bristles.map(|a| a.scale * a.amplitudes[0]).sum::<f64>()
     }
 
-    /// What laws are asked beside.
-    pub(super) fn standing(&self) -> Standing {
-        let coulomb_n = self.coulomb_n();
-        Standing {
-            path: self.path,
-            timing_s: self.timing_s,
-            smoothing_m_s: self.smoothing_m_s,
-            found_delay: self.found_delay,
-            found_loop: self.found_loop,
-            found_smoothing: self.found_smoothing,
-            stiffness_n_m: self.mechanics.stiffness_n_m,
-            coulomb_n,
-            dry_n: coulomb_n + self.mechanics.motor_coulomb_n,
-        }
-    }
-
-    /// The numbers that a law has moved.
-    pub(super) fn stand(&mut self, now: Standing) {
-        (self.path, self.timing_s, self.smoothing_m_s) = (now.path, now.timing_s, now.smoothing_m_s);
-        self.found_delay = now.found_delay;
-        self.found_loop = now.found_loop;
-        self.found_smoothing = now.found_smoothing;
+    /// The same of both sides.
+    pub(super) fn dry_n(&self) -> f64 {
+        self.coulomb_n() + self.now.mechanics.motor_coulomb_n
     }
 
     /// A law of this state for people.

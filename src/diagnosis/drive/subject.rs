@@ -3,10 +3,10 @@
 use super::bank::candidates;
 use super::columns::{DIFFERENCE, TimeColumn};
 use super::criteria::Criteria;
-use super::evidence::{Asked, ask, level, price, statistic};
+use super::evidence::{Asked, Wider, ask, level, price, statistic, wider};
 use super::gram::{Gram, Part};
 use super::laws::position_dependent_force::{Map, Over};
-use super::laws::{Constant, Hypothesis, Shape};
+use super::laws::{Hypothesis, Shape};
 use super::likelihood::{Design, FREE, values};
 use super::state::{Accepted, Balance, State};
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
@@ -46,193 +46,35 @@ impl<'a> Drive<'a> {
 
     /// Refines the constants of a hypothesis beside a state.
     fn refined(&self, state: &State, start: &Hypothesis, work: &mut Work) -> Option<(Hypothesis, Asked)> {
-        let mut h = *start;
-        let mut asked = work.take(1).then(|| ask(self.balance, state, &h, false))?;
+        let asked = work.take(1).then(|| ask(self.balance, state, start, false))?;
+        let mut best = Best { balance: self.balance, state: state.clone(), h: *start, asked };
         // On the grid the amplitude made up for a shape of another size.
-        if asked.score < 0.0 && !h.has_dose() {
-            return Some((h, asked));
+        if best.asked.score < 0.0 && !start.has_dose() {
+            return Some((best.h, best.asked));
         }
-        if let Shape::Map(map) = h.shape {
-            return Some(self.finest(state, (h, map), asked, work));
+        if let Shape::Map(map) = start.shape {
+            best.finest(map, work);
+            return Some((best.h, best.asked));
         }
-        (h, asked) = self.best_start(state, h, asked, work);
-        (h, asked) = self.shortest_period(state, h, asked, work);
-        if h.window_s().is_some() {
-            (h, asked) = self.edges(state, h, asked, work);
-        }
+        best.start(work);
+        best.shortest_period(work);
+        best.edges(work);
         // Laws that are made of the numbers follow them as they move beside the law.
-        let mut state = state.clone();
         for _ in 0..STEPS {
-            let count = h.constants().len();
+            let count = best.h.constants();
             if count == 0 || !work.take(2 + count as u64) {
                 break;
             }
-            state = state.with_numbers(&asked.fit.beta);
-            let again = ask(self.balance, &state, &h, false);
-            if again.score > asked.score {
-                asked = again;
-            }
-            let Some(mut step) = self.shape_step(&state, &h, &asked) else { break };
-            let before = asked.score;
-            let mut moved = false;
-            for _ in 0..HALVINGS {
-                let values: Vec<f64> = h
-                    .constants()
-                    .iter()
-                    .zip(&step)
-                    .map(|(c, s)| (c.value * s.exp()).clamp(c.bounds[0], c.bounds[1]))
-                    .collect();
-                let next = h.with(&values);
-                if !work.take(1) {
-                    break;
-                }
-                let other = ask(self.balance, &state, &next, false);
-                if other.score > asked.score {
-                    (h, asked, moved) = (next, other, true);
-                    break;
-                }
-                step.iter_mut().for_each(|s| *s *= 0.4);
-            }
-            if !moved || asked.score - before < Criteria::STANDARD.converged_nats {
+            best.state = best.state.with_numbers(&best.asked.fit.beta);
+            best.take(best.h, 0.0);
+            let before = best.asked.score;
+            let moved = self.shape_step(&best).is_some_and(|step| best.step(step, work));
+            if !moved || best.asked.score - before < Criteria::STANDARD.converged_nats {
                 break;
             }
         }
-        Some(self.better_form(&state, h, asked, work))
-    }
-
-    /// A map of as many pieces as score best.
-    fn finest(
-        &self,
-        state: &State,
-        (mut h, map): (Hypothesis, Map),
-        mut asked: Asked,
-        work: &mut Work,
-    ) -> (Hypothesis, Asked) {
-        for finer in map.finer() {
-            if !work.take(u64::try_from(finer.pieces).unwrap_or(1) / 8) {
-                break;
-            }
-            let other = h.by(finer.into());
-            let of_other = ask(self.balance, state, &other, false);
-            if of_other.score > asked.score {
-                (h, asked) = (other, of_other);
-            }
-        }
-        (h, asked)
-    }
-
-    /// Of two forms with the same constants the better one.
-    fn better_form(
-        &self,
-        state: &State,
-        h: Hypothesis,
-        asked: Asked,
-        work: &mut Work,
-    ) -> (Hypothesis, Asked) {
-        if let Some(twin) = h.law().twin().filter(|_| self.balance.signals.sides() == 2)
-            && work.take(1)
-        {
-            let other = h.by(twin);
-            let of_other = ask(self.balance, state, &other, false);
-            if of_other.score > asked.score {
-                return (other, of_other);
-            }
-        }
-        (h, asked)
-    }
-
-    /// The best of several starts, the numbers moved beside each before it is judged.
-    fn best_start(
-        &self,
-        state: &State,
-        mut h: Hypothesis,
-        mut asked: Asked,
-        work: &mut Work,
-    ) -> (Hypothesis, Asked) {
-        for shape in h.law().starts(self.balance) {
-            if !work.take(3) {
-                break;
-            }
-            let next = h.by(shape);
-            let mut beside = state.clone();
-            let mut other = ask(self.balance, &beside, &next, false);
-            for _ in 0..2 {
-                beside = beside.with_numbers(&other.fit.beta);
-                other = ask(self.balance, &beside, &next, false);
-            }
-            if other.score > asked.score {
-                (h, asked) = (next, other);
-            }
-        }
-        (h, asked)
-    }
-
-    /// What repeats after a period does so after two of them: the longer one must earn the price of its
-    /// further harmonics.
-    fn shortest_period(
-        &self,
-        state: &State,
-        mut h: Hypothesis,
-        mut asked: Asked,
-        work: &mut Work,
-    ) -> (Hypothesis, Asked) {
-        let harmonic = price(2, values(&asked.gram.sum(&self.balance.plan, Part::All)));
-        for part in [2.0, 2.0, 3.0] {
-            let Some(shape) = h.law().repeated(part) else { return (h, asked) };
-            if !work.take(1) {
-                break;
-            }
-            let next = h.by(shape);
-            let other = ask(self.balance, state, &next, false);
-            if other.score > asked.score - harmonic {
-                (h, asked) = (next, other);
-            }
-        }
-        (h, asked)
-    }
-
-    /// Begin and end of a cut: steps that grow while they gain, then finer ones.
-    fn edges(
-        &self,
-        state: &State,
-        mut h: Hypothesis,
-        mut asked: Asked,
-        work: &mut Work,
-    ) -> (Hypothesis, Asked) {
-        let last_s = self.balance.signals.longest_s();
-        let inside = |s: f64| s > 0.0 && s < last_s;
-        let Some(given) = h.window_s() else { return (h, asked) };
-        let steps = [0.3, 0.1, 0.04, 0.015].into_iter().flat_map(|by| [(by, 0), (by, 1)]);
-        for (by, which) in steps.filter(|(_, which)| inside(given[*which])) {
-            for sign in [-1.0, 1.0] {
-                let mut step = sign * by;
-                while let Some(mut ends) = h.window_s() {
-                    ends[which] += step;
-                    if ends[1] - ends[0] < 0.1 || !inside(ends[which]) || !work.take(1) {
-                        break;
-                    }
-                    let next = h.within(ends);
-                    let other = ask(self.balance, state, &next, false);
-                    if other.score <= asked.score {
-                        break;
-                    }
-                    (h, asked, step) = (next, other, 1.5 * step);
-                }
-            }
-        }
-        // A cut that ends inside of the recording has a number more.
-        let price = price(1, values(&asked.gram.sum(&self.balance.plan, Part::All)));
-        for (which, end_s) in [(0, 0.0), (1, last_s)] {
-            let Some(mut ends) = h.window_s() else { break };
-            if inside(std::mem::replace(&mut ends[which], end_s)) && work.take(1) {
-                let next = h.within(ends);
-                let other = ask(self.balance, state, &next, false);
-                if other.score > asked.score - price {
-                    (h, asked) = (next, other);
-                }
-            }
-        }
-        (h, asked)
+        best.better_form(work);
+        Some((best.h, best.asked))
     }
 
     /// Most that a free function of the motion explains where there is one position, nats: no model states
@@ -271,7 +113,8 @@ impl<'a> Drive<'a> {
     }
 
     /// A Gauss-Newton step of the logarithms of the constants.
-    fn shape_step(&self, state: &State, h: &Hypothesis, asked: &Asked) -> Option<Vec<f64>> {
+    fn shape_step(&self, best: &Best<'_>) -> Option<Vec<f64>> {
+        let Best { state, h, asked, .. } = best;
         let slopes = slopes(self.balance, state, h, asked.amplitudes());
         let step = self.free_step((&asked.gram, &asked.design, &asked.fit.beta), &slopes)?;
         Some(step.iter().map(|s| s.clamp(-LONGEST_STEP, LONGEST_STEP)).collect())
@@ -310,7 +153,7 @@ impl<'a> Drive<'a> {
                 k += 1;
                 continue;
             }
-            let cost = price(law.coefficients() + law.hypothesis.constants().len(), total);
+            let cost = price(law.coefficients() + law.hypothesis.constants(), total);
             let mut others = state.clone();
             others.accepted.remove(k);
             let others = self.settled(others, PASSES / 2, work);
@@ -329,31 +172,28 @@ impl<'a> Drive<'a> {
             a.hypothesis.law_mut().follow(&a.amplitudes);
         }
         for k in 0..state.accepted.len() {
-            let a = state.accepted[k].clone();
-            if a.hypothesis.constants().is_empty() || a.is_one_column() {
+            let a = &state.accepted[k];
+            if a.hypothesis.constants() == 0 || a.is_one_column() {
                 continue;
             }
-            let count = a.hypothesis.constants().len() as u64;
+            let count = a.hypothesis.constants() as u64;
             if !work.take(1 + count) {
                 return None;
             }
-            let values = self.stepped(&state, k, share);
-            if let Some(values) = values {
-                state.accepted[k].hypothesis = a.hypothesis.with(&values);
+            if let Some(moved) = self.stepped(&state, k, share) {
+                state.accepted[k].hypothesis = moved;
             }
         }
         Some(state)
     }
 
     /// One Gauss-Newton step of an accepted law.
-    fn stepped(&self, state: &State, k: usize, share: f64) -> Option<Vec<f64>> {
+    fn stepped(&self, state: &State, k: usize, share: f64) -> Option<Hypothesis> {
         let (base, a) = (&state.base, &state.accepted[k]);
         let slopes = slopes(self.balance, state, &a.hypothesis, &a.amplitudes);
-        let step = self.free_step((&base.gram, &base.design, &base.fit.beta), &slopes)?;
-        let moved = |(c, s): (&Constant, &f64)| {
-            (c.value * (share * s.clamp(-0.1, 0.1)).exp()).clamp(c.bounds[0], c.bounds[1])
-        };
-        Some(a.hypothesis.constants().iter().zip(&step).map(moved).collect())
+        let step = self.free_step(base.fitted(), &slopes)?;
+        let short: Vec<f64> = step.iter().map(|s| share * s.clamp(-0.1, 0.1)).collect();
+        Some(a.hypothesis.moved(&short))
     }
 
     /// Coefficients of further columns beside a fit.
@@ -362,16 +202,127 @@ impl<'a> Drive<'a> {
         (gram, design, beta): (&Gram, &Design, &[f64]),
         columns: &[TimeColumn],
     ) -> Option<Vec<f64>> {
-        let plan = &self.balance.plan;
-        let (old, count) = (gram.len(), columns.len());
-        let gram = gram.with(plan, columns.iter().map(|c| self.balance.column(c)).collect());
-        let bands = gram.sum(plan, Part::All);
-        let mut design = design.clone();
-        design.add(&gram, old..old + count, vec![FREE; count]);
-        let start: Vec<f64> = beta.iter().copied().chain(vec![0.0; count]).collect();
+        let free = vec![FREE; columns.len()];
+        let Wider { bands, design, start, .. } = wider(self.balance, (gram, design, beta), (columns, free));
         let weights = design.weights(&bands, &start);
         let step = design.fit(&bands, start, weights).beta.split_off(beta.len());
         step.iter().all(|s| s.is_finite()).then_some(step)
+    }
+}
+
+/// What scores best of all that was asked for one hypothesis.
+struct Best<'a> {
+    balance: &'a Balance,
+    /// Beside what it is asked.
+    state: State,
+    h: Hypothesis,
+    asked: Asked,
+}
+
+impl Best<'_> {
+    /// Asks another form, which takes its place where it scores no worse than by `less_nats`.
+    fn take(&mut self, other: Hypothesis, less_nats: f64) -> bool {
+        let asked = ask(self.balance, &self.state, &other, false);
+        let better = asked.score > self.asked.score - less_nats;
+        if better {
+            (self.h, self.asked) = (other, asked);
+        }
+        better
+    }
+
+    /// Price of further constants, nats.
+    fn price(&self, constants: usize) -> f64 {
+        price(constants, values(&self.asked.gram.sum(&self.balance.plan, Part::All)))
+    }
+
+    /// A step of the logarithms of the constants, taken shorter until it gains.
+    fn step(&mut self, mut step: Vec<f64>, work: &mut Work) -> bool {
+        for _ in 0..HALVINGS {
+            let next = self.h.moved(&step);
+            if !work.take(1) {
+                break;
+            }
+            if self.take(next, 0.0) {
+                return true;
+            }
+            step.iter_mut().for_each(|s| *s *= 0.4);
+        }
+        false
+    }
+
+    /// A map of as many pieces as score best.
+    fn finest(&mut self, map: Map, work: &mut Work) {
+        for finer in map.finer() {
+            if !work.take(u64::try_from(finer.pieces).unwrap_or(1) / 8) {
+                break;
+            }
+            self.take(self.h.by(finer.into()), 0.0);
+        }
+    }
+
+    /// Of two forms with the same constants the better one.
+    fn better_form(&mut self, work: &mut Work) {
+        if let Some(twin) = self.h.law().twin().filter(|_| self.balance.signals.sides() == 2)
+            && work.take(1)
+        {
+            self.take(self.h.by(twin), 0.0);
+        }
+    }
+
+    /// The best of several starts, the numbers moved beside each before it is judged.
+    fn start(&mut self, work: &mut Work) {
+        for shape in self.h.law().starts(self.balance) {
+            if !work.take(3) {
+                break;
+            }
+            let next = self.h.by(shape);
+            let mut asked = ask(self.balance, &self.state, &next, false);
+            for _ in 0..2 {
+                asked = ask(self.balance, &self.state.with_numbers(&asked.fit.beta), &next, false);
+            }
+            if asked.score > self.asked.score {
+                (self.h, self.asked) = (next, asked);
+            }
+        }
+    }
+
+    /// What repeats after a period does so after two of them: the longer one must earn the price of its
+    /// further harmonics.
+    fn shortest_period(&mut self, work: &mut Work) {
+        let harmonic = self.price(2);
+        for part in [2.0, 2.0, 3.0] {
+            let Some(shape) = self.h.law().repeated(part).filter(|_| work.take(1)) else { return };
+            self.take(self.h.by(shape), harmonic);
+        }
+    }
+
+    /// Begin and end of a cut: steps that grow while they gain, then finer ones.
+    fn edges(&mut self, work: &mut Work) {
+        let Some(given) = self.h.window_s() else { return };
+        let last_s = self.balance.signals.longest_s();
+        let inside = |s: f64| s > 0.0 && s < last_s;
+        let steps = [0.3, 0.1, 0.04, 0.015].into_iter().flat_map(|by| [(by, 0), (by, 1)]);
+        for (by, which) in steps.filter(|(_, which)| inside(given[*which])) {
+            for sign in [-1.0, 1.0] {
+                let mut step = sign * by;
+                while let Some(mut ends) = self.h.window_s() {
+                    ends[which] += step;
+                    let is_one = ends[1] - ends[0] >= 0.1 && inside(ends[which]);
+                    if !is_one || !work.take(1) || !self.take(self.h.within(ends), 0.0) {
+                        break;
+                    }
+                    step *= 1.5;
+                }
+            }
+        }
+        // A cut that ends inside of the recording has a number more.
+        let price = self.price(1);
+        for (which, end_s) in [(0, 0.0), (1, last_s)] {
+            let Some(mut ends) = self.h.window_s() else { break };
+            if inside(std::mem::replace(&mut ends[which], end_s)) && work.take(1) {
+                self.take(self.h.within(ends), price);
+            }
+        }
     }
 }
 
@@ -383,18 +334,14 @@ pub(super) fn slopes(
     amplitudes: &[f64],
 ) -> Vec<TimeColumn> {
     let ground = state.ground(balance);
-    let values: Vec<f64> = h.constants().iter().map(|c| c.value).collect();
     let here = h.columns(&ground);
-    (0..values.len())
-        .map(|k| {
-            let mut moved = values.clone();
-            moved[k] *= 1.0 + DIFFERENCE;
-            let there = h.with(&moved).columns(&ground);
-            let part = |amplitude: &f64| amplitude / DIFFERENCE;
-            let of = |((a, b), amplitude)| [(a, -part(amplitude)), (b, part(amplitude))];
-            TimeColumn::sum(here.iter().zip(&there).zip(amplitudes).flat_map(of))
-        })
-        .collect()
+    let slope = |k: usize| {
+        let there = h.scaled(k, 1.0 + DIFFERENCE).columns(&ground);
+        let part = |amplitude: &f64| amplitude / DIFFERENCE;
+        let of = |((a, b), amplitude)| [(a, -part(amplitude)), (b, part(amplitude))];
+        TimeColumn::sum(here.iter().zip(&there).zip(amplitudes).flat_map(of))
+    };
+    (0..h.constants()).map(slope).collect()
 }
 
 impl Subject for Drive<'_> {
@@ -423,7 +370,7 @@ impl Subject for Drive<'_> {
 
     fn fit(&self, state: &State, h: &Hypothesis, work: &mut Work) -> Option<Fitted<Hypothesis, State>> {
         let (h, asked) = self.refined(state, h, work)?;
-        let parts = state.base.held_out.len() as u64;
+        let parts = state.base.held_out_nats.len() as u64;
         if !work.take(parts / 2) {
             return None;
         }
@@ -443,7 +390,7 @@ impl Subject for Drive<'_> {
         let mut model = state.with_numbers(&asked.fit.beta);
         let at_bound = asked.held() && !h.is_whole()
             || h.is_at_bound()
-            || h.law().is_usual(self.balance, &state.standing(), &amplitudes)
+            || h.law().is_usual(&state.ground(self.balance), state.dry_n(), &amplitudes)
             || h.law().is_void(&model.ground(self.balance));
         model.take_up(self.balance, Accepted::found(h, amplitudes));
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
@@ -459,13 +406,8 @@ impl Subject for Drive<'_> {
 impl State {
     /// Puts a law into the state; what is of the path or a number moves that instead.
     fn take_up(&mut self, balance: &Balance, law: Accepted) {
-        let h = law.hypothesis;
-        let mut now = self.standing();
-        if h.law().move_number(&mut now, balance) {
-            self.stand(now);
-        } else {
+        if !law.hypothesis.law().move_number(&mut self.now, balance) {
             self.accepted.push(law);
         }
-        debug_assert!(!h.facts().is_of_path || self.found_delay || self.found_loop);
     }
 }

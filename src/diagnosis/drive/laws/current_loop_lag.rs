@@ -31,8 +31,7 @@ pub(crate) struct CurrentLoop {
 
 impl Law for CurrentLoop {
     fn facts(&self) -> Facts {
-        let facts = Facts::of(EffectKind::CurrentLoopLag, Size::Dose, &[]);
-        Facts { is_of_path: true, is_in_current: true, ..facts }
+        Facts::of(EffectKind::CurrentLoopLag, Size::Dose, &[])
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {

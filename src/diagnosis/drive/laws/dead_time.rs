@@ -22,7 +22,7 @@ pub(super) const EFFECT: Effect = Effect {
     },
     // A force later than stated that its motion shows: a wrong number or another clock.
     faults: |search| {
-        if !search.inertial || search.balance.clock_moved || search.now.found_delay {
+        if !search.now.inertial || search.balance.clock_moved || search.now.found_delay {
             return Vec::new();
         }
         let of = |samples: f64| Delay { extra_s: samples / search.signals.rate_hz, early: true };
@@ -59,7 +59,7 @@ fn tell(extra_s: f64, told: &Told<'_>, sheet: &mut Sheet) {
 impl Law for Delay {
     fn facts(&self) -> Facts {
         let facts = Facts::of(EffectKind::DeadTime, Size::Dose, &[]);
-        Facts { is_of_path: true, is_number: self.early, is_in_current: true, ..facts }
+        Facts { is_number: self.early, ..facts }
     }
 
     fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
@@ -124,8 +124,8 @@ impl Law for EncoderDelay {
     }
 
     /// When inside a sample an encoder is read.
-    fn is_usual(&self, balance: &Balance, _: &Standing, _: &[f64]) -> bool {
-        self.extra_s * balance.signals.rate_hz < Z95 * Criteria::STANDARD.timing_deviation
+    fn is_usual(&self, ground: &Ground<'_>, _: f64, _: &[f64]) -> bool {
+        self.extra_s * ground.signals.rate_hz < Z95 * Criteria::STANDARD.timing_deviation
     }
 }
 

@@ -35,7 +35,7 @@ pub(crate) use search::{SHORTEST, Search, grid};
 pub(crate) use sheet::{Deviations, Sheet, Told, scale_deviation};
 pub(crate) use stated::Stated;
 
-use super::balance::Balance;
+use super::balance::{Balance, Standing};
 use super::columns::{At, Ground, SpringLaw, TimeColumn};
 use super::criteria::{Criteria, Z95};
 use super::gram::Column;
@@ -73,8 +73,6 @@ pub(crate) struct Facts {
     pub(crate) size: Size,
     /// Forces that its amplitudes are, for people.
     pub(crate) amplitudes: &'static [Parameter],
-    /// It moves a number of the path instead of adding a law.
-    pub(crate) is_of_path: bool,
     /// It is a number of the model, or a fault of a column, and no finding.
     pub(crate) is_number: bool,
     /// Each recording has columns of its own: nothing carries over to another recording.
@@ -89,8 +87,6 @@ pub(crate) struct Facts {
     pub(crate) moves_with_numbers: bool,
     /// Its constants trade along a valley: one that is vague is no reason to doubt the law.
     pub(crate) trades: bool,
-    /// What it adds is told in the unit of the current.
-    pub(crate) is_in_current: bool,
 }
 
 impl Facts {
@@ -100,7 +96,6 @@ impl Facts {
             effect,
             size,
             amplitudes,
-            is_of_path: false,
             is_number: false,
             is_of_one_recording: false,
             turns_friction: false,
@@ -108,25 +103,8 @@ impl Facts {
             replaces_friction: false,
             moves_with_numbers: false,
             trades: false,
-            is_in_current: false,
         }
     }
-}
-
-/// Numbers beside which a law is asked, and that one may move in place of standing in the model.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Standing {
-    pub(crate) path: Path,
-    pub(crate) timing_s: f64,
-    pub(crate) smoothing_m_s: f64,
-    /// A dead time, a current loop, a smoothing speed other than stated were found.
-    pub(crate) found_delay: bool,
-    pub(crate) found_loop: bool,
-    pub(crate) found_smoothing: bool,
-    pub(crate) stiffness_n_m: f64,
-    /// Dry friction of the stage, of both sides.
-    pub(crate) coulomb_n: f64,
-    pub(crate) dry_n: f64,
 }
 
 /// A constant that is fitted, in its place.
@@ -197,8 +175,8 @@ pub(crate) trait Law {
     /// Takes over into its constants what a fit says of its amplitudes.
     fn follow(&mut self, _amplitudes: &[f64]) {}
 
-    /// True for what every axis has.
-    fn is_usual(&self, _balance: &Balance, _now: &Standing, _amplitudes: &[f64]) -> bool {
+    /// True for what every axis has, beside dry friction of that size.
+    fn is_usual(&self, _ground: &Ground<'_>, _dry_n: f64, _amplitudes: &[f64]) -> bool {
         false
     }
 
@@ -311,13 +289,6 @@ pub(crate) struct Hypothesis {
     pub(crate) shape: Shape,
 }
 
-/// A constant of a law.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Constant {
-    pub(crate) value: f64,
-    pub(crate) bounds: [f64; 2],
-}
-
 impl Hypothesis {
     pub(crate) fn new(port: Port, law: impl Into<Shape>) -> Self {
         let shape = law.into();
@@ -394,24 +365,35 @@ impl Hypothesis {
         self
     }
 
-    /// Its constants.
-    pub(crate) fn constants(&self) -> Vec<Constant> {
+    /// How many constants it has.
+    pub(crate) fn constants(&self) -> usize {
         let mut own = self.shape;
-        let of = |c: Free<'_>| Constant { value: *c.value, bounds: c.parameter.bounds };
-        own.law_mut().constants().into_iter().map(of).collect()
+        own.law_mut().constants().len()
     }
 
     /// True where a constant is at a bound, to 2 %: then it is none.
     pub(crate) fn is_at_bound(&self) -> bool {
         const NEAR: f64 = 0.02;
-        let near =
-            |c: &Constant| c.value < c.bounds[0] * (1.0 + NEAR) || c.value > c.bounds[1] * (1.0 - NEAR);
-        self.constants().iter().any(near)
+        let near = |c: &Free<'_>| {
+            let [low, high] = c.parameter.bounds;
+            *c.value < low * (1.0 + NEAR) || *c.value > high * (1.0 - NEAR)
+        };
+        let mut own = self.shape;
+        own.law_mut().constants().iter().any(near)
     }
 
-    /// The same with other constants, in the order of [`Hypothesis::constants`].
-    pub(crate) fn with(mut self, values: &[f64]) -> Self {
-        self.law_mut().constants().into_iter().zip(values).for_each(|(c, v)| *c.value = *v);
+    /// The same with every constant moved by a step of its logarithm, within its bounds.
+    pub(crate) fn moved(mut self, steps: &[f64]) -> Self {
+        for (c, step) in self.law_mut().constants().into_iter().zip(steps) {
+            let [low, high] = c.parameter.bounds;
+            *c.value = (*c.value * step.exp()).clamp(low, high);
+        }
+        self
+    }
+
+    /// The same with one constant times a factor.
+    pub(crate) fn scaled(mut self, constant: usize, factor: f64) -> Self {
+        self.law_mut().constants().into_iter().nth(constant).into_iter().for_each(|c| *c.value *= factor);
         self
     }
 }

@@ -127,8 +127,8 @@ impl Law for Map {
         }
     }
 
-    fn is_usual(&self, _: &Balance, now: &Standing, amplitudes: &[f64]) -> bool {
-        rms(amplitudes) < Criteria::STANDARD.texture * now.dry_n
+    fn is_usual(&self, _: &Ground<'_>, dry_n: f64, amplitudes: &[f64]) -> bool {
+        rms(amplitudes) < Criteria::STANDARD.texture * dry_n
     }
 }
 

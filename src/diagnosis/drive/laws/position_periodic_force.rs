@@ -66,7 +66,7 @@ impl Law for Wave {
     }
 
     /// The texture of a guide by itself.
-    fn is_usual(&self, _: &Balance, now: &Standing, amplitudes: &[f64]) -> bool {
-        rms(amplitudes) * (amplitudes.len() as f64).sqrt() < Criteria::STANDARD.texture * now.dry_n
+    fn is_usual(&self, _: &Ground<'_>, dry_n: f64, amplitudes: &[f64]) -> bool {
+        rms(amplitudes) * (amplitudes.len() as f64).sqrt() < Criteria::STANDARD.texture * dry_n
     }
 }

@@ -8,7 +8,7 @@ pub(super) const EFFECT: Effect = Effect {
         let least_m = search.signals.least_way_m(search.last());
         let (most_m, count) = match search.signals.layout {
             // Of what is held friction's bristle is in the train, and no softer.
-            Layout::Locked => (search.now.coulomb_n / search.now.stiffness_n_m, 6),
+            Layout::Locked => (search.coulomb_n / search.now.mechanics.stiffness_n_m, 6),
             Layout::OnePosition => (0.25 * search.travel_m(), 10),
             Layout::TwoPositions => (128.0 * least_m, 8),
         };
@@ -72,7 +72,7 @@ impl Law for Presliding {
         &[(Over::Speed, true)]
     }
 
-    fn is_usual(&self, balance: &Balance, _: &Standing, _: &[f64]) -> bool {
-        self.yield_m < balance.signals.least_way_m(balance.signals.sides() - 1)
+    fn is_usual(&self, ground: &Ground<'_>, _: f64, _: &[f64]) -> bool {
+        self.yield_m < ground.signals.least_way_m(ground.signals.sides() - 1)
     }
 }

@@ -20,7 +20,8 @@ pub(crate) struct Search<'a> {
     pub(crate) two: bool,
     pub(crate) lead_m: Option<f64>,
     pub(crate) now: Standing,
-    pub(crate) inertial: bool,
+    /// Dry friction of the stage, its bristle included, N.
+    pub(crate) coulomb_n: f64,
     /// The recorded force comes of a command: one that was measured has nothing before it.
     pub(crate) has_command: bool,
     /// Spectra of what is left.
@@ -31,11 +32,11 @@ pub(crate) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// `[inertial, has_command]`: see the fields.
+    /// For a state: its numbers, what is left of it.
     pub(crate) fn new(
         balance: &'a Balance,
-        now: Standing,
-        [inertial, has_command]: [bool; 2],
+        (now, coulomb_n): (Standing, f64),
+        has_command: bool,
         (left, whitened): (Column, [Series; 2]),
     ) -> Self {
         Self {
@@ -44,7 +45,7 @@ impl<'a> Search<'a> {
             two: balance.signals.layout == Layout::TwoPositions,
             lead_m: balance.drive.screw_lead_m(),
             now,
-            inertial,
+            coulomb_n,
             has_command,
             left,
             whitened,

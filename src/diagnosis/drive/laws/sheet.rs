@@ -62,8 +62,7 @@ pub(crate) struct Sheet {
 impl Sheet {
     pub(crate) fn add(&mut self, p: &Parameter, value: f64, deviation: f64) {
         let half = (Z95 * deviation).min(1e3 * value.abs()).max(1e-12 * value.abs());
-        let ci95 = [value - half, value + half];
-        self.list.push(Estimate { name: p.name.to_owned(), value, unit: p.unit, ci95 });
+        self.list.push(Estimate::within(p, value, half));
     }
 
     /// A number measured in newtons: the torque constant's own error adds.
@@ -83,6 +82,6 @@ impl Sheet {
     pub(crate) fn constant(&mut self, p: &Parameter, value: f64, relative: f64) {
         let half = (Z95 * relative.hypot(Criteria::STANDARD.exactness)).min(MOST_DOUBT);
         let ci95 = [value * (-half).exp(), value * half.exp()];
-        self.list.push(Estimate { name: p.name.to_owned(), value, unit: p.unit, ci95 });
+        self.list.push(Estimate { ci95, ..Estimate::within(p, value, 0.0) });
     }
 }

@@ -33,7 +33,7 @@ impl Law for Stribeck {
     }
 
     /// The form in which dry friction turns is no bump.
-    fn is_usual(&self, _: &Balance, now: &Standing, _: &[f64]) -> bool {
-        self.speed_m_s < Criteria::STANDARD.turning * now.smoothing_m_s
+    fn is_usual(&self, ground: &Ground<'_>, _: f64, _: &[f64]) -> bool {
+        self.speed_m_s < Criteria::STANDARD.turning * ground.smoothing_m_s
     }
 }

@@ -34,8 +34,7 @@ pub(crate) struct Saturation {
 
 impl Law for Saturation {
     fn facts(&self) -> Facts {
-        let facts = Facts::of(EffectKind::TorqueConstantSaturation, Size::Whole, &[]);
-        Facts { is_in_current: true, ..facts }
+        Facts::of(EffectKind::TorqueConstantSaturation, Size::Whole, &[])
     }
 
     fn write(&self, _: &Told<'_>, term: &mut PhysicsTerm) {
